@@ -1,0 +1,1 @@
+"""Tool poses to a joint trajectory that the arm may run."""

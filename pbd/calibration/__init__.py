@@ -1,0 +1,1 @@
+"""The hand's frame into the robot's."""

@@ -1,0 +1,50 @@
+"""What can go wrong, by whose fault: every error says where it is and ends with what to do next.
+
+The command line prints a `PbdError` as one line on stderr and leaves with its `exit_code`; any other exception is a bug
+and keeps its traceback.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+
+class PbdError(Exception):
+    """The root. `fields` holds what the message is about (keyframe, joint, value, bound, path, line), for programs."""
+
+    exit_code: ClassVar[int] = 1
+
+    def __init__(self, message: str, **fields: object) -> None:
+        super().__init__(message)
+        self.message = message
+        self.fields = fields
+
+
+class SensorError(PbdError):
+    """The device, its port or its bytes."""
+
+
+class RecordingError(PbdError):
+    """A recording, or the file it stands in, can't be read as one."""
+
+
+class TrackingError(PbdError):
+    """The recording is sound but no hand path follows from it."""
+
+
+class CalibrationError(PbdError):
+    """A calibration file, or the data that one would be made from."""
+
+
+class RobotError(PbdError):
+    """A robot description: its TOML, its URDF, its limits."""
+
+
+class PlanError(PbdError):
+    """The robot can't do it: out of reach, limits, collision."""
+
+    exit_code = 3
+
+
+class PbdWarning(UserWarning):
+    """Something was mended or assumed on the way; the result is sound but the reader should know."""

@@ -1,0 +1,1 @@
+"""Joint trajectories for other tools, one format a file."""

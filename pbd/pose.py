@@ -1,0 +1,213 @@
+"""Rotations and poses. Quaternions are unit, wxyz; this file is the only door to and from xyzw and matrices.
+
+The functions take arrays of quaternions, shape (..., 4), and broadcast. `Pose` is one element of SE(3).
+A rotation `wxyz_a_b` turns coordinates in b into coordinates in a; so does a pose `T_a_b`, and touching names cancel:
+`T_a_c = T_a_b @ T_b_c`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+def readonly(values: ArrayLike) -> Array:
+    """Return a copy as float64 that nobody can write to (freezing a dataclass does not freeze its arrays)."""
+    copy = np.array(values, dtype=np.float64)
+    copy.setflags(write=False)
+    return copy
+
+
+def quat_multiply(a: ArrayLike, b: ArrayLike) -> Array:
+    """Hamilton product: first b, then a. (..., 4) and (..., 4) -> (..., 4)."""
+    aw, ax, ay, az = np.moveaxis(np.asarray(a, dtype=np.float64), -1, 0)
+    bw, bx, by, bz = np.moveaxis(np.asarray(b, dtype=np.float64), -1, 0)
+    return np.stack(
+        (
+            aw * bw - ax * bx - ay * by - az * bz,
+            aw * bx + ax * bw + ay * bz - az * by,
+            aw * by - ax * bz + ay * bw + az * bx,
+            aw * bz + ax * by - ay * bx + az * bw,
+        ),
+        axis=-1,
+    )
+
+
+def quat_inverse(wxyz: ArrayLike) -> Array:
+    """Inverse of unit quaternions (..., 4)."""
+    return np.asarray(wxyz, dtype=np.float64) * np.array([1.0, -1.0, -1.0, -1.0])
+
+
+def quat_rotate(wxyz: ArrayLike, vector: ArrayLike) -> Array:
+    """Turn vectors (..., 3) by unit quaternions (..., 4)."""
+    wxyz, vector = np.asarray(wxyz, dtype=np.float64), np.asarray(vector, dtype=np.float64)
+    w, xyz = wxyz[..., :1], wxyz[..., 1:]
+    twice = 2.0 * np.cross(xyz, vector)
+    return vector + w * twice + np.cross(xyz, twice)
+
+
+def quat_exp(rotation_vector: ArrayLike) -> Array:
+    """Unit quaternions of rotation vectors (..., 3) in rad."""
+    half = 0.5 * np.asarray(rotation_vector, dtype=np.float64)
+    angle = np.linalg.norm(half, axis=-1, keepdims=True)
+    return np.concatenate((np.cos(angle), half * np.sinc(angle / np.pi)), axis=-1)
+
+
+def quat_log(wxyz: ArrayLike) -> Array:
+    """Rotation vectors (..., 3) in rad, of length at most pi, of unit quaternions (..., 4)."""
+    wxyz = quat_canonical(wxyz)
+    sine = np.linalg.norm(wxyz[..., 1:], axis=-1, keepdims=True)
+    angle = 2.0 * np.arctan2(sine, wxyz[..., :1])
+    # angle / sine -> 2 as sine -> 0; below 1e-12 the quotient is 2 to the last bit
+    return wxyz[..., 1:] * np.where(sine < 1e-12, 2.0, angle / np.maximum(sine, 1e-12))
+
+
+def quat_canonical(wxyz: ArrayLike) -> Array:
+    """Return the same rotations with unit norm and w >= 0, as they are stored."""
+    wxyz = np.asarray(wxyz, dtype=np.float64)
+    wxyz = wxyz / np.linalg.norm(wxyz, axis=-1, keepdims=True)
+    return np.where(wxyz[..., :1] < 0.0, -wxyz, wxyz)
+
+
+def quat_slerp(start: ArrayLike, end: ArrayLike, fraction: ArrayLike) -> Array:
+    """Turn at constant rate along the shorter way: (4,) or (n, 4) ends, (n,) fractions in 0..1 -> (n, 4)."""
+    turn = quat_log(quat_multiply(quat_inverse(start), end))
+    return quat_multiply(start, quat_exp(np.asarray(fraction, dtype=np.float64)[..., None] * turn))
+
+
+def quat_to_matrix(wxyz: ArrayLike) -> Array:
+    """Rotation matrices (..., 3, 3); their columns are the turned axes."""
+    axes = np.eye(3)
+    wxyz = np.asarray(wxyz, dtype=np.float64)
+    return np.stack([quat_rotate(wxyz, axis) for axis in axes], axis=-1)
+
+
+def quat_from_matrix(matrix: ArrayLike) -> Array:
+    """Unit quaternions, w >= 0, of rotation matrices (..., 3, 3) (Bar-Itzhack's choice of the largest component)."""
+    m = np.asarray(matrix, dtype=np.float64)
+    xx, yy, zz = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
+    zy, yz = m[..., 2, 1], m[..., 1, 2]
+    xz, zx = m[..., 0, 2], m[..., 2, 0]
+    yx, xy = m[..., 1, 0], m[..., 0, 1]
+    # Row k is 4 q_k q; the row with the largest q_k is the best conditioned one.
+    rows = np.stack(
+        (
+            np.stack((1 + xx + yy + zz, zy - yz, xz - zx, yx - xy), axis=-1),
+            np.stack((zy - yz, 1 + xx - yy - zz, yx + xy, xz + zx), axis=-1),
+            np.stack((xz - zx, yx + xy, 1 - xx + yy - zz, zy + yz), axis=-1),
+            np.stack((yx - xy, xz + zx, zy + yz, 1 - xx - yy + zz), axis=-1),
+        ),
+        axis=-2,
+    )
+    best = np.argmax(np.diagonal(rows, axis1=-2, axis2=-1), axis=-1)
+    return quat_canonical(np.take_along_axis(rows, best[..., None, None], axis=-2)[..., 0, :])
+
+
+def quat_from_rpy(rpy: ArrayLike) -> Array:
+    """Unit quaternions of roll, pitch, yaw (..., 3) in rad: about x, then the fixed y, then the fixed z (URDF's order)."""
+    roll, pitch, yaw = np.moveaxis(np.asarray(rpy, dtype=np.float64), -1, 0)
+    zero = np.zeros_like(roll)
+    about_x = quat_exp(np.stack((roll, zero, zero), axis=-1))
+    about_y = quat_exp(np.stack((zero, pitch, zero), axis=-1))
+    about_z = quat_exp(np.stack((zero, zero, yaw), axis=-1))
+    return quat_canonical(quat_multiply(about_z, quat_multiply(about_y, about_x)))
+
+
+def quat_from_xyzw(xyzw: ArrayLike) -> Array:
+    """Reorder (..., 4) from the scalar-last order of ROS, scipy and pinocchio."""
+    return quat_canonical(np.roll(np.asarray(xyzw, dtype=np.float64), 1, axis=-1))
+
+
+def quat_to_xyzw(wxyz: ArrayLike) -> Array:
+    """Reorder (..., 4) to the scalar-last order of ROS, scipy and pinocchio."""
+    return np.roll(np.asarray(wxyz, dtype=np.float64), -1, axis=-1)
+
+
+def yaw_toward(wxyz_measured: ArrayLike, wxyz_wanted: ArrayLike) -> float:
+    """Angle about z, in rad, that brings one rotation closest to another: wanted ~ Rz(yaw) measured.
+
+    It maximises the scalar part of measured * wanted^-1 * Rz(yaw), which has a closed form.
+    """
+    w, _, _, z = quat_multiply(wxyz_wanted, quat_inverse(wxyz_measured))
+    return float(2.0 * np.arctan2(z, w))
+
+
+def quat_about_z(yaw: float) -> Array:
+    """Unit quaternion of a turn about z by `yaw` rad."""
+    return quat_exp((0.0, 0.0, yaw))
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """A rigid transform T_a_b: b's position in a, in metres, and the rotation from b to a.
+
+    Attributes:
+        p: (3,) position in metres.
+        wxyz: (4,) unit quaternion, w >= 0 (normalised on the way in).
+    """
+
+    p: Array
+    wxyz: Array
+
+    def __post_init__(self) -> None:
+        p, wxyz = readonly(self.p), np.asarray(self.wxyz, dtype=np.float64)
+        if p.shape != (3,) or wxyz.shape != (4,):
+            raise ValueError(f"a pose takes p (3,) and wxyz (4,), got {p.shape} and {wxyz.shape}")
+        norm = np.linalg.norm(wxyz)
+        if not (np.isfinite(p).all() and np.isfinite(norm) and norm > 1e-9):
+            raise ValueError(f"a pose must be finite with a nonzero quaternion, got p {p} and wxyz {wxyz}")
+        object.__setattr__(self, "p", p)
+        object.__setattr__(self, "wxyz", readonly(quat_canonical(wxyz)))
+
+    @staticmethod
+    def identity() -> Pose:
+        """No translation, no rotation."""
+        return Pose(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+
+    @staticmethod
+    def from_rpy(p: ArrayLike, rpy: ArrayLike) -> Pose:
+        """From a position in metres and roll, pitch, yaw in rad."""
+        return Pose(np.asarray(p), quat_from_rpy(rpy))
+
+    @staticmethod
+    def from_matrix(matrix: ArrayLike) -> Pose:
+        """From a homogeneous (4, 4) matrix."""
+        m = np.asarray(matrix, dtype=np.float64)
+        return Pose(m[:3, 3], quat_from_matrix(m[:3, :3]))
+
+    @staticmethod
+    def exp(twist: ArrayLike) -> Pose:
+        """From (6,): translation in metres, rotation vector in rad, taken apart (not the screw exponential)."""
+        twist = np.asarray(twist, dtype=np.float64)
+        return Pose(twist[:3], quat_exp(twist[3:]))
+
+    def log(self) -> Array:
+        """(6,): translation in metres, then rotation vector in rad; the inverse of `exp`."""
+        return np.concatenate((self.p, quat_log(self.wxyz)))
+
+    def matrix(self) -> Array:
+        """Homogeneous (4, 4)."""
+        m = np.eye(4)
+        m[:3, :3], m[:3, 3] = quat_to_matrix(self.wxyz), self.p
+        return m
+
+    def inverse(self) -> Pose:
+        """T_b_a of T_a_b."""
+        wxyz = quat_inverse(self.wxyz)
+        return Pose(-quat_rotate(wxyz, self.p), wxyz)
+
+    def act(self, points: ArrayLike) -> Array:
+        """Coordinates in a of points (..., 3) given in b, metres."""
+        return quat_rotate(self.wxyz, points) + self.p
+
+    def __matmul__(self, other: Pose) -> Pose:
+        return Pose(self.act(other.p), quat_multiply(self.wxyz, other.wxyz))
+
+    def distance(self, other: Pose) -> tuple[float, float]:
+        """How far apart two poses in the same frame are: metres, rad."""
+        turn = quat_log(quat_multiply(quat_inverse(self.wxyz), other.wxyz))
+        return float(np.linalg.norm(self.p - other.p)), float(np.linalg.norm(turn))

@@ -1,0 +1,1 @@
+"""Samples to a segmented hand path, one verb a file."""
