@@ -1,0 +1,160 @@
+"""The simulator: a hand does a task with a sensor in it, and the truth is kept beside what the sensor says.
+
+The truth is a formula (simulated_hand.py). From it follow specific force, angular rate and magnetic field in the
+sensor's axes, exactly; the sensor (simulated_sensor.py) averages each over its sampling intervals and errs.
+
+Time. Sample k is the mean over the interval from t[k-1] to t[k], as an integrating sensor delivers it, and is stamped
+with the interval's END. Truth row k is the pose at t[k]. So gyr[k] * dt is the turn from truth row k-1 to truth row k,
+and acc[k] is what was felt half an interval before t[k].
+
+World is x east, y magnetic north, z up. Truth is in the recording's own nav frame (docs/frames.md): the origin at the
+first rest and z up; x east and y magnetic north where the sensor has a magnetometer; else x along the sensor's x axis
+at the first rest laid level, or along its y axis where x is within 30 degrees of vertical.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+
+from pbd.data import Demonstration, Recording, RecordingInfo, Truth
+from pbd.errors import SensorError
+from pbd.pose import (
+    Array,
+    quat_about_z,
+    quat_canonical,
+    quat_inverse,
+    quat_multiply,
+    quat_rotate,
+    quat_to_matrix,
+)
+from pbd.sensors.simulated_hand import HandMotion
+from pbd.sensors.simulated_sensor import SENSOR_MODELS, SensorModel
+from pbd.sensors.simulated_tasks import TASKS, Task, random_task
+
+_T = TypeVar("_T")
+
+__all__ = ["EARTH", "SENSOR_MODELS", "TASKS", "World", "random_task", "simulate"]
+
+
+@dataclass(frozen=True)
+class World:
+    """What the sensor feels of the place: gravity in m/s2, the magnetic field in uT in world (x, y, z up).
+
+    The field of the default is about that of mid-Europe: some 48 uT, dipping by 66 degrees.
+    """
+
+    gravity: float = 9.81
+    field: tuple[float, float, float] = (0.0, 19.5, -44.0)
+
+
+EARTH = World()
+
+
+def simulate(
+    task: str | Task,
+    sensor: str | SensorModel = "modern",
+    seed: int = 0,
+    *,
+    rate_hz: float | None = None,
+    world: World = EARTH,
+) -> Demonstration:
+    """Simulate a hand that does `task` with `sensor` in it.
+
+    Args:
+        task: a name of TASKS, or a task of your own.
+        sensor: a name of SENSOR_MODELS, or a model of your own (`dataclasses.replace` changes one).
+        seed: draws the device's errors and its noise. The same seed gives the same bytes.
+        rate_hz: instead of the model's own rate.
+        world: gravity and magnetic field.
+
+    Returns:
+        The demonstration: recording, truth at each sample, what is grasped. Its notes say that it is simulated.
+
+    Raises:
+        SensorError: a task or sensor of this name is not known; the rate is not above 0; the seed is negative.
+    """
+    if seed < 0:
+        raise SensorError(f"the seed {seed} is negative; give 0 or more", value=seed)
+    task = _named(TASKS, task, "task") if isinstance(task, str) else task
+    model = _named(SENSOR_MODELS, sensor, "sensor model") if isinstance(sensor, str) else sensor
+    if rate_hz is not None:
+        model = replace(model, rate_hz=rate_hz)
+    # One stream per part, so that a sensor with a part less still errs the same in the others.
+    clock_rng, acc_rng, gyr_rng, mag_rng, attitude_rng = np.random.default_rng(seed).spawn(5)
+
+    motion = HandMotion(task.waypoints, task.start_rpy)
+    beat = np.arange(int(task.duration_s * model.rate_hz + 1e-6) + 1) / model.rate_hz
+    ends = _jittered(beat, model, clock_rng)
+    t = ends if model.has_clock else beat
+
+    edges = np.concatenate(([-1.0 / model.rate_hz], ends))
+    interval_s = np.diff(edges)
+    acc, gyr, mag = np.split(_interval_means(lambda at: _felt(motion, world, at), edges, motion.knots), 3, axis=-1)
+
+    hand = motion.at(ends)
+    wxyz_nav_world = quat_about_z(_yaw_nav_world(hand.wxyz[0], model, world))
+    wxyz_nav_sensor = quat_multiply(wxyz_nav_world, hand.wxyz)
+    attitude = model.attitude
+    return Demonstration(
+        recording=Recording(
+            t=t,
+            acc=model.acc.measure(acc, interval_s, acc_rng),
+            gyr=None if model.gyr is None else model.gyr.measure(gyr, interval_s, gyr_rng),
+            mag=None if model.mag is None else model.mag.measure(mag, interval_s, mag_rng),
+            device_rpy=None if attitude is None else attitude.measure(wxyz_nav_sensor, model.rate_hz, attitude_rng),
+            grip=task.grip,
+            info=RecordingInfo(name=task.name, sensor=f"simulated {model.name}", rate_hz=model.rate_hz),
+        ),
+        truth=Truth(t, quat_rotate(wxyz_nav_world, hand.p - hand.p[0]), quat_canonical(wxyz_nav_sensor)),
+        notes=f"Simulated (sensor model {model.name}, seed {seed}). {task.description}.",
+        closed=task.closed,
+        grasped=task.grasped,
+    )
+
+
+def _named(known: Mapping[str, _T], name: str, kind: str) -> _T:
+    if name not in known:
+        raise SensorError(f"no {kind} is called {name!r}; choose one of {', '.join(known)}", value=name)
+    return known[name]
+
+
+def _jittered(beat: Array, model: SensorModel, rng: np.random.Generator) -> Array:
+    """When the intervals end that should end on the beat (n,), s; the first keeps to it."""
+    late = model.jitter_s * rng.normal(size=len(beat))
+    late[0] = 0.0
+    return beat + np.clip(late, -0.45 / model.rate_hz, 0.45 / model.rate_hz)
+
+
+def _felt(motion: HandMotion, world: World, t: Array) -> Array:
+    """Specific force, angular rate and magnetic field in the sensor's axes at instants (n,) -> (n, 9)."""
+    hand = motion.at(t)
+    R_sensor_world = quat_to_matrix(quat_inverse(hand.wxyz))
+    acc = R_sensor_world @ (hand.a + np.array((0.0, 0.0, world.gravity)))[..., None]
+    return np.concatenate((acc[..., 0], hand.w, R_sensor_world @ np.array(world.field)), axis=-1)
+
+
+def _interval_means(signal: Callable[[Array], Array], edges: Array, knots: Array) -> Array:
+    """Mean of a signal (m,) -> (m, k) over each interval between edges (n + 1,) -> (n, k).
+
+    Gauss-Legendre on each stretch between edges and knots: between knots the signal is smooth, so this is exact to
+    rounding, for all that jerk jumps where a move begins.
+    """
+    breaks = np.union1d(edges, knots[(knots > edges[0]) & (knots < edges[-1])])
+    nodes, weights = np.polynomial.legendre.leggauss(6)
+    width = np.diff(breaks)[:, None]
+    values = signal((breaks[:-1, None] + width * (0.5 + 0.5 * nodes)).ravel()).reshape(len(width), len(nodes), -1)
+    integrals = 0.5 * width * np.einsum("q,mqk->mk", weights, values)
+    return np.add.reduceat(integrals, np.searchsorted(breaks, edges[:-1])) / np.diff(edges)[:, None]
+
+
+def _yaw_nav_world(wxyz_world_sensor: Array, model: SensorModel, world: World) -> float:
+    """Angle about z, in rad, from world to the recording's own nav frame, for the attitude (4,) at the first rest."""
+    if model.mag is not None:
+        return float(np.arctan2(world.field[0], world.field[1]))
+    x_axis, y_axis, _ = quat_to_matrix(wxyz_world_sensor).T
+    ahead = x_axis if abs(x_axis[2]) <= np.cos(np.radians(30.0)) else y_axis
+    return float(-np.arctan2(ahead[1], ahead[0]))

@@ -1,0 +1,230 @@
+"""What a sensor makes of the truth: its errors, as a model that is drawn anew for each device, and the presets.
+
+Noise, bias, range and rate of the presets are assumptions typical of such parts; a bias or scale is the spread over
+devices after the maker's own calibration. What is marked as assumed stands on less: no figure was at hand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from math import inf, pi, sqrt
+from types import MappingProxyType
+
+import numpy as np
+
+from pbd.data import GRAVITY
+from pbd.errors import SensorError
+from pbd.pose import Array, quat_exp, quat_multiply
+
+
+@dataclass(frozen=True)
+class Triad:
+    """The errors of three axes that measure one vector, in the unit U of that vector (m/s2, rad/s or uT).
+
+    Attributes:
+        noise: U/sqrt(Hz); the mean over an interval of T seconds scatters by noise / sqrt(T).
+        bias: U, one sigma over devices, per axis, constant in a recording.
+        bias_walk: U/sqrt(s), bias instability as a random walk: one sigma after T seconds is bias_walk * sqrt(T).
+        scale: one sigma over devices of each axis' relative error.
+        misalignment: rad, one sigma over devices of each of the six angles by which an axis leans to another.
+        limit: U, the largest value of either sign; beyond it the output stays there.
+        step: U, the output's resolution; 0 where it is continuous.
+    """
+
+    noise: float = 0.0
+    bias: float = 0.0
+    bias_walk: float = 0.0
+    scale: float = 0.0
+    misalignment: float = 0.0
+    limit: float = inf
+    step: float = 0.0
+
+    def measure(self, true: Array, interval_s: Array, rng: np.random.Generator) -> Array:
+        """Return what one device, drawn from `rng`, reads: true means (n, 3) over intervals (n,) in s -> (n, 3)."""
+        # Everything is drawn, used or not: models that differ in one figure differ in its effect alone.
+        gain = np.eye(3) + np.diag(self.scale * rng.normal(size=3))
+        gain += self.misalignment * rng.normal(size=(3, 3)) * (1.0 - np.eye(3))
+        bias = self.bias * rng.normal(size=3)
+        root = np.sqrt(interval_s)[:, None]
+        white, steps = rng.normal(size=(2, *true.shape))
+        drift = np.cumsum(self.bias_walk * root * steps, axis=0)
+        read = np.clip(true @ gain.T + bias + drift + self.noise / root * white, -self.limit, self.limit)
+        return _rounded(read, self.step)
+
+
+@dataclass(frozen=True)
+class AttitudeOutput:
+    """The roll, pitch and yaw that a device computes itself: the true attitude, late and coarse.
+
+    Acceleration of the hand does not disturb it, as though a gyro aided it. A bare tilt compass would be off by more
+    than ten degrees in the paper's moves, and the paper's method, which rests on this attitude, would hardly pour.
+
+    Attributes:
+        time_constant_s: of its low-pass, first order.
+        noise: rad, one sigma per sample about each axis.
+        step: rad, the resolution of each angle; 0 where it is continuous.
+    """
+
+    time_constant_s: float = 0.0
+    noise: float = 0.0
+    step: float = 0.0
+
+    def measure(self, wxyz: Array, rate_hz: float, rng: np.random.Generator) -> Array:
+        """Return roll, pitch, yaw (n, 3) in rad for true attitudes (n, 4), continuous from sample to sample."""
+        # The low-pass acts on quaternion components: unlike the angles they neither wrap nor lock.
+        seen = _low_pass(wxyz, self.time_constant_s * rate_hz)
+        seen /= np.linalg.norm(seen, axis=-1, keepdims=True)
+        rpy = _rpy(quat_multiply(seen, quat_exp(self.noise * rng.normal(size=(len(wxyz), 3)))))
+        return _rounded(rpy, self.step)
+
+
+def _rounded(values: Array, step: float) -> Array:
+    rounded: Array = step * np.round(values / step) if step else values
+    return rounded
+
+
+def _low_pass(x: Array, samples: float) -> Array:
+    """First-order low-pass of (n, k) with a time constant in samples, settled on the first row at the start."""
+    if samples == 0.0:
+        return x.copy()
+    keep = np.exp(-1.0 / samples)
+    kernel = (1.0 - keep) * keep ** np.arange(min(len(x), int(40.0 * samples) + 1))  # cut off at e^-40
+    smooth = np.stack([np.convolve(column, kernel)[: len(x)] for column in (x - x[0]).T], axis=-1)
+    return np.asarray(x[0] + smooth, dtype=np.float64)
+
+
+def _rpy(wxyz: Array) -> Array:
+    """Roll, pitch, yaw (n, 3) in URDF's order of unit quaternions (n, 4): the inverse of pose.quat_from_rpy."""
+    w, x, y, z = wxyz.T
+    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
+    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return np.stack((roll, pitch, yaw), axis=-1)
+
+
+@dataclass(frozen=True)
+class SensorModel:
+    """A kind of sensor.
+
+    Attributes:
+        name: one word.
+        rate_hz: samples a second.
+        acc: m/s2.
+        gyr: rad/s, or None where it has no gyro.
+        mag: uT, or None where it has no magnetometer.
+        attitude: its own roll, pitch, yaw, or None.
+        jitter_s: one sigma by which the end of each interval misses the even beat (cut off at 0.45 intervals).
+        has_clock: True: `t` tells when the intervals ended; False: `t` is the even beat, whatever the jitter.
+
+    Raises:
+        SensorError: the rate is not above 0.
+    """
+
+    name: str
+    rate_hz: float
+    acc: Triad = field(default_factory=Triad)
+    gyr: Triad | None = field(default_factory=Triad)
+    mag: Triad | None = field(default_factory=Triad)
+    attitude: AttitudeOutput | None = None
+    jitter_s: float = 0.0
+    has_clock: bool = True
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.rate_hz < inf:
+            raise SensorError(
+                f"sensor model {self.name!r} has a rate of {self.rate_hz} Hz; give one above 0",
+                sensor=self.name,
+                value=self.rate_hz,
+            )
+
+
+_MG, _DEG = 1e-3 * GRAVITY, pi / 180.0
+
+_OS5000 = SensorModel(
+    "os5000",
+    rate_hz=40.0,
+    acc=Triad(
+        noise=0.4 * _MG,
+        bias=5.0 * _MG,
+        bias_walk=0.01 * _MG,  # assumed
+        scale=3e-3,
+        misalignment=0.1 * _DEG,  # assumed
+        limit=4000.0 * _MG,
+        step=_MG,  # as its sentence prints it
+    ),
+    gyr=Triad(
+        noise=0.03 * _DEG,
+        bias=0.3 * _DEG,
+        bias_walk=5e-4 * _DEG,  # assumed
+        scale=3e-3,  # assumed: as the accelerometer's
+        misalignment=0.1 * _DEG,  # assumed
+        limit=500.0 * _DEG,
+        step=500.0 / 32768 * _DEG,  # assumed: 16 bits
+    ),
+    mag=Triad(noise=0.3 / sqrt(40.0), step=0.1),  # assumed: 1 milligauss
+    attitude=AttitudeOutput(time_constant_s=0.3, step=0.1 * _DEG),
+)
+
+_WT901 = SensorModel(
+    "wt901",
+    rate_hz=100.0,
+    acc=Triad(
+        noise=0.2 * _MG,
+        bias=20.0 * _MG,
+        bias_walk=0.01 * _MG,  # assumed
+        scale=1e-2,
+        misalignment=0.2 * _DEG,  # assumed
+        limit=16000.0 * _MG,
+        step=16000.0 / 32768 * _MG,
+    ),
+    gyr=Triad(
+        noise=0.02 * _DEG,
+        bias=0.2 * _DEG,
+        bias_walk=5e-4 * _DEG,  # assumed
+        scale=1e-2,  # assumed: as the accelerometer's
+        misalignment=0.2 * _DEG,  # assumed
+        limit=2000.0 * _DEG,
+        step=2000.0 / 32768 * _DEG,
+    ),
+    mag=Triad(noise=0.2 / sqrt(100.0), step=0.15),  # assumed: that of an AK8963
+    attitude=AttitudeOutput(time_constant_s=0.05, noise=0.1 * _DEG, step=180.0 / 32768 * _DEG),  # assumed, but the step
+)
+
+_MODERN = SensorModel(
+    "modern",
+    rate_hz=100.0,
+    acc=Triad(
+        noise=0.06 * _MG,
+        bias=2.0 * _MG,
+        bias_walk=2e-3 * _MG,  # assumed
+        scale=1e-3,
+        misalignment=0.05 * _DEG,  # assumed
+        limit=16000.0 * _MG,
+    ),
+    gyr=Triad(
+        noise=0.005 * _DEG,
+        bias=0.05 * _DEG,
+        bias_walk=1e-4 * _DEG,  # assumed
+        scale=1e-3,  # assumed: as the accelerometer's
+        misalignment=0.05 * _DEG,  # assumed
+        limit=2000.0 * _DEG,  # assumed
+    ),
+    mag=Triad(noise=0.1 / sqrt(100.0)),
+    attitude=AttitudeOutput(time_constant_s=0.02, noise=0.05 * _DEG),  # assumed
+)
+
+SENSOR_MODELS: Mapping[str, SensorModel] = MappingProxyType(
+    {
+        model.name: model
+        for model in (
+            _OS5000,
+            replace(_OS5000, name="os5000-nogyro", gyr=None),
+            _WT901,
+            _MODERN,
+            SensorModel("ideal", rate_hz=100.0),
+        )
+    }
+)
+"""The presets by name: os5000 is the paper's device with a three-axis gyro beside it, modern is of the MTi's class,
+ideal errs in nothing."""

@@ -1,0 +1,187 @@
+"""What the simulated hand does: the paper's two tests, an everyday pouring, and tasks made at random.
+
+World is x east, y magnetic north, z up. The paper gives its times (Table I) but no distances; those are ours: a lift of
+0.10 m, 0.15 m along x, 0.15 m along y and a roll of 60 degrees.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from math import cos, isclose, isfinite, radians, sin
+from types import MappingProxyType
+
+import numpy as np
+
+from pbd.data import GraspedObject, GripEvent
+from pbd.errors import SensorError
+from pbd.sensors.simulated_hand import Waypoint
+
+BOTTLE = GraspedObject("cylinder", (0.06, 0.20))
+"""Diameter and height in metres of what the hand grips."""
+
+HEADING = radians(30.0)
+"""Yaw of the level sensor at the first rest: not zero, so that a program that forgets the heading is found out."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """A motion of the hand through waypoints, and what it is about.
+
+    Attributes:
+        name: one word.
+        description: one sentence for people.
+        waypoints: at least one; the first is where the hand rests at the start.
+        start_rpy: rad, the attitude of the sensor in world at the first rest: roll, pitch, yaw in URDF's order.
+        grasped: what the hand grips, or None.
+
+    Raises:
+        SensorError: no waypoint, a move without a duration, a negative rest, a number that is not finite.
+    """
+
+    name: str
+    waypoints: tuple[Waypoint, ...]
+    description: str = ""
+    start_rpy: tuple[float, float, float] = (0.0, 0.0, HEADING)
+    grasped: GraspedObject | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "waypoints", tuple(self.waypoints))
+        if not self.waypoints:
+            raise SensorError(f"task {self.name!r} has no waypoint; give it at least a first rest", task=self.name)
+        for i, w in enumerate(self.waypoints):
+            timed = w.rest_s >= 0.0 and (w.move_s > 0.0 if i else w.move_s == 0.0 and not any(w.turn))
+            if not (timed and all(map(isfinite, (*w.p, *w.turn, w.move_s, w.rest_s)))):
+                raise SensorError(
+                    f"task {self.name!r}, waypoint {i}: {w} can't be simulated; give finite numbers, rest_s of 0 or "
+                    "more and move_s above 0 (the first waypoint: move_s 0 and no turn)",
+                    task=self.name,
+                    waypoint=i,
+                )
+
+    @property
+    def duration_s(self) -> float:
+        """Seconds from the begin of the first rest to the end of the last."""
+        return sum(w.move_s + w.rest_s for w in self.waypoints)
+
+    @property
+    def closed(self) -> bool:
+        """Whether the hand ends where it began."""
+        return all(isclose(a, b, abs_tol=1e-9) for a, b in zip(self.waypoints[0].p, self.waypoints[-1].p, strict=True))
+
+    @property
+    def grip(self) -> tuple[GripEvent, ...]:
+        """The grip events, each in the middle of its rest."""
+        events, end = [], 0.0
+        for w in self.waypoints:
+            end += w.move_s + w.rest_s
+            if w.grip is not None:
+                events.append(GripEvent(end - 0.5 * w.rest_s, w.grip))
+        return tuple(events)
+
+    def turned(self, yaw: float) -> Task:
+        """The same task with hand and way turned about z by `yaw` rad."""
+        c, s = cos(yaw), sin(yaw)
+        waypoints = (replace(w, p=(c * w.p[0] - s * w.p[1], s * w.p[0] + c * w.p[1], w.p[2])) for w in self.waypoints)
+        roll, pitch, heading = self.start_rpy
+        return replace(self, waypoints=tuple(waypoints), start_rpy=(roll, pitch, heading + yaw))
+
+
+def random_task(
+    seed: int,
+    *,
+    moves: int = 6,
+    reach_m: float = 0.3,
+    max_turn: float = radians(60.0),
+    move_s: tuple[float, float] = (0.5, 1.5),
+    rest_s: tuple[float, float] = (0.5, 1.2),
+    first_rest_s: float = 2.0,
+) -> Task:
+    """Make a task whose stops lie anywhere in a cube and whose moves turn about any axis.
+
+    Args:
+        seed: the same seed makes the same task.
+        moves: how many.
+        reach_m: the edge of the cube around the first rest.
+        max_turn: rad; each move turns by up to this.
+        move_s: shortest and longest move.
+        rest_s: shortest and longest rest.
+        first_rest_s: the rest before the first move.
+    """
+    rng = np.random.default_rng(seed)
+    waypoints = [Waypoint(rest_s=first_rest_s)]
+    for _ in range(moves):
+        x, y, z = rng.uniform(-0.5 * reach_m, 0.5 * reach_m, 3).tolist()
+        axis = rng.normal(size=3)
+        rx, ry, rz = (axis / np.linalg.norm(axis) * rng.uniform(0.0, max_turn)).tolist()
+        waypoints.append(Waypoint((x, y, z), (rx, ry, rz), rng.uniform(*move_s), rng.uniform(*rest_s)))
+    return Task(f"random-{seed}", tuple(waypoints), f"{moves} moves at random", (0.0, 0.0, rng.uniform(-np.pi, np.pi)))
+
+
+def _table_1(first: int, last: int) -> float:
+    """Seconds that the samples first..last of the paper's Table I take at its 40 Hz."""
+    return (last - first + 1) / 40.0
+
+
+_ROLL_60 = (radians(60.0), 0.0, 0.0)
+_PAPER_END = (0.15, 0.15, 0.10)
+
+
+def _pick_and_place_stops() -> Task:
+    """The bottle is gripped in the first rest and not let go. The roll peaks at 640 deg/s: three samples of it clip a
+    gyro that ends at 500, and a tracker has to find the lost five degrees in the rest that follows."""
+    return Task(
+        "pick-and-place-stops",
+        (
+            Waypoint(rest_s=_table_1(1, 86), grip=True),  # sample 0 ends at t = 0
+            Waypoint((0.00, 0.00, 0.10), move_s=_table_1(87, 94), rest_s=_table_1(95, 114)),
+            Waypoint((0.15, 0.00, 0.10), move_s=_table_1(115, 126), rest_s=_table_1(127, 140)),
+            Waypoint(_PAPER_END, move_s=_table_1(141, 155), rest_s=_table_1(156, 185)),
+            Waypoint(_PAPER_END, _ROLL_60, move_s=_table_1(186, 192), rest_s=_table_1(193, 250)),
+        ),
+        "The paper's Test 1, timed by its Table I: 0.10 m up, 0.15 m along x, 0.15 m along y, roll 60 degrees to pour",
+        grasped=BOTTLE,
+    )
+
+
+def _pick_and_place_direct() -> Task:
+    return Task(
+        "pick-and-place-direct",
+        (
+            Waypoint(rest_s=_table_1(1, 86), grip=True),
+            Waypoint(_PAPER_END, _ROLL_60, move_s=0.8, rest_s=_table_1(193, 250)),
+        ),
+        "The paper's Test 2: from the first rest straight to the pouring pose of Test 1 in one move of 0.8 s",
+        grasped=BOTTLE,
+    )
+
+
+def _pour() -> Task:
+    """Laid out along the sensor's axes at the dock, x ahead and y to the left: the roll tips the bottle to the left."""
+    dock, above, at_bottle = (0.0, 0.0, 0.0), (0.12, 0.05, 0.06), (0.12, 0.05, -0.10)
+    lifted, at_cup, tip = (0.12, 0.05, 0.10), (0.12, 0.30, 0.10), radians(80.0)
+    return Task(
+        "pour",
+        (
+            Waypoint(dock, rest_s=2.5),
+            Waypoint(above, move_s=1.0, rest_s=0.7),
+            Waypoint(at_bottle, move_s=0.9, rest_s=1.2, grip=True),
+            Waypoint(lifted, move_s=1.0, rest_s=0.7),
+            Waypoint(at_cup, move_s=1.3, rest_s=0.7),
+            Waypoint(at_cup, (tip, 0.0, 0.0), move_s=1.3, rest_s=1.2),
+            Waypoint(at_cup, (-tip, 0.0, 0.0), move_s=1.2, rest_s=0.7),
+            Waypoint(lifted, move_s=1.3, rest_s=0.7),
+            Waypoint(at_bottle, move_s=1.1, rest_s=1.2, grip=False),
+            Waypoint(above, move_s=0.9, rest_s=0.7),
+            Waypoint(dock, move_s=1.0, rest_s=1.5),
+        ),
+        "Fetch a bottle, pour by rolling the hand, put the bottle back and return to the dock",
+        start_rpy=(0.0, 0.0, 0.0),
+        grasped=BOTTLE,
+    ).turned(HEADING)
+
+
+TASKS: Mapping[str, Task] = MappingProxyType(
+    {task.name: task for task in (_pick_and_place_stops(), _pick_and_place_direct(), _pour())}
+)
+"""The tasks by name."""

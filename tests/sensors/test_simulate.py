@@ -1,0 +1,252 @@
+"""The simulator as a whole: what a perfect sensor feels agrees with the truth, and turning the world turns nothing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import cos, radians, sin
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pbd.data import Demonstration, Truth
+from pbd.errors import SensorError
+from pbd.pose import (
+    Array,
+    quat_about_z,
+    quat_exp,
+    quat_from_rpy,
+    quat_inverse,
+    quat_log,
+    quat_multiply,
+    quat_rotate,
+)
+from pbd.sensors.simulate import EARTH, SENSOR_MODELS, TASKS, World, random_task, simulate
+from pbd.sensors.simulated_hand import HandMotion, Waypoint
+from pbd.sensors.simulated_sensor import SensorModel
+from pbd.sensors.simulated_tasks import Task
+
+seeds = st.integers(0, 2**32 - 1)
+UP = np.array([0.0, 0.0, EARTH.gravity])
+NO_MAG = SensorModel("no-mag", 100.0, mag=None)
+
+
+def ideal(task: str | Task, rate_hz: float = 100.0, world: World = EARTH) -> tuple[Array, Array, Array, Truth]:
+    demo = simulate(task, "ideal", rate_hz=rate_hz, world=world)
+    assert demo.recording.gyr is not None
+    assert demo.recording.mag is not None
+    assert demo.truth is not None
+    return demo.recording.acc, demo.recording.gyr, demo.recording.mag, demo.truth
+
+
+@given(st.tuples(*3 * [st.floats(-1.5, 1.5)]), st.floats(9.7, 9.9))
+def test_at_rest_it_feels_gravity_and_the_field_and_no_rate(rpy: tuple[float, float, float], gravity: float) -> None:
+    world = World(gravity, (0.0, 20.0, -43.0))
+    acc, gyr, mag, truth = ideal(Task("still", (Waypoint(rest_s=0.2),), start_rpy=rpy), world=world)
+    sensor_from_world = quat_inverse(quat_from_rpy(rpy))
+    assert acc == pytest.approx(np.tile(quat_rotate(sensor_from_world, (0, 0, gravity)), (len(acc), 1)))
+    assert mag == pytest.approx(np.tile(quat_rotate(sensor_from_world, world.field), (len(mag), 1)))
+    assert not gyr.any()
+    assert not truth.p_nav_sensor.any()
+
+
+def test_level_reads_plus_g_on_z() -> None:
+    acc, _, _, _ = ideal(Task("still", (Waypoint(rest_s=0.2),), start_rpy=(0.0, 0.0, 1.0)))
+    assert acc[0] == pytest.approx([0.0, 0.0, 9.81])
+
+
+@pytest.mark.parametrize("rate_hz", [40.0, 97.0, 400.0])
+def test_gyro_integrates_to_the_true_attitude(rate_hz: float) -> None:
+    """Each move turns about one axis, so the mean rate is the turn: exact but where a sample spans rest and move."""
+    for task in (*TASKS.values(), random_task(1), random_task(2)):
+        _, gyr, _, truth = ideal(task, rate_hz)
+        q = truth.wxyz_nav_sensor
+        turn = quat_log(quat_multiply(quat_inverse(q[:-1]), q[1:]))
+        assert gyr[1:] / rate_hz == pytest.approx(turn, abs=1e-9)
+
+
+@given(seeds)
+@settings(max_examples=20)
+def test_acceleration_integrates_to_the_true_position(seed: int) -> None:
+    acc, _, _, truth = ideal(random_task(seed, moves=2), 1000.0)
+    q = truth.wxyz_nav_sensor
+    middle = quat_slerp_pairs(q[:-1], q[1:])
+    v = np.cumsum((quat_rotate(middle, acc[1:]) - UP) / 1000.0, axis=0)
+    p = np.cumsum((v - 0.5 * np.diff(v, axis=0, prepend=np.zeros((1, 3)))) / 1000.0, axis=0)
+    assert p == pytest.approx(truth.p_nav_sensor[1:], abs=2e-4)
+
+
+def quat_slerp_pairs(start: Array, end: Array) -> Array:
+    return quat_multiply(start, quat_exp(0.5 * quat_log(quat_multiply(quat_inverse(start), end))))
+
+
+def test_acceleration_is_the_second_difference_of_the_true_position() -> None:
+    acc, _, _, truth = ideal("pick-and-place-direct", 400.0)
+    p, q = truth.p_nav_sensor, truth.wxyz_nav_sensor
+    second = (p[2:] - 2.0 * p[1:-1] + p[:-2]) * 400.0**2  # at t[k]; the mean over both intervals around it is acc there
+    around = 0.5 * (
+        quat_rotate(quat_slerp_pairs(q[:-2], q[1:-1]), acc[1:-1])
+        + quat_rotate(quat_slerp_pairs(q[1:-1], q[2:]), acc[2:])
+    )
+    assert np.abs(second).max() > 1.0
+    assert around - UP == pytest.approx(second, abs=5e-3)
+
+
+@pytest.mark.parametrize("rate_hz", [40.0, 73.0])
+@pytest.mark.parametrize("name", TASKS)
+def test_samples_are_means_over_the_interval_that_ends_at_t(name: str, rate_hz: float) -> None:
+    acc, gyr, mag, truth = ideal(name, rate_hz)
+    task, fine = TASKS[name], 400
+    motion = HandMotion(task.waypoints, task.start_rpy)
+    offsets = (np.arange(fine) + 0.5) / fine - 1.0
+    hand = motion.at((truth.t[:, None] + offsets / rate_hz).ravel())
+    sensor_from_world = quat_inverse(hand.wxyz)
+    for read, felt in (
+        (acc, quat_rotate(sensor_from_world, hand.a + UP)),
+        (gyr, hand.w),
+        (mag, quat_rotate(sensor_from_world, EARTH.field)),
+    ):
+        assert read == pytest.approx(felt.reshape(len(read), fine, 3).mean(axis=1), abs=2e-4)
+
+
+@given(seeds, st.floats(-3.0, 3.0))
+@settings(max_examples=20)
+def test_turning_hand_and_field_changes_nothing(seed: int, yaw: float) -> None:
+    """Nav is defined by gravity and field, so the sensor can't tell, and neither can the truth."""
+    task, (x, y, z) = random_task(seed), EARTH.field
+    world = World(EARTH.gravity, (cos(yaw) * x - sin(yaw) * y, sin(yaw) * x + cos(yaw) * y, z))
+    here, there = ideal(task), ideal(task.turned(yaw), world=world)
+    for a, b in zip(here[:3], there[:3], strict=True):
+        assert b == pytest.approx(a, abs=1e-9)
+    assert_same_truth(here[3], there[3])
+
+
+@given(seeds, st.floats(-3.0, 3.0))
+@settings(max_examples=20)
+def test_turning_the_hand_turns_only_the_field(seed: int, yaw: float) -> None:
+    task = random_task(seed)
+    here, there = ideal(task), ideal(task.turned(yaw))
+    assert there[0] == pytest.approx(here[0], abs=1e-9)
+    assert there[1] == pytest.approx(here[1], abs=1e-9)
+    assert there[3].p_nav_sensor == pytest.approx(quat_rotate(quat_about_z(yaw), here[3].p_nav_sensor), abs=1e-9)
+
+
+@given(seeds, st.floats(-3.0, 3.0))
+@settings(max_examples=20)
+def test_without_a_magnetometer_no_heading_is_seen(seed: int, yaw: float) -> None:
+    task = random_task(seed)
+    here, there = simulate(task, NO_MAG), simulate(task.turned(yaw), NO_MAG)
+    assert here.recording.mag is None
+    assert there.recording.acc == pytest.approx(here.recording.acc, abs=1e-9)
+    assert here.truth is not None
+    assert there.truth is not None
+    assert_same_truth(here.truth, there.truth)
+
+
+def assert_same_truth(a: Truth, b: Truth) -> None:
+    assert b.p_nav_sensor == pytest.approx(a.p_nav_sensor, abs=1e-9)
+    turn = quat_log(quat_multiply(quat_inverse(a.wxyz_nav_sensor), b.wxyz_nav_sensor))
+    assert turn == pytest.approx(0.0, abs=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("rpy_deg", "axis"), [((10, 20, 130), 0), ((0, 59, -40), 0), ((0, 61, -40), 1), ((35, -80, 77), 1), ((0, 90, 5), 1)]
+)
+def test_nav_without_a_magnetometer(rpy_deg: tuple[float, float, float], axis: int) -> None:
+    """x of nav is the sensor's x axis laid level, or its y axis where x is within 30 degrees of vertical."""
+    roll, pitch, yaw = np.radians(rpy_deg).tolist()
+    truth = simulate(Task("still", (Waypoint(rest_s=0.1),), start_rpy=(roll, pitch, yaw)), NO_MAG).truth
+    assert truth is not None
+    ahead = quat_rotate(truth.wxyz_nav_sensor[0], np.eye(3)[axis])
+    assert ahead[1] == pytest.approx(0.0, abs=1e-9)
+    assert ahead[0] > 0.0
+    # and level is level: the sensor's own z stands as it was declared
+    up = quat_rotate(quat_inverse(truth.wxyz_nav_sensor[0]), (0.0, 0.0, 1.0))
+    assert up == pytest.approx(quat_rotate(quat_inverse(quat_from_rpy((roll, pitch, yaw))), (0.0, 0.0, 1.0)))
+
+
+def test_nav_with_a_magnetometer_has_the_field_in_its_north() -> None:
+    _, _, mag, truth = ideal("pour", world=World(field=(7.0, 18.0, -44.0)))
+    mag_nav = quat_rotate(truth.wxyz_nav_sensor[0], mag[0])
+    assert mag_nav == pytest.approx([0.0, np.hypot(7.0, 18.0), -44.0], abs=1e-9)
+
+
+def test_truth_counts_from_the_first_rest() -> None:
+    shifted = Task("shifted", (Waypoint((5.0, -3.0, 1.0), rest_s=0.5), Waypoint((5.1, -3.0, 1.0), move_s=1.0)))
+    truth = ideal(shifted)[3]
+    assert truth.p_nav_sensor[0] == pytest.approx(0.0, abs=0.0)
+    assert truth.p_nav_sensor[-1] == pytest.approx([0.1, 0.0, 0.0])
+
+
+def as_bytes(demo: Demonstration) -> bytes:
+    r, truth = demo.recording, demo.truth
+    assert truth is not None
+    arrays = (r.t, r.acc, r.gyr, r.mag, r.device_rpy, truth.t, truth.p_nav_sensor, truth.wxyz_nav_sensor)
+    return b"".join(array.tobytes() for array in arrays if array is not None)
+
+
+@pytest.mark.parametrize("sensor", SENSOR_MODELS)
+def test_same_seed_same_bytes(sensor: str) -> None:
+    once, again, other = (as_bytes(simulate("pour", sensor, seed)) for seed in (5, 5, 6))
+    assert once == again
+    assert (once != other) == (sensor != "ideal")
+
+
+def test_a_part_less_errs_the_same_in_the_others() -> None:
+    gyro, no_gyro = (simulate("pour", name, 3).recording for name in ("os5000", "os5000-nogyro"))
+    assert no_gyro.gyr is None
+    assert np.array_equal(gyro.acc, no_gyro.acc)
+    assert gyro.mag is not None
+    assert no_gyro.mag is not None
+    assert np.array_equal(gyro.mag, no_gyro.mag)
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_demonstration_says_what_it_is(name: str) -> None:
+    demo = simulate(name, "wt901", 7)
+    assert demo.recording.info.name == name
+    assert demo.recording.info.sensor == "simulated wt901"
+    assert demo.recording.info.rate_hz == 100.0
+    assert demo.notes.startswith("Simulated (sensor model wt901, seed 7). ")
+    assert demo.closed == (name == "pour")
+    assert demo.grasped is not None
+    assert demo.recording.grip == TASKS[name].grip
+    assert demo.truth is not None
+    assert np.array_equal(demo.truth.t, demo.recording.t)
+    assert (demo.truth.wxyz_nav_sensor[:, 0] >= 0.0).all()
+
+
+@pytest.mark.parametrize("rate_hz", [10.0, 40.0, 286.0, 1000.0])
+def test_rate_overrides_the_models_own(rate_hz: float) -> None:
+    recording = simulate("pour", "modern", rate_hz=rate_hz).recording
+    assert recording.rate_hz == pytest.approx(rate_hz)
+    assert recording.info.rate_hz == rate_hz
+    assert recording.t[-1] == pytest.approx(TASKS["pour"].duration_s, abs=1.0 / rate_hz)
+
+
+def test_unknown_names_list_the_valid_ones() -> None:
+    with pytest.raises(SensorError, match="no task is called 'tea'; choose one of pick-and-place-stops,"):
+        simulate("tea")
+    with pytest.raises(SensorError, match=r"no sensor model is called 'nokia'; choose one of os5000, .*ideal"):
+        simulate("pour", "nokia")
+    with pytest.raises(SensorError, match="negative"):
+        simulate("pour", seed=-1)
+    with pytest.raises(SensorError, match="give one above 0"):
+        simulate("pour", rate_hz=0.0)
+
+
+def test_own_models_and_tasks_are_taken() -> None:
+    model = replace(SENSOR_MODELS["modern"], name="half-blind", gyr=None, attitude=None)
+    recording = simulate(random_task(3), model).recording
+    assert recording.gyr is None
+    assert recording.device_rpy is None
+    assert recording.info.sensor == "simulated half-blind"
+    assert recording.info.name == "random-3"
+
+
+def test_heading_of_the_default_is_not_zero() -> None:
+    """The device's own yaw is the angle of its x axis from east toward magnetic north."""
+    rpy = simulate("pour", "os5000").recording.device_rpy
+    assert rpy is not None
+    assert rpy[0] == pytest.approx([0.0, 0.0, radians(30.0)], abs=radians(0.06))
