@@ -289,7 +289,7 @@ class Robot:
         urdf, srdf: files; `package_dirs` are where package:// addresses in them are looked up.
         base: the body whose frame is `base`.
         body: the body that T_body_tool is given in.
-        T_body_tool: z the approach direction, x the direction in which the jaws open, the origin between the fingertips.
+        T_body_tool: z the approach direction, x the way the jaws open, the origin between the fingertips.
         joints: names of the arm's joints, base to tool.
         home: (k,) rad.
         gripper: or None.
@@ -370,19 +370,18 @@ class JointTrajectory:
         piece = np.clip(np.searchsorted(self.knots, inside, side="right") - 1, 0, len(self.coefficients) - 1)
         s = (inside - self.knots[piece])[:, None]
         c0, c1, c2, c3 = np.moveaxis(self.coefficients[piece], 1, 0)
+        moving = (t < self.duration)[:, None]  # held at the end, to the last bit: controllers refuse a final velocity
         return Samples(
             t=t,
             q=c0 + s * (c1 + s * (c2 + s * c3)),
-            qd=c1 + s * (2.0 * c2 + s * 3.0 * c3),
-            qdd=2.0 * c2 + 6.0 * s * c3,
+            qd=(c1 + s * (2.0 * c2 + s * 3.0 * c3)) * moving,
+            qdd=(2.0 * c2 + 6.0 * s * c3) * moving,
             gripper=np.interp(t, self.gripper_t, self.gripper_opening),
         )
 
     def sample(self, rate_hz: float) -> Samples:
-        """Evaluate at a constant rate from 0, the end included (the last interval is the shorter one)."""
-        count = int(np.floor(self.duration * rate_hz * (1.0 + 1e-12)))
-        t = np.arange(count + 1) / rate_hz
-        return self.at(t if self.duration - t[-1] < 1e-9 else np.append(t, self.duration))
+        """Evaluate at a constant rate from 0 until the end has been reached and is held."""
+        return self.at(np.arange(int(np.ceil(self.duration * rate_hz)) + 1) / rate_hz)
 
     @cached_property
     def _at_1khz(self) -> Samples:

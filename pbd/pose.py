@@ -39,7 +39,8 @@ def quat_multiply(a: ArrayLike, b: ArrayLike) -> Array:
 
 def quat_inverse(wxyz: ArrayLike) -> Array:
     """Inverse of unit quaternions (..., 4)."""
-    return np.asarray(wxyz, dtype=np.float64) * np.array([1.0, -1.0, -1.0, -1.0])
+    inverse: Array = np.asarray(wxyz, dtype=np.float64) * (1.0, -1.0, -1.0, -1.0)
+    return inverse
 
 
 def quat_rotate(wxyz: ArrayLike, vector: ArrayLike) -> Array:
@@ -59,18 +60,19 @@ def quat_exp(rotation_vector: ArrayLike) -> Array:
 
 def quat_log(wxyz: ArrayLike) -> Array:
     """Rotation vectors (..., 3) in rad, of length at most pi, of unit quaternions (..., 4)."""
-    wxyz = quat_canonical(wxyz)
-    sine = np.linalg.norm(wxyz[..., 1:], axis=-1, keepdims=True)
-    angle = 2.0 * np.arctan2(sine, wxyz[..., :1])
+    q = quat_canonical(wxyz)
+    sine = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
+    angle = 2.0 * np.arctan2(sine, q[..., :1])
     # angle / sine -> 2 as sine -> 0; below 1e-12 the quotient is 2 to the last bit
-    return wxyz[..., 1:] * np.where(sine < 1e-12, 2.0, angle / np.maximum(sine, 1e-12))
+    vector: Array = q[..., 1:] * np.where(sine < 1e-12, 2.0, angle / np.maximum(sine, 1e-12))
+    return vector
 
 
 def quat_canonical(wxyz: ArrayLike) -> Array:
     """Return the same rotations with unit norm and w >= 0, as they are stored."""
-    wxyz = np.asarray(wxyz, dtype=np.float64)
-    wxyz = wxyz / np.linalg.norm(wxyz, axis=-1, keepdims=True)
-    return np.where(wxyz[..., :1] < 0.0, -wxyz, wxyz)
+    q: Array = np.asarray(wxyz, dtype=np.float64)
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    return np.where(q[..., :1] < 0.0, -q, q)
 
 
 def quat_slerp(start: ArrayLike, end: ArrayLike, fraction: ArrayLike) -> Array:
@@ -108,7 +110,7 @@ def quat_from_matrix(matrix: ArrayLike) -> Array:
 
 
 def quat_from_rpy(rpy: ArrayLike) -> Array:
-    """Unit quaternions of roll, pitch, yaw (..., 3) in rad: about x, then the fixed y, then the fixed z (URDF's order)."""
+    """Unit quaternions of roll, pitch, yaw (..., 3) in rad: about x, then fixed y, then fixed z, as in URDF."""
     roll, pitch, yaw = np.moveaxis(np.asarray(rpy, dtype=np.float64), -1, 0)
     zero = np.zeros_like(roll)
     about_x = quat_exp(np.stack((roll, zero, zero), axis=-1))

@@ -1,0 +1,155 @@
+"""Look a recording over before anything is computed from it: what can be bridged is bridged, the rest is refused.
+
+Every refusal says where (row, time) and what is likely wrong; rows are counted from 0, as `Recording.t` is indexed.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbd.data import GRAVITY, Recording, Stop
+from pbd.errors import PbdWarning, RecordingError, TrackingError
+from pbd.pose import Array
+
+BRIDGED_S = 0.050
+"""Missing data up to this long are interpolated (with a warning)."""
+
+CLOCK_JUMP_S = 60.0
+"""No sensor falls silent for this long within one demonstration: its clock jumped."""
+
+
+@dataclass(frozen=True)
+class Gap:
+    """No data between row `before` and row `after`, for `missing_s` more than one sampling interval."""
+
+    before: int
+    after: int
+    missing_s: float
+
+
+def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
+    """Check a recording and interpolate what is missing.
+
+    Returns:
+        The recording without NaN, row for row the same, and the gaps that are too long to be bridged: whether they
+        matter depends on whether the hand moved (`refuse_gaps`).
+
+    Raises:
+        RecordingError: too few rows, time that runs backwards or jumps, a channel without data.
+    """
+    t = recording.t
+    if len(t) < 2:
+        raise RecordingError(f"the recording has {len(t)} samples; record at least a second of rest, then move")
+    _refuse_bad_clock(t)
+    interval = 1.0 / recording.rate_hz
+
+    channels = {name: getattr(recording, name) for name in ("acc", "gyr", "mag", "device_rpy")}
+    given = {name: values for name, values in channels.items() if values is not None}
+    missing = np.zeros(len(t), dtype=bool)
+    for name, values in given.items():
+        bad = ~np.isfinite(values).all(axis=1)
+        if bad.all():
+            raise RecordingError(f"'{name}' holds no number in any row; leave the column out or record again")
+        # A magnetometer is slow and often sampled less often: its holes are no holes in the motion.
+        missing |= bad if name in ("acc", "gyr") else False
+
+    gaps = _gaps(t, missing, interval)
+    if gaps:
+        longest = max(gaps, key=lambda gap: gap.missing_s)
+        lost = sum(round(gap.missing_s / interval) for gap in gaps)
+        warnings.warn(
+            f"{len(gaps)} gaps in the data, {lost} samples in all; the longest is {longest.missing_s * 1e3:.0f} ms "
+            f"after row {longest.before} (t = {t[longest.before]:.2f} s)",
+            PbdWarning,
+            stacklevel=2,
+        )
+    filled: dict[str, Any] = {name: _interpolate(t, values) for name, values in given.items()}
+    return dataclasses.replace(recording, **filled), tuple(gap for gap in gaps if gap.missing_s > BRIDGED_S)
+
+
+def refuse_gaps(gaps: tuple[Gap, ...], t: Array, stops: tuple[Stop, ...]) -> None:
+    """Refuse a long gap inside a move: what the hand did there is unknown. Inside a rest it is harmless.
+
+    Raises:
+        TrackingError: with `t`, `row` and the gap's length as fields.
+    """
+    for gap in gaps:
+        inside_rest = any(stop.start <= gap.before and gap.after < stop.stop for stop in stops)
+        if not inside_rest:
+            raise TrackingError(
+                f"{gap.missing_s * 1e3:.0f} ms of data are missing after row {gap.before} (t = {t[gap.before]:.2f} s), "
+                f"while the hand moves; at most {BRIDGED_S * 1e3:.0f} ms can be bridged: record again",
+                row=gap.before,
+                t=float(t[gap.before]),
+                value=gap.missing_s,
+                bound=BRIDGED_S,
+            )
+
+
+def refuse_wrong_units(norm_at_rest: float) -> None:
+    """Refuse specific force that is not in m/s2, told by its norm at rest, naming the likely unit.
+
+    Raises:
+        RecordingError: where the norm is more than 15 % off standard gravity.
+    """
+    if 0.85 < norm_at_rest / GRAVITY < 1.15:
+        return
+    scales = {"g": 1.0 / GRAVITY, "milli-g": 1e3 / GRAVITY, "mm/s2": 1e3, "cm/s2": 1e2}
+    likely = [unit for unit, scale in scales.items() if 0.85 < norm_at_rest / (GRAVITY * scale) < 1.15]
+    raise RecordingError(
+        f"at rest the accelerometer reads {norm_at_rest:.4g}, but gravity is {GRAVITY:.2f} m/s2; "
+        + (
+            f"the values are likely in {likely[0]}: import the file with that unit"
+            if likely
+            else "check the unit of the columns ax, ay, az"
+        ),
+        value=norm_at_rest,
+        bound=GRAVITY,
+        unit=likely[0] if likely else None,
+    )
+
+
+def _refuse_bad_clock(t: Array) -> None:
+    if not np.isfinite(t).all():
+        row = int(np.flatnonzero(~np.isfinite(t))[0])
+        raise RecordingError(f"the time of row {row} is not a number; mend or remove that row", row=row)
+    steps = np.diff(t)
+    for wrong, what in ((steps < 0.0, "runs backwards"), (steps > CLOCK_JUMP_S, "jumps")):
+        if wrong.any():
+            row = int(np.flatnonzero(wrong)[0])
+            raise RecordingError(
+                f"time {what} from {t[row]:.3f} s (row {row}) to {t[row + 1]:.3f} s (row {row + 1}); "
+                "sort the file, or cut it there",
+                row=row + 1,
+                value=float(t[row + 1]),
+                bound=float(t[row]),
+            )
+    if np.median(steps) <= 0.0:
+        raise RecordingError("most rows carry the same time; the column 't' must be seconds that increase")
+
+
+def _gaps(t: Array, missing: NDArray[np.bool_], interval: float) -> list[Gap]:
+    """Neighbouring good rows that lie more than one and a half sampling intervals apart."""
+    good = np.flatnonzero(~missing)
+    if len(good) == 0:
+        return [Gap(0, len(t) - 1, float(t[-1] - t[0]))]
+    spans = np.diff(t[good]) - interval
+    gaps = [Gap(int(good[i]), int(good[i + 1]), float(spans[i])) for i in np.flatnonzero(spans > 0.5 * interval)]
+    if good[0] > 0:
+        gaps.insert(0, Gap(0, int(good[0]), float(t[good[0]] - t[0])))
+    if good[-1] < len(t) - 1:
+        gaps.append(Gap(int(good[-1]), len(t) - 1, float(t[-1] - t[good[-1]])))
+    return gaps
+
+
+def _interpolate(t: Array, values: Array) -> Array:
+    good = np.isfinite(values).all(axis=1)
+    if good.all():
+        return values
+    return np.column_stack([np.interp(t, t[good], column) for column in values[good].T])

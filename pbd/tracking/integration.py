@@ -1,0 +1,70 @@
+"""Integrate acceleration twice, only while the hand moves, and let each stop take back the drift of its move."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from pbd.data import Stop
+from pbd.pose import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Move:
+    """One move from rest to rest, relative to where it began: v_nav (n, 3) m/s, p_nav (n, 3) m, closure (3,) m/s."""
+
+    v_nav: Array
+    p_nav: Array
+    closure: Array
+
+
+def integrate_move(t: Array, a_nav: Array) -> Move:
+    """Integrate a move whose first and last sample stand still.
+
+    Trapezoids, then the velocity left over at the end is taken out linearly in time: exact for any constant error
+    of the acceleration. (The paper's equations 5-6 are the rectangular sums without that.)
+
+    Args:
+        t: (n,) s.
+        a_nav: (n, 3) m/s2.
+    """
+    v_raw = cumulative_trapezoid(t, a_nav)
+    closure = v_raw[-1]
+    duration = t[-1] - t[0]
+    v_nav = v_raw - np.outer((t - t[0]) / duration if duration > 0.0 else np.zeros_like(t), closure)
+    return Move(v_nav, cumulative_trapezoid(t, v_nav), closure)
+
+
+def cumulative_trapezoid(t: Array, values: Array) -> Array:
+    """Integral from the first instant to each, by trapezoids: (n,) and (n, 3) -> (n, 3)."""
+    steps = 0.5 * np.diff(t)[:, None] * (values[1:] + values[:-1])
+    return np.vstack((np.zeros((1, values.shape[1])), np.cumsum(steps, axis=0)))
+
+
+def integrate_path(t: Array, a_nav: Array, stops: tuple[Stop, ...]) -> tuple[Array, Array, Array]:
+    """Chain the moves between the stops; within a stop nothing moves.
+
+    Before the first stop and after the last one the motion has one known end only: it is integrated from there and
+    its drift stays in.
+
+    Returns:
+        p_nav_sensor (n, 3) m with the first stop as origin, v_nav_sensor (n, 3) m/s, closure (len(stops) - 1, 3) m/s.
+    """
+    p, v = np.zeros_like(a_nav), np.zeros_like(a_nav)
+    closure = np.zeros((max(len(stops) - 1, 0), 3))
+    here = np.zeros(3)
+    for k, (stop, following) in enumerate(pairwise(stops)):
+        p[stop.start : stop.stop] = here
+        move = slice(stop.stop - 1, following.start + 1)
+        result = integrate_move(t[move], a_nav[move])
+        p[move], v[move], closure[k] = here + result.p_nav, result.v_nav, result.closure
+        here = p[following.start].copy()
+    if stops:
+        head, tail = slice(stops[0].start, None, -1), slice(stops[-1].stop - 1, None)
+        p[stops[-1].start : stops[-1].stop] = here
+        for end, origin in ((head, np.zeros(3)), (tail, here)):
+            v[end] = cumulative_trapezoid(t[end], a_nav[end])
+            p[end] = origin + cumulative_trapezoid(t[end], v[end])
+    return p, v, closure

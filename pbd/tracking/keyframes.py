@@ -1,0 +1,97 @@
+"""The poses at the stops, and the intervals between them."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from pbd.data import GripEvent, HandPath, Keyframe, Stop
+from pbd.errors import PbdWarning
+from pbd.pose import Array, Pose, quat_inverse, quat_log, quat_multiply
+from pbd.tracking.orientation import mean_quaternion
+
+GRIP_NEAR_S = 0.5
+"""A grip event further than this from any stop is worth a warning."""
+
+TURN_RAD, SHIFT_M = np.radians(10.0), 0.03
+"""A move that turns by more and shifts by less is a hand rotation."""
+
+
+def find_keyframes(path: HandPath) -> tuple[Keyframe, ...]:
+    """One keyframe a stop, at its middle: the position held there and the mean attitude."""
+    grips = _grip_at_stops(path.grip, path.t, path.stops)
+    return tuple(
+        Keyframe(
+            t=0.5 * float(path.t[stop.start] + path.t[stop.stop - 1]),
+            dwell_s=stop.dwell_s,
+            T_nav_sensor=Pose(
+                path.p_nav_sensor[stop.start], mean_quaternion(path.wxyz_nav_sensor[stop.start : stop.stop])
+            ),
+            cov=path.cov[k],
+            grip=grips.get(k),
+        )
+        for k, stop in enumerate(path.stops)
+    )
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A rest or a move, over the samples start <= i < stop; `ms` from its first to its last sample (Table I)."""
+
+    start: int
+    stop: int
+    kind: str
+    ms: float
+    description: str
+
+
+def find_segments(path: HandPath) -> tuple[Segment, ...]:
+    """Cut the whole recording into rests and moves and say what kind of motion each is (the paper's Table I)."""
+    bounds = sorted({0, len(path.t), *(i for stop in path.stops for i in (stop.start, stop.stop))})
+    rests = {stop.start for stop in path.stops}
+    return tuple(
+        Segment(
+            start=start,
+            stop=stop,
+            kind="rest" if start in rests else "move",
+            ms=1e3 * float(path.t[stop - 1] - path.t[start]),
+            description="No hand motion occurs" if start in rests else _describe(path, start, stop),
+        )
+        for start, stop in pairwise(bounds)
+    )
+
+
+def _describe(path: HandPath, start: int, stop: int) -> str:
+    """In the paper's words."""
+    span = slice(max(start - 1, 0), stop + 1)
+    extent = np.ptp(path.p_nav_sensor[span], axis=0)
+    if extent.max() < SHIFT_M and _largest_turn(path.wxyz_nav_sensor[span]) > TURN_RAD:
+        return "Hand rotation"
+    axis = "xyz"[int(np.argmax(extent))]
+    kind = "Vertical" if axis == "z" else "Horizontal"
+    return f"{kind} motion (mainly along {axis} axis)"
+
+
+def _largest_turn(wxyz: Array) -> float:
+    """Largest angle from the first attitude, rad."""
+    return float(np.linalg.norm(quat_log(quat_multiply(quat_inverse(wxyz[0]), wxyz)), axis=1).max())
+
+
+def _grip_at_stops(events: tuple[GripEvent, ...], t: Array, stops: tuple[Stop, ...]) -> dict[int, bool]:
+    """For each stop at which the grip changes: closed or not. An event belongs to the nearest stop."""
+    at: dict[int, bool] = {}
+    for event in events if stops else ():
+        away = [max(float(t[stop.start]) - event.t, event.t - float(t[stop.stop - 1]), 0.0) for stop in stops]
+        nearest = int(np.argmin(away))
+        if away[nearest] > GRIP_NEAR_S:
+            warnings.warn(
+                f"the grip {'closed' if event.closed else 'opened'} at {event.t:.2f} s, {away[nearest]:.1f} s from the "
+                f"nearest stop; it is taken to belong to stop {nearest}",
+                PbdWarning,
+                stacklevel=2,
+            )
+        at[nearest] = event.closed
+    return at

@@ -1,0 +1,85 @@
+"""What the sensor says while nothing moves: the recording's own noise, gyro bias and gravity."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pbd.data import Recording
+from pbd.errors import TrackingError
+from pbd.pose import Array, readonly
+
+REST_S = 1.0
+"""The quietest stretch of this length is taken for rest."""
+
+STILL_ACC, STILL_GYR = 0.5, 0.15
+"""A hand that holds still trembles less than this (rms, m/s2 and rad/s); more is motion."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rest:
+    """The quietest second of a recording, samples start <= i < stop.
+
+    Attributes:
+        gravity: m/s2, the mean norm of specific force.
+        acc_rms: m/s2, noise per sample about the mean, over all three axes together.
+        gyr_rms: rad/s, the same; 0 without a gyro.
+        gyro_bias: (3,) rad/s.
+        up_sensor: (3,) unit, the vertical in sensor axes.
+    """
+
+    start: int
+    stop: int
+    gravity: float
+    acc_rms: float
+    gyr_rms: float
+    gyro_bias: Array
+    up_sensor: Array
+
+
+def find_rest(recording: Recording) -> Rest:
+    """Find the quietest second (the whole of a shorter recording), by the rms of both sensors relative to stillness.
+
+    Raises:
+        TrackingError: the hand never stood still.
+    """
+    length = max(2, min(len(recording), round(REST_S * recording.rate_hz)))
+    acc_var = _moving_variance(recording.acc, length)
+    gyr_var = np.zeros_like(acc_var) if recording.gyr is None else _moving_variance(recording.gyr, length)
+    restlessness = acc_var / STILL_ACC**2 + gyr_var / STILL_GYR**2
+    start = int(np.argmin(restlessness))
+    rest = slice(start, start + length)
+    if acc_var[start] > STILL_ACC**2 or gyr_var[start] > STILL_GYR**2:
+        raise TrackingError(
+            f"the hand never stands still for {REST_S:g} s: at its quietest (t = {recording.t[start]:.1f} s) it shakes "
+            f"with {np.sqrt(acc_var[start]):.2f} m/s2; start with two seconds of rest and stop between the moves",
+            t=float(recording.t[start]),
+            value=float(np.sqrt(acc_var[start])),
+            bound=STILL_ACC,
+        )
+    mean_acc = recording.acc[rest].mean(axis=0)
+    gravity = float(np.linalg.norm(mean_acc))
+    if gravity == 0.0:
+        raise TrackingError(
+            "the accelerometer reads zero while at rest, so it is dead or in free fall; check the sensor", value=0.0
+        )
+    return Rest(
+        start=start,
+        stop=start + length,
+        gravity=gravity,
+        acc_rms=float(np.sqrt(acc_var[start])),
+        gyr_rms=float(np.sqrt(gyr_var[start])),
+        gyro_bias=readonly(np.zeros(3) if recording.gyr is None else recording.gyr[rest].mean(axis=0)),
+        up_sensor=readonly(mean_acc / gravity),
+    )
+
+
+def _moving_variance(values: Array, length: int) -> Array:
+    """Variance over each run of `length` samples, summed over the axes: (n, 3) -> (n - length + 1,)."""
+    centred = values - values.mean(axis=0)  # keeps the difference of squares well conditioned
+    sums = np.cumsum(np.vstack((np.zeros((1, 3)), centred)), axis=0)
+    squares = np.cumsum(np.vstack((np.zeros((1, 3)), centred**2)), axis=0)
+    mean = (sums[length:] - sums[:-length]) / length
+    variance: Array = ((squares[length:] - squares[:-length]) / length - mean**2).sum(axis=1)
+    return np.maximum(variance, 0.0)
