@@ -3,9 +3,10 @@
 The truth is a formula (simulated_hand.py). From it follow specific force, angular rate and magnetic field in the
 sensor's axes, exactly; the sensor (simulated_sensor.py) averages each over its sampling intervals and errs.
 
-Time. Sample k is the mean over the interval from t[k-1] to t[k], as an integrating sensor delivers it, and is stamped
-with the interval's END. Truth row k is the pose at t[k]. So gyr[k] * dt is the turn from truth row k-1 to truth row k,
-and acc[k] is what was felt half an interval before t[k].
+Time. Sample k is the mean over an interval whose MIDDLE is t[k], as an integrating sensor delivers it; the intervals
+join without gaps. Truth row k is the pose at t[k]. So acc[k] is what was felt around t[k], and the turn from truth row
+k-1 to row k is the second half of gyr[k-1]'s interval and the first half of gyr[k]'s. (A real device hands the sample
+out half an interval later, which shifts the whole recording and nothing in it.)
 
 World is x east, y magnetic north, z up. Truth is in the recording's own nav frame (docs/frames.md): the origin at the
 first rest and z up; x east and y magnetic north where the sensor has a magnetometer; else x along the sensor's x axis
@@ -88,14 +89,14 @@ def simulate(
 
     motion = HandMotion(task.waypoints, task.start_rpy)
     beat = np.arange(int(task.duration_s * model.rate_hz + 1e-6) + 1) / model.rate_hz
-    ends = _jittered(beat, model, clock_rng)
-    t = ends if model.has_clock else beat
+    edges = _jittered((np.arange(len(beat) + 1) - 0.5) / model.rate_hz, model, clock_rng)
+    middles = 0.5 * (edges[1:] + edges[:-1])
+    t = middles - middles[0] if model.has_clock else beat
 
-    edges = np.concatenate(([-1.0 / model.rate_hz], ends))
     interval_s = np.diff(edges)
     acc, gyr, mag = np.split(_interval_means(lambda at: _felt(motion, world, at), edges, motion.knots), 3, axis=-1)
 
-    hand = motion.at(ends)
+    hand = motion.at(middles)
     wxyz_nav_world = quat_about_z(_yaw_nav_world(hand.wxyz[0], model, world))
     wxyz_nav_sensor = quat_multiply(wxyz_nav_world, hand.wxyz)
     attitude = model.attitude
@@ -123,9 +124,8 @@ def _named(known: Mapping[str, _T], name: str, kind: str) -> _T:
 
 
 def _jittered(beat: Array, model: SensorModel, rng: np.random.Generator) -> Array:
-    """When the intervals end that should end on the beat (n,), s; the first keeps to it."""
+    """When the intervals begin and end that should do so on the beat (n,), s."""
     late = model.jitter_s * rng.normal(size=len(beat))
-    late[0] = 0.0
     return beat + np.clip(late, -0.45 / model.rate_hz, 0.45 / model.rate_hz)
 
 

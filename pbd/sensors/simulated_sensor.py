@@ -114,8 +114,8 @@ class SensorModel:
         gyr: rad/s, or None where it has no gyro.
         mag: uT, or None where it has no magnetometer.
         attitude: its own roll, pitch, yaw, or None.
-        jitter_s: one sigma by which the end of each interval misses the even beat (cut off at 0.45 intervals).
-        has_clock: True: `t` tells when the intervals ended; False: `t` is the even beat, whatever the jitter.
+        jitter_s: one sigma by which the border between two intervals misses the even beat (cut off at 0.45 intervals).
+        has_clock: True: `t` tells when the intervals had their middle; False: `t` is the even beat, whatever the jitter.
 
     Raises:
         SensorError: the rate is not above 0.

@@ -123,6 +123,9 @@ def _table_1(first: int, last: int) -> float:
     return (last - first + 1) / 40.0
 
 
+_FIRST_REST_S = _table_1(0, 86) - 0.5 / 40.0
+"""Sample 0 has its middle at t = 0: half of its interval lies before."""
+
 _ROLL_60 = (radians(60.0), 0.0, 0.0)
 _PAPER_END = (0.15, 0.15, 0.10)
 
@@ -133,7 +136,7 @@ def _pick_and_place_stops() -> Task:
     return Task(
         "pick-and-place-stops",
         (
-            Waypoint(rest_s=_table_1(1, 86), grip=True),  # sample 0 ends at t = 0
+            Waypoint(rest_s=_FIRST_REST_S, grip=True),
             Waypoint((0.00, 0.00, 0.10), move_s=_table_1(87, 94), rest_s=_table_1(95, 114)),
             Waypoint((0.15, 0.00, 0.10), move_s=_table_1(115, 126), rest_s=_table_1(127, 140)),
             Waypoint(_PAPER_END, move_s=_table_1(141, 155), rest_s=_table_1(156, 185)),
@@ -148,7 +151,7 @@ def _pick_and_place_direct() -> Task:
     return Task(
         "pick-and-place-direct",
         (
-            Waypoint(rest_s=_table_1(1, 86), grip=True),
+            Waypoint(rest_s=_FIRST_REST_S, grip=True),
             Waypoint(_PAPER_END, _ROLL_60, move_s=0.8, rest_s=_table_1(193, 250)),
         ),
         "The paper's Test 2: from the first rest straight to the pouring pose of Test 1 in one move of 0.8 s",
