@@ -215,8 +215,8 @@ class Keyframe:
 # --- calibration ------------------------------------------------------------------------------------------------------
 
 
-def _half_turn_about_x() -> Pose:
-    return Pose(np.zeros(3), np.array([0.0, 1.0, 0.0, 0.0]))
+TOOL_DOWN = Pose(np.zeros(3), np.array([0.0, 1.0, 0.0, 0.0]))
+"""T_sensor_tool where nobody says else: a half turn about x, so that a level sensor is a gripper that points down."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,7 +237,7 @@ class Calibration:
     T_base_dock: Pose | None = None
     any_attitude: bool = False
     T_base_nav: Pose | None = None
-    T_sensor_tool: Pose = field(default_factory=_half_turn_about_x)
+    T_sensor_tool: Pose = TOOL_DOWN
     table_height: float | None = None
     scale: float = 1.0
     robots: tuple[str, ...] = ()

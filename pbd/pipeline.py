@@ -2,15 +2,29 @@
 
 from __future__ import annotations
 
-from pbd.data import HandPath, Recording
-from pbd.errors import TrackingError
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from pbd.calibration.frames import tool_poses
+from pbd.data import Calibration, HandPath, JointTrajectory, Keyframe, Recording, Robot
+from pbd.errors import CalibrationError, TrackingError
+from pbd.pose import Array, Pose
 from pbd.tracking.conditioning import condition, refuse_gaps, refuse_wrong_units
 from pbd.tracking.gravity import motion_acceleration
 from pbd.tracking.integration import integrate_path
+from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.orientation import estimate_attitude
 from pbd.tracking.rest import find_rest
 from pbd.tracking.stops import find_stops
 from pbd.tracking.uncertainty import stop_covariance
+
+if TYPE_CHECKING:
+    from pbd.arm.audit import AuditReport
+    from pbd.arm.model import ArmModel
+
+SHORTEST_DWELL_S = 0.15
+"""A keyframe is a stop: the arm stays at least this long."""
 
 
 def track(recording: Recording) -> HandPath:
@@ -40,3 +54,93 @@ def track(recording: Recording) -> HandPath:
         cov=stop_covariance(recording, stops, closure, rest),
         grip=recording.grip,
     )
+
+
+@dataclass(frozen=True)
+class PlanOptions:
+    """What a user may choose about the motion.
+
+    Attributes:
+        scale: multiplies the hand's positions.
+        orientation: "demo", or "fixed": the tool's z straight down throughout.
+        speed: above 0, at most 1: a factor on the velocity, acceleration and jerk limits.
+        dwell_s: the longest stay at a keyframe.
+        approach: start at the robot's home, rather than at keyframe 0.
+    """
+
+    scale: float = 1.0
+    orientation: str = "demo"
+    speed: float = 1.0
+    dwell_s: float = 0.5
+    approach: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A motion that has passed the audit, and what it was made from."""
+
+    keyframes: tuple[Keyframe, ...]
+    calibration: Calibration
+    T_base_tool: tuple[Pose, ...]
+    trajectory: JointTrajectory
+    report: AuditReport
+
+
+def plan(
+    hand_path: HandPath, calibration: Calibration, robot: Robot, options: PlanOptions | None = None
+) -> JointTrajectory:
+    """Plan the motion of a robot through the stops of a hand path, audited.
+
+    Raises:
+        TrackingError: fewer than two stops.
+        CalibrationError: the calibration is for other robots.
+        PlanError: a keyframe is out of reach, or the motion breaks a limit.
+    """
+    return plan_keyframes(find_keyframes(hand_path), calibration, robot, options).trajectory
+
+
+def plan_keyframes(
+    keyframes: Sequence[Keyframe], calibration: Calibration, robot: Robot, options: PlanOptions | None = None
+) -> Plan:
+    """Plan the motion of a robot through keyframes; raises as `plan` does."""
+    from pbd.arm.audit import audit
+    from pbd.arm.model import load_model
+    from pbd.arm.timing import time_keyframes
+
+    options = options or PlanOptions()
+    if len(keyframes) < 2:
+        raise TrackingError(
+            f"the demonstration has {len(keyframes)} stop, a motion needs two; hold still, move, and hold still again",
+            value=len(keyframes),
+            bound=2,
+        )
+    arm = load_model(robot)
+    T_base_tool, q_keyframes = solve_keyframes(arm, keyframes, calibration, options)
+    inner = [min(max(keyframe.dwell_s, SHORTEST_DWELL_S), options.dwell_s) for keyframe in keyframes[1:-1]]
+    trajectory = time_keyframes(
+        arm,
+        q_keyframes,
+        dwells=[0.0, *inner, 0.0],
+        grips=[keyframe.grip for keyframe in keyframes],
+        q_start=robot.home,
+        speed=options.speed,
+        approach=options.approach,
+    )
+    report = audit(trajectory, robot.limits, arm, T_base_tool)
+    return Plan(tuple(keyframes), calibration, T_base_tool, trajectory, report)
+
+
+def solve_keyframes(
+    arm: ArmModel, keyframes: Sequence[Keyframe], calibration: Calibration, options: PlanOptions
+) -> tuple[tuple[Pose, ...], Array]:
+    """Return the tool's pose in base at each keyframe, and the joints (n, k) that reach them."""
+    from pbd.arm.sequence import solve_sequence
+
+    if calibration.robots and arm.robot.name not in calibration.robots:
+        raise CalibrationError(
+            f"the calibration '{calibration.name}' is for {', '.join(calibration.robots)}, not for {arm.robot.name}; "
+            "choose another, or add the robot to it",
+            value=arm.robot.name,
+        )
+    T_base_tool = tool_poses(keyframes, calibration, options.scale, options.orientation)
+    return T_base_tool, solve_sequence(arm, T_base_tool, arm.robot.home)

@@ -95,5 +95,3 @@ def _at(instants: Array, t: Array, values: Array) -> Array:
     if len(instants) == len(t):
         return np.ascontiguousarray(values)
     return np.column_stack([np.interp(instants, t, column) for column in values.T])
-
-

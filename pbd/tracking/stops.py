@@ -24,8 +24,12 @@ PEAK_SHARE, PEAK_S = 10.0**-2.2, 1.0
 ACC_FLOOR, GYR_FLOOR = 0.01, 0.003
 """m/s2 and rad/s: a sensor without noise is quiet below these."""
 
-MISCALIBRATION = 0.5
-"""m/s2: an accelerometer's bias shows as motion when the sensor rests at another tilt; up to this much is ignored."""
+STEADY_ACC = 0.02
+"""m/s2: within a stop the mean acceleration is steady to this and three times its noise."""
+
+MISTILT, MISCALIBRATION = 0.1, 0.5
+"""m/s2: what a wrong attitude may feign anywhere, and an accelerometer's errors at another tilt than that of the rest.
+A short stop with more is none; for as long as COAST_S no hand accelerates steadily."""
 
 MERGE_S = 0.1
 """Motion shorter than this between two stops is a jolt, not a move."""
@@ -55,12 +59,24 @@ def find_stops(recording: Recording, a_nav: Array, wxyz_nav_sensor: Array, rest:
         return ()
     reach = max(1, round(PEAK_S * recording.rate_hz))
 
-    spread, mean = _window_moments(a_nav, n)
-    excess = np.maximum(np.linalg.norm(mean, axis=1) - _allowance(wxyz_nav_sensor, rest, n), 0.0) ** 2
-    quiet = _quiet(spread + excess, rest.acc_rms**2, ACC_FLOOR, reach)
+    spread, mean_nav = _window_moments(a_nav, n)
+    _, mean_sensor = _window_moments(recording.acc, n)
+    threshold = _threshold(spread + (mean_nav**2).sum(axis=1), rest.acc_rms**2, ACC_FLOOR, reach)
+    quiet = spread < threshold
     if recording.gyr is not None:
-        spread, mean = _window_moments(recording.gyr - rest.gyro_bias, n)
-        quiet &= _quiet(spread + (mean**2).sum(axis=1), rest.gyr_rms**2, GYR_FLOOR, reach)
+        gyr_spread, gyr_mean = _window_moments(recording.gyr - rest.gyro_bias, n)
+        energy = gyr_spread + (gyr_mean**2).sum(axis=1)
+        quiet &= energy < _threshold(energy, rest.gyr_rms**2, GYR_FLOOR, reach)
+
+    tolerance = STEADY_ACC + 3.0 * rest.acc_rms / np.sqrt(n)
+    up = _window_moments(quat_rotate(quat_inverse(wxyz_nav_sensor), (0.0, 0.0, 1.0)), n)[1]
+    feigned = MISTILT + MISCALIBRATION * np.linalg.norm(up - rest.up_sensor, axis=1)
+    for start, stop in _runs(quiet):
+        run = slice(start, stop)
+        push = _unsteadiness(mean_nav[run], mean_sensor[run])
+        if t[stop - 1] - t[start] < COAST_S:
+            push += np.maximum(np.linalg.norm(np.median(mean_nav[run], axis=0)) - feigned[run], 0.0)
+        quiet[run] &= spread[run] + np.maximum(push - tolerance, 0.0) ** 2 < threshold[run]
 
     # A sample is still when any window that holds it is quiet: a moving one is in none.
     still = np.zeros(len(t), dtype=bool)
@@ -70,13 +86,20 @@ def find_stops(recording: Recording, a_nav: Array, wxyz_nav_sensor: Array, rest:
     return _drop_coasting(stops, t, a_nav)
 
 
-def _quiet(energy: Array, energy_at_rest: float, floor: float, reach: int) -> NDArray[np.bool_]:
+def _threshold(energy: Array, energy_at_rest: float, floor: float, reach: int) -> Array:
     from scipy.ndimage import maximum_filter1d
 
     peak = maximum_filter1d(energy, 2 * reach + 1, mode="nearest")
-    threshold = np.maximum(max(REST_FACTOR * energy_at_rest, floor**2), PEAK_SHARE * peak)
-    quiet: NDArray[np.bool_] = energy < threshold
-    return quiet
+    return np.maximum(max(REST_FACTOR * energy_at_rest, floor**2), PEAK_SHARE * peak)
+
+
+def _unsteadiness(mean_nav: Array, mean_sensor: Array) -> Array:
+    """How far each window's mean is from that of its whole quiet run, (m, 3) and (m, 3) -> (m,) m/s2.
+
+    At rest specific force is steady, whatever the accelerometer's errors. In sensor axes it sways with the hand; in nav
+    it creeps while the attitude settles. At rest one of the two is steady; in a slow, smooth move neither is.
+    """
+    return np.minimum(*(np.linalg.norm(mean - np.median(mean, axis=0), axis=1) for mean in (mean_nav, mean_sensor)))
 
 
 def _window_moments(values: Array, n: int) -> tuple[Array, Array]:
@@ -86,14 +109,6 @@ def _window_moments(values: Array, n: int) -> tuple[Array, Array]:
     mean = (sums[n:] - sums[:-n]) / n
     variance = (squares[n:] - squares[:-n]) / n - (mean**2).sum(axis=1)
     return np.maximum(variance, 0.0), mean
-
-
-def _allowance(wxyz_nav_sensor: Array, rest: Rest, n: int) -> Array:
-    """Mean acceleration that miscalibration may feign at each window's tilt, m/s2: none at the tilt of the rest."""
-    up = quat_rotate(quat_inverse(wxyz_nav_sensor), (0.0, 0.0, 1.0))
-    tilted = np.linalg.norm(up - rest.up_sensor, axis=1)[n // 2 :][: len(up) - n + 1]
-    allowed: Array = ACC_FLOOR + MISCALIBRATION * tilted
-    return allowed
 
 
 def _runs(still: NDArray[np.bool_]) -> list[tuple[int, int]]:

@@ -1,0 +1,190 @@
+"""A demonstration's folder: demo.toml, imu.csv and, where they are known, truth.csv."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+
+from pbd.data import Demonstration, GraspedObject, GripEvent, Recording, RecordingInfo, Truth
+from pbd.errors import RecordingError
+from pbd.files.columns import ACC, DEVICE, GYR, MAG, compass_angles, device_rpy
+from pbd.files.library import bundled, find
+from pbd.files.table import Table, read_table, write_table
+from pbd.files.toml import Section, read_toml
+from pbd.pose import Array
+
+FORMAT = 1
+SHAPES = {"box": 3, "cylinder": 2, "sphere": 1}
+"""Shapes of a grasped object and how many sizes each takes."""
+
+TRUTH = ("t", "px", "py", "pz", "qw", "qx", "qy", "qz")
+
+
+def load_demo(name: str) -> Demonstration:
+    """Load a demonstration: a name (./demos, then the bundled ones), a folder, or a file that an importer knows.
+
+    Raises:
+        RecordingError: nothing of that name (the valid ones are listed), or what is there can't be read.
+    """
+    path = find("demos", name, "", RecordingError)
+    if path.is_dir():
+        return read_demo(path)
+    from pbd.files.importers import import_file
+
+    return import_file(path)
+
+
+def newest_demo() -> str:
+    """Name the demonstration meant where none is named: the newest in ./demos, else the bundled `pouring`."""
+    own = [folder.parent for folder in Path("demos").glob("*/demo.toml")]
+    recorded = [demo for demo in map(_created, own) if demo is not None]
+    return max(recorded)[1] if recorded else "pouring"
+
+
+def _created(folder: Path) -> tuple[str, str] | None:
+    """When a demonstration was made, and its name; None where it is bundled or unreadable."""
+    try:
+        top = read_toml(folder / "demo.toml", RecordingError)
+        return None if "bundled" in top and top.flag("bundled") else (top.text("created"), folder.name)
+    except RecordingError:
+        return None
+
+
+def read_demo(folder: Path) -> Demonstration:
+    """Read a demonstration's folder.
+
+    Raises:
+        RecordingError: with the file, and line and column where they are known.
+    """
+    top = read_toml(folder / "demo.toml", RecordingError)
+    if top.number("format") != FORMAT:
+        top.fail("format", f"must be {FORMAT}, the only format that this version reads")
+    info = RecordingInfo(
+        name=top.text("name"),
+        sensor=top.text("sensor"),
+        rate_hz=top.number("rate_hz", positive=True) if "rate_hz" in top else None,
+        created=top.text("created") if "created" in top else None,
+    )
+    grip = tuple(GripEvent(event.number("t_s"), event.flag("closed")) for event in top.tables("grip"))
+    notes = top.text("notes") if "notes" in top else ""
+    is_bundled = top.flag("bundled") if "bundled" in top else False
+    closed = top.flag("closed") if "closed" in top else False
+    grasped = _read_object(top.section("object")) if "object" in top else None
+    top.done()
+
+    truth_file = folder / "truth.csv"
+    return Demonstration(
+        recording=_read_recording(read_table(folder / "imu.csv"), grip, info),
+        truth=_read_truth(read_table(truth_file)) if truth_file.is_file() else None,
+        notes=notes,
+        bundled=is_bundled,
+        closed=closed,
+        grasped=grasped,
+        folder=folder,
+    )
+
+
+def write_demo(demo: Demonstration, folder: Path, force: bool = False) -> None:
+    """Write a demonstration's folder; nothing is there under its name before it is complete.
+
+    Raises:
+        RecordingError: the folder exists (unless `force`), or can't be written.
+    """
+    if folder.exists() and not force:
+        raise RecordingError(f"{folder} exists; give another name, or --force to replace it", path=folder)
+    unfinished = folder.with_name(f".{folder.name}.{os.getpid()}.tmp")
+    try:
+        unfinished.mkdir(parents=True)
+        (unfinished / "demo.toml").write_text(_demo_toml(demo, folder.name), encoding="utf-8")
+        write_table(unfinished / "imu.csv", *_imu_columns(demo.recording))
+        if demo.truth is not None:
+            values = np.column_stack((demo.truth.t, demo.truth.p_nav_sensor, demo.truth.wxyz_nav_sensor))
+            write_table(unfinished / "truth.csv", TRUTH, values, (6,) * 4 + (8,) * 4)
+        if folder.exists():
+            shutil.rmtree(folder)
+        unfinished.rename(folder)
+    except OSError as reason:
+        raise RecordingError(f"{folder} can't be written ({reason}); give another place", path=folder) from None
+    finally:
+        shutil.rmtree(unfinished, ignore_errors=True)
+
+
+def demo_folder(name: str) -> Path:
+    """Say where a new demonstration goes: ./demos/NAME, or the path that was given."""
+    path = Path(name).expanduser()
+    return path if len(path.parts) > 1 else Path("demos") / path
+
+
+def is_bundled(folder: Path) -> bool:
+    """Tell whether a folder came with pbd."""
+    return folder.resolve().parent == bundled("demos").resolve()
+
+
+def _read_recording(table: Table, grip: tuple[GripEvent, ...], info: RecordingInfo) -> Recording:
+    def given(names: tuple[str, ...]) -> bool:
+        return any(name in table.header for name in names)
+
+    return Recording(
+        t=table.columns("t")[:, 0],
+        acc=table.columns(*ACC),
+        gyr=table.columns(*GYR) if given(GYR) else None,
+        mag=table.columns(*MAG) if given(MAG) else None,
+        device_rpy=device_rpy(table.columns(*DEVICE)) if given(DEVICE) else None,
+        grip=grip,
+        info=info,
+    )
+
+
+def _imu_columns(recording: Recording) -> tuple[tuple[str, ...], Array, tuple[int, ...]]:
+    header, parts, decimals = ["t"], [recording.t[:, None]], [6]
+
+    def add(names: tuple[str, ...], values: Array | None, places: int) -> None:
+        if values is not None:
+            header.extend(names)
+            parts.append(values)
+            decimals.extend([places] * 3)
+
+    add(GYR, recording.gyr, 7)
+    add(ACC, recording.acc, 6)
+    add(MAG, recording.mag, 4)
+    if recording.device_rpy is not None:
+        add(DEVICE, compass_angles(recording.device_rpy), 6)
+    return tuple(header), np.hstack(parts), tuple(decimals)
+
+
+def _read_truth(table: Table) -> Truth:
+    values = table.columns(*TRUTH)
+    return Truth(values[:, 0], values[:, 1:4], values[:, 4:])
+
+
+def _read_object(section: Section) -> GraspedObject:
+    shape = section.text("shape")
+    if shape not in SHAPES:
+        section.fail("shape", f"must be one of {', '.join(SHAPES)}, got '{shape}'")
+    return GraspedObject(shape, section.numbers("size", SHAPES[shape], positive=True))
+
+
+def _demo_toml(demo: Demonstration, name: str) -> str:
+    import tomlkit
+
+    recording = demo.recording
+    document = tomlkit.document()
+    document["format"] = FORMAT
+    document["name"] = name
+    if recording.info.created:
+        document["created"] = recording.info.created
+    document["sensor"] = recording.info.sensor
+    document["rate_hz"] = round(recording.info.rate_hz or recording.rate_hz, 3)
+    if demo.notes:
+        document["notes"] = demo.notes
+    for key, value in (("bundled", demo.bundled), ("closed", demo.closed)):
+        if value:
+            document[key] = value
+    if demo.grasped is not None:
+        document["object"] = {"shape": demo.grasped.shape, "size": list(demo.grasped.size)}
+    if recording.grip:
+        document["grip"] = [{"t_s": round(event.t, 4), "closed": event.closed} for event in recording.grip]
+    return tomlkit.dumps(document)

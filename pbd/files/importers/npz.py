@@ -1,0 +1,67 @@
+"""Named numpy arrays in SI units: rate_hz, acc, gyr and, where they are known, mag, true_position, true_wxyz."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+
+from pbd.data import Demonstration, Recording, RecordingInfo, Truth
+from pbd.errors import RecordingError
+from pbd.pose import Array
+
+
+def read_npz(path: Path) -> Demonstration:
+    """Read a recording from an npz.
+
+    Keys: rate_hz; acc (n, 3) m/s2; gyr (n, 3) rad/s; mag (n, 3) uT; true_position (m, 3) m; true_wxyz (m, 4);
+    true_rate_hz where the truth has a rate of its own. NaN is "unknown". Truth counts from its first known position.
+
+    Raises:
+        RecordingError: not an npz, or without rate_hz and acc.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {key: file[key] for key in file.files if file[key].dtype.kind in "fiub"}
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as reason:
+        raise RecordingError(
+            f"{path}: can't be read as an npz ({reason}); save it with numpy.savez", path=path
+        ) from None
+    for key in ("rate_hz", "acc"):
+        if key not in arrays:
+            raise RecordingError(
+                f"{path}: no array '{key}'; it has {', '.join(arrays) or 'none'}", path=path, value=key
+            )
+    rate_hz = float(arrays["rate_hz"])
+    if not rate_hz > 0.0:
+        raise RecordingError(f"{path}: rate_hz is {rate_hz:g}; it must be above zero", path=path, value=rate_hz)
+    n = len(arrays["acc"])
+    for key in ("acc", "gyr", "mag"):
+        if key in arrays and arrays[key].shape != (n, 3):
+            raise RecordingError(f"{path}: '{key}' has shape {arrays[key].shape}, not ({n}, 3); mend it", path=path)
+    return Demonstration(
+        recording=Recording(
+            t=np.arange(n) / rate_hz,
+            acc=arrays["acc"],
+            gyr=arrays.get("gyr"),
+            mag=arrays.get("mag"),
+            info=RecordingInfo(name=path.stem, sensor="unknown (imported)", rate_hz=rate_hz),
+        ),
+        truth=_truth(arrays, rate_hz),
+        notes=f"Imported from {path.name}.",
+    )
+
+
+def _truth(arrays: dict[str, Array], rate_hz: float) -> Truth | None:
+    if "true_position" not in arrays:
+        return None
+    position = arrays["true_position"]
+    known = np.flatnonzero(np.isfinite(position).all(axis=1))
+    if len(known) == 0:
+        return None
+    return Truth(
+        t=np.arange(len(position)) / float(arrays.get("true_rate_hz", rate_hz)),
+        p_nav_sensor=position - position[known[0]],
+        wxyz_nav_sensor=arrays.get("true_wxyz", np.full((len(position), 4), np.nan)),
+    )

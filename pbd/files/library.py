@@ -1,0 +1,48 @@
+"""Where named things are: the user's own folder first, then what comes with pbd."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pbd.errors import PbdError
+
+
+def bundled(kind: str) -> Path:
+    """Return the folder that comes with pbd: inside an installed wheel, or at the top of a checkout."""
+    package = Path(__file__).parent.parent
+    inside = package / "bundled" / kind
+    return inside if inside.is_dir() else package.parent / kind
+
+
+def names(kind: str, suffix: str) -> list[str]:
+    """Name everything of a kind ("robots", "calibration": .toml; "demos": folders), the user's and the bundled."""
+    folders = (Path(kind), bundled(kind))
+    found = {entry.stem if suffix else entry.name for folder in folders for entry in _entries(folder, suffix)}
+    return sorted(found)
+
+
+def find(kind: str, name: str, suffix: str, error: type[PbdError]) -> Path:
+    """Find `name` of a kind: a path as it is given, else the user's ./KIND, else the bundled one.
+
+    Raises:
+        error: lists the valid names.
+    """
+    given = Path(name).expanduser()
+    for folder in (Path(kind), bundled(kind)):
+        for entry in _entries(folder, suffix):
+            if entry.name in (name, name + suffix):
+                return entry
+    if given.exists():
+        return given
+    valid = names(kind, suffix)
+    what = {"demos": "demonstration", "robots": "robot"}.get(kind, kind)
+    known = f"known are {', '.join(valid)}" if valid else f"none is known; put one into ./{kind}"
+    raise error(f"no {what} named '{name}', nor a file or folder of that path; {known}", value=name, valid=valid)
+
+
+def _entries(folder: Path, suffix: str) -> list[Path]:
+    """Files with the suffix, or, without one, folders that hold a demonstration."""
+    if not folder.is_dir():
+        return []
+    wanted = folder.glob(f"*{suffix}") if suffix else (path.parent for path in folder.glob("*/demo.toml"))
+    return sorted(wanted)

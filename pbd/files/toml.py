@@ -1,0 +1,148 @@
+"""Strict reading of a TOML file: what it lacks, what it has too much and what is of the wrong kind is an error.
+
+A reader asks a `Section` for each key that it knows; `done` then refuses every key that nobody asked for, so that a
+misspelt key can't be passed over in silence. Every error names the file, the line where it is known, and the key.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NoReturn
+
+from pbd.errors import PbdError
+
+
+def read_toml(path: Path, error: type[PbdError]) -> Section:
+    """Parse a file; whatever is wrong with it is raised as `error`."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as reason:
+        raise error(f"{path}: can't be read ({reason}); give the path of a TOML file", path=path) from None
+    try:
+        values = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as reason:
+        raise error(f"{path}: not valid TOML: {reason}; mend it there", path=path) from None
+    return Section(path, "", values, text, error)
+
+
+class Section:
+    """One table of a TOML file. `name` is its dotted name, empty for the file's top level."""
+
+    def __init__(self, path: Path, name: str, values: Mapping[str, Any], text: str, error: type[PbdError]) -> None:
+        self.path = path
+        self.name = name
+        self._values = values
+        self._text = text
+        self._error = error
+        self._asked: list[str] = []
+        self._sections: list[Section] = []
+
+    def __contains__(self, key: str) -> bool:
+        self._ask(key)
+        return key in self._values
+
+    def section(self, key: str) -> Section:
+        """Return the table under `key`."""
+        value = self._get(key)
+        if not isinstance(value, dict):
+            self.fail(key, "must be a table")
+        inner = Section(self.path, f"{self.name}.{key}".lstrip("."), value, self._text, self._error)
+        self._sections.append(inner)
+        return inner
+
+    def tables(self, key: str) -> list[Section]:
+        """Return the tables under `[[key]]`; none where there is no such key."""
+        values = self._get(key) if key in self else []
+        if not isinstance(values, list) or not all(isinstance(value, dict) for value in values):
+            self.fail(key, f"must be [[{key}]] tables")
+        name = f"{self.name}.{key}".lstrip(".")
+        inner = [Section(self.path, name, value, self._text, self._error) for value in values]
+        self._sections.extend(inner)
+        return inner
+
+    def text(self, key: str) -> str:
+        """Return a string that is not empty."""
+        value = self._get(key)
+        if not isinstance(value, str) or not value.strip():
+            self.fail(key, f"must be a string with something in it, got {value!r}")
+        return value
+
+    def texts(self, key: str) -> tuple[str, ...]:
+        """Return a list of strings."""
+        value = self._get(key)
+        if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
+            self.fail(key, f"must be a list of strings, got {value!r}")
+        return tuple(value)
+
+    def flag(self, key: str) -> bool:
+        """Return true or false."""
+        value = self._get(key)
+        if not isinstance(value, bool):
+            self.fail(key, f"must be true or false, got {value!r}")
+        return value
+
+    def number(self, key: str, *, positive: bool = False) -> float:
+        """Return a finite number."""
+        value = self._get(key)
+        if not _is_number(value):
+            self.fail(key, f"must be a finite number, got {value!r}")
+        if positive and value <= 0:
+            self.fail(key, f"must be above zero, got {value!r}")
+        return float(value)
+
+    def numbers(self, key: str, count: int, *, positive: bool = False) -> tuple[float, ...]:
+        """Return a list of `count` finite numbers."""
+        value = self._get(key)
+        if not isinstance(value, list) or not all(_is_number(item) for item in value):
+            self.fail(key, f"must be a list of {count} finite numbers, got {value!r}")
+        if len(value) != count:
+            self.fail(key, f"must have {count} numbers, got {len(value)}")
+        if positive and min(value, default=1.0) <= 0:
+            self.fail(key, f"must be above zero throughout, got {value!r}")
+        return tuple(float(item) for item in value)
+
+    def done(self) -> None:
+        """Refuse what nobody asked for, here and in the tables below."""
+        for key in self._values:
+            if key not in self._asked:
+                self.fail(key, f"is unknown; the keys here are {', '.join(self._asked)}", "remove or rename it")
+        for inner in self._sections:
+            inner.done()
+
+    def fail(self, key: str, what: str, next_step: str = "correct it") -> NoReturn:
+        """Raise the file's error, at `key`."""
+        line = _find_line(self._text, self.name, key)
+        where = f"{self.path}:{line}" if line else f"{self.path}"
+        place = f"[{self.name}] {key}" if self.name else key
+        raise self._error(f"{where}: {place} {what}; {next_step}", path=self.path, line=line, key=key)
+
+    def _ask(self, key: str) -> None:
+        if key not in self._asked:
+            self._asked.append(key)
+
+    def _get(self, key: str) -> Any:
+        self._ask(key)
+        if key not in self._values:
+            self.fail(key, "is missing", next_step="add it")
+        return self._values[key]
+
+
+def _find_line(text: str, section: str, key: str) -> int | None:
+    """Find the line, counted from 1, that sets `key` of `section` or the table around it; tomllib keeps none."""
+    full_name, current = f"{section}.{key}".lstrip("."), ""
+    for number, line in enumerate(text.splitlines(), start=1):
+        if header := re.match(r"\s*\[\s*([\w.\-]+)\s*\]", line):
+            current = header[1]
+        set_here = current == section and re.match(rf"\s*{re.escape(key)}\s*=", line)
+        if set_here or (header and current == full_name):
+            return number
+    outer, _, name = section.rpartition(".")
+    return _find_line(text, outer, name) if section else None
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

@@ -1,0 +1,226 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from math import factorial
+
+import numpy as np
+import pytest
+from scipy.interpolate import BSpline, PPoly
+
+from pbd.arm.audit import audit
+from pbd.arm.model import ArmModel
+from pbd.arm.timing import time_keyframes
+from pbd.data import JointTrajectory
+from pbd.errors import PlanError
+from pbd.pose import Array, Pose
+from tests.arm.conftest import changed, random_joints
+
+GRIPS = (None, True, None, False, None)
+
+
+def plan(arm: ArmModel, **factors: float) -> tuple[JointTrajectory, list[Pose]]:
+    """A sound motion through five keyframes; with a factor, as if the arm's limit of that name were so much larger."""
+    wide = {name: factor * getattr(arm.limits, name) for name, factor in factors.items()}
+    stretched = type("Stretched", (), {"robot": arm.robot, "limits": changed(arm.limits, **wide)})()
+    q = random_joints(arm.robot, 5, seed=1, margin=0.1)
+    trajectory = time_keyframes(stretched, q, [0, 0.2, 0.2, 0.2, 0], GRIPS, arm.robot.home)
+    return trajectory, [arm.forward(row) for row in q]
+
+
+def test_a_sound_trajectory_passes_and_says_what_it_uses(arm: ArmModel) -> None:
+    trajectory, poses = plan(arm)
+    report = audit(trajectory, arm.limits, arm, poses)
+    fine = trajectory.sample(5000.0)
+    velocity = (np.abs(fine.qd) / arm.limits.velocity).max()
+    acceleration = (np.abs(fine.qdd) / arm.limits.acceleration).max()
+    jerk = (np.abs(6 * trajectory.coefficients[:, 3]) / arm.limits.jerk).max()
+    assert report.velocity == pytest.approx(velocity, abs=1e-6)
+    assert report.acceleration == pytest.approx(acceleration, abs=1e-6)
+    assert report.jerk == pytest.approx(jerk, rel=1e-12)
+    assert report.max_position_error_m < 1e-12
+    assert report.max_rotation_error_rad < 1e-12
+
+
+def test_a_slower_one_uses_less(arm: ArmModel) -> None:
+    q = random_joints(arm.robot, 3, seed=2, margin=0.1)
+    trajectory = time_keyframes(arm, q, [0] * 3, [None] * 3, arm.robot.home, speed=0.5)
+    report = audit(trajectory, arm.limits, arm, [arm.forward(row) for row in q])
+    assert max(report.velocity, report.acceleration, report.jerk) == pytest.approx(0.5, rel=1e-9)
+
+
+@pytest.mark.parametrize(("limit", "unit"), [("velocity", "rad/s"), ("acceleration", "rad/s2"), ("jerk", "rad/s3")])
+def test_each_limit_bites(arm: ArmModel, limit: str, unit: str) -> None:
+    """Planned with one limit 0.1 % too wide: that one is broken, and no other."""
+    trajectory, poses = plan(arm, **{limit: 1.001})
+    with pytest.raises(PlanError) as caught:
+        audit(trajectory, arm.limits, arm, poses)
+    fields = caught.value.fields
+    joint, t, value, bound = fields["joint"], fields["t"], fields["value"], fields["bound"]
+    assert isinstance(t, float)
+    assert isinstance(value, float)
+    assert bound == getattr(arm.limits, limit)[arm.robot.joints.index(str(joint))]
+    assert abs(value) == pytest.approx(1.001 * float(str(bound)), rel=1e-9)
+    assert caught.value.message == (
+        f"audit: {joint} has {limit} {value:.6g} {unit}, beyond its limit of {bound:.6g} {unit}, at {t:.3f} s; nothing"
+        " is shown or written; report it with the demonstration and the robot's TOML"
+    )
+    # the same trajectory passes where that limit alone is as wide as it was planned with
+    audit(trajectory, changed(arm.limits, **{limit: 1.001 * getattr(arm.limits, limit)}), arm, poses)
+
+
+@pytest.mark.parametrize("end", ["lower", "upper"])
+def test_position_limits_bite(arm: ArmModel, end: str) -> None:
+    trajectory, poses = plan(arm)
+    reached = trajectory.coefficients[:, 0, 2]
+    extreme = float(reached.min() if end == "lower" else reached.max())
+    inward = 1e-4 if end == "lower" else -1e-4
+    limit = getattr(arm.limits, end).copy()
+    limit[2] = extreme + inward
+    with pytest.raises(PlanError, match=r"panda_joint3 is at .* rad, beyond its limit of .* rad, at .* s; ") as caught:
+        audit(trajectory, changed(arm.limits, **{end: limit}), arm, poses)
+    assert caught.value.fields["joint"] == "panda_joint3"
+    assert caught.value.fields["value"] == pytest.approx(extreme)
+    limit[2] = extreme
+    audit(trajectory, changed(arm.limits, **{end: limit}), arm, poses)
+
+
+def spline(arm: ArmModel, seed: int) -> tuple[JointTrajectory, PPoly]:
+    """A random smooth motion from rest to rest: cubic B-splines whose first and last three control points are equal.
+
+    Its extremes lie inside its pieces, at places that have nothing to do with ruckig's phases.
+    """
+    rng = np.random.default_rng(seed)
+    control = arm.robot.home + rng.uniform(-0.2, 0.2, (12, 7))
+    control[:3], control[-3:] = control[2], control[-3]
+    curve = BSpline(0.4 * np.arange(-3, 13), control, 3)
+    knots = 0.4 * np.arange(10.0)
+    powers = np.stack([curve(knots[:-1], nu=order) / factorial(order) for order in range(4)])
+    trajectory = JointTrajectory(
+        joint_names=arm.robot.joints,
+        knots=knots,
+        coefficients=np.swapaxes(powers, 0, 1),
+        gripper_t=np.zeros(1),
+        gripper_opening=np.ones(1),
+        keyframe_t=np.zeros(1),
+        keyframe_q=control[:1],
+    )
+    return trajectory, PPoly(powers[::-1], knots)
+
+
+def extremes(values: PPoly, joint: int) -> Array:
+    """Oracle: the values at the ends and at scipy's roots of the derivative."""
+    one = PPoly(values.c[:, :, joint], values.x)
+    roots = one.derivative().roots(discontinuity=False, extrapolate=False)
+    return np.asarray(one(np.concatenate((values.x[[0, -1]], roots))))
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_extremes_inside_the_pieces_are_found(arm: ArmModel, seed: int) -> None:
+    trajectory, q = spline(arm, seed)
+    poses = [arm.forward(trajectory.keyframe_q[0])]
+    velocity = max(np.abs(extremes(q.derivative(), j)).max() / arm.limits.velocity[j] for j in range(7))
+    assert audit(trajectory, arm.limits, arm, poses).velocity == pytest.approx(velocity, rel=1e-9)
+    for joint in range(7):
+        highest, lowest = (float(pick(extremes(q, joint))) for pick in (np.max, np.min))
+        tight = {"lower": np.where(np.arange(7) == joint, lowest, -10.0), "upper": np.full(7, 10.0)}
+        audit(trajectory, changed(arm.limits, **tight), arm, poses)
+        tight["lower"] += 1e-5
+        with pytest.raises(PlanError, match=f"{arm.robot.joints[joint]} is at"):
+            audit(trajectory, changed(arm.limits, **tight), arm, poses)
+        tight = {"lower": np.full(7, -10.0), "upper": np.where(np.arange(7) == joint, highest - 1e-5, 10.0)}
+        with pytest.raises(PlanError, match=f"{arm.robot.joints[joint]} is at"):
+            audit(trajectory, changed(arm.limits, **tight), arm, poses)
+
+
+def altered(trajectory: JointTrajectory, piece: int, order: int, by: float) -> JointTrajectory:
+    coefficients = trajectory.coefficients.copy()
+    coefficients[piece, order, 3] += by
+    return replace(trajectory, coefficients=coefficients)
+
+
+def shifted(trajectory: JointTrajectory, piece: int, by: float) -> JointTrajectory:
+    """All pieces from one on: a jump with nothing else about it."""
+    coefficients = trajectory.coefficients.copy()
+    coefficients[piece:, 0, 3] += by
+    return replace(trajectory, coefficients=coefficients)
+
+
+Alter = Callable[[JointTrajectory], JointTrajectory]
+
+
+@pytest.mark.parametrize(
+    ("alter", "message"),
+    [
+        (lambda t: shifted(t, 9, 1e-8), r"panda_joint4 jumps by 1e-08 rad in position at .* s"),
+        (lambda t: altered(t, 9, 1, 1e-5), r"panda_joint4 jumps by .* in (position|velocity) at .* s"),
+        (lambda t: altered(t, 0, 1, 1e-5), r"panda_joint4 jumps by .* rad.* in .* at .* s"),
+        (lambda t: altered(t, -1, 2, 1e-3), r"panda_joint4 jumps by .* rad.* in .* at .* s"),
+        (lambda t: altered(t, 4, 3, np.nan), "the trajectory holds a number that is not finite"),
+        (lambda t: replace(t, knots=t.knots + 0.1), "the trajectory's pieces don't follow each other from 0 on"),
+        (lambda t: replace(t, knots=np.sort(t.knots)[::-1] * 1.0), "the trajectory's pieces don't follow each other"),
+        (lambda t: replace(t, gripper_opening=t.gripper_opening * 1.1), "the gripper's times go back, or its opening"),
+        (lambda t: replace(t, gripper_t=t.gripper_t[::-1]), "the gripper's times go back, or its opening leaves 0..1"),
+        (lambda t: replace(t, joint_names=("a", *t.joint_names[1:])), r"the trajectory moves \('a', .*the robot's"),
+        (lambda t: replace(t, keyframe_t=t.keyframe_t[:-1], keyframe_q=t.keyframe_q[:-1]), "has 4 keyframes, 5 were"),
+        (lambda t: replace(t, keyframe_t=t.keyframe_t + 0.05), r"keyframe 0 \(.* s\) the joints aren't those of the"),
+        (lambda t: replace(t, keyframe_q=t.keyframe_q + 1e-8), r"keyframe 0 \(.* s\) the joints aren't those of the"),
+        (lambda t: replace(t, keyframe_q=t.keyframe_q * np.nan), r"keyframe 0 \(.* s\) the joints aren't those of"),
+    ],
+)
+def test_each_promise_bites(arm: ArmModel, alter: Alter, message: str) -> None:
+    trajectory, poses = plan(arm)
+    with pytest.raises(PlanError, match=f"^audit: .*{message}.*; nothing is shown or written; report it"):
+        audit(alter(trajectory), arm.limits, arm, poses)
+
+
+@pytest.mark.parametrize("last", [1, 2])
+def test_it_ends_at_rest(arm: ArmModel, last: int) -> None:
+    """Cut off in the middle of a move, it is smooth as far as it goes, but doesn't end at rest."""
+    trajectory, poses = plan(arm)
+    cut = len(trajectory.coefficients) - last
+    short = replace(
+        trajectory,
+        knots=trajectory.knots[: cut + 1],
+        coefficients=trajectory.coefficients[:cut],
+        keyframe_t=trajectory.keyframe_t[:-1],
+        keyframe_q=trajectory.keyframe_q[:-1],
+    )
+    with pytest.raises(PlanError, match=r"jumps by .* rad/s2? in (velocity|acceleration)") as caught:
+        audit(short, arm.limits, arm, poses[:-1])
+    assert caught.value.fields["t"] == short.duration
+
+
+@pytest.mark.parametrize(
+    ("twist", "sound"),
+    [((0.9e-5, 0, 0, 0, 0, 0), True), ((1.1e-5, 0, 0, 0, 0, 0), False),
+     ((0, 0, 0, 0.9e-5, 0, 0), True), ((0, 0, 0, 0, 0, 1.1e-5), False)],
+)  # fmt: skip
+def test_poses_bite(arm: ArmModel, twist: tuple[float, ...], sound: bool) -> None:
+    trajectory, poses = plan(arm)
+    wanted = [*poses[:3], poses[3] @ Pose.exp(twist), poses[4]]
+    if sound:
+        report = audit(trajectory, arm.limits, arm, wanted)
+        assert report.max_position_error_m + report.max_rotation_error_rad == pytest.approx(0.9e-5, rel=1e-3)
+    else:
+        with pytest.raises(PlanError) as caught:
+            audit(trajectory, arm.limits, arm, wanted)
+        assert caught.value.fields["keyframe"] == 3
+        assert "at keyframe 3 (" in caught.value.message
+        assert " rad off its pose; nothing is shown or written; " in caught.value.message
+
+
+def test_samples_that_are_not_those_of_the_pieces_are_found(arm: ArmModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is written is what `JointTrajectory.sample` says; a fault there is caught too."""
+    trajectory, poses = plan(arm)
+    true_sample = JointTrajectory.sample
+
+    def faulty(self: JointTrajectory, rate_hz: float) -> object:
+        samples = true_sample(self, rate_hz)
+        q: Array = samples.q.copy()
+        q[len(q) // 2, 5] += 0.01
+        return replace(samples, q=q)
+
+    monkeypatch.setattr(JointTrajectory, "sample", faulty)
+    with pytest.raises(PlanError, match="panda_joint6 has velocity"):
+        audit(trajectory, arm.limits, arm, poses)

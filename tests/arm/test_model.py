@@ -1,0 +1,154 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from pbd.arm.model import ArmModel, from_se3, load_model, to_se3
+from pbd.data import Robot
+from pbd.errors import RobotError
+from pbd.pose import Array, Pose, quat_to_matrix
+from tests.arm.conftest import random_joints
+
+
+def test_forward_agrees_with_the_whole_urdf(arm: ArmModel, oracle: Callable[[Array], Any]) -> None:
+    for q in random_joints(arm.robot, 100, seed=1):
+        np.testing.assert_allclose(arm.forward(q).matrix(), oracle(q).homogeneous, atol=1e-14)
+
+
+@pytest.mark.parametrize("which", ["arm", "odd_arm"])
+def test_many_poses_agree_with_one(which: str, request: pytest.FixtureRequest) -> None:
+    arm: ArmModel = request.getfixturevalue(which)
+    q = random_joints(arm.robot, 50, seed=2)
+    p, R = arm.forward_many(q)
+    for i, pose in enumerate(map(arm.forward, q)):
+        np.testing.assert_allclose(p[i], pose.p, atol=1e-14)
+        np.testing.assert_allclose(R[i], quat_to_matrix(pose.wxyz), atol=1e-14)
+
+
+@pytest.mark.parametrize("which", ["arm", "odd_arm"])
+def test_jacobian_is_the_derivative_of_forward(which: str, request: pytest.FixtureRequest) -> None:
+    arm: ArmModel = request.getfixturevalue(which)
+    step = 1e-6
+    for q in random_joints(arm.robot, 20, seed=3):
+        here, J = arm.forward(q), arm.jacobian(q)
+        for joint in range(len(q)):
+            shift = np.zeros(len(q))
+            shift[joint] = step
+            central = (here.inverse() @ arm.forward(q + shift)).log() - (here.inverse() @ arm.forward(q - shift)).log()
+            np.testing.assert_allclose(J[:, joint], central / (2 * step), atol=1e-9)
+
+
+def test_a_base_that_is_not_the_root(odd_arm: ArmModel) -> None:
+    model = odd_arm.full
+    data = model.createData()
+    q = np.array([0.4, 0.1, -0.3, 1.2])
+    pin.framesForwardKinematics(model, data, odd_arm.full_q(q, 1.0))
+    foot, hand = (data.oMf[model.getFrameId(name)] for name in ("foot", "hand"))
+    expected = foot.inverse() * hand * to_se3(odd_arm.robot.T_body_tool)
+    np.testing.assert_allclose(odd_arm.forward(q).matrix(), expected.homogeneous, atol=1e-14)
+
+
+def test_an_endless_joint_is_one_angle(odd_arm: ArmModel) -> None:
+    q = np.array([0.4, 0.1, -0.3, 1.2])
+    turned = q + np.array([2 * np.pi, 0, 0, 0])
+    np.testing.assert_allclose(odd_arm.forward(turned).matrix(), odd_arm.forward(q).matrix(), atol=1e-14)
+    assert odd_arm.full.nq == 6  # the angle's cosine and sine, three joints of the arm, the flagpole
+    np.testing.assert_array_equal(odd_arm.turns, [1, 0, 1, 1])
+
+
+def test_tool_lies_between_the_fingers_and_x_is_the_way_they_open(arm: ArmModel) -> None:
+    model, q = arm.full, arm.robot.home
+    data = model.createData()
+    tool = arm.forward(q)
+    left, right = (model.getFrameId(f"panda_{side}finger", pin.FrameType.BODY) for side in ("left", "right"))
+
+    def fingers(opening: float) -> tuple[Array, Array]:
+        """Positions of both fingers' bodies in the tool's frame."""
+        pin.framesForwardKinematics(model, data, arm.full_q(q, opening))
+        inverse = tool.inverse()
+        return inverse.act(data.oMf[left].translation), inverse.act(data.oMf[right].translation)
+
+    shut, wide = fingers(0.0), fingers(1.0)
+    np.testing.assert_allclose(np.abs(wide[0] - wide[1]), [0.08, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(wide[0] - shut[0], [0.04, 0, 0], atol=1e-12)
+    np.testing.assert_allclose((wide[0] + wide[1])[:2], 0.0, atol=1e-12)
+    assert shut[0][2] < 0.0  # the fingers' bodies lie behind the tips, z leads out of the hand
+
+
+def test_full_configuration_opens_the_gripper_by_its_share(arm: ArmModel) -> None:
+    q = random_joints(arm.robot, 1, seed=4)[0]
+    np.testing.assert_array_equal(arm.full_q(q, 0.25), [*q, 0.01, 0.01])
+
+
+def test_home_stands_above_the_table_and_points_down(arm: ArmModel) -> None:
+    home = arm.forward(arm.robot.home)
+    assert home.p[2] > 0.3
+    assert home.p[0] > 0.2
+    np.testing.assert_allclose(quat_to_matrix(home.wxyz)[:, 2], [0, 0, -1], atol=1e-5)
+    np.testing.assert_allclose(quat_to_matrix(home.wxyz)[:, 0], [1, 0, 0], atol=1e-5)
+
+
+def test_poses_go_to_pinocchio_and_back() -> None:
+    pose = Pose.from_rpy((0.1, -0.2, 0.3), (0.4, -1.5, 3.0))
+    there = to_se3(pose)
+    np.testing.assert_allclose(there.homogeneous, pose.matrix(), atol=1e-15)
+    assert max(from_se3(there).distance(pose)) < 1e-15
+
+
+def test_loading_reads_no_mesh(panda: Robot, tmp_path: Path) -> None:
+    """Planning must not wait for meshes: a URDF whose meshes aren't there is planned with all the same."""
+    lonely = tmp_path / "panda.urdf"
+    lonely.write_bytes(panda.urdf.read_bytes())
+    arm = load_model(replace(panda, urdf=lonely, package_dirs=()))
+    assert arm.forward(panda.home).p[0] > 0.2
+
+
+def test_errors_are_one_line_and_list_the_names(odd_robot: Robot, tmp_path: Path) -> None:
+    urdf = odd_robot.urdf
+    cases = (
+        (
+            replace(odd_robot, body="hnad"),
+            f"odd: {urdf} has no body 'hnad'; choose one of room, foot, flag, turret, carriage, forearm, hand",
+        ),
+        (
+            replace(odd_robot, joints=("pan", "lift", "elbow", "swing")),
+            f"odd: {urdf} has no joint 'elbow'; choose one of flagpole, pan, lift, wrist, swing",
+        ),
+        (
+            replace(odd_robot, base="carriage"),
+            "odd: base 'carriage' moves with lift; choose a body that stands still",
+        ),
+        (
+            replace(odd_robot, joints=("lift", "pan", "wrist", "swing")),
+            f"odd: the arm's joints stand in the order pan, lift, wrist, swing in {urdf}; list them in that order",
+        ),
+    )
+    for robot, message in cases:
+        with pytest.raises(RobotError) as caught:
+            load_model(robot)
+        assert caught.value.message == message
+
+
+@pytest.mark.parametrize("text", ["", "no robot at all", "<robot name='x'><link name='a'/><link name='b'/></robot>"])
+def test_a_urdf_that_cant_be_read_is_one_line(odd_robot: Robot, tmp_path: Path, text: str) -> None:
+    broken = tmp_path / "broken.urdf"
+    broken.write_text(text, encoding="utf-8")
+    with pytest.raises(RobotError, match=r"broken\.urdf: not a URDF that can be read: .*; mend it there") as caught:
+        load_model(replace(odd_robot, urdf=broken))
+    assert "\n" not in caught.value.message
+
+
+def test_the_arm_needs_no_viewer() -> None:
+    """Planning imports pinocchio and ruckig and nothing else that is heavy."""
+    code = "import sys, pbd.arm.sequence, pbd.arm.timing, pbd.arm.audit; print(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert {"pinocchio", "ruckig"} <= set(loaded)
+    assert not {"meshcat", "matplotlib", "scipy", "vqf"} & set(loaded)

@@ -1,0 +1,138 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pbd.arm.ik import check
+from pbd.arm.model import ArmModel, load_model
+from pbd.arm.sequence import solve_sequence
+from pbd.data import Robot
+from pbd.errors import PlanError
+from pbd.pose import Array, Pose
+from tests.arm.conftest import changed, random_joints
+
+
+def travel(path: Array) -> float:
+    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+
+
+def wander(robot: Robot, keyframes: int, seed: int) -> Array:
+    """(keyframes + 1, k) a joint path within limits, about a rad a step."""
+    rng = np.random.default_rng(seed)
+    path = [random_joints(robot, 1, seed, margin=0.1)[0]]
+    while len(path) <= keyframes:
+        q = path[-1] + rng.normal(size=len(path[0])) / np.sqrt(len(path[0]))
+        if ((q > robot.limits.lower) & (q < robot.limits.upper)).all():
+            path.append(q)
+    return np.array(path)
+
+
+def travel_ratios(arm: ArmModel) -> list[float]:
+    """Joint travel through the poses of 20 paths, as a share of those paths' own."""
+    ratios = []
+    for seed in range(20):
+        truth = wander(arm.robot, 9, seed)
+        poses = [arm.forward(q) for q in truth[1:]]
+        path = solve_sequence(arm, poses, truth[0])
+        assert all(check(arm, pose, q).reached for pose, q in zip(poses, path, strict=True))
+        assert ((path >= arm.limits.lower) & (path <= arm.limits.upper)).all()
+        ratios.append(travel(np.vstack((truth[0], path))) / travel(truth))
+    return ratios
+
+
+def test_travel_is_less_than_that_of_a_path_known_to_exist(arm: ArmModel) -> None:
+    assert max(travel_ratios(arm)) < 1.05
+
+
+def test_following_on_alone_gets_caught(arm: ArmModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Why solutions are also sought afresh: each found from the one before alone runs into joint limits and detours."""
+    monkeypatch.setattr("pbd.arm.sequence.FRESH", 0)
+    assert max(travel_ratios(arm)) > 1.2
+
+
+def test_a_still_hand_keeps_the_arm_still(arm: ArmModel) -> None:
+    home = arm.robot.home
+    path = solve_sequence(arm, [arm.forward(home)] * 4, home)
+    np.testing.assert_array_equal(path, np.tile(home, (4, 1)))
+
+
+def test_the_freedom_that_is_left_shortens_the_path(arm: ArmModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    truth = wander(arm.robot, 6, seed=40)
+    poses = [arm.forward(q) for q in truth[1:]]
+    slid = solve_sequence(arm, poses, truth[0])
+    monkeypatch.setattr("pbd.arm.sequence.SWEEPS", 0)
+    unslid = solve_sequence(arm, poses, truth[0])
+    assert travel(np.vstack((truth[0], slid))) < travel(np.vstack((truth[0], unslid)))
+
+
+def test_the_same_poses_give_the_same_path(arm: ArmModel) -> None:
+    truth = wander(arm.robot, 5, seed=41)
+    poses = [arm.forward(q) for q in truth[1:]]
+    np.testing.assert_array_equal(solve_sequence(arm, poses, truth[0]), solve_sequence(arm, poses, truth[0]))
+
+
+def test_no_keyframes_no_path(arm: ArmModel) -> None:
+    assert solve_sequence(arm, [], arm.robot.home).shape == (0, 7)
+
+
+def test_a_joint_of_many_turns_takes_the_nearest(odd_arm: ArmModel) -> None:
+    """The endless joint may stand at any turn, the wrist at one of two: it must not be sent round."""
+    start = np.array([20.0, 0.2, 6.2, 0.1])
+    path = solve_sequence(odd_arm, [odd_arm.forward(start + step) for step in (0.05, 0.1, 0.15)], start)
+    np.testing.assert_allclose(path, start + np.array([[0.05], [0.1], [0.15]]), atol=1e-3)
+
+
+def test_samples_are_turned_toward_the_arm(odd_arm: ArmModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same with nothing carried along: what is found from samples, a turn about zero, goes to where the arm is."""
+    monkeypatch.setattr("pbd.arm.sequence.CARRIED", 0)
+    monkeypatch.setattr("pbd.arm.sequence.FRESH", 40)
+    start = np.array([20.0, 0.2, 6.0, 0.1])
+    path = solve_sequence(odd_arm, [odd_arm.forward(start + 0.05)], start)
+    np.testing.assert_allclose(path, [start + 0.05], atol=1e-3)
+
+
+def test_whole_turns_stay_within_the_limits(odd_robot: Robot) -> None:
+    turn = np.array([-np.pi, 0.0, -6.5, -2.0])
+    narrow = replace(odd_robot, limits=changed(odd_robot.limits, lower=turn, upper=np.array([np.pi, 0.4, 6.5, 2.0])))
+    arm = load_model(narrow)
+    start = np.array([3.1, 0.2, 0.0, 0.1])
+    beyond = start + np.array([0.2, 0, 0, 0])
+    path = solve_sequence(arm, [arm.forward(beyond)], start)
+    np.testing.assert_allclose(path, [beyond - np.array([2 * np.pi, 0, 0, 0])], atol=1e-3)
+
+
+def test_the_first_keyframe_out_of_reach_is_named(arm: ArmModel) -> None:
+    down = (np.pi, 0.0, 0.0)
+    poses = [Pose.from_rpy((0.45, 0.0, 0.3), down), Pose.from_rpy((1.2, 0.1, 0.4), down)]
+    with pytest.raises(PlanError) as caught:
+        solve_sequence(arm, [poses[0], poses[0], poses[1], poses[1]], arm.robot.home)
+    error = caught.value
+    centimetres, degrees = 100 * error.fields["value"], np.rad2deg(error.fields["rotation"])  # type: ignore[operator,call-overload]
+    assert error.fields["keyframe"] == 2
+    assert error.fields["bound"] == 1e-5
+    assert centimetres > 20
+    assert error.message == (
+        f"keyframe 2 is out of reach: the tool gets no nearer than {centimetres:.1f} cm and {degrees:.1f} degrees to"
+        " its pose at (1.200, 0.100, 0.400) m; move the dock, or make the path smaller with --scale"
+    )
+    assert error.exit_code == 3
+
+
+@pytest.mark.parametrize("roll_deg", [-90, -45, 0, 45, 90])
+def test_the_docks_surroundings_are_within_reach(arm: ArmModel, roll_deg: float) -> None:
+    """What robots/panda.toml's dock is chosen for: a level sensor in the whole box, rolling it in the box's middle."""
+    dock = arm.robot.dock
+    assert dock is not None
+    assert dock.T_base_dock is not None
+    x, y, z = dock.T_base_dock.p
+    assert 0.30 <= x <= 0.65
+    assert -0.25 <= y <= 0.25
+    assert 0.10 <= z <= 0.45
+    across = ((0.30, 0.65), (-0.25, 0.25), (0.10, 0.45)) if roll_deg == 0 else ((0.4, 0.55), (-0.1, 0.1), (0.2, 0.4))
+    corners = np.array(np.meshgrid(*across)).reshape(3, -1).T
+    poses = [Pose.from_rpy(p, np.deg2rad((roll_deg, 0, 0))) @ dock.T_sensor_tool for p in corners]
+    path = solve_sequence(arm, poses, arm.robot.home)
+    assert all(check(arm, pose, q).reached for pose, q in zip(poses, path, strict=True))
+    assert dock.table_height == 0.0

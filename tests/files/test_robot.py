@@ -1,0 +1,292 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pbd.errors import RobotError
+from pbd.files.robot import load_robot
+from pbd.files.urdf import read_poses, read_urdf
+
+PANDA = Path(__file__).parents[2] / "robots" / "panda.toml"
+
+
+def test_panda_is_what_its_data_sheet_says() -> None:
+    robot = load_robot(PANDA)
+    assert robot.name == "panda"
+    assert robot.joints == tuple(f"panda_joint{i}" for i in range(1, 8))
+    assert (robot.base, robot.body) == ("panda_link0", "panda_hand_tcp")
+    limits = robot.limits
+    # Franka's "Robot and interface specifications", limits for Panda
+    np.testing.assert_array_equal(limits.upper, [2.8973, 1.7628, 2.8973, -0.0698, 2.8973, 3.7525, 2.8973])
+    np.testing.assert_array_equal(limits.lower, [-2.8973, -1.7628, -2.8973, -3.0718, -2.8973, -0.0175, -2.8973])
+    np.testing.assert_array_equal(limits.velocity, [2.175] * 4 + [2.61] * 3)
+    np.testing.assert_array_equal(limits.acceleration, [15, 7.5, 10, 12.5, 15, 20, 20])
+    np.testing.assert_array_equal(limits.jerk, [7500, 3750, 5000, 6250, 7500, 10000, 10000])
+    assert "frankaemika.github.io" in limits.source
+    assert robot.urdf.is_file()
+    assert robot.srdf is not None
+    assert robot.srdf.is_file()
+    assert robot.gripper is not None
+    np.testing.assert_array_equal(robot.gripper.open, [0.04, 0.04])
+    assert robot.dock is not None
+    assert robot.dock.T_base_dock is not None
+    assert robot.dock.name == "panda's own dock"
+    assert robot.dock.robots == ("panda",)
+    np.testing.assert_array_equal(robot.dock.T_base_dock.wxyz, [1, 0, 0, 0])
+    # package:// in the URDF leads to its meshes
+    mesh = "example-robot-data/robots/panda_description/meshes/visual/link0.dae"
+    assert any((folder / mesh).is_file() for folder in robot.package_dirs)
+
+
+def test_loading_imports_no_robot_library() -> None:
+    code = "import sys; from pathlib import Path; from pbd.files.robot import load_robot; load_robot(Path(sys.argv[1]))"
+    heavy = "{'pinocchio', 'scipy', 'ruckig', 'meshcat', 'tomlkit'} & set(sys.modules)"
+    run = subprocess.run(
+        [sys.executable, "-c", f"{code}; print({heavy})", str(PANDA)], capture_output=True, text=True, check=True
+    )
+    assert run.stdout == "set()\n"
+
+
+# --- a robot of the user's own ----------------------------------------------------------------------------------------
+
+TOML = """\
+format = 1
+name = "mine"
+description = "two joints and a claw"
+
+[model]
+urdf = "mine.urdf"
+base = "foot"
+body = "hand"
+T_body_tool = { xyz = [0.0, 0.0, 0.1], rpy_deg = [0.0, 0.0, 90.0] }
+
+[arm]
+home = [0.1, 0.2]
+
+[gripper]
+joints = ["claw"]
+open = [0.5]
+closed = [0.0]
+stroke_s = 0.4
+
+[limits]
+source = "measured"
+acceleration = [5.0, 6.0]
+jerk = [100, 200]
+
+[dock]
+position = [0.3, 0.0, 0.2]
+rpy_deg = [0.0, 0.0, 30.0]
+"""
+
+URDF = """<?xml version="1.0"?>
+<robot name="mine">
+  <link name="foot"/> <link name="upper"/> <link name="mid"/> <link name="hand"/> <link name="finger"/>
+  <joint name="shoulder" type="revolute">
+    <parent link="foot"/> <child link="upper"/> <axis xyz="0 0 1"/>
+    <limit effort="1" lower="-2" upper="2" velocity="1.5"/>
+  </joint>
+  <joint name="mount" type="fixed"> <parent link="upper"/> <child link="mid"/> </joint>
+  <joint name="elbow" type="continuous">
+    <parent link="mid"/> <child link="hand"/> <axis xyz="0 1 0"/> <limit effort="1" velocity="2.5"/>
+  </joint>
+  <joint name="claw" type="revolute">
+    <parent link="hand"/> <child link="finger"/> <axis xyz="1 0 0"/>
+    <limit effort="1" lower="0" upper="0.5" velocity="3"/>
+  </joint>
+</robot>
+"""
+
+SRDF = """<robot name="mine">
+  <group_state name="rest" group="arm"> <joint name="shoulder" value="0.5"/> <joint name="elbow" value="-1"/>
+  </group_state>
+  <group_state name="half" group="arm"> <joint name="shoulder" value="0.5"/> </group_state>
+</robot>
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "mine.toml").write_text(TOML, encoding="utf-8")
+    (tmp_path / "mine.urdf").write_text(URDF, encoding="utf-8")
+    (tmp_path / "mine.srdf").write_text(SRDF, encoding="utf-8")
+    return tmp_path
+
+
+def change(path: Path, old: str, new: str) -> None:
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new), encoding="utf-8")
+
+
+def test_a_users_own_urdf(folder: Path) -> None:
+    robot = load_robot(folder / "mine.toml")
+    assert robot.joints == ("shoulder", "elbow")
+    assert robot.urdf == folder.resolve() / "mine.urdf"
+    np.testing.assert_array_equal(robot.limits.velocity, [1.5, 2.5])  # the URDF's
+    np.testing.assert_array_equal(robot.limits.lower, [-2, -np.inf])
+    np.testing.assert_array_equal(robot.limits.upper, [2, np.inf])
+    np.testing.assert_array_equal(robot.home, [0.1, 0.2])
+    np.testing.assert_allclose(robot.T_body_tool.act([1, 0, 0]), [0, 1, 0.1], atol=1e-15)
+    assert folder.resolve() in robot.package_dirs
+    assert robot.dock is not None
+    assert robot.dock.scale == 1.0
+    assert robot.dock.table_height is None
+    assert robot.dock.any_attitude is False
+
+
+def test_what_may_be_left_out_or_added(folder: Path) -> None:
+    toml = folder / "mine.toml"
+    change(toml, TOML[TOML.index("[gripper]") : TOML.index("[limits]")], "")
+    change(toml, TOML[TOML.index("[dock]") :], "")
+    change(toml, "home = [0.1, 0.2]", 'joints = ["elbow"]\nhome_pose = "rest"')
+    change(toml, 'urdf = "mine.urdf"', 'urdf = "mine.urdf"\nsrdf = "mine.srdf"')
+    change(toml, "acceleration = [5.0, 6.0]\njerk = [100, 200]", "velocity = [1]\nacceleration = [5.0]\njerk = [100]")
+    robot = load_robot(toml)
+    assert robot.joints == ("elbow",)
+    assert robot.gripper is None
+    assert robot.dock is None
+    np.testing.assert_array_equal(robot.home, [-1])
+    np.testing.assert_array_equal(robot.limits.velocity, [1])
+
+
+def test_the_docks_options(folder: Path) -> None:
+    with (folder / "mine.toml").open("a", encoding="utf-8") as file:
+        file.write("scale = 0.5\ntable_height = -0.02\nany_attitude = true\n")
+    dock = load_robot(folder / "mine.toml").dock
+    assert dock is not None
+    assert (dock.scale, dock.table_height, dock.any_attitude) == (0.5, -0.02, True)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("format = 1", "format = 2", ":1: format must be 1, the only format that this version reads; correct it"),
+        ('name = "mine"\n', "", ": name is missing; add it"),
+        ("format = 1\n", "format = 1\ncolour = 3\n",
+         ":2: colour is unknown; the keys here are format, name, description, notes, model, gripper, arm, limits, dock;"
+         " remove or rename it"),
+        ("jerk", "jrek", ": [limits] jerk is missing; add it"),
+        ("jerk = [100, 200]", "jerk = [100, 200]\njrek = 1",
+         ":24: [limits] jrek is unknown; the keys here are source, velocity, acceleration, jerk; remove or rename it"),
+        ("jerk = [100, 200]", "jerk = [100, 0]",
+         ":23: [limits] jerk must be above zero throughout, got [100, 0]; correct it"),
+        ("[5.0, 6.0]", "[5.0, -6.0]",
+         ":22: [limits] acceleration must be above zero throughout, got [5.0, -6.0]; correct it"),
+        ("[5.0, 6.0]", "[5.0]", ":22: [limits] acceleration must have 2 numbers, got 1; correct it"),
+        ("[5.0, 6.0]", "[5.0, nan]",
+         ":22: [limits] acceleration must be a list of 2 finite numbers, got [5.0, nan]; correct it"),
+        ("[5.0, 6.0]", "[5.0, true]",
+         ":22: [limits] acceleration must be a list of 2 finite numbers, got [5.0, True]; correct it"),
+        ('source = "measured"', 'source = ""',
+         ":21: [limits] source must be a string with something in it, got ''; correct it"),
+        ("home = [0.1, 0.2]", "home = [2.1, 0.2]", ":12: [arm] home puts shoulder at 2.1, outside -2..2; correct it"),
+        ("home = [0.1, 0.2]", "home = [0.1]", ":12: [arm] home must have 2 numbers, got 1; correct it"),
+        ("home = [0.1, 0.2]", 'home_pose = "rest"',
+         ":12: [arm] home_pose names 'rest', which the SRDF hasn't; its poses are (none); correct it"),
+        ("home = [0.1, 0.2]", 'home = [0, 0]\nhome_pose = "rest"',
+         ":13: [arm] home_pose stands beside home, which says the same; remove one of them"),
+        ("home = [0.1, 0.2]", 'joints = ["elbow", "shoulder"]\nhome = [0.1, 0.2]',
+         ":12: [arm] joints must be some of shoulder, elbow, in that order (base to tool), got elbow, shoulder;"
+         " correct it"),
+        ('joints = ["claw"]', 'joints = ["mount"]',
+         ":15: [gripper] joints names 'mount', which is no joint that moves; the URDF has shoulder, elbow, claw;"
+         " correct it"),
+        ("open = [0.5]", "open = [0.6]", ":16: [gripper] open puts claw at 0.6, outside 0..0.5; correct it"),
+        ("stroke_s = 0.4", "stroke_s = 0", ":18: [gripper] stroke_s must be above zero, got 0; correct it"),
+        ('base = "foot"', 'base = "feet"',
+         "mine.urdf has no link 'feet'; set base to one of foot, upper, mid, hand, finger"),
+        ('body = "hand"', 'body = "glove"',
+         "mine.urdf has no link 'glove'; set body to one of foot, upper, mid, hand, finger"),
+        ('base = "foot"', 'base = "finger"',
+         "mine.urdf: no joints lead from 'finger' to 'hand'; choose another base"),
+        ("xyz = [0.0, 0.0, 0.1]", "xyz = [0.0, 0.1]",
+         ":9: [model.T_body_tool] xyz must have 3 numbers, got 2; correct it"),
+        ("xyz = [0.0, 0.0, 0.1]", "xzy = [0.0, 0.0, 0.1]", ":9: [model.T_body_tool] xyz is missing; add it"),
+        ("position = [0.3, 0.0, 0.2]", "position = 0.3",
+         ":26: [dock] position must be a list of 3 finite numbers, got 0.3; correct it"),
+        ("rpy_deg = [0.0, 0.0, 30.0]", "rpy_deg = [0, 0, 0]\nscale = -1",
+         ":28: [dock] scale must be above zero, got -1; correct it"),
+        ("rpy_deg = [0.0, 0.0, 30.0]", 'rpy_deg = [0, 0, 0]\nany_attitude = "yes"',
+         ":28: [dock] any_attitude must be true or false, got 'yes'; correct it"),
+        ("[dock]\n", "[dok]\n",
+         ":25: dok is unknown; the keys here are format, name, description, notes, model, gripper, arm, limits, dock;"
+         " remove or rename it"),
+        ("[limits]\n", "limits = 3\n[limts]\n", ": limits is missing; add it"),
+        ("name = ", "name == ", "not valid TOML: Invalid value (at line 2, column 7); mend it there"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_said_in_one_line(folder: Path, old: str, new: str, message: str) -> None:
+    change(folder / "mine.toml", old, new)
+    with pytest.raises(RobotError) as caught:
+        load_robot(folder / "mine.toml")
+    assert caught.value.message.endswith(message)
+    assert caught.value.message.startswith(str(folder.resolve() / "mine."))
+    assert "\n" not in caught.value.message
+
+
+def test_a_urdf_that_isnt_there_says_where_it_was_looked_for(folder: Path) -> None:
+    change(folder / "mine.toml", 'urdf = "mine.urdf"', 'urdf = "yours.urdf"')
+    expected = rf":6: \[model\] urdf names 'yours.urdf', which is neither in {folder} nor in .*robots; correct it"
+    with pytest.raises(RobotError, match=expected):
+        load_robot(folder / "mine.toml")
+
+
+def test_a_pose_that_leaves_a_joint_out(folder: Path) -> None:
+    change(folder / "mine.toml", 'urdf = "mine.urdf"', 'urdf = "mine.urdf"\nsrdf = "mine.srdf"')
+    change(folder / "mine.toml", "home = [0.1, 0.2]", 'home_pose = "half"')
+    with pytest.raises(RobotError, match=r"home_pose 'half' says nothing of elbow; give home as a list instead"):
+        load_robot(folder / "mine.toml")
+    change(folder / "mine.toml", '"half"', '"full"')
+    with pytest.raises(RobotError, match=r"which the SRDF hasn't; its poses are rest, half; correct it"):
+        load_robot(folder / "mine.toml")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('velocity="1.5"', 'velocity="0"',
+         r"\[limits\] velocity is missing and the URDF sets no limit above zero for shoulder; add it"),
+        (' velocity="2.5"', "", r"\[limits\] velocity is missing and .* for elbow; add it"),
+        ('lower="-2"', 'lower="minus two"', r"mine.urdf: lower = 'minus two' of a <limit> is no number; correct it"),
+        ('lower="-2"', 'lower="inf"', r"mine.urdf: lower = 'inf' of a <limit> is no number; correct it"),
+        ('<parent link="foot"/>', "", r"mine.urdf: joint 'shoulder' lacks its parent, child or limit; add it"),
+        ('<joint name="claw"', "<joint", r"mine.urdf: a <joint> has no name; add it"),
+        ("</robot>", "", r"mine.urdf: not valid XML: .*; mend it there"),
+        ("robot", "sdf", r"mine.urdf is no URDF: its root is <sdf>; give a file whose root is <robot>"),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_with_the_urdf(folder: Path, old: str, new: str, message: str) -> None:
+    change(folder / "mine.urdf", old, new)
+    with pytest.raises(RobotError, match=message) as caught:
+        load_robot(folder / "mine.toml")
+    assert "\n" not in caught.value.message
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
+def test_a_doctype_is_refused_before_it_can_swell(folder: Path, encoding: str) -> None:
+    laughs = "".join(f'<!ENTITY l{i} "{f"&l{i - 1};" * 10}">' for i in range(1, 12))
+    bomb = f'<!DOCTYPE robot [<!ENTITY l0 "ha">{laughs}]><robot name="&l11;"/>'
+    (folder / "mine.urdf").write_text(bomb, encoding=encoding)
+    with pytest.raises(RobotError, match=r"not valid XML: a DOCTYPE \(robot\) is not taken; mend it there"):
+        read_urdf(folder / "mine.urdf")
+
+
+def test_joints_that_go_in_a_circle_end(folder: Path) -> None:
+    change(folder / "mine.urdf", '<parent link="foot"/>', '<parent link="hand"/>')
+    with pytest.raises(RobotError, match="no joints lead from 'foot' to 'hand'"):
+        read_urdf(folder / "mine.urdf").chain("foot", "hand")
+
+
+def test_poses_of_an_srdf(folder: Path) -> None:
+    assert read_poses(folder / "mine.srdf") == {"rest": {"shoulder": 0.5, "elbow": -1.0}, "half": {"shoulder": 0.5}}
+
+
+def test_a_file_that_cant_be_read(tmp_path: Path) -> None:
+    with pytest.raises(RobotError, match=r"can't be read \(.*\); give the path of a TOML file") as caught:
+        load_robot(tmp_path / "nowhere.toml")
+    assert caught.value.fields["path"] == tmp_path / "nowhere.toml"

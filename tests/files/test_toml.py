@@ -1,0 +1,91 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from pbd.errors import CalibrationError
+from pbd.files.toml import Section, read_toml
+
+TEXT = """\
+name = "x"
+flag = true
+inner = { deep = { wrong = 1 } }
+[table]
+number = 1.5
+  [table.below]
+  name = 7
+[[row]]
+t = 1
+[[row]]
+t = 2
+"""
+
+
+@pytest.fixture
+def top(tmp_path: Path) -> Section:
+    path = tmp_path / "file.toml"
+    path.write_text(TEXT, encoding="utf-8")
+    return read_toml(path, CalibrationError)
+
+
+def ask_all(top: Section) -> None:
+    top.text("name")
+    top.flag("flag")
+    top.section("inner").section("deep").number("wrong")
+    table = top.section("table")
+    table.number("number")
+    table.section("below").number("name")
+    assert [row.number("t") for row in top.tables("row")] == [1, 2]
+
+
+def test_what_is_asked_for_is_known(top: Section) -> None:
+    ask_all(top)
+    assert top.tables("nothing") == []
+    assert "nothing" not in top
+    top.done()
+
+
+def test_each_key_that_nobody_asked_for_is_found(tmp_path: Path) -> None:
+    """Wherever a key is added, it is refused, and with its own line."""
+    lines = TEXT.splitlines()
+    for number, line in enumerate(lines, start=1):
+        if "{" in line:
+            continue
+        path = tmp_path / f"{number}.toml"
+        path.write_text("\n".join([*lines[:number], "extra = 1", *lines[number:]]), encoding="utf-8")
+        top = read_toml(path, CalibrationError)
+        ask_all(top)
+        with pytest.raises(
+            CalibrationError, match=r"extra is unknown; the keys here are .*; remove or rename it"
+        ) as caught:
+            top.done()
+        if "[[" not in TEXT[: TEXT.index(line)] + line:  # of several tables of a name the line isn't known
+            assert caught.value.fields["line"] == number + 1
+        assert caught.value.fields["key"] == "extra"
+
+
+def test_a_key_is_found_in_its_own_table(top: Section) -> None:
+    """`name` stands at the top too, and `wrong` on its outer table's line."""
+    with pytest.raises(CalibrationError, match=r"file\.toml:7: \[table\.below\] name must be a string"):
+        top.section("table").section("below").text("name")
+    with pytest.raises(CalibrationError, match=r"file\.toml:3: \[inner\.deep\] wrong must be a string"):
+        top.section("inner").section("deep").text("wrong")
+
+
+@pytest.mark.parametrize(
+    ("call", "key", "message"),
+    [
+        ("text", "flag", ":2: flag must be a string with something in it, got True; correct it"),
+        ("texts", "name", ":1: name must be a list of strings, got 'x'; correct it"),
+        ("flag", "name", ":1: name must be true or false, got 'x'; correct it"),
+        ("number", "flag", ":2: flag must be a finite number, got True; correct it"),
+        ("section", "name", ":1: name must be a table; correct it"),
+        ("tables", "name", ":1: name must be [[name]] tables; correct it"),
+        ("text", "nowhere", "file.toml: nowhere is missing; add it"),
+    ],
+)
+def test_the_wrong_kind(top: Section, call: str, key: str, message: str) -> None:
+    with pytest.raises(CalibrationError) as caught:
+        getattr(top, call)(key)
+    assert caught.value.message.endswith(message)
