@@ -18,6 +18,10 @@ from pbd.pose import (
     quat_rotate,
 )
 
+TAU_ACC_S = 6.0
+"""VQF's time constant for tilt from the accelerometer (its default is 3 s): what a hand does within a second or two is
+motion, and the longer the constant, the less of it is mistaken for tilt. From 4 to 12 s recordings hardly differ."""
+
 
 def estimate_attitude(recording: Recording, first_rest: slice) -> Attitude:
     """Estimate the attitude at each sample's instant with offline VQF: 9 axes with a magnetometer, 6 without.
@@ -47,7 +51,7 @@ def estimate_attitude(recording: Recording, first_rest: slice) -> Attitude:
     # Before the first sample the hand is at rest: its own second half stands in for its predecessor's.
     before = np.vstack((gyr[:1], gyr[:-1]))
     turn = quat_log(quat_multiply(quat_exp(0.5 * dt * before), quat_exp(0.5 * dt * gyr)))
-    result = offlineVQF(turn / interval, acc, mag, interval)
+    result = offlineVQF(turn / interval, acc, mag, interval, {"tauAcc": TAU_ACC_S})
     wxyz = quat_canonical(result["quat6D" if mag is None else "quat9D"])[rows]
     if mag is None:
         wxyz = quat_multiply(quat_about_z(-_heading(wxyz[first_rest])), wxyz)

@@ -11,7 +11,10 @@ from pbd.errors import TrackingError
 from pbd.pose import Array, readonly
 
 REST_S = 1.0
-"""The quietest stretch of this length is taken for rest."""
+"""A stretch of this length is taken for rest: the first that is about as quiet as the quietest."""
+
+ABOUT = 4.0
+"""The first rest may have this many times the variance of the quietest."""
 
 STILL_ACC, STILL_GYR = 0.5, 0.15
 """A hand that holds still trembles less than this (rms, m/s2 and rad/s); more is motion."""
@@ -19,7 +22,7 @@ STILL_ACC, STILL_GYR = 0.5, 0.15
 
 @dataclass(frozen=True, eq=False)
 class Rest:
-    """The quietest second of a recording, samples start <= i < stop.
+    """The first quiet second of a recording, samples start <= i < stop.
 
     Attributes:
         gravity: m/s2, the mean norm of specific force.
@@ -39,7 +42,7 @@ class Rest:
 
 
 def find_rest(recording: Recording) -> Rest:
-    """Find the quietest second (the whole of a shorter recording), by the rms of both sensors relative to stillness.
+    """Find the first quiet second (the whole of a shorter recording), by both sensors' rms relative to stillness.
 
     Raises:
         TrackingError: the hand never stood still.
@@ -48,7 +51,8 @@ def find_rest(recording: Recording) -> Rest:
     acc_var = _moving_variance(recording.acc, length)
     gyr_var = np.zeros_like(acc_var) if recording.gyr is None else _moving_variance(recording.gyr, length)
     restlessness = acc_var / STILL_ACC**2 + gyr_var / STILL_GYR**2
-    start = int(np.argmin(restlessness))
+    # 1e-6: the quietest second of a sensor without noise is no quieter than the next.
+    start = int(np.argmax(restlessness <= ABOUT * restlessness.min() + 1e-6))
     rest = slice(start, start + length)
     if acc_var[start] > STILL_ACC**2 or gyr_var[start] > STILL_GYR**2:
         raise TrackingError(

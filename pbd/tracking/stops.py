@@ -16,15 +16,16 @@ WINDOW_S = 0.1
 """Energies are means over this long."""
 
 REST_FACTOR = 10.0
-"""Quiet is under this many times the energy at rest ..."""
+"""A rest is quiet: under this many times the energy of the recording's first quiet second ..."""
+
+ACC_FLOOR, GYR_FLOOR = 0.08, 0.02
+"""... or, rms in m/s2 and rad/s, under what a hand that holds still trembles."""
 
 PEAK_SHARE, PEAK_S = 10.0**-2.2, 1.0
-"""... or under this share of the largest energy within this many seconds: the short stops of a foot."""
+"""Where nothing is that quiet, a short stop has less than this share of the largest energy within so many seconds: a
+foot's, say. How long it lasts is doubtful; the hand is taken to stand still over its quietest window only."""
 
-ACC_FLOOR, GYR_FLOOR = 0.01, 0.003
-"""m/s2 and rad/s: a sensor without noise is quiet below these."""
-
-STEADY_ACC = 0.02
+STEADY_ACC = 0.04
 """m/s2: within a stop the mean acceleration is steady to this and three times its noise."""
 
 MISTILT, MISCALIBRATION = 0.1, 0.5
@@ -38,7 +39,11 @@ BOUNCE_S, BOUNCE_M = 0.3, 0.02
 """A short stop this soon before or after another, and this near, is a sensor being put down or picked up."""
 
 COAST_S = 0.6
-"""Only a stop shorter than this may turn out to be a hand that moves on at constant velocity."""
+"""Only a stop shorter than this may turn out to be a hand that moves on at constant velocity ..."""
+
+COAST_SPEED, COAST_SHARE, COASTING_STOPS = 0.03, 0.4, 4
+"""... if the velocities left over before and after it are at least this fast (m/s), and cancel to this share; so many
+such stops in a row are looked at together."""
 
 
 def find_stops(recording: Recording, a_nav: Array, wxyz_nav_sensor: Array, rest: Rest) -> tuple[Stop, ...]:
@@ -48,7 +53,7 @@ def find_stops(recording: Recording, a_nav: Array, wxyz_nav_sensor: Array, rest:
         recording: without NaN.
         a_nav: (n, 3) m/s2 motion acceleration.
         wxyz_nav_sensor: (n, 4).
-        rest: the quietest second.
+        rest: a quiet second.
 
     Returns:
         In order; possibly none.
@@ -61,12 +66,18 @@ def find_stops(recording: Recording, a_nav: Array, wxyz_nav_sensor: Array, rest:
 
     spread, mean_nav = _window_moments(a_nav, n)
     _, mean_sensor = _window_moments(recording.acc, n)
-    threshold = _threshold(spread + (mean_nav**2).sum(axis=1), rest.acc_rms**2, ACC_FLOOR, reach)
-    quiet = spread < threshold
+    energies = [(spread + (mean_nav**2).sum(axis=1), spread, rest.acc_rms, ACC_FLOOR)]
     if recording.gyr is not None:
         gyr_spread, gyr_mean = _window_moments(recording.gyr - rest.gyro_bias, n)
         energy = gyr_spread + (gyr_mean**2).sum(axis=1)
-        quiet &= energy < _threshold(energy, rest.gyr_rms**2, GYR_FLOOR, reach)
+        energies.append((energy, energy, rest.gyr_rms, GYR_FLOOR))
+    quiet = np.ones(len(spread), dtype=bool)
+    doubtful, restlessness = quiet.copy(), np.zeros(len(spread))
+    for energy, unsteady, rms_at_rest, floor in energies:
+        threshold = max(REST_FACTOR * rms_at_rest**2, floor**2)
+        quiet &= unsteady < threshold
+        doubtful &= energy < PEAK_SHARE * _peak(energy, reach)
+        restlessness += energy / threshold
 
     tolerance = STEADY_ACC + 3.0 * rest.acc_rms / np.sqrt(n)
     up = _window_moments(quat_rotate(quat_inverse(wxyz_nav_sensor), (0.0, 0.0, 1.0)), n)[1]
@@ -76,7 +87,10 @@ def find_stops(recording: Recording, a_nav: Array, wxyz_nav_sensor: Array, rest:
         push = _unsteadiness(mean_nav[run], mean_sensor[run])
         if t[stop - 1] - t[start] < COAST_S:
             push += np.maximum(np.linalg.norm(np.median(mean_nav[run], axis=0)) - feigned[run], 0.0)
-        quiet[run] &= spread[run] + np.maximum(push - tolerance, 0.0) ** 2 < threshold[run]
+        quiet[run] &= push < tolerance
+    for start, stop in _runs(doubtful):
+        if not quiet[max(start - 2 * n, 0) : stop + 2 * n].any():  # not the edge of a rest
+            quiet[start + int(np.argmin(restlessness[start:stop]))] = True
 
     # A sample is still when any window that holds it is quiet: a moving one is in none.
     still = np.zeros(len(t), dtype=bool)
@@ -86,11 +100,11 @@ def find_stops(recording: Recording, a_nav: Array, wxyz_nav_sensor: Array, rest:
     return _drop_coasting(stops, t, a_nav)
 
 
-def _threshold(energy: Array, energy_at_rest: float, floor: float, reach: int) -> Array:
+def _peak(energy: Array, reach: int) -> Array:
     from scipy.ndimage import maximum_filter1d
 
-    peak = maximum_filter1d(energy, 2 * reach + 1, mode="nearest")
-    return np.maximum(max(REST_FACTOR * energy_at_rest, floor**2), PEAK_SHARE * peak)
+    peak: Array = maximum_filter1d(energy, 2 * reach + 1, mode="nearest")
+    return peak
 
 
 def _unsteadiness(mean_nav: Array, mean_sensor: Array) -> Array:
@@ -99,7 +113,9 @@ def _unsteadiness(mean_nav: Array, mean_sensor: Array) -> Array:
     At rest specific force is steady, whatever the accelerometer's errors. In sensor axes it sways with the hand; in nav
     it creeps while the attitude settles. At rest one of the two is steady; in a slow, smooth move neither is.
     """
-    return np.minimum(*(np.linalg.norm(mean - np.median(mean, axis=0), axis=1) for mean in (mean_nav, mean_sensor)))
+    nav, sensor = (np.linalg.norm(mean - np.median(mean, axis=0), axis=1) for mean in (mean_nav, mean_sensor))
+    steadier: Array = np.minimum(nav, sensor)
+    return steadier
 
 
 def _window_moments(values: Array, n: int) -> tuple[Array, Array]:
@@ -149,34 +165,32 @@ def _drop_bounces(stops: list[Stop], t: Array, a_nav: Array) -> list[Stop]:
 def _drop_coasting(stops: list[Stop], t: Array, a_nav: Array) -> tuple[Stop, ...]:
     """Drop short stops at which the hand moves on: quiet acceleration is not stillness.
 
-    Half-way through a slow, smooth move the acceleration passes zero. Integrated from the stop before to the stop
-    after, the velocity there is that of the move; at a true stop it is what drift left. How much drift leaves is
-    judged from the closures of all moves of the same recording.
+    Half-way through a smooth move the acceleration passes zero. Were the hand taken to stand still there, the velocity
+    left over before it would be the hand's own, and that left over after it the same the other way round; drift has no
+    reason to do that.
     """
     kept = list(stops)
-    while True:
-        moves = list(pairwise(kept))
-        if len(moves) < 2:
-            return tuple(kept)
-        errors = [_drift(t, a_nav, before, after) for before, after in moves]
-        level = max(0.02, float(np.median(errors)))
-        doubtful = [k for k in range(1, len(kept) - 1) if kept[k].dwell_s < COAST_S]
-        scores = [_velocity_at(t, a_nav, kept[k - 1], kept[k], kept[k + 1]) / level for k in doubtful]
-        if not scores or max(scores) < 1.0:
-            return tuple(kept)
-        del kept[doubtful[int(np.argmax(scores))]]
+    k = 1
+    while k < len(kept) - 1:
+        # One stop that is none, or several in a row, as while the hand coasts.
+        ends = range(k + 1, min(k + 1 + COASTING_STOPS, len(kept)))
+        end = next((end for end in ends if _coasts(kept[k - 1 : end + 1], t, a_nav)), None)
+        if end is None:
+            k += 1
+        else:
+            del kept[k:end]
+    return tuple(kept)
 
 
-def _drift(t: Array, a_nav: Array, before: Stop, after: Stop) -> float:
-    """Mean acceleration error of a move, m/s2: the velocity left over at its end by its duration."""
+def _coasts(stops: list[Stop], t: Array, a_nav: Array) -> bool:
+    """Tell whether the hand stands still at the first and the last of these stops only."""
+    if any(stop.dwell_s >= COAST_S for stop in stops[1:-1]):
+        return False
+    closures = np.array([_closure(t, a_nav, *pair) for pair in pairwise(stops)])
+    speed = min(np.linalg.norm(closures[0]), np.linalg.norm(closures[-1]))
+    return bool(speed > COAST_SPEED and np.linalg.norm(closures.sum(axis=0)) < COAST_SHARE * speed)
+
+
+def _closure(t: Array, a_nav: Array, before: Stop, after: Stop) -> Array:
     move = slice(before.stop - 1, after.start + 1)
-    closure = integrate_move(t[move], a_nav[move]).closure
-    return float(np.linalg.norm(closure) / max(t[after.start] - t[before.stop - 1], 1e-3))
-
-
-def _velocity_at(t: Array, a_nav: Array, before: Stop, stop: Stop, after: Stop) -> float:
-    """Velocity at a stop were it none, in m/s2: divided by the duration over which drift could have built it up."""
-    move = slice(before.stop - 1, after.start + 1)
-    v_nav = integrate_move(t[move], a_nav[move]).v_nav
-    middle = (stop.start + stop.stop) // 2 - move.start
-    return float(np.linalg.norm(v_nav[middle]) / max(t[move.stop - 1] - t[move.start], 1e-3))
+    return integrate_move(t[move], a_nav[move]).closure
