@@ -1,11 +1,40 @@
 """Programming by demonstration for robot arms, from an inertial sensor in the hand.
 
+    import pbd
+
     path = pbd.track(pbd.load_demo("pouring").recording)
-    trajectory = pbd.plan(path, calibration, robot)
+    robot = pbd.load_robot("panda")
+    trajectory = pbd.plan(path, pbd.load_calibration("default"), robot)
 
 Nothing heavy is imported before it is used.
 """
 
 from __future__ import annotations
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pbd.files.calibration import load_calibration
+    from pbd.files.demo import load_demo
+    from pbd.files.robot import load_robot
+    from pbd.pipeline import PlanOptions, plan, track
+
 __version__ = "0.1.0"
+
+__all__ = ["PlanOptions", "load_calibration", "load_demo", "load_robot", "plan", "track"]
+
+_HOMES = {
+    "PlanOptions": "pbd.pipeline",
+    "load_calibration": "pbd.files.calibration",
+    "load_demo": "pbd.files.demo",
+    "load_robot": "pbd.files.robot",
+    "plan": "pbd.pipeline",
+    "track": "pbd.pipeline",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOMES:
+        return getattr(import_module(_HOMES[name]), name)
+    raise AttributeError(f"module 'pbd' has no attribute '{name}'")

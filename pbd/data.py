@@ -212,6 +212,17 @@ class Keyframe:
         _freeze(self, cov=(6, 6))
 
 
+@dataclass(frozen=True)
+class Segment:
+    """A rest or a move, over the samples start <= i < stop; `ms` from its first to its last sample (Table I)."""
+
+    start: int
+    stop: int
+    kind: str
+    ms: float
+    description: str
+
+
 # --- calibration ------------------------------------------------------------------------------------------------------
 
 

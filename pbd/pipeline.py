@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from pbd.calibration.frames import tool_poses
+from pbd.calibration.frames import nav_in_base, tool_poses
 from pbd.data import Calibration, HandPath, JointTrajectory, Keyframe, Recording, Robot
 from pbd.errors import CalibrationError, TrackingError
 from pbd.pose import Array, Pose
@@ -81,6 +81,7 @@ class Plan:
 
     keyframes: tuple[Keyframe, ...]
     calibration: Calibration
+    T_base_nav: Pose
     T_base_tool: tuple[Pose, ...]
     trajectory: JointTrajectory
     report: AuditReport
@@ -115,7 +116,7 @@ def plan_keyframes(
             bound=2,
         )
     arm = load_model(robot)
-    T_base_tool, q_keyframes = solve_keyframes(arm, keyframes, calibration, options)
+    T_base_nav, T_base_tool, q_keyframes = solve_keyframes(arm, keyframes, calibration, options)
     inner = [min(max(keyframe.dwell_s, SHORTEST_DWELL_S), options.dwell_s) for keyframe in keyframes[1:-1]]
     trajectory = time_keyframes(
         arm,
@@ -127,13 +128,13 @@ def plan_keyframes(
         approach=options.approach,
     )
     report = audit(trajectory, robot.limits, arm, T_base_tool)
-    return Plan(tuple(keyframes), calibration, T_base_tool, trajectory, report)
+    return Plan(tuple(keyframes), calibration, T_base_nav, T_base_tool, trajectory, report)
 
 
 def solve_keyframes(
     arm: ArmModel, keyframes: Sequence[Keyframe], calibration: Calibration, options: PlanOptions
-) -> tuple[tuple[Pose, ...], Array]:
-    """Return the tool's pose in base at each keyframe, and the joints (n, k) that reach them."""
+) -> tuple[Pose, tuple[Pose, ...], Array]:
+    """Return T_base_nav, the tool's pose in base at each keyframe, and the joints (n, k) that reach them."""
     from pbd.arm.sequence import solve_sequence
 
     if calibration.robots and arm.robot.name not in calibration.robots:
@@ -142,5 +143,6 @@ def solve_keyframes(
             "choose another, or add the robot to it",
             value=arm.robot.name,
         )
-    T_base_tool = tool_poses(keyframes, calibration, options.scale, options.orientation)
-    return T_base_tool, solve_sequence(arm, T_base_tool, arm.robot.home)
+    T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
+    T_base_tool = tool_poses(keyframes, T_base_nav, calibration, options.scale, options.orientation)
+    return T_base_nav, T_base_tool, solve_sequence(arm, T_base_tool, arm.robot.home)

@@ -119,6 +119,15 @@ def quat_from_rpy(rpy: ArrayLike) -> Array:
     return quat_canonical(quat_multiply(about_z, quat_multiply(about_y, about_x)))
 
 
+def quat_to_rpy(wxyz: ArrayLike) -> Array:
+    """Roll, pitch, yaw (..., 3) in rad of unit quaternions; pitch within a quarter turn."""
+    w, x, y, z = np.moveaxis(np.asarray(wxyz, dtype=np.float64), -1, 0)
+    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
+    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return np.stack((roll, pitch, yaw), axis=-1)
+
+
 def quat_from_xyzw(xyzw: ArrayLike) -> Array:
     """Reorder (..., 4) from the scalar-last order of ROS, scipy and pinocchio."""
     return quat_canonical(np.roll(np.asarray(xyzw, dtype=np.float64), 1, axis=-1))

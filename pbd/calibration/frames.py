@@ -47,17 +47,21 @@ def dock_tilt(T_base_dock: Pose, wxyz_nav_sensor: Array) -> float:
 
 
 def tool_poses(
-    keyframes: Sequence[Keyframe], calibration: Calibration, scale: float = 1.0, orientation: str = "demo"
+    keyframes: Sequence[Keyframe],
+    T_base_nav: Pose,
+    calibration: Calibration,
+    scale: float = 1.0,
+    orientation: str = "demo",
 ) -> tuple[Pose, ...]:
     """T_base_tool at each keyframe: T_base_nav @ T_nav_sensor @ T_sensor_tool.
 
     Args:
         keyframes: the first one is the first rest, at the dock.
+        T_base_nav: of `nav_in_base`.
         calibration: its own scale multiplies `scale`.
         scale: multiplies p_nav_sensor and nothing else.
         orientation: "demo", or "fixed": the tool keeps keyframe 0's heading, its z straight down.
     """
-    T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
     scale *= calibration.scale
     poses = []
     for keyframe in keyframes:

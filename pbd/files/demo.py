@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from pbd.data import Demonstration, GraspedObject, GripEvent, Recording, RecordingInfo, Truth
 from pbd.errors import RecordingError
 from pbd.files.columns import ACC, DEVICE, GYR, MAG, compass_angles, device_rpy
-from pbd.files.library import bundled, find
+from pbd.files.library import find
 from pbd.files.table import Table, read_table, write_table
 from pbd.files.toml import Section, read_toml
 from pbd.pose import Array
@@ -118,9 +119,9 @@ def demo_folder(name: str) -> Path:
     return path if len(path.parts) > 1 else Path("demos") / path
 
 
-def is_bundled(folder: Path) -> bool:
-    """Tell whether a folder came with pbd."""
-    return folder.resolve().parent == bundled("demos").resolve()
+def utc_now() -> str:
+    """Say when it is, in UTC, as demo.toml has it."""
+    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
 def _read_recording(table: Table, grip: tuple[GripEvent, ...], info: RecordingInfo) -> Recording:

@@ -14,6 +14,7 @@ import numpy as np
 from pbd.data import Calibration, Gripper, JointLimits, Robot
 from pbd.errors import RobotError
 from pbd.files.calibration import read_pose
+from pbd.files.library import find
 from pbd.files.toml import Section, read_toml
 from pbd.files.urdf import Urdf, UrdfJoint, listed, read_poses, read_urdf
 from pbd.pose import Array, Pose
@@ -21,8 +22,17 @@ from pbd.pose import Array, Pose
 FORMAT = 1
 
 
-def load_robot(path: Path) -> Robot:
-    """Load a robot's description.
+def load_robot(name: str) -> Robot:
+    """Load a robot by name (./robots, then the bundled ones) or path.
+
+    Raises:
+        RobotError: nothing of that name (the valid ones are listed), or as `read_robot`.
+    """
+    return read_robot(find("robots", name, ".toml", RobotError))
+
+
+def read_robot(path: Path) -> Robot:
+    """Read a robot's description.
 
     Relative `urdf` and `srdf` paths are looked up beside the TOML file, then among example-robot-data's robots.
 

@@ -89,7 +89,8 @@ def simulate(
 
     motion = HandMotion(task.waypoints, task.start_rpy)
     beat = np.arange(int(task.duration_s * model.rate_hz + 1e-6) + 1) / model.rate_hz
-    edges = _jittered((np.arange(len(beat) + 1) - 0.5) / model.rate_hz, model, clock_rng)
+    between = np.append(beat, len(beat) / model.rate_hz) - 0.5 / model.rate_hz
+    edges = _jittered(between, model, clock_rng)
     middles = 0.5 * (edges[1:] + edges[:-1])
     t = middles - middles[0] if model.has_clock else beat
 

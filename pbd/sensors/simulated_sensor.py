@@ -15,7 +15,7 @@ import numpy as np
 
 from pbd.data import GRAVITY
 from pbd.errors import SensorError
-from pbd.pose import Array, quat_exp, quat_multiply
+from pbd.pose import Array, quat_exp, quat_multiply, quat_to_rpy
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class AttitudeOutput:
         # The low-pass acts on quaternion components: unlike the angles they neither wrap nor lock.
         seen = _low_pass(wxyz, self.time_constant_s * rate_hz)
         seen /= np.linalg.norm(seen, axis=-1, keepdims=True)
-        rpy = _rpy(quat_multiply(seen, quat_exp(self.noise * rng.normal(size=(len(wxyz), 3)))))
+        rpy = quat_to_rpy(quat_multiply(seen, quat_exp(self.noise * rng.normal(size=(len(wxyz), 3)))))
         return _rounded(rpy, self.step)
 
 
@@ -94,15 +94,6 @@ def _low_pass(x: Array, samples: float) -> Array:
     return np.asarray(x[0] + smooth, dtype=np.float64)
 
 
-def _rpy(wxyz: Array) -> Array:
-    """Roll, pitch, yaw (n, 3) in URDF's order of unit quaternions (n, 4): the inverse of pose.quat_from_rpy."""
-    w, x, y, z = wxyz.T
-    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
-    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    return np.stack((roll, pitch, yaw), axis=-1)
-
-
 @dataclass(frozen=True)
 class SensorModel:
     """A kind of sensor.
@@ -115,7 +106,7 @@ class SensorModel:
         mag: uT, or None where it has no magnetometer.
         attitude: its own roll, pitch, yaw, or None.
         jitter_s: one sigma by which the border between two intervals misses the even beat (cut off at 0.45 intervals).
-        has_clock: True: `t` tells when the intervals had their middle; False: `t` is the even beat, whatever the jitter.
+        has_clock: True: `t` tells when the intervals had their middle; False: `t` is the even beat in spite of jitter.
 
     Raises:
         SensorError: the rate is not above 0.

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
-from pbd.data import GripEvent, HandPath, Keyframe, Stop
+from pbd.data import GripEvent, HandPath, Keyframe, Segment, Stop
 from pbd.errors import PbdWarning
 from pbd.pose import Array, Pose, quat_inverse, quat_log, quat_multiply
 from pbd.tracking.orientation import mean_quaternion
@@ -35,17 +34,6 @@ def find_keyframes(path: HandPath) -> tuple[Keyframe, ...]:
         )
         for k, stop in enumerate(path.stops)
     )
-
-
-@dataclass(frozen=True)
-class Segment:
-    """A rest or a move, over the samples start <= i < stop; `ms` from its first to its last sample (Table I)."""
-
-    start: int
-    stop: int
-    kind: str
-    ms: float
-    description: str
 
 
 def find_segments(path: HandPath) -> tuple[Segment, ...]:

@@ -42,3 +42,9 @@ def stop_covariance(recording: Recording, stops: tuple[Stop, ...], closure: Arra
             heading = np.hypot(heading, GYRO_WALK * (recording.t[stop.start] - recording.t[stops[0].start]))
         cov[k, 3:, 3:] = np.diag([TILT_SIGMA**2, TILT_SIGMA**2, heading**2])
     return cov
+
+
+def sigmas(cov: Array) -> tuple[Array, Array]:
+    """One sigma along nav's axes of a (6, 6) covariance: (3,) m, (3,) degrees."""
+    sigma = np.sqrt(np.diagonal(cov))
+    return sigma[:3], np.degrees(sigma[3:])

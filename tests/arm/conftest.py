@@ -11,7 +11,7 @@ import pytest
 
 from pbd.arm.model import ArmModel, load_model
 from pbd.data import JointLimits, Robot
-from pbd.files.robot import load_robot
+from pbd.files.robot import read_robot
 from pbd.pose import Array, Pose
 
 PANDA = Path(__file__).parents[2] / "robots" / "panda.toml"
@@ -19,7 +19,7 @@ PANDA = Path(__file__).parents[2] / "robots" / "panda.toml"
 
 @pytest.fixture(scope="session")
 def panda() -> Robot:
-    return load_robot(PANDA)
+    return read_robot(PANDA)
 
 
 @pytest.fixture(scope="session")

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from pbd.errors import RobotError
-from pbd.files.robot import load_robot
+from pbd.files.robot import read_robot
 from pbd.files.urdf import read_poses, read_urdf
 
 PANDA = Path(__file__).parents[2] / "robots" / "panda.toml"
 
 
 def test_panda_is_what_its_data_sheet_says() -> None:
-    robot = load_robot(PANDA)
+    robot = read_robot(PANDA)
     assert robot.name == "panda"
     assert robot.joints == tuple(f"panda_joint{i}" for i in range(1, 8))
     assert (robot.base, robot.body) == ("panda_link0", "panda_hand_tcp")
@@ -43,7 +43,7 @@ def test_panda_is_what_its_data_sheet_says() -> None:
 
 
 def test_loading_imports_no_robot_library() -> None:
-    code = "import sys; from pathlib import Path; from pbd.files.robot import load_robot; load_robot(Path(sys.argv[1]))"
+    code = "import sys; from pathlib import Path; from pbd.files.robot import read_robot; read_robot(Path(sys.argv[1]))"
     heavy = "{'pinocchio', 'scipy', 'ruckig', 'meshcat', 'tomlkit'} & set(sys.modules)"
     run = subprocess.run(
         [sys.executable, "-c", f"{code}; print({heavy})", str(PANDA)], capture_output=True, text=True, check=True
@@ -124,7 +124,7 @@ def change(path: Path, old: str, new: str) -> None:
 
 
 def test_a_users_own_urdf(folder: Path) -> None:
-    robot = load_robot(folder / "mine.toml")
+    robot = read_robot(folder / "mine.toml")
     assert robot.joints == ("shoulder", "elbow")
     assert robot.urdf == folder.resolve() / "mine.urdf"
     np.testing.assert_array_equal(robot.limits.velocity, [1.5, 2.5])  # the URDF's
@@ -146,7 +146,7 @@ def test_what_may_be_left_out_or_added(folder: Path) -> None:
     change(toml, "home = [0.1, 0.2]", 'joints = ["elbow"]\nhome_pose = "rest"')
     change(toml, 'urdf = "mine.urdf"', 'urdf = "mine.urdf"\nsrdf = "mine.srdf"')
     change(toml, "acceleration = [5.0, 6.0]\njerk = [100, 200]", "velocity = [1]\nacceleration = [5.0]\njerk = [100]")
-    robot = load_robot(toml)
+    robot = read_robot(toml)
     assert robot.joints == ("elbow",)
     assert robot.gripper is None
     assert robot.dock is None
@@ -157,7 +157,7 @@ def test_what_may_be_left_out_or_added(folder: Path) -> None:
 def test_the_docks_options(folder: Path) -> None:
     with (folder / "mine.toml").open("a", encoding="utf-8") as file:
         file.write("scale = 0.5\ntable_height = -0.02\nany_attitude = true\n")
-    dock = load_robot(folder / "mine.toml").dock
+    dock = read_robot(folder / "mine.toml").dock
     assert dock is not None
     assert (dock.scale, dock.table_height, dock.any_attitude) == (0.5, -0.02, True)
 
@@ -223,7 +223,7 @@ def test_the_docks_options(folder: Path) -> None:
 def test_what_is_wrong_is_said_in_one_line(folder: Path, old: str, new: str, message: str) -> None:
     change(folder / "mine.toml", old, new)
     with pytest.raises(RobotError) as caught:
-        load_robot(folder / "mine.toml")
+        read_robot(folder / "mine.toml")
     assert caught.value.message.endswith(message)
     assert caught.value.message.startswith(str(folder.resolve() / "mine."))
     assert "\n" not in caught.value.message
@@ -233,17 +233,17 @@ def test_a_urdf_that_isnt_there_says_where_it_was_looked_for(folder: Path) -> No
     change(folder / "mine.toml", 'urdf = "mine.urdf"', 'urdf = "yours.urdf"')
     expected = rf":6: \[model\] urdf names 'yours.urdf', which is neither in {folder} nor in .*robots; correct it"
     with pytest.raises(RobotError, match=expected):
-        load_robot(folder / "mine.toml")
+        read_robot(folder / "mine.toml")
 
 
 def test_a_pose_that_leaves_a_joint_out(folder: Path) -> None:
     change(folder / "mine.toml", 'urdf = "mine.urdf"', 'urdf = "mine.urdf"\nsrdf = "mine.srdf"')
     change(folder / "mine.toml", "home = [0.1, 0.2]", 'home_pose = "half"')
     with pytest.raises(RobotError, match=r"home_pose 'half' says nothing of elbow; give home as a list instead"):
-        load_robot(folder / "mine.toml")
+        read_robot(folder / "mine.toml")
     change(folder / "mine.toml", '"half"', '"full"')
     with pytest.raises(RobotError, match=r"which the SRDF hasn't; its poses are rest, half; correct it"):
-        load_robot(folder / "mine.toml")
+        read_robot(folder / "mine.toml")
 
 
 @pytest.mark.parametrize(
@@ -263,7 +263,7 @@ def test_a_pose_that_leaves_a_joint_out(folder: Path) -> None:
 def test_what_is_wrong_with_the_urdf(folder: Path, old: str, new: str, message: str) -> None:
     change(folder / "mine.urdf", old, new)
     with pytest.raises(RobotError, match=message) as caught:
-        load_robot(folder / "mine.toml")
+        read_robot(folder / "mine.toml")
     assert "\n" not in caught.value.message
 
 
@@ -288,5 +288,5 @@ def test_poses_of_an_srdf(folder: Path) -> None:
 
 def test_a_file_that_cant_be_read(tmp_path: Path) -> None:
     with pytest.raises(RobotError, match=r"can't be read \(.*\); give the path of a TOML file") as caught:
-        load_robot(tmp_path / "nowhere.toml")
+        read_robot(tmp_path / "nowhere.toml")
     assert caught.value.fields["path"] == tmp_path / "nowhere.toml"

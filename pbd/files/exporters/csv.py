@@ -10,7 +10,7 @@ from pbd.data import Samples
 from pbd.files.table import write_table
 
 
-def write_csv(joint_names: tuple[str, ...], samples: Samples, path: Path) -> None:
+def write(joint_names: tuple[str, ...], samples: Samples, path: Path) -> None:
     """Write columns t (s), q_NAME (rad), dq_NAME (rad/s), ddq_NAME (rad/s2), gripper (1 open, 0 closed)."""
     header = ("t", *(f"{kind}_{name}" for kind in ("q", "dq", "ddq") for name in joint_names), "gripper")
     values = np.column_stack((samples.t, samples.q, samples.qd, samples.qdd, samples.gripper))

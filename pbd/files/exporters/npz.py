@@ -9,7 +9,7 @@ import numpy as np
 from pbd.data import Samples
 
 
-def write_npz(joint_names: tuple[str, ...], samples: Samples, path: Path) -> None:
+def write(joint_names: tuple[str, ...], samples: Samples, path: Path) -> None:
     """Write arrays joints (k,) names, t (n,) s, q, dq, ddq (n, k) rad, rad/s, rad/s2, gripper (n,) 1 open, 0 closed."""
     with path.open("wb") as file:
         np.savez(

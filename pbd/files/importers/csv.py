@@ -1,7 +1,8 @@
 """A CSV with a header: our own imu.csv, x-io's export, or any whose columns can be told by name.
 
 A header names the channel and often its unit: `Gyroscope X (deg/s)`, `acc_x [g]`, `Timestamp (us)`, `gx`. What it
-doesn't tell, the caller does. A unit that nobody tells is SI; specific force in another unit is found out by its norm at rest.
+doesn't tell, the caller does. A unit that nobody tells is SI; specific force in another is found out by its norm at
+rest.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ def joint_trajectory_message(joint_names: tuple[str, ...], samples: Samples) -> 
     }
 
 
-def write_ros2_json(joint_names: tuple[str, ...], samples: Samples, path: Path) -> None:
+def write(joint_names: tuple[str, ...], samples: Samples, path: Path) -> None:
     """Write the message as JSON, one point a line."""
     message = joint_trajectory_message(joint_names, samples)
     points = ",\n".join(json.dumps(point) for point in message.pop("points"))

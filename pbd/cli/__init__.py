@@ -1,0 +1,80 @@
+"""The command line: parse, call, print, exit code. One command a file; what they share is in options.py.
+
+Nothing heavy is imported before a command runs, so that `pbd --help` is instant.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import warnings
+from collections.abc import Sequence
+from typing import TextIO
+
+from pbd import __version__
+from pbd.cli import export, import_, keyframes, replay, robots, segments, simulate
+from pbd.errors import PbdError, PbdWarning
+
+COMMANDS = (simulate, import_, segments, keyframes, replay, export, robots)
+
+EPILOG = """\
+a first look:
+  pbd replay --robot panda              a panda replays the bundled demonstration
+  pbd keyframes                         where the hand stopped, and how sure we are
+  pbd export --robot panda --format csv -o pouring.csv
+
+exit codes: 0 done; 1 the input or the device is at fault; 2 wrong usage; 3 the robot can't do it
+"""
+
+
+def parser() -> argparse.ArgumentParser:
+    """Build the parser of all commands."""
+    top = argparse.ArgumentParser(
+        prog="pbd",
+        description="Show a robot arm a task with a small inertial sensor in your hand; the arm replays it.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    top.add_argument("--version", action="version", version=f"pbd {__version__}")
+    commands = top.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    for command in COMMANDS:
+        command.add(commands)
+    return top
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command; return its exit code."""
+    args = parser().parse_args(argv)
+    args.warnings = []
+
+    def show(
+        message: Warning | str,
+        category: type[Warning],
+        filename: str,
+        lineno: int,
+        file: TextIO | None = None,
+        line: str | None = None,
+    ) -> None:
+        if issubclass(category, PbdWarning):
+            args.warnings.append(str(message))
+            print(f"pbd: warning: {message}", file=sys.stderr)
+        else:
+            print(warnings.formatwarning(message, category, filename, lineno, line), end="", file=sys.stderr)
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("always", PbdWarning)
+            warnings.showwarning = show
+            code: int = args.run(args)
+            sys.stdout.flush()
+            return code
+    except PbdError as error:
+        print(f"pbd: {' '.join(str(error).split())}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        return 130
+    except BrokenPipeError:
+        # The reader of our output has gone (`pbd ... | head`): keep the interpreter from complaining at its exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141

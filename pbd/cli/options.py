@@ -1,0 +1,144 @@
+"""Options and small steps that several commands share."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from typing import TYPE_CHECKING, Any, Protocol
+
+if TYPE_CHECKING:
+    from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Robot
+    from pbd.pipeline import PlanOptions
+
+
+class Commands(Protocol):
+    """What argparse's `add_subparsers` returns."""
+
+    def add_parser(self, name: str, **kwargs: Any) -> argparse.ArgumentParser:
+        """Add a command."""
+
+
+def add_command(
+    commands: Commands, name: str, help_text: str, description: str, example: str
+) -> argparse.ArgumentParser:
+    """Add a command with an example at the end of its help."""
+    return commands.add_parser(
+        name,
+        help=help_text,
+        description=description,
+        epilog=f"example:\n{example}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+
+
+def add_demo(parser: argparse.ArgumentParser) -> None:
+    """Add the demonstration that a command works on."""
+    parser.add_argument(
+        "demo",
+        nargs="?",
+        metavar="DEMO",
+        help="a demonstration's name (in ./demos, or bundled), its folder, or a recording (.csv, .npz); "
+        "default: the newest in ./demos, else 'pouring'",
+    )
+
+
+def add_json(parser: argparse.ArgumentParser) -> None:
+    """Add --json."""
+    parser.add_argument("--json", action="store_true", help="print one JSON object on stdout")
+
+
+def add_tracking(parser: argparse.ArgumentParser) -> None:
+    """Add what every command that tracks takes."""
+    parser.add_argument(
+        "--calibration",
+        metavar="C",
+        help="name (in ./calibration, or bundled) or file; default: the robot's own dock, else 'default'",
+    )
+
+
+def add_planning(parser: argparse.ArgumentParser, robot_required: bool = True) -> None:
+    """Add what every command that plans takes."""
+    group = parser.add_argument_group("motion")
+    group.add_argument("--robot", metavar="R", required=robot_required, help="name or file; `pbd robots` lists them")
+    group.add_argument("--scale", type=positive, default=1.0, metavar="S", help="multiply the hand's motion (1)")
+    group.add_argument(
+        "--orientation",
+        choices=("demo", "fixed"),
+        default="demo",
+        help="'fixed' keeps the tool straight down with its heading at the first keyframe (demo)",
+    )
+    group.add_argument("--speed", type=share, default=1.0, metavar="F", help="share of the joints' limits, up to 1 (1)")
+    group.add_argument("--dwell", type=positive, default=0.5, metavar="S", help="longest stay at a keyframe, s (0.5)")
+    group.add_argument("--no-approach", action="store_true", help="start at the first keyframe, not at home")
+
+
+def positive(text: str) -> float:
+    """Parse a finite number above zero."""
+    value = float(text)
+    if not (math.isfinite(value) and value > 0.0):
+        raise argparse.ArgumentTypeError(f"must be above zero, got {text}")
+    return value
+
+
+def share(text: str) -> float:
+    """Parse a number above zero and at most one."""
+    value = positive(text)
+    if value > 1.0:
+        raise argparse.ArgumentTypeError(f"must be at most 1, got {text}")
+    return value
+
+
+def load_demonstration(args: argparse.Namespace) -> Demonstration:
+    """Load the demonstration that was named, or the newest, and then say which."""
+    from pbd.files.demo import load_demo, newest_demo
+
+    name = args.demo
+    if name is None:
+        name = newest_demo()
+        say(f"no demonstration named: using '{name}'")
+    return load_demo(name)
+
+
+def track_demonstration(demo: Demonstration) -> tuple[HandPath, tuple[Keyframe, ...]]:
+    """Track it; return the hand's path and the keyframes."""
+    from pbd.pipeline import track
+    from pbd.tracking.keyframes import find_keyframes
+
+    path = track(demo.recording)
+    return path, find_keyframes(path)
+
+
+def load_arm(args: argparse.Namespace) -> tuple[Robot, Calibration]:
+    """Load the robot, and the calibration that was named, the robot's own, or the default."""
+    from pbd.files.calibration import load_calibration
+    from pbd.files.robot import load_robot
+
+    robot = load_robot(args.robot)
+    if args.calibration is None and robot.dock is not None:
+        return robot, robot.dock
+    return robot, load_calibration(args.calibration or "default")
+
+
+def plan_options(args: argparse.Namespace) -> PlanOptions:
+    """Collect what `add_planning` added."""
+    from pbd.pipeline import PlanOptions
+
+    return PlanOptions(
+        scale=args.scale,
+        orientation=args.orientation,
+        speed=args.speed,
+        dwell_s=args.dwell,
+        approach=not args.no_approach,
+    )
+
+
+def say(message: str) -> None:
+    """Tell the user something that is not the result."""
+    print(f"pbd: {message}", file=sys.stderr)
+
+
+def print_json(result: dict[str, Any]) -> None:
+    """Print the result as one JSON object; what is not a number is null."""
+    print(json.dumps(result, allow_nan=False))

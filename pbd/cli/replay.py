@@ -1,0 +1,82 @@
+"""pbd replay [DEMO] --robot R."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from pbd.cli.options import (
+    Commands,
+    add_command,
+    add_demo,
+    add_json,
+    add_planning,
+    add_tracking,
+    load_arm,
+    load_demonstration,
+    plan_options,
+    print_json,
+    say,
+    track_demonstration,
+)
+
+
+def add(commands: Commands) -> None:
+    """Add the command."""
+    parser = add_command(
+        commands,
+        "replay",
+        "plan the robot's motion, audit it and show it",
+        "Plan the motion of a robot through a demonstration's keyframes, audit it against all limits, and show it:\n"
+        "in the browser, served on this machine only, or as one HTML file that plays anywhere without a network.",
+        "  pbd replay pouring --robot panda --html pouring.html",
+    )
+    add_demo(parser)
+    add_json(parser)
+    parser.add_argument("--html", type=Path, metavar="FILE", help="write the page to FILE instead of serving it")
+    parser.add_argument("--no-open", action="store_true", help="do not open a browser; print the address")
+    add_tracking(parser)
+    add_planning(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Plan, audit, show."""
+    from pbd.pipeline import plan_keyframes
+    from pbd.replay import replay_scene
+
+    demo = load_demonstration(args)
+    path, keyframes = track_demonstration(demo)
+    robot, calibration = load_arm(args)
+    plan = plan_keyframes(keyframes, calibration, robot, plan_options(args))
+    duration = plan.trajectory.duration
+    say(f"'{demo.recording.info.name}' on {robot.name}: {len(keyframes)} keyframes, {duration:.1f} s, audited")
+    if args.html:
+        from pbd.view.page import write_page
+
+        write_page(replay_scene(demo, path, plan, robot, plan_options(args), args.warnings), args.html)
+        say(f"wrote {args.html.resolve()} ({args.html.stat().st_size / 1e6:.1f} MB); open it in a browser")
+    if args.json:
+        report = plan.report
+        print_json(
+            {
+                "demo": demo.recording.info.name,
+                "robot": robot.name,
+                "keyframes": len(keyframes),
+                "duration_s": duration,
+                "ik": {
+                    "max_position_error_m": report.max_position_error_m,
+                    "max_rotation_error_rad": report.max_rotation_error_rad,
+                },
+                "limits": {"velocity": report.velocity, "acceleration": report.acceleration, "jerk": report.jerk},
+                "warnings": args.warnings,
+                "html": str(args.html) if args.html else None,
+            }
+        )
+    elif not args.html:
+        from pbd.view.live import show_live
+
+        show_live(
+            replay_scene(demo, path, plan, robot, plan_options(args), args.warnings), open_browser=not args.no_open
+        )
+    return 0

@@ -1,0 +1,48 @@
+"""From a plan to what a replay shows: the one place where the arm's results meet the view's values."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pbd.data import Demonstration, HandPath, Robot
+from pbd.pipeline import Plan, PlanOptions
+from pbd.pose import quat_rotate, quat_to_matrix
+from pbd.view.scene import ReplayKeyframe, ReplayScene
+
+
+def replay_scene(
+    demo: Demonstration, path: HandPath, plan: Plan, robot: Robot, options: PlanOptions, warnings: Sequence[str] = ()
+) -> ReplayScene:
+    """Collect what a replay shows. The hand's path is drawn where the tool would have been, scaled as the motion is."""
+    T_base_nav = plan.T_base_nav
+    scale = options.scale * plan.calibration.scale
+    inside = slice(path.stops[0].start, path.stops[-1].stop)
+    p_base_sensor = T_base_nav.act(scale * path.p_nav_sensor[inside])
+    p_sensor_tool = plan.calibration.T_sensor_tool.p
+    lever = quat_rotate(T_base_nav.wxyz, quat_rotate(path.wxyz_nav_sensor[inside], p_sensor_tool))
+    if options.orientation == "fixed":
+        lever = np.broadcast_to(plan.T_base_tool[0].p - T_base_nav.p, p_base_sensor.shape)
+    R_base_nav = quat_to_matrix(T_base_nav.wxyz)
+    keyframes = zip(plan.keyframes, plan.trajectory.keyframe_t, plan.T_base_tool, strict=True)
+    return ReplayScene(
+        title=demo.recording.info.name,
+        robot=robot,
+        trajectory=plan.trajectory,
+        hand_path_base=p_base_sensor + lever,
+        hand_speed=np.linalg.norm(path.v_nav_sensor[inside], axis=1),
+        keyframes=tuple(
+            ReplayKeyframe(
+                label=keyframe.label,
+                t=float(t),
+                T_base_tool=pose,
+                sigma_m=scale * np.sqrt(np.diagonal(R_base_nav @ keyframe.cov[:3, :3] @ R_base_nav.T)),
+                grip=keyframe.grip,
+            )
+            for keyframe, t, pose in keyframes
+        ),
+        table_height=plan.calibration.table_height,
+        grasped=demo.grasped,
+        notes=tuple(note for note in (demo.notes, *warnings) if note),
+    )
