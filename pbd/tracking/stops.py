@@ -29,8 +29,8 @@ STEADY_ACC = 0.04
 """m/s2: within a stop the mean acceleration is steady to this and three times its noise."""
 
 MISTILT, MISCALIBRATION = 0.1, 0.5
-"""m/s2: what a wrong attitude may feign anywhere, and an accelerometer's errors at another tilt than that of the rest.
-A short stop with more is none; for as long as COAST_S no hand accelerates steadily."""
+"""m/s2: by how much the mean acceleration of a short stop may differ from that of the nearest long one, for a wrong
+attitude, and for an accelerometer's errors where the tilt differs. (For COAST_S no hand accelerates steadily.)"""
 
 MERGE_S = 0.1
 """Motion shorter than this between two stops is a jolt, not a move."""
@@ -81,12 +81,15 @@ def find_stops(recording: Recording, a_nav: Array, wxyz_nav_sensor: Array, rest:
 
     tolerance = STEADY_ACC + 3.0 * rest.acc_rms / np.sqrt(n)
     up = _window_moments(quat_rotate(quat_inverse(wxyz_nav_sensor), (0.0, 0.0, 1.0)), n)[1]
-    feigned = MISTILT + MISCALIBRATION * np.linalg.norm(up - rest.up_sensor, axis=1)
-    for start, stop in _runs(quiet):
-        run = slice(start, stop)
+    runs = [slice(*run) for run in _runs(quiet)]
+    long = [run for run in runs if t[run.stop - 1] - t[run.start] >= COAST_S]
+    for run in runs:
         push = _unsteadiness(mean_nav[run], mean_sensor[run])
-        if t[stop - 1] - t[start] < COAST_S:
-            push += np.maximum(np.linalg.norm(np.median(mean_nav[run], axis=0)) - feigned[run], 0.0)
+        if long and run not in long:
+            nearest = min(long, key=lambda other: max(other.start - run.stop, run.start - other.stop))
+            off = np.median(mean_nav[run], axis=0) - np.median(mean_nav[nearest], axis=0)
+            tilted = np.median(up[run], axis=0) - np.median(up[nearest], axis=0)
+            push += max(float(np.linalg.norm(off) - MISTILT - MISCALIBRATION * np.linalg.norm(tilted)), 0.0)
         quiet[run] &= push < tolerance
     for start, stop in _runs(doubtful):
         if not quiet[max(start - 2 * n, 0) : stop + 2 * n].any():  # not the edge of a rest
