@@ -82,9 +82,11 @@ def find_stops(recording: Recording, a_nav: Array, wxyz_nav_sensor: Array, rest:
     tolerance = STEADY_ACC + 3.0 * rest.acc_rms / np.sqrt(n)
     up = _window_moments(quat_rotate(quat_inverse(wxyz_nav_sensor), (0.0, 0.0, 1.0)), n)[1]
     runs = [slice(*run) for run in _runs(quiet)]
-    long = [run for run in runs if t[run.stop - 1] - t[run.start] >= COAST_S]
-    for run in runs:
-        push = _unsteadiness(mean_nav[run], mean_sensor[run])
+    pushes = [_unsteadiness(mean_nav[run], mean_sensor[run]) for run in runs]
+    long = [
+        run for run, push in zip(runs, pushes, strict=True) if (push < tolerance).sum() > COAST_S * recording.rate_hz
+    ]
+    for run, push in zip(runs, pushes, strict=True):
         if long and run not in long:
             nearest = min(long, key=lambda other: max(other.start - run.stop, run.start - other.stop))
             off = np.median(mean_nav[run], axis=0) - np.median(mean_nav[nearest], axis=0)
