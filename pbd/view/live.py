@@ -1,0 +1,112 @@
+"""The live viewer: the replay's page, fed over web sockets by a server on this machine's loopback."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import webbrowser
+from types import TracebackType
+from typing import Any
+
+import umsgpack
+from zmq.constants import LINGER, REQ
+from zmq.sugar.context import Context
+
+from pbd.errors import PbdError
+from pbd.view.meshcat_api import ScenePath, Visualizer
+from pbd.view.page import SCENE_ROOT
+from pbd.view.scene import ReplayScene, build
+
+PATIENCE_MS = 10_000
+
+
+class LiveViewer:
+    """A running viewer: its page's `url`, and the `visualizer` that draws into every page that is open.
+
+    The server is a process of its own and ends with this one, whatever ends it.
+
+    Raises:
+        PbdError: the server can't be started.
+    """
+
+    def __init__(self) -> None:
+        self._process = subprocess.Popen(
+            # -P: nothing in the folder in which the user happens to be is imported.
+            [sys.executable, "-P", "-m", "pbd.view.server"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            start_new_session=True,  # Ctrl-C in the terminal is ours to handle
+        )
+        line = self._process.stdout.readline() if self._process.stdout else b""
+        if not line:
+            reason = self._process.communicate()[1].decode(errors="replace").strip().splitlines()[-1:]
+            raise PbdError(
+                f"the live viewer did not start ({' '.join(reason) or 'no reason given'}); use --html FILE instead"
+            )
+        addresses = json.loads(line)
+        self.url: str = addresses["web"]
+        self._socket = Context.instance().socket(REQ)
+        self._socket.setsockopt(LINGER, 0)
+        self._socket.connect(addresses["zmq"])
+        self.visualizer = Visualizer.view_into(self, ScenePath((SCENE_ROOT,)))
+
+    def send(self, command: Any) -> None:
+        """Pass on one of meshcat's commands (this makes us a window in meshcat's sense)."""
+        lowered = command.lower()
+        self._socket.send_multipart([lowered["type"].encode(), lowered["path"].encode(), umsgpack.packb(lowered)])
+        if not self._socket.poll(PATIENCE_MS):
+            raise PbdError("the live viewer's server does not answer; run the command again")
+        self._socket.recv()
+
+    def wait(self) -> None:
+        """Wait until the server ends; Ctrl-C raises KeyboardInterrupt as ever."""
+        self._process.wait()
+
+    def close(self) -> None:
+        """End the server; more than once is fine."""
+        self._socket.close()
+        self._process.kill()
+        self._process.wait()
+        for pipe in (self._process.stdin, self._process.stdout, self._process.stderr):
+            if pipe is not None:
+                pipe.close()
+
+    def __enter__(self) -> LiveViewer:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def show_live(scene: ReplayScene, open_browser: bool = True, block: bool = True) -> LiveViewer:
+    """Play a scene in a browser on this machine; the address goes to stderr.
+
+    Args:
+        scene: what to show.
+        open_browser: open the address in the user's browser.
+        block: stay until Ctrl-C, then close the viewer. Otherwise it is the caller's to close.
+
+    Raises:
+        PbdError: the server can't be started, or the robot's files can't be read.
+    """
+    viewer = LiveViewer()
+    try:
+        build(scene, viewer.visualizer)
+        print(f"replay at {viewer.url}" + (" (Ctrl-C ends it)" if block else ""), file=sys.stderr, flush=True)
+        if open_browser and not webbrowser.open(viewer.url, new=2):
+            print("no browser found; open the address yourself", file=sys.stderr)
+        if block:
+            viewer.wait()
+    except KeyboardInterrupt:
+        viewer.close()
+    except BaseException:
+        viewer.close()
+        raise
+    else:
+        if block:
+            viewer.close()
+    return viewer

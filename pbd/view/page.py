@@ -1,0 +1,108 @@
+"""The replay as one HTML file: it plays without a server and without a net.
+
+The page carries meshcat's own viewer and the scene's commands, both gzipped. Its content security policy names the
+hashes of its scripts and forbids everything else: no connection, no script that a label or a title might smuggle in.
+"""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import hashlib
+import html
+import importlib.resources
+import os
+import re
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import umsgpack
+
+from pbd.view.meshcat_api import ScenePath, Visualizer, meshcat_file
+
+if TYPE_CHECKING:  # the server of the live viewer makes a page too, and needs no robot library
+    from pbd.view.scene import ReplayScene
+
+SCRIPTS = ("player.js", "quality.js", "stage.js", "page.js", "boot.js")
+SCENE_ROOT = "pbd"
+POLICY = (
+    "default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:; connect-src {connect}; "
+    "base-uri 'none'; form-action 'none'"
+)
+
+
+def write_page(scene: ReplayScene, path: Path) -> None:
+    """Write the replay to an HTML file, all or nothing; the same scene gives the same bytes.
+
+    Raises:
+        RobotError: the robot's files can't be read.
+        OSError: the file can't be written.
+    """
+    from pbd.view.scene import build
+
+    window = _Collector()
+    build(scene, Visualizer.view_into(window, ScenePath((SCENE_ROOT,))))
+    text = page_html(scene.title, b"".join(window.commands))
+    unfinished = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        unfinished.write_text(text, encoding="utf-8", newline="\n")
+        unfinished.replace(path)
+    finally:
+        unfinished.unlink(missing_ok=True)
+
+
+def page_html(title: str, commands: bytes, connect: str = "'none'") -> str:
+    """The page's text.
+
+    Args:
+        title: of the window, until the scene says more.
+        commands: meshcat's, each led by its length (uint32, little-endian); empty: the page asks its server for them.
+        connect: what the page may connect to, in the words of a content security policy.
+    """
+    script = "\n".join(_web(name) for name in SCRIPTS)
+    hashes = " ".join(
+        f"'sha256-{_base64(hashlib.sha256(text.encode()).digest())}'" for text in (f"\n{script}\n", viewer_code())
+    )
+    parts = {
+        "policy": POLICY.format(hashes=hashes, connect=connect),
+        "title": html.escape(title),
+        "style": _web("page.css"),
+        "script": script,
+        "viewer": _packed(viewer_code().encode()),
+        "scene": _packed(commands) if commands else "",
+    }
+    return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], _web("page.html"))
+
+
+@cache
+def viewer_code() -> str:
+    """Meshcat's page script, with the licences of what is in it."""
+    folder = Path(meshcat_file).parent / "viewer"
+    names = ("LICENSE", "dist/main.min.js.LICENSE.txt", "dist/main.min.js.THIRD_PARTY_LICENSES.json")
+    licences = "\n".join((folder / name).read_text(encoding="utf-8") for name in names).replace("*/", "* /")
+    code = (folder / "dist" / "main.min.js").read_text(encoding="utf-8")
+    return f"{code}\n/*! {licences} */\n".replace("\r\n", "\n")
+
+
+class _Collector:
+    """Stands in for meshcat's window: keeps the commands instead of sending them."""
+
+    def __init__(self) -> None:
+        self.commands: list[bytes] = []
+
+    def send(self, command: Any) -> None:
+        packed = umsgpack.packb(command.lower())
+        self.commands.append(len(packed).to_bytes(4, "little") + packed)
+
+
+def _web(name: str) -> str:
+    return (importlib.resources.files("pbd.view") / "web" / name).read_text(encoding="utf-8").strip("\n")
+
+
+def _packed(data: bytes) -> str:
+    return _base64(gzip.compress(data, 9, mtime=0))
+
+
+def _base64(data: bytes) -> str:
+    return base64.b64encode(data).decode()

@@ -1,0 +1,114 @@
+"""Meshes of simple things: URDF's primitives, and the marks that stand in the scene."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pbd.pose import Array
+from pbd.view.meshes import Mesh, Soup, compact
+
+SIDES = 32
+AXES_RGB = ((0.88, 0.27, 0.24), (0.22, 0.66, 0.36), (0.22, 0.46, 0.92))
+"""x red, y green, z blue."""
+
+
+def box(size: ArrayLike, rgb: ArrayLike) -> Mesh:
+    """A box of size (3,) m around the origin."""
+    corners = (np.array(list(np.ndindex(2, 2, 2))) - 0.5) * np.asarray(size, dtype=np.float64)
+    quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+    faces = np.array([face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))])
+    return _creased(corners, faces, rgb)
+
+
+def cylinder(radius: float, height: float, rgb: ArrayLike) -> Mesh:
+    """A cylinder around z, its centre in the origin; metres."""
+    z = 0.5 * height
+    return lathe(((0.0, -z), (radius, -z), (radius, z), (0.0, z)), rgb)
+
+
+def sphere(radius: float, rgb: ArrayLike) -> Mesh:
+    """A sphere around the origin; metres."""
+    latitude = np.linspace(-np.pi / 2, np.pi / 2, SIDES // 2 + 1)
+    return lathe(radius * np.stack((np.cos(latitude), np.sin(latitude)), axis=1), rgb)
+
+
+def lathe(profile: ArrayLike, rgb: ArrayLike) -> Mesh:
+    """Turn a profile (n, 2) of radius and height in metres, from the bottom up, about z."""
+    corners, faces = _lathed(np.asarray(profile, dtype=np.float64))
+    return _creased(corners, faces, rgb)
+
+
+def triad(length: float, radius: float) -> Mesh:
+    """Three arrows of `length` m along x (red), y (green) and z (blue)."""
+    head = 2.7 * radius
+    profile = ((0.0, 0.0), (radius, 0.0), (radius, length - 2.4 * head), (head, length - 2.4 * head), (0.0, length))
+    corners, faces = _lathed(np.array(profile))
+    soups = []
+    for axis, rgb in enumerate(AXES_RGB):
+        turned = np.roll(corners, axis + 1, axis=1)  # a cyclic swap of axes is a rotation: z to x, y, z
+        soups.append((turned[faces], np.tile(rgb, (len(faces), 1))))
+    return compact(Soup.join(soups), AXES_RGB[0])
+
+
+def tube(points: Array, rgb: Array, radius: float, sides: int = 8) -> Mesh:
+    """A tube of `radius` m along points (n, 3) m, coloured rgb (n, 3) in 0..1, its ends closed.
+
+    The cross section is carried along without twist (double reflection: Wang et al. 2008).
+    """
+    far = np.append(True, np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-6)
+    points, rgb = points[far], np.broadcast_to(rgb, (len(far), 3))[far]
+    n = len(points)
+    if n < 2:
+        dot = sphere(radius, rgb[0])
+        return replace(dot, centre=dot.centre + points[0])
+    tangents = np.gradient(points, axis=0)
+    tangents /= np.maximum(np.linalg.norm(tangents, axis=1, keepdims=True), 1e-12)
+    across = _carried(points, tangents)
+    angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)[None, :, None]
+    ring = np.cos(angle) * across[:, None] + np.sin(angle) * np.cross(tangents, across)[:, None]
+    vertices = np.concatenate(((points[:, None] + radius * ring).reshape(-1, 3), points[[0, -1]]))
+    i, k = np.meshgrid(np.arange(n - 1) * sides, np.arange(sides), indexing="ij")
+    a, b = (i + k).ravel(), (i + (k + 1) % sides).ravel()
+    first, last = np.arange(sides), np.arange(sides) + (n - 1) * sides
+    faces = np.concatenate(
+        (
+            np.stack((a, b, b + sides), axis=1),
+            np.stack((a, b + sides, a + sides), axis=1),
+            np.stack((np.roll(first, -1), first, np.full(sides, n * sides)), axis=1),
+            np.stack((last, np.roll(last, -1), np.full(sides, n * sides + 1)), axis=1),
+        )
+    )
+    return Mesh.of(vertices, faces, np.concatenate((np.repeat(rgb, sides, axis=0), rgb[[0, -1]])))
+
+
+def _carried(points: Array, tangents: Array) -> Array:
+    """One unit vector across each tangent, (n, 3), turning as little as it can from one to the next."""
+    across = np.empty_like(points)
+    start = np.cross(tangents[0], np.eye(3)[np.argmin(np.abs(tangents[0]))])
+    across[0] = start / np.linalg.norm(start)
+    for i in range(len(points) - 1):
+        step = points[i + 1] - points[i]
+        mirror = 2.0 / (step @ step)
+        vector, tangent = (v - mirror * (step @ v) * step for v in (across[i], tangents[i]))
+        turn = tangents[i + 1] - tangent
+        size = turn @ turn
+        across[i + 1] = vector if size < 1e-18 else vector - 2.0 / size * (turn @ vector) * turn
+    return across
+
+
+def _lathed(profile: Array) -> tuple[Array, NDArray[np.int64]]:
+    """Corners and faces of a turned profile; where the radius is 0 faces are degenerate, and `compact` drops them."""
+    angle = np.linspace(0.0, 2.0 * np.pi, SIDES, endpoint=False)
+    around = np.stack((np.cos(angle), np.sin(angle)), axis=1)
+    corners = np.concatenate([np.column_stack((r * around, np.full(SIDES, z))) for r, z in profile])
+    low, k = np.meshgrid(np.arange(len(profile) - 1) * SIDES, np.arange(SIDES), indexing="ij")
+    a, b = (low + k).ravel(), (low + (k + 1) % SIDES).ravel()
+    faces = np.stack((a, b, b + SIDES, a, b + SIDES, a + SIDES), axis=1)
+    return corners, faces.reshape(-1, 3)
+
+
+def _creased(corners: Array, faces: NDArray[np.int64], rgb: ArrayLike) -> Mesh:
+    return compact(Soup(corners[faces], np.full((len(faces), 3), np.nan)), rgb)

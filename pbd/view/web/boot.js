@@ -1,0 +1,62 @@
+"use strict";
+
+// Starts the page: unpacks the viewer and the scene, or asks the server that sent the page for the scene.
+const pbd = { ready: false, page: null, startup: null };
+window.pbd = pbd;
+
+function say(text) {
+  const message = document.getElementById("message");
+  message.textContent = text;
+  message.hidden = false;
+}
+
+async function unpacked(id) {
+  const packed = atob(document.getElementById(id).textContent);
+  const bytes = new Uint8Array(packed.length);
+  for (let i = 0; i < packed.length; i++) bytes[i] = packed.charCodeAt(i);
+  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+  return new Uint8Array(await new Response(stream).arrayBuffer());
+}
+
+// Each command is led by its length, four bytes, little-endian.
+function* commands(bytes) {
+  const view = new DataView(bytes.buffer);
+  for (let at = 0; at < bytes.length; ) {
+    const length = view.getUint32(at, true);
+    yield bytes.subarray(at + 4, at + 4 + length);
+    at += 4 + length;
+  }
+}
+
+function begin(stage, replay) {
+  pbd.page?.player.pause();
+  pbd.page = new Page(stage, replay);
+  if (!matchMedia("(prefers-reduced-motion: reduce)").matches) pbd.page.player.play();
+  requestAnimationFrame(() => setTimeout(() => {
+    pbd.startup = performance.now();
+    pbd.ready = true;
+  }));
+}
+
+async function boot() {
+  const code = document.createElement("script");
+  code.textContent = new TextDecoder().decode(await unpacked("viewer-code"));
+  document.head.append(code);
+  const stage = new Stage(document.getElementById("pane"));
+  const handle = stage.viewer.handle_command.bind(stage.viewer);
+  stage.viewer.handle_command = (command) => {
+    handle(command);
+    if (command.property === "replay") begin(stage, command.value);
+  };
+  if (document.getElementById("scene").textContent) {
+    for (const command of commands(await unpacked("scene"))) stage.viewer.handle_command_bytearray(command);
+  } else {
+    stage.viewer.connect();
+    stage.viewer.connection.onclose = () => say("The viewer has ended. Run pbd replay again.");
+  }
+}
+
+boot().catch((error) => {
+  console.error(error);
+  say(`The replay can't be shown: ${error.message}. It needs a browser of 2023 or later with WebGL.`);
+});

@@ -1,0 +1,80 @@
+"use strict";
+
+// How finely the scene is drawn. A graphics card draws everything at once. Without one (software rendering), what moves
+// is drawn coarsely and without shadows, and as soon as it stands still, again with all that there is.
+class Quality {
+  static software = /swiftshader|llvmpipe|software|basic render/i;
+  static coarse_pixels = 8e5;
+  static settle_ms = 250;
+
+  constructor(THREE) {
+    this.THREE = THREE;
+    this.slow = Quality.software.test(Quality.graphics());
+    this.renderer = new THREE.WebGLRenderer({ antialias: !this.slow, alpha: true });
+    this.renderer.outputEncoding = THREE.sRGBEncoding;
+    this.renderer.shadowMap.enabled = true;
+    this.renderer.shadowMap.type = THREE.PCFShadowMap;
+    this.size = [window.innerWidth, window.innerHeight];
+    this.caster = null; // the light whose shadows we can afford or not
+    this.settled = null;
+    this.fine = false; // whether what is on the screen is all that there is
+  }
+
+  static graphics() {
+    const gl = document.createElement("canvas").getContext("webgl");
+    const names = gl.getExtension("WEBGL_debug_renderer_info");
+    const name = gl.getParameter(names ? names.UNMASKED_RENDERER_WEBGL : gl.RENDERER);
+    gl.getExtension("WEBGL_lose_context")?.loseContext();
+    return name;
+  }
+
+  resize(width, height) {
+    this.size = [width, height];
+    if (this.smooth) this.smooth.dispose();
+    this.smooth = null;
+  }
+
+  render(scene, camera) {
+    if (!this.slow) {
+      this.draw(scene, camera, Math.min(window.devicePixelRatio, 2), true);
+      return;
+    }
+    const [width, height] = this.size;
+    this.draw(scene, camera, Math.min(1, Math.sqrt(Quality.coarse_pixels / (width * height))), false);
+    clearTimeout(this.settled);
+    this.settled = setTimeout(() => requestAnimationFrame(() => this.drawSmooth(scene, camera)), Quality.settle_ms);
+  }
+
+  draw(scene, camera, ratio, shadows) {
+    this.fine = shadows;
+    if (this.renderer.getPixelRatio() !== ratio) this.renderer.setPixelRatio(ratio);
+    if (this.caster) this.caster.castShadow = shadows;
+    this.renderer.render(scene, camera);
+  }
+
+  // The canvas has no antialiasing of its own here, which would slow all down fourfold, so a texture does it.
+  drawSmooth(scene, camera) {
+    const { THREE, renderer } = this;
+    this.smooth ??= new THREE.WebGLMultisampleRenderTarget(...this.size, {
+      format: THREE.RGBAFormat,
+      encoding: THREE.sRGBEncoding,
+      stencilBuffer: true, // which brings 24 bits of depth; without it there are 16, and near surfaces fight
+    });
+    this.copy ??= new THREE.Mesh(
+      new THREE.PlaneGeometry(2, 2),
+      new THREE.ShaderMaterial({
+        uniforms: { image: { value: null } },
+        vertexShader: "varying vec2 at; void main() { at = uv; gl_Position = vec4(position.xy, 0.0, 1.0); }",
+        fragmentShader: "uniform sampler2D image; varying vec2 at; void main() { gl_FragColor = texture2D(image, at); }",
+        blending: THREE.NoBlending,
+        depthTest: false,
+      }),
+    );
+    renderer.setRenderTarget(this.smooth);
+    renderer.clear();
+    this.draw(scene, camera, 1, true);
+    renderer.setRenderTarget(null);
+    this.copy.material.uniforms.image.value = this.smooth.texture;
+    renderer.render(this.copy, camera);
+  }
+}

@@ -1,0 +1,148 @@
+"""Small replays to look at: a robot, a few rest-to-rest moves, a hand that went nearly the same way."""
+
+from __future__ import annotations
+
+import importlib.metadata
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pbd.data import GraspedObject, Gripper, JointLimits, JointTrajectory, Robot
+from pbd.pose import Array, Pose
+from pbd.view.motion import Motion
+from pbd.view.scene import ReplayKeyframe, ReplayScene
+
+QUARTER_TURN = Pose.from_rpy(np.zeros(3), (0.0, 0.0, np.pi / 2))
+
+
+def share() -> Path:
+    files = importlib.metadata.files("example-robot-data") or []
+    urdf = next(file for file in files if file.name == "panda.urdf")
+    return Path(str(urdf.locate())).resolve().parents[4]
+
+
+def robot(
+    name: str,
+    urdf: str,
+    base: str,
+    body: str,
+    joints: tuple[str, ...],
+    gripper: Gripper | None = None,
+    T: Pose = QUARTER_TURN,
+) -> Robot:
+    k = len(joints)
+    return Robot(
+        name=name,
+        description=name.upper(),
+        urdf=share() / "example-robot-data" / "robots" / urdf,
+        srdf=None,
+        package_dirs=(share(),),
+        base=base,
+        body=body,
+        T_body_tool=T,
+        joints=joints,
+        home=np.zeros(k),
+        gripper=gripper,
+        limits=JointLimits(-np.ones(k), np.ones(k), np.ones(k), np.ones(k), np.ones(k), "none"),
+    )
+
+
+def panda() -> Robot:
+    fingers = ("panda_finger_joint1", "panda_finger_joint2")
+    return robot(
+        "panda",
+        "panda_description/urdf/panda.urdf",
+        "panda_link0",
+        "panda_hand_tcp",
+        tuple(f"panda_joint{i}" for i in range(1, 8)),
+        Gripper(fingers, np.full(2, 0.04), np.zeros(2), 0.8),
+    )
+
+
+def ur5() -> Robot:
+    parts = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+    return robot(
+        "ur5", "ur_description/urdf/ur5_robot.urdf", "base_link", "tool0", tuple(f"{part}_joint" for part in parts)
+    )
+
+
+def rest_to_rest(
+    joints: tuple[str, ...], q: ArrayLike, move_s: float, grip: ArrayLike, dwell_s: float = 0.4
+) -> JointTrajectory:
+    """Through configurations q (f, k), standing still in each; the gripper opens and closes in the dwells."""
+    q, grip = np.asarray(q, dtype=np.float64), np.asarray(grip, dtype=np.float64)
+    pieces, knots, gripper_t, opening = [], [0.0], [0.0], [grip[0]]
+    for i, (here, there) in enumerate(pairwise(q)):
+        step, zero = there - here, np.zeros(q.shape[1])
+        pieces += [[here, zero, 3 * step / move_s**2, -2 * step / move_s**3], [there, zero, zero, zero]]
+        knots += [knots[-1] + move_s, knots[-1] + move_s + dwell_s]
+        gripper_t += knots[-2:]
+        opening += [grip[i], grip[i + 1]]
+    arrive = np.array([0.0, *knots[1::2]])
+    return JointTrajectory(joints, np.array(knots), np.array(pieces), np.array(gripper_t), np.array(opening), arrive, q)
+
+
+def replay(
+    arm: Robot, trajectory: JointTrajectory, labels: tuple[str, ...], grasped: GraspedObject | None = None
+) -> ReplayScene:
+    tool = Motion(arm, trajectory, 100.0)
+    track, t = tool.tool(), tool.t
+    sway = 0.008 * np.stack([np.sin(1.3 * t), np.cos(1.7 * t) - 1.0, np.sin(0.9 * t)], axis=1)
+    path: Array = track.p + sway
+    speed = np.linalg.norm(np.gradient(path, t, axis=0), axis=1)
+    at = np.searchsorted(t, trajectory.keyframe_t).clip(0, len(t) - 1)
+    change = np.diff(
+        np.interp(trajectory.keyframe_t + 0.41, trajectory.gripper_t, trajectory.gripper_opening), prepend=1.0
+    )
+    keyframes = tuple(
+        ReplayKeyframe(
+            label,
+            float(t[i]),
+            track[int(i)],
+            np.array([0.004, 0.005, 0.003]) * (1 + k / 3),
+            None if abs(c) < 0.1 else bool(c < 0),
+        )
+        for k, (label, i, c) in enumerate(zip(labels, at, change, strict=True))
+    )
+    return ReplayScene(
+        title="Pouring",
+        robot=arm,
+        trajectory=trajectory,
+        hand_path_base=path,
+        keyframes=keyframes,
+        hand_speed=speed,
+        table_height=0.0,
+        grasped=grasped,
+        notes=("Simulated data: no sensor was held.",),
+    )
+
+
+def pouring() -> ReplayScene:
+    q = (
+        (-0.133, -0.066, -0.350, -2.448, -0.033, 2.386, 0.327),
+        (-0.142, 0.232, -0.317, -2.484, 0.168, 2.699, 0.183),
+        (0.105, -0.222, -0.568, -2.354, -0.143, 2.162, 0.413),
+        (0.439, -0.110, -0.197, -2.163, -0.024, 2.055, 0.639),
+        (0.402, 0.347, -0.421, -1.915, 1.144, 1.434, -0.009),
+        (0.727, -0.122, -0.476, -2.163, -0.063, 2.053, 0.669),
+        (0.357, 0.322, -0.777, -2.465, 0.487, 2.649, -0.044),
+        (0.718, -0.261, -1.192, -2.420, -0.325, 2.295, 0.543),
+    )
+    labels = ("dock", "grasp", "lift", "over the cup", "pour", "upright", "put down", "away")
+    arm = panda()
+    trajectory = rest_to_rest(arm.joints, q, 1.1, (1, 0.75, 0.75, 0.75, 0.75, 0.75, 1, 1))
+    return replay(arm, trajectory, labels, GraspedObject("cylinder", (0.058, 0.17)))
+
+
+def ur5_moves() -> ReplayScene:
+    q = (
+        (-0.642, -1.483, 1.961, -2.048, -1.571, -2.213),
+        (-0.642, -1.273, 2.116, -2.415, -1.571, -2.213),
+        (-0.642, -1.566, 1.776, -1.781, -1.571, -2.213),
+        (0.195, -1.566, 1.776, -1.781, -1.571, -1.676),
+        (0.293, -1.480, 1.818, -1.909, -1.571, -1.577),
+    )
+    arm = ur5()
+    return replay(arm, rest_to_rest(arm.joints, q, 1.2, np.ones(5)), ("", "", "", "", ""))

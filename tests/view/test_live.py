@@ -1,0 +1,159 @@
+"""The live viewer: on this machine only, and never longer than its parent."""
+
+from __future__ import annotations
+
+import http.client
+import re
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+from selenium.webdriver import Chrome
+
+from pbd.view.live import LiveViewer, show_live
+from pbd.view.scene import build
+from tests.view import scenes
+from tests.view.browser import Replay, until
+
+linux = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+
+SHOW = """
+from pbd.view.live import show_live
+from tests.view import scenes
+show_live(scenes.ur5_moves(), open_browser=False)
+"""
+
+
+@pytest.fixture(scope="module")
+def viewer() -> Iterator[LiveViewer]:
+    with show_live(scenes.pouring(), open_browser=False, block=False) as viewer:
+        yield viewer
+
+
+@pytest.fixture
+def parent() -> Iterator[tuple[subprocess.Popen[str], int, str]]:
+    """A program that shows a replay; its server's process id and address."""
+    process = subprocess.Popen([sys.executable, "-c", SHOW], stderr=subprocess.PIPE, text=True)
+    try:
+        assert process.stderr is not None
+        found = re.search(r"http://\S+", process.stderr.readline())
+        assert found
+        yield process, child_of(process.pid), found[0]
+    finally:
+        process.kill()
+        process.wait()
+        if process.stderr is not None:
+            process.stderr.close()
+
+
+def child_of(pid: int) -> int:
+    (child,) = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    return int(child)
+
+
+def alive(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+def listening(pid: int) -> list[str]:
+    """The local addresses, in hexadecimal, that a process listens on."""
+    sockets = set()
+    for descriptor in Path(f"/proc/{pid}/fd").iterdir():
+        try:
+            sockets.add(str(descriptor.readlink()))
+        except FileNotFoundError:
+            continue
+    addresses = []
+    for table in ("tcp", "tcp6"):
+        for line in Path(f"/proc/net/{table}").read_text().splitlines()[1:]:
+            words = line.split()
+            if words[3] == "0A" and f"socket:[{words[9]}]" in sockets:
+                addresses.append(words[1].partition(":")[0])
+    return addresses
+
+
+def answer(url: str, host: str) -> int:
+    address = urlsplit(url)
+    connection = http.client.HTTPConnection(str(address.hostname), address.port, timeout=5)
+    try:
+        connection.request("GET", address.path, headers={"Host": host})
+        return connection.getresponse().status
+    finally:
+        connection.close()
+
+
+@linux
+def test_it_listens_on_loopback_only(viewer: LiveViewer) -> None:
+    addresses = listening(viewer._process.pid)
+    assert len(addresses) >= 2  # the page's and the commands'
+    assert set(addresses) == {"0100007F"}
+
+
+def test_it_answers_to_its_own_name_only(viewer: LiveViewer) -> None:
+    port = urlsplit(viewer.url).port
+    assert answer(viewer.url, f"127.0.0.1:{port}") == 200
+    assert answer(viewer.url, f"elsewhere.example:{port}") == 404
+
+
+def test_it_plays_in_a_browser(viewer: LiveViewer, chrome: Chrome) -> None:
+    replay = Replay(chrome, viewer.url)
+    address = urlsplit(viewer.url)
+    assert {urlsplit(asked).netloc for asked in replay.requests()} == {address.netloc}
+    replay("pbd.page.player.seek(5)")
+    before = replay.place("pbd", "object")
+    replay("pbd.page.player.seek(9)")
+    assert abs(before - replay.place("pbd", "object")).max() > 0.05
+    # a second scene takes the place of the first, in the page that is open
+    build(scenes.ur5_moves(), viewer.visualizer)
+    until(lambda: replay("return pbd.page.replay.robot") == "UR5", "the second scene")
+    assert replay("return 'object' in pbd.page.stage.viewer.scene_tree.children.pbd.children") is False
+    assert [error for error in replay.errors() if "favicon" not in error] == []
+
+
+@linux
+def test_it_ends_with_a_killed_parent(parent: tuple[subprocess.Popen[str], int, str]) -> None:
+    process, server, _ = parent
+    assert alive(server)
+    process.kill()
+    process.wait()
+    until(lambda: not alive(server), "the server's end", 5.0)
+
+
+@linux
+def test_ctrl_c_ends_it(parent: tuple[subprocess.Popen[str], int, str]) -> None:
+    process, server, url = parent
+    process.send_signal(signal.SIGINT)
+    assert process.wait(10.0) == 0
+    assert not alive(server)
+    with pytest.raises(ConnectionError):
+        socket.create_connection((urlsplit(url).hostname, urlsplit(url).port), 1.0)
+
+
+@linux
+def test_standard_input_alone_ends_it() -> None:
+    viewer = LiveViewer()
+    assert viewer._process.stdin is not None
+    viewer._process.stdin.close()
+    until(lambda: not alive(viewer._process.pid), "the server's end", 5.0)
+    viewer.close()
+
+
+def test_the_browser_is_opened_or_not(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
+    opened: list[str] = []
+    monkeypatch.setattr("webbrowser.open", lambda url, new: opened.append(url))
+    show_live(scenes.ur5_moves(), open_browser=False, block=False).close()
+    assert opened == []
+    viewer = show_live(scenes.ur5_moves(), open_browser=True, block=False)
+    viewer.close()
+    assert opened == [viewer.url]
+    out, err = capfd.readouterr()
+    assert out == ""
+    assert viewer.url in err

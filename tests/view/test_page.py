@@ -1,0 +1,72 @@
+"""The HTML file as a file; tests/view/test_browser.py opens it."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import hashlib
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from pbd.errors import RobotError
+from pbd.view.page import page_html, viewer_code, write_page
+from tests.view import scenes
+
+
+def block(page: str, name: str) -> bytes:
+    (text,) = re.findall(rf'<script type="application/gzip" id="{name}">([^<]*)</script>', page)
+    return gzip.decompress(base64.b64decode(text)) if text else b""
+
+
+def test_it_is_small(replay_file: Path) -> None:
+    assert 0.5e6 < replay_file.stat().st_size < 2.5e6
+
+
+def test_the_same_scene_gives_the_same_bytes(replay_file: Path, tmp_path: Path) -> None:
+    write_page(scenes.pouring(), tmp_path / "again.html")
+    assert (tmp_path / "again.html").read_bytes() == replay_file.read_bytes()
+
+
+def test_it_names_nothing_outside_itself(replay_file: Path) -> None:
+    page = replay_file.read_text()
+    assert not re.findall(r"""(?:src|href)\s*=|@import|url\(""", page)
+    assert not re.findall(r"https?://(?!www\.w3\.org/2000/svg)", page)
+    (policy,) = re.findall(r'http-equiv="Content-Security-Policy" content="([^"]*)"', page)
+    assert "default-src 'none'" in policy
+    assert "connect-src 'none'" in policy
+    assert "unsafe-eval" not in policy
+
+
+def test_the_policy_knows_the_scripts(replay_file: Path) -> None:
+    page = replay_file.read_text()
+    (script,) = re.findall(r"<script>(.*?)</script>", page, re.DOTALL)
+    assert block(page, "viewer-code").decode() == viewer_code()
+    for text in (script, viewer_code()):
+        assert f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'" in page
+
+
+def test_the_licences_go_with_the_viewer() -> None:
+    assert "Three.js Authors" in viewer_code()
+    assert "MIT License" in viewer_code()
+
+
+def test_a_title_is_text() -> None:
+    page = page_html("</title><script>alert(1)</script>", b"")
+    assert "<script>alert" not in page
+    assert block(page, "scene") == b""
+
+
+def test_a_failure_leaves_what_was_there(tmp_path: Path) -> None:
+    path = tmp_path / "replay.html"
+    path.write_text("old")
+    scene = scenes.ur5_moves()
+    with pytest.raises(RobotError):
+        write_page(replace(scene, robot=replace(scene.robot, base="nowhere")), path)
+    assert path.read_text() == "old"
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(OSError, match="folder"):
+        write_page(scene, tmp_path / "folder")
+    assert {entry.name for entry in tmp_path.iterdir()} == {"replay.html", "folder"}

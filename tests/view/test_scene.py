@@ -1,0 +1,141 @@
+"""What is sent to the page."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pbd.errors import RobotError
+from pbd.view import visuals
+from pbd.view.meshcat_api import ScenePath, Visualizer
+from pbd.view.scene import FRAME_RATE_HZ, ReplayScene, build
+from pbd.view.visuals import find_file, read_visuals
+from tests.view import scenes
+
+
+class Recorder:
+    """Stands in for meshcat's window."""
+
+    def __init__(self) -> None:
+        self.commands: list[dict[str, Any]] = []
+
+    def send(self, command: Any) -> None:
+        self.commands.append(command.lower())
+
+
+def commands(scene: ReplayScene) -> list[dict[str, Any]]:
+    recorder = Recorder()
+    build(scene, Visualizer.view_into(recorder, ScenePath(("pbd",))))
+    return recorder.commands
+
+
+@pytest.fixture(scope="module")
+def pouring() -> list[dict[str, Any]]:
+    return commands(scenes.pouring())
+
+
+def test_every_animated_node_exists_and_moves_all_the_time(pouring: list[dict[str, Any]]) -> None:
+    placed = {command["path"] for command in pouring if command["type"] in ("set_transform", "set_object")}
+    (animation,) = (command for command in pouring if command["type"] == "set_animation")
+    moving = {}
+    for part in animation["animations"]:
+        assert part["path"] in placed
+        for track in part["clip"]["tracks"]:
+            t = np.frombuffer(track["times"].data, dtype=np.float32)
+            values = np.frombuffer(track["values"].data, dtype=np.float32)
+            assert len(values) == len(t) * {"vector3": 3, "quaternion": 4}[track["type"]]
+            if len(t) > 1:
+                assert np.diff(t) == pytest.approx(1.0 / FRAME_RATE_HZ, rel=1e-3)
+                assert t[-1] >= scenes.pouring().trajectory.duration - 1e-6
+            moving[part["path"].split("/")[-1], track["name"]] = len(t) > 1
+    for i in range(1, 8):  # a joint that turns in its place has one position, and only its turn is sent
+        assert moving[f"panda_joint{i}", ".quaternion"]
+        assert not moving[f"panda_joint{i}", ".position"]
+    assert moving["panda_finger_joint1", ".position"]
+    assert moving["object", ".position"]
+
+
+def test_the_description_comes_last(pouring: list[dict[str, Any]]) -> None:
+    scene = scenes.pouring()
+    assert pouring[0]["type"] == "delete"  # of what another scene left
+    last = pouring[-1]
+    assert last["property"] == "replay"
+    assert [keyframe["t"] for keyframe in last["value"]["keyframes"]] == [keyframe.t for keyframe in scene.keyframes]
+    assert last["value"]["duration"] == scene.trajectory.duration
+
+
+def test_the_camera_sees_the_whole_path(pouring: list[dict[str, Any]]) -> None:
+    extent = np.array(pouring[-1]["value"]["extent"])
+    path = scenes.pouring().hand_path_base
+    slack = 0.01
+    assert (extent.min(axis=0) <= path.min(axis=0) + slack).all()
+    assert (extent.max(axis=0) >= path.max(axis=0) - slack).all()
+    assert extent[:, 2].max() > 0.5  # and the arm above it
+
+
+def test_a_scene_needs_no_more_than_a_robot_and_a_trajectory() -> None:
+    scene = scenes.ur5_moves()
+    bare = ReplayScene("bare", scene.robot, scene.trajectory, np.empty((0, 3)), ())
+    assert commands(bare)[-1]["value"]["speed"] is None
+
+
+def test_shapes_are_checked() -> None:
+    with pytest.raises(ValueError, match="hand_speed"):
+        replace(scenes.ur5_moves(), hand_speed=np.zeros(3))
+
+
+class TestVisuals:
+    def urdf(self, folder: Path, visual: str) -> tuple[visuals.Visual, ...]:
+        path = folder / "thing.urdf"
+        path.write_text(
+            f'<robot name="thing"><material name="tea"><color rgba="0 0.5 0 1"/></material>'
+            f'<link name="cup"><visual>{visual}</visual></link></robot>'
+        )
+        return read_visuals(replace(scenes.ur5(), urdf=path))
+
+    @pytest.mark.parametrize(
+        ("geometry", "size"),
+        [
+            ('<box size="0.1 0.2 0.3"/>', (0.1, 0.2, 0.3)),
+            ('<cylinder radius="0.1" length="0.5"/>', (0.2, 0.2, 0.5)),
+            ('<sphere radius="0.1"/>', (0.2, 0.2, 0.2)),
+        ],
+    )
+    def test_primitives(self, tmp_path: Path, geometry: str, size: tuple[float, float, float]) -> None:
+        (visual,) = self.urdf(
+            tmp_path,
+            f'<origin xyz="1 2 3" rpy="0 0 1.5"/><geometry>{geometry}</geometry><material name="tea"/>',
+        )
+        assert visual.link == "cup"
+        np.testing.assert_allclose(np.ptp(visual.mesh.bounds(), axis=0), size, atol=1e-4)
+        np.testing.assert_allclose(visual.T_link_visual.log(), [1, 2, 3, 0, 0, 1.5], atol=1e-12)
+        assert (visual.mesh.rgb == [0, 128, 0]).all()
+
+    @pytest.mark.parametrize(
+        "broken",
+        [
+            "<geometry/>",
+            '<geometry><box size="1 2"/></geometry>',
+            "<geometry><torus/></geometry>",
+            '<geometry><mesh filename="package://nowhere/mesh.stl"/></geometry>',
+            '<origin xyz="a b c"/><geometry><sphere radius="1"/></geometry>',
+        ],
+    )
+    def test_a_broken_one_is_named(self, tmp_path: Path, broken: str) -> None:
+        with pytest.raises(RobotError, match=r"cup|mesh\.stl"):
+            self.urdf(tmp_path, broken)
+
+    def test_files_are_found_as_urdf_names_them(self, tmp_path: Path) -> None:
+        mesh = tmp_path / "packages" / "thing" / "meshes" / "a.stl"
+        mesh.parent.mkdir(parents=True)
+        mesh.touch()
+        urdf = tmp_path / "packages" / "thing" / "thing.urdf"
+        packages = tmp_path / "packages"
+        assert find_file("package://thing/meshes/a.stl", urdf, [tmp_path, packages]) == mesh
+        assert find_file("package://thing/meshes/a.stl", urdf, [packages / "thing"]) == mesh
+        assert find_file("meshes/a.stl", urdf, []) == mesh
+        assert find_file(f"file://{mesh}", urdf, []) == mesh
