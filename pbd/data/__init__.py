@@ -1,0 +1,45 @@
+"""The frozen values that pass between the stages, in the order in which they come to be.
+
+Arrays are copied in, made read-only and checked for their shape; a value that exists is a value that is well formed.
+SI and radians throughout; frames stand in the names: `sensor`, `nav`, `base`, `tool`, `dock`.
+"""
+
+from __future__ import annotations
+
+from pbd.data.arm import TOOL_DOWN, Calibration, Gripper, JointLimits, JointTrajectory, Robot, Samples
+from pbd.data.hand import (
+    GRAVITY,
+    Attitude,
+    Demonstration,
+    GraspedObject,
+    GripEvent,
+    HandPath,
+    Keyframe,
+    Recording,
+    RecordingInfo,
+    Segment,
+    Stop,
+    Truth,
+)
+
+__all__ = [
+    "GRAVITY",
+    "TOOL_DOWN",
+    "Attitude",
+    "Calibration",
+    "Demonstration",
+    "GraspedObject",
+    "GripEvent",
+    "Gripper",
+    "HandPath",
+    "JointLimits",
+    "JointTrajectory",
+    "Keyframe",
+    "Recording",
+    "RecordingInfo",
+    "Robot",
+    "Samples",
+    "Segment",
+    "Stop",
+    "Truth",
+]

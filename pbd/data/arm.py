@@ -1,0 +1,207 @@
+"""The values of planning: how the hand's frame lies in the robot's, the robot, its motion."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from pbd.data.freeze import freeze
+from pbd.pose import Array, Pose
+
+TOOL_DOWN = Pose(np.zeros(3), np.array([0.0, 1.0, 0.0, 0.0]))
+"""T_sensor_tool where nobody says else: a half turn about x, so that a level sensor is a gripper that points down."""
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """How the hand's frame lies in the robot's: exactly one of T_base_dock and T_base_nav is given.
+
+    Attributes:
+        T_base_dock: the sensor's pose in base at its first rest; only its position and yaw are taken.
+        any_attitude: take the dock's yaw alone and say nothing of the tilt.
+        T_base_nav: nav in base, registered from touched points.
+        T_sensor_tool: how the sensor sits on the tool; by default a level sensor is a gripper that points down.
+        table_height: m, z of the table's top in base, or None.
+        scale: multiplies p_nav_sensor, and nothing else.
+        robots: the robots that it is for; empty: any.
+    """
+
+    name: str
+    T_base_dock: Pose | None = None
+    any_attitude: bool = False
+    T_base_nav: Pose | None = None
+    T_sensor_tool: Pose = TOOL_DOWN
+    table_height: float | None = None
+    scale: float = 1.0
+    robots: tuple[str, ...] = ()
+    residuals: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if (self.T_base_dock is None) == (self.T_base_nav is None):
+            raise ValueError("a calibration takes exactly one of T_base_dock and T_base_nav")
+
+
+@dataclass(frozen=True, eq=False)
+class Gripper:
+    """Finger joints, their positions (m or rad) when open and closed, and the seconds that a full stroke takes."""
+
+    joints: tuple[str, ...]
+    open: Array
+    closed: Array
+    stroke_s: float
+
+    def __post_init__(self) -> None:
+        k = len(self.joints)
+        freeze(self, open=(k,), closed=(k,))
+
+
+@dataclass(frozen=True, eq=False)
+class JointLimits:
+    """Per joint: position rad, velocity rad/s, acceleration rad/s2, jerk rad/s3; `source` says who says so."""
+
+    lower: Array
+    upper: Array
+    velocity: Array
+    acceleration: Array
+    jerk: Array
+    source: str
+
+    def __post_init__(self) -> None:
+        k = len(self.lower)
+        freeze(self, lower=(k,), upper=(k,), velocity=(k,), acceleration=(k,), jerk=(k,))
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """An arm as robots/NAME.toml describes it.
+
+    Attributes:
+        urdf, srdf: files; `package_dirs` are where package:// addresses in them are looked up.
+        base: the body whose frame is `base`.
+        body: the body that T_body_tool is given in.
+        T_body_tool: z the approach direction, x the way the jaws open, the origin between the fingertips.
+        joints: names of the arm's joints, base to tool.
+        home: (k,) rad.
+        gripper: or None.
+        limits: of `joints`.
+        dock: the calibration that is used where the user names none, or None.
+        notes: what is assumed, for people.
+    """
+
+    name: str
+    description: str
+    urdf: Path
+    srdf: Path | None
+    package_dirs: tuple[Path, ...]
+    base: str
+    body: str
+    T_body_tool: Pose
+    joints: tuple[str, ...]
+    home: Array
+    gripper: Gripper | None
+    limits: JointLimits
+    dock: Calibration | None = None
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        freeze(self, home=(len(self.joints),))
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """A joint trajectory at instants: t (n,) s; q, qd, qdd (n, k); gripper (n,) opening, 1 open, 0 closed."""
+
+    t: Array
+    q: Array
+    qd: Array
+    qdd: Array
+    gripper: Array
+
+    def __post_init__(self) -> None:
+        n, k = self.q.shape
+        freeze(self, t=(n,), q=(n, k), qd=(n, k), qdd=(n, k), gripper=(n,))
+
+
+@dataclass(frozen=True, eq=False)
+class JointTrajectory:
+    """A motion as cubic pieces, so that position, velocity, acceleration and jerk are known exactly at every instant.
+
+    Attributes:
+        joint_names: k names.
+        knots: (m + 1,) s, from 0, increasing: piece i holds over knots[i] <= t <= knots[i + 1].
+        coefficients: (m, 4, k): q = c0 + c1 s + c2 s^2 + c3 s^3 with s = t - knots[i].
+        gripper_t: (g,) s; gripper_opening: (g,) 1 open, 0 closed; linear between, held outside.
+        keyframe_t: (f,) s, when the arm reaches each keyframe.
+        keyframe_q: (f, k) rad, the joints that were solved for it.
+    """
+
+    joint_names: tuple[str, ...]
+    knots: Array
+    coefficients: Array
+    gripper_t: Array
+    gripper_opening: Array
+    keyframe_t: Array
+    keyframe_q: Array
+
+    def __post_init__(self) -> None:
+        m, k, g, f = len(self.coefficients), len(self.joint_names), len(self.gripper_t), len(self.keyframe_t)
+        freeze(self, knots=(m + 1,), coefficients=(m, 4, k))
+        freeze(self, gripper_t=(g,), gripper_opening=(g,), keyframe_t=(f,), keyframe_q=(f, k))
+
+    @property
+    def duration(self) -> float:
+        """Seconds."""
+        return float(self.knots[-1])
+
+    def at(self, t: Array) -> Samples:
+        """Evaluate at instants (n,) in seconds; outside, the ends are held."""
+        t = np.asarray(t, dtype=np.float64)
+        inside = np.clip(t, 0.0, self.duration)
+        piece = np.clip(np.searchsorted(self.knots, inside, side="right") - 1, 0, len(self.coefficients) - 1)
+        s = (inside - self.knots[piece])[:, None]
+        c0, c1, c2, c3 = np.moveaxis(self.coefficients[piece], 1, 0)
+        moving = (t < self.duration)[:, None]  # held at the end, to the last bit: controllers refuse a final velocity
+        return Samples(
+            t=t,
+            q=c0 + s * (c1 + s * (c2 + s * c3)),
+            qd=(c1 + s * (2.0 * c2 + s * 3.0 * c3)) * moving,
+            qdd=(2.0 * c2 + 6.0 * s * c3) * moving,
+            gripper=np.interp(t, self.gripper_t, self.gripper_opening),
+        )
+
+    def sample(self, rate_hz: float) -> Samples:
+        """Evaluate at a constant rate from 0 until the end has been reached and is held."""
+        return self.at(np.arange(int(np.ceil(self.duration * rate_hz)) + 1) / rate_hz)
+
+    @cached_property
+    def _at_1khz(self) -> Samples:
+        return self.sample(1000.0)
+
+    @property
+    def t(self) -> Array:
+        """(n,) s at 1 kHz."""
+        return self._at_1khz.t
+
+    @property
+    def q(self) -> Array:
+        """(n, k) rad at 1 kHz."""
+        return self._at_1khz.q
+
+    @property
+    def qd(self) -> Array:
+        """(n, k) rad/s at 1 kHz."""
+        return self._at_1khz.qd
+
+    @property
+    def qdd(self) -> Array:
+        """(n, k) rad/s2 at 1 kHz."""
+        return self._at_1khz.qdd
+
+    @property
+    def gripper(self) -> Array:
+        """(n,) opening at 1 kHz: 1 open, 0 closed."""
+        return self._at_1khz.gripper

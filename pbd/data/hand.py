@@ -1,0 +1,201 @@
+"""The values of tracking, from the sensor's samples to the keyframes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from pbd.data.freeze import freeze
+from pbd.pose import Array, Pose
+
+GRAVITY = 9.80665
+"""Standard gravity, m/s2: what a sensor's unit "g" means. Tracking estimates the local value at rest."""
+
+
+@dataclass(frozen=True)
+class GripEvent:
+    """The hand closed (or opened) its grip at `t` seconds from the first sample."""
+
+    t: float
+    closed: bool
+
+
+@dataclass(frozen=True)
+class RecordingInfo:
+    """Where a recording comes from: its name, the sensor, the nominal rate in Hz, the UTC start in ISO 8601."""
+
+    name: str = "recording"
+    sensor: str = "unknown"
+    rate_hz: float | None = None
+    created: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """What a sensor said, in SI units and the housing's axes.
+
+    Attributes:
+        t: (n,) s from the first sample, increasing.
+        acc: (n, 3) m/s2, specific force: +g up at rest. NaN where a sample is missing.
+        gyr: (n, 3) rad/s, or None where the device has no gyro.
+        mag: (n, 3) uT, or None.
+        device_rpy: (n, 3) rad, the device's own roll, pitch, yaw (about x, y, z of ENU, URDF's order), or None.
+        grip: when the grip closed and opened.
+        info: name, sensor, nominal rate, start.
+    """
+
+    t: Array
+    acc: Array
+    gyr: Array | None = None
+    mag: Array | None = None
+    device_rpy: Array | None = None
+    grip: tuple[GripEvent, ...] = ()
+    info: RecordingInfo = field(default_factory=RecordingInfo)
+
+    def __post_init__(self) -> None:
+        n = len(self.t)
+        freeze(self, t=(n,), acc=(n, 3), gyr=(n, 3), mag=(n, 3), device_rpy=(n, 3))
+        object.__setattr__(self, "grip", tuple(self.grip))
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @property
+    def rate_hz(self) -> float:
+        """The measured rate: the inverse of the median sampling interval."""
+        return float(1.0 / np.median(np.diff(self.t)))
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """The sensor's true pose in nav, where it is known (simulated or optical): t (n,), p (n, 3), wxyz (n, 4)."""
+
+    t: Array
+    p_nav_sensor: Array
+    wxyz_nav_sensor: Array
+
+    def __post_init__(self) -> None:
+        n = len(self.t)
+        freeze(self, t=(n,), p_nav_sensor=(n, 3), wxyz_nav_sensor=(n, 4))
+
+
+@dataclass(frozen=True)
+class GraspedObject:
+    """What the hand grips: a box (x, y, z), cylinder (diameter, height) or sphere (diameter); sizes in metres."""
+
+    shape: str
+    size: tuple[float, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Demonstration:
+    """A recording and what is known about it beside the sensor's stream.
+
+    `keyframes` are those that a person edited; they win over the automatic ones. `closed`: the hand ended at the dock.
+    """
+
+    recording: Recording
+    truth: Truth | None = None
+    keyframes: tuple[Keyframe, ...] | None = None
+    notes: str = ""
+    bundled: bool = False
+    closed: bool = False
+    grasped: GraspedObject | None = None
+    folder: Path | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Attitude:
+    """The sensor's orientation in nav.
+
+    Attributes:
+        wxyz_nav_sensor: (n, 4) at each sample's instant.
+        gyro_bias: (n, 3) rad/s; zero where there is no gyro.
+    """
+
+    wxyz_nav_sensor: Array
+    gyro_bias: Array
+
+    def __post_init__(self) -> None:
+        n = len(self.wxyz_nav_sensor)
+        freeze(self, wxyz_nav_sensor=(n, 4), gyro_bias=(n, 3))
+
+
+@dataclass(frozen=True)
+class Stop:
+    """The hand stands still over the samples start <= i < stop, for `dwell_s` seconds."""
+
+    start: int
+    stop: int
+    dwell_s: float
+
+
+@dataclass(frozen=True, eq=False)
+class HandPath:
+    """The hand's path in nav, segmented by its stops.
+
+    Attributes:
+        t: (n,) s.
+        p_nav_sensor: (n, 3) m; the origin is the first rest.
+        v_nav_sensor: (n, 3) m/s; exactly zero in stops.
+        wxyz_nav_sensor: (n, 4).
+        stops: in order; between two of them lies one move.
+        closure: (len(stops) - 1, 3) m/s, the velocity left over at each move's end before it was removed: honest drift.
+        cov: (len(stops), 6, 6) of position (m) and rotation vector (rad) in nav, at each stop.
+        grip: the recording's grip events.
+    """
+
+    t: Array
+    p_nav_sensor: Array
+    v_nav_sensor: Array
+    wxyz_nav_sensor: Array
+    stops: tuple[Stop, ...]
+    closure: Array
+    cov: Array
+    grip: tuple[GripEvent, ...] = ()
+
+    def __post_init__(self) -> None:
+        n, k = len(self.t), len(self.stops)
+        freeze(self, t=(n,), p_nav_sensor=(n, 3), v_nav_sensor=(n, 3), wxyz_nav_sensor=(n, 4))
+        freeze(self, closure=(max(k - 1, 0), 3), cov=(k, 6, 6))
+        object.__setattr__(self, "stops", tuple(self.stops))
+        object.__setattr__(self, "grip", tuple(self.grip))
+
+
+@dataclass(frozen=True, eq=False)
+class Keyframe:
+    """A pose at which the hand stood still.
+
+    Attributes:
+        t: s, the middle of the stop.
+        dwell_s: how long the hand stood.
+        T_nav_sensor: the sensor's pose.
+        cov: (6, 6) m and rad: position, then rotation vector, in nav.
+        grip: True where the grip closes at this stop, False where it opens, None where nothing changes.
+        label: a word for people.
+        tolerance_m: how far the tool may be off, where a person said so.
+    """
+
+    t: float
+    dwell_s: float
+    T_nav_sensor: Pose
+    cov: Array
+    grip: bool | None = None
+    label: str = ""
+    tolerance_m: float | None = None
+
+    def __post_init__(self) -> None:
+        freeze(self, cov=(6, 6))
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A rest or a move, over the samples start <= i < stop; `ms` from its first to its last sample (Table I)."""
+
+    start: int
+    stop: int
+    kind: str
+    ms: float
+    description: str
