@@ -10,7 +10,7 @@ from pbd.calibration.frames import nav_in_base, tool_poses
 from pbd.data import Calibration, HandPath, JointTrajectory, Keyframe, Recording, Robot
 from pbd.errors import CalibrationError, TrackingError
 from pbd.pose import Array, Pose
-from pbd.tracking.conditioning import condition, refuse_gaps, refuse_wrong_units
+from pbd.tracking.conditioning import condition, refuse_gaps
 from pbd.tracking.gravity import motion_acceleration
 from pbd.tracking.integration import integrate_path
 from pbd.tracking.keyframes import find_keyframes
@@ -36,7 +36,6 @@ def track(recording: Recording) -> HandPath:
     """
     recording, gaps = condition(recording)
     rest = find_rest(recording)
-    refuse_wrong_units(rest.gravity)
     attitude = estimate_attitude(recording, slice(rest.start, rest.stop))
     a_nav = motion_acceleration(recording, attitude, rest.gravity)
     stops = find_stops(recording, a_nav, attitude.wxyz_nav_sensor, rest)

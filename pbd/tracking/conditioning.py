@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pbd.data import GRAVITY, Recording, Stop
+from pbd.data import Recording, Stop
 from pbd.errors import PbdWarning, RecordingError, TrackingError
 from pbd.pose import Array
 
@@ -90,29 +90,6 @@ def refuse_gaps(gaps: tuple[Gap, ...], t: Array, stops: tuple[Stop, ...]) -> Non
                 value=gap.missing_s,
                 bound=BRIDGED_S,
             )
-
-
-def refuse_wrong_units(norm_at_rest: float) -> None:
-    """Refuse specific force that is not in m/s2, told by its norm at rest, naming the likely unit.
-
-    Raises:
-        RecordingError: where the norm is more than 15 % off standard gravity.
-    """
-    if 0.85 < norm_at_rest / GRAVITY < 1.15:
-        return
-    scales = {"g": 1.0 / GRAVITY, "milli-g": 1e3 / GRAVITY, "mm/s2": 1e3, "cm/s2": 1e2}
-    likely = [unit for unit, scale in scales.items() if 0.85 < norm_at_rest / (GRAVITY * scale) < 1.15]
-    raise RecordingError(
-        f"at rest the accelerometer reads {norm_at_rest:.4g}, but gravity is {GRAVITY:.2f} m/s2; "
-        + (
-            f"the values are likely in {likely[0]}: import the file with that unit"
-            if likely
-            else "check the unit of the columns ax, ay, az"
-        ),
-        value=norm_at_rest,
-        bound=GRAVITY,
-        unit=likely[0] if likely else None,
-    )
 
 
 def _refuse_bad_clock(t: Array) -> None:

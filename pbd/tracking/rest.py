@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pbd.data import Recording
-from pbd.errors import TrackingError
+from pbd.data import GRAVITY, Recording
+from pbd.errors import RecordingError, TrackingError
 from pbd.pose import Array, readonly
 
 REST_S = 1.0
@@ -45,6 +45,7 @@ def find_rest(recording: Recording) -> Rest:
     """Find the first quiet second (the whole of a shorter recording), by both sensors' rms relative to stillness.
 
     Raises:
+        RecordingError: specific force is not in m/s2: its norm is more than 15 % off standard gravity.
         TrackingError: the hand never stood still.
     """
     length = max(2, min(len(recording), round(REST_S * recording.rate_hz)))
@@ -54,6 +55,13 @@ def find_rest(recording: Recording) -> Rest:
     # 1e-6: the quietest second of a sensor without noise is no quieter than the next.
     start = int(np.argmax(restlessness <= ABOUT * restlessness.min() + 1e-6))
     rest = slice(start, start + length)
+    mean_acc = recording.acc[rest].mean(axis=0)
+    gravity = float(np.linalg.norm(mean_acc))
+    if gravity == 0.0:
+        raise TrackingError(
+            "the accelerometer reads zero while at rest, so it is dead or in free fall; check the sensor", value=0.0
+        )
+    _refuse_wrong_units(gravity)
     if acc_var[start] > STILL_ACC**2 or gyr_var[start] > STILL_GYR**2:
         raise TrackingError(
             f"the hand never stands still for {REST_S:g} s: at its quietest (t = {recording.t[start]:.1f} s) it shakes "
@@ -61,12 +69,6 @@ def find_rest(recording: Recording) -> Rest:
             t=float(recording.t[start]),
             value=float(np.sqrt(acc_var[start])),
             bound=STILL_ACC,
-        )
-    mean_acc = recording.acc[rest].mean(axis=0)
-    gravity = float(np.linalg.norm(mean_acc))
-    if gravity == 0.0:
-        raise TrackingError(
-            "the accelerometer reads zero while at rest, so it is dead or in free fall; check the sensor", value=0.0
         )
     return Rest(
         start=start,
@@ -76,6 +78,25 @@ def find_rest(recording: Recording) -> Rest:
         gyr_rms=float(np.sqrt(gyr_var[start])),
         gyro_bias=readonly(np.zeros(3) if recording.gyr is None else recording.gyr[rest].mean(axis=0)),
         up_sensor=readonly(mean_acc / gravity),
+    )
+
+
+def _refuse_wrong_units(norm_at_rest: float) -> None:
+    """Refuse specific force that is not in m/s2, told by its norm at rest, naming the likely unit."""
+    if 0.85 < norm_at_rest / GRAVITY < 1.15:
+        return
+    scales = {"g": 1.0 / GRAVITY, "milli-g": 1e3 / GRAVITY, "mm/s2": 1e3, "cm/s2": 1e2}
+    likely = [unit for unit, scale in scales.items() if 0.85 < norm_at_rest / (GRAVITY * scale) < 1.15]
+    raise RecordingError(
+        f"at rest the accelerometer reads {norm_at_rest:.4g}, but gravity is {GRAVITY:.2f} m/s2; "
+        + (
+            f"the values are likely in {likely[0]}: import the file with that unit"
+            if likely
+            else "check the unit of the columns ax, ay, az"
+        ),
+        value=norm_at_rest,
+        bound=GRAVITY,
+        unit=likely[0] if likely else None,
     )
 
 

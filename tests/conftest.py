@@ -1,0 +1,20 @@
+"""What all tests share."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+
+@pytest.fixture
+def data_folder() -> Path:
+    """Real recordings with optical truth, which are never copied into the project."""
+    folder = Path(os.environ.get("PBD_DATA", Path(__file__).parents[2] / "shared" / "data"))
+    if not (folder / "broad").is_dir():
+        pytest.skip(
+            "no real recordings: set PBD_DATA to a folder with broad/ (BROAD, doi 10.3390/data6070072), walks/ "
+            "(x-io Technologies, Gait-Tracking) and strides/ (gaitmap's example data)"
+        )
+    return folder

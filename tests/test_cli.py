@@ -1,0 +1,288 @@
+"""The command line as a user meets it: what is printed where, exit codes, and the JSON that other things rely on."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pbd.cli import main
+
+Capture = pytest.CaptureFixture[str]
+POSE_KEYS = {"index", "t_s", "dwell_s", "position_m", "wxyz", "sigma_m", "sigma_deg", "grip"}
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Every command runs in an empty folder, as a user's own."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def run(capsys: Capture, *args: str | Path) -> tuple[int, str, str]:
+    """Run a command; return its exit code and what it printed on stdout and stderr."""
+    capsys.readouterr()
+    code = main([str(arg) for arg in args])
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+def run_json(capsys: Capture, *args: str | Path) -> dict[str, Any]:
+    """Run a command that succeeds with --json; there is one object on stdout and nothing else."""
+    code, out, _ = run(capsys, *args, "--json")
+    assert code == 0
+    result = json.loads(out)
+    assert isinstance(result, dict)
+    assert out.count("\n") == 1
+    return result
+
+
+def refused(capsys: Capture, exit_code: int, *args: str | Path) -> str:
+    """Run a command that fails; return its one line on stderr."""
+    code, out, err = run(capsys, *args)
+    assert code == exit_code
+    assert out == ""
+    lines = [
+        line for line in err.splitlines() if not line.startswith(("pbd: warning:", "pbd: no demonstration named:"))
+    ]
+    assert len(lines) == 1, err
+    return lines[0]
+
+
+def test_keyframes_json(capsys: Capture) -> None:
+    rows = run_json(capsys, "keyframes", "pouring")["keyframes"]
+    assert len(rows) == 11
+    for index, row in enumerate(rows):
+        assert set(row) >= POSE_KEYS
+        assert row["index"] == index
+        assert [len(row[key]) for key in ("position_m", "wxyz", "sigma_m", "sigma_deg")] == [3, 4, 3, 3]
+        assert row["wxyz"][0] >= 0.0
+    assert [row["grip"] for row in rows if row["grip"] is not None] == [True, False]
+
+
+def test_keyframes_json_with_a_robot(capsys: Capture) -> None:
+    rows = run_json(capsys, "keyframes", "pouring", "--robot", "panda")["keyframes"]
+    for row in rows:
+        assert [len(row[key]) for key in ("base_position_m", "base_wxyz", "joints")] == [3, 4, 7]
+    assert rows[0]["base_position_m"] == pytest.approx([0.45, -0.15, 0.25])
+
+
+def test_segments_json(capsys: Capture) -> None:
+    segments = run_json(capsys, "segments", "paper-test1")["segments"]
+    assert [s["kind"] for s in segments] == ["rest", "move"] * 4 + ["rest"]
+    assert all(set(s) == {"start", "stop", "kind", "ms", "description"} for s in segments)
+    assert [s["stop"] for s in segments[:-1]] == [s["start"] for s in segments[1:]]
+    assert segments[-1]["stop"] == 251
+
+
+def test_replay_json(capsys: Capture, elsewhere: Path) -> None:
+    result = run_json(capsys, "replay", "--robot", "panda", "--html", "page.html")
+    assert set(result) == {"demo", "robot", "keyframes", "duration_s", "ik", "limits", "warnings", "html"}
+    assert (result["demo"], result["robot"], result["keyframes"]) == ("pouring", "panda", 11)
+    assert result["ik"]["max_position_error_m"] < 1e-5
+    assert result["ik"]["max_rotation_error_rad"] < 1e-5
+    assert all(0.5 < result["limits"][key] <= 1.0 for key in ("velocity", "acceleration", "jerk"))
+    assert result["warnings"] == []
+    assert (elsewhere / result["html"]).stat().st_size < 5e6
+
+
+def test_every_bundled_demonstration_replays(capsys: Capture) -> None:
+    for name in ("pouring", "paper-test1", "paper-test2"):
+        assert run_json(capsys, "replay", name, "--robot", "panda")["demo"] == name
+
+
+@pytest.mark.parametrize("format_name", ["csv", "npz", "ros2-json"])
+def test_export(capsys: Capture, elsewhere: Path, format_name: str) -> None:
+    result = run_json(
+        capsys, "export", "pouring", "--robot", "panda", "--format", format_name, "-o", "out", "--rate", "100"
+    )
+    assert result["samples"] == int(np.ceil(result["duration_s"] * 100.0)) + 1
+    assert (elsewhere / "out").stat().st_size > 1000
+
+
+def test_export_npz_keys(capsys: Capture) -> None:
+    run_json(capsys, "export", "pouring", "--robot", "panda", "--format", "npz", "-o", "out.npz")
+    with np.load("out.npz", allow_pickle=False) as file:
+        assert set(file.files) == {"joints", "t", "q", "dq", "ddq", "gripper"}
+        assert np.diff(file["t"]) == pytest.approx(1e-3)
+        assert file["q"].shape == (len(file["t"]), 7)
+        assert set(np.unique(file["gripper"])) >= {0.0, 1.0}
+
+
+def test_simulate_then_the_newest_is_used(capsys: Capture) -> None:
+    assert run_json(capsys, "simulate", "pour", "tea", "--seed", "3")["samples"] == 2281
+    code, _, err = run(capsys, "segments")
+    assert code == 0
+    assert "no demonstration named: using 'tea'" in err
+    assert "exists; give another name" in refused(capsys, 1, "simulate", "pour", "tea")
+    assert run(capsys, "simulate", "pour", "tea", "--force")[0] == 0
+
+
+def test_without_any_demonstration_the_bundled_one_is_used(capsys: Capture) -> None:
+    _, _, err = run(capsys, "segments")
+    assert "using 'pouring'" in err
+
+
+def test_a_real_walk_replays_as_a_scaled_loop(capsys: Capture, data_folder: Path) -> None:
+    assert run(capsys, "import", data_folder / "walks" / "short_walk.csv", "walk")[0] == 0
+    result = run_json(
+        capsys, "replay", "walk", "--robot", "panda", "--scale", "0.03", "--orientation", "fixed", "--html", "walk.html"
+    )
+    assert result["keyframes"] >= 14
+    assert any("tilted by 33 degrees" in warning for warning in result["warnings"])
+
+
+def test_broad_14_has_five_keyframes(capsys: Capture, data_folder: Path) -> None:
+    (file,) = (data_folder / "broad").glob("14*.npz")
+    assert len(run_json(capsys, "keyframes", file)["keyframes"]) == 5
+
+
+def test_robots(capsys: Capture) -> None:
+    assert "panda" in [robot["name"] for robot in run_json(capsys, "robots")["robots"]]
+    code, out, _ = run(capsys, "robots")
+    assert code == 0
+    assert "panda" in out
+
+
+# --- bad input ---
+
+HEADER = "t,gx,gy,gz,ax,ay,az\n"
+
+
+def write_recording(path: Path, rows: int = 400, acc: str = "0,0,9.81") -> Path:
+    """A still recording as a CSV."""
+    path.write_text(HEADER + "".join(f"{i / 100},0,0,0,{acc}\n" for i in range(rows)))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("", "pbd: bad.csv: the file is empty; it needs a header line and rows of numbers"),
+        (HEADER, "pbd: bad.csv: a header but no rows; record again"),
+        (
+            "t,gx,gy,gz,ax,ay\n0,0,0,0,0,0\n",
+            "pbd: bad.csv: no column for 'az', though there is 'ax'; the columns are t, gx, gy, gz, ax, ay: "
+            "name it with --column az=NAME",
+        ),
+        (
+            HEADER + "0,0,0,0,0,0,9.81\n0.01,0,0,zero,0,0,9.81\n",
+            "pbd: bad.csv:3: 'zero' in column 'gz' is not a number; mend the cell, or leave it empty",
+        ),
+        (
+            HEADER + "0,0,0,0,0,0,9.81\n0.01,0,0,0,0,9.81\n",
+            "pbd: bad.csv:3: 6 cells where the header has 7; mend or remove the line",
+        ),
+    ],
+)
+def test_a_bad_csv_is_one_line(capsys: Capture, elsewhere: Path, content: str, message: str) -> None:
+    (elsewhere / "bad.csv").write_text(content)
+    assert refused(capsys, 1, "keyframes", "bad.csv") == message
+
+
+def test_g_instead_of_metres_per_second_squared(capsys: Capture, elsewhere: Path) -> None:
+    write_recording(elsewhere / "g.csv", acc="0,0,1")
+    assert refused(capsys, 1, "keyframes", "g.csv") == (
+        "pbd: at rest the accelerometer reads 1, but gravity is 9.81 m/s2; the values are likely in g: "
+        "import the file with that unit"
+    )
+    assert run(capsys, "import", "g.csv", "good", "--unit", "acc=g")[0] == 0
+    assert run(capsys, "keyframes", "good")[0] == 0
+
+
+def test_a_recording_that_never_moves(capsys: Capture, elsewhere: Path) -> None:
+    write_recording(elsewhere / "still.csv")
+    assert len(run_json(capsys, "keyframes", "still.csv")["keyframes"]) == 1
+    for command in (("replay",), ("export", "--format", "csv", "-o", "out.csv")):
+        assert refused(capsys, 1, *command, "still.csv", "--robot", "panda") == (
+            "pbd: the demonstration has 1 stop, a motion needs two; hold still, move, and hold still again"
+        )
+    assert not (elsewhere / "out.csv").exists()
+
+
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        (
+            ("replay", "--robot", "pandas"),
+            "pbd: no robot named 'pandas', nor a file or folder of that path; known are panda",
+        ),
+        (
+            ("keyframes", "tee"),
+            "pbd: no demonstration named 'tee', nor a file or folder of that path; "
+            "known are paper-test1, paper-test2, pouring",
+        ),
+        (
+            ("replay", "--robot", "panda", "--calibration", "bench"),
+            "pbd: no calibration named 'bench', nor a file or folder of that path; known are default",
+        ),
+        (
+            ("simulate", "pours", "tea"),
+            "pbd: no task is called 'pours'; choose one of pick-and-place-stops, pick-and-place-direct, pour",
+        ),
+    ],
+)
+def test_an_unknown_name_lists_the_valid_ones(capsys: Capture, args: tuple[str, ...], message: str) -> None:
+    assert refused(capsys, 1, *args).startswith(message)
+
+
+def test_an_unknown_key_in_a_calibration(capsys: Capture, elsewhere: Path) -> None:
+    (elsewhere / "c.toml").write_text(
+        'format = 1\nname = "c"\ntabel_height = 0.0\n[dock]\nposition = [0.4, 0.0, 0.2]\nrpy_deg = [0, 0, 0]\n'
+    )
+    line = refused(capsys, 1, "replay", "pouring", "--robot", "panda", "--calibration", "c.toml")
+    assert line.startswith("pbd: c.toml:3: tabel_height is unknown; the keys here are ")
+    assert line.endswith("; remove or rename it")
+
+
+def test_a_keyframe_out_of_reach_is_named_with_its_distance(capsys: Capture, elsewhere: Path) -> None:
+    line = refused(capsys, 3, "replay", "pouring", "--robot", "panda", "--scale", "5", "--html", "far.html")
+    assert line.startswith("pbd: keyframe 1 is out of reach: the tool gets no nearer than ")
+    assert line.endswith("; move the dock, or make the path smaller with --scale")
+    assert not (elsewhere / "far.html").exists()
+
+
+def test_a_calibration_for_another_robot(capsys: Capture, elsewhere: Path) -> None:
+    (elsewhere / "c.toml").write_text(
+        'format = 1\nname = "c"\nrobots = ["ur5"]\n[dock]\nposition = [0.4, 0.0, 0.2]\nrpy_deg = [0, 0, 0]\n'
+    )
+    line = refused(capsys, 1, "replay", "pouring", "--robot", "panda", "--calibration", "c.toml")
+    assert line == ("pbd: the calibration 'c' is for ur5, not for panda; choose another, or add the robot to it")
+
+
+@pytest.mark.parametrize(
+    "args",
+    [("replay",), ("replay", "--robot", "panda", "--scale", "-1"), ("export", "--robot", "panda"), ("dance",)],
+)
+def test_wrong_usage_is_exit_2(args: tuple[str, ...]) -> None:
+    with pytest.raises(SystemExit) as left:
+        main(list(args))
+    assert left.value.code == 2
+
+
+def test_every_command_has_help_with_an_example(capsys: Capture) -> None:
+    for command in ("simulate", "import", "segments", "keyframes", "replay", "export", "robots"):
+        with pytest.raises(SystemExit) as left:
+            main([command, "--help"])
+        assert left.value.code == 0
+        assert f"example:\n  pbd {command}" in capsys.readouterr().out
+
+
+def test_tables_have_no_colour_in_a_pipe() -> None:
+    result = subprocess.run(
+        [sys.executable, "-m", "pbd", "keyframes", "pouring"], capture_output=True, text=True, check=True
+    )
+    assert "\x1b" not in result.stdout
+    assert max(len(line) for line in result.stdout.splitlines()) < 130
+    assert result.stderr == ""
+
+
+def test_a_closed_pipe_is_no_error() -> None:
+    command = f"{sys.executable} -m pbd keyframes pouring --json | true"
+    result = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
+    assert "Traceback" not in result.stderr

@@ -1,0 +1,37 @@
+"""Real recordings, which nobody here made (see the data folder's README)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pbd.errors import PbdWarning
+from pbd.files.importers import import_file
+from pbd.pipeline import track
+from pbd.tracking.keyframes import find_keyframes
+
+
+def test_broad_14_has_five_rests(data_folder: Path) -> None:
+    (file,) = (data_folder / "broad").glob("14*.npz")
+    assert len(find_keyframes(track(import_file(file).recording))) == 5
+
+
+def test_rests_agree_with_the_optics(data_folder: Path) -> None:
+    for file in sorted((data_folder / "broad").glob("*.npz")):
+        path = track(import_file(file).recording)
+        still = np.zeros(len(path.t), dtype=bool)
+        for stop in path.stops:
+            still[stop.start : stop.stop] = True
+        with np.load(file, allow_pickle=False) as arrays:
+            truly = ~arrays["moving"]
+        f1 = 2.0 * (still & truly).sum() / (still.sum() + truly.sum())
+        assert f1 > 0.985, file.name
+
+
+def test_the_short_walk_has_its_stops(data_folder: Path) -> None:
+    with pytest.warns(PbdWarning, match="165 gaps in the data, 244 samples in all"):
+        path = track(import_file(data_folder / "walks" / "short_walk.csv").recording)
+    assert len(path.stops) >= 14
+    assert np.linalg.norm(path.p_nav_sensor[path.stops[-1].start]) < 1.0
