@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pbd.data import Demonstration, Keyframe, Recording, Truth
 from pbd.pipeline import track
@@ -25,7 +26,7 @@ def keyframes_and_errors(demo: Demonstration) -> tuple[tuple[Keyframe, ...], Arr
     return keyframes, np.array([np.linalg.norm(k.T_nav_sensor.p - truth_at(demo.truth, k.t)) for k in keyframes])
 
 
-def with_rows(recording: Recording, rows: Array | slice) -> Recording:
+def with_rows(recording: Recording, rows: NDArray[np.intp] | slice) -> Recording:
     """A recording of some of the rows."""
     return replace(
         recording,

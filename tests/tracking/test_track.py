@@ -160,7 +160,7 @@ def test_a_short_hole_in_a_move_is_bridged() -> None:
 
 def test_lost_rows_are_bridged_too() -> None:
     recording = pour().recording
-    rows = np.delete(np.arange(len(recording)), [270, 271, 500, 900])
+    rows = np.delete(np.arange(len(recording), dtype=np.intp), [270, 271, 500, 900])
     with pytest.warns(PbdWarning, match="3 gaps in the data, 4 samples"):
         path = track(with_rows(recording, rows))
     assert len(path.stops) == 11
@@ -168,7 +168,7 @@ def test_lost_rows_are_bridged_too() -> None:
 
 def test_repeated_rows_do_no_harm() -> None:
     recording = pour().recording
-    rows = np.sort(np.concatenate((np.arange(len(recording)), [300, 300, 700])))
+    rows = np.sort(np.append(np.arange(len(recording), dtype=np.intp), [300, 300, 700]))
     path = track(with_rows(recording, rows))
     assert len(path.stops) == 11
 

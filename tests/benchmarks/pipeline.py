@@ -1,0 +1,69 @@
+"""How long the line takes on the bundled demonstration: python tests/benchmarks/pipeline.py [--json] [--quick].
+
+help_s: `pbd --help` as a whole process. plan_ms: from the recording to an audited trajectory, imports and files done.
+stages_ms: its parts; page: the replay page with meshes cached. Medians.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
+
+import pbd
+from pbd.arm.audit import audit
+from pbd.arm.model import load_model
+from pbd.arm.sequence import solve_sequence
+from pbd.arm.timing import time_keyframes
+from pbd.pipeline import PlanOptions, plan_keyframes, solve_keyframes
+from pbd.replay import replay_scene
+from pbd.tracking.keyframes import find_keyframes
+from pbd.view.page import write_page
+from tests.benchmarks.report import arguments, finish, median_ms
+
+
+def main() -> None:
+    """Measure and print."""
+    args = arguments(str(__doc__)).parse_args()
+    runs = 5 if args.quick else 31
+
+    demo, robot = pbd.load_demo("pouring"), pbd.load_robot("panda")
+    calibration = robot.dock or pbd.load_calibration("default")
+    path = pbd.track(demo.recording)
+    keyframes = find_keyframes(path)
+    plan = plan_keyframes(keyframes, calibration, robot)
+    arm = load_model(robot)
+    _, T_base_tool, q = solve_keyframes(arm, keyframes, calibration, PlanOptions())
+    grips = [keyframe.grip for keyframe in keyframes]
+    dwells = [0.5] * len(keyframes)
+
+    def whole() -> None:
+        plan_keyframes(find_keyframes(pbd.track(demo.recording)), calibration, robot)
+
+    with tempfile.TemporaryDirectory() as folder:
+        page = Path(folder) / "page.html"
+        scene = replay_scene(demo, path, plan, robot, PlanOptions())
+        stages = {
+            "track": median_ms(lambda: pbd.track(demo.recording), runs),
+            "model": median_ms(lambda: load_model(robot), runs),
+            "ik": median_ms(lambda: solve_sequence(arm, T_base_tool, robot.home), runs),
+            "timing": median_ms(lambda: time_keyframes(arm, q, dwells, grips, robot.home), runs),
+            "audit": median_ms(lambda: audit(plan.trajectory, robot.limits, arm, T_base_tool), runs),
+            "page": median_ms(lambda: write_page(scene, page), max(3, runs // 10)),
+        }
+    command = [sys.executable, "-m", "pbd", "--help"]
+    finish(
+        {
+            "help_s": median_ms(lambda: subprocess.run(command, capture_output=True, check=True), runs) / 1e3,
+            "plan_ms": median_ms(whole, runs),
+            "stages_ms": stages,
+        },
+        args.json,
+    )
+
+
+if __name__ == "__main__":
+    main()
