@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
@@ -43,6 +44,7 @@ class Calibration:
     def __post_init__(self) -> None:
         if (self.T_base_dock is None) == (self.T_base_nav is None):
             raise ValueError("a calibration takes exactly one of T_base_dock and T_base_nav")
+        object.__setattr__(self, "residuals", MappingProxyType(dict(self.residuals)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +166,8 @@ class JointTrajectory:
         piece = np.clip(np.searchsorted(self.knots, inside, side="right") - 1, 0, len(self.coefficients) - 1)
         s = (inside - self.knots[piece])[:, None]
         c0, c1, c2, c3 = np.moveaxis(self.coefficients[piece], 1, 0)
-        moving = (t < self.duration)[:, None]  # held at the end, to the last bit: controllers refuse a final velocity
+        # Held outside, to the last bit: controllers refuse a final velocity.
+        moving = ((t >= 0.0) & (t < self.duration))[:, None]
         return Samples(
             t=t,
             q=c0 + s * (c1 + s * (c2 + s * c3)),
@@ -175,7 +178,9 @@ class JointTrajectory:
 
     def sample(self, rate_hz: float) -> Samples:
         """Evaluate at a constant rate from 0 until the end has been reached and is held."""
-        return self.at(np.arange(int(np.ceil(self.duration * rate_hz)) + 1) / rate_hz)
+        steps = round(self.duration * rate_hz)
+        steps += steps / rate_hz < self.duration  # compared as t is made: a product may round down past the end
+        return self.at(np.arange(steps + 1) / rate_hz)
 
     @cached_property
     def _at_1khz(self) -> Samples:

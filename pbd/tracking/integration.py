@@ -8,20 +8,22 @@ from itertools import pairwise
 import numpy as np
 
 from pbd.data import Stop
-from pbd.pose import Array
+from pbd.pose import Array, readonly
+
+STILL = readonly(np.zeros(3))
 
 
 @dataclass(frozen=True, eq=False)
 class Move:
-    """One move from rest to rest, relative to where it began: v_nav (n, 3) m/s, p_nav (n, 3) m, closure (3,) m/s."""
+    """One move, relative to where it began: v_nav (n, 3) m/s, p_nav (n, 3) m, closure (3,) m/s."""
 
     v_nav: Array
     p_nav: Array
     closure: Array
 
 
-def integrate_move(t: Array, a_nav: Array) -> Move:
-    """Integrate a move whose first and last sample stand still.
+def integrate_move(t: Array, a_nav: Array, v_start: Array = STILL, v_end: Array = STILL) -> Move:
+    """Integrate a move whose velocity is known at its first and its last sample: at stops, zero.
 
     Trapezoids, then the velocity left over at the end is taken out linearly in time: exact for any constant error
     of the acceleration. (The paper's equations 5-6 are the rectangular sums without that.)
@@ -29,9 +31,11 @@ def integrate_move(t: Array, a_nav: Array) -> Move:
     Args:
         t: (n,) s.
         a_nav: (n, 3) m/s2.
+        v_start: (3,) m/s.
+        v_end: (3,) m/s.
     """
-    v_raw = cumulative_trapezoid(t, a_nav)
-    closure = v_raw[-1]
+    v_raw = v_start + cumulative_trapezoid(t, a_nav)
+    closure = v_raw[-1] - v_end
     duration = t[-1] - t[0]
     v_nav = v_raw - np.outer((t - t[0]) / duration if duration > 0.0 else np.zeros_like(t), closure)
     return Move(v_nav, cumulative_trapezoid(t, v_nav), closure)

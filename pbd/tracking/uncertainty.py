@@ -21,27 +21,35 @@ GYRO_WALK = np.radians(0.02)
 def stop_covariance(recording: Recording, stops: tuple[Stop, ...], closure: Array, rest: Rest) -> Array:
     """Covariance (len(stops), 6, 6) of position (m) and rotation vector (rad) in nav at each stop.
 
-    The first stop is the origin and certain. Each move adds, with T its duration after linear de-drifting:
-
-    - white noise of density N m/s2/rtHz: N^2 T^3 / 12 (double integral of white noise, its end velocity removed);
-    - an acceleration error that wanders (tilt, bias): a random walk whose end velocity is the closure c leaves
-      |c| T sqrt(3 / 120) after the linear part is taken out; no less than what the attitude's own tilt error makes.
+    The first stop is the origin and certain; each move adds its own.
     """
     cov = np.zeros((len(stops), 6, 6))
-    density = rest.acc_rms / np.sqrt(3.0 * recording.rate_hz)
-    # A random walk of intensity q has var(v_end) = q T^3 / 3 and, de-drifted, var(p_end) = q T^5 / 120.
-    share = np.sqrt(3.0 / 120.0)
     for k in range(1, len(stops)):
-        T = recording.t[stops[k].start] - recording.t[stops[k - 1].stop - 1]
-        tilt_closure = rest.gravity * TILT_SIGMA * T / np.sqrt(3.0)
-        wander = share * T * np.maximum(np.abs(closure[k - 1]), tilt_closure)
-        cov[k, :3, :3] = cov[k - 1, :3, :3] + np.diag(density**2 * T**3 / 12.0 + wander**2)
+        duration = float(recording.t[stops[k].start] - recording.t[stops[k - 1].stop - 1])
+        cov[k, :3, :3] = cov[k - 1, :3, :3] + move_covariance(duration, closure[k - 1], rest, recording.rate_hz)
     for k, stop in enumerate(stops):
         heading = HEADING_SIGMA
         if recording.mag is None:
             heading = np.hypot(heading, GYRO_WALK * (recording.t[stop.start] - recording.t[stops[0].start]))
         cov[k, 3:, 3:] = np.diag([TILT_SIGMA**2, TILT_SIGMA**2, heading**2])
     return cov
+
+
+def move_covariance(duration: float, closure: Array, rest: Rest, rate_hz: float) -> Array:
+    """Covariance (3, 3) m2 of a move's displacement, its velocity being known at both ends.
+
+    With T its duration and the drift of velocity taken out linearly:
+
+    - white noise of density N m/s2/rtHz: N^2 T^3 / 12 (double integral of white noise, its end velocity removed);
+    - an acceleration error that wanders (tilt, bias): a random walk of intensity q has var(v_end) = q T^3 / 3 and,
+      de-drifted, var(p_end) = q T^5 / 120. With v_end the closure c, or what the attitude's own tilt error makes where
+      that is more, sigma is |c| T sqrt(3 / 120).
+    """
+    density = rest.acc_rms / np.sqrt(3.0 * rate_hz)
+    tilt_closure = rest.gravity * TILT_SIGMA * duration / np.sqrt(3.0)
+    wander = np.sqrt(3.0 / 120.0) * duration * np.maximum(np.abs(closure), tilt_closure)
+    covariance: Array = np.diag(density**2 * duration**3 / 12.0 + wander**2)
+    return covariance
 
 
 def sigmas(cov: Array) -> tuple[Array, Array]:

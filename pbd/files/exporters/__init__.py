@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -38,5 +39,6 @@ def export(trajectory: JointTrajectory, format_name: str, path: Path, rate_hz: f
     except OSError as reason:
         raise PbdError(f"{path} can't be written ({reason.strerror}); give another place with -o", path=path) from None
     finally:
-        unfinished.unlink(missing_ok=True)
+        with suppress(OSError):
+            unfinished.unlink()
     return samples

@@ -1,0 +1,199 @@
+"""How well real recordings are tracked: python tests/benchmarks/tracking.py [--data DIR] [--json] [--quick].
+
+Scores every file under DIR (broad/*.npz, walks/*.csv, strides/*.npz) against its optics, as the data folder's README
+says. Default DIR: PBD_DATA, or ../shared/data. --quick leaves out the rates between.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+import warnings
+from collections import defaultdict
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
+
+import numpy as np
+
+from pbd.data import HandPath, Recording
+from pbd.errors import PbdWarning
+from pbd.files.importers import import_file
+from pbd.pipeline import track
+from pbd.pose import Array, quat_about_z, quat_canonical, quat_inverse, quat_multiply, quat_rotate
+from pbd.tracking.gravity import motion_acceleration
+from pbd.tracking.integration import integrate_move
+from pbd.tracking.orientation import estimate_attitude
+from pbd.tracking.rest import find_rest
+from pbd.tracking.uncertainty import move_covariance
+from tests.benchmarks.report import arguments, finish
+from tests.benchmarks.trials import RATES, Trial, kind_of, phases, read_broad
+
+WINDOWS_S = (1, 2, 5)
+
+
+def main() -> None:
+    """Score and print."""
+    parser = arguments(str(__doc__))
+    default = os.environ.get("PBD_DATA", str(Path(__file__).parents[3] / "shared" / "data"))
+    parser.add_argument("--data", type=Path, default=Path(default), help="the folder with broad/, walks/ and strides/")
+    args = parser.parse_args()
+    warnings.simplefilter("ignore", PbdWarning)
+    finish(score(args.data, ("286", "40") if args.quick else tuple(RATES)), args.json)
+
+
+def score(data: Path, rates: tuple[str, ...]) -> dict[str, Any]:
+    """All figures of the data folder's README."""
+    orientation: dict[str, Any] = {}
+    stops: dict[str, Any] = {}
+    errors: dict[tuple[str, str, str], list[float]] = defaultdict(list)
+    z_scores: list[float] = []
+    speeds = [0.0]
+    for file in sorted((data / "broad").glob("*.npz")):
+        trials = read_broad(file)
+        for rate in rates:
+            for length, error, z in window_errors(trials[rate]):
+                errors[kind_of(file.stem), str(length), rate].append(100.0 * error)
+                z_scores.extend(z)
+        found = {rate: stop_scores(trials[rate]) for rate in rates}
+        orientation[file.stem] = orientation_errors(trials["286"])
+        stops[file.stem] = found["286"] | {"rates_hz": {rate: {"f1": found[rate]["f1"]} for rate in rates}}
+        speeds.append(samples_per_s(trials["286"].recording))
+    windows: dict[str, Any] = {}
+    for (kind, seconds, rate), found_errors in sorted(errors.items()):
+        windows.setdefault(kind, {}).setdefault(seconds, {})[rate] = spread(found_errors, "")
+    walks = {file.stem: walk(track(import_file(file).recording)) for file in sorted((data / "walks").glob("*.csv"))}
+    strides = {}
+    for file in sorted((data / "strides").glob("*.npz")):
+        values, z = stride_errors(file)
+        strides[file.stem] = spread(values, "_abs")
+        z_scores.extend(z)
+    inside = np.abs(z_scores)
+    return {
+        "orientation": orientation,
+        "windows": windows,
+        "stops": stops,
+        "walks": walks,
+        "strides": strides,
+        "sigma": {"inside_1_sigma": float((inside < 1.0).mean()), "inside_2_sigma": float((inside < 2.0).mean())},
+        "samples_per_s": max(speeds),
+    }
+
+
+def spread(values: list[float], suffix: str) -> dict[str, float]:
+    """Median, 95th percentile and count."""
+    return {
+        f"median{suffix}_cm": float(np.median(values)),
+        f"p95{suffix}_cm": float(np.percentile(values, 95)),
+        "n": len(values),
+    }
+
+
+def orientation_errors(trial: Trial) -> dict[str, float]:
+    """RMSE while moving, degrees: total, inclination and heading as BROAD defines them."""
+    off, known = difference(trial, attitude_of(trial.recording))
+    w, z = np.abs(off[known, 0]), np.abs(off[known, 3])
+    angles = {
+        "total_deg": 2.0 * np.arccos(np.minimum(w, 1.0)),
+        "tilt_deg": 2.0 * np.arccos(np.minimum(np.hypot(w, z), 1.0)),
+        "heading_deg": 2.0 * np.arctan2(z, w),
+    }
+    return {key: float(np.degrees(np.sqrt(np.mean(values**2)))) for key, values in angles.items()}
+
+
+def attitude_of(recording: Recording) -> Array:
+    """The tracker's attitude over a whole trial."""
+    rest = find_rest(recording)
+    return estimate_attitude(recording, slice(rest.start, rest.stop)).wxyz_nav_sensor
+
+
+def difference(trial: Trial, wxyz: Array) -> tuple[Array, Any]:
+    """Estimated * true^-1 in the earth's frame (n, 4), one constant heading removed; and where it is known."""
+    known = trial.moving & np.isfinite(trial.wxyz_true).all(axis=1)
+    off = quat_canonical(quat_multiply(wxyz, quat_inverse(trial.wxyz_true)))
+    heading = 2.0 * np.arctan2(off[known, 3], off[known, 0])
+    return quat_multiply(quat_about_z(-float(np.mean(heading))), off), known
+
+
+def window_errors(trial: Trial) -> list[tuple[int, float, Array]]:
+    """For each window: its length in s, the displacement's error in m, and the error in sigmas (3,)."""
+    recording, wxyz = trial.recording, attitude_of(trial.recording)
+    rest = find_rest(recording)
+    known = trial.moving & np.isfinite(trial.wxyz_true).all(axis=1)
+    off = quat_canonical(quat_multiply(wxyz, quat_inverse(trial.wxyz_true)))
+    heading = quat_about_z(float(np.mean(2.0 * np.arctan2(off[known, 3], off[known, 0]))))
+    p_true, v_true = quat_rotate(heading, trial.p_true), quat_rotate(heading, trial.v_true)
+    attitude = estimate_attitude(recording, slice(rest.start, rest.stop))
+    a_nav = motion_acceleration(recording, attitude, rest.gravity)
+    found = []
+    for length in WINDOWS_S:
+        n = round(length * recording.rate_hz)
+        for start, stop in phases(trial.moving):
+            for i in range(start, stop - n, n):
+                ends = [i, i + n]
+                if not np.isfinite(p_true[ends]).all() or not np.isfinite(v_true[ends]).all():
+                    continue
+                window = slice(i, i + n + 1)
+                move = integrate_move(recording.t[window], a_nav[window], v_true[i], v_true[i + n])
+                error = move.p_nav[-1] - (p_true[i + n] - p_true[i])
+                sigma = np.sqrt(np.diagonal(move_covariance(float(length), move.closure, rest, recording.rate_hz)))
+                found.append((length, float(np.linalg.norm(error)), error / sigma))
+    return found
+
+
+def stop_scores(trial: Trial) -> dict[str, float]:
+    """Still samples against not `moving`."""
+    still = np.zeros(len(trial.recording), dtype=bool)
+    for stop in track(trial.recording).stops:
+        still[stop.start : stop.stop] = True
+    hits = float((still & ~trial.moving).sum())
+    precision, recall = hits / still.sum(), hits / (~trial.moving).sum()
+    return {"precision": precision, "recall": recall, "f1": 2.0 * precision * recall / (precision + recall)}
+
+
+def walk(path: HandPath) -> dict[str, float]:
+    """How far the end is from the beginning, of a walk that ended where it began."""
+    gone = path.p_nav_sensor[-1] - path.p_nav_sensor[0]
+    return {
+        "closure_cm": 100.0 * float(np.linalg.norm(gone)),
+        "height_cm": 100.0 * float(abs(gone[2])),
+        "path_m": float(np.linalg.norm(np.diff(path.p_nav_sensor, axis=0), axis=1).sum()),
+        "stops": len(path.stops),
+    }
+
+
+def stride_errors(file: Path) -> tuple[list[float], list[float]]:
+    """Of each move of 0.3 to 2 s and over 0.2 m: the horizontal distance's error, in cm and in sigmas."""
+    demo = import_file(file)
+    path, truth = track(demo.recording), demo.truth
+    assert truth is not None
+
+    def optics(t: float) -> Array:
+        return np.array([np.interp(t, truth.t, axis) for axis in truth.p_nav_sensor.T])
+
+    errors, z_scores = [], []
+    for k, (before, after) in enumerate(pairwise(path.stops)):
+        t_start, t_end = float(path.t[before.stop - 1]), float(path.t[after.start])
+        true = np.linalg.norm((optics(t_end) - optics(t_start))[:2])
+        if not 0.3 <= t_end - t_start <= 2.0 or true < 0.2:
+            continue
+        gone = (path.p_nav_sensor[after.start] - path.p_nav_sensor[before.stop - 1])[:2]
+        distance = float(np.linalg.norm(gone))
+        added = (path.cov[k + 1] - path.cov[k])[:2, :2]
+        errors.append(100.0 * abs(distance - float(true)))
+        z_scores.append((distance - float(true)) / float(np.sqrt(gone @ added @ gone) / distance))
+    return errors, z_scores
+
+
+def samples_per_s(recording: Recording) -> float:
+    """Speed of the whole tracker."""
+    start = time.perf_counter()
+    track(recording)
+    return len(recording) / (time.perf_counter() - start)
+
+
+if __name__ == "__main__":
+    main()

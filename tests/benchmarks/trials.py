@@ -1,0 +1,84 @@
+"""The real recordings of the data folder, read for scoring (its README says what they are and how they are scored)."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import savgol_filter
+
+from pbd.data import Recording
+from pbd.pose import Array
+
+OPTICS_AHEAD_S = 0.8 / 286.0
+"""The optics run ahead of the sensor by this much."""
+
+RATES = {"286": 1, "95": 3, "40": 7}
+"""Rate as it is called -> how many samples are averaged."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A BROAD trial at one of its rates: the recording and the optics at the middle of each sample; NaN is unknown."""
+
+    recording: Recording
+    p_true: Array
+    v_true: Array
+    wxyz_true: Array
+    moving: NDArray[np.bool_]
+
+
+def kind_of(name: str) -> str:
+    """`14_undisturbed_slow_translation_with_breaks_B` -> slow_translation."""
+    return re.sub(r"^\d+_|undisturbed_|_with_breaks|_[A-Z]$", "", name)
+
+
+def read_broad(path: Path) -> dict[str, Trial]:
+    """Read a trial at each of RATES, slower ones by averaging as a slower sensor's own low-pass would."""
+    with np.load(path, allow_pickle=False) as file:
+        arrays = {key: file[key].astype(np.float64) for key in file.files}
+    rate = float(arrays["rate_hz"])
+    t = np.arange(len(arrays["acc"])) / rate
+    velocity = savgol_filter(_filled(arrays["true_position"]), 35, 4, deriv=1, delta=1.0 / rate, axis=0)
+    velocity[~np.isfinite(arrays["true_position"]).all(axis=1)] = np.nan
+    trials = {}
+    for name, every in RATES.items():
+        n = len(t) // every
+        middle = t[: n * every].reshape(n, every).mean(axis=1)
+        acc, gyr, mag = (
+            arrays[key][: n * every].reshape(n, every, 3).mean(axis=1) if key in arrays else None
+            for key in ("acc", "gyr", "mag")
+        )
+        assert acc is not None
+        optics = middle - OPTICS_AHEAD_S
+        trials[name] = Trial(
+            recording=Recording(middle - middle[0], acc, gyr, mag),
+            p_true=_at(optics, t, arrays["true_position"]),
+            v_true=_at(optics, t, velocity),
+            wxyz_true=_nearest(optics, rate, arrays["true_wxyz"]),
+            moving=arrays["moving"][: n * every].reshape(n, every).mean(axis=1) > 0.5,
+        )
+    return trials
+
+
+def phases(moving: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Half-open ranges in which the sensor moves."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], moving, [False])).astype(np.int8)))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
+def _filled(values: Array) -> Array:
+    rows = np.arange(len(values))
+    return np.column_stack([np.interp(rows, rows[np.isfinite(c)], c[np.isfinite(c)]) for c in values.T])
+
+
+def _at(instants: Array, t: Array, values: Array) -> Array:
+    """Interpolate linearly; what has an unknown neighbour is unknown."""
+    return np.column_stack([np.interp(instants, t, column) for column in values.T])
+
+
+def _nearest(instants: Array, rate: float, values: Array) -> Array:
+    return values[np.clip(np.rint(instants * rate).astype(np.intp), 0, len(values) - 1)]
