@@ -15,6 +15,7 @@ from pbd.tracking.gravity import motion_acceleration
 from pbd.tracking.integration import integrate_path
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.orientation import estimate_attitude
+from pbd.tracking.paper import paper_acceleration, paper_attitude, paper_covariance, paper_path, paper_stops
 from pbd.tracking.rest import find_rest
 from pbd.tracking.stops import find_stops
 from pbd.tracking.uncertainty import stop_covariance
@@ -27,8 +28,16 @@ SHORTEST_DWELL_S = 0.15
 """A keyframe is a stop: the arm stays at least this long."""
 
 
-def track(recording: Recording) -> HandPath:
+METHODS = ("default", "paper")
+"""How to track: as well as we can, or as the paper does."""
+
+
+def track(recording: Recording, method: str = "default") -> HandPath:
     """Track a hand: attitude, motion acceleration, stops, path.
+
+    Args:
+        recording: what the sensor said.
+        method: one of METHODS.
 
     Raises:
         RecordingError: the recording can't be one (units, clock, no data).
@@ -36,13 +45,25 @@ def track(recording: Recording) -> HandPath:
     """
     recording, gaps = condition(recording)
     rest = find_rest(recording)
-    attitude = estimate_attitude(recording, slice(rest.start, rest.stop))
-    a_nav = motion_acceleration(recording, attitude, rest.gravity)
-    stops = find_stops(recording, a_nav, attitude.wxyz_nav_sensor, rest)
+    if method == "paper":
+        attitude = paper_attitude(recording)
+        a_nav = paper_acceleration(recording, attitude, rest.gravity)
+        stops = paper_stops(recording.t, a_nav)
+    elif method == "default":
+        attitude = estimate_attitude(recording, slice(rest.start, rest.stop))
+        a_nav = motion_acceleration(recording, attitude, rest.gravity)
+        stops = find_stops(recording, a_nav, attitude.wxyz_nav_sensor, rest)
+    else:
+        raise TrackingError(f"no method '{method}'; known are {', '.join(METHODS)}", value=method)
     if not stops:
         raise TrackingError("the hand never stands still; stop for half a second between the moves")
     refuse_gaps(gaps, recording.t, stops)
-    p, v, closure = integrate_path(recording.t, a_nav, stops)
+    if method == "paper":
+        p, v, closure = paper_path(recording.t, a_nav, stops)
+        cov = paper_covariance(recording.t, stops, closure)
+    else:
+        p, v, closure = integrate_path(recording.t, a_nav, stops)
+        cov = stop_covariance(recording, stops, closure, rest)
     return HandPath(
         t=recording.t,
         p_nav_sensor=p,
@@ -50,7 +71,7 @@ def track(recording: Recording) -> HandPath:
         wxyz_nav_sensor=attitude.wxyz_nav_sensor,
         stops=stops,
         closure=closure,
-        cov=stop_covariance(recording, stops, closure, rest),
+        cov=cov,
         grip=recording.grip,
     )
 

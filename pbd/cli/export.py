@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
     from pbd.pipeline import plan_keyframes
 
     demo = load_demonstration(args)
-    _, keyframes = track_demonstration(demo)
+    _, keyframes = track_demonstration(args, demo)
     robot, calibration = load_arm(args)
     plan = plan_keyframes(keyframes, calibration, robot, plan_options(args))
     samples = export(plan.trajectory, args.format, args.output, args.rate)

@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
     from pbd.view.tables import joints_table, keyframes_table, print_table
 
     demo = load_demonstration(args)
-    _, keyframes = track_demonstration(demo)
+    _, keyframes = track_demonstration(args, demo)
     rows = [_row(index, keyframe) for index, keyframe in enumerate(keyframes)]
     joint_names: tuple[str, ...] = ()
     if args.robot is not None:

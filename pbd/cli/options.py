@@ -52,6 +52,12 @@ def add_json(parser: argparse.ArgumentParser) -> None:
 def add_tracking(parser: argparse.ArgumentParser) -> None:
     """Add what every command that tracks takes."""
     parser.add_argument(
+        "--method",
+        choices=("default", "paper"),
+        default="default",
+        help="how to track: as well as we can, or as the paper does (default)",
+    )
+    parser.add_argument(
         "--calibration",
         metavar="C",
         help="name (in ./calibration, or bundled) or file; default: the robot's own dock, else 'default'",
@@ -101,12 +107,12 @@ def load_demonstration(args: argparse.Namespace) -> Demonstration:
     return load_demo(name)
 
 
-def track_demonstration(demo: Demonstration) -> tuple[HandPath, tuple[Keyframe, ...]]:
+def track_demonstration(args: argparse.Namespace, demo: Demonstration) -> tuple[HandPath, tuple[Keyframe, ...]]:
     """Track it; return the hand's path and the keyframes."""
     from pbd.pipeline import track
     from pbd.tracking.keyframes import find_keyframes
 
-    path = track(demo.recording)
+    path = track(demo.recording, args.method)
     return path, find_keyframes(path)
 
 

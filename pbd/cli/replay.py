@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
     from pbd.replay import replay_scene
 
     demo = load_demonstration(args)
-    path, keyframes = track_demonstration(demo)
+    path, keyframes = track_demonstration(args, demo)
     robot, calibration = load_arm(args)
     plan = plan_keyframes(keyframes, calibration, robot, plan_options(args))
     duration = plan.trajectory.duration

@@ -9,6 +9,7 @@ from pbd.cli.options import (
     add_command,
     add_demo,
     add_json,
+    add_tracking,
     load_demonstration,
     print_json,
     track_demonstration,
@@ -26,6 +27,7 @@ def add(commands: Commands) -> None:
     )
     add_demo(parser)
     add_json(parser)
+    add_tracking(parser)
     parser.set_defaults(run=run)
 
 
@@ -34,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
     from pbd.tracking.keyframes import find_segments
     from pbd.view.tables import print_table, segments_table
 
-    path, _ = track_demonstration(load_demonstration(args))
+    path, _ = track_demonstration(args, load_demonstration(args))
     segments = find_segments(path)
     if args.json:
         rows = [

@@ -81,19 +81,21 @@ def find_stops(recording: Recording, a_nav: Array, wxyz_nav_sensor: Array, rest:
 
     tolerance = STEADY_ACC + 3.0 * rest.acc_rms / np.sqrt(n)
     up = _window_moments(quat_rotate(quat_inverse(wxyz_nav_sensor), (0.0, 0.0, 1.0)), n)[1]
-    runs = [slice(*run) for run in _runs(quiet)]
-    pushes = [_unsteadiness(mean_nav[run], mean_sensor[run]) for run in runs]
+    quiet_runs = [slice(*run) for run in runs(quiet)]
+    pushes = [_unsteadiness(mean_nav[run], mean_sensor[run]) for run in quiet_runs]
     long = [
-        run for run, push in zip(runs, pushes, strict=True) if (push < tolerance).sum() > COAST_S * recording.rate_hz
+        run
+        for run, push in zip(quiet_runs, pushes, strict=True)
+        if (push < tolerance).sum() > COAST_S * recording.rate_hz
     ]
-    for run, push in zip(runs, pushes, strict=True):
+    for run, push in zip(quiet_runs, pushes, strict=True):
         if long and run not in long:
             nearest = min(long, key=lambda other: max(other.start - run.stop, run.start - other.stop))
             off = np.median(mean_nav[run], axis=0) - np.median(mean_nav[nearest], axis=0)
             tilted = np.median(up[run], axis=0) - np.median(up[nearest], axis=0)
             push += max(float(np.linalg.norm(off) - MISTILT - MISCALIBRATION * np.linalg.norm(tilted)), 0.0)
         quiet[run] &= push < tolerance
-    for start, stop in _runs(doubtful):
+    for start, stop in runs(doubtful):
         if not quiet[max(start - 2 * n, 0) : stop + 2 * n].any():  # not the edge of a rest
             quiet[start + int(np.argmin(restlessness[start:stop]))] = True
 
@@ -101,7 +103,7 @@ def find_stops(recording: Recording, a_nav: Array, wxyz_nav_sensor: Array, rest:
     still = np.zeros(len(t), dtype=bool)
     for offset in range(n):
         still[offset : offset + len(quiet)] |= quiet
-    stops = _drop_bounces(_merge(_runs(still), t), t, a_nav)
+    stops = _drop_bounces(_merge(runs(still), t), t, a_nav)
     return _drop_coasting(stops, t, a_nav)
 
 
@@ -132,9 +134,9 @@ def _window_moments(values: Array, n: int) -> tuple[Array, Array]:
     return np.maximum(variance, 0.0), mean
 
 
-def _runs(still: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Half-open ranges of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], still, [False])).astype(np.int8)))
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(np.int8)))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 

@@ -68,9 +68,9 @@ def score(data: Path, rates: tuple[str, ...]) -> dict[str, Any]:
     walks = {file.stem: walk(track(import_file(file).recording)) for file in sorted((data / "walks").glob("*.csv"))}
     strides = {}
     for file in sorted((data / "strides").glob("*.npz")):
-        values, z = stride_errors(file)
-        strides[file.stem] = spread(values, "_abs")
-        z_scores.extend(z)
+        absolute, scaled = stride_errors(file)
+        strides[file.stem] = spread(absolute, "_abs")
+        z_scores.extend(scaled)
     inside = np.abs(z_scores)
     return {
         "orientation": orientation,
