@@ -71,7 +71,7 @@ def score(data: Path, rates: tuple[str, ...]) -> dict[str, Any]:
         absolute, scaled = stride_errors(file)
         strides[file.stem] = spread(absolute, "_abs")
         z_scores.extend(scaled)
-    inside = np.abs(z_scores)
+    inside = np.abs(np.array(z_scores))
     return {
         "orientation": orientation,
         "windows": windows,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -22,9 +21,9 @@ def read_npz(path: Path) -> Demonstration:
         RecordingError: not an npz, or without rate_hz and acc.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
             arrays = {key: file[key] for key in file.files if file[key].dtype.kind in "fiub"}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as reason:
+    except Exception as reason:  # damaged bytes make zip, zlib, tokenize and numpy raise errors of their own
         raise RecordingError(
             f"{path}: can't be read as an npz ({reason}); save it with numpy.savez", path=path
         ) from None
