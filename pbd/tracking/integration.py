@@ -10,6 +10,9 @@ import numpy as np
 from pbd.data import Stop
 from pbd.pose import Array, readonly
 
+EVEN_DRIFT = 0.05
+"""m/s per root second: the drift of velocity that arises in calm motion, of tilt and bias."""
+
 STILL = readonly(np.zeros(3))
 
 
@@ -25,8 +28,9 @@ class Move:
 def integrate_move(t: Array, a_nav: Array, v_start: Array = STILL, v_end: Array = STILL) -> Move:
     """Integrate a move whose velocity is known at its first and its last sample: at stops, zero.
 
-    Trapezoids, then the velocity left over at the end is taken out linearly in time: exact for any constant error
-    of the acceleration. (The paper's equations 5-6 are the rectangular sums without that.)
+    Trapezoids; then the velocity left over at the end is taken out where it most likely arose (`_origin_of_drift`): for
+    a calm move linearly in time, which is exact for any constant error of the acceleration. (The paper's equations
+    5-6 are the rectangular sums without that.)
 
     Args:
         t: (n,) s.
@@ -36,9 +40,23 @@ def integrate_move(t: Array, a_nav: Array, v_start: Array = STILL, v_end: Array 
     """
     v_raw = v_start + cumulative_trapezoid(t, a_nav)
     closure = v_raw[-1] - v_end
-    duration = t[-1] - t[0]
-    v_nav = v_raw - np.outer((t - t[0]) / duration if duration > 0.0 else np.zeros_like(t), closure)
+    v_nav = v_raw - np.outer(_origin_of_drift(t, a_nav), closure)
     return Move(v_nav, cumulative_trapezoid(t, v_nav), closure)
+
+
+def _origin_of_drift(t: Array, a_nav: Array) -> Array:
+    """Which share of the drift of velocity has arisen by each instant: (n,) from 0 to 1.
+
+    By the variance of each step's increment: a part that grows evenly with time, and, for peaks that the sensor's rate
+    is too low for (a foot that strikes the ground), the difference between a trapezoid and what may lie between: the
+    change of slope times dt / sqrt(12).
+    """
+    dt = np.diff(t)
+    bend = np.zeros(len(t))
+    bend[1:-1] = np.linalg.norm(a_nav[2:] - 2.0 * a_nav[1:-1] + a_nav[:-2], axis=1)
+    variance = EVEN_DRIFT**2 * dt + dt**2 * 0.5 * (bend[1:] ** 2 + bend[:-1] ** 2) / 12.0
+    total = float(variance.sum())
+    return np.concatenate(([0.0], np.cumsum(variance) / total)) if total > 0.0 else np.zeros(len(t))
 
 
 def cumulative_trapezoid(t: Array, values: Array) -> Array:
