@@ -1,0 +1,157 @@
+"""Nav into base: frames that touch cancel, the dock gives yaw and place, and tilt is told, not mended."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from pbd.calibration.frames import dock_tilt, nav_in_base, pointing_down, tool_poses
+from pbd.data import Calibration, Keyframe
+from pbd.errors import PbdWarning
+from pbd.pose import Array, Pose, quat_about_z, quat_exp, quat_from_rpy, quat_multiply, quat_rotate
+
+Z = np.array([0.0, 0.0, 1.0])
+
+yaws = st.floats(-np.pi, np.pi)
+small = st.floats(-1.0, 1.0)
+vectors = st.tuples(small, small, small).map(np.array)
+poses = st.builds(lambda p, turn: Pose(p, quat_exp(3.0 * turn)), vectors, vectors)
+paths = st.lists(poses, min_size=2, max_size=4)
+
+
+def keyframes(T_nav_sensor: list[Pose]) -> list[Keyframe]:
+    return [Keyframe(float(t), 0.5, pose, np.eye(6)) for t, pose in enumerate(T_nav_sensor)]
+
+
+def dock(p: Array, wxyz: Array, any_attitude: bool = False) -> Calibration:
+    return Calibration("mine", T_base_dock=Pose(p, wxyz), any_attitude=any_attitude)
+
+
+# --- nav_in_base ------------------------------------------------------------------------------------------------------
+
+
+def test_a_registration_is_taken_as_it_is() -> None:
+    T_base_nav = Pose.from_rpy((1.0, 2.0, 3.0), (0.1, 0.2, 0.3))
+    assert nav_in_base(Calibration("x", T_base_nav=T_base_nav), quat_exp((1.0, 0.0, 0.0))) is T_base_nav
+
+
+@given(vectors, yaws, yaws, st.floats(-1.4, 1.4), yaws)
+def test_the_declared_heading_becomes_the_measured_one(
+    p: Array, declared: float, measured: float, pitch: float, roll: float
+) -> None:
+    """Whatever the sensor's attitude at the dock: where only the heading differs, the dock's pose is met exactly."""
+    calibration = dock(p, quat_from_rpy((roll, pitch, declared)))
+    wxyz_nav_sensor = quat_from_rpy((roll, pitch, measured))
+    T_base_nav = nav_in_base(calibration, wxyz_nav_sensor)
+    T_base_sensor = T_base_nav @ Pose(np.zeros(3), wxyz_nav_sensor)
+    assert calibration.T_base_dock is not None
+    metres, rad = T_base_sensor.distance(calibration.T_base_dock)
+    assert metres == 0.0
+    assert rad < 1e-12
+
+
+@pytest.mark.parametrize("rpy_deg", [(30.0, 0.0, 0.0), (0.0, -20.0, 0.0), (10.0, 10.0, 70.0), (180.0, 0.0, 0.0)])
+def test_tilt_is_told_and_never_mended(rpy_deg: tuple[float, float, float]) -> None:
+    """However the sensor lay at the dock, up stays up: a level path in nav is level in base."""
+    calibration = dock(np.array([0.4, 0.1, 0.3]), quat_about_z(0.5))
+    wxyz_nav_sensor = quat_from_rpy(np.radians(rpy_deg))
+    with pytest.warns(PbdWarning, match="tilted by .* degrees against the dock of 'mine'; put it down as the dock"):
+        T_base_nav = nav_in_base(calibration, wxyz_nav_sensor)
+    assert_allclose(quat_rotate(T_base_nav.wxyz, Z), Z, atol=1e-15)
+    level = T_base_nav.act([(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (-2.0, 3.0, 0.0)])
+    assert_allclose(level[:, 2], 0.3, atol=1e-15)
+
+
+@pytest.mark.parametrize(("tilt_deg", "is_told"), [(0.0, False), (4.9, False), (5.1, True), (90.0, True)])
+def test_tilt_is_told_above_5_degrees(tilt_deg: float, is_told: bool) -> None:
+    """And the number that is told is the tilt, whatever the heading."""
+    calibration = dock(np.zeros(3), quat_from_rpy((0.1, 0.2, 0.3)))
+    tilted = quat_multiply(quat_exp((np.radians(tilt_deg), 0.0, 0.0)), quat_from_rpy((0.1, 0.2, 0.3)))
+    wxyz_nav_sensor = quat_multiply(quat_about_z(2.0), tilted)
+    assert calibration.T_base_dock is not None
+    assert np.degrees(dock_tilt(calibration.T_base_dock, wxyz_nav_sensor)) == pytest.approx(tilt_deg, abs=1e-9)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        nav_in_base(calibration, wxyz_nav_sensor)
+    assert [f"tilted by {tilt_deg:.0f} degrees" in str(warning.message) for warning in told] == [True] * is_told
+
+
+@given(yaws, yaws)
+def test_any_attitude_says_nothing_of_tilt(declared: float, measured: float) -> None:
+    """Every warning is an error here."""
+    wxyz_nav_sensor = quat_multiply(quat_about_z(measured), quat_exp((0.7, 0.0, 0.0)))
+    T_base_nav = nav_in_base(dock(np.zeros(3), quat_about_z(declared), any_attitude=True), wxyz_nav_sensor)
+    metres, rad = T_base_nav.distance(Pose(np.zeros(3), quat_about_z(declared - measured)))
+    assert metres == 0.0
+    assert rad < 1e-12
+
+
+# --- tool_poses -------------------------------------------------------------------------------------------------------
+
+
+@given(paths, poses, poses)
+def test_touching_frames_cancel(path: list[Pose], T_base_nav: Pose, T_sensor_tool: Pose) -> None:
+    """Homogeneous matrices as the oracle."""
+    calibration = Calibration("x", T_base_nav=T_base_nav, T_sensor_tool=T_sensor_tool)
+    for T_base_tool, T_nav_sensor in zip(tool_poses(keyframes(path), T_base_nav, calibration), path, strict=True):
+        expected = T_base_nav.matrix() @ T_nav_sensor.matrix() @ T_sensor_tool.matrix()
+        assert_allclose(T_base_tool.matrix(), expected, atol=1e-13)
+
+
+def test_a_level_sensor_makes_a_gripper_that_points_down() -> None:
+    """By default; its jaws open along the sensor's x, and rolling the hand pours."""
+    calibration = Calibration("x", T_base_nav=Pose.identity())
+    level, rolled = tool_poses(
+        keyframes([Pose.identity(), Pose.from_rpy((0, 0, 0), (np.pi / 2, 0, 0))]), Pose.identity(), calibration
+    )
+    assert_allclose(level.matrix()[:3, :3], np.diag((1.0, -1.0, -1.0)), atol=1e-15)
+    assert_allclose(quat_rotate(rolled.wxyz, Z), (0.0, 1.0, 0.0), atol=1e-15)
+
+
+@pytest.mark.parametrize("orientation", ["demo", "fixed"])
+@given(path=paths, T_base_nav=poses, T_sensor_tool=poses)
+def test_scale_multiplies_the_hands_path_alone(
+    orientation: str, path: list[Pose], T_base_nav: Pose, T_sensor_tool: Pose
+) -> None:
+    """Not the dock, not the lever arm from sensor to tool, not the turns; the calibration's own counts too."""
+    path = [Pose(np.zeros(3), path[0].wxyz), *path[1:]]  # the first rest is nav's origin
+    calibration = Calibration("x", T_base_nav=T_base_nav, T_sensor_tool=T_sensor_tool)
+    once = tool_poses(keyframes(path), T_base_nav, calibration, 1.0, orientation)
+    twice = tool_poses(keyframes(path), T_base_nav, replace(calibration, scale=5.0), 0.4, orientation)
+    assert_allclose(twice[0].matrix(), once[0].matrix(), atol=1e-13)
+    for before, after, T_nav_sensor in zip(once, twice, path, strict=True):
+        assert_allclose(after.wxyz, before.wxyz, atol=1e-13)
+        assert_allclose(after.p - before.p, quat_rotate(T_base_nav.wxyz, T_nav_sensor.p), atol=1e-13)
+
+
+@given(paths, yaws, vectors)
+def test_orientation_fixed(path: list[Pose], yaw: float, lever: Array) -> None:
+    """The tool begins where the demonstration puts it, is carried along the hand's path and never turns."""
+    T_base_nav = Pose(np.array([0.4, 0.0, 0.2]), quat_about_z(yaw))
+    calibration = Calibration("x", T_base_nav=T_base_nav, T_sensor_tool=Pose(lever, quat_exp((np.pi, 0, 0))))
+    demo = tool_poses(keyframes(path), T_base_nav, calibration)
+    fixed = tool_poses(keyframes(path), T_base_nav, calibration, orientation="fixed")
+    assert_allclose(fixed[0].p, demo[0].p, atol=1e-13)
+    for T_base_tool, T_nav_sensor in zip(fixed, path, strict=True):
+        assert_allclose(quat_rotate(T_base_tool.wxyz, Z), -Z, atol=1e-13)
+        assert_allclose(T_base_tool.wxyz, fixed[0].wxyz, atol=0.0)
+        carried = quat_rotate(T_base_nav.wxyz, T_nav_sensor.p - path[0].p)
+        assert_allclose(T_base_tool.p - fixed[0].p, carried, atol=1e-13)
+
+
+@given(poses)
+def test_pointing_down_is_the_nearest_that_does(tool: Pose) -> None:
+    def left_over(wxyz: Array) -> float:
+        return tool.distance(Pose(tool.p, wxyz))[1]
+
+    down = quat_exp((np.pi, 0.0, 0.0))
+    nearest = pointing_down(tool.wxyz)
+    assert_allclose(quat_rotate(nearest, Z), -Z, atol=1e-14)
+    grid = [left_over(quat_multiply(quat_about_z(yaw), down)) for yaw in np.linspace(-np.pi, np.pi, 61)]
+    assert left_over(nearest) <= min(grid) + 1e-7

@@ -1,0 +1,115 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from pbd.data import TOOL_DOWN
+from pbd.errors import CalibrationError
+from pbd.files.calibration import load_calibration, read_calibration
+from pbd.files.library import bundled
+from pbd.pose import quat_from_rpy
+
+TOML = """\
+format = 1
+name = "mine"
+robots = ["panda", "ur5"]
+table_height = -0.1
+scale = 2.0
+[dock]
+position = [0.4, -0.15, 0.25]
+rpy_deg = [0.0, 0.0, 90.0]
+any_attitude = true
+[mount]
+position = [0.01, 0.0, 0.02]
+rpy_deg = [180.0, 0.0, 45.0]
+"""
+DOCK = TOML[TOML.index("[dock]") : TOML.index("[mount]")]
+NAV = DOCK.replace("[dock]", "[nav]").replace("any_attitude = true\n", "")
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "mine.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_every_key_arrives(tmp_path: Path) -> None:
+    calibration = read_calibration(write(tmp_path, TOML))
+    assert calibration.name == "mine"
+    assert calibration.robots == ("panda", "ur5")
+    assert (calibration.table_height, calibration.scale, calibration.any_attitude) == (-0.1, 2.0, True)
+    assert calibration.T_base_nav is None
+    assert calibration.T_base_dock is not None
+    assert_allclose(calibration.T_base_dock.p, (0.4, -0.15, 0.25))
+    assert_allclose(calibration.T_base_dock.wxyz, quat_from_rpy((0, 0, np.pi / 2)))
+    assert_allclose(calibration.T_sensor_tool.p, (0.01, 0.0, 0.02))
+    assert_allclose(calibration.T_sensor_tool.wxyz, quat_from_rpy((np.pi, 0, np.pi / 4)))
+
+
+def test_what_may_be_left_out(tmp_path: Path) -> None:
+    calibration = read_calibration(write(tmp_path, f'format = 1\nname = "mine"\n{NAV}'))
+    assert calibration.T_base_dock is None
+    assert calibration.T_base_nav is not None
+    assert_allclose(calibration.T_base_nav.p, (0.4, -0.15, 0.25))
+    assert (calibration.scale, calibration.table_height, calibration.robots) == (1.0, None, ())
+    assert not calibration.any_attitude
+    assert calibration.T_sensor_tool is TOOL_DOWN
+
+
+def test_the_default_is_what_it_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    calibration = load_calibration("default")
+    assert calibration.name == "default"
+    assert calibration.T_base_dock is not None
+    assert calibration.robots == ()
+    metres, rad = calibration.T_sensor_tool.distance(TOOL_DOWN)  # its [mount] says that it is the default
+    assert metres == 0.0
+    assert rad < 1e-15
+
+
+def test_what_the_default_has_commented_out_is_valid_too(tmp_path: Path) -> None:
+    """A user takes the number sign away; the keys must be the true ones."""
+    text = (bundled("calibration") / "default.toml").read_text(encoding="utf-8")
+    for key in ("robots", "any_attitude"):
+        text = text.replace(f"# {key} =", f"{key} =")
+    calibration = read_calibration(write(tmp_path, text))
+    assert calibration.robots == ("panda",)
+    assert calibration.any_attitude
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("format = 1", "format = 2", ":1: format must be 1, the only format that this version reads; correct it"),
+        ("format = 1\n", "", ": format is missing; add it"),
+        ('name = "mine"\n', "", ": name is missing; add it"),
+        ("scale = 2.0", "scale = 0", ":5: scale must be above zero, got 0; correct it"),
+        ("scale = 2.0", "scale = nan", ":5: scale must be a finite number, got nan; correct it"),
+        ("scale", "sclae", ":5: sclae is unknown; the keys here are "),
+        ("any_attitude", "any_atitude", ":9: [dock] any_atitude is unknown; the keys here are "),
+        ("[mount]", "[munt]", ":10: munt is unknown; the keys here are "),
+        ("0.25]", "0.25, 0]", ":7: [dock] position must have 3 numbers, got 4; correct it"),
+        ("[180.0, 0.0, 45.0]", "[180.0]", ":12: [mount] rpy_deg must have 3 numbers, got 1; correct it"),
+        ("-0.15", '"left"', ":7: [dock] position must be a list of 3 finite numbers, got [0.4, 'left', 0.25]"),
+        ("[dock]", "dock = 1\n[duck]", ":6: dock must be a table; correct it"),
+        (DOCK, "", ": dock or [nav] must be given, and not both; see calibration/default.toml"),
+        (DOCK, DOCK + NAV, ":6: dock or [nav] must be given, and not both; see calibration/default.toml"),
+        ("[dock]", "[dock", ": not valid TOML: "),
+    ],
+)
+def test_a_fault_is_named_with_path_line_and_key(tmp_path: Path, old: str, new: str, message: str) -> None:
+    assert old in TOML
+    path = write(tmp_path, TOML.replace(old, new, 1))
+    with pytest.raises(CalibrationError) as caught:
+        read_calibration(path)
+    assert caught.value.message.startswith(f"{path}{message}")
+    assert caught.value.fields["path"] == path
+
+
+def test_an_unknown_name_lists_the_valid_ones(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(CalibrationError, match=r"no calibration named 'defualt', .*; known are .*default"):
+        load_calibration("defualt")

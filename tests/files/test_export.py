@@ -1,0 +1,160 @@
+"""What other tools get, read back without any code of ours."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from pbd.data import JointTrajectory, Samples
+from pbd.errors import PbdError
+from pbd.files import exporters
+from pbd.files.exporters import FORMATS, export, npz
+from pbd.pose import Array
+
+DURATION, RATE = 0.07345678, 100.0  # the end is not on the grid
+
+
+@pytest.fixture
+def motion() -> JointTrajectory:
+    """From rest to rest in one cubic, q = c (3 u^2 - 2 u^3) of each joint, which has an acceleration at its end."""
+    reach = np.array([0.5, -1.25])
+    zero = np.zeros(2)
+    return JointTrajectory(
+        joint_names=("shoulder", "elbow"),
+        knots=np.array([0.0, DURATION]),
+        coefficients=np.array([[zero, zero, 3 * reach / DURATION**2, -2 * reach / DURATION**3]]),
+        gripper_t=np.array([0.02, 0.04]),
+        gripper_opening=np.array([1.0, 0.0]),
+        keyframe_t=np.array([0.0, DURATION]),
+        keyframe_q=np.array([zero, reach]),
+    )
+
+
+def read_csv(path: Path) -> tuple[list[str], Samples]:
+    with path.open(newline="") as file:
+        header, *rows = csv.reader(file)
+    assert header[0] == "t"
+    assert header[-1] == "gripper"
+    kinds, names = zip(*(column.split("_", 1) for column in header[1:-1]), strict=True)
+    assert kinds == ("q",) * 2 + ("dq",) * 2 + ("ddq",) * 2
+    assert names[:2] == names[2:4] == names[4:]
+    values = np.array(rows, dtype=float)
+    return list(names[:2]), Samples(values[:, 0], values[:, 1:3], values[:, 3:5], values[:, 5:7], values[:, 7])
+
+
+def read_npz(path: Path) -> tuple[list[str], Samples]:
+    with np.load(path, allow_pickle=False) as file:
+        assert set(file.files) == {"joints", "t", "q", "dq", "ddq", "gripper"}
+        return list(file["joints"]), Samples(file["t"], file["q"], file["dq"], file["ddq"], file["gripper"])
+
+
+def read_ros2_json(path: Path) -> tuple[list[str], Samples]:
+    message = json.loads(path.read_text())
+    assert set(message) == {"header", "joint_names", "points"}
+    assert message["header"] == {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}
+    points = message["points"]
+    assert all(point["effort"] == [] for point in points)
+    times = [point["time_from_start"] for point in points]
+    assert all(0 <= time["nanosec"] < 10**9 for time in times)
+
+    def column(name: str) -> Array:
+        return np.array([point[name] for point in points])
+
+    t = np.array([time["sec"] + 1e-9 * time["nanosec"] for time in times])
+    q, qd, qdd = column("positions"), column("velocities"), column("accelerations")
+    return message["joint_names"], Samples(t, q, qd, qdd, np.full(len(t), np.nan))  # it carries no gripper
+
+
+READERS = {"csv": read_csv, "npz": read_npz, "ros2-json": read_ros2_json}
+
+
+def test_every_format_is_read_back_here() -> None:
+    assert set(READERS) == set(FORMATS)
+
+
+@pytest.mark.parametrize("rate_hz", [RATE, 1000.0, 1e5])
+@pytest.mark.parametrize("format_name", FORMATS)
+def test_what_is_written_is_the_trajectory(
+    tmp_path: Path, motion: JointTrajectory, format_name: str, rate_hz: float
+) -> None:
+    path = tmp_path / "motion"
+    returned = export(motion, format_name, path, rate_hz)
+    names, read = READERS[format_name](path)
+    assert names == ["shoulder", "elbow"]
+    assert len(read.t) == len(returned.t) == np.ceil(DURATION * rate_hz) + 1
+    assert_allclose(read.t, np.arange(len(read.t)) / rate_hz, atol=1e-9)
+    assert (np.diff(read.t) > 0.0).all()
+    true = motion.at(np.arange(len(read.t)) / rate_hz)
+    assert_allclose(read.q, true.q, atol=1e-9)
+    assert_allclose(read.qd, true.qd, atol=1e-8)
+    assert_allclose(read.qdd, true.qdd, atol=1e-6)
+    if format_name != "ros2-json":
+        assert_allclose(read.gripper, true.gripper, atol=1e-6)
+    assert_array_equal(read.qd[-1], 0.0)  # exactly
+    assert_array_equal(read.qdd[-1], 0.0)
+    assert_allclose(read.q[-1], (0.5, -1.25), atol=1e-9)
+
+
+def test_the_rate_is_1_khz_unless_said_else(tmp_path: Path, motion: JointTrajectory) -> None:
+    assert_array_equal(export(motion, "npz", tmp_path / "motion.npz").t, motion.t)
+
+
+def test_a_file_of_that_name_is_replaced(tmp_path: Path, motion: JointTrajectory) -> None:
+    path = tmp_path / "motion.csv"
+    path.write_text("old")
+    export(motion, "csv", path)
+    assert path.read_text().startswith("t,q_shoulder,q_elbow,")
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("is_there", [True, False])
+@pytest.mark.parametrize("fault", [OSError(28, "No space left on device"), KeyboardInterrupt()])
+def test_a_file_appears_whole_or_not_at_all(
+    tmp_path: Path, motion: JointTrajectory, monkeypatch: pytest.MonkeyPatch, fault: BaseException, is_there: bool
+) -> None:
+    path = tmp_path / "motion.npz"
+    if is_there:
+        path.write_text("old")
+
+    def half(joint_names: tuple[str, ...], samples: Samples, unfinished: Path) -> None:
+        unfinished.write_bytes(b"half a fil")
+        raise fault
+
+    monkeypatch.setattr(npz, "write", half)
+    with pytest.raises((PbdError, KeyboardInterrupt)) as caught:
+        export(motion, "npz", path)
+    if isinstance(fault, OSError):
+        assert str(caught.value) == f"{path} can't be written (No space left on device); give another place with -o"
+    assert [(file, file.read_text()) for file in tmp_path.iterdir()] == ([(path, "old")] if is_there else [])
+
+
+@pytest.mark.parametrize("place", ["no/such/folder/motion.csv", "a-file/motion.csv", "a-folder"])
+def test_a_place_that_cannot_be_written(tmp_path: Path, motion: JointTrajectory, place: str) -> None:
+    (tmp_path / "a-file").touch()
+    (tmp_path / "a-folder").mkdir()
+    with pytest.raises(PbdError, match=r"can't be written \(.+\); give another place with -o$"):
+        export(motion, "csv", tmp_path / place)
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["a-file", "a-folder"]
+
+
+def test_an_unknown_format_lists_the_known(tmp_path: Path, motion: JointTrajectory) -> None:
+    with pytest.raises(PbdError, match=r"^no format 'xml'; known are csv, npz, ros2-json"):
+        export(motion, "xml", tmp_path / "motion")
+
+
+@pytest.mark.parametrize("rate_hz", [0.0, -1.0, 1e6, np.inf, np.nan])
+def test_a_rate_out_of_range(tmp_path: Path, motion: JointTrajectory, rate_hz: float) -> None:
+    with pytest.raises(PbdError, match="rate must be above 0 and at most 100000 Hz"):
+        export(motion, "csv", tmp_path / "motion", rate_hz)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_each_format_has_its_file() -> None:
+    folder = Path(exporters.__file__).parent
+    files = {path.stem for path in folder.glob("*.py")} - {"__init__"}
+    assert files == {name.replace("-", "_") for name in FORMATS}

@@ -1,0 +1,215 @@
+"""Recordings of other programs: headers as they write them, and the real files of the data folder."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from pbd.data import GRAVITY, Recording
+from pbd.errors import RecordingError
+from pbd.files.importers import import_file
+from pbd.pose import Array
+
+DEG = math.pi / 180.0
+
+NGIMU = "Time (s),Gyroscope X (deg/s),Gyroscope Y (deg/s),Gyroscope Z (deg/s)," + (
+    "Accelerometer X (g),Accelerometer Y (g),Accelerometer Z (g)"
+)
+XIMU3 = NGIMU.replace("Time (s)", "Timestamp (us)")
+XIMU3_MAGNETOMETER = "Timestamp (us),Magnetometer X (a.u.),Magnetometer Y (a.u.),Magnetometer Z (a.u.)"
+
+
+def import_text(
+    folder: Path,
+    text: str,
+    columns: Mapping[str, str] | None = None,
+    units: Mapping[str, str] | None = None,
+    name: str = "run.csv",
+) -> Recording:
+    path = folder / name
+    path.write_text(text, encoding="utf-8")
+    demo = import_file(path, columns, units)
+    assert demo.recording.info.name == path.stem
+    assert demo.notes == f"Imported from {name}."
+    return demo.recording
+
+
+def two_rows(header: str) -> str:
+    """Rows that count: 0, 1, 2, ... and 1, 2, 3, ..."""
+    n = len(header.split(","))
+    return "\n".join([header, ",".join(map(str, range(n))), ",".join(map(str, range(1, n + 1)))])
+
+
+def channel(recording: Recording, name: str) -> Array:
+    values: Array | None = getattr(recording, name)
+    assert values is not None
+    return values
+
+
+COUNTING = np.array([[1.0, 2.0, 3.0], [2.0, 3.0, 4.0]])
+
+# --- CSV --------------------------------------------------------------------------------------------------------------
+
+
+def test_ngimu(tmp_path: Path) -> None:
+    recording = import_text(tmp_path, f"{NGIMU}\n5.5,90,0,-180,0,0,1\n5.51,0,0,0,0.5,0,-1\n")
+    assert_allclose(recording.t, [0.0, 0.01], atol=1e-15)  # from the first sample
+    assert_allclose(channel(recording, "gyr"), [[math.pi / 2, 0.0, -math.pi], [0.0, 0.0, 0.0]])
+    assert_allclose(recording.acc, np.array([[0, 0, 1], [0.5, 0, -1]]) * GRAVITY)
+    assert recording.mag is None
+
+
+def test_ximu3_joins_its_magnetometer_by_time(tmp_path: Path) -> None:
+    (tmp_path / "Magnetometer.csv").write_text(f"{XIMU3_MAGNETOMETER}\n1000000,0,0,-1\n1020000,1,2,-1\n")
+    inertial = f"{XIMU3}\n1000000,90,0,0,0,0,1\n1005000,0,0,0,0,0,1\n1030000,0,0,0,0,0,1\n"
+    recording = import_text(tmp_path, inertial, name="Inertial.csv")
+    assert_allclose(recording.t, [0.0, 0.005, 0.03], atol=1e-15)
+    assert_allclose(channel(recording, "gyr"), np.outer((math.pi / 2, 0.0, 0.0), (1.0, 0.0, 0.0)))
+    assert_allclose(channel(recording, "mag"), [[0.0, 0.0, -1.0], [0.25, 0.5, -1.0], [1.0, 2.0, -1.0]])
+    assert import_text(tmp_path, inertial, name="other.csv").mag is None  # it belongs to Inertial.csv alone
+
+
+def test_our_own_imu_csv_in_any_order(tmp_path: Path) -> None:
+    header = "mx,my,mz,ax,ay,az,t,roll,heading,pitch,temperature,gx,gy,gz"
+    recording = import_text(tmp_path, f"{header}\n1,2,3,4,5,6,7,0.1,0.2,0.3,99,11,12,13\n")
+    assert_array_equal(recording.t, [0.0])
+    assert_array_equal(channel(recording, "mag"), [[1, 2, 3]])
+    assert_array_equal(recording.acc, [[4, 5, 6]])
+    assert_array_equal(channel(recording, "gyr"), [[11, 12, 13]])
+    # a compass counts heading clockwise from north, pitch nose up; rpy is about x (east), y, z (up)
+    assert_allclose(channel(recording, "device_rpy"), [[0.1, -0.3, math.pi / 2 - 0.2]])
+
+
+@pytest.mark.parametrize(
+    ("header", "scale"),
+    [
+        ("t,ax,ay,az", 1.0),
+        ("time,acc_x [g],acc_y [g],acc_z [g]", GRAVITY),
+        ("Timestamp,AccX (mg),AccY (mg),AccZ (mg)", GRAVITY / 1000),
+        ("seconds,accel.x,accel.y,accel.z", 1.0),
+        ("Time,Linear Acceleration x (m/s²),Linear Acceleration y (m/s²),Linear Acceleration z (m/s²)", 1.0),
+        ("TIME,ACCELEROMETER-X [m/s^2],ACCELEROMETER-Y [m/s^2],ACCELEROMETER-Z [m/s^2]", 1.0),
+    ],
+)
+def test_spellings_of_specific_force(tmp_path: Path, header: str, scale: float) -> None:
+    recording = import_text(tmp_path, two_rows(header))
+    assert_array_equal(recording.t, [0.0, 1.0])
+    assert_allclose(recording.acc, COUNTING * scale)
+
+
+@pytest.mark.parametrize(
+    ("name", "header", "scale"),
+    [
+        ("gyr", "gyro_x [dps],gyro_y [dps],gyro_z [dps]", DEG),
+        ("gyr", "Angular Velocity X (°/s),Angular Velocity Y (°/s),Angular Velocity Z (°/s)", DEG),
+        ("gyr", "wx (rad/s),wy (rad/s),wz (rad/s)", 1.0),
+        ("mag", "Magnetometer X (µT),Magnetometer Y (µT),Magnetometer Z (µT)", 1.0),
+        ("mag", "mag_x (mGauss),mag_y (mGauss),mag_z (mGauss)", 0.1),
+        ("mag", "mx (mG),my (mG),mz (mG)", 0.1),
+        ("mag", "magx [G],magy [G],magz [G]", 100.0),
+        ("mag", "magnetic_field.x (T),magnetic_field.y (T),magnetic_field.z (T)", 1e6),
+    ],
+)
+def test_spellings_of_the_rest(tmp_path: Path, name: str, header: str, scale: float) -> None:
+    recording = import_text(tmp_path, two_rows(f"{header},t,ax,ay,az"))
+    assert_allclose(channel(recording, name), (COUNTING - 1.0) * scale)
+
+
+@pytest.mark.parametrize(("unit", "seconds"), [("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9), ("min", 60.0)])
+def test_units_of_time(tmp_path: Path, unit: str, seconds: float) -> None:
+    assert_allclose(import_text(tmp_path, two_rows(f"t ({unit}),ax,ay,az")).t, [0.0, seconds])
+    assert_allclose(import_text(tmp_path, two_rows("t,ax,ay,az"), units={"t": unit}).t, [0.0, seconds])
+
+
+def test_what_the_header_does_not_tell_the_caller_does(tmp_path: Path) -> None:
+    text = two_rows("clock,forward,left,up (g),rate_x,rate_y,rate_z")
+    columns = {"t": "clock", "ax": "forward", "ay": "left", "az": "up (g)", "gx": "rate_x"}
+    columns |= {"gy": "rate_y", "gz": "rate_z"}
+    recording = import_text(tmp_path, text, columns, {"t": "ms", "acc": "m/s2", "gyr": "deg/s"})
+    assert_allclose(recording.t, [0.0, 1e-3])
+    assert_allclose(recording.acc, COUNTING)  # what the caller says wins over the header
+    assert_allclose(channel(recording, "gyr"), (COUNTING + 3.0) * DEG)
+
+
+def test_a_column_given_wins_over_one_matched(tmp_path: Path) -> None:
+    recording = import_text(tmp_path, two_rows("t,ax,ay,az,better"), {"ax": "better"})
+    assert_array_equal(recording.acc[:, 0], [4.0, 5.0])
+
+
+@pytest.mark.parametrize(
+    ("header", "columns", "units", "message"),
+    [
+        ("t,gx,gy,gz", {}, {}, "no column for ax, ay, az (specific force); the columns are t, gx, gy, gz: say which"),
+        ("ax,ay,az", {}, {}, "no column for t (time); the columns are ax, ay, az: say which is which with --column"),
+        ("t,ax,ay", {}, {}, "no column for 'az', though there is 'ax'; the columns are t, ax, ay: name it with --col"),
+        ("t,ax,ay,az,gz", {}, {}, "no column for 'gx', though there is 'gz'; "),
+        ("t (days),ax,ay,az", {}, {}, "the unit 'days' of column 't (days)' is not known; give one of s, ms, us, ns"),
+        ("t,ax (lb),ay (lb),az (lb)", {}, {}, "the unit 'lb' of column 'ax (lb)' is not known; give one of m/s2, "),
+        ("t,ax,ay,az", {}, {"acc": "deg/s"}, "the unit 'deg/s' of column 'ax' is not known; give one of m/s2, "),
+        ("t,ax,ay,az", {}, {"ax": "g"}, "no unit can be given for 'ax'; give it for t, gyr, acc, mag, angle"),
+        ("t,ax,ay,az", {"a_x": "ax"}, {}, "there is no column 'a_x' to fill; ours are t, gx, gy, gz, ax, "),
+        ("t,ax,ay,az", {"ax": "AccX"}, {}, "no column 'AccX'; the columns are t, ax, ay, az"),
+    ],
+)
+def test_what_cannot_be_told_is_asked_for(
+    tmp_path: Path, header: str, columns: dict[str, str], units: dict[str, str], message: str
+) -> None:
+    with pytest.raises(RecordingError) as caught:
+        import_text(tmp_path, two_rows(header), columns, units)
+    assert message in caught.value.message
+
+
+# --- every format -----------------------------------------------------------------------------------------------------
+
+
+def test_an_npz_takes_no_columns(tmp_path: Path) -> None:
+    for mapping in ({"columns": {"ax": "x"}}, {"units": {"acc": "g"}}):
+        with pytest.raises(RecordingError, match="leave --column and --unit out"):
+            import_file(tmp_path / "run.npz", **mapping)
+
+
+def test_a_suffix_that_nobody_knows(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"no importer for '\.xlsx' files; known are \.csv, \.tsv, \.txt, \.npz$"):
+        import_file(tmp_path / "run.XLSX")
+
+
+# --- real files -------------------------------------------------------------------------------------------------------
+
+
+def test_the_short_walk(data_folder: Path) -> None:
+    """An NGIMU's own export: starts at rest, some 400 Hz nominal."""
+    recording = import_file(data_folder / "walks" / "short_walk.csv").recording
+    assert recording.t[0] == 0.0
+    assert 350.0 < recording.rate_hz < 450.0
+    assert np.linalg.norm(recording.acc[:400].mean(axis=0)) == pytest.approx(GRAVITY, rel=0.02)
+    gyr = np.abs(channel(recording, "gyr"))
+    assert gyr[:400].max() < 0.1 < gyr.max() < 2000 * DEG
+    assert recording.mag is None
+
+
+def test_broad(data_folder: Path) -> None:
+    files = sorted((data_folder / "broad").glob("*.npz"))
+    assert files
+    for file in files:
+        demo = import_file(file)
+        assert demo.recording.rate_hz == pytest.approx(286.0, abs=1.0)
+        assert np.linalg.norm(demo.recording.acc[:200].mean(axis=0)) == pytest.approx(GRAVITY, rel=0.02)
+        assert demo.recording.mag is not None
+        assert demo.truth is not None
+        assert np.nanmax(np.abs(demo.truth.p_nav_sensor)) > 0.1
+        assert_allclose(demo.truth.t, demo.recording.t)
+
+
+def test_strides(data_folder: Path) -> None:
+    """The optics have a rate of their own, and end together with the sensor."""
+    for file in (data_folder / "strides").glob("*.npz"):
+        demo = import_file(file)
+        assert demo.recording.rate_hz == pytest.approx(204.8)
+        assert demo.truth is not None
+        assert np.median(np.diff(demo.truth.t)) == pytest.approx(0.01)
+        assert demo.truth.t[-1] == pytest.approx(demo.recording.t[-1], abs=0.1)

@@ -1,0 +1,124 @@
+"""Recordings as named numpy arrays."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from pbd.data import Demonstration
+from pbd.errors import RecordingError
+from pbd.files.importers import import_file
+
+
+def import_arrays(folder: Path, **arrays: Any) -> Demonstration:
+    path = folder / "run.npz"
+    np.savez(path, **arrays)
+    return import_file(path)
+
+
+def test_npz(tmp_path: Path) -> None:
+    acc, gyr, mag = np.random.default_rng(0).normal(size=(3, 4, 3))
+    true_position = np.array([[np.nan] * 3, [1, 2, 3], [2, 2, 3], [np.nan] * 3])
+    true_wxyz = np.tile((1.0, 0.0, 0.0, 0.0), (4, 1))
+    demo = import_arrays(
+        tmp_path,
+        rate_hz=50,
+        acc=acc,
+        gyr=gyr,
+        mag=mag,
+        true_position=true_position,
+        true_wxyz=true_wxyz,
+        subject="names are passed over",
+    )
+    assert_allclose(demo.recording.t, [0.0, 0.02, 0.04, 0.06])
+    for channel, values in (("acc", acc), ("gyr", gyr), ("mag", mag)):
+        assert_array_equal(getattr(demo.recording, channel), values)
+    assert demo.recording.info.rate_hz == 50.0
+    assert demo.truth is not None
+    assert_allclose(demo.truth.t, demo.recording.t)
+    assert_array_equal(demo.truth.wxyz_nav_sensor, true_wxyz)
+    from_the_first_known = np.array([[np.nan] * 3, [0, 0, 0], [1, 0, 0], [np.nan] * 3])
+    assert_array_equal(demo.truth.p_nav_sensor, from_the_first_known)
+
+
+def test_npz_with_the_least(tmp_path: Path) -> None:
+    demo = import_arrays(tmp_path, rate_hz=100.0, acc=np.ones((3, 3)))
+    assert (demo.recording.gyr, demo.recording.mag, demo.truth) == (None, None, None)
+
+
+def test_npz_whose_truth_has_a_rate_of_its_own(tmp_path: Path) -> None:
+    demo = import_arrays(
+        tmp_path, rate_hz=200.0, acc=np.ones((4, 3)), true_position=np.ones((2, 3)), true_rate_hz=100.0
+    )
+    assert demo.truth is not None
+    assert_allclose(demo.truth.t, [0.0, 0.01])
+
+
+@pytest.mark.parametrize(
+    ("arrays", "message"),
+    [
+        ({"acc": np.ones((3, 3))}, "no array 'rate_hz'; it has acc"),
+        ({"rate_hz": 100.0}, "no array 'acc'; it has rate_hz"),
+        ({"rate_hz": "fast", "acc": np.ones((3, 3))}, "no array 'rate_hz'; it has acc"),
+        ({"rate_hz": 0.0, "acc": np.ones((3, 3))}, "rate_hz is 0; it must be above zero"),
+        ({"rate_hz": np.nan, "acc": np.ones((3, 3))}, "rate_hz is nan; it must be above zero"),
+        ({"rate_hz": 1.0, "acc": np.ones((3, 3)), "gyr": np.ones((2, 3))}, r"'gyr' has shape \(2, 3\), not \(3, 3\)"),
+        ({"rate_hz": 1.0, "acc": np.ones(3)}, r"'acc' has shape \(3,\), not \(3, 3\); mend it"),
+        ({"rate_hz": 1.0, "acc": np.ones((3, 3)), "notes": {"a": 1}}, "Object arrays cannot be loaded"),  # a pickle
+    ],
+)
+def test_npz_of_another_kind_is_refused(tmp_path: Path, arrays: dict[str, object], message: str) -> None:
+    with pytest.raises(RecordingError, match=message):
+        import_arrays(tmp_path, **arrays)
+
+
+@pytest.mark.xfail(strict=True, reason="traceback: shapes of these aren't looked at")
+@pytest.mark.parametrize(
+    "arrays",
+    [
+        {"rate_hz": [100.0, 100.0]},
+        {"acc": 9.81},
+        {"rate_hz": np.inf},
+        {"true_position": np.zeros(3)},
+        {"true_position": np.zeros((3, 3)), "true_wxyz": np.zeros((2, 4))},
+        {"true_position": np.zeros((3, 3)), "true_rate_hz": 0.0},
+    ],
+    ids=lambda arrays: list(arrays)[-1],
+)
+def test_npz_of_other_shapes_is_refused(tmp_path: Path, arrays: dict[str, object]) -> None:
+    with pytest.raises(RecordingError):
+        import_arrays(tmp_path, **{"rate_hz": 100.0, "acc": np.ones((3, 3))} | arrays)
+
+
+@pytest.mark.parametrize("content", [b"", b"t,ax\n0,1\n", b"PK\x03\x04 cut short", b"\x80\x04K\x01."])
+def test_not_an_npz(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "run.npz"
+    path.write_bytes(content)
+    with pytest.raises(RecordingError, match=r"can't be read as an npz \(.*\); save it with numpy\.savez$"):
+        import_file(path)
+
+
+def test_an_npy_is_no_npz(tmp_path: Path) -> None:
+    with (tmp_path / "run.npz").open("wb") as file:
+        np.save(file, np.ones((3, 3)))
+    with pytest.raises(RecordingError, match="can't be read as an npz"):
+        import_file(tmp_path / "run.npz")
+
+
+def test_a_damaged_npz_is_refused_or_read(tmp_path: Path) -> None:
+    """One byte changed, anywhere: zip, zlib and numpy each have errors of their own."""
+    path = tmp_path / "run.npz"
+    np.savez_compressed(path, rate_hz=100.0, acc=np.random.default_rng(0).normal(size=(20, 3)))
+    whole = path.read_bytes()
+    refused = 0
+    for position in range(0, len(whole), 3):
+        path.write_bytes(whole[:position] + bytes([whole[position] ^ 0xFF]) + whole[position + 1 :])
+        try:
+            import_file(path)
+        except RecordingError:
+            refused += 1
+    assert refused > len(whole) // 3 // 2

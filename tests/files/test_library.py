@@ -1,0 +1,91 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from pbd.errors import CalibrationError, RecordingError
+from pbd.files.library import bundled, find, names
+
+
+@pytest.fixture(autouse=True)
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A user's folder, empty."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def add(path: Path) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.touch()
+    return path
+
+
+def test_what_comes_with_pbd_is_found_anywhere() -> None:
+    assert find("calibration", "default", ".toml", CalibrationError) == bundled("calibration") / "default.toml"
+    assert find("demos", "pouring", "", RecordingError) == bundled("demos") / "pouring"
+
+
+def test_the_users_own_wins() -> None:
+    own = add(Path("calibration/default.toml"))
+    assert find("calibration", "default", ".toml", CalibrationError) == own
+    assert find("calibration", "default.toml", ".toml", CalibrationError) == own
+    demo = add(Path("demos/pouring/demo.toml")).parent
+    assert find("demos", "pouring", "", RecordingError) == demo
+
+
+def test_a_name_wins_over_a_path() -> None:
+    """A stray ./pouring is not in the way of the demonstration of that name; ./pouring/ as a path says the stray."""
+    Path("pouring").mkdir()
+    assert find("demos", "pouring", "", RecordingError) == bundled("demos") / "pouring"
+    assert find("demos", "./pouring", "", RecordingError) == Path("pouring")
+
+
+def test_a_path_is_taken_as_it_is(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = add(home / "elsewhere" / "mine.toml")
+    assert find("calibration", str(path), ".toml", CalibrationError) == path
+    assert find("calibration", "elsewhere/mine.toml", ".toml", CalibrationError) == Path("elsewhere/mine.toml")
+    monkeypatch.setenv("HOME", str(home))
+    assert find("calibration", "~/elsewhere/mine.toml", ".toml", CalibrationError) == path
+
+
+@pytest.fixture
+def shelf(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Instead of what comes with pbd: one calibration, one demonstration."""
+    monkeypatch.setattr("pbd.files.library.bundled", lambda kind: home / "bundled" / kind)
+    add(Path("bundled/calibration/default.toml"))
+    add(Path("bundled/demos/pouring/demo.toml"))
+
+
+@pytest.mark.usefixtures("shelf")
+def test_names_are_the_users_and_the_bundled_ones() -> None:
+    add(Path("calibration/mine.toml"))
+    add(Path("calibration/default.toml"))
+    add(Path("calibration/notes.txt"))
+    assert names("calibration", ".toml") == ["default", "mine"]
+    add(Path("demos/tea/demo.toml"))
+    add(Path("demos/no-demonstration/imu.csv"))
+    assert names("demos", "") == ["pouring", "tea"]
+
+
+@pytest.mark.usefixtures("shelf")
+def test_an_unknown_name_lists_the_valid_ones() -> None:
+    add(Path("demos/tea/demo.toml"))
+    with pytest.raises(RecordingError) as caught:
+        find("demos", "te", "", RecordingError)
+    assert caught.value.message == (
+        "no demonstration named 'te', nor a file or folder of that path; known are pouring, tea"
+    )
+    assert caught.value.fields == {"value": "te", "valid": ["pouring", "tea"]}
+
+
+def test_where_nothing_is_known_it_says_where_to_put_one() -> None:
+    with pytest.raises(CalibrationError, match=r"no grippers named 'x', .*; none is known; put one into \./grippers$"):
+        find("grippers", "x", ".toml", CalibrationError)
+
+
+@pytest.mark.xfail(strict=True, raises=(RuntimeError, OSError), reason="traceback: neither name can be a path at all")
+@pytest.mark.parametrize("name", ["~nobody-of-this-name/tea", "a" * 300])
+def test_a_name_that_cannot_be_a_path_is_unknown_too(name: str) -> None:
+    with pytest.raises(RecordingError, match="no demonstration named"):
+        find("demos", name, "", RecordingError)

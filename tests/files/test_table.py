@@ -1,0 +1,103 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from pbd.errors import RecordingError
+from pbd.files.table import read_table, write_table
+
+
+def table_file(folder: Path, content: str | bytes) -> Path:
+    path = folder / "table.csv"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return path
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "t,ax\n0,1.5\n0.1,-2e-3\n",
+        "t,ax\n0,1.5\n0.1,-2e-3",  # no line end at the end
+        "t,ax\r\n0,1.5\r\n0.1,-2e-3\r\n",
+        "\ufefft,ax\n0,1.5\n0.1,-2e-3\n",  # a byte order mark, as spreadsheets write it
+        "t;ax\n0;1.5\n0.1;-2e-3\n",
+        "t\tax\n0\t1.5\n0.1\t-2e-3\n",
+        ' t , "ax"\n 0 , 1.5\n\n0.1, -2e-3\n',
+        't,ax\n"0","1.5"\n"0.1","-2e-3"\n',
+    ],
+)
+def test_the_same_table_in_every_dress(tmp_path: Path, content: str) -> None:
+    table = read_table(table_file(tmp_path, content))
+    assert table.header == ("t", "ax")
+    assert_array_equal(table.values, [[0.0, 1.5], [0.1, -2e-3]])
+    assert_array_equal(table.columns("ax", "t"), [[1.5, 0.0], [-2e-3, 0.1]])
+
+
+def test_an_empty_cell_is_nan(tmp_path: Path) -> None:
+    table = read_table(table_file(tmp_path, "t,ax,ay\n0,,1\n1, ,2\n2,3,\n"))
+    assert_array_equal(table.values, [[0, np.nan, 1], [1, np.nan, 2], [2, 3, np.nan]])
+
+
+@pytest.mark.parametrize(
+    ("content", "message", "fields"),
+    [
+        ("", ": the file is empty; it needs a header line and rows of numbers", {}),
+        ("\n", ": the file is empty; it needs a header line and rows of numbers", {}),
+        ("t,ax\n", ": a header but no rows; record again", {}),
+        ("t,ax\r\n\r\n", ": a header but no rows; record again", {}),
+        ("t,ax,t\n0,1,2\n", ": the column 't' is there twice; rename one", {"value": "t"}),
+        (
+            "t,ax\n0,1\n1,two\n",
+            ":3: 'two' in column 'ax' is not a number; mend the cell, or leave it empty",
+            {"line": 3, "column": "ax", "value": "two"},
+        ),
+        (
+            "t;ax\n0;1\n1;2,5\n",  # a decimal comma is not taken for anything else
+            ":3: '2,5' in column 'ax' is not a number; mend the cell, or leave it empty",
+            {"line": 3, "column": "ax", "value": "2,5"},
+        ),
+        (
+            "t,ax\n0,1\n\n1\n",
+            ":4: 1 cells where the header has 2; mend or remove the line",
+            {"line": 4, "value": 1, "bound": 2},
+        ),
+        (
+            "t,ax\n0,1,2\n1,2,3\n",  # consistently one too many
+            ":2: 3 cells where the header has 2; mend or remove the line",
+            {"line": 2, "value": 3, "bound": 2},
+        ),
+        (b"t,ax\n0,\xff\n", ": can't be read as text ('utf-8' codec can't decode", {}),
+    ],
+)
+def test_what_is_wrong_is_named_with_its_place(
+    tmp_path: Path, content: str | bytes, message: str, fields: dict[str, object]
+) -> None:
+    path = table_file(tmp_path, content)
+    with pytest.raises(RecordingError) as caught:
+        read_table(path)
+    assert caught.value.message.startswith(f"{path}{message}")
+    assert caught.value.fields == {"path": path, **fields}
+
+
+def test_no_such_file(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"nowhere\.csv: can't be read as text .*; give a CSV file$"):
+        read_table(tmp_path / "nowhere.csv")
+
+
+def test_a_missing_column_lists_those_that_are_there(tmp_path: Path) -> None:
+    table = read_table(table_file(tmp_path, "t,ax\n0,1\n"))
+    with pytest.raises(RecordingError, match=r"no column 'ay'; the columns are t, ax$") as caught:
+        table.columns("t", "ay")
+    assert caught.value.fields["value"] == "ay"
+
+
+@pytest.mark.parametrize("hole", [np.nan, 1.0])
+def test_written_as_it_is_read(tmp_path: Path, hole: float) -> None:
+    path = tmp_path / "table.csv"
+    values = np.array([[0.0, -1.25], [0.123456789, hole]])
+    write_table(path, ("t", "ax"), values, (3, 2))
+    assert path.read_text().splitlines()[:2] == ["t,ax", "0.000,-1.25"]
+    assert_array_equal(read_table(path).values, [[0.0, -1.25], [0.123, hole]])

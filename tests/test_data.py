@@ -1,0 +1,219 @@
+"""The frozen values: frozen for real, refused where they are not well formed, trajectories against numpy's own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import FrozenInstanceError, fields
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.polynomial import Polynomial
+from numpy.testing import assert_allclose, assert_array_equal
+
+from pbd.data import (
+    TOOL_DOWN,
+    Attitude,
+    Calibration,
+    GripEvent,
+    Gripper,
+    HandPath,
+    JointLimits,
+    JointTrajectory,
+    Keyframe,
+    Recording,
+    Robot,
+    Samples,
+    Stop,
+    Truth,
+)
+from pbd.pose import Array, Pose
+
+N, K = 5, 2
+ONES = np.ones(K)
+LIMITS = JointLimits(ONES, ONES, ONES, ONES, ONES, source="")
+
+
+def robot(home: Array) -> Robot:
+    return Robot("", "", Path(), None, (), "", "", TOOL_DOWN, ("a", "b"), home, None, LIMITS)
+
+
+VALUES: dict[str, tuple[Callable[..., Any], dict[str, tuple[int, ...]]]] = {
+    "Recording": (Recording, {"t": (N,), "acc": (N, 3), "gyr": (N, 3), "mag": (N, 3), "device_rpy": (N, 3)}),
+    "Truth": (Truth, {"t": (N,), "p_nav_sensor": (N, 3), "wxyz_nav_sensor": (N, 4)}),
+    "Attitude": (Attitude, {"wxyz_nav_sensor": (N, 4), "gyro_bias": (N, 3)}),
+    "HandPath": (
+        partial(HandPath, stops=(Stop(0, 1, 0.1), Stop(3, 5, 0.2))),
+        {
+            "t": (N,),
+            "p_nav_sensor": (N, 3),
+            "v_nav_sensor": (N, 3),
+            "wxyz_nav_sensor": (N, 4),
+            "closure": (1, 3),
+            "cov": (2, 6, 6),
+        },
+    ),
+    "Keyframe": (lambda cov: Keyframe(0.0, 0.5, Pose.identity(), cov), {"cov": (6, 6)}),
+    "Gripper": (partial(Gripper, ("a", "b"), stroke_s=1.0), {"open": (K,), "closed": (K,)}),
+    "JointLimits": (
+        partial(JointLimits, source=""),
+        {"lower": (K,), "upper": (K,), "velocity": (K,), "acceleration": (K,), "jerk": (K,)},
+    ),
+    "Robot": (robot, {"home": (K,)}),
+    "Samples": (Samples, {"t": (N,), "q": (N, K), "qd": (N, K), "qdd": (N, K), "gripper": (N,)}),
+    "JointTrajectory": (
+        partial(JointTrajectory, ("a", "b")),
+        {
+            "knots": (N + 1,),
+            "coefficients": (N, 4, K),
+            "gripper_t": (3,),
+            "gripper_opening": (3,),
+            "keyframe_t": (2,),
+            "keyframe_q": (2, K),
+        },
+    ),
+}
+EACH_ARRAY = [(name, field) for name, (_, shapes) in VALUES.items() for field in shapes]
+
+
+def sources(name: str) -> dict[str, Array]:
+    return {field: np.ones(shape) for field, shape in VALUES[name][1].items()}
+
+
+@pytest.mark.parametrize("name", VALUES)
+def test_all_arrays_are_listed_here(name: str) -> None:
+    make, shapes = VALUES[name]
+    value = make(**sources(name))
+    assert {field.name for field in fields(value) if isinstance(getattr(value, field.name), np.ndarray)} == set(shapes)
+
+
+@pytest.mark.parametrize(("name", "field"), EACH_ARRAY)
+def test_frozen_for_real(name: str, field: str) -> None:
+    make, arrays = VALUES[name][0], sources(name)
+    value = make(**arrays)
+    arrays[field][...] = 9.0
+    assert_array_equal(getattr(value, field), 1.0)  # what is done to the source doesn't leak in
+    with pytest.raises(ValueError, match="read-only"):
+        getattr(value, field)[...] = 9.0
+    with pytest.raises(FrozenInstanceError):
+        setattr(value, field, arrays[field])
+
+
+@pytest.mark.parametrize(("name", "field"), EACH_ARRAY)
+def test_another_shape_is_refused(name: str, field: str) -> None:
+    make, arrays = VALUES[name][0], sources(name)
+    right = arrays[field]
+    for wrong in (right[..., None], np.concatenate((right, right[:1])), right[..., 0]):
+        with pytest.raises((ValueError, TypeError)):
+            make(**arrays | {field: wrong})
+
+
+def test_a_refusal_names_the_field_and_both_shapes() -> None:
+    with pytest.raises(ValueError, match=r"^Recording\.acc must have shape \(5, 3\), got \(5, 2\)$"):
+        Recording(t=np.zeros(5), acc=np.zeros((5, 2)))
+
+
+def test_what_a_device_lacks_is_none() -> None:
+    recording = Recording(t=np.zeros(3), acc=np.zeros((3, 3)))
+    assert (recording.gyr, recording.mag, recording.device_rpy) == (None, None, None)
+    assert len(recording) == 3
+
+
+def test_lists_become_tuples() -> None:
+    events: Any = [GripEvent(0.5, True)]
+    recording = Recording(t=np.zeros(3), acc=np.zeros((3, 3)), grip=events)
+    events.clear()
+    assert recording.grip == (GripEvent(0.5, True),)
+
+
+def test_the_rate_is_that_of_the_median_interval() -> None:
+    """A gap doesn't change it."""
+    assert Recording(t=np.array([0.0, 0.01, 0.02, 5.0]), acc=np.zeros((4, 3))).rate_hz == pytest.approx(100.0)
+
+
+def test_a_calibration_has_a_dock_or_a_registration() -> None:
+    for both_or_neither in (None, Pose.identity()):
+        with pytest.raises(ValueError, match="exactly one of T_base_dock and T_base_nav"):
+            Calibration("x", T_base_dock=both_or_neither, T_base_nav=both_or_neither)
+
+
+def test_residuals_are_frozen_too() -> None:
+    source = {"position_m": 0.001}
+    calibration = Calibration("x", T_base_dock=Pose.identity(), residuals=source)
+    source["position_m"] = 9.0
+    assert calibration.residuals == {"position_m": 0.001}
+    with pytest.raises(TypeError):
+        calibration.residuals["position_m"] = 9.0  # type: ignore[index]
+
+
+# --- JointTrajectory --------------------------------------------------------------------------------------------------
+
+
+def trajectory(seed: int, durations: list[float]) -> JointTrajectory:
+    """Pieces that don't even join: nothing but the polynomials is taken for granted."""
+    rng = np.random.default_rng(seed)
+    return JointTrajectory(
+        joint_names=("a", "b"),
+        knots=np.concatenate(([0.0], np.cumsum(durations))),
+        coefficients=rng.normal(size=(len(durations), 4, K)),
+        gripper_t=np.array([0.2, 0.4]),
+        gripper_opening=np.array([1.0, 0.0]),
+        keyframe_t=np.zeros(0),
+        keyframe_q=np.zeros((0, K)),
+    )
+
+
+pieces = st.lists(st.floats(0.01, 2.0), min_size=1, max_size=4)
+trajectories = st.builds(trajectory, st.integers(0, 99), pieces)
+
+
+@given(trajectories, st.floats(0.0, 1.0, exclude_max=True))
+def test_at_is_the_piece_that_begins_or_holds_there(motion: JointTrajectory, share: float) -> None:
+    for t in (share * motion.duration, *motion.knots[:-1]):
+        piece = max(i for i, knot in enumerate(motion.knots[:-1]) if knot <= t)
+        samples = motion.at(np.array([t]))
+        for joint in range(K):
+            q = Polynomial(motion.coefficients[piece, :, joint])
+            s = t - motion.knots[piece]
+            assert_allclose(samples.q[0, joint], q(s), atol=1e-12)
+            assert_allclose(samples.qd[0, joint], q.deriv()(s), atol=1e-12)
+            assert_allclose(samples.qdd[0, joint], q.deriv(2)(s), atol=1e-12)
+
+
+@given(trajectories, st.floats(0.0, 10.0))
+def test_the_ends_are_held(motion: JointTrajectory, beyond: float) -> None:
+    q_end = [Polynomial(c)(motion.knots[-1] - motion.knots[-2]) for c in motion.coefficients[-1].T]
+    after = motion.at(np.array([motion.duration + beyond]))
+    assert_allclose(after.q[0], q_end, atol=1e-12)
+    assert_array_equal((after.qd, after.qdd), 0.0)
+    before = motion.at(np.array([-beyond - 1e-9]))
+    assert_array_equal(before.q, motion.at(np.array([0.0])).q)
+    assert_array_equal((before.qd, before.qdd), 0.0)
+
+
+def test_the_gripper_goes_straight_and_is_held() -> None:
+    samples = trajectory(0, [1.0]).at(np.array([-1.0, 0.0, 0.2, 0.25, 0.3, 0.4, 1.0, 9.0]))
+    assert_allclose(samples.gripper, [1.0, 1.0, 1.0, 0.75, 0.5, 0.0, 0.0, 0.0])
+
+
+durations = st.floats(0.01, 2.0) | st.integers(10, 2000).map(lambda ms: float(np.nextafter(ms / 1000, 9.0)))
+
+
+@given(st.builds(lambda duration: trajectory(0, [duration]), durations), st.floats(10.0, 1000.0) | st.just(1000.0))
+def test_samples_reach_the_end_and_stop_there(motion: JointTrajectory, rate_hz: float) -> None:
+    samples = motion.sample(rate_hz)
+    assert_allclose(samples.t * rate_hz, np.arange(len(samples.t)), rtol=1e-12)
+    assert samples.t[-2] < motion.duration <= samples.t[-1]
+    assert_array_equal((samples.qd[-1], samples.qdd[-1]), 0.0)  # exactly: controllers refuse a final velocity
+    assert_allclose(samples.q[-1], motion.at(np.array([motion.duration])).q[0], atol=0.0)
+
+
+def test_a_trajectory_is_at_hand_at_1_khz() -> None:
+    motion = trajectory(3, [0.1, 0.2])
+    samples = motion.sample(1000.0)
+    for name in ("t", "q", "qd", "qdd", "gripper"):
+        assert_array_equal(getattr(motion, name), getattr(samples, name))
