@@ -120,12 +120,13 @@ def quat_from_rpy(rpy: ArrayLike) -> Array:
 
 
 def quat_to_rpy(wxyz: ArrayLike) -> Array:
-    """Roll, pitch, yaw (..., 3) in rad of unit quaternions; pitch within a quarter turn."""
+    """Roll, pitch, yaw (..., 3) in rad of unit quaternions; pitch within a quarter turn, where yaw is taken as zero."""
     w, x, y, z = np.moveaxis(np.asarray(wxyz, dtype=np.float64), -1, 0)
-    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
-    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    return np.stack((roll, pitch, yaw), axis=-1)
+    sine = np.clip(2.0 * (w * y - z * x), -1.0, 1.0)
+    at_pole = np.abs(sine) > 1.0 - 1e-14  # there roll and yaw turn about one axis
+    roll = np.where(at_pole, 2.0 * np.arctan2(x, w), np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)))
+    yaw = np.where(at_pole, 0.0, np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
+    return np.stack((roll, np.arcsin(sine), yaw), axis=-1)
 
 
 def quat_from_xyzw(xyzw: ArrayLike) -> Array:

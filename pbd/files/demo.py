@@ -96,6 +96,8 @@ def write_demo(demo: Demonstration, folder: Path, force: bool = False) -> None:
     """
     if folder.exists() and not force:
         raise RecordingError(f"{folder} exists; give another name, or --force to replace it", path=folder)
+    if folder.is_dir() and not (folder / "demo.toml").is_file():
+        raise RecordingError(f"{folder} is no demonstration, so it is not replaced; give another name", path=folder)
     unfinished = folder.with_name(f".{folder.name}.{os.getpid()}.tmp")
     try:
         unfinished.mkdir(parents=True)
@@ -177,9 +179,10 @@ def _demo_toml(demo: Demonstration, name: str) -> str:
     document["name"] = name
     if recording.info.created:
         document["created"] = recording.info.created
-    document["sensor"] = recording.info.sensor
-    document["rate_hz"] = round(recording.info.rate_hz or recording.rate_hz, 3)
-    if demo.notes:
+    document["sensor"] = recording.info.sensor if recording.info.sensor.strip() else "unknown"
+    if recording.info.rate_hz or len(recording) > 1:
+        document["rate_hz"] = float(f"{recording.info.rate_hz or recording.rate_hz:.6g}")
+    if demo.notes.strip():
         document["notes"] = demo.notes
     for key, value in (("bundled", demo.bundled), ("closed", demo.closed)):
         if value:

@@ -27,17 +27,25 @@ def find(kind: str, name: str, suffix: str, error: type[PbdError]) -> Path:
     Raises:
         error: lists the valid names.
     """
-    given = Path(name).expanduser()
     for folder in (Path(kind), bundled(kind)):
         for entry in _entries(folder, suffix):
             if entry.name in (name, name + suffix):
                 return entry
-    if given.exists():
+    if (given := _path(name)) is not None:
         return given
     valid = names(kind, suffix)
     what = {"demos": "demonstration", "robots": "robot"}.get(kind, kind)
     known = f"known are {', '.join(valid)}" if valid else f"none is known; put one into ./{kind}"
     raise error(f"no {what} named '{name}', nor a file or folder of that path; {known}", value=name, valid=valid)
+
+
+def _path(name: str) -> Path | None:
+    """Take a name as a path to something that is there; a name that can't be a path at all is none."""
+    try:
+        given = Path(name).expanduser()
+        return given if given.exists() else None
+    except (OSError, RuntimeError, ValueError):
+        return None
 
 
 def _entries(folder: Path, suffix: str) -> list[Path]:

@@ -84,7 +84,6 @@ def test_where_nothing_is_known_it_says_where_to_put_one() -> None:
         find("grippers", "x", ".toml", CalibrationError)
 
 
-@pytest.mark.xfail(strict=True, raises=(RuntimeError, OSError), reason="traceback: neither name can be a path at all")
 @pytest.mark.parametrize("name", ["~nobody-of-this-name/tea", "a" * 300])
 def test_a_name_that_cannot_be_a_path_is_unknown_too(name: str) -> None:
     with pytest.raises(RecordingError, match="no demonstration named"):

@@ -32,13 +32,18 @@ def read_npz(path: Path) -> Demonstration:
             raise RecordingError(
                 f"{path}: no array '{key}'; it has {', '.join(arrays) or 'none'}", path=path, value=key
             )
-    rate_hz = float(arrays["rate_hz"])
-    if not rate_hz > 0.0:
-        raise RecordingError(f"{path}: rate_hz is {rate_hz:g}; it must be above zero", path=path, value=rate_hz)
-    n = len(arrays["acc"])
-    for key in ("acc", "gyr", "mag"):
-        if key in arrays and arrays[key].shape != (n, 3):
-            raise RecordingError(f"{path}: '{key}' has shape {arrays[key].shape}, not ({n}, 3); mend it", path=path)
+    for key in ("rate_hz", "true_rate_hz"):
+        value = np.ravel(arrays.get(key, 1.0))
+        if len(value) != 1:
+            raise RecordingError(f"{path}: {key} holds {len(value)} numbers; it must be one", path=path)
+        if not 0.0 < value[0] < np.inf:
+            raise RecordingError(f"{path}: {key} is {value[0]:g}; it must be above zero", path=path, value=value[0])
+    rate_hz = float(arrays["rate_hz"].ravel()[0])
+    n, m = (len(np.atleast_1d(arrays.get(key, ()))) for key in ("acc", "true_position"))
+    shapes = {"acc": (n, 3), "gyr": (n, 3), "mag": (n, 3), "true_position": (m, 3), "true_wxyz": (m, 4)}
+    for key, shape in shapes.items():
+        if key in arrays and arrays[key].shape != shape:
+            raise RecordingError(f"{path}: '{key}' has shape {arrays[key].shape}, not {shape}; mend it", path=path)
     return Demonstration(
         recording=Recording(
             t=np.arange(n) / rate_hz,
@@ -60,7 +65,7 @@ def _truth(arrays: dict[str, Array], rate_hz: float) -> Truth | None:
     if len(known) == 0:
         return None
     return Truth(
-        t=np.arange(len(position)) / float(arrays.get("true_rate_hz", rate_hz)),
+        t=np.arange(len(position)) / float(np.ravel(arrays.get("true_rate_hz", rate_hz))[0]),
         p_nav_sensor=position - position[known[0]],
         wxyz_nav_sensor=arrays.get("true_wxyz", np.full((len(position), 4), np.nan)),
     )
