@@ -145,8 +145,10 @@ def test_rpy_near_its_pole(short_of: float) -> None:
         assert apart(quat_from_rpy(quat_to_rpy(quat)), Rotation.from_quat(quat, scalar_first=True)) < 1e-7
 
 
-def test_rpy_at_its_pole() -> None:
-    quat = quat_from_rpy((0.3, np.pi / 2, 0.5))
+@pytest.mark.parametrize("pitch", [np.pi / 2, -np.pi / 2])
+@given(roll=st.floats(-np.pi, np.pi), yaw=st.floats(-np.pi, np.pi))
+def test_rpy_at_its_pole(pitch: float, roll: float, yaw: float) -> None:
+    quat = quat_from_rpy((roll, pitch, yaw))
     assert apart(quat_from_rpy(quat_to_rpy(quat)), Rotation.from_quat(quat, scalar_first=True)) < 1e-7
 
 

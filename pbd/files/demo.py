@@ -96,6 +96,8 @@ def write_demo(demo: Demonstration, folder: Path, force: bool = False) -> None:
     """
     if folder.exists() and not force:
         raise RecordingError(f"{folder} exists; give another name, or --force to replace it", path=folder)
+    if folder.is_file():
+        raise RecordingError(f"{folder} can't be written (a file is there); give another place", path=folder)
     if folder.is_dir() and not (folder / "demo.toml").is_file():
         raise RecordingError(f"{folder} is no demonstration, so it is not replaced; give another name", path=folder)
     unfinished = folder.with_name(f".{folder.name}.{os.getpid()}.tmp")
@@ -107,8 +109,12 @@ def write_demo(demo: Demonstration, folder: Path, force: bool = False) -> None:
             values = np.column_stack((demo.truth.t, demo.truth.p_nav_sensor, demo.truth.wxyz_nav_sensor))
             write_table(unfinished / "truth.csv", TRUTH, values, (6,) * 4 + (8,) * 4)
         if folder.exists():
-            shutil.rmtree(folder)
-        unfinished.rename(folder)
+            replaced = unfinished.with_suffix(".old")
+            folder.rename(replaced)
+            unfinished.rename(folder)
+            shutil.rmtree(replaced)
+        else:
+            unfinished.rename(folder)
     except OSError as reason:
         raise RecordingError(f"{folder} can't be written ({reason}); give another place", path=folder) from None
     finally:
@@ -116,8 +122,14 @@ def write_demo(demo: Demonstration, folder: Path, force: bool = False) -> None:
 
 
 def demo_folder(name: str) -> Path:
-    """Say where a new demonstration goes: ./demos/NAME, or the path that was given."""
-    path = Path(name).expanduser()
+    """Say where a new demonstration goes: ./demos/NAME, or the path that was given.
+
+    Raises:
+        RecordingError: nothing could have that name.
+    """
+    path = Path(name)
+    if path.name in ("", "..") or name.startswith("~"):
+        raise RecordingError(f"'{name}' can't be a demonstration's name; give a word, or a folder's path", value=name)
     return path if len(path.parts) > 1 else Path("demos") / path
 
 

@@ -31,6 +31,8 @@ def export(trajectory: JointTrajectory, format_name: str, path: Path, rate_hz: f
         raise PbdError(f"no format '{format_name}'; known are {', '.join(FORMATS)}", value=format_name)
     if not 0.0 < rate_hz <= 1e5:
         raise PbdError(f"the rate must be above 0 and at most 100000 Hz, got {rate_hz:g}; mend it", value=rate_hz)
+    if not path.name or path.is_dir():
+        raise PbdError(f"{path} can't be written (it is a folder); give another place with -o", path=path)
     samples = trajectory.sample(rate_hz)
     unfinished = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:

@@ -29,6 +29,7 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 }
 """What one of each unit is in ours (s, rad/s, m/s2, uT, rad)."""
 
+NO_COLUMNS: Mapping[str, str] = {}
 CHANNELS = {"t": ("t",), "gyr": GYR, "acc": ACC, "mag": MAG, "angle": DEVICE}
 
 _WORDS = {
@@ -68,7 +69,7 @@ def read_csv(path: Path, columns: Mapping[str, str], units: Mapping[str, str]) -
     mag = _channel(table, names, units, "mag")
     if mag is None:
         mag = _magnetometer_beside(path, t[:, 0])
-    angles = _channel(table, names, units, "angle")
+    angles = _channel(table, names, units, "angle", columns)
     return Demonstration(
         recording=Recording(
             t=t[:, 0] - t[0, 0],
@@ -103,20 +104,28 @@ def _our_name(given: str) -> str | None:
     plain = re.sub(r"[\s.\-/]+", "_", given.strip().lower())
     if re.fullmatch(_TIME, plain):
         return "t"
-    if plain in (*DEVICE, "yaw"):
-        return "heading" if plain == "yaw" else plain
+    if plain in DEVICE:
+        return plain
     for channel, words in _WORDS.items():
         if match := re.fullmatch(rf"(?:{words})_?([xyz])", plain):
             return channel[0] + match[1]
     return None
 
 
-def _channel(table: Table, names: Mapping[str, str], units: Mapping[str, str], channel: str) -> Array | None:
+def _channel(
+    table: Table,
+    names: Mapping[str, str],
+    units: Mapping[str, str],
+    channel: str,
+    columns: Mapping[str, str] = NO_COLUMNS,
+) -> Array | None:
     """A channel in our units, (n, 1 or 3); None where the file has none of its columns."""
     wanted = CHANNELS[channel]
     if not any(name in names for name in wanted):
         return None
     missing = [name for name in wanted if name not in names]
+    if missing and channel == "angle" and not set(columns) & set(DEVICE):
+        return None  # a yaw, say, of which nobody knows from where and which way it counts: the gyro knows better
     if missing:
         there = next(name for name in wanted if name in names)
         raise RecordingError(

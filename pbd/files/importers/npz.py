@@ -39,6 +39,8 @@ def read_npz(path: Path) -> Demonstration:
         if not 0.0 < value[0] < np.inf:
             raise RecordingError(f"{path}: {key} is {value[0]:g}; it must be above zero", path=path, value=value[0])
     rate_hz = float(arrays["rate_hz"].ravel()[0])
+    if "true_wxyz" in arrays and "true_position" not in arrays:
+        raise RecordingError(f"{path}: 'true_wxyz' without 'true_position'; add it, or leave both out", path=path)
     n, m = (len(np.atleast_1d(arrays.get(key, ()))) for key in ("acc", "true_position"))
     shapes = {"acc": (n, 3), "gyr": (n, 3), "mag": (n, 3), "true_position": (m, 3), "true_wxyz": (m, 4)}
     for key, shape in shapes.items():
