@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from pbd.calibration.frames import nav_in_base, tool_poses
-from pbd.data import Calibration, HandPath, JointTrajectory, Keyframe, Recording, Robot
-from pbd.errors import CalibrationError, TrackingError
+from pbd.data import Calibration, HandPath, JointTrajectory, Keyframe, Recording, Robot, Stop
+from pbd.errors import CalibrationError, PbdWarning, TrackingError
 from pbd.pose import Array, Pose
 from pbd.tracking.conditioning import condition, refuse_gaps
 from pbd.tracking.gravity import motion_acceleration
@@ -23,6 +26,12 @@ from pbd.tracking.uncertainty import stop_covariance
 if TYPE_CHECKING:
     from pbd.arm.audit import AuditReport
     from pbd.arm.model import ArmModel
+
+OPEN_END_S = 0.2
+"""Motion for longer than this at either end of a recording is told."""
+
+UNSURE_M = 0.05
+"""A keyframe that is less sure than this is told."""
 
 SHORTEST_DWELL_S = 0.15
 """A keyframe is a stop: the arm stays at least this long."""
@@ -58,6 +67,7 @@ def track(recording: Recording, method: str = "default") -> HandPath:
     if not stops:
         raise TrackingError("the hand never stands still; stop for half a second between the moves")
     refuse_gaps(gaps, recording.t, stops)
+    _warn_of_open_ends(recording.t, stops)
     if method == "paper":
         p, v, closure = paper_path(recording.t, a_nav, stops)
         cov = paper_covariance(recording.t, stops, closure)
@@ -74,6 +84,22 @@ def track(recording: Recording, method: str = "default") -> HandPath:
         cov=cov,
         grip=recording.grip,
     )
+
+
+def _warn_of_open_ends(t: Array, stops: tuple[Stop, ...]) -> None:
+    before, after = float(t[stops[0].start] - t[0]), float(t[-1] - t[stops[-1].stop - 1])
+    if before > OPEN_END_S:
+        warnings.warn(
+            f"the hand moves when the recording starts; its first rest, at {before:.1f} s, is taken for the dock",
+            PbdWarning,
+            stacklevel=3,
+        )
+    if after > OPEN_END_S:
+        warnings.warn(
+            f"the hand moves when the recording ends: the last {after:.1f} s lead to no keyframe",
+            PbdWarning,
+            stacklevel=3,
+        )
 
 
 @dataclass(frozen=True)
@@ -134,6 +160,14 @@ def plan_keyframes(
             f"the demonstration has {len(keyframes)} stop, a motion needs two; hold still, move, and hold still again",
             value=len(keyframes),
             bound=2,
+        )
+    scale = options.scale * calibration.scale
+    sigma = scale * max(float(np.sqrt(np.linalg.eigvalsh(keyframe.cov[:3, :3]).max())) for keyframe in keyframes)
+    if sigma > UNSURE_M:
+        warnings.warn(
+            f"the least sure keyframe has a sigma of {100.0 * sigma:.0f} cm; stop more often, for half a second each",
+            PbdWarning,
+            stacklevel=2,
         )
     arm = load_model(robot)
     T_base_nav, T_base_tool, q_keyframes = solve_keyframes(arm, keyframes, calibration, options)

@@ -189,7 +189,7 @@ def test_g_instead_of_metres_per_second_squared(capsys: Capture, elsewhere: Path
     write_recording(elsewhere / "g.csv", acc="0,0,1")
     assert refused(capsys, 1, "keyframes", "g.csv") == (
         "pbd: at rest the accelerometer reads 1, but gravity is 9.81 m/s2; the values are likely in g: "
-        "import the file with that unit"
+        "import the file with --unit acc=g"
     )
     assert run(capsys, "import", "g.csv", "good", "--unit", "acc=g")[0] == 0
     assert run(capsys, "keyframes", "good")[0] == 0
@@ -286,3 +286,30 @@ def test_a_closed_pipe_is_no_error() -> None:
     command = f"{sys.executable} -m pbd keyframes pouring --json | true"
     result = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
     assert "Traceback" not in result.stderr
+
+
+@pytest.mark.parametrize("place", ["nodir/page.html", "folder", "/dev/full"])
+def test_a_page_in_a_place_that_cannot_be_written(capsys: Capture, elsewhere: Path, place: str) -> None:
+    (elsewhere / "folder").mkdir()
+    line = refused_after_planning(capsys, "replay", "pouring", "--robot", "panda", "--html", place)
+    assert line.startswith(f"pbd: {place} can't be written (")
+    assert not Path("/dev/full").is_file()
+
+
+def refused_after_planning(capsys: Capture, *args: str) -> str:
+    """The last line on stderr of a command that planned well and then failed."""
+    code, out, err = run(capsys, *args)
+    assert (code, out) == (1, "")
+    return err.splitlines()[-1]
+
+
+def test_an_unsure_keyframe_is_told(capsys: Capture, data_folder: Path) -> None:
+    (file,) = (data_folder / "broad").glob("14*.npz")
+    result = run_json(capsys, "replay", file, "--robot", "panda", "--scale", "0.1", "--orientation", "fixed")
+    assert any("the least sure keyframe has a sigma of" in warning for warning in result["warnings"])
+
+
+def test_what_cannot_be_tracked_is_not_imported(capsys: Capture, elsewhere: Path) -> None:
+    (elsewhere / "back.csv").write_text(HEADER + "1,0,0,0,0,0,9.81\n0,0,0,0,0,0,9.81\n")
+    assert "time runs backwards" in refused(capsys, 1, "import", "back.csv", "back")
+    assert not (elsewhere / "demos").exists()

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from pbd.data import Calibration, Keyframe
-from pbd.errors import PbdWarning
+from pbd.errors import CalibrationError, PbdWarning
 from pbd.pose import Array, Pose, quat_about_z, quat_inverse, quat_multiply, quat_rotate, yaw_toward
 
-TILT_WARNING_DEG = 5.0
+TILT_WARNING_DEG, UPSIDE_DOWN_DEG = 5.0, 150.0
 
 
 def nav_in_base(calibration: Calibration, wxyz_nav_sensor: Array) -> Pose:
@@ -28,6 +28,14 @@ def nav_in_base(calibration: Calibration, wxyz_nav_sensor: Array) -> Pose:
         raise ValueError("a calibration has a dock or a registration")
     if not calibration.any_attitude:
         tilt_deg = np.degrees(dock_tilt(dock, wxyz_nav_sensor))
+        if tilt_deg > UPSIDE_DOWN_DEG:
+            raise CalibrationError(
+                f"the sensor's first rest is upside down against the dock of '{calibration.name}'; does the "
+                "accelerometer read +g along the axis that points up? else turn its signs, or say how it lies in the "
+                "dock's rpy_deg",
+                value=float(tilt_deg),
+                bound=UPSIDE_DOWN_DEG,
+            )
         if tilt_deg > TILT_WARNING_DEG:
             warnings.warn(
                 f"the sensor's first rest is tilted by {tilt_deg:.0f} degrees against the dock of "

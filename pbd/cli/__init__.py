@@ -6,6 +6,7 @@ Nothing heavy is imported before a command runs, so that `pbd --help` is instant
 from __future__ import annotations
 
 import argparse
+import io
 import os
 import sys
 import warnings
@@ -45,6 +46,8 @@ def parser() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; return its exit code."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")  # a terminal that has no sigma gets a question mark
     args = parser().parse_args(argv)
     args.warnings = []
 

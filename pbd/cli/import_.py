@@ -43,12 +43,14 @@ def run(args: argparse.Namespace) -> int:
     from pbd.errors import RecordingError
     from pbd.files.demo import demo_folder, utc_now, write_demo
     from pbd.files.importers import import_file
+    from pbd.tracking.conditioning import condition
 
     if not args.file.is_file():
         raise RecordingError(f"no file {args.file}; give the path of a recording", path=args.file)
     demo = import_file(args.file, dict(args.column), dict(args.unit))
     info = replace(demo.recording.info, created=utc_now(), sensor=args.sensor or demo.recording.info.sensor)
     recording = replace(demo.recording, info=info)
+    condition(recording)  # what can't be tracked is refused here, before it takes a name
     folder = demo_folder(args.name)
     write_demo(replace(demo, recording=recording), folder, force=args.force)
     say(f"imported {len(recording)} samples, {recording.t[-1]:.1f} s at {recording.rate_hz:.0f} Hz, into {folder}")

@@ -89,10 +89,10 @@ def positive(text: str) -> float:
 
 
 def share(text: str) -> float:
-    """Parse a number above zero and at most one."""
+    """Parse a number from 0.01 to 1."""
     value = positive(text)
-    if value > 1.0:
-        raise argparse.ArgumentTypeError(f"must be at most 1, got {text}")
+    if not 0.01 <= value <= 1.0:
+        raise argparse.ArgumentTypeError(f"must be from 0.01 to 1, got {text}")
     return value
 
 

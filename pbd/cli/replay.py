@@ -52,9 +52,11 @@ def run(args: argparse.Namespace) -> int:
     duration = plan.trajectory.duration
     say(f"'{demo.recording.info.name}' on {robot.name}: {len(keyframes)} keyframes, {duration:.1f} s, audited")
     if args.html:
+        from pbd.files.whole import written_whole
         from pbd.view.page import write_page
 
-        write_page(replay_scene(demo, path, plan, robot, plan_options(args), args.warnings), args.html)
+        with written_whole(args.html) as unfinished:
+            write_page(replay_scene(demo, path, plan, robot, plan_options(args), args.warnings), unfinished)
         say(f"wrote {args.html.resolve()} ({args.html.stat().st_size / 1e6:.1f} MB); open it in a browser")
     if args.json:
         report = plan.report

@@ -7,6 +7,8 @@ from dataclasses import replace
 
 from pbd.cli.options import Commands, add_command, add_json, positive, print_json, say
 
+HIGHEST_HZ = 1e4
+
 
 def add(commands: Commands) -> None:
     """Add the command."""
@@ -31,9 +33,14 @@ def add(commands: Commands) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Simulate and store."""
+    from pbd.errors import SensorError
     from pbd.files.demo import demo_folder, utc_now, write_demo
     from pbd.sensors.simulate import simulate
 
+    if args.rate is not None and args.rate > HIGHEST_HZ:
+        raise SensorError(
+            f"no sensor gives {args.rate:g} samples a second; give at most {HIGHEST_HZ:g}", value=args.rate
+        )
     demo = simulate(args.task, args.sensor_model, args.seed, rate_hz=args.rate)
     recording = replace(demo.recording, info=replace(demo.recording.info, created=utc_now()))
     folder = demo_folder(args.name)

@@ -60,6 +60,9 @@ def read_demo(folder: Path) -> Demonstration:
     Raises:
         RecordingError: with the file, and line and column where they are known.
     """
+    for name in ("demo.toml", "imu.csv"):
+        if not (folder / name).is_file():
+            raise RecordingError(f"{folder} is no demonstration: there is no {name} in it; name another", path=folder)
     top = read_toml(folder / "demo.toml", RecordingError)
     if top.number("format") != FORMAT:
         top.fail("format", f"must be {FORMAT}, the only format that this version reads")

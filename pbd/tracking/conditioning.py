@@ -17,6 +17,12 @@ from pbd.data import Recording, Stop
 from pbd.errors import PbdWarning, RecordingError, TrackingError
 from pbd.pose import Array
 
+SLOWEST_HZ = 4.0
+"""Slower than any sensor that is held in a hand: the unit of time is wrong."""
+
+LARGEST = 1e5
+"""No sensor reads this much in any of our units: such a cell holds no number."""
+
 BRIDGED_S = 0.050
 """Missing data up to this long are interpolated (with a warning)."""
 
@@ -48,9 +54,16 @@ def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
         raise RecordingError(f"the recording has {len(t)} samples; record at least a second of rest, then move")
     _refuse_bad_clock(t)
     interval = 1.0 / recording.rate_hz
+    if recording.rate_hz < SLOWEST_HZ:
+        raise RecordingError(
+            f"the samples come {interval:.3g} s apart; if the time is in milliseconds or microseconds, import the file "
+            "with --unit t=ms or --unit t=us",
+            value=recording.rate_hz,
+            bound=SLOWEST_HZ,
+        )
 
     channels = {name: getattr(recording, name) for name in ("acc", "gyr", "mag", "device_rpy")}
-    given = {name: values for name, values in channels.items() if values is not None}
+    given = {name: np.where(np.abs(v) < LARGEST, v, np.nan) for name, v in channels.items() if v is not None}
     missing = np.zeros(len(t), dtype=bool)
     for name, values in given.items():
         bad = ~np.isfinite(values).all(axis=1)
@@ -64,13 +77,13 @@ def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
         longest = max(gaps, key=lambda gap: gap.missing_s)
         lost = sum(round(gap.missing_s / interval) for gap in gaps)
         warnings.warn(
-            f"{len(gaps)} gaps in the data, {lost} samples in all; the longest is {longest.missing_s * 1e3:.0f} ms "
-            f"after row {longest.before} (t = {t[longest.before]:.2f} s)",
+            f"{_counted(len(gaps), 'gap')} in the data, {_counted(lost, 'sample')} in all; the longest is "
+            f"{longest.missing_s * 1e3:.0f} ms after row {longest.before} (t = {t[longest.before]:.2f} s)",
             PbdWarning,
             stacklevel=2,
         )
     filled: dict[str, Any] = {name: _interpolate(t, values) for name, values in given.items()}
-    return dataclasses.replace(recording, **filled), tuple(gap for gap in gaps if gap.missing_s > BRIDGED_S)
+    return dataclasses.replace(recording, **filled), tuple(gap for gap in gaps if gap.missing_s > BRIDGED_S + 1e-6)
 
 
 def refuse_gaps(gaps: tuple[Gap, ...], t: Array, stops: tuple[Stop, ...]) -> None:
@@ -90,6 +103,10 @@ def refuse_gaps(gaps: tuple[Gap, ...], t: Array, stops: tuple[Stop, ...]) -> Non
                 value=gap.missing_s,
                 bound=BRIDGED_S,
             )
+
+
+def _counted(count: int, what: str) -> str:
+    return f"{count} {what}{'' if count == 1 else 's'}"
 
 
 def _refuse_bad_clock(t: Array) -> None:

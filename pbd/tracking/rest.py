@@ -85,12 +85,12 @@ def _refuse_wrong_units(norm_at_rest: float) -> None:
     """Refuse specific force that is not in m/s2, told by its norm at rest, naming the likely unit."""
     if 0.85 < norm_at_rest / GRAVITY < 1.15:
         return
-    scales = {"g": 1.0 / GRAVITY, "milli-g": 1e3 / GRAVITY, "mm/s2": 1e3, "cm/s2": 1e2}
+    scales = {"g": 1.0 / GRAVITY, "mg": 1e3 / GRAVITY, "mm/s2": 1e3, "cm/s2": 1e2}
     likely = [unit for unit, scale in scales.items() if 0.85 < norm_at_rest / (GRAVITY * scale) < 1.15]
     raise RecordingError(
         f"at rest the accelerometer reads {norm_at_rest:.4g}, but gravity is {GRAVITY:.2f} m/s2; "
         + (
-            f"the values are likely in {likely[0]}: import the file with that unit"
+            f"the values are likely in {likely[0]}: import the file with --unit acc={likely[0]}"
             if likely
             else "check the unit of the columns ax, ay, az"
         ),

@@ -40,7 +40,7 @@ def carried(
         t: (n,) s.
         tool: T_base_tool at these instants.
         spans: when the gripper holds; at least one.
-        table: m, z of the table's top in base: the object does not reach below it.
+        table: m, z of the table's top in base: what is gripped within its own height above it stands on it.
     """
     height, reach = _height(thing), 0.05 + 0.5 * float(np.max(thing.size))
     T_base_thing = _upright(tool[int(np.searchsorted(t, spans[0][0]).clip(0, len(t) - 1))], height, table)
@@ -74,6 +74,6 @@ def _height(thing: GraspedObject) -> float:
 def _upright(T_base_tool: Pose, height: float, table: float | None) -> Pose:
     x = quat_rotate(T_base_tool.wxyz, (1.0, 0.0, 0.0))
     p = T_base_tool.p.copy()
-    if table is not None:
-        p[2] = max(p[2], table + 0.5 * height)
+    if table is not None and p[2] - table <= height:
+        p[2] = table + 0.5 * height  # it stands, and is gripped somewhere along its height
     return Pose(p, quat_about_z(float(np.arctan2(x[1], x[0]))))

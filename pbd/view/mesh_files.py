@@ -88,7 +88,7 @@ def _recall(cached: Path) -> Mesh | None:
             return Mesh(
                 data["grid"], data["centre"], float(data["step"]), data["faces"], data["rgb"], bool(data["closed"])
             )
-    except (OSError, KeyError, ValueError, zipfile.BadZipFile):
+    except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile):
         return None
 
 

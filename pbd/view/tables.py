@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
+from io import StringIO
 from typing import Any
 
 import numpy as np
@@ -20,8 +21,12 @@ PIPE_WIDTH = 200
 
 def print_table(table: Table) -> None:
     """Print to stdout, in colour only where that is a terminal."""
-    width = None if sys.stdout.isatty() else PIPE_WIDTH
-    Console(width=width, highlight=False).print(table)
+    if sys.stdout.isatty():
+        Console(highlight=False).print(table)
+        return
+    text = StringIO()
+    Console(file=text, width=PIPE_WIDTH, highlight=False).print(table)
+    print("\n".join(line.rstrip() for line in text.getvalue().splitlines()))
 
 
 def _table(*columns: str, left: tuple[str, ...] = ()) -> Table:

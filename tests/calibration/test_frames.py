@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 
 from pbd.calibration.frames import dock_tilt, nav_in_base, pointing_down, tool_poses
 from pbd.data import Calibration, Keyframe
-from pbd.errors import PbdWarning
+from pbd.errors import CalibrationError, PbdWarning
 from pbd.pose import Array, Pose, quat_about_z, quat_exp, quat_from_rpy, quat_multiply, quat_rotate
 
 Z = np.array([0.0, 0.0, 1.0])
@@ -56,7 +56,7 @@ def test_the_declared_heading_becomes_the_measured_one(
     assert rad < 1e-12
 
 
-@pytest.mark.parametrize("rpy_deg", [(30.0, 0.0, 0.0), (0.0, -20.0, 0.0), (10.0, 10.0, 70.0), (180.0, 0.0, 0.0)])
+@pytest.mark.parametrize("rpy_deg", [(30.0, 0.0, 0.0), (0.0, -20.0, 0.0), (10.0, 10.0, 70.0), (140.0, 0.0, 0.0)])
 def test_tilt_is_told_and_never_mended(rpy_deg: tuple[float, float, float]) -> None:
     """However the sensor lay at the dock, up stays up: a level path in nav is level in base."""
     calibration = dock(np.array([0.4, 0.1, 0.3]), quat_about_z(0.5))
@@ -155,3 +155,9 @@ def test_pointing_down_is_the_nearest_that_does(tool: Pose) -> None:
     assert_allclose(quat_rotate(nearest, Z), -Z, atol=1e-14)
     grid = [left_over(quat_multiply(quat_about_z(yaw), down)) for yaw in np.linspace(-np.pi, np.pi, 61)]
     assert left_over(nearest) <= min(grid) + 1e-7
+
+
+def test_upside_down_is_refused_with_its_likely_cause() -> None:
+    dock = Calibration("mine", T_base_dock=Pose.identity())
+    with pytest.raises(CalibrationError, match=r"upside down .* does the accelerometer read \+g along the axis"):
+        nav_in_base(dock, quat_from_rpy((np.pi, 0.0, 0.3)))

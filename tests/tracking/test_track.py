@@ -124,9 +124,9 @@ def test_without_a_gyro_the_devices_attitude_serves() -> None:
 
 def test_g_is_refused_as_a_unit_and_named() -> None:
     recording = pour().recording
-    with pytest.raises(RecordingError, match=r"likely in g: import the file with that unit"):
+    with pytest.raises(RecordingError, match=r"likely in g: import the file with --unit acc=g"):
         track(replace(recording, acc=recording.acc / GRAVITY))
-    with pytest.raises(RecordingError, match="likely in milli-g"):
+    with pytest.raises(RecordingError, match="likely in mg: "):
         track(replace(recording, acc=1e3 * recording.acc / GRAVITY))
 
 
@@ -145,14 +145,14 @@ def test_a_second_of_nothing_in_a_move_is_refused_with_its_place() -> None:
 
 def test_a_second_of_nothing_in_a_rest_is_a_warning() -> None:
     recording = pour().recording
-    with pytest.warns(PbdWarning, match="1 gaps in the data, 100 samples"):
+    with pytest.warns(PbdWarning, match="1 gap in the data, 100 samples"):
         path = track(with_hole(recording, 0.8, 1.8))
     assert len(path.stops) == 11
 
 
 def test_a_short_hole_in_a_move_is_bridged() -> None:
     whole = find_keyframes(track(pour().recording))
-    with pytest.warns(PbdWarning, match="gaps in the data"):
+    with pytest.warns(PbdWarning, match="gap in the data"):
         bridged = find_keyframes(track(with_hole(pour().recording, 2.9, 2.93)))
     assert len(bridged) == len(whole)
     assert bridged[-1].T_nav_sensor.distance(whole[-1].T_nav_sensor)[0] < 0.01
@@ -218,3 +218,26 @@ def test_a_dead_accelerometer_is_refused() -> None:
     recording = pour().recording
     with pytest.raises(TrackingError, match="reads zero while at rest"):
         track(replace(recording, acc=np.zeros_like(recording.acc)))
+
+
+def test_milliseconds_are_found_out() -> None:
+    recording = pour().recording
+    with pytest.raises(RecordingError, match=r"the samples come 10 s apart; .* --unit t=ms"):
+        track(replace(recording, t=1e3 * recording.t))
+
+
+def test_motion_at_either_end_is_told() -> None:
+    recording = pour().recording
+    with pytest.warns(PbdWarning, match="the hand moves when the recording ends: the last 0"):
+        track(with_rows(recording, slice(0, 700)))
+    later = with_rows(recording, slice(290, None))
+    with pytest.warns(PbdWarning, match="the hand moves when the recording starts"):
+        track(replace(later, t=later.t - later.t[0]))
+
+
+def test_a_cell_that_no_sensor_can_read_holds_no_number() -> None:
+    recording = pour().recording
+    acc = recording.acc.copy()
+    acc[1000] = 1e300
+    with pytest.warns(PbdWarning, match="1 gap in the data, 1 sample in all"):
+        assert len(track(replace(recording, acc=acc)).stops) == 11

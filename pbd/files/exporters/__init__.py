@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
-from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pbd.errors import PbdError
+from pbd.files.whole import written_whole
 
 if TYPE_CHECKING:
     from pbd.data import JointTrajectory, Samples
@@ -16,6 +15,8 @@ if TYPE_CHECKING:
 _FILES = {"csv": "csv", "npz": "npz", "ros2-json": "ros2_json"}
 FORMATS = tuple(_FILES)
 """Each has a file here with `write(joint_names, samples, path)`."""
+
+LOWEST_HZ, HIGHEST_HZ = 10.0, 1e5
 
 
 def export(trajectory: JointTrajectory, format_name: str, path: Path, rate_hz: float = 1000.0) -> Samples:
@@ -29,18 +30,13 @@ def export(trajectory: JointTrajectory, format_name: str, path: Path, rate_hz: f
     """
     if format_name not in FORMATS:
         raise PbdError(f"no format '{format_name}'; known are {', '.join(FORMATS)}", value=format_name)
-    if not 0.0 < rate_hz <= 1e5:
-        raise PbdError(f"the rate must be above 0 and at most 100000 Hz, got {rate_hz:g}; mend it", value=rate_hz)
-    if not path.name or path.is_dir():
-        raise PbdError(f"{path} can't be written (it is a folder); give another place with -o", path=path)
+    if not LOWEST_HZ <= rate_hz <= HIGHEST_HZ:
+        raise PbdError(
+            f"the rate must be from {LOWEST_HZ:g} to {HIGHEST_HZ:g} Hz, got {rate_hz:g}: coarser samples would cut the "
+            "corners of the motion; give such a one",
+            value=rate_hz,
+        )
     samples = trajectory.sample(rate_hz)
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
+    with written_whole(path) as unfinished:
         import_module(f"{__name__}.{_FILES[format_name]}").write(trajectory.joint_names, samples, unfinished)
-        unfinished.replace(path)
-    except OSError as reason:
-        raise PbdError(f"{path} can't be written ({reason.strerror}); give another place with -o", path=path) from None
-    finally:
-        with suppress(OSError):
-            unfinished.unlink()
     return samples

@@ -23,7 +23,7 @@ DEG = np.pi / 180.0
 UNITS: Mapping[str, Mapping[str, float]] = {
     "t": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
     "gyr": {"rad/s": 1.0, "deg/s": DEG, "dps": DEG, "mdps": 1e-3 * DEG},
-    "acc": {"m/s2": 1.0, "m/s^2": 1.0, "m/s/s": 1.0, "g": GRAVITY, "mg": 1e-3 * GRAVITY},
+    "acc": {"m/s2": 1.0, "m/s^2": 1.0, "m/s/s": 1.0, "g": GRAVITY, "mg": 1e-3 * GRAVITY, "mm/s2": 1e-3, "cm/s2": 1e-2},
     "mag": {"ut": 1.0, "mg": 0.1, "g": 100.0, "gauss": 100.0, "mgauss": 0.1, "t": 1e6, "nt": 1e-3, "a.u.": 1.0},
     "angle": {"rad": 1.0, "deg": DEG},
 }
