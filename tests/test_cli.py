@@ -313,3 +313,12 @@ def test_what_cannot_be_tracked_is_not_imported(capsys: Capture, elsewhere: Path
     (elsewhere / "back.csv").write_text(HEADER + "1,0,0,0,0,0,9.81\n0,0,0,0,0,0,9.81\n")
     assert "time runs backwards" in refused(capsys, 1, "import", "back.csv", "back")
     assert not (elsewhere / "demos").exists()
+
+
+def test_a_broken_robot_does_not_hide_the_others(capsys: Capture, elsewhere: Path) -> None:
+    (elsewhere / "robots").mkdir()
+    (elsewhere / "robots" / "mine.toml").write_text("format = 1\nnme = 'mine'\n")
+    code, out, err = run(capsys, "robots")
+    assert code == 0
+    assert "panda" in out
+    assert "pbd: warning: robots/mine.toml: name is missing" in err

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import warnings
+from dataclasses import replace
 
 from pbd.cli.options import Commands, add_command, add_json, print_json
 
@@ -22,11 +24,17 @@ def add(commands: Commands) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """List them."""
+    from pbd.errors import PbdWarning, RobotError
     from pbd.files.library import names
     from pbd.files.robot import load_robot
     from pbd.view.tables import print_table, robots_table
 
-    robots = [load_robot(name) for name in names("robots", ".toml")]
+    robots = []
+    for name in names("robots", ".toml"):
+        try:
+            robots.append(replace(load_robot(name), name=name))  # a copied file may still carry the old name
+        except RobotError as error:
+            warnings.warn(str(error), PbdWarning, stacklevel=2)
     if args.json:
         rows = [
             {
