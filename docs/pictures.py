@@ -16,8 +16,8 @@ from selenium.webdriver.chrome.service import Service
 from tests.view.browser import Replay
 from tests.view.conftest import CHROMIUM_OPTIONS
 
-PAGE_T = 5.6
-"""The replay's time in the picture, s: the bottle is tipped."""
+PAGE_T = 5.0
+"""The replay's time in the picture, s: the bottle is being tipped."""
 
 
 def main() -> None:

@@ -166,6 +166,9 @@ def _keyframes(scene: ReplayScene, into: Visualizer) -> None:
 def _extent(scene: ReplayScene, motion: Motion, tool: Track, visuals: tuple[Visual, ...]) -> Array:
     """The outermost points (k, 3) m in base of all that moves or stands, for the camera to fit."""
     points = [scene.hand_path_base, tool.p, *(keyframe.T_base_tool.p[None] for keyframe in scene.keyframes)]
+    if scene.table_height is not None:  # what is gripped stands there
+        gripped = [keyframe.T_base_tool.p for keyframe in scene.keyframes if keyframe.grip]
+        points += [np.array([[p[0], p[1], scene.table_height]]) for p in gripped]
     every = max(len(motion.t) // 40, 1)
     for visual in visuals:
         joint, T_joint_link = motion.link("visual", visual.link)
