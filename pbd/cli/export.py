@@ -12,13 +12,10 @@ from pbd.cli.options import (
     add_json,
     add_planning,
     add_tracking,
-    load_arm,
-    load_demonstration,
-    plan_options,
+    plan_demonstration,
     positive,
     print_json,
     say,
-    track_demonstration,
 )
 from pbd.files.exporters import FORMATS
 
@@ -45,12 +42,8 @@ def add(commands: Commands) -> None:
 def run(args: argparse.Namespace) -> int:
     """Plan, audit, write."""
     from pbd.files.exporters import export
-    from pbd.pipeline import plan_keyframes
 
-    demo = load_demonstration(args)
-    _, keyframes = track_demonstration(args, demo)
-    robot, calibration = load_arm(args)
-    plan = plan_keyframes(keyframes, calibration, robot, plan_options(args))
+    demo, _, robot, plan = plan_demonstration(args)
     samples = export(plan.trajectory, args.format, args.output, args.rate)
     say(f"wrote {args.output}: {len(samples.t)} samples, {plan.trajectory.duration:.1f} s, {len(robot.joints)} joints")
     if args.json:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 if TYPE_CHECKING:
     from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Robot
-    from pbd.pipeline import PlanOptions
+    from pbd.pipeline import Plan, PlanOptions
 
 
 class Commands(Protocol):
@@ -138,6 +138,16 @@ def plan_options(args: argparse.Namespace) -> PlanOptions:
         dwell_s=args.dwell,
         approach=not args.no_approach,
     )
+
+
+def plan_demonstration(args: argparse.Namespace) -> tuple[Demonstration, HandPath, Robot, Plan]:
+    """Load, track, and plan an audited motion."""
+    from pbd.pipeline import plan_keyframes
+
+    demo = load_demonstration(args)
+    path, keyframes = track_demonstration(args, demo)
+    robot, calibration = load_arm(args)
+    return demo, path, robot, plan_keyframes(keyframes, calibration, robot, plan_options(args))
 
 
 def say(message: str) -> None:

@@ -12,12 +12,10 @@ from pbd.cli.options import (
     add_json,
     add_planning,
     add_tracking,
-    load_arm,
-    load_demonstration,
+    plan_demonstration,
     plan_options,
     print_json,
     say,
-    track_demonstration,
 )
 
 
@@ -42,15 +40,11 @@ def add(commands: Commands) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Plan, audit, show."""
-    from pbd.pipeline import plan_keyframes
     from pbd.replay import replay_scene
 
-    demo = load_demonstration(args)
-    path, keyframes = track_demonstration(args, demo)
-    robot, calibration = load_arm(args)
-    plan = plan_keyframes(keyframes, calibration, robot, plan_options(args))
+    demo, path, robot, plan = plan_demonstration(args)
     duration = plan.trajectory.duration
-    say(f"'{demo.recording.info.name}' on {robot.name}: {len(keyframes)} keyframes, {duration:.1f} s, audited")
+    say(f"'{demo.recording.info.name}' on {robot.name}: {len(plan.keyframes)} keyframes, {duration:.1f} s, audited")
     if args.html:
         from pbd.files.whole import written_whole
         from pbd.view.page import write_page
@@ -64,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
             {
                 "demo": demo.recording.info.name,
                 "robot": robot.name,
-                "keyframes": len(keyframes),
+                "keyframes": len(plan.keyframes),
                 "duration_s": duration,
                 "ik": {
                     "max_position_error_m": report.max_position_error_m,

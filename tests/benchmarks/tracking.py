@@ -19,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import numpy as np
 
-from pbd.data import HandPath, Recording
+from pbd.data import Attitude, HandPath, Recording
 from pbd.errors import PbdWarning
 from pbd.files.importers import import_file
 from pbd.pipeline import track
@@ -94,7 +94,9 @@ def spread(values: list[float], suffix: str) -> dict[str, float]:
 
 def orientation_errors(trial: Trial) -> dict[str, float]:
     """RMSE while moving, degrees: total, inclination and heading as BROAD defines them."""
-    off, known = difference(trial, attitude_of(trial.recording))
+    wxyz = attitude_of(trial.recording).wxyz_nav_sensor
+    heading, known = heading_off(trial, wxyz)
+    off = quat_multiply(quat_about_z(-heading), quat_multiply(wxyz, quat_inverse(trial.wxyz_true)))
     w, z = np.abs(off[known, 0]), np.abs(off[known, 3])
     angles = {
         "total_deg": 2.0 * np.arccos(np.minimum(w, 1.0)),
@@ -104,29 +106,24 @@ def orientation_errors(trial: Trial) -> dict[str, float]:
     return {key: float(np.degrees(np.sqrt(np.mean(values**2)))) for key, values in angles.items()}
 
 
-def attitude_of(recording: Recording) -> Array:
+def attitude_of(recording: Recording) -> Attitude:
     """The tracker's attitude over a whole trial."""
     rest = find_rest(recording)
-    return estimate_attitude(recording, slice(rest.start, rest.stop)).wxyz_nav_sensor
+    return estimate_attitude(recording, slice(rest.start, rest.stop))
 
 
-def difference(trial: Trial, wxyz: Array) -> tuple[Array, Any]:
-    """Estimated * true^-1 in the earth's frame (n, 4), one constant heading removed; and where it is known."""
+def heading_off(trial: Trial, wxyz: Array) -> tuple[float, Any]:
+    """The mean heading from the optics to the estimate while moving, rad; and where both are known."""
     known = trial.moving & np.isfinite(trial.wxyz_true).all(axis=1)
     off = quat_canonical(quat_multiply(wxyz, quat_inverse(trial.wxyz_true)))
-    heading = 2.0 * np.arctan2(off[known, 3], off[known, 0])
-    return quat_multiply(quat_about_z(-float(np.mean(heading))), off), known
+    return float(np.mean(2.0 * np.arctan2(off[known, 3], off[known, 0]))), known
 
 
 def window_errors(trial: Trial) -> list[tuple[int, float, Array]]:
     """For each window: its length in s, the displacement's error in m, and the error in sigmas (3,)."""
-    recording, wxyz = trial.recording, attitude_of(trial.recording)
-    rest = find_rest(recording)
-    known = trial.moving & np.isfinite(trial.wxyz_true).all(axis=1)
-    off = quat_canonical(quat_multiply(wxyz, quat_inverse(trial.wxyz_true)))
-    heading = quat_about_z(float(np.mean(2.0 * np.arctan2(off[known, 3], off[known, 0]))))
-    p_true, v_true = quat_rotate(heading, trial.p_true), quat_rotate(heading, trial.v_true)
-    attitude = estimate_attitude(recording, slice(rest.start, rest.stop))
+    recording, attitude, rest = trial.recording, attitude_of(trial.recording), find_rest(trial.recording)
+    turn = quat_about_z(heading_off(trial, attitude.wxyz_nav_sensor)[0])
+    p_true, v_true = quat_rotate(turn, trial.p_true), quat_rotate(turn, trial.v_true)
     a_nav = motion_acceleration(recording, attitude, rest.gravity)
     found = []
     for length in WINDOWS_S:
