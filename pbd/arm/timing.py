@@ -21,7 +21,7 @@ from pbd.pose import Array
 APPROACH_SPEED = 0.5
 """The approach from home uses this share of the limits."""
 
-_WITHIN = 1.0 - 1e-9
+WITHIN = 1.0 - 1e-9
 """Rounding stays within the limits too."""
 
 _NO_TIME = 1e-12  # s: a piece shorter than this is none (ruckig gives phases that aren't needed no time)
@@ -125,9 +125,9 @@ def _profile(length: float, way: Array, limits: JointLimits, factor: float) -> l
     moving = share > 0.0
     wanted = InputParameter(1)
     wanted.current_position, wanted.target_position = [0.0], [length]
-    wanted.max_velocity = [_WITHIN * factor * float((limits.velocity[moving] / share[moving]).min())]
-    wanted.max_acceleration = [_WITHIN * factor * float((limits.acceleration[moving] / share[moving]).min())]
-    wanted.max_jerk = [_WITHIN * factor * float((limits.jerk[moving] / share[moving]).min())]
+    wanted.max_velocity = [WITHIN * factor * float((limits.velocity[moving] / share[moving]).min())]
+    wanted.max_acceleration = [WITHIN * factor * float((limits.acceleration[moving] / share[moving]).min())]
+    wanted.max_jerk = [WITHIN * factor * float((limits.jerk[moving] / share[moving]).min())]
     trajectory = Trajectory(1)
     Ruckig(1).calculate(wanted, trajectory)
     profile = trajectory.profiles[0][0]

@@ -6,7 +6,7 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-from pbd.cli.options import Commands, add_command, add_json, print_json, say
+from pbd.cli.options import Commands, add_command, add_json, store_demonstration
 
 
 def add(commands: Commands) -> None:
@@ -41,29 +41,17 @@ def add(commands: Commands) -> None:
 def run(args: argparse.Namespace) -> int:
     """Import and store."""
     from pbd.errors import RecordingError
-    from pbd.files.demo import demo_folder, utc_now, write_demo
     from pbd.files.importers import import_file
     from pbd.tracking.conditioning import condition
 
     if not args.file.is_file():
         raise RecordingError(f"no file {args.file}; give the path of a recording", path=args.file)
     demo = import_file(args.file, dict(args.column), dict(args.unit))
-    info = replace(demo.recording.info, created=utc_now(), sensor=args.sensor or demo.recording.info.sensor)
-    recording = replace(demo.recording, info=info)
-    condition(recording)  # what can't be tracked is refused here, before it takes a name
-    folder = demo_folder(args.name)
-    write_demo(replace(demo, recording=recording), folder, force=args.force)
-    say(f"imported {len(recording)} samples, {recording.t[-1]:.1f} s at {recording.rate_hz:.0f} Hz, into {folder}")
-    if args.json:
-        print_json(
-            {
-                "demo": folder.name,
-                "folder": str(folder),
-                "samples": len(recording),
-                "duration_s": float(recording.t[-1]),
-                "rate_hz": recording.rate_hz,
-            }
-        )
+    condition(demo.recording)  # what can't be tracked is refused here, before it takes a name
+    if args.sensor:
+        info = replace(demo.recording.info, sensor=args.sensor)
+        demo = replace(demo, recording=replace(demo.recording, info=info))
+    store_demonstration(args, demo, "imported")
     return 0
 
 

@@ -6,6 +6,7 @@ import argparse
 import json
 import math
 import sys
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 if TYPE_CHECKING:
@@ -148,6 +149,27 @@ def plan_demonstration(args: argparse.Namespace) -> tuple[Demonstration, HandPat
     path, keyframes = track_demonstration(args, demo)
     robot, calibration = load_arm(args)
     return demo, path, robot, plan_keyframes(keyframes, calibration, robot, plan_options(args))
+
+
+def store_demonstration(args: argparse.Namespace, demo: Demonstration, done: str) -> None:
+    """Write it under args.name, stamped with the time, and tell what was `done`."""
+    from pbd.files.demo import demo_folder, utc_now, write_demo
+
+    recording = replace(demo.recording, info=replace(demo.recording.info, created=utc_now()))
+    folder = demo_folder(args.name)
+    write_demo(replace(demo, recording=recording), folder, force=args.force)
+    samples, duration_s, rate_hz = len(recording), float(recording.t[-1]), recording.rate_hz
+    say(f"{done} {samples} samples, {duration_s:.1f} s at {rate_hz:.0f} Hz, into {folder}")
+    if args.json:
+        print_json(
+            {
+                "demo": folder.name,
+                "folder": str(folder),
+                "samples": samples,
+                "duration_s": duration_s,
+                "rate_hz": rate_hz,
+            }
+        )
 
 
 def say(message: str) -> None:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 
-from pbd.cli.options import Commands, add_command, add_json, positive, print_json, say
+from pbd.cli.options import Commands, add_command, add_json, positive, store_demonstration
 
 HIGHEST_HZ = 1e4
 
@@ -34,7 +33,6 @@ def add(commands: Commands) -> None:
 def run(args: argparse.Namespace) -> int:
     """Simulate and store."""
     from pbd.errors import SensorError
-    from pbd.files.demo import demo_folder, utc_now, write_demo
     from pbd.sensors.simulate import simulate
 
     if args.rate is not None and args.rate > HIGHEST_HZ:
@@ -42,17 +40,5 @@ def run(args: argparse.Namespace) -> int:
             f"no sensor gives {args.rate:g} samples a second; give at most {HIGHEST_HZ:g}", value=args.rate
         )
     demo = simulate(args.task, args.sensor_model, args.seed, rate_hz=args.rate)
-    recording = replace(demo.recording, info=replace(demo.recording.info, created=utc_now()))
-    folder = demo_folder(args.name)
-    write_demo(replace(demo, recording=recording), folder, force=args.force)
-    say(f"simulated {len(recording)} samples, {recording.t[-1]:.1f} s, into {folder}")
-    if args.json:
-        print_json(
-            {
-                "demo": folder.name,
-                "folder": str(folder),
-                "samples": len(recording),
-                "duration_s": float(recording.t[-1]),
-            }
-        )
+    store_demonstration(args, demo, "simulated")
     return 0

@@ -139,7 +139,7 @@ def _path(scene: ReplayScene, into: Visualizer) -> None:
         share = scene.hand_speed[index] / max(float(scene.hand_speed.max()), 1e-9)
         stops = np.linspace(0.0, 1.0, len(SPEED_RGB))
         rgb = np.stack([np.interp(share, stops, channel) for channel in SPEED_RGB.T], axis=1)
-    into.set_object(solid(shapes.tube(points, rgb, 0.0026)))
+    into.set_object(solid(shapes.tube(points, rgb, 0.003)))
 
 
 def _thinned(points: Array) -> tuple[Array, Array]:

@@ -11,14 +11,11 @@ from hypothesis import strategies as st
 from ruckig import InputParameter, Ruckig, Trajectory
 
 from pbd.arm.model import ArmModel, load_model
-from pbd.arm.timing import APPROACH_SPEED, time_keyframes
+from pbd.arm.timing import APPROACH_SPEED, WITHIN, time_keyframes
 from pbd.data import JointTrajectory, Robot
 from pbd.errors import PbdWarning, PlanError
 from pbd.pose import Array
 from tests.arm.conftest import random_joints
-
-WITHIN = 1e-8
-"""Moves keep a billionth of each limit clear, for rounding."""
 
 
 def move(arm: ArmModel, start: Array, end: Array, speed: float = 1.0) -> JointTrajectory:
@@ -30,8 +27,9 @@ def shortest(arm: ArmModel, start: Array, end: Array) -> float:
     limits, k = arm.limits, len(start)
     wanted, found = InputParameter(k), Trajectory(k)
     wanted.current_position, wanted.target_position = start, end
-    wanted.max_velocity, wanted.max_acceleration = limits.velocity, limits.acceleration
-    wanted.max_jerk = limits.jerk
+    # Moves keep a billionth of each limit clear, for rounding.
+    wanted.max_velocity, wanted.max_acceleration = WITHIN * limits.velocity, WITHIN * limits.acceleration
+    wanted.max_jerk = WITHIN * limits.jerk
     Ruckig(k).calculate(wanted, found)
     return float(max(found.independent_min_durations))
 
@@ -52,7 +50,7 @@ def test_one_joint_alone_is_as_fast_as_ruckig(arm: ArmModel) -> None:
     home = arm.robot.home
     for joint in range(7):
         end = home + 0.3 * np.eye(7)[joint]
-        assert move(arm, home, end).duration == pytest.approx(shortest(arm, home, end), rel=WITHIN)
+        assert move(arm, home, end).duration == pytest.approx(shortest(arm, home, end), rel=1e-12)
 
 
 def test_derivatives_are_those_of_the_position(arm: ArmModel) -> None:
@@ -180,4 +178,4 @@ def test_pieces_join_however_short_the_moves(
 def test_an_arm_with_a_sliding_joint(odd_robot: Robot) -> None:
     arm = load_model(odd_robot)
     end = odd_robot.home + np.array([0.0, 0.15, 0.0, 0.0])
-    assert move(arm, odd_robot.home, end).duration == pytest.approx(shortest(arm, odd_robot.home, end), rel=WITHIN)
+    assert move(arm, odd_robot.home, end).duration == pytest.approx(shortest(arm, odd_robot.home, end), rel=1e-12)

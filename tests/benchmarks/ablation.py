@@ -5,7 +5,6 @@ The figures of tracking.py with one idea at a time taken out, by setting its con
 
 from __future__ import annotations
 
-import os
 import sys
 import warnings
 from pathlib import Path
@@ -16,7 +15,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from pbd.errors import PbdWarning
 from pbd.tracking import integration, orientation, stops
-from tests.benchmarks.report import arguments, print_machine
+from tests.benchmarks.report import add_data, arguments, print_machine
 from tests.benchmarks.tracking import score
 
 WITHOUT: dict[str, tuple[ModuleType, str, float]] = {
@@ -35,8 +34,7 @@ COLUMNS = ("slow 1 s", "slow 5 s p95", "fast 1 s", "strides", "strides p95", "wa
 def main() -> None:
     """Score with each idea taken out, and print."""
     parser = arguments(str(__doc__))
-    default = os.environ.get("PBD_DATA", str(Path(__file__).parents[3] / "shared" / "data"))
-    parser.add_argument("--data", type=Path, default=Path(default), help="the folder with broad/, walks/ and strides/")
+    add_data(parser)
     args = parser.parse_args()
     warnings.simplefilter("ignore", PbdWarning)
     rows = {}

@@ -9,6 +9,7 @@ import platform
 import time
 from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 PACKAGES = ("numpy", "scipy", "vqf", "pin", "ruckig", "meshcat")
@@ -20,6 +21,12 @@ def arguments(description: str) -> argparse.ArgumentParser:
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.add_argument("--quick", action="store_true", help="a small run")
     return parser
+
+
+def add_data(parser: argparse.ArgumentParser) -> None:
+    """Add where the real recordings are."""
+    default = os.environ.get("PBD_DATA", str(Path(__file__).parents[3] / "shared" / "data"))
+    parser.add_argument("--data", type=Path, default=Path(default), help="the folder with broad/, walks/ and strides/")
 
 
 def print_machine() -> None:

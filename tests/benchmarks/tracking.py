@@ -6,7 +6,6 @@ says. Default DIR: PBD_DATA, or ../shared/data. --quick leaves out the rates bet
 
 from __future__ import annotations
 
-import os
 import sys
 import time
 import warnings
@@ -29,7 +28,7 @@ from pbd.tracking.integration import integrate_move
 from pbd.tracking.orientation import estimate_attitude
 from pbd.tracking.rest import find_rest
 from pbd.tracking.uncertainty import move_covariance
-from tests.benchmarks.report import arguments, finish
+from tests.benchmarks.report import add_data, arguments, finish
 from tests.benchmarks.trials import RATES, Trial, kind_of, phases, read_broad
 
 WINDOWS_S = (1, 2, 5)
@@ -38,8 +37,7 @@ WINDOWS_S = (1, 2, 5)
 def main() -> None:
     """Score and print."""
     parser = arguments(str(__doc__))
-    default = os.environ.get("PBD_DATA", str(Path(__file__).parents[3] / "shared" / "data"))
-    parser.add_argument("--data", type=Path, default=Path(default), help="the folder with broad/, walks/ and strides/")
+    add_data(parser)
     args = parser.parse_args()
     warnings.simplefilter("ignore", PbdWarning)
     finish(score(args.data, ("286", "40") if args.quick else tuple(RATES)), args.json)

@@ -68,7 +68,7 @@ def test_keyframes_stand_where_they_were_put(replay: Replay, scene: ReplayScene)
 
 def test_each_part_is_seen(replay: Replay) -> None:
     whole = replay.picture()
-    for part, share in {"robot": 0.03, "hand_path": 0.002, "keyframes": 0.002, "object": 0.002}.items():
+    for part, share in {"robot": 0.03, "hand_path": 0.003, "keyframes": 0.002, "object": 0.002}.items():
         node = f'pbd.page.stage.node("pbd", "{part}")'
         replay(f"{node}.visible = false")
         without = replay.picture()
