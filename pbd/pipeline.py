@@ -20,6 +20,7 @@ from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.orientation import estimate_attitude
 from pbd.tracking.paper import paper_acceleration, paper_attitude, paper_covariance, paper_path, paper_stops
 from pbd.tracking.rest import find_rest
+from pbd.tracking.smoothing import smooth_motion
 from pbd.tracking.stops import find_stops
 from pbd.tracking.uncertainty import stop_covariance
 
@@ -62,6 +63,7 @@ def track(recording: Recording, method: str = "default") -> HandPath:
         attitude = estimate_attitude(recording, slice(rest.start, rest.stop))
         a_nav = motion_acceleration(recording, attitude, rest.gravity)
         stops = find_stops(recording, a_nav, attitude.wxyz_nav_sensor, rest)
+        attitude, a_nav = smooth_motion(recording, attitude, stops, rest)
     else:
         raise TrackingError(f"no method '{method}'; known are {', '.join(METHODS)}", value=method)
     if not stops:

@@ -43,6 +43,22 @@ def quat_inverse(wxyz: ArrayLike) -> Array:
     return inverse
 
 
+def quat_cumulative(wxyz: ArrayLike) -> Array:
+    """Products of the first 1, 2, ... n of unit quaternions (n, 4), in blocks of about sqrt(n), not one by one."""
+    turns = np.asarray(wxyz, dtype=np.float64)
+    n = len(turns)
+    block = int(np.ceil(np.sqrt(n)))
+    padding = np.tile((1.0, 0.0, 0.0, 0.0), (-n % block, 1))
+    within = np.concatenate((turns, padding)).reshape(-1, block, 4)
+    for column in range(1, block):
+        within[:, column] = quat_multiply(within[:, column - 1], within[:, column])
+    before = np.empty((len(within), 4))
+    before[0] = (1.0, 0.0, 0.0, 0.0)
+    for row in range(1, len(within)):
+        before[row] = quat_multiply(before[row - 1], within[row - 1, -1])
+    return quat_multiply(before[:, None], within).reshape(-1, 4)[:n]
+
+
 def quat_rotate(wxyz: ArrayLike, vector: ArrayLike) -> Array:
     """Turn vectors (..., 3) by unit quaternions (..., 4)."""
     wxyz, vector = np.asarray(wxyz, dtype=np.float64), np.asarray(vector, dtype=np.float64)

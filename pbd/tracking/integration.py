@@ -13,6 +13,9 @@ from pbd.pose import Array, readonly
 EVEN_DRIFT = 0.05
 """m/s per root second: the drift of velocity that arises in calm motion, of tilt and bias."""
 
+EDGE_S, EDGE_SHARE = 0.05, 0.33
+"""At either end of a stop the hand may still creep: for half a window of the detector, and a third of a short stop."""
+
 STILL = readonly(np.zeros(3))
 
 
@@ -28,9 +31,9 @@ class Move:
 def integrate_move(t: Array, a_nav: Array, v_start: Array = STILL, v_end: Array = STILL) -> Move:
     """Integrate a move whose velocity is known at its first and its last sample: at stops, zero.
 
-    Trapezoids; then the velocity left over at the end is taken out where it most likely arose (`_origin_of_drift`): for
-    a calm move linearly in time, which is exact for any constant error of the acceleration. (The paper's equations
-    5-6 are the rectangular sums without that.)
+    Then the velocity left over at the end is taken out where it most likely arose
+    (`_origin_of_drift`): for a calm move linearly in time, which is exact for any constant error of the acceleration.
+    (The paper's equations 5-6 are the rectangular sums without that.)
 
     Args:
         t: (n,) s.
@@ -38,10 +41,10 @@ def integrate_move(t: Array, a_nav: Array, v_start: Array = STILL, v_end: Array 
         v_start: (3,) m/s.
         v_end: (3,) m/s.
     """
-    v_raw = v_start + cumulative_trapezoid(t, a_nav)
+    v_raw = v_start + integral_of_means(t, a_nav)
     closure = v_raw[-1] - v_end
     v_nav = v_raw - np.outer(_origin_of_drift(t, a_nav), closure)
-    return Move(v_nav, cumulative_trapezoid(t, v_nav), closure)
+    return Move(v_nav, integral_of_values(t, v_nav, a_nav), closure)
 
 
 def _origin_of_drift(t: Array, a_nav: Array) -> Array:
@@ -59,15 +62,38 @@ def _origin_of_drift(t: Array, a_nav: Array) -> Array:
     return np.concatenate(([0.0], np.cumsum(variance) / total)) if total > 0.0 else np.zeros(len(t))
 
 
-def cumulative_trapezoid(t: Array, values: Array) -> Array:
-    """Integral from the first instant to each, by trapezoids: (n,) and (n, 3) -> (n, 3)."""
-    steps = 0.5 * np.diff(t)[:, None] * (values[1:] + values[:-1])
-    return np.vstack((np.zeros((1, values.shape[1])), np.cumsum(steps, axis=0)))
+def integral_of_means(t: Array, means: Array) -> Array:
+    """Integral from the first sample's middle to each one's, of samples that are means over their intervals: (n, 3).
+
+    Sums of means are exact at the intervals' edges; between four edges the integral is taken for a cubic, to its
+    middle. Beyond both ends the first and the last mean go on.
+    """
+    dt = np.diff(t)[:, None]
+    padded = np.vstack((means[:1], means, means[-1:]))
+    return _cumulative(dt * (9.0 * (means[1:] + means[:-1]) - padded[:-3] - padded[3:]) / 16.0)
+
+
+def integral_of_values(t: Array, values: Array, slopes: Array) -> Array:
+    """Integral from the first instant to each, of values (n, 3) whose derivatives are known: Hermite's cubic."""
+    dt = np.diff(t)[:, None]
+    return _cumulative(0.5 * dt * (values[1:] + values[:-1]) - dt**2 / 12.0 * np.diff(slopes, axis=0))
+
+
+def _cumulative(steps: Array) -> Array:
+    return np.vstack((np.zeros((1, 3)), np.cumsum(steps, axis=0)))
+
+
+def edge(stop: Stop, t: Array) -> int:
+    """How many of a stop's samples, at either end, are its edge."""
+    length = min(EDGE_S, EDGE_SHARE * stop.dwell_s)
+    return int(np.searchsorted(t, t[stop.start] + length, side="right")) - 1 - stop.start
 
 
 def integrate_path(t: Array, a_nav: Array, stops: tuple[Stop, ...]) -> tuple[Array, Array, Array]:
     """Chain the moves between the stops; within a stop nothing moves.
 
+    A move is integrated from inside the one stop to inside the other (`edge`), where the velocity is zero indeed: at
+    the stop's very edge a hand that slows down smoothly still has some millimetres a second.
     Before the first stop and after the last one the motion has one known end only: it is integrated from there and
     its drift stays in.
 
@@ -79,14 +105,17 @@ def integrate_path(t: Array, a_nav: Array, stops: tuple[Stop, ...]) -> tuple[Arr
     here = np.zeros(3)
     for k, (stop, following) in enumerate(pairwise(stops)):
         p[stop.start : stop.stop] = here
-        move = slice(stop.stop - 1, following.start + 1)
-        result = integrate_move(t[move], a_nav[move])
-        p[move], v[move], closure[k] = here + result.p_nav, result.v_nav, result.closure
-        here = p[following.start].copy()
+        leaving, arriving = edge(stop, t), edge(following, t)
+        rows = slice(stop.stop - 1 - leaving, following.start + 1 + arriving)
+        result = integrate_move(t[rows], a_nav[rows])
+        between = slice(leaving + 1, len(result.p_nav) - 1 - arriving)
+        move = slice(stop.stop, following.start)
+        p[move], v[move], closure[k] = here + result.p_nav[between], result.v_nav[between], result.closure
+        here = here + result.p_nav[-1]
     if stops:
         head, tail = slice(stops[0].start, None, -1), slice(stops[-1].stop - 1, None)
         p[stops[-1].start : stops[-1].stop] = here
         for end, origin in ((head, np.zeros(3)), (tail, here)):
-            v[end] = cumulative_trapezoid(t[end], a_nav[end])
-            p[end] = origin + cumulative_trapezoid(t[end], v[end])
+            v[end] = integral_of_means(t[end], a_nav[end])
+            p[end] = origin + integral_of_values(t[end], v[end], a_nav[end])
     return p, v, closure

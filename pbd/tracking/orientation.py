@@ -11,9 +11,7 @@ from pbd.pose import (
     Array,
     quat_about_z,
     quat_canonical,
-    quat_exp,
     quat_from_rpy,
-    quat_log,
     quat_multiply,
     quat_rotate,
 )
@@ -27,8 +25,8 @@ def estimate_attitude(recording: Recording, first_rest: slice) -> Attitude:
     """Estimate the attitude at each sample's instant with offline VQF: 9 axes with a magnetometer, 6 without.
 
     VQF pairs the accelerometer with the orientation *after* a gyro step. A sample is the mean over its interval and
-    describes its middle, so what is integrated here is the turn from one sample's middle to the next one's: the
-    second half of the one and the first half of the other. At 40 Hz this halves the error of a move (docs/tracking.md).
+    describes its middle, so what VQF is fed is the turn from one sample's middle to the next one's
+    (`turns_between_middles`).
 
     Args:
         recording: without NaN (`condition`).
@@ -47,15 +45,28 @@ def estimate_attitude(recording: Recording, first_rest: slice) -> Attitude:
     rows, t = _regular(recording.t, interval)
     acc, gyr = _at(t, recording.t, recording.acc), _at(t, recording.t, recording.gyr)
     mag = None if recording.mag is None else _at(t, recording.t, recording.mag)
-    dt = np.diff(t, prepend=t[0] - interval)[:, None]
-    # Before the first sample the hand is at rest: its own second half stands in for its predecessor's.
-    before = np.vstack((gyr[:1], gyr[:-1]))
-    turn = quat_log(quat_multiply(quat_exp(0.5 * dt * before), quat_exp(0.5 * dt * gyr)))
-    result = offlineVQF(turn / interval, acc, mag, interval, {"tauAcc": TAU_ACC_S})
+    result = offlineVQF(turns_between_middles(t, gyr, interval) / interval, acc, mag, interval, {"tauAcc": TAU_ACC_S})
     wxyz = quat_canonical(result["quat6D" if mag is None else "quat9D"])[rows]
     if mag is None:
         wxyz = quat_multiply(quat_about_z(-_heading(wxyz[first_rest])), wxyz)
     return Attitude(quat_canonical(wxyz), result["bias"][rows])
+
+
+def turns_between_middles(t: Array, gyr: Array, interval: float) -> Array:
+    """Rotation vectors (n, 3) rad from the middle of each sample's predecessor to its own.
+
+    The samples are means, so their sums are exact at the intervals' edges; between four edges the angle is a cubic. The
+    turning of the axis of rotation meanwhile (coning) adds a twelfth of the cross product, for a rate that changes
+    linearly.
+
+    Source: P. Savage, Strapdown inertial navigation integration algorithm design, part 1, JGCD 21 (1998).
+    """
+    dt = np.diff(t, prepend=t[0] - interval)[:, None]
+    # Outside the recording the hand turns as at its ends.
+    padded = np.vstack((gyr[:1], gyr[:1], gyr, gyr[-1:]))
+    earlier, before, own, later = padded[:-3], padded[1:-2], padded[2:-1], padded[3:]
+    turns: Array = dt * (9.0 * (before + own) - earlier - later) / 16.0 + dt**2 / 12.0 * np.cross(before, own)
+    return turns
 
 
 def mean_quaternion(wxyz: Array) -> Array:
