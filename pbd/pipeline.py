@@ -63,7 +63,7 @@ def track(recording: Recording, method: str = "default") -> HandPath:
         attitude = estimate_attitude(recording, slice(rest.start, rest.stop))
         a_nav = motion_acceleration(recording, attitude, rest.gravity)
         stops = find_stops(recording, a_nav, attitude.wxyz_nav_sensor, rest)
-        attitude, a_nav = smooth_motion(recording, attitude, stops, rest)
+        attitude, a_nav = smooth_motion(recording, attitude, a_nav, stops, rest)
     else:
         raise TrackingError(f"no method '{method}'; known are {', '.join(METHODS)}", value=method)
     if not stops:

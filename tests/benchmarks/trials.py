@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
 from pbd.data import Recording
-from pbd.pose import Array
+from pbd.pose import Array, quat_rotate
 
 OPTICS_AHEAD_S = 0.8 / 286.0
 """The optics run ahead of the sensor by this much."""
@@ -29,6 +29,17 @@ class Trial:
     v_true: Array
     wxyz_true: Array
     moving: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Window:
+    """First and last row, length in s, the displacement's error (3,) m in the optics' frame, and in sigmas in nav."""
+
+    start: int
+    end: int
+    length: int
+    error: Array
+    z: Array
 
 
 def kind_of(name: str) -> str:
@@ -62,6 +73,38 @@ def read_broad(path: Path) -> dict[str, Trial]:
             moving=arrays["moving"][: n * every].reshape(n, every).mean(axis=1) > 0.5,
         )
     return trials
+
+
+def at_sensor(trial: Trial, lever: Array) -> Trial:
+    """The truth of the sensor itself, `lever` (3,) m away from the markers' origin in sensor axes."""
+    offset, speed = _of_lever(trial, np.eye(3))
+    return replace(trial, p_true=trial.p_true + offset @ lever, v_true=trial.v_true + speed @ lever)
+
+
+def fit_lever(trial: Trial, windows: list[Window]) -> Array:
+    """Find the lever (3,) m that explains most of the windows' errors.
+
+    A window's displacement is judged by the optics at both ends, and its velocity there is given by them.
+    """
+    offset, speed = _of_lever(trial, np.eye(3))
+    t = trial.recording.t
+    effects, errors = [], []
+    for window in windows:
+        i, j = window.start, window.end
+        effect = 0.5 * (t[j] - t[i]) * (speed[i] + speed[j]) - (offset[j] - offset[i])
+        if np.isfinite(effect).all():
+            effects.append(effect)
+            errors.append(window.error)
+    lever: Array = np.linalg.lstsq(np.vstack(effects), -np.concatenate(errors))[0]
+    return lever
+
+
+def _of_lever(trial: Trial, axes: Array) -> tuple[Array, Array]:
+    """How position and velocity change by each component of a lever: (n, 3, 3), in the optics' frame."""
+    assert trial.recording.gyr is not None
+    turned = [quat_rotate(trial.wxyz_true, axis) for axis in axes]
+    swung = [quat_rotate(trial.wxyz_true, np.cross(trial.recording.gyr, axis)) for axis in axes]
+    return np.stack(turned, axis=-1), np.stack(swung, axis=-1)
 
 
 def phases(moving: NDArray[np.bool_]) -> list[tuple[int, int]]:
