@@ -13,6 +13,12 @@ from pbd.pose import Array, readonly
 EVEN_DRIFT = 0.05
 """m/s per root second: the drift of velocity that arises in calm motion, of tilt and bias."""
 
+MOTION_DRIFT = 0.0055
+"""Per root hertz: what violent motion adds, as a share of its acceleration (scale, tilt while it lasts)."""
+
+PEAK_DRIFT = 0.3
+"""How much of a peak's variance between two samples is lost to a sensor that low-passes, but not quite enough."""
+
 EDGE_S, EDGE_SHARE = 0.05, 0.33
 """At either end of a stop the hand may still creep: for half a window of the detector, and a third of a short stop."""
 
@@ -50,14 +56,16 @@ def integrate_move(t: Array, a_nav: Array, v_start: Array = STILL, v_end: Array 
 def _origin_of_drift(t: Array, a_nav: Array) -> Array:
     """Which share of the drift of velocity has arisen by each instant: (n,) from 0 to 1.
 
-    By the variance of each step's increment: a part that grows evenly with time, and, for peaks that the sensor's rate
-    is too low for (a foot that strikes the ground), the difference between a trapezoid and what may lie between: the
-    change of slope times dt / sqrt(12).
+    By the variance of each step's increment: a part that grows evenly with time, one that grows with the acceleration,
+    and, for peaks that the sensor's rate is too low for (a foot that strikes the ground), a share of the difference
+    between a trapezoid and what may lie between: the change of slope times dt / sqrt(12).
     """
     dt = np.diff(t)
     bend = np.zeros(len(t))
-    bend[1:-1] = np.linalg.norm(a_nav[2:] - 2.0 * a_nav[1:-1] + a_nav[:-2], axis=1)
-    variance = EVEN_DRIFT**2 * dt + dt**2 * 0.5 * (bend[1:] ** 2 + bend[:-1] ** 2) / 12.0
+    bend[1:-1] = ((a_nav[2:] - 2.0 * a_nav[1:-1] + a_nav[:-2]) ** 2).sum(axis=1)
+    density = MOTION_DRIFT**2 * (a_nav**2).sum(axis=1)
+    variance = EVEN_DRIFT**2 * dt + 0.5 * dt * (density[1:] + density[:-1])
+    variance += PEAK_DRIFT * dt**2 / 24.0 * (bend[1:] + bend[:-1])
     total = float(variance.sum())
     return np.concatenate(([0.0], np.cumsum(variance) / total)) if total > 0.0 else np.zeros(len(t))
 

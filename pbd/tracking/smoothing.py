@@ -17,12 +17,21 @@ from pbd.pose import (
 )
 from pbd.tracking.gravity import motion_acceleration
 from pbd.tracking.integration import integral_of_means
-from pbd.tracking.legs import GYRO_BIAS, GYRO_SCALE, Legs, find_legs, inside
-from pbd.tracking.orientation import turns_between_middles
+from pbd.tracking.legs import GYRO_BIAS, GYRO_SCALE, VQF_FLOOR, Legs, find_legs, inside
+from pbd.tracking.orientation import TAU_ACC_S, turns_between_middles
 from pbd.tracking.rest import Rest
 
 TILT_FLOOR = np.radians(0.05)
 """rad: no rest tells the vertical better than this."""
+
+HEADING_SIGMA = np.radians(1.0)
+"""rad: of VQF's heading from one stop to another; a magnetic field is seldom uniform over half a metre."""
+
+BIAS_S = 30.0
+"""A gyro's bias stays about the same for this long."""
+
+LONG_STOP_S, EXACT_RATE = 0.5, 1e-6
+"""Only a stop this long tells the gyro's bias, and none better than this (rad/s)."""
 
 ACC_ERROR = 0.05
 """m/s2: by how much the mean of the accelerometer over a move may be wrong, beside its noise."""
@@ -62,7 +71,8 @@ def _hold_tilt(recording: Recording, attitude: Attitude, stops: tuple[Stop, ...]
     """Return wxyz_nav_sensor (n, 4)."""
     assert recording.gyr is not None
     t, middles, leg = recording.t, legs.middles, legs.of_row
-    turns = turns_between_middles(t, recording.gyr - attitude.gyro_bias, 1.0 / recording.rate_hz)
+    rate = recording.gyr - _steady(attitude.gyro_bias, t)
+    turns = turns_between_middles(t, rate - _bias_left(rate, stops, t), 1.0 / recording.rate_hz)
     carried = quat_cumulative(quat_exp(turns))
     at_stops = attitude.wxyz_nav_sensor[middles]
     start = quat_multiply(at_stops, quat_inverse(carried[middles]))
@@ -71,20 +81,63 @@ def _hold_tilt(recording: Recording, attitude: Attitude, stops: tuple[Stop, ...]
     wxyz = quat_multiply(quat_exp(-_shared(missed, legs)), wxyz)
 
     tilt = _tilt_at_stops(t, quat_rotate(wxyz, recording.acc), missed[:, :2], stops, rest, legs)
-    wxyz = quat_multiply(quat_exp(_between(tilt, legs)), wxyz)
+    heading = _heading_at_stops(missed[:, 2:], legs)
+    wxyz = quat_multiply(quat_exp(_between(np.hstack((tilt, heading)), legs)), wxyz)
 
     # Far from its stops the gyro is less sure than VQF.
     variance = _shared(legs.gyro[:, None], legs)[:, 0] * (1.0 - legs.share)
     for outside, middle in ((t < t[middles[0]], middles[0]), (t > t[middles[-1]], middles[-1])):
         away_s, away_rad = t[outside] - t[middle], np.abs(legs.turned[outside] - legs.turned[middle])
         variance[outside] = (GYRO_BIAS * away_s) ** 2 + GYRO_SCALE**2 * away_rad
+    # VQF needs its time constant to see a tilt again.
+    to_stop = np.min([np.abs(t - t[middles[i]]) for i in (leg, np.minimum(leg + 1, len(stops) - 1))], axis=0)
+    seen = 1.0 - np.exp(-to_stop / TAU_ACC_S)
+    vqf = np.append(legs.vqf, VQF_FLOOR**2)[leg]
+    share = variance * seen**2 / (variance * seen**2 + vqf)
     to_vqf = quat_log(quat_multiply(attitude.wxyz_nav_sensor, quat_inverse(wxyz)))
-    vqf = legs.vqf[leg] if len(stops) > 1 else np.inf
-    return quat_canonical(quat_multiply(quat_exp((variance / (variance + vqf))[:, None] * to_vqf), wxyz))
+    return quat_canonical(quat_multiply(quat_exp(share[:, None] * to_vqf), wxyz))
+
+
+def _steady(bias: Array, t: Array) -> Array:
+    """Mean over BIAS_S on either hand: VQF's bias follows the motion a little, a gyro's does not."""
+    first, last = np.searchsorted(t, t - BIAS_S), np.searchsorted(t, t + BIAS_S, side="right")
+    sums = np.vstack((np.zeros((1, 3)), np.cumsum(bias, axis=0)))
+    mean: Array = (sums[last] - sums[first]) / (last - first)[:, None]
+    return mean
+
+
+def _bias_left(rate: Array, stops: tuple[Stop, ...], t: Array) -> Array:
+    """What VQF has left of the gyro's bias, (3,) rad/s: the mean rate over the long stops, each weighed by its calm.
+
+    A stop of T seconds in which the sensor sways by an angle w about its mean turn shows the bias to 2 w / T only.
+    """
+    known, weight = np.zeros(3), 1.0 / GYRO_BIAS**2
+    for stop in stops:
+        if stop.dwell_s < LONG_STOP_S:
+            continue
+        rows = inside(stop, t)
+        mean = rate[rows].mean(axis=0)
+        sway = np.cumsum(rate[rows] - mean, axis=0) / (stop.stop - stop.start)  # w / T
+        calm = 1.0 / (4.0 * float((sway**2).max()) + EXACT_RATE**2)
+        known, weight = known + calm * mean, weight + calm
+    return known / weight
+
+
+def _heading_at_stops(missed: Array, legs: Legs) -> Array:
+    """By how much VQF's heading at each stop, (k, 1) rad, is off what the gyro says from stop to stop."""
+    from scipy.linalg import solveh_banded
+
+    by_gyro = missed / legs.gyro[:, None]
+    known = np.append(-by_gyro, 0.0)[:, None] + np.append(0.0, by_gyro)[:, None]
+    weight = np.append(1.0 / legs.gyro, 0.0) + np.append(0.0, 1.0 / legs.gyro)
+    diagonal = weight + 1.0 / HEADING_SIGMA**2
+    if len(diagonal) == 1:
+        return np.zeros((1, 1))
+    return np.asarray(solveh_banded(np.vstack((np.append(0.0, -1.0 / legs.gyro), diagonal)), known))
 
 
 def _tilt_at_stops(t: Array, f_nav: Array, missed: Array, stops: tuple[Stop, ...], rest: Rest, legs: Legs) -> Array:
-    """Rotation vectors (k, 3) rad, about nav's x and y, by which the attitude at each stop is wrong.
+    """Angles (k, 2) rad, about nav's x and y, by which the attitude at each stop is wrong.
 
     With e the tilt, specific force in nav at rest is g z - e x g z, so that e = (f_y, -f_x) / g; the same holds for the
     mean over a move that begins and ends with velocity zero.
@@ -106,7 +159,7 @@ def _tilt_at_stops(t: Array, f_nav: Array, missed: Array, stops: tuple[Stop, ...
     at_rest = 1.0 / ((legs.speed / (g * dwell)) ** 2 + TILT_FLOOR**2)
     diagonal, known = at_rest.copy(), at_rest[:, None] * _tilt_of(f / g)
     if k == 1:
-        return np.column_stack((known / diagonal[:, None], 0.0))
+        return known / diagonal[:, None]
     # VQF's tilt at a stop is as bad as on the worse of its legs.
     diagonal += 1.0 / np.maximum(np.append(legs.vqf, 0.0), np.append(0.0, legs.vqf))
 
@@ -125,7 +178,8 @@ def _tilt_at_stops(t: Array, f_nav: Array, missed: Array, stops: tuple[Stop, ...
     beside = np.append(0.0, of_move * (1.0 - late) * late - 1.0 / legs.gyro)
     known[:-1] += (1.0 - late)[:, None] * by_closure - by_gyro
     known[1:] += late[:, None] * by_closure + by_gyro
-    return np.column_stack((solveh_banded(np.vstack((beside, diagonal)), known), np.zeros(k)))
+    tilt: Array = solveh_banded(np.vstack((beside, diagonal)), known)
+    return tilt
 
 
 def _tilt_of(level: Array) -> Array:
