@@ -10,14 +10,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pbd.calibration.frames import nav_in_base, tool_poses
-from pbd.data import Calibration, HandPath, JointTrajectory, Keyframe, Recording, Robot, Stop
+from pbd.data import Calibration, HandPath, JointTrajectory, Keyframe, Known, Recording, Robot, Stop
 from pbd.errors import CalibrationError, PbdWarning, TrackingError
 from pbd.pose import Array, Pose
 from pbd.tracking.conditioning import condition, refuse_gaps
 from pbd.tracking.gravity import motion_acceleration
 from pbd.tracking.integration import integrate_path
 from pbd.tracking.keyframes import find_keyframes
-from pbd.tracking.orientation import estimate_attitude
+from pbd.tracking.known import condition_on
+from pbd.tracking.orientation import estimate_attitude, mean_quaternion
 from pbd.tracking.paper import paper_acceleration, paper_attitude, paper_covariance, paper_path, paper_stops
 from pbd.tracking.rest import find_rest
 from pbd.tracking.smoothing import smooth_motion
@@ -42,16 +43,20 @@ METHODS = ("default", "paper")
 """How to track: as well as we can, or as the paper does."""
 
 
-def track(recording: Recording, method: str = "default") -> HandPath:
+def track(
+    recording: Recording, method: str = "default", known: Known | None = None, calibration: Calibration | None = None
+) -> HandPath:
     """Track a hand: attitude, motion acceleration, stops, path.
 
     Args:
         recording: what the sensor said.
         method: one of METHODS.
+        known: what is known of the stops (a demonstration's `known`): places, heights.
+        calibration: for what is known in the robot's base, and the lever from sensor to tool.
 
     Raises:
         RecordingError: the recording can't be one (units, clock, no data).
-        TrackingError: no path follows from it (never still, data missing in a move).
+        TrackingError: no path follows from it (never still, data missing in a move), or what is known contradicts it.
     """
     recording, gaps = condition(recording)
     rest = find_rest(recording)
@@ -75,8 +80,8 @@ def track(recording: Recording, method: str = "default") -> HandPath:
         cov = paper_covariance(recording.t, stops, closure)
     else:
         p, v, closure = integrate_path(recording.t, a_nav, stops)
-        cov = stop_covariance(recording, stops, closure, rest)
-    return HandPath(
+        cov = stop_covariance(recording, a_nav, p, stops, closure, rest)
+    path = HandPath(
         t=recording.t,
         p_nav_sensor=p,
         v_nav_sensor=v,
@@ -86,6 +91,17 @@ def track(recording: Recording, method: str = "default") -> HandPath:
         cov=cov,
         grip=recording.grip,
     )
+    return path if known is None else _condition(path, known, calibration)
+
+
+def _condition(path: HandPath, known: Known, calibration: Calibration | None) -> HandPath:
+    if calibration is None:
+        return condition_on(path, known)
+    first = slice(path.stops[0].start, path.stops[0].stop)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PbdWarning)  # of the dock's tilt: planning tells it
+        T_base_nav = nav_in_base(calibration, mean_quaternion(path.wxyz_nav_sensor[first]))
+    return condition_on(path, known, calibration, T_base_nav)
 
 
 def _warn_of_open_ends(t: Array, stops: tuple[Stop, ...]) -> None:

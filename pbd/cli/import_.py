@@ -33,6 +33,7 @@ def add(commands: Commands) -> None:
         "--unit", type=_pair, action="append", default=[], metavar="WHAT=UNIT", help="of t, gyr, acc, mag or angle"
     )
     parser.add_argument("--sensor", metavar="S", help="what recorded it")
+    parser.add_argument("--closed", action="store_true", help="the hand ended where it began")
     parser.add_argument("--force", action="store_true", help="replace a demonstration of that name")
     add_json(parser)
     parser.set_defaults(run=run)
@@ -51,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
     if args.sensor:
         info = replace(demo.recording.info, sensor=args.sensor)
         demo = replace(demo, recording=replace(demo.recording, info=info))
-    store_demonstration(args, demo, "imported")
+    store_demonstration(args, replace(demo, closed=demo.closed or args.closed), "imported")
     return 0
 
 

@@ -16,6 +16,7 @@ from pbd.cli.options import (
     load_demonstration,
     plan_options,
     print_json,
+    say,
     track_demonstration,
 )
 
@@ -45,7 +46,10 @@ def run(args: argparse.Namespace) -> int:
     from pbd.view.tables import joints_table, keyframes_table, print_table
 
     demo = load_demonstration(args)
-    _, keyframes = track_demonstration(args, demo)
+    path, keyframes = track_demonstration(args, demo)
+    if path.claims:
+        fits = (f"{fit.saying} ({100.0 * fit.off_m:.1f} cm, {fit.sigmas:.1f} sigma off)" for fit in path.claims)
+        say(f"known, and used: {'; '.join(fits)}")
     rows = [_row(index, keyframe) for index, keyframe in enumerate(keyframes)]
     joint_names: tuple[str, ...] = ()
     if args.robot is not None:

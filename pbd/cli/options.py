@@ -113,8 +113,22 @@ def track_demonstration(args: argparse.Namespace, demo: Demonstration) -> tuple[
     from pbd.pipeline import track
     from pbd.tracking.keyframes import find_keyframes
 
-    path = track(demo.recording, args.method)
+    if args.method == "paper":
+        path = track(demo.recording, args.method)  # the paper's method knows of no places
+    else:
+        path = track(demo.recording, args.method, demo.known, _calibration_for(args, demo))
     return path, find_keyframes(path)
+
+
+def _calibration_for(args: argparse.Namespace, demo: Demonstration) -> Calibration | None:
+    """The calibration that tells where known places are, if there is one."""
+    from pbd.files.calibration import load_calibration
+
+    if not (demo.places or demo.contacts):
+        return None
+    if getattr(args, "robot", None) is not None:
+        return load_arm(args)[1]
+    return load_calibration(args.calibration) if args.calibration else None
 
 
 def load_arm(args: argparse.Namespace) -> tuple[Robot, Calibration]:

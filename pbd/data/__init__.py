@@ -21,12 +21,15 @@ from pbd.data.hand import (
     Stop,
     Truth,
 )
+from pbd.data.known import ClaimFit, Contact, Known, Place
 
 __all__ = [
     "GRAVITY",
     "TOOL_DOWN",
     "Attitude",
     "Calibration",
+    "ClaimFit",
+    "Contact",
     "Demonstration",
     "GraspedObject",
     "GripEvent",
@@ -35,6 +38,8 @@ __all__ = [
     "JointLimits",
     "JointTrajectory",
     "Keyframe",
+    "Known",
+    "Place",
     "Recording",
     "RecordingInfo",
     "Robot",

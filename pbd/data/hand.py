@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from pbd.data.freeze import freeze
+from pbd.data.known import ClaimFit, Contact, Known, Place
 from pbd.pose import Array, Pose
 
 GRAVITY = 9.80665
@@ -93,7 +94,8 @@ class GraspedObject:
 class Demonstration:
     """A recording and what is known about it beside the sensor's stream.
 
-    `keyframes` are those that a person edited; they win over the automatic ones. `closed`: the hand ended at the dock.
+    `keyframes` are those that a person edited; they win over the automatic ones. `closed`: the hand ended at the dock;
+    with `places` and `contacts` it is what tracking may rely on: `known`.
     """
 
     recording: Recording
@@ -102,8 +104,15 @@ class Demonstration:
     notes: str = ""
     bundled: bool = False
     closed: bool = False
+    places: tuple[Place, ...] = ()
+    contacts: tuple[Contact, ...] = ()
     grasped: GraspedObject | None = None
     folder: Path | None = None
+
+    @property
+    def known(self) -> Known:
+        """What a person knows of its stops, as `track` takes it."""
+        return Known(self.closed, self.places, self.contacts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,6 +154,7 @@ class HandPath:
         closure: (len(stops) - 1, 3) m/s, the velocity left over at each move's end before it was removed: honest drift.
         cov: (len(stops), 6, 6) of position (m) and rotation vector (rad) in nav, at each stop.
         grip: the recording's grip events.
+        claims: what was known of the stops and has been used.
     """
 
     t: Array
@@ -155,6 +165,7 @@ class HandPath:
     closure: Array
     cov: Array
     grip: tuple[GripEvent, ...] = ()
+    claims: tuple[ClaimFit, ...] = ()
 
     def __post_init__(self) -> None:
         n, k = len(self.t), len(self.stops)
@@ -162,6 +173,7 @@ class HandPath:
         freeze(self, closure=(max(k - 1, 0), 3), cov=(k, 6, 6))
         object.__setattr__(self, "stops", tuple(self.stops))
         object.__setattr__(self, "grip", tuple(self.grip))
+        object.__setattr__(self, "claims", tuple(self.claims))
 
 
 @dataclass(frozen=True, eq=False)

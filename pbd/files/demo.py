@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pbd.data import Demonstration, GraspedObject, GripEvent, Recording, RecordingInfo, Truth
+from pbd.data import Contact, Demonstration, GraspedObject, GripEvent, Place, Recording, RecordingInfo, Truth
 from pbd.errors import RecordingError
 from pbd.files.columns import ACC, DEVICE, GYR, MAG, compass_angles, device_rpy
 from pbd.files.library import find
@@ -76,6 +76,8 @@ def read_demo(folder: Path) -> Demonstration:
     notes = top.text("notes") if "notes" in top else ""
     is_bundled = top.flag("bundled") if "bundled" in top else False
     closed = top.flag("closed") if "closed" in top else False
+    places = tuple(map(_read_place, top.tables("place")))
+    contacts = tuple(map(_read_contact, top.tables("contact")))
     grasped = _read_object(top.section("object")) if "object" in top else None
     top.done()
 
@@ -86,6 +88,8 @@ def read_demo(folder: Path) -> Demonstration:
         notes=notes,
         bundled=is_bundled,
         closed=closed,
+        places=places,
+        contacts=contacts,
         grasped=grasped,
         folder=folder,
     )
@@ -185,6 +189,29 @@ def _read_object(section: Section) -> GraspedObject:
     return GraspedObject(shape, section.numbers("size", SHAPES[shape], positive=True))
 
 
+def _read_place(section: Section) -> Place:
+    t, position = section.numbers("t_s", None), None
+    if "position_m" in section:
+        x, y, z = section.numbers("position_m", 3)
+        position = (x, y, z)
+    try:
+        return Place(t, position, _optional(section, "sigma_m", positive=True))
+    except ValueError as reason:
+        section.fail("t_s", str(reason))
+
+
+def _read_contact(section: Section) -> Contact:
+    t, as_at, height = section.number("t_s"), _optional(section, "as_at_s"), _optional(section, "height_m")
+    try:
+        return Contact(t, as_at, height, _optional(section, "sigma_m", positive=True))
+    except ValueError as reason:
+        section.fail("t_s", str(reason))
+
+
+def _optional(section: Section, key: str, positive: bool = False) -> float | None:
+    return section.number(key, positive=positive) if key in section else None
+
+
 def _demo_toml(demo: Demonstration, name: str) -> str:
     import tomlkit
 
@@ -206,4 +233,16 @@ def _demo_toml(demo: Demonstration, name: str) -> str:
         document["object"] = {"shape": demo.grasped.shape, "size": list(demo.grasped.size)}
     if recording.grip:
         document["grip"] = [{"t_s": round(event.t, 4), "closed": event.closed} for event in recording.grip]
+    if demo.places:
+        document["place"] = [_given(t_s=p.t, position_m=p.p_base_tool, sigma_m=p.sigma_m) for p in demo.places]
+    if demo.contacts:
+        document["contact"] = [
+            _given(t_s=c.t, as_at_s=c.as_at, height_m=c.height, sigma_m=c.sigma_m) for c in demo.contacts
+        ]
     return tomlkit.dumps(document)
+
+
+def _given(**values: object) -> dict[str, object]:
+    """Those that there are; TOML has no tuples."""
+    given = {key: value for key, value in values.items() if value is not None}
+    return {key: list(value) if isinstance(value, tuple) else value for key, value in given.items()}

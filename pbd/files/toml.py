@@ -32,9 +32,12 @@ def read_toml(path: Path, error: type[PbdError]) -> Section:
 class Section:
     """One table of a TOML file. `name` is its dotted name, empty for the file's top level."""
 
-    def __init__(self, path: Path, name: str, values: Mapping[str, Any], text: str, error: type[PbdError]) -> None:
+    def __init__(
+        self, path: Path, name: str, values: Mapping[str, Any], text: str, error: type[PbdError], index: int = 0
+    ) -> None:
         self.path = path
         self.name = name
+        self._index = index  # among the [[name]] tables
         self._values = values
         self._text = text
         self._error = error
@@ -60,7 +63,7 @@ class Section:
         if not isinstance(values, list) or not all(isinstance(value, dict) for value in values):
             self.fail(key, f"must be [[{key}]] tables")
         name = f"{self.name}.{key}".lstrip(".")
-        inner = [Section(self.path, name, value, self._text, self._error) for value in values]
+        inner = [Section(self.path, name, value, self._text, self._error, i) for i, value in enumerate(values)]
         self._sections.extend(inner)
         return inner
 
@@ -94,12 +97,12 @@ class Section:
             self.fail(key, f"must be above zero, got {value!r}")
         return float(value)
 
-    def numbers(self, key: str, count: int, *, positive: bool = False) -> tuple[float, ...]:
-        """Return a list of `count` finite numbers."""
+    def numbers(self, key: str, count: int | None, *, positive: bool = False) -> tuple[float, ...]:
+        """Return a list of `count` finite numbers; None: of any number of them."""
         value = self._get(key)
         if not isinstance(value, list) or not all(_is_number(item) for item in value):
-            self.fail(key, f"must be a list of {count} finite numbers, got {value!r}")
-        if len(value) != count:
+            self.fail(key, f"must be a list of {'' if count is None else f'{count} '}finite numbers, got {value!r}")
+        if count is not None and len(value) != count:
             self.fail(key, f"must have {count} numbers, got {len(value)}")
         if positive and min(value, default=1.0) <= 0:
             self.fail(key, f"must be above zero throughout, got {value!r}")
@@ -115,7 +118,7 @@ class Section:
 
     def fail(self, key: str, what: str, next_step: str = "correct it") -> NoReturn:
         """Raise the file's error, at `key`."""
-        line = _find_line(self._text, self.name, key)
+        line = _find_line(self._text, self.name, key, self._index)
         where = f"{self.path}:{line}" if line else f"{self.path}"
         place = f"[{self.name}] {key}" if self.name else key
         raise self._error(f"{where}: {place} {what}; {next_step}", path=self.path, line=line, key=key)
@@ -131,17 +134,23 @@ class Section:
         return self._values[key]
 
 
-def _find_line(text: str, section: str, key: str) -> int | None:
-    """Find the line, counted from 1, that sets `key` of `section` or the table around it; tomllib keeps none."""
-    full_name, current = f"{section}.{key}".lstrip("."), ""
+def _find_line(text: str, section: str, key: str, index: int = 0) -> int | None:
+    """Find the line, counted from 1, that sets `key` of `section` or the table around it; tomllib keeps none.
+
+    `index` tells which one is meant where there are several [[section]] tables.
+    """
+    full_name, current, around = f"{section}.{key}".lstrip("."), "", None
+    seen = -1 if section else index  # the top has no header
     for number, line in enumerate(text.splitlines(), start=1):
-        if header := re.match(r"\s*\[\s*([\w.\-]+)\s*\]", line):
+        if header := re.match(r"\s*\[\[?\s*([\w.\-]+)\s*\]", line):
             current = header[1]
-        set_here = current == section and re.match(rf"\s*{re.escape(key)}\s*=", line)
-        if set_here or (header and current == full_name):
+            seen += current == section
+        here = current == section and seen == index
+        if (here and re.match(rf"\s*{re.escape(key)}\s*=", line)) or (header and current == full_name):
             return number
+        around = number if header and here else around
     outer, _, name = section.rpartition(".")
-    return _find_line(text, outer, name) if section else None
+    return around or (_find_line(text, outer, name) if section else None)
 
 
 def _is_number(value: object) -> bool:

@@ -120,7 +120,8 @@ def _bias_left(rate: Array, stops: tuple[Stop, ...], t: Array) -> Array:
         sway = np.cumsum(rate[rows] - mean, axis=0) / (stop.stop - stop.start)  # w / T
         calm = 1.0 / (4.0 * float((sway**2).max()) + EXACT_RATE**2)
         known, weight = known + calm * mean, weight + calm
-    return known / weight
+    bias: Array = known / weight
+    return bias
 
 
 def _heading_at_stops(missed: Array, legs: Legs) -> Array:
@@ -159,7 +160,8 @@ def _tilt_at_stops(t: Array, f_nav: Array, missed: Array, stops: tuple[Stop, ...
     at_rest = 1.0 / ((legs.speed / (g * dwell)) ** 2 + TILT_FLOOR**2)
     diagonal, known = at_rest.copy(), at_rest[:, None] * _tilt_of(f / g)
     if k == 1:
-        return known / diagonal[:, None]
+        alone: Array = known / diagonal[:, None]
+        return alone
     # VQF's tilt at a stop is as bad as on the worse of its legs.
     diagonal += 1.0 / np.maximum(np.append(legs.vqf, 0.0), np.append(0.0, legs.vqf))
 

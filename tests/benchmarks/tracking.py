@@ -33,7 +33,7 @@ from pbd.tracking.orientation import estimate_attitude
 from pbd.tracking.rest import Rest, find_rest
 from pbd.tracking.smoothing import smooth_motion
 from pbd.tracking.stops import find_stops
-from pbd.tracking.uncertainty import move_covariance
+from pbd.tracking.uncertainty import move_covariance, move_figures
 from tests.benchmarks.report import add_data, arguments, finish
 from tests.benchmarks.trials import RATES, Trial, Window, at_sensor, fit_lever, kind_of, phases, read_broad
 
@@ -55,7 +55,7 @@ def score(data: Path, rates: tuple[str, ...]) -> dict[str, Any]:
     stops: dict[str, Any] = {}
     levers: dict[str, float] = {}
     errors: dict[tuple[str, str, str, str], list[float]] = defaultdict(list)
-    z_scores: list[float] = []
+    z_scores: dict[str, list[float]] = defaultdict(list)
     speeds = [0.0]
     for file in sorted((data / "broad").glob("*.npz")):
         trials = read_broad(file)
@@ -64,14 +64,15 @@ def score(data: Path, rates: tuple[str, ...]) -> dict[str, Any]:
         levers[file.stem] = float(1e3 * np.linalg.norm(lever))
         for rate in rates:
             at_markers = window_errors(trials[rate], motions[rate])
-            z_scores.extend(z for window in at_markers for z in window.z)
-            for name, found_windows in (
-                ("windows", at_markers),
-                ("windows_at_sensor", window_errors(at_sensor(trials[rate], lever), motions[rate])),
-            ):
+            windows_at_sensor = window_errors(at_sensor(trials[rate], lever), motions[rate])
+            for name, found_windows in (("windows", at_markers), ("windows_at_sensor", windows_at_sensor)):
                 for window in found_windows:
                     key = (name, kind_of(file.stem), str(window.length), rate)
                     errors[key].append(100.0 * float(np.linalg.norm(window.error)))
+            z_scores["all"].extend(z for window in at_markers for z in window.z)
+            z_scores["at_sensor"].extend(z for window in windows_at_sensor for z in window.z)
+            for window in windows_at_sensor:
+                z_scores[f"at_sensor.{kind_of(file.stem)}.{window.length}"].extend(window.z)
         found = {rate: stop_scores(trials[rate]) for rate in rates}
         orientation[file.stem] = orientation_errors(trials["286"], motions["286"][0].wxyz_nav_sensor)
         stops[file.stem] = found["286"] | {"rates_hz": {rate: {"f1": found[rate]["f1"]} for rate in rates}}
@@ -84,8 +85,8 @@ def score(data: Path, rates: tuple[str, ...]) -> dict[str, Any]:
     for file in sorted((data / "strides").glob("*.npz")):
         absolute, scaled = stride_errors(file)
         strides[file.stem] = spread(absolute, "_abs")
-        z_scores.extend(scaled)
-    inside = np.abs(np.array(z_scores))
+        z_scores["all"].extend(scaled)
+        z_scores["strides"].extend(scaled)
     return {
         "orientation": orientation,
         **windows,
@@ -93,9 +94,15 @@ def score(data: Path, rates: tuple[str, ...]) -> dict[str, Any]:
         "stops": stops,
         "walks": walks,
         "strides": strides,
-        "sigma": {"inside_1_sigma": float((inside < 1.0).mean()), "inside_2_sigma": float((inside < 2.0).mean())},
+        "sigma": inside(z_scores.pop("all")) | {"groups": {group: inside(z) for group, z in z_scores.items()}},
         "samples_per_s": max(speeds),
     }
+
+
+def inside(z_scores: list[float]) -> dict[str, Any]:
+    """How often the truth lies within the tracker's own one and two sigma, per axis."""
+    z = np.abs(z_scores)
+    return {"inside_1_sigma": float((z < 1.0).mean()), "inside_2_sigma": float((z < 2.0).mean())}
 
 
 def spread(values: list[float], suffix: str) -> dict[str, float]:
@@ -155,7 +162,10 @@ def window_errors(trial: Trial, motion: Motion) -> list[Window]:
                 window = slice(i, i + n + 1)
                 move = integrate_move(recording.t[window], a_nav[window], v_true[i], v_true[i + n])
                 error = move.p_nav[-1] - (p_true[i + n] - p_true[i])
-                sigma = np.sqrt(np.diagonal(move_covariance(float(length), move.closure, rest, recording.rate_hz)))
+                assert recording.gyr is not None
+                rate = recording.gyr[window] - rest.gyro_bias
+                figures = move_figures(recording.t[window], a_nav[window], rate, move.closure, move.p_nav[-1])
+                sigma = np.sqrt(np.diagonal(move_covariance(figures, rest, recording.rate_hz)))
                 found.append(Window(i, i + n, length, quat_rotate(quat_inverse(turn), error), error / sigma))
     return found
 

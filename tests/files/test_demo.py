@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from pbd.data import Demonstration, GraspedObject, GripEvent, Recording, RecordingInfo, Truth
+from pbd.data import Contact, Demonstration, GraspedObject, GripEvent, Known, Place, Recording, RecordingInfo, Truth
 from pbd.errors import RecordingError
 from pbd.files import demo as demo_file
 from pbd.files.demo import demo_folder, load_demo, newest_demo, read_demo, write_demo
@@ -57,6 +57,16 @@ objects = (
     | st.builds(GraspedObject, st.just("cylinder"), st.tuples(sizes, sizes))
     | st.builds(GraspedObject, st.just("sphere"), st.tuples(sizes))
 )
+metres = st.floats(-1e3, 1e3)
+sigmas = st.none() | st.floats(1e-6, 1.0)
+instants = st.lists(st.floats(0.0, 1e4), min_size=2, max_size=4, unique=True).map(tuple)
+places = st.builds(Place, instants, st.none() | st.tuples(metres, metres, metres), sigmas)
+contacts = instants.flatmap(
+    lambda t: (
+        st.builds(Contact, st.just(t[0]), st.none() | st.just(t[1]), st.none(), sigmas)
+        | st.builds(Contact, st.just(t[0]), st.none(), metres, sigmas)
+    )
+)
 events = st.builds(GripEvent, st.integers(0, 10**5).map(lambda t: t / 1e4), st.booleans())
 
 
@@ -92,6 +102,8 @@ def demonstrations(draw: st.DrawFn) -> Demonstration:
         notes=draw(words),
         bundled=draw(st.booleans()),
         closed=draw(st.booleans()),
+        places=tuple(draw(st.lists(places, max_size=2))),
+        contacts=tuple(draw(st.lists(contacts, max_size=2))),
         grasped=draw(st.none() | objects),
     )
 
@@ -106,7 +118,7 @@ def test_written_as_it_is_read(written: Demonstration) -> None:
     assert_same_arrays(read, written)
     assert read.recording.info == written.recording.info
     assert read.recording.grip == written.recording.grip
-    for field in ("notes", "bundled", "closed", "grasped"):
+    for field in ("notes", "bundled", "closed", "places", "contacts", "known", "grasped"):
         assert getattr(read, field) == getattr(written, field)
     assert read.folder == folder
 
@@ -208,6 +220,101 @@ def test_a_fault_in_demo_toml_is_named_with_its_line(tmp_path: Path, line: str, 
     with pytest.raises(RecordingError) as caught:
         read_demo(tmp_path / "tea")
     assert caught.value.message.startswith(f"{file}{message}")
+
+
+KNOWN = """
+closed = true
+
+[[place]]
+t_s = [2.0, 6.5]
+
+[[place]]
+t_s = [4.0]
+position_m = [0.45, 0.1, 0.12]
+sigma_m = 0.005
+
+[[contact]]
+t_s = 5.2
+
+[[contact]]
+t_s = 7.9
+as_at_s = 2.0
+
+[[contact]]
+t_s = 9.0
+height_m = 0.12
+"""
+
+
+def write_known(folder: Path, known: str) -> Path:
+    """A demonstration with what a person adds by hand to the end of its demo.toml; the file, seven lines of its own."""
+    write_demo(still(created="2026-01-02T03:04:05Z", rate_hz=10.0), folder)
+    file = folder / "demo.toml"
+    file.write_text(file.read_text() + known)
+    return file
+
+
+def test_known_places_and_heights_are_read_as_the_page_says(tmp_path: Path) -> None:
+    write_known(tmp_path / "tea", KNOWN)
+    demo = read_demo(tmp_path / "tea")
+    assert demo.known == Known(
+        closed=True,
+        places=(Place((2.0, 6.5)), Place((4.0,), (0.45, 0.1, 0.12), sigma_m=0.005)),
+        contacts=(Contact(5.2), Contact(7.9, as_at=2.0), Contact(9.0, height=0.12)),
+    )
+    page = (Path(__file__).parents[2] / "docs" / "known-places.md").read_text()
+    for line in filter(None, KNOWN.splitlines()):
+        assert line in page
+    write_demo(demo, tmp_path / "copy")
+    assert read_demo(tmp_path / "copy").known == demo.known
+
+
+@pytest.mark.parametrize(
+    ("known", "message"),
+    [
+        (
+            "[[place]]\nt_s = [2.0]\n",
+            ":7: [place] t_s must name two stops or more, or one beside a position_m; correct it",
+        ),
+        (
+            "[[place]]\nt_s = []\n",
+            ":7: [place] t_s must name two stops or more, or one beside a position_m; correct it",
+        ),
+        ("[[place]]\nt_s = [2.0, 2.0]\n", ":7: [place] t_s must name each stop once; correct it"),
+        ("[[place]]\nt_s = 2.0\n", ":7: [place] t_s must be a list of finite numbers, got 2.0; correct it"),
+        (
+            "[[place]]\nt_s = [1.0, 2.0]\n[[place]]\nt_s = [2.0, 3.0]\nposition_m = [1, 2]\n",
+            ":10: [place] position_m must have 3 numbers, got 2; correct it",
+        ),
+        (
+            "[[place]]\nt_s = [1.0, 2.0]\n[[place]]\nt = [2.0, 3.0]\n",
+            ":8: [place] t_s is missing; add it",
+        ),
+        (
+            "[[place]]\nt_s = [1.0, 2.0]\nsigma_m = 0\n",
+            ":8: [place] sigma_m must be above zero, got 0; correct it",
+        ),
+        (
+            "[[contact]]\nt_s = 1.0\n[[contact]]\nt_s = 2.0\nas_at = 1.0\n",
+            ":10: [contact] as_at is unknown; the keys here are t_s, as_at_s, height_m, sigma_m; remove or rename it",
+        ),
+        (
+            "[[contact]]\nt_s = 1.0\nas_at_s = 1.0\n",
+            ":7: [contact] t_s and as_at_s must be two stops; correct it",
+        ),
+        (
+            "[[contact]]\nt_s = 1.0\nas_at_s = 2.0\nheight_m = 0.1\n",
+            ":7: [contact] t_s takes as_at_s or height_m, not both; correct it",
+        ),
+        ("[[contact]]\nt_s = [1.0]\n", ":7: [contact] t_s must be a finite number, got [1.0]; correct it"),
+        ("[contact]\nt_s = 1.0\n", ":6: contact must be [[contact]] tables; correct it"),
+    ],
+)
+def test_a_fault_in_what_is_known_is_named_with_its_line(tmp_path: Path, known: str, message: str) -> None:
+    file = write_known(tmp_path / "tea", known)
+    with pytest.raises(RecordingError) as caught:
+        read_demo(tmp_path / "tea")
+    assert caught.value.message == f"{file}{message}"
 
 
 def test_a_newer_format_is_refused(tmp_path: Path) -> None:

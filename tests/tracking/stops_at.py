@@ -1,0 +1,41 @@
+"""Hand paths made of where they stop and how sure each move is."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pbd.data import HandPath, Stop
+from pbd.pose import Array
+
+DT, REST, MOVE = 0.05, 10, 20
+"""Of the paths below: s, and samples."""
+
+
+def mid(stop: int) -> float:
+    """An instant in a stop of `hand_path`."""
+    return DT * (stop * (REST + MOVE) + REST // 2)
+
+
+def hand_path(p_stop: Array, moves: Array, wxyz: Array | None = None) -> HandPath:
+    """A hand that stands at (k, 3) m with (k, 4), its moves' covariances (k - 1, 3, 3) m2 chained."""
+    k = len(p_stop)
+    stops = tuple(Stop(i * (REST + MOVE), i * (REST + MOVE) + REST, REST * DT) for i in range(k))
+    n = stops[-1].stop
+    t = DT * np.arange(n, dtype=np.float64)
+    held = np.concatenate([[stop.start, stop.stop - 1] for stop in stops])
+    p = np.column_stack([np.interp(t, t[held], np.repeat(axis, 2)) for axis in np.transpose(p_stop)])
+    cov = np.zeros((k, 6, 6))
+    cov[1:, :3, :3] = np.cumsum(moves, axis=0)
+    attitude = np.tile((1.0, 0.0, 0.0, 0.0), (k, 1)) if wxyz is None else wxyz
+    of_stop = np.minimum(np.arange(n) // (REST + MOVE), k - 1)
+    return HandPath(t, p, np.zeros((n, 3)), attitude[of_stop], stops, np.zeros((k - 1, 3)), cov)
+
+
+def at_stops(path: HandPath) -> Array:
+    return path.p_nav_sensor[[stop.start for stop in path.stops]]
+
+
+def covariances(rng: np.random.Generator, k: int, sigma: float) -> Array:
+    """Any (k, 3, 3), some moves far less sure than others."""
+    root = sigma * rng.uniform(0.03, 1.0, (k, 1, 1)) * rng.normal(size=(k, 3, 3))
+    return np.array(root @ root.transpose(0, 2, 1))

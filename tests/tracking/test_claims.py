@@ -1,0 +1,273 @@
+"""What is claimed of the stops, in the replay's own frames, and refused where it is wrong."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import chi2
+
+from pbd.calibration.frames import tool_poses
+from pbd.data import Calibration, Contact, Known, Place
+from pbd.errors import PbdWarning, TrackingError
+from pbd.pose import Pose, quat_about_z, quat_exp, quat_rotate
+from pbd.tracking.claims import SIGMA_M
+from pbd.tracking.keyframes import find_keyframes
+from pbd.tracking.known import condition_on
+from tests.tracking.stops_at import at_stops, covariances, hand_path, mid
+
+# --- the tool and the robot's base ---
+
+
+@settings(deadline=None, max_examples=25)
+@given(st.integers(0, 2**32 - 1))
+def test_base_and_tool_are_those_of_the_replay(seed: int) -> None:
+    """What `tool_poses` gives, claimed, is no misfit: lever, scale, dock and all."""
+    rng = np.random.default_rng(seed)
+    wxyz = quat_exp(rng.normal(size=(4, 3)))
+    path = hand_path(np.vstack((np.zeros(3), rng.normal(size=(3, 3)))), covariances(rng, 3, 0.1), wxyz)
+    T_base_nav = Pose(rng.normal(size=3), quat_about_z(rng.uniform(-3.0, 3.0)))
+    calibration = Calibration(
+        "c",
+        T_base_nav=T_base_nav,
+        T_sensor_tool=Pose(0.1 * rng.normal(size=3), quat_exp(rng.normal(size=3))),
+        scale=float(rng.uniform(0.3, 2.0)),
+    )
+    tools = tool_poses(find_keyframes(path), T_base_nav, calibration)
+    x, y, z = tools[2].p.tolist()
+    above = quat_rotate(wxyz, calibration.T_sensor_tool.p)[:, 2] + at_stops(path)[:, 2]
+    known = Known(
+        places=(Place((mid(2),), (x, y, z)),),
+        contacts=(Contact(mid(3)), Contact(mid(1), height=float(above[1] - above[0]))),
+    )
+    calibration = replace(calibration, table_height=float(tools[3].p[2]))
+    fits = condition_on(path, known, calibration, T_base_nav).claims
+    assert len(fits) == 3
+    assert max(fit.off_m for fit in fits) < 1e-12
+
+
+def test_a_place_is_the_tools() -> None:
+    """The hand turns about the tool's tip: the sensor has moved, the tool has not; without the lever it is refused."""
+    wxyz = quat_exp(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [np.pi / 2, 0.0, 0.0]]))
+    p_sensor_tool = np.array([0.0, 0.0, -0.12])
+    p_stop = np.array([0.3, 0.0, 0.0]) - quat_rotate(wxyz, p_sensor_tool)
+    p_stop -= p_stop[0]
+    path = hand_path(p_stop, np.tile(1e-5 * np.eye(3), (2, 1, 1)), wxyz)
+    known = Known(places=(Place((mid(1), mid(2))),))
+    calibration = Calibration("c", T_base_nav=Pose.identity(), T_sensor_tool=Pose(p_sensor_tool, wxyz[0]))
+    (fit,) = condition_on(path, known, calibration).claims
+    assert fit.off_m == pytest.approx(0.0, abs=1e-12)
+    with pytest.raises(TrackingError, match="17 cm off"):
+        condition_on(path, known)
+
+
+@pytest.mark.parametrize(
+    ("known", "levers"),
+    [
+        (Known(places=(Place((mid(0), mid(2)), sigma_m=0.001),)), 2),
+        (Known(contacts=(Contact(mid(2), height=0.0, sigma_m=0.001),)), 2),
+        (Known(contacts=(Contact(mid(2), sigma_m=0.001),)), 1),
+    ],
+    ids=["place", "height", "table"],
+)
+def test_an_unsure_attitude_makes_what_is_known_of_a_levered_tool_less_sure(known: Known, levers: int) -> None:
+    """A tool 0.1 m ahead of the sensor goes up and down by 0.1 m times the tilt, at each of the two stops."""
+    prior, noise, tool = 2e-3, 0.001**2, Pose(np.array([0.1, 0.0, 0.0]), np.array([1.0, 0.0, 0.0, 0.0]))
+    calibration = Calibration("c", T_base_nav=Pose.identity(), T_sensor_tool=tool, table_height=0.0)
+    for tilt_sigma in (0.0, 0.05):
+        path = hand_path(np.zeros((3, 3)), np.tile(0.5 * prior * np.eye(3), (2, 1, 1)))
+        cov = path.cov.copy()
+        cov[:, 3:, 3:] = tilt_sigma**2 * np.eye(3)
+        conditioned = condition_on(replace(path, cov=cov), known, calibration, Pose.identity())
+        expected = 1.0 / (1.0 / prior + 1.0 / (noise + levers * (0.1 * tilt_sigma) ** 2))
+        assert conditioned.cov[2, 2, 2] == pytest.approx(expected)
+
+
+def test_far_from_the_dock_a_known_place_is_less_sure_sideways() -> None:
+    path = hand_path(np.array([[0.0, 0.0, 0.0], [0.5, 0.0, 0.0]]), np.array([1e-2 * np.eye(3)]))
+    calibration = Calibration("c", T_base_nav=Pose.identity())
+    cov = condition_on(path, Known(places=(Place((mid(1),), (0.5, 0.0, 0.0)),)), calibration, Pose.identity()).cov[1]
+    along, sideways, up = np.sqrt(np.diagonal(cov)[:3])
+    assert along == pytest.approx(up)
+    assert sideways == pytest.approx(0.5 * np.radians(1.0), rel=0.1)
+    assert along == pytest.approx(SIGMA_M, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("known", "message"),
+    [
+        (
+            Known(places=(Place((mid(1),), (0.4, 0.0, 0.1)),)),
+            "where the place at 1.75 s is in nav is not known without",
+        ),
+        (Known(contacts=(Contact(mid(1)),)), "the contact at 1.75 s is the only one, and the table's height is not"),
+    ],
+)
+def test_what_needs_a_calibration_is_left_out_and_told(known: Known, message: str) -> None:
+    path = hand_path(np.zeros((2, 3)), np.array([1e-4 * np.eye(3)]))
+    with pytest.warns(PbdWarning, match=rf"^{message}.*, so it is left out; name a --calibration$"):
+        assert condition_on(path, known) is path
+
+
+# --- refused ---
+
+SQUARE = np.array([[0.0, 0.0, 0.0], [0.2, 0.0, 0.0], [0.2, 0.0, 0.31], [0.2, 0.2, 0.0], [0.0, 0.3, 0.0]])
+
+
+@pytest.mark.parametrize(
+    ("known", "message"),
+    [
+        (
+            Known(closed=True),
+            "demo.toml says that the hand ends where it began, but it ended 30 cm away (sigma 2.0 cm, 15 sigma); "
+            "take out `closed = true`, or record again",
+        ),
+        (
+            Known(places=(Place((mid(1), mid(3))),)),
+            "demo.toml says that the tool at 4.75 s (stop 3) is where it was at 1.75 s (stop 1), but it is 20 cm off "
+            "(sigma 1.4 cm, 14 sigma); take out that [[place]], or record again",
+        ),
+        (
+            Known(places=(Place((mid(3),), (0.45, 0.2, 0.0)),)),
+            "demo.toml says that the tool at 4.75 s (stop 3) is at 0.450, 0.200, 0.000 m in base, but it is 25 cm off "
+            "(sigma 1.8 cm, 14 sigma); take out that [[place]], or record again",
+        ),
+        (
+            Known(contacts=(Contact(mid(2)), Contact(mid(3)))),
+            "demo.toml says that the tool at 3.25 s (stop 2) is on the table, but it is 31 cm off "
+            "(sigma 1.4 cm, 21 sigma); take out that [[contact]], or say as_at_s there, or record again",
+        ),
+        (
+            Known(contacts=(Contact(mid(3), as_at=mid(2)),)),
+            "demo.toml says that the tool at 4.75 s (stop 3) is as high as at 3.25 s (stop 2), but it is 31 cm off "
+            "(sigma 1.0 cm, 30 sigma); take out that [[contact]], or record again",
+        ),
+        (
+            Known(contacts=(Contact(mid(3), height=0.12),)),
+            "demo.toml says that the tool at 4.75 s (stop 3) is 0.120 m above its first rest, but it is 12 cm off "
+            "(sigma 1.8 cm, 6.8 sigma); take out that [[contact]], or record again",
+        ),
+    ],
+    ids=["closed", "place", "position", "table", "as_at", "height"],
+)
+def test_a_contradiction_is_refused_with_its_figures(known: Known, message: str) -> None:
+    path = hand_path(SQUARE, np.tile(0.01**2 * np.eye(3), (4, 1, 1)))
+    calibration = Calibration("c", T_base_nav=Pose.identity(), table_height=0.0)
+    with pytest.raises(TrackingError) as caught:
+        condition_on(path, known, calibration, Pose.identity())
+    assert caught.value.message == message
+
+
+def test_two_contacts_without_a_tables_height_are_compared() -> None:
+    path = hand_path(SQUARE, np.tile(0.01**2 * np.eye(3), (4, 1, 1)))
+    with pytest.raises(TrackingError, match=r"stop 3\) is on the table as at 3\.25 s \(stop 2\), but it is 31 cm off"):
+        condition_on(path, Known(contacts=(Contact(mid(2)), Contact(mid(3)))))
+
+
+@pytest.mark.parametrize(("sigmas", "refused"), [(2.95, False), (3.05, True)])
+def test_three_sigma_of_a_height_is_the_bound(sigmas: float, refused: bool) -> None:
+    off = sigmas * np.hypot(0.01, SIGMA_M)
+    path = hand_path(np.array([[0.0, 0.0, 0.0], [0.1, 0.0, off]]), np.array([0.01**2 * np.eye(3)]))
+    known = Known(contacts=(Contact(mid(1), height=0.0),))
+    if refused:
+        with pytest.raises(TrackingError, match=r"3\.\d sigma"):
+            condition_on(path, known)
+    else:
+        (fit,) = condition_on(path, known).claims
+        assert fit.sigmas == pytest.approx(sigmas)
+
+
+@pytest.mark.parametrize(
+    ("dimension", "known"), [(3, Known(closed=True)), (1, Known(contacts=(Contact(mid(1), height=0.0),)))]
+)
+def test_the_bound_is_as_improbable_in_space_as_in_height(dimension: int, known: Known) -> None:
+    """0.27 % of all true claims are refused; of errors twice as large, as many as the chi-square distribution says."""
+    rng = np.random.default_rng(0)
+    moves = covariances(rng, 1, 0.01)
+    root = 2.0 * np.linalg.cholesky(moves[0] + SIGMA_M**2 * np.eye(3))
+    refused, n = 0, 600
+    for _ in range(n):
+        path = hand_path(np.array([np.zeros(3), root @ rng.normal(size=3)]), moves)
+        try:
+            condition_on(path, known)
+        except TrackingError:
+            refused += 1
+    share = chi2.sf(chi2.isf(0.0027, dimension) / 4.0, dimension)
+    assert abs(refused - n * share) < 4.0 * np.sqrt(n * share * (1.0 - share))
+
+
+def test_claims_that_agree_alone_may_contradict_each_other() -> None:
+    """Stop 1 is where stop 0 is, stop 2 where stop 1 is, ... each a little off: the sum of it is too much."""
+    p_stop = np.zeros((5, 3))
+    p_stop[:, 0] = 0.02 * np.arange(5)
+    path = hand_path(p_stop, np.tile(0.006**2 * np.eye(3), (4, 1, 1)))
+    pairs = tuple(Place((mid(k), mid(k + 1))) for k in range(4))
+    for pair in pairs:
+        condition_on(path, Known(places=(pair,)))
+    with pytest.raises(TrackingError, match=r"cm off against the other claims \(sigma .*, 3\.0 sigma\)"):
+        condition_on(path, Known(places=pairs))
+
+
+def test_the_claim_most_at_fault_is_the_one_that_is_named() -> None:
+    """Four places agree that the drift is small; one alone would be believed, against them it is not."""
+    p_stop = np.zeros((6, 3))
+    p_stop[:, 0] = [0.0, 0.0, 0.0, 0.05, 0.0, 0.0]
+    path = hand_path(p_stop, np.tile(0.01**2 * np.eye(3), (5, 1, 1)))
+    pairs = tuple(Place((mid(0), mid(k)), sigma_m=0.0005) for k in range(1, 6))
+    condition_on(path, Known(places=(pairs[2],)))
+    with pytest.raises(TrackingError, match=r"the tool at 4\.75 s \(stop 3\) is .* against the other claims") as caught:
+        condition_on(path, Known(places=pairs))
+    assert caught.value.fields["stop"] == 3
+
+
+@pytest.mark.parametrize(
+    ("known", "message"),
+    [
+        (
+            Known(places=(Place((mid(1), 99.0)),)),
+            r"a \[\[place\]\] names 99.00 s, but the hand does not stop there: the nearest stop, 4, is from 6.00 to "
+            "6.45 s; give a time within a stop",
+        ),
+        (
+            Known(places=(Place((mid(1), mid(1) + 0.1)),)),
+            r"a \[\[place\]\] names 1.75 and 1.85 s, but both are in one stop, 1, from 1.50 to 1.95 s; give times "
+            "within different stops",
+        ),
+        (Known(contacts=(Contact(mid(1)), Contact(mid(1) + 0.1))), r"\[\[contact\]\] with the table names 1.75 and"),
+        (Known(contacts=(Contact(1.6, as_at=1.7),)), r"a \[\[contact\]\] with its as_at_s names 1.60 and 1.70 s"),
+    ],
+)
+def test_a_time_without_a_stop_of_its_own(known: Known, message: str) -> None:
+    path = hand_path(SQUARE, np.tile(np.eye(3), (4, 1, 1)))
+    with pytest.raises(TrackingError, match=f"^{message}"):
+        condition_on(path, known)
+
+
+def test_a_time_near_a_stop_names_it() -> None:
+    path = hand_path(0.01 * SQUARE, np.tile(1e-3 * np.eye(3), (4, 1, 1)))
+    (fit,) = condition_on(path, Known(places=(Place((mid(1), mid(3) + 0.6)),))).claims
+    assert fit.stop == 3
+
+
+def test_a_path_is_conditioned_once() -> None:
+    path = condition_on(hand_path(np.zeros((2, 3)), np.array([1e-4 * np.eye(3)])), Known(closed=True))
+    with pytest.raises(ValueError, match="already"):
+        condition_on(path, Known(closed=True))
+
+
+def test_what_makes_no_sense_is_no_value() -> None:
+    for times in ((), (1.0,), (1.0, 1.0)):
+        with pytest.raises(ValueError, match="must name"):
+            Place(times)
+    for sigma in (0.0, -1.0, float("nan")):
+        with pytest.raises(ValueError, match="sigma_m"):
+            Place((1.0, 2.0), sigma_m=sigma)
+        with pytest.raises(ValueError, match="sigma_m"):
+            Contact(1.0, sigma_m=sigma)
+    with pytest.raises(ValueError, match="not both"):
+        Contact(1.0, as_at=2.0, height=0.0)
+    with pytest.raises(ValueError, match="two stops"):
+        Contact(1.0, as_at=1.0)
