@@ -14,6 +14,7 @@ import sys
 import time
 import warnings
 from collections import defaultdict
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -146,13 +147,13 @@ def heading_off(trial: Trial, wxyz: Array) -> tuple[float, Any]:
     return float(np.mean(2.0 * np.arctan2(off[known, 3], off[known, 0]))), known
 
 
-def window_errors(trial: Trial, motion: Motion) -> list[Window]:
+def window_errors(trial: Trial, motion: Motion, lengths: Sequence[float] = WINDOWS_S) -> list[Window]:
     """All windows of a trial, tracked from one known velocity to another."""
     recording, (attitude, a_nav, rest) = trial.recording, motion
     turn = quat_about_z(heading_off(trial, attitude.wxyz_nav_sensor)[0])
     p_true, v_true = quat_rotate(turn, trial.p_true), quat_rotate(turn, trial.v_true)
     found = []
-    for length in WINDOWS_S:
+    for length in lengths:
         n = round(length * recording.rate_hz)
         for start, stop in phases(trial.moving):
             for i in range(start, stop - n, n):

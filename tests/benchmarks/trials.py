@@ -37,7 +37,7 @@ class Window:
 
     start: int
     end: int
-    length: int
+    length: float
     error: Array
     z: Array
 
