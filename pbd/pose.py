@@ -47,16 +47,16 @@ def quat_cumulative(wxyz: ArrayLike) -> Array:
     """Products of the first 1, 2, ... n of unit quaternions (n, 4), in blocks of about sqrt(n), not one by one."""
     turns = np.asarray(wxyz, dtype=np.float64)
     n = len(turns)
+    if n < 2:
+        return turns.copy()
     block = int(np.ceil(np.sqrt(n)))
     padding = np.tile((1.0, 0.0, 0.0, 0.0), (-n % block, 1))
     within = np.concatenate((turns, padding)).reshape(-1, block, 4)
     for column in range(1, block):
         within[:, column] = quat_multiply(within[:, column - 1], within[:, column])
-    before = np.empty((len(within), 4))
-    before[0] = (1.0, 0.0, 0.0, 0.0)
-    for row in range(1, len(within)):
-        before[row] = quat_multiply(before[row - 1], within[row - 1, -1])
-    return quat_multiply(before[:, None], within).reshape(-1, 4)[:n]
+    before = quat_cumulative(within[:-1, -1])
+    within[1:] = quat_multiply(before[:, None], within[1:])
+    return within.reshape(-1, 4)[:n]
 
 
 def quat_rotate(wxyz: ArrayLike, vector: ArrayLike) -> Array:
