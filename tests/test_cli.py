@@ -154,9 +154,12 @@ def test_robots(capsys: Capture) -> None:
 HEADER = "t,gx,gy,gz,ax,ay,az\n"
 
 
-def write_recording(path: Path, rows: int = 400, acc: str = "0,0,9.81") -> Path:
-    """A still recording as a CSV."""
-    path.write_text(HEADER + "".join(f"{i / 100},0,0,0,{acc}\n" for i in range(rows)))
+def write_recording(path: Path, rows: int = 400, norm: float = 9.81) -> Path:
+    """A still recording as a CSV; the last digit of each number flickers, as a sensor's does."""
+    flicker = 1e-4 * np.random.default_rng(0).integers(-1, 2, (rows, 6)) + (0.0, 0.0, 0.0, 0.0, 0.0, norm)
+    path.write_text(
+        HEADER + "".join(f"{i / 100},{','.join(f'{x:.4f}' for x in row)}\n" for i, row in enumerate(flicker))
+    )
     return path
 
 
@@ -186,7 +189,7 @@ def test_a_bad_csv_is_one_line(capsys: Capture, elsewhere: Path, content: str, m
 
 
 def test_g_instead_of_metres_per_second_squared(capsys: Capture, elsewhere: Path) -> None:
-    write_recording(elsewhere / "g.csv", acc="0,0,1")
+    write_recording(elsewhere / "g.csv", norm=1.0)
     assert refused(capsys, 1, "keyframes", "g.csv") == (
         "pbd: at rest the accelerometer reads 1, but gravity is 9.81 m/s2; the values are likely in g: "
         "import the file with --unit acc=g"

@@ -1,4 +1,4 @@
-"""Look a recording over before anything is computed from it: what can be bridged is bridged, the rest is refused.
+"""Look a recording over before anything is computed from it: what can be mended is mended, the rest is refused.
 
 Every refusal says where (row, time) and what is likely wrong; rows are counted from 0, as `Recording.t` is indexed.
 """
@@ -16,6 +16,10 @@ from numpy.typing import NDArray
 from pbd.data import Recording, Stop
 from pbd.errors import PbdWarning, RecordingError, TrackingError
 from pbd.pose import Array
+from pbd.tracking.agreement import refuse_disagreement
+from pbd.tracking.clock import REACH, steady_clock, warn_of_rate
+from pbd.tracking.dead import frozen, magnetometer_is_dead, refuse_dead
+from pbd.tracking.spikes import without_spikes
 
 SLOWEST_HZ = 4.0
 """Slower than any sensor that is held in a hand: the unit of time is wrong."""
@@ -40,19 +44,22 @@ class Gap:
 
 
 def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
-    """Check a recording and interpolate what is missing.
+    """Check a recording, interpolate what is missing or wild, put coarse time stamps on a steady beat.
 
     Returns:
         The recording without NaN, row for row the same, and the gaps that are too long to be bridged: whether they
         matter depends on whether the hand moved (`refuse_gaps`).
 
     Raises:
-        RecordingError: too few rows, time that runs backwards or jumps, a channel without data.
+        RecordingError: too few rows, time that runs backwards or jumps, a channel without data or that is stuck, a gyro
+            that contradicts gravity.
     """
     t = recording.t
     if len(t) < 2:
         raise RecordingError(f"the recording has {len(t)} samples; record at least a second of rest, then move")
     _refuse_bad_clock(t)
+    recording = dataclasses.replace(recording, t=steady_clock(recording))
+    t = recording.t
     interval = 1.0 / recording.rate_hz
     if recording.rate_hz < SLOWEST_HZ:
         raise RecordingError(
@@ -61,17 +68,14 @@ def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
             value=recording.rate_hz,
             bound=SLOWEST_HZ,
         )
+    warn_of_rate(recording)
 
-    channels = {name: getattr(recording, name) for name in ("acc", "gyr", "mag", "device_rpy")}
-    given = {name: np.where(np.abs(v) < LARGEST, v, np.nan) for name, v in channels.items() if v is not None}
-    missing = np.zeros(len(t), dtype=bool)
-    for name, values in given.items():
-        bad = ~np.isfinite(values).all(axis=1)
-        if bad.all():
-            raise RecordingError(f"'{name}' holds no number in any row; leave the column out or record again")
-        # A magnetometer is slow and often sampled less often: its holes are no holes in the motion.
-        missing |= bad if name in ("acc", "gyr") else False
-
+    recording, missing = _filled(recording)
+    refuse_dead(recording)
+    if magnetometer_is_dead(recording):
+        recording = dataclasses.replace(recording, mag=None)
+    recording = without_spikes(recording)
+    missing |= frozen(recording)
     gaps = _gaps(t, missing, interval)
     if gaps:
         longest = max(gaps, key=lambda gap: gap.missing_s)
@@ -82,8 +86,12 @@ def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
             PbdWarning,
             stacklevel=2,
         )
-    filled: dict[str, Any] = {name: _interpolate(t, values) for name, values in given.items()}
-    return dataclasses.replace(recording, **filled), tuple(gap for gap in gaps if gap.missing_s > BRIDGED_S + 1e-6)
+    if not missing.all():
+        acc, gyr = (None if v is None else _interpolate(t, v, ~missing) for v in (recording.acc, recording.gyr))
+        assert acc is not None
+        recording = dataclasses.replace(recording, acc=acc, gyr=gyr)
+    refuse_disagreement(recording)
+    return recording, tuple(gap for gap in gaps if gap.missing_s > BRIDGED_S + 1e-6)
 
 
 def refuse_gaps(gaps: tuple[Gap, ...], t: Array, stops: tuple[Stop, ...]) -> None:
@@ -103,6 +111,23 @@ def refuse_gaps(gaps: tuple[Gap, ...], t: Array, stops: tuple[Stop, ...]) -> Non
                 value=gap.missing_s,
                 bound=BRIDGED_S,
             )
+
+
+def _filled(recording: Recording) -> tuple[Recording, NDArray[np.bool_]]:
+    """The recording without NaN, and the rows (n,) at which accelerometer or gyro said nothing."""
+    missing = np.zeros(len(recording), dtype=bool)
+    filled: dict[str, Any] = {}
+    for name in ("acc", "gyr", "mag", "device_rpy"):
+        values = getattr(recording, name)
+        if values is None:
+            continue
+        good = (np.abs(values) < LARGEST).all(axis=1)  # NaN is not
+        if not good.any():
+            raise RecordingError(f"'{name}' holds no number in any row; leave the column out or record again")
+        # A magnetometer is slow and often sampled less often: its holes are no holes in the motion.
+        missing |= ~good if name in ("acc", "gyr") else False
+        filled[name] = _interpolate(recording.t, values, good)
+    return dataclasses.replace(recording, **filled), missing
 
 
 def _counted(count: int, what: str) -> str:
@@ -133,8 +158,13 @@ def _gaps(t: Array, missing: NDArray[np.bool_], interval: float) -> list[Gap]:
     good = np.flatnonzero(~missing)
     if len(good) == 0:
         return [Gap(0, len(t) - 1, float(t[-1] - t[0]))]
-    spans = np.diff(t[good]) - interval
-    gaps = [Gap(int(good[i]), int(good[i + 1]), float(spans[i])) for i in np.flatnonzero(spans > 0.5 * interval)]
+    good = good[np.concatenate(([True], np.diff(t[good]) > 0.0))]
+    late = np.cumsum(np.diff(t[good], prepend=t[good[0]]) - interval)  # behind a steady beat
+    spans = np.diff(late)
+    far = np.flatnonzero(spans > 0.5 * interval)
+    # A late stamp is made up for by the next ones, a lost sample is not.
+    made_up = late[np.minimum(far + 1 + REACH, len(good) - 1)] - late[np.maximum(far - REACH, 0)]
+    gaps = [Gap(int(good[i]), int(good[i + 1]), float(spans[i])) for i in far[made_up > 0.5 * interval]]
     if good[0] > 0:
         gaps.insert(0, Gap(0, int(good[0]), float(t[good[0]] - t[0])))
     if good[-1] < len(t) - 1:
@@ -142,8 +172,7 @@ def _gaps(t: Array, missing: NDArray[np.bool_], interval: float) -> list[Gap]:
     return gaps
 
 
-def _interpolate(t: Array, values: Array) -> Array:
-    good = np.isfinite(values).all(axis=1)
+def _interpolate(t: Array, values: Array, good: NDArray[np.bool_]) -> Array:
     if good.all():
         return values
     return np.column_stack([np.interp(t, t[good], column) for column in values[good].T])

@@ -94,7 +94,7 @@ def _cumulative(steps: Array) -> Array:
 def edge(stop: Stop, t: Array) -> int:
     """How many of a stop's samples, at either end, are its edge."""
     length = min(EDGE_S, EDGE_SHARE * stop.dwell_s)
-    return int(np.searchsorted(t, t[stop.start] + length, side="right")) - 1 - stop.start
+    return int(np.searchsorted(t, t[stop.start] + length + 1e-6, side="right")) - 1 - stop.start
 
 
 def integrate_path(t: Array, a_nav: Array, stops: tuple[Stop, ...]) -> tuple[Array, Array, Array]:

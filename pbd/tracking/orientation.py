@@ -9,20 +9,26 @@ from pbd.data import Attitude, Recording
 from pbd.errors import TrackingError
 from pbd.pose import (
     Array,
-    quat_about_z,
     quat_canonical,
+    quat_exp,
     quat_from_rpy,
     quat_multiply,
     quat_rotate,
 )
+from pbd.tracking.magnetic import magnetic_heading
 
 TAU_ACC_S = 6.0
 """VQF's time constant for tilt from the accelerometer (its default is 3 s): what a hand does within a second or two is
 motion, and the longer the constant, the less of it is mistaken for tilt. From 4 to 12 s recordings hardly differ."""
 
 
+VQF = {"tauAcc": TAU_ACC_S, "restThGyr": 1.0, "restThAcc": 0.25}
+"""VQF takes rest for the gyro's bias: below 1 degree/s and 0.25 m/s2 (its defaults are twice that, and a hand that turns
+slowly and smoothly is below them)."""
+
+
 def estimate_attitude(recording: Recording, first_rest: slice) -> Attitude:
-    """Estimate the attitude at each sample's instant with offline VQF: 9 axes with a magnetometer, 6 without.
+    """Estimate the attitude at each sample's instant by offline VQF with 6 axes; a magnetometer turns it to north.
 
     VQF pairs the accelerometer with the orientation *after* a gyro step. A sample is the mean over its interval and
     describes its middle, so what VQF is fed is the turn from one sample's middle to the next one's
@@ -44,11 +50,13 @@ def estimate_attitude(recording: Recording, first_rest: slice) -> Attitude:
     interval = 1.0 / recording.rate_hz
     rows, t = _regular(recording.t, interval)
     acc, gyr = _at(t, recording.t, recording.acc), _at(t, recording.t, recording.gyr)
-    mag = None if recording.mag is None else _at(t, recording.t, recording.mag)
-    result = offlineVQF(turns_between_middles(t, gyr, interval) / interval, acc, mag, interval, {"tauAcc": TAU_ACC_S})
-    wxyz = quat_canonical(result["quat6D" if mag is None else "quat9D"])[rows]
-    if mag is None:
-        wxyz = quat_multiply(quat_about_z(-_heading(wxyz[first_rest])), wxyz)
+    result = offlineVQF(turns_between_middles(t, gyr, interval) / interval, acc, None, interval, VQF)
+    wxyz = quat_canonical(result["quat6D"])[rows]
+    if recording.mag is None:
+        to_nav = np.full(len(recording), -heading(wxyz[first_rest]))
+    else:
+        to_nav = magnetic_heading(recording.t, recording.mag, wxyz, first_rest)
+    wxyz = quat_multiply(quat_exp(np.outer(to_nav, (0.0, 0.0, 1.0))), wxyz)
     return Attitude(quat_canonical(wxyz), result["bias"][rows])
 
 
@@ -84,7 +92,7 @@ def _device_attitude(recording: Recording) -> Attitude:
     return Attitude(quat_from_rpy(recording.device_rpy), np.zeros((len(recording), 3)))
 
 
-def _heading(wxyz: Array) -> float:
+def heading(wxyz: Array) -> float:
     """Heading of the sensor's x axis laid level, or of its y axis where x is within 30 degrees of vertical."""
     q = mean_quaternion(wxyz)
     axis = quat_rotate(q, (1.0, 0.0, 0.0))

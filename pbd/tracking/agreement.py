@@ -1,0 +1,117 @@
+"""The gyro held against gravity: what it says of a turn must bring the vertical to where the accelerometer sees it.
+
+So a gyro in another unit is found out, or one whose axes are not the accelerometer's. A turn about the vertical says
+nothing, and turns about one axis say little of the others: what is not contradicted is believed.
+"""
+
+from __future__ import annotations
+
+from itertools import permutations, product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbd.data import Recording
+from pbd.errors import RecordingError
+from pbd.pose import Array, quat_inverse, quat_multiply, quat_rotate
+from pbd.tracking.steady import carried, find_steady
+
+FINE_HZ = 50.0
+"""Samples are averaged down to about this rate: enough to follow a hand, and cheap in a long recording."""
+
+STEP_S, APART_S, LONGEST_S = 0.1, 0.5, 5.0
+"""Steady moments at least STEP_S apart are held against the next that is at least APART_S later, at most LONGEST_S."""
+
+TURNED = np.radians(20.0)
+"""Moments between which the vertical turns further than this, by either sensor, tell something. So far the sensors must
+disagree (in the median) ..."""
+
+AGREES, BETTER = np.radians(10.0), 3.0
+"""... and another reading of the gyro must agree to this, and so many times better, for the gyro to be refused ..."""
+
+FEW, SEVERAL = 2, 8
+"""... at this many pairs of moments, or more; at so many for axes, which have more ways to agree by chance."""
+
+
+def refuse_disagreement(recording: Recording) -> None:
+    """Refuse a gyro in another unit than rad/s, or with other axes than the accelerometer's; `recording` without NaN.
+
+    Raises:
+        RecordingError: with what to give `pbd import`.
+    """
+    if recording.gyr is None:
+        return
+    every = max(1, round(recording.rate_hz / FINE_HZ))
+    acc, gyr = _averaged(recording.acc, every), _averaged(recording.gyr, every)
+    rate_hz = recording.rate_hz / every
+    steady = find_steady(acc, gyr, rate_hz)
+    gyr = gyr - steady.gyro_bias
+    first, second = _pairs(steady.rows, rate_hz)
+    up, up_later = steady.up_sensor[first], steady.up_sensor[second]
+    begin, end = steady.rows[first], steady.rows[second]
+
+    def predicted(gyr: Array) -> Array:
+        attitude = carried(gyr, 1.0 / rate_hz)
+        return quat_rotate(quat_multiply(quat_inverse(attitude[end]), attitude[begin]), up)
+
+    as_it_is = predicted(gyr)
+    telling = np.maximum(_angles(up, up_later), _angles(up, as_it_is)) > TURNED
+    if telling.sum() < FEW:
+        return
+    off = float(np.median(_angles(up_later, as_it_is)[telling]))
+    if off < TURNED:
+        return
+
+    def disagreement(gyr: Array) -> float:
+        return float(np.median(_angles(up_later, predicted(gyr))[telling]))
+
+    enough = min(AGREES, off / BETTER)
+    where = f"(by {np.degrees(off):.0f} degrees, first at t = {recording.t[begin[telling][0] * every]:.1f} s)"
+    if disagreement(np.radians(gyr)) < enough:
+        raise RecordingError(
+            f"the gyro turns 57 times as far as gravity shows {where}: its values are in deg/s; import the file with "
+            "--unit gyr=deg/s",
+            value=off,
+            unit="deg/s",
+        )
+    if disagreement(np.degrees(gyr)) < enough:
+        raise RecordingError(
+            f"the gyro turns 57 times less than gravity shows {where}: its values were in rad/s, but were read as "
+            "deg/s; import the file with --unit gyr=rad/s",
+            value=off,
+            unit="rad/s",
+        )
+    if telling.sum() < SEVERAL:
+        return
+    others = [(order, signs) for order in permutations(range(3)) for signs in product((1, -1), repeat=3)]
+    order, signs = min(others, key=lambda other: disagreement(gyr[:, other[0]] * other[1]))
+    if disagreement(gyr[:, order] * signs) < enough:
+        fit = ", ".join("+-"[sign < 0] + "xyz"[axis] for axis, sign in zip(order, signs, strict=True))
+        raise RecordingError(
+            f"the gyro does not turn as gravity shows {where}: its axes are not the accelerometer's, which x, y, z of "
+            f"the gyro's {fit} would be; name the columns with --column gx=NAME, or turn their signs in the file",
+            value=off,
+        )
+
+
+def _pairs(rows: NDArray[np.intp], rate_hz: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Indices of moments (k,), and of those to hold them against (k,)."""
+    if len(rows) == 0:
+        return rows, rows
+    _, first = np.unique(rows // max(1, round(STEP_S * rate_hz)), return_index=True)
+    second = np.searchsorted(rows, rows[first] + APART_S * rate_hz)
+    there = second < len(rows)
+    first, second = first[there], second[there]
+    near = rows[second] - rows[first] <= LONGEST_S * rate_hz
+    return first[near], second[near]
+
+
+def _angles(a: Array, b: Array) -> Array:
+    """Angles (k,) rad between unit vectors (k, 3)."""
+    angles: Array = np.arccos(np.clip((a * b).sum(axis=1), -1.0, 1.0))
+    return angles
+
+
+def _averaged(values: Array, every: int) -> Array:
+    averaged: Array = values[: len(values) // every * every].reshape(-1, every, 3).mean(axis=1)
+    return averaged

@@ -1,0 +1,113 @@
+"""Time stamps as they are: coarse, or of batches; of a clock that runs otherwise than its maker says.
+
+A stamp that is a little off does little harm: the velocity is off by the change of acceleration meanwhile. But coarse
+stamps pretend another rate, and lost samples where none are. So they are put on the steady beat that made them.
+"""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbd.data import Recording
+from pbd.errors import PbdWarning
+from pbd.pose import Array
+
+COARSE = 0.05
+"""Stamps in steps of this share of the sampling interval, or more, are coarse ..."""
+
+OFF_BEAT = 0.02
+"""... if some of them are off the beat by this share of it."""
+
+BATCHED = 0.01
+"""If more than this share of new samples come within a quarter of an interval, they are stamped in batches."""
+
+REACH = 8
+"""In samples: a late stamp is made up for within so many, a lost sample is not."""
+
+NOMINAL = 0.01
+"""If samples come at the nominal rate in the mean, to this share, none is lost."""
+
+SMOOTH_S = 1.0
+"""A clock's slow drift is followed over this long."""
+
+RATE_OFF = 0.05
+"""A measured rate that differs by more than this share from the nominal one is told."""
+
+
+def steady_clock(recording: Recording) -> Array:
+    """Time stamps (n,) s, on a steady beat where they were coarse or in batches; lost samples stay lost.
+
+    `recording.t` must not run backwards. Warns where it changes something.
+    """
+    t, nominal_hz = recording.t, recording.info.rate_hz
+    new = np.concatenate(([True], (np.diff(t) > 0.0) | _differs(recording)))
+    stamps = t[new]
+    if len(stamps) > 4 * REACH:
+        interval, reach = _beat(stamps, nominal_hz)
+        fault = _fault(stamps, interval)
+        if fault:
+            stamps = _on_beat(stamps, interval, reach)
+            t = stamps[np.cumsum(new) - 1]
+            rate_hz = 1.0 / float(np.median(np.diff(stamps)))
+            warnings.warn(f"{fault}; they are put on a steady beat of {rate_hz:.4g} Hz", PbdWarning, stacklevel=3)
+    return t
+
+
+def warn_of_rate(recording: Recording) -> None:
+    """Warn where the samples do not come at the nominal rate."""
+    nominal_hz, rate_hz = recording.info.rate_hz, recording.rate_hz
+    if nominal_hz is not None and abs(rate_hz / nominal_hz - 1.0) > RATE_OFF:
+        warnings.warn(
+            f"the sensor is set to {nominal_hz:.4g} Hz, but by their time stamps the samples come at {rate_hz:.4g} Hz; "
+            f"if these err, every distance is {(nominal_hz / rate_hz) ** 2:.2f} times the true one: check it",
+            PbdWarning,
+            stacklevel=3,
+        )
+
+
+def _differs(recording: Recording) -> NDArray[np.bool_]:
+    """Whether each row says something else than the one before it, (n - 1,)."""
+    given = [values for values in (recording.acc, recording.gyr) if values is not None]
+    differs: NDArray[np.bool_] = np.any([(np.diff(values, axis=0) != 0.0).any(axis=1) for values in given], axis=0)
+    return differs
+
+
+def _beat(t: Array, nominal_hz: float | None) -> tuple[float, int]:
+    """The sampling interval of stamps that may be coarse, from the spans of several, and of how many."""
+    mean = float(t[-1] - t[0]) / (len(t) - 1)
+    steps = np.diff(t)
+    tick = float(np.median(steps[steps > 0.25 * mean]))  # of a batch, say
+    reach = min(REACH * max(1, round(tick / mean)), len(t) // 4)
+    if nominal_hz is not None and abs(mean * nominal_hz - 1.0) < NOMINAL:
+        return mean, reach  # no sample is lost
+    return float(np.median(t[reach:] - t[:-reach])) / reach, reach
+
+
+def _fault(t: Array, interval: float) -> str:
+    """What is wrong with stamps (n,) s of samples that are all new; nothing: an empty word."""
+    steps = np.diff(t)
+    if (steps < 0.25 * interval).mean() > BATCHED:
+        return "the time stamps come in batches"
+    tick = 1e-6 * float(np.gcd.reduce(np.rint(1e6 * steps).astype(np.int64)))
+    away = np.abs(steps - interval * np.maximum(np.rint(steps / interval), 1.0))
+    if tick >= COARSE * interval and (away > OFF_BEAT * interval).mean() > OFF_BEAT:
+        return f"the time stamps come in steps of {1e3 * tick:.4g} ms"
+    return ""
+
+
+def _on_beat(t: Array, interval: float, reach: int) -> Array:
+    from scipy.ndimage import minimum_filter1d, uniform_filter1d
+
+    place = np.arange(len(t), dtype=np.float64)
+    # A stamp comes late, or rounded down, but never early: what is left over is least for the most punctual stamps, and
+    # rises for good where samples are lost.
+    punctual = minimum_filter1d(t - interval * place, reach + 1, mode="nearest", origin=-(reach // 2))
+    place[1:] += np.cumsum(np.maximum(np.rint(np.diff(punctual) / interval), 0.0))
+    interval, begin = np.polyfit(place, t, 1)
+    left_over = t - begin - interval * place
+    smooth = uniform_filter1d(left_over, max(1, round(SMOOTH_S / interval)), mode="nearest")
+    beat: Array = begin + interval * place + smooth
+    return beat

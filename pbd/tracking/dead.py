@@ -1,0 +1,119 @@
+"""Channels that say nothing: an axis that is stuck, a sensor that repeats itself, a magnetometer that isn't there.
+
+A real sensor's noise changes its reading all the time; one that reads the same over and over, while the others go on,
+is dead. A sensor without noise (a simulated one) is constant too while it rests, and is nothing of the kind.
+"""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbd.data import Recording
+from pbd.errors import PbdWarning, RecordingError
+from pbd.pose import Array
+from pbd.tracking.rest import STILL_ACC
+from pbd.tracking.steady import window_moments
+from pbd.tracking.stops import runs
+
+NAMES = {"acc": "accelerometer", "gyr": "gyro"}
+
+STUCK_S = 2.0
+"""An axis that doesn't change for so long is stuck, if the others change ..."""
+
+ALIVE = 0.9
+"""... from row to row, in this share of the rows at least."""
+
+FROZEN_S = 0.050
+"""A sensor that repeats itself for longer than this has stopped measuring ..."""
+
+REPEATS = 0.01
+"""... unless it repeats more than this share of its readings anyway: a coarse one does."""
+
+ROUGH = 2.0
+"""Third differences of noise are 3.2 times as large as its first ones; those of smooth motion are smaller."""
+
+CALM_ROWS, ROUNDING = 20, 1e-6
+"""Noise is looked for in so many rows; changes smaller than this (m/s2, rad/s) are a computer's rounding."""
+
+
+def refuse_dead(recording: Recording) -> None:
+    """Refuse a recording that never changes, or an axis of accelerometer or gyro that is stuck.
+
+    Raises:
+        RecordingError: which axis, since when.
+    """
+    t = recording.t
+    given = {name: values for name in NAMES if (values := getattr(recording, name)) is not None}
+    if not any(np.diff(values, axis=0).any() for values in given.values()):
+        raise RecordingError("every row says the same: the sensor is stuck, or was never read; record again", row=0)
+    seldom = max(1, round(0.4 * STUCK_S * recording.rate_hz))  # which spares looking at every run
+    columns = [(name, axis, values[:, axis]) for name, values in given.items() for axis in range(3)]
+    for name, axis, column in columns:
+        if name == "acc" and not recording.acc.any():
+            continue  # `find_rest` says more
+        if (np.diff(column[::seldom]) != 0.0).all():
+            continue
+        for start, stop in runs(np.diff(column) == 0.0):
+            if t[stop] - t[start] < STUCK_S:
+                continue
+            others = [other[start : stop + 1] for _, _, other in columns if other is not column]
+            if any(_alive(other) for other in others):
+                raise RecordingError(
+                    f"axis {'xyz'[axis]} of the {NAMES[name]} is stuck at {column[start]:.4g} from {t[start]:.2f} s "
+                    f"(row {start}) to {t[stop]:.2f} s, while others change; mend the sensor, or check the columns",
+                    row=start,
+                    t=float(t[start]),
+                    value=float(column[start]),
+                )
+
+
+def frozen(recording: Recording) -> NDArray[np.bool_]:
+    """Rows (n,) at which a sensor with noise repeats itself for too long: it has stopped measuring."""
+    given = [values for values in (recording.acc, recording.gyr) if values is not None]
+    same = ~np.any([np.diff(values, axis=0).any(axis=1) for values in given], axis=0)
+    same &= np.diff(recording.t) > 0.0
+    dead = np.zeros(len(recording), dtype=bool)
+    long = [(start, stop) for start, stop in runs(same) if recording.t[stop] - recording.t[start] > FROZEN_S]
+    for start, stop in long:
+        dead[start + 1 : stop + 1] = True
+    if long and (same & ~dead[1:]).mean() < REPEATS and _noisy(recording.acc[~dead]):
+        return dead
+    return np.zeros(len(recording), dtype=bool)
+
+
+def magnetometer_is_dead(recording: Recording) -> bool:
+    """Tell whether the magnetometer always reads the same, though the sensor has noise; warns."""
+    if recording.mag is None or np.diff(recording.mag, axis=0).any():
+        return False
+    if recording.mag.any() and not _noisy(recording.acc):
+        return False
+    warnings.warn(
+        f"the magnetometer always reads {np.linalg.norm(recording.mag[0]):.4g} and is left out: heading starts at the "
+        "sensor's own x axis",
+        PbdWarning,
+        stacklevel=3,
+    )
+    return True
+
+
+def _alive(column: Array) -> bool:
+    return bool((np.abs(np.diff(column)) > ROUNDING).mean() > ALIVE and _roughness(column) > ROUGH)
+
+
+def _roughness(values: Array) -> float:
+    """How much rougher than smooth motion: third against first differences, of (n,) or (n, 3)."""
+    first = np.abs(np.diff(values, axis=0)).sum()
+    return float(np.abs(np.diff(values, n=3, axis=0)).sum() / first) if first > 0.0 else 0.0
+
+
+def _noisy(acc: Array) -> bool:
+    """Tell whether a sensor at rest has noise, by the calmest of its rows that change."""
+    changing = acc[1:][(np.abs(np.diff(acc, axis=0)) > ROUNDING).any(axis=1)]
+    if len(changing) < CALM_ROWS:
+        return False
+    variance, _ = window_moments(changing, CALM_ROWS)
+    calmest = int(np.argmin(variance))
+    return bool(variance[calmest] < STILL_ACC**2 and _roughness(changing[calmest : calmest + CALM_ROWS]) > ROUGH)

@@ -1,0 +1,43 @@
+"""Ways to spoil a recording, and what may come of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pbd.data import HandPath, Recording
+from pbd.errors import PbdError
+from pbd.pipeline import METHODS, track
+from pbd.pose import Array
+
+every_method = pytest.mark.parametrize("method", METHODS)
+quietly = pytest.mark.filterwarnings("ignore::pbd.errors.PbdWarning")
+
+
+def with_channel(recording: Recording, channel: str, values: Array | None) -> Recording:
+    changes: dict[str, Any] = {channel: values}
+    return replace(recording, **changes)
+
+
+def broken(recording: Recording, channel: str, rows: slice, value: float) -> Recording:
+    """One value in all columns of some rows of a channel."""
+    values = np.array(getattr(recording, channel))
+    values[rows] = value
+    return with_channel(recording, channel, values)
+
+
+def path_or_none(recording: Recording, method: str) -> HandPath | None:
+    """The path, which must be sound, or None where the recording is refused. Any other exception is a bug."""
+    try:
+        path = track(recording, method)
+    except PbdError:
+        return None
+    for values in (path.t, path.p_nav_sensor, path.v_nav_sensor, path.wxyz_nav_sensor, path.closure, path.cov):
+        assert np.isfinite(values).all()
+    assert len(path.p_nav_sensor) == len(recording)
+    assert np.linalg.norm(path.wxyz_nav_sensor, axis=1) == pytest.approx(1.0)
+    assert np.linalg.eigvalsh(path.cov).min() >= -1e-9 * np.abs(path.cov).max()
+    return path

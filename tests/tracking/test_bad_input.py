@@ -1,0 +1,225 @@
+"""Recordings that are none, or hardly: a clear error or a right answer, never a traceback, never NaN."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pbd.data import Demonstration, Recording
+from pbd.errors import PbdError, PbdWarning, RecordingError, TrackingError
+from pbd.pipeline import track
+from pbd.sensors.simulate import random_task, simulate
+from pbd.sensors.simulated_hand import Waypoint
+from pbd.sensors.simulated_tasks import Task
+from tests.scenarios import keyframes_and_errors, pour, with_rows
+from tests.tracking.faults import broken, every_method, quietly, with_channel
+
+every_channel = pytest.mark.parametrize("channel", ["acc", "gyr", "mag", "device_rpy"])
+
+RIGHT_M = 0.05
+"""A right answer is this near, a wrong trajectory is further off."""
+
+
+@quietly
+@pytest.mark.parametrize("sensor", ["modern", "os5000"])
+@pytest.mark.parametrize("seed", range(4))
+def test_under_half_a_second_of_rest_at_the_start_is_enough_if_a_later_one_is_longer(sensor: str, seed: int) -> None:
+    demo = simulate(random_task(seed, moves=4, first_rest_s=0.4, rest_s=(1.1, 1.5)), sensor, seed)
+    keyframes, errors = keyframes_and_errors(demo)
+    assert len(keyframes) == 5
+    assert errors.max() < RIGHT_M
+
+
+# VQF does not learn the gyro's bias in 0.4 s: the tilt drifts in the first move, and its middle, where the acceleration
+# passes zero, is not found out as coasting. Fed with the rate less the mean at the first rest, it is.
+@quietly
+@pytest.mark.xfail(strict=True, reason="pbd.tracking.orientation: the gyro's bias at rest is not taken out before VQF")
+@pytest.mark.parametrize("sensor", ["wt901", "os5000"])
+def test_a_gyros_bias_does_no_harm_after_a_short_rest(sensor: str) -> None:
+    demo = simulate(random_task(7, moves=4, first_rest_s=0.4, rest_s=(1.0, 1.2)), sensor, 7)
+    keyframes, errors = keyframes_and_errors(demo)
+    assert len(keyframes) == 5
+    assert errors.max() < RIGHT_M
+
+
+# find_rest lets a hand that moves slowly (0.5 m/s2 and 0.15 rad/s rms) pass for a hand at rest, and what it measures
+# there sets the thresholds of all stops. With STILL_ACC 0.2 and STILL_GYR 0.05 all but one of these are refused.
+@quietly
+@pytest.mark.xfail(strict=True, reason="pbd.tracking.rest: a slow move passes for a rest where no rest lasts a second")
+@pytest.mark.parametrize("seed", [0, 6])
+def test_where_no_rest_lasts_a_second_nothing_wrong_is_said(seed: int) -> None:
+    assert refused_or_right(simulate(random_task(seed, moves=4, first_rest_s=0.45, rest_s=(0.5, 0.6)), "modern", seed))
+
+
+def refused_or_right(demo: Demonstration) -> bool:
+    try:
+        _, errors = keyframes_and_errors(demo)
+    except PbdError:
+        return True
+    return bool(errors.max() < RIGHT_M)
+
+
+@every_method
+@pytest.mark.parametrize("sensor", ["modern", "os5000"])
+def test_a_hand_that_never_rests_is_refused(method: str, sensor: str) -> None:
+    there, back = Waypoint((0.15, 0.1, 0.05), (0.3, 0.2, 0.0), 0.5), Waypoint((0.0, 0.0, 0.0), (-0.3, 0.0, 0.4), 0.5)
+    task = Task("restless", (Waypoint(), *(5 * (there, back))))
+    with pytest.raises(TrackingError, match="never stands still"):
+        track(simulate(task, sensor).recording, method)
+
+
+@every_method
+@pytest.mark.parametrize("rows", [0, 1])
+def test_no_or_one_sample_is_refused(method: str, rows: int) -> None:
+    with pytest.raises(RecordingError, match=f"the recording has {rows} samples; record at least a second"):
+        track(with_rows(pour().recording, slice(0, rows)), method)
+
+
+def test_samples_that_never_change_are_refused() -> None:
+    n = 400
+    same = Recording(0.01 * np.arange(n, dtype=np.float64), np.tile((0.0, 0.0, 9.81), (n, 1)), np.zeros((n, 3)))
+    with pytest.raises(RecordingError, match=r"every row says the same: .* record again"):
+        track(same)
+
+
+def test_a_magnetometer_of_zeros_is_left_out() -> None:
+    recording = pour().recording
+    with pytest.warns(PbdWarning, match="the magnetometer always reads 0 and is left out"):
+        path = track(replace(recording, mag=np.zeros_like(recording.acc)))
+    without = track(replace(recording, mag=None))
+    assert np.array_equal(path.p_nav_sensor, without.p_nav_sensor)
+    assert np.array_equal(path.wxyz_nav_sensor, without.wxyz_nav_sensor)
+
+
+@every_method
+@every_channel
+@pytest.mark.parametrize("value", [np.nan, -1e300])
+@pytest.mark.parametrize("column", [0, slice(None)], ids=["one column", "all columns"])
+def test_a_channel_without_a_number_is_named(method: str, channel: str, value: float, column: int | slice) -> None:
+    recording = pour().recording
+    values = np.array(getattr(recording, channel))
+    values[:, column] = value
+    with pytest.raises(RecordingError, match=f"'{channel}' holds no number in any row; leave the column out"):
+        track(with_channel(recording, channel, values), method)
+
+
+@every_method
+@every_channel
+@pytest.mark.parametrize("value", [np.nan, -1e300])
+def test_rows_without_a_number_are_bridged(method: str, channel: str, value: float) -> None:
+    """Three rows in a move: 40 ms between good ones."""
+    recording = pour().recording
+    rows = slice(300, 303)
+    if channel in ("acc", "gyr"):
+        with pytest.warns(PbdWarning, match=r"1 gap in the data, 3 samples .* after row 299 \(t = 2\.99 s\)"):
+            path = track(broken(recording, channel, rows, value), method)
+    else:
+        path = track(broken(recording, channel, rows, value), method)
+    whole = track(recording, method)
+    assert len(path.stops) == len(whole.stops)
+    assert np.abs(path.p_nav_sensor - whole.p_nav_sensor).max() < 0.01
+
+
+# pbd.tracking.clock takes differences of rows that hold infinities: a RuntimeWarning of numpy's.
+@pytest.mark.xfail(strict=True, reason="pbd.tracking.clock._differs: inf - inf", raises=RuntimeWarning)
+@pytest.mark.parametrize("channel", ["acc", "gyr"])
+def test_infinities_hold_no_number(channel: str) -> None:
+    recording = pour().recording
+    with pytest.warns(PbdWarning, match=r"1 gap in the data, 3 samples .* after row 299 \(t = 2\.99 s\)"):
+        path = track(broken(recording, channel, slice(300, 303), np.inf))
+    assert len(path.stops) == 11
+    with pytest.raises(RecordingError, match=f"'{channel}' holds no number in any row"):
+        track(broken(recording, channel, slice(None), -np.inf))
+
+
+@quietly
+@pytest.mark.parametrize("channel", ["acc", "gyr"])
+@pytest.mark.parametrize("length", [10, 40])
+def test_a_long_hole_in_a_move_is_refused_with_its_place(channel: str, length: int) -> None:
+    with pytest.raises(TrackingError, match=r"are missing after row 279 \(t = 2\.79 s\), while the hand moves"):
+        track(broken(pour().recording, channel, slice(280, 280 + length), np.nan))
+
+
+# A hole from one rest to the next looks as one in a rest: interpolated, it is quiet.
+@quietly
+@pytest.mark.xfail(strict=True, reason="pbd.tracking.conditioning.refuse_gaps: a hole that hides a whole move passes")
+@pytest.mark.parametrize("sensor", ["modern", "os5000"])
+def test_a_hole_that_may_hide_a_whole_move_is_refused_or_makes_unsure(sensor: str) -> None:
+    """The hand lifts the bottle by 0.2 m from 6.3 to 7.3 s; the sensor says nothing from 6.25 to 7.35 s."""
+    demo = pour(sensor)
+    t = demo.recording.t
+    hole = slice(int(np.searchsorted(t, 6.25)), int(np.searchsorted(t, 7.35)))
+    recording = broken(broken(demo.recording, "acc", hole, np.nan), "gyr", hole, np.nan)
+    try:
+        path = track(recording)
+    except TrackingError:
+        return
+    assert demo.truth is not None
+    error = float(np.linalg.norm(path.p_nav_sensor[-1] - demo.truth.p_nav_sensor[-1]))
+    assert error < 3.0 * np.sqrt(np.trace(path.cov[-1, :3, :3]))
+
+
+@every_method
+@pytest.mark.parametrize("unit", [1e3, 1e6, 1e9], ids=["ms", "us", "ns"])
+def test_a_time_that_is_not_in_seconds_is_refused(method: str, unit: float) -> None:
+    recording = pour().recording
+    with pytest.raises(RecordingError, match=r"--unit t=ms|time jumps from 0\.000 s \(row 0\) to"):
+        track(replace(recording, t=unit * recording.t), method)
+
+
+@every_method
+@pytest.mark.parametrize("t", [0.0, 5.0, -1e9])
+def test_a_time_that_stands_still_is_refused(method: str, t: float) -> None:
+    recording = pour().recording
+    with pytest.raises(RecordingError, match="most rows carry the same time; the column 't' must be seconds"):
+        track(replace(recording, t=np.full(len(recording), t)), method)
+
+
+@every_method
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("row", [0, 700, 1942])
+def test_an_instant_that_is_no_number_is_named(method: str, value: float, row: int) -> None:
+    recording = pour().recording
+    t = recording.t.copy()
+    t[row] = value
+    with pytest.raises(RecordingError, match=f"the time of row {row} is not a number"):
+        track(replace(recording, t=t), method)
+
+
+# pbd.tracking.magnetic spreads what is disturbed with np.convolve(..., mode="same"): as long as the longer of the two.
+@quietly
+@pytest.mark.xfail(strict=True, reason="pbd.tracking.magnetic: under 2.25 s and disturbed", raises=ValueError)
+def test_a_disturbed_field_in_a_recording_of_a_second_is_no_bug() -> None:
+    recording = with_rows(pour().recording, slice(0, 120))
+    field = np.where(recording.t[:, None] > 0.6, 2.0, 1.0) * np.asarray(recording.mag)
+    assert len(track(replace(recording, mag=field)).stops) == 1
+
+
+# pbd.tracking.magnetic divides by the strength of the field in the first rest.
+@quietly
+@pytest.mark.xfail(strict=True, reason="pbd.tracking.magnetic: no field in the first rest", raises=RuntimeWarning)
+def test_a_magnetometer_that_starts_late_is_no_bug() -> None:
+    recording = pour().recording
+    assert len(track(broken(recording, "mag", slice(0, 300), 0.0)).stops) == 11
+
+
+# pbd.tracking.uncertainty.accelerometer_level divides by the norm of the mean specific force at each stop.
+@quietly
+@pytest.mark.xfail(strict=True, reason="pbd.tracking.uncertainty: specific force 0 at a stop", raises=RuntimeWarning)
+def test_an_accelerometer_that_reads_zero_throughout_a_stop_is_refused() -> None:
+    recording = pour().recording
+    stop = track(recording).stops[3]
+    with pytest.raises(PbdError):
+        track(broken(recording, "acc", slice(stop.start, stop.stop), 0.0))
+
+
+# A row that is repeated as often as the detector's window is long is a stop without duration, and all of it is edge.
+@quietly
+@pytest.mark.xfail(strict=True, reason="pbd.tracking.integration.edge: a stop that is all edge", raises=RuntimeWarning)
+@pytest.mark.parametrize("row", [28, 31])
+def test_a_row_repeated_ten_times_is_no_stop(row: int) -> None:
+    recording = simulate("pour", "modern", rate_hz=10.0).recording
+    rows = np.sort(np.append(np.arange(len(recording), dtype=np.intp), 9 * [row]))
+    assert len(track(with_rows(recording, rows)).stops) == len(track(recording).stops)

@@ -1,0 +1,268 @@
+"""Each stage alone: run one by one they give what `track` gives, and each against an oracle of its own."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.interpolate import CubicHermiteSpline
+
+from pbd.data import Attitude, Recording
+from pbd.pipeline import track
+from pbd.pose import (
+    Array,
+    quat_cumulative,
+    quat_exp,
+    quat_inverse,
+    quat_log,
+    quat_multiply,
+    quat_rotate,
+)
+from pbd.tracking.conditioning import condition
+from pbd.tracking.gravity import motion_acceleration
+from pbd.tracking.integration import (
+    EVEN_DRIFT,
+    MOTION_DRIFT,
+    integral_of_means,
+    integral_of_values,
+    integrate_move,
+    integrate_path,
+)
+from pbd.tracking.keyframes import find_keyframes, find_segments
+from pbd.tracking.orientation import estimate_attitude, turns_between_middles
+from pbd.tracking.rest import find_rest
+from pbd.tracking.smoothing import smooth_motion
+from pbd.tracking.stops import find_stops
+from pbd.tracking.uncertainty import stop_covariance
+from tests.scenarios import pour
+from tests.tracking.hands import largest_angle
+
+DOCS = Path(__file__).parents[2] / "docs" / "tracking.md"
+
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)
+
+
+@pytest.mark.parametrize("sensor", ["modern", "os5000", "os5000-nogyro"])
+def test_the_stages_one_by_one_give_what_track_gives(sensor: str) -> None:
+    demo = pour(sensor)
+    path = track(demo.recording)
+    recording, gaps = condition(demo.recording)
+    rest = find_rest(recording)
+    attitude = estimate_attitude(recording, slice(rest.start, rest.stop))
+    a_nav = motion_acceleration(recording, attitude, rest.gravity)
+    stops = find_stops(recording, a_nav, attitude.wxyz_nav_sensor, rest)
+    attitude, a_nav = smooth_motion(recording, attitude, a_nav, stops, rest)
+    p, v, closure = integrate_path(recording.t, a_nav, stops)
+    assert not gaps
+    assert stops == path.stops
+    assert np.array_equal(p, path.p_nav_sensor)
+    assert np.array_equal(v, path.v_nav_sensor)
+    assert np.array_equal(attitude.wxyz_nav_sensor, path.wxyz_nav_sensor)
+    assert np.array_equal(closure, path.closure)
+    assert np.array_equal(stop_covariance(recording, a_nav, p, stops, closure, rest), path.cov)
+
+
+def test_the_example_in_the_docs_gives_what_track_gives() -> None:
+    examples = re.findall(r"```python\n(.*?)```", DOCS.read_text(encoding="utf-8"), re.DOTALL)
+    names: dict[str, Any] = {}
+    exec("\n".join(examples), names)
+    assert np.array_equal(names["p_nav_sensor"], names["path"].p_nav_sensor)
+    assert names["stops"] == names["path"].stops
+
+
+def test_keyframes_and_segments_are_those_of_the_stops() -> None:
+    path = track(pour().recording)
+    keyframes, segments = find_keyframes(path), find_segments(path)
+    assert [keyframe.dwell_s for keyframe in keyframes] == [stop.dwell_s for stop in path.stops]
+    for keyframe, stop in zip(keyframes, path.stops, strict=True):
+        assert np.array_equal(keyframe.T_nav_sensor.p, path.p_nav_sensor[stop.start])
+        assert path.t[stop.start] <= keyframe.t <= path.t[stop.stop - 1]
+    rests = [(segment.start, segment.stop) for segment in segments if segment.kind == "rest"]
+    assert rests == [(stop.start, stop.stop) for stop in path.stops]
+    assert [segment.stop for segment in segments[:-1]] == [segment.start for segment in segments[1:]]
+    assert (segments[0].start, segments[-1].stop) == (0, len(path.t))
+
+
+def interval_means(signal: Callable[[Array], Array], middles: Array, dt: float) -> Array:
+    """Means (n, k) of a signal (m,) -> (m, k) over intervals around (n,) instants."""
+    values = signal((middles[:, None] + 0.5 * dt * NODES).ravel())
+    means: Array = np.einsum("q,nqk->nk", 0.5 * WEIGHTS, values.reshape(len(middles), len(NODES), -1))
+    return means
+
+
+def columns(*signals: Array) -> Array:
+    return np.stack(signals, axis=-1)
+
+
+coefficients = st.lists(st.floats(-5.0, 5.0), min_size=9, max_size=9)
+
+
+@given(coefficients, st.floats(0.002, 0.1), st.integers(4, 40))
+def test_means_of_quadratics_are_integrated_exactly(numbers: list[float], dt: float, n: int) -> None:
+    """But for the first and the last step, beyond which nothing is known."""
+    polynomials = [np.polynomial.Polynomial(numbers[i : i + 3]) for i in (0, 3, 6)]
+    t = dt * np.arange(n, dtype=np.float64)
+    found = integral_of_means(t, interval_means(lambda at: columns(*(p(at) for p in polynomials)), t, dt))
+    exact = columns(*(p.integ()(t) for p in polynomials))
+    assert not found[0].any()
+    assert found[1:-1] - found[1] == pytest.approx(exact[1:-1] - exact[1], abs=1e-11)
+
+
+@given(st.lists(st.floats(-5.0, 5.0), min_size=3, max_size=3), st.integers(1, 30))
+def test_a_constant_is_integrated_exactly_from_end_to_end(level: list[float], n: int) -> None:
+    t = 0.01 * np.arange(n, dtype=np.float64)
+    assert integral_of_means(t, np.tile(level, (n, 1))) == pytest.approx(np.outer(t, level), abs=1e-12)
+
+
+def test_means_of_sines_are_integrated_to_fourth_order() -> None:
+    omega, phase = np.array([3.0, 5.0, 7.0]), np.array([0.3, 1.0, 2.0])
+    errors = []
+    for dt in (0.04, 0.02, 0.01, 0.005):
+        t = dt * np.arange(round(2.0 / dt), dtype=np.float64)
+        # The mean of a sine is the sine at the middle times sinc.
+        means = np.sin(np.outer(t, omega) + phase) * np.sinc(0.5 * dt * omega / np.pi)
+        exact = -np.cos(np.outer(t, omega) + phase) / omega
+        found = integral_of_means(t, means)
+        errors.append(np.abs((found[1:-1] - found[1]) - (exact[1:-1] - exact[1])).max())
+    assert all(coarser / finer > 0.9 * 2.0**4 for coarser, finer in pairwise(errors))
+
+
+@given(st.lists(st.floats(1e-3, 0.1), min_size=1, max_size=30), st.integers(0, 2**32 - 1))
+def test_values_with_slopes_are_integrated_as_hermites_cubic(steps: list[float], seed: int) -> None:
+    t = np.concatenate(([0.0], np.cumsum(steps)))
+    values, slopes = np.random.default_rng(seed).normal(size=(2, len(t), 3))
+    spline = CubicHermiteSpline(t, values, slopes)
+    exact = [spline.integrate(t[0], end) for end in t]
+    assert integral_of_values(t, values, slopes) == pytest.approx(np.array(exact), abs=1e-12)
+
+
+def test_values_with_slopes_are_integrated_to_fourth_order() -> None:
+    omega = np.array([3.0, 5.0, 7.0])
+    errors = []
+    for n in (50, 100, 200, 400):
+        t = np.linspace(0.0, 2.0, n + 1)
+        angle = np.outer(t, omega)
+        found = integral_of_values(t, np.cos(angle), -omega * np.sin(angle))
+        errors.append(np.abs(found - np.sin(angle) / omega).max())
+    assert all(coarser / finer > 0.9 * 2.0**4 for coarser, finer in pairwise(errors))
+
+
+vectors = st.lists(st.floats(-0.5, 0.5), min_size=3, max_size=3).map(np.array)
+
+
+@given(vectors, st.integers(3, 200), st.floats(0.002, 0.05))
+def test_a_constant_error_of_a_hand_at_rest_is_taken_out_exactly(error: Array, n: int, dt: float) -> None:
+    t = dt * np.arange(n, dtype=np.float64)
+    move = integrate_move(t, np.tile(error, (n, 1)))
+    assert move.closure == pytest.approx(error * t[-1], abs=1e-12)
+    assert move.v_nav == pytest.approx(0.0, abs=1e-12)
+    assert move.p_nav == pytest.approx(0.0, abs=1e-12)
+
+
+def calm_move(dt: float, move_s: float, way: Array) -> tuple[Array, Array]:
+    """Minimum jerk: (n,) s with a rest at either end, and interval means (n, 3) m/s2."""
+    t = dt * np.arange(round((move_s + 0.4) / dt), dtype=np.float64)
+
+    def speed(at: Array) -> Array:
+        u = np.clip((at - 0.2) / move_s, 0.0, 1.0)
+        return np.outer(30.0 * (u * (1.0 - u)) ** 2 / move_s, way)
+
+    return t, (speed(t + 0.5 * dt) - speed(t - 0.5 * dt)) / dt
+
+
+@given(vectors, st.floats(1.0, 2.0))
+def test_a_constant_error_of_a_calm_move_is_taken_out(error: Array, move_s: float) -> None:
+    """In proportion to time, but for the share by which the drift is taken to grow with the acceleration."""
+    way = np.array([0.1, -0.05, 0.05])
+    t, a_nav = calm_move(0.01, move_s, way)
+    move = integrate_move(t, a_nav + error)
+    undone = 0.5 * t[-1] ** 2 * float(np.linalg.norm(error))
+    uneven = float(((a_nav + error) ** 2).sum(axis=1).max()) * (MOTION_DRIFT / EVEN_DRIFT) ** 2
+    assert move.v_nav[-1] == pytest.approx(0.0, abs=1e-12)
+    assert move.closure == pytest.approx(error * t[-1], abs=1e-9)
+    assert uneven < 0.05
+    assert np.linalg.norm(move.p_nav[-1] - way) < 1e-5 + uneven * undone
+
+
+@given(vectors, vectors, st.floats(0.2, 2.0))
+def test_velocities_known_at_both_ends_are_kept(v_start: Array, v_end: Array, duration: float) -> None:
+    """Between them the velocity changes evenly, and the way is that at their mean."""
+    t = np.linspace(0.0, duration, 50)
+    move = integrate_move(t, np.tile((v_end - v_start) / duration, (50, 1)), v_start, v_end)
+    assert move.closure == pytest.approx(0.0, abs=1e-12)
+    assert move.v_nav[[0, -1]] == pytest.approx(np.array([v_start, v_end]), abs=1e-12)
+    assert move.p_nav[-1] == pytest.approx(0.5 * duration * (v_start + v_end), abs=1e-12)
+
+
+def attitude_at(t: Array) -> Array:
+    """A turn whose axis turns too: products of sines about the three axes, (m,) s -> (m, 4)."""
+    turns = columns(0.8 * np.sin(2.1 * t), 0.6 * np.sin(3.3 * t + 0.5), 0.9 * np.sin(1.7 * t + 1.0))
+    wxyz: Array = quat_exp(np.zeros((len(t), 3)))
+    for axis in np.eye(3):
+        wxyz = quat_multiply(wxyz, quat_exp(turns * axis))
+    return wxyz
+
+
+def rate_at(t: Array) -> Array:
+    """Its angular rate in the sensor's axes, (m, 3) rad/s, by central differences of fourth order."""
+
+    def turn(h: float) -> Array:
+        return quat_log(quat_multiply(quat_inverse(attitude_at(t - h)), attitude_at(t + h))) / (2.0 * h)
+
+    h = 1e-4
+    return (4.0 * turn(h) - turn(2.0 * h)) / 3.0
+
+
+def force_at(t: Array) -> Array:
+    """Specific force in nav, (m, 3) m/s2."""
+    return columns(2.0 * np.sin(2.0 * t), np.cos(3.0 * t), 9.81 + np.sin(1.5 * t + 0.4))
+
+
+def test_turns_between_middles_are_those_of_a_fine_integration_to_fourth_order() -> None:
+    errors = []
+    for dt in (0.04, 0.02, 0.01):
+        t = dt * np.arange(round(2.0 / dt), dtype=np.float64)
+        turns = turns_between_middles(t, interval_means(rate_at, t, dt), dt)
+        exact = attitude_at(t)
+        inner = slice(2, -1)  # beyond the ends the hand is taken to turn on evenly
+        carried = quat_multiply(exact[1], quat_cumulative(quat_exp(turns[inner])))
+        errors.append(largest_angle(exact[inner], carried))
+    assert errors[-1] < np.radians(1e-4)
+    assert all(coarser / finer > 0.9 * 2.0**4 for coarser, finer in pairwise(errors))
+
+
+def test_what_turning_does_to_a_mean_is_of_second_order() -> None:
+    """Specific force f is averaged in axes that turn with the rate w, and turned by the attitude of the middle. With
+    both to second order in time, the mean is off by dt^2 / 12 (w x f' + w' x f / 2 + w x (w x f) / 2)."""
+    errors = []
+    for dt in (0.025, 0.0125, 0.00625):
+        t = dt * np.arange(round(2.0 / dt), dtype=np.float64)
+        acc = interval_means(lambda at: quat_rotate(quat_inverse(attitude_at(at)), force_at(at)), t, dt)
+        rate = interval_means(rate_at, t, dt)
+        attitude = Attitude(attitude_at(t), np.zeros((len(t), 3)))
+        exact = interval_means(force_at, t, dt) - (0.0, 0.0, 9.81)
+        off = (motion_acceleration(Recording(t, acc), attitude, 9.81) - exact)[1:-1]
+        f, w = acc[1:-1], rate[1:-1]
+        f_change, w_change = ((values[2:] - values[:-2]) / (2.0 * dt) for values in (acc, rate))
+        sculling = np.cross(w, f_change) + 0.5 * np.cross(w_change, f) + 0.5 * np.cross(w, np.cross(w, f))
+        expected = quat_rotate(attitude.wxyz_nav_sensor[1:-1], -(dt**2) / 12.0 * sculling)
+        assert np.abs(off - expected).max() < 0.02 * np.abs(off).max()
+        errors.append(np.abs(off).max())
+    assert all(coarser / finer == pytest.approx(2.0**2, rel=0.02) for coarser, finer in pairwise(errors))
+
+
+@given(st.integers(0, 70), st.integers(0, 2**32 - 1))
+def test_cumulative_products_are_those_of_a_loop(n: int, seed: int) -> None:
+    turns = quat_exp(np.random.default_rng(seed).normal(size=(n, 3)))
+    before, products = np.array([1.0, 0.0, 0.0, 0.0]), []
+    for turn in turns:
+        before = quat_multiply(before, turn)
+        products.append(before)
+    assert quat_cumulative(turns) == pytest.approx(np.array(products).reshape(n, 4), abs=1e-12)

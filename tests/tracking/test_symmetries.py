@@ -1,0 +1,156 @@
+"""What every method of tracking must not depend on: the heading, the mounting, left and right, size, the clock."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pbd.data import HandPath, RecordingInfo
+from pbd.pipeline import track
+from pbd.pose import (
+    quat_about_z,
+    quat_from_rpy,
+    quat_inverse,
+    quat_multiply,
+    quat_rotate,
+    quat_to_rpy,
+    yaw_toward,
+)
+from pbd.sensors.simulate import random_task, simulate
+from pbd.sensors.simulated_sensor import SensorModel
+from pbd.tracking.keyframes import find_keyframes
+from tests.tracking.hands import (
+    RATE_HZ,
+    bound,
+    every_method,
+    hand,
+    largest_angle,
+    middle,
+    perfect,
+    with_and_without_north,
+)
+
+
+def wrapped(angle: float) -> float:
+    return float(np.arctan2(np.sin(angle), np.cos(angle)))
+
+
+def same_stops(path: HandPath, other: HandPath) -> bool:
+    return [(s.start, s.stop) for s in path.stops] == [(s.start, s.stop) for s in other.stops]
+
+
+@every_method
+@with_and_without_north
+@pytest.mark.parametrize("seed", range(2))
+def test_turning_the_world_turns_the_result(method: str, sensor: SensorModel, seed: int) -> None:
+    """Nav is east and north: it stays while the hand turns. Without north nav turns with the hand."""
+    task, yaw = hand(method, seed), 1.0
+    plain, _ = perfect(method, task, sensor)
+    turned, _ = perfect(method, task.turned(yaw), sensor)
+    row = middle(plain.stops[0])
+    found = yaw_toward(plain.wxyz_nav_sensor[row], turned.wxyz_nav_sensor[row])
+    # A tilt that is wrong while the hand moves turns the steep field, and how far depends on where north is.
+    assert wrapped(found - (yaw if sensor.mag else 0.0)) == pytest.approx(0.0, abs=np.radians(0.1))
+    turn = quat_about_z(found)
+    assert same_stops(turned, plain)
+    assert turned.p_nav_sensor == pytest.approx(quat_rotate(turn, plain.p_nav_sensor), abs=1e-5)
+    assert turned.v_nav_sensor == pytest.approx(quat_rotate(turn, plain.v_nav_sensor), abs=1e-4)
+    assert largest_angle(turned.wxyz_nav_sensor, quat_multiply(turn, plain.wxyz_nav_sensor)) < 1e-5
+
+
+@every_method
+@with_and_without_north
+def test_a_mirrored_hand_goes_the_mirrored_way(method: str, sensor: SensorModel) -> None:
+    """Mirrored in a vertical plane that keeps nav as it is: north in it, or, without north, the sensor's x axis.
+
+    Rates are axial: they keep what lies along the mirrored axis and reverse the rest. A polar field that lies in the
+    plane is again the earth's.
+    """
+    task = hand(method, 3)
+    if not sensor.mag:
+        task = task.turned(-task.start_rpy[2])
+    recording = simulate(task, sensor, rate_hz=RATE_HZ[method]).recording
+    polar = np.array((-1.0, 1.0, 1.0)) if sensor.mag else np.array((1.0, -1.0, 1.0))
+    axial = np.concatenate(((1.0,), -polar))
+    assert recording.gyr is not None
+    assert recording.device_rpy is not None
+    mirrored = replace(
+        recording,
+        acc=polar * recording.acc,
+        gyr=-polar * recording.gyr,
+        mag=None if recording.mag is None else polar * recording.mag,
+        device_rpy=quat_to_rpy(axial * quat_from_rpy(recording.device_rpy)),
+    )
+    path, other = track(recording, method), track(mirrored, method)
+    assert same_stops(other, path)
+    assert other.p_nav_sensor == pytest.approx(polar * path.p_nav_sensor, abs=1e-7)
+    assert largest_angle(other.wxyz_nav_sensor, axial * path.wxyz_nav_sensor) < 1e-6
+    assert np.ptp(path.p_nav_sensor[:, polar < 0.0]) > 0.05
+
+
+@every_method
+@with_and_without_north
+@pytest.mark.parametrize("rpy", [(0.4, -0.3, 2.0), (np.pi, 0.0, 0.0), (0.0, -0.9, 0.5)])
+def test_how_the_sensor_is_mounted_does_not_matter(
+    method: str, sensor: SensorModel, rpy: tuple[float, float, float]
+) -> None:
+    task = hand(method, 4)
+    if method == "paper":
+        # Its yaw is Euler's, and what it makes of the gyro between two samples depends on how roll and pitch change.
+        level = tuple(replace(waypoint, turn=(0.0, 0.0, waypoint.turn[2])) for waypoint in task.waypoints)
+        task = replace(task, waypoints=level, start_rpy=(0.0, 0.0, 0.3))
+    recording = simulate(task, sensor, rate_hz=RATE_HZ[method]).recording
+    mount = quat_from_rpy(rpy)
+    assert recording.gyr is not None
+    assert recording.device_rpy is not None
+    remounted = replace(
+        recording,
+        acc=quat_rotate(quat_inverse(mount), recording.acc),
+        gyr=quat_rotate(quat_inverse(mount), recording.gyr),
+        mag=None if recording.mag is None else quat_rotate(quat_inverse(mount), recording.mag),
+        device_rpy=quat_to_rpy(quat_multiply(quat_from_rpy(recording.device_rpy), mount)),
+    )
+    path, other = track(recording, method), track(remounted, method)
+    mounted = quat_multiply(path.wxyz_nav_sensor, mount)
+    yaw = yaw_toward(other.wxyz_nav_sensor[middle(other.stops[0])], mounted[middle(path.stops[0])])
+    assert same_stops(other, path)
+    assert quat_rotate(quat_about_z(yaw), other.p_nav_sensor) == pytest.approx(path.p_nav_sensor, abs=1e-5)
+    assert largest_angle(quat_multiply(quat_about_z(yaw), other.wxyz_nav_sensor), mounted) < 1e-5
+    assert sensor.mag is None or abs(wrapped(yaw)) < np.radians(0.1)
+
+
+@every_method
+@pytest.mark.parametrize("seed", range(3))
+def test_a_task_twice_as_large_gives_twice_the_path(method: str, seed: int) -> None:
+    task = hand(method, seed, turns=method == "default")
+    waypoints = [replace(w, p=(2.0 * w.p[0], 2.0 * w.p[1], 2.0 * w.p[2])) for w in task.waypoints]
+    larger = replace(task, waypoints=tuple(waypoints))
+    path, _ = perfect(method, task)
+    double, _ = perfect(method, larger)
+    places, twice = (np.array([keyframe.T_nav_sensor.p for keyframe in find_keyframes(x)]) for x in (path, double))
+    assert len(twice) == len(places)
+    assert np.linalg.norm(twice - 2.0 * places, axis=1).max() < 2.0 * bound(method, task) + bound(method, larger)
+
+
+@every_method
+def test_shifting_time_changes_nothing(method: str) -> None:
+    """To the last bit, where instants stay representable: on a beat of 1/128 s, even at 1.7e9 s (since 1970)."""
+    recording = simulate(random_task(5, moves=3), "modern", rate_hz=128.0).recording
+    here = track(recording, method)
+    for shift in (-64.0, 1024.0, 1.7e9):
+        grip = tuple(replace(event, t=event.t + shift) for event in recording.grip)
+        later = track(replace(recording, t=recording.t + shift, grip=grip), method)
+        assert np.array_equal(later.p_nav_sensor, here.p_nav_sensor)
+        assert np.array_equal(later.wxyz_nav_sensor, here.wxyz_nav_sensor)
+        assert np.array_equal(later.cov, here.cov)
+        assert np.array_equal(later.t, here.t + shift)
+
+
+@every_method
+def test_the_wall_clock_changes_nothing(method: str) -> None:
+    recording = simulate(random_task(5, moves=2), "modern").recording
+    here = track(recording, method)
+    later = track(replace(recording, info=RecordingInfo(created="2031-01-01T00:00:00Z", rate_hz=100.0)), method)
+    assert np.array_equal(later.p_nav_sensor, here.p_nav_sensor)
