@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pbd.calibration.frames import nav_in_base, tool_poses
-from pbd.data import Calibration, HandPath, JointTrajectory, Keyframe, Known, Recording, Robot, Stop
+from pbd.data import Attitude, Calibration, HandPath, JointTrajectory, Keyframe, Known, Recording, Robot, Stop
 from pbd.errors import CalibrationError, PbdWarning, TrackingError
 from pbd.pose import Array, Pose
 from pbd.tracking.conditioning import condition, refuse_gaps
@@ -20,10 +20,12 @@ from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.known import condition_on
 from pbd.tracking.orientation import estimate_attitude, mean_quaternion
 from pbd.tracking.paper import paper_acceleration, paper_attitude, paper_covariance, paper_path, paper_stops
-from pbd.tracking.rest import find_rest
+from pbd.tracking.rest import Rest, find_rest, rest_within
+from pbd.tracking.restoring import clip_covariance, restore, settle_velocities
+from pbd.tracking.saturation import find_clips
 from pbd.tracking.smoothing import smooth_motion
 from pbd.tracking.stops import find_stops
-from pbd.tracking.uncertainty import stop_covariance
+from pbd.tracking.uncertainty import stop_covariance, unseen_covariance
 
 if TYPE_CHECKING:
     from pbd.arm.audit import AuditReport
@@ -59,16 +61,17 @@ def track(
         TrackingError: no path follows from it (never still, data missing in a move), or what is known contradicts it.
     """
     recording, gaps = condition(recording)
+    clips = find_clips(recording)
+    if method == "default":
+        recording, clips = restore(recording, clips)
     rest = find_rest(recording)
     if method == "paper":
         attitude = paper_attitude(recording)
         a_nav = paper_acceleration(recording, attitude, rest.gravity)
         stops = paper_stops(recording.t, a_nav)
     elif method == "default":
-        attitude = estimate_attitude(recording, slice(rest.start, rest.stop))
-        a_nav = motion_acceleration(recording, attitude, rest.gravity)
-        stops = find_stops(recording, a_nav, attitude.wxyz_nav_sensor, rest)
-        attitude, a_nav = smooth_motion(recording, attitude, a_nav, stops, rest)
+        rest, attitude, a_nav, stops = find_motion(recording, rest)
+        a_nav, clips = settle_velocities(recording.t, a_nav, attitude.wxyz_nav_sensor, stops, clips)
     else:
         raise TrackingError(f"no method '{method}'; known are {', '.join(METHODS)}", value=method)
     if not stops:
@@ -81,6 +84,8 @@ def track(
     else:
         p, v, closure = integrate_path(recording.t, a_nav, stops)
         cov = stop_covariance(recording, a_nav, p, stops, closure, rest)
+        cov[:, :3, :3] += unseen_covariance(gaps, stops)
+        cov += clip_covariance(recording.t, a_nav, attitude.wxyz_nav_sensor, p, stops, clips)
     path = HandPath(
         t=recording.t,
         p_nav_sensor=p,
@@ -92,6 +97,23 @@ def track(
         grip=recording.grip,
     )
     return path if known is None else _condition(path, known, calibration)
+
+
+def find_motion(recording: Recording, rest: Rest) -> tuple[Rest, Attitude, Array, tuple[Stop, ...]]:
+    """Attitude, motion acceleration and stops of a conditioned recording; and the rest, which a stop must hold.
+
+    Raises:
+        TrackingError: no attitude, no rest.
+    """
+    for _ in range(3):
+        attitude = estimate_attitude(recording, slice(rest.start, rest.stop))
+        a_nav = motion_acceleration(recording, attitude, rest.gravity)
+        stops = find_stops(recording, a_nav, attitude.wxyz_nav_sensor, rest)
+        held = rest_within(recording, rest, stops) if stops else rest
+        if held is rest:
+            break
+        rest = held  # what is taken for quiet follows from it: look again
+    return rest, *smooth_motion(recording, attitude, a_nav, stops, rest), stops
 
 
 def _condition(path: HandPath, known: Known, calibration: Calibration | None) -> HandPath:

@@ -65,32 +65,31 @@ def refuse_disagreement(recording: Recording) -> None:
     def disagreement(gyr: Array) -> float:
         return float(np.median(_angles(up_later, predicted(gyr))[telling]))
 
-    enough = min(AGREES, off / BETTER)
-    where = f"(by {np.degrees(off):.0f} degrees, first at t = {recording.t[begin[telling][0] * every]:.1f} s)"
-    if disagreement(np.radians(gyr)) < enough:
+    readings: list[tuple[float, str, str]] = [
+        (
+            disagreement(np.radians(gyr)),
+            "its values are in deg/s; import the file with --unit gyr=deg/s",
+            "deg/s",
+        ),
+        (
+            disagreement(np.degrees(gyr)),
+            "its values were in rad/s, but were read as deg/s; import the file with --unit gyr=rad/s",
+            "rad/s",
+        ),
+    ]
+    if telling.sum() >= SEVERAL:
+        for order in permutations(range(3)):
+            for signs in product((1, -1), repeat=3):
+                fit = ", ".join("+-"[sign < 0] + "xyz"[axis] for axis, sign in zip(order, signs, strict=True))
+                what = f"its axes {fit} are the accelerometer's +x, +y, +z; name the columns with --column gx=NAME, or"
+                readings.append((disagreement(gyr[:, order] * signs), f"{what} turn signs in the file", ""))
+    best, what, unit = min(readings)
+    if best < min(AGREES, off / BETTER):
         raise RecordingError(
-            f"the gyro turns 57 times as far as gravity shows {where}: its values are in deg/s; import the file with "
-            "--unit gyr=deg/s",
+            f"the gyro does not turn as gravity shows (by {np.degrees(off):.0f} degrees, first at "
+            f"t = {recording.t[begin[telling][0] * every]:.1f} s): {what}",
             value=off,
-            unit="deg/s",
-        )
-    if disagreement(np.degrees(gyr)) < enough:
-        raise RecordingError(
-            f"the gyro turns 57 times less than gravity shows {where}: its values were in rad/s, but were read as "
-            "deg/s; import the file with --unit gyr=rad/s",
-            value=off,
-            unit="rad/s",
-        )
-    if telling.sum() < SEVERAL:
-        return
-    others = [(order, signs) for order in permutations(range(3)) for signs in product((1, -1), repeat=3)]
-    order, signs = min(others, key=lambda other: disagreement(gyr[:, other[0]] * other[1]))
-    if disagreement(gyr[:, order] * signs) < enough:
-        fit = ", ".join("+-"[sign < 0] + "xyz"[axis] for axis, sign in zip(order, signs, strict=True))
-        raise RecordingError(
-            f"the gyro does not turn as gravity shows {where}: its axes are not the accelerometer's, which x, y, z of "
-            f"the gyro's {fit} would be; name the columns with --column gx=NAME, or turn their signs in the file",
-            value=off,
+            unit=unit or None,
         )
 
 

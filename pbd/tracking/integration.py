@@ -20,7 +20,8 @@ PEAK_DRIFT = 0.3
 """How much of a peak's variance between two samples is lost to a sensor that low-passes, but not quite enough."""
 
 EDGE_S, EDGE_SHARE = 0.05, 0.33
-"""At either end of a stop the hand may still creep: for half a window of the detector, and a third of a short stop."""
+"""At either end of a stop the hand may still creep: for half a window of the detector, and a third of a short stop; for
+twice as long where the acceleration there stands out of the noise."""
 
 STILL = readonly(np.zeros(3))
 
@@ -91,16 +92,32 @@ def _cumulative(steps: Array) -> Array:
     return np.vstack((np.zeros((1, 3)), np.cumsum(steps, axis=0)))
 
 
-def edge(stop: Stop, t: Array) -> int:
-    """How many of a stop's samples, at either end, are its edge."""
-    length = min(EDGE_S, EDGE_SHARE * stop.dwell_s)
-    return int(np.searchsorted(t, t[stop.start] + length + 1e-6, side="right")) - 1 - stop.start
+def edge(stop: Stop, t: Array, times: float = 1.0) -> int:
+    """How many of a stop's samples, at either end, are its edge of so many times EDGE_S; some are left between."""
+    length = min(times * EDGE_S, EDGE_SHARE * stop.dwell_s)
+    rows = int(np.searchsorted(t, t[stop.start] + length + 1e-6, side="right")) - 1 - stop.start
+    return min(rows, (stop.stop - stop.start - 1) // 2)
+
+
+def _edges(stop: Stop, t: Array, a_nav: Array) -> tuple[int, int]:
+    """How many samples the edges are, where the hand arrives and where it leaves."""
+    near, far = edge(stop, t), edge(stop, t, 2.0)
+    calm = a_nav[stop.start + far : stop.stop - far]
+    if far == near or len(calm) < 4:
+        return near, near
+    noise = float(np.linalg.norm(calm.std(axis=0))) / np.sqrt(far - near)
+
+    def creeps(outer: Array) -> bool:
+        return bool(np.linalg.norm(outer.mean(axis=0) - calm.mean(axis=0)) > 3.0 * noise)
+
+    arriving, leaving = a_nav[stop.start + near : stop.start + far], a_nav[stop.stop - far : stop.stop - near]
+    return far if creeps(arriving) else near, far if creeps(leaving) else near
 
 
 def integrate_path(t: Array, a_nav: Array, stops: tuple[Stop, ...]) -> tuple[Array, Array, Array]:
     """Chain the moves between the stops; within a stop nothing moves.
 
-    A move is integrated from inside the one stop to inside the other (`edge`), where the velocity is zero indeed: at
+    A move is integrated from inside the one stop to inside the other (`_edges`), where the velocity is zero indeed: at
     the stop's very edge a hand that slows down smoothly still has some millimetres a second.
     Before the first stop and after the last one the motion has one known end only: it is integrated from there and
     its drift stays in.
@@ -113,7 +130,7 @@ def integrate_path(t: Array, a_nav: Array, stops: tuple[Stop, ...]) -> tuple[Arr
     here = np.zeros(3)
     for k, (stop, following) in enumerate(pairwise(stops)):
         p[stop.start : stop.stop] = here
-        leaving, arriving = edge(stop, t), edge(following, t)
+        leaving, arriving = _edges(stop, t, a_nav)[1], _edges(following, t, a_nav)[0]
         rows = slice(stop.stop - 1 - leaving, following.start + 1 + arriving)
         result = integrate_move(t[rows], a_nav[rows])
         between = slice(leaving + 1, len(result.p_nav) - 1 - arriving)

@@ -83,7 +83,7 @@ def find_legs(recording: Recording, attitude: Attitude, a_nav: Array, stops: tup
 
 def inside(stop: Stop, t: Array) -> slice:
     """The samples of a stop between its edges."""
-    rows = edge(stop, t)
+    rows = edge(stop, t, 2.0)
     return slice(stop.start + rows, stop.stop - rows)
 
 

@@ -50,7 +50,9 @@ def magnetic_heading(t: Array, mag: Array, wxyz_level_sensor: Array, first_rest:
     every = max(1, round(BLOCK_S / float(np.median(np.diff(t)))))
     starts = np.arange(0, len(t), every)
     field = quat_rotate(wxyz_level_sensor, mag)
-    usual = field[first_rest].mean(axis=0)
+    seen = np.flatnonzero(field.any(axis=1))  # a magnetometer may start late: then its first field is the usual one
+    at_rest = seen[(seen >= first_rest.start) & (seen < first_rest.stop)]
+    usual = field[at_rest if len(at_rest) else seen[: first_rest.stop - first_rest.start]].mean(axis=0)
     size = np.diff(starts, append=len(t))[:, None]
     blocks = np.add.reduceat(field, starts) / size
     at = np.add.reduceat(t, starts) / size[:, 0]
@@ -61,13 +63,20 @@ def magnetic_heading(t: Array, mag: Array, wxyz_level_sensor: Array, first_rest:
         change = np.linalg.norm(blocks - usual, axis=1) / np.linalg.norm(usual)
         _warn(at, change, disturbed)
         around = round(AROUND_S / BLOCK_S)
-        trusted = np.convolve(disturbed, np.ones(2 * around + 1), mode="same") < 0.5
+        trusted = ~_spread(disturbed, around)
     if not trusted.any():
         blocks = np.vstack((blocks, usual))  # nothing else to hold on to
         trusted = np.append(trusted, True)
         at = np.append(at, at[-1])
     heading = np.unwrap(_near_mean(blocks[:, :2], trusted))
     return 0.5 * np.pi - np.interp(t, at, heading)
+
+
+def _spread(flags: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
+    from scipy.ndimage import maximum_filter1d
+
+    spread: NDArray[np.bool_] = maximum_filter1d(flags, 2 * reach + 1)
+    return spread
 
 
 def _disturbed(t: Array, field: Array, usual: Array, t_rest: float) -> NDArray[np.bool_]:

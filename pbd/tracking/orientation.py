@@ -22,9 +22,12 @@ TAU_ACC_S = 6.0
 motion, and the longer the constant, the less of it is mistaken for tilt. From 4 to 12 s recordings hardly differ."""
 
 
+WARM_UP_S = 2.0
+"""So much of the first rest is put before the recording."""
+
 VQF = {"tauAcc": TAU_ACC_S, "restThGyr": 1.0, "restThAcc": 0.25}
-"""VQF takes rest for the gyro's bias: below 1 degree/s and 0.25 m/s2 (its defaults are twice that, and a hand that turns
-slowly and smoothly is below them)."""
+"""VQF takes rest for the gyro's bias: below 1 degree/s and 0.25 m/s2 (its defaults are twice that, and a hand that
+turns slowly and smoothly is below them)."""
 
 
 def estimate_attitude(recording: Recording, first_rest: slice) -> Attitude:
@@ -50,14 +53,18 @@ def estimate_attitude(recording: Recording, first_rest: slice) -> Attitude:
     interval = 1.0 / recording.rate_hz
     rows, t = _regular(recording.t, interval)
     acc, gyr = _at(t, recording.t, recording.acc), _at(t, recording.t, recording.gyr)
-    result = offlineVQF(turns_between_middles(t, gyr, interval) / interval, acc, None, interval, VQF)
-    wxyz = quat_canonical(result["quat6D"])[rows]
+    # VQF learns gravity and bias in its first seconds: it is given more of the first rest than there was.
+    warm_up = round(WARM_UP_S / interval)
+    gyr_warm, acc_warm = (np.tile(v[first_rest].mean(axis=0), (warm_up, 1)) for v in (recording.gyr, recording.acc))
+    rate = turns_between_middles(t, gyr, interval) / interval
+    result = offlineVQF(np.vstack((gyr_warm, rate)), np.vstack((acc_warm, acc)), None, interval, VQF)
+    wxyz, bias = quat_canonical(result["quat6D"][warm_up:])[rows], result["bias"][warm_up:][rows]
     if recording.mag is None:
         to_nav = np.full(len(recording), -heading(wxyz[first_rest]))
     else:
         to_nav = magnetic_heading(recording.t, recording.mag, wxyz, first_rest)
     wxyz = quat_multiply(quat_exp(np.outer(to_nav, (0.0, 0.0, 1.0))), wxyz)
-    return Attitude(quat_canonical(wxyz), result["bias"][rows])
+    return Attitude(quat_canonical(wxyz), bias)
 
 
 def turns_between_middles(t: Array, gyr: Array, interval: float) -> Array:

@@ -6,12 +6,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pbd.data import GRAVITY, Recording
+from pbd.data import GRAVITY, Recording, Stop
 from pbd.errors import RecordingError, TrackingError
 from pbd.pose import Array, readonly
 
 REST_S = 1.0
 """A stretch of this length is taken for rest: the first that is about as quiet as the quietest."""
+
+SHORTEST_S = 0.3
+"""Less rest than this tells neither gravity nor bias."""
+
+CREEPING_S = 0.1
+"""At either end of a stop that was found with too much taken for quiet, the hand may still move."""
 
 ABOUT = 4.0
 """The first rest may have this many times the variance of the quietest."""
@@ -54,14 +60,8 @@ def find_rest(recording: Recording) -> Rest:
     restlessness = acc_var / STILL_ACC**2 + gyr_var / STILL_GYR**2
     # 1e-6: the quietest second of a sensor without noise is no quieter than the next.
     start = int(np.argmax(restlessness <= ABOUT * restlessness.min() + 1e-6))
-    rest = slice(start, start + length)
-    mean_acc = recording.acc[rest].mean(axis=0)
-    gravity = float(np.linalg.norm(mean_acc))
-    if gravity == 0.0:
-        raise TrackingError(
-            "the accelerometer reads zero while at rest, so it is dead or in free fall; check the sensor", value=0.0
-        )
-    _refuse_wrong_units(gravity)
+    rest = rest_over(recording, start, start + length)
+    _refuse_wrong_units(rest.gravity)
     if acc_var[start] > STILL_ACC**2 or gyr_var[start] > STILL_GYR**2:
         raise TrackingError(
             f"the hand never stands still for {REST_S:g} s: at its quietest (t = {recording.t[start]:.1f} s) it shakes "
@@ -70,15 +70,58 @@ def find_rest(recording: Recording) -> Rest:
             value=float(np.sqrt(acc_var[start])),
             bound=STILL_ACC,
         )
+    return rest
+
+
+def rest_over(recording: Recording, start: int, stop: int) -> Rest:
+    """What the sensor says over samples in which it is known to rest.
+
+    Raises:
+        TrackingError: no gravity.
+    """
+    acc = recording.acc[start:stop]
+    gyr = np.zeros_like(acc) if recording.gyr is None else recording.gyr[start:stop]
+    gravity = float(np.linalg.norm(acc.mean(axis=0)))
+    if gravity == 0.0:
+        raise TrackingError(
+            "the accelerometer reads zero while at rest, so it is dead or in free fall; check the sensor", value=0.0
+        )
     return Rest(
         start=start,
-        stop=start + length,
+        stop=stop,
         gravity=gravity,
-        acc_rms=float(np.sqrt(acc_var[start])),
-        gyr_rms=float(np.sqrt(gyr_var[start])),
-        gyro_bias=readonly(np.zeros(3) if recording.gyr is None else recording.gyr[rest].mean(axis=0)),
-        up_sensor=readonly(mean_acc / gravity),
+        acc_rms=float(np.sqrt(acc.var(axis=0).sum())),
+        gyr_rms=float(np.sqrt(gyr.var(axis=0).sum())),
+        gyro_bias=readonly(gyr.mean(axis=0)),
+        up_sensor=readonly(acc.mean(axis=0) / gravity),
     )
+
+
+def rest_within(recording: Recording, rest: Rest, stops: tuple[Stop, ...]) -> Rest:
+    """Keep of a rest what lies within a stop: a slow move passes for quiet. Where that is little, take a long stop.
+
+    Raises:
+        TrackingError: no stop is long enough.
+    """
+    least = SHORTEST_S * recording.rate_hz
+
+    def shared(stop: Stop) -> tuple[int, int]:
+        return max(stop.start, rest.start), min(stop.stop, rest.stop)
+
+    start, stop = max(map(shared, stops), key=lambda span: span[1] - span[0])
+    if stop - start == rest.stop - rest.start:
+        return rest
+    if stop - start < 0.5 * (rest.stop - rest.start):
+        longest = max(stops, key=lambda each: each.dwell_s)
+        creeping = min(round(CREEPING_S * recording.rate_hz), (longest.stop - longest.start) // 4)
+        start, stop = longest.start + creeping, longest.stop - creeping
+    if stop - start < least:
+        raise TrackingError(
+            f"the hand never stands still for {SHORTEST_S:g} s; start with two seconds of rest, and stop between moves",
+            value=(stop - start) / recording.rate_hz,
+            bound=SHORTEST_S,
+        )
+    return rest_over(recording, start, stop)
 
 
 def _refuse_wrong_units(norm_at_rest: float) -> None:

@@ -44,6 +44,8 @@ def restore(recording: Recording, clips: Sequence[Clip]) -> tuple[Recording, tup
     Returns:
         The recording, and the clips with `lost` and `sigma`.
     """
+    if not clips:
+        return recording, ()
     channels = {"acc": recording.acc.copy(), "gyr": None if recording.gyr is None else recording.gyr.copy()}
     interval = 1.0 / recording.rate_hz
     put_back = []
@@ -57,7 +59,7 @@ def restore(recording: Recording, clips: Sequence[Clip]) -> tuple[Recording, tup
         put_back.append(replace(clip, lost=lost, sigma=lost + UNSEEN * top * len(above) * interval))
     acc, gyr = channels["acc"], channels["gyr"]
     assert acc is not None
-    if gyr is not None:
+    if gyr is not None and any(clip.sensor == "gyr" for clip in clips):
         put_back = _settle_turns(acc, gyr, recording.rate_hz, put_back)
     return replace(recording, acc=acc, gyr=gyr), tuple(put_back)
 
@@ -77,14 +79,7 @@ def _above(x: Array, start: int, stop: int) -> Array:
 
 
 def _settle_turns(acc: Array, gyr: Array, rate_hz: float, clips: Sequence[Clip]) -> list[Clip]:
-    """Correct how far the hand turned above the gyro's range by what gravity says; `gyr` (n, 3) is changed in place.
-
-    From one steady moment to the next the vertical goes from u to u' in sensor axes. A turn e about the axis a at a
-    clip moves the u' that the gyro predicts by -e a' x u', with a' that axis in the sensor's later attitude: linear
-    least squares over the clips in between, each with its own sigma, solved twice since e may be large. Turning about
-    the vertical stays as unsure as it was.
-    """
-    settled = list(clips)
+    """Correct how far the hand turned above the gyro's range by what gravity says; `gyr` (n, 3) is changed in place."""
     steady = find_steady(acc, gyr, rate_hz)
     still = steady.turning < STILL_GYR
     rows, up_sensor, turning = steady.rows[still], steady.up_sensor[still], steady.turning[still]
@@ -94,31 +89,51 @@ def _settle_turns(acc: Array, gyr: Array, rate_hz: float, clips: Sequence[Clip])
         after = int(np.searchsorted(rows, clip.stop))
         if clip.sensor == "gyr" and before >= 0 and after < len(rows):
             between.setdefault((before, after), []).append(i)
+    settled = list(clips)
     for (before, after), members in between.items():
         if rows[after] - rows[before] > LONGEST_S * rate_hz:
             continue
         # The hand still sways where it has just come to rest: of the moments soon after, the calmest.
         near = np.flatnonzero((rows <= rows[before]) & (rows > rows[before] - CALM_S * rate_hz))
         far = np.flatnonzero((rows >= rows[after]) & (rows < rows[after] + CALM_S * rate_hz))
-        before, after = near[np.argmin(turning[near])], far[np.argmin(turning[far])]
-        first, last = rows[before], rows[after]
-        prior = np.array([clips[i].sigma for i in members])
-        turn = np.zeros(len(members))
-        for _ in range(2):
-            attitude = carried(gyr[first:last] - steady.gyro_bias, 1.0 / rate_hz)
-            to_end = quat_multiply(quat_inverse(attitude[-1]), attitude)
-            up = quat_rotate(to_end[0], up_sensor[before])
-            axes = np.array([_axis_at_end(clips[i], to_end, first) for i in members])
-            moves = -np.cross(axes, up)
-            cov = np.linalg.inv(moves @ moves.T / GRAVITY_SIGMA**2 + np.diag(prior**-2.0))
-            more = cov @ (moves @ (up_sensor[after] - up) / GRAVITY_SIGMA**2 - turn / prior**2)
-            turn += more
-            for i, step in zip(members, more, strict=True):
-                clip = clips[i]
-                gyr[clip.start : clip.stop, clip.axis] += clip.sign * step * rate_hz * _arch(clip)
-        for i, total, variance in zip(members, turn, np.diagonal(cov), strict=True):
-            settled[i] = replace(clips[i], lost=clips[i].lost + float(total), sigma=float(np.sqrt(variance)))
+        begin, end = near[np.argmin(turning[near])], far[np.argmin(turning[far])]
+        ups = up_sensor[begin], up_sensor[end]
+        span = slice(int(rows[begin]), int(rows[end]))
+        for i, clip in zip(
+            members, _settle(gyr, span, steady.gyro_bias, ups, rate_hz, [clips[i] for i in members]), strict=True
+        ):
+            settled[i] = clip
     return settled
+
+
+def _settle(
+    gyr: Array, span: slice, bias: Array, ups: tuple[Array, Array], rate_hz: float, clips: Sequence[Clip]
+) -> list[Clip]:
+    """Correct the turns at clips so that in `span` the vertical goes from one to the other of `ups`, in sensor axes.
+
+    A turn e about the axis a at a clip moves the later vertical u that the gyro predicts by -e a' x u, with a' that
+    axis in the sensor's later attitude: linear least squares, each clip with its own sigma, solved twice since e may
+    be large. Turning about the vertical stays as unsure as it was.
+    """
+    prior = np.array([clip.sigma for clip in clips])
+    turn, variance = np.zeros(len(clips)), prior**2
+    for _ in range(2):
+        attitude = carried(gyr[span] - bias, 1.0 / rate_hz)
+        to_end = quat_multiply(quat_inverse(attitude[-1]), attitude)
+        up = quat_rotate(to_end[0], ups[0])
+        axes = np.array(
+            [quat_rotate(to_end[_middle(clip) - span.start], clip.sign * np.eye(3)[clip.axis]) for clip in clips]
+        )
+        moves = -np.cross(axes, up)
+        cov = np.linalg.inv(moves @ moves.T / GRAVITY_SIGMA**2 + np.diag(prior**-2.0))
+        more = cov @ (moves @ (ups[1] - up) / GRAVITY_SIGMA**2 - turn / prior**2)
+        turn, variance = turn + more, np.diagonal(cov)
+        for clip, step in zip(clips, more, strict=True):
+            gyr[clip.start : clip.stop, clip.axis] += clip.sign * step * rate_hz * _arch(clip)
+    return [
+        replace(clip, lost=clip.lost + float(e), sigma=float(np.sqrt(v)))
+        for clip, e, v in zip(clips, turn, variance, strict=True)
+    ]
 
 
 def _arch(clip: Clip) -> Array:
@@ -127,11 +142,6 @@ def _arch(clip: Clip) -> Array:
     parabola: Array = u * (1.0 - u)
     parabola /= parabola.sum()
     return parabola
-
-
-def _axis_at_end(clip: Clip, to_end: Array, first: int) -> Array:
-    axis = clip.sign * np.eye(3)[clip.axis]
-    return quat_rotate(to_end[(clip.start + clip.stop) // 2 - first], axis)
 
 
 def settle_velocities(
@@ -186,7 +196,7 @@ def clip_covariance(
     f_nav = a_nav + GRAVITY * z
     moves = [(before.stop - 1, after.start) for before, after in pairwise(stops)]
     for clip in clips:
-        axis, middle = clip.sigma * _axis_nav(clip, wxyz_nav_sensor), (clip.start + clip.stop) // 2
+        axis, middle = clip.sigma * _axis_nav(clip, wxyz_nav_sensor), _middle(clip)
         for k, (first, last) in enumerate(moves, start=1):
             off = np.zeros(3)
             if first <= clip.start < last:
@@ -206,5 +216,9 @@ def clip_covariance(
     return added
 
 
+def _middle(clip: Clip) -> int:
+    return (clip.start + clip.stop) // 2
+
+
 def _axis_nav(clip: Clip, wxyz_nav_sensor: Array) -> Array:
-    return quat_rotate(wxyz_nav_sensor[(clip.start + clip.stop) // 2], clip.sign * np.eye(3)[clip.axis])
+    return quat_rotate(wxyz_nav_sensor[_middle(clip)], clip.sign * np.eye(3)[clip.axis])

@@ -1,9 +1,9 @@
 """Find samples at which a sensor has reached the end of its range.
 
-A clipped axis gives one reading again and again: a flat top with steep sides, or one of the values at which makers let
-a range end. What the hand did above it is lost; restoring.py puts back what can be told of it.
+A clipped axis gives one reading again and again: a flat top with steep sides, or at one of the values at which makers
+let a range end. What the hand did above it is lost; restoring.py puts back what can be told of it.
 
-What can't be found: a clipped peak of one or two samples at an odd value, and one that was clipped before its axis was
+What can't be found: clipped peaks of single samples (of two, at an odd value), and those clipped before the axis was
 mixed with others (calibrated for misalignment) or averaged.
 """
 
@@ -25,10 +25,10 @@ LOWEST = {"acc": 1.15 * GRAVITY, "gyr": 1.0}
 """No range ends below this, in m/s2 and rad/s: a flat top under it is a rest."""
 
 RANGES = {"acc": GRAVITY * np.array([1.5, 2, 3, 4, 6, 8, 12, 16, 24]), "gyr": np.radians([125, 250, 500, 1000, 2000])}
-"""Where makers let a range end: there a single sample is enough ..."""
+"""Where makers let a range end ..."""
 
-EXACTLY = 1e-4
-"""... if it is off by no more than this share."""
+EXACTLY, PAIR = 1e-4, 2
+"""... and to which share they do: a flat top there has this many samples at least."""
 
 SAME = 1e-6
 """Readings that differ by less than this share of the extreme one are the same."""
@@ -80,11 +80,10 @@ def _tops(x: Array, sensor: str, new: NDArray[np.bool_]) -> list[tuple[int, int]
     if top < LOWEST[sensor]:
         return []
     tops = runs(x >= top * (1.0 - SAME))
-    if (np.abs(top / RANGES[sensor] - 1.0) < EXACTLY).any():
-        return tops
-    long = [(start, stop) for start, stop in tops if new[start:stop].sum() >= FLAT]
-    if not long:
-        return []
+    usual = (np.abs(top / RANGES[sensor] - 1.0) < EXACTLY).any()
+    long = [(start, stop) for start, stop in tops if new[start:stop].sum() >= (PAIR if usual else FLAT)]
+    if usual or not long:
+        return tops if long else []
     between = np.diff(np.unique(x))
     step = max(float(between[between > top * SAME].min(initial=np.inf)), top * SAME)
     sides = np.concatenate((x[:1], x, x[-1:]))
@@ -99,13 +98,13 @@ def _warn(recording: Recording, clips: Sequence[Clip]) -> None:
         for sensor in names
         if any(clip.sensor == sensor for clip in clips)
     )
-    samples = len({row for clip in clips for row in range(clip.start, clip.stop)})
+    rows = len({row for clip in clips for row in range(clip.start, clip.stop)})
     first = clips[0]
     reading = abs(float(getattr(recording, first.sensor)[first.start, first.axis]))
     shown = f"{reading / GRAVITY:.3g} g" if first.sensor == "acc" else f"{np.degrees(reading):.0f} deg/s"
     warnings.warn(
-        f"{samples} sample{'' if samples == 1 else 's'} of {axes} axis are at the end of the range ({shown}), first at "
-        f"t = {recording.t[first.start]:.2f} s; move slower there, or set a larger range",
+        f"{rows} samples of {axes} axis are at the end of the range ({shown}), the first at "
+        f"t = {recording.t[first.start]:.2f} s: what was above it is a guess; move slower, or set a larger range",
         PbdWarning,
-        stacklevel=4,
+        stacklevel=3,
     )

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from pbd.data import Recording, Stop
+from pbd.errors import TrackingError
 from pbd.pose import Array
+from pbd.tracking.conditioning import Gap
 from pbd.tracking.rest import Rest
 
 TILT_SIGMA = np.radians(0.3)
@@ -24,6 +26,9 @@ TURN_TILT, MOTION_DRIFT = 0.001, 0.001
 
 ACC_LEVEL, ACC_LEVEL_WEIGHT = 0.05, 0.3
 """m/s2, the accelerometer's bias and scale as long as the rests don't show more; and how much it takes to show it."""
+
+UNSEEN_HAND = 0.1
+"""m/s: how fast a hand may move on average while the data have a hole."""
 
 GYRO_WALK = np.radians(0.02)
 """rad/s: what is left of the gyro's bias after its estimation; heading without a magnetometer drifts by it."""
@@ -79,15 +84,37 @@ def stop_covariance(
     return cov
 
 
+def unseen_covariance(gaps: tuple[Gap, ...], stops: tuple[Stop, ...]) -> Array:
+    """Covariance (len(stops), 3, 3) m2 for long gaps within stops: the hand may have moved while nothing was seen."""
+    variance = np.zeros(len(stops))
+    for gap in gaps:
+        for k, stop in enumerate(stops):
+            if stop.start <= gap.before and gap.after < stop.stop:
+                variance[k:] += (UNSEEN_HAND * gap.missing_s) ** 2
+    return variance[:, None, None] * np.eye(3)
+
+
 def accelerometer_level(recording: Recording, stops: tuple[Stop, ...], rest: Rest) -> float:
     """How large the accelerometer's errors are, m/s2: bias and scale, seen where rests differ in their attitude.
 
     With u the vertical in sensor axes, a bias b makes gravity look different by (u_k - u_0) b.
+
+    Raises:
+        TrackingError: at a stop there is no gravity.
     """
     squares, seen = ACC_LEVEL_WEIGHT * ACC_LEVEL**2, ACC_LEVEL_WEIGHT
     for stop in stops:
         f = recording.acc[stop.start : stop.stop].mean(axis=0)
         norm = float(np.linalg.norm(f))
+        if norm < 0.5 * rest.gravity:
+            t = float(recording.t[stop.start])
+            raise TrackingError(
+                f"at the stop at {t:.2f} s the accelerometer reads {norm:.2f} m/s2, though gravity is there; check the "
+                "sensor and record again",
+                t=t,
+                value=norm,
+                bound=rest.gravity,
+            )
         squares += (norm - rest.gravity) ** 2
         seen += float(((f / norm - rest.up_sensor) ** 2).sum())
     return float(np.sqrt(squares / seen))

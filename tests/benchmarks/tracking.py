@@ -26,14 +26,10 @@ import numpy as np
 from pbd.data import Attitude, HandPath, Recording
 from pbd.errors import PbdWarning
 from pbd.files.importers import import_file
-from pbd.pipeline import track
+from pbd.pipeline import find_motion, track
 from pbd.pose import Array, quat_about_z, quat_canonical, quat_inverse, quat_multiply, quat_rotate
-from pbd.tracking.gravity import motion_acceleration
 from pbd.tracking.integration import integrate_move
-from pbd.tracking.orientation import estimate_attitude
 from pbd.tracking.rest import Rest, find_rest
-from pbd.tracking.smoothing import smooth_motion
-from pbd.tracking.stops import find_stops
 from pbd.tracking.uncertainty import move_covariance, move_figures
 from tests.benchmarks.report import add_data, arguments, finish
 from tests.benchmarks.trials import RATES, Trial, Window, at_sensor, fit_lever, kind_of, phases, read_broad
@@ -133,11 +129,8 @@ Motion = tuple[Attitude, Array, Rest]
 
 def motion_of(recording: Recording) -> Motion:
     """The tracker's attitude and motion acceleration over a whole trial, and its first rest."""
-    rest = find_rest(recording)
-    attitude = estimate_attitude(recording, slice(rest.start, rest.stop))
-    a_nav = motion_acceleration(recording, attitude, rest.gravity)
-    stops = find_stops(recording, a_nav, attitude.wxyz_nav_sensor, rest)
-    return *smooth_motion(recording, attitude, a_nav, stops, rest), rest
+    rest, attitude, a_nav, _ = find_motion(recording, find_rest(recording))
+    return attitude, a_nav, rest
 
 
 def heading_off(trial: Trial, wxyz: Array) -> tuple[float, Any]:

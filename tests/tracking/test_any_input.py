@@ -17,9 +17,6 @@ from pbd.sensors.simulate import random_task, simulate
 from tests.scenarios import with_rows
 from tests.tracking.faults import every_method, path_or_none, quietly, with_channel
 
-# The faults of test_bad_input.py that are marked there are found here too. Once they are mended this must pass.
-OPEN = pytest.mark.xfail(strict=False, reason="faults that test_bad_input.py marks")
-
 
 @every_method
 @pytest.mark.parametrize("rows", [2, 3, 5, 10, 20])
@@ -50,7 +47,6 @@ def recordings(draw: st.DrawFn) -> Recording:
     )
 
 
-@OPEN
 @quietly
 @settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(recordings(), st.sampled_from(METHODS))
@@ -111,7 +107,6 @@ def spoilt_recordings(draw: st.DrawFn) -> Recording:
     return recording
 
 
-@OPEN
 @quietly
 @settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(spoilt_recordings(), st.sampled_from(METHODS))

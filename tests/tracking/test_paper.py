@@ -51,6 +51,7 @@ def test_yaw_filter_finds_the_gyros_bias_across_the_wrap() -> None:
     assert bias[-1] == pytest.approx(0.01, abs=2e-3)
 
 
+@pytest.mark.filterwarnings("ignore:.*end of the range:pbd.errors.PbdWarning")  # the roll clips the gyro
 def test_the_papers_method_finds_the_translations_of_test_1() -> None:
     segments = find_segments(track(simulate("pick-and-place-stops", "os5000", 0).recording, "paper"))
     moves = [s for s in segments if s.kind == "move"]
@@ -68,6 +69,7 @@ def test_without_a_compass_it_says_so() -> None:
         track(recording, "paper")
 
 
+@pytest.mark.filterwarnings("ignore:.*end of the range:pbd.errors.PbdWarning")  # the roll clips the gyro
 def test_without_the_devices_attitude_tilt_is_low_passed() -> None:
     recording = replace(simulate("pick-and-place-stops", "os5000").recording, device_rpy=None)
     assert len(track(recording, "paper").stops) >= 2

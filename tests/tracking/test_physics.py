@@ -33,11 +33,6 @@ from tests.tracking.hands import (
     with_and_without_north,
 )
 
-EDGE_TOO_NARROW = pytest.mark.xfail(
-    strict=True,
-    reason="pbd.tracking.integration.EDGE_S is 0.05 s, narrower than the detector's window; with 0.1 s this holds",
-)
-
 
 @every_method
 @with_and_without_north
@@ -64,7 +59,6 @@ def test_a_perfect_sensor_gives_the_truth(method: str, seed: int) -> None:
     assert np.linalg.norm(keyframe_errors(path, truth), axis=1).max() < bound(method, task)
 
 
-@EDGE_TOO_NARROW
 @pytest.mark.parametrize("seed", [22, 45, 49, 58])
 def test_a_perfect_sensor_gives_the_truth_of_moves_that_begin_slowly(seed: int) -> None:
     """Each of these tasks has a move of 5 to 9 cm that takes 1.3 to 1.5 s. For 60 to 80 ms its acceleration stays under
