@@ -6,6 +6,10 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+settings.register_profile("pbd", deadline=None)  # nothing fails on time: the machine may be busy
+settings.load_profile("pbd")
 
 
 @pytest.fixture

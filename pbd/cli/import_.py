@@ -5,8 +5,12 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from pbd.cli.options import Commands, add_command, add_json, store_demonstration
+from pbd.cli.options import Commands, add_command, add_json, positive, store_demonstration
+
+if TYPE_CHECKING:
+    from pbd.data import Demonstration
 
 
 def add(commands: Commands) -> None:
@@ -32,7 +36,8 @@ def add(commands: Commands) -> None:
     parser.add_argument(
         "--unit", type=_pair, action="append", default=[], metavar="WHAT=UNIT", help="of t, gyr, acc, mag or angle"
     )
-    parser.add_argument("--sensor", metavar="S", help="what recorded it")
+    parser.add_argument("--sensor", metavar="S", help="what recorded it; for a raw.bin: what its bytes are")
+    parser.add_argument("--rate", type=positive, metavar="HZ", help="of a raw.bin, where nothing else tells it")
     parser.add_argument("--closed", action="store_true", help="the hand ended where it began")
     parser.add_argument("--force", action="store_true", help="replace a demonstration of that name")
     add_json(parser)
@@ -47,13 +52,27 @@ def run(args: argparse.Namespace) -> int:
 
     if not args.file.is_file():
         raise RecordingError(f"no file {args.file}; give the path of a recording", path=args.file)
-    demo = import_file(args.file, dict(args.column), dict(args.unit))
+    if args.file.suffix.lower() == ".bin":
+        demo = _decode(args)
+    else:
+        demo = import_file(args.file, dict(args.column), dict(args.unit))
     condition(demo.recording)  # what can't be tracked is refused here, before it takes a name
     if args.sensor:
         info = replace(demo.recording.info, sensor=args.sensor)
         demo = replace(demo, recording=replace(demo.recording, info=info))
     store_demonstration(args, replace(demo, closed=demo.closed or args.closed), "imported")
     return 0
+
+
+def _decode(args: argparse.Namespace) -> Demonstration:
+    """Decode bytes that `pbd record --raw` kept."""
+    from pbd.errors import SensorError
+    from pbd.record.again import decode_raw
+    from pbd.sensors.protocols import protocol
+
+    if not args.sensor:
+        raise SensorError(f"{args.file} holds a sensor's bytes; name the --sensor that they came from", path=args.file)
+    return decode_raw(args.file, protocol(args.sensor).decoder(), args.sensor, args.rate)
 
 
 def _pair(text: str) -> tuple[str, str]:

@@ -25,12 +25,16 @@ class GripEvent:
 
 @dataclass(frozen=True)
 class RecordingInfo:
-    """Where a recording comes from: its name, the sensor, the nominal rate in Hz, the UTC start in ISO 8601."""
+    """Where a recording comes from: its name, the sensor, the nominal rate in Hz, the UTC start in ISO 8601.
+
+    `clock` says where its times come from, in words.
+    """
 
     name: str = "recording"
     sensor: str = "unknown"
     rate_hz: float | None = None
     created: str | None = None
+    clock: str = ""
 
 
 @dataclass(frozen=True, eq=False)

@@ -71,6 +71,7 @@ def read_demo(folder: Path) -> Demonstration:
         sensor=top.text("sensor"),
         rate_hz=top.number("rate_hz", positive=True) if "rate_hz" in top else None,
         created=top.text("created") if "created" in top else None,
+        clock=top.text("clock") if "clock" in top else "",
     )
     grip = tuple(GripEvent(event.number("t_s"), event.flag("closed")) for event in top.tables("grip"))
     notes = top.text("notes") if "notes" in top else ""
@@ -101,16 +102,11 @@ def write_demo(demo: Demonstration, folder: Path, force: bool = False) -> None:
     Raises:
         RecordingError: the folder exists (unless `force`), or can't be written.
     """
-    if folder.exists() and not force:
-        raise RecordingError(f"{folder} exists; give another name, or --force to replace it", path=folder)
-    if folder.is_file():
-        raise RecordingError(f"{folder} can't be written (a file is there); give another place", path=folder)
-    if folder.is_dir() and not (folder / "demo.toml").is_file():
-        raise RecordingError(f"{folder} is no demonstration, so it is not replaced; give another name", path=folder)
+    may_be_written(folder, force)
     unfinished = folder.with_name(f".{folder.name}.{os.getpid()}.tmp")
     try:
         unfinished.mkdir(parents=True)
-        (unfinished / "demo.toml").write_text(_demo_toml(demo, folder.name), encoding="utf-8")
+        (unfinished / "demo.toml").write_text(demo_toml(demo, folder.name), encoding="utf-8")
         write_table(unfinished / "imu.csv", *_imu_columns(demo.recording))
         if demo.truth is not None:
             values = np.column_stack((demo.truth.t, demo.truth.p_nav_sensor, demo.truth.wxyz_nav_sensor))
@@ -126,6 +122,20 @@ def write_demo(demo: Demonstration, folder: Path, force: bool = False) -> None:
         raise RecordingError(f"{folder} can't be written ({reason}); give another place", path=folder) from None
     finally:
         shutil.rmtree(unfinished, ignore_errors=True)
+
+
+def may_be_written(folder: Path, force: bool) -> None:
+    """Refuse to write over what is there.
+
+    Raises:
+        RecordingError: the folder exists (unless `force`), or holds something that is no demonstration.
+    """
+    if folder.exists() and not force:
+        raise RecordingError(f"{folder} exists; give another name, or --force to replace it", path=folder)
+    if folder.is_file():
+        raise RecordingError(f"{folder} can't be written (a file is there); give another place", path=folder)
+    if folder.is_dir() and not (folder / "demo.toml").is_file():
+        raise RecordingError(f"{folder} is no demonstration, so it is not replaced; give another name", path=folder)
 
 
 def demo_folder(name: str) -> Path:
@@ -212,7 +222,7 @@ def _optional(section: Section, key: str, positive: bool = False) -> float | Non
     return section.number(key, positive=positive) if key in section else None
 
 
-def _demo_toml(demo: Demonstration, name: str) -> str:
+def demo_toml(demo: Demonstration, name: str) -> str:
     import tomlkit
 
     recording = demo.recording
@@ -222,6 +232,8 @@ def _demo_toml(demo: Demonstration, name: str) -> str:
     if recording.info.created:
         document["created"] = recording.info.created
     document["sensor"] = recording.info.sensor if recording.info.sensor.strip() else "unknown"
+    if recording.info.clock:
+        document["clock"] = recording.info.clock
     if recording.info.rate_hz or len(recording) > 1:
         document["rate_hz"] = float(f"{recording.info.rate_hz or recording.rate_hz:.6g}")
     if demo.notes.strip():

@@ -79,6 +79,26 @@ def robots_table(robots: Sequence[Robot]) -> Table:
     return table
 
 
+def ports_table(rows: Sequence[Mapping[str, Any]]) -> Table:
+    """Serial ports, and what was heard there."""
+    heard = any("sensor" in row for row in rows)
+    columns = ("port", "device", "USB id", *(("speaks", "baud", "") if heard else ()))
+    table = _table(*columns, left=columns)
+    for row in rows:
+        said = (row["sensor"] or "", str(row["baud"] or ""), row["note"]) if heard else ()
+        table.add_row(row["port"], row["title"], row["usb"], *said)
+    return table
+
+
+def sensors_table(rows: Sequence[Mapping[str, Any]]) -> Table:
+    """Kinds of sensors, by the name that `pbd record --sensor` takes."""
+    columns = ("--sensor", "device", "gives")
+    table = _table(*columns, left=columns)
+    for row in rows:
+        table.add_row(row["sensor"], row["title"], row["gives"])
+    return table
+
+
 def _fixed(values: Any, decimals: int) -> list[str]:
     """Write numbers with so many decimals, and spare the reader a -0.000."""
     return [f"{x:.{decimals}f}" for x in np.round(np.asarray(values), decimals) + 0.0]

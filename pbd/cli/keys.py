@@ -1,0 +1,57 @@
+"""Single keys from a terminal, and signals, without waiting for either."""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+import sys
+from types import FrameType, TracebackType
+from typing import Any, Self
+
+
+class Keys:
+    """While it lasts, keys come one by one, and Ctrl-C, a hang-up or a termination come as the key END.
+
+    Where standard input is no terminal there are no keys, and its end ends nothing.
+    """
+
+    END = "\x03"
+
+    def __init__(self) -> None:
+        self.terminal = sys.stdin.isatty()
+        self._signalled = False
+        self._settings: list[Any] | None = None
+        self._handlers: dict[int, Any] = {}
+
+    def __enter__(self) -> Self:
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            self._handlers[number] = signal.signal(number, self._signal)
+        if self.terminal:
+            import termios
+            import tty
+
+            self._settings = termios.tcgetattr(sys.stdin)
+            tty.setcbreak(sys.stdin)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._settings is not None:
+            import termios
+
+            termios.tcsetattr(sys.stdin, termios.TCSADRAIN, self._settings)
+        for number, handler in self._handlers.items():
+            signal.signal(number, handler)
+
+    def next(self) -> str:
+        """Return the next key, or ""."""
+        if self._signalled:
+            return self.END
+        if self.terminal and select.select([sys.stdin], [], [], 0.0)[0]:
+            return os.read(sys.stdin.fileno(), 1).decode(errors="replace")
+        return ""
+
+    def _signal(self, number: int, frame: FrameType | None) -> None:
+        self._signalled = True

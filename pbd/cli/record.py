@@ -1,0 +1,251 @@
+"""pbd record [NAME]."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from datetime import datetime
+from typing import TYPE_CHECKING
+
+from pbd.cli.options import Commands, add_command, add_json, positive, print_json
+
+if TYPE_CHECKING:
+    from pbd.cli.keys import Keys
+    from pbd.cli.recording_screen import PanelScreen, PlainScreen
+    from pbd.record import Command, Outcome
+    from pbd.sensors.decoding import Decoder
+    from pbd.sensors.port import Port
+    from pbd.view.hand import HandView
+
+SIMULATED = "sim"
+
+
+def add(commands: Commands) -> None:
+    """Add the command."""
+    parser = add_command(
+        commands,
+        "record",
+        "record a demonstration from a sensor",
+        "Record to ./demos/NAME, sample by sample. Hold still for two seconds, then move, stop, move, stop.",
+        "  pbd record tea --sensor witmotion\n"
+        "  pbd record tea --sensor sim:pour           without hardware: a simulated hand that pours\n"
+        "  pbd record tea --live                      and see the hand, its path and its stops in the browser\n"
+        '  pbd record tea --sensor lines --columns "t,ax,ay,az,gx,gy,gz" --unit t=ms --unit acc=g --unit gyr=deg/s',
+    )
+    parser.add_argument("name", nargs="?", metavar="NAME", help="of the demonstration; default: the date and the time")
+    parser.add_argument(
+        "--sensor",
+        metavar="S",
+        help="what it speaks (`pbd sensors` lists them), or sim[:TASK]; default: listen and see",
+    )
+    parser.add_argument("--port", metavar="P", help="the serial port; default: the only one with something plugged in")
+    parser.add_argument("--baud", type=int, metavar="B", help="default: those that the sensor may have are tried")
+    parser.add_argument("--rate", type=positive, metavar="HZ", help="set the device's rate first, where it can be set")
+    parser.add_argument("--duration", type=positive, metavar="S", help="end after so many seconds")
+    parser.add_argument(
+        "--tolerance", type=positive, default=1.0, metavar="CM", help="say 'pause now' when a move is less sure (1)"
+    )
+    parser.add_argument("--closed", action="store_true", help="the hand will end where it began; tracking uses that")
+    parser.add_argument("--raw", action="store_true", help="keep the bytes as they come (raw.bin)")
+    parser.add_argument("--reconnect", action="store_true", help="wait for a sensor that was unplugged")
+    parser.add_argument("--force", action="store_true", help="replace a demonstration of that name")
+    parser.add_argument("--live", action="store_true", help="show the hand in the browser, served on this machine only")
+    parser.add_argument("--no-open", action="store_true", help="with --live: open no browser; print the address")
+    lines = parser.add_argument_group("a device that prints numbers (--sensor lines)")
+    lines.add_argument(
+        "--columns", metavar="LIST", help="what the numbers of a line are, such as t,ax,ay,az,gx,gy,gz; or a .toml file"
+    )
+    lines.add_argument("--unit", action="append", default=[], metavar="Q=U", help="of acc, gyr, mag, angle, t: acc=g")
+    lines.add_argument("--separator", default=",", metavar="C", help="between numbers: a character, space or tab (,)")
+    lines.add_argument("--prefix", default="", metavar="TEXT", help="what each line begins with")
+    lines.add_argument("--wrap", type=float, metavar="T", help="at which the device's clock starts anew, in its unit")
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Record, and say how it went."""
+    from pbd.cli.keys import Keys
+    from pbd.cli.recording_screen import PanelScreen, PlainScreen
+    from pbd.files.demo import demo_folder, may_be_written, utc_now
+    from pbd.record import RecordOptions, record
+
+    name = args.name or datetime.now().strftime("demo-%m%d-%H%M%S")
+    folder = demo_folder(name)
+    may_be_written(folder, args.force)
+    with ExitStack() as stack:
+        view = stack.enter_context(_live_view()) if args.live else None
+        sensor, opened, decoder = _sensor(args, stack)
+        options = RecordOptions(
+            folder=folder,
+            sensor=sensor,
+            created=utc_now(),
+            duration_s=args.duration,
+            tolerance_m=args.tolerance / 100.0,
+            closed=args.closed,
+            raw=args.raw,
+            reconnect=args.reconnect,
+            force=args.force,
+        )
+        keys = stack.enter_context(Keys())
+        title = f"recording {folder} from {sensor}"
+        screen: PanelScreen | PlainScreen
+        if keys.terminal and sys.stderr.isatty():
+            screen = PanelScreen(title, options.tolerance_m)
+        else:
+            screen = PlainScreen(title)
+        person = _Person(keys, screen)
+        if view is None:
+            with screen:
+                outcome = record(opened, decoder, options, person, screen.show)
+        else:
+            from pbd.cli.recording_live import SHOWN_S, LiveScreen
+
+            view.open(name, sensor, not args.no_open)
+            live = LiveScreen(view, screen.show, options.tolerance_m)
+            with screen:
+                outcome = record(opened, decoder, options, person, live.show, SHOWN_S)
+            live.end(outcome)
+    _report(args, outcome)
+    return 0
+
+
+def _live_view() -> HandView:
+    from pbd.view.hand import HandView
+
+    return HandView()
+
+
+class _Person:
+    """Turns keys into commands; asks before a recording is discarded."""
+
+    def __init__(self, keys: Keys, screen: PanelScreen | PlainScreen) -> None:
+        self._keys, self._screen = keys, screen
+        self._asked = False
+
+    def __call__(self) -> Command | None:
+        from pbd.record import Command
+
+        key = self._keys.next()
+        if self._asked and key:
+            self._asked = False
+            self._screen.ask("")
+            if key in "yY":
+                return Command.DISCARD
+            return None if key != self._keys.END else Command.END
+        if key in ("\n", "\r", self._keys.END) and key:
+            return Command.END
+        if key == " ":
+            return Command.GRIP
+        if key in ("q", "Q") and key:
+            self._asked = True
+            self._screen.ask("discard this recording? y discards, any other key goes on")
+        return None
+
+
+def _sensor(args: argparse.Namespace, stack: ExitStack) -> tuple[str, Callable[[], Port], Decoder]:
+    """The sensor's name, what opens its port, and its decoder."""
+    from pbd.sensors.port import open_port
+    from pbd.sensors.probe import find_baud, probe
+    from pbd.sensors.protocols import protocol
+
+    wanted: str | None = args.sensor
+    if wanted is not None and wanted.partition(":")[0] == SIMULATED:
+        from pbd.sensors.emulator import Emulator
+        from pbd.sensors.simulate import simulate
+
+        task = wanted.partition(":")[2] or "pour"
+        emulator = stack.enter_context(Emulator(simulate(task, "modern", seed=int(time.time())).recording))
+        return f"ximu3, simulated ({task})", lambda: open_port(emulator.device, 115200), protocol("ximu3").decoder()
+
+    if wanted is not None and wanted != "lines":
+        protocol(wanted)  # an unknown name is told before anything is opened
+    make = _line_decoder(args) if wanted == "lines" else None
+    device = args.port or _only_port()
+    baud = args.baud
+    if wanted is None:
+        from pbd.errors import SensorError
+
+        print(f"listening to {device} ...", file=sys.stderr, flush=True)
+        found = probe(device)
+        if found.sensor is None:
+            raise SensorError(
+                f"what {device} speaks can't be told ({found.bytes_seen} bytes came); give --sensor", path=device
+            )
+        wanted, baud = found.sensor, baud or found.baud
+    make = make or protocol(wanted).decoder
+    if baud is None:
+        baud = find_baud(device, make, protocol(wanted).bauds)
+    if args.rate is not None:
+        _set_rate(device, baud, wanted, args.rate)
+    return wanted, lambda: open_port(device, baud), make()
+
+
+def _only_port() -> str:
+    from pbd.errors import SensorError
+    from pbd.sensors.port import list_ports
+
+    ports = [port for port in list_ports() if port.usb]  # a board's own ttyS0 is always there
+    if len(ports) == 1:
+        return ports[0].device
+    if not ports:
+        raise SensorError(
+            "no USB serial port has anything plugged in; plug the sensor in, name its --port, or try --sensor sim"
+        )
+    raise SensorError(f"several ports have something plugged in ({', '.join(p.device for p in ports)}); name a --port")
+
+
+def _line_decoder(args: argparse.Namespace) -> Callable[[], Decoder]:
+    from pathlib import Path
+
+    from pbd.errors import SensorError
+    from pbd.sensors.line_layout import layout_from_options, layout_from_toml
+    from pbd.sensors.lines import LineDecoder
+
+    if not args.columns:
+        raise SensorError('tell what the numbers of a line are: --columns "t,ax,ay,az,gx,gy,gz", or a .toml file')
+    if args.columns.endswith(".toml"):
+        try:
+            text = Path(args.columns).read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as reason:
+            raise SensorError(f"{args.columns} can't be read ({reason}); give a TOML file", path=args.columns) from None
+        layout = layout_from_toml(text, args.columns)
+    else:
+        layout = layout_from_options(args.columns, args.unit, args.separator, args.prefix, args.wrap)
+    return lambda: LineDecoder(layout)
+
+
+def _set_rate(device: str, baud: int, sensor: str, rate_hz: float) -> None:
+    from pbd.sensors.port import open_port
+    from pbd.sensors.protocols import COMMAND_PAUSE_S, protocol
+
+    commands = protocol(sensor).commands_for(rate_hz)
+    with open_port(device, baud) as port:
+        for command in commands:
+            port.write(command)
+            time.sleep(COMMAND_PAUSE_S)
+
+
+def _report(args: argparse.Namespace, outcome: Outcome) -> None:
+    folder = None if outcome.folder is None else str(outcome.folder)
+    if args.json:
+        print_json(
+            {
+                "demo": folder,
+                "samples": outcome.samples,
+                "duration_s": outcome.duration_s,
+                "lost": outcome.lost,
+                "stops": outcome.stops,
+                "ended_by": outcome.ended_by,
+            }
+        )
+    elif folder is None:
+        print("discarded", file=sys.stderr)
+    else:
+        print(
+            f"{folder}: {outcome.duration_s:.1f} s, {outcome.samples} samples, {outcome.lost} lost, {outcome.stops} "
+            f"stops; ended by {outcome.ended_by}\nnext: pbd keyframes {outcome.folder.name if outcome.folder else ''}"
+        )

@@ -1,0 +1,60 @@
+"""pbd sensors."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from pbd.cli.options import Commands, add_command, add_json, print_json
+
+
+def add(commands: Commands) -> None:
+    """Add the command."""
+    parser = add_command(
+        commands,
+        "sensors",
+        "what is plugged in, and what can be",
+        "List serial ports with something plugged in, and the kinds of sensors that are understood.",
+        "  pbd sensors --probe",
+    )
+    parser.add_argument("--probe", action="store_true", help="listen to each port and say what it speaks")
+    parser.add_argument("--port", metavar="P", help="this port only")
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """List, and listen."""
+    from pbd.errors import SensorError
+    from pbd.sensors.port import PortInfo, list_ports
+    from pbd.sensors.probe import probe
+    from pbd.sensors.protocols import PROTOCOLS
+    from pbd.view.tables import ports_table, print_table, sensors_table
+
+    ports = (PortInfo(args.port, "", ""),) if args.port else list_ports()
+    rows: list[dict[str, str | int | None]] = []
+    for port in ports:
+        row: dict[str, str | int | None] = {"port": port.device, "title": port.title, "usb": port.usb}
+        if args.probe:
+            print(f"listening to {port.device} ...", file=sys.stderr, flush=True)
+            try:
+                found = probe(port.device)
+            except SensorError as error:
+                if args.port:
+                    raise
+                row |= {"sensor": None, "baud": None, "note": error.message}
+            else:
+                note = "silent" if not found.bytes_seen else "" if found.sensor else "bytes that no decoder knows"
+                row |= {"sensor": found.sensor, "baud": found.baud or None, "note": note}
+        rows.append(row)
+    kinds = [{"sensor": name, "title": one.title, "gives": one.gives} for name, one in PROTOCOLS.items()]
+    if args.json:
+        print_json({"ports": rows, "sensors": kinds})
+        return 0
+    if rows:
+        print_table(ports_table(rows))
+    else:
+        print("no serial port has anything plugged in; try one without hardware: pbd record tea --sensor sim")
+    print()
+    print_table(sensors_table(kinds))
+    return 0

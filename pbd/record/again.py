@@ -1,0 +1,80 @@
+"""Decode a recording's raw bytes again: with a better decoder, or because its demonstration was lost."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from pbd.data import Demonstration, Recording, RecordingInfo
+from pbd.errors import RecordingError
+from pbd.files.demo import read_demo
+from pbd.pose import Array
+from pbd.record.session import DEVICE_CLOCK
+from pbd.sensors.decoding import Decoder, Sample
+
+
+def decode_raw(path: Path, decoder: Decoder, sensor: str, rate_hz: float | None = None) -> Demonstration:
+    """Read raw.bin.
+
+    Bytes carry no arrival times. Where the device has no clock, the times are those of the demonstration that raw.bin
+    lies in, if it has as many samples; else evenly spaced.
+
+    Args:
+        path: the file.
+        decoder: of the sensor's protocol, at its start.
+        sensor: the protocol's name.
+        rate_hz: for evenly spaced times; default: the demonstration's beside it.
+
+    Raises:
+        RecordingError: it can't be read, holds no sample, or nothing tells the rate.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as reason:
+        raise RecordingError(f"{path} can't be read ({reason.strerror}); name a raw.bin", path=path) from None
+    samples = [sample for sample in decoder.feed(data) if sample.acc is not None]
+    if len(samples) < 2:
+        raise RecordingError(
+            f"{path}: no samples of {sensor} in its {len(data)} bytes; name the sensor that it came from", path=path
+        )
+    beside = read_demo(path.parent) if (path.parent / "demo.toml").is_file() else None
+    t, clock = _times(path, samples, None if beside is None else beside.recording, rate_hz)
+    return Demonstration(
+        Recording(
+            t,
+            _channel(samples, "acc"),
+            _given(samples, "gyr"),
+            _given(samples, "mag"),
+            _given(samples, "rpy"),
+            grip=() if beside is None else beside.recording.grip,
+            info=RecordingInfo(
+                sensor=sensor,
+                rate_hz=rate_hz,
+                created=None if beside is None else beside.recording.info.created,
+                clock=clock,
+            ),
+        ),
+        closed=beside is not None and beside.closed,
+    )
+
+
+def _times(path: Path, samples: list[Sample], beside: Recording | None, rate_hz: float | None) -> tuple[Array, str]:
+    device = [sample.t_device for sample in samples if sample.t_device is not None]
+    if len(device) == len(samples):
+        return np.array(device) - device[0], DEVICE_CLOCK
+    if beside is not None and len(beside) == len(samples):
+        return beside.t, beside.info.clock
+    rate_hz = rate_hz or (None if beside is None else beside.rate_hz)
+    if rate_hz is None:
+        raise RecordingError(f"{path}: the sensor has no clock, and nothing tells its rate; give --rate", path=path)
+    return np.arange(len(samples)) / rate_hz, f"none: evenly spaced at {rate_hz:g} Hz"
+
+
+def _given(samples: list[Sample], name: str) -> Array | None:
+    return _channel(samples, name) if any(getattr(sample, name) for sample in samples) else None
+
+
+def _channel(samples: list[Sample], name: str) -> Array:
+    nothing = (np.nan, np.nan, np.nan)
+    return np.array([getattr(sample, name) or nothing for sample in samples])

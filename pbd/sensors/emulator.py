@@ -1,0 +1,86 @@
+"""A sensor without hardware: a pseudo-terminal that speaks x-IMU3's binary protocol, at a real pace."""
+
+from __future__ import annotations
+
+import os
+import struct
+import threading
+import time
+import tty
+from contextlib import suppress
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from pbd.data import GRAVITY, Recording
+
+INERTIAL, MAGNETOMETER = 0x80 | ord("I"), 0x80 | ord("M")
+TICK_S = 0.01
+"""What has become due is written this often, as a USB device would."""
+
+
+class Emulator:
+    """Plays a recording into a pseudo-terminal; then the hand rests, at its last samples over and over."""
+
+    def __init__(self, recording: Recording) -> None:
+        """Open the pseudo-terminal; `device` is its name."""
+        self._recording = recording
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self.device = os.ttyname(self._slave)
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._play, name="emulated sensor", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.unplug()
+
+    def unplug(self) -> None:
+        """End it, as pulling the plug would; twice is nothing."""
+        if not self._ended.is_set():
+            self._ended.set()
+            if self._thread.is_alive():
+                self._thread.join()
+            for handle in (self._master, self._slave):
+                with suppress(OSError):
+                    os.close(handle)
+
+    def _play(self) -> None:
+        recording, interval = self._recording, 1.0 / self._recording.rate_hz
+        rest = max(1, min(len(recording), round(0.5 / interval)))
+        begun, sent = time.monotonic(), 0
+        while not self._ended.wait(TICK_S):
+            due = int((time.monotonic() - begun) / interval)
+            messages = []
+            for k in range(sent, due):
+                row = k if k < len(recording) else len(recording) - rest + (k - len(recording)) % rest
+                messages.append(encode(recording, row, round(1e6 * k * interval)))
+            sent = due
+            with suppress(OSError):  # nobody reads: as a real sensor, it goes on talking
+                os.write(self._master, b"".join(messages))
+
+
+def encode(recording: Recording, row: int, microseconds: int) -> bytes:
+    """One sample as messages: x-IMU3's `M`, where there is a magnetometer, then `I`.
+
+    Source: x-IMU3 user manual, binary messages: id | 0x80, uint64 microseconds, float32 values, 0x0A; 0x0A and 0xDB
+    inside are stuffed as 0xDB 0xDC and 0xDB 0xDD. Units: degrees/s, g, arbitrary (here uT).
+    """
+    gyr = np.zeros(3) if recording.gyr is None else np.degrees(recording.gyr[row])
+    values = (*gyr, *(recording.acc[row] / GRAVITY))
+    inertial = _message(INERTIAL, struct.pack("<Q6f", microseconds, *values))
+    if recording.mag is None:
+        return inertial
+    return _message(MAGNETOMETER, struct.pack("<Q3f", microseconds, *recording.mag[row])) + inertial
+
+
+def _message(kind: int, payload: bytes) -> bytes:
+    stuffed = payload.replace(b"\xdb", b"\xdb\xdd").replace(b"\x0a", b"\xdb\xdc")
+    return bytes([kind]) + stuffed + b"\n"

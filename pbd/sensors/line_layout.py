@@ -1,0 +1,237 @@
+"""What the numbers of a line mean: the names, order, units and separator of its columns, as a person gives them.
+
+Columns: ax ay az (specific force, +g up at rest), gx gy gz, mx my mz; roll, pitch, yaw (turns about x, y, z; yaw from
+east to north) or roll, pitch, heading (a compass': pitch nose up, heading clockwise from north); t (the device's own
+clock); _ for what is to be passed over. A minus before a name turns its sign: `-ax`. The axes must be right-handed.
+
+In TOML:
+
+    separator = ","              # "space": any white space; "tab"
+    columns = "t,ax,ay,az,gx,gy,gz"
+    prefix = ""                  # what each line begins with
+    wrap = 4294967296            # at which t starts anew, in its own unit; 0: never
+    [units]                      # acc, gyr, mag, angle, t; a number before a unit multiplies it
+    acc = "0.001 g"
+
+or, in place of columns and prefix, where several lines make one sample, a [[line]] with both for each. The first one
+begins a sample.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from math import isfinite, pi
+from types import MappingProxyType
+
+from pbd.data import GRAVITY
+from pbd.errors import SensorError
+
+QUANTITIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "acc": ("ax", "ay", "az"),
+        "gyr": ("gx", "gy", "gz"),
+        "mag": ("mx", "my", "mz"),
+        "angle": ("roll", "pitch", "yaw", "heading"),
+        "t": ("t",),
+    }
+)
+
+UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
+    {
+        "acc": {"m/s2": 1.0, "g": GRAVITY, "mg": GRAVITY / 1000.0},
+        "gyr": {"rad/s": 1.0, "deg/s": pi / 180.0, "mdeg/s": pi / 180e3},
+        "mag": {"uT": 1.0, "nT": 1e-3, "mT": 1e3, "T": 1e6, "gauss": 100.0, "mgauss": 0.1},
+        "angle": {"rad": 1.0, "deg": pi / 180.0},
+        "t": {"s": 1.0, "ms": 1e-3, "us": 1e-6},
+    }
+)
+"""In m/s2, rad/s, uT, rad and s; the first of each is taken where none is given."""
+
+ARDUINO_WRAP = 2.0**32
+"""millis() and micros() start anew there; taken for a t in ms or us where nothing else is said."""
+
+SEPARATORS = {"space": " ", "tab": "\t"}
+
+
+@dataclass(frozen=True)
+class Line:
+    """One kind of line: what it begins with and the names of its columns, in their order."""
+
+    columns: tuple[str, ...]
+    prefix: str = ""
+
+
+@dataclass(frozen=True)
+class LineLayout:
+    """What each kind of line holds. The first kind begins a sample; the others complete it.
+
+    Attributes:
+        lines: the kinds, each with a prefix of its own where there are several.
+        units: by quantity (acc, gyr, mag, angle, t), as "g" or "0.001 g".
+        separator: one character; a space stands for any white space.
+        wrap: where t starts anew, in t's unit; 0 never; None as an Arduino's clock.
+
+    Raises:
+        SensorError: a name, unit, separator or wrap is not known or does not fit the others.
+    """
+
+    lines: tuple[Line, ...]
+    units: Mapping[str, str] = field(default_factory=dict)
+    separator: str = ","
+    wrap: float | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "lines", tuple(self.lines))
+        object.__setattr__(self, "units", MappingProxyType(dict(self.units)))
+        if len(self.separator) != 1 or not self.separator.isascii() or self.separator in "+-.0123456789eE\r\n":
+            raise SensorError(f"separator {self.separator!r} is no single character; give one such as , ; space or tab")
+        if self.wrap is not None and not (isfinite(self.wrap) and self.wrap >= 0.0):
+            raise SensorError(
+                f"wrap {self.wrap} is no count of t's unit; give one above 0, or 0 for a clock without end"
+            )
+        for quantity in self.units:
+            self.factor(quantity)
+        lines = [[name.removeprefix("-") for name in line.columns] for line in self.lines]
+        _check_names([name for names in lines for name in names])
+        for names in lines:
+            _check_line(names)
+        _check_prefixes([line.prefix for line in self.lines])
+
+    def factor(self, quantity: str) -> float:
+        """What a number of this quantity is multiplied by to be in the project's unit."""
+        if quantity not in UNITS:
+            raise SensorError(f"units are of {', '.join(UNITS)}; {quantity!r} is none of them", value=quantity)
+        units = UNITS[quantity]
+        text = self.units.get(quantity, next(iter(units)))
+        match = re.fullmatch(r"\s*([-+\d.eE]*?)\s*([A-Za-z]\S*)\s*", text)
+        try:
+            factor = float(match[1] or 1.0) * units[match[2]] if match else 0.0
+        except (ValueError, KeyError):
+            factor = 0.0
+        if not (isfinite(factor) and factor > 0.0):
+            raise SensorError(
+                f"{text!r} is no unit of {quantity}; give one of {', '.join(units)}, with a number before it if needed",
+                value=text,
+            )
+        return factor
+
+    @property
+    def wrap_s(self) -> float:
+        """After how many seconds t starts anew; 0 where it never does."""
+        ticks = self.wrap
+        if ticks is None:
+            ticks = ARDUINO_WRAP if self.units.get("t") in ("ms", "us") else 0.0
+        return ticks * self.factor("t")
+
+
+def _check_names(names: list[str]) -> None:
+    known = [name for group in QUANTITIES.values() for name in group]
+    for name in names:
+        if name not in (*known, "_"):
+            raise SensorError(
+                f"column {name!r} is unknown; the names are {', '.join(known)} and _ to pass over", value=name
+            )
+        if name != "_" and names.count(name) > 1:
+            raise SensorError(f"column {name} is there twice; name the other one _", value=name)
+    if "heading" in names and "yaw" in names:
+        raise SensorError("heading and yaw are two words for one angle; name one of them _")
+    if "ax" not in names:
+        raise SensorError("no acceleration among the columns; without ax, ay, az there is nothing to track")
+
+
+def _check_line(names: list[str]) -> None:
+    angles = ("roll", "pitch", "heading" if "heading" in names else "yaw")
+    for three in (QUANTITIES["acc"], QUANTITIES["gyr"], QUANTITIES["mag"], angles):
+        missing = [name for name in three if name not in names]
+        if 0 < len(missing) < 3:
+            raise SensorError(
+                f"{', '.join(missing)} is missing in a line beside its sisters; add it, or name them _", value=missing
+            )
+    if not set(names) - {"t", "_"}:
+        raise SensorError("a line has nothing to read but t or _; leave it out")
+
+
+def _check_prefixes(prefixes: list[str]) -> None:
+    for i, prefix in enumerate(prefixes):
+        if not (prefix.isascii() and prefix.isprintable()):
+            raise SensorError(f"prefix {prefix!r} is not plain text; give the characters that each line begins with")
+        for other in prefixes[:i] + prefixes[i + 1 :]:
+            if other.startswith(prefix):
+                raise SensorError(
+                    f"lines that begin with {prefix!r} and {other!r} can't be told apart; give longer prefixes"
+                )
+
+
+def layout_from_options(
+    columns: str,
+    units: Iterable[str] = (),
+    separator: str = ",",
+    prefix: str = "",
+    wrap: float | None = None,
+) -> LineLayout:
+    """Make a layout of what stands on a command line: `--columns "ax,ay,az,gx,gy,gz" --unit acc=g`.
+
+    Raises:
+        SensorError: as LineLayout, or a unit is not written as NAME=UNIT.
+    """
+    line = Line(tuple(name.strip() for name in columns.split(",")), prefix)
+    return LineLayout((line,), units_from_options(units), SEPARATORS.get(separator, separator), wrap)
+
+
+def units_from_options(units: Iterable[str]) -> dict[str, str]:
+    """Read `acc=g` and its like.
+
+    Raises:
+        SensorError: one is not written so.
+    """
+    pairs = [text.partition("=") for text in units]
+    for quantity, equals, unit in pairs:
+        if not (quantity and equals and unit):
+            raise SensorError(f"unit {quantity + equals + unit!r} is not of the form acc=g; write it so")
+    return {quantity.strip(): unit for quantity, _, unit in pairs}
+
+
+def layout_from_toml(text: str, name: str = "layout") -> LineLayout:
+    """Make a layout of a TOML file's text; `name` is the file's, for messages.
+
+    Raises:
+        SensorError: as LineLayout; or the text is no TOML, or has keys that are unknown or of the wrong kind.
+    """
+    try:
+        values = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as reason:
+        raise SensorError(f"{name}: not valid TOML: {reason}; mend it there", path=name) from None
+    try:
+        _refuse_unknown(values, ("separator", "columns", "prefix", "wrap", "units", "line"), "")
+        if ("line" in values) == ("columns" in values) or ("line" in values and "prefix" in values):
+            raise SensorError("give either columns (and prefix), or [[line]] tables")
+        tables = values["line"] if "line" in values else [{k: values[k] for k in ("columns", "prefix") if k in values}]
+        if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
+            raise SensorError("line must be [[line]] tables; write it so")
+        units, separator, wrap = values.get("units", {}), values.get("separator", ","), values.get("wrap")
+        if not isinstance(units, dict) or not all(isinstance(unit, str) for unit in units.values()):
+            raise SensorError('[units] must hold strings such as acc = "g"; write them so')
+        if not isinstance(separator, str):
+            raise SensorError(f"separator must be a string, got {separator!r}; write it so")
+        if wrap is not None and (isinstance(wrap, bool) or not isinstance(wrap, int | float)):
+            raise SensorError(f"wrap must be a number, got {wrap!r}; write it so")
+        return LineLayout(tuple(map(_line, tables)), units, SEPARATORS.get(separator, separator), wrap)
+    except SensorError as error:
+        raise SensorError(f"{name}: {error.message}", path=name, **error.fields) from None
+
+
+def _line(table: Mapping[str, object]) -> Line:
+    _refuse_unknown(table, ("columns", "prefix"), " of a [[line]]")
+    columns, prefix = table.get("columns"), table.get("prefix", "")
+    if not isinstance(columns, str) or not isinstance(prefix, str):
+        raise SensorError('columns and prefix must be strings, such as columns = "ax,ay,az"; write them so')
+    return Line(tuple(name.strip() for name in columns.split(",")), prefix)
+
+
+def _refuse_unknown(values: Mapping[str, object], known: tuple[str, ...], where: str) -> None:
+    for key in values:
+        if key not in known:
+            raise SensorError(f"key {key}{where} is unknown; the keys are {', '.join(known)}", key=key)

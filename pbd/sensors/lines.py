@@ -1,0 +1,168 @@
+"""Anything that prints lines of numbers: an Arduino, SparkFun's Razor, a script. line_layout.py says what they mean.
+
+There is no checksum, so a line counts only if it has the number of columns expected, each a finite number, none of them
+absurd; and where no prefix marks its start the first line is taken for the end of one and left out. A digit lost on the
+way can still pass for another number: prefer a device with a checksum.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from math import isfinite, pi
+from operator import itemgetter
+
+from pbd.sensors.attitude import from_north_east_down
+from pbd.sensors.decoding import Sample, Tally, Triple
+from pbd.sensors.line_layout import QUANTITIES, Line, LineLayout
+
+LONGEST = 1024
+"""Bytes; what is longer is no line."""
+
+ABSURD = {"acc": 2000.0, "gyr": 200.0, "mag": 1e9, "angle": 4.0 * pi}
+"""m/s2, rad/s, uT and rad: beyond what any hand or sensor does. A device without a unit of its field may say much."""
+
+
+class LineDecoder:
+    """Each line, or each group of lines, gives a sample.
+
+    A group ends when it has all its lines; where one was lost, when the next group's first line comes or one of its
+    own comes again.
+    """
+
+    def __init__(self, layout: LineLayout) -> None:
+        self.tally = Tally()
+        self._readers = {line.prefix.encode(): _LineReader(line, layout) for line in layout.lines}
+        self._first = next(iter(self._readers))
+        self._prefix = re.compile(b"|".join(map(re.escape, self._readers)))
+        self._marked = b"" not in self._readers
+        self._group: dict[bytes, Sample] = {}
+        self._clock = _Clock(layout.wrap_s)
+        self._rest = b""
+        self._cut = not self._marked  # the start of the line under way is unknown
+
+    def feed(self, data: bytes) -> list[Sample]:
+        """See `Decoder`."""
+        *lines, rest = (self._rest + data).replace(b"\r", b"\n").split(b"\n")
+        samples: list[Sample] = []
+        for line in lines:
+            text = self._end_of(line)
+            if self._cut:
+                self.tally.skipped_bytes += len(text)
+                self._cut = False
+            elif text:
+                self._read(text, samples)
+        self._rest = self._end_of(rest)
+        return samples
+
+    def _end_of(self, line: bytes) -> bytes:
+        """Leave out what is too long for a line; without a prefix what is left of it has no known start."""
+        too_much = max(len(line) - LONGEST, 0)
+        if too_much:
+            self.tally.skipped_bytes += too_much
+            self._cut = not self._marked
+        return line[too_much:]
+
+    def _read(self, line: bytes, samples: list[Sample]) -> None:
+        prefix, start = b"", 0
+        if self._marked:
+            starts = list(self._prefix.finditer(line))
+            if not starts:
+                self.tally.skipped_bytes += len(line)
+                return
+            prefix, start = starts[-1][0], starts[-1].start()  # what stands before it lost its end
+            self.tally.skipped_bytes += start
+        try:
+            sample = self._readers[prefix].read(line[start + len(prefix) :], self._clock)
+        except ValueError:
+            self.tally.bad_packets += 1
+            return
+        self.tally.packets += 1
+        if len(self._readers) == 1:
+            samples.append(sample)
+            return
+        if prefix == self._first or prefix in self._group:
+            self._give(samples)
+        self._group[prefix] = sample
+        if len(self._group) == len(self._readers):
+            self._give(samples)
+
+    def _give(self, samples: list[Sample]) -> None:
+        if self._group:
+            samples.append(_joined(self._group.values()))
+            self._group = {}
+
+
+class _LineReader:
+    """One kind of line. Its columns are sorted by quantity: three each of what there is, then t."""
+
+    def __init__(self, line: Line, layout: LineLayout) -> None:
+        names = [name.removeprefix("-") for name in line.columns]
+        self._columns = len(names)
+        self._separator = None if layout.separator == " " else layout.separator.encode()
+        self._compass = "heading" in names
+        used: list[int] = []
+        self._threes = []
+        for place, quantity in enumerate(("acc", "gyr", "mag", "angle")):
+            where = [names.index(name) for name in QUANTITIES[quantity] if name in names]
+            if where:
+                x, y, z = (layout.factor(quantity) * (-1.0 if line.columns[i].startswith("-") else 1.0) for i in where)
+                self._threes.append((place, len(used), x, y, z, ABSURD[quantity]))
+                used += where
+        self._t_factor = layout.factor("t") if "t" in names else None
+        if self._t_factor is not None:
+            used.append(names.index("t"))
+        self._pick = itemgetter(*used)
+
+    def read(self, text: bytes, clock: _Clock) -> Sample:
+        """Read a line without its prefix; ValueError where it is not as described."""
+        cells = text.split(self._separator)
+        if len(cells) == self._columns + 1 and not cells[-1].strip():
+            cells.pop()  # many sketches print a separator after each number
+        if len(cells) != self._columns:
+            raise ValueError("not the columns expected")
+        picked = self._pick(cells)
+        if b"_" in text and b"_" in b" ".join(picked):  # float() takes 1_000 for a number
+            raise ValueError("not a number")
+        values = tuple(map(float, picked))
+        read: list[Triple | None] = [None, None, None, None]
+        for place, start, fx, fy, fz, absurd in self._threes:
+            x, y, z = values[start] * fx, values[start + 1] * fy, values[start + 2] * fz
+            if not (-absurd <= x <= absurd and -absurd <= y <= absurd and -absurd <= z <= absurd):  # nor is a NaN
+                raise ValueError("an absurd number")
+            read[place] = (x, y, z)
+        acc, gyr, mag, rpy = read
+        if rpy is not None and self._compass:
+            rpy = from_north_east_down(rpy)
+        return Sample(
+            acc, gyr, mag, rpy, None if self._t_factor is None else clock.straight(values[-1] * self._t_factor)
+        )
+
+
+class _Clock:
+    """The device's time with its wrap-around taken out: each step is the one of less than half a turn."""
+
+    def __init__(self, wrap_s: float) -> None:
+        self._wrap_s = wrap_s
+        self._last: float | None = None
+        self._turns = 0
+
+    def straight(self, t: float) -> float:
+        if not isfinite(t) or t < 0.0 or (self._wrap_s and t >= self._wrap_s):
+            raise ValueError("no time of this clock")
+        if self._last is not None and self._wrap_s:
+            self._turns -= round((t - self._last) / self._wrap_s)
+        self._last = t
+        return t + self._turns * self._wrap_s
+
+
+def _joined(parts: Iterable[Sample]) -> Sample:
+    """Join the parts of a group: of each quantity, and of the time, the first that is there."""
+    acc = gyr = mag = rpy = t = None
+    for part in parts:
+        acc = part.acc if acc is None else acc
+        gyr = part.gyr if gyr is None else gyr
+        mag = part.mag if mag is None else mag
+        rpy = part.rpy if rpy is None else rpy
+        t = part.t_device if t is None else t
+    return Sample(acc, gyr, mag, rpy, t)

@@ -1,0 +1,137 @@
+"""Serial ports: the only place that imports pyserial."""
+
+from __future__ import annotations
+
+import errno
+import grp
+import os
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from pbd.errors import SensorError
+
+WAIT_S = 0.02
+"""`read` returns after this long at the latest."""
+
+
+@dataclass(frozen=True)
+class PortInfo:
+    """A serial port: its device file, what its maker calls it, and its USB ids (vendor:product) or ""."""
+
+    device: str
+    title: str
+    usb: str
+
+
+def list_ports() -> tuple[PortInfo, ...]:
+    """List the serial ports of this machine that something is plugged into, USB first."""
+    from serial.tools.list_ports import comports
+
+    found = []
+    for port in comports():
+        usb = f"{port.vid:04x}:{port.pid:04x}" if port.vid is not None else ""
+        title = " ".join(word for word in (port.manufacturer, port.product) if word) or port.description or ""
+        found.append(PortInfo(port.device, "" if title == "n/a" else title, usb))
+    return tuple(sorted(found, key=lambda port: (not port.usb, port.device)))
+
+
+class Port:
+    """An open serial port."""
+
+    def __init__(self, serial: Any, device: str, baud: int) -> None:
+        self._serial = serial
+        self.device = device
+        self.baud = baud
+
+    def read(self) -> bytes:
+        """Return the bytes that have come, after WAIT_S at the latest.
+
+        Raises:
+            SensorError: the sensor was unplugged.
+        """
+        from serial import SerialException
+
+        try:
+            first = self._serial.read(1)
+            waiting = self._serial.in_waiting if first else 0
+            return bytes(first + self._serial.read(waiting)) if waiting else bytes(first)
+        except (SerialException, OSError, TypeError) as reason:  # TypeError: closed meanwhile
+            raise SensorError(
+                f"{self.device} is gone: the sensor was unplugged; plug it in again", path=self.device, lost=True
+            ) from reason
+
+    def write(self, data: bytes) -> None:
+        """Send a command to the device.
+
+        Raises:
+            SensorError: the sensor was unplugged, or takes nothing.
+        """
+        from serial import SerialException
+
+        try:
+            self._serial.write(data)
+            self._serial.flush()
+        except (SerialException, OSError) as reason:
+            raise SensorError(
+                f"{self.device} takes no command ({reason}); unplug the sensor and plug it in again", path=self.device
+            ) from reason
+
+    def close(self) -> None:
+        """Close it; closing twice is nothing."""
+        with suppress(Exception):
+            self._serial.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def open_port(device: str, baud: int) -> Port:
+    """Open a port for us alone, 8N1.
+
+    Raises:
+        SensorError: there is none, no permission (which group has it is said), another program has it, or no such baud.
+    """
+    from serial import Serial, SerialException
+
+    try:
+        return Port(Serial(device, baud, timeout=WAIT_S, write_timeout=1.0, exclusive=True), device, baud)
+    except (SerialException, OSError, ValueError) as reason:
+        raise SensorError(_why(device, baud, reason), path=device, baud=baud) from None
+
+
+def _why(device: str, baud: int, reason: Exception) -> str:
+    number = getattr(reason, "errno", None)
+    if number == errno.ENOENT or not Path(device).exists():
+        here = ", ".join(port.device for port in list_ports()) or "none"
+        return f"there is no port {device} (plugged in are: {here}); plug the sensor in, or name another"
+    if number == errno.EACCES:
+        return (
+            f"no permission for {device}: it belongs to the group '{_group(device)}'; "
+            f"add yourself with `sudo usermod -aG {_group(device)} {_user()}`, then log in again"
+        )
+    if number in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in str(reason):
+        return f"{device} is in use by another program; close that one (a terminal, another recording)"
+    if isinstance(reason, ValueError):
+        return f"{device} can't be set to {baud} baud; give another --baud"
+    if number in (errno.ENOTTY, errno.EINVAL) or os.strerror(errno.ENOTTY) in str(reason):
+        return f"{device} is no serial port; name another, `pbd sensors` lists them"
+    return f"{device} can't be opened ({reason}); unplug the sensor and plug it in again"
+
+
+def _group(device: str) -> str:
+    try:
+        return grp.getgrgid(Path(device).stat().st_gid).gr_name
+    except (KeyError, OSError):
+        return "dialout"
+
+
+def _user() -> str:
+    return os.environ.get("USER", "$USER")

@@ -1,0 +1,71 @@
+"""A thread that empties a port, so that a slow screen or disk loses nothing."""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections.abc import Callable
+
+from pbd.errors import SensorError
+from pbd.sensors.port import Port
+
+WAIT_S = 0.02
+AGAIN_S = 0.2
+
+
+class Reader:
+    """Reads what comes, with the time at which it came (host's monotonic clock, s)."""
+
+    def __init__(self, open_port: Callable[[], Port]) -> None:
+        self._open = open_port
+        self._pieces: queue.SimpleQueue[tuple[bytes, float] | SensorError] = queue.SimpleQueue()
+        self.bytes_seen = 0
+        self._start()
+
+    def take(self) -> tuple[list[tuple[bytes, float]], SensorError | None]:
+        """Return all that has come, after WAIT_S at the latest, and the error that ended the reading, if one has."""
+        pieces: list[tuple[bytes, float]] = []
+        while True:
+            try:
+                piece = self._pieces.get_nowait() if pieces else self._pieces.get(timeout=WAIT_S)
+            except queue.Empty:
+                return pieces, None
+            if isinstance(piece, SensorError):
+                return pieces, piece
+            pieces.append(piece)
+            self.latest = piece[1]
+            self.bytes_seen += len(piece[0])
+
+    def reopen(self, ended: Callable[[], bool]) -> bool:
+        """Wait until the port can be opened again; False where the end came first."""
+        self.close()
+        while not ended():
+            try:
+                self._start()
+            except SensorError:
+                time.sleep(AGAIN_S)
+            else:
+                return True
+        return False
+
+    def close(self) -> None:
+        """Stop reading and close the port."""
+        self._ending.set()
+        self._thread.join()
+        self.port.close()
+
+    def _start(self) -> None:
+        self.port = self._open()
+        self.opened = self.latest = time.monotonic()
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._read, name="port", daemon=True)
+        self._thread.start()
+
+    def _read(self) -> None:
+        try:
+            while not self._ending.is_set():
+                if data := self.port.read():
+                    self._pieces.put((data, time.monotonic()))
+        except SensorError as error:
+            self._pieces.put(error)

@@ -1,0 +1,147 @@
+"""VectorNav VN-100 (and its family): ASCII sentences and binary packets, both in one stream.
+
+Source: VN-100 User Manual, "Asynchronous output" and "User configurable binary output packets"; the sizes of the binary
+fields stand in vectornav_fields.py. ASCII: `$VN<header>,fields*HH` CR LF with the XOR of the bytes between $ and *, or
+four digits of CRC16: VNYMR (yaw, pitch, roll in deg, then as VNMAR), VNMAR (magnetic field in gauss, acceleration in
+m/s2, angular rate in rad/s), VNIMU (the same, uncompensated), and the answers to reading registers 27, 20, 54, 18, 19.
+Binary: 0xFA, a byte of groups, a 16-bit mask of fields for each, the fields (little-endian), CRC16.
+
+The device's axes are forward, right and down, its attitude is yaw, pitch and roll in north-east-down. **All are turned
+by half a turn about x**: a sample's axes are forward, left and up, y and z change their signs, and at rest the
+acceleration, which is a specific force, is +g up. Only binary packets can tell the time (`TimeStartup`).
+"""
+
+from __future__ import annotations
+
+import re
+from binascii import crc_hqx
+from functools import reduce
+from math import isfinite, radians
+from operator import le, xor
+
+from pbd.sensors.attitude import from_north_east_down, rpy_from_quaternion
+from pbd.sensors.decoding import Sample, Tally, Triple
+from pbd.sensors.vectornav_fields import GROUPS_LENGTH, layout_of
+
+DEG = radians(1.0)
+UT_PER_GAUSS = 100.0
+LONGEST_LINE = 256
+YPR_LIMITS = 180.01, 90.01, 180.01  # deg
+
+# How many numbers a sentence has, and where among them yaw-pitch-roll, mag, acc and gyr begin. Where the device is set
+# to add its status, that stands behind them and begins with a letter.
+SENTENCES: dict[bytes, tuple[int, dict[str, int]]] = {
+    b"YMR": (12, {"ypr": 0, "mag": 3, "acc": 6, "gyr": 9}),
+    b"MAR": (9, {"mag": 0, "acc": 3, "gyr": 6}),
+    b"IMU": (11, {"mag": 0, "acc": 3, "gyr": 6}),
+    b"RRG,27": (12, {"ypr": 0, "mag": 3, "acc": 6, "gyr": 9}),
+    b"RRG,20": (9, {"mag": 0, "acc": 3, "gyr": 6}),
+    b"RRG,54": (11, {"mag": 0, "acc": 3, "gyr": 6}),
+    b"RRG,18": (3, {"acc": 0}),
+    b"RRG,19": (3, {"gyr": 0}),
+}
+
+_BEGIN = re.compile(rb"[$\xfa]")
+_SENTENCE = re.compile(rb"\$(VN(RRG,\d\d|[A-Z]{3})([ -#%-)+-~]*))\*([0-9A-Fa-f]{4}|[0-9A-Fa-f]{2})\r?\n")
+_FIELDS = re.compile(rb"((?:,[+-]?\d{1,9}(?:\.\d{1,12})?)*)(?:,[A-Z].*)?")
+
+
+class VectorNavDecoder:
+    """Bytes of a VectorNav to samples: m/s2, rad/s, uT and rad, forward-left-up; s since start-up where it is sent."""
+
+    def __init__(self) -> None:
+        self.tally = Tally()
+        self._rest = b""
+
+    def feed(self, data: bytes) -> list[Sample]:
+        """Take the next bytes; return the samples that they complete. Any chunking gives the same samples."""
+        data = self._rest + data
+        at, samples = 0, []
+        while begin := _BEGIN.search(data, at):
+            self.tally.skipped_bytes += begin.start() - at
+            at = begin.start()
+            length, sample = (self._sentence if data[at] == 0x24 else self._binary)(data, at)
+            if length == 0:  # its end has not come yet
+                break
+            if length < 0:  # no packet begins here; a whole one may begin within
+                self.tally.bad_packets += 1
+                self.tally.skipped_bytes += 1
+                at += 1
+                continue
+            self.tally.packets += 1
+            at += length
+            if sample is not None:
+                samples.append(sample)
+        else:
+            self.tally.skipped_bytes += len(data) - at
+            at = len(data)
+        self._rest = data[at:]
+        return samples
+
+    def _sentence(self, data: bytes, at: int) -> tuple[int, Sample | None]:
+        """Length and sample of the sentence that begins there; 0 if it is not all there yet, -1 if it is none."""
+        end = data.find(b"\n", at, at + LONGEST_LINE)
+        if end < 0:
+            waiting = len(data) - at < LONGEST_LINE and b"$VN".startswith(data[at : at + 3])
+            return (0 if waiting else -1), None
+        sentence = _SENTENCE.fullmatch(data, at, end + 1)
+        if sentence is None:
+            return -1, None
+        body, header, fields, check = sentence.groups()
+        if int(check, 16) != (reduce(xor, body) if len(check) == 2 else crc_hqx(body, 0)):
+            return -1, None
+        if header not in SENTENCES:
+            return end + 1 - at, None  # whole, but nothing of ours
+        count, places = SENTENCES[header]
+        texts = _FIELDS.fullmatch(fields)
+        numbers = tuple(map(float, texts[1].split(b",")[1:])) if texts else ()
+        # XOR does not see a run of bytes that came twice, so look at the numbers as well
+        if len(numbers) != count or ("ypr" in places and not all(map(le, map(abs, numbers), YPR_LIMITS))):
+            self.tally.bad_packets += 1
+            return end + 1 - at, None
+        return end + 1 - at, _sample(numbers, places)
+
+    def _binary(self, data: bytes, at: int) -> tuple[int, Sample | None]:
+        """Length and sample of the binary packet that begins there; 0 if it is not all there yet, -1 if it is none."""
+        if len(data) - at < 2:
+            return 0, None
+        fields_at = at + 1 + GROUPS_LENGTH[data[at + 1]]
+        if fields_at > len(data):
+            return 0, None
+        layout = layout_of(data[at + 1 : fields_at])
+        if layout is None:
+            return -1, None
+        end = fields_at + layout.fields.size + 2
+        if end > len(data):
+            return 0, None
+        if crc_hqx(data[at + 1 : end], 0):  # over the whole packet with its own CRC it is zero
+            return -1, None
+        numbers = layout.fields.unpack_from(data, fields_at)
+        if not isfinite(sum(numbers)):
+            self.tally.bad_packets += 1
+            return end - at, None
+        return end - at, _sample(numbers, layout.places)
+
+
+def _sample(numbers: tuple[float, ...], places: dict[str, int]) -> Sample | None:
+    if not places:
+        return None  # a whole packet with nothing of ours
+    rpy: Triple | None = None
+    if (i := places.get("ypr")) is not None:
+        rpy = from_north_east_down((numbers[i + 2] * DEG, numbers[i + 1] * DEG, numbers[i] * DEG))
+    elif (i := places.get("quat")) is not None:
+        x, y, z, w = numbers[i : i + 4]
+        rpy = from_north_east_down(rpy_from_quaternion(w, x, y, z)) if x or y or z or w else None
+    time = places.get("time")
+    return Sample(
+        _turned(numbers, places.get("acc"), 1.0),
+        _turned(numbers, places.get("gyr"), 1.0),
+        _turned(numbers, places.get("mag"), UT_PER_GAUSS),
+        rpy,
+        None if time is None else numbers[time] * 1e-9,
+    )
+
+
+def _turned(numbers: tuple[float, ...], at: int | None, unit: float) -> Triple | None:
+    """Half a turn about x: from forward-right-down to forward-left-up."""
+    return None if at is None else (numbers[at] * unit, -numbers[at + 1] * unit, -numbers[at + 2] * unit)

@@ -1,0 +1,76 @@
+"""Which fields stand where in a VectorNav binary packet, from its byte of groups and its masks.
+
+Sizes as in VectorNav's programming library 1.2 (`Packet::BinaryGroupLengths`, packet.cpp) and the VN-100 User Manual.
+Any fields of known size may be asked of the device; what a sample does not need is stepped over. A packet with a field
+that is not known is refused, because its length can't be told.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from struct import Struct
+
+# Bytes of each field of the groups common, time, IMU, GPS, attitude, INS and GPS2, by bit.
+FIELD_BYTES = (
+    (8, 8, 8, 12, 16, 12, 24, 12, 12, 24, 20, 28, 2, 4, 8),
+    (8, 8, 8, 2, 8, 8, 8, 4, 4, 1),
+    (2, 12, 12, 12, 4, 4, 16, 12, 12, 12, 12, 2, 40),
+    (8, 8, 2, 1, 1, 24, 24, 12, 12, 12, 4, 4, 2, 28),
+    (2, 12, 16, 36, 12, 12, 12, 12, 12, 12, 28, 24, 12),
+    (2, 24, 24, 12, 12, 12, 12, 12, 12, 4, 4, 68, 64),
+    (8, 8, 2, 1, 1, 24, 24, 12, 12, 12, 4, 4, 2, 28),
+)
+# What is read of them, by group and bit: the format, how many numbers that gives, and what begins at which of them.
+READ: dict[tuple[int, int], tuple[str, int, dict[str, int]]] = {
+    (0, 0): ("Q", 1, {"time": 0}),
+    (0, 3): ("3f", 3, {"ypr": 0}),
+    (0, 4): ("4f", 4, {"quat": 0}),
+    (0, 5): ("3f", 3, {"gyr": 0}),
+    (0, 8): ("3f", 3, {"acc": 0}),
+    (0, 9): ("6f", 6, {"raw acc": 0, "raw gyr": 3}),
+    (0, 10): ("3f8x", 3, {"mag": 0}),
+    (1, 0): ("Q", 1, {"time": 0}),
+    (2, 1): ("3f", 3, {"raw mag": 0}),
+    (2, 2): ("3f", 3, {"raw acc": 0}),
+    (2, 3): ("3f", 3, {"raw gyr": 0}),
+    (2, 8): ("3f", 3, {"mag": 0}),
+    (2, 9): ("3f", 3, {"acc": 0}),
+    (2, 10): ("3f", 3, {"gyr": 0}),
+    (4, 1): ("3f", 3, {"ypr": 0}),
+    (4, 2): ("4f", 4, {"quat": 0}),
+}
+# Bytes of the byte of groups and the masks that it announces.
+GROUPS_LENGTH = tuple(1 + 2 * groups.bit_count() for groups in range(256))
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The fields of a packet without header and CRC, and where what is wanted begins among the unpacked numbers."""
+
+    fields: Struct
+    places: dict[str, int]
+
+
+@lru_cache(maxsize=64)  # a device sends three kinds of packets at most; noise must not fill the memory
+def layout_of(header: bytes) -> Layout | None:
+    """From the byte of groups and its masks; None where a group or a field is not known."""
+    groups = [group for group in range(8) if header[0] >> group & 1]
+    if not groups or groups[-1] >= len(FIELD_BYTES):
+        return None
+    formats, places, numbers = "<", dict[str, int](), 0
+    for index, group in enumerate(groups):
+        mask = int.from_bytes(header[1 + 2 * index : 3 + 2 * index], "little")
+        if mask >> len(FIELD_BYTES[group]):
+            return None
+        for bit, size in enumerate(FIELD_BYTES[group]):
+            if mask >> bit & 1:
+                fmt, count, begins = READ.get((group, bit), (f"{size}x", 0, {}))
+                formats += fmt
+                places |= {what: numbers + begin for what, begin in begins.items()}
+                numbers += count
+    for what in ("mag", "acc", "gyr"):  # the uncompensated ones serve where the compensated ones are not sent
+        raw = places.pop(f"raw {what}", None)
+        if raw is not None:
+            places.setdefault(what, raw)
+    return Layout(Struct(formats), places if places.keys() - {"time"} else {})

@@ -1,0 +1,95 @@
+"""A folder that grows: readable at every moment, nothing half written."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pbd.data import GripEvent, RecordingInfo
+from pbd.errors import RecordingError
+from pbd.files.demo import read_demo
+from pbd.files.growing import GrowingDemo
+
+
+def begun(folder: Path, force: bool = False) -> GrowingDemo:
+    info = RecordingInfo(sensor="witmotion", created="2026-01-02T03:04:05Z", clock="device")
+    return GrowingDemo(folder, info, ("gyr", "acc", "mag"), closed=True, force=force)
+
+
+ROW = (0.1, 0.2, 0.3, 0.0, 0.0, 9.81, 20.0, 0.0, -40.0)
+
+
+def test_it_is_readable_after_every_row(tmp_path: Path) -> None:
+    demo = begun(tmp_path / "tea")
+    for k in range(1, 5):
+        demo.add([0.01 * k], [ROW])
+        recording = read_demo(tmp_path / "tea").recording
+        assert len(recording) == k
+        assert recording.acc[-1] == pytest.approx(ROW[3:6])
+        assert recording.info.sensor == "witmotion"
+    demo.mark(GripEvent(0.02, True))
+    assert read_demo(tmp_path / "tea").recording.grip == (GripEvent(0.02, True),)
+    demo.finish(100.0, "device")
+    read = read_demo(tmp_path / "tea")
+    assert read.closed
+    assert read.recording.info.rate_hz == 100.0
+    assert read.recording.info.clock == "device"
+
+
+def test_what_a_sensor_left_out_is_missing(tmp_path: Path) -> None:
+    demo = begun(tmp_path / "tea")
+    demo.add([0.0, 0.01], [ROW, (*ROW[:6], np.nan, np.nan, np.nan)])
+    demo.close()
+    mag = read_demo(tmp_path / "tea").recording.mag
+    assert mag is not None
+    assert np.isnan(mag[1]).all()
+    assert np.isfinite(mag[0]).all()
+
+
+def test_better_times_replace_the_first_ones(tmp_path: Path) -> None:
+    demo = begun(tmp_path / "tea")
+    demo.add([0.0, 0.013, 0.018], [ROW, ROW, ROW])
+    demo.finish(100.0, "host", t=np.array([0.0, 0.01, 0.02]))
+    recording = read_demo(tmp_path / "tea").recording
+    assert recording.t == pytest.approx([0.0, 0.01, 0.02])
+    assert recording.acc[2] == pytest.approx(ROW[3:6])
+
+
+def test_nothing_is_overwritten_unasked(tmp_path: Path) -> None:
+    begun(tmp_path / "tea").close()
+    with pytest.raises(RecordingError, match="exists; give another name, or --force"):
+        begun(tmp_path / "tea")
+    begun(tmp_path / "tea", force=True).close()
+    (tmp_path / "photos").mkdir()
+    with pytest.raises(RecordingError, match="is no demonstration, so it is not replaced"):
+        begun(tmp_path / "photos", force=True)
+
+
+def test_a_full_disk_leaves_what_was_written_intact(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    demo = begun(tmp_path / "tea")
+    demo.add([0.0], [ROW])
+
+    room = [20]
+
+    def half(handle: int, data: bytes) -> int:
+        if not room:
+            raise OSError(28, "No space left on device")
+        return write(handle, data[: room.pop()])
+
+    write = os.write
+    monkeypatch.setattr(os, "write", half)
+    with pytest.raises(RecordingError, match=r"No space left on device\); its 1 samples so far are intact"):
+        demo.add([0.01], [ROW])
+    monkeypatch.undo()
+    demo.close()
+    assert len(read_demo(tmp_path / "tea").recording) == 1
+
+
+def test_a_discarded_one_is_gone(tmp_path: Path) -> None:
+    demo = begun(tmp_path / "tea")
+    demo.add([0.0], [ROW])
+    demo.discard()
+    assert not (tmp_path / "tea").exists()

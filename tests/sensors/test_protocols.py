@@ -1,0 +1,79 @@
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from pbd.errors import SensorError
+from pbd.sensors.decoding import Tally
+from pbd.sensors.line_layout import layout_from_options, layout_from_toml
+from pbd.sensors.protocols import PROTOCOLS, protocol, protocol_table
+
+PAGE = Path(__file__).parents[2] / "docs" / "sensors.md"
+
+
+def test_names() -> None:
+    assert list(PROTOCOLS) == ["os5000", "witmotion", "ximu3", "vectornav", "xsens", "lines", "razor"]
+
+
+@pytest.mark.parametrize("name", [name for name in PROTOCOLS if name != "lines"])
+def test_each_makes_decoders_of_their_own(name: str) -> None:
+    one, two = PROTOCOLS[name].decoder(), PROTOCOLS[name].decoder()
+    assert one.feed(b"") == []
+    assert one.feed(b"noise\r\n" * 100) == []
+    assert two.tally == Tally()
+
+
+def test_lines_has_to_be_told_its_columns() -> None:
+    with pytest.raises(SensorError, match="--columns"):
+        PROTOCOLS["lines"].decoder()
+
+
+def test_an_unknown_sensor() -> None:
+    assert protocol("xsens") is PROTOCOLS["xsens"]
+    with pytest.raises(SensorError, match="'xsense' is unknown; the sensors are os5000, "):
+        protocol("xsense")
+
+
+def test_commands_that_set_the_rate() -> None:
+    assert PROTOCOLS["os5000"].commands_for(40.0) == (b"\x1bR40 ",)
+    assert PROTOCOLS["witmotion"].commands_for(100) == (
+        bytes.fromhex("ff aa 69 88 b5"),
+        bytes.fromhex("ff aa 03 09 00"),
+        bytes.fromhex("ff aa 00 00 00"),
+    )
+
+
+@pytest.mark.parametrize("name", PROTOCOLS)
+def test_rates(name: str) -> None:
+    one = PROTOCOLS[name]
+    for hz, commands in one.rate_commands.items():
+        assert 0 < hz <= one.fastest_hz
+        assert one.commands_for(hz) == commands
+    with pytest.raises(SensorError, match="ask for 1" if one.rate_commands else "maker's program"):
+        one.commands_for(12345.0)
+
+
+def test_the_registry_is_light() -> None:
+    code = "import pbd.sensors.protocols, sys; print('numpy' in sys.modules, 'pbd.sensors.lines' in sys.modules)"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert result.stdout.split() == ["False", "False"]
+
+
+def test_the_page_has_the_table() -> None:
+    assert protocol_table() in PAGE.read_text(encoding="utf-8")
+
+
+def test_the_pages_layouts_are_right() -> None:
+    text = PAGE.read_text(encoding="utf-8")
+    files = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
+    options = re.findall(r'--columns "([^"]+)"((?: --unit \S+)*)', text)
+    assert files
+    assert options
+    for one in files:
+        layout_from_toml(one)
+    for columns, units in options:
+        layout_from_options(columns, units.split()[1::2])

@@ -1,0 +1,211 @@
+from __future__ import annotations
+
+import math
+import random
+import struct
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from witmotion import protocol as other
+
+from pbd.data import GRAVITY
+from pbd.pose import quat_canonical, quat_from_rpy, quat_inverse, quat_log, quat_multiply
+from pbd.sensors.decoding import Sample, Triple
+from pbd.sensors.protocols import PROTOCOLS
+from pbd.sensors.witmotion import WitMotionDecoder
+from tests.sensors.decoded import decode, held_bytes, known
+from tests.sensors.encoders.witmotion import ACC, ANGLE, GYR, MAG, QUATERNION, group, packet
+from tests.sensors.streams import assert_any_chunking, mutated
+
+PUBLISHED = bytes.fromhex(
+    "55 51 00 fc 00 02 00 f8 e3 09 88  55 52 10 00 f0 ff 48 01 00 00 ef"
+    "55 53 00 20 00 f0 00 80 00 00 38  55 54 88 ff fa 00 84 fe c4 09 79"
+)
+G, DEG = GRAVITY, math.pi / 180.0
+
+words = st.tuples(*[st.integers(-32768, 32767)] * 3)
+groups = st.fixed_dictionaries({ACC: words, GYR: words, ANGLE: words, MAG: words})
+
+
+def expected(parts: Mapping[int, Sequence[int]]) -> Sample:
+    """What the maker's formulas make of a group."""
+
+    def scaled(kind: int, full: float) -> Triple | None:
+        if kind not in parts:
+            return None
+        x, y, z = (word / 32768 * full for word in parts[kind])
+        return x, y, z
+
+    return Sample(scaled(ACC, 16 * G), scaled(GYR, 2000 * DEG), scaled(MAG, 32768.0), scaled(ANGLE, 180 * DEG))
+
+
+def close(got: list[Sample], wanted: list[Sample]) -> None:
+    assert len(got) == len(wanted)
+    for one, two in zip(got, wanted, strict=True):
+        for a, b in ((one.acc, two.acc), (one.gyr, two.gyr), (one.mag, two.mag), (one.rpy, two.rpy)):
+            assert (a is None) == (b is None)
+            if a is not None and b is not None:
+                np.testing.assert_allclose(a, b, rtol=1e-12)
+
+
+def test_published_packets() -> None:
+    first, second = decode(WitMotionDecoder, PUBLISHED * 2)
+    assert first == second
+    np.testing.assert_allclose(known(first.acc), np.multiply((-0.5, 0.25, -1.0), G))
+    np.testing.assert_allclose(known(first.gyr), np.multiply((0.9765625, -0.9765625, 20.01953125), DEG))
+    np.testing.assert_allclose(known(first.rpy), np.multiply((45.0, -22.5, -180.0), DEG))
+    assert first.mag == (-120.0, 250.0, -380.0)
+    assert first.t_device is None
+
+
+@given(st.lists(groups, min_size=2, max_size=5))
+def test_groups_come_back(sent: list[dict[int, Sequence[int]]]) -> None:
+    close(decode(WitMotionDecoder, b"".join(map(group, sent))), [expected(parts) for parts in sent])
+
+
+@given(groups)
+def test_the_package_witmotion_reads_the_same(sent: dict[int, Sequence[int]]) -> None:
+    """Their g is 9.8, so acceleration is compared in g."""
+    stream = group(sent)
+    theirs = {}
+    for start in range(0, len(stream), 11):
+        one = other.receive_messages[stream[start + 1]]
+        assert one.compute_checksum(stream[start + 2 : start + 10]) == stream[start + 10]
+        theirs[stream[start + 1]] = one.parse(stream[start + 2 : start + 10])
+    ours, *_ = decode(WitMotionDecoder, stream * 2)
+    angle = theirs[ANGLE]
+    np.testing.assert_allclose(np.array(known(ours.acc)) / G, np.array(theirs[ACC].a) / other.G, rtol=1e-12)
+    np.testing.assert_allclose(known(ours.gyr), np.radians(theirs[GYR].w), rtol=1e-12)
+    np.testing.assert_allclose(known(ours.rpy), np.radians((angle.roll, angle.pitch, angle.yaw)), rtol=1e-12)
+    assert ours.mag == theirs[MAG].mag
+
+
+@given(st.tuples(*[st.floats(-math.pi, math.pi)] * 3))
+def test_a_quaternion_is_an_attitude(rpy: Triple) -> None:
+    truth = quat_from_rpy(rpy)
+    sent = packet(QUATERNION, [min(round(part * 32768), 32767) for part in truth])
+    _, sample = decode(WitMotionDecoder, sent * 2)
+    ours, theirs = quat_from_rpy(known(sample.rpy)), np.array(other.QuaternionMessage.parse(sent[2:10]).q)
+    for one, within in ((truth, 4 / 32768), (theirs / np.linalg.norm(theirs), 1e-6)):  # counts; nothing
+        missed = quat_log(quat_canonical(quat_multiply(quat_inverse(one), ours)))
+        assert np.linalg.norm(missed) < within
+
+
+def test_zeros_are_no_quaternion() -> None:
+    decoder = WitMotionDecoder()
+    assert decoder.feed(packet(QUATERNION, (0, 0, 0, 0)) * 3) == []
+    assert decoder.tally.bad_packets == 3
+
+
+SENT = [{kind: (k, kind, -k) for kind in (ACC, GYR, ANGLE, MAG)} for k in range(1, 9)]
+
+
+def test_a_complete_group_is_given_at_once() -> None:
+    decoder = WitMotionDecoder()
+    decoder.feed(group(SENT[0]))
+    assert len(decoder.feed(group(SENT[1]))) == 2  # the first had to wait: nobody knew where it would end
+    for parts in SENT[2:]:
+        close(decoder.feed(group(parts)), [expected(parts)])
+
+
+@pytest.mark.parametrize("lost", [ACC, GYR, ANGLE, MAG])
+@pytest.mark.parametrize("where", range(2, 8))
+def test_a_group_that_lacks_a_part_is_given_with_what_it_has(lost: int, where: int) -> None:
+    sent = [dict(parts) for parts in SENT]
+    del sent[where][lost]
+    wanted = [expected(parts) for parts in sent]
+    given_late = lost == MAG and where == len(sent) - 1
+    close(decode(WitMotionDecoder, b"".join(map(group, sent))), wanted[:-1] if given_late else wanted)
+
+
+@pytest.mark.parametrize("kinds", [(ACC,), (ACC, GYR), (ACC, GYR, ANGLE), (ACC, GYR, QUATERNION), (ANGLE,)])
+def test_any_choice_of_outputs(kinds: tuple[int, ...]) -> None:
+    one = b"".join(packet(kind, (32767, 0, 0, 0) if kind == QUATERNION else (1, 2, 3)) for kind in sorted(kinds))
+    assert len(decode(WitMotionDecoder, one * 7)) == 7
+
+
+def test_other_packets_do_not_break_a_group() -> None:
+    time, port, pressure = (packet(kind, (1, 2, 3, 4)) for kind in (0x50, 0x55, 0x56))
+    stream = b"".join(time + group(parts) + port + pressure for parts in SENT)
+    decoder = WitMotionDecoder()
+    close(decoder.feed(stream), [expected(parts) for parts in SENT])
+    assert decoder.tally.packets == 7 * len(SENT)
+
+
+def test_a_start_in_mid_packet() -> None:
+    stream = b"".join(map(group, SENT))
+    for start in range(1, 45):
+        decoder = WitMotionDecoder()
+        close(decoder.feed(stream[start:])[-7:], [expected(parts) for parts in SENT[1:]])
+        assert decoder.tally.skipped_bytes == -start % 11
+
+
+def test_a_false_start_does_not_swallow_a_true_packet() -> None:
+    """Each word of the lost packet's end looks like the start of another, whose checksum is wrong."""
+    stream = packet(ACC, (0x5155, 0x5255, 0x5355, 0x5155))[1:] + group(SENT[0]) + group(SENT[1])
+    decoder = WitMotionDecoder()
+    close(decoder.feed(stream), [expected(parts) for parts in SENT[:2]])
+    assert decoder.tally.bad_packets > 0
+
+
+def test_noise_is_not_kept() -> None:
+    decoder = WitMotionDecoder()
+    for noise in (b"\x55" * 100_000, b"\x55\x51" * 50_000, bytes(100_000)):
+        decoder.feed(noise)
+        assert held_bytes(decoder) < 11
+
+
+def whole_packets(stream: bytes) -> list[tuple[int, ...]]:
+    """The type and words of all packets with a right sum, found byte by byte."""
+    found = []
+    start = 0
+    while start + 11 <= len(stream):
+        window = stream[start : start + 11]
+        known_type = 0x50 <= window[1] <= 0x5A or window[1] == 0x5F
+        if window[0] == 0x55 and known_type and sum(window[:10]) % 256 == window[10]:
+            found.append((window[1], *struct.unpack("<hhh", window[2:8])))
+            start += 11
+        else:
+            start += 1
+    return found
+
+
+def parts_of(sample: Sample) -> list[tuple[int, ...]]:
+    """The words that a sample was made of, in the order of their types."""
+    read = [(ACC, sample.acc, 16 * G), (GYR, sample.gyr, 2000 * DEG)]
+    read += [(ANGLE, sample.rpy, 180 * DEG), (MAG, sample.mag, 32768.0)]
+    return [(kind, *(round(x / full * 32768) for x in three)) for kind, three, full in read if three is not None]
+
+
+def test_a_thousand_damaged_streams() -> None:
+    """Every sample is made of packets with a right sum, each of which is used once and in order."""
+    rng = random.Random(20131007)
+    for _ in range(1000):
+        kinds = (ACC, GYR, ANGLE, MAG) * 5
+        sent = b"".join(packet(kind, [rng.randint(-32768, 32767) for _ in range(3)]) for kind in kinds)
+        stream = mutated(sent, rng) + bytes(10) + group(SENT[0]) * 2
+        decoder = WitMotionDecoder()
+        used = [part for sample in decoder.feed(stream) for part in parts_of(sample)]
+        right = whole_packets(stream)
+        assert decoder.tally.packets == sum(part[0] != QUATERNION for part in right)  # chance makes none of length one
+        assert used == [part for part in right if ACC <= part[0] <= MAG]
+        assert used[-8:] == [(kind, *SENT[0][kind]) for kind in (ACC, GYR, ANGLE, MAG)] * 2  # in step again
+
+
+@given(st.integers(0, 2**32))
+def test_any_chunking_gives_the_same(seed: int) -> None:
+    assert_any_chunking(WitMotionDecoder, mutated(b"".join(map(group, SENT)), random.Random(seed)), seed)
+
+
+@pytest.mark.parametrize("hz", PROTOCOLS["witmotion"].rate_commands)
+def test_the_package_witmotion_sets_the_same_rates(hz: int) -> None:
+    wanted = (
+        (other.Register.unknown_config_cmd, 0xB588),
+        (other.Register.rate, other.ReturnRateSelect[f"rate_{hz}hz"].value),
+        (other.Register.save, 0),
+    )
+    commands = [other.ConfigCommand(register=register, data=data).serialize() for register, data in wanted]
+    assert list(PROTOCOLS["witmotion"].rate_commands[hz]) == commands
