@@ -29,6 +29,11 @@ disagree (in the median) ..."""
 AGREES, BETTER = np.radians(10.0), 3.0
 """... and another reading of the gyro must agree to this, and so many times better, for the gyro to be refused ..."""
 
+IDENTITY = np.eye(3)
+
+NOTHING = 0.1
+"""A gyro that turns by less than this share of what gravity does is dead."""
+
 FEW, SEVERAL = 2, 8
 """... at this many pairs of moments, or more; at so many for axes, which have more ways to agree by chance."""
 
@@ -50,40 +55,49 @@ def refuse_disagreement(recording: Recording) -> None:
     up, up_later = steady.up_sensor[first], steady.up_sensor[second]
     begin, end = steady.rows[first], steady.rows[second]
 
-    def predicted(gyr: Array) -> Array:
+    def turns(gyr: Array) -> Array:
         attitude = carried(gyr, 1.0 / rate_hz)
-        return quat_rotate(quat_multiply(quat_inverse(attitude[end]), attitude[begin]), up)
+        return quat_multiply(quat_inverse(attitude[end]), attitude[begin])
 
-    as_it_is = predicted(gyr)
-    telling = np.maximum(_angles(up, up_later), _angles(up, as_it_is)) > TURNED
+    as_it_is = turns(gyr)
+    predicted = quat_rotate(as_it_is, up)
+    telling = np.maximum(_angles(up, up_later), _angles(up, predicted)) > TURNED
     if telling.sum() < FEW:
         return
-    off = float(np.median(_angles(up_later, as_it_is)[telling]))
+    off = float(np.median(_angles(up_later, predicted)[telling]))
     if off < TURNED:
         return
 
-    def disagreement(gyr: Array) -> float:
-        return float(np.median(_angles(up_later, predicted(gyr))[telling]))
+    def disagreement(turns: Array, axes: Array = IDENTITY) -> float:
+        there = quat_rotate(turns[telling], up[telling] @ axes) @ axes.T
+        return float(np.median(_angles(up_later[telling], there)))
 
     readings: list[tuple[float, str, str]] = [
         (
-            disagreement(np.radians(gyr)),
+            disagreement(turns(np.radians(gyr))),
             "its values are in deg/s; import the file with --unit gyr=deg/s",
             "deg/s",
         ),
         (
-            disagreement(np.degrees(gyr)),
+            disagreement(turns(np.degrees(gyr))),
             "its values were in rad/s, but were read as deg/s; import the file with --unit gyr=rad/s",
             "rad/s",
         ),
     ]
     if telling.sum() >= SEVERAL:
+        back = turns(-gyr)
         for order in permutations(range(3)):
             for signs in product((1, -1), repeat=3):
                 fit = ", ".join("+-"[sign < 0] + "xyz"[axis] for axis, sign in zip(order, signs, strict=True))
                 what = f"its axes {fit} are the accelerometer's +x, +y, +z; name the columns with --column gx=NAME, or"
-                readings.append((disagreement(gyr[:, order] * signs), f"{what} turn signs in the file", ""))
+                # The same turn in other axes; those that are mirrored turn the other way round.
+                axes = IDENTITY[list(order)] * np.array(signs)[:, None]
+                hand = float(np.linalg.det(axes))
+                fits = disagreement(as_it_is if hand > 0.0 else back, hand * axes)
+                readings.append((fits, f"{what} turn signs in the file", ""))
     best, what, unit = min(readings)
+    if best >= min(AGREES, off / BETTER) and np.median(_angles(up, predicted)[telling]) < NOTHING * off:
+        best, what, unit = 0.0, "it says next to nothing, so it is dead; mend it, or check the columns gx, gy, gz", ""
     if best < min(AGREES, off / BETTER):
         raise RecordingError(
             f"the gyro does not turn as gravity shows (by {np.degrees(off):.0f} degrees, first at "

@@ -45,11 +45,11 @@ def steady_clock(recording: Recording) -> Array:
     t, nominal_hz = recording.t, recording.info.rate_hz
     new = np.concatenate(([True], (np.diff(t) > 0.0) | _differs(recording)))
     stamps = t[new]
-    if len(stamps) > 4 * REACH:
-        interval, reach = _beat(stamps, nominal_hz)
+    if len(stamps) > 4 * REACH and stamps[-1] > stamps[0]:
+        interval, reach, whole = _beat(stamps, nominal_hz)
         fault = _fault(stamps, interval)
         if fault:
-            stamps = _on_beat(stamps, interval, reach)
+            stamps = _on_beat(stamps, interval, reach, whole)
             t = stamps[np.cumsum(new) - 1]
             rate_hz = 1.0 / float(np.median(np.diff(stamps)))
             warnings.warn(f"{fault}; they are put on a steady beat of {rate_hz:.4g} Hz", PbdWarning, stacklevel=3)
@@ -75,15 +75,15 @@ def _differs(recording: Recording) -> NDArray[np.bool_]:
     return differs
 
 
-def _beat(t: Array, nominal_hz: float | None) -> tuple[float, int]:
-    """The sampling interval of stamps that may be coarse, from the spans of several, and of how many."""
+def _beat(t: Array, nominal_hz: float | None) -> tuple[float, int, bool]:
+    """The sampling interval of stamps that may be coarse, from the spans of several; of how many; is none lost?"""
     mean = float(t[-1] - t[0]) / (len(t) - 1)
     steps = np.diff(t)
     tick = float(np.median(steps[steps > 0.25 * mean]))  # of a batch, say
     reach = min(REACH * max(1, round(tick / mean)), len(t) // 4)
     if nominal_hz is not None and abs(mean * nominal_hz - 1.0) < NOMINAL:
-        return mean, reach  # no sample is lost
-    return float(np.median(t[reach:] - t[:-reach])) / reach, reach
+        return mean, reach, True
+    return float(np.median(t[reach:] - t[:-reach])) / reach, reach, False
 
 
 def _fault(t: Array, interval: float) -> str:
@@ -98,14 +98,15 @@ def _fault(t: Array, interval: float) -> str:
     return ""
 
 
-def _on_beat(t: Array, interval: float, reach: int) -> Array:
+def _on_beat(t: Array, interval: float, reach: int, whole: bool) -> Array:
     from scipy.ndimage import minimum_filter1d, uniform_filter1d
 
     place = np.arange(len(t), dtype=np.float64)
-    # A stamp comes late, or rounded down, but never early: what is left over is least for the most punctual stamps, and
-    # rises for good where samples are lost.
-    punctual = minimum_filter1d(t - interval * place, reach + 1, mode="nearest", origin=-(reach // 2))
-    place[1:] += np.cumsum(np.maximum(np.rint(np.diff(punctual) / interval), 0.0))
+    if not whole:
+        # A stamp comes late, or rounded down, but never early: what is left over is least for the most punctual stamps,
+        # and rises for good where samples are lost.
+        punctual = minimum_filter1d(t - interval * place, reach + 1, mode="nearest", origin=-(reach // 2))
+        place[1:] += np.cumsum(np.maximum(np.rint(np.diff(punctual) / interval), 0.0))
     interval, begin = np.polyfit(place, t, 1)
     left_over = t - begin - interval * place
     smooth = uniform_filter1d(left_over, max(1, round(SMOOTH_S / interval)), mode="nearest")

@@ -60,6 +60,8 @@ def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
     _refuse_bad_clock(t)
     recording = dataclasses.replace(recording, t=steady_clock(recording))
     t = recording.t
+    if np.median(np.diff(t)) <= 0.0:
+        raise RecordingError("most rows carry the same time; the column 't' must be seconds that increase")
     interval = 1.0 / recording.rate_hz
     if recording.rate_hz < SLOWEST_HZ:
         raise RecordingError(
@@ -149,8 +151,6 @@ def _refuse_bad_clock(t: Array) -> None:
                 value=float(t[row + 1]),
                 bound=float(t[row]),
             )
-    if np.median(steps) <= 0.0:
-        raise RecordingError("most rows carry the same time; the column 't' must be seconds that increase")
 
 
 def _gaps(t: Array, missing: NDArray[np.bool_], interval: float) -> list[Gap]:
@@ -164,7 +164,7 @@ def _gaps(t: Array, missing: NDArray[np.bool_], interval: float) -> list[Gap]:
     far = np.flatnonzero(spans > 0.5 * interval)
     # A late stamp is made up for by the next ones, a lost sample is not.
     made_up = late[np.minimum(far + 1 + REACH, len(good) - 1)] - late[np.maximum(far - REACH, 0)]
-    gaps = [Gap(int(good[i]), int(good[i + 1]), float(spans[i])) for i in far[made_up > 0.5 * interval]]
+    gaps = [Gap(int(good[i]), int(good[i + 1]), float(spans[i])) for i in far[made_up > 0.75 * interval]]
     if good[0] > 0:
         gaps.insert(0, Gap(0, int(good[0]), float(t[good[0]] - t[0])))
     if good[-1] < len(t) - 1:

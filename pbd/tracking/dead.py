@@ -21,10 +21,11 @@ from pbd.tracking.stops import runs
 NAMES = {"acc": "accelerometer", "gyr": "gyro"}
 
 STUCK_S = 2.0
-"""An axis that doesn't change for so long is stuck, if the others change ..."""
+"""An axis that doesn't change for so long is stuck, if another of the same sensor does. (Not of the other sensor: some
+gyros say 0 on all axes whenever they take themselves to be at rest.)"""
 
-ALIVE = 0.9
-"""... from row to row, in this share of the rows at least."""
+ALIVE = 0.7
+"""An axis that lives changes from row to row in this share of the rows, at least."""
 
 FROZEN_S = 0.050
 """A sensor that repeats itself for longer than this has stopped measuring ..."""
@@ -40,7 +41,7 @@ CALM_ROWS, ROUNDING = 20, 1e-6
 
 
 def refuse_dead(recording: Recording) -> None:
-    """Refuse a recording that never changes, or an axis of accelerometer or gyro that is stuck.
+    """Refuse a recording that never changes, a gyro that never does, or an axis of either sensor that is stuck.
 
     Raises:
         RecordingError: which axis, since when.
@@ -49,25 +50,33 @@ def refuse_dead(recording: Recording) -> None:
     given = {name: values for name in NAMES if (values := getattr(recording, name)) is not None}
     if not any(np.diff(values, axis=0).any() for values in given.values()):
         raise RecordingError("every row says the same: the sensor is stuck, or was never read; record again", row=0)
-    seldom = max(1, round(0.4 * STUCK_S * recording.rate_hz))  # which spares looking at every run
-    columns = [(name, axis, values[:, axis]) for name, values in given.items() for axis in range(3)]
-    for name, axis, column in columns:
-        if name == "acc" and not recording.acc.any():
-            continue  # `find_rest` says more
-        if (np.diff(column[::seldom]) != 0.0).all():
-            continue
-        for start, stop in runs(np.diff(column) == 0.0):
-            if t[stop] - t[start] < STUCK_S:
-                continue
-            others = [other[start : stop + 1] for _, _, other in columns if other is not column]
-            if any(_alive(other) for other in others):
-                raise RecordingError(
-                    f"axis {'xyz'[axis]} of the {NAMES[name]} is stuck at {column[start]:.4g} from {t[start]:.2f} s "
-                    f"(row {start}) to {t[stop]:.2f} s, while others change; mend the sensor, or check the columns",
-                    row=start,
-                    t=float(t[start]),
-                    value=float(column[start]),
-                )
+    if recording.gyr is not None and not np.diff(recording.gyr, axis=0).any() and _noisy(recording.acc):
+        raise RecordingError(
+            "the gyro always reads the same, so it is dead; mend it, or leave out the columns gx, gy, gz if the device "
+            "gives its own attitude",
+            value=recording.gyr[0].tolist(),
+        )
+    for name, values in given.items():
+        for axis in range(3):
+            for start, stop in _constant(t, values[:, axis]):
+                if any(_alive(other) for other in np.delete(values[start:stop], axis, axis=1).T):
+                    value = float(values[start, axis])
+                    raise RecordingError(
+                        f"axis {'xyz'[axis]} of the {NAMES[name]} is stuck at {value:.4g} from {t[start]:.2f} s (row "
+                        f"{start}) to {t[stop - 1]:.2f} s, while others change; mend the sensor, or check the columns",
+                        row=start,
+                        t=float(t[start]),
+                        value=value,
+                    )
+
+
+def _constant(t: Array, column: Array) -> list[tuple[int, int]]:
+    """Half-open ranges of STUCK_S and more in which a column (n,) doesn't change."""
+    sparse = max(1, round(0.4 * STUCK_S * (len(t) - 1) / (t[-1] - t[0])))
+    if (np.diff(column[::sparse]) != 0.0).all():
+        return []  # spares most columns the closer look
+    spans = [(start, stop + 1) for start, stop in runs(np.diff(column) == 0.0)]
+    return [(start, stop) for start, stop in spans if t[stop - 1] - t[start] >= STUCK_S]
 
 
 def frozen(recording: Recording) -> NDArray[np.bool_]:
@@ -100,7 +109,12 @@ def magnetometer_is_dead(recording: Recording) -> bool:
 
 
 def _alive(column: Array) -> bool:
-    return bool((np.abs(np.diff(column)) > ROUNDING).mean() > ALIVE and _roughness(column) > ROUGH)
+    """Tell whether an axis (n,) has noise, by the calmest of its rows."""
+    if len(column) < CALM_ROWS or (np.abs(np.diff(column)) > ROUNDING).mean() < ALIVE:
+        return False
+    variance, _ = window_moments(column[:, None], CALM_ROWS)
+    calmest = int(np.argmin(variance))
+    return _roughness(column[calmest : calmest + CALM_ROWS]) > ROUGH
 
 
 def _roughness(values: Array) -> float:

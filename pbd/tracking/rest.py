@@ -65,7 +65,9 @@ def find_rest(recording: Recording) -> Rest:
     if acc_var[start] > STILL_ACC**2 or gyr_var[start] > STILL_GYR**2:
         raise TrackingError(
             f"the hand never stands still for {REST_S:g} s: at its quietest (t = {recording.t[start]:.1f} s) it shakes "
-            f"with {np.sqrt(acc_var[start]):.2f} m/s2; start with two seconds of rest and stop between the moves",
+            f"with {np.sqrt(acc_var[start]):.2f} m/s2 and {np.sqrt(gyr_var[start]):.2f} rad/s; start with two seconds "
+            "of rest and stop between the moves"
+            + ("" if acc_var[start] > STILL_ACC**2 else " (if the gyro is in deg/s, import with --unit gyr=deg/s)"),
             t=float(recording.t[start]),
             value=float(np.sqrt(acc_var[start])),
             bound=STILL_ACC,

@@ -56,9 +56,9 @@ def carried(gyr: Array, dt: float) -> Array:
 
 
 def window_moments(values: Array, n: int) -> tuple[Array, Array]:
-    """Variance summed over the axes (m,) and mean (m, 3) of each window of n samples."""
+    """Variance summed over the axes (m,) and mean (m, k) of each window of n samples (., k)."""
     offset = values.mean(axis=0)  # taken out, which keeps the difference of squares well conditioned
-    sums = np.cumsum(np.vstack((np.zeros((1, 3)), values - offset)), axis=0)
+    sums = np.cumsum(np.vstack((np.zeros((1, values.shape[1])), values - offset)), axis=0)
     squares = np.concatenate(([0.0], np.cumsum(((values - offset) ** 2).sum(axis=1))))
     mean = (sums[n:] - sums[:-n]) / n
     variance = (squares[n:] - squares[:-n]) / n - (mean**2).sum(axis=1)

@@ -103,7 +103,9 @@ def inside(z_scores: list[float]) -> dict[str, Any]:
 
 
 def spread(values: list[float], suffix: str) -> dict[str, float]:
-    """Median, 95th percentile and count."""
+    """Median, 95th percentile and count; no number where there is none."""
+    if not values:
+        return {f"median{suffix}_cm": np.nan, f"p95{suffix}_cm": np.nan, "n": 0}
     return {
         f"median{suffix}_cm": float(np.median(values)),
         f"p95{suffix}_cm": float(np.percentile(values, 95)),

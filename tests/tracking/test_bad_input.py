@@ -32,11 +32,22 @@ def test_under_half_a_second_of_rest_at_the_start_is_enough_if_a_later_one_is_lo
     assert errors.max() < RIGHT_M
 
 
-# VQF does not learn the gyro's bias in 0.4 s: the tilt drifts in the first move, and its middle, where the acceleration
-# passes zero, is not found out as coasting. Fed with the rate less the mean at the first rest, it is.
+# pbd.tracking.orientation warms VQF up with the mean of the rest that find_rest took. Where that is a later one, the
+# hand stands otherwise there, and the jump to the first sample turns the heading: by 21 degrees of seed 10.
+@pytest.mark.xfail(strict=True, reason="pbd.tracking.orientation: VQF is warmed up in the attitude of a later rest")
+@pytest.mark.parametrize("seed", [3, 10])
+def test_a_perfect_sensor_is_tracked_to_a_millimetre_after_a_short_rest(seed: int) -> None:
+    demo = simulate(random_task(seed, moves=4, first_rest_s=0.4, rest_s=(1.1, 1.5)), "ideal")
+    keyframes, errors = keyframes_and_errors(demo)
+    assert len(keyframes) == 5
+    assert errors.max() < 1e-3
+
+
 @quietly
 @pytest.mark.parametrize("sensor", ["wt901", "os5000"])
 def test_a_gyros_bias_does_no_harm_after_a_short_rest(sensor: str) -> None:
+    """VQF does not learn the bias in 0.4 s. The tilt would drift in the first move, which is slow, and the velocities
+    left over before and after its middle, where the acceleration passes zero, would not cancel."""
     demo = simulate(random_task(7, moves=4, first_rest_s=0.4, rest_s=(1.0, 1.2)), sensor, 7)
     keyframes, errors = keyframes_and_errors(demo)
     assert len(keyframes) == 5
@@ -119,7 +130,6 @@ def test_rows_without_a_number_are_bridged(method: str, channel: str, value: flo
     assert np.abs(path.p_nav_sensor - whole.p_nav_sensor).max() < 0.01
 
 
-# pbd.tracking.clock takes differences of rows that hold infinities: a RuntimeWarning of numpy's.
 @pytest.mark.parametrize("channel", ["acc", "gyr"])
 def test_infinities_hold_no_number(channel: str) -> None:
     recording = pour().recording
@@ -138,11 +148,11 @@ def test_a_long_hole_in_a_move_is_refused_with_its_place(channel: str, length: i
         track(broken(pour().recording, channel, slice(280, 280 + length), np.nan))
 
 
-# A hole from one rest to the next looks as one in a rest: interpolated, it is quiet.
 @quietly
 @pytest.mark.parametrize("sensor", ["modern", "os5000"])
 def test_a_hole_that_may_hide_a_whole_move_is_refused_or_makes_unsure(sensor: str) -> None:
-    """The hand lifts the bottle by 0.2 m from 6.3 to 7.3 s; the sensor says nothing from 6.25 to 7.35 s."""
+    """The hand lifts the bottle by 0.2 m from 6.3 to 7.3 s; the sensor says nothing from 6.25 to 7.35 s. From one rest
+    to the next the hole looks as one in a rest: interpolated, it is quiet."""
     demo = pour(sensor)
     t = demo.recording.t
     hole = slice(int(np.searchsorted(t, 6.25)), int(np.searchsorted(t, 7.35)))
@@ -183,7 +193,6 @@ def test_an_instant_that_is_no_number_is_named(method: str, value: float, row: i
         track(replace(recording, t=t), method)
 
 
-# pbd.tracking.magnetic spreads what is disturbed with np.convolve(..., mode="same"): as long as the longer of the two.
 @quietly
 def test_a_disturbed_field_in_a_recording_of_a_second_is_no_bug() -> None:
     recording = with_rows(pour().recording, slice(0, 120))
@@ -191,7 +200,6 @@ def test_a_disturbed_field_in_a_recording_of_a_second_is_no_bug() -> None:
     assert len(track(replace(recording, mag=field)).stops) == 1
 
 
-# pbd.tracking.magnetic divides by the strength of the field in the first rest.
 @quietly
 def test_a_magnetometer_that_starts_late_is_no_bug() -> None:
     recording = pour().recording
@@ -206,10 +214,10 @@ def test_an_accelerometer_that_reads_zero_throughout_a_stop_is_refused() -> None
         track(broken(recording, "acc", slice(stop.start, stop.stop), 0.0))
 
 
-# A row that is repeated as often as the detector's window is long is a stop without duration, and all of it is edge.
 @quietly
 @pytest.mark.parametrize("row", [28, 31])
 def test_a_row_repeated_ten_times_is_no_stop(row: int) -> None:
+    """Repeated as often as the detector's window is long it would be a stop without duration, and all of it edge."""
     recording = simulate("pour", "modern", rate_hz=10.0).recording
     rows = np.sort(np.append(np.arange(len(recording), dtype=np.intp), 9 * [row]))
     assert len(track(with_rows(recording, rows)).stops) == len(track(recording).stops)

@@ -1,0 +1,128 @@
+"""How long collision checks take, for every robot: python tests/benchmarks/collision.py [--json] [--quick].
+
+robots.NAME: pairs that are watched, with the table and three obstacles; dropped_pairs of links; check_us: one
+configuration; move_ms: a straight move in joint space; motion_ms: a whole motion through nine keyframes with a grasped
+object, timed and with dwells (mean and p95 over those that are free, the dearest kind), and how many distances it asks
+for (looks); false_pct: free configurations (by the raw meshes) that are called self-collisions; build_ms: the scene,
+with the caches on disk warm.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
+
+import numpy as np
+
+from pbd.arm.clearance import Clearance
+from pbd.arm.collision import check_motion
+from pbd.arm.model import ArmModel, load_model
+from pbd.arm.pairs import samples
+from pbd.arm.scene import CollisionScene
+from pbd.arm.timing import time_keyframes
+from pbd.data import GraspedObject, JointTrajectory, Obstacle
+from pbd.files.library import names
+from pbd.files.robot import load_robot
+from pbd.pose import Array, Pose
+from tests.arm.collision_oracles import links_touching, links_watched, raw_meshes
+from tests.benchmarks.report import arguments, finish, median_ms
+
+BOTTLE = GraspedObject("cylinder", (0.06, 0.2))
+SPREAD_RAD = 0.35
+
+
+def main() -> None:
+    """Measure and print."""
+    args = arguments(str(__doc__)).parse_args()
+    warnings.simplefilter("ignore")
+    motions = 4 if args.quick else 20
+    finish({"robots": {name: measure(name, motions) for name in names("robots", ".toml")}}, args.json)
+
+
+def measure(name: str, motions: int) -> dict[str, float]:
+    """All figures of one robot."""
+    robot = load_robot(name)
+    arm = load_model(robot)
+    scene = build(arm)
+    free = [x[:-1] for x in samples(arm, 400) if scene.hit(x[:-1]) is None]
+    moves = [(a, a + 0.3 * (b - a)) for a, b in zip(free[:20], free[20:40], strict=False)]
+    chosen = free_motions(scene, motions)
+    times = np.array([timed_ms(lambda trajectory=trajectory: check_motion(scene, trajectory)) for trajectory in chosen])
+    return {
+        "pairs": float(len(scene.always.clearance.pairs)),
+        "dropped_pairs": float(len(scene.dropped)),
+        "build_ms": median_ms(lambda: build(load_model(robot)), 5),
+        "check_us": 1e3 * median_ms(lambda: [scene.hit(q) for q in free], 5) / len(free),
+        "move_ms": median_ms(lambda: [scene.check_move(*move) for move in moves], 5) / len(moves),
+        "motion_ms": float(times.mean()),
+        "motion_p95_ms": float(np.percentile(times, 95)),
+        "motion_s": float(np.mean([trajectory.duration for trajectory in chosen])),
+        "looks": float(np.mean([looks(scene, trajectory) for trajectory in chosen])),
+        "false_pct": false_pct(name, 50 if motions < 10 else 400),
+    }
+
+
+def build(arm: ArmModel) -> CollisionScene:
+    """The robot over its table, with a box, a cylinder and a sphere around it."""
+    reach = float(np.linalg.norm(arm.forward(arm.robot.home).p))
+    table = arm.robot.dock.table_height if arm.robot.dock else None
+    around = [("box", (0.2, 0.1, 0.2)), ("cylinder", (0.1, 0.3)), ("sphere", (0.2,))]
+    places = [1.2 * reach * np.array([np.cos(angle), np.sin(angle), 0.3]) for angle in (1.0, 2.5, -1.5)]
+    obstacles = [Obstacle(s, s, z, Pose(p, Pose.identity().wxyz)) for (s, z), p in zip(around, places, strict=True)]
+    return CollisionScene(arm, table, obstacles, BOTTLE)
+
+
+def free_motions(scene: CollisionScene, count: int) -> list[JointTrajectory]:
+    """Motions through nine random keyframes around home, the third of which grips and the seventh lets go."""
+    arm, rng, found = scene.arm, np.random.default_rng(0), []
+    grips = [None, None, True, None, None, None, False, None, None]
+    while len(found) < count:
+        spread = rng.uniform(-SPREAD_RAD, SPREAD_RAD, (9, len(arm.robot.joints)))
+        q: Array = np.clip(arm.robot.home + spread, arm.limits.lower, arm.limits.upper)
+        trajectory = time_keyframes(arm, q, [0.2] * 9, grips, arm.robot.home)
+        if check_motion(scene, trajectory) is None:
+            found.append(trajectory)
+    return found
+
+
+def looks(scene: CollisionScene, trajectory: JointTrajectory) -> int:
+    """How many distances a check asks for."""
+    count, asked = 0, Clearance._distance
+
+    def counted(self: Clearance, pair: int) -> float:
+        nonlocal count
+        count += 1
+        return asked(self, pair)
+
+    Clearance._distance = counted  # type: ignore[method-assign]
+    check_motion(scene, trajectory)
+    Clearance._distance = asked  # type: ignore[method-assign]
+    return count
+
+
+def false_pct(name: str, count: int) -> float:
+    """The share of free configurations (by the raw meshes) that the convex parts call touching."""
+    raw = raw_meshes(name)
+    scene = CollisionScene(raw.arm)
+    raw.watch(links_watched(scene.always.clearance))
+    free = [x for x in samples(raw.arm, count) if not raw.touching(x)]
+    return 100.0 * float(np.mean([bool(links_touching(scene.always.clearance, x)) for x in free]))
+
+
+def timed_ms(call: Callable[[], object]) -> float:
+    """The best of three."""
+    best = np.inf
+    for _ in range(3):
+        start = time.perf_counter()
+        call()
+        best = min(best, time.perf_counter() - start)
+    return 1e3 * best
+
+
+if __name__ == "__main__":
+    main()
