@@ -213,7 +213,7 @@ def test_a_recording_that_never_moves(capsys: Capture, elsewhere: Path) -> None:
     [
         (
             ("replay", "--robot", "pandas"),
-            "pbd: no robot named 'pandas', nor a file or folder of that path; known are panda",
+            "pbd: no robot named 'pandas', nor a file or folder of that path; known are kinova, panda",
         ),
         (
             ("keyframes", "tee"),

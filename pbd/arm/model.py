@@ -20,6 +20,7 @@ from pbd.pose import Array, Pose, quat_from_xyzw, quat_to_xyzw
 FloatArray = NDArray[np.floating[Any]]
 
 TOOL = "pbd_tool"
+_JOINT = " (joint)"
 
 
 def load_model(robot: Robot) -> ArmModel:
@@ -55,8 +56,7 @@ class ArmModel:
         self.robot = robot
         self.full = full
         reference = self.full_q(robot.home, 1.0)
-        locked = [full.getJointId(name) for name in full.names[1:] if name not in robot.joints]
-        self.model = pin.buildReducedModel(full, locked, reference)
+        self.model = _reduced(full, robot.joints, reference)
         if tuple(self.model.names[1:]) != robot.joints:
             raise RobotError(
                 f"{robot.name}: the arm's joints stand in the order {_listed(self.model.names[1:])} in {robot.urdf};"
@@ -130,6 +130,20 @@ class ArmModel:
             bodies = [frame.name for frame in self.model.frames if frame.type == pin.FrameType.BODY]
             raise _unknown(self.robot, "body", name, bodies)
         return self.model.frames[self.model.getFrameId(name, pin.FrameType.BODY)]
+
+
+def _reduced(full: Any, joints: tuple[str, ...], reference: Array) -> Any:
+    """Lock all joints but these at a configuration."""
+    model = full.copy()
+    # Pinocchio's own function fails where a joint shares its name with a body.
+    for joint in range(1, model.njoints):
+        frame = model.frames[model.getFrameId(model.names[joint], pin.FrameType.JOINT)]
+        frame.name = model.names[joint] = f"{model.names[joint]}{_JOINT}"
+    locked = [joint for joint in range(1, full.njoints) if full.names[joint] not in joints]
+    reduced = pin.buildReducedModel(model, locked, reference)
+    for joint in range(1, reduced.njoints):
+        reduced.names[joint] = reduced.names[joint].removesuffix(_JOINT)
+    return reduced
 
 
 def configuration(model: Any, q: Array) -> Array:

@@ -17,6 +17,8 @@ SAMPLES = 20_000
 ROTATION_WEIGHT_M = 0.3
 """A difference of one in the rotation matrix counts as much as this many metres."""
 
+_CLIMBERS = 4
+_ENOUGH_M = 1e-5
 _BLOCK = 2_000  # poses at a time, so that the work stays in the processor's cache
 
 
@@ -24,6 +26,32 @@ _BLOCK = 2_000  # poses at a time, so that the work stays in the processor's cac
 def reach_map(arm: ArmModel) -> ReachMap:
     """Sample an arm, once per model."""
     return ReachMap(arm)
+
+
+def farthest(arm: ArmModel) -> float:
+    """How far from the z axis of base, in m, the arm brings its tool: sampled, then climbed from the best samples."""
+    q = reach_map(arm).q
+    p, _ = arm.forward_many(q)
+    best = q[np.argsort(-np.hypot(p[:, 0], p[:, 1]))[:_CLIMBERS]].astype(np.float64)
+    return max(_climb(arm, start) for start in best)
+
+
+def _climb(arm: ArmModel, q: Array) -> float:
+    """Follow the gradient of the tool's distance from base's z axis, in longer steps as long as they lead up."""
+    pose, gained, step = arm.forward(q), np.inf, 1.0
+    distance = float(np.hypot(*pose.p[:2]))
+    while gained > _ENOUGH_M:
+        outward = np.array([*pose.p[:2], 0.0]) / max(distance, _ENOUGH_M)
+        gradient = outward @ quat_to_matrix(pose.wxyz) @ arm.jacobian(q)[:3]
+        while True:
+            q_next = np.clip(q + step * gradient, arm.limits.lower, arm.limits.upper)
+            pose = arm.forward(q_next)
+            gained = float(np.hypot(*pose.p[:2])) - distance
+            if gained > 0.0 or step < 1e-3:
+                break
+            step *= 0.5
+        q, distance, step = q_next, distance + max(gained, 0.0), 2.0 * step
+    return distance
 
 
 class ReachMap:

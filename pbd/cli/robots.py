@@ -15,7 +15,8 @@ def add(commands: Commands) -> None:
         commands,
         "robots",
         "which robots are known",
-        "List the robots in ./robots and the bundled ones. A file of your own in ./robots adds one.",
+        "List the robots in ./robots and the bundled ones, how far from its base's axis each brings its tool, and\n"
+        "what is assumed of it. A file of your own in ./robots adds one (docs/robots.md).",
         "  pbd robots --json",
     )
     add_json(parser)
@@ -24,15 +25,19 @@ def add(commands: Commands) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """List them."""
+    from pbd.arm.model import load_model
+    from pbd.arm.reach import farthest
     from pbd.errors import PbdWarning, RobotError
     from pbd.files.library import names
     from pbd.files.robot import load_robot
     from pbd.view.tables import print_table, robots_table
 
-    robots = []
+    robots, reach_m = [], []
     for name in names("robots", ".toml"):
         try:
-            robots.append(replace(load_robot(name), name=name))  # a copied file may still carry the old name
+            robot = replace(load_robot(name), name=name)  # a copied file may still carry the old name
+            reach_m.append(farthest(load_model(robot)))
+            robots.append(robot)
         except RobotError as error:
             warnings.warn(str(error), PbdWarning, stacklevel=2)
     if args.json:
@@ -41,13 +46,21 @@ def run(args: argparse.Namespace) -> int:
                 "name": robot.name,
                 "description": robot.description,
                 "joints": list(robot.joints),
+                "reach_m": reach,
                 "gripper": robot.gripper is not None,
+                "gripper_joints": list(robot.gripper.joints) if robot.gripper else [],
                 "limits_source": robot.limits.source,
+                "limits_sources": dict(robot.limits.sources),
+                "assumed": list(robot.limits.assumed),
                 "notes": list(robot.notes),
             }
-            for robot in robots
+            for robot, reach in zip(robots, reach_m, strict=True)
         ]
         print_json({"robots": rows})
     else:
-        print_table(robots_table(robots))
+        print_table(robots_table(robots, reach_m))
+        for robot in robots:
+            for note in robot.notes:
+                print(f"\n{robot.name}: {note}", end="")
+        print()
     return 0

@@ -22,6 +22,7 @@ from pbd.data.hand import (
     Truth,
 )
 from pbd.data.known import ClaimFit, Contact, Known, Place
+from pbd.data.world import Obstacle
 
 __all__ = [
     "GRAVITY",
@@ -39,6 +40,7 @@ __all__ = [
     "JointTrajectory",
     "Keyframe",
     "Known",
+    "Obstacle",
     "Place",
     "Recording",
     "RecordingInfo",

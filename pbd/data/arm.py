@@ -11,6 +11,7 @@ from types import MappingProxyType
 import numpy as np
 
 from pbd.data.freeze import freeze
+from pbd.data.world import Obstacle
 from pbd.pose import Array, Pose
 
 TOOL_DOWN = Pose(np.zeros(3), np.array([0.0, 1.0, 0.0, 0.0]))
@@ -29,6 +30,7 @@ class Calibration:
         table_height: m, z of the table's top in base, or None.
         scale: multiplies p_nav_sensor, and nothing else.
         robots: the robots that it is for; empty: any.
+        obstacles: what stands around, beside the table.
     """
 
     name: str
@@ -39,6 +41,7 @@ class Calibration:
     table_height: float | None = None
     scale: float = 1.0
     robots: tuple[str, ...] = ()
+    obstacles: tuple[Obstacle, ...] = ()
     residuals: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -49,7 +52,10 @@ class Calibration:
 
 @dataclass(frozen=True, eq=False)
 class Gripper:
-    """Finger joints, their positions (m or rad) when open and closed, and the seconds that a full stroke takes."""
+    """Finger joints, their positions (m or rad) when open and closed, and the seconds that a full stroke takes.
+
+    There may be no joints, where the model shows none: the motion still says when the gripper opens and closes.
+    """
 
     joints: tuple[str, ...]
     open: Array
@@ -63,7 +69,10 @@ class Gripper:
 
 @dataclass(frozen=True, eq=False)
 class JointLimits:
-    """Per joint: position rad, velocity rad/s, acceleration rad/s2, jerk rad/s3; `source` says who says so."""
+    """Per joint: position rad, velocity rad/s, acceleration rad/s2, jerk rad/s3.
+
+    `source` says in one line who says so; `sources` says it of each: "position", "velocity", "acceleration", "jerk".
+    """
 
     lower: Array
     upper: Array
@@ -71,10 +80,17 @@ class JointLimits:
     acceleration: Array
     jerk: Array
     source: str
+    sources: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         k = len(self.lower)
         freeze(self, lower=(k,), upper=(k,), velocity=(k,), acceleration=(k,), jerk=(k,))
+        object.__setattr__(self, "sources", MappingProxyType(dict(self.sources)))
+
+    @property
+    def assumed(self) -> tuple[str, ...]:
+        """The names of the limits that no maker gives: their source begins with "assumed"."""
+        return tuple(name for name, source in self.sources.items() if source.startswith("assumed"))
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from pbd.data import TOOL_DOWN, Calibration
+from pbd.data import TOOL_DOWN, Calibration, Obstacle
 from pbd.errors import CalibrationError
+from pbd.files.demo import SHAPES
 from pbd.files.library import find
 from pbd.files.toml import Section, read_toml
 from pbd.pose import Pose
@@ -45,9 +46,25 @@ def read_calibration(path: Path) -> Calibration:
         table_height=top.number("table_height") if "table_height" in top else None,
         scale=top.number("scale", positive=True) if "scale" in top else 1.0,
         robots=top.texts("robots") if "robots" in top else (),
+        obstacles=_obstacles(top.tables("obstacle")),
     )
     top.done()
     return calibration
+
+
+def _obstacles(sections: list[Section]) -> tuple[Obstacle, ...]:
+    obstacles: dict[str, Obstacle] = {}
+    for section in sections:
+        name, shape = section.text("name"), section.text("shape")
+        if name in obstacles:
+            section.fail("name", f"{name!r} is another obstacle's too", next_step="rename one of them")
+        if shape not in SHAPES:
+            section.fail("shape", f"must be one of {', '.join(SHAPES)}, got {shape!r}")
+        size = section.numbers("size", SHAPES[shape], positive=True)
+        rpy_deg = section.numbers("rpy_deg", 3) if "rpy_deg" in section else (0.0, 0.0, 0.0)
+        T_base_obstacle = Pose.from_rpy(section.numbers("position", 3), np.radians(rpy_deg))
+        obstacles[name] = Obstacle(name, shape, size, T_base_obstacle)
+    return tuple(obstacles.values())
 
 
 def read_pose(section: Section) -> Pose:

@@ -223,6 +223,7 @@ def _optional(section: Section, key: str, positive: bool = False) -> float | Non
 
 
 def demo_toml(demo: Demonstration, name: str) -> str:
+    """Write demo.toml's text."""
     import tomlkit
 
     recording = demo.recording

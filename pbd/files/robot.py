@@ -37,8 +37,8 @@ def read_robot(path: Path) -> Robot:
     Relative `urdf` and `srdf` paths are looked up beside the TOML file, then among example-robot-data's robots.
 
     Raises:
-        RobotError: a key is missing, unknown or of the wrong kind; a file or a name in it isn't there; a limit is
-            missing or not above zero; home lies outside the limits.
+        RobotError: a key is missing, unknown or of the wrong kind; a file, a mesh or a name in it isn't there; a limit
+            is missing, not above zero or above the URDF's; home lies outside the limits.
     """
     top = read_toml(path, RobotError)
     if top.number("format") != FORMAT:
@@ -50,16 +50,18 @@ def read_robot(path: Path) -> Robot:
     model = top.section("model")
     share = _example_robot_data()
     urdf = read_urdf(_find(model, "urdf", share))
+    package_dirs = _package_dirs(path, urdf.path, share)
+    _check_meshes(urdf, package_dirs)
     srdf = _find(model, "srdf", share) if "srdf" in model else None
     base, body = model.text("base"), model.text("body")
     tool = model.section("T_body_tool")
     T_body_tool = Pose.from_rpy(tool.numbers("xyz", 3), np.deg2rad(tool.numbers("rpy_deg", 3)))
-    chain = [joint for joint in urdf.chain(base, body) if joint.actuated]
+    chain = _movable(urdf, base, body)
 
     gripper = _gripper(top.section("gripper"), urdf) if "gripper" in top else None
     arm = top.section("arm")
     joints = _arm_joints(arm, chain, gripper)
-    limits = _limits(top.section("limits"), joints)
+    limits = _limits(top.section("limits"), urdf, joints)
     home = _home(arm, joints, srdf, limits)
     dock = _dock(top.section("dock"), name) if "dock" in top else None
     top.done()
@@ -68,7 +70,7 @@ def read_robot(path: Path) -> Robot:
         description=description,
         urdf=urdf.path,
         srdf=srdf,
-        package_dirs=_package_dirs(path, urdf.path, share),
+        package_dirs=package_dirs,
         base=base,
         body=body,
         T_body_tool=T_body_tool,
@@ -105,12 +107,47 @@ def _package_dirs(toml: Path, urdf: Path, share: Path | None) -> tuple[Path, ...
     return tuple(dict.fromkeys(folders))
 
 
+def _check_meshes(urdf: Urdf, package_dirs: Sequence[Path]) -> None:
+    for link, address in urdf.meshes:
+        if address.startswith("package://"):
+            inside = Path(address.removeprefix("package://"))
+            places = [folder / inside for folder in package_dirs]
+            places += [folder.parent / inside for folder in package_dirs if folder.name == inside.parts[0]]
+        else:
+            places = [urdf.path.parent / address.removeprefix("file://")]
+        if not any(place.is_file() for place in places):
+            raise RobotError(
+                f"{urdf.path}: the mesh {address!r} of link {link!r} is missing: there is no"
+                f" {', nor '.join(map(str, places))}; put it there, or correct its address",
+                path=urdf.path,
+                link=link,
+            )
+
+
+def _movable(urdf: Urdf, base: str, body: str) -> list[UrdfJoint]:
+    """The joints between base and body that move; all of them must be ones that an arm can have."""
+    movable = [joint for joint in urdf.chain(base, body) if joint.kind != "fixed"]
+    for joint in movable:
+        what = f"mimics {joint.mimic.joint!r}" if joint.mimic else f"is {joint.kind}"
+        if not joint.actuated:
+            raise RobotError(
+                f"{urdf.path}: joint {joint.name!r}, between {base!r} and {body!r}, {what}, which an arm's joint must"
+                " not; choose another base or body, or change the joint",
+                path=urdf.path,
+                joint=joint.name,
+            )
+    return movable
+
+
 def _arm_joints(arm: Section, chain: Sequence[UrdfJoint], gripper: Gripper | None) -> list[UrdfJoint]:
     movable = [joint for joint in chain if gripper is None or joint.name not in gripper.joints]
     names = [joint.name for joint in movable]
     wanted = arm.texts("joints") if "joints" in arm else tuple(names)
     if not wanted or list(wanted) != [name for name in names if name in wanted]:
         arm.fail("joints", f"must be some of {listed(names)}, in that order (base to tool), got {listed(wanted)}")
+    for joint in movable:
+        if joint.name not in wanted and not joint.lower <= 0.0 <= joint.upper:
+            arm.fail("joints", f"leaves out {joint.name}, which is then locked at 0, outside its limits", "name it too")
     return [joint for joint in movable if joint.name in wanted]
 
 
@@ -125,25 +162,52 @@ def _gripper(section: Section, urdf: Urdf) -> Gripper:
     for key in ("open", "closed"):
         positions[key] = np.array(section.numbers(key, len(joints)))
         _check_range(section, key, joints, positions[key])
+    for joint in urdf.joints.values():
+        if joint.mimic and joint.mimic.joint in names and joint.name not in names:
+            leader = names.index(joint.mimic.joint)
+            names += (joint.name,)
+            for key, own in positions.items():
+                positions[key] = np.append(own, joint.mimic.multiplier * own[leader] + joint.mimic.offset)
     return Gripper(names, positions["open"], positions["closed"], section.number("stroke_s", positive=True))
 
 
-def _limits(section: Section, joints: Sequence[UrdfJoint]) -> JointLimits:
-    source, k = section.text("source"), len(joints)
-    if "velocity" in section:
-        velocity = section.numbers("velocity", k, positive=True)
-    else:
-        velocity = tuple(joint.velocity for joint in joints)
-        if bad := [j.name for j in joints if not 0.0 < j.velocity < np.inf]:
-            section.fail("velocity", f"is missing and the URDF sets no limit above zero for {listed(bad)}", "add it")
+def _limits(section: Section, urdf: Urdf, joints: Sequence[UrdfJoint]) -> JointLimits:
+    if bad := [joint for joint in joints if not joint.lower < joint.upper]:
+        raise RobotError(
+            f"{urdf.path}: joint {bad[0].name!r} has no room to move: lower {bad[0].lower:g}, upper {bad[0].upper:g};"
+            " correct its <limit>",
+            path=urdf.path,
+            joint=bad[0].name,
+        )
+    values, sources = {}, {"position": "the URDF"}
+    general = section.text("source") if "source" in section else None
+    for key in ("velocity", "acceleration", "jerk"):
+        if key == "velocity" and key not in section:
+            values[key], sources[key] = _urdf_velocity(section, joints), "the URDF"
+            continue
+        values[key] = section.numbers(key, len(joints), positive=True)
+        own = section.text(f"{key}_source") if f"{key}_source" in section else general
+        sources[key] = own or section.text("source")
+    for joint, velocity in zip(joints, values["velocity"], strict=True):
+        if velocity > joint.velocity > 0.0:  # a URDF's 0 says nothing
+            what = f"gives {joint.name} {velocity:g}, above the URDF's own {joint.velocity:g}"
+            section.fail("velocity", what, "lower it, or correct the URDF")
+    said = dict.fromkeys(source for key, source in sources.items() if key != "position")
     return JointLimits(
         lower=np.array([joint.lower for joint in joints]),
         upper=np.array([joint.upper for joint in joints]),
-        velocity=np.array(velocity),
-        acceleration=np.array(section.numbers("acceleration", k, positive=True)),
-        jerk=np.array(section.numbers("jerk", k, positive=True)),
-        source=source,
+        velocity=np.array(values["velocity"]),
+        acceleration=np.array(values["acceleration"]),
+        jerk=np.array(values["jerk"]),
+        source=next(iter(said)) if len(said) == 1 else "; ".join(f"{key}: {sources[key]}" for key in values),
+        sources=sources,
     )
+
+
+def _urdf_velocity(section: Section, joints: Sequence[UrdfJoint]) -> tuple[float, ...]:
+    if bad := [joint.name for joint in joints if not 0.0 < joint.velocity < np.inf]:
+        section.fail("velocity", f"is missing and the URDF sets no limit above zero for {listed(bad)}", "add it")
+    return tuple(joint.velocity for joint in joints)
 
 
 def _home(arm: Section, joints: Sequence[UrdfJoint], srdf: Path | None, limits: JointLimits) -> Array:

@@ -8,13 +8,23 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from pbd.errors import RobotError
 
 ACTUATED = ("revolute", "continuous", "prismatic")
+KINDS = (*ACTUATED, "fixed", "floating", "planar")
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """A joint's position is another's times `multiplier` plus `offset`."""
+
+    joint: str
+    multiplier: float
+    offset: float
 
 
 @dataclass(frozen=True)
@@ -28,21 +38,22 @@ class UrdfJoint:
     lower: float
     upper: float
     velocity: float
-    mimics: bool
+    mimic: Mimic | None
 
     @property
     def actuated(self) -> bool:
         """Whether it moves on its own account."""
-        return self.kind in ACTUATED and not self.mimics
+        return self.kind in ACTUATED and self.mimic is None
 
 
 @dataclass(frozen=True)
 class Urdf:
-    """A URDF's links and joints by name."""
+    """A URDF's links, its joints by name, and its meshes: (link, address as it stands there)."""
 
     path: Path
     links: tuple[str, ...]
     joints: Mapping[str, UrdfJoint]
+    meshes: tuple[tuple[str, str], ...]
 
     def chain(self, base: str, body: str) -> tuple[UrdfJoint, ...]:
         """Return the joints from one link down to another, fixed ones included.
@@ -68,14 +79,38 @@ def read_urdf(path: Path) -> Urdf:
     """Read the links and joints of a URDF.
 
     Raises:
-        RobotError: not XML, not a URDF, or a joint that makes no sense.
+        RobotError: not XML, not a URDF, a joint that makes no sense, or links and joints that are no tree.
     """
     root = _parse(path)
     if root.tag != "robot":
         raise RobotError(f"{path} is no URDF: its root is <{root.tag}>; give a file whose root is <robot>", path=path)
     joints = [_joint(path, element) for element in root.iterfind("joint")]
-    links = tuple(_attribute(path, link, "name") for link in root.iterfind("link"))
-    return Urdf(path, links, {joint.name: joint for joint in joints})
+    links = [_attribute(path, link, "name") for link in root.iterfind("link")]
+    _check_tree(path, links, joints)
+    meshes = [
+        (name, _attribute(path, mesh, "filename"))
+        for name, link in zip(links, root.iterfind("link"), strict=True)
+        for mesh in link.iterfind(".//mesh")
+    ]
+    return Urdf(path, tuple(links), {joint.name: joint for joint in joints}, tuple(dict.fromkeys(meshes)))
+
+
+def _check_tree(path: Path, links: Sequence[str], joints: Sequence[UrdfJoint]) -> None:
+    """Pinocchio asks for it too, but tells its reasons past us."""
+    children = [joint.child for joint in joints]
+    for what, names in (("links are named", links), ("joints are named", [joint.name for joint in joints])):
+        if twice := [name for name in names if names.count(name) > 1]:
+            raise RobotError(f"{path}: two {what} {twice[0]!r}; rename one of them", path=path)
+    for joint in joints:
+        for link in (joint.parent, joint.child):
+            if link not in links:
+                what = f"joint {joint.name!r} joins {link!r}, which is no link of it"
+                raise RobotError(f"{path}: {what}; correct it, or add the link", path=path, joint=joint.name)
+        if children.count(joint.child) > 1:
+            what = f"link {joint.child!r} hangs on two joints"
+            raise RobotError(f"{path}: {what}; make it the child of one", path=path, joint=joint.name)
+    if len(loose := [link for link in links if link not in children]) > 1:
+        raise RobotError(f"{path}: {listed(loose)} hang on nothing; one link may, join the others to it", path=path)
 
 
 def read_poses(path: Path) -> dict[str, dict[str, float]]:
@@ -110,9 +145,20 @@ def _parse(path: Path) -> ET.Element:
 
 def _joint(path: Path, element: ET.Element) -> UrdfJoint:
     name, kind = _attribute(path, element, "name"), _attribute(path, element, "type")
+    if kind not in KINDS:
+        raise RobotError(
+            f"{path}: joint {name!r} has the type {kind!r}; make it one of {listed(KINDS)}", path=path, joint=name
+        )
     parent, child, limit = element.find("parent"), element.find("child"), element.find("limit")
     if parent is None or child is None or (limit is None and kind in ("revolute", "prismatic")):
         raise RobotError(f"{path}: joint {name!r} lacks its parent, child or limit; add it", path=path, joint=name)
+    for tag, keys in (("origin", ("xyz", "rpy")), ("axis", ("xyz",))):
+        for part in element.iterfind(tag):
+            numbers = [_triple(path, part, key, name) for key in keys if part.get(key) is not None]
+            if tag == "axis" and kind in ACTUATED and numbers and not any(numbers[0]):
+                raise RobotError(
+                    f"{path}: joint {name!r} has no axis to move about; give it one", path=path, joint=name
+                )
     bounded = limit is not None and kind != "continuous"
     return UrdfJoint(
         name=name,
@@ -122,8 +168,15 @@ def _joint(path: Path, element: ET.Element) -> UrdfJoint:
         lower=_number(path, limit, "lower", 0.0) if limit is not None and bounded else -math.inf,
         upper=_number(path, limit, "upper", 0.0) if limit is not None and bounded else math.inf,
         velocity=_number(path, limit, "velocity", math.inf) if limit is not None else math.inf,
-        mimics=element.find("mimic") is not None,
+        mimic=_mimic(path, element.find("mimic")),
     )
+
+
+def _mimic(path: Path, element: ET.Element | None) -> Mimic | None:
+    if element is None:
+        return None
+    multiplier, offset = _number(path, element, "multiplier", 1.0), _number(path, element, "offset", 0.0)
+    return Mimic(_attribute(path, element, "joint"), multiplier, offset)
 
 
 def _attribute(path: Path, element: ET.Element, key: str) -> str:
@@ -131,6 +184,18 @@ def _attribute(path: Path, element: ET.Element, key: str) -> str:
     if not value:
         raise RobotError(f"{path}: a <{element.tag}> has no {key}; add it", path=path)
     return value
+
+
+def _triple(path: Path, element: ET.Element, key: str, joint: str) -> list[float]:
+    text = element.get(key) or ""
+    try:
+        values = [float(word) for word in text.split()]
+    except ValueError:
+        values = []
+    if len(values) != 3 or not all(map(math.isfinite, values)):
+        what = f"{key} = {text!r} in the <{element.tag}> of joint {joint!r} is no three numbers"
+        raise RobotError(f"{path}: {what}; correct it", path=path, joint=joint)
+    return values
 
 
 def _number(path: Path, element: ET.Element, key: str, default: float | None = None) -> float:

@@ -71,11 +71,21 @@ def joints_table(joint_names: Sequence[str], rows: Sequence[Mapping[str, Any]]) 
     return table
 
 
-def robots_table(robots: Sequence[Robot]) -> Table:
-    """Name, joints, gripper, what it is."""
-    table = _table("name", "joints", "gripper", "what it is", left=("name", "what it is"))
-    for robot in robots:
-        table.add_row(robot.name, str(len(robot.joints)), "yes" if robot.gripper else "no", robot.description)
+def robots_table(robots: Sequence[Robot], reach_m: Sequence[float]) -> Table:
+    """Name, joints, reach, gripper, which limits are assumed, what it is."""
+    table = _table(
+        "name",
+        "joints",
+        "reach (m)",
+        "gripper",
+        "assumed limits",
+        "what it is",
+        left=("name", "gripper", "assumed limits", "what it is"),
+    )
+    for robot, reach in zip(robots, reach_m, strict=True):
+        gripper = "none" if robot.gripper is None else ", ".join(robot.gripper.joints) or "not in the model"
+        assumed = ", ".join(robot.limits.assumed) or "none"
+        table.add_row(robot.name, str(len(robot.joints)), f"{reach:.2f}", gripper, assumed, robot.description)
     return table
 
 

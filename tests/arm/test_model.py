@@ -12,7 +12,7 @@ import pinocchio as pin
 import pytest
 
 from pbd.arm.model import ArmModel, from_se3, load_model, to_se3
-from pbd.data import Robot
+from pbd.data import Gripper, JointLimits, Robot
 from pbd.errors import RobotError
 from pbd.pose import Array, Pose, quat_to_matrix
 from tests.arm.conftest import random_joints
@@ -81,6 +81,47 @@ def test_tool_lies_between_the_fingers_and_x_is_the_way_they_open(arm: ArmModel)
     np.testing.assert_allclose(wide[0] - shut[0], [0.04, 0, 0], atol=1e-12)
     np.testing.assert_allclose((wide[0] + wide[1])[:2], 0.0, atol=1e-12)
     assert shut[0][2] < 0.0  # the fingers' bodies lie behind the tips, z leads out of the hand
+
+
+SHARED_NAMES = """<?xml version="1.0"?>
+<robot name="twins">
+  <link name="foot"/> <link name="turn"/> <link name="hand"/> <link name="finger"/>
+  <joint name="turn" type="continuous">
+    <parent link="foot"/> <child link="turn"/> <axis xyz="0 0 1"/> <limit effort="1" velocity="1"/>
+  </joint>
+  <joint name="swing" type="revolute">
+    <parent link="turn"/> <child link="hand"/> <origin xyz="0.3 0 0.1"/> <axis xyz="0 1 0"/>
+    <limit effort="1" lower="-2" upper="2" velocity="1"/>
+  </joint>
+  <joint name="hand" type="revolute">
+    <parent link="hand"/> <child link="finger"/> <origin xyz="0.1 0 0"/> <axis xyz="0 0 1"/>
+    <limit effort="1" lower="0" upper="1" velocity="1"/>
+  </joint>
+</robot>
+"""
+
+
+def test_joints_and_bodies_may_share_names(odd_robot: Robot, tmp_path: Path) -> None:
+    """As so100's gripper does, which is locked, and z1's, which is fixed; pinocchio takes neither as it is."""
+    urdf = tmp_path / "twins.urdf"
+    urdf.write_text(SHARED_NAMES, encoding="utf-8")
+    one = np.ones(2)
+    robot = replace(
+        odd_robot,
+        urdf=urdf,
+        joints=("turn", "swing"),
+        home=np.zeros(2),
+        limits=JointLimits(-one, one, one, one, one, "a test"),
+        gripper=Gripper(("hand",), np.array([0.8]), np.array([0.2]), 0.5),
+    )
+    arm = load_model(robot)
+    assert arm.full.names[3] == "hand"  # everyone else still finds it by its name
+    np.testing.assert_allclose(arm.full_q(np.array([np.pi / 2, 0.1]), 0.5), [0, 1, 0.1, 0.5], atol=1e-15)
+    data = arm.full.createData()
+    q = np.array([0.7, -0.4])
+    pin.framesForwardKinematics(arm.full, data, arm.full_q(q, 0.0))
+    hand = data.oMf[arm.full.getFrameId("hand", pin.FrameType.BODY)] * to_se3(robot.T_body_tool)
+    np.testing.assert_allclose(arm.forward(q).matrix(), hand.homogeneous, atol=1e-14)
 
 
 def test_full_configuration_opens_the_gripper_by_its_share(arm: ArmModel) -> None:

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from pbd.arm.model import ArmModel, load_model
-from pbd.arm.reach import ROTATION_WEIGHT_M, SAMPLES, ReachMap, reach_map
+from pbd.arm.reach import ROTATION_WEIGHT_M, SAMPLES, ReachMap, farthest, reach_map
 from pbd.data import Robot
 from pbd.pose import quat_to_matrix
 from tests.arm.conftest import changed, random_joints
@@ -55,3 +55,17 @@ def test_nearest_agrees_with_a_tree(arm: ArmModel) -> None:
         p_found, R_found = arm.forward_many(reach.nearest(pose, 32))
         found = np.hstack((p_found, ROTATION_WEIGHT_M * R_found.reshape(-1, 9)))
         np.testing.assert_allclose(np.linalg.norm(found - wanted, axis=1), distance, atol=1e-5)
+
+
+@pytest.mark.parametrize("which", ["arm", "odd_arm"])
+def test_the_farthest_is_farther_than_any_sample_and_no_farther_than_the_arm_is_long(
+    which: str, request: pytest.FixtureRequest
+) -> None:
+    arm: ArmModel = request.getfixturevalue(which)
+    reach = farthest(arm)
+    p, _ = arm.forward_many(random_joints(arm.robot, 20_000, seed=6))
+    assert reach > np.hypot(p[:, 0], p[:, 1]).max()
+    placements = [arm.model.jointPlacements[i].translation for i in range(2, arm.model.njoints)]
+    steps = [np.linalg.norm(step) for step in (*placements, arm.model.frames[arm.tool_id].placement.translation)]
+    slides = 0.4 if which == "odd_arm" else 0.0
+    assert reach < sum(steps) + slides

@@ -25,6 +25,17 @@ any_attitude = true
 [mount]
 position = [0.01, 0.0, 0.02]
 rpy_deg = [180.0, 0.0, 45.0]
+[[obstacle]]
+name = "shelf"
+shape = "box"
+size = [0.3, 0.2, 0.02]
+position = [0.6, 0.4, 0.3]
+rpy_deg = [0.0, 90.0, 0.0]
+[[obstacle]]
+name = "lamp"
+shape = "sphere"
+size = [0.1]
+position = [0.0, 0.5, 0.6]
 """
 DOCK = TOML[TOML.index("[dock]") : TOML.index("[mount]")]
 NAV = DOCK.replace("[dock]", "[nav]").replace("any_attitude = true\n", "")
@@ -47,6 +58,12 @@ def test_every_key_arrives(tmp_path: Path) -> None:
     assert_allclose(calibration.T_base_dock.wxyz, quat_from_rpy((0, 0, np.pi / 2)))
     assert_allclose(calibration.T_sensor_tool.p, (0.01, 0.0, 0.02))
     assert_allclose(calibration.T_sensor_tool.wxyz, quat_from_rpy((np.pi, 0, np.pi / 4)))
+    shelf, lamp = calibration.obstacles
+    assert (shelf.name, shelf.shape, shelf.size) == ("shelf", "box", (0.3, 0.2, 0.02))
+    assert_allclose(shelf.T_base_obstacle.p, (0.6, 0.4, 0.3))
+    assert_allclose(shelf.T_base_obstacle.wxyz, quat_from_rpy((0, np.pi / 2, 0)))
+    assert (lamp.name, lamp.shape, lamp.size) == ("lamp", "sphere", (0.1,))
+    assert_allclose(lamp.T_base_obstacle.wxyz, (1, 0, 0, 0))  # left out: level
 
 
 def test_what_may_be_left_out(tmp_path: Path) -> None:
@@ -57,6 +74,7 @@ def test_what_may_be_left_out(tmp_path: Path) -> None:
     assert (calibration.scale, calibration.table_height, calibration.robots) == (1.0, None, ())
     assert not calibration.any_attitude
     assert calibration.T_sensor_tool is TOOL_DOWN
+    assert calibration.obstacles == ()
 
 
 def test_the_default_is_what_it_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -75,9 +93,12 @@ def test_what_the_default_has_commented_out_is_valid_too(tmp_path: Path) -> None
     text = (bundled("calibration") / "default.toml").read_text(encoding="utf-8")
     for key in ("robots", "any_attitude"):
         text = text.replace(f"# {key} =", f"{key} =")
+    before, obstacle = text.split("# [[obstacle]]\n")
+    text = before + "[[obstacle]]\n" + obstacle.replace("\n# ", "\n").removeprefix("# ")
     calibration = read_calibration(write(tmp_path, text))
     assert calibration.robots == ("panda",)
     assert calibration.any_attitude
+    assert [(thing.name, thing.shape) for thing in calibration.obstacles] == [("the shelf", "box")]
 
 
 @pytest.mark.parametrize(
@@ -98,6 +119,24 @@ def test_what_the_default_has_commented_out_is_valid_too(tmp_path: Path) -> None
         (DOCK, "", ": dock or [nav] must be given, and not both; see calibration/default.toml"),
         (DOCK, DOCK + NAV, ":6: dock or [nav] must be given, and not both; see calibration/default.toml"),
         ("[dock]", "[dock", ": not valid TOML: "),
+        ('name = "shelf"\n', "", ":13: [obstacle] name is missing; add it"),
+        ('"lamp"', '"shelf"', ":20: [obstacle] name 'shelf' is another obstacle's too; rename one of them"),
+        ('"sphere"', '"ball"', ":21: [obstacle] shape must be one of box, cylinder, sphere, got 'ball'; correct it"),
+        ('shape = "sphere"\n', "", ":19: [obstacle] shape is missing; add it"),
+        ("[0.1]", "[0.1, 0.2]", ":22: [obstacle] size must have 1 numbers, got 2; correct it"),
+        (
+            "0.02]\nposition",
+            "0.0]\nposition",
+            ":16: [obstacle] size must be above zero throughout, got [0.3, 0.2, 0.0]",
+        ),
+        ("position = [0.0, 0.5, 0.6]\n", "", ":19: [obstacle] position is missing; add it"),
+        ("[0.6, 0.4, 0.3]", "[0.6, 0.4]", ":17: [obstacle] position must have 3 numbers, got 2; correct it"),
+        (
+            "rpy_deg = [0.0, 90.0, 0.0]",
+            "rpy = [0.0, 1.5, 0.0]",
+            ":18: [obstacle] rpy is unknown; the keys here are name, ",
+        ),
+        ('[[obstacle]]\nname = "shelf"', '[obstacle]\nname = "shelf"', ": not valid TOML: "),
     ],
 )
 def test_a_fault_is_named_with_path_line_and_key(tmp_path: Path, old: str, new: str, message: str) -> None:

@@ -172,7 +172,19 @@ def test_the_docks_options(folder: Path) -> None:
          " remove or rename it"),
         ("jerk", "jrek", ": [limits] jerk is missing; add it"),
         ("jerk = [100, 200]", "jerk = [100, 200]\njrek = 1",
-         ":24: [limits] jrek is unknown; the keys here are source, velocity, acceleration, jerk; remove or rename it"),
+         ":24: [limits] jrek is unknown; the keys here are source, velocity, acceleration, acceleration_source, jerk,"
+         " jerk_source; remove or rename it"),
+        ("acceleration = [5.0, 6.0]", "velocity = [1.5, 2.6]\nacceleration = [5.0, 6.0]",
+         ":22: [limits] velocity gives elbow 2.6, above the URDF's own 2.5; lower it, or correct the URDF"),
+        ("acceleration = [5.0, 6.0]", "velocity = [1.5, 0]\nacceleration = [5.0, 6.0]",
+         ":22: [limits] velocity must be above zero throughout, got [1.5, 0]; correct it"),
+        ("acceleration = [5.0, 6.0]\n", "", ": [limits] acceleration is missing; add it"),
+        ('source = "measured"\n', "", ": [limits] source is missing; add it"),
+        ('source = "measured"', 'jerk_source = "measured"', ": [limits] source is missing; add it"),
+        ('source = "measured"', 'source = "measured"\nvelocity_source = "x"',
+         ":22: [limits] velocity_source is unknown; the keys here are source, velocity, acceleration,"
+         " acceleration_source, jerk, jerk_source; remove or rename it"),
+
         ("jerk = [100, 200]", "jerk = [100, 0]",
          ":23: [limits] jerk must be above zero throughout, got [100, 0]; correct it"),
         ("[5.0, 6.0]", "[5.0, -6.0]",
@@ -246,9 +258,109 @@ def test_a_pose_that_leaves_a_joint_out(folder: Path) -> None:
         read_robot(folder / "mine.toml")
 
 
+def test_each_limit_may_have_a_source_of_its_own(folder: Path) -> None:
+    limits = read_robot(folder / "mine.toml").limits
+    assert dict(limits.sources) == {
+        "position": "the URDF", "velocity": "the URDF", "acceleration": "measured", "jerk": "measured"
+    }  # fmt: skip
+    assert limits.source == "velocity: the URDF; acceleration: measured; jerk: measured"
+    assert limits.assumed == ()
+    change(folder / "mine.toml", "jerk = [100, 200]", 'jerk = [100, 200]\njerk_source = "assumed: slow"')
+    limits = read_robot(folder / "mine.toml").limits
+    assert limits.sources["acceleration"] == "measured"
+    assert limits.sources["jerk"] == "assumed: slow"
+    assert limits.assumed == ("jerk",)
+    change(folder / "mine.toml", 'source = "measured"', 'velocity = [1, 2]\nsource = "sheet"')
+    assert read_robot(folder / "mine.toml").limits.source == "velocity: sheet; acceleration: sheet; jerk: assumed: slow"
+    change(folder / "mine.toml", '\njerk_source = "assumed: slow"', "")
+    assert read_robot(folder / "mine.toml").limits.source == "sheet"
+
+
+def test_a_urdfs_velocity_of_zero_says_nothing(folder: Path) -> None:
+    change(folder / "mine.urdf", 'velocity="1.5"', 'velocity="0"')
+    change(folder / "mine.toml", "acceleration = [5.0, 6.0]", "velocity = [7, 2]\nacceleration = [5.0, 6.0]")
+    np.testing.assert_array_equal(read_robot(folder / "mine.toml").limits.velocity, [7, 2])
+
+
+def test_a_gripper_whose_model_has_no_joints(folder: Path) -> None:
+    change(
+        folder / "mine.toml", 'joints = ["claw"]\nopen = [0.5]\nclosed = [0.0]', "joints = []\nopen = []\nclosed = []"
+    )
+    gripper = read_robot(folder / "mine.toml").gripper
+    assert gripper is not None
+    assert gripper.joints == ()
+    assert gripper.stroke_s == 0.4
+
+
+FOLLOWER = """
+  <link name="thumb"/> <joint name="thumb_joint" type="revolute"> <parent link="hand"/> <child link="thumb"/>
+  <axis xyz="1 0 0"/> <limit effort="1" lower="-2" upper="2" velocity="3"/>
+  <mimic joint="claw" multiplier="-2" offset="0.1"/> </joint>
+</robot>"""
+
+
+def test_a_finger_that_mimics_another_goes_with_it(folder: Path) -> None:
+    change(folder / "mine.urdf", "</robot>", FOLLOWER)
+    gripper = read_robot(folder / "mine.toml").gripper
+    assert gripper is not None
+    assert gripper.joints == ("claw", "thumb_joint")
+    np.testing.assert_allclose(gripper.open, [0.5, -0.9])
+    np.testing.assert_allclose(gripper.closed, [0.0, 0.1])
+
+
+MESH = '<link name="hand"><visual><geometry><mesh filename="ADDRESS"/></geometry></visual></link>'
+
+
+@pytest.mark.parametrize("address", ["package://mine/meshes/hand.stl", "meshes/hand.stl"])
+def test_a_missing_mesh_is_told_with_its_link(folder: Path, address: str) -> None:
+    change(folder / "mine.urdf", '<link name="hand"/>', MESH.replace("ADDRESS", address))
+    with pytest.raises(RobotError) as caught:
+        read_robot(folder / "mine.toml")
+    message = caught.value.message
+    assert message.startswith(
+        f"{folder.resolve() / 'mine.urdf'}: the mesh '{address}' of link 'hand' is missing: there is"
+    )
+    assert message.endswith("hand.stl; put it there, or correct its address")
+    assert "\n" not in message
+    place = folder / ("mine/meshes" if "package" in address else "meshes")
+    place.mkdir(parents=True)
+    (place / "hand.stl").write_bytes(b"")
+    assert read_robot(folder / "mine.toml").body == "hand"
+
+
+def test_a_joint_left_out_is_locked_at_zero_which_must_be_within_its_limits(folder: Path) -> None:
+    change(folder / "mine.urdf", 'lower="-2"', 'lower="0.1"')
+    change(folder / "mine.toml", "home = [0.1, 0.2]", 'joints = ["elbow"]\nhome = [0.2]')
+    with pytest.raises(
+        RobotError, match=r":12: \[arm\] joints leaves out shoulder, which is then locked at 0, outside"
+    ):
+        read_robot(folder / "mine.toml")
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
+        ('upper="2"', 'upper="-2"',
+         r"mine.urdf: joint 'shoulder' has no room to move: lower -2, upper -2; correct its <limit>"),
+        (' lower="-2" upper="2"', "", r"mine.urdf: joint 'shoulder' has no room to move: lower 0, upper 0; correct"),
+        ('name="shoulder" type="revolute"', 'name="shoulder" type="revolut"',
+         r"mine.urdf: joint 'shoulder' has the type 'revolut'; make it one of revolute, continuous, .*, planar$"),
+        ('name="mount" type="fixed"', 'name="mount" type="floating"',
+         r"mine.urdf: joint 'mount', between 'foot' and 'hand', is floating, which an arm's joint must not; choose"),
+        ('<axis xyz="0 1 0"/>', '<mimic joint="shoulder"/>',
+         r"mine.urdf: joint 'elbow', between 'foot' and 'hand', mimics 'shoulder', which an arm's joint must not"),
+        ('<joint name="claw"', '<joint name="elbow"', r"mine.urdf: two joints are named 'elbow'; rename one of them"),
+        ('<link name="mid"/>', "",
+         r"mine.urdf: joint 'mount' joins 'mid', which is no link of it; correct it, or add the link$"),
+        ('<link name="mid"/>', '<link name="mid"/><link name="mid"/>', r"mine.urdf: two links are named 'mid'; rename"),
+        ('<link name="mid"/>', '<link name="mid"/><link name="loose"/>',
+         r"mine.urdf: foot, loose hang on nothing; one link may, join the others to it$"),
+        ('<child link="finger"/>', '<child link="hand"/>', r"mine.urdf: link 'hand' hangs on two joints; make it"),
+        ('<axis xyz="0 1 0"/>', '<axis xyz="0 0 0"/>', r"mine.urdf: joint 'elbow' has no axis to move about; give it"),
+        ('<axis xyz="0 1 0"/>', '<axis xyz="0 y 0"/>',
+         r"mine.urdf: xyz = '0 y 0' in the <axis> of joint 'elbow' is no three numbers; correct it"),
+        ('<axis xyz="0 1 0"/>', '<origin xyz="0 1" rpy="0 0 0"/>',
+         r"mine.urdf: xyz = '0 1' in the <origin> of joint 'elbow' is no three numbers; correct it"),
         ('velocity="1.5"', 'velocity="0"',
          r"\[limits\] velocity is missing and the URDF sets no limit above zero for shoulder; add it"),
         (' velocity="2.5"', "", r"\[limits\] velocity is missing and .* for elbow; add it"),

@@ -1,0 +1,57 @@
+"""What takes long to work out and follows from files alone is kept in the user's cache folder, as named arrays.
+
+A file is an .npz behind the SHA-256 of its bytes: what a crash, a full disk or a stray hand left of it is found out and
+made anew. It appears whole or not at all, so several processes may write the same one. Where nothing can be written
+things just take their time again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import tempfile
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import platformdirs
+from numpy.typing import NDArray
+
+_DIGEST = hashlib.sha256().digest_size
+
+
+def recall(kind: str, key: str) -> dict[str, NDArray[Any]] | None:
+    """Return the arrays that were kept under a kind ("hulls") and a key (a hash of what they follow from), or None."""
+    try:
+        kept = _place(kind, key).read_bytes()
+    except OSError:
+        return None
+    digest, content = kept[:_DIGEST], kept[_DIGEST:]
+    if hashlib.sha256(content).digest() != digest:
+        return None
+    with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
+        return dict(arrays)
+
+
+def remember(kind: str, key: str, arrays: Mapping[str, Any]) -> None:
+    """Keep arrays under a kind and a key."""
+    content = io.BytesIO()
+    np.savez(content, **arrays)
+    place = _place(kind, key)
+    unfinished: str | None = None
+    try:
+        place.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=place.parent, suffix=".tmp", delete=False) as file:
+            unfinished = file.name
+            file.write(hashlib.sha256(content.getvalue()).digest() + content.getvalue())
+        Path(unfinished).replace(place)
+    except OSError:
+        if unfinished is not None:
+            with suppress(OSError):
+                Path(unfinished).unlink()
+
+
+def _place(kind: str, key: str) -> Path:
+    return Path(platformdirs.user_cache_dir("pbd")) / kind / f"{key}.npz"

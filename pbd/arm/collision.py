@@ -1,0 +1,156 @@
+"""Whether a motion touches anything on its way: checked along all of it, and told in one line.
+
+What is promised of a motion that passes: at no instant do two bodies that are watched touch (clearance.py says why),
+and wherever it was looked they were at least MARGIN_M apart.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pbd.arm.nodes import along
+from pbd.arm.scene import TABLE, CollisionScene, Hit, Watch
+from pbd.data import JointTrajectory
+from pbd.data.world import Stay, holds
+from pbd.errors import PlanError
+from pbd.pose import Pose
+
+_STILL_RAD = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class MotionHit:
+    """The first hit of a motion.
+
+    Attributes:
+        hit: the two bodies, where they overlap the most before they part.
+        t: s, when they first touch; `deepest_t`, when they overlap the most; `parted_t`, when they were last seen to.
+        keyframe: the keyframe at which they touch, or on the way to which; one more than the last: after that.
+        at_keyframe: whether they touch at the keyframe itself.
+    """
+
+    hit: Hit
+    t: float
+    deepest_t: float
+    parted_t: float
+    keyframe: int
+    at_keyframe: bool
+
+
+def check_motion(scene: CollisionScene, trajectory: JointTrajectory) -> MotionHit | None:
+    """Return the first hit of a motion, None where it is free.
+
+    The object is carried as the gripper's track says, the fingers are where it puts them.
+    """
+    first = _first(scene, trajectory, scene.always, 0.0, np.inf)
+    for stay in object_stays(scene, trajectory):
+        start, end = max(0.0, stay.start), min(stay.end, trajectory.duration, first.t if first else np.inf)
+        if start > end:
+            continue
+        found = _first(scene, trajectory, scene.around_object(stay), start, end)
+        if found is not None and (first is None or found.t < first.t):
+            first = found
+    return first
+
+
+def object_stays(scene: CollisionScene, trajectory: JointTrajectory) -> tuple[Stay, ...]:
+    """Where the grasped object is during a motion."""
+
+    def tool(t: float) -> Pose:
+        return scene.arm.forward(trajectory.at(np.array([min(t, trajectory.duration)])).q[0])
+
+    return scene.stays(holds(trajectory.gripper_t, trajectory.gripper_opening), tool)
+
+
+def refuse_collision(scene: CollisionScene, trajectory: JointTrajectory) -> None:
+    """Check a motion.
+
+    Raises:
+        PlanError: it isn't free; its fields are those of `collision_error`.
+    """
+    found = check_motion(scene, trajectory)
+    if found is not None:
+        raise collision_error(scene, trajectory, found)
+
+
+def refuse_home(scene: CollisionScene) -> None:
+    """Check the robot's home, without anything grasped.
+
+    Raises:
+        PlanError: it isn't free; its fields are bodies, value (m), p_base (m).
+    """
+    hit = scene.hit(scene.arm.robot.home)
+    if hit is not None:
+        raise PlanError(
+            f"home of {scene.arm.robot.name}: {_what(hit)}; change home in the robot's TOML"
+            f"{', or table_height in the calibration' if hit.second == TABLE else ''}",
+            **_fields(hit),
+        )
+
+
+def collision_error(scene: CollisionScene, trajectory: JointTrajectory, found: MotionHit) -> PlanError:
+    """Tell a hit in one line; fields: keyframe, t (s), bodies, value (m, how deep), p_base (m)."""
+    return PlanError(
+        f"{_when(trajectory, found)} (t = {found.t:.1f} s): {_what(found.hit)}; {_advice(scene, found.hit)}",
+        keyframe=found.keyframe,
+        t=found.t,
+        **_fields(found.hit),
+    )
+
+
+def _first(
+    scene: CollisionScene, trajectory: JointTrajectory, watch: Watch, start: float, end: float
+) -> MotionHit | None:
+    path = along(trajectory, watch.clearance.rates, start, end)
+    met = watch.clearance.first_contact(path, watch.allowed)
+    if met is None:
+        return None
+    hit = scene.as_hit(watch, met.pair, path.x[met.deepest], met.distance)
+    t, deepest_t, parted_t = (float(path.t[node]) for node in (met.first, met.deepest, met.last))
+    keyframe, at_keyframe = _keyframe(trajectory, t, parted_t)
+    return MotionHit(hit, t, deepest_t, parted_t, keyframe, at_keyframe)
+
+
+def _keyframe(trajectory: JointTrajectory, start: float, end: float) -> tuple[int, bool]:
+    """Return the keyframe at which the arm is at some time from start to end (s), or else the next one."""
+    times = trajectory.keyframe_t
+    following = int(np.searchsorted(times, start))
+    if following < len(times) and times[following] <= end:
+        return following, True
+    if following > 0:
+        q = trajectory.at(np.array([start])).q[0]
+        if np.abs(q - trajectory.keyframe_q[following - 1]).max() < _STILL_RAD:
+            return following - 1, True  # it hasn't left yet
+    return following, False
+
+
+def _when(trajectory: JointTrajectory, found: MotionHit) -> str:
+    if found.t == 0.0:
+        return "where the motion starts"
+    if found.at_keyframe:
+        return f"keyframe {found.keyframe}"
+    if found.keyframe == 0:
+        return "on the way to keyframe 0"
+    if found.keyframe == len(trajectory.keyframe_t):
+        return f"after keyframe {found.keyframe - 1}"
+    return f"on the way from keyframe {found.keyframe - 1} to keyframe {found.keyframe}"
+
+
+def _what(hit: Hit) -> str:
+    if hit.depth == 0.0:
+        return f"{hit.first} would come within {1000.0 * hit.distance:.1f} mm of {hit.second}"
+    return f"{hit.first} would touch {hit.second}, {100.0 * hit.depth:.1f} cm deep"
+
+
+def _advice(scene: CollisionScene, hit: Hit) -> str:
+    if hit.second == TABLE:
+        return "raise the keyframe, or the dock and with it the whole motion"
+    if hit.second in scene.obstacles:
+        return f"move the dock or {hit.second}, or go round it"
+    return "move the dock, or turn the hand differently there"
+
+
+def _fields(hit: Hit) -> dict[str, object]:
+    return {"bodies": (hit.first, hit.second), "value": hit.depth, "p_base": hit.p_base}

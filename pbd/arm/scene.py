@@ -1,0 +1,217 @@
+"""An arm among what it must not touch: itself, the table, obstacles, and the object that it carries.
+
+The fingers are where the gripper's opening puts them. The gripper (all that the arm's last joint carries) may touch the
+object. While it is held, the object may touch the table, and what it stands on, as long as it is within REST_M of where
+it was gripped or is let go.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pbd.arm.clearance import MARGIN_M, Allowed, Clearance, Pairs
+from pbd.arm.hulls import Body, link_bodies
+from pbd.arm.levers import rates
+from pbd.arm.model import ArmModel, from_se3
+from pbd.arm.nodes import straight
+from pbd.arm.pairs import Dropped, gripper_links, link_pairs, samples, tool_on_joint
+from pbd.arm.resting import rests_on
+from pbd.data import Calibration, GraspedObject, Obstacle
+from pbd.data.world import Stay, holds, stays
+from pbd.pose import Array, Pose, quat_about_z, quat_rotate
+
+TABLE = "the table"
+REST_M = 0.03
+TABLE_SAMPLES = 200
+
+
+@dataclass(frozen=True, eq=False)
+class Hit:
+    """Two bodies that touch, or are nearer to each other than MARGIN_M.
+
+    Attributes:
+        first, second: names of links, of obstacles, TABLE, or what is grasped ("the cylinder").
+        distance: m, negative as deep as they overlap.
+        p_base: (3,) m, where that is.
+        share: of a straight move, how far along it begins.
+    """
+
+    first: str
+    second: str
+    distance: float
+    p_base: Array
+    share: float = 0.0
+
+    @property
+    def depth(self) -> float:
+        """How far they overlap, m; 0 where they are only near."""
+        return max(0.0, -self.distance)
+
+
+@dataclass(frozen=True)
+class Leg:
+    """How the arm moves from one keyframe to the next: the gripper's opening, and where the object is meanwhile."""
+
+    opening: float = 1.0
+    stay: Stay | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Watch:
+    """Pairs of bodies, and which of them may touch where."""
+
+    clearance: Clearance
+    allowed: Allowed | None = None
+
+
+class CollisionScene:
+    """What can touch what, for one arm in one place. Not to be shared between threads, as the arm isn't.
+
+    Attributes:
+        arm: the arm.
+        dropped: the pairs that nobody watches, and why.
+        obstacles: names.
+        always: the arm against itself, the table and the obstacles.
+    """
+
+    def __init__(
+        self,
+        arm: ArmModel,
+        table_height: float | None = None,
+        obstacles: Iterable[Obstacle] = (),
+        grasped: GraspedObject | None = None,
+    ) -> None:
+        self.arm, self._table_height, self._grasped = arm, table_height, grasped
+        obstacles = tuple(obstacles)
+        self.obstacles = frozenset(obstacle.name for obstacle in obstacles)
+        self._T_universe_base = from_se3(arm.T_base_universe).inverse()
+        self._links, (pairs, self.dropped) = link_bodies(arm), link_pairs(arm)
+        world = [Body(o.name, 0, self._T_universe_base @ o.T_base_obstacle, o.shape, o.size) for o in obstacles]
+        if table_height is not None:
+            T_base_table = Pose(np.array([0.0, 0.0, table_height]), quat_about_z(0.0))
+            world.insert(0, Body(TABLE, 0, self._T_universe_base @ T_base_table, "floor"))
+        self._bodies = (*self._links, *world)
+        around = self._against(self._bodies, range(len(self._links)), range(len(self._links), len(self._bodies)))
+        around = self._off_the_table(around)
+        self.always = Watch(Clearance(arm, self._bodies, np.concatenate((pairs, around))))
+        self._with_object: dict[Stay, Watch] = {}
+
+    @staticmethod
+    def build(arm: ArmModel, calibration: Calibration, grasped: GraspedObject | None = None) -> CollisionScene:
+        """Build the scene of a calibration: its table and its obstacles, and a demonstration's object."""
+        return CollisionScene(arm, calibration.table_height, calibration.obstacles, grasped)
+
+    def hit(self, q: Array, leg: Leg | None = None) -> Hit | None:
+        """Return the worst hit at joints q (k,); by default the gripper is open and there is no object."""
+        leg = leg or Leg()
+        x, worst = np.append(q, leg.opening), None
+        for watch in self.watches(leg.stay):
+            distances = watch.clearance.distances(x)
+            for pair in np.flatnonzero(distances < (worst.distance if worst else MARGIN_M)):
+                if not (watch.allowed and watch.allowed(int(pair), x)) and (
+                    worst is None or distances[pair] < worst.distance
+                ):
+                    worst = self.as_hit(watch, int(pair), x, float(distances[pair]))
+        return worst
+
+    def check_move(self, q_start: Array, q_end: Array, leg: Leg | None = None) -> Hit | None:
+        """Return the first hit of a straight move in joint space from q (k,) to q (k,), both ends included."""
+        leg = leg or Leg()
+        first = None
+        for watch in self.watches(leg.stay):
+            path = straight(q_start, q_end, leg.opening, watch.clearance.rates)
+            met = watch.clearance.first_contact(path, watch.allowed)
+            if met is not None and (first is None or path.t[met.first] < first.share):
+                share = float(path.t[met.first])
+                first = self.as_hit(watch, met.pair, path.x[met.deepest], met.distance, share)
+        return first
+
+    def legs(self, T_base_tool: Sequence[Pose], grips: Sequence[bool | None]) -> tuple[Leg, ...]:
+        """Say how the arm moves through n keyframes: leg i leads to keyframe i, leg n away from the last one.
+
+        Args:
+            T_base_tool: the tool's poses at the keyframes.
+            grips: True where the gripper closes, False where it opens, None where nothing changes; it begins open.
+        """
+        t, opening = [-1.0], [1.0]
+        for keyframe, closes in enumerate(grips if self.arm.robot.gripper else ()):
+            if closes is not None:
+                t += [keyframe, keyframe]
+                opening += [opening[-1], float(not closes)]
+        last = len(T_base_tool) - 1
+        spans = holds(np.array(t), np.array(opening))
+        found = self.stays(spans, lambda keyframe: T_base_tool[int(min(keyframe, last))])
+        legs = []
+        for i in range(last + 2):
+            stay = next((stay for stay in found if stay.start < i <= stay.end), None)
+            legs.append(Leg(opening[int(np.searchsorted(t, i - 1, side="right")) - 1], stay))
+        return tuple(legs)
+
+    def stays(self, spans: Sequence[tuple[float, float]], tool: Callable[[float], Pose]) -> tuple[Stay, ...]:
+        """Follow the object: see `pbd.data.world.stays`; nothing where there is no object."""
+        return () if self._grasped is None else stays(self._grasped, spans, tool, self._table_height)
+
+    def watches(self, stay: Stay | None) -> list[Watch]:
+        """Return all that is to be watched while the object is where `stay` says (None: there is no object)."""
+        return [self.always] if stay is None else [self.always, self.around_object(stay)]
+
+    def around_object(self, stay: Stay) -> Watch:
+        """Return what is to be watched because of the object: the arm, and what stands around while it is held."""
+        if stay not in self._with_object:
+            self._with_object[stay] = self._object_watch(stay)
+        return self._with_object[stay]
+
+    def as_hit(self, watch: Watch, pair: int, x: Array, distance: float, share: float = 0.0) -> Hit:
+        """Describe a pair that touches at coordinates x (k + 1,)."""
+        first, second = (watch.clearance.bodies[i].name for i in watch.clearance.pairs[pair])
+        p_base = self._T_universe_base.inverse().act(watch.clearance.witness(x, pair))
+        return Hit(first, second, distance, p_base, share)
+
+    def _object_watch(self, stay: Stay) -> Watch:
+        thing = self._grasped
+        if thing is None:
+            raise ValueError("a scene without an object has none to watch")
+        joint, T_joint_tool = tool_on_joint(self.arm)
+        placed = (joint, T_joint_tool @ stay.pose) if stay.held else (0, self._T_universe_base @ stay.pose)
+        bodies = (*self._bodies, Body(f"the {thing.shape}", *placed, thing.shape, thing.size))
+        this = len(self._bodies)
+        gripper = gripper_links(self.arm, self._links)
+        others = [i for i, link in enumerate(self._links) if link.name not in gripper]
+        pairs = self._against(bodies, others, (this,))
+        if not stay.held:
+            return Watch(Clearance(self.arm, bodies, pairs))
+        around = self._against(bodies, (this,), range(len(self._links), this))
+        clearance = Clearance(self.arm, bodies, np.concatenate((pairs, around)))
+        up = quat_rotate(self._T_universe_base.wxyz, (0.0, 0.0, 1.0))
+        rests: dict[int, list[Array]] = {}  # by pair: where the object rests on its second body
+        for pair, (first, second) in enumerate(clearance.pairs):
+            for rest in stay.rests if first == this else ():
+                if rests_on(bodies[this], self._T_universe_base @ rest, bodies[second], up, REST_M):
+                    rests.setdefault(pair, []).append(rest.p)
+
+        def allowed(pair: int, x: Array) -> bool:
+            if pair not in rests:
+                return False
+            p = (self.arm.forward(x[:-1]) @ stay.pose).p
+            return any(np.linalg.norm(p - rest) <= REST_M for rest in rests[pair])
+
+        return Watch(clearance, allowed)
+
+    def _against(self, bodies: Sequence[Body], ones: Iterable[int], others: Iterable[int]) -> Pairs:
+        """Pair up bodies, but for those that no joint moves against each other."""
+        others = tuple(others)
+        pairs = np.array([(a, b) for a in ones for b in others], dtype=np.int64).reshape(-1, 2)
+        return pairs[(rates(self.arm, bodies, pairs) > 0.0).any(axis=1)]
+
+    def _off_the_table(self, around: Pairs) -> Pairs:
+        """Leave out what is on the table however the arm stands: a turntable that it is mounted with."""
+        on_table = np.array([self._bodies[second].name == TABLE for _, second in around], dtype=bool)
+        clearance = Clearance(self.arm, self._bodies, around[on_table])
+        always = clearance.always_touching(samples(self.arm, TABLE_SAMPLES))
+        sunk = np.flatnonzero(on_table)[always]
+        why = "on it in every configuration"
+        self.dropped += tuple(Dropped(self._bodies[link].name, TABLE, why) for link, _ in around[sunk])
+        return np.delete(around, sunk, axis=0)

@@ -1,0 +1,32 @@
+"""The bundled arms and demonstrations, loaded once."""
+
+from __future__ import annotations
+
+import warnings
+from functools import cache
+from pathlib import Path
+
+from pbd.arm.model import ArmModel, load_model
+from pbd.data import Keyframe
+from pbd.files.demo import load_demo
+from pbd.files.robot import read_robot
+from pbd.pipeline import track
+from pbd.tracking.keyframes import find_keyframes
+
+FOLDER = Path(__file__).parents[2] / "robots"
+NAMES = ("kinova", "panda", "so100", "so101", "ur10", "ur3", "ur5", "xarm7", "z1")
+FIVE_JOINTS = ("so100", "so101")
+DEMOS = ("pouring", "paper-test1", "paper-test2")
+
+
+@cache
+def arm_of(name: str) -> ArmModel:
+    return load_model(read_robot(FOLDER / f"{name}.toml"))
+
+
+@cache
+def keyframes_of(name: str) -> tuple[Keyframe, ...]:
+    demo = load_demo(name)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # what tracking tells is not the robot's
+        return find_keyframes(track(demo.recording, "default", demo.known))

@@ -1,0 +1,105 @@
+"""What collision tests share: robots, raw meshes, exact distances."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+
+import coal
+import numpy as np
+import pinocchio as pin
+from scipy.optimize import nnls
+
+from pbd.arm.clearance import Clearance, configurations
+from pbd.arm.hulls import Body
+from pbd.arm.model import ArmModel, load_model
+from pbd.arm.pairs import samples
+from pbd.files.robot import read_robot
+from pbd.pose import Array, Pose, quat_from_xyzw
+
+ROBOTS = sorted(path.stem for path in (Path(__file__).parents[2] / "robots").glob("*.toml"))
+
+
+@lru_cache
+def arm_of(name: str) -> ArmModel:
+    return load_model(read_robot(Path(__file__).parents[2] / "robots" / f"{name}.toml"))
+
+
+def coordinates(arm: ArmModel, count: int, seed: int = 1) -> Array:
+    """Random coordinates (count, k + 1), other ones than those that pairs are dropped by."""
+    return np.random.default_rng(seed).permuted(samples(arm, count), axis=0)
+
+
+def placements(arm: ArmModel, x: Array) -> list[Pose]:
+    """T_universe_joint of all joints at coordinates (k + 1,)."""
+    data = arm.full.createData()
+    pin.forwardKinematics(arm.full, data, configurations(arm, x[None])[0])
+    poses = [pin.SE3ToXYZQUAT(placement) for placement in data.oMi]
+    return [Pose(pose[:3], quat_from_xyzw(pose[3:])) for pose in poses]
+
+
+def points_of(body: Body, joints: list[Pose]) -> Array:
+    """The corners (n, 3) of a hull or a box, in pinocchio's world."""
+    points = body.points
+    if body.shape == "box":
+        points = 0.5 * np.array(body.size) * np.array([np.where(mask, 1.0, -1.0) for mask in np.ndindex(2, 2, 2)])
+    return (joints[body.joint] @ body.T_joint_body).act(points)
+
+
+def hull_distance(a: Array, b: Array) -> float:
+    """Distance of the hulls of points (n, 3) and (m, 3), m: nearest combinations of corners by least squares."""
+    heavy = 1e3  # makes the weights of either hull add up to one
+    A = np.vstack((np.hstack((a.T, -b.T)), np.repeat([[heavy, 0.0], [0.0, heavy]], [len(a), len(b)], axis=1)))
+    weights, _ = nnls(A, np.array([0.0, 0.0, 0.0, heavy, heavy]))
+    return float(np.linalg.norm(weights[: len(a)] @ a - weights[len(a) :] @ b))
+
+
+class RawMeshes:
+    """The collision meshes as the URDF has them, by pinocchio's own reading and coal's collision of triangles."""
+
+    def __init__(self, arm: ArmModel) -> None:
+        self.arm, robot = arm, arm.robot
+        folders = [str(folder) for folder in robot.package_dirs]
+        self.geometry = pin.buildGeomFromUrdf(
+            arm.full, str(robot.urdf), pin.GeometryType.COLLISION, package_dirs=folders
+        )
+        self.links = [str(arm.full.frames[thing.parentFrame].name) for thing in self.geometry.geometryObjects]
+        self.data = arm.full.createData()
+
+    def watch(self, links: set[frozenset[str]]) -> None:
+        """Look at these pairs of links only."""
+        self.geometry.removeAllCollisionPairs()
+        for i, first in enumerate(self.links):
+            for j, second in enumerate(self.links[:i]):
+                if frozenset((first, second)) in links:
+                    self.geometry.addCollisionPair(pin.CollisionPair(j, i))
+        self.placed = self.geometry.createData()
+
+    def touching(self, x: Array) -> set[frozenset[str]]:
+        """Pairs of links whose meshes touch at coordinates (k + 1,)."""
+        q = configurations(self.arm, x[None])[0]
+        pin.computeCollisions(self.arm.full, self.data, self.geometry, self.placed, q, False)
+        pairs = zip(self.geometry.collisionPairs, self.placed.collisionResults, strict=True)
+        return {frozenset((self.links[pair.first], self.links[pair.second])) for pair, r in pairs if r.isCollision()}
+
+    def vertices(self, i: int) -> Array:
+        """Corners (n, 3) of a mesh, or the middle (1, 3) of another shape, on its joint."""
+        thing = self.geometry.geometryObjects[i]
+        points = (
+            np.array(thing.geometry.vertices()) if isinstance(thing.geometry, coal.BVHModelBase) else np.zeros((1, 3))
+        )
+        return np.asarray(points @ thing.placement.rotation.T + thing.placement.translation)
+
+
+@lru_cache
+def raw_meshes(name: str) -> RawMeshes:
+    return RawMeshes(arm_of(name))
+
+
+def links_watched(clearance: Clearance) -> set[frozenset[str]]:
+    return {frozenset((clearance.bodies[a].name, clearance.bodies[b].name)) for a, b in clearance.pairs}
+
+
+def links_touching(clearance: Clearance, x: Array) -> set[frozenset[str]]:
+    touching = clearance.pairs[clearance.distances(x) <= 0.0]
+    return {frozenset((clearance.bodies[a].name, clearance.bodies[b].name)) for a, b in touching}

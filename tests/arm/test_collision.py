@@ -1,0 +1,237 @@
+"""Whole motions: what touches anywhere on the way is found, told and timed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from pbd.arm.clearance import MARGIN_M, STEP_M, Clearance
+from pbd.arm.collision import check_motion, collision_error, object_stays, refuse_collision, refuse_home
+from pbd.arm.hulls import link_bodies
+from pbd.arm.model import ArmModel
+from pbd.arm.nodes import along
+from pbd.arm.scene import TABLE, CollisionScene, Leg
+from pbd.arm.sequence import solve_sequence
+from pbd.arm.timing import time_keyframes
+from pbd.data import GraspedObject, JointTrajectory, Obstacle
+from pbd.data.world import Stay
+from pbd.errors import PlanError
+from pbd.pose import Array, Pose, quat_from_rpy
+from tests.arm.collision_oracles import placements, points_of
+from tests.arm.conftest import random_joints
+
+BOTTLE = GraspedObject("cylinder", (0.06, 0.2))
+DOWN = quat_from_rpy((np.pi, 0.0, 0.0))
+
+
+def through(
+    arm: ArmModel, places: Sequence[tuple[float, float, float]], grips: Sequence[bool | None]
+) -> JointTrajectory:
+    """A motion of a tool that points down, from home."""
+    q = solve_sequence(arm, [Pose(np.array(place), DOWN) for place in places], arm.robot.home)
+    return time_keyframes(arm, q, [0.2] * len(places), grips, arm.robot.home)
+
+
+PLACES = [(0.5, -0.2, 0.35), (0.5, -0.2, 0.15), (0.5, -0.2, 0.35), (0.5, 0.2, 0.35), (0.5, 0.2, 0.15), (0.5, 0.2, 0.35)]
+GRIPS = [None, True, None, None, False, None]
+
+
+def board(low: float, high: float, thick: float = 0.02) -> Obstacle:
+    """A board across the middle of the way, from one height to another."""
+    middle = (0.6, 0.0, (low + high) / 2)
+    return Obstacle("the board", "box", (0.3, thick, high - low), Pose.from_rpy(middle, (0, 0, 0)))
+
+
+def test_a_free_motion_is_free(arm: ArmModel) -> None:
+    scene = CollisionScene(arm, 0.0, [board(0.0, 0.15)], BOTTLE)
+    trajectory = through(arm, PLACES, GRIPS)
+    assert check_motion(scene, trajectory) is None
+    refuse_collision(scene, trajectory)
+    refuse_home(scene)
+
+
+def test_the_bottle_meets_what_the_hand_does_not(arm: ArmModel) -> None:
+    """It hangs down to 0.2 m on its way, the fingers to 0.34 m."""
+    trajectory = through(arm, PLACES, GRIPS)
+    assert check_motion(CollisionScene(arm, 0.0, [board(0.0, 0.25)]), trajectory) is None
+    found = check_motion(CollisionScene(arm, 0.0, [board(0.0, 0.25)], BOTTLE), trajectory)
+    assert found is not None
+    assert (found.hit.first, found.hit.second) == ("the cylinder", "the board")
+    assert found.hit.depth > 0.01
+    assert (found.keyframe, found.at_keyframe) == (3, False)
+    assert trajectory.keyframe_t[2] < found.t <= found.deepest_t <= found.parted_t < trajectory.keyframe_t[3]
+
+
+def test_what_was_let_go_stays_in_the_way(arm: ArmModel) -> None:
+    """A rod is put down; a motion through that place, free before, meets it with a link that isn't the gripper."""
+    rod = GraspedObject("cylinder", (0.02, 0.3))
+    here, there = (0.5, -0.2, 0.15), (0.5, 0.2, 0.15)
+    q = solve_sequence(arm, [Pose(np.array(place), DOWN) for place in (here, there)], arm.robot.home)
+    bare, scene = CollisionScene(arm), CollisionScene(arm, grasped=rod)
+    put_down = Stay(0.0, 1.0, False, Pose.from_rpy(there, (0, 0, 0)))
+    for through_it in random_joints(arm.robot, 3000, seed=0):
+        if bare.hit(through_it) is None and scene.hit(through_it, Leg(1.0, put_down)) is not None:
+            last = time_keyframes(arm, np.array([*q, through_it]), [0.2] * 3, [True, False, None], arm.robot.home)
+            if check_motion(bare, last) is None:
+                break
+    else:
+        raise AssertionError("no such configuration")
+    first = time_keyframes(arm, np.array([through_it, *q]), [0.2] * 3, [None, True, False], arm.robot.home)
+    found = check_motion(scene, last)
+    assert found is not None
+    assert found.hit.second == "the cylinder"
+    assert found.t > last.keyframe_t[1]
+    assert [stay.held for stay in object_stays(scene, last)] == [False, True, False]
+    earlier = check_motion(scene, first)
+    assert earlier is None or earlier.t > first.keyframe_t[0]
+
+
+def test_a_contact_with_the_table_is_allowed_only_where_the_object_rests(arm: ArmModel) -> None:
+    scene = CollisionScene(arm, 0.0, [], BOTTLE)
+    low = [(x, y, z - 0.01 if i == 4 else z) for i, (x, y, z) in enumerate(PLACES)]  # put down a centimetre too deep
+    assert check_motion(scene, through(arm, low, GRIPS)) is None
+    dragged = [(x, y, 0.15 if 2 <= i <= 3 else z) for i, (x, y, z) in enumerate(PLACES)]
+    found = check_motion(scene, through(arm, dragged, GRIPS))
+    assert found is not None
+    assert (found.hit.first, found.hit.second) == ("the cylinder", TABLE)
+
+
+def test_fingers_that_open_against_something_are_seen(arm: ArmModel) -> None:
+    """The arm stands still; only the gripper's track moves."""
+    post = Obstacle("post", "cylinder", (0.02, 0.16), Pose.from_rpy((0.5 + 0.055, 0.2, 0.08), (0, 0, 0)))
+    scene = CollisionScene(arm, None, [post])
+    places = [(0.5, -0.2, 0.35), (0.5, 0.2, 0.35), (0.5, 0.2, 0.15), (0.5, 0.2, 0.35)]
+    opens = through(arm, places, [True, None, False, None])
+    found = check_motion(scene, opens)
+    assert found is not None
+    assert (found.keyframe, found.hit.second) == (2, "post")
+    assert "finger" in found.hit.first
+    assert opens.keyframe_t[2] < found.t < opens.keyframe_t[2] + 0.8
+    assert check_motion(scene, through(arm, places, [True, None, None, None])) is None
+
+
+@pytest.mark.parametrize("thick", [1e-4, 1e-3])
+def test_nothing_is_too_thin_or_too_fast(arm: ArmModel, thick: float) -> None:
+    """A sheet across a move at full speed: both ends are free of it."""
+    trajectory = through(arm, [(0.5, -0.3, 0.4), (0.5, 0.3, 0.4)], [None, None])
+    found = check_motion(CollisionScene(arm, 0.0, [board(0.3, 0.6, thick)]), trajectory)
+    assert found is not None
+    assert found.hit.second == "the board"
+    assert (found.keyframe, found.at_keyframe) == (1, False)
+
+
+def dense(arm: ArmModel, scene: CollisionScene, names: set[str], trajectory: JointTrajectory) -> tuple[Array, Array]:
+    """Instants (n,) no two of which a motion of more than 0.1 mm lies between, and the least distance (n,) at each."""
+    everything = scene.always.clearance
+    rows = [row for row, pair in enumerate(everything.pairs) if everything.bodies[pair[1]].name in names]
+    watched = Clearance(arm, everything.bodies, everything.pairs[rows])
+    path = along(trajectory, watched.rates * STEP_M / 1e-4)
+    return path.t, np.array([watched.distances(x).min() for x in path.x])
+
+
+def test_against_dense_sampling(arm: ArmModel) -> None:
+    """Random joint moves past a thin board and a rod: none of the contacts that 0.1 mm sampling sees is missed."""
+    rng, verdicts = np.random.default_rng(0), []
+    for q in random_joints(arm.robot, 8, seed=1, margin=0.3):
+        ends = np.array([q, q + rng.uniform(-0.1, 0.1, 7)])
+        trajectory = time_keyframes(arm, ends, [0.0, 0.0], [None, None], q, approach=False)
+        middle = arm.forward(ends.mean(axis=0)).p
+        things = [
+            Obstacle("board", "box", (0.2, 0.001, 0.2), Pose(middle + rng.normal(0, 0.1, 3), rng.normal(size=4))),
+            Obstacle("rod", "cylinder", (0.004, 0.3), Pose(middle + rng.normal(0, 0.1, 3), rng.normal(size=4))),
+        ]
+        scene = CollisionScene(arm, None, things)
+        t, distance = dense(arm, scene, {"board", "rod"}, trajectory)
+        found = check_motion(scene, trajectory)
+        verdicts.append(found is not None)
+        if (distance < 0.0).any():
+            assert found is not None
+            assert found.t <= t[np.argmax(distance < 0.0)]
+        if found is not None and found.hit.second in ("board", "rod"):
+            at = distance[np.searchsorted(t, found.t)]
+            assert at < MARGIN_M + 2e-4  # it is no false alarm
+            assert found.hit.distance <= at + 2e-4  # and is told as deep as it gets
+    assert any(verdicts)
+    assert not all(verdicts)
+
+
+@pytest.mark.parametrize(
+    ("obstacle", "message"),
+    [
+        (
+            Obstacle("the board", "box", (0.25, 0.02, 0.3), Pose.from_rpy((0.68, 0.0, 0.45), (0, 0, 0))),
+            r"on the way from keyframe 0 to keyframe 1 \(t = \d\.\d s\): panda_\w+ would touch the board, \d+\.\d cm "
+            r"deep; move the dock or the board, or go round it",
+        ),
+        (
+            Obstacle("the lamp", "sphere", (0.2,), Pose.from_rpy((0.31, 0.0, 0.6), (0, 0, 0))),
+            r"where the motion starts \(t = 0\.0 s\): panda_\w+ would touch the lamp, \d+\.\d cm deep; move the ",
+        ),
+        (
+            Obstacle("the lamp", "box", (0.2, 0.1, 0.1), Pose.from_rpy((0.5, -0.2, 0.295), (0, 0, 0))),
+            r"keyframe 0 \(t = \d\.\d s\): panda_\w+ would touch the lamp, \d+\.\d cm deep; move the ",
+        ),
+    ],
+)
+def test_a_hit_is_told_in_one_line(arm: ArmModel, obstacle: Obstacle, message: str) -> None:
+    scene, trajectory = CollisionScene(arm, None, [obstacle]), through(arm, PLACES[2:4], [None, None])
+    with pytest.raises(PlanError, match=f"^{message}") as caught:
+        refuse_collision(scene, trajectory)
+    assert caught.value.exit_code == 3
+    assert "\n" not in caught.value.message
+    assert caught.value.fields.keys() == {"keyframe", "t", "bodies", "value", "p_base"}
+
+
+def test_what_only_comes_near_is_told_so(arm: ArmModel) -> None:
+    trajectory = through(arm, PLACES[:2], [None, None])
+    fingers = [body for body in link_bodies(arm) if "finger" in body.name]
+    joints = placements(arm, np.append(trajectory.keyframe_q[1], 1.0))
+    level = min(points_of(body, joints)[:, 2].min() for body in fingers) - 0.0015
+    with pytest.raises(
+        PlanError, match=r"^keyframe 1 .*finger would come within 1\.\d mm of the table; raise the keyf"
+    ):
+        refuse_collision(CollisionScene(arm, level), trajectory)
+
+
+def test_a_keyframe_in_the_table_is_named(arm: ArmModel) -> None:
+    scene = CollisionScene(arm, 0.0)
+    places = [(0.5, -0.2, 0.35), (0.5, -0.2, -0.018), (0.5, -0.2, 0.35)]
+    trajectory = through(arm, places, [None] * 3)
+    found = check_motion(scene, trajectory)
+    assert found is not None
+    assert (found.keyframe, found.at_keyframe) == (1, True)
+    assert found.deepest_t == pytest.approx(trajectory.keyframe_t[1], abs=0.25)
+    error = collision_error(scene, trajectory, found)
+    assert error.message.startswith(f"keyframe 1 (t = {found.t:.1f} s): panda_")
+    assert "finger would touch the table, " in error.message
+    assert error.message.endswith(" cm deep; raise the keyframe, or the dock and with it the whole motion")
+    depth = error.fields["value"]
+    assert isinstance(depth, float)
+    assert 0.018 < depth < 0.04
+
+
+def test_the_arm_against_itself_and_after_the_last_keyframe(arm: ArmModel) -> None:
+    folded = arm.robot.home.copy()
+    folded[[3, 5]] = -3.0, 0.0
+    q = np.array([arm.robot.home + 0.1, folded])
+    trajectory = time_keyframes(arm, q, [0.2, 0.2], [None, None], arm.robot.home)
+    scene = CollisionScene(arm)
+    with pytest.raises(PlanError, match=r"^keyframe 1 .* would touch panda_\w+, .*; move the dock, or turn the hand"):
+        refuse_collision(scene, trajectory)
+    kept = JointTrajectory(
+        trajectory.joint_names, trajectory.knots, trajectory.coefficients, trajectory.gripper_t,
+        trajectory.gripper_opening, trajectory.keyframe_t[:1], trajectory.keyframe_q[:1],
+    )  # fmt: skip
+    with pytest.raises(PlanError, match=r"^after keyframe 0 \(t = "):
+        refuse_collision(scene, kept)
+
+
+def test_home_in_collision_is_refused(arm: ArmModel) -> None:
+    with pytest.raises(
+        PlanError, match=r"^home of panda: panda_\w+ would touch the table, .* deep; change home in"
+    ) as caught:
+        refuse_home(CollisionScene(arm, 0.6))
+    assert caught.value.message.endswith("; change home in the robot's TOML, or table_height in the calibration")
+    assert caught.value.exit_code == 3

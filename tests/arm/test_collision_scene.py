@@ -1,0 +1,304 @@
+"""What touches what: known contacts, the table, obstacles, and the object where it stands and where it is held."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from pbd.arm.clearance import MARGIN_M
+from pbd.arm.hulls import link_bodies
+from pbd.arm.ik import solve
+from pbd.arm.model import ArmModel, load_model
+from pbd.arm.scene import REST_M, TABLE, CollisionScene, Leg
+from pbd.data import Calibration, GraspedObject, Obstacle
+from pbd.data.world import Stay, holds, stays
+from pbd.pose import Array, Pose, quat_from_rpy
+from pbd.view import grasp
+from pbd.view.motion import Track
+from tests.arm.collision_oracles import ROBOTS, arm_of, coordinates, placements, points_of
+
+DOWN = quat_from_rpy((np.pi, 0.0, 0.0))
+BOTTLE = GraspedObject("cylinder", (0.06, 0.2))
+
+
+def at(arm: ArmModel, x: float, y: float, z: float) -> Array:
+    """Joints at which the tool points down at a place in base, found from home."""
+    result = solve(arm, Pose(np.array([x, y, z]), DOWN), arm.robot.home)
+    assert result.reached
+    return result.q
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_home_is_free(name: str) -> None:
+    arm = arm_of(name)
+    dock = arm.robot.dock
+    assert dock is not None
+    assert CollisionScene.build(arm, dock).hit(arm.robot.home) is None
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_hit_is_what_the_distances_say(name: str) -> None:
+    """The least of the distances, and between the two links that it belongs to."""
+    arm = arm_of(name)
+    scene = CollisionScene(arm)
+    hits = 0
+    for x in coordinates(arm, 40, seed=3):
+        hit, distances = scene.hit(x[:-1], Leg(x[-1])), scene.always.clearance.distances(x)
+        assert (hit is None) == (distances.min() >= MARGIN_M)
+        if hit is not None:
+            hits += 1
+            assert hit.distance == pytest.approx(distances.min(), abs=1e-5)  # coal begins where it last ended
+            assert hit.depth == max(0.0, -hit.distance)
+            worst = scene.always.clearance.pairs[np.argmin(distances)]
+            assert [hit.first, hit.second] == [link_bodies(arm)[i].name for i in worst]
+    assert hits > 0
+
+
+@pytest.mark.parametrize(
+    ("name", "joints", "links"),
+    [
+        # Elbow and wrist folded until the hand meets the shoulder; the forearm put through the turret.
+        (
+            "panda",
+            {3: -3.0, 5: 0.0},
+            {"panda_link1", "panda_link2", "panda_hand", "panda_leftfinger", "panda_rightfinger"},
+        ),
+        ("ur5", {2: 2.9}, {"upper_arm_link", "wrist_1_link", "wrist_2_link", "wrist_3_link", "shoulder_link"}),
+    ],
+)
+def test_known_contacts(name: str, joints: dict[int, float], links: set[str]) -> None:
+    arm = arm_of(name)
+    q = arm.robot.home.copy()
+    for joint, angle in joints.items():
+        q[joint] = angle
+    hit = CollisionScene(arm).hit(q)
+    assert hit is not None
+    assert {hit.first, hit.second} <= links
+    assert hit.depth > 0.005
+    move = CollisionScene(arm).check_move(arm.robot.home, q)
+    assert move is not None
+    assert 0.3 < move.share < 1.0
+    assert (
+        CollisionScene(arm).check_move(arm.robot.home, arm.robot.home + move.share * 0.95 * (q - arm.robot.home))
+        is None
+    )
+
+
+@pytest.mark.parametrize("height", [-0.1, 0.0, 0.2])
+def test_the_table(arm: ArmModel, height: float) -> None:
+    """The lowest point of the hand's bodies is as far from the table as the height says."""
+    scene = CollisionScene(arm, height)
+    for gap in (0.004, 0.001, -0.03):
+        q = at(arm, 0.5, 0.1, height + 0.3)
+        lowest = min(points_of(body, placements(arm, np.append(q, 1.0)))[:, 2].min() for body in link_bodies(arm)[8:])
+        q = at(arm, 0.5, 0.1, height + 0.3 - (lowest - height) + gap)
+        hit = scene.hit(q)
+        if gap > MARGIN_M:
+            assert hit is None
+        else:
+            assert hit is not None
+            assert hit.second == TABLE
+            assert "finger" in hit.first
+            assert hit.distance == pytest.approx(gap, abs=1e-4)
+            assert_allclose(hit.p_base, (0.5, 0.1, height), atol=0.06)
+
+
+def test_the_base_may_stand_on_the_table_but_nothing_that_moves(arm: ArmModel) -> None:
+    assert CollisionScene(arm, 0.0).hit(arm.robot.home) is None
+    hit = CollisionScene(arm, 0.6).hit(arm.robot.home)  # so high that the hand is in it at home
+    assert hit is not None
+    assert hit.second == TABLE
+
+
+def test_what_is_always_on_the_table_is_dropped_and_told(arm: ArmModel) -> None:
+    """Link 1 turns about the vertical at 0.33 m; a table at 0.35 m always cuts it, and that is said."""
+    dropped = {(pair.first, pair.second): pair.why for pair in CollisionScene(arm, 0.35).dropped}
+    assert dropped["panda_link1", TABLE] == "on it in every configuration"
+    assert TABLE not in {pair.second for pair in CollisionScene(arm, 0.0).dropped}
+
+
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize(("shape", "size"), [("box", (0.1, 0.2, 0.3)), ("cylinder", (0.1, 0.3)), ("sphere", (0.15,))])
+def test_obstacles(arm: ArmModel, shape: str, size: tuple[float, ...], turned: bool) -> None:
+    """The tool comes down upon its top: exactly as near as its size says, and it is told by its name."""
+    rpy = (np.pi, 0.0, 0.7) if turned else (0.0, 0.0, 0.0)  # upside down it is as high
+    obstacle = Obstacle("the thing", shape, size, Pose.from_rpy((0.5, 0.0, 0.1), rpy))
+    scene = CollisionScene(arm, None, [obstacle])
+    top = 0.1 + size[-1] / 2.0
+    q = at(arm, 0.5, 0.0, top + 0.3)
+    fingers = [body for body in link_bodies(arm) if "finger" in body.name]
+    closed = placements(arm, np.append(q, 0.0))
+    low = min(points_of(body, closed)[:, 2].min() for body in fingers)  # both fingers meet over its middle
+    for gap in (0.01, 0.001, -0.01):
+        hit = scene.hit(at(arm, 0.5, 0.0, top + 0.3 - (low - top) + gap), Leg(0.0))
+        assert (hit is None) == (gap > MARGIN_M)
+        if hit is not None:
+            assert hit.second == "the thing"
+            assert "finger" in hit.first
+            assert hit.distance == pytest.approx(gap, abs=1.5e-3)  # a sphere's top is round
+
+
+def test_an_obstacle_stands_in_base_not_in_the_urdfs_world(odd_arm: ArmModel) -> None:
+    """The odd robot's base is bolted to the wall; its links have no shape, but the obstacle's own place can be seen."""
+    obstacle = Obstacle("thing", "sphere", (0.1,), Pose.from_rpy((0.1, 0.2, 0.3), (0, 0, 0)))
+    scene = CollisionScene(odd_arm, 0.0, [obstacle])
+    bodies = {body.name: body for body in scene.always.clearance.bodies}
+    foot = placements(odd_arm, np.append(odd_arm.robot.home, 1.0))[0] @ Pose.from_rpy((1, 2, 0.5), (0.1, 0.2, 0.3))
+    assert_allclose(bodies["thing"].T_joint_body.p, foot.act((0.1, 0.2, 0.3)), atol=1e-12)
+    assert_allclose(bodies[TABLE].T_joint_body.wxyz, foot.wxyz, atol=1e-12)
+
+
+def test_fingers_are_where_the_opening_puts_them(arm: ArmModel) -> None:
+    q = at(arm, 0.5, 0.0, 0.3)
+    beside = Obstacle("post", "cylinder", (0.02, 0.4), Pose.from_rpy((0.5 + 0.055, 0.0, 0.1), (0, 0, 0)))
+    scene = CollisionScene(arm, None, [beside])
+    assert scene.hit(q, Leg(1.0)) is not None
+    assert scene.hit(q, Leg(0.0)) is None
+
+
+# The object
+
+
+def tool_over(x: float, z: float) -> Pose:
+    return Pose(np.array([x, 0.0, z]), DOWN)
+
+
+def test_where_the_object_is_agrees_with_what_is_shown() -> None:
+    """The page draws it where the check has it."""
+    t = np.linspace(0.0, 10.0, 101)
+    p = np.column_stack((0.4 + 0.05 * np.sin(t), 0.02 * t, 0.15 + 0.05 * np.cos(t)))
+    tool = Track(p, np.tile(DOWN, (101, 1)))
+    gripper_t, opening = np.array([0.0, 2.0, 2.5, 6.0, 6.5, 8.0, 8.5]), np.array([1.0, 1, 0, 0, 1, 1, 0])
+    spans = holds(gripper_t, opening)
+    shown = grasp.carried(BOTTLE, t, tool, spans, 0.0)
+
+    def tool_at(instant: float) -> Pose:
+        return tool[int(np.searchsorted(t, instant).clip(0, 100))]
+
+    found = stays(BOTTLE, spans, tool_at, 0.0)
+    assert [stay.held for stay in found] == [False, True, False, True]
+    assert (found[0].start, found[-1].end) == (-np.inf, np.inf)
+    for before, after in pairwise(found):
+        assert before.end == after.start
+    for stay in found:
+        for i in np.flatnonzero((t >= stay.start) & (t <= stay.end)):
+            pose = tool[int(i)] @ stay.pose if stay.held else stay.pose
+            assert max(pose.distance(shown[int(i)])) < 1e-9
+
+
+def test_legs_say_where_the_object_is_and_how_far_the_gripper_is_open(arm: ArmModel) -> None:
+    scene = CollisionScene(arm, 0.0, grasped=BOTTLE)
+    poses = [tool_over(0.4, 0.3), tool_over(0.4, 0.15), tool_over(0.5, 0.3), tool_over(0.5, 0.15), tool_over(0.4, 0.3)]
+    legs = scene.legs(poses, [None, True, None, False, None])
+    assert [leg.opening for leg in legs] == [1.0, 1.0, 0.0, 0.0, 1.0, 1.0]
+    assert [leg.stay is not None and leg.stay.held for leg in legs] == [False, False, True, True, False, False]
+    before, after = legs[0].stay, legs[-1].stay
+    assert before is not None
+    assert after is not None
+    assert_allclose(before.pose.p, (0.4, 0.0, 0.1), atol=1e-12)  # it stands on the table
+    assert_allclose(after.pose.p, (0.5, 0.0, 0.1), atol=1e-12)
+
+
+def test_without_a_gripper_or_an_object_nothing_is_carried(arm: ArmModel) -> None:
+    poses = [tool_over(0.4, 0.3), tool_over(0.4, 0.15), tool_over(0.5, 0.3)]
+    handless = load_model(replace(arm.robot, gripper=None))
+    for scene in (CollisionScene(arm), CollisionScene(handless, grasped=BOTTLE)):
+        legs = scene.legs(poses, [None, True, None])
+        assert len(legs) == 4
+        assert all(leg.stay is None for leg in legs)
+
+
+def held(T_tool_object: Pose, *rests: Pose) -> Leg:
+    return Leg(0.0, Stay(0.0, 1.0, True, T_tool_object, rests))
+
+
+def test_what_is_held_touches_what_the_arm_does_not(arm: ArmModel) -> None:
+    """A rod of 30 cm from the fingers down: it meets a box under it, and the box is free without it."""
+    rod = GraspedObject("cylinder", (0.02, 0.3))
+    box = Obstacle("box", "box", (0.1, 0.1, 0.1), Pose.from_rpy((0.5, 0.0, 0.05), (0, 0, 0)))
+    scene = CollisionScene(arm, None, [box], rod)
+    leg = held(Pose.from_rpy((0, 0, 0.15), (0, 0, 0)))
+    q = at(arm, 0.5, 0.0, 0.38)
+    assert scene.hit(q) is None
+    hit = scene.hit(q, leg)
+    assert hit is not None
+    assert (hit.first, hit.second) == ("the cylinder", "box")
+    assert hit.depth == pytest.approx(0.02, abs=1e-4)
+    assert scene.hit(at(arm, 0.5, 0.0, 0.41), leg) is None
+    assert scene.hit(at(arm, 0.5, 0.2, 0.38), leg) is None
+
+
+def test_what_is_held_meets_the_arm_but_may_touch_the_gripper(arm: ArmModel) -> None:
+    scene = CollisionScene(arm, grasped=GraspedObject("cylinder", (0.02, 1.2)))
+    q = at(arm, 0.5, 0.0, 0.3)
+    down, across = Pose.from_rpy((0, 0, 0.5), (0, 0, 0)), Pose.from_rpy((0, 0, 0), (0, np.pi / 2, 0))
+    assert scene.hit(q, held(down)) is None  # it goes up through the whole hand
+    hit = scene.hit(q, held(across))
+    assert hit is not None
+    assert hit.second == "the cylinder"
+    assert hit.first in ("panda_link0", "panda_link1")
+
+
+def test_what_stands_is_met_by_the_arm_but_may_be_touched_by_the_gripper(arm: ArmModel) -> None:
+    standing = Stay(-np.inf, 1.0, False, Pose.from_rpy((0.5, 0.0, 0.1), (0, 0, 0)))
+    scene = CollisionScene(arm, 0.0, grasped=BOTTLE)
+    assert scene.hit(at(arm, 0.5, 0.0, 0.15), Leg(1.0, standing)) is None
+    elbow = arm.robot.home
+    forearm = placements(arm, np.append(elbow, 1.0))[5].p
+    hit = scene.hit(elbow, Leg(1.0, replace(standing, pose=Pose(forearm, DOWN))))
+    assert hit is not None
+    assert hit.second == "the cylinder"
+
+
+@pytest.mark.parametrize("support", ["the table", "a shelf"])
+def test_what_is_held_may_touch_what_it_rests_on_near_where_it_rests(arm: ArmModel, support: str) -> None:
+    """It hangs 10 cm below the tool. Where it rests it may touch, even a centimetre deep; 4 cm aside it may not."""
+    shelf = Obstacle("a shelf", "box", (0.6, 0.6, 0.1), Pose.from_rpy((0.5, 0.0, 0.05), (0, 0, 0)))
+    level = 0.0 if support == "the table" else 0.1
+    scene = CollisionScene(arm, 0.0, [] if support == "the table" else [shelf], BOTTLE)
+    leg = held(Pose.from_rpy((0, 0, 0), (np.pi, 0, 0)), Pose.from_rpy((0.45, 0.0, level + 0.1), (0, 0, 0)))
+    for aside, deep, free in [(0.0, 0.0, True), (0.0, 0.01, True), (0.025, 0.005, True), (0.04, 0.001, False),
+                              (0.0, REST_M + 0.01, False), (0.04, -0.01, True)]:  # fmt: skip
+        hit = scene.hit(at(arm, 0.45 + aside, 0.0, level + 0.1 - deep), leg)
+        assert (hit is None) == free, (aside, deep)
+        if hit is not None:
+            assert (hit.first, hit.second) == ("the cylinder", support)
+
+
+def test_what_stands_beside_is_no_rest(arm: ArmModel) -> None:
+    """Let go against a wall it touches it, but doesn't stand on it."""
+    wall = Obstacle("wall", "box", (0.02, 0.4, 0.06), Pose.from_rpy((0.5, 0.0, 0.03), (0, 0, 0)))
+    scene = CollisionScene(arm, 0.0, [wall], BOTTLE)
+    leg = held(Pose.from_rpy((0, 0, 0), (np.pi, 0, 0)), Pose.from_rpy((0.465, 0.0, 0.1), (0, 0, 0)))
+    hit = scene.hit(at(arm, 0.465, 0.0, 0.1), leg)
+    assert hit is not None
+    assert hit.second == "wall"
+    assert scene.hit(at(arm, 0.455, 0.0, 0.1), leg) is None  # the table it may touch
+
+
+def test_a_calibration_makes_the_scene(arm: ArmModel) -> None:
+    obstacle = Obstacle("thing", "sphere", (0.1,), Pose(arm.forward(arm.robot.home).p, DOWN))
+    calibration = Calibration("mine", T_base_nav=Pose.identity(), table_height=0.01, obstacles=(obstacle,))
+    scene = CollisionScene.build(arm, calibration, BOTTLE)
+    assert scene.obstacles == {"thing"}
+    hit = scene.hit(arm.robot.home)
+    assert hit is not None
+    assert hit.second == "thing"
+    assert TABLE in {body.name for body in scene.always.clearance.bodies}
+
+
+def test_both_ends_of_a_move_count(arm: ArmModel) -> None:
+    ball = Obstacle("ball", "sphere", (0.1,), Pose(arm.forward(arm.robot.home).p, DOWN))
+    scene = CollisionScene(arm, None, [ball])
+    away = arm.robot.home + 0.5 * np.eye(7)[0]
+    assert scene.hit(away) is None
+    there, back = scene.check_move(away, arm.robot.home), scene.check_move(arm.robot.home, away)
+    assert there is not None
+    assert back is not None
+    assert 0.5 < there.share < 1.0
+    assert back.share == 0.0
+    assert scene.check_move(away, away) is None

@@ -1,0 +1,80 @@
+"""A robot of the user's own: a URDF and a TOML file beside it, and it replays like the bundled ones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pbd.arm.model import load_model
+from pbd.arm.reach import farthest
+from pbd.data import Robot
+from pbd.errors import PbdWarning
+from pbd.files.robot import load_robot
+from pbd.pipeline import plan_keyframes
+from pbd.pose import quat_to_matrix
+from tests.arm.bundled import keyframes_of
+
+LENGTHS = (0.2, 0.1, 0.4, 0.35, 0.0, 0.08)  # m, from each joint back to the one before
+AXES = ("0 0 1", "0 1 0", "0 1 0", "1 0 0", "0 1 0", "1 0 0")
+ALONG = ("z", "z", "z", "x", "x", "x")
+TIP = 0.12  # m, from the last joint
+
+
+def own_urdf() -> str:
+    links = ("base_link", *(f"link{i}" for i in range(1, 6)), "flange")
+    joints = []
+    for i, (length, axis, along) in enumerate(zip(LENGTHS, AXES, ALONG, strict=True)):
+        xyz = f"0 0 {length}" if along == "z" else f"{length} 0 0"
+        joints.append(
+            f'<joint name="joint{i + 1}" type="revolute"><parent link="{links[i]}"/><child link="{links[i + 1]}"/>'
+            f'<origin xyz="{xyz}" rpy="0 0 0"/><axis xyz="{axis}"/>'
+            '<limit effort="9" lower="-3" upper="3" velocity="2"/></joint>'
+        )
+    return f'<robot name="mine">{"".join(f"<link name={link!r}/>" for link in links)}{"".join(joints)}</robot>'
+
+
+GUIDE = Path(__file__).parents[2] / "docs" / "robots.md"
+
+
+@pytest.fixture
+def mine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Robot:
+    """A URDF of six joints, and the TOML that docs/robots.md gives."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "robots").mkdir()
+    (tmp_path / "robots" / "mine.urdf").write_text(own_urdf(), encoding="utf-8")
+    _, _, rest = GUIDE.read_text(encoding="utf-8").partition("```toml\n")
+    (tmp_path / "robots" / "mine.toml").write_text(rest.partition("```")[0], encoding="utf-8")
+    return load_robot("mine")
+
+
+def test_the_example_in_the_guide_replays(mine: Robot) -> None:
+    assert mine.dock is not None
+    plan = plan_keyframes(keyframes_of("pouring"), mine.dock, mine)
+    assert plan.report.max_position_error_m < 1e-5
+    assert mine.joints == tuple(f"joint{i}" for i in range(1, 7))
+    assert mine.limits.assumed == ("acceleration", "jerk")
+
+
+def test_its_tool_is_where_the_guide_says(mine: Robot) -> None:
+    arm = load_model(mine)
+    here = arm.forward(np.zeros(6))  # all along x
+    R = quat_to_matrix(here.wxyz)
+    np.testing.assert_allclose(here.p, [sum(LENGTHS[3:]) + TIP, 0.0, sum(LENGTHS[:3])], atol=1e-12)
+    np.testing.assert_allclose(R[:, 2], [1, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(R[:, 0], [0, 0, 1], atol=1e-12)
+    home = quat_to_matrix(arm.forward(mine.home).wxyz)
+    assert home[2, 2] < -0.999
+
+
+def test_its_reach_is_the_sum_of_its_lengths(mine: Robot) -> None:
+    assert farthest(load_model(mine)) == pytest.approx(sum(LENGTHS[2:]) + TIP, abs=1e-3)
+
+
+def test_a_robot_without_a_gripper_leaves_out_what_the_hand_gripped(mine: Robot) -> None:
+    assert mine.dock is not None
+    with pytest.warns(PbdWarning, match="mine has no gripper"):
+        plan = plan_keyframes(keyframes_of("paper-test1"), mine.dock, replace(mine, gripper=None))
+    assert len(plan.trajectory.gripper_t) == 1

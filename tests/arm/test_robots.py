@@ -1,0 +1,161 @@
+"""Every bundled arm: its home, its limits, what it can follow, and how it is listed."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from pbd.arm.model import ArmModel
+from pbd.arm.reach import reach_map
+from pbd.calibration.frames import nav_in_base, tool_poses
+from pbd.cli import main
+from pbd.cli.options import load_arm
+from pbd.pipeline import plan_keyframes
+from pbd.pose import Array, Pose, quat_to_matrix
+from tests.arm.bundled import DEMOS, FIVE_JOINTS, FOLDER, NAMES, arm_of, keyframes_of
+
+
+def test_these_are_the_robots() -> None:
+    assert sorted(path.stem for path in FOLDER.glob("*.toml")) == sorted(NAMES)
+    assert all(arm_of(name).robot.name == name for name in NAMES)
+
+
+def test_the_list_says_reach_joints_gripper_and_what_is_assumed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["robots", "--json"]) == 0
+    rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)["robots"]}
+    assert set(rows) >= set(NAMES)
+    for name in NAMES:
+        arm, row = arm_of(name), rows[name]
+        p, _ = arm.forward_many(reach_map(arm).q)
+        assert row["reach_m"] == pytest.approx(float(np.hypot(p[:, 0], p[:, 1]).max()), rel=0.03)
+        assert row["joints"] == list(arm.robot.joints)
+        assert arm.robot.gripper is not None
+        assert row["gripper_joints"] == list(arm.robot.gripper.joints)
+        assert row["assumed"] == list(arm.limits.assumed)
+        assert set(row["limits_sources"]) == {"position", "velocity", "acceleration", "jerk"}
+    assert main(["robots"]) == 0
+    listed = capsys.readouterr().out
+    assert f"{rows['ur5']['reach_m']:.2f}" in listed
+    assert "velocity, acceleration, jerk" in listed  # of so100
+    assert "z1: The dock assumes" in listed
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_home_points_down_in_front_away_from_limits_and_singularities(name: str) -> None:
+    arm = arm_of(name)
+    home, limits = arm.robot.home, arm.limits
+    pose = arm.forward(home)
+    z = quat_to_matrix(pose.wxyz)[:, 2]
+    assert np.degrees(np.arccos(-z[2])) < 1.0
+    assert arm.robot.dock is not None
+    assert arm.robot.dock.T_base_dock is not None
+    assert arm.robot.dock.table_height is not None
+    assert pose.p[2] > arm.robot.dock.table_height + 0.2
+    dock = arm.robot.dock.T_base_dock.p
+    assert pose.p[:2] @ dock[:2] > 0.0  # on the dock's side
+    assert np.linalg.norm(pose.p - dock) < 0.4
+    assert np.degrees(np.minimum(home - limits.lower, limits.upper - home).min()) > 25.0
+    # m/s of the tool, or 0.3 rad/s, for one rad/s of the joints in the worst direction that the joints span
+    worst = np.linalg.svd(np.diag([1, 1, 1, 0.3, 0.3, 0.3]) @ arm.jacobian(home), compute_uv=False)
+    assert worst[min(len(home), 6) - 1] > 0.05
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_limit_has_its_source_and_assumptions_are_cautious(name: str) -> None:
+    limits = arm_of(name).limits
+    assert set(limits.sources) == {"position", "velocity", "acceleration", "jerk"}
+    assert all(len(source) > 5 for source in limits.sources.values())
+    assert all("http" in limits.sources[key] for key in limits.sources if key not in ("position", *limits.assumed))
+    if "acceleration" in limits.assumed:
+        assert (limits.velocity / limits.acceleration > 0.499).all()
+    if "jerk" in limits.assumed:
+        assert (limits.acceleration / limits.jerk > 0.0999).all()
+    model = arm_of(name).model
+    assert (limits.velocity <= model.velocityLimit + 1e-9).all()
+
+
+def test_makers_figures() -> None:
+    """Degrees a second from the data sheets."""
+    sheets = {"ur5": [180] * 6, "ur10": [120, 120, 180, 180, 180, 180], "xarm7": [180] * 7, "z1": [180] * 6,
+              "kinova": [36] * 3 + [48] * 3}  # fmt: skip
+    for name, sheet in sheets.items():
+        velocity = np.degrees(arm_of(name).limits.velocity)
+        assert (velocity <= np.array(sheet) + 1e-9).all()
+        np.testing.assert_allclose(velocity, sheet, rtol=1e-3)
+    xarm = arm_of("xarm7").limits
+    np.testing.assert_allclose(np.degrees(xarm.acceleration), 1145, rtol=1e-3)
+    np.testing.assert_allclose(np.degrees(xarm.jerk), 28647, rtol=1e-3)
+    assert xarm.assumed == ()
+    for name in FIVE_JOINTS:  # 42 rpm at the lowest supply
+        assert (arm_of(name).limits.velocity < 0.51 * 42 * 2 * np.pi / 60).all()
+
+
+# --- what they can follow ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("demo", DEMOS)
+@pytest.mark.parametrize("name", [name for name in NAMES if name not in FIVE_JOINTS])
+def test_the_bundled_demonstrations_replay(name: str, demo: str) -> None:
+    robot, keyframes = arm_of(name).robot, keyframes_of(demo)
+    assert robot.dock is not None
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # nothing is left out, the dock isn't tilted
+        plan = plan_keyframes(keyframes, robot.dock, robot)
+    assert len(plan.T_base_tool) == len(keyframes)
+    grips = [keyframe.grip for keyframe in keyframes if keyframe.grip is not None]
+    assert len(plan.trajectory.gripper_t) == 1 + 2 * len(grips)
+
+
+@pytest.mark.parametrize("demo", DEMOS)
+@pytest.mark.parametrize("name", FIVE_JOINTS)
+def test_five_joints_reach_position_and_approach_of_the_bundled_demonstrations(name: str, demo: str) -> None:
+    """To the millimetre, and to the few degrees that a plane of motion leaves."""
+    arm, keyframes = arm_of(name), keyframes_of(demo)
+    dock = arm.robot.dock
+    assert dock is not None
+    q = arm.robot.home
+    for pose in tool_poses(keyframes, nav_in_base(dock, keyframes[0].T_nav_sensor.wxyz), dock):
+        q, off_m, off_axis = nearest_by_five(arm, pose, q)
+        assert off_m < 1e-3
+        assert off_axis < np.radians(2.0 if demo == "pouring" else 5.0)
+
+
+def nearest_by_five(arm: ArmModel, pose: Pose, q_start: Array) -> tuple[Array, float, float]:
+    """Joints, and how far the tool's position (m) and approach axis (rad) are off, by a solver of its own."""
+    z = quat_to_matrix(pose.wxyz)[:, 2]
+
+    def off(q: Array) -> tuple[Array, Array]:
+        p, R = arm.forward_many(q[None])
+        return p[0] - pose.p, R[0][:, 2] - z
+
+    def residuals(q: Array) -> Array:
+        p, axis = off(q)
+        return np.concatenate((100.0 * p, 3.0 * axis))
+
+    found = []
+    for start in (q_start, arm.robot.home, 0.5 * (arm.limits.lower + arm.limits.upper)):
+        found.append(
+            least_squares(residuals, start, bounds=(arm.limits.lower, arm.limits.upper), ftol=1e-6, max_nfev=50)
+        )
+        if found[-1].cost < 0.006:  # 2 degrees
+            break
+    best = min(found, key=lambda result: result.cost)
+    p, axis = off(best.x)
+    return best.x, float(np.linalg.norm(p)), float(np.linalg.norm(axis))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_calibration_named_by_the_user_wins_over_the_robots_own(name: str, tmp_path: Path) -> None:
+    (tmp_path / "c.toml").write_text('format = 1\nname = "c"\n[dock]\nposition = [0.4, 0, 0.2]\nrpy_deg = [0, 0, 0]\n')
+    chosen = [load_arm(argparse.Namespace(robot=name, calibration=c))[1] for c in (None, str(tmp_path / "c.toml"))]
+    assert [calibration.name for calibration in chosen] == [f"{name}'s own dock", "c"]
+    no_dock = (FOLDER / f"{name}.toml").read_text(encoding="utf-8")
+    (tmp_path / "free.toml").write_text(no_dock[: no_dock.index("[dock]")], encoding="utf-8")
+    _, calibration = load_arm(argparse.Namespace(robot=str(tmp_path / "free.toml"), calibration=None))
+    assert calibration.name == "default"
