@@ -7,16 +7,18 @@ import subprocess
 import sys
 import webbrowser
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import umsgpack
-from zmq.constants import LINGER, REQ
+from zmq.constants import DEALER, LINGER
 from zmq.sugar.context import Context
 
 from pbd.errors import PbdError
 from pbd.view.meshcat_api import ScenePath, Visualizer
 from pbd.view.page import SCENE_ROOT
-from pbd.view.scene import ReplayScene, build
+
+if TYPE_CHECKING:  # the recording's view needs no robot library
+    from pbd.view.scene import ReplayScene
 
 PATIENCE_MS = 10_000
 
@@ -26,11 +28,16 @@ class LiveViewer:
 
     The server is a process of its own and ends with this one, whatever ends it.
 
+    Args:
+        waits: each command waits for the server's answer; otherwise look at `behind` before more are sent.
+        otherwise: what to do where the server can't be started.
+
     Raises:
         PbdError: the server can't be started.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, waits: bool = True, otherwise: str = "use --html FILE instead") -> None:
+        self._waits = waits
         self._process = subprocess.Popen(
             # -P: nothing in the folder in which the user happens to be is imported.
             [sys.executable, "-P", "-m", "pbd.view.server"],
@@ -42,12 +49,11 @@ class LiveViewer:
         line = self._process.stdout.readline() if self._process.stdout else b""
         if not line:
             reason = self._process.communicate()[1].decode(errors="replace").strip().splitlines()[-1:]
-            raise PbdError(
-                f"the live viewer did not start ({' '.join(reason) or 'no reason given'}); use --html FILE instead"
-            )
+            raise PbdError(f"the live viewer did not start ({' '.join(reason) or 'no reason given'}); {otherwise}")
         addresses = json.loads(line)
         self.url: str = addresses["web"]
-        self._socket = Context.instance().socket(REQ)
+        self._socket = Context.instance().socket(DEALER)
+        self._unanswered = 0
         self._socket.setsockopt(LINGER, 0)
         self._socket.connect(addresses["zmq"])
         self.visualizer = Visualizer.view_into(self, ScenePath((SCENE_ROOT,)))
@@ -55,10 +61,33 @@ class LiveViewer:
     def send(self, command: Any) -> None:
         """Pass on one of meshcat's commands (this makes us a window in meshcat's sense)."""
         lowered = command.lower()
-        self._socket.send_multipart([lowered["type"].encode(), lowered["path"].encode(), umsgpack.packb(lowered)])
-        if not self._socket.poll(PATIENCE_MS):
-            raise PbdError("the live viewer's server does not answer; run the command again")
-        self._socket.recv()
+        # Empty first: the envelope that the server's side, a REP socket, expects.
+        self._socket.send_multipart([b"", lowered["type"].encode(), lowered["path"].encode(), umsgpack.packb(lowered)])
+        self._unanswered += 1
+        if self._waits:
+            self.catch_up(PATIENCE_MS)
+
+    def behind(self) -> bool:
+        """Whether the server has still to answer, at this moment."""
+        while self._unanswered and self._socket.poll(0):
+            self._socket.recv_multipart()
+            self._unanswered -= 1
+        return self._unanswered > 0
+
+    def catch_up(self, patience_ms: float) -> None:
+        """Wait until the server has answered.
+
+        Raises:
+            PbdError: for so long there was no answer.
+        """
+        while self.behind():
+            if not self._socket.poll(patience_ms):
+                raise PbdError("the live viewer's server does not answer; run the command again")
+
+    @property
+    def alive(self) -> bool:
+        """Whether the server runs."""
+        return self._process.poll() is None
 
     def wait(self) -> None:
         """Wait until the server ends; Ctrl-C raises KeyboardInterrupt as ever."""
@@ -93,12 +122,12 @@ def show_live(scene: ReplayScene, open_browser: bool = True, block: bool = True)
     Raises:
         PbdError: the server can't be started, or the robot's files can't be read.
     """
+    from pbd.view.scene import build
+
     viewer = LiveViewer()
     try:
         build(scene, viewer.visualizer)
-        print(f"replay at {viewer.url}" + (" (Ctrl-C ends it)" if block else ""), file=sys.stderr, flush=True)
-        if open_browser and not webbrowser.open(viewer.url, new=2):
-            print("no browser found; open the address yourself", file=sys.stderr)
+        invite(f"replay at {viewer.url}" + (" (Ctrl-C ends it)" if block else ""), viewer.url, open_browser)
         if block:
             viewer.wait()
     except KeyboardInterrupt:
@@ -110,3 +139,10 @@ def show_live(scene: ReplayScene, open_browser: bool = True, block: bool = True)
         if block:
             viewer.close()
     return viewer
+
+
+def invite(words: str, url: str, open_browser: bool) -> None:
+    """Tell a page's address on stderr, and open it in the user's browser where that is wanted."""
+    print(words, file=sys.stderr, flush=True)
+    if open_browser and not webbrowser.open(url, new=2):
+        print("no browser found; open the address yourself", file=sys.stderr, flush=True)

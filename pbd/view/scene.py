@@ -20,10 +20,7 @@ from pbd.view.visuals import Visual, read_visuals
 from pbd.view.wire import PoseTrack, SetTracks, solid, typed
 
 FRAME_RATE_HZ = 50.0
-TRIAD_M = 0.055
 PATH_SPACING_M = 0.003
-SPEED_RGB = np.array([[0.29, 0.42, 0.93], [0.60, 0.36, 0.85], [0.93, 0.40, 0.48], [0.98, 0.66, 0.27]])
-"""Slow to fast; the page's legend shows the same colours."""
 TOOL_PATH_RGB = (0.55, 0.57, 0.60)
 
 
@@ -134,12 +131,10 @@ def _path(scene: ReplayScene, into: Visualizer) -> None:
     if len(scene.hand_path_base) == 0:
         return
     points, index = _thinned(scene.hand_path_base)
-    rgb = np.tile(SPEED_RGB[0], (len(points), 1))
+    share = np.zeros(len(points))
     if scene.hand_speed is not None:
         share = scene.hand_speed[index] / max(float(scene.hand_speed.max()), 1e-9)
-        stops = np.linspace(0.0, 1.0, len(SPEED_RGB))
-        rgb = np.stack([np.interp(share, stops, channel) for channel in SPEED_RGB.T], axis=1)
-    into.set_object(solid(shapes.tube(points, rgb, 0.003)))
+    into.set_object(solid(shapes.tube(points, shapes.speed_rgb(share), shapes.PATH_RADIUS_M)))
 
 
 def _thinned(points: Array) -> tuple[Array, Array]:
@@ -151,8 +146,8 @@ def _thinned(points: Array) -> tuple[Array, Array]:
 
 
 def _keyframes(scene: ReplayScene, into: Visualizer) -> None:
-    mark = solid(shapes.triad(TRIAD_M, 0.0017))
-    ball = solid(shapes.sphere(1.0, SPEED_RGB[0]), opacity=0.16)
+    mark = solid(shapes.triad(shapes.TRIAD_M, shapes.TRIAD_RADIUS_M))
+    ball = solid(shapes.sphere(1.0, shapes.SPEED_RGB[0]), opacity=shapes.UNSURE_OPACITY)
     for i, keyframe in enumerate(scene.keyframes):
         into[f"{i}/triad"].set_object(mark)
         into[f"{i}/triad"].set_transform(keyframe.T_base_tool.matrix())

@@ -13,6 +13,18 @@ from pbd.view.meshes import Mesh, Soup, compact
 SIDES = 32
 AXES_RGB = ((0.88, 0.27, 0.24), (0.22, 0.66, 0.36), (0.22, 0.46, 0.92))
 """x red, y green, z blue."""
+SPEED_RGB = np.array([[0.29, 0.42, 0.93], [0.60, 0.36, 0.85], [0.93, 0.40, 0.48], [0.98, 0.66, 0.27]])
+"""Slow to fast; the page's legend shows the same colours."""
+PATH_RADIUS_M = 0.003
+TRIAD_M, TRIAD_RADIUS_M = 0.055, 0.0017
+UNSURE_OPACITY = 0.16
+"""Of the ellipsoids of two sigma."""
+
+
+def speed_rgb(share: ArrayLike) -> Array:
+    """Colours (n, 3) in 0..1 of speeds (n,) as shares of the fastest one; beyond 1 they stay the same."""
+    knots = np.linspace(0.0, 1.0, len(SPEED_RGB))
+    return np.stack([np.interp(np.asarray(share), knots, channel) for channel in SPEED_RGB.T], axis=-1)
 
 
 def box(size: ArrayLike, rgb: ArrayLike) -> Mesh:

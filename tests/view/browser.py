@@ -1,4 +1,4 @@
-"""What the browser tests ask of an open replay."""
+"""What the browser tests ask of an open page."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ def until(condition: Callable[[], object], what: str, seconds: float = PATIENCE_
         time.sleep(0.05)
 
 
-class Replay:
-    """An open page."""
+class Page:
+    """An open page: a replay's, or that of a recording under way."""
 
     def __init__(self, chrome: Chrome, address: str) -> None:
         self.chrome = chrome
@@ -34,14 +34,9 @@ class Replay:
         chrome.get_log("performance")
         chrome.get(address)
         until(lambda: self("return window.pbd && pbd.ready"), f"{address} to start; the browser says {self.errors()}")
-        self("pbd.page.player.pause(); pbd.page.player.seek(0)")
 
     def __call__(self, script: str) -> Any:
         return self.chrome.execute_script(script)
-
-    @property
-    def time(self) -> float:
-        return float(self("return pbd.page.player.time"))
 
     def errors(self) -> list[str]:
         """What the browser complains of; that software rendering is slow is not the page's fault."""
@@ -55,6 +50,10 @@ class Replay:
         sockets = [event["params"] for event in events if event["method"] == "Network.webSocketCreated"]
         addresses = {str(each["request"]["url"]) for each in asked} | {str(each["url"]) for each in sockets}
         return {address for address in addresses if not address.startswith(("chrome", "data:", "about:"))}
+
+    def read(self, selector: str) -> str:
+        """The text of the first element of its kind."""
+        return str(self(f"return document.querySelector({json.dumps(selector)}).textContent"))
 
     def place(self, *path: str) -> Array:
         """Position (3,) m in base of a node of the scene."""
@@ -70,3 +69,15 @@ class Replay:
         self("pbd.page.stage.render()")
         until(lambda: self("return pbd.page.stage.quality.fine"), "the fine picture")
         return np.asarray(Image.open(io.BytesIO(self.chrome.get_screenshot_as_png())).convert("RGB"))
+
+
+class Replay(Page):
+    """A replay, paused at its start."""
+
+    def __init__(self, chrome: Chrome, address: str) -> None:
+        super().__init__(chrome, address)
+        self("pbd.page.player.pause(); pbd.page.player.seek(0)")
+
+    @property
+    def time(self) -> float:
+        return float(self("return pbd.page.player.time"))

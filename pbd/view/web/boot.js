@@ -38,6 +38,13 @@ function begin(stage, replay) {
   }));
 }
 
+// The hand, while it is recorded.
+function watch(stage, command, handle) {
+  pbd.page ??= new HandPage(stage);
+  pbd.page.take(command, handle);
+  requestAnimationFrame(() => { pbd.ready = true; });
+}
+
 async function boot() {
   const code = document.createElement("script");
   code.textContent = new TextDecoder().decode(await unpacked("viewer-code"));
@@ -45,6 +52,10 @@ async function boot() {
   const stage = new Stage(document.getElementById("pane"));
   const handle = stage.viewer.handle_command.bind(stage.viewer);
   stage.viewer.handle_command = (command) => {
+    if (command.hand) {
+      watch(stage, command, handle);
+      return;
+    }
     handle(command);
     if (command.property === "replay") begin(stage, command.value);
   };
@@ -52,7 +63,10 @@ async function boot() {
     for (const command of commands(await unpacked("scene"))) stage.viewer.handle_command_bytearray(command);
   } else {
     stage.viewer.connect();
-    stage.viewer.connection.onclose = () => say("The viewer has ended. Run pbd replay again.");
+    stage.viewer.connection.onclose = () => {
+      if (pbd.page instanceof HandPage) pbd.page.gone();
+      else say("The viewer has ended. Run the command again.");
+    };
   }
 }
 

@@ -18,6 +18,7 @@ class Stage {
     this.labels = [];
     this.extent = [];
     this.framed = true; // until someone moves the camera
+    this.robot = true; // stands there, or on something
     this.viewer.controls.addEventListener("start", () => { this.framed = false; });
     this.viewer.render = () => this.render();
     window.addEventListener("resize", () => this.resize());
@@ -65,8 +66,8 @@ class Stage {
     this.light(box.getCenter(new THREE.Vector3()), size);
     const floor = Math.min(table ?? 0, 0);
     this.ground(floor, 0.9 * size);
-    if (table > 0.005) this.slab(box, table);
-    if (floor < -0.005) this.pedestal(floor);
+    if (this.robot && table > 0.005) this.slab(box, table);
+    if (this.robot && floor < -0.005) this.pedestal(floor);
     this.viewer.set_dirty();
   }
 
@@ -122,13 +123,14 @@ class Stage {
     return texture;
   }
 
-  // Lines every 10 cm, each fifth stronger, that fade toward the rim.
+  // Lines every 10 cm (further apart where there is much room), each fifth stronger, that fade toward the rim.
   grid(radius) {
     const { THREE } = this;
     const colour = new THREE.Color(this.style("--line")).convertSRGBToLinear();
     const points = [];
     const rgba = [];
-    const reach = Math.floor(radius / 0.1);
+    const step = 0.1 * 10 ** Math.max(0, Math.ceil(Math.log10(radius / 8)));
+    const reach = Math.floor(radius / step);
     const vertex = (x, y, strength) => {
       const fade = Math.max(0, 1 - Math.hypot(x, y) / radius);
       points.push(x, y, 0);
@@ -138,8 +140,8 @@ class Stage {
       const strength = i % 5 ? 0.28 : 0.75;
       for (let k = -reach; k < reach; k++) {
         if (Math.hypot(i, k) > reach + 1) continue;
-        for (const end of [0.1 * k, 0.1 * (k + 1)]) vertex(0.1 * i, end, strength);
-        for (const end of [0.1 * k, 0.1 * (k + 1)]) vertex(end, 0.1 * i, strength);
+        for (const end of [step * k, step * (k + 1)]) vertex(step * i, end, strength);
+        for (const end of [step * k, step * (k + 1)]) vertex(end, step * i, strength);
       }
     }
     const geometry = new THREE.BufferGeometry();
@@ -191,7 +193,7 @@ class Stage {
     this.viewer.set_3d_pane_size(width, height);
     const covered = (id) => (document.getElementById(id).offsetParent === null ? null : document.getElementById(id).getBoundingClientRect());
     const panel = covered("panel");
-    const bar = covered("bar");
+    const bar = covered("bar") ?? covered("hand");
     const free = { width: panel && width > 640 ? panel.left : width, height: bar ? bar.top : height };
     this.quality.resize(width, height);
     this.camera.setViewOffset(width, height, (width - free.width) / 2, (height - free.height) / 2, width, height);
@@ -228,9 +230,10 @@ class Stage {
 
   // --- labels ---
 
-  // Puts elements at points in base, a little above them.
+  // Puts elements at points in base, a little above them. A vector may move on, and the element with it.
   label(elements, points) {
-    this.labels = elements.map((element, i) => ({ element, point: new this.THREE.Vector3(...points[i]) }));
+    const vector = (point) => (point.isVector3 ? point : new this.THREE.Vector3(...point));
+    this.labels = elements.map((element, i) => ({ element, point: vector(points[i]) }));
   }
 
   placeLabels() {

@@ -1,0 +1,74 @@
+"""The browser beside the recording's screen: `pbd record --live`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from pbd.errors import PbdError
+from pbd.record.told import Outcome, Say, Status
+from pbd.view.hand import HandPicture, HandView, State
+
+SHOWN_S = 0.05
+"""The browser is brought up to date this often."""
+
+
+class LiveScreen:
+    """Shows each status in the browser, then on the screen; without the browser, once that fails."""
+
+    def __init__(self, view: HandView, show: Callable[[Status], None], tolerance_m: float) -> None:
+        self._view: HandView | None = view
+        self._show, self._tolerance_m = show, tolerance_m
+        self._line = ""
+        self._last: HandPicture | None = None
+
+    def show(self, status: Status) -> None:
+        """Draw."""
+        if status.said:
+            self._line = status.said[-1].text
+        if self._view is not None:
+            self._last = self._picture(status)
+            try:
+                self._view.show(self._last)
+            except PbdError as error:
+                self._view.close()
+                self._view = None
+                status = replace(status, said=(*status.said, Say(status.t, error.message)))
+        self._show(status)
+
+    def end(self, outcome: Outcome) -> None:
+        """Leave a last word in the browser."""
+        if self._view is None or self._last is None:
+            return
+        where = "discarded" if outcome.folder is None else f"kept in {outcome.folder}"
+        self._view.end(replace(self._last, state="ended", badge="ended", line=f"ended by {outcome.ended_by}; {where}"))
+
+    def _picture(self, status: Status) -> HandPicture:
+        state: State
+        if status.waiting:
+            state, badge, line = "waits", "hold still", status.waiting
+        elif not status.moving:
+            state, badge, line = "still", "stands still", self._line
+        elif status.sigma_of_move_m > self._tolerance_m:
+            cm = 100.0 * status.sigma_of_move_m
+            state, badge = "pause", f"pause now: {cm:.0f} cm" if cm >= 1.0 else f"pause now: {cm:.1f} cm"
+            line = "hold still for a moment: the longer the move, the less sure its end"
+        else:
+            state, badge, line = "moves", "moves", self._line
+        stops = max(status.stops - 1, 0)
+        return HandPicture(
+            status.t,
+            status.p_nav_sensor,
+            status.v_nav_sensor,
+            status.wxyz_nav_sensor,
+            status.keyframes,
+            state,
+            badge,
+            line,
+            (
+                f"{stops} stop" if stops == 1 else f"{stops} stops",
+                f"{status.t:.0f} s",
+                f"{status.rate_hz:.0f} Hz",
+                "grip closed" if status.closed else "grip open",
+            ),
+        )

@@ -1,0 +1,291 @@
+"""The view of a recording under way: in a real browser, and never in the recording's way."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import numpy as np
+import pytest
+from selenium.webdriver import Chrome
+
+from pbd.data import Keyframe
+from pbd.errors import PbdError
+from pbd.files.demo import read_demo
+from pbd.pose import Pose
+from pbd.sensors.simulate import simulate
+from pbd.tracking.live import LiveTracker
+from pbd.view import hand
+from pbd.view.hand import SEEN_M, HandPicture, HandView
+from tests.view.browser import Page, until
+from tests.view.test_live import alive, child_of, linux, listening
+
+EVERY = 5
+"""Samples at 100 Hz between two pictures."""
+
+EVIL = '</script><img src=x onerror="document.title=1">'
+
+
+def picture(tracker: LiveTracker, t: float) -> HandPicture:
+    return HandPicture(
+        t,
+        tracker.p_nav_sensor,
+        tracker.v_nav_sensor,
+        tracker.wxyz_nav_sensor,
+        tracker.keyframes,
+        "moves" if tracker.moving else "still",
+        "moves" if tracker.moving else "stands still",
+        EVIL,
+        (f"{len(tracker.keyframes)} stops", f"{t:.1f} s"),
+    )
+
+
+@pytest.fixture(scope="module")
+def pictures() -> list[HandPicture]:
+    """What a tracker says of a simulated hand that stops four times; to the page as fast as it goes."""
+    recording = simulate("pick-and-place-stops", "modern", 1).recording
+    assert recording.gyr is not None
+    tracker, seen = LiveTracker(), []
+    for k in range(len(recording)):
+        tracker.feed(recording.t[k], recording.acc[k], recording.gyr[k])
+        if k % EVERY == 0:
+            seen.append(picture(tracker, float(recording.t[k])))
+    return seen
+
+
+@pytest.fixture(scope="module")
+def view() -> Iterator[HandView]:
+    with HandView() as view:
+        view.open("tea <i>", "a hand", open_browser=False)
+        yield view
+
+
+@pytest.fixture(scope="module")
+def page(view: HandView, chrome: Chrome) -> Page:
+    return Page(chrome, view._viewer.url)
+
+
+def draw(view: HandView, shown: HandPicture) -> None:
+    """Show a picture when the server is ready for it."""
+    view._viewer.catch_up(5000.0)
+    view.show(shown)
+
+
+def settled(page: Page, shown: HandPicture) -> None:
+    until(lambda: page.read("#hand ul").endswith(shown.figures[-1]), "the page")
+
+
+@linux
+def test_it_listens_on_loopback_only(view: HandView) -> None:
+    assert set(listening(view._viewer._process.pid)) == {"0100007F"}
+
+
+def test_the_hand_moves_and_stops_appear(view: HandView, page: Page, pictures: list[HandPicture]) -> None:
+    went = []
+    for k, shown in enumerate(pictures):
+        draw(view, shown)
+        if k % 40 == 39 or k == len(pictures) - 1:
+            settled(page, shown)
+            here = page.place("pbd", "hand")
+            assert np.linalg.norm(here - shown.p_nav_sensor) < 2.0 * SEEN_M
+            assert page.read("#hand strong") == shown.badge
+            assert int(page("return pbd.page.stops")) == len(shown.keyframes)
+            went.append(here)
+    assert np.ptp(went, axis=0).max() > 0.1
+    assert len(pictures[-1].keyframes) > 3
+    for i, keyframe in enumerate(pictures[-1].keyframes):
+        np.testing.assert_allclose(page.place("pbd", "stops", str(i), "triad"), keyframe.T_nav_sensor.p, atol=1e-6)
+    labels = page('return Array.from(document.querySelectorAll("#labels span"), (node) => node.textContent)')
+    assert labels == [str(i) for i in range(len(pictures[-1].keyframes))]
+
+
+def test_the_path_leads_from_stop_to_stop(view: HandView, page: Page, pictures: list[HandPicture]) -> None:
+    for _ in range(20):  # what is left of it
+        draw(view, pictures[-1])
+    spans = page("""
+        const { THREE } = MeshCat, nodes = pbd.page.stage.viewer.scene_tree.children.pbd.children.path.children;
+        pbd.page.stage.viewer.scene.updateMatrixWorld(true);
+        return Object.entries(nodes).map(([move, node]) => {
+          const box = new THREE.Box3().setFromObject(node.object);
+          return [Number(move), [box.min.x, -box.max.z, box.min.y], [box.max.x, -box.min.z, box.max.y]];
+        });""")
+    stops = [keyframe.T_nav_sensor.p for keyframe in pictures[-1].keyframes]
+    assert [move for move, _, _ in spans] == [0, 1, 2]  # the last one only turns the hand
+    for move, low, high in spans:
+        ends = np.array(stops[move : move + 2])
+        # the tube's radius, and how far a move may swing out
+        assert (np.array(low) < ends.min(axis=0) + 0.002).all()
+        assert (np.array(high) > ends.max(axis=0) - 0.002).all()
+        assert (np.array(low) > ends.min(axis=0) - 0.02).all()
+        assert (np.array(high) < ends.max(axis=0) + 0.02).all()
+
+
+def test_all_is_in_sight_and_nothing_of_the_replay(page: Page) -> None:
+    for part in ("panel", "bar"):
+        assert not page(f'return document.getElementById("{part}").checkVisibility()')
+    seen = np.array(
+        page("""
+        const { stage } = pbd.page, { scene } = stage.viewer;
+        stage.render();
+        return stage.labels.map(({ point }) => scene.localToWorld(point.clone()).project(stage.camera).toArray());""")
+    )
+    below = 1.0 - 2.0 * page("return element('hand').getBoundingClientRect().top / innerHeight")
+    assert (np.abs(seen[:, 0]) < 1.0).all()
+    assert (seen[:, 1] < 1.0).all()
+    assert (seen[:, 1] > below).all()
+
+
+def test_each_part_is_seen(page: Page) -> None:
+    whole = page.picture()
+    for part in ("hand", "path"):
+        page(f'pbd.page.stage.node("pbd", "{part}").visible = false')
+        without = page.picture()
+        page(f'pbd.page.stage.node("pbd", "{part}").visible = true')
+        assert (np.abs(whole.astype(int) - without).max(axis=2) > 24).mean() > 3e-4, part
+
+
+def test_nothing_comes_from_elsewhere_and_words_are_words(view: HandView, page: Page) -> None:
+    mine = urlsplit(view._viewer.url).netloc
+    assert {urlsplit(asked).netloc for asked in page.requests()} == {mine}
+    assert page.read("#hand span") == EVIL
+    assert page.read("#recording h1") == "tea <i>"
+    assert page("return document.querySelectorAll('img, h1 i').length") == 0
+    assert [error for error in page.errors() if "favicon" not in error] == []
+
+
+def test_a_page_that_is_opened_later_shows_the_same(view: HandView, page: Page, pictures: list[HandPicture]) -> None:
+    later = Page(page.chrome, view._viewer.url)
+    settled(later, pictures[-1])
+    assert np.linalg.norm(later.place("pbd", "hand") - pictures[-1].p_nav_sensor) < 2.0 * SEEN_M
+    until(lambda: later("return pbd.page.stage.labels.length") == 3 + len(pictures[-1].keyframes), "the stops")
+    for i, keyframe in enumerate(pictures[-1].keyframes):
+        np.testing.assert_allclose(later.place("pbd", "stops", str(i), "triad"), keyframe.T_nav_sensor.p, atol=1e-6)
+
+
+def test_ellipsoids_are_two_sigma(view: HandView, page: Page, pictures: list[HandPicture]) -> None:
+    """The covariance read back from the ellipsoid's axes is the keyframe's."""
+    turn = Pose.from_rpy(np.zeros(3), (0.4, -0.7, 1.1)).matrix()[:3, :3]
+    cov = np.zeros((6, 6))
+    cov[:3, :3] = turn @ np.diag([0.03, 0.01, 0.002]) ** 2 @ turn.T
+    last = pictures[-1].keyframes[-1]
+    there = Keyframe(99.0, 1.0, Pose(last.T_nav_sensor.p + 0.05, last.T_nav_sensor.wxyz), cov)
+    shown = replace(pictures[-1], t=99.9, keyframes=(*pictures[-1].keyframes, there), figures=("99 s",))
+    draw(view, shown)
+    settled(page, shown)
+    node = f'pbd.page.stage.node("pbd", "stops", "{len(shown.keyframes) - 1}", "two_sigma")'
+    axes = np.array(page(f"const m = {node}; m.updateMatrix(); return m.matrix.elements")).reshape(4, 4).T[:3, :3]
+    np.testing.assert_allclose(axes @ axes.T, 4.0 * cov[:3, :3], atol=1e-9)
+    assert np.linalg.det(axes) > 0.0
+
+
+def test_it_says_that_it_is_over(view: HandView, page: Page, pictures: list[HandPicture]) -> None:
+    """Last here: the view is closed."""
+    view.end(replace(pictures[-1], state="ended", badge="ended", line="kept in demos/tea"))
+    view.close()
+    until(lambda: page.read("#hand strong") == "ended", "the last word")
+    assert page.read("#hand span") == "kept in demos/tea"
+    until(lambda: page("return pbd.page.stage.viewer.connection.readyState") == 3, "the connection to end")
+    assert page.read("#hand span") == "kept in demos/tea"
+    assert not page('return document.getElementById("message").checkVisibility()')
+
+
+@linux
+def test_a_server_that_hangs_holds_nobody_up(monkeypatch: pytest.MonkeyPatch, pictures: list[HandPicture]) -> None:
+    monkeypatch.setattr(hand, "PATIENCE_S", 0.5)
+    monkeypatch.setattr(hand, "LAST_WORD_S", 0.2)
+    with HandView() as view:
+        view.open("tea", "a hand", open_browser=False)
+        until(lambda: not view._viewer.behind(), "the server")
+        os.kill(view._viewer._process.pid, signal.SIGSTOP)
+        for shown in pictures[:40]:
+            begun = time.monotonic()
+            view.show(shown)
+            assert time.monotonic() - begun < 0.4
+        time.sleep(0.5)
+        with pytest.raises(PbdError, match=r"has not answered for 0\.5 s; recording goes on"):
+            view.show(pictures[-1])
+        begun = time.monotonic()
+        view.end(pictures[-1])
+        assert time.monotonic() - begun < 3.0
+
+
+def test_a_number_that_is_none_is_not_drawn(pictures: list[HandPicture]) -> None:
+    with HandView() as view:
+        view.show(replace(pictures[-1], p_nav_sensor=np.full(3, np.nan)))
+        draw(view, pictures[-1])
+
+
+class Recording:
+    """`pbd record` of a simulated sensor with its page, as a process of its own."""
+
+    def __init__(self, folder: Path) -> None:
+        words = ("record", "tea", "--sensor", "sim:pour", "--live", "--no-open")
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "pbd", *words],
+            cwd=folder,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        self.url = self.line("http://").split()[-1]
+        self.server = child_of(self.process.pid)
+
+    def line(self, wanted: str) -> str:
+        assert self.process.stderr is not None
+        for line in self.process.stderr:
+            if wanted in line:
+                return line.strip()
+        raise AssertionError(f"it ended without {wanted!r}")
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Iterator[Recording]:
+    recording = Recording(tmp_path)
+    yield recording
+    recording.process.kill()
+    recording.process.communicate()
+
+
+@linux
+def test_a_recording_is_seen_and_ends_as_it_should(recording: Recording, tmp_path: Path, chrome: Chrome) -> None:
+    page = Page(chrome, recording.url)
+    began = page.place("pbd", "hand")
+    until(lambda: np.linalg.norm(page.place("pbd", "hand") - began) > 0.05, "the hand to move")
+    until(lambda: page("return pbd.page.stops") > 1, "a stop")
+    assert re.fullmatch(r"stop \d+ at \(.*\) cm, sigma .* cm: you may move on", page.read("#hand span"))
+    recording.process.send_signal(signal.SIGINT)
+    assert recording.process.wait(10.0) == 0
+    assert not alive(recording.server)
+    until(lambda: page.read("#hand strong") == "ended", "the last word")
+    assert page.read("#hand span") == "ended by you; kept in demos/tea"
+    assert len(read_demo(tmp_path / "demos" / "tea").recording) > 100
+
+
+@linux
+def test_a_killed_recording_leaves_no_server(recording: Recording) -> None:
+    assert alive(recording.server)
+    recording.process.kill()
+    recording.process.wait()
+    until(lambda: not alive(recording.server), "the server's end", 2.0)
+
+
+@linux
+def test_recording_goes_on_without_its_view(recording: Recording, tmp_path: Path) -> None:
+    recording.line("you may move")
+    os.kill(recording.server, signal.SIGKILL)
+    assert recording.line("the live view").endswith("the live view has ended; recording goes on")
+    samples = int(re.findall(r"(\d+) samples", recording.line("samples"))[0])
+    recording.process.send_signal(signal.SIGTERM)
+    _, rest = recording.process.communicate(timeout=10.0)
+    assert "live view" not in rest  # it was said once
+    assert recording.process.returncode == 0
+    assert len(read_demo(tmp_path / "demos" / "tea").recording) >= samples > 100
