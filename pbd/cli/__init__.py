@@ -14,10 +14,10 @@ from collections.abc import Sequence
 from typing import TextIO
 
 from pbd import __version__
-from pbd.cli import export, import_, keyframes, record, replay, robots, segments, sensors, simulate
+from pbd.cli import export, import_, keyframes, plot, record, replay, robots, segments, sensors, simulate
 from pbd.errors import PbdError, PbdWarning
 
-COMMANDS = (record, simulate, import_, segments, keyframes, replay, export, robots, sensors)
+COMMANDS = (record, simulate, import_, segments, keyframes, plot, replay, export, robots, sensors)
 
 EPILOG = """\
 a first look:

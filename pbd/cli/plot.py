@@ -1,0 +1,176 @@
+"""pbd plot [DEMO ...]."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Collection
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pbd.cli.options import (
+    Commands,
+    add_command,
+    add_json,
+    add_tracking,
+    load_demonstration,
+    print_json,
+    say,
+    track_demonstration,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from pbd.data import Demonstration, HandPath, Keyframe
+
+FORMATS = ("png", "svg", "pdf")
+LONGEST_NAME = 60
+"""Characters of a folder's name that is put together from several."""
+
+
+def add(commands: Commands) -> None:
+    """Add the command."""
+    parser = add_command(
+        commands,
+        "plot",
+        "the paper's figures, and ours, for a demonstration; or several compared",
+        "Draw a demonstration into files: the paper's figures 5 to 10, attitude, specific force, velocity and\n"
+        "closures, sigma, magnetic field, sampling intervals, and one sheet as a summary. Several demonstrations of\n"
+        "one task are laid over each other at their first stop, with the spread at each keyframe.",
+        "  pbd plot pouring --save figures --format svg\n  pbd plot tea1 tea2 tea3",
+    )
+    parser.add_argument(
+        "demos",
+        nargs="*",
+        metavar="DEMO",
+        help="names (in ./demos, or bundled), folders, or recordings (.csv, .npz); two or more are compared; "
+        "default: the newest in ./demos, else 'pouring'",
+    )
+    parser.add_argument("--save", type=Path, metavar="DIR", help="where to put the files (./plots/NAME)")
+    parser.add_argument("--format", choices=FORMATS, default="png", help="of the files (png)")
+    add_json(parser)
+    add_tracking(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Draw one, or compare several."""
+    return _compare(args) if len(args.demos) > 1 else _plot(args)
+
+
+def _plot(args: argparse.Namespace) -> int:
+    from pbd.plotting.demo import demo_plot
+    from pbd.view.plots import draw, names
+
+    demo = load_demonstration(_named(args, args.demos[0] if args.demos else None))
+    path, keyframes = track_demonstration(args, demo)
+    plot = demo_plot(demo, path, keyframes, args.method, args.warnings)
+    folder = args.save or Path("plots") / _word(demo)
+    files = _write(folder, args.format, names(plot), lambda name: draw(name, plot))
+    if args.json:
+        print_json(
+            {
+                "demo": demo.recording.info.name,
+                "method": args.method,
+                "files": [str(file) for file in files],
+                "findings": list(plot.findings),
+            }
+        )
+    return 0
+
+
+def _compare(args: argparse.Namespace) -> int:
+    from pbd.plotting.compare import compare_plot
+    from pbd.view.plot_compare import COMPARISONS, draw_comparison
+    from pbd.view.spread_table import spread_rows, spread_table
+    from pbd.view.tables import print_table
+
+    loaded = [load_demonstration(_named(args, name)) for name in args.demos]
+    titles = _titles(loaded)
+    plot = compare_plot([(title, *_track(args, title, demo)) for title, demo in zip(titles, loaded, strict=True)])
+    for remark in plot.remarks:
+        say(remark)
+    together = "+".join(dict.fromkeys(map(_word, loaded)))
+    if len(together) > LONGEST_NAME:
+        together = f"{_word(loaded[0])[:LONGEST_NAME]}+{len(loaded) - 1}"
+    folder = args.save or Path("plots") / together
+    files = _write(folder, args.format, COMPARISONS, lambda name: draw_comparison(name, plot))
+    if args.json:
+        print_json(
+            {
+                "demos": titles,
+                "method": args.method,
+                "matched_by": "order" if plot.by_order else "place",
+                "remarks": list(plot.remarks),
+                "keyframes": spread_rows(plot),
+                "files": [str(file) for file in files],
+            }
+        )
+    else:
+        print_table(spread_table(plot))
+    return 0
+
+
+def _named(args: argparse.Namespace, name: str | None) -> argparse.Namespace:
+    """The same options for one of the demonstrations."""
+    return argparse.Namespace(**{**vars(args), "demo": name})
+
+
+def _track(args: argparse.Namespace, title: str, demo: Demonstration) -> tuple[HandPath, tuple[Keyframe, ...]]:
+    """Track one of several: what goes wrong says with which."""
+    from pbd.errors import PbdError
+
+    say(f"tracking '{title}'")
+    try:
+        return track_demonstration(args, demo)
+    except PbdError as error:
+        raise type(error)(f"{title}: {error.message}", **error.fields) from None
+
+
+def _titles(demos: list[Demonstration]) -> list[str]:
+    """Their names, numbered where they repeat."""
+    titles: list[str] = []
+    for demo in demos:
+        name, number = demo.recording.info.name, 2
+        title = name
+        while title in titles:
+            title, number = f"{name} ({number})", number + 1
+        titles.append(title)
+    return titles
+
+
+def _word(demo: Demonstration) -> str:
+    """A demonstration's name as that of a folder."""
+    if demo.folder is not None:
+        return demo.folder.resolve().name
+    word = "".join(c if c.isalnum() or c in "-_. " else "_" for c in demo.recording.info.name).strip(". ")
+    return word or "recording"
+
+
+def _write(folder: Path, format_name: str, names: Collection[str], draw: Callable[[str], Figure]) -> list[Path]:
+    """Draw figures into files, each whole or not at all, and say where they are."""
+    from pbd.errors import PbdError
+    from pbd.files.whole import written_whole
+    from pbd.view.plot_style import write
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as reason:
+        raise PbdError(f"{folder} can't be written ({reason.strerror}); give another --save", path=folder) from None
+    files: list[Path] = []
+    for name in names:
+        _progress(f"drawing {len(files) + 1} of {len(names)}: {name}")
+        file = folder / f"{name}.{format_name}"
+        with written_whole(file) as unfinished, unfinished.open("wb") as stream:
+            write(draw(name), stream, format_name)
+        files.append(file)
+    _progress("")
+    say(f"wrote {len(files)} files into {folder}")
+    return files
+
+
+def _progress(what: str) -> None:
+    """Tell a person who waits what is going on; the next word takes its place."""
+    if sys.stderr.isatty():
+        print(f"\r\x1b[K{what}", end="", file=sys.stderr, flush=True)

@@ -1,0 +1,210 @@
+"""What the plots of one demonstration show."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from pbd.data import Demonstration, HandPath, Keyframe, Recording, Truth
+from pbd.errors import PbdWarning
+from pbd.pipeline import find_motion
+from pbd.pose import Array, quat_about_z, quat_multiply, quat_rotate, quat_to_rpy, yaw_toward
+from pbd.tracking.conditioning import condition
+from pbd.tracking.magnetic import BLOCK_S, DIP, STRENGTH
+from pbd.tracking.paper import LAMBDA_V, paper_acceleration, paper_attitude, paper_stops, resulting_variance
+from pbd.tracking.rest import Rest, find_rest
+from pbd.tracking.restoring import restore, settle_velocities
+from pbd.tracking.saturation import find_clips
+from pbd.view.plot_values import DemoPlot, FieldPlot, TruthPlot
+
+TRUTH_NEAR_S = 0.5
+"""The truth must say where the first stop is: at its middle, or so near to it."""
+
+UNSURE_MOVE_M = 0.01
+"""A move that adds more than this to sigma is remarked upon (`pbd record` says "pause now" from there on)."""
+
+SAID_ONE_BY_ONE = 3
+"""More such moves than that share one remark."""
+
+LATE = 1.5
+"""An interval of so many median ones is a sample that is late, or lost."""
+
+
+def demo_plot(
+    demo: Demonstration, path: HandPath, keyframes: Sequence[Keyframe], method: str, remarks: Sequence[str] = ()
+) -> DemoPlot:
+    """Collect what the plots of a demonstration show.
+
+    The stages that led to `path` are run again, for what it doesn't carry; their warnings were given when it was
+    tracked.
+
+    Args:
+        demo: what was recorded, with its truth where that is known.
+        path: as tracked from it, with `method`.
+        keyframes: of the path.
+        method: one of pbd.pipeline.METHODS.
+        remarks: the warnings that were given on the way.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PbdWarning)
+        recording, rest, a_nav = _stages(demo.recording, method)
+    truth = None if demo.truth is None else _truth(demo.truth, path)
+    field = None if recording.mag is None else _field(recording.mag, path, slice(rest.start, rest.stop))
+    sigma_p, sigma_turn = _sigma_along(path)
+    return DemoPlot(
+        name=demo.recording.info.name,
+        method=method,
+        sensor=recording.info.sensor,
+        path=path,
+        keyframes=tuple(keyframes),
+        acc_sensor=recording.acc,
+        a_nav=a_nav,
+        gravity=rest.gravity,
+        resulting=np.linalg.norm(a_nav, axis=1),  # (7)
+        variance=resulting_variance(a_nav),
+        threshold=LAMBDA_V,
+        paper_stops=paper_stops(recording.t, a_nav),
+        rpy_nav_sensor=np.unwrap(quat_to_rpy(path.wxyz_nav_sensor), axis=0),
+        sigma_p=sigma_p,
+        sigma_turn=sigma_turn,
+        interval_t=demo.recording.t[1:],
+        interval_s=np.diff(demo.recording.t),
+        field=field,
+        truth=truth,
+        facts=tuple(_facts(demo.recording, path, truth, field)),
+        findings=(*remarks, *_unsure_moves(path)),
+    )
+
+
+def _stages(recording: Recording, method: str) -> tuple[Recording, Rest, Array]:
+    """What `pbd.track` made of the recording, its rest, and the motion acceleration (n, 3) that it integrated."""
+    recording, _ = condition(recording)
+    if method == "paper":
+        rest = find_rest(recording)
+        return recording, rest, paper_acceleration(recording, paper_attitude(recording), rest.gravity)
+    recording, clips = restore(recording, find_clips(recording))
+    rest, attitude, a_nav, stops = find_motion(recording, find_rest(recording))
+    a_nav, _ = settle_velocities(recording.t, a_nav, attitude.wxyz_nav_sensor, stops, clips)
+    return recording, rest, a_nav
+
+
+def _sigma_along(path: HandPath) -> tuple[Array, Array]:
+    """Sigma of position (n, 3) m and rotation (n, 3) rad: that of each stop, its square interpolated in between."""
+    ends = path.t[[row for stop in path.stops for row in (stop.start, stop.stop - 1)]]
+    variances = np.repeat(np.diagonal(path.cov, axis1=1, axis2=2), 2, axis=0)
+    # A one-sample stop has both its ends at one instant, which np.interp takes.
+    along = np.column_stack([np.interp(path.t, ends, v, left=np.nan, right=np.nan) for v in variances.T])
+    sigma = np.sqrt(along)
+    return sigma[:, :3], sigma[:, 3:]
+
+
+def _truth(truth: Truth, path: HandPath) -> TruthPlot | None:
+    """The truth, laid on the first stop; None where it doesn't say where that is."""
+    rows = np.concatenate(([True], np.diff(truth.t) > 0.0))
+    t, p, wxyz = truth.t[rows], truth.p_nav_sensor[rows], truth.wxyz_nav_sensor[rows]
+    seen = np.isfinite(p).all(axis=1) & np.isfinite(wxyz).all(axis=1)
+    first = (path.stops[0].start + path.stops[0].stop - 1) // 2
+    away = np.where(seen, np.abs(t - path.t[first]), np.inf)
+    if len(t) < 2 or away.min() > TRUTH_NEAR_S:
+        return None
+    row = int(np.argmin(away))
+    turn = quat_about_z(yaw_toward(wxyz[row], path.wxyz_nav_sensor[first]))
+    p = path.p_nav_sensor[first] + quat_rotate(turn, p - p[row])
+    rpy = np.full_like(p, np.nan)
+    rpy[seen] = np.unwrap(quat_to_rpy(quat_multiply(turn, wxyz[seen])), axis=0)
+    ours = np.unwrap(quat_to_rpy(path.wxyz_nav_sensor), axis=0)[first]
+    rpy += 2.0 * np.pi * np.round((ours - rpy[row]) / (2.0 * np.pi))
+    at = np.column_stack([np.interp(path.t, t, axis, left=np.nan, right=np.nan) for axis in p.T])
+    return TruthPlot(t, p, np.gradient(p, t, axis=0), rpy, path.p_nav_sensor - at)
+
+
+def _field(mag: Array, path: HandPath, first_rest: slice) -> FieldPlot:
+    """Strength and dip, the latter with the path's attitude, and the tracker's own bounds."""
+    field_nav = quat_rotate(path.wxyz_nav_sensor, mag)
+    rest = field_nav[first_rest].mean(axis=0)
+    strength = float(np.linalg.norm(rest))
+    return FieldPlot(
+        strength=np.linalg.norm(mag, axis=1),
+        dip=_dip(field_nav),
+        rest_strength=strength,
+        rest_dip=float(_dip(rest[None])[0]),
+        strength_bound=STRENGTH * strength,
+        dip_bound=float(DIP),
+        block_s=BLOCK_S,
+    )
+
+
+def _dip(field_nav: Array) -> Array:
+    x, y, z = field_nav.T
+    dip: Array = np.arctan2(-z, np.hypot(x, y))
+    return dip
+
+
+def _facts(
+    recording: Recording, path: HandPath, truth: TruthPlot | None, field: FieldPlot | None
+) -> list[tuple[str, str]]:
+    """What a person asks first, in words."""
+    t, stops = recording.t, path.stops
+    inside = slice(stops[0].start, stops[-1].stop)
+    travelled = float(np.linalg.norm(np.diff(path.p_nav_sensor[inside], axis=0), axis=1).sum())
+    sigma = np.sqrt(path.cov[:, range(3), range(3)].max(axis=1))
+    interval = np.diff(t)
+    late = int((interval > LATE * np.median(interval)).sum())
+    facts = [
+        ("sensor", recording.info.sensor),
+        ("recorded", f"{t[-1] - t[0]:.1f} s at {recording.rate_hz:.4g} Hz, {len(t)} samples"),
+        ("late or lost samples", f"{late}, longest gap {1e3 * interval.max():.0f} ms" if late else "none"),
+        ("stops", f"{len(stops)}, the shortest {min(stop.dwell_s for stop in stops):.2f} s"),
+    ]
+    if len(stops) > 1:
+        moves = [path.t[b.start] - path.t[a.stop - 1] for a, b in pairwise(stops)]
+        longest, drift = int(np.argmax(moves)), np.linalg.norm(path.closure, axis=1)
+        worst = int(np.argmax(drift))
+        facts += [
+            ("longest move", f"{moves[longest]:.2f} s, {longest} to {longest + 1}"),
+            ("length of the path", _length(travelled)),
+            ("largest closure", f"{_length(float(drift[worst]))}/s, at keyframe {worst + 1}"),
+            ("largest sigma", f"{_length(float(sigma.max()))}, at keyframe {int(np.argmax(sigma))}"),
+        ]
+    if truth is not None:
+        off = np.linalg.norm(truth.error[[(stop.start + stop.stop - 1) // 2 for stop in stops]], axis=1)
+        if np.isfinite(off).any():
+            facts.append(("largest error", f"{_length(float(np.nanmax(off)))}, at keyframe {int(np.nanargmax(off))}"))
+    if field is not None:
+        change = np.abs(field.strength / field.rest_strength - 1.0).max() if field.rest_strength > 0.0 else np.nan
+        turned = np.degrees(np.abs(field.dip - field.rest_dip).max())
+        facts.append(("magnetic field", f"{field.rest_strength:.0f} µT ± {100.0 * change:.0f} %, dip ± {turned:.1f}°"))
+    if path.claims:
+        facts.append(("known of the stops", _counted(len(path.claims), "claim") + ", used"))
+    return facts
+
+
+def _unsure_moves(path: HandPath) -> list[str]:
+    """Say which moves add much to what is not known."""
+    added = np.diagonal(np.diff(path.cov, axis=0), axis1=1, axis2=2)[:, :3].max(axis=1, initial=0.0)
+    unsure = np.flatnonzero(added > UNSURE_MOVE_M**2).tolist()
+    moves = [
+        (
+            f"from {k} to {k + 1} ({path.t[path.stops[k + 1].start] - path.t[path.stops[k].stop - 1]:.1f} s)",
+            _length(float(added[k]) ** 0.5),
+        )
+        for k in sorted(unsure, key=lambda k: -added[k])
+    ]
+    advice = "stop on the way, or move more calmly"
+    if len(moves) > SAID_ONE_BY_ONE:
+        each, (worst, sigma) = _length(UNSURE_MOVE_M), moves[0]
+        return [f"{len(moves)} moves add a sigma of over {each} each, the one {worst} {sigma}: {advice}"]
+    return [f"the move {move} adds a sigma of {sigma}: {advice}" for move, sigma in moves]
+
+
+def _counted(count: int, what: str) -> str:
+    return f"{count} {what}{'' if count == 1 else 's'}"
+
+
+def _length(metres: float) -> str:
+    if metres < 0.01:
+        return f"{1e3 * metres:.1f} mm"
+    return f"{100.0 * metres:.1f} cm" if metres < 1.0 else f"{metres:.2f} m"

@@ -1,0 +1,154 @@
+"""`pbd plot` as a user meets it: files, messages, JSON."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from PIL import Image
+
+from pbd.cli import main
+from pbd.view import plots
+from tests.test_cli import write_recording
+
+Capture = pytest.CaptureFixture[str]
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Every command runs in an empty folder, as a user's own."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two figures are enough, where it is not about the figures."""
+    monkeypatch.setattr(plots, "FIGURES", {name: plots.FIGURES[name] for name in ("position", "field")})
+
+
+def run(capsys: Capture, *args: str | Path) -> tuple[int, str, str]:
+    """Run `pbd plot`; return its exit code and what it printed on stdout and stderr."""
+    capsys.readouterr()
+    code = main(["plot", *map(str, args)])
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+def run_json(capsys: Capture, *args: str | Path) -> dict[str, Any]:
+    code, out, _ = run(capsys, *args, "--json")
+    assert code == 0
+    assert out.count("\n") == 1
+    result: dict[str, Any] = json.loads(out)
+    return result
+
+
+def test_the_bundled_demonstration_is_drawn_where_none_is_named(capsys: Capture, elsewhere: Path) -> None:
+    code, out, err = run(capsys)
+    assert (code, out) == (0, "")
+    assert "using 'pouring'" in err
+    assert err.endswith("pbd: wrote 14 files into plots/pouring\n")
+    files = {file.stem: file for file in (elsewhere / "plots" / "pouring").iterdir()}
+    assert set(files) == set(plots.FIGURES)
+    sizes = {}
+    for name, file in files.items():
+        assert file.suffix == ".png"
+        assert file.stat().st_size > 10_000
+        with Image.open(file) as image:
+            image.verify()
+            assert image.format == "PNG"
+            sizes[name] = image.size
+    assert sizes["summary"] == pytest.approx((11.69 * 110, 8.27 * 110), abs=1.0)  # A4, landscape
+    narrow = {"summary", "path", "view-yx", "view-yz"}
+    assert {width for name, (width, _) in sizes.items() if name not in narrow} == {1100}
+
+
+@pytest.mark.usefixtures("few")
+@pytest.mark.parametrize(("format_name", "begin"), [("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")])
+def test_json_lists_the_files(capsys: Capture, elsewhere: Path, format_name: str, begin: bytes) -> None:
+    result = run_json(capsys, "paper-test1", "--save", "a/b", "--format", format_name, "--method", "paper")
+    assert set(result) == {"demo", "method", "files", "findings"}
+    assert (result["demo"], result["method"]) == ("paper-test1", "paper")
+    assert result["files"] == [f"a/b/position.{format_name}", f"a/b/field.{format_name}"]
+    for file in result["files"]:
+        assert (elsewhere / file).read_bytes().startswith(begin)
+    there = sorted((elsewhere / "a" / "b").iterdir())
+    assert [path.name for path in there] == [f"field.{format_name}", f"position.{format_name}"]
+    assert any("adds a sigma of" in finding for finding in result["findings"])  # the paper's method in the turn
+    assert any("at the end of the range" in finding for finding in result["findings"])  # a warning of the tracker's
+
+
+@pytest.mark.usefixtures("few")
+def test_a_second_time_replaces_the_first(capsys: Capture, elsewhere: Path) -> None:
+    (elsewhere / "position.png").write_text("old")
+    run_json(capsys, "pouring", "--save", ".")
+    assert (elsewhere / "position.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_two_are_compared(capsys: Capture, elsewhere: Path) -> None:
+    code, out, err = run(capsys, "paper-test1", "paper-test2", "paper-test1")
+    assert code == 0
+    folder = elsewhere / "plots" / "paper-test1+paper-test2"
+    assert {file.name for file in folder.iterdir()} == {"paths.png", "views.png", "positions.png", "spread.png"}
+    assert "3 of 3" in out.splitlines()[2]
+    assert "spread x (mm)" in out.splitlines()[0]
+    for said in (
+        "tracking 'paper-test1'",
+        "tracking 'paper-test2'",
+        "tracking 'paper-test1 (2)'",
+        "paper-test2 has no keyframe 1 (2.6 s in paper-test1), 2 (",
+        f"wrote 4 files into {folder.relative_to(elsewhere)}",
+    ):
+        assert f"pbd: {said}" in err
+
+
+@pytest.mark.usefixtures("few")
+def test_comparison_as_json(capsys: Capture) -> None:
+    result = run_json(capsys, "paper-test1", "paper-test2", "--save", "out")
+    assert set(result) == {"demos", "method", "matched_by", "remarks", "keyframes", "files"}
+    assert result["demos"] == ["paper-test1", "paper-test2"]
+    assert result["matched_by"] == "place"
+    assert [row["keyframes"] for row in result["keyframes"]] == [[0, 0], [1, None], [2, None], [3, None], [4, 1]]
+    assert result["keyframes"][1]["spread_m"] == [None, None, None]
+    # Both end at one place, after one move and after four.
+    assert max(result["keyframes"][4]["spread_m"]) < 0.03
+
+
+def test_what_goes_wrong_is_one_line(capsys: Capture, elsewhere: Path) -> None:
+    (elsewhere / "file").write_text("")
+    write_recording(elsewhere / "g.csv", norm=1.0)
+    for args, end in (
+        (("tee",), "no demonstration named 'tee', nor a file or folder of that path; known are"),
+        (("pouring", "--save", "file"), "file can't be written (File exists); give another --save"),
+        (("pouring", "--save", "file/in"), "file/in can't be written (Not a directory); give another --save"),
+        (("pouring", "g.csv"), "g: at rest the accelerometer reads 1, but gravity is 9.81 m/s2; the values are"),
+    ):
+        code, out, err = run(capsys, *args)
+        assert (code, out) == (1, "")
+        assert err.splitlines()[-1].startswith(f"pbd: {end}")
+        assert not (elsewhere / "plots").exists()
+
+
+def test_an_unknown_format_is_wrong_usage() -> None:
+    with pytest.raises(SystemExit) as left:
+        main(["plot", "--format", "bmp"])
+    assert left.value.code == 2
+
+
+@pytest.mark.usefixtures("few")
+def test_a_name_leads_nowhere_else(capsys: Capture, elsewhere: Path) -> None:
+    main(["simulate", "pour", "tea"])
+    toml = elsewhere / "demos" / "tea" / "demo.toml"
+    toml.write_text(toml.read_text().replace('name = "tea"', 'name = "../../../tea"'))
+    run_json(capsys, "tea")
+    assert sorted(path.name for path in elsewhere.iterdir()) == ["demos", "plots"]
+    assert [path.name for path in (elsewhere / "plots").iterdir()] == ["tea"]
+
+
+def test_help_has_an_example(capsys: Capture) -> None:
+    with pytest.raises(SystemExit) as left:
+        main(["plot", "--help"])
+    assert left.value.code == 0
+    assert "example:\n  pbd plot" in capsys.readouterr().out
