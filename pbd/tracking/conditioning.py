@@ -24,6 +24,9 @@ from pbd.tracking.spikes import without_spikes
 SLOWEST_HZ = 4.0
 """Slower than any sensor that is held in a hand: the unit of time is wrong."""
 
+FASTEST_HZ = 5e4
+"""Faster than any: the unit of time is wrong, or the rows are not one after the other."""
+
 LARGEST = 1e5
 """No sensor reads this much in any of our units: such a cell holds no number."""
 
@@ -60,8 +63,15 @@ def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
     _refuse_bad_clock(t)
     recording = dataclasses.replace(recording, t=steady_clock(recording))
     t = recording.t
-    if np.median(np.diff(t)) <= 0.0:
+    step = float(np.median(np.diff(t)))
+    if step <= 0.0:
         raise RecordingError("most rows carry the same time; the column 't' must be seconds that increase")
+    if step < 1.0 / FASTEST_HZ:
+        raise RecordingError(
+            f"the samples come {step:.3g} s apart, closer than any sensor's; the column 't' must be seconds",
+            value=step,
+            bound=1.0 / FASTEST_HZ,
+        )
     interval = 1.0 / recording.rate_hz
     if recording.rate_hz < SLOWEST_HZ:
         raise RecordingError(

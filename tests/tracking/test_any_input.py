@@ -72,10 +72,11 @@ class Fault:
             spoilt[rows, 0] = self.value
         elif self.kind == "hold":
             spoilt[rows] = spoilt[self.start : self.start + 1]
-        elif self.kind == "scale":
-            spoilt[rows] *= self.value
-        else:
-            spoilt[rows, 1] += self.value
+        with np.errstate(all="ignore"):
+            if self.kind == "scale":
+                spoilt[rows] *= self.value
+            elif self.kind == "add":
+                spoilt[rows, 1] += self.value
         return spoilt
 
 

@@ -174,6 +174,13 @@ def test_a_time_that_is_not_in_seconds_is_refused(method: str, unit: float) -> N
         track(replace(recording, t=unit * recording.t), method)
 
 
+@pytest.mark.parametrize("interval", [1e-9, 1e-90, 1e-310])
+def test_samples_closer_than_any_sensors_are_refused(interval: float) -> None:
+    recording = pour().recording
+    with pytest.raises(RecordingError, match="the samples come"):
+        track(replace(recording, t=np.multiply(interval, np.arange(float(len(recording))))))
+
+
 @every_method
 @pytest.mark.parametrize("t", [0.0, 5.0, -1e9])
 def test_a_time_that_stands_still_is_refused(method: str, t: float) -> None:
