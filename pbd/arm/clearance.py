@@ -6,7 +6,8 @@ d + MARGIN_M, where they must be at least MARGIN_M apart again. In between they 
 motion of a after the one look and b before the next has a + b <= d + MARGIN_M, so that a < d or b <= MARGIN_M. As every
 look finds at least MARGIN_M, a step of STEP_M = 2 MARGIN_M is always allowed; most are far longer.
 
-Distances, not coal's verdicts: `collide` overlooks some deep contacts of hulls (4 in 10^5 pairs of so101).
+Distances, not coal's verdicts: `collide` overlooks some deep contacts of hulls (4 in 10^5 pairs of so101). What can't
+be measured (a distance that is not a number) counts as a contact.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import coal
 import numpy as np
@@ -58,6 +59,18 @@ class Contact:
     distance: float
 
 
+class _Walk(NamedTuple):
+    """A path, pinocchio's configuration q (n, nq) and the way `moved` (k + 1, n) at each node, and what may touch."""
+
+    path: JointPath
+    q: Array
+    moved: Array
+    allowed: Allowed | None
+
+    def may_touch(self, pair: int, node: int) -> bool:
+        return self.allowed is not None and self.allowed(pair, self.path.x[node])
+
+
 class Clearance:
     """Distances between pairs of bodies. Not to be shared between threads: pinocchio keeps its workings in it.
 
@@ -70,6 +83,7 @@ class Clearance:
         self.arm, self.bodies, self.pairs = arm, tuple(bodies), np.asarray(pairs, dtype=np.int64).reshape(-1, 2)
         self.rates = rates(arm, bodies, self.pairs)
         self._pads = np.array([self.bodies[a].pad + self.bodies[b].pad for a, b in self.pairs])
+        self._most_pad = float(self._pads.max(initial=0.0))
         self._geometry = pin.GeometryModel()
         for i, body in enumerate(self.bodies):
             placement = to_se3(body.T_joint_body)
@@ -80,11 +94,16 @@ class Clearance:
 
     def distances(self, x: Array) -> Array:
         """Return the distance of each pair (p,) in m, negative as deep as they overlap, at coordinates (k + 1,)."""
-        q = configurations(self.arm, x[None])[0]
-        pin.computeDistances(self.arm.full, self._data, self._geometry, self._placed, q)
-        nearest = [result.min_distance for result in self._placed.distanceResults]
-        distances: Array = np.array(nearest, dtype=np.float64) - self._pads
-        return distances
+        self._measure(x)
+        return self._measured()
+
+    def touching(self, x: Array) -> list[tuple[int, float]]:
+        """Return the pairs that are nearer than MARGIN_M at coordinates (k + 1,), and their distances in m."""
+        nearest = self._measure(x)
+        if nearest < 0 or self._placed.distanceResults[nearest].min_distance >= MARGIN_M + self._most_pad:
+            return []
+        distances = self._measured()
+        return [(int(pair), float(distances[pair])) for pair in np.flatnonzero(~(distances >= MARGIN_M))]
 
     def witness(self, x: Array, pair: int) -> Array:
         """Where a pair is nearest or touches (3,), in pinocchio's world, at coordinates (k + 1,)."""
@@ -104,44 +123,47 @@ class Clearance:
         return touching
 
     def first_contact(self, path: JointPath, allowed: Allowed | None = None) -> Contact | None:
-        """Follow a path; return the first contact: the one that begins first, of several the deepest."""
+        """Follow a path; return the first contact: the one that begins first, of several the deepest.
+
+        Args:
+            path: its nodes are close enough for `rates`, see nodes.py.
+            allowed: what may touch where; by default nothing.
+        """
         q = configurations(self.arm, path.x)
         moved = np.zeros_like(path.x.T)  # (k + 1, n), how far each coordinate has gone, to and fro, up to each node
         np.cumsum(np.abs(np.diff(path.x.T)), axis=1, out=moved[:, 1:])
-        found: Contact | None = None
-        stop = len(q) - 1
-        for pair, rate in enumerate(self.rates):
-            met = self._follow(path, q, rate @ moved, pair, stop, allowed)
+        walk, found = _Walk(path, q, moved, allowed), None
+        stop, at_start = len(q) - 1, self.distances(path.x[0])
+        # Most pairs are too far apart to meet on the way at all.
+        for pair in np.flatnonzero(~(at_start - MARGIN_M >= self.rates @ moved[:, -1])):
+            met = self._follow(walk, int(pair), float(at_start[pair]), stop)
             if met is not None and (found is None or met[0] < stop or met[1] < found.distance):
                 stop = met[0]
-                found = Contact(pair, stop, stop, stop, met[1])
-        return found and self._until_clear(path, q, self.rates[found.pair] @ moved, found, allowed)
+                found = Contact(int(pair), stop, stop, stop, met[1])
+        return found and self._until_clear(walk, found)
 
-    def _follow(
-        self, path: JointPath, q: Array, travel: Array, pair: int, stop: int, allowed: Allowed | None
-    ) -> tuple[int, float] | None:
-        """Return the first node up to `stop` at which a pair touches, and their distance."""
-        node, end = 0, travel[stop]
+    def _follow(self, walk: _Walk, pair: int, distance: float, stop: int) -> tuple[int, float] | None:
+        """Return the first node up to `stop` at which a pair touches, and their distance; given that at the start."""
+        travel, node = self.rates[pair] @ walk.moved, 0
         while True:
-            self._place(q[node])
-            distance = self._distance(pair)
-            if distance < MARGIN_M and not (allowed and allowed(pair, path.x[node])):
+            if not distance >= MARGIN_M and not walk.may_touch(pair, node):
                 return node, distance
-            if node == stop or end - travel[node] <= distance - MARGIN_M:
+            if node == stop or travel[stop] - travel[node] <= distance - MARGIN_M:
                 return None
             node = min(self._next(travel, node, distance), stop)
+            self._place(walk.q[node])
+            distance = self._distance(pair)
 
-    def _until_clear(
-        self, path: JointPath, q: Array, travel: Array, contact: Contact, allowed: Allowed | None
-    ) -> Contact:
+    def _until_clear(self, walk: _Walk, contact: Contact) -> Contact:
         """Follow a contact to its end, or to where it is allowed."""
+        travel = self.rates[contact.pair] @ walk.moved
         last = deepest = node = contact.first
         least = contact.distance
-        while node < len(q) - 1:
-            node = min(self._next(travel, node, MARGIN_M), len(q) - 1)
-            self._place(q[node])
+        while node < len(walk.q) - 1:
+            node = min(self._next(travel, node, MARGIN_M), len(walk.q) - 1)
+            self._place(walk.q[node])
             distance = self._distance(contact.pair)
-            if distance >= MARGIN_M or (allowed and allowed(contact.pair, path.x[node])):
+            if distance >= MARGIN_M or walk.may_touch(contact.pair, node):
                 break
             last = node
             if distance < least:
@@ -153,6 +175,18 @@ class Clearance:
         due = travel[node] + max(distance, MARGIN_M) + MARGIN_M
         return max(int(travel.searchsorted(due, side="right")) - 1, node + 1)
 
+    def _measure(self, x: Array) -> int:
+        """Measure all distances; return the pair with the least but for the pads, -1 where there is no pair."""
+        q = configurations(self.arm, x[None])[0]
+        if len(self.pairs) == 0:
+            return -1
+        return int(pin.computeDistances(self.arm.full, self._data, self._geometry, self._placed, q))
+
+    def _measured(self) -> Array:
+        measured = [result.min_distance for result in self._placed.distanceResults]
+        distances: Array = np.array(measured, dtype=np.float64) - self._pads
+        return distances
+
     def _place(self, q: Array) -> None:
         pin.updateGeometryPlacements(self.arm.full, self._data, self._geometry, self._placed, q)
 
@@ -161,7 +195,13 @@ class Clearance:
 
 
 def configurations(arm: ArmModel, x: Array) -> Array:
-    """Return pinocchio's configurations (n, nq) of the whole model at coordinates (n, k + 1); see `ArmModel.full_q`."""
+    """Return pinocchio's configurations (n, nq) of the whole model at coordinates (n, k + 1); see `ArmModel.full_q`.
+
+    Raises:
+        ValueError: a coordinate isn't finite.
+    """
+    if not np.isfinite(x).all():
+        raise ValueError("joints and opening must be finite")
     full, robot = arm.full, arm.robot
     q = np.tile(arm.full_q(robot.home, 1.0), (len(x), 1))
     values = dict(zip(robot.joints, x.T[:-1], strict=True))

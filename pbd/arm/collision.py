@@ -25,7 +25,7 @@ class MotionHit:
     """The first hit of a motion.
 
     Attributes:
-        hit: the two bodies, where they overlap the most before they part.
+        hit: the two bodies, where the parts that touch first overlap the most before they part.
         t: s, when they first touch; `deepest_t`, when they overlap the most; `parted_t`, when they were last seen to.
         keyframe: the keyframe at which they touch, or on the way to which; one more than the last: after that.
         at_keyframe: whether they touch at the keyframe itself.
@@ -93,7 +93,7 @@ def refuse_home(scene: CollisionScene) -> None:
 def collision_error(scene: CollisionScene, trajectory: JointTrajectory, found: MotionHit) -> PlanError:
     """Tell a hit in one line; fields: keyframe, t (s), bodies, value (m, how deep), p_base (m)."""
     return PlanError(
-        f"{_when(trajectory, found)} (t = {found.t:.1f} s): {_what(found.hit)}; {_advice(scene, found.hit)}",
+        f"{_when(trajectory, found)} (t = {found.t:.1f} s): {_what(found.hit)}; {_advice(scene, found)}",
         keyframe=found.keyframe,
         t=found.t,
         **_fields(found.hit),
@@ -141,14 +141,18 @@ def _when(trajectory: JointTrajectory, found: MotionHit) -> str:
 def _what(hit: Hit) -> str:
     if hit.depth == 0.0:
         return f"{hit.first} would come within {1000.0 * hit.distance:.1f} mm of {hit.second}"
-    return f"{hit.first} would touch {hit.second}, {100.0 * hit.depth:.1f} cm deep"
+    deep = f"{1000.0 * hit.depth:.1f} mm" if hit.depth < 0.01 else f"{100.0 * hit.depth:.1f} cm"
+    return f"{hit.first} would touch {hit.second}, {deep} deep"
 
 
-def _advice(scene: CollisionScene, hit: Hit) -> str:
-    if hit.second == TABLE:
+def _advice(scene: CollisionScene, found: MotionHit) -> str:
+    other = found.hit.second
+    if found.t == 0.0:
+        return "change home in the robot's TOML, or what the calibration says is there"
+    if other == TABLE:
         return "raise the keyframe, or the dock and with it the whole motion"
-    if hit.second in scene.obstacles:
-        return f"move the dock or {hit.second}, or go round it"
+    if other in scene.obstacles:
+        return f"move the dock or {other}, or go round it"
     return "move the dock, or turn the hand differently there"
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pbd.arm.clearance import MARGIN_M, Allowed, Clearance, Pairs
+from pbd.arm.clearance import Allowed, Clearance, Pairs
 from pbd.arm.hulls import Body, link_bodies
 from pbd.arm.levers import rates
 from pbd.arm.model import ArmModel, from_se3
@@ -24,8 +24,11 @@ from pbd.data.world import Stay, holds, stays
 from pbd.pose import Array, Pose, quat_about_z, quat_rotate
 
 TABLE = "the table"
+
 REST_M = 0.03
 TABLE_SAMPLES = 200
+MOST_STAYS = 64
+"""So many are remembered."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,12 +112,9 @@ class CollisionScene:
         leg = leg or Leg()
         x, worst = np.append(q, leg.opening), None
         for watch in self.watches(leg.stay):
-            distances = watch.clearance.distances(x)
-            for pair in np.flatnonzero(distances < (worst.distance if worst else MARGIN_M)):
-                if not (watch.allowed and watch.allowed(int(pair), x)) and (
-                    worst is None or distances[pair] < worst.distance
-                ):
-                    worst = self.as_hit(watch, int(pair), x, float(distances[pair]))
+            for pair, distance in watch.clearance.touching(x):
+                if (worst is None or distance < worst.distance) and not (watch.allowed and watch.allowed(pair, x)):
+                    worst = self.as_hit(watch, pair, x, distance)
         return worst
 
     def check_move(self, q_start: Array, q_end: Array, leg: Leg | None = None) -> Hit | None:
@@ -161,6 +161,8 @@ class CollisionScene:
     def around_object(self, stay: Stay) -> Watch:
         """Return what is to be watched because of the object: the arm, and what stands around while it is held."""
         if stay not in self._with_object:
+            if len(self._with_object) == MOST_STAYS:
+                self._with_object.clear()
             self._with_object[stay] = self._object_watch(stay)
         return self._with_object[stay]
 

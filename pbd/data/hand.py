@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -67,7 +68,7 @@ class Recording:
     def __len__(self) -> int:
         return len(self.t)
 
-    @property
+    @cached_property
     def rate_hz(self) -> float:
         """The measured rate: the inverse of the median sampling interval."""
         return float(1.0 / np.median(np.diff(self.t)))

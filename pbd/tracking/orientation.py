@@ -23,7 +23,7 @@ motion, and the longer the constant, the less of it is mistaken for tilt. From 4
 
 
 WARM_UP_S = 2.0
-"""So much of the first rest is put before the recording."""
+"""So much of the first rest is put before a recording that begins with it."""
 
 VQF = {"tauAcc": TAU_ACC_S, "restThGyr": 1.0, "restThAcc": 0.25}
 """VQF takes rest for the gyro's bias: below 1 degree/s and 0.25 m/s2 (its defaults are twice that, and a hand that
@@ -53,12 +53,14 @@ def estimate_attitude(recording: Recording, first_rest: slice) -> Attitude:
     interval = 1.0 / recording.rate_hz
     rows, t = _regular(recording.t, interval)
     acc, gyr = _at(t, recording.t, recording.acc), _at(t, recording.t, recording.gyr)
-    # VQF learns gravity and bias in its first seconds: it is given more of the first rest than there was.
-    warm_up = round(WARM_UP_S / interval)
-    gyr_warm, acc_warm = (np.tile(v[first_rest].mean(axis=0), (warm_up, 1)) for v in (recording.gyr, recording.acc))
-    rate = turns_between_middles(t, gyr, interval) / interval
-    result = offlineVQF(np.vstack((gyr_warm, rate)), np.vstack((acc_warm, acc)), None, interval, VQF)
-    wxyz, bias = quat_canonical(result["quat6D"][warm_up:])[rows], result["bias"][warm_up:][rows]
+    # VQF learns gravity and bias in its first seconds. It is spared the bias of the rest and, where the recording begins
+    # with it, is given more of the rest than there was.
+    at_rest = recording.gyr[first_rest].mean(axis=0)
+    warm_up = round(WARM_UP_S / interval) if first_rest.start == 0 else 0
+    rate = turns_between_middles(t, gyr - at_rest, interval) / interval
+    acc_warm = np.tile(recording.acc[first_rest].mean(axis=0), (warm_up, 1))
+    result = offlineVQF(np.vstack((np.zeros((warm_up, 3)), rate)), np.vstack((acc_warm, acc)), None, interval, VQF)
+    wxyz, bias = quat_canonical(result["quat6D"][warm_up:])[rows], at_rest + result["bias"][warm_up:][rows]
     if recording.mag is None:
         to_nav = np.full(len(recording), -heading(wxyz[first_rest]))
     else:

@@ -15,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 
 from pbd.view.plot_labels import place_labels
 from pbd.view.plot_panels import XYZ
-from pbd.view.plot_space import projected, space
+from pbd.view.plot_space import corners, projected, space
 from pbd.view.plot_style import (
     AXES_RGB,
     BOTTOM,
@@ -60,7 +60,7 @@ def paths(plot: ComparePlot) -> Figure:
     for number in range(len(plot.runs)):
         ax.plot(*(scale * plot.positions(number)).T, **_dots(number), zorder=5.0)
     means = scale * np.array([keyframe.p for keyframe in plot.keyframes])
-    place_labels(ax, projected(ax, means), projected(ax, scale * np.vstack(shown)))
+    place_labels(ax, *(projected(ax, xyz) for xyz in (means, scale * np.vstack(shown), corners(ax))))
     _legend(figure, plot, 6.95)
     return figure
 

@@ -19,18 +19,22 @@ MOST = 3
 """So many numbers, or ranges of them, in one label; more are cut."""
 
 
-def place_labels(ax: Axes, at: Array, lines: Array) -> None:
+def place_labels(ax: Axes, at: Array, lines: Array, within: Array | None = None) -> None:
     """Number places (k, 2), beside what lines (m, 2) cover, all in the axes' data coordinates.
 
-    Places that coincide share one label. A label stands where it covers no place and no other label, and as little of
-    the lines as can be; where there is no room, it is left out.
+    Places that coincide share one label. A label stands where it covers no text, no place and as little of the lines as
+    can be, and within the axes, or between the outermost of the points `within` (j, 2); where there is no room, it is
+    left out.
     """
     to_points = 72.0 / ax.figure.dpi
     spots = to_points * ax.transData.transform(at)
     passed = _inked(to_points * ax.transData.transform(lines[np.isfinite(lines).all(axis=1)]))
     frame = to_points * np.asarray(ax.bbox.extents)
+    if within is not None:
+        bounds = to_points * ax.transData.transform(within)
+        frame = np.concatenate((bounds.min(axis=0), bounds.max(axis=0)))
     size = font_points("small")
-    taken: list[Array] = []
+    taken = [to_points * np.asarray(text.get_window_extent().extents) for text in ax.texts]
     for members in _groups(spots):
         text = _ranges(members)
         spot = spots[members[0]]

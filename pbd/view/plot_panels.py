@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import NullLocator
+from numpy.typing import NDArray
 
 from pbd.data import Stop
 from pbd.pose import Array
@@ -15,7 +16,7 @@ XYZ = ("x", "y", "z")
 SMALLEST_VARIANCE = 1e-7
 """(m/s2)^2: less is no sensor's."""
 MANY = 5000
-"""So many points become an image within a vector graphic."""
+"""More points than this become an image within a vector graphic, or are thinned out."""
 
 
 def _lines(ax: Axes, t: Array, values: Array, names: tuple[str, ...] = XYZ) -> None:
@@ -158,13 +159,23 @@ def variance(ax: Axes, plot: DemoPlot) -> None:
 
 def sigma(ax: Axes, plot: DemoPlot, axis: int, scale: float, unit: str) -> None:
     """Sigma of position along one axis, and the error where the truth is known."""
-    t, one = plot.path.t[plot.tracked], scale * plot.sigma_p[plot.tracked, axis]
+    t = plot.path.t[plot.tracked]
+    rows = _thinned(plot)
+    at, one = plot.path.t[rows], scale * plot.sigma_p[rows, axis]
     for factor, alpha in ((2.0, 0.12), (1.0, 0.22)):
         label = f"± {factor:g} σ"
-        ax.fill_between(t, -factor * one, factor * one, color=AXES_RGB[axis], alpha=alpha, linewidth=0.0, label=label)
+        ax.fill_between(at, -factor * one, factor * one, color=AXES_RGB[axis], alpha=alpha, linewidth=0.0, label=label)
     if plot.truth is not None:
         ax.plot(t, scale * plot.truth.error[plot.tracked, axis], color=INK, label="error")
     ax.set_ylabel(f"{XYZ[axis]} ({unit})")
+
+
+def _thinned(plot: DemoPlot) -> NDArray[np.intp]:
+    """Rows at which sigma is filled: all, or, of many, those at the stops' edges and enough between (svg keeps all)."""
+    first, last = plot.tracked.start, plot.tracked.stop - 1
+    edges = [row for stop in plot.path.stops for row in (stop.start, stop.stop - 1)]
+    between = np.linspace(first, last, min(last - first + 1, MANY)).astype(np.intp)
+    return np.union1d(between, np.array(edges, dtype=np.intp))
 
 
 def sigma_unit(plot: DemoPlot) -> tuple[float, str]:

@@ -20,8 +20,8 @@ FLATTEST = 0.3
 """The box is at least so high and deep, as a share of its longest side."""
 AROUND_IN = 0.055
 """Room for ticks and labels around the box, inches per point of the font."""
-ELEVATION, AZIMUTH = 24.0, -148.0
-"""Degrees: from behind, from the right and from above, so that x leads away and y to the left."""
+ELEVATION, AZIMUTH = 26.0, -164.0
+"""Degrees: from behind, a little from the right and from above, so that x leads away and y to the left."""
 EDGES = ("lll", "hll"), ("lll", "lhl"), ("lhl", "lhh")
 """Where x, y and z are written, seen from there: edges of the box, between corners that are low or high in x, y, z."""
 
@@ -47,8 +47,7 @@ def space(figure: Figure, box: Box, shown: Sequence[Array]) -> tuple[Axes3D, flo
     ax.set_proj_type("ortho")
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     ax.view_init(ELEVATION, AZIMUTH)
-    corners = np.array(list(product(*zip(low, high, strict=True))))
-    _fit(ax, box, corners, tuple((sides / sides.max()).tolist()))
+    _fit(ax, box, tuple((sides / sides.max()).tolist()))
     heart = _picture(ax, middle[None])[0]
     for k, (axis, edge) in enumerate(zip((ax.xaxis, ax.yaxis, ax.zaxis), EDGES, strict=True)):
         axis.set_major_locator(MaxNLocator(max(2, round(5.0 * sides[k] / sides.max()))))
@@ -70,14 +69,19 @@ def projected(ax: Axes3D, places: Array) -> Array:
     return np.column_stack(proj3d.proj_transform(*places.T, ax.get_proj())[:2])
 
 
+def corners(ax: Axes3D) -> Array:
+    """The corners of the axes' box, (8, 3)."""
+    return np.array(list(product(ax.get_xlim(), ax.get_ylim(), ax.get_zlim())))
+
+
 def _picture(ax: Axes3D, places: Array) -> Array:
     """Where places (k, 3) come to lie on the sheet, (k, 2) inches."""
     inches: Array = ax.transData.transform(projected(ax, places)) / ax.figure.dpi
     return inches
 
 
-def _fit(ax: Axes3D, box: Box, corners: Array, aspect: tuple[float, ...]) -> None:
-    """Make the picture of the corners (8, 3) fill the box, and move it to its middle.
+def _fit(ax: Axes3D, box: Box, aspect: tuple[float, ...]) -> None:
+    """Make the picture of the corners fill the box, and move it to its middle.
 
     matplotlib's 3-D axes are square and leave much of a wide box empty: these are made larger than the box.
     """
@@ -88,7 +92,7 @@ def _fit(ax: Axes3D, box: Box, corners: Array, aspect: tuple[float, ...]) -> Non
     def place(centre: Array, zoom: float) -> Array:
         ax.set_position((*((centre - 0.5 * side) / sheet), *(side / sheet)))
         ax.set_box_aspect(aspect, zoom=zoom)
-        return _picture(ax, corners)
+        return _picture(ax, corners(ax))
 
     flat = place(middle, 1.0)
     zoom = float(((size - 2.0 * AROUND_IN * font_points("medium")) / np.ptp(flat, axis=0)).min())

@@ -10,7 +10,7 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from pbd.pose import Array, quat_to_matrix
 from pbd.view.plot_labels import place_labels
-from pbd.view.plot_space import SMALLEST_M, middle_and_extent, projected
+from pbd.view.plot_space import SMALLEST_M, corners, middle_and_extent, projected
 from pbd.view.plot_style import AXES_RGB, GREY, INK, KNOWN, PALE, PURPLE, SKY, largest, length_unit, size_of
 from pbd.view.plot_values import DemoPlot
 
@@ -42,7 +42,7 @@ def path_3d(ax: Axes3D, plot: DemoPlot, scale: float) -> None:
     ax.plot(*at.T, color=INK, marker="o", markersize=3.5, linestyle="", zorder=6.0, label="keyframe")
     for name, colour in zip("xyz", AXES_RGB, strict=True):
         ax.plot([], [], [], color=colour, linewidth=1.8, label=f"sensor's {name}")
-    place_labels(ax, projected(ax, at), projected(ax, np.vstack(covered)))
+    place_labels(ax, *(projected(ax, xyz) for xyz in (at, np.vstack(covered), corners(ax))))
 
 
 def truth_within(plot: DemoPlot) -> Array:

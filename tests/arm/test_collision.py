@@ -134,7 +134,7 @@ def dense(arm: ArmModel, scene: CollisionScene, names: set[str], trajectory: Joi
 def test_against_dense_sampling(arm: ArmModel) -> None:
     """Random joint moves past a thin board and a rod: none of the contacts that 0.1 mm sampling sees is missed."""
     rng, verdicts = np.random.default_rng(0), []
-    for q in random_joints(arm.robot, 8, seed=1, margin=0.3):
+    for q in random_joints(arm.robot, 5, seed=1, margin=0.3):
         ends = np.array([q, q + rng.uniform(-0.1, 0.1, 7)])
         trajectory = time_keyframes(arm, ends, [0.0, 0.0], [None, None], q, approach=False)
         middle = arm.forward(ends.mean(axis=0)).p
@@ -167,11 +167,11 @@ def test_against_dense_sampling(arm: ArmModel) -> None:
         ),
         (
             Obstacle("the lamp", "sphere", (0.2,), Pose.from_rpy((0.31, 0.0, 0.6), (0, 0, 0))),
-            r"where the motion starts \(t = 0\.0 s\): panda_\w+ would touch the lamp, \d+\.\d cm deep; move the ",
+            r"where the motion starts \(t = 0\.0 s\): panda_\w+ would touch the lamp, \d+\.\d cm deep; change home in ",
         ),
         (
             Obstacle("the lamp", "box", (0.2, 0.1, 0.1), Pose.from_rpy((0.5, -0.2, 0.295), (0, 0, 0))),
-            r"keyframe 0 \(t = \d\.\d s\): panda_\w+ would touch the lamp, \d+\.\d cm deep; move the ",
+            r"keyframe 0 \(t = \d\.\d s\): panda_\w+ would touch the lamp, \d\.\d mm deep; move the ",
         ),
     ],
 )
@@ -235,3 +235,11 @@ def test_home_in_collision_is_refused(arm: ArmModel) -> None:
         refuse_home(CollisionScene(arm, 0.6))
     assert caught.value.message.endswith("; change home in the robot's TOML, or table_height in the calibration")
     assert caught.value.exit_code == 3
+
+
+def test_what_is_no_number_is_not_free(arm: ArmModel) -> None:
+    scene, q = CollisionScene(arm), arm.robot.home * np.nan
+    with pytest.raises(ValueError, match="must be finite"):
+        scene.hit(q)
+    with pytest.raises(ValueError, match="NaN"):
+        scene.check_move(arm.robot.home, np.where(np.arange(7) == 3, np.nan, arm.robot.home))

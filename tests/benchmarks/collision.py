@@ -2,7 +2,7 @@
 
 robots.NAME: pairs that are watched, with the table and three obstacles; dropped_pairs of links; check_us: one
 configuration; move_ms: a straight move in joint space; motion_ms: a whole motion through nine keyframes with a grasped
-object, timed and with dwells (mean and p95 over those that are free, the dearest kind), and how many distances it asks
+ball (mean and p95 over motions that are free, the dearest kind), of motion_s seconds, and how many distances it asks
 for (looks); false_pct: free configurations (by the raw meshes) that are called self-collisions; build_ms: the scene,
 with the caches on disk warm.
 """
@@ -13,6 +13,7 @@ import sys
 import time
 import warnings
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
@@ -32,7 +33,7 @@ from pbd.pose import Array, Pose
 from tests.arm.collision_oracles import links_touching, links_watched, raw_meshes
 from tests.benchmarks.report import arguments, finish, median_ms
 
-BOTTLE = GraspedObject("cylinder", (0.06, 0.2))
+BALL = GraspedObject("sphere", (0.03,))
 SPREAD_RAD = 0.35
 
 
@@ -52,7 +53,7 @@ def measure(name: str, motions: int) -> dict[str, float]:
     free = [x[:-1] for x in samples(arm, 400) if scene.hit(x[:-1]) is None]
     moves = [(a, a + 0.3 * (b - a)) for a, b in zip(free[:20], free[20:40], strict=False)]
     chosen = free_motions(scene, motions)
-    times = np.array([timed_ms(lambda trajectory=trajectory: check_motion(scene, trajectory)) for trajectory in chosen])
+    times = np.array([timed_ms(partial(check_motion, scene, trajectory)) for trajectory in chosen])
     return {
         "pairs": float(len(scene.always.clearance.pairs)),
         "dropped_pairs": float(len(scene.dropped)),
@@ -68,25 +69,36 @@ def measure(name: str, motions: int) -> dict[str, float]:
 
 
 def build(arm: ArmModel) -> CollisionScene:
-    """The robot over its table, with a box, a cylinder and a sphere around it."""
-    reach = float(np.linalg.norm(arm.forward(arm.robot.home).p))
+    """The robot over its table, with a box, a cylinder and a sphere on either side and behind, sized to its reach."""
+    x, y, _ = arm.forward(arm.robot.home).p
+    reach, ahead = float(np.hypot(x, y)), float(np.arctan2(y, x))
     table = arm.robot.dock.table_height if arm.robot.dock else None
-    around = [("box", (0.2, 0.1, 0.2)), ("cylinder", (0.1, 0.3)), ("sphere", (0.2,))]
-    places = [1.2 * reach * np.array([np.cos(angle), np.sin(angle), 0.3]) for angle in (1.0, 2.5, -1.5)]
-    obstacles = [Obstacle(s, s, z, Pose(p, Pose.identity().wxyz)) for (s, z), p in zip(around, places, strict=True)]
-    return CollisionScene(arm, table, obstacles, BOTTLE)
+    around = [("box", (0.4, 0.2, 0.4), 1.2), ("cylinder", (0.2, 0.6), 2.5), ("sphere", (0.4,), -1.2)]
+    obstacles = [
+        Obstacle(
+            shape,
+            shape,
+            tuple(reach * side for side in size),
+            Pose.from_rpy(1.2 * reach * np.array([np.cos(ahead + angle), np.sin(ahead + angle), 0.3]), (0, 0, 0)),
+        )
+        for shape, size, angle in around
+    ]
+    return CollisionScene(arm, table, obstacles, BALL)
 
 
 def free_motions(scene: CollisionScene, count: int) -> list[JointTrajectory]:
     """Motions through nine random keyframes around home, the third of which grips and the seventh lets go."""
-    arm, rng, found = scene.arm, np.random.default_rng(0), []
+    arm, rng = scene.arm, np.random.default_rng(0)
+    found: list[JointTrajectory] = []
     grips = [None, None, True, None, None, None, False, None, None]
-    while len(found) < count:
+    for _ in range(50 * count):
         spread = rng.uniform(-SPREAD_RAD, SPREAD_RAD, (9, len(arm.robot.joints)))
         q: Array = np.clip(arm.robot.home + spread, arm.limits.lower, arm.limits.upper)
         trajectory = time_keyframes(arm, q, [0.2] * 9, grips, arm.robot.home)
         if check_motion(scene, trajectory) is None:
             found.append(trajectory)
+        if len(found) == count:
+            break
     return found
 
 

@@ -317,7 +317,7 @@ def test_the_papers_method_is_legible(paper: DemoPlot, figure_name: str) -> None
     assert overlaps(plots.draw(figure_name, paper)) == []
 
 
-@pytest.mark.parametrize("figure_name", ["summary", "view-yx", "motion"])
+@pytest.mark.parametrize("figure_name", ["summary", "path", "view-yx", "motion"])
 def test_a_crowd_is_legible(many: DemoPlot, figure_name: str) -> None:
     assert len(many.keyframes) > 35
     assert overlaps(plots.draw(figure_name, many)) == []
