@@ -53,8 +53,8 @@ def estimate_attitude(recording: Recording, first_rest: slice) -> Attitude:
     interval = 1.0 / recording.rate_hz
     rows, t = _regular(recording.t, interval)
     acc, gyr = _at(t, recording.t, recording.acc), _at(t, recording.t, recording.gyr)
-    # VQF learns gravity and bias in its first seconds. It is spared the bias of the rest and, where the recording begins
-    # with it, is given more of the rest than there was.
+    # VQF learns gravity and bias in its first seconds. It is spared the bias of the rest and, where the recording
+    # begins with it, is given more of the rest than there was.
     at_rest = recording.gyr[first_rest].mean(axis=0)
     warm_up = round(WARM_UP_S / interval) if first_rest.start == 0 else 0
     rate = turns_between_middles(t, gyr - at_rest, interval) / interval
