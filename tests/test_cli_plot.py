@@ -25,8 +25,8 @@ def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Two figures are enough, where it is not about the figures."""
-    monkeypatch.setattr(plots, "FIGURES", {name: plots.FIGURES[name] for name in ("position", "field")})
+    """One figure is enough, where it is not about the figures."""
+    monkeypatch.setattr(plots, "FIGURES", {"position": plots.FIGURES["position"]})
 
 
 def run(capsys: Capture, *args: str | Path) -> tuple[int, str, str]:
@@ -71,11 +71,11 @@ def test_json_lists_the_files(capsys: Capture, elsewhere: Path, format_name: str
     result = run_json(capsys, "paper-test1", "--save", "a/b", "--format", format_name, "--method", "paper")
     assert set(result) == {"demo", "method", "files", "findings"}
     assert (result["demo"], result["method"]) == ("paper-test1", "paper")
-    assert result["files"] == [f"a/b/position.{format_name}", f"a/b/field.{format_name}"]
+    assert result["files"] == [f"a/b/position.{format_name}"]
     for file in result["files"]:
         assert (elsewhere / file).read_bytes().startswith(begin)
     there = sorted((elsewhere / "a" / "b").iterdir())
-    assert [path.name for path in there] == [f"field.{format_name}", f"position.{format_name}"]
+    assert [path.name for path in there] == [f"position.{format_name}"]
     assert any("adds a sigma of" in finding for finding in result["findings"])  # the paper's method in the turn
     assert any("at the end of the range" in finding for finding in result["findings"])  # a warning of the tracker's
 
