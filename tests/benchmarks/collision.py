@@ -123,7 +123,9 @@ def false_pct(name: str, count: int) -> float:
     scene = CollisionScene(raw.arm)
     raw.watch(links_watched(scene.always.clearance))
     free = [x for x in samples(raw.arm, count) if not raw.touching(x)]
-    return 100.0 * float(np.mean([bool(links_touching(scene.always.clearance, x)) for x in free]))
+    known = set(raw.links)  # of a link that can only be seen there is no raw collision mesh to compare with
+    called = [any(pair <= known for pair in links_touching(scene.always.clearance, x)) for x in free]
+    return 100.0 * float(np.mean(called))
 
 
 def timed_ms(call: Callable[[], object]) -> float:
