@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.data import Attitude, Recording, Stop
-from pbd.pose import Array
+from pbd.pose import Array, lengths
 from pbd.tracking.integration import edge, integral_of_means
 from pbd.tracking.orientation import TAU_ACC_S
 from pbd.tracking.rest import Rest
@@ -55,7 +55,7 @@ def find_legs(recording: Recording, attitude: Attitude, a_nav: Array, stops: tup
 
     turned = np.zeros(len(t))
     if recording.gyr is not None:
-        turned = np.cumsum(np.linalg.norm(recording.gyr - attitude.gyro_bias, axis=1) * np.diff(t, prepend=t[0]))
+        turned = np.cumsum(lengths(recording.gyr - attitude.gyro_bias) * np.diff(t, prepend=t[0]))
     density = rest.gyr_rms / np.sqrt(3.0 * recording.rate_hz)
     duration, angle = np.diff(t[middles]), np.diff(turned[middles])
     by_time, by_angle = GYRO_BIAS**2 * duration + density**2, GYRO_SCALE**2

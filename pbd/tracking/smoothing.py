@@ -17,6 +17,7 @@ from pbd.pose import (
 )
 from pbd.tracking.gravity import motion_acceleration
 from pbd.tracking.integration import integral_of_means
+from pbd.tracking.lag import LAG_S, advance, find_lag, lag_acceleration
 from pbd.tracking.legs import GYRO_BIAS, GYRO_SCALE, VQF_FLOOR, Legs, find_legs, inside
 from pbd.tracking.orientation import TAU_ACC_S, turns_between_middles
 from pbd.tracking.rest import Rest
@@ -53,18 +54,23 @@ def smooth_motion(
     - VQF's own tilt.
 
     In between the gyro carries the attitude, and what it misses at the far end is shared out by where it arose; in a
-    long move, in which the gyro gets lost, VQF takes over by its own uncertainty. Last, the acceleration that the stops
-    still show (bias and scale of the sensor) is taken out in between.
+    long move, in which the gyro gets lost, VQF takes over by its own uncertainty. The acceleration that the stops still
+    show (bias and scale of the sensor) is taken out in between, and last the gyro's lag behind the accelerometer.
 
-    Nothing iterates, so that the cost is the lowest by construction. Without a gyro the attitude stays as it is.
+    The least squares is linear, so that its cost is the lowest by construction. Without a gyro the attitude stays as it
+    is.
     """
     if not stops:
         return attitude, a_nav
     legs = find_legs(recording, attitude, a_nav, stops, rest)
-    if recording.gyr is not None:
-        attitude = Attitude(_hold_tilt(recording, attitude, stops, rest, legs), attitude.gyro_bias)
-        a_nav = motion_acceleration(recording, attitude, rest.gravity)
-    return attitude, _zero_at_stops(recording.t, a_nav, stops, legs)
+    if recording.gyr is None:
+        return attitude, _zero_at_stops(recording.t, a_nav, stops, legs)
+    wxyz, rate = _hold_tilt(recording, attitude, stops, rest, legs), recording.gyr - attitude.gyro_bias
+    a_nav = motion_acceleration(recording, Attitude(wxyz, attitude.gyro_bias), rest.gravity)
+    by_lag = lag_acceleration(wxyz, rate, recording.acc)
+    a_nav = _zero_at_stops(recording.t, a_nav + LAG_S * by_lag, stops, legs)
+    lag = find_lag(recording.t, a_nav, by_lag, stops, rest, legs)
+    return Attitude(advance(wxyz, rate, lag), attitude.gyro_bias), a_nav + (lag - LAG_S) * by_lag
 
 
 def _hold_tilt(recording: Recording, attitude: Attitude, stops: tuple[Stop, ...], rest: Rest, legs: Legs) -> Array:

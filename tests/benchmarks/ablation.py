@@ -58,6 +58,11 @@ WITHOUT: dict[str, tuple[Change, ...]] = {
     "tilt time constant 6 s (then VQF's 3 s)": ((orientation, "VQF", orientation.VQF | {"tauAcc": 3.0}),),
     "attitude held by the stops": ((smoothing, "_hold_tilt", lambda r, attitude, *_: attitude.wxyz_nav_sensor),),
     "gyro bias from calm stops": ((smoothing, "_bias_left", lambda *_: np.zeros(3)),),
+    "gyro's lag from the closures (then none)": (
+        (smoothing, "LAG_S", 0.0),
+        (smoothing, "find_lag", lambda *_: 0.0),
+    ),
+    "gyro's lag from the closures (then 1 ms)": ((smoothing, "find_lag", lambda *_: smoothing.LAG_S),),
     "acceleration zero at stops": ((smoothing, "_zero_at_stops", lambda t, a_nav, *_: a_nav),),
     "stops' edges left out": ((integration, "EDGE_S", 0.0),),
     "drift where it arose (then evenly)": ((integration, "EVEN_DRIFT", 1e6),),

@@ -156,7 +156,7 @@ def test_a_clipped_recording_is_tracked_far_better_than_it_was_sampled(
     sensor: str, gyr_deg: float, acc: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     free, restored, as_it_is, scaled = [], [], [], []
-    for seed in range(8):
+    for seed in range(16):
         demo = simulate(fast(seed), limited(sensor, gyr_deg, acc), seed)
         error, in_sigma = errors_in_m_and_sigma(demo)
         restored.append(error)
