@@ -40,6 +40,9 @@ ACC_ERROR = 0.05
 ACC_AT_REST = 0.3
 """m/s2: a sensor's bias and scale may show this much acceleration at rest."""
 
+STOPS_TO_LEARN = 10.0
+"""After so many stops what they show counts for as much as ACC_AT_REST."""
+
 
 def smooth_motion(
     recording: Recording, attitude: Attitude, a_nav: Array, stops: tuple[Stop, ...], rest: Rest
@@ -198,8 +201,13 @@ def _tilt_of(level: Array) -> Array:
 def _zero_at_stops(t: Array, a_nav: Array, stops: tuple[Stop, ...], legs: Legs) -> Array:
     """Take out the acceleration that the stops show, between two of them by how far the hand has turned."""
     dwell = np.maximum([stop.dwell_s for stop in stops], np.median(np.diff(t)))
-    trust = 1.0 / (1.0 + (legs.speed / (dwell * ACC_AT_REST)) ** 2)
-    shown = trust[:, None] * np.array([a_nav[inside(stop, t)].mean(axis=0) for stop in stops])
+    shaken = (legs.speed / dwell) ** 2
+    shown = np.array([a_nav[inside(stop, t)].mean(axis=0) for stop in stops])
+    # How much a sensor shows that is not shaken, its stops tell themselves, the calm ones above all.
+    calm = 1.0 / (1.0 + shaken / ACC_AT_REST**2) ** 2
+    own = float(calm @ np.maximum((shown**2).mean(axis=1) - shaken, 0.0))
+    usual = (STOPS_TO_LEARN * ACC_AT_REST**2 + own) / (STOPS_TO_LEARN + calm.sum())
+    shown /= (1.0 + shaken / usual)[:, None]
     held: Array = a_nav - _between(shown, legs)
     return held
 

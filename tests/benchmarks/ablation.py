@@ -1,7 +1,8 @@
 """What each idea of the tracker gains: python tests/benchmarks/ablation.py [--data DIR] [--json] [--quick].
 
 The figures of tracking.py, windows scored at the sensor, and the median error of keyframes on simulated tasks, with one
-idea at a time taken out: a constant set to where it does nothing, or a function replaced by the plain one.
+idea at a time taken out: a constant set to where it does nothing, or a function replaced by the plain one. The last row
+shows how much of the windows' error is the reference's own: the optics' velocity is known from their positions only.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ import numpy as np
 from pbd.errors import PbdError, PbdWarning
 from pbd.pose import Array, quat_exp, quat_log, quat_multiply
 from pbd.sensors.simulate import random_task, simulate
-from pbd.tracking import integration, legs, orientation, smoothing, stops
+from pbd.tracking import integration, lag, legs, orientation, smoothing, stops
+from tests.benchmarks import trials
 from tests.benchmarks.report import add_data, arguments, print_machine
 from tests.benchmarks.tracking import score
 from tests.scenarios import keyframes_and_errors
@@ -62,7 +64,7 @@ WITHOUT: dict[str, tuple[Change, ...]] = {
         (smoothing, "LAG_S", 0.0),
         (smoothing, "find_lag", lambda *_: 0.0),
     ),
-    "gyro's lag from the closures (then 1 ms)": ((smoothing, "find_lag", lambda *_: smoothing.LAG_S),),
+    "gyro's lag from the closures (then 1 ms)": ((smoothing, "find_lag", lambda *_: lag.LAG_S),),
     "acceleration zero at stops": ((smoothing, "_zero_at_stops", lambda t, a_nav, *_: a_nav),),
     "stops' edges left out": ((integration, "EDGE_S", 0.0),),
     "drift where it arose (then evenly)": ((integration, "EVEN_DRIFT", 1e6),),
@@ -70,6 +72,7 @@ WITHOUT: dict[str, tuple[Change, ...]] = {
     "lulls between strides": ((stops, "PEAK_SHARE", 0.0),),
     "coasting found out": ((stops, "COASTING_STOPS", 0),),
     "steadiness asked of a rest": ((stops, "STEADY_ACC", 1e6),),
+    "(nothing, but the optics' velocity over 25 samples)": ((trials, "VELOCITY_SAMPLES", 25),),
 }
 """Idea taken out -> what is put in its place."""
 

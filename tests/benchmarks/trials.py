@@ -16,6 +16,9 @@ from pbd.pose import Array, quat_rotate
 OPTICS_AHEAD_S = 0.8 / 286.0
 """The optics run ahead of the sensor by this much."""
 
+VELOCITY_SAMPLES = 35
+"""The optics' velocity is the slope of a polynomial over so many of their samples."""
+
 RATES = {"286": 1, "95": 3, "40": 7}
 """Rate as it is called -> how many samples are averaged."""
 
@@ -53,7 +56,7 @@ def read_broad(path: Path) -> dict[str, Trial]:
         arrays = {key: file[key].astype(np.float64) for key in file.files}
     rate = float(arrays["rate_hz"])
     t = np.arange(len(arrays["acc"])) / rate
-    velocity = savgol_filter(_filled(arrays["true_position"]), 35, 4, deriv=1, delta=1.0 / rate, axis=0)
+    velocity = savgol_filter(_filled(arrays["true_position"]), VELOCITY_SAMPLES, 4, deriv=1, delta=1.0 / rate, axis=0)
     velocity[~np.isfinite(arrays["true_position"]).all(axis=1)] = np.nan
     trials = {}
     for name, every in RATES.items():
