@@ -1,4 +1,4 @@
-"""A demonstration's folder: demo.toml, imu.csv and, where they are known, truth.csv."""
+"""A demonstration's folder: demo.toml, imu.csv and, where they are there, truth.csv and keyframes.toml."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from pbd.data import Contact, Demonstration, GraspedObject, GripEvent, Place, Recording, RecordingInfo, Truth
 from pbd.errors import RecordingError
+from pbd.files import keyframes
 from pbd.files.columns import ACC, DEVICE, GYR, MAG, compass_angles, device_rpy
 from pbd.files.library import find
 from pbd.files.table import Table, read_table, write_table
@@ -82,10 +83,11 @@ def read_demo(folder: Path) -> Demonstration:
     grasped = _read_object(top.section("object")) if "object" in top else None
     top.done()
 
-    truth_file = folder / "truth.csv"
+    truth_file, keyframes_file = folder / "truth.csv", folder / keyframes.NAME
     return Demonstration(
         recording=_read_recording(read_table(folder / "imu.csv"), grip, info),
         truth=_read_truth(read_table(truth_file)) if truth_file.is_file() else None,
+        keyframes=keyframes.read_keyframes(keyframes_file) if keyframes_file.is_file() else None,
         notes=notes,
         bundled=is_bundled,
         closed=closed,

@@ -151,10 +151,10 @@ def test_whatever_is_written_can_be_read(demo: Demonstration, tmp_path: Path) ->
 def test_an_existing_folder_is_refused_unless_forced(tmp_path: Path) -> None:
     folder = tmp_path / "tea"
     write_demo(still(3), folder)
-    (folder / "keyframes.toml").touch()
     with pytest.raises(RecordingError, match=r"tea exists; give another name, or --force to replace it$"):
         write_demo(still(5), folder)
     assert len(read_demo(folder).recording) == 3
+    (folder / "keyframes.toml").touch()
     write_demo(still(5), folder, force=True)
     assert len(read_demo(folder).recording) == 5
     assert not (folder / "keyframes.toml").exists()  # of the demonstration that is gone

@@ -1,0 +1,137 @@
+"""keyframes.toml in a demonstration's folder: keyframes as a person left them, which win over those that are found."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pbd.data import Keyframe
+from pbd.errors import RecordingError
+from pbd.files.toml import Section, read_toml
+from pbd.files.whole import written_whole
+from pbd.pose import Pose, quat_from_rpy, quat_to_rpy
+
+FORMAT = 1
+NAME = "keyframes.toml"
+GRIPS = {"closes": True, "opens": False}
+ORIGIN_M = 1e-3
+"""The first keyframe is the origin of nav, to this."""
+
+HEAD = """\
+# The keyframes of '{name}': where the hand stopped. While this file is here they win over those that tracking finds.
+# Edit it as you like; `pbd keyframes {name}` shows what it says now, and tells the line of a mistake.
+#   drop      remove a [[keyframe]] and its lines; the first one is the dock, it stays as it is
+#   insert    copy a [[keyframe]], with a time between its neighbours'
+#   nudge     position_m is the sensor's, in metres from the dock, z up; rpy_deg is its roll, pitch and yaw in degrees
+#   dwell_s   how long the arm stays
+#   grip      "closes" or "opens"; without it nothing changes
+#   label     a word for people
+#   sigma_m, sigma_deg  one sigma along each axis; without them the keyframe is taken for exact
+# `pbd keyframes {name} --save --force` finds them anew; without the file they are found each time.
+format = {format}
+"""
+
+
+def keyframes_toml(name: str, keyframes: Sequence[Keyframe], longest_dwell_s: float) -> str:
+    """Write the file's text; an arm stays nowhere longer than `longest_dwell_s` unless a person says so here."""
+    parts = [HEAD.format(name=name, format=FORMAT)]
+    for index, keyframe in enumerate(keyframes):
+        sigma = np.sqrt(np.diagonal(keyframe.cov))
+        lines = [
+            "",
+            f"[[keyframe]] # {index}{', the dock' if index == 0 else ''}",
+            f"t_s = {keyframe.t:.3f}",
+            f"dwell_s = {min(keyframe.dwell_s, longest_dwell_s):.2f}",
+            f"position_m = {_numbers(keyframe.T_nav_sensor.p, 4)}",
+            f"rpy_deg = {_numbers(np.degrees(quat_to_rpy(keyframe.T_nav_sensor.wxyz)), 3)}",
+            f"sigma_m = {_numbers(sigma[:3], 4)}",
+            f"sigma_deg = {_numbers(np.degrees(sigma[3:]), 2)}",
+        ]
+        if keyframe.grip is not None:
+            lines.append(f'grip = "{"closes" if keyframe.grip else "opens"}"')
+        if keyframe.label:
+            lines.append(f"label = {_quoted(keyframe.label)}")
+        parts.append("\n".join(lines) + "\n")
+    return "".join(parts)
+
+
+def write_keyframes(
+    folder: Path, name: str, keyframes: Sequence[Keyframe], longest_dwell_s: float, force: bool = False
+) -> Path:
+    """Write keyframes.toml into a demonstration's folder, and return its path.
+
+    Raises:
+        RecordingError: it is there already (unless `force`): somebody may have worked on it.
+    """
+    path = folder / NAME
+    if path.exists() and not force:
+        raise RecordingError(f"{path} exists and may have been edited; --force replaces it", path=path)
+    with written_whole(path) as unfinished:
+        unfinished.write_text(keyframes_toml(name, keyframes, longest_dwell_s), encoding="utf-8")
+    return path
+
+
+def read_keyframes(path: Path) -> tuple[Keyframe, ...]:
+    """Read keyframes.toml.
+
+    Raises:
+        RecordingError: with the file, the line and the key.
+    """
+    top = read_toml(path, RecordingError)
+    if top.number("format") != FORMAT:
+        top.fail("format", f"must be {FORMAT}, the only format that this version reads")
+    tables = top.tables("keyframe")
+    keyframes = tuple(map(_read, tables))
+    top.done()
+    if not keyframes:
+        raise RecordingError(
+            f"{path}: there is no [[keyframe]] in it; add some, or remove the file and they are found again", path=path
+        )
+    for before, after, table in zip(keyframes, keyframes[1:], tables[1:], strict=False):
+        if after.t <= before.t:
+            table.fail("t_s", f"must be later than the keyframe before ({before.t:g} s), got {after.t:g}")
+    if float(np.abs(keyframes[0].T_nav_sensor.p).max()) > ORIGIN_M:
+        tables[0].fail("position_m", "must be [0, 0, 0]: the first keyframe is the dock", "put it back")
+    return keyframes
+
+
+def _read(section: Section) -> Keyframe:
+    grip = None
+    if "grip" in section:
+        word = section.text("grip")
+        if word not in GRIPS:
+            section.fail("grip", f'must be "closes" or "opens", got "{word}"')
+        grip = GRIPS[word]
+    dwell = section.number("dwell_s")
+    if dwell < 0.0:
+        section.fail("dwell_s", f"must not be below zero, got {dwell:g}")
+    position, rpy = section.numbers("position_m", 3), section.numbers("rpy_deg", 3)
+    sigma = np.zeros(6)
+    for key, part, unit in (("sigma_m", slice(0, 3), 1.0), ("sigma_deg", slice(3, 6), np.pi / 180.0)):
+        if key in section:
+            values = np.array(section.numbers(key, 3))
+            if (values < 0.0).any():
+                section.fail(key, "must not be below zero")
+            sigma[part] = unit * values
+    return Keyframe(
+        t=section.number("t_s"),
+        dwell_s=dwell,
+        T_nav_sensor=Pose(np.array(position), quat_from_rpy(np.radians(rpy))),
+        cov=np.diag(sigma**2),
+        grip=grip,
+        label=section.text("label") if "label" in section else "",
+    )
+
+
+def _numbers(values: ArrayLike, decimals: int) -> str:
+    rounded = np.round(np.asarray(values, dtype=np.float64), decimals) + 0.0
+    return f"[{', '.join(f'{value:.{decimals}f}' for value in rounded)}]"
+
+
+def _quoted(text: str) -> str:
+    import tomlkit
+
+    return tomlkit.item(text).as_string()

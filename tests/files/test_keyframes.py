@@ -1,0 +1,151 @@
+"""keyframes.toml: what is written is what is read, and a mistake is told with its line."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pbd.data import Keyframe
+from pbd.errors import PbdError, RecordingError
+from pbd.files.demo import read_demo, write_demo
+from pbd.files.keyframes import keyframes_toml, read_keyframes, write_keyframes
+from pbd.pipeline import track
+from pbd.pose import Pose, quat_exp
+from pbd.sensors.simulate import simulate
+from pbd.tracking.keyframes import find_keyframes
+
+FOUND = find_keyframes(track(simulate("pour", "modern", 0).recording))
+
+
+def edited(tmp_path: Path, old: str, new: str, count: int = 1) -> Path:
+    """The found keyframes' file with a person's edit."""
+    text = keyframes_toml("tea", FOUND, 0.5)
+    assert old in text
+    path = tmp_path / "keyframes.toml"
+    path.write_text(text.replace(old, new, count), encoding="utf-8")
+    return path
+
+
+def line_of(path: Path, error: PbdError) -> str:
+    """The line that the error names."""
+    line = error.fields["line"]
+    assert isinstance(line, int)
+    assert f"{path}:{line}:" in error.message
+    return path.read_text(encoding="utf-8").splitlines()[line - 1]
+
+
+def assert_same(read: tuple[Keyframe, ...], written: tuple[Keyframe, ...]) -> None:
+    assert len(read) == len(written)
+    for ours, theirs in zip(read, written, strict=True):
+        shift, turn = ours.T_nav_sensor.distance(theirs.T_nav_sensor)
+        assert shift < 1e-4
+        assert turn < np.radians(0.001)
+        assert ours.t == pytest.approx(theirs.t, abs=5.1e-4)
+        assert (ours.grip, ours.label) == (theirs.grip, theirs.label)
+        np.testing.assert_allclose(np.sqrt(np.diagonal(ours.cov)), np.sqrt(np.diagonal(theirs.cov)), atol=1e-4)
+
+
+def test_what_is_written_is_read(tmp_path: Path) -> None:
+    labelled = tuple(replace(keyframe, label=f'"{i}" über\n') for i, keyframe in enumerate(FOUND))
+    read = read_keyframes(write_keyframes(tmp_path, "tea", labelled, 0.5))
+    assert_same(read, labelled)
+    assert max(keyframe.dwell_s for keyframe in read) <= 0.5
+    assert {keyframe.grip for keyframe in read} == {True, False, None}
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.floats(0.01, 5.0),
+            st.floats(0.0, 3.0),
+            st.tuples(*[st.floats(-2.0, 2.0)] * 3),
+            st.tuples(*[st.floats(-3.0, 3.0)] * 3),
+            st.sampled_from([True, False, None]),
+            st.text(st.characters(codec="utf-8"), max_size=8).map(str.strip),
+        ),
+        min_size=1,
+        max_size=5,
+    )
+)
+def test_any_keyframes(tmp_path_factory: pytest.TempPathFactory, rows: list[tuple[object, ...]]) -> None:
+    t, keyframes = 0.0, list[Keyframe]()
+    for step, dwell, p, turn, grip, label in rows:
+        t += step  # type: ignore[operator]
+        position = np.array(p) if keyframes else np.zeros(3)
+        pose = Pose(position, quat_exp(np.array(turn)))
+        keyframes.append(Keyframe(t, dwell, pose, 1e-4 * np.eye(6), grip, label))  # type: ignore[arg-type]
+    folder = tmp_path_factory.mktemp("any")
+    assert_same(read_keyframes(write_keyframes(folder, "x", keyframes, 0.5)), tuple(keyframes))
+
+
+def test_a_person_may_drop_insert_nudge_and_rename(tmp_path: Path) -> None:
+    path = write_keyframes(tmp_path, "tea", FOUND, 0.5)
+    head, *tables = path.read_text(encoding="utf-8").split("\n[[keyframe]]")
+    own = ' # mine\nt_s = 1.5\ndwell_s = 2.0\nposition_m = [0.1, 0, 0.2]\nrpy_deg = [0, 0, 90]\ngrip = "opens"\n'
+    path.write_text("\n[[keyframe]]".join([head, tables[0], own, *tables[2:]]), encoding="utf-8")
+    read = read_keyframes(path)
+    assert len(read) == len(FOUND)
+    assert read[1].dwell_s == 2.0
+    assert read[1].grip is False
+    assert not read[1].cov.any()
+    np.testing.assert_allclose(read[1].T_nav_sensor.p, [0.1, 0.0, 0.2])
+    np.testing.assert_allclose(read[1].T_nav_sensor.wxyz, np.sqrt([0.5, 0.0, 0.0, 0.5]), atol=1e-12)
+    assert_same(read[2:], FOUND[2:])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "says"),
+    [
+        ("dwell_s = 0.5", "dwell_s = -1", "dwell_s = -1", "must not be below zero"),
+        ('grip = "closes"', 'grip = "shut"', 'grip = "shut"', '"closes" or "opens"'),
+        ("position_m = [0.0000, ", "position_m = [0.5, ", "position_m = [0.5, ", "is the dock"),
+        ("sigma_m = [", "sigma_mm = [", "sigma_mm = [", "is unknown"),
+        ("rpy_deg = [", "rpy_deg = [1, ", "rpy_deg = [1, ", "must have 3 numbers"),
+        ("sigma_m = [0.00", "sigma_m = [-1.00", "sigma_m = [-1.00", "must not be below zero"),
+        ("format = 1", "format = 2", "format = 2", "must be 1"),
+    ],
+)
+def test_a_mistake_is_told_with_its_line(tmp_path: Path, old: str, new: str, line: str, says: str) -> None:
+    path = edited(tmp_path, old, new)
+    with pytest.raises(RecordingError, match=says) as caught:
+        read_keyframes(path)
+    assert line_of(path, caught.value).startswith(line)
+
+
+def test_times_go_forward(tmp_path: Path) -> None:
+    path = edited(tmp_path, f"t_s = {FOUND[3].t:.3f}", "t_s = 0.1")
+    with pytest.raises(RecordingError, match="must be later than the keyframe before") as caught:
+        read_keyframes(path)
+    assert line_of(path, caught.value) == "t_s = 0.1"
+
+
+def test_an_empty_file_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "keyframes.toml"
+    path.write_text("format = 1\n", encoding="utf-8")
+    with pytest.raises(RecordingError, match=r"there is no \[\[keyframe\]\] in it"):
+        read_keyframes(path)
+
+
+def test_what_a_person_edited_is_not_written_over(tmp_path: Path) -> None:
+    path = write_keyframes(tmp_path, "tea", FOUND, 0.5)
+    path.write_text("mine", encoding="utf-8")
+    with pytest.raises(RecordingError, match="may have been edited; --force"):
+        write_keyframes(tmp_path, "tea", FOUND, 0.5)
+    assert path.read_text(encoding="utf-8") == "mine"
+    write_keyframes(tmp_path, "tea", FOUND, 0.5, force=True)
+    assert_same(read_keyframes(path), FOUND)
+
+
+def test_a_demonstration_has_them(tmp_path: Path) -> None:
+    folder = tmp_path / "tea"
+    write_demo(simulate("pour", "modern", 0), folder)
+    assert read_demo(folder).keyframes is None
+    write_keyframes(folder, "tea", FOUND[:4], 0.5)
+    read = read_demo(folder).keyframes
+    assert read is not None
+    assert_same(read, FOUND[:4])
