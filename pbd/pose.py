@@ -25,7 +25,8 @@ def readonly(values: ArrayLike) -> Array:
 def lengths(vectors: ArrayLike) -> Array:
     """Norms of vectors, (..., k) -> (...); of long lists of short vectors numpy's own takes several times as long."""
     vectors = np.asarray(vectors, dtype=np.float64)
-    return np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
+    norms: Array = np.sqrt(np.einsum("...i,...i->...", vectors, vectors))
+    return norms
 
 
 def quat_multiply(a: ArrayLike, b: ArrayLike) -> Array:
@@ -67,10 +68,11 @@ def quat_cumulative(wxyz: ArrayLike) -> Array:
 
 def quat_rotate(wxyz: ArrayLike, vector: ArrayLike) -> Array:
     """Turn vectors (..., 3) by unit quaternions (..., 4)."""
-    wxyz, vector = np.asarray(wxyz, dtype=np.float64), np.asarray(vector, dtype=np.float64)
-    w, xyz = wxyz[..., :1], wxyz[..., 1:]
-    twice = 2.0 * np.cross(xyz, vector)
-    return vector + w * twice + np.cross(xyz, twice)
+    w, x, y, z = np.moveaxis(np.asarray(wxyz, dtype=np.float64), -1, 0)
+    a, b, c = np.moveaxis(np.asarray(vector, dtype=np.float64), -1, 0)
+    # vector + w t + xyz x t, with t twice the cross product of xyz and the vector
+    t, u, v = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
+    return np.stack((a + w * t + (y * v - z * u), b + w * u + (z * t - x * v), c + w * v + (x * u - y * t)), axis=-1)
 
 
 def quat_exp(rotation_vector: ArrayLike) -> Array:

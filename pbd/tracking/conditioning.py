@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import warnings
+from bisect import bisect_right
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,7 +19,8 @@ from pbd.errors import PbdWarning, RecordingError, TrackingError
 from pbd.pose import Array
 from pbd.tracking.agreement import refuse_disagreement
 from pbd.tracking.clock import REACH, steady_clock, warn_of_rate
-from pbd.tracking.dead import frozen, magnetometer_is_dead, refuse_dead
+from pbd.tracking.dead import magnetometer_is_dead, refuse_dead
+from pbd.tracking.frozen import frozen
 from pbd.tracking.spikes import without_spikes
 
 SLOWEST_HZ = 4.0
@@ -32,6 +34,10 @@ LARGEST = 1e5
 
 BRIDGED_S = 0.050
 """Missing data up to this long are interpolated (with a warning)."""
+
+BESIDE_S, LEAST_BESIDE, TURNED_ACC = 0.1, 3, 0.5
+"""Before and after a gap in a rest the hand must be seen at rest for so long, or so many rows; and specific force must
+not change meanwhile by more than this (m/s2: 3 degrees)."""
 
 CLOCK_JUMP_S = 60.0
 """No sensor falls silent for this long within one demonstration: its clock jumped."""
@@ -59,7 +65,8 @@ def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
     """
     t = recording.t
     if len(t) < 2:
-        raise RecordingError(f"the recording has {len(t)} samples; record at least a second of rest, then move")
+        samples = _counted(len(t), "sample")
+        raise RecordingError(f"the recording has {samples}; record at least a second of rest, then move")
     _refuse_bad_clock(t)
     recording = dataclasses.replace(recording, t=steady_clock(recording))
     t = recording.t
@@ -102,19 +109,28 @@ def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
         acc, gyr = (None if v is None else _interpolate(t, v, ~missing) for v in (recording.acc, recording.gyr))
         assert acc is not None
         recording = dataclasses.replace(recording, acc=acc, gyr=gyr)
-    refuse_disagreement(recording)
-    return recording, tuple(gap for gap in gaps if gap.missing_s > BRIDGED_S + 1e-6)
+    long = tuple(gap for gap in gaps if gap.missing_s > BRIDGED_S + 1e-6)
+    part = _longest_unbroken(recording, long)
+    if part is not None:
+        refuse_disagreement(part)
+    return recording, long
 
 
-def refuse_gaps(gaps: tuple[Gap, ...], t: Array, stops: tuple[Stop, ...]) -> None:
-    """Refuse a long gap inside a move: what the hand did there is unknown. Inside a rest it is harmless.
+def refuse_gaps(gaps: tuple[Gap, ...], recording: Recording, stops: tuple[Stop, ...]) -> None:
+    """Refuse a long gap inside a move: what the hand did there is unknown. Inside a rest it is likely harmless: warn.
+
+    Args:
+        gaps: of `condition`.
+        recording: of `condition`.
+        stops: in order.
 
     Raises:
         TrackingError: with `t`, `row` and the gap's length as fields.
     """
+    t, starts = recording.t, [stop.start for stop in stops]
     for gap in gaps:
-        inside_rest = any(stop.start <= gap.before and gap.after < stop.stop for stop in stops)
-        if not inside_rest:
+        k = bisect_right(starts, gap.before) - 1
+        if k < 0 or not _rests_beside(recording, gap, stops[k]):
             raise TrackingError(
                 f"{gap.missing_s * 1e3:.0f} ms of data are missing after row {gap.before} (t = {t[gap.before]:.2f} s), "
                 f"while the hand moves; at most {BRIDGED_S * 1e3:.0f} ms can be bridged: record again",
@@ -123,6 +139,45 @@ def refuse_gaps(gaps: tuple[Gap, ...], t: Array, stops: tuple[Stop, ...]) -> Non
                 value=gap.missing_s,
                 bound=BRIDGED_S,
             )
+    inner = [gap for gap in gaps if gap.before > 0 and gap.after < len(t) - 1]
+    if inner:
+        longest = max(inner, key=lambda gap: gap.missing_s)
+        warnings.warn(
+            f"{longest.missing_s * 1e3:.0f} ms of data are missing in a rest, after row {longest.before} (t = "
+            f"{t[longest.before]:.2f} s): a move may be hidden in it"
+            + (f", and in {_counted(len(inner) - 1, 'other gap')}" if len(inner) > 1 else "")
+            + "; the sigma of later keyframes is wider; record again if the hand moved",
+            PbdWarning,
+            stacklevel=3,
+        )
+
+
+def _rests_beside(recording: Recording, gap: Gap, stop: Stop) -> bool:
+    """Tell whether a gap lies in a stop, and the hand rests alike on either hand of it.
+
+    What was interpolated is smooth: were that not looked for, the stop might have been found in it.
+    """
+    rows = max(LEAST_BESIDE, round(BESIDE_S * recording.rate_hz))
+    before, after = slice(gap.before + 1 - rows, gap.before + 1), slice(gap.after, gap.after + rows)
+    if gap.before == 0 or gap.after == len(recording) - 1:  # nothing comes before, or after
+        return stop.start <= gap.before and gap.after < stop.stop
+    if before.start < stop.start or after.stop > stop.stop:
+        return False
+    turned = recording.acc[after].mean(axis=0) - recording.acc[before].mean(axis=0)
+    return float(np.linalg.norm(turned)) < TURNED_ACC
+
+
+def _longest_unbroken(recording: Recording, gaps: tuple[Gap, ...]) -> Recording | None:
+    """The longest part without a long gap: over one, no gyro can be held against gravity. None: no second."""
+    if not gaps:
+        return recording
+    begins, ends = [0, *(gap.after for gap in gaps)], [*(gap.before + 1 for gap in gaps), len(recording)]
+    start, stop = max(zip(begins, ends, strict=True), key=lambda part: part[1] - part[0])
+    if stop - start < recording.rate_hz or np.median(np.diff(recording.t[start:stop])) <= 0.0:
+        return None
+    channels = {name: values[start:stop] for name in ("acc", "gyr") if (values := getattr(recording, name)) is not None}
+    changes: dict[str, Any] = {"t": recording.t[start:stop], "mag": None, "device_rpy": None, **channels}
+    return dataclasses.replace(recording, **changes)
 
 
 def _filled(recording: Recording) -> tuple[Recording, NDArray[np.bool_]]:

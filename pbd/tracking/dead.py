@@ -1,4 +1,4 @@
-"""Channels that say nothing: an axis that is stuck, a sensor that repeats itself, a magnetometer that isn't there.
+"""Channels that say nothing: an axis that is stuck, a sensor that never changes, a magnetometer that isn't there.
 
 A real sensor's noise changes its reading all the time; one that reads the same over and over, while the others go on,
 is dead. A sensor without noise (a simulated one) is constant too while it rests, and is nothing of the kind.
@@ -7,9 +7,9 @@ is dead. A sensor without noise (a simulated one) is constant too while it rests
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pbd.data import Recording
 from pbd.errors import PbdWarning, RecordingError
@@ -26,12 +26,6 @@ gyros say 0 on all axes whenever they take themselves to be at rest.)"""
 
 ALIVE = 0.7
 """An axis that lives changes from row to row in this share of the rows, at least."""
-
-FROZEN_S = 0.050
-"""A sensor that repeats itself for longer than this has stopped measuring ..."""
-
-REPEATS = 0.01
-"""... unless it repeats more than this share of its readings anyway: a coarse one does."""
 
 ROUGH = 2.0
 """Third differences of noise are 3.2 times as large as its first ones; those of smooth motion are smaller."""
@@ -50,24 +44,35 @@ def refuse_dead(recording: Recording) -> None:
     given = {name: values for name in NAMES if (values := getattr(recording, name)) is not None}
     if not any(np.diff(values, axis=0).any() for values in given.values()):
         raise RecordingError("every row says the same: the sensor is stuck, or was never read; record again", row=0)
-    if recording.gyr is not None and not np.diff(recording.gyr, axis=0).any() and _noisy(recording.acc):
+    if recording.gyr is not None and not np.diff(recording.gyr, axis=0).any() and noisy(recording.acc):
         raise RecordingError(
             "the gyro always reads the same, so it is dead; mend it, or leave out the columns gx, gy, gz if the device "
             "gives its own attitude",
             value=recording.gyr[0].tolist(),
         )
-    for name, values in given.items():
-        for axis in range(3):
-            for start, stop in _constant(t, values[:, axis]):
+    for name, axis, start, stop in stuck_axes(recording):
+        value = float(given[name][start, axis])
+        raise RecordingError(
+            f"axis {'xyz'[axis]} of the {NAMES[name]} is stuck at {value:.4g} from {t[start]:.2f} s (row {start}) to "
+            f"{t[stop - 1]:.2f} s, while others change; mend the sensor, or check the columns",
+            row=start,
+            t=float(t[start]),
+            value=value,
+        )
+
+
+def stuck_axes(recording: Recording) -> Iterator[tuple[str, int, int, int]]:
+    """Find the axes that don't change for STUCK_S or more while another of the same sensor does.
+
+    Yields:
+        Which sensor (of NAMES), which axis, and the half-open range of rows.
+    """
+    for name in NAMES:
+        values = getattr(recording, name)
+        for axis in range(3) if values is not None else ():
+            for start, stop in _constant(recording.t, values[:, axis]):
                 if any(_alive(other) for other in np.delete(values[start:stop], axis, axis=1).T):
-                    value = float(values[start, axis])
-                    raise RecordingError(
-                        f"axis {'xyz'[axis]} of the {NAMES[name]} is stuck at {value:.4g} from {t[start]:.2f} s (row "
-                        f"{start}) to {t[stop - 1]:.2f} s, while others change; mend the sensor, or check the columns",
-                        row=start,
-                        t=float(t[start]),
-                        value=value,
-                    )
+                    yield name, axis, start, stop
 
 
 def _constant(t: Array, column: Array) -> list[tuple[int, int]]:
@@ -79,25 +84,11 @@ def _constant(t: Array, column: Array) -> list[tuple[int, int]]:
     return [(start, stop) for start, stop in spans if t[stop - 1] - t[start] >= STUCK_S]
 
 
-def frozen(recording: Recording) -> NDArray[np.bool_]:
-    """Rows (n,) at which a sensor with noise repeats itself for too long: it has stopped measuring."""
-    given = [values for values in (recording.acc, recording.gyr) if values is not None]
-    same = ~np.any([np.diff(values, axis=0).any(axis=1) for values in given], axis=0)
-    same &= np.diff(recording.t) > 0.0
-    dead = np.zeros(len(recording), dtype=bool)
-    long = [(start, stop) for start, stop in runs(same) if recording.t[stop] - recording.t[start] > FROZEN_S]
-    for start, stop in long:
-        dead[start + 1 : stop + 1] = True
-    if long and (same & ~dead[1:]).mean() < REPEATS and _noisy(recording.acc[~dead]):
-        return dead
-    return np.zeros(len(recording), dtype=bool)
-
-
 def magnetometer_is_dead(recording: Recording) -> bool:
     """Tell whether the magnetometer always reads the same, though the sensor has noise; warns."""
     if recording.mag is None or np.diff(recording.mag, axis=0).any():
         return False
-    if recording.mag.any() and not _noisy(recording.acc):
+    if recording.mag.any() and not noisy(recording.acc):
         return False
     warnings.warn(
         f"the magnetometer always reads {np.linalg.norm(recording.mag[0]):.4g} and is left out: heading starts at the "
@@ -123,7 +114,7 @@ def _roughness(values: Array) -> float:
     return float(np.abs(np.diff(values, n=3, axis=0)).sum() / first) if first > 0.0 else 0.0
 
 
-def _noisy(acc: Array) -> bool:
+def noisy(acc: Array) -> bool:
     """Tell whether a sensor at rest has noise, by the calmest of its rows that change."""
     changing = acc[1:][(np.abs(np.diff(acc, axis=0)) > ROUNDING).any(axis=1)]
     if len(changing) < CALM_ROWS:

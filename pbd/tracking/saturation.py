@@ -35,7 +35,8 @@ SAME = 1e-6
 
 FLAT, STEEP = 3, 5.0
 """Elsewhere a flat top has this many samples at least, and its sides fall by this many steps of the sensor's
-resolution: a rounded peak that is coarsely read does not."""
+resolution: a rounded peak that is coarsely read does not (of a noisy sensor's one in some thousand does: a warning too
+many, where more samples asked for would be clipped peaks missed)."""
 
 
 @dataclass(frozen=True)
@@ -56,22 +57,25 @@ class Clip:
 
 def find_clips(recording: Recording) -> tuple[Clip, ...]:
     """Find the clipped samples of a recording without NaN; in order, with a warning where there are any."""
+    clips = clips_of(recording)
+    if clips:
+        _warn(recording, clips)
+    return clips
+
+
+def clips_of(recording: Recording) -> tuple[Clip, ...]:
+    """Find them without a word."""
     given = {name: values for name in ("acc", "gyr") if (values := getattr(recording, name)) is not None}
     # A row that a sensor or a program repeats makes no top flatter.
     new = np.concatenate(([True], np.any([np.diff(v, axis=0).any(axis=1) for v in given.values()], axis=0)))
-    clips = sorted(
-        (
-            Clip(sensor, axis, sign, start, stop)
-            for sensor, values in given.items()
-            for axis in range(3)
-            for sign in (1.0, -1.0)
-            for start, stop in _tops(sign * values[:, axis], sensor, new)
-        ),
-        key=lambda clip: clip.start,
+    clips = (
+        Clip(sensor, axis, sign, start, stop)
+        for sensor, values in given.items()
+        for axis in range(3)
+        for sign in (1.0, -1.0)
+        for start, stop in _tops(sign * values[:, axis], sensor, new)
     )
-    if clips:
-        _warn(recording, clips)
-    return tuple(clips)
+    return tuple(sorted(clips, key=lambda clip: clip.start))
 
 
 def _tops(x: Array, sensor: str, new: NDArray[np.bool_]) -> list[tuple[int, int]]:

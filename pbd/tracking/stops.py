@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -9,8 +13,9 @@ from numpy.typing import NDArray
 
 from pbd.data import Recording, Stop
 from pbd.pose import Array, quat_inverse, quat_rotate
-from pbd.tracking.integration import integrate_move
+from pbd.tracking.integration import integral_of_means, integrate_move
 from pbd.tracking.rest import Rest
+from pbd.tracking.steady import median, squares, window_sums
 
 WINDOW_S = 0.1
 """Energies are means over this long."""
@@ -62,39 +67,23 @@ def find_stops(recording: Recording, a_nav: Array, wxyz_nav_sensor: Array, rest:
     n = max(2, round(WINDOW_S * recording.rate_hz))
     if len(t) < n:
         return ()
-    reach = max(1, round(PEAK_S * recording.rate_hz))
 
     spread, mean_nav = _window_moments(a_nav, n)
-    _, mean_sensor = _window_moments(recording.acc, n)
-    energies = [(spread + (mean_nav**2).sum(axis=1), spread, rest.acc_rms, ACC_FLOOR)]
-    if recording.gyr is not None:
-        gyr_spread, gyr_mean = _window_moments(recording.gyr - rest.gyro_bias, n)
-        energy = gyr_spread + (gyr_mean**2).sum(axis=1)
-        energies.append((energy, energy, rest.gyr_rms, GYR_FLOOR))
-    quiet = np.ones(len(spread), dtype=bool)
-    doubtful, restlessness = quiet.copy(), np.zeros(len(spread))
-    for energy, unsteady, rms_at_rest, floor in energies:
-        threshold = max(REST_FACTOR * rms_at_rest**2, floor**2)
-        quiet &= unsteady < threshold
-        doubtful &= energy < PEAK_SHARE * _peak(energy, reach)
-        restlessness += energy / threshold
+    quiet, doubtful, restlessness = _detect(recording, spread, mean_nav, n, rest)
 
     tolerance = STEADY_ACC + 3.0 * rest.acc_rms / np.sqrt(n)
-    up = _window_moments(quat_rotate(quat_inverse(wxyz_nav_sensor), (0.0, 0.0, 1.0)), n)[1]
-    quiet_runs = [slice(*run) for run in runs(quiet)]
-    pushes = [_unsteadiness(mean_nav[run], mean_sensor[run]) for run in quiet_runs]
-    long = [
-        run
-        for run, push in zip(quiet_runs, pushes, strict=True)
-        if (push < tolerance).sum() > COAST_S * recording.rate_hz
-    ]
-    for run, push in zip(quiet_runs, pushes, strict=True):
-        if long and run not in long:
-            nearest = min(long, key=lambda other: max(other.start - run.stop, run.start - other.stop))
-            off = np.median(mean_nav[run], axis=0) - np.median(mean_nav[nearest], axis=0)
-            tilted = np.median(up[run], axis=0) - np.median(up[nearest], axis=0)
-            push += max(float(np.linalg.norm(off) - MISTILT - MISCALIBRATION * np.linalg.norm(tilted)), 0.0)
-        quiet[run] &= push < tolerance
+    mean_up = window_sums(quat_rotate(quat_inverse(wxyz_nav_sensor), (0.0, 0.0, 1.0)), n) / n
+    mean_sensor = window_sums(recording.acc, n) / n
+    quiet_runs = [_quiet_run(slice(*run), mean_nav, mean_sensor, mean_up) for run in runs(quiet)]
+    long = [run for run in quiet_runs if int((run.push < tolerance).sum()) > COAST_S * recording.rate_hz]
+    places = [run.rows for run in long]
+    for run in quiet_runs:
+        push = run.push
+        if long:
+            nearest = long[_nearest(run.rows, places)]  # of a long one, itself
+            off, tilted = np.linalg.norm(run.acc - nearest.acc), np.linalg.norm(run.up - nearest.up)
+            push = push + max(float(off - MISTILT - MISCALIBRATION * tilted), 0.0)
+        quiet[run.rows] &= push < tolerance
     for start, stop in runs(doubtful):
         if not quiet[max(start - 2 * n, 0) : stop + 2 * n].any():  # not the edge of a rest
             quiet[start + int(np.argmin(restlessness[start:stop]))] = True
@@ -107,6 +96,34 @@ def find_stops(recording: Recording, a_nav: Array, wxyz_nav_sensor: Array, rest:
     return _drop_coasting(stops, t, a_nav)
 
 
+def _detect(
+    recording: Recording, spread: Array, mean_nav: Array, n: int, rest: Rest
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_], Array]:
+    """Which windows of n samples are quiet, which may be a short stop, and the energy of each by its threshold, (m,).
+
+    Args:
+        recording: for rate and gyro.
+        spread: (m,) variance of the motion acceleration within each window.
+        mean_nav: (m, 3) its mean.
+        n: samples a window.
+        rest: for the thresholds.
+    """
+    energies = [(spread + squares(mean_nav), spread, rest.acc_rms, ACC_FLOOR)]
+    if recording.gyr is not None:
+        gyr_spread, gyr_mean = _window_moments(recording.gyr - rest.gyro_bias, n)
+        energy = gyr_spread + squares(gyr_mean)
+        energies.append((energy, energy, rest.gyr_rms, GYR_FLOOR))
+    reach = max(1, round(PEAK_S * recording.rate_hz))
+    quiet = np.ones(len(spread), dtype=bool)
+    doubtful, restlessness = quiet.copy(), np.zeros(len(spread))
+    for energy, unsteady, rms_at_rest, floor in energies:
+        threshold = max(REST_FACTOR * rms_at_rest**2, floor**2)
+        quiet &= unsteady < threshold
+        doubtful &= energy < PEAK_SHARE * _peak(energy, reach)
+        restlessness += energy / threshold
+    return quiet, doubtful, restlessness
+
+
 def _peak(energy: Array, reach: int) -> Array:
     from scipy.ndimage import maximum_filter1d
 
@@ -114,23 +131,42 @@ def _peak(energy: Array, reach: int) -> Array:
     return peak
 
 
-def _unsteadiness(mean_nav: Array, mean_sensor: Array) -> Array:
-    """How far each window's mean is from that of its whole quiet run, (m, 3) and (m, 3) -> (m,) m/s2.
+@dataclass(frozen=True, eq=False)
+class _QuietRun:
+    """A run of quiet windows.
 
-    At rest specific force is steady, whatever the accelerometer's errors. In sensor axes it sways with the hand; in nav
-    it creeps while the attitude settles. At rest one of the two is steady; in a slow, smooth move neither is.
+    Attributes:
+        rows: which.
+        acc: (3,) m/s2, the median of their mean accelerations in nav.
+        up: (3,) that of the vertical in sensor axes.
+        push: (m,) m/s2, how far each window's mean is from that of the whole run. At rest specific force is steady,
+            whatever the accelerometer's errors: in sensor axes it sways with the hand, in nav it creeps while the
+            attitude settles, but one of the two is steady. In a slow, smooth move neither is.
     """
-    nav, sensor = (np.linalg.norm(mean - np.median(mean, axis=0), axis=1) for mean in (mean_nav, mean_sensor))
-    steadier: Array = np.minimum(nav, sensor)
-    return steadier
+
+    rows: slice
+    acc: Array
+    up: Array
+    push: Array
+
+
+def _quiet_run(rows: slice, mean_nav: Array, mean_sensor: Array, mean_up: Array) -> _QuietRun:
+    nav, sensor, up = (median(means[rows]) for means in (mean_nav, mean_sensor, mean_up))
+    pushes = squares(mean_nav[rows] - nav), squares(mean_sensor[rows] - sensor)
+    return _QuietRun(rows, nav, up, np.sqrt(np.minimum(*pushes)))
+
+
+def _nearest(run: slice, long: Sequence[slice]) -> int:
+    """Which of the long runs, in order and apart from each other and from this one, is nearest; of two, the earlier."""
+    after = bisect_left(long, run.start, key=lambda other: other.start)
+    beside = range(max(after - 1, 0), min(after + 1, len(long)))
+    return min(beside, key=lambda k: max(long[k].start - run.stop, run.start - long[k].stop))
 
 
 def _window_moments(values: Array, n: int) -> tuple[Array, Array]:
     """Variance summed over the axes (m,) and mean (m, 3) of each window of n samples."""
-    sums = np.cumsum(np.vstack((np.zeros((1, 3)), values)), axis=0)
-    squares = np.concatenate(([0.0], np.cumsum((values**2).sum(axis=1))))
-    mean = (sums[n:] - sums[:-n]) / n
-    variance = (squares[n:] - squares[:-n]) / n - (mean**2).sum(axis=1)
+    mean = window_sums(values, n) / n
+    variance = window_sums(squares(values), n) / n - squares(mean)
     return np.maximum(variance, 0.0), mean
 
 
@@ -176,28 +212,35 @@ def _drop_coasting(stops: list[Stop], t: Array, a_nav: Array) -> tuple[Stop, ...
     left over before it would be the hand's own, and that left over after it the same the other way round; drift has no
     reason to do that.
     """
+
+    @cache
+    def left_over(before: Stop, after: Stop) -> tuple[Array, float]:
+        """Velocity, and its size."""
+        move = slice(before.stop - 1, after.start + 1)
+        closure = integral_of_means(t[move], a_nav[move])[-1]
+        return closure, float(np.linalg.norm(closure))
+
+    def cancel(stops: list[Stop]) -> bool:
+        """Tell whether the hand stands still at the first and the last of these stops only."""
+        if any(stop.dwell_s >= COAST_S for stop in stops[1:-1]):
+            return False
+        speed = min(left_over(*stops[:2])[1], left_over(*stops[-2:])[1])
+        if speed <= COAST_SPEED:
+            return False
+        total = np.array([left_over(*pair)[0] for pair in pairwise(stops)]).sum(axis=0)
+        return bool(np.linalg.norm(total) < COAST_SHARE * speed)
+
     kept = list(stops)
     k = 1
     while k < len(kept) - 1:
+        if kept[k].dwell_s >= COAST_S or left_over(kept[k - 1], kept[k])[1] <= COAST_SPEED:
+            k += 1
+            continue
         # One stop that is none, or several in a row, as while the hand coasts.
         ends = range(k + 1, min(k + 1 + COASTING_STOPS, len(kept)))
-        end = next((end for end in ends if _coasts(kept[k - 1 : end + 1], t, a_nav)), None)
+        end = next((end for end in ends if cancel(kept[k - 1 : end + 1])), None)
         if end is None:
             k += 1
         else:
             del kept[k:end]
     return tuple(kept)
-
-
-def _coasts(stops: list[Stop], t: Array, a_nav: Array) -> bool:
-    """Tell whether the hand stands still at the first and the last of these stops only."""
-    if any(stop.dwell_s >= COAST_S for stop in stops[1:-1]):
-        return False
-    closures = np.array([_closure(t, a_nav, *pair) for pair in pairwise(stops)])
-    speed = min(np.linalg.norm(closures[0]), np.linalg.norm(closures[-1]))
-    return bool(speed > COAST_SPEED and np.linalg.norm(closures.sum(axis=0)) < COAST_SHARE * speed)
-
-
-def _closure(t: Array, a_nav: Array, before: Stop, after: Stop) -> Array:
-    move = slice(before.stop - 1, after.start + 1)
-    return integrate_move(t[move], a_nav[move]).closure

@@ -20,7 +20,7 @@ from pbd.sensors.simulate import SENSOR_MODELS, TASKS, World, random_task, simul
 from pbd.sensors.simulated_tasks import Task
 from pbd.tracking.agreement import refuse_disagreement
 from pbd.tracking.conditioning import condition
-from pbd.tracking.dead import frozen
+from pbd.tracking.frozen import frozen
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.spikes import without_spikes
 from tests.benchmarks.trials import read_broad

@@ -147,7 +147,10 @@ def test_a_second_of_nothing_in_a_move_is_refused_with_its_place() -> None:
 
 def test_a_second_of_nothing_in_a_rest_is_a_warning() -> None:
     recording = pour().recording
-    with pytest.warns(PbdWarning, match="1 gap in the data, 100 samples"):
+    with (
+        pytest.warns(PbdWarning, match="1 gap in the data, 100 samples"),
+        pytest.warns(PbdWarning, match=r"1000 ms .* in a rest, after row 79 .*: a move may be hidden in it"),
+    ):
         path = track(with_hole(recording, 0.8, 1.8))
     assert len(path.stops) == 11
 
@@ -206,7 +209,7 @@ def test_a_hand_that_never_moves_has_one_stop() -> None:
 
 @pytest.mark.parametrize("rows", [0, 1])
 def test_next_to_no_samples_are_refused(rows: int) -> None:
-    with pytest.raises(RecordingError, match=f"the recording has {rows} samples"):
+    with pytest.raises(RecordingError, match=f"the recording has {rows} samples?"):
         track(with_rows(pour().recording, slice(0, rows)))
 
 

@@ -1,0 +1,115 @@
+"""A device that repeats one sample for a while: in a move an error, whatever its noise; at a rest a sensor's right."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from pbd.data import GRAVITY, Demonstration, Recording
+from pbd.errors import PbdError, TrackingError
+from pbd.pipeline import track
+from pbd.sensors.simulate import SENSOR_MODELS, TASKS, random_task, simulate
+from pbd.sensors.simulated_sensor import SensorModel
+from pbd.sensors.simulated_tasks import Task
+from pbd.tracking.frozen import frozen
+from tests.scenarios import keyframes_and_errors, pour, with_rows
+from tests.tracking.faults import broken, quietly
+
+
+def coarse(acc_mg: float, gyr_deg_s: float) -> SensorModel:
+    """The paper's sensor in steps so large that it repeats itself at rest."""
+    model = SENSOR_MODELS["os5000"]
+    assert model.gyr is not None
+    acc = replace(model.acc, step=1e-3 * GRAVITY * acc_mg)
+    return replace(model, acc=acc, gyr=replace(model.gyr, step=np.radians(gyr_deg_s)))
+
+
+SENSORS: dict[str, str | SensorModel] = {
+    **{name: name for name in SENSOR_MODELS},
+    "steps of 16 mg": coarse(16.0, 0.25),
+    "steps of 30 mg": coarse(30.0, 1.0),
+}
+every_sensor = pytest.mark.parametrize("sensor", [*SENSORS])
+
+
+def held(recording: Recording, start: int, stop: int) -> Recording:
+    rows = np.arange(len(recording), dtype=np.intp)
+    rows[start:stop] = start
+    return replace(with_rows(recording, rows), t=recording.t)
+
+
+def fastest(demo: Demonstration) -> list[int]:
+    """The row of each move at which the hand is fastest."""
+    assert demo.truth is not None
+    speed = np.linalg.norm(np.gradient(demo.truth.p_nav_sensor, demo.truth.t, axis=0), axis=1)
+    edges = np.flatnonzero(np.diff((speed > 0.02).astype(int)))
+    return [int(a + np.argmax(speed[a:b])) for a, b in zip(edges[::2], edges[1::2], strict=False)]
+
+
+@quietly
+@pytest.mark.parametrize("sensor", [name for name in SENSORS if name != "steps of 30 mg"])
+@pytest.mark.parametrize("rate_hz", [40.0, 100.0, 286.0])
+@pytest.mark.parametrize("task", [random_task(1, moves=3), "pick-and-place-stops"], ids=["turning", "straight"])
+def test_a_freeze_in_a_move_is_refused_or_makes_unsure(sensor: str, rate_hz: float, task: str | Task) -> None:
+    """Where the hand is fastest, a straight move reads what it reads at rest: it seems to stop dead.
+
+    Steps of 30 mg are left out: over a move of a second they alone leave over as much speed as a slow hand has.
+    """
+    demo = simulate(task, SENSORS[sensor], 1, rate_hz=rate_hz)
+    for row in fastest(demo):
+        for seconds in (0.3, 0.8, 2.0):
+            frozen_demo = replace(demo, recording=held(demo.recording, row, row + round(seconds * rate_hz)))
+            try:
+                keyframes, errors = keyframes_and_errors(frozen_demo)
+            except PbdError:
+                continue
+            if len(keyframes) > 1:  # one is no motion
+                sigmas = np.sqrt([np.trace(keyframe.cov[:3, :3]) for keyframe in keyframes])
+                assert (errors < np.maximum(3.0 * sigmas, 0.02)).all()
+
+
+@quietly
+@pytest.mark.parametrize(("sensor", "rate_hz"), [("ideal", 40.0), ("ideal", 100.0), ("steps of 16 mg", 40.0)])
+def test_a_freeze_where_the_sensor_reads_what_it_reads_at_rest_is_told_as_such(sensor: str, rate_hz: float) -> None:
+    """From the middle of a straight move into the next rest."""
+    demo = simulate("pour", SENSORS[sensor], rate_hz=rate_hz)
+    row = fastest(demo)[1]
+    with pytest.raises(TrackingError, match="was not seen to stop: the sensor froze in a move"):
+        track(held(demo.recording, row, row + round(0.8 * rate_hz)))
+
+
+@quietly
+@pytest.mark.parametrize("sensor", ["ideal", "steps of 16 mg", "steps of 30 mg"])
+def test_a_coarse_sensor_is_tracked(sensor: str) -> None:
+    tasks: tuple[str | Task, ...] = (*TASKS, random_task(5))
+    for task in tasks:
+        for rate_hz in (40.0, 100.0):
+            demo = simulate(task, SENSORS[sensor], 1, rate_hz=rate_hz)
+            if demo.recording.gyr is not None:
+                track(demo.recording)
+
+
+@every_sensor
+@pytest.mark.parametrize("rate_hz", [20.0, 40.0, 100.0])
+def test_a_rest_is_no_freeze_however_coarse_the_sensor(sensor: str, rate_hz: float) -> None:
+    short = random_task(2, moves=6, first_rest_s=0.5, rest_s=(0.3, 0.6))
+    tasks: tuple[str | Task, ...] = (*TASKS, random_task(5), short)
+    for task in tasks:
+        assert not frozen(simulate(task, SENSORS[sensor], 1, rate_hz=rate_hz).recording).any()
+
+
+@quietly
+def test_a_hole_between_two_attitudes_is_no_rest() -> None:
+    """The bottle is rolled in the hole: from one rest to another, which interpolation joins smoothly."""
+    demo = pour()
+    assert demo.truth is not None
+    stops = track(demo.recording).stops
+    up = [np.mean(demo.recording.acc[stop.start : stop.stop], axis=0) for stop in stops]
+    k = int(np.argmax([np.linalg.norm(b - a) for a, b in pairwise(up)]))
+    hole = slice(stops[k].stop - 5, stops[k + 1].start + 5)
+    recording = broken(broken(demo.recording, "acc", hole, np.nan), "gyr", hole, np.nan)
+    with pytest.raises(TrackingError, match="while the hand moves"):
+        track(recording)
