@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pbd.cli.options import Commands, add_command, add_json, positive, store_demonstration
+from pbd.cli.wire import add_lines, decoder_maker
 
 if TYPE_CHECKING:
     from pbd.data import Demonstration
@@ -21,7 +22,8 @@ def add(commands: Commands) -> None:
         "bring a recording of another program in",
         "Read a recording (a CSV with a header, x-io's CSV, an npz) and store it as a demonstration. Names and\n"
         "units are taken from the header where it tells them; elsewhere say which is which.",
-        "  pbd import run7.csv tea --column ax=AccX --column ay=AccY --column az=AccZ --unit acc=g --unit t=ms",
+        "  pbd import run7.csv tea --column ax=AccX --column ay=AccY --column az=AccZ --unit acc=g --unit t=ms\n"
+        "  pbd import demos/tea/raw.bin again --sensor witmotion",
     )
     parser.add_argument("file", metavar="FILE", type=Path, help="the recording")
     parser.add_argument("name", metavar="NAME", help="the new demonstration's name (in ./demos) or folder")
@@ -40,6 +42,7 @@ def add(commands: Commands) -> None:
     parser.add_argument("--rate", type=positive, metavar="HZ", help="of a raw.bin, where nothing else tells it")
     parser.add_argument("--closed", action="store_true", help="the hand ended where it began")
     parser.add_argument("--force", action="store_true", help="replace a demonstration of that name")
+    add_lines(parser)
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -68,11 +71,11 @@ def _decode(args: argparse.Namespace) -> Demonstration:
     """Decode bytes that `pbd record --raw` kept."""
     from pbd.errors import SensorError
     from pbd.record.again import decode_raw
-    from pbd.sensors.protocols import protocol
 
     if not args.sensor:
         raise SensorError(f"{args.file} holds a sensor's bytes; name the --sensor that they came from", path=args.file)
-    return decode_raw(args.file, protocol(args.sensor).decoder(), args.sensor, args.rate)
+    make = decoder_maker(args, args.sensor, [f"{quantity}={unit}" for quantity, unit in args.unit])
+    return decode_raw(args.file, make(), args.sensor, args.rate)
 
 
 def _pair(text: str) -> tuple[str, str]:

@@ -6,6 +6,7 @@ import os
 import select
 import signal
 import sys
+from contextlib import suppress
 from types import FrameType, TracebackType
 from typing import Any, Self
 
@@ -41,7 +42,8 @@ class Keys:
         if self._settings is not None:
             import termios
 
-            termios.tcsetattr(sys.stdin, termios.TCSADRAIN, self._settings)
+            with suppress(termios.error):  # the terminal is gone
+                termios.tcsetattr(sys.stdin, termios.TCSADRAIN, self._settings)
         for number, handler in self._handlers.items():
             signal.signal(number, handler)
 
@@ -49,8 +51,11 @@ class Keys:
         """Return the next key, or ""."""
         if self._signalled:
             return self.END
-        if self.terminal and select.select([sys.stdin], [], [], 0.0)[0]:
-            return os.read(sys.stdin.fileno(), 1).decode(errors="replace")
+        try:
+            if self.terminal and select.select([sys.stdin], [], [], 0.0)[0]:
+                return os.read(sys.stdin.fileno(), 1).decode(errors="replace")
+        except OSError:  # the terminal is gone: its hang-up comes as a signal, where it is to end anything
+            self.terminal = False
         return ""
 
     def _signal(self, number: int, frame: FrameType | None) -> None:

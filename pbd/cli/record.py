@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import time
 from collections.abc import Callable
@@ -11,10 +12,12 @@ from datetime import datetime
 from typing import TYPE_CHECKING
 
 from pbd.cli.options import Commands, add_command, add_json, positive, print_json
+from pbd.cli.wire import add_lines, decoder_maker
 
 if TYPE_CHECKING:
     from pbd.cli.keys import Keys
     from pbd.cli.recording_screen import PanelScreen, PlainScreen
+    from pbd.data import SensorErrors
     from pbd.record import Command, Outcome
     from pbd.sensors.decoding import Decoder
     from pbd.sensors.port import Port
@@ -51,17 +54,15 @@ def add(commands: Commands) -> None:
     parser.add_argument("--closed", action="store_true", help="the hand will end where it began; tracking uses that")
     parser.add_argument("--raw", action="store_true", help="keep the bytes as they come (raw.bin)")
     parser.add_argument("--reconnect", action="store_true", help="wait for a sensor that was unplugged")
+    parser.add_argument(
+        "--calibration", metavar="C", help="of this sensor: say where it disagrees with it at rest, and track with it"
+    )
     parser.add_argument("--force", action="store_true", help="replace a demonstration of that name")
     parser.add_argument("--live", action="store_true", help="show the hand in the browser, served on this machine only")
     parser.add_argument("--no-open", action="store_true", help="with --live: open no browser; print the address")
-    lines = parser.add_argument_group("a device that prints numbers (--sensor lines)")
-    lines.add_argument(
-        "--columns", metavar="LIST", help="what the numbers of a line are, such as t,ax,ay,az,gx,gy,gz; or a .toml file"
+    add_lines(parser).add_argument(
+        "--unit", action="append", default=[], metavar="Q=U", help="of acc, gyr, mag, angle, t: acc=g (also razor's)"
     )
-    lines.add_argument("--unit", action="append", default=[], metavar="Q=U", help="of acc, gyr, mag, angle, t: acc=g")
-    lines.add_argument("--separator", default=",", metavar="C", help="between numbers: a character, space or tab (,)")
-    lines.add_argument("--prefix", default="", metavar="TEXT", help="what each line begins with")
-    lines.add_argument("--wrap", type=float, metavar="T", help="at which the device's clock starts anew, in its unit")
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -89,6 +90,7 @@ def run(args: argparse.Namespace) -> int:
             raw=args.raw,
             reconnect=args.reconnect,
             force=args.force,
+            errors=_errors(args.calibration, sensor),
         )
         keys = stack.enter_context(Keys())
         title = f"recording {folder} from {sensor}"
@@ -109,8 +111,36 @@ def run(args: argparse.Namespace) -> int:
             with screen:
                 outcome = record(opened, decoder, options, person, live.show, SHOWN_S)
             live.end(outcome)
-    _report(args, outcome)
+    try:
+        _report(args, outcome)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        raise
+    except OSError:  # the terminal was hung up; what counts is done
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0
+
+
+def _errors(name: str | None, sensor: str) -> SensorErrors | None:
+    """The errors of this sensor by a calibration."""
+    import warnings
+
+    from pbd.calibration.sensor import refuse_other_sensor
+    from pbd.errors import PbdWarning
+    from pbd.files.calibration import load_calibration
+
+    if name is None:
+        return None
+    errors = load_calibration(name).sensor
+    if errors is None:
+        warnings.warn(
+            f"the calibration '{name}' has no [sensor] to compare with; pbd calibrate sensor {name} DEMO makes one",
+            PbdWarning,
+            stacklevel=2,
+        )
+        return None
+    refuse_other_sensor("this recording", sensor, errors)
+    return errors
 
 
 def _live_view() -> HandView:
@@ -148,40 +178,61 @@ class _Person:
 
 def _sensor(args: argparse.Namespace, stack: ExitStack) -> tuple[str, Callable[[], Port], Decoder]:
     """The sensor's name, what opens its port, and its decoder."""
+    from pbd.errors import SensorError
     from pbd.sensors.port import open_port
-    from pbd.sensors.probe import find_baud, probe
-    from pbd.sensors.protocols import protocol
+    from pbd.sensors.probe import find_baud
+    from pbd.sensors.protocols import PROTOCOLS
 
     wanted: str | None = args.sensor
     if wanted is not None and wanted.partition(":")[0] == SIMULATED:
-        from pbd.sensors.emulator import Emulator
-        from pbd.sensors.simulate import simulate
-
-        task = wanted.partition(":")[2] or "pour"
-        emulator = stack.enter_context(Emulator(simulate(task, "modern", seed=int(time.time())).recording))
-        return f"ximu3, simulated ({task})", lambda: open_port(emulator.device, 115200), protocol("ximu3").decoder()
-
-    if wanted is not None and wanted != "lines":
-        protocol(wanted)  # an unknown name is told before anything is opened
-    make = _line_decoder(args) if wanted == "lines" else None
-    device = args.port or _only_port()
-    baud = args.baud
-    if wanted is None:
-        from pbd.errors import SensorError
-
-        print(f"listening to {device} ...", file=sys.stderr, flush=True)
-        found = probe(device)
-        if found.sensor is None:
+        if args.port or args.baud or args.rate:
             raise SensorError(
-                f"what {device} speaks can't be told ({found.bytes_seen} bytes came); give --sensor", path=device
+                "a simulated sensor has no port, baud or rate to choose; leave out --port, --baud, --rate"
             )
-        wanted, baud = found.sensor, baud or found.baud
-    make = make or protocol(wanted).decoder
+        return _simulated(wanted.partition(":")[2] or "pour", stack)
+    make = None if wanted is None else decoder_maker(args, wanted, args.unit)  # before anything is opened
+    device, baud = args.port or _only_port(), args.baud
+    if wanted is None:
+        wanted, heard_at = _listened(device)
+        baud = baud or heard_at
+    make = make or decoder_maker(args, wanted, args.unit)
     if baud is None:
-        baud = find_baud(device, make, protocol(wanted).bauds)
+        with open_port(device, PROTOCOLS[wanted].bauds[0]) as port:
+            print(f"looking for the baud rate of {device} ...", file=sys.stderr, flush=True)
+            baud = find_baud(port, make, wanted)
     if args.rate is not None:
         _set_rate(device, baud, wanted, args.rate)
     return wanted, lambda: open_port(device, baud), make()
+
+
+def _simulated(task: str, stack: ExitStack) -> tuple[str, Callable[[], Port], Decoder]:
+    from pbd.sensors.emulator import Emulator
+    from pbd.sensors.port import open_port
+    from pbd.sensors.protocols import protocol
+    from pbd.sensors.simulate import simulate
+
+    emulator = stack.enter_context(Emulator(simulate(task, "modern", seed=int(time.time())).recording))
+    return f"ximu3, simulated ({task})", lambda: open_port(emulator.device, 115200), protocol("ximu3").decoder()
+
+
+def _listened(device: str) -> tuple[str, int]:
+    """Which sensor speaks on a port, and at which baud rate."""
+    from pbd.errors import SensorError
+    from pbd.sensors.port import open_port
+    from pbd.sensors.probe import FIRST_BAUD, probe
+
+    with open_port(device, FIRST_BAUD) as port:
+        print(f"listening to {device} ...", file=sys.stderr, flush=True)
+        found = probe(port)
+    if found.sensor is not None:
+        return found.sensor, found.baud
+    if not found.bytes_seen:
+        why = "it is silent at every baud rate; check that the sensor is on and sends by itself"
+    elif found.line is not None:
+        why = f'it prints lines such as {found.line!r}; give --sensor lines --columns "..." --baud {found.baud}'
+    else:
+        why = f"{found.bytes_seen} bytes came that no decoder knows; give --sensor and --baud"
+    raise SensorError(f"what {device} speaks can't be told: {why}", path=device)
 
 
 def _only_port() -> str:
@@ -196,26 +247,6 @@ def _only_port() -> str:
             "no USB serial port has anything plugged in; plug the sensor in, name its --port, or try --sensor sim"
         )
     raise SensorError(f"several ports have something plugged in ({', '.join(p.device for p in ports)}); name a --port")
-
-
-def _line_decoder(args: argparse.Namespace) -> Callable[[], Decoder]:
-    from pathlib import Path
-
-    from pbd.errors import SensorError
-    from pbd.sensors.line_layout import layout_from_options, layout_from_toml
-    from pbd.sensors.lines import LineDecoder
-
-    if not args.columns:
-        raise SensorError('tell what the numbers of a line are: --columns "t,ax,ay,az,gx,gy,gz", or a .toml file')
-    if args.columns.endswith(".toml"):
-        try:
-            text = Path(args.columns).read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as reason:
-            raise SensorError(f"{args.columns} can't be read ({reason}); give a TOML file", path=args.columns) from None
-        layout = layout_from_toml(text, args.columns)
-    else:
-        layout = layout_from_options(args.columns, args.unit, args.separator, args.prefix, args.wrap)
-    return lambda: LineDecoder(layout)
 
 
 def _set_rate(device: str, baud: int, sensor: str, rate_hz: float) -> None:
@@ -238,6 +269,7 @@ def _report(args: argparse.Namespace, outcome: Outcome) -> None:
                 "samples": outcome.samples,
                 "duration_s": outcome.duration_s,
                 "lost": outcome.lost,
+                "bad_packets": outcome.bad_packets,
                 "stops": outcome.stops,
                 "ended_by": outcome.ended_by,
             }
@@ -245,7 +277,9 @@ def _report(args: argparse.Namespace, outcome: Outcome) -> None:
     elif folder is None:
         print("discarded", file=sys.stderr)
     else:
+        bad = f", {outcome.bad_packets} bad packets" if outcome.bad_packets else ""
         print(
-            f"{folder}: {outcome.duration_s:.1f} s, {outcome.samples} samples, {outcome.lost} lost, {outcome.stops} "
-            f"stops; ended by {outcome.ended_by}\nnext: pbd keyframes {outcome.folder.name if outcome.folder else ''}"
+            f"{folder}: {outcome.duration_s:.1f} s, {outcome.samples} samples, {outcome.lost} lost{bad}, "
+            f"stops after the first rest: {max(outcome.stops - 1, 0)}; ended by {outcome.ended_by}"
         )
+        print(f"next: pbd keyframes {outcome.folder.name if outcome.folder else ''}")

@@ -3,25 +3,29 @@
 from __future__ import annotations
 
 import sys
+from contextlib import suppress
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
+from pbd.record.coach import in_cm, placed
 from pbd.record.told import Say, Status
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-LINES_KEPT = 6
+LINES_KEPT, OTHER_LINES = 6, 11
+KEYS = "Enter ends · space grips or lets go · q discards"
 PLAIN_EVERY_S = 2.0
-BAR = 20
+BAR, WIDTH = 20, 78
 
 
 class PlainScreen:
-    """A line for what is said, and one for the state every two seconds, on stderr."""
+    """A line for what is said, and one for the state every two seconds, on stderr; rings the bell of a terminal."""
 
     def __init__(self, title: str) -> None:
         self._title = title
         self._shown_t = 0.0
+        self._bell = "\a" if sys.stderr.isatty() else ""
 
     def __enter__(self) -> Self:
         return self
@@ -32,18 +36,25 @@ class PlainScreen:
         pass
 
     def ask(self, question: str) -> None:
-        """Nobody is there to answer."""
+        """Print a question; "" takes it back."""
+        if question:
+            _print(question)
 
     def show(self, status: Status) -> None:
         """Print what is new."""
         if self._title:
-            print(f"{self._title}; hold still", file=sys.stderr, flush=True)
+            _print(f"{self._title}; hold still")
             self._title = ""
         for say in status.said:
-            print(f"{say.t:7.1f} s  {say.text}", file=sys.stderr, flush=True)
+            _print(f"{say.t:7.1f} s  {say.text}{self._bell if say.bell else ''}")
         if status.t - self._shown_t >= PLAIN_EVERY_S:
             self._shown_t = status.t
-            print(f"{status.t:7.1f} s  {state(status)}; {health(status)}", file=sys.stderr, flush=True)
+            _print(f"{status.t:7.1f} s  {state(status)}; {health(status)}")
+
+
+def _print(line: str) -> None:
+    with suppress(OSError):  # nobody reads any more: recording goes on
+        print(line, file=sys.stderr, flush=True)
 
 
 class PanelScreen:
@@ -60,13 +71,15 @@ class PanelScreen:
         self._live = Live(console=self._console, auto_refresh=False, transient=False)
 
     def __enter__(self) -> Self:
-        self._live.start()
+        with suppress(OSError):
+            self._live.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._live.stop()
+        with suppress(OSError):
+            self._live.stop()
 
     def ask(self, question: str) -> None:
         """Show a question in the place of the keys; "" takes it back."""
@@ -75,30 +88,42 @@ class PanelScreen:
     def show(self, status: Status) -> None:
         """Draw."""
         self._lines = [*self._lines, *status.said][-LINES_KEPT:]
-        if any(say.bell for say in status.said):
-            self._console.bell()
-        self._live.update(self._panel(status), refresh=True)
+        with suppress(OSError):  # the terminal is gone: recording goes on
+            if any(say.bell for say in status.said):
+                self._console.bell()
+            self._live.update(self.panel(status), refresh=True)
 
-    def _panel(self, status: Status) -> RenderableType:
+    def panel(self, status: Status) -> RenderableType:
+        """What it draws."""
         from rich.console import Group
         from rich.panel import Panel
         from rich.table import Table
         from rich.text import Text
 
         table = Table.grid(padding=(0, 2))
-        colour = "yellow" if status.waiting else "cyan" if status.moving else "green"
-        table.add_row("hand", Text(state(status), style=f"bold {colour}"))
+        pause = status.moving and status.sigma_of_move_m > self._tolerance_m
+        hand = f"pause now: {in_cm(status.sigma_of_move_m)}" if pause else state(status)
+        colour = "yellow" if status.waiting or pause else "cyan" if status.moving else "green"
+        table.add_row("hand", Text(hand, style=f"bold {colour}"))
         x, y, z = 100.0 * status.p_nav_sensor
-        table.add_row("place", f"{x:6.1f} {y:6.1f} {z:6.1f} cm   stops {max(status.stops - 1, 0)}")
+        table.add_row("place", f"({x:.1f}, {y:.1f}, {z:.1f}) cm")
+        last = f"{status.stops - 1}, the last at {placed(status.keyframes[-1])}" if status.stops > 1 else "none yet"
+        table.add_row("stops", last)
         over = status.sigma_m > self._tolerance_m
         table.add_row("sigma", Text(f"{100.0 * status.sigma_m:6.1f} cm  {bar(status.sigma_m / self._tolerance_m)}"))
         table.columns[0].style = "dim"
         table.rows[-1].style = "yellow" if over else ""
         table.add_row("sensor", health(status))
         table.add_row("grip", "closed" if status.closed else "open")
-        lines = [Text(f"{say.t:6.1f} s  {say.text}", style="bold" if say.bell else "") for say in self._lines]
-        keys = Text(self._question or "Enter ends · space grips or lets go · q discards", style="dim")
-        return Panel(Group(table, Text(), *lines, Text(), keys), title=self._title, title_align="left", width=78)
+        kept = self._lines[-max(1, min(LINES_KEPT, self._console.height - OTHER_LINES)) :]
+        lines = [Text(f"{say.t:6.1f} s  {say.text}", style="bold" if say.bell else "") for say in kept]
+        keys = Text(self._question or KEYS, style="bold" if self._question else "dim")
+        return Panel(
+            Group(table, Text(), *lines, Text(), keys),
+            title=self._title,
+            title_align="left",
+            width=min(WIDTH, self._console.width),
+        )
 
 
 def state(status: Status) -> str:

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import argparse
 import sys
+from typing import TYPE_CHECKING
 
-from pbd.cli.options import Commands, add_command, add_json, print_json
+from pbd.cli.options import Commands, add_command, add_table, print_json
+
+if TYPE_CHECKING:
+    from pbd.sensors.probe import Found
 
 
 def add(commands: Commands) -> None:
@@ -19,17 +23,17 @@ def add(commands: Commands) -> None:
     )
     parser.add_argument("--probe", action="store_true", help="listen to each port and say what it speaks")
     parser.add_argument("--port", metavar="P", help="this port only")
-    add_json(parser)
+    add_table(parser)
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """List, and listen."""
     from pbd.errors import SensorError
-    from pbd.sensors.port import PortInfo, list_ports
-    from pbd.sensors.probe import probe
+    from pbd.sensors.port import PortInfo, list_ports, open_port
+    from pbd.sensors.probe import FIRST_BAUD, probe
     from pbd.sensors.protocols import PROTOCOLS
-    from pbd.view.tables import ports_table, print_table, sensors_table
+    from pbd.view.tables import ports_table, print_csv, print_table, sensors_table
 
     ports = (PortInfo(args.port, "", ""),) if args.port else list_ports()
     rows: list[dict[str, str | int | None]] = []
@@ -38,18 +42,21 @@ def run(args: argparse.Namespace) -> int:
         if args.probe:
             print(f"listening to {port.device} ...", file=sys.stderr, flush=True)
             try:
-                found = probe(port.device)
+                with open_port(port.device, FIRST_BAUD) as opened:
+                    found = probe(opened)
             except SensorError as error:
                 if args.port:
                     raise
                 row |= {"sensor": None, "baud": None, "note": error.message}
             else:
-                note = "silent" if not found.bytes_seen else "" if found.sensor else "bytes that no decoder knows"
-                row |= {"sensor": found.sensor, "baud": found.baud or None, "note": note}
+                row |= {"sensor": found.sensor, "baud": found.baud or None, "note": _note(found)}
         rows.append(row)
     kinds = [{"sensor": name, "title": one.title, "gives": one.gives} for name, one in PROTOCOLS.items()]
     if args.json:
         print_json({"ports": rows, "sensors": kinds})
+        return 0
+    if args.csv:
+        print_csv(ports_table(rows))
         return 0
     if rows:
         print_table(ports_table(rows))
@@ -58,3 +65,11 @@ def run(args: argparse.Namespace) -> int:
     print()
     print_table(sensors_table(kinds))
     return 0
+
+
+def _note(found: Found) -> str:
+    if found.sensor is not None:
+        return ""
+    if found.line is not None:
+        return f"lines such as {found.line[:40]!r}: record --sensor lines --columns ..."
+    return "bytes that no decoder knows" if found.bytes_seen else "silent"

@@ -10,6 +10,7 @@ from pbd.data import Demonstration, Recording, RecordingInfo
 from pbd.errors import RecordingError
 from pbd.files.demo import read_demo
 from pbd.pose import Array
+from pbd.record.clock import Clock
 from pbd.record.session import DEVICE_CLOCK
 from pbd.sensors.decoding import Decoder, Sample
 
@@ -17,8 +18,8 @@ from pbd.sensors.decoding import Decoder, Sample
 def decode_raw(path: Path, decoder: Decoder, sensor: str, rate_hz: float | None = None) -> Demonstration:
     """Read raw.bin.
 
-    Bytes carry no arrival times. Where the device has no clock, the times are those of the demonstration that raw.bin
-    lies in, if it has as many samples; else evenly spaced.
+    Bytes carry no arrival times. The times are those of the demonstration that raw.bin lies in, if it has as many
+    samples; else the device's own; where it has no clock, evenly spaced.
 
     Args:
         path: the file.
@@ -39,7 +40,7 @@ def decode_raw(path: Path, decoder: Decoder, sensor: str, rate_hz: float | None 
             f"{path}: no samples of {sensor} in its {len(data)} bytes; name the sensor that it came from", path=path
         )
     beside = read_demo(path.parent) if (path.parent / "demo.toml").is_file() else None
-    t, clock = _times(path, samples, None if beside is None else beside.recording, rate_hz)
+    samples, t, clock = _timed(path, samples, None if beside is None else beside.recording, rate_hz)
     return Demonstration(
         Recording(
             t,
@@ -59,16 +60,23 @@ def decode_raw(path: Path, decoder: Decoder, sensor: str, rate_hz: float | None 
     )
 
 
-def _times(path: Path, samples: list[Sample], beside: Recording | None, rate_hz: float | None) -> tuple[Array, str]:
-    device = [sample.t_device for sample in samples if sample.t_device is not None]
-    if len(device) == len(samples):
-        return np.array(device) - device[0], DEVICE_CLOCK
+def _timed(
+    path: Path, samples: list[Sample], beside: Recording | None, rate_hz: float | None
+) -> tuple[list[Sample], Array, str]:
+    """Return the samples that have a time, their times (n,) s, and where those come from."""
+    steps = np.diff([np.nan if sample.t_device is None else sample.t_device for sample in samples])
+    if has_clock := bool((steps > 0.0).any()):
+        clock = Clock(float(np.median(steps[steps > 0.0])))
+        timed = [taken for sample in samples for taken in clock.take(sample, 0.0)]
+        samples = [sample for _, sample in timed]
     if beside is not None and len(beside) == len(samples):
-        return beside.t, beside.info.clock
+        return samples, beside.t, beside.info.clock
+    if has_clock:
+        return samples, np.array([t for t, _ in timed]), DEVICE_CLOCK
     rate_hz = rate_hz or (None if beside is None else beside.rate_hz)
     if rate_hz is None:
         raise RecordingError(f"{path}: the sensor has no clock, and nothing tells its rate; give --rate", path=path)
-    return np.arange(len(samples)) / rate_hz, f"none: evenly spaced at {rate_hz:g} Hz"
+    return samples, np.arange(len(samples)) / rate_hz, f"none: evenly spaced at {rate_hz:g} Hz"
 
 
 def _given(samples: list[Sample], name: str) -> Array | None:

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections import deque
+
 import numpy as np
 
+from pbd.calibration.check import disagreements
+from pbd.data import Keyframe, Linear, SensorErrors
 from pbd.errors import PbdError
 from pbd.pose import Array
 from pbd.record.told import Say
@@ -14,17 +18,23 @@ from pbd.tracking.live_events import DataFlaw, LiveEvent
 TRACKED_HZ = 250.0
 """The tracker is fed no faster than this: means over blocks lose nothing that it could use."""
 
+URGED_S = 1.5
+"""Who has not held still by then (a second would do), or whose sensor has no right reading at rest, is told."""
+
 
 class Coach:
     """Feeds the live tracker and collects what is worth a line."""
 
-    def __init__(self, tolerance_m: float) -> None:
+    def __init__(self, tolerance_m: float, errors: SensorErrors | None = None) -> None:
         self.tracker = LiveTracker()
         self.stops = 0
         self._tolerance_m = tolerance_m
+        self._errors = errors
+        self._field: deque[tuple[float, Array]] = deque()  # of the last second
         self._block: list[tuple[float, Sample]] = []
         self._said: list[Say] = []
-        self._warned_after = -1
+        self._urged = False
+        self._warned = False  # of the move under way
         self._failed = ""
         self._t = -1.0
 
@@ -38,12 +48,18 @@ class Coach:
 
         def mean(name: str) -> Array | None:
             values = [value for _, each in block if (value := getattr(each, name)) is not None]
-            return np.mean(values, axis=0) if values else None
+            if not values:
+                return None
+            linear: Linear | None = getattr(self._errors, name, None)
+            read = np.mean(values, axis=0)
+            return read if linear is None else linear.true(read)
 
         at, acc = float(np.mean([at for at, _ in block])), mean("acc")
         assert acc is not None
+        mag = mean("mag")
+        self._remember(at, mag)
         try:
-            events = self.tracker.feed(at, acc, mean("gyr"), mean("mag"), mean("rpy"))
+            events = self.tracker.feed(at, acc, mean("gyr"), mag, mean("rpy"))
         except PbdError as error:  # recording goes on; what can't be tracked now may be mended later
             if error.message != self._failed:
                 self.say(t, error.message)
@@ -51,10 +67,30 @@ class Coach:
             return
         for event in events:
             self._tell(event)
+        if self.tracker.waiting and not self._urged and t >= URGED_S:
+            self._urged = True
+            self.say(t, self.tracker.waiting, bell=True)
         sigma = self.tracker.sigma_of_move
-        if self.tracker.moving and sigma > self._tolerance_m and self._warned_after != self.stops:
-            self._warned_after = self.stops
-            self.say(t, f"pause now: {100.0 * sigma:.0f} cm", bell=True)
+        if self.tracker.moving and sigma > self._tolerance_m and not self._warned:
+            self._warned = True
+            self.say(t, f"pause now: {in_cm(sigma)}", bell=True)
+
+    def _remember(self, t: float, mag: Array | None) -> None:
+        """Keep the field of the last second, until the first rest is compared with the calibration."""
+        if mag is not None and self._errors is not None:
+            self._field.append((t, mag))
+            while self._field[0][0] < t - 1.0:
+                self._field.popleft()
+
+    def _compare(self, event: RestFound) -> None:
+        """Tell where the sensor at rest disagrees with its calibration."""
+        if self._errors is None:
+            return
+        mag = np.mean([mag for _, mag in self._field], axis=0) if self._field else None
+        rest = event.rest
+        for line in disagreements(self._errors, rest.gravity * rest.up_sensor, rest.gyro_bias, mag):
+            self.say(event.t, f"{line}; calibrate the sensor again", bell=True)
+        self._field.clear()
 
     def say(self, t: float, text: str, bell: bool = False) -> None:
         """Add a line."""
@@ -68,12 +104,24 @@ class Coach:
     def _tell(self, event: LiveEvent) -> None:
         if isinstance(event, RestFound):
             self.say(event.t, "the rest at the start is found: you may move", bell=True)
+            self._compare(event)
         elif isinstance(event, StopBegan):
-            self.stops = event.index + 1
+            again, self.stops, self._warned = event.index < self.stops, event.index + 1, False
             if event.index:
-                x, y, z = 100.0 * event.keyframe.T_nav_sensor.p
-                sigma = 100.0 * float(np.sqrt(np.diagonal(event.keyframe.cov)[:3].max()))
-                text = f"stop {event.index} at ({x:.1f}, {y:.1f}, {z:.1f}) cm, sigma {sigma:.1f} cm: you may move on"
-                self.say(event.announced_t, text, bell=True)
+                text = f"stop {event.index} at {placed(event.keyframe)}"
+                # What was announced before was the beginning of this same stop: the person knows, the place is better.
+                self.say(event.announced_t, text if again else f"{text}: you may move on", bell=not again)
         elif isinstance(event, DataFlaw):
             self.say(event.t, event.message)
+
+
+def placed(keyframe: Keyframe) -> str:
+    """Where a stop is, in nav, and how sure that is along its least sure axis."""
+    x, y, z = 100.0 * keyframe.T_nav_sensor.p
+    sigma = float(np.sqrt(np.diagonal(keyframe.cov)[:3].max()))
+    return f"({x:.1f}, {y:.1f}, {z:.1f}) cm, sigma {100.0 * sigma:.1f} cm"
+
+
+def in_cm(length: float) -> str:
+    """Write a length in m as one says it: 2 cm, 0.4 cm."""
+    return f"{100.0 * length:.0f} cm" if length >= 0.01 else f"{100.0 * length:.1f} cm"

@@ -10,6 +10,7 @@ from pbd.record.session import Session
 from pbd.record.told import Command, Outcome, RecordOptions, Status
 from pbd.sensors.decoding import Decoder
 from pbd.sensors.port import Port
+from pbd.sensors.probe import recognise, what_it_is
 from pbd.sensors.reader import Reader
 
 SILENT_S = 3.0
@@ -17,6 +18,9 @@ SILENT_S = 3.0
 
 SHOWN_S = 0.1
 """The screen is brought up to date this often."""
+
+AGAIN_S = 0.2
+"""A port that is gone is tried again after so long."""
 
 Poll = Callable[[], Command | None]
 
@@ -46,6 +50,9 @@ def record(
     session, reader = Session(decoder, options), Reader(open_port)
     try:
         ended_by = _run(session, reader, poll, show, every_s)
+        session.end()
+        if session.demo is None and not session.discarded:
+            raise SensorError("ended before the first sample came: nothing is recorded; record again")
     finally:
         reader.close()
         session.close()
@@ -55,29 +62,31 @@ def record(
 
 
 def _run(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], None], every_s: float) -> str:
-    options, shown = session.options, 0.0
+    options, shown, away = session.options, 0.0, False
     while True:
         pieces, gone = reader.take()
+        if pieces and away:
+            away = False
+            session.coach.say(session.t, "the sensor is back", bell=True)
         for data, arrival in pieces:
             session.take(data, arrival)
         session.flush()
+        session.follow()
         now = time.monotonic()
-        if not session.samples and (gone or now - reader.opened > SILENT_S):
-            raise gone or _nothing(reader, options.sensor)
+        if session.demo is None and (gone or now - reader.opened > SILENT_S) and not (gone and session.believed):
+            raise gone or _nothing(session, reader)
         if gone or now - reader.latest > SILENT_S:
             why = "the sensor was unplugged" if gone else f"the sensor has been silent for {SILENT_S:g} s"
             if not options.reconnect:
                 return why
-            session.coach.say(session.t, f"{why}; waiting for it", bell=True)
-            show(session.status())
-            if not reader.reopen(lambda: poll() in (Command.END, Command.DISCARD)):
-                return why
-            session.coach.say(session.t, "the sensor is back", bell=True)
-        command = poll()
-        if command is Command.END:
-            return "you"
+            if not away:
+                session.coach.say(session.t, f"{why}; waiting for it", bell=True)
+            command, away = _wait(session, reader, poll, show), True
+        else:
+            command = poll()
         if command is Command.DISCARD:
             session.discard()
+        if command in (Command.END, Command.DISCARD):
             return "you"
         if command is Command.GRIP:
             session.grip()
@@ -88,17 +97,38 @@ def _run(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], 
             shown = now
 
 
-def _nothing(reader: Reader, sensor: str) -> SensorError:
-    """Say why no sample has come."""
-    port = reader.port
+def _wait(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], None]) -> Command | None:
+    """Wait until the port can be opened again, or a person ends or discards the recording."""
+    reader.close()
+    while not reader.reopened():
+        show(session.status())
+        command = poll()
+        if command in (Command.END, Command.DISCARD):
+            return command
+        time.sleep(AGAIN_S)
+    return None
+
+
+def _nothing(session: Session, reader: Reader) -> SensorError:
+    """Say why no recording has begun."""
+    port, sensor, tally = reader.port, session.options.sensor, session.decoder.tally
+    whole = tally.packets > tally.bad_packets and recognise(session.heard) in (None, sensor)
     if not reader.bytes_seen:
         message = (
             f"{port.device} is silent at {port.baud} baud: nothing came in {SILENT_S:g} s; check that the sensor is on "
             "and sends by itself, or look with `pbd sensors --probe`"
         )
-    else:
+    elif whole and not session.samples:
         message = (
-            f"{reader.bytes_seen} bytes came from {port.device} at {port.baud} baud, but no whole packet of {sensor}: "
-            "the baud rate or the kind of sensor is another; look with `pbd sensors --probe`"
+            f"whole packets of {sensor} come from {port.device}, but none with an acceleration: choose it among the "
+            "outputs of the device (docs/sensors.md says how)"
+        )
+    elif whole:
+        message = f"{port.device} sends too slowly ({session.samples} in {SILENT_S:g} s): raise the rate of the device"
+    else:
+        count = f"{tally.packets or 'no'} whole packet{'s' if tally.packets > 1 else ''}"
+        message = (
+            f"{reader.bytes_seen} bytes came from {port.device} at {port.baud} baud, but {count} of {sensor}: "
+            f"{what_it_is(session.heard, port.baud, sensor)}"
         )
     return SensorError(message, path=port.device, baud=port.baud)

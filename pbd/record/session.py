@@ -3,19 +3,28 @@
 from __future__ import annotations
 
 from collections import deque
+from contextlib import suppress
+from math import hypot
 
 import numpy as np
 
 from pbd.data import GripEvent, RecordingInfo
+from pbd.errors import PbdError, RecordingError
 from pbd.files.columns import compass_angles
 from pbd.files.growing import GrowingDemo
+from pbd.record.clock import Clock
 from pbd.record.coach import Coach
+from pbd.record.health import Health
+from pbd.record.losses import Losses
 from pbd.record.told import Outcome, RecordOptions, Status
 from pbd.sensors.decoding import Decoder, Sample
-from pbd.sensors.stamps import Stamper, straighten
+from pbd.sensors.stamps import straighten
 
-LOOK_S = 0.3
-"""The first samples are looked at for this long to see which channels there are."""
+LOOK_S = 0.2
+"""The first samples are looked at for this long to see which channels there are; till then nothing is on disk."""
+
+HEARD = 4096
+"""So many of the first bytes are kept, to say what they are where they are no packets."""
 
 DEVICE_CLOCK, HOST_CLOCK = "device", "host: arrival times, straightened by a line"
 
@@ -25,36 +34,45 @@ class Session:
 
     def __init__(self, decoder: Decoder, options: RecordOptions) -> None:
         self.decoder, self.options = decoder, options
-        self.coach = Coach(options.tolerance_m)
+        self.coach = Coach(options.tolerance_m, options.errors)
         self.demo: GrowingDemo | None = None
         self.t = 0.0
         self.samples = 0
-        self.lost = 0
         self.closed = False
         self.discarded = False
+        self.heard = b""
+        self._health, self._losses = Health(), Losses()
+        self._lost_at_end: int | None = None
         self._raw = bytearray()
         self._first: list[tuple[float, Sample]] = []
         self._channels: tuple[str, ...] = ()
         self._rows: list[tuple[float, tuple[float, ...]]] = []
+        self._untold: list[tuple[float, Sample]] = []
         self._recent: deque[tuple[float, float]] = deque()
-        self._stamper = Stamper()
-        self._device_zero: float | None = None
+        self._clock = Clock()
 
     def take(self, data: bytes, arrival: float) -> None:
         """Decode bytes that arrived at `arrival` s; stamp and keep their samples."""
-        for sample in self.decoder.feed(data):
-            if sample.acc is None:
-                continue
-            self.t = self._time(sample, arrival)
-            self.samples += 1
-            if self.demo is None:
-                self._first.append((self.t, sample))
-            else:
-                self._keep(self.t, sample)
-        if self.demo is None and self._first and self.t >= LOOK_S:
+        for decoded in self.decoder.feed(data):
+            for t, sample in self._clock.take(decoded, arrival) if decoded.acc is not None else ():
+                self.t = t
+                self._losses.take(t)
+                self.samples += 1
+                if self.demo is None:
+                    self._first.append((t, sample))
+                else:
+                    self._keep(t, sample)
+        if len(self.heard) < HEARD:
+            self.heard += data
+        if self.demo is None and self.believed and self.t >= LOOK_S:
             self._begin()
         if self.options.raw:
             self._raw += data
+
+    @property
+    def believed(self) -> bool:
+        """Whether samples have come, and more than chance makes of another sensor's bytes or at another baud rate."""
+        return self.samples > 0 and self.decoder.tally.packets > self.decoder.tally.bad_packets
 
     def flush(self) -> None:
         """Write what has come."""
@@ -64,6 +82,14 @@ class Session:
         if self.demo is not None and self._rows:
             self.demo.add([t for t, _ in self._rows], [values for _, values in self._rows])
             self._rows.clear()
+
+    def follow(self) -> None:
+        """Track what is written, and tell what is wrong with it: that may take a moment, so it comes after."""
+        for t, sample in self._untold:
+            self.coach.feed(t, sample)
+            for line in self._health.feed(t, sample):
+                self.coach.say(t, line, bell=True)
+        self._untold.clear()
 
     def grip(self) -> None:
         """Change the grip, now."""
@@ -78,19 +104,40 @@ class Session:
         if self.demo is not None:
             self.demo.discard()
 
+    def end(self) -> None:
+        """Begin what was too short to have begun: no sample is thrown away."""
+        if self.demo is None and self.believed and not self.discarded:
+            self._begin()
+            self.follow()
+
+    @property
+    def lost(self) -> int:
+        """How many samples never came, as far as is known."""
+        if self._lost_at_end is not None:
+            return self._lost_at_end
+        return self._losses.lost if self._clock.is_device else self._clock.stamper.lost
+
     def close(self) -> None:
         """Write what is left, and what is known at the end only: the rate, and times straightened over the whole."""
+        self._losses.judge()
         if self.demo is None or self.discarded:
             return
         try:
             self.flush()
-        finally:
-            times = None
-            if self._device_zero is None and self.demo.rows == len(self._stamper.arrivals):
-                times, self.lost = straighten(np.array(self._stamper.arrivals))
-            duration = self.t if times is None else float(times[-1])
-            rows = self.demo.rows + self.lost
-            self.demo.finish(float(f"{(rows - 1) / duration:.5g}") if duration > 0.0 else None, self._clock, times)
+        except RecordingError:
+            with suppress(PbdError):  # of a full disk: what could not be written has been told
+                self._finish(self.demo)
+            raise
+        self._finish(self.demo)
+
+    def _finish(self, demo: GrowingDemo) -> None:
+        times = None
+        arrivals = self._clock.stamper.arrivals
+        if demo.rows == len(arrivals):
+            times, self._lost_at_end = straighten(np.array(arrivals))
+        duration = self.t if times is None else float(times[-1])
+        rows = demo.rows + self.lost
+        demo.finish(float(f"{(rows - 1) / duration:.5g}") if duration > 0.0 else None, self._clock_name, times)
 
     def status(self) -> Status:
         """Take a picture; what was said is told once."""
@@ -103,8 +150,8 @@ class Session:
             t=self.t,
             rate_hz=(len(self._recent) - 1) / span if span > 0.0 else 0.0,
             samples=self.samples,
-            lost=tracker.lost,
-            bad_packets=self.decoder.tally.bad_packets,
+            lost=self.lost,
+            bad_packets=self.bad_packets,
             waiting=tracker.waiting,
             moving=tracker.moving,
             stops=self.coach.stops,
@@ -122,24 +169,16 @@ class Session:
     def outcome(self, ended_by: str) -> Outcome:
         """How it ended."""
         folder = None if self.discarded or self.demo is None else self.options.folder
-        lost = self.lost or self.coach.tracker.lost
-        return Outcome(folder, self.samples, self.t, lost, self.coach.stops, ended_by)
+        return Outcome(folder, self.samples, self.t, self.lost, self.bad_packets, self.coach.stops, ended_by)
 
     @property
-    def _clock(self) -> str:
-        return HOST_CLOCK if self._device_zero is None else DEVICE_CLOCK
+    def bad_packets(self) -> int:
+        """What the decoder threw away, and samples whose time can't be."""
+        return self.decoder.tally.bad_packets + self._clock.doubted
 
-    def _time(self, sample: Sample, arrival: float) -> float:
-        stamped = self._stamper.stamp(arrival)
-        if sample.t_device is None:
-            return stamped
-        if self._device_zero is None:
-            self._device_zero = sample.t_device
-        t = sample.t_device - self._device_zero
-        if t < self.t:  # the device has begun anew: go on by the host's clock
-            self._device_zero = sample.t_device - max(stamped, self.t)
-            t = sample.t_device - self._device_zero
-        return t
+    @property
+    def _clock_name(self) -> str:
+        return DEVICE_CLOCK if self._clock.is_device else HOST_CLOCK
 
     def _begin(self) -> None:
         seen = [sample for _, sample in self._first]
@@ -147,7 +186,7 @@ class Session:
         given["device"] = any(s.rpy for s in seen)
         self._channels = tuple(name for name, there in given.items() if there)
         options = self.options
-        info = RecordingInfo(sensor=options.sensor, created=options.created, clock=self._clock)
+        info = RecordingInfo(sensor=options.sensor, created=options.created, clock=self._clock_name)
         self.demo = GrowingDemo(options.folder, info, self._channels, options.closed, options.force)
         for t, sample in self._first:
             self._keep(t, sample)
@@ -161,5 +200,5 @@ class Session:
         nothing = (np.nan, np.nan, np.nan)
         given = [nothing if of[name] is None else of[name] for name in self._channels]
         self._rows.append((t, tuple(float(value) for triple in given for value in triple)))  # type: ignore[union-attr]
-        self._recent.append((t, float(np.linalg.norm(sample.acc))))
-        self.coach.feed(t, sample)
+        self._recent.append((t, hypot(*sample.acc)))
+        self._untold.append((t, sample))

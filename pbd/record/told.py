@@ -6,7 +6,7 @@ import enum
 from dataclasses import dataclass
 from pathlib import Path
 
-from pbd.data import Keyframe
+from pbd.data import Keyframe, SensorErrors
 from pbd.pose import Array
 
 
@@ -31,6 +31,8 @@ class RecordOptions:
         raw: keep the bytes as they come.
         reconnect: wait for a sensor that was unplugged.
         force: replace a demonstration of that name.
+        errors: of the sensor, as calibrated: the live tracker works without them, and a rest that contradicts them is
+            told. What is recorded stays as it was read.
     """
 
     folder: Path
@@ -42,6 +44,7 @@ class RecordOptions:
     raw: bool = False
     reconnect: bool = False
     force: bool = False
+    errors: SensorErrors | None = None
 
 
 @dataclass(frozen=True)
@@ -98,11 +101,22 @@ class Status:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a recording ended: its folder (None where it was discarded), samples, seconds, lost samples, stops, why."""
+    """How a recording ended.
+
+    Attributes:
+        folder: None where it was discarded.
+        samples: so many.
+        duration_s: from the first to the last.
+        lost: samples that never came.
+        bad_packets: thrown away by the decoder.
+        stops: how many.
+        ended_by: by whom or what.
+    """
 
     folder: Path | None
     samples: int
     duration_s: float
     lost: int
+    bad_packets: int
     stops: int
     ended_by: str

@@ -24,12 +24,13 @@ class Emulator:
     """Plays a recording into a pseudo-terminal; then the hand rests, at its last samples over and over."""
 
     def __init__(self, recording: Recording) -> None:
-        """Open the pseudo-terminal; `device` is its name."""
+        """Open the pseudo-terminal; `device` is its name, `sent` counts the samples that were sent."""
         self._recording = recording
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
         self.device = os.ttyname(self._slave)
+        self.sent = 0
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._play, name="emulated sensor", daemon=True)
 
@@ -55,16 +56,16 @@ class Emulator:
     def _play(self) -> None:
         recording, interval = self._recording, 1.0 / self._recording.rate_hz
         rest = max(1, min(len(recording), round(0.5 / interval)))
-        begun, sent = time.monotonic(), 0
+        begun = time.monotonic()
         while not self._ended.wait(TICK_S):
             due = int((time.monotonic() - begun) / interval)
             messages = []
-            for k in range(sent, due):
+            for k in range(self.sent, due):
                 row = k if k < len(recording) else len(recording) - rest + (k - len(recording)) % rest
                 messages.append(encode(recording, row, round(1e6 * k * interval)))
-            sent = due
             with suppress(OSError):  # nobody reads: as a real sensor, it goes on talking
                 os.write(self._master, b"".join(messages))
+            self.sent = due
 
 
 def encode(recording: Recording, row: int, microseconds: int) -> bytes:

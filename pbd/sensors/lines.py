@@ -46,7 +46,7 @@ class LineDecoder:
         *lines, rest = (self._rest + data).replace(b"\r", b"\n").split(b"\n")
         samples: list[Sample] = []
         for line in lines:
-            text = self._end_of(line)
+            text = line if len(line) <= LONGEST else self._end_of(line)
             if self._cut:
                 self.tally.skipped_bytes += len(text)
                 self._cut = False

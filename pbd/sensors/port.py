@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import grp
 import os
+import stat
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -79,6 +80,19 @@ class Port:
                 f"{self.device} takes no command ({reason}); unplug the sensor and plug it in again", path=self.device
             ) from reason
 
+    def set_baud(self, baud: int) -> None:
+        """Change the rate of the open port: to open it again would reset an Arduino.
+
+        Raises:
+            SensorError: there is no such rate, or the sensor was unplugged.
+        """
+        try:
+            self._serial.baudrate = baud
+            self._serial.reset_input_buffer()
+        except (OSError, ValueError) as reason:
+            raise SensorError(_why(self.device, baud, reason), path=self.device, baud=baud) from None
+        self.baud = baud
+
     def close(self) -> None:
         """Close it; closing twice is nothing."""
         with suppress(Exception):
@@ -102,6 +116,8 @@ def open_port(device: str, baud: int) -> Port:
     from serial import Serial, SerialException
 
     try:
+        if baud <= 0:
+            raise ValueError("0 would hang up")
         return Port(Serial(device, baud, timeout=WAIT_S, write_timeout=1.0, exclusive=True), device, baud)
     except (SerialException, OSError, ValueError) as reason:
         raise SensorError(_why(device, baud, reason), path=device, baud=baud) from None
@@ -113,10 +129,7 @@ def _why(device: str, baud: int, reason: Exception) -> str:
         here = ", ".join(port.device for port in list_ports()) or "none"
         return f"there is no port {device} (plugged in are: {here}); plug the sensor in, or name another"
     if number == errno.EACCES:
-        return (
-            f"no permission for {device}: it belongs to the group '{_group(device)}'; "
-            f"add yourself with `sudo usermod -aG {_group(device)} {_user()}`, then log in again"
-        )
+        return f"no permission for {device}: {_permission(device)}"
     if number in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in str(reason):
         return f"{device} is in use by another program; close that one (a terminal, another recording)"
     if isinstance(reason, ValueError):
@@ -126,11 +139,18 @@ def _why(device: str, baud: int, reason: Exception) -> str:
     return f"{device} can't be opened ({reason}); unplug the sensor and plug it in again"
 
 
-def _group(device: str) -> str:
+def _permission(device: str) -> str:
+    """Who may use it, and how to become one of them."""
+    status = Path(device).stat()
     try:
-        return grp.getgrgid(Path(device).stat().st_gid).gr_name
-    except (KeyError, OSError):
-        return "dialout"
+        group = grp.getgrgid(status.st_gid).gr_name
+    except KeyError:
+        group = str(status.st_gid)
+    if group == "root" or not status.st_mode & stat.S_IWGRP:
+        return f"only its owner may use it; give it to yourself with `sudo chown {_user()} {device}`"
+    return (
+        f"it belongs to the group '{group}'; add yourself with `sudo usermod -aG {group} {_user()}`, then log in again"
+    )
 
 
 def _user() -> str:

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 
 from pbd.errors import SensorError
 from pbd.sensors.decoding import Decoder
-from pbd.sensors.port import Port, open_port
+from pbd.sensors.port import Port
 from pbd.sensors.protocols import PROTOCOLS
 
 LISTEN_S = 0.7
 """The slowest devices send several packets within this time."""
+
+BOOT_S = 3.0
+"""An Arduino begins anew when its port is opened, and is silent meanwhile."""
 
 ENOUGH = 3
 """So many whole packets are no accident."""
@@ -20,75 +23,157 @@ ENOUGH = 3
 GUESSED = tuple(name for name in PROTOCOLS if name != "lines")
 """What can be told from the bytes alone."""
 
+BAUDS = tuple(dict.fromkeys(baud for name in GUESSED for baud in PROTOCOLS[name].bauds))
+FIRST_BAUD = BAUDS[0]
+
 
 @dataclass(frozen=True)
 class Found:
-    """What a port speaks, at which baud rate, and how many packets and bytes came while it was listened to."""
+    """What a port speaks, at which baud rate, how many bytes came meanwhile, and a line of them if they are text."""
 
     sensor: str | None
     baud: int
-    packets: int
     bytes_seen: int
+    line: str | None = None
 
 
-def listen(port: Port, decoders: dict[str, Decoder], seconds: float = LISTEN_S) -> int:
-    """Feed what comes to all decoders; return how many bytes came. Ends once one of them has ENOUGH packets."""
-    end, count = time.monotonic() + seconds, 0
-    while time.monotonic() < end:
+class Ear:
+    """A decoder at its start, and how many samples it has made."""
+
+    def __init__(self, make: Callable[[], Decoder]) -> None:
+        self._decoder = make()
+        self._samples = 0
+
+    def feed(self, data: bytes) -> None:
+        """Listen to the next bytes."""
+        self._samples += len(self._decoder.feed(data))
+
+    @property
+    def hears_packets(self) -> bool:
+        """Whether whole packets come, and few broken ones."""
+        tally = self._decoder.tally
+        return tally.packets >= ENOUGH and tally.packets > 2 * tally.bad_packets
+
+    @property
+    def hears_samples(self) -> bool:
+        """Whether the packets are this device's for certain: a sentence of another may be whole, and say nothing."""
+        return self._samples >= ENOUGH and self.hears_packets
+
+
+def listen(port: Port, ears: Collection[Ear], seconds: float, patience: float = 0.0) -> bytes:
+    """Let all ears hear what comes; return it. Ends once one of them hears samples.
+
+    Args:
+        port: to listen to.
+        ears: that listen.
+        seconds: so long, from the first byte on.
+        patience: so long the first byte is waited for, if that is more.
+    """
+    heard, end = b"", time.monotonic() + max(seconds, patience)
+    while time.monotonic() < end and not any(ear.hears_samples for ear in ears):
         data = port.read()
-        count += len(data)
-        for decoder in decoders.values():
-            decoder.feed(data)
-        if any(is_sure(decoder) for decoder in decoders.values()):
-            break
-    return count
+        if data and not heard:
+            end = time.monotonic() + seconds
+        heard += data
+        for ear in ears:
+            ear.feed(data)
+    return heard
 
 
-def is_sure(decoder: Decoder) -> bool:
-    """Whether the bytes were this decoder's: enough packets, few of them bad, little beside them."""
-    tally = decoder.tally
-    return tally.packets >= ENOUGH and tally.packets > 2 * tally.bad_packets
+def one_of_each() -> dict[str, Ear]:
+    """Ears for all that can be told from the bytes alone."""
+    return {name: Ear(PROTOCOLS[name].decoder) for name in GUESSED}
 
 
-def find_baud(device: str, make: Callable[[], Decoder], bauds: tuple[int, ...]) -> int:
-    """Return the first of the baud rates at which whole packets come.
+def recognised(ears: Mapping[str, Ear]) -> str | None:
+    """Which of them hears samples."""
+    return next((name for name, ear in ears.items() if ear.hears_samples), None)
+
+
+def recognise(data: bytes) -> str | None:
+    """Tell whose bytes these are; None where no decoder makes something of them."""
+    ears = one_of_each()
+    for ear in ears.values():
+        ear.feed(data)
+    return recognised(ears)
+
+
+def printed_line(data: bytes) -> str | None:
+    """Return one whole line of what is plain text with numbers in it; None where it is not."""
+    lines = data.split(b"\n")[1:-1]
+    plain = [line.strip() for line in lines if line.strip() and line.strip().isascii()]
+    if len(plain) < ENOUGH or len(plain) < 0.9 * len(lines):
+        return None
+    text = plain[-1].decode("ascii")
+    return text if text.isprintable() and any(letter.isdigit() for letter in text) else None
+
+
+def what_it_is(data: bytes, baud: int | None, sensor: str | None = None) -> str:
+    """Say in words, for a message, what bytes are that are no packets of `sensor`, and what to do about it."""
+    known, line = recognise(data), printed_line(data)
+    if known is not None and known != sensor:
+        return f"they are {known}'s: give --sensor {known}"
+    if line is not None and sensor == "lines":
+        return f"a line is {_shortened(line)!r}: mend --columns, --separator or --prefix"
+    if line is not None:
+        return f'they are lines such as {_shortened(line)!r}: give --sensor lines --columns "..."'
+    at = "" if baud is None else f"{baud} baud is wrong, or "
+    return f"{at}it is another kind of sensor: look with `pbd sensors --probe`"
+
+
+def _shortened(line: str) -> str:
+    return line if len(line) <= 40 else f"{line[:37]}..."
+
+
+def find_baud(port: Port, make: Callable[[], Decoder], sensor: str) -> int:
+    """Return the first of the sensor's baud rates at which whole packets come.
+
+    Args:
+        port: an open one; it stays open.
+        make: makes the sensor's decoder.
+        sensor: its protocol.
 
     Raises:
-        SensorError: none of them; it says whether bytes came at all.
+        SensorError: none of them; it says whether bytes came at all, and whose they are if that can be told.
     """
-    count = 0
-    for baud in bauds:
-        with open_port(device, baud) as port:
-            decoder = make()
-            count += listen(port, {"": decoder}, 2.0 * LISTEN_S)
-            if is_sure(decoder):
-                return baud
-    tried = ", ".join(map(str, bauds))
+    heard: dict[int, bytes] = {}
+    for baud in PROTOCOLS[sensor].bauds:
+        port.set_baud(baud)
+        ear = Ear(make)
+        heard[baud] = listen(port, [ear], 2.0 * LISTEN_S, 0.0 if heard else BOOT_S)
+        if ear.hears_packets:
+            return baud
+    tried, count = ", ".join(map(str, heard)), sum(map(len, heard.values()))
     if count == 0:
         raise SensorError(
-            f"{device} is silent (tried {tried} baud); check that the sensor is on and sends by itself", path=device
+            f"{port.device} is silent (tried {tried} baud); check that the sensor is on and sends by itself",
+            path=port.device,
         )
+    told = next((data for data in heard.values() if recognise(data) or printed_line(data)), b"")
     raise SensorError(
-        f"{count} bytes came from {device}, but no whole packet of that sensor (tried {tried} baud); give --baud, or "
-        "see what it speaks with `pbd sensors --probe`",
-        path=device,
+        f"{count} bytes came from {port.device}, but no whole packet of {sensor} (tried {tried} baud): "
+        f"{what_it_is(told, None, sensor)}",
+        path=port.device,
     )
 
 
-def probe(device: str) -> Found:
-    """Listen at each baud rate that any device has; the most packets win.
+def probe(port: Port) -> Found:
+    """Listen at each baud rate that any device has, until one of the decoders is sure.
 
     Raises:
-        SensorError: the port can't be opened.
+        SensorError: the sensor was unplugged.
     """
-    best = Found(None, 0, 0, 0)
-    for baud in dict.fromkeys(baud for name in GUESSED for baud in PROTOCOLS[name].bauds):
-        decoders = {name: PROTOCOLS[name].decoder() for name in GUESSED if baud in PROTOCOLS[name].bauds}
-        with open_port(device, baud) as port:
-            count = listen(port, decoders)
-        name = max(decoders, key=lambda name: decoders[name].tally.packets)
-        if is_sure(decoders[name]):
-            return Found(name, baud, decoders[name].tally.packets, count)
-        if count > best.bytes_seen:
-            best = Found(None, baud, 0, count)
+    best = Found(None, 0, 0)
+    for baud in BAUDS:
+        port.set_baud(baud)
+        ears = one_of_each()  # whatever their rates: a USB device may not care about the port's
+        heard = listen(port, ears.values(), LISTEN_S, BOOT_S if baud == FIRST_BAUD else 0.0)
+        name = recognised(ears)
+        if name is not None:
+            return Found(name, baud, len(heard))
+        line = printed_line(heard)
+        if line is not None:
+            return Found(None, baud, len(heard), line)
+        if len(heard) > best.bytes_seen:
+            best = Found(None, baud, len(heard))
     return best

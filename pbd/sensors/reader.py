@@ -11,7 +11,7 @@ from pbd.errors import SensorError
 from pbd.sensors.port import Port
 
 WAIT_S = 0.02
-AGAIN_S = 0.2
+"""`take` returns after this long at the latest."""
 
 
 class Reader:
@@ -37,17 +37,13 @@ class Reader:
             self.latest = piece[1]
             self.bytes_seen += len(piece[0])
 
-    def reopen(self, ended: Callable[[], bool]) -> bool:
-        """Wait until the port can be opened again; False where the end came first."""
-        self.close()
-        while not ended():
-            try:
-                self._start()
-            except SensorError:
-                time.sleep(AGAIN_S)
-            else:
-                return True
-        return False
+    def reopened(self) -> bool:
+        """Try to open the port again, once it was closed; False where it can't be."""
+        try:
+            self._start()
+        except SensorError:
+            return False
+        return True
 
     def close(self) -> None:
         """Stop reading and close the port."""

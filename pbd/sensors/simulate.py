@@ -87,7 +87,7 @@ def simulate(
     # One stream per part, so that a sensor with a part less still errs the same in the others.
     clock_rng, acc_rng, gyr_rng, mag_rng, attitude_rng = np.random.default_rng(seed).spawn(5)
 
-    motion = HandMotion(task.waypoints, task.start_rpy)
+    motion = HandMotion(task.waypoints, task.start_rpy, task.p_sensor_point)
     beat = np.arange(int(task.duration_s * model.rate_hz + 1e-6) + 1) / model.rate_hz
     between = np.append(beat, len(beat) / model.rate_hz) - 0.5 / model.rate_hz
     edges = _jittered(between, model, clock_rng)

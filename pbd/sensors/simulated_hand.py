@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pbd.pose import Array, quat_exp, quat_from_rpy, quat_multiply
+from pbd.pose import Array, quat_exp, quat_from_rpy, quat_multiply, quat_rotate
 
 
 @dataclass(frozen=True)
@@ -57,8 +57,20 @@ def minimum_jerk(u: ArrayLike) -> tuple[Array, Array, Array]:
 class HandMotion:
     """The motion through waypoints, from t = 0, when the rest at the first begins. Before and after, the hand rests."""
 
-    def __init__(self, waypoints: Sequence[Waypoint], start_rpy: ArrayLike = (0.0, 0.0, 0.0)) -> None:
-        """`start_rpy`: (3,) rad, the attitude of the sensor in world at the first waypoint."""
+    def __init__(
+        self,
+        waypoints: Sequence[Waypoint],
+        start_rpy: ArrayLike = (0.0, 0.0, 0.0),
+        p_sensor_point: ArrayLike = (0.0, 0.0, 0.0),
+    ) -> None:
+        """Put the moves one after the other.
+
+        Args:
+            waypoints: at least one.
+            start_rpy: (3,) rad, the attitude of the sensor in world at the first waypoint.
+            p_sensor_point: (3,) m in sensor axes, the point of the hand that the waypoints' `p` are of.
+        """
+        self._lever = np.asarray(p_sensor_point, dtype=np.float64)
         p = np.array([w.p for w in waypoints], dtype=np.float64)
         rest = np.array([w.rest_s for w in waypoints], dtype=np.float64)
         move = np.array([w.move_s for w in waypoints], dtype=np.float64)
@@ -84,10 +96,15 @@ class HandMotion:
         k = np.maximum(np.searchsorted(self._begin, t, side="right") - 1, 0)
         duration = self._duration[k][:, None]
         s, ds, dds = minimum_jerk(np.clip((t - self._begin[k])[:, None] / duration, 0.0, 1.0))
+        wxyz = quat_multiply(self._wxyz_from[k], quat_exp(s * self._turn[k]))
+        w, alpha = ds / duration * self._turn[k], dds / duration**2 * self._turn[k]
+        # The point moves along the line, and the sensor about it.
+        v_point = np.cross(w, self._lever)
+        a_point = np.cross(alpha, self._lever) + np.cross(w, v_point)
         return HandState(
-            p=self._p_from[k] + s * self._way[k],
-            v=ds / duration * self._way[k],
-            a=dds / duration**2 * self._way[k],
-            wxyz=quat_multiply(self._wxyz_from[k], quat_exp(s * self._turn[k])),
-            w=ds / duration * self._turn[k],
+            p=self._p_from[k] + s * self._way[k] - quat_rotate(wxyz, self._lever),
+            v=ds / duration * self._way[k] - quat_rotate(wxyz, v_point),
+            a=dds / duration**2 * self._way[k] - quat_rotate(wxyz, a_point),
+            wxyz=wxyz,
+            w=w,
         )

@@ -34,6 +34,7 @@ class Task:
         waypoints: at least one; the first is where the hand rests at the start.
         start_rpy: rad, the attitude of the sensor in world at the first rest: roll, pitch, yaw in URDF's order.
         grasped: what the hand grips, or None.
+        p_sensor_point: m in sensor axes, the point of the hand that the waypoints' `p` are of: the sensor, or a tip.
 
     Raises:
         SensorError: no waypoint, a move without a duration, a negative rest, a number that is not finite.
@@ -44,6 +45,7 @@ class Task:
     description: str = ""
     start_rpy: tuple[float, float, float] = (0.0, 0.0, HEADING)
     grasped: GraspedObject | None = None
+    p_sensor_point: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "waypoints", tuple(self.waypoints))

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pbd.pose import quat_about_z, quat_exp, quat_inverse, quat_log, quat_multiply
+from pbd.pose import quat_about_z, quat_exp, quat_inverse, quat_log, quat_multiply, quat_rotate
 from pbd.sensors.simulated_hand import HandMotion, Waypoint, minimum_jerk
 from pbd.sensors.simulated_tasks import random_task
 
@@ -79,3 +79,17 @@ def test_knots_are_where_moves_begin_and_end() -> None:
     motion = HandMotion((Waypoint(rest_s=1.0), Waypoint(move_s=0.5, rest_s=2.0), Waypoint(move_s=0.25)))
     assert motion.knots == pytest.approx([1.0, 1.5, 3.5, 3.75])
     assert len(HandMotion((Waypoint(rest_s=1.0),)).knots) == 0
+
+
+@given(seeds)
+def test_a_point_of_the_hand_goes_where_the_waypoints_say(seed: int) -> None:
+    """The sensor moves about it; its derivatives are still those of its own pose."""
+    task, lever = random_task(seed, moves=3), (0.03, -0.02, 0.1)
+    motion = HandMotion(task.waypoints, task.start_rpy, lever)
+    leave = np.cumsum([w.move_s + w.rest_s for w in task.waypoints]) - 1e-9
+    hand = motion.at(leave)
+    assert hand.p + quat_rotate(hand.wxyz, lever) == pytest.approx(np.array([w.p for w in task.waypoints]))
+    t, h = np.linspace(0.0, task.duration_s, 200), 1e-4
+    before, now, after = motion.at(t - h), motion.at(t), motion.at(t + h)
+    assert now.v == pytest.approx((after.p - before.p) / (2 * h), abs=1e-5)
+    assert now.a == pytest.approx((after.v - before.v) / (2 * h), abs=3e-3)  # jerk jumps at the knots

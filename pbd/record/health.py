@@ -1,0 +1,128 @@
+"""Whether a sensor can be believed, looked at while it records: what is told at once can still be mended.
+
+A saturated axis, a dead one, a gyro or magnetometer that says nothing, a sensor that repeats itself. What is looked for
+is what `pbd.tracking` finds in a finished recording (saturation.py, dead.py), here in its last seconds.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from pbd.data import GRAVITY, Recording
+from pbd.pose import Array
+from pbd.sensors.decoding import Sample
+from pbd.tracking.dead import ALIVE, NAMES, STUCK_S, stuck_axes
+from pbd.tracking.saturation import SAME, Clip, clips_of
+
+EVERY_S = 0.25
+"""The last samples are looked at this often."""
+
+WINDOW_S = STUCK_S + 2.0 * EVERY_S
+
+AGAIN_S = 5.0
+"""A flaw that lasts is told again after so long: not sooner, a person can't hear it."""
+
+MOVES = 0.5
+"""m/s2, the standard deviation of an axis: the hand moves for certain. A gyro at rest may well repeat itself."""
+
+FEWEST = 8
+"""Of fewer samples nothing can be told."""
+
+
+class Health:
+    """Takes samples, and tells what is wrong with them."""
+
+    def __init__(self) -> None:
+        self._recent: deque[tuple[float, Sample]] = deque()
+        self._looked = 0.0
+        self._told: dict[str, float] = {}
+        self._lived = False
+        # Whether it has had noise: a sensor that never had is coarse, and says the same whenever it rests.
+        self._largest: dict[tuple[str, int, float], float] = {}
+
+    def feed(self, t: float, sample: Sample) -> list[str]:
+        """Take the next sample, at t s; return what is newly wrong, a line each."""
+        self._recent.append((t, sample))
+        if t - self._looked < EVERY_S:
+            return []
+        while self._recent[0][0] < t - WINDOW_S:
+            self._recent.popleft()
+        looked, self._looked = self._looked, t
+        window = _window(self._recent)
+        if len(window) < FEWEST:
+            return []
+        return [line for what, line in (self._clipped(window, looked) | self._dead(window)).items() if self._new(what)]
+
+    def _new(self, what: str) -> bool:
+        known, self._told[what] = self._told.get(what, -np.inf), self._looked
+        if self._looked - known < AGAIN_S:
+            self._told[what] = known
+            return False
+        return True
+
+    def _clipped(self, window: Recording, since: float) -> dict[str, str]:
+        """Axes at the end of their range since then. A smaller peak than one before can't be at its end."""
+        told: dict[str, str] = {}
+        for clip in clips_of(window):
+            side, reading = (clip.sensor, clip.axis, clip.sign), _reading(window, clip)
+            if reading >= self._largest.get(side, 0.0) * (1.0 - SAME) and window.t[clip.stop - 1] > since:
+                shown = f"{reading / GRAVITY:.3g} g" if clip.sensor == "acc" else f"{np.degrees(reading):.0f} deg/s"
+                axis = f"{'xyz'[clip.axis]} axis of the {NAMES[clip.sensor]}"
+                told[f"{axis} clipped"] = (
+                    f"the {axis} is at the end of its range ({shown}): move slower, or set a larger one"
+                )
+        for name, values in _motion(window):
+            for k in range(3):
+                for sign in (1.0, -1.0):
+                    largest = float((sign * values[:, k]).max())
+                    self._largest[name, k, sign] = max(self._largest.get((name, k, sign), 0.0), largest)
+        return told
+
+    def _dead(self, window: Recording) -> dict[str, str]:
+        """Axes and sensors that say nothing while others do."""
+        given = dict(_motion(window))
+        whole = window.t[-1] - window.t[0] >= STUCK_S
+        changing = np.any([np.diff(values, axis=0).any(axis=1) for values in given.values()], axis=0).mean()
+        self._lived |= bool(changing > ALIVE)
+        if whole and changing == 0.0:
+            if self._lived:
+                return {"stuck": f"for {STUCK_S:g} s every sample says the same: the sensor is stuck; plug it in again"}
+            return {"still": "every sample says the same so far: if that goes on while you move, the sensor is stuck"}
+        told: dict[str, str] = {}
+        for name, axis, start, _ in stuck_axes(window):
+            what = f"{'xyz'[axis]} axis of the {NAMES[name]}"
+            value = float(given[name][start, axis])
+            told[f"{what} stuck"] = f"the {what} is stuck at {value:.4g}, while others change: mend the sensor"
+        if whole and np.std(window.acc, axis=0).max() > MOVES:
+            if window.gyr is not None and not _changes(window.gyr):
+                told["gyro dead"] = "the gyro reads the same while the hand moves, so it is dead: mend it"
+            if window.mag is not None and not _changes(window.mag[np.isfinite(window.mag[:, 0])]):
+                told["magnetometer dead"] = "the magnetometer reads the same while the hand moves: it will be left out"
+        return told
+
+
+def _window(recent: deque[tuple[float, Sample]]) -> Recording:
+    """The samples as a recording; those that lack a gyro's reading, where others have one, are left out."""
+    has_gyr, has_mag = (any(getattr(sample, name) for _, sample in recent) for name in ("gyr", "mag"))
+    whole = [(t, sample) for t, sample in recent if sample.acc and (sample.gyr or not has_gyr)]
+    nothing = (np.nan, np.nan, np.nan)
+    return Recording(
+        np.array([t for t, _ in whole]),
+        np.array([sample.acc for _, sample in whole]).reshape(-1, 3),
+        np.array([sample.gyr for _, sample in whole]).reshape(-1, 3) if has_gyr else None,
+        np.array([sample.mag or nothing for _, sample in whole]).reshape(-1, 3) if has_mag else None,
+    )
+
+
+def _changes(values: Array) -> bool:
+    return bool(np.diff(values, axis=0).any())
+
+
+def _motion(window: Recording) -> list[tuple[str, Array]]:
+    return [(name, values) for name in NAMES if (values := getattr(window, name)) is not None]
+
+
+def _reading(window: Recording, clip: Clip) -> float:
+    return abs(float(getattr(window, clip.sensor)[clip.start, clip.axis]))

@@ -1,0 +1,108 @@
+"""What a person is told while the hand moves, once and at the right moment."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pbd.data import Keyframe
+from pbd.pose import Pose
+from pbd.record.coach import Coach, in_cm, placed
+from pbd.record.told import Say
+from pbd.sensors.decoding import Sample
+from pbd.tracking.live import DataFlaw, LiveEvent, StopBegan
+
+LEVEL = Sample((0.0, 0.0, 9.8), (0.0, 0.0, 0.0))
+
+
+def keyframe(x: float) -> Keyframe:
+    return Keyframe(1.0, 0.5, Pose(np.array([x, 0.0, 0.0]), np.array([1.0, 0.0, 0.0, 0.0])), 1e-6 * np.eye(6))
+
+
+def begun(index: int, x: float) -> StopBegan:
+    return StopBegan(index, 1.0, 1.2, keyframe(x))
+
+
+class Scripted:
+    """A tracker that says what it is told to."""
+
+    def __init__(self) -> None:
+        self.events: tuple[LiveEvent, ...] = ()
+        self.moving, self.sigma_of_move, self.waiting = False, 0.0, ""
+
+    def feed(self, *given: object) -> tuple[LiveEvent, ...]:
+        return self.events
+
+
+@pytest.fixture
+def scripted(monkeypatch: pytest.MonkeyPatch) -> tuple[Coach, Scripted]:
+    coach, tracker = Coach(0.01), Scripted()
+    monkeypatch.setattr(coach, "tracker", tracker)
+    return coach, tracker
+
+
+def said(scripted: tuple[Coach, Scripted], t: float, *events: LiveEvent, **state: object) -> tuple[Say, ...]:
+    coach, tracker = scripted
+    tracker.events = events
+    for name, value in state.items():
+        setattr(tracker, name, value)
+    coach.feed(t, LEVEL)
+    return coach.said()
+
+
+def test_a_stop_that_is_told_again_rings_no_second_bell(scripted: tuple[Coach, Scripted]) -> None:
+    (first,) = said(scripted, 0.1, begun(1, 0.1))
+    assert first.bell
+    assert first.text == "stop 1 at (10.0, 0.0, 0.0) cm, sigma 0.1 cm: you may move on"
+    (again,) = said(scripted, 0.2, begun(1, 0.12))
+    assert not again.bell
+    assert again.text == "stop 1 at (12.0, 0.0, 0.0) cm, sigma 0.1 cm"
+    (second,) = said(scripted, 0.3, begun(2, 0.3))
+    assert second.bell
+    assert scripted[0].stops == 3
+
+
+def test_a_pause_is_asked_for_once_in_a_move(scripted: tuple[Coach, Scripted]) -> None:
+    assert said(scripted, 0.1, moving=True, sigma_of_move=0.009) == ()
+    (asked,) = said(scripted, 0.2, sigma_of_move=0.02)
+    assert (asked.text, asked.bell) == ("pause now: 2 cm", True)
+    assert said(scripted, 0.3, sigma_of_move=0.03) == ()
+    said(scripted, 0.4, begun(1, 0.1), moving=False, sigma_of_move=0.0)
+    said(scripted, 0.5, begun(1, 0.1))
+    (asked,) = said(scripted, 0.6, moving=True, sigma_of_move=0.011)
+    assert asked.text == "pause now: 1 cm"
+
+
+def test_a_flaw_of_the_data_is_told(scripted: tuple[Coach, Scripted]) -> None:
+    assert said(scripted, 0.1, DataFlaw(0.1, "80 ms of data are missing")) == (Say(0.1, "80 ms of data are missing"),)
+
+
+def test_lengths_are_written_as_one_says_them() -> None:
+    assert [in_cm(length) for length in (0.0004, 0.0099, 0.01, 0.024)] == ["0.0 cm", "1.0 cm", "1 cm", "2 cm"]
+    assert placed(keyframe(-0.1)) == "(-10.0, 0.0, 0.0) cm, sigma 0.1 cm"
+
+
+def test_what_can_not_be_tracked_is_told_once() -> None:
+    coach = Coach(0.01)
+    for k in range(20):
+        coach.feed(k / 100.0, Sample((0.0, 0.0, 9.8)))
+    (only,) = coach.said()
+    assert only.text.startswith("there is neither a gyro nor the device's own attitude")
+
+
+@pytest.mark.parametrize(
+    ("up", "shakes", "told"),
+    [(9.8, 2.0, "hold still for 1 s: the hand shakes with "), (1.0, 0.0, "the values are likely in g")],
+    ids=["a hand that moves from the start", "g taken for m/s2"],
+)
+def test_a_start_without_rest_is_told_soon(up: float, shakes: float, told: str) -> None:
+    rng, coach = np.random.default_rng(1), Coach(0.01)
+    lines = list[Say]()
+    for k in range(400):
+        x, y, z = rng.normal((shakes * np.sin(0.3 * k), 0.0, up), 0.01).tolist()
+        coach.feed(k / 100.0, Sample((x, y, z), (0.001 * (k % 7), 0.0, 0.0)))
+        lines += coach.said()
+    assert len(lines) == 1
+    assert told in lines[0].text
+    assert lines[0].bell
+    assert lines[0].t < 1.6

@@ -1,0 +1,121 @@
+"""Flaws of a sensor are told while it records; a sound one is never blamed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pbd.data import GRAVITY, Recording
+from pbd.record.health import AGAIN_S, EVERY_S, Health
+from pbd.sensors.decoding import Sample, Triple
+from pbd.sensors.simulate import simulate
+from pbd.sensors.simulated_tasks import TASKS
+from pbd.tracking.dead import STUCK_S
+from pbd.tracking.saturation import clips_of
+
+
+def triple(values: np.ndarray | None, row: int) -> Triple | None:
+    if values is None or np.isnan(values[row]).any():
+        return None
+    x, y, z = values[row].tolist()
+    return x, y, z
+
+
+def told(recording: Recording) -> list[tuple[float, str]]:
+    """What is told, and when."""
+    health, out = Health(), []
+    for row, t in enumerate(recording.t.tolist()):
+        mag = triple(recording.mag, row)
+        sample = Sample(triple(recording.acc, row), triple(recording.gyr, row), mag, triple(recording.device_rpy, row))
+        out += [(t, line) for line in health.feed(t, sample)]
+    return out
+
+
+@pytest.fixture(scope="module")
+def pouring() -> Recording:
+    return simulate("pour", "modern", 1).recording
+
+
+def stuck(recording: Recording, name: str, axes: slice | int, since: float) -> Recording:
+    values = np.array(getattr(recording, name))
+    row = int(np.searchsorted(recording.t, since))
+    values[row:, axes] = values[row, axes]
+    return with_channel(recording, name, values)
+
+
+def with_channel(recording: Recording, name: str, values: np.ndarray) -> Recording:
+    given: dict[str, Any] = {name: values}
+    return replace(recording, **given)
+
+
+@pytest.mark.parametrize("model", ["os5000", "os5000-nogyro", "wt901", "modern"])
+@pytest.mark.parametrize("task", TASKS)
+def test_a_sound_sensor_is_never_blamed(task: str, model: str) -> None:
+    recording = simulate(task, model, seed=5).recording
+    axes = {f"the {'xyz'[clip.axis]} axis" for clip in clips_of(recording)}  # the fast ones do go beyond 500 deg/s
+    assert {line.partition(" of the")[0] for _, line in told(recording)} == axes
+
+
+@pytest.mark.parametrize(("name", "limit", "said"), [("acc", 1.3 * GRAVITY, "1.3 g"), ("gyr", 1.1, "63 deg/s")])
+def test_a_saturated_axis_is_told_at_once(pouring: Recording, name: str, limit: float, said: str) -> None:
+    values = np.array(getattr(pouring, name))
+    if name == "acc":
+        values[600:640, 2] += 0.5 * GRAVITY * np.sin(np.linspace(0.0, np.pi, 40))
+    clipped = with_channel(pouring, name, np.clip(values, -limit, limit))
+    first = clips_of(clipped)[0]
+    at, line = told(clipped)[0]
+    sensor = {"acc": "accelerometer", "gyr": "gyro"}[name]
+    axis = "xyz"[first.axis]
+    assert (
+        line == f"the {axis} axis of the {sensor} is at the end of its range ({said}): move slower, or set a larger one"
+    )
+    assert at - pouring.t[first.stop - 1] <= EVERY_S + 0.011
+
+
+@pytest.mark.parametrize(("name", "axis", "sensor"), [("acc", 0, "accelerometer"), ("gyr", 2, "gyro")])
+@pytest.mark.parametrize("since", [0.0, 3.0])
+def test_a_dead_axis_is_told_soon(pouring: Recording, name: str, axis: int, sensor: str, since: float) -> None:
+    lines = told(stuck(pouring, name, axis, since))
+    at, line = lines[0]
+    assert line.startswith(f"the {'xyz'[axis]} axis of the {sensor} is stuck at ")
+    assert at <= since + STUCK_S + 2.0 * EVERY_S
+    assert {other.partition(" at")[0] for _, other in lines} == {line.partition(" at")[0]}
+    assert np.diff([t for t, _ in lines]).min() >= AGAIN_S  # not more often than a person can hear
+
+
+def test_a_dead_gyro_is_told_when_the_hand_moves(pouring: Recording) -> None:
+    dead = replace(pouring, gyr=np.zeros_like(pouring.acc))
+    at, line = told(dead)[0]
+    assert line == "the gyro reads the same while the hand moves, so it is dead: mend it"
+    moves = float(pouring.t[np.flatnonzero(np.abs(np.linalg.norm(pouring.acc, axis=1) - GRAVITY) > 1.0)[0]])
+    assert moves - 1.0 < at < moves + 1.0
+
+
+def test_a_dead_magnetometer_is_told(pouring: Recording) -> None:
+    lines = told(stuck(pouring, "mag", slice(0, 3), 0.0))
+    assert {line for _, line in lines} == {"the magnetometer reads the same while the hand moves: it will be left out"}
+
+
+def test_a_sensor_that_freezes_is_told(pouring: Recording) -> None:
+    frozen = stuck(stuck(pouring, "acc", slice(0, 3), 6.0), "gyr", slice(0, 3), 6.0)
+    at, line = told(frozen)[0]
+    assert line == "for 2 s every sample says the same: the sensor is stuck; plug it in again"
+    assert 8.0 <= at <= 8.0 + 2.0 * EVERY_S
+
+
+def test_a_coarse_sensor_at_rest_is_not_called_stuck() -> None:
+    """An Arduino that prints two decimals says the same for as long as it rests."""
+    still = Recording(np.arange(600) / 100.0, np.tile((0.0, 0.0, 9.8), (600, 1)), np.zeros((600, 3)))
+    lines = told(still)
+    assert {line for _, line in lines} == {
+        "every sample says the same so far: if that goes on while you move, the sensor is stuck"
+    }
+
+
+def test_a_field_that_comes_seldom_changes_nothing(pouring: Recording) -> None:
+    assert pouring.mag is not None
+    seldom = np.where((np.arange(len(pouring)) % 10 == 0)[:, None], pouring.mag, np.nan)
+    assert told(replace(pouring, mag=seldom)) == []

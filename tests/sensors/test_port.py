@@ -1,0 +1,154 @@
+"""What is said where a port can't be opened, and what is heard on one that can."""
+
+from __future__ import annotations
+
+import errno
+import os
+import tty
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from pbd.errors import SensorError
+from pbd.sensors import probe
+from pbd.sensors.port import Port, open_port
+from pbd.sensors.probe import find_baud, printed_line, recognise, what_it_is
+from pbd.sensors.protocols import PROTOCOLS
+from tests.record.speakers import SPEAKERS, Device, random_hand
+
+HAND = random_hand(200, seed=1)
+
+
+def bytes_of(name: str) -> bytes:
+    return b"".join(SPEAKERS[name].encode(HAND, row) for row in range(20))
+
+
+@pytest.fixture
+def pair(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[int, str]]:
+    """A pseudo-terminal whose other end is ours; little patience."""
+    monkeypatch.setattr(probe, "LISTEN_S", 0.03)
+    monkeypatch.setattr(probe, "BOOT_S", 0.05)
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    yield master, os.ttyname(slave)
+    os.close(master)
+    os.close(slave)
+
+
+def test_a_port_in_use(pair: tuple[int, str]) -> None:
+    with open_port(pair[1], 9600), pytest.raises(SensorError, match="is in use by another program; close that one"):
+        open_port(pair[1], 9600)
+    open_port(pair[1], 9600).close()
+
+
+@pytest.mark.parametrize("baud", [-5, 0])
+def test_no_such_baud(pair: tuple[int, str], baud: int) -> None:
+    with pytest.raises(SensorError, match=f"can't be set to {baud} baud; give another --baud") as told:
+        open_port(pair[1], baud).read()
+    assert told.value.fields["baud"] == baud
+
+
+@pytest.mark.parametrize(
+    ("group", "mode", "advice"),
+    [
+        (
+            "dialout",
+            0o660,
+            "it belongs to the group 'dialout'; add yourself with `sudo usermod -aG dialout ann`, then log",
+        ),
+        (
+            "uucp",
+            0o660,
+            "it belongs to the group 'uucp'; add yourself with `sudo usermod -aG uucp ann`, then log in again",
+        ),
+        ("root", 0o660, "only its owner may use it; give it to yourself with `sudo chown ann "),
+        ("dialout", 0o600, "only its owner may use it; give it to yourself with `sudo chown ann "),
+    ],
+)
+def test_no_permission(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, group: str, mode: int, advice: str) -> None:
+    """Who runs the tests may be allowed everything, so the refusal is made up."""
+    port = tmp_path / "ttyUSB0"
+    port.touch()
+    port.chmod(mode)
+
+    def refuse(*given: object, **named: object) -> None:
+        raise OSError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr("serial.Serial", refuse)
+    monkeypatch.setattr("pbd.sensors.port.grp", SimpleNamespace(getgrgid=lambda gid: SimpleNamespace(gr_name=group)))
+    monkeypatch.setenv("USER", "ann")
+    with pytest.raises(SensorError) as told:
+        open_port(str(port), 9600)
+    assert told.value.message.startswith(f"no permission for {port}: {advice}")
+
+
+@pytest.mark.parametrize("name", SPEAKERS)
+def test_whose_bytes_these_are(name: str) -> None:
+    sensor = SPEAKERS[name].sensor
+    data = bytes_of(name)
+    if sensor == "lines":
+        assert recognise(data) is None
+        assert printed_line(data) is not None
+    else:
+        assert recognise(data) == sensor
+        assert what_it_is(data, 9600, "another") == f"they are {sensor}'s: give --sensor {sensor}"
+
+
+@pytest.mark.parametrize("data", [b"", b"hello\r\n" * 9, bytes(range(256)) * 4, b"1,2,3\n", b"\xff\n" * 50])
+def test_what_is_no_line_of_numbers(data: bytes) -> None:
+    assert printed_line(data) is None
+    assert (
+        what_it_is(data, 9600) == "9600 baud is wrong, or it is another kind of sensor: look with `pbd sensors --probe`"
+    )
+
+
+@pytest.mark.parametrize("name", SPEAKERS)
+def test_probing(pair: tuple[int, str], name: str) -> None:
+    packets = [SPEAKERS[name].encode(HAND, row) for row in range(200)]
+    with Device(packets, 400.0, again=True) as device, open_port(device.device, 19200) as port:
+        device.go()
+        found = probe.probe(port)
+    if name == "lines":
+        assert found.sensor is None
+        assert found.line is not None
+        assert len(found.line.split(",")) == 7
+    else:
+        assert found.sensor == SPEAKERS[name].sensor
+
+
+def listening(pair: tuple[int, str], data: bytes, monkeypatch: pytest.MonkeyPatch) -> Port:
+    """A port on which this comes again and again, as often as it is read."""
+    port, read = open_port(pair[1], 115200), Port.read
+
+    def told(self: Port) -> bytes:
+        os.write(pair[0], data)
+        return read(self)
+
+    monkeypatch.setattr(Port, "read", told)
+    return port
+
+
+def test_the_baud_rate_is_found(pair: tuple[int, str], monkeypatch: pytest.MonkeyPatch) -> None:
+    with listening(pair, bytes_of("witmotion"), monkeypatch) as port:
+        assert find_baud(port, PROTOCOLS["witmotion"].decoder, "witmotion") == 9600
+
+
+def test_another_sensor_than_was_said(pair: tuple[int, str], monkeypatch: pytest.MonkeyPatch) -> None:
+    message = (
+        r"\d+ bytes came from .*, but no whole packet of razor \(tried 57600, 115200 baud\): they are xsens's: give"
+    )
+    with (
+        listening(pair, bytes_of("xsens"), monkeypatch) as port,
+        pytest.raises(SensorError, match=message),
+    ):
+        find_baud(port, PROTOCOLS["razor"].decoder, "razor")
+
+
+def test_silence_says_what_was_tried(pair: tuple[int, str]) -> None:
+    message = r"is silent \(tried 57600, 115200 baud\); check that the sensor is on and sends by itself"
+    with open_port(pair[1], 57600) as port:
+        with pytest.raises(SensorError, match=message):
+            find_baud(port, PROTOCOLS["razor"].decoder, "razor")
+        assert probe.probe(port).bytes_seen == 0
