@@ -8,13 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NoReturn
 
 import numpy as np
 import pinocchio as pin
 
-from pbd.arm.model import ArmModel
-from pbd.data import JointLimits, JointTrajectory
+from pbd.arm.collision import refuse_collision
+from pbd.arm.model import ArmModel, load_model
+from pbd.arm.scene import CollisionScene
+from pbd.data import Calibration, GraspedObject, JointLimits, JointTrajectory, Robot
 from pbd.errors import PlanError
 from pbd.pose import Array, Pose, quat_from_xyzw
 
@@ -47,15 +50,21 @@ class AuditReport:
 
 
 def audit(
-    trajectory: JointTrajectory, limits: JointLimits, arm: ArmModel, T_base_tool_keyframes: Sequence[Pose]
+    trajectory: JointTrajectory,
+    limits: JointLimits,
+    arm: ArmModel,
+    T_base_tool_keyframes: Sequence[Pose],
+    world: tuple[Calibration, GraspedObject | None] | None = None,
 ) -> AuditReport:
-    """Check a trajectory for its form, its smoothness, its joints' limits, and the poses that it is to reach.
+    """Check a trajectory for its form, smoothness, joints' limits, the poses it is to reach, and what it might touch.
 
     Args:
         trajectory: what is to be shown or written.
         limits: of its joints: the whole of them, whatever share the planner was given.
         arm: the arm, for its URDF.
         T_base_tool_keyframes: the tool's poses at `trajectory.keyframe_t`.
+        world: what stands around, and what is grasped: of a model and a scene of the audit's own; None: touching is
+            allowed.
 
     Raises:
         PlanError: a promise is broken; its fields are joint or keyframe, t (s), value and bound, as they apply.
@@ -67,7 +76,15 @@ def audit(
     velocity, acceleration, jerk = _check_derivatives(trajectory, bounds)
     _check_samples(trajectory, bounds)
     position, rotation = _check_poses(trajectory, arm, T_base_tool_keyframes)
+    if world is not None:
+        refuse_collision(_scene(arm.robot, *world), trajectory)
     return AuditReport(velocity, acceleration, jerk, position, rotation)
+
+
+@lru_cache(maxsize=8)
+def _scene(robot: Robot, calibration: Calibration, grasped: GraspedObject | None) -> CollisionScene:
+    """Build a scene that shares nothing with that of the planner."""
+    return CollisionScene.build(load_model(robot), calibration, grasped)
 
 
 def _check_form(trajectory: JointTrajectory, arm: ArmModel, keyframes: int) -> None:

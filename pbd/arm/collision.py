@@ -84,7 +84,7 @@ def refuse_home(scene: CollisionScene) -> None:
     hit = scene.hit(scene.arm.robot.home)
     if hit is not None:
         raise PlanError(
-            f"home of {scene.arm.robot.name}: {_what(hit)}; change home in the robot's TOML"
+            f"home of {scene.arm.robot.name}: {describe(hit)}; change home in the robot's TOML"
             f"{', or table_height in the calibration' if hit.second == TABLE else ''}",
             **_fields(hit),
         )
@@ -93,7 +93,7 @@ def refuse_home(scene: CollisionScene) -> None:
 def collision_error(scene: CollisionScene, trajectory: JointTrajectory, found: MotionHit) -> PlanError:
     """Tell a hit in one line; fields: keyframe, t (s), bodies, value (m, how deep), p_base (m)."""
     return PlanError(
-        f"{_when(trajectory, found)} (t = {found.t:.1f} s): {_what(found.hit)}; {_advice(scene, found)}",
+        f"{_when(trajectory, found)} (t = {found.t:.1f} s): {describe(found.hit)}; {_advice(scene, found)}",
         keyframe=found.keyframe,
         t=found.t,
         **_fields(found.hit),
@@ -138,7 +138,8 @@ def _when(trajectory: JointTrajectory, found: MotionHit) -> str:
     return f"on the way from keyframe {found.keyframe - 1} to keyframe {found.keyframe}"
 
 
-def _what(hit: Hit) -> str:
+def describe(hit: Hit) -> str:
+    """Say which two bodies touch, and how deep."""
     if hit.depth == 0.0:
         return f"{hit.first} would come within {1000.0 * hit.distance:.1f} mm of {hit.second}"
     deep = f"{1000.0 * hit.depth:.1f} mm" if hit.depth < 0.01 else f"{100.0 * hit.depth:.1f} cm"

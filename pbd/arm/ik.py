@@ -1,33 +1,35 @@
-"""Inverse kinematics: Levenberg-Marquardt with active joint limits, from the given joints and then from many seeds.
+"""Inverse kinematics of one pose: descents from the given joints and then from many seeds, until one arrives.
 
-The error is e = log6(T_target^-1 T), 6 numbers in which 1 rad counts as 1 m; what is made small is |e|^2.
+An arm of six joints or more brings its tool to a pose exactly or not at all; one of fewer comes near it by the rule in
+relax.py.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
-from pbd.arm.model import ArmModel, configuration, to_se3
-from pbd.arm.reach import reach_map
+from pbd.arm.compiled import COMPILED
+from pbd.arm.descent import SOLVED, UNTIL_IT_STOPS, descend_each, miss
+from pbd.arm.model import ArmModel
+from pbd.arm.relax import is_relaxed, solve_relaxed
+from pbd.arm.seeds import seed_map
+from pbd.arm.tool import Target, target
 from pbd.pose import Array, Pose
 
 TOLERANCE_M = 1e-5
 TOLERANCE_RAD = 1e-5
-SOLVED = TOLERANCE_M**2
-"""Of |e|^2, which is at most this only where both tolerances are met."""
 
-SEEDS = 80
-"""How many sampled configurations are tried before a pose is called out of reach: the nearest to it."""
-
-_MOST_STEPS = 100
-_MOST_TURN = 1.0  # rad (or m) that a joint may move in one step
-_MOST_DAMPING = 1e4  # beyond it no step lowers |e|^2 any more
-_SLOW = 0.49  # a step that leaves more than this of |e|^2 (70 % of |e|) is a slow one
+WELL_PLACED, WORST_PLACED = 8, 16
+"""How many of the nearest seeds of each kind are tried, in this order."""
+NEAR_MISS, NEARLY_THERE = 0.2, 0.005
+"""Where these end within such |e| (m, rad), it may be the wrong branch of a pose that can be reached."""
+ANYWHERE, EVERYWHERE = 48, 400
+"""So many seeds from all over are tried then: as many as there is time for (20 ms in all, without numba), and where it
+is hardly a miss, or compiled."""
+RESUMED = 3, 2
+"""So many of the descents that came nearest are followed to their very end, before those and after."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,96 +39,98 @@ class IkResult:
     Attributes:
         q: (k,) rad, within the limits.
         position_error_m, rotation_error_rad: what is left between the tool and the pose, by forward kinematics.
+        relaxed: the arm has too few joints for any pose: its tool's rotation need only be near (relax.py).
     """
 
     q: Array
     position_error_m: float
     rotation_error_rad: float
+    relaxed: bool = False
 
     @property
     def reached(self) -> bool:
-        """Whether both errors are within tolerance."""
-        return self.position_error_m <= TOLERANCE_M and self.rotation_error_rad <= TOLERANCE_RAD
+        """Whether both errors are within tolerance, or the position's where that is all that is asked for."""
+        return self.position_error_m <= TOLERANCE_M and (self.relaxed or self.rotation_error_rad <= TOLERANCE_RAD)
 
 
-def solve(arm: ArmModel, T_base_tool: Pose, q_seed: Array) -> IkResult:
+def solve(arm: ArmModel, T_base_tool: Pose, q_seed: Array | None = None) -> IkResult:
     """Find joints for a tool pose; the same question gets the same answer each time.
 
     Args:
         arm: the arm.
         T_base_tool: the tool's pose in base.
-        q_seed: (k,) rad, tried first; then the sampled configurations nearest to the pose.
+        q_seed: (k,) rad, tried first, where one is known that should be near; then the arm's own seeds.
 
     Returns:
-        The first solution, or, where `reached` is false, the joints with the smallest |e| that were found.
+        The first solution, or, where `reached` is false, the joints with the smallest |e| that were found. Of an arm
+        with too few joints the nearest by its rule.
     """
-    nearest, least = q_seed, np.inf
-    for seed in _seeds(arm, T_base_tool, q_seed):
-        q, square = descend(arm, T_base_tool, seed)
-        if square < least:
-            nearest, least = q, square
-        if square < SOLVED:
-            break
-    # At the edge of what can be reached the steps are small ones, and a seed that was given up may yet arrive.
-    q, _ = descend(arm, T_base_tool, nearest, patience=_MOST_STEPS)
-    return check(arm, T_base_tool, q)
+    goal = target(T_base_tool)
+    q = _search_relaxed(arm, goal, q_seed) if is_relaxed(arm) else _search(arm, goal, q_seed)
+    return _result(arm, goal, q)
 
 
 def check(arm: ArmModel, T_base_tool: Pose, q: Array) -> IkResult:
     """Say how far the tool is from a pose at joints q (k,), by forward kinematics."""
-    return IkResult(q, *T_base_tool.distance(arm.forward(q)))
+    return _result(arm, target(T_base_tool), q)
 
 
-def descend(arm: ArmModel, T_base_tool: Pose, q_seed: Array, patience: int = 6) -> tuple[Array, float]:
-    """Follow one seed (k,) down to the nearest minimum of |e|^2.
-
-    After `patience` slow steps in a row it is given up.
-
-    Returns:
-        The joints, within limits, and |e|^2 there: they are a solution where it is below SOLVED.
-    """
-    lower, upper = arm.limits.lower, arm.limits.upper
-    target = arm.T_base_universe.inverse() * to_se3(T_base_tool)
-    q = np.minimum(np.maximum(q_seed, lower), upper)
-    offset, e, J = _look(arm, target, q)
-    square, damping, slow_steps = float(e.dot(e)), 1e-2, 0
-    for _ in range(_MOST_STEPS):
-        if square < SOLVED or slow_steps == patience:
-            break
-        J = pin.Jlog6(offset) @ J
-        gradient = e @ J
-        # A joint at a bound that wants to go beyond it is left out of this step.
-        held = ((q == lower) & (gradient > 0)) | ((q == upper) & (gradient < 0))
-        if held.any():
-            J[:, held], gradient[held] = 0.0, 0.0
-        JtJ = J.T @ J
-        while True:
-            H = JtJ.copy()
-            H.ravel()[:: len(q) + 1] += damping * square + 1e-12
-            step = np.linalg.solve(H, gradient)
-            step *= _MOST_TURN / max(_MOST_TURN, step.max(), -step.min())
-            q_next = np.minimum(np.maximum(q - step, lower), upper)
-            offset_next, e_next, J_next = _look(arm, target, q_next)
-            square_next = float(e_next.dot(e_next))
-            if square_next < square:
-                break
-            damping *= 10.0
-            if damping * square > _MOST_DAMPING:
-                return q, square
-        damping = max(1e-6, damping * 0.2)
-        slow_steps = slow_steps + 1 if square_next > _SLOW * square else 0
-        q, square, offset, e, J = q_next, square_next, offset_next, e_next, J_next
-    return q, square
+def _result(arm: ArmModel, goal: Target, q: Array) -> IkResult:
+    return IkResult(q, *miss(arm, goal, q), is_relaxed(arm))
 
 
-def _seeds(arm: ArmModel, T_base_tool: Pose, q_seed: Array) -> Iterator[Array]:
-    yield q_seed
-    yield from reach_map(arm).nearest(T_base_tool, SEEDS)
+def _search_relaxed(arm: ArmModel, goal: Target, q_seed: Array | None) -> Array:
+    attempts = _Attempts(arm, goal)
+    if attempts.follow(seed_map(arm).nearest(goal, WELL_PLACED)):
+        return attempts.best  # for once the whole pose can be met
+    q_seeds = np.empty((0, len(arm.limits.lower))) if q_seed is None else q_seed[None]
+    return solve_relaxed(arm, goal, q_seeds)[0].q
 
 
-def _look(arm: ArmModel, target: Any, q: Array) -> tuple[Any, Array, Array]:
-    """Return T_target_tool, its log6 and the tool's Jacobian in its own frame."""
-    pin.computeJointJacobians(arm.model, arm.data, configuration(arm.model, q))
-    offset = target.actInv(pin.updateFramePlacement(arm.model, arm.data, arm.tool_id))
-    J = pin.getFrameJacobian(arm.model, arm.data, arm.tool_id, pin.ReferenceFrame.LOCAL)
-    return offset, pin.log6(offset).np, J
+def _search(arm: ArmModel, goal: Target, q_seed: Array | None) -> Array:
+    seeds, attempts = seed_map(arm), _Attempts(arm, goal)
+    arrived = (
+        (q_seed is not None and attempts.follow(q_seed[None]))
+        or attempts.follow(seeds.nearest(goal, WELL_PLACED))
+        or attempts.follow(seeds.nearest(goal, WORST_PLACED, worst=True))
+        or attempts.resume(RESUMED[0])
+    )
+    if not arrived and attempts.least < NEAR_MISS**2:
+        everywhere = COMPILED.kernel or attempts.least < NEARLY_THERE**2
+        if not attempts.follow(seeds.anywhere(EVERYWHERE if everywhere else ANYWHERE)):
+            attempts.resume(RESUMED[1])
+    return attempts.best
+
+
+class _Attempts:
+    """Where descents to one goal ended."""
+
+    def __init__(self, arm: ArmModel, goal: Target) -> None:
+        self.arm, self.goal = arm, goal
+        self._q, self._squares = np.empty((0, len(arm.limits.lower))), np.empty(0)
+
+    @property
+    def best(self) -> Array:
+        """(k,) rad, those with the smallest |e|."""
+        q: Array = self._q[self._squares.argmin()]
+        return q
+
+    @property
+    def least(self) -> float:
+        """The smallest |e|^2."""
+        return float(self._squares.min())
+
+    def follow(self, q_seeds: Array) -> bool:
+        """Descend from each seed until one arrives; say whether one did."""
+        q, squares = descend_each(self.arm, self.goal, q_seeds)
+        self._q, self._squares = np.vstack((self._q, q)), np.append(self._squares, squares)
+        return bool(squares[-1] < SOLVED)
+
+    def resume(self, count: int) -> bool:
+        """Go on from the nearest: at the edge of what can be reached steps are small, and all may be given up early."""
+        for i in np.argsort(self._squares)[:count]:
+            q, square = descend_each(self.arm, self.goal, self._q[i : i + 1], patience=UNTIL_IT_STOPS)
+            self._q[i], self._squares[i] = q[0], square[0]
+            if square[0] < SOLVED:
+                return True
+        return False

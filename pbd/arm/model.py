@@ -76,9 +76,9 @@ class ArmModel:
             )
         self.T_base_universe: Any = base.placement.inverse()
         self.data = self.model.createData()
-        self._steps = _steps(self)
+        self.steps = _steps(self)
         # Which joints are at the same place after a whole turn.
-        self.turns: Array = np.array([step.joint == "turns" for step in self._steps[:-1]], dtype=np.float64)
+        self.turns: Array = np.array([step.joint == "turns" for step in self.steps[:-1]], dtype=np.float64)
 
     @property
     def limits(self) -> JointLimits:
@@ -99,7 +99,7 @@ class ArmModel:
         joints = q.T
         p = np.zeros((3, len(q)), q.dtype)
         R = np.repeat(np.eye(3, dtype=q.dtype)[:, :, None], len(q), axis=2)
-        for i, step in enumerate(self._steps):
+        for i, step in enumerate(self.steps):
             p += step.offset.astype(q.dtype) @ R
             R = step.turn.T.astype(q.dtype) @ R
             if step.joint == "slides":

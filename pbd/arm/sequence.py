@@ -1,117 +1,164 @@
 """One joint path through all keyframes: of the many ways to reach each, those that together move the joints least.
 
-Each keyframe gets up to a dozen solutions: some that follow from those of the keyframe before, so that a way of holding
-the arm is carried along for as long as it lasts, and some found afresh. Dynamic programming (Viterbi) picks one of
-each. An arm with more than six joints then slides along what freedom it has left, toward its neighbours.
+Each keyframe gets a dozen solutions or so: some that follow from those of the keyframe before, so that a way of holding
+the arm is carried along for as long as it lasts, and some found afresh. Dynamic programming picks one of each
+(route.py), by joint travel and by how near each is to limits and singularities. An arm with more than six joints then
+slides along what freedom it has left, toward its neighbours and away from limits.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
 
-from pbd.arm.ik import SOLVED, TOLERANCE_M, IkResult, descend, solve
+from pbd.arm.candidates import MARGIN_RAD, solutions, strain, toward
+from pbd.arm.compiled import COMPILED
+from pbd.arm.descent import SOLVED, descend_each
+from pbd.arm.hindrance import find_hindrance
+from pbd.arm.ik import TOLERANCE_M, solve
 from pbd.arm.model import ArmModel
-from pbd.arm.reach import reach_map
+from pbd.arm.relax import FULL_POSE
+from pbd.arm.route import Allowed, Clear, Layer, NoWayError, Route
+from pbd.arm.tool import Target, target
 from pbd.errors import PlanError
 from pbd.pose import Array, Pose
 
-CARRIED = 6
-"""Solutions of the keyframe before to start from: those with the least travel so far."""
-FRESH = 8
-"""Samples to start from: of the FRESH_FROM nearest to the pose, those nearest to any solution before."""
-FRESH_FROM = 256
+STARTS, STARTS_COMPILED, STARTS_WIDE = 12, 18, 81
+"""Descents made for each keyframe: with pinocchio, compiled, and where every way is barred."""
 SWEEPS = 3
+MOST_REFUSALS = 300
 
-_SAME = 1e-3  # rad: solutions nearer than this to each other are one
+_RIDGE = 1e-9  # keeps the projection onto the null space solvable where the arm is singular
 
 
-def solve_sequence(arm: ArmModel, T_base_tool: Sequence[Pose], q_start: Array) -> Array:
+class BarredError(PlanError):
+    """No path was found that is free all along.
+
+    Attributes:
+        keyframe: the first that can't be come to; the number of them: it is the way back from the last.
+        stands: whether the arm can stand there, so that it is the moves to it that are barred.
+        path: (n, k) rad, the shortest of those that are free up to the keyframe before.
+    """
+
+    def __init__(self, keyframe: int, stands: bool, path: Array) -> None:
+        way = f"way to keyframe {keyframe}" if keyframe < len(path) else f"way back from keyframe {keyframe - 1}"
+        what = f"free {way}" if stands else f"way to hold the arm at keyframe {keyframe} that is free"
+        message = f"no {what} was found; move the dock or what stands in the way"
+        super().__init__(message, keyframe=keyframe, stands=stands)
+        self.keyframe, self.stands, self.path = keyframe, stands, path
+
+
+def solve_sequence(
+    arm: ArmModel,
+    T_base_tool: Sequence[Pose],
+    q_start: Array,
+    *,
+    q_end: Array | None = None,
+    allowed: Allowed | None = None,
+    clear: Clear | None = None,
+) -> Array:
     """Find joints (n, k) that reach n tool poses, with little joint travel (sum of |dq|) from `q_start` (k,) on.
 
+    Args:
+        arm: the arm.
+        T_base_tool: n poses of the tool in base.
+        q_start: (k,) rad, where the arm comes from.
+        q_end: (k,) rad, where it goes from the last pose, if anywhere.
+        allowed: says whether the arm may stand at keyframe i with joints (k,); asked of as few as can be.
+        clear: says whether it may move straight to keyframe i from joints (k,) to others: 0 is the way from `q_start`,
+            n that to `q_end`. It is asked only where both ends are allowed.
+
     Raises:
-        PlanError: a keyframe can't be reached; its fields are keyframe (from 0), value and bound (m), rotation (rad).
+        PlanError: a keyframe can't be reached; its fields are keyframe (from 0), value and bound (m), rotation (rad),
+            nearest (the pose that can be), beyond (m, 0 where only the attitude is at fault), joints (at their limits).
+        BarredError: no path was found that is allowed and clear.
     """
-    # Per keyframe: its solutions (m, k), least travel first, and which solution before each is best come to from.
-    layers: list[tuple[Array, Array]] = []
+    n = len(T_base_tool)
+
+    def stands(keyframe: int, q: Array) -> bool:
+        return keyframe == n or allowed is None or allowed(keyframe, q)
+
+    for starts in (STARTS_COMPILED if COMPILED.kernel else STARTS, STARTS_WIDE):
+        route = _lay_out(arm, T_base_tool, q_start, q_end, starts)
+        try:
+            return route.joints(route.shortest_free(stands, clear, MOST_REFUSALS))[1 : n + 1]
+        except NoWayError as no_way:
+            barred = BarredError(no_way.layer - 1, no_way.stands, route.joints(no_way.way)[1 : n + 1])
+    raise barred
+
+
+def _lay_out(arm: ArmModel, T_base_tool: Sequence[Pose], q_start: Array, q_end: Array | None, starts: int) -> Route:
+    """Find the ways to hold the arm at each pose, whole turns taken toward where it may come from."""
+    layers = [Layer(q_start[None], np.zeros(1))]
     before, travel = q_start[None], np.zeros(1)
     for keyframe, pose in enumerate(T_base_tool):
-        found = _solutions(arm, pose, (*before[:CARRIED], *_fresh(arm, pose, before)))
-        if not found:
-            result = solve(arm, pose, before[0])
-            if not result.reached:
-                raise _out_of_reach(keyframe, pose, result)
-            found = [result.q]
-        each = np.arange(len(found))
-        reached = _toward(arm, np.array(found), before[:, None])
-        total = travel[:, None] + np.linalg.norm(reached - before[:, None], axis=2)
-        via = np.argmin(total, axis=0)
-        order = np.argsort(total[via, each])
-        via = via[order]
-        before, travel = reached[via, order], total[via, order]
-        layers.append((before, via))
-    path = np.empty((len(layers), len(q_start)))
-    choice = 0
-    for i in reversed(range(len(layers))):
-        solutions, via = layers[i]
-        path[i], choice = solutions[choice], int(via[choice])
-    if len(q_start) > 6:
-        for _ in range(SWEEPS):
-            _slide(arm, T_base_tool, path, q_start)
-    return path
+        found = solutions(arm, pose, before, starts)
+        if not len(found):
+            raise _out_of_reach(arm, keyframe, pose, before[0])
+        turned = toward(arm, found, before[:, None])
+        total = travel[:, None] + np.linalg.norm(turned - before[:, None], axis=2)
+        via, each = total.argmin(axis=0), np.arange(len(found))
+        before, cost = turned[via, each], strain(arm, turned[via, each])
+        travel = total[via, each] + cost
+        order = np.argsort(travel)
+        before, travel = before[order], travel[order]
+        layers.append(Layer(before, cost[order]))
+    if q_end is not None:
+        layers.append(Layer(q_end[None], np.zeros(1)))
+    if len(q_start) > FULL_POSE:
+        layers = _slide(arm, [target(pose) for pose in T_base_tool], layers)
+    return Route(layers)
 
 
-def _fresh(arm: ArmModel, pose: Pose, before: Array) -> Array:
-    samples = reach_map(arm).nearest(pose, FRESH_FROM)
-    away = np.linalg.norm(_toward(arm, samples, before[:, None]) - before[:, None], axis=2).min(axis=0)
-    return samples[np.argsort(away)[:FRESH]]
+def _slide(arm: ArmModel, goals: Sequence[Target], layers: Sequence[Layer]) -> list[Layer]:
+    """Slide the shortest path, each tool standing still, toward the middle of its neighbours; add it to the layers."""
+    route = Route(layers)
+    path = route.joints(route.shortest())
+    costs = strain(arm, path)
+    for _ in range(SWEEPS):
+        for i, goal in enumerate(goals, start=1):
+            q, before, after = path[i], path[i - 1], path[i + 1] if i + 1 < len(path) else path[i - 1]
+            pull = 0.5 * (before + after) - q + _inward(arm, q)
+            J = arm.jacobian(q)
+            pull -= J.T @ np.linalg.solve(J @ J.T + _RIDGE * np.eye(6), J @ pull)
+            ended, squares = descend_each(arm, goal, (q + pull)[None])
+            # What it may cost to be better than what is there.
+            most = costs[i] + _travel(before, q, after) - _travel(before, ended[0], after)
+            if squares[0] < SOLVED and most > 0.0 and (cost := float(strain(arm, ended)[0])) < most:
+                path[i], costs[i] = ended[0], cost
+    slid_too = list(layers)
+    for i in range(1, len(goals) + 1):
+        slid_too[i] = Layer(np.vstack((layers[i].q, path[i])), np.append(layers[i].cost, costs[i]))
+    return slid_too
 
 
-def _solutions(arm: ArmModel, pose: Pose, seeds: Iterable[Array]) -> list[Array]:
-    """Descend from every seed; return the different solutions."""
-    found: list[Array] = []
-    for seed in seeds:
-        q, square = descend(arm, pose, seed)
-        if square < SOLVED and all(np.abs(q - other).max() > _SAME for other in found):
-            found.append(q)
-    return found
-
-
-def _toward(arm: ArmModel, q: Array, target: Array) -> Array:
-    """Turn joints q by whole turns, as far as their limits let them, to where they are nearest to a target."""
-    turns = np.round((target - q) / (2.0 * np.pi)) * arm.turns
-    least, most = np.ceil((arm.limits.lower - q) / (2.0 * np.pi)), np.floor((arm.limits.upper - q) / (2.0 * np.pi))
-    turned: Array = q + 2.0 * np.pi * np.clip(turns, np.minimum(least, 0.0), np.maximum(most, 0.0))
-    return turned
-
-
-def _slide(arm: ArmModel, T_base_tool: Sequence[Pose], path: Array, q_start: Array) -> None:
-    """Move each configuration in place, the tool standing still, toward the middle of its neighbours."""
-    for i, pose in enumerate(T_base_tool):
-        q, q_before = path[i], path[i - 1] if i else q_start
-        q_after = path[i + 1] if i + 1 < len(path) else q_before
-        J = arm.jacobian(q)
-        pull = 0.5 * (q_before + q_after) - q
-        pull = pull - J.T @ np.linalg.solve(J @ J.T + 1e-9 * np.eye(6), J @ pull)
-        slid, square = descend(arm, pose, q + pull)
-        if square < SOLVED and _travel(q_before, slid, q_after) < _travel(q_before, q, q_after):
-            path[i] = slid
+def _inward(arm: ArmModel, q: Array) -> Array:
+    """How far joints that are too near a limit are from where they aren't."""
+    lower, upper = arm.limits.lower, arm.limits.upper
+    inward: Array = np.maximum(0.0, MARGIN_RAD - (q - lower)) - np.maximum(0.0, MARGIN_RAD - (upper - q))
+    return inward
 
 
 def _travel(*path: Array) -> float:
-    return float(sum(np.linalg.norm(b - a) for a, b in pairwise(path)))
+    return sum(math.sqrt(way.dot(way)) for way in (b - a for a, b in pairwise(path)))
 
 
-def _out_of_reach(keyframe: int, pose: Pose, nearest: IkResult) -> PlanError:
+def _out_of_reach(arm: ArmModel, keyframe: int, pose: Pose, q_seed: Array) -> PlanError:
+    nearest = solve(arm, pose, q_seed)
+    hindrance = find_hindrance(arm, pose, nearest)
     x, y, z = pose.p
     return PlanError(
         f"keyframe {keyframe} is out of reach: the tool gets no nearer than {100 * nearest.position_error_m:.1f} cm and"
-        f" {np.rad2deg(nearest.rotation_error_rad):.1f} degrees to its pose at ({x:.3f}, {y:.3f}, {z:.3f}) m;"
-        " move the dock, or make the path smaller with --scale",
+        f" {np.rad2deg(nearest.rotation_error_rad):.1f} degrees to its pose at ({x:.3f}, {y:.3f}, {z:.3f}) m, which is"
+        f" {hindrance}; move the dock, or make the path smaller with --scale",
         keyframe=keyframe,
         value=nearest.position_error_m,
         bound=TOLERANCE_M,
         rotation=nearest.rotation_error_rad,
+        nearest=arm.forward(nearest.q),
+        beyond=hindrance.beyond_m,
+        joints=tuple(joint for joint, _ in hindrance.limits),
     )

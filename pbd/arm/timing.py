@@ -1,30 +1,64 @@
-"""When the arm is where: straight moves in joint space from keyframe to keyframe, as fast as the limits allow.
+"""When the arm is where: moves from keyframe to keyframe, each from rest to rest, as fast as the limits allow.
 
-Each move is one degree of freedom for ruckig, the distance along the line, under the limits that its joints leave it.
-So the line is straight (with one degree of freedom per joint it often isn't), and ruckig's cubic pieces are the joints'
-pieces but for a factor. Ruckig's own waypoints are never used: they would ask a service on the net.
+A move is straight in joint space (straight.py) or follows a curve (curved.py); at a keyframe the arm stands still.
 """
 
 from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from ruckig import InputParameter, Ruckig, Trajectory
 
 from pbd.arm.model import ArmModel
+from pbd.arm.pieces import Pieces
+from pbd.arm.straight import straight_move
 from pbd.data import JointLimits, JointTrajectory
 from pbd.errors import PbdWarning, PlanError
 from pbd.pose import Array
 
 APPROACH_SPEED = 0.5
-"""The approach from home uses this share of the limits."""
+"""The way from home to the first keyframe and the way back take this share of the limits."""
 
-WITHIN = 1.0 - 1e-9
-"""Rounding stays within the limits too."""
 
-_NO_TIME = 1e-12  # s: a piece shorter than this is none (ruckig gives phases that aren't needed no time)
+@dataclass(frozen=True, eq=False)
+class Move:
+    """How the arm goes on from where it is.
+
+    Attributes:
+        q: (n, k) rad, where it goes: the last is where it comes to rest.
+        curved: follow a smooth curve through all of them; else go straight from each to the next, at rest in each.
+        t: (n + 1,) s, when a demonstration passed where the arm is and each of these: a curve isn't taken faster.
+        least_s: the move takes at least so long.
+        share: of the limits.
+    """
+
+    q: Array
+    curved: bool = False
+    t: Array | None = None
+    least_s: float = 0.0
+    share: float = 1.0
+
+    def pieces(self, q_start: Array, limits: JointLimits, speed: float) -> Pieces:
+        """Time it, from joints (k,), at a share of the limits that multiplies its own."""
+        if self.curved:
+            from pbd.arm.curved import curved_move  # scipy takes its time to load
+
+            return curved_move(np.vstack((q_start, self.q)), limits, speed * self.share, self.t).lasting(self.least_s)
+        parts, before = [], q_start
+        for q in self.q:
+            parts.append(straight_move(before, q, limits, speed * self.share))
+            before = q
+        return Pieces.join(parts).lasting(self.least_s)
+
+
+@dataclass(frozen=True, eq=False)
+class Timed:
+    """A motion, and from when to when (s) each move to a keyframe lasts: (n, 2)."""
+
+    trajectory: JointTrajectory
+    spans: Array
 
 
 def time_keyframes(
@@ -37,6 +71,23 @@ def time_keyframes(
     speed: float = 1.0,
     approach: bool = True,
 ) -> JointTrajectory:
+    """Time straight moves through keyframes (n, k): see `time_moves`; from `q_start` (k,) with an approach."""
+    moves = [Move(q[None]) for q in q_keyframes]
+    if approach:
+        moves[0] = Move(q_keyframes[:1], share=APPROACH_SPEED)
+    return time_moves(arm, q_start if approach else q_keyframes[0], moves, dwells, grips, speed=speed).trajectory
+
+
+def time_moves(
+    arm: ArmModel,
+    q_start: Array,
+    moves: Sequence[Move],
+    dwells: Sequence[float],
+    grips: Sequence[bool | None],
+    *,
+    retreat: Move | None = None,
+    speed: float = 1.0,
+) -> Timed:
     """Time a motion through keyframes, at rest in each.
 
     The gripper starts open and moves while the arm stands still: where it opens or closes, the arm stays for at least
@@ -44,92 +95,59 @@ def time_keyframes(
 
     Args:
         arm: the arm, for its limits and its gripper.
-        q_keyframes: (n, k) rad.
+        q_start: (k,) rad, where the arm is.
+        moves: n, each to the next keyframe.
         dwells: (n,) s to stay at each keyframe.
         grips: (n,) True where the gripper closes, False where it opens, None where nothing changes.
-        q_start: (k,) rad, where the arm comes from, at APPROACH_SPEED.
+        retreat: where the arm goes after the last.
         speed: above 0, at most 1: a factor on the velocity, acceleration and jerk limits alike.
-        approach: False to begin at the first keyframe.
 
     Raises:
         PlanError: speed is out of range, or nothing moves at all.
     """
     if not 0.0 < speed <= 1.0:
         raise PlanError(f"speed must be above 0 and at most 1, got {speed:g}; give such a one", value=speed, bound=1.0)
-    gripper, joints = arm.robot.gripper, len(arm.robot.joints)
-    pieces = _Pieces(q_start if approach else q_keyframes[0])
-    gripper_t, opening, reached = [0.0], [1.0], []
-    for i, (q, dwell, closes) in enumerate(zip(q_keyframes, dwells, grips, strict=True)):
-        factor = speed * APPROACH_SPEED if i == 0 else speed
-        pieces.move(q, arm.limits, factor)
-        reached.append(pieces.t)
+    gripper = arm.robot.gripper
+    done = _Done(q_start)
+    gripper_t, opening, spans = [0.0], [1.0], []
+    for i, (move, dwell, closes) in enumerate(zip(moves, dwells, grips, strict=True)):
+        since = done.t
+        done.add(move.pieces(done.q, arm.limits, speed), move.q[-1])
+        spans.append((since, done.t))
         wanted = opening[-1] if closes is None else float(not closes)
         if wanted != opening[-1] and gripper is None:
             message = f"{arm.robot.name} has no gripper: what the hand gripped at keyframe {i} is left out"
             warnings.warn(f"{message}; give it one in its TOML", PbdWarning, stacklevel=2)
         elif wanted != opening[-1] and gripper is not None:
-            gripper_t += [pieces.t, pieces.t + gripper.stroke_s]
+            gripper_t += [done.t, done.t + gripper.stroke_s]
             opening += [opening[-1], wanted]
             dwell = max(dwell, gripper.stroke_s)
-        pieces.hold(dwell)
-    if not pieces.durations:
+        done.add(Pieces.hold(done.q, dwell), done.q)
+    if done.t == 0.0:
         raise PlanError("nothing moves: all keyframes are where the arm starts; demonstrate a motion with two stops")
-    return JointTrajectory(
+    if retreat is not None:
+        done.add(retreat.pieces(done.q, arm.limits, speed), retreat.q[-1])
+    pieces = Pieces.join(done.parts)
+    trajectory = JointTrajectory(
         joint_names=arm.robot.joints,
-        knots=np.concatenate(((0.0,), np.cumsum(pieces.durations))),
-        coefficients=np.array(pieces.coefficients).reshape(-1, 4, joints),
+        knots=np.append(0.0, np.cumsum(pieces.durations)),
+        coefficients=pieces.coefficients,
         gripper_t=np.array(gripper_t),
         gripper_opening=np.array(opening),
-        keyframe_t=np.array(reached),
-        keyframe_q=q_keyframes,
+        keyframe_t=np.array(spans)[:, 1],
+        keyframe_q=np.array([move.q[-1] for move in moves]),
     )
+    return Timed(trajectory, np.array(spans))
 
 
-class _Pieces:
-    """Cubic pieces in the making: where the arm is (q, at rest) and since when (t)."""
+class _Done:
+    """What has been timed so far: where the arm is (q, at rest) and since when (t)."""
 
     def __init__(self, q: Array) -> None:
-        self.q = q
-        self.durations: list[float] = []
-        self.coefficients: list[Array] = []
+        self.q, self.parts, self.t = q, list[Pieces](), 0.0
 
-    @property
-    def t(self) -> float:
+    def add(self, pieces: Pieces, q: Array) -> None:
+        self.parts.append(pieces)
         # Added up as the knots are, to the last bit.
-        return float(np.sum(self.durations))
-
-    def hold(self, duration: float) -> None:
-        zero = np.zeros_like(self.q)
-        self._add(duration, self.q, zero, zero, zero)
-
-    def move(self, q: Array, limits: JointLimits, factor: float) -> None:
-        way = q - self.q
-        length = float(np.abs(way).max())
-        if length == 0.0:
-            return
-        way /= length
-        for duration, s, v, a, j in _profile(length, way, limits, factor):
-            self._add(duration, self.q + s * way, v * way, a * way, j * way)
+        self.t = float(np.append(self.t, pieces.durations).cumsum()[-1])
         self.q = q
-
-    def _add(self, duration: float, q: Array, v: Array, a: Array, j: Array) -> None:
-        if duration < _NO_TIME:
-            return
-        self.durations.append(duration)
-        self.coefficients.append(np.stack((q, v, a / 2.0, j / 6.0)))
-
-
-def _profile(length: float, way: Array, limits: JointLimits, factor: float) -> list[tuple[float, ...]]:
-    """Time a move of `length` along `way` (k,), rest to rest: pieces of duration, and s, v, a, j where they begin."""
-    share = np.abs(way)
-    moving = share > 0.0
-    wanted = InputParameter(1)
-    wanted.current_position, wanted.target_position = [0.0], [length]
-    wanted.max_velocity = [WITHIN * factor * float((limits.velocity[moving] / share[moving]).min())]
-    wanted.max_acceleration = [WITHIN * factor * float((limits.acceleration[moving] / share[moving]).min())]
-    wanted.max_jerk = [WITHIN * factor * float((limits.jerk[moving] / share[moving]).min())]
-    trajectory = Trajectory(1)
-    Ruckig(1).calculate(wanted, trajectory)
-    profile = trajectory.profiles[0][0]
-    # Seven phases; the states are one more, the last being the end.
-    return list(zip(profile.t, profile.p, profile.v, profile.a, profile.j, strict=False))

@@ -7,7 +7,7 @@ from functools import cache
 from pathlib import Path
 
 from pbd.arm.model import ArmModel, load_model
-from pbd.data import Keyframe
+from pbd.data import HandPath, Keyframe
 from pbd.files.demo import load_demo
 from pbd.files.robot import read_robot
 from pbd.pipeline import track
@@ -25,8 +25,13 @@ def arm_of(name: str) -> ArmModel:
 
 
 @cache
-def keyframes_of(name: str) -> tuple[Keyframe, ...]:
+def path_of(name: str) -> HandPath:
     demo = load_demo(name)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what tracking tells is not the robot's
-        return find_keyframes(track(demo.recording, "default", demo.known))
+        return track(demo.recording, "default", demo.known)
+
+
+@cache
+def keyframes_of(name: str) -> tuple[Keyframe, ...]:
+    return find_keyframes(path_of(name))

@@ -11,7 +11,7 @@ from scipy.interpolate import BSpline, PPoly
 from pbd.arm.audit import audit
 from pbd.arm.model import ArmModel
 from pbd.arm.timing import time_keyframes
-from pbd.data import JointTrajectory
+from pbd.data import Calibration, JointTrajectory, Obstacle
 from pbd.errors import PlanError
 from pbd.pose import Array, Pose
 from tests.arm.conftest import changed, random_joints
@@ -224,3 +224,29 @@ def test_samples_that_are_not_those_of_the_pieces_are_found(arm: ArmModel, monke
     monkeypatch.setattr(JointTrajectory, "sample", faulty)
     with pytest.raises(PlanError, match="panda_joint6 has velocity"):
         audit(trajectory, arm.limits, arm, poses)
+
+
+def test_collisions_bite(arm: ArmModel) -> None:
+    """The same motion with a ball somewhere along its way, in a scene that the planner knows nothing of."""
+    q = arm.robot.home + 0.3 * np.random.default_rng(3).uniform(-1, 1, (4, 7))
+    trajectory = time_keyframes(arm, q, [0.0] * 4, [None] * 4, arm.robot.home)
+    poses = [arm.forward(row) for row in q]
+    there = arm.forward(trajectory.at(np.array([0.5 * trajectory.keyframe_t[1:3].sum()])).q[0])
+    ball = Obstacle("the ball", "sphere", (0.12,), Pose(there.p, np.array([1.0, 0.0, 0.0, 0.0])))
+    dock = Pose(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+    far = replace(ball, T_base_obstacle=Pose(np.array([0.0, 0.0, 3.0]), dock.wxyz))
+    first, alone = (Calibration("bench", T_base_dock=dock, obstacles=(each,)) for each in (ball, far))
+    free = Calibration("free", T_base_dock=dock)
+    for world in ((alone, None), (free, None), None):
+        audit(trajectory, arm.limits, arm, poses, world)
+    with pytest.raises(PlanError, match="would touch the ball") as caught:
+        audit(trajectory, arm.limits, arm, poses, (first, None))
+    assert "the ball" in str(caught.value.fields["bodies"])
+
+
+def test_the_audits_scene_is_its_own(arm: ArmModel) -> None:
+    """Neither the planner's model nor its scene is used: what they hold can't make a motion pass."""
+    from pbd.arm import audit as module
+
+    dock = Calibration("bench", T_base_dock=Pose(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])))
+    assert module._scene(arm.robot, dock, None).arm is not arm

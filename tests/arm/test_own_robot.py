@@ -13,7 +13,7 @@ from pbd.arm.reach import farthest
 from pbd.data import Robot
 from pbd.errors import PbdWarning
 from pbd.files.robot import load_robot
-from pbd.pipeline import plan_keyframes
+from pbd.planning import plan_keyframes
 from pbd.pose import quat_to_matrix
 from tests.arm.bundled import keyframes_of
 

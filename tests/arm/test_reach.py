@@ -4,24 +4,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial import cKDTree
 
 from pbd.arm.model import ArmModel, load_model
-from pbd.arm.reach import ROTATION_WEIGHT_M, SAMPLES, ReachMap, farthest, reach_map
+from pbd.arm.reach import farthest, sample
 from pbd.data import Robot
-from pbd.pose import quat_to_matrix
 from tests.arm.conftest import changed, random_joints
 
 
 def test_samples_keep_the_limits_and_are_the_same_each_time(arm: ArmModel) -> None:
-    q = reach_map(arm).q
-    assert q.shape == (SAMPLES, 7)
-    assert (q >= arm.limits.lower - 1e-6).all()
-    assert (q <= arm.limits.upper + 1e-6).all()
-    np.testing.assert_array_equal(ReachMap(arm).q, q)
+    count = 20_000
+    q = sample(arm, count)
+    assert q.shape == (count, 7)
+    assert ((q >= arm.limits.lower) & (q <= arm.limits.upper)).all()
+    np.testing.assert_array_equal(sample(arm, count), q)
     # uniform: the mean of each joint is its middle, to the statistical error
     middle, width = (arm.limits.lower + arm.limits.upper) / 2, arm.limits.upper - arm.limits.lower
-    assert (np.abs(q.mean(axis=0) - middle) < 4 * width / np.sqrt(12 * SAMPLES)).all()
+    assert (np.abs(q.mean(axis=0) - middle) < 4 * width / np.sqrt(12 * count)).all()
 
 
 @pytest.mark.parametrize(
@@ -38,23 +36,11 @@ def test_a_joint_is_sampled_over_one_turn_within_its_limits(
 ) -> None:
     lower, upper = odd_robot.limits.lower.copy(), odd_robot.limits.upper.copy()
     lower[2], upper[2] = bounds
-    q = ReachMap(load_model(replace(odd_robot, limits=changed(odd_robot.limits, lower=lower, upper=upper)))).q
+    arm = load_model(replace(odd_robot, limits=changed(odd_robot.limits, lower=lower, upper=upper)))
+    q = sample(arm, 20_000)
     np.testing.assert_allclose((q[:, 2].min(), q[:, 2].max()), sampled, atol=5e-3)
     np.testing.assert_allclose((q[:, 0].min(), q[:, 0].max()), (-np.pi, np.pi), atol=5e-3)  # endless
     np.testing.assert_allclose((q[:, 1].min(), q[:, 1].max()), (0.0, 0.4), atol=5e-3)  # slides
-
-
-def test_nearest_agrees_with_a_tree(arm: ArmModel) -> None:
-    reach = reach_map(arm)
-    p, R = arm.forward_many(reach.q.astype(np.float64))
-    tree = cKDTree(np.hstack((p, ROTATION_WEIGHT_M * R.reshape(-1, 9))))
-    for q in random_joints(arm.robot, 20, seed=5):
-        pose = arm.forward(q)
-        wanted = np.concatenate((pose.p, ROTATION_WEIGHT_M * quat_to_matrix(pose.wxyz).ravel()))
-        distance, _ = tree.query(wanted, 32)
-        p_found, R_found = arm.forward_many(reach.nearest(pose, 32))
-        found = np.hstack((p_found, ROTATION_WEIGHT_M * R_found.reshape(-1, 9)))
-        np.testing.assert_allclose(np.linalg.norm(found - wanted, axis=1), distance, atol=1e-5)
 
 
 @pytest.mark.parametrize("which", ["arm", "odd_arm"])

@@ -1,0 +1,199 @@
+"""Levenberg-Marquardt with active joint limits: from given joints down to the nearest minimum of |e|^2.
+
+e = (p - p_target, log3(R R_target^T)), in m and rad; 1 rad counts as 1 m. A step dq solves
+(J^T J + mu |e|^2 I) dq = J^T e; one that lowers |e|^2 is kept and mu falls, else mu rises. Joints at a bound that want
+to go beyond it are left out.
+
+There are two of it, the same step for step: with pinocchio, here, and compiled by numba where that is worth it
+(compiled.py, kernel.py), which is 15 times faster.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dposv
+
+from pbd.arm.compiled import COMPILED
+from pbd.arm.model import ArmModel, configuration
+from pbd.arm.tool import Target, in_universe, tool_in_universe
+from pbd.pose import Array
+
+SOLVED = 0.999e-5**2
+"""Of |e|^2, which is below this only where the tool is within 1e-5 m and 1e-5 rad, whoever rounds."""
+MOST_STEPS = 100
+MOST_TURN = 1.0
+"""rad (or m) that a joint may move in one step."""
+DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-2, 1e-6, 1e4
+"""mu at first and at least; where mu |e|^2 is beyond the last, no step lowers |e|^2 any more."""
+RIDGE = 1e-12
+"""Keeps the normal equations solvable where an arm is singular."""
+SLOW = 0.49
+"""A step that leaves more than this of |e|^2 (70 % of |e|) is a slow one."""
+STALLED = 1.0 - 1e-6
+"""A step that leaves more than this of |e|^2 is the last."""
+
+PATIENCE = 4
+"""A seed is given up after so many slow steps in a row."""
+UNTIL_IT_STOPS = MOST_STEPS
+"""The patience that gives no seed up."""
+
+
+class Chain(NamedTuple):
+    """An arm as kernel.py takes it: links (k + 1, 4, 3), slides (k,), lower and upper (k,) rad."""
+
+    links: Array
+    slides: NDArray[np.bool_]
+    lower: Array
+    upper: Array
+
+
+@lru_cache(maxsize=4)
+def chain(arm: ArmModel) -> Chain:
+    """Take an arm's constants out of its model."""
+    links = np.array([np.vstack((step.offset, step.turn)) for step in arm.steps])
+    slides = np.array([step.joint == "slides" for step in arm.steps[:-1]])
+    return Chain(links, slides, arm.limits.lower.copy(), arm.limits.upper.copy())
+
+
+def descend_each(
+    arm: ArmModel,
+    target: Target,
+    q_seeds: Array,
+    *,
+    patience: int = PATIENCE,
+    all_of_them: bool = False,
+) -> tuple[Array, Array]:
+    """Follow seeds down to the nearest minima of |e|^2, or until they are given up, one by one until one arrives.
+
+    Args:
+        arm: the arm.
+        target: where its tool is to be.
+        q_seeds: (m, k) rad.
+        patience: a seed is given up after so many slow steps in a row.
+        all_of_them: go on with the others when one has arrived.
+
+    Returns:
+        The joints (n, k), within limits, that the first n seeds came to, and |e|^2 there (n,). Solutions are those
+        below SOLVED: the last at most, unless `all_of_them` were followed.
+    """
+    if COMPILED.kernel:
+        starts, ends, at = np.array(q_seeds, order="C"), np.empty(q_seeds.shape), np.empty(len(q_seeds))
+        n = COMPILED.kernel.descend_each(*chain(arm), *target, starts, patience, all_of_them, ends, at)
+        return ends[:n], at[:n]
+    found, squares = [], []
+    look, bounds = _Look(arm, target), (arm.limits.lower, arm.limits.upper)
+    for seed in q_seeds:
+        q, square = follow_down(look, bounds, seed, patience=patience)
+        found.append(q)
+        squares.append(square)
+        if square < SOLVED and not all_of_them:
+            break
+    COMPILED.count(len(found))
+    return np.array(found), np.array(squares)
+
+
+def look_at(arm: ArmModel, target: Target, q: Array) -> tuple[Array, Array]:
+    """Return e (6,) at joints q (k,), and its Jacobian (6, k) but for log3's own derivative, in pinocchio's world."""
+    return _Look(arm, target)(q)
+
+
+def miss(arm: ArmModel, target: Target, q: Array) -> tuple[float, float]:
+    """Return how far the tool is from a target at joints q (k,), by pinocchio: m, rad."""
+    pin.forwardKinematics(arm.model, arm.data, configuration(arm.model, q))
+    T_base_tool = arm.T_base_universe * pin.updateFramePlacement(arm.model, arm.data, arm.tool_id)
+    off, turned = T_base_tool.translation - target.p, pin.log3(T_base_tool.rotation @ target.R.T)
+    return math.sqrt(off.dot(off)), math.sqrt(turned.dot(turned))
+
+
+class _Look:
+    """e and its Jacobian at given joints, but for log3's own derivative (see `kernel.look`)."""
+
+    def __init__(self, arm: ArmModel, target: Target) -> None:
+        self.tool = tool_in_universe(arm)
+        self.p, self.R = in_universe(arm, target)
+        self.R_inverse = self.R.T
+
+    def __call__(self, q: Array) -> tuple[Array, Array]:
+        p, R, J = self.tool(q)
+        e = np.empty(6)
+        e[:3] = p
+        e[:3] -= self.p
+        e[3:] = pin.log3(R @ self.R_inverse)
+        return e, J
+
+
+def follow_down(
+    look: Callable[[Array], tuple[Array, Array]],
+    bounds: tuple[Array, Array],
+    q_seed: Array,
+    *,
+    patience: int = UNTIL_IT_STOPS,
+    steps: int = MOST_STEPS,
+    solved: float = SOLVED,
+    stalled: float = STALLED,
+    still: float = 0.0,
+) -> tuple[Array, float]:
+    """Descend from a seed (k,) on any error.
+
+    Args:
+        look: gives e (m,) and its Jacobian (m, k) at joints (k,).
+        bounds: lower and upper (k,) rad.
+        q_seed: where it begins.
+        patience: so many slow steps in a row end it.
+        steps: so many steps end it.
+        solved: |e|^2 below this ends it.
+        stalled: a step that leaves more than this share of |e|^2 is the last.
+        still: a step in which no joint moves as far as this, rad, ends it.
+
+    Returns:
+        The joints, within the bounds, and |e|^2 there.
+    """
+    lower, upper = bounds
+    q = np.minimum(np.maximum(q_seed, lower), upper)
+    e, J = look(q)
+    square, damping, slow_steps = float(e.dot(e)), DAMPING, 0
+    H = np.empty((len(q), len(q)))
+    diagonal = H.ravel()[:: len(q) + 1]
+    at_a_bound = bool(((q == lower) | (q == upper)).any())
+    for _ in range(steps):
+        if square < solved or slow_steps == patience:
+            break
+        gradient = e @ J
+        if at_a_bound:
+            held = ((q == lower) & (gradient > 0.0)) | ((q == upper) & (gradient < 0.0))
+            J[:, held], gradient[held] = 0.0, 0.0
+        np.dot(J.T, J, out=H)
+        ridge = damping * square + RIDGE
+        diagonal += ridge
+        while True:
+            step = dposv(H, gradient)[1]
+            if step.dot(step) > MOST_TURN**2:
+                step *= MOST_TURN / max(MOST_TURN, step.max(), -step.min())
+            if still and np.abs(step).max() < still:
+                return q, square
+            free = q - step
+            q_next = np.minimum(np.maximum(free, lower), upper)
+            e_next, J_next = look(q_next)
+            square_next = float(e_next.dot(e_next))
+            if square_next < square:
+                break
+            damping *= 10.0
+            if damping * square > MOST_DAMPING:
+                return q, square
+            diagonal += damping * square + RIDGE - ridge
+            ridge = damping * square + RIDGE
+        at_a_bound = at_a_bound or free.tobytes() != q_next.tobytes()
+        damping = max(LEAST_DAMPING, 0.2 * damping)
+        slow_steps = slow_steps + 1 if square_next > SLOW * square else 0
+        at_its_end = square_next > stalled * square
+        q, square, e, J = q_next, square_next, e_next, J_next
+        if at_its_end:
+            break
+    return q, square

@@ -1,0 +1,84 @@
+"""Cubic pieces of a motion in the making: a dwell, a move, or several of them one after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pbd.data import JointLimits
+from pbd.pose import Array
+
+WITHIN = 1.0 - 1e-9
+"""Rounding stays within the limits too."""
+
+_NO_TIME = 1e-12  # s: a piece shorter than this is none (ruckig gives phases that aren't needed no time)
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """A motion from rest to rest.
+
+    Attributes:
+        durations: (m,) s.
+        coefficients: (m, 4, k): q = c0 + c1 s + c2 s^2 + c3 s^3, s from the piece's beginning.
+    """
+
+    durations: Array
+    coefficients: Array
+
+    @staticmethod
+    def of(durations: Array, coefficients: Array) -> Pieces:
+        """Leave out what takes no time."""
+        lasting = durations >= _NO_TIME
+        return Pieces(durations[lasting], coefficients[lasting])
+
+    @staticmethod
+    def hold(q: Array, duration: float) -> Pieces:
+        """Stay at joints q (k,)."""
+        coefficients = np.zeros((1, 4, len(q)))
+        coefficients[0, 0] = q
+        return Pieces.of(np.array([duration]), coefficients)
+
+    @staticmethod
+    def join(parts: Sequence[Pieces]) -> Pieces:
+        """One after the other."""
+        return Pieces(
+            np.concatenate([part.durations for part in parts]), np.concatenate([part.coefficients for part in parts])
+        )
+
+    @property
+    def duration(self) -> float:
+        """Seconds."""
+        return float(self.durations.sum())
+
+    def slowed(self, factor: float) -> Pieces:
+        """The same path, taking so many times as long."""
+        powers = factor ** -np.arange(4.0)
+        return Pieces(factor * self.durations, self.coefficients * powers[:, None])
+
+    def lasting(self, least_s: float) -> Pieces:
+        """The same path, slowed so that it takes at least so long."""
+        return self.slowed(least_s / self.duration) if 0.0 < self.duration < least_s else self
+
+    def within(self, limits: JointLimits, factor: float) -> Pieces:
+        """The same path, slowed as far as it takes to keep a share `factor` of all limits."""
+        velocity, acceleration, jerk = self.peaks()
+        slow = max(
+            float((velocity / (WITHIN * factor * limits.velocity)).max()),
+            float((acceleration / (WITHIN * factor * limits.acceleration)).max()) ** (1.0 / 2.0),
+            float((jerk / (WITHIN * factor * limits.jerk)).max()) ** (1.0 / 3.0),
+        )
+        return self.slowed(slow) if slow > 1.0 else self
+
+    def peaks(self) -> tuple[Array, Array, Array]:
+        """Return each joint's highest velocity, acceleration and jerk (k,)."""
+        s = self.durations[:, None]
+        _, c1, c2, c3 = np.moveaxis(self.coefficients, 1, 0)
+        begin, end = 2.0 * c2, 2.0 * c2 + 6.0 * c3 * s
+        turning = begin * end < 0.0  # inside, where the acceleration is zero, the velocity has an extremum
+        s_turn = np.where(turning, s * begin / np.where(turning, begin - end, 1.0), 0.0)
+        velocity = [np.abs(c1 + x * (2.0 * c2 + 3.0 * c3 * x)).max(axis=0) for x in (0.0 * s, s, s_turn)]
+        acceleration = np.maximum(np.abs(begin), np.abs(end)).max(axis=0)
+        return np.max(velocity, axis=0), acceleration, np.abs(6.0 * c3).max(axis=0)

@@ -1,0 +1,79 @@
+"""Where an arm's tool is, and how it moves, by pinocchio and quickly: for the thousands of looks of a descent."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from pbd.arm.model import ArmModel
+from pbd.pose import Array, Pose
+
+
+class Target(NamedTuple):
+    """A tool pose in base: p (3,) m, R (3, 3)."""
+
+    p: Array
+    R: Array
+
+
+def target(T_base_tool: Pose) -> Target:
+    """Write a pose as descents take it."""
+    return Target(T_base_tool.p.copy(), matrix(T_base_tool))
+
+
+def matrix(pose: Pose) -> Array:
+    """Rotation matrix (3, 3) of a single pose, in a few microseconds."""
+    w, x, y, z = pose.wxyz.tolist()
+    R: Array = pin.Quaternion(w, x, y, z).toRotationMatrix()
+    return R
+
+
+def in_universe(arm: ArmModel, target: Target) -> Target:
+    """Turn a pose in base into one in pinocchio's world."""
+    T_universe_base = _in_universe(arm)
+    return Target(T_universe_base.R @ target.p + T_universe_base.p, T_universe_base.R @ target.R)
+
+
+@lru_cache(maxsize=4)
+def _in_universe(arm: ArmModel) -> Target:
+    T_universe_base = arm.T_base_universe.inverse()
+    return Target(T_universe_base.translation.copy(), T_universe_base.rotation.copy())
+
+
+@lru_cache(maxsize=4)
+def tool_in_universe(arm: ArmModel) -> Callable[[Array], tuple[Array, Array, Array]]:
+    """Return what finds the tool at joints (k,): p (3,), R (3, 3) and its Jacobian (6, k), in pinocchio's world.
+
+    p and R are pinocchio's own and hold until it looks again.
+    """
+    model, data, tool_id, axes = arm.model, arm.data, arm.tool_id, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    configure = _configure(model)
+
+    def tool(q: Array) -> tuple[Array, Array, Array]:
+        J = pin.computeFrameJacobian(model, data, configure(q), tool_id, axes)
+        placement = data.oMf[tool_id]
+        return placement.translation, placement.rotation, J
+
+    return tool
+
+
+def _configure(model: Any) -> Callable[[Array], Array]:
+    """How joints (k,) become pinocchio's configuration, which holds cosine and sine of a continuous joint."""
+    joints = list(model.joints)[1:]
+    if all(joint.nq == 1 for joint in joints):
+        return lambda q: q
+    at = np.array([joint.idx_q for joint in joints])
+    turning = np.array([joint.nq == 2 for joint in joints])
+    cosines = at[turning]
+    made = np.empty(model.nq)
+
+    def configure(q: Array) -> Array:
+        made[at] = q
+        made[cosines], made[cosines + 1] = np.cos(q[turning]), np.sin(q[turning])
+        return made
+
+    return configure

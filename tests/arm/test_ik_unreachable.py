@@ -1,0 +1,120 @@
+"""What an arm can't reach is told with what stops it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pbd.arm import seeds
+from pbd.arm.hindrance import Hindrance, find_hindrance
+from pbd.arm.ik import solve
+from pbd.arm.model import ArmModel, load_model
+from pbd.data import Robot
+from pbd.pose import Array, Pose
+from tests.arm.bundled import NAMES, arm_of
+from tests.arm.conftest import changed, random_joints
+
+DOWN = (np.pi, 0.0, 0.0)
+
+
+def hindrance(arm: ArmModel, pose: Pose) -> Hindrance:
+    result = solve(arm, pose)
+    assert not result.reached
+    return find_hindrance(arm, pose, result)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_beyond_reach_is_by_how_far_the_nearest_place_is(name: str) -> None:
+    """Oracle: none of many samples is nearer, and the nearest of them isn't much farther."""
+    arm = arm_of(name)
+    p, _ = arm.forward_many(random_joints(arm.robot, 100_000, seed=1))
+    reach = float(np.linalg.norm(p, axis=1).max())
+    for direction in np.random.default_rng(2).normal(size=(6, 3)):
+        pose = Pose.from_rpy(1.4 * reach * direction / np.linalg.norm(direction), DOWN)
+        found = hindrance(arm, pose)
+        nearest = np.linalg.norm(p - pose.p, axis=1).min()
+        assert nearest - 0.06 * reach < found.beyond_m <= nearest
+        assert found.outside
+        assert str(found).startswith(f"{100 * found.beyond_m:.1f} cm beyond the arm's reach")
+
+
+@pytest.fixture
+def stiff(panda: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[float], ArmModel]:
+    """A panda that moves its joints by little about home, and few seeds in a cache of its own."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(seeds, "SAMPLES", 2**13)
+
+    def make(by: float) -> ArmModel:
+        limits = changed(panda.limits, lower=panda.home - by, upper=panda.home + by)
+        return load_model(replace(panda, limits=limits))
+
+    return make
+
+
+def test_too_near_is_inside_the_arms_reach(stiff: Callable[[float], ArmModel]) -> None:
+    arm = stiff(0.3)
+    shoulder, home = np.array([0.0, 0.0, 0.333]), arm.forward(arm.robot.home)
+    near, far = (Pose(shoulder + share * (home.p - shoulder), home.wxyz) for share in (0.1, 1.9))
+    found = hindrance(arm, near)
+    assert found.beyond_m > 0.1
+    assert not found.outside
+    assert "cm inside the arm's reach, with panda_joint4 at its lower limit" in str(found)
+    assert hindrance(arm, far).outside
+
+
+@pytest.mark.parametrize("side", ["lower", "upper"])
+def test_the_limit_that_stops_it_is_named(stiff: Callable[[float], ArmModel], side: str) -> None:
+    """Each joint in turn would have to turn by more than it can, and the others can make up for little of it."""
+    arm = stiff(0.01)
+    for i, joint in enumerate(arm.robot.joints):
+        beyond = arm.robot.home + (0.3 if side == "upper" else -0.3) * np.eye(7)[i]
+        pose = arm.forward(beyond)
+        found = find_hindrance(arm, pose, solve(arm, pose))
+        assert (joint, side) in found.limits
+
+
+def test_a_named_limit_is_what_is_in_the_way(arm: ArmModel) -> None:
+    """With the limits that are named a little wider the arm gets nearer, for as long as it is they that stop it."""
+    checked = 0
+    for truth in random_joints(arm.robot, 40, seed=4):
+        pose = arm.forward(truth) @ Pose.from_rpy((0, 0, 0), (0.0, 1.5, 0.0))
+        result = solve(arm, pose)
+        if result.reached:
+            continue
+        found = find_hindrance(arm, pose, result)
+        if found.beyond_m > 0.0:
+            continue
+        for name, side in found.limits:
+            i, step = arm.robot.joints.index(name), 1e-4 if side == "upper" else -1e-4
+            moved = result.q + step * np.eye(7)[i]
+            assert error(arm, pose, moved) < error(arm, pose, result.q)
+            checked += 1
+    assert checked > 3
+
+
+def error(arm: ArmModel, pose: Pose, q: Array) -> float:
+    here = arm.forward(q)
+    return float(np.hypot(*pose.distance(here)))
+
+
+@pytest.mark.parametrize(
+    ("found", "told"),
+    [
+        (Hindrance(0.123, True, ()), "12.3 cm beyond the arm's reach"),
+        (
+            Hindrance(0.05, False, (("elbow", "lower"),)),
+            "5.0 cm inside the arm's reach, with elbow at its lower limit",
+        ),
+        (
+            Hindrance(0.0, False, (("a", "upper"), ("b", "lower"))),
+            "within reach, but not in this attitude: it stops with a at its upper limit and b at its lower limit",
+        ),
+        (Hindrance(0.0, False, ()), "within reach, but not in this attitude: its links are too short"),
+    ],
+)
+def test_it_is_told_in_words(found: Hindrance, told: str) -> None:
+    assert str(found) == told
