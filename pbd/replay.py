@@ -6,10 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from pbd.calibration.uncertainty import tool_covariances
 from pbd.data import Demonstration, HandPath, Robot
-from pbd.pipeline import Plan, PlanOptions
-from pbd.pose import quat_rotate, quat_to_matrix
-from pbd.view.scene import ReplayKeyframe, ReplayScene
+from pbd.planning import Plan, PlanOptions
+from pbd.pose import quat_rotate
+from pbd.view.scene import ReplayKeyframe, ReplayScene, Touching
 
 
 def replay_scene(
@@ -24,8 +25,9 @@ def replay_scene(
     lever = quat_rotate(T_base_nav.wxyz, quat_rotate(path.wxyz_nav_sensor[inside], p_sensor_tool))
     if options.orientation == "fixed":
         lever = np.broadcast_to(plan.T_base_tool[0].p - T_base_nav.p, p_base_sensor.shape)
-    R_base_nav = quat_to_matrix(T_base_nav.wxyz)
-    keyframes = zip(plan.keyframes, plan.trajectory.keyframe_t, plan.T_base_tool, strict=True)
+    # What is unsure of the dock or the mount moves all keyframes alike; `pbd keyframes --robot` tells it.
+    cov = tool_covariances(plan.keyframes, T_base_nav, plan.calibration, options.scale)["tracking"]
+    keyframes = zip(plan.keyframes, plan.trajectory.keyframe_t, plan.T_base_tool, cov, strict=True)
     return ReplayScene(
         title=demo.recording.info.name,
         robot=robot,
@@ -37,12 +39,21 @@ def replay_scene(
                 label=keyframe.label,
                 t=float(t),
                 T_base_tool=pose,
-                sigma_m=scale * np.sqrt(np.diagonal(R_base_nav @ keyframe.cov[:3, :3] @ R_base_nav.T)),
+                cov=tracked,
                 grip=keyframe.grip,
             )
-            for keyframe, t, pose in keyframes
+            for keyframe, t, pose, tracked in keyframes
         ),
         table_height=plan.calibration.table_height,
         grasped=demo.grasped,
         notes=tuple(note for note in (demo.notes, *warnings) if note),
+        touching=_touching(plan),
+        obstacles=plan.calibration.obstacles,
     )
+
+
+def _touching(plan: Plan) -> Touching | None:
+    if plan.touching is None:
+        return None
+    found = plan.touching.found
+    return Touching((found.hit.first, found.hit.second), found.t, found.parted_t, plan.touching.error.message)

@@ -26,7 +26,7 @@ def rung(module: str) -> int:
         return 2
     if parts[0] in FOLDERS:
         return 3
-    if parts[0] in ("pipeline", "plotting", "record", "replay"):
+    if parts[0] in ("pipeline", "planning", "plotting", "record", "replay"):
         return 4
     return 5
 

@@ -14,10 +14,11 @@ from collections.abc import Sequence
 from typing import TextIO
 
 from pbd import __version__
-from pbd.cli import export, import_, keyframes, plot, record, replay, robots, segments, sensors, simulate
+from pbd.cli import calibrate, export, import_, keyframes, plot, record, replay, robots, segments, sensors, simulate
+from pbd.cli.completion import SHELLS, PrintCompletion
 from pbd.errors import PbdError, PbdWarning
 
-COMMANDS = (record, simulate, import_, segments, keyframes, plot, replay, export, robots, sensors)
+COMMANDS = (record, simulate, import_, segments, keyframes, plot, calibrate, replay, export, robots, sensors)
 
 EPILOG = """\
 a first look:
@@ -38,6 +39,12 @@ def parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     top.add_argument("--version", action="version", version=f"pbd {__version__}")
+    top.add_argument(
+        "--print-completion",
+        action=PrintCompletion,
+        choices=SHELLS,
+        help="print the script that completes commands, options and names in that shell",
+    )
     commands = top.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for command in COMMANDS:
         command.add(commands)

@@ -17,6 +17,7 @@ from pbd.cli.options import (
     print_json,
     say,
 )
+from pbd.cli.ways import tell_ways, ways_json
 from pbd.files.exporters import FORMATS
 
 
@@ -44,6 +45,9 @@ def run(args: argparse.Namespace) -> int:
     from pbd.files.exporters import export
 
     demo, _, robot, plan = plan_demonstration(args)
+    if plan.touching is not None:
+        raise plan.touching.error
+    tell_ways(plan)
     samples = export(plan.trajectory, args.format, args.output, args.rate)
     say(f"wrote {args.output}: {len(samples.t)} samples, {plan.trajectory.duration:.1f} s, {len(robot.joints)} joints")
     if args.json:
@@ -55,6 +59,7 @@ def run(args: argparse.Namespace) -> int:
                 "output": str(args.output),
                 "samples": len(samples.t),
                 "duration_s": plan.trajectory.duration,
+                "moves": ways_json(plan),
                 "warnings": args.warnings,
             }
         )

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from pbd.cli.options import (
     Commands,
     add_command,
     add_demo,
-    add_json,
     add_planning,
+    add_table,
     add_tracking,
     load_arm,
     load_demonstration,
@@ -21,7 +23,7 @@ from pbd.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from pbd.data import Keyframe
+    from pbd.data import Demonstration, Keyframe
 
 
 def add(commands: Commands) -> None:
@@ -31,11 +33,13 @@ def add(commands: Commands) -> None:
         "keyframes",
         "where the hand stopped, and how sure we are",
         "Print the pose at each stop of a demonstration with its uncertainty; with a robot also the tool's pose\n"
-        "in the robot's base and the joints that reach it.",
-        "  pbd keyframes pouring --robot panda",
+        "in the robot's base and the joints that reach it. --save writes them for you to edit.",
+        "  pbd keyframes pouring --robot panda\n  pbd keyframes tea --save",
     )
     add_demo(parser)
-    add_json(parser)
+    add_table(parser, units=True)
+    parser.add_argument("--save", action="store_true", help="write keyframes.toml into the demonstration, to be edited")
+    parser.add_argument("--force", action="store_true", help="with --save: find them anew, and replace the file")
     add_tracking(parser)
     add_planning(parser, robot_required=False)
     parser.set_defaults(run=run)
@@ -43,31 +47,77 @@ def add(commands: Commands) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Track, map where a robot is named, and print."""
-    from pbd.view.tables import joints_table, keyframes_table, print_table
+    from pbd.view.calibration_tables import base_table
+    from pbd.view.tables import joints_table, keyframes_table, print_csv, print_table
 
     demo = load_demonstration(args)
+    if args.save and args.force:
+        demo = replace(demo, keyframes=None)
     path, keyframes = track_demonstration(args, demo)
     if path.claims:
         fits = (f"{fit.saying} ({100.0 * fit.off_m:.1f} cm, {fit.sigmas:.1f} sigma off)" for fit in path.claims)
         say(f"known, and used: {'; '.join(fits)}")
+    if args.save:
+        _save(args, demo, keyframes)
     rows = [_row(index, keyframe) for index, keyframe in enumerate(keyframes)]
+    in_base = args.calibration is not None and _add_base(args, rows, keyframes)
     joint_names: tuple[str, ...] = ()
     if args.robot is not None:
-        from pbd.arm.model import load_model
-        from pbd.pipeline import solve_keyframes
+        from pbd.planning import solve_keyframes
 
         robot, calibration = load_arm(args)
         joint_names = robot.joints
-        _, poses, joints = solve_keyframes(load_model(robot), keyframes, calibration, plan_options(args))
-        for row, pose, q in zip(rows, poses, joints, strict=True):
+        poses, joints, off_rad = solve_keyframes(robot, keyframes, calibration, plan_options(args, robot))
+        for row, pose, q, off in zip(rows, poses, joints, off_rad, strict=True):
             row |= {"base_position_m": pose.p.tolist(), "base_wxyz": pose.wxyz.tolist(), "joints": q.tolist()}
+            row["off_deg"] = [math.degrees(angle) for angle in off]  # approach axis, about it: arms of five joints
     if args.json:
         print_json({"demo": demo.recording.info.name, "keyframes": rows})
         return 0
-    print_table(keyframes_table(keyframes))
+    table = keyframes_table(keyframes, args.units)
+    if args.csv:
+        print_csv(table, *([joints_table(joint_names, rows, args.units)] if joint_names else []))
+        return 0
+    print_table(table)
+    if in_base:
+        print("\nthe tool in base, one sigma; on the right by parts (rms over the axes)")
+        print_table(base_table(rows))
     if joint_names:
-        print_table(joints_table(joint_names, rows))
+        print_table(joints_table(joint_names, rows, args.units))
     return 0
+
+
+def _save(args: argparse.Namespace, demo: Demonstration, keyframes: tuple[Keyframe, ...]) -> None:
+    """Write keyframes.toml for a person to edit."""
+    from pbd.errors import RecordingError
+    from pbd.files.keyframes import write_keyframes
+
+    if demo.folder is None or demo.bundled:
+        source = demo.folder or args.demo
+        raise RecordingError(
+            f"{source} is {'bundled' if demo.bundled else 'no demonstration folder'}, so nothing is saved there; "
+            + ("copy it under another name, without 'bundled = true'" if demo.bundled else "`pbd import` it first"),
+            path=source,
+        )
+    path = write_keyframes(demo.folder, demo.folder.name, keyframes, args.force)
+    say(f"wrote {path}: edit it, it wins over what tracking finds from now on")
+
+
+def _add_base(args: argparse.Namespace, rows: list[dict[str, Any]], keyframes: tuple[Keyframe, ...]) -> bool:
+    """Add the tool's position in base and how sure it is; False where the calibration has no dock and no nav."""
+    from pbd.calibration.frames import nav_in_base, tool_poses
+    from pbd.calibration.uncertainty import base_sigmas, tool_covariances
+    from pbd.files.calibration import load_calibration
+
+    calibration = load_calibration(args.calibration)
+    if calibration.T_base_dock is None and calibration.T_base_nav is None:
+        return False
+    T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
+    parts = tool_covariances(keyframes, T_base_nav, calibration, args.scale)
+    poses = tool_poses(keyframes, T_base_nav, calibration, args.scale, args.orientation)
+    for row, pose, sigma in zip(rows, poses, base_sigmas(parts), strict=True):
+        row |= {"base_position_m": pose.p.tolist(), "base_wxyz": pose.wxyz.tolist()} | sigma
+    return True
 
 
 def _row(index: int, keyframe: Keyframe) -> dict[str, Any]:

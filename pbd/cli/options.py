@@ -9,9 +9,16 @@ import sys
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Protocol
 
+from pbd.cli.completion import DEMOS, ROBOTS
+
 if TYPE_CHECKING:
     from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Robot
-    from pbd.pipeline import Plan, PlanOptions
+    from pbd.planning import Plan, PlanOptions
+    from pbd.view.units import Units
+
+
+SAME_DOCK_RAD = math.radians(1.0)
+"""An edited first keyframe is still the dock if it is turned by no more."""
 
 
 class Commands(Protocol):
@@ -36,18 +43,39 @@ def add_command(
 
 def add_demo(parser: argparse.ArgumentParser) -> None:
     """Add the demonstration that a command works on."""
-    parser.add_argument(
+    demo = parser.add_argument(
         "demo",
         nargs="?",
         metavar="DEMO",
         help="a demonstration's name (in ./demos, or bundled), its folder, or a recording (.csv, .npz); "
         "default: the newest in ./demos, else 'pouring'",
     )
+    completed_by(demo, DEMOS)
+
+
+def completed_by(argument: argparse.Action, functions: dict[str, str]) -> None:
+    """Say which shell functions complete an argument (completion.py); shtab reads them there."""
+    argument.complete = functions  # type: ignore[attr-defined]
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:
     """Add --json."""
     parser.add_argument("--json", action="store_true", help="print one JSON object on stdout")
+
+
+def add_table(parser: argparse.ArgumentParser, units: bool = False) -> None:
+    """Add what every command that prints a table takes: --json, --csv, and --units where there are any to choose."""
+    form = parser.add_mutually_exclusive_group()
+    form.add_argument("--json", action="store_true", help="print one JSON object on stdout")
+    form.add_argument("--csv", action="store_true", help="print the table as CSV")
+    if units:
+        parser.add_argument(
+            "--units",
+            type=_units,
+            default="m,deg",
+            metavar="U",
+            help="of the tables: m, cm or mm, and deg or rad (m,deg)",
+        )
 
 
 def add_tracking(parser: argparse.ArgumentParser) -> None:
@@ -68,7 +96,8 @@ def add_tracking(parser: argparse.ArgumentParser) -> None:
 def add_planning(parser: argparse.ArgumentParser, robot_required: bool = True) -> None:
     """Add what every command that plans takes."""
     group = parser.add_argument_group("motion")
-    group.add_argument("--robot", metavar="R", required=robot_required, help="name or file; `pbd robots` lists them")
+    robot = group.add_argument("--robot", metavar="R", required=robot_required, help="name or file; see `pbd robots`")
+    completed_by(robot, ROBOTS)
     group.add_argument("--scale", type=positive, default=1.0, metavar="S", help="multiply the hand's motion (1)")
     group.add_argument(
         "--orientation",
@@ -76,9 +105,54 @@ def add_planning(parser: argparse.ArgumentParser, robot_required: bool = True) -
         default="demo",
         help="'fixed' keeps the tool straight down with its heading at the first keyframe (demo)",
     )
+    group.add_argument(
+        "--path",
+        choices=("keyframes", "line", "demo"),
+        default="keyframes",
+        help="between keyframes: straight in joint space, the tool on a straight line, or as the hand went (keyframes)",
+    )
+    group.add_argument(
+        "--path-tolerance",
+        type=positive,
+        metavar="M",
+        help="with --path keyframes: a move whose tool gets farther from the straight line, in m, is made as a line",
+    )
+    group.add_argument(
+        "--time",
+        choices=("limits", "demo"),
+        default="limits",
+        help="as fast as the limits allow, or as fast as the hand was where they do (limits)",
+    )
     group.add_argument("--speed", type=share, default=1.0, metavar="F", help="share of the joints' limits, up to 1 (1)")
-    group.add_argument("--dwell", type=positive, default=0.5, metavar="S", help="longest stay at a keyframe, s (0.5)")
-    group.add_argument("--no-approach", action="store_true", help="start at the first keyframe, not at home")
+    group.add_argument(
+        "--dwell",
+        type=positive,
+        metavar="S",
+        help="longest stay at a keyframe, s (0.5; with --time demo the hand's own)",
+    )
+    start = group.add_mutually_exclusive_group()
+    start.add_argument(
+        "--from",
+        dest="start",
+        metavar="JSON",
+        help="the arm's present joints, rad: a list, an object by joint name, or a file of one; default: home",
+    )
+    start.add_argument("--no-approach", action="store_true", help="start at the first keyframe, not at home")
+    group.add_argument("--no-retreat", action="store_true", help="end at the last keyframe, do not go back home")
+    group.add_argument(
+        "--allow-collision",
+        action="store_true",
+        help="show a motion that touches something, marked red (never exported)",
+    )
+
+
+def _units(text: str) -> Units:
+    from pbd.view.units import parse_units
+
+    try:
+        return parse_units(text)
+    except ValueError as reason:
+        raise argparse.ArgumentTypeError(str(reason)) from None
 
 
 def positive(text: str) -> float:
@@ -113,19 +187,34 @@ def track_demonstration(args: argparse.Namespace, demo: Demonstration) -> tuple[
     from pbd.pipeline import track
     from pbd.tracking.keyframes import find_keyframes
 
-    if args.method == "paper":
-        path = track(demo.recording, args.method)  # the paper's method knows of no places
-    else:
-        path = track(demo.recording, args.method, demo.known, _calibration_for(args, demo))
-    return path, find_keyframes(path)
+    known = None if args.method == "paper" else demo.known  # the paper's method knows of no places
+    path = track(demo.recording, args.method, known, _calibration_for(args))
+    found = find_keyframes(path)
+    if demo.keyframes is None:
+        return path, found
+    _refuse_another_dock(demo, found)
+    say(f"keyframes as edited in {demo.folder}/keyframes.toml")
+    return path, demo.keyframes
 
 
-def _calibration_for(args: argparse.Namespace, demo: Demonstration) -> Calibration | None:
-    """The calibration that tells where known places are, if there is one."""
+def _refuse_another_dock(demo: Demonstration, found: tuple[Keyframe, ...]) -> None:
+    """The attitude at the dock says how nav lies in base: an edited one would turn all the others."""
+    from pbd.errors import RecordingError
+
+    assert demo.keyframes is not None
+    _, turned = demo.keyframes[0].T_nav_sensor.distance(found[0].T_nav_sensor)
+    if turned > SAME_DOCK_RAD:
+        raise RecordingError(
+            f"{demo.folder}/keyframes.toml: the first keyframe is turned by {math.degrees(turned):.1f} degrees from "
+            "the dock, from which all others are seen; put it back, or insert one after it",
+            path=demo.folder,
+        )
+
+
+def _calibration_for(args: argparse.Namespace) -> Calibration | None:
+    """The calibration that tells the sensor's errors and where known places are, if there is one."""
     from pbd.files.calibration import load_calibration
 
-    if not (demo.places or demo.contacts):
-        return None
     if getattr(args, "robot", None) is not None:
         return load_arm(args)[1]
     return load_calibration(args.calibration) if args.calibration else None
@@ -142,27 +231,37 @@ def load_arm(args: argparse.Namespace) -> tuple[Robot, Calibration]:
     return robot, load_calibration(args.calibration or "default")
 
 
-def plan_options(args: argparse.Namespace) -> PlanOptions:
+def plan_options(args: argparse.Namespace, robot: Robot) -> PlanOptions:
     """Collect what `add_planning` added."""
-    from pbd.pipeline import PlanOptions
+    from pbd.files.joints import read_joints
+    from pbd.planning import PlanOptions
 
     return PlanOptions(
+        path=args.path,
+        tolerance_m=args.path_tolerance,
+        time=args.time,
         scale=args.scale,
         orientation=args.orientation,
         speed=args.speed,
         dwell_s=args.dwell,
         approach=not args.no_approach,
+        start=None if args.start is None else read_joints(args.start, robot.joints),
+        retreat=not args.no_retreat,
+        allow_collision=args.allow_collision,
     )
 
 
 def plan_demonstration(args: argparse.Namespace) -> tuple[Demonstration, HandPath, Robot, Plan]:
     """Load, track, and plan an audited motion."""
-    from pbd.pipeline import plan_keyframes
+    from pbd.planning import plan_keyframes
 
     demo = load_demonstration(args)
     path, keyframes = track_demonstration(args, demo)
     robot, calibration = load_arm(args)
-    return demo, path, robot, plan_keyframes(keyframes, calibration, robot, plan_options(args))
+    if demo.keyframes is not None and args.dwell is None:
+        args.dwell = math.inf  # a person has said how long
+    plan = plan_keyframes(keyframes, calibration, robot, plan_options(args, robot), path, demo.grasped)
+    return demo, path, robot, plan
 
 
 def store_demonstration(args: argparse.Namespace, demo: Demonstration, done: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 
 from pbd.cli.options import (
@@ -17,6 +18,7 @@ from pbd.cli.options import (
     print_json,
     say,
 )
+from pbd.cli.ways import tell_ways, touching_json, ways_json
 
 
 def add(commands: Commands) -> None:
@@ -45,12 +47,17 @@ def run(args: argparse.Namespace) -> int:
     demo, path, robot, plan = plan_demonstration(args)
     duration = plan.trajectory.duration
     say(f"'{demo.recording.info.name}' on {robot.name}: {len(plan.keyframes)} keyframes, {duration:.1f} s, audited")
+    tell_ways(plan)
+    if plan.touching is not None:
+        args.warnings.append(f"it touches something: {plan.touching.error.message}")
+        say(f"warning: {args.warnings[-1]}")
+    options = plan_options(args, robot)
     if args.html:
         from pbd.files.whole import written_whole
         from pbd.view.page import write_page
 
         with written_whole(args.html) as unfinished:
-            write_page(replay_scene(demo, path, plan, robot, plan_options(args), args.warnings), unfinished)
+            write_page(replay_scene(demo, path, plan, robot, options, args.warnings), unfinished)
         say(f"wrote {args.html.resolve()} ({args.html.stat().st_size / 1e6:.1f} MB); open it in a browser")
     if args.json:
         report = plan.report
@@ -65,6 +72,10 @@ def run(args: argparse.Namespace) -> int:
                     "max_rotation_error_rad": report.max_rotation_error_rad,
                 },
                 "limits": {"velocity": report.velocity, "acceleration": report.acceleration, "jerk": report.jerk},
+                "moves": ways_json(plan),
+                "stretched": [vars(each) for each in plan.stretched],
+                "off_deg": [math.degrees(angle) for angle in plan.off_rad.max(axis=0)],
+                "collision": touching_json(plan),
                 "warnings": args.warnings,
                 "html": str(args.html) if args.html else None,
             }
@@ -72,7 +83,5 @@ def run(args: argparse.Namespace) -> int:
     elif not args.html:
         from pbd.view.live import show_live
 
-        show_live(
-            replay_scene(demo, path, plan, robot, plan_options(args), args.warnings), open_browser=not args.no_open
-        )
+        show_live(replay_scene(demo, path, plan, robot, options, args.warnings), open_browser=not args.no_open)
     return 0

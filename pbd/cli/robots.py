@@ -6,7 +6,7 @@ import argparse
 import warnings
 from dataclasses import replace
 
-from pbd.cli.options import Commands, add_command, add_json, print_json
+from pbd.cli.options import Commands, add_command, add_table, print_json
 
 
 def add(commands: Commands) -> None:
@@ -19,7 +19,7 @@ def add(commands: Commands) -> None:
         "what is assumed of it. A file of your own in ./robots adds one (docs/robots.md).",
         "  pbd robots --json",
     )
-    add_json(parser)
+    add_table(parser)
     parser.set_defaults(run=run)
 
 
@@ -30,7 +30,7 @@ def run(args: argparse.Namespace) -> int:
     from pbd.errors import PbdWarning, RobotError
     from pbd.files.library import names
     from pbd.files.robot import load_robot
-    from pbd.view.tables import print_table, robots_table
+    from pbd.view.tables import print_csv, print_table, robots_table
 
     robots, reach_m = [], []
     for name in names("robots", ".toml"):
@@ -57,6 +57,8 @@ def run(args: argparse.Namespace) -> int:
             for robot, reach in zip(robots, reach_m, strict=True)
         ]
         print_json({"robots": rows})
+    elif args.csv:
+        print_csv(robots_table(robots, reach_m))
     else:
         print_table(robots_table(robots, reach_m))
         for robot in robots:

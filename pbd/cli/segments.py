@@ -8,7 +8,7 @@ from pbd.cli.options import (
     Commands,
     add_command,
     add_demo,
-    add_json,
+    add_table,
     add_tracking,
     load_demonstration,
     print_json,
@@ -26,7 +26,7 @@ def add(commands: Commands) -> None:
         "  pbd segments paper-test1",
     )
     add_demo(parser)
-    add_json(parser)
+    add_table(parser)
     add_tracking(parser)
     parser.set_defaults(run=run)
 
@@ -34,7 +34,7 @@ def add(commands: Commands) -> None:
 def run(args: argparse.Namespace) -> int:
     """Track and print."""
     from pbd.tracking.keyframes import find_segments
-    from pbd.view.tables import print_table, segments_table
+    from pbd.view.tables import print_csv, print_table, segments_table
 
     path, _ = track_demonstration(args, load_demonstration(args))
     segments = find_segments(path)
@@ -44,6 +44,8 @@ def run(args: argparse.Namespace) -> int:
             for s in segments
         ]
         print_json({"segments": rows})
+    elif args.csv:
+        print_csv(segments_table(segments))
     else:
         print_table(segments_table(segments))
     return 0

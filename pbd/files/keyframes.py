@@ -26,7 +26,7 @@ HEAD = """\
 #   drop      remove a [[keyframe]] and its lines; the first one is the dock, it stays as it is
 #   insert    copy a [[keyframe]], with a time between its neighbours'
 #   nudge     position_m is the sensor's, in metres from the dock, z up; rpy_deg is its roll, pitch and yaw in degrees
-#   dwell_s   how long the arm stays
+#   dwell_s   how long the arm stays: as long as the hand did, until you say else here
 #   grip      "closes" or "opens"; without it nothing changes
 #   label     a word for people
 #   sigma_m, sigma_deg  one sigma along each axis; without them the keyframe is taken for exact
@@ -35,8 +35,8 @@ format = {format}
 """
 
 
-def keyframes_toml(name: str, keyframes: Sequence[Keyframe], longest_dwell_s: float) -> str:
-    """Write the file's text; an arm stays nowhere longer than `longest_dwell_s` unless a person says so here."""
+def keyframes_toml(name: str, keyframes: Sequence[Keyframe]) -> str:
+    """Write the file's text."""
     parts = [HEAD.format(name=name, format=FORMAT)]
     for index, keyframe in enumerate(keyframes):
         sigma = np.sqrt(np.diagonal(keyframe.cov))
@@ -44,7 +44,7 @@ def keyframes_toml(name: str, keyframes: Sequence[Keyframe], longest_dwell_s: fl
             "",
             f"[[keyframe]] # {index}{', the dock' if index == 0 else ''}",
             f"t_s = {keyframe.t:.3f}",
-            f"dwell_s = {min(keyframe.dwell_s, longest_dwell_s):.2f}",
+            f"dwell_s = {keyframe.dwell_s:.2f}",
             f"position_m = {_numbers(keyframe.T_nav_sensor.p, 4)}",
             f"rpy_deg = {_numbers(np.degrees(quat_to_rpy(keyframe.T_nav_sensor.wxyz)), 3)}",
             f"sigma_m = {_numbers(sigma[:3], 4)}",
@@ -58,9 +58,7 @@ def keyframes_toml(name: str, keyframes: Sequence[Keyframe], longest_dwell_s: fl
     return "".join(parts)
 
 
-def write_keyframes(
-    folder: Path, name: str, keyframes: Sequence[Keyframe], longest_dwell_s: float, force: bool = False
-) -> Path:
+def write_keyframes(folder: Path, name: str, keyframes: Sequence[Keyframe], force: bool = False) -> Path:
     """Write keyframes.toml into a demonstration's folder, and return its path.
 
     Raises:
@@ -70,7 +68,7 @@ def write_keyframes(
     if path.exists() and not force:
         raise RecordingError(f"{path} exists and may have been edited; --force replaces it", path=path)
     with written_whole(path) as unfinished:
-        unfinished.write_text(keyframes_toml(name, keyframes, longest_dwell_s), encoding="utf-8")
+        unfinished.write_text(keyframes_toml(name, keyframes), encoding="utf-8")
     return path
 
 

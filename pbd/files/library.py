@@ -16,9 +16,14 @@ def bundled(kind: str) -> Path:
 
 def names(kind: str, suffix: str) -> list[str]:
     """Name everything of a kind ("robots", "calibration": .toml; "demos": folders), the user's and the bundled."""
-    folders = (Path(kind), bundled(kind))
-    found = {entry.stem if suffix else entry.name for folder in folders for entry in _entries(folder, suffix)}
-    return sorted(found)
+    return sorted(
+        {_name(entry, suffix) for folder in (Path(kind), bundled(kind)) for entry in _entries(folder, suffix)}
+    )
+
+
+def bundled_names(kind: str, suffix: str) -> list[str]:
+    """Name what comes with pbd."""
+    return sorted(_name(entry, suffix) for entry in _entries(bundled(kind), suffix))
 
 
 def find(kind: str, name: str, suffix: str, error: type[PbdError]) -> Path:
@@ -46,6 +51,10 @@ def _path(name: str) -> Path | None:
         return given if given.exists() else None
     except (OSError, RuntimeError, ValueError):
         return None
+
+
+def _name(entry: Path, suffix: str) -> str:
+    return entry.stem if suffix else entry.name
 
 
 def _entries(folder: Path, suffix: str) -> list[Path]:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import csv
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from io import StringIO
 from typing import Any
 
@@ -14,9 +16,20 @@ from rich.table import Table
 
 from pbd.data import Keyframe, Robot, Segment
 from pbd.pose import quat_to_rpy
+from pbd.view.units import Units
+
+SI = Units()
 
 PIPE_WIDTH = 200
 """Columns where the output is no terminal: rows are never broken for a program that reads them."""
+
+
+def print_csv(*tables: Table) -> None:
+    """Print tables of the same rows as one, side by side, without what the first has already (the row's number)."""
+    columns = [column for k, table in enumerate(tables) for column in table.columns[1 if k else 0 :]]
+    rows = csv.writer(sys.stdout, lineterminator="\n")
+    rows.writerow([str(column.header) for column in columns])
+    rows.writerows(zip(*(column.cells for column in columns), strict=True))
 
 
 def print_table(table: Table) -> None:
@@ -44,30 +57,36 @@ def segments_table(segments: Sequence[Segment]) -> Table:
     return table
 
 
-def keyframes_table(keyframes: Sequence[Keyframe]) -> Table:
+def keyframes_table(keyframes: Sequence[Keyframe], units: Units = SI) -> Table:
     """The sensor's pose in nav at each stop; sigma is the largest over the axes."""
-    position, turn = ("x (m)", "y (m)", "z (m)"), ("roll (°)", "pitch (°)", "yaw (°)")
-    table = _table("#", "t (s)", "dwell (s)", *position, *turn, "σ (mm)", "σ (°)", "grip")
+    # A sigma of millimetres says nothing in metres.
+    m, deg, fine = units.length, units.angle_sign, replace(units, length="mm" if units.length == "m" else units.length)
+    position, turn = (f"x ({m})", f"y ({m})", f"z ({m})"), (f"roll ({deg})", f"pitch ({deg})", f"yaw ({deg})")
+    label = ("label",) if any(keyframe.label for keyframe in keyframes) else ()
+    sigmas = (f"σ ({fine.length})", f"σ ({deg})")
+    table = _table("#", "t (s)", "dwell (s)", *position, *turn, *sigmas, "grip", *label, left=label)
     for index, keyframe in enumerate(keyframes):
         sigma = np.sqrt(np.diagonal(keyframe.cov))
         table.add_row(
             str(index),
             f"{keyframe.t:.2f}",
             f"{keyframe.dwell_s:.2f}",
-            *_fixed(keyframe.T_nav_sensor.p, 3),
-            *_fixed(np.degrees(quat_to_rpy(keyframe.T_nav_sensor.wxyz)), 1),
-            f"{1e3 * sigma[:3].max():.1f}",
-            f"{np.degrees(sigma[3:].max()):.1f}",
+            *units.lengths(keyframe.T_nav_sensor.p),
+            *units.angles(quat_to_rpy(keyframe.T_nav_sensor.wxyz)),
+            *fine.lengths(sigma[:3].max(), finer=1),
+            *units.angles(sigma[3:].max()),
             {True: "closes", False: "opens", None: ""}[keyframe.grip],
+            *((keyframe.label,) if label else ()),
         )
     return table
 
 
-def joints_table(joint_names: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> Table:
+def joints_table(joint_names: Sequence[str], rows: Sequence[Mapping[str, Any]], units: Units = SI) -> Table:
     """The tool's position in base and the joints, at each keyframe."""
-    table = _table("#", "tool x (m)", "y (m)", "z (m)", *(f"{name} (°)" for name in joint_names))
+    m, deg = units.length, units.angle_sign
+    table = _table("#", f"tool x ({m})", f"y ({m})", f"z ({m})", *(f"{name} ({deg})" for name in joint_names))
     for row in rows:
-        table.add_row(str(row["index"]), *_fixed(row["base_position_m"], 3), *_fixed(np.degrees(row["joints"]), 1))
+        table.add_row(str(row["index"]), *units.lengths(row["base_position_m"]), *units.angles(row["joints"]))
     return table
 
 
@@ -107,8 +126,3 @@ def sensors_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     for row in rows:
         table.add_row(row["sensor"], row["title"], row["gives"])
     return table
-
-
-def _fixed(values: Any, decimals: int) -> list[str]:
-    """Write numbers with so many decimals, and spare the reader a -0.000."""
-    return [f"{x:.{decimals}f}" for x in np.round(np.asarray(values), decimals) + 0.0]

@@ -1,7 +1,8 @@
 """How long the line takes on the bundled demonstration: python tests/benchmarks/pipeline.py [--json] [--quick].
 
 help_s: `pbd --help` as a whole process. plan_ms: from the recording to an audited trajectory, imports and files done.
-stages_ms: its parts; page: the replay page with meshes cached. Medians.
+stages_ms: its parts (collision: one check of the whole motion; audit: its own beside all else); page: the replay page
+with meshes cached. Medians.
 """
 
 from __future__ import annotations
@@ -15,10 +16,12 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import pbd
 from pbd.arm.audit import audit
+from pbd.arm.collision import check_motion
 from pbd.arm.model import load_model
+from pbd.arm.scene import CollisionScene
 from pbd.arm.sequence import solve_sequence
 from pbd.arm.timing import time_keyframes
-from pbd.pipeline import PlanOptions, plan_keyframes, solve_keyframes
+from pbd.planning import PlanOptions, plan_keyframes
 from pbd.replay import replay_scene
 from pbd.tracking.keyframes import find_keyframes
 from pbd.view.page import write_page
@@ -34,25 +37,28 @@ def main() -> None:
     calibration = robot.dock or pbd.load_calibration("default")
     path = pbd.track(demo.recording)
     keyframes = find_keyframes(path)
-    plan = plan_keyframes(keyframes, calibration, robot)
-    arm = load_model(robot)
-    _, T_base_tool, q = solve_keyframes(arm, keyframes, calibration, PlanOptions())
+    plan = plan_keyframes(keyframes, calibration, robot, None, path, demo.grasped)
+    arm, world = load_model(robot), (calibration, demo.grasped)
+    scene = CollisionScene.build(arm, *world)
+    T_base_tool, q = plan.T_base_tool, plan.trajectory.keyframe_q
     grips = [keyframe.grip for keyframe in keyframes]
     dwells = [0.5] * len(keyframes)
 
     def whole() -> None:
-        plan_keyframes(find_keyframes(pbd.track(demo.recording)), calibration, robot)
+        path = pbd.track(demo.recording)
+        plan_keyframes(find_keyframes(path), calibration, robot, None, path, demo.grasped)
 
     with tempfile.TemporaryDirectory() as folder:
         page = Path(folder) / "page.html"
-        scene = replay_scene(demo, path, plan, robot, PlanOptions())
+        shown = replay_scene(demo, path, plan, robot, PlanOptions())
         stages = {
             "track": median_ms(lambda: pbd.track(demo.recording), runs),
             "model": median_ms(lambda: load_model(robot), runs),
-            "ik": median_ms(lambda: solve_sequence(arm, T_base_tool, robot.home), runs),
+            "ik": median_ms(lambda: solve_sequence(arm, T_base_tool, robot.home, q_end=robot.home), runs),
             "timing": median_ms(lambda: time_keyframes(arm, q, dwells, grips, robot.home), runs),
-            "audit": median_ms(lambda: audit(plan.trajectory, robot.limits, arm, T_base_tool), runs),
-            "page": median_ms(lambda: write_page(scene, page), max(3, runs // 10)),
+            "collision": median_ms(lambda: check_motion(scene, plan.trajectory), runs),
+            "audit": median_ms(lambda: audit(plan.trajectory, robot.limits, arm, T_base_tool, world), runs),
+            "page": median_ms(lambda: write_page(shown, page), max(3, runs // 10)),
         }
     command = [sys.executable, "-m", "pbd", "--help"]
     finish(

@@ -24,7 +24,7 @@ FOUND = find_keyframes(track(simulate("pour", "modern", 0).recording))
 
 def edited(tmp_path: Path, old: str, new: str, count: int = 1) -> Path:
     """The found keyframes' file with a person's edit."""
-    text = keyframes_toml("tea", FOUND, 0.5)
+    text = keyframes_toml("tea", FOUND)
     assert old in text
     path = tmp_path / "keyframes.toml"
     path.write_text(text.replace(old, new, count), encoding="utf-8")
@@ -52,9 +52,9 @@ def assert_same(read: tuple[Keyframe, ...], written: tuple[Keyframe, ...]) -> No
 
 def test_what_is_written_is_read(tmp_path: Path) -> None:
     labelled = tuple(replace(keyframe, label=f'"{i}" über\n') for i, keyframe in enumerate(FOUND))
-    read = read_keyframes(write_keyframes(tmp_path, "tea", labelled, 0.5))
+    read = read_keyframes(write_keyframes(tmp_path, "tea", labelled))
     assert_same(read, labelled)
-    assert max(keyframe.dwell_s for keyframe in read) <= 0.5
+    assert [keyframe.dwell_s for keyframe in read] == pytest.approx([k.dwell_s for k in FOUND], abs=0.0051)
     assert {keyframe.grip for keyframe in read} == {True, False, None}
 
 
@@ -80,11 +80,11 @@ def test_any_keyframes(tmp_path_factory: pytest.TempPathFactory, rows: list[tupl
         pose = Pose(position, quat_exp(np.array(turn)))
         keyframes.append(Keyframe(t, dwell, pose, 1e-4 * np.eye(6), grip, label))  # type: ignore[arg-type]
     folder = tmp_path_factory.mktemp("any")
-    assert_same(read_keyframes(write_keyframes(folder, "x", keyframes, 0.5)), tuple(keyframes))
+    assert_same(read_keyframes(write_keyframes(folder, "x", keyframes)), tuple(keyframes))
 
 
 def test_a_person_may_drop_insert_nudge_and_rename(tmp_path: Path) -> None:
-    path = write_keyframes(tmp_path, "tea", FOUND, 0.5)
+    path = write_keyframes(tmp_path, "tea", FOUND)
     head, *tables = path.read_text(encoding="utf-8").split("\n[[keyframe]]")
     own = ' # mine\nt_s = 1.5\ndwell_s = 2.0\nposition_m = [0.1, 0, 0.2]\nrpy_deg = [0, 0, 90]\ngrip = "opens"\n'
     path.write_text("\n[[keyframe]]".join([head, tables[0], own, *tables[2:]]), encoding="utf-8")
@@ -101,7 +101,7 @@ def test_a_person_may_drop_insert_nudge_and_rename(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "line", "says"),
     [
-        ("dwell_s = 0.5", "dwell_s = -1", "dwell_s = -1", "must not be below zero"),
+        ("dwell_s = ", "dwell_s = -", "dwell_s = -", "must not be below zero"),
         ('grip = "closes"', 'grip = "shut"', 'grip = "shut"', '"closes" or "opens"'),
         ("position_m = [0.0000, ", "position_m = [0.5, ", "position_m = [0.5, ", "is the dock"),
         ("sigma_m = [", "sigma_mm = [", "sigma_mm = [", "is unknown"),
@@ -132,12 +132,12 @@ def test_an_empty_file_is_told(tmp_path: Path) -> None:
 
 
 def test_what_a_person_edited_is_not_written_over(tmp_path: Path) -> None:
-    path = write_keyframes(tmp_path, "tea", FOUND, 0.5)
+    path = write_keyframes(tmp_path, "tea", FOUND)
     path.write_text("mine", encoding="utf-8")
     with pytest.raises(RecordingError, match="may have been edited; --force"):
-        write_keyframes(tmp_path, "tea", FOUND, 0.5)
+        write_keyframes(tmp_path, "tea", FOUND)
     assert path.read_text(encoding="utf-8") == "mine"
-    write_keyframes(tmp_path, "tea", FOUND, 0.5, force=True)
+    write_keyframes(tmp_path, "tea", FOUND, force=True)
     assert_same(read_keyframes(path), FOUND)
 
 
@@ -145,7 +145,7 @@ def test_a_demonstration_has_them(tmp_path: Path) -> None:
     folder = tmp_path / "tea"
     write_demo(simulate("pour", "modern", 0), folder)
     assert read_demo(folder).keyframes is None
-    write_keyframes(folder, "tea", FOUND[:4], 0.5)
+    write_keyframes(folder, "tea", FOUND[:4])
     read = read_demo(folder).keyframes
     assert read is not None
     assert_same(read, FOUND[:4])

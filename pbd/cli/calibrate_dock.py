@@ -1,0 +1,186 @@
+"""pbd calibrate dock NAME."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+from pbd.cli.calibrate_common import add_force, add_name, existing, instead_of, refuse_out_of_reach
+from pbd.cli.options import Commands, add_command, positive, print_json, say
+
+if TYPE_CHECKING:
+    from pbd.data import Calibration
+    from pbd.pose import Pose
+
+
+def add(commands: Commands) -> None:
+    """Add the step."""
+    parser = add_command(
+        commands,
+        "dock",
+        "where in the robot's base a demonstration starts",
+        "Say where the sensor lies, in the robot's base, when a demonstration begins: measured by hand, where the\n"
+        "robot's own tool stands at some joints, or where an earlier demonstration stopped.",
+        "  pbd calibrate dock bench --position 0.45 -0.15 0.25 --rpy 0 0 0 --robot panda\n"
+        "  pbd calibrate dock bench --robot panda --joints 0 -45 0 -135 0 90 -45\n"
+        "  pbd calibrate dock shelf --from-keyframe tea 7 --calibration bench",
+    )
+    add_name(parser)
+    where = parser.add_mutually_exclusive_group(required=True)
+    where.add_argument("--position", nargs=3, type=float, metavar=("X", "Y", "Z"), help="of the SENSOR in base, m")
+    where.add_argument("--joints", nargs="+", type=float, metavar="Q", help="with --robot: degrees (a slide: m)")
+    where.add_argument(
+        "--from-keyframe", nargs=2, metavar=("DEMO", "K"), help="where that demonstration's keyframe K is in base"
+    )
+    parser.add_argument(
+        "--rpy", nargs=3, type=float, metavar=("R", "P", "Y"), help="with --position: roll, pitch, yaw, degrees (0 0 0)"
+    )
+    parser.add_argument("--calibration", metavar="C", help="of --from-keyframe (NAME itself)")
+    parser.add_argument("--robot", metavar="R", help="for --joints, and to make sure that it reaches the dock")
+    parser.add_argument(
+        "--sigma-mm", type=positive, default=3.0, metavar="MM", help="how well the sensor lies there, each axis (3)"
+    )
+    parser.add_argument("--sigma-deg", type=positive, default=1.0, metavar="DEG", help="and how well turned (1)")
+    add_force(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Find the pose, make sure that it can be reached, write it."""
+    import numpy as np
+
+    from pbd.files.calibration_edit import calibration_file, covariance_values, pose_values, update_calibration
+    from pbd.files.robot import load_robot
+    from pbd.pose import quat_to_rpy
+
+    path = calibration_file(args.name)
+    calibration = existing(path)
+    instead = instead_of(path, calibration, "dock", args.force)
+    robot = load_robot(args.robot) if args.robot else None
+    T_sensor_tool = _mount(calibration)
+    T_base_dock, source = _pose(args, calibration, T_sensor_tool)
+    if robot is not None:
+        refuse_out_of_reach(robot, T_base_dock @ T_sensor_tool, "the dock")
+    cov = np.diag(np.square([*[1e-3 * args.sigma_mm] * 3, 0.0, 0.0, np.radians(args.sigma_deg)]))
+    update_calibration(
+        path,
+        {"dock": pose_values(T_base_dock, "in base") | covariance_values(cov)},
+        instead=instead,
+        robots=(robot.name,) if robot else (),
+    )
+    rpy_deg = np.degrees(quat_to_rpy(T_base_dock.wxyz))
+    x, y, z = T_base_dock.p
+    say(
+        f"{path}: the sensor's dock is at ({x:.3f}, {y:.3f}, {z:.3f}) m, roll, pitch, yaw "
+        f"({', '.join(f'{angle + 0.0:.1f}' for angle in np.round(rpy_deg, 1))}) degrees, {source}"
+        + (f"; {robot.name} reaches it" if robot else "; give --robot to make sure that it is within reach")
+    )
+    if args.json:
+        tool: Pose = T_base_dock @ T_sensor_tool
+        print_json(
+            {
+                "calibration": str(path),
+                "dock": {"position_m": T_base_dock.p.tolist(), "rpy_deg": rpy_deg.tolist()},
+                "tool": {"position_m": tool.p.tolist(), "wxyz": tool.wxyz.tolist()},
+                "reached": robot is not None,
+            }
+        )
+    return 0
+
+
+def _mount(calibration: Calibration | None) -> Pose:
+    from pbd.data import TOOL_DOWN
+
+    return TOOL_DOWN if calibration is None else calibration.T_sensor_tool
+
+
+def _pose(args: argparse.Namespace, calibration: Calibration | None, T_sensor_tool: Pose) -> tuple[Pose, str]:
+    """T_base_dock, and where it comes from in words."""
+    import numpy as np
+
+    from pbd.errors import CalibrationError
+    from pbd.files.points import FARTHEST_M
+    from pbd.pose import Pose
+
+    if args.rpy is not None and args.position is None:
+        raise CalibrationError("--rpy goes with --position; leave it out")
+    if args.position is not None:
+        rpy_deg = args.rpy or (0.0, 0.0, 0.0)
+        if not np.isfinite([*args.position, *rpy_deg]).all():
+            raise CalibrationError("--position and --rpy must be finite numbers; correct them")
+        if max(map(abs, args.position)) > FARTHEST_M:
+            raise CalibrationError(
+                f"a dock {max(map(abs, args.position)):g} m from the robot's base is out of any reach; give metres",
+                value=max(map(abs, args.position)),
+                bound=FARTHEST_M,
+            )
+        return Pose.from_rpy(args.position, np.radians(rpy_deg)), "as given"
+    if args.joints is not None:
+        return _where_the_robot_stands(args) @ T_sensor_tool.inverse(), "where the robot's tool stands at those joints"
+    return _where_it_stopped(
+        args, calibration
+    ), f"where {args.from_keyframe[0]} stopped at keyframe {args.from_keyframe[1]}"
+
+
+def _where_the_robot_stands(args: argparse.Namespace) -> Pose:
+    """T_base_tool by forward kinematics."""
+    import numpy as np
+
+    from pbd.arm.model import load_model
+    from pbd.errors import CalibrationError, PlanError
+    from pbd.files.robot import load_robot
+
+    if args.robot is None:
+        raise CalibrationError("--joints needs the robot that they are of; give --robot")
+    robot = load_robot(args.robot)
+    if len(args.joints) != len(robot.joints):
+        raise CalibrationError(
+            f"{robot.name} has {len(robot.joints)} joints ({', '.join(robot.joints)}), but {len(args.joints)} numbers "
+            "were given; give one a joint, in degrees",
+            value=len(args.joints),
+            bound=len(robot.joints),
+        )
+    model = load_model(robot)
+    slides = [joint.shortname().startswith("JointModelP") for joint in list(model.model.joints)[1:]]
+    q = np.array(args.joints) * np.where(slides, 1.0, np.pi / 180.0)
+    beyond = np.flatnonzero(~((q >= robot.limits.lower - 1e-6) & (q <= robot.limits.upper + 1e-6)))
+    if len(beyond):
+        k = int(beyond[0])
+        lower, upper = np.array((robot.limits.lower[k], robot.limits.upper[k])) * (1.0 if slides[k] else 180.0 / np.pi)
+        raise PlanError(
+            f"joint {robot.joints[k]} can't stand at {args.joints[k]:g}: its limits are {lower:.1f} to {upper:.1f}; "
+            "give degrees within them",
+            joint=robot.joints[k],
+            value=float(q[k]),
+        )
+    return model.forward(q)
+
+
+def _where_it_stopped(args: argparse.Namespace, calibration: Calibration | None) -> Pose:
+    """T_base_sensor at a keyframe."""
+    from pbd.calibration.frames import nav_in_base
+    from pbd.errors import CalibrationError
+    from pbd.files.calibration import load_calibration
+    from pbd.files.demo import load_demo
+    from pbd.pipeline import track
+    from pbd.pose import Pose
+    from pbd.tracking.keyframes import find_keyframes
+
+    name, index = args.from_keyframe
+    through = load_calibration(args.calibration) if args.calibration else calibration
+    if through is None:
+        raise CalibrationError(
+            f"there is no calibration '{args.name}' yet that tells where {name} was; name one that does with "
+            "--calibration"
+        )
+    demo = load_demo(name)
+    keyframes = find_keyframes(track(demo.recording, known=demo.known, calibration=through))
+    if not (index.isdigit() and int(index) < len(keyframes)):
+        raise CalibrationError(
+            f"{name} has the keyframes 0 to {len(keyframes) - 1}, not '{index}'; `pbd keyframes {name}` lists them",
+            value=index,
+            bound=len(keyframes) - 1,
+        )
+    T_base_nav = nav_in_base(through, keyframes[0].T_nav_sensor.wxyz)
+    T_nav_sensor = keyframes[int(index)].T_nav_sensor
+    return T_base_nav @ Pose(through.scale * T_nav_sensor.p, T_nav_sensor.wxyz)

@@ -1,0 +1,292 @@
+"""pbd calibrate points NAME DEMO --points FILE."""
+
+from __future__ import annotations
+
+import argparse
+import warnings
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pbd.cli.calibrate_common import add_force, add_name, existing, instead_of
+from pbd.cli.options import Commands, add_command, positive, print_json, say
+
+if TYPE_CHECKING:
+    from pbd.calibration.points import PointFit, Touches
+    from pbd.data import Calibration, Keyframe, Recording
+    from pbd.files.points import Points
+    from pbd.pose import Array
+
+
+def add(commands: Commands) -> None:
+    """Add the step."""
+    parser = add_command(
+        commands,
+        "points",
+        "nav in the robot's base, from points that the hand touched",
+        "Find how a demonstration lies in the robot's base from three or more known points that its stops touched.\n"
+        "FILE is a CSV with the header name,x_m,y_m,z_m (or _cm, _mm) and a row a point.",
+        "  pbd calibrate points bench touches --points corners.csv\n"
+        "  pbd calibrate points bench touches --points corners.csv --any-order",
+    )
+    add_name(parser)
+    parser.add_argument("demo", metavar="DEMO", help="the demonstration whose stops touched the points")
+    parser.add_argument("--points", type=Path, required=True, metavar="FILE", help="the points, in the robot's base")
+    parser.add_argument("--unit", choices=("m", "cm", "mm"), help="of columns x, y, z that don't say")
+    order = parser.add_mutually_exclusive_group()
+    order.add_argument("--any-order", action="store_true", help="the points were touched in any order; it is found")
+    order.add_argument("--stops", type=_stops, metavar="K,K,...", help="which stop touched each point, in their order")
+    parser.add_argument("--free", action="store_true", help="the base's z is not vertical: find nav's tilt too")
+    parser.add_argument("--find-scale", action="store_true", help="find the scale of the hand's path too")
+    parser.add_argument(
+        "--touch-mm", type=positive, default=1.0, metavar="MM", help="how well the tip met each point, per axis (1)"
+    )
+    parser.add_argument(
+        "--as",
+        dest="part",
+        choices=("nav", "dock"),
+        help="nav: later demonstrations start at the same point, turned any way (needs a magnetometer, and is the "
+        "default with one); dock: they start with the sensor in the same pose",
+    )
+    parser.add_argument(
+        "--again",
+        nargs="+",
+        default=(),
+        metavar="DEMO",
+        help="demonstrations that began with the sensor put down in the same way: how well does the heading repeat?",
+    )
+    add_force(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Track, match, fit, write, and say how far it is to be trusted."""
+    import numpy as np
+
+    from pbd.calibration.points import POOR_CHI2, fit_points
+    from pbd.files.calibration_edit import calibration_file, covariance_values, pose_values, update_calibration
+    from pbd.files.demo import load_demo
+    from pbd.files.points import read_points
+    from pbd.pipeline import track
+    from pbd.pose import Pose, quat_to_rpy
+    from pbd.tracking.keyframes import find_keyframes
+
+    points = read_points(args.points, args.unit)
+    path = calibration_file(args.name)
+    calibration = existing(path)
+    recording = load_demo(args.demo).recording
+    mag = _magnetometer(recording)
+    part = args.part or ("dock" if mag is None else "nav")
+    instead = instead_of(path, calibration, part, args.force)
+    keyframes = find_keyframes(track(recording, calibration=calibration))
+    touched = _touched(args, keyframes, points, calibration)
+    fit = fit_points(touched, points.p_base, free=args.free, scaled=args.find_scale, touch_m=1e-3 * args.touch_mm)
+    _warn(fit, points, touched)
+    heading = _heading(args, replace(recording, mag=mag), keyframes, calibration, part)
+
+    pose = fit.T_base_nav
+    if part == "dock":
+        pose = pose @ Pose(np.zeros(3), keyframes[0].T_nav_sensor.wxyz)  # nav's origin is the sensor at its first rest
+    figures = _figures(fit) | ({} if heading is None else {"heading_deg": round(float(np.degrees(heading)), 2)})
+    cov = fit.cov.copy()
+    if part == "nav" and heading is not None:
+        cov[5, 5] += heading**2  # the next demonstration's heading differs by so much
+    update_calibration(
+        path,
+        {
+            part: pose_values(pose, "in base")
+            | covariance_values(cov)
+            | {"fit": (figures, ""), "any_attitude": (None, "")}
+        },
+        instead=instead,
+        scale=fit.scale if args.find_scale else None,
+    )
+    sigma = np.sqrt(np.diagonal(cov))
+    if args.json:
+        print_json(
+            {
+                "calibration": str(path),
+                part: {
+                    "position_m": pose.p.tolist(),
+                    "rpy_deg": np.degrees(quat_to_rpy(pose.wxyz)).tolist(),
+                    "sigma_m": sigma[:3].tolist(),
+                    "sigma_deg": np.degrees(sigma[3:]).tolist(),
+                },
+                "scale": fit.scale,
+                "points": _rows(fit, points, touched),
+                "fit": figures,
+            }
+        )
+        return 0
+    _print(fit, points, touched)
+    x, y, z = pose.p
+    say(
+        f"{path}: [{part}] at ({x:.3f}, {y:.3f}, {z:.3f}) m in base to {1e3 * float(sigma[:3].max()):.1f} mm, heading "
+        f"to {np.degrees(sigma[5]):.2f} degrees (one sigma)"
+        + (f"; scale {fit.scale:.4f} to {fit.scale_sigma:.4f}" if args.find_scale else "")
+    )
+    if fit.chi2 > POOR_CHI2:
+        say(
+            f"the points fit worse than the tracker's sigmas let expect ({np.sqrt(fit.chi2):.1f} times): don't trust "
+            "it before you touched them again, more calmly, or checked their coordinates"
+        )
+    else:
+        say(f"the points fit as well as can be expected ({np.sqrt(fit.chi2):.1f} times the tracker's sigmas)")
+    where = "with the sensor's first rest at that point" + ("" if part == "nav" else ", turned as in this one")
+    say(f"later demonstrations are in the robot's base if they start {where}")
+    return 0
+
+
+def _stops(text: str) -> tuple[int, ...]:
+    try:
+        return tuple(int(part) for part in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"must be stops such as 1,2,4, got {text}") from None
+
+
+def _touched(
+    args: argparse.Namespace, keyframes: tuple[Keyframe, ...], points: Points, calibration: Calibration | None
+) -> Touches:
+    """The stops that touched the points, in the points' order."""
+    import numpy as np
+
+    from pbd.calibration.matching import match_stops
+    from pbd.calibration.points import refuse_shape, touches
+    from pbd.data import TOOL_DOWN
+    from pbd.errors import CalibrationError
+
+    refuse_shape(points.p_base, args.free)
+    p_sensor_tip = (TOOL_DOWN if calibration is None else calibration.T_sensor_tool).p
+    every = touches(keyframes, range(len(keyframes)), p_sensor_tip)
+    if args.stops is None:
+        if args.free and len(keyframes) != len(points.names):
+            raise CalibrationError(
+                f"{len(keyframes)} stops can't be matched with {len(points.names)} points while the tilt is free; name "
+                "the stops with --stops"
+            )
+        sigma = np.sqrt(np.diagonal(every.cov).reshape(-1, 3).mean(axis=1))
+        stops = match_stops(every.p_nav_sensor + every.lever, sigma, points.p_base, not args.any_order)
+    else:
+        stops = args.stops
+        if len(stops) != len(points.names):
+            raise CalibrationError(f"--stops names {len(stops)} stops for {len(points.names)} points; name one a point")
+        if len(set(stops)) < len(stops) or not all(0 <= stop < len(keyframes) for stop in stops):
+            raise CalibrationError(
+                f"--stops must name different stops from 0 to {len(keyframes) - 1}; `pbd keyframes {args.demo}` lists "
+                "them"
+            )
+    return every.only(stops)
+
+
+def _figures(fit: PointFit) -> dict[str, float]:
+    import numpy as np
+
+    used = np.array(fit.used)
+    return {
+        "points": int(used.sum()),
+        "rms_mm": round(1e3 * float(np.sqrt((fit.residuals[used] ** 2).sum(axis=1).mean())), 2),
+        "left_out_rms_mm": round(1e3 * float(np.sqrt((fit.left_out[used] ** 2).sum(axis=1).mean())), 2),
+        "chi2": round(fit.chi2, 3),
+    }
+
+
+def _warn(fit: PointFit, points: Points, touched: Touches) -> None:
+    import numpy as np
+
+    from pbd.errors import PbdWarning
+
+    for name, stop, off, good in zip(points.names, touched.stops, fit.left_out, fit.used, strict=True):
+        if not good:
+            warnings.warn(
+                f"the point '{name}' (stop {stop}) is wrong: it lies {100.0 * np.linalg.norm(off):.1f} cm from where "
+                "the others put it, so it is left out; check its coordinates, or touch it again",
+                PbdWarning,
+                stacklevel=2,
+            )
+
+
+def _magnetometer(recording: Recording) -> Array | None:
+    """What it read, without holes; None where there is none, or a dead one."""
+    from pbd.errors import PbdWarning
+    from pbd.tracking.conditioning import condition
+
+    if recording.mag is None:
+        return None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PbdWarning)  # tracking tells it
+        return condition(recording)[0].mag
+
+
+def _heading(
+    args: argparse.Namespace,
+    recording: Recording,
+    keyframes: tuple[Keyframe, ...],
+    calibration: Calibration | None,
+    part: str,
+) -> float | None:
+    """How well nav's heading repeats, rad, one sigma; None without a magnetometer. Tell it, and what to do."""
+    import numpy as np
+
+    from pbd.calibration.field import field_spread, heading_changes
+    from pbd.calibration.sensor import corrected
+    from pbd.errors import PbdWarning
+    from pbd.files.demo import load_demo
+    from pbd.pipeline import track
+    from pbd.tracking.keyframes import find_keyframes
+
+    if recording.mag is None:
+        if part == "nav":
+            warnings.warn(
+                "without a magnetometer nav's heading is that of the sensor at its first rest, so [nav] holds only for "
+                "demonstrations that start turned the same way; --as dock says that",
+                PbdWarning,
+                stacklevel=2,
+            )
+        return None
+    mag = corrected(recording, None if calibration is None else calibration.sensor).mag
+    assert mag is not None
+    at_stops = [mag[np.abs(recording.t - keyframe.t) <= 0.5 * keyframe.dwell_s] for keyframe in keyframes]
+    means = np.array([each.mean(axis=0) for each in at_stops])
+    spread = field_spread(means, np.array([keyframe.T_nav_sensor.wxyz for keyframe in keyframes]))
+    heading = spread.heading
+    say(
+        f"the magnetic heading differs by {np.degrees(spread.heading):.1f} degrees from stop to stop (rms), the "
+        f"field's strength by {100.0 * spread.strength:.0f} %"
+    )
+    if args.again:
+        first = [find_keyframes(track(load_demo(name).recording, calibration=calibration))[0] for name in args.again]
+        changes = heading_changes(keyframes[0].T_nav_sensor.wxyz, [each.T_nav_sensor.wxyz for each in first])
+        heading = float(np.sqrt(np.mean(changes**2)))
+        say(
+            f"nav's heading repeats to {np.degrees(heading):.1f} degrees (rms over {len(changes)} demonstrations; at "
+            f"most {np.degrees(np.abs(changes).max()):.1f})"
+        )
+    if part == "nav" and spread.disturbed:
+        warnings.warn(
+            "the magnetic field is disturbed here, or the magnetometer is not calibrated: start every demonstration "
+            "from a dock (--as dock), whose heading does not depend on it",
+            PbdWarning,
+            stacklevel=2,
+        )
+    return heading
+
+
+def _rows(fit: PointFit, points: Points, touched: Touches) -> list[dict[str, Any]]:
+    return [
+        {
+            "name": name,
+            "stop": touched.stops[k],
+            "residual_m": fit.residuals[k].tolist(),
+            "left_out_m": fit.left_out[k].tolist(),
+            "left_out_sigma_m": fit.left_out_sigma[k].tolist(),
+            "used": fit.used[k],
+        }
+        for k, name in enumerate(points.names)
+    ]
+
+
+def _print(fit: PointFit, points: Points, touched: Touches) -> None:
+    from pbd.view.calibration_tables import points_table
+    from pbd.view.tables import print_table
+
+    print_table(points_table(points.names, touched.stops, fit.residuals, fit.left_out, fit.left_out_sigma, fit.used))

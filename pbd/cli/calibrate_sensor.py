@@ -1,0 +1,196 @@
+"""pbd calibrate sensor NAME DEMO."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING, Any
+
+from pbd.cli.calibrate_common import add_name, existing
+from pbd.cli.options import Commands, add_command, positive, print_json, say
+
+if TYPE_CHECKING:
+    from pbd.calibration.sensor import SensorFit
+    from pbd.data import Linear, Recording
+    from pbd.tracking.conditioning import Gap
+
+
+def add(commands: Commands) -> None:
+    """Add the step."""
+    parser = add_command(
+        commands,
+        "sensor",
+        "what the sensor reads wrongly: bias, scale, misalignment, hard and soft iron",
+        "Find a sensor's errors from one recording in which it is put down in several orientations, two seconds each:\n"
+        "best twelve, each of the six sides and six of the edges up, and turned all over on the way.",
+        "  pbd record sides --sensor witmotion\n  pbd calibrate sensor bench sides --latitude 48",
+    )
+    add_name(parser)
+    parser.add_argument("demo", metavar="DEMO", help="the recording")
+    parser.add_argument(
+        "--only", type=_kinds, default=(), metavar="K,K", help="gyr, acc, mag: only those, and they must succeed"
+    )
+    gravity = parser.add_mutually_exclusive_group()
+    gravity.add_argument("--gravity", type=positive, metavar="G", help="of the place, m/s2 (9.80665)")
+    gravity.add_argument("--latitude", type=float, metavar="DEG", help="from which gravity follows")
+    parser.add_argument("--temperature", type=float, metavar="C", help="of the room, noted in the file")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Fit, write, and say what could be told."""
+    import warnings
+
+    import numpy as np
+
+    from pbd.calibration.check import gravity_at
+    from pbd.calibration.sensor import calibrate_sensor
+    from pbd.data import GRAVITY
+    from pbd.errors import CalibrationError, PbdWarning
+    from pbd.files.calibration_edit import calibration_file, update_calibration
+    from pbd.files.demo import load_demo
+
+    if args.latitude is not None and not abs(args.latitude) <= 90.0:
+        raise CalibrationError(f"--latitude must be from -90 to 90, got {args.latitude:g}", value=args.latitude)
+    if args.temperature is not None and not np.isfinite(args.temperature):
+        raise CalibrationError("--temperature must be a number; correct it")
+    gravity = args.gravity or (GRAVITY if args.latitude is None else gravity_at(args.latitude))
+    path = calibration_file(args.name)
+    calibration = existing(path)
+    recording, gaps = _conditioned(load_demo(args.demo).recording)
+    if gaps:
+        at, missing = float(recording.t[gaps[0].before]), 1e3 * gaps[0].missing_s
+        raise CalibrationError(f"{args.demo} has a gap of {missing:.0f} ms at {at:.2f} s; record it again")
+    fit = calibrate_sensor(
+        recording,
+        gravity=gravity,
+        only=args.only,
+        known=None if calibration is None else calibration.sensor,
+        temperature_c=args.temperature,
+    )
+    for remark in fit.remarks:
+        warnings.warn(remark, PbdWarning, stacklevel=2)
+    update_calibration(path, _parts(fit))
+    if args.json:
+        print_json({"calibration": str(path)} | _json(fit))
+        return 0
+    _print(fit)
+    say(f"{path}: [sensor] of '{fit.errors.sensor}' from {len(fit.rests)} rests")
+    if args.gravity is None and args.latitude is None and fit.acc is not None:
+        say("gravity was taken for 9.80665 m/s2; with --latitude the scale is right to better than 0.3 %")
+    return 0
+
+
+def _conditioned(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
+    """As for tracking, but that gyro and accelerometer need not agree yet: that is what the calibration is for."""
+    from dataclasses import replace
+
+    import numpy as np
+
+    from pbd.tracking.conditioning import condition
+
+    conditioned, gaps = condition(replace(recording, gyr=None))
+    if recording.gyr is None:
+        return conditioned, gaps
+    good = np.isfinite(recording.gyr).all(axis=1)
+    if not good.any():
+        return conditioned, gaps
+    t = conditioned.t
+    gyr = np.column_stack([np.interp(t, t[good], column) for column in recording.gyr[good].T])
+    return replace(conditioned, gyr=gyr), gaps
+
+
+def _kinds(text: str) -> tuple[str, ...]:
+    from pbd.calibration.sensor import KINDS
+
+    kinds = tuple(text.split(","))
+    if not set(kinds) <= set(KINDS):
+        raise argparse.ArgumentTypeError(f"must be some of {', '.join(KINDS)}, got {text}")
+    return kinds
+
+
+def _figures(fit: SensorFit) -> dict[str, float]:
+    figures: dict[str, float] = {"rests": len(fit.rests)}
+    if fit.acc is not None:
+        mg = 1e3 / 9.80665
+        figures |= {
+            "orientations": fit.acc.orientations,
+            "acc_before_mg": round(mg * fit.acc.before, 2),
+            "acc_after_mg": round(mg * fit.acc.after, 2),
+        }
+    if fit.mag is not None:
+        figures |= {
+            "mag_before_pct": round(100.0 * fit.mag.before, 2),
+            "mag_after_pct": round(100.0 * fit.mag.uneven, 2),
+        }
+    return figures
+
+
+def _parts(fit: SensorFit) -> dict[str, dict[str, Any]]:
+    """The tables of the file."""
+    import numpy as np
+
+    errors = fit.errors
+    parts: dict[str, dict[str, Any]] = {
+        "sensor": {
+            "name": (errors.sensor, "whose errors these are; another's recordings are refused"),
+            "gravity": (round(errors.gravity, 5), "m/s2, where it was calibrated"),
+            "temperature_c": (errors.temperature_c, ""),
+            "field": (None if errors.field is None else round(errors.field, 3), "uT"),
+            "dip_deg": (None if errors.dip is None else round(float(np.degrees(errors.dip)), 3), "below the horizon"),
+            "fit": (_figures(fit), ""),
+        }
+    }
+    for kind, linear, unit in (("gyr", errors.gyr, "rad/s"), ("acc", errors.acc, "m/s2"), ("mag", errors.mag, "uT")):
+        if linear is not None:
+            parts[f"sensor.{kind}"] = _linear(linear, unit)
+    return parts
+
+
+def _linear(linear: Linear, unit: str) -> dict[str, Any]:
+    import numpy as np
+
+    known = not np.isnan(linear.bias_sigma).any()
+    return {
+        "bias": ([float(f"{x:.7g}") for x in linear.bias], f"{unit}; what is true is matrix (read - bias)"),
+        "bias_sigma": ([float(f"{x:.3g}") for x in linear.bias_sigma] if known else None, ""),
+        "matrix": ([round(float(x), 7) for x in linear.matrix.ravel()], ""),
+    }
+
+
+def _json(fit: SensorFit) -> dict[str, Any]:
+    errors = fit.errors
+    result: dict[str, Any] = {"sensor": errors.sensor, "fit": _figures(fit), "remarks": list(fit.remarks)}
+    for kind, linear in (("gyr", errors.gyr), ("acc", errors.acc), ("mag", errors.mag)):
+        result[kind] = None if linear is None else {"bias": linear.bias.tolist(), "matrix": linear.matrix.tolist()}
+    result["told"] = [] if fit.acc is None else list(fit.acc.told)
+    return result | {"field_ut": errors.field, "dip_rad": errors.dip}
+
+
+def _print(fit: SensorFit) -> None:
+    import numpy as np
+
+    from pbd.calibration.accelerometer import NAMES
+    from pbd.view.calibration_tables import figures_table
+    from pbd.view.tables import print_table
+
+    rows = []
+    if fit.errors.gyr is not None:
+        bias = np.degrees(fit.errors.gyr.bias)
+        rows.append(("gyro bias", f"({', '.join(f'{x:.3f}' for x in bias)}) °/s", ""))
+    if fit.acc is not None:
+        mg = 1e3 / 9.80665
+        linear = fit.acc.linear
+        lean = np.degrees([linear.matrix[1, 2], linear.matrix[0, 2], linear.matrix[0, 1]])
+        shown = [f"{mg * x:+.1f} mg" for x in linear.bias]
+        shown += [f"{100.0 * (x - 1.0):+.2f} %" for x in np.diagonal(linear.matrix)] + [f"{x:+.2f}°" for x in lean]
+        for name, value in zip(NAMES, shown, strict=True):
+            rows.append((f"accelerometer {name}", value, "" if name in fit.acc.told else "can't be told"))
+        rows.append(("|a| less gravity", f"{mg * fit.acc.before:.1f} mg -> {mg * fit.acc.after:.2f} mg rms", ""))
+    if fit.mag is not None:
+        bias, matrix = fit.mag.linear.bias, fit.mag.linear.matrix
+        rows.append(("hard iron", f"({', '.join(f'{x:.1f}' for x in bias)}) µT", ""))
+        rows.append(("soft iron", f"{100.0 * np.abs(matrix - np.eye(3)).max():.1f} %", ""))
+        evened = f"{100.0 * fit.mag.before:.1f} % -> {100.0 * fit.mag.uneven:.2f} % rms"
+        rows.append(("strength of the field differs by", evened, f"{fit.mag.field:.1f} µT"))
+        rows.append(("dip differs by", f"{np.degrees(fit.mag.dip_uneven):.2f}° rms", f"{np.degrees(fit.mag.dip):.1f}°"))
+    print_table(figures_table(rows))

@@ -1,0 +1,122 @@
+"""pbd calibrate show NAME [DEMO]."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pbd.cli.options import Commands, add_command, add_json, load_demonstration, print_json, say
+
+if TYPE_CHECKING:
+    from pbd.data import Calibration, Keyframe
+    from pbd.pose import Array
+
+
+def add(commands: Commands) -> None:
+    """Add the step."""
+    parser = add_command(
+        commands,
+        "show",
+        "everything in a calibration, and what each part adds to the tool's uncertainty",
+        "Print a calibration, and how sure the tool's pose in the robot's base is at each keyframe of a\n"
+        "demonstration: as a whole, and what comes from where the hand starts, from the mount, and from tracking.",
+        "  pbd calibrate show bench tea --save bench.png",
+    )
+    parser.add_argument("name", metavar="NAME", help="of the calibration, or its file's path")
+    parser.add_argument("demo", nargs="?", metavar="DEMO", help="default: the newest in ./demos, else 'pouring'")
+    parser.add_argument("--save", type=Path, metavar="FILE", help="a plot of the same (.png, .svg or .pdf)")
+    add_json(parser)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print, and plot."""
+    import numpy as np
+
+    from pbd.calibration.uncertainty import base_sigmas
+    from pbd.files.calibration import load_calibration
+    from pbd.view.calibration_tables import base_table, calibration_table
+    from pbd.view.tables import print_table
+
+    calibration = load_calibration(args.name)
+    found = _contributions(args, calibration)
+    if args.save is not None:
+        _save(args.save, calibration, found)
+    if args.json:
+        print_json(_json(calibration, found))
+        return 0
+    print_table(calibration_table(calibration))
+    if found is not None:
+        name, _, parts = found
+        print(f"\nthe tool in base at the keyframes of {name}, one sigma; on the right by parts (rms over the axes)")
+        print_table(base_table(base_sigmas(parts)))
+        share = {part: float(np.trace(cov[:, :3, :3], axis1=1, axis2=2).mean()) for part, cov in parts.items()}
+        total = sum(share.values())
+        most = max(share, key=lambda part: share[part])
+        say(
+            f"most of the tool's uncertainty ({100.0 * share[most] / total:.0f} % of its variance) comes from "
+            + {"start": "where the hand starts", "mount": "the mount", "tracking": "tracking"}[most]
+        )
+    return 0
+
+
+def _contributions(
+    args: argparse.Namespace, calibration: Calibration
+) -> tuple[str, tuple[Keyframe, ...], dict[str, Array]] | None:
+    """A demonstration's name, its keyframes, and the tool's covariances; None where it is not known where it starts."""
+    from pbd.calibration.frames import nav_in_base
+    from pbd.calibration.uncertainty import tool_covariances
+    from pbd.pipeline import track
+    from pbd.tracking.keyframes import find_keyframes
+
+    if calibration.T_base_dock is None and calibration.T_base_nav is None:
+        return None
+    demo = load_demonstration(args)
+    keyframes = find_keyframes(track(demo.recording, known=demo.known, calibration=calibration))
+    T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
+    return demo.recording.info.name, keyframes, tool_covariances(keyframes, T_base_nav, calibration)
+
+
+def _json(calibration: Calibration, found: tuple[str, tuple[Keyframe, ...], dict[str, Array]] | None) -> dict[str, Any]:
+    from pbd.calibration.uncertainty import base_sigmas
+
+    def pose(value: Any) -> dict[str, Any] | None:
+        return None if value is None else {"position_m": value.p.tolist(), "wxyz": value.wxyz.tolist()}
+
+    result: dict[str, Any] = {
+        "calibration": calibration.name,
+        "dock": pose(calibration.T_base_dock),
+        "nav": pose(calibration.T_base_nav),
+        "mount": pose(calibration.T_sensor_tool),
+        "scale": calibration.scale,
+        "sensor": None if calibration.sensor is None else calibration.sensor.sensor,
+        "fit": dict(calibration.residuals),
+        "keyframes": [],
+    }
+    if found is not None:
+        result["keyframes"] = [{"index": k} | row for k, row in enumerate(base_sigmas(found[2]))]
+    return result
+
+
+def _save(
+    file: Path, calibration: Calibration, found: tuple[str, tuple[Keyframe, ...], dict[str, Array]] | None
+) -> None:
+    from pbd.calibration.frames import nav_in_base, tool_poses
+    from pbd.errors import CalibrationError
+    from pbd.files.whole import written_whole
+    from pbd.view.calibration_plot import draw_calibration
+
+    if found is None:
+        raise CalibrationError(
+            f"'{calibration.name}' does not say where the hand starts, so there is nothing to plot; add a dock"
+        )
+    kind = file.suffix.removeprefix(".")
+    if kind not in ("png", "svg", "pdf"):
+        raise CalibrationError(f"{file} must end in .png, .svg or .pdf; rename it", path=file)
+    name, keyframes, parts = found
+    T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
+    figure = draw_calibration(calibration, name, T_base_nav, tool_poses(keyframes, T_base_nav, calibration), parts)
+    with written_whole(file) as unfinished:
+        figure.savefig(unfinished, format=kind, dpi=110)
+    say(f"a plot: {file}")

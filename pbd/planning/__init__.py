@@ -1,0 +1,21 @@
+"""From keyframes to a motion that has passed the audit."""
+
+from __future__ import annotations
+
+from pbd.planning.options import PATHS, TIMES, PlanOptions
+from pbd.planning.plan import arm_of, plan, plan_keyframes, scene_of, solve_keyframes
+from pbd.planning.values import Plan, Stretch, Touching
+
+__all__ = [
+    "PATHS",
+    "TIMES",
+    "Plan",
+    "PlanOptions",
+    "Stretch",
+    "Touching",
+    "arm_of",
+    "plan",
+    "plan_keyframes",
+    "scene_of",
+    "solve_keyframes",
+]

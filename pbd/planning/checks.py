@@ -1,0 +1,93 @@
+"""What is refused before a motion is planned, and what is told of it."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pbd.data import Keyframe
+from pbd.errors import PbdWarning, PlanError, TrackingError
+from pbd.planning.options import PlanOptions
+from pbd.pose import Array, Pose
+
+if TYPE_CHECKING:
+    from pbd.arm.model import ArmModel
+    from pbd.arm.scene import CollisionScene
+
+UNSURE_M = 0.05
+"""A keyframe that is less sure than this is told."""
+
+NEAR_M, NEAR_RAD = 1e-3, np.radians(1.0)
+"""A motion all of whose keyframes are so close together is none."""
+
+
+def refuse_few(keyframes: Sequence[Keyframe]) -> None:
+    """A motion needs two keyframes."""
+    if len(keyframes) < 2:
+        raise TrackingError(
+            f"the demonstration has {len(keyframes)} stop, a motion needs two; hold still, move, and hold still again",
+            value=len(keyframes),
+            bound=2,
+        )
+
+
+def refuse_one_place(T_base_tool: Sequence[Pose]) -> None:
+    """They must not all be one."""
+    away = [T_base_tool[0].distance(pose) for pose in T_base_tool]
+    if all(distance < NEAR_M and angle < NEAR_RAD for distance, angle in away):
+        farthest = max(distance for distance, _ in away)
+        raise TrackingError(
+            f"all {len(T_base_tool)} keyframes lie within {1e3 * NEAR_M:g} mm of the first: nothing moves; "
+            "demonstrate again, and move farther between the stops, or follow the hand with --path demo",
+            value=farthest,
+            bound=NEAR_M,
+        )
+
+
+def warn_of_unsure(keyframes: Sequence[Keyframe], scale: float) -> None:
+    """Tell how unsure the least sure one is, where that is much; `scale` multiplies the hand's positions."""
+    sigma = scale * max(float(np.sqrt(np.linalg.eigvalsh(keyframe.cov[:3, :3]).max())) for keyframe in keyframes)
+    if sigma > UNSURE_M:
+        warnings.warn(
+            f"the least sure keyframe has a sigma of {100.0 * sigma:.0f} cm; stop more often, for half a second each",
+            PbdWarning,
+            stacklevel=4,
+        )
+
+
+def warn_of_table(scene: CollisionScene) -> None:
+    """Tell which links are on the table, or in it, whatever the arm does."""
+    from pbd.arm.scene import TABLE
+
+    sunk = [pair.first for pair in scene.dropped if pair.second == TABLE]
+    if sunk:
+        warnings.warn(
+            f"on or in the table however the arm stands, and so not watched there: {', '.join(sunk)}; correct "
+            "table_height in the calibration if that isn't so",
+            PbdWarning,
+            stacklevel=4,
+        )
+
+
+def start_joints(arm: ArmModel, options: PlanOptions) -> Array:
+    """Where the arm comes from: (k,) rad, within its limits."""
+    if options.start is None:
+        return arm.robot.home
+    q, names, limits = np.array(options.start), arm.robot.joints, arm.limits
+    if len(q) != len(names) or not np.isfinite(q).all():
+        raise PlanError(
+            f"the start must give {len(names)} numbers, in rad, for {', '.join(names)}", value=options.start
+        )
+    for name, value, lower, upper in zip(names, q, limits.lower, limits.upper, strict=True):
+        if not lower <= value <= upper:
+            raise PlanError(
+                f"the start has {name} at {value:.4g} rad, outside its limits of {lower:.4g} to {upper:.4g}; give the "
+                "arm's present joints, in rad",
+                joint=name,
+                value=float(value),
+                bound=float(lower if value < lower else upper),
+            )
+    return q

@@ -1,0 +1,100 @@
+"""What planning gives, and what is told of it."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from pbd.data import Calibration, JointTrajectory, Keyframe
+from pbd.errors import PbdWarning, PlanError
+from pbd.planning.options import demonstrated
+from pbd.pose import Array, Pose
+
+if TYPE_CHECKING:
+    from pbd.arm.audit import AuditReport
+    from pbd.arm.collision import MotionHit
+    from pbd.arm.scene import CollisionScene
+    from pbd.arm.timing import Timed
+    from pbd.arm.ways import Way
+
+STRETCHED = 1.02
+"""A move that takes so many times as long as the hand did, and STRETCHED_S longer, is told."""
+STRETCHED_S = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """A move to a keyframe that takes longer than the hand's did, s."""
+
+    keyframe: int
+    demonstrated_s: float
+    planned_s: float
+
+
+@dataclass(frozen=True, eq=False)
+class Touching:
+    """The first hit of a motion, and the error that tells it."""
+
+    found: MotionHit
+    error: PlanError
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A motion that has passed the audit, and what it was made from.
+
+    Attributes:
+        keyframes: of the demonstration.
+        calibration: its scale and its world.
+        T_base_nav: where nav lies.
+        T_base_tool: the tool's poses that the demonstration asks for.
+        off_rad: (n, 2) how far off the arm holds the tool where it has too few joints: approach axis, and about it.
+        ways: how the arm comes to each keyframe.
+        trajectory: the motion.
+        report: the audit's.
+        stretched: with time "demo", moves that take longer than the hand's.
+        touching: what touches, where that was allowed.
+    """
+
+    keyframes: tuple[Keyframe, ...]
+    calibration: Calibration
+    T_base_nav: Pose
+    T_base_tool: tuple[Pose, ...]
+    off_rad: Array
+    ways: tuple[Way, ...]
+    trajectory: JointTrajectory
+    report: AuditReport
+    stretched: tuple[Stretch, ...] = ()
+    touching: Touching | None = None
+
+
+def find_touching(scene: CollisionScene, trajectory: JointTrajectory) -> Touching | None:
+    """Say what a motion touches first."""
+    from pbd.arm.collision import check_motion, collision_error
+
+    found = check_motion(scene, trajectory)
+    return None if found is None else Touching(found, collision_error(scene, trajectory, found))
+
+
+def find_stretched(timed: Timed, keyframes: Sequence[Keyframe]) -> tuple[Stretch, ...]:
+    """Find moves that take longer than the hand's, and warn of them."""
+    found = []
+    for i, demonstrated_s in enumerate(demonstrated(keyframes), start=1):
+        took = float(timed.spans[i, 1] - timed.spans[i, 0])
+        if took > max(STRETCHED * demonstrated_s, demonstrated_s + STRETCHED_S):
+            found.append(Stretch(i, demonstrated_s, took))
+    if found:
+        told = [
+            f"to keyframe {each.keyframe} {each.planned_s:.2f} s instead of {each.demonstrated_s:.2f} s"
+            for each in sorted(found, key=lambda each: each.demonstrated_s / each.planned_s)[:3]
+        ]
+        rest = f", and {len(found) - 3} more" if len(found) > 3 else ""
+        warnings.warn(
+            f"{len(found)} of {len(keyframes) - 1} moves take longer than the hand did, as the limits ask: "
+            f"{', '.join(told)}{rest}",
+            PbdWarning,
+            stacklevel=3,
+        )
+    return tuple(found)

@@ -1,0 +1,287 @@
+"""`pbd calibrate` as a user meets it: dock, points, show."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pbd.arm.model import load_model
+from pbd.cli import main
+from pbd.files.calibration import read_calibration
+from pbd.files.demo import write_demo
+from pbd.files.robot import load_robot
+from pbd.pose import Pose
+from tests.calibration.touching import Touching, touching
+
+Capture = pytest.CaptureFixture[str]
+DOCK = ("calibrate", "dock", "bench", "--position", "0.45", "-0.15", "0.25")
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def run(capsys: Capture, *args: str) -> tuple[int, str, str]:
+    capsys.readouterr()
+    code = main(args)
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+def run_json(capsys: Capture, *args: str) -> dict[str, Any]:
+    code, out, _ = run(capsys, *args, "--json")
+    assert code == 0
+    result: dict[str, Any] = json.loads(out)
+    return result
+
+
+def refused(capsys: Capture, code: int, *args: str) -> str:
+    found, out, err = run(capsys, *args)
+    assert (found, out) == (code, "")
+    lines = [line for line in err.splitlines() if not line.startswith("pbd: warning:")]
+    assert len(lines) == 1, err
+    return lines[0]
+
+
+# --- dock -------------------------------------------------------------------------------------------------------------
+
+
+def test_a_dock_is_written_and_replayed_from(capsys: Capture) -> None:
+    code, out, err = run(capsys, *DOCK, "--rpy", "0", "0", "90", "--robot", "panda")
+    assert (code, out) == (0, "")
+    assert err == (
+        "pbd: calibration/bench.toml: the sensor's dock is at (0.450, -0.150, 0.250) m, roll, pitch, yaw "
+        "(0.0, 0.0, 90.0) degrees, as given; panda reaches it\n"
+    )
+    rows = run_json(capsys, "keyframes", "pouring", "--calibration", "bench")["keyframes"]
+    assert rows[0]["base_position_m"] == pytest.approx([0.45, -0.15, 0.25])
+
+
+def test_a_dock_where_the_robot_stands(capsys: Capture) -> None:
+    """The tool at the dock is where forward kinematics puts it, through the mount of the file."""
+    Path("calibration").mkdir()
+    Path("calibration/bench.toml").write_text(
+        'format = 1\nname = "bench"\n[mount]\nposition = [0.01, 0.02, 0.1]\nrpy_deg = [180, 10, 20]\n'
+    )
+    joints = ["10", "-45", "5", "-135", "0", "95", "-45"]
+    told = run_json(capsys, "calibrate", "dock", "bench", "--robot", "panda", "--joints", *joints)
+    T_base_tool = load_model(load_robot("panda")).forward(np.radians(np.array(joints, dtype=float)))
+    assert told["tool"]["position_m"] == pytest.approx(T_base_tool.p)
+    calibration = read_calibration(Path("calibration/bench.toml"))
+    assert calibration.T_base_dock is not None
+    metres, rad = (calibration.T_base_dock @ calibration.T_sensor_tool).distance(T_base_tool)
+    assert metres < 1e-4
+    assert rad < 1e-4
+
+
+def test_a_dock_where_a_demonstration_stopped(capsys: Capture) -> None:
+    run(capsys, *DOCK)
+    run(capsys, "calibrate", "dock", "shelf", "--from-keyframe", "pouring", "4", "--calibration", "bench")
+    rows = run_json(capsys, "keyframes", "pouring", "--calibration", "bench")["keyframes"]
+    dock = read_calibration(Path("calibration/shelf.toml")).T_base_dock
+    assert dock is not None
+    assert dock.p == pytest.approx(rows[4]["base_position_m"], abs=2e-5)
+    line = refused(
+        capsys, 1, "calibrate", "dock", "shelf", "--from-keyframe", "pouring", "11", "--calibration", "bench"
+    )
+    assert line == "pbd: pouring has the keyframes 0 to 10, not '11'; `pbd keyframes pouring` lists them"
+    line = refused(capsys, 1, "calibrate", "dock", "none", "--from-keyframe", "pouring", "1")
+    assert line.startswith("pbd: there is no calibration 'none' yet that tells where pouring was; name one")
+
+
+def test_a_dock_out_of_reach_is_refused_with_exit_3(capsys: Capture) -> None:
+    line = refused(capsys, 3, "calibrate", "dock", "far", "--position", "1.4", "0", "0.3", "--robot", "panda")
+    assert line.startswith(
+        "pbd: the dock puts the tool at (1.400, 0.000, 0.300) m, out of panda's reach: it gets no nearer"
+    )
+    assert not Path("calibration").exists()
+
+
+@pytest.mark.parametrize(
+    ("args", "code", "message"),
+    [
+        (("--joints", "0", "0"), 1, "--joints needs the robot that they are of; give --robot"),
+        (("--robot", "panda", "--joints", "0", "0"), 1, "panda has 7 joints ("),
+        (("--robot", "panda", "--joints", *["0"] * 6, "400"), 3, "joint panda_joint4 can't stand at 0: its limits are"),
+        (("--position", "nan", "0", "0"), 1, "--position and --rpy must be finite numbers; correct them"),
+        (("--position", "450", "0", "0"), 1, "a dock 450 m from the robot's base is out of any reach; give metres"),
+        (("--joints", "0", "--rpy", "0", "0", "0"), 1, "--rpy goes with --position; leave it out"),
+        (("--position", "0", "0", "0", "--robot", "pandora"), 1, "no robot named 'pandora'"),
+    ],
+)
+def test_what_is_wrong_with_a_dock(capsys: Capture, args: tuple[str, ...], code: int, message: str) -> None:
+    assert refused(capsys, code, "calibrate", "dock", "bench", *args).startswith(f"pbd: {message}")
+
+
+@pytest.mark.parametrize("args", [(), ("--position", "0", "0", "0", "--joints", "0"), ("--position", "0", "0")])
+def test_wrong_usage_is_2(capsys: Capture, args: tuple[str, ...]) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(["calibrate", "dock", "bench", *args])
+    capsys.readouterr()
+
+
+def test_keyframes_tells_how_sure_the_tool_is_in_base(capsys: Capture) -> None:
+    run(capsys, *DOCK)
+    rows = run_json(capsys, "keyframes", "pouring", "--calibration", "bench")["keyframes"]
+    shown = run_json(capsys, "calibrate", "show", "bench", "pouring")["keyframes"]
+    assert [row["base_sigma_m"] for row in rows] == [row["base_sigma_m"] for row in shown]
+    assert rows[0]["base_sigma_m"] == pytest.approx([0.003] * 3)  # what is assumed of a dock
+    assert all(np.all(np.array(row["base_sigma_m"]) >= 0.003) for row in rows)
+    assert "the tool in base, one sigma" in run(capsys, "keyframes", "pouring", "--calibration", "bench")[1]
+    assert "in base" not in run(capsys, "keyframes", "pouring")[1]
+
+
+# --- points -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def touched() -> Touching:
+    """A demonstration `touches` and its six points in points.csv."""
+    found = touching(3, 6, "modern")
+    write_demo(found.demo, Path("demos/touches"))
+    write_points(found.points)
+    return found
+
+
+def write_points(points: Any, name: str = "points.csv") -> None:
+    rows = (f"{letter},{x:.5f},{y:.5f},{z:.5f}\n" for letter, (x, y, z) in zip("ABCDEF", points, strict=False))
+    Path(name).write_text("name,x_m,y_m,z_m\n" + "".join(rows))
+
+
+POINTS = ("calibrate", "points", "bench", "touches", "--points", "points.csv")
+
+
+def test_points_put_the_demonstration_into_base(capsys: Capture, touched: Touching) -> None:
+    result = run_json(capsys, *POINTS)
+    assert [row["stop"] for row in result["points"]] == [1, 2, 3, 4, 5, 6]
+    assert all(row["used"] for row in result["points"])
+    T_base_nav = read_calibration(Path("calibration/bench.toml")).T_base_nav
+    assert T_base_nav is not None
+    metres, rad = T_base_nav.distance(touched.T_base_nav)
+    assert metres < 4.0 * np.linalg.norm(result["nav"]["sigma_m"])
+    assert rad < np.radians(1.0)
+    rows = run_json(capsys, "calibrate", "show", "bench", "touches")["keyframes"]
+    assert rows[0]["base_sigma_m"] == pytest.approx(result["nav"]["sigma_m"], rel=1e-3)
+
+
+def test_points_in_any_order(capsys: Capture, touched: Touching) -> None:
+    write_points(touched.points[[4, 2, 0, 5, 1, 3]])
+    result = run_json(capsys, *POINTS, "--any-order")
+    assert [row["stop"] for row in result["points"]] == [5, 3, 1, 6, 2, 4]
+    assert [row["stop"] for row in run_json(capsys, *POINTS, "--stops", "5,3,1,6,2,4")["points"]] == [5, 3, 1, 6, 2, 4]
+
+
+def test_a_wrong_point_is_told_by_its_name(capsys: Capture, touched: Touching) -> None:
+    points = touched.points.copy()
+    points[2] += (0.0, 0.08, 0.06)
+    write_points(points)
+    code, out, err = run(capsys, *POINTS)
+    assert code == 0
+    assert err.startswith("pbd: warning: the point 'C' (stop 3) is wrong: it lies ")
+    assert [line.split()[0] for line in out.splitlines() if "wrong, left out" in line] == ["C"]
+    T_base_nav = read_calibration(Path("calibration/bench.toml")).T_base_nav
+    assert T_base_nav is not None
+    assert T_base_nav.distance(touched.T_base_nav)[0] < 0.01
+
+
+def test_a_dock_is_not_replaced_unasked(capsys: Capture, touched: Touching) -> None:
+    run(capsys, *DOCK)
+    before = Path("calibration/bench.toml").read_text()
+    line = refused(capsys, 1, *POINTS)
+    assert "bench.toml has a [dock], and a calibration takes one of the two; --force puts [nav] in its place" in line
+    assert Path("calibration/bench.toml").read_text() == before
+    assert run(capsys, *POINTS, "--as", "dock")[0] == 0
+    calibration = read_calibration(Path("calibration/bench.toml"))
+    assert calibration.T_base_dock is not None
+    assert calibration.T_base_dock.p == pytest.approx(touched.T_base_nav.p, abs=0.01)
+    assert run(capsys, *POINTS, "--force")[0] == 0
+    assert read_calibration(Path("calibration/bench.toml")).T_base_dock is None
+
+
+def test_the_dock_and_nav_say_the_same_of_their_demonstration(capsys: Capture, touched: Touching) -> None:
+    """Whichever way it is written, the keyframes of that very demonstration are at the same places in base."""
+    run(capsys, *POINTS)
+    run(capsys, "calibrate", "points", "other", *POINTS[3:], "--as", "dock")
+    from pbd.calibration.frames import nav_in_base
+    from pbd.pipeline import track
+    from pbd.tracking.keyframes import find_keyframes
+
+    first = find_keyframes(track(touched.demo.recording))[0].T_nav_sensor.wxyz
+    nav, dock = (nav_in_base(read_calibration(Path(f"calibration/{name}.toml")), first) for name in ("bench", "other"))
+    metres, rad = nav.distance(dock)
+    assert metres < 1e-4
+    assert rad < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        (("--stops", "1,2,3,4,5"), "--stops names 5 stops for 6 points; name one a point"),
+        (("--stops", "1,2,3,4,5,5"), "--stops must name different stops from 0 to 6"),
+        (("--stops", "1,2,3,4,5,7"), "--stops must name different stops from 0 to 6"),
+        (("--free",), "7 stops can't be matched with 6 points while the tilt is free; name the stops with --stops"),
+        (("--points", "none.csv"), "none.csv: can't be read as text"),
+        (("--points", "unit.csv"), "unit.csv: the unit of x, y, z is not known"),
+        (("--points", "few.csv"), "2 points are too few; touch 3 or more"),
+        (("--points", "many.csv"), "the demonstration has 7 stops, but there are 8 points"),
+    ],
+)
+def test_what_is_wrong_with_points(capsys: Capture, touched: Touching, args: tuple[str, ...], message: str) -> None:
+    Path("unit.csv").write_text("x,y,z\n0,0,0\n")
+    Path("few.csv").write_text("x_m,y_m,z_m\n0,0,0\n1,0,0\n")
+    rng = np.random.default_rng(0)
+    Path("many.csv").write_text("x_m,y_m,z_m\n" + "".join(f"{x},{y},{z}\n" for x, y, z in rng.random((8, 3))))
+    assert refused(capsys, 1, *POINTS, *args).startswith(f"pbd: {message}")
+    assert not Path("calibration").exists()
+
+
+# --- show -------------------------------------------------------------------------------------------------------------
+
+
+def test_show_adds_the_parts_up(capsys: Capture) -> None:
+    run(capsys, *DOCK, "--sigma-mm", "4", "--sigma-deg", "2")
+    result = run_json(capsys, "calibrate", "show", "bench", "pouring", "--save", "bench.png")
+    assert result["dock"]["position_m"] == pytest.approx([0.45, -0.15, 0.25])
+    for row in result["keyframes"]:
+        total = np.sqrt(np.sum(np.square(list(row["base_sigma_parts_m"].values())), axis=0))
+        assert row["base_sigma_m"] == pytest.approx(total)
+    assert result["keyframes"][0]["base_sigma_m"] == pytest.approx([0.004] * 3)
+    assert Path("bench.png").read_bytes().startswith(b"\x89PNG")
+    code, out, err = run(capsys, "calibrate", "show", "bench", "pouring")
+    assert code == 0
+    assert "the sensor in base" in out
+    assert "of the tool's uncertainty" in err
+
+
+def test_show_without_a_start(capsys: Capture) -> None:
+    Path("mount.toml").write_text('format = 1\nname = "m"\n[mount]\nposition = [0, 0, 0.1]\nrpy_deg = [0, 0, 0]\n')
+    assert run_json(capsys, "calibrate", "show", "mount.toml")["keyframes"] == []
+    line = refused(capsys, 1, "calibrate", "show", "mount.toml", "--save", "x.png")
+    assert line.endswith("does not say where the hand starts, so there is nothing to plot; add a dock")
+    line = refused(capsys, 1, "replay", "pouring", "--robot", "panda", "--calibration", "mount.toml", "--no-open")
+    assert "does not say where the hand starts in the robot's base; add a dock" in line
+
+
+def test_show_refuses_a_kind_of_picture_that_it_can_not_draw(capsys: Capture) -> None:
+    run(capsys, *DOCK)
+    line = refused(capsys, 1, "calibrate", "show", "bench", "pouring", "--save", "x.bmp")
+    assert line == "pbd: x.bmp must end in .png, .svg or .pdf; rename it"
+
+
+def test_poses_are_close_enough_as_they_are_written() -> None:
+    """Rounded to 0.01 mm and 0.0001 degrees in the file."""
+    from pbd.files.calibration_edit import pose_values, update_calibration
+
+    pose = Pose.from_rpy((0.1234567, -0.7654321, 0.3333333), (0.111111, -0.222222, 0.333333))
+    update_calibration(Path("p.toml"), {"dock": pose_values(pose, "in base")})
+    dock = read_calibration(Path("p.toml")).T_base_dock
+    assert dock is not None
+    metres, rad = dock.distance(pose)
+    assert metres < 1e-5
+    assert rad < 3e-6

@@ -1,0 +1,243 @@
+"""`pbd calibrate sensor` and `mount` as a user meets them, and what they change in tracking and recording."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pbd.cli import main
+from pbd.cli.record import _errors
+from pbd.data import Demonstration, Linear, RecordingInfo, SensorErrors
+from pbd.errors import PbdWarning
+from pbd.files.calibration import read_calibration
+from pbd.files.demo import load_demo, write_demo
+from pbd.pipeline import track
+from pbd.pose import quat_exp, quat_log, quat_multiply, quat_rotate
+from pbd.record.coach import Coach
+from pbd.sensors.decoding import Sample
+from pbd.sensors.simulate import simulate
+from pbd.tracking.keyframes import find_keyframes
+from tests.calibration.turning import BAD, SIDES, pivoting, sides, through
+
+Capture = pytest.CaptureFixture[str]
+TIP = (0.03, -0.02, 0.0928)
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def run(capsys: Capture, *args: str) -> tuple[int, str, str]:
+    capsys.readouterr()
+    code = main(args)
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+def run_json(capsys: Capture, *args: str) -> dict[str, Any]:
+    code, out, _ = run(capsys, *args, "--json")
+    assert code == 0
+    result: dict[str, Any] = json.loads(out)
+    return result
+
+
+def refused(capsys: Capture, *args: str) -> str:
+    code, out, err = run(capsys, *args)
+    assert (code, out) == (1, "")
+    assert err.count("\n") == 1, err
+    return err.removeprefix("pbd: ").rstrip()
+
+
+def save(name: str, demo: Demonstration) -> None:
+    write_demo(demo, Path("demos") / name)
+
+
+# --- sensor -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A bad sensor put down on twelve sides (`sides`), and a demonstration `tea` by the same device."""
+    folder = tmp_path_factory.mktemp("recorded") / "demos"
+    write_demo(simulate(sides(1, rest_s=1.5), BAD, 1), folder / "sides")
+    write_demo(simulate("pour", BAD, 1), folder / "tea")
+    return folder
+
+
+@pytest.fixture
+def bench(recorded: Path, capsys: Capture) -> Path:
+    """A calibration of that sensor."""
+    Path("demos").symlink_to(recorded)
+    run(capsys, "calibrate", "dock", "bench", "--position", "0.45", "-0.15", "0.25")
+    assert run(capsys, "calibrate", "sensor", "bench", "sides", "--gravity", "9.81", "--temperature", "22")[0] == 0
+    return Path("calibration/bench.toml")
+
+
+def test_a_calibrated_sensor_tracks_better(bench: Path) -> None:
+    demo = simulate("pour", BAD, 1)
+    truth = demo.truth
+    assert truth is not None
+    worst = []
+    for calibration in (None, read_calibration(bench)):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", PbdWarning)  # of the field, which the iron disturbs
+            keyframes = find_keyframes(track(demo.recording, calibration=calibration))
+        at = [[np.interp(keyframe.t, truth.t, axis) for axis in truth.p_nav_sensor.T] for keyframe in keyframes]
+        off = np.linalg.norm(np.array([keyframe.T_nav_sensor.p for keyframe in keyframes]) - at, axis=1)
+        worst.append(off.max())
+    assert worst[1] < 0.02
+    assert worst[1] < 0.2 * worst[0]
+
+
+def test_the_calibration_is_applied_where_it_is_used(bench: Path, capsys: Capture) -> None:
+    rows = run_json(capsys, "keyframes", "tea", "--calibration", "bench")["keyframes"]
+    expected = find_keyframes(track(load_demo("tea").recording, calibration=read_calibration(bench)))
+    assert len(rows) == len(expected)
+    assert rows[-2]["position_m"] == pytest.approx(expected[-2].T_nav_sensor.p, abs=0.01)
+    assert run(capsys, "calibrate", "show", "bench", "tea")[0] == 0
+    code, _, err = run(capsys, "keyframes", "tea", "--calibration", "bench", "--method", "paper")
+    assert (code, "Traceback" in err) == (0, False)
+
+
+def test_another_sensor_is_refused(bench: Path, capsys: Capture) -> None:
+    line = refused(capsys, "keyframes", "pouring", "--calibration", "bench")
+    assert line == (
+        "'pouring' is of the sensor 'simulated modern', but the calibration's [sensor] is of 'simulated bad wt901'; "
+        "name a calibration of that sensor, or take [sensor] out"
+    )
+    assert "of 'simulated bad wt901'" in refused(capsys, "calibrate", "sensor", "bench", "pouring", "--only", "gyr")
+    assert "of 'simulated bad wt901'" in refused(capsys, "record", "x", "--sensor", "sim", "--calibration", "bench")
+    assert not Path("demos/x").exists()
+
+
+def test_six_sides_are_told_from_twelve(capsys: Capture) -> None:
+    save("six", simulate(sides(1, SIDES[:6]), BAD, 1))
+    code, out, err = run(capsys, "calibrate", "sensor", "bench", "six")
+    assert code == 0
+    assert err.startswith("pbd: warning: 6 orientations do not tell lean yz, lean xz, lean xy: that is left near")
+    assert out.count("can't be told") == 3
+    assert "gravity was taken for 9.80665 m/s2" in err
+
+
+def test_what_is_wrong_with_a_recording_of_sides(capsys: Capture) -> None:
+    save("three", simulate(sides(1, SIDES[:3]), BAD, 1))
+    line = refused(capsys, "calibrate", "sensor", "bench", "three")
+    assert line.startswith("of 3 rests only 3 differ by 15 degrees and more")
+    assert not Path("calibration").exists()
+    code, _, err = run(capsys, "calibrate", "sensor", "bench", "three", "--only", "gyr")
+    assert (code, err) == (0, "pbd: calibration/bench.toml: [sensor] of 'simulated bad wt901' from 3 rests\n")
+    assert read_calibration(Path("calibration/bench.toml")).T_base_dock is None
+    line = refused(capsys, "calibrate", "sensor", "bench", "three", "--latitude", "100")
+    assert line == "--latitude must be from -90 to 90, got 100"
+    with pytest.raises(SystemExit, match="2"):
+        main(["calibrate", "sensor", "bench", "three", "--only", "gyro"])
+    capsys.readouterr()
+
+
+# --- record -----------------------------------------------------------------------------------------------------------
+
+
+def said_at_rest(errors: SensorErrors | None) -> list[str]:
+    """What a recording says over two seconds of rest of a perfect sensor."""
+    coach = Coach(0.01, errors)
+    rng = np.random.default_rng(0)
+    for k in range(200):
+        x, y = 0.01 * rng.normal(size=2).tolist()[0], 0.0
+        coach.feed(0.01 * k, Sample(acc=(x, y, 9.81), gyr=(1e-4 * x, 0.0, 0.0), mag=(0.0, 19.5, -44.0)))
+    return [said.text for said in coach.said()]
+
+
+def test_a_rest_that_disagrees_is_told_while_it_is_recorded() -> None:
+    right = Linear(np.zeros(3), np.eye(3), np.full(3, 0.01))
+    good = SensorErrors("s", right, right, right, gravity=9.81, field=48.127, dip=np.arctan2(44.0, 19.5))
+    assert said_at_rest(None) == said_at_rest(good) == ["the rest at the start is found: you may move"]
+    drifted = replace(good, gyr=replace(right, bias=np.radians((0.0, 0.0, 2.0))))
+    assert said_at_rest(drifted)[1] == (
+        "at rest the gyro reads 2.0 degrees/s beside its calibrated bias; calibrate the sensor again"
+    )
+    assert said_at_rest(replace(good, acc=replace(right, bias=np.array((0.0, 0.0, 0.3)))))[1].startswith(
+        "at rest the accelerometer reads 9.51 m/s2 after its calibration"
+    )
+    assert said_at_rest(replace(good, field=60.0))[1].startswith("the magnetic field is 48 uT, where it was 60")
+    assert said_at_rest(replace(good, dip=1.0))[1].startswith("the magnetic field dips by 66 degrees, where it was 57")
+
+
+def test_a_calibration_that_says_nothing_of_the_sensor_is_told_when_recording() -> None:
+    with pytest.warns(PbdWarning, match=r"'default' has no \[sensor\] to compare with; pbd calibrate sensor default"):
+        assert _errors("default", "vn100") is None
+    assert _errors(None, "vn100") is None
+
+
+# --- mount ------------------------------------------------------------------------------------------------------------
+
+
+def test_a_tip_is_pivoted_and_its_rotation_turned(capsys: Capture) -> None:
+    wxyz_sensor_tool = quat_exp((2.9, 0.3, -0.2))
+    x, z = (quat_rotate(wxyz_sensor_tool, axis) for axis in ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
+    attitudes = [quat_exp(0.8 * x), quat_exp(-0.1 * x), quat_multiply(quat_exp(-0.1 * x), quat_exp(0.9 * z))]
+    save("pivot", simulate(pivoting(2, TIP), "modern", 2))
+    save("turns", simulate(through(attitudes, np.random.default_rng(0)), "modern", 3))
+    code, out, err = run(capsys, "calibrate", "mount", "bench", "pivot", "--pivot")
+    assert code == 0
+    assert out.count("off its point") == 10
+    assert err.startswith("pbd: calibration/bench.toml: the tool is at (")
+    run_json(capsys, "calibrate", "mount", "bench", "turns", "--turns", "x,-x,z")
+    calibration = read_calibration(Path("calibration/bench.toml"))
+    assert calibration.T_sensor_tool.p == pytest.approx(TIP, abs=0.001)
+    turn = quat_log(quat_multiply(calibration.T_sensor_tool.wxyz, quat_exp((-2.9, -0.3, 0.2))))
+    assert np.degrees(np.linalg.norm(turn)) < 1.0
+    assert calibration.cov_sensor_tool is not None
+    sigma = np.sqrt(np.diagonal(calibration.cov_sensor_tool))
+    assert np.all(sigma[:3] > 0.0)
+    assert np.all(sigma[3:] > 0.0)
+    assert calibration.residuals["mount.pivot_stops"] == 10
+    assert calibration.residuals["mount.turns"] == 3
+
+
+def test_what_is_wrong_with_a_mount(capsys: Capture) -> None:
+    x = np.array((1.0, 0.0, 0.0))
+    save("nod", simulate(through([quat_exp(a * x) for a in (0.6, -0.6, 0.5)], np.random.default_rng(0)), "modern", 0))
+    assert refused(capsys, "calibrate", "mount", "bench", "nod").startswith("say what the recording shows: --pivot")
+    assert "of the sensor is " in refused(capsys, "calibrate", "mount", "bench", "nod", "--pivot")
+    line = refused(capsys, "calibrate", "mount", "bench", "nod", "--turns", "x,y")
+    assert line.startswith("2 turns are named, but 3 moves turn by 20 degrees or more")
+    assert refused(capsys, "calibrate", "mount", "bench", "nod", "--turns", "x,-x,x").startswith("all turns are about")
+    with pytest.raises(SystemExit, match="2"):
+        main(["calibrate", "mount", "bench", "nod", "--turns", "up"])
+    capsys.readouterr()
+
+
+# --- the heading ------------------------------------------------------------------------------------------------------
+
+
+def test_a_disturbed_field_recommends_a_dock(capsys: Capture) -> None:
+    from tests.calibration.touching import touching
+
+    touched = touching(3, 6, "modern")
+    recording = touched.demo.recording
+    assert recording.mag is not None
+    iron = recording.mag + np.array((25.0, 0.0, 0.0))  # a hard iron that nobody calibrated
+    save("iron", replace(touched.demo, recording=replace(recording, mag=iron)))
+    save("bare", replace(touched.demo, recording=replace(recording, mag=None, info=RecordingInfo(sensor="modern"))))
+    save("good", touched.demo)
+    rows = "".join(f"{x},{y},{z}\n" for x, y, z in touched.points.tolist())
+    Path("points.csv").write_text(f"x_m,y_m,z_m\n{rows}")
+
+    def points(demo: str, *args: str) -> str:
+        return run(capsys, "calibrate", "points", demo, demo, "--points", "points.csv", *args)[2]
+
+    assert "start every demonstration from a dock (--as dock)" in points("iron")
+    assert "from a dock" not in points("good")
+    assert "nav's heading repeats to 0.0 degrees (rms over 2 demonstrations" in points(
+        "good", "--again", "good", "good"
+    )
+    assert read_calibration(Path("calibration/bare.toml" if points("bare") else "")).T_base_nav is None
+    assert "without a magnetometer nav's heading is that of the sensor" in points("bare", "--as", "nav", "--force")

@@ -1,0 +1,58 @@
+"""Completion, asked of the shells themselves."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from pbd.cli import main
+from pbd.cli.completion import SHELLS
+
+
+def script(shell: str, capsys: pytest.CaptureFixture[str]) -> str:
+    with pytest.raises(SystemExit) as left:
+        main(["--print-completion", shell])
+    assert left.value.code == 0
+    return capsys.readouterr().out
+
+
+def completed(line: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> set[str]:
+    """What bash offers after the line."""
+    words = line.split(" ")
+    asked = (
+        f"{script('bash', capsys)}\n"
+        f"COMP_WORDS=({' '.join(words[:-1])} '{words[-1]}'); COMP_CWORD={len(words) - 1}\n"
+        "COMPREPLY=()\n"
+        '_shtab_pbd pbd "${COMP_WORDS[COMP_CWORD]}" "${COMP_WORDS[COMP_CWORD-1]}" || true\n'
+        'printf "%s\\n" "${COMPREPLY[@]}"'
+    )
+    bash = shutil.which("bash")
+    assert bash is not None
+    found = subprocess.run([bash, "-c", asked], cwd=folder, capture_output=True, text=True, check=True)
+    return {word.strip() for word in found.stdout.splitlines()}
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A user's folder with a demonstration and a robot of their own."""
+    (tmp_path / "demos" / "tea").mkdir(parents=True)
+    (tmp_path / "robots").mkdir()
+    (tmp_path / "robots" / "mine.toml").touch()
+    return tmp_path
+
+
+def test_commands_options_and_names(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert {"record", "replay", "export"} <= completed("pbd ", folder, capsys)
+    assert completed("pbd key", folder, capsys) == {"keyframes"}
+    assert "--method" in completed("pbd segments --me", folder, capsys)
+    assert {"tea", "pouring"} <= completed("pbd segments ", folder, capsys)
+    assert completed("pbd replay --robot mi", folder, capsys) == {"mine"}
+    assert "panda" in completed("pbd replay --robot pa", folder, capsys)
+
+
+@pytest.mark.parametrize("shell", SHELLS)
+def test_every_shell_gets_a_script(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert "keyframes" in script(shell, capsys)

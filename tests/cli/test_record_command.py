@@ -1,0 +1,191 @@
+"""`pbd record` from the outside: at a terminal, without one, killed, hung up, and all that it refuses."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import signal
+import threading
+import time
+import tty
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pbd.cli import main
+from pbd.files.demo import read_demo
+from tests.cli.terminal import Terminal, run_pbd
+from tests.record.speakers import SPEAKERS, Device, random_hand
+
+
+def test_at_a_terminal(tmp_path: Path) -> None:
+    """Space marks, q asks first, Enter ends; the bell rings; the terminal is as it was."""
+    terminal = Terminal("record", "tea", "--sensor", "sim", cwd=tmp_path)
+    terminal.until("Enter ends")
+    terminal.until("\a")
+    terminal.until("you may move")
+    assert not terminal.echoes()
+    terminal.type(" ")
+    terminal.until("closed")
+    terminal.type("q")
+    terminal.until("discard this recording? y discards")
+    terminal.type("n")
+    terminal.until("Enter ends")
+    terminal.type("\n")
+    terminal.until("ended by you")
+    terminal.until("next: pbd keyframes tea")
+    assert terminal.exit_code() == 0
+    recording = read_demo(tmp_path / "demos" / "tea").recording
+    assert len(recording) > 100
+    assert [event.closed for event in recording.grip] == [True]
+
+
+def test_discarded_at_a_terminal(tmp_path: Path) -> None:
+    terminal = Terminal("record", "tea", "--sensor", "sim", cwd=tmp_path)
+    terminal.until("Hz,")
+    terminal.type("qy")
+    terminal.until("discarded")
+    assert terminal.echoes()
+    assert terminal.exit_code() == 0
+    assert not (tmp_path / "demos" / "tea").exists()
+
+
+@pytest.mark.parametrize("hung_up", [True, False])
+def test_ctrl_c_and_a_lost_connection_end_it_in_good_order(tmp_path: Path, hung_up: bool) -> None:
+    terminal = Terminal("record", "tea", "--sensor", "sim", cwd=tmp_path)
+    terminal.until("Hz,")
+    if hung_up:
+        terminal.hang_up()
+    else:
+        terminal.type("\x03")
+        terminal.until("ended by you")
+    assert terminal.exit_code() == 0
+    recording = read_demo(tmp_path / "demos" / "tea").recording
+    assert recording.info.rate_hz == pytest.approx(100.0, rel=1e-3)
+
+
+def test_nobody_reads_what_it_prints(tmp_path: Path) -> None:
+    process = run_pbd("record", "tea", "--sensor", "sim", "--duration", "1.5", cwd=tmp_path)
+    assert process.stderr is not None
+    assert process.stderr.readline().startswith("recording demos/tea from ximu3, simulated (pour); hold still")
+    process.stderr.close()
+    assert process.wait(20) == 0
+    assert process.stdout is not None
+    assert "ended by the time of 1.5 s" in process.stdout.read()
+    process.stdout.close()
+    assert read_demo(tmp_path / "demos" / "tea").recording.t[-1] >= 1.5
+
+
+def test_without_a_terminal_it_prints_lines_and_a_signal_ends_it(tmp_path: Path) -> None:
+    process = run_pbd("record", "tea", "--sensor", "sim", "--json", cwd=tmp_path)
+    assert process.stderr is not None
+    for line in process.stderr:
+        if "you may move" in line:
+            break
+    process.send_signal(signal.SIGTERM)
+    out, _ = process.communicate(timeout=20)
+    assert process.returncode == 0
+    told = json.loads(out)
+    assert told["demo"] == "demos/tea"
+    assert told["ended_by"] == "you"
+    assert len(read_demo(tmp_path / "demos" / "tea").recording) == told["samples"]
+
+
+def test_a_killed_recording_has_all_but_the_last_quarter_second(tmp_path: Path) -> None:
+    process = run_pbd("record", "tea", "--sensor", "sim", cwd=tmp_path)
+    imu = tmp_path / "demos" / "tea" / "imu.csv"
+    while not imu.exists():
+        time.sleep(0.01)
+    begun = time.monotonic()
+    time.sleep(1.0)
+    process.kill()
+    killed = time.monotonic()
+    process.communicate(timeout=20)
+    assert imu.read_text().endswith("\n")
+    recording = read_demo(imu.parent).recording
+    assert recording.t[-1] >= loop_time(killed - begun)
+
+
+def loop_time(elapsed: float) -> float:
+    """What must be on disk that long after the folder appeared (which holds LOOK_S already)."""
+    return elapsed - 0.25
+
+
+def test_what_exists_is_refused_before_anything_is_opened(tmp_path: Path) -> None:
+    (tmp_path / "demos" / "tea").mkdir(parents=True)
+    process = run_pbd("record", "tea", "--sensor", "sim", cwd=tmp_path)
+    _, error = process.communicate(timeout=20)
+    assert process.returncode == 1
+    assert error == "pbd: demos/tea exists; give another name, or --force to replace it\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--sensor", "nunchuk"), "sensor 'nunchuk' is unknown"),
+        (("--sensor", "sim:juggle"), "juggle"),
+        (("--sensor", "sim", "--rate", "50"), "a simulated sensor has no port, baud or rate to choose; leave out"),
+        (("--sensor", "witmotion", "--port", "/dev/nothing"), "there is no port /dev/nothing"),
+        (("--sensor", "witmotion", "--port", "/dev/null", "--baud", "9600"), "/dev/null is no serial port"),
+        (("--sensor", "lines", "--port", "/dev/null"), "tell what the numbers of a line are"),
+        (("--sensor", "razor", "--unit", "gyr=rpm", "--port", "/dev/null"), "'rpm' is no unit of gyr"),
+    ],
+)
+def test_what_can_not_be_opened_is_told(tmp_path: Path, words: tuple[str, ...], message: str) -> None:
+    process = run_pbd("record", "tea", *words, cwd=tmp_path)
+    _, error = process.communicate(timeout=20)
+    assert process.returncode == 1
+    assert message in error
+    assert error.count("\n") == 1
+
+
+def bytes_of(name: str, rows: int = 400) -> tuple[bytes, ...]:
+    hand = random_hand(rows, seed=1)
+    return tuple(SPEAKERS[name].encode(hand, row) for row in range(rows))
+
+
+def test_a_device_is_recognised_set_and_recorded(tmp_path: Path) -> None:
+    """Nothing is told of it but its port; its rate is asked for."""
+    packets = bytes_of("os5000")
+    with Device(packets, 200.0, again=True) as device:
+        heard: list[bytes] = []
+        tty.setraw(device.master)
+
+        def listen() -> None:
+            if select.select([device.master], [], [], 20.0)[0]:
+                heard.append(os.read(device.master, 100))
+
+        listener = threading.Thread(target=listen, daemon=True)
+        listener.start()
+        device.go()
+        process = run_pbd(
+            "record", "tea", "--port", device.device, "--rate", "40", "--duration", "1", "--json", cwd=tmp_path
+        )
+        out, error = process.communicate(timeout=20)
+        listener.join(5.0)
+    assert process.returncode == 0, error
+    assert heard == [b"\x1bR40 "]
+    assert f"listening to {device.device} ..." in error
+    told = json.loads(out)
+    assert told["ended_by"] == "the time of 1 s"
+    got = read_demo(tmp_path / "demos" / "tea").recording
+    assert got.info.sensor == "os5000"
+    assert len(got) == told["samples"] > 100
+
+
+def test_raw_bytes_of_lines_are_decoded_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    described = ["--columns", "t,ax,ay,az,gx,gy,gz", "--unit", "t=us", "--unit", "acc=g", "--unit", "gyr=deg/s"]
+    with Device(bytes_of("lines"), 100.0) as device:
+        threading.Timer(0.3, device.go).start()
+        recorded = ["--port", device.device, "--baud", "115200", "--raw", "--duration", "0.8"]
+        assert main(["record", "tea", "--sensor", "lines", *recorded, *described]) == 0
+    assert main(["import", "demos/tea/raw.bin", "again", "--sensor", "lines", *described]) == 0
+    tea, again = (read_demo(tmp_path / "demos" / name).recording for name in ("tea", "again"))
+    assert len(tea) >= 78
+    assert again.t == pytest.approx(tea.t, abs=1e-6)
+    assert again.acc == pytest.approx(tea.acc, abs=1e-5)
+    assert again.gyr is not None
+    assert np.isfinite(again.gyr).all()

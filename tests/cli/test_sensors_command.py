@@ -1,0 +1,46 @@
+"""`pbd sensors`: what is plugged in, and what it speaks."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from pbd.cli import main
+from pbd.sensors.port import PortInfo
+from pbd.sensors.protocols import PROTOCOLS
+from tests.record.speakers import SPEAKERS, Device, random_hand
+
+Capture = pytest.CaptureFixture[str]
+
+
+def test_what_is_plugged_in(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
+    ports = (PortInfo("/dev/ttyUSB7", "FTDI FT232R", "0403:6001"),)
+    monkeypatch.setattr("pbd.sensors.port.list_ports", lambda: ports)
+    assert main(["sensors"]) == 0
+    out = capsys.readouterr().out
+    assert [word in out for word in ("/dev/ttyUSB7", "FTDI FT232R", "0403:6001", *PROTOCOLS)] == [True] * 10
+    monkeypatch.setattr("pbd.sensors.port.list_ports", lambda: ())
+    assert main(["sensors"]) == 0
+    assert "no serial port has anything plugged in; try one without hardware" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("name", "sensor", "note"), [("vectornav-binary", "vectornav", ""), ("lines", None, "record --sensor lines")]
+)
+def test_what_it_speaks(capsys: Capture, name: str, sensor: str | None, note: str) -> None:
+    hand = random_hand(300, seed=1)
+    with Device([SPEAKERS[name].encode(hand, row) for row in range(300)], 300.0, again=True) as device:
+        device.go()
+        assert main(["sensors", "--probe", "--port", device.device, "--json"]) == 0
+    out, err = capsys.readouterr()
+    (row,) = json.loads(out)["ports"]
+    assert row["port"] == device.device
+    assert row["sensor"] == sensor
+    assert note in row["note"]
+    assert err == f"listening to {device.device} ...\n"
+
+
+def test_a_port_that_is_not_there(capsys: Capture) -> None:
+    assert main(["sensors", "--probe", "--port", "/dev/nothing"]) == 1
+    assert "pbd: there is no port /dev/nothing" in capsys.readouterr().err

@@ -1,0 +1,117 @@
+"""Tables: units, CSV, and keyframes that a person edits."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pbd.cli import main
+from pbd.view.units import ANGLES, LENGTHS, Units, parse_units
+
+
+@pytest.fixture(autouse=True)
+def tea(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with one simulated demonstration."""
+    monkeypatch.chdir(tmp_path)
+    assert main(["simulate", "pour", "tea"]) == 0
+    return tmp_path / "demos" / "tea"
+
+
+def rows_of(capsys: pytest.CaptureFixture[str], *command: str) -> list[dict[str, str]]:
+    capsys.readouterr()
+    assert main([*command, "--csv"]) == 0
+    return list(csv.DictReader(capsys.readouterr().out.splitlines()))
+
+
+def keyframes_of(capsys: pytest.CaptureFixture[str], *options: str) -> list[dict[str, Any]]:
+    capsys.readouterr()
+    assert main(["keyframes", "tea", "--json", *options]) == 0
+    found = json.loads(capsys.readouterr().out)["keyframes"]
+    assert isinstance(found, list)
+    return found
+
+
+def test_csv_has_the_figures_of_json_in_the_units_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
+    exact = keyframes_of(capsys)
+    for units in (Units(), Units("cm"), Units("mm", "rad")):
+        rows = rows_of(capsys, "keyframes", "tea", "--units", f"{units.length},{units.angle}")
+        assert len(rows) == len(exact)
+        factor, decimals = LENGTHS[units.length]
+        for row, keyframe in zip(rows, exact, strict=True):
+            x, y, z = (float(row[f"{axis} ({units.length})"]) / factor for axis in "xyz")
+            assert [x, y, z] == pytest.approx(keyframe["position_m"], abs=0.51 * 10.0**-decimals / factor)
+            assert f"yaw ({units.angle_sign})" in row
+
+
+def test_every_table_is_csv_too(capsys: pytest.CaptureFixture[str]) -> None:
+    assert {row["what happens"] for row in rows_of(capsys, "segments", "tea")} >= {"No hand motion occurs"}
+    assert "panda" in {row["name"] for row in rows_of(capsys, "robots")}
+    joints = rows_of(capsys, "keyframes", "tea", "--robot", "panda")[0]
+    assert list(joints).count("#") == 1
+    assert "panda_joint7 (°)" in joints
+
+
+def test_units_are_parsed() -> None:
+    assert parse_units("cm,deg") == Units("cm", "deg")
+    assert parse_units("rad") == Units("m", "rad")
+    assert parse_units(" mm , rad ") == Units("mm", "rad")
+    assert set(ANGLES) == {"deg", "rad"}
+    for wrong in ("km", "", "cm,mm", "deg,deg"):
+        with pytest.raises(ValueError, match="must be one of m, cm, mm and one of deg, rad"):
+            parse_units(wrong)
+
+
+def test_an_unknown_unit_is_wrong_usage(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as left:
+        main(["keyframes", "tea", "--units", "km"])
+    assert left.value.code == 2
+    assert "got 'km'" in capsys.readouterr().err
+
+
+def test_saved_keyframes_are_used_edited_and_found_anew(tea: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = keyframes_of(capsys)
+    assert main(["keyframes", "tea", "--save"]) == 0
+    file = tea / "keyframes.toml"
+    text = file.read_text(encoding="utf-8")
+    tables = text.split("\n[[keyframe]]")
+    file.write_text("\n[[keyframe]]".join([*tables[:3], *tables[4:]]), encoding="utf-8")  # the third is dropped
+
+    edited = keyframes_of(capsys)
+    assert [row["t_s"] for row in edited] == pytest.approx([row["t_s"] for row in (*found[:2], *found[3:])], abs=1e-3)
+    assert main(["keyframes", "tea", "--save"]) == 1
+    assert "may have been edited; --force replaces it" in capsys.readouterr().err
+    assert main(["keyframes", "tea", "--save", "--force"]) == 0
+    assert file.read_text(encoding="utf-8") == text
+
+
+def test_a_robot_goes_to_the_edited_keyframes(tea: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = keyframes_of(capsys, "--robot", "panda")
+    assert main(["keyframes", "tea", "--save"]) == 0
+    file = tea / "keyframes.toml"
+    head, own = file.read_text(encoding="utf-8").split("# 1\n")
+    x, y, z = before[1]["position_m"]
+    start, end = own.index("position_m"), own.index("rpy_deg")
+    nudged = f"{own[:start]}position_m = [{x:.4f}, {y:.4f}, {z + 0.02:.4f}]\n{own[end:]}"
+    file.write_text(f"{head}# 1\n{nudged}", encoding="utf-8")
+    after = keyframes_of(capsys, "--robot", "panda")
+    assert after[1]["base_position_m"][2] == pytest.approx(before[1]["base_position_m"][2] + 0.02, abs=2e-4)
+
+
+def test_another_dock_is_refused(tea: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["keyframes", "tea", "--save"]) == 0
+    file = tea / "keyframes.toml"
+    file.write_text(file.read_text(encoding="utf-8").replace("rpy_deg = [", "rpy_deg = [5", 1), encoding="utf-8")
+    capsys.readouterr()
+    assert main(["keyframes", "tea"]) == 1
+    assert "the dock, from which all others are seen; put it back" in capsys.readouterr().err
+
+
+def test_nothing_is_saved_into_what_is_bundled_or_no_folder(tea: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["keyframes", "pouring", "--save"]) == 1
+    assert "is bundled, so nothing is saved there; copy it" in capsys.readouterr().err
+    assert main(["keyframes", str(tea / "imu.csv"), "--save"]) == 1
+    assert "is no demonstration folder, so nothing is saved there; `pbd import` it first" in capsys.readouterr().err

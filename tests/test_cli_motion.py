@@ -1,0 +1,153 @@
+"""What the options of motion do on the command line, and what is said where a motion can't be."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.test_cli import Capture, elsewhere, refused, run, run_json
+
+__all__ = ["elsewhere"]  # every command runs in an empty folder
+
+PANDA = ("--robot", "panda")
+
+LOW_DOCK = 'format = 1\nname = "low"\ntable_height = 0.2\n[dock]\nposition = [0.45, -0.15, 0.1]\nrpy_deg = [0, 0, 0]\n'
+
+OBSTACLE = """format = 1
+name = "bench"
+[dock]
+position = [0.45, -0.15, 0.25]
+rpy_deg = [0, 0, 0]
+[[obstacle]]
+name = "the shelf"
+shape = "box"
+size = [0.6, 0.6, 0.02]
+position = [0.45, 0.0, 0.3]
+"""
+
+
+@pytest.mark.parametrize("path", ["keyframes", "line", "demo"])
+def test_each_path_is_exported_with_its_pieces_kept(capsys: Capture, path: str) -> None:
+    result = run_json(
+        capsys, "export", "paper-test1", *PANDA, "--path", path, "--time", "demo", "--format", "npz", "-o", "out.npz"
+    )
+    assert any("take longer than the hand did" in warning for warning in result["warnings"])
+    with np.load("out.npz", allow_pickle=False) as file:
+        np.testing.assert_allclose(np.diff(file["q"], axis=0) / 1e-3, file["dq"][:-1], atol=0.02)
+        assert (file["dq"][[0, -1]] == 0.0).all()
+
+
+def test_replay_says_how_each_move_is_made(capsys: Capture) -> None:
+    free = run_json(capsys, "replay", "pouring", *PANDA)
+    assert [move["keyframe"] for move in free["moves"]] == list(range(1, 11))
+    assert {move["kind"] for move in free["moves"]} == {"straight"}
+    worst = max(free["moves"], key=lambda move: float(move["off_line_m"]))
+    _, _, err = run(capsys, "replay", "pouring", *PANDA, "--html", "a.html")
+    off_cm = 100 * worst["off_line_m"]
+    assert f"on the way to keyframe {worst['keyframe']} the tool leaves the straight line by {off_cm:.1f} cm" in err
+    kept = run_json(capsys, "replay", "pouring", *PANDA, "--path-tolerance", "0.01")
+    assert max(move["off_line_m"] for move in kept["moves"]) <= 0.01
+    assert "line" in {move["kind"] for move in kept["moves"]}
+    assert free["collision"] is None
+    assert free["stretched"] == []
+    assert free["off_deg"] == [0.0, 0.0]
+
+
+def test_the_arms_present_joints(capsys: Capture, elsewhere: Path) -> None:
+    q = [0.1, -0.5, 0.1, -2.0, 0.1, 1.5, 0.5]
+    named = {f"panda_joint{i + 1}": value for i, value in enumerate(q)}
+    (elsewhere / "now.json").write_text(json.dumps(named))
+    for given in (json.dumps(q), json.dumps(named), "now.json"):
+        run_json(capsys, "export", "pouring", *PANDA, "--from", given, "--format", "npz", "-o", "out.npz")
+        with np.load("out.npz", allow_pickle=False) as file:
+            np.testing.assert_array_equal(file["q"][0], q)
+
+
+@pytest.mark.parametrize(
+    ("given", "code", "message"),
+    [
+        ("[1, 2]", 1, "pbd: --from: needs 7 numbers, in rad, for panda_joint1, panda_joint2, "),
+        ('[0, 0, 0, "a", 0, 0, 0]', 1, "pbd: --from: needs 7 numbers, in rad, for panda_joint1"),
+        ("[1, 2", 1, "pbd: --from: no JSON ("),
+        ('{"panda_joint1": 0.0}', 1, "pbd: --from: names panda_joint1; give a number, in rad, for each of "),
+        ("nowhere.json", 1, "pbd: --from nowhere.json: can't be read ("),
+        ("[0, 0, 0, 2.0, 0, 1, 0]", 3, "pbd: the start has panda_joint4 at 2 rad, outside its limits of -3.072 to "),
+        ("[0, 0, 0, NaN, 0, 1, 0]", 1, "pbd: --from: needs 7 numbers"),
+    ],
+)
+def test_a_start_that_can_not_be(capsys: Capture, given: str, code: int, message: str) -> None:
+    line = refused(capsys, code, "replay", "pouring", *PANDA, "--from", given)
+    assert line.startswith(message)
+
+
+def test_a_start_and_no_approach_contradict_each_other() -> None:
+    from pbd.cli import main
+
+    with pytest.raises(SystemExit) as left:
+        main(["replay", *PANDA, "--no-approach", "--from", "[]"])
+    assert left.value.code == 2
+
+
+@pytest.mark.parametrize("command", [("replay", "--html", "out"), ("export", "--format", "csv", "-o", "out")])
+def test_a_collision_is_refused(capsys: Capture, elsewhere: Path, command: tuple[str, ...]) -> None:
+    (elsewhere / "c.toml").write_text(OBSTACLE)
+    line = refused(capsys, 3, *command[:1], "pouring", *command[1:], *PANDA, "--calibration", "c.toml")
+    assert "would touch the shelf, " in line
+    assert " deep" in line
+    assert line.endswith("; move the dock or what stands in the way, or look at it with --allow-collision")
+    assert not (elsewhere / "out").exists()
+
+
+def test_a_collision_that_is_allowed_is_shown_marked_and_never_exported(capsys: Capture, elsewhere: Path) -> None:
+    (elsewhere / "c.toml").write_text(OBSTACLE)
+    calibration = ("--calibration", "c.toml", "--allow-collision")
+    result = run_json(capsys, "replay", "pouring", *PANDA, *calibration, "--html", "out.html")
+    found = result["collision"]
+    assert found["bodies"][1] == "the shelf"
+    assert found["depth_m"] > 0.0
+    assert 0.0 <= found["t_s"][0] <= found["t_s"][1] <= result["duration_s"]
+    assert any("it touches something: " in warning for warning in result["warnings"])
+    assert (elsewhere / "out.html").exists()
+    line = refused(capsys, 3, "export", "pouring", *PANDA, *calibration, "--format", "csv", "-o", "out.csv")
+    assert "would touch the shelf" in line
+    assert not (elsewhere / "out.csv").exists()
+
+
+def test_a_home_in_collision_is_refused(capsys: Capture, elsewhere: Path) -> None:
+    (elsewhere / "c.toml").write_text(LOW_DOCK.replace("0.2\n", "0.6\n"))
+    line = refused(capsys, 3, "replay", "pouring", *PANDA, "--calibration", "c.toml")
+    assert line.startswith("pbd: home of panda: ")
+    assert " would touch the table, " in line
+
+
+def test_a_table_that_is_too_high_is_refused(capsys: Capture, elsewhere: Path) -> None:
+    (elsewhere / "c.toml").write_text(LOW_DOCK)
+    line = refused(capsys, 3, "replay", "paper-test2", *PANDA, "--calibration", "c.toml")
+    assert line.startswith("pbd: keyframe 0, however the arm is held: ")
+
+
+def test_what_stands_in_the_table_is_told(capsys: Capture, elsewhere: Path) -> None:
+    """A table up to the shoulder: links that are in it however the arm stands aren't watched there."""
+    (elsewhere / "c.toml").write_text(LOW_DOCK.replace("0.2\n", "0.05\n").replace("0.1]", "0.3]"))
+    result = run_json(capsys, "replay", "paper-test2", "--robot", "ur5", "--calibration", "c.toml")
+    (told,) = result["warnings"]
+    assert told.startswith("on or in the table however the arm stands, and so not watched there: shoulder_link")
+    assert told.endswith("; correct table_height in the calibration if that isn't so")
+
+
+def test_no_retreat_and_no_approach(capsys: Capture) -> None:
+    whole = run_json(capsys, "replay", "paper-test2", *PANDA)["duration_s"]
+    short = run_json(capsys, "replay", "paper-test2", *PANDA, "--no-retreat")["duration_s"]
+    shortest = run_json(capsys, "replay", "paper-test2", *PANDA, "--no-retreat", "--no-approach")["duration_s"]
+    assert whole > short + 0.3 > shortest + 0.6
+
+
+def test_keyframes_of_an_arm_of_five_joints_say_how_far_off_the_tool_is(capsys: Capture) -> None:
+    rows = run_json(capsys, "keyframes", "paper-test1", "--robot", "so101")["keyframes"]
+    assert all(len(row["off_deg"]) == 2 for row in rows)
+    assert max(row["off_deg"][1] for row in rows) > 0.1
+    exact = run_json(capsys, "keyframes", "paper-test1", *PANDA)["keyframes"]
+    assert all(row["off_deg"] == [0.0, 0.0] for row in exact)

@@ -1,0 +1,337 @@
+"""Plans as a whole: paths, times, starts, ends, what is refused and what is told."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+import pbd
+from pbd.arm.follow import off_line
+from pbd.arm.ways import DEMO, LINE, STRAIGHT
+from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Obstacle, Robot, Stop
+from pbd.errors import PbdError, PbdWarning, PlanError, TrackingError
+from pbd.planning import Plan, PlanOptions, arm_of, plan_keyframes
+from pbd.pose import Array, Pose, quat_exp
+from pbd.tracking.keyframes import find_keyframes
+
+PANDA = pbd.load_robot("panda")
+TURN = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+def dock() -> Calibration:
+    assert PANDA.dock is not None
+    return PANDA.dock
+
+
+@cache
+def tracked(name: str) -> tuple[Demonstration, HandPath, tuple[Keyframe, ...]]:
+    demo = pbd.load_demo(name)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # what tracking tells is not the plan's
+        path = pbd.track(demo.recording, "default", demo.known)
+    return demo, path, find_keyframes(path)
+
+
+def planned(
+    name: str = "paper-test1", robot: Robot = PANDA, calibration: Calibration | None = None, **options: object
+) -> Plan:
+    demo, path, keyframes = tracked(name)
+    return plan_keyframes(
+        keyframes,
+        calibration or robot.dock or dock(),
+        robot,
+        PlanOptions(**options),  # type: ignore[arg-type]
+        path,
+        demo.grasped,
+    )
+
+
+def keyframe(
+    t: float, x: float = 0.0, y: float = 0.0, z: float = 0.0, dwell_s: float = 0.5, roll: float = 0.0
+) -> Keyframe:
+    return Keyframe(t, dwell_s, Pose(np.array([x, y, z]), quat_exp((roll, 0.0, 0.0))), 1e-6 * np.eye(6))
+
+
+def moving(plan: Plan) -> Array:
+    """Joints (n, k) at 1 kHz between the first keyframe and the last."""
+    samples, t = plan.trajectory, plan.trajectory.keyframe_t
+    inside: Array = samples.q[(samples.t >= t[0]) & (samples.t <= t[-1])]
+    return inside
+
+
+# --- paths ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("robot", [PANDA, pbd.load_robot("ur5")], ids=["panda", "ur5"])
+def test_lines_are_lines_to_the_tenth_of_a_millimetre(robot: Robot) -> None:
+    plan = planned(robot=robot, path="line")
+    assert [way.kind for way in plan.ways] == [STRAIGHT, *4 * [LINE]]
+    arm, samples, reached = arm_of(robot), plan.trajectory, plan.trajectory.keyframe_t
+    for start, end in pairwise(reached):
+        inside = (samples.t >= start) & (samples.t <= end)
+        assert off_line(arm, samples.q[inside][:: max(1, inside.sum() // 300)]) < 1e-4
+
+
+@pytest.mark.parametrize("robot", [PANDA, pbd.load_robot("ur5")], ids=["panda", "ur5"])
+def test_the_demonstrated_path_is_where_the_hand_was(robot: Robot) -> None:
+    """Each place of the tool is within the smoothing (5 mm at most) of a place of the tracked hand."""
+    plan = planned("paper-test1", robot, path="demo")
+    _, path, _ = tracked("paper-test1")
+    assert robot.dock is not None
+    inside = slice(path.stops[0].start, path.stops[-1].stop)
+    often = np.linspace(path.t[inside][0], path.t[inside][-1], 5000)
+    hand = plan.T_base_nav.act(robot.dock.scale * CubicSpline(path.t[inside], path.p_nav_sensor[inside])(often))
+    p, _ = arm_of(robot).forward_many(moving(plan)[::25])
+    away = np.linalg.norm(p[:, None] - hand[None], axis=2).min(axis=1)
+    assert away.max() < 0.006
+
+
+def test_a_demonstration_without_stops_on_the_way_is_followed() -> None:
+    """Half a circle of 20 cm in one move: keyframes alone would be a line."""
+    t = np.arange(0.0, 4.0, 0.01)
+    share = np.clip((t - 1.0) / 2.0, 0.0, 1.0)
+    angle = np.pi * (10 * share**3 - 15 * share**4 + 6 * share**5)
+    p = 0.1 * np.column_stack((np.zeros_like(t), 1.0 - np.cos(angle), np.sin(angle)))
+    path = HandPath(
+        t, p, np.gradient(p, t, axis=0), np.tile(TURN, (len(t), 1)), (Stop(0, 101, 1.0), Stop(300, 400, 0.99)),
+        np.zeros((1, 3)), np.tile(1e-6 * np.eye(6), (2, 1, 1)),
+    )  # fmt: skip
+    plan = plan_keyframes(find_keyframes(path), dock(), PANDA, PlanOptions(path="demo"), path)
+    tool, _ = arm_of(PANDA).forward_many(moving(plan)[::20])
+    centre = plan.T_base_nav.act(np.array([0.0, 0.1, 0.0]))
+    np.testing.assert_allclose(np.linalg.norm(tool - centre, axis=1), 0.1, atol=0.002)
+    assert tool[:, 2].max() > centre[2] + 0.097
+
+
+def test_a_hand_that_comes_back_to_where_it_began_is_followed() -> None:
+    """A circle: its two keyframes are one, and only the hand's path says what is between."""
+    t = np.arange(0.0, 5.0, 0.01)
+    share = np.clip((t - 1.0) / 3.0, 0.0, 1.0)
+    angle = 2.0 * np.pi * (10 * share**3 - 15 * share**4 + 6 * share**5)
+    p = 0.06 * np.column_stack((1.0 - np.cos(angle), np.sin(angle), np.zeros_like(t)))
+    path = HandPath(
+        t, p, np.gradient(p, t, axis=0), np.tile(TURN, (len(t), 1)), (Stop(0, 101, 1.0), Stop(400, 500, 0.99)),
+        np.zeros((1, 3)), np.tile(1e-6 * np.eye(6), (2, 1, 1)),
+    )  # fmt: skip
+    plan = plan_keyframes(find_keyframes(path), dock(), PANDA, PlanOptions(path="demo"), path)
+    tool, _ = arm_of(PANDA).forward_many(moving(plan)[::20])
+    centre = plan.T_base_nav.act(np.array([0.06, 0.0, 0.0]))
+    np.testing.assert_allclose(np.linalg.norm(tool - centre, axis=1), 0.06, atol=0.002)
+    assert np.ptp(tool[:, 1]) > 0.115
+    with pytest.raises(TrackingError, match="or follow the hand with --path demo"):
+        plan_keyframes(find_keyframes(path), dock(), PANDA, None, path)
+
+
+def test_a_tolerance_makes_lines_of_what_leaves_them_too_far() -> None:
+    free, kept = planned("pouring"), planned("pouring", tolerance_m=0.01)
+    off = [way.off_line_m for way in free.ways]
+    assert max(off) > 0.02
+    assert [way.kind == LINE for way in kept.ways] == [each > 0.01 for each in off]
+    assert max(way.off_line_m for way in kept.ways) <= 0.01
+
+
+def test_the_hands_path_needs_a_hand() -> None:
+    with pytest.raises(PlanError, match="the hand's path isn't known, only its keyframes; choose another --path"):
+        plan_keyframes(tracked("paper-test1")[2], dock(), PANDA, PlanOptions(path="demo"))
+
+
+# --- times ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("path", ["keyframes", "line", "demo"])
+def test_the_hands_own_time_is_kept_where_the_limits_allow_it(path: str) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        plan = planned("pouring", path=path, time="demo")
+    _, _, keyframes = tracked("pouring")
+    shown = plan.trajectory.keyframe_t
+    took = [after.t - 0.5 * after.dwell_s - before.t - 0.5 * before.dwell_s for before, after in pairwise(keyframes)]
+    stroke = PANDA.gripper.stroke_s if PANDA.gripper else 0.0
+    stays = [0.0, *(max(k.dwell_s, stroke) if k.grip is not None else k.dwell_s for k in keyframes[1:-1])]
+    np.testing.assert_allclose(np.diff(shown), np.add(took, stays), rtol=0.02, atol=0.02)
+    assert plan.stretched == ()
+
+
+@pytest.mark.parametrize("path", ["keyframes", "line", "demo"])
+def test_it_is_stretched_where_not_and_said_where_and_by_how_much(path: str) -> None:
+    with pytest.warns(
+        PbdWarning, match="moves take longer than the hand did, as the limits ask: to keyframe"
+    ) as caught:
+        plan = planned(path=path, time="demo")
+    assert len(caught) == 1
+    assert plan.stretched
+    for each in plan.stretched:
+        assert each.planned_s > 1.02 * each.demonstrated_s
+        assert f"to keyframe {each.keyframe} {each.planned_s:.2f} s instead of {each.demonstrated_s:.2f} s" in str(
+            caught[0].message
+        )
+    assert plan.report.velocity <= 1.0 + 1e-6
+
+
+@pytest.mark.parametrize("path", ["keyframes", "line"])
+def test_a_metre_in_a_tenth_of_a_second_is_stretched(path: str) -> None:
+    keyframes = [keyframe(0.25), keyframe(0.85, y=0.45), keyframe(1.45, y=0.45 - 1.0)]
+    centre = replace(dock(), T_base_dock=Pose(np.array([0.35, 0.05, 0.35]), TURN))
+    with pytest.warns(PbdWarning, match=r"2 of 2 moves take longer than the hand did"):
+        plan = plan_keyframes(keyframes, centre, PANDA, PlanOptions(time="demo", path=path))
+    assert [each.demonstrated_s for each in plan.stretched] == pytest.approx([0.1, 0.1])
+    assert plan.stretched[1].planned_s > 0.4
+    assert max(plan.report.velocity, plan.report.acceleration, plan.report.jerk) <= 1.0 + 1e-6
+
+
+@pytest.mark.parametrize("path", ["keyframes", "line", "demo"])
+def test_speed_is_a_share_of_all_limits(path: str) -> None:
+    report = planned(path=path, speed=0.3).report
+    used = (report.velocity, report.acceleration, report.jerk)
+    assert max(used) <= 0.3 + 1e-9
+    assert max(used) > 0.29
+
+
+def test_dwells() -> None:
+    _, _, keyframes = tracked("paper-test1")
+    plan = planned(dwell_s=0.2)
+    stays = plan.trajectory.at(plan.trajectory.keyframe_t[1:-1] + 0.19).qd
+    np.testing.assert_array_equal(stays, 0.0)
+    assert np.abs(plan.trajectory.at(plan.trajectory.keyframe_t[1:-1] + 0.25).qd).max(axis=1).min() > 0.0 or any(
+        k.grip is not None for k in keyframes[1:-1]
+    )
+
+
+# --- starts and ends --------------------------------------------------------------------------------------------------
+
+
+def test_it_starts_at_home_and_goes_back_there_slowly() -> None:
+    plan, alone = planned(), planned(approach=False, retreat=False)
+    trajectory = plan.trajectory
+    np.testing.assert_array_equal(trajectory.q[0], PANDA.home)
+    np.testing.assert_allclose(trajectory.q[-1], PANDA.home, atol=1e-12)
+    last = trajectory.keyframe_t[-1]
+    for soft in (trajectory.t < trajectory.keyframe_t[0], trajectory.t > last + 0.5):
+        assert (np.abs(trajectory.qd[soft]) <= 0.5 * PANDA.limits.velocity + 1e-9).all()
+        assert (np.abs(trajectory.qdd[soft]) <= 0.5 * PANDA.limits.acceleration + 1e-9).all()
+    np.testing.assert_array_equal(alone.trajectory.q[0], alone.trajectory.keyframe_q[0])
+    np.testing.assert_allclose(alone.trajectory.q[-1], alone.trajectory.keyframe_q[-1], atol=1e-12)
+
+
+def test_it_starts_where_the_arm_is() -> None:
+    here = tuple((PANDA.home + 0.2).tolist())
+    trajectory = planned(start=here).trajectory
+    np.testing.assert_array_equal(trajectory.q[0], here)
+    np.testing.assert_allclose(trajectory.q[-1], PANDA.home, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("start", "message"),
+    [
+        ((0.0, 0.0), r"the start must give 7 numbers, in rad, for panda_joint1, .*"),
+        ((0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0), r"the start has panda_joint4 at 1 rad, outside its limits of -3.072 to "),
+        ((0.0, float("nan"), 0.0, -1.0, 0.0, 1.0, 0.0), r"the start must give 7 numbers"),
+        ((0.0, 1.7, 0.0, -0.1, 0.0, 1.8, 0.0), r"where the arm starts: .* would touch .*, .* deep; move the arm"),
+    ],
+)  # fmt: skip
+def test_a_start_that_can_not_be(start: tuple[float, ...], message: str) -> None:
+    with pytest.raises(PlanError, match=message) as caught:
+        planned(start=start)
+    assert "\n" not in caught.value.message
+    assert caught.value.exit_code == 3
+
+
+def test_a_home_in_collision() -> None:
+    high = replace(dock(), obstacles=(Obstacle("the lamp", "sphere", (0.2,), arm_of(PANDA).forward(PANDA.home)),))
+    with pytest.raises(
+        PlanError, match=r"^home of panda: .* would touch the lamp, .*; change home in the robot's TOML"
+    ):
+        planned(calibration=high)
+
+
+# --- what is in the way -----------------------------------------------------------------------------------------------
+
+
+def low() -> tuple[list[Keyframe], Calibration]:
+    """Two keyframes below the table's top, and a dock for them."""
+    bench = replace(dock(), T_base_dock=Pose(np.array([0.45, -0.15, 0.1]), TURN))
+    return [keyframe(0.0), keyframe(1.0, x=0.1, z=-0.12), keyframe(2.0, x=0.1)], bench
+
+
+def test_a_plan_that_touches_something_is_refused_unless_that_is_allowed() -> None:
+    with pytest.raises(
+        PlanError, match=r"^keyframe 1, .* would touch the table, .* deep; raise the keyframe"
+    ) as caught:
+        plan_keyframes(*low(), PANDA)
+    assert caught.value.exit_code == 3
+    assert plan_keyframes(*low(), PANDA, PlanOptions(allow_collision=True)).touching is not None
+    assert planned(allow_collision=True).touching is None
+
+
+def test_what_touches_is_told_with_both_bodies_how_deep_and_when() -> None:
+    plan = plan_keyframes(*low(), PANDA, PlanOptions(allow_collision=True))
+    touching, t = plan.touching, plan.trajectory.keyframe_t
+    assert touching is not None
+    assert touching.found.hit.second == "the table"
+    assert t[0] < touching.found.t < t[1] < touching.found.parted_t < t[2]
+    assert touching.error.fields["bodies"] == (touching.found.hit.first, "the table")
+    assert 0.015 < touching.found.hit.depth < 0.05
+
+
+def test_a_trajectory_alone_can_not_say_that_it_touches_something() -> None:
+    wall = Obstacle("the wall", "box", (0.02, 1.0, 1.0), Pose(np.array([0.5, 0.0, 0.5]), TURN))
+    with pytest.raises(PlanError, match="would touch the wall"):
+        pbd.plan(
+            tracked("paper-test1")[1], replace(dock(), obstacles=(wall,)), PANDA, PlanOptions(allow_collision=True)
+        )
+
+
+def test_an_obstacle_is_gone_round_by_the_hands_own_path(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A hand that went over a wall: the arm does too, where straight moves would go through it."""
+    monkeypatch.setattr("pbd.arm.sequence.MOST_REFUSALS", 20)  # else one that leads round its other end is found
+    t = np.arange(0.0, 4.0, 0.01)
+    share = np.clip((t - 1.0) / 2.0, 0.0, 1.0)
+    angle = np.pi * (10 * share**3 - 15 * share**4 + 6 * share**5)
+    p = np.column_stack((np.zeros_like(t), 0.15 * (1.0 - np.cos(angle)), 0.38 * np.sin(angle)))
+    path = HandPath(
+        t, p, np.gradient(p, t, axis=0), np.tile(TURN, (len(t), 1)), (Stop(0, 101, 1.0), Stop(300, 400, 0.99)),
+        np.zeros((1, 3)), np.tile(1e-6 * np.eye(6), (2, 1, 1)),
+    )  # fmt: skip
+    wall = Obstacle("the wall", "box", (0.3, 0.01, 0.52), Pose(np.array([0.5, 0.0, 0.26]), TURN))
+    bench, alone = replace(dock(), obstacles=(wall,)), PlanOptions(approach=False, retreat=False)
+    keyframes = find_keyframes(path)
+    plan = plan_keyframes(keyframes, bench, PANDA, alone, path)
+    assert plan.ways[1].kind == DEMO
+    assert plan.ways[1].avoided is not None
+    assert plan.ways[1].avoided.second == "the wall"
+    with pytest.raises(PlanError, match="from keyframe 0 to keyframe 1") as caught:
+        plan_keyframes(keyframes, bench, PANDA, alone)
+    assert caught.value.fields["keyframe"] == 1
+
+
+# --- keyframes that make no motion ------------------------------------------------------------------------------------
+
+
+def test_one_keyframe_only() -> None:
+    with pytest.raises(TrackingError, match="the demonstration has 1 stop, a motion needs two") as caught:
+        plan_keyframes([keyframe(0.0)], dock(), PANDA)
+    assert caught.value.exit_code == 1
+
+
+def test_keyframes_within_a_millimetre_of_each_other() -> None:
+    close = [keyframe(0.0), keyframe(1.0, x=5e-4), keyframe(2.0, z=9e-4)]
+    with pytest.raises(TrackingError, match="all 3 keyframes lie within 1 mm of the first: nothing moves; ") as caught:
+        plan_keyframes(close, dock(), PANDA)
+    assert caught.value.exit_code == 1
+    for path in ("keyframes", "line"):  # two of several are one stop after the other
+        plan = plan_keyframes([*close, keyframe(3.0, x=0.1)], dock(), PANDA, PlanOptions(path=path))
+        assert (np.diff(plan.trajectory.keyframe_t) > 0.0).all()
+    plan_keyframes([keyframe(0.0), keyframe(1.0, roll=0.5)], dock(), PANDA)  # a turn is a motion
+
+
+def test_options_have_names() -> None:
+    with pytest.raises(PbdError, match="no 'curve'; choose one of keyframes, line, demo"):
+        PlanOptions(path="curve")
+    with pytest.raises(PbdError, match="no 'fast'; choose one of limits, demo"):
+        PlanOptions(time="fast")
