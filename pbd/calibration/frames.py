@@ -25,7 +25,10 @@ def nav_in_base(calibration: Calibration, wxyz_nav_sensor: Array) -> Pose:
         return calibration.T_base_nav
     dock = calibration.T_base_dock
     if dock is None:
-        raise ValueError("a calibration has a dock or a registration")
+        raise CalibrationError(
+            f"the calibration '{calibration.name}' does not say where the hand starts in the robot's base; add a dock: "
+            f"pbd calibrate dock {calibration.name} --position X Y Z --rpy R P Y"
+        )
     if not calibration.any_attitude:
         tilt_deg = np.degrees(dock_tilt(dock, wxyz_nav_sensor))
         if tilt_deg > UPSIDE_DOWN_DEG:

@@ -6,7 +6,8 @@ SI and radians throughout; frames stand in the names: `sensor`, `nav`, `base`, `
 
 from __future__ import annotations
 
-from pbd.data.arm import TOOL_DOWN, Calibration, Gripper, JointLimits, JointTrajectory, Robot, Samples
+from pbd.data.arm import Gripper, JointLimits, JointTrajectory, Robot, Samples
+from pbd.data.calibration import TOOL_DOWN, Calibration, Linear, SensorErrors
 from pbd.data.hand import (
     GRAVITY,
     Attitude,
@@ -40,6 +41,7 @@ __all__ = [
     "JointTrajectory",
     "Keyframe",
     "Known",
+    "Linear",
     "Obstacle",
     "Place",
     "Recording",
@@ -47,6 +49,7 @@ __all__ = [
     "Robot",
     "Samples",
     "Segment",
+    "SensorErrors",
     "Stop",
     "Truth",
 ]

@@ -1,4 +1,4 @@
-"""The values of planning: how the hand's frame lies in the robot's, the robot, its motion."""
+"""The values of planning: the robot, its motion."""
 
 from __future__ import annotations
 
@@ -10,44 +10,9 @@ from types import MappingProxyType
 
 import numpy as np
 
+from pbd.data.calibration import Calibration
 from pbd.data.freeze import freeze
-from pbd.data.world import Obstacle
 from pbd.pose import Array, Pose
-
-TOOL_DOWN = Pose(np.zeros(3), np.array([0.0, 1.0, 0.0, 0.0]))
-"""T_sensor_tool where nobody says else: a half turn about x, so that a level sensor is a gripper that points down."""
-
-
-@dataclass(frozen=True, eq=False)
-class Calibration:
-    """How the hand's frame lies in the robot's: exactly one of T_base_dock and T_base_nav is given.
-
-    Attributes:
-        T_base_dock: the sensor's pose in base at its first rest; only its position and yaw are taken.
-        any_attitude: take the dock's yaw alone and say nothing of the tilt.
-        T_base_nav: nav in base, registered from touched points.
-        T_sensor_tool: how the sensor sits on the tool; by default a level sensor is a gripper that points down.
-        table_height: m, z of the table's top in base, or None.
-        scale: multiplies p_nav_sensor, and nothing else.
-        robots: the robots that it is for; empty: any.
-        obstacles: what stands around, beside the table.
-    """
-
-    name: str
-    T_base_dock: Pose | None = None
-    any_attitude: bool = False
-    T_base_nav: Pose | None = None
-    T_sensor_tool: Pose = TOOL_DOWN
-    table_height: float | None = None
-    scale: float = 1.0
-    robots: tuple[str, ...] = ()
-    obstacles: tuple[Obstacle, ...] = ()
-    residuals: Mapping[str, float] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        if (self.T_base_dock is None) == (self.T_base_nav is None):
-            raise ValueError("a calibration takes exactly one of T_base_dock and T_base_nav")
-        object.__setattr__(self, "residuals", MappingProxyType(dict(self.residuals)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -108,6 +108,13 @@ class Section:
             self.fail(key, f"must be above zero throughout, got {value!r}")
         return tuple(float(item) for item in value)
 
+    def figures(self, key: str) -> dict[str, float]:
+        """Return a table of finite numbers, whatever their names."""
+        value = self._get(key)
+        if not isinstance(value, dict) or not all(_is_number(item) for item in value.values()):
+            self.fail(key, f"must be a table of finite numbers, got {value!r}")
+        return {name: float(item) for name, item in value.items()}
+
     def done(self) -> None:
         """Refuse what nobody asked for, here and in the tables below."""
         for key in self._values:

@@ -38,6 +38,7 @@ size = [0.1]
 position = [0.0, 0.5, 0.6]
 """
 DOCK = TOML[TOML.index("[dock]") : TOML.index("[mount]")]
+PARTS = TOML[TOML.index("[dock]") : TOML.index("[[obstacle]]")]
 NAV = DOCK.replace("[dock]", "[nav]").replace("any_attitude = true\n", "")
 
 
@@ -91,7 +92,7 @@ def test_the_default_is_what_it_says(tmp_path: Path, monkeypatch: pytest.MonkeyP
 def test_what_the_default_has_commented_out_is_valid_too(tmp_path: Path) -> None:
     """A user takes the number sign away; the keys must be the true ones."""
     text = (bundled("calibration") / "default.toml").read_text(encoding="utf-8")
-    for key in ("robots", "any_attitude"):
+    for key in ("robots", "any_attitude", "sigma_m", "sigma_deg"):
         text = text.replace(f"# {key} =", f"{key} =")
     before, obstacle = text.split("# [[obstacle]]\n")
     text = before + "[[obstacle]]\n" + obstacle.replace("\n# ", "\n").removeprefix("# ")
@@ -104,7 +105,12 @@ def test_what_the_default_has_commented_out_is_valid_too(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("format = 1", "format = 2", ":1: format must be 1, the only format that this version reads; correct it"),
+        ("format = 1", "format = 0", ":1: format must be 1, the only format that this version reads; correct it"),
+        (
+            "format = 1",
+            "format = 2",
+            ":1: format must be 1, the only format that this version reads; it was written by a",
+        ),
         ("format = 1\n", "", ": format is missing; add it"),
         ('name = "mine"\n', "", ": name is missing; add it"),
         ("scale = 2.0", "scale = 0", ":5: scale must be above zero, got 0; correct it"),
@@ -116,8 +122,8 @@ def test_what_the_default_has_commented_out_is_valid_too(tmp_path: Path) -> None
         ("[180.0, 0.0, 45.0]", "[180.0]", ":12: [mount] rpy_deg must have 3 numbers, got 1; correct it"),
         ("-0.15", '"left"', ":7: [dock] position must be a list of 3 finite numbers, got [0.4, 'left', 0.25]"),
         ("[dock]", "dock = 1\n[duck]", ":6: dock must be a table; correct it"),
-        (DOCK, "", ": dock or [nav] must be given, and not both; see calibration/default.toml"),
-        (DOCK, DOCK + NAV, ":6: dock or [nav] must be given, and not both; see calibration/default.toml"),
+        (PARTS, "", ": dock or [nav] must be given, or at least [mount] or [sensor]; see calibration/default.toml"),
+        (DOCK, DOCK + NAV, ":6: dock and [nav] can't both be given; take one out"),
         ("[dock]", "[dock", ": not valid TOML: "),
         ('name = "shelf"\n', "", ":13: [obstacle] name is missing; add it"),
         ('"lamp"', '"shelf"', ":20: [obstacle] name 'shelf' is another obstacle's too; rename one of them"),

@@ -88,3 +88,12 @@ def test_the_wrong_kind(top: Section, call: str, key: str, message: str) -> None
     with pytest.raises(CalibrationError) as caught:
         getattr(top, call)(key)
     assert caught.value.message.endswith(message)
+
+
+def test_a_table_of_figures_has_any_names(tmp_path: Path) -> None:
+    path = tmp_path / "file.toml"
+    path.write_text('fit = { rms_mm = 1.5, points = 4 }\nbad = { word = "x" }\n', encoding="utf-8")
+    top = read_toml(path, CalibrationError)
+    assert top.figures("fit") == {"rms_mm": 1.5, "points": 4.0}
+    with pytest.raises(CalibrationError, match="bad must be a table of finite numbers"):
+        top.figures("bad")

@@ -1,0 +1,214 @@
+"""Make the pictures of docs/calibration.md, all of simulated data: python docs/calibration_pictures.py."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.patches import Arc, Ellipse, Polygon
+from mpl_toolkits.mplot3d.axes3d import Axes3D
+
+from pbd.calibration.mount import fit_pivot
+from pbd.calibration.points import fit_points, touches
+from pbd.calibration.rests import find_rests
+from pbd.calibration.sensor import calibrate_sensor
+from pbd.data import GRAVITY
+from pbd.errors import PbdWarning
+from pbd.pipeline import track
+from pbd.pose import quat_to_matrix
+from pbd.sensors.simulate import EARTH, simulate
+from pbd.tracking.keyframes import find_keyframes
+from tests.calibration.touching import touching
+from tests.calibration.turning import BAD, SIDES, pivoting, sides
+
+HERE = Path(__file__).parent
+X, Y, Z, INK, GREY = "#d55e00", "#009e73", "#0072b2", "#222222", "#8a8a8a"
+"""x, y, z; told apart by everyone."""
+
+
+def main() -> None:
+    """Write calibration-*.png beside this file."""
+    warnings.simplefilter("ignore", PbdWarning)
+    plt.rcParams.update({"font.size": 10, "axes.spines.top": False, "axes.spines.right": False})
+    for draw in (dock, points, mount, sensor):
+        _save(draw)
+    with tempfile.TemporaryDirectory() as folder:
+        for words in (
+            "calibrate dock bench --position 0.45 -0.15 0.25",
+            f"calibrate show bench pouring --save {HERE / 'calibration-show.png'}",
+        ):
+            subprocess.run(
+                [sys.executable, "-m", "pbd", *words.split()], cwd=folder, check=True, stdout=subprocess.DEVNULL
+            )
+
+
+def _save(draw: Callable[[], plt.Figure]) -> None:
+    figure = draw()
+    figure.savefig(HERE / f"calibration-{draw.__name__}.png", dpi=110, bbox_inches="tight", facecolor="white")
+    plt.close(figure)
+
+
+def dock() -> plt.Figure:
+    """The dock from above and from the side."""
+    figure, (above, beside) = plt.subplots(1, 2, figsize=(9.0, 3.6), width_ratios=(1.25, 1.0))
+    for ax, vertical, height in ((above, "y", -0.15), (beside, "z", 0.25)):
+        colour = Y if vertical == "y" else Z
+        _arrow(ax, (0.0, 0.0), (0.12, 0.0), X)
+        _arrow(ax, (0.0, 0.0), (0.0, 0.12), colour)
+        ax.text(-0.02, -0.02, "base", ha="right", va="top")
+        ax.plot([0.45, 0.45], [0.0, height], "--", color=GREY, linewidth=0.9)
+        ax.plot([0.0, 0.45], [0.0, 0.0], "--", color=GREY, linewidth=0.9)
+        ax.text(0.24, 0.01, "X = 0.45 m", ha="center", va="bottom", color=X)
+        name, value = vertical.upper(), f"{height:.2f}"
+        ax.text(0.46, 0.5 * height, f"{name} = {value} m", va="center", color=colour)
+        yaw = np.radians(30.0) if vertical == "y" else 0.0
+        c, s = np.cos(yaw), np.sin(yaw)
+        half = np.array([[-0.03, -0.02], [0.03, -0.02], [0.03, 0.02], [-0.03, 0.02]]) * (1.0, 1.0 if yaw else 0.4)
+        box = half @ np.array([[c, s], [-s, c]]) + (0.45, height)
+        ax.add_patch(Polygon(box, facecolor="#dddddd", edgecolor=INK, zorder=3))
+        _arrow(ax, (0.45, height), (0.45 + 0.1 * c, height + 0.1 * s), X)
+        _arrow(ax, (0.45, height), (0.45 - 0.07 * s, height + 0.07 * c), colour)
+        ax.set_aspect("equal")
+        ax.set_axis_off()
+    above.add_patch(Arc((0.45, -0.15), 0.15, 0.15, theta1=0.0, theta2=30.0, color=INK))
+    above.plot([0.45, 0.55], [-0.15, -0.15], ":", color=GREY)
+    above.text(0.535, -0.135, "yaw", va="center", fontsize=9)
+    above.text(0.42, -0.19, "the sensor at its first rest", ha="right", va="top")
+    above.set_title("from above")
+    beside.set_title("from the side")
+    above.set(xlim=(-0.1, 0.68), ylim=(-0.25, 0.16))
+    beside.set(xlim=(-0.1, 0.68), ylim=(-0.06, 0.34))
+    return figure
+
+
+def points() -> plt.Figure:
+    """Six points, where the hand touched them as tracked, and one that is wrong."""
+    touched = touching(3, 6)
+    given = touched.points.copy()
+    given[2] += (0.07, 0.07, 0.0)
+    keyframes = find_keyframes(track(touched.demo.recording))
+    found = touches(keyframes, range(1, 7), np.zeros(3))
+    fit = fit_points(found, given)
+    tips = fit.T_base_nav.act(found.p_nav_sensor)
+    R = quat_to_matrix(fit.T_base_nav.wxyz)
+    figure, ax = plt.subplots(figsize=(6.4, 5.0))
+    for k, name in enumerate("ABCDEF"):
+        cov = (R @ found.cov[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] @ R.T)[:2, :2]
+        size, axes = np.linalg.eigh(cov)
+        angle = float(np.degrees(np.arctan2(axes[1, 1], axes[0, 1])))
+        width, height = 4.0 * np.sqrt(size[::-1])
+        ax.add_patch(Ellipse(tuple(tips[k, :2]), width, height, angle=angle, facecolor=Z, alpha=0.2))
+        good = fit.used[k]
+        ax.plot(*given[k, :2], "s", color=Y if good else X, markersize=9, fillstyle="none", markeredgewidth=1.8)
+        ax.plot(*tips[k, :2], "o", color=Z, markersize=4)
+        ax.annotate(
+            name if good else f"{name}: wrong by {100.0 * np.linalg.norm(fit.left_out[k]):.0f} cm, left out",
+            tuple(given[k, :2]),
+            (9.0, 6.0),
+            textcoords="offset points",
+            color=INK if good else X,
+        )
+    origin = fit.T_base_nav
+    for axis, colour in zip(np.eye(3)[:2], (X, Y), strict=True):
+        _arrow(ax, tuple(origin.p[:2]), tuple(origin.act(0.08 * axis)[:2]), colour)
+    ax.annotate("nav", tuple(origin.p[:2]), (-8.0, -14.0), textcoords="offset points", ha="right")
+    ax.plot([], [], "s", color=Y, fillstyle="none", markeredgewidth=1.8, label="the points, as measured")
+    ax.plot([], [], "o", color=Z, label="where the tip stopped, and its 2 sigma")
+    ax.legend(frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0))
+    ax.set(xlabel="x in base (m)", ylabel="y in base (m)", aspect="equal")
+    return figure
+
+
+def mount() -> plt.Figure:
+    """A tip that stands on a point while the hand tilts; and the tool's axes."""
+    tip = np.array((0.03, -0.02, -0.0933))
+    keyframes = find_keyframes(track(simulate(pivoting(1, tuple(tip.tolist())), "modern", 1).recording))
+    fit = fit_pivot(keyframes)
+    figure = plt.figure(figsize=(9.0, 4.0))
+    ax = figure.add_subplot(1, 2, 1, projection="3d")
+    assert isinstance(ax, Axes3D)
+    place = keyframes[0].T_nav_sensor.act(fit.p_sensor_tip)
+    for keyframe in keyframes:
+        p, end = keyframe.T_nav_sensor.p, keyframe.T_nav_sensor.act(fit.p_sensor_tip)
+        ax.plot(*np.transpose([p, end]), color=GREY, linewidth=1.2)
+        ax.plot(*np.transpose([p]), "s", color=Z, markersize=6)
+    ax.plot(*np.transpose([place]), "o", color=X, markersize=7)
+    ax.set_title("--pivot: the tip stays, the sensor goes round it", fontsize=10)
+    ax.set_axis_off()
+    ax.view_init(12, -60)
+    ax.set_aspect("equal")
+    axes = figure.add_subplot(1, 2, 2, projection="3d")
+    assert isinstance(axes, Axes3D)
+    for end, colour, name in (
+        ((1.0, 0.0, 0.0), X, "x: jaws"),
+        ((0.0, 1.0, 0.0), Y, "y"),
+        ((0.0, 0.0, -1.0), Z, "z: approach"),
+    ):
+        axes.quiver(0, 0, 0, *end, color=colour, linewidth=2.2, arrow_length_ratio=0.12)
+        x, y, z = 1.2 * np.array(end)
+        axes.text(x, y, z - 0.12, name, ha="center", fontsize=9, color=colour)
+    for jaw in (-0.35, 0.35):
+        axes.plot([jaw, jaw], [0.0, 0.0], [0.5, 0.0], color=INK, linewidth=4.0)
+    axes.plot([-0.35, 0.35], [0.0, 0.0], [0.5, 0.5], color=INK, linewidth=4.0)
+    axes.plot([0.0, 0.0], [0.0, 0.0], [0.5, 0.9], color=INK, linewidth=4.0)
+    axes.set_title("--turns: the tool's own axes", fontsize=10)
+    axes.set(xlim=(-0.9, 0.9), ylim=(-0.9, 0.9), zlim=(-1.0, 0.8))
+    axes.set_axis_off()
+    axes.view_init(18, -68)
+    return figure
+
+
+def sensor() -> plt.Figure:
+    """Twelve ways to put a sensor down, and what the norm of specific force is in each, before and after."""
+    recording = simulate(sides(4), BAD, 4).recording
+    fit = calibrate_sensor(recording, gravity=EARTH.gravity)
+    rests, acc = find_rests(recording), fit.errors.acc
+    assert acc is not None
+    figure = plt.figure(figsize=(9.0, 4.0))
+    ax = figure.add_subplot(1, 2, 1, projection="3d")
+    assert isinstance(ax, Axes3D)
+    corners = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * (0.5, 0.4, 0.2)
+    for a in corners:
+        for b in corners:
+            if np.count_nonzero(a != b) == 1:
+                ax.plot(*np.transpose([a, b]), color=GREY, linewidth=0.8)
+    for k, up in enumerate(SIDES):
+        ax.quiver(*(0.55 * up), *(0.5 * up), color=Z if k < 6 else Y, linewidth=1.6, arrow_length_ratio=0.25)
+        ax.text(*(1.2 * up), str(k + 1), ha="center", va="center", fontsize=9)
+    ax.set_axis_off()
+    ax.set(xlim=(-1.1, 1.1), ylim=(-1.1, 1.1), zlim=(-1.1, 1.1))
+    ax.set_box_aspect((1.0, 1.0, 1.0), zoom=1.05)
+    ax.view_init(22, -55)
+    ax.set_title("up in turn: six sides (blue), six edges (green)", fontsize=10, y=1.05)
+    bars = figure.add_axes((0.60, 0.14, 0.37, 0.70))
+    number = np.arange(1, len(rests) + 1)
+    for norm, colour, name in (
+        (np.linalg.norm(rests.acc, axis=1), X, "as read"),
+        (np.linalg.norm(acc.true(rests.acc), axis=1), Z, "calibrated"),
+    ):
+        bars.plot(number, 1e3 / GRAVITY * (norm - EARTH.gravity), "o-", color=colour, label=name, linewidth=1.2)
+    bars.axhline(0.0, color=GREY, linewidth=0.8)
+    bars.legend(frameon=False)
+    bars.set_xticks(number)
+    bars.set(xlabel="orientation", ylabel="|specific force| less gravity (mg)")
+    return figure
+
+
+def _arrow(ax: Axes, start: tuple[float, ...], end: tuple[float, ...], colour: str) -> None:
+    ax.annotate("", end[:2], start[:2], arrowprops={"arrowstyle": "-|>", "color": colour, "linewidth": 2.0})
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,123 @@
+"""Bias, scale and misalignment of an accelerometer: at rest the norm of what it reads is gravity, however it lies."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pbd.calibration.rests import Rests, orientations
+from pbd.data import GRAVITY, Linear
+from pbd.data.freeze import freeze
+from pbd.errors import CalibrationError
+from pbd.pose import Array
+
+PRIOR_BIAS, PRIOR_SCALE, PRIOR_LEAN = 0.05 * GRAVITY, 0.02, np.radians(1.0)
+"""One sigma of what such parts err by (m/s2, a share, rad), before the data say anything."""
+
+FLOOR = 0.0005 * GRAVITY
+"""m/s2: a table that gives, a bias that wanders; no mean of a rest is better than this."""
+
+TOLD = 0.3
+"""A figure is told by the data where they leave less than this share of its prior sigma."""
+
+FEWEST = 4
+"""Orientations: with fewer hardly anything can be told apart."""
+
+NAMES = ("bias x", "bias y", "bias z", "scale x", "scale y", "scale z", "lean yz", "lean xz", "lean xy")
+
+
+@dataclass(frozen=True, eq=False)
+class AccelerometerFit:
+    """What was found.
+
+    Attributes:
+        linear: bias and matrix; the matrix is symmetric, as a rotation of all axes together does not change a norm.
+        sigma: (9,) of NAMES, one sigma.
+        told: those of NAMES that the orientations tell; the others are little more than assumed to be small.
+        orientations: how many different ones.
+        before, after: m/s2, rms of the norm less gravity over the rests.
+    """
+
+    linear: Linear
+    sigma: Array
+    told: tuple[str, ...]
+    orientations: int
+    before: float
+    after: float
+
+    def __post_init__(self) -> None:
+        freeze(self, sigma=(9,))
+
+    @property
+    def up_sigma(self) -> float:
+        """rad, how far the vertical may be off in some attitude, by what the data leave open."""
+        return float(np.hypot(self.sigma[:3].max() / GRAVITY, self.sigma[3:].max()))
+
+    @property
+    def untold(self) -> tuple[str, ...]:
+        """Those of NAMES that could not be told."""
+        return tuple(name for name in NAMES if name not in self.told)
+
+
+def fit_accelerometer(rests: Rests, gravity: float = GRAVITY) -> AccelerometerFit:
+    """Least squares of |matrix (f - bias)| = gravity over all rests, nine unknowns, each held by a prior.
+
+    The prior is what the parts' makers let expect. It decides only what the orientations leave open: with nine or more
+    that are well spread that is nothing; with fewer, figures that can't be told apart share what is seen.
+
+    Source: D. Tedaldi, A. Pretto and E. Menegatti, A robust and easy to implement method for IMU calibration without
+    external equipments, ICRA 2014 (there with a triangular matrix: another choice of the free rotation).
+
+    Args:
+        rests: in at least FEWEST orientations.
+        gravity: m/s2, of the place. A wrong one is taken for scale.
+
+    Raises:
+        CalibrationError: too few orientations.
+    """
+    up = rests.up_sensor
+    different = orientations(up)
+    if different < FEWEST:
+        spread = float(np.degrees(np.arccos(np.clip((up @ up.T).min(), -1.0, 1.0))))
+        raise CalibrationError(
+            f"of {len(rests)} rests only {different} differ{'s' if different == 1 else ''} by 15 degrees and more (the "
+            f"farthest by {spread:.0f}); the accelerometer needs {FEWEST} orientations, best 12: each of six sides and "
+            "six edges up, 2 s each (for the gyro's bias alone: --only gyr)",
+            value=different,
+            bound=FEWEST,
+        )
+    from scipy.optimize import least_squares
+
+    noise = np.hypot(rests.acc_noise / np.sqrt(rests.samples), FLOOR)
+    prior = np.repeat((PRIOR_BIAS, PRIOR_SCALE, PRIOR_LEAN), 3)
+
+    def left(x: Array) -> Array:
+        bias, matrix = _unpack(x * prior)
+        norm = np.linalg.norm((rests.acc - bias) @ matrix.T, axis=1)
+        return np.concatenate(((norm - gravity) / noise, x))
+
+    result = least_squares(left, np.zeros(9), method="lm")
+    jacobian = np.asarray(result.jac)
+    share = np.sqrt(np.diagonal(np.linalg.inv(jacobian.T @ jacobian)))
+    bias, matrix = _unpack(result.x * prior)
+    sigma = share * prior
+    return AccelerometerFit(
+        linear=Linear(bias, matrix, sigma[:3]),
+        sigma=sigma,
+        told=tuple(name for name, left_over in zip(NAMES, share, strict=True) if left_over < TOLD),
+        orientations=different,
+        before=_rms(np.linalg.norm(rests.acc, axis=1) - gravity),
+        after=_rms(np.linalg.norm((rests.acc - bias) @ matrix.T, axis=1) - gravity),
+    )
+
+
+def _unpack(x: Array) -> tuple[Array, Array]:
+    matrix = np.diag(1.0 + x[3:6])
+    for value, (i, j) in zip(x[6:], ((1, 2), (0, 2), (0, 1)), strict=True):
+        matrix[i, j] = matrix[j, i] = value
+    return x[:3], matrix
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,60 @@
+"""Does a sensor at rest still read what its calibration says?"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pbd.data import GRAVITY, SensorErrors
+from pbd.pose import Array
+
+ACC, GYR = 0.015 * GRAVITY, np.radians(0.5)
+"""m/s2 and rad/s: a warm sensor, or one that a hand holds, differs by less."""
+
+FIELD, DIP = 0.10, np.radians(6.0)
+"""A share of the strength, and rad: one room's field differs by less from place to place."""
+
+
+def disagreements(
+    errors: SensorErrors, acc: Array, gyr: Array | None = None, mag: Array | None = None
+) -> tuple[str, ...]:
+    """Say by how much a sensor at rest differs from its calibration, a line for each thing that is beyond its bound.
+
+    Args:
+        errors: the calibration's.
+        acc: (3,) m/s2, the mean over a rest, corrected.
+        gyr: (3,) rad/s.
+        mag: (3,) uT.
+    """
+    said = []
+    norm = float(np.linalg.norm(acc))
+    if errors.acc is not None and abs(norm - errors.gravity) > ACC:
+        said.append(
+            f"at rest the accelerometer reads {norm:.2f} m/s2 after its calibration, {1e3 * (norm / GRAVITY):.0f} mg, "
+            f"where gravity is {errors.gravity:.2f}"
+        )
+    if errors.gyr is not None and gyr is not None:
+        off = float(np.linalg.norm(gyr))
+        if off > GYR:
+            said.append(f"at rest the gyro reads {np.degrees(off):.1f} degrees/s beside its calibrated bias")
+    if errors.mag is not None and mag is not None and errors.field is not None and errors.dip is not None:
+        strength = float(np.linalg.norm(mag))
+        dip = float(np.arcsin(np.clip(-(mag @ acc) / max(strength * norm, 1e-9), -1.0, 1.0)))
+        if abs(strength / errors.field - 1.0) > FIELD:
+            said.append(f"the magnetic field is {strength:.0f} uT, where it was {errors.field:.0f} at its calibration")
+        elif abs(dip - errors.dip) > DIP:
+            said.append(
+                f"the magnetic field dips by {np.degrees(dip):.0f} degrees, where it was {np.degrees(errors.dip):.0f} "
+                "at its calibration"
+            )
+    return tuple(said)
+
+
+def gravity_at(latitude_deg: float, height_m: float = 0.0) -> float:
+    """Gravity in m/s2 at a latitude and a height above the ellipsoid.
+
+    Source: Somigliana's formula with the constants of WGS 84, and the free-air gradient (NIMA TR8350.2, 4-1 and 4-3,
+    to first order in height).
+    """
+    square = float(np.sin(np.radians(latitude_deg)) ** 2)
+    at_sea = 9.7803253359 * (1.0 + 0.00193185265241 * square) / float(np.sqrt(1.0 - 0.00669437999013 * square))
+    return at_sea - 3.086e-6 * height_m

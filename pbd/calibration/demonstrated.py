@@ -1,0 +1,139 @@
+"""How the hand went from one keyframe to the next, as poses of the tool in base.
+
+The hand trembles, and the tracked path is only known to within its uncertainty: it is smoothed by a cubic spline as far
+as it stays within one sigma of what was tracked, and within SMOOTH_M and SMOOTH_RAD. It begins and ends exactly at the
+keyframes, which may have been edited: what is missing at either end is shared out over the move's time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pbd.calibration.frames import tool_poses
+from pbd.data import Calibration, HandPath, Keyframe
+from pbd.pose import Array, Pose, quat_exp, quat_inverse, quat_log, quat_multiply
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
+
+SMOOTH_M, SMOOTH_RAD = 0.005, np.radians(2.0)
+"""The smoothed path stays so near to the tracked one, however unsure that is."""
+
+SPACING_M, SPACING_RAD = 0.005, np.radians(2.0)
+"""Poses are at most so far apart."""
+
+_FEWEST = 8
+_STRENGTHS = np.logspace(-12, 1, 27)
+_PINNED = 1e6  # the weight of both ends
+_LEAST_SAMPLES = 5
+
+
+@dataclass(frozen=True, eq=False)
+class DemonstratedMove:
+    """From one keyframe to the next: t (n,) s of the demonstration, increasing, and the tool's poses then."""
+
+    t: Array
+    T_base_tool: tuple[Pose, ...]
+
+    @property
+    def duration(self) -> float:
+        """Seconds that the hand took."""
+        return float(self.t[-1] - self.t[0])
+
+
+def demonstrated_moves(
+    path: HandPath,
+    keyframes: Sequence[Keyframe],
+    T_base_nav: Pose,
+    calibration: Calibration,
+    scale: float = 1.0,
+    orientation: str = "demo",
+) -> tuple[DemonstratedMove, ...]:
+    """Follow the hand between keyframes; the arguments after them are those of `tool_poses`."""
+    moves = []
+    for before, after in pairwise(keyframes):
+        t, p, wxyz = _sampled(path, before, after)
+        t, p, wxyz = _spaced(t, p, wxyz, before, after, scale * calibration.scale)
+        along = [replace(before, t=t[i], T_nav_sensor=Pose(p[i], wxyz[i])) for i in range(1, len(t) - 1)]
+        # The tool's rotation may be fixed to that of the first keyframe.
+        poses = tool_poses((keyframes[0], before, *along, after), T_base_nav, calibration, scale, orientation)
+        moves.append(DemonstratedMove(t, poses[1:]))
+    return tuple(moves)
+
+
+def _sampled(path: HandPath, before: Keyframe, after: Keyframe) -> tuple[Array, Array, Array]:
+    """The samples of a move, from the last at rest to the first at rest: t, p_nav_sensor, wxyz_nav_sensor."""
+    start, end = before.t + 0.5 * before.dwell_s, after.t - 0.5 * after.dwell_s
+    inside = np.flatnonzero((path.t >= start - 1e-6) & (path.t <= end + 1e-6))
+    if len(inside) < 2:
+        p = np.stack((before.T_nav_sensor.p, after.T_nav_sensor.p))
+        return (
+            np.array([start, max(end, start + 1e-3)]),
+            p,
+            np.stack((before.T_nav_sensor.wxyz, after.T_nav_sensor.wxyz)),
+        )
+    return path.t[inside], path.p_nav_sensor[inside], path.wxyz_nav_sensor[inside]
+
+
+def _spaced(
+    t: Array, p: Array, wxyz: Array, before: Keyframe, after: Keyframe, scale: float
+) -> tuple[Array, Array, Array]:
+    """Smooth samples, lead them from keyframe to keyframe, and take as many as the spacing asks for."""
+    from scipy.interpolate import make_interp_spline
+
+    share = (t - t[0]) / (t[-1] - t[0])
+    wxyz = _continuous(wxyz)
+    sigma = np.sqrt(np.minimum(np.diagonal(before.cov), np.diagonal(after.cov)).reshape(2, 3).max(axis=1))
+    places = smoothed(share, p, min(sigma[0], SMOOTH_M / scale))
+    turns = smoothed(share, wxyz, 0.5 * min(sigma[1], SMOOTH_RAD))  # of a unit quaternion: half the angle
+    p, wxyz = places(share), turns(share)
+    wxyz /= np.linalg.norm(wxyz, axis=1, keepdims=True)
+    # What is missing at the ends, shared out.
+    missing = [(keyframe.T_nav_sensor, i) for keyframe, i in ((before, 0), (after, -1))]
+    shifts = [wanted.p - p[i] for wanted, i in missing]
+    twists = [quat_log(quat_multiply(wanted.wxyz, quat_inverse(wxyz[i]))) for wanted, i in missing]
+    p = p + (1.0 - share)[:, None] * shifts[0] + share[:, None] * shifts[1]
+    wxyz = quat_multiply(quat_exp((1.0 - share)[:, None] * twists[0] + share[:, None] * twists[1]), wxyz)
+    shift = scale * np.linalg.norm(np.diff(p, axis=0), axis=1) / SPACING_M
+    turn = np.linalg.norm(quat_log(quat_multiply(quat_inverse(wxyz[:-1]), wxyz[1:])), axis=1) / SPACING_RAD
+    steps = np.append(0.0, np.cumsum(np.maximum(shift, turn))) + 1e-6 * share
+    count = max(_FEWEST, int(np.ceil(steps[-1])) + 1)
+    at = np.interp(np.linspace(0.0, steps[-1], count), steps, share)
+    order = min(3, len(share) - 1)
+    p, wxyz = (make_interp_spline(share, values, k=order)(at) for values in (p, _continuous(wxyz)))
+    return t[0] + at * (t[-1] - t[0]), p, wxyz
+
+
+def smoothed(x: Array, values: Array, within: float) -> BSpline:
+    """Fit the smoothest cubic spline to values (n, c) over x (n,) that leaves none by more than `within`.
+
+    The ends are met. Fewer than five values are interpolated.
+    """
+    from scipy.interpolate import make_interp_spline, make_smoothing_spline
+
+    exact: BSpline = make_interp_spline(x, values, k=min(3, len(x) - 1))
+    if len(x) < _LEAST_SAMPLES or within <= 0.0:
+        return exact
+    weights = np.ones(len(x))
+    weights[[0, -1]] = _PINNED
+    best, low, high = exact, 0, len(_STRENGTHS)
+    while low < high:
+        middle = (low + high) // 2
+        spline = make_smoothing_spline(x, values, w=weights, lam=float(_STRENGTHS[middle]))
+        if np.linalg.norm(spline(x) - values, axis=1).max() <= within:
+            best, low = spline, middle + 1
+        else:
+            high = middle
+    return best
+
+
+def _continuous(wxyz: Array) -> Array:
+    """Quaternions (n, 4) of the same rotations, each on the side of the one before."""
+    sides = np.sign(np.einsum("ij,ij->i", wxyz[1:], wxyz[:-1]))
+    continuous: Array = wxyz * np.append(1.0, np.cumprod(np.where(sides == 0.0, 1.0, sides)))[:, None]
+    return continuous

@@ -1,0 +1,67 @@
+"""How well a magnetic heading repeats: between the stops of a demonstration, and from one demonstration to the next."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pbd.pose import Array, quat_rotate, yaw_toward
+
+DISTURBED_HEADING, DISTURBED_STRENGTH = np.radians(3.0), 0.10
+"""rad and a share, rms over the stops: beyond that a field is no compass, and a dock tells the heading better."""
+
+
+@dataclass(frozen=True)
+class FieldSpread:
+    """By how much the magnetic field differs from stop to stop, rms about its mean.
+
+    Attributes:
+        heading: rad.
+        dip: rad.
+        strength: share.
+    """
+
+    heading: float
+    dip: float
+    strength: float
+
+    @property
+    def disturbed(self) -> bool:
+        """Whether a heading that is taken from it can't be relied on."""
+        return self.heading > DISTURBED_HEADING or self.strength > DISTURBED_STRENGTH
+
+
+def field_spread(mag: Array, wxyz_nav_sensor: Array) -> FieldSpread:
+    """Compare the field at the stops, turned into nav.
+
+    From stop to stop the attitude is the gyro's, so that what differs is the room's field, or what is left of the
+    sensor's hard and soft iron, or of its tilt.
+
+    Args:
+        mag: (k, 3) in any unit, the means over the stops.
+        wxyz_nav_sensor: (k, 4) there.
+    """
+    field = quat_rotate(wxyz_nav_sensor, mag)
+    strength = np.linalg.norm(field, axis=1)
+    level = np.hypot(field[:, 0], field[:, 1])
+    east, north = (field[:, 0] / level).mean(), (field[:, 1] / level).mean()
+    turned = np.arctan2(field[:, 1] * east - field[:, 0] * north, field[:, 0] * east + field[:, 1] * north)
+    return FieldSpread(
+        heading=float(np.sqrt(np.mean(turned**2))),
+        dip=float(np.arctan2(-field[:, 2], level).std()),
+        strength=float(strength.std() / strength.mean()),
+    )
+
+
+def heading_changes(wxyz_first: Array, wxyz_again: Sequence[Array]) -> Array:
+    """By how much nav's heading differs between demonstrations, (m,) rad.
+
+    Args:
+        wxyz_first: (4,) the sensor's attitude in nav at the first rest of one demonstration.
+        wxyz_again: the same of others that began with the sensor put down in the same way.
+    """
+    turns = np.array([yaw_toward(wxyz_first, again) for again in wxyz_again])
+    wrapped: Array = (turns + np.pi) % (2.0 * np.pi) - np.pi
+    return wrapped

@@ -1,0 +1,155 @@
+"""Which stop touched which point, where a demonstration has more stops than points or the order is not known."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import combinations, permutations
+
+import numpy as np
+
+from pbd.calibration.alignment import align
+from pbd.errors import CalibrationError
+from pbd.pose import Array, Pose, quat_inverse, quat_log, quat_multiply
+
+FLOOR_M = 0.005
+"""m: stops are never taken for surer than this, so that a hypothesis from two of them has room."""
+
+CAP = 16.0
+"""A stop further than four sigma from its point costs no more than this: one wrong point must not hide the rest."""
+
+APART_M = 0.03
+"""m, horizontally: two stops or points that are nearer tell no heading."""
+
+ALIKE = 12.0
+"""Two answers whose costs differ by less are alike; that of one point's misfit is about 3."""
+
+SAME_M, SAME_RAD = 0.05, np.radians(10.0)
+"""Two answers nearer to each other are one."""
+
+REFINED = 20
+
+
+@dataclass(frozen=True, eq=False)
+class _Answer:
+    cost: float
+    stops: tuple[int, ...]
+    T_base_nav: Pose
+
+
+def match_stops(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool) -> tuple[int, ...]:
+    """Say which stop touched each point.
+
+    Every two stops on every two points that are as far apart tell yaw and position, as both frames have z up; of all
+    these hypotheses the one that explains the most wins. Points in order are assigned by dynamic programming, others by
+    the Hungarian method.
+
+    Args:
+        p_nav_tip: (n, 3) m at the stops.
+        sigma: (n,) m per axis at the stops.
+        points: (m, 3) m in base.
+        in_order: the points were touched in their order, with other stops between.
+
+    Returns:
+        (m,) indices of stops.
+
+    Raises:
+        CalibrationError: fewer stops than points, no stops that lie as the points do, or several ways to match them.
+    """
+    n, m = len(p_nav_tip), len(points)
+    if n < m:
+        raise CalibrationError(
+            f"the demonstration has {n} stops, but there are {m} points; hold still for half a second on each, or take "
+            "points out",
+            value=n,
+            bound=m,
+        )
+    if in_order and n == m:
+        return tuple(range(m))
+    sigma = np.hypot(sigma, FLOOR_M)
+    found: dict[tuple[int, ...], _Answer] = {}
+    for hypothesis in _hypotheses(p_nav_tip, sigma, points, in_order):
+        answer = _assign(hypothesis, p_nav_tip, sigma, points, in_order)
+        if answer.stops not in found or answer.cost < found[answer.stops].cost:
+            found[answer.stops] = answer
+    best = sorted(found.values(), key=lambda answer: answer.cost)[:REFINED]
+    best = sorted((_refined(answer, p_nav_tip, sigma, points, in_order) for answer in best), key=lambda a: a.cost)
+    if not best or best[0].cost > CAP * max(1.0, m - 2.0):
+        raise CalibrationError(
+            "no stops of the demonstration lie to each other as the points do; check the points' unit and coordinates, "
+            "and that the hand stopped on each"
+        )
+    for other in best[1:]:
+        if other.cost - best[0].cost < ALIKE and _differ(other.T_base_nav, best[0].T_base_nav):
+            turn = abs(
+                np.degrees(quat_log(quat_multiply(other.T_base_nav.wxyz, quat_inverse(best[0].T_base_nav.wxyz)))[2])
+            )
+            raise CalibrationError(
+                f"the stops fit the points in more than one way (another is turned by {turn:.0f} degrees): they look "
+                "the same from several sides; name the stops with --stops, touch the points in order, or add one that "
+                "breaks the symmetry",
+                stops=best[0].stops,
+                others=other.stops,
+            )
+    return best[0].stops
+
+
+def _hypotheses(p: Array, sigma: Array, points: Array, in_order: bool) -> Iterator[Pose]:
+    for i, j in combinations(range(len(p)), 2):
+        way, room = p[j] - p[i], 3.0 * np.hypot(sigma[i], sigma[j])
+        if np.hypot(*way[:2]) < APART_M:
+            continue
+        for a, b in combinations(range(len(points)), 2) if in_order else permutations(range(len(points)), 2):
+            wanted = points[b] - points[a]
+            level = np.hypot(*wanted[:2])
+            if level > APART_M and abs(level - np.hypot(*way[:2])) < room and abs(wanted[2] - way[2]) < room:
+                yield align(p[[i, j]], points[[a, b]])
+
+
+def _assign(T_base_nav: Pose, p: Array, sigma: Array, points: Array, in_order: bool) -> _Answer:
+    from scipy.optimize import linear_sum_assignment
+
+    square = ((T_base_nav.act(p)[:, None] - points[None]) ** 2).sum(axis=2) / sigma[:, None] ** 2
+    cost = np.minimum(square, CAP) + 1e-6 * square  # of those beyond the cap the nearest
+    if in_order:
+        stops = _monotone(cost)
+    else:
+        rows, columns = linear_sum_assignment(cost)
+        stops = tuple(int(row) for row in rows[np.argsort(columns)])
+    return _Answer(float(cost[list(stops), range(len(points))].sum()), stops, T_base_nav)
+
+
+def _monotone(cost: Array) -> tuple[int, ...]:
+    """The increasing rows (m,), one for each column, of lowest cost (n, m)."""
+    n, m = cost.shape
+    best = np.full((n + 1, m + 1), np.inf)
+    best[:, 0] = 0.0
+    for row in range(1, n + 1):
+        best[row, 1:] = np.minimum(best[row - 1, 1:], best[row - 1, :-1] + cost[row - 1])
+    rows, row = [], n
+    for column in range(m, 0, -1):
+        while best[row - 1, column] <= best[row, column]:
+            row -= 1
+        row -= 1
+        rows.append(row)
+    return tuple(reversed(rows))
+
+
+def _refined(answer: _Answer, p: Array, sigma: Array, points: Array, in_order: bool) -> _Answer:
+    """Aligned on all the stops that fit, and assigned again."""
+    for _ in range(3):
+        stops = list(answer.stops)
+        off = np.linalg.norm(answer.T_base_nav.act(p[stops]) - points, axis=1) / sigma[stops]
+        good = off < np.sqrt(CAP)
+        if good.sum() < 2:
+            return answer
+        again = _assign(align(p[stops][good], points[good]), p, sigma, points, in_order)
+        if again.cost >= answer.cost:
+            return answer
+        answer = again
+    return answer
+
+
+def _differ(a: Pose, b: Pose) -> bool:
+    metres, rad = a.distance(b)
+    return metres > SAME_M or rad > SAME_RAD

@@ -1,0 +1,221 @@
+"""How the sensor sits on the tool: the lever by pivoting the tip on a point, the rotation by turns about named axes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pbd.calibration.accelerometer import PRIOR_SCALE
+from pbd.calibration.points import TRUSTED, touches
+from pbd.data import Keyframe
+from pbd.data.freeze import freeze
+from pbd.errors import CalibrationError
+from pbd.pose import Array, quat_from_xyzw, quat_inverse, quat_log, quat_multiply, quat_rotate, quat_to_matrix
+
+SLIP_M = 0.001
+"""m per axis: by so much a tip moves on the point that it stands on."""
+
+SLIPPED_CHI2 = 10.0
+"""Per degree of freedom: a tip that moved three times as much as the tracker's sigmas let expect has slipped."""
+
+WORST_M = 0.01
+"""m: a lever that is less sure along some axis was not turned about the others."""
+
+CALIBRATED_SCALE = 0.002
+"""A share: how well the scale of a calibrated accelerometer is known."""
+
+LEAST_TURN = np.radians(20.0)
+"""A move that turns by less is no turn about an axis."""
+
+BY_HAND = np.radians(2.0)
+"""rad: a hand that turns a tool about one of its axes leans by this much."""
+
+MISNAMED = np.radians(20.0)
+"""A turn whose axis is further than this from where its name says is about another one."""
+
+ATTITUDE = np.radians(0.5)
+"""rad: how sure a turn's axis is at best, per radian of the turn."""
+
+AXES = {
+    "x": (1.0, 0.0, 0.0),
+    "y": (0.0, 1.0, 0.0),
+    "z": (0.0, 0.0, 1.0),
+    "-x": (-1.0, 0.0, 0.0),
+    "-y": (0.0, -1.0, 0.0),
+    "-z": (0.0, 0.0, -1.0),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class PivotFit:
+    """The lever from the sensor to the tip.
+
+    Attributes:
+        p_sensor_tip: (3,) m in sensor axes.
+        cov: (3, 3) m2.
+        residuals: (k, 3) m in nav, by how much the tip seems to be off its point at each stop.
+        chi2: per degree of freedom; 1 where the tracker's sigmas are right.
+    """
+
+    p_sensor_tip: Array
+    cov: Array
+    residuals: Array
+    chi2: float
+
+    def __post_init__(self) -> None:
+        freeze(self, p_sensor_tip=(3,), cov=(3, 3), residuals=(None, 3))
+
+
+@dataclass(frozen=True, eq=False)
+class TurnsFit:
+    """The rotation from tool to sensor.
+
+    Attributes:
+        wxyz_sensor_tool: (4,).
+        cov: (3, 3) rad2, of the rotation vector in sensor axes.
+        off: (m,) rad, the angle between each turn's axis and the tool's axis that it was named after.
+        turned: (m,) rad, by how much each turned.
+        moves: (m,) which moves these are.
+    """
+
+    wxyz_sensor_tool: Array
+    cov: Array
+    off: Array
+    turned: Array
+    moves: tuple[int, ...]
+
+    def __post_init__(self) -> None:
+        m = len(self.moves)
+        freeze(self, wxyz_sensor_tool=(4,), cov=(3, 3), off=(m,), turned=(m,))
+
+
+def fit_pivot(
+    keyframes: Sequence[Keyframe], stops: Sequence[int] | None = None, scale_sigma: float = PRIOR_SCALE
+) -> PivotFit:
+    """The lever l: while the tip stands on a point c of nav, p_k + R_k l = c at every stop k.
+
+    Linear least squares in l and c, with the tracker's growing, correlated covariance, and that of the attitudes, which
+    turn the lever (found in a second pass). The sphere fit of surgical navigation with known attitudes: Z. Yaniv, Which
+    pivot calibration?, Proc. SPIE 9415, 2015 ("algebraic one step").
+
+    Args:
+        keyframes: of a path that is not conditioned on known places.
+        stops: those at which the tip stood on the point; None: all.
+        scale_sigma: a share, how well the accelerometer's scale is known: the lever is wrong by as much.
+
+    Raises:
+        CalibrationError: too few stops, or turns about one axis only.
+    """
+    stops = range(len(keyframes)) if stops is None else stops
+    if len(stops) < 3:
+        raise CalibrationError(
+            f"the hand stood still {len(stops)} times; rest with the tip on the point, tilt the tool, rest, tilt it "
+            "another way, rest: six to ten times",
+            value=len(stops),
+            bound=3,
+        )
+    R = quat_to_matrix(np.array([keyframes[k].T_nav_sensor.wxyz for k in stops]))
+    design = np.hstack((-R.reshape(-1, 3), np.tile(np.eye(3), (len(stops), 1))))  # p = -R l + c
+    lever = np.zeros(3)
+    for _ in range(2):
+        touched = touches(keyframes, stops, lever)
+        root = np.linalg.cholesky(touched.cov + SLIP_M**2 * np.eye(3 * len(stops)))
+        whitened = np.linalg.solve(root, design)
+        information = whitened.T @ whitened
+        if np.linalg.eigvalsh(information)[0] < 1.0:  # a metre
+            raise _one_axis(R)
+        right = np.linalg.solve(root, touched.p_nav_sensor.ravel())
+        found = np.linalg.solve(information, whitened.T @ right)
+        lever = found[:3]
+    chi2 = float(((right - whitened @ found) ** 2).sum())
+    freedom = 3 * len(stops) - 6
+    # A sensor's bias and scale turn with it and pass for a lever: a small misfit does not mean small errors here.
+    cov = np.linalg.inv(information)[:3, :3] * max(1.0, chi2 / freedom)
+    cov += (scale_sigma * np.linalg.norm(lever)) ** 2 * np.eye(3)
+    if np.sqrt(np.linalg.eigvalsh(cov)[-1]) > WORST_M:
+        raise _one_axis(R, float(np.sqrt(np.linalg.eigvalsh(cov)[-1])))
+    if chi2 / freedom > SLIPPED_CHI2:
+        off = np.linalg.norm((design @ found).reshape(-1, 3) - touched.p_nav_sensor, axis=1)
+        raise CalibrationError(
+            f"the tip did not stay on one point: at stop {stops[int(off.argmax())]} it seems to be "
+            f"{100.0 * off.max():.1f} cm off; rest with the tip on the point from beginning to end, and pivot again",
+            stop=stops[int(off.argmax())],
+            value=float(off.max()),
+        )
+    residuals = (design @ found).reshape(-1, 3) - touched.p_nav_sensor
+    return PivotFit(lever, cov, residuals, chi2 / freedom)
+
+
+def _one_axis(R: Array, sigma_m: float = np.inf) -> CalibrationError:
+    """Turns about one axis leave the lever along it open."""
+    change = (R - R[0]).reshape(-1, 3)
+    _, size, axes = np.linalg.svd(change)
+    turned = float(np.degrees(size[1] / np.sqrt(len(R))))
+    x, y, z = np.round(axes[2] * np.sign(axes[2][np.argmax(np.abs(axes[2]))]), 1) + 0.0
+    known = "is unknown" if sigma_m == np.inf else f"is known to {100.0 * sigma_m:.1f} cm only"
+    return CalibrationError(
+        f"the tool's length along ({x:g}, {y:g}, {z:g}) of the sensor {known}: the hand turned too little about the "
+        f"other axes (about {turned:.0f} degrees); tilt the tool by 30 degrees and more to all sides, and turn it, "
+        "with its tip on the point",
+        value=sigma_m,
+        bound=WORST_M,
+    )
+
+
+def fit_turns(keyframes: Sequence[Keyframe], named: Sequence[str]) -> TurnsFit:
+    """The rotation of the sensor on the tool, from turns whose axes in the tool are known.
+
+    Each turn's axis u in sensor axes is R_sensor_tool times the tool's axis that it was named after: Wahba's problem,
+    solved in closed form (Kabsch 1976, by scipy).
+
+    Args:
+        keyframes: the stops between the turns.
+        named: for each move that turns by 20 degrees or more, in order, the tool's axis it turned about: one of AXES;
+            by the right hand's rule.
+
+    Raises:
+        CalibrationError: as many turns as names are not there, all are about one axis, or they contradict their names.
+    """
+    from scipy.spatial.transform import Rotation
+
+    wxyz = np.array([keyframe.T_nav_sensor.wxyz for keyframe in keyframes])
+    vectors = quat_log(quat_multiply(quat_inverse(wxyz[:-1]), wxyz[1:]))
+    angles = np.linalg.norm(vectors, axis=1)
+    moves = tuple(int(k) for k in np.flatnonzero(angles > LEAST_TURN))
+    if len(moves) != len(named):
+        found = ", ".join(f"{np.degrees(angles[k]):.0f}" for k in moves) or "none"
+        raise CalibrationError(
+            f"{len(named)} turns are named, but {len(moves)} moves turn by 20 degrees or more ({found}); name each in "
+            "order, by --turns x,-x,y",
+            value=len(moves),
+            bound=len(named),
+        )
+    if len({name.strip("-") for name in named}) < 2:
+        raise CalibrationError(
+            f"all turns are about {', '.join(sorted(set(named)))}, which leaves the turn about that axis open; turn "
+            "about a second one"
+        )
+    angles = angles[list(moves)]
+    measured, axes = vectors[list(moves)] / angles[:, None], np.array([AXES[name] for name in named])
+    sigma = np.hypot(BY_HAND, ATTITUDE / angles)
+    rotation, _ = Rotation.align_vectors(measured, axes, weights=1.0 / sigma**2)
+    wxyz_sensor_tool = quat_from_xyzw(rotation.as_quat())
+    expected = quat_rotate(wxyz_sensor_tool, axes)
+    off = np.arctan2(np.linalg.norm(np.cross(measured, expected), axis=1), np.einsum("mi,mi->m", measured, expected))
+    worst = int(off.argmax())
+    if off[worst] > MISNAMED:
+        raise CalibrationError(
+            f"the turns contradict their names: that about {named[worst]} (move {moves[worst]}) is "
+            f"{np.degrees(off[worst]):.0f} degrees off; was it about another axis, or the other way round? correct "
+            "--turns, or turn again",
+            move=moves[worst],
+            value=float(off[worst]),
+            bound=MISNAMED,
+        )
+    chi2, freedom = float(((off / sigma) ** 2).sum()), 2 * len(moves) - 3
+    across = np.eye(3) - np.einsum("mi,mj->mij", expected, expected)
+    information = (across / sigma[:, None, None] ** 2).sum(axis=0)
+    cov = np.linalg.inv(information) * (TRUSTED + chi2) / (TRUSTED + freedom)
+    return TurnsFit(wxyz_sensor_tool, cov, off, angles, moves)

@@ -1,0 +1,162 @@
+"""When a sensor that was put down in several orientations lay still, and what it read then."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbd.data import Recording
+from pbd.data.freeze import freeze
+from pbd.errors import CalibrationError
+from pbd.pose import Array
+
+WINDOW_S, SHORTEST_S, EDGE_S = 0.5, 1.0, 0.2
+"""Stillness is looked for over this long; a rest lasts at least so long; and so much at either end is not used."""
+
+ABOUT = 9.0
+"""A window with up to this many times the variance of the quietest is as still as that."""
+
+STILL_ACC, STILL_GYR = 0.1, np.radians(1.0)
+"""m/s2 and rad/s (rms over a window, all axes): a sensor that was put down shakes less than this."""
+
+FLOOR_ACC, FLOOR_GYR = 0.02, np.radians(0.1)
+"""... and so little is still in any case."""
+
+TURNING = np.radians(0.3)
+"""rad/s: a sensor that turns evenly shakes as little as one that lies still, but reads another rate than it does when
+it lies still; a bias wanders by less, and noise is allowed for."""
+
+ALIKE_DEG = 15.0
+"""Two rests whose verticals are nearer than this are one orientation."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rests:
+    """What a sensor read at k rests, as means.
+
+    Attributes:
+        start, stop: (k,) half-open rows.
+        seconds: (k,) s.
+        acc: (k, 3) m/s2.
+        gyr: (k, 3) rad/s, or None.
+        mag: (k, 3) uT, or None.
+        acc_noise, gyr_noise, mag_noise: per sample and axis, rms; 0 where there is no such sensor.
+    """
+
+    start: NDArray[np.intp]
+    stop: NDArray[np.intp]
+    seconds: Array
+    acc: Array
+    gyr: Array | None
+    mag: Array | None
+    acc_noise: float
+    gyr_noise: float
+    mag_noise: float
+
+    def __post_init__(self) -> None:
+        k = len(self.start)
+        freeze(self, seconds=(k,), acc=(k, 3), gyr=(k, 3), mag=(k, 3))
+
+    def __len__(self) -> int:
+        return len(self.start)
+
+    @property
+    def samples(self) -> NDArray[np.intp]:
+        """(k,) how many."""
+        return self.stop - self.start
+
+    @property
+    def up_sensor(self) -> Array:
+        """(k, 3) unit, the vertical as the accelerometer shows it."""
+        up: Array = self.acc / np.linalg.norm(self.acc, axis=1, keepdims=True)
+        return up
+
+
+def find_rests(recording: Recording) -> Rests:
+    """Find all rests of a second or more, by the variance of both sensors relative to the quietest window.
+
+    After the static detector of D. Tedaldi, A. Pretto and E. Menegatti, A robust and easy to implement method for IMU
+    calibration without external equipments, ICRA 2014.
+
+    Args:
+        recording: without NaN.
+
+    Raises:
+        CalibrationError: it was never still.
+    """
+    rate = recording.rate_hz
+    length = max(4, round(WINDOW_S * rate))
+    if len(recording) < length:
+        raise CalibrationError(
+            f"the recording has {recording.t[-1]:.1f} s; put the sensor down for two seconds in each orientation"
+        )
+    acc_var, _ = _moving(recording.acc, length)
+    still = _still(recording, "accelerometer", acc_var, STILL_ACC, FLOOR_ACC, "m/s2", 1.0)
+    if recording.gyr is not None:
+        gyr_var, gyr_mean = _moving(recording.gyr, length)
+        still &= _still(recording, "gyro", gyr_var, STILL_GYR, FLOOR_GYR, "degrees/s", 180.0 / np.pi)
+        if still.any():
+            room = np.hypot(TURNING, 4.0 * np.sqrt(np.median(gyr_var[still]) / length))
+            still &= np.linalg.norm(gyr_mean - np.median(gyr_mean[still], axis=0), axis=1) < room
+    spans = [(start, stop + length - 1) for start, stop in _runs(still)]
+    edge = round(EDGE_S * rate)
+    spans = [(start + edge, stop - edge) for start, stop in spans if (stop - start) / rate >= SHORTEST_S]
+    if not spans:
+        raise CalibrationError(
+            f"the sensor was never still for {SHORTEST_S:g} s; put it down for two seconds in each orientation, on "
+            "something that does not shake",
+            bound=SHORTEST_S,
+        )
+    start, stop = np.array(spans, dtype=np.intp).T
+
+    def means(values: Array | None) -> tuple[Array | None, float]:
+        if values is None:
+            return None, 0.0
+        noise = np.mean([values[a:b].var(axis=0).mean() for a, b in spans])
+        return np.array([values[a:b].mean(axis=0) for a, b in spans]), float(np.sqrt(noise))
+
+    (acc, acc_noise), (gyr, gyr_noise), (mag, mag_noise) = map(means, (recording.acc, recording.gyr, recording.mag))
+    assert acc is not None
+    return Rests(start, stop, (stop - start) / rate, acc, gyr, mag, acc_noise, gyr_noise, mag_noise)
+
+
+def orientations(up_sensor: Array) -> int:
+    """How many of the verticals (k, 3) are different."""
+    found: list[Array] = []
+    for up in up_sensor:
+        if all(up @ other < np.cos(np.radians(ALIKE_DEG)) for other in found):
+            found.append(up)
+    return len(found)
+
+
+def _still(
+    recording: Recording, what: str, variance: Array, still: float, floor: float, unit: str, factor: float
+) -> NDArray[np.bool_]:
+    quietest = float(variance.min())
+    if quietest > still**2:
+        raise CalibrationError(
+            f"the sensor was never still: at its quietest (t = {recording.t[int(np.argmin(variance))]:.1f} s) the "
+            f"{what} shakes by {factor * np.sqrt(quietest):.2f} {unit}; put it down for two seconds in each "
+            "orientation",
+            value=float(np.sqrt(quietest)),
+            bound=still,
+        )
+    return np.asarray(variance <= np.clip(ABOUT * quietest, floor**2, still**2))
+
+
+def _runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(np.int8)))
+    return [(int(start), int(stop)) for start, stop in edges.reshape(-1, 2)]
+
+
+def _moving(values: Array, length: int) -> tuple[Array, Array]:
+    """Variance, summed over the axes, and mean over each run of `length` samples: (n - length + 1,) and (..., 3)."""
+    middle = values.mean(axis=0)
+    centred = values - middle  # keeps the difference of squares well conditioned
+    sums = np.cumsum(np.vstack((np.zeros((1, 3)), centred)), axis=0)
+    squares = np.cumsum(np.vstack((np.zeros((1, 3)), centred**2)), axis=0)
+    mean = (sums[length:] - sums[:-length]) / length
+    variance = ((squares[length:] - squares[:-length]) / length - mean**2).sum(axis=1)
+    return np.maximum(variance, 0.0), mean + middle

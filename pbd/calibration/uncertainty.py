@@ -1,0 +1,74 @@
+"""How sure the tool's pose in base is at each keyframe, and what each part of the way from nav to it contributes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from pbd.data import Calibration, Keyframe
+from pbd.pose import Array, Pose, quat_rotate, quat_to_matrix
+
+DOCK_SIGMA_M, DOCK_SIGMA_RAD = 0.003, np.radians(1.0)
+"""How well a sensor lies where its dock is said to be, along each axis and in heading, where nobody says else."""
+
+PARTS = ("start", "mount", "tracking")
+
+
+def start_covariance(calibration: Calibration) -> Array:
+    """Covariance (6, 6) of the dock's or nav's pose in base, m and rad; an assumption where the file is silent."""
+    if calibration.cov_base is not None:
+        return calibration.cov_base
+    return np.diag(np.square([*[DOCK_SIGMA_M] * 3, 0.0, 0.0, DOCK_SIGMA_RAD]))
+
+
+def tool_covariances(
+    keyframes: Sequence[Keyframe], T_base_nav: Pose, calibration: Calibration, scale: float = 1.0
+) -> dict[str, Array]:
+    """Covariance (k, 6, 6) in base of the tool's position and rotation vector, m and rad, by PARTS; they add up.
+
+    From p_base_tool = t + R (s p + R_k l), with t and R nav in base, p and R_k the sensor in nav, l the tool in sensor
+    axes: what is unsure about each of them, to first order. A mount that was never calibrated counts as exact.
+
+    Args:
+        keyframes: k of them.
+        T_base_nav: of `nav_in_base`.
+        calibration: its own scale multiplies `scale`.
+        scale: of the hand's positions.
+    """
+    scale *= calibration.scale
+    R = quat_to_matrix(T_base_nav.wxyz)
+    of_start, of_mount = start_covariance(calibration), calibration.cov_sensor_tool
+    parts = {part: np.zeros((len(keyframes), 6, 6)) for part in PARTS}
+    for k, keyframe in enumerate(keyframes):
+        lever = quat_rotate(keyframe.T_nav_sensor.wxyz, calibration.T_sensor_tool.p)
+        from_nav = R @ (scale * keyframe.T_nav_sensor.p + lever)
+        by_start = np.block([[np.eye(3), -_cross(from_nav)], [np.zeros((3, 3)), np.eye(3)]])
+        parts["start"][k] = by_start @ of_start @ by_start.T
+        by_keyframe = np.block([[scale * R, -R @ _cross(lever)], [np.zeros((3, 3)), R]])
+        parts["tracking"][k] = by_keyframe @ keyframe.cov @ by_keyframe.T
+        if of_mount is not None:
+            R_base_sensor = R @ quat_to_matrix(keyframe.T_nav_sensor.wxyz)
+            by_mount = np.kron(np.eye(2), R_base_sensor)
+            parts["mount"][k] = by_mount @ of_mount @ by_mount.T
+    return parts
+
+
+def base_sigmas(parts: Mapping[str, Array]) -> list[dict[str, Any]]:
+    """The same for programs, a row a keyframe: base_sigma_m and base_sigma_deg (3), base_sigma_parts_m (3 each)."""
+    total = np.sqrt(np.diagonal(np.sum(list(parts.values()), axis=0), axis1=1, axis2=2))
+    of_parts = {part: np.sqrt(np.diagonal(cov, axis1=1, axis2=2))[:, :3] for part, cov in parts.items()}
+    return [
+        {
+            "base_sigma_m": sigma[:3].tolist(),
+            "base_sigma_deg": np.degrees(sigma[3:]).tolist(),
+            "base_sigma_parts_m": {part: of_part[k].tolist() for part, of_part in of_parts.items()},
+        }
+        for k, sigma in enumerate(total)
+    ]
+
+
+def _cross(v: Array) -> Array:
+    """The matrix (3, 3) with _cross(v) @ w = v x w."""
+    return np.cross(np.eye(3), v)

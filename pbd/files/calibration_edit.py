@@ -1,0 +1,169 @@
+"""Write one part of calibration/NAME.toml and leave the rest, comments and all, as a person wrote it."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import tomlkit
+from tomlkit.items import Comment, Table, Whitespace
+
+from pbd.errors import CalibrationError
+from pbd.files.calibration import FORMAT, read_calibration
+from pbd.files.library import bundled
+from pbd.files.whole import written_whole
+from pbd.pose import Array, Pose, quat_to_rpy
+
+HEADER = "Made by `pbd calibrate`; docs/calibration.md explains each part, calibration/default.toml each key."
+
+Value = str | float | bool | Sequence[float] | Mapping[str, float]
+Values = Mapping[str, tuple[Value | None, str]]
+
+
+def calibration_file(name: str) -> Path:
+    """Say where a calibration is written: ./calibration/NAME.toml, or the path that was given.
+
+    Raises:
+        CalibrationError: nothing could have that name.
+    """
+    path = Path(name)
+    if path.name in ("", "..") or name.startswith("~") or not path.name.removesuffix(".toml"):
+        raise CalibrationError(f"'{name}' can't be a calibration's name; give a word, or a file's path", value=name)
+    if path.suffix != ".toml":
+        path = path.with_name(path.name + ".toml")
+    return path if len(path.parts) > 1 else Path("calibration") / path
+
+
+def update_calibration(
+    path: Path,
+    parts: Mapping[str, Values],
+    *,
+    instead: Mapping[str, str] = MappingProxyType({}),
+    robots: Sequence[str] = (),
+    scale: float | None = None,
+) -> None:
+    """Set keys of some tables; what else stands in the file stays. The file appears whole or not at all.
+
+    Where there is no such file yet, it begins as a copy of the bundled one of that name, if there is one.
+
+    Args:
+        path: of the file; its folder is made.
+        parts: by table ("dock", "sensor.acc"), in order: its keys, each with its value (None takes the key out) and a
+            comment for a key that is new.
+        instead: tables that are renamed first, old to new.
+        robots: for which, of a file that is new.
+        scale: None leaves it.
+
+    Raises:
+        CalibrationError: what is there can't be read, or makes no sense with the new parts.
+        PbdError: the place can't be written.
+    """
+    document = _opened(path, instead, robots)
+    if scale is not None:
+        document["scale"] = round(scale, 5)
+    for part, values in parts.items():
+        _fill(_table(document, part), values)
+    with written_whole(path) as unfinished:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        unfinished.write_text(tomlkit.dumps(document), encoding="utf-8")
+        read_calibration(unfinished)  # never leave behind what can't be read
+
+
+def pose_values(pose: Pose, where: str) -> dict[str, tuple[Value | None, str]]:
+    """A pose as `position` and `rpy_deg`."""
+    return {
+        "position": (_rounded(pose.p, 5), f"m, {where}"),
+        "rpy_deg": (_rounded(np.degrees(quat_to_rpy(pose.wxyz)), 4), "about x, then fixed y, then fixed z"),
+    }
+
+
+def covariance_values(cov: Array | None) -> dict[str, tuple[Value | None, str]]:
+    """A pose's covariance (6, 6), m and rad: as sigmas where it is diagonal, else whole."""
+    if cov is None:
+        return {"sigma_m": (None, ""), "sigma_deg": (None, ""), "covariance": (None, "")}
+    sigma = np.sqrt(np.diagonal(cov))
+    diagonal = not (cov - np.diag(np.diagonal(cov))).any()
+    return {
+        "sigma_m": (_rounded(sigma[:3], 6), "one sigma of the position"),
+        "sigma_deg": (_rounded(np.degrees(sigma[3:]), 4), "one sigma of the rotation, about x, y and z"),
+        "covariance": (
+            None if diagonal else [float(f"{x:.9g}") for x in cov.ravel()],
+            "m and rad, 6 x 6: with it the two above are for people only",
+        ),
+    }
+
+
+def _opened(path: Path, instead: Mapping[str, str], robots: Sequence[str]) -> tomlkit.TOMLDocument:
+    source = path if path.is_file() else bundled("calibration") / path.name
+    if source.is_file():
+        read_calibration(source)  # whatever is wrong with it is told by line
+        text = source.read_text(encoding="utf-8")
+        for old, new in instead.items():
+            text = re.sub(rf"(?m)^(\s*\[\s*){old}(\s*\])", rf"\g<1>{new}\g<2>", text)
+        return tomlkit.parse(text)
+    document = tomlkit.document()
+    document.add(tomlkit.comment(HEADER))
+    document["format"] = FORMAT
+    document["name"] = path.stem
+    if robots:
+        document["robots"] = list(robots)
+    return document
+
+
+def _table(document: tomlkit.TOMLDocument, part: str) -> Table:
+    """The table of a dotted name, made where it is missing."""
+    inside: Any = document
+    for name in part.split("."):
+        if not isinstance(inside.get(name), Table):
+            if inside is document:
+                document.add(tomlkit.nl())
+            inside[name] = tomlkit.table()
+        inside = inside[name]
+    assert isinstance(inside, Table)
+    return inside
+
+
+def _fill(table: Table, values: Values) -> None:
+    body, after = table.value.body, []
+    while body and body[-1][0] is None:
+        after.append(body.pop()[1])  # comments there are about the next table: new keys go before them
+    for key, (value, comment) in values.items():
+        if value is None:
+            if key in table:
+                table.remove(key)
+        elif isinstance(value, Mapping):
+            table[key] = tomlkit.inline_table()
+            table[key].update(value)
+        elif key in table:
+            trivia = table[key].trivia
+            table[key] = _item(value)
+            table[key].trivia.comment_ws, table[key].trivia.comment = trivia.comment_ws, trivia.comment
+        else:
+            item = _item(value)
+            if comment:
+                item.comment(comment)
+            table.add(key, item)
+    for remark in reversed(after):
+        assert isinstance(remark, Comment | Whitespace)
+        table.add(remark)
+
+
+def _item(value: Value) -> Any:
+    if isinstance(value, str) or not isinstance(value, Sequence):
+        return tomlkit.item(value)
+    if len(value) < 9:
+        return tomlkit.item(list(value))
+    array, width = tomlkit.array(), math.isqrt(len(value))
+    for start in range(0, len(value), width):
+        array.add_line(*value[start : start + width])
+    array.add_line(indent="")
+    return array
+
+
+def _rounded(values: Array, decimals: int) -> list[float]:
+    return [round(float(x), decimals) + 0.0 for x in values]

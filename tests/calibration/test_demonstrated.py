@@ -1,0 +1,114 @@
+"""The hand's path between keyframes: smoothed within its uncertainty, from keyframe to keyframe."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pbd.calibration.demonstrated import SMOOTH_M, SPACING_M, SPACING_RAD, demonstrated_moves, smoothed
+from pbd.calibration.frames import nav_in_base, tool_poses
+from pbd.data import Calibration, HandPath, Keyframe, Stop
+from pbd.pose import Array, Pose, quat_exp, quat_rotate
+from pbd.tracking.keyframes import find_keyframes
+
+DOCK = Calibration(name="bench", T_base_dock=Pose.from_rpy((0.4, -0.1, 0.3), (0, 0, 0.5)))
+
+
+def arc(noise_m: float = 0.0, sigma_m: float = 0.003, turns: float = 0.5) -> HandPath:
+    """A hand that rests, goes along a quarter of a circle of 20 cm while it turns, and rests."""
+    t = np.arange(0.0, 3.0, 0.01)
+    share = np.clip((t - 1.0) / 1.0, 0.0, 1.0)
+    angle = 0.5 * np.pi * (10 * share**3 - 15 * share**4 + 6 * share**5)
+    p = 0.2 * np.column_stack((np.sin(angle), np.zeros_like(t), 1.0 - np.cos(angle)))
+    moving = (t > 1.05) & (t < 1.95)
+    p[moving] += noise_m * np.random.default_rng(0).normal(size=(moving.sum(), 3))
+    wxyz = quat_exp(np.outer(turns * angle, (1.0, 0.0, 0.0)))
+    cov = np.tile(np.diag([sigma_m**2] * 3 + [1e-4] * 3), (2, 1, 1))
+    stops = (Stop(0, 101, 1.0), Stop(200, 300, 0.99))
+    return HandPath(t, p, np.gradient(p, t, axis=0), wxyz, stops, np.zeros((1, 3)), cov)
+
+
+def moves_of(path: HandPath, keyframes: tuple[Keyframe, ...] | None = None, scale: float = 1.0) -> tuple[Array, ...]:
+    keyframes = keyframes or find_keyframes(path)
+    T_base_nav = nav_in_base(DOCK, keyframes[0].T_nav_sensor.wxyz)
+    (move,) = demonstrated_moves(path, keyframes, T_base_nav, DOCK, scale)
+    p = np.array([T_base_nav.inverse().act(pose.p) for pose in move.T_base_tool])
+    return move.t, p, np.array([pose.wxyz for pose in move.T_base_tool])
+
+
+def test_it_follows_the_hand() -> None:
+    """On the circle of 20 cm about (0, 0, 0.2), at the hand's own time, as densely as it should."""
+    t, p, _ = moves_of(arc())
+    np.testing.assert_allclose(np.linalg.norm(p - (0.0, 0.0, 0.2), axis=1), 0.2, atol=0.003 + 1e-9)
+    np.testing.assert_allclose(t[[0, -1]], [1.0, 2.0], atol=1e-9)
+    assert (np.diff(t) > 0.0).all()
+    assert np.linalg.norm(np.diff(p, axis=0), axis=1).max() < 1.05 * SPACING_M
+    half = p[np.searchsorted(t, 1.5)]
+    np.testing.assert_allclose(half, 0.2 * np.array([np.sin(np.pi / 4), 0.0, 1 - np.cos(np.pi / 4)]), atol=0.01)
+
+
+def test_it_begins_and_ends_at_the_keyframes_also_where_they_were_moved() -> None:
+    path = arc()
+    first, last = find_keyframes(path)
+    moved = replace(
+        last, T_nav_sensor=Pose(last.T_nav_sensor.p + np.array([0.02, 0.01, -0.01]), last.T_nav_sensor.wxyz)
+    )
+    T_base_nav = nav_in_base(DOCK, first.T_nav_sensor.wxyz)
+    for keyframes in ((first, last), (first, moved)):
+        (move,) = demonstrated_moves(path, keyframes, T_base_nav, DOCK)
+        for pose, wanted in zip(
+            (move.T_base_tool[0], move.T_base_tool[-1]), tool_poses(keyframes, T_base_nav, DOCK), strict=True
+        ):
+            np.testing.assert_allclose(pose.distance(wanted), 0.0, atol=1e-7)
+    steps = np.linalg.norm(np.diff([pose.p for pose in move.T_base_tool], axis=0), axis=1)
+    assert steps.max() < 1.1 * SPACING_M  # no jump to it at the end
+
+
+@pytest.mark.parametrize("sigma_m", [0.001, 0.004, 0.1])
+def test_it_is_smoothed_within_its_uncertainty(sigma_m: float) -> None:
+    """Noise of 1 mm, white, is what no hand does: less than a third of it is left, and nothing is moved by more."""
+    noisy, clean = arc(noise_m=5e-4, sigma_m=sigma_m), arc()
+    inside = slice(100, 201)
+    fit = smoothed(np.linspace(0.0, 1.0, 101), noisy.p_nav_sensor[inside], min(sigma_m, SMOOTH_M))
+    fitted = fit(np.linspace(0.0, 1.0, 101))
+    moved = np.linalg.norm(fitted - noisy.p_nav_sensor[inside], axis=1)
+    assert moved.max() <= min(sigma_m, SMOOTH_M)
+    rough = [np.linalg.norm(np.diff(each, 3, axis=0)) for each in (fitted, noisy.p_nav_sensor[inside])]
+    assert rough[0] < (0.9 if sigma_m == 0.001 else 0.1) * rough[1]
+    np.testing.assert_allclose(fitted[[0, -1]], clean.p_nav_sensor[inside][[0, -1]], atol=1e-5)
+
+
+def test_turns_are_as_dense_as_shifts() -> None:
+    _, _, wxyz = moves_of(arc(turns=3.0))
+    turn = 2.0 * np.arccos(np.clip(np.abs(np.einsum("ij,ij->i", wxyz[1:], wxyz[:-1])), 0.0, 1.0))
+    assert turn.max() < 1.1 * SPACING_RAD
+    assert turn.sum() == pytest.approx(1.5 * np.pi, rel=0.02)  # more than half a turn, and not the other way round
+
+
+def test_scale_and_a_fixed_tool() -> None:
+    _, p, _ = moves_of(arc(), scale=0.5)
+    np.testing.assert_allclose(np.linalg.norm(p - (0.0, 0.0, 0.1), axis=1), 0.1, atol=0.003)
+    path = arc()
+    keyframes = find_keyframes(path)
+    (move,) = demonstrated_moves(path, keyframes, nav_in_base(DOCK, keyframes[0].T_nav_sensor.wxyz), DOCK, 1.0, "fixed")
+    down = [quat_rotate(pose.wxyz, (0.0, 0.0, 1.0)) for pose in move.T_base_tool]
+    np.testing.assert_allclose(down, np.tile((0.0, 0.0, -1.0), (len(down), 1)), atol=1e-9)
+
+
+@pytest.mark.parametrize("samples", [0, 1, 2, 4])
+def test_a_move_of_few_samples(samples: int) -> None:
+    """At 10 Hz a quick move may lie between two samples."""
+    path = arc()
+    kept = np.unique(
+        np.concatenate((np.arange(0, 101, 10), np.linspace(100, 200, samples + 2).astype(int), np.arange(200, 300, 10)))
+    )
+    stops = (Stop(0, 11, 1.0), Stop(10 + samples + 1, len(kept), 0.9))
+    few = HandPath(
+        path.t[kept], path.p_nav_sensor[kept], path.v_nav_sensor[kept], path.wxyz_nav_sensor[kept], stops,
+        np.zeros((1, 3)), path.cov,
+    )  # fmt: skip
+    t, p, _ = moves_of(few)
+    assert (np.diff(t) > 0.0).all()
+    np.testing.assert_allclose(p[[0, -1]], [(0, 0, 0), (0.2, 0, 0.2)], atol=1e-9)

@@ -1,0 +1,335 @@
+"""A sensor's errors from rests in several orientations (simulated), against those that the device was drawn with."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from pbd.calibration.accelerometer import NAMES, fit_accelerometer
+from pbd.calibration.check import disagreements, gravity_at
+from pbd.calibration.gyro import fit_gyro
+from pbd.calibration.magnetometer import fit_ellipsoid, fit_magnetometer
+from pbd.calibration.rests import Rests, find_rests, orientations
+from pbd.calibration.sensor import calibrate_sensor, corrected
+from pbd.data import GRAVITY, Recording, RecordingInfo, SensorErrors
+from pbd.errors import CalibrationError
+from pbd.pose import Array, quat_from_rpy, quat_inverse, quat_rotate
+from pbd.sensors.simulate import EARTH, simulate
+from pbd.sensors.simulated_hand import Waypoint
+from pbd.sensors.simulated_tasks import Task
+from tests.calibration.turning import BAD, SIDES, device, sides, symmetric
+
+MG = 1e-3 * GRAVITY
+SEED = 5
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    return simulate(sides(SEED), BAD, SEED).recording
+
+
+@pytest.fixture(scope="module")
+def rests(recording: Recording) -> Rests:
+    return find_rests(recording)
+
+
+def of(acc: Array, noise: float = 0.0) -> Rests:
+    """Rests of which only the accelerometer is known."""
+    k = len(acc)
+    start = np.arange(k) * 200
+    return Rests(start, start + 100, np.ones(k), acc, None, None, noise, 0.0, 0.0)
+
+
+# --- rests ------------------------------------------------------------------------------------------------------------
+
+
+def test_the_rests_are_those_of_the_task(recording: Recording, rests: Rests) -> None:
+    assert len(rests) == len(SIDES)
+    task, end = sides(SEED), 0.0
+    true = []
+    for waypoint in task.waypoints:
+        end += waypoint.move_s + waypoint.rest_s
+        if waypoint.rest_s > 1.0:
+            true.append((end - waypoint.rest_s, end))
+    for (begin, end), start, stop in zip(true, rests.start, rests.stop, strict=True):
+        assert begin <= recording.t[start] < begin + 0.6
+        assert end - 0.6 < recording.t[stop - 1] <= end
+
+
+def test_a_slow_even_turn_is_no_rest() -> None:
+    """It shakes as little as a rest; only its rate gives it away."""
+    n, rate = 1000, 100.0
+    rng = np.random.default_rng(0)
+    gyr = 1e-3 * rng.normal(size=(n, 3)) + np.array([0.001, 0.002, 0.003])
+    gyr[600:, 2] += np.radians(2.0)
+    acc = 0.01 * rng.normal(size=(n, 3)) + (0.0, 0.0, 9.81)
+    found = find_rests(Recording(np.arange(n) / rate, acc, gyr))
+    assert len(found) == 1
+    assert found.stop[0] <= 600
+
+
+@pytest.mark.parametrize(("shake", "what"), [("acc", "the accelerometer shakes by"), ("gyr", "the gyro shakes by")])
+def test_a_sensor_that_was_never_still(shake: str, what: str) -> None:
+    n = 500
+    rng = np.random.default_rng(0)
+    acc, gyr = 0.01 * rng.normal(size=(n, 3)) + (0.0, 0.0, 9.81), 1e-3 * rng.normal(size=(n, 3))
+    trembling = {"acc": acc, "gyr": gyr}
+    trembling[shake] = trembling[shake] + 0.2 * rng.normal(size=(n, 3))
+    with pytest.raises(
+        CalibrationError, match=f"never still: at its quietest .* {what} .*; put it down for two seconds"
+    ):
+        find_rests(Recording(np.arange(n) / 100.0, trembling["acc"], trembling["gyr"]))
+
+
+def test_rests_that_are_too_short() -> None:
+    waypoints = [Waypoint(rest_s=0.7), *(Waypoint((0.1 * (k % 2), 0, 0), (0.5, 0, 0), 0.5, 0.7) for k in range(6))]
+    with pytest.raises(CalibrationError, match="never still for 1 s; put it down for two seconds in each orientation"):
+        find_rests(simulate(Task("hasty", tuple(waypoints)), "modern", 0).recording)
+    with pytest.raises(CalibrationError, match=r"the recording has 0\.1 s; put the sensor down"):
+        find_rests(Recording(np.arange(11) / 100.0, np.zeros((11, 3))))
+
+
+def test_orientations_are_counted_once() -> None:
+    assert orientations(SIDES) == 12
+    assert orientations(np.vstack((SIDES[:3], SIDES[:3] + 0.01))) == 3
+
+
+# --- accelerometer ----------------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=20)
+@given(st.integers(0, 10_000))
+def test_without_noise_the_errors_are_found_exactly(seed: int) -> None:
+    """Up to what the priors hold back: nothing to speak of."""
+    rng = np.random.default_rng(seed)
+    gain = np.eye(3) + 0.02 * rng.normal(size=(3, 3))
+    bias = 0.5 * rng.normal(size=3)
+    fit = fit_accelerometer(of(9.81 * SIDES @ gain.T + bias), 9.81)
+    assert_allclose(fit.linear.bias, bias, atol=2e-3)
+    assert_allclose(fit.linear.matrix, symmetric(gain), atol=3e-4)
+    assert fit.told == NAMES
+    assert fit.after < 1e-3
+
+
+@pytest.mark.parametrize("kind", ["acc"])
+def test_a_bad_accelerometer_is_found(rests: Rests, kind: str) -> None:
+    gain, bias = device(BAD, SEED)[kind]
+    fit = fit_accelerometer(rests, EARTH.gravity)
+    assert_allclose(fit.linear.bias, bias, atol=1.0 * MG)
+    off = fit.linear.matrix - symmetric(gain)
+    assert np.abs(np.diagonal(off)).max() < 0.001
+    assert np.abs(off - np.diag(np.diagonal(off))).max() < np.radians(0.1)
+    assert np.all(np.abs(fit.linear.bias - bias) < 4.0 * fit.linear.bias_sigma)
+    assert fit.after < 0.02 * fit.before
+
+
+def test_six_sides_tell_bias_and_scale_but_no_lean() -> None:
+    fit = fit_accelerometer(of(9.81 * SIDES[:6]), 9.81)
+    assert fit.untold == ("lean yz", "lean xz", "lean xy")
+
+
+def test_one_side_of_an_axis_tells_neither_its_bias_nor_its_scale() -> None:
+    """x is seen pointing up, never down: a bias and a scale of x look the same."""
+    up = SIDES[[0, 1, 2, 4, 5]]
+    fit = fit_accelerometer(of(9.81 * up + (0.2, 0.1, 0.0)), 9.81)
+    assert {"bias x", "scale x"} <= set(fit.untold)
+    assert {"bias y", "scale y", "bias z", "scale z"} <= set(fit.told)
+    assert fit.linear.bias[1] == pytest.approx(0.1, abs=2e-3)
+    assert 0.0 < fit.linear.bias[0] < 0.2  # shared out
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_orientations_that_are_too_few_or_alike_are_refused(count: int) -> None:
+    with pytest.raises(
+        CalibrationError, match=rf"of {count} rests only {count} differ.* needs 4 orientations, best 12"
+    ):
+        fit_accelerometer(of(9.81 * SIDES[:count]))
+    alike = SIDES[[0] * 6] + 0.05 * np.random.default_rng(0).normal(size=(6, 3))
+    with pytest.raises(CalibrationError, match="of 6 rests only 1 differs by 15 degrees"):
+        fit_accelerometer(of(9.81 * alike))
+
+
+def test_other_gravity_is_other_scale(rests: Rests) -> None:
+    first, second = (np.diagonal(fit_accelerometer(rests, gravity).linear.matrix) for gravity in (9.81, 9.80))
+    assert_allclose(second / first, 9.80 / 9.81, atol=1e-4)
+
+
+def test_gravity_follows_latitude() -> None:
+    """WGS 84's own figures at the equator and the pole, and Paris' 9.809 at 48.8 degrees (its geoid aside)."""
+    assert gravity_at(0.0) == pytest.approx(9.7803253359, abs=1e-9)
+    assert gravity_at(90.0) == pytest.approx(9.8321849379, abs=1e-7)
+    assert gravity_at(-90.0) == gravity_at(90.0)
+    assert gravity_at(48.8, 60.0) == pytest.approx(9.809, abs=1e-3)
+
+
+# --- gyro -------------------------------------------------------------------------------------------------------------
+
+
+def test_a_gyro_is_found_in_the_accelerometers_axes(recording: Recording, rests: Rests) -> None:
+    (gain_acc, _), (gain, bias) = (device(BAD, SEED)[kind] for kind in ("acc", "gyr"))
+    acc = fit_accelerometer(rests, EARTH.gravity)
+    force = acc.linear.true(rests.acc)
+    up = force / np.linalg.norm(force, axis=1, keepdims=True)
+    fit = fit_gyro(recording, rests, up, acc.up_sigma)
+    assert_allclose(fit.bias, bias, atol=np.radians(0.02))
+    turned = symmetric(gain_acc) @ gain_acc  # the accelerometer's axes against the housing's
+    assert np.abs(fit.matrix @ gain - turned).max() < 0.003
+    assert np.abs(gain - turned).max() > 0.01
+    assert_allclose(fit_gyro(recording, rests).matrix, np.eye(3))  # without the vertical the bias alone
+
+
+@pytest.mark.parametrize("wrong", [np.pi / 180.0, -1.0])
+def test_a_gyro_in_another_unit_or_other_axes_is_refused(recording: Recording, rests: Rests, wrong: float) -> None:
+    assert recording.gyr is not None
+    few = replace(
+        rests,
+        start=rests.start[:4],
+        stop=rests.stop[:4],
+        seconds=rests.seconds[:4],
+        acc=rests.acc[:4],
+        gyr=None if rests.gyr is None else rests.gyr[:4],
+        mag=None,
+    )
+    with pytest.raises(CalibrationError, match=r"does not turn as gravity does .*; is its unit rad/s"):
+        fit_gyro(replace(recording, gyr=wrong * recording.gyr), few, rests.up_sensor[:4])
+
+
+def test_five_seconds_of_rest_tell_the_bias() -> None:
+    for seed in range(10):
+        still = simulate(Task("still", (Waypoint(rest_s=5.0),)), "wt901", seed).recording
+        _, bias = device(replace(BAD, gyr=BAD.gyr), seed)["gyr"]
+        assert np.abs(fit_gyro(still, find_rests(still)).bias - bias).max() < np.radians(0.04)
+
+
+# --- magnetometer -----------------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=30)
+@given(st.integers(0, 10_000))
+def test_an_ellipsoid_is_found_exactly(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    directions = rng.normal(size=(60, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    gain, centre = np.eye(3) + 0.15 * rng.normal(size=(3, 3)), 30.0 * rng.normal(size=3)
+    found, matrix = fit_ellipsoid(50.0 * directions @ gain.T + centre)
+    assert_allclose(found, centre, atol=1e-6)
+    assert_allclose(matrix, symmetric(gain) / 50.0, atol=1e-8)
+
+
+def test_hard_and_soft_iron_are_found(recording: Recording, rests: Rests) -> None:
+    """What matters is the heading of any attitude: the field as corrected, with the vertical as corrected."""
+    gains = device(BAD, SEED)
+    acc = fit_accelerometer(rests, EARTH.gravity)
+    force = acc.linear.true(rests.acc)
+    assert recording.mag is not None
+    fit = fit_magnetometer(recording.mag, rests, force / np.linalg.norm(force, axis=1, keepdims=True), acc.up_sigma)
+    turned = symmetric(gains["acc"][0]) @ gains["acc"][0]
+    gain, bias = gains["mag"]
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        wxyz = quat_inverse(quat_from_rpy(rng.uniform((-1.0, -1.0, -np.pi), (1.0, 1.0, np.pi))))
+        field, up = quat_rotate(wxyz, EARTH.field), quat_rotate(wxyz, (0.0, 0.0, 1.0))
+        as_read = gain @ field + bias
+        assert abs(_heading(fit.linear.true(as_read), turned @ up, turned) - _heading(field, up, np.eye(3))) % (
+            2.0 * np.pi
+        ) < np.radians(0.5)
+    assert fit.dip == pytest.approx(np.arctan2(44.0, 19.5), abs=np.radians(0.3))
+    assert fit.uneven < 0.05 * fit.before
+
+
+def _heading(field: Array, up: Array, axes: Array) -> float:
+    """Of the sensor's x axis, from east."""
+    east = np.cross(field, up)
+    return float(np.arctan2(axes[:, 0] @ np.cross(up, east), axes[:, 0] @ east))
+
+
+def test_a_magnetometer_that_lay_flat_is_refused() -> None:
+    n = 400
+    angle = np.linspace(0.0, 12.0, n)
+    mag = np.column_stack((20.0 * np.cos(angle), 20.0 * np.sin(angle), np.full(n, -44.0)))
+    mag += 0.1 * np.random.default_rng(0).normal(size=mag.shape)
+    with pytest.raises(CalibrationError, match="the magnetometer was not turned far enough"):
+        fit_magnetometer(mag, replace(of(9.81 * SIDES), mag=mag[:12], mag_noise=0.1), SIDES)
+
+
+# --- all together -----------------------------------------------------------------------------------------------------
+
+
+def test_a_corrected_recording_reads_gravity_nothing_and_one_field(recording: Recording) -> None:
+    fit = calibrate_sensor(recording, gravity=EARTH.gravity, temperature_c=21.0)
+    assert fit.remarks == ()
+    assert fit.errors.temperature_c == 21.0
+    true = find_rests(corrected(recording, fit.errors))
+    assert_allclose(np.linalg.norm(true.acc, axis=1), EARTH.gravity, atol=1.0 * MG)
+    assert true.gyr is not None
+    assert_allclose(true.gyr, 0.0, atol=np.radians(0.05))
+    assert true.mag is not None
+    assert fit.errors.field is not None
+    assert_allclose(np.linalg.norm(true.mag, axis=1), fit.errors.field, rtol=0.01)
+    assert corrected(recording, None) is recording
+
+
+def test_only_some_keeps_the_others(recording: Recording) -> None:
+    whole = calibrate_sensor(recording, gravity=EARTH.gravity).errors
+    again = calibrate_sensor(recording, only=("gyr",), known=whole).errors
+    assert again.acc is whole.acc
+    assert again.mag is whole.mag
+    assert again.gravity == whole.gravity
+    assert again.gyr is not None
+    assert whole.gyr is not None
+    assert_allclose(again.gyr.matrix, whole.gyr.matrix)
+    assert_allclose(again.gyr.bias, whole.gyr.bias)
+
+
+def test_what_the_sensor_lacks_is_left_out_or_refused(recording: Recording) -> None:
+    bare = replace(recording, gyr=None, mag=None)
+    errors = calibrate_sensor(bare).errors
+    assert (errors.gyr, errors.mag) == (None, None)
+    assert errors.acc is not None
+    for kind, what in (("gyr", "no gyro"), ("mag", "no magnetometer")):
+        with pytest.raises(CalibrationError, match=f"the recording has {what}"):
+            calibrate_sensor(bare, only=(kind,))
+
+
+def test_another_sensors_errors_are_refused(recording: Recording) -> None:
+    errors = SensorErrors("vn100")
+    with pytest.raises(CalibrationError, match=r"is of the sensor 'simulated bad wt901', but .* of 'vn100'; name a"):
+        corrected(recording, errors)
+    with pytest.raises(CalibrationError, match="of 'vn100'"):
+        calibrate_sensor(recording, known=errors)
+    unnamed = replace(recording, info=RecordingInfo(sensor="unknown"))
+    assert len(corrected(unnamed, errors)) == len(recording)
+
+
+def test_a_rest_that_contradicts_its_calibration_is_told(recording: Recording, rests: Rests) -> None:
+    errors = calibrate_sensor(recording, gravity=EARTH.gravity).errors
+    assert errors.acc is not None
+    assert errors.gyr is not None
+    assert errors.mag is not None
+    assert rests.gyr is not None
+    assert rests.mag is not None
+    acc, gyr, mag = errors.acc.true(rests.acc[3]), errors.gyr.true(rests.gyr[3]), errors.mag.true(rests.mag[3])
+    assert disagreements(errors, acc, gyr, mag) == ()
+    assert disagreements(errors, acc) == ()
+    (line,) = disagreements(errors, 1.02 * acc, gyr, mag)
+    assert "accelerometer reads 10.01 m/s2 after its calibration" in line
+    (line,) = disagreements(errors, acc, gyr + np.radians(1.0), mag)
+    assert "the gyro reads 1.7 degrees/s beside its calibrated bias" in line
+    (line,) = disagreements(errors, acc, gyr, 1.2 * mag)
+    assert "the magnetic field is " in line
+    (line,) = disagreements(errors, acc, gyr, _dipped(mag, acc))
+    assert "the magnetic field dips by " in line
+
+
+def _dipped(mag: Array, acc: Array) -> Array:
+    """As strong, 10 degrees steeper."""
+    up = acc / np.linalg.norm(acc)
+    level = mag - (mag @ up) * up
+    size = np.linalg.norm(mag)
+    dip = np.arcsin(-(mag @ up) / size) + np.radians(10.0)
+    return np.asarray(size * (np.cos(dip) * level / np.linalg.norm(level) - np.sin(dip) * up))

@@ -1,0 +1,46 @@
+"""A simulated demonstration that touches points, with where its nav lies in base."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pbd.data import Demonstration
+from pbd.pose import Array, Pose, quat_about_z
+from pbd.sensors.simulate import simulate
+from pbd.sensors.simulated_hand import Waypoint
+from pbd.sensors.simulated_tasks import Task
+
+PLACES = 0.3 * np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0.5, -0.5, 0.4), (0.5, 1.5, 0.4)])
+"""m: about 30 cm from one to the next."""
+
+
+@dataclass(frozen=True, eq=False)
+class Touching:
+    """demo; points (m, 3) m in base; T_base_nav of its true nav."""
+
+    demo: Demonstration
+    points: Array
+    T_base_nav: Pose
+
+
+def touching(seed: int, count: int = 4, sensor: str = "wt901") -> Touching:
+    """From a rest elsewhere, a second or so to each point, and a second or so on it; the hand turns a little."""
+    rng = np.random.default_rng(seed)
+    places = PLACES[:count] + rng.normal(scale=0.03, size=(count, 3))
+    start = rng.uniform(-0.2, 0.2, 3)
+    waypoints = [Waypoint(_triple(start), rest_s=2.0)]
+    for place in places:
+        axis = rng.normal(size=3)
+        turn = np.radians(rng.uniform(0.0, 20.0)) * axis / np.linalg.norm(axis)
+        waypoints.append(Waypoint(_triple(place), _triple(turn), rng.uniform(0.8, 1.5), rng.uniform(0.6, 1.2)))
+    task = Task("touching", tuple(waypoints), start_rpy=(0.0, 0.0, rng.uniform(-np.pi, np.pi)))
+    T_base_world = Pose(rng.uniform(-0.5, 0.5, 3), quat_about_z(rng.uniform(-np.pi, np.pi)))
+    start_in_world = Pose(start, np.array([1.0, 0.0, 0.0, 0.0]))  # world's y is north, as nav's with a magnetometer
+    return Touching(simulate(task, sensor, seed), T_base_world.act(places), T_base_world @ start_in_world)
+
+
+def _triple(values: Array) -> tuple[float, float, float]:
+    x, y, z = values.tolist()
+    return x, y, z

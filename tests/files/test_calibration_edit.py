@@ -1,0 +1,183 @@
+"""A calibration is edited part by part, and what a person wrote stays."""
+
+from __future__ import annotations
+
+import stat
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+from pbd.errors import CalibrationError, PbdError
+from pbd.files.calibration import read_calibration
+from pbd.files.calibration_edit import calibration_file, covariance_values, pose_values, update_calibration
+from pbd.files.library import bundled
+from pbd.pose import Pose
+
+BENCH = """\
+# my bench
+format = 1
+name = "bench"    # by the window
+table_height = 0.75
+
+# measured with a ruler
+[dock]
+position = [0.4, 0.1, 0.2]   # to the corner
+rpy_deg = [0.0, 0.0, 90.0]
+any_attitude = true
+# about the shelf
+[[obstacle]]
+name = "shelf"               # oak
+shape = "box"
+size = [0.3, 0.2, 0.02]
+position = [0.6, 0.4, 0.3]
+"""
+POSE = Pose.from_rpy((0.1, -0.2, 0.3), (0.1, 0.2, 0.3))
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Path:
+    path = tmp_path / "bench.toml"
+    path.write_text(BENCH, encoding="utf-8")
+    return path
+
+
+def test_what_is_not_named_stays_as_it_was_written(bench: Path) -> None:
+    update_calibration(bench, {"dock": pose_values(POSE, "in base")})
+    written = bench.read_text(encoding="utf-8").splitlines()
+    assert written[6:9] == [
+        "[dock]",
+        "position = [0.1, -0.2, 0.3]   # to the corner",
+        "rpy_deg = [5.7296, 11.4592, 17.1887]",
+    ]
+    assert written[:6] + written[9:] == BENCH.splitlines()[:6] + BENCH.splitlines()[9:]
+
+
+def test_new_keys_come_before_the_comment_on_the_next_table(bench: Path) -> None:
+    cov = np.diag(np.square([1e-3, 2e-3, 3e-3, 0.0, 0.0, 0.01]))
+    update_calibration(bench, {"dock": covariance_values(cov)})
+    text = bench.read_text(encoding="utf-8")
+    assert text.index("any_attitude") < text.index("sigma_m") < text.index("# about the shelf")
+    found = read_calibration(bench).cov_base
+    assert found is not None
+    assert_allclose(found, cov, rtol=1e-3)
+
+
+def test_every_part_arrives_where_the_reader_looks(bench: Path) -> None:
+    cov = np.diag([1e-6] * 6) + 1e-7
+    update_calibration(
+        bench,
+        {
+            "mount": pose_values(POSE, "in sensor axes") | covariance_values(cov) | {"fit": ({"rms_mm": 1.5}, "")},
+            "sensor": {"name": ("mine", ""), "gravity": (9.81, "m/s2")},
+            "sensor.acc": {"bias": ([0.1, 0.2, 0.3], "m/s2"), "matrix": ([1.0, 0, 0, 0, 1.02, 0, 0, 0, 1.0], "")},
+        },
+        scale=1.25,
+    )
+    calibration = read_calibration(bench)
+    assert calibration.T_sensor_tool.distance(POSE)[0] < 1e-5
+    assert calibration.T_sensor_tool.distance(POSE)[1] < 1e-5
+    assert calibration.cov_sensor_tool is not None
+    assert_allclose(calibration.cov_sensor_tool, cov)
+    assert calibration.residuals == {"mount.rms_mm": 1.5}
+    assert calibration.scale == 1.25
+    assert calibration.sensor is not None
+    assert calibration.sensor.acc is not None
+    assert (calibration.sensor.sensor, calibration.sensor.gyr) == ("mine", None)
+    assert_allclose(calibration.sensor.acc.true(np.array([0.1, 1.2, 0.3])), (0.0, 1.02, 0.0))
+    assert [obstacle.name for obstacle in calibration.obstacles] == ["shelf"]
+
+
+def test_a_dock_gives_way_to_nav_in_its_place(bench: Path) -> None:
+    update_calibration(
+        bench, {"nav": pose_values(POSE, "in base") | {"any_attitude": (None, "")}}, instead={"dock": "nav"}
+    )
+    text = bench.read_text(encoding="utf-8")
+    assert text.index("# measured with a ruler") < text.index("[nav]") < text.index("# about the shelf")
+    calibration = read_calibration(bench)
+    assert calibration.T_base_dock is None
+    assert calibration.T_base_nav is not None
+
+
+def test_a_new_one_says_for_which_robot_and_can_be_read(tmp_path: Path) -> None:
+    path = tmp_path / "calibration" / "new.toml"
+    update_calibration(path, {"dock": pose_values(POSE, "in base")}, robots=("panda",))
+    calibration = read_calibration(path)
+    assert (calibration.name, calibration.robots) == ("new", ("panda",))
+    update_calibration(path, {"dock": pose_values(POSE, "in base")}, robots=("ur5",))
+    assert read_calibration(path).robots == ("panda",)  # it is a person's to change
+
+
+def test_a_bundled_one_is_copied_not_changed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    before = (bundled("calibration") / "default.toml").read_bytes()
+    update_calibration(calibration_file("default"), {"mount": pose_values(POSE, "in sensor axes")})
+    assert (bundled("calibration") / "default.toml").read_bytes() == before
+    assert "# Height of the table's top" in Path("calibration/default.toml").read_text(encoding="utf-8")
+    assert read_calibration(Path("calibration/default.toml")).T_base_dock is not None
+
+
+@pytest.mark.parametrize("text", [BENCH.replace("format = 1", "format = 2"), BENCH.replace("0.75", '"high"'), "x ="])
+def test_what_can_not_be_read_is_not_touched(bench: Path, text: str) -> None:
+    bench.write_text(text, encoding="utf-8")
+    with pytest.raises(CalibrationError):
+        update_calibration(bench, {"dock": pose_values(POSE, "in base")})
+    assert bench.read_text(encoding="utf-8") == text
+    assert [path.name for path in bench.parent.iterdir()] == ["bench.toml"]
+
+
+def test_nothing_half_done_is_left(bench: Path) -> None:
+    """A value that the reader refuses is found before the file is replaced."""
+    with pytest.raises(CalibrationError, match="and \\[nav\\] can't both be given"):
+        update_calibration(bench, {"nav": pose_values(POSE, "in base")})
+    assert bench.read_text(encoding="utf-8") == BENCH
+    assert [path.name for path in bench.parent.iterdir()] == ["bench.toml"]
+
+
+def test_a_place_that_can_not_be_written_is_told(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(PbdError, match="can't be written"):
+        update_calibration(tmp_path / "file" / "new.toml", {"dock": pose_values(POSE, "in base")})
+
+
+@pytest.mark.parametrize("name", ["", "..", ".toml", "~", "a/.."])
+def test_names_that_are_none(name: str) -> None:
+    with pytest.raises(CalibrationError, match="can't be a calibration's name"):
+        calibration_file(name)
+
+
+def test_where_it_is_written() -> None:
+    assert calibration_file("bench") == Path("calibration/bench.toml")
+    assert calibration_file("bench.toml") == Path("calibration/bench.toml")
+    assert calibration_file("there/bench.toml") == Path("there/bench.toml")
+
+
+def test_rights_are_those_of_a_file(bench: Path) -> None:
+    update_calibration(bench, {"dock": pose_values(POSE, "in base")})
+    assert stat.S_IMODE(bench.stat().st_mode) & stat.S_IRUSR
+
+
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    st.lists(st.sampled_from(["dock", "mount", "sensor.acc", "sensor.gyr"]), min_size=1, max_size=4),
+    st.lists(st.floats(-1e3, 1e3), min_size=6, max_size=6),
+)
+def test_any_edits_leave_what_a_person_wrote(bench: Path, parts: list[str], numbers: list[float]) -> None:
+    """Every comment and every line of the obstacle stays, and what was written last is read."""
+    bench.write_text(BENCH, encoding="utf-8")
+    pose = Pose.from_rpy(numbers[:3], np.radians(numbers[3:]))
+    for part in parts:
+        if part.startswith("sensor"):
+            update_calibration(bench, {"sensor": {"name": ("mine", "")}, part: {"bias": (numbers[:3], "")}})
+        else:
+            update_calibration(bench, {part: pose_values(pose, "somewhere") | covariance_values(np.eye(6))})
+    text = bench.read_text(encoding="utf-8")
+    assert text.startswith(BENCH[: BENCH.index("[dock]")])
+    assert BENCH[BENCH.index("# about the shelf") :].rstrip() in text
+    calibration = read_calibration(bench)
+    if "mount" in parts:
+        assert calibration.T_sensor_tool.distance(pose)[0] < 2e-5
+    assert (calibration.sensor is not None) == any(part.startswith("sensor") for part in parts)

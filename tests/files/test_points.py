@@ -1,0 +1,63 @@
+"""Points files: the unit is said, or refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from numpy.testing import assert_allclose
+
+from pbd.errors import CalibrationError
+from pbd.files.points import read_points
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "points.csv"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("text", "unit"),
+    [
+        ("name,x_m,y_m,z_m\nA,0.3,-0.2,0\nB,0.5,0.1,0.02\n", None),
+        ("z_mm;y_mm;x_mm;name\n# the corner\n0;-200;300;A\n\n20;100;500;B\n", None),
+        ("\ufeffname\tX_cm\tY_cm\tZ_cm\nA\t30\t-20\t0\nB\t50\t10\t2\n", None),
+        ("name,x,y,z\nA,300,-200,0\nB,500,100,20\n", "mm"),
+    ],
+)
+def test_units_become_metres(tmp_path: Path, text: str, unit: str | None) -> None:
+    points = read_points(write(tmp_path, text), unit)
+    assert points.names == ("A", "B")
+    assert_allclose(points.p_base, [[0.3, -0.2, 0.0], [0.5, 0.1, 0.02]])
+
+
+def test_points_without_names_are_counted(tmp_path: Path) -> None:
+    assert read_points(write(tmp_path, "x_m,y_m,z_m\n0,0,0\n1,0,0\n")).names == ("1", "2")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", ": the file is empty; write a header"),
+        ("x_m,y_m,z_m\n", ": a header but no points; add a row a point"),
+        ("x,y,z\n0,0,0\n", ": the unit of x, y, z is not known; name the columns x_m,y_m,z_m"),
+        ("x_in,y_in,z_in\n0,0,0\n", ": the columns are x_in, y_in, z_in; they must be x_m, y_m and z_m"),
+        ("x_m,y_m,z_mm\n0,0,0\n", ": the columns are x_m, y_m, z_mm; they must be"),
+        ("x_m,y_m,z_m\n0,0\n", ":2: 2 cells under 3 columns; mend that line"),
+        ("x_m,y_m,z_m\n0,left,0\n", ":2: y_m is 'left', which is no number; correct it"),
+        ("x_m,y_m,z_m\n0,0,0\n0,nan,0\n", ":3: y_m is 'nan', which is no number; correct it"),
+        ("name,x_m,y_m,z_m\nA,300,0,0\n", ":2: the point 'A' is 300 m from the robot's base; is the unit right?"),
+        ("name,x_m,y_m,z_m\nA,0,0,0\nA,1,0,0\n", ": two points are named 'A'; rename one"),
+    ],
+)
+def test_a_fault_is_named_with_its_line(tmp_path: Path, text: str, message: str) -> None:
+    path = write(tmp_path, text)
+    with pytest.raises(CalibrationError) as caught:
+        read_points(path)
+    assert caught.value.message.startswith(f"{path}{message}")
+
+
+def test_a_file_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(CalibrationError, match=r"no\.csv: can't be read as text"):
+        read_points(tmp_path / "no.csv")
