@@ -1,4 +1,7 @@
-"""Make the README's picture from the real page: python docs/pictures.py (needs Chromium and its driver)."""
+"""Make the pictures of the README and of robots.md from the real page: python docs/pictures.py.
+
+Needs Chromium and its driver. With names of robots as arguments only those are made.
+"""
 
 from __future__ import annotations
 
@@ -10,37 +13,63 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from PIL import Image
-from selenium.webdriver import Chrome, ChromeOptions
-from selenium.webdriver.chrome.service import Service
+from selenium.webdriver import Chrome
 
 from tests.view.browser import Replay
-from tests.view.conftest import CHROMIUM_OPTIONS
+from tests.view.chromium import chromium, set_scheme, set_size
 
-PAGE_T = 5.0
-"""The replay's time in the picture, s: the bottle is being tipped."""
+DOCS = Path(__file__).parent
+SHOWN = "panda"
+"""The robot of the README."""
+FRAMES_PER_S = 10
+POURING = 0.46
+"""Of the replay's time: the bottle is being tipped."""
 
 
 def main() -> None:
-    """Render replay.png beside this file."""
+    """Write replay.webp and robot-NAME.webp beside this file."""
+    every = sorted(path.stem for path in (DOCS.parent / "robots").glob("*.toml"))
     with tempfile.TemporaryDirectory() as folder:
-        page = Path(folder) / "replay.html"
-        subprocess.run(
-            [sys.executable, "-m", "pbd", "replay", "pouring", "--robot", "panda", "--html", str(page)], check=True
-        )
-        options = ChromeOptions()
-        for option in CHROMIUM_OPTIONS:
-            options.add_argument(option)
-        options.add_argument("--window-size=1440,900")
-        options.add_argument(f"--user-data-dir={folder}/profile")
-        options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-        chrome = Chrome(options=options, service=Service("/usr/bin/chromedriver"))
+        chrome = chromium(Path(folder) / "profile")
+        if chrome is None:
+            sys.exit("needs chromium and chromedriver on PATH")
         try:
-            replay = Replay(chrome, page.as_uri())
-            replay(f"pbd.page.player.seek({PAGE_T})")
-            picture = Image.fromarray(replay.picture())
+            for name in sys.argv[1:] or every:
+                page = Path(folder) / f"{name}.html"
+                command = ["replay", "pouring", "--robot", name, "--html", str(page)]
+                subprocess.run([sys.executable, "-m", "pbd", *command], check=True, cwd=DOCS.parent)
+                robot(chrome, page, DOCS / f"robot-{name}.webp")
+                if name == SHOWN:
+                    moving(chrome, page, DOCS / "replay.webp")
         finally:
             chrome.quit()
-    picture.save(Path(__file__).with_name("replay.png"), optimize=True)
+
+
+def moving(chrome: Chrome, page: Path, to: Path) -> None:
+    """Write the replay as it plays."""
+    set_size(chrome, 1000, 700)
+    set_scheme(chrome, "light")
+    replay = Replay(chrome, page.as_uri())
+    replay("pbd.page.fold('panel', true)")
+    frames = []
+    for i in range(int(FRAMES_PER_S * replay("return pbd.page.player.duration"))):
+        replay(f"pbd.page.player.seek({i / FRAMES_PER_S})")
+        frames.append(Image.fromarray(replay.picture()).resize((800, 560), Image.Resampling.LANCZOS))
+    frames[0].save(
+        to, save_all=True, append_images=frames[1:], duration=1000 // FRAMES_PER_S, loop=0, quality=75, method=6
+    )
+
+
+def robot(chrome: Chrome, page: Path, to: Path) -> None:
+    """Write the scene alone, small."""
+    set_size(chrome, 960, 720)
+    set_scheme(chrome, "light")
+    replay = Replay(chrome, page.as_uri())
+    replay(
+        "for (const id of ['bar', 'labels']) document.getElementById(id).hidden = true; pbd.page.fold('panel', true)"
+    )
+    replay(f"pbd.page.player.seek({POURING} * pbd.page.player.duration)")
+    Image.fromarray(replay.picture()).resize((480, 360), Image.Resampling.LANCZOS).save(to, quality=85, method=6)
 
 
 if __name__ == "__main__":

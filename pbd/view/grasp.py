@@ -7,11 +7,9 @@ import numpy as np
 from pbd.data import GraspedObject
 from pbd.data.world import holds, stays
 from pbd.pose import Array
-from pbd.view import shapes
-from pbd.view.meshes import Mesh
 from pbd.view.motion import Track
 
-__all__ = ["carried", "holds", "mesh"]
+__all__ = ["carried", "holds"]
 
 RGB = (0.16, 0.55, 0.53)
 
@@ -39,14 +37,3 @@ def carried(
         p[first:last] = moved.p[first:last] if stay.held else stay.pose.p
         wxyz[first:last] = moved.wxyz[first:last] if stay.held else stay.pose.wxyz
     return Track(p, wxyz)
-
-
-def mesh(thing: GraspedObject) -> Mesh:
-    """What it looks like."""
-    if thing.shape == "box":
-        return shapes.box(thing.size, RGB)
-    if thing.shape == "cylinder":
-        return shapes.cylinder(0.5 * thing.size[0], thing.size[1], RGB)
-    if thing.shape == "sphere":
-        return shapes.sphere(0.5 * thing.size[0], RGB)
-    raise ValueError(f"a grasped object is a box, cylinder or sphere, not {thing.shape!r}")

@@ -7,7 +7,7 @@ be sent. A panda takes 1.3 MB this way.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -56,6 +56,11 @@ class Mesh:
     faces: NDArray[np.uint32]
     rgb: NDArray[np.uint8]
     closed: bool = True
+
+    def painted(self, rgb: ArrayLike) -> Mesh:
+        """The same in one colour (3,), 0..1."""
+        colour = np.rint(255.0 * np.asarray(rgb, dtype=np.float64)).astype(np.uint8)
+        return replace(self, rgb=np.tile(colour, (len(self.rgb), 1)))
 
     @staticmethod
     def of(vertices: ArrayLike, faces: ArrayLike, rgb: ArrayLike) -> Mesh:

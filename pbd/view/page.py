@@ -24,7 +24,11 @@ from pbd.view.meshcat_api import ScenePath, Visualizer, meshcat_file
 if TYPE_CHECKING:  # the server of the live viewer makes a page too, and needs no robot library
     from pbd.view.scene import ReplayScene
 
-SCRIPTS = ("player.js", "quality.js", "stage.js", "page.js", "hand.js", "boot.js")
+SCRIPTS = (
+    *("dom.js", "player.js", "quality.js", "room.js", "stage.js", "keyframes.js", "timeline.js", "joints.js"),
+    *("legend.js", "keys.js", "page.js", "hand.js", "boot.js"),
+)
+"""In this order they make one script."""
 SCENE_ROOT = "pbd"
 POLICY = (
     "default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:; connect-src {connect}; "

@@ -5,86 +5,33 @@ How it looks (light, ground, camera, controls) is the page's business (pbd/view/
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from pbd.data import GraspedObject, JointTrajectory, Robot
-from pbd.pose import Array, Pose, readonly
-from pbd.view import grasp, shapes
+from pbd.data import Obstacle
+from pbd.pose import Array, Pose
+from pbd.view import grasp, shapes, stand_in
+from pbd.view.description import describe
+from pbd.view.extent import extent
 from pbd.view.meshcat_api import Visualizer
 from pbd.view.motion import Motion, Track
+from pbd.view.scene_values import ReplayKeyframe, ReplayScene, Touching
 from pbd.view.visuals import Visual, read_visuals
-from pbd.view.wire import PoseTrack, SetTracks, solid, typed
+from pbd.view.wire import PoseTrack, SetTracks, solid
+
+__all__ = ["ReplayKeyframe", "ReplayScene", "Touching", "build"]
 
 FRAME_RATE_HZ = 50.0
 PATH_SPACING_M = 0.003
 TOOL_PATH_RGB = (0.55, 0.57, 0.60)
-
-
-@dataclass(frozen=True, eq=False)
-class ReplayKeyframe:
-    """A keyframe as the replay shows it.
-
-    Attributes:
-        label: a word for people; may be empty.
-        t: s, when the arm reaches it.
-        T_base_tool: where.
-        sigma_m: (3,) m along base's axes, how sure we are; or None.
-        grip: True where the gripper closes here, False where it opens.
-    """
-
-    label: str
-    t: float
-    T_base_tool: Pose
-    sigma_m: Array | None = None
-    grip: bool | None = None
-
-    def __post_init__(self) -> None:
-        if self.sigma_m is not None:
-            object.__setattr__(self, "sigma_m", sigma := readonly(self.sigma_m))
-            if sigma.shape != (3,):
-                raise ValueError(f"ReplayKeyframe.sigma_m must have shape (3,), got {sigma.shape}")
-
-
-@dataclass(frozen=True, eq=False)
-class ReplayScene:
-    """Everything that a replay shows.
-
-    Attributes:
-        title: the demonstration's name.
-        robot: which arm.
-        trajectory: what it does.
-        hand_path_base: (n, 3) m, where the demonstrated tool went in base.
-        hand_speed: (n,) m/s, colours the path; or None.
-        keyframes: in order.
-        table_height: m, z of the table's top in base; None: the ground at z = 0.
-        grasped: what the gripper takes, or None.
-        notes: what the viewer should know: warnings, "simulated data".
-    """
-
-    title: str
-    robot: Robot
-    trajectory: JointTrajectory
-    hand_path_base: Array
-    keyframes: tuple[ReplayKeyframe, ...]
-    hand_speed: Array | None = None
-    table_height: float | None = None
-    grasped: GraspedObject | None = None
-    notes: tuple[str, ...] = field(default=())
-
-    def __post_init__(self) -> None:
-        n = len(self.hand_path_base)
-        for name, shape in (("hand_path_base", (n, 3)), ("hand_speed", (n,))):
-            if (value := getattr(self, name)) is None:
-                continue
-            object.__setattr__(self, name, array := readonly(value))
-            if array.shape != shape:
-                raise ValueError(f"ReplayScene.{name} must have shape {shape}, got {array.shape}")
-        object.__setattr__(self, "keyframes", tuple(self.keyframes))
-        object.__setattr__(self, "notes", tuple(self.notes))
+TOUCHING_RGB = (0.86, 0.12, 0.10)
+OBSTACLE_RGB = (0.62, 0.55, 0.47)
+OBSTACLE_OPACITY = 0.6
+OBJECT_OPACITY = 0.72
+"""What it holds hides keyframes and the path otherwise."""
+LEAST_SIGMA_M = 2e-4
+"""An ellipsoid is drawn at least so thick; one that is thinner along all its axes isn't drawn."""
 
 
 def build(scene: ReplayScene, into: Visualizer) -> None:
@@ -97,20 +44,25 @@ def build(scene: ReplayScene, into: Visualizer) -> None:
     tool = motion.tool()
     visuals = read_visuals(scene.robot)
     into.delete()
-    tracks = _robot(motion, visuals, into["robot"])
+    red = scene.touching.bodies if scene.touching else ()
+    nodes, tracks = _robot(motion, visuals, red, into["robot"])
+    if stand_in.is_missing(scene.robot):
+        _gripper(scene, motion, nodes)
     _path(scene, into["hand_path"])
     into["tool_path"].set_object(solid(shapes.tube(_thinned(tool.p)[0], np.array(TOOL_PATH_RGB), 0.0012, sides=6)))
     _keyframes(scene, into["keyframes"])
-    spans = grasp.holds(scene.trajectory.gripper_t, scene.trajectory.gripper_opening)
-    if scene.grasped is not None and spans:
-        into["object"].set_object(solid(grasp.mesh(scene.grasped)))
-        moves = grasp.carried(scene.grasped, motion.t, tool, spans, scene.table_height)
-        tracks.append(PoseTrack(into["object"].path, motion.t, moves.p, moves.wxyz))
+    carried = _carried(scene, motion, tool, red, into["object"])
+    if carried is not None:
+        tracks.append(PoseTrack(into["object"].path, motion.t, carried.p, carried.wxyz))
     into.window.send(SetTracks(tracks))
-    into["replay"].set_property("replay", describe(scene, _extent(scene, motion, tool, visuals)))
+    _obstacles(scene.obstacles, red, into["obstacles"])
+    seen = extent(scene, motion, tool, visuals, carried)
+    into["replay"].set_property("replay", describe(scene, seen, FRAME_RATE_HZ))
 
 
-def _robot(motion: Motion, visuals: tuple[Visual, ...], into: Visualizer) -> list[PoseTrack]:
+def _robot(
+    motion: Motion, visuals: tuple[Visual, ...], red: Sequence[str], into: Visualizer
+) -> tuple[dict[int, Visualizer], list[PoseTrack]]:
     """Nest the links as they hang on one another, so that each joint's own motion is all that is animated."""
     into.set_transform(motion.T_base_world.matrix())
     nodes = {0: into}
@@ -122,9 +74,29 @@ def _robot(motion: Motion, visuals: tuple[Visual, ...], into: Visualizer) -> lis
     for i, visual in enumerate(visuals):
         joint, T_joint_link = motion.link("visual", visual.link)
         node = nodes[joint][f"{i}:{visual.link}".replace("/", "_")]
-        node.set_object(solid(visual.mesh))
+        node.set_object(solid(visual.mesh.painted(TOUCHING_RGB) if visual.link in red else visual.mesh))
         node.set_transform((T_joint_link @ visual.T_link_visual).matrix())
-    return tracks
+    return nodes, tracks
+
+
+def _gripper(scene: ReplayScene, motion: Motion, nodes: Mapping[int, Visualizer]) -> None:
+    joint, T_joint_body = motion.link("body", scene.robot.body)
+    node = nodes[joint]["stand_in"]
+    node.set_transform((T_joint_body @ scene.robot.T_body_tool).matrix())
+    for i, (mesh, p_tool) in enumerate(stand_in.gripper(scene.robot, scene.grasped)):
+        node[str(i)].set_object(solid(mesh, stand_in.OPACITY))
+        node[str(i)].set_transform(Pose(p_tool, np.array([1.0, 0.0, 0.0, 0.0])).matrix())
+
+
+def _carried(scene: ReplayScene, motion: Motion, tool: Track, red: Sequence[str], into: Visualizer) -> Track | None:
+    """Where the grasped object is; None where nothing is grasped."""
+    thing, trajectory = scene.grasped, scene.trajectory
+    spans = grasp.holds(trajectory.gripper_t, trajectory.gripper_opening)
+    if thing is None or not spans:
+        return None
+    rgb = TOUCHING_RGB if f"the {thing.shape}" in red else grasp.RGB
+    into.set_object(solid(shapes.solid_of(thing.shape, thing.size, rgb), OBJECT_OPACITY))
+    return grasp.carried(thing, motion.t, tool, spans, scene.table_height)
 
 
 def _path(scene: ReplayScene, into: Visualizer) -> None:
@@ -151,58 +123,32 @@ def _keyframes(scene: ReplayScene, into: Visualizer) -> None:
     for i, keyframe in enumerate(scene.keyframes):
         into[f"{i}/triad"].set_object(mark)
         into[f"{i}/triad"].set_transform(keyframe.T_base_tool.matrix())
-        if keyframe.sigma_m is not None:
-            T = np.diag(np.append(2.0 * keyframe.sigma_m, 1.0))
-            T[:3, 3] = keyframe.T_base_tool.p
+        T = None if keyframe.cov is None else two_sigma(keyframe.T_base_tool, keyframe.cov)
+        if T is not None:
             into[f"{i}/two_sigma"].set_object(ball)
             into[f"{i}/two_sigma"].set_transform(T)
 
 
-def _extent(scene: ReplayScene, motion: Motion, tool: Track, visuals: tuple[Visual, ...]) -> Array:
-    """The outermost points (k, 3) m in base of all that moves or stands, for the camera to fit."""
-    points = [scene.hand_path_base, tool.p, *(keyframe.T_base_tool.p[None] for keyframe in scene.keyframes)]
-    if scene.table_height is not None:  # what is gripped stands there
-        gripped = [keyframe.T_base_tool.p for keyframe in scene.keyframes if keyframe.grip]
-        points += [np.array([[p[0], p[1], scene.table_height]]) for p in gripped]
-    every = max(len(motion.t) // 40, 1)
-    for visual in visuals:
-        joint, T_joint_link = motion.link("visual", visual.link)
-        moves = motion.joint(joint)
-        corners = (T_joint_link @ visual.T_link_visual).act(visual.mesh.bounds())
-        points.append(Track(moves.p[::every], moves.wxyz[::every]).act(corners).reshape(-1, 3))
-    everything: Array = np.concatenate(points)
-    directions = np.array(list(np.ndindex(5, 5, 5))) - 2.0
-    outermost: Array = everything[np.unique(np.argmax(directions @ everything.T, axis=1))]
-    return outermost
+def two_sigma(T_base_tool: Pose, cov: Array) -> Array | None:
+    """Return the matrix (4, 4) that makes the unit ball a tool's ellipsoid of two sigma in base; None: too small.
+
+    Args:
+        T_base_tool: its middle.
+        cov: (6, 6) m and rad, position first, in base.
+    """
+    variance, axes = np.linalg.eigh(cov[:3, :3])
+    sigma = np.sqrt(variance.clip(0.0))
+    if sigma.max() < LEAST_SIGMA_M:
+        return None
+    axes[:, 0] *= np.sign(np.linalg.det(axes))  # turned, not mirrored: the page takes it apart into turn and scale
+    T = np.eye(4)
+    T[:3, :3] = axes * (2.0 * sigma.clip(LEAST_SIGMA_M))
+    T[:3, 3] = T_base_tool.p
+    return T
 
 
-def describe(scene: ReplayScene, extent: Array) -> Mapping[str, Any]:
-    """What the page shows beside the scene: a plain value that msgpack carries."""
-    trajectory = scene.trajectory
-    samples = trajectory.sample(25.0)
-    return {
-        "title": scene.title,
-        "robot": scene.robot.description or scene.robot.name,
-        "duration": trajectory.duration,
-        "rate": FRAME_RATE_HZ,
-        "keyframes": [
-            {
-                "label": keyframe.label,
-                "t": float(keyframe.t),
-                "p": keyframe.T_base_tool.p.tolist(),
-                "sigma": None if keyframe.sigma_m is None else keyframe.sigma_m.tolist(),
-                "grip": keyframe.grip,
-            }
-            for keyframe in scene.keyframes
-        ],
-        "gripper": {"t": trajectory.gripper_t.tolist(), "opening": trajectory.gripper_opening.tolist()},
-        "joints": {
-            "names": list(trajectory.joint_names),
-            "t": typed(samples.t, "Float32Array"),
-            "q": typed(samples.q.T, "Float32Array"),
-        },
-        "speed": None if scene.hand_speed is None else float(scene.hand_speed.max()),
-        "table": scene.table_height,
-        "extent": extent.tolist(),
-        "notes": list(scene.notes),
-    }
+def _obstacles(obstacles: Sequence[Obstacle], red: Sequence[str], into: Visualizer) -> None:
+    for i, obstacle in enumerate(obstacles):
+        rgb = TOUCHING_RGB if obstacle.name in red else OBSTACLE_RGB
+        into[str(i)].set_object(solid(shapes.solid_of(obstacle.shape, obstacle.size, rgb), OBSTACLE_OPACITY))
+        into[str(i)].set_transform(obstacle.T_base_obstacle.matrix())

@@ -27,7 +27,8 @@ PR_SET_PDEATHSIG = 1
 class LoopbackBridge(ZMQWebSocketBridge):  # type: ignore[misc]  # meshcat has no types
     """Meshcat's bridge from ZMQ to web sockets, with our page, for this machine alone.
 
-    Requests must name the loopback host: a page elsewhere that points its own name at 127.0.0.1 gets nothing.
+    Requests must name the loopback host: a page elsewhere that points its own name at 127.0.0.1 gets nothing. The web
+    socket is for our own page alone: tornado compares the Origin that a browser sends with the Host.
     """
 
     def __init__(self) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -25,6 +26,17 @@ def speed_rgb(share: ArrayLike) -> Array:
     """Colours (n, 3) in 0..1 of speeds (n,) as shares of the fastest one; beyond 1 they stay the same."""
     knots = np.linspace(0.0, 1.0, len(SPEED_RGB))
     return np.stack([np.interp(np.asarray(share), knots, channel) for channel in SPEED_RGB.T], axis=-1)
+
+
+def solid_of(shape: str, size: Sequence[float], rgb: ArrayLike) -> Mesh:
+    """A box (x, y, z), a cylinder (diameter, height) or a sphere (diameter) of `size` m around the origin."""
+    if shape == "box":
+        return box(size, rgb)
+    if shape == "cylinder":
+        return cylinder(0.5 * size[0], size[1], rgb)
+    if shape == "sphere":
+        return sphere(0.5 * size[0], rgb)
+    raise ValueError(f"a solid is a box, cylinder or sphere, not {shape!r}")
 
 
 def box(size: ArrayLike, rgb: ArrayLike) -> Mesh:

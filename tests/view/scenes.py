@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import importlib.metadata
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pbd.data import GraspedObject, Gripper, JointLimits, JointTrajectory, Robot
+from pbd.data import GraspedObject, Gripper, JointLimits, JointTrajectory, Obstacle, Robot
 from pbd.pose import Array, Pose
 from pbd.view.motion import Motion
-from pbd.view.scene import ReplayKeyframe, ReplayScene
+from pbd.view.scene import ReplayKeyframe, ReplayScene, Touching
 
 QUARTER_TURN = Pose.from_rpy(np.zeros(3), (0.0, 0.0, np.pi / 2))
 
@@ -45,7 +46,7 @@ def robot(
         joints=joints,
         home=np.zeros(k),
         gripper=gripper,
-        limits=JointLimits(-np.ones(k), np.ones(k), np.ones(k), np.ones(k), np.ones(k), "none"),
+        limits=JointLimits(-3.0 * np.ones(k), 3.0 * np.ones(k), np.ones(k), np.ones(k), np.ones(k), "none"),
     )
 
 
@@ -101,7 +102,7 @@ def replay(
             label,
             float(t[i]),
             track[int(i)],
-            np.array([0.004, 0.005, 0.003]) * (1 + k / 3),
+            np.diag(np.square(np.array([0.004, 0.005, 0.003, 0.01, 0.01, 0.02]) * (1 + k / 3))),
             None if abs(c) < 0.1 else bool(c < 0),
         )
         for k, (label, i, c) in enumerate(zip(labels, at, change, strict=True))
@@ -134,6 +135,15 @@ def pouring() -> ReplayScene:
     arm = panda()
     trajectory = rest_to_rest(arm.joints, q, 1.1, (1, 0.75, 0.75, 0.75, 0.75, 0.75, 1, 1))
     return replay(arm, trajectory, labels, GraspedObject("cylinder", (0.058, 0.17)))
+
+
+def in_the_way() -> ReplayScene:
+    """The same with a post and a wall, the hand touching the post for a second."""
+    post = Obstacle("the post", "cylinder", (0.06, 0.4), Pose(np.array([0.62, -0.28, 0.2]), np.eye(4)[0]))
+    wall = Obstacle("the wall", "box", (0.02, 8.0, 1.0), Pose(np.array([-0.5, 0.0, 0.5]), np.eye(4)[0]))
+    told = "panda_hand touches the post at 4.00 s, 12 mm deep; move the post"
+    touching = Touching(("panda_hand", "the post"), 4.0, 5.0, told)
+    return replace(pouring(), obstacles=(post, wall), touching=touching, notes=(f"it touches something: {told}",))
 
 
 def ur5_moves() -> ReplayScene:

@@ -11,12 +11,14 @@ import pytest
 from selenium.webdriver import Chrome, Keys
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
+from selenium.webdriver.support.ui import Select
 
 from pbd.view.motion import Motion
 from pbd.view.page import write_page
 from pbd.view.scene import ReplayScene
 from tests.view import scenes
 from tests.view.browser import Replay, until
+from tests.view.chromium import set_scheme, set_size
 
 FINGER = (
     "pbd",
@@ -39,6 +41,8 @@ def opened(chrome: Chrome, replay_file: Path) -> Replay:
 @pytest.fixture
 def replay(opened: Replay) -> Iterator[Replay]:
     opened("pbd.page.player.pause(); pbd.page.player.seek(0); pbd.page.player.loop = true; pbd.page.player.speed = 1")
+    opened("for (const id of ['joints', 'panel']) pbd.page.fold(id, false); document.activeElement.blur()")
+    set_scheme(opened.chrome, "light")
     yield opened
     assert opened.errors() == []
 
@@ -67,14 +71,17 @@ def test_keyframes_stand_where_they_were_put(replay: Replay, scene: ReplayScene)
 
 
 def test_each_part_is_seen(replay: Replay) -> None:
+    set_scheme(replay.chrome, "dark")  # a white robot on white ground differs little
+    replay("document.getElementById('bar').hidden = true; pbd.page.fold('panel', true)")
     whole = replay.picture()
-    for part, share in {"robot": 0.03, "hand_path": 0.003, "keyframes": 0.002, "object": 0.002}.items():
+    for part in ("robot", "hand_path", "tool_path", "keyframes", "object"):
         node = f'pbd.page.stage.node("pbd", "{part}")'
         replay(f"{node}.visible = false")
         without = replay.picture()
         replay(f"{node}.visible = true")
         changed = (np.abs(whole.astype(int) - without).max(axis=2) > 24).mean()
-        assert changed > share, part
+        assert changed > 5e-4, part  # of all pixels: a line across half of the picture
+    replay("document.getElementById('bar').hidden = false")
 
 
 def test_playing_moves_and_ends_where_it_should(replay: Replay, scene: ReplayScene) -> None:
@@ -98,36 +105,97 @@ def test_keys_work_as_in_video_players(replay: Replay, scene: ReplayScene) -> No
         ("5", scene.trajectory.duration / 2),
         (Keys.END, scene.trajectory.duration),
         (Keys.HOME, 0.0),
+        ("l", 5.0),
+        ("j", 0.0),
         ("nn", scene.keyframes[2].t),
         ("p", scene.keyframes[1].t),
+        (Keys.ARROW_DOWN * 2, scene.keyframes[3].t),
+        (Keys.ARROW_UP, scene.keyframes[2].t),
     ):
         press(replay, keys)
         assert replay.time == pytest.approx(wanted), repr(keys)
-    press(replay, " ")
-    assert replay("return pbd.page.player.playing")
-    press(replay, " ")
-    assert not replay("return pbd.page.player.playing")
+    for key in (" ", "k"):
+        press(replay, key)
+        assert replay("return pbd.page.player.playing")
+        press(replay, key)
+        assert not replay("return pbd.page.player.playing")
     press(replay, ">")
     assert replay("return pbd.page.player.speed") == 2
+    press(replay, "<<")
+    assert replay("return pbd.page.player.speed") == 0.5
     press(replay, "r")
     assert not replay("return pbd.page.player.loop")
 
 
+def test_the_keyboard_works_a_button_that_has_the_focus(replay: Replay) -> None:
+    loop = replay.chrome.find_element(By.ID, "loop")
+    loop.click()
+    assert loop.get_attribute("aria-pressed") == "false"
+    press(replay, " ")  # a click leaves no focus behind
+    assert replay("return pbd.page.player.playing")
+    press(replay, " ")
+    replay("document.getElementById('loop').focus()")
+    press(replay, " ")
+    assert loop.get_attribute("aria-pressed") == "true"
+    assert not replay("return pbd.page.player.playing")
+
+
+def test_help_names_the_keys(replay: Replay) -> None:
+    press(replay, "?")
+    assert replay("return document.getElementById('help').open")
+    told = {cap.text.lower() for cap in replay.chrome.find_elements(By.TAG_NAME, "kbd")}
+    assert {"space", "k", "j", "l", "home", "end", ",", ".", "<", ">", "0", "9"} <= told
+    press(replay, Keys.END)  # behind the help nothing moves
+    assert replay.time == 0.0
+    press(replay, Keys.ESCAPE)
+    assert not replay("return document.getElementById('help').open")
+    replay.chrome.find_element(By.ID, "show-help").click()
+    replay.chrome.find_element(By.CSS_SELECTOR, "#help button").click()
+    assert not replay("return document.getElementById('help').open")
+
+
 def test_a_click_on_a_keyframe_goes_there(replay: Replay, scene: ReplayScene) -> None:
     rows = replay.chrome.find_elements(By.CSS_SELECTOR, "#keyframes tbody tr")
-    assert [row.find_elements(By.TAG_NAME, "td")[1].text.split(" ")[0] for row in rows] == [
-        keyframe.label.split(" ")[0] for keyframe in scene.keyframes
-    ]
+    cells = [[cell.text for cell in row.find_elements(By.TAG_NAME, "td")] for row in rows]
+    assert [row[1].split(" ")[0] for row in cells] == [keyframe.label.split(" ")[0] for keyframe in scene.keyframes]
+    for row, keyframe in zip(cells, scene.keyframes, strict=True):
+        assert keyframe.cov is not None
+        position, rotation = (np.sqrt(np.linalg.eigvalsh(keyframe.cov[i : i + 3, i : i + 3]).max()) for i in (0, 3))
+        told = [float(text.replace("\u2212", "-")) for text in row[2:]]
+        wanted = [keyframe.t, *(100.0 * keyframe.T_base_tool.p), 1000.0 * position, np.degrees(rotation)]
+        np.testing.assert_allclose(told, wanted, atol=0.0501)
     rows[3].click()
     assert replay.time == pytest.approx(scene.keyframes[3].t)
-    assert "now" in rows[3].get_attribute("class").split()
+    assert [row.get_attribute("aria-current") for row in rows].index("true") == 3
+    rows[5].find_element(By.TAG_NAME, "button").send_keys(Keys.ENTER)
+    assert replay.time == pytest.approx(scene.keyframes[5].t)
     replay.chrome.find_elements(By.CSS_SELECTOR, "#labels button")[4].click()
     assert replay.time == pytest.approx(scene.keyframes[4].t)
 
 
-def test_buttons_and_switches(replay: Replay) -> None:
-    replay.chrome.find_element(By.ID, "next").click()
-    assert replay.time > 0.0
+def test_buttons_and_switches(replay: Replay, scene: ReplayScene) -> None:
+    def click(name: str) -> None:
+        replay.chrome.find_element(By.ID, name).click()
+
+    times = [keyframe.t for keyframe in scene.keyframes]
+    click("next")
+    click("next")
+    assert replay.time == pytest.approx(times[2])
+    click("previous")
+    assert replay.time == pytest.approx(times[1])
+    click("play")
+    until(lambda: replay.time > times[1] + 0.2, "the clock to run")
+    click("play")
+    assert not replay("return pbd.page.player.playing")
+    Select(replay.chrome.find_element(By.ID, "speed")).select_by_visible_text("0.25\u00d7")
+    assert replay("return pbd.page.player.speed") == 0.25
+    for button, part in (("show-joints", "joints"), ("show-panel", "panel")):
+        shown = replay.chrome.find_element(By.ID, part)
+        click(button)
+        assert not shown.is_displayed()
+        assert replay.chrome.find_element(By.ID, button).get_attribute("aria-expanded") == "false"
+        click(button)
+        assert shown.is_displayed()
     (path,) = (row for row in replay.chrome.find_elements(By.CSS_SELECTOR, "#legend label") if "hand" in row.text)
     path.click()
     assert not replay('return pbd.page.stage.node("pbd", "hand_path").visible')
@@ -135,12 +203,114 @@ def test_buttons_and_switches(replay: Replay) -> None:
     assert replay('return pbd.page.stage.node("pbd", "hand_path").visible')
 
 
+def test_seeking_on_the_time_axis_and_in_the_plot(replay: Replay, scene: ReplayScene) -> None:
+    for name in ("timeline", "plot"):
+        place = replay.chrome.find_element(By.ID, name)
+        for share in (0.25, 0.7):
+            ActionChains(replay.chrome).move_to_element_with_offset(
+                place, round((share - 0.5) * place.size["width"]), 5
+            ).click().perform()
+            assert replay.time == pytest.approx(share * scene.trajectory.duration, abs=0.04)
+            assert float(replay.chrome.find_element(By.ID, "seek").get_attribute("value") or 0) == pytest.approx(
+                replay.time, abs=0.011
+            )
+            cursor = replay("return document.querySelector('#plot line.now').getBoundingClientRect().left")
+            assert cursor == pytest.approx(place.rect["x"] + share * place.size["width"], abs=2.0)
+
+
+def test_the_time_axis_shows_moves_and_grip(replay: Replay) -> None:
+    told = replay("return [pbd.page.replay.moves, pbd.page.replay.closed, pbd.page.replay.duration]")
+    axis = replay.chrome.find_element(By.ID, "timeline").rect
+    for lane, spans in (("moves", told[0]), ("closed", told[1])):
+        drawn = [span.rect for span in replay.chrome.find_elements(By.CSS_SELECTOR, f"#{lane} i")]
+        edges = [((box["x"] - axis["x"]), (box["x"] + box["width"] - axis["x"])) for box in drawn]
+        np.testing.assert_allclose(np.array(edges) / axis["width"] * told[2], spans, atol=0.03)
+    assert replay.chrome.find_elements(By.CSS_SELECTOR, "#touching i") == []
+
+
+def test_a_joint_between_its_limits(replay: Replay, scene: ReplayScene) -> None:
+    replay("pbd.page.player.seek(3.21)")
+    (q,) = scene.trajectory.at(np.array([3.21])).q
+    chips = replay.chrome.find_elements(By.CSS_SELECTOR, "#angles button")
+    told = [float(chip.text.split()[-1].replace("\u2212", "-").rstrip("\u00b0")) for chip in chips]
+    np.testing.assert_allclose(told, np.degrees(q), atol=0.2)  # drawn at 25 Hz
+    chips[3].click()
+    assert replay.read("#lowest") == "\u2212172\u00b0"  # its limits are 3 rad either way
+    assert replay.read("#highest") == "172\u00b0"
+    assert len(replay.chrome.find_elements(By.CSS_SELECTOR, "#plot line.limit:not(.faint)")) == 2
+    assert len(replay.chrome.find_elements(By.CSS_SELECTOR, "#plot polyline.faint")) == len(chips) - 1
+    chips[3].click()
+    assert replay.chrome.find_elements(By.CSS_SELECTOR, "#plot .faint") == []
+
+
+def test_all_that_can_be_worked_has_a_name(replay: Replay) -> None:
+    for each in replay.chrome.find_elements(By.CSS_SELECTOR, "button, input, select"):
+        if each.is_displayed():
+            assert each.accessible_name.strip(), each.get_attribute("outerHTML")
+    assert replay.chrome.find_element(By.ID, "play").accessible_name == "Play"
+    valued = replay.chrome.find_element(By.ID, "seek").get_attribute("aria-valuetext")
+    assert valued == "0.00 seconds, to keyframe 1: grasp"
+
+
+def test_nothing_jumps_while_it_plays(replay: Replay, scene: ReplayScene) -> None:
+    places = """return [...document.querySelectorAll("#bar, #controls > *, #timeline, #curves, #angles button, #panel")]
+        .map((node) => node.getBoundingClientRect()).map((box) => [box.x, box.y, box.width, box.height])"""
+    at_start = replay(places)
+    for t in np.linspace(0.0, scene.trajectory.duration, 12):
+        replay(f"pbd.page.player.seek({t})")
+        assert replay(places) == at_start
+
+
+LAID_OUT = """
+    const shown = (selector) => [...document.querySelectorAll(selector)].filter((node) => node.checkVisibility());
+    const box = (node) => node.getBoundingClientRect();
+    const both = (a, b, low, high) => Math.min(a[high], b[high]) - Math.max(a[low], b[low]) > 1;
+    const cut = (a, b) => both(box(a), box(b), "left", "right") && both(box(a), box(b), "top", "bottom");
+    const outside = ({ left, right, top, bottom }) => left < 0 || right > innerWidth || top < 0 || bottom > innerHeight;
+    const name = (node) => node.id || node.textContent;
+    const pairs = (nodes) => nodes.flatMap((a, i) =>
+      nodes.slice(i + 1).filter((b) => cut(a, b)).map((b) => [a, b].map(name)));
+    return [
+      ["#panel, #bar", "#controls > *", "#timeline, #curves, #angles button", "#panel > *", ".gutter",
+        "#numbers span:not(.mute)"].flatMap((group) => pairs(shown(group))),
+      shown("#bar, #panel, #controls > *, #angles button").filter((node) => outside(box(node))).map(name),
+    ];"""
+
+
+def test_nothing_overlaps(replay: Replay) -> None:
+    try:
+        for width, height in ((1400, 900), (1000, 700), (390, 844), (800, 420)):
+            set_size(replay.chrome, width, height)
+            for panel in ("true", "false"):
+                replay(
+                    f"pbd.page.fold('joints', innerWidth <= 640 || innerHeight < 560); pbd.page.fold('panel', {panel})"
+                )
+                assert replay(LAID_OUT) == [[], []], f"{width} x {height}"
+    finally:
+        replay.chrome.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+
+def test_what_touches_is_shown(chrome: Chrome, tmp_path: Path) -> None:
+    scene = scenes.in_the_way()
+    write_page(scene, tmp_path / "touching.html")
+    replay = Replay(chrome, (tmp_path / "touching.html").as_uri())
+    assert scene.touching is not None
+    assert replay.read("#notes .alarm") == scene.touching.told
+    axis = replay.chrome.find_element(By.ID, "timeline").rect
+    (red,) = replay.chrome.find_elements(By.CSS_SELECTOR, "#touching i")
+    share = (red.rect["x"] - axis["x"]) / axis["width"], red.rect["width"] / axis["width"]
+    np.testing.assert_allclose(np.array(share) * scene.trajectory.duration, [4.0, 1.0], atol=0.03)
+    np.testing.assert_allclose(replay.place("pbd", "obstacles", "0"), scene.obstacles[0].T_base_obstacle.p, atol=1e-6)
+    assert "the post, the wall" in replay.read("#switches")
+    assert replay.errors() == []
+
+
 def test_the_camera_fits_every_window(replay: Replay) -> None:
     try:
         for width, height in ((1600, 1000), (900, 700), (420, 760)):
             replay.chrome.set_window_size(width, height)
             until(lambda width=width: replay("return innerWidth") == width, "the new size")  # type: ignore[misc]
-            replay("document.body.classList.toggle('folded', innerWidth < 640); pbd.page.stage.resize()")
+            replay("pbd.page.fold('panel', innerWidth < 640)")
             seen = np.array(
                 replay("""
                 const { stage } = pbd.page, { scene } = stage.viewer;
@@ -157,16 +327,12 @@ def test_the_camera_fits_every_window(replay: Replay) -> None:
             assert y.max() < replay('return document.getElementById("bar").getBoundingClientRect().top')
     finally:
         replay.chrome.set_window_size(1200, 750)
-        replay("document.body.classList.remove('folded'); pbd.page.stage.resize()")
 
 
 def test_dark_is_dark(replay: Replay) -> None:
     light = replay.picture()
-    for scheme in ("dark", "light"):
-        features = [{"name": "prefers-color-scheme", "value": scheme}]
-        replay.chrome.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": features})
-        if scheme == "dark":
-            dark = replay.picture()
+    set_scheme(replay.chrome, "dark")
+    dark = replay.picture()
     assert dark.mean() < 90 < 170 < light.mean()
 
 

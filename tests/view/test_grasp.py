@@ -56,15 +56,3 @@ def test_a_gripper_that_closes_elsewhere_takes_nothing() -> None:
     once = grasp.carried(BOTTLE, T, sweep(), [(3.0, 4.0)], None)
     again = grasp.carried(BOTTLE, T, sweep(), [(3.0, 4.0), (8.0, np.inf)], None)
     np.testing.assert_array_equal(once.p, again.p)
-
-
-@pytest.mark.parametrize("thing", [BOTTLE, GraspedObject("box", (0.05, 0.04, 0.1)), GraspedObject("sphere", (0.07,))])
-def test_its_mesh_has_its_size(thing: GraspedObject) -> None:
-    size = np.ptp(grasp.mesh(thing).bounds(), axis=0)
-    assert size[0] == pytest.approx(thing.size[0], rel=0.01)
-    assert size[2] == pytest.approx(thing.size[-1], rel=0.01)
-
-
-def test_other_shapes_are_refused() -> None:
-    with pytest.raises(ValueError, match="torus"):
-        grasp.mesh(GraspedObject("torus", (1.0,)))

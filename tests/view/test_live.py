@@ -103,6 +103,42 @@ def test_it_answers_to_its_own_name_only(viewer: LiveViewer) -> None:
     assert answer(viewer.url, f"elsewhere.example:{port}") == 404
 
 
+@pytest.mark.parametrize(
+    ("origin", "host", "status"),
+    [
+        ("http://127.0.0.1:{port}", "127.0.0.1:{port}", 101),
+        ("http://localhost:{port}", "localhost:{port}", 101),
+        ("http://elsewhere.example", "127.0.0.1:{port}", 403),
+        ("http://127.0.0.1:1", "127.0.0.1:{port}", 403),  # another server on this machine
+        ("null", "127.0.0.1:{port}", 403),  # a file, or a frame in a sandbox
+        ("http://elsewhere.example:{port}", "elsewhere.example:{port}", 404),  # a name pointed at this machine
+    ],
+)
+def test_other_pages_get_no_socket(viewer: LiveViewer, origin: str, host: str, status: int) -> None:
+    port = urlsplit(viewer.url).port
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=5)
+    headers = {
+        "Host": host.format(port=port),
+        "Origin": origin.format(port=port),
+        "Upgrade": "websocket",
+        "Connection": "Upgrade",
+        "Sec-WebSocket-Version": "13",
+        "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==",
+    }
+    try:
+        connection.request("GET", "/", headers=headers)
+        assert connection.getresponse().status == status
+    finally:
+        connection.close()
+
+
+def test_each_viewer_finds_a_port_of_its_own(viewer: LiveViewer) -> None:
+    with LiveViewer() as other:
+        assert urlsplit(other.url).port != urlsplit(viewer.url).port
+        for each in (viewer, other):
+            assert answer(each.url, f"127.0.0.1:{urlsplit(each.url).port}") == 200
+
+
 def test_it_plays_in_a_browser(viewer: LiveViewer, chrome: Chrome) -> None:
     replay = Replay(chrome, viewer.url)
     address = urlsplit(viewer.url)

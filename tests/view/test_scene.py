@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
 
 from pbd.errors import RobotError
+from pbd.pose import Pose
 from pbd.view import visuals
 from pbd.view.meshcat_api import ScenePath, Visualizer
-from pbd.view.scene import FRAME_RATE_HZ, ReplayScene, build
+from pbd.view.scene import FRAME_RATE_HZ, LEAST_SIGMA_M, ReplayScene, build, two_sigma
 from pbd.view.visuals import find_file, read_visuals
 from tests.view import scenes
 
@@ -84,8 +88,74 @@ def test_a_scene_needs_no_more_than_a_robot_and_a_trajectory() -> None:
 
 
 def test_shapes_are_checked() -> None:
+    scene = scenes.ur5_moves()
     with pytest.raises(ValueError, match="hand_speed"):
-        replace(scenes.ur5_moves(), hand_speed=np.zeros(3))
+        replace(scene, hand_speed=np.zeros(3))
+    with pytest.raises(ValueError, match="cov"):
+        replace(scene.keyframes[0], cov=np.zeros(3))
+
+
+@settings(deadline=None)
+@given(st.integers(0, 2**32 - 1), st.floats(-1.0, 0.0))
+def test_an_ellipsoid_lies_at_two_sigma(seed: int, flat: float) -> None:
+    rng = np.random.default_rng(seed)
+    root = rng.normal(size=(6, 6)) @ np.diag([0.02, 0.02, 0.02 * 10**flat, 0.1, 0.1, 0.1])
+    cov, pose = root @ root.T, Pose.from_rpy(rng.normal(size=3), (0.3, 0.2, 0.1))
+    assume(np.linalg.eigvalsh(cov[:3, :3]).min() > LEAST_SIGMA_M**2)  # thinner ones are drawn thicker
+    T = two_sigma(pose, cov)
+    assert T is not None
+    assert np.linalg.det(T[:3, :3]) > 0.0  # else the page would take it apart wrongly
+    directions = rng.normal(size=(50, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    offsets = directions @ T[:3, :3].T
+    distance = np.sqrt(np.einsum("ni,ij,nj->n", offsets, np.linalg.inv(cov[:3, :3]), offsets))
+    np.testing.assert_allclose(distance, 2.0, rtol=1e-6)
+    np.testing.assert_array_equal(T[:3, 3], pose.p)
+
+
+def test_a_keyframe_that_is_sure_has_no_ellipsoid() -> None:
+    assert two_sigma(Pose.identity(), np.zeros((6, 6))) is None
+    scene = scenes.ur5_moves()
+    sure = replace(scene, keyframes=tuple(replace(keyframe, cov=np.zeros((6, 6))) for keyframe in scene.keyframes))
+    assert not [command for command in commands(sure) if "two_sigma" in command.get("path", "")]
+    assert commands(sure)[-1]["value"]["keyframes"][0]["sigma"] == [0.0, 0.0]
+
+
+def test_moves_and_rests_are_told(pouring: list[dict[str, Any]]) -> None:
+    trajectory = scenes.pouring().trajectory
+    starts = np.append(0.0, trajectory.keyframe_t[1:-1] + 0.4)  # a move begins where the dwell of 0.4 s ends
+    told = pouring[-1]["value"]["moves"]
+    np.testing.assert_allclose(told, np.column_stack((starts, trajectory.keyframe_t[1:])), atol=0.011)
+    ((start, end),) = pouring[-1]["value"]["closed"]
+    assert start == pytest.approx(trajectory.keyframe_t[1], abs=0.05)  # the gripper moves in the dwells
+    assert end == pytest.approx(trajectory.keyframe_t[6] + 0.4, abs=0.05)
+
+
+def test_what_touches_is_red() -> None:
+    sent = commands(scenes.in_the_way())
+    red = np.array([0.86, 0.12, 0.10])
+    painted = set()
+    for command in sent:
+        if command["type"] != "set_object":
+            continue
+        colour = command["object"]["geometries"][0]["data"]["attributes"]["color"]["array"].data
+        if len(np.unique(rgb := np.frombuffer(colour, np.uint8).reshape(-1, 3), axis=0)) == 1:
+            light = np.where(red <= 0.04045, red / 12.92, ((red + 0.055) / 1.055) ** 2.4)
+            if np.abs(rgb[0] / 255.0 - light).max() < 0.01:
+                painted.add(command["path"].split("/")[-1])
+    assert {name.partition(":")[2] or name for name in painted} == {"panda_hand", "0"}  # obstacle 0 is the post
+    told = sent[-1]["value"]
+    assert told["notes"] == []  # nothing is said twice
+    assert told["touching"]["bodies"] == ("panda_hand", "the post")
+    assert np.ptp(np.array(told["extent"]), axis=0).max() < 2.0  # a long wall doesn't push all else out of sight
+
+
+@pytest.mark.parametrize(("scene", "wanted"), [(scenes.pouring, False), (scenes.ur5_moves, True)])
+def test_a_gripper_stands_in_where_there_is_none(scene: Callable[[], ReplayScene], wanted: bool) -> None:
+    full = scene()
+    ahead = replace(full.robot, T_body_tool=Pose(np.array([0.0, 0.0, 0.16]), full.robot.T_body_tool.wxyz))
+    sent = commands(replace(full, robot=ahead))
+    assert any("stand_in" in command.get("path", "") for command in sent) is wanted
 
 
 class TestVisuals:

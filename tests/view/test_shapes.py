@@ -30,6 +30,24 @@ def test_volumes(mesh: Mesh, wanted: float) -> None:
     np.testing.assert_allclose(mesh.bounds().mean(axis=0), 0.0, atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("shape", "size", "reach"),
+    [
+        ("cylinder", (0.06, 0.2), (0.06, 0.06, 0.2)),
+        ("box", (0.05, 0.04, 0.1), (0.05, 0.04, 0.1)),
+        ("sphere", (0.07,), (0.07, 0.07, 0.07)),
+    ],
+)
+def test_a_solid_has_its_size(shape: str, size: tuple[float, ...], reach: tuple[float, ...]) -> None:
+    bounds = shapes.solid_of(shape, size, GREY).bounds()
+    np.testing.assert_allclose(np.ptp(bounds, axis=0), reach, rtol=0.01)
+
+
+def test_other_solids_are_refused() -> None:
+    with pytest.raises(ValueError, match="torus"):
+        shapes.solid_of("torus", (1.0,), GREY)
+
+
 def test_a_triad_points_along_its_axes_in_their_colours() -> None:
     mesh = shapes.triad(0.05, 0.002)
     assert mesh.closed

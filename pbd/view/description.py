@@ -1,0 +1,89 @@
+"""What the page tells beside the scene: times, keyframes, joints, as a plain value that msgpack carries."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbd.data import JointTrajectory
+from pbd.pose import Array
+from pbd.view.scene_values import ReplayKeyframe, ReplayScene
+from pbd.view.wire import typed
+
+PLOT_RATE_HZ = 25.0
+SPAN_RATE_HZ = 100.0
+MOVING_RAD_S = 1e-6
+OPEN = 0.98
+"""Of the gripper's widest opening in the motion: beyond it counts as open."""
+
+
+def describe(scene: ReplayScene, extent: Array, rate_hz: float) -> Mapping[str, Any]:
+    """Describe a replay to the page.
+
+    Args:
+        scene: all of it.
+        extent: (k, 3) m in base, points that the camera should show.
+        rate_hz: of the motion's frames.
+    """
+    trajectory, limits = scene.trajectory, scene.robot.limits
+    samples = trajectory.sample(PLOT_RATE_HZ)
+    touching = scene.touching
+    return {
+        "title": scene.title,
+        "robot": scene.robot.description or scene.robot.name,
+        "duration": trajectory.duration,
+        "rate": rate_hz,
+        "keyframes": [_keyframe(keyframe) for keyframe in scene.keyframes],
+        "moves": moves(trajectory),
+        "closed": closed(trajectory),
+        "joints": {
+            "names": list(trajectory.joint_names),
+            "t": typed(samples.t, "Float32Array"),
+            "q": typed(samples.q.T, "Float32Array"),
+            "lower": limits.lower.tolist(),
+            "upper": limits.upper.tolist(),
+        },
+        "speed": None if scene.hand_speed is None else float(scene.hand_speed.max()),
+        "table": scene.table_height,
+        "obstacles": [obstacle.name for obstacle in scene.obstacles],
+        "extent": extent.tolist(),
+        "notes": [note for note in scene.notes if touching is None or touching.told not in note],
+        "touching": touching and asdict(touching),
+    }
+
+
+def moves(trajectory: JointTrajectory) -> list[tuple[float, float]]:
+    """From when to when the arm moves, s."""
+    samples = trajectory.sample(SPAN_RATE_HZ)
+    return _spans(samples.t, np.abs(samples.qd).max(axis=1) > MOVING_RAD_S)
+
+
+def closed(trajectory: JointTrajectory) -> list[tuple[float, float]]:
+    """From when to when the gripper is not at its widest, s."""
+    samples = trajectory.sample(SPAN_RATE_HZ)
+    return _spans(samples.t, samples.gripper < OPEN * samples.gripper.max())
+
+
+def _spans(t: Array, wanted: NDArray[np.bool_]) -> list[tuple[float, float]]:
+    edges = np.diff(np.concatenate(([False], wanted, [False])).astype(int))
+    first, after = (np.flatnonzero(edges > 0) - 1).clip(0), np.flatnonzero(edges < 0).clip(max=len(t) - 1)
+    return list(zip(t[first].tolist(), t[after].tolist(), strict=True))
+
+
+def _keyframe(keyframe: ReplayKeyframe) -> dict[str, Any]:
+    return {
+        "label": keyframe.label,
+        "t": float(keyframe.t),
+        "p": keyframe.T_base_tool.p.tolist(),
+        "sigma": None if keyframe.cov is None else [_largest(keyframe.cov[:3, :3]), _largest(keyframe.cov[3:, 3:])],
+        "grip": keyframe.grip,
+    }
+
+
+def _largest(cov: Array) -> float:
+    """One sigma along the least certain direction."""
+    return float(np.sqrt(np.linalg.eigvalsh(cov).max().clip(0.0)))

@@ -1,0 +1,22 @@
+"use strict";
+
+// A few words for what every part of the page does.
+const element = (id) => document.getElementById(id);
+
+function make(tag, text = "", properties = {}) {
+  return Object.assign(document.createElement(tag), { textContent: text }, properties);
+}
+
+function draw(tag, attributes) {
+  const node = document.createElementNS("http://www.w3.org/2000/svg", tag);
+  for (const [name, value] of Object.entries(attributes)) node.setAttribute(name, value);
+  return node;
+}
+
+// With a true minus sign, and none before a zero.
+function digits(value, places) {
+  const text = value.toFixed(places);
+  return Number(text) === 0 ? text.replace("-", "") : text.replace("-", "\u2212");
+}
+
+const degrees = (radians, places = 1) => `${digits((180 / Math.PI) * radians, places)}°`;

@@ -1,0 +1,52 @@
+"use strict";
+
+// The table of keyframes, and their numbers in the scene. A click on either goes there.
+class Keyframes {
+  constructor(keyframes, go) {
+    this.keyframes = keyframes;
+    this.labels = keyframes.map((k, i) => make("button", "", { title: this.title(i), tabIndex: -1, onclick: () => go(k.t) }));
+    this.rows = keyframes.map((k, i) => this.row(k, i, () => go(k.t)));
+    element("labels").replaceChildren(...this.labels);
+    element("keyframes").tBodies[0].replaceChildren(...this.rows);
+    element("keyframes").parentElement.hidden = this.rows.length === 0;
+    this.show(-1);
+  }
+
+  // What people call it; where they said nothing, what happens there.
+  name(i) {
+    const { label, grip } = this.keyframes[i];
+    if (label) return label;
+    if (grip !== null) return grip ? "close" : "open";
+    if (i === 0) return "start";
+    return i === this.keyframes.length - 1 ? "end" : "";
+  }
+
+  title(i) {
+    return `keyframe ${i}${this.name(i) && `: ${this.name(i)}`}`;
+  }
+
+  row(k, i, go) {
+    const row = make("tr", "", { onclick: go });
+    const number = make("td");
+    number.append(make("button", String(i), { ariaLabel: `Go to ${this.title(i)}` }));
+    const name = make("td", this.name(i), { title: this.name(i) });
+    if (k.label && k.grip !== null) name.append(make("span", k.grip ? " ▸◂" : " ◂▸", { className: "grip", title: k.grip ? "gripper closes" : "gripper opens" }));
+    const place = k.p.map((metres) => make("td", digits(100 * metres, 1)));
+    const [metres, radians] = k.sigma ?? [];
+    const sigma = k.sigma ? [digits(1000 * metres, 1), digits((180 / Math.PI) * radians, 1)] : ["", ""];
+    row.append(number, name, make("td", digits(k.t, 2)), ...place, ...sigma.map((text) => make("td", text)));
+    return row;
+  }
+
+  // `current` is the keyframe that was reached last, -1 before the first.
+  show(current) {
+    if (current === this.current) return;
+    this.current = current;
+    this.rows.forEach((row, i) => row.setAttribute("aria-current", i === current));
+    this.labels.forEach((label, i) => {
+      label.classList.toggle("now", i === current);
+      label.textContent = i === current && this.keyframes[i].label ? `${i} ${this.keyframes[i].label}` : i;
+    });
+    this.rows[current]?.scrollIntoView({ block: "nearest" });
+  }
+}

@@ -1,0 +1,38 @@
+"use strict";
+
+// The keyboard, as in video players, and the page that tells of it. `rows` are [words, {key: what it does, ...}].
+class Keys {
+  static names = { " ": "Space", ArrowLeft: "←", ArrowRight: "→", ArrowUp: "↑", ArrowDown: "↓" };
+
+  constructor(rows) {
+    this.acts = Object.assign({}, ...rows.map(([, acts]) => acts), { "?": () => this.help() });
+    element("keys").replaceChildren(...rows.flatMap(([words, acts]) => [this.caps(Object.keys(acts)), make("dd", words)]));
+    const help = element("help");
+    help.onclick = (event) => { if (event.target === help) help.close(); };
+    document.onkeydown = (event) => this.press(event);
+    // A mouse leaves the focus where it was: after a click on a button the space bar still plays.
+    document.onmousedown = (event) => { if (event.target.closest("button")) event.preventDefault(); };
+  }
+
+  caps(keys) {
+    const caps = make("dt");
+    const shown = keys.length > 4 ? [keys[0], "–", keys.at(-1)] : keys;
+    caps.append(...shown.map((key) => make(key === "–" ? "span" : "kbd", Keys.names[key] ?? (key.length === 1 ? key.toUpperCase() : key))));
+    return caps;
+  }
+
+  help() {
+    const help = element("help");
+    if (help.open) help.close();
+    else help.showModal();
+  }
+
+  press(event) {
+    const act = this.acts[event.key.length === 1 ? event.key.toLowerCase() : event.key];
+    const taken = event.target.tagName === "SELECT" || (event.key === " " && event.target.matches("button, input:not(#seek)"));
+    if (!act || taken || event.ctrlKey || event.metaKey || event.altKey) return;
+    if (element("help").open && event.key !== "?") return;
+    event.preventDefault();
+    act();
+  }
+}

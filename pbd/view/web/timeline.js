@@ -1,0 +1,53 @@
+"use strict";
+
+// The time axis: when the arm moves and rests, when the gripper is closed, what touches, and where the keyframes are.
+class Timeline {
+  static apart_px = 16;
+
+  constructor({ keyframes, moves, closed, touching, duration, rate }, seek) {
+    this.duration = duration;
+    this.numbers = keyframes.map((k, i) => this.at(make("span", String(i)), k.t));
+    element("numbers").replaceChildren(...this.numbers);
+    element("moves").replaceChildren(...this.spans(moves));
+    element("done").replaceChildren(...this.spans(moves));
+    element("closed").replaceChildren(...this.spans(closed));
+    element("touching").replaceChildren(...this.spans(touching ? [[touching.start, touching.end]] : []));
+    Object.assign(element("seek"), { max: duration, step: 1 / rate, oninput: (event) => seek(Number(event.target.value)) });
+    new ResizeObserver(() => this.thin()).observe(element("timeline"));
+  }
+
+  share(t) {
+    return `${(100 * Math.min(Math.max(t, 0), this.duration)) / (this.duration || 1)}%`;
+  }
+
+  at(node, from) {
+    node.style.left = this.share(from);
+    return node;
+  }
+
+  spans(spans) {
+    return spans.map(([from, to]) => {
+      const span = this.at(document.createElement("i"), from);
+      span.style.right = `calc(100% - ${this.share(to)})`;
+      return span;
+    });
+  }
+
+  // Leaves out numbers that would lie on their neighbours.
+  thin() {
+    let last = -Infinity;
+    for (const number of this.numbers) {
+      const x = (parseFloat(number.style.left) / 100) * element("timeline").clientWidth;
+      const fits = x - last >= Timeline.apart_px;
+      number.classList.toggle("mute", !fits);
+      if (fits) last = x;
+    }
+  }
+
+  show(time, current, words) {
+    element("seek").value = time;
+    element("seek").setAttribute("aria-valuetext", `${time.toFixed(2)} seconds, ${words}`);
+    element("timeline").style.setProperty("--done", this.share(time));
+    this.numbers.forEach((number, i) => number.classList.toggle("now", i === current));
+  }
+}

@@ -1,0 +1,41 @@
+"""Each bundled robot is drawn whole: as large, and in the same places, as pinocchio's own reading of its files says."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from pbd import load_robot
+from pbd.pose import Array
+from pbd.view.visuals import read_visuals
+
+ROBOTS = sorted(path.stem for path in (Path(__file__).parents[2] / "robots").glob("*.toml"))
+
+
+def boxes(parts: list[Array]) -> Array:
+    """The boxes (n, 6) around parts' corners, sorted."""
+    rows = [np.concatenate((corners.min(axis=0), corners.max(axis=0))) for corners in parts]
+    return np.array(sorted(tuple(np.round(row, 6)) for row in rows))
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_every_part_is_there_and_whole(name: str) -> None:
+    robot = load_robot(name)
+    model = pin.buildModelFromUrdf(str(robot.urdf))
+    folders = [str(folder) for folder in robot.package_dirs]
+    geometry = pin.buildGeomFromUrdf(model, str(robot.urdf), pin.GeometryType.VISUAL, package_dirs=folders)
+    wanted, drawn = defaultdict(list), defaultdict(list)
+    for each in geometry.geometryObjects:
+        frame = model.frames[each.parentFrame]
+        T_link_visual = (frame.placement.inverse() * each.placement).homogeneous
+        corners = each.geometry.vertices() * each.meshScale
+        wanted[frame.name].append(corners @ T_link_visual[:3, :3].T + T_link_visual[:3, 3])
+    for visual in read_visuals(robot):
+        drawn[visual.link].append(visual.T_link_visual.act(visual.mesh.vertices))
+    assert drawn.keys() == wanted.keys()
+    for link, parts in drawn.items():
+        np.testing.assert_allclose(boxes(parts), boxes(wanted[link]), atol=2e-4, err_msg=link)
