@@ -13,6 +13,8 @@ from pbd.cli.wire import add_lines, decoder_maker
 if TYPE_CHECKING:
     from pbd.data import Demonstration
 
+from pbd.cli.progress import working
+
 
 def add(commands: Commands) -> None:
     """Add the command."""
@@ -58,7 +60,8 @@ def run(args: argparse.Namespace) -> int:
     if args.file.suffix.lower() == ".bin":
         demo = _decode(args)
     else:
-        demo = import_file(args.file, dict(args.column), dict(args.unit))
+        with working(f"reading {args.file}"):
+            demo = import_file(args.file, dict(args.column), dict(args.unit))
     condition(demo.recording)  # what can't be tracked is refused here, before it takes a name
     if args.sensor:
         info = replace(demo.recording.info, sensor=args.sensor)

@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 from pbd.cli.completion import DEMOS, ROBOTS
+from pbd.cli.progress import working
 
 if TYPE_CHECKING:
     from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Robot
@@ -188,7 +189,9 @@ def track_demonstration(args: argparse.Namespace, demo: Demonstration) -> tuple[
     from pbd.tracking.keyframes import find_keyframes
 
     known = None if args.method == "paper" else demo.known  # the paper's method knows of no places
-    path = track(demo.recording, args.method, known, _calibration_for(args))
+    calibration = _calibration_for(args)
+    with working("tracking"):
+        path = track(demo.recording, args.method, known, calibration)
     found = find_keyframes(path)
     if demo.keyframes is None:
         return path, found
@@ -260,7 +263,9 @@ def plan_demonstration(args: argparse.Namespace) -> tuple[Demonstration, HandPat
     robot, calibration = load_arm(args)
     if demo.keyframes is not None and args.dwell is None:
         args.dwell = math.inf  # a person has said how long
-    plan = plan_keyframes(keyframes, calibration, robot, plan_options(args, robot), path, demo.grasped)
+    options = plan_options(args, robot)
+    with working(f"planning for {robot.name}"):
+        plan = plan_keyframes(keyframes, calibration, robot, options, path, demo.grasped)
     return demo, path, robot, plan
 
 

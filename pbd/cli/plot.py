@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,6 +17,7 @@ from pbd.cli.options import (
     say,
     track_demonstration,
 )
+from pbd.cli.progress import working
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -160,17 +160,10 @@ def _write(folder: Path, format_name: str, names: Collection[str], draw: Callabl
         raise PbdError(f"{folder} can't be written ({reason.strerror}); give another --save", path=folder) from None
     files: list[Path] = []
     for name in names:
-        _progress(f"drawing {len(files) + 1} of {len(names)}: {name}")
         file = folder / f"{name}.{format_name}"
-        with written_whole(file) as unfinished, unfinished.open("wb") as stream:
+        drawing = working(f"drawing {len(files) + 1} of {len(names)}: {name}")
+        with drawing, written_whole(file) as unfinished, unfinished.open("wb") as stream:
             write(draw(name), stream, format_name)
         files.append(file)
-    _progress("")
     say(f"wrote {len(files)} files into {folder}")
     return files
-
-
-def _progress(what: str) -> None:
-    """Tell a person who waits what is going on; the next word takes its place."""
-    if sys.stderr.isatty():
-        print(f"\r\x1b[K{what}", end="", file=sys.stderr, flush=True)

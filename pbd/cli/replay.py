@@ -18,6 +18,7 @@ from pbd.cli.options import (
     print_json,
     say,
 )
+from pbd.cli.progress import working
 from pbd.cli.ways import tell_ways, touching_json, ways_json
 
 
@@ -56,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
         from pbd.files.whole import written_whole
         from pbd.view.page import write_page
 
-        with written_whole(args.html) as unfinished:
+        with working("writing the page"), written_whole(args.html) as unfinished:
             write_page(replay_scene(demo, path, plan, robot, options, args.warnings), unfinished)
         say(f"wrote {args.html.resolve()} ({args.html.stat().st_size / 1e6:.1f} MB); open it in a browser")
     if args.json:

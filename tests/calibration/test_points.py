@@ -52,7 +52,7 @@ def test_without_noise_the_pose_is_found_exactly(p: Array, yaw: float, scale: fl
     assert all(fit.used)
 
 
-@settings(max_examples=15)
+@settings(max_examples=8)
 @given(vectors, vectors)
 def test_a_free_tilt_is_found_exactly(p: Array, turn: Array) -> None:
     T_base_nav = Pose(p, quat_exp(3.0 * turn))
@@ -81,7 +81,7 @@ def test_errors_lie_within_the_sigmas_that_are_told() -> None:
     perfect = touched(T_base_nav, POINTS[:4])
     root = np.linalg.cholesky(perfect.cov + 0.001**2 * np.eye(12))
     inside, chi2 = [], []
-    for seed in range(80):
+    for seed in range(60):
         noise = root @ np.random.default_rng(seed).normal(size=12)
         fit = fit_points(
             Touches(perfect.p_nav_sensor + noise.reshape(4, 3), perfect.lever, perfect.cov, (1, 2, 3, 4)), POINTS[:4]
@@ -90,8 +90,8 @@ def test_errors_lie_within_the_sigmas_that_are_told() -> None:
         error = np.append(fit.T_base_nav.p - T_base_nav.p, turn[2])
         inside.append(np.abs(error) < 2.0 * np.sqrt(np.diagonal(fit.cov))[[0, 1, 2, 5]])
         chi2.append(fit.chi2)
-    assert 0.90 < np.mean(inside) < 0.99  # 320 draws of 0.95: one sigma is 0.01, and they hang together in fours
-    assert np.mean(chi2) == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / 8.0 / 80.0))
+    assert 0.89 < np.mean(inside) < 0.99  # 240 draws of 0.95: one sigma is 0.014 and more, as they hang together in fours
+    assert np.mean(chi2) == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / 8.0 / 60.0))
 
 
 def test_weights_follow_the_growing_sigma() -> None:

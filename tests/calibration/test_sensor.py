@@ -15,7 +15,7 @@ from pbd.calibration.check import disagreements, gravity_at
 from pbd.calibration.gyro import fit_gyro
 from pbd.calibration.magnetometer import fit_ellipsoid, fit_magnetometer
 from pbd.calibration.rests import Rests, find_rests, orientations
-from pbd.calibration.sensor import calibrate_sensor, corrected
+from pbd.calibration.sensor import SensorFit, calibrate_sensor, corrected
 from pbd.data import GRAVITY, Recording, RecordingInfo, SensorErrors
 from pbd.errors import CalibrationError
 from pbd.pose import Array, quat_from_rpy, quat_inverse, quat_rotate
@@ -36,6 +36,11 @@ def recording() -> Recording:
 @pytest.fixture(scope="module")
 def rests(recording: Recording) -> Rests:
     return find_rests(recording)
+
+
+@pytest.fixture(scope="module")
+def whole(recording: Recording) -> SensorFit:
+    return calibrate_sensor(recording, gravity=EARTH.gravity, temperature_c=21.0)
 
 
 def of(acc: Array, noise: float = 0.0) -> Rests:
@@ -260,8 +265,8 @@ def test_a_magnetometer_that_lay_flat_is_refused() -> None:
 # --- all together -----------------------------------------------------------------------------------------------------
 
 
-def test_a_corrected_recording_reads_gravity_nothing_and_one_field(recording: Recording) -> None:
-    fit = calibrate_sensor(recording, gravity=EARTH.gravity, temperature_c=21.0)
+def test_a_corrected_recording_reads_gravity_nothing_and_one_field(recording: Recording, whole: SensorFit) -> None:
+    fit = whole
     assert fit.remarks == ()
     assert fit.errors.temperature_c == 21.0
     true = find_rests(corrected(recording, fit.errors))
@@ -274,16 +279,16 @@ def test_a_corrected_recording_reads_gravity_nothing_and_one_field(recording: Re
     assert corrected(recording, None) is recording
 
 
-def test_only_some_keeps_the_others(recording: Recording) -> None:
-    whole = calibrate_sensor(recording, gravity=EARTH.gravity).errors
-    again = calibrate_sensor(recording, only=("gyr",), known=whole).errors
-    assert again.acc is whole.acc
-    assert again.mag is whole.mag
-    assert again.gravity == whole.gravity
+def test_only_some_keeps_the_others(recording: Recording, whole: SensorFit) -> None:
+    known = whole.errors
+    again = calibrate_sensor(recording, only=("gyr",), known=known).errors
+    assert again.acc is known.acc
+    assert again.mag is known.mag
+    assert again.gravity == known.gravity
     assert again.gyr is not None
-    assert whole.gyr is not None
-    assert_allclose(again.gyr.matrix, whole.gyr.matrix)
-    assert_allclose(again.gyr.bias, whole.gyr.bias)
+    assert known.gyr is not None
+    assert_allclose(again.gyr.matrix, known.gyr.matrix)
+    assert_allclose(again.gyr.bias, known.gyr.bias)
 
 
 def test_what_the_sensor_lacks_is_left_out_or_refused(recording: Recording) -> None:
@@ -306,8 +311,8 @@ def test_another_sensors_errors_are_refused(recording: Recording) -> None:
     assert len(corrected(unnamed, errors)) == len(recording)
 
 
-def test_a_rest_that_contradicts_its_calibration_is_told(recording: Recording, rests: Rests) -> None:
-    errors = calibrate_sensor(recording, gravity=EARTH.gravity).errors
+def test_a_rest_that_contradicts_its_calibration_is_told(whole: SensorFit, rests: Rests) -> None:
+    errors = whole.errors
     assert errors.acc is not None
     assert errors.gyr is not None
     assert errors.mag is not None
