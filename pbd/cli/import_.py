@@ -8,12 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pbd.cli.options import Commands, add_command, add_json, positive, store_demonstration
+from pbd.cli.progress import working
 from pbd.cli.wire import add_lines, decoder_maker
 
 if TYPE_CHECKING:
     from pbd.data import Demonstration
-
-from pbd.cli.progress import working
 
 
 def add(commands: Commands) -> None:

@@ -14,6 +14,7 @@ from pbd.data import Keyframe
 from pbd.errors import PbdError
 from pbd.pose import Array, Pose
 from pbd.view import shapes
+from pbd.view.ellipsoid import two_sigma
 from pbd.view.live import LiveViewer, invite
 from pbd.view.meshcat_api import ScenePath
 from pbd.view.trail import Trail
@@ -24,7 +25,6 @@ FAST_M_S = 0.6
 
 BOX_M, BOX_RGB = (0.040, 0.028, 0.012), (0.96, 0.62, 0.16)
 NAV_M, NAV_RADIUS_M = 0.12, 0.0022
-LEAST_SIGMA_M = 5e-5
 """An ellipsoid without a size can't be turned."""
 
 PIECES = 2
@@ -196,7 +196,7 @@ class HandView:
         else:
             return
         node["triad"].set_transform(T_nav_sensor.matrix())
-        node["two_sigma"].set_transform(_two_sigma(keyframe))
+        node["two_sigma"].set_transform(two_sigma(T_nav_sensor.p, keyframe.cov[:3, :3]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,13 +220,3 @@ class SetHand:
 def _seen(before: Pose, after: Pose) -> bool:
     moved, turned = before.distance(after)
     return moved > SEEN_M or turned > SEEN_RAD
-
-
-def _two_sigma(keyframe: Keyframe) -> Array:
-    """The unit sphere's transform (4, 4) to the ellipsoid of two sigma of the position."""
-    variance, axes = np.linalg.eigh(keyframe.cov[:3, :3])
-    axes *= np.sign(np.linalg.det(axes))
-    T = np.eye(4)
-    T[:3, :3] = 2.0 * axes * np.sqrt(np.maximum(variance, LEAST_SIGMA_M**2))
-    T[:3, 3] = keyframe.T_nav_sensor.p
-    return T

@@ -13,6 +13,7 @@ from pbd.data import Obstacle
 from pbd.pose import Array, Pose
 from pbd.view import grasp, shapes, stand_in
 from pbd.view.description import describe
+from pbd.view.ellipsoid import two_sigma
 from pbd.view.extent import extent
 from pbd.view.meshcat_api import Visualizer
 from pbd.view.motion import Motion, Track
@@ -30,8 +31,6 @@ OBSTACLE_RGB = (0.62, 0.55, 0.47)
 OBSTACLE_OPACITY = 0.6
 OBJECT_OPACITY = 0.72
 """What it holds hides keyframes and the path otherwise."""
-LEAST_SIGMA_M = 2e-4
-"""An ellipsoid is drawn at least so thick; one that is thinner along all its axes isn't drawn."""
 
 
 def build(scene: ReplayScene, into: Visualizer) -> None:
@@ -123,28 +122,9 @@ def _keyframes(scene: ReplayScene, into: Visualizer) -> None:
     for i, keyframe in enumerate(scene.keyframes):
         into[f"{i}/triad"].set_object(mark)
         into[f"{i}/triad"].set_transform(keyframe.T_base_tool.matrix())
-        T = None if keyframe.cov is None else two_sigma(keyframe.T_base_tool, keyframe.cov)
-        if T is not None:
+        if keyframe.cov is not None and keyframe.cov[:3, :3].any():
             into[f"{i}/two_sigma"].set_object(ball)
-            into[f"{i}/two_sigma"].set_transform(T)
-
-
-def two_sigma(T_base_tool: Pose, cov: Array) -> Array | None:
-    """Return the matrix (4, 4) that makes the unit ball a tool's ellipsoid of two sigma in base; None: too small.
-
-    Args:
-        T_base_tool: its middle.
-        cov: (6, 6) m and rad, position first, in base.
-    """
-    variance, axes = np.linalg.eigh(cov[:3, :3])
-    sigma = np.sqrt(variance.clip(0.0))
-    if sigma.max() < LEAST_SIGMA_M:
-        return None
-    axes[:, 0] *= np.sign(np.linalg.det(axes))  # turned, not mirrored: the page takes it apart into turn and scale
-    T = np.eye(4)
-    T[:3, :3] = axes * (2.0 * sigma.clip(LEAST_SIGMA_M))
-    T[:3, 3] = T_base_tool.p
-    return T
+            into[f"{i}/two_sigma"].set_transform(two_sigma(keyframe.T_base_tool.p, keyframe.cov[:3, :3]))
 
 
 def _obstacles(obstacles: Sequence[Obstacle], red: Sequence[str], into: Visualizer) -> None:

@@ -46,7 +46,7 @@ def test_each_part_is_what_drawing_it_shows(part: str) -> None:
 
     exact = tool(np.zeros(6))
     drawn = []
-    for by in rng.multivariate_normal(np.zeros(6), cov, 4000):
+    for by in rng.multivariate_normal(np.zeros(6), cov, 2000):
         pose = tool(by)
         turn = quat_log(quat_multiply(pose.wxyz, quat_inverse(exact.wxyz)))
         drawn.append(np.concatenate((pose.p - exact.p, turn)))
@@ -65,7 +65,7 @@ def test_each_part_is_what_drawing_it_shows(part: str) -> None:
             assert_allclose(found, 0.0)
     expected = np.cov(np.array(drawn).T)
     sigma = np.sqrt(np.diagonal(expected))
-    assert_allclose(parts[part][0] / np.outer(sigma, sigma), expected / np.outer(sigma, sigma), atol=0.1)
+    assert_allclose(parts[part][0] / np.outer(sigma, sigma), expected / np.outer(sigma, sigma), atol=0.12)
 
 
 def test_a_dock_that_says_nothing_is_assumed() -> None:
