@@ -10,8 +10,7 @@ from pbd.cli.options import Commands, add_command, positive, print_json, say
 
 if TYPE_CHECKING:
     from pbd.calibration.sensor import SensorFit
-    from pbd.data import Linear, Recording
-    from pbd.tracking.conditioning import Gap
+    from pbd.data import Linear
 
 
 def add(commands: Commands) -> None:
@@ -48,6 +47,7 @@ def run(args: argparse.Namespace) -> int:
     from pbd.errors import CalibrationError, PbdWarning
     from pbd.files.calibration_edit import calibration_file, update_calibration
     from pbd.files.demo import load_demo
+    from pbd.tracking.conditioning import condition
 
     if args.latitude is not None and not abs(args.latitude) <= 90.0:
         raise CalibrationError(f"--latitude must be from -90 to 90, got {args.latitude:g}", value=args.latitude)
@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
     gravity = args.gravity or (GRAVITY if args.latitude is None else gravity_at(args.latitude))
     path = calibration_file(args.name)
     calibration = existing(path)
-    recording, gaps = _conditioned(load_demo(args.demo).recording)
+    recording, gaps = condition(load_demo(args.demo).recording)
     if gaps:
         at, missing = float(recording.t[gaps[0].before]), 1e3 * gaps[0].missing_s
         raise CalibrationError(f"{args.demo} has a gap of {missing:.0f} ms at {at:.2f} s; record it again")
@@ -78,25 +78,6 @@ def run(args: argparse.Namespace) -> int:
     if args.gravity is None and args.latitude is None and fit.acc is not None:
         say("gravity was taken for 9.80665 m/s2; with --latitude the scale is right to better than 0.3 %")
     return 0
-
-
-def _conditioned(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
-    """As for tracking, but that gyro and accelerometer need not agree yet: that is what the calibration is for."""
-    from dataclasses import replace
-
-    import numpy as np
-
-    from pbd.tracking.conditioning import condition
-
-    conditioned, gaps = condition(replace(recording, gyr=None))
-    if recording.gyr is None:
-        return conditioned, gaps
-    good = np.isfinite(recording.gyr).all(axis=1)
-    if not good.any():
-        return conditioned, gaps
-    t = conditioned.t
-    gyr = np.column_stack([np.interp(t, t[good], column) for column in recording.gyr[good].T])
-    return replace(conditioned, gyr=gyr), gaps
 
 
 def _kinds(text: str) -> tuple[str, ...]:

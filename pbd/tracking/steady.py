@@ -15,6 +15,10 @@ WINDOW_S = 0.2
 STEADY_ACC, STEADY_NORM = 0.05, 0.02
 """... over which specific force varies by less than this (rms, as a share of g) and is g to this share."""
 
+QUIET = 4.0
+"""Of the seconds in which specific force varies by up to so many times the least variance, the one that turns least is
+the quietest."""
+
 
 @dataclass(frozen=True, eq=False)
 class Steady:
@@ -39,7 +43,9 @@ def find_steady(acc: Array, gyr: Array, rate_hz: float) -> Steady:
     if len(acc) < max(second, 2 * half):
         return Steady(np.zeros(0, dtype=np.intp), np.zeros((0, 3)), np.zeros(0), np.zeros(3))
     variance, mean = window_moments(acc, second)
-    quietest = int(np.argmin(variance))
+    # A turn about the vertical leaves the accelerometer as quiet as a rest.
+    rate = np.where(variance <= QUIET * variance.min(), window_sums(squares(gyr), second), np.inf)
+    quietest = int(np.argmin(rate))
     g = float(np.linalg.norm(mean[quietest]))
     variance, mean = window_moments(acc, 2 * half)
     norm = np.linalg.norm(mean, axis=1)

@@ -23,7 +23,9 @@ from pbd.tracking.conditioning import condition
 from pbd.tracking.frozen import frozen
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.spikes import without_spikes
+from pbd.tracking.steady import find_steady
 from tests.benchmarks.trials import read_broad
+from tests.calibration.turning import sides
 from tests.scenarios import keyframes_and_errors, pour, with_rows
 from tests.tracking.faults import with_channel
 
@@ -232,6 +234,16 @@ def test_a_good_gyro_is_never_refused(sensor: str, task: str, rate_hz: float | N
         "wide": random_task(seed, max_turn=2.5),
     }.get(task, task)
     refuse_disagreement(simulate(what, sensor, seed, rate_hz=rate_hz).recording)
+
+
+@pytest.mark.parametrize("seed", [2, 9, 19])
+def test_a_turn_about_the_vertical_is_not_taken_for_rest(seed: int) -> None:
+    """It leaves the accelerometer as quiet: what the gyro says then is no bias."""
+    recording = simulate(sides(seed), "wt901", seed).recording
+    refuse_disagreement(recording)
+    assert recording.gyr is not None
+    bias = find_steady(recording.acc, recording.gyr, recording.rate_hz).gyro_bias
+    assert np.abs(bias).max() < np.radians(2.0)
 
 
 @pytest.mark.parametrize("how", ["swapped", "mirrored", "turned round"])
