@@ -20,7 +20,7 @@ from selenium.webdriver import Chrome
 from pbd.data import Keyframe
 from pbd.errors import PbdError
 from pbd.files.demo import read_demo
-from pbd.pose import Pose
+from pbd.pose import Array, Pose
 from pbd.sensors.simulate import simulate
 from pbd.tracking.live import LiveTracker
 from pbd.view import hand
@@ -88,8 +88,10 @@ def test_it_listens_on_loopback_only(view: HandView) -> None:
     assert set(listening(view._viewer._process.pid)) == {"0100007F"}
 
 
-def test_the_hand_moves_and_stops_appear(view: HandView, page: Page, pictures: list[HandPicture]) -> None:
-    went = []
+@pytest.fixture(scope="module")
+def went(view: HandView, page: Page, pictures: list[HandPicture]) -> list[Array]:
+    """Show the whole recording, so that each test finds it done; where the page has the hand, now and then."""
+    places = []
     for k, shown in enumerate(pictures):
         draw(view, shown)
         if k % 40 == 39 or k == len(pictures) - 1:
@@ -98,7 +100,11 @@ def test_the_hand_moves_and_stops_appear(view: HandView, page: Page, pictures: l
             assert np.linalg.norm(here - shown.p_nav_sensor) < 2.0 * SEEN_M
             assert page.read("#hand strong") == shown.badge
             assert int(page("return pbd.page.stops")) == len(shown.keyframes)
-            went.append(here)
+            places.append(here)
+    return places
+
+
+def test_the_hand_moves_and_stops_appear(went: list[Array], page: Page, pictures: list[HandPicture]) -> None:
     assert np.ptp(went, axis=0).max() > 0.1
     assert len(pictures[-1].keyframes) > 3
     for i, keyframe in enumerate(pictures[-1].keyframes):
@@ -107,6 +113,7 @@ def test_the_hand_moves_and_stops_appear(view: HandView, page: Page, pictures: l
     assert labels == [str(i) for i in range(len(pictures[-1].keyframes))]
 
 
+@pytest.mark.usefixtures("went")
 def test_the_path_leads_from_stop_to_stop(view: HandView, page: Page, pictures: list[HandPicture]) -> None:
     for _ in range(20):  # what is left of it
         draw(view, pictures[-1])
@@ -128,6 +135,7 @@ def test_the_path_leads_from_stop_to_stop(view: HandView, page: Page, pictures: 
         assert (np.array(high) < ends.max(axis=0) + 0.02).all()
 
 
+@pytest.mark.usefixtures("went")
 def test_all_is_in_sight_and_nothing_of_the_replay(page: Page) -> None:
     for part in ("panel", "bar"):
         assert not page(f'return document.getElementById("{part}").checkVisibility()')
@@ -143,6 +151,7 @@ def test_all_is_in_sight_and_nothing_of_the_replay(page: Page) -> None:
     assert (seen[:, 1] > below).all()
 
 
+@pytest.mark.usefixtures("went")
 def test_each_part_is_seen(page: Page) -> None:
     whole = page.picture()
     for part in ("hand", "path"):
@@ -152,6 +161,7 @@ def test_each_part_is_seen(page: Page) -> None:
         assert (np.abs(whole.astype(int) - without).max(axis=2) > 24).mean() > 3e-4, part
 
 
+@pytest.mark.usefixtures("went")
 def test_nothing_comes_from_elsewhere_and_words_are_words(view: HandView, page: Page) -> None:
     mine = urlsplit(view._viewer.url).netloc
     assert {urlsplit(asked).netloc for asked in page.requests()} == {mine}
@@ -161,6 +171,7 @@ def test_nothing_comes_from_elsewhere_and_words_are_words(view: HandView, page: 
     assert [error for error in page.errors() if "favicon" not in error] == []
 
 
+@pytest.mark.usefixtures("went")
 def test_a_page_that_is_opened_later_shows_the_same(view: HandView, page: Page, pictures: list[HandPicture]) -> None:
     later = Page(page.chrome, view._viewer.url)
     settled(later, pictures[-1])
@@ -170,6 +181,7 @@ def test_a_page_that_is_opened_later_shows_the_same(view: HandView, page: Page, 
         np.testing.assert_allclose(later.place("pbd", "stops", str(i), "triad"), keyframe.T_nav_sensor.p, atol=1e-6)
 
 
+@pytest.mark.usefixtures("went")
 def test_ellipsoids_are_two_sigma(view: HandView, page: Page, pictures: list[HandPicture]) -> None:
     """The covariance read back from the ellipsoid's axes is the keyframe's."""
     turn = Pose.from_rpy(np.zeros(3), (0.4, -0.7, 1.1)).matrix()[:3, :3]
