@@ -4,14 +4,22 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from pbd.data import Calibration, Keyframe
+from pbd.data import Calibration, Keyframe, Robot
 from pbd.errors import CalibrationError, PbdWarning
 from pbd.pose import Array, Pose, quat_about_z, quat_inverse, quat_multiply, quat_rotate, yaw_toward
 
 TILT_WARNING_DEG, UPSIDE_DOWN_DEG = 5.0, 150.0
+
+
+def with_table(calibration: Calibration, robot: Robot) -> Calibration:
+    """A calibration that names no table has the one that the robot stands on: its own dock's."""
+    if calibration.table_height is not None or robot.dock is None:
+        return calibration
+    return replace(calibration, table_height=robot.dock.table_height)
 
 
 def nav_in_base(calibration: Calibration, wxyz_nav_sensor: Array) -> Pose:

@@ -83,6 +83,7 @@ def run(args: argparse.Namespace) -> int:
         print("\nthe tool in base, one sigma; on the right by parts (rms over the axes)")
         print_table(base_table(rows))
     if joint_names:
+        print()
         print_table(joints_table(joint_names, rows, args.units))
     return 0
 
@@ -99,8 +100,8 @@ def _save(args: argparse.Namespace, demo: Demonstration, keyframes: tuple[Keyfra
             + ("copy it under another name, without 'bundled = true'" if demo.bundled else "`pbd import` it first"),
             path=source,
         )
-    path = write_keyframes(demo.folder, demo.folder.name, keyframes, args.force)
-    say(f"wrote {path}: edit it, it wins over what tracking finds from now on")
+    path = write_keyframes(demo.folder, demo.folder.name, keyframes, demo.recording.mag is not None, args.force)
+    say(f"wrote {path}: edit it; from now on it says where the arm goes and how long it stays there")
 
 
 def _add_base(args: argparse.Namespace, rows: list[dict[str, Any]], keyframes: tuple[Keyframe, ...]) -> bool:

@@ -129,7 +129,7 @@ def add_planning(parser: argparse.ArgumentParser, robot_required: bool = True) -
         "--dwell",
         type=positive,
         metavar="S",
-        help="longest stay at a keyframe, s (0.5; with --time demo the hand's own)",
+        help="longest stay at a keyframe, s (0.5; the hand's own with --time demo; what an edited keyframes.toml says)",
     )
     start = group.add_mutually_exclusive_group()
     start.add_argument(
@@ -225,13 +225,14 @@ def _calibration_for(args: argparse.Namespace) -> Calibration | None:
 
 def load_arm(args: argparse.Namespace) -> tuple[Robot, Calibration]:
     """Load the robot, and the calibration that was named, the robot's own, or the default."""
+    from pbd.calibration.frames import with_table
     from pbd.files.calibration import load_calibration
     from pbd.files.robot import load_robot
 
     robot = load_robot(args.robot)
     if args.calibration is None and robot.dock is not None:
         return robot, robot.dock
-    return robot, load_calibration(args.calibration or "default")
+    return robot, with_table(load_calibration(args.calibration or "default"), robot)
 
 
 def plan_options(args: argparse.Namespace, robot: Robot) -> PlanOptions:

@@ -14,6 +14,9 @@ from pbd.files.toml import Section, read_toml
 from pbd.pose import Array, Pose
 
 FORMAT = 1
+FAR_M = 10.0
+"""No arm comes near an obstacle that is farther away or larger."""
+
 PARTS = ("dock", "nav", "mount", "sensor")
 
 
@@ -39,6 +42,7 @@ def read_calibration(path: Path) -> Calibration:
     if "dock" in top and "nav" in top:
         top.fail("dock", "and [nav] can't both be given", next_step="take one out")
     if not any(part in top for part in PARTS):
+        top.refuse_misspelt(("dock", "nav"))
         top.fail("dock", "or [nav] must be given, or at least [mount] or [sensor]", "see calibration/default.toml")
     dock = top.section("dock") if "dock" in top else None
     nav = top.section("nav") if "nav" in top else None
@@ -114,8 +118,12 @@ def _obstacles(sections: list[Section]) -> tuple[Obstacle, ...]:
         if shape not in SHAPES:
             section.fail("shape", f"must be one of {', '.join(SHAPES)}, got {shape!r}")
         size = section.numbers("size", SHAPES[shape], positive=True)
+        position = section.numbers("position", 3)
+        for key, values in (("size", size), ("position", position)):
+            if max(map(abs, values)) > FAR_M:
+                section.fail(key, f"has {max(values, key=abs):g}, but is in metres", "divide it by 100 if it is in cm")
         rpy_deg = section.numbers("rpy_deg", 3) if "rpy_deg" in section else (0.0, 0.0, 0.0)
-        T_base_obstacle = Pose.from_rpy(section.numbers("position", 3), np.radians(rpy_deg))
+        T_base_obstacle = Pose.from_rpy(position, np.radians(rpy_deg))
         obstacles[name] = Obstacle(name, shape, size, T_base_obstacle)
     return tuple(obstacles.values())
 

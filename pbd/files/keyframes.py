@@ -25,7 +25,8 @@ HEAD = """\
 # Edit it as you like; `pbd keyframes {name}` shows what it says now, and tells the line of a mistake.
 #   drop      remove a [[keyframe]] and its lines; the first one is the dock, it stays as it is
 #   insert    copy a [[keyframe]], with a time between its neighbours'
-#   nudge     position_m is the sensor's, in metres from the dock, z up; rpy_deg is its roll, pitch and yaw in degrees
+#   nudge     position_m is the sensor's, in metres from the dock: {axes}, z up;
+#             rpy_deg is its roll, pitch and yaw in degrees. `pbd keyframes {name} --robot R` tells where the tool is
 #   dwell_s   how long the arm stays: as long as the hand did, until you say else here
 #   grip      "closes" or "opens"; without it nothing changes
 #   label     a word for people
@@ -35,9 +36,14 @@ format = {format}
 """
 
 
-def keyframes_toml(name: str, keyframes: Sequence[Keyframe]) -> str:
-    """Write the file's text."""
-    parts = [HEAD.format(name=name, format=FORMAT)]
+def keyframes_toml(name: str, keyframes: Sequence[Keyframe], magnetic: bool) -> str:
+    """Write the file's text; `magnetic`: a magnetometer turned nav to the north."""
+    axes = (
+        "x magnetic east, y magnetic north"
+        if magnetic
+        else "x along the sensor's own as it lies at the dock, y left of it"
+    )
+    parts = [HEAD.format(name=name, format=FORMAT, axes=axes)]
     for index, keyframe in enumerate(keyframes):
         sigma = np.sqrt(np.diagonal(keyframe.cov))
         lines = [
@@ -58,7 +64,9 @@ def keyframes_toml(name: str, keyframes: Sequence[Keyframe]) -> str:
     return "".join(parts)
 
 
-def write_keyframes(folder: Path, name: str, keyframes: Sequence[Keyframe], force: bool = False) -> Path:
+def write_keyframes(
+    folder: Path, name: str, keyframes: Sequence[Keyframe], magnetic: bool, force: bool = False
+) -> Path:
     """Write keyframes.toml into a demonstration's folder, and return its path.
 
     Raises:
@@ -68,7 +76,7 @@ def write_keyframes(folder: Path, name: str, keyframes: Sequence[Keyframe], forc
     if path.exists() and not force:
         raise RecordingError(f"{path} exists and may have been edited; --force replaces it", path=path)
     with written_whole(path) as unfinished:
-        unfinished.write_text(keyframes_toml(name, keyframes), encoding="utf-8")
+        unfinished.write_text(keyframes_toml(name, keyframes, magnetic), encoding="utf-8")
     return path
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
@@ -91,12 +92,18 @@ def _number(path: Path, line: int, column: str, cell: str) -> float:
         return float(cell) if cell.strip() else float("nan")
     except ValueError:
         raise RecordingError(
-            f"{path}:{line}: '{cell}' in column '{column}' is not a number; mend the cell, or leave it empty",
+            f"{path}:{line}: '{cell}' in column '{column}' is not a number; {_next_step(cell)}",
             path=path,
             line=line,
             column=column,
             value=cell,
         ) from None
+
+
+def _next_step(cell: str) -> str:
+    if re.fullmatch(r"\s*[-+]?\d+,\d+\s*", cell):
+        return "it has a decimal comma: write numbers with a point (export it again, or put a point for each comma)"
+    return "mend the cell, or leave it empty"
 
 
 def write_table(path: Path, header: tuple[str, ...], values: Array, decimals: tuple[int, ...]) -> None:

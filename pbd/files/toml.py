@@ -6,6 +6,7 @@ misspelt key can't be passed over in silence. Every error names the file, the li
 
 from __future__ import annotations
 
+import difflib
 import math
 import re
 import tomllib
@@ -123,12 +124,22 @@ class Section:
         for inner in self._sections:
             inner.done()
 
+    def refuse_misspelt(self, keys: tuple[str, ...]) -> None:
+        """Refuse a key that nobody asked for and that is nearly one of these."""
+        for given in self._unasked():
+            for key in keys:
+                if _alike(given, key):
+                    self.fail(given, f"is unknown; '{key}' may be meant", "rename it")
+
     def fail(self, key: str, what: str, next_step: str = "correct it") -> NoReturn:
         """Raise the file's error, at `key`."""
         line = _find_line(self._text, self.name, key, self._index)
         where = f"{self.path}:{line}" if line else f"{self.path}"
         place = f"[{self.name}] {key}" if self.name else key
         raise self._error(f"{where}: {place} {what}; {next_step}", path=self.path, line=line, key=key)
+
+    def _unasked(self) -> list[str]:
+        return [given for given in self._values if given not in self._asked]
 
     def _ask(self, key: str) -> None:
         if key not in self._asked:
@@ -137,7 +148,8 @@ class Section:
     def _get(self, key: str) -> Any:
         self._ask(key)
         if key not in self._values:
-            self.fail(key, "is missing", next_step="add it")
+            misspelt = [given for given in self._unasked() if _alike(given, key)]
+            self.fail(key, f"is missing (there is '{misspelt[0]}')" if misspelt else "is missing", next_step="add it")
         return self._values[key]
 
 
@@ -158,6 +170,11 @@ def _find_line(text: str, section: str, key: str, index: int = 0) -> int | None:
         around = number if header and here else around
     outer, _, name = section.rpartition(".")
     return around or (_find_line(text, outer, name) if section else None)
+
+
+def _alike(given: str, key: str) -> bool:
+    """Tell whether a word may be another one misspelt."""
+    return abs(len(given) - len(key)) <= 2 and difflib.SequenceMatcher(None, given, key).ratio() > 0.6
 
 
 def _is_number(value: object) -> bool:

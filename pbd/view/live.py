@@ -20,7 +20,7 @@ from pbd.view.page import SCENE_ROOT
 if TYPE_CHECKING:  # the recording's view needs no robot library
     from pbd.view.scene import ReplayScene
 
-PATIENCE_MS = 10_000
+PATIENCE_MS = 30_000
 
 
 class LiveViewer:

@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 from rich import box
-from rich.console import Console
-from rich.table import Table
+from rich.cells import cell_len
+from rich.console import Console, RenderableType
+from rich.table import Column, Table
 
 from pbd.data import Keyframe, Robot, Segment
 from pbd.pose import quat_to_rpy
@@ -24,6 +25,10 @@ PIPE_WIDTH = 200
 """Columns where the output is no terminal: rows are never broken for a program that reads them."""
 
 
+GAP = 3
+"""Columns between two of a table's."""
+
+
 def print_csv(*tables: Table) -> None:
     """Print tables of the same rows as one, side by side, without what the first has already (the row's number)."""
     columns = [column for k, table in enumerate(tables) for column in table.columns[1 if k else 0 :]]
@@ -33,13 +38,45 @@ def print_csv(*tables: Table) -> None:
 
 
 def print_table(table: Table) -> None:
-    """Print to stdout, in colour only where that is a terminal."""
+    """Print to stdout, in colour only where that is a terminal; what is too wide for it goes below."""
     if sys.stdout.isatty():
-        Console(highlight=False).print(table)
+        console = Console(highlight=False)
+        for k, part in enumerate(_fitting(table, console.width)):
+            console.print(part, new_line_start=k > 0)
         return
     text = StringIO()
     Console(file=text, width=PIPE_WIDTH, highlight=False).print(table)
     print("\n".join(line.rstrip() for line in text.getvalue().splitlines()))
+
+
+def _fitting(table: Table, width: int) -> list[Table]:
+    """Cut a table between columns into parts that fit; each begins with the first column."""
+    cells = [list(column.cells) for column in table.columns]
+
+    def part(columns: list[int]) -> Table:
+        cut = Table(box=table.box, pad_edge=table.pad_edge, show_edge=table.show_edge)
+        for i in columns:
+            column = table.columns[i]
+            cut.add_column(column.header, justify=column.justify, no_wrap=column.no_wrap)
+        for row in zip(*(cells[i] for i in columns), strict=True):
+            cut.add_row(*row)
+        return cut
+
+    needed = [_narrowest(column, texts) for column, texts in zip(table.columns, cells, strict=True)]
+    parts = [[0]]
+    for i in range(1, len(table.columns)):
+        columns = [*parts[-1], i]
+        fits = sum(needed[k] for k in columns) + GAP * (len(columns) - 1) <= width
+        if fits or len(parts[-1]) == 1:
+            parts[-1].append(i)
+        else:
+            parts.append([0, i])
+    return [part(columns) for columns in parts]
+
+
+def _narrowest(column: Column, cells: Sequence[RenderableType]) -> int:
+    texts = [str(text) for text in (column.header, *cells)]
+    return max(cell_len(word) for text in texts for word in ([text] if column.no_wrap else [*text.split(), ""]))
 
 
 def _table(*columns: str, left: tuple[str, ...] = ()) -> Table:
@@ -84,7 +121,7 @@ def keyframes_table(keyframes: Sequence[Keyframe], units: Units = SI) -> Table:
 def joints_table(joint_names: Sequence[str], rows: Sequence[Mapping[str, Any]], units: Units = SI) -> Table:
     """The tool's position in base and the joints, at each keyframe."""
     m, deg = units.length, units.angle_sign
-    table = _table("#", f"tool x ({m})", f"y ({m})", f"z ({m})", *(f"{name} ({deg})" for name in joint_names))
+    table = _table("#", f"tool x ({m})", f"tool y ({m})", f"tool z ({m})", *(f"{name} ({deg})" for name in joint_names))
     for row in rows:
         table.add_row(str(row["index"]), *units.lengths(row["base_position_m"]), *units.angles(row["joints"]))
     return table

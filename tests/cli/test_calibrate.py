@@ -11,10 +11,14 @@ import pytest
 
 from pbd.arm.model import load_model
 from pbd.cli import main
+from pbd.errors import PlanError
 from pbd.files.calibration import read_calibration
 from pbd.files.demo import write_demo
 from pbd.files.robot import load_robot
+from pbd.pipeline import track
+from pbd.planning import plan
 from pbd.pose import Pose
+from pbd.sensors.simulate import simulate
 from tests.calibration.touching import Touching, touching
 
 Capture = pytest.CaptureFixture[str]
@@ -47,6 +51,15 @@ def refused(capsys: Capture, code: int, *args: str) -> str:
     lines = [line for line in err.splitlines() if not line.startswith("pbd: warning:")]
     assert len(lines) == 1, err
     return lines[0]
+
+
+def test_a_calibration_without_a_table_has_the_robots_own(capsys: Capture) -> None:
+    """What would go through it is refused."""
+    assert run(capsys, "calibrate", "dock", "low", "--position", "0.45", "-0.15", "-0.02")[0] == 0
+    low, path = read_calibration(Path("calibration/low.toml")), track(simulate("pick-and-place-stops").recording)
+    assert low.table_height is None
+    with pytest.raises(PlanError, match="would touch the table"):
+        plan(path, low, load_robot("panda"))
 
 
 # --- dock -------------------------------------------------------------------------------------------------------------

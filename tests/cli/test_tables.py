@@ -2,8 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
+import fcntl
 import json
+import os
+import pty
+import re
+import struct
+import subprocess
+import sys
+import termios
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +34,27 @@ def rows_of(capsys: pytest.CaptureFixture[str], *command: str) -> list[dict[str,
     capsys.readouterr()
     assert main([*command, "--csv"]) == 0
     return list(csv.DictReader(capsys.readouterr().out.splitlines()))
+
+
+def in_terminal(columns: int, *command: str) -> str:
+    """What a command prints into a terminal of that width."""
+    ours, theirs = pty.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
+    settings = {name: value for name, value in os.environ.items() if name not in ("COLUMNS", "LINES")}
+    pbd = subprocess.Popen(
+        [sys.executable, "-m", "pbd", *command],
+        stdout=theirs,
+        stderr=subprocess.DEVNULL,
+        env=settings | {"TERM": "xterm", "NO_COLOR": "1"},
+    )
+    os.close(theirs)
+    shown = b""
+    with contextlib.suppress(OSError):  # the other end is closed
+        while chunk := os.read(ours, 65536):
+            shown += chunk
+    os.close(ours)
+    assert pbd.wait() == 0
+    return re.sub(r"\x1b\[[0-9;]*m", "", shown.decode()).replace("\r\n", "\n")
 
 
 def keyframes_of(capsys: pytest.CaptureFixture[str], *options: str) -> list[dict[str, Any]]:
@@ -115,3 +145,15 @@ def test_nothing_is_saved_into_what_is_bundled_or_no_folder(tea: Path, capsys: p
     assert "is bundled, so nothing is saved there; copy it" in capsys.readouterr().err
     assert main(["keyframes", str(tea / "imu.csv"), "--save"]) == 1
     assert "is no demonstration folder, so nothing is saved there; `pbd import` it first" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("columns", [60, 80, 100, 160])
+def test_no_number_is_cut_in_a_narrow_terminal(columns: int, capsys: pytest.CaptureFixture[str]) -> None:
+    """What is too wide goes below, each part with the row's number."""
+    rows = rows_of(capsys, "keyframes", "tea", "--robot", "panda")
+    shown = in_terminal(columns, "keyframes", "tea", "--robot", "panda")
+    assert max(map(len, shown.splitlines())) <= columns
+    assert "…" not in shown
+    words = set(shown.split())
+    for row in rows:
+        assert {value for key, value in row.items() if key != "label"} - {""} <= words

@@ -39,6 +39,7 @@ position = [0.0, 0.5, 0.6]
 """
 DOCK = TOML[TOML.index("[dock]") : TOML.index("[mount]")]
 PARTS = TOML[TOML.index("[dock]") : TOML.index("[[obstacle]]")]
+MOUNT = TOML[TOML.index("[mount]") : TOML.index("[[obstacle]]")]
 NAV = DOCK.replace("[dock]", "[nav]").replace("any_attitude = true\n", "")
 
 
@@ -123,6 +124,13 @@ def test_what_the_default_has_commented_out_is_valid_too(tmp_path: Path) -> None
         ("-0.15", '"left"', ":7: [dock] position must be a list of 3 finite numbers, got [0.4, 'left', 0.25]"),
         ("[dock]", "dock = 1\n[duck]", ":6: dock must be a table; correct it"),
         (PARTS, "", ": dock or [nav] must be given, or at least [mount] or [sensor]; see calibration/default.toml"),
+        (
+            PARTS,
+            PARTS.replace("[dock]", "[dok]").replace(MOUNT, ""),
+            ":6: dok is unknown; 'dock' may be meant; rename it",
+        ),
+        ("0.5, 0.6]", "50, 60]", ":23: [obstacle] position has 60, but is in metres; divide it by 100 if it is in cm"),
+        ("[0.1]", "[25]", ":22: [obstacle] size has 25, but is in metres; divide it by 100 if it is in cm"),
         (DOCK, DOCK + NAV, ":6: dock and [nav] can't both be given; take one out"),
         ("[dock]", "[dock", ": not valid TOML: "),
         ('name = "shelf"\n', "", ":13: [obstacle] name is missing; add it"),

@@ -170,7 +170,7 @@ def test_the_docks_options(folder: Path) -> None:
         ("format = 1\n", "format = 1\ncolour = 3\n",
          ":2: colour is unknown; the keys here are format, name, description, notes, model, gripper, arm, limits, dock;"
          " remove or rename it"),
-        ("jerk", "jrek", ": [limits] jerk is missing; add it"),
+        ("jerk", "jrek", ": [limits] jerk is missing (there is 'jrek'); add it"),
         ("jerk = [100, 200]", "jerk = [100, 200]\njrek = 1",
          ":24: [limits] jrek is unknown; the keys here are source, velocity, acceleration, acceleration_source, jerk,"
          " jerk_source; remove or rename it"),
@@ -218,7 +218,8 @@ def test_the_docks_options(folder: Path) -> None:
          "mine.urdf: no joints lead from 'finger' to 'hand'; choose another base"),
         ("xyz = [0.0, 0.0, 0.1]", "xyz = [0.0, 0.1]",
          ":9: [model.T_body_tool] xyz must have 3 numbers, got 2; correct it"),
-        ("xyz = [0.0, 0.0, 0.1]", "xzy = [0.0, 0.0, 0.1]", ":9: [model.T_body_tool] xyz is missing; add it"),
+        ("xyz = [0.0, 0.0, 0.1]", "xzy = [0.0, 0.0, 0.1]",
+         ":9: [model.T_body_tool] xyz is missing (there is 'xzy'); add it"),
         ("position = [0.3, 0.0, 0.2]", "position = 0.3",
          ":26: [dock] position must be a list of 3 finite numbers, got 0.3; correct it"),
         ("rpy_deg = [0.0, 0.0, 30.0]", "rpy_deg = [0, 0, 0]\nscale = -1",
@@ -228,7 +229,7 @@ def test_the_docks_options(folder: Path) -> None:
         ("[dock]\n", "[dok]\n",
          ":25: dok is unknown; the keys here are format, name, description, notes, model, gripper, arm, limits, dock;"
          " remove or rename it"),
-        ("[limits]\n", "limits = 3\n[limts]\n", ": limits is missing; add it"),
+        ("[limits]\n", "limits = 3\n[limts]\n", ": limits is missing (there is 'limts'); add it"),
         ("name = ", "name == ", "not valid TOML: Invalid value (at line 2, column 7); mend it there"),
     ],
 )  # fmt: skip

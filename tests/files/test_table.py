@@ -56,7 +56,8 @@ def test_an_empty_cell_is_nan(tmp_path: Path) -> None:
         ),
         (
             "t;ax\n0;1\n1;2,5\n",  # a decimal comma is not taken for anything else
-            ":3: '2,5' in column 'ax' is not a number; mend the cell, or leave it empty",
+            ":3: '2,5' in column 'ax' is not a number; it has a decimal comma: write numbers with a point (export it "
+            "again, or put a point for each comma)",
             {"line": 3, "column": "ax", "value": "2,5"},
         ),
         (
