@@ -55,6 +55,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; return its exit code."""
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # a terminal that has no sigma gets a question mark
+    if not (sys.argv[1:] if argv is None else argv):
+        parser().print_help(sys.stderr)
+        return 2
     args = parser().parse_args(argv)
     args.warnings = []
 

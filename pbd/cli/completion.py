@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, NoReturn
 
 SHELLS = ("bash", "zsh", "tcsh")
 
-DEMOS = {"bash": "_pbd_demos", "zsh": "_pbd_demos"}
-ROBOTS = {"bash": "_pbd_robots", "zsh": "_pbd_robots"}
-"""What an argument's `complete` is set to: shell functions below, as names come and go."""
+OWN = {
+    "DEMO": ("demos", "ls demos 2>/dev/null"),
+    "R": ("robots", "ls robots 2>/dev/null | sed -n 's/[.]toml$//p'"),
+    "C": ("calibrations", "ls calibration 2>/dev/null | sed -n 's/[.]toml$//p'"),
+    "SENSOR": ("sensors", ":"),
+    "TASK": ("tasks", ":"),
+    "M": ("models", ":"),
+}
+"""What an argument of that metavar takes: a name for the shell, and how it finds the user's own."""
 
-_BASH = """\
-_pbd_demos() {{ compgen -W "{demos} $(ls demos 2>/dev/null)" -- "$1"; compgen -f -- "$1"; }}
-_pbd_robots() {{ compgen -W "{robots} $(ls robots 2>/dev/null | sed -n 's/[.]toml$//p')" -- "$1"; compgen -f -- "$1"; }}
-"""
-_ZSH = """\
-_pbd_demos() {{ compadd -- {demos} $(ls demos 2>/dev/null); _files; }}
-_pbd_robots() {{ compadd -- {robots} $(ls robots 2>/dev/null | sed -n 's/[.]toml$//p'); _files; }}
-"""
+_BASH = '_pbd_{name}() {{ compgen -W "{known} $({own})" -- "$1"; }}\n'
+_ZSH = "_pbd_{name}() {{ compadd -- {known} $({own}); }}\n"
 
 
 class PrintCompletion(argparse.Action):
@@ -35,9 +35,37 @@ class PrintCompletion(argparse.Action):
         """Print it."""
         import shtab
 
-        from pbd.files.library import bundled_names
-
-        known = {"demos": " ".join(bundled_names("demos", "")), "robots": " ".join(bundled_names("robots", ".toml"))}
-        functions = {"bash": _BASH, "zsh": _ZSH}.get(str(values), "").format(**known)
-        print(shtab.complete(parser, str(values), preamble=functions))
+        for argument in _arguments(parser):
+            if argument.metavar in OWN:
+                function = f"_pbd_{OWN[str(argument.metavar)][0]}"
+                argument.complete = {"bash": function, "zsh": function}  # type: ignore[attr-defined]
+        template = {"bash": _BASH, "zsh": _ZSH}.get(str(values), "")
+        known = _known()
+        functions = (template.format(name=name, own=own, known=" ".join(known[name])) for name, own in OWN.values())
+        print(shtab.complete(parser, str(values), preamble="".join(functions)))
         parser.exit()
+
+
+def _arguments(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
+    """All arguments of a parser and of those below it."""
+    for action in parser._actions:
+        yield action
+        if isinstance(action, argparse._SubParsersAction):
+            for below in action.choices.values():
+                yield from _arguments(below)
+
+
+def _known() -> dict[str, Sequence[str]]:
+    """What comes with pbd."""
+    from pbd.files.library import bundled_names
+    from pbd.sensors.protocols import PROTOCOLS
+    from pbd.sensors.simulate import SENSOR_MODELS, TASKS
+
+    return {
+        "demos": bundled_names("demos", ""),
+        "robots": bundled_names("robots", ".toml"),
+        "calibrations": bundled_names("calibration", ".toml"),
+        "sensors": ["sim", *PROTOCOLS],
+        "tasks": list(TASKS),
+        "models": list(SENSOR_MODELS),
+    }

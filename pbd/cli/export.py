@@ -18,7 +18,7 @@ from pbd.cli.options import (
     say,
 )
 from pbd.cli.ways import tell_ways, ways_json
-from pbd.files.exporters import FORMATS
+from pbd.files.exporters import FORMATS, HIGHEST_HZ, LOWEST_HZ
 
 
 def add(commands: Commands) -> None:
@@ -34,10 +34,19 @@ def add(commands: Commands) -> None:
     add_json(parser)
     parser.add_argument("--format", required=True, choices=FORMATS, help="csv, npz or ros2-json")
     parser.add_argument("-o", "--output", required=True, type=Path, metavar="FILE", help="the file to write")
-    parser.add_argument("--rate", type=positive, default=1000.0, metavar="HZ", help="samples a second (1000)")
+    parser.add_argument(
+        "--rate", type=_rate, default=1000.0, metavar="HZ", help="samples a second, from 10 to 100000 (1000)"
+    )
     add_tracking(parser)
     add_planning(parser)
     parser.set_defaults(run=run)
+
+
+def _rate(text: str) -> float:
+    rate = positive(text)
+    if not LOWEST_HZ <= rate <= HIGHEST_HZ:
+        raise argparse.ArgumentTypeError(f"must be from {LOWEST_HZ:g} to {HIGHEST_HZ:g} Hz, got {text}")
+    return rate
 
 
 def run(args: argparse.Namespace) -> int:

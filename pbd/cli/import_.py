@@ -39,7 +39,7 @@ def add(commands: Commands) -> None:
     parser.add_argument(
         "--unit", type=_pair, action="append", default=[], metavar="WHAT=UNIT", help="of t, gyr, acc, mag or angle"
     )
-    parser.add_argument("--sensor", metavar="S", help="what recorded it; for a raw.bin: what its bytes are")
+    parser.add_argument("--sensor", metavar="SENSOR", help="what recorded it; for a raw.bin: what its bytes are")
     parser.add_argument("--rate", type=positive, metavar="HZ", help="of a raw.bin, where nothing else tells it")
     parser.add_argument("--closed", action="store_true", help="the hand ended where it began")
     parser.add_argument("--force", action="store_true", help="replace a demonstration of that name")

@@ -9,7 +9,6 @@ import sys
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Protocol
 
-from pbd.cli.completion import DEMOS, ROBOTS
 from pbd.cli.progress import working
 
 if TYPE_CHECKING:
@@ -44,19 +43,13 @@ def add_command(
 
 def add_demo(parser: argparse.ArgumentParser) -> None:
     """Add the demonstration that a command works on."""
-    demo = parser.add_argument(
+    parser.add_argument(
         "demo",
         nargs="?",
         metavar="DEMO",
         help="a demonstration's name (in ./demos, or bundled), its folder, or a recording (.csv, .npz); "
         "default: the newest in ./demos, else 'pouring'",
     )
-    completed_by(demo, DEMOS)
-
-
-def completed_by(argument: argparse.Action, functions: dict[str, str]) -> None:
-    """Say which shell functions complete an argument (completion.py); shtab reads them there."""
-    argument.complete = functions  # type: ignore[attr-defined]
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:
@@ -97,8 +90,7 @@ def add_tracking(parser: argparse.ArgumentParser) -> None:
 def add_planning(parser: argparse.ArgumentParser, robot_required: bool = True) -> None:
     """Add what every command that plans takes."""
     group = parser.add_argument_group("motion")
-    robot = group.add_argument("--robot", metavar="R", required=robot_required, help="name or file; see `pbd robots`")
-    completed_by(robot, ROBOTS)
+    group.add_argument("--robot", metavar="R", required=robot_required, help="name or file; see `pbd robots`")
     group.add_argument("--scale", type=positive, default=1.0, metavar="S", help="multiply the hand's motion (1)")
     group.add_argument(
         "--orientation",

@@ -51,6 +51,10 @@ def test_commands_options_and_names(folder: Path, capsys: pytest.CaptureFixture[
     assert {"tea", "pouring"} <= completed("pbd segments ", folder, capsys)
     assert completed("pbd replay --robot mi", folder, capsys) == {"mine"}
     assert "panda" in completed("pbd replay --robot pa", folder, capsys)
+    assert completed("pbd replay --calibration de", folder, capsys) == {"default"}
+    assert "tea" in completed("pbd plot t", folder, capsys)
+    assert "witmotion" in completed("pbd record x --sensor w", folder, capsys)
+    assert "pour" in completed("pbd simulate p", folder, capsys)
 
 
 @pytest.mark.parametrize("shell", SHELLS)
