@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -50,9 +51,10 @@ def add(commands: Commands) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Import and store."""
-    from pbd.errors import RecordingError
+    from pbd.errors import RecordingError, TrackingError
     from pbd.files.importers import import_file
     from pbd.tracking.conditioning import condition
+    from pbd.tracking.rest import find_rest
 
     if not args.file.is_file():
         raise RecordingError(f"no file {args.file}; give the path of a recording", path=args.file)
@@ -61,7 +63,9 @@ def run(args: argparse.Namespace) -> int:
     else:
         with working(f"reading {args.file}"):
             demo = import_file(args.file, dict(args.column), dict(args.unit))
-    condition(demo.recording)  # what can't be tracked is refused here, before it takes a name
+    # What can't be a recording (units, clock) is refused before it takes a name; where the hand stops is seen later.
+    with suppress(TrackingError):
+        find_rest(condition(demo.recording)[0])
     if args.sensor:
         info = replace(demo.recording.info, sensor=args.sensor)
         demo = replace(demo, recording=replace(demo.recording, info=info))
