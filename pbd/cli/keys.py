@@ -1,4 +1,4 @@
-"""Single keys from a terminal, and signals, without waiting for either."""
+"""Single keys from a terminal, and signals, without waiting for either; the commands that they stand for."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ import signal
 import sys
 from contextlib import suppress
 from types import FrameType, TracebackType
-from typing import Any, Self
+from typing import Any, Protocol, Self
+
+from pbd.record.told import Command
 
 
 class Keys:
@@ -60,3 +62,36 @@ class Keys:
 
     def _signal(self, number: int, frame: FrameType | None) -> None:
         self._signalled = True
+
+
+class Asks(Protocol):
+    """What shows a question."""
+
+    def ask(self, question: str) -> None:
+        """Show it; "" takes it back."""
+
+
+class Person:
+    """Turns keys into commands; asks before a recording is discarded."""
+
+    def __init__(self, keys: Keys, screen: Asks) -> None:
+        self._keys, self._screen = keys, screen
+        self._asked = False
+
+    def __call__(self) -> Command | None:
+        """Return what is wanted now, without waiting."""
+        key = self._keys.next()
+        if self._asked and key:
+            self._asked = False
+            self._screen.ask("")
+            if key in "yY":
+                return Command.DISCARD
+            return None if key != self._keys.END else Command.END
+        if key in ("\n", "\r", self._keys.END) and key:
+            return Command.END
+        if key == " ":
+            return Command.GRIP
+        if key in ("q", "Q") and key:
+            self._asked = True
+            self._screen.ask("discard this recording? y discards, any other key goes on")
+        return None

@@ -7,7 +7,7 @@ import os
 import sys
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from datetime import datetime
 from typing import TYPE_CHECKING
 
@@ -15,10 +15,12 @@ from pbd.cli.options import Commands, add_command, add_json, positive, print_jso
 from pbd.cli.wire import add_lines, decoder_maker
 
 if TYPE_CHECKING:
-    from pbd.cli.keys import Keys
+    from pathlib import Path
+
     from pbd.cli.recording_screen import PanelScreen, PlainScreen
+    from pbd.cli.recording_simulated import Poll, Show, SimulatedHand
     from pbd.data import SensorErrors
-    from pbd.record import Command, Outcome
+    from pbd.record import Outcome
     from pbd.sensors.decoding import Decoder
     from pbd.sensors.port import Port
     from pbd.view.hand import HandView
@@ -32,7 +34,8 @@ def add(commands: Commands) -> None:
         commands,
         "record",
         "record a demonstration from a sensor",
-        "Record to ./demos/NAME, sample by sample. Hold still for two seconds, then move, stop, move, stop.",
+        "Record to ./demos/NAME, sample by sample. Hold still for two seconds, then move, stop, move, stop.\n"
+        "`--sensor sim` simulates a hand that does a TASK (pour) and grips by itself.",
         "  pbd record tea --sensor witmotion\n"
         "  pbd record tea --sensor sim:pour           without hardware: a simulated hand that pours\n"
         "  pbd record tea --live                      and see the hand, its path and its stops in the browser\n"
@@ -41,7 +44,7 @@ def add(commands: Commands) -> None:
     parser.add_argument("name", nargs="?", metavar="NAME", help="of the demonstration; default: the date and the time")
     parser.add_argument(
         "--sensor",
-        metavar="S",
+        metavar="SENSOR",
         help="what it speaks (`pbd sensors` lists them), or sim[:TASK]; default: listen and see",
     )
     parser.add_argument("--port", metavar="P", help="the serial port; default: the only one with something plugged in")
@@ -57,7 +60,11 @@ def add(commands: Commands) -> None:
     parser.add_argument(
         "--calibration", metavar="C", help="of this sensor: say where it disagrees with it at rest, and track with it"
     )
-    parser.add_argument("--force", action="store_true", help="replace a demonstration of that name")
+    parser.add_argument(
+        "--force",
+        action="store_true",
+        help="replace a demonstration of that name: the old one is in NAME.before until the new one has ended well",
+    )
     parser.add_argument("--live", action="store_true", help="show the hand in the browser, served on this machine only")
     parser.add_argument("--no-open", action="store_true", help="with --live: open no browser; print the address")
     add_lines(parser).add_argument(
@@ -69,17 +76,19 @@ def add(commands: Commands) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Record, and say how it went."""
-    from pbd.cli.keys import Keys
+    from pbd.cli.keys import Keys, Person
     from pbd.cli.recording_screen import PanelScreen, PlainScreen
     from pbd.files.demo import demo_folder, may_be_written, utc_now
     from pbd.record import RecordOptions, record
+    from pbd.record.loop import SHOWN_S
 
     name = args.name or datetime.now().strftime("demo-%m%d-%H%M%S")
     folder = demo_folder(name)
     may_be_written(folder, args.force)
     with ExitStack() as stack:
         view = stack.enter_context(_live_view()) if args.live else None
-        sensor, opened, decoder = _sensor(args, stack)
+        hand = _simulated(args, stack)
+        sensor, opened, decoder = _sensor(args) if hand is None else (hand.name, hand.open, hand.decoder())
         options = RecordOptions(
             folder=folder,
             sensor=sensor,
@@ -99,17 +108,23 @@ def run(args: argparse.Namespace) -> int:
             screen = PanelScreen(title, options.tolerance_m)
         else:
             screen = PlainScreen(title)
-        person = _Person(keys, screen)
-        if view is None:
-            with screen:
-                outcome = record(opened, decoder, options, person, screen.show)
-        else:
-            from pbd.cli.recording_live import SHOWN_S, LiveScreen
+        poll: Poll = Person(keys, screen)
+        show: Show = screen.show
+        every_s, live = SHOWN_S, None
+        if view is not None:
+            from pbd.cli.recording_live import SHOWN_S as LIVE_SHOWN_S
+            from pbd.cli.recording_live import LiveScreen
 
             view.open(name, sensor, not args.no_open)
             live = LiveScreen(view, screen.show, options.tolerance_m)
-            with screen:
-                outcome = record(opened, decoder, options, person, live.show, SHOWN_S)
+            show, every_s = live.show, LIVE_SHOWN_S
+        if hand is not None:
+            poll, show = hand.beside(poll, show, keys.terminal, args.duration)
+        with screen:
+            outcome = record(opened, decoder, options, poll, show, every_s)
+        if hand is not None:
+            outcome = hand.outcome(outcome)
+        if live is not None:
             live.end(outcome)
     try:
         _report(args, outcome)
@@ -149,47 +164,27 @@ def _live_view() -> HandView:
     return HandView()
 
 
-class _Person:
-    """Turns keys into commands; asks before a recording is discarded."""
-
-    def __init__(self, keys: Keys, screen: PanelScreen | PlainScreen) -> None:
-        self._keys, self._screen = keys, screen
-        self._asked = False
-
-    def __call__(self) -> Command | None:
-        from pbd.record import Command
-
-        key = self._keys.next()
-        if self._asked and key:
-            self._asked = False
-            self._screen.ask("")
-            if key in "yY":
-                return Command.DISCARD
-            return None if key != self._keys.END else Command.END
-        if key in ("\n", "\r", self._keys.END) and key:
-            return Command.END
-        if key == " ":
-            return Command.GRIP
-        if key in ("q", "Q") and key:
-            self._asked = True
-            self._screen.ask("discard this recording? y discards, any other key goes on")
-        return None
-
-
-def _sensor(args: argparse.Namespace, stack: ExitStack) -> tuple[str, Callable[[], Port], Decoder]:
-    """The sensor's name, what opens its port, and its decoder."""
+def _simulated(args: argparse.Namespace, stack: ExitStack) -> SimulatedHand | None:
+    """The hand of --sensor sim[:TASK]."""
     from pbd.errors import SensorError
+
+    kind, _, task = (args.sensor or "").partition(":")
+    if kind != SIMULATED:
+        return None
+    if args.port or args.baud or args.rate:
+        raise SensorError("a simulated sensor has no port, baud or rate to choose; leave out --port, --baud, --rate")
+    from pbd.cli.recording_simulated import simulated_hand
+
+    return simulated_hand(task, stack)
+
+
+def _sensor(args: argparse.Namespace) -> tuple[str, Callable[[], Port], Decoder]:
+    """The sensor's name, what opens its port, and its decoder."""
     from pbd.sensors.port import open_port
     from pbd.sensors.probe import find_baud
     from pbd.sensors.protocols import PROTOCOLS
 
     wanted: str | None = args.sensor
-    if wanted is not None and wanted.partition(":")[0] == SIMULATED:
-        if args.port or args.baud or args.rate:
-            raise SensorError(
-                "a simulated sensor has no port, baud or rate to choose; leave out --port, --baud, --rate"
-            )
-        return _simulated(wanted.partition(":")[2] or "pour", stack)
     make = None if wanted is None else decoder_maker(args, wanted, args.unit)  # before anything is opened
     device, baud = args.port or _only_port(), args.baud
     if wanted is None:
@@ -203,16 +198,6 @@ def _sensor(args: argparse.Namespace, stack: ExitStack) -> tuple[str, Callable[[
     if args.rate is not None:
         _set_rate(device, baud, wanted, args.rate)
     return wanted, lambda: open_port(device, baud), make()
-
-
-def _simulated(task: str, stack: ExitStack) -> tuple[str, Callable[[], Port], Decoder]:
-    from pbd.sensors.emulator import Emulator
-    from pbd.sensors.port import open_port
-    from pbd.sensors.protocols import protocol
-    from pbd.sensors.simulate import simulate
-
-    emulator = stack.enter_context(Emulator(simulate(task, "modern", seed=int(time.time())).recording))
-    return f"ximu3, simulated ({task})", lambda: open_port(emulator.device, 115200), protocol("ximu3").decoder()
 
 
 def _listened(device: str) -> tuple[str, int]:
@@ -262,6 +247,9 @@ def _set_rate(device: str, baud: int, sensor: str, rate_hz: float) -> None:
 
 def _report(args: argparse.Namespace, outcome: Outcome) -> None:
     folder = None if outcome.folder is None else str(outcome.folder)
+    if outcome.before:
+        with suppress(OSError):  # nobody reads it any more
+            print(outcome.before, file=sys.stderr)
     if args.json:
         print_json(
             {
@@ -274,7 +262,7 @@ def _report(args: argparse.Namespace, outcome: Outcome) -> None:
                 "ended_by": outcome.ended_by,
             }
         )
-    elif folder is None:
+    elif outcome.folder is None:
         print("discarded", file=sys.stderr)
     else:
         bad = f", {outcome.bad_packets} bad packets" if outcome.bad_packets else ""
@@ -282,4 +270,13 @@ def _report(args: argparse.Namespace, outcome: Outcome) -> None:
             f"{folder}: {outcome.duration_s:.1f} s, {outcome.samples} samples, {outcome.lost} lost{bad}, "
             f"stops after the first rest: {max(outcome.stops - 1, 0)}; ended by {outcome.ended_by}"
         )
-        print(f"next: pbd keyframes {outcome.folder.name if outcome.folder else ''}")
+        print(f"next: pbd keyframes {_word(outcome.folder)}")
+
+
+def _word(folder: Path) -> str:
+    """A demonstration as a shell takes it: by its name in ./demos, else by its path."""
+    import shlex
+    from pathlib import Path
+
+    word = folder.name if folder.parent == Path("demos") else str(folder)
+    return shlex.quote(f"./{folder}" if word[0] in "-~" else word)

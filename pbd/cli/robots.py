@@ -61,8 +61,10 @@ def run(args: argparse.Namespace) -> int:
         print_csv(robots_table(robots, reach_m))
     else:
         print_table(robots_table(robots, reach_m))
+        of: dict[str, list[str]] = {}
         for robot in robots:
             for note in robot.notes:
-                print(f"\n{robot.name}: {note}", end="")
-        print()
+                of.setdefault(note, []).append(robot.name)
+        for note, those in of.items():
+            print(f"\n{', '.join(those)}: {note}")
     return 0

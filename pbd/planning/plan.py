@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
-from pbd.calibration.frames import nav_in_base, tool_poses
+from pbd.calibration.frames import nav_in_base, tool_poses, with_table
 from pbd.data import Calibration, GraspedObject, HandPath, JointTrajectory, Keyframe, Robot
 from pbd.errors import CalibrationError, PlanError
 from pbd.planning.checks import refuse_few, refuse_one_place, start_joints, warn_of_table, warn_of_unsure
@@ -60,6 +60,7 @@ def plan_keyframes(
     from pbd.arm.timing import time_moves
 
     options = options or PlanOptions()
+    calibration = with_table(calibration, robot)
     if options.path == "demo" and hand_path is None:
         raise PlanError("the hand's path isn't known, only its keyframes; choose another --path")
     refuse_few(keyframes)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-from pbd.errors import SensorError
+from pbd.errors import RecordingError, SensorError
 from pbd.record.session import Session
 from pbd.record.told import Command, Outcome, RecordOptions, Status
 from pbd.sensors.decoding import Decoder
@@ -35,6 +35,10 @@ def record(
 ) -> Outcome:
     """Record a demonstration. Whatever ends it, its folder is complete.
 
+    With `options.force` a demonstration of that name is renamed to NAME.before, or a free name like it, when the first
+    samples are there. It is removed when the new one has ended well; it takes its name back where the new one is
+    discarded or has no rest in it (then that is kept as NAME.new); it stays there, whole, after a crash or an error.
+
     Args:
         open_port: opens the sensor's port; called again to reconnect.
         decoder: of the sensor's protocol.
@@ -47,7 +51,22 @@ def record(
         SensorError: no port, no bytes, or bytes that are no packets: then there is no folder.
         RecordingError: the folder exists or can't be written, the disk is full.
     """
-    session, reader = Session(decoder, options), Reader(open_port)
+    session = Session(decoder, options)
+    try:
+        ended_by = _whole(session, Reader(open_port), poll, show, every_s)
+    except RecordingError as error:
+        if session.before is None:
+            raise
+        where = f"{error.message}; the demonstration before it is in {session.before.aside}"
+        raise RecordingError(where, **error.fields) from None
+    session.settle()
+    if not session.discarded:
+        show(session.status())
+    return session.outcome(ended_by)
+
+
+def _whole(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], None], every_s: float) -> str:
+    """From the first byte to the last row on disk; return what ended it."""
     try:
         ended_by = _run(session, reader, poll, show, every_s)
         session.end()
@@ -56,9 +75,7 @@ def record(
     finally:
         reader.close()
         session.close()
-    if not session.discarded:
-        show(session.status())
-    return session.outcome(ended_by)
+    return ended_by
 
 
 def _run(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], None], every_s: float) -> str:

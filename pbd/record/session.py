@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections import deque
 from contextlib import suppress
 from math import hypot
@@ -12,6 +13,7 @@ from pbd.data import GripEvent, RecordingInfo
 from pbd.errors import PbdError, RecordingError
 from pbd.files.columns import compass_angles
 from pbd.files.growing import GrowingDemo
+from pbd.record.before import Before, set_aside
 from pbd.record.clock import Clock
 from pbd.record.coach import Coach
 from pbd.record.health import Health
@@ -41,6 +43,8 @@ class Session:
         self.closed = False
         self.discarded = False
         self.heard = b""
+        self.before: Before | None = None
+        self._kept_in, self._told_of_before = options.folder, ""
         self._health, self._losses = Health(), Losses()
         self._lost_at_end: int | None = None
         self._raw = bytearray()
@@ -103,6 +107,17 @@ class Session:
         self.discarded = True
         if self.demo is not None:
             self.demo.discard()
+
+    def settle(self) -> None:
+        """Once all is written: what becomes of the demonstration that had the name before."""
+        if self.before is None:
+            return
+        if self.discarded:
+            self._told_of_before = self.before.put_back()
+        elif self.coach.tracker.waiting:
+            self._kept_in, self._told_of_before = self.before.change_places()
+        else:
+            self._told_of_before = self.before.remove()
 
     def end(self) -> None:
         """Begin what was too short to have begun: no sample is thrown away."""
@@ -168,8 +183,16 @@ class Session:
 
     def outcome(self, ended_by: str) -> Outcome:
         """How it ended."""
-        folder = None if self.discarded or self.demo is None else self.options.folder
-        return Outcome(folder, self.samples, self.t, self.lost, self.bad_packets, self.coach.stops, ended_by)
+        return Outcome(
+            folder=None if self.discarded or self.demo is None else self._kept_in,
+            samples=self.samples,
+            duration_s=self.t,
+            lost=self.lost,
+            bad_packets=self.bad_packets,
+            stops=self.coach.stops,
+            ended_by=ended_by,
+            before=self._told_of_before,
+        )
 
     @property
     def bad_packets(self) -> int:
@@ -187,7 +210,18 @@ class Session:
         self._channels = tuple(name for name, there in given.items() if there)
         options = self.options
         info = RecordingInfo(sensor=options.sensor, created=options.created, clock=self._clock_name)
-        self.demo = GrowingDemo(options.folder, info, self._channels, options.closed, options.force)
+        if options.force:
+            self.before = set_aside(options.folder)
+        try:
+            self.demo = GrowingDemo(options.folder, info, self._channels, options.closed)
+        except RecordingError:
+            if self.before is not None:
+                shutil.rmtree(options.folder, ignore_errors=True)  # the new one's beginning
+                self.before.put_back()
+                self.before = None
+            raise
+        if self.before is not None:
+            self.coach.say(self.t, self.before.told)
         for t, sample in self._first:
             self._keep(t, sample)
         self._first.clear()

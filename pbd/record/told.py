@@ -30,7 +30,7 @@ class RecordOptions:
         closed: the hand will end at the dock.
         raw: keep the bytes as they come.
         reconnect: wait for a sensor that was unplugged.
-        force: replace a demonstration of that name.
+        force: replace a demonstration of that name, once the new one has ended well.
         errors: of the sensor, as calibrated: the live tracker works without them, and a rest that contradicts them is
             told. What is recorded stays as it was read.
     """
@@ -104,13 +104,14 @@ class Outcome:
     """How a recording ended.
 
     Attributes:
-        folder: None where it was discarded.
+        folder: where it is; None where it was discarded.
         samples: so many.
         duration_s: from the first to the last.
         lost: samples that never came.
         bad_packets: thrown away by the decoder.
         stops: how many.
         ended_by: by whom or what.
+        before: what became of the demonstration that had the name before, in words, or "".
     """
 
     folder: Path | None
@@ -120,3 +121,4 @@ class Outcome:
     bad_packets: int
     stops: int
     ended_by: str
+    before: str = ""

@@ -21,10 +21,15 @@ TICK_S = 0.01
 
 
 class Emulator:
-    """Plays a recording into a pseudo-terminal; then the hand rests, at its last samples over and over."""
+    """Plays a recording into a pseudo-terminal; then the hand rests, at its last samples over and over.
+
+    Attributes:
+        device: the pseudo-terminal's name.
+        sent: how many samples were sent.
+    """
 
     def __init__(self, recording: Recording) -> None:
-        """Open the pseudo-terminal; `device` is its name, `sent` counts the samples that were sent."""
+        """Open the pseudo-terminal; nothing is sent yet."""
         self._recording = recording
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
@@ -32,16 +37,31 @@ class Emulator:
         self.device = os.ttyname(self._slave)
         self.sent = 0
         self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._play, name="emulated sensor", daemon=True)
+        self._thread = threading.Thread(target=self._send, name="emulated sensor", daemon=True)
 
     def __enter__(self) -> Self:
-        self._thread.start()
+        self.play()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.unplug()
+
+    @property
+    def t(self) -> float:
+        """How much of the recording has been sent, s; more than there is once the hand only rests."""
+        return self.sent / self._recording.rate_hz
+
+    @property
+    def over(self) -> bool:
+        """Whether all of the recording has been sent: from then on the hand rests."""
+        return self.sent >= len(self._recording)
+
+    def play(self) -> None:
+        """Begin to send; when it plays already, or was unplugged, that is nothing."""
+        if self._thread.ident is None and not self._ended.is_set():
+            self._thread.start()
 
     def unplug(self) -> None:
         """End it, as pulling the plug would; twice is nothing."""
@@ -53,7 +73,7 @@ class Emulator:
                 with suppress(OSError):
                     os.close(handle)
 
-    def _play(self) -> None:
+    def _send(self) -> None:
         recording, interval = self._recording, 1.0 / self._recording.rate_hz
         rest = max(1, min(len(recording), round(0.5 / interval)))
         begun = time.monotonic()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import select
+import shlex
 import signal
 import threading
 import time
@@ -16,6 +17,7 @@ import pytest
 
 from pbd.cli import main
 from pbd.files.demo import read_demo
+from pbd.sensors.simulate import simulate
 from tests.cli.terminal import Terminal, run_pbd
 from tests.record.speakers import SPEAKERS, Device, random_hand
 
@@ -69,7 +71,7 @@ def test_ctrl_c_and_a_lost_connection_end_it_in_good_order(tmp_path: Path, hung_
 def test_nobody_reads_what_it_prints(tmp_path: Path) -> None:
     process = run_pbd("record", "tea", "--sensor", "sim", "--duration", "1.5", cwd=tmp_path)
     assert process.stderr is not None
-    assert process.stderr.readline().startswith("recording demos/tea from ximu3, simulated (pour); hold still")
+    assert process.stderr.readline().startswith("recording demos/tea from sim (x-IMU3); hold still")
     process.stderr.close()
     assert process.wait(20) == 0
     assert process.stdout is not None
@@ -111,6 +113,76 @@ def test_a_killed_recording_has_all_but_the_last_quarter_second(tmp_path: Path) 
 def loop_time(elapsed: float) -> float:
     """What must be on disk that long after the folder appeared (which holds LOOK_S already)."""
     return elapsed - 0.25
+
+
+def folders(tmp_path: Path) -> list[str]:
+    return sorted(folder.name for folder in (tmp_path / "demos").iterdir())
+
+
+def test_discarding_a_forced_recording_brings_the_old_one_back(tmp_path: Path) -> None:
+    assert main(["simulate", "pour", str(tmp_path / "demos" / "tea")]) == 0
+    before = (tmp_path / "demos" / "tea" / "imu.csv").read_bytes()
+    terminal = Terminal("record", "tea", "--sensor", "sim", "--force", cwd=tmp_path)
+    terminal.until("Hz,")
+    terminal.type("qy")
+    terminal.until("the old demos/tea is back")
+    terminal.until("discarded")
+    assert terminal.exit_code() == 0
+    assert folders(tmp_path) == ["tea"]
+    assert (tmp_path / "demos" / "tea" / "imu.csv").read_bytes() == before
+
+
+def test_a_killed_forced_recording_leaves_the_old_one_beside_and_the_next_does_so_too(tmp_path: Path) -> None:
+    assert main(["simulate", "pour", str(tmp_path / "demos" / "tea")]) == 0
+    before = (tmp_path / "demos" / "tea" / "imu.csv").read_bytes()
+    (tmp_path / "demos" / "tea" / "keyframes.toml").write_text("as a person left it")
+    process = run_pbd("record", "tea", "--sensor", "sim", "--force", cwd=tmp_path)
+    assert process.stderr is not None
+    told = next(line for line in process.stderr if "demos/tea.before" in line)
+    assert told.endswith(
+        "the old one is in demos/tea.before until this one has ended well; its edited keyframes.toml goes with it\n"
+    )
+    process.kill()
+    process.communicate(timeout=20)
+    assert folders(tmp_path) == ["tea", "tea.before"]
+    process = run_pbd("record", "tea", "--sensor", "sim", "--force", "--duration", "1.6", cwd=tmp_path)
+    out, error = process.communicate(timeout=20)
+    assert process.returncode == 0, error
+    assert "the old one is in demos/tea.before-2 until this one has ended well\n" in error
+    assert "the old demos/tea is replaced\n" in error
+    assert out.endswith("next: pbd keyframes tea\n")
+    assert folders(tmp_path) == ["tea", "tea.before"]
+    assert (tmp_path / "demos" / "tea.before" / "imu.csv").read_bytes() == before
+    assert (tmp_path / "demos" / "tea.before" / "keyframes.toml").exists()
+
+
+@pytest.mark.parametrize("name", ["tea 9/x", "../oops", "./-x", "it's", "./tea", "./~x"])
+def test_the_next_command_that_it_prints_works(tmp_path: Path, name: str) -> None:
+    here = tmp_path / "here"
+    here.mkdir()
+    process = run_pbd("record", name, "--sensor", "sim", "--duration", "1.4", cwd=here)
+    out, error = process.communicate(timeout=20)
+    assert process.returncode == 0, error
+    program, *words = shlex.split(out.splitlines()[-1].removeprefix("next: "))
+    assert program == "pbd"
+    process = run_pbd(*words, "--json", cwd=here)
+    out, error = process.communicate(timeout=60)
+    assert process.returncode == 0, error
+    assert json.loads(out)
+
+
+def test_a_simulated_task_grips_by_itself_and_ends_it_where_nobody_could(tmp_path: Path) -> None:
+    process = run_pbd("record", "tea", "--sensor", "sim:pick-and-place-direct", "--json", cwd=tmp_path)
+    out, error = process.communicate(timeout=20)
+    assert process.returncode == 0, error
+    assert json.loads(out)["ended_by"] == "the end of the simulated task"
+    assert error.count("the simulated task is over: it ends here") == 1
+    task = simulate("pick-and-place-direct", "modern").recording
+    recording = read_demo(tmp_path / "demos" / "tea").recording
+    assert recording.info.sensor == "sim (x-IMU3)"
+    assert recording.t[-1] >= task.t[-1] - 0.25  # what came before the port was open, and after the last look
+    assert [event.closed for event in recording.grip] == [event.closed for event in task.grip]
+    assert recording.grip[0].t == pytest.approx(task.grip[0].t, abs=0.3)
 
 
 def test_what_exists_is_refused_before_anything_is_opened(tmp_path: Path) -> None:

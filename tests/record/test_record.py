@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import threading
 import time
 import tty
@@ -15,7 +16,7 @@ import pytest
 
 from pbd.data import Recording
 from pbd.errors import RecordingError, SensorError
-from pbd.files.demo import read_demo
+from pbd.files.demo import read_demo, write_demo
 from pbd.record import Command, Outcome, RecordOptions, Status, loop, record
 from pbd.sensors.emulator import Emulator
 from pbd.sensors.port import Port, open_port
@@ -87,6 +88,34 @@ def test_discarding_leaves_nothing(tmp_path: Path, pouring: Recording) -> None:
     outcome = recorded(pouring, Watched({1.0: Command.DISCARD}), options(tmp_path / "tea"))
     assert outcome.folder is None
     assert not (tmp_path / "tea").exists()
+
+
+def test_a_forced_recording_without_a_rest_does_not_take_the_old_ones_place(tmp_path: Path, pouring: Recording) -> None:
+    """It ends before a second of rest has come; what came is not lost."""
+    tea = tmp_path / "tea"
+    recorded(pouring, Watched(), options(tea, duration_s=0.3))
+    (tea / "notes.txt").write_text("the old one")
+    (tmp_path / "tea.new").mkdir()
+    outcome = recorded(pouring, Watched(), options(tea, duration_s=0.4, force=True))
+    assert outcome.folder == tmp_path / "tea.new-2"
+    assert outcome.before == f"no rest was found in it, so it is kept in {outcome.folder}; the old {tea} is back"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["tea", "tea.new", "tea.new-2"]
+    assert (tea / "notes.txt").exists()
+    assert len(read_demo(outcome.folder).recording) == outcome.samples
+
+
+def test_a_forced_recording_that_never_begins_leaves_the_old_one(tmp_path: Path, silent: tuple[int, str]) -> None:
+    write_demo(simulate("pour"), tmp_path / "tea")
+    wanted = options(tmp_path / "tea", force=True)
+    with pytest.raises(SensorError, match="ended before the first sample came"):
+        record(
+            lambda: open_port(silent[1], 9600),
+            protocol("ximu3").decoder(),
+            wanted,
+            lambda: Command.END,
+            lambda status: None,
+        )
+    assert [path.name for path in tmp_path.iterdir()] == ["tea"]
 
 
 def test_a_pulled_plug_ends_it_in_good_order(tmp_path: Path, pouring: Recording) -> None:
@@ -261,8 +290,9 @@ def test_ended_before_it_began(tmp_path: Path, silent: tuple[int, str]) -> None:
         )
 
 
+@pytest.mark.parametrize("force", [False, True])
 def test_a_full_disk_ends_it_and_leaves_what_was_written(
-    tmp_path: Path, pouring: Recording, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, pouring: Recording, monkeypatch: pytest.MonkeyPatch, force: bool
 ) -> None:
     """From 8 kB on nothing can be written any more, neither rows nor what is written at the end."""
     written = [0]
@@ -280,10 +310,15 @@ def test_a_full_disk_ends_it_and_leaves_what_was_written(
         monkeypatch.setattr("pbd.files.growing.os", SimpleNamespace(**{**vars(os), "write": full}))
         monkeypatch.setattr(Path, "write_text", no_file)
 
-    wanted, decoder = options(tmp_path / "tea"), protocol("ximu3").decoder()
-    with Emulator(pouring) as sensor, pytest.raises(RecordingError, match=r"No space left .* so far are intact"):
+    if force:
+        write_demo(simulate("pour"), tmp_path / "tea")
+    wanted, decoder = options(tmp_path / "tea", force=force), protocol("ximu3").decoder()
+    where = f"; the demonstration before it is in {tmp_path / 'tea.before'}" if force else ""
+    told = rf"No space left .* so far are intact: make room and record again{re.escape(where)}$"
+    with Emulator(pouring) as sensor, pytest.raises(RecordingError, match=told):
         record(lambda: open_port(sensor.device, 115200), decoder, wanted, lambda: None, show)
     monkeypatch.undo()
+    assert not force or read_demo(tmp_path / "tea.before").truth is not None
     got = read_demo(tmp_path / "tea").recording
     assert len(got) > 50
     assert got.t == pytest.approx(np.arange(len(got)) / 100.0, abs=1e-5)
