@@ -156,7 +156,7 @@ def test_a_killed_forced_recording_leaves_the_old_one_beside_and_the_next_does_s
     assert (tmp_path / "demos" / "tea.before" / "keyframes.toml").exists()
 
 
-@pytest.mark.parametrize("name", ["tea 9/x", "../oops", "./-x", "it's", "./tea", "./~x"])
+@pytest.mark.parametrize("name", ["tea 9/x", "../oops", "./-x", "./~it's"])
 def test_the_next_command_that_it_prints_works(tmp_path: Path, name: str) -> None:
     here = tmp_path / "here"
     here.mkdir()

@@ -1,0 +1,89 @@
+"""The demonstration that a forced recording replaces: whole under another name until the new one has ended well."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+from pbd.errors import RecordingError
+from pbd.files import keyframes
+from pbd.files.demo import may_be_written
+
+
+@dataclass(frozen=True)
+class Before:
+    """A demonstration that was renamed to make room.
+
+    Attributes:
+        folder: where it was, and the new one is.
+        aside: where it is, under a name of its own: whatever happens to the recording, a person finds it there.
+        edited: whether there is a keyframes.toml in it.
+    """
+
+    folder: Path
+    aside: Path
+    edited: bool
+
+    @property
+    def told(self) -> str:
+        """Where it is while the new one is recorded."""
+        goes = "; its edited keyframes.toml goes with it" if self.edited else ""
+        return f"the old one is in {self.aside} until this one has ended well{goes}"
+
+    def remove(self) -> str:
+        """Remove it, as the new one has ended well; return what to tell."""
+        try:
+            if self.aside.is_symlink():
+                self.aside.unlink()  # what a link leads to is not ours to remove
+            else:
+                shutil.rmtree(self.aside)
+        except OSError as reason:
+            return f"what is left of the old one is in {self.aside}: it can't be removed ({reason.strerror})"
+        return f"the old {self.folder} is replaced{', its edited keyframes.toml too' if self.edited else ''}"
+
+    def put_back(self) -> str:
+        """Give it its name back, as the new one was discarded; return what to tell."""
+        try:
+            self.aside.rename(self.folder)
+        except OSError as reason:
+            return f"the old one is in {self.aside}: it can't be put back ({reason.strerror})"
+        return f"the old {self.folder} is back"
+
+    def change_places(self) -> tuple[Path, str]:
+        """Give it its name back, as the new one is of no use; return where that is kept, and what to tell."""
+        why, kept = "no rest was found in it", _free(self.folder, "new")
+        try:
+            self.folder.rename(kept)
+        except OSError as reason:
+            return self.folder, f"{why}; the old one is in {self.aside}: it can't be put back ({reason.strerror})"
+        return kept, f"{why}, so it is kept in {kept}; {self.put_back()}"
+
+
+def set_aside(folder: Path) -> Before | None:
+    """Rename a demonstration to NAME.before, or a name like it that is free; None where there is none.
+
+    Raises:
+        RecordingError: what is there is no demonstration, or can't be renamed.
+    """
+    if not os.path.lexists(folder):
+        return None
+    may_be_written(folder, force=True)
+    before = Before(folder, _free(folder, "before"), (folder / keyframes.NAME).is_file())
+    try:
+        folder.rename(before.aside)
+    except OSError as reason:
+        raise RecordingError(
+            f"{folder} can't be renamed to make room ({reason.strerror}); give another name", path=folder
+        ) from None
+    return before
+
+
+def _free(folder: Path, word: str) -> Path:
+    """NAME.word, or the first of NAME.word-2, NAME.word-3 that is free: no earlier one is overwritten."""
+    free, n = folder.with_name(f"{folder.name}.{word}"), 1
+    while os.path.lexists(free):
+        n += 1
+        free = folder.with_name(f"{folder.name}.{word}-{n}")
+    return free

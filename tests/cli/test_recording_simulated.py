@@ -1,0 +1,126 @@
+"""A simulated hand beside a person: what it does by itself, and what it leaves to them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import replace
+
+import pytest
+
+from pbd.cli.recording_simulated import SimulatedHand, simulated_hand
+from pbd.data import GripEvent, Recording
+from pbd.errors import SensorError
+from pbd.record import Command, Outcome, Status
+from pbd.sensors.emulator import Emulator
+from tests.cli.test_recording_screen import STILL
+from tests.record.speakers import random_hand
+
+OPEN = replace(STILL, closed=False, said=())
+OUTCOME = Outcome(None, 400, 4.0, 3, 2, 2, "you")
+HAND = random_hand(400, seed=1)
+
+
+@pytest.fixture
+def emulator() -> Iterator[Emulator]:
+    """It is never played: the test says how much was sent."""
+    sensor = Emulator(HAND)
+    yield sensor
+    sensor.unplug()
+
+
+def nobody() -> Command | None:
+    return None
+
+
+def test_it_grips_when_the_task_does_and_not_before_anything_is_on_disk(emulator: Emulator) -> None:
+    hand = SimulatedHand(emulator, (GripEvent(1.0, True), GripEvent(2.0, False)))
+    poll, show = hand.beside(nobody, lambda status: None, True, None)
+    emulator.sent = 120
+    assert poll() is None
+    show(OPEN)
+    assert poll() is Command.GRIP
+    assert poll() is None
+    show(replace(OPEN, closed=True))
+    emulator.sent = 199
+    assert poll() is None
+    emulator.sent = 200
+    assert poll() is Command.GRIP
+
+
+def test_a_person_who_gripped_already_is_not_undone(emulator: Emulator) -> None:
+    hand = SimulatedHand(emulator, (GripEvent(1.0, True),))
+    poll, show = hand.beside(nobody, lambda status: None, True, None)
+    show(replace(OPEN, closed=True))
+    emulator.sent = 120
+    assert poll() is None
+    show(OPEN)
+    assert poll() is None
+
+
+def test_a_person_comes_first(emulator: Emulator) -> None:
+    hand = SimulatedHand(emulator, (GripEvent(1.0, True),))
+    poll, show = hand.beside(lambda: Command.DISCARD, lambda status: None, True, None)
+    show(OPEN)
+    emulator.sent = 400
+    assert poll() is Command.DISCARD
+    assert hand.outcome(OUTCOME) == OUTCOME
+
+
+@pytest.mark.parametrize(
+    ("terminal", "duration_s", "then"),
+    [
+        (True, None, "Enter ends the recording"),
+        (True, 9.0, "Enter ends the recording"),
+        (False, None, "it ends here"),
+        (False, 9.0, "it goes on to 9 s"),
+    ],
+)
+def test_the_end_of_the_task_is_told_once_and_ends_it_where_nobody_could(
+    emulator: Emulator, terminal: bool, duration_s: float | None, then: str
+) -> None:
+    shown: list[Status] = []
+    hand = SimulatedHand(emulator, ())
+    poll, show = hand.beside(nobody, shown.append, terminal, duration_s)
+    emulator.sent = 399
+    show(OPEN)
+    assert poll() is None
+    emulator.sent = 400
+    show(OPEN)
+    show(OPEN)
+    said = [[say.text for say in status.said] for status in shown]
+    assert said == [[], [f"the simulated task is over: {then}"], []]
+    ends = then == "it ends here"
+    assert poll() is (Command.END if ends else None)
+    assert hand.outcome(OUTCOME).ended_by == ("the end of the simulated task" if ends else "you")
+
+
+def test_it_begins_when_its_port_is_opened_and_is_unplugged_at_the_end() -> None:
+    with ExitStack() as stack:
+        hand = simulated_hand("", stack)
+        decoder, samples = hand.decoder(), 0
+        with hand.open() as port:
+            while not samples:
+                samples += len(decoder.feed(port.read()))
+    with pytest.raises(SensorError):
+        hand.open()
+
+
+def test_a_task_of_no_name() -> None:
+    with ExitStack() as stack, pytest.raises(SensorError, match="no task is called 'juggle'"):
+        simulated_hand("juggle", stack)
+
+
+@pytest.mark.parametrize(("sent", "over"), [(0, False), (2, False), (3, True), (4, True)])
+def test_it_is_over_with_its_last_sample(sent: int, over: bool) -> None:
+    emulator = Emulator(Recording(HAND.t[:3], HAND.acc[:3]))
+    emulator.sent = sent
+    emulator.unplug()
+    assert emulator.over == over
+
+
+def test_what_was_unplugged_does_not_play(emulator: Emulator) -> None:
+    emulator.unplug()
+    emulator.play()
+    emulator.unplug()
+    assert emulator.sent == 0
