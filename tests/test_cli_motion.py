@@ -29,6 +29,20 @@ position = [0.45, 0.0, 0.3]
 """
 
 
+POST = """format = 1
+name = "post"
+table_height = 0.0
+[dock]
+position = [0.4, -0.15, 0.25]
+rpy_deg = [0, 0, 30]
+[[obstacle]]
+name = "post"
+shape = "box"
+size = [0.03, 0.03, 0.3]
+position = [0.52, 0.05, 0.15]
+"""
+
+
 @pytest.mark.parametrize("path", ["keyframes", "line", "demo"])
 def test_each_path_is_exported_with_its_pieces_kept(capsys: Capture, path: str) -> None:
     result = run_json(
@@ -121,6 +135,17 @@ def test_a_home_in_collision_is_refused(capsys: Capture, elsewhere: Path) -> Non
     line = refused(capsys, 3, "replay", "pouring", *PANDA, "--calibration", "c.toml")
     assert line.startswith("pbd: home of panda: ")
     assert " would touch the table, " in line
+
+
+def test_a_line_is_followed_where_something_bars_the_way_back_alone(capsys: Capture, elsewhere: Path) -> None:
+    """Simulated. What it holds would sweep through the post on its way home: that is told, and the lines are kept."""
+    (elsewhere / "c.toml").write_text(POST)
+    run(capsys, "simulate", "pick-and-place-stops", "s")
+    line = ("replay", "s", "--robot", "ur5", "--calibration", "c.toml", "--path", "line")
+    result = run_json(capsys, *line)
+    assert {move["kind"] for move in result["moves"]} == {"line"}
+    (told,) = [warning for warning in result["warnings"] if "no free way back" in warning]
+    assert " would touch post, " in told
 
 
 def test_a_table_that_is_too_high_is_refused(capsys: Capture, elsewhere: Path) -> None:

@@ -245,7 +245,9 @@ def test_a_start_that_can_not_be(start: tuple[float, ...], message: str) -> None
 def test_a_home_in_collision() -> None:
     high = replace(dock(), obstacles=(Obstacle("the lamp", "sphere", (0.2,), arm_of(PANDA).forward(PANDA.home)),))
     with pytest.raises(
-        PlanError, match=r"^home of panda: .* would touch the lamp, .*; change home in the robot's TOML"
+        PlanError,
+        match=r"^home of panda: .* would touch the lamp, .*; move the lamp, begin where the arm is with --from and "
+        "--no-retreat, or leave home out with --no-approach --no-retreat, or change home in the robot's TOML$",
     ):
         planned(calibration=high)
 

@@ -228,8 +228,10 @@ def shape_of(body: Body) -> Any:
         return coal.Box(*body.size)
     if body.shape == "cylinder":
         return coal.Cylinder(0.5 * body.size[0], body.size[1])
+    if body.shape == "capsule":
+        return coal.Capsule(0.5 * body.size[0], body.size[1])
     if body.shape == "sphere":
         return coal.Sphere(0.5 * body.size[0])
     if body.shape == "floor":
         return coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
-    raise ValueError(f"{body.shape!r} is none of hull, box, cylinder, sphere, floor")
+    raise ValueError(f"{body.shape!r} is none of hull, box, cylinder, capsule, sphere, floor")

@@ -84,10 +84,18 @@ def refuse_home(scene: CollisionScene) -> None:
     hit = scene.hit(scene.arm.robot.home)
     if hit is not None:
         raise PlanError(
-            f"home of {scene.arm.robot.name}: {describe(hit)}; change home in the robot's TOML"
-            f"{', or table_height in the calibration' if hit.second == TABLE else ''}",
+            f"home of {scene.arm.robot.name}: {describe(hit)}; {_away_from(scene, hit)}begin where the arm is with"
+            " --from and --no-retreat, or leave home out with --no-approach --no-retreat, or change home in the robot's"
+            " TOML",
             **_fields(hit),
         )
+
+
+def _away_from(scene: CollisionScene, hit: Hit) -> str:
+    """Say what to do about the thing that is in the way, first of all."""
+    if hit.second == TABLE:
+        return "correct table_height in the calibration, "
+    return f"move {hit.second}, " if hit.second in scene.obstacles else ""
 
 
 def collision_error(scene: CollisionScene, trajectory: JointTrajectory, found: MotionHit) -> PlanError:

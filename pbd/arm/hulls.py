@@ -37,8 +37,9 @@ class Body:
         name: of the link that it is a part of, or of a thing in the world.
         joint: index in `arm.full`; 0 stands still.
         T_joint_body: where it is on the joint.
-        shape: "hull", "box", "cylinder" (along z), "sphere", or "floor": all that is below z = 0.
-        size: m; box: x, y, z; cylinder: diameter, height; sphere: diameter; else empty.
+        shape: "hull", "box", "cylinder" or "capsule" (along z), "sphere", or "floor": all that is below z = 0.
+        size: m; box: x, y, z; cylinder: diameter, height; capsule: the same, without its round ends; sphere: diameter;
+            else empty.
         points: (n, 3) m, the hull's corners; (0, 3) for another shape.
         pad: m, by how much it is larger than that on all sides.
     """

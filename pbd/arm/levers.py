@@ -72,7 +72,7 @@ def _outline(body: Body) -> tuple[Array, float]:
         return body.points, body.pad
     if body.shape == "sphere":
         return np.zeros((1, 3)), 0.5 * body.size[0] + body.pad
-    if body.shape == "cylinder":
+    if body.shape in ("cylinder", "capsule"):
         diameter, height = body.size
         return np.array([[0.0, 0.0, -0.5 * height], [0.0, 0.0, 0.5 * height]]), 0.5 * diameter + body.pad
     corners = 0.5 * np.array([np.where(mask, 1.0, -1.0) for mask in np.ndindex(2, 2, 2)])

@@ -13,12 +13,13 @@ import pinocchio as pin
 
 from pbd.arm.cache import recall, remember
 from pbd.arm.clearance import Clearance, Pairs
-from pbd.arm.hulls import Body, link_bodies
+from pbd.arm.hand import THE_TOOL, arm_bodies, gripper_links
+from pbd.arm.hulls import Body
 from pbd.arm.levers import rates
-from pbd.arm.model import ArmModel, from_se3
-from pbd.pose import Array, Pose
+from pbd.arm.model import ArmModel
+from pbd.pose import Array
 
-VERSION = 1
+VERSION = 2
 """Part of the cache's keys: raise it when the same robot would give other pairs."""
 SAMPLES = 3000
 
@@ -34,13 +35,13 @@ class Dropped:
 
 @lru_cache(maxsize=4)
 def link_pairs(arm: ArmModel) -> tuple[Pairs, tuple[Dropped, ...]]:
-    """Return the pairs (p, 2) of link bodies that can touch, and the pairs of links that were dropped.
+    """Return the pairs (p, 2) of the arm's bodies that can touch, and the pairs of links that were dropped.
 
     Dropped are links next to each other (or with nothing solid between), those that the SRDF says are to be ignored,
     those that both belong to the gripper, and parts that touch at each of SAMPLES configurations. Bodies that no joint
     moves against each other are no pair at all.
     """
-    bodies = link_bodies(arm)
+    bodies = arm_bodies(arm)
     pairs = np.stack(np.triu_indices(len(bodies), 1), axis=1)
     pairs = pairs[(rates(arm, bodies, pairs) > 0.0).any(axis=1)]
     names = [(bodies[a].name, bodies[b].name) for a, b in pairs]
@@ -53,18 +54,6 @@ def link_pairs(arm: ArmModel) -> tuple[Pairs, tuple[Dropped, ...]]:
     return np.delete(pairs, always, axis=0), tuple(in_order)
 
 
-def gripper_links(arm: ArmModel, bodies: Iterable[Body]) -> frozenset[str]:
-    """Name the links that are fixed to the tool or move with its fingers: they may touch what is grasped."""
-    joint, _ = tool_on_joint(arm)
-    return frozenset(body.name for body in bodies if joint > 0 and joint in list(arm.full.supports[body.joint]))
-
-
-def tool_on_joint(arm: ArmModel) -> tuple[int, Pose]:
-    """Return the joint that carries the tool, as an index in `arm.full`, and T_joint_tool."""
-    frame = arm.full.frames[_frame(arm, arm.robot.body)]
-    return int(frame.parentJoint), from_se3(frame.placement) @ arm.robot.T_body_tool
-
-
 def samples(arm: ArmModel, count: int) -> Array:
     """Coordinates (count, k + 1) drawn uniformly between the limits (endless joints: of one turn), always the same."""
     lower, upper = np.maximum(arm.limits.lower, -2.0 * np.pi), np.minimum(arm.limits.upper, 2.0 * np.pi)
@@ -74,7 +63,9 @@ def samples(arm: ArmModel, count: int) -> Array:
 def _reasons(arm: ArmModel, bodies: Sequence[Body], links: Iterable[tuple[str, str]]) -> dict[tuple[str, str], str]:
     """Say which pairs of links are dropped by their names alone, and why."""
     gripper, solid = gripper_links(arm, bodies), frozenset(body.name for body in bodies)
-    carrier = {link: _carrier(arm, link, solid) for link in solid}
+    carrier = {link: _carrier(arm, link, solid) for link in solid - {THE_TOOL}}
+    if THE_TOOL in solid:  # the gripper's links may touch it anyhow, so the next one counts
+        carrier[THE_TOOL] = _carrier(arm, arm.robot.body, solid - gripper)
     ignored, reasons = _ignored(arm), {}
     for first, second in links:
         if first in gripper and second in gripper:

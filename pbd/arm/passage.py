@@ -80,6 +80,30 @@ class Passage:
         hits = [hit for a, b in pairwise(q) if (hit := self.scene.check_move(a, b, self.legs[i]))]
         return min(hits, key=lambda hit: hit.distance, default=None)
 
+    def first_bar(
+        self, paths: Sequence[Array], q_start: Array | None, q_back: Array | None
+    ) -> tuple[int, bool, Hit] | None:
+        """Find what bars a motion: keyframe, whether the arm can stand there so that it is the way to it, and the hit.
+
+        Args:
+            paths: joints (m, k) from each keyframe to the next, both included; of the first, those at keyframe 0.
+            q_start: where the arm comes from, or None.
+            q_back: where it goes after the last, or None: asked last of all.
+        """
+        for i, path in enumerate(paths):
+            if hit := self.standing(i, path[-1]):
+                return i, False, hit
+            if i == 0 and q_start is not None and not self.clear(0, q_start, path[-1]):
+                hit = self.moving(0, q_start, path[-1])
+            elif i > 0:
+                hit = self.hit_along(i, path)
+            if hit:
+                return i, True, hit
+        n, q_last = len(paths), paths[-1][-1]
+        if q_back is not None and not self.clear(n, q_last, q_back) and (hit := self.moving(n, q_last, q_back)):
+            return n, True, hit
+        return None
+
     def refuse(self, i: int, stands: bool, hits: Mapping[str, Hit]) -> NoReturn:
         """Tell what bars every way to keyframe i, by the kind of way.
 

@@ -3,6 +3,7 @@
 The fingers are where the gripper's opening puts them. The gripper (all that the arm's last joint carries) may touch the
 object. While it is held, the object may touch the table, and what it stands on, as long as it is within REST_M of where
 it was gripped or is let go.
+Where the model has no gripper a rod stands for it (hand.py).
 """
 
 from __future__ import annotations
@@ -13,11 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from pbd.arm.clearance import Allowed, Clearance, Pairs
-from pbd.arm.hulls import Body, link_bodies
+from pbd.arm.hand import arm_bodies, gripper_links, tool_on_joint
+from pbd.arm.hulls import Body
 from pbd.arm.levers import rates
 from pbd.arm.model import ArmModel, from_se3
 from pbd.arm.nodes import straight
-from pbd.arm.pairs import Dropped, gripper_links, link_pairs, samples, tool_on_joint
+from pbd.arm.pairs import Dropped, link_pairs, samples
 from pbd.arm.resting import rests_on
 from pbd.data import Calibration, GraspedObject, Obstacle
 from pbd.data.world import Stay, holds, stays
@@ -36,7 +38,7 @@ class Hit:
     """Two bodies that touch, or are nearer to each other than MARGIN_M.
 
     Attributes:
-        first, second: names of links, of obstacles, TABLE, or what is grasped ("the cylinder").
+        first, second: names of links, of obstacles, TABLE, what is grasped ("the cylinder"), or THE_TOOL.
         distance: m, negative as deep as they overlap.
         p_base: (3,) m, where that is.
         share: of a straight move, how far along it begins.
@@ -91,7 +93,7 @@ class CollisionScene:
         obstacles = tuple(obstacles)
         self.obstacles = frozenset(obstacle.name for obstacle in obstacles)
         self._T_universe_base = from_se3(arm.T_base_universe).inverse()
-        self._links, (pairs, self.dropped) = link_bodies(arm), link_pairs(arm)
+        self._links, (pairs, self.dropped) = arm_bodies(arm), link_pairs(arm)
         world = [Body(o.name, 0, self._T_universe_base @ o.T_base_obstacle, o.shape, o.size) for o in obstacles]
         if table_height is not None:
             T_base_table = Pose(np.array([0.0, 0.0, table_height]), quat_about_z(0.0))

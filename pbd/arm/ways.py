@@ -97,6 +97,10 @@ def choose_ways(arm: ArmModel, wish: Wish, passage: Passage | None) -> Ways:
     return _Choice(arm, wish, passage).made()
 
 
+class _NoWayBackError(Exception):
+    """The way back was left out: what was found so far was for a motion with one."""
+
+
 @dataclass
 class _Choice:
     """What has been found out so far: the kind of each move, and what stands in the way of some.
@@ -117,6 +121,13 @@ class _Choice:
         self.kinds = [STRAIGHT, *(self.n - 1) * [self.wish.kind]]
 
     def made(self) -> Ways:
+        try:
+            return self._made()
+        except _NoWayBackError:
+            self.touched.clear()  # from joints that led back
+            return self._made()
+
+    def _made(self) -> Ways:
         while True:
             try:
                 q = self._joints({})
@@ -172,17 +183,21 @@ class _Choice:
         if hit is None:
             raise barred
         if i == self.n:
-            self.wish = replace(self.wish, q_back=None)
-            warnings.warn(
-                f"no free way back from the last keyframe was found ({describe(hit)}): the motion ends there",
-                PbdWarning,
-                stacklevel=2,
-            )
+            self._end_there(hit)
             return
         if not stands or i == 0 or self.kinds[i] != STRAIGHT:
             passage.refuse(i, stands, {STRAIGHT: hit})
         self.kinds[i] = DEMO if self.wish.hand else LINE
         self.avoided[i] = hit
+
+    def _end_there(self, hit: Hit) -> None:
+        """Leave out the way back."""
+        self.wish = replace(self.wish, q_back=None)
+        warnings.warn(
+            f"no free way back from the last keyframe was found ({describe(hit)}): the motion ends there",
+            PbdWarning,
+            stacklevel=2,
+        )
 
     def _keep_to_lines(self, q: Array) -> None:
         tolerance = self.wish.tolerance_m
@@ -229,6 +244,7 @@ class _Choice:
     def _follow_known(self, i: int, known: Mapping[int, Array]) -> Array:
         followed = follow(self.arm, self._poses(i), known)
         if followed is None:
+            self._tell_what_bars()
             raise self._broken(i)
         if self.passage and (hit := self.passage.hit_along(i, followed)):
             self._refuse_hit(i, self.touched.get(i, hit))
@@ -238,10 +254,36 @@ class _Choice:
         """Tell why paths can't be followed, however the arm is held; the error counts all poses on them."""
         for i, hit in self.touched.items():
             self._refuse_hit(i, hit)
+        self._tell_what_bars()
         ends = np.cumsum([len(inner.get(i, ())) + 1 for i in range(self.n)])
         place = error.fields.get("keyframe")
         reached = int(np.searchsorted(ends, place, side="right")) if isinstance(place, int) else self.n
         raise self._broken(max((i for i in inner if i <= reached), default=min(inner))) from None
+
+    def _tell_what_bars(self) -> None:
+        """Tell what is in the way, where the paths could be followed if nothing were.
+
+        Raises:
+            PlanError: that, see `Passage.refuse`; or the arm can't follow, whatever is in the way.
+            _NoWayBackError: it is the way back alone, which is left out from now on.
+        """
+        passage, wish = self.passage, self.wish
+        if passage is None:
+            return
+        unwatched = _Choice(self.arm, wish, None)
+        unwatched.kinds = self.kinds
+        made = unwatched.made()
+        paths = [np.vstack((made.q[max(0, i - 1)], way.q)) for i, way in enumerate(made.ways)]
+        found = passage.first_bar(paths, wish.q_start if wish.approach else None, wish.q_back)
+        if found is None:
+            return
+        i, stands, hit = found
+        if i == self.n:
+            self._end_there(hit)
+            raise _NoWayBackError
+        if stands and i > 0:
+            self._refuse_hit(i, hit)
+        passage.refuse(i, stands, {STRAIGHT: hit})
 
     def _broken(self, i: int) -> PlanError:
         what = "the demonstrated path" if self.kinds[i] == DEMO else "the straight line"

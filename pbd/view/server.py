@@ -11,9 +11,12 @@ import os
 import signal
 import sys
 import threading
+from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any
 
 from tornado.web import Application, RequestHandler
+from tornado.websocket import WebSocketClosedError
 from zmq.constants import LAST_ENDPOINT
 
 from pbd.view.meshcat_api import WebSocketHandler, ZMQWebSocketBridge
@@ -49,6 +52,17 @@ class LoopbackBridge(ZMQWebSocketBridge):  # type: ignore[misc]  # meshcat has n
 
         app.listen = listen_on_loopback
         return app
+
+
+    def forward_to_websockets(self, frames: Sequence[bytes]) -> None:
+        """Pass a command on to all pages that are open.
+
+        One may be closing at this moment. Meshcat would raise, and whoever draws would wait for its answer for ever.
+        """
+        _, _, data = frames
+        for websocket in tuple(self.websocket_pool):
+            with suppress(WebSocketClosedError):
+                websocket.write_message(data, binary=True)
 
 
 class PageHandler(RequestHandler):  # type: ignore[misc]  # tornado is not followed

@@ -39,11 +39,18 @@ def placements(arm: ArmModel, x: Array) -> list[Pose]:
 
 
 def points_of(body: Body, joints: list[Pose]) -> Array:
-    """The corners (n, 3) of a hull or a box, in pinocchio's world."""
+    """The corners (n, 3) of a hull or a box, the ends of a capsule's axis, in pinocchio's world."""
     points = body.points
     if body.shape == "box":
         points = 0.5 * np.array(body.size) * np.array([np.where(mask, 1.0, -1.0) for mask in np.ndindex(2, 2, 2)])
+    if body.shape == "capsule":
+        points = 0.5 * body.size[1] * np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]])
     return (joints[body.joint] @ body.T_joint_body).act(points)
+
+
+def rounding_of(body: Body) -> float:
+    """How far a body reaches beyond those points, m."""
+    return body.pad + (0.5 * body.size[0] if body.shape == "capsule" else 0.0)
 
 
 def hull_distance(a: Array, b: Array) -> float:

@@ -230,10 +230,13 @@ def test_the_arm_against_itself_and_after_the_last_keyframe(arm: ArmModel) -> No
 
 def test_home_in_collision_is_refused(arm: ArmModel) -> None:
     with pytest.raises(
-        PlanError, match=r"^home of panda: panda_\w+ would touch the table, .* deep; change home in"
+        PlanError, match=r"^home of panda: panda_\w+ would touch the table, .* deep; correct table_height"
     ) as caught:
         refuse_home(CollisionScene(arm, 0.6))
-    assert caught.value.message.endswith("; change home in the robot's TOML, or table_height in the calibration")
+    assert caught.value.message.endswith(
+        "; correct table_height in the calibration, begin where the arm is with --from and --no-retreat, or leave home "
+        "out with --no-approach --no-retreat, or change home in the robot's TOML"
+    )
     assert caught.value.exit_code == 3
 
 

@@ -14,19 +14,20 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from pbd.arm import pairs as pairs_module
 from pbd.arm.clearance import MARGIN_M, STEP_M, Clearance, JointPath, configurations
+from pbd.arm.hand import arm_bodies, gripper_links
 from pbd.arm.hulls import Body, link_bodies
 from pbd.arm.levers import rates
 from pbd.arm.model import ArmModel, load_model
 from pbd.arm.nodes import along, straight
-from pbd.arm.pairs import gripper_links, link_pairs
+from pbd.arm.pairs import link_pairs
 from pbd.data import Gripper, JointTrajectory, Robot
 from pbd.pose import Array, Pose, quat_about_z
-from tests.arm.collision_oracles import ROBOTS, arm_of, coordinates, hull_distance, placements, points_of
+from tests.arm.collision_oracles import ROBOTS, arm_of, coordinates, hull_distance, placements, points_of, rounding_of
 from tests.arm.test_audit import spline
 
 
 def links_only(arm: ArmModel) -> Clearance:
-    return Clearance(arm, link_bodies(arm), link_pairs(arm)[0])
+    return Clearance(arm, arm_bodies(arm), link_pairs(arm)[0])
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -38,14 +39,15 @@ def test_coordinates_are_the_models(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["panda", "ur5"])
 def test_distances_are_exact(name: str) -> None:
-    """Hulls and boxes, against least squares over their corners."""
+    """Hulls, boxes and capsules, against least squares over their corners."""
     arm = arm_of(name)
     clearance = links_only(arm)
     for x in coordinates(arm, 4):
         joints, got = placements(arm, x), clearance.distances(x)
         for pair, (a, b) in enumerate(clearance.pairs):
             first, second = clearance.bodies[a], clearance.bodies[b]
-            exact = hull_distance(points_of(first, joints), points_of(second, joints)) - first.pad - second.pad
+            exact = hull_distance(points_of(first, joints), points_of(second, joints))
+            exact -= rounding_of(first) + rounding_of(second)
             assert got[pair] == pytest.approx(exact, abs=1e-5) or (got[pair] < 0.0 and exact < 1e-5)
 
 
@@ -221,7 +223,7 @@ def test_what_the_panda_drops() -> None:
 @pytest.mark.parametrize("name", ROBOTS)
 def test_every_pair_is_watched_or_dropped_or_rigid(name: str) -> None:
     arm = arm_of(name)
-    bodies, why = link_bodies(arm), dropped(arm)
+    bodies, why = arm_bodies(arm), dropped(arm)
     watched = {tuple(pair) for pair in link_pairs(arm)[0]}
     x, y = coordinates(arm, 2)
     for j in range(len(bodies)):

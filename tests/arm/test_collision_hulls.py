@@ -13,6 +13,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from pbd.arm import hulls
 from pbd.arm.clearance import Clearance
+from pbd.arm.hand import arm_bodies
 from pbd.arm.hulls import Body, link_bodies
 from pbd.arm.model import ArmModel, load_model
 from pbd.arm.pairs import link_pairs
@@ -63,7 +64,7 @@ def gap(point: Array, body: Body) -> float:
 def test_no_contact_of_the_meshes_is_missed_and_few_are_made_up(name: str) -> None:
     """The price of convex parts: 5 in 100 free configurations are called contacts (of single hulls it was up to 30)."""
     arm = arm_of(name)
-    clearance = Clearance(arm, link_bodies(arm), link_pairs(arm)[0])
+    clearance = Clearance(arm, arm_bodies(arm), link_pairs(arm)[0])
     raw = raw_meshes(name)
     raw.watch(links_watched(clearance))
     x = coordinates(arm, 80 if len(link_bodies(arm)) > 20 else 300)

@@ -10,6 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from pbd.arm.clearance import MARGIN_M
+from pbd.arm.hand import arm_bodies
 from pbd.arm.hulls import link_bodies
 from pbd.arm.ik import solve
 from pbd.arm.model import ArmModel, load_model
@@ -54,7 +55,7 @@ def test_a_hit_is_what_the_distances_say(name: str) -> None:
             assert hit.distance == pytest.approx(distances.min(), abs=1e-5)  # coal begins where it last ended
             assert hit.depth == max(0.0, -hit.distance)
             worst = scene.always.clearance.pairs[np.argmin(distances)]
-            assert [hit.first, hit.second] == [link_bodies(arm)[i].name for i in worst]
+            assert [hit.first, hit.second] == [arm_bodies(arm)[i].name for i in worst]
     assert hits > 0
 
 

@@ -15,7 +15,7 @@ from pbd.arm.passage import Passage
 from pbd.arm.scene import CollisionScene, Hit
 from pbd.arm.sequence import solve_sequence
 from pbd.arm.timing import Move, time_moves
-from pbd.arm.ways import DEMO, LINE, STRAIGHT, Ways, Wish, choose_ways
+from pbd.arm.ways import DEMO, LINE, STRAIGHT, Ways, Wish, _Choice, choose_ways
 from pbd.data import Obstacle
 from pbd.errors import PbdWarning, PlanError
 from pbd.pose import Array, Pose
@@ -142,6 +142,19 @@ def test_a_path_that_was_asked_for_isnt_replaced(kind: str) -> None:
     lower = over(LEFT, moved(y=-0.2, z=-0.12), moved(y=0.2, z=-0.12), RIGHT)
     with pytest.raises(PlanError, match=r"on the way from keyframe 0 to keyframe 1, .* would touch the wall"):
         chosen((LEFT, RIGHT), WALL, approach=False, kind=kind, hand=lambda: [lower])
+
+
+def test_what_is_in_the_way_is_named_where_no_joints_lead_on_because_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From the joints that suit the keyframes best the line doesn't lead on, from none that do is it free."""
+    follow_one = _Choice._follow
+
+    def broken(self: _Choice, i: int, q: Array) -> Array | None:
+        return follow_one(self, i, q) if self.passage is None else None
+
+    monkeypatch.setattr(_Choice, "_follow", broken)
+    with pytest.raises(PlanError, match=r"keyframe 1, .* along the straight line, .* would touch the wall, ") as caught:
+        chosen((LEFT, RIGHT), WALL, approach=False, kind=LINE)
+    assert caught.value.fields["bodies"][1] == "the wall"  # type: ignore[index]
 
 
 def test_a_keyframe_in_the_wall_is_named() -> None:

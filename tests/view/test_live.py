@@ -14,9 +14,11 @@ from urllib.parse import urlsplit
 
 import pytest
 from selenium.webdriver import Chrome
+from tornado.websocket import WebSocketClosedError
 
 from pbd.view.live import LiveViewer, show_live
 from pbd.view.scene import build
+from pbd.view.server import LoopbackBridge
 from tests.view import scenes
 from tests.view.browser import Replay, until
 
@@ -137,6 +139,25 @@ def test_each_viewer_finds_a_port_of_its_own(viewer: LiveViewer) -> None:
         assert urlsplit(other.url).port != urlsplit(viewer.url).port
         for each in (viewer, other):
             assert answer(each.url, f"127.0.0.1:{urlsplit(each.url).port}") == 200
+
+
+def test_a_page_that_closes_keeps_nobody_waiting() -> None:
+    """Whoever draws is answered though a page has just gone, and the other pages see it."""
+    seen = []
+
+    class Going:
+        def write_message(self, data: bytes, binary: bool) -> None:
+            bridge.websocket_pool.discard(self)
+            raise WebSocketClosedError
+
+    class Open:
+        def write_message(self, data: bytes, binary: bool) -> None:
+            seen.append((data, binary))
+
+    bridge = LoopbackBridge.__new__(LoopbackBridge)
+    bridge.websocket_pool = {Going(), Open(), Going()}
+    bridge.forward_to_websockets([b"delete", b"/pbd", b"command"])
+    assert seen == [(b"command", True)]
 
 
 def test_it_plays_in_a_browser(viewer: LiveViewer, chrome: Chrome) -> None:

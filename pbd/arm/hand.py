@@ -1,0 +1,83 @@
+"""What the arm's last joint carries, and what stands for the gripper where the model has none.
+
+Most models end at the flange, and the tool's point lies in front of it where a gripper's fingertips would be. A rod
+from the flange to there, a capsule, is watched as fingers would be: it may touch what is grasped, and nothing else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import lru_cache
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from pbd.arm.clearance import shape_of
+from pbd.arm.hulls import Body, link_bodies
+from pbd.arm.model import ArmModel, from_se3, to_se3
+from pbd.pose import Array, Pose, quat_from_xyzw
+
+THE_TOOL = "the tool"
+
+ROD_RADIUS_M = 0.01
+ROD_SHORT_M = 0.005
+"""It ends so far short of the tool's point: that may come down to the table."""
+LEAST_GAP_M = 0.02
+"""Where the gripper's links end farther behind the tool's point than that, the model has nothing there."""
+
+
+def tool_on_joint(arm: ArmModel) -> tuple[int, Pose]:
+    """Return the joint that carries the tool, as an index in `arm.full`, and T_joint_tool."""
+    frame = arm.full.frames[arm.full.getFrameId(arm.robot.body, pin.FrameType.BODY)]
+    return int(frame.parentJoint), from_se3(frame.placement) @ arm.robot.T_body_tool
+
+
+def gripper_links(arm: ArmModel, bodies: Iterable[Body]) -> frozenset[str]:
+    """Name the bodies that are fixed to the tool or move with its fingers: they may touch what is grasped."""
+    joint, _ = tool_on_joint(arm)
+    return frozenset(body.name for body in bodies if joint > 0 and joint in list(arm.full.supports[body.joint]))
+
+
+@lru_cache(maxsize=4)
+def arm_bodies(arm: ArmModel) -> tuple[Body, ...]:
+    """Return the bodies of all links, and of the rod where the model has nothing at the tool's point."""
+    rod = tool_rod(arm)
+    return link_bodies(arm) if rod is None else (*link_bodies(arm), rod)
+
+
+def tool_rod(arm: ArmModel) -> Body | None:
+    """Return the rod from the gripper's nearest point to the tool's; None where the closed gripper reaches that."""
+    links = link_bodies(arm)
+    gripper = gripper_links(arm, links)
+    joint, T_joint_tool = tool_on_joint(arm)
+    data = arm.full.createData()
+    pin.forwardKinematics(arm.full, data, arm.full_q(arm.robot.home, 0.0))
+    T_tool_universe = T_joint_tool.inverse() @ from_se3(data.oMi[joint]).inverse()
+    start = T_joint_tool.inverse().p if joint > 0 else np.zeros(3)
+    nearest = np.inf
+    for link in links:
+        if link.name not in gripper:
+            continue
+        T_tool_body = T_tool_universe @ from_se3(data.oMi[link.joint]) @ link.T_joint_body
+        if _apart(link, T_tool_body, coal.Halfspace(np.array([0.0, 0.0, -1.0]), 0.0))[0] < LEAST_GAP_M:
+            return None  # it reaches as far ahead as the tool's point
+        distance, p_tool = _apart(link, T_tool_body, coal.Sphere(0.0))
+        if distance < nearest:
+            nearest, start = distance, p_tool
+    length = float(np.linalg.norm(start))
+    if length < LEAST_GAP_M:
+        return None
+    end = start * (ROD_SHORT_M + ROD_RADIUS_M) / length
+    turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), end - start)
+    T_tool_rod = Pose(0.5 * (start + end), quat_from_xyzw(turn.coeffs()))
+    size = (2.0 * ROD_RADIUS_M, float(np.linalg.norm(end - start)))
+    return Body(THE_TOOL, joint, T_joint_tool @ T_tool_rod, "capsule", size)
+
+
+def _apart(body: Body, T_tool_body: Pose, other: object) -> tuple[float, Array]:
+    """How far a body is from a shape in the tool's frame, m, and its nearest point there (3,)."""
+    result, placed = coal.DistanceResult(), to_se3(T_tool_body)
+    T = coal.Transform3s(placed.rotation, placed.translation)
+    distance = coal.distance(shape_of(body), T, other, coal.Transform3s.Identity(), coal.DistanceRequest(), result)
+    return distance - body.pad, np.array(result.getNearestPoint1())
