@@ -53,7 +53,6 @@ class LoopbackBridge(ZMQWebSocketBridge):  # type: ignore[misc]  # meshcat has n
         app.listen = listen_on_loopback
         return app
 
-
     def forward_to_websockets(self, frames: Sequence[bytes]) -> None:
         """Pass a command on to all pages that are open.
 
