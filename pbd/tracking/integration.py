@@ -35,7 +35,9 @@ class Move:
     closure: Array
 
 
-def integrate_move(t: Array, a_nav: Array, v_start: Array = STILL, v_end: Array = STILL) -> Move:
+def integrate_move(
+    t: Array, a_nav: Array, v_start: Array = STILL, v_end: Array = STILL, rows: slice = slice(None)
+) -> Move:
     """Integrate a move whose velocity is known at its first and its last sample: at stops, zero.
 
     Then the velocity left over at the end is taken out where it most likely arose
@@ -47,8 +49,14 @@ def integrate_move(t: Array, a_nav: Array, v_start: Array = STILL, v_end: Array 
         a_nav: (n, 3) m/s2.
         v_start: (3,) m/s.
         v_end: (3,) m/s.
+        rows: of the move, where t and a_nav have more: half of the first and of the last sample's interval lies within
+            the move, and how the mean over it was spread the samples beside it tell.
     """
-    v_raw = v_start + integral_of_means(t, a_nav)
+    first, last, _ = rows.indices(len(t))
+    wide = slice(max(first - 1, 0), last + 1)
+    v_wide = integral_of_means(t[wide], a_nav[wide])[first - wide.start :][: last - first]
+    t, a_nav = t[rows], a_nav[rows]
+    v_raw = v_start + v_wide - v_wide[0]
     closure = v_raw[-1] - v_end
     v_nav = v_raw - np.outer(_origin_of_drift(t, a_nav), closure)
     return Move(v_nav, integral_of_values(t, v_nav, a_nav), closure)
@@ -132,7 +140,7 @@ def integrate_path(t: Array, a_nav: Array, stops: tuple[Stop, ...]) -> tuple[Arr
         p[stop.start : stop.stop] = here
         leaving, arriving = _edges(stop, t, a_nav)[1], _edges(following, t, a_nav)[0]
         rows = slice(stop.stop - 1 - leaving, following.start + 1 + arriving)
-        result = integrate_move(t[rows], a_nav[rows])
+        result = integrate_move(t, a_nav, rows=rows)
         between = slice(leaving + 1, len(result.p_nav) - 1 - arriving)
         move = slice(stop.stop, following.start)
         p[move], v[move], closure[k] = here + result.p_nav[between], result.v_nav[between], result.closure

@@ -9,7 +9,7 @@ import numpy as np
 from pbd.data import Keyframe, Stop
 from pbd.pose import Array, Pose, quat_canonical, quat_rotate
 from pbd.tracking.live_attitude import LiveAttitude
-from pbd.tracking.live_doubt import DRIFT, MISTURN_CLIPPED, MISTURN_DEVICE, Doubt, Leftover, Usual
+from pbd.tracking.live_doubt import MISTURN_CLIPPED, MISTURN_DEVICE, Doubt, Leftover, Usual
 from pbd.tracking.live_events import LiveEvent, StopBegan, StopEnded
 from pbd.tracking.live_move import LiveMove
 from pbd.tracking.live_samples import Sample
@@ -20,6 +20,9 @@ from pbd.tracking.uncertainty import ACC_LEVEL, ACC_LEVEL_WEIGHT, GYRO_WALK, Mov
 
 TILT_SIGMA, HEADING_SIGMA = np.radians(0.5), np.radians(0.6)
 """rad, of online VQF (of offline VQF: uncertainty.py)."""
+
+CLOSING = 0.01
+"""m/s2: the velocity left over at a move's end by its duration, before the first stops tell; 0.06 degrees of tilt."""
 
 
 class LiveHand:
@@ -44,7 +47,7 @@ class LiveHand:
         self._left: list[tuple[Stop, Keyframe]] = []
         self._p_stop, self._cov_stop = np.zeros(3), np.zeros((3, 3))
         self._level_squares, self._level_seen = ACC_LEVEL_WEIGHT * ACC_LEVEL**2, ACC_LEVEL_WEIGHT
-        self._doubt, self._closing = Doubt(), Usual(DRIFT)
+        self._doubt, self._closing = Doubt(), Usual(CLOSING)
         self._t_first, self._t = samples[0].t, samples[-1].t
 
         wxyz = self._attitude.wxyz_at_rest

@@ -13,7 +13,7 @@ from pbd.tracking.gravity import motion_acceleration
 from pbd.tracking.integration import EDGE_S, integrate_move
 from pbd.tracking.live_samples import Sample
 from pbd.tracking.live_stops import CONFIRM_S, Run
-from pbd.tracking.uncertainty import MoveFigures, move_figures
+from pbd.tracking.uncertainty import MoveFigures, move_figures, shaking_speed
 
 CLIPPED_RATE, CLIPPED_SAMPLES = 3.0, 3
 """rad/s: where an axis of the gyro reads the same for so many samples, at least this and more than ever, its range
@@ -38,7 +38,7 @@ class Ended:
 
 
 def error_on_the_way(t: Array, wxyz: Array, a_nav: Array, move: slice) -> Array:
-    """Error of motion acceleration (m, 3) m/s2 over a move's samples, from what it is at rest before and after.
+    """Error of motion acceleration (n, 3) m/s2, over a move's samples from what it is at rest before and after.
 
     At rest acceleration is zero; what is seen there is the accelerometer's error and gravity put wrong by tilt. The one
     turns with the sensor, the other arises while it turns, or slowly: between the rests the error is taken to change
@@ -49,7 +49,9 @@ def error_on_the_way(t: Array, wxyz: Array, a_nav: Array, move: slice) -> Array:
     from_first = turned_by(wxyz, wxyz[0])
     to_last = turned_by(wxyz, wxyz[-1])
     even = (t - t[0]) / (t[-1] - t[0])
-    share = (from_first + HARDLY_TURNED * even) / (from_first + to_last + HARDLY_TURNED)
+    share = np.zeros(len(a_nav))
+    share[move] = (from_first + HARDLY_TURNED * even) / (from_first + to_last + HARDLY_TURNED)
+    share[move.stop :] = 1.0
     error: Array = before + share[:, None] * (after - before)
     return error
 
@@ -128,9 +130,11 @@ class LiveMove:
         a_nav = motion_acceleration(recording, Attitude(wxyz, np.zeros((len(t), 3))), self._gravity)
         last, first = int(np.searchsorted(t, before.last_t)), int(np.searchsorted(t, after.start_t))
         inner = slice(max(last - self._edge, 0), first + self._edge + 1)
-        a_nav = a_nav[inner] - error_on_the_way(t, wxyz, a_nav, inner)
-        move = integrate_move(t[inner], a_nav)
-        figures = move_figures(t[inner], a_nav, gyr[inner], move.closure, move.p_nav[-1])
+        a_nav = a_nav - error_on_the_way(t, wxyz, a_nav, inner)
+        move = integrate_move(t, a_nav, rows=inner)
+        speeds = shaking_speed(a_nav[: inner.start + 1]), shaking_speed(a_nav[inner.stop - 1 :])
+        shaken = float(np.hypot(*speeds)) / np.sqrt(2.0)
+        figures = move_figures(t[inner], a_nav[inner], gyr[inner], move.closure, move.p_nav[-1], shaken)
         return Ended(move.p_nav[-1], move.closure, figures, self.gap_variance())
 
     def attitudes_since(self, t: float) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,7 @@ from pbd.errors import TrackingError
 from pbd.pose import Array
 from pbd.tracking.conditioning import Gap
 from pbd.tracking.rest import Rest
+from pbd.tracking.stops import GYR_FLOOR, REST_FACTOR, STEADY_ACC, WINDOW_S
 
 TILT_SIGMA = np.radians(0.3)
 """rad, of VQF while moving: 0.2 to 0.4 degrees over the real recordings of the benchmark."""
@@ -18,20 +20,26 @@ TILT_SIGMA = np.radians(0.3)
 HEADING_SIGMA = np.radians(0.4)
 """rad, with a magnetometer or over the first seconds without one."""
 
-WANDER, UNSEEN_SPEED = 0.11, 0.0022
-"""Of `move_covariance`: a share, and m/s."""
-
-TURN_TILT, MOTION_DRIFT = 0.001, 0.001
+TURN_TILT, MOTION_DRIFT = 0.0007, 0.001
 """Rad per square root of a radian turned; and per root hertz, a share of the acceleration."""
+
+TREMOR_HZ = 8.0
+"""What shakes a hand that stands still is no slower than this: physiological tremor has 8 to 12 Hz."""
 
 ACC_LEVEL, ACC_LEVEL_WEIGHT = 0.05, 0.3
 """m/s2, the accelerometer's bias and scale as long as the rests don't show more; and how much it takes to show it."""
+
+LEVEL_DOUBT, LEVEL_TURNED = 1.4, 0.1
+"""The rests are few: two sigma of Student's t with four degrees of freedom are 1.4 times those of a normal. And the
+share of the level by which a bias may be wrong on the way, that turns by a radian from the one rest to the other."""
 
 UNSEEN_HAND = 0.1
 """m/s: how fast a hand may move on average while the data have a hole."""
 
 GYRO_WALK = np.radians(0.02)
 """rad/s: what is left of the gyro's bias after its estimation; heading without a magnetometer drifts by it."""
+
+_TINY = np.finfo(np.float64).tiny
 
 
 @dataclass(frozen=True)
@@ -44,6 +52,7 @@ class MoveFigures:
         turned: rad, all turning on the way, whichever way.
         energy: m2/s3, the integral of the squared motion acceleration.
         distance: m, from its beginning to its end.
+        shaken: m/s along each axis, how fast the sensor is at the stops on either hand (`shaking_speed`), rms.
     """
 
     duration: float
@@ -51,14 +60,41 @@ class MoveFigures:
     turned: float
     energy: float
     distance: float
+    shaken: float = 0.0
 
 
-def move_figures(t: Array, a_nav: Array, gyr: Array | None, closure: Array, gone: Array) -> MoveFigures:
-    """Take the figures of one move from its samples: (n,) s, (n, 3) m/s2, (n, 3) rad/s, (3,) m/s and (3,) m."""
+def move_figures(
+    t: Array, a_nav: Array, gyr: Array | None, closure: Array, gone: Array, shaken: float = 0.0
+) -> MoveFigures:
+    """Take the figures of one move from its samples: (n,) s, (n, 3) m/s2, (n, 3) rad/s, (3,) m/s, (3,) m and m/s."""
     duration = float(t[-1] - t[0])
     rate = 0.0 if gyr is None else float(np.linalg.norm(gyr, axis=1).mean())
     energy = float((a_nav**2).sum(axis=1).mean()) * duration
-    return MoveFigures(duration, float(np.linalg.norm(closure)), rate * duration, energy, float(np.linalg.norm(gone)))
+    speed, distance = float(np.linalg.norm(closure)), float(np.linalg.norm(gone))
+    return MoveFigures(duration, speed, rate * duration, energy, distance, shaken)
+
+
+def shaking_speed(a_nav: Array) -> float:
+    """How fast a sensor is, m/s along each axis, that stands still but is shaken: (n, 3) m/s2 of one stop."""
+    return float(np.sqrt(a_nav.var(axis=0).mean())) / (2.0 * np.pi * TREMOR_HZ)
+
+
+def stop_speed(figures: MoveFigures, rest: Rest, rate_hz: float) -> float:
+    """How fast a hand may be, m/s along each axis, where the one stop seems to end or the next one to begin.
+
+    It is shaken, by no less than the rest's noise implies. And it sets out and arrives unseen: a minimum-jerk move of
+    length D and duration T (Flash and Hogan, 1985) begins with jerk J = 60 D / T^3, which is sqrt(210) a_rms / T, and
+    is seen once its acceleration is over what `find_stops` takes for steady, or its rate of turn over what it takes for
+    quiet: after u seconds, at the velocity J u^2 / 2. For quick moves that is next to nothing.
+    """
+    T = max(figures.duration, 1.0 / rate_hz)
+    shaken = max(figures.shaken, rest.acc_rms / np.sqrt(3.0) / (2.0 * np.pi * TREMOR_HZ))
+    jerk = np.sqrt(210.0 * max(figures.energy, _TINY) / T) / T
+    # Steady to this at first and, within a window, by as much again.
+    unseen_acc = 2.0 * STEADY_ACC + 3.0 * rest.acc_rms / np.sqrt(WINDOW_S * rate_hz)
+    unseen_rate = max(GYR_FLOOR, np.sqrt(REST_FACTOR) * rest.gyr_rms)
+    u = min(unseen_acc / jerk, T * np.sqrt(unseen_rate * T / (30.0 * max(figures.turned, _TINY))), 0.5 * T)
+    return float(np.hypot(shaken, 0.5 * jerk * u**2 / np.sqrt(3.0)))
 
 
 def stop_covariance(
@@ -70,11 +106,13 @@ def stop_covariance(
     """
     t, cov = recording.t, np.zeros((len(stops), 6, 6))
     level = accelerometer_level(recording, stops, rest)
+    speed = [shaking_speed(a_nav[stop.start : stop.stop]) for stop in stops]
     for k in range(1, len(stops)):
         move = slice(stops[k - 1].stop - 1, stops[k].start + 1)
         gyr = None if recording.gyr is None else recording.gyr[move] - rest.gyro_bias
         gone = p_nav_sensor[stops[k].start] - p_nav_sensor[stops[k - 1].start]
-        figures = move_figures(t[move], a_nav[move], gyr, closure[k - 1], gone)
+        shaken = float(np.hypot(speed[k - 1], speed[k])) / np.sqrt(2.0)
+        figures = move_figures(t[move], a_nav[move], gyr, closure[k - 1], gone, shaken)
         cov[k, :3, :3] = cov[k - 1, :3, :3] + move_covariance(figures, rest, recording.rate_hz, level)
     for k, stop in enumerate(stops):
         heading = HEADING_SIGMA
@@ -86,12 +124,12 @@ def stop_covariance(
 
 def unseen_covariance(gaps: tuple[Gap, ...], stops: tuple[Stop, ...]) -> Array:
     """Covariance (len(stops), 3, 3) m2 for long gaps within stops: the hand may have moved while nothing was seen."""
-    variance = np.zeros(len(stops))
+    variance, starts = np.zeros(len(stops)), [stop.start for stop in stops]
     for gap in gaps:
-        for k, stop in enumerate(stops):
-            if stop.start <= gap.before and gap.after < stop.stop:
-                variance[k:] += (UNSEEN_HAND * gap.missing_s) ** 2
-    return variance[:, None, None] * np.eye(3)
+        k = bisect_right(starts, gap.before) - 1
+        if k >= 0 and gap.after < stops[k].stop:
+            variance[k] += (UNSEEN_HAND * gap.missing_s) ** 2
+    return np.cumsum(variance)[:, None, None] * np.eye(3)
 
 
 def accelerometer_level(recording: Recording, stops: tuple[Stop, ...], rest: Rest) -> float:
@@ -120,32 +158,40 @@ def accelerometer_level(recording: Recording, stops: tuple[Stop, ...], rest: Res
     return float(np.sqrt(squares / seen))
 
 
-def move_covariance(figures: MoveFigures, rest: Rest, rate_hz: float, level: float = ACC_LEVEL) -> Array:
+def move_covariance(
+    figures: MoveFigures, rest: Rest, rate_hz: float, level: float = ACC_LEVEL, end_speed: float | None = None
+) -> Array:
     """Covariance (3, 3) m2 of a move's displacement, its velocity being known at both ends.
 
-    With T its duration and the drift of velocity taken out, six parts:
+    It is known to `end_speed`, m/s along each axis; where none is given the ends are stops (`stop_speed`).
+
+    With T its duration and the drift of velocity taken out, seven parts:
 
     - white noise of density N m/s2/rtHz: N^2 T^3 / 12 (double integral of white noise, its end velocity removed);
     - tilt that changes evenly by d leaves g d T^2 / 12: by the gyro's own noise, and by TURN_TILT for each square root
       of a radian that the hand turns (scale, misalignment);
     - errors that grow with the acceleration, MOTION_DRIFT of it as white noise: MOTION_DRIFT^2 energy T^2 / 12;
-    - what the closure c betrays of acceleration errors that wander: (WANDER |c| / sqrt(3) T)^2 along each axis (for a
-      random walk of intensity q, var(v_end) = q T^3 / 3 and, de-drifted, var(p_end) = q T^5 / 120, so that WANDER would
-      be sqrt(3 / 120) = 0.16);
-    - what it doesn't betray: (UNSEEN_SPEED T)^2;
-    - what turns or stretches the whole path, a tilted vertical and the accelerometer's scale: level / g of the
-      distance.
+    - what the closure c betrays of acceleration errors that wander: (|c| T)^2 / 120 along each axis (for a random walk
+      of intensity q, var(v_end) = q T^3 / 3 and, de-drifted, var(p_end) = q T^5 / 120; c has three axes);
+    - velocities e and f that were not quite known at the ends: T (e + f) / 2;
+    - what turns or stretches the whole path, a tilted vertical and the accelerometer's scale: LEVEL_DOUBT level / g of
+      the distance;
+    - the accelerometer's bias, which turns with the hand: LEVEL_TURNED level for each radian up to two, as a change
+      of tilt.
 
     The constants are set on all recordings of the benchmark together, which prints the share of truth inside one and
     two sigma for each group of windows (tests/benchmarks/tracking.py).
     """
     T, g = figures.duration, rest.gravity
+    if end_speed is None:
+        end_speed = stop_speed(figures, rest, rate_hz)
     white = rest.acc_rms**2 / (3.0 * rate_hz) * T**3 / 12.0
     turned = rest.gyr_rms**2 / (3.0 * rate_hz) * T + TURN_TILT**2 * figures.turned
     variance = white + (g * T**2 / 12.0) ** 2 * turned
     variance += MOTION_DRIFT**2 * figures.energy * T**2 / 12.0
-    variance += (WANDER * figures.closure * T) ** 2 / 3.0 + (UNSEEN_SPEED * T) ** 2
-    variance += (level / g * figures.distance) ** 2
+    variance += (figures.closure * T) ** 2 / 120.0 + 0.5 * (end_speed * T) ** 2
+    variance += (LEVEL_DOUBT * level / g * figures.distance) ** 2
+    variance += (LEVEL_TURNED * level * min(figures.turned, 2.0) * T**2 / 12.0) ** 2
     return np.asarray(variance * np.eye(3))
 
 

@@ -32,7 +32,17 @@ from pbd.tracking.integration import integrate_move
 from pbd.tracking.rest import Rest, find_rest
 from pbd.tracking.uncertainty import move_covariance, move_figures
 from tests.benchmarks.report import add_data, arguments, finish
-from tests.benchmarks.trials import RATES, Trial, Window, at_sensor, fit_lever, kind_of, phases, read_broad
+from tests.benchmarks.trials import (
+    RATES,
+    VELOCITY_SIGMA,
+    Trial,
+    Window,
+    at_sensor,
+    fit_lever,
+    kind_of,
+    phases,
+    read_broad,
+)
 
 WINDOWS_S = (1, 2, 5)
 
@@ -156,12 +166,13 @@ def window_errors(trial: Trial, motion: Motion, lengths: Sequence[float] = WINDO
                 if not np.isfinite(p_true[ends]).all() or not np.isfinite(v_true[ends]).all():
                     continue
                 window = slice(i, i + n + 1)
-                move = integrate_move(recording.t[window], a_nav[window], v_true[i], v_true[i + n])
+                move = integrate_move(recording.t, a_nav, v_true[i], v_true[i + n], window)
                 error = move.p_nav[-1] - (p_true[i + n] - p_true[i])
                 assert recording.gyr is not None
                 rate = recording.gyr[window] - rest.gyro_bias
                 figures = move_figures(recording.t[window], a_nav[window], rate, move.closure, move.p_nav[-1])
-                sigma = np.sqrt(np.diagonal(move_covariance(figures, rest, recording.rate_hz)))
+                cov = move_covariance(figures, rest, recording.rate_hz, end_speed=VELOCITY_SIGMA)
+                sigma = np.sqrt(np.diagonal(cov))
                 found.append(Window(i, i + n, length, quat_rotate(quat_inverse(turn), error), error / sigma))
     return found
 

@@ -19,6 +19,9 @@ OPTICS_AHEAD_S = 0.8 / 286.0
 VELOCITY_SAMPLES = 35
 """The optics' velocity is the slope of a polynomial over so many of their samples."""
 
+VELOCITY_SIGMA = 0.003
+"""m/s: how sure that velocity is along each axis of a calm hand (reference.py prints it; of a fast one .8 cm/s)."""
+
 RATES = {"286": 1, "95": 3, "40": 7}
 """Rate as it is called -> how many samples are averaged."""
 
@@ -56,7 +59,7 @@ def read_broad(path: Path) -> dict[str, Trial]:
         arrays = {key: file[key].astype(np.float64) for key in file.files}
     rate = float(arrays["rate_hz"])
     t = np.arange(len(arrays["acc"])) / rate
-    velocity = savgol_filter(_filled(arrays["true_position"]), VELOCITY_SAMPLES, 4, deriv=1, delta=1.0 / rate, axis=0)
+    velocity = savgol_filter(filled(arrays["true_position"]), VELOCITY_SAMPLES, 4, deriv=1, delta=1.0 / rate, axis=0)
     velocity[~np.isfinite(arrays["true_position"]).all(axis=1)] = np.nan
     trials = {}
     for name, every in RATES.items():
@@ -116,7 +119,8 @@ def phases(moving: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
-def _filled(values: Array) -> Array:
+def filled(values: Array) -> Array:
+    """Interpolate over what is unknown, component by component: (n, 3)."""
     rows = np.arange(len(values))
     return np.column_stack([np.interp(rows, rows[np.isfinite(c)], c[np.isfinite(c)]) for c in values.T])
 

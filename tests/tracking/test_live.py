@@ -155,7 +155,7 @@ def test_at_the_end_of_each_move_it_agrees_with_the_batch_tracker_run_causally(
         attitude = Attitude(wxyz[known], np.zeros_like(recording.acc[known]))
         a_nav = motion_acceleration(with_rows(recording, known), attitude, found.rest.gravity)
         error = error_on_the_way(t[known], wxyz[known], a_nav, move)
-        p = p + integrate_move(t[known][move], a_nav[move] - error).p_nav[-1]
+        p = p + integrate_move(t[known], a_nav - error, rows=move).p_nav[-1]
         assert event.keyframe.T_nav_sensor.p == pytest.approx(p, abs=1e-9)
 
 
@@ -216,7 +216,7 @@ def test_what_an_accelerometers_bias_does_is_taken_back() -> None:
     wxyz = np.column_stack((np.cos(0.5 * angle), np.sin(0.5 * angle), 0.0 * t, 0.0 * t))
     error = quat_rotate(wxyz, (0.1, -0.2, 0.3))
     estimate = error_on_the_way(t, wxyz, error, slice(15, 86))
-    assert np.abs(estimate - error[15:86]).max() < 0.1 * np.abs(error[0] - error[-1]).max()
+    assert np.abs(estimate - error).max() < 0.1 * np.abs(error[0] - error[-1]).max()
 
 
 def test_the_turn_between_middles_is_exact_for_a_cubic_angle() -> None:

@@ -266,3 +266,18 @@ def test_cumulative_products_are_those_of_a_loop(n: int, seed: int) -> None:
         before = quat_multiply(before, turn)
         products.append(before)
     assert quat_cumulative(turns) == pytest.approx(np.array(products).reshape(n, 4), abs=1e-12)
+
+
+@given(coefficients, st.integers(1, 10), st.integers(2, 40), st.integers(1, 10))
+def test_a_move_cut_out_of_a_longer_motion_knows_what_lies_beside_it(
+    numbers: list[float], before: int, n: int, after: int
+) -> None:
+    """Then means of quadratics are integrated exactly from its first sample's middle to its last one's."""
+    polynomials = [np.polynomial.Polynomial(numbers[i : i + 3]) for i in (0, 3, 6)]
+    t = 0.02 * np.arange(before + n + after, dtype=np.float64)
+    a_nav = interval_means(lambda at: columns(*(p(at) for p in polynomials)), t, 0.02)
+    rows = slice(before, before + n)
+    v = columns(*(p.integ()(t) for p in polynomials))[rows]
+    move = integrate_move(t, a_nav, v[0], v[-1], rows)
+    assert move.closure == pytest.approx(0.0, abs=1e-11)
+    assert move.v_nav == pytest.approx(v, abs=1e-11)
