@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from pathlib import Path
 from typing import Any
@@ -92,13 +93,14 @@ def test_two_are_compared(capsys: Capture, elsewhere: Path) -> None:
     assert code == 0
     folder = elsewhere / "plots" / "paper-test1+paper-test2"
     assert {file.name for file in folder.iterdir()} == {"paths.png", "views.png", "positions.png", "spread.png"}
-    assert "3 of 3" in out.splitlines()[2]
-    assert "spread x (mm)" in out.splitlines()[0]
+    assert "in (of 3)" in out.splitlines()[0]
+    assert "spread x (cm)" in out.splitlines()[0]
+    assert out.splitlines()[2].split()[1] == "3"
     for said in (
         "tracking 'paper-test1'",
         "tracking 'paper-test2'",
         "tracking 'paper-test1 (2)'",
-        "paper-test2 has no keyframe 1 (2.6 s in paper-test1), 2 (",
+        "paper-test2 has no keyframes 1 (2.6 s in paper-test1), 2 (",
         f"wrote 4 files into {folder.relative_to(elsewhere)}",
     ):
         assert f"pbd: {said}" in err
@@ -114,6 +116,43 @@ def test_comparison_as_json(capsys: Capture) -> None:
     assert result["keyframes"][1]["spread_m"] == [None, None, None]
     # Both end at one place, after one move and after four.
     assert max(result["keyframes"][4]["spread_m"]) < 0.03
+
+
+@pytest.mark.usefixtures("few")
+def test_comparison_as_csv(capsys: Capture) -> None:
+    code, out, _ = run(capsys, "paper-test1", "paper-test2", "paper-test1", "--csv", "--units", "mm")
+    assert code == 0
+    rows = list(csv.DictReader(out.splitlines()))
+    keyframes = run_json(capsys, "paper-test1", "paper-test2", "paper-test1")["keyframes"]
+    assert [int(row["in (of 3)"]) for row in rows] == [3, 2, 2, 2, 3]
+    for row, keyframe in zip(rows, keyframes, strict=True):
+        spread = [float(row[f"spread {axis} (mm)"]) for axis in "xyz"]
+        assert spread == pytest.approx([1e3 * x for x in keyframe["spread_m"]], abs=0.051)
+    _, out, _ = run(capsys, "paper-test1", "paper-test2", "--csv")
+    assert list(csv.DictReader(out.splitlines()))[1]["spread x (cm)"] == ""  # of one alone nothing is known
+
+
+def test_the_table_of_one_is_wrong_usage(capsys: Capture, elsewhere: Path) -> None:
+    code, out, err = run(capsys, "pouring", "--csv")
+    assert (code, out) == (2, "")
+    assert "name two or more" in err
+    assert err.count("\n") == 1
+    assert not (elsewhere / "plots").exists()
+
+
+@pytest.mark.usefixtures("few")
+def test_what_cannot_be_known_is_drawn_all_the_same(capsys: Capture, elsewhere: Path) -> None:
+    """A person who claims what isn't so must see why."""
+    main(["simulate", "pick-and-place-stops", "tea", "--seed", "1"])  # it ends 15 cm away
+    toml = elsewhere / "demos" / "tea" / "demo.toml"
+    toml.write_text("closed = true\n" + toml.read_text().replace("closed = false\n", "", 1))
+    result = run_json(capsys, "tea")
+    (finding, *_) = (each for each in result["findings"] if "closed = true" in each)
+    assert finding.endswith("drawn as if that were not known")
+    code, out, err = run(capsys, "tea", "paper-test1", "--json")
+    assert code == 0
+    assert finding in err
+    assert len(json.loads(out)["keyframes"]) == 5
 
 
 def test_what_goes_wrong_is_one_line(capsys: Capture, elsewhere: Path) -> None:

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import argparse
+import warnings
 from collections.abc import Callable, Collection
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pbd.cli.options import (
     Commands,
     add_command,
-    add_json,
+    add_table,
     add_tracking,
     load_demonstration,
     print_json,
     say,
     track_demonstration,
 )
+from pbd.cli.parser import UsageError
 from pbd.cli.progress import working
 
 if TYPE_CHECKING:
@@ -37,8 +40,9 @@ def add(commands: Commands) -> None:
         "the paper's figures, and ours, for a demonstration; or several compared",
         "Draw a demonstration into files: the paper's figures 5 to 10, attitude, specific force, velocity and\n"
         "closures, sigma, magnetic field, sampling intervals, and one sheet as a summary. Several demonstrations of\n"
-        "one task are laid over each other at their first stop, with the spread at each keyframe.",
-        "  pbd plot pouring --save figures --format svg\n  pbd plot tea1 tea2 tea3",
+        "one task are laid over each other at their first stop, with the spread at each keyframe; it is printed as a\n"
+        "table, too.",
+        "  pbd plot pouring --save figures --format svg\n  pbd plot paper-test1 paper-test2 --csv > spread.csv",
     )
     parser.add_argument(
         "demos",
@@ -49,8 +53,8 @@ def add(commands: Commands) -> None:
     )
     parser.add_argument("--save", type=Path, metavar="DIR", help="where to put the files (./plots/NAME)")
     parser.add_argument("--format", choices=FORMATS, default="png", help="of the files (png)")
-    add_json(parser)
-    add_tracking(parser)
+    add_table(parser, units="cm,deg")
+    add_tracking(parser, calibration="none")
     parser.set_defaults(run=run)
 
 
@@ -60,12 +64,19 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _plot(args: argparse.Namespace) -> int:
-    from pbd.plotting.demo import demo_plot
-    from pbd.view.plots import draw, names
-
+    if args.csv:
+        raise UsageError(
+            "--csv is the spread of several demonstrations; name two or more, or see `pbd keyframes --csv`"
+        )
     demo = load_demonstration(_named(args, args.demos[0] if args.demos else None))
-    path, keyframes = track_demonstration(args, demo)
-    plot = demo_plot(demo, path, keyframes, args.method, args.warnings)
+    path, keyframes = _tracked(args, demo)
+    with working("collecting what to draw"):
+        from pbd.plotting.demo import demo_plot
+        from pbd.view.plots import draw, names
+
+        plot = demo_plot(demo, path, keyframes, args.method, args.warnings)
+    for finding in plot.findings[len(args.warnings) :]:
+        say(f"to be looked at: {finding.words}")
     folder = args.save or Path("plots") / _word(demo)
     files = _write(folder, args.format, names(plot), lambda name: draw(name, plot))
     if args.json:
@@ -74,21 +85,23 @@ def _plot(args: argparse.Namespace) -> int:
                 "demo": demo.recording.info.name,
                 "method": args.method,
                 "files": [str(file) for file in files],
-                "findings": list(plot.findings),
+                "findings": [finding.words for finding in plot.findings],
             }
         )
     return 0
 
 
 def _compare(args: argparse.Namespace) -> int:
-    from pbd.plotting.compare import compare_plot
-    from pbd.view.plot_compare import COMPARISONS, draw_comparison
-    from pbd.view.spread_table import spread_rows, spread_table
-    from pbd.view.tables import print_table
-
     loaded = [load_demonstration(_named(args, name)) for name in args.demos]
     titles = _titles(loaded)
-    plot = compare_plot([(title, *_track(args, title, demo)) for title, demo in zip(titles, loaded, strict=True)])
+    tracked = [(title, *_track(args, title, demo)) for title, demo in zip(titles, loaded, strict=True)]
+    with working("comparing"):
+        from pbd.plotting.compare import compare_plot
+        from pbd.view.plot_compare import COMPARISONS, draw_comparison
+        from pbd.view.spread_table import spread_rows, spread_table
+        from pbd.view.tables import print_csv, print_table
+
+        plot = compare_plot(tracked)
     for remark in plot.remarks:
         say(remark)
     together = "+".join(dict.fromkeys(map(_word, loaded)))
@@ -107,9 +120,30 @@ def _compare(args: argparse.Namespace) -> int:
                 "files": [str(file) for file in files],
             }
         )
+        return 0
+    table = spread_table(plot, args.units)
+    if args.csv:
+        print_csv(table)
     else:
-        print_table(spread_table(plot))
+        print_table(table)
     return 0
+
+
+def _tracked(args: argparse.Namespace, demo: Demonstration) -> tuple[HandPath, tuple[Keyframe, ...]]:
+    """Track it; where what is known of the stops can't be, without that: a plot shows why."""
+    from pbd.errors import PbdWarning, TrackingError
+
+    try:
+        return track_demonstration(args, demo)
+    except TrackingError as error:
+        unaided = replace(demo, closed=False, places=(), contacts=())
+        if unaided.known == demo.known:
+            raise
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", PbdWarning)  # they have been given
+            tracked = track_demonstration(args, unaided)
+        warnings.warn(f"{error.message}; drawn as if that were not known", PbdWarning, stacklevel=2)
+        return tracked
 
 
 def _named(args: argparse.Namespace, name: str | None) -> argparse.Namespace:
@@ -123,7 +157,7 @@ def _track(args: argparse.Namespace, title: str, demo: Demonstration) -> tuple[H
 
     say(f"tracking '{title}'")
     try:
-        return track_demonstration(args, demo)
+        return _tracked(args, demo)
     except PbdError as error:
         raise type(error)(f"{title}: {error.message}", **error.fields) from None
 

@@ -151,7 +151,12 @@ def _remarks(demos: Sequence[Tracked], partners: Sequence[Sequence[int | None]],
         missing = [f"{k} ({others[k].t:.1f} s in {usual})" for k, own in enumerate(partner) if own is None]
         more = [f"{i} ({keyframe.t:.1f} s)" for i, keyframe in enumerate(keyframes) if i not in partner]
         if missing:
-            said.append(f"{name} has no keyframe {', '.join(missing)}")
+            said.append(f"{name} has no keyframe{_s(missing)} {', '.join(missing)}")
         if more:
-            said.append(f"{name} has one more stop, its keyframe {', '.join(more)}: left out")
+            many = "one more stop" if len(more) == 1 else f"{len(more)} more stops"
+            said.append(f"{name} has {many}, its keyframe{_s(more)} {', '.join(more)}: left out")
     return said
+
+
+def _s(several: Sequence[str]) -> str:
+    return "" if len(several) == 1 else "s"

@@ -11,6 +11,7 @@ import numpy as np
 from pbd.data import Demonstration, HandPath, Keyframe, Recording, Truth
 from pbd.errors import PbdWarning
 from pbd.pipeline import find_motion
+from pbd.plotting.findings import at_stop, find, length, stop_names
 from pbd.pose import Array, quat_about_z, quat_multiply, quat_rotate, quat_to_rpy, yaw_toward
 from pbd.tracking.conditioning import condition
 from pbd.tracking.magnetic import BLOCK_S, DIP, STRENGTH
@@ -23,11 +24,8 @@ from pbd.view.plot_values import DemoPlot, FieldPlot, TruthPlot
 TRUTH_NEAR_S = 0.5
 """The truth must say where the first stop is: at its middle, or so near to it."""
 
-UNSURE_MOVE_M = 0.01
-"""A move that adds more than this to sigma is remarked upon (`pbd record` says "pause now" from there on)."""
-
-SAID_ONE_BY_ONE = 3
-"""More such moves than that share one remark."""
+TRUTH_SPEED_S = 0.02
+"""The true velocity is a difference over this long on either hand: from one optical sample to the next it is noise."""
 
 LATE = 1.5
 """An interval of so many median ones is a sample that is late, or lost."""
@@ -54,6 +52,7 @@ def demo_plot(
     truth = None if demo.truth is None else _truth(demo.truth, path)
     field = None if recording.mag is None else _field(recording.mag, path, slice(rest.start, rest.stop))
     sigma_p, sigma_turn = _sigma_along(path)
+    names = stop_names(path, keyframes)
     return DemoPlot(
         name=demo.recording.info.name,
         method=method,
@@ -74,8 +73,8 @@ def demo_plot(
         interval_s=np.diff(demo.recording.t),
         field=field,
         truth=truth,
-        facts=tuple(_facts(demo.recording, path, truth, field)),
-        findings=(*remarks, *_unsure_moves(path)),
+        facts=tuple(_facts(demo.recording, path, names, truth, field)),
+        findings=find(path, names, a_nav, truth, remarks),
     )
 
 
@@ -118,7 +117,16 @@ def _truth(truth: Truth, path: HandPath) -> TruthPlot | None:
     ours = np.unwrap(quat_to_rpy(path.wxyz_nav_sensor), axis=0)[first]
     rpy += 2.0 * np.pi * np.round((ours - rpy[row]) / (2.0 * np.pi))
     at = np.column_stack([np.interp(path.t, t, axis, left=np.nan, right=np.nan) for axis in p.T])
-    return TruthPlot(t, p, np.gradient(p, t, axis=0), rpy, path.p_nav_sensor - at)
+    return TruthPlot(t, p, _slope(t, p), rpy, path.p_nav_sensor - at)
+
+
+def _slope(t: Array, p: Array) -> Array:
+    """Velocity (m, 3) m/s of positions (m, 3) m; NaN where the truth has a gap."""
+    before, after = np.maximum(t - TRUTH_SPEED_S, t[0]), np.minimum(t + TRUTH_SPEED_S, t[-1])
+    moved = [np.interp(after, t, axis) - np.interp(before, t, axis) for axis in p.T]
+    slope: Array = np.column_stack(moved) / (after - before)[:, None]
+    slope[~np.isfinite(p).all(axis=1)] = np.nan
+    return slope
 
 
 def _field(mag: Array, path: HandPath, first_rest: slice) -> FieldPlot:
@@ -144,7 +152,7 @@ def _dip(field_nav: Array) -> Array:
 
 
 def _facts(
-    recording: Recording, path: HandPath, truth: TruthPlot | None, field: FieldPlot | None
+    recording: Recording, path: HandPath, names: Sequence[str], truth: TruthPlot | None, field: FieldPlot | None
 ) -> list[tuple[str, str]]:
     """What a person asks first, in words."""
     t, stops = recording.t, path.stops
@@ -157,22 +165,25 @@ def _facts(
         ("sensor", recording.info.sensor),
         ("recorded", f"{t[-1] - t[0]:.1f} s at {recording.rate_hz:.4g} Hz, {len(t)} samples"),
         ("late or lost samples", f"{late}, longest gap {1e3 * interval.max():.0f} ms" if late else "none"),
-        ("stops", f"{len(stops)}, the shortest {min(stop.dwell_s for stop in stops):.2f} s"),
     ]
+    dwells = [stop.dwell_s for stop in stops]
+    shortest = int(np.argmin(dwells))
+    facts.append(("stops", f"{len(stops)}, the shortest {dwells[shortest]:.2f} s, {at_stop(names[shortest])}"))
     if len(stops) > 1:
         moves = [path.t[b.start] - path.t[a.stop - 1] for a, b in pairwise(stops)]
         longest, drift = int(np.argmax(moves)), np.linalg.norm(path.closure, axis=1)
         worst = int(np.argmax(drift))
         facts += [
-            ("longest move", f"{moves[longest]:.2f} s, {longest} to {longest + 1}"),
-            ("length of the path", _length(travelled)),
-            ("largest closure", f"{_length(float(drift[worst]))}/s, at keyframe {worst + 1}"),
-            ("largest sigma", f"{_length(float(sigma.max()))}, at keyframe {int(np.argmax(sigma))}"),
+            ("longest move", f"{moves[longest]:.2f} s, {names[longest]} to {names[longest + 1]}"),
+            ("length of the path", length(travelled)),
+            ("largest closure", f"{length(float(drift[worst]))}/s, at {at_stop(names[worst + 1])}"),
+            ("largest sigma", f"{length(float(sigma.max()))}, at {at_stop(names[int(np.argmax(sigma))])}"),
         ]
     if truth is not None:
         off = np.linalg.norm(truth.error[[(stop.start + stop.stop - 1) // 2 for stop in stops]], axis=1)
         if np.isfinite(off).any():
-            facts.append(("largest error", f"{_length(float(np.nanmax(off)))}, at keyframe {int(np.nanargmax(off))}"))
+            worst = int(np.nanargmax(off))
+            facts.append(("largest error", f"{length(float(off[worst]))}, at {at_stop(names[worst])}"))
     if field is not None:
         change = np.abs(field.strength / field.rest_strength - 1.0).max() if field.rest_strength > 0.0 else np.nan
         turned = np.degrees(np.abs(field.dip - field.rest_dip).max())
@@ -182,29 +193,5 @@ def _facts(
     return facts
 
 
-def _unsure_moves(path: HandPath) -> list[str]:
-    """Say which moves add much to what is not known."""
-    added = np.diagonal(np.diff(path.cov, axis=0), axis1=1, axis2=2)[:, :3].max(axis=1, initial=0.0)
-    unsure = np.flatnonzero(added > UNSURE_MOVE_M**2).tolist()
-    moves = [
-        (
-            f"from {k} to {k + 1} ({path.t[path.stops[k + 1].start] - path.t[path.stops[k].stop - 1]:.1f} s)",
-            _length(float(added[k]) ** 0.5),
-        )
-        for k in sorted(unsure, key=lambda k: -added[k])
-    ]
-    advice = "stop on the way, or move more calmly"
-    if len(moves) > SAID_ONE_BY_ONE:
-        each, (worst, sigma) = _length(UNSURE_MOVE_M), moves[0]
-        return [f"{len(moves)} moves add a sigma of over {each} each, the one {worst} {sigma}: {advice}"]
-    return [f"the move {move} adds a sigma of {sigma}: {advice}" for move, sigma in moves]
-
-
 def _counted(count: int, what: str) -> str:
     return f"{count} {what}{'' if count == 1 else 's'}"
-
-
-def _length(metres: float) -> str:
-    if metres < 0.01:
-        return f"{1e3 * metres:.1f} mm"
-    return f"{100.0 * metres:.1f} cm" if metres < 1.0 else f"{metres:.2f} m"

@@ -12,7 +12,8 @@ from matplotlib.ticker import MaxNLocator
 
 from pbd.data import Calibration
 from pbd.pose import Array, Pose
-from pbd.view.plot_style import AXES_RGB, BLUE, GREY, INK, ORANGE, PURPLE, head, say, style
+from pbd.view.plot_style import AXES_RGB, BLUE, GREY, INK, ORANGE, PURPLE, head, style
+from pbd.view.plot_text import say
 
 WIDTH, HEIGHT = 10.0, 4.6
 """Inches."""

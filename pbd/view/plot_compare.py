@@ -27,11 +27,10 @@ from pbd.view.plot_style import (
     head,
     largest,
     length_unit,
-    say,
     sheet,
-    shortened,
     style,
 )
+from pbd.view.plot_text import say, shortened
 from pbd.view.plot_values import ComparePlot
 from pbd.view.plot_views import YX, YZ, ellipse, view
 
@@ -54,7 +53,7 @@ def paths(plot: ComparePlot) -> Figure:
     figure = Figure(figsize=(8.6, 6.6))
     head(figure, "Paths, laid on each other at the first stop", _subtitle(plot))
     shown = [run.p for run in plot.runs]
-    ax, scale = space(figure, (0.0, 0.0, 0.8, 0.92), shown)
+    ax, scale = space(figure, (0.015, 0.0, 0.785, 0.92), shown)
     for run, look in zip(plot.runs, _looks(plot), strict=True):
         ax.plot(*(scale * run.p).T, **look)
     for number in range(len(plot.runs)):

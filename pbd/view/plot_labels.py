@@ -6,15 +6,21 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.patheffects import withStroke
 
 from pbd.pose import Array
-from pbd.view.plot_style import DIGIT_EM, INK, LINE_EM, font_points
+from pbd.view.plot_style import INK
+from pbd.view.plot_text import DIGIT_EM, LINE_EM, font_points, step
 
 NEAR = 4.0
 """Places nearer than this, in points, share a label."""
 DIRECTIONS = np.radians([45, 135, 315, 225, 90, 0, 180, 270])
 RADII = (8.0, 14.0, 22.0, 32.0)
 """Where a label may stand, in points from its place, the nearest first."""
+HALO = [withStroke(linewidth=2.0, foreground="white")]
+"""A label that must stand on a line remains legible."""
+CROWD = 100
+"""So many places are numbered, at most."""
 MOST = 3
 """So many numbers, or ranges of them, in one label; more are cut."""
 
@@ -22,9 +28,9 @@ MOST = 3
 def place_labels(ax: Axes, at: Array, lines: Array, within: Array | None = None) -> None:
     """Number places (k, 2), beside what lines (m, 2) cover, all in the axes' data coordinates.
 
-    Places that coincide share one label. A label stands where it covers no text, no place and as little of the lines as
-    can be, and within the axes, or between the outermost of the points `within` (j, 2); where there is no room, it is
-    left out.
+    Places that coincide share one label; of a crowd every so-manieth is numbered. A label stands where it covers no
+    text, no place and as little of the lines as can be, and within the axes, or between the outermost of the points
+    `within` (j, 2); where there is no room, it is left out.
     """
     to_points = 72.0 / ax.figure.dpi
     spots = to_points * ax.transData.transform(at)
@@ -35,17 +41,18 @@ def place_labels(ax: Axes, at: Array, lines: Array, within: Array | None = None)
         frame = np.concatenate((bounds.min(axis=0), bounds.max(axis=0)))
     size = font_points("small")
     taken = [to_points * np.asarray(text.get_window_extent().extents) for text in ax.texts]
-    for members in _groups(spots):
-        text = _ranges(members)
-        spot = spots[members[0]]
+    every = step(len(spots), CROWD)
+    for members in _groups(spots[::every]):
+        text = _ranges([every * k for k in members])
+        spot = spots[every * members[0]]
         half = 0.5 * size * np.array([DIGIT_EM * len(text), LINE_EM])
         best = _best(spot, half, spots, passed, taken, frame)
         if best is None:
             continue
         taken.append(np.concatenate((best - half, best + half)))
         ax.annotate(
-            text, at[members[0]].tolist(), (best - spot).tolist(), textcoords="offset points", ha="center",
-            va="center", fontsize=size, color=INK, zorder=9.0, annotation_clip=False,
+            text, at[every * members[0]].tolist(), (best - spot).tolist(), textcoords="offset points", ha="center",
+            va="center", fontsize=size, color=INK, zorder=9.0, annotation_clip=False, path_effects=HALO,
         )  # fmt: skip
 
 

@@ -12,7 +12,8 @@ from mpl_toolkits.mplot3d import proj3d
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from pbd.pose import Array
-from pbd.view.plot_style import INK, font_points, largest, length_unit
+from pbd.view.plot_style import INK, largest, length_unit
+from pbd.view.plot_text import font_points
 
 SMALLEST_M = 0.01
 """A path that is smaller is drawn into a box of this size."""

@@ -6,7 +6,6 @@ are fixed, in inches: legends stand beside the axes, never on the data.
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from typing import Any, BinaryIO
@@ -17,14 +16,13 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
-from matplotlib.font_manager import FontProperties, findfont, get_font
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.text import Text
 from matplotlib.transforms import blended_transform_factory
 
 from pbd.pose import Array
-from pbd.view.plot_values import DemoPlot
+from pbd.view.plot_text import DIGIT_EM, font_points, say, step
+from pbd.view.plot_values import DemoPlot, Span
 
 DPI = 110
 
@@ -36,6 +34,12 @@ AXES_RGB = (VERMILION, GREEN, BLUE)
 RUNS_RGB = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
 KNOWN: dict[str, Any] = {"marker": "s", "markersize": 7.0, "markerfacecolor": "none", "markeredgecolor": PURPLE}
 KNOWN |= {"linestyle": ""}
+SIGMA = PURPLE
+"""What the tracker is not sure of, in all figures; where it is told by axis, in the axis' own colour."""
+LOOK: dict[str, Any] = {"facecolor": YELLOW, "edgecolor": YELLOW, "alpha": 0.5, "linewidth": 0.0}
+"""What is to be looked at, as by a highlighter."""
+NARROWEST = 0.006
+"""A highlighted span is at least so wide, as a share of the time axis."""
 INK, GREY, REST = "#222222", "#6e6e6e", "#e9e9e9"
 PALE: dict[str, Any] = {"alpha": 0.35, "linewidth": 4.0, "solid_capstyle": "butt"}
 """A truth is a broad, pale line under the thin one that was tracked."""
@@ -77,12 +81,6 @@ _STYLE: dict[str, Any] = {
 WIDTH = 10.0
 LEFT, RIGHT, TOP, BOTTOM, BETWEEN = 1.0, 1.75, 0.85, 0.55, 0.22
 """Width of a sheet, its margins and the space between its rows, inches."""
-
-POINTS_PER_INCH, PIXEL = 72.0, 64.0
-"""In which fonts are measured: 26.6 fixed point."""
-
-DIGIT_EM, LINE_EM = 0.64, 1.25
-"""Width of a digit and height of a line of FAMILY, per font size."""
 
 
 def style() -> AbstractContextManager[None]:
@@ -126,36 +124,9 @@ def head(figure: Figure, title: str, subtitle: str, right: float = 0.2) -> None:
     say(figure.text(left / width, 1.0 - 0.38 / height, "", va="top", fontsize="small", color=GREY), subtitle, room)
 
 
-def say(text: Text, words: str, inches: float = np.inf) -> None:
-    """Set a text that a person wrote: no mathematics, a ? for what the font lacks, cut to so many inches."""
-    font = get_font(findfont(text.get_fontproperties()))
-    words = "".join(c if c.isprintable() and font.get_char_index(ord(c)) else "?" for c in words)
-    font.set_size(float(text.get_fontsize()), POINTS_PER_INCH)
-
-    def too_wide(shown: str) -> bool:
-        font.set_text(shown)
-        return bool(font.get_width_height()[0] / PIXEL / POINTS_PER_INCH > inches)
-
-    if too_wide(words):
-        fits = bisect_left(range(len(words)), True, key=lambda n: too_wide(words[:n] + "…")) - 1
-        words = words[: max(fits, 0)].rstrip() + "…"
-    text.set_parse_math(False)
-    text.set_text(words)
-
-
-def shortened(name: str, length: int) -> str:
-    """Cut a name to so many characters."""
-    return name if len(name) <= length else name[: length - 1] + "…"
-
-
 def tracked_by(method: str) -> str:
     """Name the method in a subtitle."""
     return "tracked as the paper does" if method == "paper" else f"tracked by the {method} method"
-
-
-def font_points(size: str) -> float:
-    """Points of a font size in words."""
-    return FontProperties(size=size).get_size_in_points()
 
 
 def size_of(ax: Axes) -> Array:
@@ -178,20 +149,45 @@ def largest(values: Array) -> float:
 
 
 def mark(ax: Axes, plot: DemoPlot, numbers: bool = False) -> None:
-    """Shade the rests, mark the grip, and set the time axis; with `numbers` those of the keyframes stand on top."""
+    """Shade the rests, highlight the findings, mark the grip, and set the time axis.
+
+    With `numbers` those of the keyframes stand on top.
+    """
     t, stops = plot.path.t, plot.path.stops
+    span = max(float(t[-1] - t[0]), 1e-3)
     across = blended_transform_factory(ax.transData, ax.transAxes)
-    spans = [(t[stop.start], t[stop.stop - 1]) for stop in stops]
-    boxes = [[(a, 0.0), (b, 0.0), (b, 1.0), (a, 1.0)] for a, b in spans]
-    shade = PolyCollection(boxes, transform=across, facecolor=REST, edgecolor=REST, linewidth=0.8, zorder=0.0)
-    ax.add_collection(shade, autolim=False)
+    _shade(ax, [(t[stop.start], t[stop.stop - 1]) for stop in stops], facecolor=REST, edgecolor=REST, linewidth=0.8)
+    spans = [_widened(*when, NARROWEST * span) for finding in plot.findings for when in finding.spans]
+    _shade(ax, _joined(spans), **LOOK)
     for event in plot.path.grip:
         ax.axvline(event.t, color=ORANGE, linewidth=1.0, linestyle="--", zorder=1.5)
         ax.plot(event.t, 1.0, transform=across, clip_on=False, **_grip(event.closed), zorder=3.0)
-    span = max(float(t[-1] - t[0]), 1e-3)
     ax.set_xlim(float(t[0]) - 0.005 * span, float(t[-1]) + 0.005 * span)
     if numbers:
         _number(ax, plot)
+
+
+def _shade(ax: Axes, spans: Sequence[Span], **look: Any) -> None:
+    """Fill the axes' height over spans of time, s."""
+    boxes = [[(a, 0.0), (b, 0.0), (b, 1.0), (a, 1.0)] for a, b in spans]
+    across = blended_transform_factory(ax.transData, ax.transAxes)
+    ax.add_collection(PolyCollection(boxes, transform=across, zorder=0.0, **look), autolim=False)
+
+
+def _widened(begin: float, end: float, least: float) -> Span:
+    more = 0.5 * max(least - (end - begin), 0.0)
+    return begin - more, end + more
+
+
+def _joined(spans: Sequence[Span]) -> list[Span]:
+    """Spans that cover the same without covering anything twice."""
+    joined: list[Span] = []
+    for begin, end in sorted(spans):
+        if joined and begin <= joined[-1][1]:
+            joined[-1] = (joined[-1][0], max(end, joined[-1][1]))
+        else:
+            joined.append((begin, end))
+    return joined
 
 
 def _grip(closed: bool) -> dict[str, Any]:
@@ -205,14 +201,16 @@ def _grip(closed: bool) -> dict[str, Any]:
 
 
 def _number(ax: Axes, plot: DemoPlot) -> None:
-    """Number the keyframes above the axes, as many as there is room for; known ones in a box."""
+    """Number the keyframes above the axes, each or, of many, every so-manieth; known ones in a box."""
     size = font_points("x-small")
-    width_in = float(size_of(ax)[0])
     t0, t1 = ax.get_xlim()
+    points = 72.0 * float(size_of(ax)[0]) / (t1 - t0)
+    widest = DIGIT_EM * size * len(str(len(plot.keyframes)))
+    every = step(len(plot.keyframes), points * (t1 - t0) / (widest + 0.6 * size))
     free = -np.inf
     across = blended_transform_factory(ax.transData, ax.transAxes)
-    for number, keyframe in enumerate(plot.keyframes):
-        at = 72.0 * width_in * (keyframe.t - t0) / (t1 - t0)  # points
+    for number, keyframe in list(enumerate(plot.keyframes))[::every]:
+        at = points * (keyframe.t - t0)
         half = 0.5 * DIGIT_EM * size * len(str(number))
         if at - half < free:
             continue
@@ -241,4 +239,6 @@ def marks(plot: DemoPlot) -> list[Artist]:
             handles.append(Line2D([], [], **_grip(closed), label=f"grip {what}"))
     if plot.path.claims:
         handles.append(Line2D([], [], **KNOWN, label="known place"))
+    if any(finding.spans for finding in plot.findings):
+        handles.append(Patch(**LOOK, label="to be looked at"))
     return handles

@@ -59,6 +59,18 @@ class FieldPlot:
         freeze(self, strength=(n,), dip=(n,))
 
 
+Span = tuple[float, float]
+"""From when to when, s."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What a person should look at: in words, and when, where it has a place in time."""
+
+    words: str
+    spans: tuple[Span, ...] = ()
+
+
 @dataclass(frozen=True, eq=False)
 class DemoPlot:
     """One demonstration, tracked.
@@ -84,7 +96,7 @@ class DemoPlot:
         field: with a magnetometer.
         truth: where it is known.
         facts: (what, how much) in words, for the summary.
-        findings: what a person should look at, in words.
+        findings: what a person should look at.
     """
 
     name: str
@@ -107,7 +119,7 @@ class DemoPlot:
     field: FieldPlot | None = None
     truth: TruthPlot | None = None
     facts: tuple[tuple[str, str], ...] = ()
-    findings: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
 
     def __post_init__(self) -> None:
         n = len(self.path.t)

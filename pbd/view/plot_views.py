@@ -11,7 +11,8 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 from pbd.pose import Array, quat_to_matrix
 from pbd.view.plot_labels import place_labels
 from pbd.view.plot_space import SMALLEST_M, corners, middle_and_extent, projected
-from pbd.view.plot_style import AXES_RGB, GREY, INK, KNOWN, PALE, PURPLE, SKY, largest, length_unit, size_of
+from pbd.view.plot_style import AXES_RGB, GREY, INK, KNOWN, PALE, SIGMA, SKY, largest, length_unit, size_of
+from pbd.view.plot_text import step
 from pbd.view.plot_values import DemoPlot
 
 YX, YZ = (1, 0), (1, 2)
@@ -20,6 +21,8 @@ along x, as by the person who stands behind the sensor; with y to the right the 
 
 TRIAD = 0.1
 """Length of a triad's axes, as a share of the path's extent."""
+CROWD = 100
+"""Of more keyframes than this not all are drawn with their triads and ellipses."""
 
 
 def path_3d(ax: Axes3D, plot: DemoPlot, scale: float) -> None:
@@ -31,18 +34,25 @@ def path_3d(ax: Axes3D, plot: DemoPlot, scale: float) -> None:
         ax.plot(*(scale * truth_within(plot)).T, color=SKY, zorder=2.0, label="truth", **PALE)
     ax.plot(*p.T, color=INK, zorder=4.0, label="path")
     size = TRIAD * float(max(np.ptp(p, axis=0).max(), scale * SMALLEST_M))
-    covered = [p]
-    for keyframe in plot.keyframes:
-        origin = scale * keyframe.T_nav_sensor.p
-        ax.plot(*np.transpose([origin, (*origin[:2], floor)]), color=GREY, linewidth=0.6, linestyle=":", zorder=1.5)
-        for axis, colour in zip(quat_to_matrix(keyframe.T_nav_sensor.wxyz).T, AXES_RGB, strict=True):
-            ax.plot(*np.transpose([origin, origin + size * axis]), color=colour, linewidth=1.8, zorder=5.0)
-            covered.append(origin + size * np.outer(np.linspace(0.0, 1.0, 20), axis))
     at = scale * np.array([keyframe.T_nav_sensor.p for keyframe in plot.keyframes])
+    every = step(len(at), CROWD)
+    origins = at[::every]
+    below = np.column_stack((origins[:, :2], np.full(len(origins), floor)))
+    ax.plot(*_strokes(origins, below).T, color=GREY, linewidth=0.6, linestyle=":", zorder=1.5)
     ax.plot(*at.T, color=INK, marker="o", markersize=3.5, linestyle="", zorder=6.0, label="keyframe")
-    for name, colour in zip("xyz", AXES_RGB, strict=True):
-        ax.plot([], [], [], color=colour, linewidth=1.8, label=f"sensor's {name}")
+    axes = quat_to_matrix(np.array([keyframe.T_nav_sensor.wxyz for keyframe in plot.keyframes[::every]]))
+    covered = [p]
+    for k, (name, colour) in enumerate(zip("xyz", AXES_RGB, strict=True)):
+        ends = origins + size * axes[:, :, k]
+        ax.plot(*_strokes(origins, ends).T, color=colour, linewidth=1.8, zorder=5.0, label=f"sensor's {name}")
+        covered += [origins + share * (ends - origins) for share in np.linspace(0.0, 1.0, 20)]
     place_labels(ax, *(projected(ax, xyz) for xyz in (at, np.vstack(covered), corners(ax))))
+
+
+def _strokes(begins: Array, ends: Array) -> Array:
+    """One line (3 k, 3) that draws k strokes, without what lies between them."""
+    strokes: Array = np.stack((begins, ends, np.full_like(begins, np.nan)), axis=1).reshape(-1, 3)
+    return strokes
 
 
 def truth_within(plot: DemoPlot) -> Array:
@@ -71,9 +81,14 @@ def path_view(ax: Axes, plot: DemoPlot, axes: tuple[int, int]) -> None:
     inside = plot.path.p_nav_sensor[plot.tracked]
     scale, unit = length_unit(largest(inside))
     shown = [inside] if plot.truth is None else [inside, truth_within(plot)]
+    low, high = _room(np.vstack(shown))
+    beyond = False
     for keyframe in plot.keyframes:
         reach = 2.0 * np.sqrt(np.diagonal(keyframe.cov)[:3])
-        shown.append(keyframe.T_nav_sensor.p + np.stack((-reach, reach)))
+        corners = keyframe.T_nav_sensor.p + np.stack((-reach, reach))
+        inner = np.clip(corners, low, high)
+        beyond |= bool((inner != corners)[:, columns].any())
+        shown.append(inner)
     view(ax, shown, axes, scale, unit)
     if plot.truth is not None:
         ax.plot(*(scale * truth_within(plot)[:, columns]).T, color=SKY, label="truth", **PALE)
@@ -81,15 +96,24 @@ def path_view(ax: Axes, plot: DemoPlot, axes: tuple[int, int]) -> None:
     ax.plot(*p.T, color=INK, label="path")
     at = scale * np.array([keyframe.T_nav_sensor.p[columns] for keyframe in plot.keyframes])
     covered = [p]
-    for centre, keyframe in zip(at, plot.keyframes, strict=True):
+    label: str | None = "2 σ, some\nbeyond the edge" if beyond else "2 σ"
+    every = step(len(at), CROWD)
+    for centre, keyframe in zip(at[::every], plot.keyframes[::every], strict=True):
         covered.append(ellipse(centre, scale**2 * keyframe.cov[np.ix_(columns, columns)], 2.0))
-        ax.plot(*covered[-1].T, color=PURPLE, linewidth=0.9)
-    ax.plot([], [], color=PURPLE, linewidth=0.9, label="2 σ")
+        ax.plot(*covered[-1].T, color=SIGMA, linewidth=0.9, label=label)
+        label = None
     ax.plot(*at.T, color=INK, marker="o", markersize=3.5, linestyle="", label="keyframe")
     known = [centre for centre, keyframe in zip(at, plot.keyframes, strict=True) if plot.is_known(keyframe.t)]
     if known:
         ax.plot(*np.transpose(known), label="known place", **KNOWN)
     place_labels(ax, at, np.vstack(covered))
+
+
+def _room(points: Array) -> tuple[Array, Array]:
+    """Lowest and highest corner, m, of what a view may show: the path, and half its extent around it."""
+    middle, extent = middle_and_extent(points, SMALLEST_M)
+    reach = 0.5 * extent + 0.5 * float(extent.max())
+    return middle - reach, middle + reach
 
 
 def ellipse(centre: Array, cov: Array, sigmas: float) -> Array:

@@ -10,8 +10,9 @@ from matplotlib.figure import Figure
 
 from pbd.view import plot_panels as panels
 from pbd.view.plot_space import space
-from pbd.view.plot_style import BOTTOM, LEFT, RIGHT, TOP, head, legend, mark, sheet, shortened, style, tracked_by
+from pbd.view.plot_style import BOTTOM, LEFT, RIGHT, TOP, head, legend, mark, sheet, style, tracked_by
 from pbd.view.plot_summary import summary
+from pbd.view.plot_text import shortened
 from pbd.view.plot_values import DemoPlot
 from pbd.view.plot_views import YX, YZ, path_3d, path_view, truth_within
 
@@ -29,14 +30,14 @@ def names(plot: DemoPlot) -> tuple[str, ...]:
 
 def resulting_acceleration(plot: DemoPlot) -> Figure:
     """The paper's equation 7."""
-    figure, (ax,) = _sheet(plot, "Resulting acceleration, equation 7 (the paper's figure 5)", 3.2)
+    figure, (ax,) = _sheet(plot, "Resulting acceleration, equation 7 (as the paper's figure 5)", 3.2)
     panels.resulting(ax, plot)
     return _marked(figure, plot, ax)
 
 
 def variance(plot: DemoPlot) -> Figure:
     """The paper's equations 8 and 9."""
-    title = "Variance of the resulting acceleration, equations 8 and 9 (the paper's figure 6)"
+    title = "Variance of the resulting acceleration, equations 8 and 9 (as the paper's figure 6)"
     figure, (ax,) = _sheet(plot, title, 3.2)
     panels.variance(ax, plot)
     return _marked(figure, plot, ax)
@@ -44,7 +45,7 @@ def variance(plot: DemoPlot) -> Figure:
 
 def motion(plot: DemoPlot) -> Figure:
     """When the hand moves and when it stands still."""
-    figure, (upper, lower) = _sheet(plot, "Motion and stops (the paper's figure 7)", 2.6, 0.9)
+    figure, (upper, lower) = _sheet(plot, "Motion and stops (as the paper's figure 7)", 2.6, 0.9)
     panels.speed(upper, plot)
     panels.moves(lower, plot)
     return _marked(figure, plot, upper, lower)
@@ -53,10 +54,10 @@ def motion(plot: DemoPlot) -> Figure:
 def path(plot: DemoPlot) -> Figure:
     """The path in space."""
     figure = Figure(figsize=(8.6, 6.6))
-    head(figure, "Path, with the sensor's axes at the keyframes (the paper's figure 8)", _subtitle(plot))
+    head(figure, "Path, with the sensor's axes at the keyframes (as the paper's figure 8)", _subtitle(plot))
     inside = plot.path.p_nav_sensor[plot.tracked]
     shown = [inside] if plot.truth is None else [inside, truth_within(plot)]
-    ax, scale = space(figure, (0.0, 0.0, 0.84, 0.92), shown)
+    ax, scale = space(figure, (0.015, 0.0, 0.825, 0.92), shown)
     path_3d(ax, plot, scale)
     figure.legend(handles=ax.get_legend_handles_labels()[0], loc="upper right", bbox_to_anchor=(0.98, 0.88))
     return figure
@@ -64,12 +65,12 @@ def path(plot: DemoPlot) -> Figure:
 
 def view_yx(plot: DemoPlot) -> Figure:
     """The path from above."""
-    return _view(plot, "Path seen from above, yx (the paper's figure 9)", YX)
+    return _view(plot, "Path seen from above, yx (as the paper's figure 9)", YX)
 
 
 def view_yz(plot: DemoPlot) -> Figure:
     """The path along x."""
-    return _view(plot, "Path seen along x, yz (the paper's figure 10)", YZ)
+    return _view(plot, "Path seen along x, yz (as the paper's figure 10)", YZ)
 
 
 def _view(plot: DemoPlot, title: str, axes: tuple[int, int]) -> Figure:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations
@@ -19,6 +20,7 @@ from pbd.tracking.keyframes import find_keyframes
 from pbd.view.plot_compare import COMPARISONS, draw_comparison
 from pbd.view.plot_values import ComparePlot
 from pbd.view.spread_table import spread_rows, spread_table
+from pbd.view.units import Units, parse_units
 from tests.scenarios import pour
 from tests.view.drawn import overlaps
 
@@ -127,6 +129,10 @@ def test_a_missing_and_an_extra_stop_are_told(tracked: list[Tracked]) -> None:
     plot = compare_plot([tracked[0], without(tracked[1], 4), without(tracked[2], 4)])
     assert len(plot.keyframes) == 10  # the usual number
     assert plot.remarks == (f"tea 0 has one more stop, its keyframe 4 ({at:.1f} s): left out",)
+    plot = compare_plot([*(without(each, 4, 6) for each in tracked[:2]), tracked[2]])
+    assert re.fullmatch(
+        r"tea 2 has 2 more stops, its keyframes 4 \([\d.]+ s\), 6 \([\d.]+ s\): left out", plot.remarks[0]
+    )
 
 
 def line(k: int) -> list[Pose]:
@@ -209,13 +215,23 @@ def test_paths_are_drawn_as_they_are(tracked: list[Tracked]) -> None:
 
 def test_the_table_and_the_rows_say_the_same(compared: ComparePlot) -> None:
     rows = spread_rows(compared)
-    table = spread_table(compared)
-    assert table.row_count == len(rows) == 11
-    cells = {str(column.header): list(column.cells) for column in table.columns}
-    assert cells["in"][4] == "19 of 20"
-    for k, row in enumerate(rows):
-        assert float(str(cells["spread x (mm)"][k])) == pytest.approx(1e3 * row["spread_m"][0], abs=0.051)
-        assert str(cells["which"][k]) in ("", row["furthest"])
+    for unit, scale, half in (("cm", 100.0, 0.0051), ("mm", 1000.0, 0.051), ("m", 1.0, 0.000051)):
+        table = spread_table(compared, parse_units(unit))
+        assert table.row_count == len(rows) == 11
+        cells = {str(column.header): list(column.cells) for column in table.columns}
+        assert cells["in (of 20)"][4] == "19"
+        for k, row in enumerate(rows):
+            for i, axis in enumerate("xyz"):
+                assert float(str(cells[f"{axis} ({unit})"][k])) == pytest.approx(
+                    scale * row["position_m"][i], abs=10.0 * half
+                )
+                spread = float(str(cells[f"spread {axis} ({unit})"][k]))
+                assert spread == pytest.approx(scale * row["spread_m"][i], abs=half)
+            assert float(str(cells["spread (°)"][k])) == pytest.approx(row["spread_deg"], abs=0.051)
+            assert float(str(cells[f"σ ({unit})"][k])) == pytest.approx(scale * max(row["sigma_m"]), abs=half)
+            if row["furthest_m"] > 0.0:
+                assert cells["which"][k] == row["furthest"]
+                assert float(str(cells[f"furthest ({unit})"][k])) == pytest.approx(scale * row["furthest_m"], abs=half)
 
 
 def test_one_alone_has_no_spread(tracked: list[Tracked]) -> None:
@@ -227,4 +243,7 @@ def test_one_alone_has_no_spread(tracked: list[Tracked]) -> None:
     assert plot.keyframes[4].count == 1
     assert spread_rows(plot)[4]["spread_m"] == [None] * 3
     assert spread_rows(plot)[4]["keyframes"] == [None, 4]
+    cells = [str(list(column.cells)[4]) for column in spread_table(plot, Units()).columns]
+    assert cells[1] == "1"
+    assert [cell == "" for cell in cells[5:]] == [True, True, True, True, False, True, True]  # sigma alone is known
     assert overlaps(draw_comparison("spread", plot)) == []

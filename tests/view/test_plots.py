@@ -6,11 +6,14 @@ import io
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import matplotlib
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.axes3d import Axes3D
@@ -27,8 +30,8 @@ from pbd.tracking.integration import integrate_path
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.paper import LAMBDA_V, paper_path
 from pbd.view import plots
-from pbd.view.plot_style import write
-from pbd.view.plot_values import DemoPlot
+from pbd.view.plot_style import _joined, write
+from pbd.view.plot_values import DemoPlot, Finding
 from tests.scenarios import pour
 from tests.view.drawn import Drawn, overlaps, texts
 
@@ -65,7 +68,7 @@ def still() -> DemoPlot:
 def many() -> DemoPlot:
     """More stops than numbers have room for, more findings than the sheet."""
     plot = plot_of(simulate(random_task(3, moves=40), "wt901"))
-    return replace(plot, findings=tuple(f"finding {i}: {HOSTILE}" for i in range(9)))
+    return replace(plot, findings=tuple(Finding(f"finding {i}: {HOSTILE}", ((i, i + 1.5),)) for i in range(9)))
 
 
 @pytest.fixture(scope="module")
@@ -191,23 +194,19 @@ def test_a_magnet_near_the_hand_shows_in_the_field() -> None:
     assert dict(plot.facts)["magnetic field"].startswith("48 µT ± 10 %, dip")
 
 
-def test_an_unsure_move_is_found(pouring: DemoPlot) -> None:
-    def findings(*unsure: int) -> tuple[str, ...]:
-        cov = np.zeros((len(pouring.path.stops), 6, 6))
-        for number, k in enumerate(unsure):
-            cov[k + 1 :, :3, :3] += (0.02 + 0.01 * number) ** 2 * np.eye(3)
-        path = replace(pouring.path, cov=cov)
-        found = demo_plot(pour(), path, pouring.keyframes, "default", ["told before"]).findings
-        return tuple(re.sub(r" \(\d\.\d s\)", "", finding) for finding in found)
-
-    assert findings() == ("told before",)
-    assert findings(3, 7)[1:] == (
-        "the move from 7 to 8 adds a sigma of 3.0 cm: stop on the way, or move more calmly",
-        "the move from 3 to 4 adds a sigma of 2.0 cm: stop on the way, or move more calmly",
-    )
-    assert findings(0, 3, 7, 2)[1:] == (
-        "4 moves add a sigma of over 1.0 cm each, the one from 2 to 3 5.0 cm: stop on the way, or move more calmly",
-    )
+@pytest.mark.parametrize("rate_hz", [40.0, 286.0])
+def test_the_true_velocity_is_no_noise_of_the_optics(pouring: DemoPlot, rate_hz: float) -> None:
+    """Half a millimetre of noise, 286 times a second, is 10 cm/s from one sample to the next."""
+    rng = np.random.default_rng(0)
+    t = np.arange(0.0, 20.0, 1.0 / rate_hz) + 1e-3 * rng.uniform(size=round(20.0 * rate_hz))
+    straight = np.outer(t, (0.3, -0.2, 0.1))
+    for noise, bound in ((0.0, 1e-9), (0.0005, 0.03)):
+        p = straight + noise * rng.normal(size=straight.shape)
+        truth = Truth(t, p, np.tile((1.0, 0.0, 0.0, 0.0), (len(t), 1)))
+        plot = demo_plot(replace(pour(), truth=truth), pouring.path, pouring.keyframes, "default")
+        assert plot.truth is not None
+        speed = np.linalg.norm(plot.truth.v_nav_sensor, axis=1)
+        assert np.sqrt(np.mean((speed - np.linalg.norm((0.3, -0.2, 0.1))) ** 2)) < bound
 
 
 # --- the figures show them ---
@@ -243,11 +242,14 @@ def test_the_path_in_space_and_its_triads(pouring: DemoPlot) -> None:
     assert any(line.shape == path.shape and np.allclose(line, path) for line in drawn)
     keyframe = pouring.keyframes[5]  # the hand is rolled there
     origin = 100.0 * keyframe.T_nav_sensor.p
-    axes = [line[1] - line[0] for line in drawn if line.shape == (2, 3) and np.allclose(line[0], origin)]
-    length = max(np.linalg.norm(axis) for axis in axes if axis[2] > 0.0)
-    for k in range(3):
-        along = quat_rotate(keyframe.T_nav_sensor.wxyz, np.eye(3)[k])
-        assert any(np.allclose(axis, length * along) for axis in axes)
+    strokes = {str(line.get_label()): np.column_stack(line.get_data_3d()) for line in ax.get_lines()}
+    length = np.linalg.norm(np.diff(strokes["sensor's z"][:2], axis=0))
+    for k, name in enumerate("xyz"):
+        begins, ends, gaps = strokes[f"sensor's {name}"].reshape(-1, 3, 3).swapaxes(0, 1)
+        assert np.isnan(gaps).all()
+        assert len(begins) == len(pouring.keyframes)
+        assert begins[5] == pytest.approx(origin)
+        assert ends[5] - begins[5] == pytest.approx(length * quat_rotate(keyframe.T_nav_sensor.wxyz, np.eye(3)[k]))
 
 
 @pytest.mark.parametrize(("name", "across", "up"), [("view-yx", 1, 0), ("view-yz", 1, 2)])
@@ -279,12 +281,42 @@ def test_rests_and_grip_are_marked(pouring: DemoPlot) -> None:
     assert shown == {"x", "y", "z", "truth", "at rest", "grip closes", "grip opens", "known place"}
 
 
+def test_findings_are_highlighted_once(pouring: DemoPlot) -> None:
+    spans = ((2.0, 5.0), (4.0, 6.0), (9.0, 9.0))
+    plot = replace(pouring, findings=(Finding("one", spans[:2]), Finding("two", spans[2:]), Finding("no time")))
+    (ax,) = axes_of(plots.draw("position", plot))
+    begin, end = np.array([path.get_extents().intervalx for path in ax.collections[1].get_paths()]).T
+    assert begin == pytest.approx([2.0, 9.0], abs=0.1)
+    assert end == pytest.approx([6.0, 9.0], abs=0.1)
+    assert end[1] - begin[1] > 0.05  # wide enough to be seen
+    shown = {text.get_text() for text in ax.get_legend().get_texts()}  # type: ignore[union-attr]
+    assert "to be looked at" in shown
+
+
+@pytest.mark.parametrize("name", ["view-yx", "view-yz"])
+@pytest.mark.parametrize(("sigma_m", "label"), [(0.01, "2 σ"), (5.0, "2 σ, some\nbeyond the edge")])
+def test_what_is_not_known_does_not_hide_what_is(pouring: DemoPlot, name: str, sigma_m: float, label: str) -> None:
+    keyframes = tuple(replace(keyframe, cov=sigma_m**2 * np.eye(6)) for keyframe in pouring.keyframes)
+    (ax,) = axes_of(plots.draw(name, replace(pouring, keyframes=keyframes)))
+    path = lines(ax)["path"]
+    seen = np.array([ax.get_xlim(), ax.get_ylim()])
+    assert np.ptp(path, axis=0).max() > 0.3 * np.abs(np.diff(seen, axis=1)).min()
+    assert label in lines(ax)
+
+
+@settings(max_examples=50)
+@given(st.lists(st.tuples(st.floats(0.0, 9.0), st.floats(0.0, 5.0)), max_size=8), st.floats(0.0, 14.0))
+def test_joined_spans_cover_the_same_once(pieces: list[tuple[float, float]], at: float) -> None:
+    spans = [(begin, begin + lasts) for begin, lasts in pieces]
+    joined = _joined(spans)
+    assert any(a <= at <= b for a, b in joined) == any(a <= at <= b for a, b in spans)
+    assert all(one[1] < other[0] for one, other in pairwise(joined))
+
+
 def test_the_papers_figures_are_named(paper: DemoPlot) -> None:
-    wanted = {f"(the paper's figure {number})" for number in range(5, 11)}
-    titles = [
-        figure.texts[0].get_text() for figure in (plots.draw(n, paper) for n in plots.names(paper) if n != "summary")
-    ]
-    assert wanted == {match.group() for title in titles if (match := re.search(r"\(the paper's figure \d+\)", title))}
+    wanted = {f"(as the paper's figure {number})" for number in range(5, 11)}
+    titles = " ".join(plots.draw(name, paper).texts[0].get_text() for name in plots.names(paper) if name != "summary")
+    assert wanted == set(re.findall(r"\(as the paper's figure \d+\)", titles))
 
 
 # --- how they look ---

@@ -1,0 +1,246 @@
+"""What the summary tells a person to look at: found where it is, and not where nothing is."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pbd.data import Demonstration, HandPath, Stop
+from pbd.pipeline import track
+from pbd.plotting import findings
+from pbd.plotting.demo import demo_plot
+from pbd.plotting.findings import AROUND_S, DRIFT, FIRST_REST_S, SHORT_STOP_S, UNSURE_MOVE_M, find, stop_names
+from pbd.pose import Array
+from pbd.sensors.simulate import TASKS, simulate
+from pbd.sensors.simulated_hand import Waypoint, minimum_jerk
+from pbd.sensors.simulated_tasks import Task
+from pbd.tracking.integration import integrate_path
+from pbd.tracking.keyframes import find_keyframes
+from pbd.view.plot_values import DemoPlot, Finding
+from tests.scenarios import pour
+
+HZ = 100.0
+
+
+def plot_of(demo: Demonstration) -> DemoPlot:
+    path = track(demo.recording)
+    return demo_plot(demo, path, find_keyframes(path), "default")
+
+
+@pytest.fixture(scope="module")
+def pouring() -> DemoPlot:
+    return plot_of(pour())
+
+
+def found(plot: DemoPlot, path: HandPath | None = None, *told: str) -> tuple[Finding, ...]:
+    path = path or plot.path
+    return find(path, stop_names(path, plot.keyframes), plot.a_nav, plot.truth, told)
+
+
+def with_dwells(path: HandPath, **dwells: float) -> HandPath:
+    stops = [replace(stop, dwell_s=dwells.get(f"k{k}", stop.dwell_s)) for k, stop in enumerate(path.stops)]
+    return replace(path, stops=tuple(stops))
+
+
+def test_nothing_is_remarked_upon_where_nothing_is_wrong(pouring: DemoPlot) -> None:
+    assert pouring.findings == ()
+    assert found(pouring, None, "told before") == (Finding("told before"),)
+
+
+def test_short_stops(pouring: DemoPlot) -> None:
+    stop = pouring.path.stops[3]
+    span = (pouring.path.t[stop.start], pouring.path.t[stop.stop - 1])
+    (finding,) = found(pouring, with_dwells(pouring.path, k3=0.9 * SHORT_STOP_S))
+    assert finding.words.startswith(f"keyframe 3 lasts only 0.27 s, from {span[0]:.1f} s on: stop for half a second")
+    assert finding.spans == (span,)
+    assert found(pouring, with_dwells(pouring.path, k3=1.1 * SHORT_STOP_S)) == ()
+    three = found(pouring, with_dwells(pouring.path, k3=0.2, k5=0.1, k7=0.15))
+    assert [finding.words.split(" lasts")[0] for finding in three] == ["keyframe 5", "keyframe 7", "keyframe 3"]
+    (four,) = found(pouring, with_dwells(pouring.path, k2=0.1, k3=0.2, k5=0.1, k7=0.15))
+    assert four.words.startswith("4 keyframes last less than 0.3 s: stop for half a second")
+    assert len(four.spans) == 4
+
+
+def test_stops_have_the_numbers_that_are_drawn(pouring: DemoPlot) -> None:
+    """A person may have taken keyframes out, and put others in between."""
+    path, keyframes = pouring.path, pouring.keyframes
+    assert stop_names(path, keyframes) == tuple(map(str, range(11)))
+    between = replace(keyframes[7], t=0.5 * (keyframes[7].t + keyframes[8].t))
+    edited = (*keyframes[:2], *keyframes[3:8], between, *keyframes[8:-1])
+    at = [f"the stop at {path.t[path.stops[k].start]:.1f} s" for k in (2, 10)]
+    assert stop_names(path, edited) == ("0", "1", at[0], "2", "3", "4", "5", "6", "8", "9", at[1])
+    short = with_dwells(path, k2=0.2, k9=0.1)
+    told = find(short, stop_names(short, edited), pouring.a_nav, None, ())
+    assert [finding.words.split(" lasts")[0] for finding in told] == ["keyframe 9", at[0]]
+    facts = dict(demo_plot(pour(), short, edited, "default").facts)
+    assert facts["stops"] == "11, the shortest 0.10 s, keyframe 9"
+
+
+def test_a_short_first_rest(pouring: DemoPlot) -> None:
+    (finding,) = found(pouring, with_dwells(pouring.path, k0=0.9 * FIRST_REST_S))
+    assert finding.words.startswith(
+        "the first rest lasts only 0.90 s, and all else is seen from it: hold still for two"
+    )
+    assert finding.spans[0][0] == pouring.path.t[pouring.path.stops[0].start]
+
+
+def test_a_hand_that_never_moved() -> None:
+    (finding,) = plot_of(simulate(Task("still", (Waypoint(rest_s=1.3),)), "modern")).findings
+    assert finding == Finding("the hand stands still all the time: there is nothing to replay")
+
+
+def test_an_unsure_move(pouring: DemoPlot) -> None:
+    def words(*unsure: int) -> list[str]:
+        cov = np.zeros((len(pouring.path.stops), 6, 6))
+        for number, k in enumerate(unsure):
+            cov[k + 1 :, :3, :3] += (0.02 + 0.01 * number) ** 2 * np.eye(3)
+        path = replace(pouring.path, cov=cov)
+        told = find(path, stop_names(path, pouring.keyframes), pouring.a_nav, None, ())
+        assert all(begin < end for finding in told for begin, end in finding.spans)
+        return [finding.words for finding in told]
+
+    def lasts(k: int) -> str:
+        before, after = pouring.path.stops[k : k + 2]
+        return f"{pouring.path.t[after.start] - pouring.path.t[before.stop - 1]:.1f} s"
+
+    advice = ": stop on the way, or move more calmly"
+    assert words() == []
+    assert words(3, 7) == [
+        f"the move from 7 to 8 ({lasts(7)}) adds a sigma of 3.0 cm{advice}",
+        f"the move from 3 to 4 ({lasts(3)}) adds a sigma of 2.0 cm{advice}",
+    ]
+    assert words(0, 3, 7, 2) == [
+        f"4 moves add a sigma of over 1.0 cm each, the one from 2 to 3 ({lasts(2)}) 5.0 cm{advice}"
+    ]
+
+
+def test_velocity_left_over(pouring: DemoPlot) -> None:
+    before, after = pouring.path.stops[2:4]
+    lasts = pouring.path.t[after.start] - pouring.path.t[before.stop - 1]
+    for share, count in ((0.9, 0), (1.1, 1)):
+        closure = pouring.path.closure.copy()
+        closure[2] = (0.0, share * DRIFT * lasts, 0.0)
+        told = found(pouring, replace(pouring.path, closure=closure))
+        assert len(told) == count
+    assert f"left over at keyframe 3 after a move of {lasts:.1f} s, which is no drift" in told[0].words
+    assert told[0].spans == ((pouring.path.t[before.stop - 1], pouring.path.t[after.start]),)
+    # A move that is told to be unsure is not told twice.
+    cov = pouring.path.cov.copy()
+    cov[3:, :3, :3] += (2.0 * UNSURE_MOVE_M) ** 2 * np.eye(3)
+    (unsure,) = found(pouring, replace(pouring.path, closure=closure, cov=cov))
+    assert unsure.words.startswith("the move from 2 to 3")
+
+
+@pytest.mark.parametrize("move", [0, 1, 2, 3, 6, 7, 8, 9])  # at 4 and 5 the hand turns on the spot
+def test_a_stop_in_the_middle_of_a_move_is_none(pouring: DemoPlot, move: int) -> None:
+    """Whoever takes the velocity for zero there misses it on the one side, and has it over on the other."""
+    path, stops = pouring.path, list(pouring.path.stops)
+    middle = (stops[move].stop + stops[move + 1].start) // 2
+    stops.insert(move + 1, Stop(middle - 5, middle + 5, 0.1))
+    *_, closure = integrate_path(path.t, pouring.a_nav, tuple(stops))
+    speed = float(np.linalg.norm(path.v_nav_sensor[middle]))
+    split = replace(path, stops=tuple(stops), closure=closure, cov=np.insert(path.cov, move, path.cov[move], axis=0))
+    (told,) = find(split, stop_names(split, ()), pouring.a_nav, None, ())  # and no word on its 0.1 s, nor on the moves
+    said = re.fullmatch(r"the stop at ([\d.]+) s may be no stop: ([\d.]+) cm/s are left over before it .*", told.words)
+    assert said is not None
+    assert float(said[1]) == pytest.approx(path.t[middle - 5], abs=0.051)
+    assert float(said[2]) == pytest.approx(100.0 * speed, rel=0.2)
+    assert told.spans == ((path.t[middle - 5], path.t[middle + 4]),)
+
+
+@pytest.mark.parametrize("after", [(0.2, 0.0, 0.0), (0.0, 0.2, 0.0), (-0.02, 0.0, 0.0), (-0.05, 0.0, 0.0)])
+def test_velocities_that_do_not_cancel_are_no_steady_hand(pouring: DemoPlot, after: tuple[float, float, float]) -> None:
+    for scale in (1.0, 10.0):
+        closure = np.zeros_like(pouring.path.closure)
+        closure[2:4] = scale * np.array([(0.2, 0.0, 0.0), after])
+        told = found(pouring, replace(pouring.path, closure=closure))
+        assert not [finding for finding in told if "may be no stop" in finding.words]
+    closure[2:4] = (1.5, 0.0, 0.0), (-1.5, 0.0, 0.0)  # a hand that shoots past
+    told = found(pouring, replace(pouring.path, closure=closure))
+    assert [finding.words.split(" after")[0] for finding in told] == [
+        "1.50 m/s are left over at keyframe 3",
+        "1.50 m/s are left over at keyframe 4",
+    ]
+
+
+def test_a_keyframe_far_from_the_truth(pouring: DemoPlot) -> None:
+    assert pouring.truth is not None
+    stop, names = pouring.path.stops[4], stop_names(pouring.path, pouring.keyframes)
+    sigma = float(np.sqrt(np.diagonal(pouring.path.cov[4])[:3].max()))
+    for sigmas, count in ((3.5, 0), (5.0, 1)):
+        error = np.zeros_like(pouring.truth.error)
+        error[stop.start : stop.stop, 1] = sigmas * sigma
+        told = find(pouring.path, names, pouring.a_nav, replace(pouring.truth, error=error), ())
+        assert len(told) == count
+    assert told[0].words == f"keyframe 4 is {findings.length(5.0 * sigma)} from the truth, 5 sigma"
+    unknown = np.full_like(pouring.truth.error, np.nan)
+    assert find(pouring.path, names, pouring.a_nav, replace(pouring.truth, error=unknown), ()) == ()
+
+
+# --- a hand that trembles ---
+
+
+def trembling(swing_m: float) -> Demonstration:
+    """Pouring by a hand that swings up and down, five times a second, while it should rest at keyframe 5."""
+    waypoints = list(TASKS["pour"].waypoints)
+    held = waypoints[5]
+    x, y, z = held.p
+    swings = [Waypoint((x, y, z + k % 2 * swing_m), move_s=0.1) for k in range(1, 13)]
+    waypoints[5:6] = [replace(held, rest_s=0.0), *swings]
+    return simulate(replace(TASKS["pour"], waypoints=tuple(waypoints)), "modern")
+
+
+def test_a_trembling_hand_is_told_where_no_stop_is_seen() -> None:
+    end = sum(w.move_s + w.rest_s for w in TASKS["pour"].waypoints[:6])
+    begin = end - TASKS["pour"].waypoints[5].rest_s
+    plot = plot_of(trembling(0.004))
+    ((span,),) = (finding.spans for finding in plot.findings if "trembles, so no stop is seen" in finding.words)
+    assert begin - 0.3 < span[0] < span[1] < end + 0.3
+    assert span[1] - span[0] > 0.6 * (end - begin)
+    assert not any(
+        stop.start < np.searchsorted(plot.path.t, 0.5 * (begin + end)) < stop.stop for stop in plot.path.stops
+    )
+    assert plot_of(trembling(0.0)).findings == ()
+
+
+def path_along_x(x: Array, a: Array) -> tuple[HandPath, Array]:
+    """A hand that goes along x from stop to stop of one sample each; and its acceleration (n, 3)."""
+    t = np.arange(len(x)) / HZ
+    zero = np.zeros_like(x)
+    stops = tuple(Stop(k, k + 1, 0.0) for k in (0, len(x) - 1))
+    moved = HandPath(
+        t=t, p_nav_sensor=np.column_stack((x, zero, zero)), v_nav_sensor=np.zeros((len(x), 3)),
+        wxyz_nav_sensor=np.tile((1.0, 0.0, 0.0, 0.0), (len(x), 1)), stops=stops, closure=np.zeros((1, 3)),
+        cov=np.zeros((2, 6, 6)),
+    )  # fmt: skip
+    return moved, np.column_stack((a, zero, zero))
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.floats(0.001, 0.6), st.floats(AROUND_S, 4.0))
+def test_no_move_is_taken_for_trembling(length_m: float, move_s: float) -> None:
+    u = np.arange(0.0, 1.0 + 1e-9, 1.0 / (HZ * move_s))
+    share, _, curved = minimum_jerk(u)
+    path, a_nav = path_along_x(length_m * share, length_m * curved / move_s**2)
+    assert not [f for f in find(path, "01", a_nav, None, ()) if "trembles" in f.words]
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(0.001, 0.006), st.floats(4.0, 10.0), st.floats(2.0 * AROUND_S, 3.0))
+def test_every_tremor_is(amplitude_m: float, hz: float, lasts_s: float) -> None:
+    w, t = 2.0 * np.pi * hz, np.arange(0.0, lasts_s, 1.0 / HZ)
+    path, a_nav = path_along_x(amplitude_m * np.sin(w * t), -amplitude_m * w**2 * np.sin(w * t))
+    ((span,),) = (finding.spans for finding in find(path, "01", a_nav, None, ()) if "trembles" in finding.words)
+    assert span[1] - span[0] > lasts_s - 0.5 * AROUND_S
+
+
+def test_being_set_down_is_no_trembling() -> None:
+    x = np.zeros(100)
+    a = np.where(np.arange(100) == 60, 8.0, 0.0) - np.where(np.arange(100) == 61, 8.0, 0.0)
+    path, a_nav = path_along_x(x, a)
+    assert not [finding for finding in find(path, "01", a_nav, None, ()) if "trembles" in finding.words]
