@@ -13,10 +13,9 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from PIL import Image
-from selenium.webdriver import Chrome
 
 from tests.view.browser import Replay
-from tests.view.chromium import chromium, set_scheme, set_size
+from tests.view.chromium import Chromium, chromium
 
 DOCS = Path(__file__).parent
 SHOWN = "panda"
@@ -45,10 +44,10 @@ def main() -> None:
             chrome.quit()
 
 
-def moving(chrome: Chrome, page: Path, to: Path) -> None:
+def moving(chrome: Chromium, page: Path, to: Path) -> None:
     """Write the replay as it plays."""
-    set_size(chrome, 1000, 700)
-    set_scheme(chrome, "light")
+    chrome.set_size(1000, 700)
+    chrome.set_scheme("light")
     replay = Replay(chrome, page.as_uri())
     replay("pbd.page.fold('panel', true)")
     frames = []
@@ -60,10 +59,10 @@ def moving(chrome: Chrome, page: Path, to: Path) -> None:
     )
 
 
-def robot(chrome: Chrome, page: Path, to: Path) -> None:
+def robot(chrome: Chromium, page: Path, to: Path) -> None:
     """Write the scene alone, small."""
-    set_size(chrome, 960, 720)
-    set_scheme(chrome, "light")
+    chrome.set_size(960, 720)
+    chrome.set_scheme("light")
     replay = Replay(chrome, page.as_uri())
     replay(
         "for (const id of ['bar', 'labels']) document.getElementById(id).hidden = true; pbd.page.fold('panel', true)"

@@ -6,6 +6,7 @@ and keeps its traceback.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import ClassVar
 
 
@@ -48,3 +49,12 @@ class PlanError(PbdError):
 
 class PbdWarning(UserWarning):
     """Something was mended or assumed on the way; the result is sound but the reader should know."""
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Ask "; did you mean ...?" where one that is known is much like this name; "" elsewhere."""
+    from difflib import get_close_matches
+
+    folded = {each.lower(): each for each in known}
+    near = get_close_matches(name.lower(), folded, n=1)
+    return f"; did you mean {folded[near[0]]}?" if near else ""

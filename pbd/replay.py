@@ -52,8 +52,16 @@ def replay_scene(
     )
 
 
-def _touching(plan: Plan) -> Touching | None:
+def _touching(plan: Plan) -> tuple[Touching, ...]:
+    from pbd.arm.collision import describe
+
     if plan.touching is None:
-        return None
-    found = plan.touching.found
-    return Touching((found.hit.first, found.hit.second), found.t, found.parted_t, plan.touching.error.message)
+        return ()
+    first, error = plan.touching.found, plan.touching.error
+    told = []
+    for each in plan.touching.hits:
+        bodies = (each.hit.first, each.hit.second)
+        is_first = each.t == first.t and bodies == (first.hit.first, first.hit.second)
+        words = error.message if is_first else f"t = {each.t:.1f} s: {describe(each.hit)}"
+        told.append(Touching(bodies, each.t, each.parted_t, words))
+    return tuple(told)

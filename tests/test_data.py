@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import FrozenInstanceError, fields
+from dataclasses import FrozenInstanceError, fields, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,15 +19,19 @@ from pbd.data import (
     TOOL_DOWN,
     Attitude,
     Calibration,
+    Demonstration,
     GripEvent,
     Gripper,
     HandPath,
     JointLimits,
     JointTrajectory,
     Keyframe,
+    Linear,
     Recording,
+    RecordingInfo,
     Robot,
     Samples,
+    SensorErrors,
     Stop,
     Truth,
 )
@@ -217,3 +221,33 @@ def test_a_trajectory_is_at_hand_at_1_khz() -> None:
     samples = motion.sample(1000.0)
     for name in ("t", "q", "qd", "qdd", "gripper"):
         assert_array_equal(getattr(motion, name), getattr(samples, name))
+
+
+@pytest.mark.parametrize("name", VALUES)
+@pytest.mark.parametrize("spoilt", [False, True])
+def test_a_value_says_what_it_is_in_one_short_line(name: str, spoilt: bool) -> None:
+    """Arrays of any length and of NaN, too: a debugger prints a value whatever is in it."""
+    make, shapes = VALUES[name]
+    filler = np.full if spoilt else (lambda shape, _: np.arange(np.prod(shape), dtype=float).reshape(shape))
+    said = repr(make(**{array: filler(shape, np.nan) for array, shape in shapes.items()}))
+    assert "\n" not in said
+    assert len(said) < 200
+
+
+def test_a_person_sees_how_much_there_is() -> None:
+    t = np.arange(2281) / 100.0
+    grip = (GripEvent(1.0, True), GripEvent(2.0, False))
+    info = RecordingInfo(name="tea")
+    recording = Recording(t, np.zeros((2281, 3)), mag=np.zeros((2281, 3)), grip=grip, info=info)
+    assert repr(recording) == "<Recording 'tea': 2281 samples, 22.8 s at 100 Hz, acc, mag, 2 grips>"
+    assert repr(Demonstration(recording)) == "<Demonstration 'tea': 2281 samples, 22.8 s at 100 Hz>"
+    assert repr(replace(recording, t=t[:1], acc=np.zeros((1, 3)), mag=None, grip=())) == (
+        "<Recording 'tea': 1 sample, acc>"
+    )
+    keyframe = Keyframe(3.2, 0.84, Pose(np.array((0.1, -0.2, -1e-9)), np.eye(4)[0]), 1.6e-5 * np.eye(6), grip=True)
+    assert repr(keyframe) == ("<Keyframe: at 3.20 s for 0.84 s, (0.100, -0.200, -0.000) m, sigma 4.0 mm, grip closes>")
+    triad = Linear(np.array((0.01, -2.0, 3e-7)), np.eye(3), np.zeros(3))
+    assert repr(triad) == "<Linear: bias (0.01, -2, 3e-07)>"
+    assert repr(SensorErrors("witmotion", gyr=triad, mag=triad)) == "<SensorErrors 'witmotion': gyr, mag>"
+    calibration = Calibration("bench", T_base_dock=Pose.identity(), table_height=0.0)
+    assert repr(calibration) == "<Calibration 'bench': dock, table>"

@@ -25,7 +25,7 @@ def test_a_plan_becomes_a_scene(scale: float) -> None:
     plan = plan_keyframes(find_keyframes(path), calibration, robot, options, path, demo.grasped)
     scene = replay_scene(demo, path, plan, robot, options, ("a warning",))
     assert scene.obstacles == (shelf,)
-    assert scene.touching is None
+    assert scene.touching == ()
     assert "a warning" in scene.notes
     for shown, keyframe, pose in zip(scene.keyframes, plan.keyframes, plan.T_base_tool, strict=True):
         assert shown.cov is not None
@@ -35,3 +35,21 @@ def test_a_plan_becomes_a_scene(scale: float) -> None:
         )
         nearest = np.linalg.norm(scene.hand_path_base - pose.p, axis=1).min()
         assert nearest < 0.002 + 2.0 * scale * float(np.sqrt(np.linalg.eigvalsh(keyframe.cov[:3, :3]).max()))
+
+
+@pytest.mark.filterwarnings("ignore:on or in the table however the arm stands")
+def test_all_that_touches_is_shown_by_when_it_begins() -> None:
+    demo, robot = pbd.load_demo("pouring"), pbd.load_robot("panda")
+    assert robot.dock is not None
+    post = Obstacle("the post", "cylinder", (0.06, 0.5), Pose(np.array([0.45, -0.05, 0.25]), np.eye(4)[0]))
+    calibration = replace(robot.dock, obstacles=(post,), table_height=0.16)
+    path, options = pbd.track(demo.recording), PlanOptions(allow_collision=True)
+    plan = plan_keyframes(find_keyframes(path), calibration, robot, options, path, demo.grasped)
+    assert plan.touching is not None
+    told = plan.touching.error.message
+    scene = replay_scene(demo, path, plan, robot, options, (f"it touches something: {told}",))
+    assert [each.bodies for each in scene.touching] == [(h.hit.first, h.hit.second) for h in plan.touching.hits]
+    assert {each.bodies[1] for each in scene.touching} >= {"the post", "the table"}
+    assert [each.start for each in scene.touching] == sorted(each.start for each in scene.touching)
+    assert [each.told for each in scene.touching].count(told) == 1  # the first, with what to do about it
+    assert all(0.0 <= each.start <= each.end <= plan.trajectory.duration for each in scene.touching)

@@ -60,7 +60,8 @@ class Contact:
 
 
 class _Walk(NamedTuple):
-    """A path, pinocchio's configuration q (n, nq) and the way `moved` (k + 1, n) at each node, and what may touch."""
+    """A path, and at each node pinocchio's configuration q (n, nq) and how far each coordinate has gone up to there, to
+    and fro: `moved` (k + 1, n); and what may touch."""
 
     path: JointPath
     q: Array
@@ -129,22 +130,44 @@ class Clearance:
             path: its nodes are close enough for `rates`, see nodes.py.
             allowed: what may touch where; by default nothing.
         """
-        q = configurations(self.arm, path.x)
-        moved = np.zeros_like(path.x.T)  # (k + 1, n), how far each coordinate has gone, to and fro, up to each node
-        np.cumsum(np.abs(np.diff(path.x.T)), axis=1, out=moved[:, 1:])
-        walk, found = _Walk(path, q, moved, allowed), None
-        stop, at_start = len(q) - 1, self.distances(path.x[0])
-        # Most pairs are too far apart to meet on the way at all.
-        for pair in np.flatnonzero(~(at_start - MARGIN_M >= self.rates @ moved[:, -1])):
-            met = self._follow(walk, int(pair), float(at_start[pair]), stop)
+        walk, found = self._walk(path, allowed), None
+        stop = len(walk.q) - 1
+        for pair, distance in self._near(walk):
+            met = self._follow(walk, pair, 0, distance, stop)
             if met is not None and (found is None or met[0] < stop or met[1] < found.distance):
                 stop = met[0]
-                found = Contact(int(pair), stop, stop, stop, met[1])
+                found = Contact(pair, stop, stop, stop, met[1])
         return found and self._until_clear(walk, found)
 
-    def _follow(self, walk: _Walk, pair: int, distance: float, stop: int) -> tuple[int, float] | None:
-        """Return the first node up to `stop` at which a pair touches, and their distance; given that at the start."""
-        travel, node = self.rates[pair] @ walk.moved, 0
+    def contacts(self, path: JointPath, allowed: Allowed | None = None) -> list[Contact]:
+        """Follow a path to its end; return all contacts, one pair's after another's."""
+        walk, found = self._walk(path, allowed), []
+        stop = len(walk.q) - 1
+        for pair, distance in self._near(walk):
+            met = self._follow(walk, pair, 0, distance, stop)
+            while met is not None:
+                found.append(self._until_clear(walk, Contact(pair, met[0], met[0], met[0], met[1])))
+                node = found[-1].last + 1
+                if node > stop:
+                    break
+                self._place(walk.q[node])
+                met = self._follow(walk, pair, node, self._distance(pair), stop)
+        return found
+
+    def _walk(self, path: JointPath, allowed: Allowed | None) -> _Walk:
+        moved = np.zeros_like(path.x.T)
+        np.cumsum(np.abs(np.diff(path.x.T)), axis=1, out=moved[:, 1:])
+        return _Walk(path, configurations(self.arm, path.x), moved, allowed)
+
+    def _near(self, walk: _Walk) -> list[tuple[int, float]]:
+        """Return the pairs that may meet on a path, with their distances at its start; most are too far apart."""
+        at_start = self.distances(walk.path.x[0])
+        near = np.flatnonzero(~(at_start - MARGIN_M >= self.rates @ walk.moved[:, -1]))
+        return [(int(pair), float(at_start[pair])) for pair in near]
+
+    def _follow(self, walk: _Walk, pair: int, node: int, distance: float, stop: int) -> tuple[int, float] | None:
+        """Return the first node up to `stop` at which a pair touches, and their distance; given that at `node`."""
+        travel = self.rates[pair] @ walk.moved
         while True:
             if not distance >= MARGIN_M and not walk.may_touch(pair, node):
                 return node, distance

@@ -6,10 +6,11 @@ and wherever it was looked they were at least MARGIN_M apart.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pbd.arm.clearance import Contact, JointPath
 from pbd.arm.nodes import along
 from pbd.arm.scene import TABLE, CollisionScene, Hit, Watch
 from pbd.data import JointTrajectory
@@ -18,11 +19,13 @@ from pbd.errors import PlanError
 from pbd.pose import Pose
 
 _STILL_RAD = 1e-6
+_APART_S = 0.1
+"""Two bodies that part for less than that, or parts of theirs that touch one after the other, touch once."""
 
 
 @dataclass(frozen=True, eq=False)
 class MotionHit:
-    """The first hit of a motion.
+    """A hit of a motion.
 
     Attributes:
         hit: the two bodies, where the parts that touch first overlap the most before they part.
@@ -53,6 +56,33 @@ def check_motion(scene: CollisionScene, trajectory: JointTrajectory) -> MotionHi
         if found is not None and (first is None or found.t < first.t):
             first = found
     return first
+
+
+def all_hits(scene: CollisionScene, trajectory: JointTrajectory) -> tuple[MotionHit, ...]:
+    """Return all hits of a motion by when they begin, for people to see; two bodies that hardly part hit once."""
+    found = _every(scene, trajectory, scene.always, 0.0, np.inf)
+    for stay in object_stays(scene, trajectory):
+        start, end = max(0.0, stay.start), min(stay.end, trajectory.duration)
+        if start <= end:
+            found += _every(scene, trajectory, scene.around_object(stay), start, end)
+    hits: list[MotionHit] = []
+    for hit in sorted(found, key=lambda each: each.t):
+        same = (i for i, other in enumerate(hits) if _one_hit(other, hit))
+        i = next(same, None)
+        if i is None:
+            hits.append(hit)
+        else:
+            deeper = min(hits[i], hit, key=lambda each: each.hit.distance)
+            hits[i] = replace(
+                hits[i], hit=deeper.hit, deepest_t=deeper.deepest_t, parted_t=max(hits[i].parted_t, hit.parted_t)
+            )
+    return tuple(hits)
+
+
+def _one_hit(earlier: MotionHit, later: MotionHit) -> bool:
+    """Whether these are parts of the same two bodies, and touch at nearly the same time."""
+    bodies = [(each.hit.first, each.hit.second) for each in (earlier, later)]
+    return bodies[0] == bodies[1] and later.t <= earlier.parted_t + _APART_S
 
 
 def object_stays(scene: CollisionScene, trajectory: JointTrajectory) -> tuple[Stay, ...]:
@@ -113,8 +143,19 @@ def _first(
 ) -> MotionHit | None:
     path = along(trajectory, watch.clearance.rates, start, end)
     met = watch.clearance.first_contact(path, watch.allowed)
-    if met is None:
-        return None
+    return None if met is None else _motion_hit(scene, trajectory, watch, path, met)
+
+
+def _every(
+    scene: CollisionScene, trajectory: JointTrajectory, watch: Watch, start: float, end: float
+) -> list[MotionHit]:
+    path = along(trajectory, watch.clearance.rates, start, end)
+    return [_motion_hit(scene, trajectory, watch, path, met) for met in watch.clearance.contacts(path, watch.allowed)]
+
+
+def _motion_hit(
+    scene: CollisionScene, trajectory: JointTrajectory, watch: Watch, path: JointPath, met: Contact
+) -> MotionHit:
     hit = scene.as_hit(watch, met.pair, path.x[met.deepest], met.distance)
     t, deepest_t, parted_t = (float(path.t[node]) for node in (met.first, met.deepest, met.last))
     keyframe, at_keyframe = _keyframe(trajectory, t, parted_t)

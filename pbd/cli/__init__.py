@@ -16,6 +16,7 @@ from typing import TextIO
 from pbd import __version__
 from pbd.cli import calibrate, export, import_, keyframes, plot, record, replay, robots, segments, sensors, simulate
 from pbd.cli.completion import SHELLS, PrintCompletion
+from pbd.cli.parser import Parser, parse
 from pbd.errors import PbdError, PbdWarning
 
 COMMANDS = (record, simulate, import_, segments, keyframes, plot, calibrate, replay, export, robots, sensors)
@@ -32,7 +33,7 @@ exit codes: 0 done; 1 the input or the device is at fault; 2 wrong usage; 3 the 
 
 def parser() -> argparse.ArgumentParser:
     """Build the parser of all commands."""
-    top = argparse.ArgumentParser(
+    top = Parser(
         prog="pbd",
         description="Show a robot arm a task with a small inertial sensor in your hand; the arm replays it.",
         epilog=EPILOG,
@@ -58,7 +59,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if not (sys.argv[1:] if argv is None else argv):
         parser().print_help(sys.stderr)
         return 2
-    args = parser().parse_args(argv)
+    args = parse(parser(), argv)
     args.warnings = []
 
     def show(

@@ -15,6 +15,7 @@ OWN = {
     "SENSOR": ("sensors", ":"),
     "TASK": ("tasks", ":"),
     "M": ("models", ":"),
+    "P": ("ports", "ls /dev | sed -n 's,^tty[AU][CS][MB],/dev/&,p'"),
 }
 """What an argument of that metavar takes: a name for the shell, and how it finds the user's own."""
 
@@ -39,6 +40,8 @@ class PrintCompletion(argparse.Action):
             if argument.metavar in OWN:
                 function = f"_pbd_{OWN[str(argument.metavar)][0]}"
                 argument.complete = {"bash": function, "zsh": function}  # type: ignore[attr-defined]
+            elif argument.metavar in ("FILE", "DIR"):
+                argument.complete = shtab.FILE if argument.metavar == "FILE" else shtab.DIRECTORY  # type: ignore[attr-defined]
         template = {"bash": _BASH, "zsh": _ZSH}.get(str(values), "")
         known = _known()
         functions = (template.format(name=name, own=own, known=" ".join(known[name])) for name, own in OWN.values())
@@ -51,6 +54,8 @@ def _arguments(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
     for action in parser._actions:
         yield action
         if isinstance(action, argparse._SubParsersAction):
+            for said in action._choices_actions:
+                action.choices[said.dest].description = said.help  # zsh shows the first line of it
             for below in action.choices.values():
                 yield from _arguments(below)
 
@@ -68,4 +73,5 @@ def _known() -> dict[str, Sequence[str]]:
         "sensors": ["sim", *PROTOCOLS],
         "tasks": list(TASKS),
         "models": list(SENSOR_MODELS),
+        "ports": (),
     }

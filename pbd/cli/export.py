@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import shutil
+import sys
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
 
 from pbd.cli.options import (
     Commands,
@@ -17,8 +21,15 @@ from pbd.cli.options import (
     print_json,
     say,
 )
+from pbd.cli.parser import UsageError
+from pbd.cli.progress import working
 from pbd.cli.ways import tell_ways, ways_json
-from pbd.files.exporters import FORMATS, HIGHEST_HZ, LOWEST_HZ
+from pbd.files.exporters import FORMATS, HIGHEST_HZ, LOWEST_HZ, SUFFIXES
+
+if TYPE_CHECKING:
+    from pbd.data import JointTrajectory, Samples
+
+STDOUT = Path("-")
 
 
 def add(commands: Commands) -> None:
@@ -28,12 +39,17 @@ def add(commands: Commands) -> None:
         "export",
         "write the joint trajectory for other tools",
         "Plan and audit as `pbd replay` does, and write the joint trajectory.",
-        "  pbd export pouring --robot panda --format ros2-json -o pouring.json --rate 100",
+        "  pbd export pouring --robot panda -o pouring.json --rate 100\n"
+        "  pbd export pouring --robot panda --format csv -o - | head -3",
     )
     add_demo(parser)
     add_json(parser)
-    parser.add_argument("--format", required=True, choices=FORMATS, help="csv, npz or ros2-json")
-    parser.add_argument("-o", "--output", required=True, type=Path, metavar="FILE", help="the file to write")
+    parser.add_argument(
+        "--format", choices=FORMATS, help="csv, npz or ros2-json; default: as FILE ends (.csv, .npz, .json)"
+    )
+    parser.add_argument(
+        "-o", "--output", required=True, type=Path, metavar="FILE", help="the file to write; - is standard output"
+    )
     parser.add_argument(
         "--rate", type=_rate, default=1000.0, metavar="HZ", help="samples a second, from 10 to 100000 (1000)"
     )
@@ -51,20 +67,20 @@ def _rate(text: str) -> float:
 
 def run(args: argparse.Namespace) -> int:
     """Plan, audit, write."""
-    from pbd.files.exporters import export
-
+    format_name = _format(args)
     demo, _, robot, plan = plan_demonstration(args)
     if plan.touching is not None:
         raise plan.touching.error
     tell_ways(plan)
-    samples = export(plan.trajectory, args.format, args.output, args.rate)
-    say(f"wrote {args.output}: {len(samples.t)} samples, {plan.trajectory.duration:.1f} s, {len(robot.joints)} joints")
+    samples = _write(args, plan.trajectory, format_name)
+    name = "to standard output" if args.output == STDOUT else args.output
+    say(f"wrote {name}: {len(samples.t)} samples, {plan.trajectory.duration:.1f} s, {len(robot.joints)} joints")
     if args.json:
         print_json(
             {
                 "demo": demo.recording.info.name,
                 "robot": robot.name,
-                "format": args.format,
+                "format": format_name,
                 "output": str(args.output),
                 "samples": len(samples.t),
                 "duration_s": plan.trajectory.duration,
@@ -73,3 +89,34 @@ def run(args: argparse.Namespace) -> int:
             }
         )
     return 0
+
+
+def _format(args: argparse.Namespace) -> str:
+    """The format that was named, or that the file's name says."""
+    said = SUFFIXES.get(args.output.suffix.lower())
+    if args.output == STDOUT:
+        if args.json:
+            raise UsageError("-o - and --json would both go to standard output; name a file, or leave --json out")
+        if args.format == "npz" and sys.stdout.isatty():
+            raise UsageError("an npz is nothing for a terminal; name a file, or send it into a pipe")
+    name: str | None = args.format or said
+    if name is None:
+        raise UsageError(f"name the --format ({', '.join(FORMATS)}), or a file that ends in {', '.join(SUFFIXES)}")
+    if said not in (name, None):
+        raise UsageError(f"{args.output} looks like {said}, but --format is {name}; name another file, or no --format")
+    return name
+
+
+def _write(args: argparse.Namespace, trajectory: JointTrajectory, format_name: str) -> Samples:
+    """Write the file, or to standard output what the file would hold."""
+    from pbd.files.exporters import export
+
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "motion" if args.output == STDOUT else args.output
+        with working("writing the motion"):
+            samples = export(trajectory, format_name, file, args.rate)
+        if args.output != STDOUT:
+            return samples
+        with file.open("rb") as written:
+            shutil.copyfileobj(written, sys.stdout.buffer)
+    return samples

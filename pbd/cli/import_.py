@@ -8,8 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pbd.cli.options import Commands, add_command, add_json, positive, store_demonstration
+from pbd.cli.options import Commands, add_command, add_json, positive
 from pbd.cli.progress import working
+from pbd.cli.store import store_demonstration
 from pbd.cli.wire import add_lines, decoder_maker
 
 if TYPE_CHECKING:
@@ -22,9 +23,12 @@ def add(commands: Commands) -> None:
         commands,
         "import",
         "bring a recording of another program in",
-        "Read a recording (a CSV with a header, x-io's CSV, an npz) and store it as a demonstration. Names and\n"
-        "units are taken from the header where it tells them; elsewhere say which is which.",
+        "Read a recording (a CSV with a header, x-io's CSV, WitMotion's .txt or .csv log, an npz, a raw.bin of\n"
+        "`pbd record --raw`) and store it as a demonstration. Names and units are taken from the header where it\n"
+        "tells them; elsewhere say which is which. A level sensor must read +1 g on z: where it reads -1 g, turn\n"
+        "the signs with --unit acc=-g.",
         "  pbd import run7.csv tea --column ax=AccX --column ay=AccY --column az=AccZ --unit acc=g --unit t=ms\n"
+        "  pbd import log.txt tea2                    as WitMotion's program wrote it\n"
         "  pbd import demos/tea/raw.bin again --sensor witmotion",
     )
     parser.add_argument("file", metavar="FILE", type=Path, help="the recording")
@@ -35,10 +39,16 @@ def add(commands: Commands) -> None:
         action="append",
         default=[],
         metavar="OURS=THEIRS",
-        help="t, gx, gy, gz, ax, ay, az, mx, my, mz, heading, pitch or roll, and the file's name for it",
+        help="t, gx, gy, gz, ax, ay, az, mx, my, mz, heading, pitch or roll, and the file's name for it; "
+        "-NAME turns its sign",
     )
     parser.add_argument(
-        "--unit", type=_pair, action="append", default=[], metavar="WHAT=UNIT", help="of t, gyr, acc, mag or angle"
+        "--unit",
+        type=_pair,
+        action="append",
+        default=[],
+        metavar="WHAT=UNIT",
+        help="of t, gyr, acc, mag or angle, such as t=ms, gyr=deg/s, acc=g; -UNIT turns the signs",
     )
     parser.add_argument("--sensor", metavar="SENSOR", help="what recorded it; for a raw.bin: what its bytes are")
     parser.add_argument("--rate", type=positive, metavar="HZ", help="of a raw.bin, where nothing else tells it")
@@ -55,6 +65,7 @@ def run(args: argparse.Namespace) -> int:
     from pbd.files.importers import import_file
     from pbd.tracking.conditioning import condition
     from pbd.tracking.rest import find_rest
+    from pbd.tracking.signs import warn_upside_down
 
     if not args.file.is_file():
         raise RecordingError(f"no file {args.file}; give the path of a recording", path=args.file)
@@ -64,8 +75,10 @@ def run(args: argparse.Namespace) -> int:
         with working(f"reading {args.file}"):
             demo = import_file(args.file, dict(args.column), dict(args.unit))
     # What can't be a recording (units, clock) is refused before it takes a name; where the hand stops is seen later.
-    with suppress(TrackingError):
-        find_rest(condition(demo.recording)[0])
+    with suppress(TrackingError), working("looking it over"):
+        recording, _ = condition(demo.recording)
+        rest = find_rest(recording)
+        warn_upside_down(recording, rest.up_sensor, rest.start, rest.stop)
     if args.sensor:
         info = replace(demo.recording.info, sensor=args.sensor)
         demo = replace(demo, recording=replace(demo.recording, info=info))
@@ -81,7 +94,8 @@ def _decode(args: argparse.Namespace) -> Demonstration:
     if not args.sensor:
         raise SensorError(f"{args.file} holds a sensor's bytes; name the --sensor that they came from", path=args.file)
     make = decoder_maker(args, args.sensor, [f"{quantity}={unit}" for quantity, unit in args.unit])
-    return decode_raw(args.file, make(), args.sensor, args.rate)
+    with working(f"decoding {args.file}"):
+        return decode_raw(args.file, make(), args.sensor, args.rate)
 
 
 def _pair(text: str) -> tuple[str, str]:

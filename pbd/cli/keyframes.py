@@ -37,10 +37,10 @@ def add(commands: Commands) -> None:
         "  pbd keyframes pouring --robot panda\n  pbd keyframes tea --save",
     )
     add_demo(parser)
-    add_table(parser, units=True)
+    add_table(parser, units="m,deg,s")
     parser.add_argument("--save", action="store_true", help="write keyframes.toml into the demonstration, to be edited")
     parser.add_argument("--force", action="store_true", help="with --save: find them anew, and replace the file")
-    add_tracking(parser)
+    add_tracking(parser, calibration="with --robot its own dock, else 'default'; without, none")
     add_planning(parser, robot_required=False)
     parser.set_defaults(run=run)
 

@@ -6,7 +6,6 @@ import argparse
 import json
 import math
 import sys
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 from pbd.cli.progress import working
@@ -16,6 +15,10 @@ if TYPE_CHECKING:
     from pbd.planning import Plan, PlanOptions
     from pbd.view.units import Units
 
+
+_LENGTHS, _ANGLES, _TIMES = "m, cm or mm", "deg or rad", "s or ms"
+CHOICES = {"m": _LENGTHS, "cm": _LENGTHS, "mm": _LENGTHS, "deg": _ANGLES, "rad": _ANGLES, "s": _TIMES, "ms": _TIMES}
+"""What the help says to choose from, by the unit that is usual."""
 
 SAME_DOCK_RAD = math.radians(1.0)
 """An edited first keyframe is still the dock if it is turned by no more."""
@@ -32,13 +35,15 @@ def add_command(
     commands: Commands, name: str, help_text: str, description: str, example: str
 ) -> argparse.ArgumentParser:
     """Add a command with an example at the end of its help."""
-    return commands.add_parser(
+    parser = commands.add_parser(
         name,
         help=help_text,
         description=description,
         epilog=f"example:\n{example}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    parser.set_defaults(parser=parser)
+    return parser
 
 
 def add_demo(parser: argparse.ArgumentParser) -> None:
@@ -47,7 +52,7 @@ def add_demo(parser: argparse.ArgumentParser) -> None:
         "demo",
         nargs="?",
         metavar="DEMO",
-        help="a demonstration's name (in ./demos, or bundled), its folder, or a recording (.csv, .npz); "
+        help="a demonstration's name (in ./demos, or bundled), its folder, or a recording (.csv, .txt, .npz); "
         "default: the newest in ./demos, else 'pouring'",
     )
 
@@ -57,23 +62,23 @@ def add_json(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print one JSON object on stdout")
 
 
-def add_table(parser: argparse.ArgumentParser, units: bool = False) -> None:
-    """Add what every command that prints a table takes: --json, --csv, and --units where there are any to choose."""
+def add_table(parser: argparse.ArgumentParser, units: str | None = None) -> None:
+    """Add what every command that prints a table takes: --json, --csv, and --units, with those that are usual there."""
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--json", action="store_true", help="print one JSON object on stdout")
     form.add_argument("--csv", action="store_true", help="print the table as CSV")
-    if units:
+    if units is not None:
         parser.add_argument(
             "--units",
-            type=_units,
-            default="m,deg",
+            type=lambda text: _units(text, units),
+            default=units,
             metavar="U",
-            help="of the tables: m, cm or mm, and deg or rad (m,deg)",
+            help=f"of the table: {'; '.join(CHOICES[unit] for unit in units.split(','))} ({units})",
         )
 
 
-def add_tracking(parser: argparse.ArgumentParser) -> None:
-    """Add what every command that tracks takes."""
+def add_tracking(parser: argparse.ArgumentParser, calibration: str = "the robot's own dock, else 'default'") -> None:
+    """Add what every command that tracks takes; which `calibration` is used where none is named."""
     parser.add_argument(
         "--method",
         choices=("default", "paper"),
@@ -83,7 +88,7 @@ def add_tracking(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--calibration",
         metavar="C",
-        help="name (in ./calibration, or bundled) or file; default: the robot's own dock, else 'default'",
+        help=f"name (in ./calibration, or bundled) or file; default: {calibration}",
     )
 
 
@@ -107,8 +112,8 @@ def add_planning(parser: argparse.ArgumentParser, robot_required: bool = True) -
     group.add_argument(
         "--path-tolerance",
         type=positive,
-        metavar="M",
-        help="with --path keyframes: a move whose tool gets farther from the straight line, in m, is made as a line",
+        metavar="METRES",
+        help="with --path keyframes: a move whose tool gets farther from the straight line is made as a line",
     )
     group.add_argument(
         "--time",
@@ -139,20 +144,23 @@ def add_planning(parser: argparse.ArgumentParser, robot_required: bool = True) -
     )
 
 
-def _units(text: str) -> Units:
+def _units(text: str, usual: str) -> Units:
     from pbd.view.units import parse_units
 
     try:
-        return parse_units(text)
+        return parse_units(text, parse_units(usual))
     except ValueError as reason:
         raise argparse.ArgumentTypeError(str(reason)) from None
 
 
 def positive(text: str) -> float:
     """Parse a finite number above zero."""
-    value = float(text)
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
     if not (math.isfinite(value) and value > 0.0):
-        raise argparse.ArgumentTypeError(f"must be above zero, got {text}")
+        raise argparse.ArgumentTypeError(f"must be a number above zero, got '{text}'")
     return value
 
 
@@ -172,19 +180,24 @@ def load_demonstration(args: argparse.Namespace) -> Demonstration:
     if name is None:
         name = newest_demo()
         say(f"no demonstration named: using '{name}'")
-    return load_demo(name)
+    with working(f"reading {name}"):
+        return load_demo(name)
 
 
 def track_demonstration(args: argparse.Namespace, demo: Demonstration) -> tuple[HandPath, tuple[Keyframe, ...]]:
     """Track it; return the hand's path and the keyframes."""
     from pbd.pipeline import track
     from pbd.tracking.keyframes import find_keyframes
+    from pbd.tracking.signs import up_in_sensor, warn_upside_down
 
     known = None if args.method == "paper" else demo.known  # the paper's method knows of no places
     calibration = _calibration_for(args)
     with working("tracking"):
         path = track(demo.recording, args.method, known, calibration)
     found = find_keyframes(path)
+    if calibration is None:  # one that is there tells how far the dock is tilted
+        up_sensor = up_in_sensor(found[0].T_nav_sensor.wxyz)
+        warn_upside_down(demo.recording, up_sensor, path.stops[0].start, path.stops[0].stop)
     if demo.keyframes is None:
         return path, found
     _refuse_another_dock(demo, found)
@@ -260,27 +273,6 @@ def plan_demonstration(args: argparse.Namespace) -> tuple[Demonstration, HandPat
     with working(f"planning for {robot.name}"):
         plan = plan_keyframes(keyframes, calibration, robot, options, path, demo.grasped)
     return demo, path, robot, plan
-
-
-def store_demonstration(args: argparse.Namespace, demo: Demonstration, done: str) -> None:
-    """Write it under args.name, stamped with the time, and tell what was `done`."""
-    from pbd.files.demo import demo_folder, utc_now, write_demo
-
-    recording = replace(demo.recording, info=replace(demo.recording.info, created=utc_now()))
-    folder = demo_folder(args.name)
-    write_demo(replace(demo, recording=recording), folder, force=args.force)
-    samples, duration_s, rate_hz = len(recording), float(recording.t[-1]), recording.rate_hz
-    say(f"{done} {samples} samples, {duration_s:.1f} s at {rate_hz:.0f} Hz, into {folder}")
-    if args.json:
-        print_json(
-            {
-                "demo": folder.name,
-                "folder": str(folder),
-                "samples": samples,
-                "duration_s": duration_s,
-                "rate_hz": rate_hz,
-            }
-        )
 
 
 def say(message: str) -> None:

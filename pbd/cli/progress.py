@@ -3,18 +3,52 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.text import Text
 
 
 @contextmanager
-def working(what: str) -> Iterator[None]:
-    """Show `what` and that it goes on; it leaves nothing behind, and is silent where stderr is a file or a pipe."""
+def working(what: str, at_most_s: float | None = None) -> Iterator[None]:
+    """Show `what`, that it goes on and for how long at most; silent where stderr is a file or a pipe.
+
+    It leaves nothing behind.
+    """
     if not sys.stderr.isatty():
         yield
         return
     from rich.console import Console
 
     # Warnings that are printed meanwhile go above the line: rich takes them in.
-    with Console(stderr=True).status(f"{what} ..."):
+    shown = f"{what} ..." if at_most_s is None else _Countdown(what, at_most_s)
+    with Console(stderr=True).status(shown):
         yield
+
+
+@contextmanager
+def listening(device: str, what: str, at_most_s: float) -> Iterator[None]:
+    """Show that a port is listened to, and for how long at most; where stderr is a file or a pipe, a line says so."""
+    if not sys.stderr.isatty():
+        print(f"{what} {device} ...", file=sys.stderr, flush=True)
+    with working(f"{what} {device}", at_most_s):
+        yield
+
+
+@dataclass
+class _Countdown:
+    """Drawn anew by rich several times a second."""
+
+    what: str
+    at_most_s: float
+    began: float = field(default_factory=time.monotonic)
+
+    def __rich__(self) -> Text:
+        from rich.text import Text
+
+        left = max(0.0, self.at_most_s - (time.monotonic() - self.began))
+        return Text(f"{self.what} ... {left:.0f} s at most")

@@ -12,6 +12,7 @@ from datetime import datetime
 from typing import TYPE_CHECKING
 
 from pbd.cli.options import Commands, add_command, add_json, positive, print_json
+from pbd.cli.progress import listening
 from pbd.cli.wire import add_lines, decoder_maker
 
 if TYPE_CHECKING:
@@ -181,7 +182,7 @@ def _simulated(args: argparse.Namespace, stack: ExitStack) -> SimulatedHand | No
 def _sensor(args: argparse.Namespace) -> tuple[str, Callable[[], Port], Decoder]:
     """The sensor's name, what opens its port, and its decoder."""
     from pbd.sensors.port import open_port
-    from pbd.sensors.probe import find_baud
+    from pbd.sensors.probe import BOOT_S, LISTEN_S, find_baud
     from pbd.sensors.protocols import PROTOCOLS
 
     wanted: str | None = args.sensor
@@ -192,8 +193,9 @@ def _sensor(args: argparse.Namespace) -> tuple[str, Callable[[], Port], Decoder]
         baud = baud or heard_at
     make = make or decoder_maker(args, wanted, args.unit)
     if baud is None:
-        with open_port(device, PROTOCOLS[wanted].bauds[0]) as port:
-            print(f"looking for the baud rate of {device} ...", file=sys.stderr, flush=True)
+        bauds = PROTOCOLS[wanted].bauds
+        longest_s = BOOT_S + 2.0 * LISTEN_S * len(bauds)
+        with open_port(device, bauds[0]) as port, listening(device, "looking for the baud rate of", longest_s):
             baud = find_baud(port, make, wanted)
     if args.rate is not None:
         _set_rate(device, baud, wanted, args.rate)
@@ -204,10 +206,9 @@ def _listened(device: str) -> tuple[str, int]:
     """Which sensor speaks on a port, and at which baud rate."""
     from pbd.errors import SensorError
     from pbd.sensors.port import open_port
-    from pbd.sensors.probe import FIRST_BAUD, probe
+    from pbd.sensors.probe import FIRST_BAUD, LONGEST_S, probe
 
-    with open_port(device, FIRST_BAUD) as port:
-        print(f"listening to {device} ...", file=sys.stderr, flush=True)
+    with open_port(device, FIRST_BAUD) as port, listening(device, "listening to", LONGEST_S):
         found = probe(port)
     if found.sensor is not None:
         return found.sensor, found.baud

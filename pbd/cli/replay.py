@@ -50,7 +50,9 @@ def run(args: argparse.Namespace) -> int:
     say(f"'{demo.recording.info.name}' on {robot.name}: {len(plan.keyframes)} keyframes, {duration:.1f} s, audited")
     tell_ways(plan)
     if plan.touching is not None:
-        args.warnings.append(f"it touches something: {plan.touching.error.message}")
+        later = len(plan.touching.hits) - 1
+        more = f" ({later} more, all marked on the page)" if later else ""
+        args.warnings.append(f"it touches something: {plan.touching.error.message}{more}")
         say(f"warning: {args.warnings[-1]}")
     options = plan_options(args, robot)
     if args.html:

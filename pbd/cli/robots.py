@@ -7,6 +7,7 @@ import warnings
 from dataclasses import replace
 
 from pbd.cli.options import Commands, add_command, add_table, print_json
+from pbd.cli.progress import working
 
 
 def add(commands: Commands) -> None:
@@ -19,7 +20,7 @@ def add(commands: Commands) -> None:
         "what is assumed of it. A file of your own in ./robots adds one (docs/robots.md).",
         "  pbd robots --json",
     )
-    add_table(parser)
+    add_table(parser, units="m")
     parser.set_defaults(run=run)
 
 
@@ -33,13 +34,14 @@ def run(args: argparse.Namespace) -> int:
     from pbd.view.tables import print_csv, print_table, robots_table
 
     robots, reach_m = [], []
-    for name in names("robots", ".toml"):
-        try:
-            robot = replace(load_robot(name), name=name)  # a copied file may still carry the old name
-            reach_m.append(farthest(load_model(robot)))
-            robots.append(robot)
-        except RobotError as error:
-            warnings.warn(str(error), PbdWarning, stacklevel=2)
+    with working("reading the robots"):
+        for name in names("robots", ".toml"):
+            try:
+                robot = replace(load_robot(name), name=name)  # a copied file may still carry the old name
+                reach_m.append(farthest(load_model(robot)))
+                robots.append(robot)
+            except RobotError as error:
+                warnings.warn(str(error), PbdWarning, stacklevel=2)
     if args.json:
         rows = [
             {
@@ -58,9 +60,9 @@ def run(args: argparse.Namespace) -> int:
         ]
         print_json({"robots": rows})
     elif args.csv:
-        print_csv(robots_table(robots, reach_m))
+        print_csv(robots_table(robots, reach_m, args.units))
     else:
-        print_table(robots_table(robots, reach_m))
+        print_table(robots_table(robots, reach_m, args.units))
         of: dict[str, list[str]] = {}
         for robot in robots:
             for note in robot.notes:

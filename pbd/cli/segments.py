@@ -26,8 +26,8 @@ def add(commands: Commands) -> None:
         "  pbd segments paper-test1",
     )
     add_demo(parser)
-    add_table(parser)
-    add_tracking(parser)
+    add_table(parser, units="ms")
+    add_tracking(parser, calibration="none")
     parser.set_defaults(run=run)
 
 
@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
         ]
         print_json({"segments": rows})
     elif args.csv:
-        print_csv(segments_table(segments))
+        print_csv(segments_table(segments, args.units))
     else:
-        print_table(segments_table(segments))
+        print_table(segments_table(segments, args.units))
     return 0

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from typing import TYPE_CHECKING
 
 from pbd.cli.options import Commands, add_command, add_table, print_json
+from pbd.cli.progress import listening
 
 if TYPE_CHECKING:
     from pbd.sensors.probe import Found
@@ -18,7 +18,8 @@ def add(commands: Commands) -> None:
         commands,
         "sensors",
         "what is plugged in, and what can be",
-        "List serial ports with something plugged in, and the kinds of sensors that are understood.",
+        "List serial ports with something plugged in, and the kinds of sensors that are understood. As CSV these are\n"
+        "two tables, with an empty line between.",
         "  pbd sensors --probe",
     )
     parser.add_argument("--probe", action="store_true", help="listen to each port and say what it speaks")
@@ -31,7 +32,7 @@ def run(args: argparse.Namespace) -> int:
     """List, and listen."""
     from pbd.errors import SensorError
     from pbd.sensors.port import PortInfo, list_ports, open_port
-    from pbd.sensors.probe import FIRST_BAUD, probe
+    from pbd.sensors.probe import FIRST_BAUD, LONGEST_S, probe
     from pbd.sensors.protocols import PROTOCOLS
     from pbd.view.tables import ports_table, print_csv, print_table, sensors_table
 
@@ -40,9 +41,8 @@ def run(args: argparse.Namespace) -> int:
     for port in ports:
         row: dict[str, str | int | None] = {"port": port.device, "title": port.title, "usb": port.usb}
         if args.probe:
-            print(f"listening to {port.device} ...", file=sys.stderr, flush=True)
             try:
-                with open_port(port.device, FIRST_BAUD) as opened:
+                with open_port(port.device, FIRST_BAUD) as opened, listening(port.device, "listening to", LONGEST_S):
                     found = probe(opened)
             except SensorError as error:
                 if args.port:
@@ -57,6 +57,8 @@ def run(args: argparse.Namespace) -> int:
         return 0
     if args.csv:
         print_csv(ports_table(rows))
+        print()
+        print_csv(sensors_table(kinds))
         return 0
     if rows:
         print_table(ports_table(rows))

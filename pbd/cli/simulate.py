@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 
-from pbd.cli.options import Commands, add_command, add_json, positive, store_demonstration
+from pbd.cli.options import Commands, add_command, add_json, positive
+from pbd.cli.progress import working
+from pbd.cli.store import store_demonstration
 
 HIGHEST_HZ = 1e4
 
@@ -39,6 +41,7 @@ def run(args: argparse.Namespace) -> int:
         raise SensorError(
             f"no sensor gives {args.rate:g} samples a second; give at most {HIGHEST_HZ:g}", value=args.rate
         )
-    demo = simulate(args.task, args.sensor_model, args.seed, rate_hz=args.rate)
+    with working("simulating"):
+        demo = simulate(args.task, args.sensor_model, args.seed, rate_hz=args.rate)
     store_demonstration(args, demo, "simulated")
     return 0

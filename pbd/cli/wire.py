@@ -17,7 +17,9 @@ def add_lines(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     group.add_argument(
         "--columns", metavar="LIST", help="what the numbers of a line are, such as t,ax,ay,az,gx,gy,gz; or a .toml file"
     )
-    group.add_argument("--separator", default=",", metavar="C", help="between numbers: a character, space or tab (,)")
+    group.add_argument(
+        "--separator", default=",", metavar="CHAR", help="between numbers: a character, space or tab (,)"
+    )
     group.add_argument("--prefix", default="", metavar="TEXT", help="what each line begins with")
     group.add_argument("--wrap", type=float, metavar="T", help="at which the device's clock starts anew, in its unit")
     return group

@@ -10,6 +10,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from pbd.data.brief import brief, counted, span
 from pbd.data.calibration import Calibration
 from pbd.data.freeze import freeze
 from pbd.pose import Array, Pose
@@ -52,6 +53,9 @@ class JointLimits:
         freeze(self, lower=(k,), upper=(k,), velocity=(k,), acceleration=(k,), jerk=(k,))
         object.__setattr__(self, "sources", MappingProxyType(dict(self.sources)))
 
+    def __repr__(self) -> str:
+        return brief(self, counted(len(self.lower), "joint"), self.source)
+
     @property
     def assumed(self) -> tuple[str, ...]:
         """The names of the limits that no maker gives: their source begins with "assumed"."""
@@ -93,6 +97,10 @@ class Robot:
     def __post_init__(self) -> None:
         freeze(self, home=(len(self.joints),))
 
+    def __repr__(self) -> str:
+        gripper = "no gripper" if self.gripper is None else "gripper"
+        return brief(self, counted(len(self.joints), "joint"), gripper, name=self.name)
+
 
 @dataclass(frozen=True, eq=False)
 class Samples:
@@ -107,6 +115,9 @@ class Samples:
     def __post_init__(self) -> None:
         n, k = self.q.shape
         freeze(self, t=(n,), q=(n, k), qd=(n, k), qdd=(n, k), gripper=(n,))
+
+    def __repr__(self) -> str:
+        return brief(self, span(self.t), counted(self.q.shape[1], "joint"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,6 +145,10 @@ class JointTrajectory:
         m, k, g, f = len(self.coefficients), len(self.joint_names), len(self.gripper_t), len(self.keyframe_t)
         freeze(self, knots=(m + 1,), coefficients=(m, 4, k))
         freeze(self, gripper_t=(g,), gripper_opening=(g,), keyframe_t=(f,), keyframe_q=(f, k))
+
+    def __repr__(self) -> str:
+        joints, keyframes = counted(len(self.joint_names), "joint"), counted(len(self.keyframe_t), "keyframe")
+        return brief(self, joints, f"{self.duration:.1f} s", keyframes)
 
     @property
     def duration(self) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pbd.data import Keyframe
-from pbd.errors import RecordingError
+from pbd.errors import PbdWarning, RecordingError
 from pbd.files.toml import Section, read_toml
 from pbd.files.whole import written_whole
 from pbd.pose import Pose, quat_from_rpy, quat_to_rpy
@@ -28,7 +29,7 @@ HEAD = """\
 #   nudge     position_m is the sensor's, in metres from the dock: {axes}, z up;
 #             rpy_deg is its roll, pitch and yaw in degrees. `pbd keyframes {name} --robot R` tells where the tool is
 #   dwell_s   how long the arm stays: as long as the hand did, until you say else here
-#   grip      "closes" or "opens"; without it nothing changes
+#   grip      "closes" or "opens"; without it nothing changes. It is open at the start
 #   label     a word for people
 #   sigma_m, sigma_deg  one sigma along each axis; without them the keyframe is taken for exact
 # `pbd keyframes {name} --save --force` finds them anew; without the file they are found each time.
@@ -101,7 +102,25 @@ def read_keyframes(path: Path) -> tuple[Keyframe, ...]:
             table.fail("t_s", f"must be later than the keyframe before ({before.t:g} s), got {after.t:g}")
     if float(np.abs(keyframes[0].T_nav_sensor.p).max()) > ORIGIN_M:
         tables[0].fail("position_m", "must be [0, 0, 0]: the first keyframe is the dock", "put it back")
+    _warn_of_idle_grips(path, keyframes, tables)
     return keyframes
+
+
+def _warn_of_idle_grips(path: Path, keyframes: Sequence[Keyframe], tables: Sequence[Section]) -> None:
+    """Warn where a grip changes nothing: the gripper is open at the start."""
+    closed, since = False, "from the start"
+    for index, (keyframe, table) in enumerate(zip(keyframes, tables, strict=True)):
+        if keyframe.grip is None:
+            continue
+        if keyframe.grip == closed:
+            verb, state = ("closes", "closed") if closed else ("opens", "open")
+            warnings.warn(
+                f"{path}:{table.line('grip')}: the grip {verb} at keyframe {index}, but it is {state} {since}: nothing "
+                "changes there; remove the line, or add what is missing before it",
+                PbdWarning,
+                stacklevel=3,
+            )
+        closed, since = keyframe.grip, f"since keyframe {index}"
 
 
 def _read(section: Section) -> Keyframe:

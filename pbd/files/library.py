@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pbd.errors import PbdError
+from pbd.errors import PbdError, nearest
 
 
 def bundled(kind: str) -> Path:
@@ -40,7 +40,7 @@ def find(kind: str, name: str, suffix: str, error: type[PbdError]) -> Path:
         return given
     valid = names(kind, suffix)
     what = {"demos": "demonstration", "robots": "robot"}.get(kind, kind)
-    known = f"known are {', '.join(valid)}" if valid else f"none is known; put one into ./{kind}"
+    known = f"known are {', '.join(valid)}{nearest(name, valid)}" if valid else f"none is known; put one into ./{kind}"
     raise error(f"no {what} named '{name}', nor a file or folder of that path; {known}", value=name, valid=valid)
 
 

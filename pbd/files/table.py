@@ -6,13 +6,22 @@ import csv
 import io
 import re
 import warnings
+from collections.abc import Collection, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from pbd.errors import RecordingError
+from pbd.files.stamps import seconds
 from pbd.pose import Array
+
+FOREIGN = ("utf-8-sig", "gb18030", "cp1252")
+"""How programs of others write text: as all do, as a Chinese Windows does, as a western one does."""
+
+HEADER_CELLS = 4
+"""A foreign table may begin with remarks; its header is the first line with so many cells (t, ax, ay, az)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,75 +38,171 @@ class Table:
         Raises:
             RecordingError: lists the columns that are there.
         """
-        missing = [name for name in names if name not in self.header]
-        if missing:
-            raise RecordingError(
-                f"{self.path}: no column '{missing[0]}'; the columns are {', '.join(self.header)}",
-                path=self.path,
-                value=missing[0],
-            )
+        require(self.path, self.header, names)
         return self.values[:, [self.header.index(name) for name in names]]
 
 
+@dataclass(frozen=True)
+class Sheet:
+    """A table's text, of which only the header has been read; `line` is that of the first row."""
+
+    path: Path
+    header: tuple[str, ...]
+    body: str
+    delimiter: str
+    line: int
+    foreign: bool = False
+
+    def words(self, name: str) -> set[str]:
+        """Return what a column of text says, each once."""
+        k = self.header.index(name)
+        return {cells[k].strip() for cells in csv.reader(io.StringIO(self.body), delimiter=self.delimiter) if cells[k:]}
+
+    def read(self, names: Sequence[str] | None = None, times: Collection[str] = ()) -> Table:
+        """Read the columns of these names (all); those of `times` may hold dates, and are seconds then.
+
+        Raises:
+            RecordingError: a row of another length, or text where a number should be: with line and column.
+        """
+        wanted = self.header if names is None else tuple(dict.fromkeys(names))
+        require(self.path, self.header, wanted)
+        for name in wanted:
+            if self.header.count(name) > 1:
+                raise RecordingError(
+                    f"{self.path}: the column '{name}' is there twice; rename one", path=self.path, value=name
+                )
+        columns = [self.header.index(name) for name in wanted]
+        dated = [k for k, name in zip(columns, wanted, strict=True) if name in times]
+        if {line.count(self.delimiter) for line in self.body.splitlines() if line.strip()} == {len(self.header) - 1}:
+            try:
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore")
+                    return Table(self.path, wanted, self._read_fast(columns, dated))
+            except ValueError:
+                pass  # an empty cell, or a fault: the slow reader tells which
+        return Table(self.path, wanted, self._read_slowly(columns, dated))
+
+    def _read_fast(self, columns: list[int], dated: list[int]) -> Array:
+        first = self.body.lstrip().partition("\n")[0].split(self.delimiter)
+        plain = all(re.fullmatch(r"\s*[-+.\deE]+\s*", first[k]) for k in dated)
+        return np.loadtxt(
+            io.StringIO(self.body),
+            delimiter=self.delimiter,
+            usecols=columns,
+            converters=None if plain else dict.fromkeys(dated, seconds),
+            ndmin=2,
+            comments=None,
+        )
+
+    def _read_slowly(self, columns: list[int], dated: list[int]) -> Array:
+        rows, width = [], len(self.header)
+        reader = csv.reader(io.StringIO(self.body), delimiter=self.delimiter)
+        for line, cells in enumerate(reader, start=self.line):
+            if not cells:
+                continue
+            if len(cells) == width + 1 and not cells[-1].strip():
+                cells.pop()  # a delimiter ends the line
+            if len(cells) != width:
+                raise RecordingError(
+                    f"{self.path}:{line}: {len(cells)} cells where the header has {width}; mend or remove the line",
+                    path=self.path,
+                    line=line,
+                    value=len(cells),
+                    bound=width,
+                )
+            rows.append([self._number(line, k, cells[k], k in dated) for k in columns])
+        return np.array(rows, dtype=np.float64).reshape(-1, len(columns))
+
+    def _number(self, line: int, column: int, cell: str, dated: bool) -> float:
+        try:
+            if self.foreign and self.delimiter != "," and re.fullmatch(r"\s*[-+]?\d+,\d+\s*", cell):
+                cell = cell.replace(",", ".")
+            if dated:
+                return seconds(cell)
+            return float(cell) if cell.strip() else float("nan")
+        except ValueError:
+            name = self.header[column]
+            raise RecordingError(
+                f"{self.path}:{line}: '{cell}' in column '{name}' is not a number; {_next_step(cell)}",
+                path=self.path,
+                line=line,
+                column=name,
+                value=cell,
+            ) from None
+
+
+def require(path: Path, header: Sequence[str], names: Sequence[str]) -> None:
+    """Refuse a table without these columns.
+
+    Raises:
+        RecordingError: lists the columns that are there.
+    """
+    missing = [name for name in names if name not in header]
+    if missing:
+        raise RecordingError(
+            f"{path}: no column '{missing[0]}'; the columns are {', '.join(header)}", path=path, value=missing[0]
+        )
+
+
+def open_sheet(path: Path, foreign: bool = False) -> Sheet:
+    """Open a table whose cells are separated by commas, semicolons or tabs, and read its header.
+
+    Args:
+        path: the file.
+        foreign: another program wrote it: there may be remarks above the header, text in some columns, another
+            encoding than UTF-8, decimal commas where no comma separates.
+
+    Raises:
+        RecordingError: empty, no rows, not text.
+    """
+    text, above = _text(path, FOREIGN[: None if foreign else 1]), 0
+    if foreign:
+        lines = text.split("\n", 10)
+        above = next((k for k, line in enumerate(lines) if max(map(line.count, ",;\t")) >= HEADER_CELLS - 1), 0)
+        text = "\n".join(lines[above:])
+    first, _, body = text.partition("\n")
+    if not first.strip():
+        raise RecordingError(f"{path}: the file is empty; it needs a header line and rows of numbers", path=path)
+    if not body.strip():
+        raise RecordingError(f"{path}: a header but no rows; record again", path=path)
+    delimiter = max(",;\t", key=first.count)
+    header = [name.strip().strip('"') for name in first.split(delimiter)]
+    if foreign and re.fullmatch(r"[-+.,\deE\s]+", "".join(header)):
+        raise RecordingError(
+            f"{path}:{above + 1}: numbers where the columns' names should be; put a line with their names above them, "
+            "such as t,ax,ay,az,gx,gy,gz",
+            path=path,
+            line=above + 1,
+        )
+    if not header[-1]:
+        header.pop()
+    return Sheet(path, tuple(header), body, delimiter, above + 2, foreign)
+
+
 def read_table(path: Path) -> Table:
-    """Read a table whose cells are separated by commas, semicolons or tabs.
+    """Read a table of numbers.
 
     Raises:
         RecordingError: empty, no rows, a row of another length, or text where a number should be: with line and column.
     """
+    return open_sheet(path).read()
+
+
+def _text(path: Path, encodings: Sequence[str]) -> str:
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        data = path.read_bytes()
+        if len(encodings) > 1 and data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+            encodings = ("utf-16",)  # what spreadsheets call Unicode text
+        for encoding in encodings[:-1]:
+            with suppress(UnicodeDecodeError):
+                return _lines(data.decode(encoding))
+        return _lines(data.decode(encodings[-1]))
     except (OSError, UnicodeDecodeError) as reason:
         raise RecordingError(f"{path}: can't be read as text ({reason}); give a CSV file", path=path) from None
-    first, _, body = text.partition("\n")
-    if not first.strip():
-        raise RecordingError(f"{path}: the file is empty; it needs a header line and rows of numbers", path=path)
-    delimiter = max(",;\t", key=first.count)
-    header = tuple(name.strip().strip('"') for name in first.split(delimiter))
-    if len(set(header)) != len(header):
-        twice = next(name for name in header if header.count(name) > 1)
-        raise RecordingError(f"{path}: the column '{twice}' is there twice; rename one", path=path, value=twice)
-    if not body.strip():
-        raise RecordingError(f"{path}: a header but no rows; record again", path=path)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            values = np.loadtxt(io.StringIO(body), delimiter=delimiter, ndmin=2, comments=None)
-        if values.shape[1] == len(header):
-            return Table(path, header, values)
-    except ValueError:
-        pass  # an empty cell, or a fault: the slow reader tells which
-    return Table(path, header, _read_slowly(path, body, delimiter, header))
 
 
-def _read_slowly(path: Path, body: str, delimiter: str, header: tuple[str, ...]) -> Array:
-    rows = []
-    for line, cells in enumerate(csv.reader(io.StringIO(body), delimiter=delimiter), start=2):
-        if not cells:
-            continue
-        if len(cells) != len(header):
-            raise RecordingError(
-                f"{path}:{line}: {len(cells)} cells where the header has {len(header)}; mend or remove the line",
-                path=path,
-                line=line,
-                value=len(cells),
-                bound=len(header),
-            )
-        rows.append([_number(path, line, name, cell) for name, cell in zip(header, cells, strict=True)])
-    return np.array(rows, dtype=np.float64).reshape(-1, len(header))
-
-
-def _number(path: Path, line: int, column: str, cell: str) -> float:
-    try:
-        return float(cell) if cell.strip() else float("nan")
-    except ValueError:
-        raise RecordingError(
-            f"{path}:{line}: '{cell}' in column '{column}' is not a number; {_next_step(cell)}",
-            path=path,
-            line=line,
-            column=column,
-            value=cell,
-        ) from None
+def _lines(text: str) -> str:
+    return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
 
 
 def _next_step(cell: str) -> str:

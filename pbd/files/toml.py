@@ -133,10 +133,14 @@ class Section:
 
     def fail(self, key: str, what: str, next_step: str = "correct it") -> NoReturn:
         """Raise the file's error, at `key`."""
-        line = _find_line(self._text, self.name, key, self._index)
+        line = self.line(key)
         where = f"{self.path}:{line}" if line else f"{self.path}"
         place = f"[{self.name}] {key}" if self.name else key
         raise self._error(f"{where}: {place} {what}; {next_step}", path=self.path, line=line, key=key)
+
+    def line(self, key: str) -> int | None:
+        """Return the line of `key`, counted from 1, or of what is around it."""
+        return _find_line(self._text, self.name, key, self._index)
 
     def _unasked(self) -> list[str]:
         return [given for given in self._values if given not in self._asked]

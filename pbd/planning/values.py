@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from pbd.data import Calibration, JointTrajectory, Keyframe
+from pbd.data.brief import brief
 from pbd.errors import PbdWarning, PlanError
 from pbd.planning.options import demonstrated
 from pbd.pose import Array, Pose
@@ -35,10 +36,11 @@ class Stretch:
 
 @dataclass(frozen=True, eq=False)
 class Touching:
-    """The first hit of a motion, and the error that tells it."""
+    """The first hit of a motion, the error that tells it, and all hits by when they begin."""
 
     found: MotionHit
     error: PlanError
+    hits: tuple[MotionHit, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,13 +71,19 @@ class Plan:
     stretched: tuple[Stretch, ...] = ()
     touching: Touching | None = None
 
+    def __repr__(self) -> str:
+        touches = "" if self.touching is None else "touches something"
+        return brief(self, repr(self.trajectory), touches)
+
 
 def find_touching(scene: CollisionScene, trajectory: JointTrajectory) -> Touching | None:
-    """Say what a motion touches first."""
-    from pbd.arm.collision import check_motion, collision_error
+    """Say what a motion touches."""
+    from pbd.arm.collision import all_hits, check_motion, collision_error
 
     found = check_motion(scene, trajectory)
-    return None if found is None else Touching(found, collision_error(scene, trajectory, found))
+    if found is None:
+        return None
+    return Touching(found, collision_error(scene, trajectory, found), all_hits(scene, trajectory))
 
 
 def find_stretched(timed: Timed, keyframes: Sequence[Keyframe]) -> tuple[Stretch, ...]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pbd.data import HandPath, Keyframe, Stop
 from pbd.pose import Array, quat_to_matrix
-from pbd.tracking.stops import COAST_SHARE, COAST_SPEED
+from pbd.tracking.stops import COAST_SPEED
 from pbd.view.plot_values import Finding, Span, TruthPlot
 
 FIRST_REST_S = 1.0
@@ -25,6 +25,9 @@ UNSURE_MOVE_M = 0.01
 
 FASTEST = 1.0
 """m/s: no hand goes on faster than this and still steadily. (A wrong attitude leaves more over, on either hand.)"""
+
+CANCEL_SHARE = 0.4
+"""Velocities left over that add up to less than this share of the larger cancel."""
 
 DRIFT = 0.2
 """m/s2: the bias of a cheap accelerometer (20 mg). More velocity than that makes in the time of a move is no drift."""
@@ -121,11 +124,11 @@ def _passed(path: HandPath) -> tuple[int, ...]:
     """Stops that the hand may have passed at a steady speed, which looks as still as a stop.
 
     What is taken from the move before it is then missing in the one after it: the velocities left over cancel. The
-    tracker looks for this in short stops alone (COAST_S), for fear of losing true ones.
+    tracker looks for this in short stops alone (SLOW_COAST_S), for fear of losing true ones.
     """
     before, after = path.closure[:-1], path.closure[1:]
     speeds = np.stack([np.linalg.norm(each, axis=1) for each in (before, after)])
-    cancel = np.linalg.norm(before + after, axis=1) < COAST_SHARE * speeds.max(axis=0)
+    cancel = np.linalg.norm(before + after, axis=1) < CANCEL_SHARE * speeds.max(axis=0)
     steady = (speeds.min(axis=0) > COAST_SPEED) & (speeds.max(axis=0) < FASTEST)
     return tuple((np.flatnonzero(cancel & steady) + 1).tolist())
 

@@ -26,6 +26,9 @@ GUESSED = tuple(name for name in PROTOCOLS if name != "lines")
 BAUDS = tuple(dict.fromkeys(baud for name in GUESSED for baud in PROTOCOLS[name].bauds))
 FIRST_BAUD = BAUDS[0]
 
+LONGEST_S = BOOT_S + LISTEN_S * len(BAUDS)
+"""`probe` takes no longer."""
+
 
 @dataclass(frozen=True)
 class Found:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
-from pbd.errors import SensorError
+from pbd.errors import SensorError, nearest
 from pbd.sensors.decoding import Decoder
 
 COMMAND_PAUSE_S = 0.25
@@ -194,7 +194,9 @@ def protocol(name: str) -> WireProtocol:
         SensorError: there is none.
     """
     if name not in PROTOCOLS:
-        raise SensorError(f"sensor {name!r} is unknown; the sensors are {', '.join(PROTOCOLS)}", value=name)
+        raise SensorError(
+            f"sensor {name!r} is unknown; the sensors are {', '.join(PROTOCOLS)}{nearest(name, PROTOCOLS)}", value=name
+        )
     return PROTOCOLS[name]
 
 

@@ -22,7 +22,7 @@ from typing import TypeVar
 import numpy as np
 
 from pbd.data import Demonstration, Recording, RecordingInfo, Truth
-from pbd.errors import SensorError
+from pbd.errors import SensorError, nearest
 from pbd.pose import (
     Array,
     quat_about_z,
@@ -120,7 +120,9 @@ def simulate(
 
 def _named(known: Mapping[str, _T], name: str, kind: str) -> _T:
     if name not in known:
-        raise SensorError(f"no {kind} is called {name!r}; choose one of {', '.join(known)}", value=name)
+        raise SensorError(
+            f"no {kind} is called {name!r}; choose one of {', '.join(known)}{nearest(name, known)}", value=name
+        )
     return known[name]
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pbd.data import Recording
 from pbd.errors import RecordingError
 from pbd.pose import Array, quat_inverse, quat_multiply, quat_rotate
+from pbd.tracking.signs import refuse_turned_signs
 from pbd.tracking.steady import carried, find_steady
 
 FINE_HZ = 50.0
@@ -39,11 +40,14 @@ FEW, SEVERAL = 2, 8
 
 
 def refuse_disagreement(recording: Recording) -> None:
-    """Refuse a gyro in another unit than rad/s, or with other axes than the accelerometer's; `recording` without NaN.
+    """Refuse a gyro in another unit than rad/s, or with other axes or signs than the accelerometer's.
+
+    `recording` has no NaN.
 
     Raises:
         RecordingError: with what to give `pbd import`.
     """
+    refuse_turned_signs(recording)
     if recording.gyr is None:
         return
     every = max(1, round(recording.rate_hz / FINE_HZ))
@@ -88,13 +92,11 @@ def refuse_disagreement(recording: Recording) -> None:
         back = turns(-gyr)
         for order in permutations(range(3)):
             for signs in product((1, -1), repeat=3):
-                fit = ", ".join("+-"[sign < 0] + "xyz"[axis] for axis, sign in zip(order, signs, strict=True))
-                what = f"its axes {fit} are the accelerometer's +x, +y, +z; name the columns with --column gx=NAME, or"
                 # The same turn in other axes; those that are mirrored turn the other way round.
                 axes = IDENTITY[list(order)] * np.array(signs)[:, None]
                 hand = float(np.linalg.det(axes))
                 fits = disagreement(as_it_is if hand > 0.0 else back, hand * axes)
-                readings.append((fits, f"{what} turn signs in the file", ""))
+                readings.append((fits, _other_axes(order, signs), ""))
     best, what, unit = min(readings)
     if best >= min(AGREES, off / BETTER) and np.median(_angles(up, predicted)[telling]) < NOTHING * off:
         best, what, unit = 0.0, "it says next to nothing, so it is dead; mend it, or check the columns gx, gy, gz", ""
@@ -105,6 +107,27 @@ def refuse_disagreement(recording: Recording) -> None:
             value=off,
             unit=unit or None,
         )
+
+
+def _other_axes(order: tuple[int, ...], signs: tuple[int, ...]) -> str:
+    """Say which of the gyro's axes are the accelerometer's, and how to import them so.
+
+    Where two only have the other sign, it may as well be the accelerometer's third that has.
+    """
+    ours = [("-" if sign < 0 else "", "xyz"[axis]) for axis, sign in zip(order, signs, strict=True)]
+    fit = ", ".join(f"{minus or '+'}{axis}" for minus, axis in ours)
+    import_so = " ".join(
+        f"--column g{axis}={minus}G{its.upper()}"
+        for axis, (minus, its) in zip("xyz", ours, strict=True)
+        if minus or its != axis
+    )
+    what = (
+        f"its axes {fit} are the accelerometer's +x, +y, +z; import the file with {import_so} (GX: the column of its x)"
+    )
+    if order == (0, 1, 2) and sum(signs) == -1:
+        third = "xyz"[signs.index(1)]
+        what += f"; or, if it is the accelerometer's {third} that has the wrong sign, with --column a{third}=-NAME"
+    return what
 
 
 def _pairs(rows: NDArray[np.intp], rate_hz: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

@@ -6,13 +6,13 @@ from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from itertools import pairwise
+from itertools import takewhile
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pbd.data import Recording, Stop
-from pbd.pose import Array, quat_inverse, quat_rotate
+from pbd.pose import Array, lengths, quat_inverse, quat_rotate
 from pbd.tracking.integration import integral_of_means, integrate_move
 from pbd.tracking.rest import Rest
 from pbd.tracking.steady import median, squares, window_sums
@@ -43,12 +43,16 @@ MERGE_S = 0.1
 BOUNCE_S, BOUNCE_M = 0.3, 0.02
 """A short stop this soon before or after another, and this near, is a sensor being put down or picked up."""
 
-COAST_S = 0.6
-"""Only a stop shorter than this may turn out to be a hand that moves on at constant velocity ..."""
+COAST_S, SLOW_COAST_S, COASTING_STOPS = 0.6, 1.5, 4
+"""Only a stop shorter than this may turn out to be a hand that moves on at constant velocity, one of several in a row;
+a single one in a slow move lasts up to the second. So many in a row are looked at together ..."""
 
-COAST_SPEED, COAST_SHARE, COASTING_STOPS = 0.03, 0.4, 4
-"""... if the velocities left over before and after it are at least this fast (m/s), and cancel to this share; so many
-such stops in a row are looked at together."""
+COAST_SPEED, COAST_GAIN, COAST_SHARE = 0.03, 0.3, 0.2
+"""... if the velocities left over before and after it are at least this fast (m/s), and this share of all that was
+gained and lost on the way; and, by the time it took, less than this share of them is left over without the stop."""
+
+SHOWN_S = 0.2
+"""The mean acceleration over a stop this long is as likely the sensor's own as that of a hand that doesn't stop."""
 
 
 def find_stops(recording: Recording, a_nav: Array, wxyz_nav_sensor: Array, rest: Rest) -> tuple[Stop, ...]:
@@ -209,38 +213,53 @@ def _drop_coasting(stops: list[Stop], t: Array, a_nav: Array) -> tuple[Stop, ...
     """Drop short stops at which the hand moves on: quiet acceleration is not stillness.
 
     Half-way through a smooth move the acceleration passes zero. Were the hand taken to stand still there, the velocity
-    left over before it would be the hand's own, and that left over after it the same the other way round; drift has no
-    reason to do that.
+    left over before it would be the hand's own, and that left over after it the same the other way round: without that
+    stop nothing is left over. Drift has no reason to do that, less what the sensor shows at rest.
     """
 
     @cache
-    def left_over(before: Stop, after: Stop) -> tuple[Array, float]:
-        """Velocity, and its size."""
-        move = slice(before.stop - 1, after.start + 1)
-        closure = integral_of_means(t[move], a_nav[move])[-1]
-        return closure, float(np.linalg.norm(closure))
+    def shown(stop: Stop) -> Array:
+        """Acceleration at a stop: the sensor's own, and gravity put wrong by tilt."""
+        mean: Array = a_nav[stop.start : stop.stop].mean(axis=0)
+        return mean
 
-    def cancel(stops: list[Stop]) -> bool:
+    def left_over(before: Stop, after: Stop, off: Array) -> tuple[float, float, float]:
+        """Speed at the second stop by what is felt since the first, but for `off`; all that was gained and lost on the
+        way, m/s; and how long that took."""
+        move = slice(before.stop - 1, after.start + 1)
+        duration, a = float(t[after.start] - t[before.stop - 1]), a_nav[move] - off
+        return float(np.linalg.norm(integral_of_means(t[move], a)[-1])), float(lengths(a).mean()) * duration, duration
+
+    def none_between(stops: list[Stop]) -> bool:
         """Tell whether the hand stands still at the first and the last of these stops only."""
-        if any(stop.dwell_s >= COAST_S for stop in stops[1:-1]):
+        first, last = stops[0], stops[-1]
+        off = 0.5 * (shown(first) + shown(last))
+
+        def doubtful(stop: Stop) -> Array:
+            own: Array = off + stop.dwell_s / (stop.dwell_s + SHOWN_S) * (shown(stop) - off)
+            return own
+
+        there = left_over(first, stops[1], 0.5 * (shown(first) + doubtful(stops[1])))
+        back = left_over(stops[-2], last, 0.5 * (doubtful(stops[-2]) + shown(last)))
+        if any(speed <= max(COAST_SPEED, COAST_GAIN * gained) for speed, gained, _ in (there, back)):
             return False
-        speed = min(left_over(*stops[:2])[1], left_over(*stops[-2:])[1])
-        if speed <= COAST_SPEED:
-            return False
-        total = np.array([left_over(*pair)[0] for pair in pairwise(stops)]).sum(axis=0)
-        return bool(np.linalg.norm(total) < COAST_SHARE * speed)
+        rates = [speed / duration for speed, _, duration in (there, back, left_over(first, last, off))]
+        return rates[2] < COAST_SHARE * min(rates[:2])
 
     kept = list(stops)
     k = 1
     while k < len(kept) - 1:
-        if kept[k].dwell_s >= COAST_S or left_over(kept[k - 1], kept[k])[1] <= COAST_SPEED:
-            k += 1
-            continue
         # One stop that is none, or several in a row, as while the hand coasts.
         ends = range(k + 1, min(k + 1 + COASTING_STOPS, len(kept)))
-        end = next((end for end in ends if cancel(kept[k - 1 : end + 1])), None)
+        coasting = takewhile(lambda end: kept[end - 1].dwell_s < COAST_S, ends)
+        end = next((end for end in coasting if none_between(kept[k - 1 : end + 1])), None)
         if end is None:
             k += 1
         else:
             del kept[k:end]
+    # Of two long ones beside each other the shorter is none.
+    for stop in sorted(kept[1:-1], key=lambda stop: stop.dwell_s):
+        k = bisect_left(kept, stop.start, key=lambda other: other.start)
+        if stop.dwell_s < SLOW_COAST_S and 0 < k < len(kept) - 1 and none_between(kept[k - 1 : k + 2]):
+            del kept[k]
     return tuple(kept)

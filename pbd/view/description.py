@@ -31,7 +31,7 @@ def describe(scene: ReplayScene, extent: Array, rate_hz: float) -> Mapping[str, 
     """
     trajectory, limits = scene.trajectory, scene.robot.limits
     samples = trajectory.sample(PLOT_RATE_HZ)
-    touching = scene.touching
+    told = [each.told for each in scene.touching]
     return {
         "title": scene.title,
         "robot": scene.robot.description or scene.robot.name,
@@ -51,8 +51,8 @@ def describe(scene: ReplayScene, extent: Array, rate_hz: float) -> Mapping[str, 
         "table": scene.table_height,
         "obstacles": [obstacle.name for obstacle in scene.obstacles],
         "extent": extent.tolist(),
-        "notes": [note for note in scene.notes if touching is None or touching.told not in note],
-        "touching": touching and asdict(touching),
+        "notes": [note for note in scene.notes if not any(words in note for words in told)],
+        "touching": [asdict(each) for each in scene.touching],
     }
 
 

@@ -91,7 +91,7 @@ class HandView:
         self._answered = time.monotonic()
         self._scene = self._viewer.visualizer
         self._triad = solid(shapes.triad(shapes.TRIAD_M, shapes.TRIAD_RADIUS_M))
-        self._ball = solid(shapes.sphere(1.0, shapes.SPEED_RGB[0]), opacity=shapes.UNSURE_OPACITY)
+        self._ball = solid(shapes.sphere(1.0, shapes.UNSURE_RGB), opacity=shapes.UNSURE_OPACITY)
         self._scene["nav"].set_object(solid(shapes.triad(NAV_M, NAV_RADIUS_M)))
         self._scene["hand/box"].set_object(solid(shapes.box(BOX_M, BOX_RGB)))
         self._scene["hand/triad"].set_object(self._triad)

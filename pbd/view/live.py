@@ -120,7 +120,7 @@ def show_live(scene: ReplayScene, open_browser: bool = True, block: bool = True)
         block: stay until Ctrl-C, then close the viewer. Otherwise it is the caller's to close.
 
     Raises:
-        PbdError: the server can't be started, or the robot's files can't be read.
+        PbdError: the server can't be started, or ends by itself, or the robot's files can't be read.
     """
     from pbd.view.scene import build
 
@@ -130,14 +130,12 @@ def show_live(scene: ReplayScene, open_browser: bool = True, block: bool = True)
         invite(f"replay at {viewer.url}" + (" (Ctrl-C ends it)" if block else ""), viewer.url, open_browser)
         if block:
             viewer.wait()
+            raise PbdError("the live viewer's server was ended from outside; run the command again")
     except KeyboardInterrupt:
         viewer.close()
     except BaseException:
         viewer.close()
         raise
-    else:
-        if block:
-            viewer.close()
     return viewer
 
 

@@ -5,7 +5,7 @@ How it looks (light, ground, camera, controls) is the page's business (pbd/view/
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 
 import numpy as np
 
@@ -27,6 +27,8 @@ FRAME_RATE_HZ = 50.0
 PATH_SPACING_M = 0.003
 TOOL_PATH_RGB = (0.55, 0.57, 0.60)
 TOUCHING_RGB = (0.86, 0.12, 0.10)
+THE_TOOL = "the tool"
+"""What the checks for collisions call the stand-in for a gripper."""
 OBSTACLE_RGB = (0.62, 0.55, 0.47)
 OBSTACLE_OPACITY = 0.6
 OBJECT_OPACITY = 0.72
@@ -43,10 +45,10 @@ def build(scene: ReplayScene, into: Visualizer) -> None:
     tool = motion.tool()
     visuals = read_visuals(scene.robot)
     into.delete()
-    red = scene.touching.bodies if scene.touching else ()
+    red = {body for each in scene.touching for body in each.bodies}
     nodes, tracks = _robot(motion, visuals, red, into["robot"])
     if stand_in.is_missing(scene.robot):
-        _gripper(scene, motion, nodes)
+        _gripper(scene, motion, THE_TOOL in red, nodes)
     _path(scene, into["hand_path"])
     into["tool_path"].set_object(solid(shapes.tube(_thinned(tool.p)[0], np.array(TOOL_PATH_RGB), 0.0012, sides=6)))
     _keyframes(scene, into["keyframes"])
@@ -60,7 +62,7 @@ def build(scene: ReplayScene, into: Visualizer) -> None:
 
 
 def _robot(
-    motion: Motion, visuals: tuple[Visual, ...], red: Sequence[str], into: Visualizer
+    motion: Motion, visuals: tuple[Visual, ...], red: Set[str], into: Visualizer
 ) -> tuple[dict[int, Visualizer], list[PoseTrack]]:
     """Nest the links as they hang on one another, so that each joint's own motion is all that is animated."""
     into.set_transform(motion.T_base_world.matrix())
@@ -78,16 +80,16 @@ def _robot(
     return nodes, tracks
 
 
-def _gripper(scene: ReplayScene, motion: Motion, nodes: Mapping[int, Visualizer]) -> None:
+def _gripper(scene: ReplayScene, motion: Motion, red: bool, nodes: Mapping[int, Visualizer]) -> None:
     joint, T_joint_body = motion.link("body", scene.robot.body)
     node = nodes[joint]["stand_in"]
     node.set_transform((T_joint_body @ scene.robot.T_body_tool).matrix())
     for i, (mesh, p_tool) in enumerate(stand_in.gripper(scene.robot, scene.grasped)):
-        node[str(i)].set_object(solid(mesh, stand_in.OPACITY))
+        node[str(i)].set_object(solid(mesh.painted(TOUCHING_RGB) if red else mesh, stand_in.OPACITY))
         node[str(i)].set_transform(Pose(p_tool, np.array([1.0, 0.0, 0.0, 0.0])).matrix())
 
 
-def _carried(scene: ReplayScene, motion: Motion, tool: Track, red: Sequence[str], into: Visualizer) -> Track | None:
+def _carried(scene: ReplayScene, motion: Motion, tool: Track, red: Set[str], into: Visualizer) -> Track | None:
     """Where the grasped object is; None where nothing is grasped."""
     thing, trajectory = scene.grasped, scene.trajectory
     spans = grasp.holds(trajectory.gripper_t, trajectory.gripper_opening)
@@ -118,7 +120,7 @@ def _thinned(points: Array) -> tuple[Array, Array]:
 
 def _keyframes(scene: ReplayScene, into: Visualizer) -> None:
     mark = solid(shapes.triad(shapes.TRIAD_M, shapes.TRIAD_RADIUS_M))
-    ball = solid(shapes.sphere(1.0, shapes.SPEED_RGB[0]), opacity=shapes.UNSURE_OPACITY)
+    ball = solid(shapes.sphere(1.0, shapes.UNSURE_RGB), opacity=shapes.UNSURE_OPACITY)
     for i, keyframe in enumerate(scene.keyframes):
         into[f"{i}/triad"].set_object(mark)
         into[f"{i}/triad"].set_transform(keyframe.T_base_tool.matrix())
@@ -127,7 +129,7 @@ def _keyframes(scene: ReplayScene, into: Visualizer) -> None:
             into[f"{i}/two_sigma"].set_transform(two_sigma(keyframe.T_base_tool.p, keyframe.cov[:3, :3]))
 
 
-def _obstacles(obstacles: Sequence[Obstacle], red: Sequence[str], into: Visualizer) -> None:
+def _obstacles(obstacles: Sequence[Obstacle], red: Set[str], into: Visualizer) -> None:
     for i, obstacle in enumerate(obstacles):
         rgb = TOUCHING_RGB if obstacle.name in red else OBSTACLE_RGB
         into[str(i)].set_object(solid(shapes.solid_of(obstacle.shape, obstacle.size, rgb), OBSTACLE_OPACITY))

@@ -38,7 +38,7 @@ class Touching:
     """Two bodies that touch in the motion.
 
     Attributes:
-        bodies: links, or other things, by name; they are painted red.
+        bodies: links, or other things, by name; they are painted red. "the tool" is the stand-in for a gripper.
         start, end: s, from when to when.
         told: in words.
     """
@@ -64,7 +64,7 @@ class ReplayScene:
         obstacles: what else stands around.
         grasped: what the gripper takes, or None.
         notes: what the viewer should know: warnings, "simulated data".
-        touching: what touches, where that was allowed.
+        touching: what touches, where that was allowed, by when it begins.
     """
 
     title: str
@@ -76,7 +76,7 @@ class ReplayScene:
     table_height: float | None = None
     grasped: GraspedObject | None = None
     notes: tuple[str, ...] = field(default=())
-    touching: Touching | None = None
+    touching: tuple[Touching, ...] = ()
     obstacles: tuple[Obstacle, ...] = ()
 
     def __post_init__(self) -> None:

@@ -16,10 +16,10 @@ AXES_RGB = ((0.88, 0.27, 0.24), (0.22, 0.66, 0.36), (0.22, 0.46, 0.92))
 """x red, y green, z blue."""
 SPEED_RGB = np.array([[0.29, 0.42, 0.93], [0.60, 0.36, 0.85], [0.93, 0.40, 0.48], [0.98, 0.66, 0.27]])
 """Slow to fast; the page's legend shows the same colours."""
-PATH_RADIUS_M = 0.003
-TRIAD_M, TRIAD_RADIUS_M = 0.055, 0.0017
-UNSURE_OPACITY = 0.16
-"""Of the ellipsoids of two sigma."""
+PATH_RADIUS_M = 0.0025
+TRIAD_M, TRIAD_RADIUS_M = 0.05, 0.0012
+UNSURE_RGB, UNSURE_OPACITY = (0.10, 0.72, 0.85), 0.6
+"""Of the ellipsoids of two sigma: a colour that nothing else has, as they are often smaller than a fingertip."""
 
 
 def speed_rgb(share: ArrayLike) -> Array:

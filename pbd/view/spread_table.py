@@ -9,36 +9,36 @@ from rich import box
 from rich.table import Table
 
 from pbd.view.plot_values import ComparePlot, SpreadKeyframe
+from pbd.view.units import Units
 
 
-def spread_table(plot: ComparePlot) -> Table:
-    """Mean position, standard deviations, and who is furthest off, at each keyframe of the task."""
+def spread_table(plot: ComparePlot, units: Units) -> Table:
+    """Mean position, standard deviations, and who is furthest off, at each keyframe; what is not known is blank."""
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
-    columns = ("x (m)", "y (m)", "z (m)", "spread x (mm)", "y (mm)", "z (mm)", "turn (°)", "σ (mm)", "furthest (mm)")
-    for column in ("#", "in", *columns):
+    m, deg = units.length, units.angle_sign
+    positions, spreads = ([f"{what}{axis} ({m})" for axis in "xyz"] for what in ("", "spread "))
+    ends = (f"spread ({deg})", f"σ ({m})", f"furthest ({m})")
+    for column in ("#", f"in (of {len(plot.runs)})", *positions, *spreads, *ends):
         table.add_column(column, justify="right", no_wrap=True)
     table.add_column("which", overflow="fold")
     for number, keyframe in enumerate(plot.keyframes):
+        several = keyframe.count > 1
         table.add_row(
             str(number),
-            f"{keyframe.count} of {len(plot.runs)}",
-            *(f"{x + 0.0:.3f}" for x in np.round(keyframe.p, 3)),
-            *(_or_dash(1e3 * x) for x in keyframe.spread),
-            _or_dash(float(np.degrees(keyframe.turn))),
-            _or_dash(1e3 * float(keyframe.sigma.max())),
-            *_furthest(plot, keyframe),
+            str(keyframe.count),
+            *units.lengths(keyframe.p),
+            *(units.lengths(keyframe.spread, finer=1) if several else [""] * 3),
+            *(units.angles(keyframe.turn) if several else [""]),
+            *units.lengths(keyframe.sigma.max(), finer=1),
+            *_furthest(plot, keyframe, units),
         )
     return table
 
 
-def _furthest(plot: ComparePlot, keyframe: SpreadKeyframe) -> tuple[str, str]:
+def _furthest(plot: ComparePlot, keyframe: SpreadKeyframe, units: Units) -> tuple[str, str]:
     if keyframe.count < 2 or keyframe.furthest_m == 0.0:
         return "", ""
-    return f"{1e3 * keyframe.furthest_m:.1f}", plot.runs[keyframe.furthest].name
-
-
-def _or_dash(value: float) -> str:
-    return f"{value:.1f}" if np.isfinite(value) else "–"
+    return units.lengths(keyframe.furthest_m, finer=1)[0], plot.runs[keyframe.furthest].name
 
 
 def spread_rows(plot: ComparePlot) -> list[dict[str, Any]]:

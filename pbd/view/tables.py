@@ -86,11 +86,11 @@ def _table(*columns: str, left: tuple[str, ...] = ()) -> Table:
     return table
 
 
-def segments_table(segments: Sequence[Segment]) -> Table:
+def segments_table(segments: Sequence[Segment], units: Units = SI) -> Table:
     """The paper's Table I: samples first to last, what happens, how long from the first to the last."""
-    table = _table("samples", "what happens", "time (ms)", left=("what happens",))
+    table = _table("samples", "what happens", f"time ({units.time})", left=("what happens",))
     for segment in segments:
-        table.add_row(f"{segment.start}-{segment.stop - 1}", segment.description, f"{segment.ms:.0f}")
+        table.add_row(f"{segment.start}-{segment.stop - 1}", segment.description, *units.times(1e-3 * segment.ms))
     return table
 
 
@@ -101,13 +101,14 @@ def keyframes_table(keyframes: Sequence[Keyframe], units: Units = SI) -> Table:
     position, turn = (f"x ({m})", f"y ({m})", f"z ({m})"), (f"roll ({deg})", f"pitch ({deg})", f"yaw ({deg})")
     label = ("label",) if any(keyframe.label for keyframe in keyframes) else ()
     sigmas = (f"σ ({fine.length})", f"σ ({deg})")
-    table = _table("#", "t (s)", "dwell (s)", *position, *turn, *sigmas, "grip", *label, left=label)
+    table = _table(
+        "#", f"t ({units.time})", f"dwell ({units.time})", *position, *turn, *sigmas, "grip", *label, left=label
+    )
     for index, keyframe in enumerate(keyframes):
         sigma = np.sqrt(np.diagonal(keyframe.cov))
         table.add_row(
             str(index),
-            f"{keyframe.t:.2f}",
-            f"{keyframe.dwell_s:.2f}",
+            *units.times((keyframe.t, keyframe.dwell_s)),
             *units.lengths(keyframe.T_nav_sensor.p),
             *units.angles(quat_to_rpy(keyframe.T_nav_sensor.wxyz)),
             *fine.lengths(sigma[:3].max(), finer=1),
@@ -127,12 +128,12 @@ def joints_table(joint_names: Sequence[str], rows: Sequence[Mapping[str, Any]], 
     return table
 
 
-def robots_table(robots: Sequence[Robot], reach_m: Sequence[float]) -> Table:
+def robots_table(robots: Sequence[Robot], reach_m: Sequence[float], units: Units = SI) -> Table:
     """Name, joints, reach, gripper, which limits are assumed, what it is."""
     table = _table(
         "name",
         "joints",
-        "reach (m)",
+        f"reach ({units.length})",
         "gripper",
         "assumed limits",
         "what it is",
@@ -141,7 +142,9 @@ def robots_table(robots: Sequence[Robot], reach_m: Sequence[float]) -> Table:
     for robot, reach in zip(robots, reach_m, strict=True):
         gripper = "none" if robot.gripper is None else ", ".join(robot.gripper.joints) or "not in the model"
         assumed = ", ".join(robot.limits.assumed) or "none"
-        table.add_row(robot.name, str(len(robot.joints)), f"{reach:.2f}", gripper, assumed, robot.description)
+        table.add_row(
+            robot.name, str(len(robot.joints)), *units.lengths(reach, finer=-1), gripper, assumed, robot.description
+        )
     return table
 
 

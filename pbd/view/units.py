@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 LENGTHS = {"m": (1.0, 3), "cm": (100.0, 1), "mm": (1000.0, 0)}
 ANGLES = {"deg": (180.0 / np.pi, 1), "rad": (1.0, 3)}
-"""Unit -> how many of them make a metre or a radian, and how many decimals mean something to a hand or an arm."""
+TIMES = {"s": (1.0, 2), "ms": (1000.0, 0)}
+"""Unit -> how many make a metre, a radian or a second, and how many decimals mean something to a hand or an arm."""
+
+KINDS = {"length": LENGTHS, "angle": ANGLES, "time": TIMES}
 
 
 @dataclass(frozen=True)
 class Units:
-    """A unit of length and one of angle, by their names in LENGTHS and ANGLES."""
+    """A unit of length, one of angle and one of time, by their names in LENGTHS, ANGLES and TIMES."""
 
     length: str = "m"
     angle: str = "deg"
+    time: str = "s"
 
     @property
     def angle_sign(self) -> str:
@@ -29,14 +33,19 @@ class Units:
         factor, decimals = LENGTHS[self.length]
         return _fixed(factor * np.asarray(metres), decimals + finer)
 
+    def times(self, seconds: ArrayLike) -> list[str]:
+        """Write times."""
+        factor, decimals = TIMES[self.time]
+        return _fixed(factor * np.asarray(seconds), decimals)
+
     def angles(self, radians: ArrayLike) -> list[str]:
         """Write angles."""
         factor, decimals = ANGLES[self.angle]
         return _fixed(factor * np.asarray(radians), decimals)
 
 
-def parse_units(text: str) -> Units:
-    """Parse "cm,deg", "mm" or "rad".
+def parse_units(text: str, usual: Units = Units()) -> Units:
+    """Parse "cm,deg", "mm", "rad" or "ms"; what is not named is as usual.
 
     Raises:
         ValueError: with the valid ones.
@@ -44,13 +53,14 @@ def parse_units(text: str) -> Units:
     given: dict[str, str] = {}
     for word in text.split(","):
         unit = word.strip()
-        kind = "length" if unit in LENGTHS else "angle" if unit in ANGLES else None
+        kind = next((kind for kind, units in KINDS.items() if unit in units), None)
         if kind is None or kind in given:
-            raise ValueError(f"must be one of {', '.join(LENGTHS)} and one of {', '.join(ANGLES)}, got '{text}'")
+            known = ", ".join(f"one of {', '.join(units)}" for units in KINDS.values())
+            raise ValueError(f"must be {known}, got '{text}'")
         given[kind] = unit
-    return Units(**given)
+    return replace(usual, **given)
 
 
 def _fixed(values: ArrayLike, decimals: int) -> list[str]:
     """Write numbers with so many decimals, and spare the reader a -0.000."""
-    return [f"{x:.{decimals}f}" for x in np.atleast_1d(np.round(np.asarray(values), decimals) + 0.0)]
+    return [f"{x:.{max(decimals, 0)}f}" for x in np.atleast_1d(np.round(np.asarray(values), decimals) + 0.0)]

@@ -70,7 +70,7 @@ WITHOUT: dict[str, tuple[Change, ...]] = {
     "drift where it arose (then evenly)": ((integration, "EVEN_DRIFT", 1e6),),
     "drift by acceleration": ((integration, "MOTION_DRIFT", 0.0),),
     "lulls between strides": ((stops, "PEAK_SHARE", 0.0),),
-    "coasting found out": ((stops, "COASTING_STOPS", 0),),
+    "coasting found out": ((stops, "COAST_SPEED", 1e6),),
     "steadiness asked of a rest": ((stops, "STEADY_ACC", 1e6),),
     "(nothing, but the optics' velocity over 25 samples)": ((trials, "VELOCITY_SAMPLES", 25),),
 }

@@ -41,6 +41,7 @@ def folder(tmp_path: Path) -> Path:
     (tmp_path / "demos" / "tea").mkdir(parents=True)
     (tmp_path / "robots").mkdir()
     (tmp_path / "robots" / "mine.toml").touch()
+    (tmp_path / "log.txt").touch()
     return tmp_path
 
 
@@ -55,8 +56,27 @@ def test_commands_options_and_names(folder: Path, capsys: pytest.CaptureFixture[
     assert "tea" in completed("pbd plot t", folder, capsys)
     assert "witmotion" in completed("pbd record x --sensor w", folder, capsys)
     assert "pour" in completed("pbd simulate p", folder, capsys)
+    assert completed("pbd import lo", folder, capsys) == {"log.txt"}
+    assert completed("pbd export -o lo", folder, capsys) == {"log.txt"}
+    assert "default" not in completed("pbd record --separator ", folder, capsys)
+    assert "modern" not in completed("pbd replay --path-tolerance ", folder, capsys)
 
 
 @pytest.mark.parametrize("shell", SHELLS)
 def test_every_shell_gets_a_script(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert "keyframes" in script(shell, capsys)
+
+
+def test_zsh_takes_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As README says: by eval, once completion is on; and it describes the commands as `pbd --help` does."""
+    zsh = shutil.which("zsh")
+    if zsh is None:
+        pytest.skip("no zsh here")
+    text = script("zsh", capsys)
+    assert "import:'bring a recording of another program in'" in text
+    file = tmp_path / "pbd.zsh"
+    file.write_text(text, encoding="utf-8")
+    asked = f'autoload -U compinit; compinit -u -D; eval "$(<{file})"; print $_comps[pbd]'
+    found = subprocess.run([zsh, "-f", "-c", asked], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == "_shtab_pbd"
+    assert found.stderr == ""

@@ -6,6 +6,12 @@ import os
 import pty
 import subprocess
 import sys
+from pathlib import Path
+
+from pbd.cli.progress import _Countdown
+from pbd.files.demo import write_demo
+from pbd.sensors.simulate import simulate
+from tests.cli.terminal import Terminal
 
 SCRIPT = """
 import sys, time
@@ -40,6 +46,30 @@ def test_a_terminal_shows_it_and_is_left_clean() -> None:
     assert b"planning for panda ..." in shown
     assert b"pbd: warning: something" in shown
     assert b"\x1b[2K" in shown.split(b"something")[-1]  # the line is erased
+
+
+def test_each_step_of_a_command_is_named(tmp_path: Path) -> None:
+    write_demo(simulate("pour", "ideal", 0), tmp_path / "mine")
+    for words, steps in (
+        (("import", "mine/imu.csv", "tea"), ("reading mine/imu.csv", "looking it over", "writing demos/tea")),
+        (("simulate", "pour", "tea2"), ("simulating", "writing demos/tea2")),
+        (("segments", "tea"), ("reading tea", "tracking")),
+        (("robots",), ("reading the robots",)),
+    ):
+        terminal = Terminal(*words, cwd=tmp_path)
+        for step in steps:
+            terminal.until(f"{step} ...")
+        assert terminal.exit_code() == 0
+
+
+def test_what_may_last_counts_down() -> None:
+    """As rich draws it: the seconds that are left, never fewer than none."""
+    countdown = _Countdown("listening to /dev/ttyUSB0", 9.0)
+    assert countdown.__rich__().plain == "listening to /dev/ttyUSB0 ... 9 s at most"
+    countdown.began -= 5.0
+    assert countdown.__rich__().plain.endswith("... 4 s at most")
+    countdown.began -= 60.0
+    assert countdown.__rich__().plain.endswith("... 0 s at most")
 
 
 def test_a_pipe_gets_nothing_of_it() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 
 import pytest
@@ -39,6 +40,14 @@ def test_what_it_speaks(capsys: Capture, name: str, sensor: str | None, note: st
     assert row["sensor"] == sensor
     assert note in row["note"]
     assert err == f"listening to {device.device} ...\n"
+
+
+def test_csv_has_both_tables(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
+    monkeypatch.setattr("pbd.sensors.port.list_ports", lambda: (PortInfo("/dev/ttyUSB7", "FTDI, Ltd", "0403:6001"),))
+    assert main(["sensors", "--csv"]) == 0
+    ports, sensors = (list(csv.DictReader(part.splitlines())) for part in capsys.readouterr().out.split("\n\n"))
+    assert ports == [{"port": "/dev/ttyUSB7", "device": "FTDI, Ltd", "USB id": "0403:6001"}]
+    assert [row["--sensor"] for row in sensors] == list(PROTOCOLS)
 
 
 def test_a_port_that_is_not_there(capsys: Capture) -> None:

@@ -89,10 +89,24 @@ def test_units_are_parsed() -> None:
     assert parse_units("cm,deg") == Units("cm", "deg")
     assert parse_units("rad") == Units("m", "rad")
     assert parse_units(" mm , rad ") == Units("mm", "rad")
+    assert parse_units("cm", Units(time="ms")) == Units("cm", "deg", "ms")
     assert set(ANGLES) == {"deg", "rad"}
-    for wrong in ("km", "", "cm,mm", "deg,deg"):
-        with pytest.raises(ValueError, match="must be one of m, cm, mm and one of deg, rad"):
+    for wrong in ("km", "", "cm,mm", "deg,deg", "s,ms"):
+        with pytest.raises(ValueError, match="must be one of m, cm, mm, one of deg, rad, one of s, ms"):
             parse_units(wrong)
+
+
+def test_units_of_every_table(capsys: pytest.CaptureFixture[str]) -> None:
+    in_ms = rows_of(capsys, "segments", "tea")
+    in_s = rows_of(capsys, "segments", "tea", "--units", "s")
+    assert [float(row["time (s)"]) for row in in_s] == pytest.approx(
+        [1e-3 * float(row["time (ms)"]) for row in in_ms], abs=0.0051
+    )
+    in_m, in_mm = rows_of(capsys, "robots"), rows_of(capsys, "robots", "--units", "mm")
+    assert [float(row["reach (mm)"]) for row in in_mm] == pytest.approx(
+        [1e3 * float(row["reach (m)"]) for row in in_m], abs=10.0
+    )
+    assert "dwell (ms)" in rows_of(capsys, "keyframes", "tea", "--units", "ms")[0]
 
 
 def test_an_unknown_unit_is_wrong_usage(capsys: pytest.CaptureFixture[str]) -> None:

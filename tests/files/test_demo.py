@@ -360,7 +360,9 @@ def test_a_name_a_folder_or_a_file() -> None:
         assert load_demo(name).recording.info.name == "tea"
     assert load_demo("demos/tea/imu.csv").recording.info.name == "imu"
     assert load_demo("pouring").bundled
-    with pytest.raises(RecordingError, match=r"no demonstration named 'te', .*; known are .*pouring, tea$"):
+    with pytest.raises(
+        RecordingError, match=r"no demonstration named 'te', .*; known are .*pouring, tea; did you mean tea\?$"
+    ):
         load_demo("te")
 
 

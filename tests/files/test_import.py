@@ -141,6 +141,42 @@ def test_a_column_given_wins_over_one_matched(tmp_path: Path) -> None:
     assert_array_equal(recording.acc[:, 0], [4.0, 5.0])
 
 
+def test_signs_are_turned_by_axis_or_all_at_once(tmp_path: Path) -> None:
+    text = two_rows("t,ax,ay,az")
+    one = import_text(tmp_path, text, {"ay": "-ay"})
+    assert_array_equal(one.acc, COUNTING * (1.0, -1.0, 1.0))
+    both = import_text(tmp_path, text, {"ay": "-ay"}, {"acc": "-g"})
+    assert_allclose(both.acc, -COUNTING * (1.0, -1.0, 1.0) * GRAVITY)
+    named_so = import_text(tmp_path, two_rows("t,ax,-y,az"), {"ay": "-y"})
+    assert_array_equal(named_so.acc, COUNTING)  # a column of that very name is not turned
+
+
+def test_text_in_a_column_that_is_not_wanted_is_passed_over(tmp_path: Path) -> None:
+    recording = import_text(tmp_path, "# by Logger 2\nt,note,ax,ay,az\n0,,1,2,3\n1,lifted,2,3,4\n")
+    assert_array_equal(recording.acc, COUNTING)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "gb18030", "cp1252"])
+def test_any_encoding_that_has_the_degree_sign(tmp_path: Path, encoding: str) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text(two_rows("t,ax,ay,az,gx (°/s),gy (°/s),gz (°/s)"), encoding=encoding)
+    assert_allclose(channel(import_file(path).recording, "gyr"), (COUNTING + 3.0) * DEG)
+
+
+def test_a_file_without_names_is_told_so(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"run\.csv:1: numbers where the columns' names should be; put a line"):
+        import_text(tmp_path, "0,1,2,3\n1,2,3,4\n")
+    with pytest.raises(RecordingError, match=r"run\.csv:2: numbers where"):
+        import_text(tmp_path, "my log\n0,1e-3,2,3\n1,2,3,4\n")
+
+
+def test_a_date_may_be_the_time(tmp_path: Path) -> None:
+    rows = "2025-12-31 23:59:59.990;1,5;2;3\n2026-01-01 00:00:00.000;2,5;3;4\n"
+    recording = import_text(tmp_path, f"timestamp;ax;ay;az\n{rows}")
+    assert_allclose(recording.t, [0.0, 0.01], atol=1e-6)
+    assert_array_equal(recording.acc[:, 0], [1.5, 2.5])  # where no comma separates it can only be a decimal mark
+
+
 @pytest.mark.parametrize(
     ("header", "columns", "units", "message"),
     [
@@ -154,6 +190,7 @@ def test_a_column_given_wins_over_one_matched(tmp_path: Path) -> None:
         ("t,ax,ay,az", {}, {"ax": "g"}, "no unit can be given for 'ax'; give it for t, gyr, acc, mag, angle"),
         ("t,ax,ay,az", {"a_x": "ax"}, {}, "there is no column 'a_x' to fill; ours are t, gx, gy, gz, ax, "),
         ("t,ax,ay,az", {"ax": "AccX"}, {}, "no column 'AccX'; the columns are t, ax, ay, az"),
+        ("t,ax,ay,az", {"ax": "-AccX"}, {}, "no column 'AccX'; the columns are t, ax, ay, az"),
     ],
 )
 def test_what_cannot_be_told_is_asked_for(

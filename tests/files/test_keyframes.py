@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pbd.data import Keyframe
-from pbd.errors import PbdError, RecordingError
+from pbd.errors import PbdError, PbdWarning, RecordingError
 from pbd.files.demo import read_demo, write_demo
 from pbd.files.keyframes import keyframes_toml, read_keyframes, write_keyframes
 from pbd.pipeline import track
@@ -79,8 +81,26 @@ def test_any_keyframes(tmp_path_factory: pytest.TempPathFactory, rows: list[tupl
         position = np.array(p) if keyframes else np.zeros(3)
         pose = Pose(position, quat_exp(np.array(turn)))
         keyframes.append(Keyframe(t, dwell, pose, 1e-4 * np.eye(6), grip, label))  # type: ignore[arg-type]
-    folder = tmp_path_factory.mktemp("any")
-    assert_same(read_keyframes(write_keyframes(folder, "x", keyframes, magnetic=True)), tuple(keyframes))
+    path = write_keyframes(tmp_path_factory.mktemp("any"), "x", keyframes, magnetic=True)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        assert_same(read_keyframes(path), tuple(keyframes))
+    grips = [False, *(keyframe.grip for keyframe in keyframes if keyframe.grip is not None)]
+    assert len(caught) == sum(before == after for before, after in pairwise(grips))
+
+
+def test_a_grip_that_changes_nothing_is_told_with_its_line(tmp_path: Path) -> None:
+    path = edited(tmp_path, 'grip = "closes"', 'grip = "opens"')
+    with pytest.warns(PbdWarning, match="it is open") as caught:
+        keyframes = read_keyframes(path)
+    first, second = [k for k, keyframe in enumerate(keyframes) if keyframe.grip is not None]
+    lines = path.read_text(encoding="utf-8").splitlines()
+    at = [number for number, line in enumerate(lines, start=1) if line.startswith("grip")]
+    for warning, line, index, since in zip(
+        caught, at, (first, second), ("from the start", f"since keyframe {first}"), strict=True
+    ):
+        said = f"{path}:{line}: the grip opens at keyframe {index}, but it is open {since}: nothing changes there"
+        assert str(warning.message).startswith(said)
 
 
 def test_a_person_may_drop_insert_nudge_and_rename(tmp_path: Path) -> None:
@@ -88,7 +108,8 @@ def test_a_person_may_drop_insert_nudge_and_rename(tmp_path: Path) -> None:
     head, *tables = path.read_text(encoding="utf-8").split("\n[[keyframe]]")
     own = ' # mine\nt_s = 1.5\ndwell_s = 2.0\nposition_m = [0.1, 0, 0.2]\nrpy_deg = [0, 0, 90]\ngrip = "opens"\n'
     path.write_text("\n[[keyframe]]".join([head, tables[0], own, *tables[2:]]), encoding="utf-8")
-    read = read_keyframes(path)
+    with pytest.warns(PbdWarning, match="it is open from the start"):
+        read = read_keyframes(path)
     assert len(read) == len(FOUND)
     assert read[1].dwell_s == 2.0
     assert read[1].grip is False

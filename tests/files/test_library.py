@@ -74,9 +74,17 @@ def test_an_unknown_name_lists_the_valid_ones() -> None:
     with pytest.raises(RecordingError) as caught:
         find("demos", "te", "", RecordingError)
     assert caught.value.message == (
-        "no demonstration named 'te', nor a file or folder of that path; known are pouring, tea"
+        "no demonstration named 'te', nor a file or folder of that path; known are pouring, tea; did you mean tea?"
     )
     assert caught.value.fields == {"value": "te", "valid": ["pouring", "tea"]}
+
+
+@pytest.mark.usefixtures("shelf")
+def test_a_name_like_no_other_is_likened_to_none() -> None:
+    with pytest.raises(RecordingError, match=r"known are pouring$"):
+        find("demos", "xyz", "", RecordingError)
+    with pytest.raises(RecordingError, match=r"; did you mean pouring\?$"):
+        find("demos", "Pouring", "", RecordingError)
 
 
 def test_where_nothing_is_known_it_says_where_to_put_one() -> None:

@@ -50,25 +50,50 @@ def fastest(demo: Demonstration) -> list[int]:
 
 
 @quietly
-@pytest.mark.parametrize("sensor", [name for name in SENSORS if name != "steps of 30 mg"])
+@every_sensor
 @pytest.mark.parametrize("rate_hz", [40.0, 100.0, 286.0])
 @pytest.mark.parametrize("task", [random_task(1, moves=3), "pick-and-place-stops"], ids=["turning", "straight"])
 def test_a_freeze_in_a_move_is_refused_or_makes_unsure(sensor: str, rate_hz: float, task: str | Task) -> None:
-    """Where the hand is fastest, a straight move reads what it reads at rest: it seems to stop dead.
-
-    Steps of 30 mg are left out: over a move of a second they alone leave over as much speed as a slow hand has.
-    """
+    """Where the hand is fastest, a straight move reads what it reads at rest: it seems to stop dead."""
     demo = simulate(task, SENSORS[sensor], 1, rate_hz=rate_hz)
     for row in fastest(demo):
         for seconds in (0.3, 0.8, 2.0):
-            frozen_demo = replace(demo, recording=held(demo.recording, row, row + round(seconds * rate_hz)))
-            try:
-                keyframes, errors = keyframes_and_errors(frozen_demo)
-            except PbdError:
-                continue
-            if len(keyframes) > 1:  # one is no motion
-                sigmas = np.sqrt([np.trace(keyframe.cov[:3, :3]) for keyframe in keyframes])
-                assert (errors < np.maximum(3.0 * sigmas, 0.02)).all()
+            assert refused_or_unsure(demo, row, row + round(seconds * rate_hz))
+
+
+def refused_or_unsure(demo: Demonstration, start: int, stop: int) -> bool:
+    """What comes of rows that are held."""
+    try:
+        keyframes, errors = keyframes_and_errors(replace(demo, recording=held(demo.recording, start, stop)))
+    except PbdError:
+        return True
+    sigmas = np.sqrt([np.trace(keyframe.cov[:3, :3]) for keyframe in keyframes])
+    return len(keyframes) == 1 or bool((errors < np.maximum(3.0 * sigmas, 0.02)).all())  # one is no motion
+
+
+@quietly
+@pytest.mark.parametrize("sensor", ["ideal", "steps of 16 mg", "steps of 30 mg"])
+@pytest.mark.parametrize("rate_hz", [100.0, 286.0])
+@pytest.mark.parametrize("seed", [0, 3])
+def test_half_a_swift_move_is_no_jolt(sensor: str, rate_hz: float, seed: int) -> None:
+    """Of a move of 0.2 s a tenth of a second is seen: before a freeze, or after one that began in the rest before."""
+    task = random_task(seed, moves=3, reach_m=0.15, max_turn=0.0, move_s=(0.17, 0.22), rest_s=(0.6, 1.0))
+    demo = simulate(task, SENSORS[sensor], 1, rate_hz=rate_hz)
+    for row in fastest(demo):
+        for start, stop in ((-0.3, 0.0), (0.0, 0.3), (0.0, 0.5)):
+            for late in (0, 1):
+                assert refused_or_unsure(demo, row + round(start * rate_hz) + late, row + round(stop * rate_hz) + late)
+
+
+@quietly
+@pytest.mark.parametrize("sensor", ["ideal", "steps of 16 mg", "steps of 30 mg"])
+@pytest.mark.parametrize("rate_hz", [40.0, 100.0, 286.0])
+def test_a_knock_at_rest_is_no_freeze(sensor: str, rate_hz: float) -> None:
+    """It gives the sensor a speed and takes it back, within two samples."""
+    recording = simulate("pour", SENSORS[sensor], rate_hz=rate_hz).recording
+    row, acc = round(1.5 * rate_hz), recording.acc.copy()
+    acc[row], acc[row + 1] = acc[row] + 17.65, acc[row + 1] - 17.65  # of either coarse sensor's steps, a whole number
+    assert len(track(replace(recording, acc=acc)).stops) == len(track(recording).stops)
 
 
 @quietly

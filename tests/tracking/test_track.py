@@ -13,7 +13,7 @@ from pbd.pipeline import track
 from pbd.pose import quat_about_z, quat_multiply, quat_rotate
 from pbd.sensors.simulate import World, random_task, simulate
 from pbd.sensors.simulated_hand import Waypoint
-from pbd.sensors.simulated_tasks import Task
+from pbd.sensors.simulated_tasks import TASKS, Task
 from pbd.tracking.keyframes import find_keyframes, find_segments
 from tests.scenarios import keyframes_and_errors, pour, with_hole, with_rows
 
@@ -246,3 +246,15 @@ def test_a_cell_that_no_sensor_can_read_holds_no_number() -> None:
     acc[1000] = 1e300
     with pytest.warns(PbdWarning, match="1 gap in the data, 1 sample in all"):
         assert len(track(replace(recording, acc=acc)).stops) == 11
+
+
+@pytest.mark.filterwarnings("ignore:.*end of the range:pbd.errors.PbdWarning")  # the roll clips the gyro
+@pytest.mark.parametrize("sensor", ["modern", "os5000", "wt901"])
+@pytest.mark.parametrize("slower", [1.25, 1.5, 2.0])
+def test_a_slow_smooth_hand_stops_where_it_stops(sensor: str, slower: float) -> None:
+    """Half-way through such a move the hand is as quiet as at a stop."""
+    waypoints = tuple(replace(waypoint, move_s=slower * waypoint.move_s) for waypoint in TASKS["pour"].waypoints)
+    for seed in range(4):
+        _, errors = keyframes_and_errors(simulate(replace(TASKS["pour"], waypoints=waypoints), sensor, seed))
+        assert len(errors) == len(waypoints)
+        assert errors.max() < 0.07

@@ -35,7 +35,7 @@ def test_velocities_not_quite_known_at_the_ends_add_what_they_do_to_a_move(durat
 
 @pytest.mark.parametrize("move_s", [1.5, 2.0, 3.0])
 def test_a_smooth_hand_sets_out_and_arrives_unseen(move_s: float) -> None:
-    """It has at most the speed that is said where integration begins and ends, and about that at the edges of its stops."""
+    """It has at most the speed that is said where integration begins, and about that at the edges of its stops."""
     waypoints = [Waypoint(((k % 2) * 0.2, 0.0, 0.0), move_s=move_s if k else 0.0, rest_s=1.5) for k in range(7)]
     demo = simulate(Task("slow", tuple(waypoints)), "modern", 1)
     path, truth = track(demo.recording), demo.truth

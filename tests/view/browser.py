@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import io
 import json
 import time
@@ -11,11 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
-from selenium.webdriver import Chrome
 
 from pbd.pose import Array
+from tests.view.chromium import Chromium
+from tests.view.firefox import Firefox
 
 PATIENCE_S = 30.0
+
+Browser = Chromium | Firefox
 
 
 def until(condition: Callable[[], object], what: str, seconds: float = PATIENCE_S) -> None:
@@ -28,28 +32,23 @@ def until(condition: Callable[[], object], what: str, seconds: float = PATIENCE_
 class Page:
     """An open page: a replay's, or that of a recording under way."""
 
-    def __init__(self, chrome: Chrome, address: str) -> None:
-        self.chrome = chrome
-        chrome.get_log("browser")
-        chrome.get_log("performance")
-        chrome.get(address)
+    def __init__(self, browser: Browser, address: str) -> None:
+        self.browser = browser
+        browser.errors()
+        browser.requests()
+        browser.get(address)
         until(lambda: self("return window.pbd && pbd.ready"), f"{address} to start; the browser says {self.errors()}")
 
     def __call__(self, script: str) -> Any:
-        return self.chrome.execute_script(script)
+        return self.browser.execute_script(script)
 
     def errors(self) -> list[str]:
-        """What the browser complains of; that software rendering is slow is not the page's fault."""
-        messages = [str(entry["message"]) for entry in self.chrome.get_log("browser")]
-        return [message for message in messages if "GPU stall due to ReadPixels" not in message]
+        """What the browser has complained of since the last call, or since the page was opened."""
+        return self.browser.errors()
 
     def requests(self) -> set[str]:
-        """Addresses that were asked for since the page was opened, the browser's own (chrome:) left out."""
-        events = [json.loads(entry["message"])["message"] for entry in self.chrome.get_log("performance")]
-        asked = [event["params"] for event in events if event["method"] == "Network.requestWillBeSent"]
-        sockets = [event["params"] for event in events if event["method"] == "Network.webSocketCreated"]
-        addresses = {str(each["request"]["url"]) for each in asked} | {str(each["url"]) for each in sockets}
-        return {address for address in addresses if not address.startswith(("chrome", "data:", "about:"))}
+        """Addresses that were asked for since the last call, or since the page was opened."""
+        return self.browser.requests()
 
     def read(self, selector: str) -> str:
         """The text of the first element of its kind."""
@@ -64,18 +63,56 @@ class Page:
             return stage.viewer.scene.worldToLocal(node.getWorldPosition(new MeshCat.THREE.Vector3())).toArray();"""
         return np.array(self(script))
 
+    def projected(self, p_base: Array) -> NDArray[np.int64]:
+        """The pixels (n, 2), x and y, in which points (n, 3) m in base lie."""
+        script = f"""
+            const {{ viewer, camera }} = pbd.page.stage, {{ scene }} = viewer;
+            scene.updateMatrixWorld(true);
+            camera.updateMatrixWorld();
+            const place = (p) => scene.localToWorld(new MeshCat.THREE.Vector3(...p)).project(camera);
+            return {json.dumps(p_base.tolist())}.map(place).map(({{ x, y }}) => [x, y]);"""
+        width, height = self("return [innerWidth, innerHeight]")
+        seen = 0.5 + 0.5 * np.array(self(script)) * (1.0, -1.0)
+        pixels: NDArray[np.int64] = np.floor(seen * (width, height)).astype(np.int64)
+        return pixels
+
+    def drawn(self, *nodes: str, link: str | None = None) -> NDArray[np.int64]:
+        """The scene (height, width, RGBA), smooth, without shadows and labels, and with these nodes alone.
+
+        With a link nothing else of the robot is drawn.
+        """
+        script = f"""
+            const {{ viewer, camera, quality }} = pbd.page.stage;
+            const {{ children }} = viewer.scene_tree.children.pbd;
+            const below = (tree) => Object.entries(tree.children).flatMap(([name, child]) =>
+                [[name, child.object], ...below(child)]);
+            const links = below(children.robot).filter(([name]) => /^[0-9]+:/.test(name));
+            const link = {json.dumps(link)};
+            for (const name in children) children[name].object.visible = {json.dumps(nodes)}.includes(name);
+            for (const [name, object] of links) object.visible = link === null || name.split(":")[1] === link;
+            const {{ caster }} = quality;
+            caster.castShadow = false;
+            quality.caster = null;
+            quality.drawSmooth(viewer.scene, camera);
+            quality.caster = caster;
+            const picture = quality.renderer.domElement.toDataURL();
+            for (const name in children) children[name].object.visible = true;
+            for (const [, object] of links) object.visible = true;
+            return picture.split(",")[1];"""
+        return np.asarray(Image.open(io.BytesIO(base64.b64decode(self(script)))).convert("RGBA")).astype(np.int64)
+
     def picture(self) -> NDArray[np.uint8]:
         """A screenshot (height, width, 3) with the scene drawn finely."""
         self("pbd.page.stage.render()")
         until(lambda: self("return pbd.page.stage.quality.fine"), "the fine picture")
-        return np.asarray(Image.open(io.BytesIO(self.chrome.get_screenshot_as_png())).convert("RGB"))
+        return np.asarray(Image.open(io.BytesIO(self.browser.get_screenshot_as_png())).convert("RGB"))
 
 
 class Replay(Page):
     """A replay, paused at its start."""
 
-    def __init__(self, chrome: Chrome, address: str) -> None:
-        super().__init__(chrome, address)
+    def __init__(self, browser: Browser, address: str) -> None:
+        super().__init__(browser, address)
         self("pbd.page.player.pause(); pbd.page.player.seek(0)")
 
     @property

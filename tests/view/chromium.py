@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
 
@@ -26,27 +27,44 @@ OPTIONS = (
 )
 
 
-def chromium(profile: Path) -> Chrome | None:
-    """Start one whose profile is kept in a folder; None where it or its driver is not on PATH."""
+class Chromium(Chrome):  # type: ignore[misc]  # selenium is not followed
+    """Started with a profile that is kept in a folder; its pages have 1200 x 750 pixels."""
+
+    def __init__(self, binary: str, driver: str, profile: Path) -> None:
+        options = ChromeOptions()
+        options.binary_location = binary
+        for option in (*OPTIONS, f"--user-data-dir={profile}"):
+            options.add_argument(option)
+        options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+        super().__init__(options=options, service=Service(driver))
+        self.set_size()
+
+    def set_size(self, width: int = 1200, height: int = 750) -> None:
+        """Give pages so many pixels."""
+        metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+        self.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+
+    def set_scheme(self, name: str) -> None:
+        """Pretend that the user prefers "light" or "dark"."""
+        features = [{"name": "prefers-color-scheme", "value": name}]
+        self.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": features})
+
+    def errors(self) -> list[str]:
+        """What was complained of since the last call; that software rendering is slow is not the page's fault."""
+        messages = [str(entry["message"]) for entry in self.get_log("browser")]
+        return [message for message in messages if "GPU stall due to ReadPixels" not in message]
+
+    def requests(self) -> set[str]:
+        """Addresses that were asked for since the last call, the browser's own (chrome:) left out."""
+        events = [json.loads(entry["message"])["message"] for entry in self.get_log("performance")]
+        asked = [event["params"] for event in events if event["method"] == "Network.requestWillBeSent"]
+        sockets = [event["params"] for event in events if event["method"] == "Network.webSocketCreated"]
+        addresses = {str(each["request"]["url"]) for each in asked} | {str(each["url"]) for each in sockets}
+        return {address for address in addresses if not address.startswith(("chrome", "data:", "about:"))}
+
+
+def chromium(profile: Path) -> Chromium | None:
+    """Start one; None where it or its driver is not on PATH."""
     binary = shutil.which("chromium") or shutil.which("google-chrome")
     driver = shutil.which("chromedriver")
-    if not (binary and driver):
-        return None
-    options = ChromeOptions()
-    options.binary_location = binary
-    for option in (*OPTIONS, "--window-size=1200,750", f"--user-data-dir={profile}"):
-        options.add_argument(option)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    return Chrome(options=options, service=Service(driver))
-
-
-def set_size(chrome: Chrome, width: int, height: int) -> None:
-    """Give pages so many pixels."""
-    metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
-    chrome.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
-
-
-def set_scheme(chrome: Chrome, name: str) -> None:
-    """Pretend that the user prefers "light" or "dark"."""
-    features = [{"name": "prefers-color-scheme", "value": name}]
-    chrome.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": features})
+    return Chromium(binary, driver, profile) if binary and driver else None

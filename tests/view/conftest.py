@@ -1,17 +1,19 @@
-"""A cache of meshes that is not the user's, and a browser where there is one."""
+"""A cache of meshes that is not the user's, and browsers where there are any."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NoReturn
 
 import pytest
-from selenium.webdriver import Chrome
 
 from pbd.view.page import write_page
 from tests.view import scenes
-from tests.view.chromium import chromium
+from tests.view.browser import Browser
+from tests.view.chromium import Chromium, chromium
+from tests.view.firefox import Firefox, firefox
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -23,17 +25,40 @@ def mesh_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 
 @pytest.fixture(scope="session")
-def chrome(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
+def chrome(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chromium]:
     """A headless Chromium; skips without one, unless PBD_REQUIRE_BROWSER=1 says that there must be one."""
     browser = chromium(tmp_path_factory.mktemp("chromium"))
     if browser is None:
-        if os.environ.get("PBD_REQUIRE_BROWSER") == "1":
-            pytest.fail("PBD_REQUIRE_BROWSER=1, but chromium and chromedriver are not both on PATH")
-        pytest.skip("needs chromium and chromedriver on PATH")
+        _missing("PBD_REQUIRE_BROWSER", "chromium and chromedriver")
     try:
         yield browser
     finally:
         browser.quit()
+
+
+@pytest.fixture(scope="session")
+def fox(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Firefox]:
+    """A Firefox on a screen of its own; skips without one, unless PBD_REQUIRE_FIREFOX=1 says that there must be one."""
+    browser = firefox(tmp_path_factory.mktemp("firefox"))
+    if browser is None:
+        _missing("PBD_REQUIRE_FIREFOX", "firefox (or firefox-esr) and Xvfb")
+    try:
+        yield browser
+    finally:
+        browser.quit()
+
+
+@pytest.fixture(scope="module", params=["chrome", "fox"])
+def browser(request: pytest.FixtureRequest) -> Browser:
+    """Each of the two."""
+    each: Browser = request.getfixturevalue(request.param)
+    return each
+
+
+def _missing(variable: str, programs: str) -> NoReturn:
+    if os.environ.get(variable) == "1":
+        pytest.fail(f"{variable}=1, but {programs} are not both on PATH")
+    pytest.skip(f"needs {programs} on PATH")
 
 
 @pytest.fixture(scope="session")

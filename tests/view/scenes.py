@@ -138,11 +138,14 @@ def pouring() -> ReplayScene:
 
 
 def in_the_way() -> ReplayScene:
-    """The same with a post and a wall, the hand touching the post for a second."""
+    """The same with a post and a wall; the hand touches the post for a second, and later a link the table."""
     post = Obstacle("the post", "cylinder", (0.06, 0.4), Pose(np.array([0.62, -0.28, 0.2]), np.eye(4)[0]))
     wall = Obstacle("the wall", "box", (0.02, 8.0, 1.0), Pose(np.array([-0.5, 0.0, 0.5]), np.eye(4)[0]))
     told = "panda_hand touches the post at 4.00 s, 12 mm deep; move the post"
-    touching = Touching(("panda_hand", "the post"), 4.0, 5.0, told)
+    touching = (
+        Touching(("panda_hand", "the post"), 4.0, 5.0, told),
+        Touching(("panda_link6", "the table"), 7.0, 7.25, "t = 7.0 s: panda_link6 would touch the table, 3.0 mm deep"),
+    )
     return replace(pouring(), obstacles=(post, wall), touching=touching, notes=(f"it touches something: {told}",))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import http.client
+import os
 import re
 import signal
 import socket
@@ -13,14 +14,14 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
-from selenium.webdriver import Chrome
+from selenium.webdriver.common.by import By
 from tornado.websocket import WebSocketClosedError
 
 from pbd.view.live import LiveViewer, show_live
 from pbd.view.scene import build
 from pbd.view.server import LoopbackBridge
 from tests.view import scenes
-from tests.view.browser import Replay, until
+from tests.view.browser import Browser, Replay, until
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 
@@ -160,8 +161,9 @@ def test_a_page_that_closes_keeps_nobody_waiting() -> None:
     assert seen == [(b"command", True)]
 
 
-def test_it_plays_in_a_browser(viewer: LiveViewer, chrome: Chrome) -> None:
-    replay = Replay(chrome, viewer.url)
+def test_it_plays_in_a_browser(viewer: LiveViewer, browser: Browser) -> None:
+    build(scenes.pouring(), viewer.visualizer)
+    replay = Replay(browser, viewer.url)
     address = urlsplit(viewer.url)
     assert {urlsplit(asked).netloc for asked in replay.requests()} == {address.netloc}
     replay("pbd.page.player.seek(5)")
@@ -172,7 +174,7 @@ def test_it_plays_in_a_browser(viewer: LiveViewer, chrome: Chrome) -> None:
     build(scenes.ur5_moves(), viewer.visualizer)
     until(lambda: replay("return pbd.page.replay.robot") == "UR5", "the second scene")
     assert replay("return 'object' in pbd.page.stage.viewer.scene_tree.children.pbd.children") is False
-    assert [error for error in replay.errors() if "favicon" not in error] == []
+    assert replay.errors() == []
 
 
 @linux
@@ -192,6 +194,25 @@ def test_ctrl_c_ends_it(parent: tuple[subprocess.Popen[str], int, str]) -> None:
     assert not alive(server)
     with pytest.raises(ConnectionError):
         socket.create_connection((urlsplit(url).hostname, urlsplit(url).port), 1.0)
+
+
+@linux
+def test_a_server_that_ends_by_itself_is_told(parent: tuple[subprocess.Popen[str], int, str]) -> None:
+    process, server, _ = parent
+    os.kill(server, signal.SIGKILL)
+    assert process.wait(10.0) == 1
+    assert process.stderr is not None
+    assert "the live viewer's server was ended from outside" in process.stderr.read()
+
+
+def test_a_page_whose_server_has_ended_says_so(browser: Browser) -> None:
+    viewer = show_live(scenes.ur5_moves(), open_browser=False, block=False)
+    replay = Replay(browser, viewer.url)
+    viewer.close()
+    until(lambda: "has ended" in replay.read("#message"), "the last word")
+    assert replay.browser.find_element(By.ID, "message").is_displayed()
+    browser.get("about:blank")
+    browser.errors()  # of the connection that broke
 
 
 @linux

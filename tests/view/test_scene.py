@@ -14,7 +14,7 @@ from pbd.errors import RobotError
 from pbd.pose import Pose
 from pbd.view import visuals
 from pbd.view.meshcat_api import ScenePath, Visualizer
-from pbd.view.scene import FRAME_RATE_HZ, ReplayScene, build
+from pbd.view.scene import FRAME_RATE_HZ, ReplayScene, Touching, build
 from pbd.view.visuals import find_file, read_visuals
 from tests.view import scenes
 
@@ -33,6 +33,16 @@ def commands(scene: ReplayScene) -> list[dict[str, Any]]:
     recorder = Recorder()
     build(scene, Visualizer.view_into(recorder, ScenePath(("pbd",))))
     return recorder.commands
+
+
+RED = (181, 3, 3)
+"""The red of what touches, (0.86, 0.12, 0.10) in sRGB, as linear light in 8 bits."""
+
+
+def colours(command: dict[str, Any]) -> set[tuple[int, ...]]:
+    """Of an object's corners."""
+    packed = command["object"]["geometries"][0]["data"]["attributes"]["color"]["array"].data
+    return {tuple(rgb) for rgb in np.frombuffer(packed, np.uint8).reshape(-1, 3).tolist()}
 
 
 @pytest.fixture(scope="module")
@@ -112,20 +122,19 @@ def test_moves_and_rests_are_told(pouring: list[dict[str, Any]]) -> None:
 
 def test_what_touches_is_red() -> None:
     sent = commands(scenes.in_the_way())
-    red = np.array([0.86, 0.12, 0.10])
-    painted = set()
-    for command in sent:
-        if command["type"] != "set_object":
-            continue
-        colour = command["object"]["geometries"][0]["data"]["attributes"]["color"]["array"].data
-        if len(np.unique(rgb := np.frombuffer(colour, np.uint8).reshape(-1, 3), axis=0)) == 1:
-            light = np.where(red <= 0.04045, red / 12.92, ((red + 0.055) / 1.055) ** 2.4)
-            if np.abs(rgb[0] / 255.0 - light).max() < 0.01:
-                painted.add(command["path"].split("/")[-1])
-    assert {name.partition(":")[2] or name for name in painted} == {"panda_hand", "0"}  # obstacle 0 is the post
+    objects = [command for command in sent if command["type"] == "set_object"]
+    painted = {command["path"].split("/")[-1] for command in objects if colours(command) == {RED}}
+    assert {name.partition(":")[2] or name for name in painted} == {
+        "panda_hand",
+        "panda_link6",
+        "0",
+    }  # obstacle 0 is the post
     told = sent[-1]["value"]
     assert told["notes"] == []  # nothing is said twice
-    assert told["touching"]["bodies"] == ("panda_hand", "the post")
+    assert [each["bodies"] for each in told["touching"]] == [
+        ("panda_hand", "the post"),
+        ("panda_link6", "the table"),
+    ]
     assert np.ptp(np.array(told["extent"]), axis=0).max() < 2.0  # a long wall doesn't push all else out of sight
 
 
@@ -135,6 +144,17 @@ def test_a_gripper_stands_in_where_there_is_none(scene: Callable[[], ReplayScene
     ahead = replace(full.robot, T_body_tool=Pose(np.array([0.0, 0.0, 0.16]), full.robot.T_body_tool.wxyz))
     sent = commands(replace(full, robot=ahead))
     assert any("stand_in" in command.get("path", "") for command in sent) is wanted
+
+
+@pytest.mark.parametrize("touches", [False, True])
+def test_the_stand_in_is_red_where_it_touches(touches: bool) -> None:
+    full = scenes.ur5_moves()
+    arm = replace(full.robot, T_body_tool=Pose(np.array([0.0, 0.0, 0.16]), full.robot.T_body_tool.wxyz))
+    hit = Touching(("the tool", "the table"), 1.0, 2.0, "it does")
+    sent = commands(replace(full, robot=arm, touching=(hit,) if touches else ()))
+    objects = [each for each in sent if each["type"] == "set_object" and "stand_in" in each["path"]]
+    assert len(objects) == 4
+    assert [colours(each) == {RED} for each in objects] == [touches] * 4
 
 
 class TestVisuals:

@@ -6,7 +6,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pbd.errors import PbdError
+from pbd.errors import PbdError, nearest
 from pbd.files.whole import written_whole
 
 if TYPE_CHECKING:
@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 _FILES = {"csv": "csv", "npz": "npz", "ros2-json": "ros2_json"}
 FORMATS = tuple(_FILES)
 """Each has a file here with `write(joint_names, samples, path)`."""
+
+SUFFIXES = {".csv": "csv", ".npz": "npz", ".json": "ros2-json"}
+"""What a file's name ends in, and the format that it says."""
 
 LOWEST_HZ, HIGHEST_HZ = 10.0, 1e5
 
@@ -29,7 +32,10 @@ def export(trajectory: JointTrajectory, format_name: str, path: Path, rate_hz: f
         PbdError: the format is not known, the rate is out of range, the file can't be written.
     """
     if format_name not in FORMATS:
-        raise PbdError(f"no format '{format_name}'; known are {', '.join(FORMATS)}", value=format_name)
+        raise PbdError(
+            f"no format '{format_name}'; known are {', '.join(FORMATS)}{nearest(format_name, FORMATS)}",
+            value=format_name,
+        )
     if not LOWEST_HZ <= rate_hz <= HIGHEST_HZ:
         raise PbdError(
             f"the rate must be from {LOWEST_HZ:g} to {HIGHEST_HZ:g} Hz, got {rate_hz:g}: coarser samples would cut the "

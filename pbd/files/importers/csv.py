@@ -1,8 +1,13 @@
-"""A CSV with a header: our own imu.csv, x-io's export, or any whose columns can be told by name.
+"""A CSV with a header: our own imu.csv, x-io's export, WitMotion's log, or any whose columns can be told by name.
 
 A header names the channel and often its unit: `Gyroscope X (deg/s)`, `acc_x [g]`, `Timestamp (us)`, `gx`. What it
 doesn't tell, the caller does. A unit that nobody tells is SI; specific force in another is found out by its norm at
 rest.
+
+WitMotion's programs write what its modules send, and each version names it otherwise: `ax(g)`, `AccX(g)`,
+`Acceleration X(g)` or a Chinese word; `wx(deg/s)` or `AsX(°/s)`; angles as roll, pitch and yaw; dates for times. The
+names here are those in readers that others published (telemetry-parser's `witmotion` for one) and in WitMotion's own
+examples; no such device was at hand.
 """
 
 from __future__ import annotations
@@ -16,7 +21,7 @@ import numpy as np
 from pbd.data import GRAVITY, Demonstration, Recording, RecordingInfo
 from pbd.errors import RecordingError
 from pbd.files.columns import ACC, DEVICE, GYR, MAG, device_rpy
-from pbd.files.table import Table, read_table
+from pbd.files.table import Sheet, Table, open_sheet, require
 from pbd.pose import Array
 
 DEG = np.pi / 180.0
@@ -29,16 +34,23 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 }
 """What one of each unit is in ours (s, rad/s, m/s2, uT, rad)."""
 
-NO_COLUMNS: Mapping[str, str] = {}
-CHANNELS = {"t": ("t",), "gyr": GYR, "acc": ACC, "mag": MAG, "angle": DEVICE}
+RPY = ("anglex", "angley", "anglez")
+"""The device's own attitude as turns about x, y, z; z counts from east to north."""
+
+CHANNELS = {"t": ("t",), "gyr": GYR, "acc": ACC, "mag": MAG, "angle": DEVICE, "rpy": RPY}
 
 _WORDS = {
-    "gyr": r"g|gyr|gyro|gyroscope|w|omega|angular_?velocity|angular_?rate",
-    "acc": r"a|acc|accel|acceleration|accelerometer|linear_?acceleration|specific_?force",
-    "mag": r"m|mag|magn|magnetometer|magnetic_?field",
+    "g": r"g|gyr|gyro|gyroscope|w|omega|angular_?velocity|angular_?rate|as|角速度",
+    "a": r"a|acc|accel|acceleration|accelerometer|linear_?acceleration|specific_?force|加速度",
+    "m": r"m|mag|magn|magnetometer|magnetic_?field|h|磁场",
+    "angle": r"angle|角度",
 }
-_TIME = r"t|time|timestamp|time_?stamp|seconds|sec"
-_UNIT = re.compile(r"\s*[\[(]\s*([^\])]+?)\s*[\])]\s*$")
+_TIME = r"t|time|timestamp|time_?stamp|seconds|sec|时间"
+_DEVICE_TIME = r"chip_?time|片上时间"
+_DEVICE = r"address|device_?name|设备名称"
+_UNIT = re.compile(r"\s*[\[(]\s*([^\])]*?)\s*[\])]\s*$")
+_MANGLED = str.maketrans({"°": "deg", "µ": "u", "μ": "u", "ʯ": "u", "?": "u", "²": "2", " ": ""})
+"""Signs as they are written, and what becomes of the micro sign where a program takes one encoding for another."""
 
 
 def read_csv(path: Path, columns: Mapping[str, str], units: Mapping[str, str]) -> Demonstration:
@@ -46,8 +58,8 @@ def read_csv(path: Path, columns: Mapping[str, str], units: Mapping[str, str]) -
 
     Args:
         path: the file; x-io's Magnetometer.csv beside it, where the file has no magnetometer, is joined by its time.
-        columns: ours -> the file's column, for those that the header doesn't tell.
-        units: channel (t, gyr, acc, mag, angle) -> unit, likewise.
+        columns: ours -> the file's column, for those that the header doesn't tell; -NAME turns the sign.
+        units: channel (t, gyr, acc, mag, angle) -> unit, likewise; -UNIT turns the sign of all three axes.
 
     Raises:
         RecordingError: a column or unit is missing or unknown; the table is no table.
@@ -55,103 +67,143 @@ def read_csv(path: Path, columns: Mapping[str, str], units: Mapping[str, str]) -
     for channel in units:
         if channel not in UNITS:
             raise RecordingError(f"no unit can be given for '{channel}'; give it for {', '.join(UNITS)}", value=channel)
-    table = read_table(path)
-    names = _match(table, columns)
-    t = _channel(table, names, units, "t")
-    acc = _channel(table, names, units, "acc")
-    if t is None or acc is None:
-        lacking = "t (time)" if t is None else "ax, ay, az (specific force)"
+    sheet = open_sheet(path, foreign=True)
+    _refuse_several(sheet)
+    names, turned = _match(sheet, columns)
+    if "t" not in names or not set(ACC) & set(names):
+        lacking = "t (time)" if "t" not in names else "ax, ay, az (specific force)"
         raise RecordingError(
-            f"{path}: no column for {lacking}; the columns are {', '.join(table.header)}: say which is which with "
+            f"{path}: no column for {lacking}; the columns are {', '.join(sheet.header)}: say which is which with "
             "--column, for example --column ax=NAME",
             path=path,
         )
-    mag = _channel(table, names, units, "mag")
-    if mag is None:
-        mag = _magnetometer_beside(path, t[:, 0])
-    angles = _channel(table, names, units, "angle", columns)
+    for angles in (DEVICE, RPY):
+        if not set(angles) <= set(names) and not set(columns) & set(angles):
+            # A yaw, say, of which nobody knows from where and which way it counts: the gyro knows better.
+            names = {ours: given for ours, given in names.items() if ours not in angles}
+    _refuse_halves(sheet, names)
+    clocks = [names["t"]] if "t" in columns else _clocks(sheet)
+    table = sheet.read([*names.values(), *clocks], times=clocks)
+    names["t"] = _best_clock(table, clocks)
+
+    def values_of(channel: str, unit: str) -> Array | None:
+        wanted = CHANNELS[channel]
+        if wanted[0] not in names:
+            return None
+        scales = [_scale(path, names[ours], unit, units) * (-1.0 if ours in turned else 1.0) for ours in wanted]
+        return table.columns(*(names[ours] for ours in wanted)) * scales
+
+    t, acc, mag = (values_of(channel, channel) for channel in ("t", "acc", "mag"))
+    compass = values_of("angle", "angle")
+    assert t is not None
+    assert acc is not None
     return Demonstration(
         recording=Recording(
             t=t[:, 0] - t[0, 0],
             acc=acc,
-            gyr=_channel(table, names, units, "gyr"),
-            mag=mag,
-            device_rpy=None if angles is None else device_rpy(angles),
+            gyr=values_of("gyr", "gyr"),
+            mag=_magnetometer_beside(path, t[:, 0]) if mag is None else mag,
+            device_rpy=values_of("rpy", "angle") if compass is None else device_rpy(compass),
             info=RecordingInfo(name=path.stem, sensor="unknown (imported)"),
         ),
         notes=f"Imported from {path.name}.",
     )
 
 
-def _match(table: Table, columns: Mapping[str, str]) -> dict[str, str]:
-    """Ours -> the file's name of each column that is there."""
+def _match(sheet: Sheet, columns: Mapping[str, str]) -> tuple[dict[str, str], set[str]]:
+    """Ours -> the file's name of each column that is there; and those of ours whose sign is to be turned."""
     ours = [name for names in CHANNELS.values() for name in names]
     found: dict[str, str] = {}
-    for given in table.header:
-        name = _our_name(_UNIT.sub("", given))
+    turned: set[str] = set()
+    for given in sheet.header:
+        name = _our_name(given)
         if name is not None:
             found.setdefault(name, given)
     for name, given in columns.items():
         if name not in ours:
             raise RecordingError(f"there is no column '{name}' to fill; ours are {', '.join(ours)}", value=name)
-        table.columns(given)  # complains where there is none
+        if given not in sheet.header and given.startswith("-"):
+            given = given[1:]
+            turned.add(name)
+        require(sheet.path, sheet.header, [given])
         found[name] = given
-    return found
+    return found, turned
+
+
+def _refuse_several(sheet: Sheet) -> None:
+    """Refuse the rows of several devices in one file."""
+    for name in sheet.header:
+        if re.fullmatch(_DEVICE, _plain(name)) and len(devices := sheet.words(name)) > 1:
+            raise RecordingError(
+                f"{sheet.path}: the rows of {len(devices)} devices ({', '.join(sorted(devices)[:3])}) in the column "
+                f"'{name}'; keep those of one in a file of its own",
+                path=sheet.path,
+                value=len(devices),
+            )
+
+
+def _refuse_halves(sheet: Sheet, names: Mapping[str, str]) -> None:
+    """Refuse a sensor of which some axes are there and some are not."""
+    for wanted in CHANNELS.values():
+        missing = [name for name in wanted if name not in names]
+        if missing and len(missing) < len(wanted):
+            there = next(name for name in wanted if name in names)
+            raise RecordingError(
+                f"{sheet.path}: no column for '{missing[0]}', though there is '{there}'; the columns are "
+                f"{', '.join(sheet.header)}: name it with --column {missing[0]}=NAME",
+                path=sheet.path,
+                value=missing[0],
+            )
+
+
+def _clocks(sheet: Sheet) -> list[str]:
+    """The column of the device's own time, and of the computer's, where there are such."""
+    clocks: dict[bool, str] = {}
+    for name in sheet.header:
+        if _our_name(name) == "t":
+            clocks.setdefault(re.fullmatch(_DEVICE_TIME, _plain(name)) is not None, name)
+    return [clocks[own] for own in (True, False) if own in clocks]
+
+
+def _best_clock(table: Table, clocks: list[str]) -> str:
+    """The device's own, where it tells the samples apart as well as the computer's does."""
+    told = [np.unique(values[np.isfinite(values)]).size for values in table.columns(*clocks).T]
+    return clocks[int(np.argmax(told))]
+
+
+def _plain(given: str) -> str:
+    return re.sub(r"[\s.\-/]+", "_", _UNIT.sub("", given).strip().lower())
 
 
 def _our_name(given: str) -> str | None:
-    """`Gyroscope X` -> gx; None for a column that is none of ours."""
-    plain = re.sub(r"[\s.\-/]+", "_", given.strip().lower())
-    if re.fullmatch(_TIME, plain):
+    """`Gyroscope X (deg/s)` -> gx; None for a column that is none of ours."""
+    plain = _plain(given)
+    if re.fullmatch(f"{_TIME}|{_DEVICE_TIME}", plain):
         return "t"
     if plain in DEVICE:
         return plain
-    for channel, words in _WORDS.items():
+    for first, words in _WORDS.items():
         if match := re.fullmatch(rf"(?:{words})_?([xyz])", plain):
-            return channel[0] + match[1]
+            return first + match[1]
     return None
 
 
-def _channel(
-    table: Table,
-    names: Mapping[str, str],
-    units: Mapping[str, str],
-    channel: str,
-    columns: Mapping[str, str] = NO_COLUMNS,
-) -> Array | None:
-    """A channel in our units, (n, 1 or 3); None where the file has none of its columns."""
-    wanted = CHANNELS[channel]
-    if not any(name in names for name in wanted):
-        return None
-    missing = [name for name in wanted if name not in names]
-    if missing and channel == "angle" and not set(columns) & set(DEVICE):
-        return None  # a yaw, say, of which nobody knows from where and which way it counts: the gyro knows better
-    if missing:
-        there = next(name for name in wanted if name in names)
-        raise RecordingError(
-            f"{table.path}: no column for '{missing[0]}', though there is '{there}'; the columns are "
-            f"{', '.join(table.header)}: name it with --column {missing[0]}=NAME",
-            path=table.path,
-            value=missing[0],
-        )
-    files = [names[name] for name in wanted]
-    return table.columns(*files) * [_scale(table, file, channel, units) for file in files]
-
-
-def _scale(table: Table, column: str, channel: str, units: Mapping[str, str]) -> float:
+def _scale(path: Path, column: str, channel: str, units: Mapping[str, str]) -> float:
     told = _UNIT.search(column)
     unit = units.get(channel) or (told[1] if told else "")
     if not unit:
         return 1.0
-    plain = unit.lower().replace("°", "deg").replace("µ", "u").replace("μ", "u").replace("²", "2").replace(" ", "")
+    plain = unit.lower().translate(_MANGLED)
+    sign = -1.0 if plain.startswith("-") else 1.0
+    plain = plain.removeprefix("-")
     if plain not in UNITS[channel]:
         raise RecordingError(
-            f"{table.path}: the unit '{unit}' of column '{column}' is not known; give one of "
+            f"{path}: the unit '{unit}' of column '{column}' is not known; give one of "
             f"{', '.join(UNITS[channel])} with --unit {channel}=UNIT",
-            path=table.path,
+            path=path,
             value=unit,
         )
-    return UNITS[channel][plain]
+    return sign * UNITS[channel][plain]
 
 
 def _magnetometer_beside(path: Path, t: Array) -> Array | None:
@@ -159,9 +211,11 @@ def _magnetometer_beside(path: Path, t: Array) -> Array | None:
     beside = path.with_name("Magnetometer.csv")
     if path.name != "Inertial.csv" or not beside.is_file():
         return None
-    table = read_table(beside)
-    names = _match(table, {})
-    t_mag, mag = _channel(table, names, {}, "t"), _channel(table, names, {}, "mag")
-    if t_mag is None or mag is None:
+    sheet = open_sheet(beside, foreign=True)
+    names, _ = _match(sheet, {})
+    if not {"t", *MAG} <= set(names):
         return None
-    return np.column_stack([np.interp(t, t_mag[:, 0], axis) for axis in mag.T])
+    table = sheet.read([names["t"], *(names[axis] for axis in MAG)])
+    t_mag = table.columns(names["t"])[:, 0] * _scale(beside, names["t"], "t", {})
+    mag = [table.columns(names[axis])[:, 0] * _scale(beside, names[axis], "mag", {}) for axis in MAG]
+    return np.column_stack([np.interp(t, t_mag, axis) for axis in mag])

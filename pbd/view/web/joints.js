@@ -1,6 +1,6 @@
 "use strict";
 
-// The joints' angles under the time axis, with the limits that are near; a click on a joint's name shows it between its own.
+// The joints' angles under the time axis, each joint between its own limits; a click on its name shows it alone.
 class Joints {
   static hues = ["#4a63dd", "#d9663f", "#2f9e6e", "#c04f8e", "#b28a1e", "#2c93b5", "#7a7f8a", "#8458c9"];
   static near = 0.05; // of its range
@@ -47,29 +47,39 @@ class Joints {
     return this.joints.q.subarray(j * n, (j + 1) * n);
   }
 
+  limited(j) {
+    return Number.isFinite(this.joints.upper[j] - this.joints.lower[j]);
+  }
+
+  // From the bottom to the top of the plot: the joint's limits; where it has none, half a turn to either side.
+  range(j) {
+    if (this.limited(j)) return [this.joints.lower[j], this.joints.upper[j]];
+    const [low, high] = [Math.min(...this.curve(j)), Math.max(...this.curve(j))];
+    const half = Math.max(Math.PI, (high - low) / 2);
+    return [(low + high) / 2 - half, (low + high) / 2 + half];
+  }
+
   plot() {
-    const { names, t, q, lower, upper } = this.joints;
-    const shown = this.chosen === null ? [...q] : [...this.curve(this.chosen), lower[this.chosen], upper[this.chosen]];
-    const finite = shown.filter(Number.isFinite);
-    const low = Math.min(...finite);
-    const high = Math.max(...finite, low + 1e-3);
+    const { names, t } = this.joints;
+    const { chosen } = this;
     const x = (time) => (1000 * time) / (this.duration || 1);
-    const y = (angle) => 1000 * (1 - (angle - low) / (high - low));
-    const across = (height, properties) => draw("line", { x1: 0, x2: 1000, y1: height, y2: height, ...properties });
+    const hue = (j) => Joints.hues[j % Joints.hues.length];
     const marks = this.keyframes.map((time) => draw("line", { x1: x(time), x2: x(time), y1: -30, y2: 1030 }));
-    const limits = [];
+    const look = { class: "limit", ...(chosen !== null && { stroke: hue(chosen) }) };
+    const ends = chosen === null || this.limited(chosen) ? [0, 1000] : [];
+    const limits = ends.map((height) => draw("line", { x1: 0, x2: 1000, y1: height, y2: height, ...look }));
     const curves = names.map((_, j) => {
-      const look = { stroke: Joints.hues[j % Joints.hues.length], class: this.chosen === null || this.chosen === j ? "" : "faint" };
-      const inside = [lower[j], upper[j]].filter((limit) => low <= limit && limit <= high);
-      limits.push(...inside.map((limit) => across(y(limit), { ...look, class: `limit ${look.class}` })));
-      const points = Array.from(this.curve(j), (angle, i) => `${x(t[i]).toFixed(1)},${y(angle).toFixed(1)}`);
-      return draw("polyline", { points: points.join(" "), ...look });
+      const [low, high] = this.range(j);
+      const points = Array.from(this.curve(j), (angle, i) => `${x(t[i]).toFixed(1)},${((1000 * (high - angle)) / (high - low || 1)).toFixed(1)}`);
+      const faint = chosen === null || chosen === j ? "" : "faint";
+      return draw("polyline", { points: points.join(" "), stroke: hue(j), class: `${faint} ${this.limited(j) ? "" : "free"}` });
     });
     this.cursor = draw("line", { class: "now", y1: -30, y2: 1030 });
     element("plot").replaceChildren(...marks, ...limits, ...curves, this.cursor);
-    element("highest").textContent = degrees(high, 0);
-    element("lowest").textContent = degrees(low, 0);
-    this.chips.forEach((chip, j) => chip.setAttribute("aria-pressed", j === this.chosen));
+    const [lowest, highest] = chosen === null ? ["limit", "limit"] : this.range(chosen).map((angle) => degrees(angle, 0));
+    element("highest").textContent = highest;
+    element("lowest").textContent = lowest;
+    this.chips.forEach((chip, j) => chip.setAttribute("aria-pressed", j === chosen));
     this.show(this.time ?? 0);
   }
 

@@ -2,30 +2,47 @@
 
 // What the colours in the scene mean, and switches to hide each.
 class Legend {
+  static magnified = 5;
+
   constructor(replay, stage) {
     this.stage = stage;
     const { speed, keyframes, obstacles } = replay;
     const unsure = keyframes.some((k) => k.sigma !== null);
     const rows = [
-      ["hand_path", "the hand's path", "var(--speeds)"],
-      ["tool_path", "the robot's tool", "#8c9199"],
+      ["hand_path", "hand's path", "var(--speeds)"],
+      ["tool_path", "tool's path", "#8c9199"],
       ["keyframes", "keyframes", "linear-gradient(90deg, #e04540 33%, #38a85c 33% 66%, #3875eb 66%)"],
-      ...(unsure ? [["two_sigma", "uncertainty, 2 σ", "rgb(74 107 237 / 0.35)"]] : []),
-      ...(stage.found("stand_in").length ? [["stand_in", "gripper (a stand-in)", "rgb(140 148 160 / 0.6)"]] : []),
+      ...(unsure ? [["two_sigma", "uncertainty, 2 σ", "var(--unsure)", this.magnifier()]] : []),
+      ...(stage.found("stand_in").length ? [["stand_in", "stand-in gripper", "rgb(140 148 160 / 0.6)"]] : []),
       ...(obstacles.length ? [["obstacles", obstacles.join(", "), "#9e8c78"]] : []),
     ];
-    element("switches").replaceChildren(...rows.map(([name, text, look]) => this.row(name, text, look)));
+    element("switches").replaceChildren(...rows.map((row) => this.row(...row)));
     element("speeds").hidden = speed === null;
     const [half, full] = [0.5 * speed, speed].map((value) => digits(value, 2));
     element("speeds").lastElementChild.replaceChildren(...["hand: 0", half, `${full} m/s`].map((mark) => make("span", mark)));
   }
 
-  row(name, text, look) {
+  row(name, text, look, ...more) {
     const box = make("input", "", { type: "checkbox", checked: true, onchange: () => this.reveal(name, box.checked) });
     const row = make("label");
     row.style.setProperty("--look", look);
-    row.append(box, make("span", text));
+    row.append(box, make("span", text), ...more);
     return row;
+  }
+
+  // A good sensor's ellipsoids are small. They are drawn as they are, unless someone wants to see them larger.
+  magnifier() {
+    const button = make("button", `${Legend.magnified}×`, { title: `Draw the ellipsoids ${Legend.magnified} times as large` });
+    button.setAttribute("aria-pressed", "false");
+    button.onclick = () => {
+      const larger = button.getAttribute("aria-pressed") === "false";
+      button.setAttribute("aria-pressed", larger);
+      for (const node of this.stage.found("two_sigma")) {
+        for (const ball of node.children) ball.scale.multiplyScalar(larger ? Legend.magnified : 1 / Legend.magnified);
+      }
+      this.stage.viewer.set_dirty();
+    };
+    return button;
   }
 
   reveal(name, visible) {

@@ -16,6 +16,7 @@ class Page {
     for (const id of ["panel", "bar"]) element(id).hidden = false;
     this.fold("panel", innerWidth <= 640);
     this.fold("joints", innerWidth <= 640 || innerHeight < 560);
+    stage.lift("two_sigma");
     stage.start();
     stage.frame(replay.extent);
     stage.furnish(replay.table);
@@ -54,8 +55,12 @@ class Page {
     const { title, robot, duration, notes, touching } = this.replay;
     document.title = title;
     element("title").textContent = title;
-    element("subtitle").textContent = `${robot} · ${duration.toFixed(1)} s`;
-    const alarms = touching ? [make("li", touching.told, { className: "alarm" })] : [];
+    element("subtitle").textContent = `${duration.toFixed(1)}\u00a0s \u00b7 ${robot}`;
+    const alarms = touching.map(({ told, start }) => {
+      const alarm = make("li", "", { className: "alarm" });
+      alarm.append(make("button", told, { title: "Go there", onclick: () => this.player.seek(start) }));
+      return alarm;
+    });
     element("notes").replaceChildren(...alarms, ...notes.map((note) => make("li", note)));
     element("notes").hidden = notes.length + alarms.length === 0;
     element("speed").replaceChildren(...Player.speeds.map((speed) => make("option", `${speed}×`, { value: speed })));

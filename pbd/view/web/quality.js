@@ -22,8 +22,9 @@ class Quality {
 
   static graphics() {
     const gl = document.createElement("canvas").getContext("webgl");
-    const names = gl.getExtension("WEBGL_debug_renderer_info");
-    const name = gl.getParameter(names ? names.UNMASKED_RENDERER_WEBGL : gl.RENDERER);
+    if (!gl) throw new Error("this browser gives no WebGL");
+    let name = gl.getParameter(gl.RENDERER);
+    if (name === "WebKit WebGL") name = gl.getParameter(gl.getExtension("WEBGL_debug_renderer_info").UNMASKED_RENDERER_WEBGL);
     gl.getExtension("WEBGL_lose_context")?.loseContext();
     return name;
   }

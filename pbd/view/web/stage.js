@@ -44,6 +44,16 @@ class Stage {
     return Object.entries(tree.children).flatMap(([key, child]) => [...(key === name ? [child.object] : []), ...this.found(name, child)]);
   }
 
+  // Draws all nodes of a name over everything else: what is small would vanish in what it belongs to.
+  lift(name) {
+    for (const node of this.found(name)) {
+      node.traverse((part) => {
+        part.renderOrder = 1;
+        if (part.material) part.material.depthTest = false;
+      });
+    }
+  }
+
   // --- motion ---
 
   // The viewer's own clock stays still; ours sets the time. An action must have been started once to take part.
@@ -111,10 +121,14 @@ class Stage {
       };
       target.addScaledVector(right, middle(0)).addScaledVector(up, middle(1));
     }
+    const { controls } = this.viewer;
+    controls.enableDamping = false; // what is left of a turn would carry the camera on
+    controls.update();
     this.camera.position.copy(target).addScaledVector(back, distance);
-    this.viewer.controls.target.copy(target);
-    this.viewer.controls.maxDistance = 6 * distance;
-    this.viewer.controls.update();
+    controls.target.copy(target);
+    controls.maxDistance = 6 * distance;
+    controls.update();
+    controls.enableDamping = true;
   }
 
   // --- labels ---

@@ -11,7 +11,7 @@ class Timeline {
     element("moves").replaceChildren(...this.spans(moves));
     element("done").replaceChildren(...this.spans(moves));
     element("closed").replaceChildren(...this.spans(closed));
-    element("touching").replaceChildren(...this.spans(touching ? [[touching.start, touching.end]] : []));
+    element("touching").replaceChildren(...this.spans(touching.map(({ start, end }) => [start, end])));
     Object.assign(element("seek"), { max: duration, step: 1 / rate, oninput: (event) => seek(Number(event.target.value)) });
     new ResizeObserver(() => this.thin()).observe(element("timeline"));
   }

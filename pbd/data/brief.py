@@ -1,0 +1,25 @@
+"""What a value says of itself in one line: a person who prints one wants no ten thousand numbers."""
+
+from __future__ import annotations
+
+from pbd.pose import Array
+
+
+def brief(value: object, *said: str, name: str = "") -> str:
+    """Write `<Recording 'tea': 2281 samples, 22.8 s at 100 Hz>`; what is empty is left out."""
+    what = f"{type(value).__name__}{f' {name!r}' if name else ''}"
+    return f"<{what}: {', '.join(filter(None, said))}>"
+
+
+def counted(n: int, what: str) -> str:
+    """Write `1 stop`, `2 stops`, and nothing for none."""
+    return f"{n} {what}{'' if n == 1 else 's'}" if n else ""
+
+
+def span(t: Array) -> str:
+    """Write how many samples there are at these instants (n,) s, how long they take and how they follow each other."""
+    if len(t) < 2:
+        return counted(len(t), "sample") or "no samples"
+    duration = float(t[-1] - t[0])
+    rate = f" at {(len(t) - 1) / duration:.4g} Hz" if duration > 0.0 else ""
+    return f"{len(t)} samples, {duration:.1f} s{rate}"

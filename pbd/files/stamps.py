@@ -1,0 +1,34 @@
+"""Times as programs write them: a number, a date with a time, or a time of day."""
+
+from __future__ import annotations
+
+import re
+from datetime import date
+
+_STAMP = re.compile(
+    r"\s*(?:(\d{1,4})[-/.](\d{1,2})[-/.](\d{1,4})[T\s]\s*)?(\d{1,2}):(\d{1,2}):(\d{1,2})(?:([.,:])(\d+))?Z?\s*"
+)
+DAY_S = 86400.0
+MILLENNIUM = date(2000, 1, 1).toordinal()
+
+
+def seconds(cell: str) -> float:
+    """Seconds of a number, of `2026-10-02T07:48:45.830`, `2025-10-9 8:18:9:94` (its ms) or `16:33:23.123`.
+
+    An empty cell, or "null", is NaN. Dates count from the year 2000, times of day from midnight.
+
+    Raises:
+        ValueError: none of these.
+    """
+    match = _STAMP.fullmatch(cell)
+    if match is None:
+        return float("nan") if cell.strip().lower() in ("", "null") else float(cell)
+    first, second, third, hour, minute, second_of_minute, mark, fraction = match.groups()
+    days = 0
+    if first is not None:
+        # Which of day and month comes first matters at a midnight alone.
+        year, month, day = (first, second, third) if len(first) == 4 else (third, second, first)
+        month, day = (day, month) if int(month) > 12 else (month, day)
+        days = date(int(year), int(month), int(day)).toordinal() - MILLENNIUM
+    part = 0.0 if mark is None else int(fraction) / (1e3 if mark == ":" else 10.0 ** len(fraction))
+    return days * DAY_S + 3600.0 * int(hour) + 60.0 * int(minute) + int(second_of_minute) + part

@@ -1,0 +1,60 @@
+"""`pbd export`: where it writes, and in which format."""
+
+from __future__ import annotations
+
+import io
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pbd.cli import main
+from pbd.files.exporters import FORMATS, SUFFIXES
+
+EXPORT = ("export", "paper-test1", "--robot", "panda", "--rate", "20")
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_every_format_has_its_suffix() -> None:
+    assert sorted(SUFFIXES.values()) == sorted(FORMATS)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_the_name_says_the_format(suffix: str) -> None:
+    assert main([*EXPORT, "-o", f"by-name{suffix.upper()}"]) == 0
+    assert main([*EXPORT, "--format", SUFFIXES[suffix], "-o", "named.dat"]) == 0
+    by_name, named = Path(f"by-name{suffix.upper()}"), Path("named.dat")
+    if suffix != ".npz":
+        assert by_name.read_bytes() == named.read_bytes()
+        return
+    with np.load(by_name) as ours, np.load(named) as theirs:
+        assert ours.files == theirs.files
+        assert all((ours[name] == theirs[name]).all() for name in ours.files)
+
+
+@pytest.mark.parametrize("format_name", FORMATS)
+def test_standard_output_gets_what_the_file_would(format_name: str, capfdbinary: pytest.CaptureFixture[bytes]) -> None:
+    assert main([*EXPORT, "--format", format_name, "-o", "-"]) == 0
+    out, err = capfdbinary.readouterr()
+    assert main([*EXPORT, "--format", format_name, "-o", "file"]) == 0
+    assert b"pbd: wrote to standard output: " in err
+    assert not Path("-").exists()
+    if format_name != "npz":
+        assert out == Path("file").read_bytes()
+        return
+    with np.load(io.BytesIO(out)) as ours, np.load("file") as theirs:
+        assert all((ours[name] == theirs[name]).all() for name in theirs.files)
+
+
+def test_a_reader_that_goes_away_is_no_error() -> None:
+    command = f"{sys.executable} -m pbd {' '.join(EXPORT)} --rate 1000 --format csv -o - | head -1"
+    run = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
+    assert run.stdout.startswith("t,q_")
+    assert "Traceback" not in run.stderr

@@ -1,0 +1,116 @@
+"""Every help: its examples are understood, and those that need neither a device nor a browser run as they stand."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import shutil
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pbd.cli import EPILOG, main, parser
+from pbd.data import GRAVITY, Recording
+from pbd.files.demo import write_demo
+from pbd.sensors.simulate import simulate
+from pbd.sensors.witmotion import ACC, GYR
+from tests.files.test_import_witmotion import DIALECTS, written
+from tests.sensors.encoders import witmotion
+
+# Plotting takes its time; tests/test_cli_plot.py does it.
+RUN = ("simulate", "import", "segments", "keyframes", "replay", "export", "robots", "sensors", "calibrate")
+NOT_HERE = ("calibrate points", "calibrate mount", "calibrate sensor")
+"""What needs recordings made for it; tests/cli/test_calibrate*.py run those."""
+
+
+def parsers(of: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
+    """A parser and all below it."""
+    yield of
+    for action in of._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for below in action.choices.values():
+                yield from parsers(below)
+
+
+def examples(of: argparse.ArgumentParser) -> list[str]:
+    return [line.strip() for line in str(of.epilog).splitlines() if line.startswith("  pbd ")]
+
+
+def words_of(line: str) -> list[str]:
+    """What is typed: without the remark after three spaces, and without what a shell does with its output."""
+    typed = shlex.split(line.partition("   ")[0])
+    return typed[1 : next((k for k, word in enumerate(typed) if word in ("|", ">")), None)]
+
+
+COMMANDS = [of for of in parsers(parser()) if of.prog != "pbd"]
+LINES = sorted({line for of in parsers(parser()) for line in examples(of)})
+
+
+@pytest.mark.parametrize("of", COMMANDS, ids=lambda of: of.prog)
+def test_every_command_has_an_example_of_its_own(of: argparse.ArgumentParser) -> None:
+    assert any(line.startswith(of.prog) for line in examples(of))
+    assert of.description
+
+
+@pytest.mark.parametrize("of", [parser(), *COMMANDS], ids=lambda of: of.prog)
+def test_every_option_says_what_it_does(of: argparse.ArgumentParser) -> None:
+    for action in of._actions:
+        assert action.help or isinstance(action, argparse._SubParsersAction), action
+    assert all(len(line) <= 120 for line in (*str(of.description).splitlines(), *str(of.epilog).splitlines()))
+
+
+@pytest.mark.parametrize("line", LINES)
+def test_every_example_is_understood(line: str) -> None:
+    parser().parse_args(words_of(line))
+
+
+def in_other_units(recording: Recording) -> str:
+    """A table whose header tells little: ms, and g."""
+    assert recording.gyr is not None
+    rows = np.column_stack((1e3 * recording.t, recording.acc / GRAVITY, recording.gyr))
+    return "t,AccX,AccY,AccZ,gx,gy,gz\n" + "\n".join(",".join(f"{x:.6f}" for x in row) for row in rows)
+
+
+@pytest.fixture(scope="module")
+def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder as a person who works with pbd has it."""
+    folder = tmp_path_factory.mktemp("desk")
+    demo = simulate("pour", "wt901", 0)
+    recording = demo.recording
+    for name in ("tea", "tea1", "tea2", "tea3"):
+        write_demo(replace(demo, truth=None), folder / "demos" / name)
+    (folder / "run7.csv").write_text(in_other_units(recording), encoding="utf-8")
+    (folder / "log.txt").write_bytes(written(DIALECTS["WitMotion 2025"], recording))
+    assert recording.gyr is not None
+    counts = np.rint(np.hstack((recording.acc / ACC, recording.gyr / GYR))).astype(int).tolist()
+    groups = (witmotion.group({witmotion.ACC: row[:3], witmotion.GYR: row[3:]}) for row in counts)
+    (folder / "demos" / "tea" / "raw.bin").write_bytes(b"".join(groups))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        assert main(["calibrate", "dock", "bench", "--position", "0.45", "0", "0.25"]) == 0
+    return folder
+
+
+RUNNABLE = [
+    line
+    for line in LINES
+    if words_of(line)[0] in RUN
+    and not " ".join(words_of(line)).startswith(NOT_HERE)
+    and ("--html" in line or not line.startswith("pbd replay"))
+]
+
+
+@pytest.mark.parametrize("line", RUNNABLE)
+def test_every_example_runs(line: str, desk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shutil.copytree(desk, tmp_path / "desk")
+    monkeypatch.chdir(tmp_path / "desk")
+    monkeypatch.setattr("pbd.sensors.port.list_ports", lambda: ())
+    force = ["--force"] if words_of(line)[0] in ("import", "simulate") else []
+    assert main([*words_of(line), *force]) == 0
+
+
+def test_the_first_look_is_among_them() -> None:
+    assert EPILOG.count("  pbd ") == 3

@@ -1,0 +1,108 @@
+"""Wrong usage is told in one line, which names what is nearest and where the help is."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+
+import pytest
+
+from pbd.cli import main, parser
+from pbd.cli.options import positive
+from pbd.errors import nearest
+
+Capture = pytest.CaptureFixture[str]
+
+
+def told(capsys: Capture, *args: str) -> tuple[object, str]:
+    """The exit code, and the one line on stderr."""
+    try:
+        code: object = main([*args])
+    except SystemExit as left:
+        code = left.code
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1
+    return code, err
+
+
+@pytest.mark.parametrize(
+    ("args", "line"),
+    [
+        (("exprt",), "pbd: argument COMMAND: there is no 'exprt'; known are record, simulate, import, segments, "),
+        (("exprt",), "sensors; did you mean export? see pbd --help\n"),
+        (("calibrate", "dok"), "points, mount, sensor, show; did you mean dock? see pbd calibrate --help\n"),
+        (("calibrate",), "pbd calibrate: the following arguments are required: STEP; see pbd calibrate --help\n"),
+        (("segments", "--metod", "paper"), "pbd segments: there is no option --metod; did you mean --method? see pbd"),
+        (("segments", "--xyz=3"), "pbd segments: there is no option --xyz; see pbd segments --help\n"),
+        (("segments", "tea", "milk"), "pbd segments: 'milk' is one argument too many; see pbd segments --help\n"),
+        (("segments", "--method", "papr"), "there is no 'papr'; known are default, paper; did you mean paper? see"),
+        (("replay", "--robot", "panda", "--scale", "big"), "argument --scale: must be a number above zero, got 'big'"),
+        (
+            ("export", "--robot", "panda", "-o", "-"),
+            "pbd: name the --format (csv, npz, ros2-json), or a file that ends",
+        ),
+        (("export", "--robot", "panda", "-o", "x.dat"), "or a file that ends in .csv, .npz, .json\n"),
+        (
+            ("export", "--robot", "panda", "-o", "x.json", "--format", "csv"),
+            "pbd: x.json looks like ros2-json, but --format is csv; name another file, or no --format\n",
+        ),
+        (
+            ("export", "--robot", "panda", "-o", "-", "--format", "csv", "--json"),
+            "pbd: -o - and --json would both go to standard output; name a file, or leave --json out\n",
+        ),
+    ],
+)
+def test_one_line_and_exit_2(capsys: Capture, args: tuple[str, ...], line: str) -> None:
+    code, err = told(capsys, *args)
+    assert code == 2
+    assert line in err
+
+
+@pytest.mark.parametrize(
+    ("args", "meant"),
+    [
+        (("keyframes", "puring"), "pouring"),
+        (("record", "x", "--sensor", "WitMotion"), "witmotion"),
+        (("simulate", "por", "x"), "pour"),
+        (("simulate", "pour", "x", "--sensor-model", "wt910"), "wt901"),
+        (("keyframes", "pouring", "--calibration", "defalt"), "default"),
+    ],
+)
+def test_an_unknown_name_is_likened_to_the_nearest(capsys: Capture, args: tuple[str, ...], meant: str) -> None:
+    code, err = told(capsys, *args)
+    assert code == 1
+    assert err.endswith(f"; did you mean {meant}?\n")
+
+
+def test_robots_too(capsys: Capture) -> None:
+    assert main(["replay", "pouring", "--robot", "UR5"]) == 1
+    assert capsys.readouterr().err.endswith("; did you mean ur5?\n")
+
+
+def test_nothing_alike_is_no_question() -> None:
+    assert nearest("xyz", ("pour", "stir")) == ""
+    assert nearest("", ("pour",)) == ""
+    assert nearest("pour", ()) == ""
+
+
+@pytest.mark.parametrize("text", ["0", "-1", "nan", "inf", "", "1,5"])
+def test_a_number_above_zero(text: str) -> None:
+    with pytest.raises(argparse.ArgumentTypeError, match="must be a number above zero, got '"):
+        positive(text)
+
+
+def commands(of: argparse.ArgumentParser, words: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    """All commands and steps."""
+    for action in of._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for name, below in action.choices.items():
+                yield (*words, name)
+                yield from commands(below, (*words, name))
+
+
+@pytest.mark.parametrize("words", [*commands(parser())], ids=" ".join)
+def test_every_command_speaks_so(capsys: Capture, words: tuple[str, ...]) -> None:
+    code, err = told(capsys, *words, "--surely-not-there")
+    assert code == 2
+    assert err.endswith(f"see pbd {' '.join(words)} --help\n")

@@ -1,0 +1,93 @@
+"""All parts of a scene are seen on the page, each where it is: pictures against points that Python projects."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pbd.pose import Array
+from pbd.view import shapes
+from pbd.view.ellipsoid import two_sigma
+from pbd.view.motion import Motion
+from pbd.view.page import write_page
+from pbd.view.scene import ReplayScene
+from pbd.view.visuals import read_visuals
+from tests.view import scenes
+from tests.view.browser import Browser, Replay
+
+DIFFERS = 12
+"""Of 255, in any channel."""
+BLACK = (0.0, 0.0, 0.0)
+
+
+def links(scene: ReplayScene) -> dict[str, Array]:
+    """Some corners (n, 3) m in base of what each link shows at the start."""
+    motion = Motion(scene.robot, scene.trajectory, 50.0)
+    found: dict[str, list[Array]] = {}
+    for visual in read_visuals(scene.robot):
+        joint, T_joint_link = motion.link("visual", visual.link)
+        T_base_visual = motion.joint(joint)[0] @ T_joint_link @ visual.T_link_visual
+        corners = visual.mesh.vertices
+        found.setdefault(visual.link, []).append(T_base_visual.act(corners[:: max(len(corners) // 100, 1)]))
+    return {link: np.concatenate(corners) for link, corners in found.items()}
+
+
+def marks(scene: ReplayScene) -> list[tuple[str, Array]]:
+    """Points (n, 3) m in base on or in each thing but the robot and what it grasps, and the part that it belongs to."""
+    found = [("hand_path", scene.hand_path_base), ("tool_path", Motion(scene.robot, scene.trajectory, 50.0).tool().p)]
+    axes = np.linspace(0.1, 0.9, 9)[:, None, None] * shapes.TRIAD_M * np.eye(3)
+    ball = shapes.sphere(0.9, BLACK).vertices
+    for keyframe in scene.keyframes:
+        found.append(("keyframes", keyframe.T_base_tool.act(axes.reshape(-1, 3))))
+        if keyframe.cov is not None:
+            T = two_sigma(keyframe.T_base_tool.p, keyframe.cov[:3, :3])
+            found.append(("keyframes", ball @ T[:3, :3].T + T[:3, 3]))
+    for each in scene.obstacles:
+        corners = shapes.solid_of(each.shape, each.size, BLACK).vertices
+        weights = np.random.default_rng(0).dirichlet(np.full(len(corners), 0.3), 200)  # points inside it
+        found.append(("obstacles", each.T_base_obstacle.act(weights @ corners)))
+    return found
+
+
+def share(differs: NDArray[np.bool_], pixels: NDArray[np.int64]) -> float:
+    """Of pixels (n, 2) inside the window, how many differ, or have a neighbour that does."""
+    height, width = differs.shape
+    wide = np.pad(differs, 1)
+    near = np.any([wide[i : i + height, k : k + width] for i in range(3) for k in range(3)], axis=0)
+    inside = ((pixels >= 0) & (pixels < (width, height))).all(axis=1)
+    assert inside.mean() > 0.1, "it lies outside the picture"
+    return float(near[pixels[inside, 1], pixels[inside, 0]].mean())
+
+
+def differs(one: NDArray[np.int64], other: NDArray[np.int64]) -> NDArray[np.bool_]:
+    found: NDArray[np.bool_] = np.abs(one - other).max(axis=2) > DIFFERS
+    return found
+
+
+@pytest.mark.parametrize("make", [scenes.in_the_way, scenes.ur5_moves])
+def test_each_part_is_seen_where_it_is(make: Callable[[], ReplayScene], browser: Browser, tmp_path: Path) -> None:
+    scene = make()
+    parts = ["robot", "hand_path", "tool_path", "keyframes", *(["object"] if scene.grasped else [])]
+    parts += ["obstacles"] if scene.obstacles else []
+    write_page(scene, tmp_path / "page.html")
+    browser.set_size(640, 480)
+    browser.set_scheme("dark")  # a white robot on white ground differs little
+    try:
+        replay = Replay(browser, (tmp_path / "page.html").as_uri())
+        nothing, whole = replay.drawn(), replay.drawn(*parts)
+        alone = {part: differs(replay.drawn(part), nothing) for part in parts}
+        without = {part: differs(replay.drawn(*(each for each in parts if each != part)), whole) for part in parts}
+        for part, points in marks(scene):
+            assert share(alone[part], replay.projected(points)) > 0.99, part
+        for link, corners in links(scene).items():
+            seen = differs(replay.drawn("robot", link=link), nothing)
+            assert share(seen, replay.projected(corners)) > 0.99, link
+    finally:
+        browser.set_size()
+        browser.set_scheme("light")
+    for part in parts:  # of what it covers alone, at least half is seen among the others, or seen through them
+        assert (without[part] & alone[part]).sum() > 0.5 * alone[part].sum() > 0, part
