@@ -21,13 +21,14 @@ from matplotlib.patches import Arc, Ellipse, Polygon
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from pbd.calibration.mount import fit_pivot
-from pbd.calibration.points import fit_points, touches
+from pbd.calibration.points import fit_points
 from pbd.calibration.rests import find_rests
 from pbd.calibration.sensor import calibrate_sensor
+from pbd.calibration.touches import touches
 from pbd.data import GRAVITY
 from pbd.errors import PbdWarning
 from pbd.pipeline import track
-from pbd.pose import quat_to_matrix
+from pbd.pose import Array, quat_to_matrix
 from pbd.sensors.simulate import EARTH, simulate
 from pbd.tracking.keyframes import find_keyframes
 from tests.calibration.touching import touching
@@ -42,7 +43,7 @@ def main() -> None:
     """Write calibration-*.png beside this file."""
     warnings.simplefilter("ignore", PbdWarning)
     plt.rcParams.update({"font.size": 10, "axes.spines.top": False, "axes.spines.right": False})
-    for draw in (dock, points, mount, sensor):
+    for draw in (dock, points, start, mount, sensor):
         _save(draw)
     with tempfile.TemporaryDirectory() as folder:
         for words in (
@@ -94,18 +95,21 @@ def dock() -> plt.Figure:
 
 
 def points() -> plt.Figure:
-    """Six points, where the hand touched them as tracked, and one that is wrong."""
-    touched = touching(3, 6)
+    """Six points, the hand's way from one to the next as tracked, and a point that is wrong."""
+    touched = touching(7, 6)
     given = touched.points.copy()
-    given[2] += (0.07, 0.07, 0.0)
-    keyframes = find_keyframes(track(touched.demo.recording))
-    found = touches(keyframes, range(1, 7), np.zeros(3))
+    given[2] += (0.08, -0.06, 0.0)
+    hand = track(touched.demo.recording)
+    found = touches(find_keyframes(hand), range(1, 7), np.zeros(3), hand.stretch)
     fit = fit_points(found, given)
-    tips = fit.T_base_nav.act(found.p_nav_sensor)
-    R = quat_to_matrix(fit.T_base_nav.wxyz)
-    figure, ax = plt.subplots(figsize=(6.4, 5.0))
+    tips, origin = fit.T_base_nav.act(found.p_nav_sensor), fit.T_base_nav
+    R = quat_to_matrix(origin.wxyz)
+    figure, ax = plt.subplots(figsize=(8.4, 5.6))
+    way = origin.act(hand.p_nav_sensor)
+    ax.plot(way[:, 0], way[:, 1], color=GREY, linewidth=0.8, zorder=1)
+    centre = given[:, :2].mean(axis=0)
     for k, name in enumerate("ABCDEF"):
-        cov = (R @ found.cov[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] @ R.T)[:2, :2]
+        cov = (R @ found.covariance()[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] @ R.T)[:2, :2]
         size, axes = np.linalg.eigh(cov)
         angle = float(np.degrees(np.arctan2(axes[1, 1], axes[0, 1])))
         width, height = 4.0 * np.sqrt(size[::-1])
@@ -113,42 +117,84 @@ def points() -> plt.Figure:
         good = fit.used[k]
         ax.plot(*given[k, :2], "s", color=Y if good else X, markersize=9, fillstyle="none", markeredgewidth=1.8)
         ax.plot(*tips[k, :2], "o", color=Z, markersize=4)
+        if not good:
+            ax.plot(*np.transpose([tips[k, :2], given[k, :2]]), ":", color=X)
+        out = given[k, :2] - centre
         ax.annotate(
-            name if good else f"{name}: wrong by {100.0 * np.linalg.norm(fit.left_out[k]):.0f} cm, left out",
+            name if good else f"{name}: {100.0 * np.linalg.norm(fit.left_out[k]):.0f} cm off, left out",
             tuple(given[k, :2]),
-            (9.0, 6.0),
+            tuple(16.0 * out / np.linalg.norm(out)),
             textcoords="offset points",
+            ha="right" if out[0] < 0.0 else "left",
+            va="center",
             color=INK if good else X,
         )
-    origin = fit.T_base_nav
-    for axis, colour in zip(np.eye(3)[:2], (X, Y), strict=True):
-        _arrow(ax, tuple(origin.p[:2]), tuple(origin.act(0.08 * axis)[:2]), colour)
-    ax.annotate("nav", tuple(origin.p[:2]), (-8.0, -14.0), textcoords="offset points", ha="right")
-    ax.plot([], [], "s", color=Y, fillstyle="none", markeredgewidth=1.8, label="the points, as measured")
+    for axis, colour, name in zip(np.eye(3)[:2], (X, Y), ("east", "north"), strict=True):
+        tip = tuple(origin.act(0.09 * axis)[:2])
+        _arrow(ax, tuple(origin.p[:2]), tip, colour)
+        ax.annotate(name, tuple(origin.act(0.1 * axis)[:2]), ha="center", va="center", color=colour, fontsize=9)
+    ax.annotate("nav: the first rest", tuple(origin.p[:2]), (-6.0, -12.0), textcoords="offset points", ha="right")
+    ax.plot([], [], "s", color=Y, fillstyle="none", markeredgewidth=1.8, label="the points, as measured in base")
     ax.plot([], [], "o", color=Z, label="where the tip stopped, and its 2 sigma")
-    ax.legend(frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0))
+    ax.plot([], [], color=GREY, linewidth=0.8, label="its way")
+    ax.legend(frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    ax.margins(0.16)
     ax.set(xlabel="x in base (m)", ylabel="y in base (m)", aspect="equal")
     return figure
 
 
+def start() -> plt.Figure:
+    """How a later demonstration may begin: with a dock in the same pose, with nav at the same point."""
+    figure, panels = plt.subplots(1, 2, figsize=(9.0, 3.4))
+    for ax, title, turns, colours in (
+        (panels[0], "[dock]: the same place, turned the same way", (25.0,), (INK,)),
+        (panels[1], "[nav]: the same point, turned as you like", (25.0, 95.0, -40.0), (INK, Z, Y)),
+    ):
+        for k, (turn, colour) in enumerate(zip(turns, colours, strict=True)):
+            c, s = np.cos(np.radians(turn)), np.sin(np.radians(turn))
+            half = np.array([[-0.6, -0.4], [0.6, -0.4], [0.6, 0.4], [-0.6, 0.4]])
+            box = half @ np.array([[c, s], [-s, c]])
+            face = "#dddddd" if k == 0 else "none"
+            ax.add_patch(Polygon(box, facecolor=face, edgecolor=colour, linestyle="-" if k == 0 else "--"))
+            _arrow(ax, (0.0, 0.0), (1.1 * c, 1.1 * s), X if k == 0 else colour)
+        ax.plot(0.0, 0.0, "o", color=INK, markersize=5)
+        ax.set(xlim=(-2.4, 2.4), ylim=(-1.3, 1.5), aspect="equal")
+        ax.set_title(title, fontsize=10)
+        ax.set_axis_off()
+    c, s = np.cos(np.radians(25.0)), np.sin(np.radians(25.0))
+    corner = np.array([[-0.67, 0.35], [-0.67, -0.47], [0.55, -0.47]]) @ np.array([[c, s], [-s, c]])
+    panels[0].plot(*corner.T, color=Y, linewidth=4.0, alpha=0.5)
+    panels[0].text(-0.6, -0.95, "a corner of tape", ha="center", va="center", color=Y)
+    panels[0].text(1.15, 0.55, "x of the sensor", color=X, fontsize=9)
+    panels[1].text(0.0, -1.15, "the compass tells how it is turned", ha="center", va="center")
+    _arrow(panels[1], (1.9, -0.5), (1.9, 0.7), INK)
+    panels[1].text(1.9, 0.85, "magnetic north", ha="center", fontsize=9)
+    return figure
+
+
 def mount() -> plt.Figure:
-    """A tip that stands on a point while the hand tilts; and the tool's axes."""
+    """A tip that stands on a point while the hand tilts; and the tool's axes, with the turns that are positive."""
     tip = np.array((0.03, -0.02, -0.0933))
     keyframes = find_keyframes(track(simulate(pivoting(1, tuple(tip.tolist())), "modern", 1).recording))
     fit = fit_pivot(keyframes)
-    figure = plt.figure(figsize=(9.0, 4.0))
+    figure = plt.figure(figsize=(9.0, 4.2))
     ax = figure.add_subplot(1, 2, 1, projection="3d")
     assert isinstance(ax, Axes3D)
     place = keyframes[0].T_nav_sensor.act(fit.p_sensor_tip)
     for keyframe in keyframes:
         p, end = keyframe.T_nav_sensor.p, keyframe.T_nav_sensor.act(fit.p_sensor_tip)
         ax.plot(*np.transpose([p, end]), color=GREY, linewidth=1.2)
-        ax.plot(*np.transpose([p]), "s", color=Z, markersize=6)
+        ax.plot(*np.transpose([p]), "s", color=Z, markersize=7)
     ax.plot(*np.transpose([place]), "o", color=X, markersize=7)
+    x, y, z = place
+    ax.text(x, y, z - 0.016, "the tip, on a point that holds it", ha="center", color=X, fontsize=9)
+    x, y, z = np.mean([keyframe.T_nav_sensor.p for keyframe in keyframes], axis=0)
+    ax.text(x, y, z + 0.035, "the sensor, at each rest", ha="center", color=Z, fontsize=9)
     ax.set_title("--pivot: the tip stays, the sensor goes round it", fontsize=10)
     ax.set_axis_off()
     ax.view_init(12, -60)
     ax.set_aspect("equal")
+    ax.set_box_aspect(None, zoom=1.2)
     axes = figure.add_subplot(1, 2, 2, projection="3d")
     assert isinstance(axes, Axes3D)
     for end, colour, name in (
@@ -159,15 +205,28 @@ def mount() -> plt.Figure:
         axes.quiver(0, 0, 0, *end, color=colour, linewidth=2.2, arrow_length_ratio=0.12)
         x, y, z = 1.2 * np.array(end)
         axes.text(x, y, z - 0.12, name, ha="center", fontsize=9, color=colour)
+    for axis, colour in (((1.0, 0.0, 0.0), X), ((0.0, 0.0, -1.0), Z)):
+        _turn_about(axes, np.array(axis), colour)
     for jaw in (-0.35, 0.35):
         axes.plot([jaw, jaw], [0.0, 0.0], [0.5, 0.0], color=INK, linewidth=4.0)
     axes.plot([-0.35, 0.35], [0.0, 0.0], [0.5, 0.5], color=INK, linewidth=4.0)
     axes.plot([0.0, 0.0], [0.0, 0.0], [0.5, 0.9], color=INK, linewidth=4.0)
-    axes.set_title("--turns: the tool's own axes", fontsize=10)
+    axes.set_title("--turns x,z: each about an axis of the tool", fontsize=10)
     axes.set(xlim=(-0.9, 0.9), ylim=(-0.9, 0.9), zlim=(-1.0, 0.8))
     axes.set_axis_off()
     axes.view_init(18, -68)
+    axes.set_box_aspect(None, zoom=1.1)
     return figure
+
+
+def _turn_about(axes: Axes3D, axis: Array, colour: str) -> None:
+    """An arc round an axis, by the right hand's rule."""
+    across = np.array((0.0, 1.0, 0.0))
+    other = np.cross(axis, across)
+    angles = np.radians(np.linspace(-60.0, 200.0, 40))
+    arc = 0.72 * axis + 0.2 * (np.outer(np.cos(angles), across) + np.outer(np.sin(angles), other))
+    axes.plot(*arc.T, color=colour, linewidth=1.4)
+    axes.quiver(*arc[-2], *(arc[-1] - arc[-2]), color=colour, linewidth=1.4, length=3.0, arrow_length_ratio=1.0)
 
 
 def sensor() -> plt.Figure:

@@ -21,7 +21,7 @@ from pbd.tracking.restoring import clip_covariance, restore, settle_velocities
 from pbd.tracking.saturation import find_clips
 from pbd.tracking.smoothing import smooth_motion
 from pbd.tracking.stops import find_stops
-from pbd.tracking.uncertainty import stop_covariance, unseen_covariance
+from pbd.tracking.uncertainty import LEVEL_DOUBT, accelerometer_level, stop_covariance, unseen_covariance
 
 OPEN_END_S = 0.2
 """Motion for longer than this at either end of a recording is told."""
@@ -70,10 +70,11 @@ def track(
     _warn_of_open_ends(recording.t, stops)
     if method == "paper":
         p, v, closure = paper_path(recording.t, a_nav, stops)
-        cov = paper_covariance(recording.t, stops, closure)
+        cov, stretch = paper_covariance(recording.t, stops, closure), 0.0
     else:
         p, v, closure = integrate_path(recording.t, a_nav, stops)
         cov = stop_covariance(recording, a_nav, p, stops, closure, rest)
+        stretch = LEVEL_DOUBT * accelerometer_level(recording, stops, rest) / rest.gravity
         cov[:, :3, :3] += unseen_covariance(gaps, stops)
         cov += clip_covariance(recording.t, a_nav, attitude.wxyz_nav_sensor, p, stops, clips)
     path = HandPath(
@@ -85,6 +86,7 @@ def track(
         closure=closure,
         cov=cov,
         grip=recording.grip,
+        stretch=stretch,
     )
     return path if known is None else _condition(path, known, calibration)
 

@@ -80,10 +80,15 @@ def fit_accelerometer(rests: Rests, gravity: float = GRAVITY) -> AccelerometerFi
     different = orientations(up)
     if different < FEWEST:
         spread = float(np.degrees(np.arccos(np.clip((up @ up.T).min(), -1.0, 1.0))))
+        found = (
+            "the sensor was put down once"
+            if len(rests) == 1
+            else f"of {len(rests)} rests only {different} differ{'s' if different == 1 else ''} by 15 degrees and more "
+            f"(the farthest by {spread:.0f})"
+        )
         raise CalibrationError(
-            f"of {len(rests)} rests only {different} differ{'s' if different == 1 else ''} by 15 degrees and more (the "
-            f"farthest by {spread:.0f}); the accelerometer needs {FEWEST} orientations, best 12: each of six sides and "
-            "six edges up, 2 s each (for the gyro's bias alone: --only gyr)",
+            f"{found}; the accelerometer needs {FEWEST} orientations, best 12: each of six sides and six edges up, 2 s "
+            "each (for the gyro's bias alone: --only gyr)",
             value=different,
             bound=FEWEST,
         )

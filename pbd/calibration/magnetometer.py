@@ -17,6 +17,9 @@ MOST = 1500
 FLOOR_UT = 0.1
 """uT: no room's field is more even than this."""
 
+LEAST_SPREAD = 10.0
+"""Of its noise: what a magnetometer reads while it is turned spreads at least so far along every axis (rms)."""
+
 LEAST_COVER = 0.04
 """Of the directions' mean square along their thinnest axis: 1/3 where they point all over, 0 where one is missing."""
 
@@ -98,6 +101,15 @@ def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float
     assert rests.mag is not None
     at_rest = rests.mag
     used = mag[np.linspace(0, len(mag) - 1, min(MOST, len(mag))).astype(np.intp)]
+    noise = float(np.hypot(rests.mag_noise, FLOOR_UT))
+    spread = float(np.sqrt(np.linalg.eigvalsh(np.cov(used.T))[0]))
+    if spread < LEAST_SPREAD * noise:
+        raise CalibrationError(
+            f"the magnetometer was not turned far enough: along one axis it reads the same to {spread:.1f} uT; turn it "
+            "slowly all over, each side up and down once, or leave it out with --only acc",
+            value=spread,
+            bound=LEAST_SPREAD * noise,
+        )
     centre, root = fit_ellipsoid(used)
     scale = float(np.cbrt(np.linalg.det(root)))
     start, field = root / scale, 1.0 / scale
@@ -112,7 +124,6 @@ def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float
             value=cover,
             bound=LEAST_COVER,
         )
-    noise = float(np.hypot(rests.mag_noise, FLOOR_UT))
     noise_at_rest = np.hypot(np.hypot(rests.mag_noise / np.sqrt(rests.samples), FLOOR_UT), up_sigma * field)
     down = -np.average(np.einsum("ki,ki->k", (at_rest - centre) @ start.T, up_sensor))
 

@@ -8,8 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from pbd.calibration.accelerometer import PRIOR_SCALE
-from pbd.calibration.points import TRUSTED, touches
+from pbd.calibration.points import TRUSTED
+from pbd.calibration.touches import touches
 from pbd.data import Keyframe
+from pbd.data.brief import counted
 from pbd.data.freeze import freeze
 from pbd.errors import CalibrationError
 from pbd.pose import Array, quat_from_xyzw, quat_inverse, quat_log, quat_multiply, quat_rotate, quat_to_matrix
@@ -111,8 +113,8 @@ def fit_pivot(
     stops = range(len(keyframes)) if stops is None else stops
     if len(stops) < 3:
         raise CalibrationError(
-            f"the hand stood still {len(stops)} times; rest with the tip on the point, tilt the tool, rest, tilt it "
-            "another way, rest: six to ten times",
+            f"the hand stood still {counted(len(stops), 'time')}; rest with the tip on the point, tilt the tool, rest, "
+            "tilt it another way, rest: six to ten times",
             value=len(stops),
             bound=3,
         )

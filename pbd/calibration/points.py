@@ -1,4 +1,4 @@
-"""Nav into base from touched points: least squares, weighed by how the tracker's errors grow and hang together."""
+"""Nav into base from touched points; a point that contradicts the others is found and left out."""
 
 from __future__ import annotations
 
@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pbd.calibration.alignment import align
-from pbd.data import Keyframe
-from pbd.data.freeze import freeze
+from pbd.calibration.registration import Fit, Problem, predict, register, register_given
+from pbd.calibration.touches import Touches
 from pbd.errors import CalibrationError
-from pbd.pose import Array, Pose, quat_about_z, quat_exp, quat_multiply, quat_rotate, quat_to_matrix
+from pbd.pose import Array, Pose
 
 TOUCH_M = 0.001
 """m per axis: by so much a tip misses the point that it is put on."""
@@ -21,8 +20,8 @@ FEWEST = 3
 LEAST_SPREAD_M = 0.05
 """m: points must lie at least so far apart (rms about their middle or line) in each direction that is needed."""
 
-WRONG_CHI2 = 21.1
-"""A point whose misfit against all the others is as improbable as this (chi-square of 3, one in 10,000) is wrong."""
+WRONG = 1e-4
+"""A point whose misfit against all the others is as improbable as this is wrong."""
 
 CLEARER_CHI2 = 9.0
 """... and is named where no other point would explain it so well, by this much chi-square."""
@@ -31,38 +30,8 @@ POOR_CHI2 = 2.5
 """Per degree of freedom; a fit above it is not to be trusted."""
 
 TRUSTED = 4.0
-"""Degrees of freedom; a fit's own misfit outweighs the tracker's sigmas from two or three points on."""
-
-
-@dataclass(frozen=True, eq=False)
-class Touches:
-    """Where a demonstration's tip stood when it touched points.
-
-    Attributes:
-        p_nav_sensor: (m, 3) m, in the order of time.
-        lever: (m, 3) m, from the sensor to the tip, in nav.
-        cov: (3 m, 3 m) m2, of the tips' positions.
-        stops: (m,) indices.
-    """
-
-    p_nav_sensor: Array
-    lever: Array
-    cov: Array
-    stops: tuple[int, ...]
-
-    def __post_init__(self) -> None:
-        m = len(self.stops)
-        freeze(self, p_nav_sensor=(m, 3), lever=(m, 3), cov=(3 * m, 3 * m))
-
-    def only(self, keep: Sequence[int]) -> Touches:
-        """Some of them."""
-        rows = (3 * np.asarray(keep)[:, None] + np.arange(3)).ravel()
-        return Touches(
-            self.p_nav_sensor[list(keep)],
-            self.lever[list(keep)],
-            self.cov[np.ix_(rows, rows)],
-            tuple(self.stops[k] for k in keep),
-        )
+"""Degrees of freedom for which the tracker's own sigmas count when a point is suspected: a few others alone would often
+fit so well by chance that a right one stands out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,38 +61,14 @@ class PointFit:
     chi2: float
 
 
-def touches(keyframes: Sequence[Keyframe], stops: Sequence[int], p_sensor_tip: Array) -> Touches:
-    """Where the tip stood at some stops.
-
-    The moves' errors are independent and add up, so that the errors at two stops have in common what arose up to the
-    earlier one: cov(j, k) = cov of the earlier. The attitude's errors turn the lever at each stop.
-
-    Args:
-        keyframes: all of a path that is not conditioned on known places.
-        stops: indices of those that touch a point, increasing.
-        p_sensor_tip: (3,) m, the tip in sensor axes.
-    """
-    touched = [keyframes[k] for k in stops]
-    m = len(touched)
-    cov = np.zeros((m, 3, m, 3))
-    for j in range(m):
-        for k in range(m):
-            cov[j, :, k] = touched[min(j, k)].cov[:3, :3]
-    lever = np.array([quat_rotate(keyframe.T_nav_sensor.wxyz, p_sensor_tip) for keyframe in touched])
-    for k, keyframe in enumerate(touched):
-        swing = np.cross(np.eye(3), lever[k]).T  # lever moves by turn x lever
-        cov[k, :, k] += swing @ keyframe.cov[3:, 3:] @ swing.T
-    p = np.array([keyframe.T_nav_sensor.p for keyframe in touched])
-    return Touches(p, lever, cov.reshape(3 * m, 3 * m), tuple(stops))
-
-
 def fit_points(
     touched: Touches, points: Array, *, free: bool = False, scaled: bool = False, touch_m: float = TOUCH_M
 ) -> PointFit:
     """Find nav in base; a point that contradicts the others is left out and marked.
 
-    A wrong point is found by leaving each one out in turn: its misfit is then tested against what the others say, with
-    all correlations (Baarda, A testing procedure for use in geodetic networks, 1968).
+    A wrong point is found by leaving each one out in turn: by how much chi-square falls is tested against what is left
+    of the others, with all correlations (W. Baarda, A testing procedure for use in geodetic networks, 1968; A. J. Pope,
+    The statistics of residuals and the detection of outliers, 1976, where the sigmas are known up to a factor only).
 
     Args:
         touched: m touches.
@@ -139,102 +84,61 @@ def fit_points(
     if len(points) != len(touched.stops):
         raise ValueError(f"{len(touched.stops)} touches and {len(points)} points must be as many")
     refuse_shape(points, free)
-    m, unknowns = len(points), (6 if free else 4) + scaled
-    keep = list(range(m))
-    while True:
-        fit = _least_squares(touched.only(keep), points[keep], free, scaled, touch_m)
-        without = {k: _without(touched, points, keep, k, free, scaled, touch_m) for k in keep}
-        known = {k: each for k, each in without.items() if each is not None}
-        gained = {k: fit.chi2 - each.chi2 for k, each in known.items()}
-        worst = max(gained, key=lambda k: gained[k], default=None)
-        if worst is None or gained[worst] < WRONG_CHI2:
-            break
-        rivals = [k for k in gained if k != worst and gained[worst] - gained[k] < CLEARER_CHI2]
-        if rivals or len(keep) <= FEWEST or 3 * (len(keep) - 1) < unknowns + 3:
-            raise _contradiction(touched, points, fit, [worst, *rivals] if rivals else keep)
-        keep.remove(worst)
-    freedom = max(3 * len(keep) - unknowns, 1)
-    alone = [without.get(k) or _without(touched, points, [*keep, k], k, free, scaled, touch_m) for k in range(m)]
-    left_out = [_predict(each or fit, touched, points, k, touch_m) for k, each in enumerate(alone)]
-    # How far the tracker's sigmas are off is estimated too: their own word counts as TRUSTED degrees of freedom.
-    cov = fit.cov * (TRUSTED + fit.chi2) / (TRUSTED + freedom)
+    problem = Problem(touched, points, free, scaled, touch_m)
+    keep = _consistent(problem)
+    fit = register(problem.only(keep))
+    left_out = [_left_out(problem, k, keep, fit) for k in range(len(points))]
     return PointFit(
         T_base_nav=fit.pose,
-        cov=cov[:6, :6],
+        cov=fit.cov[:6, :6],
         scale=fit.scale,
-        scale_sigma=float(np.sqrt(cov[6, 6])),
-        residuals=points - _in_base(fit, touched),
+        scale_sigma=fit.scale * float(np.sqrt(fit.cov[6, 6])),
+        residuals=points - fit.in_base(touched),
         left_out=np.array([off for off, _ in left_out]),
         left_out_sigma=np.array([sigma for _, sigma in left_out]),
-        used=tuple(k in keep for k in range(m)),
-        chi2=fit.chi2 / freedom,
+        used=tuple(k in keep for k in range(len(points))),
+        chi2=fit.chi2 / problem.only(keep).freedom,
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Fit:
-    """chi2 is the whole sum; cov (7, 7) of position, rotation vector in base, and scale."""
-
-    pose: Pose
-    scale: float
-    cov: Array
-    chi2: float
-
-
-def _least_squares(touched: Touches, points: Array, free: bool, scaled: bool, touch_m: float) -> _Fit:
-    """Minimise what is left of p_nav_sensor, whitened: there the noise does not turn with the unknown rotation."""
-    from scipy.linalg import solve_triangular
-    from scipy.optimize import least_squares
-
-    start = align(touched.p_nav_sensor + touched.lever, points, free)
-    root = np.linalg.cholesky(touched.cov + touch_m**2 * np.eye(3 * len(points)))
-
-    def pose_of(x: Array) -> Pose:
-        turn = quat_exp(x[3:6]) if free else quat_about_z(float(x[3]))
-        return Pose(start.p + x[:3], quat_multiply(turn, start.wxyz))
-
-    def whitened(x: Array) -> Array:
-        scale = float(np.exp(x[-1])) if scaled else 1.0
-        tip = pose_of(x).inverse().act(points)
-        off = touched.p_nav_sensor - (tip - touched.lever) / scale
-        return np.asarray(solve_triangular(root, off.ravel(), lower=True))
-
-    unknowns = (6 if free else 4) + scaled
-    result = least_squares(whitened, np.zeros(unknowns), method="lm", x_scale="jac")
-    jacobian = np.asarray(result.jac)
-    inverse = np.linalg.inv(jacobian.T @ jacobian)
-    where = [0, 1, 2, *((3, 4, 5) if free else (5,)), *((6,) if scaled else ())]
-    cov = np.zeros((7, 7))
-    cov[np.ix_(where, where)] = inverse
-    scale = float(np.exp(result.x[-1])) if scaled else 1.0
-    cov[6] *= scale
-    cov[:, 6] *= scale
-    return _Fit(pose_of(result.x), scale, cov, 2.0 * float(result.cost))
+def _consistent(problem: Problem) -> list[int]:
+    """Which points don't contradict the others."""
+    keep = list(range(len(problem.points)))
+    while True:
+        fit = register_given(problem.only(keep))
+        known = {k: register_given(problem.only(rest), start=fit) for k in keep if (rest := _without(problem, keep, k))}
+        gained = {k: fit.chi2 - each.chi2 for k, each in known.items()}
+        worst = max(gained, key=lambda k: gained[k], default=None)
+        if worst is None or not _wrong(gained[worst], known[worst].chi2, problem.only(keep).freedom - 3):
+            return keep
+        rivals = [k for k in gained if k != worst and gained[worst] - gained[k] < CLEARER_CHI2]
+        if rivals or len(keep) <= FEWEST or problem.only(keep).freedom < 6:
+            raise _contradiction(problem, fit, [worst, *rivals] if rivals else keep)
+        keep.remove(worst)
 
 
-def _without(
-    touched: Touches, points: Array, keep: Sequence[int], k: int, free: bool, scaled: bool, touch_m: float
-) -> _Fit | None:
-    """The fit of the others; None where they are too few or lie badly."""
+def _wrong(gained: float, left: float, freedom: int) -> bool:
+    """Whether chi-square falls by more, for a point's three coordinates, than what the others leave lets expect."""
+    from scipy.special import fdtrc
+
+    variance = (TRUSTED + left) / (TRUSTED + freedom)
+    return bool(fdtrc(3.0, TRUSTED + freedom, gained / 3.0 / variance) < WRONG)
+
+
+def _without(problem: Problem, keep: Sequence[int], k: int) -> list[int]:
+    """The others; none where they are too few or lie badly."""
     others = [other for other in keep if other != k]
-    if 3 * len(others) < (6 if free else 4) + scaled or _bad_shape(points[others], free, len(others)):
-        return None
-    return _least_squares(touched.only(others), points[others], free, scaled, touch_m)
+    if problem.only(others).freedom < 1 or _bad_shape(problem.points[others], problem.free, len(others)):
+        return []
+    return others
 
 
-def _in_base(fit: _Fit, touched: Touches) -> Array:
-    return fit.pose.act(fit.scale * touched.p_nav_sensor + touched.lever)
-
-
-def _predict(fit: _Fit, touched: Touches, points: Array, k: int, touch_m: float) -> tuple[Array, Array]:
-    """Point k less where the touch lies by a fit, (3,) m in base, and its sigma (the fit's own and the touch's)."""
-    tip = _in_base(fit, touched)[k]
-    by_turn = np.cross(np.eye(3), tip - fit.pose.p).T
-    jacobian = np.hstack((np.eye(3), by_turn, quat_rotate(fit.pose.wxyz, touched.p_nav_sensor[k])[:, None]))
-    R = quat_to_matrix(fit.pose.wxyz)
-    own = R @ touched.cov[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] @ R.T + touch_m**2 * np.eye(3)
-    sigma: Array = np.sqrt(np.diagonal(jacobian @ fit.cov @ jacobian.T + own))
-    return points[k] - tip, sigma
+def _left_out(problem: Problem, k: int, keep: Sequence[int], fit: Fit) -> tuple[Array, Array]:
+    """Point k less where the others put it, and the sigma of that, (3,) m; where they can't, by all."""
+    others = _without(problem, keep, k)
+    if others:
+        return predict(problem, k, others)
+    return problem.points[k] - fit.in_base(problem.touched)[k], np.sqrt(np.diagonal(fit.cov)[:3])
 
 
 def refuse_shape(points: Array, free: bool) -> None:
@@ -279,8 +183,8 @@ def _bad_shape(points: Array, free: bool, fewest: int) -> str:
     return ""
 
 
-def _contradiction(touched: Touches, points: Array, fit: _Fit, suspects: Sequence[int]) -> CalibrationError:
-    off = np.linalg.norm(points - _in_base(fit, touched), axis=1)
+def _contradiction(problem: Problem, fit: Fit, suspects: Sequence[int]) -> CalibrationError:
+    off = np.linalg.norm(problem.points - fit.in_base(problem.touched), axis=1)
     names = " or ".join(f"{k + 1}" for k in sorted(suspects))
     return CalibrationError(
         f"the points contradict the demonstration by up to {100.0 * off.max():.1f} cm, and which one is wrong can't be "

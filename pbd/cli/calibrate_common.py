@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pbd.cli.options import add_json
+from pbd.cli.progress import working
 
 if TYPE_CHECKING:
     from pbd.data import Calibration, Robot
@@ -70,7 +71,8 @@ def refuse_out_of_reach(robot: Robot, T_base_tool: Pose, what: str) -> None:
     from pbd.errors import PlanError
 
     try:
-        solve_sequence(load_model(robot), [T_base_tool], robot.home)
+        with working(f"trying whether {robot.name} gets there"):
+            solve_sequence(load_model(robot), [T_base_tool], robot.home)
     except PlanError as reason:
         x, y, z = T_base_tool.p
         away, turned = (float(str(reason.fields[name])) for name in ("value", "rotation"))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from pbd.cli.calibrate_common import add_force, add_name, existing, instead_of, refuse_out_of_reach
 from pbd.cli.options import Commands, add_command, positive, print_json, say
+from pbd.cli.progress import working
 
 if TYPE_CHECKING:
     from pbd.data import Calibration
@@ -174,7 +175,8 @@ def _where_it_stopped(args: argparse.Namespace, calibration: Calibration | None)
             "--calibration"
         )
     demo = load_demo(name)
-    keyframes = find_keyframes(track(demo.recording, known=demo.known, calibration=through))
+    with working("tracking"):
+        keyframes = find_keyframes(track(demo.recording, known=demo.known, calibration=through))
     if not (index.isdigit() and int(index) < len(keyframes)):
         raise CalibrationError(
             f"{name} has the keyframes 0 to {len(keyframes) - 1}, not '{index}'; `pbd keyframes {name}` lists them",

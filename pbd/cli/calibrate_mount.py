@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from pbd.cli.calibrate_common import add_name, existing
 from pbd.cli.options import Commands, add_command, print_json, say
+from pbd.cli.progress import working
 
 if TYPE_CHECKING:
     from pbd.calibration.mount import PivotFit, TurnsFit
@@ -51,14 +52,15 @@ def run(args: argparse.Namespace) -> int:
         raise CalibrationError("say what the recording shows: --pivot, --turns x,-x,z, or both")
     path = calibration_file(args.name)
     calibration = existing(path)
-    keyframes = find_keyframes(track(load_demo(args.demo).recording, calibration=calibration))
+    with working("tracking"):
+        keyframes = find_keyframes(track(load_demo(args.demo).recording, calibration=calibration))
     mount, cov = TOOL_DOWN, np.zeros((6, 6))
     figures: dict[str, float] = {}
     if calibration is not None:
         mount = calibration.T_sensor_tool
         cov = cov if calibration.cov_sensor_tool is None else calibration.cov_sensor_tool.copy()
         figures = {
-            name.removeprefix("mount."): value
+            name.removeprefix("mount."): int(value) if value == int(value) else value
             for name, value in calibration.residuals.items()
             if name.startswith("mount.")
         }

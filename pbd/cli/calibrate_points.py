@@ -9,13 +9,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pbd.cli.calibrate_common import add_force, add_name, existing, instead_of
+from pbd.cli.calibrate_heading import magnetometer, tell_heading
 from pbd.cli.options import Commands, add_command, positive, print_json, say
+from pbd.cli.progress import working
 
 if TYPE_CHECKING:
-    from pbd.calibration.points import PointFit, Touches
-    from pbd.data import Calibration, Keyframe, Recording
+    from pbd.calibration.points import PointFit
+    from pbd.calibration.touches import Touches
+    from pbd.data import Calibration, HandPath
     from pbd.files.points import Points
-    from pbd.pose import Array
 
 
 def add(commands: Commands) -> None:
@@ -75,14 +77,17 @@ def run(args: argparse.Namespace) -> int:
     path = calibration_file(args.name)
     calibration = existing(path)
     recording = load_demo(args.demo).recording
-    mag = _magnetometer(recording)
+    mag = magnetometer(recording)
     part = args.part or ("dock" if mag is None else "nav")
     instead = instead_of(path, calibration, part, args.force)
-    keyframes = find_keyframes(track(recording, calibration=calibration))
-    touched = _touched(args, keyframes, points, calibration)
-    fit = fit_points(touched, points.p_base, free=args.free, scaled=args.find_scale, touch_m=1e-3 * args.touch_mm)
+    with working("tracking"):
+        hand = track(recording, calibration=calibration)
+    keyframes = find_keyframes(hand)
+    with working("fitting"):
+        touched = _touched(args, hand, points, calibration)
+        fit = fit_points(touched, points.p_base, free=args.free, scaled=args.find_scale, touch_m=1e-3 * args.touch_mm)
     _warn(fit, points, touched)
-    heading = _heading(args, replace(recording, mag=mag), keyframes, calibration, part)
+    heading = tell_heading(args.again, replace(recording, mag=mag), keyframes, calibration, part)
 
     pose = fit.T_base_nav
     if part == "dock":
@@ -119,6 +124,8 @@ def run(args: argparse.Namespace) -> int:
         )
         return 0
     _print(fit, points, touched)
+    if not touched.lever.any():
+        say(f"{path} has no lever in [mount]: it is the sensor itself that is taken to have stood at the points")
     x, y, z = pose.p
     say(
         f"{path}: [{part}] at ({x:.3f}, {y:.3f}, {z:.3f}) m in base to {1e3 * float(sigma[:3].max()):.1f} mm, heading "
@@ -144,27 +151,28 @@ def _stops(text: str) -> tuple[int, ...]:
         raise argparse.ArgumentTypeError(f"must be stops such as 1,2,4, got {text}") from None
 
 
-def _touched(
-    args: argparse.Namespace, keyframes: tuple[Keyframe, ...], points: Points, calibration: Calibration | None
-) -> Touches:
+def _touched(args: argparse.Namespace, hand: HandPath, points: Points, calibration: Calibration | None) -> Touches:
     """The stops that touched the points, in the points' order."""
     import numpy as np
 
     from pbd.calibration.matching import match_stops
-    from pbd.calibration.points import refuse_shape, touches
+    from pbd.calibration.points import refuse_shape
+    from pbd.calibration.touches import touches
     from pbd.data import TOOL_DOWN
     from pbd.errors import CalibrationError
+    from pbd.tracking.keyframes import find_keyframes
 
     refuse_shape(points.p_base, args.free)
+    keyframes = find_keyframes(hand)
     p_sensor_tip = (TOOL_DOWN if calibration is None else calibration.T_sensor_tool).p
-    every = touches(keyframes, range(len(keyframes)), p_sensor_tip)
+    every = touches(keyframes, range(len(keyframes)), p_sensor_tip, hand.stretch)
     if args.stops is None:
         if args.free and len(keyframes) != len(points.names):
             raise CalibrationError(
                 f"{len(keyframes)} stops can't be matched with {len(points.names)} points while the tilt is free; name "
                 "the stops with --stops"
             )
-        sigma = np.sqrt(np.diagonal(every.cov).reshape(-1, 3).mean(axis=1))
+        sigma = np.sqrt(np.diagonal(every.covariance()).reshape(-1, 3).mean(axis=1))
         stops = match_stops(every.p_nav_sensor + every.lever, sigma, points.p_base, not args.any_order)
     else:
         stops = args.stops
@@ -203,72 +211,6 @@ def _warn(fit: PointFit, points: Points, touched: Touches) -> None:
                 PbdWarning,
                 stacklevel=2,
             )
-
-
-def _magnetometer(recording: Recording) -> Array | None:
-    """What it read, without holes; None where there is none, or a dead one."""
-    from pbd.errors import PbdWarning
-    from pbd.tracking.conditioning import condition
-
-    if recording.mag is None:
-        return None
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", PbdWarning)  # tracking tells it
-        return condition(recording)[0].mag
-
-
-def _heading(
-    args: argparse.Namespace,
-    recording: Recording,
-    keyframes: tuple[Keyframe, ...],
-    calibration: Calibration | None,
-    part: str,
-) -> float | None:
-    """How well nav's heading repeats, rad, one sigma; None without a magnetometer. Tell it, and what to do."""
-    import numpy as np
-
-    from pbd.calibration.field import field_spread, heading_changes
-    from pbd.calibration.sensor import corrected
-    from pbd.errors import PbdWarning
-    from pbd.files.demo import load_demo
-    from pbd.pipeline import track
-    from pbd.tracking.keyframes import find_keyframes
-
-    if recording.mag is None:
-        if part == "nav":
-            warnings.warn(
-                "without a magnetometer nav's heading is that of the sensor at its first rest, so [nav] holds only for "
-                "demonstrations that start turned the same way; --as dock says that",
-                PbdWarning,
-                stacklevel=2,
-            )
-        return None
-    mag = corrected(recording, None if calibration is None else calibration.sensor).mag
-    assert mag is not None
-    at_stops = [mag[np.abs(recording.t - keyframe.t) <= 0.5 * keyframe.dwell_s] for keyframe in keyframes]
-    means = np.array([each.mean(axis=0) for each in at_stops])
-    spread = field_spread(means, np.array([keyframe.T_nav_sensor.wxyz for keyframe in keyframes]))
-    heading = spread.heading
-    say(
-        f"the magnetic heading differs by {np.degrees(spread.heading):.1f} degrees from stop to stop (rms), the "
-        f"field's strength by {100.0 * spread.strength:.0f} %"
-    )
-    if args.again:
-        first = [find_keyframes(track(load_demo(name).recording, calibration=calibration))[0] for name in args.again]
-        changes = heading_changes(keyframes[0].T_nav_sensor.wxyz, [each.T_nav_sensor.wxyz for each in first])
-        heading = float(np.sqrt(np.mean(changes**2)))
-        say(
-            f"nav's heading repeats to {np.degrees(heading):.1f} degrees (rms over {len(changes)} demonstrations; at "
-            f"most {np.degrees(np.abs(changes).max()):.1f})"
-        )
-    if part == "nav" and spread.disturbed:
-        warnings.warn(
-            "the magnetic field is disturbed here, or the magnetometer is not calibrated: start every demonstration "
-            "from a dock (--as dock), whose heading does not depend on it",
-            PbdWarning,
-            stacklevel=2,
-        )
-    return heading
 
 
 def _rows(fit: PointFit, points: Points, touched: Touches) -> list[dict[str, Any]]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from pbd.cli.calibrate_common import add_name, existing
 from pbd.cli.options import Commands, add_command, positive, print_json, say
+from pbd.cli.progress import working
 
 if TYPE_CHECKING:
     from pbd.calibration.sensor import SensorFit
@@ -44,6 +45,7 @@ def run(args: argparse.Namespace) -> int:
     from pbd.calibration.check import gravity_at
     from pbd.calibration.sensor import calibrate_sensor
     from pbd.data import GRAVITY
+    from pbd.data.brief import counted
     from pbd.errors import CalibrationError, PbdWarning
     from pbd.files.calibration_edit import calibration_file, update_calibration
     from pbd.files.demo import load_demo
@@ -51,22 +53,30 @@ def run(args: argparse.Namespace) -> int:
 
     if args.latitude is not None and not abs(args.latitude) <= 90.0:
         raise CalibrationError(f"--latitude must be from -90 to 90, got {args.latitude:g}", value=args.latitude)
+    if args.gravity is not None and not 9.7 <= args.gravity <= 9.9:
+        raise CalibrationError(
+            f"--gravity must be in m/s2, from 9.7 to 9.9 as everywhere on earth, got {args.gravity:g}; or give "
+            "--latitude",
+            value=args.gravity,
+        )
     if args.temperature is not None and not np.isfinite(args.temperature):
         raise CalibrationError("--temperature must be a number; correct it")
     gravity = args.gravity or (GRAVITY if args.latitude is None else gravity_at(args.latitude))
     path = calibration_file(args.name)
     calibration = existing(path)
-    recording, gaps = condition(load_demo(args.demo).recording)
+    with working(f"reading {args.demo}"):
+        recording, gaps = condition(load_demo(args.demo).recording)
     if gaps:
         at, missing = float(recording.t[gaps[0].before]), 1e3 * gaps[0].missing_s
         raise CalibrationError(f"{args.demo} has a gap of {missing:.0f} ms at {at:.2f} s; record it again")
-    fit = calibrate_sensor(
-        recording,
-        gravity=gravity,
-        only=args.only,
-        known=None if calibration is None else calibration.sensor,
-        temperature_c=args.temperature,
-    )
+    with working("fitting"):
+        fit = calibrate_sensor(
+            recording,
+            gravity=gravity,
+            only=args.only,
+            known=None if calibration is None else calibration.sensor,
+            temperature_c=args.temperature,
+        )
     for remark in fit.remarks:
         warnings.warn(remark, PbdWarning, stacklevel=2)
     update_calibration(path, _parts(fit))
@@ -74,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
         print_json({"calibration": str(path)} | _json(fit))
         return 0
     _print(fit)
-    say(f"{path}: [sensor] of '{fit.errors.sensor}' from {len(fit.rests)} rests")
+    say(f"{path}: [sensor] of '{fit.errors.sensor}' from {counted(len(fit.rests), 'rest')}")
     if args.gravity is None and args.latitude is None and fit.acc is not None:
         say("gravity was taken for 9.80665 m/s2; with --latitude the scale is right to better than 0.3 %")
     return 0

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pbd.cli.options import Commands, add_command, add_json, load_demonstration, print_json, say
+from pbd.cli.progress import working
 
 if TYPE_CHECKING:
     from pbd.data import Calibration, Keyframe
@@ -64,16 +65,42 @@ def run(args: argparse.Namespace) -> int:
 def _contributions(
     args: argparse.Namespace, calibration: Calibration
 ) -> tuple[str, tuple[Keyframe, ...], dict[str, Array]] | None:
-    """A demonstration's name, its keyframes, and the tool's covariances; None where it is not known where it starts."""
+    """A demonstration's name, its keyframes, and the tool's covariances.
+
+    None where it is not known where it starts, or where nobody named a demonstration and the newest is of no use.
+    """
+    from pbd.errors import PbdError
+
+    if calibration.T_base_dock is None and calibration.T_base_nav is None:
+        if args.demo is not None:
+            say(
+                f"'{calibration.name}' does not say where the hand starts, so how sure the tool is can't be said; "
+                f"add a dock: pbd calibrate dock {args.name} --position X Y Z --rpy R P Y"
+            )
+        return None
+    try:
+        return _of_demonstration(args, calibration)
+    except PbdError as reason:
+        if args.demo is not None:
+            raise
+        say(
+            f"what each part adds to the tool's uncertainty is left out: {reason}; or name another demonstration: "
+            f"pbd calibrate show {args.name} DEMO"
+        )
+        return None
+
+
+def _of_demonstration(
+    args: argparse.Namespace, calibration: Calibration
+) -> tuple[str, tuple[Keyframe, ...], dict[str, Array]]:
     from pbd.calibration.frames import nav_in_base
     from pbd.calibration.uncertainty import tool_covariances
     from pbd.pipeline import track
     from pbd.tracking.keyframes import find_keyframes
 
-    if calibration.T_base_dock is None and calibration.T_base_nav is None:
-        return None
     demo = load_demonstration(args)
-    keyframes = find_keyframes(track(demo.recording, known=demo.known, calibration=calibration))
+    with working("tracking"):
+        keyframes = find_keyframes(track(demo.recording, known=demo.known, calibration=calibration))
     T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
     return demo.recording.info.name, keyframes, tool_covariances(keyframes, T_base_nav, calibration)
 
@@ -107,16 +134,20 @@ def _save(
     from pbd.files.whole import written_whole
     from pbd.view.calibration_plot import draw_calibration
 
-    if found is None:
-        raise CalibrationError(
-            f"'{calibration.name}' does not say where the hand starts, so there is nothing to plot; add a dock"
-        )
     kind = file.suffix.removeprefix(".")
     if kind not in ("png", "svg", "pdf"):
         raise CalibrationError(f"{file} must end in .png, .svg or .pdf; rename it", path=file)
+    if found is None:
+        starts = calibration.T_base_dock is not None or calibration.T_base_nav is not None
+        raise CalibrationError(
+            f"a plot shows the tool at a demonstration's keyframes; name one after '{calibration.name}'"
+            if starts
+            else f"'{calibration.name}' does not say where the hand starts, so there is nothing to plot; add a dock"
+        )
     name, keyframes, parts = found
     T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
-    figure = draw_calibration(calibration, name, T_base_nav, tool_poses(keyframes, T_base_nav, calibration), parts)
-    with written_whole(file) as unfinished:
-        figure.savefig(unfinished, format=kind, dpi=110)
+    with working("drawing"):
+        figure = draw_calibration(calibration, name, T_base_nav, tool_poses(keyframes, T_base_nav, calibration), parts)
+        with written_whole(file) as unfinished:
+            figure.savefig(unfinished, format=kind, dpi=110)
     say(f"a plot: {file}")

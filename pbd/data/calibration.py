@@ -8,6 +8,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from pbd.data.brief import brief, counted
 from pbd.data.freeze import freeze
 from pbd.data.world import Obstacle
 from pbd.pose import Array, Pose
@@ -32,6 +33,10 @@ class Linear:
 
     def __post_init__(self) -> None:
         freeze(self, bias=(3,), matrix=(3, 3), bias_sigma=(3,))
+
+    def __repr__(self) -> str:
+        x, y, z = self.bias
+        return brief(self, f"bias ({x:.4g}, {y:.4g}, {z:.4g})")
 
     def true(self, read: Array) -> Array:
         """What is true where it reads (..., 3)."""
@@ -62,6 +67,11 @@ class SensorErrors:
     field: float | None = None
     dip: float | None = None
     temperature_c: float | None = None
+
+    def __repr__(self) -> str:
+        return brief(
+            self, *(name for name in ("gyr", "acc", "mag") if getattr(self, name) is not None), name=self.sensor
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,3 +114,8 @@ class Calibration:
             raise ValueError("a calibration takes at most one of T_base_dock and T_base_nav")
         freeze(self, cov_base=(6, 6), cov_sensor_tool=(6, 6))
         object.__setattr__(self, "residuals", MappingProxyType(dict(self.residuals)))
+
+    def __repr__(self) -> str:
+        parts = {"dock": self.T_base_dock, "nav": self.T_base_nav, "sensor": self.sensor, "table": self.table_height}
+        there = [name for name, part in parts.items() if part is not None]
+        return brief(self, *there, counted(len(self.obstacles), "obstacle"), name=self.name)

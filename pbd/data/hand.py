@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pbd.data.brief import brief, counted, span
 from pbd.data.freeze import freeze
 from pbd.data.known import ClaimFit, Contact, Known, Place
 from pbd.pose import Array, Pose
@@ -68,6 +69,10 @@ class Recording:
     def __len__(self) -> int:
         return len(self.t)
 
+    def __repr__(self) -> str:
+        channels = [name for name in ("acc", "gyr", "mag", "device_rpy") if getattr(self, name) is not None]
+        return brief(self, span(self.t), *channels, counted(len(self.grip), "grip"), name=self.info.name)
+
     @cached_property
     def rate_hz(self) -> float:
         """The measured rate: the inverse of the median sampling interval."""
@@ -85,6 +90,9 @@ class Truth:
     def __post_init__(self) -> None:
         n = len(self.t)
         freeze(self, t=(n,), p_nav_sensor=(n, 3), wxyz_nav_sensor=(n, 4))
+
+    def __repr__(self) -> str:
+        return brief(self, span(self.t))
 
 
 @dataclass(frozen=True)
@@ -114,6 +122,16 @@ class Demonstration:
     grasped: GraspedObject | None = None
     folder: Path | None = None
 
+    def __repr__(self) -> str:
+        return brief(
+            self,
+            span(self.recording.t),
+            "truth" if self.truth is not None else "",
+            counted(len(self.keyframes or ()), "edited keyframe"),
+            "bundled" if self.bundled else "",
+            name=self.recording.info.name,
+        )
+
     @property
     def known(self) -> Known:
         """What a person knows of its stops, as `track` takes it."""
@@ -135,6 +153,9 @@ class Attitude:
     def __post_init__(self) -> None:
         n = len(self.wxyz_nav_sensor)
         freeze(self, wxyz_nav_sensor=(n, 4), gyro_bias=(n, 3))
+
+    def __repr__(self) -> str:
+        return brief(self, counted(len(self.gyro_bias), "sample") or "no samples")
 
 
 @dataclass(frozen=True)
@@ -160,6 +181,8 @@ class HandPath:
         cov: (len(stops), 6, 6) of position (m) and rotation vector (rad) in nav, at each stop.
         grip: the recording's grip events.
         claims: what was known of the stops and has been used.
+        stretch: share of a move by which the sensor's own errors lean and stretch all moves alike, one sigma; `cov` has
+            it too, as though it were each move's own.
     """
 
     t: Array
@@ -171,6 +194,7 @@ class HandPath:
     cov: Array
     grip: tuple[GripEvent, ...] = ()
     claims: tuple[ClaimFit, ...] = ()
+    stretch: float = 0.0
 
     def __post_init__(self) -> None:
         n, k = len(self.t), len(self.stops)
@@ -179,6 +203,11 @@ class HandPath:
         object.__setattr__(self, "stops", tuple(self.stops))
         object.__setattr__(self, "grip", tuple(self.grip))
         object.__setattr__(self, "claims", tuple(self.claims))
+
+    def __repr__(self) -> str:
+        return brief(
+            self, span(self.t), counted(len(self.stops), "stop") or "no stops", counted(len(self.grip), "grip")
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,6 +234,13 @@ class Keyframe:
 
     def __post_init__(self) -> None:
         freeze(self, cov=(6, 6))
+
+    def __repr__(self) -> str:
+        x, y, z = self.T_nav_sensor.p + 0.0
+        sigma_mm = 1e3 * float(np.sqrt(np.diagonal(self.cov)[:3].max()))
+        grip = {True: "grip closes", False: "grip opens", None: ""}[self.grip]
+        where = f"at {self.t:.2f} s for {self.dwell_s:.2f} s"
+        return brief(self, where, f"({x:.3f}, {y:.3f}, {z:.3f}) m", f"sigma {sigma_mm:.1f} mm", grip, name=self.label)
 
 
 @dataclass(frozen=True)

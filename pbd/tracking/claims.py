@@ -254,8 +254,9 @@ def _variance(contact: Contact) -> Array:
 def _different_stops(path: HandPath, times: tuple[float, ...], what: str) -> tuple[int, ...]:
     """Index of the stop at (or nearest to) each time; no two may be in one stop."""
     found: dict[int, float] = {}
+    begins, ends = path.t[[stop.start for stop in path.stops]], path.t[[stop.stop - 1 for stop in path.stops]]
     for t in times:
-        away = [max(float(path.t[s.start]) - t, t - float(path.t[s.stop - 1]), 0.0) for s in path.stops]
+        away = np.maximum(np.maximum(begins - t, t - ends), 0.0)
         stop = int(np.argmin(away))
         at = f"{path.t[path.stops[stop].start]:.2f} to {path.t[path.stops[stop].stop - 1]:.2f} s"
         if away[stop] > NEAR_S:
@@ -263,7 +264,7 @@ def _different_stops(path: HandPath, times: tuple[float, ...], what: str) -> tup
                 f"{what} names {t:.2f} s, but the hand does not stop there: the nearest stop, {stop}, is from {at}; "
                 "give a time within a stop",
                 t=t,
-                value=away[stop],
+                value=float(away[stop]),
                 bound=NEAR_S,
                 stop=stop,
             )

@@ -21,6 +21,7 @@ from pbd.tracking.agreement import refuse_disagreement
 from pbd.tracking.clock import REACH, steady_clock, warn_of_rate
 from pbd.tracking.dead import magnetometer_is_dead, refuse_dead
 from pbd.tracking.frozen import frozen
+from pbd.tracking.rest import SHORTEST_S
 from pbd.tracking.spikes import without_spikes
 
 SLOWEST_HZ = 4.0
@@ -60,7 +61,7 @@ def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
         matter depends on whether the hand moved (`refuse_gaps`).
 
     Raises:
-        RecordingError: too few rows, time that runs backwards or jumps, a channel without data or that is stuck, a gyro
+        RecordingError: too short, time that runs backwards or jumps, a channel without data or that is stuck, a gyro
             that contradicts gravity.
     """
     t = recording.t
@@ -86,6 +87,14 @@ def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
             "with --unit t=ms or --unit t=us",
             value=recording.rate_hz,
             bound=SLOWEST_HZ,
+        )
+    lasts = float(t[-1] - t[0]) + interval
+    if lasts < SHORTEST_S:  # of less nobody can tell whether the hand moved
+        raise RecordingError(
+            f"the recording lasts {lasts:.2g} s ({_counted(len(t), 'sample')}); record at least a second of rest, then "
+            "move",
+            value=lasts,
+            bound=SHORTEST_S,
         )
     warn_of_rate(recording)
 

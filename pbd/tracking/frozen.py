@@ -6,8 +6,9 @@ have been turning, or be elsewhere all at once when it measures again, or have b
 
 from __future__ import annotations
 
-from bisect import bisect_left
+from bisect import bisect_left, bisect_right
 from itertools import pairwise
+from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from pbd.data import Recording, Stop
 from pbd.errors import TrackingError
 from pbd.pose import Array, lengths
 from pbd.tracking.dead import CALM_ROWS, NAMES, noisy
-from pbd.tracking.integration import integral_of_means
+from pbd.tracking.integration import EVEN_DRIFT, integral_of_means
 from pbd.tracking.stops import runs
 
 FROZEN_S, FROZEN_ROWS = 0.050, 3
@@ -36,6 +37,9 @@ a coarse sensor), and so many times as large as the next few."""
 EDGE_S, FULL_SPEED, FULL_SHARE = 0.15, 0.1, 0.5
 """A repetition that begins or ends so near a stop's edge makes it suspicious: if the velocity left over (m/s) is as
 large as this, and as this share of the largest on the way."""
+
+SURE, LONGEST_S = 3.0, 5.0
+"""In sigmas of drift; for longer than this from a stop it says nothing."""
 
 
 def frozen(recording: Recording) -> NDArray[np.bool_]:
@@ -98,15 +102,57 @@ def refuse_freezes(recording: Recording, a_nav: Array, stops: tuple[Stop, ...]) 
         speeds = lengths(integral_of_means(t[move], a_nav[move]))
         rounded = float(t[after.start] - t[before.stop - 1]) * step  # what a coarse sensor may leave over
         if speeds[-1] > max(FULL_SPEED, FULL_SHARE * float(speeds.max()), rounded):
-            row = after.start if at_end else before.stop - 1
-            raise TrackingError(
-                f"the sensor repeats itself around row {row} (t = {t[row]:.2f} s) as at a rest, but the hand moved "
-                f"with {speeds[-1]:.2f} m/s and was not seen to stop: the sensor froze in a move; record again",
-                row=row,
-                t=float(t[row]),
-                value=float(speeds[-1]),
-                bound=FULL_SPEED,
-            )
+            _refuse(t, after.start if at_end else before.stop - 1, float(speeds[-1]))
+    for start, end in held:
+        for row, arriving in ((start, True), (end, False)):
+            speed = _full_speed(recording, a_nav, stops, row, arriving, step)
+            if speed > 0.0:
+                _refuse(t, row, speed)
+
+
+def _full_speed(
+    recording: Recording, a_nav: Array, stops: tuple[Stop, ...], row: int, arriving: bool, step: float
+) -> float:
+    """How fast, m/s, the hand moves where a repetition begins (arriving) or ends; 0 where it may well stand still.
+
+    In a stop less than EDGE_S of a move may be seen before it, or after: that passes for a jolt. Elsewhere a hand whose
+    acceleration changes from sample to sample, and then not at all, has come to rest, or the sensor froze.
+    """
+    t, acc = recording.t, recording.acc
+    k = bisect_right(stops, row, key=lambda stop: stop.start) - 1
+    if k >= 0 and row < stops[k].stop:
+        far = int(np.searchsorted(t, t[row] - EDGE_S if arriving else t[row] + EDGE_S))
+        span = slice(max(far, stops[k].start), row + 1) if arriving else slice(row, min(far + 1, stops[k].stop))
+        # A knock is a sample or two, of which little is true.
+        knock = float(lengths(a_nav[span]).max() * np.diff(t[span]).max(initial=0.0))
+        speed = float(lengths(integral_of_means(t[span], a_nav[span])[-1]))
+        return speed if speed - knock > max(FULL_SPEED, EDGE_S * step) else 0.0
+    other = k if arriving else k + 1
+    if not (0 <= other < len(stops) and 0 < row < len(t) - 1):
+        return 0.0
+    change = acc[row] - acc[row - 1] if arriving else acc[row + 1] - acc[row]
+    if lengths(change) < max(LEAP["acc"], LEAP_STEPS * step):
+        return 0.0
+    span = slice(stops[k].stop - 1, row + 1) if arriving else slice(row, stops[other].start + 1)
+    lasts = float(t[span.stop - 1] - t[span.start])
+    if lasts > LONGEST_S:
+        return 0.0
+    velocity = integral_of_means(t[span], a_nav[span])
+    speeds = lengths(velocity if arriving else velocity - velocity[-1])
+    speed = float(speeds[-1 if arriving else 0])
+    bound = max(FULL_SPEED, FULL_SHARE * float(speeds.max()), lasts * step, SURE * EVEN_DRIFT * sqrt(lasts))
+    return speed if speed > bound else 0.0
+
+
+def _refuse(t: Array, row: int, speed: float) -> None:
+    raise TrackingError(
+        f"the sensor repeats itself around row {row} (t = {t[row]:.2f} s) as at a rest, but the hand moved "
+        f"with {speed:.2f} m/s and was not seen to stop: the sensor froze in a move; record again",
+        row=row,
+        t=float(t[row]),
+        value=speed,
+        bound=FULL_SPEED,
+    )
 
 
 def _nearest_two(rows: list[int], row: int) -> list[int]:

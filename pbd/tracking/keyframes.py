@@ -71,8 +71,9 @@ def _largest_turn(wxyz: Array) -> float:
 def _grip_at_stops(events: tuple[GripEvent, ...], t: Array, stops: tuple[Stop, ...]) -> dict[int, bool]:
     """For each stop at which the grip changes: closed or not. An event belongs to the nearest stop."""
     at: dict[int, bool] = {}
+    begins, ends = t[[stop.start for stop in stops]], t[[stop.stop - 1 for stop in stops]]
     for event in events if stops else ():
-        away = [max(float(t[stop.start]) - event.t, event.t - float(t[stop.stop - 1]), 0.0) for stop in stops]
+        away = np.maximum(np.maximum(begins - event.t, event.t - ends), 0.0)
         nearest = int(np.argmin(away))
         if away[nearest] > GRIP_NEAR_S:
             warnings.warn(

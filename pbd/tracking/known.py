@@ -63,11 +63,27 @@ def condition_on(
     gain = np.cumsum(QG @ np.linalg.inv(S), axis=0)  # (k, 3, m), of positions
     p, v = _carried_along(path, gain @ misfit)
     cov = path.cov.copy()
-    for k in range(len(path.stops)):
-        A = -np.einsum("am,mkb->kab", gain[k], G)
-        A[: k + 1] += np.eye(3)
-        cov[k, :3, :3] = (A @ moves @ A.transpose(0, 2, 1)).sum(axis=0) + gain[k] @ R @ gain[k].T
+    cov[:, :3, :3] = _josephs_form(moves, gain, G, R)
     return replace(path, p_nav_sensor=p, v_nav_sensor=v, cov=cov, claims=fits)
+
+
+def _josephs_form(moves: Array, gain: Array, G: Array, R: Array) -> Array:
+    """Covariance (k, 3, 3) at each stop: A Q A^T of all moves and K R K^T, A being I - K G up to the stop, else -K G.
+
+    Moves that all claims see alike are summed up first, so that a long path takes no longer than its length.
+    """
+    cov: Array = gain @ R @ gain.transpose(0, 2, 1)
+    ends = [0, *(np.flatnonzero(np.diff(G, axis=1).any(axis=(0, 2))) + 1).tolist(), len(moves)]
+    for start, end in pairwise(ends):
+        before, after = np.zeros_like(moves), np.zeros_like(moves)
+        before[start:end] = np.cumsum(moves[start:end], axis=0)
+        before[end:] = before[end - 1]
+        after[start : end - 1] = np.cumsum(moves[start + 1 : end][::-1], axis=0)[::-1]
+        after[:start] = before[end - 1]
+        KG = gain @ G[:, start]
+        A = np.eye(3) - KG
+        cov += A @ before @ A.transpose(0, 2, 1) + KG @ after @ KG.transpose(0, 2, 1)
+    return cov
 
 
 def _rows(claims: Sequence[Claim]) -> list[slice]:

@@ -8,7 +8,8 @@ rest tells (a turn about the vertical, say) keeps that sigma.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -53,7 +54,7 @@ def restore(recording: Recording, clips: Sequence[Clip]) -> tuple[Recording, tup
         values = channels[clip.sensor]
         assert values is not None
         top = abs(float(values[clip.start, clip.axis]))
-        above = _above(clip.sign * values[:, clip.axis], clip.start, clip.stop)
+        above = _above(values[:, clip.axis], clip.sign, clip.start, clip.stop)
         values[clip.start : clip.stop, clip.axis] += clip.sign * above
         lost = float(above.sum()) * interval
         put_back.append(replace(clip, lost=lost, sigma=lost + UNSEEN * top * len(above) * interval))
@@ -64,13 +65,13 @@ def restore(recording: Recording, clips: Sequence[Clip]) -> tuple[Recording, tup
     return replace(recording, acc=acc, gyr=gyr), tuple(put_back)
 
 
-def _above(x: Array, start: int, stop: int) -> Array:
-    """How far x (n,) rose above its flat top start..stop, by Hermite's cubic through its sides."""
-    top = float(x[start])
+def _above(x: Array, sign: float, start: int, stop: int) -> Array:
+    """How far sign * x (n,) rose above its flat top start..stop, by Hermite's cubic through its sides."""
     if start < 2 or stop > len(x) - 2:
         return np.zeros(stop - start)
-    before, after, width = x[start - 1], x[stop], stop - start + 1
-    rise, fall = max(before - x[start - 2], top - before), min(x[stop + 1] - after, after - top)
+    top, width = sign * float(x[start]), stop - start + 1
+    earlier, before, after, later = (sign * float(x[row]) for row in (start - 2, start - 1, stop, stop + 1))
+    rise, fall = max(before - earlier, top - before), min(later - after, after - top)
     u = np.arange(1, width) / width
     cubic = before * (1 + 2 * u) * (1 - u) ** 2 + after * u**2 * (3 - 2 * u)
     cubic += width * (rise * u * (1 - u) ** 2 - fall * u**2 * (1 - u))
@@ -94,9 +95,9 @@ def _settle_turns(acc: Array, gyr: Array, rate_hz: float, clips: Sequence[Clip])
         if rows[after] - rows[before] > LONGEST_S * rate_hz:
             continue
         # The hand still sways where it has just come to rest: of the moments soon after, the calmest.
-        near = np.flatnonzero((rows <= rows[before]) & (rows > rows[before] - CALM_S * rate_hz))
-        far = np.flatnonzero((rows >= rows[after]) & (rows < rows[after] + CALM_S * rate_hz))
-        begin, end = near[np.argmin(turning[near])], far[np.argmin(turning[far])]
+        near = bisect_right(rows, rows[before] - CALM_S * rate_hz)
+        far = bisect_left(rows, rows[after] + CALM_S * rate_hz)
+        begin, end = near + np.argmin(turning[near : before + 1]), after + np.argmin(turning[after:far])
         ups = up_sensor[begin], up_sensor[end]
         span = slice(int(rows[begin]), int(rows[end]))
         for i, clip in zip(
@@ -163,18 +164,19 @@ def settle_velocities(
     """
     a_nav, settled = a_nav.copy(), list(clips)
     interval = float(np.median(np.diff(t)))
-    for before, after in pairwise(stops):
-        first, last = before.stop - 1, after.start
-        members = [i for i, clip in enumerate(clips) if clip.sensor == "acc" and first < clip.start < last]
+    for first, last, inside in _clips_of_moves(stops, clips):
+        members = [i for i in inside if clips[i].sensor == "acc" and clips[i].start > first]
         if not members:
             continue
         axes = np.array([_axis_nav(clips[i], wxyz_nav_sensor) for i in members])
         drift = EVEN_DRIFT**2 * float(t[last] - t[first])
         closure = integral_of_means(t[first : last + 1], a_nav[first : last + 1])[-1]
-        prior = np.array([clips[i].sigma for i in members])
-        cov = np.linalg.inv(axes @ axes.T / drift + np.diag(prior**-2.0))
-        gains = -cov @ axes @ closure / drift
-        for i, axis, gain, variance in zip(members, axes, gains, np.diagonal(cov), strict=True):
+        # A Kalman filter's step: of what is measured there are three numbers, of clips in a move perhaps thousands.
+        prior = np.array([clips[i].sigma for i in members]) ** 2
+        spread = prior[:, None] * axes
+        gain_of = spread @ np.linalg.inv(axes.T @ spread + drift * np.eye(3))
+        gains, variances = -gain_of @ closure, prior - (gain_of * spread).sum(axis=1)
+        for i, axis, gain, variance in zip(members, axes, gains, variances, strict=True):
             clip = clips[i]
             a_nav[clip.start : clip.stop] += gain / interval * np.outer(_arch(clip), axis)
             settled[i] = replace(clip, lost=clip.lost + float(gain), sigma=float(np.sqrt(variance)))
@@ -192,28 +194,47 @@ def clip_covariance(
     gravity ends that, but not what is about the vertical: it turns every later move, and each adds its own.
     """
     added = np.zeros((len(stops), 6, 6))
+    if len(stops) < 2 or not clips:
+        return added
+    first, last = np.array([(before.stop - 1, after.start) for before, after in pairwise(stops)]).T
     z = np.array((0.0, 0.0, 1.0))
-    f_nav = a_nav + GRAVITY * z
-    moves = [(before.stop - 1, after.start) for before, after in pairwise(stops)]
-    for clip in clips:
-        axis, middle = clip.sigma * _axis_nav(clip, wxyz_nav_sensor), _middle(clip)
-        for k, (first, last) in enumerate(moves, start=1):
-            off = np.zeros(3)
-            if first <= clip.start < last:
-                whole, left = float(t[last] - t[first]), float(t[last] - t[min(middle, last)])
-                off = (left - 0.5 * whole) * axis
-                if clip.sensor == "gyr":
-                    instants = t[middle : last + 1]
-                    error = np.cross(axis, f_nav[middle : last + 1])
-                    velocity = integral_of_means(instants, error)
-                    off = integral_of_means(instants, velocity)[-1] - 0.5 * whole * velocity[-1]
-            elif clip.sensor == "gyr" and clip.start < first:
-                off = np.cross(axis[2] * z, p_nav_sensor[last] - p_nav_sensor[first])
-            added[k, :3, :3] += np.outer(off, off)
-            if clip.sensor == "gyr" and clip.start < last:
-                added[k, 5, 5] += axis[2] ** 2
+    in_nav = np.array([clip.sigma * _axis_nav(clip, wxyz_nav_sensor) for clip in clips])
+
+    turns = np.array([clip.sensor == "gyr" for clip in clips])
+    starts = np.array([clip.start for clip in clips])[turns]
+    about_z = np.concatenate(([0.0], np.cumsum(in_nav[turns, 2] ** 2)))  # of the first 0, 1, 2 ... turns
+    added[1:, 5, 5] = about_z[np.searchsorted(starts, last)]
+    sideways = np.cross(z, p_nav_sensor[last] - p_nav_sensor[first])
+    earlier = about_z[np.searchsorted(starts, first)]
+    added[1:, :3, :3] = earlier[:, None, None] * sideways[:, :, None] * sideways[:, None, :]
+
+    for k, (begin, end, members) in enumerate(_clips_of_moves(stops, clips), start=1):
+        if not members:
+            continue
+        instants, f_nav = t[begin : end + 1], a_nav[begin : end + 1] + GRAVITY * z
+        velocity = integral_of_means(instants, f_nav)
+        position = integral_of_means(instants, velocity)
+        middles = np.array([min(_middle(clips[i]), end) for i in members]) - begin
+        left, whole = (instants[-1] - instants[middles])[:, None], instants[-1] - instants[0]
+        gained = velocity[-1] - velocity[middles]
+        gone = position[-1] - position[middles] - left * velocity[middles]
+        axes = in_nav[members.start : members.stop]
+        off = np.where(
+            turns[members.start : members.stop, None],
+            np.cross(axes, gone - 0.5 * whole * gained),
+            (left - 0.5 * whole) * axes,
+        )
+        added[k, :3, :3] += off.T @ off
     added[:, :3, :3] = np.cumsum(added[:, :3, :3], axis=0)
     return added
+
+
+def _clips_of_moves(stops: Sequence[Stop], clips: Sequence[Clip]) -> Iterator[tuple[int, int, range]]:
+    """Yield each move's first and last row, and which of the clips, in order, begin in it before the last."""
+    starts = [clip.start for clip in clips]
+    for before, after in pairwise(stops):
+        first, last = before.stop - 1, after.start
+        yield first, last, range(bisect_left(starts, first), bisect_left(starts, last))
 
 
 def _middle(clip: Clip) -> int:

@@ -1,10 +1,18 @@
 """Find samples at which a sensor has reached the end of its range.
 
-A clipped axis gives one reading again and again: a flat top with steep sides, or at one of the values at which makers
-let a range end. What the hand did above it is lost; restoring.py puts back what can be told of it.
+A clipped axis gives one reading again and again: flat tops with steep sides. What the hand did above them is lost;
+restoring.py puts back what can be told of it.
 
-What can't be found: clipped peaks of single samples (of two, at an odd value), and those clipped before the axis was
-mixed with others (calibrated for misalignment) or averaged.
+The largest readings of a rounded peak may be alike too: where it is read coarsely, or by the chance of noise. Coarsely
+read, m samples lie within one step of the sensor's resolution, and then its sides fall by few steps. By chance, each
+reading after the first hits the same step among all to which noise and hand could have taken it; how many those are,
+the sides tell. Were the noise small, a rounded peak with such sides could not be flat; were it large, its readings
+would scatter. Between the two, for a parabola with white noise of whatever size, the chance is at most
+(2.5 steps / fall)^(m - 1) for m of 3 and more, with the fall of the sides over two samples. (Two samples on either hand
+of a peak are alike whenever it lies in their middle.) The flat tops of one axis multiply their chances.
+
+What can't be found: clipped peaks of single samples (of two, at an odd value), tops too shallow to be told from noise,
+and those clipped before the axis was mixed with others (calibrated for misalignment) or averaged.
 """
 
 from __future__ import annotations
@@ -27,16 +35,22 @@ LOWEST = {"acc": 1.15 * GRAVITY, "gyr": 1.0}
 RANGES = {"acc": GRAVITY * np.array([1.5, 2, 3, 4, 6, 8, 12, 16, 24]), "gyr": np.radians([125, 250, 500, 1000, 2000])}
 """Where makers let a range end ..."""
 
-EXACTLY, PAIR = 1e-4, 2
-"""... and to which share they do: a flat top there has this many samples at least."""
+EXACTLY, PAIR, USUAL = 1e-4, 2, 0.05
+"""... and to which share they do: a flat top there has this many samples at least. The chance that a peak ends there
+all the same is no more than this: that of a hand whose turn is a round number, read with some noise."""
 
 SAME = 1e-6
 """Readings that differ by less than this share of the extreme one are the same."""
 
-FLAT, STEEP = 3, 5.0
-"""Elsewhere a flat top has this many samples at least, and its sides fall by this many steps of the sensor's
-resolution: a rounded peak that is coarsely read does not (of a noisy sensor's one in some thousand does: a warning too
-many, where more samples asked for would be clipped peaks missed)."""
+FLAT, SIDE = 3, 2
+"""Elsewhere a flat top has this many samples at least; so many samples on either hand are its sides."""
+
+ROUNDED, CHANCE = 10.0, 2.5
+"""In steps of the sensor's resolution: the sides of a rounded peak that is coarsely read fall no further than this; and
+of so many, by how far they fall, one is hit by chance."""
+
+ALARM = 1e-4
+"""So unlikely must all be by chance, for each axis and side."""
 
 
 @dataclass(frozen=True)
@@ -84,15 +98,20 @@ def _tops(x: Array, sensor: str, new: NDArray[np.bool_]) -> list[tuple[int, int]
     if top < LOWEST[sensor]:
         return []
     tops = runs(x >= top * (1.0 - SAME))
-    usual = (np.abs(top / RANGES[sensor] - 1.0) < EXACTLY).any()
-    long = [(start, stop) for start, stop in tops if new[start:stop].sum() >= (PAIR if usual else FLAT)]
-    if usual or not long:
-        return tops if long else []
+    usual = bool((np.abs(top / RANGES[sensor] - 1.0) < EXACTLY).any())
+    counted = [(start, stop, int(new[start:stop].sum())) for start, stop in tops]
+    flat = [each for each in counted if each[2] >= (PAIR if usual else FLAT)]
+    if not flat:
+        return []
     between = np.diff(np.unique(x))
     step = max(float(between[between > top * SAME].min(initial=np.inf)), top * SAME)
-    sides = np.concatenate((x[:1], x, x[-1:]))
-    steep = any(top - max(sides[start], sides[stop + 1]) > STEEP * step for start, stop in long)
-    return tops if steep else []
+    chance = USUAL if usual else 1.0
+    for start, stop, samples in flat:
+        sides = x[max(start - SIDE, 0) : start], x[stop : stop + SIDE]
+        fall = min((top - float(side.min()) for side in sides if len(side)), default=0.0)
+        if fall > ROUNDED * step:
+            chance *= (CHANCE * step / fall) ** (samples - 1)
+    return tops if chance < ALARM else []
 
 
 def _warn(recording: Recording, clips: Sequence[Clip]) -> None:

@@ -107,7 +107,11 @@ def _add_pose(table: Table, part: str, what: str, pose: Pose, cov: Array | None)
 
 
 def _add_linear(table: Table, what: str, linear: Linear, factor: float, unit: str) -> None:
-    sigma = "" if np.isnan(linear.bias_sigma).any() else ", ".join(f"{factor * x:.3g}" for x in linear.bias_sigma)
+    sigma = (
+        ""
+        if np.isnan(linear.bias_sigma).any()
+        else f"{', '.join(f'{factor * x:.3f}' for x in linear.bias_sigma)} {unit}"
+    )
     table.add_row("", f"{what} bias", f"({', '.join(f'{factor * x:.3f}' for x in linear.bias)}) {unit}", sigma)
     if (linear.matrix != np.eye(3)).any():
         scale = ", ".join(f"{100.0 * (x - 1.0):+.2f}" for x in np.diagonal(linear.matrix))

@@ -4,8 +4,11 @@
 
 - `points`: the hand goes to four points about 30 cm apart. The error of nav's origin in base, and of the heading in
   which the sensor lies at its first rest. (Nav's own heading, `nav_yaw_deg`, is magnetic and off by what the
-  accelerometer's bias tilts it, the same for every demonstration that starts alike.) `inside_2_sigma`: the share of the
-  errors of x, y, z and that heading within two of the fit's own sigmas.
+  accelerometer's bias tilts it, the same for every demonstration that starts alike.) `inside`: the share of the errors
+  of x, y, z and that heading within one and two of the fit's own sigmas, and `interval_2_sigma`, in which that share
+  lies by 95 % (binomial, by Clopper and Pearson, as though the four of a trial were independent); of this and of other
+  tasks, 3 to 8 points, 15 to 60 cm apart, by better sensors, with a hand that is yawed. `lost`: the tracker refused,
+  or found other stops; `refused`: the points seemed to contradict each other.
 - `outlier`: one of six points is wrong by 10 cm in a direction drawn at random; the share in which that one and no
   other is named, and in which a right one is, where none is wrong.
 - `gyro`: the bias after five seconds of rest, largest over the axes.
@@ -29,14 +32,16 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import numpy as np
+from scipy.stats import binomtest
 
 from pbd.calibration.gyro import fit_gyro
 from pbd.calibration.mount import CALIBRATED_SCALE, fit_pivot
-from pbd.calibration.points import PointFit, fit_points, touches
+from pbd.calibration.points import PointFit, fit_points
 from pbd.calibration.rests import find_rests
 from pbd.calibration.sensor import SensorFit, calibrate_sensor
+from pbd.calibration.touches import touches
 from pbd.data import GRAVITY, Calibration, Keyframe, SensorErrors
-from pbd.errors import CalibrationError, PbdWarning, TrackingError
+from pbd.errors import CalibrationError, PbdWarning, RecordingError, TrackingError
 from pbd.pipeline import track
 from pbd.pose import Array, quat_from_rpy, quat_inverse, quat_multiply, quat_rotate, yaw_toward
 from pbd.sensors.simulate import EARTH, simulate
@@ -51,16 +56,35 @@ TIP = (0.03, -0.02, 0.0933)
 """m: 10 cm long."""
 
 
+TASKS: dict[str, Any] = {
+    "wt901_4": (4, "wt901", 0.3),
+    "wt901_3": (3, "wt901", 0.3),
+    "wt901_5": (5, "wt901", 0.3),
+    "wt901_8": (8, "wt901", 0.3),
+    "wt901_4_15cm": (4, "wt901", 0.15),
+    "wt901_4_60cm": (4, "wt901", 0.6),
+    "os5000_4": (4, "os5000", 0.3),
+    "os5000_8": (8, "os5000", 0.3),
+    "modern_4": (4, "modern", 0.3),
+    "modern_8": (8, "modern", 0.3),
+    "wt901_5_yawed": (5, "wt901", 0.3, 90.0),
+}
+"""How many points, the sensor, how far they lie apart (m), by how much the hand is yawed on each way (degrees); the
+first is the one asked for."""
+
+
 def main() -> None:
     """Simulate, calibrate, compare, print."""
     args = arguments(str(__doc__)).parse_args()
     warnings.simplefilter("ignore", PbdWarning)
     seeds = range(10 if args.quick else 100)
-    points = points_figures(seeds)
+    coverage = {name: points_figures(seeds, *task) for name, task in TASKS.items()}
+    points = next(iter(coverage.values()))
     sensor = sensor_figures(seeds)
     figures: dict[str, Any] = {"seeds": len(seeds), "points": points, "outlier": outlier_figures(seeds)}
+    figures["inside"] = {name: each.pop("inside") for name, each in coverage.items()}
     figures["gyro"] = gyro_figures(seeds) | {"matrix": sensor.pop("gyro")}
-    figures |= sensor | {"mount": mount_figures(seeds), "inside_2_sigma": points.pop("inside_2_sigma")}
+    figures |= sensor | {"mount": mount_figures(seeds), "inside_2_sigma": figures["inside"]["wt901_4"]["2_sigma"]}
     finish(figures, args.json)
 
 
@@ -69,29 +93,57 @@ def spread(values: Sequence[float], name: str) -> dict[str, float]:
     return {f"{name}_median": float(np.median(values)), f"{name}_p95": float(np.percentile(values, 95))}
 
 
-def points_figures(seeds: Sequence[int]) -> dict[str, float]:
-    """Four points."""
-    metres, yaws, nav_yaws, inside = [], [], [], []
+def points_figures(
+    seeds: Sequence[int], count: int, sensor: str, spacing_m: float, yawed_deg: float = 0.0
+) -> dict[str, Any]:
+    """Of one of TASKS."""
+    metres, yaws, nav_yaws, sigmas, refused = [], [], [], [], 0
     for seed in seeds:
-        touched = touching(seed)
-        keyframes, fit = registered(touched, touched.points)
+        touched = touching(seed, count, sensor, spacing_m, yawed_deg)
+        try:
+            found = registered(touched, touched.points)
+        except CalibrationError:
+            refused += 1
+            continue
+        if found is None:
+            continue
+        first, fit = found
         assert touched.demo.truth is not None
         off = fit.T_base_nav.p - touched.T_base_nav.p
         true = quat_multiply(touched.T_base_nav.wxyz, touched.demo.truth.wxyz_nav_sensor[0])
-        found = quat_multiply(fit.T_base_nav.wxyz, keyframes[0].T_nav_sensor.wxyz)
-        yaw = wrapped(yaw_toward(found, true))
+        yaw = wrapped(yaw_toward(quat_multiply(fit.T_base_nav.wxyz, first.T_nav_sensor.wxyz), true))
         metres.append(1e3 * float(np.linalg.norm(off)))
         yaws.append(abs(np.degrees(yaw)))
         nav_yaws.append(abs(np.degrees(wrapped(yaw_toward(fit.T_base_nav.wxyz, touched.T_base_nav.wxyz)))))
-        inside.append(np.abs([*off, yaw]) < 2.0 * np.sqrt(np.diagonal(fit.cov))[[0, 1, 2, 5]])
+        sigmas.append(np.abs([*off, yaw]) / np.sqrt(np.diagonal(fit.cov))[[0, 1, 2, 5]])
     figures = spread(metres, "position_mm") | spread(yaws, "yaw_deg") | spread(nav_yaws, "nav_yaw_deg")
-    return figures | {"inside_2_sigma": float(np.mean(inside))}
+    return figures | {
+        "inside": inside(np.array(sigmas)) | {"lost": len(seeds) - len(sigmas) - refused, "refused": refused}
+    }
 
 
-def registered(touched: Touching, points: Array) -> tuple[tuple[Keyframe, ...], PointFit]:
-    """The keyframes, and nav by the stops after the first."""
-    keyframes = find_keyframes(track(touched.demo.recording))
-    return keyframes, fit_points(touches(keyframes, range(1, len(keyframes)), np.zeros(3)), points)
+def inside(sigmas: Array) -> dict[str, Any]:
+    """What share of errors, in their sigmas, (trials, 4), lies within one and two."""
+    within = int((sigmas < 2.0).sum())
+    low, high = binomtest(within, sigmas.size).proportion_ci(0.95)
+    return {
+        "1_sigma": float((sigmas < 1.0).mean()),
+        "2_sigma": within / sigmas.size,
+        "interval_2_sigma": [float(low), float(high)],
+        "of": sigmas.size,
+    }
+
+
+def registered(touched: Touching, points: Array) -> tuple[Keyframe, PointFit] | None:
+    """The first keyframe, and nav by the stops after it; None where the tracker found other stops."""
+    try:
+        hand = track(touched.demo.recording)
+    except (RecordingError, TrackingError):
+        return None
+    keyframes = find_keyframes(hand)
+    if len(keyframes) != len(points) + 1:
+        return None
+    return keyframes[0], fit_points(touches(keyframes, range(1, len(keyframes)), np.zeros(3), hand.stretch), points)
 
 
 def wrapped(angle: float) -> float:
@@ -101,7 +153,7 @@ def wrapped(angle: float) -> float:
 
 def outlier_figures(seeds: Sequence[int]) -> dict[str, float]:
     """Six points, one of them wrong, or none."""
-    named, blamed, undecided = 0, 0, 0
+    named, blamed, undecided, lost = 0, 0, 0, 0
     for seed in seeds:
         touched = touching(seed, 6)
         rng = np.random.default_rng(seed)
@@ -109,13 +161,17 @@ def outlier_figures(seeds: Sequence[int]) -> dict[str, float]:
         points = touched.points.copy()
         points[wrong] += 0.1 * way / np.linalg.norm(way)
         try:
-            _, fit = registered(touched, points)
-            named += [k for k, used in enumerate(fit.used) if not used] == [wrong]
+            right = registered(touched, touched.points)
+            if right is None:
+                lost += 1
+                continue
+            blamed += not all(right[1].used)
+            found = registered(touched, points)
+            named += found is not None and [k for k, used in enumerate(found[1].used) if not used] == [wrong]
         except CalibrationError:
             undecided += 1
-        blamed += not all(registered(touched, touched.points)[1].used)
-    total = len(seeds)
-    return {"named": named / total, "undecided": undecided / total, "blamed_where_none_is_wrong": blamed / total}
+    shares = {"named": named, "undecided": undecided, "blamed_where_none_is_wrong": blamed, "lost": lost}
+    return {name: count / len(seeds) for name, count in shares.items()}
 
 
 def gyro_figures(seeds: Sequence[int]) -> dict[str, float]:

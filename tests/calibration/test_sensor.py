@@ -151,7 +151,7 @@ def test_one_side_of_an_axis_tells_neither_its_bias_nor_its_scale() -> None:
 @pytest.mark.parametrize("count", [1, 3])
 def test_orientations_that_are_too_few_or_alike_are_refused(count: int) -> None:
     with pytest.raises(
-        CalibrationError, match=rf"of {count} rests only {count} differ.* needs 4 orientations, best 12"
+        CalibrationError, match=r"(of 3 rests only 3 differ|was put down once).* needs 4 orientations, best 12"
     ):
         fit_accelerometer(of(9.81 * SIDES[:count]))
     alike = SIDES[[0] * 6] + 0.05 * np.random.default_rng(0).normal(size=(6, 3))
@@ -260,6 +260,14 @@ def test_a_magnetometer_that_lay_flat_is_refused() -> None:
     mag += 0.1 * np.random.default_rng(0).normal(size=mag.shape)
     with pytest.raises(CalibrationError, match="the magnetometer was not turned far enough"):
         fit_magnetometer(mag, replace(of(9.81 * SIDES), mag=mag[:12], mag_noise=0.1), SIDES)
+
+
+def test_a_magnetometer_that_was_not_turned_is_refused() -> None:
+    """Its noise lies all around too, but that is no ellipsoid of a field."""
+    mag = np.array([0.0, 19.5, -44.0]) + 0.2 * np.random.default_rng(0).normal(size=(500, 3))
+    once = replace(of(9.81 * SIDES[:1]), mag=mag[:1], mag_noise=0.2)
+    with pytest.raises(CalibrationError, match=r"not turned far enough: along one axis it reads the same to 0\.2 uT"):
+        fit_magnetometer(mag, once, SIDES[:1])
 
 
 # --- all together -----------------------------------------------------------------------------------------------------

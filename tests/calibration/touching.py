@@ -12,8 +12,10 @@ from pbd.sensors.simulate import simulate
 from pbd.sensors.simulated_hand import Waypoint
 from pbd.sensors.simulated_tasks import Task
 
-PLACES = 0.3 * np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0.5, -0.5, 0.4), (0.5, 1.5, 0.4)])
-"""m: about 30 cm from one to the next."""
+PLACES = np.array(
+    [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0.5, -0.5, 0.4), (0.5, 1.5, 0.4), (0.2, 1.3, 0.3), (1, -0.3, 0.2)]
+)
+"""One is about one from the next."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,16 +27,25 @@ class Touching:
     T_base_nav: Pose
 
 
-def touching(seed: int, count: int = 4, sensor: str = "wt901") -> Touching:
-    """From a rest elsewhere, a second or so to each point, and a second or so on it; the hand turns a little."""
+def touching(
+    seed: int, count: int = 4, sensor: str = "wt901", spacing_m: float = 0.3, yawed_deg: float = 0.0
+) -> Touching:
+    """From a rest elsewhere, a second or so to each point, and a second or so on it; the hand turns a little.
+
+    Longer ways take longer: the acceleration is the same. On each the hand is yawed by up to `yawed_deg` either way.
+    """
     rng = np.random.default_rng(seed)
-    places = PLACES[:count] + rng.normal(scale=0.03, size=(count, 3))
-    start = rng.uniform(-0.2, 0.2, 3)
+    slower = max(1.0, np.sqrt(spacing_m / 0.3))
+    places = spacing_m * PLACES[:count] + rng.normal(scale=0.03, size=(count, 3))
+    start = spacing_m * rng.uniform(-2.0 / 3.0, 2.0 / 3.0, 3)
     waypoints = [Waypoint(_triple(start), rest_s=2.0)]
     for place in places:
         axis = rng.normal(size=3)
         turn = np.radians(rng.uniform(0.0, 20.0)) * axis / np.linalg.norm(axis)
-        waypoints.append(Waypoint(_triple(place), _triple(turn), rng.uniform(0.8, 1.5), rng.uniform(0.6, 1.2)))
+        if yawed_deg > 0.0:
+            turn[2] += np.radians(rng.uniform(-yawed_deg, yawed_deg))
+        move_s, rest_s = slower * rng.uniform(0.8, 1.5), rng.uniform(0.6, 1.2)
+        waypoints.append(Waypoint(_triple(place), _triple(turn), move_s, rest_s))
     task = Task("touching", tuple(waypoints), start_rpy=(0.0, 0.0, rng.uniform(-np.pi, np.pi)))
     T_base_world = Pose(rng.uniform(-0.5, 0.5, 3), quat_about_z(rng.uniform(-np.pi, np.pi)))
     start_in_world = Pose(start, np.array([1.0, 0.0, 0.0, 0.0]))  # world's y is north, as nav's with a magnetometer

@@ -277,8 +277,28 @@ def test_show_without_a_start(capsys: Capture) -> None:
     assert run_json(capsys, "calibrate", "show", "mount.toml")["keyframes"] == []
     line = refused(capsys, 1, "calibrate", "show", "mount.toml", "--save", "x.png")
     assert line.endswith("does not say where the hand starts, so there is nothing to plot; add a dock")
+    code, _, err = run(capsys, "calibrate", "show", "mount.toml", "pouring")
+    assert (code, err.count("\n")) == (0, 1)
+    assert "does not say where the hand starts, so how sure the tool is can't be said; add a dock" in err
     line = refused(capsys, 1, "replay", "pouring", "--robot", "panda", "--calibration", "mount.toml", "--no-open")
     assert "does not say where the hand starts in the robot's base; add a dock" in line
+
+
+def test_show_without_a_demonstration_of_this_sensor(capsys: Capture) -> None:
+    """Nobody asked for the bundled demonstration, which is used where none is named: the rest is shown all the same."""
+    run(capsys, *DOCK)
+    with Path("calibration/bench.toml").open("a", encoding="utf-8") as file:
+        file.write('\n[sensor]\nname = "witmotion"\ngravity = 9.81\n')
+    code, out, err = run(capsys, "calibrate", "show", "bench")
+    assert code == 0
+    assert "witmotion" in out
+    assert "is left out: 'pouring' is of the sensor" in err
+    assert "pbd calibrate show bench DEMO" in err
+    line = refused(capsys, 1, "calibrate", "show", "bench", "pouring")
+    assert line.startswith("pbd: 'pouring' is of the sensor")
+    code, _, err = run(capsys, "calibrate", "show", "bench", "--save", "x.png")
+    assert code == 1
+    assert "a plot shows the tool at a demonstration's keyframes; name one after 'bench'" in err
 
 
 def test_show_refuses_a_kind_of_picture_that_it_can_not_draw(capsys: Capture) -> None:

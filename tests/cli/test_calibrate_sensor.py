@@ -137,6 +137,8 @@ def test_what_is_wrong_with_a_recording_of_sides(capsys: Capture) -> None:
     assert read_calibration(Path("calibration/bench.toml")).T_base_dock is None
     line = refused(capsys, "calibrate", "sensor", "bench", "three", "--latitude", "100")
     assert line == "--latitude must be from -90 to 90, got 100"
+    line = refused(capsys, "calibrate", "sensor", "bench", "three", "--gravity", "981")
+    assert line.startswith("--gravity must be in m/s2, from 9.7 to 9.9 as everywhere on earth, got 981")
     with pytest.raises(SystemExit, match="2"):
         main(["calibrate", "sensor", "bench", "three", "--only", "gyro"])
     capsys.readouterr()

@@ -83,6 +83,14 @@ def test_no_or_one_sample_is_refused(method: str, rows: int) -> None:
         track(with_rows(pour().recording, slice(0, rows)), method)
 
 
+@every_method
+@pytest.mark.parametrize("row", [0, *range(250, 350, 7)])
+def test_ten_samples_are_refused_wherever_they_are_from(method: str, row: int) -> None:
+    """Within a tenth of a second any motion looks like a rest."""
+    with pytest.raises(RecordingError, match=r"the recording lasts 0\.1 s \(10 samples\); record at least a second of"):
+        track(with_rows(pour().recording, slice(row, row + 10)), method)
+
+
 def test_samples_that_never_change_are_refused() -> None:
     n = 400
     same = Recording(0.01 * np.arange(n, dtype=np.float64), np.tile((0.0, 0.0, 9.81), (n, 1)), np.zeros((n, 3)))

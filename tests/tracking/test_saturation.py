@@ -9,6 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from pbd.data import GRAVITY, Demonstration, Recording
 from pbd.errors import PbdWarning
@@ -20,7 +22,7 @@ from pbd.sensors.simulated_sensor import SensorModel
 from pbd.sensors.simulated_tasks import Task
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.restoring import restore
-from pbd.tracking.saturation import Clip, find_clips
+from pbd.tracking.saturation import Clip, clips_of, find_clips
 from tests.benchmarks.trials import read_broad
 from tests.scenarios import truth_at
 
@@ -29,8 +31,8 @@ clipping = pytest.mark.filterwarnings("ignore:.*end of the range:pbd.errors.PbdW
 
 def limited(sensor: str, gyr_deg: float = inf, acc: float = inf) -> SensorModel:
     model = SENSOR_MODELS[sensor]
-    assert model.gyr is not None
-    return replace(model, gyr=replace(model.gyr, limit=np.radians(gyr_deg)), acc=replace(model.acc, limit=acc))
+    gyr = None if model.gyr is None else replace(model.gyr, limit=np.radians(gyr_deg))
+    return replace(model, gyr=gyr, acc=replace(model.acc, limit=acc))
 
 
 def fast(seed: int) -> Task:
@@ -87,20 +89,31 @@ def test_one_line_says_how_many_which_axis_where_and_what_to_do() -> None:
     ]
 
 
-@clipping
 @pytest.mark.parametrize("rate_hz", [None, 25.0, 60.0, 250.0])
 @pytest.mark.parametrize("sensor", ["os5000", "os5000-nogyro", "wt901", "modern", "ideal"])
 def test_nothing_is_found_where_nothing_clips(sensor: str, rate_hz: float | None) -> None:
-    """Of 50 recordings in one at most: three readings of a rounded peak may agree by chance."""
-    model = SENSOR_MODELS[sensor]
-    model = replace(model, acc=replace(model.acc, limit=inf))
-    model = replace(model, gyr=None if model.gyr is None else replace(model.gyr, limit=inf))
-    found = []
     for seed in range(10):
-        tasks: list[str | Task] = [*TASKS, random_task(seed), fast(seed)]
-        found += [bool(find_clips(simulate(task, model, seed, rate_hz=rate_hz).recording)) for task in tasks]
-    assert len(found) >= 50
-    assert sum(found) <= 1
+        tasks: tuple[str | Task, ...] = (*TASKS, random_task(seed), fast(seed))
+        for task in tasks:
+            assert clips_of(simulate(task, limited(sensor), seed, rate_hz=rate_hz).recording) == ()
+
+
+@settings(deadline=None, max_examples=50)
+@given(
+    st.sampled_from(["os5000", "wt901", "modern"]),
+    st.floats(0.1, 30.0),
+    st.floats(0.01, 1.0),
+    st.integers(0, 2**32 - 1),
+    st.sampled_from([25.0, 40.0, 100.0, 250.0]),
+)
+def test_nothing_is_found_however_coarse_the_sensor(
+    sensor: str, acc_mg: float, gyr_deg: float, seed: int, rate_hz: float
+) -> None:
+    model = limited(sensor)
+    assert model.gyr is not None
+    acc = replace(model.acc, step=1e-3 * GRAVITY * acc_mg)
+    coarse = replace(model, acc=acc, gyr=replace(model.gyr, step=np.radians(gyr_deg)))
+    assert clips_of(simulate(fast(seed), coarse, seed, rate_hz=rate_hz).recording) == ()
 
 
 def test_nothing_is_found_in_real_recordings(data_folder: Path) -> None:
