@@ -32,8 +32,9 @@ AGREES, BETTER = np.radians(10.0), 3.0
 
 IDENTITY = np.eye(3)
 
-NOTHING = 0.1
-"""A gyro that turns by less than this share of what gravity does is dead."""
+NOTHING, HELD_S = 0.1, 0.3
+"""A gyro that turns by less than this share of what gravity does is dead, if it does so between moments in a row for so
+long. (A hand that speeds up to one side and down is as steady as gravity for a moment, and turns the vertical.)"""
 
 FEW, SEVERAL = 2, 8
 """... at this many pairs of moments, or more; at so many for axes, which have more ways to agree by chance."""
@@ -98,8 +99,16 @@ def refuse_disagreement(recording: Recording) -> None:
                 fits = disagreement(as_it_is if hand > 0.0 else back, hand * axes)
                 readings.append((fits, _other_axes(order, signs), ""))
     best, what, unit = min(readings)
-    if best >= min(AGREES, off / BETTER) and np.median(_angles(up, predicted)[telling]) < NOTHING * off:
-        best, what, unit = 0.0, "it says next to nothing, so it is dead; mend it, or check the columns gx, gy, gz", ""
+    held = _held(steady.rows, rate_hz)
+    held_still = telling & held[first] & held[second]
+    if best >= min(AGREES, off / BETTER) and held_still.sum() >= FEW:
+        seen, said = _angles(up, up_later)[held_still], _angles(up, predicted)[held_still]
+        if np.median(said) < NOTHING * np.median(seen):
+            best, what, unit = (
+                0.0,
+                "it says next to nothing, so it is dead; mend it, or check the columns gx, gy, gz",
+                "",
+            )
     if best < min(AGREES, off / BETTER):
         raise RecordingError(
             f"the gyro does not turn as gravity shows (by {np.degrees(off):.0f} degrees, first at "
@@ -140,6 +149,13 @@ def _pairs(rows: NDArray[np.intp], rate_hz: float) -> tuple[NDArray[np.intp], ND
     first, second = first[there], second[there]
     near = rows[second] - rows[first] <= LONGEST_S * rate_hz
     return first[near], second[near]
+
+
+def _held(rows: NDArray[np.intp], rate_hz: float) -> NDArray[np.bool_]:
+    """Which moments (m,) lie among others for HELD_S: the hand is held there."""
+    run = np.cumsum(np.diff(rows, prepend=rows[:1]) > 1)
+    held: NDArray[np.bool_] = np.bincount(run, minlength=1)[run] >= HELD_S * rate_hz
+    return held
 
 
 def _angles(a: Array, b: Array) -> Array:

@@ -17,6 +17,7 @@ from pbd.files.importers import import_file
 from pbd.pipeline import track
 from pbd.pose import Array
 from pbd.sensors.simulate import SENSOR_MODELS, TASKS, World, random_task, simulate
+from pbd.sensors.simulated_hand import Waypoint
 from pbd.sensors.simulated_tasks import Task
 from pbd.tracking.agreement import refuse_disagreement
 from pbd.tracking.conditioning import condition
@@ -267,3 +268,12 @@ def test_gravity_is_what_the_sensor_shows(sensor: str, gravity: float, seed: int
     keyframes, errors = keyframes_and_errors(simulate("pour", sensor, seed, world=World(gravity=gravity)))
     assert len(keyframes) == 11
     assert errors.max() < 0.015
+
+
+@pytest.mark.parametrize("sensor", ["wt901", "modern"])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_hand_that_speeds_up_to_one_side_and_down_is_no_dead_gyro(sensor: str, seed: int) -> None:
+    """At 5 m/s2, 15 degrees below the level, specific force is g, 30 degrees from the vertical, and steady."""
+    here, there = Waypoint(move_s=1.0, rest_s=1.0), Waypoint((0.87, 0.0, -0.23), move_s=1.0, rest_s=1.0)
+    waypoints = [Waypoint(rest_s=1.0), *(4 * [there, here])]
+    refuse_disagreement(simulate(Task("brisk", tuple(waypoints)), sensor, seed).recording)
