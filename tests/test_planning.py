@@ -17,6 +17,7 @@ from pbd.arm.ways import DEMO, LINE, STRAIGHT
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Obstacle, Robot, Stop
 from pbd.errors import PbdError, PbdWarning, PlanError, TrackingError
 from pbd.planning import Plan, PlanOptions, arm_of, plan_keyframes
+from pbd.planning.checks import warn_of_unsure
 from pbd.pose import Array, Pose, quat_exp
 from pbd.tracking.keyframes import find_keyframes
 
@@ -337,3 +338,22 @@ def test_options_have_names() -> None:
         PlanOptions(path="curve")
     with pytest.raises(PbdError, match="no 'fast'; choose one of limits, demo"):
         PlanOptions(time="fast")
+
+
+def test_what_makes_a_keyframe_unsure_is_named() -> None:
+    """One long move, or many."""
+    variances = {"long": (0.0, 1e-4, 1e-2, 1.1e-2), "many": tuple(1e-3 * k for k in range(12))}
+    said = {}
+    for name, each in variances.items():
+        frames = [replace(keyframe(3.0 * k), cov=variance * np.eye(6)) for k, variance in enumerate(each)]
+        with pytest.warns(PbdWarning) as told:
+            warn_of_unsure(frames, 1.0)
+        said[name] = str(told[0].message)
+    assert said["long"] == (
+        "keyframe 3 at 9.0 s is the least sure: a sigma of 10 cm, most of it from the move to keyframe 2, 2.5 s long; "
+        "stop on the way for half a second"
+    )
+    assert "keyframe 11 at 33.0 s is the least sure: a sigma of 10 cm, from the drift of many moves" in said["many"]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warn_of_unsure(frames, 0.3)

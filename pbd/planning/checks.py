@@ -48,14 +48,24 @@ def refuse_one_place(T_base_tool: Sequence[Pose]) -> None:
 
 
 def warn_of_unsure(keyframes: Sequence[Keyframe], scale: float) -> None:
-    """Tell how unsure the least sure one is, where that is much; `scale` multiplies the hand's positions."""
-    sigma = scale * max(float(np.sqrt(np.linalg.eigvalsh(keyframe.cov[:3, :3]).max())) for keyframe in keyframes)
-    if sigma > UNSURE_M:
-        warnings.warn(
-            f"the least sure keyframe has a sigma of {100.0 * sigma:.0f} cm; stop more often, for half a second each",
-            PbdWarning,
-            stacklevel=4,
-        )
+    """Tell how unsure the least sure one is and what makes it so, where that is much; `scale` multiplies positions."""
+    variances = [scale**2 * float(np.linalg.eigvalsh(keyframe.cov[:3, :3]).max()) for keyframe in keyframes]
+    least_sure, added = int(np.argmax(variances)), np.diff(variances, prepend=0.0)
+    if variances[least_sure] <= UNSURE_M**2:
+        return
+    worst = int(np.argmax(added))
+    if worst > 0 and added[worst] > 0.5 * variances[least_sure]:
+        before, after = keyframes[worst - 1], keyframes[worst]
+        duration = after.t - 0.5 * after.dwell_s - before.t - 0.5 * before.dwell_s
+        why = f"most of it from the move to keyframe {worst}, {duration:.1f} s long; stop on the way for half a second"
+    else:
+        why = "from the drift of many moves; end where you began (pbd record --closed), or name places that are known"
+    warnings.warn(
+        f"keyframe {least_sure} at {keyframes[least_sure].t:.1f} s is the least sure: a sigma of "
+        f"{100.0 * np.sqrt(variances[least_sure]):.0f} cm, {why}",
+        PbdWarning,
+        stacklevel=4,
+    )
 
 
 def warn_of_table(scene: CollisionScene) -> None:

@@ -119,6 +119,7 @@ def row(figures: dict[str, Any]) -> dict[str, float]:
     return {
         "slow 1 s": slow["1"]["40"]["median_cm"],
         "slow 5 s p95": slow["5"]["40"]["p95_cm"],
+        "rotation 1 s": turning["1"]["40"]["median_cm"],
         "rotation 2 s": turning["2"]["40"]["median_cm"],
         "fast 1 s": fast["1"]["40"]["median_cm"],
         "fast 1 s p95": fast["1"]["40"]["p95_cm"],
