@@ -19,6 +19,9 @@ MOTION_DRIFT = 0.0055
 PEAK_DRIFT = 0.3
 """How much of a peak's variance between two samples is lost to a sensor that low-passes, but not quite enough."""
 
+BESIDE = 1
+"""So many samples on either side of a move tell how the means at its ends were spread (`integral_of_means`)."""
+
 EDGE_S, EDGE_SHARE = 0.05, 0.33
 """At either end of a stop the hand may still creep: for half a window of the detector, and a third of a short stop; for
 twice as long where the acceleration there stands out of the noise."""
@@ -53,7 +56,7 @@ def integrate_move(
             the move, and how the mean over it was spread the samples beside it tell.
     """
     first, last, _ = rows.indices(len(t))
-    wide = slice(max(first - 1, 0), last + 1)
+    wide = slice(max(first - BESIDE, 0), last + BESIDE)
     v_wide = integral_of_means(t[wide], a_nav[wide])[first - wide.start :][: last - first]
     t, a_nav = t[rows], a_nav[rows]
     v_raw = v_start + v_wide - v_wide[0]

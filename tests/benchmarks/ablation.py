@@ -57,6 +57,7 @@ WITHOUT: dict[str, tuple[Change, ...]] = {
     "half-sample alignment": tuple((m, "turns_between_middles", own_turn) for m in (orientation, smoothing)),
     "cubic turns, coning": tuple((m, "turns_between_middles", half_and_half) for m in (orientation, smoothing)),
     "cubic velocity": tuple((m, "integral_of_means", trapezoids) for m in (integration, smoothing, legs)),
+    "samples beside a move": ((integration, "BESIDE", 0),),
     "tilt time constant 6 s (then VQF's 3 s)": ((orientation, "VQF", orientation.VQF | {"tauAcc": 3.0}),),
     "attitude held by the stops": ((smoothing, "_hold_tilt", lambda r, attitude, *_: attitude.wxyz_nav_sensor),),
     "gyro bias from calm stops": ((smoothing, "_bias_left", lambda *_: np.zeros(3)),),
