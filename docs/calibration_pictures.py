@@ -30,9 +30,10 @@ from pbd.errors import PbdWarning
 from pbd.pipeline import track
 from pbd.pose import Array, quat_to_matrix
 from pbd.sensors.simulate import EARTH, simulate
+from pbd.sensors.simulated_calibration import SIDES, pivoting, sides
 from pbd.tracking.keyframes import find_keyframes
 from tests.calibration.touching import touching
-from tests.calibration.turning import BAD, SIDES, pivoting, sides
+from tests.calibration.turning import BAD
 
 HERE = Path(__file__).parent
 X, Y, Z, INK, GREY = "#d55e00", "#009e73", "#0072b2", "#222222", "#8a8a8a"

@@ -227,7 +227,8 @@ def test_a_recording_that_never_moves(capsys: Capture, elsewhere: Path) -> None:
         ),
         (
             ("simulate", "pours", "tea"),
-            "pbd: no task is called 'pours'; choose one of pick-and-place-stops, pick-and-place-direct, pour",
+            "pbd: no task is called 'pours'; choose one of pick-and-place-stops, pick-and-place-direct, pour, "
+            "touch, pivot, sides",
         ),
     ],
 )

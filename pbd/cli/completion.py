@@ -64,14 +64,14 @@ def _known() -> dict[str, Sequence[str]]:
     """What comes with pbd."""
     from pbd.files.library import bundled_names
     from pbd.sensors.protocols import PROTOCOLS
-    from pbd.sensors.simulate import SENSOR_MODELS, TASKS
+    from pbd.sensors.simulate import CALIBRATION_TASKS, SENSOR_MODELS, TASKS
 
     return {
         "demos": bundled_names("demos", ""),
         "robots": bundled_names("robots", ".toml"),
         "calibrations": bundled_names("calibration", ".toml"),
         "sensors": ["sim", *PROTOCOLS],
-        "tasks": list(TASKS),
+        "tasks": [*TASKS, *CALIBRATION_TASKS],
         "models": list(SENSOR_MODELS),
         "ports": (),
     }

@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 
-from pbd.cli.options import Commands, add_command, add_json, positive
+from pbd.cli.options import Commands, add_command, add_json, positive, say
 from pbd.cli.progress import working
-from pbd.cli.store import store_demonstration
+from pbd.cli.store import POINTS, store_demonstration
 
 HIGHEST_HZ = 1e4
+
+NEXT = {
+    "touch": "pbd calibrate points trial {demo} --points {points}",
+    "pivot": "pbd calibrate mount trial-tip {demo} --pivot",
+    "sides": "pbd calibrate sensor trial {demo} --gravity {gravity}",
+}
+"""What a calibration task is for. The points are touched with the sensor itself, so the mount goes elsewhere."""
 
 
 def add(commands: Commands) -> None:
@@ -18,9 +26,14 @@ def add(commands: Commands) -> None:
         "simulate",
         "make a synthetic demonstration, with its truth",
         "Simulate a hand that does a task with a sensor in it; the truth is stored beside.",
-        "  pbd simulate pour tea --sensor-model wt901 --seed 3",
+        "  pbd simulate pour tea --sensor-model wt901 --seed 3\n"
+        "  pbd simulate touch trial-touch   to try `pbd calibrate points` with",
     )
-    parser.add_argument("task", metavar="TASK", help="pour, pick-and-place-stops or pick-and-place-direct")
+    parser.add_argument(
+        "task",
+        metavar="TASK",
+        help="pour, pick-and-place-stops or pick-and-place-direct; to calibrate from: touch, pivot or sides",
+    )
     parser.add_argument("name", metavar="NAME", help="the new demonstration's name (in ./demos) or folder")
     parser.add_argument(
         "--sensor-model", default="modern", metavar="M", help="os5000, os5000-nogyro, wt901, modern or ideal (modern)"
@@ -33,9 +46,14 @@ def add(commands: Commands) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Simulate and store."""
+    """Simulate, store, and say which step of `pbd calibrate` takes it."""
+    import numpy as np
+
     from pbd.errors import SensorError
-    from pbd.sensors.simulate import simulate
+    from pbd.files.demo import demo_folder
+    from pbd.files.points import Points
+    from pbd.sensors.simulate import EARTH, simulate
+    from pbd.sensors.simulated_calibration import TOUCHED
 
     if args.rate is not None and args.rate > HIGHEST_HZ:
         raise SensorError(
@@ -43,5 +61,10 @@ def run(args: argparse.Namespace) -> int:
         )
     with working("simulating"):
         demo = simulate(args.task, args.sensor_model, args.seed, rate_hz=args.rate)
-    store_demonstration(args, demo, "simulated")
+    touched = Points(tuple(TOUCHED), np.array(list(TOUCHED.values()))) if args.task == "touch" else None
+    store_demonstration(args, demo, "simulated", touched)
+    if args.task in NEXT:
+        points = demo_folder(args.name) / POINTS
+        words = {"demo": shlex.quote(args.name), "points": shlex.quote(str(points)), "gravity": EARTH.gravity}
+        say(f"try it: {NEXT[args.task].format(**words)}")
     return 0

@@ -11,16 +11,26 @@ from pbd.cli.progress import working
 
 if TYPE_CHECKING:
     from pbd.data import Demonstration
+    from pbd.files.points import Points
 
 
-def store_demonstration(args: argparse.Namespace, demo: Demonstration, done: str) -> None:
-    """Write it under args.name, stamped with the time, and tell what was `done`."""
+POINTS = "points.csv"
+"""The file in a demonstration's folder that has the points which it touched."""
+
+
+def store_demonstration(
+    args: argparse.Namespace, demo: Demonstration, done: str, touched: Points | None = None
+) -> None:
+    """Write it under args.name, stamped with the time, and tell what was `done`; what it `touched` goes beside."""
     from pbd.files.demo import demo_folder, utc_now, write_demo
+    from pbd.files.points import write_points
 
     recording = replace(demo.recording, info=replace(demo.recording.info, created=utc_now()))
     folder = demo_folder(args.name)
     with working(f"writing {folder}"):
         write_demo(replace(demo, recording=recording), folder, force=args.force)
+        if touched is not None:
+            write_points(folder / POINTS, touched, "simulated: touched with the sensor itself, in the robot's base")
     samples, duration_s, rate_hz = len(recording), float(recording.t[-1]), recording.rate_hz
     say(f"{done} {samples} samples, {duration_s:.1f} s at {rate_hz:.0f} Hz, into {folder}")
     if args.json:
@@ -32,4 +42,5 @@ def store_demonstration(args: argparse.Namespace, demo: Demonstration, done: str
                 "duration_s": duration_s,
                 "rate_hz": rate_hz,
             }
+            | ({} if touched is None else {"points": str(folder / POINTS)})
         )

@@ -32,13 +32,14 @@ from pbd.pose import (
     quat_rotate,
     quat_to_matrix,
 )
+from pbd.sensors.simulated_calibration import CALIBRATION_TASKS
 from pbd.sensors.simulated_hand import HandMotion
 from pbd.sensors.simulated_sensor import SENSOR_MODELS, SensorModel
 from pbd.sensors.simulated_tasks import TASKS, Task, random_task
 
 _T = TypeVar("_T")
 
-__all__ = ["EARTH", "SENSOR_MODELS", "TASKS", "World", "random_task", "simulate"]
+__all__ = ["CALIBRATION_TASKS", "EARTH", "SENSOR_MODELS", "TASKS", "World", "random_task", "simulate"]
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,7 @@ def simulate(
     """Simulate a hand that does `task` with `sensor` in it.
 
     Args:
-        task: a name of TASKS, or a task of your own.
+        task: a name of TASKS or CALIBRATION_TASKS, or a task of your own.
         sensor: a name of SENSOR_MODELS, or a model of your own (`dataclasses.replace` changes one).
         seed: draws the device's errors and its noise. The same seed gives the same bytes.
         rate_hz: instead of the model's own rate.
@@ -80,7 +81,7 @@ def simulate(
     """
     if seed < 0:
         raise SensorError(f"the seed {seed} is negative; give 0 or more", value=seed)
-    task = _named(TASKS, task, "task") if isinstance(task, str) else task
+    task = _named({**TASKS, **CALIBRATION_TASKS}, task, "task") if isinstance(task, str) else task
     model = _named(SENSOR_MODELS, sensor, "sensor model") if isinstance(sensor, str) else sensor
     if rate_hz is not None:
         model = replace(model, rate_hz=rate_hz)

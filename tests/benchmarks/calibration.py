@@ -45,12 +45,13 @@ from pbd.errors import CalibrationError, PbdWarning, RecordingError, TrackingErr
 from pbd.pipeline import track
 from pbd.pose import Array, quat_from_rpy, quat_inverse, quat_multiply, quat_rotate, yaw_toward
 from pbd.sensors.simulate import EARTH, simulate
+from pbd.sensors.simulated_calibration import pivoting, sides
 from pbd.sensors.simulated_hand import Waypoint
 from pbd.sensors.simulated_tasks import Task
 from pbd.tracking.keyframes import find_keyframes
 from tests.benchmarks.report import arguments, finish
 from tests.calibration.touching import Touching, touching
-from tests.calibration.turning import BAD, WT901, device, pivoting, sides, symmetric
+from tests.calibration.turning import BAD, WT901, device, symmetric
 
 TIP = (0.03, -0.02, 0.0933)
 """m: 10 cm long."""

@@ -14,8 +14,8 @@ from pbd.errors import CalibrationError
 from pbd.pipeline import track
 from pbd.pose import Array, Pose, quat_exp, quat_inverse, quat_log, quat_multiply, quat_rotate
 from pbd.sensors.simulate import simulate
+from pbd.sensors.simulated_calibration import pivoting
 from pbd.tracking.keyframes import find_keyframes
-from tests.calibration.turning import pivoting
 
 TIP = (0.03, -0.02, 0.0928)
 vectors = st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array)

@@ -20,9 +20,10 @@ from pbd.data import GRAVITY, Recording, RecordingInfo, SensorErrors
 from pbd.errors import CalibrationError
 from pbd.pose import Array, quat_from_rpy, quat_inverse, quat_rotate
 from pbd.sensors.simulate import EARTH, simulate
+from pbd.sensors.simulated_calibration import SIDES, sides
 from pbd.sensors.simulated_hand import Waypoint
 from pbd.sensors.simulated_tasks import Task
-from tests.calibration.turning import BAD, SIDES, device, sides, symmetric
+from tests.calibration.turning import BAD, device, symmetric
 
 MG = 1e-3 * GRAVITY
 SEED = 5

@@ -22,8 +22,9 @@ from pbd.pose import quat_exp, quat_log, quat_multiply, quat_rotate
 from pbd.record.coach import Coach
 from pbd.sensors.decoding import Sample
 from pbd.sensors.simulate import simulate
+from pbd.sensors.simulated_calibration import SIDES, pivoting, sides, through
 from pbd.tracking.keyframes import find_keyframes
-from tests.calibration.turning import BAD, SIDES, pivoting, sides, through
+from tests.calibration.turning import BAD
 
 Capture = pytest.CaptureFixture[str]
 TIP = (0.03, -0.02, 0.0928)

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from pbd.errors import CalibrationError
-from pbd.files.points import read_points
+from pbd.files.points import Points, read_points, write_points
 
 
 def write(folder: Path, text: str) -> Path:
@@ -56,6 +59,17 @@ def test_a_fault_is_named_with_its_line(tmp_path: Path, text: str, message: str)
     with pytest.raises(CalibrationError) as caught:
         read_points(path)
     assert caught.value.message.startswith(f"{path}{message}")
+
+
+@settings(max_examples=25)
+@given(st.lists(st.tuples(*[st.floats(-9.9, 9.9)] * 3), min_size=1, max_size=5))
+def test_what_is_written_is_read(tmp_path_factory: pytest.TempPathFactory, places: list[tuple[float, ...]]) -> None:
+    path = tmp_path_factory.mktemp("points") / "points.csv"
+    written = Points(tuple(f"P{k}" for k in range(len(places))), np.array(places))
+    write_points(path, written, "a remark, with a comma")
+    read = read_points(path)
+    assert read.names == written.names
+    assert_allclose(read.p_base, written.p_base, atol=1e-5)
 
 
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:

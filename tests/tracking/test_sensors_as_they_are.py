@@ -17,6 +17,7 @@ from pbd.files.importers import import_file
 from pbd.pipeline import track
 from pbd.pose import Array
 from pbd.sensors.simulate import SENSOR_MODELS, TASKS, World, random_task, simulate
+from pbd.sensors.simulated_calibration import sides
 from pbd.sensors.simulated_hand import Waypoint
 from pbd.sensors.simulated_tasks import Task
 from pbd.tracking.agreement import refuse_disagreement
@@ -26,7 +27,6 @@ from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.spikes import without_spikes
 from pbd.tracking.steady import find_steady
 from tests.benchmarks.trials import read_broad
-from tests.calibration.turning import sides
 from tests.scenarios import keyframes_and_errors, pour, with_rows
 from tests.tracking.faults import with_channel
 

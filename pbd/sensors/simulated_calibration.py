@@ -1,0 +1,120 @@
+"""What the simulated hand does for `pbd calibrate`: touches known points, turns about its tip, puts the sensor down.
+
+All start at rest, the sensor level. Like all tasks they are done with one device per sensor model and seed, so that
+what is found from one recording holds for the others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from math import radians
+from types import MappingProxyType
+
+import numpy as np
+
+from pbd.pose import Array, quat_exp, quat_inverse, quat_log, quat_multiply, quat_rotate
+from pbd.sensors.simulated_hand import Waypoint
+from pbd.sensors.simulated_tasks import HEADING, Task
+
+TOUCHED: Mapping[str, tuple[float, float, float]] = MappingProxyType(
+    {
+        "A": (0.30, -0.20, 0.00),
+        "B": (0.60, -0.15, 0.02),
+        "C": (0.55, 0.20, 0.00),
+        "D": (0.25, 0.15, 0.10),
+        "E": (0.40, 0.00, 0.30),
+        "F": (0.65, -0.05, 0.15),
+    }
+)
+"""m in the robot's base: the points of `touch`, in its order. It starts from DOCK."""
+
+DOCK = (0.45, -0.15, 0.25)
+"""m in the robot's base. There the sensor lies with HEADING as its yaw."""
+
+YAW_WORLD_BASE = radians(40.0)
+"""How the robot's base stands in the simulated world, so that a program that forgets it is found out."""
+
+TIP = (0.03, -0.02, 0.093)
+"""m in sensor axes: the tip that stays on its point in `pivot`, 10 cm away."""
+
+_SIDES = ((0, 0, 1), (1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0), (0, 0, -1))
+_EDGES = ((1, 1, 0), (0, 1, 1), (1, 0, 1), (-1, -1, 0), (0, -1, -1), (-1, 0, -1))
+SIDES = np.array((*_SIDES, *_EDGES), dtype=np.float64) / np.repeat((1.0, np.sqrt(2.0)), 6)[:, None]
+"""(12, 3): which way is up in sensor axes, each side and six edges."""
+SIDES.setflags(write=False)
+
+
+def sides(seed: int, up_sensor: Array = SIDES, rest_s: float = 2.0) -> Task:
+    """Put the sensor down with each of (k, 3) up, roughly, turning it about that on the way."""
+    rng = np.random.default_rng(seed)
+    wxyz, waypoints = np.array([1.0, 0.0, 0.0, 0.0]), [Waypoint(rest_s=rest_s + 1.0)]
+    for wanted in up_sensor[1:]:
+        wanted = wanted + rng.normal(scale=0.05, size=3)
+        wanted /= np.linalg.norm(wanted)
+        turn = _between(wanted, quat_rotate(quat_inverse(wxyz), (0.0, 0.0, 1.0)))
+        spin = wanted * rng.choice((-1.0, 1.0)) * rng.uniform(0.5, 1.5)
+        waypoints.append(Waypoint(turn=_triple(turn), move_s=1.5, rest_s=0.3))
+        waypoints.append(Waypoint(turn=_triple(spin), move_s=1.5, rest_s=rest_s))
+        wxyz = quat_multiply(wxyz, quat_multiply(quat_exp(turn), quat_exp(spin)))
+    description = f"Put the sensor down in {len(up_sensor)} orientations, and turn it about on the way"
+    return Task("sides", tuple(waypoints), description)
+
+
+def pivoting(seed: int, p_sensor_tip: tuple[float, float, float] = TIP, tilts: int = 9) -> Task:
+    """Tilt the hand to all sides with its tip, (3,) m in sensor axes, on one point."""
+    rng = np.random.default_rng(seed)
+    attitudes = []
+    for k in range(tilts):
+        to, tilt = 2.4 * k + rng.normal(scale=0.2), np.radians(rng.uniform(25.0, 45.0))
+        tilted = quat_exp((tilt * np.cos(to), tilt * np.sin(to), 0.0))
+        attitudes.append(quat_multiply(tilted, quat_exp((0.0, 0.0, rng.uniform(-0.5, 0.5)))))
+    description = f"Tilt the hand to {tilts} sides with its tip on one point"
+    return replace(through(attitudes, rng), name="pivot", description=description, p_sensor_point=p_sensor_tip)
+
+
+def through(attitudes: Sequence[Array], rng: np.random.Generator) -> Task:
+    """Turn on the spot, from level, from attitude to attitude (4,), with a rest at each."""
+    wxyz, waypoints = np.array([1.0, 0.0, 0.0, 0.0]), [Waypoint(rest_s=2.0)]
+    for attitude in attitudes:
+        turn = quat_log(quat_multiply(quat_inverse(wxyz), attitude))
+        waypoints.append(Waypoint(turn=_triple(turn), move_s=rng.uniform(0.8, 1.3), rest_s=rng.uniform(0.6, 1.0)))
+        wxyz = attitude
+    return Task("turning", tuple(waypoints))
+
+
+def _touch() -> Task:
+    """Each second touch is level, as the rests at the dock are; before it the hand leans or is turned by a little."""
+    lean = radians(12.0)
+    turns = ((lean, 0.0, 0.0), (-lean, 0.0, 0.0), (0.0, lean, 0.0), (0.0, -lean, 0.0), (0.0, 0.0, lean))
+    touches = [
+        Waypoint(_triple(np.subtract(point, DOCK)), turn, move_s=1.1, rest_s=1.0)
+        for point, turn in zip(TOUCHED.values(), (*turns, (0.0, 0.0, -lean)), strict=True)
+    ]
+    return Task(
+        "touch",
+        (Waypoint(rest_s=2.5), *touches, Waypoint(move_s=1.1, rest_s=1.5)),
+        f"Touch {len(TOUCHED)} known points with the sensor itself and return to the dock",
+        start_rpy=(0.0, 0.0, HEADING),
+    ).turned(YAW_WORLD_BASE)
+
+
+def _between(wanted: Array, now: Array) -> Array:
+    """The turn in sensor axes that makes `wanted` point where `now` does."""
+    axis = np.cross(wanted, now)
+    sine = float(np.linalg.norm(axis))
+    if sine < 1e-6:
+        axis = np.cross(wanted, np.eye(3)[int(np.argmin(np.abs(wanted)))])
+    angle = np.arctan2(sine, wanted @ now)
+    return np.asarray(angle * axis / np.linalg.norm(axis))
+
+
+def _triple(values: Array) -> tuple[float, float, float]:
+    x, y, z = values.tolist()
+    return x, y, z
+
+
+CALIBRATION_TASKS: Mapping[str, Task] = MappingProxyType(
+    {task.name: task for task in (_touch(), pivoting(1), sides(1))}
+)
+"""The tasks by name; nothing is gripped, and no robot is to replay them."""
