@@ -17,7 +17,7 @@ from pbd.arm.ways import DEMO, LINE, STRAIGHT
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Obstacle, Robot, Stop
 from pbd.errors import PbdError, PbdWarning, PlanError, TrackingError
 from pbd.planning import Plan, PlanOptions, arm_of, plan_keyframes
-from pbd.planning.checks import warn_of_unsure
+from pbd.planning.checks import refuse_unsure
 from pbd.pose import Array, Pose, quat_exp
 from pbd.tracking.keyframes import find_keyframes
 
@@ -345,9 +345,9 @@ def test_what_makes_a_keyframe_unsure_is_named() -> None:
     variances = {"long": (0.0, 1e-4, 1e-2, 1.1e-2), "many": tuple(1e-3 * k for k in range(12))}
     said = {}
     for name, each in variances.items():
-        frames = [replace(keyframe(3.0 * k), cov=variance * np.eye(6)) for k, variance in enumerate(each)]
+        frames = [replace(keyframe(3.0 * k, x=0.1 * k), cov=variance * np.eye(6)) for k, variance in enumerate(each)]
         with pytest.warns(PbdWarning) as told:
-            warn_of_unsure(frames, 1.0)
+            refuse_unsure(frames, 1.0)
         said[name] = str(told[0].message)
     assert said["long"] == (
         "keyframe 3 at 9.0 s is the least sure: a sigma of 10 cm, most of it from the move to keyframe 2, 2.5 s long; "
@@ -356,4 +356,9 @@ def test_what_makes_a_keyframe_unsure_is_named() -> None:
     assert "keyframe 11 at 33.0 s is the least sure: a sigma of 10 cm, from the drift of many moves" in said["many"]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        warn_of_unsure(frames, 0.3)
+        refuse_unsure(frames, 0.3)
+    near = [replace(frame, T_nav_sensor=Pose(0.05 * frame.T_nav_sensor.p, TURN)) for frame in frames]
+    with pytest.raises(
+        TrackingError, match=r"sigma of 10 cm, and all keyframes lie within 6 cm, so that the arm would go"
+    ):
+        refuse_unsure(near, 1.0)

@@ -47,8 +47,12 @@ def refuse_one_place(T_base_tool: Sequence[Pose]) -> None:
         )
 
 
-def warn_of_unsure(keyframes: Sequence[Keyframe], scale: float) -> None:
-    """Tell how unsure the least sure one is and what makes it so, where that is much; `scale` multiplies positions."""
+def refuse_unsure(keyframes: Sequence[Keyframe], scale: float) -> None:
+    """Tell how unsure the least sure one is and what makes it so, where that is much; `scale` multiplies positions.
+
+    Raises:
+        TrackingError: that is more than all keyframes are apart.
+    """
     variances = [scale**2 * float(np.linalg.eigvalsh(keyframe.cov[:3, :3]).max()) for keyframe in keyframes]
     least_sure, added = int(np.argmax(variances)), np.diff(variances, prepend=0.0)
     if variances[least_sure] <= UNSURE_M**2:
@@ -60,12 +64,19 @@ def warn_of_unsure(keyframes: Sequence[Keyframe], scale: float) -> None:
         why = f"most of it from the move to keyframe {worst}, {duration:.1f} s long; stop on the way for half a second"
     else:
         why = "from the drift of many moves; end where you began (pbd record --closed), or name places that are known"
-    warnings.warn(
-        f"keyframe {least_sure} at {keyframes[least_sure].t:.1f} s is the least sure: a sigma of "
-        f"{100.0 * np.sqrt(variances[least_sure]):.0f} cm, {why}",
-        PbdWarning,
-        stacklevel=4,
+    sigma = float(np.sqrt(variances[least_sure]))
+    what = (
+        f"keyframe {least_sure} at {keyframes[least_sure].t:.1f} s is the least sure: a sigma of {100.0 * sigma:.0f} cm"
     )
+    p = scale * np.array([keyframe.T_nav_sensor.p for keyframe in keyframes])
+    apart = float(np.linalg.norm(p - p[0], axis=1).max())
+    if sigma > apart:
+        raise TrackingError(
+            f"{what}, and all keyframes lie within {100.0 * apart:.0f} cm, so that the arm would go anywhere; {why}",
+            value=sigma,
+            bound=apart,
+        )
+    warnings.warn(f"{what}, {why}", PbdWarning, stacklevel=4)
 
 
 def warn_of_table(scene: CollisionScene) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from pbd.calibration.frames import nav_in_base, tool_poses, with_table
 from pbd.data import Calibration, GraspedObject, HandPath, JointTrajectory, Keyframe, Robot
 from pbd.errors import CalibrationError, PlanError
-from pbd.planning.checks import refuse_few, refuse_one_place, start_joints, warn_of_table, warn_of_unsure
+from pbd.planning.checks import refuse_few, refuse_one_place, refuse_unsure, start_joints, warn_of_table
 from pbd.planning.options import PlanOptions, dwells
 from pbd.planning.steps import choose, find_passage, hand_between, moves_of, retreat_of
 from pbd.planning.values import Plan, find_stretched, find_touching
@@ -64,7 +64,7 @@ def plan_keyframes(
     if options.path == "demo" and hand_path is None:
         raise PlanError("the hand's path isn't known, only its keyframes; choose another --path")
     refuse_few(keyframes)
-    warn_of_unsure(keyframes, options.scale * calibration.scale)
+    refuse_unsure(keyframes, options.scale * calibration.scale)
     arm = arm_of(robot)
     T_base_nav, T_base_tool = place(arm, keyframes, calibration, options)
     if options.path != "demo":

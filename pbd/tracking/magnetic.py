@@ -26,6 +26,10 @@ STRENGTH, DIP, HEADING = 0.15, np.radians(10.0), np.radians(15.0)
 """By how much the field of a room may differ from that at the first rest: in strength (share), dip and heading.
 The benchmark's undisturbed recordings have up to 0.12, 6 and 12 degrees."""
 
+STEEP = np.radians(6.0)
+"""Where the field is so steep that HEADING is less than this on its own direction, this is what counts: a wrong
+vertical turns the little that lies level by more."""
+
 DRIFT = np.radians(0.05)
 """rad/s: what the gyro's bias may turn the heading by."""
 
@@ -85,7 +89,8 @@ def _disturbed(t: Array, field: Array, usual: Array, t_rest: float) -> NDArray[n
     turned = np.arctan2(usual[0] * field[:, 1] - usual[1] * field[:, 0], field[:, :2] @ usual[:2])
     disturbed: NDArray[np.bool_] = np.abs(strength) > STRENGTH
     disturbed |= np.abs(dip) > DIP
-    disturbed |= np.abs(turned) > HEADING + DRIFT * np.abs(t - t_rest)
+    heading = max(HEADING, STEEP * float(np.linalg.norm(usual) / max(np.hypot(*usual[:2]), 1e-12)))
+    disturbed |= np.abs(turned) > heading + DRIFT * np.abs(t - t_rest)
     return disturbed
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from pbd.data import Recording, Stop
 from pbd.errors import TrackingError
-from pbd.pose import Array
+from pbd.pose import Array, lengths, quat_from_rpy, quat_inverse, quat_log, quat_multiply
 from pbd.tracking.conditioning import Gap
 from pbd.tracking.rest import Rest
 from pbd.tracking.stops import GYR_FLOOR, REST_FACTOR, STEADY_ACC, WINDOW_S
@@ -22,6 +22,13 @@ HEADING_SIGMA = np.radians(0.4)
 
 TURN_TILT, MOTION_DRIFT = 0.0007, 0.001
 """Rad per square root of a radian turned; and per root hertz, a share of the acceleration."""
+
+DEVICE_LAG = 0.3
+"""Of a turn, the share by which a device's own attitude lags behind it: a compass low-passes its tilt over about as
+many seconds, and a hand turns by a radian in one."""
+
+DEVICE_STEP = np.radians(0.5)
+"""rad: a device's attitude that changes by less from one sample to the next may as well be its noise."""
 
 TREMOR_HZ = 8.0
 """What shakes a hand that stands still is no slower than this: physiological tremor has 8 to 12 Hz."""
@@ -53,6 +60,7 @@ class MoveFigures:
         energy: m2/s3, the integral of the squared motion acceleration.
         distance: m, from its beginning to its end.
         shaken: m/s along each axis, how fast the sensor is at the stops on either hand (`shaking_speed`), rms.
+        lag: rad, by how much the attitude may lag behind on the way, where it is a device's own.
     """
 
     duration: float
@@ -61,17 +69,18 @@ class MoveFigures:
     energy: float
     distance: float
     shaken: float = 0.0
+    lag: float = 0.0
 
 
 def move_figures(
-    t: Array, a_nav: Array, gyr: Array | None, closure: Array, gone: Array, shaken: float = 0.0
+    t: Array, a_nav: Array, gyr: Array | None, closure: Array, gone: Array, shaken: float = 0.0, lag: float = 0.0
 ) -> MoveFigures:
-    """Take the figures of one move from its samples: (n,) s, (n, 3) m/s2, (n, 3) rad/s, (3,) m/s, (3,) m and m/s."""
+    """Take the figures of one move from its samples: (n,) s, (n, 3) m/s2, (n, 3) rad/s, (3,) m/s, (3,) m, m/s, rad."""
     duration = float(t[-1] - t[0])
     rate = 0.0 if gyr is None else float(np.linalg.norm(gyr, axis=1).mean())
     energy = float((a_nav**2).sum(axis=1).mean()) * duration
     speed, distance = float(np.linalg.norm(closure)), float(np.linalg.norm(gone))
-    return MoveFigures(duration, speed, rate * duration, energy, distance, shaken)
+    return MoveFigures(duration, speed, rate * duration, energy, distance, shaken, lag)
 
 
 def shaking_speed(a_nav: Array) -> float:
@@ -107,12 +116,14 @@ def stop_covariance(
     t, cov = recording.t, np.zeros((len(stops), 6, 6))
     level = accelerometer_level(recording, stops, rest)
     speed = [shaking_speed(a_nav[stop.start : stop.stop]) for stop in stops]
+    turned = None if recording.gyr is not None else _turned_by_device(recording)
     for k in range(1, len(stops)):
         move = slice(stops[k - 1].stop - 1, stops[k].start + 1)
         gyr = None if recording.gyr is None else recording.gyr[move] - rest.gyro_bias
         gone = p_nav_sensor[stops[k].start] - p_nav_sensor[stops[k - 1].start]
         shaken = float(np.hypot(speed[k - 1], speed[k])) / np.sqrt(2.0)
-        figures = move_figures(t[move], a_nav[move], gyr, closure[k - 1], gone, shaken)
+        lag = 0.0 if turned is None else DEVICE_LAG * float(turned[move.stop - 1] - turned[move.start])
+        figures = move_figures(t[move], a_nav[move], gyr, closure[k - 1], gone, shaken, lag)
         cov[k, :3, :3] = cov[k - 1, :3, :3] + move_covariance(figures, rest, recording.rate_hz, level)
     for k, stop in enumerate(stops):
         heading = HEADING_SIGMA
@@ -120,6 +131,15 @@ def stop_covariance(
             heading = np.hypot(heading, GYRO_WALK * (t[stop.start] - t[stops[0].start]))
         cov[k, 3:, 3:] = np.diag([TILT_SIGMA**2, TILT_SIGMA**2, heading**2])
     return cov
+
+
+def _turned_by_device(recording: Recording) -> Array | None:
+    """All turning up to each sample by the device's own attitude, (n,) rad; its noise is none."""
+    if recording.device_rpy is None:
+        return None
+    wxyz = quat_from_rpy(recording.device_rpy)
+    steps = lengths(quat_log(quat_multiply(quat_inverse(wxyz[:-1]), wxyz[1:])))
+    return np.concatenate(([0.0], np.cumsum(np.where(steps > DEVICE_STEP, steps, 0.0))))
 
 
 def unseen_covariance(gaps: tuple[Gap, ...], stops: tuple[Stop, ...]) -> Array:
@@ -165,11 +185,12 @@ def move_covariance(
 
     It is known to `end_speed`, m/s along each axis; where none is given the ends are stops (`stop_speed`).
 
-    With T its duration and the drift of velocity taken out, seven parts:
+    With T its duration and the drift of velocity taken out, eight parts:
 
     - white noise of density N m/s2/rtHz: N^2 T^3 / 12 (double integral of white noise, its end velocity removed);
     - tilt that changes evenly by d leaves g d T^2 / 12: by the gyro's own noise, and by TURN_TILT for each square root
       of a radian that the hand turns (scale, misalignment);
+    - the same for an attitude that lags behind: g lag T^2 / 12;
     - errors that grow with the acceleration, MOTION_DRIFT of it as white noise: MOTION_DRIFT^2 energy T^2 / 12;
     - what the closure c betrays of acceleration errors that wander: (|c| T)^2 / 120 along each axis (for a random walk
       of intensity q, var(v_end) = q T^3 / 3 and, de-drifted, var(p_end) = q T^5 / 120; c has three axes);
@@ -187,7 +208,7 @@ def move_covariance(
         end_speed = stop_speed(figures, rest, rate_hz)
     white = rest.acc_rms**2 / (3.0 * rate_hz) * T**3 / 12.0
     turned = rest.gyr_rms**2 / (3.0 * rate_hz) * T + TURN_TILT**2 * figures.turned
-    variance = white + (g * T**2 / 12.0) ** 2 * turned
+    variance = white + (g * T**2 / 12.0) ** 2 * (turned + figures.lag**2)
     variance += MOTION_DRIFT**2 * figures.energy * T**2 / 12.0
     variance += (figures.closure * T) ** 2 / 120.0 + 0.5 * (end_speed * T) ** 2
     variance += (LEVEL_DOUBT * level / g * figures.distance) ** 2

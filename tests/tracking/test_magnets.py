@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from pbd.data import Demonstration, Recording, Truth
@@ -109,6 +109,7 @@ def test_a_magnetometer_that_jumps_once_does_no_harm() -> None:
 
 
 @settings(max_examples=25, deadline=None)
+@example("wt901", "long", 441, World(field=(3.0, 12.0, 55.0)))  # steep, and a vertical that is wrong by 3 degrees
 @given(
     st.sampled_from(["os5000", "wt901", "modern", "ideal"]),
     st.sampled_from([*TASKS, "random", "long"]),
