@@ -51,6 +51,11 @@ class PbdWarning(UserWarning):
     """Something was mended or assumed on the way; the result is sound but the reader should know."""
 
 
+def in_words(reason: Exception) -> str:
+    """Say what the system or a parser refused, without an error number and the path, which the message has."""
+    return reason.strerror if isinstance(reason, OSError) and reason.strerror else str(reason)
+
+
 def nearest(name: str, known: Iterable[str]) -> str:
     """Ask "; did you mean ...?" where one that is known is much like this name; "" elsewhere."""
     from difflib import get_close_matches

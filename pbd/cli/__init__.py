@@ -6,11 +6,13 @@ Nothing heavy is imported before a command runs, so that `pbd --help` is instant
 from __future__ import annotations
 
 import argparse
+import errno
 import io
 import os
 import sys
 import warnings
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TextIO
 
 from pbd import __version__
@@ -27,8 +29,11 @@ a first look:
   pbd keyframes                         where the hand stopped, and how sure we are
   pbd export --robot panda --format csv -o pouring.csv
 
-exit codes: 0 done; 1 the input or the device is at fault; 2 wrong usage; 3 the robot can't do it
+exit codes: 0 done; 1 the input, the output or the device is at fault; 2 wrong usage; 3 the robot can't do it
 """
+
+UNWRITABLE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
+"""Why standard output may fail: a full disk, a terminal that is gone. Errors of files have been told by then."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -54,6 +59,30 @@ def parser() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; return its exit code."""
+    if sys.stdout is None:  # closed by who started us: nobody wants it
+        sys.stdout = Path(os.devnull).open("w")  # noqa: SIM115 (as long as the process)
+    try:
+        try:
+            return _run(argv)
+        finally:
+            sys.stdout.flush()  # what can't be written is told here, not by the interpreter at its end
+    except BrokenPipeError:
+        _drop_output()  # its reader has gone (`pbd ... | head`)
+        return 141
+    except OSError as reason:
+        if reason.filename is not None or reason.errno not in UNWRITABLE:
+            raise  # a bug
+        _drop_output()
+        print(f"pbd: standard output can't be written ({reason.strerror}); send it elsewhere", file=sys.stderr)
+        return 1
+
+
+def _drop_output() -> None:
+    """Send what is left nowhere, so that the interpreter doesn't complain at its end."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _run(argv: Sequence[str] | None) -> int:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # a terminal that has no sigma gets a question mark
     if not (sys.argv[1:] if argv is None else argv):
@@ -81,14 +110,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             warnings.simplefilter("always", PbdWarning)
             warnings.showwarning = show
             code: int = args.run(args)
-            sys.stdout.flush()
             return code
     except PbdError as error:
         print(f"pbd: {' '.join(str(error).split())}", file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
         return 130
-    except BrokenPipeError:
-        # The reader of our output has gone (`pbd ... | head`): keep the interpreter from complaining at its exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 141

@@ -11,7 +11,7 @@ from pbd.cli.progress import working
 
 if TYPE_CHECKING:
     from pbd.data import Calibration
-    from pbd.pose import Pose
+    from pbd.pose import Array, Pose
 
 
 def add(commands: Commands) -> None:
@@ -34,7 +34,11 @@ def add(commands: Commands) -> None:
         "--from-keyframe", nargs=2, metavar=("DEMO", "K"), help="where that demonstration's keyframe K is in base"
     )
     parser.add_argument(
-        "--rpy", nargs=3, type=float, metavar=("R", "P", "Y"), help="with --position: roll, pitch, yaw, degrees (0 0 0)"
+        "--rpy",
+        nargs=3,
+        type=float,
+        metavar=("R", "P", "Y"),
+        help="with --position: roll, pitch, yaw, degrees (as NAME's dock is turned, else 0 0 0)",
     )
     parser.add_argument("--calibration", metavar="C", help="of --from-keyframe (NAME itself)")
     parser.add_argument("--robot", metavar="R", help="for --joints, and to make sure that it reaches the dock")
@@ -63,6 +67,7 @@ def run(args: argparse.Namespace) -> int:
     if robot is not None:
         refuse_out_of_reach(robot, T_base_dock @ T_sensor_tool, "the dock")
     cov = np.diag(np.square([*[1e-3 * args.sigma_mm] * 3, 0.0, 0.0, np.radians(args.sigma_deg)]))
+    resized = _sigma_changes(calibration, cov)
     update_calibration(
         path,
         {"dock": pose_values(T_base_dock, "in base") | covariance_values(cov)},
@@ -74,6 +79,7 @@ def run(args: argparse.Namespace) -> int:
     say(
         f"{path}: the sensor's dock is at ({x:.3f}, {y:.3f}, {z:.3f}) m, roll, pitch, yaw "
         f"({', '.join(f'{angle + 0.0:.1f}' for angle in np.round(rpy_deg, 1))}) degrees, {source}"
+        + (f", sigma now {args.sigma_mm:g} mm and {args.sigma_deg:g} degrees" if resized else "")
         + (f"; {robot.name} reaches it" if robot else "; give --robot to make sure that it is within reach")
     )
     if args.json:
@@ -89,6 +95,15 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
+def _sigma_changes(calibration: Calibration | None, cov: Array) -> bool:
+    """Tell whether the dock that was there was known better or worse."""
+    import numpy as np
+
+    if calibration is None or calibration.T_base_dock is None or calibration.cov_base is None:
+        return False
+    return not np.allclose(calibration.cov_base, cov, rtol=1e-3, atol=0.0)
+
+
 def _mount(calibration: Calibration | None) -> Pose:
     from pbd.data import TOOL_DOWN
 
@@ -101,12 +116,14 @@ def _pose(args: argparse.Namespace, calibration: Calibration | None, T_sensor_to
 
     from pbd.errors import CalibrationError
     from pbd.files.points import FARTHEST_M
-    from pbd.pose import Pose
+    from pbd.pose import Pose, quat_to_rpy
 
     if args.rpy is not None and args.position is None:
         raise CalibrationError("--rpy goes with --position; leave it out")
     if args.position is not None:
-        rpy_deg = args.rpy or (0.0, 0.0, 0.0)
+        before = None if calibration is None else calibration.T_base_dock
+        kept = np.zeros(3) if before is None else np.degrees(quat_to_rpy(before.wxyz))
+        rpy_deg = kept if args.rpy is None else args.rpy
         if not np.isfinite([*args.position, *rpy_deg]).all():
             raise CalibrationError("--position and --rpy must be finite numbers; correct them")
         if max(map(abs, args.position)) > FARTHEST_M:
@@ -115,7 +132,8 @@ def _pose(args: argparse.Namespace, calibration: Calibration | None, T_sensor_to
                 value=max(map(abs, args.position)),
                 bound=FARTHEST_M,
             )
-        return Pose.from_rpy(args.position, np.radians(rpy_deg)), "as given"
+        turned = "" if args.rpy is not None or not kept.any() else ", and turned as before (--rpy turns it)"
+        return Pose.from_rpy(args.position, np.radians(rpy_deg)), f"as given{turned}"
     if args.joints is not None:
         return _where_the_robot_stands(args) @ T_sensor_tool.inverse(), "where the robot's tool stands at those joints"
     return _where_it_stopped(

@@ -22,6 +22,7 @@ from pbd.cli.options import (
     say,
 )
 from pbd.cli.parser import UsageError
+from pbd.cli.place import refuse_place
 from pbd.cli.progress import working
 from pbd.cli.ways import tell_ways, ways_json
 from pbd.files.exporters import FORMATS, HIGHEST_HZ, LOWEST_HZ, SUFFIXES
@@ -68,6 +69,8 @@ def _rate(text: str) -> float:
 def run(args: argparse.Namespace) -> int:
     """Plan, audit, write."""
     format_name = _format(args)
+    if args.output != STDOUT:
+        refuse_place(args.output, (args.demo, args.robot, args.calibration, args.start))
     demo, _, robot, plan = plan_demonstration(args)
     if plan.touching is not None:
         raise plan.touching.error

@@ -51,7 +51,7 @@ def add(commands: Commands) -> None:
         help="of t, gyr, acc, mag or angle, such as t=ms, gyr=deg/s, acc=g; -UNIT turns the signs",
     )
     parser.add_argument("--sensor", metavar="SENSOR", help="what recorded it; for a raw.bin: what its bytes are")
-    parser.add_argument("--rate", type=positive, metavar="HZ", help="of a raw.bin, where nothing else tells it")
+    parser.add_argument("--rate", type=positive, metavar="HZ", help="of a raw.bin or a table without times")
     parser.add_argument("--closed", action="store_true", help="the hand ended where it began")
     parser.add_argument("--force", action="store_true", help="replace a demonstration of that name")
     add_lines(parser)
@@ -62,18 +62,24 @@ def add(commands: Commands) -> None:
 def run(args: argparse.Namespace) -> int:
     """Import and store."""
     from pbd.errors import RecordingError, TrackingError
+    from pbd.files.demo import demo_folder
     from pbd.files.importers import import_file
     from pbd.tracking.conditioning import condition
     from pbd.tracking.rest import find_rest
     from pbd.tracking.signs import warn_upside_down
 
+    if args.file.is_dir():
+        raise RecordingError(f"{args.file} is a folder: give a file", path=args.file)
     if not args.file.is_file():
         raise RecordingError(f"no file {args.file}; give the path of a recording", path=args.file)
+    folder = demo_folder(args.name)
+    if folder.resolve() in args.file.resolve().parents:
+        raise RecordingError(f"{args.file} is in {folder}, which it would replace; give another name", path=args.file)
     if args.file.suffix.lower() == ".bin":
         demo = _decode(args)
     else:
         with working(f"reading {args.file}"):
-            demo = import_file(args.file, dict(args.column), dict(args.unit))
+            demo = import_file(args.file, dict(args.column), dict(args.unit), args.rate)
     # What can't be a recording (units, clock) is refused before it takes a name; where the hand stops is seen later.
     with suppress(TrackingError), working("looking it over"):
         recording, _ = condition(demo.recording)

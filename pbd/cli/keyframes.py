@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 from dataclasses import replace
+from itertools import takewhile
 from typing import TYPE_CHECKING, Any
 
 from pbd.cli.options import (
@@ -83,15 +84,25 @@ def run(args: argparse.Namespace) -> int:
         print("\nthe tool in base, one sigma; on the right by parts (rms over the axes)")
         print_table(base_table(rows))
     if joint_names:
-        print()
-        print_table(joints_table(joint_names, rows, args.units))
+        prefix = _common_prefix(joint_names)
+        print(f"\nthe joints' names begin with {prefix}" if prefix else "")
+        print_table(joints_table([name.removeprefix(prefix) for name in joint_names], rows, args.units))
     return 0
+
+
+def _common_prefix(names: tuple[str, ...]) -> str:
+    """With what all names begin, up to a "_": in a table it would only take room."""
+    if len(names) < 2:
+        return ""
+    common = takewhile(lambda words: len(set(words)) == 1, zip(*(name.split("_")[:-1] for name in names), strict=False))
+    return "".join(f"{words[0]}_" for words in common)
 
 
 def _save(args: argparse.Namespace, demo: Demonstration, keyframes: tuple[Keyframe, ...]) -> None:
     """Write keyframes.toml for a person to edit."""
     from pbd.errors import RecordingError
     from pbd.files.keyframes import write_keyframes
+    from pbd.planning.options import PlanOptions, dwells
 
     if demo.folder is None or demo.bundled:
         source = demo.folder or args.demo
@@ -100,7 +111,10 @@ def _save(args: argparse.Namespace, demo: Demonstration, keyframes: tuple[Keyfra
             + ("copy it under another name, without 'bundled = true'" if demo.bundled else "`pbd import` it first"),
             path=source,
         )
-    path = write_keyframes(demo.folder, demo.folder.name, keyframes, demo.recording.mag is not None, args.force)
+    inner = (keyframes[0], *keyframes, keyframes[-1])  # there is no stay at the ends, but one may be inserted beyond
+    stays = dwells(inner, PlanOptions(time=args.time, dwell_s=args.dwell))[1:-1]
+    magnetic = demo.recording.mag is not None
+    path = write_keyframes(demo.folder, demo.folder.name, keyframes, magnetic, args.force, stays)
     say(f"wrote {path}: edit it; from now on it says where the arm goes and how long it stays there")
 
 

@@ -186,6 +186,7 @@ def load_demonstration(args: argparse.Namespace) -> Demonstration:
 
 def track_demonstration(args: argparse.Namespace, demo: Demonstration) -> tuple[HandPath, tuple[Keyframe, ...]]:
     """Track it; return the hand's path and the keyframes."""
+    from pbd.errors import TrackingError
     from pbd.pipeline import track
     from pbd.tracking.keyframes import find_keyframes
     from pbd.tracking.signs import up_in_sensor, warn_upside_down
@@ -193,7 +194,12 @@ def track_demonstration(args: argparse.Namespace, demo: Demonstration) -> tuple[
     known = None if args.method == "paper" else demo.known  # the paper's method knows of no places
     calibration = _calibration_for(args)
     with working("tracking"):
-        path = track(demo.recording, args.method, known, calibration)
+        try:
+            path = track(demo.recording, args.method, known, calibration)
+        except TrackingError as reason:  # tracking doesn't know in which folder what it was told stands
+            at_file = demo.folder is not None and reason.message.startswith("demo.toml ")
+            said = f"{demo.folder}/{reason.message}" if at_file else reason.message
+            raise TrackingError(said, **reason.fields) from None
     found = find_keyframes(path)
     if calibration is None:  # one that is there tells how far the dock is tilted
         up_sensor = up_in_sensor(found[0].T_nav_sensor.wxyz)

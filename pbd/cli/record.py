@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import os
 import sys
 import time
@@ -36,6 +37,8 @@ def add(commands: Commands) -> None:
         "record",
         "record a demonstration from a sensor",
         "Record to ./demos/NAME, sample by sample. Hold still for two seconds, then move, stop, move, stop.\n"
+        "At a terminal: Enter ends the recording, space marks that the grip closes or opens, q asks and then discards\n"
+        "it, Ctrl-C ends and keeps it as Enter does.\n"
         "`--sensor sim` simulates a hand that does a TASK (pour) and grips by itself.",
         "  pbd record tea --sensor witmotion\n"
         "  pbd record tea --sensor sim:pour           without hardware: a simulated hand that pours\n"
@@ -64,7 +67,8 @@ def add(commands: Commands) -> None:
     parser.add_argument(
         "--force",
         action="store_true",
-        help="replace a demonstration of that name: the old one is in NAME.before until the new one has ended well",
+        help="replace a demonstration of that name: the old one is in NAME.before until the new one has ended well, "
+        "with two stops or more",
     )
     parser.add_argument("--live", action="store_true", help="show the hand in the browser, served on this machine only")
     parser.add_argument("--no-open", action="store_true", help="with --live: open no browser; print the address")
@@ -85,6 +89,8 @@ def run(args: argparse.Namespace) -> int:
 
     name = args.name or datetime.now().strftime("demo-%m%d-%H%M%S")
     folder = demo_folder(name)
+    if args.sensor is not None and args.sensor.partition(":")[0] != SIMULATED:
+        decoder_maker(args, args.sensor, args.unit)  # what is misspelt is told before what is taken
     may_be_written(folder, args.force)
     with ExitStack() as stack:
         view = stack.enter_context(_live_view()) if args.live else None
@@ -132,7 +138,9 @@ def run(args: argparse.Namespace) -> int:
         sys.stdout.flush()
     except BrokenPipeError:
         raise
-    except OSError:  # the terminal was hung up; what counts is done
+    except OSError as reason:  # the terminal was hung up; what counts is done
+        if reason.errno != errno.EIO:
+            raise
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0
 
@@ -247,6 +255,8 @@ def _set_rate(device: str, baud: int, sensor: str, rate_hz: float) -> None:
 
 
 def _report(args: argparse.Namespace, outcome: Outcome) -> None:
+    from pbd.record.told import FEWEST_STOPS
+
     folder = None if outcome.folder is None else str(outcome.folder)
     if outcome.before:
         with suppress(OSError):  # nobody reads it any more
@@ -271,7 +281,10 @@ def _report(args: argparse.Namespace, outcome: Outcome) -> None:
             f"{folder}: {outcome.duration_s:.1f} s, {outcome.samples} samples, {outcome.lost} lost{bad}, "
             f"stops after the first rest: {max(outcome.stops - 1, 0)}; ended by {outcome.ended_by}"
         )
-        print(f"next: pbd keyframes {_word(outcome.folder)}")
+        if outcome.stops < FEWEST_STOPS:
+            print("fewer than two stops: nothing to replay; hold still for two seconds, then move, stop, move, stop")
+        else:
+            print(f"next: pbd keyframes {_word(outcome.folder)}")
 
 
 def _word(folder: Path) -> str:

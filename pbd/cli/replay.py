@@ -18,8 +18,12 @@ from pbd.cli.options import (
     print_json,
     say,
 )
+from pbd.cli.parser import UsageError
+from pbd.cli.place import refuse_place
 from pbd.cli.progress import working
 from pbd.cli.ways import tell_ways, touching_json, ways_json
+
+SUFFIXES = (".html", ".htm")
 
 
 def add(commands: Commands) -> None:
@@ -45,6 +49,10 @@ def run(args: argparse.Namespace) -> int:
     """Plan, audit, show."""
     from pbd.replay import replay_scene
 
+    if args.html is not None:
+        refuse_place(args.html, (args.demo, args.robot, args.calibration, args.start))
+        if args.html.suffix.lower() not in SUFFIXES:
+            raise UsageError(f"{args.html} is no name for a page; name a file that ends in .html")
     demo, path, robot, plan = plan_demonstration(args)
     duration = plan.trajectory.duration
     say(f"'{demo.recording.info.name}' on {robot.name}: {len(plan.keyframes)} keyframes, {duration:.1f} s, audited")
@@ -55,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
         args.warnings.append(f"it touches something: {plan.touching.error.message}{more}")
         say(f"warning: {args.warnings[-1]}")
     options = plan_options(args, robot)
-    if args.html:
+    if args.html is not None:
         from pbd.files.whole import written_whole
         from pbd.view.page import write_page
 

@@ -35,7 +35,7 @@ def decoder_maker(args: argparse.Namespace, sensor: str, units: Iterable[str]) -
 
     if sensor not in ("lines", "razor"):
         return protocol(sensor).decoder
-    from pbd.errors import SensorError
+    from pbd.errors import SensorError, in_words
     from pbd.sensors.line_layout import layout_from_options, layout_from_toml, units_from_options
     from pbd.sensors.lines import LineDecoder
     from pbd.sensors.razor import razor_layout
@@ -48,7 +48,9 @@ def decoder_maker(args: argparse.Namespace, sensor: str, units: Iterable[str]) -
         try:
             text = Path(args.columns).read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as reason:
-            raise SensorError(f"{args.columns} can't be read ({reason}); give a TOML file", path=args.columns) from None
+            raise SensorError(
+                f"{args.columns} can't be read ({in_words(reason)}); give a TOML file", path=args.columns
+            ) from None
         layout = layout_from_toml(text, args.columns)
     else:
         layout = layout_from_options(args.columns, units, args.separator, args.prefix, args.wrap)

@@ -28,11 +28,16 @@ Values = Mapping[str, tuple[Value | None, str]]
 def calibration_file(name: str) -> Path:
     """Say where a calibration is written: ./calibration/NAME.toml, or the path that was given.
 
+    A path that leads upwards must be spelled as a file's, with .toml.
+
     Raises:
         CalibrationError: nothing could have that name.
     """
     path = Path(name)
-    if path.name in ("", "..") or name.startswith("~") or not path.name.removesuffix(".toml"):
+    word = path.name.removesuffix(".toml")
+    upwards = ".." in path.parts and path.suffix != ".toml"
+    spaced = any(c.isspace() or not c.isprintable() for c in word)
+    if not word or word == ".." or name.startswith("~") or upwards or spaced:
         raise CalibrationError(f"'{name}' can't be a calibration's name; give a word, or a file's path", value=name)
     if path.suffix != ".toml":
         path = path.with_name(path.name + ".toml")

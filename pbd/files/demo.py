@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from pbd.data import Contact, Demonstration, GraspedObject, GripEvent, Place, Recording, RecordingInfo, Truth
-from pbd.errors import RecordingError
+from pbd.errors import RecordingError, in_words
 from pbd.files import keyframes
 from pbd.files.columns import ACC, DEVICE, GYR, MAG, compass_angles, device_rpy
 from pbd.files.library import find
@@ -121,7 +121,9 @@ def write_demo(demo: Demonstration, folder: Path, force: bool = False) -> None:
         else:
             unfinished.rename(folder)
     except OSError as reason:
-        raise RecordingError(f"{folder} can't be written ({reason}); give another place", path=folder) from None
+        raise RecordingError(
+            f"{folder} can't be written ({in_words(reason)}); give another place", path=folder
+        ) from None
     finally:
         shutil.rmtree(unfinished, ignore_errors=True)
 

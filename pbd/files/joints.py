@@ -6,7 +6,7 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from pbd.errors import PbdError
+from pbd.errors import PbdError, in_words
 
 
 def read_joints(given: str, names: Sequence[str]) -> tuple[float, ...]:
@@ -22,7 +22,7 @@ def read_joints(given: str, names: Sequence[str]) -> tuple[float, ...]:
             text = Path(given).read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
             raise PbdError(
-                f"--from {given}: can't be read ({error}); give a JSON file, or the joints as [...]"
+                f"--from {given}: can't be read ({in_words(error)}); give a JSON file, or the joints as [...]"
             ) from None
     try:
         value = json.loads(text)

@@ -21,6 +21,12 @@ GRIPS = {"closes": True, "opens": False}
 ORIGIN_M = 1e-3
 """The first keyframe is the origin of nav, to this."""
 
+LARGEST_DEG = 360.0
+"""An angle beyond it is a slip of the pen."""
+
+LONG_DWELL_S = 60.0
+"""An arm that is to stay longer is asked about: somebody may have meant milliseconds."""
+
 HEAD = """\
 # The keyframes of '{name}': where the hand stopped. While this file is here they win over those that tracking finds.
 # Edit it as you like; `pbd keyframes {name}` shows what it says now, and tells the line of a mistake.
@@ -28,30 +34,41 @@ HEAD = """\
 #   insert    copy a [[keyframe]], with a time between its neighbours'
 #   nudge     position_m is the sensor's, in metres from the dock: {axes}, z up;
 #             rpy_deg is its roll, pitch and yaw in degrees. `pbd keyframes {name} --robot R` tells where the tool is
-#   dwell_s   how long the arm stays: as long as the hand did, until you say else here
+#   dwell_s   how long the arm stays, not at the first and the last; beside it, how long the hand stood
 #   grip      "closes" or "opens"; without it nothing changes. It is open at the start
 #   label     a word for people
 #   sigma_m, sigma_deg  one sigma along each axis; without them the keyframe is taken for exact
+# Every keyframe needs t_s, dwell_s, position_m and rpy_deg; the rest may be left out.
 # `pbd keyframes {name} --save --force` finds them anew; without the file they are found each time.
 format = {format}
 """
 
 
-def keyframes_toml(name: str, keyframes: Sequence[Keyframe], magnetic: bool) -> str:
-    """Write the file's text; `magnetic`: a magnetometer turned nav to the north."""
+def keyframes_toml(
+    name: str, keyframes: Sequence[Keyframe], magnetic: bool, arm_dwell_s: Sequence[float] | None = None
+) -> str:
+    """Write the file's text.
+
+    Args:
+        name: the demonstration's.
+        keyframes: what is written.
+        magnetic: a magnetometer turned nav to the north.
+        arm_dwell_s: (n,) s, how long the arm is to stay at each; None: as long as the hand did.
+    """
     axes = (
         "x magnetic east, y magnetic north"
         if magnetic
         else "x along the sensor's own as it lies at the dock, y left of it"
     )
     parts = [HEAD.format(name=name, format=FORMAT, axes=axes)]
-    for index, keyframe in enumerate(keyframes):
+    dwell_s = [keyframe.dwell_s for keyframe in keyframes] if arm_dwell_s is None else arm_dwell_s
+    for index, (keyframe, dwell) in enumerate(zip(keyframes, dwell_s, strict=True)):
         sigma = np.sqrt(np.diagonal(keyframe.cov))
         lines = [
             "",
             f"[[keyframe]] # {index}{', the dock' if index == 0 else ''}",
             f"t_s = {keyframe.t:.3f}",
-            f"dwell_s = {keyframe.dwell_s:.2f}",
+            f"dwell_s = {dwell:.3f} # the hand stood for {keyframe.dwell_s:.2f} s",
             f"position_m = {_numbers(keyframe.T_nav_sensor.p, 4)}",
             f"rpy_deg = {_numbers(np.degrees(quat_to_rpy(keyframe.T_nav_sensor.wxyz)), 3)}",
             f"sigma_m = {_numbers(sigma[:3], 4)}",
@@ -66,9 +83,14 @@ def keyframes_toml(name: str, keyframes: Sequence[Keyframe], magnetic: bool) -> 
 
 
 def write_keyframes(
-    folder: Path, name: str, keyframes: Sequence[Keyframe], magnetic: bool, force: bool = False
+    folder: Path,
+    name: str,
+    keyframes: Sequence[Keyframe],
+    magnetic: bool,
+    force: bool = False,
+    arm_dwell_s: Sequence[float] | None = None,
 ) -> Path:
-    """Write keyframes.toml into a demonstration's folder, and return its path.
+    """Write keyframes.toml (of `keyframes_toml`) into a demonstration's folder, and return its path.
 
     Raises:
         RecordingError: it is there already (unless `force`): somebody may have worked on it.
@@ -77,7 +99,7 @@ def write_keyframes(
     if path.exists() and not force:
         raise RecordingError(f"{path} exists and may have been edited; --force replaces it", path=path)
     with written_whole(path) as unfinished:
-        unfinished.write_text(keyframes_toml(name, keyframes, magnetic), encoding="utf-8")
+        unfinished.write_text(keyframes_toml(name, keyframes, magnetic, arm_dwell_s), encoding="utf-8")
     return path
 
 
@@ -103,7 +125,20 @@ def read_keyframes(path: Path) -> tuple[Keyframe, ...]:
     if float(np.abs(keyframes[0].T_nav_sensor.p).max()) > ORIGIN_M:
         tables[0].fail("position_m", "must be [0, 0, 0]: the first keyframe is the dock", "put it back")
     _warn_of_idle_grips(path, keyframes, tables)
+    _warn_of_long_dwells(path, keyframes, tables)
     return keyframes
+
+
+def _warn_of_long_dwells(path: Path, keyframes: Sequence[Keyframe], tables: Sequence[Section]) -> None:
+    """Not at the first and the last: the arm doesn't stay there."""
+    for index, (keyframe, table) in list(enumerate(zip(keyframes, tables, strict=True)))[1:-1]:
+        if keyframe.dwell_s > LONG_DWELL_S:
+            warnings.warn(
+                f"{path}:{table.line('dwell_s')}: the arm stays {keyframe.dwell_s:g} s at keyframe {index}; if that is "
+                "too long, correct dwell_s, it is in seconds",
+                PbdWarning,
+                stacklevel=3,
+            )
 
 
 def _warn_of_idle_grips(path: Path, keyframes: Sequence[Keyframe], tables: Sequence[Section]) -> None:
@@ -134,6 +169,8 @@ def _read(section: Section) -> Keyframe:
     if dwell < 0.0:
         section.fail("dwell_s", f"must not be below zero, got {dwell:g}")
     position, rpy = section.numbers("position_m", 3), section.numbers("rpy_deg", 3)
+    if max(map(abs, rpy)) > LARGEST_DEG:
+        section.fail("rpy_deg", f"must lie within -{LARGEST_DEG:g} and {LARGEST_DEG:g} degrees, got {list(rpy)}")
     sigma = np.zeros(6)
     for key, part, unit in (("sigma_m", slice(0, 3), 1.0), ("sigma_deg", slice(3, 6), np.pi / 180.0)):
         if key in section:

@@ -36,11 +36,14 @@ def find(kind: str, name: str, suffix: str, error: type[PbdError]) -> Path:
         for entry in _entries(folder, suffix):
             if entry.name in (name, name + suffix):
                 return entry
-    if (given := _path(name)) is not None:
+    given = _path(name)
+    if given is not None and not (suffix and given.is_dir()):
         return given
     valid = names(kind, suffix)
     what = {"demos": "demonstration", "robots": "robot"}.get(kind, kind)
     known = f"known are {', '.join(valid)}{nearest(name, valid)}" if valid else f"none is known; put one into ./{kind}"
+    if given is not None:
+        raise error(f"{name} is a folder: give a name, or a file; {known}", value=name, valid=valid)
     raise error(f"no {what} named '{name}', nor a file or folder of that path; {known}", value=name, valid=valid)
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from pbd.data.freeze import freeze
-from pbd.errors import CalibrationError
+from pbd.errors import CalibrationError, in_words
 from pbd.files.whole import written_whole
 from pbd.pose import Array
 
@@ -43,7 +43,9 @@ def read_points(path: Path, unit: str | None = None) -> Points:
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as reason:
-        raise CalibrationError(f"{path}: can't be read as text ({reason}); give a CSV file", path=path) from None
+        raise CalibrationError(
+            f"{path}: can't be read as text ({in_words(reason)}); give a CSV file", path=path
+        ) from None
     lines = [
         (number, line)
         for number, line in enumerate(text.splitlines(), start=1)

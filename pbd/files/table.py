@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pbd.errors import RecordingError
+from pbd.errors import RecordingError, in_words
 from pbd.files.stamps import seconds
 from pbd.pose import Array
 
@@ -22,6 +22,8 @@ FOREIGN = ("utf-8-sig", "gb18030", "cp1252")
 
 HEADER_CELLS = 4
 """A foreign table may begin with remarks; its header is the first line with so many cells (t, ax, ay, az)."""
+
+_DECIMAL_COMMA = re.compile(r"\s*[-+]?\d*,\d+([eE][-+]?\d+)?\s*")
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +117,7 @@ class Sheet:
 
     def _number(self, line: int, column: int, cell: str, dated: bool) -> float:
         try:
-            if self.foreign and self.delimiter != "," and re.fullmatch(r"\s*[-+]?\d+,\d+\s*", cell):
+            if self.foreign and self.delimiter != "," and _DECIMAL_COMMA.fullmatch(cell):
                 cell = cell.replace(",", ".")
             if dated:
                 return seconds(cell)
@@ -198,7 +200,9 @@ def _text(path: Path, encodings: Sequence[str]) -> str:
                 return _lines(data.decode(encoding))
         return _lines(data.decode(encodings[-1]))
     except (OSError, UnicodeDecodeError) as reason:
-        raise RecordingError(f"{path}: can't be read as text ({reason}); give a CSV file", path=path) from None
+        raise RecordingError(
+            f"{path}: can't be read as text ({in_words(reason)}); give a CSV file", path=path
+        ) from None
 
 
 def _lines(text: str) -> str:
@@ -206,7 +210,7 @@ def _lines(text: str) -> str:
 
 
 def _next_step(cell: str) -> str:
-    if re.fullmatch(r"\s*[-+]?\d+,\d+\s*", cell):
+    if _DECIMAL_COMMA.fullmatch(cell):
         return "it has a decimal comma: write numbers with a point (export it again, or put a point for each comma)"
     return "mend the cell, or leave it empty"
 

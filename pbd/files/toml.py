@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NoReturn
 
-from pbd.errors import PbdError
+from pbd.errors import PbdError, in_words
 
 
 def read_toml(path: Path, error: type[PbdError]) -> Section:
@@ -22,7 +22,7 @@ def read_toml(path: Path, error: type[PbdError]) -> Section:
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as reason:
-        raise error(f"{path}: can't be read ({reason}); give the path of a TOML file", path=path) from None
+        raise error(f"{path}: can't be read ({in_words(reason)}); give the path of a TOML file", path=path) from None
     try:
         values = tomllib.loads(text)
     except tomllib.TOMLDecodeError as reason:

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from pbd.errors import RobotError
+from pbd.errors import RobotError, in_words
 
 ACTUATED = ("revolute", "continuous", "prismatic")
 KINDS = (*ACTUATED, "fixed", "floating", "planar")
@@ -138,7 +138,9 @@ def _parse(path: Path) -> ET.Element:
     try:
         return ET.fromstring(path.read_bytes(), parser=ET.XMLParser(target=_NoDoctype()))
     except OSError as reason:
-        raise RobotError(f"{path}: can't be read ({reason}); correct the path in the robot's TOML", path=path) from None
+        raise RobotError(
+            f"{path}: can't be read ({in_words(reason)}); correct the path in the robot's TOML", path=path
+        ) from None
     except ET.ParseError as reason:
         raise RobotError(f"{path}: not valid XML: {reason}; mend it there", path=path) from None
 

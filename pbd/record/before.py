@@ -43,6 +43,14 @@ class Before:
             return f"what is left of the old one is in {self.aside}: it can't be removed ({reason.strerror})"
         return f"the old {self.folder} is replaced{', its edited keyframes.toml too' if self.edited else ''}"
 
+    def keep(self) -> str:
+        """Leave it where it is, as the new one is too short to replay; return what to tell."""
+        edited = ", its edited keyframes.toml too" if self.edited else ""
+        return (
+            f"fewer than two stops in the new one, so the old one is kept in {self.aside}{edited}; to have it back, "
+            f"remove {self.folder} and rename {self.aside} to {self.folder}"
+        )
+
     def put_back(self) -> str:
         """Give it its name back, as the new one was discarded; return what to tell."""
         try:

@@ -36,8 +36,9 @@ def record(
     """Record a demonstration. Whatever ends it, its folder is complete.
 
     With `options.force` a demonstration of that name is renamed to NAME.before, or a free name like it, when the first
-    samples are there. It is removed when the new one has ended well; it takes its name back where the new one is
-    discarded or has no rest in it (then that is kept as NAME.new); it stays there, whole, after a crash or an error.
+    samples are there. It is removed when the new one has ended well, with two stops or more; it takes its name back
+    where the new one is discarded or has no rest in it (then that is kept as NAME.new); it stays there, whole, where
+    the new one has fewer than two stops, and after a crash or an error.
 
     Args:
         open_port: opens the sensor's port; called again to reconnect.

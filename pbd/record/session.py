@@ -18,7 +18,7 @@ from pbd.record.clock import Clock
 from pbd.record.coach import Coach
 from pbd.record.health import Health
 from pbd.record.losses import Losses
-from pbd.record.told import Outcome, RecordOptions, Status
+from pbd.record.told import FEWEST_STOPS, Outcome, RecordOptions, Status
 from pbd.sensors.decoding import Decoder, Sample
 from pbd.sensors.stamps import straighten
 
@@ -116,6 +116,8 @@ class Session:
             self._told_of_before = self.before.put_back()
         elif self.coach.tracker.waiting:
             self._kept_in, self._told_of_before = self.before.change_places()
+        elif self.coach.stops < FEWEST_STOPS:
+            self._told_of_before = self.before.keep()
         else:
             self._told_of_before = self.before.remove()
 

@@ -9,6 +9,9 @@ from pathlib import Path
 from pbd.data import Keyframe, SensorErrors
 from pbd.pose import Array
 
+FEWEST_STOPS = 2
+"""The rest at the start and one more: with fewer there is nothing to replay."""
+
 
 class Command(enum.Enum):
     """What a person may do while recording."""

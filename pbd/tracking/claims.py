@@ -120,7 +120,7 @@ def _closed(path: HandPath, group: int) -> Claim:
     return Claim(
         "the hand ends where it began",
         "it ended {} away",
-        "`closed = true`",
+        "the line `closed = true` at the file's top, not one of a [[grip]]",
         len(path.stops) - 1,
         0,
         ALL_AXES,

@@ -13,12 +13,13 @@ Roll and pitch are the device's, yaw is a Kalman filter's; gravity is projected 
 
 from __future__ import annotations
 
+import warnings
 from itertools import pairwise
 
 import numpy as np
 
 from pbd.data import Attitude, Recording, Stop
-from pbd.errors import TrackingError
+from pbd.errors import PbdWarning, TrackingError
 from pbd.pose import Array, quat_from_rpy, quat_inverse, quat_rotate
 from pbd.tracking.stops import runs
 
@@ -132,7 +133,12 @@ def resulting_variance(a_nav: Array) -> Array:
 
 
 def paper_path(t: Array, a_nav: Array, stops: tuple[Stop, ...]) -> tuple[Array, Array, Array]:
-    """Equations 5-6 while the hand moves; at rest the velocity is zero. Returns as `integrate_path` does."""
+    """Equations 5-6 while the hand moves; at rest the velocity is zero. Returns as `integrate_path` does.
+
+    Where the threshold, which is the paper's for its own sensor, shows a single stop, there is a warning.
+    """
+    if len(stops) == 1:
+        _warn_of_threshold(a_nav, stops[0])
     dt = np.diff(t, prepend=t[0])[:, None]
     v = np.zeros_like(a_nav)
     bounds = sorted({0, len(t), *(i for stop in stops for i in (stop.start, stop.stop))})
@@ -147,6 +153,18 @@ def paper_path(t: Array, a_nav: Array, stops: tuple[Stop, ...]) -> tuple[Array, 
     p = np.cumsum(v * dt, axis=0)  # (6)
     origin = p[stops[0].start] if stops else p[0]
     return p - origin, v, np.array(closure).reshape(-1, 3)
+
+
+def _warn_of_threshold(a_nav: Array, stop: Stop) -> None:
+    largest = float(resulting_variance(a_nav).max())
+    seen = "no motion" if stop.stop - stop.start == len(a_nav) else "a single stop"
+    warnings.warn(
+        f"--method paper sees {seen} in this sensor's data: the variance of its acceleration, at most {largest:.2g}, "
+        f"is held against the paper's lambda_v = {LAMBDA_V:g} (m/s2)^2, which is for the paper's sensor at 40 Hz; "
+        "leave the option out, the default method finds motion in another way",
+        PbdWarning,
+        stacklevel=3,
+    )
 
 
 def paper_covariance(t: Array, stops: tuple[Stop, ...], closure: Array) -> Array:

@@ -76,6 +76,26 @@ def test_a_dock_is_written_and_replayed_from(capsys: Capture) -> None:
     assert rows[0]["base_position_m"] == pytest.approx([0.45, -0.15, 0.25])
 
 
+def test_a_dock_that_is_moved_stays_turned_as_it_was(capsys: Capture) -> None:
+    assert run(capsys, *DOCK, "--rpy", "1", "-2", "30")[0] == 0
+    moved = ("calibrate", "dock", "bench", "--position", "0.5", "0.1", "0.2")
+    err = run(capsys, *moved)[2]
+    assert "(1.0, -2.0, 30.0) degrees, as given, and turned as before (--rpy turns it); " in err
+    dock = read_calibration(Path("calibration/bench.toml")).T_base_dock
+    assert dock is not None
+    asked = Pose.from_rpy((0.5, 0.1, 0.2), np.radians((1.0, -2.0, 30.0)))
+    assert dock.distance(asked) == pytest.approx((0.0, 0.0), abs=1e-5)
+    assert "(0.0, 0.0, 0.0) degrees, as given; " in run(capsys, *moved, "--rpy", "0", "0", "0")[2]
+    assert "(0.0, 0.0, 0.0) degrees, as given; " in run(capsys, *moved)[2]
+
+
+def test_a_dock_that_is_moved_tells_a_sigma_that_was_another(capsys: Capture) -> None:
+    assert "sigma" not in run(capsys, *DOCK, "--sigma-mm", "1")[2]
+    assert "sigma" not in run(capsys, *DOCK, "--sigma-mm", "1")[2]
+    assert ", as given, sigma now 3 mm and 1 degrees; " in run(capsys, *DOCK)[2]
+    assert "sigma" not in run(capsys, *DOCK)[2]
+
+
 def test_a_dock_where_the_robot_stands(capsys: Capture) -> None:
     """The tool at the dock is where forward kinematics puts it, through the mount of the file."""
     Path("calibration").mkdir()

@@ -65,3 +65,27 @@ def test_the_devices_own_attitude_refuses_it(
     assert "with --unit acc=-g" in capsys.readouterr().err
     assert not Path("demos").exists()
     assert main(["import", "pulled/imu.csv", "tea", "--unit", "acc=-m/s2"]) == 0
+
+
+def test_a_folder_is_no_recording(in_g: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["import", str(in_g.parent), "tea"]) == 1
+    assert capsys.readouterr().err == f"pbd: {in_g.parent} is a folder: give a file\n"
+
+
+def test_a_table_without_times_is_told_of_the_rate_and_takes_it(in_g: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rows = [line.partition(",")[2] for line in in_g.read_text().splitlines()]
+    Path("notime.csv").write_text("\n".join(rows))
+    assert main(["import", "notime.csv", "tea", "--unit", "acc=g"]) == 1
+    assert "or import it with its --rate HZ" in capsys.readouterr().err
+    assert main(["import", "notime.csv", "tea", "--unit", "acc=g", "--rate", "100"]) == 0
+    ours, theirs = read_demo(Path("demos/tea")).recording, read_demo(in_g.parent).recording
+    assert ours.t == pytest.approx(theirs.t, abs=1e-6)
+    assert ours.info.rate_hz == 100.0
+
+
+def test_a_recording_does_not_replace_the_folder_that_it_is_in(in_g: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its raw.bin or its edited keyframes.toml would be gone."""
+    before = in_g.read_bytes()
+    assert main(["import", str(in_g), str(in_g.parent), "--unit", "acc=g", "--force"]) == 1
+    assert f"imu.csv is in {in_g.parent}, which it would replace; give another name\n" in capsys.readouterr().err
+    assert in_g.read_bytes() == before

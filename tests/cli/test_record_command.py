@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import select
@@ -16,7 +17,9 @@ import numpy as np
 import pytest
 
 from pbd.cli import main
-from pbd.files.demo import read_demo
+from pbd.cli.record import _report
+from pbd.files.demo import demo_folder, read_demo, write_demo
+from pbd.record import Outcome
 from pbd.sensors.simulate import simulate
 from tests.cli.terminal import Terminal, run_pbd
 from tests.record.speakers import SPEAKERS, Device, random_hand
@@ -37,7 +40,7 @@ def test_at_a_terminal(tmp_path: Path) -> None:
     terminal.until("Enter ends")
     terminal.type("\n")
     terminal.until("ended by you")
-    terminal.until("next: pbd keyframes tea")
+    terminal.until("fewer than two stops: nothing to replay; hold still")
     assert terminal.exit_code() == 0
     recording = read_demo(tmp_path / "demos" / "tea").recording
     assert len(recording) > 100
@@ -149,26 +152,29 @@ def test_a_killed_forced_recording_leaves_the_old_one_beside_and_the_next_does_s
     out, error = process.communicate(timeout=20)
     assert process.returncode == 0, error
     assert "the old one is in demos/tea.before-2 until this one has ended well\n" in error
-    assert "the old demos/tea is replaced\n" in error
-    assert out.endswith("next: pbd keyframes tea\n")
-    assert folders(tmp_path) == ["tea", "tea.before"]
+    assert "so the old one is kept in demos/tea.before-2; to have it back, remove demos/tea and rename" in error
+    assert out.endswith(
+        "fewer than two stops: nothing to replay; hold still for two seconds, then move, stop, move, stop\n"
+    )
+    assert folders(tmp_path) == ["tea", "tea.before", "tea.before-2"]
     assert (tmp_path / "demos" / "tea.before" / "imu.csv").read_bytes() == before
     assert (tmp_path / "demos" / "tea.before" / "keyframes.toml").exists()
 
 
 @pytest.mark.parametrize("name", ["tea 9/x", "../oops", "./-x", "./~it's"])
-def test_the_next_command_that_it_prints_works(tmp_path: Path, name: str) -> None:
+def test_the_next_command_that_it_prints_works(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
     here = tmp_path / "here"
     here.mkdir()
-    process = run_pbd("record", name, "--sensor", "sim", "--duration", "1.4", cwd=here)
-    out, error = process.communicate(timeout=20)
-    assert process.returncode == 0, error
-    program, *words = shlex.split(out.splitlines()[-1].removeprefix("next: "))
+    monkeypatch.chdir(here)
+    folder = demo_folder(name)
+    write_demo(simulate("pour"), folder)
+    _report(argparse.Namespace(json=False), Outcome(folder, 100, 1.0, 0, 0, stops=2, ended_by="you"))
+    program, *words = shlex.split(capsys.readouterr().out.splitlines()[-1].removeprefix("next: "))
     assert program == "pbd"
-    process = run_pbd(*words, "--json", cwd=here)
-    out, error = process.communicate(timeout=60)
-    assert process.returncode == 0, error
-    assert json.loads(out)
+    assert main([*words, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)
 
 
 def test_a_simulated_task_grips_by_itself_and_ends_it_where_nobody_could(tmp_path: Path) -> None:
@@ -183,6 +189,13 @@ def test_a_simulated_task_grips_by_itself_and_ends_it_where_nobody_could(tmp_pat
     assert recording.t[-1] >= task.t[-1] - 0.25  # what came before the port was open, and after the last look
     assert [event.closed for event in recording.grip] == [event.closed for event in task.grip]
     assert recording.grip[0].t == pytest.approx(task.grip[0].t, abs=0.3)
+
+
+def test_a_misspelt_sensor_is_told_before_a_name_that_is_taken(tmp_path: Path) -> None:
+    (tmp_path / "demos" / "tea").mkdir(parents=True)
+    _, error = run_pbd("record", "tea", "--sensor", "witmotoin", cwd=tmp_path).communicate(timeout=20)
+    assert error.startswith("pbd: sensor 'witmotoin' is unknown")
+    assert error.endswith("did you mean witmotion?\n")
 
 
 def test_what_exists_is_refused_before_anything_is_opened(tmp_path: Path) -> None:

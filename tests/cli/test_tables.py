@@ -16,9 +16,11 @@ import termios
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from pbd.cli import main
+from pbd.files.robot import load_robot
 from pbd.view.units import ANGLES, LENGTHS, Units, parse_units
 
 
@@ -145,6 +147,28 @@ def test_a_robot_goes_to_the_edited_keyframes(tea: Path, capsys: pytest.CaptureF
     assert after[1]["base_position_m"][2] == pytest.approx(before[1]["base_position_m"][2] + 0.02, abs=2e-4)
 
 
+def test_saving_and_editing_nothing_changes_no_motion(tmp_path: Path) -> None:
+    """Poses are written to a tenth of a millimetre, so that the motion is the same to that."""
+    motions = []
+    for file in ("found.csv", "saved.csv"):
+        assert main(["export", "tea", "--robot", "panda", "--format", "csv", "-o", file]) == 0
+        motions.append(np.loadtxt(tmp_path / file, delimiter=",", skiprows=1))
+        assert main(["keyframes", "tea", "--save", "--force"]) == 0
+    found, saved = motions
+    assert saved[-1, 0] == pytest.approx(found[-1, 0], abs=0.02)
+    joints = slice(1, 8)
+    there = np.column_stack([np.interp(found[:, 0], saved[:, 0], q) for q in saved[:, joints].T])
+    np.testing.assert_allclose(there, found[:, joints], atol=0.01)
+
+
+def test_with_the_hands_time_the_hands_own_dwells_are_saved(tea: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = keyframes_of(capsys)
+    assert main(["keyframes", "tea", "--save", "--time", "demo"]) == 0
+    saved = keyframes_of(capsys)
+    assert [row["dwell_s"] for row in saved] == pytest.approx([row["dwell_s"] for row in found], abs=6e-4)
+    assert max(row["dwell_s"] for row in found) > 0.5
+
+
 def test_another_dock_is_refused(tea: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["keyframes", "tea", "--save"]) == 0
     file = tea / "keyframes.toml"
@@ -159,6 +183,20 @@ def test_nothing_is_saved_into_what_is_bundled_or_no_folder(tea: Path, capsys: p
     assert "is bundled, so nothing is saved there; copy it" in capsys.readouterr().err
     assert main(["keyframes", str(tea / "imu.csv"), "--save"]) == 1
     assert "is no demonstration folder, so nothing is saved there; `pbd import` it first" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("robot", "prefix"), [("panda", "panda_"), ("ur5", "")])
+def test_what_all_joints_names_begin_with_is_said_once(
+    capsys: pytest.CaptureFixture[str], robot: str, prefix: str
+) -> None:
+    (row, *_) = rows_of(capsys, "keyframes", "tea", "--robot", robot)
+    names = load_robot(robot).joints
+    assert {f"{name} (°)" for name in names} <= set(row)  # programs get them whole
+    assert main(["keyframes", "tea", "--robot", robot]) == 0
+    shown = capsys.readouterr().out
+    assert (f"\nthe joints' names begin with {prefix}\n" in shown) == bool(prefix)
+    (header,) = (line for line in shown.splitlines() if "tool x (m)" in line)
+    assert header.split()[-2 * len(names) :: 2] == [name.removeprefix(prefix) for name in names]
 
 
 @pytest.mark.parametrize("columns", [60, 80, 100, 160])

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import errno
+import subprocess
+import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -106,3 +110,35 @@ def test_every_command_speaks_so(capsys: Capture, words: tuple[str, ...]) -> Non
     code, err = told(capsys, *words, "--surely-not-there")
     assert code == 2
     assert err.endswith(f"see pbd {' '.join(words)} --help\n")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+@pytest.mark.parametrize(
+    "words",
+    ["segments pouring", "robots --json", "sensors --csv", "--print-completion bash", "--version", "export --help"],
+)
+def test_output_that_can_not_be_written_is_told_in_one_line(words: str) -> None:
+    with Path("/dev/full").open("w") as full:
+        run = subprocess.run(
+            [sys.executable, "-m", "pbd", *words.split()], stdout=full, stderr=subprocess.PIPE, text=True, check=False
+        )
+    *before, line = run.stderr.splitlines()
+    assert run.returncode == 1
+    assert line == "pbd: standard output can't be written (No space left on device); send it elsewhere"
+    assert all(said.startswith("pbd: ") for said in before)
+
+
+def test_an_error_that_is_not_of_the_output_stays_a_bug(monkeypatch: pytest.MonkeyPatch) -> None:
+    def run(*_: object) -> int:
+        raise OSError(errno.ENOENT, "No such file", "x")
+
+    monkeypatch.setattr("pbd.cli.sensors.run", run)
+    with pytest.raises(OSError, match="No such file"):
+        main(["sensors"])
+
+
+def test_an_output_that_is_closed_is_not_missed() -> None:
+    words = f"{sys.executable} -m pbd segments pouring >&-"
+    run = subprocess.run(["bash", "-c", words], stderr=subprocess.PIPE, text=True, check=False)
+    assert run.returncode == 0
+    assert "Traceback" not in run.stderr

@@ -143,7 +143,7 @@ def test_a_place_that_can_not_be_written_is_told(tmp_path: Path) -> None:
         update_calibration(tmp_path / "file" / "new.toml", {"dock": pose_values(POSE, "in base")})
 
 
-@pytest.mark.parametrize("name", ["", "..", ".toml", "~", "a/.."])
+@pytest.mark.parametrize("name", ["", "..", ".toml", "~", "a/..", "../x", "a/../../x", "a b", "a b.toml", " a", "a\tb"])
 def test_names_that_are_none(name: str) -> None:
     with pytest.raises(CalibrationError, match="can't be a calibration's name"):
         calibration_file(name)
@@ -153,6 +153,8 @@ def test_where_it_is_written() -> None:
     assert calibration_file("bench") == Path("calibration/bench.toml")
     assert calibration_file("bench.toml") == Path("calibration/bench.toml")
     assert calibration_file("there/bench.toml") == Path("there/bench.toml")
+    assert calibration_file("../bench.toml") == Path("../bench.toml")
+    assert calibration_file("my files/bench.toml") == Path("my files/bench.toml")
 
 
 def test_rights_are_those_of_a_file(bench: Path) -> None:

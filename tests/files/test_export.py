@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +34,24 @@ def motion() -> JointTrajectory:
         keyframe_t=np.array([0.0, DURATION]),
         keyframe_q=np.array([zero, reach]),
     )
+
+
+@pytest.mark.parametrize("format_name", ["csv", "ros2-json"])
+def test_no_zero_has_a_sign(tmp_path: Path, format_name: str) -> None:
+    """A joint that stands at -0.0, and one that moves by less than is written."""
+    zero = np.zeros(2)
+    still = JointTrajectory(
+        joint_names=("still", "creeps"),
+        knots=np.array([0.0, 1.0]),
+        coefficients=np.array([[-zero, np.array([-0.0, -4e-10]), -zero, -zero]]),
+        gripper_t=np.array([0.0, 1.0]),
+        gripper_opening=np.ones(2),
+        keyframe_t=np.array([0.0, 1.0]),
+        keyframe_q=np.array([zero, [0.0, -4e-10]]),
+    )
+    path = tmp_path / "motion"
+    export(still, format_name, path, 10.0)
+    assert re.findall(r"-0\.0*(?![\d])", path.read_text()) == []
 
 
 def read_csv(path: Path) -> tuple[list[str], Samples]:

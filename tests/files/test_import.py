@@ -201,13 +201,38 @@ def test_what_cannot_be_told_is_asked_for(
     assert message in caught.value.message
 
 
+def test_decimal_commas_with_exponents(tmp_path: Path) -> None:
+    """As a European spreadsheet writes our own imu.csv again."""
+    rows = "0;-2,7726809378185525e-05;,5;9,81\n0,01;1E-3;2,5;3\n"
+    recording = import_text(tmp_path, f"t;ax;ay;az\n{rows}")
+    assert_array_equal(recording.t, [0.0, 0.01])
+    assert_array_equal(recording.acc, [[-2.7726809378185525e-05, 0.5, 9.81], [1e-3, 2.5, 3.0]])
+
+
+@pytest.mark.parametrize("rate_hz", [100.0, 37.5])
+def test_a_table_without_times_takes_a_rate(tmp_path: Path, rate_hz: float) -> None:
+    (tmp_path / "run.csv").write_text("ax,ay,az\n0,0,9.8\n0,1,9.8\n0,2,9.8\n")
+    recording = import_file(tmp_path / "run.csv", rate_hz=rate_hz).recording
+    assert_allclose(recording.t, [0.0, 1.0 / rate_hz, 2.0 / rate_hz], rtol=1e-15)
+    assert_array_equal(recording.acc[:, 1], [0.0, 1.0, 2.0])
+    assert recording.info.rate_hz == rate_hz
+
+
+def test_two_clocks_are_one_too_many(tmp_path: Path) -> None:
+    (tmp_path / "run.csv").write_text(two_rows("t,ax,ay,az"))
+    with pytest.raises(RecordingError, match=r"the column 't' tells the time; leave --rate out"):
+        import_file(tmp_path / "run.csv", rate_hz=100.0)
+    with pytest.raises(RecordingError, match="an npz has its own rate_hz; leave --rate out"):
+        import_file(tmp_path / "run.npz", rate_hz=100.0)
+
+
 # --- every format -----------------------------------------------------------------------------------------------------
 
 
 def test_an_npz_takes_no_columns(tmp_path: Path) -> None:
-    for mapping in ({"columns": {"ax": "x"}}, {"units": {"acc": "g"}}):
+    for columns, units in (({"ax": "x"}, {}), ({}, {"acc": "g"})):
         with pytest.raises(RecordingError, match="leave --column and --unit out"):
-            import_file(tmp_path / "run.npz", **mapping)
+            import_file(tmp_path / "run.npz", columns, units)
 
 
 def test_a_suffix_that_nobody_knows(tmp_path: Path) -> None:

@@ -129,6 +129,7 @@ def test_a_person_may_drop_insert_nudge_and_rename(tmp_path: Path) -> None:
         ("rpy_deg = [", "rpy_deg = [1, ", "rpy_deg = [1, ", "must have 3 numbers"),
         ("sigma_m = [0.00", "sigma_m = [-1.00", "sigma_m = [-1.00", "must not be below zero"),
         ("format = 1", "format = 2", "format = 2", "must be 1"),
+        ("rpy_deg = [", "rpy_deg = [88", "rpy_deg = [88", "must lie within -360 and 360 degrees"),
     ],
 )
 def test_a_mistake_is_told_with_its_line(tmp_path: Path, old: str, new: str, line: str, says: str) -> None:
@@ -136,6 +137,42 @@ def test_a_mistake_is_told_with_its_line(tmp_path: Path, old: str, new: str, lin
     with pytest.raises(RecordingError, match=says) as caught:
         read_keyframes(path)
     assert line_of(path, caught.value).startswith(line)
+
+
+def test_a_dwell_of_many_minutes_is_asked_about(tmp_path: Path) -> None:
+    path = tmp_path / "keyframes.toml"
+    for long in range(len(FOUND)):
+        stays = [1000.0 if k == long else 0.5 for k in range(len(FOUND))]
+        path.write_text(keyframes_toml("tea", FOUND, magnetic=True, arm_dwell_s=stays), encoding="utf-8")
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            read = read_keyframes(path)
+        assert [keyframe.dwell_s for keyframe in read] == stays
+        lines = path.read_text(encoding="utf-8").splitlines()
+        (line,) = (number for number, text in enumerate(lines, start=1) if text.startswith("dwell_s = 1000"))
+        said = [str(warning.message) for warning in caught]
+        assert [f"{path}:{line}: the arm stays 1000 s at keyframe {long}" in text for text in said] == (
+            [True] if 0 < long < len(FOUND) - 1 else []  # it stays neither at the first nor at the last
+        )
+
+
+def test_the_hands_own_dwell_stands_beside_the_arms() -> None:
+    text = keyframes_toml("tea", FOUND, magnetic=True, arm_dwell_s=[0.25] * len(FOUND))
+    said = [line for line in text.splitlines() if line.startswith("dwell_s")]
+    assert said == [f"dwell_s = 0.250 # the hand stood for {keyframe.dwell_s:.2f} s" for keyframe in FOUND]
+
+
+@pytest.mark.parametrize("key", ["t_s", "dwell_s", "position_m", "rpy_deg", "sigma_m", "sigma_deg", "grip"])
+def test_what_the_header_says_is_needed_is(tmp_path: Path, key: str) -> None:
+    text = keyframes_toml("tea", FOUND, magnetic=True)
+    (needed,) = (line for line in text.splitlines() if line.startswith("# Every keyframe needs"))
+    path = tmp_path / "keyframes.toml"
+    path.write_text("".join(line for line in text.splitlines(True) if not line.startswith(key)), encoding="utf-8")
+    if key in needed:
+        with pytest.raises(RecordingError, match=f"{key} is missing; add it"):
+            read_keyframes(path)
+    else:
+        assert len(read_keyframes(path)) == len(FOUND)
 
 
 def test_times_go_forward(tmp_path: Path) -> None:

@@ -59,6 +59,18 @@ def test_edited_keyframes_are_told(tea: Path) -> None:
     assert beside(tea) == {}
 
 
+def test_one_that_is_kept_says_how_to_get_it_back(tea: Path) -> None:
+    (tea / "keyframes.toml").write_text("")
+    before = set_aside(tea)
+    assert before is not None
+    told = before.keep()
+    assert told == (
+        f"fewer than two stops in the new one, so the old one is kept in {tea}.before, its edited keyframes.toml too; "
+        f"to have it back, remove {tea} and rename {tea}.before to {tea}"
+    )
+    assert beside(tea) == {"tea.before": "the old one"}
+
+
 def test_a_link_goes_and_what_it_leads_to_stays(tea: Path) -> None:
     link = tea.with_name("link")
     link.symlink_to(tea)

@@ -104,6 +104,22 @@ def test_a_forced_recording_without_a_rest_does_not_take_the_old_ones_place(tmp_
     assert len(read_demo(outcome.folder).recording) == outcome.samples
 
 
+@pytest.mark.parametrize(("duration_s", "kept"), [(1.3, True), (4.4, False)])
+def test_a_forced_recording_without_a_second_stop_does_not_cost_the_old_one(
+    tmp_path: Path, pouring: Recording, duration_s: float, kept: bool
+) -> None:
+    """It ends before the hand has moved, or after it has stopped somewhere."""
+    tea = tmp_path / "tea"
+    write_demo(simulate("pour"), tea)
+    (tea / "keyframes.toml").write_text("as a person left it")
+    outcome = recorded(pouring, Watched(), options(tea, duration_s=duration_s, force=True))
+    assert (outcome.stops < 2) is kept
+    assert outcome.folder == tea
+    assert len(read_demo(tea).recording) == outcome.samples
+    assert (f"the old one is kept in {tea}.before" in outcome.before) is kept
+    assert (tmp_path / "tea.before" / "keyframes.toml").exists() is kept
+
+
 def test_a_forced_recording_that_never_begins_leaves_the_old_one(tmp_path: Path, silent: tuple[int, str]) -> None:
     write_demo(simulate("pour"), tmp_path / "tea")
     wanted = options(tmp_path / "tea", force=True)

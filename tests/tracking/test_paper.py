@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from pbd.errors import TrackingError
+from pbd.errors import PbdWarning, TrackingError
 from pbd.pipeline import track
 from pbd.sensors.simulate import simulate
 from pbd.tracking.keyframes import find_segments
@@ -61,6 +62,17 @@ def test_the_papers_method_finds_the_translations_of_test_1() -> None:
 
 def test_without_a_gyro_it_follows_the_compass() -> None:
     assert len(track(simulate("pick-and-place-stops", "os5000-nogyro", 0).recording, "paper").stops) >= 4
+
+
+def test_where_its_threshold_sees_no_motion_it_is_not_the_hands_fault() -> None:
+    """A pouring at 100 Hz: from one sample to the next too little changes for a variance over two."""
+    recording = simulate("pour", "modern", 0).recording
+    with pytest.warns(PbdWarning, match=r"^--method paper sees no motion in this sensor's data: .* lambda_v = 0\.01 "):
+        assert len(track(recording, method="paper").stops) == 1
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert len(track(recording).stops) > 1
+        assert len(track(simulate("pick-and-place-stops").recording, method="paper").stops) > 1
 
 
 def test_without_a_compass_it_says_so() -> None:

@@ -272,6 +272,48 @@ def test_ellipsoids_can_be_magnified(replay: Replay, scene: ReplayScene) -> None
         np.testing.assert_allclose(replay(extent), times * true, rtol=0.01)
 
 
+def test_an_ellipsoid_that_would_hide_the_scene_is_not_drawn(
+    browser: Browser, scene: ReplayScene, tmp_path: Path
+) -> None:
+    vague = tuple(
+        replace(keyframe, cov=np.diag([0.5**2, 1e-6, 1e-6, 1e-4, 1e-4, 1e-4])) if k in (2, 5) else keyframe
+        for k, keyframe in enumerate(scene.keyframes)
+    )
+    write_page(replace(scene, keyframes=vague), tmp_path / "vague.html")
+    replay = Replay(browser, (tmp_path / "vague.html").as_uri())
+    seen = """
+        const ball = (_, i) => pbd.page.stage.node("pbd", "keyframes", String(i), "two_sigma");
+        return pbd.page.replay.keyframes.map(ball).map((node) => node.visible);"""
+    few = [k not in (2, 5) for k in range(len(vague))]
+    assert replay(seen) == few
+    assert "uncertainty, 2 σ; 2 too large to draw" in replay.read("#switches")
+    for wanted in ([False] * len(vague), few):
+        replay("document.querySelectorAll('#switches input')[3].click()")
+        assert replay(seen) == wanted
+    assert replay.errors() == []
+
+
+def test_a_small_window_begins_with_the_scene(replay: Replay) -> None:
+    """Both when it is opened in one and when a window is made small; in a large one both are open again."""
+    shut = "return ['panel', 'joints'].map((id) => document.body.classList.contains(`no-${id}`))"
+    try:
+        for width, height, wanted in (
+            (400, 657, [True, True]),
+            (1000, 700, [False, False]),
+            (800, 420, [False, True]),
+            (1000, 700, [False, False]),
+        ):
+            replay.browser.set_size(width, height)
+            until(lambda wanted=wanted: replay(shut) == wanted, f"{width} x {height}")  # type: ignore[misc]
+        replay.browser.set_size(400, 657)
+        free = 'return document.getElementById("bar").getBoundingClientRect().top / innerHeight'
+        until(lambda: replay(shut) == [True, True], "the small window")
+        assert replay(free) > 0.75
+        assert Replay(replay.browser, replay.browser.current_url)(shut) == [True, True]
+    finally:
+        replay.browser.set_size()
+
+
 def test_all_that_can_be_worked_has_a_name(replay: Replay) -> None:
     for each in replay.browser.find_elements(By.CSS_SELECTOR, "button, input, select"):
         if each.is_displayed():

@@ -15,4 +15,6 @@ def write(joint_names: tuple[str, ...], samples: Samples, path: Path) -> None:
     header = ("t", *(f"{kind}_{name}" for kind in ("q", "dq", "ddq") for name in joint_names), "gripper")
     values = np.column_stack((samples.t, samples.q, samples.qd, samples.qdd, samples.gripper))
     k = len(joint_names)
-    write_table(path, header, values, (6, *(9,) * k, *(8,) * k, *(6,) * k, 6))
+    decimals = (6, *(9,) * k, *(8,) * k, *(6,) * k, 6)
+    least = 0.5 * 10.0 ** -np.array(decimals)
+    write_table(path, header, np.where(np.abs(values) <= least, 0.0, values), decimals)  # no -0.000000

@@ -12,7 +12,7 @@ from pbd.data import Samples
 
 def joint_trajectory_message(joint_names: tuple[str, ...], samples: Samples) -> dict[str, Any]:
     """Make the message: stamp 0 ("now"), no effort, the final velocity exactly zero (the controller refuses others)."""
-    rows = zip(samples.t.tolist(), samples.q.tolist(), samples.qd.tolist(), samples.qdd.tolist(), strict=True)
+    rows = zip(samples.t.tolist(), *((x + 0.0).tolist() for x in (samples.q, samples.qd, samples.qdd)), strict=True)
     return {
         "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""},
         "joint_names": list(joint_names),

@@ -53,16 +53,19 @@ _MANGLED = str.maketrans({"°": "deg", "µ": "u", "μ": "u", "ʯ": "u", "?": "u"
 """Signs as they are written, and what becomes of the micro sign where a program takes one encoding for another."""
 
 
-def read_csv(path: Path, columns: Mapping[str, str], units: Mapping[str, str]) -> Demonstration:
+def read_csv(
+    path: Path, columns: Mapping[str, str], units: Mapping[str, str], rate_hz: float | None = None
+) -> Demonstration:
     """Read a recording from a table with a header.
 
     Args:
         path: the file; x-io's Magnetometer.csv beside it, where the file has no magnetometer, is joined by its time.
         columns: ours -> the file's column, for those that the header doesn't tell; -NAME turns the sign.
         units: channel (t, gyr, acc, mag, angle) -> unit, likewise; -UNIT turns the sign of all three axes.
+        rate_hz: of a table without times: row k was read at k / rate_hz s.
 
     Raises:
-        RecordingError: a column or unit is missing or unknown; the table is no table.
+        RecordingError: a column or unit is missing or unknown; there are both times and a rate; the table is no table.
     """
     for channel in units:
         if channel not in UNITS:
@@ -70,13 +73,17 @@ def read_csv(path: Path, columns: Mapping[str, str], units: Mapping[str, str]) -
     sheet = open_sheet(path, foreign=True)
     _refuse_several(sheet)
     names, turned = _match(sheet, columns)
-    if "t" not in names or not set(ACC) & set(names):
-        lacking = "t (time)" if "t" not in names else "ax, ay, az (specific force)"
+    untimed = "t" not in names
+    if (untimed and rate_hz is None) or not set(ACC) & set(names):
+        without = untimed and rate_hz is None
+        lacking = "t (time)" if without else "ax, ay, az (specific force)"
         raise RecordingError(
             f"{path}: no column for {lacking}; the columns are {', '.join(sheet.header)}: say which is which with "
-            "--column, for example --column ax=NAME",
+            f"--column, for example --column ax=NAME{', or import it with its --rate HZ' if without else ''}",
             path=path,
         )
+    if not untimed and rate_hz is not None:
+        raise RecordingError(f"{path}: the column '{names['t']}' tells the time; leave --rate out", path=path)
     for angles in (DEVICE, RPY):
         if not set(angles) <= set(names) and not set(columns) & set(angles):
             # A yaw, say, of which nobody knows from where and which way it counts: the gyro knows better.
@@ -84,7 +91,8 @@ def read_csv(path: Path, columns: Mapping[str, str], units: Mapping[str, str]) -
     _refuse_halves(sheet, names)
     clocks = [names["t"]] if "t" in columns else _clocks(sheet)
     table = sheet.read([*names.values(), *clocks], times=clocks)
-    names["t"] = _best_clock(table, clocks)
+    if not untimed:
+        names["t"] = _best_clock(table, clocks)
 
     def values_of(channel: str, unit: str) -> Array | None:
         wanted = CHANNELS[channel]
@@ -93,7 +101,8 @@ def read_csv(path: Path, columns: Mapping[str, str], units: Mapping[str, str]) -
         scales = [_scale(path, names[ours], unit, units) * (-1.0 if ours in turned else 1.0) for ours in wanted]
         return table.columns(*(names[ours] for ours in wanted)) * scales
 
-    t, acc, mag = (values_of(channel, channel) for channel in ("t", "acc", "mag"))
+    acc, mag = (values_of(channel, channel) for channel in ("acc", "mag"))
+    t = values_of("t", "t") if rate_hz is None else np.arange(len(table.values))[:, None] / rate_hz
     compass = values_of("angle", "angle")
     assert t is not None
     assert acc is not None
@@ -104,7 +113,7 @@ def read_csv(path: Path, columns: Mapping[str, str], units: Mapping[str, str]) -
             gyr=values_of("gyr", "gyr"),
             mag=_magnetometer_beside(path, t[:, 0]) if mag is None else mag,
             device_rpy=values_of("rpy", "angle") if compass is None else device_rpy(compass),
-            info=RecordingInfo(name=path.stem, sensor="unknown (imported)"),
+            info=RecordingInfo(name=path.stem, sensor="unknown (imported)", rate_hz=rate_hz),
         ),
         notes=f"Imported from {path.name}.",
     )

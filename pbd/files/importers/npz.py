@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from pbd.data import Demonstration, Recording, RecordingInfo, Truth
-from pbd.errors import RecordingError
+from pbd.errors import RecordingError, in_words
 from pbd.pose import Array
 
 
@@ -25,7 +25,7 @@ def read_npz(path: Path) -> Demonstration:
             arrays = {key: file[key] for key in file.files if file[key].dtype.kind in "fiub"}
     except Exception as reason:  # damaged bytes make zip, zlib, tokenize and numpy raise errors of their own
         raise RecordingError(
-            f"{path}: can't be read as an npz ({reason}); save it with numpy.savez", path=path
+            f"{path}: can't be read as an npz ({in_words(reason)}); save it with numpy.savez", path=path
         ) from None
     for key in ("rate_hz", "acc"):
         if key not in arrays:

@@ -8,11 +8,13 @@ class Legend {
     this.stage = stage;
     const { speed, keyframes, obstacles } = replay;
     const unsure = keyframes.some((k) => k.sigma !== null);
+    this.hideLargest(replay);
+    const hidden = this.tooLarge.size ? `; ${this.tooLarge.size} too large to draw` : "";
     const rows = [
       ["hand_path", "hand's path", "var(--speeds)"],
       ["tool_path", "tool's path", "#8c9199"],
       ["keyframes", "keyframes", "linear-gradient(90deg, #e04540 33%, #38a85c 33% 66%, #3875eb 66%)"],
-      ...(unsure ? [["two_sigma", "uncertainty, 2 σ", "var(--unsure)", this.magnifier()]] : []),
+      ...(unsure ? [["two_sigma", `uncertainty, 2 σ${hidden}`, "var(--unsure)", this.magnifier()]] : []),
       ...(stage.found("stand_in").length ? [["stand_in", "stand-in gripper", "rgb(140 148 160 / 0.6)"]] : []),
       ...(obstacles.length ? [["obstacles", obstacles.join(", "), "#9e8c78"]] : []),
     ];
@@ -28,6 +30,15 @@ class Legend {
     row.style.setProperty("--look", look);
     row.append(box, make("span", text), ...more);
     return row;
+  }
+
+  // An ellipsoid that reaches as far as half the scene's width would hide all else, and the camera may be inside it: it
+  // is not drawn, its figures stand in the table.
+  hideLargest({ keyframes, extent }) {
+    const width = Math.max(...[0, 1].map((axis) => Math.max(...extent.map((p) => p[axis])) - Math.min(...extent.map((p) => p[axis]))));
+    const large = keyframes.flatMap((k, i) => (k.sigma !== null && 2 * k.sigma[0] > 0.5 * width ? [i] : []));
+    this.tooLarge = new Set(large.map((i) => this.stage.node("pbd", "keyframes", String(i), "two_sigma")));
+    for (const node of this.tooLarge) node.visible = false;
   }
 
   // A good sensor's ellipsoids are small. They are drawn as they are, unless someone wants to see them larger.
@@ -47,7 +58,7 @@ class Legend {
 
   reveal(name, visible) {
     const { stage } = this;
-    for (const node of stage.found(name)) node.visible = visible;
+    for (const node of stage.found(name)) node.visible = visible && !this.tooLarge.has(node);
     if (name === "keyframes") element("labels").hidden = !visible;
     stage.viewer.set_dirty();
   }

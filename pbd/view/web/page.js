@@ -14,8 +14,12 @@ class Page {
     this.legend = new Legend(replay, stage);
     this.listen();
     for (const id of ["panel", "bar"]) element(id).hidden = false;
-    this.fold("panel", innerWidth <= 640);
-    this.fold("joints", innerWidth <= 640 || innerHeight < 560);
+    this.folds = { panel: "(max-width: 640px)", joints: "(max-width: 640px), (max-height: 560px)" };
+    for (const [id, small] of Object.entries(this.folds)) {
+      const query = (this.folds[id] = matchMedia(small)); // kept: one that nobody holds tells nothing more
+      query.onchange = () => this.fold(id, query.matches);
+      this.fold(id, query.matches);
+    }
     stage.lift("two_sigma");
     stage.start();
     stage.frame(replay.extent);

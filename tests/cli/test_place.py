@@ -1,0 +1,99 @@
+"""Where a result may be written: told before anything is planned, and nothing that a person made is written over."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from pbd.cli import main
+from pbd.cli.place import OF_A_DEMO, refuse_place
+from pbd.errors import PbdError
+
+Capture = pytest.CaptureFixture[str]
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A demonstration of which every file is there, a robot, a calibration."""
+    monkeypatch.chdir(tmp_path)
+    for name in (*(f"demos/tea/{name}" for name in OF_A_DEMO), "robots/mine.toml", "calibration/bench.toml"):
+        file = Path(name)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(name)
+    return tmp_path
+
+
+def command(place: str) -> list[str]:
+    """As short as it gets: where the place were not refused, this robot would be, with other words."""
+    if place.endswith((".html", ".toml", "/")):
+        return ["replay", "pouring", "--robot", "nobody", "--html", place]
+    return ["export", "pouring", "--robot", "nobody", "--format", "csv", "-o", place]
+
+
+def refused(capsys: Capture, place: str) -> str:
+    assert main(command(place)) == 1
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1
+    assert "Errno" not in err
+    assert "nobody" not in err
+    return err
+
+
+@pytest.mark.parametrize("name", OF_A_DEMO)
+def test_no_file_of_a_demonstration_is_written_over(name: str) -> None:
+    for place in (Path("demos/tea") / name, Path("demos/../demos/tea") / name):
+        with pytest.raises(PbdError, match=r"belongs to the demonstration .*tea, so it is not written over"):
+            refuse_place(place)
+    Path("link.csv").symlink_to(Path("demos/tea") / name)
+    with pytest.raises(PbdError, match="belongs to the demonstration"):
+        refuse_place(Path("link.csv"))
+
+
+@pytest.mark.parametrize(
+    ("place", "line"),
+    [
+        ("demos/tea/imu.csv", "belongs to the demonstration demos/tea, so it is not written over; give another name"),
+        ("demos/tea/demo.toml", "belongs to the demonstration demos/tea, so it is not written over"),
+        ("robots/mine.toml", "robots/mine.toml: a .toml is what pbd reads and people edit; give another name"),
+        ("calibration/bench.toml", ": a .toml is what pbd reads"),
+        ("demos/", "demos is a folder: give a file's name"),
+        ("nowhere/x.csv", "x.csv can't be written: there is no folder nowhere; make it, or give another place"),
+        ("nowhere/x.html", "x.html can't be written: there is no folder nowhere; make it, or give another place"),
+        ("robots/mine.toml/x.csv", "can't be written: robots/mine.toml is no folder; give another"),
+    ],
+)
+def test_a_place_is_tested_first(capsys: Capture, elsewhere: Path, place: str, line: str) -> None:
+    assert line in refused(capsys, place)
+    for file in (file for folder in ("demos", "robots", "calibration") for file in Path(folder).rglob("*.*")):
+        assert file.read_text() == str(file)
+
+
+def test_what_is_read_is_not_written_over(capsys: Capture) -> None:
+    Path("walk.csv").write_text("t,ax,ay,az\n")
+    assert main(["export", "walk.csv", "--robot", "nobody", "-o", "./walk.csv"]) == 1
+    assert "walk.csv is what this command reads, so it is not written over" in capsys.readouterr().err
+
+
+def test_a_page_ends_in_html(capsys: Capture) -> None:
+    assert main(["replay", "pouring", "--robot", "nobody", "--html", "page"]) == 2
+    assert capsys.readouterr().err == "pbd: page is no name for a page; name a file that ends in .html\n"
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="nothing is read-only to root")
+def test_a_read_only_folder(capsys: Capture) -> None:
+    Path("robots").chmod(0o500)
+    try:
+        assert "can't be written: robots is read-only" in refused(capsys, "robots/x.csv")
+    finally:
+        Path("robots").chmod(0o700)
+
+
+@pytest.mark.parametrize("place", ["new.csv", "demos/tea/tea.csv", "imu.csv"])
+def test_elsewhere_it_may_be(place: str) -> None:
+    """Beside a demonstration's files too, and over what was exported before."""
+    refuse_place(Path(place))
+    Path(place).write_text("an earlier export")
+    refuse_place(Path(place))
