@@ -119,6 +119,7 @@ def test_a_channel_without_a_number_is_named(method: str, channel: str, value: f
         track(with_channel(recording, channel, values), method)
 
 
+@pytest.mark.filterwarnings("ignore:--method paper sees:pbd.errors.PbdWarning")
 @every_method
 @every_channel
 @pytest.mark.parametrize("value", [np.nan, -1e300])
