@@ -45,7 +45,7 @@ BOUNCE_S, BOUNCE_M = 0.3, 0.02
 
 COAST_S, SLOW_COAST_S, COASTING_STOPS = 0.6, 1.5, 4
 """Only a stop shorter than this may turn out to be a hand that moves on at constant velocity, one of several in a row;
-a single one in a slow move lasts up to the second. So many in a row are looked at together ..."""
+a single one, in a slow move, lasts longer, up to the second figure. So many in a row are looked at together ..."""
 
 COAST_SPEED, COAST_GAIN, COAST_SHARE = 0.03, 0.3, 0.2
 """... if the velocities left over before and after it are at least this fast (m/s), and this share of all that was
