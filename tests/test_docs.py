@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -42,3 +43,12 @@ def test_commands_are_ones_that_there_are(page: Path) -> None:
             words = shlex.split(line, comments=True)
             if words[:1] == ["pbd"] and not any(word[0] in "|<>" for word in words):
                 parser().parse_args(words[1:])
+
+
+def test_what_is_installed_is_ours() -> None:
+    """The name `pbd` on the index is somebody else's: nothing tells to install or look up that."""
+    assert tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["name"] == "pbd-robot"
+    wrong = re.compile(r"""pip3? install [^\n`]*\bpbd\b(?!-robot)|\bpbd\[|(?:version|files|metadata)\(["']pbd["']\)""")
+    named = ("pyproject.toml", "CITATION.cff", "CHANGELOG.md", "Makefile", ".ci/run")
+    for file in [*PAGES, *(ROOT / "pbd").rglob("*.py"), *map(ROOT.joinpath, named)]:
+        assert not wrong.search(file.read_text(encoding="utf-8")), file

@@ -1,4 +1,4 @@
-"""numba, where it is installed (`pip install "pbd[fast]"`): kernel.py compiled, once a program asks for enough.
+"""numba, where it is installed (`pip install "pbd-robot[fast]"`): kernel.py compiled, once a program asks for enough.
 
 Loading what numba compiled on an earlier day takes about as long as LOADED_AFTER descents without it; compiling it for
 the first time, COMPILED_AFTER. So that is when it is done, and a program that plans one motion waits for neither.
