@@ -284,7 +284,7 @@ def test_tables_have_no_colour_in_a_pipe() -> None:
     )
     assert "\x1b" not in result.stdout
     assert max(len(line) for line in result.stdout.splitlines()) < 130
-    assert result.stderr.startswith("pbd: known, and used: the hand ends where it began (")
+    assert result.stderr.startswith("pbd: using: the hand returned to its start (off by ")
     assert result.stderr.count("\n") == 1
 
 
@@ -306,8 +306,8 @@ def test_a_page_in_a_place_that_cannot_be_written(capsys: Capture, elsewhere: Pa
 def test_an_unsure_keyframe_is_told(capsys: Capture, data_folder: Path) -> None:
     (file,) = (data_folder / "broad").glob("14*.npz")
     result = run_json(capsys, "replay", file, "--robot", "panda", "--scale", "0.1", "--orientation", "fixed")
-    (warning,) = [warning for warning in result["warnings"] if "is the least sure: a sigma of" in warning]
-    assert "from the move to keyframe" in warning or "from the drift of many moves" in warning
+    (warning,) = [warning for warning in result["warnings"] if " is uncertain by " in warning]
+    assert " s move to keyframe " in warning or "from the drift of many moves" in warning
 
 
 def test_what_cannot_be_tracked_is_not_imported(capsys: Capture, elsewhere: Path) -> None:

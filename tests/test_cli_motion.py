@@ -61,7 +61,8 @@ def test_replay_says_how_each_move_is_made(capsys: Capture) -> None:
     worst = max(free["moves"], key=lambda move: float(move["off_line_m"]))
     _, _, err = run(capsys, "replay", "pouring", *PANDA, "--html", "a.html")
     off_cm = 100 * worst["off_line_m"]
-    assert f"on the way to keyframe {worst['keyframe']} the tool leaves the straight line by {off_cm:.1f} cm" in err
+    between = f"between keyframes {worst['keyframe'] - 1} and {worst['keyframe']}"
+    assert f"{between} the tool strays {off_cm:.1f} cm from a straight line" in err
     kept = run_json(capsys, "replay", "pouring", *PANDA, "--path-tolerance", "0.01")
     assert max(move["off_line_m"] for move in kept["moves"]) <= 0.01
     assert "line" in {move["kind"] for move in kept["moves"]}
@@ -111,7 +112,7 @@ def test_a_collision_is_refused(capsys: Capture, elsewhere: Path, command: tuple
     line = refused(capsys, 3, *command[:1], "pouring", *command[1:], *PANDA, "--calibration", "c.toml")
     assert "would touch the shelf, " in line
     assert " deep" in line
-    assert line.endswith("; move the dock or what stands in the way, or look at it with --allow-collision")
+    assert line.endswith("; move the dock or the obstacle, or view the motion with --allow-collision")
     assert not [*elsewhere.glob("out*")]
 
 
@@ -151,7 +152,7 @@ def test_a_line_is_followed_where_something_bars_the_way_back_alone(capsys: Capt
 def test_a_table_that_is_too_high_is_refused(capsys: Capture, elsewhere: Path) -> None:
     (elsewhere / "c.toml").write_text(LOW_DOCK)
     line = refused(capsys, 3, "replay", "paper-test2", *PANDA, "--calibration", "c.toml")
-    assert line.startswith("pbd: keyframe 0, however the arm is held: ")
+    assert line.startswith("pbd: no collision-free arm pose at keyframe 0: ")
 
 
 def test_what_stands_in_the_table_is_told(capsys: Capture, elsewhere: Path) -> None:
@@ -159,8 +160,8 @@ def test_what_stands_in_the_table_is_told(capsys: Capture, elsewhere: Path) -> N
     (elsewhere / "c.toml").write_text(LOW_DOCK.replace("0.2\n", "0.05\n").replace("0.1]", "0.3]"))
     result = run_json(capsys, "replay", "paper-test2", "--robot", "ur5", "--calibration", "c.toml")
     (told,) = result["warnings"]
-    assert told.startswith("on or in the table however the arm stands, and so not watched there: shoulder_link")
-    assert told.endswith("; correct table_height in the calibration if that isn't so")
+    assert told.startswith("always touches the table, so not checked against it: shoulder_link")
+    assert told.endswith("; if that is wrong, correct table_height in the calibration")
 
 
 def test_no_retreat_and_no_approach(capsys: Capture) -> None:

@@ -264,7 +264,7 @@ def low() -> tuple[list[Keyframe], Calibration]:
 
 def test_a_plan_that_touches_something_is_refused_unless_that_is_allowed() -> None:
     with pytest.raises(
-        PlanError, match=r"^keyframe 1, .* would touch the table, .* deep; raise the keyframe"
+        PlanError, match=r"^no collision-free .* keyframe 1\b.* would touch the table, .* deep; raise the keyframe"
     ) as caught:
         plan_keyframes(*low(), PANDA)
     assert caught.value.exit_code == 3
@@ -350,15 +350,16 @@ def test_what_makes_a_keyframe_unsure_is_named() -> None:
             refuse_unsure(frames, 1.0)
         said[name] = str(told[0].message)
     assert said["long"] == (
-        "keyframe 3 at 9.0 s is the least sure: a sigma of 10 cm, most of it from the move to keyframe 2, 2.5 s long; "
-        "stop on the way for half a second"
+        "keyframe 3 at 9.0 s is uncertain by 10 cm (one sigma), most of it from the 2.5 s move to keyframe 2: pause "
+        "half a second during that move"
     )
-    assert "keyframe 11 at 33.0 s is the least sure: a sigma of 10 cm, from the drift of many moves" in said["many"]
+    many = "keyframe 11 at 33.0 s is uncertain by 10 cm (one sigma), from the drift of many moves"
+    assert many in said["many"]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         refuse_unsure(frames, 0.3)
     near = [replace(frame, T_nav_sensor=Pose(0.05 * frame.T_nav_sensor.p, TURN)) for frame in frames]
     with pytest.raises(
-        TrackingError, match=r"sigma of 10 cm, and all keyframes lie within 6 cm, so that the arm would go"
+        TrackingError, match=r"by 10 cm \(one sigma\), more than the whole path \(6 cm\): not usable; from"
     ):
         refuse_unsure(near, 1.0)

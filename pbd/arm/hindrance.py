@@ -36,9 +36,7 @@ class Hindrance:
         """Say it as the end of a sentence about the pose, "which is ..."."""
         at = " and ".join(f"{joint} at its {side} limit" for joint, side in self.limits)
         if self.beyond_m == 0.0:
-            return (
-                f"within reach, but not in this attitude: {f'it stops with {at}' if at else 'its links are too short'}"
-            )
+            return f"reachable, but not with the tool at this angle{f' ({at})' if at else ''}"
         where = f"{100.0 * self.beyond_m:.1f} cm {'beyond' if self.outside else 'inside'} the arm's reach"
         return f"{where}, with {at}" if at else where
 

@@ -23,9 +23,9 @@ APPROACH_M = 0.08, 0.16
 """How far before a keyframe the arm comes from, where it can't come straight: the first that is free."""
 
 _WAYS = {
-    "straight": "straight in joint space",
-    "line": "along the straight line",
-    "demo": "along the demonstrated path",
+    "straight": "Straight in joint space",
+    "line": "Straight line of the tool",
+    "demo": "Demonstrated path",
 }
 
 
@@ -113,19 +113,19 @@ class Passage:
         """
         kind = max(hits, key=lambda kind: hits[kind].distance)
         hit, n = hits[kind], len(self.T_base_tool)
-        where = f"on the way from keyframe {i - 1} to keyframe {i}" if stands else f"keyframe {i}"
-        if stands and i == 0:
-            where = "on the way to keyframe 0"
+        where = f"from keyframe {i - 1} to keyframe {i}"
+        if i == 0:
+            where = "to keyframe 0"
         elif i == n:
-            where = f"on the way back from keyframe {n - 1}"
-        tried = "; ".join(
-            f"{_WAYS[each]}, {describe(hits[each])}{', which comes closest' if len(hits) > 1 and each == kind else ''}"
+            where = f"back from keyframe {n - 1}"
+        tried = ". ".join(
+            f"{_WAYS[each]}{' (closest)' if len(hits) > 1 and each == kind else ''}: {describe(hits[each])}"
             for each in hits
         )
-        advice = "raise the keyframe, or the dock" if hit.second == TABLE else "move the dock or what stands in the way"
+        what = f"motion {where}. {tried}" if stands else f"arm pose at keyframe {i}: {describe(hit)}"
+        advice = "raise the keyframe or the dock" if hit.second == TABLE else "move the dock or the obstacle"
         raise PlanError(
-            f"{where}, however the arm is held: {tried if stands else describe(hit)}; {advice},"
-            " or look at it with --allow-collision",
+            f"no collision-free {what}; {advice}, or view the motion with --allow-collision",
             keyframe=i,
             bodies=(hit.first, hit.second),
             value=hit.depth,

@@ -106,7 +106,7 @@ def time_moves(
         PlanError: speed is out of range, or nothing moves at all.
     """
     if not 0.0 < speed <= 1.0:
-        raise PlanError(f"speed must be above 0 and at most 1, got {speed:g}; give such a one", value=speed, bound=1.0)
+        raise PlanError(f"--speed must be above 0 and at most 1, got {speed:g}", value=speed, bound=1.0)
     gripper = arm.robot.gripper
     done = _Done(q_start)
     gripper_t, opening, spans = [0.0], [1.0], []

@@ -134,8 +134,8 @@ def run(args: argparse.Namespace) -> int:
     )
     if fit.chi2 > POOR_CHI2:
         say(
-            f"the points fit worse than the tracker's sigmas let expect ({np.sqrt(fit.chi2):.1f} times): don't trust "
-            "it before you touched them again, more calmly, or checked their coordinates"
+            f"the points fit {np.sqrt(fit.chi2):.1f} times worse than the tracker's uncertainty predicts: do not use it"
+            " until you have touched the points again, more calmly, or corrected their coordinates"
         )
     else:
         say(f"the points fit as well as can be expected ({np.sqrt(fit.chi2):.1f} times the tracker's sigmas)")

@@ -62,7 +62,7 @@ def add(commands: Commands) -> None:
 def _rate(text: str) -> float:
     rate = positive(text)
     if not LOWEST_HZ <= rate <= HIGHEST_HZ:
-        raise argparse.ArgumentTypeError(f"must be from {LOWEST_HZ:g} to {HIGHEST_HZ:g} Hz, got {text}")
+        raise argparse.ArgumentTypeError(f"must be {LOWEST_HZ:g} to {HIGHEST_HZ:g} Hz, got {text}")
     return rate
 
 

@@ -56,8 +56,8 @@ def run(args: argparse.Namespace) -> int:
         demo = replace(demo, keyframes=None)
     path, keyframes = track_demonstration(args, demo)
     if path.claims:
-        fits = (f"{fit.saying} ({100.0 * fit.off_m:.1f} cm, {fit.sigmas:.1f} sigma off)" for fit in path.claims)
-        say(f"known, and used: {'; '.join(fits)}")
+        fits = (f"{fit.saying} (off by {100.0 * fit.off_m:.1f} cm, {fit.sigmas:.1f} sigma)" for fit in path.claims)
+        say(f"using: {'; '.join(fits)}")
     if args.save:
         _save(args, demo, keyframes)
     rows = [_row(index, keyframe) for index, keyframe in enumerate(keyframes)]

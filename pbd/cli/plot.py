@@ -76,7 +76,7 @@ def _plot(args: argparse.Namespace) -> int:
 
         plot = demo_plot(demo, path, keyframes, args.method, args.warnings)
     for finding in plot.findings[len(args.warnings) :]:
-        say(f"to be looked at: {finding.words}")
+        say(f"check: {finding.words}")
     folder = args.save or Path("plots") / _word(demo)
     files = _write(folder, args.format, names(plot), lambda name: draw(name, plot))
     if args.json:

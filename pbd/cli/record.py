@@ -279,7 +279,7 @@ def _report(args: argparse.Namespace, outcome: Outcome) -> None:
         bad = f", {outcome.bad_packets} bad packets" if outcome.bad_packets else ""
         print(
             f"{folder}: {outcome.duration_s:.1f} s, {outcome.samples} samples, {outcome.lost} lost{bad}, "
-            f"stops after the first rest: {max(outcome.stops - 1, 0)}; ended by {outcome.ended_by}"
+            f"stops after the first rest: {max(outcome.stops - 1, 0)}; ended: {outcome.ended_by}"
         )
         if outcome.stops < FEWEST_STOPS:
             print("fewer than two stops: nothing to replay; hold still for two seconds, then move, stop, move, stop")

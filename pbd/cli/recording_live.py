@@ -41,7 +41,7 @@ class LiveScreen:
         if self._view is None or self._last is None:
             return
         where = "discarded" if outcome.folder is None else f"kept in {outcome.folder}"
-        self._view.end(replace(self._last, state="ended", badge="ended", line=f"ended by {outcome.ended_by}; {where}"))
+        self._view.end(replace(self._last, state="ended", badge="ended", line=f"ended: {outcome.ended_by}; {where}"))
 
     def _picture(self, status: Status) -> HandPicture:
         state: State
@@ -54,7 +54,7 @@ class LiveScreen:
             state, badge = "pause", f"pause now: {cm:.0f} cm" if cm >= 1.0 else f"pause now: {cm:.1f} cm"
             line = "hold still for a moment: the longer the move, the less sure its end"
         else:
-            state, badge, line = "moves", "moves", self._line
+            state, badge, line = "moves", "moving", self._line
         stops = max(status.stops - 1, 0)
         return HandPicture(
             status.t,

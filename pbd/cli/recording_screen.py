@@ -130,7 +130,7 @@ def state(status: Status) -> str:
     """Say what the hand does."""
     if status.waiting:
         return status.waiting
-    return "moves" if status.moving else f"stands still (trembles by {status.tremble:.2f} m/s2)"
+    return "moving" if status.moving else f"stands still (tremor {status.tremble:.2f} m/s2)"
 
 
 def health(status: Status) -> str:

@@ -17,7 +17,7 @@ from pbd.sensors.simulate import simulate
 
 BAUD = 115200
 FIRST_TASK = "pour"
-ENDED_BY = "the end of the simulated task"
+ENDED_BY = "simulated task finished"
 
 Poll = Callable[[], Command | None]
 Show = Callable[[Status], None]

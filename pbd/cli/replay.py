@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
     if args.html is not None:
         refuse_place(args.html, (args.demo, args.robot, args.calibration, args.start))
         if args.html.suffix.lower() not in SUFFIXES:
-            raise UsageError(f"{args.html} is no name for a page; name a file that ends in .html")
+            raise UsageError(f"--html needs a name that ends in .html, got '{args.html}'")
     demo, path, robot, plan = plan_demonstration(args)
     duration = plan.trajectory.duration
     say(f"'{demo.recording.info.name}' on {robot.name}: {len(plan.keyframes)} keyframes, {duration:.1f} s, audited")

@@ -19,8 +19,8 @@ def tell_ways(plan: Plan) -> None:
     off_cm = 100.0 * plan.ways[worst].off_line_m
     if off_cm >= 1.0:
         say(
-            f"on the way to keyframe {worst} the tool leaves the straight line by {off_cm:.1f} cm; "
-            "--path line or --path-tolerance 0.01 keeps it there"
+            f"between keyframes {worst - 1} and {worst} the tool strays {off_cm:.1f} cm from a straight line; "
+            "--path line or --path-tolerance 0.01 keeps it straight"
         )
 
 

@@ -110,7 +110,7 @@ def _check_tree(path: Path, links: Sequence[str], joints: Sequence[UrdfJoint]) -
             what = f"link {joint.child!r} hangs on two joints"
             raise RobotError(f"{path}: {what}; make it the child of one", path=path, joint=joint.name)
     if len(loose := [link for link in links if link not in children]) > 1:
-        raise RobotError(f"{path}: {listed(loose)} hang on nothing; one link may, join the others to it", path=path)
+        raise RobotError(f"{path}: several root links: {listed(loose)}; connect all but one", path=path)
 
 
 def read_poses(path: Path) -> dict[str, dict[str, float]]:

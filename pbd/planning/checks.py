@@ -61,18 +61,18 @@ def refuse_unsure(keyframes: Sequence[Keyframe], scale: float) -> None:
     if worst > 0 and added[worst] > 0.5 * variances[least_sure]:
         before, after = keyframes[worst - 1], keyframes[worst]
         duration = after.t - 0.5 * after.dwell_s - before.t - 0.5 * before.dwell_s
-        why = f"most of it from the move to keyframe {worst}, {duration:.1f} s long; stop on the way for half a second"
+        why = f"most of it from the {duration:.1f} s move to keyframe {worst}: pause half a second during that move"
     else:
-        why = "from the drift of many moves; end where you began (pbd record --closed), or name places that are known"
+        why = "from the drift of many moves: end where you began (pbd record --closed), or use known places"
     sigma = float(np.sqrt(variances[least_sure]))
     what = (
-        f"keyframe {least_sure} at {keyframes[least_sure].t:.1f} s is the least sure: a sigma of {100.0 * sigma:.0f} cm"
+        f"keyframe {least_sure} at {keyframes[least_sure].t:.1f} s is uncertain by {100.0 * sigma:.0f} cm (one sigma)"
     )
     p = scale * np.array([keyframe.T_nav_sensor.p for keyframe in keyframes])
     apart = float(np.linalg.norm(p - p[0], axis=1).max())
     if sigma > apart:
         raise TrackingError(
-            f"{what}, and all keyframes lie within {100.0 * apart:.0f} cm, so that the arm would go anywhere; {why}",
+            f"{what}, more than the whole path ({100.0 * apart:.0f} cm): not usable; {why}",
             value=sigma,
             bound=apart,
         )
@@ -86,8 +86,8 @@ def warn_of_table(scene: CollisionScene) -> None:
     sunk = [pair.first for pair in scene.dropped if pair.second == TABLE]
     if sunk:
         warnings.warn(
-            f"on or in the table however the arm stands, and so not watched there: {', '.join(sunk)}; correct "
-            "table_height in the calibration if that isn't so",
+            f"always touches the table, so not checked against it: {', '.join(sunk)}; if that is wrong, correct "
+            "table_height in the calibration",
             PbdWarning,
             stacklevel=4,
         )

@@ -94,7 +94,7 @@ def _run(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], 
         if session.demo is None and (gone or now - reader.opened > SILENT_S) and not (gone and session.believed):
             raise gone or _nothing(session, reader)
         if gone or now - reader.latest > SILENT_S:
-            why = "the sensor was unplugged" if gone else f"the sensor has been silent for {SILENT_S:g} s"
+            why = "sensor unplugged" if gone else f"sensor silent for {SILENT_S:g} s"
             if not options.reconnect:
                 return why
             if not away:
@@ -105,11 +105,11 @@ def _run(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], 
         if command is Command.DISCARD:
             session.discard()
         if command in (Command.END, Command.DISCARD):
-            return "you"
+            return "stopped by you"
         if command is Command.GRIP:
             session.grip()
         if options.duration_s is not None and session.t >= options.duration_s:
-            return f"the time of {options.duration_s:g} s"
+            return f"{options.duration_s:g} s recorded"
         if now - shown >= every_s and session.demo is not None:
             show(session.status())
             shown = now

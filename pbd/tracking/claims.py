@@ -118,7 +118,7 @@ def claims_of(
 def _closed(path: HandPath, group: int) -> Claim:
     half = 0.5 * SIGMA_M**2 * np.eye(3)
     return Claim(
-        "the hand ends where it began",
+        "the hand returned to its start",
         "it ended {} away",
         "the line `closed = true` at the file's top, not one of a [[grip]]",
         len(path.stops) - 1,

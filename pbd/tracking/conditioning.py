@@ -109,7 +109,7 @@ def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
         longest = max(gaps, key=lambda gap: gap.missing_s)
         lost = sum(round(gap.missing_s / interval) for gap in gaps)
         warnings.warn(
-            f"{_counted(len(gaps), 'gap')} in the data, {_counted(lost, 'sample')} in all; the longest is "
+            f"{_counted(lost, 'sample')} missing, in {_counted(len(gaps), 'gap')}; the longest is "
             f"{longest.missing_s * 1e3:.0f} ms after row {longest.before} (t = {t[longest.before]:.2f} s)",
             PbdWarning,
             stacklevel=2,

@@ -59,9 +59,10 @@ def refuse_turned_signs(recording: Recording) -> None:
         return  # the attitude may count its pitch or roll the other way; the gyro knows better, and is asked
     turned = [axis for axis, sign in zip("xyz", signs, strict=True) if sign < 0.0]
     how = "--unit acc=-g (or -m/s2)" if len(turned) == 3 else " ".join(f"--column a{axis}=-NAME" for axis in turned)
+    wrong = "has the wrong sign: it contradicts" if len(turned) == 1 else "have the wrong sign: they contradict"
     raise RecordingError(
-        f"the accelerometer's {', '.join(turned)} must have the other sign, by the device's own attitude: the axis "
-        f"that points up reads {GRAVITY:.1f} m/s2 at rest; import the file with {how}",
+        f"the accelerometer's {', '.join(turned)} {wrong} the device's own attitude (the axis that points up must read "
+        f"+{GRAVITY:.1f} m/s2 at rest); import the file with {how}",
         axes="".join(turned),
     )
 

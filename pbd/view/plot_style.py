@@ -240,5 +240,5 @@ def marks(plot: DemoPlot) -> list[Artist]:
     if plot.path.claims:
         handles.append(Line2D([], [], **KNOWN, label="known place"))
     if any(finding.spans for finding in plot.findings):
-        handles.append(Patch(**LOOK, label="to be looked at"))
+        handles.append(Patch(**LOOK, label="check"))
     return handles

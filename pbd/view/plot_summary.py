@@ -96,7 +96,7 @@ def _words(figure: Figure, plot: DemoPlot) -> None:
         at(FACTS_X, line, what, FIGURES_X, GREY)
         at(FIGURES_X, line, how_much, FINDINGS_X - 0.1)
     right = WIDTH - 0.25
-    heading = at(FINDINGS_X, 0.0, "to be looked at" if plot.findings else "nothing to remark", right)
+    heading = at(FINDINGS_X, 0.0, "check" if plot.findings else "no problems found", right)
     if plot.findings:
         heading.set_bbox(LOOK | {"pad": 2.0})
     y = 1.3

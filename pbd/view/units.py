@@ -54,9 +54,11 @@ def parse_units(text: str, usual: Units = Units()) -> Units:
     for word in text.split(","):
         unit = word.strip()
         kind = next((kind for kind, units in KINDS.items() if unit in units), None)
-        if kind is None or kind in given:
-            known = ", ".join(f"one of {', '.join(units)}" for units in KINDS.values())
-            raise ValueError(f"must be {known}, got '{text}'")
+        if kind is None:
+            known = ", ".join(f"{kind}s {' '.join(units)}" for kind, units in KINDS.items())
+            raise ValueError(f"unknown unit '{unit}'; {known}")
+        if kind in given:
+            raise ValueError(f"'{given[kind]}' and '{unit}' are both units of {kind}; give one")
         given[kind] = unit
     return replace(usual, **given)
 

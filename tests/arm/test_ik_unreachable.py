@@ -111,9 +111,9 @@ def error(arm: ArmModel, pose: Pose, q: Array) -> float:
         ),
         (
             Hindrance(0.0, False, (("a", "upper"), ("b", "lower"))),
-            "within reach, but not in this attitude: it stops with a at its upper limit and b at its lower limit",
+            "reachable, but not with the tool at this angle (a at its upper limit and b at its lower limit)",
         ),
-        (Hindrance(0.0, False, ()), "within reach, but not in this attitude: its links are too short"),
+        (Hindrance(0.0, False, ()), "reachable, but not with the tool at this angle"),
     ],
 )
 def test_it_is_told_in_words(found: Hindrance, told: str) -> None:

@@ -118,13 +118,11 @@ def test_where_the_hand_itself_went_through_it_is_refused_with_what_came_closest
     with pytest.raises(PlanError) as caught:
         chosen((LEFT, RIGHT), WALL, approach=False, hand=lambda: [lower])
     message, fields = caught.value.message, caught.value.fields
-    assert message.startswith(
-        "on the way from keyframe 0 to keyframe 1, however the arm is held: straight in joint space, "
-    )
-    assert "; along the demonstrated path, " in message
+    assert message.startswith("no collision-free motion from keyframe 0 to keyframe 1. Straight in joint space")
+    assert ". Demonstrated path" in message
     assert " would touch the wall, " in message
     assert " deep" in message
-    assert ", which comes closest; " in message
+    assert " (closest): " in message
     assert "\n" not in message
     assert fields["keyframe"] == 1
     assert fields["bodies"][1] == "the wall"  # type: ignore[index]
@@ -133,14 +131,14 @@ def test_where_the_hand_itself_went_through_it_is_refused_with_what_came_closest
 
 
 def test_without_a_hands_path_a_line_is_tried() -> None:
-    with pytest.raises(PlanError, match=r"straight in joint space, .*; along the straight line, "):
+    with pytest.raises(PlanError, match=r"Straight in joint space.*: .*\. Straight line of the tool.*: "):
         chosen((LEFT, RIGHT), WALL, approach=False)
 
 
 @pytest.mark.parametrize("kind", [LINE, DEMO])
 def test_a_path_that_was_asked_for_isnt_replaced(kind: str) -> None:
     lower = over(LEFT, moved(y=-0.2, z=-0.12), moved(y=0.2, z=-0.12), RIGHT)
-    with pytest.raises(PlanError, match=r"on the way from keyframe 0 to keyframe 1, .* would touch the wall"):
+    with pytest.raises(PlanError, match=r"motion from keyframe 0 to keyframe 1\. .* would touch the wall"):
         chosen((LEFT, RIGHT), WALL, approach=False, kind=kind, hand=lambda: [lower])
 
 
@@ -152,14 +150,16 @@ def test_what_is_in_the_way_is_named_where_no_joints_lead_on_because_of_it(monke
         return follow_one(self, i, q) if self.passage is None else None
 
     monkeypatch.setattr(_Choice, "_follow", broken)
-    with pytest.raises(PlanError, match=r"keyframe 1, .* along the straight line, .* would touch the wall, ") as caught:
+    with pytest.raises(
+        PlanError, match=r"keyframe 1\. .*Straight line of the tool.*: .* would touch the wall, "
+    ) as caught:
         chosen((LEFT, RIGHT), WALL, approach=False, kind=LINE)
     assert caught.value.fields["bodies"][1] == "the wall"  # type: ignore[index]
 
 
 def test_a_keyframe_in_the_wall_is_named() -> None:
     with pytest.raises(
-        PlanError, match=r"^keyframe 1, however the arm is held: .* would touch the ball, .* deep"
+        PlanError, match=r"^no collision-free arm pose at keyframe 1: .* would touch the ball, .* deep"
     ) as caught:
         chosen((LEFT, RIGHT), [ball(0.0, 0.2, -0.1, 0.1)])
     assert caught.value.fields["keyframe"] == 1
@@ -206,7 +206,7 @@ def test_an_approach_that_is_barred_is_refused() -> None:
             "the plate", "box", (0.6, 0.6, 0.01), Pose(T_HOME.p + np.array([0, 0, -0.15]), np.array([1.0, 0, 0, 0]))
         )
     ]
-    with pytest.raises(PlanError, match=r"^(on the way to keyframe 0|keyframe 0), however the arm is held: ") as caught:
+    with pytest.raises(PlanError, match=r"^no collision-free (motion to|arm pose at) keyframe 0[.:] ") as caught:
         chosen((moved(z=-0.2), moved(z=-0.25)), cage)
     assert caught.value.fields["keyframe"] == 0
 
@@ -260,5 +260,5 @@ def test_joints_are_sought_anew_where_the_path_touches_something_from_those(monk
     assert ways.ways[1].kind == LINE
     assert motion(ways, scene) is None
     monkeypatch.setattr(Passage, "hit_along", lambda self, i, q: Hit("panda_link5", "the post", -0.01, np.zeros(3)))
-    with pytest.raises(PlanError, match=r"along the straight line, panda_link5 would touch the post, 1.0 cm deep; "):
+    with pytest.raises(PlanError, match=r"Straight line of the tool: panda_link5 would touch the post, 1.0 cm deep; "):
         chosen((LEFT, RIGHT), kind=LINE)

@@ -79,7 +79,7 @@ def test_what_is_read_is_not_written_over(capsys: Capture) -> None:
 
 def test_a_page_ends_in_html(capsys: Capture) -> None:
     assert main(["replay", "pouring", "--robot", "nobody", "--html", "page"]) == 2
-    assert capsys.readouterr().err == "pbd: page is no name for a page; name a file that ends in .html\n"
+    assert capsys.readouterr().err == "pbd: --html needs a name that ends in .html, got 'page'\n"
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="nothing is read-only to root")

@@ -39,7 +39,7 @@ def test_at_a_terminal(tmp_path: Path) -> None:
     terminal.type("n")
     terminal.until("Enter ends")
     terminal.type("\n")
-    terminal.until("ended by you")
+    terminal.until("ended: stopped by you")
     terminal.until("fewer than two stops: nothing to replay; hold still")
     assert terminal.exit_code() == 0
     recording = read_demo(tmp_path / "demos" / "tea").recording
@@ -65,7 +65,7 @@ def test_ctrl_c_and_a_lost_connection_end_it_in_good_order(tmp_path: Path, hung_
         terminal.hang_up()
     else:
         terminal.type("\x03")
-        terminal.until("ended by you")
+        terminal.until("ended: stopped by you")
     assert terminal.exit_code() == 0
     recording = read_demo(tmp_path / "demos" / "tea").recording
     assert recording.info.rate_hz == pytest.approx(100.0, rel=1e-3)
@@ -78,7 +78,7 @@ def test_nobody_reads_what_it_prints(tmp_path: Path) -> None:
     process.stderr.close()
     assert process.wait(20) == 0
     assert process.stdout is not None
-    assert "ended by the time of 1.5 s" in process.stdout.read()
+    assert "ended: 1.5 s recorded" in process.stdout.read()
     process.stdout.close()
     assert read_demo(tmp_path / "demos" / "tea").recording.t[-1] >= 1.5
 
@@ -94,7 +94,7 @@ def test_without_a_terminal_it_prints_lines_and_a_signal_ends_it(tmp_path: Path)
     assert process.returncode == 0
     told = json.loads(out)
     assert told["demo"] == "demos/tea"
-    assert told["ended_by"] == "you"
+    assert told["ended_by"] == "stopped by you"
     assert len(read_demo(tmp_path / "demos" / "tea").recording) == told["samples"]
 
 
@@ -181,7 +181,7 @@ def test_a_simulated_task_grips_by_itself_and_ends_it_where_nobody_could(tmp_pat
     process = run_pbd("record", "tea", "--sensor", "sim:pick-and-place-direct", "--json", cwd=tmp_path)
     out, error = process.communicate(timeout=20)
     assert process.returncode == 0, error
-    assert json.loads(out)["ended_by"] == "the end of the simulated task"
+    assert json.loads(out)["ended_by"] == "simulated task finished"
     assert error.count("the simulated task is over: it ends here") == 1
     task = simulate("pick-and-place-direct", "modern").recording
     recording = read_demo(tmp_path / "demos" / "tea").recording
@@ -254,7 +254,7 @@ def test_a_device_is_recognised_set_and_recorded(tmp_path: Path) -> None:
     assert heard == [b"\x1bR40 "]
     assert f"listening to {device.device} ..." in error
     told = json.loads(out)
-    assert told["ended_by"] == "the time of 1 s"
+    assert told["ended_by"] == "1 s recorded"
     got = read_demo(tmp_path / "demos" / "tea").recording
     assert got.info.sensor == "os5000"
     assert len(got) == told["samples"] > 100

@@ -69,7 +69,7 @@ def test_all_of_it_is_there_at_any_width(width: int) -> None:
     text = screen.text(STILL)
     assert max(map(len, text.splitlines())) <= width
     for expected in (
-        "stands still (trembles by 0.03 m/s2)",
+        "stands still (tremor 0.03 m/s2)",
         "place (10.0, 0.0, -2.0) cm",
         "stops 1, the last at (10.0, 0.0, -2.0) cm, sigma 0.2 cm",
         "4.0 s, 100 Hz, 400 samples, 3 lost, 2 bad packets",
@@ -92,7 +92,7 @@ def test_a_low_terminal_shows_the_latest_and_the_keys() -> None:
 
 def test_what_the_hand_does() -> None:
     screen = Drawn(80)
-    assert "hand moves" in words(screen.text(MOVING))
+    assert "hand moving" in words(screen.text(MOVING))
     assert "hand pause now: 2 cm" in words(screen.text(LONG))
     assert WAITING.waiting in words(screen.text(WAITING))
     assert "stops none yet" in words(screen.text(WAITING))
@@ -121,9 +121,9 @@ def test_plain_lines(capsys: pytest.CaptureFixture[str]) -> None:
     assert out == ""
     assert err.splitlines() == [
         "recording demos/tea from witmotion; hold still",
-        "    2.0 s  stands still (trembles by 0.03 m/s2); 2.0 s, 100 Hz, 400 samples, 3 lost, 2 bad packets",
+        "    2.0 s  stands still (tremor 0.03 m/s2); 2.0 s, 100 Hz, 400 samples, 3 lost, 2 bad packets",
         f"    3.1 s  {SAID.text}",
-        "    4.0 s  stands still (trembles by 0.03 m/s2); 4.0 s, 100 Hz, 400 samples, 3 lost, 2 bad packets",
+        "    4.0 s  stands still (tremor 0.03 m/s2); 4.0 s, 100 Hz, 400 samples, 3 lost, 2 bad packets",
         "sure?",
     ]
 

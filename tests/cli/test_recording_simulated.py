@@ -92,7 +92,7 @@ def test_the_end_of_the_task_is_told_once_and_ends_it_where_nobody_could(
     assert said == [[], [f"the simulated task is over: {then}"], []]
     ends = then == "it ends here"
     assert poll() is (Command.END if ends else None)
-    assert hand.outcome(OUTCOME).ended_by == ("the end of the simulated task" if ends else "you")
+    assert hand.outcome(OUTCOME).ended_by == ("simulated task finished" if ends else "you")
 
 
 def test_it_begins_when_its_port_is_opened_and_is_unplugged_at_the_end() -> None:

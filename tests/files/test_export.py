@@ -168,7 +168,7 @@ def test_an_unknown_format_lists_the_known(tmp_path: Path, motion: JointTrajecto
 
 @pytest.mark.parametrize("rate_hz", [0.0, -1.0, 1e6, np.inf, np.nan])
 def test_a_rate_out_of_range(tmp_path: Path, motion: JointTrajectory, rate_hz: float) -> None:
-    with pytest.raises(PbdError, match="rate must be from 10 to 100000 Hz"):
+    with pytest.raises(PbdError, match="--rate must be 10 to 100000 Hz"):
         export(motion, "csv", tmp_path / "motion", rate_hz)
     assert list(tmp_path.iterdir()) == []
 

@@ -355,7 +355,7 @@ def test_a_joint_left_out_is_locked_at_zero_which_must_be_within_its_limits(fold
          r"mine.urdf: joint 'mount' joins 'mid', which is no link of it; correct it, or add the link$"),
         ('<link name="mid"/>', '<link name="mid"/><link name="mid"/>', r"mine.urdf: two links are named 'mid'; rename"),
         ('<link name="mid"/>', '<link name="mid"/><link name="loose"/>',
-         r"mine.urdf: foot, loose hang on nothing; one link may, join the others to it$"),
+         r"mine.urdf: several root links: foot, loose; connect all but one$"),
         ('<child link="finger"/>', '<child link="hand"/>', r"mine.urdf: link 'hand' hangs on two joints; make it"),
         ('<axis xyz="0 1 0"/>', '<axis xyz="0 0 0"/>', r"mine.urdf: joint 'elbow' has no axis to move about; give it"),
         ('<axis xyz="0 1 0"/>', '<axis xyz="0 y 0"/>',

@@ -63,7 +63,7 @@ def test_every_sample_arrives_as_it_was_sent(tmp_path: Path, pouring: Recording)
     wanted = options(tmp_path / "tea", duration_s=4.2, raw=True, tolerance_m=0.0005)
     outcome = recorded(pouring, person, wanted)
     got = read_demo(tmp_path / "tea").recording
-    assert outcome.ended_by == "the time of 4.2 s"
+    assert outcome.ended_by == "4.2 s recorded"
     assert len(got) == outcome.samples >= 420
     assert outcome.lost == 0
     missed = next(
@@ -145,7 +145,7 @@ def test_a_pulled_plug_ends_it_in_good_order(tmp_path: Path, pouring: Recording)
             person.poll,
             person.shown.append,
         )
-    assert outcome.ended_by == "the sensor was unplugged"
+    assert outcome.ended_by == "sensor unplugged"
     assert len(read_demo(tmp_path / "tea").recording) == outcome.samples > 80
 
 
@@ -169,7 +169,7 @@ def test_a_sensor_that_comes_back_is_waited_for(tmp_path: Path, pouring: Recordi
             person.poll,
             person.shown.append,
         )
-    assert outcome.ended_by == "you"
+    assert outcome.ended_by == "stopped by you"
     assert "the sensor is back" in person.said
     t = read_demo(tmp_path / "tea").recording.t
     assert (np.diff(t) > 0.0).all()
@@ -269,7 +269,7 @@ def test_a_person_is_heard_while_an_unplugged_sensor_is_waited_for(
             poll,
             person.shown.append,
         )
-    assert outcome.ended_by == "you"
+    assert outcome.ended_by == "stopped by you"
     assert (tmp_path / "tea").exists() == (command is Command.END)
 
 
@@ -291,7 +291,7 @@ def test_a_plug_pulled_at_once_keeps_what_came(tmp_path: Path) -> None:
 
         wanted, decoder = RecordOptions(tmp_path / "tea", "xsens", "2026-01-02T03:04:05Z"), SPEAKERS["xsens"].decoder()
         outcome = record(opened, decoder, wanted, device.pull_once_heard, lambda status: None)
-    assert outcome.ended_by == "the sensor was unplugged"
+    assert outcome.ended_by == "sensor unplugged"
     assert read_demo(tmp_path / "tea").recording.acc == pytest.approx(hand.acc[:20], abs=1e-5)
 
 

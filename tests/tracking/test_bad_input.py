@@ -128,7 +128,7 @@ def test_rows_without_a_number_are_bridged(method: str, channel: str, value: flo
     recording = pour().recording
     rows = slice(300, 303)
     if channel in ("acc", "gyr"):
-        with pytest.warns(PbdWarning, match=r"1 gap in the data, 3 samples .* after row 299 \(t = 2\.99 s\)"):
+        with pytest.warns(PbdWarning, match=r"3 samples missing, in 1 gap; .* after row 299 \(t = 2\.99 s\)"):
             path = track(broken(recording, channel, rows, value), method)
     else:
         path = track(broken(recording, channel, rows, value), method)
@@ -140,7 +140,7 @@ def test_rows_without_a_number_are_bridged(method: str, channel: str, value: flo
 @pytest.mark.parametrize("channel", ["acc", "gyr"])
 def test_infinities_hold_no_number(channel: str) -> None:
     recording = pour().recording
-    with pytest.warns(PbdWarning, match=r"1 gap in the data, 3 samples .* after row 299 \(t = 2\.99 s\)"):
+    with pytest.warns(PbdWarning, match=r"3 samples missing, in 1 gap; .* after row 299 \(t = 2\.99 s\)"):
         path = track(broken(recording, channel, slice(300, 303), np.inf))
     assert len(path.stops) == 11
     with pytest.raises(RecordingError, match=f"'{channel}' holds no number in any row"):

@@ -122,7 +122,7 @@ SQUARE = np.array([[0.0, 0.0, 0.0], [0.2, 0.0, 0.0], [0.2, 0.0, 0.31], [0.2, 0.2
     [
         (
             Known(closed=True),
-            "demo.toml says that the hand ends where it began, but it ended 30 cm away (sigma 2.0 cm, 15 sigma); "
+            "demo.toml says that the hand returned to its start, but it ended 30 cm away (sigma 2.0 cm, 15 sigma); "
             "take out the line `closed = true` at the file's top, not one of a [[grip]], or record again",
         ),
         (

@@ -130,7 +130,7 @@ def test_samples_stamped_in_batches_are_spread(batch: int) -> None:
 def test_lost_samples_are_bridged_and_told(share: float) -> None:
     demo = simulate("pour", "modern", 1)
     kept = np.flatnonzero(np.random.default_rng(1).random(len(demo.recording)) > share)
-    with pytest.warns(PbdWarning, match="gaps in the data") as caught:
+    with pytest.warns(PbdWarning, match="samples missing, in") as caught:
         assert worst(demo, with_rows(demo.recording, kept)) < worst(demo, demo.recording) + 0.005
     lost = int(str(caught[0].message).split(", ")[1].split()[0])
     ends = kept[0] + len(demo.recording) - 1 - kept[-1]

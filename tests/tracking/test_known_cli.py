@@ -50,10 +50,10 @@ def test_keyframes_tells_what_was_known_and_how_it_fitted(tea: Path, capsys: pyt
     assert told == []
     tea.write_text(HERE + STOPS)
     known, told = keyframes_json(capsys)
-    number = r"\(\d\.\d cm, \d\.\d sigma off\)"
+    number = r"\(off by \d\.\d cm, \d\.\d sigma\)"
     assert len(told) == 1
     assert re.fullmatch(
-        rf"pbd: known, and used: the hand ends where it began {number}; "
+        rf"pbd: using: the hand returned to its start {number}; "
         rf"the tool at 18\.10 s \(stop 8\) is where it was at 5\.70 s \(stop 2\) {number}; "
         rf"the tool at 18\.10 s \(stop 8\) is on the table as at 5\.70 s \(stop 2\) {number}",
         told[0],
@@ -101,4 +101,4 @@ def test_import_says_that_the_hand_ended_where_it_began(tea: Path, capsys: pytes
         assert main(["import", str(tea.parent / "imu.csv"), "again", "--force", *option]) == 0
         capsys.readouterr()
         assert main(["keyframes", "again"]) == 0
-        assert ("the hand ends where it began" in capsys.readouterr().err) == told
+        assert ("the hand returned to its start" in capsys.readouterr().err) == told

@@ -170,7 +170,7 @@ def held(recording: Recording, start: int, stop: int) -> Recording:
 
 def test_a_sensor_that_freezes_in_a_move_is_refused() -> None:
     with (
-        pytest.warns(PbdWarning, match="1 gap in the data, 29 samples"),
+        pytest.warns(PbdWarning, match="29 samples missing, in 1 gap"),
         pytest.raises(TrackingError, match=r"290 ms of data are missing after row 280 .* while the hand moves"),
     ):
         track(held(pour().recording, 280, 310))

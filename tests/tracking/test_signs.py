@@ -34,7 +34,9 @@ def turned(recording: Recording, *signs: float) -> Recording:
 @pytest.mark.parametrize("task", ["pour", "pick-and-place-stops", "random"])
 def test_the_devices_attitude_tells_all_three(sensor: str, task: str) -> None:
     recording = simulate(random_task(4) if task == "random" else task, sensor, 1).recording
-    with pytest.raises(RecordingError, match=r"the accelerometer's x, y, z must have .* with --unit acc=-g") as caught:
+    with pytest.raises(
+        RecordingError, match=r"the accelerometer's x, y, z have the wrong sign: .* with --unit acc=-g"
+    ) as caught:
         refuse_turned_signs(turned(recording, -1.0, -1.0, -1.0))
     assert caught.value.fields["axes"] == "xyz"
 
@@ -42,7 +44,7 @@ def test_the_devices_attitude_tells_all_three(sensor: str, task: str) -> None:
 @pytest.mark.parametrize("sensor", WITH_ATTITUDE)
 def test_the_devices_attitude_tells_one_where_the_hand_turns(sensor: str) -> None:
     recording = simulate("pour", sensor, 1).recording
-    with pytest.raises(RecordingError, match=r"the accelerometer's z must .* with --column az=-NAME$"):
+    with pytest.raises(RecordingError, match=r"the accelerometer's z has the wrong sign: .* with --column az=-NAME$"):
         refuse_turned_signs(turned(recording, 1.0, 1.0, -1.0))
 
 
@@ -50,7 +52,7 @@ def test_a_level_axis_is_the_gyros_to_tell_where_there_is_one() -> None:
     """Else the attitude, by which gravity is taken out, has to agree."""
     recording = turned(simulate(sides(1), "os5000", 1).recording, 1.0, -1.0, 1.0)
     refuse_turned_signs(recording)
-    with pytest.raises(RecordingError, match=r"the accelerometer's y must .* with --column ay=-NAME$"):
+    with pytest.raises(RecordingError, match=r"the accelerometer's y has the wrong sign: .* with --column ay=-NAME$"):
         refuse_turned_signs(replace(recording, gyr=None))
 
 
@@ -80,7 +82,7 @@ def test_a_real_recording_is_never_refused(data_folder: Path) -> None:
             device_rpy=quat_to_rpy(demo.truth.wxyz_nav_sensor[rows]),
         )
         refuse_turned_signs(seen)
-        with pytest.raises(RecordingError, match="the accelerometer's x, y, z must"):
+        with pytest.raises(RecordingError, match="the accelerometer's x, y, z have the wrong sign"):
             refuse_turned_signs(turned(seen, -1.0, -1.0, -1.0))
 
 

@@ -148,7 +148,7 @@ def test_a_second_of_nothing_in_a_move_is_refused_with_its_place() -> None:
 def test_a_second_of_nothing_in_a_rest_is_a_warning() -> None:
     recording = pour().recording
     with (
-        pytest.warns(PbdWarning, match="1 gap in the data, 100 samples"),
+        pytest.warns(PbdWarning, match="100 samples missing, in 1 gap"),
         pytest.warns(PbdWarning, match=r"1000 ms .* in a rest, after row 79 .*: a move may be hidden in it"),
     ):
         path = track(with_hole(recording, 0.8, 1.8))
@@ -157,7 +157,7 @@ def test_a_second_of_nothing_in_a_rest_is_a_warning() -> None:
 
 def test_a_short_hole_in_a_move_is_bridged() -> None:
     whole = find_keyframes(track(pour().recording))
-    with pytest.warns(PbdWarning, match="gap in the data"):
+    with pytest.warns(PbdWarning, match="missing, in 1 gap"):
         bridged = find_keyframes(track(with_hole(pour().recording, 2.9, 2.93)))
     assert len(bridged) == len(whole)
     assert bridged[-1].T_nav_sensor.distance(whole[-1].T_nav_sensor)[0] < 0.01
@@ -166,7 +166,7 @@ def test_a_short_hole_in_a_move_is_bridged() -> None:
 def test_lost_rows_are_bridged_too() -> None:
     recording = pour().recording
     rows = np.delete(np.arange(len(recording), dtype=np.intp), [270, 271, 500, 900])
-    with pytest.warns(PbdWarning, match="3 gaps in the data, 4 samples"):
+    with pytest.warns(PbdWarning, match="4 samples missing, in 3 gaps"):
         path = track(with_rows(recording, rows))
     assert len(path.stops) == 11
 
@@ -244,7 +244,7 @@ def test_a_cell_that_no_sensor_can_read_holds_no_number() -> None:
     recording = pour().recording
     acc = recording.acc.copy()
     acc[1000] = 1e300
-    with pytest.warns(PbdWarning, match="1 gap in the data, 1 sample in all"):
+    with pytest.warns(PbdWarning, match="1 sample missing, in 1 gap"):
         assert len(track(replace(recording, acc=acc)).stops) == 11
 
 

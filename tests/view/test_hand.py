@@ -278,7 +278,7 @@ def test_a_recording_is_seen_and_ends_as_it_should(recording: Recording, tmp_pat
     assert recording.process.wait(10.0) == 0
     assert not alive(recording.server)
     until(lambda: page.read("#hand strong") == "ended", "the last word")
-    assert page.read("#hand span") == "ended by you; kept in demos/tea"
+    assert page.read("#hand span") == "ended: stopped by you; kept in demos/tea"
     assert len(read_demo(tmp_path / "demos" / "tea").recording) > 100
 
 

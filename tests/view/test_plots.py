@@ -290,7 +290,7 @@ def test_findings_are_highlighted_once(pouring: DemoPlot) -> None:
     assert end == pytest.approx([6.0, 9.0], abs=0.1)
     assert end[1] - begin[1] > 0.05  # wide enough to be seen
     shown = {text.get_text() for text in ax.get_legend().get_texts()}  # type: ignore[union-attr]
-    assert "to be looked at" in shown
+    assert "check" in shown
 
 
 @pytest.mark.parametrize("name", ["view-yx", "view-yz"])

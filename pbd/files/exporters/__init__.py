@@ -38,8 +38,7 @@ def export(trajectory: JointTrajectory, format_name: str, path: Path, rate_hz: f
         )
     if not LOWEST_HZ <= rate_hz <= HIGHEST_HZ:
         raise PbdError(
-            f"the rate must be from {LOWEST_HZ:g} to {HIGHEST_HZ:g} Hz, got {rate_hz:g}: coarser samples would cut the "
-            "corners of the motion; give such a one",
+            f"--rate must be {LOWEST_HZ:g} to {HIGHEST_HZ:g} Hz, got {rate_hz:g}",
             value=rate_hz,
         )
     samples = trajectory.sample(rate_hz)
