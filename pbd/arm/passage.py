@@ -43,6 +43,10 @@ class Passage:
         """Whether the arm may stand at keyframe i with joints (k,): as it comes there, and as it leaves."""
         return self.standing(i, q) is None
 
+    def passable(self, i: int, q: Array) -> bool:
+        """Whether the arm may pass through joints (k,) on its way to keyframe i: as it comes there alone."""
+        return self.scene.hit(q, self.legs[i]) is None
+
     def clear(self, i: int, q_before: Array, q: Array) -> bool:
         """Whether the arm may move to keyframe i from joints (k,) to others: straight, at the ends by the approach."""
         if self.scene.check_move(q_before, q, self.legs[i]) is None:

@@ -157,7 +157,9 @@ class _Choice:
         owners.append(self.n)
 
         def allowed(place: int, q: Array) -> bool:
-            return passage is None or passage.allowed(owners[place], q)
+            if passage is None:
+                return True
+            return (passage.allowed if stops[place] else passage.passable)(owners[place], q)
 
         def clear(place: int, q_before: Array, q: Array) -> bool:
             i = owners[place]
