@@ -2,11 +2,9 @@
 
     import pbd
 
-    path = pbd.track(pbd.load_demo("pouring"))
+    path = pbd.track(pbd.load_demo("pouring").recording)
     robot = pbd.load_robot("panda")
     trajectory = pbd.plan(path, pbd.load_calibration("default"), robot)
-
-That is what `pbd replay` and `pbd export` do: edited keyframes, known places and the grasped object count here too.
 
 Nothing heavy is imported before it is used.
 """

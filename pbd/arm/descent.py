@@ -3,24 +3,17 @@
 e = (p - p_target, log3(R R_target^T)), in m and rad; 1 rad counts as 1 m. A step dq solves
 (J^T J + mu |e|^2 I) dq = J^T e; one that lowers |e|^2 is kept and mu falls, else mu rises. Joints at a bound that want
 to go beyond it are left out.
-
-There are two of it, the same step for step: with pinocchio, here, and compiled by numba where that is worth it
-(compiled.py, kernel.py), which is 15 times faster.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 from scipy.linalg.lapack import dposv
 
-from pbd.arm.compiled import COMPILED
 from pbd.arm.model import ArmModel, configuration
 from pbd.arm.tool import Target, in_universe, tool_in_universe
 from pbd.pose import Array
@@ -45,23 +38,6 @@ UNTIL_IT_STOPS = MOST_STEPS
 """The patience that gives no seed up."""
 
 
-class Chain(NamedTuple):
-    """An arm as kernel.py takes it: links (k + 1, 4, 3), slides (k,), lower and upper (k,) rad."""
-
-    links: Array
-    slides: NDArray[np.bool_]
-    lower: Array
-    upper: Array
-
-
-@lru_cache(maxsize=4)
-def chain(arm: ArmModel) -> Chain:
-    """Take an arm's constants out of its model."""
-    links = np.array([np.vstack((step.offset, step.turn)) for step in arm.steps])
-    slides = np.array([step.joint == "slides" for step in arm.steps[:-1]])
-    return Chain(links, slides, arm.limits.lower.copy(), arm.limits.upper.copy())
-
-
 def descend_each(
     arm: ArmModel,
     target: Target,
@@ -83,10 +59,6 @@ def descend_each(
         The joints (n, k), within limits, that the first n seeds came to, and |e|^2 there (n,). Solutions are those
         below SOLVED: the last at most, unless `all_of_them` were followed.
     """
-    if COMPILED.kernel:
-        starts, ends, at = np.array(q_seeds, order="C"), np.empty(q_seeds.shape), np.empty(len(q_seeds))
-        n = COMPILED.kernel.descend_each(*chain(arm), *target, starts, patience, all_of_them, ends, at)
-        return ends[:n], at[:n]
     found, squares = [], []
     look, bounds = _Look(arm, target), (arm.limits.lower, arm.limits.upper)
     for seed in q_seeds:
@@ -95,7 +67,6 @@ def descend_each(
         squares.append(square)
         if square < SOLVED and not all_of_them:
             break
-    COMPILED.count(len(found))
     return np.array(found), np.array(squares)
 
 
@@ -113,7 +84,10 @@ def miss(arm: ArmModel, target: Target, q: Array) -> tuple[float, float]:
 
 
 class _Look:
-    """e and its Jacobian at given joints, but for log3's own derivative (see `kernel.look`)."""
+    """e and its Jacobian at given joints, but for log3's own derivative.
+
+    That derivative leaves J^T e as it is, since log3(R R_target^T) is its own axis, and is the identity at e = 0.
+    """
 
     def __init__(self, arm: ArmModel, target: Target) -> None:
         self.tool = tool_in_universe(arm)

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pbd.arm.compiled import COMPILED
 from pbd.arm.descent import SOLVED, UNTIL_IT_STOPS, descend_each, miss
 from pbd.arm.model import ArmModel
 from pbd.arm.relax import is_relaxed, solve_relaxed
@@ -26,8 +25,7 @@ WELL_PLACED, WORST_PLACED = 8, 16
 NEAR_MISS, NEARLY_THERE = 0.2, 0.005
 """Where these end within such |e| (m, rad), it may be the wrong branch of a pose that can be reached."""
 ANYWHERE, EVERYWHERE = 48, 400
-"""So many seeds from all over are tried then: as many as there is time for (20 ms in all, without numba), and where it
-is hardly a miss, or compiled."""
+"""How many random restarts follow a near miss (20 ms in all), and one that is nearly there."""
 RESUMED = 3, 2
 """So many of the descents that came nearest are followed to their very end, before those and after."""
 
@@ -96,8 +94,8 @@ def _search(arm: ArmModel, goal: Target, q_seed: Array | None) -> Array:
         or attempts.resume(RESUMED[0])
     )
     if not arrived and attempts.least < NEAR_MISS**2:
-        everywhere = COMPILED.kernel or attempts.least < NEARLY_THERE**2
-        if not attempts.follow(seeds.anywhere(EVERYWHERE if everywhere else ANYWHERE)):
+        restarts = EVERYWHERE if attempts.least < NEARLY_THERE**2 else ANYWHERE
+        if not attempts.follow(seeds.anywhere(restarts)):
             attempts.resume(RESUMED[1])
     return attempts.best
 

@@ -15,12 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pbd.arm.compiled import COMPILED
-from pbd.arm.descent import chain
+from pbd.arm.cache import recall, remember
 from pbd.arm.model import ArmModel, FloatArray
 from pbd.arm.reach import sample
 from pbd.arm.tool import Target
-from pbd.cache import recall, remember
 from pbd.pose import Array
 
 VERSION = 1
@@ -44,8 +42,10 @@ _STEP_RAD = 1e-6
 def seed_map(arm: ArmModel) -> SeedMap:
     """Sample an arm, or take its samples from the cache."""
     key = hashlib.sha256(repr((VERSION, SAMPLES, LEAF, ROTATION_WEIGHT_M, CLUMSY, MARGIN_RAD)).encode())
-    for constants in chain(arm):
-        key.update(np.ascontiguousarray(constants).tobytes())
+    links = np.array([np.vstack((step.offset, step.turn)) for step in arm.steps])
+    slides = np.array([step.joint == "slides" for step in arm.steps[:-1]])
+    for constants in (links, slides, arm.limits.lower, arm.limits.upper):
+        key.update(constants.tobytes())
     kept = recall("seeds", key.hexdigest())
     if kept is None:
         kept = _build(arm)
@@ -75,16 +75,11 @@ class SeedMap:
         Nearest first; of those in the neighbourhood: one farther off may be nearer.
         """
         wanted, side = _wanted(target), int(worst)
-        if COMPILED.kernel:
-            rows = np.empty(count, np.int64)
-            COMPILED.kernel.nearest(self._blocks[side], self._centres[side], wanted, _BLOCKS, rows)
-        else:
-            blocks = self._near(side, wanted)
-            # Half the squared distance, less what is the same for all.
-            distance = (self._half_squares[side][blocks] - self._blocks[side][blocks] @ wanted).ravel()
-            order = np.argsort(distance)[:count]
-            rows = blocks[order // _BLOCK] * _BLOCK + order % _BLOCK
-        q: Array = self.q[side][rows]
+        blocks = self._near(side, wanted)
+        # Half the squared distance, less what is the same for all.
+        distance = (self._half_squares[side][blocks] - self._blocks[side][blocks] @ wanted).ravel()
+        order = np.argsort(distance)[:count]
+        q: Array = self.q[side][blocks[order // _BLOCK] * _BLOCK + order % _BLOCK]
         return q
 
     def around(self, target: Target) -> Array:

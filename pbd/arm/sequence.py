@@ -15,7 +15,6 @@ from itertools import pairwise
 import numpy as np
 
 from pbd.arm.candidates import MARGIN_RAD, solutions, strain, toward
-from pbd.arm.compiled import COMPILED
 from pbd.arm.descent import SOLVED, descend_each
 from pbd.arm.hindrance import find_hindrance
 from pbd.arm.ik import TOLERANCE_M, solve
@@ -26,8 +25,8 @@ from pbd.arm.tool import Target, target
 from pbd.errors import PlanError
 from pbd.pose import Array, Pose
 
-STARTS, STARTS_COMPILED, STARTS_WIDE = 12, 18, 81
-"""Descents made for each keyframe: with pinocchio, compiled, and where every way is barred."""
+STARTS, STARTS_WIDE = 12, 81
+"""Descents made for each keyframe: at first, and where every way is barred."""
 SWEEPS = 3
 MOST_REFUSALS = 300
 
@@ -81,7 +80,7 @@ def solve_sequence(
     def stands(keyframe: int, q: Array) -> bool:
         return keyframe == n or allowed is None or allowed(keyframe, q)
 
-    for starts in (STARTS_COMPILED if COMPILED.kernel else STARTS, STARTS_WIDE):
+    for starts in (STARTS, STARTS_WIDE):
         route = _lay_out(arm, T_base_tool, q_start, q_end, starts)
         try:
             return route.joints(route.shortest_free(stands, clear, MOST_REFUSALS))[1 : n + 1]

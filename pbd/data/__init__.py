@@ -12,6 +12,7 @@ from pbd.data.hand import (
     GRAVITY,
     Attitude,
     Demonstration,
+    GraspedObject,
     GripEvent,
     HandPath,
     Keyframe,
@@ -19,11 +20,10 @@ from pbd.data.hand import (
     RecordingInfo,
     Segment,
     Stop,
-    Tracking,
     Truth,
 )
 from pbd.data.known import ClaimFit, Contact, Known, Place
-from pbd.data.world import GraspedObject, Obstacle
+from pbd.data.world import Obstacle
 
 __all__ = [
     "GRAVITY",
@@ -51,6 +51,5 @@ __all__ = [
     "Segment",
     "SensorErrors",
     "Stop",
-    "Tracking",
     "Truth",
 ]

@@ -73,13 +73,10 @@ def update_calibration(
         document["scale"] = round(scale, 5)
     for part, values in parts.items():
         _fill(_table(document, part), values)
-    with written_whole(path, parents=True) as unfinished:
+    with written_whole(path) as unfinished:
+        path.parent.mkdir(parents=True, exist_ok=True)
         unfinished.write_text(tomlkit.dumps(document), encoding="utf-8")
-        try:
-            read_calibration(unfinished)  # never leave behind what can't be read
-        except CalibrationError as error:
-            said = error.message.replace(str(unfinished), str(path))
-            raise CalibrationError(said, **error.fields | {"path": path}) from None
+        read_calibration(unfinished)  # never leave behind what can't be read
 
 
 def pose_values(pose: Pose, where: str) -> dict[str, tuple[Value | None, str]]:

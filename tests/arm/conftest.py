@@ -9,28 +9,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from pbd.arm.compiled import COMPILED, FOLDER, Compiled
 from pbd.arm.model import ArmModel, load_model
 from pbd.data import JointLimits, Robot
 from pbd.files.robot import read_robot
 from pbd.pose import Array, Pose
 
 PANDA = Path(__file__).parents[2] / "robots" / "panda.toml"
-
-
-@pytest.fixture(scope="session", autouse=True)
-def plain_python() -> None:
-    """So that a test's answers don't hang on how many poses those before it asked for."""
-    COMPILED.settled = True
-
-
-@pytest.fixture(scope="session")
-def kernel() -> Any:
-    """What numba compiled, where it is installed."""
-    pytest.importorskip("numba")
-    own = Compiled(FOLDER)
-    assert own.load()
-    return own.kernel
 
 
 @pytest.fixture(scope="session")

@@ -1,13 +1,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 
 from pbd.arm.candidates import AT_LIMIT, SINGULAR, margins, strain, toward
-from pbd.arm.compiled import COMPILED
 from pbd.arm.ik import check, solve
 from pbd.arm.model import ArmModel, load_model
 from pbd.arm.sequence import solve_sequence
@@ -74,11 +72,6 @@ def test_other_arms_travel_little_too(name: str) -> None:
         off = [pose.distance(arm.forward(q)) for pose, q in zip(poses, path, strict=True)]
         assert np.max(off, axis=0)[0] < 1e-5
         assert np.max(off, axis=0)[1] < (1e-5 if name != "so101" else 1e-3)
-
-
-def test_compiled_it_is_as_good(arm: ArmModel, kernel: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(COMPILED, "kernel", kernel)
-    assert max(travel_ratios(arm)) < 1.05
 
 
 def test_a_still_hand_keeps_the_arm_still(arm: ArmModel) -> None:

@@ -2,13 +2,12 @@
 
 Poses are those of 10,000 configurations uniform within the limits (of an endless joint, within one turn). Success is
 1e-5 m, 1e-5 rad and every joint within its limits, checked by pinocchio's model of the whole URDF. Times are the
-processor's, on one core, with the seeds loaded and the kernel compiled.
+processor's, on one core, with the seeds loaded.
 
-robots.NAME: pbd (compiled where numba is installed: `compiled`), plain (without numba), pink (pin-pink with daqp, from
-the middle of the limits and then up to 20 random places, where it is installed: pip install --group bench).
+robots.NAME: pbd, and pink (pin-pink with daqp, from the middle of the limits and then up to 20 random places, where it
+is installed: pip install --group bench).
 sequence.NAME: 100 tasks of nine keyframes, smooth random joint paths of about a rad a move; failures, and travel as a
-share of the path that made the task; _plain: without numba. unreachable_p95_ms: to decide that a pose is out of reach,
-and why.
+share of the path that made the task. unreachable_p95_ms: to decide that a pose is out of reach, and why.
 """
 
 from __future__ import annotations
@@ -26,7 +25,6 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 import numpy as np
 import pinocchio as pin
 
-from pbd.arm.compiled import COMPILED
 from pbd.arm.hindrance import find_hindrance
 from pbd.arm.ik import solve
 from pbd.arm.model import ArmModel, configuration, from_se3, load_model, to_se3
@@ -50,26 +48,16 @@ def main() -> None:
     args = arguments(str(__doc__)).parse_args()
     poses, tasks, unreachable = (200, 20, 20) if args.quick else (10_000, 100, 100)
     arms = {name: load_model(load_robot(name)) for name in names("robots", ".toml")}
-    compiled = COMPILED.load()
-    kernel = COMPILED.kernel
-    figures: dict[str, Any] = {"compiled": compiled, "robots": {}, "sequence": {}}
-    late: dict[str, list[float]] = {"": [], "_plain": []}
+    figures: dict[str, Any] = {"robots": {}}
+    late = list[float]()
     for name, arm in arms.items():
         q = random_joints(arm, poses)
         wanted = [arm.forward(each) for each in q]
-        solvers = {"pbd": solver(arm, kernel), "plain": solver(arm, None), "pink": pink_solver(arm)}
+        solvers = {"pbd": solver(arm), "pink": pink_solver(arm)}
         figures["robots"][name] = {kind: measure(arm, wanted, each) for kind, each in solvers.items() if each}
-        for kind, at in (("", kernel), ("_plain", None)):
-            COMPILED.kernel = at
-            late[kind] += unreachable_ms(arm, unreachable)
-    for name in SEQUENCES:
-        figures["sequence"][name] = {}
-        for kind, at in (("_plain", None), ("", kernel)):
-            COMPILED.kernel = at
-            found = sequences(arms[name], tasks)
-            figures["sequence"][name].update({f"{key}{kind}": value for key, value in found.items()})
-    for kind, times in late.items():
-        figures[f"unreachable_p95_ms{kind}"] = float(np.percentile(times, 95))
+        late += unreachable_ms(arm, unreachable)
+    figures["sequence"] = {name: sequences(arms[name], tasks) for name in SEQUENCES}
+    figures["unreachable_p95_ms"] = float(np.percentile(late, 95))
     finish(figures, args.json)
 
 
@@ -109,11 +97,10 @@ def measure(arm: ArmModel, wanted: Sequence[Pose], solve_one: Callable[[Pose], A
     }
 
 
-def solver(arm: ArmModel, kernel: Any) -> Callable[[Pose], Array]:
-    """Ours, with a compiled kernel or without."""
+def solver(arm: ArmModel) -> Callable[[Pose], Array]:
+    """Ours."""
 
     def solve_one(pose: Pose) -> Array:
-        COMPILED.kernel = kernel
         return solve(arm, pose).q
 
     return solve_one

@@ -1,0 +1,34 @@
+"""The same question has the same answer, whatever else a process was asked before."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from pbd.arm.ik import solve
+from pbd.cli import main
+from tests.arm.bundled import NAMES, arm_of
+from tests.arm.conftest import random_joints
+
+SOLVES = 10_000
+
+
+def exported(demo: str, robot: str, folder: Path) -> bytes:
+    place = folder / f"{len(list(folder.iterdir()))}.csv"
+    assert main(["export", demo, "--robot", robot, "-o", str(place)]) == 0
+    return place.read_bytes()
+
+
+def test_a_plan_has_the_same_bytes_whatever_was_planned_and_solved_before(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Two plans in either order, then after so many poses of all arms that every cache has been turned over."""
+    asked = ("pouring", "panda"), ("paper-test1", "so101")
+    first = [exported(*each, tmp_path) for each in asked]
+    assert [exported(*each, tmp_path) for each in reversed(asked)] == first[::-1]
+    for name in NAMES:
+        arm = arm_of(name)
+        for q in random_joints(arm.robot, 100 if name != "panda" else SOLVES, seed=1):
+            solve(arm, arm.forward(q))
+    assert [exported(*each, tmp_path) for each in asked] == first
