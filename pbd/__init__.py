@@ -2,9 +2,11 @@
 
     import pbd
 
-    path = pbd.track(pbd.load_demo("pouring").recording)
+    path = pbd.track(pbd.load_demo("pouring"))
     robot = pbd.load_robot("panda")
     trajectory = pbd.plan(path, pbd.load_calibration("default"), robot)
+
+That is what `pbd replay` and `pbd export` do: edited keyframes, known places and the grasped object count here too.
 
 Nothing heavy is imported before it is used.
 """

@@ -1,14 +1,17 @@
-"""The first verb: `track` turns a recording into a hand path; the second, `plan`, is in planning.py."""
+"""The first verb: `track` turns a recording into a hand path; the second, `plan`, is in pbd/planning."""
 
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
+
+import numpy as np
 
 from pbd.calibration.frames import nav_in_base
 from pbd.calibration.sensor import corrected
-from pbd.data import Attitude, Calibration, HandPath, Known, Recording, Stop
-from pbd.errors import PbdWarning, TrackingError
-from pbd.pose import Array
+from pbd.data import Attitude, Calibration, Demonstration, HandPath, Known, Recording, Stop, Tracking
+from pbd.errors import PbdWarning, RecordingError, TrackingError
+from pbd.pose import Array, quat_inverse, quat_log, quat_multiply
 from pbd.tracking.conditioning import condition, refuse_gaps
 from pbd.tracking.frozen import refuse_freezes
 from pbd.tracking.gravity import motion_acceleration
@@ -23,6 +26,9 @@ from pbd.tracking.smoothing import smooth_motion
 from pbd.tracking.stops import find_stops
 from pbd.tracking.uncertainty import LEVEL_DOUBT, accelerometer_level, stop_covariance, unseen_covariance
 
+SAME_DOCK_RAD = np.radians(1.0)
+"""An edited first keyframe is still the dock if it is turned by no more."""
+
 OPEN_END_S = 0.2
 """Motion for longer than this at either end of a recording is told."""
 
@@ -31,23 +37,46 @@ METHODS = ("default", "paper")
 
 
 def track(
-    recording: Recording, method: str = "default", known: Known | None = None, calibration: Calibration | None = None
+    source: Recording | Demonstration,
+    method: str = "default",
+    known: Known | None = None,
+    calibration: Calibration | None = None,
 ) -> HandPath:
     """Track a hand: attitude, motion acceleration, stops, path.
 
+    A demonstration brings along what demo.toml and keyframes.toml say: places and heights are used here, the edited
+    keyframes and the grasped object go with the path to `plan`. A recording alone knows nothing of that.
+
     Args:
-        recording: what the sensor said.
-        method: one of METHODS.
-        known: what is known of the stops (a demonstration's `known`): places, heights.
+        source: what the sensor said.
+        method: one of METHODS; the paper's knows of no places.
+        known: what is known of the stops: places, heights; None: what the demonstration says.
         calibration: the sensor's errors are taken out, by either method; it also tells what is known in the robot's
-            base, and the lever from sensor to tool.
+            base, and the lever from sensor to tool. `plan` tracks again where its own tells more than none.
 
     Raises:
         CalibrationError: the calibration is of another sensor.
-        RecordingError: the recording can't be one (units, clock, no data).
+        RecordingError: the recording can't be one (units, clock, no data); the edited keyframes start elsewhere.
         TrackingError: no path follows from it (never still, data missing in a move), or what is known contradicts it.
     """
-    recording, gaps = condition(recording)
+    demo = source if isinstance(source, Demonstration) else Demonstration(source)
+    if known is not None:
+        demo = replace(demo, closed=known.closed, places=known.places, contacts=known.contacts)
+    path = _track(demo, method, calibration)
+    _refuse_another_dock(demo, path)
+    if method == "paper":
+        return path
+    try:
+        return _condition(path, demo.known, calibration)
+    except TrackingError as reason:
+        if demo.folder is None or not reason.message.startswith("demo.toml "):
+            raise
+        raise TrackingError(f"{demo.folder}/{reason.message}", **reason.fields) from None
+
+
+def _track(demo: Demonstration, method: str, calibration: Calibration | None) -> HandPath:
+    """From the recording alone."""
+    recording, gaps = condition(demo.recording)
     clips = find_clips(recording)
     if method == "default":
         recording, clips = restore(recording, clips)
@@ -77,7 +106,7 @@ def track(
         stretch = LEVEL_DOUBT * accelerometer_level(recording, stops, rest) / rest.gravity
         cov[:, :3, :3] += unseen_covariance(gaps, stops)
         cov += clip_covariance(recording.t, a_nav, attitude.wxyz_nav_sensor, p, stops, clips)
-    path = HandPath(
+    return HandPath(
         t=recording.t,
         p_nav_sensor=p,
         v_nav_sensor=v,
@@ -87,8 +116,8 @@ def track(
         cov=cov,
         grip=recording.grip,
         stretch=stretch,
+        tracking=Tracking(demo, method, calibration, recording, a_nav, rest.gravity, (rest.start, rest.stop)),
     )
-    return path if known is None else _condition(path, known, calibration)
 
 
 def find_motion(recording: Recording, rest: Rest) -> tuple[Rest, Attitude, Array, tuple[Stop, ...]]:
@@ -106,6 +135,21 @@ def find_motion(recording: Recording, rest: Rest) -> tuple[Rest, Attitude, Array
             break
         rest = held  # what is taken for quiet follows from it: look again
     return rest, *smooth_motion(recording, attitude, a_nav, stops, rest), stops
+
+
+def _refuse_another_dock(demo: Demonstration, path: HandPath) -> None:
+    """The attitude at the dock says how nav lies in base: an edited one would turn all the others."""
+    if demo.keyframes is None:
+        return
+    found = mean_quaternion(path.wxyz_nav_sensor[path.stops[0].start : path.stops[0].stop])
+    turned = float(np.linalg.norm(quat_log(quat_multiply(quat_inverse(found), demo.keyframes[0].T_nav_sensor.wxyz))))
+    if turned > SAME_DOCK_RAD:
+        where = "" if demo.folder is None else f"{demo.folder}/keyframes.toml: "
+        raise RecordingError(
+            f"{where}the first keyframe is turned by {np.degrees(turned):.1f} degrees from the dock, from which all "
+            "others are seen; put it back, or insert one after it",
+            path=demo.folder,
+        )
 
 
 def _condition(path: HandPath, known: Known, calibration: Calibration | None) -> HandPath:

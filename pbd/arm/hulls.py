@@ -18,11 +18,12 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from pbd.arm.cache import recall, remember
 from pbd.arm.convex import ConvexPart, convex_parts, simplified
 from pbd.arm.model import ArmModel, from_se3
+from pbd.cache import recall, remember
 from pbd.data import Robot
 from pbd.errors import RobotError
+from pbd.paths import is_file
 from pbd.pose import Array, Pose, readonly
 
 VERSION = 1
@@ -143,7 +144,7 @@ def _find(address: str, robot: Robot) -> Path:
     inside = Path(address.removeprefix("package://"))
     candidates = [folder / inside for folder in robot.package_dirs]
     candidates += [folder.parent / inside for folder in robot.package_dirs if folder.name == inside.parts[0]]
-    return next((path for path in candidates if path.is_file()), (candidates or [inside])[0])
+    return next((path for path in candidates if is_file(path)), (candidates or [inside])[0])
 
 
 def _origin(element: ET.Element) -> Pose:

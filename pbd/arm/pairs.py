@@ -11,12 +11,12 @@ from functools import lru_cache
 import numpy as np
 import pinocchio as pin
 
-from pbd.arm.cache import recall, remember
 from pbd.arm.clearance import Clearance, Pairs
 from pbd.arm.hand import THE_TOOL, arm_bodies, gripper_links
 from pbd.arm.hulls import Body
 from pbd.arm.levers import rates
 from pbd.arm.model import ArmModel
+from pbd.cache import recall, remember
 from pbd.pose import Array
 
 VERSION = 2

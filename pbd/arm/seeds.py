@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pbd.arm.cache import recall, remember
 from pbd.arm.model import ArmModel, FloatArray
 from pbd.arm.reach import sample
 from pbd.arm.tool import Target
+from pbd.cache import recall, remember
 from pbd.pose import Array
 
 VERSION = 1

@@ -183,7 +183,7 @@ def _where_it_stopped(args: argparse.Namespace, calibration: Calibration | None)
     from pbd.files.demo import load_demo
     from pbd.pipeline import track
     from pbd.pose import Pose
-    from pbd.tracking.keyframes import find_keyframes
+    from pbd.tracking.keyframes import keyframes_of
 
     name, index = args.from_keyframe
     through = load_calibration(args.calibration) if args.calibration else calibration
@@ -194,7 +194,7 @@ def _where_it_stopped(args: argparse.Namespace, calibration: Calibration | None)
         )
     demo = load_demo(name)
     with working("tracking"):
-        keyframes = find_keyframes(track(demo.recording, known=demo.known, calibration=through))
+        keyframes = keyframes_of(track(demo, calibration=through))
     if not (index.isdigit() and int(index) < len(keyframes)):
         raise CalibrationError(
             f"{name} has the keyframes 0 to {len(keyframes) - 1}, not '{index}'; `pbd keyframes {name}` lists them",

@@ -96,11 +96,11 @@ def _of_demonstration(
     from pbd.calibration.frames import nav_in_base
     from pbd.calibration.uncertainty import tool_covariances
     from pbd.pipeline import track
-    from pbd.tracking.keyframes import find_keyframes
+    from pbd.tracking.keyframes import keyframes_of
 
     demo = load_demonstration(args)
     with working("tracking"):
-        keyframes = find_keyframes(track(demo.recording, known=demo.known, calibration=calibration))
+        keyframes = keyframes_of(track(demo, calibration=calibration))
     T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
     return demo.recording.info.name, keyframes, tool_covariances(keyframes, T_base_nav, calibration)
 

@@ -17,6 +17,7 @@ from pbd.cli.options import (
     add_tracking,
     load_arm,
     load_demonstration,
+    named_calibration,
     plan_options,
     print_json,
     say,
@@ -24,7 +25,7 @@ from pbd.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from pbd.data import Demonstration, Keyframe
+    from pbd.data import Calibration, Demonstration, Keyframe
 
 
 def add(commands: Commands) -> None:
@@ -54,19 +55,21 @@ def run(args: argparse.Namespace) -> int:
     demo = load_demonstration(args)
     if args.save and args.force:
         demo = replace(demo, keyframes=None)
-    path, keyframes = track_demonstration(args, demo)
+    arm = None if args.robot is None else load_arm(args)
+    calibration = named_calibration(args) if arm is None else arm[1]
+    path, keyframes = track_demonstration(demo, args.method, calibration)
     if path.claims:
         fits = (f"{fit.saying} (off by {100.0 * fit.off_m:.1f} cm, {fit.sigmas:.1f} sigma)" for fit in path.claims)
         say(f"using: {'; '.join(fits)}")
     if args.save:
         _save(args, demo, keyframes)
     rows = [_row(index, keyframe) for index, keyframe in enumerate(keyframes)]
-    in_base = args.calibration is not None and _add_base(args, rows, keyframes)
+    in_base = bool(args.calibration) and calibration is not None and _add_base(args, rows, keyframes, calibration)
     joint_names: tuple[str, ...] = ()
-    if args.robot is not None:
+    if arm is not None:
         from pbd.planning import solve_keyframes
 
-        robot, calibration = load_arm(args)
+        robot, calibration = arm
         joint_names = robot.joints
         poses, joints, off_rad = solve_keyframes(robot, keyframes, calibration, plan_options(args, robot))
         for row, pose, q, off in zip(rows, poses, joints, off_rad, strict=True):
@@ -118,13 +121,13 @@ def _save(args: argparse.Namespace, demo: Demonstration, keyframes: tuple[Keyfra
     say(f"wrote {path}: edit it; from now on it says where the arm goes and how long it stays there")
 
 
-def _add_base(args: argparse.Namespace, rows: list[dict[str, Any]], keyframes: tuple[Keyframe, ...]) -> bool:
+def _add_base(
+    args: argparse.Namespace, rows: list[dict[str, Any]], keyframes: tuple[Keyframe, ...], calibration: Calibration
+) -> bool:
     """Add the tool's position in base and how sure it is; False where the calibration has no dock and no nav."""
     from pbd.calibration.frames import nav_in_base, tool_poses
     from pbd.calibration.uncertainty import base_sigmas, tool_covariances
-    from pbd.files.calibration import load_calibration
 
-    calibration = load_calibration(args.calibration)
     if calibration.T_base_dock is None and calibration.T_base_nav is None:
         return False
     T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)

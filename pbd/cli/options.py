@@ -20,9 +20,6 @@ _LENGTHS, _ANGLES, _TIMES = "m, cm or mm", "deg or rad", "s or ms"
 CHOICES = {"m": _LENGTHS, "cm": _LENGTHS, "mm": _LENGTHS, "deg": _ANGLES, "rad": _ANGLES, "s": _TIMES, "ms": _TIMES}
 """What the help says to choose from, by the unit that is usual."""
 
-SAME_DOCK_RAD = math.radians(1.0)
-"""An edited first keyframe is still the dock if it is turned by no more."""
-
 
 class Commands(Protocol):
     """What argparse's `add_subparsers` returns."""
@@ -184,53 +181,29 @@ def load_demonstration(args: argparse.Namespace) -> Demonstration:
         return load_demo(name)
 
 
-def track_demonstration(args: argparse.Namespace, demo: Demonstration) -> tuple[HandPath, tuple[Keyframe, ...]]:
-    """Track it; return the hand's path and the keyframes."""
-    from pbd.errors import TrackingError
+def track_demonstration(
+    demo: Demonstration, method: str, calibration: Calibration | None
+) -> tuple[HandPath, tuple[Keyframe, ...]]:
+    """Track it; return the hand's path and the keyframes that count."""
     from pbd.pipeline import track
-    from pbd.tracking.keyframes import find_keyframes
+    from pbd.tracking.keyframes import keyframes_of
     from pbd.tracking.signs import up_in_sensor, warn_upside_down
 
-    known = None if args.method == "paper" else demo.known  # the paper's method knows of no places
-    calibration = _calibration_for(args)
     with working("tracking"):
-        try:
-            path = track(demo.recording, args.method, known, calibration)
-        except TrackingError as reason:  # tracking doesn't know in which folder what it was told stands
-            at_file = demo.folder is not None and reason.message.startswith("demo.toml ")
-            said = f"{demo.folder}/{reason.message}" if at_file else reason.message
-            raise TrackingError(said, **reason.fields) from None
-    found = find_keyframes(path)
+        path = track(demo, method, calibration=calibration)
+    keyframes = keyframes_of(path)
     if calibration is None:  # one that is there tells how far the dock is tilted
-        up_sensor = up_in_sensor(found[0].T_nav_sensor.wxyz)
+        up_sensor = up_in_sensor(keyframes[0].T_nav_sensor.wxyz)
         warn_upside_down(demo.recording, up_sensor, path.stops[0].start, path.stops[0].stop)
-    if demo.keyframes is None:
-        return path, found
-    _refuse_another_dock(demo, found)
-    say(f"keyframes as edited in {demo.folder}/keyframes.toml")
-    return path, demo.keyframes
+    if demo.keyframes is not None:
+        say(f"keyframes as edited in {demo.folder}/keyframes.toml")
+    return path, keyframes
 
 
-def _refuse_another_dock(demo: Demonstration, found: tuple[Keyframe, ...]) -> None:
-    """The attitude at the dock says how nav lies in base: an edited one would turn all the others."""
-    from pbd.errors import RecordingError
-
-    assert demo.keyframes is not None
-    _, turned = demo.keyframes[0].T_nav_sensor.distance(found[0].T_nav_sensor)
-    if turned > SAME_DOCK_RAD:
-        raise RecordingError(
-            f"{demo.folder}/keyframes.toml: the first keyframe is turned by {math.degrees(turned):.1f} degrees from "
-            "the dock, from which all others are seen; put it back, or insert one after it",
-            path=demo.folder,
-        )
-
-
-def _calibration_for(args: argparse.Namespace) -> Calibration | None:
-    """The calibration that tells the sensor's errors and where known places are, if there is one."""
+def named_calibration(args: argparse.Namespace) -> Calibration | None:
+    """Load the calibration that was named, if one was: what a command without a robot tracks with."""
     from pbd.files.calibration import load_calibration
 
-    if getattr(args, "robot", None) is not None:
-        return load_arm(args)[1]
     return load_calibration(args.calibration) if args.calibration else None
 
 
@@ -268,16 +241,14 @@ def plan_options(args: argparse.Namespace, robot: Robot) -> PlanOptions:
 
 def plan_demonstration(args: argparse.Namespace) -> tuple[Demonstration, HandPath, Robot, Plan]:
     """Load, track, and plan an audited motion."""
-    from pbd.planning import plan_keyframes
+    from pbd.planning import plan_path
 
     demo = load_demonstration(args)
-    path, keyframes = track_demonstration(args, demo)
     robot, calibration = load_arm(args)
-    if demo.keyframes is not None and args.dwell is None:
-        args.dwell = math.inf  # a person has said how long
+    path, _ = track_demonstration(demo, args.method, calibration)
     options = plan_options(args, robot)
     with working(f"planning for {robot.name}"):
-        plan = plan_keyframes(keyframes, calibration, robot, options, path, demo.grasped)
+        plan = plan_path(path, calibration, robot, options)
     return demo, path, robot, plan
 
 

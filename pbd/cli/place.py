@@ -7,6 +7,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from pbd.errors import PbdError
+from pbd.files.whole import refuse_name, try_folder, unwritable
+from pbd.paths import is_file, is_folder, is_taken, may_write
 
 OF_A_DEMO = ("demo.toml", "imu.csv", "truth.csv", "keyframes.toml", "points.csv", "raw.bin")
 """What a demonstration's folder is made of: no result takes such a file's place."""
@@ -23,21 +25,26 @@ def refuse_place(file: Path, read: Iterable[str | None] = ()) -> None:
         PbdError: it is a folder, its folder is missing or read-only, or what is there is no result: a file of a
             demonstration, a TOML file (a robot, a calibration), or what the command reads.
     """
-    if not file.name or file.is_dir():
+    refuse_name(file)
+    if not file.name or is_folder(file):
         raise PbdError(f"{file} is a folder: give a file's name", path=file)
-    target = Path(os.path.realpath(file))  # what a link leads to would be replaced
-    if os.path.lexists(target) and not target.is_file():
-        raise PbdError(f"{file} can't be written (it is no regular file); give another place", path=file)
-    folder = file.parent if not file.is_symlink() else target.parent
-    if not folder.is_dir():
-        if os.path.lexists(folder):
-            raise PbdError(f"{file} can't be written: {folder} is no folder; give another place", path=file)
-        raise PbdError(
-            f"{file} can't be written: there is no folder {folder}; make it, or give another place", path=file
-        )
-    if not os.access(target.parent, os.W_OK | os.X_OK):
-        raise PbdError(f"{file} can't be written: {folder} is read-only; give another place", path=file)
-    if target.name in OF_A_DEMO and (target.parent / "demo.toml").is_file():
+    try:
+        target = Path(os.path.realpath(file))  # what a link leads to would be replaced
+        folder = target.parent if file.is_symlink() else file.parent
+        if not is_folder(folder):
+            if is_taken(folder):
+                raise PbdError(f"{file} can't be written: {folder} is no folder; give another place", path=file)
+            raise PbdError(
+                f"{file} can't be written: there is no folder {folder}; make it, or give another place", path=file
+            )
+        if is_taken(target) and not is_file(target):
+            raise PbdError(f"{file} can't be written (it is no regular file); give another place", path=file)
+        if is_taken(target) and not may_write(target):
+            raise PbdError(f"{file} is read-only; change its permissions, or give another place", path=file)
+        try_folder(folder)
+    except OSError as reason:
+        raise unwritable(file, reason, PbdError) from None
+    if target.name in OF_A_DEMO and is_file(target.parent / "demo.toml"):
         raise PbdError(f"{file} belongs to the demonstration {folder}, so it is not written over; give another name")
     if target.suffix.lower() == ".toml":
         raise PbdError(f"{file}: a .toml is what pbd reads and people edit; give another name", path=file)

@@ -15,6 +15,7 @@ from pbd.cli.options import (
     add_table,
     add_tracking,
     load_demonstration,
+    named_calibration,
     print_json,
     say,
     track_demonstration,
@@ -25,7 +26,7 @@ from pbd.cli.progress import working
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from pbd.data import Demonstration, HandPath, Keyframe
+    from pbd.data import Calibration, Demonstration, HandPath, Keyframe
 
 FORMATS = ("png", "svg", "pdf")
 LONGEST_NAME = 60
@@ -69,12 +70,12 @@ def _plot(args: argparse.Namespace) -> int:
             "--csv is the spread of several demonstrations; name two or more, or see `pbd keyframes --csv`"
         )
     demo = load_demonstration(_named(args, args.demos[0] if args.demos else None))
-    path, keyframes = _tracked(args, demo)
+    path, _ = _tracked(args, demo, named_calibration(args))
     with working("collecting what to draw"):
         from pbd.plotting.demo import demo_plot
         from pbd.view.plots import draw, names
 
-        plot = demo_plot(demo, path, keyframes, args.method, args.warnings)
+        plot = demo_plot(path, args.warnings)
     for finding in plot.findings[len(args.warnings) :]:
         say(f"check: {finding.words}")
     folder = args.save or Path("plots") / _word(demo)
@@ -94,7 +95,8 @@ def _plot(args: argparse.Namespace) -> int:
 def _compare(args: argparse.Namespace) -> int:
     loaded = [load_demonstration(_named(args, name)) for name in args.demos]
     titles = _titles(loaded)
-    tracked = [(title, *_track(args, title, demo)) for title, demo in zip(titles, loaded, strict=True)]
+    calibration = named_calibration(args)
+    tracked = [(title, *_track(args, title, demo, calibration)) for title, demo in zip(titles, loaded, strict=True)]
     with working("comparing"):
         from pbd.plotting.compare import compare_plot
         from pbd.view.plot_compare import COMPARISONS, draw_comparison
@@ -129,19 +131,21 @@ def _compare(args: argparse.Namespace) -> int:
     return 0
 
 
-def _tracked(args: argparse.Namespace, demo: Demonstration) -> tuple[HandPath, tuple[Keyframe, ...]]:
+def _tracked(
+    args: argparse.Namespace, demo: Demonstration, calibration: Calibration | None
+) -> tuple[HandPath, tuple[Keyframe, ...]]:
     """Track it; where what is known of the stops can't be, without that: a plot shows why."""
     from pbd.errors import PbdWarning, TrackingError
 
     try:
-        return track_demonstration(args, demo)
+        return track_demonstration(demo, args.method, calibration)
     except TrackingError as error:
         unaided = replace(demo, closed=False, places=(), contacts=())
         if unaided.known == demo.known:
             raise
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PbdWarning)  # they have been given
-            tracked = track_demonstration(args, unaided)
+            tracked = track_demonstration(unaided, args.method, calibration)
         warnings.warn(f"{error.message}; drawn as if that were not known", PbdWarning, stacklevel=2)
         return tracked
 
@@ -151,13 +155,15 @@ def _named(args: argparse.Namespace, name: str | None) -> argparse.Namespace:
     return argparse.Namespace(**{**vars(args), "demo": name})
 
 
-def _track(args: argparse.Namespace, title: str, demo: Demonstration) -> tuple[HandPath, tuple[Keyframe, ...]]:
+def _track(
+    args: argparse.Namespace, title: str, demo: Demonstration, calibration: Calibration | None
+) -> tuple[HandPath, tuple[Keyframe, ...]]:
     """Track one of several: what goes wrong says with which."""
     from pbd.errors import PbdError
 
     say(f"tracking '{title}'")
     try:
-        return _tracked(args, demo)
+        return _tracked(args, demo, calibration)
     except PbdError as error:
         raise type(error)(f"{title}: {error.message}", **error.fields) from None
 

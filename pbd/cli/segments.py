@@ -11,6 +11,7 @@ from pbd.cli.options import (
     add_table,
     add_tracking,
     load_demonstration,
+    named_calibration,
     print_json,
     track_demonstration,
 )
@@ -36,7 +37,8 @@ def run(args: argparse.Namespace) -> int:
     from pbd.tracking.keyframes import find_segments
     from pbd.view.tables import print_csv, print_table, segments_table
 
-    path, _ = track_demonstration(args, load_demonstration(args))
+    demo = load_demonstration(args)
+    path, _ = track_demonstration(demo, args.method, named_calibration(args))
     segments = find_segments(path)
     if args.json:
         rows = [

@@ -12,7 +12,6 @@ from pbd.data.hand import (
     GRAVITY,
     Attitude,
     Demonstration,
-    GraspedObject,
     GripEvent,
     HandPath,
     Keyframe,
@@ -20,10 +19,11 @@ from pbd.data.hand import (
     RecordingInfo,
     Segment,
     Stop,
+    Tracking,
     Truth,
 )
 from pbd.data.known import ClaimFit, Contact, Known, Place
-from pbd.data.world import Obstacle
+from pbd.data.world import GraspedObject, Obstacle
 
 __all__ = [
     "GRAVITY",
@@ -51,5 +51,6 @@ __all__ = [
     "Segment",
     "SensorErrors",
     "Stop",
+    "Tracking",
     "Truth",
 ]

@@ -9,8 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from pbd.data.brief import brief, counted, span
+from pbd.data.calibration import Calibration
 from pbd.data.freeze import freeze
 from pbd.data.known import ClaimFit, Contact, Known, Place
+from pbd.data.world import GraspedObject
 from pbd.pose import Array, Pose
 
 GRAVITY = 9.80665
@@ -95,14 +97,6 @@ class Truth:
         return brief(self, span(self.t))
 
 
-@dataclass(frozen=True)
-class GraspedObject:
-    """What the hand grips: a box (x, y, z), cylinder (diameter, height) or sphere (diameter); sizes in metres."""
-
-    shape: str
-    size: tuple[float, ...]
-
-
 @dataclass(frozen=True, eq=False)
 class Demonstration:
     """A recording and what is known about it beside the sensor's stream.
@@ -168,6 +162,36 @@ class Stop:
 
 
 @dataclass(frozen=True, eq=False)
+class Tracking:
+    """What a path was tracked from, and what was worked out on the way: kept, so that nobody works it out again.
+
+    Attributes:
+        demo: as it was given: with edited keyframes, what is known of the stops, what is grasped.
+        method: one of pbd.pipeline.METHODS.
+        calibration: says what the sensor reads wrongly and where known places lie in nav; or None.
+        recording: as repaired and calibrated, at the path's instants.
+        a_nav: (n, 3) m/s2, motion acceleration as integrated: specific force in nav less gravity.
+        gravity: m/s2, the norm of specific force at rest.
+        rest: the samples start <= i < stop that tell the sensor's noise, the gyro's bias and gravity.
+    """
+
+    demo: Demonstration
+    method: str
+    calibration: Calibration | None
+    recording: Recording
+    a_nav: Array
+    gravity: float
+    rest: tuple[int, int]
+
+    def __post_init__(self) -> None:
+        freeze(self, a_nav=(len(self.recording), 3))
+
+    def __repr__(self) -> str:
+        by = "" if self.calibration is None else f"calibrated by '{self.calibration.name}'"
+        return brief(self, self.method, f"gravity {self.gravity:.3f} m/s2", by, name=self.demo.recording.info.name)
+
+
+@dataclass(frozen=True, eq=False)
 class HandPath:
     """The hand's path in nav, segmented by its stops.
 
@@ -183,6 +207,7 @@ class HandPath:
         claims: what was known of the stops and has been used.
         stretch: share of a move by which the sensor's own errors lean and stretch all moves alike, one sigma; `cov` has
             it too, as though it were each move's own.
+        tracking: what it was tracked from; None for a path that no recording was tracked for.
     """
 
     t: Array
@@ -195,6 +220,7 @@ class HandPath:
     grip: tuple[GripEvent, ...] = ()
     claims: tuple[ClaimFit, ...] = ()
     stretch: float = 0.0
+    tracking: Tracking | None = None
 
     def __post_init__(self) -> None:
         n, k = len(self.t), len(self.stops)

@@ -7,8 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pbd.data.hand import GraspedObject
 from pbd.pose import Array, Pose, quat_about_z, quat_rotate
+
+
+@dataclass(frozen=True)
+class GraspedObject:
+    """What the hand grips: a box (x, y, z), cylinder (diameter, height) or sphere (diameter); sizes in metres."""
+
+    shape: str
+    size: tuple[float, ...]
 
 
 @dataclass(frozen=True, eq=False)

@@ -73,10 +73,13 @@ def update_calibration(
         document["scale"] = round(scale, 5)
     for part, values in parts.items():
         _fill(_table(document, part), values)
-    with written_whole(path) as unfinished:
-        path.parent.mkdir(parents=True, exist_ok=True)
+    with written_whole(path, parents=True) as unfinished:
         unfinished.write_text(tomlkit.dumps(document), encoding="utf-8")
-        read_calibration(unfinished)  # never leave behind what can't be read
+        try:
+            read_calibration(unfinished)  # never leave behind what can't be read
+        except CalibrationError as error:
+            said = error.message.replace(str(unfinished), str(path))
+            raise CalibrationError(said, **error.fields | {"path": path}) from None
 
 
 def pose_values(pose: Pose, where: str) -> dict[str, tuple[Value | None, str]]:

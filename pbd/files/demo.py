@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import os
-import shutil
 from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 
 from pbd.data import Contact, Demonstration, GraspedObject, GripEvent, Place, Recording, RecordingInfo, Truth
-from pbd.errors import RecordingError, in_words
+from pbd.errors import RecordingError
 from pbd.files import keyframes
 from pbd.files.columns import ACC, DEVICE, GYR, MAG, compass_angles, device_rpy
 from pbd.files.library import find
 from pbd.files.table import Table, read_table, write_table
 from pbd.files.toml import Section, read_toml
+from pbd.files.whole import folder_written_whole, try_folder, unwritable
+from pbd.paths import is_file, is_folder, is_plain, is_taken, may_write
 from pbd.pose import Array
 
 FORMAT = 1
@@ -105,40 +105,37 @@ def write_demo(demo: Demonstration, folder: Path, force: bool = False) -> None:
         RecordingError: the folder exists (unless `force`), or can't be written.
     """
     may_be_written(folder, force)
-    unfinished = folder.with_name(f".{folder.name}.{os.getpid()}.tmp")
-    try:
-        unfinished.mkdir(parents=True)
-        (unfinished / "demo.toml").write_text(demo_toml(demo, folder.name), encoding="utf-8")
-        write_table(unfinished / "imu.csv", *_imu_columns(demo.recording))
+    with folder_written_whole(folder) as new:
+        (new / "demo.toml").write_text(demo_toml(demo, folder.name), encoding="utf-8")
+        write_table(new / "imu.csv", *_imu_columns(demo.recording))
         if demo.truth is not None:
             values = np.column_stack((demo.truth.t, demo.truth.p_nav_sensor, demo.truth.wxyz_nav_sensor))
-            write_table(unfinished / "truth.csv", TRUTH, values, (6,) * 4 + (8,) * 4)
-        if folder.exists():
-            replaced = unfinished.with_suffix(".old")
-            folder.rename(replaced)
-            unfinished.rename(folder)
-            shutil.rmtree(replaced)
-        else:
-            unfinished.rename(folder)
-    except OSError as reason:
-        raise RecordingError(
-            f"{folder} can't be written ({in_words(reason)}); give another place", path=folder
-        ) from None
-    finally:
-        shutil.rmtree(unfinished, ignore_errors=True)
+            write_table(new / "truth.csv", TRUTH, values, (6,) * 4 + (8,) * 4)
 
 
 def may_be_written(folder: Path, force: bool) -> None:
-    """Refuse to write over what is there.
+    """Refuse to write over what is there, and where nothing can be written.
 
     Raises:
-        RecordingError: the folder exists (unless `force`), or holds something that is no demonstration.
+        RecordingError: the folder exists (unless `force`), or holds something that is no demonstration, or the system
+            refuses it.
     """
-    if folder.exists() and not force:
+    try:
+        if is_taken(folder):
+            _may_be_replaced(folder, force)
+        try_folder(folder.parent)
+    except OSError as reason:
+        raise unwritable(folder, reason, RecordingError) from None
+
+
+def _may_be_replaced(folder: Path, force: bool) -> None:
+    if not force:
         raise RecordingError(f"{folder} exists; give another name, or --force to replace it", path=folder)
-    if folder.is_file():
+    if is_file(folder):
         raise RecordingError(f"{folder} can't be written (a file is there); give another place", path=folder)
-    if folder.is_dir() and not (folder / "demo.toml").is_file():
+    if is_folder(folder) and not may_write(folder):
+        raise RecordingError(f"{folder} is read-only; change its permissions, or give another name", path=folder)
+    if is_folder(folder) and not (folder / "demo.toml").is_file():
         raise RecordingError(f"{folder} is no demonstration, so it is not replaced; give another name", path=folder)
 
 
@@ -149,7 +146,7 @@ def demo_folder(name: str) -> Path:
         RecordingError: nothing could have that name.
     """
     path = Path(name)
-    if path.name in ("", "..") or name.startswith("~"):
+    if path.name in ("", "..") or name.startswith("~") or not is_plain(name):
         raise RecordingError(f"'{name}' can't be a demonstration's name; give a word, or a folder's path", value=name)
     return path if len(path.parts) > 1 else Path("demos") / path
 

@@ -15,7 +15,7 @@ from pbd.data import Demonstration, GripEvent, Recording, RecordingInfo
 from pbd.errors import RecordingError
 from pbd.files.columns import ACC, DEVICE, GYR, MAG
 from pbd.files.demo import demo_toml, may_be_written
-from pbd.files.whole import written_whole
+from pbd.files.whole import folder_written_whole, written_whole
 from pbd.pose import Array
 
 CHANNELS = {"gyr": (GYR, 7), "acc": (ACC, 6), "mag": (MAG, 4), "device": (DEVICE, 6)}
@@ -51,16 +51,11 @@ class GrowingDemo:
         self._channels = [name for name in CHANNELS if name in channels]
         names = ["t", *(column for name in self._channels for column in CHANNELS[name][0])]
         self._format = ",".join(["{:.6f}", *(f"{{:.{CHANNELS[name][1]}f}}" for name in self._channels for _ in "xyz")])
-        try:
-            if folder.exists():
-                shutil.rmtree(folder)
-            folder.mkdir(parents=True)
-            self._write_toml()
-            self._imu = os.open(folder / "imu.csv", os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
-            self._raw: int | None = None
-            self._append(self._imu, (",".join(names) + "\n").encode())
-        except OSError as reason:
-            raise _unwritable(folder, reason) from None
+        with folder_written_whole(folder) as new:
+            (new / "demo.toml").write_text(self._toml(), encoding="utf-8")
+            (new / "imu.csv").write_text(",".join(names) + "\n", encoding="ascii")
+        self._imu = os.open(folder / "imu.csv", os.O_WRONLY | os.O_APPEND)
+        self._raw: int | None = None
 
     def add(self, t: Sequence[float], values: Iterable[Sequence[float]]) -> None:
         """Append rows: t in s, and for each the channels' numbers in their order; NaN is an empty cell.
@@ -119,11 +114,13 @@ class GrowingDemo:
                 rows=self.rows,
             ) from None
 
-    def _write_toml(self) -> None:
+    def _toml(self) -> str:
         recording = Recording(np.zeros(0), np.zeros((0, 3)), grip=tuple(self._grip), info=self._info)
-        demo = Demonstration(recording, closed=self._closed)
+        return demo_toml(Demonstration(recording, closed=self._closed), self.folder.name)
+
+    def _write_toml(self) -> None:
         with written_whole(self.folder / "demo.toml") as file:
-            file.write_text(demo_toml(demo, self.folder.name), encoding="utf-8")
+            file.write_text(self._toml(), encoding="utf-8")
 
     def _restamp(self, t: Array) -> None:
         """Replace imu.csv's times."""
@@ -132,7 +129,3 @@ class GrowingDemo:
             new.write(next(old))
             for at, line in zip(t, old, strict=True):
                 new.write(f"{at:.6f},{line.partition(',')[2]}")
-
-
-def _unwritable(folder: Path, reason: OSError) -> RecordingError:
-    return RecordingError(f"{folder} can't be written ({reason.strerror}); give another place", path=folder)

@@ -17,6 +17,7 @@ from pbd.files.calibration import read_pose
 from pbd.files.library import find
 from pbd.files.toml import Section, read_toml
 from pbd.files.urdf import Urdf, UrdfJoint, listed, read_poses, read_urdf
+from pbd.paths import is_file
 from pbd.pose import Array, Pose
 
 FORMAT = 1
@@ -95,7 +96,7 @@ def _example_robot_data() -> Path | None:
 def _find(model: Section, key: str, share: Path | None) -> Path:
     wanted = Path(model.text(key)).expanduser()
     folders = [model.path.parent] + ([share / "example-robot-data" / "robots"] if share else [])
-    found = next((folder / wanted for folder in folders if (folder / wanted).is_file()), None)
+    found = next((folder / wanted for folder in folders if is_file(folder / wanted)), None)
     if found is None:
         model.fail(key, f"names {str(wanted)!r}, which is neither in {' nor in '.join(map(str, folders))}")
     return found.resolve()
@@ -115,7 +116,7 @@ def _check_meshes(urdf: Urdf, package_dirs: Sequence[Path]) -> None:
             places += [folder.parent / inside for folder in package_dirs if folder.name == inside.parts[0]]
         else:
             places = [urdf.path.parent / address.removeprefix("file://")]
-        if not any(place.is_file() for place in places):
+        if not any(map(is_file, places)):
             raise RobotError(
                 f"{urdf.path}: the mesh {address!r} of link {link!r} is missing: there is no"
                 f" {', nor '.join(map(str, places))}; put it there, or correct its address",

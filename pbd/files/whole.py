@@ -1,33 +1,127 @@
-"""Files appear whole or not at all."""
+"""Files and folders appear whole or not at all, and what the system refuses is told as an error of ours."""
 
 from __future__ import annotations
 
+import errno
 import os
+import shutil
+import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
-from pbd.errors import PbdError
+from pbd.errors import PbdError, PbdWarning, RecordingError, in_words
+from pbd.paths import is_file, is_folder, is_plain, made, replacing, unfinished
 
 
 @contextmanager
-def written_whole(path: Path) -> Iterator[Path]:
-    """Give a file to write beside `path`; it takes `path`'s place when all went well, and is gone else.
+def written_whole(path: Path, parents: bool = False) -> Iterator[Path]:
+    """Give a file to write beside `path`; it takes `path`'s place when all went well, and is gone otherwise.
+
+    A link stays a link: what it leads to is replaced. With `parents` missing folders are made.
 
     Raises:
         PbdError: the place can't be written, or holds something that is no file (a folder, a device).
     """
-    if not path.name or path.is_dir():
+    refuse_name(path)
+    if not path.name or is_folder(path):
         raise PbdError(f"{path} can't be written (it is a folder); give another place", path=path)
-    if path.exists() and not path.is_file():
+    if os.path.exists(path) and not is_file(path):  # noqa: PTH110 (Path.exists raises where no one may look)
         raise PbdError(f"{path} can't be written (it is no regular file); give another place", path=path)
-    target = path.resolve()  # what a link leads to is replaced, not the link
-    unfinished = target.with_name(f".{target.name}.{os.getpid()}.tmp")
+    with _told(path, PbdError), replacing(path, parents) as new:
+        yield new
+
+
+@contextmanager
+def folder_written_whole(folder: Path) -> Iterator[Path]:
+    """Give a folder to fill beside `folder`; it takes that name when all went well, and is gone otherwise.
+
+    What has the name is renamed (`name_aside`) before that and removed after it. Where that is a link the link goes,
+    and what it leads to stays.
+
+    Raises:
+        RecordingError: the place can't be written.
+    """
+    refuse_name(folder)
+    with _told(folder, RecordingError), made(folder.parent), unfinished(folder.parent) as new:
+        new.mkdir()
+        yield new
+        aside = folder.rename(name_aside(folder, "before")) if os.path.lexists(folder) else None
+        try:
+            new.rename(folder)
+        except OSError:
+            if aside is not None:
+                aside.rename(folder)
+            raise
+        if aside is not None and (left := remove_folder(aside)):
+            warnings.warn(f"{folder} is replaced, but {left}", PbdWarning, stacklevel=3)
+
+
+def name_aside(folder: Path, word: str) -> Path:
+    """NAME.word, or the first of NAME.word-2, NAME.word-3 that is free: no earlier one is overwritten."""
+    free, n = folder.with_name(f"{folder.name}.{word}"), 1
+    while os.path.lexists(free):
+        n += 1
+        free = folder.with_name(f"{folder.name}.{word}-{n}")
+    return free
+
+
+def remove_folder(aside: Path) -> str:
+    """Remove a folder, or a link to one; return "", or what to tell where it can't be."""
     try:
-        yield unfinished
-        unfinished.replace(target)
+        if aside.is_symlink():
+            aside.unlink()  # what a link leads to is not ours to remove
+        else:
+            shutil.rmtree(aside)
     except OSError as reason:
-        raise PbdError(f"{path} can't be written ({reason.strerror}); give another place", path=path) from None
-    finally:
-        with suppress(OSError):  # it may never have come to be
-            unfinished.unlink(missing_ok=True)
+        return f"what is left of the old one is in {aside}: it can't be removed ({in_words(reason)})"
+    return ""
+
+
+def try_folder(folder: Path) -> None:
+    """Refuse a folder in which nothing can be made; nothing is left there.
+
+    Raises:
+        OSError: the system's reason.
+    """
+    with made(folder, keep=False), unfinished(folder) as new:
+        new.mkdir()
+
+
+def refuse_name(path: Path) -> None:
+    """Refuse a name that no text can hold.
+
+    Raises:
+        PbdError: it is not UTF-8, or has a control character.
+    """
+    if not is_plain(str(path)):
+        raise PbdError(
+            f"'{path}' can't be a name here (it has control characters, or is not UTF-8); give another", path=path
+        )
+
+
+def unwritable(path: Path, reason: OSError, error: type[PbdError]) -> PbdError:
+    """Make the error that says why nothing can be written there."""
+    if reason.errno == errno.ENOENT and not path.is_absolute() and in_deleted_folder():
+        return error(f"{path} can't be written: {DELETED}", path=path)
+    return error(f"{path} can't be written ({in_words(reason)}); give another place", path=path)
+
+
+DELETED = "the folder that you are in has been deleted; go to another"
+
+
+def in_deleted_folder() -> bool:
+    """Whether the working folder is gone."""
+    try:
+        Path.cwd()
+    except FileNotFoundError:
+        return True
+    return False
+
+
+@contextmanager
+def _told(path: Path, error: type[PbdError]) -> Iterator[None]:
+    try:
+        yield
+    except OSError as reason:
+        raise unwritable(path, reason, error) from None

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from pbd.calibration.frames import nav_in_base, tool_poses, with_table
 from pbd.data import Calibration, GraspedObject, HandPath, JointTrajectory, Keyframe, Robot
 from pbd.errors import CalibrationError, PlanError
+from pbd.pipeline import track
 from pbd.planning.checks import refuse_few, refuse_one_place, refuse_unsure, start_joints, warn_of_table
 from pbd.planning.options import PlanOptions, dwells
 from pbd.planning.steps import choose, find_passage, hand_between, moves_of, retreat_of
 from pbd.planning.values import Plan, find_stretched, find_touching
 from pbd.pose import Array, Pose
-from pbd.tracking.keyframes import find_keyframes
+from pbd.tracking.keyframes import keyframes_of
 
 if TYPE_CHECKING:
     from pbd.arm.model import ArmModel
@@ -24,17 +27,42 @@ if TYPE_CHECKING:
 def plan(
     hand_path: HandPath, calibration: Calibration, robot: Robot, options: PlanOptions | None = None
 ) -> JointTrajectory:
-    """Plan the motion of a robot through the stops of a hand path, audited.
+    """Plan the motion of a robot through the keyframes of a hand path, audited; see `plan_path`."""
+    made = plan_path(hand_path, calibration, robot, options)
+    if made.touching is not None:
+        raise made.touching.error  # a trajectory can't say that it touches something
+    return made.trajectory
+
+
+def plan_path(hand_path: HandPath, calibration: Calibration, robot: Robot, options: PlanOptions | None = None) -> Plan:
+    """Plan as the commands do: edited keyframes with their dwells, the grasped object, known places in base.
+
+    A path that was tracked without a calibration is tracked again with this one where that tells tracking more: what
+    the sensor reads wrongly, or where known places and the table are. (So what a program changed in a path with
+    `dataclasses.replace` counts if its `tracking` is None.)
 
     Raises:
         TrackingError: fewer than two stops, or all at one place.
         CalibrationError: the calibration is for other robots.
         PlanError: a keyframe is out of reach, something is in the way, or the motion breaks a limit.
     """
-    made = plan_keyframes(find_keyframes(hand_path), calibration, robot, options, hand_path)
-    if made.touching is not None:
-        raise made.touching.error  # a trajectory can't say that it touches something
-    return made.trajectory
+    options = options or PlanOptions()
+    hand_path = _tracked_with(hand_path, calibration, robot)
+    demo = None if hand_path.tracking is None else hand_path.tracking.demo
+    if demo is not None and demo.keyframes is not None and options.dwell_s is None:
+        options = replace(options, dwell_s=math.inf)  # a person has said how long
+    grasped = None if demo is None else demo.grasped
+    return plan_keyframes(keyframes_of(hand_path), calibration, robot, options, hand_path, grasped)
+
+
+def _tracked_with(path: HandPath, calibration: Calibration, robot: Robot) -> HandPath:
+    """The path as tracked with this calibration and the robot's table, unless another was named when it was tracked."""
+    made, own = path.tracking, with_table(calibration, robot)
+    if made is None or made.calibration is own or made.calibration not in (None, calibration):
+        return path
+    corrects = made.calibration is None and own.sensor is not None
+    places = made.method != "paper" and bool(made.demo.places or made.demo.contacts)
+    return track(made.demo, made.method, calibration=own) if corrects or places else path
 
 
 def plan_keyframes(
@@ -45,7 +73,7 @@ def plan_keyframes(
     hand_path: HandPath | None = None,
     grasped: GraspedObject | None = None,
 ) -> Plan:
-    """Plan the motion of a robot through keyframes; raises as `plan` does.
+    """Plan the motion of a robot through keyframes, whatever they are of; raises as `plan_path` does.
 
     Args:
         keyframes: of a demonstration.

@@ -1,1 +1,1 @@
-"""From the tracker's stages to the values that plots show: the one place where tracking meets pbd.view's plots."""
+"""From a tracked path to the values that plots show: the one place where tracking meets pbd.view's plots."""

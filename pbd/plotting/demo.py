@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
 
-from pbd.data import Demonstration, HandPath, Keyframe, Recording, Truth
-from pbd.errors import PbdWarning
-from pbd.pipeline import find_motion
+from pbd.data import HandPath, Recording, Truth
 from pbd.plotting.findings import at_stop, find, length, stop_names
 from pbd.pose import Array, quat_about_z, quat_multiply, quat_rotate, quat_to_rpy, yaw_toward
-from pbd.tracking.conditioning import condition
+from pbd.tracking.keyframes import keyframes_of
 from pbd.tracking.magnetic import BLOCK_S, DIP, STRENGTH
-from pbd.tracking.paper import LAMBDA_V, paper_acceleration, paper_attitude, paper_stops, resulting_variance
-from pbd.tracking.rest import Rest, find_rest
-from pbd.tracking.restoring import restore, settle_velocities
-from pbd.tracking.saturation import find_clips
+from pbd.tracking.paper import LAMBDA_V, paper_stops, resulting_variance
 from pbd.view.plot_values import DemoPlot, FieldPlot, TruthPlot
 
 TRUTH_NEAR_S = 0.5
@@ -31,41 +25,38 @@ LATE = 1.5
 """An interval of so many median ones is a sample that is late, or lost."""
 
 
-def demo_plot(
-    demo: Demonstration, path: HandPath, keyframes: Sequence[Keyframe], method: str, remarks: Sequence[str] = ()
-) -> DemoPlot:
+def demo_plot(path: HandPath, remarks: Sequence[str] = ()) -> DemoPlot:
     """Collect what the plots of a demonstration show.
 
-    The stages that led to `path` are run again, for what it doesn't carry; their warnings were given when it was
-    tracked.
-
     Args:
-        demo: what was recorded, with its truth where that is known.
-        path: as tracked from it, with `method`.
-        keyframes: of the path.
-        method: one of pbd.pipeline.METHODS.
+        path: as tracked: what led to it, and the demonstration with its truth and edited keyframes, come with it.
         remarks: the warnings that were given on the way.
+
+    Raises:
+        ValueError: the path was not tracked.
     """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", PbdWarning)
-        recording, rest, a_nav = _stages(demo.recording, method)
+    tracking = path.tracking
+    if tracking is None:
+        raise ValueError("the path was not tracked, so there is no recording to plot; give what pbd.track returns")
+    demo, recording, a_nav = tracking.demo, tracking.recording, tracking.a_nav
+    keyframes = keyframes_of(path)
     truth = None if demo.truth is None else _truth(demo.truth, path)
-    field = None if recording.mag is None else _field(recording.mag, path, slice(rest.start, rest.stop))
+    field = None if recording.mag is None else _field(recording.mag, path, slice(*tracking.rest))
     sigma_p, sigma_turn = _sigma_along(path)
     names = stop_names(path, keyframes)
     return DemoPlot(
         name=demo.recording.info.name,
-        method=method,
+        method=tracking.method,
         sensor=recording.info.sensor,
         path=path,
-        keyframes=tuple(keyframes),
+        keyframes=keyframes,
         acc_sensor=recording.acc,
         a_nav=a_nav,
-        gravity=rest.gravity,
+        gravity=tracking.gravity,
         resulting=np.linalg.norm(a_nav, axis=1),  # (7)
         variance=resulting_variance(a_nav),
         threshold=LAMBDA_V,
-        paper_stops=paper_stops(recording.t, a_nav),
+        paper_stops=path.stops if tracking.method == "paper" else paper_stops(recording.t, a_nav),
         rpy_nav_sensor=np.unwrap(quat_to_rpy(path.wxyz_nav_sensor), axis=0),
         sigma_p=sigma_p,
         sigma_turn=sigma_turn,
@@ -76,18 +67,6 @@ def demo_plot(
         facts=tuple(_facts(demo.recording, path, names, truth, field)),
         findings=find(path, names, a_nav, truth, remarks),
     )
-
-
-def _stages(recording: Recording, method: str) -> tuple[Recording, Rest, Array]:
-    """What `pbd.track` made of the recording, its rest, and the motion acceleration (n, 3) that it integrated."""
-    recording, _ = condition(recording)
-    if method == "paper":
-        rest = find_rest(recording)
-        return recording, rest, paper_acceleration(recording, paper_attitude(recording), rest.gravity)
-    recording, clips = restore(recording, find_clips(recording))
-    rest, attitude, a_nav, stops = find_motion(recording, find_rest(recording))
-    a_nav, _ = settle_velocities(recording.t, a_nav, attitude.wxyz_nav_sensor, stops, clips)
-    return recording, rest, a_nav
 
 
 def _sigma_along(path: HandPath) -> tuple[Array, Array]:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-from pbd.errors import RecordingError
+from pbd.errors import RecordingError, in_words
 from pbd.files import keyframes
 from pbd.files.demo import may_be_written
+from pbd.files.whole import name_aside, remove_folder
 
 
 @dataclass(frozen=True)
@@ -34,13 +34,8 @@ class Before:
 
     def remove(self) -> str:
         """Remove it, as the new one has ended well; return what to tell."""
-        try:
-            if self.aside.is_symlink():
-                self.aside.unlink()  # what a link leads to is not ours to remove
-            else:
-                shutil.rmtree(self.aside)
-        except OSError as reason:
-            return f"what is left of the old one is in {self.aside}: it can't be removed ({reason.strerror})"
+        if left := remove_folder(self.aside):
+            return left
         return f"the old {self.folder} is replaced{', its edited keyframes.toml too' if self.edited else ''}"
 
     def keep(self) -> str:
@@ -56,16 +51,16 @@ class Before:
         try:
             self.aside.rename(self.folder)
         except OSError as reason:
-            return f"the old one is in {self.aside}: it can't be put back ({reason.strerror})"
+            return f"the old one is in {self.aside}: it can't be put back ({in_words(reason)})"
         return f"the old {self.folder} is back"
 
     def change_places(self) -> tuple[Path, str]:
         """Give it its name back, as the new one is of no use; return where that is kept, and what to tell."""
-        why, kept = "no rest was found in it", _free(self.folder, "new")
+        why, kept = "no rest was found in it", name_aside(self.folder, "new")
         try:
             self.folder.rename(kept)
         except OSError as reason:
-            return self.folder, f"{why}; the old one is in {self.aside}: it can't be put back ({reason.strerror})"
+            return self.folder, f"{why}; the old one is in {self.aside}: it can't be put back ({in_words(reason)})"
         return kept, f"{why}, so it is kept in {kept}; {self.put_back()}"
 
 
@@ -78,20 +73,11 @@ def set_aside(folder: Path) -> Before | None:
     if not os.path.lexists(folder):
         return None
     may_be_written(folder, force=True)
-    before = Before(folder, _free(folder, "before"), (folder / keyframes.NAME).is_file())
+    before = Before(folder, name_aside(folder, "before"), (folder / keyframes.NAME).is_file())
     try:
         folder.rename(before.aside)
     except OSError as reason:
         raise RecordingError(
-            f"{folder} can't be renamed to make room ({reason.strerror}); give another name", path=folder
+            f"{folder} can't be renamed to make room ({in_words(reason)}); give another name", path=folder
         ) from None
     return before
-
-
-def _free(folder: Path, word: str) -> Path:
-    """NAME.word, or the first of NAME.word-2, NAME.word-3 that is free: no earlier one is overwritten."""
-    free, n = folder.with_name(f"{folder.name}.{word}"), 1
-    while os.path.lexists(free):
-        n += 1
-        free = folder.with_name(f"{folder.name}.{word}-{n}")
-    return free

@@ -19,6 +19,12 @@ TURN_RAD, SHIFT_M = np.radians(10.0), 0.03
 """A move that turns by more and shifts by less is a hand rotation."""
 
 
+def keyframes_of(path: HandPath) -> tuple[Keyframe, ...]:
+    """The keyframes that count: as a person edited them, else as found."""
+    edited = None if path.tracking is None else path.tracking.demo.keyframes
+    return find_keyframes(path) if edited is None else edited
+
+
 def find_keyframes(path: HandPath) -> tuple[Keyframe, ...]:
     """One keyframe a stop, at its middle: the position held there and the mean attitude."""
     grips = _grip_at_stops(path.grip, path.t, path.stops)

@@ -6,19 +6,17 @@ DAE and binary STL are read here; everything else that assimp knows comes throug
 from __future__ import annotations
 
 import hashlib
-import os
-import tempfile
-import zipfile
 from pathlib import Path
 
 import numpy as np
-import platformdirs
 
+from pbd.cache import recall, remember
 from pbd.errors import RobotError
+from pbd.paths import is_file
 from pbd.view.collada import read_collada
 from pbd.view.meshes import Mesh, Soup, compact
 
-CACHE_VERSION = 2
+CACHE_VERSION = 3
 """Part of the cache's keys: raise it when the same file would give another mesh."""
 
 STL_HEADER = 84
@@ -31,7 +29,7 @@ def read_soup(path: Path) -> Soup:
     Raises:
         RobotError: the file is missing or is no mesh.
     """
-    if not path.is_file():
+    if not is_file(path):
         raise RobotError(f"mesh {path} is missing; put it there or correct package_dirs in robots/*.toml", path=path)
     if path.suffix.lower() == ".dae":
         return read_collada(path)
@@ -69,35 +67,13 @@ def load_mesh(path: Path, scale: tuple[float, float, float], default_rgb: tuple[
     Raises:
         RobotError: the file can't be read as a mesh.
     """
-    name = hashlib.sha256(repr((CACHE_VERSION, path.suffix, scale, default_rgb)).encode())
-    if path.is_file():
-        name.update(path.read_bytes())
-    cached = Path(platformdirs.user_cache_dir("pbd")) / "meshes" / f"{name.hexdigest()}.npz"
-    mesh = _recall(cached)
-    if mesh is None:
-        soup = read_soup(path)
-        corners = soup.corners * np.array(scale)
-        mesh = compact(Soup(corners[:, ::-1] if np.prod(scale) < 0.0 else corners, soup.rgb), default_rgb)
-        _remember(cached, mesh)
+    key = hashlib.sha256(repr((CACHE_VERSION, path.suffix, scale, default_rgb)).encode())
+    if is_file(path):
+        key.update(path.read_bytes())
+    if (kept := recall("meshes", key.hexdigest())) is not None:
+        return Mesh(kept["grid"], kept["centre"], float(kept["step"]), kept["faces"], kept["rgb"], bool(kept["closed"]))
+    soup = read_soup(path)
+    corners = soup.corners * np.array(scale)
+    mesh = compact(Soup(corners[:, ::-1] if np.prod(scale) < 0.0 else corners, soup.rgb), default_rgb)
+    remember("meshes", key.hexdigest(), vars(mesh))
     return mesh
-
-
-def _recall(cached: Path) -> Mesh | None:
-    try:
-        with cached.open("rb") as file, np.load(file, allow_pickle=False) as data:
-            return Mesh(
-                data["grid"], data["centre"], float(data["step"]), data["faces"], data["rgb"], bool(data["closed"])
-            )
-    except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile):
-        return None
-
-
-def _remember(cached: Path, mesh: Mesh) -> None:
-    """Write it, all or nothing; a cache that can't be written is no reason to stop."""
-    try:
-        cached.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=cached.parent, suffix=".tmp", delete=False) as file:
-            np.savez(file, **vars(mesh))
-        os.replace(file.name, cached)  # noqa: PTH105
-    except OSError:
-        return

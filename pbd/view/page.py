@@ -11,7 +11,6 @@ import gzip
 import hashlib
 import html
 import importlib.resources
-import os
 import re
 from functools import cache
 from pathlib import Path
@@ -19,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import umsgpack
 
+from pbd.paths import replacing
 from pbd.view.meshcat_api import ScenePath, Visualizer, meshcat_file
 
 if TYPE_CHECKING:  # the server of the live viewer makes a page too, and needs no robot library
@@ -48,12 +48,8 @@ def write_page(scene: ReplayScene, path: Path) -> None:
     window = _Collector()
     build(scene, Visualizer.view_into(window, ScenePath((SCENE_ROOT,))))
     text = page_html(scene.title, b"".join(window.commands))
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        unfinished.write_text(text, encoding="utf-8", newline="\n")
-        unfinished.replace(path)
-    finally:
-        unfinished.unlink(missing_ok=True)
+    with replacing(path) as file:
+        file.write_text(text, encoding="utf-8", newline="\n")
 
 
 def page_html(title: str, commands: bytes, connect: str = "'none'") -> str:

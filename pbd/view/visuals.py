@@ -14,6 +14,7 @@ import numpy as np
 
 from pbd.data import Robot
 from pbd.errors import RobotError
+from pbd.paths import is_file
 from pbd.pose import Pose
 from pbd.view import shapes
 from pbd.view.mesh_files import load_mesh
@@ -90,7 +91,7 @@ def find_file(address: str, urdf: Path, package_dirs: Sequence[Path]) -> Path:
     candidates += [folder.parent / inside for folder in package_dirs if folder.name == inside.parts[0]]
     if not candidates:
         raise ValueError(f"{address} needs package_dirs in robots/*.toml")
-    return next((path for path in candidates if path.is_file()), candidates[0])
+    return next((path for path in candidates if is_file(path)), candidates[0])
 
 
 def _name(element: ET.Element) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import pytest
@@ -10,6 +9,7 @@ import pytest
 from pbd.cli import main
 from pbd.cli.place import OF_A_DEMO, refuse_place
 from pbd.errors import PbdError
+from tests.unprivileged import as_a_user
 
 Capture = pytest.CaptureFixture[str]
 
@@ -82,13 +82,21 @@ def test_a_page_ends_in_html(capsys: Capture) -> None:
     assert capsys.readouterr().err == "pbd: --html needs a name that ends in .html, got 'page'\n"
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="nothing is read-only to root")
-def test_a_read_only_folder(capsys: Capture) -> None:
-    Path("robots").chmod(0o500)
+@pytest.mark.parametrize("mode", [0o500, 0o600])
+def test_a_folder_without_permission(capsys: Capture, mode: int) -> None:
+    Path("robots").chmod(mode)
     try:
-        assert "can't be written: robots is read-only" in refused(capsys, "robots/x.csv")
+        with as_a_user():
+            line = refused(capsys, "robots/x.csv")
     finally:
         Path("robots").chmod(0o700)
+    assert line == "pbd: robots/x.csv can't be written (Permission denied); give another place\n"
+
+
+def test_a_read_only_file(capsys: Capture) -> None:
+    Path("x.csv").touch(0o400)
+    with as_a_user():
+        assert "x.csv is read-only; change its permissions, or give another place" in refused(capsys, "x.csv")
 
 
 @pytest.mark.parametrize("place", ["new.csv", "demos/tea/tea.csv", "imu.csv"])

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pbd.data import Demonstration, HandPath, Stop
+from pbd.data import Demonstration, HandPath, Known, Stop
 from pbd.pipeline import track
 from pbd.plotting import findings
 from pbd.plotting.demo import demo_plot
@@ -20,7 +20,6 @@ from pbd.sensors.simulate import TASKS, simulate
 from pbd.sensors.simulated_hand import Waypoint, minimum_jerk
 from pbd.sensors.simulated_tasks import Task
 from pbd.tracking.integration import integrate_path
-from pbd.tracking.keyframes import find_keyframes
 from pbd.view.plot_values import DemoPlot, Finding
 from tests.scenarios import pour
 
@@ -28,8 +27,7 @@ HZ = 100.0
 
 
 def plot_of(demo: Demonstration) -> DemoPlot:
-    path = track(demo.recording)
-    return demo_plot(demo, path, find_keyframes(path), "default")
+    return demo_plot(track(demo, known=Known()))
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +75,9 @@ def test_stops_have_the_numbers_that_are_drawn(pouring: DemoPlot) -> None:
     short = with_dwells(path, k2=0.2, k9=0.1)
     told = find(short, stop_names(short, edited), pouring.a_nav, None, ())
     assert [finding.words.split(" lasts")[0] for finding in told] == ["keyframe 9", at[0]]
-    facts = dict(demo_plot(pour(), short, edited, "default").facts)
+    assert short.tracking is not None
+    left = replace(short.tracking, demo=replace(short.tracking.demo, keyframes=edited))
+    facts = dict(demo_plot(replace(short, tracking=left)).facts)
     assert facts["stops"] == "11, the shortest 0.10 s, keyframe 9"
 
 

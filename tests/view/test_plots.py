@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 import pbd.view
-from pbd.data import Demonstration, Truth
+from pbd.data import Calibration, Demonstration, Linear, SensorErrors, Truth
 from pbd.pipeline import track
 from pbd.plotting.demo import demo_plot
 from pbd.pose import Array, quat_about_z, quat_multiply, quat_rotate, quat_to_rpy
@@ -27,7 +27,6 @@ from pbd.sensors.simulate import random_task, simulate
 from pbd.sensors.simulated_hand import Waypoint
 from pbd.sensors.simulated_tasks import Task
 from pbd.tracking.integration import integrate_path
-from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.paper import LAMBDA_V, paper_path
 from pbd.view import plots
 from pbd.view.plot_style import _joined, write
@@ -40,8 +39,14 @@ HOSTILE = r"a $\frac{1}{ _^ b.csv 茶 " + "\n\x07" + "very long " * 20
 
 
 def plot_of(demo: Demonstration, method: str = "default") -> DemoPlot:
-    path = track(demo.recording, method, demo.known if method == "default" else None)
-    return demo_plot(demo, path, find_keyframes(path), method)
+    return demo_plot(track(demo, method))
+
+
+def with_truth(plot: DemoPlot, truth: Truth) -> DemoPlot:
+    """The same path, with another truth to compare it with."""
+    tracking = plot.path.tracking
+    assert tracking is not None
+    return demo_plot(replace(plot.path, tracking=replace(tracking, demo=replace(tracking.demo, truth=truth))))
 
 
 @pytest.fixture(scope="module")
@@ -54,6 +59,15 @@ def pouring() -> DemoPlot:
 def paper() -> DemoPlot:
     with pytest.warns(match="at the end of the range"):  # the hand rolls faster than this gyro can tell
         return plot_of(simulate("pick-and-place-stops", "os5000"), "paper")
+
+
+@pytest.fixture(scope="module")
+def calibrated() -> DemoPlot:
+    """A sensor that reads 4 % too little, with a calibration that knows it."""
+    demo = pour()
+    light = replace(demo, recording=replace(demo.recording, acc=0.96 * demo.recording.acc))
+    acc = Linear(np.zeros(3), np.eye(3) / 0.96, np.zeros(3))
+    return demo_plot(track(light, calibration=Calibration("bench", sensor=SensorErrors("unknown", acc=acc))))
 
 
 @pytest.fixture(scope="module")
@@ -90,7 +104,13 @@ def axes_of(figure: Figure) -> list[Axes]:
 # --- the values ---
 
 
-@pytest.mark.parametrize("name", ["pouring", "paper"])
+def test_what_is_drawn_is_calibrated(pouring: DemoPlot, calibrated: DemoPlot) -> None:
+    assert calibrated.gravity == pytest.approx(pouring.gravity)
+    assert calibrated.acc_sensor == pytest.approx(pouring.acc_sensor)
+    assert calibrated.a_nav == pytest.approx(pouring.a_nav, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", ["pouring", "paper", "calibrated"])
 def test_the_acceleration_is_the_one_that_was_integrated(name: str, request: pytest.FixtureRequest) -> None:
     plot: DemoPlot = request.getfixturevalue(name)
     path = plot.path
@@ -146,7 +166,7 @@ def test_the_truth_is_laid_on_the_first_stop_wherever_it_was_measured(pouring: D
         quat_rotate(turn, demo.truth.p_nav_sensor) + shift,
         quat_multiply(turn, demo.truth.wxyz_nav_sensor),
     )
-    moved = demo_plot(replace(demo, truth=elsewhere), pouring.path, pouring.keyframes, "default").truth
+    moved = with_truth(pouring, elsewhere).truth
     assert moved is not None
     for field in ("p_nav_sensor", "v_nav_sensor", "rpy_nav_sensor", "error"):
         assert getattr(moved, field) == pytest.approx(getattr(pouring.truth, field), abs=1e-9)
@@ -160,10 +180,7 @@ def test_a_truth_with_holes_leaves_holes(pouring: DemoPlot) -> None:
     hole = (demo.truth.t > 6.0) & (demo.truth.t < 7.0)
     p, wxyz = demo.truth.p_nav_sensor.copy(), demo.truth.wxyz_nav_sensor.copy()
     p[hole], wxyz[hole] = np.nan, np.nan
-    truth = demo_plot(
-        replace(demo, truth=replace(demo.truth, p_nav_sensor=p, wxyz_nav_sensor=wxyz)),
-        pouring.path, pouring.keyframes, "default",
-    ).truth  # fmt: skip
+    truth = with_truth(pouring, replace(demo.truth, p_nav_sensor=p, wxyz_nav_sensor=wxyz)).truth
     assert truth is not None
     assert pouring.truth is not None
     assert np.isnan(truth.error[hole]).all()
@@ -177,7 +194,7 @@ def test_a_truth_that_does_not_know_the_first_stop_is_left_out(pouring: DemoPlot
     assert demo.truth is not None
     late = demo.truth.t > 5.0
     truth = Truth(demo.truth.t[late], demo.truth.p_nav_sensor[late], demo.truth.wxyz_nav_sensor[late])
-    assert demo_plot(replace(demo, truth=truth), pouring.path, pouring.keyframes, "default").truth is None
+    assert with_truth(pouring, truth).truth is None
 
 
 def test_a_magnet_near_the_hand_shows_in_the_field() -> None:
@@ -203,7 +220,7 @@ def test_the_true_velocity_is_no_noise_of_the_optics(pouring: DemoPlot, rate_hz:
     for noise, bound in ((0.0, 1e-9), (0.0005, 0.03)):
         p = straight + noise * rng.normal(size=straight.shape)
         truth = Truth(t, p, np.tile((1.0, 0.0, 0.0, 0.0), (len(t), 1)))
-        plot = demo_plot(replace(pour(), truth=truth), pouring.path, pouring.keyframes, "default")
+        plot = with_truth(pouring, truth)
         assert plot.truth is not None
         speed = np.linalg.norm(plot.truth.v_nav_sensor, axis=1)
         assert np.sqrt(np.mean((speed - np.linalg.norm((0.3, -0.2, 0.1))) ** 2)) < bound

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import io
-import tempfile
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -18,6 +17,8 @@ from typing import Any
 import numpy as np
 import platformdirs
 from numpy.typing import NDArray
+
+from pbd.paths import replacing
 
 _DIGEST = hashlib.sha256().digest_size
 
@@ -39,18 +40,8 @@ def remember(kind: str, key: str, arrays: Mapping[str, Any]) -> None:
     """Keep arrays under a kind and a key."""
     content = io.BytesIO()
     np.savez(content, **arrays)
-    place = _place(kind, key)
-    unfinished: str | None = None
-    try:
-        place.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=place.parent, suffix=".tmp", delete=False) as file:
-            unfinished = file.name
-            file.write(hashlib.sha256(content.getvalue()).digest() + content.getvalue())
-        Path(unfinished).replace(place)
-    except OSError:
-        if unfinished is not None:
-            with suppress(OSError):
-                Path(unfinished).unlink()
+    with suppress(OSError), replacing(_place(kind, key), parents=True) as file:
+        file.write_bytes(hashlib.sha256(content.getvalue()).digest() + content.getvalue())
 
 
 def _place(kind: str, key: str) -> Path:

@@ -1,0 +1,112 @@
+"""The two verbs do what the commands do: `pbd.track` and `pbd.plan` give the bytes of `pbd export`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pbd
+from pbd.cli import main
+from pbd.data import Calibration, Contact, Demonstration, GraspedObject, HandPath, Place, Robot
+from pbd.errors import RecordingError
+from pbd.files.demo import write_demo
+from pbd.files.exporters import export
+from pbd.pose import Pose
+from pbd.sensors.simulate import simulate
+from pbd.tracking.keyframes import keyframes_of
+
+AT_S = (5.7, 18.1)
+"""When the simulated pouring hand is at the bottle's place."""
+
+BENCH = """format = 1
+name = "bench"
+{table}
+[dock]
+position = [0.45, -0.15, 0.25]
+rpy_deg = [0, 0, 0]
+[sensor]
+name = "simulated modern"
+[sensor.acc]
+bias = [0.01, -0.01, 0.02]
+"""
+"""What the sensor reads wrongly, with a table or without."""
+
+
+@pytest.fixture(autouse=True)
+def tea(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Demonstration:
+    """A pouring hand in ./demos/tea, that grips a bottle; ./calibration/bench.toml."""
+    monkeypatch.chdir(tmp_path)
+    Path("calibration").mkdir()
+    Path("calibration/bench.toml").write_text(BENCH.format(table=""), encoding="utf-8")
+    return replace(simulate("pour", "modern", 0), grasped=GraspedObject("cylinder", (0.06, 0.2)), closed=True)
+
+
+@pytest.fixture(scope="module")
+def panda() -> Robot:
+    return pbd.load_robot("panda")
+
+
+def exported(*options: str) -> bytes:
+    """What `pbd export tea` writes."""
+    assert main(["export", "tea", "--robot", "panda", "-o", "command.csv", *options]) == 0
+    return Path("command.csv").read_bytes()
+
+
+def planned(path: HandPath, calibration: Calibration | None, robot: Robot) -> bytes:
+    """What a program writes."""
+    assert calibration is not None
+    export(pbd.plan(path, calibration, robot), "csv", Path("program.csv"), rate_hz=1000.0)
+    return Path("program.csv").read_bytes()
+
+
+def edit() -> None:
+    """Stay longer at one keyframe, go elsewhere at another."""
+    assert main(["keyframes", "tea", "--save"]) == 0
+    file = Path("demos/tea/keyframes.toml")
+    head, *tables = file.read_text(encoding="utf-8").split("\n[[keyframe]]")
+    tables[4] = tables[4].replace("dwell_s = ", "dwell_s = 1")
+    tables[5] = tables[5].replace("position_m = [0.", "position_m = [0.02")
+    file.write_text("\n[[keyframe]]".join([head, *tables]), encoding="utf-8")
+
+
+def test_an_edited_demonstration_with_an_object(tea: Demonstration, panda: Robot) -> None:
+    write_demo(tea, Path("demos/tea"))
+    unedited = exported()
+    edit()
+    edited = exported()
+    assert edited != unedited
+    assert planned(pbd.track(pbd.load_demo("tea")), panda.dock, panda) == edited
+    assert planned(pbd.track(pbd.load_demo("tea").recording), panda.dock, panda) not in (edited, unedited)
+
+
+@pytest.mark.filterwarnings("ignore::pbd.errors.PbdWarning")  # of what is left out while no calibration is named
+@pytest.mark.parametrize("table", ["table_height = 0.0", ""])
+def test_known_places_and_a_calibrated_sensor(tea: Demonstration, panda: Robot, table: str) -> None:
+    """The calibration that `plan` is given counts for tracking too, and the robot's table where it names none."""
+    Path("calibration/bench.toml").write_text(BENCH.format(table=table), encoding="utf-8")
+    known = replace(tea, places=(Place(AT_S, (0.57, -0.1, 0.16)),), contacts=(Contact(AT_S[0], sigma_m=0.1),))
+    write_demo(known, Path("demos/tea"))
+    bench, demo = pbd.load_calibration("bench"), pbd.load_demo("tea")
+    command = exported("--calibration", "bench")
+    assert planned(pbd.track(demo), bench, panda) == command
+    assert planned(pbd.track(demo, calibration=bench), bench, panda) == command
+    assert planned(pbd.track(tea), bench, panda) != command
+
+
+def test_a_path_keeps_the_calibration_that_it_was_tracked_with(tea: Demonstration, panda: Robot) -> None:
+    """So does one that a program made or changed: it isn't tracked again behind its back."""
+    bench = pbd.load_calibration("bench")
+    path = pbd.track(tea, calibration=bench)
+    assert planned(path, replace(bench, sensor=None), panda) == planned(path, bench, panda)
+    own = replace(pbd.track(tea), tracking=None)
+    assert planned(own, bench, panda) == planned(own, replace(bench, sensor=None), panda)
+
+
+def test_edited_keyframes_that_start_elsewhere_are_refused(tea: Demonstration) -> None:
+    found = keyframes_of(pbd.track(tea))
+    turned = replace(found[0], T_nav_sensor=Pose.from_rpy(np.zeros(3), np.radians((0.0, 0.0, 35.0))))
+    with pytest.raises(RecordingError, match=r"turned by 5\.0 degrees from the dock"):
+        pbd.track(replace(tea, keyframes=(turned, *found[1:])))

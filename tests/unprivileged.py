@@ -1,0 +1,43 @@
+"""Root without the right to pass over permissions: what is read-only to a user is read-only here."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+LINUX_CAPABILITY_VERSION_3 = 0x20080522
+DAC_OVERRIDE, DAC_READ_SEARCH = 1 << 1, 1 << 2
+"""capabilities(7): to pass over permissions."""
+
+
+class _Header(ctypes.Structure):
+    _fields_ = (("version", ctypes.c_uint32), ("pid", ctypes.c_int))
+
+
+class _Data(ctypes.Structure):
+    _fields_ = (("effective", ctypes.c_uint32), ("permitted", ctypes.c_uint32), ("inheritable", ctypes.c_uint32))
+
+
+@contextmanager
+def as_a_user() -> Iterator[None]:
+    """Permissions count, in this thread, for root as for everybody else."""
+    if os.geteuid() != 0:
+        yield
+        return
+    if sys.platform != "linux":
+        pytest.skip("nothing is read-only to root")
+    libc, header, data = ctypes.CDLL(None), _Header(LINUX_CAPABILITY_VERSION_3, 0), (_Data * 2)()
+    assert libc.capget(ctypes.byref(header), data) == 0
+    before = data[0].effective
+    data[0].effective &= ~(DAC_OVERRIDE | DAC_READ_SEARCH)
+    assert libc.capset(ctypes.byref(header), data) == 0
+    try:
+        yield
+    finally:
+        data[0].effective = before
+        assert libc.capset(ctypes.byref(header), data) == 0
