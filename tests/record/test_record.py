@@ -260,7 +260,7 @@ def test_a_person_is_heard_while_an_unplugged_sensor_is_waited_for(
         threading.Timer(1.0, sensor.unplug).start()
 
         def poll() -> Command | None:
-            return command if "the sensor was unplugged; waiting for it" in person.said else None
+            return command if "sensor unplugged; waiting for it" in person.said else None
 
         outcome = record(
             lambda: open_port(sensor.device, 115200),
