@@ -16,6 +16,10 @@ from pbd.arm.pieces import WITHIN, Pieces
 from pbd.data import JointLimits
 from pbd.pose import Array
 
+LEAST_S = 1e-3
+"""Shortest move, s: one period of a fast controller. A move of 1e-9 rad would end in microseconds, in which no
+controller can interpolate: the positions' last digits would become jerk."""
+
 
 def straight_move(q_start: Array, q_end: Array, limits: JointLimits, factor: float) -> Pieces:
     """Time a move from q (k,) to q (k,).
@@ -35,7 +39,7 @@ def straight_move(q_start: Array, q_end: Array, limits: JointLimits, factor: flo
     # Seven phases; the states are one more, the last being the end.
     s, v, a, j = (np.array(values)[: len(durations), None] for values in (profile.p, profile.v, profile.a, profile.j))
     coefficients = np.stack((q_start + s * way, v * way, a / 2.0 * way, j / 6.0 * way), axis=1)
-    return Pieces.of(durations, coefficients)
+    return Pieces.of(durations, coefficients).lasting(LEAST_S)
 
 
 def _profile(length: float, share: Array, limits: JointLimits, factor: float) -> Any:

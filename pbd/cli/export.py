@@ -28,7 +28,8 @@ from pbd.cli.ways import tell_ways, ways_json
 from pbd.files.exporters import FORMATS, HIGHEST_HZ, LOWEST_HZ, SUFFIXES
 
 if TYPE_CHECKING:
-    from pbd.data import JointTrajectory, Samples
+    from pbd.data import JointTrajectory, Robot
+    from pbd.files.exporters import Export
 
 STDOUT = Path("-")
 
@@ -40,7 +41,7 @@ def add(commands: Commands) -> None:
         "export",
         "write the joint trajectory for other tools",
         "Plan and audit as `pbd replay` does, and write the joint trajectory.",
-        "  pbd export pouring --robot panda -o pouring.json --rate 100\n"
+        "  pbd export pouring --robot panda -o pouring.json\n"
         "  pbd export pouring --robot panda --format csv -o - | head -3",
     )
     add_demo(parser)
@@ -52,7 +53,10 @@ def add(commands: Commands) -> None:
         "-o", "--output", required=True, type=Path, metavar="FILE", help="the file to write; - is standard output"
     )
     parser.add_argument(
-        "--rate", type=_rate, default=1000.0, metavar="HZ", help="samples a second, from 10 to 100000 (1000)"
+        "--rate",
+        type=_rate,
+        metavar="HZ",
+        help="samples a second, from 10 to 100000 (1000; ros2-json: none but the motion's own knots)",
     )
     add_tracking(parser)
     add_planning(parser)
@@ -75,9 +79,10 @@ def run(args: argparse.Namespace) -> int:
     if plan.touching is not None:
         raise plan.touching.error
     tell_ways(plan)
-    samples = _write(args, plan.trajectory, format_name)
+    done = _write(args, plan.trajectory, robot, format_name)
     name = "to standard output" if args.output == STDOUT else args.output
-    say(f"wrote {name}: {len(samples.t)} samples, {plan.trajectory.duration:.1f} s, {len(robot.joints)} joints")
+    count, what = len(done.samples.t), "points" if done.receiver else "samples"
+    say(f"wrote {name}: {count} {what}, {plan.trajectory.duration:.1f} s, {len(robot.joints)} joints")
     if args.json:
         print_json(
             {
@@ -85,8 +90,11 @@ def run(args: argparse.Namespace) -> int:
                 "robot": robot.name,
                 "format": format_name,
                 "output": str(args.output),
-                "samples": len(samples.t),
+                "samples": count,
                 "duration_s": plan.trajectory.duration,
+                "receiver": {
+                    rule: {share.limit: share.value for share in shares} for rule, shares in done.receiver.items()
+                },
                 "moves": ways_json(plan),
                 "warnings": args.warnings,
             }
@@ -110,16 +118,16 @@ def _format(args: argparse.Namespace) -> str:
     return name
 
 
-def _write(args: argparse.Namespace, trajectory: JointTrajectory, format_name: str) -> Samples:
+def _write(args: argparse.Namespace, trajectory: JointTrajectory, robot: Robot, format_name: str) -> Export:
     """Write the file, or to standard output what the file would hold."""
     from pbd.files.exporters import export
 
     with TemporaryDirectory() as folder:
         file = Path(folder) / "motion" if args.output == STDOUT else args.output
         with working("writing the motion"):
-            samples = export(trajectory, format_name, file, args.rate)
+            done = export(trajectory, robot, format_name, file, args.rate)
         if args.output != STDOUT:
-            return samples
+            return done
         with file.open("rb") as written:
             shutil.copyfileobj(written, sys.stdout.buffer)
-    return samples
+    return done

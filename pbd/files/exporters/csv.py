@@ -6,15 +6,25 @@ from pathlib import Path
 
 import numpy as np
 
-from pbd.data import Samples
+from pbd.data import JointTrajectory, Robot, Samples
+from pbd.data.receiver import Rule
 from pbd.files.table import write_table
 
+FILLED_BY: tuple[Rule, ...] = ()
+"""Whoever reads it takes each row at its time."""
 
-def write(joint_names: tuple[str, ...], samples: Samples, path: Path) -> None:
+
+def samples(trajectory: JointTrajectory, rate_hz: float | None) -> Samples:
+    """Evaluate at a constant rate, 1 kHz unless said else."""
+    return trajectory.sample(rate_hz or 1000.0)
+
+
+def write(trajectory: JointTrajectory, robot: Robot, points: Samples, path: Path) -> None:
     """Write columns t (s), q_NAME (rad), dq_NAME (rad/s), ddq_NAME (rad/s2), gripper (1 open, 0 closed)."""
-    header = ("t", *(f"{kind}_{name}" for kind in ("q", "dq", "ddq") for name in joint_names), "gripper")
-    values = np.column_stack((samples.t, samples.q, samples.qd, samples.qdd, samples.gripper))
-    k = len(joint_names)
+    names = trajectory.joint_names
+    header = ("t", *(f"{kind}_{name}" for kind in ("q", "dq", "ddq") for name in names), "gripper")
+    values = np.column_stack((points.t, points.q, points.qd, points.qdd, points.gripper))
+    k = len(names)
     decimals = (6, *(9,) * k, *(8,) * k, *(6,) * k, 6)
     least = 0.5 * 10.0 ** -np.array(decimals)
     write_table(path, header, np.where(np.abs(values) <= least, 0.0, values), decimals)  # no -0.000000

@@ -6,18 +6,27 @@ from pathlib import Path
 
 import numpy as np
 
-from pbd.data import Samples
+from pbd.data import JointTrajectory, Robot, Samples
+from pbd.data.receiver import Rule
+
+FILLED_BY: tuple[Rule, ...] = ()
+"""A client sends each row at its time and fills no gaps."""
 
 
-def write(joint_names: tuple[str, ...], samples: Samples, path: Path) -> None:
+def samples(trajectory: JointTrajectory, rate_hz: float | None) -> Samples:
+    """Evaluate at a constant rate, 1 kHz unless said else."""
+    return trajectory.sample(rate_hz or 1000.0)
+
+
+def write(trajectory: JointTrajectory, robot: Robot, points: Samples, path: Path) -> None:
     """Write arrays joints (k,) names, t (n,) s, q, dq, ddq (n, k) rad, rad/s, rad/s2, gripper (n,) 1 open, 0 closed."""
     with path.open("wb") as file:
         np.savez(
             file,
-            joints=np.array(joint_names),
-            t=samples.t,
-            q=samples.q,
-            dq=samples.qd,
-            ddq=samples.qdd,
-            gripper=samples.gripper,
+            joints=np.array(trajectory.joint_names),
+            t=points.t,
+            q=points.q,
+            dq=points.qd,
+            ddq=points.qdd,
+            gripper=points.gripper,
         )

@@ -1,4 +1,8 @@
-"""ROS 2 trajectory_msgs/msg/JointTrajectory, as joint_trajectory_controller takes it."""
+"""ROS 2 goals as JSON: trajectory_msgs/msg/JointTrajectory of the arm, and of the gripper's fingers beside it.
+
+The points are where the trajectory's cubic pieces join, so that joint_trajectory_controller gets the motion back
+exactly, whether it fills the gaps by cubics or by quintics. Samples at a rate only add points to these.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +11,85 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pbd.data import Samples
+import numpy as np
+
+from pbd.data import Gripper, JointTrajectory, Robot, Samples
+from pbd.data.receiver import Rule
+from pbd.pose import Array
+
+FILLED_BY: tuple[Rule, ...] = ("quintic", "cubic")
+"""By quintics, as the points carry accelerations; by cubics in a client that leaves these out."""
+
+LEAST_GAP_S = 2e-5
+"""Knots closer in time than this are left out, s. The controller divides by the cube of the gap: the positions' last
+digits would become jerk (3 rad/s3 at this gap), and whole nanoseconds 0.05 % of the arm's own."""
+
+_OFF_KNOTS = 0.25
+"""Samples closer to a knot than this share of their spacing add nothing, and are left out."""
 
 
-def joint_trajectory_message(joint_names: tuple[str, ...], samples: Samples) -> dict[str, Any]:
-    """Make the message: stamp 0 ("now"), no effort, the final velocity exactly zero (the controller refuses others)."""
-    rows = zip(samples.t.tolist(), *((x + 0.0).tolist() for x in (samples.q, samples.qd, samples.qdd)), strict=True)
+def samples(trajectory: JointTrajectory, rate_hz: float | None) -> Samples:
+    """Evaluate at the trajectory's knots, and at a rate in between, at whole nanoseconds as the message has them."""
+    t = _apart(trajectory.knots)
+    if rate_hz is not None:
+        grid = np.arange(1, int(trajectory.duration * rate_hz) + 1) / rate_hz
+        after = np.searchsorted(t, grid).clip(1, len(t) - 1)
+        off = np.minimum(np.abs(grid - t[after - 1]), np.abs(t[after] - grid))
+        t = np.sort(np.append(t, grid[off >= max(_OFF_KNOTS / rate_hz, LEAST_GAP_S)]))
+    exact, rounded = trajectory.at(t), np.round(1e9 * t) / 1e9
+    # At rest exactly: the controller refuses a final velocity, and none may add up while the arm stands.
+    rest = ~(exact.qd.any(axis=1) | exact.qdd.any(axis=1))
+    points = trajectory.at(np.where(rest, t, rounded))
+    return Samples(rounded, points.q, points.qd, points.qdd, points.gripper)
+
+
+def write(trajectory: JointTrajectory, robot: Robot, points: Samples, path: Path) -> None:
+    """Write the goals, one point a line."""
+    arm = _message(trajectory.joint_names, points.t, (points.q, points.qd, points.qdd))
+    fingers = None
+    if robot.gripper is not None and robot.gripper.joints:
+        fingers = finger_message(trajectory, robot.gripper)
+    parts = [
+        *_body(arm),
+        f'"gripper": {"null" if fingers is None else "{" + ", ".join(_body(fingers)) + "}"}',
+        f'"gripper_commands": {json.dumps(gripper_commands(trajectory))}',
+    ]
+    path.write_text(f"{{{', '.join(parts)}}}\n", encoding="utf-8")
+
+
+def finger_message(trajectory: JointTrajectory, gripper: Gripper) -> dict[str, Any]:
+    """Make the goal of the finger joints: positions alone, between which the controller goes evenly, as planned."""
+    t = np.concatenate(([0.0], trajectory.gripper_t, [trajectory.duration]))
+    _, first = np.unique(np.round(1e9 * t), return_index=True)
+    opening = np.interp(t[first], trajectory.gripper_t, trajectory.gripper_opening)
+    return _message(gripper.joints, t[first], (gripper.closed + opening[:, None] * (gripper.open - gripper.closed),))
+
+
+def gripper_commands(trajectory: JointTrajectory) -> list[dict[str, Any]]:
+    """Say when the gripper sets out for which opening (1 open, 0 closed)."""
+    t, opening = trajectory.gripper_t.tolist(), trajectory.gripper_opening.tolist()
+    return [
+        {"time_from_start": _duration(since), "opening": wanted}
+        for since, before, wanted in zip(t, opening, opening[1:], strict=False)
+        if wanted != before
+    ]
+
+
+def _apart(t: Array) -> Array:
+    """Leave out instants too close to the one before; the first and the last stay."""
+    kept = [float(t[0])]
+    for instant in t[1:].tolist():
+        if instant - kept[-1] >= LEAST_GAP_S:
+            kept.append(instant)
+    if kept[-1] != t[-1]:
+        kept = [*kept[: max(1, len(kept) - 1)], float(t[-1])]
+    return np.array(kept)
+
+
+def _message(joint_names: tuple[str, ...], t: Array, derivatives: tuple[Array, ...]) -> dict[str, Any]:
+    """Make a JointTrajectory: stamp 0 ("now"), positions (n, k) and what else there is, no effort."""
+    columns = [(x + 0.0).tolist() for x in derivatives]  # no -0.0
+    columns += [[[]] * len(t)] * (3 - len(columns))
     return {
         "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""},
         "joint_names": list(joint_names),
@@ -22,18 +99,17 @@ def joint_trajectory_message(joint_names: tuple[str, ...], samples: Samples) -> 
                 "velocities": qd,
                 "accelerations": qdd,
                 "effort": [],
-                "time_from_start": _duration(t),
+                "time_from_start": _duration(since),
             }
-            for t, q, qd, qdd in rows
+            for since, q, qd, qdd in zip(t.tolist(), *columns, strict=True)
         ],
     }
 
 
-def write(joint_names: tuple[str, ...], samples: Samples, path: Path) -> None:
-    """Write the message as JSON, one point a line."""
-    message = joint_trajectory_message(joint_names, samples)
-    points = ",\n".join(json.dumps(point) for point in message.pop("points"))
-    path.write_text(f'{json.dumps(message)[:-1]}, "points": [\n{points}\n]}}\n', encoding="utf-8")
+def _body(message: dict[str, Any]) -> list[str]:
+    """Return the message's keys with their values as JSON, one point a line."""
+    points = ",\n".join(json.dumps(point) for point in message["points"])
+    return [*(f'"{key}": {json.dumps(message[key])}' for key in ("header", "joint_names")), f'"points": [\n{points}\n]']
 
 
 def _duration(t: float) -> Mapping[str, int]:

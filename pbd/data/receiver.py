@@ -1,0 +1,105 @@
+"""What a receiver makes of a trajectory's points: how it fills the gaps between them, and what that does to the limits.
+
+The rules are those of ROS 2's joint_trajectory_controller, which others share: cubics where points carry velocities,
+quintics where they carry accelerations too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from pbd.data.arm import JointLimits, Samples
+from pbd.pose import Array
+
+Rule = Literal["cubic", "quintic"]
+
+LIMITS = "velocity", "acceleration", "jerk"
+
+_STEPS = 16
+"""Places in each gap at which a limit is looked at, besides its end; a parabola through the highest finds the peak."""
+
+_ROUNDING = 2.0, 8.0, 64.0
+"""How far off a quintic's velocity, acceleration and jerk may be, in a position's rounding over a power of the gap: its
+largest coefficients (1.9, 5.8 and 60), rounded up."""
+
+
+@dataclass(frozen=True)
+class Share:
+    """The largest share of a limit that a joint reaches (1: the limit itself), and after which point (its index)."""
+
+    limit: str
+    joint: int
+    point: int
+    value: float
+
+
+def fill(points: Samples, rule: Rule) -> Array:
+    """Return what a receiver lays between points: polynomials (n - 1, 6, k) in the seconds since the point before."""
+    h = np.diff(points.t)[:, None]
+    v0, v1 = h * points.qd[:-1], h * points.qd[1:]
+    way = np.diff(points.q, axis=0)
+    nothing = np.zeros_like(way)
+    if rule == "cubic":
+        terms = [points.q[:-1], v0, 3.0 * way - 2.0 * v0 - v1, v0 + v1 - 2.0 * way, nothing, nothing]
+    else:
+        a0, a1 = h**2 * points.qdd[:-1], h**2 * points.qdd[1:]
+        terms = [
+            points.q[:-1],
+            v0,
+            0.5 * a0,
+            10.0 * way - 6.0 * v0 - 4.0 * v1 - 1.5 * a0 + 0.5 * a1,
+            -15.0 * way + 8.0 * v0 + 7.0 * v1 + 1.5 * a0 - a1,
+            6.0 * way - 3.0 * (v0 + v1) + 0.5 * (a1 - a0),
+        ]
+    return np.stack([term / h**power for power, term in enumerate(terms)], axis=1)
+
+
+def shares(points: Samples, rule: Rule, limits: JointLimits) -> tuple[Share, Share, Share]:
+    """Say how much of the velocity, acceleration and jerk limits is used between points that are filled so.
+
+    What the positions' last digits may add, divided by powers of a short gap, is not counted.
+    """
+    coefficients, h = fill(points, rule), np.diff(points.t)[:, None]
+    rounding = np.finfo(np.float64).eps * np.abs(points.q).max(axis=0)
+    bounds = limits.velocity, limits.acceleration, limits.jerk
+    found = []
+    for order, (name, bound) in enumerate(zip(LIMITS, bounds, strict=True), start=1):
+        worst = (_peaks(_derivative(coefficients, order), h) - _ROUNDING[order - 1] * rounding / h**order) / bound
+        point, joint = np.unravel_index(int(np.argmax(worst)), worst.shape)
+        found.append(Share(name, int(joint), int(point), float(worst[point, joint])))
+    return found[0], found[1], found[2]
+
+
+def _peaks(coefficients: Array, h: Array) -> Array:
+    """Return the largest absolute value (n, k) of each polynomial (n, terms, k) over its gap (n, 1)."""
+    values = [_value(coefficients, step / _STEPS * h) for step in (0, 1)]
+    worst: Array = np.maximum(np.abs(values[0]), np.abs(values[1]))
+    for step in range(2, _STEPS + 1):
+        values.append(_value(coefficients, step / _STEPS * h))
+        worst = np.maximum(worst, np.maximum(np.abs(values[2]), np.abs(_vertex(*values))))
+        values.pop(0)
+    return worst
+
+
+def _derivative(coefficients: Array, order: int) -> Array:
+    for _ in range(order):
+        coefficients = coefficients[:, 1:] * np.arange(1.0, coefficients.shape[1])[:, None]
+    return coefficients
+
+
+def _value(coefficients: Array, s: Array) -> Array:
+    value: Array = np.zeros_like(coefficients[:, 0])
+    for term in np.moveaxis(coefficients[:, ::-1], 1, 0):
+        value = value * s + term
+    return value
+
+
+def _vertex(before: Array, here: Array, after: Array) -> Array:
+    """Return the extremum of the parabola through three neighbours, where it lies between them."""
+    slope, bend = 0.5 * (after - before), before - 2.0 * here + after
+    inside = np.abs(slope) < np.abs(bend)
+    vertex: Array = np.where(inside, here - 0.5 * slope**2 / np.where(inside, bend, 1.0), here)
+    return vertex

@@ -1,0 +1,151 @@
+"""What ROS 2 gets, as its controller would follow it."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from pbd.arm.timing import time_keyframes
+from pbd.data import JointTrajectory, Robot
+from pbd.data.receiver import shares
+from pbd.errors import PbdWarning, PlanError
+from pbd.files.demo import load_demo
+from pbd.files.exporters import export
+from pbd.planning import PlanOptions, plan_keyframes
+from tests.arm.bundled import DEMOS, arm_of, keyframes_of, path_of
+from tests.files.controller import Controller, refuse, seconds
+
+ARMS = ("panda", "ur5", "so101", "xarm7")
+IMPOSSIBLE = (("so101", "pouring", "line"), ("so101", "pouring", "demo"))  # five joints can't follow the turn
+MOTIONS = [
+    motion for arm in ARMS for demo in DEMOS for path in ("keyframes", "line", "demo")
+    if (motion := (arm, demo, path)) not in IMPOSSIBLE
+]  # fmt: skip
+WITHIN = 1.0005
+
+
+def planned(arm: str, demo: str, path: Any) -> tuple[Robot, JointTrajectory]:
+    robot = arm_of(arm).robot
+    assert robot.dock is not None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        plan = plan_keyframes(
+            keyframes_of(demo), robot.dock, robot, PlanOptions(path=path), path_of(demo), load_demo(demo).grasped
+        )
+    return robot, plan.trajectory
+
+
+def goals(robot: Robot, trajectory: JointTrajectory, path: Path, rate_hz: float | None = None) -> dict[str, Any]:
+    export(trajectory, robot, "ros2-json", path, rate_hz)
+    read = json.loads(path.read_text())
+    assert isinstance(read, dict)
+    return read
+
+
+@pytest.mark.parametrize(("arm", "demo", "path"), MOTIONS)
+def test_the_controller_moves_the_arm_as_planned_within_every_limit(
+    tmp_path: Path, arm: str, demo: str, path: str
+) -> None:
+    robot, trajectory = planned(arm, demo, path)
+    goal, limits = goals(robot, trajectory, tmp_path / "goal.json"), robot.limits
+    refuse(goal, robot.joints)
+    assert len(goal["points"]) == len(trajectory.knots)
+    for accelerations in (True, False):
+        controller = Controller(goal, accelerations=accelerations)
+        for order, bound in enumerate((limits.velocity, limits.acceleration, limits.jerk), start=1):
+            assert (controller.peaks(order) <= WITHIN * bound).all()
+        assert_allclose(controller.at(trajectory.t), trajectory.q, atol=1e-8)
+        assert_allclose(controller.at(trajectory.keyframe_t), trajectory.keyframe_q, atol=1e-8)
+
+
+@pytest.mark.parametrize("rate_hz", [20.0, 100.0, 1000.0])
+def test_samples_at_a_rate_add_points_and_change_no_motion(tmp_path: Path, rate_hz: float) -> None:
+    robot, trajectory = planned("panda", "pouring", "keyframes")
+    goal = goals(robot, trajectory, tmp_path / "goal.json", rate_hz)
+    refuse(goal, robot.joints)
+    t = np.array([seconds(point["time_from_start"]) for point in goal["points"]])
+    assert np.diff(t).max() <= 1.26 / rate_hz  # a sample beside a knot is left out
+    for accelerations in (True, False):
+        controller = Controller(goal, accelerations=accelerations)
+        assert (controller.peaks(2) <= WITHIN * robot.limits.acceleration).all()
+        assert (controller.peaks(3) <= WITHIN * robot.limits.jerk).all()
+        assert_allclose(controller.at(trajectory.t), trajectory.q, atol=1e-8)
+
+
+@pytest.mark.parametrize("arm", ["panda", "kinova"])
+def test_any_move_is_exported_within_the_limits(tmp_path: Path, arm: str) -> None:
+    """Also one of 1e-10 rad, and one whose phases are cut short."""
+    model, rng = arm_of(arm), np.random.default_rng(5)
+    for length in (1e-10, 1e-7, 1e-4, 1e-2, 0.3, 0.3, 0.3):
+        steps = length * rng.uniform(-1.0, 1.0, (3, len(model.robot.joints)))
+        trajectory = time_keyframes(
+            model, model.robot.home + steps.cumsum(axis=0), [0.0] * 3, [None] * 3, model.robot.home
+        )
+        used = export(trajectory, model.robot, "ros2-json", tmp_path / "goal.json").receiver
+        assert max(share.value for rule in used.values() for share in rule) <= WITHIN
+        assert np.diff(trajectory.knots).min() > 2e-5
+
+
+def test_the_fingers_are_a_goal_of_their_own(tmp_path: Path) -> None:
+    robot, trajectory = planned("panda", "pouring", "keyframes")
+    read = goals(robot, trajectory, tmp_path / "goal.json")
+    assert robot.gripper is not None
+    refuse(read["gripper"], robot.gripper.joints)
+    opening = Controller(read["gripper"]).at(trajectory.t) / robot.gripper.open
+    assert_allclose(opening, np.repeat(trajectory.gripper[:, None], 2, axis=1), atol=1e-7)
+    assert seconds(read["gripper"]["points"][-1]["time_from_start"]) == pytest.approx(trajectory.duration)
+    closes, opens = read["gripper_commands"]
+    assert (closes["opening"], opens["opening"]) == (0.0, 1.0)
+    assert seconds(closes["time_from_start"]) == pytest.approx(trajectory.gripper_t[1])
+    assert seconds(opens["time_from_start"]) == pytest.approx(trajectory.gripper_t[3])
+
+
+def test_without_fingers_in_the_model_it_says_when_to_grip(tmp_path: Path) -> None:
+    robot, trajectory = planned("ur5", "pouring", "keyframes")
+    read = goals(robot, trajectory, tmp_path / "goal.json")
+    assert read["gripper"] is None
+    assert [command["opening"] for command in read["gripper_commands"]] == [0.0, 1.0]
+
+
+def test_the_check_of_the_gaps_agrees_with_the_controller(tmp_path: Path) -> None:
+    """Of samples alone, which break limits between them."""
+    robot, trajectory = planned("panda", "paper-test2", "keyframes")
+    samples = trajectory.sample(100.0)
+    points = [
+        {"positions": q, "velocities": qd, "accelerations": qdd, "time_from_start": {"sec": 0, "nanosec": 1e9 * t}}
+        for t, q, qd, qdd in zip(samples.t, samples.q, samples.qd, samples.qdd, strict=True)
+    ]
+    bounds, found = (robot.limits.velocity, robot.limits.acceleration, robot.limits.jerk), []
+    for rule in ("cubic", "quintic"):
+        controller = Controller({"points": points}, accelerations=rule == "quintic")
+        for order, (bound, share) in enumerate(zip(bounds, shares(samples, rule, robot.limits), strict=True), start=1):
+            peaks = controller.peaks(order, steps=200) / bound
+            assert share.value == pytest.approx(peaks.max(), rel=1e-3)
+            assert share.joint == np.argmax(peaks)
+            found.append(share.value)
+    assert max(found) > 1.1
+
+
+def test_what_breaks_a_limit_between_points_is_refused(tmp_path: Path) -> None:
+    robot, trajectory = planned("panda", "paper-test2", "keyframes")
+    slower = replace(robot, limits=replace(robot.limits, jerk=0.9 * robot.limits.jerk))
+    for rate_hz, advice in ((None, "give a lower --speed, such as 0.95"), (100.0, "give a lower --rate, or none")):
+        with pytest.raises(PlanError, match=rf"by quintics would reach 1\.11 times .* jerk limit, at .*; {advice}$"):
+            export(trajectory, slower, "ros2-json", tmp_path / "goal.json", rate_hz)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_samples_alone_would_break_is_told(tmp_path: Path) -> None:
+    robot, trajectory = planned("panda", "paper-test2", "keyframes")
+    with pytest.warns(PbdWarning, match=r"by cubics would reach 1\.\d+ times panda_joint\d's acceleration limit"):
+        export(trajectory, robot, "csv", tmp_path / "motion.csv", 100.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        export(trajectory, robot, "csv", tmp_path / "motion.csv")
