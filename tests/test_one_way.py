@@ -58,7 +58,7 @@ def exported(*options: str) -> bytes:
 def planned(path: HandPath, calibration: Calibration | None, robot: Robot) -> bytes:
     """What a program writes."""
     assert calibration is not None
-    export(pbd.plan(path, calibration, robot), "csv", Path("program.csv"), rate_hz=1000.0)
+    export(pbd.plan(path, calibration, robot), robot, "csv", Path("program.csv"), rate_hz=1000.0)
     return Path("program.csv").read_bytes()
 
 
