@@ -146,8 +146,8 @@ def _refuse_another_dock(demo: Demonstration, path: HandPath) -> None:
     if turned > SAME_DOCK_RAD:
         where = "" if demo.folder is None else f"{demo.folder}/keyframes.toml: "
         raise RecordingError(
-            f"{where}the first keyframe is turned by {np.degrees(turned):.1f} degrees from the dock, from which all "
-            "others are seen; put it back, or insert one after it",
+            f"{where}the first keyframe is turned by {np.degrees(turned):.1f} degrees, but it is the dock, to which "
+            "all others refer; restore it, or insert a keyframe after it",
             path=demo.folder,
         )
 
@@ -166,13 +166,14 @@ def _warn_of_open_ends(t: Array, stops: tuple[Stop, ...]) -> None:
     before, after = float(t[stops[0].start] - t[0]), float(t[-1] - t[stops[-1].stop - 1])
     if before > OPEN_END_S:
         warnings.warn(
-            f"the hand moves when the recording starts; its first rest, at {before:.1f} s, is taken for the dock",
+            f"the hand moves when the recording starts; its first rest, at {before:.1f} s, is taken as the dock",
             PbdWarning,
             stacklevel=3,
         )
     if after > OPEN_END_S:
         warnings.warn(
-            f"the hand moves when the recording ends: the last {after:.1f} s lead to no keyframe",
+            f"the hand moves when the recording ends: the last {after:.1f} s are not used; stop before you end the "
+            "recording",
             PbdWarning,
             stacklevel=3,
         )

@@ -252,7 +252,7 @@ def test_an_unknown_key_in_a_calibration(capsys: Capture, elsewhere: Path) -> No
 
 def test_a_keyframe_out_of_reach_is_named_with_its_distance(capsys: Capture, elsewhere: Path) -> None:
     line = refused(capsys, 3, "replay", "pouring", "--robot", "panda", "--scale", "5", "--html", "far.html")
-    assert line.startswith("pbd: keyframe 1 is out of reach: the tool gets no nearer than ")
+    assert line.startswith("pbd: keyframe 1 is out of reach: the tool stays ")
     assert line.endswith("; move the dock, or make the path smaller with --scale")
     assert not (elsewhere / "far.html").exists()
 

@@ -72,5 +72,5 @@ def test_a_home_in_collision_with_the_arm_itself(capsys: Capture, elsewhere: Pat
     text = re.sub(r"(?m)^home.*$", "home = [0.0, -1.7, 0.0, -3.0, 0.0, 0.0, 0.0]", PANDA.read_text(encoding="utf-8"))
     (elsewhere / "robots" / "mine.toml").write_text(text)
     line = refused(capsys, 3, "replay", "pouring", "--robot", "mine")
-    said = r"pbd: home of panda: panda_\w+ would touch panda_\w+, [\d.]+ c?m+ deep; begin where the arm is with --from "
+    said = r"pbd: home of panda: panda_\w+ would touch panda_\w+, [\d.]+ c?m+ deep; start at the arm's present joints "
     assert re.match(said, line), line

@@ -48,7 +48,7 @@ def test_each_path_is_exported_with_its_pieces_kept(capsys: Capture, path: str) 
     result = run_json(
         capsys, "export", "paper-test1", *PANDA, "--path", path, "--time", "demo", "--format", "npz", "-o", "out.npz"
     )
-    assert any("take longer than the hand did" in warning for warning in result["warnings"])
+    assert any("are slower than the hand's" in warning for warning in result["warnings"])
     with np.load("out.npz", allow_pickle=False) as file:
         np.testing.assert_allclose(np.diff(file["q"], axis=0) / 1e-3, file["dq"][:-1], atol=0.02)
         assert (file["dq"][[0, -1]] == 0.0).all()
@@ -124,7 +124,7 @@ def test_a_collision_that_is_allowed_is_shown_marked_and_never_exported(capsys: 
     assert found["bodies"][1] == "the shelf"
     assert found["depth_m"] > 0.0
     assert 0.0 <= found["t_s"][0] <= found["t_s"][1] <= result["duration_s"]
-    assert any("it touches something: " in warning for warning in result["warnings"])
+    assert any("collision: " in warning for warning in result["warnings"])
     assert (elsewhere / "out.html").exists()
     line = refused(capsys, 3, "export", "pouring", *PANDA, *calibration, "--format", "csv", "-o", "out.csv")
     assert "would touch the shelf" in line
@@ -145,7 +145,7 @@ def test_a_line_is_followed_where_something_bars_the_way_back_alone(capsys: Capt
     line = ("replay", "s", "--robot", "ur5", "--calibration", "c.toml", "--path", "line")
     result = run_json(capsys, *line)
     assert {move["kind"] for move in result["moves"]} == {"line"}
-    (told,) = [warning for warning in result["warnings"] if "no free way back" in warning]
+    (told,) = [warning for warning in result["warnings"] if "no collision-free way back" in warning]
     assert " would touch post, " in told
 
 

@@ -138,7 +138,7 @@ def test_a_tolerance_makes_lines_of_what_leaves_them_too_far() -> None:
 
 
 def test_the_hands_path_needs_a_hand() -> None:
-    with pytest.raises(PlanError, match="the hand's path isn't known, only its keyframes; choose another --path"):
+    with pytest.raises(PlanError, match="only the keyframes are known, not the hand's path; choose another --path"):
         plan_keyframes(tracked("paper-test1")[2], dock(), PANDA, PlanOptions(path="demo"))
 
 
@@ -162,7 +162,7 @@ def test_the_hands_own_time_is_kept_where_the_limits_allow_it(path: str) -> None
 @pytest.mark.parametrize("path", ["keyframes", "line", "demo"])
 def test_it_is_stretched_where_not_and_said_where_and_by_how_much(path: str) -> None:
     with pytest.warns(
-        PbdWarning, match="moves take longer than the hand did, as the limits ask: to keyframe"
+        PbdWarning, match="moves are slower than the hand's, to keep the joint limits: to keyframe"
     ) as caught:
         plan = planned(path=path, time="demo")
     assert len(caught) == 1
@@ -179,7 +179,7 @@ def test_it_is_stretched_where_not_and_said_where_and_by_how_much(path: str) -> 
 def test_a_metre_in_a_tenth_of_a_second_is_stretched(path: str) -> None:
     keyframes = [keyframe(0.25), keyframe(0.85, y=0.45), keyframe(1.45, y=0.45 - 1.0)]
     centre = replace(dock(), T_base_dock=Pose(np.array([0.35, 0.05, 0.35]), TURN))
-    with pytest.warns(PbdWarning, match=r"2 of 2 moves take longer than the hand did"):
+    with pytest.warns(PbdWarning, match=r"2 of 2 moves are slower than the hand's"):
         plan = plan_keyframes(keyframes, centre, PANDA, PlanOptions(time="demo", path=path))
     assert [each.demonstrated_s for each in plan.stretched] == pytest.approx([0.1, 0.1])
     assert plan.stretched[1].planned_s > 0.4
@@ -233,7 +233,7 @@ def test_it_starts_where_the_arm_is() -> None:
         ((0.0, 0.0), r"the start must give 7 numbers, in rad, for panda_joint1, .*"),
         ((0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0), r"the start has panda_joint4 at 1 rad, outside its limits of -3.072 to "),
         ((0.0, float("nan"), 0.0, -1.0, 0.0, 1.0, 0.0), r"the start must give 7 numbers"),
-        ((0.0, 1.7, 0.0, -0.1, 0.0, 1.8, 0.0), r"where the arm starts: .* would touch .*, .* deep; move the arm"),
+        ((0.0, 1.7, 0.0, -0.1, 0.0, 1.8, 0.0), r"at the arm's start: .* would touch .*, .* deep; move the arm"),
     ],
 )  # fmt: skip
 def test_a_start_that_can_not_be(start: tuple[float, ...], message: str) -> None:
@@ -247,8 +247,9 @@ def test_a_home_in_collision() -> None:
     high = replace(dock(), obstacles=(Obstacle("the lamp", "sphere", (0.2,), arm_of(PANDA).forward(PANDA.home)),))
     with pytest.raises(
         PlanError,
-        match=r"^home of panda: .* would touch the lamp, .*; move the lamp, begin where the arm is with --from and "
-        "--no-retreat, or leave home out with --no-approach --no-retreat, or change home in the robot's TOML$",
+        match=r"^home of panda: .* would touch the lamp, .*; move the lamp, start at the arm's present joints "
+        r"\(--from, --no-retreat\), skip home \(--no-approach --no-retreat\), or change home in the robot's "
+        r"TOML$",
     ):
         planned(calibration=high)
 
@@ -334,7 +335,7 @@ def test_keyframes_within_a_millimetre_of_each_other() -> None:
 
 
 def test_options_have_names() -> None:
-    with pytest.raises(PbdError, match="no 'curve'; choose one of keyframes, line, demo"):
+    with pytest.raises(PbdError, match="unknown value 'curve'; choose one of keyframes, line, demo"):
         PlanOptions(path="curve")
     with pytest.raises(PbdError, match="no 'fast'; choose one of limits, demo"):
         PlanOptions(time="fast")

@@ -47,7 +47,7 @@ def test_all_that_touches_is_shown_by_when_it_begins() -> None:
     plan = plan_keyframes(find_keyframes(path), calibration, robot, options, path, demo.grasped)
     assert plan.touching is not None
     told = plan.touching.error.message
-    scene = replay_scene(demo, path, plan, robot, options, (f"it touches something: {told}",))
+    scene = replay_scene(demo, path, plan, robot, options, (f"collision: {told}",))
     assert [each.bodies for each in scene.touching] == [(h.hit.first, h.hit.second) for h in plan.touching.hits]
     assert {each.bodies[1] for each in scene.touching} >= {"the post", "the table"}
     assert [each.start for each in scene.touching] == sorted(each.start for each in scene.touching)

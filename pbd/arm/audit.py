@@ -30,7 +30,7 @@ JUMP_RAD = 1e-9
 
 _NAMES = ("position", "velocity", "acceleration", "jerk")
 _UNITS = ("rad", "rad/s", "rad/s2", "rad/s3")
-_NEXT = "nothing is shown or written; report it with the demonstration and the robot's TOML"
+_NEXT = "no trajectory was written; please report it with the demonstration and the robot's TOML"
 
 
 @dataclass(frozen=True)
@@ -92,14 +92,14 @@ def _check_form(trajectory: JointTrajectory, arm: ArmModel, keyframes: int) -> N
     if trajectory.joint_names != arm.robot.joints:
         _fail(f"the trajectory moves {trajectory.joint_names}, the robot's joints are {arm.robot.joints}")
     if len(trajectory.keyframe_t) != keyframes:
-        _fail(f"the trajectory has {len(trajectory.keyframe_t)} keyframes, {keyframes} were wanted")
+        _fail(f"the trajectory has {len(trajectory.keyframe_t)} keyframes instead of {keyframes}")
     arrays = (knots, trajectory.coefficients, trajectory.gripper_t, opening, trajectory.keyframe_t)
     if not all(np.isfinite(array).all() for array in arrays):
-        _fail("the trajectory holds a number that is not finite")
+        _fail("the trajectory contains a number that is not finite")
     if len(knots) < 2 or knots[0] != 0.0 or (np.diff(knots) <= 0.0).any():
-        _fail("the trajectory's pieces don't follow each other from 0 on")
+        _fail("the trajectory's segments do not join up from t = 0")
     if (np.diff(trajectory.gripper_t) < 0.0).any() or (opening < 0.0).any() or (opening > 1.0).any():
-        _fail("the gripper's times go back, or its opening leaves 0..1")
+        _fail("the gripper's times decrease, or its opening is outside 0 to 1")
 
 
 def _check_smoothness(trajectory: JointTrajectory, bounds: Array) -> None:
@@ -174,7 +174,7 @@ def _check_poses(trajectory: JointTrajectory, arm: ArmModel, wanted: Sequence[Po
         s = t - trajectory.knots[i]
         q = np.array([1.0, s, s**2, s**3]) @ trajectory.coefficients[i]
         if not np.abs(q - trajectory.keyframe_q[keyframe]).max() <= JUMP_RAD:
-            _fail(f"at keyframe {keyframe} ({t:.3f} s) the joints aren't those of the keyframe", keyframe=keyframe)
+            _fail(f"at keyframe {keyframe} ({t:.3f} s) the joints differ from the planned ones", keyframe=keyframe)
         position, rotation = pose.distance(_tool_pose(arm, q))
         if position > POSE_TOLERANCE_M or rotation > POSE_TOLERANCE_RAD:
             _fail(

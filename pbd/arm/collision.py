@@ -114,9 +114,8 @@ def refuse_home(scene: CollisionScene) -> None:
     hit = scene.hit(scene.arm.robot.home)
     if hit is not None:
         raise PlanError(
-            f"home of {scene.arm.robot.name}: {describe(hit)}; {_away_from(scene, hit)}begin where the arm is with"
-            " --from and --no-retreat, or leave home out with --no-approach --no-retreat, or change home in the robot's"
-            " TOML",
+            f"home of {scene.arm.robot.name}: {describe(hit)}; {_away_from(scene, hit)}start at the arm's present "
+            "joints (--from, --no-retreat), skip home (--no-approach --no-retreat), or change home in the robot's TOML",
             **_fields(hit),
         )
 
@@ -177,14 +176,14 @@ def _keyframe(trajectory: JointTrajectory, start: float, end: float) -> tuple[in
 
 def _when(trajectory: JointTrajectory, found: MotionHit) -> str:
     if found.t == 0.0:
-        return "where the motion starts"
+        return "at the start of the motion"
     if found.at_keyframe:
-        return f"keyframe {found.keyframe}"
+        return f"at keyframe {found.keyframe}"
     if found.keyframe == 0:
         return "on the way to keyframe 0"
     if found.keyframe == len(trajectory.keyframe_t):
         return f"after keyframe {found.keyframe - 1}"
-    return f"on the way from keyframe {found.keyframe - 1} to keyframe {found.keyframe}"
+    return f"between keyframes {found.keyframe - 1} and {found.keyframe}"
 
 
 def describe(hit: Hit) -> str:
@@ -198,12 +197,12 @@ def describe(hit: Hit) -> str:
 def _advice(scene: CollisionScene, found: MotionHit) -> str:
     other = found.hit.second
     if found.t == 0.0:
-        return "change home in the robot's TOML, or what the calibration says is there"
+        return "change home in the robot's TOML, or correct the obstacles in the calibration"
     if other == TABLE:
-        return "raise the keyframe, or the dock and with it the whole motion"
+        return "raise the keyframe, or raise the dock and with it the whole motion"
     if other in scene.obstacles:
-        return f"move the dock or {other}, or go round it"
-    return "move the dock, or turn the hand differently there"
+        return f"move the dock or {other}, or demonstrate a path around it"
+    return "move the dock, or hold the sensor at another angle there"
 
 
 def _fields(hit: Hit) -> dict[str, object]:

@@ -74,7 +74,7 @@ def link_bodies(arm: ArmModel) -> tuple[Body, ...]:
                 parts = list(_read(element, robot))
             except (KeyError, IndexError, ValueError) as reason:
                 raise RobotError(
-                    f"{robot.urdf}: a shape of link {name!r} makes no sense ({reason}); correct it there",
+                    f"{robot.urdf}: a shape of link {name!r} is invalid ({reason}); correct it",
                     path=robot.urdf,
                     link=name,
                 ) from None
@@ -99,14 +99,14 @@ def _read(element: ET.Element, robot: Robot) -> Iterator[tuple[Pose, str, tuple[
         for part in _mesh_parts(path, _numbers(geometry.get("scale", "1 1 1"))):
             yield T_link_body, "hull", (), part
     else:
-        raise ValueError(f"{geometry.tag!r} is none of mesh, box, cylinder, sphere")
+        raise ValueError(f"{geometry.tag!r} is not a mesh, box, cylinder or sphere")
 
 
 def _mesh_parts(path: Path, scale: tuple[float, ...]) -> list[ConvexPart]:
     try:
         content = path.read_bytes()
     except OSError:
-        message = f"mesh {path} is missing or can't be read; put it there, or correct its address in the URDF"
+        message = f"mesh {path} is missing or can't be read; put it there, or correct its filename in the URDF"
         raise RobotError(message, path=path) from None
     key = hashlib.sha256(repr((VERSION, path.suffix, scale)).encode() + content).hexdigest()
     if (kept := recall("hulls", key)) is not None:
@@ -133,7 +133,7 @@ def _load(path: Path, scale: tuple[float, ...]) -> tuple[Array, Array]:
         raise RobotError(f"mesh {path} can't be read ({why}); convert it to STL", path=path) from None
     triangles = [mesh.tri_indices(i) for i in range(mesh.num_tris)]
     if not triangles:
-        raise RobotError(f"mesh {path} has no face; convert it to STL anew", path=path)
+        raise RobotError(f"mesh {path} has no triangles; export it again as STL", path=path)
     return np.array(mesh.vertices()), np.array([(t[0], t[1], t[2]) for t in triangles])
 
 

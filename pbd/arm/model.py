@@ -32,7 +32,7 @@ def load_model(robot: Robot) -> ArmModel:
     try:
         full = pin.buildModelFromUrdf(str(robot.urdf))
     except (ValueError, RuntimeError) as reason:
-        message = f"{robot.urdf}: not a URDF that can be read: {_one_line(reason)}; mend it there"
+        message = f"{robot.urdf}: not a valid URDF: {_one_line(reason)}; correct it"
         raise RobotError(message, path=robot.urdf) from None
     return ArmModel(robot, full)
 
@@ -59,8 +59,8 @@ class ArmModel:
         self.model = _reduced(full, robot.joints, reference)
         if tuple(self.model.names[1:]) != robot.joints:
             raise RobotError(
-                f"{robot.name}: the arm's joints stand in the order {_listed(self.model.names[1:])} in {robot.urdf};"
-                " list them in that order",
+                f"{robot.name}: joints must be in the order of {robot.urdf}; list them as "
+                f"{_listed(self.model.names[1:])}",
                 robot=robot.name,
             )
         body = self._frame(robot.body)
@@ -70,8 +70,8 @@ class ArmModel:
         base = self._frame(robot.base)
         if base.parentJoint != 0:
             raise RobotError(
-                f"{robot.name}: base {robot.base!r} moves with {self.model.names[base.parentJoint]}; choose a body"
-                " that stands still",
+                f"{robot.name}: base {robot.base!r} moves with joint {self.model.names[base.parentJoint]}; choose a "
+                "link that is fixed",
                 robot=robot.name,
             )
         self.T_base_universe: Any = base.placement.inverse()

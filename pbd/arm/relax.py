@@ -159,9 +159,9 @@ def hold(arm: ArmModel, T_base_tool: Sequence[Pose], q: Array) -> Held:
         approach, about = np.rad2deg(off.max(axis=0))
         worst = int(np.argmax(np.hypot(off[:, 0], ABOUT_AXIS * off[:, 1])))
         warnings.warn(
-            f"{arm.robot.name} has {q.shape[1]} joints and can't turn its tool as the hand was turned: its approach"
-            f" axis is up to {approach:.0f} degrees off, the rotation about it {about:.0f}, most at keyframe {worst};"
-            " choose an arm of six joints, or a dock that lies better for this one",
+            f"{arm.robot.name} has {q.shape[1]} joints and can't match the hand's orientation: its approach axis is up "
+            f"to {approach:.0f} degrees off, the rotation about it up to {about:.0f} degrees, worst at keyframe "
+            f"{worst}; use an arm with six joints, or move the dock",
             PbdWarning,
             stacklevel=3,
         )

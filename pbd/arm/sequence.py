@@ -44,8 +44,8 @@ class BarredError(PlanError):
 
     def __init__(self, keyframe: int, stands: bool, path: Array) -> None:
         way = f"way to keyframe {keyframe}" if keyframe < len(path) else f"way back from keyframe {keyframe - 1}"
-        what = f"free {way}" if stands else f"way to hold the arm at keyframe {keyframe} that is free"
-        message = f"no {what} was found; move the dock or what stands in the way"
+        what = way if stands else f"arm pose at keyframe {keyframe}"
+        message = f"no collision-free {what} was found; move the dock or the obstacle"
         super().__init__(message, keyframe=keyframe, stands=stands)
         self.keyframe, self.stands, self.path = keyframe, stands, path
 
@@ -150,8 +150,8 @@ def _out_of_reach(arm: ArmModel, keyframe: int, pose: Pose, q_seed: Array) -> Pl
     hindrance = find_hindrance(arm, pose, nearest)
     x, y, z = pose.p
     return PlanError(
-        f"keyframe {keyframe} is out of reach: the tool gets no nearer than {100 * nearest.position_error_m:.1f} cm and"
-        f" {np.rad2deg(nearest.rotation_error_rad):.1f} degrees to its pose at ({x:.3f}, {y:.3f}, {z:.3f}) m, which is"
+        f"keyframe {keyframe} is out of reach: the tool stays {100 * nearest.position_error_m:.1f} cm and "
+        f"{np.rad2deg(nearest.rotation_error_rad):.1f} degrees from its pose at ({x:.3f}, {y:.3f}, {z:.3f}) m, which is"
         f" {hindrance}; move the dock, or make the path smaller with --scale",
         keyframe=keyframe,
         value=nearest.position_error_m,

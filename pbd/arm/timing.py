@@ -116,15 +116,17 @@ def time_moves(
         spans.append((since, done.t))
         wanted = opening[-1] if closes is None else float(not closes)
         if wanted != opening[-1] and gripper is None:
-            message = f"{arm.robot.name} has no gripper: what the hand gripped at keyframe {i} is left out"
-            warnings.warn(f"{message}; give it one in its TOML", PbdWarning, stacklevel=2)
+            message = f"{arm.robot.name} has no gripper: the grip at keyframe {i} is ignored"
+            warnings.warn(f"{message}; add a [gripper] in its TOML", PbdWarning, stacklevel=2)
         elif wanted != opening[-1] and gripper is not None:
             gripper_t += [done.t, done.t + gripper.stroke_s]
             opening += [opening[-1], wanted]
             dwell = max(dwell, gripper.stroke_s)
         done.add(Pieces.hold(done.q, dwell), done.q)
     if done.t == 0.0:
-        raise PlanError("nothing moves: all keyframes are where the arm starts; demonstrate a motion with two stops")
+        raise PlanError(
+            "nothing moves: the arm already stands at every keyframe; demonstrate a motion with two different stops"
+        )
     if retreat is not None:
         done.add(retreat.pieces(done.q, arm.limits, speed), retreat.q[-1])
     pieces = Pieces.join(done.parts)

@@ -196,7 +196,7 @@ class _Choice:
         """Leave out the way back."""
         self.wish = replace(self.wish, q_back=None)
         warnings.warn(
-            f"no free way back from the last keyframe was found ({describe(hit)}): the motion ends there",
+            f"no collision-free way back from the last keyframe was found ({describe(hit)}): the motion ends there",
             PbdWarning,
             stacklevel=2,
         )
@@ -290,8 +290,8 @@ class _Choice:
     def _broken(self, i: int) -> PlanError:
         what = "the demonstrated path" if self.kinds[i] == DEMO else "the straight line"
         return PlanError(
-            f"the arm can't follow {what} from keyframe {i - 1} to keyframe {i}: on the way it would have to"
-            " change how it holds the tool, or leave its limits or reach; use --path keyframes, or move the dock",
+            f"the arm can't follow {what} from keyframe {i - 1} to keyframe {i}: it would have to flip its elbow or "
+            "wrist on the way, or exceed its joint limits or reach; use --path keyframes, or move the dock",
             keyframe=i,
         )
 

@@ -26,7 +26,7 @@ COMMANDS = (record, simulate, import_, segments, keyframes, plot, calibrate, rep
 EPILOG = """\
 a first look:
   pbd replay --robot panda              a panda replays the bundled demonstration
-  pbd keyframes                         where the hand stopped, and how sure we are
+  pbd keyframes                         where the hand stopped, and how certain that is
   pbd export --robot panda --format csv -o pouring.csv
 
 exit codes: 0 done; 1 the input, the output or the device is at fault; 2 wrong usage; 3 the robot can't do it

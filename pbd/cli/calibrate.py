@@ -17,8 +17,8 @@ def add(commands: Commands) -> None:
     parser = add_command(
         commands,
         "calibrate",
-        "where the hand starts in the robot's base, how the sensor sits and errs",
-        "Make or update ./calibration/NAME.toml, a part at a time; whatever else stands in the file stays.\n"
+        "where the hand starts in the robot's base, how the sensor is mounted, and its errors",
+        "Make or update ./calibration/NAME.toml, one part at a time; the other parts stay as they are.\n"
         "docs/calibration.md explains each part.",
         "  pbd calibrate dock bench --position 0.45 -0.15 0.25 --rpy 0 0 0 --robot panda\n"
         "  pbd calibrate show bench\n"

@@ -16,15 +16,15 @@ if TYPE_CHECKING:
 
 def add_name(parser: argparse.ArgumentParser) -> None:
     """Add the calibration that is made or updated, and --json."""
-    parser.add_argument("name", metavar="NAME", help="of the calibration (./calibration/NAME.toml), or its file's path")
+    parser.add_argument(
+        "name", metavar="NAME", help="name of the calibration (./calibration/NAME.toml), or its file's path"
+    )
     add_json(parser)
 
 
 def add_force(parser: argparse.ArgumentParser) -> None:
     """Add --force."""
-    parser.add_argument(
-        "--force", action="store_true", help="take the place of a [dock] by a [nav], or of a [nav] by a [dock]"
-    )
+    parser.add_argument("--force", action="store_true", help="replace a [dock] by a [nav], or a [nav] by a [dock]")
 
 
 def existing(path: Path) -> Calibration | None:
@@ -51,8 +51,8 @@ def instead_of(path: Path, calibration: Calibration | None, part: str, force: bo
         return {}
     if not force:
         raise CalibrationError(
-            f"{path} has a [{other}], and a calibration takes one of the two; --force puts [{part}] in its place, or "
-            "give another name",
+            f"{path} has a [{other}], and a calibration can't have [{part}] too; replace it with --force, or give "
+            "another name",
             path=path,
         )
     return {other: part}
@@ -71,7 +71,7 @@ def refuse_out_of_reach(robot: Robot, T_base_tool: Pose, what: str) -> None:
     from pbd.errors import PlanError
 
     try:
-        with working(f"trying whether {robot.name} gets there"):
+        with working(f"checking whether {robot.name} reaches it"):
             solve_sequence(load_model(robot), [T_base_tool], robot.home)
     except PlanError as reason:
         x, y, z = T_base_tool.p
@@ -79,6 +79,6 @@ def refuse_out_of_reach(robot: Robot, T_base_tool: Pose, what: str) -> None:
         raise PlanError(
             f"{what} puts the tool at ({x:.3f}, {y:.3f}, {z:.3f}) m, out of {robot.name}'s reach: it gets no nearer "
             f"than {100.0 * away:.1f} cm and {np.degrees(turned):.0f} degrees; choose a place nearer to the base, or "
-            "turn the sensor there",
+            "another orientation",
             **reason.fields,
         ) from None

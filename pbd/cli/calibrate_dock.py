@@ -28,24 +28,38 @@ def add(commands: Commands) -> None:
     )
     add_name(parser)
     where = parser.add_mutually_exclusive_group(required=True)
-    where.add_argument("--position", nargs=3, type=float, metavar=("X", "Y", "Z"), help="of the SENSOR in base, m")
-    where.add_argument("--joints", nargs="+", type=float, metavar="Q", help="with --robot: degrees (a slide: m)")
     where.add_argument(
-        "--from-keyframe", nargs=2, metavar=("DEMO", "K"), help="where that demonstration's keyframe K is in base"
+        "--position", nargs=3, type=float, metavar=("X", "Y", "Z"), help="position of the SENSOR in base, m"
+    )
+    where.add_argument(
+        "--joints",
+        nargs="+",
+        type=float,
+        metavar="Q",
+        help="the arm's joints there, degrees (sliding joints: m); needs --robot",
+    )
+    where.add_argument(
+        "--from-keyframe", nargs=2, metavar=("DEMO", "K"), help="where demonstration DEMO stopped at its keyframe K"
     )
     parser.add_argument(
         "--rpy",
         nargs=3,
         type=float,
         metavar=("R", "P", "Y"),
-        help="with --position: roll, pitch, yaw, degrees (as NAME's dock is turned, else 0 0 0)",
+        help="with --position: roll, pitch, yaw, degrees (as in NAME's dock, else 0 0 0)",
     )
-    parser.add_argument("--calibration", metavar="C", help="of --from-keyframe (NAME itself)")
-    parser.add_argument("--robot", metavar="R", help="for --joints, and to make sure that it reaches the dock")
+    parser.add_argument("--calibration", metavar="C", help="calibration to track --from-keyframe with (NAME itself)")
+    parser.add_argument("--robot", metavar="R", help="robot of --joints; checks that it reaches the dock")
     parser.add_argument(
-        "--sigma-mm", type=positive, default=3.0, metavar="MM", help="how well the sensor lies there, each axis (3)"
+        "--sigma-mm", type=positive, default=3.0, metavar="MM", help="one sigma of the position, each axis, mm (3)"
     )
-    parser.add_argument("--sigma-deg", type=positive, default=1.0, metavar="DEG", help="and how well turned (1)")
+    parser.add_argument(
+        "--sigma-deg",
+        type=positive,
+        default=1.0,
+        metavar="DEG",
+        help="one sigma of the rotation, each axis, degrees (1)",
+    )
     add_force(parser)
     parser.set_defaults(run=run)
 
@@ -80,7 +94,7 @@ def run(args: argparse.Namespace) -> int:
         f"{path}: the sensor's dock is at ({x:.3f}, {y:.3f}, {z:.3f}) m, roll, pitch, yaw "
         f"({', '.join(f'{angle + 0.0:.1f}' for angle in np.round(rpy_deg, 1))}) degrees, {source}"
         + (f", sigma now {args.sigma_mm:g} mm and {args.sigma_deg:g} degrees" if resized else "")
-        + (f"; {robot.name} reaches it" if robot else "; give --robot to make sure that it is within reach")
+        + (f"; {robot.name} reaches it" if robot else "; give --robot to check that it is in reach")
     )
     if args.json:
         tool: Pose = T_base_dock @ T_sensor_tool
@@ -128,7 +142,8 @@ def _pose(args: argparse.Namespace, calibration: Calibration | None, T_sensor_to
             raise CalibrationError("--position and --rpy must be finite numbers; correct them")
         if max(map(abs, args.position)) > FARTHEST_M:
             raise CalibrationError(
-                f"a dock {max(map(abs, args.position)):g} m from the robot's base is out of any reach; give metres",
+                f"a dock {max(map(abs, args.position)):g} m from the robot's base is beyond every robot's reach; give "
+                "metres",
                 value=max(map(abs, args.position)),
                 bound=FARTHEST_M,
             )
@@ -150,12 +165,12 @@ def _where_the_robot_stands(args: argparse.Namespace) -> Pose:
     from pbd.files.robot import load_robot
 
     if args.robot is None:
-        raise CalibrationError("--joints needs the robot that they are of; give --robot")
+        raise CalibrationError("--joints needs a robot; give --robot too")
     robot = load_robot(args.robot)
     if len(args.joints) != len(robot.joints):
         raise CalibrationError(
             f"{robot.name} has {len(robot.joints)} joints ({', '.join(robot.joints)}), but {len(args.joints)} numbers "
-            "were given; give one a joint, in degrees",
+            "were given; give one for each joint, in degrees",
             value=len(args.joints),
             bound=len(robot.joints),
         )
@@ -167,7 +182,7 @@ def _where_the_robot_stands(args: argparse.Namespace) -> Pose:
         k = int(beyond[0])
         lower, upper = np.array((robot.limits.lower[k], robot.limits.upper[k])) * (1.0 if slides[k] else 180.0 / np.pi)
         raise PlanError(
-            f"joint {robot.joints[k]} can't stand at {args.joints[k]:g}: its limits are {lower:.1f} to {upper:.1f}; "
+            f"joint {robot.joints[k]} can't be at {args.joints[k]:g}: its limits are {lower:.1f} to {upper:.1f}; "
             "give degrees within them",
             joint=robot.joints[k],
             value=float(q[k]),
@@ -189,7 +204,7 @@ def _where_it_stopped(args: argparse.Namespace, calibration: Calibration | None)
     through = load_calibration(args.calibration) if args.calibration else calibration
     if through is None:
         raise CalibrationError(
-            f"there is no calibration '{args.name}' yet that tells where {name} was; name one that does with "
+            f"there is no calibration '{args.name}' yet, so it is unknown where {name} started; name another one with "
             "--calibration"
         )
     demo = load_demo(name)

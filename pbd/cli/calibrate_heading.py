@@ -46,8 +46,8 @@ def tell_heading(
     if recording.mag is None:
         if part == "nav":
             warnings.warn(
-                "without a magnetometer nav's heading is that of the sensor at its first rest, so [nav] holds only for "
-                "demonstrations that start turned the same way; --as dock says that",
+                "without a magnetometer the heading is measured from the first rest, so [nav] holds only for "
+                "demonstrations that start with the same heading; use --as dock instead",
                 PbdWarning,
                 stacklevel=2,
             )

@@ -18,18 +18,18 @@ def add(commands: Commands) -> None:
     parser = add_command(
         commands,
         "mount",
-        "how the sensor sits on the tool: its lever and its rotation",
-        "Find the tool on the sensor. --pivot: the tip stands on one point while the tool is tilted to all sides,\n"
-        "with rests between, and its distance from the sensor follows. --turns: the tool is turned about its own\n"
-        "axes, one after the other, with rests between, and how the sensor is turned on it follows. Signs are by\n"
-        "the right hand's rule; the tool's z is where it approaches, its x the way the jaws open.",
+        "how the sensor is mounted on the tool: its lever and its rotation",
+        "Find where the tool is relative to the sensor. --pivot: the tip stays on one point while you tilt the tool\n"
+        "to all sides, with rests between; this gives the lever. --turns: you turn the tool about its own axes,\n"
+        "one after the other, with rests between; this gives the sensor's rotation. Signs follow the right-hand\n"
+        "rule; the tool's z is the approach direction, its x the direction in which the jaws open.",
         "  pbd calibrate mount bench pivot --pivot\n  pbd calibrate mount bench turns --turns x,-x,z,-z",
     )
     add_name(parser)
     parser.add_argument("demo", metavar="DEMO", help="the recording")
-    parser.add_argument("--pivot", action="store_true", help="the tip stood on one point at every stop")
+    parser.add_argument("--pivot", action="store_true", help="the tip stayed on one point at every stop")
     parser.add_argument(
-        "--turns", type=_turns, metavar="A,A", help="the tool's axis of each turn of 20 degrees and more: x, -x, y ..."
+        "--turns", type=_turns, metavar="A,A", help="the tool axis of each turn of 20 degrees or more: x, -x, y ..."
     )
     parser.set_defaults(run=run)
 
@@ -126,7 +126,7 @@ def _tell(args: argparse.Namespace, pivot: PivotFit | None, turns: TurnsFit | No
     print_table(figures_table(rows))
     if pivot is not None and pivot.chi2 > POOR_CHI2:
         say(
-            f"the tip moved more than the tracker's sigmas let expect ({np.sqrt(pivot.chi2):.1f} times): it slipped, "
+            f"the tip moved {np.sqrt(pivot.chi2):.1f} times more than the tracker's uncertainty predicts: it slipped, "
             "or the moves were too fast; pivot again"
         )
 

@@ -25,29 +25,35 @@ def add(commands: Commands) -> None:
     parser = add_command(
         commands,
         "points",
-        "nav in the robot's base, from points that the hand touched",
+        "where the hand's frame (nav) lies in the robot's base, from known points that the hand touched",
         "Find how a demonstration lies in the robot's base from three or more known points that its stops touched.\n"
-        "FILE is a CSV with the header name,x_m,y_m,z_m (or _cm, _mm) and a row a point.",
+        "FILE is a CSV with the header name,x_m,y_m,z_m (or _cm, _mm) and one row per point.",
         "  pbd calibrate points bench touches --points corners.csv\n"
         "  pbd calibrate points bench touches --points corners.csv --any-order",
     )
     add_name(parser)
     parser.add_argument("demo", metavar="DEMO", help="the demonstration whose stops touched the points")
     parser.add_argument("--points", type=Path, required=True, metavar="FILE", help="the points, in the robot's base")
-    parser.add_argument("--unit", choices=("m", "cm", "mm"), help="of columns x, y, z that don't say")
+    parser.add_argument("--unit", choices=("m", "cm", "mm"), help="unit of columns named x, y, z")
     order = parser.add_mutually_exclusive_group()
-    order.add_argument("--any-order", action="store_true", help="the points were touched in any order; it is found")
-    order.add_argument("--stops", type=_stops, metavar="K,K,...", help="which stop touched each point, in their order")
-    parser.add_argument("--free", action="store_true", help="the base's z is not vertical: find nav's tilt too")
-    parser.add_argument("--find-scale", action="store_true", help="find the scale of the hand's path too")
+    order.add_argument("--any-order", action="store_true", help="the points were touched in an unknown order: find it")
+    order.add_argument(
+        "--stops", type=_stops, metavar="K,K,...", help="the stop that touched each point, in the points' order"
+    )
+    parser.add_argument("--free", action="store_true", help="also find the tilt, where the base's z is not vertical")
+    parser.add_argument("--find-scale", action="store_true", help="also find the scale of the hand's path")
     parser.add_argument(
-        "--touch-mm", type=positive, default=1.0, metavar="MM", help="how well the tip met each point, per axis (1)"
+        "--touch-mm",
+        type=positive,
+        default=1.0,
+        metavar="MM",
+        help="one sigma between tip and point, each axis, mm (1)",
     )
     parser.add_argument(
         "--as",
         dest="part",
         choices=("nav", "dock"),
-        help="nav: later demonstrations start at the same point, turned any way (needs a magnetometer, and is the "
+        help="nav: later demonstrations start at the same point with any heading (needs a magnetometer, and is the "
         "default with one); dock: they start with the sensor in the same pose",
     )
     parser.add_argument(
@@ -55,7 +61,7 @@ def add(commands: Commands) -> None:
         nargs="+",
         default=(),
         metavar="DEMO",
-        help="demonstrations that began with the sensor put down in the same way: how well does the heading repeat?",
+        help="check how well the heading repeats, in demonstrations that began with the sensor put down the same way",
     )
     add_force(parser)
     parser.set_defaults(run=run)
@@ -125,7 +131,7 @@ def run(args: argparse.Namespace) -> int:
         return 0
     _print(fit, points, touched)
     if not touched.lever.any():
-        say(f"{path} has no lever in [mount]: it is the sensor itself that is taken to have stood at the points")
+        say(f"{path} has no lever in [mount]: assuming that the sensor itself touched the points")
     x, y, z = pose.p
     say(
         f"{path}: [{part}] at ({x:.3f}, {y:.3f}, {z:.3f}) m in base to {1e3 * float(sigma[:3].max()):.1f} mm, heading "
@@ -138,9 +144,9 @@ def run(args: argparse.Namespace) -> int:
             " until you have touched the points again, more calmly, or corrected their coordinates"
         )
     else:
-        say(f"the points fit as well as can be expected ({np.sqrt(fit.chi2):.1f} times the tracker's sigmas)")
+        say(f"the points fit as expected ({np.sqrt(fit.chi2):.1f} times the tracker's uncertainty)")
     where = "with the sensor's first rest at that point" + ("" if part == "nav" else ", turned as in this one")
-    say(f"later demonstrations are in the robot's base if they start {where}")
+    say(f"this holds for later demonstrations that start {where}")
     return 0
 
 
@@ -177,7 +183,9 @@ def _touched(args: argparse.Namespace, hand: HandPath, points: Points, calibrati
     else:
         stops = args.stops
         if len(stops) != len(points.names):
-            raise CalibrationError(f"--stops names {len(stops)} stops for {len(points.names)} points; name one a point")
+            raise CalibrationError(
+                f"--stops names {len(stops)} stops for {len(points.names)} points; name one stop per point"
+            )
         if len(set(stops)) < len(stops) or not all(0 <= stop < len(keyframes) for stop in stops):
             raise CalibrationError(
                 f"--stops must name different stops from 0 to {len(keyframes) - 1}; `pbd keyframes {args.demo}` lists "
@@ -207,7 +215,7 @@ def _warn(fit: PointFit, points: Points, touched: Touches) -> None:
         if not good:
             warnings.warn(
                 f"the point '{name}' (stop {stop}) is wrong: it lies {100.0 * np.linalg.norm(off):.1f} cm from where "
-                "the others put it, so it is left out; check its coordinates, or touch it again",
+                "the other points put it, so it is left out; check its coordinates, or touch it again",
                 PbdWarning,
                 stacklevel=2,
             )

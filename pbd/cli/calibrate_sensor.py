@@ -19,20 +19,27 @@ def add(commands: Commands) -> None:
     parser = add_command(
         commands,
         "sensor",
-        "what the sensor reads wrongly: bias, scale, misalignment, hard and soft iron",
-        "Find a sensor's errors from one recording in which it is put down in several orientations, two seconds each:\n"
-        "best twelve, each of the six sides and six of the edges up, and turned all over on the way.",
+        "the sensor's errors: bias, scale, misalignment, hard and soft iron",
+        "Find a sensor's errors from one recording in which you put it down in several orientations, two seconds "
+        "each:\n"
+        "best twelve (each of the six sides and six of the edges up), turning it in all directions between them.",
         "  pbd record sides --sensor witmotion\n  pbd calibrate sensor bench sides --latitude 48",
     )
     add_name(parser)
     parser.add_argument("demo", metavar="DEMO", help="the recording")
     parser.add_argument(
-        "--only", type=_kinds, default=(), metavar="K,K", help="gyr, acc, mag: only those, and they must succeed"
+        "--only",
+        type=_kinds,
+        default=(),
+        metavar="K,K",
+        help="calibrate only these (gyr, acc, mag), and fail if one can't be",
     )
     gravity = parser.add_mutually_exclusive_group()
-    gravity.add_argument("--gravity", type=positive, metavar="G", help="of the place, m/s2 (9.80665)")
-    gravity.add_argument("--latitude", type=float, metavar="DEG", help="from which gravity follows")
-    parser.add_argument("--temperature", type=float, metavar="C", help="of the room, noted in the file")
+    gravity.add_argument("--gravity", type=positive, metavar="G", help="gravity at this place, m/s2 (9.80665)")
+    gravity.add_argument(
+        "--latitude", type=float, metavar="DEG", help="compute gravity from the latitude of this place"
+    )
+    parser.add_argument("--temperature", type=float, metavar="C", help="room temperature, degrees C, noted in the file")
     parser.set_defaults(run=run)
 
 
@@ -55,8 +62,7 @@ def run(args: argparse.Namespace) -> int:
         raise CalibrationError(f"--latitude must be from -90 to 90, got {args.latitude:g}", value=args.latitude)
     if args.gravity is not None and not 9.7 <= args.gravity <= 9.9:
         raise CalibrationError(
-            f"--gravity must be in m/s2, from 9.7 to 9.9 as everywhere on earth, got {args.gravity:g}; or give "
-            "--latitude",
+            f"--gravity must be from 9.7 to 9.9 m/s2, got {args.gravity:g}; correct it, or give --latitude",
             value=args.gravity,
         )
     if args.temperature is not None and not np.isfinite(args.temperature):
@@ -86,7 +92,7 @@ def run(args: argparse.Namespace) -> int:
     _print(fit)
     say(f"{path}: [sensor] of '{fit.errors.sensor}' from {counted(len(fit.rests), 'rest')}")
     if args.gravity is None and args.latitude is None and fit.acc is not None:
-        say("gravity was taken for 9.80665 m/s2; with --latitude the scale is right to better than 0.3 %")
+        say("assumed gravity is 9.80665 m/s2, which may be off by 0.3 %; give --latitude for a better scale")
     return 0
 
 

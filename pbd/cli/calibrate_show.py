@@ -20,13 +20,13 @@ def add(commands: Commands) -> None:
         commands,
         "show",
         "everything in a calibration, and what each part adds to the tool's uncertainty",
-        "Print a calibration, and how sure the tool's pose in the robot's base is at each keyframe of a\n"
-        "demonstration: as a whole, and what comes from where the hand starts, from the mount, and from tracking.",
+        "Print a calibration, and how uncertain the tool's pose in the robot's base is at each keyframe of a\n"
+        "demonstration: in total, and the parts that come from the start, from the mount and from tracking.",
         "  pbd calibrate show bench tea --save bench.png",
     )
-    parser.add_argument("name", metavar="NAME", help="of the calibration, or its file's path")
+    parser.add_argument("name", metavar="NAME", help="name of the calibration, or its file's path")
     parser.add_argument("demo", nargs="?", metavar="DEMO", help="default: the newest in ./demos, else 'pouring'")
-    parser.add_argument("--save", type=Path, metavar="FILE", help="a plot of the same (.png, .svg or .pdf)")
+    parser.add_argument("--save", type=Path, metavar="FILE", help="also draw it into this file (.png, .svg or .pdf)")
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
     print_table(calibration_table(calibration))
     if found is not None:
         name, _, parts = found
-        print(f"\nthe tool in base at the keyframes of {name}, one sigma; on the right by parts (rms over the axes)")
+        print(f"\nthe tool's uncertainty at the keyframes of {name}, one sigma, in base (right: by source, rms)")
         print_table(base_table(base_sigmas(parts)))
         share = {part: float(np.trace(cov[:, :3, :3], axis1=1, axis2=2).mean()) for part, cov in parts.items()}
         total = sum(share.values())
@@ -74,8 +74,8 @@ def _contributions(
     if calibration.T_base_dock is None and calibration.T_base_nav is None:
         if args.demo is not None:
             say(
-                f"'{calibration.name}' does not say where the hand starts, so how sure the tool is can't be said; "
-                f"add a dock: pbd calibrate dock {args.name} --position X Y Z --rpy R P Y"
+                f"'{calibration.name}' does not say where the hand starts, so the tool's uncertainty is unknown; add a "
+                f"dock: pbd calibrate dock {args.name} --position X Y Z --rpy R P Y"
             )
         return None
     try:

@@ -47,7 +47,7 @@ def add(commands: Commands) -> None:
     add_demo(parser)
     add_json(parser)
     parser.add_argument(
-        "--format", choices=FORMATS, help="csv, npz or ros2-json; default: as FILE ends (.csv, .npz, .json)"
+        "--format", choices=FORMATS, help="csv, npz or ros2-json; default: from FILE's ending (.csv, .npz, .json)"
     )
     parser.add_argument(
         "-o", "--output", required=True, type=Path, metavar="FILE", help="the file to write; - is standard output"
@@ -109,7 +109,7 @@ def _format(args: argparse.Namespace) -> str:
         if args.json:
             raise UsageError("-o - and --json would both go to standard output; name a file, or leave --json out")
         if args.format == "npz" and sys.stdout.isatty():
-            raise UsageError("an npz is nothing for a terminal; name a file, or send it into a pipe")
+            raise UsageError("an npz is binary, so it is not printed to a terminal; name a file, or pipe it")
     name: str | None = args.format or said
     if name is None:
         raise UsageError(f"name the --format ({', '.join(FORMATS)}), or a file that ends in {', '.join(SUFFIXES)}")

@@ -22,10 +22,10 @@ def add(commands: Commands) -> None:
     parser = add_command(
         commands,
         "import",
-        "bring a recording of another program in",
+        "import a recording of another program",
         "Read a recording (a CSV with a header, x-io's CSV, WitMotion's .txt or .csv log, an npz, a raw.bin of\n"
-        "`pbd record --raw`) and store it as a demonstration. Names and units are taken from the header where it\n"
-        "tells them; elsewhere say which is which. A level sensor must read +1 g on z: where it reads -1 g, turn\n"
+        "`pbd record --raw`) and store it as a demonstration. Names and units come from the header where it\n"
+        "gives them; otherwise use --column and --unit. A level sensor must read +1 g on z: where it reads -1 g, turn\n"
         "the signs with --unit acc=-g.",
         "  pbd import run7.csv tea --column ax=AccX --column ay=AccY --column az=AccZ --unit acc=g --unit t=ms\n"
         "  pbd import log.txt tea2                    as WitMotion's program wrote it\n"
@@ -50,8 +50,10 @@ def add(commands: Commands) -> None:
         metavar="WHAT=UNIT",
         help="of t, gyr, acc, mag or angle, such as t=ms, gyr=deg/s, acc=g; -UNIT turns the signs",
     )
-    parser.add_argument("--sensor", metavar="SENSOR", help="what recorded it; for a raw.bin: what its bytes are")
-    parser.add_argument("--rate", type=positive, metavar="HZ", help="of a raw.bin or a table without times")
+    parser.add_argument("--sensor", metavar="SENSOR", help="the sensor that recorded it; needed for a raw.bin")
+    parser.add_argument(
+        "--rate", type=positive, metavar="HZ", help="sample rate of a raw.bin, or of a table without times"
+    )
     parser.add_argument("--closed", action="store_true", help="the hand ended where it began")
     parser.add_argument("--force", action="store_true", help="replace a demonstration of that name")
     add_lines(parser)
@@ -81,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
         with working(f"reading {args.file}"):
             demo = import_file(args.file, dict(args.column), dict(args.unit), args.rate)
     # What can't be a recording (units, clock) is refused before it takes a name; where the hand stops is seen later.
-    with suppress(TrackingError), working("looking it over"):
+    with suppress(TrackingError), working("checking it"):
         recording, _ = condition(demo.recording)
         rest = find_rest(recording)
         warn_upside_down(recording, rest.up_sensor, rest.start, rest.stop)
@@ -98,7 +100,7 @@ def _decode(args: argparse.Namespace) -> Demonstration:
     from pbd.record.again import decode_raw
 
     if not args.sensor:
-        raise SensorError(f"{args.file} holds a sensor's bytes; name the --sensor that they came from", path=args.file)
+        raise SensorError(f"{args.file} holds a sensor's raw bytes; name the sensor with --sensor", path=args.file)
     make = decoder_maker(args, args.sensor, [f"{quantity}={unit}" for quantity, unit in args.unit])
     with working(f"decoding {args.file}"):
         return decode_raw(args.file, make(), args.sensor, args.rate)

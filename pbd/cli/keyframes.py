@@ -33,15 +33,19 @@ def add(commands: Commands) -> None:
     parser = add_command(
         commands,
         "keyframes",
-        "where the hand stopped, and how sure we are",
+        "where the hand stopped, and how certain that is",
         "Print the pose at each stop of a demonstration with its uncertainty; with a robot also the tool's pose\n"
         "in the robot's base and the joints that reach it. --save writes them for you to edit.",
         "  pbd keyframes pouring --robot panda\n  pbd keyframes tea --save",
     )
     add_demo(parser)
     add_table(parser, units="m,deg,s")
-    parser.add_argument("--save", action="store_true", help="write keyframes.toml into the demonstration, to be edited")
-    parser.add_argument("--force", action="store_true", help="with --save: find them anew, and replace the file")
+    parser.add_argument(
+        "--save", action="store_true", help="write keyframes.toml into the demonstration, for you to edit"
+    )
+    parser.add_argument(
+        "--force", action="store_true", help="with --save: find the keyframes again, and replace the file"
+    )
     add_tracking(parser, calibration="with --robot its own dock, else 'default'; without, none")
     add_planning(parser, robot_required=False)
     parser.set_defaults(run=run)
@@ -84,7 +88,7 @@ def run(args: argparse.Namespace) -> int:
         return 0
     print_table(table)
     if in_base:
-        print("\nthe tool in base, one sigma; on the right by parts (rms over the axes)")
+        print("\nuncertainty of the tool in base, one sigma; right columns: by source (rms over axes)")
         print_table(base_table(rows))
     if joint_names:
         prefix = _common_prefix(joint_names)
@@ -118,7 +122,7 @@ def _save(args: argparse.Namespace, demo: Demonstration, keyframes: tuple[Keyfra
     stays = dwells(inner, PlanOptions(time=args.time, dwell_s=args.dwell))[1:-1]
     magnetic = demo.recording.mag is not None
     path = write_keyframes(demo.folder, demo.folder.name, keyframes, magnetic, args.force, stays)
-    say(f"wrote {path}: edit it; from now on it says where the arm goes and how long it stays there")
+    say(f"wrote {path}: edit it; from now on the arm follows this file")
 
 
 def _add_base(

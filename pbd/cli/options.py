@@ -70,7 +70,7 @@ def add_table(parser: argparse.ArgumentParser, units: str | None = None) -> None
             type=lambda text: _units(text, units),
             default=units,
             metavar="U",
-            help=f"of the table: {'; '.join(CHOICES[unit] for unit in units.split(','))} ({units})",
+            help=f"units of the table: {'; '.join(CHOICES[unit] for unit in units.split(','))} ({units})",
         )
 
 
@@ -80,7 +80,7 @@ def add_tracking(parser: argparse.ArgumentParser, calibration: str = "the robot'
         "--method",
         choices=("default", "paper"),
         default="default",
-        help="how to track: as well as we can, or as the paper does (default)",
+        help="how to track: with pbd's own method, or with the paper's (default)",
     )
     parser.add_argument(
         "--calibration",
@@ -110,13 +110,13 @@ def add_planning(parser: argparse.ArgumentParser, robot_required: bool = True) -
         "--path-tolerance",
         type=positive,
         metavar="METRES",
-        help="with --path keyframes: a move whose tool gets farther from the straight line is made as a line",
+        help="with --path keyframes: moves that stray farther from a straight line are made straight",
     )
     group.add_argument(
         "--time",
         choices=("limits", "demo"),
         default="limits",
-        help="as fast as the limits allow, or as fast as the hand was where they do (limits)",
+        help="as fast as the limits allow, or at the hand's own pace where they allow it (limits)",
     )
     group.add_argument("--speed", type=share, default=1.0, metavar="F", help="share of the joints' limits, up to 1 (1)")
     group.add_argument(

@@ -37,7 +37,7 @@ class Parser(argparse.ArgumentParser):
         if action.choices is not None and value not in action.choices:
             known = [str(choice) for choice in action.choices]
             raise argparse.ArgumentError(
-                action, f"there is no '{value}'; known are {', '.join(known)}{nearest(str(value), known)}"
+                action, f"unknown value '{value}'; choose one of {', '.join(known)}{nearest(str(value), known)}"
             )
 
 
@@ -48,7 +48,7 @@ def parse(top: argparse.ArgumentParser, argv: Sequence[str] | None) -> argparse.
         command: argparse.ArgumentParser = getattr(args, "parser", top)
         word = unknown[0].partition("=")[0]
         if not word.startswith("-"):
-            command.error(f"'{word}' is one argument too many")
+            command.error(f"unexpected argument '{word}'")
         options = [option for action in command._actions for option in action.option_strings]
-        command.error(f"there is no option {word}{nearest(word, options)}")
+        command.error(f"unknown option {word}{nearest(word, options)}")
     return args

@@ -33,23 +33,23 @@ def refuse_place(file: Path, read: Iterable[str | None] = ()) -> None:
         folder = target.parent if file.is_symlink() else file.parent
         if not is_folder(folder):
             if is_taken(folder):
-                raise PbdError(f"{file} can't be written: {folder} is no folder; give another place", path=file)
+                raise PbdError(f"{file} can't be written: {folder} is not a folder; give another place", path=file)
             raise PbdError(
                 f"{file} can't be written: there is no folder {folder}; make it, or give another place", path=file
             )
         if is_taken(target) and not is_file(target):
-            raise PbdError(f"{file} can't be written (it is no regular file); give another place", path=file)
+            raise PbdError(f"{file} can't be written (not a regular file); give another place", path=file)
         if is_taken(target) and not may_write(target):
             raise PbdError(f"{file} is read-only; change its permissions, or give another place", path=file)
         try_folder(folder)
     except OSError as reason:
         raise unwritable(file, reason, PbdError) from None
     if target.name in OF_A_DEMO and is_file(target.parent / "demo.toml"):
-        raise PbdError(f"{file} belongs to the demonstration {folder}, so it is not written over; give another name")
+        raise PbdError(f"{file} belongs to the demonstration {folder}, so it is not overwritten; give another name")
     if target.suffix.lower() == ".toml":
-        raise PbdError(f"{file}: a .toml is what pbd reads and people edit; give another name", path=file)
+        raise PbdError(f"{file}: pbd does not write over .toml files, which people edit; give another name", path=file)
     if any(word and _same(target, word) for word in read):
-        raise PbdError(f"{file} is what this command reads, so it is not written over; give another name", path=file)
+        raise PbdError(f"{file} is what this command reads, so it is not overwritten; give another name", path=file)
 
 
 def _same(target: Path, word: str) -> bool:

@@ -38,11 +38,11 @@ def add(commands: Commands) -> None:
     parser = add_command(
         commands,
         "plot",
-        "the paper's figures, and ours, for a demonstration; or several compared",
-        "Draw a demonstration into files: the paper's figures 5 to 10, attitude, specific force, velocity and\n"
-        "closures, sigma, magnetic field, sampling intervals, and one sheet as a summary. Several demonstrations of\n"
-        "one task are laid over each other at their first stop, with the spread at each keyframe; it is printed as a\n"
-        "table, too.",
+        "draw a demonstration: the paper's figures and more; or compare several",
+        "Draw a demonstration into files: the paper's figures 5 to 10, attitude, specific force, velocity with its\n"
+        "residuals, sigma, magnetic field, sampling intervals, and a summary sheet. Several demonstrations of\n"
+        "one task are overlaid at their first stop, with the spread at each keyframe, which is also printed as a\n"
+        "table.",
         "  pbd plot pouring --save figures --format svg\n  pbd plot paper-test1 paper-test2 --csv > spread.csv",
     )
     parser.add_argument(
@@ -52,8 +52,8 @@ def add(commands: Commands) -> None:
         help="names (in ./demos, or bundled), folders, or recordings (.csv, .npz); two or more are compared; "
         "default: the newest in ./demos, else 'pouring'",
     )
-    parser.add_argument("--save", type=Path, metavar="DIR", help="where to put the files (./plots/NAME)")
-    parser.add_argument("--format", choices=FORMATS, default="png", help="of the files (png)")
+    parser.add_argument("--save", type=Path, metavar="DIR", help="folder for the files (./plots/NAME)")
+    parser.add_argument("--format", choices=FORMATS, default="png", help="format of the files (png)")
     add_table(parser, units="cm,deg")
     add_tracking(parser, calibration="none")
     parser.set_defaults(run=run)
@@ -67,11 +67,11 @@ def run(args: argparse.Namespace) -> int:
 def _plot(args: argparse.Namespace) -> int:
     if args.csv:
         raise UsageError(
-            "--csv is the spread of several demonstrations; name two or more, or see `pbd keyframes --csv`"
+            "--csv prints the spread of several demonstrations; name two or more, or use `pbd keyframes --csv`"
         )
     demo = load_demonstration(_named(args, args.demos[0] if args.demos else None))
     path, _ = _tracked(args, demo, named_calibration(args))
-    with working("collecting what to draw"):
+    with working("preparing the plots"):
         from pbd.plotting.demo import demo_plot
         from pbd.view.plots import draw, names
 
@@ -146,7 +146,7 @@ def _tracked(
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PbdWarning)  # they have been given
             tracked = track_demonstration(unaided, args.method, calibration)
-        warnings.warn(f"{error.message}; drawn as if that were not known", PbdWarning, stacklevel=2)
+        warnings.warn(f"{error.message}; drawn without it", PbdWarning, stacklevel=2)
         return tracked
 
 

@@ -37,32 +37,42 @@ def add(commands: Commands) -> None:
         "record",
         "record a demonstration from a sensor",
         "Record to ./demos/NAME, sample by sample. Hold still for two seconds, then move, stop, move, stop.\n"
-        "At a terminal: Enter ends the recording, space marks that the grip closes or opens, q asks and then discards\n"
-        "it, Ctrl-C ends and keeps it as Enter does.\n"
+        "At a terminal: Enter ends the recording, space marks that the grip closes or opens, q discards it\n"
+        "(after a question), Ctrl-C ends and keeps it as Enter does.\n"
         "`--sensor sim` simulates a hand that does a TASK (pour) and grips by itself.",
         "  pbd record tea --sensor witmotion\n"
         "  pbd record tea --sensor sim:pour           without hardware: a simulated hand that pours\n"
         "  pbd record tea --live                      and see the hand, its path and its stops in the browser\n"
         '  pbd record tea --sensor lines --columns "t,ax,ay,az,gx,gy,gz" --unit t=ms --unit acc=g --unit gyr=deg/s',
     )
-    parser.add_argument("name", nargs="?", metavar="NAME", help="of the demonstration; default: the date and the time")
+    parser.add_argument(
+        "name", nargs="?", metavar="NAME", help="name of the demonstration; default: the date and the time"
+    )
     parser.add_argument(
         "--sensor",
         metavar="SENSOR",
-        help="what it speaks (`pbd sensors` lists them), or sim[:TASK]; default: listen and see",
+        help="the sensor's protocol (`pbd sensors` lists them), or sim[:TASK]; default: detect it",
     )
     parser.add_argument("--port", metavar="P", help="the serial port; default: the only one with something plugged in")
-    parser.add_argument("--baud", type=int, metavar="B", help="default: those that the sensor may have are tried")
-    parser.add_argument("--rate", type=positive, metavar="HZ", help="set the device's rate first, where it can be set")
-    parser.add_argument("--duration", type=positive, metavar="S", help="end after so many seconds")
+    parser.add_argument("--baud", type=int, metavar="B", help="default: try the sensor's usual rates")
     parser.add_argument(
-        "--tolerance", type=positive, default=1.0, metavar="CM", help="say 'pause now' when a move is less sure (1)"
+        "--rate", type=positive, metavar="HZ", help="set the device's sample rate first, where it can be set"
+    )
+    parser.add_argument("--duration", type=positive, metavar="S", help="end after this many seconds")
+    parser.add_argument(
+        "--tolerance",
+        type=positive,
+        default=1.0,
+        metavar="CM",
+        help="say 'pause now' when a move is more uncertain than this (1)",
     )
     parser.add_argument("--closed", action="store_true", help="the hand will end where it began; tracking uses that")
-    parser.add_argument("--raw", action="store_true", help="keep the bytes as they come (raw.bin)")
+    parser.add_argument("--raw", action="store_true", help="also keep the sensor's raw bytes (raw.bin)")
     parser.add_argument("--reconnect", action="store_true", help="wait for a sensor that was unplugged")
     parser.add_argument(
-        "--calibration", metavar="C", help="of this sensor: say where it disagrees with it at rest, and track with it"
+        "--calibration",
+        metavar="C",
+        help="calibration of this sensor: used to track, and compared with the sensor at rest",
     )
     parser.add_argument(
         "--force",
@@ -73,7 +83,11 @@ def add(commands: Commands) -> None:
     parser.add_argument("--live", action="store_true", help="show the hand in the browser, served on this machine only")
     parser.add_argument("--no-open", action="store_true", help="with --live: open no browser; print the address")
     add_lines(parser).add_argument(
-        "--unit", action="append", default=[], metavar="Q=U", help="of acc, gyr, mag, angle, t: acc=g (also razor's)"
+        "--unit",
+        action="append",
+        default=[],
+        metavar="Q=U",
+        help="unit of acc, gyr, mag, angle or t, such as acc=g (also razor's)",
     )
     add_json(parser)
     parser.set_defaults(run=run)
@@ -225,8 +239,8 @@ def _listened(device: str) -> tuple[str, int]:
     elif found.line is not None:
         why = f'it prints lines such as {found.line!r}; give --sensor lines --columns "..." --baud {found.baud}'
     else:
-        why = f"{found.bytes_seen} bytes came that no decoder knows; give --sensor and --baud"
-    raise SensorError(f"what {device} speaks can't be told: {why}", path=device)
+        why = f"{found.bytes_seen} bytes came in no known protocol; give --sensor and --baud"
+    raise SensorError(f"the protocol of {device} is not recognised: {why}", path=device)
 
 
 def _only_port() -> str:

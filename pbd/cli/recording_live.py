@@ -52,7 +52,7 @@ class LiveScreen:
         elif status.sigma_of_move_m > self._tolerance_m:
             cm = 100.0 * status.sigma_of_move_m
             state, badge = "pause", f"pause now: {cm:.0f} cm" if cm >= 1.0 else f"pause now: {cm:.1f} cm"
-            line = "hold still for a moment: the longer the move, the less sure its end"
+            line = "hold still for a moment: a long move makes its end uncertain"
         else:
             state, badge, line = "moves", "moving", self._line
         stops = max(status.stops - 1, 0)

@@ -64,7 +64,7 @@ class SimulatedHand:
             self._closed = status.closed
             if self._emulator.over and not self._told:
                 self._told = True
-                over = Say(status.t, f"the simulated task is over: {then}", bell=True)
+                over = Say(status.t, f"the simulated task is finished: {then}", bell=True)
                 status = replace(status, said=(*status.said, over))
             show(status)
 

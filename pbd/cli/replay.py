@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
     if plan.touching is not None:
         later = len(plan.touching.hits) - 1
         more = f" ({later} more, all marked on the page)" if later else ""
-        args.warnings.append(f"it touches something: {plan.touching.error.message}{more}")
+        args.warnings.append(f"collision: {plan.touching.error.message}{more}")
         say(f"warning: {args.warnings[-1]}")
     options = plan_options(args, robot)
     if args.html is not None:

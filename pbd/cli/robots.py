@@ -15,9 +15,9 @@ def add(commands: Commands) -> None:
     parser = add_command(
         commands,
         "robots",
-        "which robots are known",
-        "List the robots in ./robots and the bundled ones, how far from its base's axis each brings its tool, and\n"
-        "what is assumed of it. A file of your own in ./robots adds one (docs/robots.md).",
+        "list the robots that pbd knows",
+        "List the robots in ./robots and the bundled ones, with their reach (tool from the base's axis) and what pbd\n"
+        "assumes about them. To add your own, put a file into ./robots (docs/robots.md).",
         "  pbd robots --json",
     )
     add_table(parser, units="m")

@@ -17,12 +17,12 @@ def add(commands: Commands) -> None:
     parser = add_command(
         commands,
         "sensors",
-        "what is plugged in, and what can be",
-        "List serial ports with something plugged in, and the kinds of sensors that are understood. As CSV these are\n"
+        "which sensors are plugged in, and which are supported",
+        "List the serial ports with something plugged in, and the sensors that pbd supports. As CSV these are\n"
         "two tables, with an empty line between.",
         "  pbd sensors --probe",
     )
-    parser.add_argument("--probe", action="store_true", help="listen to each port and say what it speaks")
+    parser.add_argument("--probe", action="store_true", help="listen to each port and detect its sensor")
     parser.add_argument("--port", metavar="P", help="this port only")
     add_table(parser)
     parser.set_defaults(run=run)
@@ -74,4 +74,4 @@ def _note(found: Found) -> str:
         return ""
     if found.line is not None:
         return f"lines such as {found.line[:40]!r}: record --sensor lines --columns ..."
-    return "bytes that no decoder knows" if found.bytes_seen else "silent"
+    return "bytes in no known protocol" if found.bytes_seen else "silent"

@@ -24,8 +24,8 @@ def add(commands: Commands) -> None:
     parser = add_command(
         commands,
         "simulate",
-        "make a synthetic demonstration, with its truth",
-        "Simulate a hand that does a task with a sensor in it; the truth is stored beside.",
+        "make a synthetic demonstration with ground truth",
+        "Simulate a hand that holds a sensor and does a task; the ground truth is stored too.",
         "  pbd simulate pour tea --sensor-model wt901 --seed 3\n"
         "  pbd simulate touch trial-touch   to try `pbd calibrate points` with",
     )
@@ -38,8 +38,10 @@ def add(commands: Commands) -> None:
     parser.add_argument(
         "--sensor-model", default="modern", metavar="M", help="os5000, os5000-nogyro, wt901, modern or ideal (modern)"
     )
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="draws the sensor's errors and its noise (0)")
-    parser.add_argument("--rate", type=positive, metavar="HZ", help="instead of the sensor model's own")
+    parser.add_argument(
+        "--seed", type=int, default=0, metavar="N", help="random seed of the sensor's errors and noise (0)"
+    )
+    parser.add_argument("--rate", type=positive, metavar="HZ", help="sample rate (the sensor model's own)")
     parser.add_argument("--force", action="store_true", help="replace a demonstration of that name")
     add_json(parser)
     parser.set_defaults(run=run)
@@ -56,9 +58,7 @@ def run(args: argparse.Namespace) -> int:
     from pbd.sensors.simulated_calibration import TOUCHED
 
     if args.rate is not None and args.rate > HIGHEST_HZ:
-        raise SensorError(
-            f"no sensor gives {args.rate:g} samples a second; give at most {HIGHEST_HZ:g}", value=args.rate
-        )
+        raise SensorError(f"--rate must be at most {HIGHEST_HZ:g} Hz, got {args.rate:g}", value=args.rate)
     with working("simulating"):
         demo = simulate(args.task, args.sensor_model, args.seed, rate_hz=args.rate)
     touched = Points(tuple(TOUCHED), np.array(list(TOUCHED.values()))) if args.task == "touch" else None

@@ -14,7 +14,7 @@ def tell_ways(plan: Plan) -> None:
     """Say where the arm leaves the way that was asked for, or the tool the straight line."""
     for i, way in enumerate(plan.ways):
         if (hit := way.avoided) is not None:
-            say(f"the move to keyframe {i} goes another way: straight, {hit.first} would touch {hit.second}")
+            say(f"the move to keyframe {i} makes a detour: on the straight move {hit.first} would touch {hit.second}")
     worst = max(range(len(plan.ways)), key=lambda i: plan.ways[i].off_line_m)
     off_cm = 100.0 * plan.ways[worst].off_line_m
     if off_cm >= 1.0:

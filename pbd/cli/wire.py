@@ -15,13 +15,15 @@ def add_lines(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     """Add the options of a device that prints numbers, but for --unit."""
     group = parser.add_argument_group("a device that prints numbers (--sensor lines)")
     group.add_argument(
-        "--columns", metavar="LIST", help="what the numbers of a line are, such as t,ax,ay,az,gx,gy,gz; or a .toml file"
+        "--columns", metavar="LIST", help="names of the numbers in a line, such as t,ax,ay,az,gx,gy,gz; or a .toml file"
     )
     group.add_argument(
-        "--separator", default=",", metavar="CHAR", help="between numbers: a character, space or tab (,)"
+        "--separator", default=",", metavar="CHAR", help="separator between numbers: a character, space or tab (,)"
     )
-    group.add_argument("--prefix", default="", metavar="TEXT", help="what each line begins with")
-    group.add_argument("--wrap", type=float, metavar="T", help="at which the device's clock starts anew, in its unit")
+    group.add_argument("--prefix", default="", metavar="TEXT", help="text that each line begins with")
+    group.add_argument(
+        "--wrap", type=float, metavar="T", help="value at which the device's clock restarts from 0, in its unit"
+    )
     return group
 
 
@@ -43,7 +45,7 @@ def decoder_maker(args: argparse.Namespace, sensor: str, units: Iterable[str]) -
     if sensor == "razor":
         layout = razor_layout(units_from_options(units))
     elif not args.columns:
-        raise SensorError('tell what the numbers of a line are: --columns "t,ax,ay,az,gx,gy,gz", or a .toml file')
+        raise SensorError('name the numbers of a line: --columns "t,ax,ay,az,gx,gy,gz", or a .toml file')
     elif args.columns.endswith(".toml"):
         try:
             text = Path(args.columns).read_text(encoding="utf-8")

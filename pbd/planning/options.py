@@ -54,7 +54,7 @@ class PlanOptions:
     def __post_init__(self) -> None:
         for value, known in ((self.path, PATHS), (self.time, TIMES)):
             if value not in known:
-                raise PbdError(f"no '{value}'; choose one of {', '.join(known)}", value=value)
+                raise PbdError(f"unknown value '{value}'; choose one of {', '.join(known)}", value=value)
 
 
 def dwells(keyframes: Sequence[Keyframe], options: PlanOptions) -> list[float]:

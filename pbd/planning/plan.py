@@ -90,7 +90,7 @@ def plan_keyframes(
     options = options or PlanOptions()
     calibration = with_table(calibration, robot)
     if options.path == "demo" and hand_path is None:
-        raise PlanError("the hand's path isn't known, only its keyframes; choose another --path")
+        raise PlanError("only the keyframes are known, not the hand's path; choose another --path")
     refuse_few(keyframes)
     refuse_unsure(keyframes, options.scale * calibration.scale)
     arm = arm_of(robot)

@@ -38,7 +38,7 @@ def find_passage(
     passage = Passage(scene.arm, scene, T_base_tool, [keyframe.grip for keyframe in keyframes])
     if options.approach and (hit := scene.hit(q_start, passage.legs[0])) is not None:
         raise PlanError(
-            f"where the arm starts: {describe(hit)}; move the arm, or what the calibration says is there",
+            f"at the arm's start: {describe(hit)}; move the arm, or correct the obstacles in the calibration",
             bodies=(hit.first, hit.second),
             value=hit.depth,
             p_base=hit.p_base,

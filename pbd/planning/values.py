@@ -100,7 +100,7 @@ def find_stretched(timed: Timed, keyframes: Sequence[Keyframe]) -> tuple[Stretch
         ]
         rest = f", and {len(found) - 3} more" if len(found) > 3 else ""
         warnings.warn(
-            f"{len(found)} of {len(keyframes) - 1} moves take longer than the hand did, as the limits ask: "
+            f"{len(found)} of {len(keyframes) - 1} moves are slower than the hand's, to keep the joint limits: "
             f"{', '.join(told)}{rest}",
             PbdWarning,
             stacklevel=3,

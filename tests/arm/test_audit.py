@@ -62,8 +62,8 @@ def test_each_limit_bites(arm: ArmModel, limit: str, unit: str) -> None:
     assert bound == getattr(arm.limits, limit)[arm.robot.joints.index(str(joint))]
     assert abs(value) == pytest.approx(1.001 * float(str(bound)), rel=1e-9)
     assert caught.value.message == (
-        f"audit: {joint} has {limit} {value:.6g} {unit}, beyond its limit of {bound:.6g} {unit}, at {t:.3f} s; nothing"
-        " is shown or written; report it with the demonstration and the robot's TOML"
+        f"audit: {joint} has {limit} {value:.6g} {unit}, beyond its limit of {bound:.6g} {unit}, at {t:.3f} s; no "
+        "trajectory was written; please report it with the demonstration and the robot's TOML"
     )
     # the same trajectory passes where that limit alone is as wide as it was planned with
     audit(trajectory, changed(arm.limits, **{limit: 1.001 * getattr(arm.limits, limit)}), arm, poses)
@@ -156,21 +156,33 @@ Alter = Callable[[JointTrajectory], JointTrajectory]
         (lambda t: altered(t, 9, 1, 1e-5), r"panda_joint4 jumps by .* in (position|velocity) at .* s"),
         (lambda t: altered(t, 0, 1, 1e-5), r"panda_joint4 jumps by .* rad.* in .* at .* s"),
         (lambda t: altered(t, -1, 2, 1e-3), r"panda_joint4 jumps by .* rad.* in .* at .* s"),
-        (lambda t: altered(t, 4, 3, np.nan), "the trajectory holds a number that is not finite"),
-        (lambda t: replace(t, knots=t.knots + 0.1), "the trajectory's pieces don't follow each other from 0 on"),
-        (lambda t: replace(t, knots=np.sort(t.knots)[::-1] * 1.0), "the trajectory's pieces don't follow each other"),
-        (lambda t: replace(t, gripper_opening=t.gripper_opening * 1.1), "the gripper's times go back, or its opening"),
-        (lambda t: replace(t, gripper_t=t.gripper_t[::-1]), "the gripper's times go back, or its opening leaves 0..1"),
+        (lambda t: altered(t, 4, 3, np.nan), "the trajectory contains a number that is not finite"),
+        (lambda t: replace(t, knots=t.knots + 0.1), "the trajectory's segments do not join up from t = 0"),
+        (lambda t: replace(t, knots=np.sort(t.knots)[::-1] * 1.0), "the trajectory's segments do not join up"),
+        (lambda t: replace(t, gripper_opening=t.gripper_opening * 1.1), "the gripper's times decrease, or its opening"),
+        (
+            lambda t: replace(t, gripper_t=t.gripper_t[::-1]),
+            "the gripper's times decrease, or its opening is outside 0",
+        ),
         (lambda t: replace(t, joint_names=("a", *t.joint_names[1:])), r"the trajectory moves \('a', .*the robot's"),
-        (lambda t: replace(t, keyframe_t=t.keyframe_t[:-1], keyframe_q=t.keyframe_q[:-1]), "has 4 keyframes, 5 were"),
-        (lambda t: replace(t, keyframe_t=t.keyframe_t + 0.05), r"keyframe 0 \(.* s\) the joints aren't those of the"),
-        (lambda t: replace(t, keyframe_q=t.keyframe_q + 1e-8), r"keyframe 0 \(.* s\) the joints aren't those of the"),
-        (lambda t: replace(t, keyframe_q=t.keyframe_q * np.nan), r"keyframe 0 \(.* s\) the joints aren't those of"),
+        (
+            lambda t: replace(t, keyframe_t=t.keyframe_t[:-1], keyframe_q=t.keyframe_q[:-1]),
+            "has 4 keyframes instead of 5",
+        ),
+        (
+            lambda t: replace(t, keyframe_t=t.keyframe_t + 0.05),
+            r"keyframe 0 \(.* s\) the joints differ from the planned",
+        ),
+        (
+            lambda t: replace(t, keyframe_q=t.keyframe_q + 1e-8),
+            r"keyframe 0 \(.* s\) the joints differ from the planned",
+        ),
+        (lambda t: replace(t, keyframe_q=t.keyframe_q * np.nan), r"keyframe 0 \(.* s\) the joints differ from the"),
     ],
 )
 def test_each_promise_bites(arm: ArmModel, alter: Alter, message: str) -> None:
     trajectory, poses = plan(arm)
-    with pytest.raises(PlanError, match=f"^audit: .*{message}.*; nothing is shown or written; report it"):
+    with pytest.raises(PlanError, match=f"^audit: .*{message}.*; no trajectory was written; please report it"):
         audit(alter(trajectory), arm.limits, arm, poses)
 
 
@@ -207,7 +219,7 @@ def test_poses_bite(arm: ArmModel, twist: tuple[float, ...], sound: bool) -> Non
             audit(trajectory, arm.limits, arm, wanted)
         assert caught.value.fields["keyframe"] == 3
         assert "at keyframe 3 (" in caught.value.message
-        assert " rad off its pose; nothing is shown or written; " in caught.value.message
+        assert " rad off its pose; no trajectory was written; " in caught.value.message
 
 
 def test_samples_that_are_not_those_of_the_pieces_are_found(arm: ArmModel, monkeypatch: pytest.MonkeyPatch) -> None:

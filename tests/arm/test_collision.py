@@ -162,16 +162,16 @@ def test_against_dense_sampling(arm: ArmModel) -> None:
     [
         (
             Obstacle("the board", "box", (0.25, 0.02, 0.3), Pose.from_rpy((0.68, 0.0, 0.45), (0, 0, 0))),
-            r"on the way from keyframe 0 to keyframe 1 \(t = \d\.\d s\): panda_\w+ would touch the board, \d+\.\d cm "
-            r"deep; move the dock or the board, or go round it",
+            r"between keyframes 0 and 1 \(t = \d\.\d s\): panda_\w+ would touch the board, \d+\.\d cm "
+            r"deep; move the dock or the board, or demonstrate a path around it",
         ),
         (
             Obstacle("the lamp", "sphere", (0.2,), Pose.from_rpy((0.31, 0.0, 0.6), (0, 0, 0))),
-            r"where the motion starts \(t = 0\.0 s\): panda_\w+ would touch the lamp, \d+\.\d cm deep; change home in ",
+            r"at the start of the motion \(t = 0\.0 s\): panda_\w+ would touch the lamp, \d+\.\d cm deep; change home",
         ),
         (
             Obstacle("the lamp", "box", (0.2, 0.1, 0.1), Pose.from_rpy((0.5, -0.2, 0.295), (0, 0, 0))),
-            r"keyframe 0 \(t = \d\.\d s\): panda_\w+ would touch the lamp, \d\.\d mm deep; move the ",
+            r"at keyframe 0 \(t = \d\.\d s\): panda_\w+ would touch the lamp, \d\.\d mm deep; move the ",
         ),
     ],
 )
@@ -190,7 +190,7 @@ def test_what_only_comes_near_is_told_so(arm: ArmModel) -> None:
     joints = placements(arm, np.append(trajectory.keyframe_q[1], 1.0))
     level = min(points_of(body, joints)[:, 2].min() for body in fingers) - 0.0015
     with pytest.raises(
-        PlanError, match=r"^keyframe 1 .*finger would come within 1\.\d mm of the table; raise the keyf"
+        PlanError, match=r"^at keyframe 1 .*finger would come within 1\.\d mm of the table; raise the keyf"
     ):
         refuse_collision(CollisionScene(arm, level), trajectory)
 
@@ -204,9 +204,9 @@ def test_a_keyframe_in_the_table_is_named(arm: ArmModel) -> None:
     assert (found.keyframe, found.at_keyframe) == (1, True)
     assert found.deepest_t == pytest.approx(trajectory.keyframe_t[1], abs=0.25)
     error = collision_error(scene, trajectory, found)
-    assert error.message.startswith(f"keyframe 1 (t = {found.t:.1f} s): panda_")
+    assert error.message.startswith(f"at keyframe 1 (t = {found.t:.1f} s): panda_")
     assert "finger would touch the table, " in error.message
-    assert error.message.endswith(" cm deep; raise the keyframe, or the dock and with it the whole motion")
+    assert error.message.endswith(" cm deep; raise the keyframe, or raise the dock and with it the whole motion")
     depth = error.fields["value"]
     assert isinstance(depth, float)
     assert 0.018 < depth < 0.04
@@ -218,7 +218,9 @@ def test_the_arm_against_itself_and_after_the_last_keyframe(arm: ArmModel) -> No
     q = np.array([arm.robot.home + 0.1, folded])
     trajectory = time_keyframes(arm, q, [0.2, 0.2], [None, None], arm.robot.home)
     scene = CollisionScene(arm)
-    with pytest.raises(PlanError, match=r"^keyframe 1 .* would touch panda_\w+, .*; move the dock, or turn the hand"):
+    with pytest.raises(
+        PlanError, match=r"^at keyframe 1 .* would touch panda_\w+, .*; move the dock, or hold the sensor"
+    ):
         refuse_collision(scene, trajectory)
     kept = JointTrajectory(
         trajectory.joint_names, trajectory.knots, trajectory.coefficients, trajectory.gripper_t,
@@ -234,8 +236,8 @@ def test_home_in_collision_is_refused(arm: ArmModel) -> None:
     ) as caught:
         refuse_home(CollisionScene(arm, 0.6))
     assert caught.value.message.endswith(
-        "; correct table_height in the calibration, begin where the arm is with --from and --no-retreat, or leave home "
-        "out with --no-approach --no-retreat, or change home in the robot's TOML"
+        "; correct table_height in the calibration, start at the arm's present joints (--from, --no-retreat), skip "
+        "home (--no-approach --no-retreat), or change home in the robot's TOML"
     )
     assert caught.value.exit_code == 3
 

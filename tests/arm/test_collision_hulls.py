@@ -147,9 +147,9 @@ def test_a_mesh_is_found_and_scaled(tmp_path: Path, cache: Path, address: str) -
     [
         (None, '<mesh filename="package://meshes/t.obj"/>', "t.obj is missing or can't be read; put it there, or "),
         ("nonsense", '<mesh filename="meshes/t.obj"/>', "t.obj can't be read .*; convert it to STL"),
-        (OBJ, '<mesh filename="meshes/t.obj" scale="1 two 3"/>', "a shape of link 'hand' makes no sense .*'two'"),
-        (OBJ, '<mesh scale="1 1 1"/>', "a shape of link 'hand' makes no sense .*'filename'"),
-        (OBJ, '<cone radius="1"/>', "a shape of link 'hand' makes no sense .*'cone' is none of mesh, box, "),
+        (OBJ, '<mesh filename="meshes/t.obj" scale="1 two 3"/>', "a shape of link 'hand' is invalid .*'two'"),
+        (OBJ, '<mesh scale="1 1 1"/>', "a shape of link 'hand' is invalid .*'filename'"),
+        (OBJ, '<cone radius="1"/>', "a shape of link 'hand' is invalid .*'cone' is not a mesh, box, "),
     ],
 )
 def test_a_fault_is_told(tmp_path: Path, cache: Path, content: str | None, collision: str, message: str) -> None:

@@ -112,9 +112,8 @@ def test_what_is_held_is_told() -> None:
     with pytest.warns(PbdWarning) as told:
         held = hold(arm, wanted, q)
     assert [str(warning.message) for warning in told] == [
-        "so101 has 5 joints and can't turn its tool as the hand was turned: its approach axis is up to 4 degrees off,"
-        " the rotation about it 29, most at keyframe 0; choose an arm of six joints, or a dock that lies better for"
-        " this one"
+        "so101 has 5 joints and can't match the hand's orientation: its approach axis is up to 4 degrees off,"
+        " the rotation about it up to 29 degrees, worst at keyframe 0; use an arm with six joints, or move the dock"
     ]
     np.testing.assert_allclose(held.off_rad, [[np.radians(4.0), 0.0], [0.0, 0.5]], atol=1e-9)
     assert all(max(pose.distance(here)) < 1e-12 for pose in held.T_base_tool)

@@ -165,11 +165,11 @@ def test_errors_are_one_line_and_list_the_names(odd_robot: Robot, tmp_path: Path
         ),
         (
             replace(odd_robot, base="carriage"),
-            "odd: base 'carriage' moves with lift; choose a body that stands still",
+            "odd: base 'carriage' moves with joint lift; choose a link that is fixed",
         ),
         (
             replace(odd_robot, joints=("lift", "pan", "wrist", "swing")),
-            f"odd: the arm's joints stand in the order pan, lift, wrist, swing in {urdf}; list them in that order",
+            f"odd: joints must be in the order of {urdf}; list them as pan, lift, wrist, swing",
         ),
     )
     for robot, message in cases:
@@ -182,7 +182,7 @@ def test_errors_are_one_line_and_list_the_names(odd_robot: Robot, tmp_path: Path
 def test_a_urdf_that_cant_be_read_is_one_line(odd_robot: Robot, tmp_path: Path, text: str) -> None:
     broken = tmp_path / "broken.urdf"
     broken.write_text(text, encoding="utf-8")
-    with pytest.raises(RobotError, match=r"broken\.urdf: not a URDF that can be read: .*; mend it there") as caught:
+    with pytest.raises(RobotError, match=r"broken\.urdf: not a valid URDF: .*; correct it") as caught:
         load_model(replace(odd_robot, urdf=broken))
     assert "\n" not in caught.value.message
 

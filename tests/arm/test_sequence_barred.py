@@ -70,9 +70,7 @@ def test_a_keyframe_with_no_way_to_stand_is_named(arm: ArmModel) -> None:
         solve_sequence(arm, poses, truth[0], allowed=lambda i, _: i != 2)
     barred = caught.value
     assert (barred.keyframe, barred.stands, barred.exit_code) == (2, False, 3)
-    assert barred.message == (
-        "no way to hold the arm at keyframe 2 that is free was found; move the dock or what stands in the way"
-    )
+    assert barred.message == ("no collision-free arm pose at keyframe 2 was found; move the dock or the obstacle")
     assert all(check(arm, pose, q).reached for pose, q in zip(poses, barred.path, strict=True))
 
 
@@ -84,7 +82,7 @@ def test_a_move_that_is_never_clear_is_named_and_the_path_is_free_before_it() ->
     def clear(i: int, q_from: Array, q_to: Array) -> bool:
         return i < 2 and q_to[2] < 0.0
 
-    with pytest.raises(BarredError, match=r"^no free way to keyframe 2 was found; ") as caught:
+    with pytest.raises(BarredError, match=r"^no collision-free way to keyframe 2 was found; ") as caught:
         solve_sequence(arm, poses, start, clear=clear)
     barred = caught.value
     assert (barred.keyframe, barred.stands) == (2, True)
@@ -106,7 +104,7 @@ def test_the_way_back_is_part_of_the_path() -> None:
     assert path.shape == (2, 6)
     assert [i for i, _, _ in moves] == [0, 1, 2]
     np.testing.assert_array_equal(moves[2][2], start)
-    with pytest.raises(BarredError, match=r"^no free way back from keyframe 1 was found; ") as caught:
+    with pytest.raises(BarredError, match=r"^no collision-free way back from keyframe 1 was found; ") as caught:
         solve_sequence(arm, [pose, pose], start, q_end=start + turn, clear=lambda i, _a, _b: i < 2)
     assert (caught.value.keyframe, caught.value.stands) == (2, True)
     assert caught.value.path.shape == (2, 6)

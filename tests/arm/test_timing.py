@@ -130,7 +130,7 @@ def test_the_gripper_moves_while_the_arm_stands(arm: ArmModel) -> None:
 def test_a_grip_without_a_gripper_is_left_out_with_a_warning(arm: ArmModel) -> None:
     bare = load_model(replace(arm.robot, gripper=None))
     q = random_joints(arm.robot, 2, seed=10)
-    expected = "panda has no gripper: what the hand gripped at keyframe 1 is left out; give it one in its TOML"
+    expected = "panda has no gripper: the grip at keyframe 1 is ignored; add a [gripper] in its TOML"
     with pytest.warns(PbdWarning) as caught:
         trajectory = time_keyframes(bare, q, [0, 0], [None, True], arm.robot.home)
     assert [str(warning.message) for warning in caught] == [expected]
@@ -147,7 +147,9 @@ def test_coincident_keyframes_take_no_time(arm: ArmModel) -> None:
 
 
 def test_where_nothing_moves_there_is_no_trajectory(arm: ArmModel) -> None:
-    with pytest.raises(PlanError, match="nothing moves: all keyframes are where the arm starts; demonstrate a motion"):
+    with pytest.raises(
+        PlanError, match="nothing moves: the arm already stands at every keyframe; demonstrate a motion"
+    ):
         move(arm, arm.robot.home, arm.robot.home)
 
 

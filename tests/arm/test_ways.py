@@ -178,7 +178,7 @@ def test_lines_where_a_straight_move_leaves_them_too_far() -> None:
 def test_where_the_last_keyframe_has_no_free_way_back_the_motion_ends_there() -> None:
     """Something stands at home: that bars the way back and nothing else."""
     poses, between = (moved(y=0.3, z=-0.1), moved(y=0.35, z=-0.1)), [ball(0.0, 0.0, 0.0, 0.12)]
-    with pytest.warns(PbdWarning, match=r"no free way back from the last keyframe was found .*the ball"):
+    with pytest.warns(PbdWarning, match=r"no collision-free way back from the last keyframe was found .*the ball"):
         ways, _ = chosen(poses, between, q_back=HOME, approach=False)
     assert ways.back is None
     assert len(ways.ways) == 2

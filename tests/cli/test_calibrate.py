@@ -125,7 +125,7 @@ def test_a_dock_where_a_demonstration_stopped(capsys: Capture) -> None:
     )
     assert line == "pbd: pouring has the keyframes 0 to 10, not '11'; `pbd keyframes pouring` lists them"
     line = refused(capsys, 1, "calibrate", "dock", "none", "--from-keyframe", "pouring", "1")
-    assert line.startswith("pbd: there is no calibration 'none' yet that tells where pouring was; name one")
+    assert line.startswith("pbd: there is no calibration 'none' yet, so it is unknown where pouring started; name")
 
 
 def test_a_dock_out_of_reach_is_refused_with_exit_3(capsys: Capture) -> None:
@@ -139,11 +139,15 @@ def test_a_dock_out_of_reach_is_refused_with_exit_3(capsys: Capture) -> None:
 @pytest.mark.parametrize(
     ("args", "code", "message"),
     [
-        (("--joints", "0", "0"), 1, "--joints needs the robot that they are of; give --robot"),
+        (("--joints", "0", "0"), 1, "--joints needs a robot; give --robot too"),
         (("--robot", "panda", "--joints", "0", "0"), 1, "panda has 7 joints ("),
-        (("--robot", "panda", "--joints", *["0"] * 6, "400"), 3, "joint panda_joint4 can't stand at 0: its limits are"),
+        (("--robot", "panda", "--joints", *["0"] * 6, "400"), 3, "joint panda_joint4 can't be at 0: its limits are"),
         (("--position", "nan", "0", "0"), 1, "--position and --rpy must be finite numbers; correct them"),
-        (("--position", "450", "0", "0"), 1, "a dock 450 m from the robot's base is out of any reach; give metres"),
+        (
+            ("--position", "450", "0", "0"),
+            1,
+            "a dock 450 m from the robot's base is beyond every robot's reach; give metres",
+        ),
         (("--joints", "0", "--rpy", "0", "0", "0"), 1, "--rpy goes with --position; leave it out"),
         (("--position", "0", "0", "0", "--robot", "pandora"), 1, "no robot named 'pandora'"),
     ],
@@ -227,7 +231,7 @@ def test_a_dock_is_not_replaced_unasked(capsys: Capture, touched: Touching) -> N
     run(capsys, *DOCK)
     before = Path("calibration/bench.toml").read_text()
     line = refused(capsys, 1, *POINTS)
-    assert "bench.toml has a [dock], and a calibration takes one of the two; --force puts [nav] in its place" in line
+    assert "bench.toml has a [dock], and a calibration can't have [nav] too; replace it with --force" in line
     assert Path("calibration/bench.toml").read_text() == before
     assert run(capsys, *POINTS, "--as", "dock")[0] == 0
     calibration = read_calibration(Path("calibration/bench.toml"))
@@ -255,7 +259,7 @@ def test_the_dock_and_nav_say_the_same_of_their_demonstration(capsys: Capture, t
 @pytest.mark.parametrize(
     ("args", "message"),
     [
-        (("--stops", "1,2,3,4,5"), "--stops names 5 stops for 6 points; name one a point"),
+        (("--stops", "1,2,3,4,5"), "--stops names 5 stops for 6 points; name one stop per point"),
         (("--stops", "1,2,3,4,5,5"), "--stops must name different stops from 0 to 6"),
         (("--stops", "1,2,3,4,5,7"), "--stops must name different stops from 0 to 6"),
         (("--free",), "7 stops can't be matched with 6 points while the tilt is free; name the stops with --stops"),
@@ -299,7 +303,7 @@ def test_show_without_a_start(capsys: Capture) -> None:
     assert line.endswith("does not say where the hand starts, so there is nothing to plot; add a dock")
     code, _, err = run(capsys, "calibrate", "show", "mount.toml", "pouring")
     assert (code, err.count("\n")) == (0, 1)
-    assert "does not say where the hand starts, so how sure the tool is can't be said; add a dock" in err
+    assert "does not say where the hand starts, so the tool's uncertainty is unknown; add a dock" in err
     line = refused(capsys, 1, "replay", "pouring", "--robot", "panda", "--calibration", "mount.toml", "--no-open")
     assert "does not say where the hand starts in the robot's base; add a dock" in line
 

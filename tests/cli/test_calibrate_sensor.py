@@ -125,7 +125,7 @@ def test_six_sides_are_told_from_twelve(capsys: Capture) -> None:
     assert code == 0
     assert err.startswith("pbd: warning: 6 orientations do not tell lean yz, lean xz, lean xy: that is left near")
     assert out.count("can't be told") == 3
-    assert "gravity was taken for 9.80665 m/s2" in err
+    assert "assumed gravity is 9.80665 m/s2" in err
 
 
 def test_what_is_wrong_with_a_recording_of_sides(capsys: Capture) -> None:
@@ -139,7 +139,7 @@ def test_what_is_wrong_with_a_recording_of_sides(capsys: Capture) -> None:
     line = refused(capsys, "calibrate", "sensor", "bench", "three", "--latitude", "100")
     assert line == "--latitude must be from -90 to 90, got 100"
     line = refused(capsys, "calibrate", "sensor", "bench", "three", "--gravity", "981")
-    assert line.startswith("--gravity must be in m/s2, from 9.7 to 9.9 as everywhere on earth, got 981")
+    assert line.startswith("--gravity must be from 9.7 to 9.9 m/s2, got 981")
     with pytest.raises(SystemExit, match="2"):
         main(["calibrate", "sensor", "bench", "three", "--only", "gyro"])
     capsys.readouterr()
@@ -243,4 +243,6 @@ def test_a_disturbed_field_recommends_a_dock(capsys: Capture) -> None:
         "good", "--again", "good", "good"
     )
     assert read_calibration(Path("calibration/bare.toml" if points("bare") else "")).T_base_nav is None
-    assert "without a magnetometer nav's heading is that of the sensor" in points("bare", "--as", "nav", "--force")
+    assert "without a magnetometer the heading is measured from the first rest" in points(
+        "bare", "--as", "nav", "--force"
+    )

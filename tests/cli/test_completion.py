@@ -73,7 +73,7 @@ def test_zsh_takes_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     if zsh is None:
         pytest.skip("no zsh here")
     text = script("zsh", capsys)
-    assert "import:'bring a recording of another program in'" in text
+    assert "import:'import a recording of another program'" in text
     file = tmp_path / "pbd.zsh"
     file.write_text(text, encoding="utf-8")
     asked = f'autoload -U compinit; compinit -u -D; eval "$(<{file})"; print $_comps[pbd]'

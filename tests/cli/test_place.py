@@ -45,7 +45,7 @@ def refused(capsys: Capture, place: str) -> str:
 @pytest.mark.parametrize("name", OF_A_DEMO)
 def test_no_file_of_a_demonstration_is_written_over(name: str) -> None:
     for place in (Path("demos/tea") / name, Path("demos/../demos/tea") / name):
-        with pytest.raises(PbdError, match=r"belongs to the demonstration .*tea, so it is not written over"):
+        with pytest.raises(PbdError, match=r"belongs to the demonstration .*tea, so it is not overwritten"):
             refuse_place(place)
     Path("link.csv").symlink_to(Path("demos/tea") / name)
     with pytest.raises(PbdError, match="belongs to the demonstration"):
@@ -55,14 +55,17 @@ def test_no_file_of_a_demonstration_is_written_over(name: str) -> None:
 @pytest.mark.parametrize(
     ("place", "line"),
     [
-        ("demos/tea/imu.csv", "belongs to the demonstration demos/tea, so it is not written over; give another name"),
-        ("demos/tea/demo.toml", "belongs to the demonstration demos/tea, so it is not written over"),
-        ("robots/mine.toml", "robots/mine.toml: a .toml is what pbd reads and people edit; give another name"),
-        ("calibration/bench.toml", ": a .toml is what pbd reads"),
+        ("demos/tea/imu.csv", "belongs to the demonstration demos/tea, so it is not overwritten; give another name"),
+        ("demos/tea/demo.toml", "belongs to the demonstration demos/tea, so it is not overwritten"),
+        (
+            "robots/mine.toml",
+            "robots/mine.toml: pbd does not write over .toml files, which people edit; give another name",
+        ),
+        ("calibration/bench.toml", ": pbd does not write over .toml files"),
         ("demos/", "demos is a folder: give a file's name"),
         ("nowhere/x.csv", "x.csv can't be written: there is no folder nowhere; make it, or give another place"),
         ("nowhere/x.html", "x.html can't be written: there is no folder nowhere; make it, or give another place"),
-        ("robots/mine.toml/x.csv", "can't be written: robots/mine.toml is no folder; give another"),
+        ("robots/mine.toml/x.csv", "can't be written: robots/mine.toml is not a folder; give another"),
     ],
 )
 def test_a_place_is_tested_first(capsys: Capture, elsewhere: Path, place: str, line: str) -> None:
@@ -74,7 +77,7 @@ def test_a_place_is_tested_first(capsys: Capture, elsewhere: Path, place: str, l
 def test_what_is_read_is_not_written_over(capsys: Capture) -> None:
     Path("walk.csv").write_text("t,ax,ay,az\n")
     assert main(["export", "walk.csv", "--robot", "nobody", "-o", "./walk.csv"]) == 1
-    assert "walk.csv is what this command reads, so it is not written over" in capsys.readouterr().err
+    assert "walk.csv is what this command reads, so it is not overwritten" in capsys.readouterr().err
 
 
 def test_a_page_ends_in_html(capsys: Capture) -> None:

@@ -182,7 +182,7 @@ def test_a_simulated_task_grips_by_itself_and_ends_it_where_nobody_could(tmp_pat
     out, error = process.communicate(timeout=20)
     assert process.returncode == 0, error
     assert json.loads(out)["ended_by"] == "simulated task finished"
-    assert error.count("the simulated task is over: it ends here") == 1
+    assert error.count("the simulated task is finished: it ends here") == 1
     task = simulate("pick-and-place-direct", "modern").recording
     recording = read_demo(tmp_path / "demos" / "tea").recording
     assert recording.info.sensor == "sim (x-IMU3)"
@@ -214,7 +214,7 @@ def test_what_exists_is_refused_before_anything_is_opened(tmp_path: Path) -> Non
         (("--sensor", "sim", "--rate", "50"), "a simulated sensor has no port, baud or rate to choose; leave out"),
         (("--sensor", "witmotion", "--port", "/dev/nothing"), "there is no port /dev/nothing"),
         (("--sensor", "witmotion", "--port", "/dev/null", "--baud", "9600"), "/dev/null is no serial port"),
-        (("--sensor", "lines", "--port", "/dev/null"), "tell what the numbers of a line are"),
+        (("--sensor", "lines", "--port", "/dev/null"), "name the numbers of a line"),
         (("--sensor", "razor", "--unit", "gyr=rpm", "--port", "/dev/null"), "'rpm' is no unit of gyr"),
     ],
 )

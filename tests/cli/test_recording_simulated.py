@@ -89,7 +89,7 @@ def test_the_end_of_the_task_is_told_once_and_ends_it_where_nobody_could(
     show(OPEN)
     show(OPEN)
     said = [[say.text for say in status.said] for status in shown]
-    assert said == [[], [f"the simulated task is over: {then}"], []]
+    assert said == [[], [f"the simulated task is finished: {then}"], []]
     ends = then == "it ends here"
     assert poll() is (Command.END if ends else None)
     assert hand.outcome(OUTCOME).ended_by == ("simulated task finished" if ends else "you")

@@ -178,7 +178,7 @@ def test_another_dock_is_refused(tea: Path, capsys: pytest.CaptureFixture[str]) 
     file.write_text(file.read_text(encoding="utf-8").replace("rpy_deg = [", "rpy_deg = [5", 1), encoding="utf-8")
     capsys.readouterr()
     assert main(["keyframes", "tea"]) == 1
-    assert "the dock, from which all others are seen; put it back" in capsys.readouterr().err
+    assert "the dock, to which all others refer; restore it" in capsys.readouterr().err
 
 
 def test_nothing_is_saved_into_what_is_bundled_or_no_folder(tea: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -33,14 +33,20 @@ def told(capsys: Capture, *args: str) -> tuple[object, str]:
 @pytest.mark.parametrize(
     ("args", "line"),
     [
-        (("exprt",), "pbd: argument COMMAND: there is no 'exprt'; known are record, simulate, import, segments, "),
+        (
+            ("exprt",),
+            "pbd: argument COMMAND: unknown value 'exprt'; choose one of record, simulate, import, segments, ",
+        ),
         (("exprt",), "sensors; did you mean export? see pbd --help\n"),
         (("calibrate", "dok"), "points, mount, sensor, show; did you mean dock? see pbd calibrate --help\n"),
         (("calibrate",), "pbd calibrate: the following arguments are required: STEP; see pbd calibrate --help\n"),
-        (("segments", "--metod", "paper"), "pbd segments: there is no option --metod; did you mean --method? see pbd"),
-        (("segments", "--xyz=3"), "pbd segments: there is no option --xyz; see pbd segments --help\n"),
-        (("segments", "tea", "milk"), "pbd segments: 'milk' is one argument too many; see pbd segments --help\n"),
-        (("segments", "--method", "papr"), "there is no 'papr'; known are default, paper; did you mean paper? see"),
+        (("segments", "--metod", "paper"), "pbd segments: unknown option --metod; did you mean --method? see pbd"),
+        (("segments", "--xyz=3"), "pbd segments: unknown option --xyz; see pbd segments --help\n"),
+        (("segments", "tea", "milk"), "pbd segments: unexpected argument 'milk'; see pbd segments --help\n"),
+        (
+            ("segments", "--method", "papr"),
+            "unknown value 'papr'; choose one of default, paper; did you mean paper? see",
+        ),
         (("replay", "--robot", "panda", "--scale", "big"), "argument --scale: must be a number above zero, got 'big'"),
         (
             ("export", "--robot", "panda", "-o", "-"),

@@ -146,7 +146,7 @@ def in_the_way() -> ReplayScene:
         Touching(("panda_hand", "the post"), 4.0, 5.0, told),
         Touching(("panda_link6", "the table"), 7.0, 7.25, "t = 7.0 s: panda_link6 would touch the table, 3.0 mm deep"),
     )
-    return replace(pouring(), obstacles=(post, wall), touching=touching, notes=(f"it touches something: {told}",))
+    return replace(pouring(), obstacles=(post, wall), touching=touching, notes=(f"collision: {told}",))
 
 
 def ur5_moves() -> ReplayScene:
