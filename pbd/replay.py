@@ -39,7 +39,7 @@ def replay_scene(
                 label=keyframe.label,
                 t=float(t),
                 T_base_tool=pose,
-                cov=tracked,
+                cov=tracked if keyframe.cov.any() else None,  # one that a person typed has no sigma
                 grip=keyframe.grip,
             )
             for keyframe, t, pose, tracked in keyframes

@@ -11,6 +11,7 @@ from pbd.cli.progress import working
 
 if TYPE_CHECKING:
     from pbd.calibration.mount import PivotFit, TurnsFit
+    from pbd.pose import Array, Pose
 
 
 def add(commands: Commands) -> None:
@@ -91,13 +92,26 @@ def run(args: argparse.Namespace) -> int:
         print_json({"calibration": str(path)} | _json(mount, cov, pivot, turns))
         return 0
     _tell(args, pivot, turns)
-    sigma = np.sqrt(np.diagonal(cov))
-    x, y, z = 1e3 * mount.p
-    say(
-        f"{path}: the tool is at ({x:.1f}, {y:.1f}, {z:.1f}) mm on the sensor, to "
-        f"{', '.join(f'{1e3 * s:.1f}' for s in sigma[:3])} mm and {np.degrees(sigma[3:].max()):.1f} degrees (one sigma)"
-    )
+    say(f"{path}: {_sure(mount, cov)}")
     return 0
+
+
+def _sure(mount: Pose, cov: Array) -> str:
+    """Where the tool is on the sensor, and how sure that is; what nobody measured has no sigma."""
+    import numpy as np
+
+    from pbd.data.sigma import one_sigma
+
+    sigma = one_sigma(cov)
+    x, y, z = 1e3 * mount.p
+    place = f"the tool is at ({x:.1f}, {y:.1f}, {z:.1f}) mm on the sensor"
+    to = f"{', '.join(f'{1e3 * s:.1f}' for s in sigma[:3])} mm"
+    turned = f"{np.degrees(sigma[3:].max()):.1f} degrees"
+    if np.isnan(sigma[3:]).any():
+        return f"{place}, to {to} (one sigma); its rotation is not measured yet: --turns does that"
+    if np.isnan(sigma[:3]).any():
+        return f"{place}, which is not measured yet: --pivot does that; its rotation is known to {turned} (one sigma)"
+    return f"{place}, to {to} and {turned} (one sigma)"
 
 
 def _turns(text: str) -> tuple[str, ...]:
@@ -134,13 +148,15 @@ def _tell(args: argparse.Namespace, pivot: PivotFit | None, turns: TurnsFit | No
 def _json(mount: Any, cov: Any, pivot: PivotFit | None, turns: TurnsFit | None) -> dict[str, Any]:
     import numpy as np
 
-    sigma = np.sqrt(np.diagonal(cov))
+    from pbd.data.sigma import one_sigma, or_none
+
+    sigma = one_sigma(cov)
     return {
         "mount": {
             "position_m": mount.p.tolist(),
             "wxyz": mount.wxyz.tolist(),
-            "sigma_m": sigma[:3].tolist(),
-            "sigma_deg": np.degrees(sigma[3:]).tolist(),
+            "sigma_m": or_none(sigma[:3]),
+            "sigma_deg": or_none(np.degrees(sigma[3:])),
         },
         "pivot": None if pivot is None else {"residuals_m": pivot.residuals.tolist(), "chi2": pivot.chi2},
         "turns": None if turns is None else {"moves": list(turns.moves), "off_deg": np.degrees(turns.off).tolist()},

@@ -72,6 +72,7 @@ def run(args: argparse.Namespace) -> int:
     import numpy as np
 
     from pbd.calibration.points import POOR_CHI2, fit_points
+    from pbd.data.sigma import one_sigma, or_none
     from pbd.files.calibration_edit import calibration_file, covariance_values, pose_values, update_calibration
     from pbd.files.demo import load_demo
     from pbd.files.points import read_points
@@ -112,7 +113,7 @@ def run(args: argparse.Namespace) -> int:
         instead=instead,
         scale=fit.scale if args.find_scale else None,
     )
-    sigma = np.sqrt(np.diagonal(cov))
+    sigma = one_sigma(cov)
     if args.json:
         print_json(
             {
@@ -120,8 +121,8 @@ def run(args: argparse.Namespace) -> int:
                 part: {
                     "position_m": pose.p.tolist(),
                     "rpy_deg": np.degrees(quat_to_rpy(pose.wxyz)).tolist(),
-                    "sigma_m": sigma[:3].tolist(),
-                    "sigma_deg": np.degrees(sigma[3:]).tolist(),
+                    "sigma_m": or_none(sigma[:3]),
+                    "sigma_deg": or_none(np.degrees(sigma[3:])),
                 },
                 "scale": fit.scale,
                 "points": _rows(fit, points, touched),

@@ -26,6 +26,7 @@ from pbd.cli.options import (
 
 if TYPE_CHECKING:
     from pbd.data import Calibration, Demonstration, Keyframe
+    from pbd.pose import Array
 
 
 def add(commands: Commands) -> None:
@@ -53,6 +54,7 @@ def add(commands: Commands) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Track, map where a robot is named, and print."""
+    from pbd.data.sigma import keyframe_sigmas
     from pbd.view.calibration_tables import base_table
     from pbd.view.tables import joints_table, keyframes_table, print_csv, print_table
 
@@ -67,7 +69,8 @@ def run(args: argparse.Namespace) -> int:
         say(f"using: {'; '.join(fits)}")
     if args.save:
         _save(args, demo, keyframes)
-    rows = [_row(index, keyframe) for index, keyframe in enumerate(keyframes)]
+    sigmas = keyframe_sigmas([keyframe.cov for keyframe in keyframes])
+    rows = [_row(index, keyframe, sigma) for index, (keyframe, sigma) in enumerate(zip(keyframes, sigmas, strict=True))]
     in_base = bool(args.calibration) and calibration is not None and _add_base(args, rows, keyframes, calibration)
     joint_names: tuple[str, ...] = ()
     if arm is not None:
@@ -142,18 +145,19 @@ def _add_base(
     return True
 
 
-def _row(index: int, keyframe: Keyframe) -> dict[str, Any]:
-    from pbd.tracking.uncertainty import sigmas
+def _row(index: int, keyframe: Keyframe, sigma: Array) -> dict[str, Any]:
+    import numpy as np
 
-    sigma_m, sigma_deg = sigmas(keyframe.cov)
+    from pbd.data.sigma import or_none
+
     return {
         "index": index,
         "t_s": keyframe.t,
         "dwell_s": keyframe.dwell_s,
         "position_m": keyframe.T_nav_sensor.p.tolist(),
         "wxyz": keyframe.T_nav_sensor.wxyz.tolist(),
-        "sigma_m": sigma_m.tolist(),
-        "sigma_deg": sigma_deg.tolist(),
+        "sigma_m": or_none(sigma[:3]),
+        "sigma_deg": or_none(np.degrees(sigma[3:])),
         "grip": keyframe.grip,
         "label": keyframe.label,
     }

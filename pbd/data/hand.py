@@ -264,9 +264,10 @@ class Keyframe:
     def __repr__(self) -> str:
         x, y, z = self.T_nav_sensor.p + 0.0
         sigma_mm = 1e3 * float(np.sqrt(np.diagonal(self.cov)[:3].max()))
+        sigma = f"sigma {sigma_mm:.1f} mm" if self.cov.any() else ""
         grip = {True: "grip closes", False: "grip opens", None: ""}[self.grip]
         where = f"at {self.t:.2f} s for {self.dwell_s:.2f} s"
-        return brief(self, where, f"({x:.3f}, {y:.3f}, {z:.3f}) m", f"sigma {sigma_mm:.1f} mm", grip, name=self.label)
+        return brief(self, where, f"({x:.3f}, {y:.3f}, {z:.3f}) m", sigma, grip, name=self.label)
 
 
 @dataclass(frozen=True)

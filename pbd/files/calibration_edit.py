@@ -91,17 +91,21 @@ def pose_values(pose: Pose, where: str) -> dict[str, tuple[Value | None, str]]:
 
 
 def covariance_values(cov: Array | None) -> dict[str, tuple[Value | None, str]]:
-    """A pose's covariance (6, 6), m and rad: as sigmas where it is diagonal, else whole."""
+    """A pose's covariance (6, 6), m and rad: as sigmas where it is diagonal, else whole.
+
+    What has no variance was not measured (a lever alone, or a rotation alone), so no sigma is written of it.
+    """
     if cov is None:
         return {"sigma_m": (None, ""), "sigma_deg": (None, ""), "covariance": (None, "")}
     sigma = np.sqrt(np.diagonal(cov))
+    place, turn = sigma[:3], np.degrees(sigma[3:])
     diagonal = not (cov - np.diag(np.diagonal(cov))).any()
     return {
-        "sigma_m": (_rounded(sigma[:3], 6), "one sigma of the position"),
-        "sigma_deg": (_rounded(np.degrees(sigma[3:]), 4), "one sigma of the rotation, about x, y and z"),
+        "sigma_m": (_rounded(place, 6) if place.any() else None, "one sigma of the position"),
+        "sigma_deg": (_rounded(turn, 4) if turn.any() else None, "one sigma of the rotation, about x, y and z"),
         "covariance": (
             None if diagonal else [float(f"{x:.9g}") for x in cov.ravel()],
-            "m and rad, 6 x 6: with it the two above are for people only",
+            "m and rad, 6 x 6: with it the sigmas above are for people only",
         ),
     }
 

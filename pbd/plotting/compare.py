@@ -139,8 +139,14 @@ def _spread(
         furthest=there[int(np.argmax(away))][0],
         furthest_m=float(away.max()),
         turn=float(np.sqrt((angles**2).sum() / (len(there) - 1))) if several else float("nan"),
-        sigma=np.sqrt(np.mean([np.diagonal(covs[run][i]) for run, i in there], axis=0)),
+        sigma=_usual([np.diagonal(covs[run][i]) for run, i in there if i == 0 or covs[run][i].any()]),
     )
+
+
+def _usual(variances: Sequence[Array]) -> Array:
+    """Root mean square (3,) m of what the trackers are unsure by; NaN where all keyframes were typed by a person."""
+    usual: Array = np.sqrt(np.mean(variances, axis=0)) if variances else np.full(3, np.nan)
+    return usual
 
 
 def _remarks(demos: Sequence[Tracked], partners: Sequence[Sequence[int | None]], reference: int) -> list[str]:

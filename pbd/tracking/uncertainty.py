@@ -214,9 +214,3 @@ def move_covariance(
     variance += (LEVEL_DOUBT * level / g * figures.distance) ** 2
     variance += (LEVEL_TURNED * level * min(figures.turned, 2.0) * T**2 / 12.0) ** 2
     return np.asarray(variance * np.eye(3))
-
-
-def sigmas(cov: Array) -> tuple[Array, Array]:
-    """One sigma along nav's axes of a (6, 6) covariance: (3,) m, (3,) degrees."""
-    sigma = np.sqrt(np.diagonal(cov))
-    return sigma[:3], np.degrees(sigma[3:])

@@ -10,6 +10,7 @@ from rich import box
 from rich.table import Table
 
 from pbd.data import Calibration, Linear
+from pbd.data.sigma import one_sigma
 from pbd.pose import Array, Pose, quat_to_rpy
 
 
@@ -68,7 +69,10 @@ def calibration_table(calibration: Calibration) -> Table:
 
 
 def base_table(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """One sigma of the tool in base at each keyframe (of `base_sigmas`), whole and by parts (rms over the axes)."""
+    """One sigma of the tool in base at each keyframe (of `base_sigmas`), whole and by parts (rms over the axes).
+
+    A dash stands for a part that nobody measured.
+    """
     names = list(rows[0]["base_sigma_parts_m"]) if rows else []
     table = _table("#", "σ x (mm)", "y (mm)", "z (mm)", "σ (°)", *(f"{name} (mm)" for name in names))
     for k, row in enumerate(rows):
@@ -76,7 +80,10 @@ def base_table(rows: Sequence[Mapping[str, Any]]) -> Table:
             str(k),
             *(f"{1e3 * x:.1f}" for x in row["base_sigma_m"]),
             f"{max(row['base_sigma_deg']):.1f}",
-            *(f"{1e3 * np.sqrt(np.mean(np.square(x))):.1f}" for x in row["base_sigma_parts_m"].values()),
+            *(
+                "–" if x is None else f"{1e3 * np.sqrt(np.mean(np.square(x))):.1f}"
+                for x in row["base_sigma_parts_m"].values()
+            ),
         )
     return table
 
@@ -97,13 +104,18 @@ def _table(*columns: str, left: tuple[str, ...] = ("point",)) -> Table:
 
 
 def _add_pose(table: Table, part: str, what: str, pose: Pose, cov: Array | None) -> None:
-    sigma = None if cov is None else np.sqrt(np.diagonal(cov))
+    sigma = np.full(6, np.nan) if cov is None else one_sigma(cov)
     position = ", ".join(f"{x + 0.0:.4f}" for x in np.round(pose.p, 4))
     rpy = ", ".join(f"{x + 0.0:.2f}" for x in np.round(np.degrees(quat_to_rpy(pose.wxyz)), 2))
-    unsure = "not stated" if sigma is None else f"{', '.join(f'{1e3 * x:.1f}' for x in sigma[:3])} mm"
-    turned = "" if sigma is None else f"{', '.join(f'{x:.2f}' for x in np.degrees(sigma[3:]))}°"
-    table.add_row(part, what, f"({position}) m", unsure)
-    table.add_row("", "roll, pitch, yaw", f"({rpy})°", turned)
+    table.add_row(part, what, f"({position}) m", _stated(1e3 * sigma[:3], 1, " mm"))
+    table.add_row("", "roll, pitch, yaw", f"({rpy})°", _stated(np.degrees(sigma[3:]), 2, "°"))
+
+
+def _stated(sigma: Array, decimals: int, unit: str) -> str:
+    """One sigma along each axis; a dash where nobody measured it."""
+    if np.isnan(sigma).all():
+        return "not stated"
+    return f"{', '.join('–' if np.isnan(x) else f'{x:.{decimals}f}' for x in sigma)}{unit}"
 
 
 def _add_linear(table: Table, what: str, linear: Linear, factor: float, unit: str) -> None:

@@ -50,7 +50,7 @@ def spread_rows(plot: ComparePlot) -> list[dict[str, Any]]:
             "position_m": keyframe.p.tolist(),
             "spread_m": [_or_none(x) for x in keyframe.spread.tolist()],
             "spread_deg": _or_none(float(np.degrees(keyframe.turn))),
-            "sigma_m": keyframe.sigma.tolist(),
+            "sigma_m": [_or_none(x) for x in keyframe.sigma.tolist()],
             "furthest": plot.runs[keyframe.furthest].name,
             "furthest_m": keyframe.furthest_m,
         }

@@ -16,6 +16,7 @@ from rich.console import Console, RenderableType
 from rich.table import Column, Table
 
 from pbd.data import Keyframe, Robot, Segment
+from pbd.data.sigma import keyframe_sigmas
 from pbd.pose import quat_to_rpy
 from pbd.view.units import Units
 
@@ -95,7 +96,7 @@ def segments_table(segments: Sequence[Segment], units: Units = SI) -> Table:
 
 
 def keyframes_table(keyframes: Sequence[Keyframe], units: Units = SI) -> Table:
-    """The sensor's pose in nav at each stop; sigma is the largest over the axes."""
+    """The sensor's pose in nav at each stop; sigma is the largest over the axes, blank where nobody measured it."""
     # A sigma of millimetres says nothing in metres.
     m, deg, fine = units.length, units.angle_sign, replace(units, length="mm" if units.length == "m" else units.length)
     position, turn = (f"x ({m})", f"y ({m})", f"z ({m})"), (f"roll ({deg})", f"pitch ({deg})", f"yaw ({deg})")
@@ -104,15 +105,15 @@ def keyframes_table(keyframes: Sequence[Keyframe], units: Units = SI) -> Table:
     table = _table(
         "#", f"t ({units.time})", f"dwell ({units.time})", *position, *turn, *sigmas, "grip", *label, left=label
     )
-    for index, keyframe in enumerate(keyframes):
-        sigma = np.sqrt(np.diagonal(keyframe.cov))
+    by_keyframe = keyframe_sigmas([keyframe.cov for keyframe in keyframes])
+    for index, (keyframe, sigma) in enumerate(zip(keyframes, by_keyframe, strict=True)):
         table.add_row(
             str(index),
             *units.times((keyframe.t, keyframe.dwell_s)),
             *units.lengths(keyframe.T_nav_sensor.p),
             *units.angles(quat_to_rpy(keyframe.T_nav_sensor.wxyz)),
-            *fine.lengths(sigma[:3].max(), finer=1),
-            *units.angles(sigma[3:].max()),
+            *fine.lengths(np.fmax.reduce(sigma[:3]), finer=1),
+            *units.angles(np.fmax.reduce(sigma[3:])),
             {True: "closes", False: "opens", None: ""}[keyframe.grip],
             *((keyframe.label,) if label else ()),
         )

@@ -64,5 +64,6 @@ def parse_units(text: str, usual: Units = Units()) -> Units:
 
 
 def _fixed(values: ArrayLike, decimals: int) -> list[str]:
-    """Write numbers with so many decimals, and spare the reader a -0.000."""
-    return [f"{x:.{max(decimals, 0)}f}" for x in np.atleast_1d(np.round(np.asarray(values), decimals) + 0.0)]
+    """Write numbers with so many decimals, and spare the reader a -0.000; what is not known (NaN) is blank."""
+    rounded = np.atleast_1d(np.round(np.asarray(values), decimals) + 0.0)
+    return [f"{x:.{max(decimals, 0)}f}" if np.isfinite(x) else "" for x in rounded]

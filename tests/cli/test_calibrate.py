@@ -286,7 +286,9 @@ def test_show_adds_the_parts_up(capsys: Capture) -> None:
     result = run_json(capsys, "calibrate", "show", "bench", "pouring", "--save", "bench.png")
     assert result["dock"]["position_m"] == pytest.approx([0.45, -0.15, 0.25])
     for row in result["keyframes"]:
-        total = np.sqrt(np.sum(np.square(list(row["base_sigma_parts_m"].values())), axis=0))
+        parts = row["base_sigma_parts_m"]
+        assert parts["mount"] is None  # it was never calibrated
+        total = np.sqrt(np.square(parts["start"]) + np.square(parts["tracking"]))
         assert row["base_sigma_m"] == pytest.approx(total)
     assert result["keyframes"][0]["base_sigma_m"] == pytest.approx([0.004] * 3)
     assert Path("bench.png").read_bytes().startswith(b"\x89PNG")

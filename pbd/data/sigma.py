@@ -1,0 +1,30 @@
+"""How sure a pose is, as far as that was measured."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pbd.pose import Array
+
+
+def one_sigma(cov: Array) -> Array:
+    """One sigma (6,) m and rad of a pose's covariance (6, 6); NaN where it has no variance: nobody measured that."""
+    variance = np.diagonal(cov)
+    return np.sqrt(np.where(variance > 0.0, variance, np.nan))
+
+
+def keyframe_sigmas(covs: Sequence[Array]) -> Array:
+    """One sigma (k, 6) m and rad at keyframes, NaN where nobody measured it.
+
+    The position of the first is no measurement: nav's origin is there.
+    """
+    sigma = np.array([one_sigma(cov) for cov in covs]).reshape(-1, 6)
+    sigma[:1, :3] = np.nan_to_num(sigma[:1, :3])
+    return sigma
+
+
+def or_none(values: Array) -> list[float | None]:
+    """For JSON: numbers, and None where there is none."""
+    return [float(x) if np.isfinite(x) else None for x in values]
