@@ -20,7 +20,7 @@ from pbd.files.demo import load_demo
 from pbd.files.exporters import export
 from pbd.planning import PlanOptions, plan_keyframes
 from tests.arm.bundled import DEMOS, arm_of, keyframes_of, path_of
-from tests.files.controller import Controller, refuse, seconds
+from tests.arm.controller import Controller, refuse, seconds
 
 ARMS = ("panda", "ur5", "so101", "xarm7")
 IMPOSSIBLE = (("so101", "pouring", "line"), ("so101", "pouring", "demo"))  # five joints can't follow the turn
