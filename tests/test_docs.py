@@ -52,3 +52,22 @@ def test_what_is_installed_is_ours() -> None:
     named = ("pyproject.toml", "CITATION.cff", "CHANGELOG.md", "Makefile", ".ci/run")
     for file in [*PAGES, *(ROOT / "pbd").rglob("*.py"), *map(ROOT.joinpath, named)]:
         assert not wrong.search(file.read_text(encoding="utf-8")), file
+
+
+def benchmark_rows() -> list[tuple[str, str, str]]:
+    """What is measured, its figures, and the page that has them, of the rows in the README's table that name one."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    return re.findall(r"^\| ([^|]+) \| ([^|]+) \| `\w+\.py`[^|]* \| \[\w+\]\(([^)]+)\) \|$", text, re.MULTILINE)
+
+
+def test_the_benchmarks_figures_are_in_one_place() -> None:
+    """The README's are those of the page that it names, rounded; times are looked for among times."""
+    number, of_time = r"(?<![\w.])(\d+(?:\.\d+)?)(?![\w.]*\d)", r"(?=(?: to [\d.]+)? m?s\b)"
+    rows = benchmark_rows()
+    assert len(rows) > 4
+    for what, figures, page in rows:
+        wanted = number + (of_time if re.search(r" m?s\b", figures) else "")
+        there = [float(x) for x in re.findall(wanted, (ROOT / page).read_text(encoding="utf-8"))]
+        for figure in re.findall(wanted, figures):
+            half = 0.5 * 10.0 ** -len(figure.partition(".")[2])
+            assert any(abs(float(figure) - x) <= half + 1e-9 for x in there), f"{what}: {figure} is not in {page}"
