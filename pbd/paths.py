@@ -12,6 +12,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 
+DELETED = "the folder that you are in has been deleted; go to another"
+
 _NUMBERS = itertools.count()
 
 
@@ -45,6 +47,15 @@ def is_taken(path: Path) -> bool:
     except FileNotFoundError:
         return False
     return True
+
+
+def in_deleted_folder() -> bool:
+    """Whether the working folder is gone."""
+    try:
+        Path.cwd()
+    except FileNotFoundError:
+        return True
+    return False
 
 
 def is_plain(name: str) -> bool:

@@ -7,19 +7,20 @@ from __future__ import annotations
 
 import argparse
 import errno
-import io
 import os
 import sys
 import warnings
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TextIO
 
 from pbd import __version__
 from pbd.cli import calibrate, export, import_, keyframes, plot, record, replay, robots, segments, sensors, simulate
 from pbd.cli.completion import SHELLS, PrintCompletion
+from pbd.cli.options import say
 from pbd.cli.parser import Parser, parse
-from pbd.errors import PbdError, PbdWarning
+from pbd.errors import PbdError, PbdWarning, in_words
+from pbd.paths import DELETED, in_deleted_folder
+from pbd.view.terminal import drop, standard_streams
 
 COMMANDS = (record, simulate, import_, segments, keyframes, plot, calibrate, replay, export, robots, sensors)
 
@@ -34,6 +35,9 @@ exit codes: 0 done; 1 the input, the output or the device is at fault; 2 wrong u
 
 UNWRITABLE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
 """Why standard output may fail: a full disk, a terminal that is gone. Errors of files have been told by then."""
+
+FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG, errno.ELOOP, *UNWRITABLE)
+"""Why a path may fail that nobody has told of yet: permissions, names, disks. A missing file of ours is a bug."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -59,32 +63,36 @@ def parser() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; return its exit code."""
-    if sys.stdout is None:  # closed by who started us: nobody wants it
-        sys.stdout = Path(os.devnull).open("w")  # noqa: SIM115 (as long as the process)
-    try:
+    with standard_streams():
         try:
-            return _run(argv)
-        finally:
-            sys.stdout.flush()  # what can't be written is told here, not by the interpreter at its end
-    except BrokenPipeError:
-        _drop_output()  # its reader has gone (`pbd ... | head`)
-        return 141
-    except OSError as reason:
-        if reason.filename is not None or reason.errno not in UNWRITABLE:
-            raise  # a bug
-        _drop_output()
-        print(f"pbd: standard output can't be written ({reason.strerror}); send it elsewhere", file=sys.stderr)
-        return 1
+            try:
+                return _run(argv)
+            finally:
+                sys.stdout.flush()  # what can't be written is told here, not by the interpreter at its end
+        except BrokenPipeError:
+            drop(sys.stdout)  # its reader has gone (`pbd ... | head`)
+            return 141
+        except OSError as reason:
+            told = _refused(reason)
+            if told is None:
+                raise  # a bug
+            say(told)
+            return 1
 
 
-def _drop_output() -> None:
-    """Send what is left nowhere, so that the interpreter doesn't complain at its end."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+def _refused(reason: OSError) -> str | None:
+    """What the system refused and nobody has told of yet; None where it is a bug."""
+    if reason.filename is not None and reason.errno in FORBIDDEN:
+        return f"{os.fsdecode(reason.filename)}: {in_words(reason)}; check the path, and who may read and write there"
+    if in_deleted_folder():
+        return DELETED
+    if reason.filename is not None or reason.errno not in UNWRITABLE:
+        return None
+    drop(sys.stdout)
+    return f"standard output can't be written ({in_words(reason)}); send it elsewhere"
 
 
 def _run(argv: Sequence[str] | None) -> int:
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="replace")  # a terminal that has no sigma gets a question mark
     if not (sys.argv[1:] if argv is None else argv):
         parser().print_help(sys.stderr)
         return 2
@@ -101,7 +109,7 @@ def _run(argv: Sequence[str] | None) -> int:
     ) -> None:
         if issubclass(category, PbdWarning):
             args.warnings.append(str(message))
-            print(f"pbd: warning: {message}", file=sys.stderr)
+            say(f"warning: {message}")
         else:
             print(warnings.formatwarning(message, category, filename, lineno, line), end="", file=sys.stderr)
 
@@ -112,7 +120,7 @@ def _run(argv: Sequence[str] | None) -> int:
             code: int = args.run(args)
             return code
     except PbdError as error:
-        print(f"pbd: {' '.join(str(error).split())}", file=sys.stderr)
+        say(str(error))
         return error.exit_code
     except KeyboardInterrupt:
         return 130

@@ -253,8 +253,8 @@ def plan_demonstration(args: argparse.Namespace) -> tuple[Demonstration, HandPat
 
 
 def say(message: str) -> None:
-    """Tell the user something that is not the result."""
-    print(f"pbd: {message}", file=sys.stderr)
+    """Tell the user something that is not the result, in one line."""
+    print(f"pbd: {' '.join(message.split())}", file=sys.stderr)
 
 
 def print_json(result: dict[str, Any]) -> None:

@@ -22,11 +22,13 @@ def working(what: str, at_most_s: float | None = None) -> Iterator[None]:
     if not sys.stderr.isatty():
         yield
         return
-    from rich.console import Console
+    from rich.text import Text
+
+    from pbd.view.screen import Screen
 
     # Warnings that are printed meanwhile go above the line: rich takes them in.
-    shown = f"{what} ..." if at_most_s is None else _Countdown(what, at_most_s)
-    with Console(stderr=True).status(shown):
+    shown = Text(f"{what} ...") if at_most_s is None else _Countdown(what, at_most_s)
+    with Screen(sys.stderr).status(shown):
         yield
 
 

@@ -61,13 +61,14 @@ class PanelScreen:
     """A panel on stderr; it rings the bell."""
 
     def __init__(self, title: str, tolerance_m: float) -> None:
-        from rich.console import Console
         from rich.live import Live
+
+        from pbd.view.screen import Screen
 
         self._title, self._tolerance_m = title, tolerance_m
         self._lines: list[Say] = []
         self._question = ""
-        self._console = Console(stderr=True)
+        self._console = Screen(sys.stderr)
         self._live = Live(console=self._console, auto_refresh=False, transient=False)
 
     def __enter__(self) -> Self:
@@ -120,7 +121,7 @@ class PanelScreen:
         keys = Text(self._question or KEYS, style="bold" if self._question else "dim")
         return Panel(
             Group(table, Text(), *lines, Text(), keys),
-            title=self._title,
+            title=Text(self._title),
             title_align="left",
             width=min(WIDTH, self._console.width),
         )

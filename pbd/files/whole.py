@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from pbd.errors import PbdError, PbdWarning, RecordingError, in_words
-from pbd.paths import is_file, is_folder, is_plain, made, replacing, unfinished
+from pbd.paths import DELETED, in_deleted_folder, is_file, is_folder, is_plain, made, replacing, unfinished
 
 
 @contextmanager
@@ -105,18 +105,6 @@ def unwritable(path: Path, reason: OSError, error: type[PbdError]) -> PbdError:
     if reason.errno == errno.ENOENT and not path.is_absolute() and in_deleted_folder():
         return error(f"{path} can't be written: {DELETED}", path=path)
     return error(f"{path} can't be written ({in_words(reason)}); give another place", path=path)
-
-
-DELETED = "the folder that you are in has been deleted; go to another"
-
-
-def in_deleted_folder() -> bool:
-    """Whether the working folder is gone."""
-    try:
-        Path.cwd()
-    except FileNotFoundError:
-        return True
-    return False
 
 
 @contextmanager

@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 from rich import box
 from rich.cells import cell_len
-from rich.console import Console, RenderableType
+from rich.console import RenderableType
 from rich.table import Column, Table
 
 from pbd.data import Keyframe, Robot, Segment
 from pbd.data.sigma import keyframe_sigmas
 from pbd.pose import quat_to_rpy
+from pbd.view.screen import Screen
 from pbd.view.units import Units
 
 SI = Units()
@@ -41,12 +42,12 @@ def print_csv(*tables: Table) -> None:
 def print_table(table: Table) -> None:
     """Print to stdout, in colour only where that is a terminal; what is too wide for it goes below."""
     if sys.stdout.isatty():
-        console = Console(highlight=False)
+        console = Screen(sys.stdout)
         for k, part in enumerate(_fitting(table, console.width)):
             console.print(part, new_line_start=k > 0)
         return
     text = StringIO()
-    Console(file=text, width=PIPE_WIDTH, highlight=False).print(table)
+    Screen(text, width=PIPE_WIDTH).print(table)
     print("\n".join(line.rstrip() for line in text.getvalue().splitlines()))
 
 
