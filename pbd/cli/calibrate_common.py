@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 def add_name(parser: argparse.ArgumentParser) -> None:
     """Add the calibration that is made or updated, and --json."""
     parser.add_argument(
-        "name", metavar="NAME", help="name of the calibration (./calibration/NAME.toml), or its file's path"
+        "name", metavar="CALIBRATION", help="name (./calibration/CALIBRATION.toml), or its file's path"
     )
     add_json(parser)
 

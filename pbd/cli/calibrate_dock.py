@@ -1,4 +1,4 @@
-"""pbd calibrate dock NAME."""
+"""pbd calibrate dock CALIBRATION."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""pbd calibrate mount NAME DEMO."""
+"""pbd calibrate mount CALIBRATION DEMO."""
 
 from __future__ import annotations
 

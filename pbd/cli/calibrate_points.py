@@ -1,4 +1,4 @@
-"""pbd calibrate points NAME DEMO --points FILE."""
+"""pbd calibrate points CALIBRATION DEMO --points FILE."""
 
 from __future__ import annotations
 

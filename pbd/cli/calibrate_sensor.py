@@ -1,4 +1,4 @@
-"""pbd calibrate sensor NAME DEMO."""
+"""pbd calibrate sensor CALIBRATION DEMO."""
 
 from __future__ import annotations
 

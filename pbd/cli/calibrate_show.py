@@ -1,4 +1,4 @@
-"""pbd calibrate show NAME [DEMO]."""
+"""pbd calibrate show CALIBRATION [DEMO]."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def add(commands: Commands) -> None:
         "demonstration: in total, and the parts that come from the start, from the mount and from tracking.",
         "  pbd calibrate show bench tea --save bench.png",
     )
-    parser.add_argument("name", metavar="NAME", help="name of the calibration, or its file's path")
+    parser.add_argument("name", metavar="CALIBRATION", help="name of the calibration, or its file's path")
     parser.add_argument("demo", nargs="?", metavar="DEMO", help="default: the newest in ./demos, else 'pouring'")
     parser.add_argument("--save", type=Path, metavar="FILE", help="also draw it into this file (.png, .svg or .pdf)")
     add_json(parser)

@@ -6,12 +6,15 @@ import argparse
 from collections.abc import Iterator, Sequence
 from typing import Any, NoReturn
 
-SHELLS = ("bash", "zsh", "tcsh")
+SHELLS = ("bash", "zsh", "fish", "tcsh")
+
+_CALIBRATIONS = "ls calibration 2>/dev/null | sed -n 's/[.]toml$//p'"
 
 OWN = {
     "DEMO": ("demos", "ls demos 2>/dev/null"),
     "R": ("robots", "ls robots 2>/dev/null | sed -n 's/[.]toml$//p'"),
-    "C": ("calibrations", "ls calibration 2>/dev/null | sed -n 's/[.]toml$//p'"),
+    "C": ("calibrations", _CALIBRATIONS),
+    "CALIBRATION": ("calibrations", _CALIBRATIONS),
     "SENSOR": ("sensors", ":"),
     "TASK": ("tasks", ":"),
     "M": ("models", ":"),
@@ -21,6 +24,7 @@ OWN = {
 
 _BASH = '_pbd_{name}() {{ compgen -W "{known} $({own})" -- "$1"; }}\n'
 _ZSH = "_pbd_{name}() {{ compadd -- {known} $({own}); }}\n"
+_FISH = "function _pbd_{name}\n  string split -n ' ' -- '{known}'\n  {own}\nend\n"
 
 
 class PrintCompletion(argparse.Action):
@@ -39,12 +43,15 @@ class PrintCompletion(argparse.Action):
         for argument in _arguments(parser):
             if argument.metavar in OWN:
                 function = f"_pbd_{OWN[str(argument.metavar)][0]}"
-                argument.complete = {"bash": function, "zsh": function}  # type: ignore[attr-defined]
+                argument.complete = {"bash": function, "zsh": function, "fish": f"({function})"}  # type: ignore[attr-defined]
             elif argument.metavar in ("FILE", "DIR"):
                 argument.complete = shtab.FILE if argument.metavar == "FILE" else shtab.DIRECTORY  # type: ignore[attr-defined]
-        template = {"bash": _BASH, "zsh": _ZSH}.get(str(values), "")
+        template = {"bash": _BASH, "zsh": _ZSH, "fish": _FISH}.get(str(values), "")
         known = _known()
-        functions = (template.format(name=name, own=own, known=" ".join(known[name])) for name, own in OWN.values())
+        functions = (
+            template.format(name=name, own=own, known=" ".join(known[name]))
+            for name, own in dict.fromkeys(OWN.values())
+        )
         print(shtab.complete(parser, str(values), preamble="".join(functions)))
         parser.exit()
 

@@ -25,7 +25,9 @@ from pbd.cli.parser import UsageError
 from pbd.cli.place import refuse_place
 from pbd.cli.progress import working
 from pbd.cli.ways import tell_ways, ways_json
+from pbd.errors import PbdError
 from pbd.files.exporters import FORMATS, HIGHEST_HZ, LOWEST_HZ, SUFFIXES
+from pbd.view.terminal import is_closed
 
 if TYPE_CHECKING:
     from pbd.data import JointTrajectory, Robot
@@ -108,6 +110,8 @@ def _format(args: argparse.Namespace) -> str:
     if args.output == STDOUT:
         if args.json:
             raise UsageError("-o - and --json would both go to standard output; name a file, or leave --json out")
+        if is_closed(sys.stdout):
+            raise PbdError("standard output is closed: name a file")
         if args.format == "npz" and sys.stdout.isatty():
             raise UsageError("an npz is binary, so it is not printed to a terminal; name a file, or pipe it")
     name: str | None = args.format or said

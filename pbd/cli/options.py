@@ -121,7 +121,7 @@ def add_planning(parser: argparse.ArgumentParser, robot_required: bool = True) -
     group.add_argument("--speed", type=share, default=1.0, metavar="F", help="share of the joints' limits, up to 1 (1)")
     group.add_argument(
         "--dwell",
-        type=positive,
+        type=not_negative,
         metavar="S",
         help="longest stay at a keyframe, s (0.5; the hand's own with --time demo; what an edited keyframes.toml says)",
     )
@@ -152,13 +152,27 @@ def _units(text: str, usual: str) -> Units:
 
 def positive(text: str) -> float:
     """Parse a finite number above zero."""
+    value = _number(text)
+    if not value > 0.0:
+        raise argparse.ArgumentTypeError(f"must be a number above zero, got '{text}'")
+    return value
+
+
+def not_negative(text: str) -> float:
+    """Parse a finite number, zero or above."""
+    value = _number(text)
+    if not value >= 0.0:
+        raise argparse.ArgumentTypeError(f"must be zero or a number above, got '{text}'")
+    return value
+
+
+def _number(text: str) -> float:
+    """NaN where it is no finite number."""
     try:
         value = float(text)
     except ValueError:
-        value = math.nan
-    if not (math.isfinite(value) and value > 0.0):
-        raise argparse.ArgumentTypeError(f"must be a number above zero, got '{text}'")
-    return value
+        return math.nan
+    return value if math.isfinite(value) else math.nan
 
 
 def share(text: str) -> float:

@@ -104,7 +104,7 @@ def run(args: argparse.Namespace) -> int:
     name = args.name or datetime.now().strftime("demo-%m%d-%H%M%S")
     folder = demo_folder(name)
     if args.sensor is not None and args.sensor.partition(":")[0] != SIMULATED:
-        decoder_maker(args, args.sensor, args.unit)  # what is misspelt is told before what is taken
+        decoder_maker(args, args.sensor, args.unit, also=(SIMULATED,))  # what is misspelt is told before what is taken
     may_be_written(folder, args.force)
     with ExitStack() as stack:
         view = stack.enter_context(_live_view()) if args.live else None

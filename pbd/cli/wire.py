@@ -27,8 +27,10 @@ def add_lines(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     return group
 
 
-def decoder_maker(args: argparse.Namespace, sensor: str, units: Iterable[str]) -> Callable[[], Decoder]:
-    """What makes the sensor's decoder; `units` as in `acc=g`, for lines and the Razor.
+def decoder_maker(
+    args: argparse.Namespace, sensor: str, units: Iterable[str], also: Iterable[str] = ()
+) -> Callable[[], Decoder]:
+    """What makes the sensor's decoder; `units` as in `acc=g`, for lines and the Razor; what a command takes `also`.
 
     Raises:
         SensorError: the sensor is unknown, or its lines are not described, or wrongly.
@@ -36,7 +38,7 @@ def decoder_maker(args: argparse.Namespace, sensor: str, units: Iterable[str]) -
     from pbd.sensors.protocols import protocol
 
     if sensor not in ("lines", "razor"):
-        return protocol(sensor).decoder
+        return protocol(sensor, also).decoder
     from pbd.errors import SensorError, in_words
     from pbd.sensors.line_layout import layout_from_options, layout_from_toml, units_from_options
     from pbd.sensors.lines import LineDecoder

@@ -5,7 +5,7 @@ Nothing heavy is loaded until a decoder is made. Baud rates are in the order in 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
@@ -187,15 +187,20 @@ PROTOCOLS: Mapping[str, WireProtocol] = MappingProxyType(
 )
 
 
-def protocol(name: str) -> WireProtocol:
+def protocol(name: str, also: Iterable[str] = ()) -> WireProtocol:
     """Return the protocol of this name.
+
+    Args:
+        name: as in `pbd record --sensor`.
+        also: what the caller takes beside protocols, for the error.
 
     Raises:
         SensorError: there is none.
     """
     if name not in PROTOCOLS:
+        known = (*also, *PROTOCOLS)
         raise SensorError(
-            f"sensor {name!r} is unknown; the sensors are {', '.join(PROTOCOLS)}{nearest(name, PROTOCOLS)}", value=name
+            f"sensor {name!r} is unknown; the sensors are {', '.join(known)}{nearest(name, known)}", value=name
         )
     return PROTOCOLS[name]
 

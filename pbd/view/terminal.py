@@ -67,6 +67,11 @@ def drop(stream: TextIO) -> None:
         os.dup2(nowhere.fileno(), stream.fileno())
 
 
+def is_closed(stream: TextIO) -> bool:
+    """Whether a standard stream was closed by who started us, so that nothing written to it arrives."""
+    return getattr(stream, "name", None) == os.devnull  # from standard_streams; one that was sent there has another name
+
+
 def drawing(stream: TextIO) -> TextIO:
     """A standard stream for what rich draws."""
     return stream.drawing() if isinstance(stream, Stream) else stream

@@ -54,6 +54,7 @@ def test_commands_options_and_names(folder: Path, capsys: pytest.CaptureFixture[
     assert "panda" in completed("pbd replay --robot pa", folder, capsys)
     assert completed("pbd replay --calibration de", folder, capsys) == {"default"}
     assert "tea" in completed("pbd plot t", folder, capsys)
+    assert "default" in completed("pbd calibrate dock d", folder, capsys)
     assert "witmotion" in completed("pbd record x --sensor w", folder, capsys)
     assert "pour" in completed("pbd simulate p", folder, capsys)
     assert completed("pbd import lo", folder, capsys) == {"log.txt"}
@@ -79,4 +80,31 @@ def test_zsh_takes_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     asked = f'autoload -U compinit; compinit -u -D; eval "$(<{file})"; print $_comps[pbd]'
     found = subprocess.run([zsh, "-f", "-c", asked], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert found.stdout.strip() == "_shtab_pbd"
+    assert found.stderr == ""
+
+
+@pytest.mark.parametrize(
+    ("line", "word"),
+    [
+        ("pbd key", "keyframes"),
+        ("pbd segments --me", "--method"),
+        ("pbd segments te", "tea"),
+        ("pbd replay --robot mi", "mine"),
+        ("pbd calibrate dock de", "default"),
+    ],
+)
+def test_fish_takes_it(folder: Path, capsys: pytest.CaptureFixture[str], line: str, word: str) -> None:
+    fish = shutil.which("fish")
+    if fish is None:
+        pytest.skip("no fish here")
+    file = folder / "pbd.fish"
+    file.write_text(script("fish", capsys), encoding="utf-8")
+    found = subprocess.run(
+        [fish, "-N", "-c", f"source {file}; complete -C '{line}'"],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert word in {offer.partition("\t")[0] for offer in found.stdout.splitlines()}
     assert found.stderr == ""

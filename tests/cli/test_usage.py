@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from pbd.cli import main, parser
-from pbd.cli.options import positive
+from pbd.cli.options import not_negative, positive
 from pbd.errors import nearest
 
 Capture = pytest.CaptureFixture[str]
@@ -74,6 +74,7 @@ def test_one_line_and_exit_2(capsys: Capture, args: tuple[str, ...], line: str) 
     [
         (("keyframes", "puring"), "pouring"),
         (("record", "x", "--sensor", "WitMotion"), "witmotion"),
+        (("record", "x", "--sensor", "sm"), "sim"),
         (("simulate", "por", "x"), "pour"),
         (("simulate", "pour", "x", "--sensor-model", "wt910"), "wt901"),
         (("keyframes", "pouring", "--calibration", "defalt"), "default"),
@@ -100,6 +101,13 @@ def test_nothing_alike_is_no_question() -> None:
 def test_a_number_above_zero(text: str) -> None:
     with pytest.raises(argparse.ArgumentTypeError, match="must be a number above zero, got '"):
         positive(text)
+
+
+@pytest.mark.parametrize("text", ["-1", "nan", "inf", "", "1,5"])
+def test_a_dwell_is_zero_or_more(text: str) -> None:
+    assert not_negative("0") == 0.0
+    with pytest.raises(argparse.ArgumentTypeError, match="must be zero or a number above, got '"):
+        not_negative(text)
 
 
 def commands(of: argparse.ArgumentParser, words: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:

@@ -1,0 +1,105 @@
+"""The door to the terminal: what stands in names and labels can't command it, and streams that fail lose no result."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from pbd.cli import main
+from pbd.view.terminal import Stream, visible
+from tests.cli.terminal import PBD, Terminal
+
+Capture = pytest.CaptureFixture[str]
+EVIL = "\x1b[2J\x9b2J\u202e[/b]:tea:"
+"""Clears the screen, twice; turns the line round; and breaks rich's markup."""
+
+SHOWN = r"\x1b[2J\x9b2J\u202e[/b]:tea:"
+
+
+@pytest.fixture
+def tea(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> Path:
+    """A demonstration with an evil label."""
+    monkeypatch.chdir(tmp_path)
+    assert main(["simulate", "pour", "tea"]) == 0
+    assert main(["keyframes", "tea", "--save"]) == 0
+    file = tmp_path / "demos" / "tea" / "keyframes.toml"
+    text = file.read_text().replace("[[keyframe]] # 1\n", f"[[keyframe]] # 1\nlabel = {json.dumps(EVIL)}\n")
+    file.write_text(text)
+    capsys.readouterr()
+    return file
+
+
+@pytest.mark.parametrize("form", [(), ("--csv",)])
+def test_a_label_is_shown_as_it_is(tea: Path, capsys: Capture, form: tuple[str, ...]) -> None:
+    assert main(["keyframes", "tea", *form]) == 0
+    out = capsys.readouterr().out
+    assert SHOWN in out
+    assert not set(out) & set("\x1b\x9b\u202e")
+
+
+def test_a_program_gets_the_label_itself(tea: Path, capsys: Capture) -> None:
+    assert main(["keyframes", "tea", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["keyframes"][1]["label"] == EVIL
+
+
+def test_in_a_terminal_too(tea: Path) -> None:
+    terminal = Terminal("keyframes", "tea", cwd=tea.parents[2])
+    terminal.until(SHOWN)
+    assert "\x1b[2J" not in terminal.text
+    assert terminal.exit_code() == 0
+
+
+def test_a_message_is_one_line(capsys: Capture) -> None:
+    assert main(["segments", "no\n\x1b]0;title\x07such"]) == 1
+    err = capsys.readouterr().err
+    assert r"'no \x1b]0;title" in err
+    assert err.count("\n") == 1
+
+
+def test_a_name_that_is_not_utf_8_shows_its_bytes() -> None:
+    assert visible(os.fsdecode(b"t\xff")) == r"t\xff"
+
+
+def pbd(words: str, redirected: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    """Run it in a shell that closes or redirects a stream."""
+    line = f"{PBD[0]} -m pbd {words} {redirected}"
+    return subprocess.run(["bash", "-c", line], cwd=cwd, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize("redirected", ["2>&-", "2>/dev/full", "<&-", "<&- 2>&-"])
+def test_without_stderr_the_result_is_the_same(tmp_path: Path, redirected: str) -> None:
+    """Were its number free, libraries would print into the file that gets it."""
+    words = "keyframes --robot panda --json"
+    wanted = pbd(words, "", tmp_path)
+    run = pbd(words, redirected, tmp_path)
+    assert (run.returncode, run.stdout) == (0, wanted.stdout)
+
+
+def test_a_result_without_stdout_is_not_said_to_be_written(tmp_path: Path) -> None:
+    run = pbd("export pouring --robot panda --format csv -o -", ">&-", tmp_path)
+    assert run.returncode == 1
+    assert run.stderr.splitlines()[-1] == "pbd: standard output is closed: name a file"
+
+
+def test_only_what_is_needed_fails() -> None:
+    class Broken:
+        def write(self, text: str) -> int:
+            raise OSError(28, "No space left on device")
+
+        def fileno(self) -> int:
+            raise OSError
+
+    assert Stream(Broken(), needed=False).write("a note") == 6  # type: ignore[arg-type]
+    with pytest.raises(OSError, match="No space"):
+        Stream(Broken(), needed=True).write("a result")  # type: ignore[arg-type]
+
+
+def test_the_streams_of_a_program_that_calls_are_put_back() -> None:
+    before = sys.stdin, sys.stdout, sys.stderr
+    assert main(["segments", "pouring"]) == 0
+    assert (sys.stdin, sys.stdout, sys.stderr) == before
