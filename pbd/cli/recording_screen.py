@@ -11,7 +11,7 @@ from pbd.record.coach import in_cm, placed
 from pbd.record.told import Say, Status
 
 if TYPE_CHECKING:
-    from rich.console import RenderableType
+    from rich.console import Console, RenderableType
 
 LINES_KEPT, OTHER_LINES = 6, 11
 KEYS = "Enter ends · space grips or lets go · q discards"
@@ -68,7 +68,7 @@ class PanelScreen:
         self._title, self._tolerance_m = title, tolerance_m
         self._lines: list[Say] = []
         self._question = ""
-        self._console = Screen(sys.stderr)
+        self._console: Console = Screen(sys.stderr)
         self._live = Live(console=self._console, auto_refresh=False, transient=False)
 
     def __enter__(self) -> Self:

@@ -3,24 +3,28 @@
 from __future__ import annotations
 
 import json
+import os
+import select
 import subprocess
 import sys
 import webbrowser
+from contextlib import suppress
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 import umsgpack
-from zmq.constants import DEALER, LINGER
-from zmq.sugar.context import Context
 
 from pbd.errors import PbdError
 from pbd.view.meshcat_api import ScenePath, Visualizer
 from pbd.view.page import SCENE_ROOT
+from pbd.view.pipe import TAKEN, packed
 
 if TYPE_CHECKING:  # the recording's view needs no robot library
     from pbd.view.scene import ReplayScene
 
 PATIENCE_MS = 30_000
+PIPE_BYTES = 65536
+"""Read at once."""
 
 
 class LiveViewer:
@@ -50,39 +54,64 @@ class LiveViewer:
         if not line:
             reason = self._process.communicate()[1].decode(errors="replace").strip().splitlines()[-1:]
             raise PbdError(f"the live viewer did not start ({' '.join(reason) or 'no reason given'}); {otherwise}")
-        addresses = json.loads(line)
-        self.url: str = addresses["web"]
-        self._socket = Context.instance().socket(DEALER)
+        self.url: str = json.loads(line)["web"]
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._commands, self._answers = self._process.stdin.fileno(), self._process.stdout.fileno()
+        os.set_blocking(self._commands, False)  # a server that has stopped doesn't stop us
+        self._outgoing = bytearray()
         self._unanswered = 0
-        self._socket.setsockopt(LINGER, 0)
-        self._socket.connect(addresses["zmq"])
         self.visualizer = Visualizer.view_into(self, ScenePath((SCENE_ROOT,)))
 
     def send(self, command: Any) -> None:
-        """Pass on one of meshcat's commands (this makes us a window in meshcat's sense)."""
+        """Pass on one of meshcat's commands (this makes us a window in meshcat's sense).
+
+        Raises:
+            PbdError: the server has ended, or refuses it.
+        """
         lowered = command.lower()
-        # Empty first: the envelope that the server's side, a REP socket, expects.
-        self._socket.send_multipart([b"", lowered["type"].encode(), lowered["path"].encode(), umsgpack.packb(lowered)])
+        self._outgoing += packed((lowered["type"].encode(), lowered["path"].encode(), umsgpack.packb(lowered)))
         self._unanswered += 1
         if self._waits:
             self.catch_up(PATIENCE_MS)
+        else:
+            self._exchange(0)
 
     def behind(self) -> bool:
         """Whether the server has still to answer, at this moment."""
-        while self._unanswered and self._socket.poll(0):
-            self._socket.recv_multipart()
-            self._unanswered -= 1
+        while self._unanswered and self._exchange(0):
+            pass
         return self._unanswered > 0
 
     def catch_up(self, patience_ms: float) -> None:
         """Wait until the server has answered.
 
         Raises:
-            PbdError: for so long there was no answer.
+            PbdError: for so long there was no answer, or the server has ended, or refuses a command.
         """
-        while self.behind():
-            if not self._socket.poll(patience_ms):
+        while self._unanswered:
+            if not self._exchange(patience_ms):
                 raise PbdError("the live viewer's server does not answer; run the command again")
+
+    def _exchange(self, patience_ms: float) -> bool:
+        """Send commands and take answers, as far as goes without waiting longer; whether any went."""
+        ready = select.poll()
+        ready.register(self._answers, select.POLLIN)
+        if self._outgoing:
+            ready.register(self._commands, select.POLLOUT)
+        found = ready.poll(patience_ms)
+        for pipe, _ in found:
+            if pipe == self._commands:
+                with suppress(BrokenPipeError, BlockingIOError):  # where it has ended its answers end, too
+                    del self._outgoing[: os.write(self._commands, self._outgoing)]
+                continue
+            answers = os.read(self._answers, PIPE_BYTES)
+            if not answers:
+                raise PbdError("the live viewer's server has ended; run the command again")
+            self._unanswered -= len(answers)
+            if answers.strip(TAKEN):
+                raise PbdError("the live viewer's server can't show this; use --html FILE instead")
+        return bool(found)
 
     @property
     def alive(self) -> bool:
@@ -95,7 +124,6 @@ class LiveViewer:
 
     def close(self) -> None:
         """End the server; more than once is fine."""
-        self._socket.close()
         self._process.kill()
         self._process.wait()
         for pipe in (self._process.stdin, self._process.stdout, self._process.stderr):

@@ -9,9 +9,10 @@ with warnings.catch_warnings():
     from meshcat.geometry import Geometry, MeshPhongMaterial
     from meshcat.geometry import Mesh as MeshcatMesh
     from meshcat.path import Path as ScenePath
-    from meshcat.servers.zmqserver import WebSocketHandler, ZMQWebSocketBridge
+    from meshcat.servers.zmqserver import MESHCAT_COMMANDS, WebSocketHandler, ZMQWebSocketBridge
 
 __all__ = [
+    "MESHCAT_COMMANDS",
     "Geometry",
     "MeshPhongMaterial",
     "MeshcatMesh",

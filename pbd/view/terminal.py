@@ -69,7 +69,7 @@ def drop(stream: TextIO) -> None:
 
 def is_closed(stream: TextIO) -> bool:
     """Whether a standard stream was closed by who started us, so that nothing written to it arrives."""
-    return getattr(stream, "name", None) == os.devnull  # from standard_streams; one that was sent there has another name
+    return getattr(stream, "name", None) == os.devnull  # ours: one that was sent there is '<stdout>'
 
 
 def drawing(stream: TextIO) -> TextIO:

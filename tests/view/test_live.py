@@ -17,7 +17,9 @@ import pytest
 from selenium.webdriver.common.by import By
 from tornado.websocket import WebSocketClosedError
 
+from pbd.errors import PbdError
 from pbd.view.live import LiveViewer, show_live
+from pbd.view.pipe import packed
 from pbd.view.scene import build
 from pbd.view.server import LoopbackBridge
 from tests.view import scenes
@@ -95,9 +97,8 @@ def answer(url: str, host: str) -> int:
 
 @linux
 def test_it_listens_on_loopback_only(viewer: LiveViewer) -> None:
-    addresses = listening(viewer._process.pid)
-    assert len(addresses) >= 2  # the page's and the commands'
-    assert set(addresses) == {"0100007F"}
+    """And for nothing but the page: commands come through a pipe that no other process has."""
+    assert listening(viewer._process.pid) == ["0100007F"]
 
 
 def test_it_answers_to_its_own_name_only(viewer: LiveViewer) -> None:
@@ -106,9 +107,51 @@ def test_it_answers_to_its_own_name_only(viewer: LiveViewer) -> None:
     assert answer(viewer.url, f"elsewhere.example:{port}") == 404
 
 
+def test_no_page_shows_it_in_a_frame(viewer: LiveViewer) -> None:
+    address = urlsplit(viewer.url)
+    connection = http.client.HTTPConnection(str(address.hostname), address.port, timeout=5)
+    connection.request("GET", address.path)
+    headers = connection.getresponse().headers
+    connection.close()
+    assert headers["X-Frame-Options"] == "DENY"
+    assert headers["X-Content-Type-Options"] == "nosniff"
+    assert headers["Content-Security-Policy"] == "frame-ancestors 'none'"
+
+
+@pytest.mark.parametrize(
+    "frames",
+    [
+        (b"\xff", b"/pbd", b"\xff"),
+        (b"delete", b"\xff", b"\xff"),
+        (b"wait", b"", b""),
+        (b"capture_image", b"", b""),
+        (b"", b"", b""),
+    ],
+)
+def test_one_frame_that_makes_no_sense_does_not_wedge_it(frames: tuple[bytes, ...]) -> None:
+    with LiveViewer() as viewer:
+        viewer._outgoing += packed(frames)
+        viewer._unanswered += 1
+        with pytest.raises(PbdError, match="can't show this"):
+            viewer.catch_up(5000.0)
+        viewer.visualizer["after"].delete()
+        assert not viewer.behind()
+
+
+def test_a_server_that_has_stopped_does_not_stop_the_recording() -> None:
+    with LiveViewer(waits=False) as viewer:
+        os.kill(viewer._process.pid, signal.SIGSTOP)
+        viewer.visualizer["much"].set_property("name", "x" * 1_000_000)
+        assert viewer.behind()
+        os.kill(viewer._process.pid, signal.SIGCONT)
+        viewer.catch_up(5000.0)
+        assert not viewer.behind()
+
+
 @pytest.mark.parametrize(
     ("origin", "host", "status"),
     [
+        (None, "127.0.0.1:{port}", 403),  # no browser: another process on this machine
         ("http://127.0.0.1:{port}", "127.0.0.1:{port}", 101),
         ("http://localhost:{port}", "localhost:{port}", 101),
         ("http://elsewhere.example", "127.0.0.1:{port}", 403),
@@ -117,17 +160,18 @@ def test_it_answers_to_its_own_name_only(viewer: LiveViewer) -> None:
         ("http://elsewhere.example:{port}", "elsewhere.example:{port}", 404),  # a name pointed at this machine
     ],
 )
-def test_other_pages_get_no_socket(viewer: LiveViewer, origin: str, host: str, status: int) -> None:
+def test_other_pages_get_no_socket(viewer: LiveViewer, origin: str | None, host: str, status: int) -> None:
     port = urlsplit(viewer.url).port
     connection = http.client.HTTPConnection("127.0.0.1", port, timeout=5)
     headers = {
         "Host": host.format(port=port),
-        "Origin": origin.format(port=port),
         "Upgrade": "websocket",
         "Connection": "Upgrade",
         "Sec-WebSocket-Version": "13",
         "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==",
     }
+    if origin is not None:
+        headers["Origin"] = origin.format(port=port)
     try:
         connection.request("GET", "/", headers=headers)
         assert connection.getresponse().status == status
