@@ -16,9 +16,7 @@ if TYPE_CHECKING:
 
 def add_name(parser: argparse.ArgumentParser) -> None:
     """Add the calibration that is made or updated, and --json."""
-    parser.add_argument(
-        "name", metavar="CALIBRATION", help="name (./calibration/CALIBRATION.toml), or its file's path"
-    )
+    parser.add_argument("name", metavar="CALIBRATION", help="name (./calibration/CALIBRATION.toml), or its file's path")
     add_json(parser)
 
 
