@@ -337,7 +337,7 @@ def test_keyframes_within_a_millimetre_of_each_other() -> None:
 def test_options_have_names() -> None:
     with pytest.raises(PbdError, match="unknown value 'curve'; choose one of keyframes, line, demo"):
         PlanOptions(path="curve")
-    with pytest.raises(PbdError, match="no 'fast'; choose one of limits, demo"):
+    with pytest.raises(PbdError, match="unknown value 'fast'; choose one of limits, demo"):
         PlanOptions(time="fast")
 
 
