@@ -181,11 +181,11 @@ def write_recording(path: Path, rows: int = 400, norm: float = 9.81) -> Path:
         ),
         (
             HEADER + "0,0,0,0,0,0,9.81\n0.01,0,0,zero,0,0,9.81\n",
-            "pbd: bad.csv:3: 'zero' in column 'gz' is not a number; mend the cell, or leave it empty",
+            "pbd: bad.csv:3: 'zero' in column 'gz' is not a number; correct the cell, or leave it empty",
         ),
         (
             HEADER + "0,0,0,0,0,0,9.81\n0.01,0,0,0,0,9.81\n",
-            "pbd: bad.csv:3: 6 cells where the header has 7; mend or remove the line",
+            "pbd: bad.csv:3: 6 cells where the header has 7; correct or remove the line",
         ),
     ],
 )

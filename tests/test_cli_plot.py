@@ -77,7 +77,7 @@ def test_json_lists_the_files(capsys: Capture, elsewhere: Path, format_name: str
         assert (elsewhere / file).read_bytes().startswith(begin)
     there = sorted((elsewhere / "a" / "b").iterdir())
     assert [path.name for path in there] == [f"position.{format_name}"]
-    assert any("adds a sigma of" in finding for finding in result["findings"])  # the paper's method in the turn
+    assert any("adds an uncertainty of" in finding for finding in result["findings"])  # the paper's method in the turn
     assert any("at the end of the range" in finding for finding in result["findings"])  # a warning of the tracker's
 
 

@@ -24,7 +24,17 @@ TOLD = 0.3
 FEWEST = 4
 """Orientations: with fewer hardly anything can be told apart."""
 
-NAMES = ("bias x", "bias y", "bias z", "scale x", "scale y", "scale z", "lean yz", "lean xz", "lean xy")
+NAMES = (
+    "bias x",
+    "bias y",
+    "bias z",
+    "scale x",
+    "scale y",
+    "scale z",
+    "misalignment yz",
+    "misalignment xz",
+    "misalignment xy",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,8 +93,8 @@ def fit_accelerometer(rests: Rests, gravity: float = GRAVITY) -> AccelerometerFi
         found = (
             "the sensor was put down once"
             if len(rests) == 1
-            else f"of {len(rests)} rests only {different} differ{'s' if different == 1 else ''} by 15 degrees and more "
-            f"(the farthest by {spread:.0f})"
+            else f"{len(rests)} rests show only {different} orientation{'s' if different > 1 else ''} 15 degrees or more "
+            f"apart (at most {spread:.0f})"
         )
         raise CalibrationError(
             f"{found}; the accelerometer needs {FEWEST} orientations, best 12: each of six sides and six edges up, 2 s "

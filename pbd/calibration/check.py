@@ -29,22 +29,22 @@ def disagreements(
     norm = float(np.linalg.norm(acc))
     if errors.acc is not None and abs(norm - errors.gravity) > ACC:
         said.append(
-            f"at rest the accelerometer reads {norm:.2f} m/s2 after its calibration, {1e3 * (norm / GRAVITY):.0f} mg, "
-            f"where gravity is {errors.gravity:.2f}"
+            f"at rest the calibrated accelerometer reads {norm:.2f} m/s2 ({1e3 * (norm / GRAVITY):.0f} mg), but "
+            f"gravity is {errors.gravity:.2f} m/s2"
         )
     if errors.gyr is not None and gyr is not None:
         off = float(np.linalg.norm(gyr))
         if off > GYR:
-            said.append(f"at rest the gyro reads {np.degrees(off):.1f} degrees/s beside its calibrated bias")
+            said.append(f"at rest the gyro is {np.degrees(off):.1f} degrees/s off its calibrated bias")
     if errors.mag is not None and mag is not None and errors.field is not None and errors.dip is not None:
         strength = float(np.linalg.norm(mag))
         dip = float(np.arcsin(np.clip(-(mag @ acc) / max(strength * norm, 1e-9), -1.0, 1.0)))
         if abs(strength / errors.field - 1.0) > FIELD:
-            said.append(f"the magnetic field is {strength:.0f} uT, where it was {errors.field:.0f} at its calibration")
+            said.append(f"the magnetic field is {strength:.0f} uT, but was {errors.field:.0f} uT at the calibration")
         elif abs(dip - errors.dip) > DIP:
             said.append(
-                f"the magnetic field dips by {np.degrees(dip):.0f} degrees, where it was {np.degrees(errors.dip):.0f} "
-                "at its calibration"
+                f"the magnetic field dips by {np.degrees(dip):.0f} degrees, but by {np.degrees(errors.dip):.0f} "
+                "degrees at the calibration"
             )
     return tuple(said)
 

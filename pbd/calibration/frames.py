@@ -41,15 +41,15 @@ def nav_in_base(calibration: Calibration, wxyz_nav_sensor: Array) -> Pose:
         tilt_deg = np.degrees(dock_tilt(dock, wxyz_nav_sensor))
         if tilt_deg > UPSIDE_DOWN_DEG:
             raise CalibrationError(
-                f"the sensor's first rest is upside down against the dock of '{calibration.name}'; does the "
-                "accelerometer read +g along the axis that points up? else turn its signs, or say how it lies in the "
-                "dock's rpy_deg",
+                f"at its first rest the sensor lies upside down compared with the dock of '{calibration.name}'; if the "
+                "accelerometer reads -g along the axis that points up, import with --unit acc=-g, else correct rpy_deg "
+                "of the dock",
                 value=float(tilt_deg),
                 bound=UPSIDE_DOWN_DEG,
             )
         if tilt_deg > TILT_WARNING_DEG:
             warnings.warn(
-                f"the sensor's first rest is tilted by {tilt_deg:.0f} degrees against the dock of "
+                f"at its first rest the sensor is tilted by {tilt_deg:.0f} degrees from the dock of "
                 f"'{calibration.name}'; put it down as the dock says, or set any_attitude = true there",
                 PbdWarning,
                 stacklevel=2,

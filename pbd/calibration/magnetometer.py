@@ -72,8 +72,8 @@ def fit_ellipsoid(points: Array) -> tuple[Array, Array]:
     quadric = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     if np.linalg.eigvalsh(quadric).min() <= 1e-3 * np.linalg.eigvalsh(quadric).max():
         raise CalibrationError(
-            "the magnetometer was not turned far enough: what it read lies on no ellipsoid; turn it slowly all over, "
-            "each side up and down once, or leave it out with --only acc"
+            "the magnetometer was not turned far enough: its readings fit no ellipsoid; turn the sensor slowly in all "
+            "directions, each side up and down once, or leave the magnetometer out with --only acc"
         )
     centre = -np.linalg.solve(quadric, linear)
     values, axes = np.linalg.eigh(quadric / (1.0 + centre @ quadric @ centre))
@@ -105,8 +105,9 @@ def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float
     spread = float(np.sqrt(np.linalg.eigvalsh(np.cov(used.T))[0]))
     if spread < LEAST_SPREAD * noise:
         raise CalibrationError(
-            f"the magnetometer was not turned far enough: along one axis it reads the same to {spread:.1f} uT; turn it "
-            "slowly all over, each side up and down once, or leave it out with --only acc",
+            f"the magnetometer was not turned far enough: along one axis its readings vary by only {spread:.1f} uT; "
+            "turn the sensor slowly in all directions, each side up and down once, or leave the magnetometer out with "
+            "--only acc",
             value=spread,
             bound=LEAST_SPREAD * noise,
         )
@@ -119,8 +120,8 @@ def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float
     if cover < LEAST_COVER:
         raise CalibrationError(
             f"the magnetometer was not turned far enough (its directions cover {100.0 * 3.0 * cover:.0f} % of what "
-            "they could along one axis); turn it slowly all over, each side up and down once, or leave it out with "
-            "--only acc",
+            "they could along one axis); turn the sensor slowly in all directions, each side up and down once, or "
+            "leave the magnetometer out with --only acc",
             value=cover,
             bound=LEAST_COVER,
         )

@@ -59,8 +59,8 @@ def match_stops(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool) -
     n, m = len(p_nav_tip), len(points)
     if n < m:
         raise CalibrationError(
-            f"the demonstration has {n} stops, but there are {m} points; hold still for half a second on each, or take "
-            "points out",
+            f"the demonstration has {n} stops, but there are {m} points; hold still for half a second on each, or "
+            "remove points",
             value=n,
             bound=m,
         )
@@ -76,7 +76,8 @@ def match_stops(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool) -
     best = sorted((_refined(answer, p_nav_tip, sigma, points, in_order) for answer in best), key=lambda a: a.cost)
     if not best or best[0].cost > CAP * max(1.0, m - 2.0):
         raise CalibrationError(
-            "no stops of the demonstration lie to each other as the points do; check the points' unit and coordinates, "
+            "no stops of the demonstration have the same distances as the points; check the points' unit and "
+            "coordinates, "
             "and that the hand stopped on each"
         )
     for other in best[1:]:
@@ -85,8 +86,8 @@ def match_stops(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool) -
                 np.degrees(quat_log(quat_multiply(other.T_base_nav.wxyz, quat_inverse(best[0].T_base_nav.wxyz)))[2])
             )
             raise CalibrationError(
-                f"the stops fit the points in more than one way (another is turned by {turn:.0f} degrees): they look "
-                "the same from several sides; name the stops with --stops, touch the points in order, or add one that "
+                f"the stops fit the points in more than one way (another is turned by {turn:.0f} degrees), because the "
+                "points are symmetric; name the stops with --stops, touch the points in order, or add one that "
                 "breaks the symmetry",
                 stops=best[0].stops,
                 others=other.stops,

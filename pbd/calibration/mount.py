@@ -113,7 +113,7 @@ def fit_pivot(
     stops = range(len(keyframes)) if stops is None else stops
     if len(stops) < 3:
         raise CalibrationError(
-            f"the hand stood still {counted(len(stops), 'time')}; rest with the tip on the point, tilt the tool, rest, "
+            f"only {counted(len(stops), 'stop')} found; rest with the tip on the point, tilt the tool, rest, "
             "tilt it another way, rest: six to ten times",
             value=len(stops),
             bound=3,
@@ -142,7 +142,7 @@ def fit_pivot(
         off = np.linalg.norm((design @ found).reshape(-1, 3) - touched.p_nav_sensor, axis=1)
         raise CalibrationError(
             f"the tip did not stay on one point: at stop {stops[int(off.argmax())]} it seems to be "
-            f"{100.0 * off.max():.1f} cm off; rest with the tip on the point from beginning to end, and pivot again",
+            f"{100.0 * off.max():.1f} cm off; keep the tip on the point from beginning to end, and pivot again",
             stop=stops[int(off.argmax())],
             value=float(off.max()),
         )
@@ -156,9 +156,10 @@ def _one_axis(R: Array, sigma_m: float = np.inf) -> CalibrationError:
     _, size, axes = np.linalg.svd(change)
     turned = float(np.degrees(size[1] / np.sqrt(len(R))))
     x, y, z = np.round(axes[2] * np.sign(axes[2][np.argmax(np.abs(axes[2]))]), 1) + 0.0
-    known = "is unknown" if sigma_m == np.inf else f"is known to {100.0 * sigma_m:.1f} cm only"
+    known = "is unknown" if sigma_m == np.inf else f"is uncertain by {100.0 * sigma_m:.1f} cm (one sigma)"
     return CalibrationError(
-        f"the tool's length along ({x:g}, {y:g}, {z:g}) of the sensor {known}: the hand turned too little about the "
+        f"the tool's lever along ({x:g}, {y:g}, {z:g}) in the sensor's axes {known}: the hand turned too little about "
+        "the "
         f"other axes (about {turned:.0f} degrees); tilt the tool by 30 degrees and more to all sides, and turn it, "
         "with its tip on the point",
         value=sigma_m,
@@ -189,15 +190,15 @@ def fit_turns(keyframes: Sequence[Keyframe], named: Sequence[str]) -> TurnsFit:
     if len(moves) != len(named):
         found = ", ".join(f"{np.degrees(angles[k]):.0f}" for k in moves) or "none"
         raise CalibrationError(
-            f"{len(named)} turns are named, but {len(moves)} moves turn by 20 degrees or more ({found}); name each in "
-            "order, by --turns x,-x,y",
+            f"--turns names {len(named)} turns, but {len(moves)} moves turn by 20 degrees or more ({found}); name each "
+            "in order, such as --turns x,-x,y",
             value=len(moves),
             bound=len(named),
         )
     if len({name.strip("-") for name in named}) < 2:
         raise CalibrationError(
-            f"all turns are about {', '.join(sorted(set(named)))}, which leaves the turn about that axis open; turn "
-            "about a second one"
+            f"all turns are about {', '.join(sorted(set(named)))}, so the rotation about that axis stays unknown; add "
+            "a turn about a second axis"
         )
     angles = angles[list(moves)]
     measured, axes = vectors[list(moves)] / angles[:, None], np.array([AXES[name] for name in named])
@@ -209,9 +210,8 @@ def fit_turns(keyframes: Sequence[Keyframe], named: Sequence[str]) -> TurnsFit:
     worst = int(off.argmax())
     if off[worst] > MISNAMED:
         raise CalibrationError(
-            f"the turns contradict their names: that about {named[worst]} (move {moves[worst]}) is "
-            f"{np.degrees(off[worst]):.0f} degrees off; was it about another axis, or the other way round? correct "
-            "--turns, or turn again",
+            f"the turns contradict --turns: the one about {named[worst]} (move {moves[worst]}) is "
+            f"{np.degrees(off[worst]):.0f} degrees off; correct its axis or sign in --turns, or record the turns again",
             move=moves[worst],
             value=float(off[worst]),
             bound=MISNAMED,

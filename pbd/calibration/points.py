@@ -82,7 +82,7 @@ def fit_points(
             fault can't be told.
     """
     if len(points) != len(touched.stops):
-        raise ValueError(f"{len(touched.stops)} touches and {len(points)} points must be as many")
+        raise ValueError(f"{len(touched.stops)} touches for {len(points)} points; give one touch per point")
     refuse_shape(points, free)
     problem = Problem(touched, points, free, scaled, touch_m)
     keep = _consistent(problem)
@@ -149,14 +149,14 @@ def refuse_shape(points: Array, free: bool) -> None:
     """
     if len(points) < FEWEST:
         raise CalibrationError(
-            f"{len(points)} points are too few; touch {FEWEST} or more, best 4 to 6 that lie all around",
+            f"{len(points)} points are too few; touch {FEWEST} or more, best 4 to 6 spread all around",
             value=len(points),
             bound=FEWEST,
         )
     for j in range(len(points)):
         for k in range(j):
             if np.linalg.norm(points[j] - points[k]) < 1e-4:
-                raise CalibrationError(f"points {k + 1} and {j + 1} are the same place; take one out", points=(k, j))
+                raise CalibrationError(f"points {k + 1} and {j + 1} are the same place; remove one", points=(k, j))
     if bad := _bad_shape(points, free, FEWEST):
         raise CalibrationError(bad)
 
@@ -170,14 +170,15 @@ def _bad_shape(points: Array, free: bool, fewest: int) -> str:
         spread = np.linalg.svd(off, compute_uv=False) / np.sqrt(len(points))
         if len(points) < 3 or spread[1] < LEAST_SPREAD_M / 2.0:
             return (
-                f"the points lie in a line (to {100.0 * spread[1]:.1f} cm), so the turn about it is unknown; touch one "
-                "beside it, or leave out --free"
+                f"the points lie on a line (within {100.0 * spread[1]:.1f} cm), so the rotation about it is unknown; "
+                "touch a point beside it, or leave out --free"
             )
         return ""
     spread_m = float(np.sqrt((off[:, :2] ** 2).sum(axis=1).mean()))
     if spread_m < LEAST_SPREAD_M:
         return (
-            f"the points lie above each other (to {100.0 * spread_m:.1f} cm), so the heading is unknown; touch points "
+            f"the points lie above each other (within {100.0 * spread_m:.1f} cm), so the heading is unknown; touch "
+            "points "
             "at least 20 cm apart on the table"
         )
     return ""
@@ -187,8 +188,8 @@ def _contradiction(problem: Problem, fit: Fit, suspects: Sequence[int]) -> Calib
     off = np.linalg.norm(problem.points - fit.in_base(problem.touched), axis=1)
     names = " or ".join(f"{k + 1}" for k in sorted(suspects))
     return CalibrationError(
-        f"the points contradict the demonstration by up to {100.0 * off.max():.1f} cm, and which one is wrong can't be "
-        f"told (point {names}); check their coordinates and their order, touch more points, or move more calmly",
+        f"the points contradict the demonstration by up to {100.0 * off.max():.1f} cm, and it is unclear which one is "
+        f"wrong (point {names}); check their coordinates and their order, touch more points, or move more calmly",
         points=tuple(suspects),
         value=float(off.max()),
     )

@@ -90,7 +90,7 @@ def find_rests(recording: Recording) -> Rests:
     length = max(4, round(WINDOW_S * rate))
     if len(recording) < length:
         raise CalibrationError(
-            f"the recording has {recording.t[-1]:.1f} s; put the sensor down for two seconds in each orientation"
+            f"the recording lasts only {recording.t[-1]:.1f} s; put the sensor down for two seconds in each orientation"
         )
     acc_var, _ = _moving(recording.acc, length)
     still = _still(recording, "accelerometer", acc_var, STILL_ACC, FLOOR_ACC, "m/s2", 1.0)

@@ -74,8 +74,8 @@ def calibrate_sensor(
         errors = replace(errors, acc=acc.linear, gravity=gravity)
         if acc.untold:
             remarks.append(
-                f"{acc.orientations} orientations do not tell {', '.join(acc.untold)}: that is left near what such "
-                "parts have; for all of it put each of the six sides and six edges up"
+                f"{acc.orientations} orientations do not determine {', '.join(acc.untold)}: typical values are kept; "
+                "to measure all of them, put each of the six sides and six edges up"
             )
     up, up_sigma = _up(rests, errors, acc)
     if "gyr" in wanted and (recording.gyr is not None or "gyr" in only):
@@ -97,7 +97,7 @@ def calibrate_sensor(
             errors = replace(errors, mag=mag.linear, field=mag.field, dip=mag.dip)
             if mag.uneven > UNEVEN:
                 remarks.append(
-                    f"the magnetic field differs by {100.0 * mag.uneven:.0f} % over the recording: go away from iron "
+                    f"the magnetic field varies by {100.0 * mag.uneven:.0f} % over the recording: move away from iron "
                     "and motors, and calibrate the magnetometer again where you will demonstrate"
                 )
     return SensorFit(errors, rests, acc, mag, tuple(remarks))
@@ -135,7 +135,7 @@ def refuse_other_sensor(what: str, sensor: str, errors: SensorErrors) -> None:
     if UNKNOWN not in (sensor, errors.sensor) and sensor != errors.sensor:
         raise CalibrationError(
             f"{what} is of the sensor '{sensor}', but the calibration's [sensor] is of '{errors.sensor}'; name a "
-            "calibration of that sensor, or take [sensor] out",
+            "calibration of that sensor, or remove [sensor]",
             value=sensor,
             bound=errors.sensor,
         )

@@ -181,7 +181,7 @@ def _print(fit: SensorFit) -> None:
         shown = [f"{mg * x:+.1f} mg" for x in linear.bias]
         shown += [f"{100.0 * (x - 1.0):+.2f} %" for x in np.diagonal(linear.matrix)] + [f"{x:+.2f}°" for x in lean]
         for name, value in zip(NAMES, shown, strict=True):
-            rows.append((f"accelerometer {name}", value, "" if name in fit.acc.told else "can't be told"))
+            rows.append((f"accelerometer {name}", value, "" if name in fit.acc.told else "unknown"))
         rows.append(("|a| less gravity", f"{mg * fit.acc.before:.1f} mg -> {mg * fit.acc.after:.2f} mg rms", ""))
     if fit.mag is not None:
         bias, matrix = fit.mag.linear.bias, fit.mag.linear.matrix

@@ -45,34 +45,22 @@ def add(commands: Commands) -> None:
         "  pbd record tea --live                      and see the hand, its path and its stops in the browser\n"
         '  pbd record tea --sensor lines --columns "t,ax,ay,az,gx,gy,gz" --unit t=ms --unit acc=g --unit gyr=deg/s',
     )
+    parser.add_argument("name", nargs="?", metavar="NAME", help="name in ./demos; default: the date and the time")
     parser.add_argument(
-        "name", nargs="?", metavar="NAME", help="name of the demonstration; default: the date and the time"
-    )
-    parser.add_argument(
-        "--sensor",
-        metavar="SENSOR",
-        help="the sensor's protocol (`pbd sensors` lists them), or sim[:TASK]; default: detect it",
+        "--sensor", metavar="SENSOR", help="protocol (`pbd sensors` lists them), or sim[:TASK]; default: detect it"
     )
     parser.add_argument("--port", metavar="P", help="the serial port; default: the only one with something plugged in")
     parser.add_argument("--baud", type=int, metavar="B", help="default: try the sensor's usual rates")
-    parser.add_argument(
-        "--rate", type=positive, metavar="HZ", help="set the device's sample rate first, where it can be set"
-    )
+    parser.add_argument("--rate", type=positive, metavar="HZ", help="first set the device's rate, where it can be set")
     parser.add_argument("--duration", type=positive, metavar="S", help="end after this many seconds")
     parser.add_argument(
-        "--tolerance",
-        type=positive,
-        default=1.0,
-        metavar="CM",
-        help="say 'pause now' when a move is more uncertain than this (1)",
+        "--tolerance", type=positive, default=1.0, metavar="CM", help="uncertainty of a move that calls 'pause now' (1)"
     )
     parser.add_argument("--closed", action="store_true", help="the hand will end where it began; tracking uses that")
     parser.add_argument("--raw", action="store_true", help="also keep the sensor's raw bytes (raw.bin)")
     parser.add_argument("--reconnect", action="store_true", help="wait for a sensor that was unplugged")
     parser.add_argument(
-        "--calibration",
-        metavar="C",
-        help="calibration of this sensor: used to track, and compared with the sensor at rest",
+        "--calibration", metavar="C", help="of this sensor: used to track, and compared with the sensor at rest"
     )
     parser.add_argument(
         "--force",
@@ -83,11 +71,7 @@ def add(commands: Commands) -> None:
     parser.add_argument("--live", action="store_true", help="show the hand in the browser, served on this machine only")
     parser.add_argument("--no-open", action="store_true", help="with --live: open no browser; print the address")
     add_lines(parser).add_argument(
-        "--unit",
-        action="append",
-        default=[],
-        metavar="Q=U",
-        help="unit of acc, gyr, mag, angle or t, such as acc=g (also razor's)",
+        "--unit", action="append", default=[], metavar="Q=U", help="unit of acc, gyr, mag, angle or t, such as acc=g"
     )
     add_json(parser)
     parser.set_defaults(run=run)

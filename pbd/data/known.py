@@ -25,7 +25,7 @@ class Place:
     def __post_init__(self) -> None:
         object.__setattr__(self, "t", tuple(self.t))
         if len(self.t) < (2 if self.p_base_tool is None else 1):
-            raise ValueError("must name two stops or more, or one beside a position_m")
+            raise ValueError("must name at least two stops, or one and a position_m")
         if len(set(self.t)) < len(self.t):
             raise ValueError("must name each stop once")
         _refuse_sigma(self.sigma_m)

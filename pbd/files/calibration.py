@@ -40,7 +40,7 @@ def read_calibration(path: Path) -> Calibration:
         next_step = "it was written by a newer pbd: update pbd" if found > FORMAT else "correct it"
         top.fail("format", f"must be {FORMAT}, the only format that this version reads", next_step)
     if "dock" in top and "nav" in top:
-        top.fail("dock", "and [nav] can't both be given", next_step="take one out")
+        top.fail("dock", "and [nav] can't both be given", next_step="remove one")
     if not any(part in top for part in PARTS):
         top.refuse_misspelt(("dock", "nav"))
         top.fail("dock", "or [nav] must be given, or at least [mount] or [sensor]", "see calibration/default.toml")
@@ -80,7 +80,7 @@ def _covariance(section: Section) -> Array | None:
     if "covariance" in section:
         cov = np.reshape(section.numbers("covariance", 36), (6, 6))
         if not np.allclose(cov, cov.T) or np.linalg.eigvalsh(cov).min() < -1e-9:
-            section.fail("covariance", "is no covariance (symmetric, positive)", "take it out, or calibrate again")
+            section.fail("covariance", "is not a covariance (symmetric, positive)", "remove it, or calibrate again")
         return cov
     if sigma_m is None and sigma_deg is None:
         return None

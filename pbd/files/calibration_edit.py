@@ -105,7 +105,7 @@ def covariance_values(cov: Array | None) -> dict[str, tuple[Value | None, str]]:
         "sigma_deg": (_rounded(turn, 4) if turn.any() else None, "one sigma of the rotation, about x, y and z"),
         "covariance": (
             None if diagonal else [float(f"{x:.9g}") for x in cov.ravel()],
-            "m and rad, 6 x 6: with it the sigmas above are for people only",
+            "m and rad, 6 x 6: used instead of the sigmas above, which are only for reading",
         ),
     }
 

@@ -63,7 +63,7 @@ def read_demo(folder: Path) -> Demonstration:
     """
     for name in ("demo.toml", "imu.csv"):
         if not (folder / name).is_file():
-            raise RecordingError(f"{folder} is no demonstration: there is no {name} in it; name another", path=folder)
+            raise RecordingError(f"{folder} is not a demonstration: it has no {name}; name another", path=folder)
     top = read_toml(folder / "demo.toml", RecordingError)
     if top.number("format") != FORMAT:
         top.fail("format", f"must be {FORMAT}, the only format that this version reads")
@@ -136,7 +136,7 @@ def _may_be_replaced(folder: Path, force: bool) -> None:
     if is_folder(folder) and not may_write(folder):
         raise RecordingError(f"{folder} is read-only; change its permissions, or give another name", path=folder)
     if is_folder(folder) and not (folder / "demo.toml").is_file():
-        raise RecordingError(f"{folder} is no demonstration, so it is not replaced; give another name", path=folder)
+        raise RecordingError(f"{folder} is not a demonstration, so it is not replaced; give another name", path=folder)
 
 
 def demo_folder(name: str) -> Path:

@@ -27,7 +27,7 @@ def read_joints(given: str, names: Sequence[str]) -> tuple[float, ...]:
     try:
         value = json.loads(text)
     except json.JSONDecodeError as error:
-        raise PbdError(f"{what}: no JSON ({error}); give a list of {len(names)} numbers, in rad") from None
+        raise PbdError(f"{what}: not JSON ({error}); give a list of {len(names)} numbers, in rad") from None
     if isinstance(value, dict):
         if set(value) != set(names):
             raise PbdError(f"{what}: names {_listed(list(value))}; give a number, in rad, for each of {_listed(names)}")

@@ -28,8 +28,8 @@ LONG_DWELL_S = 60.0
 """An arm that is to stay longer is asked about: somebody may have meant milliseconds."""
 
 HEAD = """\
-# The keyframes of '{name}': where the hand stopped. While this file is here they win over those that tracking finds.
-# Edit it as you like; `pbd keyframes {name}` shows what it says now, and tells the line of a mistake.
+# The keyframes of '{name}': where the hand stopped. While this file is here, it replaces what tracking finds.
+# Edit it as you like; `pbd keyframes {name}` shows the result, and the line of a mistake.
 #   drop      remove a [[keyframe]] and its lines; the first one is the dock, it stays as it is
 #   insert    copy a [[keyframe]], with a time between its neighbours'
 #   nudge     position_m is the sensor's, in metres from the dock: {axes}, z up;
@@ -37,9 +37,9 @@ HEAD = """\
 #   dwell_s   how long the arm stays, not at the first and the last; beside it, how long the hand stood
 #   grip      "closes" or "opens"; without it nothing changes. It is open at the start
 #   label     a word for people
-#   sigma_m, sigma_deg  one sigma along each axis; without them the keyframe is taken for exact
+#   sigma_m, sigma_deg  one sigma along each axis; without them the keyframe is taken as exact
 # Every keyframe needs t_s, dwell_s, position_m and rpy_deg; the rest may be left out.
-# `pbd keyframes {name} --save --force` finds them anew; without the file they are found each time.
+# `pbd keyframes {name} --save --force` finds them again; without the file they are found each time.
 format = {format}
 """
 
@@ -117,7 +117,7 @@ def read_keyframes(path: Path) -> tuple[Keyframe, ...]:
     top.done()
     if not keyframes:
         raise RecordingError(
-            f"{path}: there is no [[keyframe]] in it; add some, or remove the file and they are found again", path=path
+            f"{path}: it has no [[keyframe]]; add some, or remove the file to find them again", path=path
         )
     for before, after, table in zip(keyframes, keyframes[1:], tables[1:], strict=False):
         if after.t <= before.t:
@@ -135,7 +135,7 @@ def _warn_of_long_dwells(path: Path, keyframes: Sequence[Keyframe], tables: Sequ
         if keyframe.dwell_s > LONG_DWELL_S:
             warnings.warn(
                 f"{path}:{table.line('dwell_s')}: the arm stays {keyframe.dwell_s:g} s at keyframe {index}; if that is "
-                "too long, correct dwell_s, it is in seconds",
+                "too long, correct dwell_s (in seconds)",
                 PbdWarning,
                 stacklevel=3,
             )

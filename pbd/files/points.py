@@ -53,7 +53,7 @@ def read_points(path: Path, unit: str | None = None) -> Points:
     ]
     if not lines:
         raise CalibrationError(
-            f"{path}: the file is empty; write a header name,x_m,y_m,z_m and a row a point", path=path
+            f"{path}: the file is empty; write a header name,x_m,y_m,z_m and one row per point", path=path
         )
     delimiter = max(",;\t", key=lines[0][1].count)
     rows = list(csv.reader((line for _, line in lines), delimiter=delimiter))
@@ -64,7 +64,9 @@ def read_points(path: Path, unit: str | None = None) -> Points:
     for (number, _), row in zip(lines[1:], rows[1:], strict=True):
         if len(row) != len(header):
             raise CalibrationError(
-                f"{path}:{number}: {len(row)} cells under {len(header)} columns; mend that line", path=path, line=number
+                f"{path}:{number}: {len(row)} cells under {len(header)} columns; correct that line",
+                path=path,
+                line=number,
             )
         points.append([_number(path, number, header[k], row[k]) * metres for k in columns])
         names.append(row[header.index("name")].strip() if "name" in header else f"{len(names) + 1}")
@@ -79,7 +81,7 @@ def read_points(path: Path, unit: str | None = None) -> Points:
         twice = next(name for name in names if names.count(name) > 1)
         raise CalibrationError(f"{path}: two points are named '{twice}'; rename one", path=path, value=twice)
     if not points:
-        raise CalibrationError(f"{path}: a header but no points; add a row a point", path=path)
+        raise CalibrationError(f"{path}: a header but no points; add one row per point", path=path)
     return Points(tuple(names), np.array(points))
 
 
@@ -119,6 +121,6 @@ def _number(path: Path, line: int, column: str, cell: str) -> float:
         value = math.nan
     if not math.isfinite(value):
         raise CalibrationError(
-            f"{path}:{line}: {column} is '{cell.strip()}', which is no number; correct it", path=path, line=line
+            f"{path}:{line}: {column} is '{cell.strip()}', which is not a number; correct it", path=path, line=line
         )
     return value

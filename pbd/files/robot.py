@@ -132,8 +132,8 @@ def _movable(urdf: Urdf, base: str, body: str) -> list[UrdfJoint]:
         what = f"mimics {joint.mimic.joint!r}" if joint.mimic else f"is {joint.kind}"
         if not joint.actuated:
             raise RobotError(
-                f"{urdf.path}: joint {joint.name!r}, between {base!r} and {body!r}, {what}, which an arm's joint must"
-                " not; choose another base or body, or change the joint",
+                f"{urdf.path}: joint {joint.name!r}, between {base!r} and {body!r}, {what}, which pbd does not support "
+                "in an arm; choose another base or body, or change the joint",
                 path=urdf.path,
                 joint=joint.name,
             )
@@ -157,7 +157,7 @@ def _gripper(section: Section, urdf: Urdf) -> Gripper:
     known = [joint.name for joint in urdf.joints.values() if joint.kind != "fixed"]
     for name in names:
         if name not in known:
-            section.fail("joints", f"names {name!r}, which is no joint that moves; the URDF has {listed(known)}")
+            section.fail("joints", f"names {name!r}, which is not a movable joint; the URDF has {listed(known)}")
     joints = [urdf.joints[name] for name in names]
     positions = {}
     for key in ("open", "closed"):
@@ -213,12 +213,12 @@ def _urdf_velocity(section: Section, joints: Sequence[UrdfJoint]) -> tuple[float
 
 def _home(arm: Section, joints: Sequence[UrdfJoint], srdf: Path | None, limits: JointLimits) -> Array:
     if "home_pose" in arm and "home" in arm:
-        arm.fail("home_pose", "stands beside home, which says the same", next_step="remove one of them")
+        arm.fail("home_pose", "is given together with home", next_step="remove one of them")
     if "home_pose" in arm:
         key, poses = "home_pose", read_poses(srdf) if srdf else {}
         wanted = arm.text(key)
         if wanted not in poses:
-            arm.fail(key, f"names {wanted!r}, which the SRDF hasn't; its poses are {listed(poses)}")
+            arm.fail(key, f"names {wanted!r}, which is not in the SRDF; its poses are {listed(poses)}")
         if missing := [joint.name for joint in joints if joint.name not in poses[wanted]]:
             arm.fail(key, f"{wanted!r} says nothing of {listed(missing)}", next_step="give home as a list instead")
         home = np.array([poses[wanted][joint.name] for joint in joints])

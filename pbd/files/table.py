@@ -106,7 +106,7 @@ class Sheet:
                 cells.pop()  # a delimiter ends the line
             if len(cells) != width:
                 raise RecordingError(
-                    f"{self.path}:{line}: {len(cells)} cells where the header has {width}; mend or remove the line",
+                    f"{self.path}:{line}: {len(cells)} cells where the header has {width}; correct or remove the line",
                     path=self.path,
                     line=line,
                     value=len(cells),
@@ -171,7 +171,8 @@ def open_sheet(path: Path, foreign: bool = False) -> Sheet:
     header = [name.strip().strip('"') for name in first.split(delimiter)]
     if foreign and re.fullmatch(r"[-+.,\deE\s]+", "".join(header)):
         raise RecordingError(
-            f"{path}:{above + 1}: numbers where the columns' names should be; put a line with their names above them, "
+            f"{path}:{above + 1}: numbers where the column names should be; add a line with the column names above "
+            "them, "
             "such as t,ax,ay,az,gx,gy,gz",
             path=path,
             line=above + 1,
@@ -212,7 +213,7 @@ def _lines(text: str) -> str:
 def _next_step(cell: str) -> str:
     if _DECIMAL_COMMA.fullmatch(cell):
         return "it has a decimal comma: write numbers with a point (export it again, or put a point for each comma)"
-    return "mend the cell, or leave it empty"
+    return "correct the cell, or leave it empty"
 
 
 def write_table(path: Path, header: tuple[str, ...], values: Array, decimals: tuple[int, ...]) -> None:

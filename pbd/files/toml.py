@@ -26,7 +26,7 @@ def read_toml(path: Path, error: type[PbdError]) -> Section:
     try:
         values = tomllib.loads(text)
     except tomllib.TOMLDecodeError as reason:
-        raise error(f"{path}: not valid TOML: {reason}; mend it there", path=path) from None
+        raise error(f"{path}: not valid TOML: {reason}; correct it", path=path) from None
     return Section(path, "", values, text, error)
 
 
@@ -72,7 +72,7 @@ class Section:
         """Return a string that is not empty."""
         value = self._get(key)
         if not isinstance(value, str) or not value.strip():
-            self.fail(key, f"must be a string with something in it, got {value!r}")
+            self.fail(key, f"must be a non-empty string, got {value!r}")
         return value
 
     def texts(self, key: str) -> tuple[str, ...]:
@@ -106,7 +106,7 @@ class Section:
         if count is not None and len(value) != count:
             self.fail(key, f"must have {count} numbers, got {len(value)}")
         if positive and min(value, default=1.0) <= 0:
-            self.fail(key, f"must be above zero throughout, got {value!r}")
+            self.fail(key, f"must hold only numbers above zero, got {value!r}")
         return tuple(float(item) for item in value)
 
     def figures(self, key: str) -> dict[str, float]:

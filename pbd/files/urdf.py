@@ -83,7 +83,9 @@ def read_urdf(path: Path) -> Urdf:
     """
     root = _parse(path)
     if root.tag != "robot":
-        raise RobotError(f"{path} is no URDF: its root is <{root.tag}>; give a file whose root is <robot>", path=path)
+        raise RobotError(
+            f"{path} is not a URDF: its root is <{root.tag}>; give a file whose root is <robot>", path=path
+        )
     joints = [_joint(path, element) for element in root.iterfind("joint")]
     links = [_attribute(path, link, "name") for link in root.iterfind("link")]
     _check_tree(path, links, joints)
@@ -104,11 +106,11 @@ def _check_tree(path: Path, links: Sequence[str], joints: Sequence[UrdfJoint]) -
     for joint in joints:
         for link in (joint.parent, joint.child):
             if link not in links:
-                what = f"joint {joint.name!r} joins {link!r}, which is no link of it"
+                what = f"joint {joint.name!r} joins {link!r}, which is not a link of it"
                 raise RobotError(f"{path}: {what}; correct it, or add the link", path=path, joint=joint.name)
         if children.count(joint.child) > 1:
-            what = f"link {joint.child!r} hangs on two joints"
-            raise RobotError(f"{path}: {what}; make it the child of one", path=path, joint=joint.name)
+            what = f"link {joint.child!r} is the child of two joints"
+            raise RobotError(f"{path}: {what}; keep one of them", path=path, joint=joint.name)
     if len(loose := [link for link in links if link not in children]) > 1:
         raise RobotError(f"{path}: several root links: {listed(loose)}; connect all but one", path=path)
 
@@ -131,7 +133,7 @@ class _NoDoctype(ET.TreeBuilder):
     """Neither format has a DOCTYPE, and the entities that one can define can swell a small file to gigabytes."""
 
     def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
-        raise ET.ParseError(f"a DOCTYPE ({name}) is not taken")
+        raise ET.ParseError(f"a DOCTYPE ({name}) is not allowed")
 
 
 def _parse(path: Path) -> ET.Element:
@@ -142,7 +144,7 @@ def _parse(path: Path) -> ET.Element:
             f"{path}: can't be read ({in_words(reason)}); correct the path in the robot's TOML", path=path
         ) from None
     except ET.ParseError as reason:
-        raise RobotError(f"{path}: not valid XML: {reason}; mend it there", path=path) from None
+        raise RobotError(f"{path}: not valid XML: {reason}; correct it", path=path) from None
 
 
 def _joint(path: Path, element: ET.Element) -> UrdfJoint:
@@ -195,7 +197,7 @@ def _triple(path: Path, element: ET.Element, key: str, joint: str) -> list[float
     except ValueError:
         values = []
     if len(values) != 3 or not all(map(math.isfinite, values)):
-        what = f"{key} = {text!r} in the <{element.tag}> of joint {joint!r} is no three numbers"
+        what = f"{key} = {text!r} in the <{element.tag}> of joint {joint!r} is not three numbers"
         raise RobotError(f"{path}: {what}; correct it", path=path, joint=joint)
     return values
 
@@ -209,5 +211,5 @@ def _number(path: Path, element: ET.Element, key: str, default: float | None = N
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise RobotError(f"{path}: {key} = {text!r} of a <{element.tag}> is no number; correct it", path=path)
+        raise RobotError(f"{path}: {key} = {text!r} of a <{element.tag}> is not a number; correct it", path=path)
     return value

@@ -27,7 +27,7 @@ def written_whole(path: Path, parents: bool = False) -> Iterator[Path]:
     if not path.name or is_folder(path):
         raise PbdError(f"{path} can't be written (it is a folder); give another place", path=path)
     if os.path.exists(path) and not is_file(path):  # noqa: PTH110 (Path.exists raises where no one may look)
-        raise PbdError(f"{path} can't be written (it is no regular file); give another place", path=path)
+        raise PbdError(f"{path} can't be written (not a regular file); give another place", path=path)
     with _told(path, PbdError), replacing(path, parents) as new:
         yield new
 

@@ -168,7 +168,7 @@ def _facts(
         turned = np.degrees(np.abs(field.dip - field.rest_dip).max())
         facts.append(("magnetic field", f"{field.rest_strength:.0f} µT ± {100.0 * change:.0f} %, dip ± {turned:.1f}°"))
     if path.claims:
-        facts.append(("known of the stops", _counted(len(path.claims), "claim") + ", used"))
+        facts.append(("known places", _counted(len(path.claims), "claim") + " used"))
     return facts
 
 

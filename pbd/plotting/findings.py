@@ -62,20 +62,24 @@ def find(
         remarks: the warnings that were given on the way.
     """
     passed = _passed(path)
-    short = f"last less than {SHORT_STOP_S:g} s: stop for half a second, or the hand may have gone on there"
+    short = f"last less than {SHORT_STOP_S:g} s, so the hand may not have stopped there: stop for half a second"
     return (
         *map(Finding, remarks),
         *_off(path, names, truth),
         *_first_rest(path),
-        *_few(_trembling(path, names, a_nav), "moves end in trembling, where no stop is seen: rest the hand"),
+        *_few(
+            _trembling(path, names, a_nav),
+            "moves end with a trembling hand, so no stop is found there: rest the hand on something",
+        ),
         *_few(
             _no_stops(path, names, passed),
-            "keyframes may be no stops: the velocities left over before and after them cancel",
+            "keyframes may not be stops, since the hand seems to pass through them: stop for half a second",
         ),
         *_few(_short_stops(path, names, passed), f"keyframes {short}"),
         *_unsure_moves(path, names),
         *_few(
-            _left_over(path, names, passed), "moves leave more velocity over than drift does: stand still at both ends"
+            _left_over(path, names, passed),
+            "moves end with more residual velocity than drift explains: hold still at both ends",
         ),
     )
 
@@ -116,7 +120,7 @@ def _first_rest(path: HandPath) -> Iterator[Finding]:
     if len(path.stops) == 1:
         yield Finding("the hand stands still all the time: there is nothing to replay")
     elif first.dwell_s < FIRST_REST_S:
-        rest = f"the first rest lasts only {first.dwell_s:.2f} s, and all else is seen from it"
+        rest = f"the first rest lasts only {first.dwell_s:.2f} s, but all else is measured from it"
         yield Finding(f"{rest}: hold still for two seconds", (_during(path, first),))
 
 
@@ -137,8 +141,8 @@ def _no_stops(path: HandPath, names: Sequence[str], passed: Sequence[int]) -> It
     for k in passed:
         speed = float(np.linalg.norm(path.closure[k - 1]))
         words = (
-            f"{at_stop(names[k])} may be no stop: {length(speed)}/s are left over before it and as much the other way "
-            "after it, as where a hand goes on steadily: stop for half a second, or move faster"
+            f"{at_stop(names[k])} may not be a stop: the hand seems to pass through it at {length(speed)}/s; stop for "
+            "half a second, or move faster"
         )
         yield speed, Finding(words, (_during(path, path.stops[k]),))
 
@@ -147,8 +151,8 @@ def _short_stops(path: HandPath, names: Sequence[str], passed: Sequence[int]) ->
     for k, stop in enumerate(path.stops[1:], start=1):
         if k not in passed and round(stop.dwell_s, 2) < SHORT_STOP_S:  # as it is written
             words = (
-                f"{at_stop(names[k])} lasts only {stop.dwell_s:.2f} s, from {path.t[stop.start]:.1f} s on: stop for "
-                "half a second, or the hand may have gone on there"
+                f"{at_stop(names[k])} lasts only {stop.dwell_s:.2f} s, from {path.t[stop.start]:.1f} s on, so the hand "
+                "may not have stopped: stop for half a second"
             )
             yield -stop.dwell_s, Finding(words, (_during(path, stop),))
 
@@ -167,7 +171,7 @@ def _trembling(path: HandPath, names: Sequence[str], a_nav: Array) -> Iterator[W
         if not any(_shows(path, stop, span) for stop in (before, after)):
             words = (
                 f"between {names[k]} and {names[k + 1]} the hand is held still from {span[0]:.1f} to {span[1]:.1f} s, "
-                "but trembles, so no stop is seen: rest the hand"
+                "but trembles, so no stop is found: rest the hand on something"
             )
             yield span[1] - span[0], Finding(words, (span,))
 
@@ -206,10 +210,13 @@ def _unsure_moves(path: HandPath, names: Sequence[str]) -> list[Finding]:
     advice = "stop on the way, or move more calmly"
     if len(moves) > SAID_ONE_BY_ONE:
         each, (worst, sigma) = length(UNSURE_MOVE_M), moves[0]
-        words = f"{len(moves)} moves add a sigma of over {each} each, the one {worst} {sigma}: {advice}"
+        words = (
+            f"{len(moves)} moves add an uncertainty of more than {each} each (one sigma), the worst, {worst}, {sigma}: "
+            f"{advice}"
+        )
         return [Finding(words, tuple(spans[:SHOWN]))]
     return [
-        Finding(f"the move {move} adds a sigma of {sigma}: {advice}", (span,))
+        Finding(f"the move {move} adds an uncertainty of {sigma} (one sigma): {advice}", (span,))
         for (move, sigma), span in zip(moves, spans, strict=True)
     ]
 
@@ -228,8 +235,8 @@ def _left_over(path: HandPath, names: Sequence[str], passed: Sequence[int]) -> I
         told = added[k] > UNSURE_MOVE_M**2 or k in passed or k + 1 in passed
         if left_over > DRIFT * lasts and not told:
             words = (
-                f"{length(left_over)}/s are left over at {at_stop(names[k + 1])} after a move of {lasts:.1f} s, which "
-                f"is no drift: stand still at {names[k]} and {names[k + 1]}, turn more slowly in between"
+                f"a residual velocity of {length(left_over)}/s at {at_stop(names[k + 1])}, after a move of {lasts:.1f} "
+                f"s, is more than drift: hold still at {names[k]} and {names[k + 1]}, and turn more slowly in between"
             )
             yield left_over / lasts, Finding(words, (_move(path, k),))
 

@@ -88,16 +88,20 @@ class Health:
         self._lived |= bool(changing > ALIVE)
         if whole and changing == 0.0:
             if self._lived:
-                return {"stuck": f"for {STUCK_S:g} s every sample says the same: the sensor is stuck; plug it in again"}
-            return {"still": "every sample says the same so far: if that goes on while you move, the sensor is stuck"}
+                return {"stuck": f"for {STUCK_S:g} s all samples are the same: the sensor is stuck; plug it in again"}
+            return {"still": "all samples are the same so far: if that stays so while you move, the sensor is stuck"}
         told: dict[str, str] = {}
         for name, axis, start, _ in stuck_axes(window):
             what = f"{'xyz'[axis]} axis of the {NAMES[name]}"
             value = float(given[name][start, axis])
-            told[f"{what} stuck"] = f"the {what} is stuck at {value:.4g}, while others change: mend the sensor"
+            told[f"{what} stuck"] = (
+                f"the {what} is stuck at {value:.4g}, while others change: repair or replace the sensor"
+            )
         if whole and np.std(window.acc, axis=0).max() > MOVES:
             if window.gyr is not None and not _changes(window.gyr):
-                told["gyro dead"] = "the gyro reads the same while the hand moves, so it is dead: mend it"
+                told["gyro dead"] = (
+                    "the gyro reads the same while the hand moves, so it is dead: repair or replace the sensor"
+                )
             if window.mag is not None and not _changes(window.mag[np.isfinite(window.mag[:, 0])]):
                 told["magnetometer dead"] = "the magnetometer reads the same while the hand moves: it will be left out"
         return told

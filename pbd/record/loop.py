@@ -138,8 +138,8 @@ def _nothing(session: Session, reader: Reader) -> SensorError:
         )
     elif whole and not session.samples:
         message = (
-            f"whole packets of {sensor} come from {port.device}, but none with an acceleration: choose it among the "
-            "outputs of the device (docs/sensors.md says how)"
+            f"whole packets of {sensor} come from {port.device}, but none with an acceleration: switch that output on "
+            "in the device (docs/sensors.md says how)"
         )
     elif whole:
         message = f"{port.device} sends too slowly ({session.samples} in {SILENT_S:g} s): raise the rate of the device"

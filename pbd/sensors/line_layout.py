@@ -132,7 +132,7 @@ def _check_names(names: list[str]) -> None:
     for name in names:
         if name not in (*known, "_"):
             raise SensorError(
-                f"column {name!r} is unknown; the names are {', '.join(known)} and _ to pass over", value=name
+                f"column {name!r} is unknown; the names are {', '.join(known)} and _ for a column to skip", value=name
             )
         if name != "_" and names.count(name) > 1:
             raise SensorError(f"column {name} is there twice; name the other one _", value=name)
@@ -148,10 +148,11 @@ def _check_line(names: list[str]) -> None:
         missing = [name for name in three if name not in names]
         if 0 < len(missing) < 3:
             raise SensorError(
-                f"{', '.join(missing)} is missing in a line beside its sisters; add it, or name them _", value=missing
+                f"{', '.join(missing)} is missing in a line that has others of its kind; add it, or name those _",
+                value=missing,
             )
     if not set(names) - {"t", "_"}:
-        raise SensorError("a line has nothing to read but t or _; leave it out")
+        raise SensorError("a line has no column but t or _; remove it")
 
 
 def _check_prefixes(prefixes: list[str]) -> None:
@@ -190,7 +191,7 @@ def units_from_options(units: Iterable[str]) -> dict[str, str]:
     pairs = [text.partition("=") for text in units]
     for quantity, equals, unit in pairs:
         if not (quantity and equals and unit):
-            raise SensorError(f"unit {quantity + equals + unit!r} is not of the form acc=g; write it so")
+            raise SensorError(f"unit {quantity + equals + unit!r} must have the form acc=g; correct it")
     return {quantity.strip(): unit for quantity, _, unit in pairs}
 
 
@@ -203,7 +204,7 @@ def layout_from_toml(text: str, name: str = "layout") -> LineLayout:
     try:
         values = tomllib.loads(text)
     except tomllib.TOMLDecodeError as reason:
-        raise SensorError(f"{name}: not valid TOML: {reason}; mend it there", path=name) from None
+        raise SensorError(f"{name}: not valid TOML: {reason}; correct it", path=name) from None
     try:
         _refuse_unknown(values, ("separator", "columns", "prefix", "wrap", "units", "line"), "")
         if ("line" in values) == ("columns" in values) or ("line" in values and "prefix" in values):

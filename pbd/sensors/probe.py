@@ -117,7 +117,7 @@ def what_it_is(data: bytes, baud: int | None, sensor: str | None = None) -> str:
     if known is not None and known != sensor:
         return f"they are {known}'s: give --sensor {known}"
     if line is not None and sensor == "lines":
-        return f"a line is {_shortened(line)!r}: mend --columns, --separator or --prefix"
+        return f"a line is {_shortened(line)!r}: correct --columns, --separator or --prefix"
     if line is not None:
         return f'they are lines such as {_shortened(line)!r}: give --sensor lines --columns "..."'
     at = "" if baud is None else f"{baud} baud is wrong, or "

@@ -106,7 +106,7 @@ def refuse_disagreement(recording: Recording) -> None:
         if np.median(said) < NOTHING * np.median(seen):
             best, what, unit = (
                 0.0,
-                "it says next to nothing, so it is dead; mend it, or check the columns gx, gy, gz",
+                "it hardly reads anything, so it is dead; repair it, or check the columns gx, gy, gz",
                 "",
             )
     if best < min(AGREES, off / BETTER):

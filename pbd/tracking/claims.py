@@ -138,7 +138,9 @@ def _place(tool: _Tool, base: _Base | None, place: Place, group: int) -> Iterato
         yield from _known_place(tool, base, place, place.p_base_tool, stops, sigma, group)
         return
     if place.p_base_tool is not None:
-        _left_out(f"where the place at {place.t[0]:.2f} s is in nav is not known without a calibration")
+        _left_out(
+            f"without a calibration it is unknown where the place at {place.t[0]:.2f} s is in the hand's frame (nav)"
+        )
     half = 0.5 * sigma**2 * np.eye(3)
     for t, stop in zip(place.t[1:], stops[1:], strict=True):
         lever, lever_cov = tool.between(stop, stops[0])

@@ -52,7 +52,9 @@ def steady_clock(recording: Recording) -> Array:
             stamps = _on_beat(stamps, interval, reach, whole)
             t = stamps[np.cumsum(new) - 1]
             rate_hz = 1.0 / float(np.median(np.diff(stamps)))
-            warnings.warn(f"{fault}; they are put on a steady beat of {rate_hz:.4g} Hz", PbdWarning, stacklevel=3)
+            warnings.warn(
+                f"{fault}; evenly spaced times at {rate_hz:.4g} Hz are used instead", PbdWarning, stacklevel=3
+            )
     return t
 
 
@@ -61,8 +63,9 @@ def warn_of_rate(recording: Recording) -> None:
     nominal_hz, rate_hz = recording.info.rate_hz, recording.rate_hz
     if nominal_hz is not None and abs(rate_hz / nominal_hz - 1.0) > RATE_OFF:
         warnings.warn(
-            f"the sensor is set to {nominal_hz:.4g} Hz, but by their time stamps the samples come at {rate_hz:.4g} Hz; "
-            f"if these err, every distance is {(nominal_hz / rate_hz) ** 2:.2f} times the true one: check it",
+            f"the sensor is set to {nominal_hz:.4g} Hz, but by the time stamps the samples come at {rate_hz:.4g} Hz; "
+            f"if the time stamps are wrong, every distance comes out {(nominal_hz / rate_hz) ** 2:.2f} times its true "
+            "value: check the rate",
             PbdWarning,
             stacklevel=3,
         )

@@ -213,7 +213,7 @@ def _counted(count: int, what: str) -> str:
 def _refuse_bad_clock(t: Array) -> None:
     if not np.isfinite(t).all():
         row = int(np.flatnonzero(~np.isfinite(t))[0])
-        raise RecordingError(f"the time of row {row} is not a number; mend or remove that row", row=row)
+        raise RecordingError(f"the time of row {row} is not a number; correct or remove that row", row=row)
     steps = np.diff(t)
     for wrong, what in ((steps < 0.0, "runs backwards"), (steps > CLOCK_JUMP_S, "jumps")):
         if wrong.any():

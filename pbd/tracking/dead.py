@@ -43,10 +43,11 @@ def refuse_dead(recording: Recording) -> None:
     t = recording.t
     given = {name: values for name in NAMES if (values := getattr(recording, name)) is not None}
     if not any(np.diff(values, axis=0).any() for values in given.values()):
-        raise RecordingError("every row says the same: the sensor is stuck, or was never read; record again", row=0)
+        raise RecordingError("all rows are the same: the sensor is stuck, or was never read; record again", row=0)
     if recording.gyr is not None and not np.diff(recording.gyr, axis=0).any() and noisy(recording.acc):
         raise RecordingError(
-            "the gyro always reads the same, so it is dead; mend it, or leave out the columns gx, gy, gz if the device "
+            "the gyro always reads the same, so it is dead; repair it, or leave out the columns gx, gy, gz if the "
+            "device "
             "gives its own attitude",
             value=recording.gyr[0].tolist(),
         )
@@ -54,7 +55,7 @@ def refuse_dead(recording: Recording) -> None:
         value = float(given[name][start, axis])
         raise RecordingError(
             f"axis {'xyz'[axis]} of the {NAMES[name]} is stuck at {value:.4g} from {t[start]:.2f} s (row {start}) to "
-            f"{t[stop - 1]:.2f} s, while others change; mend the sensor, or check the columns",
+            f"{t[stop - 1]:.2f} s, while others change; repair the sensor, or check the columns",
             row=start,
             t=float(t[start]),
             value=value,

@@ -146,8 +146,8 @@ def _full_speed(
 
 def _refuse(t: Array, row: int, speed: float) -> None:
     raise TrackingError(
-        f"the sensor repeats itself around row {row} (t = {t[row]:.2f} s) as at a rest, but the hand moved "
-        f"with {speed:.2f} m/s and was not seen to stop: the sensor froze in a move; record again",
+        f"the readings repeat around row {row} (t = {t[row]:.2f} s) as in a rest, but the hand was moving at "
+        f"{speed:.2f} m/s: the sensor froze during a move; record again",
         row=row,
         t=float(t[row]),
         value=speed,

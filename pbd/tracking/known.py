@@ -169,7 +169,7 @@ def _refuse(path: HandPath, claim: Claim, misfit: Array, square: float, beside: 
     number = f"{sigmas:.0f}" if sigmas >= 9.95 else f"{sigmas:.1f}"
     raise TrackingError(
         f"demo.toml says that {claim.saying}, but {claim.differs.format(_cm(off))}{beside} "
-        f"(sigma {_cm(off / sigmas)}, {number} sigma); take out {claim.entry}, or record again",
+        f"(sigma {_cm(off / sigmas)}, {number} sigma); remove {claim.entry}, or record again",
         t=_middle(path, path.stops[claim.stop]),
         stop=claim.stop,
         value=off,

@@ -159,9 +159,9 @@ def _warn_of_threshold(a_nav: Array, stop: Stop) -> None:
     largest = float(resulting_variance(a_nav).max())
     seen = "no motion" if stop.stop - stop.start == len(a_nav) else "a single stop"
     warnings.warn(
-        f"--method paper sees {seen} in this sensor's data: the variance of its acceleration, at most {largest:.2g}, "
-        f"is held against the paper's lambda_v = {LAMBDA_V:g} (m/s2)^2, which is for the paper's sensor at 40 Hz; "
-        "leave the option out, the default method finds motion in another way",
+        f"--method paper finds {seen} in this sensor's data: the variance of its acceleration is at most "
+        f"{largest:.2g}, and the paper's threshold lambda_v = {LAMBDA_V:g} (m/s2)^2 is for its own sensor at 40 Hz; "
+        "use --method default",
         PbdWarning,
         stacklevel=3,
     )

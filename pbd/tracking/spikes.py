@@ -42,9 +42,9 @@ def without_spikes(recording: Recording) -> Recording:
     if not found:
         return recording
     row, what = min(found)
-    samples = "1 wild sample" if len(found) == 1 else f"{len(found)} wild samples"
+    samples = "1 impossible sample" if len(found) == 1 else f"{len(found)} impossible samples"
     warnings.warn(
-        f"{samples}, such as no hand can make, left out; the first is row {row} (t = {recording.t[row]:.2f} s): {what}",
+        f"{samples} left out (no hand moves like that); the first is row {row} (t = {recording.t[row]:.2f} s): {what}",
         PbdWarning,
         stacklevel=3,
     )

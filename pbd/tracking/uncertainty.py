@@ -167,7 +167,7 @@ def accelerometer_level(recording: Recording, stops: tuple[Stop, ...], rest: Res
         if norm < 0.5 * rest.gravity:
             t = float(recording.t[stop.start])
             raise TrackingError(
-                f"at the stop at {t:.2f} s the accelerometer reads {norm:.2f} m/s2, though gravity is there; check the "
+                f"at the stop at {t:.2f} s the accelerometer reads {norm:.2f} m/s2, far less than gravity; check the "
                 "sensor and record again",
                 t=t,
                 value=norm,

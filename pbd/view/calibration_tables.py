@@ -129,4 +129,4 @@ def _add_linear(table: Table, what: str, linear: Linear, factor: float, unit: st
         scale = ", ".join(f"{100.0 * (x - 1.0):+.2f}" for x in np.diagonal(linear.matrix))
         skew = linear.matrix - np.diag(np.diagonal(linear.matrix))
         table.add_row("", f"{what} scale", f"({scale}) %", "")
-        table.add_row("", f"{what} axes", f"lean by up to {np.degrees(np.abs(skew).max()):.2f}°", "")
+        table.add_row("", f"{what} axes", f"misaligned by up to {np.degrees(np.abs(skew).max()):.2f}°", "")

@@ -49,7 +49,7 @@ class Motion:
             self.model = pin.buildModelFromUrdf(str(robot.urdf))
         except ValueError as error:
             raise RobotError(
-                f"{robot.urdf} is no URDF ({error}); check urdf in robots/*.toml", path=robot.urdf
+                f"{robot.urdf} is not a URDF ({error}); check urdf in robots/*.toml", path=robot.urdf
             ) from error
         self.samples = trajectory.sample(rate_hz)
         self.t = self.samples.t

@@ -108,7 +108,7 @@ def gravity(plot: DemoPlot) -> Figure:
 
 def velocity(plot: DemoPlot) -> Figure:
     """Velocity, and what of it was left over at each stop."""
-    figure, (upper, lower) = _sheet(plot, "Velocity, and what was left over of it at each stop (closure)", 2.7, 1.7)
+    figure, (upper, lower) = _sheet(plot, "Velocity, and its residual at each stop (closure)", 2.7, 1.7)
     panels.velocity(upper, plot)
     panels.closure(lower, plot)
     return _marked(figure, plot, upper, lower)

@@ -68,6 +68,6 @@ def test_what_can_not_match_is_refused(in_order: bool) -> None:
         match_stops(p, sigma, POINTS, in_order)
     p, sigma = stops_at(np.vstack((POINTS, [[0.0, 0.0, 0.0]])))
     with pytest.raises(
-        CalibrationError, match=r"no stops .* lie to each other as the points do; check the points' unit"
+        CalibrationError, match=r"no stops .* have the same distances as the points; check the points' unit"
     ):
         match_stops(p, sigma, 10.0 * POINTS, in_order)

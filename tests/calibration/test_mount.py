@@ -52,10 +52,12 @@ def test_ten_centimetres_are_found_to_millimetres(sensor: str, close_m: float) -
 
 def test_turns_about_one_axis_leave_the_lever_along_it_open() -> None:
     attitudes = [quat_exp((angle, 0.0, 0.0)) for angle in (0.0, 0.6, -0.6, 0.3, -0.3)]
-    with pytest.raises(CalibrationError, match=r"length along \(1, 0, 0\) of the sensor is unknown: .* tilt the tool"):
+    with pytest.raises(
+        CalibrationError, match=r"lever along \(1, 0, 0\) in the sensor's axes is unknown: .* tilt the tool"
+    ):
         fit_pivot(pivoted(attitudes, np.array(TIP), np.zeros(3)))
     nearly = [quat_multiply(wxyz, quat_exp((0.0, 0.02 * (-1) ** k, 0.0))) for k, wxyz in enumerate(attitudes)]
-    with pytest.raises(CalibrationError, match=r"length along \(1, .* is known to .* cm only"):
+    with pytest.raises(CalibrationError, match=r"lever along \(1, .* is uncertain by .* cm \(one sigma\)"):
         fit_pivot(pivoted(nearly, np.array(TIP), np.zeros(3)))
 
 
@@ -65,12 +67,14 @@ def test_a_tip_that_slipped_is_told() -> None:
     moved = keyframes[4]
     slipped = np.array((0.03, 0.0, 0.0)) + moved.T_nav_sensor.p
     keyframes[4] = Keyframe(4.0, 1.0, Pose(slipped, moved.T_nav_sensor.wxyz), moved.cov)
-    with pytest.raises(CalibrationError, match=r"did not stay on one point: at stop 4 it seems to be .* cm off; rest"):
+    with pytest.raises(
+        CalibrationError, match=r"did not stay on one point: at stop 4 it seems to be .* cm off; keep the tip"
+    ):
         fit_pivot(keyframes)
 
 
 def test_two_stops_are_too_few() -> None:
-    with pytest.raises(CalibrationError, match="the hand stood still 2 times; rest with the tip on the point"):
+    with pytest.raises(CalibrationError, match="only 2 stops found; rest with the tip on the point"):
         fit_pivot(pivoted([quat_exp((0.0, 0.0, 0.0)), quat_exp((0.5, 0.0, 0.0))], np.array(TIP), np.zeros(3)))
 
 
@@ -124,7 +128,7 @@ def test_small_moves_between_are_no_turns() -> None:
 
 def test_a_turn_the_other_way_round_is_refused() -> None:
     with pytest.raises(
-        CalibrationError, match=r"the turns contradict their names: that about x \(move .*off; was it about"
+        CalibrationError, match=r"the turns contradict --turns: the one about x \(move .*off; correct its axis"
     ):
         fit_turns(turned(quat_exp((0.3, 0.2, 0.1)), ("x", "-x", "x", "y")), ("x", "x", "x", "y"))
 
@@ -132,8 +136,11 @@ def test_a_turn_the_other_way_round_is_refused() -> None:
 @pytest.mark.parametrize(
     ("named", "message"),
     [
-        (("x", "y", "z"), r"3 turns are named, but 2 moves turn by 20 degrees or more \(46, 52\); name each in order"),
-        (("x", "-x"), "all turns are about -x, x, which leaves the turn about that axis open"),
+        (
+            ("x", "y", "z"),
+            r"--turns names 3 turns, but 2 moves turn by 20 degrees or more \(46, 52\); name each in order",
+        ),
+        (("x", "-x"), "all turns are about -x, x, so the rotation about that axis stays unknown"),
     ],
 )
 def test_names_that_do_not_fit_are_refused(named: tuple[str, ...], message: str) -> None:

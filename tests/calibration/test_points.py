@@ -160,7 +160,7 @@ def test_three_points_that_contradict_each_other_are_refused() -> None:
     wrong = POINTS[:3].copy()
     wrong[1] += (0.0, 0.0, 0.2)
     with pytest.raises(
-        CalibrationError, match=r"contradict the demonstration by up to .* can't be told \(point .*check"
+        CalibrationError, match=r"contradict the demonstration by up to .* unclear which one is wrong \(point .*check"
     ):
         fit_points(base, wrong)
 
@@ -170,7 +170,7 @@ def test_three_points_that_contradict_each_other_are_refused() -> None:
     [
         (POINTS[:2], False, "2 points are too few; touch 3 or more"),
         ([[0.3, 0.0, 0.0], [0.3, 0.0, 0.2], [0.31, 0.0, 0.4]], False, "lie above each other .* heading is unknown"),
-        ([[0.3, 0.0, 0.0], [0.5, 0.0, 0.0], [0.7, 0.001, 0.0]], True, "lie in a line .* touch one beside it"),
+        ([[0.3, 0.0, 0.0], [0.5, 0.0, 0.0], [0.7, 0.001, 0.0]], True, "lie on a line .* touch a point beside it"),
         ([[0.3, 0.0, 0.0], [0.5, 0.0, 0.0], [0.3, 0.0, 0.0]], False, "points 1 and 3 are the same place"),
     ],
 )

@@ -96,7 +96,7 @@ def test_rests_that_are_too_short() -> None:
     waypoints = [Waypoint(rest_s=0.7), *(Waypoint((0.1 * (k % 2), 0, 0), (0.5, 0, 0), 0.5, 0.7) for k in range(6))]
     with pytest.raises(CalibrationError, match="never still for 1 s; put it down for two seconds in each orientation"):
         find_rests(simulate(Task("hasty", tuple(waypoints)), "modern", 0).recording)
-    with pytest.raises(CalibrationError, match=r"the recording has 0\.1 s; put the sensor down"):
+    with pytest.raises(CalibrationError, match=r"the recording lasts only 0\.1 s; put the sensor down"):
         find_rests(Recording(np.arange(11) / 100.0, np.zeros((11, 3))))
 
 
@@ -136,7 +136,7 @@ def test_a_bad_accelerometer_is_found(rests: Rests, kind: str) -> None:
 
 def test_six_sides_tell_bias_and_scale_but_no_lean() -> None:
     fit = fit_accelerometer(of(9.81 * SIDES[:6]), 9.81)
-    assert fit.untold == ("lean yz", "lean xz", "lean xy")
+    assert fit.untold == ("misalignment yz", "misalignment xz", "misalignment xy")
 
 
 def test_one_side_of_an_axis_tells_neither_its_bias_nor_its_scale() -> None:
@@ -152,11 +152,11 @@ def test_one_side_of_an_axis_tells_neither_its_bias_nor_its_scale() -> None:
 @pytest.mark.parametrize("count", [1, 3])
 def test_orientations_that_are_too_few_or_alike_are_refused(count: int) -> None:
     with pytest.raises(
-        CalibrationError, match=r"(of 3 rests only 3 differ|was put down once).* needs 4 orientations, best 12"
+        CalibrationError, match=r"(3 rests show only 3 orientations|was put down once).* needs 4 orientations, best 12"
     ):
         fit_accelerometer(of(9.81 * SIDES[:count]))
     alike = SIDES[[0] * 6] + 0.05 * np.random.default_rng(0).normal(size=(6, 3))
-    with pytest.raises(CalibrationError, match="of 6 rests only 1 differs by 15 degrees"):
+    with pytest.raises(CalibrationError, match="6 rests show only 1 orientation 15 degrees"):
         fit_accelerometer(of(9.81 * alike))
 
 
@@ -267,7 +267,9 @@ def test_a_magnetometer_that_was_not_turned_is_refused() -> None:
     """Its noise lies all around too, but that is no ellipsoid of a field."""
     mag = np.array([0.0, 19.5, -44.0]) + 0.2 * np.random.default_rng(0).normal(size=(500, 3))
     once = replace(of(9.81 * SIDES[:1]), mag=mag[:1], mag_noise=0.2)
-    with pytest.raises(CalibrationError, match=r"not turned far enough: along one axis it reads the same to 0\.2 uT"):
+    with pytest.raises(
+        CalibrationError, match=r"not turned far enough: along one axis its readings vary by only 0\.2 uT"
+    ):
         fit_magnetometer(mag, once, SIDES[:1])
 
 
@@ -331,9 +333,9 @@ def test_a_rest_that_contradicts_its_calibration_is_told(whole: SensorFit, rests
     assert disagreements(errors, acc, gyr, mag) == ()
     assert disagreements(errors, acc) == ()
     (line,) = disagreements(errors, 1.02 * acc, gyr, mag)
-    assert "accelerometer reads 10.01 m/s2 after its calibration" in line
+    assert "calibrated accelerometer reads 10.01 m/s2" in line
     (line,) = disagreements(errors, acc, gyr + np.radians(1.0), mag)
-    assert "the gyro reads 1.7 degrees/s beside its calibrated bias" in line
+    assert "the gyro is 1.7 degrees/s off its calibrated bias" in line
     (line,) = disagreements(errors, acc, gyr, 1.2 * mag)
     assert "the magnetic field is " in line
     (line,) = disagreements(errors, acc, gyr, _dipped(mag, acc))

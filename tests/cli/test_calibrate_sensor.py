@@ -112,7 +112,7 @@ def test_another_sensor_is_refused(bench: Path, capsys: Capture) -> None:
     line = refused(capsys, "keyframes", "pouring", "--calibration", "bench")
     assert line == (
         "'pouring' is of the sensor 'simulated modern', but the calibration's [sensor] is of 'simulated bad wt901'; "
-        "name a calibration of that sensor, or take [sensor] out"
+        "name a calibration of that sensor, or remove [sensor]"
     )
     assert "of 'simulated bad wt901'" in refused(capsys, "calibrate", "sensor", "bench", "pouring", "--only", "gyr")
     assert "of 'simulated bad wt901'" in refused(capsys, "record", "x", "--sensor", "sim", "--calibration", "bench")
@@ -123,15 +123,17 @@ def test_six_sides_are_told_from_twelve(capsys: Capture) -> None:
     save("six", simulate(sides(1, SIDES[:6]), BAD, 1))
     code, out, err = run(capsys, "calibrate", "sensor", "bench", "six")
     assert code == 0
-    assert err.startswith("pbd: warning: 6 orientations do not tell lean yz, lean xz, lean xy: that is left near")
-    assert out.count("can't be told") == 3
+    assert err.startswith(
+        "pbd: warning: 6 orientations do not determine misalignment yz, misalignment xz, misalignment xy: typical"
+    )
+    assert out.count("unknown") == 3
     assert "assumed gravity is 9.80665 m/s2" in err
 
 
 def test_what_is_wrong_with_a_recording_of_sides(capsys: Capture) -> None:
     save("three", simulate(sides(1, SIDES[:3]), BAD, 1))
     line = refused(capsys, "calibrate", "sensor", "bench", "three")
-    assert line.startswith("of 3 rests only 3 differ by 15 degrees and more")
+    assert line.startswith("3 rests show only 3 orientations 15 degrees or more apart")
     assert not Path("calibration").exists()
     code, _, err = run(capsys, "calibrate", "sensor", "bench", "three", "--only", "gyr")
     assert (code, err) == (0, "pbd: calibration/bench.toml: [sensor] of 'simulated bad wt901' from 3 rests\n")
@@ -164,13 +166,13 @@ def test_a_rest_that_disagrees_is_told_while_it_is_recorded() -> None:
     assert said_at_rest(None) == said_at_rest(good) == ["the rest at the start is found: you may move"]
     drifted = replace(good, gyr=replace(right, bias=np.radians((0.0, 0.0, 2.0))))
     assert said_at_rest(drifted)[1] == (
-        "at rest the gyro reads 2.0 degrees/s beside its calibrated bias; calibrate the sensor again"
+        "at rest the gyro is 2.0 degrees/s off its calibrated bias; calibrate the sensor again"
     )
     assert said_at_rest(replace(good, acc=replace(right, bias=np.array((0.0, 0.0, 0.3)))))[1].startswith(
-        "at rest the accelerometer reads 9.51 m/s2 after its calibration"
+        "at rest the calibrated accelerometer reads 9.51 m/s2"
     )
-    assert said_at_rest(replace(good, field=60.0))[1].startswith("the magnetic field is 48 uT, where it was 60")
-    assert said_at_rest(replace(good, dip=1.0))[1].startswith("the magnetic field dips by 66 degrees, where it was 57")
+    assert said_at_rest(replace(good, field=60.0))[1].startswith("the magnetic field is 48 uT, but was 60")
+    assert said_at_rest(replace(good, dip=1.0))[1].startswith("the magnetic field dips by 66 degrees, but by 57")
 
 
 def test_a_calibration_that_says_nothing_of_the_sensor_is_told_when_recording() -> None:
@@ -209,9 +211,9 @@ def test_what_is_wrong_with_a_mount(capsys: Capture) -> None:
     x = np.array((1.0, 0.0, 0.0))
     save("nod", simulate(through([quat_exp(a * x) for a in (0.6, -0.6, 0.5)], np.random.default_rng(0)), "modern", 0))
     assert refused(capsys, "calibrate", "mount", "bench", "nod").startswith("say what the recording shows: --pivot")
-    assert "of the sensor is " in refused(capsys, "calibrate", "mount", "bench", "nod", "--pivot")
+    assert "in the sensor's axes is " in refused(capsys, "calibrate", "mount", "bench", "nod", "--pivot")
     line = refused(capsys, "calibrate", "mount", "bench", "nod", "--turns", "x,y")
-    assert line.startswith("2 turns are named, but 3 moves turn by 20 degrees or more")
+    assert line.startswith("--turns names 2 turns, but 3 moves turn by 20 degrees or more")
     assert refused(capsys, "calibrate", "mount", "bench", "nod", "--turns", "x,-x,x").startswith("all turns are about")
     with pytest.raises(SystemExit, match="2"):
         main(["calibrate", "mount", "bench", "nod", "--turns", "up"])

@@ -131,7 +131,7 @@ def test_what_the_default_has_commented_out_is_valid_too(tmp_path: Path) -> None
         ),
         ("0.5, 0.6]", "50, 60]", ":23: [obstacle] position has 60, but is in metres; divide it by 100 if it is in cm"),
         ("[0.1]", "[25]", ":22: [obstacle] size has 25, but is in metres; divide it by 100 if it is in cm"),
-        (DOCK, DOCK + NAV, ":6: dock and [nav] can't both be given; take one out"),
+        (DOCK, DOCK + NAV, ":6: dock and [nav] can't both be given; remove one"),
         ("[dock]", "[dock", ": not valid TOML: "),
         ('name = "shelf"\n', "", ":13: [obstacle] name is missing; add it"),
         ('"lamp"', '"shelf"', ":20: [obstacle] name 'shelf' is another obstacle's too; rename one of them"),
@@ -141,7 +141,7 @@ def test_what_the_default_has_commented_out_is_valid_too(tmp_path: Path) -> None
         (
             "0.02]\nposition",
             "0.0]\nposition",
-            ":16: [obstacle] size must be above zero throughout, got [0.3, 0.2, 0.0]",
+            ":16: [obstacle] size must hold only numbers above zero, got [0.3, 0.2, 0.0]",
         ),
         ("position = [0.0, 0.5, 0.6]\n", "", ":19: [obstacle] position is missing; add it"),
         ("[0.6, 0.4, 0.3]", "[0.6, 0.4]", ":17: [obstacle] position must have 3 numbers, got 2; correct it"),

@@ -209,7 +209,7 @@ def test_a_file_in_the_way(tmp_path: Path) -> None:
             ":1: [object] shape must be one of box, cylinder, sphere, got 'cone'",
         ),
         ("object = {shape = 'box', size = [1]}", ":1: [object] size must have 3 numbers, got 1; correct it"),
-        ("object = {shape = 'sphere', size = [-1]}", ":1: [object] size must be above zero throughout, got [-1]"),
+        ("object = {shape = 'sphere', size = [-1]}", ":1: [object] size must hold only numbers above zero, got [-1]"),
         ("grip = [{t_s = 1.0}]", ":1: [grip] closed is missing; add it"),
     ],
 )
@@ -274,11 +274,11 @@ def test_known_places_and_heights_are_read_as_the_page_says(tmp_path: Path) -> N
     [
         (
             "[[place]]\nt_s = [2.0]\n",
-            ":7: [place] t_s must name two stops or more, or one beside a position_m; correct it",
+            ":7: [place] t_s must name at least two stops, or one and a position_m; correct it",
         ),
         (
             "[[place]]\nt_s = []\n",
-            ":7: [place] t_s must name two stops or more, or one beside a position_m; correct it",
+            ":7: [place] t_s must name at least two stops, or one and a position_m; correct it",
         ),
         ("[[place]]\nt_s = [2.0, 2.0]\n", ":7: [place] t_s must name each stop once; correct it"),
         ("[[place]]\nt_s = 2.0\n", ":7: [place] t_s must be a list of finite numbers, got 2.0; correct it"),

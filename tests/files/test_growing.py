@@ -64,7 +64,7 @@ def test_nothing_is_overwritten_unasked(tmp_path: Path) -> None:
         begun(tmp_path / "tea")
     begun(tmp_path / "tea", force=True).close()
     (tmp_path / "photos").mkdir()
-    with pytest.raises(RecordingError, match="is no demonstration, so it is not replaced"):
+    with pytest.raises(RecordingError, match="is not a demonstration, so it is not replaced"):
         begun(tmp_path / "photos", force=True)
 
 

@@ -164,7 +164,7 @@ def test_any_encoding_that_has_the_degree_sign(tmp_path: Path, encoding: str) ->
 
 
 def test_a_file_without_names_is_told_so(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match=r"run\.csv:1: numbers where the columns' names should be; put a line"):
+    with pytest.raises(RecordingError, match=r"run\.csv:1: numbers where the column names should be; add a line"):
         import_text(tmp_path, "0,1,2,3\n1,2,3,4\n")
     with pytest.raises(RecordingError, match=r"run\.csv:2: numbers where"):
         import_text(tmp_path, "my log\n0,1e-3,2,3\n1,2,3,4\n")
@@ -188,7 +188,7 @@ def test_a_date_may_be_the_time(tmp_path: Path) -> None:
         ("t,ax (lb),ay (lb),az (lb)", {}, {}, "the unit 'lb' of column 'ax (lb)' is not known; give one of m/s2, "),
         ("t,ax,ay,az", {}, {"acc": "deg/s"}, "the unit 'deg/s' of column 'ax' is not known; give one of m/s2, "),
         ("t,ax,ay,az", {}, {"ax": "g"}, "no unit can be given for 'ax'; give it for t, gyr, acc, mag, angle"),
-        ("t,ax,ay,az", {"a_x": "ax"}, {}, "there is no column 'a_x' to fill; ours are t, gx, gy, gz, ax, "),
+        ("t,ax,ay,az", {"a_x": "ax"}, {}, "unknown channel 'a_x'; choose one of t, gx, gy, gz, ax, "),
         ("t,ax,ay,az", {"ax": "AccX"}, {}, "no column 'AccX'; the columns are t, ax, ay, az"),
         ("t,ax,ay,az", {"ax": "-AccX"}, {}, "no column 'AccX'; the columns are t, ax, ay, az"),
     ],
@@ -236,7 +236,7 @@ def test_an_npz_takes_no_columns(tmp_path: Path) -> None:
 
 
 def test_a_suffix_that_nobody_knows(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match=r"no importer for '\.xlsx' files; known are \.csv, \.tsv, \.txt, \.npz$"):
+    with pytest.raises(RecordingError, match=r"can't import '\.xlsx' files; give a \.csv, \.tsv, \.txt or \.npz$"):
         import_file(tmp_path / "run.XLSX")
 
 

@@ -67,7 +67,7 @@ def test_npz_whose_truth_has_a_rate_of_its_own(tmp_path: Path) -> None:
         ({"rate_hz": 0.0, "acc": np.ones((3, 3))}, "rate_hz is 0; it must be above zero"),
         ({"rate_hz": np.nan, "acc": np.ones((3, 3))}, "rate_hz is nan; it must be above zero"),
         ({"rate_hz": 1.0, "acc": np.ones((3, 3)), "gyr": np.ones((2, 3))}, r"'gyr' has shape \(2, 3\), not \(3, 3\)"),
-        ({"rate_hz": 1.0, "acc": np.ones(3)}, r"'acc' has shape \(3,\), not \(3, 3\); mend it"),
+        ({"rate_hz": 1.0, "acc": np.ones(3)}, r"'acc' has shape \(3,\), not \(3, 3\); correct it"),
         ({"rate_hz": 1.0, "acc": np.ones((3, 3)), "notes": {"a": 1}}, "Object arrays cannot be loaded"),  # a pickle
     ],
 )

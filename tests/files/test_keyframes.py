@@ -185,7 +185,7 @@ def test_times_go_forward(tmp_path: Path) -> None:
 def test_an_empty_file_is_told(tmp_path: Path) -> None:
     path = tmp_path / "keyframes.toml"
     path.write_text("format = 1\n", encoding="utf-8")
-    with pytest.raises(RecordingError, match=r"there is no \[\[keyframe\]\] in it"):
+    with pytest.raises(RecordingError, match=r"it has no \[\[keyframe\]\]"):
         read_keyframes(path)
 
 

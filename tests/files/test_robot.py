@@ -177,7 +177,7 @@ def test_the_docks_options(folder: Path) -> None:
         ("acceleration = [5.0, 6.0]", "velocity = [1.5, 2.6]\nacceleration = [5.0, 6.0]",
          ":22: [limits] velocity gives elbow 2.6, above the URDF's own 2.5; lower it, or correct the URDF"),
         ("acceleration = [5.0, 6.0]", "velocity = [1.5, 0]\nacceleration = [5.0, 6.0]",
-         ":22: [limits] velocity must be above zero throughout, got [1.5, 0]; correct it"),
+         ":22: [limits] velocity must hold only numbers above zero, got [1.5, 0]; correct it"),
         ("acceleration = [5.0, 6.0]\n", "", ": [limits] acceleration is missing; add it"),
         ('source = "measured"\n', "", ": [limits] source is missing; add it"),
         ('source = "measured"', 'jerk_source = "measured"', ": [limits] source is missing; add it"),
@@ -186,27 +186,27 @@ def test_the_docks_options(folder: Path) -> None:
          " acceleration_source, jerk, jerk_source; remove or rename it"),
 
         ("jerk = [100, 200]", "jerk = [100, 0]",
-         ":23: [limits] jerk must be above zero throughout, got [100, 0]; correct it"),
+         ":23: [limits] jerk must hold only numbers above zero, got [100, 0]; correct it"),
         ("[5.0, 6.0]", "[5.0, -6.0]",
-         ":22: [limits] acceleration must be above zero throughout, got [5.0, -6.0]; correct it"),
+         ":22: [limits] acceleration must hold only numbers above zero, got [5.0, -6.0]; correct it"),
         ("[5.0, 6.0]", "[5.0]", ":22: [limits] acceleration must have 2 numbers, got 1; correct it"),
         ("[5.0, 6.0]", "[5.0, nan]",
          ":22: [limits] acceleration must be a list of 2 finite numbers, got [5.0, nan]; correct it"),
         ("[5.0, 6.0]", "[5.0, true]",
          ":22: [limits] acceleration must be a list of 2 finite numbers, got [5.0, True]; correct it"),
         ('source = "measured"', 'source = ""',
-         ":21: [limits] source must be a string with something in it, got ''; correct it"),
+         ":21: [limits] source must be a non-empty string, got ''; correct it"),
         ("home = [0.1, 0.2]", "home = [2.1, 0.2]", ":12: [arm] home puts shoulder at 2.1, outside -2..2; correct it"),
         ("home = [0.1, 0.2]", "home = [0.1]", ":12: [arm] home must have 2 numbers, got 1; correct it"),
         ("home = [0.1, 0.2]", 'home_pose = "rest"',
-         ":12: [arm] home_pose names 'rest', which the SRDF hasn't; its poses are (none); correct it"),
+         ":12: [arm] home_pose names 'rest', which is not in the SRDF; its poses are (none); correct it"),
         ("home = [0.1, 0.2]", 'home = [0, 0]\nhome_pose = "rest"',
-         ":13: [arm] home_pose stands beside home, which says the same; remove one of them"),
+         ":13: [arm] home_pose is given together with home; remove one of them"),
         ("home = [0.1, 0.2]", 'joints = ["elbow", "shoulder"]\nhome = [0.1, 0.2]',
          ":12: [arm] joints must be some of shoulder, elbow, in that order (base to tool), got elbow, shoulder;"
          " correct it"),
         ('joints = ["claw"]', 'joints = ["mount"]',
-         ":15: [gripper] joints names 'mount', which is no joint that moves; the URDF has shoulder, elbow, claw;"
+         ":15: [gripper] joints names 'mount', which is not a movable joint; the URDF has shoulder, elbow, claw;"
          " correct it"),
         ("open = [0.5]", "open = [0.6]", ":16: [gripper] open puts claw at 0.6, outside 0..0.5; correct it"),
         ("stroke_s = 0.4", "stroke_s = 0", ":18: [gripper] stroke_s must be above zero, got 0; correct it"),
@@ -230,7 +230,7 @@ def test_the_docks_options(folder: Path) -> None:
          ":25: dok is unknown; the keys here are format, name, description, notes, model, gripper, arm, limits, dock;"
          " remove or rename it"),
         ("[limits]\n", "limits = 3\n[limts]\n", ": limits is missing (there is 'limts'); add it"),
-        ("name = ", "name == ", "not valid TOML: Invalid value (at line 2, column 7); mend it there"),
+        ("name = ", "name == ", "not valid TOML: Invalid value (at line 2, column 7); correct it"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_said_in_one_line(folder: Path, old: str, new: str, message: str) -> None:
@@ -255,7 +255,7 @@ def test_a_pose_that_leaves_a_joint_out(folder: Path) -> None:
     with pytest.raises(RobotError, match=r"home_pose 'half' says nothing of elbow; give home as a list instead"):
         read_robot(folder / "mine.toml")
     change(folder / "mine.toml", '"half"', '"full"')
-    with pytest.raises(RobotError, match=r"which the SRDF hasn't; its poses are rest, half; correct it"):
+    with pytest.raises(RobotError, match=r"which is not in the SRDF; its poses are rest, half; correct it"):
         read_robot(folder / "mine.toml")
 
 
@@ -347,30 +347,30 @@ def test_a_joint_left_out_is_locked_at_zero_which_must_be_within_its_limits(fold
         ('name="shoulder" type="revolute"', 'name="shoulder" type="revolut"',
          r"mine.urdf: joint 'shoulder' has the type 'revolut'; make it one of revolute, continuous, .*, planar$"),
         ('name="mount" type="fixed"', 'name="mount" type="floating"',
-         r"mine.urdf: joint 'mount', between 'foot' and 'hand', is floating, which an arm's joint must not; choose"),
+         r"mine.urdf: joint 'mount', between 'foot' and 'hand', is floating, which pbd does not support in an arm"),
         ('<axis xyz="0 1 0"/>', '<mimic joint="shoulder"/>',
-         r"mine.urdf: joint 'elbow', between 'foot' and 'hand', mimics 'shoulder', which an arm's joint must not"),
+         r"mine.urdf: joint 'elbow', between 'foot' and 'hand', mimics 'shoulder', which pbd does not support"),
         ('<joint name="claw"', '<joint name="elbow"', r"mine.urdf: two joints are named 'elbow'; rename one of them"),
         ('<link name="mid"/>', "",
-         r"mine.urdf: joint 'mount' joins 'mid', which is no link of it; correct it, or add the link$"),
+         r"mine.urdf: joint 'mount' joins 'mid', which is not a link of it; correct it, or add the link$"),
         ('<link name="mid"/>', '<link name="mid"/><link name="mid"/>', r"mine.urdf: two links are named 'mid'; rename"),
         ('<link name="mid"/>', '<link name="mid"/><link name="loose"/>',
          r"mine.urdf: several root links: foot, loose; connect all but one$"),
-        ('<child link="finger"/>', '<child link="hand"/>', r"mine.urdf: link 'hand' hangs on two joints; make it"),
+        ('<child link="finger"/>', '<child link="hand"/>', r"mine.urdf: link 'hand' is the child of two joints; keep"),
         ('<axis xyz="0 1 0"/>', '<axis xyz="0 0 0"/>', r"mine.urdf: joint 'elbow' has no axis to move about; give it"),
         ('<axis xyz="0 1 0"/>', '<axis xyz="0 y 0"/>',
-         r"mine.urdf: xyz = '0 y 0' in the <axis> of joint 'elbow' is no three numbers; correct it"),
+         r"mine.urdf: xyz = '0 y 0' in the <axis> of joint 'elbow' is not three numbers; correct it"),
         ('<axis xyz="0 1 0"/>', '<origin xyz="0 1" rpy="0 0 0"/>',
-         r"mine.urdf: xyz = '0 1' in the <origin> of joint 'elbow' is no three numbers; correct it"),
+         r"mine.urdf: xyz = '0 1' in the <origin> of joint 'elbow' is not three numbers; correct it"),
         ('velocity="1.5"', 'velocity="0"',
          r"\[limits\] velocity is missing and the URDF sets no limit above zero for shoulder; add it"),
         (' velocity="2.5"', "", r"\[limits\] velocity is missing and .* for elbow; add it"),
-        ('lower="-2"', 'lower="minus two"', r"mine.urdf: lower = 'minus two' of a <limit> is no number; correct it"),
-        ('lower="-2"', 'lower="inf"', r"mine.urdf: lower = 'inf' of a <limit> is no number; correct it"),
+        ('lower="-2"', 'lower="minus two"', r"mine.urdf: lower = 'minus two' of a <limit> is not a number; correct it"),
+        ('lower="-2"', 'lower="inf"', r"mine.urdf: lower = 'inf' of a <limit> is not a number; correct it"),
         ('<parent link="foot"/>', "", r"mine.urdf: joint 'shoulder' lacks its parent, child or limit; add it"),
         ('<joint name="claw"', "<joint", r"mine.urdf: a <joint> has no name; add it"),
-        ("</robot>", "", r"mine.urdf: not valid XML: .*; mend it there"),
-        ("robot", "sdf", r"mine.urdf is no URDF: its root is <sdf>; give a file whose root is <robot>"),
+        ("</robot>", "", r"mine.urdf: not valid XML: .*; correct it"),
+        ("robot", "sdf", r"mine.urdf is not a URDF: its root is <sdf>; give a file whose root is <robot>"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_with_the_urdf(folder: Path, old: str, new: str, message: str) -> None:
@@ -385,7 +385,7 @@ def test_a_doctype_is_refused_before_it_can_swell(folder: Path, encoding: str) -
     laughs = "".join(f'<!ENTITY l{i} "{f"&l{i - 1};" * 10}">' for i in range(1, 12))
     bomb = f'<!DOCTYPE robot [<!ENTITY l0 "ha">{laughs}]><robot name="&l11;"/>'
     (folder / "mine.urdf").write_text(bomb, encoding=encoding)
-    with pytest.raises(RobotError, match=r"not valid XML: a DOCTYPE \(robot\) is not taken; mend it there"):
+    with pytest.raises(RobotError, match=r"not valid XML: a DOCTYPE \(robot\) is not allowed; correct it"):
         read_urdf(folder / "mine.urdf")
 
 

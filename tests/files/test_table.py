@@ -51,7 +51,7 @@ def test_an_empty_cell_is_nan(tmp_path: Path) -> None:
         ("t,ax,t\n0,1,2\n", ": the column 't' is there twice; rename one", {"value": "t"}),
         (
             "t,ax\n0,1\n1,two\n",
-            ":3: 'two' in column 'ax' is not a number; mend the cell, or leave it empty",
+            ":3: 'two' in column 'ax' is not a number; correct the cell, or leave it empty",
             {"line": 3, "column": "ax", "value": "two"},
         ),
         (
@@ -62,12 +62,12 @@ def test_an_empty_cell_is_nan(tmp_path: Path) -> None:
         ),
         (
             "t,ax\n0,1\n\n1\n",
-            ":4: 1 cells where the header has 2; mend or remove the line",
+            ":4: 1 cells where the header has 2; correct or remove the line",
             {"line": 4, "value": 1, "bound": 2},
         ),
         (
             "t,ax\n0,1,2\n1,2,3\n",  # consistently one too many
-            ":2: 3 cells where the header has 2; mend or remove the line",
+            ":2: 3 cells where the header has 2; correct or remove the line",
             {"line": 2, "value": 3, "bound": 2},
         ),
         (b"t,ax\n0,\xff\n", ": can't be read as text ('utf-8' codec can't decode", {}),

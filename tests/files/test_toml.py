@@ -66,16 +66,16 @@ def test_each_key_that_nobody_asked_for_is_found(tmp_path: Path) -> None:
 
 def test_a_key_is_found_in_its_own_table(top: Section) -> None:
     """`name` stands at the top too, and `wrong` on its outer table's line."""
-    with pytest.raises(CalibrationError, match=r"file\.toml:7: \[table\.below\] name must be a string"):
+    with pytest.raises(CalibrationError, match=r"file\.toml:7: \[table\.below\] name must be a non-empty string"):
         top.section("table").section("below").text("name")
-    with pytest.raises(CalibrationError, match=r"file\.toml:3: \[inner\.deep\] wrong must be a string"):
+    with pytest.raises(CalibrationError, match=r"file\.toml:3: \[inner\.deep\] wrong must be a non-empty string"):
         top.section("inner").section("deep").text("wrong")
 
 
 @pytest.mark.parametrize(
     ("call", "key", "message"),
     [
-        ("text", "flag", ":2: flag must be a string with something in it, got True; correct it"),
+        ("text", "flag", ":2: flag must be a non-empty string, got True; correct it"),
         ("texts", "name", ":1: name must be a list of strings, got 'x'; correct it"),
         ("flag", "name", ":1: name must be true or false, got 'x'; correct it"),
         ("number", "flag", ":2: flag must be a finite number, got True; correct it"),

@@ -45,7 +45,7 @@ def test_where_there_is_none_nothing_is_done(tmp_path: Path) -> None:
 
 def test_what_is_no_demonstration_stays(tmp_path: Path) -> None:
     (tmp_path / "photos").mkdir()
-    with pytest.raises(RecordingError, match="is no demonstration, so it is not replaced; give another name"):
+    with pytest.raises(RecordingError, match="is not a demonstration, so it is not replaced; give another name"):
         set_aside(tmp_path / "photos")
     assert (tmp_path / "photos").exists()
 

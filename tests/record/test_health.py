@@ -89,7 +89,7 @@ def test_a_dead_axis_is_told_soon(pouring: Recording, name: str, axis: int, sens
 def test_a_dead_gyro_is_told_when_the_hand_moves(pouring: Recording) -> None:
     dead = replace(pouring, gyr=np.zeros_like(pouring.acc))
     at, line = told(dead)[0]
-    assert line == "the gyro reads the same while the hand moves, so it is dead: mend it"
+    assert line == "the gyro reads the same while the hand moves, so it is dead: repair or replace the sensor"
     moves = float(pouring.t[np.flatnonzero(np.abs(np.linalg.norm(pouring.acc, axis=1) - GRAVITY) > 1.0)[0]])
     assert moves - 1.0 < at < moves + 1.0
 
@@ -102,7 +102,7 @@ def test_a_dead_magnetometer_is_told(pouring: Recording) -> None:
 def test_a_sensor_that_freezes_is_told(pouring: Recording) -> None:
     frozen = stuck(stuck(pouring, "acc", slice(0, 3), 6.0), "gyr", slice(0, 3), 6.0)
     at, line = told(frozen)[0]
-    assert line == "for 2 s every sample says the same: the sensor is stuck; plug it in again"
+    assert line == "for 2 s all samples are the same: the sensor is stuck; plug it in again"
     assert 8.0 <= at <= 8.0 + 2.0 * EVERY_S
 
 
@@ -111,7 +111,7 @@ def test_a_coarse_sensor_at_rest_is_not_called_stuck() -> None:
     still = Recording(np.arange(600) / 100.0, np.tile((0.0, 0.0, 9.8), (600, 1)), np.zeros((600, 3)))
     lines = told(still)
     assert {line for _, line in lines} == {
-        "every sample says the same so far: if that goes on while you move, the sensor is stuck"
+        "all samples are the same so far: if that stays so while you move, the sensor is stuck"
     }
 
 

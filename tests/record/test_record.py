@@ -220,11 +220,11 @@ HEARD = [
         vectornav.ymr([0.0] * 3, [0.0] * 3, [0.0, 0.0, -9.8], [0.0] * 3),
         "of os5000: they are vectornav's: give --sensor vectornav$",
     ),
-    ("lines", b"0.01,0.02,0.98\r\n", "no whole packet of lines: a line is '0.01,0.02,0.98': mend --columns"),
+    ("lines", b"0.01,0.02,0.98\r\n", "no whole packet of lines: a line is '0.01,0.02,0.98': correct --columns"),
     (
         "os5000",
         b"$C320.5P0.2R-18.3T19.0*3C\r\n",
-        "whole packets of os5000 come from .*, but none with an acceleration: choose it among the outputs",
+        "whole packets of os5000 come from .*, but none with an acceleration: switch that output on",
     ),
 ]
 

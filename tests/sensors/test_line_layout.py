@@ -124,7 +124,8 @@ def test_files_that_make_no_sense(text: str, says: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("second", "says"), [(("gx",), "gy, gz is missing"), (("t",), "nothing to read"), (("_", "_"), "nothing to read")]
+    ("second", "says"),
+    [(("gx",), "gy, gz is missing"), (("t",), "no column but t or _"), (("_", "_"), "no column but t or _")],
 )
 def test_each_line_has_whole_vectors(second: tuple[str, ...], says: str) -> None:
     with pytest.raises(SensorError, match=says):

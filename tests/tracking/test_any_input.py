@@ -18,7 +18,7 @@ from tests.scenarios import with_rows
 from tests.tracking.faults import every_method, path_or_none, quietly, with_channel
 
 
-@pytest.mark.filterwarnings("ignore:--method paper sees:pbd.errors.PbdWarning")
+@pytest.mark.filterwarnings("ignore:--method paper finds:pbd.errors.PbdWarning")
 @every_method
 @pytest.mark.parametrize("rows", [2, 3, 5, 10, 20])
 @pytest.mark.parametrize("rate_hz", [10.0, 40.0, 100.0, 400.0])

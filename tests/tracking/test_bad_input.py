@@ -94,7 +94,7 @@ def test_ten_samples_are_refused_wherever_they_are_from(method: str, row: int) -
 def test_samples_that_never_change_are_refused() -> None:
     n = 400
     same = Recording(0.01 * np.arange(n, dtype=np.float64), np.tile((0.0, 0.0, 9.81), (n, 1)), np.zeros((n, 3)))
-    with pytest.raises(RecordingError, match=r"every row says the same: .* record again"):
+    with pytest.raises(RecordingError, match=r"all rows are the same: .* record again"):
         track(same)
 
 
@@ -119,7 +119,7 @@ def test_a_channel_without_a_number_is_named(method: str, channel: str, value: f
         track(with_channel(recording, channel, values), method)
 
 
-@pytest.mark.filterwarnings("ignore:--method paper sees:pbd.errors.PbdWarning")
+@pytest.mark.filterwarnings("ignore:--method paper finds:pbd.errors.PbdWarning")
 @every_method
 @every_channel
 @pytest.mark.parametrize("value", [np.nan, -1e300])

@@ -101,7 +101,7 @@ def test_far_from_the_dock_a_known_place_is_less_sure_sideways() -> None:
     [
         (
             Known(places=(Place((mid(1),), (0.4, 0.0, 0.1)),)),
-            "where the place at 1.75 s is in nav is not known without",
+            "without a calibration it is unknown where the place at 1.75 s",
         ),
         (Known(contacts=(Contact(mid(1)),)), "the contact at 1.75 s is the only one, and the table's height is not"),
     ],
@@ -123,32 +123,32 @@ SQUARE = np.array([[0.0, 0.0, 0.0], [0.2, 0.0, 0.0], [0.2, 0.0, 0.31], [0.2, 0.2
         (
             Known(closed=True),
             "demo.toml says that the hand returned to its start, but it ended 30 cm away (sigma 2.0 cm, 15 sigma); "
-            "take out the line `closed = true` at the file's top, not one of a [[grip]], or record again",
+            "remove the line `closed = true` at the file's top, not one of a [[grip]], or record again",
         ),
         (
             Known(places=(Place((mid(1), mid(3))),)),
             "demo.toml says that the tool at 4.75 s (stop 3) is where it was at 1.75 s (stop 1), but it is 20 cm off "
-            "(sigma 1.4 cm, 14 sigma); take out that [[place]], or record again",
+            "(sigma 1.4 cm, 14 sigma); remove that [[place]], or record again",
         ),
         (
             Known(places=(Place((mid(3),), (0.45, 0.2, 0.0)),)),
             "demo.toml says that the tool at 4.75 s (stop 3) is at 0.450, 0.200, 0.000 m in base, but it is 25 cm off "
-            "(sigma 1.8 cm, 14 sigma); take out that [[place]], or record again",
+            "(sigma 1.8 cm, 14 sigma); remove that [[place]], or record again",
         ),
         (
             Known(contacts=(Contact(mid(2)), Contact(mid(3)))),
             "demo.toml says that the tool at 3.25 s (stop 2) is on the table, but it is 31 cm off "
-            "(sigma 1.4 cm, 21 sigma); take out that [[contact]], or say as_at_s there, or record again",
+            "(sigma 1.4 cm, 21 sigma); remove that [[contact]], or say as_at_s there, or record again",
         ),
         (
             Known(contacts=(Contact(mid(3), as_at=mid(2)),)),
             "demo.toml says that the tool at 4.75 s (stop 3) is as high as at 3.25 s (stop 2), but it is 31 cm off "
-            "(sigma 1.0 cm, 30 sigma); take out that [[contact]], or record again",
+            "(sigma 1.0 cm, 30 sigma); remove that [[contact]], or record again",
         ),
         (
             Known(contacts=(Contact(mid(3), height=0.12),)),
             "demo.toml says that the tool at 4.75 s (stop 3) is 0.120 m above its first rest, but it is 12 cm off "
-            "(sigma 1.8 cm, 6.8 sigma); take out that [[contact]], or record again",
+            "(sigma 1.8 cm, 6.8 sigma); remove that [[contact]], or record again",
         ),
     ],
     ids=["closed", "place", "position", "table", "as_at", "height"],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from dataclasses import replace
 
@@ -61,7 +62,7 @@ def test_jittering_stamps_do_no_harm_and_hide_no_sample(sensor: str, rate_hz: fl
     late = 0.2 * interval * np.random.default_rng(0).normal(size=len(demo.recording))
     jittered = replace(demo.recording, t=demo.recording.t + np.clip(late, -0.45 * interval, 0.45 * interval))
     gaps = said(jittered)
-    assert gaps == "" or gaps.startswith(("1 gap", "2 gaps"))  # not dozens: a late stamp is no lost sample
+    assert gaps == "" or re.search(r"in [12] gaps?;", gaps)  # not dozens: a late stamp is no lost sample
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", PbdWarning)
         assert worst(demo, jittered) < worst(demo, demo.recording) + 0.006
@@ -122,7 +123,7 @@ def test_samples_stamped_in_batches_are_spread(batch: int) -> None:
     recording = with_rows(demo.recording, slice(0, n))
     stamps = np.repeat(recording.t[batch - 1 :: batch], batch) + 1e-4 * np.tile(np.arange(batch), n // batch)
     batched = unnamed(replace(recording, t=stamps - stamps[0]))
-    with pytest.warns(PbdWarning, match="come in batches; they are put on a steady beat of 100 Hz"):
+    with pytest.warns(PbdWarning, match="come in batches; evenly spaced times at 100 Hz are used"):
         assert worst(demo, batched) < worst(demo, demo.recording) + 0.01
 
 
@@ -132,7 +133,7 @@ def test_lost_samples_are_bridged_and_told(share: float) -> None:
     kept = np.flatnonzero(np.random.default_rng(1).random(len(demo.recording)) > share)
     with pytest.warns(PbdWarning, match="samples missing, in") as caught:
         assert worst(demo, with_rows(demo.recording, kept)) < worst(demo, demo.recording) + 0.005
-    lost = int(str(caught[0].message).split(", ")[1].split()[0])
+    lost = int(str(caught[0].message).split()[0])
     ends = kept[0] + len(demo.recording) - 1 - kept[-1]
     assert lost == len(demo.recording) - len(kept) - ends
 
@@ -159,7 +160,10 @@ def test_old_data_under_new_stamps_do_little_harm(share: float) -> None:
 def test_a_rate_other_than_the_nominal_one_is_told() -> None:
     recording = simulate("pour", "modern", 1).recording
     slow = replace(recording, t=recording.t / 0.93)
-    with pytest.warns(PbdWarning, match=r"set to 100 Hz, but .* come at 93 Hz; if these err, every distance is 1\.16"):
+    with pytest.warns(
+        PbdWarning,
+        match=r"set to 100 Hz, but .* come at 93 Hz; if the time stamps are wrong, every distance comes out 1\.16",
+    ):
         track(slow)
     assert said(replace(recording, t=recording.t / 0.97)) == ""
     assert said(unnamed(slow)) == ""

@@ -77,7 +77,7 @@ def test_keyframes_refuses_a_contradiction_in_one_line(tea: Path, capsys: pytest
             f"pbd: {tea} says that the tool at 9.70 s (stop 4) is as high as at 5.70 s (stop 2), "
             "but it is 20 cm off (sigma "
         )
-        assert err.endswith(" sigma); take out that [[contact]], or record again\n")
+        assert err.endswith(" sigma); remove that [[contact]], or record again\n")
         assert err.count("\n") == 1
 
 

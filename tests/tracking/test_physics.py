@@ -34,7 +34,7 @@ from tests.tracking.hands import (
 )
 
 
-@pytest.mark.filterwarnings("ignore:--method paper sees:pbd.errors.PbdWarning")
+@pytest.mark.filterwarnings("ignore:--method paper finds:pbd.errors.PbdWarning")
 @every_method
 @with_and_without_north
 @pytest.mark.parametrize("rpy", [(0.0, 0.0, 0.0), (0.4, -0.3, 2.0), (-2.5, 0.2, 1.0)])

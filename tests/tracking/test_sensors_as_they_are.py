@@ -65,7 +65,9 @@ def test_a_wild_sample_is_left_out_and_told(sensor: str, channel: str, value: fl
     recording = pour(sensor, 1).recording
     row = int(np.searchsorted(recording.t, t))
     whole = find_keyframes(track(recording))
-    with pytest.warns(PbdWarning, match=rf"1 wild sample, .* row {row} \(t = {recording.t[row]:.2f} s\): ") as caught:
+    with pytest.warns(
+        PbdWarning, match=rf"1 impossible sample left out .* row {row} \(t = {recording.t[row]:.2f} s\): "
+    ) as caught:
         spoilt = find_keyframes(track(with_spike(recording, channel, row, 1, value)))
     assert len(caught) == 1
     assert len(spoilt) == len(whole)
@@ -84,7 +86,7 @@ def test_a_wild_sample_is_found_wherever_it_is(sensor: str, task: str, spike: tu
     recording = simulate(random_task(seed) if task == "random" else task, sensor, seed).recording
     channel, value = spike
     row, axis = seed % len(recording), seed % 3
-    with pytest.warns(PbdWarning, match="1 wild sample"):
+    with pytest.warns(PbdWarning, match="1 impossible sample"):
         mended = without_spikes(with_spike(recording, channel, row, axis, value))
     was, now = getattr(recording, channel), getattr(mended, channel)
     assert np.delete(now, row, axis=0) == pytest.approx(np.delete(was, row, axis=0))
@@ -135,7 +137,7 @@ def test_a_gyro_that_says_nothing_is_refused(sensor: str) -> None:
 def test_samples_that_never_change_are_refused(sensor: str) -> None:
     recording = pour(sensor).recording
     same = replace(with_rows(recording, np.zeros(len(recording), dtype=np.intp)), t=recording.t)
-    with pytest.raises(RecordingError, match="every row says the same"):
+    with pytest.raises(RecordingError, match="all rows are the same"):
         track(same)
 
 

@@ -436,4 +436,4 @@ def test_without_webgl_it_says_so(fox: Firefox, replay_file: Path) -> None:
     with fox.preference("webgl.disabled", True):
         fox.get(replay_file.as_uri())
         until(lambda: "WebGL" in fox.find_element(By.ID, "message").text, "a word of what is missing")
-    assert [error for error in fox.errors() if "this browser gives no WebGL" not in error] == []
+    assert [error for error in fox.errors() if "this browser has no WebGL" not in error] == []

@@ -54,13 +54,13 @@ def test_short_stops(pouring: DemoPlot) -> None:
     stop = pouring.path.stops[3]
     span = (pouring.path.t[stop.start], pouring.path.t[stop.stop - 1])
     (finding,) = found(pouring, with_dwells(pouring.path, k3=0.9 * SHORT_STOP_S))
-    assert finding.words.startswith(f"keyframe 3 lasts only 0.27 s, from {span[0]:.1f} s on: stop for half a second")
+    assert finding.words.startswith(f"keyframe 3 lasts only 0.27 s, from {span[0]:.1f} s on, so the hand may not")
     assert finding.spans == (span,)
     assert found(pouring, with_dwells(pouring.path, k3=1.1 * SHORT_STOP_S)) == ()
     three = found(pouring, with_dwells(pouring.path, k3=0.2, k5=0.1, k7=0.15))
     assert [finding.words.split(" lasts")[0] for finding in three] == ["keyframe 5", "keyframe 7", "keyframe 3"]
     (four,) = found(pouring, with_dwells(pouring.path, k2=0.1, k3=0.2, k5=0.1, k7=0.15))
-    assert four.words.startswith("4 keyframes last less than 0.3 s: stop for half a second")
+    assert four.words.startswith("4 keyframes last less than 0.3 s, so the hand may not have stopped there")
     assert len(four.spans) == 4
 
 
@@ -84,7 +84,7 @@ def test_stops_have_the_numbers_that_are_drawn(pouring: DemoPlot) -> None:
 def test_a_short_first_rest(pouring: DemoPlot) -> None:
     (finding,) = found(pouring, with_dwells(pouring.path, k0=0.9 * FIRST_REST_S))
     assert finding.words.startswith(
-        "the first rest lasts only 0.90 s, and all else is seen from it: hold still for two"
+        "the first rest lasts only 0.90 s, but all else is measured from it: hold still for two"
     )
     assert finding.spans[0][0] == pouring.path.t[pouring.path.stops[0].start]
 
@@ -111,11 +111,12 @@ def test_an_unsure_move(pouring: DemoPlot) -> None:
     advice = ": stop on the way, or move more calmly"
     assert words() == []
     assert words(3, 7) == [
-        f"the move from 7 to 8 ({lasts(7)}) adds a sigma of 3.0 cm{advice}",
-        f"the move from 3 to 4 ({lasts(3)}) adds a sigma of 2.0 cm{advice}",
+        f"the move from 7 to 8 ({lasts(7)}) adds an uncertainty of 3.0 cm (one sigma){advice}",
+        f"the move from 3 to 4 ({lasts(3)}) adds an uncertainty of 2.0 cm (one sigma){advice}",
     ]
     assert words(0, 3, 7, 2) == [
-        f"4 moves add a sigma of over 1.0 cm each, the one from 2 to 3 ({lasts(2)}) 5.0 cm{advice}"
+        f"4 moves add an uncertainty of more than 1.0 cm each (one sigma), the worst, from 2 to 3 ({lasts(2)}), 5.0 "
+        f"cm{advice}"
     ]
 
 
@@ -127,7 +128,7 @@ def test_velocity_left_over(pouring: DemoPlot) -> None:
         closure[2] = (0.0, share * DRIFT * lasts, 0.0)
         told = found(pouring, replace(pouring.path, closure=closure))
         assert len(told) == count
-    assert f"left over at keyframe 3 after a move of {lasts:.1f} s, which is no drift" in told[0].words
+    assert f"at keyframe 3, after a move of {lasts:.1f} s, is more than drift" in told[0].words
     assert told[0].spans == ((pouring.path.t[before.stop - 1], pouring.path.t[after.start]),)
     # A move that is told to be unsure is not told twice.
     cov = pouring.path.cov.copy()
@@ -146,7 +147,7 @@ def test_a_stop_in_the_middle_of_a_move_is_none(pouring: DemoPlot, move: int) ->
     speed = float(np.linalg.norm(path.v_nav_sensor[middle]))
     split = replace(path, stops=tuple(stops), closure=closure, cov=np.insert(path.cov, move, path.cov[move], axis=0))
     (told,) = find(split, stop_names(split, ()), pouring.a_nav, None, ())  # and no word on its 0.1 s, nor on the moves
-    said = re.fullmatch(r"the stop at ([\d.]+) s may be no stop: ([\d.]+) cm/s are left over before it .*", told.words)
+    said = re.fullmatch(r"the stop at ([\d.]+) s may not be a stop: .* at ([\d.]+) cm/s; .*", told.words)
     assert said is not None
     assert float(said[1]) == pytest.approx(path.t[middle - 5], abs=0.051)
     assert float(said[2]) == pytest.approx(100.0 * speed, rel=0.2)
@@ -159,12 +160,12 @@ def test_velocities_that_do_not_cancel_are_no_steady_hand(pouring: DemoPlot, aft
         closure = np.zeros_like(pouring.path.closure)
         closure[2:4] = scale * np.array([(0.2, 0.0, 0.0), after])
         told = found(pouring, replace(pouring.path, closure=closure))
-        assert not [finding for finding in told if "may be no stop" in finding.words]
+        assert not [finding for finding in told if "may not be a stop" in finding.words]
     closure[2:4] = (1.5, 0.0, 0.0), (-1.5, 0.0, 0.0)  # a hand that shoots past
     told = found(pouring, replace(pouring.path, closure=closure))
-    assert [finding.words.split(" after")[0] for finding in told] == [
-        "1.50 m/s are left over at keyframe 3",
-        "1.50 m/s are left over at keyframe 4",
+    assert [finding.words.split(", after")[0] for finding in told] == [
+        "a residual velocity of 1.50 m/s at keyframe 3",
+        "a residual velocity of 1.50 m/s at keyframe 4",
     ]
 
 
@@ -199,7 +200,7 @@ def test_a_trembling_hand_is_told_where_no_stop_is_seen() -> None:
     end = sum(w.move_s + w.rest_s for w in TASKS["pour"].waypoints[:6])
     begin = end - TASKS["pour"].waypoints[5].rest_s
     plot = plot_of(trembling(0.004))
-    ((span,),) = (finding.spans for finding in plot.findings if "trembles, so no stop is seen" in finding.words)
+    ((span,),) = (finding.spans for finding in plot.findings if "trembles, so no stop is found" in finding.words)
     assert begin - 0.3 < span[0] < span[1] < end + 0.3
     assert span[1] - span[0] > 0.6 * (end - begin)
     assert not any(

@@ -39,4 +39,4 @@ def import_file(
         from pbd.files.importers.csv import read_csv
 
         return read_csv(path, columns or {}, units or {}, rate_hz)
-    raise RecordingError(f"{path}: no importer for '{suffix}' files; known are .csv, .tsv, .txt, .npz", path=path)
+    raise RecordingError(f"{path}: can't import '{suffix}' files; give a .csv, .tsv, .txt or .npz", path=path)

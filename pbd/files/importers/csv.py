@@ -130,7 +130,7 @@ def _match(sheet: Sheet, columns: Mapping[str, str]) -> tuple[dict[str, str], se
             found.setdefault(name, given)
     for name, given in columns.items():
         if name not in ours:
-            raise RecordingError(f"there is no column '{name}' to fill; ours are {', '.join(ours)}", value=name)
+            raise RecordingError(f"unknown channel '{name}'; choose one of {', '.join(ours)}", value=name)
         if given not in sheet.header and given.startswith("-"):
             given = given[1:]
             turned.add(name)
@@ -145,7 +145,7 @@ def _refuse_several(sheet: Sheet) -> None:
         if re.fullmatch(_DEVICE, _plain(name)) and len(devices := sheet.words(name)) > 1:
             raise RecordingError(
                 f"{sheet.path}: the rows of {len(devices)} devices ({', '.join(sorted(devices)[:3])}) in the column "
-                f"'{name}'; keep those of one in a file of its own",
+                f"'{name}'; keep those of one device in a file of its own",
                 path=sheet.path,
                 value=len(devices),
             )

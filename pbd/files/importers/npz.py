@@ -45,7 +45,7 @@ def read_npz(path: Path) -> Demonstration:
     shapes = {"acc": (n, 3), "gyr": (n, 3), "mag": (n, 3), "true_position": (m, 3), "true_wxyz": (m, 4)}
     for key, shape in shapes.items():
         if key in arrays and arrays[key].shape != shape:
-            raise RecordingError(f"{path}: '{key}' has shape {arrays[key].shape}, not {shape}; mend it", path=path)
+            raise RecordingError(f"{path}: '{key}' has shape {arrays[key].shape}, not {shape}; correct it", path=path)
     return Demonstration(
         recording=Recording(
             t=np.arange(n) / rate_hz,

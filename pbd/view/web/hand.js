@@ -54,7 +54,7 @@ class HandPage {
     if (this.card.dataset.state === "ended") return;
     this.card.dataset.state = "ended";
     this.write(this.card.children[0], "ended");
-    this.write(this.card.children[1], "nothing comes from the recording any more");
+    this.write(this.card.children[1], "the recording sends no more data");
   }
 
   number(stops) {

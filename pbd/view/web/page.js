@@ -52,7 +52,7 @@ class Page {
     const last = this.replay.keyframes.length - 1;
     const moves = this.replay.moves.some(([from, to]) => from <= time && time < to);
     if (!moves) return current < 0 ? "at rest" : `at ${this.keyframes.title(current)}`;
-    return current < last ? `to ${this.keyframes.title(current + 1)}` : "retreats";
+    return current < last ? `to ${this.keyframes.title(current + 1)}` : "going back";
   }
 
   describe() {
@@ -90,10 +90,10 @@ class Page {
     const tenths = Object.fromEntries(Array.from({ length: 10 }, (_, i) => [i, () => player.seek((i / 10) * player.duration)]));
     const keys = new Keys([
       ["play or pause", { " ": toggle, k: toggle }],
-      ["one second back, on", { ArrowLeft: by(-1), ArrowRight: by(1) }],
-      ["five seconds back, on", { j: by(-5), l: by(5) }],
-      ["one frame back, on", { ",": frame(-1), ".": frame(1) }],
-      ["keyframe before, after", { ArrowUp: step(-1), ArrowDown: step(1), p: step(-1), n: step(1) }],
+      ["one second back, forward", { ArrowLeft: by(-1), ArrowRight: by(1) }],
+      ["five seconds back, forward", { j: by(-5), l: by(5) }],
+      ["one frame back, forward", { ",": frame(-1), ".": frame(1) }],
+      ["previous, next keyframe", { ArrowUp: step(-1), ArrowDown: step(1), p: step(-1), n: step(1) }],
       ["start, end", { Home: () => player.seek(0), End: () => player.seek(player.duration) }],
       ["to 0 % ... 90 %", tenths],
       ["slower, faster", { "<": () => player.faster(-1), ">": () => player.faster(1) }],

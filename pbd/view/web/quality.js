@@ -22,7 +22,7 @@ class Quality {
 
   static graphics() {
     const gl = document.createElement("canvas").getContext("webgl");
-    if (!gl) throw new Error("this browser gives no WebGL");
+    if (!gl) throw new Error("this browser has no WebGL");
     let name = gl.getParameter(gl.RENDERER);
     if (name === "WebKit WebGL") name = gl.getParameter(gl.getExtension("WEBGL_debug_renderer_info").UNMASKED_RENDERER_WEBGL);
     gl.getExtension("WEBGL_lose_context")?.loseContext();
