@@ -93,8 +93,8 @@ def fit_accelerometer(rests: Rests, gravity: float = GRAVITY) -> AccelerometerFi
         found = (
             "the sensor was put down once"
             if len(rests) == 1
-            else f"{len(rests)} rests show only {different} orientation{'s' if different > 1 else ''} 15 degrees or more "
-            f"apart (at most {spread:.0f})"
+            else f"{len(rests)} rests show only {different} orientation{'s' if different > 1 else ''} 15 degrees "
+            f"or more apart (at most {spread:.0f})"
         )
         raise CalibrationError(
             f"{found}; the accelerometer needs {FEWEST} orientations, best 12: each of six sides and six edges up, 2 s "
