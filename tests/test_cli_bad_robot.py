@@ -74,3 +74,4 @@ def test_a_home_in_collision_with_the_arm_itself(capsys: Capture, elsewhere: Pat
     line = refused(capsys, 3, "replay", "pouring", "--robot", "mine")
     said = r"pbd: home of panda: panda_\w+ would touch panda_\w+, [\d.]+ c?m+ deep; start at the arm's present joints "
     assert re.match(said, line), line
+    assert line.endswith("; if these links touch by design, see that its srdf disables this pair")

@@ -115,7 +115,8 @@ def refuse_home(scene: CollisionScene) -> None:
     if hit is not None:
         raise PlanError(
             f"home of {scene.arm.robot.name}: {describe(hit)}; {_away_from(scene, hit)}start at the arm's present "
-            "joints (--from, --no-retreat), skip home (--no-approach --no-retreat), or change home in the robot's TOML",
+            "joints (--from, --no-retreat), skip home (--no-approach --no-retreat), or change home in the robot's TOML"
+            f"{_by_design(scene, hit)}",
             **_fields(hit),
         )
 
@@ -125,6 +126,14 @@ def _away_from(scene: CollisionScene, hit: Hit) -> str:
     if hit.second == TABLE:
         return "correct table_height in the calibration, "
     return f"move {hit.second}, " if hit.second in scene.obstacles else ""
+
+
+def _by_design(scene: CollisionScene, hit: Hit) -> str:
+    """Say where two links of the arm can be let touch: the shapes of some overlap wherever they are."""
+    if not {hit.first, hit.second} <= scene.links:
+        return ""
+    how = "add srdf = to its [model], an SRDF that" if scene.arm.robot.srdf is None else "see that its srdf"
+    return f"; if these links touch by design, {how} disables this pair"
 
 
 def collision_error(scene: CollisionScene, trajectory: JointTrajectory, found: MotionHit) -> PlanError:

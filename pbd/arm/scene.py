@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pbd.arm.clearance import Allowed, Clearance, Pairs
-from pbd.arm.hand import arm_bodies, gripper_links, tool_on_joint
+from pbd.arm.hand import THE_TOOL, arm_bodies, gripper_links, tool_on_joint
 from pbd.arm.hulls import Body
 from pbd.arm.levers import rates
 from pbd.arm.model import ArmModel, from_se3
@@ -79,6 +79,7 @@ class CollisionScene:
         arm: the arm.
         dropped: the pairs that nobody watches, and why.
         obstacles: names.
+        links: names of those that have a shape.
         always: the arm against itself, the table and the obstacles.
     """
 
@@ -94,6 +95,7 @@ class CollisionScene:
         self.obstacles = frozenset(obstacle.name for obstacle in obstacles)
         self._T_universe_base = from_se3(arm.T_base_universe).inverse()
         self._links, (pairs, self.dropped) = arm_bodies(arm), link_pairs(arm)
+        self.links = frozenset(link.name for link in self._links) - {THE_TOOL}
         world = [Body(o.name, 0, self._T_universe_base @ o.T_base_obstacle, o.shape, o.size) for o in obstacles]
         if table_height is not None:
             T_base_table = Pose(np.array([0.0, 0.0, table_height]), quat_about_z(0.0))
@@ -214,7 +216,7 @@ class CollisionScene:
         """Leave out what is on the table however the arm stands: a turntable that it is mounted with."""
         on_table = np.array([self._bodies[second].name == TABLE for _, second in around], dtype=bool)
         clearance = Clearance(self.arm, self._bodies, around[on_table])
-        always = clearance.always_touching(samples(self.arm, TABLE_SAMPLES))
+        always = [pair for pair, _ in clearance.always_touching(samples(self.arm, TABLE_SAMPLES))]
         sunk = np.flatnonzero(on_table)[always]
         why = "on it in every configuration"
         self.dropped += tuple(Dropped(self._bodies[link].name, TABLE, why) for link, _ in around[sunk])
