@@ -81,6 +81,11 @@ class ArmModel:
         self.turns: Array = np.array([step.joint == "turns" for step in self.steps[:-1]], dtype=np.float64)
 
     @property
+    def links(self) -> tuple[str, ...]:
+        """Names of all links of the URDF."""
+        return tuple(frame.name for frame in self.full.frames if frame.type == pin.FrameType.BODY)
+
+    @property
     def limits(self) -> JointLimits:
         """The robot's, of the arm's joints."""
         return self.robot.limits

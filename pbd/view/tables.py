@@ -150,6 +150,15 @@ def robots_table(robots: Sequence[Robot], reach_m: Sequence[float], units: Units
     return table
 
 
+def left_out_table(pairs: Sequence[tuple[str, str, str]]) -> Table:
+    """Pairs of links that aren't checked against each other, each with the reason."""
+    columns = ("link", "and link", "why")
+    table = _table(*columns, left=columns)
+    for pair in pairs:
+        table.add_row(*pair)
+    return table
+
+
 def ports_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     """Serial ports, and what was heard there."""
     heard = any("sensor" in row for row in rows)

@@ -49,6 +49,20 @@ def test_the_list_says_reach_joints_gripper_and_what_is_assumed(capsys: pytest.C
     assert "z1: The dock assumes" in listed
 
 
+def test_one_robot_is_shown_with_what_is_not_checked(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["robots", "panda", "--json"]) == 0
+    (row,) = json.loads(capsys.readouterr().out)["robots"]
+    assert row["name"] == "panda"
+    assert row["collision"]["links_without_shape"] == ["panda_link8", "panda_hand_tcp"]
+    pairs = {(each["first"], each["second"]): each["why"] for each in row["collision"]["left_out"]}
+    assert pairs["panda_link5", "panda_link7"] == "SRDF: Default"
+    assert pairs["panda_link0", "panda_link1"] == "next to each other"
+    assert main(["robots", "panda"]) == 0
+    shown = capsys.readouterr().out
+    assert "links without: panda_link8, panda_hand_tcp\n" in shown
+    assert all(first in shown and second in shown and why in shown for (first, second), why in pairs.items())
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_home_points_down_in_front_away_from_limits_and_singularities(name: str) -> None:
     arm = arm_of(name)
