@@ -42,9 +42,8 @@ def run(args: argparse.Namespace) -> int:
         collision = [_collision(arm) for arm in arms] if args.robot else []
     if args.json:
         rows = [_row(robot, reach) for robot, reach in zip(robots, reach_m, strict=True)]
-        rows = (
-            [row | {"collision": checked} for row, checked in zip(rows, collision, strict=True)] if collision else rows
-        )
+        for row, checked in zip(rows, collision, strict=False):
+            row["collision"] = checked
         print_json({"robots": rows})
         return 0
     if args.csv:
