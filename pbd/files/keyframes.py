@@ -24,6 +24,9 @@ ORIGIN_M = 1e-3
 LARGEST_DEG = 360.0
 """An angle beyond it is a slip of the pen."""
 
+LARGEST_M = 5.0
+"""A keyframe further from the dock (m) is a slip of the pen, likely centimetres: twice the reach of a large arm."""
+
 LONG_DWELL_S = 60.0
 """An arm that is to stay longer is asked about: somebody may have meant milliseconds."""
 
@@ -35,7 +38,7 @@ HEAD = """\
 #   nudge     position_m is the sensor's, in metres from the dock: {axes}, z up;
 #             rpy_deg is its roll, pitch and yaw in degrees. `pbd keyframes {name} --robot R` tells where the tool is
 #   dwell_s   how long the arm stays, not at the first and the last; beside it, how long the hand stood
-#   grip      "closes" or "opens"; without it nothing changes. It is open at the start
+#   grip      "closes" or "opens", by turns; without it nothing changes. It is open at the start
 #   label     a word for people
 #   sigma_m, sigma_deg  one sigma along each axis; without them the keyframe is taken as exact
 # Every keyframe needs t_s, dwell_s, position_m and rpy_deg; the rest may be left out.
@@ -93,8 +96,18 @@ def write_keyframes(
     """Write keyframes.toml (of `keyframes_toml`) into a demonstration's folder, and return its path.
 
     Raises:
-        RecordingError: it is there already (unless `force`): somebody may have worked on it.
+        RecordingError: it is there already (unless `force`): somebody may have worked on it. Or a keyframe is too far
+            away to be read again.
     """
+    for index, keyframe in enumerate(keyframes):
+        if (away := float(np.abs(keyframe.T_nav_sensor.p).max())) > LARGEST_M:
+            raise RecordingError(
+                f"keyframe {index} (t = {keyframe.t:.2f} s) is {away:.1f} m from the dock, where no arm reaches; "
+                "nothing is saved: record again",
+                keyframe=index,
+                value=away,
+                bound=LARGEST_M,
+            )
     path = folder / NAME
     if path.exists() and not force:
         raise RecordingError(f"{path} exists and may have been edited; --force replaces it", path=path)
@@ -124,7 +137,7 @@ def read_keyframes(path: Path) -> tuple[Keyframe, ...]:
             table.fail("t_s", f"must be later than the keyframe before ({before.t:g} s), got {after.t:g}")
     if float(np.abs(keyframes[0].T_nav_sensor.p).max()) > ORIGIN_M:
         tables[0].fail("position_m", "must be [0, 0, 0]: the first keyframe is the dock", "put it back")
-    _warn_of_idle_grips(path, keyframes, tables)
+    _check_grips(path, keyframes, tables)
     _warn_of_long_dwells(path, keyframes, tables)
     return keyframes
 
@@ -141,21 +154,27 @@ def _warn_of_long_dwells(path: Path, keyframes: Sequence[Keyframe], tables: Sequ
             )
 
 
-def _warn_of_idle_grips(path: Path, keyframes: Sequence[Keyframe], tables: Sequence[Section]) -> None:
-    """Warn where a grip changes nothing: the gripper is open at the start."""
-    closed, since = False, "from the start"
+def _check_grips(path: Path, keyframes: Sequence[Keyframe], tables: Sequence[Section]) -> None:
+    """Refuse two grips in a row that do the same: one between them is lost. Warn of a first one that opens."""
+    since: int | None = None
     for index, (keyframe, table) in enumerate(zip(keyframes, tables, strict=True)):
         if keyframe.grip is None:
             continue
-        if keyframe.grip == closed:
-            verb, state = ("closes", "closed") if closed else ("opens", "open")
+        if since is not None and keyframe.grip == keyframes[since].grip:
+            word, state, other = ("closes", "closed", "opens") if keyframe.grip else ("opens", "open", "closes")
+            table.fail(
+                "grip",
+                f'"{word}" at keyframe {index} changes nothing, it is {state} since keyframe {since}',
+                f'remove one of the two, or add grip = "{other}" between them',
+            )
+        if since is None and not keyframe.grip:
             warnings.warn(
-                f"{path}:{table.line('grip')}: the grip {verb} at keyframe {index}, but it is {state} {since}: nothing "
-                "changes there; remove the line, or add what is missing before it",
+                f"{path}:{table.line('grip')}: the grip opens at keyframe {index}, but it is open from the start: "
+                "nothing changes there; remove the line, or add what is missing before it",
                 PbdWarning,
                 stacklevel=3,
             )
-        closed, since = keyframe.grip, f"since keyframe {index}"
+        since = index
 
 
 def _read(section: Section) -> Keyframe:
@@ -169,6 +188,12 @@ def _read(section: Section) -> Keyframe:
     if dwell < 0.0:
         section.fail("dwell_s", f"must not be below zero, got {dwell:g}")
     position, rpy = section.numbers("position_m", 3), section.numbers("rpy_deg", 3)
+    if max(map(abs, position)) > LARGEST_M:
+        section.fail(
+            "position_m",
+            f"must lie within {LARGEST_M:g} m of the dock on each axis, got {list(position)}",
+            "correct it, it is in metres",
+        )
     if max(map(abs, rpy)) > LARGEST_DEG:
         section.fail("rpy_deg", f"must lie within -{LARGEST_DEG:g} and {LARGEST_DEG:g} degrees, got {list(rpy)}")
     sigma = np.zeros(6)

@@ -27,7 +27,7 @@ def keyframes_of(path: HandPath) -> tuple[Keyframe, ...]:
 
 def find_keyframes(path: HandPath) -> tuple[Keyframe, ...]:
     """One keyframe a stop, at its middle: the position held there and the mean attitude."""
-    grips = _grip_at_stops(path.grip, path.t, path.stops)
+    grips = _changing(_grip_at_stops(path.grip, path.t, path.stops))
     return tuple(
         Keyframe(
             t=0.5 * float(path.t[stop.start] + path.t[stop.stop - 1]),
@@ -90,3 +90,21 @@ def _grip_at_stops(events: tuple[GripEvent, ...], t: Array, stops: tuple[Stop, .
             )
         at[nearest] = event.closed
     return at
+
+
+def _changing(grips: dict[int, bool]) -> dict[int, bool]:
+    """Leave out a grip that does what the one before it did: it changes nothing."""
+    changing: dict[int, bool] = {}
+    for stop in sorted(grips):
+        closed = grips[stop]
+        if changing and closed == changing[max(changing)]:
+            state = "closed" if closed else "open"
+            warnings.warn(
+                f"the grip {'closes' if closed else 'opens'} at stop {stop}, but it is {state} since stop "
+                f"{max(changing)}: left out; correct [[grip]] in demo.toml if one between them is missing",
+                PbdWarning,
+                stacklevel=3,
+            )
+            continue
+        changing[stop] = closed
+    return changing

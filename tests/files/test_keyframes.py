@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -75,8 +74,11 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
     )
 )
 def test_any_keyframes(tmp_path_factory: pytest.TempPathFactory, rows: list[tuple[object, ...]]) -> None:
-    t, keyframes = 0.0, list[Keyframe]()
+    t, keyframes, before = 0.0, list[Keyframe](), None
     for step, dwell, p, turn, grip, label in rows:
+        if grip == before:
+            grip = None  # two in a row are refused
+        before = before if grip is None else grip
         t += step  # type: ignore[operator]
         position = np.array(p) if keyframes else np.zeros(3)
         pose = Pose(position, quat_exp(np.array(turn)))
@@ -85,22 +87,53 @@ def test_any_keyframes(tmp_path_factory: pytest.TempPathFactory, rows: list[tupl
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         assert_same(read_keyframes(path), tuple(keyframes))
-    grips = [False, *(keyframe.grip for keyframe in keyframes if keyframe.grip is not None)]
-    assert len(caught) == sum(before == after for before, after in pairwise(grips))
+    first = next((keyframe.grip for keyframe in keyframes if keyframe.grip is not None), None)
+    assert len(caught) == (first is False)
 
 
-def test_a_grip_that_changes_nothing_is_told_with_its_line(tmp_path: Path) -> None:
-    path = edited(tmp_path, 'grip = "closes"', 'grip = "opens"')
-    with pytest.warns(PbdWarning, match="it is open") as caught:
+def test_a_first_grip_that_opens_is_told_with_its_line(tmp_path: Path) -> None:
+    path = edited(tmp_path, 'grip = "closes"\n', "")
+    with pytest.warns(PbdWarning, match="it is open from the start: nothing changes there") as caught:
         keyframes = read_keyframes(path)
-    first, second = [k for k, keyframe in enumerate(keyframes) if keyframe.grip is not None]
+    (index,) = [k for k, keyframe in enumerate(keyframes) if keyframe.grip is not None]
+    line = path.read_text(encoding="utf-8").splitlines().index('grip = "opens"') + 1
+    assert str(caught[0].message).startswith(f"{path}:{line}: the grip opens at keyframe {index}, but")
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_a_place_beyond_all_reach_is_refused_with_its_line(tmp_path: Path, axis: int) -> None:
+    path = write_keyframes(tmp_path, "tea", FOUND, magnetic=True)
+    place = np.where(np.arange(3) == axis, -44.0, 0.1).tolist()
     lines = path.read_text(encoding="utf-8").splitlines()
-    at = [number for number, line in enumerate(lines, start=1) if line.startswith("grip")]
-    for warning, line, index, since in zip(
-        caught, at, (first, second), ("from the start", f"since keyframe {first}"), strict=True
-    ):
-        said = f"{path}:{line}: the grip opens at keyframe {index}, but it is open {since}: nothing changes there"
-        assert str(warning.message).startswith(said)
+    third = [k for k, line in enumerate(lines) if line.startswith("position_m")][3]
+    lines[third] = f"position_m = {place}"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    with pytest.raises(RecordingError, match=r"must lie within 5 m of the dock .*; correct it, it is in met") as caught:
+        read_keyframes(path)
+    assert caught.value.fields["line"] == third + 1
+
+
+@pytest.mark.filterwarnings("ignore:.*open from the start:pbd.errors.PbdWarning")
+@pytest.mark.parametrize(("old", "word", "state"), [("opens", "closes", "closed"), ("closes", "opens", "open")])
+def test_two_grips_in_a_row_that_do_the_same_are_refused(tmp_path: Path, old: str, word: str, state: str) -> None:
+    path = edited(tmp_path, f'grip = "{old}"', f'grip = "{word}"')
+    first, second = [k for k, keyframe in enumerate(FOUND) if keyframe.grip is not None]
+    said = (
+        rf'grip "{word}" at keyframe {second} changes nothing, it is {state} since keyframe {first}; remove one of the '
+        rf'two, or add grip = "{old}" between them$'
+    )
+    with pytest.raises(RecordingError, match=said) as caught:
+        read_keyframes(path)
+    assert line_of(path, caught.value) == f'grip = "{word}"'
+    lines = path.read_text(encoding="utf-8").splitlines()
+    assert caught.value.fields["line"] == len(lines) - lines[::-1].index(f'grip = "{word}"')  # the second one's
+
+
+def test_what_could_not_be_read_again_is_not_saved(tmp_path: Path) -> None:
+    far = replace(FOUND[4], T_nav_sensor=Pose(np.array([0.0, -44.0, 0.0]), FOUND[4].T_nav_sensor.wxyz))
+    with pytest.raises(RecordingError, match=r"keyframe 4 .* is 44\.0 m from the dock, .*; nothing is saved"):
+        write_keyframes(tmp_path, "tea", (*FOUND[:4], far), magnetic=True)
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_person_may_drop_insert_nudge_and_rename(tmp_path: Path) -> None:
