@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from pbd.data import Demonstration, GripEvent, Recording, RecordingInfo
 from pbd.errors import RecordingError
 from pbd.files.columns import ACC, DEVICE, GYR, MAG
 from pbd.files.demo import demo_toml, may_be_written
-from pbd.files.whole import folder_written_whole, written_whole
+from pbd.files.whole import folder_written_whole, unwritable, written_whole
 from pbd.pose import Array
 
 CHANNELS = {"gyr": (GYR, 7), "acc": (ACC, 6), "mag": (MAG, 4), "device": (DEVICE, 6)}
@@ -54,8 +54,9 @@ class GrowingDemo:
         with folder_written_whole(folder) as new:
             (new / "demo.toml").write_text(self._toml(), encoding="utf-8")
             (new / "imu.csv").write_text(",".join(names) + "\n", encoding="ascii")
-        self._imu = os.open(folder / "imu.csv", os.O_WRONLY | os.O_APPEND)
         self._raw: int | None = None
+        with self._kept():
+            self._imu = os.open(folder / "imu.csv", os.O_WRONLY | os.O_APPEND)
 
     def add(self, t: Sequence[float], values: Iterable[Sequence[float]]) -> None:
         """Append rows: t in s, and for each the channels' numbers in their order; NaN is an empty cell.
@@ -65,14 +66,16 @@ class GrowingDemo:
         """
         lines = [self._format.format(at, *row).replace("nan", "") for at, row in zip(t, values, strict=True)]
         if lines:
-            self._append(self._imu, ("\n".join(lines) + "\n").encode())
+            with self._kept():
+                _append(self._imu, ("\n".join(lines) + "\n").encode())
             self.rows += len(lines)
 
     def add_raw(self, data: bytes) -> None:
         """Append bytes as they came to raw.bin."""
-        if self._raw is None:
-            self._raw = os.open(self.folder / "raw.bin", os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
-        self._append(self._raw, data)
+        with self._kept():
+            if self._raw is None:
+                self._raw = os.open(self.folder / "raw.bin", os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+            _append(self._raw, data)
 
     def mark(self, grip: GripEvent) -> None:
         """Add a grip event to demo.toml."""
@@ -99,14 +102,14 @@ class GrowingDemo:
         self.close()
         shutil.rmtree(self.folder, ignore_errors=True)
 
-    def _append(self, handle: int, data: bytes) -> None:
-        size = os.fstat(handle).st_size
+    @contextmanager
+    def _kept(self) -> Iterator[None]:
+        """Say that what was written before is intact, where nothing more can be."""
         try:
-            while data:
-                data = data[os.write(handle, data) :]
+            yield
         except OSError as reason:
-            with suppress(OSError):  # no half of a line stays
-                os.ftruncate(handle, size)
+            if self.rows == 0:
+                raise unwritable(self.folder, reason, RecordingError) from None
             raise RecordingError(
                 f"{self.folder} can't be written on ({reason.strerror}); its {self.rows} samples so far are intact: "
                 "make room and record again",
@@ -129,3 +132,15 @@ class GrowingDemo:
             new.write(next(old))
             for at, line in zip(t, old, strict=True):
                 new.write(f"{at:.6f},{line.partition(',')[2]}")
+
+
+def _append(handle: int, data: bytes) -> None:
+    """Append all of it, or nothing."""
+    size = os.fstat(handle).st_size
+    try:
+        while data:
+            data = data[os.write(handle, data) :]
+    except OSError:
+        with suppress(OSError):  # no half of a line stays
+            os.ftruncate(handle, size)
+        raise

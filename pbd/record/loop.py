@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
 
-from pbd.errors import RecordingError, SensorError
+from pbd.errors import PbdError, SensorError
 from pbd.record.session import Session
 from pbd.record.told import Command, Outcome, RecordOptions, Status
 from pbd.sensors.decoding import Decoder
@@ -16,11 +17,24 @@ from pbd.sensors.reader import Reader
 SILENT_S = 3.0
 """No byte for this long is silence: a plug was pulled, or the device is off."""
 
+STOPPED_S = 1.0
+"""A round of the loop with more idle time than this was a stop of the whole program: Ctrl-Z, or a machine asleep."""
+
+BEHIND_S = 2.0
+"""Samples that wait for longer before they are taken come faster than the machine takes them."""
+
+FEWEST = 2
+"""Of fewer samples no recording is begun."""
+
 SHOWN_S = 0.1
 """The screen is brought up to date this often."""
 
 AGAIN_S = 0.2
 """A port that is gone is tried again after so long."""
+
+STOOD_STILL = "this program stood still for {:.1f} s: what the sensor sent meanwhile may be lost"
+
+TOO_FAST = "samples come faster than this machine takes them: lower the sensor's rate"
 
 Poll = Callable[[], Command | None]
 
@@ -55,11 +69,11 @@ def record(
     session = Session(decoder, options)
     try:
         ended_by = _whole(session, Reader(open_port), poll, show, every_s)
-    except RecordingError as error:
-        if session.before is None:
+    except PbdError as error:
+        told = session.failed()
+        if not told:
             raise
-        where = f"{error.message}; the demonstration before it is in {session.before.aside}"
-        raise RecordingError(where, **error.fields) from None
+        raise type(error)(f"{error.message}; {told}", **error.fields) from None
     session.settle()
     if not session.discarded:
         show(session.status())
@@ -70,9 +84,15 @@ def _whole(session: Session, reader: Reader, poll: Poll, show: Callable[[Status]
     """From the first byte to the last row on disk; return what ended it."""
     try:
         ended_by = _run(session, reader, poll, show, every_s)
-        session.end()
+        session.begin()
         if session.demo is None and not session.discarded:
             raise SensorError("ended before the first sample came: nothing is recorded; record again")
+    except PbdError:
+        raise
+    except BaseException:  # a bug of ours costs no sample
+        with suppress(PbdError):
+            session.begin()
+        raise
     finally:
         reader.close()
         session.close()
@@ -80,26 +100,34 @@ def _whole(session: Session, reader: Reader, poll: Poll, show: Callable[[Status]
 
 
 def _run(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], None], every_s: float) -> str:
-    options, shown, away = session.options, 0.0, False
+    options, shown, away, behind, watch = session.options, 0.0, False, False, _Watch()
     while True:
         pieces, gone = reader.take()
+        stopped_s = watch.look()
+        now = watch.now
+        if stopped_s:
+            session.coach.say(session.t, STOOD_STILL.format(stopped_s), bell=True)
+        elif pieces and now - pieces[0][1] > BEHIND_S and not behind:
+            behind = True
+            session.coach.say(session.t, TOO_FAST, bell=True)
         if pieces and away:
             away = False
             session.coach.say(session.t, "the sensor is back", bell=True)
         for data, arrival in pieces:
             session.take(data, arrival)
+        if session.demo is None and (gone or now - max(reader.opened, watch.woke) > SILENT_S):
+            if not session.believed or (session.samples < FEWEST and not gone):
+                raise gone or _nothing(session, reader)
+            session.begin()
         session.flush()
         session.follow()
-        now = time.monotonic()
-        if session.demo is None and (gone or now - reader.opened > SILENT_S) and not (gone and session.believed):
-            raise gone or _nothing(session, reader)
-        if gone or now - reader.latest > SILENT_S:
+        if gone or now - max(reader.latest, watch.woke) > SILENT_S:
             why = "sensor unplugged" if gone else f"sensor silent for {SILENT_S:g} s"
             if not options.reconnect:
                 return why
             if not away:
                 session.coach.say(session.t, f"{why}; waiting for it", bell=True)
-            command, away = _wait(session, reader, poll, show), True
+            command, away, watch = _wait(session, reader, poll, show), True, _Watch()
         else:
             command = poll()
         if command is Command.DISCARD:
@@ -113,6 +141,29 @@ def _run(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], 
         if now - shown >= every_s and session.demo is not None:
             show(session.status())
             shown = now
+
+
+class _Watch:
+    """Notices when this program stood still: silence of that time is not the sensor's.
+
+    Attributes:
+        now: s of the host's monotonic clock, at the latest look.
+        woke: the same, when it last went on after a stop; 0 where it never stopped.
+    """
+
+    def __init__(self) -> None:
+        self.now, self.woke = time.monotonic(), 0.0
+        self._worked = time.process_time()
+
+    def look(self) -> float:
+        """Return for how many s it stood still since the last look; 0 where that is usual."""
+        before, self.now = self.now, time.monotonic()
+        worked, self._worked = self._worked, time.process_time()
+        idle = self.now - before - (self._worked - worked)
+        if idle < STOPPED_S:
+            return 0.0
+        self.woke = self.now
+        return idle
 
 
 def _wait(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], None]) -> Command | None:

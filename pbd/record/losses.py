@@ -1,10 +1,15 @@
-"""How many samples never came, told from the device's own times of those that did."""
+"""How many samples never came: from the device's own times of those that did, or from when they arrived."""
 
 from __future__ import annotations
 
+import time
 from collections import deque
+from collections.abc import Sequence
 
 import numpy as np
+
+from pbd.pose import Array
+from pbd.sensors.stamps import straighten
 
 SPAN, EVERY = 200, 25
 """The interval is that of so many samples, and looked at again so often."""
@@ -18,6 +23,13 @@ WITH_LOSS = 1.6
 
 FORGOTTEN = 0.2
 """Of a sample's lateness, with the next one: a clock that counts whole milliseconds is late and early by turns."""
+
+
+FIRST_S = 2.0
+"""Before so much has arrived the interval is not known well enough to tell what is late from what is lost."""
+
+LOOK_S, SHARE = 1.0, 0.02
+"""Arrivals are counted anew after so long, and in no more than this share of the time."""
 
 
 class Losses:
@@ -54,6 +66,32 @@ class Losses:
                     self.lost += missing
                     self._late -= missing
         self._unjudged.clear()
+
+
+class LateLosses:
+    """Counts from arrivals as `straighten` does at the end, so that what is shown on the way is what will be told.
+
+    Attributes:
+        lost: the count at the latest look.
+        times: (n,) s, the samples' times by it.
+    """
+
+    def __init__(self) -> None:
+        self.lost = 0
+        self.times: Array = np.zeros(0)
+        self._next = 0.0
+
+    def look(self, arrivals: Sequence[float]) -> None:
+        """Count anew, if it is time: the longer a count takes, the rarer they are."""
+        begun = time.monotonic()
+        if begun >= self._next and arrivals and arrivals[-1] - arrivals[0] >= FIRST_S:
+            self.judge(arrivals)
+            ended = time.monotonic()
+            self._next = ended + max(LOOK_S, (ended - begun) / SHARE)
+
+    def judge(self, arrivals: Sequence[float]) -> None:
+        """Count anew."""
+        self.times, self.lost = straighten(np.array(arrivals))
 
 
 def _interval(steps: deque[float]) -> float:

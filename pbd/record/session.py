@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections import deque
 from contextlib import suppress
 from math import hypot
@@ -17,10 +16,9 @@ from pbd.record.before import Before, set_aside
 from pbd.record.clock import Clock
 from pbd.record.coach import Coach
 from pbd.record.health import Health
-from pbd.record.losses import Losses
+from pbd.record.losses import LateLosses, Losses
 from pbd.record.told import FEWEST_STOPS, Outcome, RecordOptions, Status
 from pbd.sensors.decoding import Decoder, Sample
-from pbd.sensors.stamps import straighten
 
 LOOK_S = 0.2
 """The first samples are looked at for this long to see which channels there are; till then nothing is on disk."""
@@ -45,8 +43,7 @@ class Session:
         self.heard = b""
         self.before: Before | None = None
         self._kept_in, self._told_of_before = options.folder, ""
-        self._health, self._losses = Health(), Losses()
-        self._lost_at_end: int | None = None
+        self._health, self._losses, self._late = Health(), Losses(), LateLosses()
         self._raw = bytearray()
         self._first: list[tuple[float, Sample]] = []
         self._channels: tuple[str, ...] = ()
@@ -121,8 +118,14 @@ class Session:
         else:
             self._told_of_before = self.before.remove()
 
-    def end(self) -> None:
-        """Begin what was too short to have begun: no sample is thrown away."""
+    def failed(self) -> str:
+        """Say where the demonstration is that had the name before, once the new one can't be written; "" for none."""
+        if self.before is None:
+            return self._told_of_before
+        return f"the demonstration before it is in {self.before.aside}"
+
+    def begin(self) -> None:
+        """Begin, if it hasn't begun, with what has come so far: no sample is thrown away."""
         if self.demo is None and self.believed and not self.discarded:
             self._begin()
             self.follow()
@@ -130,34 +133,40 @@ class Session:
     @property
     def lost(self) -> int:
         """How many samples never came, as far as is known."""
-        if self._lost_at_end is not None:
-            return self._lost_at_end
-        return self._losses.lost if self._clock.is_device else self._clock.stamper.lost
+        return self._losses.lost if self._clock.is_device else self._late.lost
 
     def close(self) -> None:
         """Write what is left, and what is known at the end only: the rate, and times straightened over the whole."""
         self._losses.judge()
+        self._late.judge(self._clock.stamper.arrivals)
         if self.demo is None or self.discarded:
             return
         try:
             self.flush()
         except RecordingError:
+            if self.demo.rows == 0:
+                self.demo.discard()
+                self._unbegun()
+                raise
             with suppress(PbdError):  # of a full disk: what could not be written has been told
                 self._finish(self.demo)
             raise
         self._finish(self.demo)
 
+    def _unbegun(self) -> None:
+        """Give the name back, as nothing of the new one could be written."""
+        if self.before is not None:
+            self._told_of_before, self.before = self.before.put_back(), None
+
     def _finish(self, demo: GrowingDemo) -> None:
-        times = None
-        arrivals = self._clock.stamper.arrivals
-        if demo.rows == len(arrivals):
-            times, self._lost_at_end = straighten(np.array(arrivals))
+        times = self._late.times if demo.rows == len(self._clock.stamper.arrivals) else None
         duration = self.t if times is None else float(times[-1])
         rows = demo.rows + self.lost
         demo.finish(float(f"{(rows - 1) / duration:.5g}") if duration > 0.0 else None, self._clock_name, times)
 
     def status(self) -> Status:
         """Take a picture; what was said is told once."""
+        self._late.look(self._clock.stamper.arrivals)
         while self._recent and self._recent[0][0] < self.t - 1.0:
             self._recent.popleft()
         span = self.t - self._recent[0][0] if self._recent else 0.0
@@ -216,11 +225,8 @@ class Session:
             self.before = set_aside(options.folder)
         try:
             self.demo = GrowingDemo(options.folder, info, self._channels, options.closed)
-        except RecordingError:
-            if self.before is not None:
-                shutil.rmtree(options.folder, ignore_errors=True)  # the new one's beginning
-                self.before.put_back()
-                self.before = None
+        except PbdError:
+            self._unbegun()
             raise
         if self.before is not None:
             self.coach.say(self.t, self.before.told)

@@ -96,7 +96,6 @@ class Stamper:
     def __init__(self) -> None:
         self.arrivals: list[float] = []
         self.t: list[float] = []
-        self.lost = 0
         self._least: deque[tuple[float, float]] = deque()
         """(arrival, delay) of the last CAUGHT_UP_S, delays rising: the first one is the least."""
 
@@ -119,7 +118,6 @@ class Stamper:
         missing = max(np.floor(late / interval + 1.0 - LOST_SHARE), 0.0)
         if missing:
             self._least.clear()
-            self.lost += int(missing)
         # What is neither lost nor noise is the interval's own error: it is let in slowly.
         self.t.append(self.t[-1] + max(interval * (1.0 + missing) + SLOWLY * (late - missing * interval), SHORTEST_S))
         return self.t[-1]

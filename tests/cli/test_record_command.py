@@ -8,6 +8,8 @@ import os
 import select
 import shlex
 import signal
+import subprocess
+import sys
 import threading
 import time
 import tty
@@ -20,6 +22,7 @@ from pbd.cli import main
 from pbd.cli.record import _report
 from pbd.files.demo import demo_folder, read_demo, write_demo
 from pbd.record import Outcome
+from pbd.sensors.emulator import Emulator
 from pbd.sensors.simulate import simulate
 from tests.cli.terminal import Terminal, run_pbd
 from tests.record.speakers import SPEAKERS, Device, random_hand
@@ -69,6 +72,30 @@ def test_ctrl_c_and_a_lost_connection_end_it_in_good_order(tmp_path: Path, hung_
     assert terminal.exit_code() == 0
     recording = read_demo(tmp_path / "demos" / "tea").recording
     assert recording.info.rate_hz == pytest.approx(100.0, rel=1e-3)
+
+
+def test_stopped_for_a_while_it_goes_on(tmp_path: Path) -> None:
+    """Ctrl-Z: the silence of that time is not the sensor's."""
+    patient = "from pbd.record import loop; loop.SILENT_S = 1.2; from pbd.cli import main; raise SystemExit(main())"
+    with Emulator(simulate("pour", "modern", 1).recording) as sensor:
+        words = ["record", "tea", "--sensor", "ximu3", "--port", sensor.device, "--baud", "115200", "--duration", "6"]
+        process = subprocess.Popen(
+            [sys.executable, "-c", patient, *words],
+            cwd=tmp_path,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        while not (tmp_path / "demos" / "tea" / "imu.csv").exists():
+            time.sleep(0.01)
+        process.send_signal(signal.SIGSTOP)
+        time.sleep(2.5)
+        process.send_signal(signal.SIGCONT)
+        out, error = process.communicate(timeout=30)
+    assert "this program stood still for 2." in error
+    assert "ended: 6 s recorded" in out
+    assert process.returncode == 0
 
 
 def test_nobody_reads_what_it_prints(tmp_path: Path) -> None:
