@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from pbd.calibration.check import disagreements, gravity_off
 from pbd.calibration.frames import nav_in_base
 from pbd.calibration.sensor import corrected
-from pbd.data import Attitude, Calibration, Demonstration, HandPath, Known, Recording, Stop, Tracking
+from pbd.data import Attitude, Calibration, Demonstration, HandPath, Known, Recording, SensorErrors, Stop, Tracking
 from pbd.errors import PbdWarning, RecordingError, TrackingError
 from pbd.pose import Array, quat_inverse, quat_log, quat_multiply
 from pbd.tracking.conditioning import condition, refuse_gaps
@@ -24,7 +25,13 @@ from pbd.tracking.restoring import clip_covariance, restore, settle_velocities
 from pbd.tracking.saturation import find_clips
 from pbd.tracking.smoothing import smooth_motion
 from pbd.tracking.stops import find_stops
-from pbd.tracking.uncertainty import LEVEL_DOUBT, accelerometer_level, stop_covariance, unseen_covariance
+from pbd.tracking.uncertainty import (
+    LEVEL_DOUBT,
+    accelerometer_level,
+    stop_covariance,
+    stretch_covariance,
+    unseen_covariance,
+)
 
 SAME_DOCK_RAD = np.radians(1.0)
 """An edited first keyframe is still the dock if it is turned by no more."""
@@ -41,6 +48,7 @@ def track(
     method: str = "default",
     known: Known | None = None,
     calibration: Calibration | None = None,
+    accept_gap: bool = False,
 ) -> HandPath:
     """Track a hand: attitude, motion acceleration, stops, path.
 
@@ -53,16 +61,19 @@ def track(
         known: what is known of the stops: places, heights; None: what the demonstration says.
         calibration: the sensor's errors are taken out, by either method; it also tells what is known in the robot's
             base, and the lever from sensor to tool. `plan` tracks again where its own tells more than none.
+        accept_gap: the hand is known to have stood still wherever data are missing in a rest: warn of such a gap that
+            is long enough to hide a move, instead of refusing it.
 
     Raises:
         CalibrationError: the calibration is of another sensor.
         RecordingError: the recording can't be one (units, clock, no data); the edited keyframes start elsewhere.
-        TrackingError: no path follows from it (never still, data missing in a move), or what is known contradicts it.
+        TrackingError: no path follows from it (never still, data missing where the hand may have moved), or what is
+            known contradicts it.
     """
     demo = source if isinstance(source, Demonstration) else Demonstration(source)
     if known is not None:
         demo = replace(demo, closed=known.closed, places=known.places, contacts=known.contacts)
-    path = _track(demo, method, calibration)
+    path = _track(demo, method, calibration, accept_gap)
     _refuse_another_dock(demo, path)
     if method == "paper":
         return path
@@ -74,7 +85,7 @@ def track(
         raise TrackingError(f"{demo.folder}/{reason.message}", **reason.fields) from None
 
 
-def _track(demo: Demonstration, method: str, calibration: Calibration | None) -> HandPath:
+def _track(demo: Demonstration, method: str, calibration: Calibration | None, accept_gap: bool) -> HandPath:
     """From the recording alone."""
     recording, gaps = condition(demo.recording)
     clips = find_clips(recording)
@@ -94,8 +105,9 @@ def _track(demo: Demonstration, method: str, calibration: Calibration | None) ->
         raise TrackingError(f"no method '{method}'; known are {', '.join(METHODS)}", value=method)
     if not stops:
         raise TrackingError("the hand never stands still; stop for half a second between the moves")
-    refuse_gaps(gaps, recording, stops)
+    refuse_gaps(gaps, recording, stops, accept_gap)
     refuse_freezes(recording, a_nav, stops)
+    off = _off_at_rest(recording, rest, None if calibration is None else calibration.sensor)
     _warn_of_open_ends(recording.t, stops)
     if method == "paper":
         p, v, closure = paper_path(recording.t, a_nav, stops)
@@ -106,6 +118,7 @@ def _track(demo: Demonstration, method: str, calibration: Calibration | None) ->
         stretch = LEVEL_DOUBT * accelerometer_level(recording, stops, rest) / rest.gravity
         cov[:, :3, :3] += unseen_covariance(gaps, stops)
         cov += clip_covariance(recording.t, a_nav, attitude.wxyz_nav_sensor, p, stops, clips)
+    cov[:, :3, :3] += stretch_covariance(p, stops, off)
     return HandPath(
         t=recording.t,
         p_nav_sensor=p,
@@ -115,8 +128,10 @@ def _track(demo: Demonstration, method: str, calibration: Calibration | None) ->
         closure=closure,
         cov=cov,
         grip=recording.grip,
-        stretch=stretch,
-        tracking=Tracking(demo, method, calibration, recording, a_nav, rest.gravity, (rest.start, rest.stop)),
+        stretch=float(np.hypot(stretch, off)),
+        tracking=Tracking(
+            demo, method, calibration, recording, a_nav, rest.gravity, (rest.start, rest.stop), accept_gap
+        ),
     )
 
 
@@ -160,6 +175,16 @@ def _condition(path: HandPath, known: Known, calibration: Calibration | None) ->
         warnings.simplefilter("ignore", PbdWarning)  # of the dock's tilt: planning tells it
         T_base_nav = nav_in_base(calibration, mean_quaternion(path.wxyz_nav_sensor[first]))
     return condition_on(path, known, calibration, T_base_nav)
+
+
+def _off_at_rest(recording: Recording, rest: Rest, errors: SensorErrors | None) -> float:
+    """Share of gravity by which the sensor is off at rest, 0 where that is usual; warns of what it reads wrongly."""
+    rows, acc = slice(rest.start, rest.stop), rest.gravity * rest.up_sensor
+    gyr = None if recording.gyr is None else rest.gyro_bias
+    mag = None if recording.mag is None else recording.mag[rows].mean(axis=0)
+    for line in disagreements(errors, acc, gyr, mag):
+        warnings.warn(line, PbdWarning, stacklevel=3)
+    return gravity_off(errors, acc)
 
 
 def _warn_of_open_ends(t: Array, stops: tuple[Stop, ...]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from pbd.data import Demonstration, Keyframe, Recording, Truth
@@ -12,6 +13,9 @@ from pbd.pipeline import track
 from pbd.pose import Array
 from pbd.sensors.simulate import simulate
 from pbd.tracking.keyframes import find_keyframes
+
+uncalibrated = pytest.mark.filterwarnings("ignore:at rest the accelerometer reads:pbd.errors.PbdWarning")
+"""For a sensor as it was sold (wt901): its bias of some 20 mg is told from 30 mg on."""
 
 
 def truth_at(truth: Truth, t: float) -> Array:

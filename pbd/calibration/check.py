@@ -1,4 +1,4 @@
-"""Does a sensor at rest still read what its calibration says?"""
+"""Does a sensor at rest read what it should: gravity, and what its calibration says?"""
 
 from __future__ import annotations
 
@@ -7,36 +7,53 @@ import numpy as np
 from pbd.data import GRAVITY, SensorErrors
 from pbd.pose import Array
 
-ACC, GYR = 0.015 * GRAVITY, np.radians(0.5)
-"""m/s2 and rad/s: a warm sensor, or one that a hand holds, differs by less."""
+ACC, GYR = 0.015, np.radians(0.5)
+"""A share of gravity, and rad/s: a warm sensor, or one that a hand holds, differs by less from its calibration."""
+
+UNCALIBRATED = 0.03
+"""A share of gravity: without a calibration a sensor in order is off by less. (Gravity differs by 0.5 % on earth.)"""
 
 FIELD, DIP = 0.10, np.radians(6.0)
 """A share of the strength, and rad: one room's field differs by less from place to place."""
 
 
-def disagreements(
-    errors: SensorErrors, acc: Array, gyr: Array | None = None, mag: Array | None = None
-) -> tuple[str, ...]:
-    """Say by how much a sensor at rest differs from its calibration, a line for each thing that is beyond its bound.
+def gravity_off(errors: SensorErrors | None, acc: Array) -> float:
+    """By which share of gravity a sensor at rest is off; 0 where that is usual.
 
     Args:
-        errors: the calibration's.
+        errors: the calibration's; None: it has none.
+        acc: (3,) m/s2, the mean over a rest, corrected.
+    """
+    gravity = GRAVITY if errors is None else errors.gravity
+    off = abs(float(np.linalg.norm(acc)) / gravity - 1.0)
+    return off if off > (UNCALIBRATED if errors is None or errors.acc is None else ACC) else 0.0
+
+
+def disagreements(
+    errors: SensorErrors | None, acc: Array, gyr: Array | None = None, mag: Array | None = None
+) -> tuple[str, ...]:
+    """Say by how much a sensor at rest is off what it should read, a line for each thing that is beyond its bound.
+
+    Args:
+        errors: the calibration's; None: it has none, and only gravity is known.
         acc: (3,) m/s2, the mean over a rest, corrected.
         gyr: (3,) rad/s.
         mag: (3,) uT.
     """
     said = []
     norm = float(np.linalg.norm(acc))
-    if errors.acc is not None and abs(norm - errors.gravity) > ACC:
+    if off := gravity_off(errors, acc):
+        gravity = GRAVITY if errors is None else errors.gravity
+        kind = "" if errors is None or errors.acc is None else "calibrated "
         said.append(
-            f"at rest the calibrated accelerometer reads {norm:.2f} m/s2 ({1e3 * (norm / GRAVITY):.0f} mg), but "
-            f"gravity is {errors.gravity:.2f} m/s2"
+            f"at rest the {kind}accelerometer reads {norm:.2f} m/s2, but gravity is {gravity:.2f} m/s2, "
+            f"{1e3 * off * gravity / GRAVITY:.0f} mg off"
         )
-    if errors.gyr is not None and gyr is not None:
+    if errors is not None and errors.gyr is not None and gyr is not None:
         off = float(np.linalg.norm(gyr))
         if off > GYR:
             said.append(f"at rest the gyro is {np.degrees(off):.1f} degrees/s off its calibrated bias")
-    if errors.mag is not None and mag is not None and errors.field is not None and errors.dip is not None:
+    if errors is not None and mag is not None and errors.mag and errors.field is not None and errors.dip is not None:
         strength = float(np.linalg.norm(mag))
         dip = float(np.arcsin(np.clip(-(mag @ acc) / max(strength * norm, 1e-9), -1.0, 1.0)))
         if abs(strength / errors.field - 1.0) > FIELD:
@@ -46,7 +63,7 @@ def disagreements(
                 f"the magnetic field dips by {np.degrees(dip):.0f} degrees, but by {np.degrees(errors.dip):.0f} "
                 "degrees at the calibration"
             )
-    return tuple(said)
+    return tuple(f"{line}: calibrate this sensor" for line in said)
 
 
 def gravity_at(latitude_deg: float, height_m: float = 0.0) -> float:

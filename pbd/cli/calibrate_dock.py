@@ -6,7 +6,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from pbd.cli.calibrate_common import add_force, add_name, existing, instead_of, refuse_out_of_reach
-from pbd.cli.options import Commands, add_command, positive, print_json, say
+from pbd.cli.options import Commands, add_accept_gap, add_command, positive, print_json, say
 from pbd.cli.progress import working
 
 if TYPE_CHECKING:
@@ -61,6 +61,7 @@ def add(commands: Commands) -> None:
         help="one sigma of the rotation, each axis, degrees (1)",
     )
     add_force(parser)
+    add_accept_gap(parser)
     parser.set_defaults(run=run)
 
 
@@ -209,7 +210,7 @@ def _where_it_stopped(args: argparse.Namespace, calibration: Calibration | None)
         )
     demo = load_demo(name)
     with working("tracking"):
-        keyframes = keyframes_of(track(demo, calibration=through))
+        keyframes = keyframes_of(track(demo, calibration=through, accept_gap=args.accept_gap))
     if not (index.isdigit() and int(index) < len(keyframes)):
         raise CalibrationError(
             f"{name} has the keyframes 0 to {len(keyframes) - 1}, not '{index}'; `pbd keyframes {name}` lists them",

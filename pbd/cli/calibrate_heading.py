@@ -32,6 +32,7 @@ def tell_heading(
     keyframes: tuple[Keyframe, ...],
     calibration: Calibration | None,
     part: str,
+    accept_gap: bool = False,
 ) -> float | None:
     """How well nav's heading repeats, rad, one sigma; None without a magnetometer. Tell it, and what to do."""
     import numpy as np
@@ -66,7 +67,8 @@ def tell_heading(
         first = []
         for name in again:
             with working(f"tracking {name}"):
-                first.append(find_keyframes(track(load_demo(name).recording, calibration=calibration))[0])
+                path = track(load_demo(name).recording, calibration=calibration, accept_gap=accept_gap)
+                first.append(find_keyframes(path)[0])
         changes = heading_changes(keyframes[0].T_nav_sensor.wxyz, [each.T_nav_sensor.wxyz for each in first])
         heading = float(np.sqrt(np.mean(changes**2)))
         say(

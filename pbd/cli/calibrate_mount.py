@@ -6,7 +6,7 @@ import argparse
 from typing import TYPE_CHECKING, Any
 
 from pbd.cli.calibrate_common import add_name, existing
-from pbd.cli.options import Commands, add_command, print_json, say
+from pbd.cli.options import Commands, add_accept_gap, add_command, print_json, say
 from pbd.cli.progress import working
 
 if TYPE_CHECKING:
@@ -32,6 +32,7 @@ def add(commands: Commands) -> None:
     parser.add_argument(
         "--turns", type=_turns, metavar="A,A", help="the tool axis of each turn of 20 degrees or more: x, -x, y ..."
     )
+    add_accept_gap(parser)
     parser.set_defaults(run=run)
 
 
@@ -54,7 +55,8 @@ def run(args: argparse.Namespace) -> int:
     path = calibration_file(args.name)
     calibration = existing(path)
     with working("tracking"):
-        keyframes = find_keyframes(track(load_demo(args.demo).recording, calibration=calibration))
+        recording = load_demo(args.demo).recording
+        keyframes = find_keyframes(track(recording, calibration=calibration, accept_gap=args.accept_gap))
     mount, cov = TOOL_DOWN, np.zeros((6, 6))
     figures: dict[str, float] = {}
     if calibration is not None:

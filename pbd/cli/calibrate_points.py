@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from pbd.cli.calibrate_common import add_force, add_name, existing, instead_of
 from pbd.cli.calibrate_heading import magnetometer, tell_heading
-from pbd.cli.options import Commands, add_command, positive, print_json, say
+from pbd.cli.options import Commands, add_accept_gap, add_command, positive, print_json, say
 from pbd.cli.progress import working
 
 if TYPE_CHECKING:
@@ -64,6 +64,7 @@ def add(commands: Commands) -> None:
         help="check how well the heading repeats, in demonstrations that began with the sensor put down the same way",
     )
     add_force(parser)
+    add_accept_gap(parser)
     parser.set_defaults(run=run)
 
 
@@ -88,13 +89,13 @@ def run(args: argparse.Namespace) -> int:
     part = args.part or ("dock" if mag is None else "nav")
     instead = instead_of(path, calibration, part, args.force)
     with working("tracking"):
-        hand = track(recording, calibration=calibration)
+        hand = track(recording, calibration=calibration, accept_gap=args.accept_gap)
     keyframes = find_keyframes(hand)
     with working("fitting"):
         touched = _touched(args, hand, points, calibration)
         fit = fit_points(touched, points.p_base, free=args.free, scaled=args.find_scale, touch_m=1e-3 * args.touch_mm)
     _warn(fit, points, touched)
-    heading = tell_heading(args.again, replace(recording, mag=mag), keyframes, calibration, part)
+    heading = tell_heading(args.again, replace(recording, mag=mag), keyframes, calibration, part, args.accept_gap)
 
     pose = fit.T_base_nav
     if part == "dock":

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pbd.cli.options import Commands, add_command, add_json, load_demonstration, print_json, say
+from pbd.cli.options import Commands, add_accept_gap, add_command, add_json, load_demonstration, print_json, say
 from pbd.cli.progress import working
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ def add(commands: Commands) -> None:
     parser.add_argument("name", metavar="CALIBRATION", help="name of the calibration, or its file's path")
     parser.add_argument("demo", nargs="?", metavar="DEMO", help="default: the newest in ./demos, else 'pouring'")
     parser.add_argument("--save", type=Path, metavar="FILE", help="also draw it into this file (.png, .svg or .pdf)")
+    add_accept_gap(parser)
     add_json(parser)
     parser.set_defaults(run=run)
 
@@ -100,7 +101,7 @@ def _of_demonstration(
 
     demo = load_demonstration(args)
     with working("tracking"):
-        keyframes = keyframes_of(track(demo, calibration=calibration))
+        keyframes = keyframes_of(track(demo, calibration=calibration, accept_gap=args.accept_gap))
     T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
     return demo.recording.info.name, keyframes, tool_covariances(keyframes, T_base_nav, calibration)
 

@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
         demo = replace(demo, keyframes=None)
     arm = None if args.robot is None else load_arm(args)
     calibration = named_calibration(args) if arm is None else arm[1]
-    path, keyframes = track_demonstration(demo, args.method, calibration)
+    path, keyframes = track_demonstration(demo, args.method, calibration, args.accept_gap)
     if path.claims:
         fits = (f"{fit.saying} (off by {100.0 * fit.off_m:.1f} cm, {fit.sigmas:.1f} sigma)" for fit in path.claims)
         say(f"using: {'; '.join(fits)}")

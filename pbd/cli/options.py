@@ -87,6 +87,14 @@ def add_tracking(parser: argparse.ArgumentParser, calibration: str = "the robot'
         metavar="C",
         help=f"name (in ./calibration, or bundled) or file; default: {calibration}",
     )
+    add_accept_gap(parser)
+
+
+def add_accept_gap(parser: argparse.ArgumentParser) -> None:
+    """Add --accept-gap: every command that tracks takes it."""
+    parser.add_argument(
+        "--accept-gap", action="store_true", help="the hand stood still where data are missing in a rest"
+    )
 
 
 def add_planning(parser: argparse.ArgumentParser, robot_required: bool = True) -> None:
@@ -196,7 +204,7 @@ def load_demonstration(args: argparse.Namespace) -> Demonstration:
 
 
 def track_demonstration(
-    demo: Demonstration, method: str, calibration: Calibration | None
+    demo: Demonstration, method: str, calibration: Calibration | None, accept_gap: bool
 ) -> tuple[HandPath, tuple[Keyframe, ...]]:
     """Track it; return the hand's path and the keyframes that count."""
     from pbd.pipeline import track
@@ -204,7 +212,7 @@ def track_demonstration(
     from pbd.tracking.signs import up_in_sensor, warn_upside_down
 
     with working("tracking"):
-        path = track(demo, method, calibration=calibration)
+        path = track(demo, method, calibration=calibration, accept_gap=accept_gap)
     keyframes = keyframes_of(path)
     if calibration is None:  # one that is there tells how far the dock is tilted
         up_sensor = up_in_sensor(keyframes[0].T_nav_sensor.wxyz)
@@ -259,7 +267,7 @@ def plan_demonstration(args: argparse.Namespace) -> tuple[Demonstration, HandPat
 
     demo = load_demonstration(args)
     robot, calibration = load_arm(args)
-    path, _ = track_demonstration(demo, args.method, calibration)
+    path, _ = track_demonstration(demo, args.method, calibration, args.accept_gap)
     options = plan_options(args, robot)
     with working(f"planning for {robot.name}"):
         plan = plan_path(path, calibration, robot, options)

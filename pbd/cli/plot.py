@@ -138,14 +138,14 @@ def _tracked(
     from pbd.errors import PbdWarning, TrackingError
 
     try:
-        return track_demonstration(demo, args.method, calibration)
+        return track_demonstration(demo, args.method, calibration, args.accept_gap)
     except TrackingError as error:
         unaided = replace(demo, closed=False, places=(), contacts=())
         if unaided.known == demo.known:
             raise
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PbdWarning)  # they have been given
-            tracked = track_demonstration(unaided, args.method, calibration)
+            tracked = track_demonstration(unaided, args.method, calibration, args.accept_gap)
         warnings.warn(f"{error.message}; drawn without it", PbdWarning, stacklevel=2)
         return tracked
 

@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
     from pbd.view.tables import print_csv, print_table, segments_table
 
     demo = load_demonstration(args)
-    path, _ = track_demonstration(demo, args.method, named_calibration(args))
+    path, _ = track_demonstration(demo, args.method, named_calibration(args), args.accept_gap)
     segments = find_segments(path)
     if args.json:
         rows = [

@@ -173,6 +173,7 @@ class Tracking:
         a_nav: (n, 3) m/s2, motion acceleration as integrated: specific force in nav less gravity.
         gravity: m/s2, the norm of specific force at rest.
         rest: the samples start <= i < stop that tell the sensor's noise, the gyro's bias and gravity.
+        accept_gap: whether the hand is known to have stood still where data are missing in a rest.
     """
 
     demo: Demonstration
@@ -182,6 +183,7 @@ class Tracking:
     a_nav: Array
     gravity: float
     rest: tuple[int, int]
+    accept_gap: bool = False
 
     def __post_init__(self) -> None:
         freeze(self, a_nav=(len(self.recording), 3))

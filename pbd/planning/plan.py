@@ -62,7 +62,9 @@ def _tracked_with(path: HandPath, calibration: Calibration, robot: Robot) -> Han
         return path
     corrects = made.calibration is None and own.sensor is not None
     places = made.method != "paper" and bool(made.demo.places or made.demo.contacts)
-    return track(made.demo, made.method, calibration=own) if corrects or places else path
+    if not (corrects or places):
+        return path
+    return track(made.demo, made.method, calibration=own, accept_gap=made.accept_gap)
 
 
 def plan_keyframes(

@@ -83,13 +83,11 @@ class Coach:
                 self._field.popleft()
 
     def _compare(self, event: RestFound) -> None:
-        """Tell where the sensor at rest disagrees with its calibration."""
-        if self._errors is None:
-            return
+        """Tell where the sensor at rest is off what it should read."""
         mag = np.mean([mag for _, mag in self._field], axis=0) if self._field else None
         rest = event.rest
         for line in disagreements(self._errors, rest.gravity * rest.up_sensor, rest.gyro_bias, mag):
-            self.say(event.t, f"{line}; calibrate the sensor again", bell=True)
+            self.say(event.t, line, bell=True)
         self._field.clear()
 
     def say(self, t: float, text: str, bell: bool = False) -> None:

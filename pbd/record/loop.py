@@ -121,7 +121,7 @@ def _run(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], 
             session.begin()
         session.flush()
         session.follow()
-        if gone or now - max(reader.latest, watch.woke) > SILENT_S:
+        if gone or (not pieces and now - max(reader.latest, watch.woke) > SILENT_S):
             why = "sensor unplugged" if gone else f"sensor silent for {SILENT_S:g} s"
             if not options.reconnect:
                 return why

@@ -36,6 +36,11 @@ LARGEST = 1e5
 BRIDGED_S = 0.050
 """Missing data up to this long are interpolated (with a warning)."""
 
+HIDES_S = 0.12
+"""A longer gap in a rest may hide a move. A minimum-jerk move of T seconds (Flash and Hogan, 1985) from rest to rest
+whose acceleration reaches a goes a T^2 / 5.77 far: with the 5 m/s2 of a brisk hand 1.2 cm in this time. So much sigma
+is widened by (`uncertainty.UNSEEN_HAND`), and grows with T only."""
+
 BESIDE_S, LEAST_BESIDE, TURNED_ACC = 0.1, 3, 0.5
 """Before and after a gap in a rest the hand must be seen at rest for so long, or so many rows; and specific force must
 not change meanwhile by more than this (m/s2: 3 degrees)."""
@@ -125,13 +130,16 @@ def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
     return recording, long
 
 
-def refuse_gaps(gaps: tuple[Gap, ...], recording: Recording, stops: tuple[Stop, ...]) -> None:
-    """Refuse a long gap inside a move: what the hand did there is unknown. Inside a rest it is likely harmless: warn.
+def refuse_gaps(gaps: tuple[Gap, ...], recording: Recording, stops: tuple[Stop, ...], accept: bool = False) -> None:
+    """Refuse a long gap: what the hand did there is unknown. In a rest a short one hides little: warn.
+
+    Nor does the sensor's attitude after it tell: a hand may be elsewhere, and as level as before.
 
     Args:
         gaps: of `condition`.
         recording: of `condition`.
         stops: in order.
+        accept: a person knows that the hand stood still in the gaps that lie in rests: warn only.
 
     Raises:
         TrackingError: with `t`, `row` and the gap's length as fields.
@@ -148,17 +156,38 @@ def refuse_gaps(gaps: tuple[Gap, ...], recording: Recording, stops: tuple[Stop, 
                 value=gap.missing_s,
                 bound=BRIDGED_S,
             )
-    inner = [gap for gap in gaps if gap.before > 0 and gap.after < len(t) - 1]
-    if inner:
-        longest = max(inner, key=lambda gap: gap.missing_s)
-        warnings.warn(
-            f"{longest.missing_s * 1e3:.0f} ms of data are missing in a rest, after row {longest.before} (t = "
-            f"{t[longest.before]:.2f} s): a move may be hidden in it"
-            + (f", and in {_counted(len(inner) - 1, 'other gap')}" if len(inner) > 1 else "")
-            + "; the sigma of later keyframes is wider; record again if the hand moved",
-            PbdWarning,
-            stacklevel=3,
+    inner = [gap for gap in gaps if gap.missing_s > HIDES_S or not _at_an_end(gap, recording)]
+    if not inner:
+        return
+    longest = max(inner, key=lambda gap: gap.missing_s)
+    said = (
+        f"{longest.missing_s * 1e3:.0f} ms of data are missing in a rest, {_where(longest, t)}: a move may be hidden "
+        "in it" + (f", and in {_counted(len(inner) - 1, 'other gap')}" if len(inner) > 1 else "")
+    )
+    if longest.missing_s > HIDES_S + 1e-6 and not accept:
+        raise TrackingError(
+            f"{said}; record again, or give --accept-gap if the hand stood still there",
+            row=longest.before,
+            t=float(t[longest.before]),
+            value=longest.missing_s,
+            bound=HIDES_S,
         )
+    warnings.warn(
+        f"{said}; the sigma of later keyframes is wider; record again if the hand moved", PbdWarning, stacklevel=3
+    )
+
+
+def _at_an_end(gap: Gap, recording: Recording) -> bool:
+    """Whether nothing comes before a gap, or after it."""
+    return gap.before == 0 or gap.after == len(recording) - 1
+
+
+def _where(gap: Gap, t: Array) -> str:
+    if gap.after == len(t) - 1:
+        return f"from row {gap.before} (t = {t[gap.before]:.2f} s) to the end"
+    if gap.before == 0:
+        return f"up to row {gap.after} (t = {t[gap.after]:.2f} s)"
+    return f"after row {gap.before} (t = {t[gap.before]:.2f} s)"
 
 
 def _rests_beside(recording: Recording, gap: Gap, stop: Stop) -> bool:
@@ -168,7 +197,7 @@ def _rests_beside(recording: Recording, gap: Gap, stop: Stop) -> bool:
     """
     rows = max(LEAST_BESIDE, round(BESIDE_S * recording.rate_hz))
     before, after = slice(gap.before + 1 - rows, gap.before + 1), slice(gap.after, gap.after + rows)
-    if gap.before == 0 or gap.after == len(recording) - 1:  # nothing comes before, or after
+    if _at_an_end(gap, recording):
         return stop.start <= gap.before and gap.after < stop.stop
     if before.start < stop.start or after.stop > stop.stop:
         return False

@@ -152,6 +152,13 @@ def unseen_covariance(gaps: tuple[Gap, ...], stops: tuple[Stop, ...]) -> Array:
     return np.cumsum(variance)[:, None, None] * np.eye(3)
 
 
+def stretch_covariance(p_nav_sensor: Array, stops: tuple[Stop, ...], share: float) -> Array:
+    """Covariance (len(stops), 3, 3) m2 where each move may be longer or shorter by this share of it."""
+    at = p_nav_sensor[[stop.start for stop in stops]]
+    moves = lengths(np.diff(at, axis=0, prepend=at[:1]))
+    return np.cumsum((share * moves) ** 2)[:, None, None] * np.eye(3)
+
+
 def accelerometer_level(recording: Recording, stops: tuple[Stop, ...], rest: Rest) -> float:
     """How large the accelerometer's errors are, m/s2: bias and scale, seen where rests differ in their attitude.
 

@@ -16,6 +16,7 @@ from pbd.pose import Array, Pose, quat_exp, quat_inverse, quat_log, quat_multipl
 from pbd.sensors.simulate import simulate
 from pbd.sensors.simulated_calibration import pivoting
 from pbd.tracking.keyframes import find_keyframes
+from tests.scenarios import uncalibrated
 
 TIP = (0.03, -0.02, 0.0928)
 vectors = st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array)
@@ -40,6 +41,7 @@ def test_without_noise_the_tip_is_found_exactly(seed: int, tip: Array, point: Ar
     assert_allclose(fit.residuals, 0.0, atol=1e-9)
 
 
+@uncalibrated
 @pytest.mark.parametrize(("sensor", "close_m"), [("wt901", 0.010), ("modern", 0.001)])
 def test_ten_centimetres_are_found_to_millimetres(sensor: str, close_m: float) -> None:
     """Medians over many seeds are the benchmark's; here none may be far off, nor beyond what it says itself."""

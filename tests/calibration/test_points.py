@@ -25,6 +25,7 @@ from pbd.sensors.simulated_hand import Waypoint
 from pbd.sensors.simulated_sensor import SENSOR_MODELS, Triad
 from pbd.sensors.simulated_tasks import Task
 from pbd.tracking.keyframes import find_keyframes
+from tests.scenarios import uncalibrated
 
 POINTS = np.array([[0.3, -0.2, 0.0], [0.6, -0.15, 0.02], [0.55, 0.2, 0.0], [0.25, 0.15, 0.1], [0.4, 0.0, 0.3]])
 LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
@@ -223,6 +224,7 @@ def test_what_all_moves_share_is_not_counted_twice() -> None:
             assert_allclose(cov[j, :, k], left[1 + min(j, k)] * np.eye(3), atol=1e-12)
 
 
+@uncalibrated
 @pytest.mark.parametrize(
     ("kind", "errs", "columns"),
     [

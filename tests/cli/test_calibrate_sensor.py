@@ -166,7 +166,7 @@ def test_a_rest_that_disagrees_is_told_while_it_is_recorded() -> None:
     assert said_at_rest(None) == said_at_rest(good) == ["the rest at the start is found: you may move"]
     drifted = replace(good, gyr=replace(right, bias=np.radians((0.0, 0.0, 2.0))))
     assert said_at_rest(drifted)[1] == (
-        "at rest the gyro is 2.0 degrees/s off its calibrated bias; calibrate the sensor again"
+        "at rest the gyro is 2.0 degrees/s off its calibrated bias: calibrate this sensor"
     )
     assert said_at_rest(replace(good, acc=replace(right, bias=np.array((0.0, 0.0, 0.3)))))[1].startswith(
         "at rest the calibrated accelerometer reads 9.51 m/s2"

@@ -31,7 +31,7 @@ from pbd.tracking.live_move import error_on_the_way
 from pbd.tracking.live_stops import CONFIRM_S
 from pbd.tracking.orientation import TAU_ACC_S
 from tests.benchmarks.trials import read_broad
-from tests.scenarios import pour, truth_at, with_hole, with_rows
+from tests.scenarios import pour, truth_at, uncalibrated, with_hole, with_rows
 
 LATEST_S = 0.3
 """A stop is announced within this of its start."""
@@ -159,6 +159,7 @@ def test_at_the_end_of_each_move_it_agrees_with_the_batch_tracker_run_causally(
         assert event.keyframe.T_nav_sensor.p == pytest.approx(p, abs=1e-9)
 
 
+@uncalibrated
 @pytest.mark.filterwarnings("ignore:.*end of the range:pbd.errors.PbdWarning")  # the roll clips the gyro
 @pytest.mark.parametrize("task", TASKS)
 @pytest.mark.parametrize("sensor", ["modern", "wt901", "os5000"])

@@ -19,7 +19,7 @@ from pbd.sensors.simulated_sensor import AttitudeOutput, SensorModel
 from pbd.sensors.simulated_tasks import Task
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.paper import paper_path
-from tests.scenarios import with_rows
+from tests.scenarios import uncalibrated, with_rows
 from tests.tracking.hands import (
     PERFECT,
     RATE_HZ,
@@ -158,6 +158,7 @@ def test_velocity_is_the_derivative_of_position_and_zero_in_stops(method: str) -
         assert np.abs(v).max() > 100.0 * bend
 
 
+@uncalibrated
 @every_method
 @pytest.mark.parametrize("sensor", ["modern", "wt901"])
 @pytest.mark.parametrize("seed", range(2))

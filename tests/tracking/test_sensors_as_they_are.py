@@ -27,7 +27,7 @@ from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.spikes import without_spikes
 from pbd.tracking.steady import find_steady
 from tests.benchmarks.trials import read_broad
-from tests.scenarios import keyframes_and_errors, pour, with_rows
+from tests.scenarios import keyframes_and_errors, pour, uncalibrated, with_rows
 from tests.tracking.faults import with_channel
 
 WITH_GYRO = ["os5000", "wt901", "modern", "ideal"]
@@ -153,6 +153,7 @@ def test_a_sensor_without_noise_is_not_dead() -> None:
             assert errors.max() < 0.01
 
 
+@uncalibrated
 def test_a_gyro_that_says_zero_at_rest_is_not_stuck() -> None:
     """Some sensors take their own bias out whenever they take themselves to be at rest."""
     demo = pour("wt901", 1)

@@ -15,7 +15,7 @@ from pbd.sensors.simulate import World, random_task, simulate
 from pbd.sensors.simulated_hand import Waypoint
 from pbd.sensors.simulated_tasks import TASKS, Task
 from pbd.tracking.keyframes import find_keyframes, find_segments
-from tests.scenarios import keyframes_and_errors, pour, with_hole, with_rows
+from tests.scenarios import keyframes_and_errors, pour, uncalibrated, with_hole, with_rows
 
 TABLE_1 = [
     (0, 86, "No hand motion occurs"),
@@ -145,16 +145,6 @@ def test_a_second_of_nothing_in_a_move_is_refused_with_its_place() -> None:
         track(with_hole(pour().recording, 2.6, 3.6))
 
 
-def test_a_second_of_nothing_in_a_rest_is_a_warning() -> None:
-    recording = pour().recording
-    with (
-        pytest.warns(PbdWarning, match="100 samples missing, in 1 gap"),
-        pytest.warns(PbdWarning, match=r"1000 ms .* in a rest, after row 79 .*: a move may be hidden in it"),
-    ):
-        path = track(with_hole(recording, 0.8, 1.8))
-    assert len(path.stops) == 11
-
-
 def test_a_short_hole_in_a_move_is_bridged() -> None:
     whole = find_keyframes(track(pour().recording))
     with pytest.warns(PbdWarning, match="missing, in 1 gap"):
@@ -248,6 +238,7 @@ def test_a_cell_that_no_sensor_can_read_holds_no_number() -> None:
         assert len(track(replace(recording, acc=acc)).stops) == 11
 
 
+@uncalibrated
 @pytest.mark.filterwarnings("ignore:.*end of the range:pbd.errors.PbdWarning")  # the roll clips the gyro
 @pytest.mark.parametrize("sensor", ["modern", "os5000", "wt901"])
 @pytest.mark.parametrize("slower", [1.25, 1.5, 2.0])

@@ -21,8 +21,10 @@ from pbd.view.plot_compare import COMPARISONS, draw_comparison
 from pbd.view.plot_values import ComparePlot
 from pbd.view.spread_table import spread_rows, spread_table
 from pbd.view.units import Units, parse_units
-from tests.scenarios import pour
+from tests.scenarios import pour, uncalibrated
 from tests.view.drawn import overlaps
+
+pytestmark = uncalibrated
 
 
 @pytest.fixture(scope="module")

@@ -31,7 +31,7 @@ from pbd.tracking.paper import LAMBDA_V, paper_path
 from pbd.view import plots
 from pbd.view.plot_style import _joined, write
 from pbd.view.plot_values import DemoPlot, Finding
-from tests.scenarios import pour
+from tests.scenarios import pour, uncalibrated
 from tests.view.drawn import Drawn, overlaps, texts
 
 HOSTILE = r"a $\frac{1}{ _^ b.csv 茶 " + "\n\x07" + "very long " * 20
@@ -366,6 +366,7 @@ def test_the_papers_method_is_legible(paper: DemoPlot, figure_name: str) -> None
     assert overlaps(plots.draw(figure_name, paper)) == []
 
 
+@uncalibrated
 @pytest.mark.parametrize("figure_name", ["summary", "path", "view-yx"])
 def test_a_crowd_is_legible(many: DemoPlot, figure_name: str) -> None:
     assert len(many.keyframes) > 35

@@ -1,0 +1,130 @@
+"""At the door: holes that may hide a move, and a sensor that is off at rest."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pbd.calibration.check import gravity_off
+from pbd.data import Calibration, Linear, SensorErrors
+from pbd.errors import PbdWarning, TrackingError
+from pbd.pipeline import track
+from pbd.sensors.simulate import EARTH
+from tests.scenarios import pour, with_hole, with_rows
+from tests.tracking.faults import every_method, quietly
+
+EXACT = Linear(np.zeros(3), np.eye(3), np.zeros(3))
+
+
+@quietly
+@pytest.mark.parametrize(
+    ("start_s", "stop_s", "where"),
+    [
+        (0.8, 1.8, r"1000 ms .* in a rest, after row 79 \(t = 0\.79 s\)"),
+        (0.8, 0.935, r"140 ms .* in a rest, after row 79 "),
+        (21.8, np.inf, r"1010 ms .* in a rest, from row 2179 \(t = 21\.79 s\) to the end"),
+        (0.0, 0.5, r"500 ms .* in a rest, up to row 50 \(t = 0\.50 s\)"),
+    ],
+)
+def test_a_hole_in_a_rest_that_may_hide_a_move_is_refused(start_s: float, stop_s: float, where: str) -> None:
+    said = f"^{where}.*: a move may be hidden in it; record again, or give --accept-gap if the hand stood still there$"
+    with pytest.raises(TrackingError, match=said):
+        track(with_hole(pour().recording, start_s, stop_s))
+
+
+def test_a_hole_in_a_rest_that_a_person_vouches_for_is_a_warning() -> None:
+    whole = track(pour().recording)
+    with (
+        pytest.warns(PbdWarning, match="100 samples missing, in 1 gap"),
+        pytest.warns(PbdWarning, match=r"1000 ms .* in a rest, after row 79 .*: a move may be hidden in it; the sigma"),
+    ):
+        path = track(with_hole(pour().recording, 0.8, 1.8), accept_gap=True)
+    assert len(path.stops) == 11
+    assert np.sqrt(path.cov[1, 0, 0] - whole.cov[1, 0, 0]) == pytest.approx(0.1, abs=0.01)  # m: 0.1 m/s for a second
+
+
+@quietly
+def test_no_person_can_vouch_for_a_hole_in_a_move() -> None:
+    with pytest.raises(TrackingError, match="while the hand moves"):
+        track(with_hole(pour().recording, 2.6, 3.6), accept_gap=True)
+
+
+@quietly
+def test_a_short_hole_in_a_rest_is_a_warning() -> None:
+    """A hand gets a centimetre far in it, and so much less sure are the keyframes."""
+    whole = track(pour().recording)
+    path = track(with_hole(pour().recording, 0.8, 0.9))
+    assert np.sqrt(path.cov[1, 0, 0] - whole.cov[1, 0, 0]) == pytest.approx(0.01, abs=0.001)
+
+
+@quietly
+def test_rows_that_were_lost_with_a_whole_move_are_refused() -> None:
+    """From rest to rest: on either hand of them nothing moves. (14 cm were lost so.)"""
+    recording = pour().recording
+    before, after = track(recording).stops[1:3]
+    rows = np.arange(len(recording), dtype=np.intp)
+    kept = (rows < before.stop - 15) | (rows >= after.start + 15)
+    with pytest.raises(TrackingError, match=r"a move may be hidden in it|while the hand moves"):
+        track(with_rows(recording, rows[kept]))
+
+
+@quietly
+@pytest.mark.parametrize("channel", ["acc", "gyr"])
+def test_a_column_that_ends_is_refused(channel: str) -> None:
+    """Filled up with its last value it is at rest for good."""
+    recording = pour().recording
+    values = getattr(recording, channel).copy()
+    values[100:, 1] = np.nan
+    with pytest.raises(TrackingError, match=r"missing in a rest, from row 99 \(t = 0\.99 s\) to the end"):
+        track(replace(recording, **{channel: values}))
+
+
+@every_method
+@pytest.mark.parametrize("scale", [0.955, 1.1])
+def test_gravity_that_is_far_off_is_told_and_widens_sigma(method: str, scale: float) -> None:
+    """An accelerometer's scale stretches the whole path by as much."""
+    recording = pour("os5000").recording
+    plain, wrong = track(recording, method), replace(recording, acc=scale * recording.acc)
+    with pytest.warns(PbdWarning, match=r"m/s2, but gravity is 9\.81 m/s2, \d+ mg off: calibrate this sensor$"):
+        path = track(wrong, method)
+    off = abs(scale - 1.0)
+    moves = np.linalg.norm(np.diff(path.p_nav_sensor[[stop.start for stop in path.stops]], axis=0), axis=1)
+    widened = off * np.sqrt(moves @ moves)
+    assert np.sqrt(path.cov[-1, 0, 0]) > 0.8 * widened
+    assert path.stretch > 0.8 * off > 2.0 * plain.stretch
+
+
+@pytest.mark.parametrize(("read", "told"), [(0.98, True), (0.99, False)])
+def test_another_unit_of_the_same_model_does_not_pass_for_the_calibrated_one(read: float, told: bool) -> None:
+    """20 mg off: without a calibration nobody could say whose they are."""
+    recording = pour("ideal").recording
+    recording = replace(recording, acc=read * recording.acc)
+    path = track(recording)
+    errors = SensorErrors(recording.info.sensor, acc=EXACT, gravity=EARTH.gravity)
+    calibration = Calibration("bench", sensor=errors)
+    if told:
+        with pytest.warns(PbdWarning, match=r"the calibrated acc.* reads 9\.61 m/s2, .* 20 mg off: calibrate this"):
+            wider = track(recording, calibration=calibration)
+        assert wider.stretch > 0.02 > 2.0 * path.stretch
+    else:
+        assert np.array_equal(track(recording, calibration=calibration).cov, path.cov)
+
+
+@pytest.mark.parametrize("name", ["gyr", "mag"])
+def test_all_of_a_sensor_is_compared_with_its_calibration(name: str) -> None:
+    recording = pour("ideal").recording
+    assert recording.gyr is not None
+    assert recording.mag is not None
+    errors = SensorErrors(recording.info.sensor, gyr=EXACT, mag=EXACT, field=60.0, dip=1.1)
+    recording = replace(recording, gyr=recording.gyr + 0.05) if name == "gyr" else recording
+    errors = replace(errors, mag=None) if name == "gyr" else errors
+    told = "the gyro is .* degrees/s off its" if name == "gyr" else "the magnetic field is .* uT, but was 60"
+    with pytest.warns(PbdWarning, match=f"{told} .*calibrat.*: calibrate this sensor$"):
+        track(recording, calibration=Calibration("bench", sensor=errors))
+
+
+def test_gravity_differs_by_less_on_earth_than_is_told() -> None:
+    for gravity in (9.764, 9.834):  # at the equator's highest peak, at the pole
+        assert gravity_off(None, np.array((0.0, 0.0, gravity))) == 0.0
