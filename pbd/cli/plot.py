@@ -70,6 +70,7 @@ def _plot(args: argparse.Namespace) -> int:
             "--csv prints the spread of several demonstrations; name two or more, or use `pbd keyframes --csv`"
         )
     demo = load_demonstration(_named(args, args.demos[0] if args.demos else None))
+    folder = _place(args.save, _word(demo))
     path, _ = _tracked(args, demo, named_calibration(args))
     with working("preparing the plots"):
         from pbd.plotting.demo import demo_plot
@@ -78,7 +79,6 @@ def _plot(args: argparse.Namespace) -> int:
         plot = demo_plot(path, args.warnings)
     for finding in plot.findings[len(args.warnings) :]:
         say(f"check: {finding.words}")
-    folder = args.save or Path("plots") / _word(demo)
     files = _write(folder, args.format, names(plot), lambda name: draw(name, plot))
     if args.json:
         print_json(
@@ -95,6 +95,10 @@ def _plot(args: argparse.Namespace) -> int:
 def _compare(args: argparse.Namespace) -> int:
     loaded = [load_demonstration(_named(args, name)) for name in args.demos]
     titles = _titles(loaded)
+    together = "+".join(dict.fromkeys(map(_word, loaded)))
+    if len(together) > LONGEST_NAME:
+        together = f"{_word(loaded[0])[:LONGEST_NAME]}+{len(loaded) - 1}"
+    folder = _place(args.save, together)
     calibration = named_calibration(args)
     tracked = [(title, *_track(args, title, demo, calibration)) for title, demo in zip(titles, loaded, strict=True)]
     with working("comparing"):
@@ -106,10 +110,6 @@ def _compare(args: argparse.Namespace) -> int:
         plot = compare_plot(tracked)
     for remark in plot.remarks:
         say(remark)
-    together = "+".join(dict.fromkeys(map(_word, loaded)))
-    if len(together) > LONGEST_NAME:
-        together = f"{_word(loaded[0])[:LONGEST_NAME]}+{len(loaded) - 1}"
-    folder = args.save or Path("plots") / together
     files = _write(folder, args.format, COMPARISONS, lambda name: draw_comparison(name, plot))
     if args.json:
         print_json(
@@ -188,22 +188,24 @@ def _word(demo: Demonstration) -> str:
     return word or "recording"
 
 
+def _place(save: Path | None, name: str) -> Path:
+    """The folder for the files, tried before anything is drawn."""
+    from pbd.files.whole import refuse_folder
+
+    folder = save or Path("plots") / name
+    refuse_folder(folder, other="--save")
+    return folder
+
+
 def _write(folder: Path, format_name: str, names: Collection[str], draw: Callable[[str], Figure]) -> list[Path]:
-    """Draw figures into files, each whole or not at all, and say where they are."""
-    from pbd.errors import PbdError
-    from pbd.files.whole import written_whole
+    """Draw figures into files, all of them or none, and say where they are."""
+    from pbd.files.whole import written_together
     from pbd.view.plot_style import write
 
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as reason:
-        raise PbdError(f"{folder} can't be written ({reason.strerror}); give another --save", path=folder) from None
-    files: list[Path] = []
-    for name in names:
-        file = folder / f"{name}.{format_name}"
-        drawing = working(f"drawing {len(files) + 1} of {len(names)}: {name}")
-        with drawing, written_whole(file) as unfinished, unfinished.open("wb") as stream:
-            write(draw(name), stream, format_name)
-        files.append(file)
+    files = [f"{name}.{format_name}" for name in names]
+    with written_together(folder, files) as new:
+        for number, (name, file) in enumerate(zip(names, files, strict=True), 1):
+            with working(f"drawing {number} of {len(files)}: {name}"), (new / file).open("wb") as stream:
+                write(draw(name), stream, format_name)
     say(f"wrote {len(files)} files into {folder}")
-    return files
+    return [folder / file for file in files]

@@ -6,12 +6,12 @@ import errno
 import os
 import shutil
 import warnings
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from pbd.errors import PbdError, PbdWarning, RecordingError, in_words
-from pbd.paths import DELETED, in_deleted_folder, is_file, is_folder, is_plain, made, replacing, unfinished
+from pbd.paths import DELETED, in_deleted_folder, is_file, is_folder, is_plain, is_taken, made, replacing, unfinished
 
 
 @contextmanager
@@ -57,6 +57,40 @@ def folder_written_whole(folder: Path) -> Iterator[Path]:
             warnings.warn(f"{folder} is replaced, but {left}", PbdWarning, stacklevel=3)
 
 
+@contextmanager
+def written_together(folder: Path, names: Collection[str]) -> Iterator[Path]:
+    """Give a folder in which to write files of these names; they take their places in `folder` when all went well.
+
+    The folder is made where it is missing, and is gone again otherwise.
+
+    Raises:
+        PbdError: the place can't be written.
+    """
+    refuse_folder(folder)
+    with _told(folder, PbdError), made(folder), unfinished(folder) as new:
+        for place in (folder / name for name in names):
+            if is_folder(place):
+                raise PbdError(f"{place} can't be written (it is a folder); give another place", path=place)
+        new.mkdir()
+        yield new
+        for name in names:
+            (new / name).replace(folder / name)
+
+
+def refuse_folder(folder: Path, other: str = "place") -> None:
+    """Refuse a folder in which nothing can be written, or that can't be made; the error asks for another `other`.
+
+    Raises:
+        PbdError: for the system's reason, or as no text can hold its name.
+    """
+    refuse_name(folder)
+    try:
+        is_taken(folder)
+        try_folder(folder)
+    except OSError as reason:
+        raise unwritable(folder, reason, PbdError, other) from None
+
+
 def name_aside(folder: Path, word: str) -> Path:
     """NAME.word, or the first of NAME.word-2, NAME.word-3 that is free: no earlier one is overwritten."""
     free, n = folder.with_name(f"{folder.name}.{word}"), 1
@@ -100,11 +134,11 @@ def refuse_name(path: Path) -> None:
         )
 
 
-def unwritable(path: Path, reason: OSError, error: type[PbdError]) -> PbdError:
-    """Make the error that says why nothing can be written there."""
+def unwritable(path: Path, reason: OSError, error: type[PbdError], other: str = "place") -> PbdError:
+    """Make the error that says why nothing can be written there, and what to give instead."""
     if reason.errno == errno.ENOENT and not path.is_absolute() and in_deleted_folder():
         return error(f"{path} can't be written: {DELETED}", path=path)
-    return error(f"{path} can't be written ({in_words(reason)}); give another place", path=path)
+    return error(f"{path} can't be written ({in_words(reason)}); give another {other}", path=path)
 
 
 @contextmanager

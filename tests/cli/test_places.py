@@ -1,0 +1,211 @@
+"""Every command that writes, in every place that may refuse it: one line, exit code 1, nothing left, nothing lost."""
+
+from __future__ import annotations
+
+import os
+import resource
+import shutil
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from pbd.cli import main
+from pbd.files.demo import write_demo
+from pbd.sensors.simulate import simulate
+from tests.unprivileged import as_a_user
+
+Capture = pytest.CaptureFixture[str]
+
+
+@dataclass(frozen=True)
+class Writer:
+    """A command, where {} is the place that it writes: a name in the folder `there`, whose end is `suffix`."""
+
+    words: str
+    suffix: str = ""
+
+    def command(self, place: str) -> list[str]:
+        return [word.replace("{}", place + self.suffix) for word in self.words.split()]
+
+
+WRITERS = {
+    "simulate": Writer("simulate pour {} --force"),
+    "record": Writer("record {} --sensor sim --duration 0.4 --force"),
+    "import": Writer("import walk.csv {} --force"),
+    "export": Writer("export pouring --robot panda -o {}", ".csv"),
+    "replay": Writer("replay pouring --robot panda --html {}", ".html"),
+    "plot": Writer("plot pouring --save {}/figures"),
+    "keyframes": Writer("keyframes {} --save --force"),
+    "dock": Writer("calibrate dock {} --position 0.4 0 0.2 --rpy 0 0 0", ".toml"),
+    "show": Writer("calibrate show default pouring --save {}", ".png"),
+}
+LINKED = {"simulate": "link", "import": "link", "record": "link.new"}
+"""Where a new demonstration stands that took the name of a link. One without a rest gives it back."""
+
+OLD = "format = 1\nname = 'old'\n"
+
+
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("walk")
+    write_demo(simulate("pour", "ideal", 0), folder / "tea")
+    assert main(["keyframes", str(folder / "tea"), "--save"]) == 0
+    file = folder / "tea" / "keyframes.toml"
+    file.write_text(f"# edited\n{file.read_text()}")
+    return folder / "tea"
+
+
+@pytest.fixture
+def there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, walk: Path) -> Path:
+    """A folder with what every writer would write, as somebody left it; `old` is its name."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("pbd.view.plots.names", lambda plot: ["summary"])  # one of many figures
+    shutil.copy(walk / "imu.csv", "walk.csv")
+    shutil.copytree(walk, "there/old")
+    Path("there/old/figures").mkdir()
+    Path("there/old.toml").write_text(
+        "format = 1\nname = 'old'\n[dock]\nposition = [0.4, 0, 0.2]\nrpy_deg = [0, 0, 0]\n"
+    )
+    for suffix in (".csv", ".html", ".png"):
+        Path(f"there/old{suffix}").write_text(OLD)
+    return tmp_path / "there"
+
+
+def tree(folder: Path) -> dict[str, bytes]:
+    """All that is in a folder, links as they are."""
+    found = {}
+    for path in sorted(folder.rglob("*")):
+        name = str(path.relative_to(folder))
+        found[name] = os.fsencode(path.readlink()) if path.is_symlink() else b"" if path.is_dir() else path.read_bytes()
+    return found
+
+
+def refused(capsys: Capture, command: list[str]) -> str:
+    """Run a command that fails; return its one line. Notes may come before it."""
+    capsys.readouterr()
+    assert main(command) == 1
+    out, err = capsys.readouterr()
+    assert out == ""
+    *notes, line = err.splitlines()
+    assert line.startswith("pbd: ")
+    assert "; " in line or ": name a file" in line
+    assert "Errno" not in line
+    for note in notes:
+        assert note.startswith(("pbd: ", "recording "))
+        assert not any(word in note for word in ("wrote", "can't", "into", "saved"))
+    return line
+
+
+@contextmanager
+def mode(folder: Path, bits: int) -> Iterator[None]:
+    folder.chmod(bits)
+    try:
+        with as_a_user():
+            yield
+    finally:
+        folder.chmod(0o700)
+
+
+@contextmanager
+def full_disk(room: int) -> Iterator[None]:
+    """Every file may have so many bytes and no more."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (room, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@pytest.mark.parametrize("bits", [0o500, 0o600], ids=oct)
+@pytest.mark.parametrize("name", ["old", "new"])
+@pytest.mark.parametrize("writer", WRITERS)
+def test_a_folder_without_permission(capsys: Capture, there: Path, writer: str, name: str, bits: int) -> None:
+    place = {"keyframes": "there/old", "plot": f"there/{name}/figures"}.get(writer, "there")
+    if not Path(place).exists():
+        place = "there"
+    before = tree(there)
+    with mode(Path(place), bits):
+        refused(capsys, WRITERS[writer].command(f"there/{name}"))
+    assert tree(there) == before
+
+
+@pytest.mark.parametrize("room", [0, 300])
+@pytest.mark.parametrize("name", ["old", "new"])
+@pytest.mark.parametrize("writer", WRITERS)
+def test_a_full_disk(capsys: Capture, there: Path, writer: str, name: str, room: int) -> None:
+    if room and writer in ("dock", "record"):
+        pytest.skip("there is room enough for a calibration; a recording keeps what came (tests/record)")
+    before = tree(there)
+    with full_disk(room):
+        refused(capsys, WRITERS[writer].command(f"there/{name}"))
+    assert tree(there) == before
+
+
+@pytest.mark.parametrize("name", ["n" * 256, os.fsdecode(b"t\xff"), "a\x1bb"], ids=["long", "bytes", "control"])
+@pytest.mark.parametrize("writer", WRITERS)
+def test_an_odd_name(capsys: Capture, there: Path, writer: str, name: str) -> None:
+    before = tree(there)
+    refused(capsys, WRITERS[writer].command(f"there/{name}"))
+    assert tree(there) == before
+
+
+@pytest.mark.parametrize("writer", WRITERS)
+def test_the_longest_name(capsys: Capture, there: Path, writer: str) -> None:
+    if writer == "keyframes":
+        pytest.skip("it makes no name")
+    name = "n" * (255 - len(WRITERS[writer].suffix))
+    assert main(WRITERS[writer].command(f"there/{name}")) == 0
+    assert (there / f"{name}{WRITERS[writer].suffix}").exists()
+
+
+@pytest.mark.parametrize("writer", WRITERS)
+def test_a_working_folder_that_was_deleted(
+    capsys: Capture, there: Path, writer: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    walk = there.parent / "walk.csv"
+    monkeypatch.chdir(there)
+    shutil.rmtree(there)
+    refused(capsys, [str(walk) if word == "walk.csv" else word for word in WRITERS[writer].command("new")])
+    monkeypatch.undo()
+    assert [path.name for path in walk.parent.iterdir()] == ["walk.csv"]
+
+
+@pytest.mark.parametrize("writer", WRITERS)
+def test_a_link(capsys: Capture, there: Path, writer: str) -> None:
+    """What a link to a file leads to is replaced; a link to a demonstration is, and what it leads to stays."""
+    suffix = WRITERS[writer].suffix
+    link = there / f"link{suffix}"
+    link.symlink_to(f"old{suffix}")
+    before = tree(there)
+    assert main(WRITERS[writer].command("there/link")) == 0
+    after = tree(there)
+    assert {name for name in set(after) - set(before) if name.partition("/")[0] != LINKED.get(writer, "old")} == set()
+    if writer in LINKED:
+        kept = {name: content for name, content in before.items() if name != "link"}
+        assert {name: after[name] for name in kept} == kept
+        assert f"{LINKED[writer]}/imu.csv" in after
+    else:
+        assert link.is_symlink()
+        assert after != before
+
+
+@pytest.mark.parametrize("stream", ["stdout", "stderr"])
+@pytest.mark.parametrize("writer", WRITERS)
+def test_a_closed_stream(
+    capsys: Capture, there: Path, writer: str, stream: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = "old" if writer == "keyframes" else "new"
+    before = tree(there)
+    with monkeypatch.context() as patch:
+        patch.setattr(sys, stream, None)
+        assert main(WRITERS[writer].command(f"there/{name}")) == 0
+    after = tree(there)
+    assert after != before
+    assert not [path for path in after if path.endswith(".tmp")]
+    with suppress(KeyError):
+        assert after["old/imu.csv"] == before["old/imu.csv"]
