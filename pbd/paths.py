@@ -63,6 +63,11 @@ def is_plain(name: str) -> bool:
     return all(unicodedata.category(character) not in ("Cc", "Cs") for character in name)
 
 
+def as_text(name: str) -> str:
+    """A file's name as text: the bytes of it that are not UTF-8 are written out."""
+    return os.fsencode(name).decode("utf-8", "backslashreplace")
+
+
 def may_write(path: Path) -> bool:
     """Whether what is there may be written, by its permissions."""
     effective = os.access in os.supports_effective_ids

@@ -209,3 +209,12 @@ def test_a_closed_stream(
     assert not [path for path in after if path.endswith(".tmp")]
     with suppress(KeyError):
         assert after["old/imu.csv"] == before["old/imu.csv"]
+
+
+@pytest.mark.parametrize("writer", ["replay", "import", "plot"])
+def test_a_recording_whose_name_is_odd(there: Path, writer: str) -> None:
+    """What is read may have any name."""
+    odd = os.fsdecode(b"w\xff.csv")
+    Path("walk.csv").rename(odd)
+    words = WRITERS[writer].command("there/new")
+    assert main([odd if word in ("pouring", "walk.csv") else word for word in words]) == 0

@@ -22,6 +22,7 @@ from pbd.data import GRAVITY, Demonstration, Recording, RecordingInfo
 from pbd.errors import RecordingError
 from pbd.files.columns import ACC, DEVICE, GYR, MAG, device_rpy
 from pbd.files.table import Sheet, Table, open_sheet, require
+from pbd.paths import as_text
 from pbd.pose import Array
 
 DEG = np.pi / 180.0
@@ -113,9 +114,9 @@ def read_csv(
             gyr=values_of("gyr", "gyr"),
             mag=_magnetometer_beside(path, t[:, 0]) if mag is None else mag,
             device_rpy=values_of("rpy", "angle") if compass is None else device_rpy(compass),
-            info=RecordingInfo(name=path.stem, sensor="unknown (imported)", rate_hz=rate_hz),
+            info=RecordingInfo(name=as_text(path.stem), sensor="unknown (imported)", rate_hz=rate_hz),
         ),
-        notes=f"Imported from {path.name}.",
+        notes=f"Imported from {as_text(path.name)}.",
     )
 
 

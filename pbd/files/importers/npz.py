@@ -8,6 +8,7 @@ import numpy as np
 
 from pbd.data import Demonstration, Recording, RecordingInfo, Truth
 from pbd.errors import RecordingError, in_words
+from pbd.paths import as_text
 from pbd.pose import Array
 
 
@@ -52,10 +53,10 @@ def read_npz(path: Path) -> Demonstration:
             acc=arrays["acc"],
             gyr=arrays.get("gyr"),
             mag=arrays.get("mag"),
-            info=RecordingInfo(name=path.stem, sensor="unknown (imported)", rate_hz=rate_hz),
+            info=RecordingInfo(name=as_text(path.stem), sensor="unknown (imported)", rate_hz=rate_hz),
         ),
         truth=_truth(arrays, rate_hz),
-        notes=f"Imported from {path.name}.",
+        notes=f"Imported from {as_text(path.name)}.",
     )
 
 
