@@ -10,7 +10,7 @@ from pbd.calibration.uncertainty import tool_covariances
 from pbd.data import Demonstration, HandPath, Robot
 from pbd.planning import Plan, PlanOptions
 from pbd.pose import quat_rotate
-from pbd.view.scene import ReplayKeyframe, ReplayScene, Touching
+from pbd.view.scene import ReplayKeyframe, ReplayScene, Rod, Touching
 
 
 def replay_scene(
@@ -49,7 +49,21 @@ def replay_scene(
         notes=tuple(note for note in (demo.notes, *warnings) if note),
         touching=_touching(plan),
         obstacles=plan.calibration.obstacles,
+        rod=_rod(robot),
     )
+
+
+def _rod(robot: Robot) -> Rod | None:
+    """The rod that is checked for collisions, where the model has no gripper."""
+    from pbd.arm.hand import tool_on_joint, tool_rod
+    from pbd.planning import arm_of
+
+    arm = arm_of(robot)
+    checked = tool_rod(arm)
+    if checked is None:
+        return None
+    _, T_joint_tool = tool_on_joint(arm)
+    return Rod(T_joint_tool.inverse() @ checked.T_joint_body, *checked.size)
 
 
 def _touching(plan: Plan) -> tuple[Touching, ...]:

@@ -8,11 +8,14 @@ import numpy as np
 import pytest
 
 import pbd
+from pbd.arm.hand import THE_TOOL, arm_bodies
+from pbd.arm.model import from_se3
 from pbd.data import Obstacle
-from pbd.planning import PlanOptions, plan_keyframes
+from pbd.planning import PlanOptions, arm_of, plan_keyframes
 from pbd.pose import Pose
 from pbd.replay import replay_scene
 from pbd.tracking.keyframes import find_keyframes
+from tests.arm.collision_oracles import placements
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.5])
@@ -53,3 +56,23 @@ def test_all_that_touches_is_shown_by_when_it_begins() -> None:
     assert [each.start for each in scene.touching] == sorted(each.start for each in scene.touching)
     assert [each.told for each in scene.touching].count(told) == 1  # the first, with what to do about it
     assert all(0.0 <= each.start <= each.end <= plan.trajectory.duration for each in scene.touching)
+
+
+@pytest.mark.parametrize(("name", "ahead_m"), [("ur5", 0.16), ("ur5", 0.045), ("ur5", 0.03), ("panda", 0.1)])
+def test_the_tool_that_is_checked_is_shown(name: str, ahead_m: float) -> None:
+    """Its pose and size in the scene are those of the body that the checks for collisions watch."""
+    known = pbd.load_robot(name)
+    robot = replace(known, T_body_tool=Pose(np.array([0.0, 0.0, ahead_m]), known.T_body_tool.wxyz))
+    assert robot.dock is not None
+    demo = pbd.load_demo("pouring")
+    path, options = pbd.track(demo.recording), PlanOptions(allow_collision=True)
+    plan = plan_keyframes(find_keyframes(path), robot.dock, robot, options, path, demo.grasped)
+    rod = replay_scene(demo, path, plan, robot, options).rod
+    arm = arm_of(robot)
+    checked = arm_bodies(arm)[-1]
+    assert checked.name == THE_TOOL
+    assert rod is not None
+    assert (rod.diameter, rod.length) == checked.size
+    x = np.append(robot.home, 1.0)
+    T_base_rod = from_se3(arm.T_base_universe) @ placements(arm, x)[checked.joint] @ checked.T_joint_body
+    assert max((arm.forward(robot.home) @ rod.T_tool_rod).distance(T_base_rod)) < 1e-9

@@ -17,18 +17,18 @@ from pbd.view.ellipsoid import two_sigma
 from pbd.view.extent import extent
 from pbd.view.meshcat_api import Visualizer
 from pbd.view.motion import Motion, Track
-from pbd.view.scene_values import ReplayKeyframe, ReplayScene, Touching
+from pbd.view.scene_values import ReplayKeyframe, ReplayScene, Rod, Touching
 from pbd.view.visuals import Visual, read_visuals
 from pbd.view.wire import PoseTrack, SetTracks, solid
 
-__all__ = ["ReplayKeyframe", "ReplayScene", "Touching", "build"]
+__all__ = ["ReplayKeyframe", "ReplayScene", "Rod", "Touching", "build"]
 
 FRAME_RATE_HZ = 50.0
 PATH_SPACING_M = 0.003
 TOOL_PATH_RGB = (0.55, 0.57, 0.60)
 TOUCHING_RGB = (0.86, 0.12, 0.10)
 THE_TOOL = "the tool"
-"""What the checks for collisions call the stand-in for a gripper."""
+"""What the checks for collisions call the rod."""
 OBSTACLE_RGB = (0.62, 0.55, 0.47)
 OBSTACLE_OPACITY = 0.6
 OBJECT_OPACITY = 0.72
@@ -47,8 +47,8 @@ def build(scene: ReplayScene, into: Visualizer) -> None:
     into.delete()
     red = {body for each in scene.touching for body in each.bodies}
     nodes, tracks = _robot(motion, visuals, red, into["robot"])
-    if stand_in.is_missing(scene.robot):
-        _gripper(scene, motion, THE_TOOL in red, nodes)
+    if scene.rod is not None:
+        _stand_in(scene, scene.rod, motion, THE_TOOL in red, nodes)
     _path(scene, into["hand_path"])
     into["tool_path"].set_object(solid(shapes.tube(_thinned(tool.p)[0], np.array(TOOL_PATH_RGB), 0.0012, sides=6)))
     _keyframes(scene, into["keyframes"])
@@ -80,11 +80,14 @@ def _robot(
     return nodes, tracks
 
 
-def _gripper(scene: ReplayScene, motion: Motion, red: bool, nodes: Mapping[int, Visualizer]) -> None:
+def _stand_in(scene: ReplayScene, rod: Rod, motion: Motion, red: bool, nodes: Mapping[int, Visualizer]) -> None:
     joint, T_joint_body = motion.link("body", scene.robot.body)
     node = nodes[joint]["stand_in"]
     node.set_transform((T_joint_body @ scene.robot.T_body_tool).matrix())
-    for i, (mesh, p_tool) in enumerate(stand_in.gripper(scene.robot, scene.grasped)):
+    mesh = stand_in.rod(rod)
+    node["rod"].set_object(solid(mesh.painted(TOUCHING_RGB) if red else mesh))
+    node["rod"].set_transform(rod.T_tool_rod.matrix())
+    for i, (mesh, p_tool) in enumerate(stand_in.hand(scene.robot, scene.grasped)):
         node[str(i)].set_object(solid(mesh.painted(TOUCHING_RGB) if red else mesh, stand_in.OPACITY))
         node[str(i)].set_transform(Pose(p_tool, np.array([1.0, 0.0, 0.0, 0.0])).matrix())
 

@@ -33,12 +33,26 @@ class ReplayKeyframe:
                 raise ValueError(f"ReplayKeyframe.cov must have shape (6, 6), got {cov.shape}")
 
 
+@dataclass(frozen=True, eq=False)
+class Rod:
+    """What is checked for collisions in place of a gripper that the model lacks: a capsule, "the tool".
+
+    Attributes:
+        T_tool_rod: its middle; it lies along z.
+        diameter, length: m, of its cylinder; half a sphere closes each end.
+    """
+
+    T_tool_rod: Pose
+    diameter: float
+    length: float
+
+
 @dataclass(frozen=True)
 class Touching:
     """Two bodies that touch in the motion.
 
     Attributes:
-        bodies: links, or other things, by name; they are painted red. "the tool" is the stand-in for a gripper.
+        bodies: links, or other things, by name; they are painted red. "the tool" is the rod.
         start, end: s, from when to when.
         told: in words.
     """
@@ -62,6 +76,7 @@ class ReplayScene:
         keyframes: in order.
         table_height: m, z of the table's top in base; None: the ground at z = 0.
         obstacles: what else stands around.
+        rod: what stands for a gripper that the model lacks, or None.
         grasped: what the gripper takes, or None.
         notes: what the viewer should know: warnings, "simulated data".
         touching: what touches, where that was allowed, by when it begins.
@@ -78,6 +93,7 @@ class ReplayScene:
     notes: tuple[str, ...] = field(default=())
     touching: tuple[Touching, ...] = ()
     obstacles: tuple[Obstacle, ...] = ()
+    rod: Rod | None = None
 
     def __post_init__(self) -> None:
         n = len(self.hand_path_base)

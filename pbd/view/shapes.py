@@ -59,6 +59,13 @@ def sphere(radius: float, rgb: ArrayLike) -> Mesh:
     return lathe(radius * np.stack((np.cos(latitude), np.sin(latitude)), axis=1), rgb)
 
 
+def capsule(radius: float, length: float, rgb: ArrayLike) -> Mesh:
+    """A cylinder of `length` around z with half a sphere at each end, its centre in the origin; metres."""
+    latitude = np.linspace(0.0, np.pi / 2, SIDES // 4 + 1)
+    r, z = radius * np.cos(latitude), 0.5 * length + radius * np.sin(latitude)
+    return lathe(np.column_stack((np.append(r[::-1], r), np.append(-z[::-1], z))), rgb)
+
+
 def lathe(profile: ArrayLike, rgb: ArrayLike) -> Mesh:
     """Turn a profile (n, 2) of radius and height in metres, from the bottom up, about z."""
     corners, faces = _lathed(np.asarray(profile, dtype=np.float64))

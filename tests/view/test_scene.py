@@ -12,9 +12,9 @@ import pytest
 
 from pbd.errors import RobotError
 from pbd.pose import Pose
-from pbd.view import visuals
+from pbd.view import stand_in, visuals
 from pbd.view.meshcat_api import ScenePath, Visualizer
-from pbd.view.scene import FRAME_RATE_HZ, ReplayScene, Touching, build
+from pbd.view.scene import FRAME_RATE_HZ, ReplayScene, Rod, Touching, build
 from pbd.view.visuals import find_file, read_visuals
 from tests.view import scenes
 
@@ -138,21 +138,43 @@ def test_what_touches_is_red() -> None:
     assert np.ptp(np.array(told["extent"]), axis=0).max() < 2.0  # a long wall doesn't push all else out of sight
 
 
-@pytest.mark.parametrize(("scene", "wanted"), [(scenes.pouring, False), (scenes.ur5_moves, True)])
-def test_a_gripper_stands_in_where_there_is_none(scene: Callable[[], ReplayScene], wanted: bool) -> None:
+def standing_in(scene: ReplayScene) -> dict[str, dict[str, Any]]:
+    """What is drawn for a gripper, by name."""
+    objects = [each for each in commands(scene) if each["type"] == "set_object" and "/stand_in/" in each["path"]]
+    return {each["path"].rpartition("/")[2]: each for each in objects}
+
+
+def with_rod(scene: ReplayScene, ahead_m: float, length: float) -> ReplayScene:
+    """The tool `ahead_m` before its body, and a rod that is checked there."""
+    T_tool_rod = Pose(np.array([0.0, 0.0, -0.5 * length]), np.array([1.0, 0.0, 0.0, 0.0]))
+    T_body_tool = Pose(np.array([0.0, 0.0, ahead_m]), scene.robot.T_body_tool.wxyz)
+    return replace(scene, robot=replace(scene.robot, T_body_tool=T_body_tool), rod=Rod(T_tool_rod, 0.02, length))
+
+
+@pytest.mark.parametrize(
+    ("scene", "ahead_m", "drawn"),
+    [
+        (scenes.ur5_moves, 0.16, {"rod", "0", "1", "2"}),  # and a palm with two fingers, a guess
+        (scenes.ur5_moves, 0.03, {"rod"}),  # no room for them
+        (scenes.pouring, 0.1, {"rod"}),  # the model has fingers, which end before the tool
+    ],
+)
+def test_the_rod_that_is_checked_is_drawn(scene: Callable[[], ReplayScene], ahead_m: float, drawn: set[str]) -> None:
     full = scene()
-    ahead = replace(full.robot, T_body_tool=Pose(np.array([0.0, 0.0, 0.16]), full.robot.T_body_tool.wxyz))
-    sent = commands(replace(full, robot=ahead))
-    assert any("stand_in" in command.get("path", "") for command in sent) is wanted
+    assert standing_in(full) == {}
+    assert set(standing_in(with_rod(full, ahead_m, ahead_m - 0.015))) == drawn
+
+
+def test_the_rod_is_drawn_as_it_is() -> None:
+    low, high = stand_in.rod(Rod(Pose(np.zeros(3), np.eye(4)[0]), 0.02, 0.1)).bounds()[[0, -1]]
+    np.testing.assert_allclose((low, high), ((-0.01, -0.01, -0.06), (0.01, 0.01, 0.06)), atol=1e-4)
 
 
 @pytest.mark.parametrize("touches", [False, True])
 def test_the_stand_in_is_red_where_it_touches(touches: bool) -> None:
-    full = scenes.ur5_moves()
-    arm = replace(full.robot, T_body_tool=Pose(np.array([0.0, 0.0, 0.16]), full.robot.T_body_tool.wxyz))
+    full = with_rod(scenes.ur5_moves(), 0.16, 0.145)
     hit = Touching(("the tool", "the table"), 1.0, 2.0, "it does")
-    sent = commands(replace(full, robot=arm, touching=(hit,) if touches else ()))
-    objects = [each for each in sent if each["type"] == "set_object" and "stand_in" in each["path"]]
+    objects = standing_in(replace(full, touching=(hit,) if touches else ())).values()
     assert len(objects) == 4
     assert [colours(each) == {RED} for each in objects] == [touches] * 4
 
