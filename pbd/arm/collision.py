@@ -109,23 +109,24 @@ def refuse_home(scene: CollisionScene) -> None:
     """Check the robot's home, without anything grasped.
 
     Raises:
-        PlanError: it isn't free; its fields are bodies, value (m), p_base (m).
+        PlanError: it isn't free; its fields are bodies, value (m), p_base (m), home (rad).
     """
-    hit = scene.hit(scene.arm.robot.home)
+    home = scene.arm.robot.home
+    hit = scene.hit(home)
     if hit is not None:
         raise PlanError(
-            f"home of {scene.arm.robot.name}: {describe(hit)}; {_away_from(scene, hit)}start at the arm's present "
-            "joints (--from, --no-retreat), skip home (--no-approach --no-retreat), or change home in the robot's TOML"
-            f"{_by_design(scene, hit)}",
+            f"home of {scene.arm.robot.name}: {describe(hit)}; {_by_design(scene, hit)}{_away_from_home(scene, hit)}",
+            home=tuple(home.tolist()),
             **_fields(hit),
         )
 
 
-def _away_from(scene: CollisionScene, hit: Hit) -> str:
+def _away_from_home(scene: CollisionScene, hit: Hit) -> str:
     """Say what to do about the thing that is in the way, first of all."""
+    change = "change home in the robot's TOML"
     if hit.second == TABLE:
-        return "correct table_height in the calibration, "
-    return f"move {hit.second}, " if hit.second in scene.obstacles else ""
+        return f"correct table_height in the calibration, or {change}"
+    return f"move {hit.second}, or {change}" if hit.second in scene.obstacles else change
 
 
 def _by_design(scene: CollisionScene, hit: Hit) -> str:
@@ -133,13 +134,13 @@ def _by_design(scene: CollisionScene, hit: Hit) -> str:
     if not {hit.first, hit.second} <= scene.links:
         return ""
     how = "add srdf = to its [model], an SRDF that" if scene.arm.robot.srdf is None else "see that its srdf"
-    return f"; if these links touch by design, {how} disables this pair"
+    return f"if these links touch by design, {how} disables this pair; else "
 
 
 def collision_error(scene: CollisionScene, trajectory: JointTrajectory, found: MotionHit) -> PlanError:
     """Tell a hit in one line; fields: keyframe, t (s), bodies, value (m, how deep), p_base (m)."""
     return PlanError(
-        f"{_when(trajectory, found)} (t = {found.t:.1f} s): {describe(found.hit)}; {_advice(scene, found)}",
+        f"{_when(trajectory, found)} (t = {found.t:.1f} s): {describe(found.hit)}; {_advice(scene, trajectory, found)}",
         keyframe=found.keyframe,
         t=found.t,
         **_fields(found.hit),
@@ -184,10 +185,10 @@ def _keyframe(trajectory: JointTrajectory, start: float, end: float) -> tuple[in
 
 
 def _when(trajectory: JointTrajectory, found: MotionHit) -> str:
-    if found.t == 0.0:
-        return "at the start of the motion"
     if found.at_keyframe:
         return f"at keyframe {found.keyframe}"
+    if found.t == 0.0:
+        return "at the start of the motion"
     if found.keyframe == 0:
         return "on the way to keyframe 0"
     if found.keyframe == len(trajectory.keyframe_t):
@@ -203,10 +204,12 @@ def describe(hit: Hit) -> str:
     return f"{hit.first} would touch {hit.second}, {deep} deep"
 
 
-def _advice(scene: CollisionScene, found: MotionHit) -> str:
+def _advice(scene: CollisionScene, trajectory: JointTrajectory, found: MotionHit) -> str:
     other = found.hit.second
-    if found.t == 0.0:
-        return "change home in the robot's TOML, or correct the obstacles in the calibration"
+    if found.t == 0.0 and not found.at_keyframe:
+        at_home = np.abs(trajectory.at(np.zeros(1)).q[0] - scene.arm.robot.home).max() < _STILL_RAD
+        move = "change home in the robot's TOML" if at_home else "move the arm"
+        return f"{move}, or correct {'table_height' if other == TABLE else 'the obstacles'} in the calibration"
     if other == TABLE:
         return "raise the keyframe, or raise the dock and with it the whole motion"
     if other in scene.obstacles:

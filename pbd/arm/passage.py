@@ -129,7 +129,7 @@ class Passage:
         what = f"motion {where}. {tried}" if stands else f"arm pose at keyframe {i}: {describe(hit)}"
         advice = "raise the keyframe or the dock" if hit.second == TABLE else "move the dock or the obstacle"
         raise PlanError(
-            f"no collision-free {what}; {advice}, or view the motion with --allow-collision",
+            f"no collision-free {what}; {advice}",
             keyframe=i,
             bodies=(hit.first, hit.second),
             value=hit.depth,

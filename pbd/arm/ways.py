@@ -92,9 +92,21 @@ def choose_ways(arm: ArmModel, wish: Wish, passage: Passage | None) -> Ways:
 
     Raises:
         PlanError: a keyframe is out of reach; or nothing that leads to one is free, its fields are those of
-            `Passage.refuse`; or the tool can't follow its path, its field is keyframe.
+            `Passage.refuse`; or the tool can't follow its path, its fields are keyframe and way (LINE or DEMO).
+
+    Warns:
+        PbdWarning: the way back is left out.
     """
-    return _Choice(arm, wish, passage).made()
+    choice = _Choice(arm, wish, passage)
+    made = choice.made()
+    if choice.no_way_back is not None:  # of what was not made in the end nothing is told
+        warnings.warn(
+            "no collision-free way back from the last keyframe was found "
+            f"({describe(choice.no_way_back)}): the motion ends there",
+            PbdWarning,
+            stacklevel=2,
+        )
+    return made
 
 
 class _NoWayBackError(Exception):
@@ -106,13 +118,14 @@ class _Choice:
     """What has been found out so far: the kind of each move, and what stands in the way of some.
 
     `avoided`: what a straight move would touch; `touched`: what a path would, followed from the joints that suit the
-    keyframes best.
+    keyframes best; `no_way_back`: what bars the way back, where that was left out.
     """
 
     arm: ArmModel
     wish: Wish
     passage: Passage | None
     kinds: list[str] = field(init=False)
+    no_way_back: Hit | None = None
     avoided: dict[int, Hit] = field(default_factory=dict)
     touched: dict[int, Hit] = field(default_factory=dict)
 
@@ -194,12 +207,7 @@ class _Choice:
 
     def _end_there(self, hit: Hit) -> None:
         """Leave out the way back."""
-        self.wish = replace(self.wish, q_back=None)
-        warnings.warn(
-            f"no collision-free way back from the last keyframe was found ({describe(hit)}): the motion ends there",
-            PbdWarning,
-            stacklevel=2,
-        )
+        self.wish, self.no_way_back = replace(self.wish, q_back=None), hit
 
     def _keep_to_lines(self, q: Array) -> None:
         tolerance = self.wish.tolerance_m
@@ -291,8 +299,9 @@ class _Choice:
         what = "the demonstrated path" if self.kinds[i] == DEMO else "the straight line"
         return PlanError(
             f"the arm can't follow {what} from keyframe {i - 1} to keyframe {i}: it would have to flip its elbow or "
-            "wrist on the way, or exceed its joint limits or reach; use --path keyframes, or move the dock",
+            "wrist on the way, or exceed its joint limits or reach; move the dock",
             keyframe=i,
+            way=self.kinds[i],
         )
 
     def _refuse_hit(self, i: int, hit: Hit) -> None:

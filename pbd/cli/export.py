@@ -77,10 +77,10 @@ def run(args: argparse.Namespace) -> int:
     format_name = _format(args)
     if args.output != STDOUT:
         refuse_place(args.output, (args.demo, args.robot, args.calibration, args.start))
-    demo, _, robot, plan = plan_demonstration(args)
+    demo, path, robot, options, plan = plan_demonstration(args)
     if plan.touching is not None:
         raise plan.touching.error
-    tell_ways(plan)
+    tell_ways(demo, path, robot, plan, options)
     done = _write(args, plan.trajectory, robot, format_name)
     name = "to standard output" if args.output == STDOUT else args.output
     count, what = len(done.samples.t), "points" if done.receiver else "samples"

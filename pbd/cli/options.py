@@ -261,7 +261,7 @@ def plan_options(args: argparse.Namespace, robot: Robot) -> PlanOptions:
     )
 
 
-def plan_demonstration(args: argparse.Namespace) -> tuple[Demonstration, HandPath, Robot, Plan]:
+def plan_demonstration(args: argparse.Namespace) -> tuple[Demonstration, HandPath, Robot, PlanOptions, Plan]:
     """Load, track, and plan an audited motion."""
     from pbd.planning import plan_path
 
@@ -271,7 +271,7 @@ def plan_demonstration(args: argparse.Namespace) -> tuple[Demonstration, HandPat
     options = plan_options(args, robot)
     with working(f"planning for {robot.name}"):
         plan = plan_path(path, calibration, robot, options)
-    return demo, path, robot, plan
+    return demo, path, robot, options, plan
 
 
 def say(message: str) -> None:

@@ -14,7 +14,6 @@ from pbd.cli.options import (
     add_planning,
     add_tracking,
     plan_demonstration,
-    plan_options,
     print_json,
     say,
 )
@@ -53,16 +52,15 @@ def run(args: argparse.Namespace) -> int:
         refuse_place(args.html, (args.demo, args.robot, args.calibration, args.start))
         if args.html.suffix.lower() not in SUFFIXES:
             raise UsageError(f"--html needs a name that ends in .html, got '{args.html}'")
-    demo, path, robot, plan = plan_demonstration(args)
+    demo, path, robot, options, plan = plan_demonstration(args)
     duration = plan.trajectory.duration
     say(f"'{demo.recording.info.name}' on {robot.name}: {len(plan.keyframes)} keyframes, {duration:.1f} s, audited")
-    tell_ways(plan)
+    tell_ways(demo, path, robot, plan, options)
     if plan.touching is not None:
         later = len(plan.touching.hits) - 1
         more = f" ({later} more, all marked on the page)" if later else ""
         args.warnings.append(f"collision: {plan.touching.error.message}{more}")
         say(f"warning: {args.warnings[-1]}")
-    options = plan_options(args, robot)
     if args.html is not None:
         from pbd.files.whole import written_whole
         from pbd.view.page import write_page

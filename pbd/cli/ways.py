@@ -2,26 +2,38 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from pbd.cli.options import say
+from pbd.cli.progress import working
 
 if TYPE_CHECKING:
-    from pbd.planning import Plan
+    from pbd.data import Demonstration, HandPath, Robot
+    from pbd.planning import Plan, PlanOptions
 
 
-def tell_ways(plan: Plan) -> None:
-    """Say where the arm leaves the way that was asked for, or the tool the straight line."""
+STRAY_M = 0.01
+"""A tool that strays this far from a straight line is told of."""
+
+
+def tell_ways(demo: Demonstration, path: HandPath, robot: Robot, plan: Plan, options: PlanOptions) -> None:
+    """Say where the arm leaves the way that was asked for, or the tool the straight line, and what keeps it there."""
+    from pbd.planning import can_plan
+
     for i, way in enumerate(plan.ways):
         if (hit := way.avoided) is not None:
             say(f"the move to keyframe {i} makes a detour: on the straight move {hit.first} would touch {hit.second}")
     worst = max(range(len(plan.ways)), key=lambda i: plan.ways[i].off_line_m)
-    off_cm = 100.0 * plan.ways[worst].off_line_m
-    if off_cm >= 1.0:
-        say(
-            f"between keyframes {worst - 1} and {worst} the tool strays {off_cm:.1f} cm from a straight line; "
-            "--path line or --path-tolerance 0.01 keeps it straight"
-        )
+    off_m = plan.ways[worst].off_line_m
+    if off_m < STRAY_M or options.tolerance_m is not None:
+        return
+    with working("trying a straight line"):
+        straight = can_plan(plan, robot, replace(options, tolerance_m=STRAY_M), path, demo.grasped)
+    say(
+        f"between keyframes {worst - 1} and {worst} the tool strays {100.0 * off_m:.1f} cm from a straight line; "
+        + (f"--path-tolerance {STRAY_M} keeps it straight" if straight else f"{robot.name} can't keep it straight")
+    )
 
 
 def ways_json(plan: Plan) -> list[dict[str, Any]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pbd.planning.options import PATHS, TIMES, PlanOptions
-from pbd.planning.plan import arm_of, plan, plan_keyframes, plan_path, scene_of, solve_keyframes
+from pbd.planning.plan import arm_of, can_plan, plan, plan_keyframes, plan_path, scene_of, solve_keyframes
 from pbd.planning.values import Plan, Stretch, Touching
 
 __all__ = [
@@ -14,6 +14,7 @@ __all__ = [
     "Stretch",
     "Touching",
     "arm_of",
+    "can_plan",
     "plan",
     "plan_keyframes",
     "plan_path",

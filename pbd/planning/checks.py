@@ -41,9 +41,10 @@ def refuse_one_place(T_base_tool: Sequence[Pose]) -> None:
         farthest = max(distance for distance, _ in away)
         raise TrackingError(
             f"all {len(T_base_tool)} keyframes lie within {1e3 * NEAR_M:g} mm of the first: nothing moves; "
-            "demonstrate again, and move farther between the stops, or follow the hand with --path demo",
+            "demonstrate again, and move farther between the stops",
             value=farthest,
             bound=NEAR_M,
+            apart=farthest,
         )
 
 

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 
 from pbd.calibration.frames import nav_in_base, tool_poses, with_table
 from pbd.data import Calibration, GraspedObject, HandPath, JointTrajectory, Keyframe, Robot
-from pbd.errors import CalibrationError, PlanError
+from pbd.errors import CalibrationError, PbdError, PlanError
 from pbd.pipeline import track
+from pbd.planning.advice import advised, works
 from pbd.planning.checks import refuse_few, refuse_one_place, refuse_unsure, start_joints, warn_of_table
 from pbd.planning.options import PlanOptions, dwells
 from pbd.planning.steps import choose, find_passage, hand_between, moves_of, retreat_of
@@ -77,6 +78,8 @@ def plan_keyframes(
 ) -> Plan:
     """Plan the motion of a robot through keyframes, whatever they are of; raises as `plan_path` does.
 
+    A refusal names other options where they were tried and work.
+
     Args:
         keyframes: of a demonstration.
         calibration: where it lies in the robot's base, and what stands there.
@@ -85,11 +88,40 @@ def plan_keyframes(
         hand_path: how the hand went between the keyframes; without it that is never followed.
         grasped: what the gripper takes.
     """
+    options = options or PlanOptions()
+
+    def made(chosen: PlanOptions) -> Plan:
+        return _made(keyframes, calibration, robot, chosen, hand_path, grasped)
+
+    try:
+        return made(options)
+    except PbdError as error:
+        raise advised(error, made, options) from None
+
+
+def can_plan(
+    plan: Plan, robot: Robot, options: PlanOptions, hand_path: HandPath, grasped: GraspedObject | None
+) -> bool:
+    """Whether what was planned can be planned with other options too."""
+
+    def made(chosen: PlanOptions) -> Plan:
+        return _made(plan.keyframes, plan.calibration, robot, chosen, hand_path, grasped)
+
+    return works(made, options)
+
+
+def _made(
+    keyframes: Sequence[Keyframe],
+    calibration: Calibration,
+    robot: Robot,
+    options: PlanOptions,
+    hand_path: HandPath | None,
+    grasped: GraspedObject | None,
+) -> Plan:
     from pbd.arm.audit import audit
     from pbd.arm.relax import hold
     from pbd.arm.timing import time_moves
 
-    options = options or PlanOptions()
     calibration = with_table(calibration, robot)
     if options.path == "demo" and hand_path is None:
         raise PlanError("only the keyframes are known, not the hand's path; choose another --path")

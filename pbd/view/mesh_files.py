@@ -30,7 +30,7 @@ def read_soup(path: Path) -> Soup:
         RobotError: the file is missing or is no mesh.
     """
     if not is_file(path):
-        raise RobotError(f"mesh {path} is missing; put it there or correct package_dirs in robots/*.toml", path=path)
+        raise RobotError(f"mesh {path} is missing; put it there, or correct its address in the URDF", path=path)
     if path.suffix.lower() == ".dae":
         return read_collada(path)
     if path.suffix.lower() == ".stl" and (soup := _read_binary_stl(path)) is not None:

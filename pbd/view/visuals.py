@@ -90,7 +90,7 @@ def find_file(address: str, urdf: Path, package_dirs: Sequence[Path]) -> Path:
     candidates = [folder / inside for folder in package_dirs]
     candidates += [folder.parent / inside for folder in package_dirs if folder.name == inside.parts[0]]
     if not candidates:
-        raise ValueError(f"{address} needs package_dirs in robots/*.toml")
+        raise ValueError(f"{address} is in a package, and no folder of packages is known")
     return next((path for path in candidates if is_file(path)), candidates[0])
 
 

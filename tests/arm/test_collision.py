@@ -236,8 +236,7 @@ def test_home_in_collision_is_refused(arm: ArmModel) -> None:
     ) as caught:
         refuse_home(CollisionScene(arm, 0.6))
     assert caught.value.message.endswith(
-        "; correct table_height in the calibration, start at the arm's present joints (--from, --no-retreat), skip "
-        "home (--no-approach --no-retreat), or change home in the robot's TOML"
+        "; correct table_height in the calibration, or change home in the robot's TOML"
     )
     assert caught.value.exit_code == 3
 

@@ -1,0 +1,99 @@
+"""What a refusal advises was tried before, and what is told of a motion is true of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pbd.data import Obstacle
+from pbd.errors import PbdError, PlanError, RobotError
+from pbd.planning import PlanOptions, arm_of, plan_keyframes
+from pbd.planning.advice import advised
+from pbd.pose import Pose
+from pbd.view.mesh_files import read_soup
+from tests.test_cli import Capture, run
+from tests.test_planning import PANDA, TURN, dock, keyframe, planned
+
+
+@pytest.mark.parametrize(
+    ("fields", "options", "said"),
+    [
+        ({"home": ()}, PlanOptions(), "skip home (--no-approach --no-retreat), or start elsewhere"),
+        ({"home": ()}, PlanOptions(approach=False), "do not go back home (--no-retreat)"),
+        ({"way": "line"}, PlanOptions(path="line"), "use --path keyframes"),
+        ({"way": "line"}, PlanOptions(tolerance_m=0.01), "use --path keyframes"),
+        ({"apart": 0.0}, PlanOptions(), "follow the hand with --path demo"),
+        ({"closest": "line"}, PlanOptions(), "view the motion with --allow-collision"),
+    ],
+)
+def test_other_options_are_named_where_they_work(fields: dict[str, object], options: PlanOptions, said: str) -> None:
+    error = PlanError("it is refused; move the dock", **fields)
+
+    def fails(chosen: PlanOptions) -> None:
+        assert chosen != options
+        raise PbdError("no")
+
+    assert advised(error, fails, options) is error
+    told = advised(error, lambda _: None, options)
+    assert isinstance(told, PlanError)
+    assert told.message.startswith(f"it is refused; move the dock, or {said}")
+    assert told.fields == error.fields
+
+
+def test_a_line_that_is_a_detour_already_isnt_cured_by_keyframes() -> None:
+    error = PlanError("it is refused; move the dock", way="demo")
+    assert advised(error, lambda _: None, PlanOptions()) is error
+
+
+def test_home_is_skipped_where_that_helps() -> None:
+    """A lamp behind the hand at home, which the motion itself doesn't meet."""
+    behind = arm_of(PANDA).forward(PANDA.home) @ Pose(np.array([-0.12, 0.0, -0.12]), TURN)
+    lamp = Obstacle("the lamp", "sphere", (0.1,), behind)
+    with pytest.raises(PlanError, match=r"^home of panda: .*; move the lamp, .*, or skip home \(--no-approach --no-"):
+        planned(calibration=replace(dock(), obstacles=(lamp,)))
+    planned(calibration=replace(dock(), obstacles=(lamp,)), approach=False, retreat=False)
+
+
+def test_a_start_at_a_keyframe_in_the_table_is_not_blamed_on_home() -> None:
+    sunk = replace(dock(), T_base_dock=Pose(np.array([0.45, -0.15, -0.01]), TURN))
+    options = PlanOptions(approach=False, allow_collision=True)
+    plan = plan_keyframes([keyframe(0.0), keyframe(1.0, z=0.2)], sunk, PANDA, options)
+    assert plan.touching is not None
+    told = plan.touching.error.message
+    assert told.startswith("at keyframe 0 (t = 0.0 s): panda_")
+    assert "the table" in told
+    assert told.endswith("; raise the keyframe, or raise the dock and with it the whole motion")
+
+
+def test_a_motion_that_goes_home_through_something_is_not_said_to_end_before() -> None:
+    """The way back is barred, and so is the line: what is shown is planned without looking, and does go home."""
+    wall = Obstacle("the wall", "box", (0.3, 0.02, 0.6), Pose(np.array([0.5, 0.05, 0.3]), TURN))
+    keyframes = [keyframe(0.0), keyframe(1.0, y=0.4)]
+    options = PlanOptions(path="line", allow_collision=True)
+    plan = plan_keyframes(keyframes, replace(dock(), obstacles=(wall,)), PANDA, options)  # any warning is an error here
+    assert plan.touching is not None
+    np.testing.assert_allclose(plan.trajectory.q[-1], PANDA.home, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("robot", "said"), [("panda", "--path-tolerance 0.01 keeps it straight"), ("so101", "so101 can't keep it straight")]
+)
+def test_a_straight_line_is_tried_before_it_is_recommended(
+    capsys: Capture, tmp_path: Path, robot: str, said: str
+) -> None:
+    place = f"{tmp_path}/x.csv"
+    code, _, err = run(capsys, "export", "pouring", "--robot", robot, "-o", place)
+    assert code == 0
+    assert f" from a straight line; {said}\n" in err
+    code, _, err = run(capsys, "export", "pouring", "--robot", robot, "--path-tolerance", "0.01", "-o", place)
+    assert code == (0 if robot == "panda" else 3)
+    if code:
+        assert err.endswith("; move the dock, or use --path keyframes\n")
+
+
+def test_where_a_mesh_is_missing_no_key_is_named_that_a_robot_does_not_take(tmp_path: Path) -> None:
+    with pytest.raises(RobotError, match=r"hand.stl is missing; put it there, or correct its address in the URDF$"):
+        read_soup(tmp_path / "hand.stl")
