@@ -86,6 +86,13 @@ def test_nothing_heavy_is_loaded_early(statement: str) -> None:
     assert result.stdout.split() == []
 
 
+@pytest.mark.parametrize("path", sorted((PACKAGE / "arm").glob("audit*.py")), ids=name_of)
+def test_the_audit_shares_nothing_with_those_that_plan(path: Path) -> None:
+    shared = {"pbd.cache", "pbd.data", "pbd.errors", "pbd.pose"}
+    ours = {module for module, _ in imports(path) if module.split(".")[0] == "pbd"}
+    assert {module for module in ours if not module.startswith("pbd.arm.audit")} <= shared
+
+
 def test_help_needs_no_numpy() -> None:
     code = "import pbd.cli, sys; pbd.cli.parser(); print('numpy' in sys.modules)"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -1,7 +1,9 @@
 """Whether a trajectory keeps its promises, worked out anew from its pieces: nothing is shown or written unaudited.
 
-This file shares no arithmetic with those that plan. Extrema are found at the roots of each cubic piece's derivatives;
-the 1 kHz samples, which others get to see, are differenced; poses come from pinocchio's model of the whole URDF.
+This file and the others named audit_*.py share nothing with those that plan but the URDF and the robot's, calibration's
+and demonstration's values. Extrema are found at the roots of each cubic piece's derivatives; the 1 kHz samples, which
+others get to see, are differenced; poses come from pinocchio's model of the whole URDF; audit_collision.py looks for
+contacts.
 """
 
 from __future__ import annotations
@@ -12,14 +14,13 @@ from functools import lru_cache
 from typing import NoReturn
 
 import numpy as np
-import pinocchio as pin
 
-from pbd.arm.collision import refuse_collision
-from pbd.arm.model import ArmModel, load_model
-from pbd.arm.scene import CollisionScene
+from pbd.arm.audit_arm import AuditArm
+from pbd.arm.audit_collision import Touch, find_touch
+from pbd.arm.audit_pairs import AuditScene
 from pbd.data import Calibration, GraspedObject, JointLimits, JointTrajectory, Robot
 from pbd.errors import PlanError
-from pbd.pose import Array, Pose, quat_from_xyzw
+from pbd.pose import Array, Pose
 
 POSE_TOLERANCE_M = 1e-5
 POSE_TOLERANCE_RAD = 1e-5
@@ -52,7 +53,7 @@ class AuditReport:
 def audit(
     trajectory: JointTrajectory,
     limits: JointLimits,
-    arm: ArmModel,
+    robot: Robot,
     T_base_tool_keyframes: Sequence[Pose],
     world: tuple[Calibration, GraspedObject | None] | None = None,
 ) -> AuditReport:
@@ -61,36 +62,42 @@ def audit(
     Args:
         trajectory: what is to be shown or written.
         limits: of its joints: the whole of them, whatever share the planner was given.
-        arm: the arm, for its URDF.
+        robot: whose URDF it is.
         T_base_tool_keyframes: the tool's poses at `trajectory.keyframe_t`.
-        world: what stands around, and what is grasped: of a model and a scene of the audit's own; None: touching is
-            allowed.
+        world: what stands around, and what is grasped; None: touching is allowed.
 
     Raises:
-        PlanError: a promise is broken; its fields are joint or keyframe, t (s), value and bound, as they apply.
+        PlanError: a promise is broken; its fields are joint, keyframe, t (s), value, bound and bodies, as they apply.
     """
-    _check_form(trajectory, arm, len(T_base_tool_keyframes))
+    _check_form(trajectory, robot, len(T_base_tool_keyframes))
     bounds = np.stack((limits.velocity, limits.acceleration, limits.jerk))
     _check_smoothness(trajectory, bounds)
     _check_positions(trajectory, limits)
     velocity, acceleration, jerk = _check_derivatives(trajectory, bounds)
     _check_samples(trajectory, bounds)
-    position, rotation = _check_poses(trajectory, arm, T_base_tool_keyframes)
+    position, rotation = _check_poses(trajectory, _arm(robot), T_base_tool_keyframes)
     if world is not None:
-        refuse_collision(_scene(arm.robot, *world), trajectory)
+        scene = _scene(robot, *world)
+        touch = find_touch(scene.arm, trajectory, scene.pairs(trajectory))
+        if touch is not None:
+            _refuse(trajectory, touch)
     return AuditReport(velocity, acceleration, jerk, position, rotation)
 
 
-@lru_cache(maxsize=8)
-def _scene(robot: Robot, calibration: Calibration, grasped: GraspedObject | None) -> CollisionScene:
-    """Build a scene that shares nothing with that of the planner."""
-    return CollisionScene.build(load_model(robot), calibration, grasped)
+@lru_cache(maxsize=4)
+def _arm(robot: Robot) -> AuditArm:
+    return AuditArm(robot)
 
 
-def _check_form(trajectory: JointTrajectory, arm: ArmModel, keyframes: int) -> None:
+@lru_cache(maxsize=4)
+def _scene(robot: Robot, calibration: Calibration, grasped: GraspedObject | None) -> AuditScene:
+    return AuditScene(_arm(robot), calibration, grasped)
+
+
+def _check_form(trajectory: JointTrajectory, robot: Robot, keyframes: int) -> None:
     knots, opening = trajectory.knots, trajectory.gripper_opening
-    if trajectory.joint_names != arm.robot.joints:
-        _fail(f"the trajectory moves {trajectory.joint_names}, the robot's joints are {arm.robot.joints}")
+    if trajectory.joint_names != robot.joints:
+        _fail(f"the trajectory moves {trajectory.joint_names}, the robot's joints are {robot.joints}")
     if len(trajectory.keyframe_t) != keyframes:
         _fail(f"the trajectory has {len(trajectory.keyframe_t)} keyframes instead of {keyframes}")
     arrays = (knots, trajectory.coefficients, trajectory.gripper_t, opening, trajectory.keyframe_t)
@@ -166,7 +173,7 @@ def _check_samples(trajectory: JointTrajectory, bounds: Array) -> None:
             _exceed(trajectory, joint, float(trajectory.t[i]), order, rates[i, joint], bounds[order, joint])
 
 
-def _check_poses(trajectory: JointTrajectory, arm: ArmModel, wanted: Sequence[Pose]) -> tuple[float, float]:
+def _check_poses(trajectory: JointTrajectory, arm: AuditArm, wanted: Sequence[Pose]) -> tuple[float, float]:
     """Where the tool is at each keyframe's time, by the model of the whole URDF."""
     piece = np.clip(np.searchsorted(trajectory.knots, trajectory.keyframe_t) - 1, 0, len(trajectory.coefficients) - 1)
     worst_m = worst_rad = 0.0
@@ -175,7 +182,7 @@ def _check_poses(trajectory: JointTrajectory, arm: ArmModel, wanted: Sequence[Po
         q = np.array([1.0, s, s**2, s**3]) @ trajectory.coefficients[i]
         if not np.abs(q - trajectory.keyframe_q[keyframe]).max() <= JUMP_RAD:
             _fail(f"at keyframe {keyframe} ({t:.3f} s) the joints differ from the planned ones", keyframe=keyframe)
-        position, rotation = pose.distance(_tool_pose(arm, q))
+        position, rotation = pose.distance(arm.tool(q).pose())
         if position > POSE_TOLERANCE_M or rotation > POSE_TOLERANCE_RAD:
             _fail(
                 f"at keyframe {keyframe} ({t:.3f} s) the tool is {position:.3g} m and {rotation:.3g} rad off its pose",
@@ -188,22 +195,19 @@ def _check_poses(trajectory: JointTrajectory, arm: ArmModel, wanted: Sequence[Po
     return worst_m, worst_rad
 
 
-def _tool_pose(arm: ArmModel, q: Array) -> Pose:
-    """T_base_tool from the whole URDF, each joint found by its name."""
-    model, robot = arm.full, arm.robot
-    configuration = pin.neutral(model)
-    for name, angle in zip(robot.joints, q, strict=True):
-        joint = model.joints[model.getJointId(name)]
-        configuration[joint.idx_q : joint.idx_q + joint.nq] = angle if joint.nq == 1 else (np.cos(angle), np.sin(angle))
-    data = model.createData()
-    pin.framesForwardKinematics(model, data, configuration)
-    base, body = (_placement(model, data, name) for name in (robot.base, robot.body))
-    return base.inverse() @ body @ robot.T_body_tool
-
-
-def _placement(model: pin.Model, data: pin.Data, body: str) -> Pose:
-    xyzquat = pin.SE3ToXYZQUAT(data.oMf[model.getFrameId(body, pin.FrameType.BODY)])
-    return Pose(xyzquat[:3], quat_from_xyzw(xyzquat[3:]))
+def _refuse(trajectory: JointTrajectory, touch: Touch) -> NoReturn:
+    """Tell what touches: the planner sees to it that nothing does, but for what its own list leaves out."""
+    first, second = touch.bodies
+    keyframe = int(np.searchsorted(trajectory.keyframe_t, touch.t))
+    last = len(trajectory.keyframe_t) - 1
+    where = f"on the way to keyframe {keyframe}" if keyframe <= last else f"after keyframe {last}"
+    raise PlanError(
+        f"audit: {where} (t = {touch.t:.2f} s) {first} would touch {second}; move the dock or what stands in the way,"
+        " turn the hand differently there, or look at it with --allow-collision",
+        keyframe=keyframe,
+        t=touch.t,
+        bodies=touch.bodies,
+    )
 
 
 def _derivatives(trajectory: JointTrajectory, s: Array) -> Array:

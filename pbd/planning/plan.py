@@ -153,7 +153,7 @@ def _made(
         speed=options.speed,
     )
     world = None if options.allow_collision else (calibration, grasped)
-    report = audit(timed.trajectory, robot.limits, arm, held.T_base_tool, world)
+    report = audit(timed.trajectory, robot.limits, robot, held.T_base_tool, world)
     return Plan(
         tuple(keyframes),
         calibration,

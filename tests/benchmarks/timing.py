@@ -154,7 +154,7 @@ def planning(tracked: tuple[HandPath, tuple[Keyframe, ...]], runs: int) -> dict[
             "timing": median_ms(lambda: time_keyframes(arm, q, dwells, grips, robot.home), runs),
             "collision": median_ms(lambda: check_motion(scene, plan.trajectory), runs),
             "audit": median_ms(
-                lambda: audit(plan.trajectory, robot.limits, arm, plan.T_base_tool, (dock, grasped)), runs
+                lambda: audit(plan.trajectory, robot.limits, robot, plan.T_base_tool, (dock, grasped)), runs
             ),
         },
     }

@@ -1,0 +1,196 @@
+"""The audit's own look at collisions: it agrees with a dense check of meshes, whatever is wrong with the planner."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pbd.arm.audit_arm import AuditArm
+from pbd.arm.audit_collision import find_touch
+from pbd.arm.audit_grasp import THE_TOOL
+from pbd.arm.audit_nodes import nodes_at
+from pbd.arm.audit_pairs import AuditScene
+from pbd.arm.audit_solids import link_solids
+from pbd.arm.hulls import Body
+from pbd.arm.scene import CollisionScene
+from pbd.arm.timing import time_keyframes
+from pbd.data import Calibration, JointTrajectory, Obstacle, Robot
+from pbd.errors import PlanError
+from pbd.files.demo import load_demo
+from pbd.planning import plan_keyframes
+from pbd.pose import Array, Pose
+from tests.arm.bundled import arm_of, keyframes_of, path_of
+from tests.arm.conftest import random_joints
+from tests.arm.dense import Dense
+
+PANDA = arm_of("panda").robot
+BOTTLE = load_demo("pouring").grasped
+LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+def calibration(*obstacles: Obstacle, table: float | None = None) -> Calibration:
+    return Calibration("bench", T_base_dock=Pose.identity(), obstacles=obstacles, table_height=table)
+
+
+def touched(robot: Robot, trajectory: JointTrajectory, world: Calibration) -> tuple[str, str] | None:
+    scene = AuditScene(AuditArm(robot), world, None)
+    touch = find_touch(scene.arm, trajectory, scene.pairs(trajectory))
+    return None if touch is None else touch.bodies
+
+
+# --- what is wrong with the planner doesn't pass ---------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def ball_on_the_way() -> Obstacle:
+    """A ball of 3 cm where a finger passes on its way home."""
+    plan = plan_keyframes(keyframes_of("pouring"), dock(), PANDA, None, path_of("pouring"), BOTTLE)
+    arm, trajectory = AuditArm(PANDA), plan.trajectory
+    t = float(0.4 * trajectory.keyframe_t[-1] + 0.6 * trajectory.duration)
+    nodes = nodes_at(arm, trajectory, np.array([t]))
+    joint, T_joint_finger = arm.link("panda_leftfinger")
+    tip = (nodes.placed.at(joint, 0) @ T_joint_finger).act(np.array([0.0, 0.01, 0.045]))
+    return Obstacle("the ball", "sphere", (0.03,), Pose(tip, LEVEL))
+
+
+def dock() -> Calibration:
+    assert PANDA.dock is not None
+    return PANDA.dock
+
+
+def slow_bodies(monkeypatch: pytest.MonkeyPatch) -> None:
+    from pbd.arm.levers import rates
+
+    monkeypatch.setattr("pbd.arm.clearance.rates", lambda *args: 0.02 * rates(*args))
+
+
+def small_hulls(monkeypatch: pytest.MonkeyPatch) -> None:
+    from pbd.arm.hand import arm_bodies
+
+    def shrunk(body: Body) -> Body:
+        return replace(body, points=0.02 * body.points, size=tuple(0.02 * each for each in body.size))
+
+    monkeypatch.setattr("pbd.arm.scene.arm_bodies", lambda arm: tuple(map(shrunk, arm_bodies(arm))))
+
+
+def dropped_pairs(monkeypatch: pytest.MonkeyPatch) -> None:
+    nothing: Any = np.empty((0, 2), dtype=np.int64)
+    monkeypatch.setattr(CollisionScene, "_against", lambda *_: nothing)
+
+
+def changed_sample(monkeypatch: pytest.MonkeyPatch) -> None:
+    sample = JointTrajectory.sample
+
+    def faulty(self: JointTrajectory, rate_hz: float) -> object:
+        samples = sample(self, rate_hz)
+        q: Array = samples.q.copy()
+        q[len(q) // 2, 5] += 0.01
+        return replace(samples, q=q)
+
+    monkeypatch.setattr(JointTrajectory, "sample", faulty)
+
+
+def moved_keyframe(monkeypatch: pytest.MonkeyPatch) -> None:
+    from pbd.planning.steps import choose
+
+    def faulty(arm: Any, T_base_tool: Any, *args: Any) -> Any:
+        moved = list(T_base_tool)
+        moved[2] = Pose(moved[2].p + np.array([0.0, 0.0, 0.003]), moved[2].wxyz)
+        return choose(arm, moved, *args)
+
+    monkeypatch.setattr(sys.modules["pbd.planning.plan"], "choose", faulty)
+
+
+@pytest.mark.parametrize(
+    ("fault", "with_ball", "told"),
+    [
+        (slow_bodies, True, "would touch the ball"),
+        (small_hulls, True, "would touch the ball"),
+        (dropped_pairs, True, "would touch the ball"),
+        (changed_sample, False, "panda_joint6 has velocity"),
+        (moved_keyframe, False, "at keyframe 2 .* the tool is 0.003 m"),
+    ],
+)
+def test_a_fault_of_the_planner_is_caught(
+    fault: Any, with_ball: bool, told: str, ball_on_the_way: Obstacle, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    world = replace(dock(), obstacles=(ball_on_the_way,) if with_ball else ())
+    fault(monkeypatch)
+    with pytest.raises(PlanError, match=f"^audit: .*{told}"):
+        plan_keyframes(keyframes_of("pouring"), world, PANDA, None, path_of("pouring"), BOTTLE)
+    # Nothing else sees it.
+    monkeypatch.setattr("pbd.arm.audit.audit", lambda *_: None)
+    plan_keyframes(keyframes_of("pouring"), replace(world), PANDA, None, path_of("pouring"), BOTTLE)
+
+
+# --- the verdict is that of the meshes -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5", "xarm7"])
+def test_the_verdict_is_that_of_a_dense_check_of_the_meshes(name: str) -> None:
+    arm, rng, verdicts = arm_of(name), np.random.default_rng(4), set()
+    own = AuditArm(arm.robot)
+    for _ in range(8):
+        trajectory = around_home(arm.robot, rng)
+        q = nodes_at(own, trajectory, rng.uniform(0.0, trajectory.duration, 1)).x[0, :-1]
+        shape, sizes = (("sphere", 1), ("box", 3), ("cylinder", 2))[rng.integers(3)]
+        size = tuple(float(each) for each in rng.uniform(0.02, 0.15, sizes))
+        there = Pose.from_rpy(own.tool(q).p + rng.normal(0.0, 0.1, 3), rng.uniform(-3.0, 3.0, 3))
+        thing = Obstacle("thing", shape, size, there)
+        # The rod is no mesh of the URDF.
+        pairs = [
+            pair
+            for pair in AuditScene(own, calibration(thing), None).pairs(trajectory)
+            if THE_TOOL not in (pair.first.name, pair.second.name)
+        ]
+        names = {frozenset((pair.first.name, pair.second.name)) for pair in pairs}
+        found, dense = find_touch(own, trajectory, pairs) is not None, Dense(arm.robot, [thing])
+        verdicts.add(found)
+        if dense.touch(trajectory, names, 0.0):
+            assert found
+        elif not dense.touch(trajectory, names, 5e-4):
+            assert not found
+    assert verdicts == {True, False}
+
+
+def around_home(robot: Robot, rng: np.random.Generator) -> JointTrajectory:
+    q = robot.home + rng.uniform(-0.5, 0.5, (3, len(robot.joints)))
+    q = np.clip(q, robot.limits.lower + 0.01, robot.limits.upper - 0.01)
+    return time_keyframes(arm_of(robot.name), q, [0.0] * 3, [None] * 3, robot.home)
+
+
+@pytest.mark.parametrize(("gap_m", "free"), [(3e-4, True), (-3e-4, False)])
+def test_a_hairs_breadth_decides(gap_m: float, free: bool) -> None:
+    """A box under panda's fingers while they pass sideways: nodes are put closer together until it is sure."""
+    arm = AuditArm(PANDA)
+    q = np.tile(PANDA.home, (2, 1))
+    q[:, 0] = -0.3, 0.3
+    trajectory = time_keyframes(arm_of("panda"), q, [0.0] * 2, [None] * 2, PANDA.home)
+    nodes = nodes_at(arm, trajectory, np.linspace(0.0, trajectory.duration, 200))
+    fingers = [link for link in link_solids(arm) if "finger" in link.name]
+    lowest = min(
+        float((nodes.placed.at(link.joint, row) @ link.T_joint_solid).act(link.corners)[:, 2].min())
+        for link in fingers
+        for row in range(200)
+    )
+    x, y, _ = arm.tool(PANDA.home).p
+    middle = np.array([x, y, lowest - gap_m - 0.05])
+    box = Obstacle("the box", "box", (0.2, 0.04, 0.1), Pose(middle, LEVEL))
+    assert (touched(PANDA, trajectory, calibration(box)) is None) == free
+
+
+def test_what_the_srdf_calls_disabled_is_looked_at() -> None:
+    """ur5's SRDF drops the forearm against the wrist's last links; folded, they meet."""
+    robot = arm_of("ur5").robot
+    for q in random_joints(robot, 400, seed=2, margin=0.1):
+        trajectory = time_keyframes(arm_of("ur5"), np.stack((q, q + 0.01)), [0.0] * 2, [None] * 2, q)
+        found = touched(robot, trajectory, calibration())
+        if found is not None and "forearm_link" in found and "wrist_2_link" in found:
+            break
+    else:
+        pytest.fail("none of 400 folds the wrist")
+    assert Dense(robot, []).touch(trajectory, {frozenset(found)}, 0.0)
