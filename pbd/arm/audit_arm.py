@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from pbd.data import Robot
 from pbd.pose import Array, Pose, quat_from_matrix, quat_to_matrix
 
+Rows = NDArray[np.intp]
+"""Which of many instants."""
 X = (1.0, 0.0, 0.0)
 """The axis of a joint of which the URDF doesn't say it."""
 
@@ -66,7 +68,7 @@ class Placements:
         there: Array = (self.R[joint].reshape(-1, 3) @ point).reshape(-1, 3) + self.p[joint]
         return there
 
-    def between(self, first: int, second: int, rows: NDArray[np.int64]) -> tuple[Array, Array]:
+    def between(self, first: int, second: int, rows: Rows) -> tuple[Array, Array]:
         """Return the second joint in the first: R (m, 3, 3), p (m, 3) at m of the instants."""
         inverse = np.swapaxes(self.R[first, rows], 1, 2)
         p = self.p[second, rows] - self.p[first, rows]

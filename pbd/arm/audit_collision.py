@@ -16,7 +16,7 @@ from itertools import pairwise
 import coal
 import numpy as np
 
-from pbd.arm.audit_arm import AuditArm, Frame
+from pbd.arm.audit_arm import AuditArm, Frame, Rows
 from pbd.arm.audit_nodes import Nodes, node_times, nodes_at
 from pbd.arm.audit_solids import Solid
 from pbd.data import JointTrajectory
@@ -110,7 +110,7 @@ def _first_touch(
     return None
 
 
-def _not_told_apart(pair: Pair, nodes: Nodes, rows: Array, need: Array) -> list[int]:
+def _not_told_apart(pair: Pair, nodes: Nodes, rows: Rows, need: Array) -> list[int]:
     """Return the nodes at which neither balls nor a plane keep two hulls apart by more than what is needed (n,)."""
     first, second = pair.first, pair.second
     (p_first, r_first), (p_second, r_second) = first.around, second.around

@@ -13,9 +13,9 @@ from pbd.data import JointTrajectory
 from pbd.pose import Array
 
 GRID_S = 4e-3
-"""Nodes are chosen from instants as close as this, s, and from between them where the arm is faster."""
-PARTS = 4
-"""A step is made up of about so many of these instants' parts."""
+"""For how long one value bounds the joints' speeds, s."""
+MOST_GRID = 200_000
+"""No more instants than these bound a motion's speeds, however slow it is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,20 +48,16 @@ def node_times(trajectory: JointTrajectory, fastest: Array, step_m: float, marks
     What moves by at most `fastest` (k + 1,) m per unit of each coordinate moves by at most `step_m` from one to the
     next.
     """
-    t = _grid(trajectory, 0.0, trajectory.duration, np.array(marks))
-    parts = np.ceil(np.diff(_moved(trajectory, t) @ fastest) * (PARTS / step_m)).astype(np.int64).clip(1)
-    share = (np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)) / np.repeat(parts, parts)
-    t = np.append(np.repeat(t[:-1], parts) + share * np.repeat(np.diff(t), parts), t[-1])
-    # The first instant of each stretch: from one to the next it is at most a stretch and a part.
-    stretch = np.floor(_moved(trajectory, t) @ fastest / (step_m * (1.0 - 1.0 / PARTS)))
-    kept = np.diff(stretch, prepend=-1.0) > 0.0
-    kept[-1] = True
-    return t[kept | np.isin(t, marks)]
+    grid = _grid(trajectory, 0.0, trajectory.duration, np.array(marks))
+    way = _moved(trajectory, grid) @ fastest  # its speed is even from one instant of the grid to the next
+    steps = np.linspace(0.0, way[-1], int(np.ceil(way[-1] / step_m)) + 1)
+    return np.unique(np.concatenate((np.interp(steps, way, grid), (0.0, trajectory.duration), marks)))
 
 
 def _grid(trajectory: JointTrajectory, start: float, end: float, also: Array) -> Array:
     """Return instants from start to end (s), no knot between two of them."""
-    every = (np.arange(start, end, GRID_S), trajectory.knots, trajectory.gripper_t, also, (start, end))
+    even = np.linspace(start, end, min(int((end - start) / GRID_S) + 2, MOST_GRID))
+    every = (even, trajectory.knots, trajectory.gripper_t, also)
     t = np.unique(np.concatenate(every))
     return t[(t >= start) & (t <= end)]
 

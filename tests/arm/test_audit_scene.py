@@ -37,7 +37,7 @@ def configuration(robot: Robot, model: pin.Model, q: Array, opening: float) -> A
     if robot.gripper:
         fingers = robot.gripper.closed + opening * (robot.gripper.open - robot.gripper.closed)
         values |= dict(zip(robot.gripper.joints, fingers, strict=True))
-    found = pin.neutral(model)
+    found: Array = pin.neutral(model)
     for name, value in values.items():
         joint = model.joints[model.getJointId(name)]
         found[joint.idx_q : joint.idx_q + joint.nq] = value if joint.nq == 1 else (np.cos(value), np.sin(value))

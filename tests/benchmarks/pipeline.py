@@ -1,7 +1,8 @@
 """How long the line takes on the bundled demonstration: python tests/benchmarks/pipeline.py [--json] [--quick].
 
 help_s: `pbd --help` as a whole process. plan_ms: from the recording to an audited trajectory, imports and files done.
-stages_ms: its parts (collision: one check of the whole motion; audit: its own beside all else); page: the replay page
+stages_ms: its parts (collision: one check of the whole motion; audit: its own beside all else; audit_load: what that
+loads before, caches on disk warm); page: the replay page
 with meshes cached. Medians.
 """
 
@@ -16,6 +17,8 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import pbd
 from pbd.arm.audit import audit
+from pbd.arm.audit_arm import AuditArm
+from pbd.arm.audit_pairs import AuditScene
 from pbd.arm.collision import check_motion
 from pbd.arm.model import load_model
 from pbd.arm.scene import CollisionScene
@@ -58,6 +61,7 @@ def main() -> None:
             "timing": median_ms(lambda: time_keyframes(arm, q, dwells, grips, robot.home), runs),
             "collision": median_ms(lambda: check_motion(scene, plan.trajectory), runs),
             "audit": median_ms(lambda: audit(plan.trajectory, robot.limits, robot, T_base_tool, world), runs),
+            "audit_load": median_ms(lambda: AuditScene(AuditArm(robot), *world), runs),
             "page": median_ms(lambda: write_page(shown, page), max(3, runs // 10)),
         }
     command = [sys.executable, "-m", "pbd", "--help"]

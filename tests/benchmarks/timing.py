@@ -5,7 +5,8 @@ takes alone (ruckig), in the mean; keyframes_ratio_max: at worst. demo_ratio_max
 whole demonstration against the acceleration-only optimum of the same paths (toppra), the worst of the demonstrations.
 demo_ratio.NAME: the same for each robot; where a robot's jerk is low (A / J = 0.1 s on most) no motion comes near an
 optimum that knows no jerk. jerk_ratio.NAME: against ruckig, which knows it, along straight lines. plan_ms: nine
-keyframes on panda with collision checks, everything loaded; stages_ms: its parts; demo_ms: the same as the hand went.
+keyframes on panda with collision checks, everything loaded; stages_ms: its parts (audit:
+the audit of the motion, audit_load: what it loads for that, caches on disk warm); demo_ms: the same as the hand went.
 process_s: `pbd export pouring` as a whole process, caches warm.
 """
 
@@ -26,6 +27,8 @@ from ruckig import InputParameter, Ruckig, Trajectory
 
 import pbd
 from pbd.arm.audit import audit
+from pbd.arm.audit_arm import AuditArm
+from pbd.arm.audit_pairs import AuditScene
 from pbd.arm.collision import check_motion
 from pbd.arm.curved import Curve, curved_move
 from pbd.arm.relax import is_relaxed
@@ -156,6 +159,7 @@ def planning(tracked: tuple[HandPath, tuple[Keyframe, ...]], runs: int) -> dict[
             "audit": median_ms(
                 lambda: audit(plan.trajectory, robot.limits, robot, plan.T_base_tool, (dock, grasped)), runs
             ),
+            "audit_load": median_ms(lambda: AuditScene(AuditArm(robot), dock, grasped), runs),
         },
     }
 
