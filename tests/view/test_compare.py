@@ -212,7 +212,7 @@ def test_paths_are_drawn_as_they_are(tracked: list[Tracked]) -> None:
             )
     bars = draw_comparison("spread", plot).axes[0].patches
     heights = np.array([bar.get_height() for bar in bars]).reshape(3, -1)  # type: ignore[attr-defined]
-    assert heights == pytest.approx(1e3 * np.array([keyframe.spread for keyframe in plot.keyframes]).T)
+    assert heights == pytest.approx(100.0 * np.array([keyframe.spread for keyframe in plot.keyframes]).T)
 
 
 def test_the_table_and_the_rows_say_the_same(compared: ComparePlot) -> None:
