@@ -190,8 +190,8 @@ def fit_turns(keyframes: Sequence[Keyframe], named: Sequence[str]) -> TurnsFit:
     if len(moves) != len(named):
         found = ", ".join(f"{np.degrees(angles[k]):.0f}" for k in moves) or "none"
         raise CalibrationError(
-            f"--turns names {len(named)} turns, but {len(moves)} moves turn by 20 degrees or more ({found}); name each "
-            "in order, such as --turns x,-x,y",
+            f"--turns names {counted(len(named), 'turn')}, but {len(moves)} moves turn by 20 degrees or more "
+            f"({found}); name each in order, such as --turns x,-x,y",
             value=len(moves),
             bound=len(named),
         )

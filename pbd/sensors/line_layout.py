@@ -87,10 +87,12 @@ class LineLayout:
         object.__setattr__(self, "lines", tuple(self.lines))
         object.__setattr__(self, "units", MappingProxyType(dict(self.units)))
         if len(self.separator) != 1 or not self.separator.isascii() or self.separator in "+-.0123456789eE\r\n":
-            raise SensorError(f"separator {self.separator!r} is no single character; give one such as , ; space or tab")
+            raise SensorError(
+                f"separator {self.separator!r} is not a single character; give one such as , ; space or tab"
+            )
         if self.wrap is not None and not (isfinite(self.wrap) and self.wrap >= 0.0):
             raise SensorError(
-                f"wrap {self.wrap} is no count of t's unit; give one above 0, or 0 for a clock without end"
+                f"wrap {self.wrap} must be in t's unit; give a number above 0, or 0 for a clock without end"
             )
         for quantity in self.units:
             self.factor(quantity)
@@ -113,7 +115,8 @@ class LineLayout:
             factor = 0.0
         if not (isfinite(factor) and factor > 0.0):
             raise SensorError(
-                f"{text!r} is no unit of {quantity}; give one of {', '.join(units)}, with a number before it if needed",
+                f"{text!r} is not a unit of {quantity}; give one of {', '.join(units)}, with a number before it if "
+                "needed",
                 value=text,
             )
         return factor

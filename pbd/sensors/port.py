@@ -135,7 +135,7 @@ def _why(device: str, baud: int, reason: Exception) -> str:
     if isinstance(reason, ValueError):
         return f"{device} can't be set to {baud} baud; give another --baud"
     if number in (errno.ENOTTY, errno.EINVAL) or os.strerror(errno.ENOTTY) in str(reason):
-        return f"{device} is no serial port; name another, `pbd sensors` lists them"
+        return f"{device} is not a serial port; name another, `pbd sensors` lists them"
     return f"{device} can't be opened ({reason}); unplug the sensor and plug it in again"
 
 

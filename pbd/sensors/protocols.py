@@ -90,9 +90,7 @@ def _xsens() -> Decoder:
 
 
 def _lines() -> Decoder:
-    raise SensorError(
-        'sensor "lines" has to be told what its columns are; add --columns "ax,ay,az,gx,gy,gz" or a TOML file'
-    )
+    raise SensorError('sensor "lines" needs the names of its columns; add --columns "ax,ay,az,gx,gy,gz" or a TOML file')
 
 
 def _razor() -> Decoder:

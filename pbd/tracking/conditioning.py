@@ -228,7 +228,7 @@ def _filled(recording: Recording) -> tuple[Recording, NDArray[np.bool_]]:
             continue
         good = (np.abs(values) < LARGEST).all(axis=1)  # NaN is not
         if not good.any():
-            raise RecordingError(f"'{name}' holds no number in any row; leave the column out or record again")
+            raise RecordingError(f"'{name}' has no number in any row; leave the column out or record again")
         # A magnetometer is slow and often sampled less often: its holes are no holes in the motion.
         missing |= ~good if name in ("acc", "gyr") else False
         filled[name] = _interpolate(recording.t, values, good)

@@ -33,7 +33,7 @@ def read_collada(path: Path) -> Soup:
             element.tag = element.tag.rpartition("}")[2]
         return _Document(root).soup()
     except (OSError, ET.ParseError, KeyError, ValueError, IndexError, AttributeError, TypeError) as error:
-        raise RobotError(f"{path} can't be read as COLLADA ({error}); export the mesh anew", path=path) from error
+        raise RobotError(f"{path} can't be read as COLLADA ({error}); export the mesh again", path=path) from error
 
 
 class _Document:

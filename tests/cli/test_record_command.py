@@ -240,9 +240,9 @@ def test_what_exists_is_refused_before_anything_is_opened(tmp_path: Path) -> Non
         (("--sensor", "sim:juggle"), "juggle"),
         (("--sensor", "sim", "--rate", "50"), "a simulated sensor has no port, baud or rate to choose; leave out"),
         (("--sensor", "witmotion", "--port", "/dev/nothing"), "there is no port /dev/nothing"),
-        (("--sensor", "witmotion", "--port", "/dev/null", "--baud", "9600"), "/dev/null is no serial port"),
+        (("--sensor", "witmotion", "--port", "/dev/null", "--baud", "9600"), "/dev/null is not a serial port"),
         (("--sensor", "lines", "--port", "/dev/null"), "name the numbers of a line"),
-        (("--sensor", "razor", "--unit", "gyr=rpm", "--port", "/dev/null"), "'rpm' is no unit of gyr"),
+        (("--sensor", "razor", "--unit", "gyr=rpm", "--port", "/dev/null"), "'rpm' is not a unit of gyr"),
     ],
 )
 def test_what_can_not_be_opened_is_told(tmp_path: Path, words: tuple[str, ...], message: str) -> None:

@@ -115,7 +115,7 @@ def test_a_channel_without_a_number_is_named(method: str, channel: str, value: f
     recording = pour().recording
     values = np.array(getattr(recording, channel))
     values[:, column] = value
-    with pytest.raises(RecordingError, match=f"'{channel}' holds no number in any row; leave the column out"):
+    with pytest.raises(RecordingError, match=f"'{channel}' has no number in any row; leave the column out"):
         track(with_channel(recording, channel, values), method)
 
 
@@ -143,7 +143,7 @@ def test_infinities_hold_no_number(channel: str) -> None:
     with pytest.warns(PbdWarning, match=r"3 samples missing, in 1 gap; .* after row 299 \(t = 2\.99 s\)"):
         path = track(broken(recording, channel, slice(300, 303), np.inf))
     assert len(path.stops) == 11
-    with pytest.raises(RecordingError, match=f"'{channel}' holds no number in any row"):
+    with pytest.raises(RecordingError, match=f"'{channel}' has no number in any row"):
         track(broken(recording, channel, slice(None), -np.inf))
 
 

@@ -205,7 +205,7 @@ def test_next_to_no_samples_are_refused(rows: int) -> None:
 
 def test_a_channel_without_a_number_is_refused() -> None:
     recording = pour().recording
-    with pytest.raises(RecordingError, match="'gyr' holds no number in any row"):
+    with pytest.raises(RecordingError, match="'gyr' has no number in any row"):
         track(replace(recording, gyr=np.full_like(recording.acc, np.nan)))
 
 

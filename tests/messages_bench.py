@@ -1,0 +1,87 @@
+"""A folder with files and demonstrations that are each wrong in one way: what tests/test_messages.py tries."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbd.data import Demonstration, Recording
+from pbd.files.demo import write_demo
+from pbd.sensors.simulate import simulate
+from tests.test_cli import HEADER, write_recording
+from tests.test_cli_bad_robot import TOML, URDF
+from tests.test_cli_motion import LOW_DOCK, OBSTACLE
+from tests.tracking.faults import broken, with_channel
+
+SAMPLE = "0,0,0,0,0,0,9.81\n"
+POINTS = "name,x_m,y_m,z_m\na,0.4,0,0\nb,0.5,0,0\nc,0.6,0,0\n"
+
+FILES = {
+    "bad/empty.csv": "",
+    "bad/header.csv": HEADER,
+    "bad/columns.csv": "t,gx,gy,gz,ax,ay\n0,0,0,0,0,0\n",
+    "bad/word.csv": f"{HEADER}{SAMPLE}0.01,0,0,zero,0,0,9.81\n",
+    "bad/short.csv": f"{HEADER}{SAMPLE}0.01,0,0,0,0,9.81\n",
+    "bad/back.csv": f"{HEADER}1,0,0,0,0,0,9.81\n{SAMPLE}",
+    "bad/one.csv": HEADER + SAMPLE,
+    "bad/sheet.xlsx": "",
+    "bad/line.csv": POINTS,
+    "bad/no-number.csv": "x_m,y_m,z_m\n0,left,0\n",
+    "bad/no-unit.csv": "name,x,y,z\na,0,0,0\n",
+    "bad/syntax.toml": "format = = 1\n",
+    "bad/key.toml": 'format = 1\nname = "c"\ntabel_height = 0.0\n[dock]\nposition = [0, 0, 0]\nrpy_deg = [0, 0, 0]\n',
+    "bad/both.toml": 'format = 1\nname = "c"\n[dock]\nposition = [0, 0, 0]\nrpy_deg = [0, 0, 0]\n[nav]\n'
+    "position = [0, 0, 0]\nrpy_deg = [0, 0, 0]\n",
+    "bad/shelf.toml": OBSTACLE,
+    "bad/low.toml": LOW_DOCK,
+    "bad/joints.json": "[0, 0, 0]",
+    "robots/link.toml": TOML.replace('"mine"', '"link"').replace('body = "tip"', 'body = "top"'),
+    "robots/limits.toml": TOML.replace('"mine"', '"limits"').replace("[5.0, 5.0]", "[5.0, 0.0]"),
+    "robots/home.toml": TOML.replace('"mine"', '"home"').replace("home = [0.0, 0.0]", "home = [0.0, 3.0]"),
+    "robots/roots.toml": TOML.replace('"mine"', '"roots"').replace("mine.urdf", "roots.urdf"),
+    "robots/mine.urdf": URDF.replace("{mesh}", ""),
+    "robots/roots.urdf": URDF.replace("{mesh}", "").replace('<link name="tip"/>', '<link name="tip"/><link name="x"/>'),
+}
+
+
+def lay_out(folder: Path) -> None:
+    """Fill a folder."""
+    for name, text in FILES.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text, encoding="utf-8")
+    write_recording(folder / "bad" / "still.csv")
+    write_recording(folder / "bad" / "g.csv", norm=1.0)
+    pour = simulate("pour", "modern", 1)
+    for name, recording in spoilt(pour.recording).items():
+        write_demo(Demonstration(recording), folder / "demos" / name)
+    write_demo(pour, folder / "demos" / "tea")
+
+
+def spoilt(tea: Recording) -> dict[str, Recording]:
+    """By the name of the demonstration: `tea` with one fault."""
+    assert tea.gyr is not None
+    moving = int(np.argmax(np.linalg.norm(tea.gyr, axis=1)))
+    row = np.arange(len(tea))
+    return {
+        "gap": rows(tea, (row < moving) | (row >= moving + 40)),
+        "lost": rows(tea, row % 50 != 7),
+        "degrees": with_channel(tea, "gyr", np.degrees(tea.gyr)),
+        "dead": with_channel(tea, "gyr", np.zeros_like(tea.gyr)),
+        "blind": broken(tea, "acc", slice(None), np.nan),
+        "head": with_channel(tea, "acc", -tea.acc),
+        "milliseconds": replace(tea, t=1e3 * tea.t),
+        "restless": rows(tea, row >= moving),
+    }
+
+
+def rows(recording: Recording, kept: NDArray[np.bool_]) -> Recording:
+    """Only some of its samples."""
+    channels: dict[str, Any] = {
+        name: None if (values := getattr(recording, name)) is None else values[kept]
+        for name in ("acc", "gyr", "mag", "device_rpy")
+    }
+    return replace(recording, t=recording.t[kept], **channels)

@@ -1,0 +1,71 @@
+"""What is said of bad input, word for word: a change of words is seen in messages.txt.
+
+messages.txt holds commands ("$ pbd ...") and under each its exit code and what it says on stderr, with # for a number
+that has a decimal point. To try another command, write its line there. To write the file anew, once a change of words
+is meant: python -m tests.test_messages
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import re
+import shlex
+import tempfile
+from pathlib import Path
+
+import pytest
+
+from pbd.cli import main
+from tests.messages_bench import lay_out
+
+FILE = Path(__file__).with_name("messages.txt")
+PROMPT = "$ pbd "
+
+
+def said(command: str) -> str:
+    """Run a command; return its exit code, then the lines on stderr."""
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()) as err:
+        try:
+            code = main(shlex.split(command))
+        except SystemExit as left:
+            code = int(left.code or 0)
+    lines = err.getvalue().replace(f"{Path.cwd()}/", "")
+    lines = re.sub(r"plugged in are: .*?\)", "plugged in are: ...)", lines)  # as the machine has them
+    return f"{code}\n" + re.sub(r"-?\d+\.\d+", "#", lines)
+
+
+def written() -> dict[str, str]:
+    """What the file says, by command."""
+    blocks = FILE.read_text(encoding="utf-8").split(PROMPT)[1:]
+    return {command: told.rstrip("\n") for command, _, told in (block.partition("\n") for block in blocks)}
+
+
+WRITTEN = written()
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("bench")
+    lay_out(folder)
+    return folder
+
+
+@pytest.mark.parametrize("command", WRITTEN)
+def test_it_says_what_is_written(bench: Path, monkeypatch: pytest.MonkeyPatch, command: str) -> None:
+    monkeypatch.chdir(bench)
+    assert said(command).rstrip("\n") == WRITTEN[command]
+
+
+def write_anew() -> None:
+    """Run every command of the file, and write what it says now."""
+    with tempfile.TemporaryDirectory() as folder:
+        lay_out(Path(folder))
+        os.chdir(folder)
+        blocks = [f"{PROMPT}{command}\n{said(command).rstrip()}\n" for command in WRITTEN]
+    FILE.write_text("\n".join(blocks), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    write_anew()
