@@ -1,9 +1,10 @@
-"""Root without the right to pass over permissions: what is read-only to a user is read-only here."""
+"""What the system refuses: permissions count for root too, and a disk that is full."""
 
 from __future__ import annotations
 
 import ctypes
 import os
+import resource
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -41,3 +42,14 @@ def as_a_user() -> Iterator[None]:
     finally:
         data[0].effective = before
         assert libc.capset(ctypes.byref(header), data) == 0
+
+
+@contextmanager
+def full_disk(room: int) -> Iterator[None]:
+    """Every file may have so many bytes and no more."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (room, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))

@@ -66,13 +66,14 @@ def run(args: argparse.Namespace) -> int:
     from pbd.errors import RecordingError, TrackingError
     from pbd.files.demo import demo_folder
     from pbd.files.importers import import_file
+    from pbd.paths import is_file, is_folder
     from pbd.tracking.conditioning import condition
     from pbd.tracking.rest import find_rest
     from pbd.tracking.signs import warn_upside_down
 
-    if args.file.is_dir():
+    if is_folder(args.file):
         raise RecordingError(f"{args.file} is a folder: give a file", path=args.file)
-    if not args.file.is_file():
+    if not is_file(args.file):
         raise RecordingError(f"no file {args.file}; give the path of a recording", path=args.file)
     folder = demo_folder(args.name)
     if folder.resolve() in args.file.resolve().parents:

@@ -23,14 +23,14 @@ def store_demonstration(
 ) -> None:
     """Write it under args.name, stamped with the time, and tell what was `done`; what it `touched` goes beside."""
     from pbd.files.demo import demo_folder, utc_now, write_demo
-    from pbd.files.points import write_points
+    from pbd.files.points import points_csv
 
     recording = replace(demo.recording, info=replace(demo.recording.info, created=utc_now()))
     folder = demo_folder(args.name)
     with working(f"writing {folder}"):
-        write_demo(replace(demo, recording=recording), folder, force=args.force)
-        if touched is not None:
-            write_points(folder / POINTS, touched, "simulated: touched with the sensor itself, in the robot's base")
+        remark = "simulated: touched with the sensor itself, in the robot's base"
+        beside = {} if touched is None else {POINTS: points_csv(touched, remark)}
+        write_demo(replace(demo, recording=recording), folder, args.force, beside)
     samples, duration_s, rate_hz = len(recording), float(recording.t[-1]), recording.rate_hz
     say(f"{done} {samples} samples, {duration_s:.1f} s at {rate_hz:.0f} Hz, into {folder}")
     if args.json:

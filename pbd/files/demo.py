@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
@@ -98,8 +100,16 @@ def read_demo(folder: Path) -> Demonstration:
     )
 
 
-def write_demo(demo: Demonstration, folder: Path, force: bool = False) -> None:
+def write_demo(
+    demo: Demonstration, folder: Path, force: bool = False, beside: Mapping[str, str] = MappingProxyType({})
+) -> None:
     """Write a demonstration's folder; nothing is there under its name before it is complete.
+
+    Args:
+        demo: what is written.
+        folder: where.
+        force: replace a demonstration of that name.
+        beside: files of the folder that tracking doesn't read, as text by name.
 
     Raises:
         RecordingError: the folder exists (unless `force`), or can't be written.
@@ -108,6 +118,8 @@ def write_demo(demo: Demonstration, folder: Path, force: bool = False) -> None:
     with folder_written_whole(folder) as new:
         (new / "demo.toml").write_text(demo_toml(demo, folder.name), encoding="utf-8")
         write_table(new / "imu.csv", *_imu_columns(demo.recording))
+        for name, text in beside.items():
+            (new / name).write_text(text, encoding="utf-8")
         if demo.truth is not None:
             values = np.column_stack((demo.truth.t, demo.truth.p_nav_sensor, demo.truth.wxyz_nav_sensor))
             write_table(new / "truth.csv", TRUTH, values, (6,) * 4 + (8,) * 4)

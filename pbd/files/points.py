@@ -11,7 +11,6 @@ import numpy as np
 
 from pbd.data.freeze import freeze
 from pbd.errors import CalibrationError, in_words
-from pbd.files.whole import written_whole
 from pbd.pose import Array
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
@@ -85,15 +84,10 @@ def read_points(path: Path, unit: str | None = None) -> Points:
     return Points(tuple(names), np.array(points))
 
 
-def write_points(path: Path, points: Points, remark: str) -> None:
-    """Write a CSV that `read_points` reads, to 0.01 mm, with a remark for people above its header.
-
-    Raises:
-        PbdError: the place can't be written.
-    """
+def points_csv(points: Points, remark: str) -> str:
+    """Write a CSV's text that `read_points` reads, to 0.01 mm, with a remark for people above its header."""
     rows = (f"{name},{x:g},{y:g},{z:g}" for name, (x, y, z) in zip(points.names, 1e3 * points.p_base, strict=True))
-    with written_whole(path) as unfinished:
-        unfinished.write_text("\n".join((f"# {remark}", "name,x_mm,y_mm,z_mm", *rows, "")), encoding="utf-8")
+    return "\n".join((f"# {remark}", "name,x_mm,y_mm,z_mm", *rows, ""))
 
 
 def _columns(path: Path, header: list[str], unit: str | None) -> tuple[list[int], float]:

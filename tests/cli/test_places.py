@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import resource
 import shutil
 import sys
 from collections.abc import Iterator
@@ -16,7 +15,7 @@ import pytest
 from pbd.cli import main
 from pbd.files.demo import write_demo
 from pbd.sensors.simulate import simulate
-from tests.unprivileged import as_a_user
+from tests.unprivileged import as_a_user, full_disk
 
 Capture = pytest.CaptureFixture[str]
 
@@ -108,17 +107,6 @@ def mode(folder: Path, bits: int) -> Iterator[None]:
             yield
     finally:
         folder.chmod(0o700)
-
-
-@contextmanager
-def full_disk(room: int) -> Iterator[None]:
-    """Every file may have so many bytes and no more."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (room, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 @pytest.mark.parametrize("bits", [0o500, 0o600], ids=oct)

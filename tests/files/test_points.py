@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from pbd.errors import CalibrationError
-from pbd.files.points import Points, read_points, write_points
+from pbd.files.points import Points, points_csv, read_points
 
 
 def write(folder: Path, text: str) -> Path:
@@ -66,7 +66,7 @@ def test_a_fault_is_named_with_its_line(tmp_path: Path, text: str, message: str)
 def test_what_is_written_is_read(tmp_path_factory: pytest.TempPathFactory, places: list[tuple[float, ...]]) -> None:
     path = tmp_path_factory.mktemp("points") / "points.csv"
     written = Points(tuple(f"P{k}" for k in range(len(places))), np.array(places))
-    write_points(path, written, "a remark, with a comma")
+    path.write_text(points_csv(written, "a remark, with a comma"), encoding="utf-8")
     read = read_points(path)
     assert read.names == written.names
     assert_allclose(read.p_base, written.p_base, atol=1e-5)

@@ -15,6 +15,7 @@ from pbd.pose import Array
 from pbd.view import mesh_files, shapes
 from pbd.view.mesh_files import load_mesh, read_soup
 from pbd.view.meshes import Mesh, Soup, compact
+from tests.unprivileged import full_disk
 from tests.view.scenes import share
 
 GREY = (0.5, 0.5, 0.5)
@@ -138,6 +139,11 @@ class TestCache:
         file.write_bytes(file.read_bytes()[:100])
         np.testing.assert_array_equal(self.load().grid, wanted.grid)
         assert self.reads == 2
+
+    def test_a_full_disk_leaves_nothing(self) -> None:
+        with full_disk(0):
+            self.load()
+        assert not [path for path in self.folder.rglob("*") if path.is_file()]
 
     def test_without_a_place_for_it_all_works(self) -> None:
         self.folder.write_text("a file where the folder should be")
