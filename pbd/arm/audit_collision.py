@@ -17,6 +17,7 @@ import coal
 import numpy as np
 
 from pbd.arm.audit_arm import AuditArm, Frame, Rows
+from pbd.arm.audit_inside import is_inside
 from pbd.arm.audit_nodes import Nodes, node_times, nodes_at
 from pbd.arm.audit_solids import Solid
 from pbd.data import JointTrajectory
@@ -98,6 +99,9 @@ def _first_touch(
             continue
         apart = _apart(pair, nodes, row, need[row])
         if apart > need[row]:
+            # What isn't inside at first can't come there without touching the surface.
+            if row == rows[0] and _one_in_the_other(pair, nodes, row):
+                return Touch(pair, float(nodes.t[row]))
             clear_to = travel[row] + apart
         elif need[row] <= FINEST_M or _apart(pair, nodes, row, 0.0) <= 0.0:
             return Touch(pair, float(nodes.t[row]))
@@ -113,9 +117,7 @@ def _first_touch(
 def _not_told_apart(pair: Pair, nodes: Nodes, rows: Rows, need: Array) -> list[int]:
     """Return the nodes at which neither balls nor a plane keep two hulls apart by more than what is needed (n,)."""
     first, second = pair.first, pair.second
-    (p_first, r_first), (p_second, r_second) = first.around, second.around
-    apart = nodes.placed.points(second.joint, p_second)[rows] - nodes.placed.points(first.joint, p_first)[rows]
-    near_by = _norm(apart) - r_first - r_second <= need
+    near_by = _norm((nodes.middles(second) - nodes.middles(first))[rows]) - first.around[1] - second.around[1] <= need
     rows, need = rows[near_by], need[near_by]
     if not len(rows):
         return []
@@ -158,6 +160,13 @@ def _apart(pair: Pair, nodes: Nodes, row: int, need: float) -> float:
         return 0.0 if touching else need + max(0.0, float(found.distance_lower_bound))
     distance = coal.distance(shapes[0], one, shapes[1], other, coal.DistanceRequest(), coal.DistanceResult())
     return max(0.0, float(distance))
+
+
+def _one_in_the_other(pair: Pair, nodes: Nodes, row: int) -> bool:
+    first, second = (
+        (each, nodes.placed.at(each.joint, row) @ each.T_joint_solid) for each in (pair.first, pair.second)
+    )
+    return is_inside(*first, *second) or is_inside(*second, *first)
 
 
 def _norm(vectors: Array) -> Array:

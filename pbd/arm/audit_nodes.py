@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pbd.arm.audit_arm import AuditArm, Placements
+from pbd.arm.audit_solids import Solid
 from pbd.data import JointTrajectory
 from pbd.pose import Array
 
@@ -33,6 +34,13 @@ class Nodes:
     x: Array
     moved: Array
     placed: Placements
+    _middles: dict[Solid, Array] = field(default_factory=dict)
+
+    def middles(self, solid: Solid) -> Array:
+        """Where the middle of the ball around a shape is: (n, 3)."""
+        if solid not in self._middles:
+            self._middles[solid] = self.placed.points(solid.joint, solid.around[0])
+        return self._middles[solid]
 
 
 def nodes_at(arm: AuditArm, trajectory: JointTrajectory, t: Array) -> Nodes:

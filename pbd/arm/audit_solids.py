@@ -54,7 +54,7 @@ class Solid:
     disc: float = 0.0
     floor: bool = False
 
-    @property
+    @cached_property
     def reach(self) -> float:
         """How far any of it is from its joint's origin at most, m."""
         p = self.T_joint_solid.act(self.corners)

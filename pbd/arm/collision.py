@@ -94,17 +94,6 @@ def object_stays(scene: CollisionScene, trajectory: JointTrajectory) -> tuple[St
     return scene.stays(holds(trajectory.gripper_t, trajectory.gripper_opening), tool)
 
 
-def refuse_collision(scene: CollisionScene, trajectory: JointTrajectory) -> None:
-    """Check a motion.
-
-    Raises:
-        PlanError: it isn't free; its fields are those of `collision_error`.
-    """
-    found = check_motion(scene, trajectory)
-    if found is not None:
-        raise collision_error(scene, trajectory, found)
-
-
 def refuse_home(scene: CollisionScene) -> None:
     """Check the robot's home, without anything grasped.
 

@@ -183,6 +183,17 @@ def test_a_hairs_breadth_decides(gap_m: float, free: bool) -> None:
     assert (touched(PANDA, trajectory, calibration(box)) is None) == free
 
 
+def test_what_is_wholly_inside_a_link_touches_it() -> None:
+    """A pea on the axis of panda's first joint: its mesh turns round it and never meets it."""
+    q = np.tile(PANDA.home, (2, 1))
+    q[:, 0] = -0.3, 0.3
+    trajectory = time_keyframes(arm_of("panda"), q, [0.0] * 2, [None] * 2, PANDA.home)
+    pea = Obstacle("the pea", "sphere", (0.01,), Pose(np.array([0.0, 0.0, 0.25]), LEVEL))
+    found = touched(PANDA, trajectory, calibration(pea))
+    assert found == ("panda_link1", "the pea")
+    assert not Dense(PANDA, [pea]).touch(trajectory, {frozenset(found)}, 0.0)
+
+
 def test_what_the_srdf_calls_disabled_is_looked_at() -> None:
     """ur5's SRDF drops the forearm against the wrist's last links; folded, they meet."""
     robot = arm_of("ur5").robot

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pbd.arm.clearance import MARGIN_M, STEP_M, Clearance
-from pbd.arm.collision import check_motion, collision_error, object_stays, refuse_collision, refuse_home
+from pbd.arm.collision import check_motion, collision_error, object_stays, refuse_home
 from pbd.arm.hulls import link_bodies
 from pbd.arm.model import ArmModel
 from pbd.arm.nodes import along
@@ -24,6 +24,12 @@ from tests.arm.conftest import random_joints
 
 BOTTLE = GraspedObject("cylinder", (0.06, 0.2))
 DOWN = quat_from_rpy((np.pi, 0.0, 0.0))
+
+
+def refuse_collision(scene: CollisionScene, trajectory: JointTrajectory) -> None:
+    found = check_motion(scene, trajectory)
+    if found is not None:
+        raise collision_error(scene, trajectory, found)
 
 
 def through(
