@@ -81,13 +81,88 @@ def test_the_arms_present_joints(capsys: Capture, elsewhere: Path) -> None:
             np.testing.assert_array_equal(file["q"][0], q)
 
 
+ECHOED = """\
+header:
+  stamp:
+    sec: 12
+    nanosec: 5
+  frame_id: ''
+name:
+- panda_finger_joint1
+{names}
+position:
+- 0.04
+{positions}
+velocity: []
+effort:
+- 0.0
+---
+name:
+- of the next message
+"""
+
+
+def test_joint_states_are_read_as_they_come(capsys: Capture, elsewhere: Path) -> None:
+    """With the fingers, in any order, in rad whatever --units says; as JSON, or as `ros2 topic echo` prints it."""
+    q = [0.1, -0.5, 0.1, -2.0, 0.1, 1.5, 0.5]
+    names = [f"panda_joint{i + 1}" for i in range(7)]
+    message = {
+        "name": [*names[::-1], "panda_finger_joint1"],
+        "position": [*q[::-1], 0.04],
+        "velocity": [],
+        "effort": [],
+    }
+    (elsewhere / "now.json").write_text(json.dumps(message, indent=1))
+    columns = {"names": "\n".join(f"- {n}" for n in names[::-1]), "positions": "\n".join(f"- {x}" for x in q[::-1])}
+    (elsewhere / "now.yaml").write_text(ECHOED.format(**columns))
+    for given in (json.dumps(message), "now.json", "now.yaml"):
+        for units in ((), ("--units", "deg")):
+            assert start_of(capsys, given, *units) == q
+
+
+@pytest.mark.parametrize("named", [False, True])
+def test_units_say_in_what_the_joints_are(capsys: Capture, named: bool) -> None:
+    degrees = [6.0, -30.0, 6.0, -115.0, 6.0, 86.0, 30.0]
+    given = json.dumps({f"panda_joint{i + 1}": x for i, x in enumerate(degrees)} if named else degrees)
+    assert start_of(capsys, given, "--units", "deg") == pytest.approx(np.radians(degrees))
+    assert start_of(capsys, given, "--units", "deg,mm") == pytest.approx(np.radians(degrees))
+    line = refused(capsys, 3, "replay", "paper-test2", *PANDA, "--from", given, "--units", "cm")
+    assert line.startswith("pbd: the start has panda_joint1 at 6 rad, outside its limits of ")
+    assert line.endswith("; give the arm's present joints in rad, or in degrees with --units deg")
+
+
+def test_a_table_in_degrees_does_not_turn_what_was_given_in_rad(capsys: Capture) -> None:
+    """`pbd keyframes` prints degrees unless it is asked for others; a start is in rad unless it is."""
+    q = [0.1, -0.5, 0.1, -2.0, 0.1, 1.5, 0.5]
+    command = ("keyframes", "paper-test2", *PANDA)
+    rad = run_json(capsys, *command, "--from", json.dumps(q))
+    deg = run_json(capsys, *command, "--from", json.dumps(np.degrees(q).tolist()), "--units", "deg")
+    for one, other in zip(rad["keyframes"], deg["keyframes"], strict=True):
+        assert one["joints"] == pytest.approx(other["joints"], abs=1e-6)
+    line = refused(capsys, 3, *command, "--from", json.dumps(np.degrees(q).tolist()))
+    assert " rad, outside its limits" in line
+
+
+def start_of(capsys: Capture, given: str, *options: str) -> list[float]:
+    """Where the exported motion begins."""
+    run_json(capsys, "export", "paper-test2", *PANDA, "--from", given, *options, "--format", "npz", "-o", "out.npz")
+    with np.load("out.npz", allow_pickle=False) as file:
+        start: list[float] = file["q"][0].tolist()
+    return start
+
+
 @pytest.mark.parametrize(
     ("given", "code", "message"),
     [
         ("[1, 2]", 1, "pbd: --from: needs 7 numbers, in rad, for panda_joint1, panda_joint2, "),
         ('[0, 0, 0, "a", 0, 0, 0]', 1, "pbd: --from: needs 7 numbers, in rad, for panda_joint1"),
-        ("[1, 2", 1, "pbd: --from: no JSON ("),
-        ('{"panda_joint1": 0.0}', 1, "pbd: --from: names panda_joint1; give a number, in rad, for each of "),
+        ("[1, 2", 1, "pbd: --from: not JSON ("),
+        ('{"panda_joint1": 0.0}', 1, "pbd: --from: lacks panda_joint2, panda_joint3, "),
+        ('{"name": ["panda_joint1"], "position": []}', 1, "pbd: --from: name and position must be lists of one length"),
+        ('{"name": ["panda_joint1"], "position": [0.1]}', 1, "pbd: --from: lacks panda_joint2, panda_joint3, "),
+        (f"[{'9' * 400}, 0, 0, -2, 0, 1, 0]", 1, "pbd: --from: needs 7 numbers"),
+        (f"[{'9' * 5000}]", 1, "pbd: --from: not JSON ("),
+        ("[" * 100_000, 1, "pbd: --from: not JSON ("),
         ("nowhere.json", 1, "pbd: --from nowhere.json: can't be read ("),
         ("[0, 0, 0, 2.0, 0, 1, 0]", 3, "pbd: the start has panda_joint4 at 2 rad, outside its limits of -3.072 to "),
         ("[0, 0, 0, NaN, 0, 1, 0]", 1, "pbd: --from: needs 7 numbers"),

@@ -48,7 +48,7 @@ def add(commands: Commands) -> None:
         "--force", action="store_true", help="with --save: find the keyframes again, and replace the file"
     )
     add_tracking(parser, calibration="with --robot its own dock, else 'default'; without, none")
-    add_planning(parser, robot_required=False)
+    add_planning(parser, robot_required=False, units=False)
     parser.set_defaults(run=run)
 
 

@@ -6,6 +6,7 @@ import argparse
 import json
 import math
 import sys
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 from pbd.cli.progress import working
@@ -68,7 +69,7 @@ def add_table(parser: argparse.ArgumentParser, units: str | None = None) -> None
         parser.add_argument(
             "--units",
             type=lambda text: _units(text, units),
-            default=units,
+            default="",
             metavar="U",
             help=f"units of the table: {'; '.join(CHOICES[unit] for unit in units.split(','))} ({units})",
         )
@@ -97,8 +98,8 @@ def add_accept_gap(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_planning(parser: argparse.ArgumentParser, robot_required: bool = True) -> None:
-    """Add what every command that plans takes."""
+def add_planning(parser: argparse.ArgumentParser, robot_required: bool = True, units: bool = True) -> None:
+    """Add what every command that plans takes; --units too, where `add_table` doesn't."""
     group = parser.add_argument_group("motion")
     group.add_argument("--robot", metavar="R", required=robot_required, help="name or file; see `pbd robots`")
     group.add_argument("--scale", type=positive, default=1.0, metavar="S", help="multiply the hand's motion (1)")
@@ -138,9 +139,17 @@ def add_planning(parser: argparse.ArgumentParser, robot_required: bool = True) -
         "--from",
         dest="start",
         metavar="JSON",
-        help="the arm's present joints, rad: a list, an object by joint name, or a file of one; default: home",
+        help="the arm's present joints: a list, an object by name, a /joint_states message, or a file; default: home",
     )
     start.add_argument("--no-approach", action="store_true", help="start at the first keyframe, not at home")
+    if units:
+        group.add_argument(
+            "--units",
+            type=lambda text: _units(text, "m,rad"),
+            default="",
+            metavar="U",
+            help=f"units of --from, but for a message: {_LENGTHS}; {_ANGLES} (m,rad)",
+        )
     group.add_argument("--no-retreat", action="store_true", help="end at the last keyframe, do not go back home")
     group.add_argument(
         "--allow-collision",
@@ -152,8 +161,9 @@ def add_planning(parser: argparse.ArgumentParser, robot_required: bool = True) -
 def _units(text: str, usual: str) -> Units:
     from pbd.view.units import parse_units
 
+    standard = replace(parse_units(usual), asked=frozenset())
     try:
-        return parse_units(text, parse_units(usual))
+        return parse_units(text, standard) if text else standard
     except ValueError as reason:
         raise argparse.ArgumentTypeError(str(reason)) from None
 
@@ -243,7 +253,6 @@ def load_arm(args: argparse.Namespace) -> tuple[Robot, Calibration]:
 
 def plan_options(args: argparse.Namespace, robot: Robot) -> PlanOptions:
     """Collect what `add_planning` added."""
-    from pbd.files.joints import read_joints
     from pbd.planning import PlanOptions
 
     return PlanOptions(
@@ -255,10 +264,26 @@ def plan_options(args: argparse.Namespace, robot: Robot) -> PlanOptions:
         speed=args.speed,
         dwell_s=args.dwell,
         approach=not args.no_approach,
-        start=None if args.start is None else read_joints(args.start, robot.joints),
+        start=None if args.start is None else _start(args.start, robot, args.units),
         retreat=not args.no_retreat,
         allow_collision=args.allow_collision,
     )
+
+
+def _start(given: str, robot: Robot, units: Units) -> tuple[float, ...]:
+    """Read --from: in rad (and m) unless --units says otherwise."""
+    from pbd.files.joints import read_joints
+    from pbd.planning import arm_of
+    from pbd.view.units import ANGLES, LENGTHS
+
+    angle = units.angle if "angle" in units.asked else "rad"
+    length = units.length if "length" in units.asked else "m"
+    if (angle, length) == ("rad", "m"):
+        return read_joints(given, robot.joints)
+    turns = arm_of(robot).turns
+    per_si = [ANGLES[angle][0] if turn else LENGTHS[length][0] for turn in turns]
+    unit = f"{angle} (joints that slide: {length})" if not all(turns) else angle
+    return read_joints(given, robot.joints, unit, per_si)
 
 
 def plan_demonstration(args: argparse.Namespace) -> tuple[Demonstration, HandPath, Robot, PlanOptions, Plan]:

@@ -1,19 +1,35 @@
-"""An arm's present joints, as a program that reads them from the arm hands them on."""
+"""An arm's present joints, as a program that reads them from the arm hands them on.
+
+A list is in the joints' order. An object names joints, and so does a /joint_states message, as JSON or as
+`ros2 topic echo` prints it: joints that are not the arm's, fingers say, are left out.
+"""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from pbd.errors import PbdError, in_words
 
+NAME, POSITION = "name", "position"
+"""The parts of a sensor_msgs/JointState that count; its positions are in rad and m, whatever units are asked for."""
 
-def read_joints(given: str, names: Sequence[str]) -> tuple[float, ...]:
-    """Read joints in rad: JSON, or a file of it; a list in the joints' order, or an object with their names.
+
+def read_joints(
+    given: str, names: Sequence[str], unit: str = "rad", per_si: Sequence[float] | None = None
+) -> tuple[float, ...]:
+    """Read joints, return them in rad (m where they slide).
+
+    Args:
+        given: JSON or a file.
+        names: the arm's joints.
+        unit: of what is not a message, for the error.
+        per_si: how many of these units make a rad, or a m, for each joint; one, where left out.
 
     Raises:
-        PbdError: the file can't be read, it is no JSON, or it isn't one number for each joint.
+        PbdError: the file can't be read, a joint is missing, or one has no number.
     """
     text, what = given, "--from"
     if not given.lstrip().startswith(("[", "{")):
@@ -24,21 +40,65 @@ def read_joints(given: str, names: Sequence[str]) -> tuple[float, ...]:
             raise PbdError(
                 f"--from {given}: can't be read ({in_words(error)}); give a JSON file, or the joints as [...]"
             ) from None
-    try:
-        value = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise PbdError(f"{what}: not JSON ({error}); give a list of {len(names)} numbers, in rad") from None
+    value = _echoed(text) or _parsed(text, what, f"give a list of {len(names)} numbers, in {unit}")
+    if isinstance(value, dict) and {NAME, POSITION} <= value.keys():
+        value, unit, per_si = _named(value, what), "rad", None
     if isinstance(value, dict):
-        if set(value) != set(names):
-            raise PbdError(f"{what}: names {_listed(list(value))}; give a number, in rad, for each of {_listed(names)}")
+        missing = [name for name in names if name not in value]
+        if missing:
+            raise PbdError(f"{what}: lacks {_listed(missing)}; give a number, in {unit}, for each joint of the arm")
         value = [value[name] for name in names]
     if not isinstance(value, list) or len(value) != len(names) or not all(map(_is_number, value)):
-        raise PbdError(f"{what}: needs {len(names)} numbers, in rad, for {_listed(names)}; got {json.dumps(value)}")
-    return tuple(float(each) for each in value)
+        raise PbdError(
+            f"{what}: needs {len(names)} numbers, in {unit}, for {_listed(names)}; got {json.dumps(value)[:200]}"
+        )
+    return tuple(float(each) / per for each, per in zip(value, per_si or [1.0] * len(names), strict=True))
+
+
+def _echoed(text: str) -> dict[str, list[object]] | None:
+    """Read names and positions as `ros2 topic echo` prints them, one a line; None where it isn't that."""
+    found: dict[str, list[object]] = {NAME: [], POSITION: []}
+    part = ""
+    for line in text.splitlines():
+        if line.startswith("---"):
+            break  # the next message
+        if line.startswith("- ") and part in found:
+            word = line[2:].strip().strip("'\"")
+            found[part].append(word if part == NAME else _number(word))
+        elif not line.startswith((" ", "-")):
+            part = line.partition(":")[0]
+    return found if found[NAME] else None
+
+
+def _parsed(text: str, what: str, wanted: str) -> object:
+    try:
+        parsed: object = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise PbdError(f"{what}: not JSON ({str(error)[:100]}); {wanted}") from None
+    return parsed
+
+
+def _named(message: Mapping[str, object], what: str) -> dict[str, object]:
+    names, positions = message[NAME], message[POSITION]
+    if not (isinstance(names, list) and isinstance(positions, list) and len(names) == len(positions)):
+        raise PbdError(f"{what}: name and position must be lists of one length; give a whole /joint_states message")
+    return {str(name): position for name, position in zip(names, positions, strict=True)}
+
+
+def _number(word: str) -> object:
+    try:
+        return float(word)
+    except ValueError:
+        return word
 
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < float("inf")
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    try:
+        return math.isfinite(float(value))
+    except OverflowError:
+        return False
 
 
 def _listed(names: Sequence[str]) -> str:

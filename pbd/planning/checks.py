@@ -107,7 +107,7 @@ def start_joints(arm: ArmModel, options: PlanOptions) -> Array:
         if not lower <= value <= upper:
             raise PlanError(
                 f"the start has {name} at {value:.4g} rad, outside its limits of {lower:.4g} to {upper:.4g}; give the "
-                "arm's present joints, in rad",
+                "arm's present joints in rad, or in degrees with --units deg",
                 joint=name,
                 value=float(value),
                 bound=float(lower if value < lower else upper),

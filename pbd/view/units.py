@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,11 +17,15 @@ KINDS = {"length": LENGTHS, "angle": ANGLES, "time": TIMES}
 
 @dataclass(frozen=True)
 class Units:
-    """A unit of length, one of angle and one of time, by their names in LENGTHS, ANGLES and TIMES."""
+    """A unit of length, one of angle and one of time, by their names in LENGTHS, ANGLES and TIMES.
+
+    `asked` names the kinds (see KINDS) that the user chose.
+    """
 
     length: str = "m"
     angle: str = "deg"
     time: str = "s"
+    asked: frozenset[str] = field(default=frozenset(), compare=False)
 
     @property
     def angle_sign(self) -> str:
@@ -60,7 +64,7 @@ def parse_units(text: str, usual: Units = Units()) -> Units:
         if kind in given:
             raise ValueError(f"'{given[kind]}' and '{unit}' are both units of {kind}; give one")
         given[kind] = unit
-    return replace(usual, **given)
+    return replace(usual, **given, asked=frozenset(given))
 
 
 def _fixed(values: ArrayLike, decimals: int) -> list[str]:
