@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline
 
 import pbd
 from pbd.arm.follow import off_line
-from pbd.arm.ways import DEMO, LINE, STRAIGHT
+from pbd.arm.wish import DEMO, LINE, STRAIGHT
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Obstacle, Robot, Stop
 from pbd.errors import PbdError, PbdWarning, PlanError, TrackingError
 from pbd.planning import Plan, PlanOptions, arm_of, plan_keyframes

@@ -8,7 +8,7 @@ it doesn't from the joints that suit the keyframes best, joints are sought for a
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NoReturn
 
@@ -20,10 +20,9 @@ from pbd.arm.model import ArmModel
 from pbd.arm.passage import Passage
 from pbd.arm.scene import Hit
 from pbd.arm.sequence import BarredError, solve_sequence
+from pbd.arm.wish import DEMO, LINE, STRAIGHT, Way, Ways, Wish
 from pbd.errors import PbdWarning, PlanError
 from pbd.pose import Array, Pose
-
-STRAIGHT, LINE, DEMO = "straight", "line", "demo"
 
 COARSE = 4
 """Where a path is sought as a whole, every so many of its poses are looked at."""
@@ -31,55 +30,6 @@ CONTINUOUS_RAD = 0.5
 """Between two of these a joint moves by less."""
 
 _LOOKS = 33
-
-
-@dataclass(frozen=True, eq=False)
-class Way:
-    """How the arm comes to a keyframe.
-
-    Attributes:
-        kind: STRAIGHT, LINE or DEMO.
-        q: (m, k) rad, from the first joints after those before to those at the keyframe.
-        off_line_m: how far the tool gets from the straight line, where the move is straight in joint space.
-        avoided: what a straight move would have touched, where that is why this isn't one.
-    """
-
-    kind: str
-    q: Array
-    off_line_m: float = 0.0
-    avoided: Hit | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Ways:
-    """Joints (n, k) at the keyframes, the ways to them, and that back (m, k) or None."""
-
-    q: Array
-    ways: tuple[Way, ...]
-    back: Array | None
-
-
-@dataclass(frozen=True, eq=False)
-class Wish:
-    """What the motion is to be.
-
-    Attributes:
-        T_base_tool: the tool's poses at n keyframes.
-        q_start: (k,) rad, where the arm comes from.
-        approach: it does come from there; else the motion begins at keyframe 0.
-        q_back: (k,) rad, where it goes after the last, or None.
-        kind: of the moves between keyframes: STRAIGHT, LINE or DEMO.
-        hand: gives n - 1 paths of the tool as the hand went, asked only where they are needed; or None.
-        tolerance_m: a straight move whose tool gets farther from the line is made as LINE.
-    """
-
-    T_base_tool: Sequence[Pose]
-    q_start: Array
-    approach: bool = True
-    q_back: Array | None = None
-    kind: str = STRAIGHT
-    hand: Callable[[], Sequence[Sequence[Pose]]] | None = None
-    tolerance_m: float | None = None
 
 
 def choose_ways(arm: ArmModel, wish: Wish, passage: Passage | None) -> Ways:

@@ -253,6 +253,7 @@ def load_arm(args: argparse.Namespace) -> tuple[Robot, Calibration]:
 
 def plan_options(args: argparse.Namespace, robot: Robot) -> PlanOptions:
     """Collect what `add_planning` added."""
+    from pbd.cli.start import start_joints
     from pbd.planning import PlanOptions
 
     return PlanOptions(
@@ -264,26 +265,10 @@ def plan_options(args: argparse.Namespace, robot: Robot) -> PlanOptions:
         speed=args.speed,
         dwell_s=args.dwell,
         approach=not args.no_approach,
-        start=None if args.start is None else _start(args.start, robot, args.units),
+        start=None if args.start is None else start_joints(args.start, robot, args.units),
         retreat=not args.no_retreat,
         allow_collision=args.allow_collision,
     )
-
-
-def _start(given: str, robot: Robot, units: Units) -> tuple[float, ...]:
-    """Read --from: in rad (and m) unless --units says otherwise."""
-    from pbd.files.joints import read_joints
-    from pbd.planning import arm_of
-    from pbd.view.units import ANGLES, LENGTHS
-
-    angle = units.angle if "angle" in units.asked else "rad"
-    length = units.length if "length" in units.asked else "m"
-    if (angle, length) == ("rad", "m"):
-        return read_joints(given, robot.joints)
-    turns = arm_of(robot).turns
-    per_si = [ANGLES[angle][0] if turn else LENGTHS[length][0] for turn in turns]
-    unit = f"{angle} (joints that slide: {length})" if not all(turns) else angle
-    return read_joints(given, robot.joints, unit, per_si)
 
 
 def plan_demonstration(args: argparse.Namespace) -> tuple[Demonstration, HandPath, Robot, PlanOptions, Plan]:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from pbd.arm.passage import Passage
     from pbd.arm.scene import CollisionScene
     from pbd.arm.timing import Move
-    from pbd.arm.ways import Ways
+    from pbd.arm.wish import Ways
     from pbd.calibration.demonstrated import DemonstratedMove
 
     Hand = Callable[[], Sequence[DemonstratedMove]]
@@ -75,7 +75,8 @@ def choose(
     passage: Passage | None,
 ) -> Ways:
     """Choose joints and ways; without a passage whatever is in the way."""
-    from pbd.arm.ways import DEMO, LINE, STRAIGHT, Wish, choose_ways
+    from pbd.arm.ways import choose_ways
+    from pbd.arm.wish import DEMO, LINE, STRAIGHT, Wish
 
     wish = Wish(
         T_base_tool,
@@ -92,7 +93,7 @@ def choose(
 def moves_of(chosen: Ways, keyframes: Sequence[Keyframe], hand: Hand | None, options: PlanOptions) -> list[Move]:
     """Say how each way is to be timed."""
     from pbd.arm.timing import APPROACH_SPEED, Move
-    from pbd.arm.ways import DEMO, STRAIGHT
+    from pbd.arm.wish import DEMO, STRAIGHT
 
     moves = [Move(chosen.ways[0].q, share=APPROACH_SPEED)]
     for i, (way, demonstrated_s) in enumerate(zip(chosen.ways[1:], demonstrated(keyframes), strict=True)):

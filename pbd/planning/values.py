@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from pbd.arm.collision import MotionHit
     from pbd.arm.scene import CollisionScene
     from pbd.arm.timing import Timed
-    from pbd.arm.ways import Way
+    from pbd.arm.wish import Way
 
 STRETCHED = 1.02
 """A move that takes so many times as long as the hand did, and STRETCHED_S longer, is told."""

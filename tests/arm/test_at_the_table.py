@@ -9,7 +9,7 @@ import pbd
 from pbd.arm.ik import solve
 from pbd.arm.passage import Passage
 from pbd.arm.scene import CollisionScene
-from pbd.arm.ways import LINE
+from pbd.arm.wish import LINE
 from pbd.data import GraspedObject, Keyframe, Robot
 from pbd.planning import PlanOptions, plan_keyframes
 from pbd.pose import Pose, quat_exp

@@ -15,7 +15,8 @@ from pbd.arm.passage import Passage
 from pbd.arm.scene import CollisionScene, Hit
 from pbd.arm.sequence import solve_sequence
 from pbd.arm.timing import Move, time_moves
-from pbd.arm.ways import DEMO, LINE, STRAIGHT, Ways, Wish, _Choice, choose_ways
+from pbd.arm.ways import _Choice, choose_ways
+from pbd.arm.wish import DEMO, LINE, STRAIGHT, Ways, Wish
 from pbd.data import Obstacle
 from pbd.errors import PbdWarning, PlanError
 from pbd.pose import Array, Pose

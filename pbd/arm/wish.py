@@ -1,0 +1,61 @@
+"""What a motion is to be, and the ways that were chosen for it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from pbd.arm.scene import Hit
+from pbd.pose import Array, Pose
+
+STRAIGHT, LINE, DEMO = "straight", "line", "demo"
+"""Kinds of moves: straight in joint space, the tool on a straight line, as the hand went."""
+
+
+@dataclass(frozen=True, eq=False)
+class Way:
+    """How the arm comes to a keyframe.
+
+    Attributes:
+        kind: STRAIGHT, LINE or DEMO.
+        q: (m, k) rad, from the first joints after those before to those at the keyframe.
+        off_line_m: how far the tool gets from the straight line, where the move is straight in joint space.
+        avoided: what a straight move would have touched, where that is why this isn't one.
+    """
+
+    kind: str
+    q: Array
+    off_line_m: float = 0.0
+    avoided: Hit | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Ways:
+    """Joints (n, k) at the keyframes, the ways to them, and that back (m, k) or None."""
+
+    q: Array
+    ways: tuple[Way, ...]
+    back: Array | None
+
+
+@dataclass(frozen=True, eq=False)
+class Wish:
+    """What the motion is to be.
+
+    Attributes:
+        T_base_tool: the tool's poses at n keyframes.
+        q_start: (k,) rad, where the arm comes from.
+        approach: it does come from there; else the motion begins at keyframe 0.
+        q_back: (k,) rad, where it goes after the last, or None.
+        kind: of the moves between keyframes: STRAIGHT, LINE or DEMO.
+        hand: gives n - 1 paths of the tool as the hand went, asked only where they are needed; or None.
+        tolerance_m: a straight move whose tool gets farther from the line is made as LINE.
+    """
+
+    T_base_tool: Sequence[Pose]
+    q_start: Array
+    approach: bool = True
+    q_back: Array | None = None
+    kind: str = STRAIGHT
+    hand: Callable[[], Sequence[Sequence[Pose]]] | None = None
+    tolerance_m: float | None = None
