@@ -102,6 +102,23 @@ def _read(element: ET.Element, robot: Robot) -> Iterator[tuple[Pose, str, tuple[
         raise ValueError(f"{geometry.tag!r} is not a mesh, box, cylinder or sphere")
 
 
+def drawn_bodies(element: ET.Element, robot: Robot) -> Iterator[Body]:
+    """Give a link's <visual> element as bodies on the link; a mesh is as large as the box that holds it."""
+    geometry = element.findall("geometry/*")[0]
+    if geometry.tag != "mesh":
+        for T_link_body, shape, size, part in _read(element, robot):
+            yield Body("", 0, T_link_body, shape, size, part.points, part.pad)
+        return
+    path, scale = _find(geometry.attrib["filename"], robot), np.array(_numbers(geometry.get("scale", "1 1 1")))
+    key = hashlib.sha256(repr((VERSION, path.suffix)).encode() + path.read_bytes()).hexdigest()
+    if (kept := recall("boxes", key)) is None:
+        vertices, _ = _load(path, (1.0, 1.0, 1.0))
+        kept = {"box": np.stack((vertices.min(axis=0), vertices.max(axis=0)))}
+        remember("boxes", key, kept)
+    middle, size = scale * kept["box"].mean(axis=0), np.abs(scale) * np.ptp(kept["box"], axis=0)
+    yield Body("", 0, _origin(element) @ Pose(middle, Pose.identity().wxyz), "box", tuple(size.tolist()))
+
+
 def _mesh_parts(path: Path, scale: tuple[float, ...]) -> list[ConvexPart]:
     try:
         content = path.read_bytes()

@@ -42,7 +42,7 @@ def levers(arm: ArmModel, body: Body) -> Mapping[int, float]:
     model, axes, found = arm.full, _axes(arm), dict[int, float]()
     if body.joint == 0:
         return found  # a floor has no end
-    p, radius = _outline(body)
+    p, radius = outline(body)
     p_joint = body.T_joint_body.act(p)
     chain = list(model.supports[body.joint])[1:]
     far = float(np.linalg.norm(p_joint, axis=1).max()) + radius  # from the joint's origin
@@ -66,7 +66,7 @@ def _off_axis(p: Array, axis: Array) -> Array:
     return distance
 
 
-def _outline(body: Body) -> tuple[Array, float]:
+def outline(body: Body) -> tuple[Array, float]:
     """Points and a radius: all of the body lies within the radius of their hull."""
     if body.shape == "hull":
         return body.points, body.pad

@@ -53,6 +53,8 @@ def run(args: argparse.Namespace) -> int:
     for checked in collision:
         bare = ", ".join(checked["links_without_shape"]) or "none"
         print(f"\nlinks with a collision shape: {', '.join(checked['links'])}\nlinks without: {bare}")
+        for doubt in checked["doubtful_shapes"]:
+            print(f"contacts may be missed: {doubt['link']} {doubt['why']}")
         print("\nnot checked against each other:")
         print_table(left_out_table([(each["first"], each["second"], each["why"]) for each in checked["left_out"]]))
     of: dict[str, list[str]] = {}
@@ -104,6 +106,7 @@ def _row(robot: Robot, reach: float) -> dict[str, Any]:
 
 def _collision(arm: ArmModel) -> dict[str, Any]:
     """What is checked for collisions, and what isn't."""
+    from pbd.arm.coverage import doubts
     from pbd.arm.hulls import link_bodies
     from pbd.arm.pairs import link_pairs
 
@@ -112,5 +115,6 @@ def _collision(arm: ArmModel) -> dict[str, Any]:
     return {
         "links": list(solid),
         "links_without_shape": [link for link in arm.links if link not in solid],
+        "doubtful_shapes": [vars(doubt) for doubt in doubts(arm)],
         "left_out": [vars(each) for each in dropped],
     }

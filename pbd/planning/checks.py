@@ -80,6 +80,16 @@ def refuse_unsure(keyframes: Sequence[Keyframe], scale: float) -> None:
     warnings.warn(f"{what}, {why}", PbdWarning, stacklevel=4)
 
 
+def warn_of_shapes(arm: ArmModel) -> None:
+    """Tell which links have no collision shape, or one far too small: what they touch isn't seen."""
+    from pbd.arm.coverage import doubts
+
+    if found := doubts(arm):
+        told = "; ".join(f"{doubt.link} {doubt.why}" for doubt in found)
+        message = f"contacts may be missed: {told}; correct the shapes in {arm.robot.urdf}"
+        warnings.warn(message, PbdWarning, stacklevel=4)
+
+
 def warn_of_table(scene: CollisionScene) -> None:
     """Tell which links are on the table, or in it, whatever the arm does."""
     from pbd.arm.scene import TABLE

@@ -13,7 +13,7 @@ from pbd.data import Calibration, GraspedObject, HandPath, JointTrajectory, Keyf
 from pbd.errors import CalibrationError, PbdError, PlanError
 from pbd.pipeline import track
 from pbd.planning.advice import advised, works
-from pbd.planning.checks import refuse_few, refuse_one_place, refuse_unsure, start_joints, warn_of_table
+from pbd.planning.checks import refuse_few, refuse_one_place, refuse_unsure, start_joints, warn_of_shapes, warn_of_table
 from pbd.planning.options import PlanOptions, dwells
 from pbd.planning.steps import choose, find_passage, hand_between, moves_of, retreat_of
 from pbd.planning.values import Plan, find_stretched, find_touching
@@ -133,6 +133,7 @@ def _made(
         refuse_one_place(T_base_tool)
     q_start = start_joints(arm, options)
     scene = scene_of(arm, calibration, grasped)
+    warn_of_shapes(arm)
     warn_of_table(scene)
     hand = hand_between(hand_path, keyframes, T_base_nav, calibration, options)
     try:

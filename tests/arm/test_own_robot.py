@@ -52,7 +52,8 @@ def mine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Robot:
 
 def test_the_example_in_the_guide_replays(mine: Robot) -> None:
     assert mine.dock is not None
-    plan = plan_keyframes(keyframes_of("pouring"), mine.dock, mine)
+    with pytest.warns(PbdWarning, match="contacts may be missed: base_link has no collision shape; link1 has no "):
+        plan = plan_keyframes(keyframes_of("pouring"), mine.dock, mine)
     assert plan.report.max_position_error_m < 1e-5
     assert mine.joints == tuple(f"joint{i}" for i in range(1, 7))
     assert mine.limits.assumed == ("acceleration", "jerk")
@@ -75,6 +76,7 @@ def test_its_reach_is_the_sum_of_its_lengths(mine: Robot) -> None:
 
 def test_a_robot_without_a_gripper_leaves_out_what_the_hand_gripped(mine: Robot) -> None:
     assert mine.dock is not None
-    with pytest.warns(PbdWarning, match="mine has no gripper"):
+    bare, left_out = "contacts may be missed: base_link has no collision shape", "mine has no gripper"
+    with pytest.warns(PbdWarning, match=bare), pytest.warns(PbdWarning, match=left_out):
         plan = plan_keyframes(keyframes_of("paper-test1"), mine.dock, replace(mine, gripper=None))
     assert len(plan.trajectory.gripper_t) == 1
