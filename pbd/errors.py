@@ -56,6 +56,26 @@ def in_words(reason: Exception) -> str:
     return reason.strerror if isinstance(reason, OSError) and reason.strerror else str(reason)
 
 
+LISTED = 12
+"""Most names that a message lists."""
+
+SHOWN = 80
+"""Longest word of a file that a message shows whole, characters."""
+
+
+def printable(text: str) -> str:
+    """Write a word of a file for a message: cut where it is long, in print that no terminal obeys."""
+    shown = text if text.isprintable() else repr(text)[1:-1]
+    return shown if len(shown) <= SHOWN else f"{shown[:SHOWN]}..."
+
+
+def listed(names: Iterable[str]) -> str:
+    """Write names for a message, the first of them where there are many."""
+    given = [printable(name) for name in names]
+    more = f" and {len(given) - LISTED} more" if len(given) > LISTED else ""
+    return ", ".join(given[:LISTED]) + more or "(none)"
+
+
 def nearest(name: str, known: Iterable[str]) -> str:
     """Ask "; did you mean ...?" where one that is known is much like this name; "" elsewhere."""
     from difflib import get_close_matches

@@ -22,7 +22,7 @@ def rung(module: str) -> int:
         return 0  # pbd itself: the version
     if parts[0] == "errors":
         return 1
-    if parts[0] in ("pose", "data", "paths", "cache"):
+    if parts[0] in ("pose", "data", "paths", "cache", "doors"):
         return 2
     if parts[0] in FOLDERS:
         return 3

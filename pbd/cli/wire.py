@@ -39,7 +39,8 @@ def decoder_maker(
 
     if sensor not in ("lines", "razor"):
         return protocol(sensor, also).decoder
-    from pbd.errors import SensorError, in_words
+    from pbd.doors.opening import read_text
+    from pbd.errors import SensorError
     from pbd.sensors.line_layout import layout_from_options, layout_from_toml, units_from_options
     from pbd.sensors.lines import LineDecoder
     from pbd.sensors.razor import razor_layout
@@ -49,12 +50,7 @@ def decoder_maker(
     elif not args.columns:
         raise SensorError('name the numbers of a line: --columns "t,ax,ay,az,gx,gy,gz", or a .toml file')
     elif args.columns.endswith(".toml"):
-        try:
-            text = Path(args.columns).read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as reason:
-            raise SensorError(
-                f"{args.columns} can't be read ({in_words(reason)}); give a TOML file", path=args.columns
-            ) from None
+        text = read_text(Path(args.columns), SensorError, "give a TOML file")
         layout = layout_from_toml(text, args.columns)
     else:
         layout = layout_from_options(args.columns, units, args.separator, args.prefix, args.wrap)

@@ -13,6 +13,7 @@ import numpy as np
 import tomlkit
 from tomlkit.items import Comment, Table, Whitespace
 
+from pbd.doors.opening import read_text
 from pbd.errors import CalibrationError
 from pbd.files.calibration import FORMAT, read_calibration
 from pbd.files.library import bundled
@@ -114,7 +115,7 @@ def _opened(path: Path, instead: Mapping[str, str], robots: Sequence[str]) -> to
     source = path if path.is_file() else bundled("calibration") / path.name
     if source.is_file():
         read_calibration(source)  # whatever is wrong with it is told by line
-        text = source.read_text(encoding="utf-8")
+        text = read_text(source, CalibrationError, "give the path of a TOML file")
         for old, new in instead.items():
             text = re.sub(rf"(?m)^(\s*\[\s*){old}(\s*\])", rf"\g<1>{new}\g<2>", text)
         return tomlkit.parse(text)

@@ -7,14 +7,18 @@ A list is in the joints' order. An object names joints, and so does a /joint_sta
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from pbd.errors import PbdError, in_words
+from pbd.doors.numbers import finite
+from pbd.doors.opening import read_text
+from pbd.errors import PbdError, listed, printable
 
 NAME, POSITION = "name", "position"
 """The parts of a sensor_msgs/JointState that count; its positions are in rad and m, whatever units are asked for."""
+
+LARGEST = 1e6
+"""Largest joint position, in any unit: beyond every turn of an endless joint."""
 
 
 def read_joints(
@@ -34,23 +38,18 @@ def read_joints(
     text, what = given, "--from"
     if not given.lstrip().startswith(("[", "{")):
         what = given
-        try:
-            text = Path(given).read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            raise PbdError(
-                f"--from {given}: can't be read ({in_words(error)}); give a JSON file, or the joints as [...]"
-            ) from None
+        text = read_text(Path(given), PbdError, "give a JSON file, or the joints as [...]")
     value = _echoed(text) or _parsed(text, what, f"give a list of {len(names)} numbers, in {unit}")
     if isinstance(value, dict) and {NAME, POSITION} <= value.keys():
         value, unit, per_si = _named(value, what), "rad", None
     if isinstance(value, dict):
         missing = [name for name in names if name not in value]
         if missing:
-            raise PbdError(f"{what}: lacks {_listed(missing)}; give a number, in {unit}, for each joint of the arm")
+            raise PbdError(f"{what}: lacks {listed(missing)}; give a number, in {unit}, for each joint of the arm")
         value = [value[name] for name in names]
     if not isinstance(value, list) or len(value) != len(names) or not all(map(_is_number, value)):
         raise PbdError(
-            f"{what}: needs {len(names)} numbers, in {unit}, for {_listed(names)}; got {json.dumps(value)[:200]}"
+            f"{what}: needs {len(names)} numbers, in {unit}, for {listed(names)}; got {printable(text)}"
         )
     return tuple(float(each) / per for each, per in zip(value, per_si or [1.0] * len(names), strict=True))
 
@@ -87,19 +86,10 @@ def _named(message: Mapping[str, object], what: str) -> dict[str, object]:
 
 def _number(word: str) -> object:
     try:
-        return float(word)
+        return finite(word)
     except ValueError:
         return word
 
 
 def _is_number(value: object) -> bool:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return False
-    try:
-        return math.isfinite(float(value))
-    except OverflowError:
-        return False
-
-
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names)
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST

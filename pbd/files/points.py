@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import csv
-import math
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from pbd.data.freeze import freeze
-from pbd.errors import CalibrationError, in_words
+from pbd.doors.numbers import finite
+from pbd.doors.opening import read_text
+from pbd.errors import CalibrationError, listed, printable
+from pbd.files.table import split_header, split_rows
 from pbd.pose import Array
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
@@ -39,28 +41,22 @@ def read_points(path: Path, unit: str | None = None) -> Points:
     Raises:
         CalibrationError: it can't be read; a column is missing; no unit is known; a cell is no number: with the line.
     """
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as reason:
-        raise CalibrationError(
-            f"{path}: can't be read as text ({in_words(reason)}); give a CSV file", path=path
-        ) from None
+    text = read_text(path, CalibrationError, "give a CSV file", encoding="utf-8-sig")
     lines = [
         (number, line)
-        for number, line in enumerate(text.splitlines(), start=1)
+        for number, line in enumerate(text.split("\n"), start=1)
         if line.strip() and not line.lstrip().startswith("#")
     ]
     if not lines:
         raise CalibrationError(
             f"{path}: the file is empty; write a header name,x_m,y_m,z_m and one row per point", path=path
         )
-    delimiter = max(",;\t", key=lines[0][1].count)
-    rows = list(csv.reader((line for _, line in lines), delimiter=delimiter))
-    header = [name.strip().lower() for name in rows[0]]
+    header, delimiter = split_header(path, *lines[0], CalibrationError)
+    header = [name.lower() for name in header]
     columns, metres = _columns(path, header, unit)
     names: list[str] = []
     points: list[list[float]] = []
-    for (number, _), row in zip(lines[1:], rows[1:], strict=True):
+    for number, row in split_rows(path, lines[1:], delimiter, CalibrationError):
         if len(row) != len(header):
             raise CalibrationError(
                 f"{path}:{number}: {len(row)} cells under {len(header)} columns; correct that line",
@@ -69,16 +65,15 @@ def read_points(path: Path, unit: str | None = None) -> Points:
             )
         points.append([_number(path, number, header[k], row[k]) * metres for k in columns])
         names.append(row[header.index("name")].strip() if "name" in header else f"{len(names) + 1}")
-        if max(map(abs, points[-1])) > FARTHEST_M:
+        if (far := max(map(abs, points[-1]))) > FARTHEST_M:
             raise CalibrationError(
-                f"{path}:{number}: the point '{names[-1]}' is {max(map(abs, points[-1])):.0f} m from the robot's base; "
+                f"{path}:{number}: the point '{printable(names[-1])}' is {far:.0f} m from the robot's base; "
                 "is the unit right? name the columns x_mm,y_mm,z_mm",
                 path=path,
                 line=number,
             )
-    if len(set(names)) < len(names):
-        twice = next(name for name in names if names.count(name) > 1)
-        raise CalibrationError(f"{path}: two points are named '{twice}'; rename one", path=path, value=twice)
+    if twice := next((name for name, count in Counter(names).items() if count > 1), None):
+        raise CalibrationError(f"{path}: two points are named '{printable(twice)}'; rename one", path=path, value=twice)
     if not points:
         raise CalibrationError(f"{path}: a header but no points; add one row per point", path=path)
     return Points(tuple(names), np.array(points))
@@ -103,18 +98,14 @@ def _columns(path: Path, header: list[str], unit: str | None) -> tuple[list[int]
             )
         return [header.index(axis) for axis in "xyz"], UNITS[unit]
     raise CalibrationError(
-        f"{path}: the columns are {', '.join(header)}; they must be x_m, y_m and z_m (or _cm, _mm), and perhaps name",
+        f"{path}: the columns are {listed(header)}; they must be x_m, y_m and z_m (or _cm, _mm), and perhaps name",
         path=path,
     )
 
 
 def _number(path: Path, line: int, column: str, cell: str) -> float:
     try:
-        value = float(cell)
+        return finite(cell)
     except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise CalibrationError(
-            f"{path}:{line}: {column} is '{cell.strip()}', which is not a number; correct it", path=path, line=line
-        )
-    return value
+        message = f"{path}:{line}: {column} is '{printable(cell.strip())}', which is not a number; correct it"
+        raise CalibrationError(message, path=path, line=line) from None

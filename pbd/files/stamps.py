@@ -5,8 +5,10 @@ from __future__ import annotations
 import re
 from datetime import date
 
+from pbd.doors.numbers import number
+
 _STAMP = re.compile(
-    r"\s*(?:(\d{1,4})[-/.](\d{1,2})[-/.](\d{1,4})[T\s]\s*)?(\d{1,2}):(\d{1,2}):(\d{1,2})(?:([.,:])(\d+))?Z?\s*"
+    r"\s*(?:(\d{1,4})[-/.](\d{1,2})[-/.](\d{1,4})[T\s]\s*)?(\d{1,2}):(\d{1,2}):(\d{1,2})(?:([.,])(\d+)|:(\d{1,3}))?Z?\s*"
 )
 DAY_S = 86400.0
 MILLENNIUM = date(2000, 1, 1).toordinal()
@@ -22,13 +24,13 @@ def seconds(cell: str) -> float:
     """
     match = _STAMP.fullmatch(cell)
     if match is None:
-        return float("nan") if cell.strip().lower() in ("", "null") else float(cell)
-    first, second, third, hour, minute, second_of_minute, mark, fraction = match.groups()
+        return float("nan") if cell.strip().lower() in ("", "null") else number(cell)
+    first, second, third, hour, minute, second_of_minute, mark, fraction, ms = match.groups()
     days = 0
     if first is not None:
         # Which of day and month comes first matters at a midnight alone.
         year, month, day = (first, second, third) if len(first) == 4 else (third, second, first)
         month, day = (day, month) if int(month) > 12 else (month, day)
         days = date(int(year), int(month), int(day)).toordinal() - MILLENNIUM
-    part = 0.0 if mark is None else int(fraction) / (1e3 if mark == ":" else 10.0 ** len(fraction))
+    part = float(f"0.{fraction}") if mark else int(ms or 0) / 1e3
     return days * DAY_S + 3600.0 * int(hour) + 60.0 * int(minute) + int(second_of_minute) + part

@@ -6,14 +6,17 @@ import csv
 import io
 import re
 import warnings
-from collections.abc import Collection, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from pbd.errors import RecordingError, in_words
+from pbd.doors.numbers import number
+from pbd.doors.opening import read_bytes, unix_lines
+from pbd.errors import PbdError, RecordingError, listed, printable
 from pbd.files.stamps import seconds
 from pbd.pose import Array
 
@@ -22,6 +25,15 @@ FOREIGN = ("utf-8-sig", "gb18030", "cp1252")
 
 HEADER_CELLS = 4
 """A foreign table may begin with remarks; its header is the first line with so many cells (t, ax, ay, az)."""
+
+MOST_COLUMNS = 1000
+"""Most columns of a table: a motion capture system's export has some hundreds."""
+
+LONGEST_NAME = 200
+"""Longest name of a column, characters."""
+
+LONGEST_LINE = 100_000
+"""Longest line of a table, characters: MOST_COLUMNS numbers of a hundred digits."""
 
 _DECIMAL_COMMA = re.compile(r"\s*[-+]?\d*,\d+([eE][-+]?\d+)?\s*")
 
@@ -58,7 +70,7 @@ class Sheet:
     def words(self, name: str) -> set[str]:
         """Return what a column of text says, each once."""
         k = self.header.index(name)
-        return {cells[k].strip() for cells in csv.reader(io.StringIO(self.body), delimiter=self.delimiter) if cells[k:]}
+        return {row[k].strip() for _, row in self._rows() if row[k:]}
 
     def read(self, names: Sequence[str] | None = None, times: Collection[str] = ()) -> Table:
         """Read the columns of these names (all); those of `times` may hold dates, and are seconds then.
@@ -68,14 +80,14 @@ class Sheet:
         """
         wanted = self.header if names is None else tuple(dict.fromkeys(names))
         require(self.path, self.header, wanted)
-        for name in wanted:
-            if self.header.count(name) > 1:
-                raise RecordingError(
-                    f"{self.path}: the column '{name}' is there twice; rename one", path=self.path, value=name
-                )
+        times_there = Counter(self.header)
+        if twice := next((name for name in wanted if times_there[name] > 1), None):
+            message = f"{self.path}: the column '{printable(twice)}' is there twice; rename one"
+            raise RecordingError(message, path=self.path, value=twice)
         columns = [self.header.index(name) for name in wanted]
         dated = [k for k, name in zip(columns, wanted, strict=True) if name in times]
-        if {line.count(self.delimiter) for line in self.body.splitlines() if line.strip()} == {len(self.header) - 1}:
+        cells = {line.count(self.delimiter) for line in self.body.splitlines() if line.strip()}
+        if cells == {len(self.header) - 1}:
             try:
                 with warnings.catch_warnings():
                     warnings.simplefilter("ignore")
@@ -98,8 +110,7 @@ class Sheet:
 
     def _read_slowly(self, columns: list[int], dated: list[int]) -> Array:
         rows, width = [], len(self.header)
-        reader = csv.reader(io.StringIO(self.body), delimiter=self.delimiter)
-        for line, cells in enumerate(reader, start=self.line):
+        for line, cells in self._rows():
             if not cells:
                 continue
             if len(cells) == width + 1 and not cells[-1].strip():
@@ -115,17 +126,22 @@ class Sheet:
             rows.append([self._number(line, k, cells[k], k in dated) for k in columns])
         return np.array(rows, dtype=np.float64).reshape(-1, len(columns))
 
+    def _rows(self) -> Iterator[tuple[int, list[str]]]:
+        lines = enumerate(io.StringIO(self.body), start=self.line)
+        return split_rows(self.path, lines, self.delimiter, RecordingError)
+
     def _number(self, line: int, column: int, cell: str, dated: bool) -> float:
         try:
             if self.foreign and self.delimiter != "," and _DECIMAL_COMMA.fullmatch(cell):
                 cell = cell.replace(",", ".")
             if dated:
                 return seconds(cell)
-            return float(cell) if cell.strip() else float("nan")
+            return number(cell) if cell.strip() else float("nan")
         except ValueError:
             name = self.header[column]
+            what = f"'{printable(cell)}' in column '{printable(name)}' is not a number"
             raise RecordingError(
-                f"{self.path}:{line}: '{cell}' in column '{name}' is not a number; {_next_step(cell)}",
+                f"{self.path}:{line}: {what}; {_next_step(cell)}",
                 path=self.path,
                 line=line,
                 column=name,
@@ -139,11 +155,59 @@ def require(path: Path, header: Sequence[str], names: Sequence[str]) -> None:
     Raises:
         RecordingError: lists the columns that are there.
     """
-    missing = [name for name in names if name not in header]
+    there = set(header)
+    missing = [name for name in names if name not in there]
     if missing:
         raise RecordingError(
-            f"{path}: no column '{missing[0]}'; the columns are {', '.join(header)}", path=path, value=missing[0]
+            f"{path}: no column '{missing[0]}'; the columns are {listed(header)}", path=path, value=missing[0]
         )
+
+
+def split_rows(
+    path: Path, lines: Iterable[tuple[int, str]], delimiter: str, error: type[PbdError]
+) -> Iterator[tuple[int, list[str]]]:
+    """Split numbered lines into cells; yield each row with the number of its last line.
+
+    Raises:
+        error: a line or a cell is too long, or a quote is never closed: with the line.
+    """
+    at = 0
+
+    def fed() -> Iterator[str]:
+        nonlocal at
+        for count, line in lines:
+            at = count
+            if len(line) > LONGEST_LINE:
+                raise csv.Error(f"a line of {len(line)} characters, more than {LONGEST_LINE}")
+            yield line
+
+    rows = csv.reader(fed(), delimiter=delimiter)
+    while True:
+        try:
+            row = next(rows)
+        except StopIteration:
+            return
+        except csv.Error as reason:
+            raise error(f"{path}:{at}: {reason}; mend or remove the line", path=path, line=at) from None
+        yield at, row
+
+
+def split_header(path: Path, line: int, text: str, error: type[PbdError]) -> tuple[list[str], str]:
+    """Split a header line into names; return them and the delimiter.
+
+    Raises:
+        error: more or longer names than a table has.
+    """
+    delimiter = max(",;\t", key=text.count)
+    count = text.count(delimiter) + 1
+    if count > MOST_COLUMNS:
+        what = f"{count} columns; at most {MOST_COLUMNS} are read: take out those that are no sensor's"
+        raise error(f"{path}:{line}: {what}", path=path, line=line, value=count, bound=MOST_COLUMNS)
+    names = [name.strip().strip('"') for name in text.split(delimiter)]
+    if long := next((name for name in names if len(name) > LONGEST_NAME), None):
+        what = f"a column's name of {len(long)} characters ({printable(long)}); shorten it"
+        raise error(f"{path}:{line}: {what}", path=path, line=line, value=len(long), bound=LONGEST_NAME)
+    return names, delimiter
 
 
 def open_sheet(path: Path, foreign: bool = False) -> Sheet:
@@ -167,8 +231,7 @@ def open_sheet(path: Path, foreign: bool = False) -> Sheet:
         raise RecordingError(f"{path}: the file is empty; it needs a header line and rows of numbers", path=path)
     if not body.strip():
         raise RecordingError(f"{path}: a header but no rows; record again", path=path)
-    delimiter = max(",;\t", key=first.count)
-    header = [name.strip().strip('"') for name in first.split(delimiter)]
+    header, delimiter = split_header(path, above + 1, first, RecordingError)
     if foreign and re.fullmatch(r"[-+.,\deE\s]+", "".join(header)):
         raise RecordingError(
             f"{path}:{above + 1}: numbers where the column names should be; add a line with the column names above "
@@ -192,22 +255,16 @@ def read_table(path: Path) -> Table:
 
 
 def _text(path: Path, encodings: Sequence[str]) -> str:
+    data = read_bytes(path, RecordingError, "give a CSV file")
+    if len(encodings) > 1 and data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        encodings = ("utf-16",)  # what spreadsheets call Unicode text
+    for encoding in encodings[:-1]:
+        with suppress(UnicodeDecodeError):
+            return unix_lines(data.decode(encoding))
     try:
-        data = path.read_bytes()
-        if len(encodings) > 1 and data[:2] in (b"\xff\xfe", b"\xfe\xff"):
-            encodings = ("utf-16",)  # what spreadsheets call Unicode text
-        for encoding in encodings[:-1]:
-            with suppress(UnicodeDecodeError):
-                return _lines(data.decode(encoding))
-        return _lines(data.decode(encodings[-1]))
-    except (OSError, UnicodeDecodeError) as reason:
-        raise RecordingError(
-            f"{path}: can't be read as text ({in_words(reason)}); give a CSV file", path=path
-        ) from None
-
-
-def _lines(text: str) -> str:
-    return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
+        return unix_lines(data.decode(encodings[-1]))
+    except UnicodeDecodeError as reason:
+        raise RecordingError(f"{path}: can't be read as text ({reason}); give a CSV file", path=path) from None
 
 
 def _next_step(cell: str) -> str:

@@ -8,40 +8,35 @@ from __future__ import annotations
 
 import difflib
 import math
-import re
-import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-from pbd.errors import PbdError, in_words
+from pbd.doors.toml import Source, inside, place, shown
+from pbd.errors import PbdError
+
+LARGEST = 1e9
+"""Largest magnitude of a number, in any of our units: beyond every length, angle, time, rate and limit of an arm."""
+
+SMALLEST = 1e-9
+"""Smallest number where one must be above zero, likewise."""
 
 
 def read_toml(path: Path, error: type[PbdError]) -> Section:
     """Parse a file; whatever is wrong with it is raised as `error`."""
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as reason:
-        raise error(f"{path}: can't be read ({in_words(reason)}); give the path of a TOML file", path=path) from None
-    try:
-        values = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as reason:
-        raise error(f"{path}: not valid TOML: {reason}; correct it", path=path) from None
-    return Section(path, "", values, text, error)
+    source, values = Source.open(path, error)
+    return Section(source, "", values)
 
 
 class Section:
     """One table of a TOML file. `name` is its dotted name, empty for the file's top level."""
 
-    def __init__(
-        self, path: Path, name: str, values: Mapping[str, Any], text: str, error: type[PbdError], index: int = 0
-    ) -> None:
-        self.path = path
+    def __init__(self, source: Source, name: str, values: Mapping[str, Any], index: int = 0) -> None:
+        self.path = source.path
         self.name = name
         self._index = index  # among the [[name]] tables
         self._values = values
-        self._text = text
-        self._error = error
+        self._source = source
         self._asked: list[str] = []
         self._sections: list[Section] = []
 
@@ -54,7 +49,7 @@ class Section:
         value = self._get(key)
         if not isinstance(value, dict):
             self.fail(key, "must be a table")
-        inner = Section(self.path, f"{self.name}.{key}".lstrip("."), value, self._text, self._error)
+        inner = Section(self._source, inside(self.name, key), value)
         self._sections.append(inner)
         return inner
 
@@ -63,8 +58,8 @@ class Section:
         values = self._get(key) if key in self else []
         if not isinstance(values, list) or not all(isinstance(value, dict) for value in values):
             self.fail(key, f"must be [[{key}]] tables")
-        name = f"{self.name}.{key}".lstrip(".")
-        inner = [Section(self.path, name, value, self._text, self._error, i) for i, value in enumerate(values)]
+        name = inside(self.name, key)
+        inner = [Section(self._source, name, value, i) for i, value in enumerate(values)]
         self._sections.extend(inner)
         return inner
 
@@ -72,48 +67,57 @@ class Section:
         """Return a string that is not empty."""
         value = self._get(key)
         if not isinstance(value, str) or not value.strip():
-            self.fail(key, f"must be a non-empty string, got {value!r}")
+            self.fail(key, f"must be a non-empty string, got {shown(value)}")
         return value
 
     def texts(self, key: str) -> tuple[str, ...]:
         """Return a list of strings."""
         value = self._get(key)
         if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
-            self.fail(key, f"must be a list of strings, got {value!r}")
+            self.fail(key, f"must be a list of strings, got {shown(value)}")
         return tuple(value)
 
     def flag(self, key: str) -> bool:
         """Return true or false."""
         value = self._get(key)
         if not isinstance(value, bool):
-            self.fail(key, f"must be true or false, got {value!r}")
+            self.fail(key, f"must be true or false, got {shown(value)}")
         return value
 
-    def number(self, key: str, *, positive: bool = False) -> float:
-        """Return a finite number."""
+    def number(self, key: str, *, positive: bool = False, within: float = LARGEST) -> float:
+        """Return a finite number, `within` at the most, whatever its sign."""
         value = self._get(key)
         if not _is_number(value):
-            self.fail(key, f"must be a finite number, got {value!r}")
-        if positive and value <= 0:
-            self.fail(key, f"must be above zero, got {value!r}")
+            self.fail(key, f"must be a finite number, got {shown(value)}")
+        self._check(key, (value,), positive, within, "")
         return float(value)
 
-    def numbers(self, key: str, count: int | None, *, positive: bool = False) -> tuple[float, ...]:
+    def numbers(
+        self, key: str, count: int | None, *, positive: bool = False, within: float = LARGEST
+    ) -> tuple[float, ...]:
         """Return a list of `count` finite numbers; None: of any number of them."""
         value = self._get(key)
         if not isinstance(value, list) or not all(_is_number(item) for item in value):
-            self.fail(key, f"must be a list of {'' if count is None else f'{count} '}finite numbers, got {value!r}")
+            what = f"must be a list of {'' if count is None else f'{count} '}finite numbers"
+            self.fail(key, f"{what}, got {shown(value)}")
         if count is not None and len(value) != count:
             self.fail(key, f"must have {count} numbers, got {len(value)}")
-        if positive and min(value, default=1.0) <= 0:
-            self.fail(key, f"must hold only numbers above zero, got {value!r}")
+        self._check(key, value, positive, within, "hold only numbers ")
         return tuple(float(item) for item in value)
+
+    def _check(self, key: str, values: Sequence[float], positive: bool, within: float, hold: str) -> None:
+        got = shown(list(values) if hold else values[0])
+        if positive and min(values, default=1.0) <= 0:
+            self.fail(key, f"must {hold or 'be '}above zero, got {got}")
+        if max(map(abs, values), default=0.0) > within or (positive and min(values, default=1.0) < SMALLEST):
+            least = f"{SMALLEST:g}" if positive else f"-{within:g}"
+            self.fail(key, f"must {hold or 'be '}from {least} to {within:g}, got {got}")
 
     def figures(self, key: str) -> dict[str, float]:
         """Return a table of finite numbers, whatever their names."""
         value = self._get(key)
         if not isinstance(value, dict) or not all(_is_number(item) for item in value.values()):
-            self.fail(key, f"must be a table of finite numbers, got {value!r}")
+            self.fail(key, f"must be a table of finite numbers, got {shown(value)}")
         return {name: float(item) for name, item in value.items()}
 
     def done(self) -> None:
@@ -133,14 +137,11 @@ class Section:
 
     def fail(self, key: str, what: str, next_step: str = "correct it") -> NoReturn:
         """Raise the file's error, at `key`."""
-        line = self.line(key)
-        where = f"{self.path}:{line}" if line else f"{self.path}"
-        place = f"[{self.name}] {key}" if self.name else key
-        raise self._error(f"{where}: {place} {what}; {next_step}", path=self.path, line=line, key=key)
+        self._source.refuse(self.line(key), f"{place(self.name, key)} {what}", next_step, key=key)
 
     def line(self, key: str) -> int | None:
         """Return the line of `key`, counted from 1, or of what is around it."""
-        return _find_line(self._text, self.name, key, self._index)
+        return self._source.line(self.name, key, self._index)
 
     def _unasked(self) -> list[str]:
         return [given for given in self._values if given not in self._asked]
@@ -157,29 +158,10 @@ class Section:
         return self._values[key]
 
 
-def _find_line(text: str, section: str, key: str, index: int = 0) -> int | None:
-    """Find the line, counted from 1, that sets `key` of `section` or the table around it; tomllib keeps none.
-
-    `index` tells which one is meant where there are several [[section]] tables.
-    """
-    full_name, current, around = f"{section}.{key}".lstrip("."), "", None
-    seen = -1 if section else index  # the top has no header
-    for number, line in enumerate(text.splitlines(), start=1):
-        if header := re.match(r"\s*\[\[?\s*([\w.\-]+)\s*\]", line):
-            current = header[1]
-            seen += current == section
-        here = current == section and seen == index
-        if (here and re.match(rf"\s*{re.escape(key)}\s*=", line)) or (header and current == full_name):
-            return number
-        around = number if header and here else around
-    outer, _, name = section.rpartition(".")
-    return around or (_find_line(text, outer, name) if section else None)
-
-
 def _alike(given: str, key: str) -> bool:
     """Tell whether a word may be another one misspelt."""
     return abs(len(given) - len(key)) <= 2 and difflib.SequenceMatcher(None, given, key).ratio() > 0.6
 
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < math.inf

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from pbd.data import Demonstration, Recording, RecordingInfo
+from pbd.doors.opening import read_bytes
 from pbd.errors import RecordingError
 from pbd.files.demo import read_demo
 from pbd.pose import Array
@@ -30,10 +31,7 @@ def decode_raw(path: Path, decoder: Decoder, sensor: str, rate_hz: float | None 
     Raises:
         RecordingError: it can't be read, holds no sample, or nothing tells the rate.
     """
-    try:
-        data = path.read_bytes()
-    except OSError as reason:
-        raise RecordingError(f"{path} can't be read ({reason.strerror}); name a raw.bin", path=path) from None
+    data = read_bytes(path, RecordingError, "name a raw.bin")
     samples = [sample for sample in decoder.feed(data) if sample.acc is not None]
     if len(samples) < 2:
         raise RecordingError(

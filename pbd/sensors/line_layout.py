@@ -20,14 +20,15 @@ begins a sample.
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from math import isfinite, pi
+from pathlib import Path
 from types import MappingProxyType
 
 from pbd.data import GRAVITY
-from pbd.errors import SensorError
+from pbd.doors.toml import Source, shown
+from pbd.errors import SensorError, printable
 
 QUANTITIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
@@ -204,10 +205,7 @@ def layout_from_toml(text: str, name: str = "layout") -> LineLayout:
     Raises:
         SensorError: as LineLayout; or the text is no TOML, or has keys that are unknown or of the wrong kind.
     """
-    try:
-        values = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as reason:
-        raise SensorError(f"{name}: not valid TOML: {reason}; correct it", path=name) from None
+    _, values = Source.parse(Path(name), text, SensorError)
     try:
         _refuse_unknown(values, ("separator", "columns", "prefix", "wrap", "units", "line"), "")
         if ("line" in values) == ("columns" in values) or ("line" in values and "prefix" in values):
@@ -219,9 +217,9 @@ def layout_from_toml(text: str, name: str = "layout") -> LineLayout:
         if not isinstance(units, dict) or not all(isinstance(unit, str) for unit in units.values()):
             raise SensorError('[units] must hold strings such as acc = "g"; write them so')
         if not isinstance(separator, str):
-            raise SensorError(f"separator must be a string, got {separator!r}; write it so")
+            raise SensorError(f"separator must be a string, got {shown(separator)}; write it so")
         if wrap is not None and (isinstance(wrap, bool) or not isinstance(wrap, int | float)):
-            raise SensorError(f"wrap must be a number, got {wrap!r}; write it so")
+            raise SensorError(f"wrap must be a number, got {shown(wrap)}; write it so")
         return LineLayout(tuple(map(_line, tables)), units, SEPARATORS.get(separator, separator), wrap)
     except SensorError as error:
         raise SensorError(f"{name}: {error.message}", path=name, **error.fields) from None
@@ -238,4 +236,4 @@ def _line(table: Mapping[str, object]) -> Line:
 def _refuse_unknown(values: Mapping[str, object], known: tuple[str, ...], where: str) -> None:
     for key in values:
         if key not in known:
-            raise SensorError(f"key {key}{where} is unknown; the keys are {', '.join(known)}", key=key)
+            raise SensorError(f"key {printable(key)}{where} is unknown; the keys are {', '.join(known)}", key=key)

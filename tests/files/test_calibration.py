@@ -132,7 +132,7 @@ def test_what_the_default_has_commented_out_is_valid_too(tmp_path: Path) -> None
         ("0.5, 0.6]", "50, 60]", ":23: [obstacle] position has 60, but is in metres; divide it by 100 if it is in cm"),
         ("[0.1]", "[25]", ":22: [obstacle] size has 25, but is in metres; divide it by 100 if it is in cm"),
         (DOCK, DOCK + NAV, ":6: dock and [nav] can't both be given; remove one"),
-        ("[dock]", "[dock", ": not valid TOML: "),
+        ("[dock]", "[dock", ":6: not valid TOML: "),
         ('name = "shelf"\n', "", ":13: [obstacle] name is missing; add it"),
         ('"lamp"', '"shelf"', ":20: [obstacle] name 'shelf' is another obstacle's too; rename one of them"),
         ('"sphere"', '"ball"', ":21: [obstacle] shape must be one of box, cylinder, sphere, got 'ball'; correct it"),
@@ -150,7 +150,7 @@ def test_what_the_default_has_commented_out_is_valid_too(tmp_path: Path) -> None
             "rpy = [0.0, 1.5, 0.0]",
             ":18: [obstacle] rpy is unknown; the keys here are name, ",
         ),
-        ('[[obstacle]]\nname = "shelf"', '[obstacle]\nname = "shelf"', ": not valid TOML: "),
+        ('[[obstacle]]\nname = "shelf"', '[obstacle]\nname = "shelf"', ":19: not valid TOML: "),
     ],
 )
 def test_a_fault_is_named_with_path_line_and_key(tmp_path: Path, old: str, new: str, message: str) -> None:

@@ -84,7 +84,7 @@ def test_what_is_wrong_is_named_with_its_place(
 
 
 def test_no_such_file(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match=r"nowhere\.csv: can't be read as text .*; give a CSV file$"):
+    with pytest.raises(RecordingError, match=r"nowhere\.csv: can't be read .*; give a CSV file$"):
         read_table(tmp_path / "nowhere.csv")
 
 

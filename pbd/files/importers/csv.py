@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from pbd.data import GRAVITY, Demonstration, Recording, RecordingInfo
-from pbd.errors import RecordingError
+from pbd.errors import RecordingError, listed, printable
 from pbd.files.columns import ACC, DEVICE, GYR, MAG, device_rpy
 from pbd.files.table import Sheet, Table, open_sheet, require
 from pbd.paths import as_text
@@ -49,7 +49,6 @@ _WORDS = {
 _TIME = r"t|time|timestamp|time_?stamp|seconds|sec|时间"
 _DEVICE_TIME = r"chip_?time|片上时间"
 _DEVICE = r"address|device_?name|设备名称"
-_UNIT = re.compile(r"\s*[\[(]\s*([^\])]*?)\s*[\])]\s*$")
 _MANGLED = str.maketrans({"°": "deg", "µ": "u", "μ": "u", "ʯ": "u", "?": "u", "²": "2", " ": ""})
 """Signs as they are written, and what becomes of the micro sign where a program takes one encoding for another."""
 
@@ -79,7 +78,7 @@ def read_csv(
         without = untimed and rate_hz is None
         lacking = "t (time)" if without else "ax, ay, az (specific force)"
         raise RecordingError(
-            f"{path}: no column for {lacking}; the columns are {', '.join(sheet.header)}: say which is which with "
+            f"{path}: no column for {lacking}; the columns are {listed(sheet.header)}: say which is which with "
             f"--column, for example --column ax=NAME{', or import it with its --rate HZ' if without else ''}",
             path=path,
         )
@@ -145,7 +144,7 @@ def _refuse_several(sheet: Sheet) -> None:
     for name in sheet.header:
         if re.fullmatch(_DEVICE, _plain(name)) and len(devices := sheet.words(name)) > 1:
             raise RecordingError(
-                f"{sheet.path}: the rows of {len(devices)} devices ({', '.join(sorted(devices)[:3])}) in the column "
+                f"{sheet.path}: the rows of {len(devices)} devices ({listed(sorted(devices)[:3])}) in the column "
                 f"'{name}'; keep those of one device in a file of its own",
                 path=sheet.path,
                 value=len(devices),
@@ -160,7 +159,7 @@ def _refuse_halves(sheet: Sheet, names: Mapping[str, str]) -> None:
             there = next(name for name in wanted if name in names)
             raise RecordingError(
                 f"{sheet.path}: no column for '{missing[0]}', though there is '{there}'; the columns are "
-                f"{', '.join(sheet.header)}: name it with --column {missing[0]}=NAME",
+                f"{listed(sheet.header)}: name it with --column {missing[0]}=NAME",
                 path=sheet.path,
                 value=missing[0],
             )
@@ -182,7 +181,16 @@ def _best_clock(table: Table, clocks: list[str]) -> str:
 
 
 def _plain(given: str) -> str:
-    return re.sub(r"[\s.\-/]+", "_", _UNIT.sub("", given).strip().lower())
+    return re.sub(r"[\s.\-/]+", "_", _split_unit(given)[0].lower())
+
+
+def _split_unit(given: str) -> tuple[str, str]:
+    """`Gyroscope X (deg/s)` -> `Gyroscope X`, `deg/s`; no unit is ""."""
+    plain = given.strip()
+    opening = max(plain.rfind("("), plain.rfind("["))
+    if opening < 0 or not plain.endswith((")", "]")):
+        return plain, ""
+    return plain[:opening].rstrip(), plain[opening + 1 : -1].strip()
 
 
 def _our_name(given: str) -> str | None:
@@ -199,8 +207,7 @@ def _our_name(given: str) -> str | None:
 
 
 def _scale(path: Path, column: str, channel: str, units: Mapping[str, str]) -> float:
-    told = _UNIT.search(column)
-    unit = units.get(channel) or (told[1] if told else "")
+    unit = units.get(channel) or _split_unit(column)[1]
     if not unit:
         return 1.0
     plain = unit.lower().translate(_MANGLED)
@@ -208,7 +215,7 @@ def _scale(path: Path, column: str, channel: str, units: Mapping[str, str]) -> f
     plain = plain.removeprefix("-")
     if plain not in UNITS[channel]:
         raise RecordingError(
-            f"{path}: the unit '{unit}' of column '{column}' is not known; give one of "
+            f"{path}: the unit '{printable(unit)}' of column '{printable(column)}' is not known; give one of "
             f"{', '.join(UNITS[channel])} with --unit {channel}=UNIT",
             path=path,
             value=unit,

@@ -1,0 +1,1 @@
+"""How bytes that others wrote come in: from regular files only, bounded, and every failure is an error of ours."""

@@ -1,0 +1,73 @@
+"""Reading a whole file: never one that blocks, never more than is bounded."""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+
+from pbd.errors import PbdError, in_words
+
+SMALL = 4_000_000
+"""Largest file that a person writes (TOML, JSON, points), bytes: the bundled ones have under 10 kB."""
+
+LARGE = 1_000_000_000
+"""Largest file of samples, bytes: ten hours of nine channels at 200 Hz as a table."""
+
+
+def read_bytes(path: Path, error: type[PbdError], next_step: str, most: int = LARGE) -> bytes:
+    """Read a regular file.
+
+    Args:
+        path: the file.
+        error: what is raised.
+        next_step: how its message ends.
+        most: the largest size, bytes.
+
+    Raises:
+        error: it isn't there, is no regular file (a folder, a pipe, a device), is too large, or can't be read.
+    """
+    try:
+        return _regular(path, most)
+    except (OSError, ValueError, MemoryError) as reason:  # ValueError: a path with a zero byte
+        why = in_words(reason) or "it needs more memory than there is"
+        raise error(f"{path}: can't be read ({why}); {next_step}", path=path) from None
+
+
+def read_text(path: Path, error: type[PbdError], next_step: str, most: int = SMALL, encoding: str = "utf-8") -> str:
+    """Read a regular file of text; its lines end with a newline alone.
+
+    Raises:
+        error: as `read_bytes`, or its bytes are no text of that encoding.
+    """
+    try:
+        text = read_bytes(path, error, next_step, most).decode(encoding)
+    except UnicodeDecodeError as reason:
+        raise error(f"{path}: can't be read as text ({reason}); {next_step}", path=path) from None
+    return unix_lines(text)
+
+
+def unix_lines(text: str) -> str:
+    """End each line with a newline, whatever ended it."""
+    return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
+
+
+def _regular(path: Path, most: int) -> bytes:
+    _size_of(path.stat(), most)  # before it is opened: that alone resets some devices
+    with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
+        return file.read(_size_of(os.fstat(file.fileno()), most))  # another file may have taken its place
+
+
+def _size_of(status: os.stat_result, most: int) -> int:
+    """Return a regular file's size, bytes."""
+    if stat.S_ISDIR(status.st_mode):
+        raise OSError("it is a folder")
+    if not stat.S_ISREG(status.st_mode):
+        raise OSError("it is no regular file")
+    if status.st_size > most:
+        raise OSError(f"it has {_megabytes(status.st_size)}, more than the {_megabytes(most)} that are read")
+    return status.st_size
+
+
+def _megabytes(count: int) -> str:
+    return f"{count / 1e6:.3g} MB"

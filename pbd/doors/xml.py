@@ -1,0 +1,37 @@
+"""Reading XML: URDF, SRDF, COLLADA."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+from pbd.doors.opening import read_bytes
+from pbd.errors import PbdError
+
+MOST_BYTES = 100_000_000
+"""Largest XML file: the largest COLLADA mesh of example-robot-data has 29."""
+
+
+def read_xml(path: Path, error: type[PbdError], most: int = MOST_BYTES) -> ET.Element:
+    """Parse an XML file and return its root.
+
+    Raises:
+        error: it can't be read, is too large or is not well formed, with the line where the parser knows it.
+    """
+    data = read_bytes(path, error, "correct its path, or mend the file", most)
+    try:
+        root: ET.Element = ET.fromstring(data, parser=ET.XMLParser(target=_NoDoctype()))
+    except ET.ParseError as reason:
+        line = getattr(reason, "position", (None,))[0]
+        where = f"{path}:{line}" if line else f"{path}"
+        raise error(f"{where}: not valid XML: {reason}; correct it", path=path, line=line) from None
+    except (ValueError, LookupError) as reason:  # an encoding that the parser doesn't have
+        raise error(f"{path}: not valid XML: {reason}; save it as UTF-8", path=path) from None
+    return root
+
+
+class _NoDoctype(ET.TreeBuilder):
+    """None of our formats has a DOCTYPE, and the entities that one can define can swell a small file to gigabytes."""
+
+    def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
+        raise ET.ParseError(f"a DOCTYPE ({name[:40]}) is not taken")
