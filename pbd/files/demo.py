@@ -24,6 +24,9 @@ FORMAT = 1
 SHAPES = {"box": 3, "cylinder": 2, "sphere": 1}
 """Shapes of a grasped object and how many sizes each takes."""
 
+RATES_HZ = (1e-6, 1e6)
+"""Slowest and fastest rate of a recording: a sample in eleven days; faster than any sensor."""
+
 TRUTH = ("t", "px", "py", "pz", "qw", "qx", "qy", "qz")
 
 
@@ -72,7 +75,7 @@ def read_demo(folder: Path) -> Demonstration:
     info = RecordingInfo(
         name=top.text("name"),
         sensor=top.text("sensor"),
-        rate_hz=top.number("rate_hz", positive=True) if "rate_hz" in top else None,
+        rate_hz=_rate(top) if "rate_hz" in top else None,
         created=top.text("created") if "created" in top else None,
         clock=top.text("clock") if "clock" in top else "",
     )
@@ -85,11 +88,11 @@ def read_demo(folder: Path) -> Demonstration:
     grasped = _read_object(top.section("object")) if "object" in top else None
     top.done()
 
-    truth_file, keyframes_file = folder / "truth.csv", folder / keyframes.NAME
+    truth, edited = folder / "truth.csv", folder / keyframes.NAME
     return Demonstration(
         recording=_read_recording(read_table(folder / "imu.csv"), grip, info),
-        truth=_read_truth(read_table(truth_file)) if truth_file.is_file() else None,
-        keyframes=keyframes.read_keyframes(keyframes_file) if keyframes_file.is_file() else None,
+        truth=_read_truth(read_table(truth)) if os.path.lexists(truth) else None,
+        keyframes=keyframes.read_keyframes(edited) if os.path.lexists(edited) else None,
         notes=notes,
         bundled=is_bundled,
         closed=closed,
@@ -166,6 +169,25 @@ def demo_folder(name: str) -> Path:
 def utc_now() -> str:
     """Say when it is, in UTC, as demo.toml has it."""
     return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def check_rate(path: Path, rate_hz: float, what: str) -> None:
+    """Refuse a rate that no sensor has; `what` begins the message.
+
+    Raises:
+        RecordingError: it lies beyond RATES_HZ.
+    """
+    slowest, fastest = RATES_HZ
+    if not slowest <= rate_hz <= fastest:
+        bound = "above zero" if not rate_hz > 0.0 else f"{slowest:g} to {fastest:g} Hz"
+        raise RecordingError(f"{path}: {what} {rate_hz:g}; it must be {bound}", path=path, value=rate_hz)
+
+
+def _rate(section: Section) -> float:
+    rate_hz = section.number("rate_hz", positive=True)
+    if not RATES_HZ[0] <= rate_hz <= RATES_HZ[1]:
+        section.fail("rate_hz", f"must be {RATES_HZ[0]:g} to {RATES_HZ[1]:g} Hz, got {rate_hz:g}")
+    return rate_hz
 
 
 def _read_recording(table: Table, grip: tuple[GripEvent, ...], info: RecordingInfo) -> Recording:

@@ -21,6 +21,7 @@ import numpy as np
 from pbd.data import GRAVITY, Demonstration, Recording, RecordingInfo
 from pbd.errors import RecordingError, listed, printable
 from pbd.files.columns import ACC, DEVICE, GYR, MAG, device_rpy
+from pbd.files.demo import check_rate
 from pbd.files.table import Sheet, Table, open_sheet, require
 from pbd.paths import as_text
 from pbd.pose import Array
@@ -67,6 +68,8 @@ def read_csv(
     Raises:
         RecordingError: a column or unit is missing or unknown; there are both times and a rate; the table is no table.
     """
+    if rate_hz is not None:
+        check_rate(path, rate_hz, "the rate is")
     for channel in units:
         if channel not in UNITS:
             raise RecordingError(f"no unit can be given for '{channel}'; give it for {', '.join(UNITS)}", value=channel)

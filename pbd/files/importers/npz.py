@@ -7,9 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from pbd.data import Demonstration, Recording, RecordingInfo, Truth
-from pbd.errors import RecordingError, in_words
+from pbd.doors.npz import read_arrays
+from pbd.errors import RecordingError, listed
+from pbd.files.demo import check_rate
 from pbd.paths import as_text
 from pbd.pose import Array
+
+KEYS = ("rate_hz", "acc", "gyr", "mag", "true_position", "true_wxyz", "true_rate_hz")
 
 
 def read_npz(path: Path) -> Demonstration:
@@ -21,24 +25,15 @@ def read_npz(path: Path) -> Demonstration:
     Raises:
         RecordingError: not an npz, or without rate_hz and acc.
     """
-    try:
-        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-            arrays = {key: file[key] for key in file.files if file[key].dtype.kind in "fiub"}
-    except Exception as reason:  # damaged bytes make zip, zlib, tokenize and numpy raise errors of their own
-        raise RecordingError(
-            f"{path}: can't be read as an npz ({in_words(reason)}); save it with numpy.savez", path=path
-        ) from None
+    arrays, others = read_arrays(path, KEYS, RecordingError, "save it with numpy.savez")
     for key in ("rate_hz", "acc"):
         if key not in arrays:
-            raise RecordingError(
-                f"{path}: no array '{key}'; it has {', '.join(arrays) or 'none'}", path=path, value=key
-            )
+            raise RecordingError(f"{path}: no array '{key}'; it has {listed((*arrays, *others))}", path=path, value=key)
     for key in ("rate_hz", "true_rate_hz"):
         value = np.ravel(arrays.get(key, 1.0))
         if len(value) != 1:
             raise RecordingError(f"{path}: {key} holds {len(value)} numbers; it must be one", path=path)
-        if not 0.0 < value[0] < np.inf:
-            raise RecordingError(f"{path}: {key} is {value[0]:g}; it must be above zero", path=path, value=value[0])
+        check_rate(path, value[0], f"{key} is")
     rate_hz = float(arrays["rate_hz"].ravel()[0])
     if "true_wxyz" in arrays and "true_position" not in arrays:
         raise RecordingError(f"{path}: 'true_wxyz' without 'true_position'; add it, or leave both out", path=path)
