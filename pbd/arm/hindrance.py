@@ -44,7 +44,7 @@ class Hindrance:
 def find_hindrance(arm: ArmModel, T_base_tool: Pose, nearest: IkResult) -> Hindrance:
     """Find out what stops an arm at the nearest pose that it reaches (`solve`)."""
     goal = target(T_base_tool)
-    beyond = np.inf
+    q_least, gap_least, beyond = nearest.q, T_base_tool.p - arm.forward(nearest.q).p, np.inf
     others = () if nearest.relaxed else seed_map(arm).at(goal.p, _STARTS)  # relaxed, the place alone was sought
     for q_seed in (nearest.q, *others):
         q = nearest_place(arm, goal, q_seed)

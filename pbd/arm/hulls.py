@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 
-import coal
 import numpy as np
 import pinocchio as pin
 
@@ -22,8 +21,9 @@ from pbd.arm.convex import ConvexPart, convex_parts, simplified
 from pbd.arm.model import ArmModel, from_se3
 from pbd.cache import recall, remember
 from pbd.data import Robot
+from pbd.doors.meshes import load_by_assimp, mesh_file, read_mesh_bytes
+from pbd.doors.urdf import read_urdf_xml
 from pbd.errors import RobotError
-from pbd.paths import is_file
 from pbd.pose import Array, Pose, readonly
 
 VERSION = 1
@@ -65,7 +65,7 @@ def link_bodies(arm: ArmModel) -> tuple[Body, ...]:
         RobotError: a mesh is missing or can't be read, or an element makes no sense; the message names the link.
     """
     robot, bodies = arm.robot, []
-    for link in ET.parse(robot.urdf).getroot().iterfind("link"):
+    for link in read_urdf_xml(robot.urdf).iterfind("link"):
         name = link.get("name", "")
         frame = arm.full.frames[arm.full.getFrameId(name, pin.FrameType.BODY)]
         T_joint_link = from_se3(frame.placement)
@@ -95,7 +95,7 @@ def _read(element: ET.Element, robot: Robot) -> Iterator[tuple[Pose, str, tuple[
     elif geometry.tag == "sphere":
         yield T_link_body, "sphere", (2.0 * float(geometry.attrib["radius"]),), nothing
     elif geometry.tag == "mesh":
-        path = _find(geometry.attrib["filename"], robot)
+        path = mesh_file(geometry.attrib["filename"], robot.urdf, robot.package_dirs)
         for part in _mesh_parts(path, _numbers(geometry.get("scale", "1 1 1"))):
             yield T_link_body, "hull", (), part
     else:
@@ -120,16 +120,13 @@ def drawn_bodies(element: ET.Element, robot: Robot) -> Iterator[Body]:
 
 
 def _mesh_parts(path: Path, scale: tuple[float, ...]) -> list[ConvexPart]:
-    try:
-        content = path.read_bytes()
-    except OSError:
-        message = f"mesh {path} is missing or can't be read; put it there, or correct its filename in the URDF"
-        raise RobotError(message, path=path) from None
+    content = read_mesh_bytes(path)
     key = hashlib.sha256(repr((VERSION, path.suffix, scale)).encode() + content).hexdigest()
     if (kept := recall("hulls", key)) is not None:
         points = np.split(kept["points"], np.cumsum(kept["counts"])[:-1])
         return [ConvexPart(part, float(pad)) for part, pad in zip(points, kept["pads"], strict=True)]
-    vertices, faces = _load(path, scale)
+    vertices, faces = load_by_assimp(path)
+    vertices = vertices * np.array(scale)
     # Coal mixes up the faces of DAE files with several materials; their corners it reads right.
     parts = [simplified(vertices)] if path.suffix.lower() == ".dae" else convex_parts(vertices[faces])
     arrays = {
@@ -139,29 +136,6 @@ def _mesh_parts(path: Path, scale: tuple[float, ...]) -> list[ConvexPart]:
     }
     remember("hulls", key, arrays)
     return parts
-
-
-def _load(path: Path, scale: tuple[float, ...]) -> tuple[Array, Array]:
-    """Return a mesh's vertices (n, 3) in m and its faces (m, 3)."""
-    try:
-        mesh = coal.MeshLoader().load(str(path), np.array(scale))
-    except (RuntimeError, ValueError) as reason:
-        why = " ".join(str(reason).split())
-        raise RobotError(f"mesh {path} can't be read ({why}); convert it to STL", path=path) from None
-    triangles = [mesh.tri_indices(i) for i in range(mesh.num_tris)]
-    if not triangles:
-        raise RobotError(f"mesh {path} has no triangles; export it again as STL", path=path)
-    return np.array(mesh.vertices()), np.array([(t[0], t[1], t[2]) for t in triangles])
-
-
-def _find(address: str, robot: Robot) -> Path:
-    """Where a package://, file:// or relative address leads; the first candidate where none is there."""
-    if not address.startswith("package://"):
-        return robot.urdf.parent / address.removeprefix("file://")
-    inside = Path(address.removeprefix("package://"))
-    candidates = [folder / inside for folder in robot.package_dirs]
-    candidates += [folder.parent / inside for folder in robot.package_dirs if folder.name == inside.parts[0]]
-    return next((path for path in candidates if is_file(path)), (candidates or [inside])[0])
 
 
 def _origin(element: ET.Element) -> Pose:

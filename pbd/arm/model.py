@@ -14,7 +14,8 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from pbd.data import JointLimits, Robot
-from pbd.errors import RobotError
+from pbd.doors.urdf import kinematics
+from pbd.errors import RobotError, listed
 from pbd.pose import Array, Pose, quat_from_xyzw, quat_to_xyzw
 
 FloatArray = NDArray[np.floating[Any]]
@@ -30,7 +31,7 @@ def load_model(robot: Robot) -> ArmModel:
         RobotError: the URDF can't be read, or a joint or body that the robot names isn't in it.
     """
     try:
-        full = pin.buildModelFromUrdf(str(robot.urdf))
+        full = pin.buildModelFromXML(kinematics(robot.urdf))
     except (ValueError, RuntimeError) as reason:
         message = f"{robot.urdf}: not a valid URDF: {_one_line(reason)}; correct it"
         raise RobotError(message, path=robot.urdf) from None
@@ -60,7 +61,7 @@ class ArmModel:
         if tuple(self.model.names[1:]) != robot.joints:
             raise RobotError(
                 f"{robot.name}: joints must be in the order of {robot.urdf}; list them as "
-                f"{_listed(self.model.names[1:])}",
+                f"{listed(self.model.names[1:])}",
                 robot=robot.name,
             )
         body = self._frame(robot.body)
@@ -198,12 +199,8 @@ def _steps(arm: ArmModel) -> list[_Step]:
 
 
 def _unknown(robot: Robot, kind: str, name: str, known: Iterable[str]) -> RobotError:
-    message = f"{robot.name}: {robot.urdf} has no {kind} {name!r}; choose one of {_listed(known)}"
+    message = f"{robot.name}: {robot.urdf} has no {kind} {name!r}; choose one of {listed(known)}"
     return RobotError(message, robot=robot.name, name=name)
-
-
-def _listed(names: Iterable[str]) -> str:
-    return ", ".join(names)
 
 
 def _one_line(reason: Exception) -> str:

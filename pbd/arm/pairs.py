@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -17,6 +16,8 @@ from pbd.arm.hulls import Body
 from pbd.arm.levers import rates
 from pbd.arm.model import ArmModel
 from pbd.cache import recall, remember
+from pbd.doors.xml import read_xml
+from pbd.errors import RobotError
 from pbd.pose import Array
 
 VERSION = 3
@@ -113,7 +114,7 @@ def _ignored(arm: ArmModel) -> dict[frozenset[str], str]:
         return {}
     return {
         frozenset((entry.get("link1", ""), entry.get("link2", ""))): f"SRDF: {entry.get('reason', 'disabled')}"
-        for entry in ET.parse(arm.robot.srdf).getroot().iterfind("disable_collisions")
+        for entry in read_xml(arm.robot.srdf, RobotError).iterfind("disable_collisions")
     }
 
 

@@ -22,9 +22,7 @@ def read_xml(path: Path, error: type[PbdError], most: int = MOST_BYTES) -> ET.El
     try:
         root: ET.Element = ET.fromstring(data, parser=ET.XMLParser(target=_NoDoctype()))
     except ET.ParseError as reason:
-        line = getattr(reason, "position", (None,))[0]
-        where = f"{path}:{line}" if line else f"{path}"
-        raise error(f"{where}: not valid XML: {reason}; correct it", path=path, line=line) from None
+        raise error(f"{path}: not valid XML: {reason}; correct it", path=path) from None
     except (ValueError, LookupError) as reason:  # an encoding that the parser doesn't have
         raise error(f"{path}: not valid XML: {reason}; save it as UTF-8", path=path) from None
     return root
@@ -34,4 +32,4 @@ class _NoDoctype(ET.TreeBuilder):
     """None of our formats has a DOCTYPE, and the entities that one can define can swell a small file to gigabytes."""
 
     def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
-        raise ET.ParseError(f"a DOCTYPE ({name[:40]}) is not taken")
+        raise ET.ParseError(f"a DOCTYPE ({name[:40]}) is not allowed")

@@ -17,6 +17,12 @@ FORMAT = 1
 FAR_M = 10.0
 """No arm comes near an obstacle that is farther away or larger."""
 
+FARTHEST_M = 1000.0
+"""Farthest position in a pose, m: a sensor, a tool or a dock is much nearer to its arm."""
+
+FULL_TURN_DEG = 360.0
+"""Largest angle of a pose, degrees."""
+
 PARTS = ("dock", "nav", "mount", "sensor")
 
 
@@ -122,7 +128,7 @@ def _obstacles(sections: list[Section]) -> tuple[Obstacle, ...]:
         for key, values in (("size", size), ("position", position)):
             if max(map(abs, values)) > FAR_M:
                 section.fail(key, f"has {max(values, key=abs):g}, but is in metres", "divide it by 100 if it is in cm")
-        rpy_deg = section.numbers("rpy_deg", 3) if "rpy_deg" in section else (0.0, 0.0, 0.0)
+        rpy_deg = _angles(section) if "rpy_deg" in section else (0.0, 0.0, 0.0)
         T_base_obstacle = Pose.from_rpy(position, np.radians(rpy_deg))
         obstacles[name] = Obstacle(name, shape, size, T_base_obstacle)
     return tuple(obstacles.values())
@@ -130,4 +136,9 @@ def _obstacles(sections: list[Section]) -> tuple[Obstacle, ...]:
 
 def read_pose(section: Section) -> Pose:
     """Read a table with `position` in m and `rpy_deg` (about x, then fixed y, then fixed z)."""
-    return Pose.from_rpy(section.numbers("position", 3), np.radians(section.numbers("rpy_deg", 3)))
+    position, rpy_deg = section.numbers("position", 3, within=FARTHEST_M), _angles(section)
+    return Pose.from_rpy(position, np.radians(rpy_deg))
+
+
+def _angles(section: Section) -> tuple[float, ...]:
+    return section.numbers("rpy_deg", 3, within=FULL_TURN_DEG)

@@ -91,8 +91,8 @@ def read_demo(folder: Path) -> Demonstration:
     truth, edited = folder / "truth.csv", folder / keyframes.NAME
     return Demonstration(
         recording=_read_recording(read_table(folder / "imu.csv"), grip, info),
-        truth=_read_truth(read_table(truth)) if os.path.lexists(truth) else None,
-        keyframes=keyframes.read_keyframes(edited) if os.path.lexists(edited) else None,
+        truth=_read_truth(read_table(truth)) if is_taken(truth) else None,
+        keyframes=keyframes.read_keyframes(edited) if is_taken(edited) else None,
         notes=notes,
         bundled=is_bundled,
         closed=closed,

@@ -6,17 +6,20 @@ Nothing heavy is imported: limits and names come from the URDF as plain XML.
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from difflib import get_close_matches
 from pathlib import Path
 
 import numpy as np
 
 from pbd.data import Calibration, Gripper, JointLimits, Robot
-from pbd.errors import RobotError
-from pbd.files.calibration import read_pose
+from pbd.doors.meshes import mesh_places
+from pbd.errors import LISTED, RobotError, listed, printable
+from pbd.files.calibration import FARTHEST_M, FULL_TURN_DEG, read_pose
 from pbd.files.library import find
 from pbd.files.toml import Section, read_toml
-from pbd.files.urdf import Urdf, UrdfJoint, listed, read_poses, read_urdf
+from pbd.files.urdf import Urdf, UrdfJoint, read_poses, read_urdf
 from pbd.paths import is_file
 from pbd.pose import Array, Pose
 
@@ -54,16 +57,18 @@ def read_robot(path: Path) -> Robot:
     package_dirs = _package_dirs(path, urdf.path, share)
     _check_meshes(urdf, package_dirs)
     srdf = _find(model, "srdf", share) if "srdf" in model else None
-    base, body = model.text("base"), model.text("body")
+    poses = {} if srdf is None else read_poses(srdf)
+    base, body = _link(model, "base", urdf), _link(model, "body", urdf)
     tool = model.section("T_body_tool")
-    T_body_tool = Pose.from_rpy(tool.numbers("xyz", 3), np.deg2rad(tool.numbers("rpy_deg", 3)))
+    rpy_deg = tool.numbers("rpy_deg", 3, within=FULL_TURN_DEG)
+    T_body_tool = Pose.from_rpy(tool.numbers("xyz", 3, within=FARTHEST_M), np.deg2rad(rpy_deg))
     chain = _movable(urdf, base, body)
 
     gripper = _gripper(top.section("gripper"), urdf) if "gripper" in top else None
     arm = top.section("arm")
     joints = _arm_joints(arm, chain, gripper)
     limits = _limits(top.section("limits"), urdf, joints)
-    home = _home(arm, joints, srdf, limits)
+    home = _home(arm, joints, poses, limits)
     dock = _dock(top.section("dock"), name) if "dock" in top else None
     top.done()
     return Robot(
@@ -94,7 +99,9 @@ def _example_robot_data() -> Path | None:
 
 
 def _find(model: Section, key: str, share: Path | None) -> Path:
-    wanted = Path(model.text(key)).expanduser()
+    wanted = Path(model.text(key))
+    with suppress(RuntimeError):  # there is no such user
+        wanted = wanted.expanduser()
     folders = [model.path.parent] + ([share / "example-robot-data" / "robots"] if share else [])
     found = next((folder / wanted for folder in folders if is_file(folder / wanted)), None)
     if found is None:
@@ -110,19 +117,24 @@ def _package_dirs(toml: Path, urdf: Path, share: Path | None) -> tuple[Path, ...
 
 def _check_meshes(urdf: Urdf, package_dirs: Sequence[Path]) -> None:
     for link, address in urdf.meshes:
-        if address.startswith("package://"):
-            inside = Path(address.removeprefix("package://"))
-            places = [folder / inside for folder in package_dirs]
-            places += [folder.parent / inside for folder in package_dirs if folder.name == inside.parts[0]]
-        else:
-            places = [urdf.path.parent / address.removeprefix("file://")]
+        places = mesh_places(address, urdf.path, package_dirs)
         if not any(map(is_file, places)):
             raise RobotError(
-                f"{urdf.path}: the mesh {address!r} of link {link!r} is missing: there is no"
+                f"{urdf.path}: the mesh {printable(address)!r} of link {link!r} is missing: there is no"
                 f" {', nor '.join(map(str, places))}; put it there, or correct its address",
                 path=urdf.path,
                 link=link,
             )
+
+
+def _link(model: Section, key: str, urdf: Urdf) -> str:
+    """The name of a link; one that isn't there is refused with those that are most like it."""
+    name = model.text(key)
+    if name not in urdf.links:
+        near = get_close_matches(name, urdf.links, n=5) if len(urdf.links) > LISTED else ()
+        what = f"= {printable(name)!r}: {urdf.path} has no link {printable(name)!r}"
+        model.fail(key, what, f"set {key} to one of {listed(near or urdf.links)}")
+    return name
 
 
 def _movable(urdf: Urdf, base: str, body: str) -> list[UrdfJoint]:
@@ -211,11 +223,13 @@ def _urdf_velocity(section: Section, joints: Sequence[UrdfJoint]) -> tuple[float
     return tuple(joint.velocity for joint in joints)
 
 
-def _home(arm: Section, joints: Sequence[UrdfJoint], srdf: Path | None, limits: JointLimits) -> Array:
+def _home(
+    arm: Section, joints: Sequence[UrdfJoint], poses: Mapping[str, Mapping[str, float]], limits: JointLimits
+) -> Array:
     if "home_pose" in arm and "home" in arm:
         arm.fail("home_pose", "is given together with home", next_step="remove one of them")
     if "home_pose" in arm:
-        key, poses = "home_pose", read_poses(srdf) if srdf else {}
+        key = "home_pose"
         wanted = arm.text(key)
         if wanted not in poses:
             arm.fail(key, f"names {wanted!r}, which is not in the SRDF; its poses are {listed(poses)}")

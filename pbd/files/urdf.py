@@ -8,11 +8,15 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from pbd.errors import RobotError, in_words
+from pbd.doors.numbers import finite
+from pbd.doors.urdf import read_urdf_xml
+from pbd.doors.xml import read_xml
+from pbd.errors import RobotError, listed
 
 ACTUATED = ("revolute", "continuous", "prismatic")
 KINDS = (*ACTUATED, "fixed", "floating", "planar")
@@ -81,11 +85,7 @@ def read_urdf(path: Path) -> Urdf:
     Raises:
         RobotError: not XML, not a URDF, a joint that makes no sense, or links and joints that are no tree.
     """
-    root = _parse(path)
-    if root.tag != "robot":
-        raise RobotError(
-            f"{path} is not a URDF: its root is <{root.tag}>; give a file whose root is <robot>", path=path
-        )
+    root = read_urdf_xml(path)
     joints = [_joint(path, element) for element in root.iterfind("joint")]
     links = [_attribute(path, link, "name") for link in root.iterfind("link")]
     _check_tree(path, links, joints)
@@ -99,52 +99,44 @@ def read_urdf(path: Path) -> Urdf:
 
 def _check_tree(path: Path, links: Sequence[str], joints: Sequence[UrdfJoint]) -> None:
     """Pinocchio asks for it too, but tells its reasons past us."""
-    children = [joint.child for joint in joints]
+    above = {joint.child: joint for joint in joints}
     for what, names in (("links are named", links), ("joints are named", [joint.name for joint in joints])):
-        if twice := [name for name in names if names.count(name) > 1]:
-            raise RobotError(f"{path}: two {what} {twice[0]!r}; rename one of them", path=path)
+        if twice := _twice(names):
+            raise RobotError(f"{path}: two {what} {twice!r}; rename one of them", path=path)
+    known = set(links)
     for joint in joints:
         for link in (joint.parent, joint.child):
-            if link not in links:
+            if link not in known:
                 what = f"joint {joint.name!r} joins {link!r}, which is not a link of it"
                 raise RobotError(f"{path}: {what}; correct it, or add the link", path=path, joint=joint.name)
-        if children.count(joint.child) > 1:
-            what = f"link {joint.child!r} is the child of two joints"
-            raise RobotError(f"{path}: {what}; keep one of them", path=path, joint=joint.name)
-    if len(loose := [link for link in links if link not in children]) > 1:
-        raise RobotError(f"{path}: several root links: {listed(loose)}; connect all but one", path=path)
+    if twice := _twice([joint.child for joint in joints]):
+        what = f"link {twice!r} is the child of two joints"
+        raise RobotError(f"{path}: {what}; keep one of them", path=path, joint=above[twice].name)
+    roots = [link for link in links if link not in above]
+    if len(roots) > 1:
+        raise RobotError(f"{path}: several root links: {listed(roots)}; connect all but one", path=path)
+    below: dict[str, list[str]] = {}
+    for joint in joints:
+        below.setdefault(joint.parent, []).append(joint.child)
+    reached = list(roots)
+    for link in reached:
+        reached += below.get(link, [])
+    if len(reached) < len(links):
+        ring = sorted(known - set(reached))
+        raise RobotError(f"{path}: links that hang on each other in a ring: {listed(ring)}; cut it open", path=path)
+
+
+def _twice(names: Sequence[str]) -> str | None:
+    return next((name for name, count in Counter(names).items() if count > 1), None)
 
 
 def read_poses(path: Path) -> dict[str, dict[str, float]]:
     """Read the named poses of an SRDF: pose name -> joint name -> rad or m; of two poses of one name the first wins."""
     poses: dict[str, dict[str, float]] = {}
-    for state in _parse(path).iterfind("group_state"):
+    for state in read_xml(path, RobotError).iterfind("group_state"):
         joints = {_attribute(path, j, "name"): _number(path, j, "value") for j in state.iterfind("joint")}
         poses.setdefault(_attribute(path, state, "name"), joints)
     return poses
-
-
-def listed(names: Iterable[str]) -> str:
-    """Names for an error message."""
-    return ", ".join(names) or "(none)"
-
-
-class _NoDoctype(ET.TreeBuilder):
-    """Neither format has a DOCTYPE, and the entities that one can define can swell a small file to gigabytes."""
-
-    def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
-        raise ET.ParseError(f"a DOCTYPE ({name}) is not allowed")
-
-
-def _parse(path: Path) -> ET.Element:
-    try:
-        return ET.fromstring(path.read_bytes(), parser=ET.XMLParser(target=_NoDoctype()))
-    except OSError as reason:
-        raise RobotError(
-            f"{path}: can't be read ({in_words(reason)}); correct the path in the robot's TOML", path=path
-        ) from None
-    except ET.ParseError as reason:
-        raise RobotError(f"{path}: not valid XML: {reason}; correct it", path=path) from None
 
 
 def _joint(path: Path, element: ET.Element) -> UrdfJoint:
@@ -156,13 +148,9 @@ def _joint(path: Path, element: ET.Element) -> UrdfJoint:
     parent, child, limit = element.find("parent"), element.find("child"), element.find("limit")
     if parent is None or child is None or (limit is None and kind in ("revolute", "prismatic")):
         raise RobotError(f"{path}: joint {name!r} lacks its parent, child or limit; add it", path=path, joint=name)
-    for tag, keys in (("origin", ("xyz", "rpy")), ("axis", ("xyz",))):
-        for part in element.iterfind(tag):
-            numbers = [_triple(path, part, key, name) for key in keys if part.get(key) is not None]
-            if tag == "axis" and kind in ACTUATED and numbers and not any(numbers[0]):
-                raise RobotError(
-                    f"{path}: joint {name!r} has no axis to move about; give it one", path=path, joint=name
-                )
+    axis = element.find("axis")
+    if axis is not None and kind in ACTUATED and not any(map(float, axis.get("xyz", "1").split())):
+        raise RobotError(f"{path}: joint {name!r} has no axis to move about; give it one", path=path, joint=name)
     bounded = limit is not None and kind != "continuous"
     return UrdfJoint(
         name=name,
@@ -190,26 +178,12 @@ def _attribute(path: Path, element: ET.Element, key: str) -> str:
     return value
 
 
-def _triple(path: Path, element: ET.Element, key: str, joint: str) -> list[float]:
-    text = element.get(key) or ""
-    try:
-        values = [float(word) for word in text.split()]
-    except ValueError:
-        values = []
-    if len(values) != 3 or not all(map(math.isfinite, values)):
-        what = f"{key} = {text!r} in the <{element.tag}> of joint {joint!r} is not three numbers"
-        raise RobotError(f"{path}: {what}; correct it", path=path, joint=joint)
-    return values
-
-
 def _number(path: Path, element: ET.Element, key: str, default: float | None = None) -> float:
     text = element.get(key)
     if text is None and default is not None:
         return default
     try:
-        value = float(text or "")
+        return finite(text or "")
     except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise RobotError(f"{path}: {key} = {text!r} of a <{element.tag}> is not a number; correct it", path=path)
-    return value
+        what = f"{key} = {text!r} of a <{element.tag}> is not a number"
+        raise RobotError(f"{path}: {what}; correct it", path=path) from None

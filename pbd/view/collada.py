@@ -7,6 +7,7 @@ obeyed. Format: https://www.khronos.org/files/collada_spec_1_4.pdf.
 
 from __future__ import annotations
 
+import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,9 +15,23 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pbd.doors.numbers import finite
+from pbd.doors.xml import read_xml
 from pbd.errors import RobotError
 from pbd.pose import Array, quat_exp, quat_to_matrix
 from pbd.view.meshes import Soup
+
+MOST_BYTES = 100_000_000
+"""Largest file: the largest COLLADA mesh of example-robot-data has 29 MB."""
+
+MOST_TRIANGLES = 4_000_000
+"""Most triangles of a mesh: small files can show one geometry any number of times."""
+
+MOST_NODES = 20_000
+"""Most nodes of a scene, counted each time that one is shown."""
+
+MOST_LEVELS = 100
+"""Deepest nesting of nodes."""
 
 SHADERS = ("phong", "lambert", "blinn", "constant")
 
@@ -27,13 +42,16 @@ def read_collada(path: Path) -> Soup:
     Raises:
         RobotError: the file is no COLLADA, or breaks its own references.
     """
+    root = read_xml(path, RobotError, MOST_BYTES)
+    for element in root.iter():
+        element.tag = element.tag.rpartition("}")[2]
     try:
-        root = ET.parse(path).getroot()
-        for element in root.iter():
-            element.tag = element.tag.rpartition("}")[2]
-        return _Document(root).soup()
-    except (OSError, ET.ParseError, KeyError, ValueError, IndexError, AttributeError, TypeError) as error:
+        with np.errstate(all="ignore"), warnings.catch_warnings():
+            warnings.simplefilter("error", DeprecationWarning)  # numpy's for text that is no number
+            soup = _Document(root).soup()
+    except (KeyError, ValueError, IndexError, AttributeError, TypeError, StopIteration, DeprecationWarning) as error:
         raise RobotError(f"{path} can't be read as COLLADA ({error}); export the mesh again", path=path) from error
+    return soup
 
 
 class _Document:
@@ -43,7 +61,8 @@ class _Document:
         self.root = root
         self.ids = {name: element for element in root.iter() if (name := element.get("id"))}
         unit = root.find("asset/unit")
-        self.metres = 1.0 if unit is None else float(unit.get("meter", "1"))
+        self.metres = 1.0 if unit is None else finite(unit.get("meter", "1"))
+        self.steps = 0
 
     def soup(self) -> Soup:
         scale = np.diag([self.metres] * 3 + [1.0])
@@ -52,20 +71,25 @@ class _Document:
             for node in scene.iterfind("node"):
                 for instance, T_scene_node in self.instances(node, scale):
                     parts.extend(self.primitives(instance, T_scene_node))
+                    if sum(len(corners) for corners, _ in parts) > MOST_TRIANGLES:
+                        raise ValueError(f"more than {MOST_TRIANGLES} triangles")
         return Soup.join(parts)
 
     def target(self, element: ET.Element, attribute: str) -> ET.Element:
         return self.ids[element.attrib[attribute].removeprefix("#")]
 
-    def instances(self, node: ET.Element, T: Array) -> Iterator[tuple[ET.Element, Array]]:
+    def instances(self, node: ET.Element, T: Array, depth: int = 0) -> Iterator[tuple[ET.Element, Array]]:
         """Walk the nodes; the transforms of one apply in the order in which they are written."""
+        self.steps += 1
+        if depth > MOST_LEVELS or self.steps > MOST_NODES:
+            raise ValueError("its nodes never end")
         for child in node:
             if child.tag in ("matrix", "translate", "rotate", "scale"):
                 T = T @ _transform(child)
             elif child.tag == "node":
-                yield from self.instances(child, T)
+                yield from self.instances(child, T, depth + 1)
             elif child.tag == "instance_node":
-                yield from self.instances(self.target(child, "url"), T)
+                yield from self.instances(self.target(child, "url"), T, depth + 1)
             elif child.tag == "instance_geometry":
                 yield child, T
 
@@ -104,6 +128,8 @@ class _Document:
             sides = np.array([len(polygon) for polygon in polygons])
         else:
             sides = np.full(len(index) // 3, 3)
+        if sides.min(initial=0) < 0 or sides.sum() > len(index) or index.min(initial=0) < 0:
+            raise ValueError("a polygon without corners")
         return points[index[_fans(sides)]]
 
     def diffuse(self, material: ET.Element) -> Array:

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from pbd.data import JointTrajectory, Robot, Samples
+from pbd.doors.urdf import kinematics
 from pbd.errors import RobotError
 from pbd.pose import Array, Pose, quat_from_matrix, quat_multiply, quat_rotate
 
@@ -46,8 +47,8 @@ class Motion:
     def __init__(self, robot: Robot, trajectory: JointTrajectory, rate_hz: float) -> None:
         self.robot = robot
         try:
-            self.model = pin.buildModelFromUrdf(str(robot.urdf))
-        except ValueError as error:
+            self.model = pin.buildModelFromXML(kinematics(robot.urdf))
+        except (ValueError, RuntimeError) as error:
             raise RobotError(
                 f"{robot.urdf} is not a URDF ({error}); check urdf in robots/*.toml", path=robot.urdf
             ) from error

@@ -6,15 +6,14 @@ Format: https://wiki.ros.org/urdf/XML/visual. A mesh's own colours win over the 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from pbd.data import Robot
+from pbd.doors.meshes import mesh_file
+from pbd.doors.urdf import read_urdf_xml
 from pbd.errors import RobotError
-from pbd.paths import is_file
 from pbd.pose import Pose
 from pbd.view import shapes
 from pbd.view.mesh_files import load_mesh
@@ -40,12 +39,7 @@ def read_visuals(robot: Robot) -> tuple[Visual, ...]:
     Raises:
         RobotError: the URDF or a mesh can't be read; the message names the link.
     """
-    try:
-        root = ET.parse(robot.urdf).getroot()
-    except (OSError, ET.ParseError) as error:
-        raise RobotError(
-            f"{robot.urdf} can't be read ({error}); check urdf in robots/*.toml", path=robot.urdf
-        ) from error
+    root = read_urdf_xml(robot.urdf)
     colours = {
         name: rgb for material in root.iterfind("material") if (rgb := _rgb(material)) and (name := _name(material))
     }
@@ -68,7 +62,7 @@ def _mesh(visual: ET.Element, robot: Robot, rgb: Rgb) -> Mesh:
     geometry = visual.findall("geometry/*")[0]
     if geometry.tag == "mesh":
         scale = _triple(geometry.get("scale", "1 1 1"))
-        return load_mesh(find_file(geometry.attrib["filename"], robot.urdf, robot.package_dirs), scale, rgb)
+        return load_mesh(mesh_file(geometry.attrib["filename"], robot.urdf, robot.package_dirs), scale, rgb)
     if geometry.tag == "box":
         return shapes.box(_triple(geometry.attrib["size"]), rgb)
     if geometry.tag == "cylinder":
@@ -76,22 +70,6 @@ def _mesh(visual: ET.Element, robot: Robot, rgb: Rgb) -> Mesh:
     if geometry.tag == "sphere":
         return shapes.sphere(float(geometry.attrib["radius"]), rgb)
     raise ValueError(f"geometry {geometry.tag!r} is none of mesh, box, cylinder, sphere")
-
-
-def find_file(address: str, urdf: Path, package_dirs: Sequence[Path]) -> Path:
-    """Where a URDF's package://, file:// or relative address leads.
-
-    A package may be a folder in one of package_dirs, or such a folder itself. Where nothing is found the first
-    candidate is returned, for the error message of whoever opens it.
-    """
-    if not address.startswith("package://"):
-        return urdf.parent / address.removeprefix("file://")
-    inside = Path(address.removeprefix("package://"))
-    candidates = [folder / inside for folder in package_dirs]
-    candidates += [folder.parent / inside for folder in package_dirs if folder.name == inside.parts[0]]
-    if not candidates:
-        raise ValueError(f"{address} is in a package, and no folder of packages is known")
-    return next((path for path in candidates if is_file(path)), candidates[0])
 
 
 def _name(element: ET.Element) -> str:

@@ -1,0 +1,158 @@
+"""A URDF's XML as this project understands it: bounded, every number in it sound, no more than is used.
+
+Libraries see what was checked here, not the file: urdfdom prints what it dislikes past us, and a mesh whose scale is no
+number crashes what measures distances. Format: https://wiki.ros.org/urdf/XML.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import NamedTuple
+
+from pbd.doors.numbers import finite_list
+from pbd.doors.xml import read_xml
+from pbd.errors import RobotError, listed, printable
+
+MOST_LINKS = 500
+"""Most links of a robot: example-robot-data's largest has 118."""
+
+MOST_SHAPES = 2000
+"""Most shapes of a robot, to be seen or to be hit."""
+
+LONGEST_M = 100.0
+"""Farthest that one part of an arm is from the next, and the largest shape, m."""
+
+LARGEST = 1e9
+"""Largest angle, mass or scale, in SI units."""
+
+LARGEST_LIMIT = 1e20
+"""Largest limit of a joint: 1e16 is written where there is none."""
+
+SMALLEST_M = 1e-6
+"""Smallest shape, m."""
+
+
+class _Rule(NamedTuple):
+    """What the numbers of an attribute must be."""
+
+    count: int
+    most: float = LARGEST
+    least: float = 0.0
+    mirrored: bool = False
+    needed: bool = False
+
+    def fault(self, text: str) -> str | None:
+        """Say what is wrong with a text that is to be so many sound numbers."""
+        try:
+            values = finite_list(text, self.count)
+        except ValueError:
+            return "not a number" if self.count == 1 else "not three numbers"
+        if max(map(abs, values)) > self.most:
+            return f"larger than {self.most:g}"
+        least = min(map(abs, values)) if self.mirrored else min(values)
+        return f"smaller than {self.least:g}" if self.least and least < self.least else None
+
+
+_NEEDED = _Rule(1, needed=True)
+_LENGTH = _Rule(1, LONGEST_M, SMALLEST_M, needed=True)
+RULES: dict[str, dict[str, _Rule]] = {
+    "origin": {"xyz": _Rule(3, LONGEST_M), "rpy": _Rule(3)},
+    "axis": {"xyz": _Rule(3)},
+    "limit": dict.fromkeys(("lower", "upper", "effort", "velocity"), _Rule(1, LARGEST_LIMIT)),
+    "mimic": dict.fromkeys(("multiplier", "offset"), _Rule(1)),
+    "mass": {"value": _NEEDED},
+    "inertia": dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), _NEEDED),
+    "box": {"size": _Rule(3, LONGEST_M, SMALLEST_M, needed=True)},
+    "cylinder": {"radius": _LENGTH, "length": _LENGTH},
+    "sphere": {"radius": _LENGTH},
+    "mesh": {"scale": _Rule(3, LARGEST, SMALLEST_M, mirrored=True)},
+}
+"""What the attributes of each element must be; a mesh may be mirrored."""
+
+LINK_PARTS = ("inertial", "visual", "collision")
+JOINT_PARTS = ("origin", "parent", "child", "axis", "limit", "mimic")
+
+
+def read_urdf_xml(path: Path) -> ET.Element:
+    """Read a URDF and check each number in its links and joints.
+
+    Raises:
+        RobotError: it can't be read, is no URDF, has too many parts, or an attribute makes no sense.
+    """
+    root = read_xml(path, RobotError)
+    if root.tag != "robot":
+        what = f"{path} is not a URDF: its root is <{printable(root.tag)}>; give a file whose root is <robot>"
+        raise RobotError(what, path=path)
+    for what, most, count in (
+        ("links", MOST_LINKS, len(root.findall("link"))),
+        ("joints", MOST_LINKS, len(root.findall("joint"))),
+        ("shapes", MOST_SHAPES, len(root.findall("link/visual")) + len(root.findall("link/collision"))),
+    ):
+        if count > most:
+            message = f"{path}: {count} {what}, more than the {most} that are read; give a file of the arm alone"
+            raise RobotError(message, path=path, value=count, bound=most)
+    for link in root.iterfind("link"):
+        owner = f"link {printable(link.get('name', ''))!r}"
+        for part in link:
+            if part.tag in LINK_PARTS:
+                _check_parts(path, owner, part)
+            if part.tag in ("visual", "collision"):
+                _check_geometry(path, owner, part)
+            if part.tag == "inertial" and (part.find("mass") is None or part.find("inertia") is None):
+                raise _wrong(path, owner, "its <inertial> lacks its <mass> or <inertia>")
+    for joint in root.iterfind("joint"):
+        for part in joint:
+            if part.tag in JOINT_PARTS:
+                _check_attributes(path, f"joint {printable(joint.get('name', ''))!r}", part)
+    return root
+
+
+def kinematics(path: Path) -> str:
+    """Return the XML of links and joints alone, without shapes: what pinocchio builds a model of.
+
+    Raises:
+        RobotError: as `read_urdf_xml`.
+    """
+    root = read_urdf_xml(path)
+    robot = ET.Element("robot", name=root.get("name") or "robot")
+    for element in root:
+        if element.tag in ("link", "joint"):
+            keys = ("name", "type") if element.tag == "joint" else ("name",)
+            kept = ET.SubElement(robot, element.tag, {key: element.get(key, "") for key in keys})
+            parts = JOINT_PARTS if element.tag == "joint" else ("inertial",)
+            kept.extend(part for part in element if part.tag in parts)
+            for limit in kept.iterfind("limit"):  # urdfdom wants both
+                limit.attrib.setdefault("effort", "0")
+                limit.attrib.setdefault("velocity", "0")
+    return ET.tostring(robot, encoding="unicode")
+
+
+def _check_parts(path: Path, owner: str, element: ET.Element) -> None:
+    for part in element.iter():
+        if part.tag in RULES:
+            _check_attributes(path, owner, part)
+
+
+def _check_attributes(path: Path, owner: str, element: ET.Element) -> None:
+    if element.tag == "mesh" and not element.get("filename"):
+        raise _wrong(path, owner, "a <mesh> has no filename")
+    for key, rule in RULES.get(element.tag, {}).items():
+        text = element.get(key)
+        if text is None and rule.needed:
+            raise _wrong(path, owner, f"a <{element.tag}> has no {key}")
+        if text is not None and (fault := rule.fault(text)):
+            what = f"{key} = {printable(text)!r} in the <{element.tag}> of {owner} is {fault}"
+            raise _wrong(path, owner, what)
+
+
+def _check_geometry(path: Path, owner: str, shape: ET.Element) -> None:
+    solids = [element.tag for element in shape.findall("geometry/*")]
+    if len(solids) != 1 or solids[0] not in ("box", "cylinder", "sphere", "mesh"):
+        raise _wrong(path, owner, f"a <{shape.tag}> must hold one of box, cylinder, sphere, mesh, has {listed(solids)}")
+
+
+def _wrong(path: Path, owner: str, what: str) -> RobotError:
+    kind, _, name = owner.partition(" ")
+    told = what if owner in what else f"{owner}: {what}"
+    return RobotError(f"{path}: {told}; correct it", path=path, **{kind: name.strip("'")})
