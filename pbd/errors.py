@@ -16,9 +16,9 @@ class PbdError(Exception):
     exit_code: ClassVar[int] = 1
 
     def __init__(self, message: str, **fields: object) -> None:
-        super().__init__(message)
-        self.message = message
+        self.message = one_line(message)
         self.fields = fields
+        super().__init__(self.message)
 
 
 class SensorError(PbdError):
@@ -49,6 +49,22 @@ class PlanError(PbdError):
 
 class PbdWarning(UserWarning):
     """Something was mended or assumed on the way; the result is sound but the reader should know."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(one_line(message))
+
+
+LONGEST = 1000
+"""Longest message, characters: what a file says may be in it."""
+
+
+def one_line(message: str) -> str:
+    """Write a message on one line, in print that no terminal obeys, without the middle where it is very long."""
+    if not message.isprintable():
+        message = "".join(c if c.isprintable() else " " if c.isspace() else repr(c)[1:-1] for c in message)
+    if len(message) <= LONGEST:
+        return message
+    return f"{message[: LONGEST // 2]} ... {message[-LONGEST // 2 :]}"
 
 
 def in_words(reason: Exception) -> str:

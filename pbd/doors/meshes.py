@@ -10,12 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.doors.opening import read_bytes
-from pbd.errors import RobotError
+from pbd.errors import RobotError, printable
 from pbd.paths import is_file
 from pbd.pose import Array
 
 MOST_BYTES = 200_000_000
 """Largest mesh file: four million triangles of a binary STL."""
+
+LONGEST_LINE = 10_000
+"""Longest line of an OBJ file, characters: assimp's time grows with its square."""
 
 LARGEST = 1e6
 """Largest coordinate of a mesh, in its own unit: a kilometre in mm."""
@@ -56,12 +59,14 @@ def load_by_assimp(path: Path) -> tuple[Array, NDArray[np.int64]]:
     """
     import coal
 
-    read_mesh_bytes(path)  # assimp would wait for a pipe
+    data = read_mesh_bytes(path)  # assimp would wait for a pipe
+    if path.suffix.lower() == ".obj" and max(map(len, data.splitlines()), default=0) > LONGEST_LINE:
+        raise RobotError(f"mesh {path} has a line of more than {LONGEST_LINE} characters; export it anew", path=path)
     try:
         # Boxes along the axes: the others' search for axes prints what it thinks of numbers that are none.
         model: Any = coal.MeshLoader(coal.BV_AABB).load(str(path), np.ones(3))
     except Exception as reason:  # assimp's and coal's have no type of their own
-        why = " ".join(str(reason).split())
+        why = printable(" ".join(str(reason).rpartition("message:")[2].split()))
         raise RobotError(f"mesh {path} can't be read ({why}); convert it to STL", path=path) from None
     faces = [model.tri_indices(i) for i in range(model.num_tris)]
     if not faces:

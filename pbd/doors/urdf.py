@@ -7,8 +7,8 @@ number crashes what measures distances. Format: https://wiki.ros.org/urdf/XML.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 from pbd.doors.numbers import finite_list
 from pbd.doors.xml import read_xml
@@ -33,7 +33,8 @@ SMALLEST_M = 1e-6
 """Smallest shape, m."""
 
 
-class _Rule(NamedTuple):
+@dataclass(frozen=True)
+class _Rule:
     """What the numbers of an attribute must be."""
 
     count: int

@@ -49,7 +49,7 @@ def read_collada(path: Path) -> Soup:
         with np.errstate(all="ignore"), warnings.catch_warnings():
             warnings.simplefilter("error", DeprecationWarning)  # numpy's for text that is no number
             soup = _Document(root).soup()
-    except (KeyError, ValueError, IndexError, AttributeError, TypeError, StopIteration, DeprecationWarning) as error:
+    except (KeyError, ValueError, IndexError, AttributeError, TypeError, DeprecationWarning) as error:
         raise RobotError(f"{path} can't be read as COLLADA ({error}); export the mesh again", path=path) from error
     return soup
 
@@ -112,7 +112,9 @@ class _Document:
     def corners(self, primitive: ET.Element) -> Array:
         inputs = primitive.findall("input")
         stride = 1 + max(int(each.attrib["offset"]) for each in inputs)
-        vertex = next(each for each in inputs if each.get("semantic") == "VERTEX")
+        vertex = primitive.find("input[@semantic='VERTEX']")
+        if vertex is None:
+            raise ValueError("a primitive without vertices")
         position = self.target(vertex, "source").find("input[@semantic='POSITION']")
         if position is None:
             raise ValueError("vertices without positions")

@@ -12,6 +12,7 @@ import numpy as np
 
 from pbd.cache import recall, remember
 from pbd.doors.meshes import load_by_assimp, read_mesh_bytes, refuse_unsound
+from pbd.errors import RobotError
 from pbd.view.collada import read_collada
 from pbd.view.meshes import Mesh, Soup, compact
 
@@ -63,6 +64,9 @@ def load_mesh(path: Path, scale: tuple[float, float, float], default_rgb: tuple[
     soup = read_soup(path)
     refuse_unsound(path, soup.corners)
     corners = soup.corners * np.array(scale)
-    mesh = compact(Soup(corners[:, ::-1] if np.prod(scale) < 0.0 else corners, soup.rgb), default_rgb)
+    try:
+        mesh = compact(Soup(corners[:, ::-1] if np.prod(scale) < 0.0 else corners, soup.rgb), default_rgb)
+    except ValueError as reason:
+        raise RobotError(f"mesh {path} can't be drawn ({reason}); export it anew", path=path) from None
     remember("meshes", key.hexdigest(), vars(mesh))
     return mesh

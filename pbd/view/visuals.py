@@ -12,6 +12,7 @@ import numpy as np
 
 from pbd.data import Robot
 from pbd.doors.meshes import mesh_file
+from pbd.doors.numbers import finite_list
 from pbd.doors.urdf import read_urdf_xml
 from pbd.errors import RobotError
 from pbd.pose import Pose
@@ -77,13 +78,17 @@ def _name(element: ET.Element) -> str:
 
 
 def _triple(text: str) -> Rgb:
-    x, y, z = (float(word) for word in text.split())
+    x, y, z = finite_list(text, 3)
     return x, y, z
 
 
 def _rgb(material: ET.Element) -> Rgb | None:
+    """None where there is no colour, or it is no three numbers."""
     colour = material.find("color")
-    return None if colour is None else _triple(" ".join(colour.attrib["rgba"].split()[:3]))
+    try:
+        return None if colour is None else _triple(" ".join(colour.get("rgba", "").split()[:3]))
+    except ValueError:
+        return None
 
 
 def _origin(visual: ET.Element) -> Pose:

@@ -102,7 +102,9 @@ def read_csv(
         if wanted[0] not in names:
             return None
         scales = [_scale(path, names[ours], unit, units) * (-1.0 if ours in turned else 1.0) for ours in wanted]
-        return table.columns(*(names[ours] for ours in wanted)) * scales
+        with np.errstate(over="ignore"):  # what becomes infinite is found with all else that is no number
+            values: Array = table.columns(*(names[ours] for ours in wanted)) * scales
+        return values
 
     acc, mag = (values_of(channel, channel) for channel in ("acc", "mag"))
     t = values_of("t", "t") if rate_hz is None else np.arange(len(table.values))[:, None] / rate_hz
