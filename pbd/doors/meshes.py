@@ -83,4 +83,4 @@ def refuse_unsound(path: Path, vertices: Array) -> None:
         RobotError: one is no finite number, or larger than LARGEST.
     """
     if not (np.abs(vertices) <= LARGEST).all():
-        raise RobotError(f"mesh {path} has a vertex that is no number or too far away; export it anew", path=path)
+        raise RobotError(f"mesh {path} has a vertex that is not a number or too far away; export it anew", path=path)

@@ -63,7 +63,7 @@ def _size_of(status: os.stat_result, most: int) -> int:
     if stat.S_ISDIR(status.st_mode):
         raise OSError("it is a folder")
     if not stat.S_ISREG(status.st_mode):
-        raise OSError("it is no regular file")
+        raise OSError("it is not a regular file")
     if status.st_size > most:
         raise OSError(f"it has {_megabytes(status.st_size)}, more than the {_megabytes(most)} that are read")
     return status.st_size

@@ -154,7 +154,7 @@ def test_a_mesh_is_found_and_scaled(tmp_path: Path, cache: Path, address: str) -
         (
             OBJ,
             '<mesh filename="meshes/t.obj" scale="1 two 3"/>',
-            "scale = '1 two 3' in the <mesh> of link 'hand' is no three",
+            "scale = '1 two 3' in the <mesh> of link 'hand' is not three",
         ),
         (OBJ, '<mesh scale="1 1 1"/>', "link 'hand': a <mesh> has no filename; correct it"),
         (

@@ -182,9 +182,7 @@ def test_errors_are_one_line_and_list_the_names(odd_robot: Robot, tmp_path: Path
 def test_a_urdf_that_cant_be_read_is_one_line(odd_robot: Robot, tmp_path: Path, text: str) -> None:
     broken = tmp_path / "broken.urdf"
     broken.write_text(text, encoding="utf-8")
-    with pytest.raises(
-        RobotError, match=r"broken\.urdf: not (a valid URDF|valid XML): .*; (correct it|mend it there)"
-    ) as caught:
+    with pytest.raises(RobotError, match=r"broken\.urdf: not (a valid URDF|valid XML): .*; correct it") as caught:
         load_model(replace(odd_robot, urdf=broken))
     assert "\n" not in caught.value.message
 

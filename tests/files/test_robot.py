@@ -365,7 +365,7 @@ def test_a_joint_left_out_is_locked_at_zero_which_must_be_within_its_limits(fold
         ('velocity="1.5"', 'velocity="0"',
          r"\[limits\] velocity is missing and the URDF sets no limit above zero for shoulder; add it"),
         (' velocity="2.5"', "", r"\[limits\] velocity is missing and .* for elbow; add it"),
-        ('lower="-2"', 'lower="minus two"', r"lower = 'minus two' in the <limit> of joint 'shoulder' is not a number; "),
+        ('lower="-2"', 'lower="minus two"', r"lower = 'minus two' in the <limit> of joint 'shoulder' is not a number"),
         ('lower="-2"', 'lower="inf"', r"lower = 'inf' in the <limit> of joint 'shoulder' is not a number; correct"),
         ('<parent link="foot"/>', "", r"mine.urdf: joint 'shoulder' lacks its parent, child or limit; add it"),
         ('<joint name="claw"', "<joint", r"mine.urdf: a <joint> has no name; add it"),

@@ -65,9 +65,10 @@ def _readers() -> dict[str, Reader]:
         "Magnetometer.csv",
         lambda path: import_file(path.with_name("Inertial.csv")),
     )
-    for name, save in (("npz", np.savez), ("npz, packed", np.savez_compressed)):
+    savers: dict[str, Callable[..., None]] = {"npz": np.savez, "npz, packed": np.savez_compressed}
+    for name, save in savers.items():
         packed = io.BytesIO()
-        save(packed, **{key: np.asarray(value) for key, value in bodies.ARRAYS.items()})
+        save(packed, **bodies.ARRAYS)
         found[name] = Reader({"run.npz": packed.getvalue()}, "run.npz", import_file)
     hand = random_hand(ROWS, seed=1)
     for name, speaker in SPEAKERS.items():
@@ -101,7 +102,8 @@ def _demonstration() -> dict[str, bytes]:
 
 
 def _update(path: Path) -> object:
-    return update_calibration(path, {"dock": {"position": ((0.1, 0.2, 0.3), "m")}}, scale=0.5)
+    update_calibration(path, {"dock": {"position": ((0.1, 0.2, 0.3), "m")}}, scale=0.5)
+    return read_calibration(path)
 
 
 def _joints(path: Path) -> object:

@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pbd.doors.meshes import mesh_file
 from pbd.errors import RobotError
 from pbd.pose import Pose
 from pbd.view import stand_in, visuals
 from pbd.view.meshcat_api import ScenePath, Visualizer
 from pbd.view.scene import FRAME_RATE_HZ, ReplayScene, Rod, Touching, build
-from pbd.view.visuals import find_file, read_visuals
+from pbd.view.visuals import read_visuals
 from tests.view import scenes
 
 
@@ -226,7 +227,7 @@ class TestVisuals:
         mesh.touch()
         urdf = tmp_path / "packages" / "thing" / "thing.urdf"
         packages = tmp_path / "packages"
-        assert find_file("package://thing/meshes/a.stl", urdf, [tmp_path, packages]) == mesh
-        assert find_file("package://thing/meshes/a.stl", urdf, [packages / "thing"]) == mesh
-        assert find_file("meshes/a.stl", urdf, []) == mesh
-        assert find_file(f"file://{mesh}", urdf, []) == mesh
+        assert mesh_file("package://thing/meshes/a.stl", urdf, [tmp_path, packages]) == mesh
+        assert mesh_file("package://thing/meshes/a.stl", urdf, [packages / "thing"]) == mesh
+        assert mesh_file("meshes/a.stl", urdf, []) == mesh
+        assert mesh_file(f"file://{mesh}", urdf, []) == mesh
