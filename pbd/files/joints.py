@@ -48,9 +48,7 @@ def read_joints(
             raise PbdError(f"{what}: lacks {listed(missing)}; give a number, in {unit}, for each joint of the arm")
         value = [value[name] for name in names]
     if not isinstance(value, list) or len(value) != len(names) or not all(map(_is_number, value)):
-        raise PbdError(
-            f"{what}: needs {len(names)} numbers, in {unit}, for {listed(names)}; got {printable(text)}"
-        )
+        raise PbdError(f"{what}: needs {len(names)} numbers, in {unit}, for {listed(names)}; got {printable(text)}")
     return tuple(float(each) / per for each, per in zip(value, per_si or [1.0] * len(names), strict=True))
 
 
