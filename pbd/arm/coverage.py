@@ -16,6 +16,7 @@ import pinocchio as pin
 from pbd.arm.hulls import Body, drawn_bodies, link_bodies
 from pbd.arm.levers import outline
 from pbd.arm.model import ArmModel
+from pbd.doors.urdf import read_urdf_xml
 
 SMALL = 0.5
 """A shape is doubted below this share of what is drawn of its link, or of the distance between its joints. Of the
@@ -45,7 +46,7 @@ def doubts(arm: ArmModel) -> tuple[Doubt, ...]:
         own = [body for body in bodies if body.joint == joint]
         if (why := _between_joints(arm, joint, own)) is not None:
             found[own[0].name if own else _link(arm, joint)] = why
-    for link in ET.parse(arm.robot.urdf).getroot().iterfind("link"):
+    for link in read_urdf_xml(arm.robot.urdf).iterfind("link"):
         name, drawn = link.get("name", ""), link.findall("visual")
         if drawn and link.findall("collision") and _solids(link, "visual") != _solids(link, "collision"):
             size = _size(body for body in bodies if body.name == name)

@@ -109,10 +109,11 @@ def drawn_bodies(element: ET.Element, robot: Robot) -> Iterator[Body]:
         for T_link_body, shape, size, part in _read(element, robot):
             yield Body("", 0, T_link_body, shape, size, part.points, part.pad)
         return
-    path, scale = _find(geometry.attrib["filename"], robot), np.array(_numbers(geometry.get("scale", "1 1 1")))
-    key = hashlib.sha256(repr((VERSION, path.suffix)).encode() + path.read_bytes()).hexdigest()
+    path = mesh_file(geometry.attrib["filename"], robot.urdf, robot.package_dirs)
+    scale = np.array(_numbers(geometry.get("scale", "1 1 1")))
+    key = hashlib.sha256(repr((VERSION, path.suffix)).encode() + read_mesh_bytes(path)).hexdigest()
     if (kept := recall("boxes", key)) is None:
-        vertices, _ = _load(path, (1.0, 1.0, 1.0))
+        vertices, _ = load_by_assimp(path)
         kept = {"box": np.stack((vertices.min(axis=0), vertices.max(axis=0)))}
         remember("boxes", key, kept)
     middle, size = scale * kept["box"].mean(axis=0), np.abs(scale) * np.ptp(kept["box"], axis=0)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pbd.arm.coverage import doubts
 from pbd.arm.hulls import link_bodies
 from pbd.arm.model import load_model
 from pbd.arm.pairs import link_pairs
@@ -125,6 +126,7 @@ def _arm(path: Path) -> object:
     robot = read_robot(path.with_name("mine.toml"))
     arm = load_model(robot)
     link_pairs(arm)
+    doubts(arm)
     return link_bodies(arm), read_visuals(robot)
 
 

@@ -111,9 +111,11 @@ def read_csv(
     compass = values_of("angle", "angle")
     assert t is not None
     assert acc is not None
+    with np.errstate(invalid="ignore"):  # likewise
+        since_first = t[:, 0] - t[0, 0]
     return Demonstration(
         recording=Recording(
-            t=t[:, 0] - t[0, 0],
+            t=since_first,
             acc=acc,
             gyr=values_of("gyr", "gyr"),
             mag=_magnetometer_beside(path, t[:, 0]) if mag is None else mag,
@@ -238,6 +240,7 @@ def _magnetometer_beside(path: Path, t: Array) -> Array | None:
     if not {"t", *MAG} <= set(names):
         return None
     table = sheet.read([names["t"], *(names[axis] for axis in MAG)])
-    t_mag = table.columns(names["t"])[:, 0] * _scale(beside, names["t"], "t", {})
-    mag = [table.columns(names[axis])[:, 0] * _scale(beside, names[axis], "mag", {}) for axis in MAG]
-    return np.column_stack([np.interp(t, t_mag, axis) for axis in mag])
+    with np.errstate(all="ignore"):  # as above
+        t_mag = table.columns(names["t"])[:, 0] * _scale(beside, names["t"], "t", {})
+        mag = [table.columns(names[axis])[:, 0] * _scale(beside, names[axis], "mag", {}) for axis in MAG]
+        return np.column_stack([np.interp(t, t_mag, axis) for axis in mag])
