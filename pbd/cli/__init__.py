@@ -122,5 +122,11 @@ def _run(argv: Sequence[str] | None) -> int:
     except PbdError as error:
         say(str(error))
         return error.exit_code
+    except ImportError as error:
+        package = (error.name or "pbd").partition(".")[0]
+        if package == "pbd":
+            raise  # a bug
+        say(f"the Python package {package} is missing or broken ({error}); install pbd-robot again")
+        return 1
     except KeyboardInterrupt:
         return 130

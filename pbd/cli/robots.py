@@ -101,6 +101,7 @@ def _row(robot: Robot, reach: float) -> dict[str, Any]:
         "limits_sources": dict(robot.limits.sources),
         "assumed": list(robot.limits.assumed),
         "notes": list(robot.notes),
+        "license": robot.license,
     }
 
 

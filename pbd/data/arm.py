@@ -77,6 +77,7 @@ class Robot:
         limits: of `joints`.
         dock: the calibration that is used where the user names none, or None.
         notes: what is assumed, for people.
+        license: of the URDF and its meshes, and whose they are; empty where nobody said.
     """
 
     name: str
@@ -93,6 +94,7 @@ class Robot:
     limits: JointLimits
     dock: Calibration | None = None
     notes: tuple[str, ...] = ()
+    license: str = ""
 
     def __post_init__(self) -> None:
         freeze(self, home=(len(self.joints),))

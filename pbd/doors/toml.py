@@ -27,6 +27,9 @@ LONGEST_KEY = 200
 """How far into a line its key is looked for, characters."""
 
 
+_KEY_PART = re.compile(r"""\s*(?:[\w\-]+|"[^"]*"|'[^']*')\s*""")
+
+
 class Source:
     """A TOML file's text: which line sets what. tomllib keeps no lines."""
 
@@ -98,7 +101,7 @@ def _long_key_line(text: str) -> int | None:
     for number, line in enumerate(text.split("\n"), start=1):
         if line.count(".") >= MOST_PARTS:
             words = (word.split(".") for word in re.split(r"[=,\[\]{}]", line))
-            if any(len(parts) > MOST_PARTS and all(map(str.strip, parts)) for parts in words):
+            if any(len(parts) > MOST_PARTS and all(map(_KEY_PART.fullmatch, parts)) for parts in words):
                 return number
     return None
 

@@ -61,6 +61,7 @@ def read_robot(path: Path) -> Robot:
     base, body = _link(model, "base", urdf), _link(model, "body", urdf)
     tool = model.section("T_body_tool")
     rpy_deg = tool.numbers("rpy_deg", 3, within=FULL_TURN_DEG)
+    license_ = model.text("license") if "license" in model else ""
     T_body_tool = Pose.from_rpy(tool.numbers("xyz", 3, within=FARTHEST_M), np.deg2rad(rpy_deg))
     chain = _movable(urdf, base, body)
 
@@ -86,6 +87,7 @@ def read_robot(path: Path) -> Robot:
         limits=limits,
         dock=dock,
         notes=notes,
+        license=license_,
     )
 
 

@@ -67,12 +67,15 @@ class _Document:
     def soup(self) -> Soup:
         scale = np.diag([self.metres] * 3 + [1.0])
         parts: list[tuple[Array, Array]] = []
+        count = 0
         for scene in self.root.iterfind("library_visual_scenes/visual_scene"):
             for node in scene.iterfind("node"):
                 for instance, T_scene_node in self.instances(node, scale):
-                    parts.extend(self.primitives(instance, T_scene_node))
-                    if sum(len(corners) for corners, _ in parts) > MOST_TRIANGLES:
+                    shown = list(self.primitives(instance, T_scene_node))
+                    count += sum(len(corners) for corners, _ in shown)
+                    if count > MOST_TRIANGLES:
                         raise ValueError(f"more than {MOST_TRIANGLES} triangles")
+                    parts.extend(shown)
         return Soup.join(parts)
 
     def target(self, element: ET.Element, attribute: str) -> ET.Element:

@@ -35,6 +35,7 @@ def describe(scene: ReplayScene, extent: Array, rate_hz: float) -> Mapping[str, 
     return {
         "title": scene.title,
         "robot": scene.robot.description or scene.robot.name,
+        "license": scene.robot.license,
         "duration": trajectory.duration,
         "rate": rate_hz,
         "keyframes": [_keyframe(keyframe) for keyframe in scene.keyframes],

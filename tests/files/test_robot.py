@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -403,3 +404,73 @@ def test_a_file_that_cant_be_read(tmp_path: Path) -> None:
     with pytest.raises(RobotError, match=r"can't be read \(.*\); give the path of a TOML file") as caught:
         read_robot(tmp_path / "nowhere.toml")
     assert caught.value.fields["path"] == tmp_path / "nowhere.toml"
+
+
+# --- files that would break what reads them ---------------------------------------------------------------------------
+
+
+def test_a_misspelt_link_is_told_with_its_line_and_those_most_like_it(folder: Path) -> None:
+    change(folder / "mine.toml", 'base = "foot"', 'base = "foto"')
+    text = (folder / "mine.urdf").read_text(encoding="utf-8")
+    links = "".join(f'<link name="w{k}"/>' for k in range(60))
+    joints = "".join(
+        f'<joint name="j{k}" type="fixed"><parent link="foot"/><child link="w{k}"/></joint>' for k in range(60)
+    )
+    (folder / "mine.urdf").write_text(text.replace("</robot>", f"{links}{joints}</robot>"), encoding="utf-8")
+    with pytest.raises(RobotError) as caught:
+        read_robot(folder / "mine.toml")
+    where = f"{folder / 'mine.toml'}:{caught.value.fields['line']}: [model] base = 'foto'"
+    assert caught.value.message == f"{where}: {folder / 'mine.urdf'} has no link 'foto'; set base to one of foot"
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "message"),
+    [
+        (
+            "mine.toml",
+            'urdf = "mine.urdf"',
+            'urdf = "~nouser/mine.urdf"',
+            r"mine\.toml:\d+: \[model\] urdf names '~nouser/",
+        ),
+        ("mine.toml", "rpy_deg = [0.0, 0.0, 90.0]", "rpy_deg = [0.0, 0.0, 1e300]", r"rpy_deg must .* from -360 to 360"),
+        ("mine.srdf", "</robot>", "", r"mine\.srdf: not valid XML: "),
+    ],
+)
+def test_what_a_robot_is_made_of(folder: Path, file: str, old: str, new: str, message: str) -> None:
+    change(folder / "mine.toml", "[arm]", 'srdf = "mine.srdf"\n[arm]') if file == "mine.srdf" else None
+    change(folder / file, old, new)
+    with pytest.raises(RobotError, match=message):
+        read_robot(folder / "mine.toml")
+
+
+@pytest.mark.parametrize(
+    ("shape", "message"),
+    [
+        (
+            '<mesh filename="a.stl" scale="nan 1 1"/>',
+            "scale = 'nan 1 1' in the <mesh> of link 'hand' is not three numbers",
+        ),
+        (
+            '<mesh filename="a.stl" scale="0 1 1"/>',
+            "scale = '0 1 1' in the <mesh> of link 'hand' is smaller than 1e-06",
+        ),
+        ('<sphere radius="-0.1"/>', "radius = '-0.1' in the <sphere> of link 'hand' is smaller than 1e-06"),
+        ('<box size="1 1 1e9"/>', "size = '1 1 1e9' in the <box> of link 'hand' is larger than 100"),
+        ('<cylinder radius="0.1"/>', "link 'hand': a <cylinder> has no length"),
+        ("", "link 'hand': a <collision> must hold one of box, cylinder, sphere, mesh, has (none)"),
+    ],
+)
+def test_a_shape_that_can_not_be(folder: Path, shape: str, message: str) -> None:
+    """Long before anything measures it: what does crashes on some of them."""
+    collision = f'<link name="hand"><collision><geometry>{shape}</geometry></collision></link>'
+    change(folder / "mine.urdf", '<link name="hand"/>', collision)
+    with pytest.raises(RobotError, match=re.escape(message)):
+        read_robot(folder / "mine.toml")
+
+
+def test_a_robot_of_twenty_thousand_links_is_refused_at_once(folder: Path) -> None:
+    text = (folder / "mine.urdf").read_text(encoding="utf-8")
+    links = "".join(f'<link name="w{k}"/>' for k in range(20_000))
+    (folder / "mine.urdf").write_text(text.replace("</robot>", f"{links}</robot>"), encoding="utf-8")
+    with pytest.raises(RobotError, match=r"\d+ links, more than the 500 that are read; give a file of the arm alone"):
+        read_robot(folder / "mine.toml")

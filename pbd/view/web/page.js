@@ -59,6 +59,8 @@ class Page {
     const { title, robot, duration, notes, touching } = this.replay;
     document.title = title;
     element("title").textContent = title;
+    element("license").textContent = `The robot's model and meshes: ${this.replay.license}.`;
+    element("license").hidden = !this.replay.license;
     element("subtitle").textContent = `${duration.toFixed(1)}\u00a0s \u00b7 ${robot}`;
     const alarms = touching.map(({ told, start }) => {
       const alarm = make("li", "", { className: "alarm" });

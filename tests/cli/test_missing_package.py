@@ -1,0 +1,27 @@
+"""A package that isn't there, and numbers that are none, are told as everything else."""
+
+from __future__ import annotations
+
+import json
+import sys
+
+import pytest
+
+from pbd.cli import main
+from pbd.cli.options import print_json
+
+
+def test_a_missing_package_is_one_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    for module in [name for name in sys.modules if name.startswith("pbd.arm")]:
+        monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setitem(sys.modules, "pinocchio", None)
+    assert main(["robots", "panda"]) == 1
+    err = capsys.readouterr().err
+    assert err.startswith("pbd: the Python package pinocchio is missing or broken (")
+    assert err.endswith("; install pbd-robot again\n")
+    assert err.count("\n") == 1
+
+
+def test_what_is_not_a_finite_number_is_null_in_json(capsys: pytest.CaptureFixture[str]) -> None:
+    print_json({"a": float("nan"), "b": [1.5, float("inf"), {"c": (-float("inf"), "nan", True)}]})
+    assert json.loads(capsys.readouterr().out) == {"a": None, "b": [1.5, None, {"c": [None, "nan", True]}]}

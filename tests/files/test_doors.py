@@ -1,0 +1,214 @@
+"""What others wrote comes in by doors: regular files alone, bounded, and each failure is an error of ours."""
+
+from __future__ import annotations
+
+import os
+import re
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pbd.cli import main
+from pbd.doors import npz
+from pbd.doors.meshes import load_by_assimp, mesh_file
+from pbd.doors.numbers import number
+from pbd.doors.opening import read_bytes
+from pbd.doors.xml import read_xml
+from pbd.errors import LONGEST, PbdError, RecordingError, RobotError
+from pbd.files.demo import read_demo
+from pbd.files.importers import import_file
+from pbd.files.points import read_points
+from pbd.files.stamps import seconds
+from pbd.files.table import MOST_COLUMNS, read_table
+from pbd.files.toml import read_toml
+from pbd.record.again import decode_raw
+from pbd.sensors.protocols import protocol
+from pbd.view import collada
+from pbd.view.mesh_files import load_mesh
+from tests.fuzz import bodies
+
+READ: dict[str, Callable[[Path], object]] = {
+    "a.toml": lambda path: read_toml(path, RecordingError),
+    "a.csv": import_file,
+    "a.npz": import_file,
+    "points.csv": read_points,
+    "a.xml": lambda path: read_xml(path, RobotError),
+    "a.stl": load_by_assimp,
+    "a.dae": lambda path: load_mesh(path, (1.0, 1.0, 1.0), (0.5, 0.5, 0.5)),
+    "raw.bin": lambda path: decode_raw(path, protocol("xsens").decoder(), "xsens"),
+}
+
+
+def _device(path: Path) -> None:
+    path.symlink_to("/dev/zero")
+
+
+@pytest.mark.parametrize("name", READ)
+@pytest.mark.parametrize(
+    "make", [os.mkfifo, os.mkdir, lambda path: path.symlink_to("/dev/zero")], ids=["pipe", "folder", "device"]
+)
+def test_what_is_no_file_is_refused_and_never_waited_for(
+    tmp_path: Path, name: str, make: Callable[[Path], None]
+) -> None:
+    make(tmp_path / name)
+    with pytest.raises(PbdError, match=r"can't be read \(it is (a folder|not a regular file)\); "):
+        READ[name](tmp_path / name)
+
+
+def test_a_pipe_among_the_robots_is_passed_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("robots").mkdir()
+    os.mkfifo("robots/mine.toml")
+    assert main(["robots", "mine"]) == 1
+    assert "robots/mine.toml: can't be read (it is not a regular file)" in capsys.readouterr().err
+
+
+def test_a_pipe_in_the_place_of_keyframes_is_not_passed_over(tmp_path: Path) -> None:
+    (tmp_path / "demo.toml").write_text(bodies.DEMO, encoding="utf-8")
+    (tmp_path / "imu.csv").write_text("t,ax,ay,az\n0,0,0,9.81\n0.01,0,0,9.81\n", encoding="utf-8")
+    os.mkfifo(tmp_path / "keyframes.toml")
+    with pytest.raises(RecordingError, match=r"keyframes\.toml: can't be read"):
+        read_demo(tmp_path)
+
+
+def test_a_file_that_is_too_large_is_not_read(tmp_path: Path) -> None:
+    path = tmp_path / "large"
+    with path.open("wb") as file:
+        file.truncate(10**12)  # it has holes alone
+    with pytest.raises(RobotError, match=r"it has 1e\+06 MB, more than the 1e\+03 MB that are read\); go"):
+        read_bytes(path, RobotError, "go")
+
+
+def test_a_message_is_one_short_line_in_print() -> None:
+    message = str(PbdError("no \x1b[2J name\n'" + "(" * 100_000 + "'; correct it"))
+    assert message.startswith(r"no \x1b[2J name '(((")
+    assert message.endswith("((('; correct it")
+    assert len(message) < LONGEST + 10
+
+
+# --- numbers ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("text", ["1_000", "１２", "0x10", "", "1e", "--1", "1 2"])
+def test_no_number(text: str) -> None:
+    with pytest.raises(ValueError, match=r"number|float|time"):
+        number(text)
+
+
+def test_digits_that_only_python_groups_are_told_with_their_line(tmp_path: Path) -> None:
+    (tmp_path / "imu.csv").write_text("t,ax\n0,1\n0.01,1_000\n", encoding="utf-8")
+    with pytest.raises(RecordingError, match=r"imu\.csv:3: '1_000' in column 'ax' is not a number; "):
+        read_table(tmp_path / "imu.csv")
+
+
+def test_a_time_of_any_number_of_decimals() -> None:
+    assert seconds("8:18:9." + "5" * 400) == pytest.approx(8 * 3600 + 18 * 60 + 9 + 5 / 9, abs=1e-9)
+    with pytest.raises(ValueError, match=r"number|float|time"):
+        seconds("8:18:9:" + "5" * 400)
+
+
+# --- tables -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("t" + ",a" * MOST_COLUMNS + "\n0\n", f":1: {MOST_COLUMNS + 1} columns; at most {MOST_COLUMNS} are read"),
+        ("t,a" + "(" * 100_000 + "\n0,1\n", r":1: a column's name of 100001 characters \(a\(\(\(.*\); shorten it"),
+        ("t,a\n0,1\n1," + "9" * 140_000 + "\n1\n", ":3: a line of 140003 characters, more than 100000; "),
+        ('t,a\n0,1\n1,"2\n' + "3,4\n" * 40_000, r":\d+: field larger than field limit \(131072\); "),
+    ],
+    ids=["wide", "long name", "long cell", "open quote"],
+)
+def test_a_table_beyond_all_bounds(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "imu.csv"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(RecordingError, match=rf"imu\.csv{message}"):
+        read_table(path)
+
+
+# --- npz --------------------------------------------------------------------------------------------------------------
+
+
+def test_an_npz_is_read_by_its_known_arrays_alone(tmp_path: Path) -> None:
+    path = tmp_path / "run.npz"
+    np.savez(path, rate_hz=100.0, acc=np.ones((3, 3)))
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.writestr("video.npy", b"no array at all")
+    assert len(import_file(path).recording) == 3
+
+
+def test_an_array_larger_than_is_read_is_not_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(npz, "LARGE", 10_000_000)
+    path = tmp_path / "run.npz"
+    np.savez_compressed(path, rate_hz=100.0, acc=np.zeros((500_000, 3)))
+    assert path.stat().st_size < 100_000
+    with pytest.raises(RecordingError, match="its arrays take more than the 10 MB that are read"):
+        import_file(path)
+
+
+@pytest.mark.parametrize("shape", [(10**9, 3), (10**30, 3), (4, 3), (-1, 3)])
+def test_an_array_shorter_than_it_says_is_not_made_room_for(tmp_path: Path, shape: tuple[int, int]) -> None:
+    path = tmp_path / "run.npz"
+    np.savez(path, rate_hz=100.0, acc=np.ones((3, 3)))
+    with zipfile.ZipFile(path) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, data in members.items():
+            archive.writestr(name, data.replace(b"(3, 3), }" + b" " * 40, f"{shape}, }}".encode().ljust(49)))
+    with pytest.raises(RecordingError, match=r"acc\.npy is shorter than its shape"):
+        import_file(path)
+
+
+# --- XML and meshes ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("encoding", ["utf-7", "shift_jis", "nonsense"])
+def test_xml_in_an_encoding_that_nobody_reads(tmp_path: Path, encoding: str) -> None:
+    path = tmp_path / "a.urdf"
+    path.write_text(f'<?xml version="1.0" encoding="{encoding}"?><robot name="a"/>', encoding="ascii")
+    with pytest.raises(RobotError, match=r"a\.urdf: not valid XML: .*; save it as UTF-8"):
+        read_xml(path, RobotError)
+
+
+def test_a_package_without_a_file(tmp_path: Path) -> None:
+    assert not mesh_file("package://", tmp_path / "a.urdf", [tmp_path]).is_file()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("<p>0 2 1 0 1 3</p>", "<p>0 2 1 0 1 99</p>", "out of bounds"),
+        ("<vcount>3 3</vcount>", "<vcount>1000000000000 3</vcount>", "a polygon without corners"),
+        ("0 0 0 1 0 0", "nan 0 0 1 0 0", "a vertex that is not a number"),
+        ('<node id="n">', '<node id="n"><instance_node url="#n"/>', "its nodes never end"),
+        ("<scale>1 2 1</scale>", "<scale>1 two 1</scale>", "can't be read as COLLADA"),
+    ],
+)
+def test_a_collada_mesh_that_can_not_be(tmp_path: Path, old: str, new: str, message: str) -> None:
+    path = tmp_path / "a.dae"
+    path.write_text(bodies.DAE.replace(old, new), encoding="utf-8")
+    with pytest.raises(RobotError, match=re.escape(message)):
+        load_mesh(path, (1.0, 1.0, 1.0), (0.5, 0.5, 0.5))
+
+
+def test_a_small_collada_file_that_shows_one_geometry_a_billion_times(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(collada, "MOST_NODES", 200)
+    twice = [f'<node id="n{k}">' + 2 * f'<instance_node url="#n{k + 1}"/>' + "</node>" for k in range(30)]
+    text = bodies.DAE.replace("<library_nodes>", f"<library_nodes>{''.join(twice)}")
+    (tmp_path / "a.dae").write_text(text.replace('"n"', '"n30"').replace('"#n"', '"#n0"'), encoding="utf-8")
+    with pytest.raises(RobotError, match="its nodes never end"):
+        load_mesh(tmp_path / "a.dae", (1.0, 1.0, 1.0), (0.5, 0.5, 0.5))
+
+
+def test_a_mesh_of_no_numbers_never_reaches_what_measures(tmp_path: Path) -> None:
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 nan\nv 0 1 0\nf 1 2 3\n", encoding="utf-8")
+    with pytest.raises(RobotError, match="a vertex that is not a number"):
+        load_by_assimp(tmp_path / "a.obj")
