@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import stat
 from pathlib import Path
@@ -15,7 +16,7 @@ LARGE = 1_000_000_000
 """Largest file of samples, bytes: ten hours of nine channels at 200 Hz as a table."""
 
 
-def read_bytes(path: Path, error: type[PbdError], next_step: str, most: int = LARGE) -> bytes:
+def read_bytes(path: Path, error: type[PbdError], next_step: str, most: int = LARGE, name: str = "") -> bytes:
     """Read a regular file.
 
     Args:
@@ -23,6 +24,7 @@ def read_bytes(path: Path, error: type[PbdError], next_step: str, most: int = LA
         error: what is raised.
         next_step: how its message ends.
         most: the largest size, bytes.
+        name: what the message calls it; default: its path.
 
     Raises:
         error: it isn't there, is no regular file (a folder, a pipe, a device), is too large, or can't be read.
@@ -31,19 +33,21 @@ def read_bytes(path: Path, error: type[PbdError], next_step: str, most: int = LA
         return _regular(path, most)
     except (OSError, ValueError, MemoryError) as reason:  # ValueError: a path with a zero byte
         why = in_words(reason) or "it needs more memory than there is"
-        raise error(f"{path}: can't be read ({why}); {next_step}", path=path) from None
+        raise error(f"{name or path}: can't be read ({why}); {next_step}", path=path) from None
 
 
-def read_text(path: Path, error: type[PbdError], next_step: str, most: int = SMALL, encoding: str = "utf-8") -> str:
+def read_text(
+    path: Path, error: type[PbdError], next_step: str, most: int = SMALL, encoding: str = "utf-8", name: str = ""
+) -> str:
     """Read a regular file of text; its lines end with a newline alone.
 
     Raises:
         error: as `read_bytes`, or its bytes are no text of that encoding.
     """
     try:
-        text = read_bytes(path, error, next_step, most).decode(encoding)
+        text = read_bytes(path, error, next_step, most, name).decode(encoding)
     except UnicodeDecodeError as reason:
-        raise error(f"{path}: can't be read as text ({reason}); {next_step}", path=path) from None
+        raise error(f"{name or path}: can't be read as text ({reason}); {next_step}", path=path) from None
     return unix_lines(text)
 
 
@@ -61,7 +65,7 @@ def _regular(path: Path, most: int) -> bytes:
 def _size_of(status: os.stat_result, most: int) -> int:
     """Return a regular file's size, bytes."""
     if stat.S_ISDIR(status.st_mode):
-        raise OSError("it is a folder")
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
     if not stat.S_ISREG(status.st_mode):
         raise OSError("it is not a regular file")
     if status.st_size > most:

@@ -38,7 +38,7 @@ def read_joints(
     text, what = given, "--from"
     if not given.lstrip().startswith(("[", "{")):
         what = given
-        text = read_text(Path(given), PbdError, "give a JSON file, or the joints as [...]")
+        text = read_text(Path(given), PbdError, "give a JSON file, or the joints as [...]", name=f"--from {given}")
     value = _echoed(text) or _parsed(text, what, f"give a list of {len(names)} numbers, in {unit}")
     if isinstance(value, dict) and {NAME, POSITION} <= value.keys():
         value, unit, per_si = _named(value, what), "rad", None

@@ -263,7 +263,7 @@ def test_the_dock_and_nav_say_the_same_of_their_demonstration(capsys: Capture, t
         (("--stops", "1,2,3,4,5,5"), "--stops must name different stops from 0 to 6"),
         (("--stops", "1,2,3,4,5,7"), "--stops must name different stops from 0 to 6"),
         (("--free",), "7 stops can't be matched with 6 points while the tilt is free; name the stops with --stops"),
-        (("--points", "none.csv"), "none.csv: can't be read as text"),
+        (("--points", "none.csv"), "none.csv: can't be read (No such file or directory)"),
         (("--points", "unit.csv"), "unit.csv: the unit of x, y, z is not known"),
         (("--points", "few.csv"), "2 points are too few; touch 3 or more"),
         (("--points", "many.csv"), "the demonstration has 7 stops, but there are 8 points"),

@@ -18,7 +18,10 @@ from pbd.cli import main
         ("replay pouring --robot panda --from robots", "--from robots: can't be read (Is a directory); give a JSON"),
         ("simulate pour a-file/x", "a-file/x can't be written (Not a directory); give another place"),
         ("import calibration x", "calibration is a folder: give a file"),
-        ("record x --sensor lines --columns no.toml", "no.toml can't be read (No such file or directory); give a TOML"),
+        (
+            "record x --sensor lines --columns no.toml",
+            "no.toml: can't be read (No such file or directory); give a TOML",
+        ),
     ],
 )
 def test_one_line_in_words(

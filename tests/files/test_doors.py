@@ -54,7 +54,7 @@ def test_what_is_no_file_is_refused_and_never_waited_for(
     tmp_path: Path, name: str, make: Callable[[Path], None]
 ) -> None:
     make(tmp_path / name)
-    with pytest.raises(PbdError, match=r"can't be read \(it is (a folder|not a regular file)\); "):
+    with pytest.raises(PbdError, match=r"can't be read \((Is a directory|it is not a regular file)\); "):
         READ[name](tmp_path / name)
 
 
