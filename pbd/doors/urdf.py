@@ -15,7 +15,10 @@ from pbd.doors.xml import read_xml
 from pbd.errors import RobotError, listed, printable
 
 MOST_LINKS = 500
-"""Most links of a robot: example-robot-data's largest has 118."""
+"""Most links of a robot: the most in example-robot-data are 130."""
+
+MOST_MOVING = 150
+"""Most joints that move: pairs of links grow with their square. The most in example-robot-data are 101."""
 
 MOST_SHAPES = 2000
 """Most shapes of a robot, to be seen or to be hit."""
@@ -88,6 +91,7 @@ def read_urdf_xml(path: Path) -> ET.Element:
     for what, most, count in (
         ("links", MOST_LINKS, len(root.findall("link"))),
         ("joints", MOST_LINKS, len(root.findall("joint"))),
+        ("moving joints", MOST_MOVING, sum(joint.get("type") != "fixed" for joint in root.iterfind("joint"))),
         ("shapes", MOST_SHAPES, len(root.findall("link/visual")) + len(root.findall("link/collision"))),
     ):
         if count > most:

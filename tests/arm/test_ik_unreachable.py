@@ -118,3 +118,10 @@ def error(arm: ArmModel, pose: Pose, q: Array) -> float:
 )
 def test_it_is_told_in_words(found: Hindrance, told: str) -> None:
     assert str(found) == told
+
+
+@pytest.mark.parametrize("far", [1e9, 1e300])
+def test_a_place_beyond_all_measure_is_told_too(arm: ArmModel, far: float) -> None:
+    with np.errstate(all="ignore"):
+        found = hindrance(arm, Pose.from_rpy((far, 0.0, 0.0), DOWN))
+    assert not found.beyond_m < 0.9 * far

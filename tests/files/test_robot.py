@@ -468,9 +468,16 @@ def test_a_shape_that_can_not_be(folder: Path, shape: str, message: str) -> None
         read_robot(folder / "mine.toml")
 
 
-def test_a_robot_of_twenty_thousand_links_is_refused_at_once(folder: Path) -> None:
+@pytest.mark.parametrize(
+    ("part", "count", "message"),
+    [
+        ('<link name="w{}"/>', 20_000, r"\d+ links, more than the 500 that are read; give a file of the arm alone"),
+        ('<joint name="w{}" type="revolute"/>', 160, r"\d+ moving joints, more than the 150 that are read; give a"),
+    ],
+)
+def test_a_robot_of_too_many_parts_is_refused_at_once(folder: Path, part: str, count: int, message: str) -> None:
     text = (folder / "mine.urdf").read_text(encoding="utf-8")
-    links = "".join(f'<link name="w{k}"/>' for k in range(20_000))
-    (folder / "mine.urdf").write_text(text.replace("</robot>", f"{links}</robot>"), encoding="utf-8")
-    with pytest.raises(RobotError, match=r"\d+ links, more than the 500 that are read; give a file of the arm alone"):
+    parts = "".join(map(part.format, range(count)))
+    (folder / "mine.urdf").write_text(text.replace("</robot>", f"{parts}</robot>"), encoding="utf-8")
+    with pytest.raises(RobotError, match=message):
         read_robot(folder / "mine.toml")
