@@ -95,5 +95,7 @@ def test_a_straight_line_is_tried_before_it_is_recommended(
 
 
 def test_where_a_mesh_is_missing_no_key_is_named_that_a_robot_does_not_take(tmp_path: Path) -> None:
-    with pytest.raises(RobotError, match=r"hand.stl: can't be read .*; put it there, or correct its address in the URDF$"):
+    with pytest.raises(
+        RobotError, match=r"hand.stl: can't be read .*; put it there, or correct its address in the URDF$"
+    ):
         read_soup(tmp_path / "hand.stl")
