@@ -134,7 +134,7 @@ def _link(model: Section, key: str, urdf: Urdf) -> str:
     name = model.text(key)
     if name not in urdf.links:
         near = get_close_matches(name, urdf.links, n=5) if len(urdf.links) > LISTED else ()
-        what = f"= {printable(name)!r}: {urdf.path} has no link {printable(name)!r}"
+        what = f"is wrong: {urdf.path} has no link {printable(name)!r}"
         model.fail(key, what, f"set {key} to one of {listed(near or urdf.links)}")
     return name
 

@@ -419,7 +419,7 @@ def test_a_misspelt_link_is_told_with_its_line_and_those_most_like_it(folder: Pa
     (folder / "mine.urdf").write_text(text.replace("</robot>", f"{links}{joints}</robot>"), encoding="utf-8")
     with pytest.raises(RobotError) as caught:
         read_robot(folder / "mine.toml")
-    where = f"{folder / 'mine.toml'}:{caught.value.fields['line']}: [model] base = 'foto'"
+    where = f"{folder / 'mine.toml'}:{caught.value.fields['line']}: [model] base is wrong"
     assert caught.value.message == f"{where}: {folder / 'mine.urdf'} has no link 'foto'; set base to one of foot"
 
 
