@@ -29,6 +29,14 @@ def lengths(vectors: ArrayLike) -> Array:
     return norms
 
 
+def skew(v: Array) -> Array:
+    """Cross product matrices (..., 3, 3) of vectors (..., 3)."""
+    out = np.zeros((*v.shape[:-1], 3, 3))
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = v[..., 2], -v[..., 1], v[..., 0]
+    return out
+
+
 def quat_multiply(a: ArrayLike, b: ArrayLike) -> Array:
     """Hamilton product: first b, then a. (..., 4) and (..., 4) -> (..., 4)."""
     aw, ax, ay, az = np.moveaxis(np.asarray(a, dtype=np.float64), -1, 0)

@@ -154,11 +154,12 @@ class Attitude:
 
 @dataclass(frozen=True)
 class Stop:
-    """The hand stands still over the samples start <= i < stop, for `dwell_s` seconds."""
+    """The hand stands still over the samples start <= i < stop, for `dwell_s` seconds; `weight`: how sure that is."""
 
     start: int
     stop: int
     dwell_s: float
+    weight: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)

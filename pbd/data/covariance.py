@@ -1,0 +1,60 @@
+"""How sure the poses of all keyframes are together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+
+import numpy as np
+
+from pbd.pose import Array
+
+AT_ONCE = 32
+"""Keyframes whose blocks are solved for together."""
+
+
+@dataclass(frozen=True, eq=False)
+class PoseCovariance:
+    """Covariance (6n, 6n) of n poses: position (m), then rotation vector (rad), in nav.
+
+    Any block is solved for when somebody asks.
+
+    Attributes:
+        count: n.
+        times: the covariance times columns: (n, 6, c) -> (n, 6, c).
+    """
+
+    count: int
+    times: Callable[[Array], Array]
+
+    @classmethod
+    def chained(cls, blocks: Array) -> PoseCovariance:
+        """Of poses (n, 6, 6): positions err by what each move adds, rotations by what is each one's own."""
+        return cls(len(blocks), partial(_chained, blocks))
+
+    def joint(self, poses: Sequence[int] | None = None) -> Array:
+        """Covariance (6m, 6m) of some of the poses, of all where none are named."""
+        poses = range(self.count) if poses is None else poses
+        columns = np.zeros((self.count, 6, 6 * len(poses)))
+        for i, pose in enumerate(poses):
+            columns[pose, :, 6 * i : 6 * i + 6] = np.eye(6)
+        block = self.times(columns)[list(poses)].reshape(6 * len(poses), -1)
+        return np.asarray(0.5 * (block + block.T))
+
+    @cached_property
+    def of_each(self) -> Array:
+        """Covariance (n, 6, 6) of each pose alone."""
+        blocks = np.empty((self.count, 6, 6))
+        for start in range(0, self.count, AT_ONCE):
+            part = range(start, min(start + AT_ONCE, self.count))
+            joint = self.joint(part).reshape(len(part), 6, len(part), 6)
+            blocks[start : part.stop] = joint[np.arange(len(part)), :, np.arange(len(part))]
+        return blocks
+
+
+def _chained(blocks: Array, columns: Array) -> Array:
+    moves = np.diff(blocks[:, :3, :3], axis=0, prepend=np.zeros((1, 3, 3)))
+    later = np.cumsum(columns[::-1, :3], axis=0)[::-1]
+    p = np.cumsum(moves @ later, axis=0)
+    return np.concatenate((p, blocks[:, 3:, 3:] @ columns[:, 3:]), axis=1)

@@ -1,0 +1,153 @@
+"""From a repaired recording to the hand's path: what `track` does by default."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from pbd.data import Recording, Stop
+from pbd.data.covariance import PoseCovariance
+from pbd.errors import TrackingError
+from pbd.pose import Array
+from pbd.tracking.noise import Noise
+from pbd.tracking.normal_equations import POS, ROT, STATE, Solved
+from pbd.tracking.path import Path
+from pbd.tracking.preintegration import Impulse
+from pbd.tracking.rest import Rest
+from pbd.tracking.smoother import Solution, smooth
+from pbd.tracking.variance_components import with_own_noise
+
+NEVER_STILL = "the hand never stands still; stop for half a second between the moves"
+
+BELIEVED = 0.2
+"""A candidate with less weight than this is no stop."""
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """The hand's path, its stops, and the covariance of the poses at them.
+
+    Attributes:
+        path: at each row; in a stop nothing moves.
+        stops: in order.
+        closure: (k - 1, 3) m/s, the velocity that a move seems to end with, integrated from its first stop alone.
+        covariance: of the keyframes.
+        solution: of the smoother; None: by another method.
+    """
+
+    path: Path
+    stops: tuple[Stop, ...]
+    closure: Array
+    covariance: PoseCovariance
+    solution: Solution | None = None
+
+
+def estimate(
+    recording: Recording,
+    rest: Rest,
+    noise: Noise,
+    impulses: Sequence[Impulse] = (),
+    unseen: Sequence[tuple[int, int]] = (),
+) -> Estimate:
+    """Smooth a recording and read off the path.
+
+    Raises:
+        TrackingError: the hand never stands still.
+    """
+    solution = smooth(recording, rest, noise, impulses, unseen)
+    if solution is None:
+        raise TrackingError(NEVER_STILL)
+    t, problem = recording.t, solution.problem
+    weights = [solution.weight_of(k) for k in range(len(problem.stops))]
+    believed = [k for k, weight in enumerate(weights) if weight > BELIEVED]
+    if not believed:
+        raise TrackingError(NEVER_STILL)
+    stops = tuple(
+        Stop(start, stop, float(t[stop - 1] - t[start]), weights[k])
+        for k, (start, stop) in ((k, problem.stops[k]) for k in believed)
+    )
+    knots = [int(np.median(np.flatnonzero(problem.stop_of == k))) for k in believed]
+    covariance = covariance_of(with_own_noise(solution).solved, knots, solution.state.p[knots])
+    return Estimate(
+        _standing(solution.path(), stops, solution.state.p[knots], t),
+        stops,
+        _closure(solution, stops),
+        covariance,
+        solution,
+    )
+
+
+def _standing(path: Path, stops: Sequence[Stop], p_stop: Array, t: Array) -> Path:
+    """The path with each stop at one place: what it creeps in a stop is shared out over the moves beside."""
+    p, v = path.p - p_stop[0], path.v.copy()
+    places = p_stop - p_stop[0]
+    shift = np.zeros_like(p)
+    for stop, place in zip(stops, places, strict=True):
+        shift[stop.start : stop.stop] = place - p[stop.start : stop.stop]
+        v[stop.start : stop.stop] = 0.0
+    edges = [(stop.start, stop.stop - 1) for stop in stops]
+    shift[: edges[0][0]], shift[edges[-1][1] + 1 :] = shift[edges[0][0]], shift[edges[-1][1]]
+    for (_, first), (last, _) in pairwise(edges):
+        between = slice(first + 1, last)
+        share = ((t[between] - t[first]) / (t[last] - t[first]))[:, None]
+        away = shift[last] - shift[first]
+        shift[between] = shift[first] + share**2 * (3.0 - 2.0 * share) * away
+        v[between] += 6.0 * share * (1.0 - share) / (t[last] - t[first]) * away
+    return Path(path.wxyz, v, p + shift, path.a)
+
+
+def _closure(solution: Solution, stops: Sequence[Stop]) -> Array:
+    """What each move's integral leaves over: E (U' - U - g T), with E and g as at its first stop."""
+    problem, x = solution.problem, solution.state
+    frame = problem.frame
+    closure = np.zeros((len(stops) - 1, 3))
+    for k, (before, after) in enumerate(pairwise(stops)):
+        first, last = before.stop - 1, after.start
+        E = x.E[np.clip(np.searchsorted(problem.rows, first, side="right") - 1, 0, len(x.E) - 1)]
+        g = frame.u[before.start : before.stop].mean(axis=0)
+        closure[k] = E @ (frame.U[last] - frame.U[first] - g * (frame.t[last] - frame.t[first]))
+    return closure
+
+
+@dataclass(frozen=True, eq=False)
+class _Times:
+    """Covariance of keyframe poses times columns (k, 6, c), as the normal equations give it."""
+
+    solved: Solved
+    knots: tuple[int, ...]
+    p: Array
+
+    def __call__(self, columns: Array) -> Array:
+        relative = _relative(columns, self.p, transposed=True)
+        right = np.zeros((len(self.solved.scale), STATE, columns.shape[2]))
+        for k, knot in enumerate(self.knots):
+            right[knot, POS] += relative[k, :3]
+            right[knot, ROT] += relative[k, 3:]
+        left = self.solved.columns(right)[list(self.knots)]
+        return _relative(np.concatenate((left[:, POS], left[:, ROT]), axis=1), self.p)
+
+
+def covariance_of(solved: Solved, knots: Sequence[int], p: Array) -> PoseCovariance:
+    """Of the poses at some knots, relative to the first: its place and heading are what nav is laid by."""
+    times = _Times(solved, tuple(knots), p - p[0])
+    return PoseCovariance(len(knots), times)
+
+
+def _relative(columns: Array, p: Array, transposed: bool = False) -> Array:
+    """Errors (k, 6, c) of position and rotation relative to the first pose; or that map's transpose.
+
+    A heading error h of the first pose turns all of nav: p - h z x p. Its tilt stays: gravity knows it.
+    """
+    turn = np.zeros((len(p), 6, 6))  # by the first pose's error
+    turn[:, :3, :3] = -np.eye(3)
+    turn[:, :3, 5] = -np.cross((0.0, 0.0, 1.0), p)
+    turn[:, 5, 5] = -1.0
+    out = columns.copy()
+    if transposed:
+        out[0] += np.einsum("kij,kic->jc", turn, columns)
+    else:
+        out += turn @ columns[0]
+    return out

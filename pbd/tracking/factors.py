@@ -1,0 +1,264 @@
+"""The factors of the smoother: residuals, weights and derivatives of all that is measured or known before.
+
+Rotations are perturbed on the left, in nav: E <- exp(theta) E.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pbd.pose import Array, quat_exp, quat_from_matrix, quat_log, quat_multiply, quat_to_matrix, skew
+from pbd.tracking.knots import Problem
+from pbd.tracking.normal_equations import ACC_BIAS, GYR_BIAS, POS, ROT, STATE, VEL, NormalEquations, Solved
+from pbd.tracking.preintegration import ERRORS
+
+LAG, GYR_MATRIX, ACC_MATRIX, GRAVITY = slice(0, 1), slice(1, 10), slice(10, 16), slice(16, 17)
+SHARED = 17
+"""Shared unknowns: lag (s), the matrices of gyro (M) and accelerometer (N), gravity (m/s2)."""
+
+DOUBT = 3.0
+"""Sigmas beyond which a robust factor hardly counts (Geman-McClure)."""
+
+FIXED = 1e10
+"""Weight of what is chosen rather than known: the origin, and without a compass the heading."""
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """An estimate at all knots.
+
+    Attributes:
+        E: (m, 3, 3), nav <- gyro frame.
+        v, p: (m, 3) m/s, m, in nav.
+        gyr_bias, acc_bias: (m, 3) rad/s, m/s2, in sensor axes.
+        shared: (SHARED,).
+    """
+
+    E: Array
+    v: Array
+    p: Array
+    gyr_bias: Array
+    acc_bias: Array
+    shared: Array
+
+    def moved(self, step: Solved) -> State:
+        """The state a step further."""
+        d = step.d
+        return State(
+            quat_to_matrix(quat_exp(d[:, ROT])) @ self.E,
+            self.v + d[:, VEL],
+            self.p + d[:, POS],
+            self.gyr_bias + d[:, GYR_BIAS],
+            self.acc_bias + d[:, ACC_BIAS],
+            self.shared + step.d_shared,
+        )
+
+
+@dataclass(frozen=True)
+class Prior:
+    """How unsure the sensor-wide errors are before: lag in s, a scale common to the gyro's axes (share)."""
+
+    lag: float
+    lag_sigma: float
+    common_scale: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Local:
+    """What is the same in each linearisation: origin and heading, the undisturbed field, what parts of noise count.
+
+    Attributes:
+        origin: index of the knot whose position, and without a compass heading, is given.
+        strength, dip: of the field at the first rest, its unit and rad.
+        prior: of the sensor-wide errors.
+        components: (3,) factors on the parts of the legs' noise; walks (2,) on those of the biases; still (1,).
+    """
+
+    origin: int
+    strength: float
+    dip: float
+    prior: Prior
+    components: Array
+    walks: Array
+    still: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Weights:
+    """How much each robust factor counts, 0 to 1, (m,) or (m - 1,); and the legs' whitened residuals (m - 1, 9)."""
+
+    still: Array
+    stay: Array
+    turn: Array
+    compass: Array
+    legs: Array
+
+
+def linearise(
+    problem: Problem, x: State, local: Local, anneal: float = 1.0, robust: bool = True
+) -> tuple[NormalEquations, Weights]:
+    """Linearise all factors at a state; `anneal` multiplies the sigma of standing still."""
+    equations = NormalEquations.empty(len(problem.rows), SHARED)
+    legs = _add_legs(equations, problem, x, local)
+    still, stay, turn = _add_stops(equations, problem, x, anneal * np.sqrt(local.still), robust)
+    _add_hand(equations, problem, x)
+    compass = np.ones(len(problem.rows))
+    if problem.device:
+        _add_device(equations, problem, x)
+    elif problem.field is not None:
+        compass = _add_compass(equations, problem, problem.field, x, local)
+    _add_priors(equations, problem, x, local)
+    return equations, Weights(still, stay, turn, compass, legs)
+
+
+def leg_covariance(problem: Problem, local: Local) -> Array:
+    """Covariance (m - 1, 9, 9) of the legs' noise, in the gyro frame."""
+    covariance: Array = np.einsum("c,cmij->mij", local.components, problem.legs.parts)
+    return covariance
+
+
+def leg_jacobian(problem: Problem, x: State) -> Array:
+    """Derivatives (m - 1, 9, 15 + 15 + SHARED) and, last, residuals of turn, velocity and way, in the gyro frame.
+
+    With a = v' - v + g T and b = p' - p - v T + g T^2 / 2, upwards in nav, E at this knot and E' at the next:
+    r_turn = log(E^T E' exp(-J_r x)), r_velocity = E^T a - dU - J_v x, r_way = E^T b - dP - J_p x.
+    """
+    legs, m = problem.legs, len(problem.rows)
+    T, ET, g = legs.T[:, None], x.E[:-1].transpose(0, 2, 1), float(x.shared[GRAVITY][0])
+    errors = np.hstack((x.gyr_bias[:-1], x.acc_bias[:-1], np.broadcast_to(x.shared[:16], (m - 1, 16))))
+    by_errors = np.einsum("kij,kj->ki", legs.J, errors)
+    up = np.array([0.0, 0.0, 1.0])
+    a = np.diff(x.v, axis=0) + g * T * up
+    b = np.diff(x.p, axis=0) - x.v[:-1] * T + 0.5 * g * T**2 * up
+    out = np.zeros((m - 1, 9, 2 * STATE + SHARED + 1))
+    rot, vel, pos = slice(0, 3), slice(3, 6), slice(6, 9)
+
+    def this(block: slice) -> slice:
+        return block
+
+    def after(block: slice) -> slice:
+        return slice(STATE + block.start, STATE + block.stop)
+
+    out[:, rot, this(ROT)], out[:, rot, after(ROT)] = -ET, ET
+    out[:, vel, this(ROT)], out[:, pos, this(ROT)] = ET @ skew(a), ET @ skew(b)
+    out[:, vel, this(VEL)], out[:, vel, after(VEL)] = -ET, ET
+    out[:, pos, this(VEL)] = -ET * T[:, :, None]
+    out[:, pos, this(POS)], out[:, pos, after(POS)] = -ET, ET
+    out[:, :, GYR_BIAS.start : ACC_BIAS.stop] = -legs.J[:, :, :6]
+    out[:, :, 2 * STATE : 2 * STATE + 16] = -legs.J[:, :, 6:ERRORS]
+    out[:, vel, -2], out[:, pos, -2] = ET[:, :, 2] * T, ET[:, :, 2] * (0.5 * T**2)
+    turn = quat_multiply(quat_from_matrix(ET @ x.E[1:]), quat_exp(-by_errors[:, rot]))
+    out[:, rot, -1] = quat_log(turn)
+    out[:, vel, -1] = np.einsum("kij,kj->ki", ET, a) - legs.dU - by_errors[:, vel]
+    out[:, pos, -1] = np.einsum("kij,kj->ki", ET, b) - legs.dP - by_errors[:, pos]
+    return out
+
+
+def _add_legs(equations: NormalEquations, problem: Problem, x: State, local: Local) -> Array:
+    """The moves, and how the biases walk; returns the whitened residuals."""
+    whiten = np.linalg.inv(np.linalg.cholesky(leg_covariance(problem, local)))
+    whitened = whiten @ leg_jacobian(problem, x)
+    equations.add_legs(whitened)
+    noise, T = problem.noise, problem.legs.T
+    for block, values, walk, k in (
+        (GYR_BIAS, x.gyr_bias, noise.device.gyr_walk, local.walks[0]),
+        (ACC_BIAS, x.acc_bias, noise.device.acc_walk, local.walks[1]),
+    ):
+        equations.add_pairs(block, np.diff(values, axis=0), 1.0 / (k * walk**2 * T))
+    return whitened[:, :, -1]
+
+
+def _add_stops(
+    equations: NormalEquations, problem: Problem, x: State, anneal: float, robust: bool
+) -> tuple[Array, Array, Array]:
+    """In a stop velocity is zero, and from knot to knot nothing moves or turns. Returns the weights."""
+    sigma, within = anneal * problem.still, problem.within
+    still = _robust(_squares(x.v) / sigma**2, robust) * (problem.stop_of >= 0)
+    equations.add_unary(VEL, x.v, still / sigma**2)
+    shift, sigma_shift = np.diff(x.p, axis=0), anneal * problem.noise.still_shift
+    stay = _robust(_squares(shift) / sigma_shift**2, robust) * within
+    equations.add_pairs(POS, shift, stay / sigma_shift**2)
+    turned = quat_log(quat_from_matrix(x.E[1:] @ problem.turned @ x.E[:-1].transpose(0, 2, 1)))
+    turn = _robust(_squares(turned) / problem.turn_sigma**2, True) * within
+    equations.add_pairs(ROT, turned, turn / problem.turn_sigma**2)
+    return still, stay, turn
+
+
+def _add_hand(equations: NormalEquations, problem: Problem, x: State) -> None:
+    """A hand is no faster than a hand, and stays near where it began, as far as it does (Cauchy)."""
+    noise = problem.noise
+    moving = problem.stop_of < 0
+    equations.add_unary(VEL, x.v, moving / noise.speed**2)
+    near = problem.share / noise.reach**2 / (1.0 + _squares(x.p) / noise.reach**2)
+    equations.add_unary(POS, x.p, near)
+
+
+def _add_compass(equations: NormalEquations, problem: Problem, field: Array, x: State, local: Local) -> Array:
+    """The field's level part points north, where the field is the earth's. Returns the weights."""
+    h = np.einsum("kij,kj->ki", x.E, field)
+    level = np.maximum(np.hypot(h[:, 0], h[:, 1]), 1e-12)
+    east = np.arctan2(h[:, 0], h[:, 1])
+    stronger = np.sqrt(_squares(h)) / local.strength - 1.0
+    steeper = np.arctan2(h[:, 2], level) - local.dip
+    off = (stronger**2 + steeper**2 + (np.cos(local.dip) * east) ** 2) / problem.noise.field**2
+    trust: Array = 1.0 / (1.0 + off) ** 2
+    turned = -skew(h)  # d h / d theta
+    jacobian = (h[:, 1:2] * turned[:, 0] - h[:, :1] * turned[:, 1]) / level[:, None] ** 2
+    weight = trust * problem.share / problem.noise.compass**2
+    equations.diagonal[:, ROT, ROT] += weight[:, None, None] * jacobian[:, :, None] * jacobian[:, None, :]
+    equations.g[:, ROT] += (weight * east)[:, None] * jacobian
+    return trust
+
+
+def _add_device(equations: NormalEquations, problem: Problem, x: State) -> None:
+    """The device's own attitude holds, but for its lag."""
+    noise = problem.noise
+    rate = np.sqrt(_squares(problem.frame.gyr[problem.rows]))
+    sigma = np.hypot(noise.device_turn, noise.device_lag * rate)
+    equations.add_unary(ROT, quat_log(quat_from_matrix(x.E)), 1.0 / sigma**2)
+
+
+def _add_priors(equations: NormalEquations, problem: Problem, x: State, local: Local) -> None:
+    noise, device = problem.noise, problem.noise.device
+    first = np.zeros(len(problem.rows))
+    first[0] = 1.0
+    # What the rest shows of the accelerometer's error is a scale for all of it.
+    shown = abs(problem.rest.gravity - noise.gravity)
+    worse = np.hypot(1.0, max(shown - 2.0 * noise.gravity_sigma, 0.0) / device.acc_bias)
+    equations.add_unary(GYR_BIAS, x.gyr_bias, first / noise.gyr_bias**2)
+    equations.add_unary(ACC_BIAS, x.acc_bias, first / (worse * device.acc_bias) ** 2)
+    at = np.zeros(len(problem.rows))
+    at[local.origin] = FIXED
+    equations.add_unary(POS, x.p, at)
+    if problem.field is None and not problem.device:
+        equations.diagonal[local.origin, 2, 2] += FIXED
+    covariance = np.zeros((SHARED, SHARED))
+    i = np.arange(SHARED)
+    covariance[i[LAG], i[LAG]] = local.prior.lag_sigma**2
+    covariance[i[GYR_MATRIX], i[GYR_MATRIX]] = device.gyr_scale**2
+    covariance[i[ACC_MATRIX], i[ACC_MATRIX]] = (worse * device.acc_scale) ** 2
+    covariance[i[GRAVITY], i[GRAVITY]] = noise.gravity_sigma**2
+    diagonal = i[GYR_MATRIX][::4]
+    covariance[np.ix_(diagonal, diagonal)] += local.prior.common_scale**2
+    mean = np.zeros(SHARED)
+    mean[LAG], mean[GRAVITY] = local.prior.lag, noise.gravity
+    information = np.linalg.inv(covariance)
+    equations.corner += information
+    equations.g_shared += information @ (x.shared - mean)
+
+
+def _squares(vectors: Array) -> Array:
+    squares: Array = np.einsum("...i,...i->...", vectors, vectors)
+    return squares
+
+
+def _robust(squares: Array, robust: bool) -> Array:
+    """Geman-McClure's weight of residuals, by their squares in sigmas."""
+    return 1.0 / (1.0 + squares / DOUBT**2) ** 2 if robust else np.ones_like(squares)
+
+
+def with_origin(local: Local, origin: int) -> Local:
+    """The same for another set of knots."""
+    return replace(local, origin=origin)

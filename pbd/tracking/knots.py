@@ -1,0 +1,177 @@
+"""The problem that the smoother solves: knots in time, and all that was measured at and between them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbd.pose import Array, quat_rotate, quat_to_matrix
+from pbd.tracking.attitude import steadiness
+from pbd.tracking.noise import Noise, densities
+from pbd.tracking.preintegration import GyroFrame, Impulse, Legs, Rows, cumulative, preintegrate
+from pbd.tracking.rest import Rest
+from pbd.tracking.zero_velocity import Spans, still_speed
+
+INSET_S, INSET_SHARE = 0.05, 0.2
+"""s: a hand that is seen to move set out no longer before; and of a short stop this share, at either end."""
+
+STOP_KNOT_S, LONG_STOP_S, LONG_STOP_KNOT_S, MOVE_KNOT_S = 0.25, 20.0, 1.0, 0.5
+"""s: knots in a stop are so far apart (in a long one further), and at most so far in a move."""
+
+FIELD_S = 0.25
+"""s: the magnetic field at a knot is a mean over so long on either hand."""
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Knots and measurements.
+
+    Attributes:
+        frame: the recording in the gyro frame.
+        rest: its first quiet second.
+        noise: of the sensor and the hand.
+        stops: where the hand may stand still.
+        rows: (m,) of the knots.
+        stop_of: (m,) index of the stop that a knot is in, or -1.
+        legs: between the knots.
+        still: (m,) m/s along each axis, how fast a hand may be that stands still.
+        turned: (m - 1, 3, 3), the turn from knot to knot in the gyro frame: C' C^T.
+        turn_sigma: (m - 1,) rad, how far a hand may turn that stands still.
+        share: (m,) s, that each knot stands for.
+        field: (m, 3), the mean magnetic field in the gyro frame; None without a magnetometer.
+        device: whether the attitude is the device's own, and there is no gyro.
+    """
+
+    frame: GyroFrame
+    rest: Rest
+    noise: Noise
+    stops: Spans
+    rows: Rows
+    stop_of: NDArray[np.intp]
+    legs: Legs
+    still: Array
+    turned: Array
+    turn_sigma: Array
+    share: Array
+    field: Array | None
+    device: bool
+
+    @property
+    def t(self) -> Array:
+        """(m,) s, of the knots."""
+        return self.frame.t[self.rows]
+
+    @property
+    def within(self) -> NDArray[np.bool_]:
+        """(m - 1,) whether two neighbouring knots are in one stop."""
+        within: NDArray[np.bool_] = (self.stop_of[1:] == self.stop_of[:-1]) & (self.stop_of[1:] >= 0)
+        return within
+
+
+def pose_problem(
+    frame: GyroFrame,
+    mag: Array | None,
+    rest: Rest,
+    noise: Noise,
+    stops: Spans,
+    calm: Spans,
+    *,
+    device: bool = False,
+    impulses: Sequence[Impulse] = (),
+    unseen: Sequence[tuple[int, int]] = (),
+    asked: Sequence[int] = (),
+) -> Problem:
+    """Place knots and integrate between them.
+
+    Args:
+        frame: the recording in the gyro frame.
+        mag: (n, 3) in any unit, or None.
+        rest: its first quiet second.
+        noise: parameters.
+        stops: candidates.
+        calm: of each, where the hand stands still without a doubt.
+        device: the attitude is the device's own.
+        impulses: what was lost above a sensor's range.
+        unseen: first and last row of each hole in the data.
+        asked: rows at which a knot is wanted beside.
+    """
+    t, dt = frame.t, float(np.median(np.diff(frame.t)))
+    rows, stop_of = _place(t, calm, asked)
+    within = (stop_of[1:] == stop_of[:-1]) & (stop_of[1:] >= 0)
+    s_g, s_a = densities(noise, frame.gyr, frame.u, dt)
+    if device:  # it follows a turn late, and catches up
+        s_g[0] = noise.device_lag * (frame.gyr**2).sum(axis=1)
+        s_a[0] = dt * frame.u[rest.start : rest.stop].var(axis=0).mean()  # its steps and noise tilt gravity
+    for first, last in unseen:
+        lasts = float(t[last] - t[first])
+        s_g[0, first : last + 1] += noise.unseen_rate**2 * lasts
+        s_a[0, first : last + 1] += noise.unseen**2 * lasts
+    C = quat_to_matrix(frame.wxyz[rows])
+    borders = np.concatenate((t[rows[:1]], 0.5 * (t[rows[1:]] + t[rows[:-1]]), t[rows[-1:]]))
+    return Problem(
+        frame,
+        rest,
+        noise,
+        stops,
+        rows,
+        stop_of,
+        preintegrate(frame, rows, within, (s_g, s_a), impulses),
+        still_speed(*steadiness(frame, device), rows, rest, noise, dt),
+        C[1:] @ C[:-1].transpose(0, 2, 1),
+        _turn_sigma(frame, rows, within, noise.still_turn),
+        np.maximum(np.diff(borders), dt),
+        None if mag is None else _field(frame, mag, rows, max(1, round(FIELD_S / dt))),
+        device,
+    )
+
+
+def _place(t: Array, calm: Spans, asked: Sequence[int]) -> tuple[Rows, NDArray[np.intp]]:
+    """Rows of knots (m,), and of each the stop that it is in (m,)."""
+    inner = [_inner(t, *span) for span in calm]
+    marks, last = [0, len(t) - 1, *asked], 0
+    for first, end in [*inner, (len(t) - 1, len(t) - 1)]:
+        marks += _evenly(t, last, first, MOVE_KNOT_S)
+        marks += _evenly(t, first, end, STOP_KNOT_S if t[end] - t[first] < LONG_STOP_S else LONG_STOP_KNOT_S)
+        last = end
+    rows = np.unique(np.array(marks, dtype=np.intp))
+    stop_of = np.full(len(rows), -1)
+    for k, (first, end) in enumerate(inner):
+        stop_of[np.searchsorted(rows, first) : np.searchsorted(rows, end, side="right")] = k
+    return rows, stop_of
+
+
+def _inner(t: Array, start: int, stop: int) -> tuple[int, int]:
+    """First and last row of a stop without its edges."""
+    inset = min(INSET_S, INSET_SHARE * float(t[stop - 1] - t[start]))
+    first = int(np.searchsorted(t, t[start] + inset - 1e-9))
+    last = int(np.searchsorted(t, t[stop - 1] - inset + 1e-9, side="right")) - 1
+    middle = (start + stop - 1) // 2
+    return (first, last) if first <= last else (middle, middle)
+
+
+def _evenly(t: Array, first: int, last: int, apart_s: float) -> list[int]:
+    """Rows from first to last, no further apart than that."""
+    legs = max(1, int(np.ceil((t[last] - t[first]) / apart_s - 1e-6)))
+    found: list[int] = np.searchsorted(t, np.linspace(t[first], t[last], legs + 1) - 1e-9).tolist()
+    return found
+
+
+def _turn_sigma(frame: GyroFrame, rows: Rows, within: NDArray[np.bool_], least: float) -> Array:
+    """How far a hand may turn from knot to knot of a stop: twice the largest excursion of the integrated rate."""
+    angle = cumulative(frame.gyr[1:] * np.diff(frame.t)[:, None])
+    sigma = np.full(len(within), least)
+    for k in np.flatnonzero(within):
+        turned = angle[rows[k] : rows[k + 1] + 1] - angle[rows[k]]
+        sway = turned - np.linspace(0.0, 1.0, len(turned))[:, None] * turned[-1]
+        sigma[k] = np.hypot(least, 2.0 * np.abs(sway).max())
+    return sigma
+
+
+def _field(frame: GyroFrame, mag: Array, rows: Rows, reach: int) -> Array:
+    sums = cumulative(quat_rotate(frame.wxyz, mag))
+    first, end = np.maximum(rows - reach, 0), np.minimum(rows + reach + 1, len(mag))
+    mean: Array = (sums[end] - sums[first]) / (end - first)[:, None]
+    return mean

@@ -1,0 +1,182 @@
+"""Every physical parameter of the estimator, once: what the sensor and the hand may do.
+
+White noise is measured in the recording's own rest. The rest of a sensor's errors is of its class, by data sheets;
+what a hand does is physiology. No number here was set on a recording.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pbd.data import GRAVITY, Recording
+from pbd.pose import Array, lengths
+from pbd.tracking.rest import Rest
+
+DEG = np.pi / 180.0
+MG = 1e-3 * GRAVITY
+
+
+@dataclass(frozen=True)
+class SensorClass:
+    """Spread over the devices of a class, one sigma: what calibration at the maker's leaves.
+
+    Attributes:
+        acc_bias: m/s2.
+        acc_scale: share, of each axis and of each angle between axes (rad).
+        gyr_scale: the same of the gyro.
+        gyr_walk: rad/s/sqrt(s), random walk of the gyro's bias in the hand.
+        acc_walk: m/s2/sqrt(s), of the accelerometer's.
+    """
+
+    acc_bias: float
+    acc_scale: float
+    gyr_scale: float
+    gyr_walk: float = 0.02 * DEG
+    acc_walk: float = 0.003
+
+
+CALIBRATED = SensorClass(2.0 * MG, 0.001, 0.001, 0.002 * DEG, 0.0003)
+"""Calibrated one by one, over temperature: Xsens MTi, VectorNav VN-100, x-IMU3 (data sheets; walks a tenth)."""
+
+FACTORY = SensorClass(3.0 * MG, 0.005, 0.005)
+"""A research or phone-class part after calibration; also what nothing is known of."""
+
+COMPASS = SensorClass(5.0 * MG, 0.003, 0.003)
+"""OceanServer's compasses (data sheet)."""
+
+BARE = SensorClass(20.0 * MG, 0.01, 0.01)
+"""A bare MEMS part (InvenSense MPU-6050 and -9250 data sheets: zero-g offset, sensitivity tolerance)."""
+
+IDEAL = SensorClass(1e-3 * MG, 1e-6, 1e-6, 1e-6 * DEG, 1e-6)
+"""The simulator's that errs in nothing."""
+
+CLASSES = {
+    "modern": CALIBRATED,
+    "xsens": CALIBRATED,
+    "vectornav": CALIBRATED,
+    "ximu3": CALIBRATED,
+    "ideal": IDEAL,
+    "os5000": COMPASS,
+    "wt901": BARE,
+    "witmotion": BARE,
+    "razor": BARE,
+}
+"""By a word in the recording's `info.sensor`."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations and densities in SI, one sigma per axis.
+
+    The white densities are measured at rest, the class is the sensor's, the others hold for all.
+    """
+
+    gyr_density: float
+    """rad/s/sqrt(Hz), white; measured at rest."""
+
+    acc_density: float
+    """m/s2/sqrt(Hz), white; measured at rest."""
+
+    device: SensorClass
+    """What the device's own errors may be."""
+
+    gyr_turn: float = 0.0007
+    """rad/sqrt(rad): a random walk of attitude that grows with turning (nonlinearity, 0.1 % of 0.5 rad)."""
+
+    gyr_bias: float = 0.5 * DEG
+    """rad/s: the gyro's bias, about its mean over the first rest."""
+
+    acc_motion: float = 0.0005
+    """1/sqrt(Hz): a share of the motion's acceleration (vibration rectification, nonlinearity of 0.5 %)."""
+
+    acc_bend: float = 0.5
+    """Share of what lies between samples, as far as fourth differences show it, that a low-pass loses."""
+
+    bend_knee: float = 10.0
+    """m/s2: smooth bends below this integrate exactly, as samples are means; impacts do not."""
+
+    lag: float = 0.001
+    """s: by which a gyro is late behind its accelerometer (group delays in MEMS makers' register maps: 0.3 to 2 ms)."""
+
+    lag_sigma: float = 0.0007
+    """s: how the lag differs from device to device."""
+
+    gravity: float = 9.80
+    """m/s2: half-way between the equator and 60 degrees of latitude."""
+
+    gravity_sigma: float = 0.02
+    """m/s2: how gravity differs over the inhabited earth."""
+
+    still_speed: float = 0.001
+    """m/s: how fast a hand that holds still creeps."""
+
+    still_shift: float = 0.002
+    """m: how far a hand that holds still strays from one knot to the next."""
+
+    still_turn: float = 0.01 * DEG
+    """rad: how far a hand that holds still turns from one knot to the next, where the gyro sees no sway."""
+
+    tremor_hz: float = 8.0
+    """Hz: what shakes a hand that holds still is no slower (physiological tremor has 8 to 12 Hz)."""
+
+    still_lever: float = 0.03
+    """m: from the point that stands still to the sensor, where the hand turns about it."""
+
+    reach: float = 2.0
+    """m: how far from its first rest a hand is taken to be, for each second; walks go further (Cauchy)."""
+
+    speed: float = 5.0
+    """m/s: how fast a hand moves."""
+
+    compass: float = 0.15
+    """rad sqrt(s): heading from a room's magnetic field, its wander averaged over a second."""
+
+    field: float = 0.08
+    """Share of the field by which a room's differs from that at the first rest; more is a magnet."""
+
+    device_lag: float = 0.3
+    """s: by which a device's own attitude is late where it low-passes it (OceanServer's manual)."""
+
+    device_turn: float = 0.5 * DEG
+    """rad: how well a device's own attitude holds (data sheets of compasses: 0.5 to 1 degree)."""
+
+    unseen: float = 2.0
+    """m/s2: the acceleration of a hand that nobody sees, in a hole of the data."""
+
+    unseen_rate: float = 1.0
+    """rad/s: the rate of turn of a hand that nobody sees, in a hole of the data."""
+
+
+def noise_of(recording: Recording, rest: Rest, calibrated: bool = False) -> Noise:
+    """Noise of a recording: white densities from its rest, the rest from the sensor's class, or calibration's."""
+    root = np.sqrt(1.0 / (3.0 * recording.rate_hz))
+    device = next((found for word, found in CLASSES.items() if word in recording.info.sensor), FACTORY)
+    device = CALIBRATED if calibrated else device
+    return Noise(rest.gyr_rms * root, rest.acc_rms * root, device)
+
+
+def densities(noise: Noise, gyr: Array, u: Array, dt: float) -> tuple[Array, Array]:
+    """Densities of gyro and accelerometer noise at each row: (3, n) rad2/s and (3, n) m2/s3.
+
+    The three parts, which add up: white noise as measured at rest, what turning adds, what motion adds.
+
+    Args:
+        noise: the parameters.
+        gyr: (n, 3) rad/s, without bias.
+        u: (n, 3) m/s2, specific force in the gyro frame.
+        dt: s, sampling interval.
+    """
+    s_g, s_a = np.zeros((3, len(u))), np.zeros((3, len(u)))
+    s_g[0], s_a[0] = noise.gyr_density**2, noise.acc_density**2
+    s_g[1] = noise.gyr_turn**2 * lengths(gyr)
+    motion = u - u.mean(axis=0)
+    s_a[2] = noise.acc_motion**2 * np.einsum("ij,ij->i", motion, motion)
+    if len(u) > 4:
+        fourth = np.diff(u, n=4, axis=0)
+        # Of white noise alone fourth differences have 70 variances, second ones 6.
+        white = 6.0 * 3.0 * noise.acc_density**2 / dt
+        bend = np.maximum(6.0 / 70.0 * np.einsum("ij,ij->i", fourth, fourth) - white, 0.0)
+        s_a[2, 2:-2] += noise.acc_bend * dt / 12.0 * bend**2 / (bend + noise.bend_knee**2)
+    return s_g, s_a

@@ -1,0 +1,292 @@
+"""The whole recording at once: the most probable motion, by Gauss-Newton over the knots, and how sure it is.
+
+A stop that is none (a hand that coasts) would bend the whole path, so standing still is a robust factor whose sigma
+comes down from far (graduated non-convexity). What the lag between the sensors or a common scale of the gyro explains
+is found first, with wide priors, and taken out of the samples where it is large.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pbd.data import Recording
+from pbd.pose import Array, lengths, quat_about_z, quat_inverse, quat_multiply, quat_to_matrix
+from pbd.tracking.attitude import first_guess, frame_of, heading, steadiness
+from pbd.tracking.factors import (
+    DOUBT,
+    GRAVITY,
+    GYR_MATRIX,
+    LAG,
+    SHARED,
+    Local,
+    Prior,
+    State,
+    Weights,
+    linearise,
+)
+from pbd.tracking.knots import Problem, pose_problem
+from pbd.tracking.noise import Noise
+from pbd.tracking.normal_equations import Solved
+from pbd.tracking.path import Path, path_of
+from pbd.tracking.preintegration import GyroFrame, Impulse
+from pbd.tracking.rest import Rest
+from pbd.tracking.zero_velocity import Spans, calm_part, find_candidates, slow_parts, still_speed, trimmed
+
+FAR, WARM = (40.0, 10.0, 3.0), (3.0,)
+"""Factors on the sigma of standing still, coming down to 1: from a first guess, and from a solution."""
+
+PLAIN = 2
+"""Iterations before anything is doubted."""
+
+CLEAR = 2.0
+"""Where no stop is off by more sigmas, none need be doubted."""
+
+SMALL, MOST = 1e-4, 12
+"""rad: the last step's turn; and how many iterations there are at most."""
+
+DOUBTED, TRIES = 0.5, 3
+"""Below this weight a candidate is cut to its slow parts, so often."""
+
+SLOW = 0.02
+"""m/s: as slow as a hand is that stops, by a solution that doubts it, or DOUBT sigmas of what may be."""
+
+WIDE_LAG, LARGE_LAG, SURE = 0.03, 0.005, 3.0
+"""s: lags of two filters of one chip reach this; from this on, and of so many sigmas, one is taken out."""
+
+CREEP = 2e-4
+"""m/s: what is slower, but for noise, has not set out yet."""
+
+MOST_LAG = 0.1
+"""s: no two sensors of one device are further apart: what explains more is another fault."""
+
+COMMON_SCALE, LARGE_SCALE, SCALE_SIGMA, SCALE_SURE = 0.15, 0.05, 0.02, 5.0
+"""The same of a scale common to the gyro's axes (a wrong clock is one), by what turns and gravity say."""
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """What the smoother makes of a recording.
+
+    Attributes:
+        problem: its knots and measurements; its stops are those that were believed.
+        state: at the knots.
+        local: the linearisation's constants.
+        weights: of the robust factors.
+        solved: the covariance.
+        lag: s, what has been taken out of the gyro's stamps.
+        scale: share, what has been taken out of the gyro's readings, all axes alike.
+    """
+
+    problem: Problem
+    state: State
+    local: Local
+    weights: Weights
+    solved: Solved
+    lag: float
+    scale: float
+
+    def path(self) -> Path:
+        """Attitude, velocity and position at each row."""
+        return path_of(self.problem, self.state)
+
+    def weight_of(self, stop: int) -> float:
+        """How sure it is that the hand stood still at a stop, 0 to 1: by the knot that is nearest to it."""
+        at = self.problem.stop_of == stop
+        excess = lengths(self.state.v[at]) ** 2 / self.problem.still[at] ** 2 - 3.0
+        return float((1.0 / (1.0 + np.maximum(excess, 0.0) / DOUBT**2) ** 2).max())
+
+
+def smooth(
+    recording: Recording,
+    rest: Rest,
+    noise: Noise,
+    impulses: Sequence[Impulse] = (),
+    unseen: Sequence[tuple[int, int]] = (),
+    asked: Sequence[int] = (),
+) -> Solution | None:
+    """Estimate the motion of a repaired recording; None where there is no stop.
+
+    Args:
+        recording: without NaN.
+        rest: a quiet second.
+        noise: parameters.
+        impulses: what was lost above a sensor's range.
+        unseen: first and last row of each hole.
+        asked: rows at which a knot is wanted.
+
+    Raises:
+        TrackingError: the orientation can't be known.
+    """
+    lag, scale = 0.0, 0.0
+    stops: Spans | None = None
+    device = recording.gyr is None
+    prior = Prior(noise.lag, WIDE_LAG, COMMON_SCALE)
+
+    # A knot just behind what was lost: an unknown turn is no small one.
+    lost = [min(impulse.row + 1, len(recording) - 1) for impulse in impulses]
+
+    def posed(frame: GyroFrame, stops: Spans, calm: Spans) -> Problem:
+        return pose_problem(
+            frame,
+            recording.mag,
+            rest,
+            noise,
+            stops,
+            calm,
+            device=device,
+            impulses=impulses,
+            unseen=unseen,
+            asked=[*asked, *lost],
+        )
+
+    for _ in range(4):
+        frame = frame_of(_retimed(recording, lag, scale), rest.gyro_bias * (1.0 + scale))
+        if stops is None:
+            shown = steadiness(frame, device)
+            stops = find_candidates(frame.t, *shown, rest)
+            speed = still_speed(*shown, np.arange(len(frame.t)), rest, noise, _dt(frame))
+        if not stops:
+            return None
+        problem = posed(frame, stops, stops)
+        x, local = _begin(problem, prior)
+        x, weights, solved = _descend(problem, x, local, FAR)
+        more, common = _found(x, solved)
+        if device or (more == 0.0 and common == 0.0) or abs(lag + more) > MOST_LAG:
+            break
+        lag, scale = lag + more, (1.0 + scale) * (1.0 + common) - 1.0
+    narrow = Prior(noise.lag if lag == 0.0 else 0.0, noise.lag_sigma)
+    local = replace(local, prior=narrow)
+    x, weights, solved = _descend(problem, x, local, ())
+    for _ in range(TRIES):
+        stops, calm = _judged(problem, x, weights, speed)
+        if not stops or stops == problem.stops:
+            break
+        again = posed(frame, stops, calm)
+        x, local = _carried(problem, x, again), replace(local, origin=_origin(again))
+        problem = again
+        x, weights, solved = _descend(problem, x, local, WARM)
+    return Solution(problem, x, local, weights, solved, lag, scale)
+
+
+def _judged(problem: Problem, x: State, weights: Weights, speed: Array) -> tuple[Spans, Spans]:
+    """The stops as the velocity shows them, and where the hand is calm in each.
+
+    Doubted ones are cut to their slow parts, ends at which the hand moves are trimmed.
+
+    Args:
+        problem: with its stops.
+        x: the estimate.
+        weights: how much each knot counts.
+        speed: (n,) m/s, how fast a hand may be that stands still.
+    """
+    t, v = problem.frame.t, path_of(problem, x).v
+    fast = np.maximum(SLOW, 3.0 * speed)
+    stops: Spans = []
+    calm: Spans = []
+    for k, span in enumerate(problem.stops):
+        doubted = (weights.still[problem.stop_of == k] < DOUBTED).any()
+        for part in slow_parts(t, span, lengths(v) < fast) if doubted else [span]:
+            inside = slice(*part)
+            creep = lengths(v - np.median(v[inside], axis=0))
+            blur = _blur(problem, k)
+            still = 3.0 * (float(np.median(speed[inside])) + blur)
+            stops.append(trimmed(part, creep < still))
+            calm.append(calm_part(t, stops[-1], creep < CREEP + 2.0 * blur))
+    return stops, calm
+
+
+def _blur(problem: Problem, stop: int) -> float:
+    """m/s: by how much noise blurs the velocity from knot to knot of a stop, along each axis."""
+    legs = np.flatnonzero(problem.within & (problem.stop_of[1:] == stop))
+    variance = problem.legs.parts[:, legs, 3:6, 3:6].sum(axis=0)
+    return float(np.sqrt(np.trace(variance, axis1=1, axis2=2).mean() / 3.0)) if len(legs) else 0.0
+
+
+def _dt(frame: GyroFrame) -> float:
+    return float(np.median(np.diff(frame.t)))
+
+
+def _retimed(recording: Recording, lag: float, scale: float) -> Recording:
+    """The recording with the gyro's lag and common scale taken out."""
+    if recording.gyr is None or (lag == 0.0 and scale == 0.0):
+        return recording
+    at = recording.t + lag
+    gyr = np.column_stack([np.interp(at, recording.t, axis) for axis in recording.gyr.T]) * (1.0 + scale)
+    return replace(recording, gyr=gyr)
+
+
+def _found(x: State, solved: Solved) -> tuple[float, float]:
+    """The lag (s) and the scale that are too large and too sure to be left to a linear model."""
+    i = np.arange(SHARED)
+    tau, sigma = float(x.shared[LAG][0]), float(np.sqrt(solved.shared[0, 0]))
+    away = tau - Noise.lag
+    lag = tau if abs(away) > max(LARGE_LAG, SURE * sigma) else 0.0
+    diagonal = i[GYR_MATRIX][::4]
+    common = -float(x.shared[diagonal].mean())  # w_true = (1 - M) w
+    sigma = float(np.sqrt(solved.shared[np.ix_(diagonal, diagonal)].mean()))
+    sure = sigma < SCALE_SIGMA and abs(common) > max(LARGE_SCALE, SCALE_SURE * sigma)
+    return lag, common if sure else 0.0
+
+
+def _origin(problem: Problem) -> int:
+    """The knot in the middle of the first stop."""
+    return int(np.median(np.flatnonzero(problem.stop_of == 0)))
+
+
+def _begin(problem: Problem, prior: Prior) -> tuple[State, Local]:
+    """A hand that stands still, in the attitude of a first guess; heading as nav has it."""
+    m, rest, origin = len(problem.rows), problem.rest, _origin(problem)
+    strength = dip = 0.0
+    if problem.device:
+        E = np.tile(np.eye(3), (m, 1, 1))
+    else:
+        wxyz = first_guess(problem.frame, problem.rows, slice(rest.start, rest.stop))
+        first = problem.stop_of == 0
+        if problem.field is None:
+            frame_rows = problem.rows[first]
+            off = -heading(quat_multiply(wxyz[first], problem.frame.wxyz[frame_rows]))
+        else:
+            level = np.einsum("kij,kj->ki", quat_to_matrix(wxyz[first]), problem.field[first]).mean(axis=0)
+            strength = float(np.linalg.norm(level))
+            dip = float(np.arctan2(level[2], np.hypot(level[0], level[1])))
+            off = float(np.arctan2(level[0], level[1]))
+        E = quat_to_matrix(quat_multiply(quat_about_z(off), wxyz))
+    still = np.zeros((m, 3))
+    shared = np.zeros(SHARED)
+    shared[LAG], shared[GRAVITY] = prior.lag, problem.noise.gravity
+    state = State(E, still, still, still, still, shared)
+    return state, Local(origin, strength, dip, prior, np.ones(3), np.ones(2))
+
+
+def _descend(problem: Problem, x: State, local: Local, anneal: Sequence[float]) -> tuple[State, Weights, Solved]:
+    """Gauss-Newton, all factors linearised anew each time, until nothing turns any more."""
+
+    def step(x: State, anneal: float, robust: bool = True) -> tuple[State, Weights, Solved]:
+        equations, weights = linearise(problem, x, local, anneal, robust)
+        solved = equations.solve()
+        return x.moved(solved), weights, solved
+
+    if len(anneal) > 1:
+        for _ in range(PLAIN):
+            x, _, _ = step(x, anneal[0], robust=False)
+        still = problem.stop_of >= 0
+        if (lengths(x.v[still]) < CLEAR * problem.still[still]).all():
+            anneal = ()
+    for factor in anneal:
+        x, _, _ = step(x, factor)
+    for _ in range(MOST):
+        x, weights, solved = step(x, 1.0)
+        if np.abs(solved.d[:, :3]).max() < SMALL:
+            break
+    return x, weights, solved
+
+
+def _carried(problem: Problem, x: State, again: Problem) -> State:
+    """An estimate at other knots."""
+    path, rows = path_of(problem, x), again.rows
+    E = quat_to_matrix(quat_multiply(path.wxyz[rows], quat_inverse(again.frame.wxyz[rows])))
+    k = np.clip(np.searchsorted(problem.rows, rows), 0, len(problem.rows) - 1)
+    return State(E, path.v[rows], path.p[rows], x.gyr_bias[k], x.acc_bias[k], x.shared)

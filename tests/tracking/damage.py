@@ -1,0 +1,458 @@
+"""Ways in which a sensor, its wires, its files or the hand spoil a demonstration; the truth goes with it.
+
+Truth and recording have the same rows: what changes the rows of one changes those of the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbd.data import Demonstration, Recording, Truth
+from pbd.pose import (
+    Array,
+    lengths,
+    quat_exp,
+    quat_from_rpy,
+    quat_inverse,
+    quat_log,
+    quat_multiply,
+    quat_rotate,
+    quat_slerp,
+    quat_to_rpy,
+)
+from pbd.sensors.simulated_hand import Waypoint
+from pbd.sensors.simulated_tasks import Task
+from tests.scenarios import with_rows
+from tests.tracking.faults import with_channel
+
+Rows = NDArray[np.intp]
+Damage = Callable[[Demonstration, np.random.Generator], Demonstration]
+Change = Callable[[Task, np.random.Generator], Task]
+
+AXES = "xyz"
+
+STILL_M_S, STILL_RAD_S, REST_S = 1e-3, np.radians(0.5), 0.25
+"""The true hand rests where it is slower than this for so long."""
+
+
+# --- where the hand rests and moves ---
+
+
+def truth_of(demo: Demonstration) -> Truth:
+    assert demo.truth is not None
+    return demo.truth
+
+
+def resting(truth: Truth) -> NDArray[np.bool_]:
+    """The rows (n,) at which the hand rests, however shortly."""
+    dt = np.diff(truth.t)
+    gone = lengths(np.diff(truth.p_nav_sensor, axis=0)) < STILL_M_S * dt
+    turn = quat_log(quat_multiply(quat_inverse(truth.wxyz_nav_sensor[:-1]), truth.wxyz_nav_sensor[1:]))
+    still = gone & (lengths(turn) < STILL_RAD_S * dt)
+    return np.concatenate((still, [False])) | np.concatenate(([False], still))
+
+
+def runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(np.int8)))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
+def rests(truth: Truth) -> list[tuple[int, int]]:
+    """Half-open ranges of rows in which the hand rests long enough to be a stop."""
+    return [(a, b) for a, b in runs(resting(truth)) if truth.t[b - 1] - truth.t[a] > REST_S]
+
+
+def row_in_move(demo: Demonstration, rng: np.random.Generator) -> int:
+    return int(rng.choice(np.flatnonzero(~resting(truth_of(demo)))))
+
+
+def row_anywhere(demo: Demonstration, rng: np.random.Generator) -> int:
+    """After the first second."""
+    return int(rng.integers(round(demo.recording.rate_hz), len(demo.recording) - 3))
+
+
+def samples(demo: Demonstration, seconds: float) -> int:
+    return max(1, round(seconds * demo.recording.rate_hz))
+
+
+# --- channels ---
+
+
+def with_values(demo: Demonstration, channel: str, change: Callable[[Array], Array]) -> Demonstration:
+    """A channel changed; where the sensor has none, nothing."""
+    values = getattr(demo.recording, channel)
+    if values is None:
+        return demo
+    return replace(demo, recording=with_channel(demo.recording, channel, change(np.array(values))))
+
+
+def set_rows(values: Array, rows: slice, to: Array | float) -> Array:
+    values[rows] = to
+    return values
+
+
+def scaled(channel: str, factor: float, axis: int | None = None) -> Damage:
+    gain = np.full(3, factor) if axis is None else np.where(np.arange(3) == axis, factor, 1.0)
+    return lambda demo, rng: with_values(demo, channel, lambda values: values * gain)
+
+
+def swapped(channel: str, a: int, b: int) -> Damage:
+    order = np.arange(3)
+    order[[a, b]] = b, a
+    return lambda demo, rng: with_values(demo, channel, lambda values: values[:, order])
+
+
+def stuck(channel: str, axis: int, from_start: bool) -> Damage:
+    """An axis that repeats one value: 0 from the start, or its last one from some moment in a move on."""
+
+    def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
+        row = 0 if from_start else row_in_move(demo, rng)
+
+        def change(values: Array) -> Array:
+            values[row:, axis] = 0.0 if from_start else values[row, axis]
+            return values
+
+        return with_values(demo, channel, change)
+
+    return damage
+
+
+def clipped(channel: str, limit: float) -> Damage:
+    return lambda demo, rng: with_values(demo, channel, lambda values: np.clip(values, -limit, limit))
+
+
+def wrapped(channel: str, limit: float) -> Damage:
+    """An integer that overflows: above +limit it goes on at -limit."""
+    return lambda demo, rng: with_values(demo, channel, lambda v: (v + limit) % (2.0 * limit) - limit)
+
+
+def frozen(channels: tuple[str, ...], seconds: float) -> Damage:
+    """Channels that repeat one sample for a while, from somewhere in a move."""
+
+    def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
+        row = row_in_move(demo, rng)
+        held = slice(row, row + samples(demo, seconds))
+        for channel in channels:
+            demo = with_values(demo, channel, lambda values: set_rows(values, held, values[row]))
+        return demo
+
+    return damage
+
+
+def spiked(channel: str, size: float, rows: int, count: int) -> Damage:
+    def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
+        for _ in range(count):
+            row, axis, sign = row_anywhere(demo, rng), int(rng.integers(3)), rng.choice((-1.0, 1.0))
+
+            def change(values: Array, row: int = row, axis: int = axis, sign: float = sign) -> Array:
+                values[row : row + rows, axis] += sign * size
+                return values
+
+            demo = with_values(demo, channel, change)
+        return demo
+
+    return damage
+
+
+def stepped(channel: str, size: float) -> Damage:
+    """A bias that comes at some moment and stays, along any direction."""
+
+    def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
+        row, way = row_anywhere(demo, rng), rng.normal(size=3)
+        step = size * way / np.linalg.norm(way)
+        return with_values(demo, channel, lambda values: values + (np.arange(len(values)) >= row)[:, None] * step)
+
+    return damage
+
+
+def noisy(channel: str, rms: float, seconds: float) -> Damage:
+    def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
+        row = row_anywhere(demo, rng)
+        rows = slice(row, min(row + samples(demo, seconds), len(demo.recording)))
+        noise = rng.normal(scale=rms, size=(rows.stop - rows.start, 3))
+        return with_values(demo, channel, lambda values: set_rows(values, rows, values[rows] + noise))
+
+    return damage
+
+
+def vibrating(acc: float, gyr: float, frequency: tuple[float, float], averaged: bool) -> Damage:
+    """A machine near by: a sine from start to end, sampled at instants or averaged over the sampling interval."""
+
+    def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
+        f, t = rng.uniform(*frequency), demo.recording.t
+        loss = np.sinc(f / demo.recording.rate_hz) if averaged else 1.0
+        for channel, size in (("acc", acc), ("gyr", gyr)):
+            way, phase = rng.normal(size=3), rng.uniform(0.0, 2.0 * np.pi)
+            wave = size * loss * np.sin(2.0 * np.pi * f * t + phase)[:, None] * way / np.linalg.norm(way)
+            demo = with_values(demo, channel, lambda values, wave=wave: values + wave)  # type: ignore[misc]
+        return demo
+
+    return damage
+
+
+def magnet_passing(size: float, seconds: float) -> Damage:
+    """A magnet that comes and goes, uT."""
+
+    def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
+        t, way = demo.recording.t, rng.normal(size=3)
+        bump = np.exp(-0.5 * ((t - rng.uniform(t[0], t[-1])) / (0.3 * seconds)) ** 2)
+        return with_values(demo, "mag", lambda mag: mag + size * bump[:, None] * way / np.linalg.norm(way))
+
+    return damage
+
+
+def hard_iron(size: float) -> Damage:
+    """A magnet in the hand, uT."""
+
+    def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
+        way = rng.normal(size=3)
+        return with_values(demo, "mag", lambda mag: mag + size * way / np.linalg.norm(way))
+
+    return damage
+
+
+# --- rows and times ---
+
+
+def with_rows_of(demo: Demonstration, rows: Rows) -> Demonstration:
+    """Some of the rows in some order, under the stamps of an unbroken recording."""
+    truth, n = truth_of(demo), len(rows)
+    t = np.arange(n) / demo.recording.rate_hz if n > len(demo.recording) else demo.recording.t[:n]
+    return replace(
+        demo,
+        recording=replace(with_rows(demo.recording, rows), t=t),
+        truth=Truth(t, truth.p_nav_sensor[rows], truth.wxyz_nav_sensor[rows]),
+    )
+
+
+def burst_lost(seconds: float) -> Damage:
+    """Samples of a move that are lost, and nobody knows."""
+
+    def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
+        row = row_in_move(demo, rng)
+        return with_rows_of(demo, np.delete(np.arange(len(demo.recording)), slice(row, row + samples(demo, seconds))))
+
+    return damage
+
+
+def burst_doubled(seconds: float) -> Damage:
+    def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
+        row, n = row_in_move(demo, rng), len(demo.recording)
+        again = np.arange(row, min(row + samples(demo, seconds), n))
+        return with_rows_of(demo, np.concatenate((np.arange(again[-1] + 1), again, np.arange(again[-1] + 1, n))))
+
+    return damage
+
+
+def singles_lost(share: float) -> Damage:
+    def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
+        return with_rows_of(demo, np.flatnonzero(rng.random(len(demo.recording)) >= share))
+
+    return damage
+
+
+def singles_doubled(share: float) -> Damage:
+    def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
+        return with_rows_of(
+            demo, np.repeat(np.arange(len(demo.recording)), 1 + (rng.random(len(demo.recording)) < share))
+        )
+
+    return damage
+
+
+def blocks_reordered(seconds: float) -> Damage:
+    """Two packets in the wrong order: what the hand truly did is in the right one."""
+
+    def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
+        n, size = len(demo.recording), samples(demo, seconds)
+        row = min(row_in_move(demo, rng), n - 2 * size)
+        rows = np.arange(n)
+        rows[row : row + 2 * size] = np.roll(rows[row : row + 2 * size], size)
+        return replace(demo, recording=replace(with_rows(demo.recording, rows), t=demo.recording.t))
+
+    return damage
+
+
+def clock(factor: float, nominal: bool) -> Damage:
+    """A clock that runs so many times too fast; or all is as if the sensor had been set to another rate."""
+
+    def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
+        truth, info = truth_of(demo), demo.recording.info
+        t, rate_hz = demo.recording.t * factor, demo.recording.rate_hz / factor
+        return replace(
+            demo,
+            recording=replace(demo.recording, t=t, info=replace(info, rate_hz=rate_hz if nominal else None)),
+            truth=Truth(t, truth.p_nav_sensor, truth.wxyz_nav_sensor),
+        )
+
+    return damage
+
+
+def milliseconds(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
+    return clock(1e3, False)(demo, rng)
+
+
+def joined(where: str) -> Damage:
+    """A recording that breaks off, and another take from the dock behind it, as though it were one."""
+
+    def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
+        truth, n = truth_of(demo), len(demo.recording)
+        cut = row_in_move(demo, rng)
+        if where != "in a move":
+            spans = rests(truth)
+            first = truth.wxyz_nav_sensor[spans[0][0]]
+            turn = [lengths(quat_log(quat_multiply(quat_inverse(first), truth.wxyz_nav_sensor[a]))) for a, _ in spans]
+            k = int(np.argmax(turn)) if where == "at a tilted rest" else 1
+            cut = sum(spans[k]) // 2
+        return with_rows_of(demo, np.concatenate((np.arange(cut), np.arange(n))))
+
+    return damage
+
+
+def gyro_late(seconds: float) -> Damage:
+    """The gyro's filter delays it."""
+
+    def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
+        t = demo.recording.t
+        return with_values(
+            demo, "gyr", lambda gyr: np.column_stack([np.interp(t - seconds, t, axis) for axis in gyr.T])
+        )
+
+    return damage
+
+
+def low_passed(channel: str, cutoff_hz: float) -> Damage:
+    """By a filter of the first order, as in the chip."""
+
+    def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
+        keep = float(np.exp(-2.0 * np.pi * cutoff_hz / demo.recording.rate_hz))
+
+        def change(values: Array) -> Array:
+            for row in range(1, len(values)):
+                values[row] = keep * values[row - 1] + (1.0 - keep) * values[row]
+            return values
+
+        return with_values(demo, channel, change)
+
+    return damage
+
+
+def polled(times: int) -> Damage:
+    """A program that reads the last sample this many times as often as there is a new one."""
+
+    def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
+        truth = truth_of(demo)
+        rows = np.repeat(np.arange(len(truth.t)), times)
+        t = np.arange(len(rows)) / (times * demo.recording.rate_hz)
+        at = np.clip(np.searchsorted(truth.t, t, side="right") - 1, 0, len(truth.t) - 2)
+        share = np.clip((t - truth.t[at]) / (truth.t[at + 1] - truth.t[at]), 0.0, 1.0)
+        p = truth.p_nav_sensor
+        true = Truth(
+            t,
+            p[at] + share[:, None] * (p[at + 1] - p[at]),
+            quat_slerp(truth.wxyz_nav_sensor[at], truth.wxyz_nav_sensor[at + 1], share),
+        )
+        info = replace(demo.recording.info, rate_hz=None)
+        return replace(demo, recording=replace(with_rows(demo.recording, rows), t=t, info=info), truth=true)
+
+    return damage
+
+
+# --- what the hand does ---
+
+
+def carried(demo: Demonstration, v: Array) -> Demonstration:
+    """A further motion of the hand, in nav, of velocity v (n, 3) m/s at the samples' middles."""
+    t, truth = demo.recording.t, truth_of(demo)
+    edges = np.concatenate((v[:1], 0.5 * (v[1:] + v[:-1]), v[-1:]))
+    a = np.diff(edges, axis=0) * demo.recording.rate_hz
+    felt = quat_rotate(quat_inverse(truth.wxyz_nav_sensor), a)
+    p = truth.p_nav_sensor + np.concatenate(
+        (np.zeros((1, 3)), np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t)[:, None], axis=0))
+    )
+    moved = with_values(demo, "acc", lambda acc: acc + felt)
+    return replace(moved, truth=Truth(t, p, truth.wxyz_nav_sensor))
+
+
+def turned(demo: Demonstration, by: Array) -> Demonstration:
+    """The sensor turns in the hand by a rotation vector (n, 3) rad about its own axes, always about one axis."""
+    recording, truth = demo.recording, truth_of(demo)
+    S = quat_exp(by)
+    rate = np.gradient(by, recording.t, axis=0)
+    changes: dict[str, Any] = {"acc": quat_rotate(quat_inverse(S), recording.acc)}
+    if recording.gyr is not None:
+        changes["gyr"] = quat_rotate(quat_inverse(S), recording.gyr) + rate
+    if recording.mag is not None:
+        changes["mag"] = quat_rotate(quat_inverse(S), recording.mag)
+    if recording.device_rpy is not None:
+        changes["device_rpy"] = quat_to_rpy(quat_multiply(quat_from_rpy(recording.device_rpy), S))
+    wxyz = quat_multiply(truth.wxyz_nav_sensor, S)
+    return replace(demo, recording=replace(recording, **changes), truth=Truth(truth.t, truth.p_nav_sensor, wxyz))
+
+
+def trembling(size_m: float, size_rad: float) -> Damage:
+    """8 to 12 Hz, from start to end; so small that where the hand stops is the same."""
+
+    def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
+        t, f, truth = demo.recording.t, rng.uniform(8.0, 12.0), demo.truth
+        way, axis = rng.normal(size=(2, 3))
+        wave = 2.0 * np.pi * f * size_m * np.cos(2.0 * np.pi * f * t + rng.uniform(0.0, 6.28))
+        demo = carried(demo, wave[:, None] * way / np.linalg.norm(way))
+        wobble = size_rad * np.sin(2.0 * np.pi * f * t + rng.uniform(0.0, 6.28))
+        return replace(turned(demo, wobble[:, None] * axis / np.linalg.norm(axis)), truth=truth)
+
+    return damage
+
+
+def slipping(angle: float, seconds: float) -> Change:
+    """The sensor turns in the hand, once, while it rests (not the first time)."""
+
+    def change(task: Task, rng: np.random.Generator) -> Task:
+        k = int(rng.integers(1, len(task.waypoints)))
+        axis, rests = rng.normal(size=3), task.waypoints[k]
+        x, y, z = (angle * axis / np.linalg.norm(axis)).tolist()
+        half = 0.5 * rests.rest_s
+        parts = (replace(rests, rest_s=half), Waypoint(rests.p, (x, y, z), seconds, half))
+        return replace(task, waypoints=(*task.waypoints[:k], *parts, *task.waypoints[k + 1 :]))
+
+    return change
+
+
+def gliding(speed: float, ramp_s: float, share: float = 0.8) -> Damage:
+    """In a rest (not the first) the hand goes on at constant speed, level; it sets out and arrives within it."""
+
+    def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
+        t, spans = demo.recording.t, rests(truth_of(demo))
+        start, stop = spans[int(rng.integers(1, len(spans)))]
+        heading, lasts = rng.uniform(0.0, 2.0 * np.pi), t[stop - 1] - t[start]
+        edge = 0.5 * (1.0 - share) * lasts
+        ramp = min(ramp_s, 0.3 * lasts)
+        way = np.array((np.cos(heading), np.sin(heading), 0.0))
+        from_edge = np.minimum(t - t[start] - edge, t[stop - 1] - edge - t) / ramp
+        s = np.clip(from_edge, 0.0, 1.0)
+        return carried(demo, speed * (s * s * (3.0 - 2.0 * s))[:, None] * way)
+
+    return damage
+
+
+def drifting(speed: float) -> Damage:
+    """The hand is in a car: a constant speed from start to end."""
+
+    def damage(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
+        return carried(demo, np.tile((speed, 0.0, 0.0), (len(demo.recording), 1)))
+
+    return damage
+
+
+def as_it_is(demo: Demonstration, rng: np.random.Generator) -> Demonstration:
+    return demo
+
+
+def without_north(recording: Recording) -> Recording:
+    """Without magnetometer and without the device's own angles."""
+    return replace(recording, mag=None, device_rpy=None)
