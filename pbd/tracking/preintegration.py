@@ -191,7 +191,8 @@ def preintegrate(
     C = quat_to_matrix(frame.wxyz[(edges[:-1] + edges[1:]) // 2])
 
     def block_means(values: Array) -> Array:
-        mean = np.diff(trapezoid(t, values)[edges], axis=0) / h[:, None]
+        # Samples that came at one instant make an empty block.
+        mean = np.diff(trapezoid(t, values)[edges], axis=0) / np.maximum(h, np.finfo(float).tiny)[:, None]
         of_leg = (per_leg(mean * h[:, None]) / T[:, None])[leg]
         return np.where(still[leg][:, None], of_leg, mean)
 

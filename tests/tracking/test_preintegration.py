@@ -1,0 +1,19 @@
+"""Samples integrated once, from knot to knot."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pbd.tracking.preintegration import gyro_frame, preintegrate
+
+
+def test_samples_that_came_at_one_instant_are_an_empty_block() -> None:
+    """A packet that came twice: one of the pair is a knot, the other the edge of a block."""
+    t = 0.01 * np.arange(101.0)
+    t[41:] -= 0.01  # blocks are of 4 samples
+    acc = np.tile((0.0, 0.0, 9.8), (101, 1))
+    frame = gyro_frame(t, np.zeros((101, 3)), acc, 0.01)
+    density = np.ones((3, 101)), np.ones((3, 101))
+    legs = preintegrate(frame, np.array([0, 41, 100]), np.zeros(2, dtype=bool), density)
+    assert np.isfinite(legs.J).all()
+    assert np.allclose(legs.dU, np.outer(legs.T, (0.0, 0.0, 9.8)))
