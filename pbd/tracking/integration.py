@@ -9,6 +9,8 @@ import numpy as np
 
 from pbd.data import Stop
 from pbd.pose import Array, readonly
+from pbd.tracking.preintegration import integral_of_means as integral_of_means
+from pbd.tracking.preintegration import integral_of_values as integral_of_values
 
 EVEN_DRIFT = 0.05
 """m/s per root second: the drift of velocity that arises in calm motion, of tilt and bias."""
@@ -80,27 +82,6 @@ def _origin_of_drift(t: Array, a_nav: Array) -> Array:
     variance += PEAK_DRIFT * dt**2 / 24.0 * (bend[1:] + bend[:-1])
     total = float(variance.sum())
     return np.concatenate(([0.0], np.cumsum(variance) / total)) if total > 0.0 else np.zeros(len(t))
-
-
-def integral_of_means(t: Array, means: Array) -> Array:
-    """Integral from the first sample's middle to each one's, of samples that are means over their intervals: (n, 3).
-
-    Sums of means are exact at the intervals' edges; between four edges the integral is taken for a cubic, to its
-    middle. Beyond both ends the first and the last mean go on.
-    """
-    dt = np.diff(t)[:, None]
-    padded = np.vstack((means[:1], means, means[-1:]))
-    return _cumulative(dt * (9.0 * (means[1:] + means[:-1]) - padded[:-3] - padded[3:]) / 16.0)
-
-
-def integral_of_values(t: Array, values: Array, slopes: Array) -> Array:
-    """Integral from the first instant to each, of values (n, 3) whose derivatives are known: Hermite's cubic."""
-    dt = np.diff(t)[:, None]
-    return _cumulative(0.5 * dt * (values[1:] + values[:-1]) - dt**2 / 12.0 * np.diff(slopes, axis=0))
-
-
-def _cumulative(steps: Array) -> Array:
-    return np.vstack((np.zeros((1, 3)), np.cumsum(steps, axis=0)))
 
 
 def edge(stop: Stop, t: Array, times: float = 1.0) -> int:

@@ -13,9 +13,11 @@ from pbd.pose import (
     quat_exp,
     quat_from_rpy,
     quat_multiply,
-    quat_rotate,
 )
+from pbd.tracking.attitude import heading as heading
+from pbd.tracking.attitude import mean_quaternion as mean_quaternion
 from pbd.tracking.magnetic import magnetic_heading
+from pbd.tracking.preintegration import turns_between_middles as turns_between_middles
 
 TAU_ACC_S = 6.0
 """VQF's time constant for tilt from the accelerometer (its default is 3 s): what a hand does within a second or two is
@@ -69,29 +71,6 @@ def estimate_attitude(recording: Recording, first_rest: slice) -> Attitude:
     return Attitude(quat_canonical(wxyz), bias)
 
 
-def turns_between_middles(t: Array, gyr: Array, interval: float) -> Array:
-    """Rotation vectors (n, 3) rad from the middle of each sample's predecessor to its own.
-
-    The samples are means, so their sums are exact at the intervals' edges; between four edges the angle is a cubic. The
-    turning of the axis of rotation meanwhile (coning) adds a twelfth of the cross product, for a rate that changes
-    linearly.
-
-    Source: P. Savage, Strapdown inertial navigation integration algorithm design, part 1, JGCD 21 (1998).
-    """
-    dt = np.diff(t, prepend=t[0] - interval)[:, None]
-    # Outside the recording the hand turns as at its ends.
-    padded = np.vstack((gyr[:1], gyr[:1], gyr, gyr[-1:]))
-    earlier, before, own, later = padded[:-3], padded[1:-2], padded[2:-1], padded[3:]
-    turns: Array = dt * (9.0 * (before + own) - earlier - later) / 16.0 + dt**2 / 12.0 * np.cross(before, own)
-    return turns
-
-
-def mean_quaternion(wxyz: Array) -> Array:
-    """Average unit quaternions (n, 4) that lie close together -> (4,)."""
-    aligned = np.where((wxyz @ wxyz[0])[:, None] < 0.0, -wxyz, wxyz)
-    return quat_canonical(aligned.mean(axis=0))
-
-
 def _device_attitude(recording: Recording) -> Attitude:
     if recording.device_rpy is None:
         raise TrackingError(
@@ -99,15 +78,6 @@ def _device_attitude(recording: Recording) -> Attitude:
             "record gx, gy, gz, or heading, pitch, roll"
         )
     return Attitude(quat_from_rpy(recording.device_rpy), np.zeros((len(recording), 3)))
-
-
-def heading(wxyz: Array) -> float:
-    """Heading of the sensor's x axis laid level, or of its y axis where x is within 30 degrees of vertical."""
-    q = mean_quaternion(wxyz)
-    axis = quat_rotate(q, (1.0, 0.0, 0.0))
-    if abs(axis[2]) > np.cos(np.radians(30.0)):
-        axis = quat_rotate(q, (0.0, 1.0, 0.0))
-    return float(np.arctan2(axis[1], axis[0]))
 
 
 def _regular(t: Array, interval: float) -> tuple[NDArray[np.intp], Array]:

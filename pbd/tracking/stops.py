@@ -16,6 +16,7 @@ from pbd.pose import Array, lengths, quat_inverse, quat_rotate
 from pbd.tracking.integration import integral_of_means, integrate_move
 from pbd.tracking.rest import Rest
 from pbd.tracking.steady import median, squares, window_sums
+from pbd.tracking.zero_velocity import runs as runs
 
 WINDOW_S = 0.1
 """Energies are means over this long."""
@@ -172,12 +173,6 @@ def _window_moments(values: Array, n: int) -> tuple[Array, Array]:
     mean = window_sums(values, n) / n
     variance = window_sums(squares(values), n) / n - squares(mean)
     return np.maximum(variance, 0.0), mean
-
-
-def runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Half-open ranges of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(np.int8)))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
 def _merge(runs: list[tuple[int, int]], t: Array) -> list[Stop]:
