@@ -3,35 +3,32 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from pbd.calibration.check import disagreements, gravity_off
+from pbd.calibration.check import disagreements
 from pbd.calibration.frames import nav_in_base
 from pbd.calibration.sensor import corrected
-from pbd.data import Attitude, Calibration, Demonstration, HandPath, Known, Recording, SensorErrors, Stop, Tracking
+from pbd.data import Calibration, Demonstration, HandPath, Known, Recording, SensorErrors, Stop, Tracking
 from pbd.errors import PbdWarning, RecordingError, TrackingError
 from pbd.pose import Array, quat_inverse, quat_log, quat_multiply
+from pbd.tracking.alarm import alarms
+from pbd.tracking.attitude import mean_quaternion
 from pbd.tracking.conditioning import condition, refuse_gaps
+from pbd.tracking.estimate import Estimate, estimate
 from pbd.tracking.frozen import refuse_freezes
-from pbd.tracking.gravity import motion_acceleration
-from pbd.tracking.integration import integrate_path
 from pbd.tracking.known import condition_on
-from pbd.tracking.orientation import estimate_attitude, mean_quaternion
-from pbd.tracking.paper import paper_acceleration, paper_attitude, paper_covariance, paper_path, paper_stops
+from pbd.tracking.noise import noise_of
+from pbd.tracking.paper import track_as_paper
+from pbd.tracking.preintegration import Impulse
 from pbd.tracking.rest import Rest, find_rest, rest_within
-from pbd.tracking.restoring import clip_covariance, restore, settle_velocities
+from pbd.tracking.restoring import restore
 from pbd.tracking.saturation import find_clips
-from pbd.tracking.smoothing import smooth_motion
-from pbd.tracking.stops import find_stops
-from pbd.tracking.uncertainty import (
-    LEVEL_DOUBT,
-    accelerometer_level,
-    stop_covariance,
-    stretch_covariance,
-    unseen_covariance,
-)
+
+TRIES = 3
+"""Where no stop holds the rest that noise was measured in, another is taken, so often at most."""
 
 SAME_DOCK_RAD = np.radians(1.0)
 """An edited first keyframe is still the dock if it is turned by no more."""
@@ -87,69 +84,57 @@ def track(
 
 def _track(demo: Demonstration, method: str, calibration: Calibration | None, accept_gap: bool) -> HandPath:
     """From the recording alone."""
+    if method not in METHODS:
+        raise TrackingError(f"no method '{method}'; known are {', '.join(METHODS)}", value=method)
     recording, gaps = condition(demo.recording)
-    clips = find_clips(recording)
+    clips, lost = find_clips(recording), ()
     if method == "default":
-        recording, clips = restore(recording, clips)
-    if calibration is not None:
-        recording = corrected(recording, calibration.sensor)  # after what is about the sensor's raw range
+        recording, lost = restore(recording, clips)
+    errors = None if calibration is None else calibration.sensor
+    if errors is not None:
+        recording = corrected(recording, errors)  # after what is about the sensor's raw range
     rest = find_rest(recording)
     if method == "paper":
-        attitude = paper_attitude(recording)
-        a_nav = paper_acceleration(recording, attitude, rest.gravity)
-        stops = paper_stops(recording.t, a_nav)
-    elif method == "default":
-        rest, attitude, a_nav, stops = find_motion(recording, rest)
-        a_nav, clips = settle_velocities(recording.t, a_nav, attitude.wxyz_nav_sensor, stops, clips)
+        found = track_as_paper(recording, rest)
     else:
-        raise TrackingError(f"no method '{method}'; known are {', '.join(METHODS)}", value=method)
-    if not stops:
-        raise TrackingError("the hand never stands still; stop for half a second between the moves")
-    refuse_gaps(gaps, recording, stops, accept_gap)
-    refuse_freezes(recording, a_nav, stops)
-    off = _off_at_rest(recording, rest, None if calibration is None else calibration.sensor)
-    _warn_of_open_ends(recording.t, stops)
-    if method == "paper":
-        p, v, closure = paper_path(recording.t, a_nav, stops)
-        cov, stretch = paper_covariance(recording.t, stops, closure), 0.0
-    else:
-        p, v, closure = integrate_path(recording.t, a_nav, stops)
-        cov = stop_covariance(recording, a_nav, p, stops, closure, rest)
-        stretch = LEVEL_DOUBT * accelerometer_level(recording, stops, rest) / rest.gravity
-        cov[:, :3, :3] += unseen_covariance(gaps, stops)
-        cov += clip_covariance(recording.t, a_nav, attitude.wxyz_nav_sensor, p, stops, clips)
-    cov[:, :3, :3] += stretch_covariance(p, stops, off)
+        rest, found = _smoothed(recording, rest, errors, lost, [(gap.before, gap.after) for gap in gaps])
+    refuse_gaps(gaps, recording, found.stops, accept_gap)
+    refuse_freezes(recording, found.path.a, found.stops)
+    _warn_at_rest(recording, rest, errors)
+    _warn_of_open_ends(recording.t, found.stops)
+    if found.solution is not None:
+        for line in alarms(found.solution, found.stops):
+            warnings.warn(line, PbdWarning, stacklevel=3)
     return HandPath(
         t=recording.t,
-        p_nav_sensor=p,
-        v_nav_sensor=v,
-        wxyz_nav_sensor=attitude.wxyz_nav_sensor,
-        stops=stops,
-        closure=closure,
-        cov=cov,
+        p_nav_sensor=found.path.p,
+        v_nav_sensor=found.path.v,
+        wxyz_nav_sensor=found.path.wxyz,
+        stops=found.stops,
+        closure=found.closure,
+        covariance=found.covariance,
         grip=recording.grip,
-        stretch=float(np.hypot(stretch, off)),
         tracking=Tracking(
-            demo, method, calibration, recording, a_nav, rest.gravity, (rest.start, rest.stop), accept_gap
+            demo, method, calibration, recording, found.path.a, rest.gravity, (rest.start, rest.stop), accept_gap
         ),
     )
 
 
-def find_motion(recording: Recording, rest: Rest) -> tuple[Rest, Attitude, Array, tuple[Stop, ...]]:
-    """Attitude, motion acceleration and stops of a conditioned recording; and the rest, which a stop must hold.
-
-    Raises:
-        TrackingError: no attitude, no rest.
-    """
-    for _ in range(3):
-        attitude = estimate_attitude(recording, slice(rest.start, rest.stop))
-        a_nav = motion_acceleration(recording, attitude, rest.gravity)
-        stops = find_stops(recording, a_nav, attitude.wxyz_nav_sensor, rest)
-        held = rest_within(recording, rest, stops) if stops else rest
+def _smoothed(
+    recording: Recording,
+    rest: Rest,
+    errors: SensorErrors | None,
+    lost: Sequence[Impulse],
+    unseen: Sequence[tuple[int, int]],
+) -> tuple[Rest, Estimate]:
+    """By the smoother; and the rest, which a stop must hold: a slow move passes for quiet."""
+    for _ in range(TRIES):
+        found = estimate(recording, rest, noise_of(recording, rest, errors), lost, unseen)
+        held = rest_within(recording, rest, found.stops)
         if held is rest:
             break
-        rest = held  # what is taken for quiet follows from it: look again
-    return rest, *smooth_motion(recording, attitude, a_nav, stops, rest), stops
+        rest = held
+    return rest, found
 
 
 def _refuse_another_dock(demo: Demonstration, path: HandPath) -> None:
@@ -177,14 +162,12 @@ def _condition(path: HandPath, known: Known, calibration: Calibration | None) ->
     return condition_on(path, known, calibration, T_base_nav)
 
 
-def _off_at_rest(recording: Recording, rest: Rest, errors: SensorErrors | None) -> float:
-    """Share of gravity by which the sensor is off at rest, 0 where that is usual; warns of what it reads wrongly."""
+def _warn_at_rest(recording: Recording, rest: Rest, errors: SensorErrors | None) -> None:
     rows, acc = slice(rest.start, rest.stop), rest.gravity * rest.up_sensor
     gyr = None if recording.gyr is None else rest.gyro_bias
     mag = None if recording.mag is None else recording.mag[rows].mean(axis=0)
     for line in disagreements(errors, acc, gyr, mag):
-        warnings.warn(line, PbdWarning, stacklevel=3)
-    return gravity_off(errors, acc)
+        warnings.warn(line, PbdWarning, stacklevel=4)
 
 
 def _warn_of_open_ends(t: Array, stops: tuple[Stop, ...]) -> None:

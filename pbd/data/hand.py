@@ -10,6 +10,7 @@ import numpy as np
 
 from pbd.data.brief import brief, counted, span
 from pbd.data.calibration import Calibration
+from pbd.data.covariance import PoseCovariance
 from pbd.data.freeze import freeze
 from pbd.data.known import ClaimFit, Contact, Known, Place
 from pbd.data.world import GraspedObject
@@ -205,11 +206,9 @@ class HandPath:
         wxyz_nav_sensor: (n, 4).
         stops: in order; between two of them lies one move.
         closure: (len(stops) - 1, 3) m/s, the velocity left over at each move's end before it was removed: honest drift.
-        cov: (len(stops), 6, 6) of position (m) and rotation vector (rad) in nav, at each stop.
+        covariance: of the poses at all stops together, relative to the first's place and heading.
         grip: the recording's grip events.
         claims: what was known of the stops and has been used.
-        stretch: share of a move by which the sensor's own errors lean and stretch all moves alike, one sigma; `cov` has
-            it too, as though it were each move's own.
         tracking: what it was tracked from; None for a path that no recording was tracked for.
     """
 
@@ -219,19 +218,25 @@ class HandPath:
     wxyz_nav_sensor: Array
     stops: tuple[Stop, ...]
     closure: Array
-    cov: Array
+    covariance: PoseCovariance
     grip: tuple[GripEvent, ...] = ()
     claims: tuple[ClaimFit, ...] = ()
-    stretch: float = 0.0
     tracking: Tracking | None = None
 
     def __post_init__(self) -> None:
         n, k = len(self.t), len(self.stops)
         freeze(self, t=(n,), p_nav_sensor=(n, 3), v_nav_sensor=(n, 3), wxyz_nav_sensor=(n, 4))
-        freeze(self, closure=(max(k - 1, 0), 3), cov=(k, 6, 6))
+        freeze(self, closure=(max(k - 1, 0), 3))
+        if self.covariance.count != k:
+            raise ValueError(f"HandPath.covariance must be of {k} poses, got {self.covariance.count}")
         object.__setattr__(self, "stops", tuple(self.stops))
         object.__setattr__(self, "grip", tuple(self.grip))
         object.__setattr__(self, "claims", tuple(self.claims))
+
+    @property
+    def cov(self) -> Array:
+        """(len(stops), 6, 6) of position (m) and rotation vector (rad) in nav, at each stop."""
+        return self.covariance.of_each
 
     def __repr__(self) -> str:
         return brief(

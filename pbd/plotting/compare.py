@@ -19,7 +19,7 @@ from pbd.pose import (
     quat_to_matrix,
     yaw_toward,
 )
-from pbd.tracking.orientation import mean_quaternion
+from pbd.tracking.attitude import mean_quaternion
 from pbd.view.plot_values import ComparePlot, RunPlot, SpreadKeyframe
 
 TURN_M = 0.1

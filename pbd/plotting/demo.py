@@ -10,8 +10,9 @@ import numpy as np
 from pbd.data import HandPath, Recording, Truth
 from pbd.plotting.findings import at_stop, find, length, stop_names
 from pbd.pose import Array, quat_about_z, quat_multiply, quat_rotate, quat_to_rpy, yaw_toward
+from pbd.tracking.alarm import DISTURBED
 from pbd.tracking.keyframes import keyframes_of
-from pbd.tracking.magnetic import BLOCK_S, DIP, STRENGTH
+from pbd.tracking.knots import FIELD_S
 from pbd.tracking.paper import LAMBDA_V, paper_stops, resulting_variance
 from pbd.view.plot_values import DemoPlot, FieldPlot, TruthPlot
 
@@ -118,9 +119,9 @@ def _field(mag: Array, path: HandPath, first_rest: slice) -> FieldPlot:
         dip=_dip(field_nav),
         rest_strength=strength,
         rest_dip=float(_dip(rest[None])[0]),
-        strength_bound=STRENGTH * strength,
-        dip_bound=float(DIP),
-        block_s=BLOCK_S,
+        strength_bound=DISTURBED * strength,
+        dip_bound=DISTURBED,
+        block_s=2.0 * FIELD_S,
     )
 
 

@@ -1,8 +1,7 @@
-"""What a person knows of the stops, as linear measurements of where the sensor was at them.
+"""What a person knows of the stops, as linear measurements of the sensor's poses at them.
 
-Places and heights are the tool's: the lever from the sensor to it, turned by the stop's attitude, is taken out here,
-and how unsure that attitude is becomes noise of the measurement. Only `closed` is the sensor's own: it is back in its
-dock.
+Places and heights are the tool's: it sits at the end of a lever that turns with the sensor. Only `closed` is the
+sensor's own: it is back in its dock.
 """
 
 from __future__ import annotations
@@ -16,14 +15,11 @@ import numpy as np
 
 from pbd.data import Calibration, Contact, HandPath, Known, Place
 from pbd.errors import PbdWarning, TrackingError
-from pbd.pose import Array, Pose, quat_rotate, quat_to_matrix
-from pbd.tracking.orientation import mean_quaternion
+from pbd.pose import Array, Pose, quat_rotate, quat_to_matrix, skew
+from pbd.tracking.attitude import mean_quaternion
 
 SIGMA_M = 0.003
 """m per axis: by so much a hand that returns to a place, or sets a thing down at a height, misses it."""
-
-DOCK_HEADING_SIGMA = np.radians(1.0)
-"""rad: how well nav's heading in base is known, of a sensor laid against its dock; far from it this shifts places."""
 
 NEAR_S = 0.5
 """A time further than this from any stop names none."""
@@ -31,9 +27,13 @@ NEAR_S = 0.5
 ALL_AXES, UPWARDS = np.eye(3), np.eye(3)[2:]
 
 
+BY_START, BY_MOUNT = slice(0, 6), slice(6, 9)
+"""A calibration's errors: of the start's pose in base (m, rad), and of the tool in sensor axes (m)."""
+
+
 @dataclass(frozen=True, eq=False)
 class Claim:
-    """axes @ (p_nav_sensor at `stop` - the same at `other`) = value, but for noise.
+    """axes @ (p_nav_sensor + lever at `stop` - the same at `other`) = value, but for noise.
 
     Attributes:
         saying: what is claimed, in words.
@@ -43,6 +43,8 @@ class Claim:
         other: index, or None for nav's origin.
         axes: (d, 3).
         value: (d,) m.
+        levers: two (3,) m in nav, from the sensor to the tool, at `stop` and at `other`.
+        by_calibration: (d, 9), how the value goes with the calibration's errors.
         noise: (d, d) m2, this claim's own.
         shared: (d, d) m2, common to all claims of one `group`.
         group: any number.
@@ -55,6 +57,8 @@ class Claim:
     other: int | None
     axes: Array
     value: Array
+    levers: tuple[Array, Array]
+    by_calibration: Array
     noise: Array
     shared: Array
     group: int
@@ -68,18 +72,30 @@ class _Base:
     scale: float
     table_height: float | None
 
+    def by_start(self, p_base: Array) -> Array:
+        """How a point of nav, given in base, goes with the start's pose in base: (3, 6), in nav."""
+        R_nav_base = quat_to_matrix(self.T_base_nav.wxyz).T
+        away = skew(np.asarray(p_base) - self.T_base_nav.p)
+        return np.hstack((-R_nav_base, R_nav_base @ away)) / self.scale
+
 
 @dataclass(frozen=True, eq=False)
 class _Tool:
-    """Where the tool is beside the sensor, at each stop: lever (k, 3) m in nav, its covariance (k, 3, 3) m2."""
+    """Where the tool is beside the sensor: at each stop the lever (k, 3) m and the attitude (k, 3, 3), in nav."""
 
     path: HandPath
     lever: Array
-    cov: Array
+    R: Array
 
-    def between(self, stop: int, other: int) -> tuple[Array, Array]:
-        """From `other` to `stop`: (3,) m to be subtracted from the tool's displacement, and (3, 3) m2."""
-        return self.lever[stop] - self.lever[other], self.cov[stop] + self.cov[other]
+    def levers(self, stop: int, other: int | None, scale: float = 1.0) -> tuple[Array, Array]:
+        """At a stop, and at another or nav's origin, in the hand's own scale."""
+        return self.lever[stop] / scale, np.zeros(3) if other is None else self.lever[other] / scale
+
+    def by_errors(self, stop: int, other: int | None, scale: float = 1.0) -> Array:
+        """How the value of a claim goes with the calibration's errors, of the mount alone: (3, 9)."""
+        by = np.zeros((3, 9))
+        by[:, BY_MOUNT] = ((0.0 if other is None else self.R[other]) - self.R[stop]) / scale
+        return by
 
 
 def claims_of(
@@ -98,10 +114,7 @@ def claims_of(
     """
     wxyz = np.array([mean_quaternion(path.wxyz_nav_sensor[stop.start : stop.stop]) for stop in path.stops])
     p_sensor_tool = np.zeros(3) if calibration is None else calibration.T_sensor_tool.p
-    lever = quat_rotate(wxyz, p_sensor_tool)
-    swing = np.cross(lever[:, None, :], np.eye(3))  # row i: how the lever goes with a turn about axis i, less its sign
-    cov = np.einsum("kia,kij,kjb->kab", swing, path.cov[:, 3:, 3:], swing)
-    tool = _Tool(path, lever, cov)
+    tool = _Tool(path, quat_rotate(wxyz, p_sensor_tool), quat_to_matrix(wxyz))
     base = None
     if calibration is not None and T_base_nav is not None:
         base = _Base(T_base_nav, calibration.scale, calibration.table_height)
@@ -125,6 +138,8 @@ def _closed(path: HandPath, group: int) -> Claim:
         0,
         ALL_AXES,
         np.zeros(3),
+        (np.zeros(3), np.zeros(3)),
+        np.zeros((3, 9)),
         half,
         half,
         group,
@@ -143,7 +158,6 @@ def _place(tool: _Tool, base: _Base | None, place: Place, group: int) -> Iterato
         )
     half = 0.5 * sigma**2 * np.eye(3)
     for t, stop in zip(place.t[1:], stops[1:], strict=True):
-        lever, lever_cov = tool.between(stop, stops[0])
         yield Claim(
             f"the tool at {t:.2f} s (stop {stop}) is where it was at {place.t[0]:.2f} s (stop {stops[0]})",
             "it is {} off",
@@ -151,8 +165,10 @@ def _place(tool: _Tool, base: _Base | None, place: Place, group: int) -> Iterato
             stop,
             stops[0],
             ALL_AXES,
-            -lever,
-            half + lever_cov,
+            np.zeros(3),
+            tool.levers(stop, stops[0]),
+            tool.by_errors(stop, stops[0]),
+            half,
             half,
             group,
         )
@@ -169,8 +185,9 @@ def _known_place(
 ) -> Iterator[Claim]:
     """T_base_nav.act(scale * p_nav_sensor + lever) = p_base_tool, solved for p_nav_sensor."""
     from_origin = base.T_base_nav.inverse().act(p_base_tool)
-    sideways = DOCK_HEADING_SIGMA * np.cross((0.0, 0.0, 1.0), from_origin) / base.scale
     for t, stop in zip(place.t, stops, strict=True):
+        by_calibration = tool.by_errors(stop, None, base.scale)
+        by_calibration[:, BY_START] = base.by_start(np.asarray(p_base_tool))
         yield Claim(
             f"the tool at {t:.2f} s (stop {stop}) is at {', '.join(f'{x:.3f}' for x in p_base_tool)} m in base",
             "it is {} off",
@@ -178,9 +195,11 @@ def _known_place(
             stop,
             None,
             ALL_AXES,
-            (from_origin - tool.lever[stop]) / base.scale,
-            (sigma**2 * np.eye(3) + tool.cov[stop]) / base.scale**2,
-            np.outer(sideways, sideways),
+            from_origin / base.scale,
+            tool.levers(stop, None, base.scale),
+            by_calibration,
+            sigma**2 * np.eye(3) / base.scale**2,
+            np.zeros((3, 3)),
             group,
         )
 
@@ -212,7 +231,9 @@ def _contacts(tool: _Tool, base: _Base | None, contacts: tuple[Contact, ...], gr
 
 def _at_table(tool: _Tool, base: _Base, table_height: float, contact: Contact, stop: int, group: int) -> Claim:
     up = quat_to_matrix(base.T_base_nav.wxyz)[2:]  # base's z axis in nav
-    noise = 2.0 * _variance(contact) + up @ tool.cov[stop] @ up.T
+    by_calibration = tool.by_errors(stop, None, base.scale)
+    p_base_tool = base.T_base_nav.act(base.scale * tool.path.p_nav_sensor[tool.path.stops[stop].start] + tool.lever[stop])
+    by_calibration[:, BY_START] = base.by_start(p_base_tool)
     return Claim(
         f"the tool at {contact.t:.2f} s (stop {stop}) is on the table",
         "it is {} off",
@@ -220,8 +241,10 @@ def _at_table(tool: _Tool, base: _Base, table_height: float, contact: Contact, s
         stop,
         None,
         up,
-        (table_height - base.T_base_nav.p[2:] - up @ tool.lever[stop]) / base.scale,
-        noise / base.scale**2,
+        (table_height - base.T_base_nav.p[2:]) / base.scale,
+        tool.levers(stop, None, base.scale),
+        up @ by_calibration,
+        2.0 * _variance(contact) / base.scale**2,
         np.zeros((1, 1)),
         group,
     )
@@ -232,7 +255,6 @@ def _height(
 ) -> Claim:
     """The tool is so much `above` where it is at the other stop of the pair."""
     stop, other = pair
-    lever, lever_cov = tool.between(stop, other)
     return Claim(
         f"the tool at {contact.t:.2f} s (stop {stop}) is {at}",
         "it is {} off",
@@ -240,8 +262,10 @@ def _height(
         stop,
         other,
         UPWARDS,
-        above - UPWARDS @ lever,
-        _variance(contact) + UPWARDS @ lever_cov @ UPWARDS.T,
+        np.array([above]),
+        tool.levers(stop, other),
+        UPWARDS @ tool.by_errors(stop, other),
+        _variance(contact),
         shared,
         group,
     )

@@ -16,7 +16,7 @@ from pbd.errors import PbdWarning, RecordingError
 from pbd.pose import Array
 from pbd.tracking.rest import STILL_ACC
 from pbd.tracking.steady import window_moments
-from pbd.tracking.stops import runs
+from pbd.tracking.zero_velocity import runs
 
 NAMES = {"acc": "accelerometer", "gyr": "gyro"}
 

@@ -17,8 +17,8 @@ from pbd.data import Recording, Stop
 from pbd.errors import TrackingError
 from pbd.pose import Array, lengths
 from pbd.tracking.dead import CALM_ROWS, NAMES, noisy
-from pbd.tracking.integration import EVEN_DRIFT, integral_of_means
-from pbd.tracking.stops import runs
+from pbd.tracking.preintegration import integral_of_means
+from pbd.tracking.zero_velocity import runs
 
 FROZEN_S, FROZEN_ROWS = 0.050, 3
 """A sensor that repeats itself for longer than this, and so often, has stopped measuring ..."""
@@ -38,8 +38,8 @@ EDGE_S, FULL_SPEED, FULL_SHARE = 0.15, 0.1, 0.5
 """A repetition that begins or ends so near a stop's edge makes it suspicious: if the velocity left over (m/s) is as
 large as this, and as this share of the largest on the way."""
 
-SURE, LONGEST_S = 3.0, 5.0
-"""In sigmas of drift; for longer than this from a stop it says nothing."""
+SURE, EVEN_DRIFT, LONGEST_S = 3.0, 0.05, 5.0
+"""In sigmas of drift, which is so many m/s per root second; for longer than this from a stop it says nothing."""
 
 
 def frozen(recording: Recording) -> NDArray[np.bool_]:

@@ -1,23 +1,25 @@
 """Condition a hand path on what is known of its stops: places visited twice, known positions, known heights.
 
-The displacements of the moves are independent, normal, and known as well as the path's covariance says. What is
-claimed is linear in them, with a small noise of its own (claims.py). So the best estimate of all of them together is
-one step of a Kalman filter over the moves: each takes its share of a misfit by its own uncertainty.
+The poses at the stops are normal, with the joint covariance that the smoother gives. What is claimed is linear in
+them, with a small noise of its own (claims.py). So the best estimate of all of them together is one update of a Kalman
+filter: each pose takes its share of a misfit by what it has in common with it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import erfc, sqrt
 
 import numpy as np
 
+from pbd.calibration.uncertainty import start_covariance
 from pbd.data import Calibration, ClaimFit, HandPath, Known, Stop
+from pbd.data.covariance import PoseCovariance
 from pbd.errors import TrackingError
-from pbd.pose import Array, Pose
-from pbd.tracking.claims import Claim, claims_of
+from pbd.pose import Array, Pose, quat_exp, quat_multiply
+from pbd.tracking.claims import BY_MOUNT, BY_START, Claim, claims_of
 
 REFUSED_SIGMA = 3.0
 """A misfit as improbable as so many sigmas along one axis (0.27 %) is a contradiction."""
@@ -28,20 +30,19 @@ def condition_on(
 ) -> HandPath:
     """Move the stops, and the path between them, to where they most likely are, given what is known.
 
-    With d (m,) the claims' misfits, G (m, 3 k) how they depend on the displacement of each of the k moves, Q the moves'
-    covariances and R the claims' own: the displacements change by Q G^T S^-1 d with S = G Q G^T + R. Covariances are
-    Joseph's form, A Q A^T + K R K^T, which stays positive however small Q or R.
+    With d (m,) the claims' misfits, G (k, 6, m) how they depend on the k poses, P their joint covariance and R the
+    claims' own: the poses change by P G S^-1 d with S = G^T P G + R. The covariance is Joseph's form, which stays
+    positive however small P or R.
 
     Args:
-        path: as tracked; its `cov` is that of independent moves chained one after the other, with none between
-            position and rotation. So it can't be a path that is conditioned already.
+        path: as tracked, not conditioned already.
         known: what is claimed.
         calibration: for the tool's lever arm, positions in base and the table's height.
         T_base_nav: nav in base, with a calibration.
 
     Returns:
-        The path with new positions, velocities (still the derivative of position, zero in stops) and covariances, and
-        how well each claim fitted. Attitudes and closures are what they were.
+        The path with new poses, velocities (still the derivative of position, zero in stops) and covariance, and how
+        well each claim fitted. Closures are what they were.
 
     Raises:
         TrackingError: a claim contradicts the data, or names no stop.
@@ -52,38 +53,33 @@ def condition_on(
     if not claims:
         return path
     p_stop = path.p_nav_sensor[[stop.start for stop in path.stops]]
-    moves = np.diff(path.cov[:, :3, :3], axis=0, prepend=np.zeros((1, 3, 3)))  # (k, 3, 3), that of no move first
     rows = _rows(claims)
-    G, R = _dependence(claims, rows, len(path.stops)), _noise(claims, rows)
-    QG = np.einsum("kab,mkb->kam", moves, G)
-    S = np.einsum("mka,kan->mn", G, QG) + R
+    G, R = _dependence(claims, rows, len(path.stops)), _noise(claims, rows, calibration)
+    PG = path.covariance.times(G)
+    S = np.einsum("kam,kan->mn", G, PG) + R
     misfit = np.concatenate([claim.value - claim.axes @ _from_other(p_stop, claim) for claim in claims])
     fits = _fits(path, claims, rows, misfit, S)
 
-    gain = np.cumsum(QG @ np.linalg.inv(S), axis=0)  # (k, 3, m), of positions
-    p, v = _carried_along(path, gain @ misfit)
-    cov = path.cov.copy()
-    cov[:, :3, :3] = _josephs_form(moves, gain, G, R)
-    return replace(path, p_nav_sensor=p, v_nav_sensor=v, cov=cov, claims=fits)
+    gain = PG @ np.linalg.inv(S)
+    p, v, wxyz = _carried_along(path, gain @ misfit)
+    covariance = PoseCovariance(path.covariance.count, _Conditioned(path.covariance, gain, G, R))
+    return replace(path, p_nav_sensor=p, v_nav_sensor=v, wxyz_nav_sensor=wxyz, covariance=covariance, claims=fits)
 
 
-def _josephs_form(moves: Array, gain: Array, G: Array, R: Array) -> Array:
-    """Covariance (k, 3, 3) at each stop: A Q A^T of all moves and K R K^T, A being I - K G up to the stop, else -K G.
+@dataclass(frozen=True, eq=False)
+class _Conditioned:
+    """Joseph's form, times columns (k, 6, c): (1 - K G^T) P (1 - G K^T) + K R K^T."""
 
-    Moves that all claims see alike are summed up first, so that a long path takes no longer than its length.
-    """
-    cov: Array = gain @ R @ gain.transpose(0, 2, 1)
-    ends = [0, *(np.flatnonzero(np.diff(G, axis=1).any(axis=(0, 2))) + 1).tolist(), len(moves)]
-    for start, end in pairwise(ends):
-        before, after = np.zeros_like(moves), np.zeros_like(moves)
-        before[start:end] = np.cumsum(moves[start:end], axis=0)
-        before[end:] = before[end - 1]
-        after[start : end - 1] = np.cumsum(moves[start + 1 : end][::-1], axis=0)[::-1]
-        after[:start] = before[end - 1]
-        KG = gain @ G[:, start]
-        A = np.eye(3) - KG
-        cov += A @ before @ A.transpose(0, 2, 1) + KG @ after @ KG.transpose(0, 2, 1)
-    return cov
+    prior: PoseCovariance
+    gain: Array
+    G: Array
+    R: Array
+
+    def __call__(self, columns: Array) -> Array:
+        seen = np.einsum("kam,kac->mc", self.gain, columns)
+        left = self.prior.times(columns - self.G @ seen)
+        conditioned: Array = left + self.gain @ (self.R @ seen - np.einsum("kam,kac->mc", self.G, left))
+        return conditioned
 
 
 def _rows(claims: Sequence[Claim]) -> list[slice]:
@@ -92,47 +88,61 @@ def _rows(claims: Sequence[Claim]) -> list[slice]:
 
 
 def _dependence(claims: Sequence[Claim], rows: Sequence[slice], k: int) -> Array:
-    """How each claim depends on each move's displacement, (m, k, 3); row 0 of the moves is none."""
-    G = np.zeros((rows[-1].stop, k, 3))
+    """How each claim depends on each pose, (k, 6, m): axes @ (p + turn x lever)."""
+    G = np.zeros((k, 6, rows[-1].stop))
     for claim, row in zip(claims, rows, strict=True):
-        other = claim.other or 0  # nav's origin is the first stop
-        first, last, sign = (other, claim.stop, 1.0) if claim.stop >= other else (claim.stop, other, -1.0)
-        G[row, first + 1 : last + 1] = sign * claim.axes[:, None, :]
+        ends = ((claim.stop, claim.levers[0], 1.0), (claim.other, claim.levers[1], -1.0))
+        for stop, lever, sign in ends:
+            if stop is not None:
+                G[stop, :3, row] += sign * claim.axes.T
+                G[stop, 3:, row] += sign * np.cross(lever, claim.axes).T
     return G
 
 
-def _noise(claims: Sequence[Claim], rows: Sequence[slice]) -> Array:
+def _noise(claims: Sequence[Claim], rows: Sequence[slice], calibration: Calibration | None) -> Array:
     R = np.zeros((rows[-1].stop, rows[-1].stop))
     for claim, row in zip(claims, rows, strict=True):
         R[row, row] = claim.noise
         for relative, column in zip(claims, rows, strict=True):
             if relative.group == claim.group:
                 R[row, column] += claim.shared
+    if calibration is not None:
+        errors = np.zeros((9, 9))
+        errors[BY_START, BY_START] = start_covariance(calibration)
+        if calibration.cov_sensor_tool is not None:
+            errors[BY_MOUNT, BY_MOUNT] = calibration.cov_sensor_tool[:3, :3]
+        by_calibration = np.vstack([claim.by_calibration for claim in claims])
+        R += by_calibration @ errors @ by_calibration.T
     return R
 
 
 def _from_other(p_stop: Array, claim: Claim) -> Array:
-    displacement: Array = p_stop[claim.stop] - (0.0 if claim.other is None else p_stop[claim.other])
+    at, origin = claim.levers
+    displacement: Array = p_stop[claim.stop] + at - ((0.0 if claim.other is None else p_stop[claim.other]) + origin)
     return displacement
 
 
-def _carried_along(path: HandPath, shift: Array) -> tuple[Array, Array]:
-    """Position and velocity with the stops shifted by (k, 3) m.
+def _carried_along(path: HandPath, moved: Array) -> tuple[Array, Array, Array]:
+    """Position, velocity and attitude with the stops moved by (k, 6): m, and rad in nav.
 
     Along a move the shift grows as 3 s^2 - 2 s^3 of its time. That is its conditional mean where the acceleration errs
-    by white noise and velocity is known at both ends: least squares of the acceleration, a cubic.
+    by white noise and velocity is known at both ends: least squares of the acceleration, a cubic. The turn grows with
+    time, as by white noise of the gyro.
     """
-    p, v = path.p_nav_sensor.copy(), path.v_nav_sensor.copy()
+    t, p, v = path.t, path.p_nav_sensor.copy(), path.v_nav_sensor.copy()
+    shift = moved[:, :3]
     for k, (stop, following) in enumerate(pairwise(path.stops)):
         p[stop.start : stop.stop] += shift[k]
         between = slice(stop.stop, following.start)
-        begin, end = path.t[stop.stop - 1], path.t[following.start]
-        s = ((path.t[between] - begin) / (end - begin))[:, None]
+        begin, end = t[stop.stop - 1], t[following.start]
+        s = ((t[between] - begin) / (end - begin))[:, None]
         more = shift[k + 1] - shift[k]
         p[between] += shift[k] + s**2 * (3.0 - 2.0 * s) * more
         v[between] += 6.0 * s * (1.0 - s) / (end - begin) * more
     p[path.stops[-1].start :] += shift[-1]
-    return p, v
+    edges = t[[row for stop in path.stops for row in (stop.start, stop.stop - 1)]]
+    turn = np.column_stack([np.interp(t, edges, np.repeat(axis, 2)) for axis in moved[:, 3:].T])
+    return p, v, quat_multiply(quat_exp(turn), path.wxyz_nav_sensor)
 
 
 def _fits(

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pbd.data import GRAVITY, Recording
+from pbd.data import GRAVITY, Recording, SensorErrors
 from pbd.pose import Array, lengths
 from pbd.tracking.rest import Rest
 
@@ -150,12 +150,20 @@ class Noise:
     """rad/s: the rate of turn of a hand that nobody sees, in a hole of the data."""
 
 
-def noise_of(recording: Recording, rest: Rest, calibrated: bool = False) -> Noise:
-    """Noise of a recording: white densities from its rest, the rest from the sensor's class, or calibration's."""
+def noise_of(recording: Recording, rest: Rest, errors: SensorErrors | None = None) -> Noise:
+    """Noise of a recording: white densities from its rest, the rest from the sensor's class, or calibration's.
+
+    Args:
+        recording: names its sensor.
+        rest: a quiet second.
+        errors: of a calibration, which have been taken out; it knows gravity where it was made.
+    """
     root = np.sqrt(1.0 / (3.0 * recording.rate_hz))
     device = next((found for word, found in CLASSES.items() if word in recording.info.sensor), FACTORY)
-    device = CALIBRATED if calibrated else device
-    return Noise(rest.gyr_rms * root, rest.acc_rms * root, device)
+    white = rest.gyr_rms * root, rest.acc_rms * root
+    if errors is None or errors.acc is None:
+        return Noise(*white, device)
+    return Noise(*white, CALIBRATED, gravity=errors.gravity)
 
 
 def densities(noise: Noise, gyr: Array, u: Array, dt: float) -> tuple[Array, Array]:

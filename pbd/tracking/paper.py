@@ -19,9 +19,13 @@ from itertools import pairwise
 import numpy as np
 
 from pbd.data import Attitude, Recording, Stop
+from pbd.data.covariance import PoseCovariance
 from pbd.errors import PbdWarning, TrackingError
 from pbd.pose import Array, quat_from_rpy, quat_inverse, quat_rotate
-from pbd.tracking.stops import runs
+from pbd.tracking.estimate import NEVER_STILL, Estimate
+from pbd.tracking.path import Path
+from pbd.tracking.rest import Rest
+from pbd.tracking.zero_velocity import runs
 
 WINDOW = 2
 """n of equations 8 and 9, samples."""
@@ -40,6 +44,22 @@ YAW_SIGMA = np.radians(1.0)
 
 GYRO_SIGMA, BIAS_WALK = np.radians(0.3), np.radians(0.01)
 """rad/s per sample of the gyro, and what its bias may change by from sample to sample."""
+
+
+def track_as_paper(recording: Recording, rest: Rest) -> Estimate:
+    """The whole chain, on a repaired recording.
+
+    Raises:
+        TrackingError: no compass; the hand never stands still.
+    """
+    attitude = paper_attitude(recording)
+    a_nav = paper_acceleration(recording, attitude, rest.gravity)
+    stops = paper_stops(recording.t, a_nav)
+    if not stops:
+        raise TrackingError(NEVER_STILL)
+    p, v, closure = paper_path(recording.t, a_nav, stops)
+    covariance = PoseCovariance.chained(paper_covariance(recording.t, stops, closure))
+    return Estimate(Path(attitude.wxyz_nav_sensor, v, p, a_nav), stops, closure, covariance)
 
 
 def paper_attitude(recording: Recording) -> Attitude:
@@ -133,7 +153,7 @@ def resulting_variance(a_nav: Array) -> Array:
 
 
 def paper_path(t: Array, a_nav: Array, stops: tuple[Stop, ...]) -> tuple[Array, Array, Array]:
-    """Equations 5-6 while the hand moves; at rest the velocity is zero. Returns as `integrate_path` does.
+    """Equations 5-6 while the hand moves; at rest the velocity is zero. Returns position, velocity and closures.
 
     Where the threshold, which is the paper's for its own sensor, shows a single stop, there is a warning.
     """

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from pbd.data import GRAVITY, Recording
 from pbd.errors import PbdWarning
 from pbd.pose import Array
-from pbd.tracking.stops import runs
+from pbd.tracking.zero_velocity import runs
 
 LOWEST = {"acc": 1.15 * GRAVITY, "gyr": 1.0}
 """No range ends below this, in m/s2 and rad/s: a flat top under it is a rest."""
@@ -55,18 +55,13 @@ ALARM = 1e-4
 
 @dataclass(frozen=True)
 class Clip:
-    """Samples start <= i < stop at which one axis of a sensor (acc, gyr) is at the end of its range, on side `sign`.
-
-    `lost` is the integral of what was above it, as far as it could be put back, rad or m/s; `sigma` how unsure that is.
-    """
+    """Samples start <= i < stop at which one axis of a sensor (acc, gyr) is at the end of its range, on side `sign`."""
 
     sensor: str
     axis: int
     sign: float
     start: int
     stop: int
-    lost: float = 0.0
-    sigma: float = 0.0
 
 
 def find_clips(recording: Recording) -> tuple[Clip, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pbd.data import HandPath, Stop
+from pbd.data.covariance import PoseCovariance
 from pbd.pose import Array
 
 DT, REST, MOVE = 0.05, 10, 20
@@ -28,7 +29,7 @@ def hand_path(p_stop: Array, moves: Array, wxyz: Array | None = None) -> HandPat
     cov[1:, :3, :3] = np.cumsum(moves, axis=0)
     attitude = np.tile((1.0, 0.0, 0.0, 0.0), (k, 1)) if wxyz is None else wxyz
     of_stop = np.minimum(np.arange(n) // (REST + MOVE), k - 1)
-    return HandPath(t, p, np.zeros((n, 3)), attitude[of_stop], stops, np.zeros((k - 1, 3)), cov)
+    return HandPath(t, p, np.zeros((n, 3)), attitude[of_stop], stops, np.zeros((k - 1, 3)), PoseCovariance.chained(cov))
 
 
 def at_stops(path: HandPath) -> Array:
