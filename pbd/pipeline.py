@@ -87,7 +87,8 @@ def _track(demo: Demonstration, method: str, calibration: Calibration | None, ac
     if method not in METHODS:
         raise TrackingError(f"no method '{method}'; known are {', '.join(METHODS)}", value=method)
     recording, gaps = condition(demo.recording)
-    clips, lost = find_clips(recording), ()
+    clips = find_clips(recording)
+    lost: tuple[Impulse, ...] = ()
     if method == "default":
         recording, lost = restore(recording, clips)
     errors = None if calibration is None else calibration.sensor

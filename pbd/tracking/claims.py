@@ -232,7 +232,8 @@ def _contacts(tool: _Tool, base: _Base | None, contacts: tuple[Contact, ...], gr
 def _at_table(tool: _Tool, base: _Base, table_height: float, contact: Contact, stop: int, group: int) -> Claim:
     up = quat_to_matrix(base.T_base_nav.wxyz)[2:]  # base's z axis in nav
     by_calibration = tool.by_errors(stop, None, base.scale)
-    p_base_tool = base.T_base_nav.act(base.scale * tool.path.p_nav_sensor[tool.path.stops[stop].start] + tool.lever[stop])
+    p_nav_sensor = tool.path.p_nav_sensor[tool.path.stops[stop].start]
+    p_base_tool = base.T_base_nav.act(base.scale * p_nav_sensor + tool.lever[stop])
     by_calibration[:, BY_START] = base.by_start(p_base_tool)
     return Claim(
         f"the tool at {contact.t:.2f} s (stop {stop}) is on the table",
