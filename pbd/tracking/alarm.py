@@ -12,7 +12,7 @@ import numpy as np
 
 from pbd.data import Stop
 from pbd.pose import lengths
-from pbd.tracking.factors import ACC_MATRIX, GYR_MATRIX
+from pbd.tracking.factors import ACC_MATRIX, GYR_MATRIX, accelerometer_doubt
 from pbd.tracking.preintegration import LOWER
 from pbd.tracking.smoother import Solution
 
@@ -63,8 +63,8 @@ def _of_sensor(solution: Solution) -> Iterator[str]:
         return
     N = np.zeros((3, 3))
     N[tuple(np.transpose(LOWER))] = x.shared[ACC_MATRIX]
-    M = x.shared[GYR_MATRIX].reshape(3, 3)
-    for name, matrix, prior in (("accelerometer", N, device.acc_scale), ("gyro", M, device.gyr_scale)):
+    M, doubt = x.shared[GYR_MATRIX].reshape(3, 3), accelerometer_doubt(solution.problem)
+    for name, matrix, prior in (("accelerometer", N, doubt * device.acc_scale), ("gyro", M, device.gyr_scale)):
         i, j = np.unravel_index(int(np.argmax(np.abs(matrix))), (3, 3))
         if abs(matrix[i, j]) > PRIORS * prior:
             error = 100.0 * abs(float(matrix[i, j]))
@@ -76,7 +76,7 @@ def _of_sensor(solution: Solution) -> Iterator[str]:
             yield f"the {name}'s {what}, far more than such a sensor should: pbd calibrate sensor"
     bias = x.acc_bias[np.argmax(np.abs(x.acc_bias).max(axis=1))]
     axis = int(np.argmax(np.abs(bias)))
-    if abs(bias[axis]) > PRIORS * device.acc_bias:
+    if abs(bias[axis]) > PRIORS * doubt * device.acc_bias:
         yield (
             f"the accelerometer's {'xyz'[axis]} axis is off by {bias[axis]:.2f} m/s2, far more than such a sensor "
             "should be: pbd calibrate sensor"

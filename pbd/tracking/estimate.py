@@ -70,6 +70,7 @@ def estimate(
         for k, (start, stop) in ((k, problem.stops[k]) for k in believed)
     )
     knots = [int(np.median(np.flatnonzero(problem.stop_of == k))) for k in believed]
+    knots[0] = int(np.flatnonzero(problem.stop_of == believed[0])[0])  # nav's origin is where the first rest begins
     covariance = covariance_of(with_own_noise(solution).solved, knots, solution.state.p[knots])
     return Estimate(
         _standing(solution.path(), stops, solution.state.p[knots], t),

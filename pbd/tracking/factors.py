@@ -224,9 +224,7 @@ def _add_priors(equations: NormalEquations, problem: Problem, x: State, local: L
     noise, device = problem.noise, problem.noise.device
     first = np.zeros(len(problem.rows))
     first[0] = 1.0
-    # What the rest shows of the accelerometer's error is a scale for all of it.
-    shown = abs(problem.rest.gravity - noise.gravity)
-    worse = np.hypot(1.0, max(shown - 2.0 * noise.gravity_sigma, 0.0) / device.acc_bias)
+    worse = accelerometer_doubt(problem)
     equations.add_unary(GYR_BIAS, x.gyr_bias, first / noise.gyr_bias**2)
     equations.add_unary(ACC_BIAS, x.acc_bias, first / (worse * device.acc_bias) ** 2)
     at = np.zeros(len(problem.rows))
@@ -247,6 +245,12 @@ def _add_priors(equations: NormalEquations, problem: Problem, x: State, local: L
     information = np.linalg.inv(covariance)
     equations.corner += information
     equations.g_shared += information @ (x.shared - mean)
+
+
+def accelerometer_doubt(problem: Problem) -> float:
+    """How many times its class's errors this accelerometer may have: what the rest shows is a scale for all of them."""
+    shown = abs(problem.rest.gravity - problem.noise.gravity)
+    return float(np.hypot(1.0, max(shown - 2.0 * problem.noise.gravity_sigma, 0.0) / problem.noise.device.acc_bias))
 
 
 def _squares(vectors: Array) -> Array:

@@ -36,6 +36,7 @@ class Problem:
         stops: where the hand may stand still.
         rows: (m,) of the knots.
         stop_of: (m,) index of the stop that a knot is in, or -1.
+        within: (m - 1,) whether two neighbouring knots are in one stop, and nothing is missing between them.
         legs: between the knots.
         still: (m,) m/s along each axis, how fast a hand may be that stands still.
         turned: (m - 1, 3, 3), the turn from knot to knot in the gyro frame: C' C^T.
@@ -51,6 +52,7 @@ class Problem:
     stops: Spans
     rows: Rows
     stop_of: NDArray[np.intp]
+    within: NDArray[np.bool_]
     legs: Legs
     still: Array
     turned: Array
@@ -63,12 +65,6 @@ class Problem:
     def t(self) -> Array:
         """(m,) s, of the knots."""
         return self.frame.t[self.rows]
-
-    @property
-    def within(self) -> NDArray[np.bool_]:
-        """(m - 1,) whether two neighbouring knots are in one stop."""
-        within: NDArray[np.bool_] = (self.stop_of[1:] == self.stop_of[:-1]) & (self.stop_of[1:] >= 0)
-        return within
 
 
 def pose_problem(
@@ -99,8 +95,11 @@ def pose_problem(
         asked: rows at which a knot is wanted beside.
     """
     t, dt = frame.t, float(np.median(np.diff(frame.t)))
-    rows, stop_of = _place(t, calm, asked)
+    rows, stop_of = _place(t, calm, [*asked, *(row for hole in unseen for row in hole)])
     within = (stop_of[1:] == stop_of[:-1]) & (stop_of[1:] >= 0)
+    for first, last in unseen:
+        stop_of[(rows > first) & (rows < last)] = -1
+        within[(rows[1:] > first) & (rows[:-1] < last)] = False
     s_g, s_a = densities(noise, frame.gyr, frame.u, dt)
     if device:  # it follows a turn late, and catches up
         s_g[0] = noise.device_lag * (frame.gyr**2).sum(axis=1)
@@ -108,7 +107,7 @@ def pose_problem(
     for first, last in unseen:
         lasts = float(t[last] - t[first])
         s_g[0, first : last + 1] += noise.unseen_rate**2 * lasts
-        s_a[0, first : last + 1] += noise.unseen**2 * lasts
+        s_a[0, first : last + 1] += 12.0 * noise.unseen_speed**2 / lasts  # from rest to rest
     C = quat_to_matrix(frame.wxyz[rows])
     borders = np.concatenate((t[rows[:1]], 0.5 * (t[rows[1:]] + t[rows[:-1]]), t[rows[-1:]]))
     return Problem(
@@ -118,6 +117,7 @@ def pose_problem(
         stops,
         rows,
         stop_of,
+        within,
         preintegrate(frame, rows, within, (s_g, s_a), impulses),
         still_speed(*steadiness(frame, device), rows, rest, noise, dt),
         C[1:] @ C[:-1].transpose(0, 2, 1),

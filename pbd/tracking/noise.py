@@ -143,11 +143,12 @@ class Noise:
     device_turn: float = 0.5 * DEG
     """rad: how well a device's own attitude holds (data sheets of compasses: 0.5 to 1 degree)."""
 
-    unseen: float = 2.0
-    """m/s2: the acceleration of a hand that nobody sees, in a hole of the data."""
+    unseen_speed: float = 0.1
+    """m/s: how fast a hand may move on average in a hole of the data. (With 5 m/s2, from rest to rest, in 0.12 s; a
+    longer hole is refused unless a person says that the hand stood still.)"""
 
-    unseen_rate: float = 1.0
-    """rad/s: the rate of turn of a hand that nobody sees, in a hole of the data."""
+    unseen_rate: float = 0.2
+    """rad/s: the same of its turning, about an elbow half a metre away."""
 
 
 def noise_of(recording: Recording, rest: Rest, errors: SensorErrors | None = None) -> Noise:

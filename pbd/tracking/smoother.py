@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pbd.data import Recording
 from pbd.pose import Array, lengths, quat_about_z, quat_inverse, quat_multiply, quat_to_matrix
@@ -29,7 +30,7 @@ from pbd.tracking.factors import (
 )
 from pbd.tracking.knots import Problem, pose_problem
 from pbd.tracking.noise import Noise
-from pbd.tracking.normal_equations import Solved
+from pbd.tracking.normal_equations import VEL, Solved
 from pbd.tracking.path import Path, path_of
 from pbd.tracking.preintegration import GyroFrame, Impulse
 from pbd.tracking.rest import Rest
@@ -47,7 +48,7 @@ CLEAR = 2.0
 SMALL, MOST = 1e-4, 12
 """rad: the last step's turn; and how many iterations there are at most."""
 
-DOUBTED, TRIES = 0.5, 3
+DOUBTED, TRIES = 0.5, 5
 """Below this weight a candidate is cut to its slow parts, so often."""
 
 SLOW = 0.02
@@ -96,7 +97,7 @@ class Solution:
         """How sure it is that the hand stood still at a stop, 0 to 1: by the knot that is nearest to it."""
         at = self.problem.stop_of == stop
         excess = lengths(self.state.v[at]) ** 2 / self.problem.still[at] ** 2 - 3.0
-        return float((1.0 / (1.0 + np.maximum(excess, 0.0) / DOUBT**2) ** 2).max())
+        return float((1.0 / (1.0 + np.maximum(excess, 0.0) / DOUBT**2) ** 2).max(initial=0.0))
 
 
 def smooth(
@@ -146,7 +147,7 @@ def smooth(
         frame = frame_of(_retimed(recording, lag, scale), rest.gyro_bias * (1.0 + scale))
         if stops is None:
             shown = steadiness(frame, device)
-            stops = find_candidates(frame.t, *shown, rest)
+            stops = find_candidates(frame.t, *shown, rest, unseen)
             speed = still_speed(*shown, np.arange(len(frame.t)), rest, noise, _dt(frame))
         if not stops:
             return None
@@ -160,8 +161,10 @@ def smooth(
     narrow = Prior(noise.lag if lag == 0.0 else 0.0, noise.lag_sigma)
     local = replace(local, prior=narrow)
     x, weights, solved = _descend(problem, x, local, ())
+    candidates, cut = stops, np.zeros(len(stops), dtype=bool)
     for _ in range(TRIES):
-        stops, calm = _judged(problem, x, weights, speed)
+        cut |= _doubted(problem, weights, candidates)
+        stops, calm = _judged(problem, x, solved, candidates, cut, speed)
         if not stops or stops == problem.stops:
             break
         again = posed(frame, stops, calm)
@@ -171,38 +174,50 @@ def smooth(
     return Solution(problem, x, local, weights, solved, lag, scale)
 
 
-def _judged(problem: Problem, x: State, weights: Weights, speed: Array) -> tuple[Spans, Spans]:
+def _doubted(problem: Problem, weights: Weights, candidates: Spans) -> NDArray[np.bool_]:
+    """Which candidates hold a knot that hardly counts as still, (c,)."""
+    knots = problem.rows[(problem.stop_of >= 0) & (weights.still < DOUBTED)]
+    return np.array([((knots >= start) & (knots < stop)).any() for start, stop in candidates])
+
+
+def _judged(
+    problem: Problem, x: State, solved: Solved, candidates: Spans, cut: NDArray[np.bool_], speed: Array
+) -> tuple[Spans, Spans]:
     """The stops as the velocity shows them, and where the hand is calm in each.
 
-    Doubted ones are cut to their slow parts, ends at which the hand moves are trimmed.
+    A candidate that was doubted is cut to its slow parts; ends at which the hand moves are trimmed.
 
     Args:
-        problem: with its stops.
+        problem: with what was taken for stops.
         x: the estimate.
-        weights: how much each knot counts.
+        solved: how sure it is.
+        candidates: what looks still.
+        cut: (c,) which of them were doubted.
         speed: (n,) m/s, how fast a hand may be that stands still.
     """
     t, v = problem.frame.t, path_of(problem, x).v
-    fast = np.maximum(SLOW, 3.0 * speed)
+    fast = np.maximum(SLOW, DOUBT * speed)
+    if cut.any():
+        sigma = np.sqrt(np.trace(solved.of_knots()[:, VEL, VEL], axis1=1, axis2=2))
+        fast = np.maximum(fast, CLEAR * np.interp(t, problem.t, sigma))
     stops: Spans = []
     calm: Spans = []
-    for k, span in enumerate(problem.stops):
-        doubted = (weights.still[problem.stop_of == k] < DOUBTED).any()
-        for part in slow_parts(t, span, lengths(v) < fast) if doubted else [span]:
+    for span, in_parts in zip(candidates, cut.tolist(), strict=True):
+        for part in slow_parts(t, span, lengths(v) < fast) if in_parts else [span]:
             inside = slice(*part)
             creep = lengths(v - np.median(v[inside], axis=0))
-            blur = _blur(problem, k)
-            still = 3.0 * (float(np.median(speed[inside])) + blur)
+            blur = _blur(problem, part)
+            still = DOUBT * (float(np.median(speed[inside])) + blur)
             stops.append(trimmed(part, creep < still))
             calm.append(calm_part(t, stops[-1], creep < CREEP + 2.0 * blur))
     return stops, calm
 
 
-def _blur(problem: Problem, stop: int) -> float:
-    """m/s: by how much noise blurs the velocity from knot to knot of a stop, along each axis."""
-    legs = np.flatnonzero(problem.within & (problem.stop_of[1:] == stop))
-    variance = problem.legs.parts[:, legs, 3:6, 3:6].sum(axis=0)
-    return float(np.sqrt(np.trace(variance, axis1=1, axis2=2).mean() / 3.0)) if len(legs) else 0.0
+def _blur(problem: Problem, span: tuple[int, int]) -> float:
+    """m/s: by how much noise blurs the velocity from knot to knot within a stop, along each axis."""
+    first, last = np.clip(np.searchsorted(problem.rows, span), 0, len(problem.rows) - 1)
+    variance = problem.legs.parts[:, first:last, 3:6, 3:6].sum(axis=0)
+    return float(np.sqrt(np.trace(variance, axis1=1, axis2=2).mean() / 3.0)) if last > first else 0.0
 
 
 def _dt(frame: GyroFrame) -> float:
@@ -244,12 +259,11 @@ def _begin(problem: Problem, prior: Prior) -> tuple[State, Local]:
         E = np.tile(np.eye(3), (m, 1, 1))
     else:
         wxyz = first_guess(problem.frame, problem.rows, slice(rest.start, rest.stop))
-        first = problem.stop_of == 0
         if problem.field is None:
-            frame_rows = problem.rows[first]
-            off = -heading(quat_multiply(wxyz[first], problem.frame.wxyz[frame_rows]))
+            first = problem.stop_of == 0
+            off = -heading(quat_multiply(wxyz[first], problem.frame.wxyz[problem.rows[first]]))
         else:
-            level = np.einsum("kij,kj->ki", quat_to_matrix(wxyz[first]), problem.field[first]).mean(axis=0)
+            level = _first_field(problem, quat_to_matrix(wxyz))
             strength = float(np.linalg.norm(level))
             dip = float(np.arctan2(level[2], np.hypot(level[0], level[1])))
             off = float(np.arctan2(level[0], level[1]))
@@ -259,6 +273,15 @@ def _begin(problem: Problem, prior: Prior) -> tuple[State, Local]:
     shared[LAG], shared[GRAVITY] = prior.lag, problem.noise.gravity
     state = State(E, still, still, still, still, shared)
     return state, Local(origin, strength, dip, prior, np.ones(3), np.ones(2))
+
+
+def _first_field(problem: Problem, R: Array) -> Array:
+    """The magnetic field (3,) at the first stop at which the magnetometer works: some wake up late."""
+    assert problem.field is not None
+    level = np.einsum("kij,kj->ki", R, problem.field)
+    means = (level[problem.stop_of == k].mean(axis=0) for k in range(len(problem.stops)))
+    usual = float(np.median(lengths(level)))
+    return next((mean for mean in means if lengths(mean) > 0.5 * usual), np.array([0.0, 1.0, 0.0]))
 
 
 def _descend(problem: Problem, x: State, local: Local, anneal: Sequence[float]) -> tuple[State, Weights, Solved]:

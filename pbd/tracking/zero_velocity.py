@@ -6,6 +6,8 @@ that is for the smoother to tell, which knows the velocity.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,7 +35,7 @@ MERGE_S, SHORTEST_S = 0.1, 0.08
 """s: motion shorter than this between two stops is a jolt; a stop shorter than that is none."""
 
 
-def find_candidates(t: Array, u: Array, gyr: Array, rest: Rest) -> Spans:
+def find_candidates(t: Array, u: Array, gyr: Array, rest: Rest, unseen: Sequence[tuple[int, int]] = ()) -> Spans:
     """Find where specific force is steady and nothing turns.
 
     Args:
@@ -41,6 +43,7 @@ def find_candidates(t: Array, u: Array, gyr: Array, rest: Rest) -> Spans:
         u: (n, 3) m/s2, specific force in a frame that does not turn with the sensor.
         gyr: (n, 3) rad/s, without bias.
         rest: for its noise.
+        unseen: last row before and first row after each hole in the data; one between two rests is part of them.
     """
     from scipy.ndimage import maximum_filter1d
 
@@ -53,6 +56,10 @@ def find_candidates(t: Array, u: Array, gyr: Array, rest: Rest) -> Spans:
     quiet = (shake < limits[0]) & (turn < limits[1])
     reach = 2 * max(1, round(LULL_S / dt)) + 1
     lull = quiet | ((shake < LULL * maximum_filter1d(shake, reach)) & (turn < LULL * maximum_filter1d(turn, reach)))
+    for before, after in unseen:  # what was interpolated shows nothing; what goes on at an end is refused elsewhere
+        if before == 0 or after == len(t) - 1:
+            continue
+        quiet[max(before + 2 - n, 0) : after] = lull[max(before + 2 - n, 0) : after] = False
     restless = shake / limits[0] + turn / limits[1]
     for start, stop in runs(lull):
         if not quiet[max(start - 2 * n, 0) : stop + 2 * n].any():  # not the edge of a rest
@@ -61,7 +68,7 @@ def find_candidates(t: Array, u: Array, gyr: Array, rest: Rest) -> Spans:
     still = maximum_filter1d(
         np.concatenate((quiet, np.zeros(n - 1, dtype=bool))), n, origin=(n - 1) // 2, mode="constant"
     )
-    return _lasting(t, _merged(t, runs(still)))
+    return _lasting(t, _merged(t, runs(still), unseen))
 
 
 def still_speed(u: Array, gyr: Array, rows: NDArray[np.intp], rest: Rest, noise: Noise, dt: float) -> Array:
@@ -122,10 +129,11 @@ def _window_sums(values: Array, n: int) -> Array:
     return windows
 
 
-def _merged(t: Array, spans: Spans) -> Spans:
+def _merged(t: Array, spans: Spans, unseen: Sequence[tuple[int, int]]) -> Spans:
     merged: Spans = []
     for start, stop in spans:
-        if merged and t[start] - t[merged[-1][1] - 1] < MERGE_S:
+        last = merged[-1][1] - 1 if merged else 0
+        if merged and (t[start] - t[last] < MERGE_S or (last, start) in unseen):
             merged[-1] = (merged[-1][0], stop)
         else:
             merged.append((start, stop))

@@ -11,7 +11,9 @@ from hypothesis import strategies as st
 from scipy.stats import chi2
 
 from pbd.calibration.frames import tool_poses
+from pbd.calibration.uncertainty import DOCK_SIGMA_M, DOCK_SIGMA_RAD
 from pbd.data import Calibration, Contact, Known, Place
+from pbd.data.covariance import PoseCovariance
 from pbd.errors import PbdWarning, TrackingError
 from pbd.pose import Pose, quat_about_z, quat_exp, quat_rotate
 from pbd.tracking.claims import SIGMA_M
@@ -65,23 +67,26 @@ def test_a_place_is_the_tools() -> None:
 
 
 @pytest.mark.parametrize(
-    ("known", "levers"),
+    ("known", "levers", "dock_m"),
     [
-        (Known(places=(Place((mid(0), mid(2)), sigma_m=0.001),)), 2),
-        (Known(contacts=(Contact(mid(2), height=0.0, sigma_m=0.001),)), 2),
-        (Known(contacts=(Contact(mid(2), sigma_m=0.001),)), 1),
+        (Known(places=(Place((mid(0), mid(2)), sigma_m=0.001),)), 2, 0.0),
+        (Known(contacts=(Contact(mid(2), height=0.0, sigma_m=0.001),)), 2, 0.0),
+        (Known(contacts=(Contact(mid(2), sigma_m=0.001),)), 1, DOCK_SIGMA_M),
     ],
     ids=["place", "height", "table"],
 )
-def test_an_unsure_attitude_makes_what_is_known_of_a_levered_tool_less_sure(known: Known, levers: int) -> None:
+def test_an_unsure_attitude_makes_what_is_known_of_a_levered_tool_less_sure(
+    known: Known, levers: int, dock_m: float
+) -> None:
     """A tool 0.1 m ahead of the sensor goes up and down by 0.1 m times the tilt, at each of the two stops."""
-    prior, noise, tool = 2e-3, 0.001**2, Pose(np.array([0.1, 0.0, 0.0]), np.array([1.0, 0.0, 0.0, 0.0]))
+    prior, noise, tool = 2e-3, 0.001**2 + dock_m**2, Pose(np.array([0.1, 0.0, 0.0]), np.array([1.0, 0.0, 0.0, 0.0]))
     calibration = Calibration("c", T_base_nav=Pose.identity(), T_sensor_tool=tool, table_height=0.0)
     for tilt_sigma in (0.0, 0.05):
         path = hand_path(np.zeros((3, 3)), np.tile(0.5 * prior * np.eye(3), (2, 1, 1)))
         cov = path.cov.copy()
         cov[:, 3:, 3:] = tilt_sigma**2 * np.eye(3)
-        conditioned = condition_on(replace(path, cov=cov), known, calibration, Pose.identity())
+        unsure = replace(path, covariance=PoseCovariance.chained(cov))
+        conditioned = condition_on(unsure, known, calibration, Pose.identity())
         expected = 1.0 / (1.0 / prior + 1.0 / (noise + levers * (0.1 * tilt_sigma) ** 2))
         assert conditioned.cov[2, 2, 2] == pytest.approx(expected)
 
@@ -92,8 +97,8 @@ def test_far_from_the_dock_a_known_place_is_less_sure_sideways() -> None:
     cov = condition_on(path, Known(places=(Place((mid(1),), (0.5, 0.0, 0.0)),)), calibration, Pose.identity()).cov[1]
     along, sideways, up = np.sqrt(np.diagonal(cov)[:3])
     assert along == pytest.approx(up)
-    assert sideways == pytest.approx(0.5 * np.radians(1.0), rel=0.1)
-    assert along == pytest.approx(SIGMA_M, rel=0.01)
+    assert along == pytest.approx(np.hypot(SIGMA_M, DOCK_SIGMA_M), rel=0.01)
+    assert sideways == pytest.approx(np.hypot(along, 0.5 * DOCK_SIGMA_RAD), rel=0.01)
 
 
 @pytest.mark.parametrize(
@@ -138,7 +143,7 @@ SQUARE = np.array([[0.0, 0.0, 0.0], [0.2, 0.0, 0.0], [0.2, 0.0, 0.31], [0.2, 0.2
         (
             Known(contacts=(Contact(mid(2)), Contact(mid(3)))),
             "demo.toml says that the tool at 3.25 s (stop 2) is on the table, but it is 31 cm off "
-            "(sigma 1.4 cm, 21 sigma); remove that [[contact]], or say as_at_s there, or record again",
+            "(sigma 1.5 cm, 21 sigma); remove that [[contact]], or say as_at_s there, or record again",
         ),
         (
             Known(contacts=(Contact(mid(3), as_at=mid(2)),)),
