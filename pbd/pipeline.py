@@ -100,7 +100,7 @@ def _track(demo: Demonstration, method: str, calibration: Calibration | None, ac
     else:
         rest, found = _smoothed(recording, rest, errors, lost, [(gap.before, gap.after) for gap in gaps])
     refuse_gaps(gaps, recording, found.stops, accept_gap)
-    refuse_freezes(recording, found.path.a, found.stops)
+    refuse_freezes(recording, found.path.v, found.path.a, found.stops)
     _warn_at_rest(recording, rest, errors)
     _warn_of_open_ends(recording.t, found.stops)
     if found.solution is not None:

@@ -25,8 +25,8 @@ PRIORS = 4.0
 DOUBTED = 0.8
 """A stop that is less sure than this is told."""
 
-GIVEN_UP_S, BELIEVED = 0.3, 0.2
-"""s: a rest of so long that the smoother gives up is told; with less weight than this it has."""
+GIVEN_UP_S = 0.3
+"""A rest of so long that the smoother gives up is told."""
 
 DISTURBED = 0.25
 """A field that differs by this share from that at the first rest is a magnet's (rooms differ by up to 0.2)."""
@@ -105,9 +105,9 @@ def _of_stops(solution: Solution, stops: Sequence[Stop]) -> Iterator[str]:
                 f"the stop at {middle:.1f} s may be none ({100.0 * stop.weight:.0f} % sure): the hand seems to move on "
                 "there; stop for half a second, or drop it from keyframes.toml"
             )
-    for k, (start, end) in enumerate(problem.stops):
+    for start, end in solution.candidates:
         lasts = float(t[end - 1] - t[start])
-        if lasts > GIVEN_UP_S and solution.weight_of(k) < BELIEVED:
+        if lasts > GIVEN_UP_S and all(stop.stop <= start or end <= stop.start for stop in stops):
             yield (
                 f"from {t[start]:.1f} s on the sensor seems to rest for {lasts:.1f} s, but not by the stops beside it: "
                 "it coasts, or what it says between them is wrong; look at pbd plot"

@@ -113,6 +113,12 @@ def linearise(
     return equations, Weights(still, stay, turn, compass, legs)
 
 
+def sensor_errors(x: State) -> Array:
+    """The sensor's errors along each leg, (m - 1, ERRORS): columns of `Legs.J`."""
+    shared = np.broadcast_to(x.shared[: GRAVITY.start], (len(x.p) - 1, GRAVITY.start))
+    return np.hstack((x.gyr_bias[:-1], x.acc_bias[:-1], shared))
+
+
 def leg_covariance(problem: Problem, local: Local) -> Array:
     """Covariance (m - 1, 9, 9) of the legs' noise, in the gyro frame."""
     covariance: Array = np.einsum("c,cmij->mij", local.components, problem.legs.parts)
@@ -127,8 +133,7 @@ def leg_jacobian(problem: Problem, x: State) -> Array:
     """
     legs, m = problem.legs, len(problem.rows)
     T, ET, g = legs.T[:, None], x.E[:-1].transpose(0, 2, 1), float(x.shared[GRAVITY][0])
-    errors = np.hstack((x.gyr_bias[:-1], x.acc_bias[:-1], np.broadcast_to(x.shared[:16], (m - 1, 16))))
-    by_errors = np.einsum("kij,kj->ki", legs.J, errors)
+    by_errors = np.einsum("kij,kj->ki", legs.J, sensor_errors(x))
     up = np.array([0.0, 0.0, 1.0])
     a = np.diff(x.v, axis=0) + g * T * up
     b = np.diff(x.p, axis=0) - x.v[:-1] * T + 0.5 * g * T**2 * up

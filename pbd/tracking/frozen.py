@@ -38,6 +38,9 @@ EDGE_S, FULL_SPEED, FULL_SHARE = 0.15, 0.1, 0.5
 """A repetition that begins or ends so near a stop's edge makes it suspicious: if the velocity left over (m/s) is as
 large as this, and as this share of the largest on the way."""
 
+UNSEEN_S = 0.6
+"""s: for so long a hand may set out or arrive before a coarse sensor's reading changes by a step."""
+
 SURE, EVEN_DRIFT, LONGEST_S = 3.0, 0.05, 5.0
 """In sigmas of drift, which is so many m/s per root second; for longer than this from a stop it says nothing."""
 
@@ -76,13 +79,14 @@ def frozen(recording: Recording) -> NDArray[np.bool_]:
     return _within([(start, stop) for start, stop in held if turns(start, stop) or leaps(stop)], len(t))
 
 
-def refuse_freezes(recording: Recording, a_nav: Array, stops: tuple[Stop, ...]) -> None:
+def refuse_freezes(recording: Recording, v_nav: Array, a_nav: Array, stops: tuple[Stop, ...]) -> None:
     """Refuse a stop at which the sensor began to repeat itself, or still did, while the hand was in full motion.
 
     Halfway through a move a sensor may read what it reads at rest. If it freezes there, the hand seems to stop dead.
 
     Args:
         recording: without NaN.
+        v_nav: (n, 3) m/s.
         a_nav: (n, 3) m/s2.
         stops: in order.
 
@@ -103,7 +107,11 @@ def refuse_freezes(recording: Recording, a_nav: Array, stops: tuple[Stop, ...]) 
         rounded = float(t[after.start] - t[before.stop - 1]) * step  # what a coarse sensor may leave over
         if speeds[-1] > max(FULL_SPEED, FULL_SHARE * float(speeds.max()), rounded):
             _refuse(t, after.start if at_end else before.stop - 1, float(speeds[-1]))
+    speeds_far = np.where(_from_rest(t, stops) > EDGE_S, lengths(v_nav), 0.0) if held else np.zeros(0)
     for start, end in held:
+        speed = float(speeds_far[start : end + 1].max())
+        if speed > max(FULL_SPEED, UNSEEN_S * step):
+            _refuse(t, start, speed)
         for row, arriving in ((start, True), (end, False)):
             speed = _full_speed(recording, a_nav, stops, row, arriving, step)
             if speed > 0.0:
@@ -142,6 +150,15 @@ def _full_speed(
     speed = float(speeds[-1 if arriving else 0])
     bound = max(FULL_SPEED, FULL_SHARE * float(speeds.max()), lasts * step, SURE * EVEN_DRIFT * sqrt(lasts))
     return speed if speed > bound else 0.0
+
+
+def _from_rest(t: Array, stops: tuple[Stop, ...]) -> Array:
+    """How far each row is from the nearest stop, (n,) s."""
+    edges = np.array([t[row] for stop in stops for row in (stop.start, stop.stop - 1)])
+    k = np.searchsorted(edges, t)
+    after = np.concatenate((edges, [np.inf]))[k] - t
+    before = t - np.concatenate(([-np.inf], edges))[k]
+    return np.where(k % 2 == 1, 0.0, np.minimum(before, after))
 
 
 def _refuse(t: Array, row: int, speed: float) -> None:

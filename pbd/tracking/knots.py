@@ -100,6 +100,9 @@ def pose_problem(
     for first, last in unseen:
         stop_of[(rows > first) & (rows < last)] = -1
         within[(rows[1:] > first) & (rows[:-1] < last)] = False
+    seen = np.unique(stop_of[stop_of >= 0])
+    stops = [stops[k] for k in seen]
+    stop_of = np.where(stop_of < 0, -1, np.searchsorted(seen, stop_of))
     s_g, s_a = densities(noise, frame.gyr, frame.u, dt)
     if device:  # it follows a turn late, and catches up
         s_g[0] = noise.device_lag * (frame.gyr**2).sum(axis=1)

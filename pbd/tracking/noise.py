@@ -7,7 +7,7 @@ the benchmark in view.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -151,6 +151,10 @@ class Noise:
     """rad/s: the same of its turning, about an elbow half a metre away."""
 
 
+MOST_LEVELS = 4096
+"""Of so many rows or more, spread over a recording, readings that differ by one step are found."""
+
+
 def noise_of(recording: Recording, rest: Rest, errors: SensorErrors | None = None) -> Noise:
     """Noise of a recording: white densities from its rest, the rest from the sensor's class, or calibration's.
 
@@ -159,12 +163,41 @@ def noise_of(recording: Recording, rest: Rest, errors: SensorErrors | None = Non
         rest: a quiet second.
         errors: of a calibration, which have been taken out; it knows gravity where it was made.
     """
-    root = np.sqrt(1.0 / (3.0 * recording.rate_hz))
     device = next((found for word, found in CLASSES.items() if word in recording.info.sensor), FACTORY)
-    white = rest.gyr_rms * root, rest.acc_rms * root
-    if errors is None or errors.acc is None:
-        return Noise(*white, device)
-    return Noise(*white, CALIBRATED, gravity=errors.gravity)
+    gravity = Noise.gravity
+    if errors is not None and errors.acc is not None:
+        device, gravity = CALIBRATED, errors.gravity
+    gyr, gyr_held = (0.0, 0.0) if recording.gyr is None else _rounding(recording.gyr, rest.gyr_rms / np.sqrt(3.0))
+    acc, acc_held = _rounding(recording.acc, rest.acc_rms / np.sqrt(3.0))
+    device = replace(
+        device,
+        acc_bias=float(np.hypot(device.acc_bias, acc_held)),
+        gyr_walk=float(np.hypot(device.gyr_walk, gyr_held)),
+        acc_walk=float(np.hypot(device.acc_walk, acc_held)),
+    )
+    root = recording.rate_hz**-0.5
+    return Noise(gyr * root, acc * root, device, gravity=gravity)
+
+
+def _rounding(values: Array, rms: float) -> tuple[float, float]:
+    """White noise of readings (n, 3) per sample and axis, and what their rounding leaves over where they hardly change.
+
+    Their step is the smallest difference between two of them. Noise that is large against it makes the rounding white (it is a dither); of
+    smaller noise a share exp(-2 pi^2 rms^2 / step^2) stays the same as long as the reading does, and changes from one
+    rest to another: a random walk of a second.
+
+    Args:
+        values: of one sensor.
+        rms: at rest, per axis.
+
+    Source: B. Widrow, I. Kollar, Quantization noise, Cambridge 2008, 9.
+    """
+    some = values[:: max(1, len(values) // MOST_LEVELS)]
+    step = min(float(np.diff(np.unique(axis)).min(initial=np.inf)) for axis in some.T)
+    if not np.isfinite(step):
+        return rms, 0.0
+    rounding = step / np.sqrt(12.0)
+    return max(rms, rounding), rounding * float(np.exp(-2.0 * (np.pi * rms / step) ** 2))
 
 
 def densities(noise: Noise, gyr: Array, u: Array, dt: float) -> tuple[Array, Array]:

@@ -7,13 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from pbd.pose import Array, quat_canonical, quat_exp, quat_from_matrix, quat_log, quat_multiply
-from pbd.tracking.factors import GRAVITY, State
+from pbd.tracking.factors import GRAVITY, State, sensor_errors
 from pbd.tracking.knots import Problem
 
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """At each row: wxyz (n, 4) nav <- sensor, v (n, 3) m/s, p (n, 3) m, a (n, 3) m/s2, in nav."""
+    """At each row: wxyz (n, 4) nav <- sensor, v (n, 3) m/s, p (n, 3) m, a (n, 3) m/s2, in nav.
+
+    `a` is what the accelerometer says, without the sensor's own errors: `v` differs from its integral by its noise.
+    """
 
     wxyz: Array
     v: Array
@@ -45,5 +48,6 @@ def path_of(problem: Problem, x: State) -> Path:
     p = x.p[k] + x.v[k] * since + np.einsum("kij,kj->ki", E[k], frame.UU - UU - U * since) - 0.5 * g * since**2
     p += 0.5 * share * since * left_v[k] + share**2 * (3.0 - 2.0 * share) * left_p[k]
     v += 6.0 * share * (1.0 - share) / T[k] * left_p[k]
-    a = np.einsum("kij,kj->ki", E[k], frame.u) - g + (left_v / T)[k]
+    own = np.einsum("kij,kj->ki", legs.J[:, 3:6], sensor_errors(x)) / T
+    a = np.einsum("kij,kj->ki", E[k], frame.u + own[k]) - g
     return Path(quat_canonical(wxyz), v, p, a)

@@ -79,6 +79,7 @@ class Solution:
         solved: the covariance.
         lag: s, what has been taken out of the gyro's stamps.
         scale: share, what has been taken out of the gyro's readings, all axes alike.
+        candidates: what looked still, whether it was believed or not.
     """
 
     problem: Problem
@@ -88,6 +89,7 @@ class Solution:
     solved: Solved
     lag: float
     scale: float
+    candidates: Spans
 
     def path(self) -> Path:
         """Attitude, velocity and position at each row."""
@@ -152,6 +154,8 @@ def smooth(
         if not stops:
             return None
         problem = posed(frame, stops, stops)
+        if not problem.stops:
+            return None
         x, local = _begin(problem, prior)
         x, weights, solved = _descend(problem, x, local, FAR)
         more, common = _found(x, solved)
@@ -168,10 +172,12 @@ def smooth(
         if not stops or stops == problem.stops:
             break
         again = posed(frame, stops, calm)
+        if not again.stops:
+            break
         x, local = _carried(problem, x, again), replace(local, origin=_origin(again))
         problem = again
         x, weights, solved = _descend(problem, x, local, WARM)
-    return Solution(problem, x, local, weights, solved, lag, scale)
+    return Solution(problem, x, local, weights, solved, lag, scale, candidates)
 
 
 def _doubted(problem: Problem, weights: Weights, candidates: Spans) -> NDArray[np.bool_]:

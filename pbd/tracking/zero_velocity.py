@@ -88,7 +88,7 @@ def still_speed(u: Array, gyr: Array, rows: NDArray[np.intp], rest: Rest, noise:
 def slow_parts(t: Array, span: tuple[int, int], slow: NDArray[np.bool_]) -> Spans:
     """The parts of a span in which the hand is slow (n,)."""
     start, stop = span
-    return _lasting(t, [(start + i, start + j) for i, j in runs(slow[start:stop])])
+    return _lasting(t, _merged(t, [(start + i, start + j) for i, j in runs(slow[start:stop])]))
 
 
 def trimmed(span: tuple[int, int], slow: NDArray[np.bool_]) -> tuple[int, int]:
@@ -129,7 +129,7 @@ def _window_sums(values: Array, n: int) -> Array:
     return windows
 
 
-def _merged(t: Array, spans: Spans, unseen: Sequence[tuple[int, int]]) -> Spans:
+def _merged(t: Array, spans: Spans, unseen: Sequence[tuple[int, int]] = ()) -> Spans:
     merged: Spans = []
     for start, stop in spans:
         last = merged[-1][1] - 1 if merged else 0

@@ -202,7 +202,8 @@ def test_motion_after_the_last_stop_goes_with_it() -> None:
     whole = hand_path(
         np.array([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0], [0.3, 0.0, 0.0]]), np.tile(1e-3 * np.eye(3), (2, 1, 1))
     )
-    path = replace(whole, stops=whole.stops[:2], cov=whole.cov[:2], closure=whole.closure[:1])
+    covariance = PoseCovariance.chained(whole.cov[:2])
+    path = replace(whole, stops=whole.stops[:2], covariance=covariance, closure=whole.closure[:1])
     conditioned = condition_on(path, Known(closed=True))
     shift = conditioned.p_nav_sensor - path.p_nav_sensor
     assert shift[path.stops[1].start :] == pytest.approx(np.tile(shift[path.stops[1].start], (len(shift) - 30, 1)))
