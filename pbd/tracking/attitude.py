@@ -34,7 +34,8 @@ def frame_of(recording: Recording, gyro_bias: Array) -> GyroFrame:
             "record gx, gy, gz, or heading, pitch, roll"
         )
     wxyz = quat_from_rpy(recording.device_rpy)
-    turns = quat_log(quat_multiply(quat_inverse(wxyz[:-1]), wxyz[1:])) / np.diff(t)[:, None]
+    dt, turns = np.diff(t)[:, None], quat_log(quat_multiply(quat_inverse(wxyz[:-1]), wxyz[1:]))
+    turns = np.divide(turns, dt, out=np.zeros_like(turns), where=dt > 0.0)
     gyr = 0.5 * (np.vstack((turns, turns[-1:])) + np.vstack((turns[:1], turns)))
     return gyro_frame(t, gyr, recording.acc, interval, wxyz)
 

@@ -25,6 +25,9 @@ NEVER_STILL = "the hand never stands still; stop for half a second between the m
 BELIEVED = 0.2
 """A candidate with less weight than this is no stop."""
 
+BOUNCE_S, BOUNCE_M = 0.3, 0.02
+"""A short stop this soon before or after another, and this near, is a sensor being put down or picked up."""
+
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
@@ -65,6 +68,7 @@ def estimate(
     believed = [k for k, weight in enumerate(weights) if weight > BELIEVED]
     if not believed:
         raise TrackingError(NEVER_STILL)
+    believed = _without_bounces(solution, believed)
     stops = tuple(
         Stop(start, stop, float(t[stop - 1] - t[start]), weights[k])
         for k, (start, stop) in ((k, problem.stops[k]) for k in believed)
@@ -79,6 +83,26 @@ def estimate(
         covariance,
         solution,
     )
+
+
+def _without_bounces(solution: Solution, believed: Sequence[int]) -> list[int]:
+    """Drop the shorter of two stops that belong to one put-down."""
+    problem, t = solution.problem, solution.problem.frame.t
+    p = [np.median(solution.state.p[problem.stop_of == k], axis=0) for k in range(len(problem.stops))]
+
+    def dwell(k: int) -> float:
+        start, stop = problem.stops[k]
+        return float(t[stop - 1] - t[start])
+
+    kept = list(believed[:1])
+    for k in believed[1:]:
+        before = kept[-1]
+        soon = t[problem.stops[k][0]] - t[problem.stops[before][1] - 1] < BOUNCE_S
+        if soon and min(dwell(before), dwell(k)) < BOUNCE_S and np.linalg.norm(p[k] - p[before]) < BOUNCE_M:
+            kept[-1] = max(before, k, key=dwell)
+        else:
+            kept.append(k)
+    return kept
 
 
 def _standing(path: Path, stops: Sequence[Stop], p_stop: Array, t: Array) -> Path:

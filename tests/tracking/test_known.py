@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pbd.data import Calibration, Contact, HandPath, Known, Place
+from pbd.data.covariance import PoseCovariance
 from pbd.errors import TrackingError
 from pbd.pipeline import track
 from pbd.pose import Array, Pose, quat_about_z, quat_exp, quat_multiply, quat_rotate

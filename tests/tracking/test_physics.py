@@ -162,10 +162,14 @@ def test_velocity_is_the_derivative_of_position_and_zero_in_stops(method: str) -
 @every_method
 @pytest.mark.parametrize("sensor", ["modern", "wt901"])
 @pytest.mark.parametrize("seed", range(2))
-def test_covariance_is_symmetric_and_positive_and_grows(method: str, sensor: str, seed: int) -> None:
-    cov = track(simulate(hand(method, seed), sensor, seed, rate_hz=RATE_HZ[method]).recording, method).cov
-    assert len(cov) > 2
-    assert np.array_equal(cov, cov.transpose(0, 2, 1))
-    assert np.linalg.eigvalsh(cov).min() >= 0.0
+def test_the_joint_covariance_is_symmetric_and_positive(method: str, sensor: str, seed: int) -> None:
+    """Of all poses together, relative to the first: what a move adds, no known place takes back."""
+    path = track(simulate(hand(method, seed), sensor, seed, rate_hz=RATE_HZ[method]).recording, method)
+    assert len(path.stops) > 2
+    joint = path.covariance.joint()
+    assert np.array_equal(joint, joint.T)
+    assert np.linalg.eigvalsh(joint).min() > -1e-9 * np.linalg.eigvalsh(joint).max()
+    cov = path.cov
+    assert cov == pytest.approx(np.array([joint[k : k + 6, k : k + 6] for k in range(0, len(joint), 6)]))
     assert not cov[0, :3, :3].any()
-    assert np.linalg.eigvalsh(np.diff(cov[:, :3, :3], axis=0)).min() > 0.0
+    assert np.linalg.eigvalsh(cov[1:, :3, :3]).min() > 0.0
