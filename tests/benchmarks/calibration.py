@@ -144,7 +144,7 @@ def registered(touched: Touching, points: Array) -> tuple[Keyframe, PointFit] | 
     keyframes = find_keyframes(hand)
     if len(keyframes) != len(points) + 1:
         return None
-    return keyframes[0], fit_points(touches(keyframes, range(1, len(keyframes)), np.zeros(3), hand.stretch), points)
+    return keyframes[0], fit_points(touches(keyframes, hand.covariance, np.zeros(3), range(1, len(keyframes))), points)
 
 
 def wrapped(angle: float) -> float:
