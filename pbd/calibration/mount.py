@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pbd.calibration.accelerometer import PRIOR_SCALE
-from pbd.calibration.points import TRUSTED
+from pbd.calibration.registration import TRUSTED
 from pbd.calibration.touches import touches
 from pbd.data import Keyframe
 from pbd.data.brief import counted
+from pbd.data.covariance import PoseCovariance
 from pbd.data.freeze import freeze
 from pbd.errors import CalibrationError
 from pbd.pose import Array, quat_from_xyzw, quat_inverse, quat_log, quat_multiply, quat_rotate, quat_to_matrix
@@ -24,9 +24,6 @@ SLIPPED_CHI2 = 10.0
 
 WORST_M = 0.01
 """m: a lever that is less sure along some axis was not turned about the others."""
-
-CALIBRATED_SCALE = 0.002
-"""A share: how well the scale of a calibrated accelerometer is known."""
 
 LEAST_TURN = np.radians(20.0)
 """A move that turns by less is no turn about an axis."""
@@ -94,18 +91,18 @@ class TurnsFit:
 
 
 def fit_pivot(
-    keyframes: Sequence[Keyframe], stops: Sequence[int] | None = None, scale_sigma: float = PRIOR_SCALE
+    keyframes: Sequence[Keyframe], covariance: PoseCovariance, stops: Sequence[int] | None = None
 ) -> PivotFit:
     """The lever l: while the tip stands on a point c of nav, p_k + R_k l = c at every stop k.
 
-    Linear least squares in l and c, with the tracker's growing, correlated covariance, and that of the attitudes, which
-    turn the lever (found in a second pass). The sphere fit of surgical navigation with known attitudes: Z. Yaniv, Which
+    Linear least squares in l and c, with the joint covariance of all stops: a bias or a scale that turns with the
+    sensor passes for a lever, and so its sigma has both. Attitudes turn the lever (found in a second pass). The sphere fit of surgical navigation with known attitudes: Z. Yaniv, Which
     pivot calibration?, Proc. SPIE 9415, 2015 ("algebraic one step").
 
     Args:
         keyframes: of a path that is not conditioned on known places.
+        covariance: the path's, of all of them together.
         stops: those at which the tip stood on the point; None: all.
-        scale_sigma: a share, how well the accelerometer's scale is known: the lever is wrong by as much.
 
     Raises:
         CalibrationError: too few stops, or turns about one axis only.
@@ -122,7 +119,7 @@ def fit_pivot(
     design = np.hstack((-R.reshape(-1, 3), np.tile(np.eye(3), (len(stops), 1))))  # p = -R l + c
     lever = np.zeros(3)
     for _ in range(2):
-        touched = touches(keyframes, stops, lever)
+        touched = touches(keyframes, covariance, lever, stops)
         root = np.linalg.cholesky(touched.cov + SLIP_M**2 * np.eye(3 * len(stops)))
         whitened = np.linalg.solve(root, design)
         information = whitened.T @ whitened
@@ -133,9 +130,7 @@ def fit_pivot(
         lever = found[:3]
     chi2 = float(((right - whitened @ found) ** 2).sum())
     freedom = 3 * len(stops) - 6
-    # A sensor's bias and scale turn with it and pass for a lever: a small misfit does not mean small errors here.
-    cov = np.linalg.inv(information)[:3, :3] * max(1.0, chi2 / freedom)
-    cov += (scale_sigma * np.linalg.norm(lever)) ** 2 * np.eye(3)
+    cov = np.linalg.inv(information)[:3, :3] * (TRUSTED + chi2) / (TRUSTED + freedom)
     if np.sqrt(np.linalg.eigvalsh(cov)[-1]) > WORST_M:
         raise _one_axis(R, float(np.sqrt(np.linalg.eigvalsh(cov)[-1])))
     if chi2 / freedom > SLIPPED_CHI2:

@@ -35,7 +35,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 from pbd.calibration.gyro import fit_gyro
-from pbd.calibration.mount import CALIBRATED_SCALE, fit_pivot
+from pbd.calibration.mount import fit_pivot
 from pbd.calibration.points import PointFit, fit_points
 from pbd.calibration.rests import find_rests
 from pbd.calibration.sensor import SensorFit, calibrate_sensor
@@ -272,16 +272,16 @@ def triple(values: Array) -> tuple[float, float, float]:
 def mount_figures(seeds: Sequence[int]) -> dict[str, Any]:
     """A lever of 10 cm."""
     figures: dict[str, Any] = {}
-    for name, model, scale_sigma in (("wt901", WT901, None), ("calibrated", BAD, CALIBRATED_SCALE)):
+    for name, model in (("wt901", WT901), ("calibrated", BAD)):
         off, inside = [], []
         for seed in seeds:
             calibration = None
-            if scale_sigma is not None:
+            if name == "calibrated":
                 errors = calibrate_sensor(simulate(sides(seed), model, seed).recording, gravity=EARTH.gravity).errors
                 calibration = Calibration("bad", sensor=errors)
             recording = simulate(pivoting(seed, TIP), model, seed).recording
-            keyframes = find_keyframes(track(recording, calibration=calibration))
-            fit = fit_pivot(keyframes) if scale_sigma is None else fit_pivot(keyframes, scale_sigma=scale_sigma)
+            hand = track(recording, calibration=calibration)
+            fit = fit_pivot(find_keyframes(hand), hand.covariance)
             wrong = fit.p_sensor_tip - TIP
             if calibration is not None:  # in the accelerometer's own axes
                 gain = device(model, seed)["acc"][0]
