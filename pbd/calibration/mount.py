@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pbd.calibration.registration import TRUSTED
+from pbd.calibration.registration import widened
 from pbd.calibration.touches import touches
 from pbd.data import Keyframe
 from pbd.data.brief import counted
@@ -96,8 +96,9 @@ def fit_pivot(
     """The lever l: while the tip stands on a point c of nav, p_k + R_k l = c at every stop k.
 
     Linear least squares in l and c, with the joint covariance of all stops: a bias or a scale that turns with the
-    sensor passes for a lever, and so its sigma has both. Attitudes turn the lever (found in a second pass). The sphere fit of surgical navigation with known attitudes: Z. Yaniv, Which
-    pivot calibration?, Proc. SPIE 9415, 2015 ("algebraic one step").
+    sensor passes for a lever, so that its sigma has both. Attitudes turn the lever (found in a second pass). The sphere
+    fit of surgical navigation with known attitudes: Z. Yaniv, Which pivot calibration?, Proc. SPIE 9415, 2015
+    ("algebraic one step").
 
     Args:
         keyframes: of a path that is not conditioned on known places.
@@ -130,7 +131,7 @@ def fit_pivot(
         lever = found[:3]
     chi2 = float(((right - whitened @ found) ** 2).sum())
     freedom = 3 * len(stops) - 6
-    cov = np.linalg.inv(information)[:3, :3] * (TRUSTED + chi2) / (TRUSTED + freedom)
+    cov = widened(np.linalg.inv(information)[:3, :3], chi2, freedom)
     if np.sqrt(np.linalg.eigvalsh(cov)[-1]) > WORST_M:
         raise _one_axis(R, float(np.sqrt(np.linalg.eigvalsh(cov)[-1])))
     if chi2 / freedom > SLIPPED_CHI2:
@@ -214,5 +215,5 @@ def fit_turns(keyframes: Sequence[Keyframe], named: Sequence[str]) -> TurnsFit:
     chi2, freedom = float(((off / sigma) ** 2).sum()), 2 * len(moves) - 3
     across = np.eye(3) - np.einsum("mi,mj->mij", expected, expected)
     information = (across / sigma[:, None, None] ** 2).sum(axis=0)
-    cov = np.linalg.inv(information) * (TRUSTED + chi2) / (TRUSTED + freedom)
+    cov = widened(np.linalg.inv(information), chi2, freedom)
     return TurnsFit(wxyz_sensor_tool, cov, off, angles, moves)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pbd.calibration.registration import TRUSTED, Fit, Problem, predict, register
+from pbd.calibration.registration import TRUSTED, Fit, Problem, predict, register, variance, widened
 from pbd.calibration.touches import Touches
 from pbd.errors import CalibrationError
 from pbd.pose import Array, Pose
@@ -82,7 +82,7 @@ def fit_points(
     refuse_shape(points, free)
     problem = Problem(touched, points, free, scaled, touch_m)
     keep, fit = _consistent(problem)
-    cov = fit.variance * fit.cov
+    cov = widened(fit.cov, fit.chi2, fit.freedom)
     left_out = [_left_out(problem, k, keep, fit) for k in range(len(points))]
     return PointFit(
         T_base_nav=fit.pose,
@@ -102,7 +102,7 @@ def _consistent(problem: Problem) -> tuple[list[int], Fit]:
     keep = list(range(len(problem.points)))
     while True:
         fit = register(problem.only(keep))
-        known = {k: register(problem.only(rest), start=fit) for k in keep if (rest := _without(problem, keep, k))}
+        known = {k: register(problem.only(rest)) for k in keep if (rest := _without(problem, keep, k))}
         gained = {k: fit.chi2 - each.chi2 for k, each in known.items()}
         worst = max(gained, key=lambda k: gained[k], default=None)
         if worst is None or not _wrong(gained[worst], known[worst]):
@@ -117,7 +117,8 @@ def _wrong(gained: float, others: Fit) -> bool:
     """Whether chi-square falls by more, for a point's three coordinates, than what the others leave lets expect."""
     from scipy.special import fdtrc
 
-    return bool(fdtrc(3.0, TRUSTED + others.freedom, gained / 3.0 / others.variance) < WRONG)
+    share = gained / 3.0 / variance(others.chi2, others.freedom)
+    return bool(fdtrc(3.0, TRUSTED + others.freedom, share) < WRONG)
 
 
 def _without(problem: Problem, keep: Sequence[int], k: int) -> list[int]:
@@ -133,7 +134,8 @@ def _left_out(problem: Problem, k: int, keep: Sequence[int], fit: Fit) -> tuple[
     others = _without(problem, keep, k)
     if others:
         return predict(problem, k, others)
-    return problem.points[k] - fit.in_base(problem.touched)[k], np.sqrt(fit.variance * np.diagonal(fit.cov)[:3])
+    cov = widened(fit.cov, fit.chi2, fit.freedom)
+    return problem.points[k] - fit.in_base(problem.touched)[k], np.sqrt(np.diagonal(cov)[:3])
 
 
 def refuse_shape(points: Array, free: bool) -> None:

@@ -14,9 +14,12 @@ from pbd.pose import Array, Pose, quat_exp, quat_multiply, quat_to_matrix
 MOST_STEPS, SETTLED = 50, 1e-9
 """Of least squares; and m, rad and a share, from which on a step is none. Three or four do: the start is near."""
 
-TRUSTED = 4.0
-"""Degrees of freedom for which the tracker's own sigmas count beside what is left of the points: a few points alone
-often fit so well by chance that too much would be made of it."""
+TRUSTED = 2.0
+"""Degrees of freedom for which the tracker's own sigmas count beside what is left of a fit: a few points alone often
+fit so well by chance that too much would be made of it."""
+
+TWO_SIGMA = 0.97725
+"""Of a normal distribution, what lies below two sigma."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,27 +79,36 @@ class Fit:
     chi2: float
     freedom: int
 
-    @property
-    def variance(self) -> float:
-        """By how much the tracker's variances are too small, by what is left: its own word counts for TRUSTED."""
-        return (TRUSTED + self.chi2) / (TRUSTED + self.freedom)
-
     def in_base(self, touched: Touches) -> Array:
         """Where the tips lie, (m, 3) m."""
         tips: Array = self.pose.act(self.scale * touched.p_nav_sensor + touched.lever)
         return tips
 
 
-def register(problem: Problem, start: Fit | None = None) -> Fit:
+def variance(chi2: float, freedom: int) -> float:
+    """By how much the tracker's variances are too small, by what is left of a fit and by their own word."""
+    return (TRUSTED + chi2) / (TRUSTED + freedom)
+
+
+def widened(cov: Array, chi2: float, freedom: int) -> Array:
+    """A least squares' covariance by the tracker's sigmas, such that two sigma hold 95 %.
+
+    Where those are right but for a factor, of which they tell as much as TRUSTED degrees of freedom would, the unknowns
+    have Student's t distribution (A. Zellner, An introduction to Bayesian inference in econometrics, 1971, III).
+    """
+    from scipy.special import stdtrit
+
+    wider = 0.5 * float(stdtrit(TRUSTED + freedom, TWO_SIGMA))
+    return np.asarray(cov * variance(chi2, freedom) * wider**2)
+
+
+def register(problem: Problem) -> Fit:
     """Fit, by Gauss and Newton's steps.
 
     What is left is whitened in nav: there the noise does not turn with the unknown rotation.
     """
     touched, where = problem.touched, problem.unknowns
-    if start is None:
-        pose, scale = align(touched.p_nav_sensor + touched.lever, problem.points, problem.free), 1.0
-    else:
-        pose, scale = start.pose, start.scale
+    pose, scale = align(touched.p_nav_sensor + touched.lever, problem.points, problem.free), 1.0
     whiten = np.linalg.inv(np.linalg.cholesky(problem.covariance))
     for _ in range(MOST_STEPS):
         off = whiten @ misfit(problem, pose, scale).ravel()
@@ -132,8 +144,8 @@ def predict(problem: Problem, k: int, keep: Sequence[int]) -> tuple[Array, Array
     of_both = cov[np.ix_([*rows, *own], [*rows, *own])]
     to_base = -fit.scale * quat_to_matrix(fit.pose.wxyz)
     off = to_base @ misfit(problem, fit.pose, fit.scale)[k]
-    cov = to_base @ both @ of_both @ both.T @ to_base.T * fit.variance
-    return off, np.sqrt(np.diagonal(cov))
+    off_cov = to_base @ both @ of_both @ both.T @ to_base.T
+    return off, np.sqrt(np.diagonal(widened(off_cov, fit.chi2, fit.freedom)))
 
 
 def misfit(problem: Problem, pose: Pose, scale: float) -> Array:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pbd.data import Keyframe
 from pbd.data.covariance import PoseCovariance
 from pbd.data.freeze import freeze
-from pbd.pose import Array, quat_rotate
+from pbd.pose import Array, quat_to_matrix
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,22 +52,31 @@ def rows_of(keep: Sequence[int]) -> NDArray[np.intp]:
 
 
 def touches(
-    keyframes: Sequence[Keyframe], covariance: PoseCovariance, p_sensor_tip: Array, stops: Sequence[int] | None = None
+    keyframes: Sequence[Keyframe],
+    covariance: PoseCovariance,
+    p_sensor_tip: Array,
+    stops: Sequence[int] | None = None,
+    cov_tip: Array | None = None,
 ) -> Touches:
-    """Where the tip stood at some stops: p + R l. An error of the attitude turns the lever R l.
+    """Where the tip stood at some stops: p + R l. An error of the attitude turns R l, one of l turns with it.
 
     Args:
         keyframes: all of a path that is not conditioned on known places.
         covariance: the path's, of all of them together.
-        p_sensor_tip: (3,) m, the tip in sensor axes.
+        p_sensor_tip: (3,) m, the tip l in sensor axes.
         stops: indices of those that count, in the points' order; None: all.
+        cov_tip: (3, 3) m2, how well the tip is known; None: exactly.
     """
     stops = range(len(keyframes)) if stops is None else stops
     m = len(stops)
-    p = np.array([keyframes[k].T_nav_sensor.p for k in stops])
-    lever = np.array([quat_rotate(keyframes[k].T_nav_sensor.wxyz, p_sensor_tip) for k in stops])
+    poses = [keyframes[k].T_nav_sensor for k in stops]
+    R = quat_to_matrix(np.array([pose.wxyz for pose in poses]))
+    lever = R @ p_sensor_tip
     by_turn = np.cross(np.eye(3), lever[:, None]).transpose(0, 2, 1)  # columns e x lever
     by_pose = np.concatenate((np.tile(np.eye(3), (m, 1, 1)), by_turn), axis=2)
     joint = covariance.joint(stops).reshape(m, 6, m, 6)
     cov = np.einsum("jab,jbkc,kdc->jakd", by_pose, joint, by_pose).reshape(3 * m, 3 * m)
-    return Touches(p, lever, cov, tuple(stops))
+    if cov_tip is not None:
+        by_tip = R.reshape(-1, 3)
+        cov += by_tip @ cov_tip @ by_tip.T
+    return Touches(np.array([pose.p for pose in poses]), lever, cov, tuple(stops))

@@ -172,8 +172,12 @@ def _touched(args: argparse.Namespace, hand: HandPath, points: Points, calibrati
 
     refuse_shape(points.p_base, args.free)
     keyframes = find_keyframes(hand)
-    p_sensor_tip = (TOOL_DOWN if calibration is None else calibration.T_sensor_tool).p
-    every = touches(keyframes, hand.covariance, p_sensor_tip)
+    if calibration is None:
+        every = touches(keyframes, hand.covariance, TOOL_DOWN.p)
+    else:
+        cov = calibration.cov_sensor_tool
+        cov_tip = None if cov is None else cov[:3, :3]
+        every = touches(keyframes, hand.covariance, calibration.T_sensor_tool.p, cov_tip=cov_tip)
     if args.stops is None:
         if args.free and len(keyframes) != len(points.names):
             raise CalibrationError(

@@ -84,6 +84,7 @@ def main() -> None:
     sensor = sensor_figures(seeds)
     figures: dict[str, Any] = {"seeds": len(seeds), "points": points, "outlier": outlier_figures(seeds)}
     figures["inside"] = {name: each.pop("inside") for name, each in coverage.items()}
+    figures["tasks"] = coverage
     figures["gyro"] = gyro_figures(seeds) | {"matrix": sensor.pop("gyro")}
     figures |= sensor | {"mount": mount_figures(seeds), "inside_2_sigma": figures["inside"]["wt901_4"]["2_sigma"]}
     finish(figures, args.json)
