@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pbd.calibration.points import TOUCH_M
 from pbd.calibration.registration import widened
 from pbd.calibration.touches import touches
 from pbd.data import Keyframe
@@ -15,9 +16,6 @@ from pbd.data.covariance import PoseCovariance
 from pbd.data.freeze import freeze
 from pbd.errors import CalibrationError
 from pbd.pose import Array, quat_from_xyzw, quat_inverse, quat_log, quat_multiply, quat_rotate, quat_to_matrix
-
-SLIP_M = 0.001
-"""m per axis: by so much a tip moves on the point that it stands on."""
 
 SLIPPED_CHI2 = 10.0
 """Per degree of freedom: a tip that moved three times as much as the tracker's sigmas let expect has slipped."""
@@ -90,9 +88,7 @@ class TurnsFit:
         freeze(self, wxyz_sensor_tool=(4,), cov=(3, 3), off=(m,), turned=(m,))
 
 
-def fit_pivot(
-    keyframes: Sequence[Keyframe], covariance: PoseCovariance, stops: Sequence[int] | None = None
-) -> PivotFit:
+def fit_pivot(keyframes: Sequence[Keyframe], covariance: PoseCovariance) -> PivotFit:
     """The lever l: while the tip stands on a point c of nav, p_k + R_k l = c at every stop k.
 
     Linear least squares in l and c, with the joint covariance of all stops: a bias or a scale that turns with the
@@ -101,27 +97,25 @@ def fit_pivot(
     ("algebraic one step").
 
     Args:
-        keyframes: of a path that is not conditioned on known places.
+        keyframes: of a path that is not conditioned on known places; at all of them the tip stood on the point.
         covariance: the path's, of all of them together.
-        stops: those at which the tip stood on the point; None: all.
 
     Raises:
         CalibrationError: too few stops, or turns about one axis only.
     """
-    stops = range(len(keyframes)) if stops is None else stops
-    if len(stops) < 3:
+    if len(keyframes) < 3:
         raise CalibrationError(
-            f"only {counted(len(stops), 'stop')} found; rest with the tip on the point, tilt the tool, rest, "
+            f"only {counted(len(keyframes), 'stop')} found; rest with the tip on the point, tilt the tool, rest, "
             "tilt it another way, rest: six to ten times",
-            value=len(stops),
+            value=len(keyframes),
             bound=3,
         )
-    R = quat_to_matrix(np.array([keyframes[k].T_nav_sensor.wxyz for k in stops]))
-    design = np.hstack((-R.reshape(-1, 3), np.tile(np.eye(3), (len(stops), 1))))  # p = -R l + c
+    R = quat_to_matrix(np.array([keyframe.T_nav_sensor.wxyz for keyframe in keyframes]))
+    design = np.hstack((-R.reshape(-1, 3), np.tile(np.eye(3), (len(keyframes), 1))))  # p = -R l + c
     lever = np.zeros(3)
     for _ in range(2):
-        touched = touches(keyframes, covariance, lever, stops)
-        root = np.linalg.cholesky(touched.cov + SLIP_M**2 * np.eye(3 * len(stops)))
+        touched = touches(keyframes, covariance, lever)
+        root = np.linalg.cholesky(touched.cov + TOUCH_M**2 * np.eye(3 * len(keyframes)))
         whitened = np.linalg.solve(root, design)
         information = whitened.T @ whitened
         if np.linalg.eigvalsh(information)[0] < 1.0:  # a metre
@@ -130,19 +124,19 @@ def fit_pivot(
         found = np.linalg.solve(information, whitened.T @ right)
         lever = found[:3]
     chi2 = float(((right - whitened @ found) ** 2).sum())
-    freedom = 3 * len(stops) - 6
+    freedom = 3 * len(keyframes) - 6
     cov = widened(np.linalg.inv(information)[:3, :3], chi2, freedom)
-    if np.sqrt(np.linalg.eigvalsh(cov)[-1]) > WORST_M:
-        raise _one_axis(R, float(np.sqrt(np.linalg.eigvalsh(cov)[-1])))
+    if (sigma_m := float(np.sqrt(np.linalg.eigvalsh(cov)[-1]))) > WORST_M:
+        raise _one_axis(R, sigma_m)
+    residuals = (design @ found).reshape(-1, 3) - touched.p_nav_sensor
     if chi2 / freedom > SLIPPED_CHI2:
-        off = np.linalg.norm((design @ found).reshape(-1, 3) - touched.p_nav_sensor, axis=1)
+        off = np.linalg.norm(residuals, axis=1)
         raise CalibrationError(
-            f"the tip did not stay on one point: at stop {stops[int(off.argmax())]} it seems to be "
+            f"the tip did not stay on one point: at stop {int(off.argmax())} it seems to be "
             f"{100.0 * off.max():.1f} cm off; keep the tip on the point from beginning to end, and pivot again",
-            stop=stops[int(off.argmax())],
+            stop=int(off.argmax()),
             value=float(off.max()),
         )
-    residuals = (design @ found).reshape(-1, 3) - touched.p_nav_sensor
     return PivotFit(lever, cov, residuals, chi2 / freedom)
 
 
@@ -155,8 +149,7 @@ def _one_axis(R: Array, sigma_m: float = np.inf) -> CalibrationError:
     known = "is unknown" if sigma_m == np.inf else f"is uncertain by {100.0 * sigma_m:.1f} cm (one sigma)"
     return CalibrationError(
         f"the tool's lever along ({x:g}, {y:g}, {z:g}) in the sensor's axes {known}: the hand turned too little about "
-        "the "
-        f"other axes (about {turned:.0f} degrees); tilt the tool by 30 degrees and more to all sides, and turn it, "
+        f"the other axes (about {turned:.0f} degrees); tilt the tool by 30 degrees and more to all sides, and turn it, "
         "with its tip on the point",
         value=sigma_m,
         bound=WORST_M,

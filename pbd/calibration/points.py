@@ -13,7 +13,7 @@ from pbd.errors import CalibrationError
 from pbd.pose import Array, Pose
 
 TOUCH_M = 0.001
-"""m per axis: by so much a tip misses the point that it is put on."""
+"""m per axis: by so much a tip misses the point that it is put on, or moves on it."""
 
 FEWEST = 3
 
@@ -175,8 +175,7 @@ def _bad_shape(points: Array, free: bool, fewest: int) -> str:
     if spread_m < LEAST_SPREAD_M:
         return (
             f"the points lie above each other (within {100.0 * spread_m:.1f} cm), so the heading is unknown; touch "
-            "points "
-            "at least 20 cm apart on the table"
+            "points at least 20 cm apart on the table"
         )
     return ""
 

@@ -125,27 +125,25 @@ def register(problem: Problem) -> Fit:
 
 
 def predict(problem: Problem, k: int, keep: Sequence[int]) -> tuple[Array, Array]:
-    """Point k less where the touch lies by the others, (3,) m in base, and the sigma of that (3,).
+    """Point k less where its touch lies by the others, (3,) m in base, and the sigma of that (3,).
 
-    With all correlations: what an error of the other touches does to the fit, it often does to this one too.
+    With all correlations: what the others show of the tracker's errors is taken out of this touch too.
 
     Args:
         problem: of all points.
         k: the point.
         keep: the others that count; they must be enough for a fit.
     """
-    others = problem.only(keep)
-    fit = register(others)
-    rows, own = rows_of(keep), rows_of([k])
-    cov, by_unknown = problem.covariance, jacobian(problem, fit.pose, fit.scale)
-    where = np.ix_(problem.unknowns, problem.unknowns)
-    by_others = -by_unknown[own] @ fit.cov[where] @ by_unknown[rows].T @ np.linalg.inv(cov[np.ix_(rows, rows)])
-    both = np.hstack((by_others, np.eye(3)))
-    of_both = cov[np.ix_([*rows, *own], [*rows, *own])]
+    fit = register(problem.only(keep))
+    rows, own, cov = rows_of(keep), rows_of([k]), problem.covariance
+    off, by_unknown = misfit(problem, fit.pose, fit.scale).ravel(), jacobian(problem, fit.pose, fit.scale)
+    gain = cov[np.ix_(own, rows)] @ np.linalg.inv(cov[np.ix_(rows, rows)])
+    by_unknown = by_unknown[own] - gain @ by_unknown[rows]
+    of_fit = fit.cov[np.ix_(problem.unknowns, problem.unknowns)]
+    left = cov[np.ix_(own, own)] - gain @ cov[np.ix_(rows, own)] + by_unknown @ of_fit @ by_unknown.T
     to_base = -fit.scale * quat_to_matrix(fit.pose.wxyz)
-    off = to_base @ misfit(problem, fit.pose, fit.scale)[k]
-    off_cov = to_base @ both @ of_both @ both.T @ to_base.T
-    return off, np.sqrt(np.diagonal(widened(off_cov, fit.chi2, fit.freedom)))
+    sigma = np.sqrt(np.diagonal(widened(to_base @ left @ to_base.T, fit.chi2, fit.freedom)))
+    return to_base @ (off[own] - gain @ off[rows]), sigma
 
 
 def misfit(problem: Problem, pose: Pose, scale: float) -> Array:
