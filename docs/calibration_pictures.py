@@ -101,7 +101,7 @@ def points() -> plt.Figure:
     given = touched.points.copy()
     given[2] += (0.08, -0.06, 0.0)
     hand = track(touched.demo.recording)
-    found = touches(find_keyframes(hand), range(1, 7), np.zeros(3), hand.stretch)
+    found = touches(find_keyframes(hand), hand.covariance, np.zeros(3), range(1, 7))
     fit = fit_points(found, given)
     tips, origin = fit.T_base_nav.act(found.p_nav_sensor), fit.T_base_nav
     R = quat_to_matrix(origin.wxyz)
@@ -176,8 +176,9 @@ def start() -> plt.Figure:
 def mount() -> plt.Figure:
     """A tip that stands on a point while the hand tilts; and the tool's axes, with the turns that are positive."""
     tip = np.array((0.03, -0.02, -0.0933))
-    keyframes = find_keyframes(track(simulate(pivoting(1, tuple(tip.tolist())), "modern", 1).recording))
-    fit = fit_pivot(keyframes)
+    hand = track(simulate(pivoting(1, tuple(tip.tolist())), "modern", 1).recording)
+    keyframes = find_keyframes(hand)
+    fit = fit_pivot(keyframes, hand.covariance)
     figure = plt.figure(figsize=(9.0, 4.2))
     ax = figure.add_subplot(1, 2, 1, projection="3d")
     assert isinstance(ax, Axes3D)

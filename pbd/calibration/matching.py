@@ -77,17 +77,15 @@ def match_stops(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool) -
     if not best or best[0].cost > CAP * max(1.0, m - 2.0):
         raise CalibrationError(
             "no stops of the demonstration have the same distances as the points; check the points' unit and "
-            "coordinates, "
-            "and that the hand stopped on each"
+            "coordinates, and that the hand stopped on each"
         )
     for other in best[1:]:
         if other.cost - best[0].cost < ALIKE and _differ(other.T_base_nav, best[0].T_base_nav):
-            turn = abs(
-                np.degrees(quat_log(quat_multiply(other.T_base_nav.wxyz, quat_inverse(best[0].T_base_nav.wxyz)))[2])
-            )
+            turn = quat_log(quat_multiply(other.T_base_nav.wxyz, quat_inverse(best[0].T_base_nav.wxyz)))[2]
+            turn_deg = abs(np.degrees(turn))
             raise CalibrationError(
-                f"the stops fit the points in more than one way (another is turned by {turn:.0f} degrees), because the "
-                "points are symmetric; name the stops with --stops, touch the points in order, or add one that "
+                f"the stops fit the points in more than one way (another is turned by {turn_deg:.0f} degrees), because "
+                "the points are symmetric; name the stops with --stops, touch the points in order, or add one that "
                 "breaks the symmetry",
                 stops=best[0].stops,
                 others=other.stops,

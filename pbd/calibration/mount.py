@@ -7,26 +7,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pbd.calibration.accelerometer import PRIOR_SCALE
-from pbd.calibration.points import TRUSTED
+from pbd.calibration.points import TOUCH_M
+from pbd.calibration.registration import widened
 from pbd.calibration.touches import touches
 from pbd.data import Keyframe
 from pbd.data.brief import counted
+from pbd.data.covariance import PoseCovariance
 from pbd.data.freeze import freeze
 from pbd.errors import CalibrationError
 from pbd.pose import Array, quat_from_xyzw, quat_inverse, quat_log, quat_multiply, quat_rotate, quat_to_matrix
-
-SLIP_M = 0.001
-"""m per axis: by so much a tip moves on the point that it stands on."""
 
 SLIPPED_CHI2 = 10.0
 """Per degree of freedom: a tip that moved three times as much as the tracker's sigmas let expect has slipped."""
 
 WORST_M = 0.01
 """m: a lever that is less sure along some axis was not turned about the others."""
-
-CALIBRATED_SCALE = 0.002
-"""A share: how well the scale of a calibrated accelerometer is known."""
 
 LEAST_TURN = np.radians(20.0)
 """A move that turns by less is no turn about an axis."""
@@ -93,37 +88,34 @@ class TurnsFit:
         freeze(self, wxyz_sensor_tool=(4,), cov=(3, 3), off=(m,), turned=(m,))
 
 
-def fit_pivot(
-    keyframes: Sequence[Keyframe], stops: Sequence[int] | None = None, scale_sigma: float = PRIOR_SCALE
-) -> PivotFit:
+def fit_pivot(keyframes: Sequence[Keyframe], covariance: PoseCovariance) -> PivotFit:
     """The lever l: while the tip stands on a point c of nav, p_k + R_k l = c at every stop k.
 
-    Linear least squares in l and c, with the tracker's growing, correlated covariance, and that of the attitudes, which
-    turn the lever (found in a second pass). The sphere fit of surgical navigation with known attitudes: Z. Yaniv, Which
-    pivot calibration?, Proc. SPIE 9415, 2015 ("algebraic one step").
+    Linear least squares in l and c, with the joint covariance of all stops: a bias or a scale that turns with the
+    sensor passes for a lever, so that its sigma has both. Attitudes turn the lever (found in a second pass). The sphere
+    fit of surgical navigation with known attitudes: Z. Yaniv, Which pivot calibration?, Proc. SPIE 9415, 2015
+    ("algebraic one step").
 
     Args:
-        keyframes: of a path that is not conditioned on known places.
-        stops: those at which the tip stood on the point; None: all.
-        scale_sigma: a share, how well the accelerometer's scale is known: the lever is wrong by as much.
+        keyframes: of a path that is not conditioned on known places; at all of them the tip stood on the point.
+        covariance: the path's, of all of them together.
 
     Raises:
         CalibrationError: too few stops, or turns about one axis only.
     """
-    stops = range(len(keyframes)) if stops is None else stops
-    if len(stops) < 3:
+    if len(keyframes) < 3:
         raise CalibrationError(
-            f"only {counted(len(stops), 'stop')} found; rest with the tip on the point, tilt the tool, rest, "
+            f"only {counted(len(keyframes), 'stop')} found; rest with the tip on the point, tilt the tool, rest, "
             "tilt it another way, rest: six to ten times",
-            value=len(stops),
+            value=len(keyframes),
             bound=3,
         )
-    R = quat_to_matrix(np.array([keyframes[k].T_nav_sensor.wxyz for k in stops]))
-    design = np.hstack((-R.reshape(-1, 3), np.tile(np.eye(3), (len(stops), 1))))  # p = -R l + c
+    R = quat_to_matrix(np.array([keyframe.T_nav_sensor.wxyz for keyframe in keyframes]))
+    design = np.hstack((-R.reshape(-1, 3), np.tile(np.eye(3), (len(keyframes), 1))))  # p = -R l + c
     lever = np.zeros(3)
     for _ in range(2):
-        touched = touches(keyframes, stops, lever)
-        root = np.linalg.cholesky(touched.cov + SLIP_M**2 * np.eye(3 * len(stops)))
+        touched = touches(keyframes, covariance, lever)
+        root = np.linalg.cholesky(touched.cov + TOUCH_M**2 * np.eye(3 * len(keyframes)))
         whitened = np.linalg.solve(root, design)
         information = whitened.T @ whitened
         if np.linalg.eigvalsh(information)[0] < 1.0:  # a metre
@@ -132,21 +124,19 @@ def fit_pivot(
         found = np.linalg.solve(information, whitened.T @ right)
         lever = found[:3]
     chi2 = float(((right - whitened @ found) ** 2).sum())
-    freedom = 3 * len(stops) - 6
-    # A sensor's bias and scale turn with it and pass for a lever: a small misfit does not mean small errors here.
-    cov = np.linalg.inv(information)[:3, :3] * max(1.0, chi2 / freedom)
-    cov += (scale_sigma * np.linalg.norm(lever)) ** 2 * np.eye(3)
-    if np.sqrt(np.linalg.eigvalsh(cov)[-1]) > WORST_M:
-        raise _one_axis(R, float(np.sqrt(np.linalg.eigvalsh(cov)[-1])))
+    freedom = 3 * len(keyframes) - 6
+    cov = widened(np.linalg.inv(information)[:3, :3], chi2, freedom)
+    if (sigma_m := float(np.sqrt(np.linalg.eigvalsh(cov)[-1]))) > WORST_M:
+        raise _one_axis(R, sigma_m)
+    residuals = (design @ found).reshape(-1, 3) - touched.p_nav_sensor
     if chi2 / freedom > SLIPPED_CHI2:
-        off = np.linalg.norm((design @ found).reshape(-1, 3) - touched.p_nav_sensor, axis=1)
+        off = np.linalg.norm(residuals, axis=1)
         raise CalibrationError(
-            f"the tip did not stay on one point: at stop {stops[int(off.argmax())]} it seems to be "
+            f"the tip did not stay on one point: at stop {int(off.argmax())} it seems to be "
             f"{100.0 * off.max():.1f} cm off; keep the tip on the point from beginning to end, and pivot again",
-            stop=stops[int(off.argmax())],
+            stop=int(off.argmax()),
             value=float(off.max()),
         )
-    residuals = (design @ found).reshape(-1, 3) - touched.p_nav_sensor
     return PivotFit(lever, cov, residuals, chi2 / freedom)
 
 
@@ -159,8 +149,7 @@ def _one_axis(R: Array, sigma_m: float = np.inf) -> CalibrationError:
     known = "is unknown" if sigma_m == np.inf else f"is uncertain by {100.0 * sigma_m:.1f} cm (one sigma)"
     return CalibrationError(
         f"the tool's lever along ({x:g}, {y:g}, {z:g}) in the sensor's axes {known}: the hand turned too little about "
-        "the "
-        f"other axes (about {turned:.0f} degrees); tilt the tool by 30 degrees and more to all sides, and turn it, "
+        f"the other axes (about {turned:.0f} degrees); tilt the tool by 30 degrees and more to all sides, and turn it, "
         "with its tip on the point",
         value=sigma_m,
         bound=WORST_M,
@@ -219,5 +208,5 @@ def fit_turns(keyframes: Sequence[Keyframe], named: Sequence[str]) -> TurnsFit:
     chi2, freedom = float(((off / sigma) ** 2).sum()), 2 * len(moves) - 3
     across = np.eye(3) - np.einsum("mi,mj->mij", expected, expected)
     information = (across / sigma[:, None, None] ** 2).sum(axis=0)
-    cov = np.linalg.inv(information) * (TRUSTED + chi2) / (TRUSTED + freedom)
+    cov = widened(np.linalg.inv(information), chi2, freedom)
     return TurnsFit(wxyz_sensor_tool, cov, off, angles, moves)

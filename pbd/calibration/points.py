@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pbd.calibration.registration import Fit, Problem, predict, register, register_given
+from pbd.calibration.registration import TRUSTED, Fit, Problem, predict, register, variance, widened
 from pbd.calibration.touches import Touches
 from pbd.errors import CalibrationError
 from pbd.pose import Array, Pose
 
 TOUCH_M = 0.001
-"""m per axis: by so much a tip misses the point that it is put on."""
+"""m per axis: by so much a tip misses the point that it is put on, or moves on it."""
 
 FEWEST = 3
 
@@ -28,10 +28,6 @@ CLEARER_CHI2 = 9.0
 
 POOR_CHI2 = 2.5
 """Per degree of freedom; a fit above it is not to be trusted."""
-
-TRUSTED = 4.0
-"""Degrees of freedom for which the tracker's own sigmas count when a point is suspected: a few others alone would often
-fit so well by chance that a right one stands out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,44 +81,44 @@ def fit_points(
         raise ValueError(f"{len(touched.stops)} touches for {len(points)} points; give one touch per point")
     refuse_shape(points, free)
     problem = Problem(touched, points, free, scaled, touch_m)
-    keep = _consistent(problem)
-    fit = register(problem.only(keep))
+    keep, fit = _consistent(problem)
+    cov = widened(fit.cov, fit.chi2, fit.freedom)
     left_out = [_left_out(problem, k, keep, fit) for k in range(len(points))]
     return PointFit(
         T_base_nav=fit.pose,
-        cov=fit.cov[:6, :6],
+        cov=cov[:6, :6],
         scale=fit.scale,
-        scale_sigma=fit.scale * float(np.sqrt(fit.cov[6, 6])),
+        scale_sigma=fit.scale * float(np.sqrt(cov[6, 6])),
         residuals=points - fit.in_base(touched),
         left_out=np.array([off for off, _ in left_out]),
         left_out_sigma=np.array([sigma for _, sigma in left_out]),
         used=tuple(k in keep for k in range(len(points))),
-        chi2=fit.chi2 / problem.only(keep).freedom,
+        chi2=fit.chi2 / fit.freedom,
     )
 
 
-def _consistent(problem: Problem) -> list[int]:
-    """Which points don't contradict the others."""
+def _consistent(problem: Problem) -> tuple[list[int], Fit]:
+    """Which points don't contradict the others, and their fit."""
     keep = list(range(len(problem.points)))
     while True:
-        fit = register_given(problem.only(keep))
-        known = {k: register_given(problem.only(rest), start=fit) for k in keep if (rest := _without(problem, keep, k))}
+        fit = register(problem.only(keep))
+        known = {k: register(problem.only(rest)) for k in keep if (rest := _without(problem, keep, k))}
         gained = {k: fit.chi2 - each.chi2 for k, each in known.items()}
         worst = max(gained, key=lambda k: gained[k], default=None)
-        if worst is None or not _wrong(gained[worst], known[worst].chi2, problem.only(keep).freedom - 3):
-            return keep
+        if worst is None or not _wrong(gained[worst], known[worst]):
+            return keep, fit
         rivals = [k for k in gained if k != worst and gained[worst] - gained[k] < CLEARER_CHI2]
-        if rivals or len(keep) <= FEWEST or problem.only(keep).freedom < 6:
+        if rivals or len(keep) <= FEWEST or fit.freedom < 6:
             raise _contradiction(problem, fit, [worst, *rivals] if rivals else keep)
         keep.remove(worst)
 
 
-def _wrong(gained: float, left: float, freedom: int) -> bool:
+def _wrong(gained: float, others: Fit) -> bool:
     """Whether chi-square falls by more, for a point's three coordinates, than what the others leave lets expect."""
     from scipy.special import fdtrc
 
-    variance = (TRUSTED + left) / (TRUSTED + freedom)
-    return bool(fdtrc(3.0, TRUSTED + freedom, gained / 3.0 / variance) < WRONG)
+    share = gained / 3.0 / variance(others.chi2, others.freedom)
+    return bool(fdtrc(3.0, TRUSTED + others.freedom, share) < WRONG)
 
 
 def _without(problem: Problem, keep: Sequence[int], k: int) -> list[int]:
@@ -138,7 +134,8 @@ def _left_out(problem: Problem, k: int, keep: Sequence[int], fit: Fit) -> tuple[
     others = _without(problem, keep, k)
     if others:
         return predict(problem, k, others)
-    return problem.points[k] - fit.in_base(problem.touched)[k], np.sqrt(np.diagonal(fit.cov)[:3])
+    cov = widened(fit.cov, fit.chi2, fit.freedom)
+    return problem.points[k] - fit.in_base(problem.touched)[k], np.sqrt(np.diagonal(cov)[:3])
 
 
 def refuse_shape(points: Array, free: bool) -> None:
@@ -178,8 +175,7 @@ def _bad_shape(points: Array, free: bool, fewest: int) -> str:
     if spread_m < LEAST_SPREAD_M:
         return (
             f"the points lie above each other (within {100.0 * spread_m:.1f} cm), so the heading is unknown; touch "
-            "points "
-            "at least 20 cm apart on the table"
+            "points at least 20 cm apart on the table"
         )
     return ""
 

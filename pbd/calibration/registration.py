@@ -1,4 +1,4 @@
-"""Least squares of nav in base, and how sure it is where neither the tracker nor the sensor is known that well."""
+"""Least squares of nav in base, with the joint covariance of the touches."""
 
 from __future__ import annotations
 
@@ -8,18 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from pbd.calibration.alignment import align
-from pbd.calibration.touches import USUAL_SIZE, Touches, rows_of
-from pbd.pose import Array, Pose, quat_exp, quat_inverse, quat_log, quat_multiply, quat_to_matrix
-
-SIZES = 0.002 * 2.0 ** np.arange(7)
-"""Of a sensor's own errors (`touches.common_errors`), a bias over g: 2 mg, as a good one's, to 130 mg; each as likely
-as the others before the points are seen."""
+from pbd.calibration.touches import Touches, rows_of
+from pbd.pose import Array, Pose, quat_exp, quat_multiply, quat_to_matrix
 
 MOST_STEPS, SETTLED = 50, 1e-9
 """Of least squares; and m, rad and a share, from which on a step is none. Three or four do: the start is near."""
 
-LEAST_FACTOR = 0.05**2
-"""The tracker's variances are not too large by more than this."""
+TRUSTED = 2.0
+"""Degrees of freedom for which the tracker's own sigmas count beside what is left of a fit: a few points alone often
+fit so well by chance that too much would be made of it."""
 
 TWO_SIGMA = 0.97725
 """Of a normal distribution, what lies below two sigma."""
@@ -57,21 +54,30 @@ class Problem:
         """Degrees of freedom that are left."""
         return 3 * len(self.points) - len(self.unknowns)
 
-    def covariance(self, size: float) -> Array:
-        """(3 m, 3 m) m2, of the touches in nav, for a size of the sensor's own errors."""
-        cov = self.touched.covariance(size)
-        cov += self.touch_m**2 * np.eye(len(cov))
+    @property
+    def covariance(self) -> Array:
+        """(3 m, 3 m) m2, of the touches in nav."""
+        cov: Array = self.touched.cov + self.touch_m**2 * np.eye(len(self.touched.cov))
         return cov
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """chi2 is the whole sum; cov (7, 7) of position, rotation vector in base, and log of the scale."""
+    """Least squares' answer.
+
+    Attributes:
+        pose: nav in base.
+        scale: of the hand's positions.
+        cov: (7, 7) of position, rotation vector in base and log of the scale, by the tracker's sigmas.
+        chi2: the whole sum.
+        freedom: the degrees of freedom that are left.
+    """
 
     pose: Pose
     scale: float
     cov: Array
     chi2: float
+    freedom: int
 
     def in_base(self, touched: Touches) -> Array:
         """Where the tips lie, (m, 3) m."""
@@ -79,16 +85,31 @@ class Fit:
         return tips
 
 
-def register_given(problem: Problem, size: float = USUAL_SIZE, start: Fit | None = None) -> Fit:
-    """Fit, taking the tracker's sigmas and the size of the sensor's errors as they are: Gauss and Newton's steps.
+def variance(chi2: float, freedom: int) -> float:
+    """By how much the tracker's variances are too small, by what is left of a fit and by their own word."""
+    return (TRUSTED + chi2) / (TRUSTED + freedom)
+
+
+def widened(cov: Array, chi2: float, freedom: int) -> Array:
+    """A least squares' covariance by the tracker's sigmas, such that two sigma hold 95 %.
+
+    Where those are right but for a factor, of which they tell as much as TRUSTED degrees of freedom would, the unknowns
+    have Student's t distribution (A. Zellner, An introduction to Bayesian inference in econometrics, 1971, III).
+    """
+    from scipy.special import stdtrit
+
+    wider = 0.5 * float(stdtrit(TRUSTED + freedom, TWO_SIGMA))
+    return np.asarray(cov * variance(chi2, freedom) * wider**2)
+
+
+def register(problem: Problem) -> Fit:
+    """Fit, by Gauss and Newton's steps.
 
     What is left is whitened in nav: there the noise does not turn with the unknown rotation.
     """
     touched, where = problem.touched, problem.unknowns
-    if start is None:
-        start = Fit(align(touched.p_nav_sensor + touched.lever, problem.points, problem.free), 1.0, np.eye(7), 0.0)
-    whiten = np.linalg.inv(np.linalg.cholesky(problem.covariance(size)))
-    pose, scale = start.pose, start.scale
+    pose, scale = align(touched.p_nav_sensor + touched.lever, problem.points, problem.free), 1.0
+    whiten = np.linalg.inv(np.linalg.cholesky(problem.covariance))
     for _ in range(MOST_STEPS):
         off = whiten @ misfit(problem, pose, scale).ravel()
         by_unknown = whiten @ jacobian(problem, pose, scale)
@@ -100,58 +121,29 @@ def register_given(problem: Problem, size: float = USUAL_SIZE, start: Fit | None
             break
     cov = np.zeros((7, 7))
     cov[np.ix_(where, where)] = inverse
-    return Fit(pose, scale, cov, float(off @ off))
-
-
-def register(problem: Problem) -> Fit:
-    """Fit, and let what is left of the points say how far the tracker's sigmas are off, and the sensor's errors large.
-
-    For each of SIZES the tracker's variances are right but for a common factor. With Jeffreys' prior for that (as
-    likely to be a tenth as to be ten) the unknowns have Student's t distribution with the degrees of freedom of the
-    fit, of a variance chi2 / freedom times that of least squares; and the points are seen with a probability of
-    |C|^-1/2 |J^T C^-1 J|^-1/2 chi2^(-freedom / 2), by which the sizes are weighed (A. Zellner, An introduction to
-    Bayesian inference in econometrics, 1971, III and X). Sigmas are such that two of them hold 95 %.
-
-    Returns:
-        The mean; chi2 is that of the sizes, weighed.
-    """
-    fits, weights = _of_sizes(problem)
-    best = fits[int(weights.argmax())]
-    off = np.array([_from(best, fit) for fit in fits])
-    mean = weights @ off
-    cov = np.einsum("i,iab->ab", weights, np.array([fit.cov * _factor(problem, fit) for fit in fits]))
-    cov += np.einsum("i,ia,ib->ab", weights, off - mean, off - mean)
-    return Fit(*moved(best.pose, best.scale, mean), cov, float(weights @ [fit.chi2 for fit in fits]))
+    return Fit(pose, scale, cov, float(off @ off), problem.freedom)
 
 
 def predict(problem: Problem, k: int, keep: Sequence[int]) -> tuple[Array, Array]:
-    """Point k less where the touch lies by the others, (3,) m in base, and the sigma of that (3,).
+    """Point k less where its touch lies by the others, (3,) m in base, and the sigma of that (3,).
 
-    With all correlations: what an error of the other touches does to the fit, it often does to this one too.
+    With all correlations: what the others show of the tracker's errors is taken out of this touch too.
 
     Args:
         problem: of all points.
         k: the point.
         keep: the others that count; they must be enough for a fit.
     """
-    others = problem.only(keep)
-    fits, weights = _of_sizes(others)
-    rows, own = rows_of(keep), rows_of([k])
-    offs, covs = [], []
-    for size, fit in zip(SIZES, fits, strict=True):
-        cov = problem.covariance(size)
-        by_unknown = jacobian(problem, fit.pose, fit.scale)
-        where = np.ix_(problem.unknowns, problem.unknowns)
-        by_others = -by_unknown[own] @ fit.cov[where] @ by_unknown[rows].T @ np.linalg.inv(cov[np.ix_(rows, rows)])
-        both = np.hstack((by_others, np.eye(3)))
-        of_both = cov[np.ix_([*rows, *own], [*rows, *own])]
-        to_base = -fit.scale * quat_to_matrix(fit.pose.wxyz)
-        offs.append(to_base @ misfit(problem, fit.pose, fit.scale)[k])
-        covs.append(to_base @ both @ of_both @ both.T @ to_base.T * _factor(others, fit))
-    off = weights @ np.array(offs)
-    cov = np.einsum("i,iab->ab", weights, np.array(covs))
-    cov += np.einsum("i,ia,ib->ab", weights, np.array(offs) - off, np.array(offs) - off)
-    return off, np.sqrt(np.diagonal(cov))
+    fit = register(problem.only(keep))
+    rows, own, cov = rows_of(keep), rows_of([k]), problem.covariance
+    off, by_unknown = misfit(problem, fit.pose, fit.scale).ravel(), jacobian(problem, fit.pose, fit.scale)
+    gain = cov[np.ix_(own, rows)] @ np.linalg.inv(cov[np.ix_(rows, rows)])
+    by_unknown = by_unknown[own] - gain @ by_unknown[rows]
+    of_fit = fit.cov[np.ix_(problem.unknowns, problem.unknowns)]
+    left = cov[np.ix_(own, own)] - gain @ cov[np.ix_(rows, own)] + by_unknown @ of_fit @ by_unknown.T
+    to_base = -fit.scale * quat_to_matrix(fit.pose.wxyz)
+    sigma = np.sqrt(np.diagonal(widened(to_base @ left @ to_base.T, fit.chi2, fit.freedom)))
+    return to_base @ (off[own] - gain @ off[rows]), sigma
 
 
 def misfit(problem: Problem, pose: Pose, scale: float) -> Array:
@@ -172,41 +164,7 @@ def jacobian(problem: Problem, pose: Pose, scale: float) -> Array:
     return np.asarray(every[:, problem.unknowns])
 
 
-def _of_sizes(problem: Problem) -> tuple[list[Fit], Array]:
-    """The fit for each of SIZES, and the sizes' weights (their sum is 1)."""
-    fits: list[Fit] = []
-    for size in SIZES:
-        fits.append(register_given(problem, float(size), fits[-1] if fits else None))
-    unknowns = np.ix_(problem.unknowns, problem.unknowns)
-    logs = [
-        0.5 * np.linalg.slogdet(fit.cov[unknowns])[1]
-        - 0.5 * np.linalg.slogdet(problem.covariance(float(size)))[1]
-        - 0.5 * problem.freedom * np.log(_variance(problem, fit))
-        for size, fit in zip(SIZES, fits, strict=True)
-    ]
-    weights = np.exp(np.array(logs) - max(logs))
-    return fits, weights / weights.sum()
-
-
-def _variance(problem: Problem, fit: Fit) -> float:
-    """Of a touch, by what is left of the points, as a share of what the tracker says."""
-    return LEAST_FACTOR + fit.chi2 / problem.freedom
-
-
-def _factor(problem: Problem, fit: Fit) -> float:
-    """By this times least squares' covariance two sigma hold 95 %: Student's t is wider than a normal distribution."""
-    from scipy.special import stdtrit
-
-    return _variance(problem, fit) * (0.5 * float(stdtrit(problem.freedom, TWO_SIGMA))) ** 2
-
-
 def moved(pose: Pose, scale: float, step: Array) -> tuple[Pose, float]:
     """By (7,): position, rotation vector in base, log of the scale."""
     there = Pose(pose.p + step[:3], quat_multiply(quat_exp(step[3:6]), pose.wxyz))
     return there, scale * float(np.exp(step[6]))
-
-
-def _from(fit: Fit, other: Fit) -> Array:
-    """The (7,) of `moved` from one to another."""
-    turn = quat_log(quat_multiply(other.pose.wxyz, quat_inverse(fit.pose.wxyz)))
-    return np.array([*(other.pose.p - fit.pose.p), *turn, np.log(other.scale / fit.scale)])

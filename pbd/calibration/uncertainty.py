@@ -10,17 +10,7 @@ import numpy as np
 from pbd.data import Calibration, Keyframe
 from pbd.pose import Array, Pose, quat_rotate, quat_to_matrix
 
-DOCK_SIGMA_M, DOCK_SIGMA_RAD = 0.003, np.radians(1.0)
-"""How well a sensor lies where its dock is said to be, along each axis and in heading, where nobody says else."""
-
 PARTS = ("start", "mount", "tracking")
-
-
-def start_covariance(calibration: Calibration) -> Array:
-    """Covariance (6, 6) of the dock's or nav's pose in base, m and rad; an assumption where the file is silent."""
-    if calibration.cov_base is not None:
-        return calibration.cov_base
-    return np.diag(np.square([*[DOCK_SIGMA_M] * 3, 0.0, 0.0, DOCK_SIGMA_RAD]))
 
 
 def tool_covariances(
@@ -39,7 +29,7 @@ def tool_covariances(
     """
     scale *= calibration.scale
     R = quat_to_matrix(T_base_nav.wxyz)
-    of_start, of_mount = start_covariance(calibration), calibration.cov_sensor_tool
+    of_start, of_mount = calibration.cov_start, calibration.cov_sensor_tool
     parts = {part: np.zeros((len(keyframes), 6, 6)) for part in PARTS}
     for k, keyframe in enumerate(keyframes):
         lever = quat_rotate(keyframe.T_nav_sensor.wxyz, calibration.T_sensor_tool.p)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from pbd.cli.calibrate_common import add_force, add_name, existing, instead_of, refuse_out_of_reach
@@ -78,10 +79,11 @@ def run(args: argparse.Namespace) -> int:
     instead = instead_of(path, calibration, "dock", args.force)
     robot = load_robot(args.robot) if args.robot else None
     T_sensor_tool = _mount(calibration)
-    T_base_dock, source = _pose(args, calibration, T_sensor_tool)
+    T_base_dock, of_pose, source = _pose(args, calibration, T_sensor_tool)
     if robot is not None:
         refuse_out_of_reach(robot, T_base_dock @ T_sensor_tool, "the dock")
-    cov = np.diag(np.square([*[1e-3 * args.sigma_mm] * 3, 0.0, 0.0, np.radians(args.sigma_deg)]))
+    cov = of_pose + np.diag(np.square([*[1e-3 * args.sigma_mm] * 3, 0.0, 0.0, np.radians(args.sigma_deg)]))
+    sigma = np.sqrt(np.diagonal(cov))
     resized = _sigma_changes(calibration, cov)
     update_calibration(
         path,
@@ -94,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
     say(
         f"{path}: the sensor's dock is at ({x:.3f}, {y:.3f}, {z:.3f}) m, roll, pitch, yaw "
         f"({', '.join(f'{angle + 0.0:.1f}' for angle in np.round(rpy_deg, 1))}) degrees, {source}"
-        + (f", sigma now {args.sigma_mm:g} mm and {args.sigma_deg:g} degrees" if resized else "")
+        + (f", sigma now {1e3 * sigma[:3].max():.3g} mm and {np.degrees(sigma[5]):.3g} degrees" if resized else "")
         + (f"; {robot.name} reaches it" if robot else "; give --robot to check that it is in reach")
     )
     if args.json:
@@ -125,8 +127,8 @@ def _mount(calibration: Calibration | None) -> Pose:
     return TOOL_DOWN if calibration is None else calibration.T_sensor_tool
 
 
-def _pose(args: argparse.Namespace, calibration: Calibration | None, T_sensor_tool: Pose) -> tuple[Pose, str]:
-    """T_base_dock, and where it comes from in words."""
+def _pose(args: argparse.Namespace, calibration: Calibration | None, T_sensor_tool: Pose) -> tuple[Pose, Array, str]:
+    """T_base_dock, its covariance (6, 6) but for how the sensor is put down, and where it comes from in words."""
     import numpy as np
 
     from pbd.errors import CalibrationError
@@ -149,12 +151,12 @@ def _pose(args: argparse.Namespace, calibration: Calibration | None, T_sensor_to
                 bound=FARTHEST_M,
             )
         turned = "" if args.rpy is not None or not kept.any() else ", and turned as before (--rpy turns it)"
-        return Pose.from_rpy(args.position, np.radians(rpy_deg)), f"as given{turned}"
+        return Pose.from_rpy(args.position, np.radians(rpy_deg)), np.zeros((6, 6)), f"as given{turned}"
     if args.joints is not None:
-        return _where_the_robot_stands(args) @ T_sensor_tool.inverse(), "where the robot's tool stands at those joints"
-    return _where_it_stopped(
-        args, calibration
-    ), f"where {args.from_keyframe[0]} stopped at keyframe {args.from_keyframe[1]}"
+        pose = _where_the_robot_stands(args) @ T_sensor_tool.inverse()
+        return pose, np.zeros((6, 6)), "where the robot's tool stands at those joints"
+    name, index = args.from_keyframe
+    return *_where_it_stopped(args, calibration), f"where {name} stopped at keyframe {index}"
 
 
 def _where_the_robot_stands(args: argparse.Namespace) -> Pose:
@@ -191,9 +193,12 @@ def _where_the_robot_stands(args: argparse.Namespace) -> Pose:
     return model.forward(q)
 
 
-def _where_it_stopped(args: argparse.Namespace, calibration: Calibration | None) -> Pose:
-    """T_base_sensor at a keyframe."""
-    from pbd.calibration.frames import nav_in_base
+def _where_it_stopped(args: argparse.Namespace, calibration: Calibration | None) -> tuple[Pose, Array]:
+    """T_base_sensor at a keyframe, and the covariance (6, 6) of its position and heading: a dock has no other."""
+    import numpy as np
+
+    from pbd.calibration.frames import nav_in_base, tool_poses
+    from pbd.calibration.uncertainty import tool_covariances
     from pbd.errors import CalibrationError
     from pbd.files.calibration import load_calibration
     from pbd.files.demo import load_demo
@@ -218,5 +223,8 @@ def _where_it_stopped(args: argparse.Namespace, calibration: Calibration | None)
             bound=len(keyframes) - 1,
         )
     T_base_nav = nav_in_base(through, keyframes[0].T_nav_sensor.wxyz)
-    T_nav_sensor = keyframes[int(index)].T_nav_sensor
-    return T_base_nav @ Pose(through.scale * T_nav_sensor.p, T_nav_sensor.wxyz)
+    bare = replace(through, T_sensor_tool=Pose.identity(), cov_sensor_tool=None)
+    stopped = [keyframes[int(index)]]
+    cov = sum(tool_covariances(stopped, T_base_nav, bare).values(), np.zeros((1, 6, 6)))[0]
+    cov[3:5] = cov[:, 3:5] = 0.0
+    return tool_poses(stopped, T_base_nav, bare)[0], cov

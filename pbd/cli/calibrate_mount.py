@@ -40,8 +40,7 @@ def run(args: argparse.Namespace) -> int:
     """Track, fit, write, and say how far it is to be trusted."""
     import numpy as np
 
-    from pbd.calibration.accelerometer import PRIOR_SCALE
-    from pbd.calibration.mount import CALIBRATED_SCALE, fit_pivot, fit_turns
+    from pbd.calibration.mount import fit_pivot, fit_turns
     from pbd.data import TOOL_DOWN
     from pbd.errors import CalibrationError
     from pbd.files.calibration_edit import calibration_file, covariance_values, pose_values, update_calibration
@@ -56,7 +55,8 @@ def run(args: argparse.Namespace) -> int:
     calibration = existing(path)
     with working("tracking"):
         recording = load_demo(args.demo).recording
-        keyframes = find_keyframes(track(recording, calibration=calibration, accept_gap=args.accept_gap))
+        hand = track(recording, calibration=calibration, accept_gap=args.accept_gap)
+    keyframes = find_keyframes(hand)
     mount, cov = TOOL_DOWN, np.zeros((6, 6))
     figures: dict[str, float] = {}
     if calibration is not None:
@@ -67,9 +67,7 @@ def run(args: argparse.Namespace) -> int:
             for name, value in calibration.residuals.items()
             if name.startswith("mount.")
         }
-    calibrated = calibration is not None and calibration.sensor is not None and calibration.sensor.acc is not None
-    scale_sigma = CALIBRATED_SCALE if calibrated else PRIOR_SCALE
-    pivot = fit_pivot(keyframes, scale_sigma=scale_sigma) if args.pivot else None
+    pivot = fit_pivot(keyframes, hand.covariance) if args.pivot else None
     turns = fit_turns(keyframes, args.turns) if args.turns else None
     if pivot is not None:
         mount = Pose(pivot.p_sensor_tip, mount.wxyz)

@@ -172,15 +172,19 @@ def _touched(args: argparse.Namespace, hand: HandPath, points: Points, calibrati
 
     refuse_shape(points.p_base, args.free)
     keyframes = find_keyframes(hand)
-    p_sensor_tip = (TOOL_DOWN if calibration is None else calibration.T_sensor_tool).p
-    every = touches(keyframes, range(len(keyframes)), p_sensor_tip, hand.stretch)
+    if calibration is None:
+        every = touches(keyframes, hand.covariance, TOOL_DOWN.p)
+    else:
+        cov = calibration.cov_sensor_tool
+        cov_tip = None if cov is None else cov[:3, :3]
+        every = touches(keyframes, hand.covariance, calibration.T_sensor_tool.p, cov_tip=cov_tip)
     if args.stops is None:
         if args.free and len(keyframes) != len(points.names):
             raise CalibrationError(
                 f"{len(keyframes)} stops can't be matched with {len(points.names)} points while the tilt is free; name "
                 "the stops with --stops"
             )
-        sigma = np.sqrt(np.diagonal(every.covariance()).reshape(-1, 3).mean(axis=1))
+        sigma = np.sqrt(np.diagonal(every.cov).reshape(-1, 3).mean(axis=1))
         stops = match_stops(every.p_nav_sensor + every.lever, sigma, points.p_base, not args.any_order)
     else:
         stops = args.stops

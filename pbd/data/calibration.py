@@ -17,6 +17,10 @@ TOOL_DOWN = Pose(np.zeros(3), np.array([0.0, 1.0, 0.0, 0.0]))
 """T_sensor_tool where nobody says else: a half turn about x, so that a level sensor is a gripper that points down."""
 
 
+DOCK_SIGMA_M, DOCK_SIGMA_RAD = 0.003, np.radians(1.0)
+"""How well a sensor lies where its dock is said to be, along each axis and in heading, where nobody says else."""
+
+
 @dataclass(frozen=True, eq=False)
 class Linear:
     """A triad's errors: what is true is matrix @ (what it reads - bias).
@@ -114,6 +118,13 @@ class Calibration:
             raise ValueError("a calibration takes at most one of T_base_dock and T_base_nav")
         freeze(self, cov_base=(6, 6), cov_sensor_tool=(6, 6))
         object.__setattr__(self, "residuals", MappingProxyType(dict(self.residuals)))
+
+    @property
+    def cov_start(self) -> Array:
+        """(6, 6) m and rad, of the dock's or nav's pose in base; an assumption where nobody measured it."""
+        if self.cov_base is not None:
+            return self.cov_base
+        return np.diag(np.square([*[DOCK_SIGMA_M] * 3, 0.0, 0.0, DOCK_SIGMA_RAD]))
 
     def __repr__(self) -> str:
         parts = {"dock": self.T_base_dock, "nav": self.T_base_nav, "sensor": self.sensor, "table": self.table_height}

@@ -14,7 +14,6 @@ from math import erfc, sqrt
 
 import numpy as np
 
-from pbd.calibration.uncertainty import start_covariance
 from pbd.data import Calibration, ClaimFit, HandPath, Known, Stop
 from pbd.data.covariance import PoseCovariance
 from pbd.errors import TrackingError
@@ -108,7 +107,7 @@ def _noise(claims: Sequence[Claim], rows: Sequence[slice], calibration: Calibrat
                 R[row, column] += claim.shared
     if calibration is not None:
         errors = np.zeros((9, 9))
-        errors[BY_START, BY_START] = start_covariance(calibration)
+        errors[BY_START, BY_START] = calibration.cov_start
         if calibration.cov_sensor_tool is not None:
             errors[BY_MOUNT, BY_MOUNT] = calibration.cov_sensor_tool[:3, :3]
         by_calibration = np.vstack([claim.by_calibration for claim in claims])

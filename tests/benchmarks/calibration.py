@@ -35,7 +35,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 from pbd.calibration.gyro import fit_gyro
-from pbd.calibration.mount import CALIBRATED_SCALE, fit_pivot
+from pbd.calibration.mount import fit_pivot
 from pbd.calibration.points import PointFit, fit_points
 from pbd.calibration.rests import find_rests
 from pbd.calibration.sensor import SensorFit, calibrate_sensor
@@ -84,6 +84,7 @@ def main() -> None:
     sensor = sensor_figures(seeds)
     figures: dict[str, Any] = {"seeds": len(seeds), "points": points, "outlier": outlier_figures(seeds)}
     figures["inside"] = {name: each.pop("inside") for name, each in coverage.items()}
+    figures["tasks"] = coverage
     figures["gyro"] = gyro_figures(seeds) | {"matrix": sensor.pop("gyro")}
     figures |= sensor | {"mount": mount_figures(seeds), "inside_2_sigma": figures["inside"]["wt901_4"]["2_sigma"]}
     finish(figures, args.json)
@@ -144,7 +145,7 @@ def registered(touched: Touching, points: Array) -> tuple[Keyframe, PointFit] | 
     keyframes = find_keyframes(hand)
     if len(keyframes) != len(points) + 1:
         return None
-    return keyframes[0], fit_points(touches(keyframes, range(1, len(keyframes)), np.zeros(3), hand.stretch), points)
+    return keyframes[0], fit_points(touches(keyframes, hand.covariance, np.zeros(3), range(1, len(keyframes))), points)
 
 
 def wrapped(angle: float) -> float:
@@ -272,16 +273,16 @@ def triple(values: Array) -> tuple[float, float, float]:
 def mount_figures(seeds: Sequence[int]) -> dict[str, Any]:
     """A lever of 10 cm."""
     figures: dict[str, Any] = {}
-    for name, model, scale_sigma in (("wt901", WT901, None), ("calibrated", BAD, CALIBRATED_SCALE)):
+    for name, model in (("wt901", WT901), ("calibrated", BAD)):
         off, inside = [], []
         for seed in seeds:
             calibration = None
-            if scale_sigma is not None:
+            if name == "calibrated":
                 errors = calibrate_sensor(simulate(sides(seed), model, seed).recording, gravity=EARTH.gravity).errors
                 calibration = Calibration("bad", sensor=errors)
             recording = simulate(pivoting(seed, TIP), model, seed).recording
-            keyframes = find_keyframes(track(recording, calibration=calibration))
-            fit = fit_pivot(keyframes) if scale_sigma is None else fit_pivot(keyframes, scale_sigma=scale_sigma)
+            hand = track(recording, calibration=calibration)
+            fit = fit_pivot(find_keyframes(hand), hand.covariance)
             wrong = fit.p_sensor_tip - TIP
             if calibration is not None:  # in the accelerometer's own axes
                 gain = device(model, seed)["acc"][0]

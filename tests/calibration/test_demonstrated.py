@@ -10,6 +10,7 @@ import pytest
 from pbd.calibration.demonstrated import SMOOTH_M, SPACING_M, SPACING_RAD, demonstrated_moves, smoothed
 from pbd.calibration.frames import nav_in_base, tool_poses
 from pbd.data import Calibration, HandPath, Keyframe, Stop
+from pbd.data.covariance import PoseCovariance
 from pbd.pose import Array, Pose, quat_exp, quat_rotate
 from pbd.tracking.keyframes import find_keyframes
 
@@ -27,7 +28,7 @@ def arc(noise_m: float = 0.0, sigma_m: float = 0.003, turns: float = 0.5) -> Han
     wxyz = quat_exp(np.outer(turns * angle, (1.0, 0.0, 0.0)))
     cov = np.tile(np.diag([sigma_m**2] * 3 + [1e-4] * 3), (2, 1, 1))
     stops = (Stop(0, 101, 1.0), Stop(200, 300, 0.99))
-    return HandPath(t, p, np.gradient(p, t, axis=0), wxyz, stops, np.zeros((1, 3)), cov)
+    return HandPath(t, p, np.gradient(p, t, axis=0), wxyz, stops, np.zeros((1, 3)), PoseCovariance.chained(cov))
 
 
 def moves_of(path: HandPath, keyframes: tuple[Keyframe, ...] | None = None, scale: float = 1.0) -> tuple[Array, ...]:
@@ -107,7 +108,7 @@ def test_a_move_of_few_samples(samples: int) -> None:
     stops = (Stop(0, 11, 1.0), Stop(10 + samples + 1, len(kept), 0.9))
     few = HandPath(
         path.t[kept], path.p_nav_sensor[kept], path.v_nav_sensor[kept], path.wxyz_nav_sensor[kept], stops,
-        np.zeros((1, 3)), path.cov,
+        np.zeros((1, 3)), path.covariance,
     )  # fmt: skip
     t, p, _ = moves_of(few)
     assert (np.diff(t) > 0.0).all()

@@ -7,8 +7,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from pbd.calibration.frames import tool_poses
-from pbd.calibration.uncertainty import DOCK_SIGMA_M, tool_covariances
+from pbd.calibration.uncertainty import tool_covariances
 from pbd.data import Calibration, Keyframe
+from pbd.data.calibration import DOCK_SIGMA_M
 from pbd.pose import Array, Pose, quat_exp, quat_inverse, quat_log, quat_multiply
 
 T_BASE_NAV = Pose(np.array([0.4, -0.1, 0.2]), quat_exp((0.0, 0.0, 0.7)))

@@ -117,9 +117,12 @@ def test_a_dock_where_a_demonstration_stopped(capsys: Capture) -> None:
     run(capsys, *DOCK)
     run(capsys, "calibrate", "dock", "shelf", "--from-keyframe", "pouring", "4", "--calibration", "bench")
     rows = run_json(capsys, "keyframes", "pouring", "--calibration", "bench")["keyframes"]
-    dock = read_calibration(Path("calibration/shelf.toml")).T_base_dock
-    assert dock is not None
-    assert dock.p == pytest.approx(rows[4]["base_position_m"], abs=2e-5)
+    shelf = read_calibration(Path("calibration/shelf.toml"))
+    assert shelf.T_base_dock is not None
+    assert shelf.cov_base is not None
+    assert shelf.T_base_dock.p == pytest.approx(rows[4]["base_position_m"], abs=2e-5)
+    sigma = np.sqrt(np.diagonal(shelf.cov_base)[:3])  # of that keyframe, and of putting it down: the tool is the sensor
+    assert sigma == pytest.approx(np.hypot(rows[4]["base_sigma_m"], 0.003), rel=1e-3)
     line = refused(
         capsys, 1, "calibrate", "dock", "shelf", "--from-keyframe", "pouring", "11", "--calibration", "bench"
     )
