@@ -21,6 +21,9 @@ SHARED = 17
 DOUBT = 3.0
 """Sigmas beyond which a robust factor hardly counts (Geman-McClure)."""
 
+STEEP = 0.1
+"""A field with a smaller share along the level points nowhere (within 6 degrees of a magnetic pole's)."""
+
 FIXED = 1e10
 """Weight of what is chosen rather than known: the origin, and without a compass the heading."""
 
@@ -203,12 +206,13 @@ def _add_hand(equations: NormalEquations, problem: Problem, x: State) -> None:
 def _add_compass(equations: NormalEquations, problem: Problem, field: Array, x: State, local: Local) -> Array:
     """The field's level part points north, where the field is the earth's. Returns the weights."""
     h = np.einsum("kij,kj->ki", x.E, field)
+    strength = np.sqrt(_squares(h))
     level = np.maximum(np.hypot(h[:, 0], h[:, 1]), 1e-12)
     east = np.arctan2(h[:, 0], h[:, 1])
-    stronger = np.sqrt(_squares(h)) / local.strength - 1.0
+    stronger = strength / local.strength - 1.0
     steeper = np.arctan2(h[:, 2], level) - local.dip
     off = (stronger**2 + steeper**2 + (np.cos(local.dip) * east) ** 2) / problem.noise.field**2
-    trust: Array = 1.0 / (1.0 + off) ** 2
+    trust: Array = np.where(level > STEEP * strength, 1.0 / (1.0 + off) ** 2, 0.0)
     turned = -skew(h)  # d h / d theta
     jacobian = (h[:, 1:2] * turned[:, 0] - h[:, :1] * turned[:, 1]) / level[:, None] ** 2
     weight = trust * problem.share / problem.noise.compass**2

@@ -42,7 +42,7 @@ class Problem:
         turned: (m - 1, 3, 3), the turn from knot to knot in the gyro frame: C' C^T.
         turn_sigma: (m - 1,) rad, how far a hand may turn that stands still.
         share: (m,) s, that each knot stands for.
-        field: (m, 3), the mean magnetic field in the gyro frame; None without a magnetometer.
+        field: (m, 3), the mean magnetic field in the gyro frame, in a unit of its own; None without a magnetometer.
         device: whether the attitude is the device's own, and there is no gyro.
     """
 
@@ -140,6 +140,7 @@ def _place(t: Array, calm: Spans, asked: Sequence[int]) -> tuple[Rows, NDArray[n
         marks += _evenly(t, first, end, STOP_KNOT_S if t[end] - t[first] < LONG_STOP_S else LONG_STOP_KNOT_S)
         last = end
     rows = np.unique(np.array(marks, dtype=np.intp))
+    rows = rows[np.diff(t[rows], prepend=-np.inf) > 0.0]
     stop_of = np.full(len(rows), -1)
     for k, (first, end) in enumerate(inner):
         stop_of[np.searchsorted(rows, first) : np.searchsorted(rows, end, side="right")] = k
@@ -177,4 +178,5 @@ def _field(frame: GyroFrame, mag: Array, rows: Rows, reach: int) -> Array:
     sums = cumulative(quat_rotate(frame.wxyz, mag))
     first, end = np.maximum(rows - reach, 0), np.minimum(rows + reach + 1, len(mag))
     mean: Array = (sums[end] - sums[first]) / (end - first)[:, None]
-    return mean
+    largest = float(np.abs(mean).max())
+    return mean / largest if largest > 0.0 else mean

@@ -16,6 +16,9 @@ STATE = 15
 ROT, VEL, POS, GYR_BIAS, ACC_BIAS = (slice(3 * i, 3 * i + 3) for i in range(5))
 """A knot's unknowns: rotation vector in nav (rad), velocity, position, biases."""
 
+ROUNDING = 1e-12
+"""Added to the scaled diagonal: what rounding may take from it."""
+
 _LOW = np.tril_indices(STATE)
 _ALL = np.indices((STATE, STATE)).reshape(2, -1)
 
@@ -88,7 +91,7 @@ class NormalEquations:
         m, s = len(self.g), len(self.g_shared)
         # Jacobi scaling: rotations and metres differ by six orders of magnitude.
         scale = 1.0 / np.sqrt(self.diagonal[:, np.arange(STATE), np.arange(STATE)])
-        diagonal = self.diagonal * scale[:, :, None] * scale[:, None, :]
+        diagonal = self.diagonal * scale[:, :, None] * scale[:, None, :] + ROUNDING * np.eye(STATE)
         below = self.below * scale[1:, :, None] * scale[:-1, None, :]
         band = np.zeros((2 * STATE, m, STATE))
         r, c = _LOW

@@ -32,7 +32,7 @@ def restore(recording: Recording, clips: Sequence[Clip]) -> tuple[Recording, tup
         clips: of `find_clips`.
 
     Returns:
-        The recording, and what may still be missing at each clip, one sigma.
+        The recording, and what may still be missing in each half of a clip, one sigma.
     """
     if not clips:
         return recording, ()
@@ -46,9 +46,11 @@ def restore(recording: Recording, clips: Sequence[Clip]) -> tuple[Recording, tup
         above = _above(values[:, clip.axis], clip.sign, clip.start, clip.stop)
         values[clip.start : clip.stop, clip.axis] += clip.sign * above
         lost = np.zeros(3)
-        lost[clip.axis] = (float(above.sum()) + UNSEEN * top * len(above)) * interval
+        lost[clip.axis] = (float(above.sum()) + UNSEEN * top * len(above)) * interval / np.sqrt(2.0)
         by_sensor = {"acc": np.zeros(3), "gyr": np.zeros(3), clip.sensor: lost}
-        impulses.append(Impulse((clip.start + clip.stop) // 2, **by_sensor))
+        quarter = (clip.stop - clip.start) // 4
+        # Nor is it known when it was lost: in the first half, or in the second.
+        impulses += [Impulse(row, **by_sensor) for row in (clip.start + quarter, clip.stop - quarter)]
     acc = channels["acc"]
     assert acc is not None
     return replace(recording, acc=acc, gyr=channels["gyr"]), tuple(impulses)

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from scipy.stats import chi2
 
 from pbd.calibration.frames import tool_poses
-from pbd.calibration.uncertainty import DOCK_SIGMA_M, DOCK_SIGMA_RAD
 from pbd.data import Calibration, Contact, Known, Place
+from pbd.data.calibration import DOCK_SIGMA_M, DOCK_SIGMA_RAD
 from pbd.data.covariance import PoseCovariance
 from pbd.errors import PbdWarning, TrackingError
 from pbd.pose import Pose, quat_about_z, quat_exp, quat_rotate

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pbd.data import HandPath, RecordingInfo
+from pbd.data import HandPath
 from pbd.pipeline import track
 from pbd.pose import (
     quat_about_z,
@@ -152,5 +152,7 @@ def test_shifting_time_changes_nothing(method: str) -> None:
 def test_the_wall_clock_changes_nothing(method: str) -> None:
     recording = simulate(random_task(5, moves=2), "modern").recording
     here = track(recording, method)
-    later = track(replace(recording, info=replace(recording.info, name="later", created="2031-01-01T00:00:00Z")), method)
+    later = track(
+        replace(recording, info=replace(recording.info, name="later", created="2031-01-01T00:00:00Z")), method
+    )
     assert np.array_equal(later.p_nav_sensor, here.p_nav_sensor)
