@@ -11,6 +11,7 @@ import numpy as np
 
 from pbd.pose import Array, quat_exp, quat_from_matrix, quat_log, quat_multiply, quat_to_matrix, skew
 from pbd.tracking.knots import Problem
+from pbd.tracking.noise import acc_doubt
 from pbd.tracking.normal_equations import ACC_BIAS, GYR_BIAS, POS, ROT, STATE, VEL, NormalEquations, Solved
 from pbd.tracking.preintegration import ERRORS
 
@@ -224,9 +225,7 @@ def _add_priors(equations: NormalEquations, problem: Problem, x: State, local: L
     noise, device = problem.noise, problem.noise.device
     first = np.zeros(len(problem.rows))
     first[0] = 1.0
-    # What the rest shows of the accelerometer's error is a scale for all of it.
-    shown = abs(problem.rest.gravity - noise.gravity)
-    worse = np.hypot(1.0, max(shown - 2.0 * noise.gravity_sigma, 0.0) / device.acc_bias)
+    worse = acc_doubt(noise, problem.rest)
     equations.add_unary(GYR_BIAS, x.gyr_bias, first / noise.gyr_bias**2)
     equations.add_unary(ACC_BIAS, x.acc_bias, first / (worse * device.acc_bias) ** 2)
     at = np.zeros(len(problem.rows))
