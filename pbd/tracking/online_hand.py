@@ -102,9 +102,10 @@ class _Standing:
 
 @dataclass(frozen=True, eq=False)
 class _Trial:
-    """The hand may stand still since a sample: the filter, if so; and whether that is in doubt."""
+    """The hand may stand still since a sample: the filter, if so; whether that is in doubt; and since when it is slow."""
 
     first: Sample
+    since: float
     filter: OnlineFilter
     doubted: bool
 
@@ -244,13 +245,15 @@ class LiveHand:
     def _moving(self, sample: Sample, quiet: bool) -> list[LiveEvent]:
         """Look for a stop, and try how the hand would go on if this were one."""
         trial, last, first = self._trial, self._left[-1].last, self._window[0][0]
+        quiet = quiet and first.t > last.t and not any(each.unseen for each, _, _ in self._window)
+        since, off, speed = sample.t, 0.0, 0.0
         if trial is not None:
             off, speed = trial.filter.doubt_of_rest(self._sigma)
-            trial = replace(trial, doubted=trial.doubted or off > GATE)
-            if not quiet or (off > GATE and speed > max(SLOW, 3.0 * self._sigma)):
-                trial = None
-        elif quiet and first.t > last.t and not any(each.unseen for each, _, _ in self._window):
-            trial = _Trial(first, self._filter.fork(), False)
+            since = sample.t if speed > max(SLOW, 3.0 * self._sigma) else trial.since
+        if not quiet:
+            trial = None
+        elif trial is None or (off > GATE and sample.t - since < DOUBTED_S):
+            trial = _Trial(first, since, self._filter.fork(), False)
             off, speed = trial.filter.doubt_of_rest(self._sigma)
             if off > GATE:
                 trial = replace(trial, doubted=True)
@@ -260,7 +263,8 @@ class LiveHand:
         if trial is None:
             return []
         doubted = trial.doubted and not self._knocked(trial.first)
-        if sample.t - trial.first.t >= (DOUBTED_S if doubted else CONFIRM_S) - 1e-6:
+        begun = trial.since - WINDOW_S if doubted else trial.first.t
+        if sample.t - begun >= (DOUBTED_S if doubted else CONFIRM_S) - 1e-6:
             return [self._arrive(trial, sample)]
         if sample.t - self._t_knot >= STOP_KNOT_S - 1e-6:
             self._knot(trial.filter, sample.t, same=True)
