@@ -151,7 +151,6 @@ class OnlineFilter:
         P[POS, VEL] += 0.5 * speed**2 * duration * one
         P[VEL, POS] += 0.5 * speed**2 * duration * one
         P[POS, POS] += speed**2 * duration**2 / 3.0 * one
-        P[ROT, ROT] += (speed / (self.gravity * max(duration, 0.1))) ** 2 * one
         self.P = P
 
     def if_it_stopped(self, sigma: float) -> tuple[Array, Array]:

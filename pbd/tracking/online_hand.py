@@ -135,7 +135,7 @@ class LiveHand:
         E = np.eye(3) if self._device else self._level(samples, rest)
         self._filter = OnlineFilter(noise, rest, E, self._strapdown.wxyz)
         self._stop: _Standing | None = _Standing(samples[0], samples[0], self._filter.fork())
-        self._still = True
+        self._still, self._t_shaken = True, samples[0].t
         for sample in samples[1:]:
             self.advance(sample)
 
@@ -172,6 +172,7 @@ class LiveHand:
             return []
         quiet = self._look()
         still_acc = np.mean([each.acc for each, _, _ in self._window], axis=0) if quiet else None
+        self._t_shaken = self._t_shaken if quiet else sample.t
         leg = strapdown.leg(still_acc, self._filter.E[2] * self._filter.gravity)
         self._angles.append(self._angles[-1] + leg.angle)
         for each in self._hypotheses():
@@ -249,10 +250,10 @@ class LiveHand:
         since, off, speed = sample.t, 0.0, 0.0
         if trial is not None:
             off, speed = trial.filter.doubt_of_rest(self._sigma)
-            since = sample.t if speed > max(SLOW, 3.0 * self._sigma) else trial.since
+            since = sample.t if off > GATE and speed > max(SLOW, 3.0 * self._sigma) else trial.since
         if not quiet:
             trial = None
-        elif trial is None or (off > GATE and sample.t - since < DOUBTED_S):
+        elif trial is None or since == sample.t or (off > GATE and not trial.doubted and sample.t - since < DOUBTED_S):
             trial = _Trial(first, since, self._filter.fork(), False)
             off, speed = trial.filter.doubt_of_rest(self._sigma)
             if off > GATE:
@@ -290,7 +291,8 @@ class LiveHand:
 
     def _knocked(self, first: Sample) -> bool:
         """Whether a stop that begins with a sample is the last one after a jolt."""
-        return first.t - self._left[-1].last.t < MERGE_S
+        last_t = self._left[-1].last.t
+        return first.t - last_t < MERGE_S and self._t_shaken > last_t
 
     def here(self, t: float) -> StopBegan:
         """The stop under way, as an event at `t` s."""
