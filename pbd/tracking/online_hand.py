@@ -102,11 +102,10 @@ class _Standing:
 
 @dataclass(frozen=True, eq=False)
 class _Trial:
-    """The hand may stand still since a sample: the filter, if so; whether that is in doubt; and since when it is slow."""
+    """The hand may stand still since a sample, or, swaying, since an instant (s); and whether that is in doubt."""
 
     first: Sample
     since: float
-    filter: OnlineFilter
     doubted: bool
 
 
@@ -130,6 +129,7 @@ class LiveHand:
         self._field: list[Array] = []
         self._angles = [np.zeros(3)]
         self._trial: _Trial | None = None
+        self._ahead: OnlineFilter | None = None
         self._t_knot = self._t_compass = samples[0].t
         self.learn(rest, noise)
         E = np.eye(3) if self._device else self._level(samples, rest)
@@ -184,7 +184,7 @@ class LiveHand:
         return self._moving(sample, quiet)
 
     def _hypotheses(self) -> list[OnlineFilter]:
-        return [self._filter] if self._trial is None else [self._filter, self._trial.filter]
+        return [self._filter] if self._ahead is None else [self._filter, self._ahead]
 
     def _look(self) -> bool:
         """Whether the last window is quiet; and how fast a hand may be that stands so still."""
@@ -227,57 +227,59 @@ class LiveHand:
         self._t_knot, self._angles = t, [np.zeros(3)]
 
     def _standing(self, stop: _Standing, sample: Sample, quiet: bool) -> list[LiveEvent]:
-        """Go on in a stop, or find that it is over."""
-        off, speed = self._filter.doubt_of_rest(self._sigma)
-        fast = off > GATE and speed > max(SLOW, 3.0 * self._sigma)
-        self._still = quiet and not fast
+        """Go on in a stop, or find that it is over.
+
+        A hand that sets out slowly is seen late, so each knot is taken for good only at the next one.
+        """
+        ahead = self._ahead or self._filter
+        off, speed = ahead.doubt_of_rest(self._sigma)
+        self._still = quiet and not (off > GATE and speed > max(SLOW, 3.0 * self._sigma))
         if self._still:
             if sample.t - self._t_knot >= STOP_KNOT_S - 1e-6:
-                self._knot(self._filter, sample.t, same=True)
-                stop = replace(stop, filter=self._filter.fork())
+                self._filter, self._ahead = ahead, ahead.fork()
+                self._knot(self._ahead, sample.t, same=True)
+                stop = replace(stop, filter=self._ahead.fork())
             self._stop = replace(stop, last=sample)
             self._strapdown.clipped = False
         elif sample.t - stop.last.t > MERGE_S + WINDOW_S:
             self._left.append(stop)
-            self._stop = None
+            self._stop = self._ahead = None
             return [StopEnded(len(self._left) - 1, stop.last.t, stop.keyframe)]
         return []
 
     def _moving(self, sample: Sample, quiet: bool) -> list[LiveEvent]:
-        """Look for a stop, and try how the hand would go on if this were one."""
+        """Look for a stop: try how the hand would go on if this were one."""
         trial, last, first = self._trial, self._left[-1].last, self._window[0][0]
         quiet = quiet and first.t > last.t and not any(each.unseen for each, _, _ in self._window)
-        since, off, speed = sample.t, 0.0, 0.0
-        if trial is not None:
-            off, speed = trial.filter.doubt_of_rest(self._sigma)
-            since = sample.t if off > GATE and speed > max(SLOW, 3.0 * self._sigma) else trial.since
+        off, speed = (0.0, 0.0) if self._ahead is None else self._ahead.doubt_of_rest(self._sigma)
         if not quiet:
-            trial = None
-        elif trial is None or since == sample.t or (off > GATE and not trial.doubted and sample.t - since < DOUBTED_S):
-            trial = _Trial(first, since, self._filter.fork(), False)
-            off, speed = trial.filter.doubt_of_rest(self._sigma)
-            if off > GATE:
-                trial = replace(trial, doubted=True)
-                trial.filter.widen(sample.t - last.t, speed)
-            self._knot(trial.filter, sample.t, same=False)
-        self._trial = trial
-        if trial is None:
+            self._trial = self._ahead = None
             return []
-        doubted = trial.doubted and not self._knocked(trial.first)
-        begun = trial.since - WINDOW_S if doubted else trial.first.t
-        if sample.t - begun >= (DOUBTED_S if doubted else CONFIRM_S) - 1e-6:
+        fast = off > GATE and speed > max(SLOW, 3.0 * self._sigma)
+        if trial is None or fast or (off > GATE and (trial.doubted or sample.t - trial.since < DOUBTED_S)):
+            self._ahead = self._filter.fork()
+            off, speed = self._ahead.doubt_of_rest(self._sigma)
+            slow = trial is not None and not fast and not trial.doubted
+            trial = _Trial(first, trial.since if trial and slow else sample.t, off > GATE)
+            if trial.doubted:
+                self._ahead.widen(sample.t - last.t, speed)
+            self._knot(self._ahead, sample.t, same=False)
+        self._trial = trial
+        lasts = DOUBTED_S if trial.doubted and not self._knocked(trial.first) else CONFIRM_S
+        if sample.t - trial.first.t >= lasts - 1e-6:
             return [self._arrive(trial, sample)]
         if sample.t - self._t_knot >= STOP_KNOT_S - 1e-6:
-            self._knot(trial.filter, sample.t, same=True)
+            self._knot(self._ahead, sample.t, same=True)
         return []
 
     def _arrive(self, trial: _Trial, sample: Sample) -> StopBegan:
         """The trial was right."""
-        self._filter, self._trial, self._still = trial.filter, None, True
-        if sample.t > self._t_knot:
-            self._knot(self._filter, sample.t, same=True)
+        assert self._ahead is not None
+        self._filter, self._trial, self._still = self._ahead, None, True
+        self._ahead = self._filter.fork()
+        self._knot(self._ahead, sample.t, same=True)
         before = self._left[-1]
-        first, moved = trial.first, self._filter.p - before.filter.p
+        first, moved = trial.first, self._ahead.p - before.filter.p
         knocked = self._knocked(first)
         bounced = len(self._left) > 1 and before.stop.dwell_s < BOUNCE_S and first.t - before.last.t < BOUNCE_GAP_S
         if (knocked or bounced) and np.sqrt(moved @ moved) < BOUNCE_M:
@@ -286,7 +288,7 @@ class LiveHand:
         if self._strapdown.clipped:
             self.flaws.append("the gyro was at the end of its range; move slower, or set a larger range")
             self._strapdown.clipped = False
-        self._stop = _Standing(first, sample, self._filter.fork())
+        self._stop = _Standing(first, sample, self._ahead.fork())
         return self.here(sample.t)
 
     def _knocked(self, first: Sample) -> bool:
