@@ -12,8 +12,7 @@ from pbd.errors import PbdError
 from pbd.pose import Array
 from pbd.record.told import Say
 from pbd.sensors.decoding import Sample
-from pbd.tracking.live import LiveTracker, RestFound, StopBegan
-from pbd.tracking.live_events import DataFlaw, LiveEvent
+from pbd.tracking.online import DataFlaw, LiveEvent, LiveTracker, RestFound, StopBegan
 
 TRACKED_HZ = 250.0
 """The tracker is fed no faster than this: means over blocks lose nothing that it could use."""

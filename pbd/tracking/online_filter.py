@@ -14,7 +14,17 @@ from copy import copy
 
 import numpy as np
 
-from pbd.pose import Array, quat_exp, quat_from_matrix, quat_log, quat_multiply, quat_to_matrix, skew
+from pbd.pose import (
+    Array,
+    Pose,
+    quat_canonical,
+    quat_exp,
+    quat_from_matrix,
+    quat_log,
+    quat_multiply,
+    quat_to_matrix,
+    skew,
+)
 from pbd.tracking.factors import DOUBT
 from pbd.tracking.noise import Noise, acc_doubt
 from pbd.tracking.online_samples import Leg
@@ -122,18 +132,27 @@ class OnlineFilter:
         turned = quat_log(quat_multiply(self.wxyz_nav_sensor, wxyz * (1.0, -1.0, -1.0, -1.0)))
         self._update(_pick(ROT, KEPT_ROT), -turned, np.full(3, turn_sigma**2))
 
-    def point_north(self, east: float, by_turn: Array, variance: float) -> None:
-        """A compass points `east` rad off nav's north; by_turn (3,) is its derivative."""
+    def point_north(self, field: Array, undisturbed: tuple[float, float], lasted: float) -> None:
+        """A compass shows a mean field (3,) in the gyro frame over so many s; what it is undisturbed: strength, dip."""
+        (strength, dip), h = undisturbed, self.E @ field
+        level, east = max(float(np.hypot(h[0], h[1])), 1e-12), float(np.arctan2(h[0], h[1]))
+        stronger, steeper = np.sqrt(h @ h) / strength - 1.0, np.arctan2(h[2], level) - dip
+        off = (stronger**2 + steeper**2 + (np.cos(dip) * east) ** 2) / self.noise.field**2
+        turned = -skew(h)  # d h / d theta
+        by_turn = (h[1] * turned[0] - h[0] * turned[1]) / level**2
+        self._see_heading(east, by_turn, self.noise.compass**2 / lasted * (1.0 + off) ** 2)
+
+    def agree_with_device(self, rate: Array) -> None:
+        """The gyro frame is nav, as the device's own attitude has it; it comes late where it turns at `rate` rad/s."""
+        variance = self.noise.device_turn**2 + self.noise.device_lag**2 * float(rate @ rate)
+        self._see_heading(float(quat_log(quat_from_matrix(self.E))[2]), UP, variance)
+        off = -quat_log(quat_from_matrix(self.E))
+        self._update(_pick(ROT)[:2], off[:2], np.full(2, variance), robust=False)
+
+    def _see_heading(self, east: float, by_turn: Array, variance: float) -> None:
         H = np.zeros((1, STATES))
         H[0, ROT], H[0, NORTH] = by_turn, 1.0
         self._update(H, np.array([-east - self.north]), np.array([variance]), robust=False)
-
-    def level(self, sigma: float) -> None:
-        """The gyro frame is nav, as the device's own attitude has it, within `sigma` rad."""
-        off = -quat_log(quat_from_matrix(self.E))
-        self.point_north(-float(off[2]), UP, sigma**2)
-        off = -quat_log(quat_from_matrix(self.E))
-        self._update(_pick(ROT)[:2], off[:2], np.full(2, sigma**2), robust=False)
 
     def begin_here(self) -> None:
         """Here is the origin, and the heading is what nav's is laid by."""
@@ -153,14 +172,20 @@ class OnlineFilter:
         P[POS, POS] += speed**2 * duration**2 / 3.0 * one
         self.P = P
 
-    def if_it_stopped(self, sigma: float) -> tuple[Array, Array]:
-        """Covariances (3, 3) m2 of the position, and of the way since the last knot, if the hand stopped now."""
+    def if_it_stopped(self, sigma: float) -> tuple[float, float]:
+        """Of the position, and of the way since the last knot, one sigma (m) of the least sure axis if the hand stopped
+        now, as it does within `sigma` m/s."""
         found = []
         for H in (_pick(POS), _pick(POS, KEPT_POS)):
             PH = self.P @ H.T
-            cross = PH[VEL]
-            found.append(H @ PH - cross.T @ np.linalg.solve(self.P[VEL, VEL] + sigma**2 * np.eye(3), cross))
+            left = H @ PH - PH[VEL].T @ np.linalg.solve(self.P[VEL, VEL] + sigma**2 * np.eye(3), PH[VEL])
+            found.append(float(np.sqrt(max(np.diagonal(left).max(), 0.0))))
         return found[0], found[1]
+
+    def pose(self) -> tuple[Pose, Array]:
+        """Where the sensor is in nav, and the covariance (6, 6) of position and rotation."""
+        order = np.r_[POS, ROT]
+        return Pose(self.p, quat_canonical(self.wxyz_nav_sensor)), self.P[np.ix_(order, order)]
 
     def _update(self, H: Array, residual: Array, variance: Array, robust: bool = True) -> None:
         """Take a measurement: residual (k,) = H (k, STATES) times the error, and noise of variance (k,)."""

@@ -14,12 +14,11 @@ from pbd.tracking.knots import STOP_KNOT_S
 from pbd.tracking.noise import Noise
 from pbd.tracking.online_filter import UP, OnlineFilter
 from pbd.tracking.online_samples import Sample, Strapdown
-from pbd.tracking.preintegration import POS, ROT
 from pbd.tracking.rest import Rest
 from pbd.tracking.smoother import SLOW
-from pbd.tracking.zero_velocity import MERGE_S, WINDOW_S, energies, quiet_limits, speed_by_energies
+from pbd.tracking.zero_velocity import MERGE_S, SETTING_OUT_S, WINDOW_S, energies, quiet_limits, speed_by_energies
 
-CONFIRM_S, DOUBTED_S = 0.2, 1.0
+CONFIRM_S, DOUBTED_S = 0.2, 2.0
 """s: a hand is taken to stand still once it has done so for this long; where that is in doubt, for the second."""
 
 GATE = 14.2
@@ -77,31 +76,27 @@ LiveEvent = RestFound | StopBegan | StopEnded | DataFlaw
 
 
 @dataclass(frozen=True, eq=False)
-class _Standing:
-    """A stop so far: its first and latest sample, and the filter as it was there."""
+class Standing:
+    """A stop so far: its first and latest sample, and the pose at its last knot with its covariance (6, 6)."""
 
     first: Sample
     last: Sample
-    filter: OnlineFilter
+    pose: Pose
+    cov: Array
 
     @property
     def stop(self) -> Stop:
+        """As the batch tracker says it."""
         return Stop(self.first.row, self.last.row + 1, self.last.t - self.first.t)
 
     @property
     def keyframe(self) -> Keyframe:
-        at, P = self.filter, self.filter.P
-        order = np.r_[POS, ROT]
-        return Keyframe(
-            t=0.5 * (self.first.t + self.last.t),
-            dwell_s=self.last.t - self.first.t,
-            T_nav_sensor=Pose(at.p, quat_canonical(at.wxyz_nav_sensor)),
-            cov=P[np.ix_(order, order)],
-        )
+        """As the batch tracker says it."""
+        return Keyframe(0.5 * (self.first.t + self.last.t), self.last.t - self.first.t, self.pose, self.cov)
 
 
 @dataclass(frozen=True, eq=False)
-class _Trial:
+class Trial:
     """The hand may stand still since a sample, or, swaying, since an instant (s); and whether that is in doubt."""
 
     first: Sample
@@ -115,6 +110,7 @@ class LiveHand:
     Attributes:
         rest: what the thresholds are taken from.
         flaws: what was wrong with the data since the last stop, a line each.
+        still: whether the hand stands still, as far as is known.
     """
 
     def __init__(self, samples: Sequence[Sample], interval: float, rest: Rest, noise: Noise, has_gyro: bool) -> None:
@@ -125,17 +121,18 @@ class LiveHand:
         self._strapdown = Strapdown(samples[0], interval, noise, bias, self._device)
         self._n = max(2, round(WINDOW_S / interval))
         self._window: deque[tuple[Sample, Array, Array]] = deque(maxlen=self._n)
-        self._left: list[_Standing] = []
+        self._left: list[Standing] = []
         self._field: list[Array] = []
+        self._undisturbed = 0.0, 0.0  # strength and dip (rad) of the field at the first rest
         self._angles = [np.zeros(3)]
-        self._trial: _Trial | None = None
+        self._trial: Trial | None = None
         self._ahead: OnlineFilter | None = None
         self._t_knot = self._t_compass = samples[0].t
         self.learn(rest, noise)
         E = np.eye(3) if self._device else self._level(samples, rest)
         self._filter = OnlineFilter(noise, rest, E, self._strapdown.wxyz)
-        self._stop: _Standing | None = _Standing(samples[0], samples[0], self._filter.fork())
-        self._still, self._t_shaken = True, samples[0].t
+        self._stop: Standing | None = Standing(samples[0], samples[0], *self._filter.pose())
+        self.still, self._settled, self._t_shaken = True, True, samples[0].t
         for sample in samples[1:]:
             self.advance(sample)
 
@@ -148,11 +145,10 @@ class LiveHand:
     def _level(self, samples: Sequence[Sample], rest: Rest) -> Array:
         """Nav in the sensor's axes (3, 3), by gravity, and by the compass or one of the sensor's own axes."""
         up, fields = rest.up_sensor, [sample.mag for sample in samples if sample.mag is not None]
-        self._strength = self._dip = 0.0
         if fields:
             field = np.mean(fields, axis=0)
-            self._strength = float(np.sqrt(field @ field))
-            self._dip = float(np.arcsin(np.clip(field @ up / self._strength, -1.0, 1.0)))
+            strength = float(np.sqrt(field @ field))
+            self._undisturbed = strength, float(np.arcsin(np.clip(field @ up / strength, -1.0, 1.0)))
             ahead = skew(field) @ up  # east
         else:
             axis = np.eye(3)[0 if abs(up[0]) < np.cos(np.radians(30.0)) else 1]
@@ -166,7 +162,7 @@ class LiveHand:
         strapdown.push(sample)
         seen = (sample.acc, np.zeros(3)) if self._device else (strapdown.u, strapdown.rate)
         self._window.append((sample, *seen))
-        if sample.mag is not None and self._strength:
+        if sample.mag is not None and self._undisturbed[0]:
             self._field.append(quat_rotate(strapdown.wxyz, sample.mag))
         if strapdown.count < strapdown.block:
             return []
@@ -197,22 +193,12 @@ class LiveHand:
         """Hold the heading against the compass, or the attitude against the device's own."""
         lasted, self._t_compass = sample.t - self._t_compass, sample.t
         if self._device:
-            rate = self._strapdown.rate
-            sigma = np.hypot(self._noise.device_turn, self._noise.device_lag * np.sqrt(rate @ rate))
             for each in self._hypotheses():
-                each.level(float(sigma))
-        if not self._field:
-            return
-        field, self._field = np.mean(self._field, axis=0), []
-        for each in self._hypotheses():
-            h = each.E @ field
-            level = max(float(np.hypot(h[0], h[1])), 1e-12)
-            east = float(np.arctan2(h[0], h[1]))
-            stronger, steeper = np.sqrt(h @ h) / self._strength - 1.0, np.arctan2(h[2], level) - self._dip
-            off = (stronger**2 + steeper**2 + (np.cos(self._dip) * east) ** 2) / self._noise.field**2
-            turned = -skew(h)  # d h / d theta
-            by_turn = (h[1] * turned[0] - h[0] * turned[1]) / level**2
-            each.point_north(east, by_turn, self._noise.compass**2 / lasted * (1.0 + off) ** 2)
+                each.agree_with_device(self._strapdown.rate)
+        if self._field:
+            field, self._field = np.mean(self._field, axis=0), []
+            for each in self._hypotheses():
+                each.point_north(field, self._undisturbed, lasted)
 
     def _knot(self, at: OnlineFilter, t: float, same: bool) -> None:
         """The hand stands still; and, in the same stop, as it stood at the knot before."""
@@ -226,23 +212,31 @@ class LiveHand:
         at.keep()
         self._t_knot, self._angles = t, [np.zeros(3)]
 
-    def _standing(self, stop: _Standing, sample: Sample, quiet: bool) -> list[LiveEvent]:
+    def _standing(self, stop: Standing, sample: Sample, quiet: bool) -> list[LiveEvent]:
         """Go on in a stop, or find that it is over.
 
-        A hand that sets out slowly is seen late, so each knot is taken for good only at the next one.
+        A hand that sets out slowly is seen late, so each knot is taken for good only at the next one; and one that
+        arrives slowly seems to stand too soon, so that the first is dropped for the second.
         """
-        ahead = self._ahead or self._filter
+        ahead = self._filter if self._ahead is None else self._ahead
         off, speed = ahead.doubt_of_rest(self._sigma)
-        self._still = quiet and not (off > GATE and speed > max(SLOW, 3.0 * self._sigma))
-        if self._still:
+        self.still = quiet and not (off > GATE and speed > max(SLOW, 3.0 * self._sigma))
+        if self.still:
             if sample.t - self._t_knot >= STOP_KNOT_S - 1e-6:
-                self._filter, self._ahead = ahead, ahead.fork()
-                self._knot(self._ahead, sample.t, same=True)
-                stop = replace(stop, filter=self._ahead.fork())
+                if self._settled:
+                    self._filter = ahead
+                ahead = self._ahead = self._filter.fork()
+                self._knot(ahead, sample.t, same=self._settled)
+                self._settled = True
+                pose, cov = ahead.pose()
+                stop = replace(stop, pose=pose, cov=cov)
             self._stop = replace(stop, last=sample)
+            if self._settled and off < GATE and sample.t - self._t_knot > SETTING_OUT_S:
+                self._filter, self._ahead = ahead, None
             self._strapdown.clipped = False
         elif sample.t - stop.last.t > MERGE_S + WINDOW_S:
             self._left.append(stop)
+            self._filter = self._filter if self._settled else ahead
             self._stop = self._ahead = None
             return [StopEnded(len(self._left) - 1, stop.last.t, stop.keyframe)]
         return []
@@ -260,7 +254,7 @@ class LiveHand:
             self._ahead = self._filter.fork()
             off, speed = self._ahead.doubt_of_rest(self._sigma)
             slow = trial is not None and not fast and not trial.doubted
-            trial = _Trial(first, trial.since if trial and slow else sample.t, off > GATE)
+            trial = Trial(first, trial.since if trial and slow else sample.t, off > GATE)
             if trial.doubted:
                 self._ahead.widen(sample.t - last.t, speed)
             self._knot(self._ahead, sample.t, same=False)
@@ -268,18 +262,20 @@ class LiveHand:
         lasts = DOUBTED_S if trial.doubted and not self._knocked(trial.first) else CONFIRM_S
         if sample.t - trial.first.t >= lasts - 1e-6:
             return [self._arrive(trial, sample)]
-        if sample.t - self._t_knot >= STOP_KNOT_S - 1e-6:
+        if self._ahead is not None and sample.t - self._t_knot >= STOP_KNOT_S - 1e-6:
             self._knot(self._ahead, sample.t, same=True)
         return []
 
-    def _arrive(self, trial: _Trial, sample: Sample) -> StopBegan:
+    def _arrive(self, trial: Trial, sample: Sample) -> StopBegan:
         """The trial was right."""
         assert self._ahead is not None
-        self._filter, self._trial, self._still = self._ahead, None, True
+        if trial.doubted:
+            self._filter = self._ahead
+        self._trial, self.still, self._settled = None, True, trial.doubted
         self._ahead = self._filter.fork()
-        self._knot(self._ahead, sample.t, same=True)
+        self._knot(self._ahead, sample.t, same=trial.doubted)
         before = self._left[-1]
-        first, moved = trial.first, self._ahead.p - before.filter.p
+        first, moved = trial.first, self._ahead.p - before.pose.p
         knocked = self._knocked(first)
         bounced = len(self._left) > 1 and before.stop.dwell_s < BOUNCE_S and first.t - before.last.t < BOUNCE_GAP_S
         if (knocked or bounced) and np.sqrt(moved @ moved) < BOUNCE_M:
@@ -288,7 +284,7 @@ class LiveHand:
         if self._strapdown.clipped:
             self.flaws.append("the gyro was at the end of its range; move slower, or set a larger range")
             self._strapdown.clipped = False
-        self._stop = _Standing(first, sample, self._ahead.fork())
+        self._stop = Standing(first, sample, *self._ahead.pose())
         return self.here(sample.t)
 
     def _knocked(self, first: Sample) -> bool:
@@ -298,66 +294,28 @@ class LiveHand:
 
     def here(self, t: float) -> StopBegan:
         """The stop under way, as an event at `t` s."""
-        assert self._stop is not None
+        stop, index = self.standing[-1], len(self.standing) - 1
         flaws, self.flaws = tuple(self.flaws), []
-        return StopBegan(len(self._left), self._stop.first.t, t, self._stop.keyframe, flaws)
-
-    def stands_since(self, t: float) -> bool:
-        """Whether the hand stands still, and has done so since `t` s."""
-        return self._stop is not None and self._still and self._stop.first.t <= t
+        return StopBegan(index, stop.first.t, t, stop.keyframe, flaws)
 
     @property
-    def moving(self) -> bool:
-        """Whether the hand moves, as far as is known."""
-        return not self._still
+    def standing(self) -> tuple[Standing, ...]:
+        """All stops; the last one as long as it was so far, if the hand is still there."""
+        return (*self._left, *(() if self._stop is None else (self._stop,)))
 
-    @property
-    def _all(self) -> list[_Standing]:
-        return self._left if self._stop is None else [*self._left, self._stop]
-
-    @property
-    def stops(self) -> tuple[Stop, ...]:
-        """All stops; the last one is as long as it was so far, if the hand is still there."""
-        return tuple(each.stop for each in self._all)
-
-    @property
-    def keyframes(self) -> tuple[Keyframe, ...]:
-        """One keyframe a stop."""
-        return tuple(each.keyframe for each in self._all)
-
-    @property
-    def wxyz_nav_sensor(self) -> Array:
-        """(4,) at the latest sample."""
-        return quat_canonical(quat_multiply(quat_from_matrix(self._filter.E), self._strapdown.wxyz))
-
-    @property
-    def p_nav_sensor(self) -> Array:
-        """(3,) m: that of the stop, or from there by dead reckoning."""
-        if self._stop is not None and self._still:
-            return self._stop.filter.p
+    def now(self) -> tuple[Array, Array, Array]:
+        """wxyz_nav_sensor (4,), p_nav_sensor (3,) m and v_nav_sensor (3,) m/s at the latest sample."""
         at, strapdown, T = self._filter, self._strapdown, self._strapdown.T
-        p: Array = at.p + T * at.v + at.E @ strapdown.dP - 0.5 * at.gravity * T**2 * UP
-        return p
+        wxyz = quat_canonical(quat_multiply(quat_from_matrix(at.E), strapdown.wxyz))
+        if self._stop is not None and self.still:
+            return wxyz, self._stop.pose.p, np.zeros(3)
+        p = at.p + T * at.v + at.E @ strapdown.dP - 0.5 * at.gravity * T**2 * UP
+        return wxyz, p, at.v + at.E @ strapdown.dU - at.gravity * T * UP
 
-    @property
-    def v_nav_sensor(self) -> Array:
-        """(3,) m/s, by dead reckoning; zero in a stop."""
-        if self._still:
-            return np.zeros(3)
-        at, strapdown = self._filter, self._strapdown
-        v: Array = at.v + at.E @ strapdown.dU - at.gravity * strapdown.T * UP
-        return v
+    def sigmas(self) -> tuple[float, float]:
+        """One sigma in m of the position if the hand stops now, from the origin on, along the least sure axis.
 
-    @property
-    def sigma_now(self) -> float:
-        """One sigma in m of the position if the hand stops now, from the origin on, along the least sure axis."""
-        return self._sigmas()[0]
-
-    @property
-    def sigma_of_move(self) -> float:
-        """One sigma in m that the move under way adds if it ends now, along the least sure axis; 0 in a stop."""
-        return 0.0 if self._still else self._sigmas()[1]
-
-    def _sigmas(self) -> tuple[float, float]:
+        The second is what the move under way adds; 0 in a stop.
+        """
         here, way = self._filter.if_it_stopped(self._noise.still_speed)
-        return float(np.sqrt(max(np.diagonal(here).max(), 0.0))), float(np.sqrt(max(np.diagonal(way).max(), 0.0)))
+        return here, 0.0 if self.still else way

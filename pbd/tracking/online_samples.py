@@ -7,8 +7,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pbd.pose import Array, lengths, quat_exp, quat_from_rpy, quat_inverse, quat_log, quat_multiply, quat_rotate
-from pbd.pose import quat_to_matrix, skew
+from pbd.pose import (
+    Array,
+    lengths,
+    quat_exp,
+    quat_from_rpy,
+    quat_inverse,
+    quat_log,
+    quat_multiply,
+    quat_rotate,
+    quat_to_matrix,
+    skew,
+)
 from pbd.tracking.conditioning import BRIDGED_S, CLOCK_JUMP_S, LARGEST
 from pbd.tracking.knots import MOVE_KNOT_S
 from pbd.tracking.noise import Noise, densities
@@ -191,13 +201,13 @@ class Strapdown:
         self._guessed = np.zeros(2)
 
     @property
-    def dU(self) -> Array:  # noqa: N802
+    def dU(self) -> Array:
         """(3,) m/s."""
         gained: Array = self._U[0]
         return gained
 
     @property
-    def dP(self) -> Array:  # noqa: N802
+    def dP(self) -> Array:
         """(3,) m."""
         way: Array = self._P[0]
         return way
@@ -267,7 +277,7 @@ class Strapdown:
         self._begin()
         return leg
 
-    def _noise(self, n: int, T: float, up: Array) -> Array:  # noqa: N803
+    def _noise(self, n: int, T: float, up: Array) -> Array:
         """Covariance (9, 9) of turn, velocity and way."""
         dt = T / n
         recent = list(self._recent)[-(n + 4) :]
