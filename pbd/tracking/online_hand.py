@@ -18,8 +18,9 @@ from pbd.tracking.rest import Rest
 from pbd.tracking.smoother import SLOW
 from pbd.tracking.zero_velocity import MERGE_S, SETTING_OUT_S, WINDOW_S, energies, quiet_limits, speed_by_energies
 
-CONFIRM_S, DOUBTED_S = 0.2, 2.0
-"""s: a hand is taken to stand still once it has done so for this long; where that is in doubt, for the second."""
+CONFIRM_S, DOUBTED_S, DEVICE_S = 0.2, 2.0, 0.6
+"""s: a hand is taken to stand still once it has done so for this long; where that is in doubt, for the second, as half
+of a hand's slowest move lasts no longer; or, where a device's own attitude is the doubt, for the third."""
 
 GATE = 14.2
 """Squared sigmas of a velocity that are more than chance: as seldom as three of one axis (chi-square, 3 degrees)."""
@@ -97,11 +98,13 @@ class Standing:
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """The hand may stand still since a sample, or, swaying, since an instant (s); and whether that is in doubt."""
+    """The hand may stand still since a sample, or, swaying, since an instant (s); whether that is in doubt, and whether
+    it is the last stop after a jolt."""
 
     first: Sample
     since: float
     doubted: bool
+    knocked: bool
 
 
 class LiveHand:
@@ -132,7 +135,7 @@ class LiveHand:
         E = np.eye(3) if self._device else self._level(samples, rest)
         self._filter = OnlineFilter(noise, rest, E, self._strapdown.wxyz)
         self._stop: Standing | None = Standing(samples[0], samples[0], *self._filter.pose())
-        self.still, self._settled, self._t_shaken = True, True, samples[0].t
+        self.still, self._settled, self._t_quiet = True, True, samples[0].t
         for sample in samples[1:]:
             self.advance(sample)
 
@@ -168,7 +171,8 @@ class LiveHand:
             return []
         quiet = self._look()
         still_acc = np.mean([each.acc for each, _, _ in self._window], axis=0) if quiet else None
-        self._t_shaken = self._t_shaken if quiet else sample.t
+        if not quiet:
+            self._t_quiet = sample.t  # the latest moment that wasn't
         leg = strapdown.leg(still_acc, self._filter.E[2] * self._filter.gravity)
         self._angles.append(self._angles[-1] + leg.angle)
         for each in self._hypotheses():
@@ -220,7 +224,8 @@ class LiveHand:
         """
         ahead = self._filter if self._ahead is None else self._ahead
         off, speed = ahead.doubt_of_rest(self._sigma)
-        self.still = quiet and not (off > GATE and speed > max(SLOW, 3.0 * self._sigma))
+        fast = off > GATE and speed > max(SLOW, 3.0 * self._sigma)
+        self.still = quiet and (self._device or not fast)
         if self.still:
             if sample.t - self._t_knot >= STOP_KNOT_S - 1e-6:
                 if self._settled:
@@ -249,17 +254,21 @@ class LiveHand:
         if not quiet:
             self._trial = self._ahead = None
             return []
+        off = 0.0 if self._device else off  # its attitude goes on turning after the hand has stopped
         fast = off > GATE and speed > max(SLOW, 3.0 * self._sigma)
         if trial is None or fast or (off > GATE and (trial.doubted or sample.t - trial.since < DOUBTED_S)):
             self._ahead = self._filter.fork()
             off, speed = self._ahead.doubt_of_rest(self._sigma)
-            slow = trial is not None and not fast and not trial.doubted
-            trial = Trial(first, trial.since if trial and slow else sample.t, off > GATE)
+            sways = trial is not None and not trial.doubted and speed < SLOW
+            # Quiet but for a jolt since the last stop?
+            soon = sample.t - last.t < MERGE_S + 2.0 * WINDOW_S and self._t_quiet - last.t < MERGE_S + WINDOW_S
+            knocked = off > GATE and soon and self._t_quiet > last.t
+            trial = Trial(first, trial.since if trial and sways else sample.t, off > GATE, knocked)
             if trial.doubted:
                 self._ahead.widen(sample.t - last.t, speed)
-            self._knot(self._ahead, sample.t, same=False)
+            self._knot(self._ahead, sample.t, same=knocked)
         self._trial = trial
-        lasts = DOUBTED_S if trial.doubted and not self._knocked(trial.first) else CONFIRM_S
+        lasts = CONFIRM_S if trial.knocked or not trial.doubted else DEVICE_S if self._device else DOUBTED_S
         if sample.t - trial.first.t >= lasts - 1e-6:
             return [self._arrive(trial, sample)]
         if self._ahead is not None and sample.t - self._t_knot >= STOP_KNOT_S - 1e-6:
@@ -276,21 +285,15 @@ class LiveHand:
         self._knot(self._ahead, sample.t, same=trial.doubted)
         before = self._left[-1]
         first, moved = trial.first, self._ahead.p - before.pose.p
-        knocked = self._knocked(first)
         bounced = len(self._left) > 1 and before.stop.dwell_s < BOUNCE_S and first.t - before.last.t < BOUNCE_GAP_S
-        if (knocked or bounced) and np.sqrt(moved @ moved) < BOUNCE_M:
+        if (trial.knocked or bounced) and np.sqrt(moved @ moved) < BOUNCE_M:
             before = self._left.pop()
-            first = before.first if knocked else first
+            first = before.first if trial.knocked else first
         if self._strapdown.clipped:
             self.flaws.append("the gyro was at the end of its range; move slower, or set a larger range")
             self._strapdown.clipped = False
         self._stop = Standing(first, sample, *self._ahead.pose())
         return self.here(sample.t)
-
-    def _knocked(self, first: Sample) -> bool:
-        """Whether a stop that begins with a sample is the last one after a jolt."""
-        last_t = self._left[-1].last.t
-        return first.t - last_t < MERGE_S and self._t_shaken > last_t
 
     def here(self, t: float) -> StopBegan:
         """The stop under way, as an event at `t` s."""

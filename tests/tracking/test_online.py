@@ -21,6 +21,7 @@ from pbd.sensors.simulated_tasks import HEADING, Task
 from pbd.tracking.estimate import estimate
 from pbd.tracking.noise import FACTORY, Noise, noise_of
 from pbd.tracking.online import DataFlaw, LiveEvent, LiveTracker, RestFound, StopBegan, StopEnded
+from pbd.tracking.online_filter import UP
 from pbd.tracking.online_samples import Sample, Strapdown
 from pbd.tracking.preintegration import gyro_frame
 from pbd.tracking.rest import find_rest
@@ -143,12 +144,14 @@ def test_the_truth_lies_within_its_sigma(sensor: str) -> None:
     for seed in range(8):
         demo = simulate("pour", sensor, seed)
         assert demo.truth is not None
-        keyframes = fed(demo.recording)[0].keyframes
+        truth, keyframes = demo.truth, fed(demo.recording)[0].keyframes
         assert len(keyframes) == 11
-        for keyframe in keyframes[1:]:
-            off = keyframe.T_nav_sensor.p - truth_at(demo.truth, keyframe.t)
-            true = demo.truth.wxyz_nav_sensor[int(np.searchsorted(demo.truth.t, keyframe.t))]
-            turn = quat_log(quat_multiply(keyframe.T_nav_sensor.wxyz, quat_inverse(true)))
+        true = [truth.wxyz_nav_sensor[int(np.searchsorted(truth.t, keyframe.t))] for keyframe in keyframes]
+        yaw = yaw_toward(keyframes[0].T_nav_sensor.wxyz, true[0]) * UP  # sigma is relative to the first stop
+        for keyframe, wxyz in zip(keyframes[1:], true[1:], strict=True):
+            p = keyframe.T_nav_sensor.p
+            off = p + np.cross(yaw, p) - truth_at(truth, keyframe.t)
+            turn = quat_log(quat_multiply(keyframe.T_nav_sensor.wxyz, quat_inverse(wxyz))) + yaw
             scaled.append(np.concatenate((off, turn)) / np.sqrt(np.diagonal(keyframe.cov)))
     z = np.abs(scaled)
     for part in (z[:, :3], z[:, 3:]):
@@ -208,11 +211,13 @@ def test_a_slow_hand_stops_where_it_does_and_nowhere_else(sensor: str, slower: f
     task = replace(TASKS["pour"], waypoints=waypoints)
     starts = stop_starts(task)
     ends = starts + [waypoint.rest_s for waypoint in waypoints]
-    _, events = fed(simulate(task, sensor, 6).recording)
-    announced = np.array([event.announced_t for event in began(events)])
+    demo = simulate(task, sensor, 6)
+    assert demo.truth is not None
+    announced = np.array([event.announced_t for event in began(fed(demo.recording)[1])])
     assert len(announced) == len(starts)
-    assert (announced[1:] > starts[1:] - 0.1 * slower).all()  # a move ends smoothly
-    assert (announced[1:] < ends[1:]).all()
+    assert (announced < ends).all()
+    speed = np.linalg.norm(np.gradient(demo.truth.p_nav_sensor, demo.truth.t, axis=0), axis=1)
+    assert np.interp(announced, demo.truth.t, speed).max() < 0.02
 
 
 def test_the_hand_is_seen_on_its_way() -> None:
@@ -236,7 +241,7 @@ def test_the_hand_is_seen_on_its_way() -> None:
     still = np.interp(recording.t[:950], truth.t, np.linalg.norm(speed, axis=1)) == 0.0
     assert of_move[200] == 0.0
     (move,) = [k for k in range(250, 349) if of_move[k] == 0.0 and of_move[k + 1] > 0.0]
-    assert (np.diff(of_move[move + 1 : 340]) > 0.0).all()  # it grows as the move goes on
+    assert (np.diff(of_move[move + 1 : 340 : 4]) > 0.0).all()  # it grows as the move goes on, block by block
     assert still[200]
     sigma = np.sqrt(tracker.keyframes[1].cov[0, 0])
     assert 0.5 * sigma < of_move[355] < 2.0 * sigma  # and foretells that of the keyframe
