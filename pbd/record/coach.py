@@ -24,8 +24,8 @@ URGED_S = 1.5
 class Coach:
     """Feeds the live tracker and collects what is worth a line."""
 
-    def __init__(self, tolerance_m: float, errors: SensorErrors | None = None) -> None:
-        self.tracker = LiveTracker()
+    def __init__(self, tolerance_m: float, errors: SensorErrors | None = None, sensor: str = "") -> None:
+        self.tracker = LiveTracker(sensor)
         self.stops = 0
         self._tolerance_m = tolerance_m
         self._errors = errors

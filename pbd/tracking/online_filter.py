@@ -120,9 +120,9 @@ class OnlineFilter:
         S = self.P[VEL, VEL] + sigma**2 * np.eye(3)
         return float(self.v @ np.linalg.solve(S, self.v)), float(np.sqrt(self.v @ self.v))
 
-    def stand(self, sigma: float) -> None:
+    def stand(self, sigma: float, robust: bool = True) -> None:
         """The velocity is zero within `sigma` m/s along each axis; what is far off counts less (Geman-McClure)."""
-        self._update(_pick(VEL), -self.v, sigma**2 * np.ones(3))
+        self._update(_pick(VEL), -self.v, np.full(3, sigma**2), robust)
 
     def stay(self, turn_sigma: float) -> None:
         """Since the last knot nothing has moved, or turned by more than `turn_sigma` rad."""

@@ -14,7 +14,7 @@ from pbd.tracking.knots import STOP_KNOT_S
 from pbd.tracking.noise import Noise
 from pbd.tracking.online_filter import UP, OnlineFilter
 from pbd.tracking.online_samples import Sample, Strapdown
-from pbd.tracking.rest import Rest
+from pbd.tracking.rest import STILL_ACC, Rest
 from pbd.tracking.smoother import SLOW
 from pbd.tracking.zero_velocity import MERGE_S, SETTING_OUT_S, WINDOW_S, energies, quiet_limits, speed_by_energies
 
@@ -131,6 +131,7 @@ class LiveHand:
         self._trial: Trial | None = None
         self._ahead: OnlineFilter | None = None
         self._t_knot = self._t_compass = samples[0].t
+        self._acc_knot = samples[0].acc
         self.learn(rest, noise)
         E = np.eye(3) if self._device else self._level(samples, rest)
         self._filter = OnlineFilter(noise, rest, E, self._strapdown.wxyz)
@@ -214,7 +215,7 @@ class LiveHand:
         if not self._left:
             at.begin_here()
         at.keep()
-        self._t_knot, self._angles = t, [np.zeros(3)]
+        self._t_knot, self._angles, self._acc_knot = t, [np.zeros(3)], self._window[-1][0].acc
 
     def _standing(self, stop: Standing, sample: Sample, quiet: bool) -> list[LiveEvent]:
         """Go on in a stop, or find that it is over.
@@ -225,7 +226,10 @@ class LiveHand:
         ahead = self._filter if self._ahead is None else self._ahead
         off, speed = ahead.doubt_of_rest(self._sigma)
         fast = off > GATE and speed > max(SLOW, 3.0 * self._sigma)
-        self.still = quiet and (self._device or not fast)
+        if self._device:  # its attitude goes on turning after the hand has stopped
+            tipped = sample.acc - self._acc_knot
+            fast = float(np.sqrt(tipped @ tipped)) > STILL_ACC
+        self.still = quiet and not fast
         if self.still:
             if sample.t - self._t_knot >= STOP_KNOT_S - 1e-6:
                 if self._settled:
@@ -266,7 +270,10 @@ class LiveHand:
             trial = Trial(first, trial.since if trial and sways else sample.t, off > GATE, knocked)
             if trial.doubted:
                 self._ahead.widen(sample.t - last.t, speed)
-            self._knot(self._ahead, sample.t, same=knocked)
+            if knocked:
+                self._knot(self._ahead, sample.t, same=True)
+            self._ahead.stand(self._sigma, robust=False)
+            self._knot(self._ahead, sample.t, same=False)
         self._trial = trial
         lasts = CONFIRM_S if trial.knocked or not trial.doubted else DEVICE_S if self._device else DOUBTED_S
         if sample.t - trial.first.t >= lasts - 1e-6:

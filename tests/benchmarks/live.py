@@ -62,7 +62,7 @@ def main() -> None:
 
 def run(recording: Recording) -> tuple[LiveTracker, list[StopBegan], list[float]]:
     """Feed a recording row by row: the tracker, its stops as they were told, and the time of each row in us."""
-    tracker, told, times = LiveTracker(), [], []
+    tracker, told, times = LiveTracker(recording.info.sensor), [], []
     for k in range(len(recording)):
         row = (
             None if channel is None else channel[k]
