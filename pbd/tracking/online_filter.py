@@ -27,7 +27,7 @@ from pbd.pose import (
 )
 from pbd.tracking.factors import DOUBT
 from pbd.tracking.noise import Noise, acc_doubt
-from pbd.tracking.online_samples import Leg
+from pbd.tracking.online_samples import Leg, Strapdown
 from pbd.tracking.preintegration import ACC_BIAS, ACC_MATRIX, ERRORS, GYR_BIAS, GYR_MATRIX, LAG, POS, ROT, VEL
 from pbd.tracking.rest import Rest
 
@@ -55,11 +55,13 @@ class OnlineFilter:
         wxyz_gyro: (4,), gyro frame <- sensor.
     """
 
-    def __init__(self, noise: Noise, rest: Rest, E: Array, wxyz_gyro: Array) -> None:
-        """Begin in a stop, at the origin."""
+    def __init__(self, noise: Noise, rest: Rest, wxyz_gyro: Array, field: Array | None, is_device: bool) -> None:
+        """Begin in a stop, at the origin, with the mean field (3,) of a compass; or where C is a device's attitude."""
         device = noise.device
         self.noise = noise
-        self.E, self.v, self.p = E, np.zeros(3), np.zeros(3)
+        self.E = np.eye(3) if is_device else _level(rest.up_sensor, field)
+        self.v, self.p = np.zeros(3), np.zeros(3)
+        self._undisturbed = self.E @ (UP if field is None else field)
         self.x, self.gravity, self.north = np.zeros(ERRORS), noise.gravity, 0.0
         self.x[LAG] = noise.lag
         self.wxyz_gyro = wxyz_gyro
@@ -81,6 +83,13 @@ class OnlineFilter:
     def wxyz_nav_sensor(self) -> Array:
         """(4,)."""
         return quat_multiply(quat_from_matrix(self.E), self.wxyz_gyro)
+
+    def later(self, strapdown: Strapdown) -> tuple[Array, Array, Array]:
+        """wxyz_nav_sensor (4,), p_nav_sensor (3,) m and v_nav_sensor (3,) m/s, in the middle of a block of samples."""
+        T, E = strapdown.T, self.E
+        v = self.v + E @ strapdown.U[0] - self.gravity * T * UP
+        p = self.p + T * self.v + E @ strapdown.P[0] - 0.5 * self.gravity * T**2 * UP
+        return quat_canonical(quat_multiply(quat_from_matrix(E), strapdown.wxyz)), p, v
 
     def propagate(self, leg: Leg) -> None:
         """Go on by a block of samples."""
@@ -132,9 +141,10 @@ class OnlineFilter:
         turned = quat_log(quat_multiply(self.wxyz_nav_sensor, wxyz * (1.0, -1.0, -1.0, -1.0)))
         self._update(_pick(ROT, KEPT_ROT), -turned, np.full(3, turn_sigma**2))
 
-    def point_north(self, field: Array, undisturbed: tuple[float, float], lasted: float) -> None:
-        """A compass shows a mean field (3,) in the gyro frame over so many s; what it is undisturbed: strength, dip."""
-        (strength, dip), h = undisturbed, self.E @ field
+    def point_north(self, field: Array, lasted: float) -> None:
+        """A compass shows a mean field (3,) in the gyro frame over so many s: north, if it is as at the first rest."""
+        earth, h = self._undisturbed, self.E @ field
+        strength, dip = np.sqrt(earth @ earth), np.arctan2(earth[2], np.hypot(earth[0], earth[1]))
         level, east = max(float(np.hypot(h[0], h[1])), 1e-12), float(np.arctan2(h[0], h[1]))
         stronger, steeper = np.sqrt(h @ h) / strength - 1.0, np.arctan2(h[2], level) - dip
         off = (stronger**2 + steeper**2 + (np.cos(dip) * east) ** 2) / self.noise.field**2
@@ -204,6 +214,17 @@ class OnlineFilter:
         self.gravity, self.north = self.gravity + float(d[GRAVITY]), self.north + float(d[NORTH])
         wxyz, p = self._kept
         self._kept = quat_multiply(quat_exp(d[KEPT_ROT]), wxyz), p + d[KEPT_POS]
+
+
+def _level(up: Array, field: Array | None) -> Array:
+    """Nav in the sensor's axes (3, 3), by the vertical, and by the compass or one of the sensor's own axes."""
+    if field is None:  # as `heading` has it
+        axis = np.eye(3)[0 if abs(up[0]) < np.cos(np.radians(30.0)) else 1]
+        ahead = axis - (axis @ up) * up
+    else:
+        ahead = skew(field) @ up  # east
+    ahead = ahead / np.sqrt(ahead @ ahead)
+    return np.stack((ahead, skew(up) @ ahead, up))
 
 
 def _pick(states: slice, less: slice | None = None) -> Array:

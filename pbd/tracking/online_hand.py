@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pbd.data import Keyframe, Stop
-from pbd.pose import Array, Pose, quat_canonical, quat_from_matrix, quat_multiply, quat_rotate, skew
+from pbd.pose import Array, Pose, quat_rotate
 from pbd.tracking.knots import STOP_KNOT_S
 from pbd.tracking.noise import Noise
-from pbd.tracking.online_filter import UP, OnlineFilter
+from pbd.tracking.online_filter import OnlineFilter
 from pbd.tracking.online_samples import Sample, Strapdown
 from pbd.tracking.rest import STILL_ACC, Rest
 from pbd.tracking.smoother import SLOW
@@ -87,12 +87,12 @@ class Standing:
 
     @property
     def stop(self) -> Stop:
-        """As the batch tracker says it."""
+        """In rows."""
         return Stop(self.first.row, self.last.row + 1, self.last.t - self.first.t)
 
     @property
     def keyframe(self) -> Keyframe:
-        """As the batch tracker says it."""
+        """In nav."""
         return Keyframe(0.5 * (self.first.t + self.last.t), self.last.t - self.first.t, self.pose, self.cov)
 
 
@@ -125,16 +125,16 @@ class LiveHand:
         self._n = max(2, round(WINDOW_S / interval))
         self._window: deque[tuple[Sample, Array, Array]] = deque(maxlen=self._n)
         self._left: list[Standing] = []
-        self._field: list[Array] = []
-        self._undisturbed = 0.0, 0.0  # strength and dip (rad) of the field at the first rest
         self._angles = [np.zeros(3)]
         self._trial: Trial | None = None
         self._ahead: OnlineFilter | None = None
         self._t_knot = self._t_compass = samples[0].t
         self._acc_knot = samples[0].acc
         self.learn(rest, noise)
-        E = np.eye(3) if self._device else self._level(samples, rest)
-        self._filter = OnlineFilter(noise, rest, E, self._strapdown.wxyz)
+        fields = [sample.mag for sample in samples if sample.mag is not None]
+        self._field: list[Array] | None = [] if fields else None
+        north = np.mean(fields, axis=0) if fields else None
+        self._filter = OnlineFilter(noise, rest, self._strapdown.wxyz, north, self._device)
         self._stop: Standing | None = Standing(samples[0], samples[0], *self._filter.pose())
         self.still, self._settled, self._t_quiet = True, True, samples[0].t
         for sample in samples[1:]:
@@ -146,27 +146,13 @@ class LiveHand:
         if not self._device:
             self._strapdown.noise = noise
 
-    def _level(self, samples: Sequence[Sample], rest: Rest) -> Array:
-        """Nav in the sensor's axes (3, 3), by gravity, and by the compass or one of the sensor's own axes."""
-        up, fields = rest.up_sensor, [sample.mag for sample in samples if sample.mag is not None]
-        if fields:
-            field = np.mean(fields, axis=0)
-            strength = float(np.sqrt(field @ field))
-            self._undisturbed = strength, float(np.arcsin(np.clip(field @ up / strength, -1.0, 1.0)))
-            ahead = skew(field) @ up  # east
-        else:
-            axis = np.eye(3)[0 if abs(up[0]) < np.cos(np.radians(30.0)) else 1]
-            ahead = axis - (axis @ up) * up
-        ahead = ahead / np.sqrt(ahead @ ahead)
-        return np.stack((ahead, skew(up) @ ahead, up))
-
     def advance(self, sample: Sample) -> list[LiveEvent]:
         """Take the next sample; return what it completes."""
         strapdown = self._strapdown
         strapdown.push(sample)
         seen = (sample.acc, np.zeros(3)) if self._device else (strapdown.u, strapdown.rate)
         self._window.append((sample, *seen))
-        if sample.mag is not None and self._undisturbed[0]:
+        if sample.mag is not None and self._field is not None:
             self._field.append(quat_rotate(strapdown.wxyz, sample.mag))
         if strapdown.count < strapdown.block:
             return []
@@ -176,16 +162,12 @@ class LiveHand:
             self._t_quiet = sample.t  # the latest moment that wasn't
         leg = strapdown.leg(still_acc, self._filter.E[2] * self._filter.gravity)
         self._angles.append(self._angles[-1] + leg.angle)
-        for each in self._hypotheses():
+        known = [self._filter] if self._ahead is None else [self._filter, self._ahead]
+        for each in known:
             each.propagate(leg)
         if sample.t - self._t_compass >= STOP_KNOT_S:
-            self._point(sample)
-        if self._stop is not None:
-            return self._standing(self._stop, sample, quiet)
-        return self._moving(sample, quiet)
-
-    def _hypotheses(self) -> list[OnlineFilter]:
-        return [self._filter] if self._ahead is None else [self._filter, self._ahead]
+            self._point(sample, known)
+        return self._moving(sample, quiet) if self._stop is None else self._standing(self._stop, sample, quiet)
 
     def _look(self) -> bool:
         """Whether the last window is quiet; and how fast a hand may be that stands so still."""
@@ -194,28 +176,31 @@ class LiveHand:
         self._sigma = float(speed_by_energies(shake, turn, self.rest, self._noise)[0])
         return bool(shake[0] < self._limits[0] and turn[0] < self._limits[1]) and len(u) == self._n
 
-    def _point(self, sample: Sample) -> None:
+    def _point(self, sample: Sample, known: Sequence[OnlineFilter]) -> None:
         """Hold the heading against the compass, or the attitude against the device's own."""
-        lasted, self._t_compass = sample.t - self._t_compass, sample.t
-        if self._device:
-            for each in self._hypotheses():
+        for each in known:
+            if self._device:
                 each.agree_with_device(self._strapdown.rate)
-        if self._field:
-            field, self._field = np.mean(self._field, axis=0), []
-            for each in self._hypotheses():
-                each.point_north(field, self._undisturbed, lasted)
+            if self._field:
+                each.point_north(np.mean(self._field, axis=0), sample.t - self._t_compass)
+        self._t_compass, self._field = sample.t, None if self._field is None else []
 
-    def _knot(self, at: OnlineFilter, t: float, same: bool) -> None:
+    def _knot(self, at: OnlineFilter, t: float, same: bool, robust: bool = True) -> None:
         """The hand stands still; and, in the same stop, as it stood at the knot before."""
         if same:
             angle = np.array(self._angles) - self._angles[0]
             sway = angle - np.linspace(0.0, 1.0, len(angle))[:, None] * angle[-1]
             at.stay(float(np.hypot(self._noise.still_turn, 2.0 * np.abs(sway).max())))
-        at.stand(self._sigma)
+        at.stand(self._sigma, robust)
         if not self._left:
             at.begin_here()
         at.keep()
         self._t_knot, self._angles, self._acc_knot = t, [np.zeros(3)], self._window[-1][0].acc
+
+    def _moves(self, at: OnlineFilter) -> tuple[float, bool]:
+        """By how many sigmas, squared, the hand does not stand still; and whether it is fast, too."""
+        off, speed = at.doubt_of_rest(self._sigma)
+        return off, off > GATE and speed > max(SLOW, 3.0 * self._sigma)
 
     def _standing(self, stop: Standing, sample: Sample, quiet: bool) -> list[LiveEvent]:
         """Go on in a stop, or find that it is over.
@@ -224,8 +209,7 @@ class LiveHand:
         arrives slowly seems to stand too soon, so that the first is dropped for the second.
         """
         ahead = self._filter if self._ahead is None else self._ahead
-        off, speed = ahead.doubt_of_rest(self._sigma)
-        fast = off > GATE and speed > max(SLOW, 3.0 * self._sigma)
+        off, fast = self._moves(ahead)
         if self._device:  # its attitude goes on turning after the hand has stopped
             tipped = sample.acc - self._acc_knot
             fast = float(np.sqrt(tipped @ tipped)) > STILL_ACC
@@ -253,13 +237,11 @@ class LiveHand:
     def _moving(self, sample: Sample, quiet: bool) -> list[LiveEvent]:
         """Look for a stop: try how the hand would go on if this were one."""
         trial, last, first = self._trial, self._left[-1].last, self._window[0][0]
-        quiet = quiet and first.t > last.t and not any(each.unseen for each, _, _ in self._window)
-        off, speed = (0.0, 0.0) if self._ahead is None else self._ahead.doubt_of_rest(self._sigma)
-        if not quiet:
+        if not quiet or first.t <= last.t or any(each.unseen for each, _, _ in self._window):
             self._trial = self._ahead = None
             return []
-        off = 0.0 if self._device else off  # its attitude goes on turning after the hand has stopped
-        fast = off > GATE and speed > max(SLOW, 3.0 * self._sigma)
+        # A device's own attitude goes on turning after the hand has stopped.
+        off, fast = (0.0, False) if self._ahead is None or self._device else self._moves(self._ahead)
         if trial is None or fast or (off > GATE and (trial.doubted or sample.t - trial.since < DOUBTED_S)):
             self._ahead = self._filter.fork()
             off, speed = self._ahead.doubt_of_rest(self._sigma)
@@ -270,10 +252,7 @@ class LiveHand:
             trial = Trial(first, trial.since if trial and sways else sample.t, off > GATE, knocked)
             if trial.doubted:
                 self._ahead.widen(sample.t - last.t, speed)
-            if knocked:
-                self._knot(self._ahead, sample.t, same=True)
-            self._ahead.stand(self._sigma, robust=False)
-            self._knot(self._ahead, sample.t, same=False)
+            self._knot(self._ahead, sample.t, same=knocked, robust=False)
         self._trial = trial
         lasts = CONFIRM_S if trial.knocked or not trial.doubted else DEVICE_S if self._device else DOUBTED_S
         if sample.t - trial.first.t >= lasts - 1e-6:
@@ -284,8 +263,7 @@ class LiveHand:
 
     def _arrive(self, trial: Trial, sample: Sample) -> StopBegan:
         """The trial was right."""
-        assert self._ahead is not None
-        if trial.doubted:
+        if trial.doubted and self._ahead is not None:
             self._filter = self._ahead
         self._trial, self.still, self._settled = None, True, trial.doubted
         self._ahead = self._filter.fork()
@@ -315,17 +293,10 @@ class LiveHand:
 
     def now(self) -> tuple[Array, Array, Array]:
         """wxyz_nav_sensor (4,), p_nav_sensor (3,) m and v_nav_sensor (3,) m/s at the latest sample."""
-        at, strapdown, T = self._filter, self._strapdown, self._strapdown.T
-        wxyz = quat_canonical(quat_multiply(quat_from_matrix(at.E), strapdown.wxyz))
-        if self._stop is not None and self.still:
-            return wxyz, self._stop.pose.p, np.zeros(3)
-        p = at.p + T * at.v + at.E @ strapdown.dP - 0.5 * at.gravity * T**2 * UP
-        return wxyz, p, at.v + at.E @ strapdown.dU - at.gravity * T * UP
+        wxyz, p, v = self._filter.later(self._strapdown)
+        return (wxyz, self._stop.pose.p, np.zeros(3)) if self._stop is not None and self.still else (wxyz, p, v)
 
     def sigmas(self) -> tuple[float, float]:
-        """One sigma in m of the position if the hand stops now, from the origin on, along the least sure axis.
-
-        The second is what the move under way adds; 0 in a stop.
-        """
+        """One sigma in m of the position if the hand stops now; and what the move under way adds, 0 in a stop."""
         here, way = self._filter.if_it_stopped(self._noise.still_speed)
         return here, 0.0 if self.still else way

@@ -35,6 +35,7 @@ from pbd.tracking.preintegration import (
     POS,
     ROT,
     VEL,
+    block_noise,
 )
 
 CLIPPED_RATE, CLIPPED_SAMPLES, CLIPPED_SHARE = 3.0, 3, 0.2
@@ -174,7 +175,7 @@ class Strapdown:
     Attributes:
         wxyz: (4,) gyro frame <- sensor.
         u: (3,) m/s2, specific force in the gyro frame; rate (3,) rad/s, without the rest's mean.
-        dU, dP, T: of the block so far.
+        T, U, P: of the block so far: s, velocity gained and way gone (m/s, m), and these by a second of lag (2, 3).
         clipped: whether the gyro was at the end of its range; the one who reads it resets it.
     """
 
@@ -196,21 +197,9 @@ class Strapdown:
 
     def _begin(self) -> None:
         self.count, self.T = 0, 0.0
-        self._U, self._P = np.zeros((2, 3)), np.zeros((2, 3))
+        self.U, self.P = np.zeros((2, 3)), np.zeros((2, 3))
         self._wxyz, self._rates, self._accs = [self.wxyz], [self.rate], [self._acc]
         self._guessed = np.zeros(2)
-
-    @property
-    def dU(self) -> Array:
-        """(3,) m/s."""
-        gained: Array = self._U[0]
-        return gained
-
-    @property
-    def dP(self) -> Array:
-        """(3,) m."""
-        way: Array = self._P[0]
-        return way
 
     def _forces(self, acc: Array) -> Array:
         """Specific force and what a second of lag would add, in the gyro frame (2, 3)."""
@@ -231,8 +220,8 @@ class Strapdown:
         self._before, self.rate, self._acc, self._t = self.rate, rate, sample.acc, sample.t
         forces, (earlier, before) = self._forces(sample.acc), self._u
         gained = _middles(dt, earlier, before, forces)
-        self._P = self._P + dt * (self._U + 0.5 * gained) - dt**2 / 12.0 * (forces - before)
-        self._U = self._U + gained
+        self.P = self.P + dt * (self.U + 0.5 * gained) - dt**2 / 12.0 * (forces - before)
+        self.U = self.U + gained
         self._u, self.u = (before, forces), forces[0]
         self._guessed += dt * np.array(sample.guessed)
         self.T += dt
@@ -266,14 +255,14 @@ class Strapdown:
         by_gyr = -T * np.hstack((C, (C[:, :, None] * rate).reshape(3, 9)))
         i, j = np.transpose(LOWER)
         by_acc = -T * np.hstack((C, C[:, i] * force[j]))
-        swung = -0.5 * skew(self.dU) @ by_gyr
+        swung = -0.5 * skew(self.U[0]) @ by_gyr
         J = np.zeros((9, ERRORS))
         J[ROT, GYR_BIAS], J[ROT, GYR_MATRIX] = by_gyr[:, :3], by_gyr[:, 3:]
         J[VEL, GYR_BIAS], J[VEL, GYR_MATRIX] = swung[:, :3], swung[:, 3:]
         J[VEL, ACC_BIAS], J[VEL, ACC_MATRIX] = by_acc[:, :3], by_acc[:, 3:]
         J[POS] = 0.5 * T * J[VEL]
-        J[VEL, LAG], J[POS, LAG] = self._U[1][:, None], self._P[1][:, None]
-        leg = Leg(T, self.dU, self.dP, J, self._noise(n, T, up), self.wxyz, T * turned)
+        J[VEL, LAG], J[POS, LAG] = self.U[1][:, None], self.P[1][:, None]
+        leg = Leg(T, self.U[0], self.P[0], J, self._noise(n, T, up), self.wxyz, T * turned)
         self._begin()
         return leg
 
@@ -285,15 +274,9 @@ class Strapdown:
         s_g, s_a = (each.sum(axis=0)[2:-2].sum() * dt for each in densities(self.noise, rate, u, self._interval, up))
         if self._device:
             s_g += self.noise.device_lag * float((lengths(rate[4:]) ** 2).sum()) * dt
-        g, a = s_g + self._guessed[0], s_a + self._guessed[1]
-        by_gyr, by_acc = np.zeros((9, 3)), np.zeros((9, 3))
-        S, one = skew(self.dU / T), np.eye(3)
-        by_gyr[ROT], by_gyr[VEL], by_gyr[POS] = one, -0.5 * T * S, -0.125 * T**2 * S
-        by_acc[VEL], by_acc[POS] = one, 0.5 * T * one
-        Q: Array = g * by_gyr @ by_gyr.T + a * by_acc @ by_acc.T
-        floor = np.repeat(np.square(FLOOR), 3) * T / MOVE_KNOT_S
-        floor[POS] += a * T**2 / 12.0
-        Q[np.diag_indices(9)] += floor
+        g, a, one = np.array([s_g + self._guessed[0]]), np.array([s_a + self._guessed[1]]), np.zeros(1, dtype=np.intp)
+        Q: Array = block_noise(self.U[:1] / T, g, a, np.array([0.5 * T]), np.array([T]), one)[0]
+        Q[np.diag_indices(9)] += np.repeat(np.square(FLOOR), 3) * T / MOVE_KNOT_S
         return Q
 
 
