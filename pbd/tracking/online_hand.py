@@ -16,14 +16,15 @@ from pbd.tracking.online_filter import OnlineFilter
 from pbd.tracking.online_samples import Sample, Strapdown
 from pbd.tracking.rest import STILL_ACC, Rest
 from pbd.tracking.smoother import SLOW
-from pbd.tracking.zero_velocity import MERGE_S, SETTING_OUT_S, WINDOW_S, energies, quiet_limits, speed_by_energies
+from pbd.tracking.zero_velocity import MERGE_S, WINDOW_S, energies, quiet_limits, speed_by_energies
 
 CONFIRM_S, DOUBTED_S, DEVICE_S = 0.2, 2.0, 0.6
 """s: a hand is taken to stand still once it has done so for this long; where that is in doubt, for the second, as half
 of a hand's slowest move lasts no longer; or, where a device's own attitude is the doubt, for the third."""
 
-GATE = 14.2
-"""Squared sigmas of a velocity that are more than chance: as seldom as three of one axis (chi-square, 3 degrees)."""
+GATE, USUAL = 14.2, 3.0
+"""Squared sigmas of a velocity that are more than chance, as seldom as three of one axis; and their mean (chi-square, 3
+degrees of freedom)."""
 
 BOUNCE_S, BOUNCE_GAP_S, BOUNCE_M = 0.6, 0.3, 0.02
 """A stop shorter than this, this soon before the next and this near is a sensor put down that bounced."""
@@ -98,13 +99,14 @@ class Standing:
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """The hand may stand still since a sample, or, swaying, since an instant (s); whether that is in doubt, and whether
-    it is the last stop after a jolt."""
+    """The hand may stand still since a sample, or, swaying, since an instant (s); whether that is in doubt, whether it
+    is the last stop after a jolt, and by how many sigmas, squared, the velocity was off since."""
 
     first: Sample
     since: float
     doubted: bool
     knocked: bool
+    worst: float = 0.0
 
 
 class LiveHand:
@@ -224,7 +226,7 @@ class LiveHand:
                 pose, cov = ahead.pose()
                 stop = replace(stop, pose=pose, cov=cov)
             self._stop = replace(stop, last=sample)
-            if self._settled and off < GATE and sample.t - self._t_knot > SETTING_OUT_S:
+            if self._settled and off < USUAL and sample.t > self._t_knot:
                 self._filter, self._ahead = ahead, None
             self._strapdown.clipped = False
         elif sample.t - stop.last.t > MERGE_S + WINDOW_S:
@@ -253,7 +255,8 @@ class LiveHand:
             if trial.doubted:
                 self._ahead.widen(sample.t - last.t, speed)
             self._knot(self._ahead, sample.t, same=knocked, robust=False)
-        self._trial = trial
+            off = 0.0
+        self._trial = trial = replace(trial, worst=max(trial.worst, off))
         lasts = CONFIRM_S if trial.knocked or not trial.doubted else DEVICE_S if self._device else DOUBTED_S
         if sample.t - trial.first.t >= lasts - 1e-6:
             return [self._arrive(trial, sample)]
@@ -263,11 +266,11 @@ class LiveHand:
 
     def _arrive(self, trial: Trial, sample: Sample) -> StopBegan:
         """The trial was right."""
-        if trial.doubted and self._ahead is not None:
+        self._trial, self.still, self._settled = None, True, trial.doubted or trial.worst < USUAL
+        if self._settled and self._ahead is not None:
             self._filter = self._ahead
-        self._trial, self.still, self._settled = None, True, trial.doubted
         self._ahead = self._filter.fork()
-        self._knot(self._ahead, sample.t, same=trial.doubted)
+        self._knot(self._ahead, sample.t, same=self._settled)
         before = self._left[-1]
         first, moved = trial.first, self._ahead.p - before.pose.p
         bounced = len(self._left) > 1 and before.stop.dwell_s < BOUNCE_S and first.t - before.last.t < BOUNCE_GAP_S
