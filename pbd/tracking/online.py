@@ -130,8 +130,10 @@ class LiveTracker:
         """Begin once the last second was one of rest; later, learn from one that is far quieter."""
         hand, t = self._hand, samples[-1].t
         self._t_look = t + (RETRY_S if hand is None else REST_S)
-        if hand is not None and not (hand.still and hand.standing[-1].first.t <= samples[0].t):
-            return []
+        if hand is not None:
+            stands = hand.still and hand.standing[-1].first.t <= samples[0].t
+            if not stands or hand.restless > _restlessness(hand.rest):
+                return []
         recording = Recording(
             np.array([sample.t for sample in samples]),
             np.array([sample.acc for sample in samples]),

@@ -14,7 +14,7 @@ from pbd.tracking.knots import STOP_KNOT_S
 from pbd.tracking.noise import Noise
 from pbd.tracking.online_filter import OnlineFilter
 from pbd.tracking.online_samples import Sample, Strapdown
-from pbd.tracking.rest import STILL_ACC, Rest
+from pbd.tracking.rest import STILL_ACC, STILL_GYR, Rest
 from pbd.tracking.smoother import SLOW
 from pbd.tracking.zero_velocity import MERGE_S, WINDOW_S, energies, quiet_limits, speed_by_energies
 
@@ -116,6 +116,7 @@ class LiveHand:
         rest: what the thresholds are taken from.
         flaws: what was wrong with the data since the last stop, a line each.
         still: whether the hand stands still, as far as is known.
+        restless: the energy of the last window, in what a hand has that holds still.
     """
 
     def __init__(self, samples: Sequence[Sample], interval: float, rest: Rest, noise: Noise, has_gyro: bool) -> None:
@@ -175,6 +176,7 @@ class LiveHand:
         """Whether the last window is quiet; and how fast a hand may be that stands so still."""
         u, rate = np.array([u for _, u, _ in self._window]), np.array([rate for _, _, rate in self._window])
         shake, turn = energies(u, rate, len(u))
+        self.restless = float(shake[0] / STILL_ACC**2 + turn[0] / STILL_GYR**2)
         self._sigma = float(speed_by_energies(shake, turn, self.rest, self._noise)[0])
         return bool(shake[0] < self._limits[0] and turn[0] < self._limits[1]) and len(u) == self._n
 
