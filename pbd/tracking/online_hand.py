@@ -27,7 +27,7 @@ GATE, USUAL = 14.2, 3.0
 degrees of freedom)."""
 
 BOUNCE_S, BOUNCE_GAP_S, BOUNCE_M = 0.6, 0.3, 0.02
-"""A stop shorter than this, this soon before the next and this near is a sensor put down that bounced."""
+"""A stop shorter than this, this soon before the next and this near is a sensor put down that bounced: s, s, m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,15 +131,14 @@ class LiveHand:
         self._angles = [np.zeros(3)]
         self._trial: Trial | None = None
         self._ahead: OnlineFilter | None = None
-        self._t_knot = self._t_compass = samples[0].t
-        self._acc_knot = samples[0].acc
+        self._t_knot, self._t_compass, self._acc_knot = samples[0].t, samples[0].t, samples[0].acc
         self.learn(rest, noise)
         fields = [sample.mag for sample in samples if sample.mag is not None]
         self._field: list[Array] | None = [] if fields else None
         north = np.mean(fields, axis=0) if fields else None
         self._filter = OnlineFilter(noise, rest, self._strapdown.wxyz, north, self._device)
         self._stop: Standing | None = Standing(samples[0], samples[0], *self._filter.pose())
-        self.still, self._settled, self._t_quiet = True, True, samples[0].t
+        self.still, self._settled, self._t_shaken = True, True, samples[0].t
         for sample in samples[1:]:
             self.advance(sample)
 
@@ -161,8 +160,7 @@ class LiveHand:
             return []
         quiet = self._look()
         still_acc = np.mean([each.acc for each, _, _ in self._window], axis=0) if quiet else None
-        if not quiet:
-            self._t_quiet = sample.t  # the latest moment that wasn't
+        self._t_shaken = self._t_shaken if quiet else sample.t
         leg = strapdown.leg(still_acc, self._filter.E[2] * self._filter.gravity)
         self._angles.append(self._angles[-1] + leg.angle)
         known = [self._filter] if self._ahead is None else [self._filter, self._ahead]
@@ -215,8 +213,7 @@ class LiveHand:
         ahead = self._filter if self._ahead is None else self._ahead
         off, fast = self._moves(ahead)
         if self._device:  # its attitude goes on turning after the hand has stopped
-            tipped = sample.acc - self._acc_knot
-            fast = float(np.sqrt(tipped @ tipped)) > STILL_ACC
+            fast = float(np.square(sample.acc - self._acc_knot).sum()) > STILL_ACC**2
         self.still = quiet and not fast
         if self.still:
             if sample.t - self._t_knot >= STOP_KNOT_S - 1e-6:
@@ -224,9 +221,7 @@ class LiveHand:
                     self._filter = ahead
                 ahead = self._ahead = self._filter.fork()
                 self._knot(ahead, sample.t, same=self._settled)
-                self._settled = True
-                pose, cov = ahead.pose()
-                stop = replace(stop, pose=pose, cov=cov)
+                self._settled, stop = True, Standing(stop.first, sample, *ahead.pose())
             self._stop = replace(stop, last=sample)
             if self._settled and off < USUAL and sample.t > self._t_knot:
                 self._filter, self._ahead = ahead, None
@@ -251,8 +246,8 @@ class LiveHand:
             off, speed = self._ahead.doubt_of_rest(self._sigma)
             sways = trial is not None and not trial.doubted and speed < SLOW
             # Quiet but for a jolt since the last stop?
-            soon = sample.t - last.t < MERGE_S + 2.0 * WINDOW_S and self._t_quiet - last.t < MERGE_S + WINDOW_S
-            knocked = off > GATE and soon and self._t_quiet > last.t
+            soon = sample.t - last.t < MERGE_S + 2.0 * WINDOW_S and self._t_shaken - last.t < MERGE_S + WINDOW_S
+            knocked = off > GATE and soon and self._t_shaken > last.t
             trial = Trial(first, trial.since if trial and sways else sample.t, off > GATE, knocked)
             if trial.doubted:
                 self._ahead.widen(sample.t - last.t, speed)
@@ -287,9 +282,8 @@ class LiveHand:
 
     def here(self, t: float) -> StopBegan:
         """The stop under way, as an event at `t` s."""
-        stop, index = self.standing[-1], len(self.standing) - 1
-        flaws, self.flaws = tuple(self.flaws), []
-        return StopBegan(index, stop.first.t, t, stop.keyframe, flaws)
+        stop, flaws, self.flaws = self.standing[-1], tuple(self.flaws), []
+        return StopBegan(len(self.standing) - 1, stop.first.t, t, stop.keyframe, flaws)
 
     @property
     def standing(self) -> tuple[Standing, ...]:
