@@ -117,7 +117,7 @@ class OnlineFilter:
         """This is a knot: attitude and position are copied."""
         take = np.arange(STATES)
         take[KEPT_ROT], take[KEPT_POS] = take[ROT], take[POS]
-        self.P = self.P[np.ix_(take, take)]
+        self.P = self.P.take(take, axis=0).take(take, axis=1)
         self._kept = self.wxyz_nav_sensor, self.p
 
     def doubt_of_rest(self, sigma: float) -> tuple[float, float]:

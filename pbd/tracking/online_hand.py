@@ -19,12 +19,11 @@ from pbd.tracking.smoother import SLOW
 from pbd.tracking.zero_velocity import MERGE_S, WINDOW_S, energies, quiet_limits, speed_by_energies
 
 CONFIRM_S, DOUBTED_S, DEVICE_S = 0.2, 2.0, 0.6
-"""s: a hand is taken to stand still once it has done so for this long; where that is in doubt, for the second, as half
-of a hand's slowest move lasts no longer; or, where a device's own attitude is the doubt, for the third."""
+"""s: a stop is believed after this long; if in doubt after the second, as half of a hand's slowest move lasts no longer,
+or after the third, where the doubt is a device's own attitude."""
 
 GATE, USUAL = 14.2, 3.0
-"""Squared sigmas of a velocity that are more than chance, as seldom as three of one axis; and their mean (chi-square, 3
-degrees of freedom)."""
+"""Squared sigmas of a velocity: more is no chance, as seldom as three of one axis; and their mean (chi-square of 3)."""
 
 BOUNCE_S, BOUNCE_GAP_S, BOUNCE_M = 0.6, 0.3, 0.02
 """A stop shorter than this, this soon before the next and this near is a sensor put down that bounced: s, s, m."""
