@@ -19,8 +19,8 @@ from pbd.tracking.smoother import SLOW
 from pbd.tracking.zero_velocity import MERGE_S, WINDOW_S, energies, quiet_limits, speed_by_energies
 
 CONFIRM_S, DOUBTED_S, DEVICE_S = 0.2, 2.0, 0.6
-"""s: a stop is believed after this long; if in doubt after the second, as half of a hand's slowest move lasts no longer,
-or after the third, where the doubt is a device's own attitude."""
+"""s: a stop is believed after this long; in doubt after the second, as half of a hand's slowest move is no longer,
+or after the third where the doubt is a device's own attitude."""
 
 GATE, USUAL = 14.2, 3.0
 """Squared sigmas of a velocity: more is no chance, as seldom as three of one axis; and their mean (chi-square of 3)."""
