@@ -116,9 +116,8 @@ def quat_slerp(start: ArrayLike, end: ArrayLike, fraction: ArrayLike) -> Array:
 
 def quat_to_matrix(wxyz: ArrayLike) -> Array:
     """Rotation matrices (..., 3, 3); their columns are the turned axes."""
-    axes = np.eye(3)
-    wxyz = np.asarray(wxyz, dtype=np.float64)
-    return np.stack([quat_rotate(wxyz, axis) for axis in axes], axis=-1)
+    turned = quat_rotate(np.asarray(wxyz, dtype=np.float64)[..., None, :], np.eye(3))
+    return np.ascontiguousarray(np.swapaxes(turned, -1, -2))
 
 
 def quat_from_matrix(matrix: ArrayLike) -> Array:

@@ -12,8 +12,7 @@ from pbd.errors import PbdError
 from pbd.pose import Array
 from pbd.record.told import Say
 from pbd.sensors.decoding import Sample
-from pbd.tracking.live import LiveTracker, RestFound, StopBegan
-from pbd.tracking.live_events import DataFlaw, LiveEvent
+from pbd.tracking.online import DataFlaw, LiveEvent, LiveTracker, RestFound, StopBegan
 
 TRACKED_HZ = 250.0
 """The tracker is fed no faster than this: means over blocks lose nothing that it could use."""
@@ -25,8 +24,8 @@ URGED_S = 1.5
 class Coach:
     """Feeds the live tracker and collects what is worth a line."""
 
-    def __init__(self, tolerance_m: float, errors: SensorErrors | None = None) -> None:
-        self.tracker = LiveTracker()
+    def __init__(self, tolerance_m: float, errors: SensorErrors | None = None, sensor: str = "") -> None:
+        self.tracker = LiveTracker(sensor)
         self.stops = 0
         self._tolerance_m = tolerance_m
         self._errors = errors

@@ -34,7 +34,7 @@ class Session:
 
     def __init__(self, decoder: Decoder, options: RecordOptions) -> None:
         self.decoder, self.options = decoder, options
-        self.coach = Coach(options.tolerance_m, options.errors)
+        self.coach = Coach(options.tolerance_m, options.errors, options.sensor)
         self.demo: GrowingDemo | None = None
         self.t = 0.0
         self.samples = 0

@@ -12,7 +12,8 @@ import numpy as np
 
 from pbd.data import Stop
 from pbd.pose import lengths
-from pbd.tracking.factors import ACC_MATRIX, GYR_MATRIX, accelerometer_doubt
+from pbd.tracking.factors import ACC_MATRIX, GYR_MATRIX
+from pbd.tracking.noise import acc_doubt
 from pbd.tracking.preintegration import LOWER
 from pbd.tracking.smoother import Solution
 
@@ -63,7 +64,7 @@ def _of_sensor(solution: Solution) -> Iterator[str]:
         return
     N = np.zeros((3, 3))
     N[tuple(np.transpose(LOWER))] = x.shared[ACC_MATRIX]
-    M, doubt = x.shared[GYR_MATRIX].reshape(3, 3), accelerometer_doubt(solution.problem)
+    M, doubt = x.shared[GYR_MATRIX].reshape(3, 3), acc_doubt(solution.problem.noise, solution.problem.rest)
     for name, matrix, prior in (("accelerometer", N, doubt * device.acc_scale), ("gyro", M, device.gyr_scale)):
         i, j = np.unravel_index(int(np.argmax(np.abs(matrix))), (3, 3))
         if abs(matrix[i, j]) > PRIORS * prior:
@@ -97,7 +98,7 @@ def _of_moves(solution: Solution) -> Iterator[str]:
 
 
 def _of_stops(solution: Solution, stops: Sequence[Stop]) -> Iterator[str]:
-    problem, t = solution.problem, solution.problem.frame.t
+    t = solution.problem.frame.t
     for stop in stops:
         if stop.weight < DOUBTED:
             middle = 0.5 * float(t[stop.start] + t[stop.stop - 1])

@@ -11,6 +11,7 @@ import numpy as np
 
 from pbd.pose import Array, quat_exp, quat_from_matrix, quat_log, quat_multiply, quat_to_matrix, skew
 from pbd.tracking.knots import Problem
+from pbd.tracking.noise import acc_doubt
 from pbd.tracking.normal_equations import ACC_BIAS, GYR_BIAS, POS, ROT, STATE, VEL, NormalEquations, Solved
 from pbd.tracking.preintegration import ERRORS
 
@@ -233,7 +234,7 @@ def _add_priors(equations: NormalEquations, problem: Problem, x: State, local: L
     noise, device = problem.noise, problem.noise.device
     first = np.zeros(len(problem.rows))
     first[0] = 1.0
-    worse = accelerometer_doubt(problem)
+    worse = acc_doubt(noise, problem.rest)
     equations.add_unary(GYR_BIAS, x.gyr_bias, first / noise.gyr_bias**2)
     equations.add_unary(ACC_BIAS, x.acc_bias, first / (worse * device.acc_bias) ** 2)
     at = np.zeros(len(problem.rows))
@@ -254,12 +255,6 @@ def _add_priors(equations: NormalEquations, problem: Problem, x: State, local: L
     information = np.linalg.inv(covariance)
     equations.corner += information
     equations.g_shared += information @ (x.shared - mean)
-
-
-def accelerometer_doubt(problem: Problem) -> float:
-    """How many times its class's errors this accelerometer may have: what the rest shows is a scale for all of them."""
-    shown = abs(problem.rest.gravity - problem.noise.gravity)
-    return float(np.hypot(1.0, max(shown - 2.0 * problem.noise.gravity_sigma, 0.0) / problem.noise.device.acc_bias))
 
 
 def _squares(vectors: Array) -> Array:

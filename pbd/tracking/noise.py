@@ -200,7 +200,13 @@ def _rounding(values: Array, rms: float) -> tuple[float, float]:
     return max(rms, rounding), rounding * float(np.exp(-2.0 * (np.pi * rms / step) ** 2))
 
 
-def densities(noise: Noise, gyr: Array, u: Array, dt: float) -> tuple[Array, Array]:
+def acc_doubt(noise: Noise, rest: Rest) -> float:
+    """By how much the accelerometer errs more than its class: what the rest shows is a scale for all of it."""
+    shown = abs(rest.gravity - noise.gravity)
+    return float(np.hypot(1.0, max(shown - 2.0 * noise.gravity_sigma, 0.0) / noise.device.acc_bias))
+
+
+def densities(noise: Noise, gyr: Array, u: Array, dt: float, up: Array | None = None) -> tuple[Array, Array]:
     """Densities of gyro and accelerometer noise at each row: (3, n) rad2/s and (3, n) m2/s3.
 
     The three parts, which add up: white noise as measured at rest, what turning adds, what motion adds.
@@ -210,11 +216,12 @@ def densities(noise: Noise, gyr: Array, u: Array, dt: float) -> tuple[Array, Arr
         gyr: (n, 3) rad/s, without bias.
         u: (n, 3) m/s2, specific force in the gyro frame.
         dt: s, sampling interval.
+        up: (3,) m/s2, specific force at rest; by default the mean of u, which in a whole recording it is.
     """
     s_g, s_a = np.zeros((3, len(u))), np.zeros((3, len(u)))
     s_g[0], s_a[0] = noise.gyr_density**2, noise.acc_density**2
     s_g[1] = noise.gyr_turn**2 * lengths(gyr)
-    motion = u - u.mean(axis=0)
+    motion = u - (u.mean(axis=0) if up is None else up)
     s_a[2] = noise.acc_motion**2 * np.einsum("ij,ij->i", motion, motion)
     if len(u) > 4:
         fourth = np.diff(u, n=4, axis=0)

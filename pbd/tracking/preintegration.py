@@ -219,7 +219,7 @@ def preintegrate(
     of_blocks = [[np.diff(trapezoid(t, part)[edges]) for part in each] for each in density]
     parts = np.stack(
         [
-            _noise(gained / T[:, None], gyr_noise, acc_noise, middle, h, starts)
+            block_noise(gained / T[:, None], gyr_noise, acc_noise, middle, h, starts)
             for gyr_noise, acc_noise in zip(*of_blocks, strict=True)
         ]
     )
@@ -229,7 +229,7 @@ def preintegrate(
     return Legs(rows, T, gained, way, J, parts)
 
 
-def _noise(force: Array, gyr: Array, acc: Array, togo: Array, h: Array, starts: Rows) -> Array:
+def block_noise(force: Array, gyr: Array, acc: Array, togo: Array, h: Array, starts: Rows) -> Array:
     """Covariance (m, 9, 9) that white noise leaves at a leg's end.
 
     A turn e at a time s before the end turns the specific force that comes after it: velocity -S e s, way -S e s^2 / 2,

@@ -51,8 +51,8 @@ def find_candidates(t: Array, u: Array, gyr: Array, rest: Rest, unseen: Sequence
     n = max(2, round(WINDOW_S / dt))
     if len(t) < n:
         return []
-    shake, turn = _energies(u, gyr, n)
-    limits = max(REST_FACTOR * rest.acc_rms**2, ACC_FLOOR**2), max(REST_FACTOR * rest.gyr_rms**2, GYR_FLOOR**2)
+    shake, turn = energies(u, gyr, n)
+    limits = quiet_limits(rest)
     quiet = (shake < limits[0]) & (turn < limits[1])
     reach = 2 * max(1, round(LULL_S / dt)) + 1
     lull = quiet | ((shake < LULL * maximum_filter1d(shake, reach)) & (turn < LULL * maximum_filter1d(turn, reach)))
@@ -77,12 +77,22 @@ def still_speed(u: Array, gyr: Array, rows: NDArray[np.intp], rest: Rest, noise:
     It creeps; it trembles, as the acceleration above the sensor's own noise shows; it turns about a point beside.
     """
     n = max(2, round(WINDOW_S / dt))
-    shake, turn = _energies(u, gyr, n)
+    shake, turn = energies(u, gyr, n)
     at = np.clip(np.asarray(rows) - n // 2, 0, len(shake) - 1)
-    shaken = np.maximum(shake[at] - rest.acc_rms**2, 0.0) / (2.0 * np.pi * noise.tremor_hz) ** 2
-    turned = noise.still_lever**2 * np.maximum(turn[at] - rest.gyr_rms**2, 0.0)
+    return speed_by_energies(shake[at], turn[at], rest, noise)
+
+
+def speed_by_energies(shake: Array, turn: Array, rest: Rest, noise: Noise) -> Array:
+    """The same, m/s (k,), of windows of which `energies` are known."""
+    shaken = np.maximum(shake - rest.acc_rms**2, 0.0) / (2.0 * np.pi * noise.tremor_hz) ** 2
+    turned = noise.still_lever**2 * np.maximum(turn - rest.gyr_rms**2, 0.0)
     speed: Array = np.sqrt(noise.still_speed**2 + shaken + turned)
     return speed
+
+
+def quiet_limits(rest: Rest) -> tuple[float, float]:
+    """Energies below which a window is quiet: (m/s2)^2 and (rad/s)^2."""
+    return max(REST_FACTOR * rest.acc_rms**2, ACC_FLOOR**2), max(REST_FACTOR * rest.gyr_rms**2, GYR_FLOOR**2)
 
 
 def slow_parts(t: Array, span: tuple[int, int], slow: NDArray[np.bool_]) -> Spans:
@@ -113,7 +123,7 @@ def runs(flags: NDArray[np.bool_]) -> Spans:
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
-def _energies(u: Array, gyr: Array, n: int) -> tuple[Array, Array]:
+def energies(u: Array, gyr: Array, n: int) -> tuple[Array, Array]:
     """Of each window of n samples the variance of specific force and the mean square of rate: (m,), (m,)."""
     centred = u - u.mean(axis=0)
     mean = _window_sums(centred, n) / n

@@ -27,7 +27,7 @@ from pbd.pipeline import track
 from pbd.sensors.simulate import TASKS, random_task, simulate
 from pbd.sensors.simulated_tasks import Task
 from pbd.tracking.keyframes import find_keyframes
-from pbd.tracking.live import LiveTracker, StopBegan
+from pbd.tracking.online import LiveTracker, StopBegan
 from tests.benchmarks.report import add_data, arguments, finish
 from tests.benchmarks.trials import read_broad
 from tests.scenarios import truth_at
@@ -62,7 +62,7 @@ def main() -> None:
 
 def run(recording: Recording) -> tuple[LiveTracker, list[StopBegan], list[float]]:
     """Feed a recording row by row: the tracker, its stops as they were told, and the time of each row in us."""
-    tracker, told, times = LiveTracker(), [], []
+    tracker, told, times = LiveTracker(recording.info.sensor), [], []
     for k in range(len(recording)):
         row = (
             None if channel is None else channel[k]

@@ -10,7 +10,7 @@ from pbd.pose import Pose
 from pbd.record.coach import Coach, in_cm, placed
 from pbd.record.told import Say
 from pbd.sensors.decoding import Sample
-from pbd.tracking.live import DataFlaw, LiveEvent, StopBegan
+from pbd.tracking.online import DataFlaw, LiveEvent, StopBegan
 
 LEVEL = Sample((0.0, 0.0, 9.8), (0.0, 0.0, 0.0))
 

@@ -21,7 +21,7 @@ from pbd.errors import PbdError
 from pbd.files.demo import read_demo
 from pbd.pose import Array, Pose
 from pbd.sensors.simulate import simulate
-from pbd.tracking.live import LiveTracker
+from pbd.tracking.online import LiveTracker
 from pbd.view import hand
 from pbd.view.hand import SEEN_M, HandPicture, HandView
 from tests.view.browser import Browser, Page, until

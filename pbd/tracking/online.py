@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pbd.data import Keyframe, Recording, Stop
+from pbd.data import Keyframe, Recording, RecordingInfo, Stop
 from pbd.errors import PbdError, TrackingError
 from pbd.pose import Array, readonly
 from pbd.tracking.conditioning import SLOWEST_HZ
-from pbd.tracking.live_events import DataFlaw, LiveEvent, RestFound, StopBegan, StopEnded
-from pbd.tracking.live_hand import LiveHand
-from pbd.tracking.live_samples import Conditioner, Sample
+from pbd.tracking.noise import noise_of
+from pbd.tracking.online_hand import DataFlaw, LiveEvent, LiveHand, RestFound, StopBegan, StopEnded
+from pbd.tracking.online_samples import Conditioner, Sample
 from pbd.tracking.rest import ABOUT, REST_S, STILL_ACC, STILL_GYR, Rest, find_rest
 
 __all__ = ["DataFlaw", "LiveEvent", "LiveTracker", "RestFound", "StopBegan", "StopEnded"]
@@ -26,8 +26,8 @@ RETRY_S = 0.1
 class LiveTracker:
     """Tracks a hand sample by sample; it begins once the sensor has rested for a second.
 
-    Feed it rows as they come, in pieces of any length: the result is the same to the bit. Each row costs about 0.1 ms;
-    what is kept is the move under way, and the list of stops.
+    Feed it rows as they come, in pieces of any length: the result is the same to the bit. Each row costs 0.1 to 0.3 ms;
+    what is kept is the filter's state and the list of stops.
 
         tracker = LiveTracker()
         for t, acc, gyr in port:
@@ -35,23 +35,18 @@ class LiveTracker:
                 if isinstance(event, StopBegan):
                     print(f"stop {event.index}: {event.keyframe.T_nav_sensor.p} m; you may move on")
 
-    A stop is announced 0.2 s after it began, if what dead reckoning is left with is what a stop leaves (`Doubt`), else
-    after a second. By then its position and sigma are known. It has ended once the hand has moved for 0.2 s. An index
-    may be announced again: then what was announced before was the beginning of the same stop (a sensor put down that
-    bounced, a hand that slowed down), and the newer keyframe holds.
+    A stop is announced 0.2 s after it began if the velocity is then zero within its sigma, else after two seconds. It
+    has ended once the hand has moved for 0.2 s. An index may be announced again: then what was announced before was the
+    beginning of the same stop (a sensor put down that bounced, a knock), and the newer keyframe holds.
 
-    What the batch tracker (`pbd.track`) knows later, and this can't know:
-
-    - the other side of each sample: offline VQF and the smoother take tilt and bias from before and after it;
-    - the whole recording's quietest second, where this has the first one (and a far quieter one later, if any);
-    - of a short stop, whether the velocities left over before and after it cancel, so that the hand never stopped;
-      of a slow, smooth move what is told from rest is therefore less: see `Doubt`;
-    - lulls too short or too restless for a stop, which are quiet against the second before and after: a foot's. This is
-      for hands;
-    - what a person says of known places, and repairs of saturated axes.
+    Model and noise are those of `pbd.track`. What that knows later, and this can't know: what a later stop says of an
+    earlier one; the whole recording's quietest second; a large lag of the gyro; lulls too restless for a stop (a
+    foot's); known places; repairs of saturated axes.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, sensor: str = "") -> None:
+        """Begin; the sensor's name (as in `Recording.info`) tells what its errors may be."""
+        self._sensor = sensor
         self._conditioner = Conditioner()
         self._has_gyro: bool | None = None
         self._recent: deque[Sample] = deque()
@@ -108,7 +103,7 @@ class LiveTracker:
         if wrong:
             events.append(DataFlaw(t if before is None else before.t, wrong))
         if self._hand is not None:
-            self._hand.bridge(before, samples, wrong)
+            self._hand.flaws += [wrong] if wrong else []
         for sample in samples:
             if self._hand is not None:
                 events += self._hand.advance(sample)
@@ -135,27 +130,30 @@ class LiveTracker:
         """Begin once the last second was one of rest; later, learn from one that is far quieter."""
         hand, t = self._hand, samples[-1].t
         self._t_look = t + (RETRY_S if hand is None else REST_S)
-        if hand is not None and not hand.stands_since(samples[0].t):
-            return []
+        if hand is not None:
+            stands = hand.still and hand.standing[-1].first.t <= samples[0].t
+            if not stands or hand.restless > _restlessness(hand.rest):
+                return []
+        recording = Recording(
+            np.array([sample.t for sample in samples]),
+            np.array([sample.acc for sample in samples]),
+            np.array([sample.gyr for sample in samples]) if self._has_gyro else None,
+            info=RecordingInfo(sensor=self._sensor),
+        )
         try:
-            rest = find_rest(
-                Recording(
-                    np.array([sample.t for sample in samples]),
-                    np.array([sample.acc for sample in samples]),
-                    np.array([sample.gyr for sample in samples]) if self._has_gyro else None,
-                )
-            )
+            rest = find_rest(recording)
         except PbdError as error:
             self._waiting = _why(error)
             return []
+        noise = noise_of(recording, rest)
         rest = replace(rest, start=samples[0].row, stop=samples[-1].row + 1)
         if hand is None:
-            interval = float(np.median(np.diff([sample.t for sample in samples])))
+            interval = float(np.median(np.diff(recording.t)))
             self._conditioner.interval = interval
-            self._hand = LiveHand(samples, interval, rest, bool(self._has_gyro))
-            return [RestFound(t, rest), self._hand.here()]
+            self._hand = LiveHand(samples, interval, rest, noise, bool(self._has_gyro))
+            return [RestFound(t, rest), self._hand.here(t)]
         if _restlessness(rest) < _restlessness(hand.rest) / ABOUT:
-            hand.learn(rest)
+            hand.learn(rest, noise)
         return []
 
     @property
@@ -176,42 +174,42 @@ class LiveTracker:
     @property
     def moving(self) -> bool:
         """Whether the hand moves, as far as is known at the latest sample; False until tracking begins."""
-        return self._hand is not None and self._hand.moving
+        return self._hand is not None and not self._hand.still
 
     @property
     def stops(self) -> tuple[Stop, ...]:
         """The stops so far, in rows as they were fed; the last one grows while the hand is still there."""
-        return () if self._hand is None else self._hand.stops
+        return () if self._hand is None else tuple(each.stop for each in self._hand.standing)
 
     @property
     def keyframes(self) -> tuple[Keyframe, ...]:
         """One keyframe a stop."""
-        return () if self._hand is None else self._hand.keyframes
+        return () if self._hand is None else tuple(each.keyframe for each in self._hand.standing)
 
     @property
     def wxyz_nav_sensor(self) -> Array:
         """(4,) at the latest sample; until tracking begins, the identity."""
-        return readonly((1.0, 0.0, 0.0, 0.0) if self._hand is None else self._hand.wxyz_nav_sensor)
+        return readonly((1.0, 0.0, 0.0, 0.0) if self._hand is None else self._hand.now()[0])
 
     @property
     def p_nav_sensor(self) -> Array:
         """(3,) m at the latest sample: that of the last stop, and from there by dead reckoning."""
-        return readonly(np.zeros(3) if self._hand is None else self._hand.p_nav_sensor)
+        return readonly(np.zeros(3) if self._hand is None else self._hand.now()[1])
 
     @property
     def v_nav_sensor(self) -> Array:
         """(3,) m/s at the latest sample, by dead reckoning; zero in a stop."""
-        return readonly(np.zeros(3) if self._hand is None else self._hand.v_nav_sensor)
+        return readonly(np.zeros(3) if self._hand is None else self._hand.now()[2])
 
     @property
     def sigma_now(self) -> float:
         """One sigma in m, along the least sure axis, that the position would have if the hand stopped now."""
-        return 0.0 if self._hand is None else self._hand.sigma_now
+        return 0.0 if self._hand is None else self._hand.sigmas()[0]
 
     @property
     def sigma_of_move(self) -> float:
         """The part of `sigma_now` that the move under way adds, in m: what a pause now would keep from growing."""
-        return 0.0 if self._hand is None else self._hand.sigma_of_move
+        return 0.0 if self._hand is None else self._hand.sigmas()[1]
 
 
 def _why(error: PbdError) -> str:
