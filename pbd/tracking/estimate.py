@@ -72,7 +72,7 @@ def estimate(
     knots = [int(np.median(np.flatnonzero(problem.stop_of == k))) for k in believed]
     covariance = covariance_of(with_own_noise(solution).solved, knots, solution.state.p[knots])
     return Estimate(
-        _standing(solution.path(), stops, solution.state.p[knots], t),
+        _standing(solution.path, stops, solution.state.p[knots], t),
         stops,
         _closure(solution, stops),
         covariance,

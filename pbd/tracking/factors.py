@@ -97,11 +97,11 @@ class Weights:
 
 
 def linearise(
-    problem: Problem, x: State, local: Local, anneal: float = 1.0, robust: bool = True
+    problem: Problem, x: State, local: Local, whiten: Array, anneal: float = 1.0, robust: bool = True
 ) -> tuple[NormalEquations, Weights]:
-    """Linearise all factors at a state; `anneal` multiplies the sigma of standing still."""
+    """Linearise all factors at a state; `whiten` the legs' noise, `anneal` multiplies the sigma of standing still."""
     equations = NormalEquations.empty(len(problem.rows), SHARED)
-    legs = _add_legs(equations, problem, x, local)
+    legs = _add_legs(equations, problem, x, local, whiten)
     still, stay, turn = _add_stops(equations, problem, x, anneal * np.sqrt(local.still), robust)
     _add_hand(equations, problem, x)
     compass = np.ones(len(problem.rows))
@@ -113,10 +113,10 @@ def linearise(
     return equations, Weights(still, stay, turn, compass, legs)
 
 
-def leg_covariance(problem: Problem, local: Local) -> Array:
-    """Covariance (m - 1, 9, 9) of the legs' noise, in the gyro frame."""
-    covariance: Array = np.einsum("c,cmij->mij", local.components, problem.legs.parts)
-    return covariance
+def whitener(problem: Problem, local: Local) -> Array:
+    """What whitens the legs' noise, (m - 1, 9, 9): the inverse of a root of its covariance in the gyro frame."""
+    whiten: Array = np.linalg.inv(np.linalg.cholesky(np.tensordot(local.components, problem.legs.parts, axes=1)))
+    return whiten
 
 
 def leg_jacobian(problem: Problem, x: State) -> Array:
@@ -156,9 +156,8 @@ def leg_jacobian(problem: Problem, x: State) -> Array:
     return out
 
 
-def _add_legs(equations: NormalEquations, problem: Problem, x: State, local: Local) -> Array:
+def _add_legs(equations: NormalEquations, problem: Problem, x: State, local: Local, whiten: Array) -> Array:
     """The moves, and how the biases walk; returns the whitened residuals."""
-    whiten = np.linalg.inv(np.linalg.cholesky(leg_covariance(problem, local)))
     whitened = whiten @ leg_jacobian(problem, x)
     equations.add_legs(whitened)
     noise, T = problem.noise, problem.legs.T

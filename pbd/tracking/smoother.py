@@ -26,6 +26,7 @@ from pbd.tracking.factors import (
     State,
     Weights,
     linearise,
+    whitener,
 )
 from pbd.tracking.knots import Problem, pose_problem
 from pbd.tracking.noise import Noise
@@ -76,6 +77,7 @@ class Solution:
         local: the linearisation's constants.
         weights: of the robust factors.
         solved: the covariance.
+        path: at each row.
         lag: s, what has been taken out of the gyro's stamps.
         scale: share, what has been taken out of the gyro's readings, all axes alike.
     """
@@ -85,12 +87,9 @@ class Solution:
     local: Local
     weights: Weights
     solved: Solved
+    path: Path
     lag: float
     scale: float
-
-    def path(self) -> Path:
-        """Attitude, velocity and position at each row."""
-        return path_of(self.problem, self.state)
 
     def weight_of(self, stop: int) -> float:
         """How sure it is that the hand stood still at a stop, 0 to 1: by the knot that is nearest to it."""
@@ -160,49 +159,52 @@ def smooth(
     narrow = Prior(noise.lag if lag == 0.0 else 0.0, noise.lag_sigma)
     local = replace(local, prior=narrow)
     x, weights, solved = _descend(problem, x, local, ())
+    path = path_of(problem, x)
     for _ in range(TRIES):
-        stops, calm = _judged(problem, x, weights, speed)
+        stops, calm = _judged(problem, path.v, weights, speed)
         if not stops or stops == problem.stops:
             break
         again = posed(frame, stops, calm)
-        x, local = _carried(problem, x, again), replace(local, origin=_origin(again))
+        x, local = _carried(problem, x, path, again), replace(local, origin=_origin(again))
         problem = again
         x, weights, solved = _descend(problem, x, local, WARM)
-    return Solution(problem, x, local, weights, solved, lag, scale)
+        path = path_of(problem, x)
+    return Solution(problem, x, local, weights, solved, path, lag, scale)
 
 
-def _judged(problem: Problem, x: State, weights: Weights, speed: Array) -> tuple[Spans, Spans]:
+def _judged(problem: Problem, v: Array, weights: Weights, speed: Array) -> tuple[Spans, Spans]:
     """The stops as the velocity shows them, and where the hand is calm in each.
 
     Doubted ones are cut to their slow parts, ends at which the hand moves are trimmed.
 
     Args:
         problem: with its stops.
-        x: the estimate.
+        v: (n, 3) m/s, the estimate.
         weights: how much each knot counts.
         speed: (n,) m/s, how fast a hand may be that stands still.
     """
-    t, v = problem.frame.t, path_of(problem, x).v
-    fast = np.maximum(SLOW, 3.0 * speed)
+    t, fast, blurs = problem.frame.t, np.maximum(SLOW, 3.0 * speed), _blurs(problem)
+    doubted = set(problem.stop_of[weights.still < DOUBTED].tolist())
     stops: Spans = []
     calm: Spans = []
     for k, span in enumerate(problem.stops):
-        doubted = (weights.still[problem.stop_of == k] < DOUBTED).any()
-        for part in slow_parts(t, span, lengths(v) < fast) if doubted else [span]:
-            inside = slice(*part)
-            creep = lengths(v - np.median(v[inside], axis=0))
-            blur = _blur(problem, k)
-            still = 3.0 * (float(np.median(speed[inside])) + blur)
-            stops.append(trimmed(part, creep < still))
-            calm.append(calm_part(t, stops[-1], creep < CREEP + 2.0 * blur))
+        whole = slice(*span)
+        for part in slow_parts(t, span, lengths(v[whole]) < fast[whole]) if k in doubted else [span]:
+            inside, blur = slice(*part), float(blurs[k])
+            creep = lengths(v[inside] - np.median(v[inside], axis=0))
+            stops.append(trimmed(part, creep < 3.0 * (float(np.median(speed[inside])) + blur)))
+            start, stop = stops[-1][0] - part[0], stops[-1][1] - part[0]
+            calm.append(calm_part(t, stops[-1], creep[start:stop] < CREEP + 2.0 * blur))
     return stops, calm
 
 
-def _blur(problem: Problem, stop: int) -> float:
-    """m/s: by how much noise blurs the velocity from knot to knot of a stop, along each axis."""
-    legs = np.flatnonzero(problem.within & (problem.stop_of[1:] == stop))
-    variance = problem.legs.parts[:, legs, 3:6, 3:6].sum(axis=0)
-    return float(np.sqrt(np.trace(variance, axis1=1, axis2=2).mean() / 3.0)) if len(legs) else 0.0
+def _blurs(problem: Problem) -> Array:
+    """m/s: by how much noise blurs the velocity from knot to knot of each stop, along each axis, (k,)."""
+    variance = np.trace(problem.legs.parts[:, :, 3:6, 3:6].sum(axis=0), axis1=1, axis2=2) / 3.0
+    stop_of, within, stops = problem.stop_of[1:], problem.within, len(problem.stops)
+    sums = np.bincount(stop_of[within], variance[within], stops)
+    blurs: Array = np.sqrt(sums / np.maximum(np.bincount(stop_of[within], minlength=stops), 1))
+    return blurs
 
 
 def _dt(frame: GyroFrame) -> float:
@@ -264,8 +266,10 @@ def _begin(problem: Problem, prior: Prior) -> tuple[State, Local]:
 def _descend(problem: Problem, x: State, local: Local, anneal: Sequence[float]) -> tuple[State, Weights, Solved]:
     """Gauss-Newton, all factors linearised anew each time, until nothing turns any more."""
 
+    whiten = whitener(problem, local)
+
     def step(x: State, anneal: float, robust: bool = True) -> tuple[State, Weights, Solved]:
-        equations, weights = linearise(problem, x, local, anneal, robust)
+        equations, weights = linearise(problem, x, local, whiten, anneal, robust)
         solved = equations.solve()
         return x.moved(solved), weights, solved
 
@@ -284,9 +288,9 @@ def _descend(problem: Problem, x: State, local: Local, anneal: Sequence[float]) 
     return x, weights, solved
 
 
-def _carried(problem: Problem, x: State, again: Problem) -> State:
+def _carried(problem: Problem, x: State, path: Path, again: Problem) -> State:
     """An estimate at other knots."""
-    path, rows = path_of(problem, x), again.rows
+    rows = again.rows
     E = quat_to_matrix(quat_multiply(path.wxyz[rows], quat_inverse(again.frame.wxyz[rows])))
     k = np.clip(np.searchsorted(problem.rows, rows), 0, len(problem.rows) - 1)
     return State(E, path.v[rows], path.p[rows], x.gyr_bias[k], x.acc_bias[k], x.shared)

@@ -79,16 +79,14 @@ def still_speed(u: Array, gyr: Array, rows: NDArray[np.intp], rest: Rest, noise:
 
 
 def slow_parts(t: Array, span: tuple[int, int], slow: NDArray[np.bool_]) -> Spans:
-    """The parts of a span in which the hand is slow (n,)."""
-    start, stop = span
-    return _lasting(t, [(start + i, start + j) for i, j in runs(slow[start:stop])])
+    """The parts of a span in which the hand is slow, as its rows say (stop - start,)."""
+    return _lasting(t, [(span[0] + i, span[0] + j) for i, j in runs(slow)])
 
 
 def trimmed(span: tuple[int, int], slow: NDArray[np.bool_]) -> tuple[int, int]:
-    """A span without its ends where the hand sets out or arrives; where it is nowhere slow (n,), all of it."""
-    start, stop = span
-    inside = np.flatnonzero(slow[start:stop])
-    return (start + int(inside[0]), start + int(inside[-1]) + 1) if len(inside) > 1 else span
+    """A span without its ends where the hand sets out or arrives; where it is slow in no row of it, all of it."""
+    inside = np.flatnonzero(slow)
+    return (span[0] + int(inside[0]), span[0] + int(inside[-1]) + 1) if len(inside) > 1 else span
 
 
 def calm_part(t: Array, span: tuple[int, int], slow: NDArray[np.bool_]) -> tuple[int, int]:
