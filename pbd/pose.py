@@ -39,8 +39,7 @@ def skew(v: Array) -> Array:
 
 def quat_multiply(a: ArrayLike, b: ArrayLike) -> Array:
     """Hamilton product: first b, then a. (..., 4) and (..., 4) -> (..., 4)."""
-    aw, ax, ay, az = np.moveaxis(np.asarray(a, dtype=np.float64), -1, 0)
-    bw, bx, by, bz = np.moveaxis(np.asarray(b, dtype=np.float64), -1, 0)
+    (aw, ax, ay, az), (bw, bx, by, bz) = _components(a), _components(b)
     return np.stack(
         (
             aw * bw - ax * bx - ay * by - az * bz,
@@ -76,18 +75,23 @@ def quat_cumulative(wxyz: ArrayLike) -> Array:
 
 def quat_rotate(wxyz: ArrayLike, vector: ArrayLike) -> Array:
     """Turn vectors (..., 3) by unit quaternions (..., 4)."""
-    w, x, y, z = np.moveaxis(np.asarray(wxyz, dtype=np.float64), -1, 0)
-    a, b, c = np.moveaxis(np.asarray(vector, dtype=np.float64), -1, 0)
+    (w, x, y, z), (a, b, c) = _components(wxyz), _components(vector)
     # vector + w t + xyz x t, with t twice the cross product of xyz and the vector
     t, u, v = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
     return np.stack((a + w * t + (y * v - z * u), b + w * u + (z * t - x * v), c + w * v + (x * u - y * t)), axis=-1)
 
 
+def _components(values: ArrayLike) -> list[Array]:
+    """Views of each column; of short arrays numpy's moveaxis takes longer than the arithmetic."""
+    array = np.asarray(values, dtype=np.float64)
+    return [array[..., i] for i in range(array.shape[-1])]
+
+
 def quat_exp(rotation_vector: ArrayLike) -> Array:
     """Unit quaternions of rotation vectors (..., 3) in rad."""
     half = 0.5 * np.asarray(rotation_vector, dtype=np.float64)
-    angle = lengths(half)[..., None]
-    return np.concatenate((np.cos(angle), half * np.sinc(angle / np.pi)), axis=-1)
+    angle = np.maximum(lengths(half), 1e-99)[..., None]  # whose sine is itself
+    return np.concatenate((np.cos(angle), half * (np.sin(angle) / angle)), axis=-1)
 
 
 def quat_log(wxyz: ArrayLike) -> Array:
@@ -116,9 +120,14 @@ def quat_slerp(start: ArrayLike, end: ArrayLike, fraction: ArrayLike) -> Array:
 
 def quat_to_matrix(wxyz: ArrayLike) -> Array:
     """Rotation matrices (..., 3, 3); their columns are the turned axes."""
-    axes = np.eye(3)
-    wxyz = np.asarray(wxyz, dtype=np.float64)
-    return np.stack([quat_rotate(wxyz, axis) for axis in axes], axis=-1)
+    w, x, y, z = _components(wxyz)
+    x2, y2, z2 = 2.0 * x, 2.0 * y, 2.0 * z
+    rows = (
+        (1.0 - y * y2 - z * z2, x * y2 - w * z2, x * z2 + w * y2),
+        (x * y2 + w * z2, 1.0 - x * x2 - z * z2, y * z2 - w * x2),
+        (x * z2 - w * y2, y * z2 + w * x2, 1.0 - x * x2 - y * y2),
+    )
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 def quat_from_matrix(matrix: ArrayLike) -> Array:
