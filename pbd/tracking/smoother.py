@@ -240,12 +240,12 @@ def _origin(problem: Problem) -> int:
 
 def _begin(problem: Problem, prior: Prior) -> tuple[State, Local]:
     """A hand that stands still, in the attitude of a first guess; heading as nav has it."""
-    m, rest, origin = len(problem.rows), problem.rest, _origin(problem)
+    m, origin = len(problem.rows), _origin(problem)
     strength = dip = 0.0
     if problem.device:
         E = np.tile(np.eye(3), (m, 1, 1))
     else:
-        wxyz = first_guess(problem.frame, problem.rows, slice(rest.start, rest.stop))
+        wxyz = first_guess(problem.frame, problem.rows, problem.stops)
         first = problem.stop_of == 0
         if problem.field is None:
             frame_rows = problem.rows[first]
