@@ -45,8 +45,8 @@ PLAIN = 2
 CLEAR = 2.0
 """Where no stop is off by more sigmas, none need be doubted."""
 
-SMALL, MOST = 1e-4, 12
-"""rad: the last step's turn; and how many iterations there are at most."""
+SMALL, ROUGH, MOST = 1e-4, 1e-3, 12
+"""rad: the last step's turn, and that of a solution that is solved again; how many iterations there are at most."""
 
 DOUBTED, TRIES = 0.5, 3
 """Below this weight a candidate is cut to its slow parts, so often."""
@@ -151,7 +151,7 @@ def smooth(
             return None
         problem = posed(frame, stops, stops)
         x, local = _begin(problem, prior)
-        x, weights, solved = _descend(problem, x, local, FAR)
+        x, weights, solved = _descend(problem, x, local, FAR, ROUGH)
         more, common = _found(x, solved)
         if device or (more == 0.0 and common == 0.0) or abs(lag + more) > MOST_LAG:
             break
@@ -263,8 +263,10 @@ def _begin(problem: Problem, prior: Prior) -> tuple[State, Local]:
     return state, Local(origin, strength, dip, prior, np.ones(3), np.ones(2))
 
 
-def _descend(problem: Problem, x: State, local: Local, anneal: Sequence[float]) -> tuple[State, Weights, Solved]:
-    """Gauss-Newton, all factors linearised anew each time, until nothing turns any more."""
+def _descend(
+    problem: Problem, x: State, local: Local, anneal: Sequence[float], small: float = SMALL
+) -> tuple[State, Weights, Solved]:
+    """Gauss-Newton, all factors linearised anew each time, until a step turns nothing by more than `small` (rad)."""
 
     whiten = whitener(problem, local)
 
@@ -283,7 +285,7 @@ def _descend(problem: Problem, x: State, local: Local, anneal: Sequence[float]) 
         x, _, _ = step(x, factor)
     for _ in range(MOST):
         x, weights, solved = step(x, 1.0)
-        if np.abs(solved.d[:, :3]).max() < SMALL:
+        if np.abs(solved.d[:, :3]).max() < small:
             break
     return x, weights, solved
 
