@@ -32,9 +32,9 @@ from pbd.tracking.knots import Problem, pose_problem
 from pbd.tracking.noise import Noise
 from pbd.tracking.normal_equations import Solved
 from pbd.tracking.path import Path, path_of
-from pbd.tracking.preintegration import GyroFrame, Impulse
+from pbd.tracking.preintegration import Impulse
 from pbd.tracking.rest import Rest
-from pbd.tracking.zero_velocity import Spans, calm_part, find_candidates, slow_parts, still_speed, trimmed
+from pbd.tracking.zero_velocity import Spans, calm_part, energies, find_candidates, slow_parts, still_speed, trimmed
 
 FAR, WARM = (40.0, 10.0, 3.0), (3.0,)
 """Factors on the sigma of standing still, coming down to 1: from a first guess, and from a solution."""
@@ -127,7 +127,7 @@ def smooth(
     # A knot just behind what was lost: an unknown turn is no small one.
     lost = [min(impulse.row + 1, len(recording) - 1) for impulse in impulses]
 
-    def posed(frame: GyroFrame, stops: Spans, calm: Spans) -> Problem:
+    def posed(stops: Spans, calm: Spans) -> Problem:
         return pose_problem(
             frame,
             recording.mag,
@@ -135,6 +135,7 @@ def smooth(
             noise,
             stops,
             calm,
+            speed,
             device=device,
             impulses=impulses,
             unseen=unseen,
@@ -143,13 +144,13 @@ def smooth(
 
     for _ in range(4):
         frame = frame_of(_retimed(recording, lag, scale), rest.gyro_bias * (1.0 + scale))
+        shown = energies(*steadiness(frame, device), float(np.median(np.diff(frame.t))))
+        speed = still_speed(*shown, len(frame.t), rest, noise)
         if stops is None:
-            shown = steadiness(frame, device)
             stops = find_candidates(frame.t, *shown, rest)
-            speed = still_speed(*shown, np.arange(len(frame.t)), rest, noise, _dt(frame))
         if not stops:
             return None
-        problem = posed(frame, stops, stops)
+        problem = posed(stops, stops)
         x, local = _begin(problem, prior)
         x, weights, solved = _descend(problem, x, local, FAR, ROUGH)
         more, common = _found(x, solved)
@@ -164,7 +165,7 @@ def smooth(
         stops, calm = _judged(problem, path.v, weights, speed)
         if not stops or stops == problem.stops:
             break
-        again = posed(frame, stops, calm)
+        again = posed(stops, calm)
         x, local = _carried(problem, x, path, again), replace(local, origin=_origin(again))
         problem = again
         x, weights, solved = _descend(problem, x, local, WARM)
@@ -205,10 +206,6 @@ def _blurs(problem: Problem) -> Array:
     sums = np.bincount(stop_of[within], variance[within], stops)
     blurs: Array = np.sqrt(sums / np.maximum(np.bincount(stop_of[within], minlength=stops), 1))
     return blurs
-
-
-def _dt(frame: GyroFrame) -> float:
-    return float(np.median(np.diff(frame.t)))
 
 
 def _retimed(recording: Recording, lag: float, scale: float) -> Recording:
