@@ -51,6 +51,9 @@ SMALL, ROUGH, MOST = 1e-4, 1e-3, 12
 DOUBTED, TRIES = 0.5, 3
 """Below this weight a candidate is cut to its slow parts, so often."""
 
+SETTLED_S = 0.02
+"""s: a solution stays where the ends of its stops move by less: no knot is nearer to them."""
+
 SLOW = 0.02
 """m/s: as slow as a hand is that stops, by a solution that doubts it, or DOUBT sigmas of what may be."""
 
@@ -163,7 +166,10 @@ def smooth(
     path = path_of(problem, x)
     for _ in range(TRIES):
         stops, calm = _judged(problem, path.v, weights, speed)
-        if not stops or stops == problem.stops:
+        if not stops:
+            break
+        if _settled(problem.frame.t, problem.stops, stops):
+            problem = replace(problem, stops=stops)
             break
         again = posed(stops, calm)
         x, local = _carried(problem, x, path, again), replace(local, origin=_origin(again))
@@ -197,6 +203,14 @@ def _judged(problem: Problem, v: Array, weights: Weights, speed: Array) -> tuple
             start, stop = stops[-1][0] - part[0], stops[-1][1] - part[0]
             calm.append(calm_part(t, stops[-1], creep[start:stop] < CREEP + 2.0 * blur))
     return stops, calm
+
+
+def _settled(t: Array, before: Spans, after: Spans) -> bool:
+    """Whether the stops are the same, but for little at their ends."""
+    if len(before) != len(after):
+        return False
+    ends = t[np.array([before, after]) - (0, 1)]
+    return bool(np.abs(ends[1] - ends[0]).max() < SETTLED_S)
 
 
 def _blurs(problem: Problem) -> Array:
