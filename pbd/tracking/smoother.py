@@ -39,9 +39,6 @@ from pbd.tracking.zero_velocity import Spans, calm_part, energies, find_candidat
 FAR, WARM = (40.0, 10.0, 3.0), (3.0,)
 """Factors on the sigma of standing still, coming down to 1: from a first guess, and from a solution."""
 
-PLAIN = 2
-"""Iterations before anything is doubted."""
-
 CLEAR = 2.0
 """Where no stop is off by more sigmas, none need be doubted."""
 
@@ -286,9 +283,8 @@ def _descend(
         solved = equations.solve()
         return x.moved(solved), weights, solved
 
-    if len(anneal) > 1:
-        for _ in range(PLAIN):
-            x, _, _ = step(x, anneal[0], robust=False)
+    if len(anneal) > 1:  # nothing is doubted yet
+        x, _, _ = step(x, anneal[0], robust=False)
         still = problem.stop_of >= 0
         if (lengths(x.v[still]) < CLEAR * problem.still[still]).all():
             anneal = ()
