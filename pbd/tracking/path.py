@@ -10,6 +10,9 @@ from pbd.pose import Array, quat_canonical, quat_from_matrix, quat_multiply
 from pbd.tracking.factors import GRAVITY, State
 from pbd.tracking.knots import Problem
 
+AT_ONCE = 64
+"""Legs that are integrated at once: what they need stays in a processor's cache."""
+
 
 @dataclass(frozen=True, eq=False)
 class Path:
@@ -30,25 +33,33 @@ def path_of(problem: Problem, x: State) -> Path:
     frame, rows, T = problem.frame, problem.rows, problem.legs.T[:, None]
     g, E = np.array([0.0, 0.0, float(x.shared[GRAVITY][0])]), x.E[:-1]
     U, UU = frame.U[rows[:-1]], frame.UU[rows[:-1]]
-    left_v = np.diff(x.v, axis=0) - np.einsum("kij,kj->ki", E, problem.legs.dU) + g * T
-    left_p = np.diff(x.p, axis=0) - x.v[:-1] * T - np.einsum("kij,kj->ki", E, problem.legs.dP) + 0.5 * g * T**2
+    left_v = np.diff(x.v, axis=0) - _turned(E, problem.legs.dU) + g * T
+    left_p = np.diff(x.p, axis=0) - x.v[:-1] * T - _turned(E, problem.legs.dP) + 0.5 * g * T**2
     left_p -= 0.5 * T * left_v
-    # Beside the integrals the way is a cubic in the time since the knot.
-    cubic = (x.p[:-1], x.v[:-1], 0.5 * (left_v / T - g) + 3.0 * left_p / T**2, -2.0 * left_p / T**3)
-
-    length = np.diff(rows)
-    length[-1] += 1  # the last knot is the last row
-
-    def at_rows(of_legs: Array) -> Array:
-        return np.repeat(of_legs, length, axis=0)
-
-    s = (frame.t - at_rows(frame.t[rows[:-1]]))[:, None]
-    c0, c1, c2, c3 = map(at_rows, cubic)
-    turned, U0 = at_rows(E), at_rows(U)
-    v = np.einsum("kij,kj->ki", turned, frame.U - U0) + c1 + s * (2.0 * c2 + 3.0 * s * c3)
-    p = np.einsum("kij,kj->ki", turned, frame.UU - at_rows(UU) - U0 * s) + c0 + s * (c1 + s * (c2 + s * c3))
-    a = np.einsum("kij,kj->ki", turned, frame.u) + at_rows(left_v / T - g)
     wxyz = quat_from_matrix(x.E)
     change = wxyz[1:] * np.where((wxyz[1:] * wxyz[:-1]).sum(axis=1, keepdims=True) < 0.0, -1.0, 1.0) - wxyz[:-1]
-    between = at_rows(wxyz[:-1]) + s * at_rows(change / T)  # so little that a chord is as good as its arc
-    return Path(quat_canonical(quat_multiply(between, frame.wxyz)), v, p, a)
+    of_legs = (
+        *(frame.t[rows[:-1], None], U, UU, E, wxyz[:-1], change / T, left_v / T - g),
+        # Beside the integrals the way is a cubic in the time since the knot.
+        *(x.p[:-1], x.v[:-1], 0.5 * (left_v / T - g) + 3.0 * left_p / T**2, -2.0 * left_p / T**3),
+    )
+    n, length = len(frame.t), np.diff(rows)
+    length[-1] += 1  # the last knot is the last row
+    path = Path(np.empty((n, 4)), *np.empty((3, n, 3)))
+    for first in range(0, len(T), AT_ONCE):
+        legs = slice(first, first + AT_ONCE)
+        at = slice(rows[first], rows[first] + length[legs].sum())
+        at_rows = (np.repeat(each[legs], length[legs], axis=0) for each in of_legs)
+        t0, U0, UU0, turned, wxyz0, turning, more, c0, c1, c2, c3 = at_rows
+        s = frame.t[at, None] - t0
+        between = wxyz0 + s * turning  # so little that a chord is as good as its arc
+        path.wxyz[at] = quat_canonical(quat_multiply(between, frame.wxyz[at]))
+        path.v[at] = _turned(turned, frame.U[at] - U0) + c1 + s * (2.0 * c2 + 3.0 * s * c3)
+        path.p[at] = _turned(turned, frame.UU[at] - UU0 - U0 * s) + c0 + s * (c1 + s * (c2 + s * c3))
+        path.a[at] = _turned(turned, frame.u[at]) + more
+    return path
+
+
+def _turned(matrices: Array, vectors: Array) -> Array:
+    turned: Array = np.einsum("kij,kj->ki", matrices, vectors)
+    return turned
