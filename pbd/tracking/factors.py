@@ -21,6 +21,9 @@ SHARED = 17
 DOUBT = 3.0
 """Sigmas beyond which a robust factor hardly counts (Geman-McClure)."""
 
+AT_ONCE = 512
+"""Legs that are linearised at once: what they need stays in a processor's cache."""
+
 FIXED = 1e10
 """Weight of what is chosen rather than known: the origin, and without a compass the heading."""
 
@@ -119,20 +122,20 @@ def whitener(problem: Problem, local: Local) -> Array:
     return whiten
 
 
-def leg_jacobian(problem: Problem, x: State) -> Array:
+def leg_jacobian(problem: Problem, x: State, at: slice = slice(None)) -> Array:
     """Derivatives (m - 1, 9, 15 + 15 + SHARED) and, last, residuals of turn, velocity and way, in the gyro frame.
 
     With a = v' - v + g T and b = p' - p - v T + g T^2 / 2, upwards in nav, E at this knot and E' at the next:
     r_turn = log(E^T E' exp(-J_r x)), r_velocity = E^T a - dU - J_v x, r_way = E^T b - dP - J_p x.
     """
-    legs, m = problem.legs, len(problem.rows)
-    T, ET, g = legs.T[:, None], x.E[:-1].transpose(0, 2, 1), float(x.shared[GRAVITY][0])
-    errors = np.hstack((x.gyr_bias[:-1], x.acc_bias[:-1], np.broadcast_to(x.shared[:16], (m - 1, 16))))
-    by_errors = np.einsum("kij,kj->ki", legs.J, errors)
+    legs, J = problem.legs, problem.legs.J[at]
+    T, ET, g = legs.T[at, None], x.E[:-1][at].transpose(0, 2, 1), float(x.shared[GRAVITY][0])
+    errors = np.hstack((x.gyr_bias[:-1][at], x.acc_bias[:-1][at], np.broadcast_to(x.shared[:16], (len(T), 16))))
+    by_errors = np.einsum("kij,kj->ki", J, errors)
     up = np.array([0.0, 0.0, 1.0])
-    a = np.diff(x.v, axis=0) + g * T * up
-    b = np.diff(x.p, axis=0) - x.v[:-1] * T + 0.5 * g * T**2 * up
-    out = np.zeros((m - 1, 9, 2 * STATE + SHARED + 1))
+    a = np.diff(x.v, axis=0)[at] + g * T * up
+    b = np.diff(x.p, axis=0)[at] - x.v[:-1][at] * T + 0.5 * g * T**2 * up
+    out = np.zeros((len(T), 9, 2 * STATE + SHARED + 1))
     rot, vel, pos = slice(0, 3), slice(3, 6), slice(6, 9)
 
     def this(block: slice) -> slice:
@@ -146,27 +149,31 @@ def leg_jacobian(problem: Problem, x: State) -> Array:
     out[:, vel, this(VEL)], out[:, vel, after(VEL)] = -ET, ET
     out[:, pos, this(VEL)] = -ET * T[:, :, None]
     out[:, pos, this(POS)], out[:, pos, after(POS)] = -ET, ET
-    out[:, :, GYR_BIAS.start : ACC_BIAS.stop] = -legs.J[:, :, :6]
-    out[:, :, 2 * STATE : 2 * STATE + 16] = -legs.J[:, :, 6:ERRORS]
+    out[:, :, GYR_BIAS.start : ACC_BIAS.stop] = -J[:, :, :6]
+    out[:, :, 2 * STATE : 2 * STATE + 16] = -J[:, :, 6:ERRORS]
     out[:, vel, -2], out[:, pos, -2] = ET[:, :, 2] * T, ET[:, :, 2] * (0.5 * T**2)
-    turn = quat_multiply(quat_from_matrix(ET @ x.E[1:]), quat_exp(-by_errors[:, rot]))
+    turn = quat_multiply(quat_from_matrix(ET @ x.E[1:][at]), quat_exp(-by_errors[:, rot]))
     out[:, rot, -1] = quat_log(turn)
-    out[:, vel, -1] = np.einsum("kij,kj->ki", ET, a) - legs.dU - by_errors[:, vel]
-    out[:, pos, -1] = np.einsum("kij,kj->ki", ET, b) - legs.dP - by_errors[:, pos]
+    out[:, vel, -1] = np.einsum("kij,kj->ki", ET, a) - legs.dU[at] - by_errors[:, vel]
+    out[:, pos, -1] = np.einsum("kij,kj->ki", ET, b) - legs.dP[at] - by_errors[:, pos]
     return out
 
 
 def _add_legs(equations: NormalEquations, problem: Problem, x: State, local: Local, whiten: Array) -> Array:
     """The moves, and how the biases walk; returns the whitened residuals."""
-    whitened = whiten @ leg_jacobian(problem, x)
-    equations.add_legs(whitened)
+    residuals = np.empty((len(whiten), 9))
+    for first in range(0, len(whiten), AT_ONCE):
+        at = slice(first, first + AT_ONCE)
+        whitened = whiten[at] @ leg_jacobian(problem, x, at)
+        equations.add_legs(whitened, first)
+        residuals[at] = whitened[:, :, -1]
     noise, T = problem.noise, problem.legs.T
     for block, values, walk, k in (
         (GYR_BIAS, x.gyr_bias, noise.device.gyr_walk, local.walks[0]),
         (ACC_BIAS, x.acc_bias, noise.device.acc_walk, local.walks[1]),
     ):
         equations.add_pairs(block, np.diff(values, axis=0), 1.0 / (k * walk**2 * T))
-    return whitened[:, :, -1]
+    return residuals
 
 
 def _add_stops(

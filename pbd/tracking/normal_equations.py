@@ -64,19 +64,20 @@ class NormalEquations:
         self.g[:-1, i] -= weighted
         self.g[1:, i] += weighted
 
-    def add_legs(self, jacobian: Array) -> None:
-        """A factor from each knot to the next: (m - 1, r, 15 + 15 + s + 1) whitened, the residual last."""
+    def add_legs(self, jacobian: Array, at: int = 0) -> None:
+        """A factor from each knot, from the one `at`, to the next: (., r, 15 + 15 + s + 1) whitened, residual last."""
         shared = jacobian[:, :, 2 * STATE :]
         corner = np.tensordot(shared, shared, axes=((0, 1), (0, 1)))
         self.corner += corner[:-1, :-1]
         self.g_shared += corner[:-1, -1]
-        for knots, first in ((slice(None, -1), 0), (slice(1, None), STATE)):
+        end = at + len(jacobian)
+        for knots, first in ((slice(at, end), 0), (slice(at + 1, end + 1), STATE)):
             own = jacobian[:, :, first : first + STATE].transpose(0, 2, 1)
             self.diagonal[knots] += own @ jacobian[:, :, first : first + STATE]
             by_shared = own @ shared
             self.border[knots] += by_shared[:, :, :-1]
             self.g[knots] += by_shared[:, :, -1]
-        self.below += own @ jacobian[:, :, :STATE]
+        self.below[at:end] += own @ jacobian[:, :, :STATE]
 
     def solve(self) -> Solved:
         """Factorise."""
