@@ -78,11 +78,11 @@ def pose_problem(
     stops: Spans,
     calm: Spans,
     speed: Array,
-    *,
-    device: bool = False,
+    asked: Sequence[int] = (),
     impulses: Sequence[Impulse] = (),
     unseen: Sequence[tuple[int, int]] = (),
-    asked: Sequence[int] = (),
+    *,
+    device: bool = False,
 ) -> Problem:
     """Place knots and integrate between them.
 

@@ -125,21 +125,12 @@ def smooth(
     prior = Prior(noise.lag, WIDE_LAG, COMMON_SCALE)
 
     # A knot just behind what was lost: an unknown turn is no small one.
-    lost = [min(impulse.row + 1, len(recording) - 1) for impulse in impulses]
+    asked = [*asked, *(min(impulse.row + 1, len(recording) - 1) for impulse in impulses)]
 
     def posed(stops: Spans, calm: Spans) -> Problem:
         return pose_problem(
-            frame,
-            recording.mag,
-            rest,
-            noise,
-            stops,
-            calm,
-            speed,
+            *(frame, recording.mag, rest, noise, stops, calm, speed, asked, impulses, unseen),
             device=device,
-            impulses=impulses,
-            unseen=unseen,
-            asked=[*asked, *lost],
         )
 
     for _ in range(4):
