@@ -39,16 +39,12 @@ def skew(v: Array) -> Array:
 
 def quat_multiply(a: ArrayLike, b: ArrayLike) -> Array:
     """Hamilton product: first b, then a. (..., 4) and (..., 4) -> (..., 4)."""
-    aw, ax, ay, az = np.moveaxis(np.asarray(a, dtype=np.float64), -1, 0)
-    bw, bx, by, bz = np.moveaxis(np.asarray(b, dtype=np.float64), -1, 0)
-    return np.stack(
-        (
-            aw * bw - ax * bx - ay * by - az * bz,
-            aw * bx + ax * bw + ay * bz - az * by,
-            aw * by - ax * bz + ay * bw + az * bx,
-            aw * bz + ax * by - ay * bx + az * bw,
-        ),
-        axis=-1,
+    (aw, ax, ay, az), (bw, bx, by, bz) = _components(a), _components(b)
+    return _vectors(
+        aw * bw - ax * bx - ay * by - az * bz,
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
     )
 
 
@@ -76,18 +72,31 @@ def quat_cumulative(wxyz: ArrayLike) -> Array:
 
 def quat_rotate(wxyz: ArrayLike, vector: ArrayLike) -> Array:
     """Turn vectors (..., 3) by unit quaternions (..., 4)."""
-    w, x, y, z = np.moveaxis(np.asarray(wxyz, dtype=np.float64), -1, 0)
-    a, b, c = np.moveaxis(np.asarray(vector, dtype=np.float64), -1, 0)
+    (w, x, y, z), (a, b, c) = _components(wxyz), _components(vector)
     # vector + w t + xyz x t, with t twice the cross product of xyz and the vector
     t, u, v = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
-    return np.stack((a + w * t + (y * v - z * u), b + w * u + (z * t - x * v), c + w * v + (x * u - y * t)), axis=-1)
+    return _vectors(a + w * t + (y * v - z * u), b + w * u + (z * t - x * v), c + w * v + (x * u - y * t))
+
+
+def _components(values: ArrayLike) -> list[Array]:
+    """Views of each column; of short arrays numpy's moveaxis takes longer than the arithmetic."""
+    array = np.asarray(values, dtype=np.float64)
+    return [array[..., i] for i in range(array.shape[-1])]
+
+
+def _vectors(*components: Array) -> Array:
+    """The inverse of that; numpy's stack takes as long."""
+    vectors = np.empty((*components[0].shape, len(components)))
+    for i, component in enumerate(components):
+        vectors[..., i] = component
+    return vectors
 
 
 def quat_exp(rotation_vector: ArrayLike) -> Array:
     """Unit quaternions of rotation vectors (..., 3) in rad."""
     half = 0.5 * np.asarray(rotation_vector, dtype=np.float64)
-    angle = lengths(half)[..., None]
-    return np.concatenate((np.cos(angle), half * np.sinc(angle / np.pi)), axis=-1)
+    angle = np.maximum(lengths(half), 1e-99)[..., None]  # whose sine is itself
+    return np.concatenate((np.cos(angle), half * (np.sin(angle) / angle)), axis=-1)
 
 
 def quat_log(wxyz: ArrayLike) -> Array:
@@ -116,8 +125,14 @@ def quat_slerp(start: ArrayLike, end: ArrayLike, fraction: ArrayLike) -> Array:
 
 def quat_to_matrix(wxyz: ArrayLike) -> Array:
     """Rotation matrices (..., 3, 3); their columns are the turned axes."""
-    turned = quat_rotate(np.asarray(wxyz, dtype=np.float64)[..., None, :], np.eye(3))
-    return np.ascontiguousarray(np.swapaxes(turned, -1, -2))
+    w, x, y, z = _components(wxyz)
+    x2, y2, z2 = 2.0 * x, 2.0 * y, 2.0 * z
+    rows = _vectors(
+        *(1.0 - y * y2 - z * z2, x * y2 - w * z2, x * z2 + w * y2),
+        *(x * y2 + w * z2, 1.0 - x * x2 - z * z2, y * z2 - w * x2),
+        *(x * z2 - w * y2, y * z2 + w * x2, 1.0 - x * x2 - y * y2),
+    )
+    return rows.reshape(*w.shape, 3, 3)
 
 
 def quat_from_matrix(matrix: ArrayLike) -> Array:
@@ -128,15 +143,13 @@ def quat_from_matrix(matrix: ArrayLike) -> Array:
     xz, zx = m[..., 0, 2], m[..., 2, 0]
     yx, xy = m[..., 1, 0], m[..., 0, 1]
     # Row k is 4 q_k q; the row with the largest q_k is the best conditioned one.
-    rows = np.stack(
-        (
-            np.stack((1 + xx + yy + zz, zy - yz, xz - zx, yx - xy), axis=-1),
-            np.stack((zy - yz, 1 + xx - yy - zz, yx + xy, xz + zx), axis=-1),
-            np.stack((xz - zx, yx + xy, 1 - xx + yy - zz, zy + yz), axis=-1),
-            np.stack((yx - xy, xz + zx, zy + yz, 1 - xx - yy + zz), axis=-1),
-        ),
-        axis=-2,
-    )
+    wx, wy, wz, yx, zx, zy = zy - yz, xz - zx, yx - xy, yx + xy, xz + zx, zy + yz
+    rows = _vectors(
+        *(1 + xx + yy + zz, wx, wy, wz),
+        *(wx, 1 + xx - yy - zz, yx, zx),
+        *(wy, yx, 1 - xx + yy - zz, zy),
+        *(wz, zx, zy, 1 - xx - yy + zz),
+    ).reshape(*xx.shape, 4, 4)
     best = np.argmax(np.diagonal(rows, axis1=-2, axis2=-1), axis=-1)
     return quat_canonical(np.take_along_axis(rows, best[..., None, None], axis=-2)[..., 0, :])
 

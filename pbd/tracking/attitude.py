@@ -1,4 +1,4 @@
-"""Where the smoother starts: the attitude by VQF's six axes, or the device's own."""
+"""Where the smoother starts: the gyro's own frame and how it lies, or the device's own attitude."""
 
 from __future__ import annotations
 
@@ -6,17 +6,9 @@ import numpy as np
 
 from pbd.data import Recording
 from pbd.errors import TrackingError
-from pbd.pose import Array, quat_canonical, quat_from_rpy, quat_inverse, quat_log, quat_multiply, quat_rotate
+from pbd.pose import Array, lengths, quat_canonical, quat_from_rpy, quat_inverse, quat_log, quat_multiply, quat_rotate
 from pbd.tracking.preintegration import GyroFrame, Rows, gyro_frame
-
-STEP_S = 0.04
-"""s: VQF is fed means over this long; the gyro frame has the rest."""
-
-WARM_UP_S = 2.0
-"""s: so much of the first rest is put before a recording that begins with it."""
-
-VQF = {"tauAcc": 6.0, "restThGyr": 1.0, "restThAcc": 0.25}
-"""VQF's time constant for tilt is longer than a hand's motion (s); rest is below 1 degree/s and 0.25 m/s2."""
+from pbd.tracking.zero_velocity import Spans
 
 
 def frame_of(recording: Recording, gyro_bias: Array) -> GyroFrame:
@@ -48,24 +40,20 @@ def steadiness(frame: GyroFrame, device: bool) -> tuple[Array, Array]:
     return (frame.acc, np.zeros_like(frame.acc)) if device else (frame.u, frame.gyr)
 
 
-def first_guess(frame: GyroFrame, rows: Rows, first_rest: slice) -> Array:
-    """The gyro frame in a level frame, (k, 4) wxyz at some rows, by offline VQF with 6 axes.
+def first_guess(frame: GyroFrame, rows: Rows, stops: Spans) -> Array:
+    """The gyro frame in a level frame, (k, 4) wxyz at some rows.
 
-    Source: D. Laidig, T. Seel, VQF, Information Fusion 91 (2023), doi 10.1016/j.inffus.2022.10.014.
+    Gravity levels it at each stop, by the shortest turn since the stop before; a row is taken with the nearest stop.
     """
-    from vqf import offlineVQF
-
-    n, interval = len(frame.t), float(np.median(np.diff(frame.t)))
-    every = max(1, min(round(STEP_S / interval), n))
-    k = n // every
-    acc, gyr = (values[: k * every].reshape(k, every, 3).mean(axis=1) for values in (frame.acc, frame.gyr))
-    warm_up = round(WARM_UP_S / (every * interval)) if first_rest.start < every else 0
-    at_rest = np.tile(frame.acc[first_rest].mean(axis=0), (warm_up, 1))
-    gyr, acc = np.vstack((np.zeros((warm_up, 3)), gyr)), np.vstack((at_rest, acc))
-    wxyz = offlineVQF(gyr, acc, None, every * interval, VQF)["quat6D"][warm_up:]
-    middle = np.arange(k) * every + every // 2
-    nearest = np.clip(np.searchsorted(middle, rows), 0, k - 1)
-    return quat_multiply(wxyz[nearest], quat_inverse(frame.wxyz[middle[nearest]]))
+    start, stop = np.transpose(stops)
+    force = (frame.U[stop - 1] - frame.U[start]) / (frame.t[stop - 1] - frame.t[start])[:, None]
+    levels, level = [], np.array([1.0, 0.0, 0.0, 0.0])
+    for up in force / np.maximum(lengths(force), 1e-9)[:, None]:
+        x, y, z = quat_rotate(level, up)
+        # Any half turn will do where up is down.
+        level = quat_canonical(quat_multiply((1.0 + z, y, 1e-12 - x, 0.0), level))
+        levels.append(level)
+    return np.array(levels)[np.searchsorted(0.5 * (stop[:-1] + start[1:]), rows)]
 
 
 def mean_quaternion(wxyz: Array) -> Array:

@@ -16,7 +16,6 @@ from pbd.errors import PbdWarning, RecordingError
 from pbd.pose import Array
 from pbd.tracking.rest import STILL_ACC
 from pbd.tracking.steady import window_moments
-from pbd.tracking.zero_velocity import runs
 
 NAMES = {"acc": "accelerometer", "gyr": "gyro"}
 
@@ -78,11 +77,10 @@ def stuck_axes(recording: Recording) -> Iterator[tuple[str, int, int, int]]:
 
 def _constant(t: Array, column: Array) -> list[tuple[int, int]]:
     """Half-open ranges of STUCK_S and more in which a column (n,) doesn't change."""
-    sparse = max(1, round(0.4 * STUCK_S * (len(t) - 1) / (t[-1] - t[0])))
-    if (np.diff(column[::sparse]) != 0.0).all():
-        return []  # spares most columns the closer look
-    spans = [(start, stop + 1) for start, stop in runs(np.diff(column) == 0.0)]
-    return [(start, stop) for start, stop in spans if t[stop - 1] - t[start] >= STUCK_S]
+    edges = np.concatenate(([0], np.flatnonzero(np.diff(column)) + 1, [len(t)]))
+    start, stop = edges[:-1], edges[1:]
+    long = t[stop - 1] - t[start] >= STUCK_S
+    return list(zip(start[long].tolist(), stop[long].tolist(), strict=True))
 
 
 def magnetometer_is_dead(recording: Recording) -> bool:

@@ -77,7 +77,7 @@ def estimate(
     knots[0] = int(np.flatnonzero(problem.stop_of == believed[0])[0])  # nav's origin is where the first rest begins
     covariance = covariance_of(with_own_noise(solution).solved, knots, solution.state.p[knots])
     return Estimate(
-        _standing(solution.path(), stops, solution.state.p[knots], t),
+        _standing(solution.path, stops, solution.state.p[knots], t),
         stops,
         _closure(solution, stops),
         covariance,

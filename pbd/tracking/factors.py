@@ -25,6 +25,9 @@ DOUBT = 3.0
 STEEP = 0.1
 """A field with a smaller share along the level points nowhere (within 6 degrees of a magnetic pole's)."""
 
+AT_ONCE = 512
+"""Legs that are linearised at once: what they need stays in a processor's cache."""
+
 FIXED = 1e10
 """Weight of what is chosen rather than known: the origin, and without a compass the heading."""
 
@@ -101,11 +104,11 @@ class Weights:
 
 
 def linearise(
-    problem: Problem, x: State, local: Local, anneal: float = 1.0, robust: bool = True
+    problem: Problem, x: State, local: Local, whiten: Array, anneal: float = 1.0, robust: bool = True
 ) -> tuple[NormalEquations, Weights]:
-    """Linearise all factors at a state; `anneal` multiplies the sigma of standing still."""
+    """Linearise all factors at a state; `whiten` the legs' noise, `anneal` multiplies the sigma of standing still."""
     equations = NormalEquations.empty(len(problem.rows), SHARED)
-    legs = _add_legs(equations, problem, x, local)
+    legs = _add_legs(equations, problem, x, local, whiten)
     still, stay, turn = _add_stops(equations, problem, x, anneal * np.sqrt(local.still), robust)
     _add_hand(equations, problem, x)
     compass = np.ones(len(problem.rows))
@@ -123,25 +126,25 @@ def sensor_errors(x: State) -> Array:
     return np.hstack((x.gyr_bias[:-1], x.acc_bias[:-1], shared))
 
 
-def leg_covariance(problem: Problem, local: Local) -> Array:
-    """Covariance (m - 1, 9, 9) of the legs' noise, in the gyro frame."""
-    covariance: Array = np.einsum("c,cmij->mij", local.components, problem.legs.parts)
-    return covariance
+def whitener(problem: Problem, local: Local) -> Array:
+    """What whitens the legs' noise, (m - 1, 9, 9): the inverse of a root of its covariance in the gyro frame."""
+    whiten: Array = np.linalg.inv(np.linalg.cholesky(np.tensordot(local.components, problem.legs.parts, axes=1)))
+    return whiten
 
 
-def leg_jacobian(problem: Problem, x: State) -> Array:
+def leg_jacobian(problem: Problem, x: State, at: slice = slice(None)) -> Array:
     """Derivatives (m - 1, 9, 15 + 15 + SHARED) and, last, residuals of turn, velocity and way, in the gyro frame.
 
     With a = v' - v + g T and b = p' - p - v T + g T^2 / 2, upwards in nav, E at this knot and E' at the next:
     r_turn = log(E^T E' exp(-J_r x)), r_velocity = E^T a - dU - J_v x, r_way = E^T b - dP - J_p x.
     """
-    legs, m = problem.legs, len(problem.rows)
-    T, ET, g = legs.T[:, None], x.E[:-1].transpose(0, 2, 1), float(x.shared[GRAVITY][0])
-    by_errors = np.einsum("kij,kj->ki", legs.J, sensor_errors(x))
+    legs, J = problem.legs, problem.legs.J[at]
+    T, ET, g = legs.T[at, None], x.E[:-1][at].transpose(0, 2, 1), float(x.shared[GRAVITY][0])
+    by_errors = np.einsum("kij,kj->ki", J, sensor_errors(x)[at])
     up = np.array([0.0, 0.0, 1.0])
-    a = np.diff(x.v, axis=0) + g * T * up
-    b = np.diff(x.p, axis=0) - x.v[:-1] * T + 0.5 * g * T**2 * up
-    out = np.zeros((m - 1, 9, 2 * STATE + SHARED + 1))
+    a = np.diff(x.v, axis=0)[at] + g * T * up
+    b = np.diff(x.p, axis=0)[at] - x.v[:-1][at] * T + 0.5 * g * T**2 * up
+    out = np.zeros((len(T), 9, 2 * STATE + SHARED + 1))
     rot, vel, pos = slice(0, 3), slice(3, 6), slice(6, 9)
 
     def this(block: slice) -> slice:
@@ -155,28 +158,31 @@ def leg_jacobian(problem: Problem, x: State) -> Array:
     out[:, vel, this(VEL)], out[:, vel, after(VEL)] = -ET, ET
     out[:, pos, this(VEL)] = -ET * T[:, :, None]
     out[:, pos, this(POS)], out[:, pos, after(POS)] = -ET, ET
-    out[:, :, GYR_BIAS.start : ACC_BIAS.stop] = -legs.J[:, :, :6]
-    out[:, :, 2 * STATE : 2 * STATE + 16] = -legs.J[:, :, 6:ERRORS]
+    out[:, :, GYR_BIAS.start : ACC_BIAS.stop] = -J[:, :, :6]
+    out[:, :, 2 * STATE : 2 * STATE + 16] = -J[:, :, 6:ERRORS]
     out[:, vel, -2], out[:, pos, -2] = ET[:, :, 2] * T, ET[:, :, 2] * (0.5 * T**2)
-    turn = quat_multiply(quat_from_matrix(ET @ x.E[1:]), quat_exp(-by_errors[:, rot]))
+    turn = quat_multiply(quat_from_matrix(ET @ x.E[1:][at]), quat_exp(-by_errors[:, rot]))
     out[:, rot, -1] = quat_log(turn)
-    out[:, vel, -1] = np.einsum("kij,kj->ki", ET, a) - legs.dU - by_errors[:, vel]
-    out[:, pos, -1] = np.einsum("kij,kj->ki", ET, b) - legs.dP - by_errors[:, pos]
+    out[:, vel, -1] = np.einsum("kij,kj->ki", ET, a) - legs.dU[at] - by_errors[:, vel]
+    out[:, pos, -1] = np.einsum("kij,kj->ki", ET, b) - legs.dP[at] - by_errors[:, pos]
     return out
 
 
-def _add_legs(equations: NormalEquations, problem: Problem, x: State, local: Local) -> Array:
+def _add_legs(equations: NormalEquations, problem: Problem, x: State, local: Local, whiten: Array) -> Array:
     """The moves, and how the biases walk; returns the whitened residuals."""
-    whiten = np.linalg.inv(np.linalg.cholesky(leg_covariance(problem, local)))
-    whitened = whiten @ leg_jacobian(problem, x)
-    equations.add_legs(whitened)
+    residuals = np.empty((len(whiten), 9))
+    for first in range(0, len(whiten), AT_ONCE):
+        at = slice(first, first + AT_ONCE)
+        whitened = whiten[at] @ leg_jacobian(problem, x, at)
+        equations.add_legs(whitened, first)
+        residuals[at] = whitened[:, :, -1]
     noise, T = problem.noise, problem.legs.T
     for block, values, walk, k in (
         (GYR_BIAS, x.gyr_bias, noise.device.gyr_walk, local.walks[0]),
         (ACC_BIAS, x.acc_bias, noise.device.acc_walk, local.walks[1]),
     ):
         equations.add_pairs(block, np.diff(values, axis=0), 1.0 / (k * walk**2 * T))
-    return whitened[:, :, -1]
+    return residuals
 
 
 def _add_stops(

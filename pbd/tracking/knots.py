@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.pose import Array, quat_rotate, quat_to_matrix
-from pbd.tracking.attitude import steadiness
 from pbd.tracking.noise import Noise, densities
 from pbd.tracking.preintegration import GyroFrame, Impulse, Legs, Rows, cumulative, preintegrate
 from pbd.tracking.rest import Rest
-from pbd.tracking.zero_velocity import Spans, still_speed
+from pbd.tracking.zero_velocity import Spans
 
 INSET_S, INSET_SHARE = 0.05, 0.2
 """s: a hand that is seen to move set out no longer before; and of a short stop this share, at either end."""
@@ -74,11 +73,12 @@ def pose_problem(
     noise: Noise,
     stops: Spans,
     calm: Spans,
-    *,
-    device: bool = False,
+    speed: Array,
+    asked: Sequence[int] = (),
     impulses: Sequence[Impulse] = (),
     unseen: Sequence[tuple[int, int]] = (),
-    asked: Sequence[int] = (),
+    *,
+    device: bool = False,
 ) -> Problem:
     """Place knots and integrate between them.
 
@@ -89,6 +89,7 @@ def pose_problem(
         noise: parameters.
         stops: candidates.
         calm: of each, where the hand stands still without a doubt.
+        speed: (n,) m/s along each axis, how fast a hand may be that stands still.
         device: the attitude is the device's own.
         impulses: what was lost above a sensor's range.
         unseen: first and last row of each hole in the data.
@@ -122,7 +123,7 @@ def pose_problem(
         stop_of,
         within,
         preintegrate(frame, rows, within, (s_g, s_a), impulses),
-        still_speed(*steadiness(frame, device), rows, rest, noise, dt),
+        speed[rows],
         C[1:] @ C[:-1].transpose(0, 2, 1),
         _turn_sigma(frame, rows, within, noise.still_turn),
         np.maximum(np.diff(borders), dt),
@@ -166,12 +167,12 @@ def _evenly(t: Array, first: int, last: int, apart_s: float) -> list[int]:
 def _turn_sigma(frame: GyroFrame, rows: Rows, within: NDArray[np.bool_], least: float) -> Array:
     """How far a hand may turn from knot to knot of a stop: twice the largest excursion of the integrated rate."""
     angle = cumulative(frame.gyr[1:] * np.diff(frame.t)[:, None])
-    sigma = np.full(len(within), least)
-    for k in np.flatnonzero(within):
-        turned = angle[rows[k] : rows[k + 1] + 1] - angle[rows[k]]
-        sway = turned - np.linspace(0.0, 1.0, len(turned))[:, None] * turned[-1]
-        sigma[k] = np.hypot(least, 2.0 * np.abs(sway).max())
-    return sigma
+    length = np.diff(rows)
+    share = (np.arange(rows[-1]) - np.repeat(rows[:-1], length)) / np.repeat(length, length)
+    turned = np.diff(angle[rows], axis=0)
+    sway = angle[:-1] - np.repeat(angle[rows[:-1]], length, axis=0) - share[:, None] * np.repeat(turned, length, axis=0)
+    largest = np.maximum.reduceat(np.abs(sway).max(axis=1), rows[:-1])
+    return np.hypot(least, 2.0 * largest * within)
 
 
 def _field(frame: GyroFrame, mag: Array, rows: Rows, reach: int) -> Array:

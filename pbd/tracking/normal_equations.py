@@ -19,9 +19,6 @@ ROT, VEL, POS, GYR_BIAS, ACC_BIAS = (slice(3 * i, 3 * i + 3) for i in range(5))
 ROUNDING = 1e-12
 """Added to the scaled diagonal: what rounding may take from it."""
 
-_LOW = np.tril_indices(STATE)
-_ALL = np.indices((STATE, STATE)).reshape(2, -1)
-
 
 @dataclass(eq=False)
 class NormalEquations:
@@ -70,44 +67,47 @@ class NormalEquations:
         self.g[:-1, i] -= weighted
         self.g[1:, i] += weighted
 
-    def add_legs(self, jacobian: Array) -> None:
-        """A factor from each knot to the next: (m - 1, r, 15 + 15 + s + 1) whitened, the residual last."""
-        H = jacobian.transpose(0, 2, 1) @ jacobian
-        this, after, shared = slice(0, STATE), slice(STATE, 2 * STATE), slice(2 * STATE, -1)
-        self.diagonal[:-1] += H[:, this, this]
-        self.diagonal[1:] += H[:, after, after]
-        self.below += H[:, after, this]
-        self.border[:-1] += H[:, this, shared]
-        self.border[1:] += H[:, after, shared]
-        self.corner += H[:, shared, shared].sum(axis=0)
-        self.g[:-1] += H[:, this, -1]
-        self.g[1:] += H[:, after, -1]
-        self.g_shared += H[:, shared, -1].sum(axis=0)
+    def add_legs(self, jacobian: Array, at: int = 0) -> None:
+        """A factor from each knot, from the one `at`, to the next: (., r, 15 + 15 + s + 1) whitened, residual last."""
+        shared = jacobian[:, :, 2 * STATE :]
+        corner = np.tensordot(shared, shared, axes=((0, 1), (0, 1)))
+        self.corner += corner[:-1, :-1]
+        self.g_shared += corner[:-1, -1]
+        end = at + len(jacobian)
+        for knots, first in ((slice(at, end), 0), (slice(at + 1, end + 1), STATE)):
+            own = jacobian[:, :, first : first + STATE].transpose(0, 2, 1)
+            self.diagonal[knots] += own @ jacobian[:, :, first : first + STATE]
+            by_shared = own @ shared
+            self.border[knots] += by_shared[:, :, :-1]
+            self.g[knots] += by_shared[:, :, -1]
+        self.below[at:end] += own @ jacobian[:, :, :STATE]
 
     def solve(self) -> Solved:
         """Factorise."""
-        from scipy.linalg import cho_solve_banded, cholesky_banded
+        from scipy.linalg import cholesky_banded
+        from scipy.linalg.lapack import dtbtrs
 
         m, s = len(self.g), len(self.g_shared)
         # Jacobi scaling: rotations and metres differ by six orders of magnitude.
-        scale = 1.0 / np.sqrt(self.diagonal[:, np.arange(STATE), np.arange(STATE)])
-        diagonal = self.diagonal * scale[:, :, None] * scale[:, None, :] + ROUNDING * np.eye(STATE)
-        below = self.below * scale[1:, :, None] * scale[:-1, None, :]
-        band = np.zeros((2 * STATE, m, STATE))
-        r, c = _LOW
-        band[r - c, :, c] = diagonal[:, r, c].T
-        r, c = _ALL
-        band[STATE + r - c, :-1, c] = below[:, r, c].T
-        cholesky = cholesky_banded(band.reshape(2 * STATE, -1), overwrite_ab=True, lower=True, check_finite=False)
-        scaled = np.concatenate((self.border, self.g[:, :, None]), axis=2) * scale[:, :, None]
-        flat = scaled.reshape(m * STATE, s + 1)
-        solved = cho_solve_banded((cholesky, True), flat, check_finite=False)
-        schur = self.corner - flat[:, :s].T @ solved[:, :s]
-        shared: Array = np.asarray(np.linalg.inv(schur), dtype=np.float64)
-        d_shared = -shared @ (self.g_shared - flat[:, :s].T @ solved[:, s])
-        d = -(solved[:, s] + solved[:, :s] @ d_shared).reshape(m, STATE) * scale
-        by_shared = solved[:, :s].reshape(m, STATE, s) * scale[:, :, None]
-        return Solved(d, d_shared, diagonal, below, scale, np.asarray(cholesky, dtype=np.float64), by_shared, shared)
+        scale = 1.0 / np.sqrt(np.diagonal(self.diagonal, axis1=1, axis2=2))
+        diagonal = self.diagonal * (scale[:, :, None] * scale[:, None, :]) + ROUNDING * np.eye(STATE)
+        below = self.below * (scale[1:, :, None] * scale[:-1, None, :])
+        # Column by column what lies below the diagonal: in rows one longer each column begins one later.
+        rows = np.zeros((m, STATE * (3 * STATE + 1)))
+        columns = rows[:, :-STATE].reshape(m, STATE, 3 * STATE)
+        columns[:, :, :STATE], columns[:-1, :, STATE : 2 * STATE] = diagonal, below.transpose(0, 2, 1)
+        band = rows.reshape(m, STATE, -1)[:, :, : 2 * STATE].reshape(m * STATE, 2 * STATE).T
+        cholesky = cholesky_banded(band, overwrite_ab=True, lower=True, check_finite=False)
+        right = np.empty((s + 1, m, STATE))
+        right[:s], right[s] = self.border.transpose(2, 0, 1), self.g
+        right *= scale
+        # Half the way down: L^-1 of border and gradient.
+        half, _ = dtbtrs(cholesky, right.reshape(s + 1, -1).T, uplo="L", overwrite_b=True)
+        product = half.T @ half
+        shared: Array = np.asarray(np.linalg.inv(self.corner - product[:s, :s]), dtype=np.float64)
+        d_shared = -shared @ (self.g_shared - product[:s, s])
+        d, _ = dtbtrs(cholesky, -half[:, s] - half[:, :s] @ d_shared, uplo="L", trans="T")
+        return Solved(d.reshape(m, STATE) * scale, d_shared, cholesky, scale, half[:, :s], shared)
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,20 +116,27 @@ class Solved:
 
     Attributes:
         d, d_shared: the step to the minimum.
-        diagonal, below, scale: of the Hessian, scaled to a unit diagonal.
-        cholesky: of that, banded.
-        by_shared: (m, 15, s), how the knots go with the shared unknowns, less its sign.
+        cholesky: (30, m * 15), of the chain's Hessian scaled to a unit diagonal, banded.
+        scale: (m, 15).
+        half: (m * 15, s), the inverse of that factor times the border.
         shared: (s, s), covariance of the shared unknowns.
     """
 
     d: Array
     d_shared: Array
-    diagonal: Array
-    below: Array
-    scale: Array
     cholesky: Array
-    by_shared: Array
+    scale: Array
+    half: Array
     shared: Array
+
+    @cached_property
+    def by_shared(self) -> Array:
+        """How the knots go with the shared unknowns, less its sign, (m, 15, s)."""
+        from scipy.linalg.lapack import dtbtrs
+
+        solved, _ = dtbtrs(self.cholesky, self.half, uplo="L", trans="T")
+        by_shared: Array = solved.reshape(*self.scale.shape, -1) * self.scale[:, :, None]
+        return by_shared
 
     def columns(self, right: Array) -> Array:
         """Covariance of all knots' unknowns times columns: (m, 15, k) -> (m, 15, k)."""
@@ -138,41 +145,41 @@ class Solved:
         m, _, k = right.shape
         scaled = (right * self.scale[:, :, None]).reshape(m * STATE, k)
         own = cho_solve_banded((self.cholesky, True), scaled, check_finite=False).reshape(m, STATE, k)
-        border = np.einsum("mis,mik->sk", self.by_shared, right)
+        border = np.tensordot(self.by_shared, right, axes=((0, 1), (0, 1)))
         columns: Array = own * self.scale[:, :, None] + self.by_shared @ (self.shared @ border)
         return columns
 
     @cached_property
     def _selected(self) -> tuple[Array, Array]:
-        """Blocks of the inverse of the scaled chain: of each knot (m, 15, 15), of the next by this (m - 1, 15, 15)."""
-        m = len(self.diagonal)
-        inverse, gain = np.empty_like(self.diagonal), np.empty_like(self.below)
-        inverse[0] = np.linalg.inv(self.diagonal[0])
-        for k in range(1, m):
-            gain[k - 1] = self.below[k - 1] @ inverse[k - 1]
-            inverse[k] = np.linalg.inv(self.diagonal[k] - gain[k - 1] @ self.below[k - 1].T)
-        lower = np.empty_like(self.below)
-        for k in range(m - 2, -1, -1):
-            lower[k] = -inverse[k + 1] @ gain[k]
-            inverse[k] -= gain[k].T @ lower[k]
-        return inverse, lower
+        """Blocks of the chain's own inverse: of each knot (m, 15, 15), of the next by this (m - 1, 15, 15).
+
+        With L's blocks D on the diagonal and B below, and G = B D^-1: S = (D D^T)^-1 + G^T S' G from the last back.
+        """
+        m = len(self.scale)
+        rows = np.zeros((m, STATE * (3 * STATE + 1)))
+        rows.reshape(m, STATE, -1)[:, :, : 2 * STATE] = self.cholesky.T.reshape(m, STATE, 2 * STATE)
+        columns = rows[:, :-STATE].reshape(m, STATE, 3 * STATE)
+        D, B = columns[:, :, :STATE].transpose(0, 2, 1), columns[:-1, :, STATE : 2 * STATE].transpose(0, 2, 1)
+        root = np.linalg.inv(D)
+        gain, inverse = B @ root[:-1], root.transpose(0, 2, 1) @ root
+        for S, S_next, G in zip(inverse[-2::-1], inverse[:0:-1], gain[::-1], strict=True):
+            S += G.T @ S_next @ G
+        lower = -inverse[1:] @ gain
+        here, after = self.scale[:-1, None, :], self.scale[1:, :, None]
+        return inverse * (self.scale[:, :, None] * self.scale[:, None, :]), lower * (after * here)
 
     def of_knots(self) -> Array:
         """Covariance of each knot's unknowns, (m, 15, 15)."""
-        own = self._selected[0] * self.scale[:, :, None] * self.scale[:, None, :]
-        covariance: Array = own + self.by_shared @ self.shared @ self.by_shared.transpose(0, 2, 1)
+        covariance: Array = self._selected[0] + self.by_shared @ self.shared @ self.by_shared.transpose(0, 2, 1)
         return covariance
 
-    def of_pairs(self) -> Array:
-        """Covariance of the unknowns of each two neighbours and the shared ones, (m - 1, 30 + s, 30 + s)."""
-        own, lower, m, s = *self._selected, len(self.scale), len(self.shared)
-        joint = np.zeros((m - 1, 2 * STATE + s, 2 * STATE + s))
-        joint[:, :STATE, :STATE], joint[:, STATE:-s, STATE:-s] = own[:-1], own[1:]
-        joint[:, STATE:-s, :STATE], joint[:, :STATE, STATE:-s] = lower, lower.transpose(0, 2, 1)
-        scale = np.concatenate((self.scale[:-1], self.scale[1:], np.zeros((m - 1, s))), axis=1)
-        joint *= scale[:, :, None] * scale[:, None, :]
-        by = np.concatenate(
-            (self.by_shared[:-1], self.by_shared[1:], np.broadcast_to(-np.eye(s), (m - 1, s, s))), axis=1
-        )
-        joint += by @ self.shared @ by.transpose(0, 2, 1)
-        return joint
+    def of_pairs(self, jacobian: Array) -> Array:
+        """Covariance (m - 1, r, r) of what depends on two neighbours and the shared unknowns, (., r, 15 + 15 + s)."""
+        own, lower = self._selected
+        this, after = jacobian[:, :, :STATE], jacobian[:, :, STATE : 2 * STATE]
+        by = this @ self.by_shared[:-1] + after @ self.by_shared[1:] - jacobian[:, :, 2 * STATE :]
+        cross = after @ lower @ this.transpose(0, 2, 1)
+        covariance: Array = by @ self.shared @ by.transpose(0, 2, 1) + cross + cross.transpose(0, 2, 1)
+        for part, of_part in ((this, own[:-1]), (after, own[1:])):
+            covariance += part @ of_part @ part.transpose(0, 2, 1)
+        return covariance

@@ -43,6 +43,11 @@ CLIPPED_RATE, CLIPPED_SAMPLES, CLIPPED_SHARE = 3.0, 3, 0.2
 ends; beyond it the rate may be larger by this share, as a hand's turns are hardly faster."""
 
 
+UNSEEN_ACC, UNSEEN_RATE = 2.0, 1.0
+"""m/s2 and rad/s: what a hand may do in a hole, when nobody knows yet whether it moves. (Of a recording one in a move
+is refused.)"""
+
+
 @dataclass(frozen=True, eq=False)
 class Sample:
     """One sample, all of it known.
@@ -129,7 +134,7 @@ class Conditioner:
         # Between neighbours motion may be anything in between; in a long gap, anything that a hand does.
         turn, push = (float(((b - a) ** 2).sum()) / 12.0 for a, b in ((last.gyr, sample.gyr), (last.acc, sample.acc)))
         if unseen:
-            turn, push = Noise.unseen_rate**2, Noise.unseen**2
+            turn, push = UNSEEN_RATE**2, UNSEEN_ACC**2
         sample = replace(sample, guessed=(turn * lasts, push * lasts))
         put_back = [
             replace(

@@ -6,9 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pbd.pose import Array, quat_canonical, quat_exp, quat_from_matrix, quat_log, quat_multiply
+from pbd.pose import Array, quat_canonical, quat_from_matrix, quat_multiply
 from pbd.tracking.factors import GRAVITY, State, sensor_errors
 from pbd.tracking.knots import Problem
+
+AT_ONCE = 64
+"""Legs that are integrated at once: what they need stays in a processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,24 +33,37 @@ def path_of(problem: Problem, x: State) -> Path:
     Turn and velocity that are left over arose evenly in time (white noise, bias); the way takes a cubic that keeps
     velocity at both ends.
     """
-    frame, rows, legs = problem.frame, problem.rows, problem.legs
-    t, g = frame.t, np.array([0.0, 0.0, float(x.shared[GRAVITY][0])])
-    k = np.clip(np.searchsorted(rows, np.arange(len(t)), side="right") - 1, 0, len(rows) - 2)
-    since, T = (t - t[rows[k]])[:, None], legs.T[:, None]
-    share = since / T[k]
-
-    E, wxyz_knot = x.E[:-1], quat_from_matrix(x.E)
-    turn = quat_log(quat_from_matrix(x.E[1:] @ E.transpose(0, 2, 1)))
-    wxyz = quat_multiply(quat_multiply(quat_exp(share * turn[k]), wxyz_knot[k]), frame.wxyz)
-
-    left_v = np.diff(x.v, axis=0) - np.einsum("kij,kj->ki", E, legs.dU) + g * T
-    left_p = np.diff(x.p, axis=0) - x.v[:-1] * T - np.einsum("kij,kj->ki", E, legs.dP) + 0.5 * g * T**2
+    frame, rows, T = problem.frame, problem.rows, problem.legs.T[:, None]
+    g, E = np.array([0.0, 0.0, float(x.shared[GRAVITY][0])]), x.E[:-1]
+    U, UU = frame.U[rows[:-1]], frame.UU[rows[:-1]]
+    left_v = np.diff(x.v, axis=0) - _turned(E, problem.legs.dU) + g * T
+    left_p = np.diff(x.p, axis=0) - x.v[:-1] * T - _turned(E, problem.legs.dP) + 0.5 * g * T**2
     left_p -= 0.5 * T * left_v
-    U, UU = frame.U[rows[k]], frame.UU[rows[k]]
-    v = x.v[k] + np.einsum("kij,kj->ki", E[k], frame.U - U) - g * since + share * left_v[k]
-    p = x.p[k] + x.v[k] * since + np.einsum("kij,kj->ki", E[k], frame.UU - UU - U * since) - 0.5 * g * since**2
-    p += 0.5 * share * since * left_v[k] + share**2 * (3.0 - 2.0 * share) * left_p[k]
-    v += 6.0 * share * (1.0 - share) / T[k] * left_p[k]
-    own = np.einsum("kij,kj->ki", legs.J[:, 3:6], sensor_errors(x)) / T
-    a = np.einsum("kij,kj->ki", E[k], frame.u + own[k]) - g
-    return Path(quat_canonical(wxyz), v, p, a)
+    wxyz = quat_from_matrix(x.E)
+    change = wxyz[1:] * np.where((wxyz[1:] * wxyz[:-1]).sum(axis=1, keepdims=True) < 0.0, -1.0, 1.0) - wxyz[:-1]
+    own = _turned(problem.legs.J[:, 3:6], sensor_errors(x)) / T
+    of_legs = (
+        *(frame.t[rows[:-1], None], U, UU, E, wxyz[:-1], change / T, own),
+        # Beside the integrals the way is a cubic in the time since the knot.
+        *(x.p[:-1], x.v[:-1], 0.5 * (left_v / T - g) + 3.0 * left_p / T**2, -2.0 * left_p / T**3),
+    )
+    n, length = len(frame.t), np.diff(rows)
+    length[-1] += 1  # the last knot is the last row
+    path = Path(np.empty((n, 4)), *np.empty((3, n, 3)))
+    for first in range(0, len(T), AT_ONCE):
+        legs = slice(first, first + AT_ONCE)
+        at = slice(rows[first], rows[first] + length[legs].sum())
+        at_rows = (np.repeat(each[legs], length[legs], axis=0) for each in of_legs)
+        t0, U0, UU0, turned, wxyz0, turning, own_error, c0, c1, c2, c3 = at_rows
+        s = frame.t[at, None] - t0
+        between = wxyz0 + s * turning  # so little that a chord is as good as its arc
+        path.wxyz[at] = quat_canonical(quat_multiply(between, frame.wxyz[at]))
+        path.v[at] = _turned(turned, frame.U[at] - U0) + c1 + s * (2.0 * c2 + 3.0 * s * c3)
+        path.p[at] = _turned(turned, frame.UU[at] - UU0 - U0 * s) + c0 + s * (c1 + s * (c2 + s * c3))
+        path.a[at] = _turned(turned, frame.u[at] + own_error) - g
+    return path
+
+
+def _turned(matrices: Array, vectors: Array) -> Array:
+    turned: Array = np.einsum("kij,kj->ki", matrices, vectors)
+    return turned

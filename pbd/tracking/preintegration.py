@@ -199,10 +199,9 @@ def preintegrate(
     rate, force = block_means(frame.gyr), block_means(frame.acc)
     by_gyr = np.concatenate((C, (C[:, :, :, None] * rate[:, None, None, :]).reshape(-1, 3, 9)), axis=2)
     by_gyr *= -h[:, None, None]
-    turned = np.cumsum(by_gyr, axis=0)
-    before = turned - by_gyr
-    turned = before - before[starts][leg] + 0.5 * by_gyr  # since the leg's beginning, at the block's middle
-    swung = np.cross(turned, dU[:, :, None], axis=1)
+    turned = np.cumsum(by_gyr, axis=0) - 0.5 * by_gyr  # at the block's middle
+    turned -= (turned[starts] - 0.5 * by_gyr[starts])[leg]  # since the leg's beginning
+    swung = skew(-dU) @ turned
     i, j = np.transpose(LOWER)
     by_acc = np.concatenate((C, C[:, :, i] * force[:, None, j]), axis=2) * -h[:, None, None]
 

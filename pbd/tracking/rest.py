@@ -9,6 +9,7 @@ import numpy as np
 from pbd.data import GRAVITY, Recording, Stop
 from pbd.errors import RecordingError, TrackingError
 from pbd.pose import Array, readonly
+from pbd.tracking.steady import window_moments
 
 REST_S = 1.0
 """A stretch of this length is taken for rest: the first that is about as quiet as the quietest."""
@@ -55,8 +56,8 @@ def find_rest(recording: Recording) -> Rest:
         TrackingError: the hand never stood still.
     """
     length = max(2, min(len(recording), round(REST_S * recording.rate_hz)))
-    acc_var = _moving_variance(recording.acc, length)
-    gyr_var = np.zeros_like(acc_var) if recording.gyr is None else _moving_variance(recording.gyr, length)
+    acc_var, _ = window_moments(recording.acc, length)
+    gyr_var = np.zeros_like(acc_var) if recording.gyr is None else window_moments(recording.gyr, length)[0]
     restlessness = acc_var / STILL_ACC**2 + gyr_var / STILL_GYR**2
     # 1e-6: the quietest second of a sensor without noise is no quieter than the next.
     start = int(np.argmax(restlessness <= ABOUT * restlessness.min() + 1e-6))
@@ -143,13 +144,3 @@ def _refuse_wrong_units(norm_at_rest: float) -> None:
         bound=GRAVITY,
         unit=likely[0] if likely else None,
     )
-
-
-def _moving_variance(values: Array, length: int) -> Array:
-    """Variance over each run of `length` samples, summed over the axes: (n, 3) -> (n - length + 1,)."""
-    centred = values - values.mean(axis=0)  # keeps the difference of squares well conditioned
-    sums = np.cumsum(np.vstack((np.zeros((1, 3)), centred)), axis=0)
-    squares = np.cumsum(np.vstack((np.zeros((1, 3)), centred**2)), axis=0)
-    mean = (sums[length:] - sums[:-length]) / length
-    variance: Array = ((squares[length:] - squares[:-length]) / length - mean**2).sum(axis=1)
-    return np.maximum(variance, 0.0)

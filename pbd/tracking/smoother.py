@@ -27,29 +27,39 @@ from pbd.tracking.factors import (
     State,
     Weights,
     linearise,
+    whitener,
 )
 from pbd.tracking.knots import Problem, pose_problem
 from pbd.tracking.noise import Noise
 from pbd.tracking.normal_equations import VEL, Solved
 from pbd.tracking.path import Path, path_of
-from pbd.tracking.preintegration import GyroFrame, Impulse
+from pbd.tracking.preintegration import Impulse
 from pbd.tracking.rest import Rest
-from pbd.tracking.zero_velocity import Spans, calm_part, find_candidates, slow_parts, still_speed, trimmed
+from pbd.tracking.zero_velocity import (
+    Spans,
+    calm_part,
+    energies,
+    find_candidates,
+    slow_parts,
+    still_speed,
+    trimmed,
+    window_rows,
+)
 
 FAR, WARM = (40.0, 10.0, 3.0), (3.0,)
 """Factors on the sigma of standing still, coming down to 1: from a first guess, and from a solution."""
 
-PLAIN = 2
-"""Iterations before anything is doubted."""
-
 CLEAR = 2.0
 """Where no stop is off by more sigmas, none need be doubted."""
 
-SMALL, MOST = 1e-4, 12
-"""rad: the last step's turn; and how many iterations there are at most."""
+SMALL, ROUGH, MOST = 1e-4, 1e-3, 12
+"""rad: the last step's turn, and that of a solution that is solved again; how many iterations there are at most."""
 
 DOUBTED, TRIES = 0.5, 5
 """Below this weight a candidate is cut to its slow parts, so often."""
+
+SETTLED_S = 0.02
+"""s: a solution stays where the ends of its stops move by less: no knot is nearer to them."""
 
 SLOW = 0.02
 """m/s: as slow as a hand is that stops, by a solution that doubts it, or DOUBT sigmas of what may be."""
@@ -77,6 +87,7 @@ class Solution:
         local: the linearisation's constants.
         weights: of the robust factors.
         solved: the covariance.
+        path: at each row.
         lag: s, what has been taken out of the gyro's stamps.
         scale: share, what has been taken out of the gyro's readings, all axes alike.
         candidates: what looked still, whether it was believed or not.
@@ -87,13 +98,10 @@ class Solution:
     local: Local
     weights: Weights
     solved: Solved
+    path: Path
     lag: float
     scale: float
     candidates: Spans
-
-    def path(self) -> Path:
-        """Attitude, velocity and position at each row."""
-        return path_of(self.problem, self.state)
 
     def weight_of(self, stop: int) -> float:
         """How sure it is that the hand stood still at a stop, 0 to 1: by the knot that is nearest to it."""
@@ -129,35 +137,27 @@ def smooth(
     prior = Prior(noise.lag, WIDE_LAG, COMMON_SCALE)
 
     # A knot just behind what was lost: an unknown turn is no small one.
-    lost = [min(impulse.row + 1, len(recording) - 1) for impulse in impulses]
+    asked = [*asked, *(min(impulse.row + 1, len(recording) - 1) for impulse in impulses)]
 
-    def posed(frame: GyroFrame, stops: Spans, calm: Spans) -> Problem:
+    def posed(stops: Spans, calm: Spans) -> Problem:
         return pose_problem(
-            frame,
-            recording.mag,
-            rest,
-            noise,
-            stops,
-            calm,
+            *(frame, recording.mag, rest, noise, stops, calm, speed, asked, impulses, unseen),
             device=device,
-            impulses=impulses,
-            unseen=unseen,
-            asked=[*asked, *lost],
         )
 
     for _ in range(4):
         frame = frame_of(_retimed(recording, lag, scale), rest.gyro_bias * (1.0 + scale))
+        shown = energies(*steadiness(frame, device), window_rows(frame.t))
+        speed = still_speed(*shown, len(frame.t), rest, noise)
         if stops is None:
-            shown = steadiness(frame, device)
             stops = find_candidates(frame.t, *shown, rest, unseen)
-            speed = still_speed(*shown, np.arange(len(frame.t)), rest, noise, _dt(frame))
         if not stops:
             return None
-        problem = posed(frame, stops, stops)
+        problem = posed(stops, stops)
         if not problem.stops:
             return None
         x, local = _begin(problem, prior)
-        x, weights, solved = _descend(problem, x, local, FAR)
+        x, weights, solved = _descend(problem, x, local, FAR, ROUGH)
         more, common = _found(x, solved)
         if device or (more == 0.0 and common == 0.0) or abs(lag + more) > MOST_LAG:
             break
@@ -165,29 +165,37 @@ def smooth(
     narrow = Prior(noise.lag if lag == 0.0 else 0.0, noise.lag_sigma)
     local = replace(local, prior=narrow)
     x, weights, solved = _descend(problem, x, local, ())
-    candidates, cut = stops, np.zeros(len(stops), dtype=bool)
+    path = path_of(problem, x)
+    candidates: Spans = stops or []
+    cut = np.zeros(len(candidates), dtype=np.bool_)
     for _ in range(TRIES):
-        cut |= _doubted(problem, weights, candidates)
-        stops, calm = _judged(problem, x, solved, candidates, cut, speed)
-        if not stops or stops == problem.stops:
+        cut = cut | _doubted(problem, weights, candidates)
+        stops, calm = _judged(problem, path.v, solved, candidates, cut, speed)
+        if not stops:
             break
-        again = posed(frame, stops, calm)
+        if _settled(problem.frame.t, problem.stops, stops):
+            problem = replace(problem, stops=stops)
+            break
+        again = posed(stops, calm)
         if not again.stops:
             break
-        x, local = _carried(problem, x, again), replace(local, origin=_origin(again))
+        x, local = _carried(problem, x, path, again), replace(local, origin=_origin(again))
         problem = again
         x, weights, solved = _descend(problem, x, local, WARM)
-    return Solution(problem, x, local, weights, solved, lag, scale, candidates)
+        path = path_of(problem, x)
+    return Solution(problem, x, local, weights, solved, path, lag, scale, candidates)
 
 
 def _doubted(problem: Problem, weights: Weights, candidates: Spans) -> NDArray[np.bool_]:
     """Which candidates hold a knot that hardly counts as still, (c,)."""
     knots = problem.rows[(problem.stop_of >= 0) & (weights.still < DOUBTED)]
-    return np.array([((knots >= start) & (knots < stop)).any() for start, stop in candidates])
+    first, end = np.searchsorted(knots, np.array(candidates).T)
+    doubted: NDArray[np.bool_] = end > first
+    return doubted
 
 
 def _judged(
-    problem: Problem, x: State, solved: Solved, candidates: Spans, cut: NDArray[np.bool_], speed: Array
+    problem: Problem, v: Array, solved: Solved, candidates: Spans, cut: NDArray[np.bool_], speed: Array
 ) -> tuple[Spans, Spans]:
     """The stops as the velocity shows them, and where the hand is calm in each.
 
@@ -195,39 +203,39 @@ def _judged(
 
     Args:
         problem: with what was taken for stops.
-        x: the estimate.
+        v: (n, 3) m/s, the estimate.
         solved: how sure it is.
         candidates: what looks still.
         cut: (c,) which of them were doubted.
         speed: (n,) m/s, how fast a hand may be that stands still.
     """
-    t, v = problem.frame.t, path_of(problem, x).v
-    fast = np.maximum(SLOW, DOUBT * speed)
+    t, fast = problem.frame.t, np.maximum(SLOW, DOUBT * speed)
     if cut.any():
         sigma = np.sqrt(np.trace(solved.of_knots()[:, VEL, VEL], axis1=1, axis2=2))
         fast = np.maximum(fast, CLEAR * np.interp(t, problem.t, sigma))
+    blurred = np.trace(problem.legs.parts[:, :, 3:6, 3:6].sum(axis=0), axis1=1, axis2=2) / 3.0
     stops: Spans = []
     calm: Spans = []
     for span, in_parts in zip(candidates, cut.tolist(), strict=True):
-        for part in slow_parts(t, span, lengths(v) < fast) if in_parts else [span]:
+        whole = slice(*span)
+        for part in slow_parts(t, span, lengths(v[whole]) < fast[whole]) if in_parts else [span]:
             inside = slice(*part)
-            creep = lengths(v - np.median(v[inside], axis=0))
-            blur = _blur(problem, part)
-            still = DOUBT * (float(np.median(speed[inside])) + blur)
-            stops.append(trimmed(part, creep < still))
-            calm.append(calm_part(t, stops[-1], creep < CREEP + 2.0 * blur))
+            # By how much noise blurs the velocity from knot to knot, along each axis.
+            first, last = np.searchsorted(problem.rows, part)
+            blur = float(np.sqrt(blurred[first : max(last - 1, first + 1)].mean())) if first < len(blurred) else 0.0
+            creep = lengths(v[inside] - np.median(v[inside], axis=0))
+            stops.append(trimmed(part, creep < DOUBT * (float(np.median(speed[inside])) + blur)))
+            start, stop = stops[-1][0] - part[0], stops[-1][1] - part[0]
+            calm.append(calm_part(t, stops[-1], creep[start:stop] < CREEP + 2.0 * blur))
     return stops, calm
 
 
-def _blur(problem: Problem, span: tuple[int, int]) -> float:
-    """m/s: by how much noise blurs the velocity from knot to knot within a stop, along each axis."""
-    first, last = np.clip(np.searchsorted(problem.rows, span), 0, len(problem.rows) - 1)
-    variance = problem.legs.parts[:, first:last, 3:6, 3:6].sum(axis=0)
-    return float(np.sqrt(np.trace(variance, axis1=1, axis2=2).mean() / 3.0)) if last > first else 0.0
-
-
-def _dt(frame: GyroFrame) -> float:
-    return float(np.median(np.diff(frame.t)))
+def _settled(t: Array, before: Spans, after: Spans) -> bool:
+    """Whether the stops are the same, but for little at their ends."""
+    if len(before) != len(after):
+        return False
+    ends = t[np.array([before, after]) - (0, 1)]
+    return bool(np.abs(ends[1] - ends[0]).max() < SETTLED_S)
 
 
 def _retimed(recording: Recording, lag: float, scale: float) -> Recording:
@@ -259,12 +267,12 @@ def _origin(problem: Problem) -> int:
 
 def _begin(problem: Problem, prior: Prior) -> tuple[State, Local]:
     """A hand that stands still, in the attitude of a first guess; heading as nav has it."""
-    m, rest, origin = len(problem.rows), problem.rest, _origin(problem)
+    m, origin = len(problem.rows), _origin(problem)
     strength = dip = 0.0
     if problem.device:
         E = np.tile(np.eye(3), (m, 1, 1))
     else:
-        wxyz = first_guess(problem.frame, problem.rows, slice(rest.start, rest.stop))
+        wxyz = first_guess(problem.frame, problem.rows, problem.stops)
         if problem.field is None:
             first = problem.stop_of == 0
             off = -heading(quat_multiply(wxyz[first], problem.frame.wxyz[problem.rows[first]]))
@@ -290,17 +298,20 @@ def _first_field(problem: Problem, R: Array) -> Array:
     return next((mean for mean in means if lengths(mean) > 0.5 * usual), np.array([0.0, 1.0, 0.0]))
 
 
-def _descend(problem: Problem, x: State, local: Local, anneal: Sequence[float]) -> tuple[State, Weights, Solved]:
-    """Gauss-Newton, all factors linearised anew each time, until nothing turns any more."""
+def _descend(
+    problem: Problem, x: State, local: Local, anneal: Sequence[float], small: float = SMALL
+) -> tuple[State, Weights, Solved]:
+    """Gauss-Newton, all factors linearised anew each time, until a step turns nothing by more than `small` (rad)."""
+
+    whiten = whitener(problem, local)
 
     def step(x: State, anneal: float, robust: bool = True) -> tuple[State, Weights, Solved]:
-        equations, weights = linearise(problem, x, local, anneal, robust)
+        equations, weights = linearise(problem, x, local, whiten, anneal, robust)
         solved = equations.solve()
         return x.moved(solved), weights, solved
 
-    if len(anneal) > 1:
-        for _ in range(PLAIN):
-            x, _, _ = step(x, anneal[0], robust=False)
+    if len(anneal) > 1:  # nothing is doubted yet
+        x, _, _ = step(x, anneal[0], robust=False)
         still = problem.stop_of >= 0
         if (lengths(x.v[still]) < CLEAR * problem.still[still]).all():
             anneal = ()
@@ -308,14 +319,14 @@ def _descend(problem: Problem, x: State, local: Local, anneal: Sequence[float]) 
         x, _, _ = step(x, factor)
     for _ in range(MOST):
         x, weights, solved = step(x, 1.0)
-        if np.abs(solved.d[:, :3]).max() < SMALL:
+        if np.abs(solved.d[:, :3]).max() < small:
             break
     return x, weights, solved
 
 
-def _carried(problem: Problem, x: State, again: Problem) -> State:
+def _carried(problem: Problem, x: State, path: Path, again: Problem) -> State:
     """An estimate at other knots."""
-    path, rows = path_of(problem, x), again.rows
+    rows = again.rows
     E = quat_to_matrix(quat_multiply(path.wxyz[rows], quat_inverse(again.frame.wxyz[rows])))
     k = np.clip(np.searchsorted(problem.rows, rows), 0, len(problem.rows) - 1)
     return State(E, path.v[rows], path.p[rows], x.gyr_bias[k], x.acc_bias[k], x.shared)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pbd.tracking.factors import leg_covariance, leg_jacobian, linearise
+from pbd.tracking.factors import leg_jacobian, linearise, whitener
 from pbd.tracking.normal_equations import ACC_BIAS, GYR_BIAS, STATE, VEL
 from pbd.tracking.smoother import Solution
 
@@ -24,42 +24,35 @@ def with_own_noise(solution: Solution) -> Solution:
     covariance Q, all of it W^-1, residuals r, Jacobian A, posterior P; nu is what the prior is worth.
     """
     problem, x, local, solved = solution.problem, solution.state, solution.local, solution.solved
-    jacobian = leg_jacobian(problem, x)
-    A, r = jacobian[:, :, :-1], jacobian[:, :, -1]
-    legs, noise, T = problem.legs, problem.noise, problem.legs.T
-    weights = solution.weights
+    legs, device, T = problem.legs, problem.noise.device, problem.legs.T
+    jacobian, weights = leg_jacobian(problem, x), solution.weights
+    A = np.zeros((len(T), 15, jacobian.shape[2] - 1))  # of a leg's nine residuals, and of how the biases change
+    change = np.arange(GYR_BIAS.start, ACC_BIAS.stop)
+    A[:, range(9, 15), change], A[:, range(9, 15), STATE + change] = -1.0, 1.0
+    whiten = whitener(problem, local)
     for _ in range(COMPONENTS):
-        joint = solved.of_pairs()
-        W = np.linalg.inv(leg_covariance(problem, local))
-        APA = A @ joint @ A.transpose(0, 2, 1)
-        Wr = np.einsum("mij,mj->mi", W, r)
+        whitened = whiten @ jacobian
+        A[:, :9], r = whitened[:, :, :-1], whitened[:, :, -1:]
+        spread = solved.of_pairs(A)
         components = local.components.copy()
         for c in (1, 2):
-            Q = components[c] * legs.parts[c]
-            WQ = W @ Q
-            top = float(np.einsum("mi,mij,mj->", Wr, Q, Wr)) + NU
-            bottom = float(np.trace(WQ, axis1=1, axis2=2).sum() - np.einsum("mij,mjk,mki->", WQ, W, APA)) + NU
+            Q = components[c] * (whiten @ legs.parts[c] @ whiten.transpose(0, 2, 1))
+            top = float((r * (Q @ r)).sum()) + NU
+            bottom = float(np.trace(Q, axis1=1, axis2=2).sum() - (Q * spread[:, :9, :9]).sum()) + NU
             components[c] *= top / max(bottom, 1e-3 * NU)
         walks = local.walks.copy()
-        for c, (block, values, walk) in enumerate(
-            ((GYR_BIAS, x.gyr_bias, noise.device.gyr_walk), (ACC_BIAS, x.acc_bias, noise.device.acc_walk))
-        ):
+        for c, (values, walk) in enumerate(((x.gyr_bias, device.gyr_walk), (x.acc_bias, device.acc_walk))):
             w = 1.0 / (walks[c] * walk**2 * T)
-            step = np.diff(values, axis=0)
-            after = slice(STATE + block.start, STATE + block.stop)
-            spread = sum(
-                np.trace(joint[:, i, j], axis1=1, axis2=2) * sign
-                for i, j, sign in ((block, block, 1.0), (after, after, 1.0), (after, block, -1.0), (block, after, -1.0))
-            )
-            top = float((w * (step**2).sum(axis=1)).sum()) + NU
-            bottom = float((3.0 - w * spread).sum()) + NU
+            own = spread[:, range(9 + 3 * c, 12 + 3 * c), range(9 + 3 * c, 12 + 3 * c)].sum(axis=1)
+            top = float((w * (np.diff(values, axis=0) ** 2).sum(axis=1)).sum()) + NU
+            bottom = float((3.0 - w * own).sum()) + NU
             walks[c] *= top / max(bottom, 1e-3 * NU)
-        own = solved.of_knots()[:, VEL, VEL]
+        own = np.trace(solved.of_knots()[:, VEL, VEL], axis1=1, axis2=2)
         w = weights.still / (local.still * problem.still**2)
         top = float((w * (x.v**2).sum(axis=1)).sum()) + NU_STILL
-        bottom = float((3.0 * weights.still - w * np.trace(own, axis1=1, axis2=2)).sum()) + NU_STILL
+        bottom = float((3.0 * weights.still - w * own).sum()) + NU_STILL
         still = local.still * top / max(bottom, 1e-3 * NU_STILL)
         local = replace(local, components=components, walks=walks, still=still)
-        equations, _ = linearise(problem, x, local)
-        solved = equations.solve()
+        whiten = whitener(problem, local)
+        solved = linearise(problem, x, local, whiten)[0].solve()
     return replace(solution, local=local, solved=solved)

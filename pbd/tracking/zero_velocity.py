@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pbd.pose import Array
 from pbd.tracking.noise import Noise
 from pbd.tracking.rest import Rest
+from pbd.tracking.steady import squares, window_moments, window_sums
 
 Spans = list[tuple[int, int]]
 """Half-open ranges of rows, in order."""
@@ -35,23 +36,34 @@ MERGE_S, SHORTEST_S = 0.1, 0.08
 """s: motion shorter than this between two stops is a jolt; a stop shorter than that is none."""
 
 
-def find_candidates(t: Array, u: Array, gyr: Array, rest: Rest, unseen: Sequence[tuple[int, int]] = ()) -> Spans:
+def window_rows(t: Array) -> int:
+    """Rows in a window of WINDOW_S."""
+    return min(max(2, round(WINDOW_S / float(np.median(np.diff(t))))), len(t))
+
+
+def energies(u: Array, gyr: Array, n: int) -> tuple[Array, Array]:
+    """Of each window of n rows the variance of specific force and the mean square of rate: (m,), (m,).
+
+    Args:
+        u: (n, 3) m/s2, specific force in a frame that does not turn with the sensor.
+        gyr: (n, 3) rad/s, without bias.
+        n: rows.
+    """
+    return window_moments(u, n)[0], window_sums(squares(gyr), n) / n
+
+
+def find_candidates(t: Array, shake: Array, turn: Array, rest: Rest, unseen: Sequence[tuple[int, int]] = ()) -> Spans:
     """Find where specific force is steady and nothing turns.
 
     Args:
         t: (n,) s.
-        u: (n, 3) m/s2, specific force in a frame that does not turn with the sensor.
-        gyr: (n, 3) rad/s, without bias.
+        shake: (m,) (m/s2)^2, and turn (m,) (rad/s)^2: of `energies`.
         rest: for its noise.
         unseen: last row before and first row after each hole in the data; one between two rests is part of them.
     """
     from scipy.ndimage import maximum_filter1d
 
-    dt = float(np.median(np.diff(t)))
-    n = max(2, round(WINDOW_S / dt))
-    if len(t) < n:
-        return []
-    shake, turn = energies(u, gyr, n)
+    dt, n = float(np.median(np.diff(t))), len(t) - len(shake) + 1
     limits = quiet_limits(rest)
     quiet = (shake < limits[0]) & (turn < limits[1])
     reach = 2 * max(1, round(LULL_S / dt)) + 1
@@ -71,15 +83,20 @@ def find_candidates(t: Array, u: Array, gyr: Array, rest: Rest, unseen: Sequence
     return _lasting(t, _merged(t, runs(still), unseen))
 
 
-def still_speed(u: Array, gyr: Array, rows: NDArray[np.intp], rest: Rest, noise: Noise, dt: float) -> Array:
-    """How fast, m/s along each axis (k,), a hand may be that stands still at these rows.
+def still_speed(shake: Array, turn: Array, n: int, rest: Rest, noise: Noise) -> Array:
+    """How fast, m/s along each axis, a hand may be that stands still, at each of n rows.
 
     It creeps; it trembles, as the acceleration above the sensor's own noise shows; it turns about a point beside.
+
+    Args:
+        shake: (m,) (m/s2)^2, and turn (m,) (rad/s)^2: of `energies`.
+        n: rows.
+        rest: for its noise.
+        noise: of a hand.
     """
-    n = max(2, round(WINDOW_S / dt))
-    shake, turn = energies(u, gyr, n)
-    at = np.clip(np.asarray(rows) - n // 2, 0, len(shake) - 1)
-    return speed_by_energies(shake[at], turn[at], rest, noise)
+    before = (n - len(shake) + 1) // 2  # a row stands in the middle of its window
+    speed = speed_by_energies(shake, turn, rest, noise)
+    return np.pad(speed, (before, n - len(shake) - before), mode="edge")
 
 
 def speed_by_energies(shake: Array, turn: Array, rest: Rest, noise: Noise) -> Array:
@@ -96,16 +113,14 @@ def quiet_limits(rest: Rest) -> tuple[float, float]:
 
 
 def slow_parts(t: Array, span: tuple[int, int], slow: NDArray[np.bool_]) -> Spans:
-    """The parts of a span in which the hand is slow (n,)."""
-    start, stop = span
-    return _lasting(t, _merged(t, [(start + i, start + j) for i, j in runs(slow[start:stop])]))
+    """The parts of a span in which the hand is slow, as its rows say (stop - start,)."""
+    return _lasting(t, _merged(t, [(span[0] + i, span[0] + j) for i, j in runs(slow)]))
 
 
 def trimmed(span: tuple[int, int], slow: NDArray[np.bool_]) -> tuple[int, int]:
-    """A span without its ends where the hand sets out or arrives; where it is nowhere slow (n,), all of it."""
-    start, stop = span
-    inside = np.flatnonzero(slow[start:stop])
-    return (start + int(inside[0]), start + int(inside[-1]) + 1) if len(inside) > 1 else span
+    """A span without its ends where the hand sets out or arrives; where it is slow in no row of it, all of it."""
+    inside = np.flatnonzero(slow)
+    return (span[0] + int(inside[0]), span[0] + int(inside[-1]) + 1) if len(inside) > 1 else span
 
 
 def calm_part(t: Array, span: tuple[int, int], slow: NDArray[np.bool_]) -> tuple[int, int]:
@@ -121,22 +136,6 @@ def runs(flags: NDArray[np.bool_]) -> Spans:
     """Half-open ranges of what is true."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(np.int8)))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
-
-
-def energies(u: Array, gyr: Array, n: int) -> tuple[Array, Array]:
-    """Of each window of n samples the variance of specific force and the mean square of rate: (m,), (m,)."""
-    centred = u - u.mean(axis=0)
-    mean = _window_sums(centred, n) / n
-    shake = (_window_sums(centred**2, n) / n - mean**2).sum(axis=1)
-    return np.maximum(shake, 0.0), _window_sums(gyr**2, n).sum(axis=1) / n
-
-
-def _window_sums(values: Array, n: int) -> Array:
-    if len(values) < n:
-        n = len(values)
-    sums = np.concatenate((np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)))
-    windows: Array = sums[n:] - sums[:-n]
-    return windows
 
 
 def _merged(t: Array, spans: Spans, unseen: Sequence[tuple[int, int]] = ()) -> Spans:
