@@ -67,7 +67,7 @@ def window_ends(trial: Trial, length: float) -> Ends:
 
 def seen_by_optics(trial: Trial) -> NDArray[np.bool_]:
     """Rows (n,) at which position and velocity are known."""
-    seen: NDArray[np.bool_] = np.isfinite(np.hstack((trial.p_true, trial.v_true))).all(axis=1)
+    seen: NDArray[np.bool_] = np.isfinite((trial.p_true + trial.v_true).sum(axis=1))
     return seen
 
 
