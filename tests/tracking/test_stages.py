@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pbd.tracking.smoothing import smooth_motion
 from scipy.interpolate import CubicHermiteSpline
 
 from pbd.data import Attitude, Recording
@@ -38,7 +39,6 @@ from pbd.tracking.integration import (
 from pbd.tracking.keyframes import find_keyframes, find_segments
 from pbd.tracking.orientation import estimate_attitude, turns_between_middles
 from pbd.tracking.rest import find_rest
-from pbd.tracking.smoothing import smooth_motion
 from pbd.tracking.stops import find_stops
 from pbd.tracking.uncertainty import stop_covariance
 from tests.scenarios import pour
