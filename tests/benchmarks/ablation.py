@@ -55,7 +55,7 @@ SENSORS = ("modern", "os5000", "wt901")
 SLOWER = 3.0
 """How much slower slow hands are."""
 
-STEP, STEP_NAMED, NAMED = 97, 12, ("lag", "low-pass", "clock off", "all axes scaled", "magnet")
+STEP, STEP_NAMED, NAMED = 194, 24, ("lag", "low-pass", "clock off", "all axes scaled", "magnet")
 """One case in so many of the fault matrix is tried, and of these faults one in fewer."""
 
 
@@ -188,9 +188,9 @@ def main() -> None:
         with changed(changes):
             rows[name] = (
                 real(args.data)
-                | simulated(range(2, 4 if args.quick else 10))
-                | {"slow": wrong_stops(range(2 if args.quick else 6))}
-                | {"faults": silent_and_wrong(8 if args.quick else 1)}
+                | simulated(range(2, 3 if args.quick else 6))
+                | {"slow": wrong_stops(range(1 if args.quick else 3))}
+                | {"faults": silent_and_wrong(4 if args.quick else 1)}
             )
         if not args.json:
             print_row(name, rows)
