@@ -119,7 +119,7 @@ def of_noise(**values: float) -> tuple[Change, ...]:
     return (pipeline, "noise_of", changed), (windows, "noise_of", changed)
 
 
-TINY, LARGE = 1e-9, 1e6
+TINY, LARGE = 1e-6, 1e6
 
 WITHOUT: dict[str, tuple[Change, ...]] = {
     "nothing": (),
@@ -140,7 +140,7 @@ WITHOUT: dict[str, tuple[Change, ...]] = {
     "gyro's lag (then 1 ms)": (*of_noise(lag_sigma=TINY), (smoother, "WIDE_LAG", TINY)),
     "a large lag taken out": ((smoother, "LARGE_LAG", LARGE),),
     "gyro's common scale found": ((smoother, "COMMON_SCALE", TINY),),
-    "gyro's matrix": of_noise(gyr_scale=TINY),
+    "gyro's matrix": (*of_noise(gyr_scale=TINY), (smoother, "COMMON_SCALE", TINY)),
     "accelerometer's matrix": of_noise(acc_scale=TINY),
     "accelerometer's bias": of_noise(acc_bias=TINY, acc_walk=TINY),
     "walk of the gyro's bias": of_noise(gyr_walk=TINY),
