@@ -97,10 +97,11 @@ def score(data: Path, rates: tuple[str, ...]) -> dict[str, Any]:
     walks = {file.stem: walk(track(import_file(file).recording)) for file in sorted((data / "walks").glob("*.csv"))}
     strides, at_heel = {}, {}
     for file in sorted((data / "strides").glob("*.npz")):
-        absolute, scaled, heel = stride_errors(file)
+        absolute, scaled, heel, heel_scaled = stride_errors(file)
         strides[file.stem], at_heel[file.stem] = spread(absolute, "_abs"), spread(heel, "_abs")
         z_scores["all"].extend(scaled)
         z_scores["strides"].extend(scaled)
+        z_scores["strides_at_heel"].extend(heel_scaled)
     return {
         "orientation": orientation,
         **windows,
@@ -165,8 +166,8 @@ def walk(path: HandPath) -> dict[str, float]:
     }
 
 
-def stride_errors(file: Path) -> tuple[list[float], list[float], list[float]]:
-    """Of each move of 0.3 to 2 s and over 0.2 m the horizontal distance's error: in cm, in sigmas, and at the heel."""
+def stride_errors(file: Path) -> tuple[list[float], ...]:
+    """Of moves of 0.3 to 2 s and over 0.2 m the horizontal distance's error in cm, in sigmas, and both at the heel."""
     demo = import_file(file)
     path, truth = track(demo.recording), demo.truth
     assert truth is not None
@@ -191,8 +192,9 @@ def stride_errors(file: Path) -> tuple[list[float], list[float], list[float]]:
         by_lever.append(gone / distance @ turned[:2])
     error, J = np.array(off), np.array(by_lever).reshape(-1, 3)
     lever = np.linalg.solve(J.T @ J / STRIDE_M**2 + np.eye(3) / HEEL_M**2, -J.T @ error / STRIDE_M**2)
-    cm = 100.0 * np.abs(np.stack((error, error + J @ lever)))
-    return cm[0].tolist(), (error / np.array(sigma)).tolist(), cm[1].tolist()
+    at_heel = error + J @ lever
+    values = (100.0 * np.abs(error), error / sigma, 100.0 * np.abs(at_heel), at_heel / sigma)
+    return tuple(value.tolist() for value in values)
 
 
 def samples_per_s(recording: Recording) -> float:
