@@ -3,14 +3,13 @@
 One part at a time is taken out: a parameter set to where it does nothing, or a function replaced by the plain one.
 
 - Windows of real recordings at the sensor, 40 Hz, cm, as tracking.py has them, `p95` where it says so; `inside`: the
-  share of their errors inside one sigma. Strides, walk, F1 of the worst trial.
+  share of their errors inside one sigma. Strides (`steps`: how many are found), walk, F1 of the worst trial.
 - Simulated tasks, by sensor: error of keyframes in mm, median / 95th percentile; `rotation`: of their attitude, degrees
   (95th percentile, all sensors).
 - `slow`: stops missed or too many in tasks three times as slow.
 - `faults`: of some cases of the fault matrix, how many are silent and wrong.
 
-The last row shows how much of the windows' error is the reference's own: the optics' velocity is known from their
-positions only.
+The last row shows how much of the windows' error is the reference's own: the optics know velocity from positions only.
 """
 
 from __future__ import annotations
@@ -226,15 +225,14 @@ def real(data: Path) -> dict[str, float]:
             errors[kind_of(file.stem), window.length].append(100.0 * float(np.linalg.norm(window.error)))
             z_scores.extend(window.z)
         f1.append(stop_scores(trial)["f1"])
-    found = {}
-    for name, (kind, length), percent in COLUMNS:
-        found[name] = float(np.percentile(errors[kind, length], percent))
+    found = {name: float(np.percentile(errors[window], percent)) for name, window, percent in COLUMNS}
     strides = stride_errors(next(iter((data / "strides").glob("*.npz"))))[0]
     closed = walk(track(import_file(next(iter((data / "walks").glob("*.csv")))).recording))
     return found | {
         "inside": inside(z_scores)["inside_1_sigma"],
         "strides": float(np.median(strides)),
         "strides p95": float(np.percentile(strides, 95)),
+        "steps": float(len(strides)),
         "walk": closed["closure_cm"],
         "F1": min(f1),
     }
