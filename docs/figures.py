@@ -25,8 +25,8 @@ from pbd.files.calibration import load_calibration
 from pbd.pose import Pose
 from pbd.tracking.keyframes import find_keyframes
 from tests.benchmarks.report import add_data, arguments
-from tests.benchmarks.tracking import motion_of, window_errors
 from tests.benchmarks.trials import at_sensor, fit_lever, kind_of, read_broad
+from tests.benchmarks.windows import motion_of, window_errors
 
 HERE = Path(__file__).parent
 AXES_RGB = ("#d55e00", "#009e73", "#0072b2")
@@ -104,8 +104,8 @@ def error_growth(data: Path) -> plt.Figure:
     sigmas: dict[str, dict[float, list[float]]] = {}
     for file in sorted((data / "broad").glob("*.npz")):
         trial = read_broad(file)["40"]
-        motion = motion_of(trial.recording)
-        lever = fit_lever(trial, [w for w in window_errors(trial, motion) if w.length == 1])
+        motion = motion_of(trial, LENGTHS_S)
+        lever = fit_lever(trial, window_errors(trial, motion, (1.0,)))
         for length in LENGTHS_S:
             for window in window_errors(at_sensor(trial, lever), motion, (length,)):
                 error = float(np.linalg.norm(window.error))

@@ -1,8 +1,15 @@
-"""What each idea of the tracker gains: python tests/benchmarks/ablation.py [--data DIR] [--json] [--quick].
+"""What each part of the tracker gains: python tests/benchmarks/ablation.py [--data DIR] [--quick] [--only WORD].
 
-The figures of tracking.py, windows scored at the sensor, and the median error of keyframes on simulated tasks, with one
-idea at a time taken out: a constant set to where it does nothing, or a function replaced by the plain one. The last row
-shows how much of the windows' error is the reference's own: the optics' velocity is known from their positions only.
+One part at a time is taken out: a parameter set to where it does nothing, or a function replaced by the plain one.
+
+- Windows of real recordings at the sensor, 40 Hz, cm, as tracking.py has them, `p95` where it says so; `inside`: the
+  share of their errors inside one sigma. Strides (`steps`: how many are found), walk, F1 of the worst trial.
+- Simulated tasks, by sensor: error of keyframes in mm, median / 95th percentile; `rotation`: of their attitude, degrees
+  (95th percentile, all sensors).
+- `slow`: stops missed or too many in tasks three times as slow.
+- `faults`: of some cases of the fault matrix, how many are silent and wrong.
+
+The last row shows how much of the windows' error is the reference's own: the optics know velocity from positions only.
 """
 
 from __future__ import annotations
@@ -10,8 +17,11 @@ from __future__ import annotations
 import json
 import sys
 import warnings
+from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import fields, replace
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -20,16 +30,32 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import numpy as np
 
+from pbd import pipeline
+from pbd.data import Demonstration, Recording, SensorErrors
 from pbd.errors import PbdError, PbdWarning
-from pbd.pose import Array, quat_exp, quat_log, quat_multiply
-from pbd.sensors.simulate import random_task, simulate
-from pbd.tracking import integration, lag, legs, orientation, smoothing, stops
-from tests.benchmarks import trials
+from pbd.files.importers import import_file
+from pbd.pipeline import track
+from pbd.pose import Array, quat_canonical, quat_exp, quat_inverse, quat_log, quat_multiply
+from pbd.sensors.simulate import TASKS, random_task, simulate
+from pbd.tracking import estimate, factors, knots, preintegration, smoother, zero_velocity
+from pbd.tracking.keyframes import find_keyframes
+from pbd.tracking.noise import Noise, noise_of
+from pbd.tracking.preintegration import GyroFrame, Rows, preintegrate
+from pbd.tracking.rest import Rest
+from tests.benchmarks import trials, windows
 from tests.benchmarks.report import add_data, arguments, print_machine
-from tests.benchmarks.tracking import score
-from tests.scenarios import keyframes_and_errors
+from tests.benchmarks.tracking import inside, stop_scores, stride_errors, walk
+from tests.benchmarks.trials import at_sensor, fit_lever, kind_of, read_broad
+from tests.benchmarks.windows import motion_of, window_errors
+from tests.tracking import fault_matrix
 
 SENSORS = ("modern", "os5000", "wt901")
+
+SLOWER = 3.0
+"""How much slower slow hands are."""
+
+STEP, STEP_NAMED, NAMED = 194, 24, ("lag", "low-pass", "clock off", "all axes scaled", "magnet")
+"""One case in so many of the fault matrix is tried, and of these faults one in fewer."""
 
 
 def half_and_half(t: Array, gyr: Array, interval: float) -> Array:
@@ -50,32 +76,86 @@ def trapezoids(t: Array, means: Array) -> Array:
     return np.vstack((np.zeros((1, 3)), np.cumsum(steps, axis=0)))
 
 
+def level_at_rest(frame: GyroFrame, rows: Rows, first_rest: slice) -> Array:
+    """The gyro frame levelled by gravity at the first rest, and held by the gyro alone, in place of VQF."""
+    up = frame.u[first_rest].mean(axis=0)
+    axis = np.cross(up, (0.0, 0.0, 1.0))
+    angle = np.arctan2(np.linalg.norm(axis), up[2])
+    return np.tile(quat_exp(axis / max(float(np.linalg.norm(axis)), 1e-12) * angle), (len(rows), 1))
+
+
+def scatter_as_regressor(frame: GyroFrame, rows: Rows, still: Array, *more: Any) -> Any:
+    """Legs in stops too have their own samples as regressors."""
+    return preintegrate(frame, rows, np.zeros_like(still), *more)
+
+
+SLOW, TURNING, FAST = "slow_translation", "slow_rotation", "fast_translation"
+
+COLUMNS = (
+    ("slow 1 s", (SLOW, 1.0), 50.0),
+    ("slow 5 s p95", (SLOW, 5.0), 95.0),
+    ("rotation 1 s", (TURNING, 1.0), 50.0),
+    ("rotation 2 s", (TURNING, 2.0), 50.0),
+    ("rotation 5 s", (TURNING, 5.0), 50.0),
+    ("fast 1 s", (FAST, 1.0), 50.0),
+    ("fast 1 s p95", (FAST, 1.0), 95.0),
+    ("fast 2 s p95", (FAST, 2.0), 95.0),
+)
+"""Of the windows: what it is called, which, percentile."""
+
 Change = tuple[ModuleType, str, object]
+
+
+def of_noise(**values: float) -> tuple[Change, ...]:
+    """Change parameters of noise, of the sensor's class too."""
+
+    def changed(recording: Recording, rest: Rest, errors: SensorErrors | None = None) -> Noise:
+        found = noise_of(recording, rest, errors)
+        of_class = {field.name for field in fields(found.device)}
+        device = replace(found.device, **{name: value for name, value in values.items() if name in of_class})
+        return replace(found, device=device, **{name: v for name, v in values.items() if name not in of_class})
+
+    return (pipeline, "noise_of", changed), (windows, "noise_of", changed)
+
+
+TINY, LARGE = 1e-6, 1e6
 
 WITHOUT: dict[str, tuple[Change, ...]] = {
     "nothing": (),
-    "half-sample alignment": tuple((m, "turns_between_middles", own_turn) for m in (orientation, smoothing)),
-    "cubic turns, coning": tuple((m, "turns_between_middles", half_and_half) for m in (orientation, smoothing)),
-    "cubic velocity": tuple((m, "integral_of_means", trapezoids) for m in (integration, smoothing, legs)),
-    "samples beside a move": ((integration, "BESIDE", 0),),
-    "tilt time constant 6 s (then VQF's 3 s)": ((orientation, "VQF", orientation.VQF | {"tauAcc": 3.0}),),
-    "attitude held by the stops": ((smoothing, "_hold_tilt", lambda r, attitude, *_: attitude.wxyz_nav_sensor),),
-    "gyro bias from calm stops": ((smoothing, "_bias_left", lambda *_: np.zeros(3)),),
-    "gyro's lag from the closures (then none)": (
-        (smoothing, "LAG_S", 0.0),
-        (smoothing, "find_lag", lambda *_: 0.0),
-    ),
-    "gyro's lag from the closures (then 1 ms)": ((smoothing, "find_lag", lambda *_: lag.LAG_S),),
-    "acceleration zero at stops": ((smoothing, "_zero_at_stops", lambda t, a_nav, *_: a_nav),),
-    "stops' edges left out": ((integration, "EDGE_S", 0.0),),
-    "drift where it arose (then evenly)": ((integration, "EVEN_DRIFT", 1e6),),
-    "drift by acceleration": ((integration, "MOTION_DRIFT", 0.0),),
-    "lulls between strides": ((stops, "PEAK_SHARE", 0.0),),
-    "coasting found out": ((stops, "COAST_SPEED", 1e6),),
-    "steadiness asked of a rest": ((stops, "STEADY_ACC", 1e6),),
+    "half-sample alignment": ((preintegration, "turns_between_middles", own_turn),),
+    "cubic turns, coning": ((preintegration, "turns_between_middles", half_and_half),),
+    "cubic velocity": ((preintegration, "integral_of_means", trapezoids),),
+    "VQF as first guess (then level at rest)": ((smoother, "first_guess", level_at_rest),),
+    "annealing": ((smoother, "FAR", (1.0,)), (smoother, "WARM", ())),
+    "robust stops": ((factors, "DOUBT", LARGE),),
+    "doubted stops looked at again": ((smoother, "TRIES", 0),),
+    "calm part of a stop": ((smoother, "calm_part", lambda t, span, slow: span),),
+    "tremor, sway at a stop": of_noise(tremor_hz=LARGE, still_lever=0.0),
+    "place held in a stop": of_noise(still_shift=LARGE),
+    "attitude held in a stop": of_noise(still_turn=LARGE),
+    "means as regressors in a stop": ((knots, "preintegrate", scatter_as_regressor),),
+    "lulls between strides": ((zero_velocity, "LULL", 0.0),),
+    "gyro's lag (then none)": (*of_noise(lag=0.0, lag_sigma=TINY), (smoother, "WIDE_LAG", TINY)),
+    "gyro's lag (then 1 ms)": (*of_noise(lag_sigma=TINY), (smoother, "WIDE_LAG", TINY)),
+    "a large lag taken out": ((smoother, "LARGE_LAG", LARGE),),
+    "gyro's common scale found": ((smoother, "COMMON_SCALE", TINY),),
+    "gyro's matrix": (*of_noise(gyr_scale=TINY), (smoother, "COMMON_SCALE", TINY)),
+    "accelerometer's matrix": of_noise(acc_scale=TINY),
+    "accelerometer's bias": of_noise(acc_bias=TINY, acc_walk=TINY),
+    "walk of the gyro's bias": of_noise(gyr_walk=TINY),
+    "walk of the accelerometer's bias": of_noise(acc_walk=TINY),
+    "gravity unknown": of_noise(gravity_sigma=TINY),
+    "noise by turning": of_noise(gyr_turn=TINY),
+    "noise by motion": of_noise(acc_motion=TINY),
+    "noise between samples": of_noise(acc_bend=0.0),
+    "knee of that noise": of_noise(bend_knee=TINY),
+    "compass robust": of_noise(field=LARGE),
+    "reach of a hand": of_noise(reach=LARGE),
+    "speed of a hand": of_noise(speed=LARGE),
+    "variance components": tuple((m, "with_own_noise", lambda solution: solution) for m in (estimate, windows)),
     "(nothing, but the optics' velocity over 25 samples)": ((trials, "VELOCITY_SAMPLES", 25),),
 }
-"""Idea taken out -> what is put in its place."""
+"""Part taken out -> what is put in its place."""
 
 
 @contextmanager
@@ -92,58 +172,125 @@ def changed(changes: tuple[Change, ...]) -> Iterator[None]:
 
 
 def main() -> None:
-    """Score with each idea taken out, and print."""
+    """Score with each part taken out, and print."""
     parser = arguments(str(__doc__))
     add_data(parser)
+    parser.add_argument("--only", default="", help="rows whose name has this in it")
     args = parser.parse_args()
     warnings.simplefilter("ignore", PbdWarning)
-    rows = {}
+    for file in sorted((args.data / "broad").glob("*.npz")):
+        lever(file)
+    rows: dict[str, dict[str, float]] = {}
     for name, changes in WITHOUT.items():
+        if args.only not in name:
+            continue
         with changed(changes):
-            rows[name] = row(score(args.data, ("286", "40"))) | simulated(range(3 if args.quick else 12))
+            rows[name] = (
+                real(args.data)
+                | simulated(range(2, 3 if args.quick else 6))
+                | {"slow": wrong_stops(range(1 if args.quick else 3))}
+                | {"faults": silent_and_wrong(4 if args.quick else 1)}
+            )
+        if not args.json:
+            print_row(name, rows)
     if args.json:
         print(json.dumps(rows))
-        return
-    print_machine()
-    columns = list(rows["nothing"])
-    print("| taken out | " + " | ".join(columns) + " |")
-    print("|---" * (len(columns) + 1) + "|")
-    for name, values in rows.items():
-        print(f"| {name} | " + " | ".join(f"{value:.3g}" for value in values.values()) + " |")
 
 
-def row(figures: dict[str, Any]) -> dict[str, float]:
-    """The figures that tell the ideas apart, cm at 40 Hz; F1 is that of the worst trial."""
-    windows = figures["windows_at_sensor"]
-    slow, turning, fast = (windows[f"{kind}"] for kind in ("slow_translation", "slow_rotation", "fast_translation"))
-    (strides,), (walk,) = figures["strides"].values(), figures["walks"].values()
-    return {
-        "slow 1 s": slow["1"]["40"]["median_cm"],
-        "slow 5 s p95": slow["5"]["40"]["p95_cm"],
-        "rotation 1 s": turning["1"]["40"]["median_cm"],
-        "rotation 2 s": turning["2"]["40"]["median_cm"],
-        "fast 1 s": fast["1"]["40"]["median_cm"],
-        "fast 1 s p95": fast["1"]["40"]["p95_cm"],
-        "strides": strides["median_abs_cm"],
-        "strides p95": strides["p95_abs_cm"],
-        "walk": walk["closure_cm"],
-        "F1": min(trial["rates_hz"]["40"]["f1"] for trial in figures["stops"].values()),
+def print_row(name: str, rows: dict[str, dict[str, float]]) -> None:
+    """Print one row of the table, before the first one its head."""
+    columns = rows[name]
+    if len(rows) == 1:
+        print_machine()
+        print("| taken out | " + " | ".join(columns) + " |")
+        print("|---" * (len(columns) + 1) + "|")
+    print(f"| {name} | " + " | ".join(f"{value:.3g}" for value in columns.values()) + " |", flush=True)
+
+
+@cache
+def lever(file: Path) -> Array:
+    """From the markers to the sensor, (3,) m, by the tracker as it is: first of all, before anything is taken out."""
+    trial = read_broad(file)["40"]
+    return fit_lever(trial, window_errors(trial, motion_of(trial, (1.0,)), (1.0,)))
+
+
+def real(data: Path) -> dict[str, float]:
+    """The figures that tell the parts apart, cm at 40 Hz; F1 is that of the worst trial."""
+    errors: dict[tuple[str, float], list[float]] = defaultdict(list)
+    z_scores: list[float] = []
+    f1 = []
+    for file in sorted((data / "broad").glob("*.npz")):
+        trial = read_broad(file)["40"]
+        for window in window_errors(at_sensor(trial, lever(file)), motion_of(trial)):
+            errors[kind_of(file.stem), window.length].append(100.0 * float(np.linalg.norm(window.error)))
+            z_scores.extend(window.z)
+        f1.append(stop_scores(trial)["f1"])
+    found = {name: float(np.percentile(errors[window], percent)) for name, window, percent in COLUMNS}
+    strides = stride_errors(next(iter((data / "strides").glob("*.npz"))))[0]
+    closed = walk(track(import_file(next(iter((data / "walks").glob("*.csv")))).recording))
+    return found | {
+        "inside": inside(z_scores)["inside_1_sigma"],
+        "strides": float(np.median(strides)),
+        "strides p95": float(np.percentile(strides, 95)),
+        "steps": float(len(strides)),
+        "walk": closed["closure_cm"],
+        "F1": min(f1),
     }
 
 
 def simulated(seeds: range) -> dict[str, float]:
-    """Median error of all keyframes of everyday and random tasks, mm."""
-    medians = {}
+    """Errors of all keyframes of everyday and random tasks."""
+    found: dict[str, float] = {}
+    turns: list[float] = []
     for sensor in SENSORS:
-        errors: list[float] = []
+        off: list[float] = []
         for seed in seeds:
             for task in ("pick-and-place-stops", "pour", random_task(seed, moves=5)):
                 try:
-                    errors.extend(keyframes_and_errors(simulate(task, sensor, seed))[1][1:])
-                except PbdError:  # an idea taken out may leave no path at all
-                    errors.append(np.inf)
-        medians[f"{sensor}, mm"] = 1e3 * float(np.median(errors))
-    return medians
+                    errors = np.array(keyframe_errors(simulate(task, sensor, seed)))
+                    off.extend(errors[1:, 0])
+                    turns.extend(errors[1:, 1])
+                except PbdError:  # a part taken out may leave no path at all
+                    off.append(np.inf)
+        found[f"{sensor}, mm"] = 1e3 * float(np.median(off))
+        found[f"{sensor} p95"] = 1e3 * float(np.percentile(off, 95))
+    return found | {"rotation": float(np.degrees(np.percentile(turns, 95)))}
+
+
+def keyframe_errors(demo: Demonstration) -> list[tuple[float, float]]:
+    """Of each keyframe, m and rad, relative to the first."""
+    truth = demo.truth
+    assert truth is not None
+    found, turned_first = [], None
+    for keyframe in find_keyframes(track(demo.recording)):
+        i = int(np.searchsorted(truth.t, keyframe.t))
+        off = quat_multiply(keyframe.T_nav_sensor.wxyz, quat_inverse(truth.wxyz_nav_sensor[i]))
+        turned_first = off if turned_first is None else turned_first
+        turn = quat_log(quat_canonical(quat_multiply(quat_inverse(turned_first), off)))
+        p = keyframe.T_nav_sensor.p - truth.p_nav_sensor[i]
+        found.append((float(np.linalg.norm(p)), float(np.linalg.norm(turn))))
+    return found
+
+
+def wrong_stops(seeds: range) -> float:
+    """Stops missed or too many where a hand pours so much slower."""
+    pour = TASKS["pour"]
+    slow = replace(pour, waypoints=tuple(replace(w, move_s=SLOWER * w.move_s) for w in pour.waypoints))
+    wrong = 0
+    for sensor in SENSORS:
+        for seed in seeds:
+            try:
+                wrong += abs(len(track(simulate(slow, sensor, seed).recording).stops) - len(slow.waypoints))
+            except PbdError:
+                wrong += len(slow.waypoints)
+    return float(wrong)
+
+
+def silent_and_wrong(fewer: int = 1) -> float:
+    """Cases of the fault matrix that come out wrong without a word, of those that can be told."""
+    every = [case for case in fault_matrix.cases(1) if case.untellable is None]
+    cases = every[:: STEP * fewer] + [case for case in every if case.fault.name in NAMED][:: STEP_NAMED * fewer]
+    return float(sum(fault_matrix.outcome(case).verdict == fault_matrix.SILENT_WRONG for case in cases))
 
 
 if __name__ == "__main__":

@@ -29,10 +29,11 @@ from scipy.signal import savgol_filter
 
 from pbd.errors import PbdWarning
 from pbd.pose import Array, quat_about_z, quat_rotate
-from pbd.tracking.integration import integral_of_means, integral_of_values
+from pbd.tracking.preintegration import integral_of_means, integral_of_values
 from tests.benchmarks.report import add_data, arguments, finish
-from tests.benchmarks.tracking import Motion, heading_off, motion_of, spread, window_errors
+from tests.benchmarks.tracking import spread
 from tests.benchmarks.trials import RATES, Trial, at_sensor, filled, fit_lever, kind_of, read_broad
+from tests.benchmarks.windows import Motion, heading_off, motion_of, window_errors
 
 RATE = "40"
 
@@ -60,12 +61,12 @@ def main() -> None:
 
 def of_trial(trials: dict[str, Trial]) -> tuple[list[tuple[int, str, Array]], float]:
     """Each window's length in s, the score's name and the displacement's error (3,) m; and the velocity's, m/s."""
-    finest = motion_of(trials["286"].recording)
+    finest = motion_of(trials["286"])
     lever = fit_lever(trials["286"], [w for w in window_errors(trials["286"], finest) if w.length == 1])
     trial = at_sensor(trials[RATE], lever)
     every = RATES[RATE]
     fused = fused_velocity(at_sensor(trials["286"], lever), finest)[every // 2 :: every][: len(trial.recording)]
-    motion = motion_of(trial.recording)
+    motion = motion_of(trials[RATE])
     found = []
     for window in window_errors(trial, motion):
         ends = (trial.v_true - fused)[[window.start, window.end]]
@@ -79,9 +80,8 @@ def of_trial(trials: dict[str, Trial]) -> tuple[list[tuple[int, str, Array]], fl
 
 def fused_velocity(trial: Trial, motion: Motion) -> Array:
     """Velocity (n, 3) m/s by accelerometer and optics together, in the optics' frame; NaN where they see nothing."""
-    attitude, a_nav, _ = motion
     t = trial.recording.t
-    a = quat_rotate(quat_about_z(-heading_off(trial, attitude.wxyz_nav_sensor)[0]), a_nav)
+    a = quat_rotate(quat_about_z(-heading_off(trial, motion.path.wxyz)[0]), motion.path.a)
     v = integral_of_means(t, a)
     beyond = filled(trial.p_true - integral_of_values(t, v, a))
     samples = round(0.5 * FUSED_S * trial.recording.rate_hz) * 2 + 1

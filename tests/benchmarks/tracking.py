@@ -5,7 +5,14 @@ says. Default DIR: PBD_DATA, or ../shared/data. --quick leaves out the rates bet
 
 `windows` is scored at the optical markers' origin, as that page asks. The sensor is 8 to 11 mm away from it, and
 turning moves the one against the other: `windows_at_sensor` scores the same windows at the sensor, with that lever
-fitted to each trial (a property of the markers, not of the tracker).
+fitted to each trial (a property of the markers, not of the tracker). Each window knows the velocity at its own two
+ends. At the sensor too: `windows_jointly`, where all windows of a length share theirs, as the stops of one recording
+do; and `windows_free`, where none is given: how far the trial's true stops, 17 to 34 s apart, reach.
+
+`strides_at_heel` fits the lever from the sensor to the optics' heel, which the strides as such ignore.
+
+`sigma` is the share of errors inside one and two of the tracker's own sigmas, of each axis: of all windows and strides,
+and by group: `at_sensor` and `jointly` (of displacements), `rotation` (of attitudes at windows' ends).
 """
 
 from __future__ import annotations
@@ -14,7 +21,6 @@ import sys
 import time
 import warnings
 from collections import defaultdict
-from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -23,28 +29,25 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import numpy as np
 
-from pbd.data import Attitude, HandPath, Recording
+from pbd.data import HandPath, Recording
 from pbd.errors import PbdWarning
 from pbd.files.importers import import_file
-from pbd.pipeline import find_motion, track
-from pbd.pose import Array, quat_about_z, quat_canonical, quat_inverse, quat_multiply, quat_rotate
-from pbd.tracking.integration import integrate_move
-from pbd.tracking.rest import Rest, find_rest
-from pbd.tracking.uncertainty import move_covariance, move_figures
+from pbd.pipeline import track
+from pbd.pose import Array, quat_about_z, quat_inverse, quat_multiply, quat_to_matrix
 from tests.benchmarks.report import add_data, arguments, finish
-from tests.benchmarks.trials import (
-    RATES,
-    VELOCITY_SIGMA,
-    Trial,
-    Window,
-    at_sensor,
-    fit_lever,
-    kind_of,
-    phases,
-    read_broad,
-)
+from tests.benchmarks.trials import RATES, Trial, at_sensor, fit_lever, kind_of, read_broad
+from tests.benchmarks.windows import heading_off, motion_of, turn_z_scores, window_errors
 
-WINDOWS_S = (1, 2, 5)
+HEEL_M, STRIDE_M = 0.15, 0.01
+"""One sigma, m: how far the optics' heel is from the sensor along each axis, and of a stride's error besides."""
+
+SCORES = {
+    "windows": "own",
+    "windows_at_sensor": "own",
+    "windows_jointly": "all",
+    "windows_free": "none",
+}
+"""Score -> what velocities its windows are given."""
 
 
 def main() -> None:
@@ -66,34 +69,39 @@ def score(data: Path, rates: tuple[str, ...]) -> dict[str, Any]:
     speeds = [0.0]
     for file in sorted((data / "broad").glob("*.npz")):
         trials = read_broad(file)
-        motions = {rate: motion_of(trials[rate].recording) for rate in rates}
+        motions = {rate: motion_of(trials[rate]) for rate in rates}
         lever = fit_lever(trials["286"], [w for w in window_errors(trials["286"], motions["286"]) if w.length == 1])
         levers[file.stem] = float(1e3 * np.linalg.norm(lever))
+        kind = kind_of(file.stem)
         for rate in rates:
-            at_markers = window_errors(trials[rate], motions[rate])
-            windows_at_sensor = window_errors(at_sensor(trials[rate], lever), motions[rate])
-            for name, found_windows in (("windows", at_markers), ("windows_at_sensor", windows_at_sensor)):
-                for window in found_windows:
-                    key = (name, kind_of(file.stem), str(window.length), rate)
-                    errors[key].append(100.0 * float(np.linalg.norm(window.error)))
-            z_scores["all"].extend(z for window in at_markers for z in window.z)
-            z_scores["at_sensor"].extend(z for window in windows_at_sensor for z in window.z)
-            for window in windows_at_sensor:
-                z_scores[f"at_sensor.{kind_of(file.stem)}.{window.length}"].extend(window.z)
+            moved = at_sensor(trials[rate], lever)
+            for name, given in SCORES.items():
+                for window in window_errors(trials[rate] if name == "windows" else moved, motions[rate], given=given):
+                    length = f"{window.length:g}"
+                    errors[name, kind, length, rate].append(100.0 * float(np.linalg.norm(window.error)))
+                    groups = {
+                        "windows": ("all",),
+                        "windows_at_sensor": ("at_sensor", f"at_sensor.{kind}.{length}"),
+                        "windows_jointly": (f"jointly.{kind}.{length}",),
+                    }
+                    for group in groups.get(name, ()):
+                        z_scores[group].extend(window.z)
+            z_scores[f"rotation.{kind}"].extend(turn_z_scores(trials[rate], motions[rate]))
         found = {rate: stop_scores(trials[rate]) for rate in rates}
-        orientation[file.stem] = orientation_errors(trials["286"], motions["286"][0].wxyz_nav_sensor)
+        orientation[file.stem] = orientation_errors(trials["286"], motions["286"].path.wxyz)
         stops[file.stem] = found["286"] | {"rates_hz": {rate: {"f1": found[rate]["f1"]} for rate in rates}}
         speeds.append(samples_per_s(trials["286"].recording))
-    windows: dict[str, Any] = {"windows": {}, "windows_at_sensor": {}}
+    windows: dict[str, Any] = {name: {} for name in SCORES}
     for (name, kind, seconds, rate), found_errors in sorted(errors.items()):
         windows[name].setdefault(kind, {}).setdefault(seconds, {})[rate] = spread(found_errors, "")
     walks = {file.stem: walk(track(import_file(file).recording)) for file in sorted((data / "walks").glob("*.csv"))}
-    strides = {}
+    strides, at_heel = {}, {}
     for file in sorted((data / "strides").glob("*.npz")):
-        absolute, scaled = stride_errors(file)
-        strides[file.stem] = spread(absolute, "_abs")
+        absolute, scaled, heel, heel_scaled = stride_errors(file)
+        strides[file.stem], at_heel[file.stem] = spread(absolute, "_abs"), spread(heel, "_abs")
         z_scores["all"].extend(scaled)
         z_scores["strides"].extend(scaled)
+        z_scores["strides_at_heel"].extend(heel_scaled)
     return {
         "orientation": orientation,
         **windows,
@@ -101,6 +109,7 @@ def score(data: Path, rates: tuple[str, ...]) -> dict[str, Any]:
         "stops": stops,
         "walks": walks,
         "strides": strides,
+        "strides_at_heel": at_heel,
         "sigma": inside(z_scores.pop("all")) | {"groups": {group: inside(z) for group, z in z_scores.items()}},
         "samples_per_s": max(speeds),
     }
@@ -136,47 +145,6 @@ def orientation_errors(trial: Trial, wxyz: Array) -> dict[str, float]:
     return {key: float(np.degrees(np.sqrt(np.mean(values**2)))) for key, values in angles.items()}
 
 
-Motion = tuple[Attitude, Array, Rest]
-
-
-def motion_of(recording: Recording) -> Motion:
-    """The tracker's attitude and motion acceleration over a whole trial, and its first rest."""
-    rest, attitude, a_nav, _ = find_motion(recording, find_rest(recording))
-    return attitude, a_nav, rest
-
-
-def heading_off(trial: Trial, wxyz: Array) -> tuple[float, Any]:
-    """The mean heading from the optics to the estimate while moving, rad; and where both are known."""
-    known = trial.moving & np.isfinite(trial.wxyz_true).all(axis=1)
-    off = quat_canonical(quat_multiply(wxyz, quat_inverse(trial.wxyz_true)))
-    return float(np.mean(2.0 * np.arctan2(off[known, 3], off[known, 0]))), known
-
-
-def window_errors(trial: Trial, motion: Motion, lengths: Sequence[float] = WINDOWS_S) -> list[Window]:
-    """All windows of a trial, tracked from one known velocity to another."""
-    recording, (attitude, a_nav, rest) = trial.recording, motion
-    turn = quat_about_z(heading_off(trial, attitude.wxyz_nav_sensor)[0])
-    p_true, v_true = quat_rotate(turn, trial.p_true), quat_rotate(turn, trial.v_true)
-    found = []
-    for length in lengths:
-        n = round(length * recording.rate_hz)
-        for start, stop in phases(trial.moving):
-            for i in range(start, stop - n, n):
-                ends = [i, i + n]
-                if not np.isfinite(p_true[ends]).all() or not np.isfinite(v_true[ends]).all():
-                    continue
-                window = slice(i, i + n + 1)
-                move = integrate_move(recording.t, a_nav, v_true[i], v_true[i + n], window)
-                error = move.p_nav[-1] - (p_true[i + n] - p_true[i])
-                assert recording.gyr is not None
-                rate = recording.gyr[window] - rest.gyro_bias
-                figures = move_figures(recording.t[window], a_nav[window], rate, move.closure, move.p_nav[-1])
-                cov = move_covariance(figures, rest, recording.rate_hz, end_speed=VELOCITY_SIGMA)
-                sigma = np.sqrt(np.diagonal(cov))
-                found.append(Window(i, i + n, length, quat_rotate(quat_inverse(turn), error), error / sigma))
-    return found
-
-
 def stop_scores(trial: Trial) -> dict[str, float]:
     """Still samples against not `moving`."""
     still = np.zeros(len(trial.recording), dtype=bool)
@@ -198,8 +166,8 @@ def walk(path: HandPath) -> dict[str, float]:
     }
 
 
-def stride_errors(file: Path) -> tuple[list[float], list[float]]:
-    """Of each move of 0.3 to 2 s and over 0.2 m: the horizontal distance's error, in cm and in sigmas."""
+def stride_errors(file: Path) -> tuple[list[float], ...]:
+    """Of moves of 0.3 to 2 s and over 0.2 m the horizontal distance's error in cm, in sigmas, and both at the heel."""
     demo = import_file(file)
     path, truth = track(demo.recording), demo.truth
     assert truth is not None
@@ -207,18 +175,26 @@ def stride_errors(file: Path) -> tuple[list[float], list[float]]:
     def optics(t: float) -> Array:
         return np.array([np.interp(t, truth.t, axis) for axis in truth.p_nav_sensor.T])
 
-    errors, z_scores = [], []
+    off, sigma, by_lever = [], [], []
     for k, (before, after) in enumerate(pairwise(path.stops)):
-        t_start, t_end = float(path.t[before.stop - 1]), float(path.t[after.start])
-        true = np.linalg.norm((optics(t_end) - optics(t_start))[:2])
+        first, last = before.stop - 1, after.start
+        t_start, t_end = float(path.t[first]), float(path.t[last])
+        true = float(np.linalg.norm((optics(t_end) - optics(t_start))[:2]))
         if not 0.3 <= t_end - t_start <= 2.0 or true < 0.2:
             continue
-        gone = (path.p_nav_sensor[after.start] - path.p_nav_sensor[before.stop - 1])[:2]
+        gone = (path.p_nav_sensor[last] - path.p_nav_sensor[first])[:2]
         distance = float(np.linalg.norm(gone))
-        added = (path.cov[k + 1] - path.cov[k])[:2, :2]
-        errors.append(100.0 * abs(distance - float(true)))
-        z_scores.append((distance - float(true)) / float(np.sqrt(gone @ added @ gone) / distance))
-    return errors, z_scores
+        turned = np.diff(quat_to_matrix(path.wxyz_nav_sensor[[first, last]]), axis=0)[0]
+        off.append(distance - true)
+        joint = path.covariance.joint((k, k + 1)).reshape(2, 6, 2, 6)[:, :2, :, :2]
+        added = joint[1, :, 1] + joint[0, :, 0] - joint[1, :, 0] - joint[0, :, 1]
+        sigma.append(float(np.sqrt(gone @ added @ gone)) / distance)
+        by_lever.append(gone / distance @ turned[:2])
+    error, J = np.array(off), np.array(by_lever).reshape(-1, 3)
+    lever = np.linalg.solve(J.T @ J / STRIDE_M**2 + np.eye(3) / HEEL_M**2, -J.T @ error / STRIDE_M**2)
+    at_heel = error + J @ lever
+    values = (100.0 * np.abs(error), error / sigma, 100.0 * np.abs(at_heel), at_heel / sigma)
+    return tuple(value.tolist() for value in values)
 
 
 def samples_per_s(recording: Recording) -> float:

@@ -1,0 +1,139 @@
+"""Normalised estimation errors: how far keyframes are off, measured in what the tracker says of itself.
+
+The sensor's axes are the accelerometer's: how they lie in the housing nobody can tell from a recording (preintegration,
+LOWER). So the truth, which is the housing's, is turned into them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from functools import partial
+from math import inf
+
+import numpy as np
+
+from pbd.data import Demonstration, HandPath, Truth
+from pbd.pipeline import track
+from pbd.pose import (
+    Array,
+    quat_about_z,
+    quat_from_matrix,
+    quat_inverse,
+    quat_log,
+    quat_multiply,
+    quat_rotate,
+    yaw_toward,
+)
+from pbd.sensors.simulate import SENSOR_MODELS, TASKS, random_task, simulate
+from pbd.sensors.simulated_tasks import Task
+from pbd.tracking.attitude import mean_quaternion
+from pbd.tracking.noise import FACTORY, MG
+
+RANDOM: dict[str, Callable[[int], Task]] = {
+    "random": random_task,
+    "tipping": partial(random_task, max_turn=np.radians(80.0)),
+    "dawdling": partial(random_task, rest_s=(6.0, 10.0)),
+}
+"""Tasks that are drawn for each seed."""
+
+PHONE = SENSOR_MODELS["wt901"]
+assert PHONE.gyr is not None
+WANDERING = replace(
+    PHONE,
+    name="wandering",
+    acc=replace(PHONE.acc, bias=3.0 * MG, scale=FACTORY.acc_scale, bias_walk=FACTORY.acc_walk),
+    gyr=replace(PHONE.gyr, scale=FACTORY.gyr_scale, bias_walk=FACTORY.gyr_walk),
+)
+"""A sensor whose biases wander as fast as a hand's warmth makes them: the presets' hardly do in so short a time."""
+
+MODELS = {**SENSOR_MODELS, "wandering": WANDERING}
+
+
+@dataclass(frozen=True, eq=False)
+class Errors:
+    """Errors of all keyframes but the first, and what the tracker says of them.
+
+    Attributes:
+        off, turn: (k, 3) m, rad, in nav.
+        cov: (k, 6, 6) position, then rotation.
+    """
+
+    off: Array
+    turn: Array
+    cov: Array
+
+    @property
+    def position(self) -> Array:
+        """Whitened (k, 3): the mean of their squares is one where the covariance is true."""
+        return whitened(self.off, self.cov[:, :3, :3])
+
+    @property
+    def rotation(self) -> Array:
+        """The same of rotation."""
+        return whitened(self.turn, self.cov[:, 3:, 3:])
+
+    @property
+    def in_sigmas(self) -> Array:
+        """Each axis by its own sigma: (k, 6)."""
+        sigma: Array = np.sqrt(np.diagonal(self.cov, axis1=1, axis2=2))
+        return np.hstack((self.off, self.turn)) / sigma
+
+
+def demonstration(task: str, sensor: str, seed: int) -> Demonstration:
+    """A simulated one; with an odd seed it has neither magnetometer nor the device's own angles."""
+    drawn = RANDOM[task](seed) if task in RANDOM else TASKS[task]
+    demo = simulate(drawn, MODELS[sensor], seed)
+    truth = demo.truth
+    assert truth is not None
+    wxyz = quat_multiply(truth.wxyz_nav_sensor, quat_inverse(accelerometer_axes(sensor, seed)))
+    if seed % 2:
+        demo = replace(demo, recording=replace(demo.recording, mag=None, device_rpy=None))
+    return replace(demo, truth=replace(truth, wxyz_nav_sensor=wxyz))
+
+
+def accelerometer_axes(sensor: str, seed: int) -> Array:
+    """How the accelerometer's axes, lie in a simulated housing: wxyz (4,)."""
+    acc_rng = np.random.default_rng(seed).spawn(5)[1]  # as simulate() does
+    model = replace(MODELS[sensor].acc, noise=0.0, bias=0.0, bias_walk=0.0, limit=inf, step=0.0)
+    turned, triangle = np.linalg.qr(model.measure(np.eye(3), np.ones(3), acc_rng))  # gain = lower triangle x turn
+    return quat_from_matrix((turned * np.sign(np.diagonal(triangle))).T)
+
+
+def errors_of(demo: Demonstration) -> Errors:
+    """Track a demonstration and hold it against its truth."""
+    if demo.truth is None:
+        raise ValueError("a simulated demonstration has its truth")
+    return against(track(demo.recording), demo.truth)
+
+
+def against(path: HandPath, truth: Truth) -> Errors:
+    """Errors of a path, relative to the first stop: its place and its heading."""
+    rows = [(stop.start + stop.stop - 1) // 2 for stop in path.stops]
+    wxyz = np.array([mean_quaternion(path.wxyz_nav_sensor[stop.start : stop.stop]) for stop in path.stops])
+    wxyz_true = truth.wxyz_nav_sensor[rows]
+    p, p_true = path.p_nav_sensor[rows], truth.p_nav_sensor[rows]
+    # The truth is turned into nav, in which the covariance is.
+    yaw = quat_about_z(yaw_toward(wxyz_true[0], wxyz[0]))
+    off = p - p[0] - quat_rotate(yaw, p_true - p_true[0])
+    turn = quat_log(quat_multiply(wxyz, quat_inverse(quat_multiply(yaw, wxyz_true))))
+    return Errors(off[1:], turn[1:], path.cov[1:])
+
+
+def whitened(errors: Array, covariance: Array) -> Array:
+    """L^-1 e with L L^T the covariance: (k, 3)."""
+    white: Array = np.linalg.solve(np.linalg.cholesky(covariance), errors[:, :, None])[:, :, 0]
+    return white
+
+
+def nees(whites: Iterable[Array]) -> float:
+    """Mean normalised square of recordings, each of which counts once: 1 where the covariance is true."""
+    return float(np.mean([np.mean(white**2) for white in whites]))
+
+
+def band(recordings: int, share: float = 0.95) -> tuple[float, float]:
+    """Where that mean lies so often, if all keyframes of a recording err together: chi-square of 3 a recording."""
+    from scipy.special import chdtri
+
+    beyond, freedom = 0.5 * (1.0 - share), 3.0 * recordings
+    return float(chdtri(freedom, 1.0 - beyond) / freedom), float(chdtri(freedom, beyond) / freedom)
