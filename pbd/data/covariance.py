@@ -52,6 +52,17 @@ class PoseCovariance:
             blocks[start : part.stop] = joint[np.arange(len(part)), :, np.arange(len(part))]
         return blocks
 
+    @cached_property
+    def of_moves(self) -> Array:
+        """Covariance (n - 1, 3, 3) of the way, m, from each pose to the next."""
+        blocks = np.empty((max(self.count - 1, 0), 3, 3))
+        for start in range(0, self.count - 1, AT_ONCE):
+            stop = min(start + AT_ONCE + 1, self.count)
+            joint = self.joint(range(start, stop)).reshape(stop - start, 6, stop - start, 6)[:, :3, :, :3]
+            way = np.diff(np.diff(joint, axis=0), axis=2)
+            blocks[start : stop - 1] = np.diagonal(way, axis1=0, axis2=2).transpose(2, 0, 1)
+        return blocks
+
 
 def _chained(blocks: Array, columns: Array) -> Array:
     moves = np.diff(blocks[:, :3, :3], axis=0, prepend=np.zeros((1, 3, 3)))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pbd.data import HandPath, Keyframe, Stop
 from pbd.pose import Array, quat_to_matrix
-from pbd.tracking.stops import COAST_SPEED
+from pbd.tracking.alarm import DOUBTED
 from pbd.view.plot_values import Finding, Span, TruthPlot
 
 FIRST_REST_S = 1.0
@@ -22,12 +22,6 @@ taken for zero."""
 
 UNSURE_MOVE_M = 0.01
 """A move that adds more than this to sigma is remarked upon (`pbd record` says "pause now" from there on)."""
-
-FASTEST = 1.0
-"""m/s: no hand goes on faster than this and still steadily. (A wrong attitude leaves more over, on either hand.)"""
-
-CANCEL_SHARE = 0.4
-"""Velocities left over that add up to less than this share of the larger cancel."""
 
 DRIFT = 0.2
 """m/s2: the bias of a cheap accelerometer (20 mg). More velocity than that makes in the time of a move is no drift."""
@@ -125,26 +119,18 @@ def _first_rest(path: HandPath) -> Iterator[Finding]:
 
 
 def _passed(path: HandPath) -> tuple[int, ...]:
-    """Stops that the hand may have passed at a steady speed, which looks as still as a stop.
-
-    What is taken from the move before it is then missing in the one after it: the velocities left over cancel. The
-    tracker looks for this in short stops alone (SLOW_COAST_S), for fear of losing true ones.
-    """
-    before, after = path.closure[:-1], path.closure[1:]
-    speeds = np.stack([np.linalg.norm(each, axis=1) for each in (before, after)])
-    cancel = np.linalg.norm(before + after, axis=1) < CANCEL_SHARE * speeds.max(axis=0)
-    steady = (speeds.min(axis=0) > COAST_SPEED) & (speeds.max(axis=0) < FASTEST)
-    return tuple((np.flatnonzero(cancel & steady) + 1).tolist())
+    """Stops that the tracker doubts: a hand that goes on at a steady speed looks as still as one that stops."""
+    return tuple(k for k, stop in enumerate(path.stops) if stop.weight < DOUBTED)
 
 
 def _no_stops(path: HandPath, names: Sequence[str], passed: Sequence[int]) -> Iterator[Weighed]:
     for k in passed:
-        speed = float(np.linalg.norm(path.closure[k - 1]))
+        sure = path.stops[k].weight
         words = (
-            f"{at_stop(names[k])} may not be a stop: the hand seems to pass through it at {length(speed)}/s; stop for "
-            "half a second, or move faster"
+            f"{at_stop(names[k])} may not be a stop ({100.0 * sure:.0f} % sure): the hand seems to pass through it; "
+            "stop for half a second, or move faster"
         )
-        yield speed, Finding(words, (_during(path, path.stops[k]),))
+        yield -sure, Finding(words, (_during(path, path.stops[k]),))
 
 
 def _short_stops(path: HandPath, names: Sequence[str], passed: Sequence[int]) -> Iterator[Weighed]:
@@ -222,8 +208,8 @@ def _unsure_moves(path: HandPath, names: Sequence[str]) -> list[Finding]:
 
 
 def _added(path: HandPath) -> Array:
-    """What each move adds to the variance of position, m2, along the worst axis; 0 where a known place takes away."""
-    added: Array = np.diagonal(np.diff(path.cov, axis=0), axis1=1, axis2=2)[:, :3].max(axis=1, initial=0.0)
+    """The variance of each move's way, m2, along the worst axis."""
+    added: Array = np.diagonal(path.covariance.of_moves, axis1=1, axis2=2).max(axis=1, initial=0.0)
     return added
 
 

@@ -15,7 +15,7 @@ from pbd.pose import Array
 from pbd.tracking.noise import Noise
 from pbd.tracking.normal_equations import POS, ROT, STATE, Solved
 from pbd.tracking.path import Path
-from pbd.tracking.preintegration import Impulse
+from pbd.tracking.preintegration import Impulse, integral_of_means
 from pbd.tracking.rest import Rest
 from pbd.tracking.smoother import Solution, smooth
 from pbd.tracking.variance_components import with_own_noise
@@ -36,7 +36,7 @@ class Estimate:
     Attributes:
         path: at each row; in a stop nothing moves.
         stops: in order.
-        closure: (k - 1, 3) m/s, the velocity that a move seems to end with, integrated from its first stop alone.
+        closure: (k - 1, 3) m/s, the velocity that a move seems to end with, by its acceleration alone.
         covariance: of the keyframes.
         solution: of the smoother; None: by another method.
     """
@@ -79,7 +79,7 @@ def estimate(
     return Estimate(
         _standing(solution.path, stops, solution.state.p[knots], t),
         stops,
-        _closure(solution, stops),
+        _closure(t, solution.path.a, stops),
         covariance,
         solution,
     )
@@ -124,17 +124,10 @@ def _standing(path: Path, stops: Sequence[Stop], p_stop: Array, t: Array) -> Pat
     return Path(path.wxyz, v, p + shift, path.a)
 
 
-def _closure(solution: Solution, stops: Sequence[Stop]) -> Array:
-    """What each move's integral leaves over: E (U' - U - g T), with E and g as at its first stop."""
-    problem, x = solution.problem, solution.state
-    frame = problem.frame
-    closure = np.zeros((len(stops) - 1, 3))
-    for k, (before, after) in enumerate(pairwise(stops)):
-        first, last = before.stop - 1, after.start
-        E = x.E[np.clip(np.searchsorted(problem.rows, first, side="right") - 1, 0, len(x.E) - 1)]
-        g = frame.u[before.start : before.stop].mean(axis=0)
-        closure[k] = E @ (frame.U[last] - frame.U[first] - g * (frame.t[last] - frame.t[first]))
-    return closure
+def _closure(t: Array, a_nav: Array, stops: Sequence[Stop]) -> Array:
+    """The velocity that each move's acceleration integrates to."""
+    v = integral_of_means(t, a_nav)
+    return np.array([v[after.start] - v[before.stop - 1] for before, after in pairwise(stops)]).reshape(-1, 3)
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,6 @@ from pbd.sensors.simulate import SENSOR_MODELS, TASKS, random_task, simulate
 from pbd.sensors.simulated_sensor import SensorModel
 from pbd.sensors.simulated_tasks import Task
 from pbd.tracking.keyframes import find_keyframes
-from pbd.tracking.restoring import restore
 from pbd.tracking.saturation import Clip, clips_of, find_clips
 from tests.benchmarks.trials import read_broad
 from tests.scenarios import truth_at

@@ -12,10 +12,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pbd.tracking.smoothing import smooth_motion
 from scipy.interpolate import CubicHermiteSpline
 
-from pbd.data import Attitude, Recording
 from pbd.pipeline import track
 from pbd.pose import (
     Array,
@@ -27,20 +25,11 @@ from pbd.pose import (
     quat_rotate,
 )
 from pbd.tracking.conditioning import condition
-from pbd.tracking.gravity import motion_acceleration
-from pbd.tracking.integration import (
-    EVEN_DRIFT,
-    MOTION_DRIFT,
-    integral_of_means,
-    integral_of_values,
-    integrate_move,
-    integrate_path,
-)
+from pbd.tracking.estimate import estimate
 from pbd.tracking.keyframes import find_keyframes, find_segments
-from pbd.tracking.orientation import estimate_attitude, turns_between_middles
+from pbd.tracking.noise import noise_of
+from pbd.tracking.preintegration import integral_of_means, integral_of_values, turns_between_middles
 from pbd.tracking.rest import find_rest
-from pbd.tracking.stops import find_stops
-from pbd.tracking.uncertainty import stop_covariance
 from tests.scenarios import pour
 from tests.tracking.hands import largest_angle
 
@@ -55,18 +44,14 @@ def test_the_stages_one_by_one_give_what_track_gives(sensor: str) -> None:
     path = track(demo.recording)
     recording, gaps = condition(demo.recording)
     rest = find_rest(recording)
-    attitude = estimate_attitude(recording, slice(rest.start, rest.stop))
-    a_nav = motion_acceleration(recording, attitude, rest.gravity)
-    stops = find_stops(recording, a_nav, attitude.wxyz_nav_sensor, rest)
-    attitude, a_nav = smooth_motion(recording, attitude, a_nav, stops, rest)
-    p, v, closure = integrate_path(recording.t, a_nav, stops)
+    found = estimate(recording, rest, noise_of(recording, rest))
     assert not gaps
-    assert stops == path.stops
-    assert np.array_equal(p, path.p_nav_sensor)
-    assert np.array_equal(v, path.v_nav_sensor)
-    assert np.array_equal(attitude.wxyz_nav_sensor, path.wxyz_nav_sensor)
-    assert np.array_equal(closure, path.closure)
-    assert np.array_equal(stop_covariance(recording, a_nav, p, stops, closure, rest), path.cov)
+    assert found.stops == path.stops
+    assert np.array_equal(found.path.p, path.p_nav_sensor)
+    assert np.array_equal(found.path.v, path.v_nav_sensor)
+    assert np.array_equal(found.path.wxyz, path.wxyz_nav_sensor)
+    assert np.array_equal(found.closure, path.closure)
+    assert np.array_equal(found.covariance.of_each, path.cov)
 
 
 def test_the_example_in_the_docs_gives_what_track_gives() -> None:
@@ -154,53 +139,6 @@ def test_values_with_slopes_are_integrated_to_fourth_order() -> None:
     assert all(coarser / finer > 0.9 * 2.0**4 for coarser, finer in pairwise(errors))
 
 
-vectors = st.lists(st.floats(-0.5, 0.5), min_size=3, max_size=3).map(np.array)
-
-
-@given(vectors, st.integers(3, 200), st.floats(0.002, 0.05))
-def test_a_constant_error_of_a_hand_at_rest_is_taken_out_exactly(error: Array, n: int, dt: float) -> None:
-    t = dt * np.arange(n, dtype=np.float64)
-    move = integrate_move(t, np.tile(error, (n, 1)))
-    assert move.closure == pytest.approx(error * t[-1], abs=1e-12)
-    assert move.v_nav == pytest.approx(0.0, abs=1e-12)
-    assert move.p_nav == pytest.approx(0.0, abs=1e-12)
-
-
-def calm_move(dt: float, move_s: float, way: Array) -> tuple[Array, Array]:
-    """Minimum jerk: (n,) s with a rest at either end, and interval means (n, 3) m/s2."""
-    t = dt * np.arange(round((move_s + 0.4) / dt), dtype=np.float64)
-
-    def speed(at: Array) -> Array:
-        u = np.clip((at - 0.2) / move_s, 0.0, 1.0)
-        return np.outer(30.0 * (u * (1.0 - u)) ** 2 / move_s, way)
-
-    return t, (speed(t + 0.5 * dt) - speed(t - 0.5 * dt)) / dt
-
-
-@given(vectors, st.floats(1.0, 2.0))
-def test_a_constant_error_of_a_calm_move_is_taken_out(error: Array, move_s: float) -> None:
-    """In proportion to time, but for the share by which the drift is taken to grow with the acceleration."""
-    way = np.array([0.1, -0.05, 0.05])
-    t, a_nav = calm_move(0.01, move_s, way)
-    move = integrate_move(t, a_nav + error)
-    undone = 0.5 * t[-1] ** 2 * float(np.linalg.norm(error))
-    uneven = float(((a_nav + error) ** 2).sum(axis=1).max()) * (MOTION_DRIFT / EVEN_DRIFT) ** 2
-    assert move.v_nav[-1] == pytest.approx(0.0, abs=1e-12)
-    assert move.closure == pytest.approx(error * t[-1], abs=1e-9)
-    assert uneven < 0.05
-    assert np.linalg.norm(move.p_nav[-1] - way) < 1e-5 + uneven * undone
-
-
-@given(vectors, vectors, st.floats(0.2, 2.0))
-def test_velocities_known_at_both_ends_are_kept(v_start: Array, v_end: Array, duration: float) -> None:
-    """Between them the velocity changes evenly, and the way is that at their mean."""
-    t = np.linspace(0.0, duration, 50)
-    move = integrate_move(t, np.tile((v_end - v_start) / duration, (50, 1)), v_start, v_end)
-    assert move.closure == pytest.approx(0.0, abs=1e-12)
-    assert move.v_nav[[0, -1]] == pytest.approx(np.array([v_start, v_end]), abs=1e-12)
-    assert move.p_nav[-1] == pytest.approx(0.5 * duration * (v_start + v_end), abs=1e-12)
-
-
 def attitude_at(t: Array) -> Array:
     """A turn whose axis turns too: products of sines about the three axes, (m,) s -> (m, 4)."""
     turns = columns(0.8 * np.sin(2.1 * t), 0.6 * np.sin(3.3 * t + 0.5), 0.9 * np.sin(1.7 * t + 1.0))
@@ -246,13 +184,12 @@ def test_what_turning_does_to_a_mean_is_of_second_order() -> None:
         t = dt * np.arange(round(2.0 / dt), dtype=np.float64)
         acc = interval_means(lambda at: quat_rotate(quat_inverse(attitude_at(at)), force_at(at)), t, dt)
         rate = interval_means(rate_at, t, dt)
-        attitude = Attitude(attitude_at(t), np.zeros((len(t), 3)))
-        exact = interval_means(force_at, t, dt) - (0.0, 0.0, 9.81)
-        off = (motion_acceleration(Recording(t, acc), attitude, 9.81) - exact)[1:-1]
+        wxyz, exact = attitude_at(t), interval_means(force_at, t, dt)
+        off = (quat_rotate(wxyz, acc) - exact)[1:-1]
         f, w = acc[1:-1], rate[1:-1]
         f_change, w_change = ((values[2:] - values[:-2]) / (2.0 * dt) for values in (acc, rate))
         sculling = np.cross(w, f_change) + 0.5 * np.cross(w_change, f) + 0.5 * np.cross(w, np.cross(w, f))
-        expected = quat_rotate(attitude.wxyz_nav_sensor[1:-1], -(dt**2) / 12.0 * sculling)
+        expected = quat_rotate(wxyz[1:-1], -(dt**2) / 12.0 * sculling)
         assert np.abs(off - expected).max() < 0.02 * np.abs(off).max()
         errors.append(np.abs(off).max())
     assert all(coarser / finer == pytest.approx(2.0**2, rel=0.02) for coarser, finer in pairwise(errors))
@@ -266,18 +203,3 @@ def test_cumulative_products_are_those_of_a_loop(n: int, seed: int) -> None:
         before = quat_multiply(before, turn)
         products.append(before)
     assert quat_cumulative(turns) == pytest.approx(np.array(products).reshape(n, 4), abs=1e-12)
-
-
-@given(coefficients, st.integers(1, 10), st.integers(2, 40), st.integers(1, 10))
-def test_a_move_cut_out_of_a_longer_motion_knows_what_lies_beside_it(
-    numbers: list[float], before: int, n: int, after: int
-) -> None:
-    """Then means of quadratics are integrated exactly from its first sample's middle to its last one's."""
-    polynomials = [np.polynomial.Polynomial(numbers[i : i + 3]) for i in (0, 3, 6)]
-    t = 0.02 * np.arange(before + n + after, dtype=np.float64)
-    a_nav = interval_means(lambda at: columns(*(p(at) for p in polynomials)), t, 0.02)
-    rows = slice(before, before + n)
-    v = columns(*(p.integ()(t) for p in polynomials))[rows]
-    move = integrate_move(t, a_nav, v[0], v[-1], rows)
-    assert move.closure == pytest.approx(0.0, abs=1e-11)
-    assert move.v_nav == pytest.approx(v, abs=1e-11)

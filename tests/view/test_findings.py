@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pbd.data import Demonstration, HandPath, Known, Stop
+from pbd.data.covariance import PoseCovariance
 from pbd.pipeline import track
 from pbd.plotting import findings
 from pbd.plotting.demo import demo_plot
@@ -19,7 +19,6 @@ from pbd.pose import Array
 from pbd.sensors.simulate import TASKS, simulate
 from pbd.sensors.simulated_hand import Waypoint, minimum_jerk
 from pbd.sensors.simulated_tasks import Task
-from pbd.tracking.integration import integrate_path
 from pbd.view.plot_values import DemoPlot, Finding
 from tests.scenarios import pour
 
@@ -99,7 +98,7 @@ def test_an_unsure_move(pouring: DemoPlot) -> None:
         cov = np.zeros((len(pouring.path.stops), 6, 6))
         for number, k in enumerate(unsure):
             cov[k + 1 :, :3, :3] += (0.02 + 0.01 * number) ** 2 * np.eye(3)
-        path = replace(pouring.path, cov=cov)
+        path = replace(pouring.path, covariance=PoseCovariance.chained(cov))
         told = find(path, stop_names(path, pouring.keyframes), pouring.a_nav, None, ())
         assert all(begin < end for finding in told for begin, end in finding.spans)
         return [finding.words for finding in told]
@@ -131,42 +130,21 @@ def test_velocity_left_over(pouring: DemoPlot) -> None:
     assert f"at keyframe 3, after a move of {lasts:.1f} s, is more than drift" in told[0].words
     assert told[0].spans == ((pouring.path.t[before.stop - 1], pouring.path.t[after.start]),)
     # A move that is told to be unsure is not told twice.
-    cov = pouring.path.cov.copy()
+    cov = np.zeros((len(pouring.path.stops), 6, 6))
     cov[3:, :3, :3] += (2.0 * UNSURE_MOVE_M) ** 2 * np.eye(3)
-    (unsure,) = found(pouring, replace(pouring.path, closure=closure, cov=cov))
+    (unsure,) = found(pouring, replace(pouring.path, closure=closure, covariance=PoseCovariance.chained(cov)))
     assert unsure.words.startswith("the move from 2 to 3")
 
 
-@pytest.mark.parametrize("move", [0, 1, 2, 3, 6, 7, 8, 9])  # at 4 and 5 the hand turns on the spot
-def test_a_stop_in_the_middle_of_a_move_is_none(pouring: DemoPlot, move: int) -> None:
-    """Whoever takes the velocity for zero there misses it on the one side, and has it over on the other."""
-    path, stops = pouring.path, list(pouring.path.stops)
-    middle = (stops[move].stop + stops[move + 1].start) // 2
-    stops.insert(move + 1, Stop(middle - 5, middle + 5, 0.1))
-    *_, closure = integrate_path(path.t, pouring.a_nav, tuple(stops))
-    speed = float(np.linalg.norm(path.v_nav_sensor[middle]))
-    split = replace(path, stops=tuple(stops), closure=closure, cov=np.insert(path.cov, move, path.cov[move], axis=0))
-    (told,) = find(split, stop_names(split, ()), pouring.a_nav, None, ())  # and no word on its 0.1 s, nor on the moves
-    said = re.fullmatch(r"the stop at ([\d.]+) s may not be a stop: .* at ([\d.]+) cm/s; .*", told.words)
-    assert said is not None
-    assert float(said[1]) == pytest.approx(path.t[middle - 5], abs=0.051)
-    assert float(said[2]) == pytest.approx(100.0 * speed, rel=0.2)
-    assert told.spans == ((path.t[middle - 5], path.t[middle + 4]),)
-
-
-@pytest.mark.parametrize("after", [(0.2, 0.0, 0.0), (0.0, 0.2, 0.0), (-0.02, 0.0, 0.0), (-0.05, 0.0, 0.0)])
-def test_velocities_that_do_not_cancel_are_no_steady_hand(pouring: DemoPlot, after: tuple[float, float, float]) -> None:
-    for scale in (1.0, 10.0):
-        closure = np.zeros_like(pouring.path.closure)
-        closure[2:4] = scale * np.array([(0.2, 0.0, 0.0), after])
-        told = found(pouring, replace(pouring.path, closure=closure))
-        assert not [finding for finding in told if "may not be a stop" in finding.words]
-    closure[2:4] = (1.5, 0.0, 0.0), (-1.5, 0.0, 0.0)  # a hand that shoots past
-    told = found(pouring, replace(pouring.path, closure=closure))
-    assert [finding.words.split(", after")[0] for finding in told] == [
-        "a residual velocity of 1.50 m/s at keyframe 3",
-        "a residual velocity of 1.50 m/s at keyframe 4",
-    ]
+@pytest.mark.parametrize(("weight", "count"), [(0.85, 0), (0.6, 1)])
+def test_a_stop_that_the_tracker_doubts(pouring: DemoPlot, weight: float, count: int) -> None:
+    path = pouring.path
+    stops = tuple(replace(stop, weight=weight) if k == 3 else stop for k, stop in enumerate(path.stops))
+    told = found(pouring, replace(path, stops=stops))
+    assert len(told) == count
+    if told:
+        assert told[0].words.startswith("keyframe 3 may not be a stop (60 % sure): the hand seems to pass through it")
+        assert told[0].spans == ((path.t[stops[3].start], path.t[stops[3].stop - 1]),)
 
 
 def test_a_keyframe_far_from_the_truth(pouring: DemoPlot) -> None:
@@ -217,7 +195,7 @@ def path_along_x(x: Array, a: Array) -> tuple[HandPath, Array]:
     moved = HandPath(
         t=t, p_nav_sensor=np.column_stack((x, zero, zero)), v_nav_sensor=np.zeros((len(x), 3)),
         wxyz_nav_sensor=np.tile((1.0, 0.0, 0.0, 0.0), (len(x), 1)), stops=stops, closure=np.zeros((1, 3)),
-        cov=np.zeros((2, 6, 6)),
+        covariance=PoseCovariance.chained(np.zeros((2, 6, 6))),
     )  # fmt: skip
     return moved, np.column_stack((a, zero, zero))
 

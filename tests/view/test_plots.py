@@ -26,8 +26,8 @@ from pbd.pose import Array, quat_about_z, quat_multiply, quat_rotate, quat_to_rp
 from pbd.sensors.simulate import random_task, simulate
 from pbd.sensors.simulated_hand import Waypoint
 from pbd.sensors.simulated_tasks import Task
-from pbd.tracking.integration import integrate_path
 from pbd.tracking.paper import LAMBDA_V, paper_path
+from pbd.tracking.preintegration import integral_of_means
 from pbd.view import plots
 from pbd.view.plot_style import _joined, write
 from pbd.view.plot_values import DemoPlot, Finding
@@ -107,18 +107,20 @@ def axes_of(figure: Figure) -> list[Axes]:
 def test_what_is_drawn_is_calibrated(pouring: DemoPlot, calibrated: DemoPlot) -> None:
     assert calibrated.gravity == pytest.approx(pouring.gravity)
     assert calibrated.acc_sensor == pytest.approx(pouring.acc_sensor)
-    assert calibrated.a_nav == pytest.approx(pouring.a_nav, abs=1e-6)
+    assert calibrated.a_nav == pytest.approx(pouring.a_nav, abs=0.02)  # m/s2: what may be wrong with it is less
 
 
 @pytest.mark.parametrize("name", ["pouring", "paper", "calibrated"])
 def test_the_acceleration_is_the_one_that_was_integrated(name: str, request: pytest.FixtureRequest) -> None:
     plot: DemoPlot = request.getfixturevalue(name)
     path = plot.path
-    integrate = {"default": integrate_path, "paper": paper_path}[plot.method]
-    _, v_nav, closure = integrate(path.t, plot.a_nav, path.stops)
-    assert closure == pytest.approx(path.closure, abs=1e-12)
-    if not path.claims:  # what is known moves the path
+    if plot.method == "paper":
+        _, v_nav, closure = paper_path(path.t, plot.a_nav, path.stops)
         assert v_nav == pytest.approx(path.v_nav_sensor, abs=1e-12)
+    else:
+        v = integral_of_means(path.t, plot.a_nav)
+        closure = np.array([v[after.start] - v[before.stop - 1] for before, after in pairwise(path.stops)])
+    assert closure == pytest.approx(path.closure, abs=1e-12)
 
 
 def test_equations_7_to_9(paper: DemoPlot) -> None:
