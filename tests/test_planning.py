@@ -15,6 +15,7 @@ import pbd
 from pbd.arm.follow import off_line
 from pbd.arm.wish import DEMO, LINE, STRAIGHT
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Obstacle, Robot, Stop
+from pbd.data.covariance import PoseCovariance
 from pbd.errors import PbdError, PbdWarning, PlanError, TrackingError
 from pbd.planning import Plan, PlanOptions, arm_of, plan_keyframes
 from pbd.planning.checks import refuse_unsure
@@ -101,7 +102,7 @@ def test_a_demonstration_without_stops_on_the_way_is_followed() -> None:
     p = 0.1 * np.column_stack((np.zeros_like(t), 1.0 - np.cos(angle), np.sin(angle)))
     path = HandPath(
         t, p, np.gradient(p, t, axis=0), np.tile(TURN, (len(t), 1)), (Stop(0, 101, 1.0), Stop(300, 400, 0.99)),
-        np.zeros((1, 3)), np.tile(1e-6 * np.eye(6), (2, 1, 1)),
+        np.zeros((1, 3)), PoseCovariance.chained(np.tile(1e-6 * np.eye(6), (2, 1, 1))),
     )  # fmt: skip
     plan = plan_keyframes(find_keyframes(path), dock(), PANDA, PlanOptions(path="demo"), path)
     tool, _ = arm_of(PANDA).forward_many(moving(plan)[::20])
@@ -118,7 +119,7 @@ def test_a_hand_that_comes_back_to_where_it_began_is_followed() -> None:
     p = 0.06 * np.column_stack((1.0 - np.cos(angle), np.sin(angle), np.zeros_like(t)))
     path = HandPath(
         t, p, np.gradient(p, t, axis=0), np.tile(TURN, (len(t), 1)), (Stop(0, 101, 1.0), Stop(400, 500, 0.99)),
-        np.zeros((1, 3)), np.tile(1e-6 * np.eye(6), (2, 1, 1)),
+        np.zeros((1, 3)), PoseCovariance.chained(np.tile(1e-6 * np.eye(6), (2, 1, 1))),
     )  # fmt: skip
     plan = plan_keyframes(find_keyframes(path), dock(), PANDA, PlanOptions(path="demo"), path)
     tool, _ = arm_of(PANDA).forward_many(moving(plan)[::20])
@@ -298,7 +299,7 @@ def test_an_obstacle_is_gone_round_by_the_hands_own_path(monkeypatch: pytest.Mon
     p = np.column_stack((np.zeros_like(t), 0.15 * (1.0 - np.cos(angle)), 0.38 * np.sin(angle)))
     path = HandPath(
         t, p, np.gradient(p, t, axis=0), np.tile(TURN, (len(t), 1)), (Stop(0, 101, 1.0), Stop(300, 400, 0.99)),
-        np.zeros((1, 3)), np.tile(1e-6 * np.eye(6), (2, 1, 1)),
+        np.zeros((1, 3)), PoseCovariance.chained(np.tile(1e-6 * np.eye(6), (2, 1, 1))),
     )  # fmt: skip
     wall = Obstacle("the wall", "box", (0.3, 0.01, 0.52), Pose(np.array([0.5, 0.0, 0.26]), TURN))
     bench, alone = replace(dock(), obstacles=(wall,)), PlanOptions(approach=False, retreat=False)

@@ -84,11 +84,3 @@ def squares(vectors: Array) -> Array:
     for column in vectors.T:
         total += column * column
     return total
-
-
-def median(values: Array) -> Array:
-    """Median of each column, (m, k) -> (k,); of short ones numpy's takes ten times as long."""
-    middles = (len(values) - 1) // 2, len(values) // 2
-    ordered = np.partition(values, middles, axis=0)
-    of_columns: Array = 0.5 * (ordered[middles[0]] + ordered[middles[1]])
-    return of_columns

@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pbd.data import HandPath, Keyframe
+from pbd.data.covariance import PoseCovariance
 from pbd.pipeline import track
 from pbd.plotting.compare import TURN_M, Tracked, compare_plot, match_in_order
 from pbd.pose import Array, Pose, quat_about_z, quat_multiply, quat_rotate, quat_to_matrix
@@ -46,7 +47,7 @@ def elsewhere(tracked: Tracked, yaw: float, shift: Array) -> Tracked:
         p_nav_sensor=T.act(path.p_nav_sensor),
         v_nav_sensor=quat_rotate(T.wxyz, path.v_nav_sensor),
         wxyz_nav_sensor=quat_multiply(T.wxyz, path.wxyz_nav_sensor),
-        cov=R6 @ path.cov @ R6.T,
+        covariance=PoseCovariance.chained(R6 @ path.cov @ R6.T),
     )
     turned = [replace(k, T_nav_sensor=T @ k.T_nav_sensor, cov=R6 @ k.cov @ R6.T) for k in keyframes]
     return name, moved, turned
