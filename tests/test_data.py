@@ -35,6 +35,7 @@ from pbd.data import (
     Stop,
     Truth,
 )
+from pbd.data.covariance import PoseCovariance
 from pbd.pose import Array, Pose
 
 N, K = 5, 2
@@ -51,14 +52,15 @@ VALUES: dict[str, tuple[Callable[..., Any], dict[str, tuple[int, ...]]]] = {
     "Truth": (Truth, {"t": (N,), "p_nav_sensor": (N, 3), "wxyz_nav_sensor": (N, 4)}),
     "Attitude": (Attitude, {"wxyz_nav_sensor": (N, 4), "gyro_bias": (N, 3)}),
     "HandPath": (
-        partial(HandPath, stops=(Stop(0, 1, 0.1), Stop(3, 5, 0.2))),
+        partial(
+            HandPath, stops=(Stop(0, 1, 0.1), Stop(3, 5, 0.2)), covariance=PoseCovariance.chained(np.zeros((2, 6, 6)))
+        ),
         {
             "t": (N,),
             "p_nav_sensor": (N, 3),
             "v_nav_sensor": (N, 3),
             "wxyz_nav_sensor": (N, 4),
             "closure": (1, 3),
-            "cov": (2, 6, 6),
         },
     ),
     "Keyframe": (lambda cov: Keyframe(0.0, 0.5, Pose.identity(), cov), {"cov": (6, 6)}),

@@ -26,8 +26,8 @@ PRIORS = 4.0
 DOUBTED = 0.8
 """A stop that is less sure than this is told."""
 
-GIVEN_UP_S = 0.3
-"""A rest of so long that the smoother gives up is told."""
+GIVEN_UP_S = 1.0
+"""A rest of so long that the smoother gives up is told. (In the middle of a slow move a hand goes on evenly for less.)"""
 
 DISTURBED = 0.25
 """A field that differs by this share from that at the first rest is a magnet's (rooms differ by up to 0.2)."""
@@ -86,6 +86,8 @@ def _of_sensor(solution: Solution) -> Iterator[str]:
 
 def _of_moves(solution: Solution) -> Iterator[str]:
     problem = solution.problem
+    if problem.device:
+        return
     off = np.sqrt((solution.weights.legs**2).mean(axis=1))
     bad = off > LEG
     if bad.any():

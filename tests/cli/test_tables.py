@@ -175,7 +175,9 @@ def test_with_the_hands_time_the_hands_own_dwells_are_saved(tea: Path, capsys: p
 def test_another_dock_is_refused(tea: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["keyframes", "tea", "--save"]) == 0
     file = tea / "keyframes.toml"
-    file.write_text(file.read_text(encoding="utf-8").replace("rpy_deg = [", "rpy_deg = [5", 1), encoding="utf-8")
+    file.write_text(
+        file.read_text(encoding="utf-8").replace("rpy_deg = [", "rpy_deg = [50.0, 0.0, 0.0] # [", 1), encoding="utf-8"
+    )
     capsys.readouterr()
     assert main(["keyframes", "tea"]) == 1
     assert "the dock, to which all others refer; restore it" in capsys.readouterr().err

@@ -162,7 +162,7 @@ def test_a_person_may_drop_insert_nudge_and_rename(tmp_path: Path) -> None:
         ("rpy_deg = [", "rpy_deg = [1, ", "rpy_deg = [1, ", "must have 3 numbers"),
         ("sigma_m = [0.00", "sigma_m = [-1.00", "sigma_m = [-1.00", "must not be below zero"),
         ("format = 1", "format = 2", "format = 2", "must be 1"),
-        ("rpy_deg = [", "rpy_deg = [88", "rpy_deg = [88", "must lie within -360 and 360 degrees"),
+        ("rpy_deg = [", "rpy_deg = [400.0, 0.0, 0.0] # [", "rpy_deg = [400", "must lie within -360 and 360 degrees"),
     ],
 )
 def test_a_mistake_is_told_with_its_line(tmp_path: Path, old: str, new: str, line: str, says: str) -> None:

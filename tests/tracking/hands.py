@@ -55,17 +55,21 @@ def hand(method: str, seed: int, turns: bool = True) -> Task:
     return Task(f"swift-{seed}", tuple(waypoints), start_rpy=(roll, pitch, yaw))
 
 
+STANDS_M = 3e-4
+"""m: how far off a keyframe may be with a perfect sensor in a hand that stands perfectly still."""
+
+
 def bound(method: str, task: Task) -> float:
     """How far off a keyframe may be with a perfect sensor that doesn't turn, m.
 
-    The default is to be right to a tenth of a millimetre. The paper's rectangular sums of interval means are exact in
+    The default is to be right to STANDS_M: it takes no hand to stand stiller than a millimetre a second. The paper's rectangular sums of interval means are exact in
     velocity (at the intervals' ends), and in position to dt^4 / T^4 of a minimum-jerk move (Euler and Maclaurin: both
     velocity and acceleration vanish at its ends), a few hundredths of a millimetre at 40 Hz. What they lose is what
     Algorithm 1 doesn't see: the first sample of a swift move, if it is below MISSED, so that the velocity is wrong by
     MISSED dt throughout the move. (It sees the next one: the jerk of these moves is over 2 MISSED / dt.)
     """
     if method == "default":
-        return 1e-4
+        return STANDS_M
     return 1e-4 + MISSED / RATE_HZ["paper"] * sum(waypoint.move_s for waypoint in task.waypoints)
 
 

@@ -68,7 +68,8 @@ def test_jittering_stamps_do_no_harm_and_hide_no_sample(sensor: str, rate_hz: fl
     assert gaps == "" or re.search(r"in [12] gaps?;", gaps)  # not dozens: a late stamp is no lost sample
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", PbdWarning)
-        assert worst(demo, jittered) < worst(demo, demo.recording) + 0.006
+        clean = worst(demo, demo.recording)
+        assert worst(demo, jittered) < clean + max(0.006, 0.4 * clean)
 
 
 @pytest.mark.parametrize("step_s", [1e-3, 1e-2, 1.0 / 64.0])
@@ -171,5 +172,5 @@ def test_a_rate_other_than_the_nominal_one_is_told() -> None:
         ),
     ):
         track(slow)
-    assert said(replace(recording, t=recording.t / 0.97)) == ""
+    assert "set to" not in said(replace(recording, t=recording.t / 0.97))
     assert "7 % too large for how gravity turns" in said(unnamed(slow))

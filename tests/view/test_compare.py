@@ -211,9 +211,10 @@ def test_paths_are_drawn_as_they_are(tracked: list[Tracked]) -> None:
             assert np.asarray(drawn.get_xydata()) == pytest.approx(
                 np.column_stack((run.progress, 100.0 * run.p[:, axis])), nan_ok=True
             )
-    bars = draw_comparison("spread", plot).axes[0].patches
+    spread = draw_comparison("spread", plot).axes[0]
+    bars, unit = spread.patches, 1e3 if "(mm)" in spread.get_ylabel() else 100.0
     heights = np.array([bar.get_height() for bar in bars]).reshape(3, -1)  # type: ignore[attr-defined]
-    assert heights == pytest.approx(100.0 * np.array([keyframe.spread for keyframe in plot.keyframes]).T)
+    assert heights == pytest.approx(unit * np.array([keyframe.spread for keyframe in plot.keyframes]).T)
 
 
 def test_the_table_and_the_rows_say_the_same(compared: ComparePlot) -> None:
