@@ -27,7 +27,7 @@ DOUBTED = 0.8
 """A stop that is less sure than this is told."""
 
 GIVEN_UP_S = 1.0
-"""A rest of so long that the smoother gives up is told. (In the middle of a slow move a hand goes on evenly for less.)"""
+"""A rest of so long that the smoother gives up is told: in a slow move a hand goes on evenly for less."""
 
 DISTURBED = 0.25
 """A field that differs by this share from that at the first rest is a magnet's (rooms differ by up to 0.2)."""

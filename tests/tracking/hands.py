@@ -62,7 +62,9 @@ STANDS_M = 3e-4
 def bound(method: str, task: Task) -> float:
     """How far off a keyframe may be with a perfect sensor that doesn't turn, m.
 
-    The default is to be right to STANDS_M: it takes no hand to stand stiller than a millimetre a second. The paper's rectangular sums of interval means are exact in
+    The default is to be right to STANDS_M: it takes no hand to stand stiller than a millimetre a second.
+
+    The paper's rectangular sums of interval means are exact in
     velocity (at the intervals' ends), and in position to dt^4 / T^4 of a minimum-jerk move (Euler and Maclaurin: both
     velocity and acceleration vanish at its ends), a few hundredths of a millimetre at 40 Hz. What they lose is what
     Algorithm 1 doesn't see: the first sample of a swift move, if it is below MISSED, so that the velocity is wrong by
