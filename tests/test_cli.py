@@ -15,7 +15,7 @@ import pytest
 from pbd.cli import main
 
 Capture = pytest.CaptureFixture[str]
-POSE_KEYS = {"index", "t_s", "dwell_s", "position_m", "wxyz", "sigma_m", "sigma_deg", "grip"}
+POSE_KEYS = {"index", "t_s", "dwell_s", "position_m", "wxyz", "sigma_m", "sigma_deg", "weight", "grip"}
 
 
 @pytest.fixture(autouse=True)

@@ -158,6 +158,7 @@ def _row(index: int, keyframe: Keyframe, sigma: Array) -> dict[str, Any]:
         "wxyz": keyframe.T_nav_sensor.wxyz.tolist(),
         "sigma_m": or_none(sigma[:3]),
         "sigma_deg": or_none(np.degrees(sigma[3:])),
+        "weight": keyframe.weight,
         "grip": keyframe.grip,
         "label": keyframe.label,
     }

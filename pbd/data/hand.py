@@ -20,6 +20,10 @@ GRAVITY = 9.80665
 """Standard gravity, m/s2: what a sensor's unit "g" means. Tracking estimates the local value at rest."""
 
 
+DOUBTED = 0.8
+"""A stop with less weight than this may be none: people are told."""
+
+
 @dataclass(frozen=True)
 class GripEvent:
     """The hand closed (or opened) its grip at `t` seconds from the first sample."""
@@ -256,6 +260,7 @@ class Keyframe:
         grip: True where the grip closes at this stop, False where it opens, None where nothing changes.
         label: a word for people.
         tolerance_m: how far the tool may be off, where a person said so.
+        weight: how sure the tracker is that the hand stood still, 0 to 1.
     """
 
     t: float
@@ -265,6 +270,7 @@ class Keyframe:
     grip: bool | None = None
     label: str = ""
     tolerance_m: float | None = None
+    weight: float = 1.0
 
     def __post_init__(self) -> None:
         freeze(self, cov=(6, 6))

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.data import HandPath, Keyframe, Stop
+from pbd.data.hand import DOUBTED
 from pbd.pose import Array, quat_to_matrix
-from pbd.tracking.alarm import DOUBTED
 from pbd.view.plot_values import Finding, Span, TruthPlot
 
 FIRST_REST_S = 1.0

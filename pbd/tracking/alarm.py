@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from pbd.data import Stop
+from pbd.data.hand import DOUBTED
 from pbd.pose import lengths
 from pbd.tracking.factors import ACC_MATRIX, GYR_MATRIX
 from pbd.tracking.noise import acc_doubt
@@ -22,9 +23,6 @@ LEG = 0.8
 
 PRIORS = 4.0
 """A sensor-wide error so many times as large as its class lets expect is told."""
-
-DOUBTED = 0.8
-"""A stop that is less sure than this is told."""
 
 GIVEN_UP_S = 1.0
 """A rest of so long that the smoother gives up is told: in a slow move a hand goes on evenly for less."""

@@ -37,6 +37,7 @@ def find_keyframes(path: HandPath) -> tuple[Keyframe, ...]:
             ),
             cov=path.cov[k],
             grip=grips.get(k),
+            weight=stop.weight,
         )
         for k, stop in enumerate(path.stops)
     )

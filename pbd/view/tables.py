@@ -16,6 +16,7 @@ from rich.console import RenderableType
 from rich.table import Column, Table
 
 from pbd.data import Keyframe, Robot, Segment
+from pbd.data.hand import DOUBTED
 from pbd.data.sigma import keyframe_sigmas
 from pbd.pose import quat_to_rpy
 from pbd.view.screen import Screen
@@ -97,14 +98,19 @@ def segments_table(segments: Sequence[Segment], units: Units = SI) -> Table:
 
 
 def keyframes_table(keyframes: Sequence[Keyframe], units: Units = SI) -> Table:
-    """The sensor's pose in nav at each stop; sigma is the largest over the axes, blank where nobody measured it."""
+    """The sensor's pose in nav at each stop; sigma is the largest over the axes, blank where nobody measured it.
+
+    Where the tracker doubts that the hand stood still, a column says how sure it is.
+    """
     # A sigma of millimetres says nothing in metres.
     m, deg, fine = units.length, units.angle_sign, replace(units, length="mm" if units.length == "m" else units.length)
     position, turn = (f"x ({m})", f"y ({m})", f"z ({m})"), (f"roll ({deg})", f"pitch ({deg})", f"yaw ({deg})")
     label = ("label",) if any(keyframe.label for keyframe in keyframes) else ()
     sigmas = (f"σ ({fine.length})", f"σ ({deg})")
+    doubted = ("a stop?",) if any(keyframe.weight < DOUBTED for keyframe in keyframes) else ()
     table = _table(
-        "#", f"t ({units.time})", f"dwell ({units.time})", *position, *turn, *sigmas, "grip", *label, left=label
+        *("#", f"t ({units.time})", f"dwell ({units.time})", *position, *turn, *sigmas, *doubted, "grip", *label),
+        left=label,
     )
     by_keyframe = keyframe_sigmas([keyframe.cov for keyframe in keyframes])
     for index, (keyframe, sigma) in enumerate(zip(keyframes, by_keyframe, strict=True)):
@@ -115,6 +121,7 @@ def keyframes_table(keyframes: Sequence[Keyframe], units: Units = SI) -> Table:
             *units.angles(quat_to_rpy(keyframe.T_nav_sensor.wxyz)),
             *fine.lengths(np.fmax.reduce(sigma[:3]), finer=1),
             *units.angles(np.fmax.reduce(sigma[3:])),
+            *((f"{100.0 * keyframe.weight:.0f} %" if keyframe.weight < DOUBTED else "",) if doubted else ()),
             {True: "closes", False: "opens", None: ""}[keyframe.grip],
             *((keyframe.label,) if label else ()),
         )

@@ -13,6 +13,7 @@ import struct
 import subprocess
 import sys
 import termios
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,10 @@ import numpy as np
 import pytest
 
 from pbd.cli import main
+from pbd.data import Keyframe
 from pbd.files.robot import load_robot
+from pbd.pose import Pose
+from pbd.view.tables import keyframes_table
 from pbd.view.units import ANGLES, LENGTHS, Units, parse_units
 
 
@@ -214,3 +218,11 @@ def test_no_number_is_cut_in_a_narrow_terminal(columns: int, capsys: pytest.Capt
     words = set(shown.split())
     for row in rows:
         assert {value for key, value in row.items() if key != "label"} - {""} <= words
+
+
+def test_a_stop_that_the_tracker_doubts_says_how_sure_it_is() -> None:
+    keyframe = Keyframe(1.0, 0.5, Pose.identity(), np.eye(6))
+    plain, doubted = ([replace(keyframe, weight=weight)] for weight in (0.9, 0.6))
+    assert "a stop?" not in [column.header for column in keyframes_table(plain).columns]
+    (column,) = [column for column in keyframes_table(doubted).columns if column.header == "a stop?"]
+    assert list(column.cells) == ["60 %"]

@@ -64,11 +64,11 @@ def bound(method: str, task: Task) -> float:
 
     The default is to be right to STANDS_M: it takes no hand to stand stiller than a millimetre a second.
 
-    The paper's rectangular sums of interval means are exact in
-    velocity (at the intervals' ends), and in position to dt^4 / T^4 of a minimum-jerk move (Euler and Maclaurin: both
-    velocity and acceleration vanish at its ends), a few hundredths of a millimetre at 40 Hz. What they lose is what
-    Algorithm 1 doesn't see: the first sample of a swift move, if it is below MISSED, so that the velocity is wrong by
-    MISSED dt throughout the move. (It sees the next one: the jerk of these moves is over 2 MISSED / dt.)
+    The paper's rectangular sums of interval means are exact in velocity (at the intervals' ends), and in position to
+    dt^4 / T^4 of a minimum-jerk move (Euler and Maclaurin: both velocity and acceleration vanish at its ends), a few
+    hundredths of a millimetre at 40 Hz. What they lose is what Algorithm 1 doesn't see: the first sample of a swift
+    move, if it is below MISSED, so that the velocity is wrong by MISSED dt throughout the move. (It sees the next one:
+    the jerk of these moves is over 2 MISSED / dt.)
     """
     if method == "default":
         return STANDS_M

@@ -72,7 +72,7 @@ def test_a_perfect_sensor_gives_the_truth_of_moves_that_begin_slowly(seed: int) 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_resampling_converges(seed: int) -> None:
-    """The faster an ideal sensor samples, the nearer the path comes to the truth, until what a standing hand may creep."""
+    """The faster an ideal sensor samples, the nearer a path is to the truth, down to what a standing hand may creep."""
     errors = []
     for rate_hz in (50.0, 100.0, 200.0, 400.0):
         demo = simulate(random_task(seed, moves=4), "ideal", rate_hz=rate_hz)
