@@ -108,7 +108,7 @@ def test_the_hand_moves_and_stops_appear(went: list[Array], page: Page, pictures
     assert np.ptp(went, axis=0).max() > 0.1
     assert len(pictures[-1].keyframes) > 3
     for i, keyframe in enumerate(pictures[-1].keyframes):
-        np.testing.assert_allclose(page.place("pbd", "stops", str(i), "triad"), keyframe.T_nav_sensor.p, atol=1e-4)
+        np.testing.assert_allclose(page.place("pbd", "stops", str(i), "triad"), keyframe.T_nav_sensor.p, atol=SEEN_M)
     labels = page('return Array.from(document.querySelectorAll("#labels span"), (node) => node.textContent)')
     assert labels == [str(i) for i in range(len(pictures[-1].keyframes))]
 
@@ -178,7 +178,7 @@ def test_a_page_that_is_opened_later_shows_the_same(view: HandView, page: Page, 
     assert np.linalg.norm(later.place("pbd", "hand") - pictures[-1].p_nav_sensor) < 2.0 * SEEN_M
     until(lambda: later("return pbd.page.stage.labels.length") == 3 + len(pictures[-1].keyframes), "the stops")
     for i, keyframe in enumerate(pictures[-1].keyframes):
-        np.testing.assert_allclose(later.place("pbd", "stops", str(i), "triad"), keyframe.T_nav_sensor.p, atol=1e-4)
+        np.testing.assert_allclose(later.place("pbd", "stops", str(i), "triad"), keyframe.T_nav_sensor.p, atol=SEEN_M)
 
 
 @pytest.mark.usefixtures("went")
