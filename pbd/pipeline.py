@@ -16,9 +16,9 @@ from pbd.errors import PbdWarning, RecordingError, TrackingError
 from pbd.pose import Array, quat_inverse, quat_log, quat_multiply
 from pbd.tracking.alarm import alarms
 from pbd.tracking.attitude import mean_quaternion
+from pbd.tracking.channels import refuse_freezes
 from pbd.tracking.conditioning import condition, refuse_gaps
 from pbd.tracking.estimate import Estimate, estimate
-from pbd.tracking.frozen import refuse_freezes
 from pbd.tracking.known import condition_on
 from pbd.tracking.noise import noise_of
 from pbd.tracking.paper import track_as_paper
@@ -100,7 +100,7 @@ def _track(demo: Demonstration, method: str, calibration: Calibration | None, ac
     else:
         rest, found = _smoothed(recording, rest, errors, lost, [(gap.before, gap.after) for gap in gaps])
     refuse_gaps(gaps, recording, found.stops, accept_gap)
-    refuse_freezes(recording, found.path.v, found.path.a, found.stops)
+    refuse_freezes(recording, found.path.v, found.stops)
     _warn_at_rest(recording, rest, errors)
     _warn_of_open_ends(recording.t, found.stops)
     if found.solution is not None:

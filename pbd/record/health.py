@@ -1,7 +1,7 @@
 """Whether a sensor can be believed, looked at while it records: what is told at once can still be mended.
 
 A saturated axis, a dead one, a gyro or magnetometer that says nothing, a sensor that repeats itself. What is looked for
-is what `pbd.tracking` finds in a finished recording (saturation.py, dead.py), here in its last seconds.
+is what `pbd.tracking` finds in a finished recording (saturation.py, channels.py), here in its last seconds.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from pbd.data import GRAVITY, Recording
 from pbd.pose import Array
 from pbd.sensors.decoding import Sample
-from pbd.tracking.dead import ALIVE, NAMES, STUCK_S, stuck_axes
+from pbd.tracking.channels import ALIVE, NAMES, STUCK_S, stuck_axes
 from pbd.tracking.saturation import SAME, Clip, clips_of
 
 EVERY_S = 0.25

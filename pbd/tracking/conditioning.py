@@ -18,9 +18,8 @@ from pbd.data import Recording, Stop
 from pbd.errors import PbdWarning, RecordingError, TrackingError
 from pbd.pose import Array
 from pbd.tracking.agreement import refuse_disagreement
+from pbd.tracking.channels import frozen, magnetometer_is_dead, refuse_dead
 from pbd.tracking.clock import REACH, steady_clock, warn_of_rate
-from pbd.tracking.dead import magnetometer_is_dead, refuse_dead
-from pbd.tracking.frozen import frozen
 from pbd.tracking.rest import SHORTEST_S
 from pbd.tracking.spikes import without_spikes
 

@@ -13,7 +13,7 @@ from pbd.record.health import AGAIN_S, EVERY_S, Health
 from pbd.sensors.decoding import Sample, Triple
 from pbd.sensors.simulate import simulate
 from pbd.sensors.simulated_tasks import TASKS
-from pbd.tracking.dead import STUCK_S
+from pbd.tracking.channels import STUCK_S
 from pbd.tracking.saturation import clips_of
 
 

@@ -14,7 +14,7 @@ from pbd.pipeline import track
 from pbd.sensors.simulate import SENSOR_MODELS, TASKS, random_task, simulate
 from pbd.sensors.simulated_sensor import SensorModel
 from pbd.sensors.simulated_tasks import Task
-from pbd.tracking.frozen import frozen
+from pbd.tracking.channels import frozen
 from tests.scenarios import keyframes_and_errors, pour, with_rows
 from tests.tracking.faults import broken, quietly
 

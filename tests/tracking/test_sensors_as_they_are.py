@@ -21,8 +21,8 @@ from pbd.sensors.simulated_calibration import sides
 from pbd.sensors.simulated_hand import Waypoint
 from pbd.sensors.simulated_tasks import Task
 from pbd.tracking.agreement import refuse_disagreement
+from pbd.tracking.channels import frozen
 from pbd.tracking.conditioning import condition
-from pbd.tracking.frozen import frozen
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.spikes import without_spikes
 from pbd.tracking.steady import find_steady
