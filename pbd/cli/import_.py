@@ -67,9 +67,9 @@ def run(args: argparse.Namespace) -> int:
     from pbd.files.demo import demo_folder
     from pbd.files.importers import import_file
     from pbd.paths import is_file, is_folder
+    from pbd.tracking.agreement import warn_upside_down
     from pbd.tracking.conditioning import condition
     from pbd.tracking.rest import find_rest
-    from pbd.tracking.signs import warn_upside_down
 
     if is_folder(args.file):
         raise RecordingError(f"{args.file} is a folder: give a file", path=args.file)

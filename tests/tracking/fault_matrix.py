@@ -27,8 +27,8 @@ from pbd.sensors.simulate import SENSOR_MODELS, random_task, simulate
 from pbd.sensors.simulate import TASKS as SIMULATED
 from pbd.sensors.simulated_sensor import SensorModel
 from pbd.sensors.simulated_tasks import Task
+from pbd.tracking.agreement import up_in_sensor, warn_upside_down
 from pbd.tracking.attitude import mean_quaternion
-from pbd.tracking.signs import up_in_sensor, warn_upside_down
 from tests.tracking import damage as d
 
 TASKS = ("pour", "pick-and-place-stops", "pick-and-place-direct", "random")

@@ -20,8 +20,7 @@ from pbd.files.importers import import_file
 from pbd.pose import quat_from_rpy, quat_to_rpy
 from pbd.sensors.simulate import SENSOR_MODELS, TASKS, random_task, simulate
 from pbd.sensors.simulated_calibration import sides
-from pbd.tracking.agreement import refuse_disagreement
-from pbd.tracking.signs import refuse_turned_signs, up_in_sensor, warn_upside_down
+from pbd.tracking.agreement import refuse_disagreement, refuse_turned_signs, up_in_sensor, warn_upside_down
 
 WITH_ATTITUDE = ("os5000", "os5000-nogyro", "wt901", "modern")
 
