@@ -1,4 +1,4 @@
-"""Time stamps as they are: coarse, or of batches; of a clock that runs otherwise than its maker says.
+"""Time stamps: refused where they are no seconds in order, on a steady beat where they are coarse or in batches.
 
 A stamp that is a little off does little harm: the velocity is off by the change of acceleration meanwhile. But coarse
 stamps pretend another rate, and lost samples where none are. So they are put on the steady beat that made them.
@@ -7,13 +7,24 @@ stamps pretend another rate, and lost samples where none are. So they are put on
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pbd.data import Recording
-from pbd.errors import PbdWarning
+from pbd.errors import PbdWarning, RecordingError
 from pbd.pose import Array
+from pbd.tracking.rest import SHORTEST_S
+
+SLOWEST_HZ = 4.0
+"""Slower than any sensor that is held in a hand: the unit of time is wrong."""
+
+FASTEST_HZ = 5e4
+"""Faster than any: the unit of time is wrong, or the rows are not one after the other."""
+
+CLOCK_JUMP_S = 60.0
+"""No sensor falls silent for this long within one demonstration: its clock jumped."""
 
 COARSE = 0.05
 """Stamps in steps of this share of the sampling interval, or more, are coarse ..."""
@@ -37,6 +48,48 @@ RATE_OFF = 0.05
 """A measured rate that differs by more than this share from the nominal one is told."""
 
 
+def with_clock(recording: Recording) -> Recording:
+    """The recording on a clock that can be believed; warns where it was changed, or is not the sensor's rate.
+
+    Raises:
+        RecordingError: too short, or a time that runs backwards, jumps, stands still or is not in seconds.
+    """
+    if len(recording) < 2:
+        raise RecordingError(
+            f"the recording has {counted(len(recording), 'sample')}; record at least a second of rest, then move"
+        )
+    _refuse_disorder(recording.t)
+    recording = replace(recording, t=steady_clock(recording))
+    t = recording.t
+    step = float(np.median(np.diff(t)))
+    if step <= 0.0:
+        raise RecordingError("most rows carry the same time; the column 't' must be seconds that increase")
+    if step < 1.0 / FASTEST_HZ:
+        raise RecordingError(
+            f"the samples come {step:.3g} s apart, closer than any sensor's; the column 't' must be seconds",
+            value=step,
+            bound=1.0 / FASTEST_HZ,
+        )
+    interval = 1.0 / recording.rate_hz
+    if recording.rate_hz < SLOWEST_HZ:
+        raise RecordingError(
+            f"the samples come {interval:.3g} s apart; if the time is in milliseconds or microseconds, import the file "
+            "with --unit t=ms or --unit t=us",
+            value=recording.rate_hz,
+            bound=SLOWEST_HZ,
+        )
+    lasts = float(t[-1] - t[0]) + interval
+    if lasts < SHORTEST_S:  # of less nobody can tell whether the hand moved
+        raise RecordingError(
+            f"the recording lasts {lasts:.2g} s ({counted(len(t), 'sample')}); record at least a second of rest, then "
+            "move",
+            value=lasts,
+            bound=SHORTEST_S,
+        )
+    _warn_of_rate(recording)
+    return recording
+
+
 def steady_clock(recording: Recording) -> Array:
     """Time stamps (n,) s, on a steady beat where they were coarse or in batches; lost samples stay lost.
 
@@ -53,12 +106,12 @@ def steady_clock(recording: Recording) -> Array:
             t = stamps[np.cumsum(new) - 1]
             rate_hz = 1.0 / float(np.median(np.diff(stamps)))
             warnings.warn(
-                f"{fault}; evenly spaced times at {rate_hz:.4g} Hz are used instead", PbdWarning, stacklevel=3
+                f"{fault}; evenly spaced times at {rate_hz:.4g} Hz are used instead", PbdWarning, stacklevel=4
             )
     return t
 
 
-def warn_of_rate(recording: Recording) -> None:
+def _warn_of_rate(recording: Recording) -> None:
     """Warn where the samples do not come at the nominal rate."""
     nominal_hz, rate_hz = recording.info.rate_hz, recording.rate_hz
     if nominal_hz is not None and abs(rate_hz / nominal_hz - 1.0) > RATE_OFF:
@@ -67,8 +120,25 @@ def warn_of_rate(recording: Recording) -> None:
             f"if the time stamps are wrong, every distance comes out {(nominal_hz / rate_hz) ** 2:.2f} times its true "
             "value: check the rate",
             PbdWarning,
-            stacklevel=3,
+            stacklevel=4,
         )
+
+
+def _refuse_disorder(t: Array) -> None:
+    if not np.isfinite(t).all():
+        row = int(np.flatnonzero(~np.isfinite(t))[0])
+        raise RecordingError(f"the time of row {row} is not a number; correct or remove that row", row=row)
+    steps = np.diff(t)
+    for wrong, what in ((steps < 0.0, "runs backwards"), (steps > CLOCK_JUMP_S, "jumps")):
+        if wrong.any():
+            row = int(np.flatnonzero(wrong)[0])
+            raise RecordingError(
+                f"time {what} from {t[row]:.3f} s (row {row}) to {t[row + 1]:.3f} s (row {row + 1}); "
+                "sort the file, or cut it there",
+                row=row + 1,
+                value=float(t[row + 1]),
+                bound=float(t[row]),
+            )
 
 
 def _differs(recording: Recording) -> NDArray[np.bool_]:
@@ -80,10 +150,7 @@ def _differs(recording: Recording) -> NDArray[np.bool_]:
 
 def _beat(t: Array, nominal_hz: float | None) -> tuple[float, int, bool]:
     """The sampling interval of stamps that may be coarse, from the spans of several; of how many; is none lost?"""
-    mean = float(t[-1] - t[0]) / (len(t) - 1)
-    steps = np.diff(t)
-    tick = float(np.median(steps[steps > 0.25 * mean]))  # of a batch, say
-    reach = min(REACH * max(1, round(tick / mean)), len(t) // 4)
+    mean, reach = float(t[-1] - t[0]) / (len(t) - 1), min(REACH, len(t) // 4)
     if nominal_hz is not None and abs(mean * nominal_hz - 1.0) < NOMINAL:
         return mean, reach, True
     return float(np.median(t[reach:] - t[:-reach])) / reach, reach, False
@@ -115,3 +182,8 @@ def _on_beat(t: Array, interval: float, reach: int, whole: bool) -> Array:
     smooth = uniform_filter1d(left_over, max(1, round(SMOOTH_S / interval)), mode="nearest")
     beat: Array = begin + interval * place + smooth
     return beat
+
+
+def counted(count: int, what: str) -> str:
+    """A number of things, in words."""
+    return f"{count} {what}{'' if count == 1 else 's'}"

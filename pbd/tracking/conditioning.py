@@ -19,15 +19,7 @@ from pbd.errors import PbdWarning, RecordingError, TrackingError
 from pbd.pose import Array
 from pbd.tracking.agreement import refuse_disagreement
 from pbd.tracking.channels import frozen, magnetometer_is_dead, refuse_dead
-from pbd.tracking.clock import REACH, steady_clock, warn_of_rate
-from pbd.tracking.rest import SHORTEST_S
-from pbd.tracking.spikes import without_spikes
-
-SLOWEST_HZ = 4.0
-"""Slower than any sensor that is held in a hand: the unit of time is wrong."""
-
-FASTEST_HZ = 5e4
-"""Faster than any: the unit of time is wrong, or the rows are not one after the other."""
+from pbd.tracking.clock import REACH, counted, with_clock
 
 LARGEST = 1e5
 """No sensor reads this much in any of our units: such a cell holds no number."""
@@ -44,8 +36,17 @@ BESIDE_S, LEAST_BESIDE, TURNED_ACC = 0.1, 3, 0.5
 """Before and after a gap in a rest the hand must be seen at rest for so long, or so many rows; and specific force must
 not change meanwhile by more than this (m/s2: 3 degrees)."""
 
-CLOCK_JUMP_S = 60.0
-"""No sensor falls silent for this long within one demonstration: its clock jumped."""
+UNITS = {"acc": ("accelerometer", "m/s2"), "gyr": ("gyro", "rad/s")}
+
+AWAY = {"acc": 30.0, "gyr": 5.0}
+"""m/s2 and rad/s: a wild sample lies at least this far outside all its neighbours ..."""
+
+ALONE = {"acc": 10.0, "gyr": 4.0}
+"""... and so many times as far as they change from one to the next, on any axis: after a real impact they do.
+The largest of the feet in the data folder are 5 and 2 times as far, at 68, 102 and 205 Hz."""
+
+NEIGHBOURS = 3
+"""On either hand; as many where the recording ends."""
 
 
 @dataclass(frozen=True)
@@ -68,40 +69,8 @@ def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
         RecordingError: too short, time that runs backwards or jumps, a channel without data or that is stuck, a gyro
             that contradicts gravity.
     """
-    t = recording.t
-    if len(t) < 2:
-        samples = _counted(len(t), "sample")
-        raise RecordingError(f"the recording has {samples}; record at least a second of rest, then move")
-    _refuse_bad_clock(t)
-    recording = dataclasses.replace(recording, t=steady_clock(recording))
-    t = recording.t
-    step = float(np.median(np.diff(t)))
-    if step <= 0.0:
-        raise RecordingError("most rows carry the same time; the column 't' must be seconds that increase")
-    if step < 1.0 / FASTEST_HZ:
-        raise RecordingError(
-            f"the samples come {step:.3g} s apart, closer than any sensor's; the column 't' must be seconds",
-            value=step,
-            bound=1.0 / FASTEST_HZ,
-        )
-    interval = 1.0 / recording.rate_hz
-    if recording.rate_hz < SLOWEST_HZ:
-        raise RecordingError(
-            f"the samples come {interval:.3g} s apart; if the time is in milliseconds or microseconds, import the file "
-            "with --unit t=ms or --unit t=us",
-            value=recording.rate_hz,
-            bound=SLOWEST_HZ,
-        )
-    lasts = float(t[-1] - t[0]) + interval
-    if lasts < SHORTEST_S:  # of less nobody can tell whether the hand moved
-        raise RecordingError(
-            f"the recording lasts {lasts:.2g} s ({_counted(len(t), 'sample')}); record at least a second of rest, then "
-            "move",
-            value=lasts,
-            bound=SHORTEST_S,
-        )
-    warn_of_rate(recording)
-
+    recording = with_clock(recording)
+    t, interval = recording.t, 1.0 / recording.rate_hz
     recording, missing = _filled(recording)
     refuse_dead(recording)
     if magnetometer_is_dead(recording):
@@ -113,7 +82,7 @@ def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
         longest = max(gaps, key=lambda gap: gap.missing_s)
         lost = sum(round(gap.missing_s / interval) for gap in gaps)
         warnings.warn(
-            f"{_counted(lost, 'sample')} missing, in {_counted(len(gaps), 'gap')}; the longest is "
+            f"{counted(lost, 'sample')} missing, in {counted(len(gaps), 'gap')}; the longest is "
             f"{longest.missing_s * 1e3:.0f} ms after row {longest.before} (t = {t[longest.before]:.2f} s)",
             PbdWarning,
             stacklevel=2,
@@ -161,7 +130,7 @@ def refuse_gaps(gaps: tuple[Gap, ...], recording: Recording, stops: tuple[Stop, 
     longest = max(inner, key=lambda gap: gap.missing_s)
     said = (
         f"{longest.missing_s * 1e3:.0f} ms of data are missing in a rest, {_where(longest, t)}: a move may be hidden "
-        "in it" + (f", and in {_counted(len(inner) - 1, 'other gap')}" if len(inner) > 1 else "")
+        "in it" + (f", and in {counted(len(inner) - 1, 'other gap')}" if len(inner) > 1 else "")
     )
     if longest.missing_s > HIDES_S + 1e-6 and not accept:
         raise TrackingError(
@@ -174,6 +143,29 @@ def refuse_gaps(gaps: tuple[Gap, ...], recording: Recording, stops: tuple[Stop, 
     warnings.warn(
         f"{said}; the sigma of later keyframes is wider; record again if the hand moved", PbdWarning, stacklevel=3
     )
+
+
+def without_spikes(recording: Recording) -> Recording:
+    """Put wild samples of accelerometer and gyro between their neighbours; warns where there are any."""
+    mended: dict[str, Any] = {}
+    found: list[tuple[int, str]] = []
+    for name, (sensor, unit) in UNITS.items():
+        values = getattr(recording, name)
+        if values is None or len(values) <= 2 * NEIGHBOURS:
+            continue
+        wild = _wild(values, AWAY[name], ALONE[name])
+        mended[name] = _interpolate(recording.t, values, ~np.isin(np.arange(len(values)), wild))
+        found += [(int(row), f"{sensor} {np.abs(values[row]).max():.4g} {unit}") for row in wild]
+    if not found:
+        return recording
+    row, what = min(found)
+    warnings.warn(
+        f"{counted(len(found), 'impossible sample')} left out (no hand moves like that); the first is row {row} "
+        f"(t = {recording.t[row]:.2f} s): {what}",
+        PbdWarning,
+        stacklevel=3,
+    )
+    return dataclasses.replace(recording, **mended)
 
 
 def _at_an_end(gap: Gap, recording: Recording) -> bool:
@@ -234,27 +226,6 @@ def _filled(recording: Recording) -> tuple[Recording, NDArray[np.bool_]]:
     return dataclasses.replace(recording, **filled), missing
 
 
-def _counted(count: int, what: str) -> str:
-    return f"{count} {what}{'' if count == 1 else 's'}"
-
-
-def _refuse_bad_clock(t: Array) -> None:
-    if not np.isfinite(t).all():
-        row = int(np.flatnonzero(~np.isfinite(t))[0])
-        raise RecordingError(f"the time of row {row} is not a number; correct or remove that row", row=row)
-    steps = np.diff(t)
-    for wrong, what in ((steps < 0.0, "runs backwards"), (steps > CLOCK_JUMP_S, "jumps")):
-        if wrong.any():
-            row = int(np.flatnonzero(wrong)[0])
-            raise RecordingError(
-                f"time {what} from {t[row]:.3f} s (row {row}) to {t[row + 1]:.3f} s (row {row + 1}); "
-                "sort the file, or cut it there",
-                row=row + 1,
-                value=float(t[row + 1]),
-                bound=float(t[row]),
-            )
-
-
 def _gaps(t: Array, missing: NDArray[np.bool_], interval: float) -> list[Gap]:
     """Neighbouring good rows that lie more than one and a half sampling intervals apart."""
     good = np.flatnonzero(~missing)
@@ -272,6 +243,19 @@ def _gaps(t: Array, missing: NDArray[np.bool_], interval: float) -> list[Gap]:
     if good[-1] < len(t) - 1:
         gaps.append(Gap(int(good[-1]), len(t) - 1, float(t[-1] - t[good[-1]])))
     return gaps
+
+
+def _wild(values: Array, away: float, alone: float) -> NDArray[np.intp]:
+    """Rows of (n, 3) at which an axis is far outside all its neighbours, which hardly change."""
+    jumps = (np.abs(np.diff(values, axis=0)) > away).any(axis=1)
+    candidates = np.flatnonzero(np.append(jumps, True) & np.append(True, jumps))
+    first = np.clip(candidates - NEIGHBOURS, 0, len(values) - 2 * NEIGHBOURS - 1)
+    place = np.arange(2 * NEIGHBOURS)[:, None]
+    around = values[first + place + (first + place >= candidates)]  # all but the candidate itself
+    outside = np.maximum(values[candidates] - around.max(axis=0), around.min(axis=0) - values[candidates]).max(axis=1)
+    change = np.abs(np.diff(around, axis=0)).max(axis=(0, 2), initial=0.0)
+    wild: NDArray[np.intp] = candidates[(outside > away) & (outside > alone * change)]
+    return wild
 
 
 def _interpolate(t: Array, values: Array, good: NDArray[np.bool_]) -> Array:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from pbd.data import Keyframe, Recording, RecordingInfo, Stop
 from pbd.errors import PbdError, TrackingError
 from pbd.pose import Array, readonly
-from pbd.tracking.conditioning import SLOWEST_HZ
+from pbd.tracking.clock import SLOWEST_HZ
 from pbd.tracking.noise import noise_of
 from pbd.tracking.online_hand import DataFlaw, LiveEvent, LiveHand, RestFound, StopBegan, StopEnded
 from pbd.tracking.online_samples import Conditioner, Sample

@@ -19,7 +19,8 @@ from pbd.pose import (
     quat_to_matrix,
     skew,
 )
-from pbd.tracking.conditioning import BRIDGED_S, CLOCK_JUMP_S, LARGEST
+from pbd.tracking.clock import CLOCK_JUMP_S
+from pbd.tracking.conditioning import BRIDGED_S, LARGEST
 from pbd.tracking.knots import MOVE_KNOT_S
 from pbd.tracking.noise import Noise, densities
 from pbd.tracking.preintegration import (

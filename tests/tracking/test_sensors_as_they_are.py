@@ -22,9 +22,8 @@ from pbd.sensors.simulated_hand import Waypoint
 from pbd.sensors.simulated_tasks import Task
 from pbd.tracking.agreement import refuse_disagreement
 from pbd.tracking.channels import frozen
-from pbd.tracking.conditioning import condition
+from pbd.tracking.conditioning import condition, without_spikes
 from pbd.tracking.keyframes import find_keyframes
-from pbd.tracking.spikes import without_spikes
 from pbd.tracking.steady import find_steady
 from tests.benchmarks.trials import read_broad
 from tests.scenarios import keyframes_and_errors, pour, uncalibrated, with_rows
