@@ -24,8 +24,7 @@ from pbd.tracking.noise import noise_of
 from pbd.tracking.paper import track_as_paper
 from pbd.tracking.preintegration import Impulse
 from pbd.tracking.rest import Rest, find_rest, rest_within
-from pbd.tracking.restoring import restore
-from pbd.tracking.saturation import find_clips
+from pbd.tracking.saturation import find_clips, restore
 
 TRIES = 3
 """Where no stop holds the rest that noise was measured in, another is taken, so often at most."""

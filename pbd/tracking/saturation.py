@@ -1,7 +1,8 @@
-"""Find samples at which a sensor has reached the end of its range.
+"""Find samples at which a sensor has reached the end of its range, and continue the peaks from their sides.
 
-A clipped axis gives one reading again and again: flat tops with steep sides. What the hand did above them is lost;
-restoring.py puts back what can be told of it.
+A clipped axis gives one reading again and again: flat tops with steep sides. What the hand did above them is lost. By
+how much its continuation is wrong is for the smoother to find: gravity at the stops tells how far the hand turned above
+the gyro's range, the stop at the end of a move how much faster it was than the accelerometer's range lets it be.
 
 The largest readings of a rounded peak may be alike too: where it is read coarsely, or by the chance of noise. Coarsely
 read, m samples lie within one step of the sensor's resolution, and then its sides fall by few steps. By chance, each
@@ -19,7 +20,8 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +29,8 @@ from numpy.typing import NDArray
 from pbd.data import GRAVITY, Recording
 from pbd.errors import PbdWarning
 from pbd.pose import Array
+from pbd.tracking.channels import NAMES
+from pbd.tracking.preintegration import Impulse
 from pbd.tracking.zero_velocity import runs
 
 LOWEST = {"acc": 1.15 * GRAVITY, "gyr": 1.0}
@@ -51,6 +55,13 @@ of so many, by how far they fall, one is hit by chance."""
 
 ALARM = 1e-4
 """So unlikely must all be by chance, for each axis and side."""
+
+
+PEAK = 0.5
+"""What is continued from the sides rises above the range by this share of it at most."""
+
+UNSEEN = 0.1
+"""One sigma of what was lost is all of what was continued, and this share of the range for as long as it lasted."""
 
 
 @dataclass(frozen=True)
@@ -110,11 +121,9 @@ def _tops(x: Array, sensor: str, new: NDArray[np.bool_]) -> list[tuple[int, int]
 
 
 def _warn(recording: Recording, clips: Sequence[Clip]) -> None:
-    names = {"acc": "the accelerometer's", "gyr": "the gyro's"}
     axes = " and ".join(
-        f"{names[sensor]} {', '.join(sorted({'xyz'[clip.axis] for clip in clips if clip.sensor == sensor}))}"
-        for sensor in names
-        if any(clip.sensor == sensor for clip in clips)
+        f"the {NAMES[sensor]}'s {', '.join(sorted({'xyz'[clip.axis] for clip in clips if clip.sensor == sensor}))}"
+        for sensor in sorted({clip.sensor for clip in clips})
     )
     rows = len({row for clip in clips for row in range(clip.start, clip.stop)})
     first = clips[0]
@@ -126,3 +135,46 @@ def _warn(recording: Recording, clips: Sequence[Clip]) -> None:
         PbdWarning,
         stacklevel=3,
     )
+
+
+def restore(recording: Recording, clips: Sequence[Clip]) -> tuple[Recording, tuple[Impulse, ...]]:
+    """Continue clipped peaks from their sides.
+
+    Args:
+        recording: without NaN.
+        clips: of `find_clips`.
+
+    Returns:
+        The recording, and what may still be missing in each half of a clip, one sigma.
+    """
+    if not clips:
+        return recording, ()
+    channels: dict[str, Any] = {clip.sensor: getattr(recording, clip.sensor).copy() for clip in clips}
+    interval = 1.0 / recording.rate_hz
+    impulses = []
+    for clip in clips:
+        values = channels[clip.sensor]
+        top = abs(float(values[clip.start, clip.axis]))
+        above = _above(values[:, clip.axis], clip.sign, clip.start, clip.stop)
+        values[clip.start : clip.stop, clip.axis] += clip.sign * above
+        lost = np.zeros(3)
+        lost[clip.axis] = (float(above.sum()) + UNSEEN * top * len(above)) * interval / np.sqrt(2.0)
+        by_sensor = {"acc": np.zeros(3), "gyr": np.zeros(3), clip.sensor: lost}
+        quarter = (clip.stop - clip.start) // 4
+        # Nor is it known when it was lost: in the first half, or in the second.
+        impulses += [Impulse(row, **by_sensor) for row in (clip.start + quarter, clip.stop - quarter)]
+    return replace(recording, **channels), tuple(impulses)
+
+
+def _above(x: Array, sign: float, start: int, stop: int) -> Array:
+    """How far sign * x (n,) rose above its flat top start..stop, by Hermite's cubic through its sides."""
+    if start < 2 or stop > len(x) - 2:
+        return np.zeros(stop - start)
+    top, width = sign * float(x[start]), stop - start + 1
+    earlier, before, after, later = (sign * float(x[row]) for row in (start - 2, start - 1, stop, stop + 1))
+    rise, fall = max(before - earlier, top - before), min(later - after, after - top)
+    u = np.arange(1, width) / width
+    cubic = before * (1 + 2 * u) * (1 - u) ** 2 + after * u**2 * (3 - 2 * u)
+    cubic += width * (rise * u * (1 - u) ** 2 - fall * u**2 * (1 - u))
+    above: Array = np.clip(cubic - top, 0.0, PEAK * top)
+    return above
