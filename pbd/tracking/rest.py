@@ -17,9 +17,6 @@ REST_S = 1.0
 SHORTEST_S = 0.3
 """Less rest than this tells neither gravity nor bias."""
 
-CREEPING_S = 0.1
-"""At either end of a stop that was found with too much taken for quiet, the hand may still move."""
-
 ABOUT = 4.0
 """The first rest may have this many times the variance of the quietest."""
 
@@ -116,8 +113,7 @@ def rest_within(recording: Recording, rest: Rest, stops: tuple[Stop, ...]) -> Re
         return rest
     if stop - start < 0.5 * (rest.stop - rest.start):
         longest = max(stops, key=lambda each: each.dwell_s)
-        creeping = min(round(CREEPING_S * recording.rate_hz), (longest.stop - longest.start) // 4)
-        start, stop = longest.start + creeping, longest.stop - creeping
+        start, stop = longest.start, longest.stop
     if stop - start < least:
         raise TrackingError(
             f"the hand never stands still for {SHORTEST_S:g} s; start with two seconds of rest, and stop between moves",
