@@ -21,6 +21,7 @@ from pbd.tracking.agreement import refuse_disagreement
 from pbd.tracking.clock import REACH, steady_clock, warn_of_rate
 from pbd.tracking.dead import magnetometer_is_dead, refuse_dead
 from pbd.tracking.frozen import frozen
+from pbd.tracking.repeated import held_acc, refuse_doubled
 from pbd.tracking.rest import SHORTEST_S
 from pbd.tracking.spikes import without_spikes
 
@@ -105,10 +106,11 @@ def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
 
     recording, missing = _filled(recording)
     refuse_dead(recording)
+    refuse_doubled(recording)
     if magnetometer_is_dead(recording):
         recording = dataclasses.replace(recording, mag=None)
     recording = without_spikes(recording)
-    missing |= frozen(recording)
+    missing |= frozen(recording) | held_acc(recording)
     gaps = _gaps(t, missing, interval)
     if gaps:
         longest = max(gaps, key=lambda gap: gap.missing_s)
