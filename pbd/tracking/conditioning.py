@@ -110,7 +110,7 @@ def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
     if magnetometer_is_dead(recording):
         recording = dataclasses.replace(recording, mag=None)
     recording = without_spikes(recording)
-    missing |= frozen(recording) | held_acc(recording)
+    missing |= frozen(recording) | held_acc(recording, missing)
     gaps = _gaps(t, missing, interval)
     if gaps:
         longest = max(gaps, key=lambda gap: gap.missing_s)

@@ -110,7 +110,7 @@ def refuse_freezes(recording: Recording, v_nav: Array, a_nav: Array, stops: tupl
     speeds_far = np.where(_from_rest(t, stops) > EDGE_S, lengths(v_nav), 0.0) if held else np.zeros(0)
     for start, end in held:
         speed = float(speeds_far[start : end + 1].max())
-        if speed > max(FULL_SPEED, UNSEEN_S * step):
+        if speed > max(0.5 * FULL_SPEED, UNSEEN_S * step):
             _refuse(t, start, speed)
         for row, arriving in ((start, True), (end, False)):
             speed = _full_speed(recording, a_nav, stops, row, arriving, step)

@@ -48,10 +48,16 @@ def refuse_doubled(recording: Recording) -> None:
             )
 
 
-def held_acc(recording: Recording) -> NDArray[np.bool_]:
-    """Rows (n,) at which the accelerometer says what it said before, for too long, while the gyro goes on."""
+def held_acc(recording: Recording, filled: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Rows (n,) at which the accelerometer says what it said before, for too long, while the gyro goes on.
+
+    Args:
+        recording: without NaN.
+        filled: (n,) rows that were.
+    """
     t, held = recording.t, np.zeros(len(recording), dtype=bool)
     same: NDArray[np.bool_] = ~np.any(np.diff(recording.acc, axis=0) != 0.0, axis=1)
+    same &= ~(filled[1:] | filled[:-1])
     for start, stop in runs(same):
         if t[stop] - t[start] > HELD_S and stop - start >= HELD_ROWS:
             held[start + 1 : stop + 1] = True
