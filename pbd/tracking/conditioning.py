@@ -40,7 +40,7 @@ BRIDGED_S = 0.050
 HIDES_S = 0.12
 """A longer gap in a rest may hide a move. A minimum-jerk move of T seconds (Flash and Hogan, 1985) from rest to rest
 whose acceleration reaches a goes a T^2 / 5.77 far: with the 5 m/s2 of a brisk hand 1.2 cm in this time. So much sigma
-is widened by (`uncertainty.UNSEEN_HAND`), and grows with T only."""
+is widened by (`Noise.unseen_speed`), and grows with T only."""
 
 BESIDE_S, LEAST_BESIDE, TURNED_ACC = 0.1, 3, 0.5
 """Before and after a gap in a rest the hand must be seen at rest for so long, or so many rows; and specific force must
