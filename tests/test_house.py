@@ -11,7 +11,7 @@ import pytest
 
 PACKAGE = Path(__file__).parent.parent / "pbd"
 FOLDERS = ("sensors", "tracking", "calibration", "arm", "files", "view")
-HEAVY = {"pinocchio", "ruckig", "meshcat", "matplotlib", "serial", "vqf", "filterpy", "scipy"}
+HEAVY = {"pinocchio", "ruckig", "meshcat", "matplotlib", "serial", "filterpy", "scipy"}
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
 

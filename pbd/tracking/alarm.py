@@ -16,7 +16,9 @@ from pbd.pose import lengths
 from pbd.tracking.factors import ACC_MATRIX, GYR_MATRIX
 from pbd.tracking.noise import acc_doubt
 from pbd.tracking.preintegration import LOWER
+from pbd.tracking.rest import ABOUT
 from pbd.tracking.smoother import Solution
+from pbd.tracking.steady import window_moments
 
 LEG = 0.8
 """A leg's residuals, rms in sigmas of its nine: more than this no noise explains."""
@@ -24,8 +26,8 @@ LEG = 0.8
 PRIORS = 4.0
 """A sensor-wide error so many times as large as its class lets expect is told."""
 
-GIVEN_UP_S = 1.0
-"""A rest of so long that the smoother gives up is told: in a slow move a hand goes on evenly for less."""
+GIVEN_UP_S = 0.5
+"""As quiet as the first rest for so long, and given up by the smoother: that is told."""
 
 DISTURBED = 0.25
 """A field that differs by this share from that at the first rest is a magnet's (rooms differ by up to 0.2)."""
@@ -106,9 +108,13 @@ def _of_stops(solution: Solution, stops: Sequence[Stop]) -> Iterator[str]:
                 f"the stop at {middle:.1f} s may be none ({100.0 * stop.weight:.0f} % sure): the hand seems to move on "
                 "there; stop for half a second, or drop it from keyframes.toml"
             )
+    frame, rest = solution.problem.frame, solution.problem.rest
     for start, end in solution.candidates:
         lasts = float(t[end - 1] - t[start])
-        if lasts > GIVEN_UP_S and all(stop.stop <= start or end <= stop.start for stop in stops):
+        if lasts < GIVEN_UP_S or any(stop.start < end and start < stop.stop for stop in stops):
+            continue
+        n = int(np.searchsorted(t, t[start] + GIVEN_UP_S)) - start
+        if window_moments(frame.u[start:end], n)[0].min() < ABOUT * rest.acc_rms**2:
             yield (
                 f"from {t[start]:.1f} s on the sensor seems to rest for {lasts:.1f} s, but not by the stops beside it: "
                 "it coasts, or what it says between them is wrong; look at pbd plot"

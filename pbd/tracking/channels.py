@@ -43,7 +43,7 @@ REPEATS = 0.01
 HELD_S = 0.2
 """s: a coarse sensor that repeats itself for longer is held against the path."""
 
-EDGE_S, FULL_SPEED = 0.15, 0.1
+EDGE_S, FULL_SPEED = 0.15, 0.05
 """A hand further than this (s) from all stops that moves faster than this (m/s) reads no constant."""
 
 UNSEEN_S = 0.6
@@ -59,7 +59,7 @@ def refuse_dead(recording: Recording) -> None:
     t = recording.t
     if not any(np.diff(values, axis=0).any() for values in (recording.acc, recording.gyr) if values is not None):
         raise RecordingError("all rows are the same: the sensor is stuck, or was never read; record again", row=0)
-    if recording.gyr is not None and not np.diff(recording.gyr, axis=0).any() and _noisy(recording.acc):
+    if recording.gyr is not None and not np.diff(recording.gyr, axis=0).any() and noisy(recording.acc):
         raise RecordingError(
             "the gyro always reads the same, so it is dead; repair it, or leave out the columns gx, gy, gz if the "
             "device gives its own attitude",
@@ -96,7 +96,7 @@ def magnetometer_is_dead(recording: Recording) -> bool:
     """Tell whether the magnetometer always reads the same, though the sensor has noise; warns."""
     if recording.mag is None or np.diff(recording.mag, axis=0).any():
         return False
-    if recording.mag.any() and not _noisy(recording.acc):
+    if recording.mag.any() and not noisy(recording.acc):
         return False
     warnings.warn(
         f"the magnetometer always reads {np.linalg.norm(recording.mag[0]):.4g} and is left out: heading starts at the "
@@ -114,7 +114,7 @@ def frozen(recording: Recording) -> NDArray[np.bool_]:
     for start, last in runs(same):
         if t[last] - t[start] > FROZEN_S and last - start >= FROZEN_ROWS:
             rows[start + 1 : last + 1] = True  # the first of them was measured
-    if rows.any() and (same & ~rows[1:]).mean() < REPEATS and _noisy(recording.acc[~rows]):
+    if rows.any() and (same & ~rows[1:]).mean() < REPEATS and noisy(recording.acc[~rows]):
         return rows
     return np.zeros(len(t), dtype=bool)
 
@@ -167,7 +167,7 @@ def _alive(column: Array) -> bool:
     return (np.abs(np.diff(column)) > ROUNDING).mean() >= ALIVE and _rough(column[:, None], np.inf)
 
 
-def _noisy(acc: Array) -> bool:
+def noisy(acc: Array) -> bool:
     """Tell whether a sensor at rest has noise, by the calmest of its rows that change."""
     return _rough(acc[1:][(np.abs(np.diff(acc, axis=0)) > ROUNDING).any(axis=1)], STILL_ACC**2)
 

@@ -20,6 +20,7 @@ from pbd.pose import Array
 from pbd.tracking.agreement import refuse_disagreement
 from pbd.tracking.channels import frozen, magnetometer_is_dead, refuse_dead
 from pbd.tracking.clock import REACH, counted, with_clock
+from pbd.tracking.repeated import held_acc, refuse_doubled
 
 LARGEST = 1e5
 """No sensor reads this much in any of our units: such a cell holds no number."""
@@ -30,7 +31,7 @@ BRIDGED_S = 0.050
 HIDES_S = 0.12
 """A longer gap in a rest may hide a move. A minimum-jerk move of T seconds (Flash and Hogan, 1985) from rest to rest
 whose acceleration reaches a goes a T^2 / 5.77 far: with the 5 m/s2 of a brisk hand 1.2 cm in this time. So much sigma
-is widened by (`uncertainty.UNSEEN_HAND`), and grows with T only."""
+is widened by (`Noise.unseen_speed`), and grows with T only."""
 
 BESIDE_S, LEAST_BESIDE, TURNED_ACC = 0.1, 3, 0.5
 """Before and after a gap in a rest the hand must be seen at rest for so long, or so many rows; and specific force must
@@ -73,10 +74,11 @@ def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
     t, interval = recording.t, 1.0 / recording.rate_hz
     recording, missing = _filled(recording)
     refuse_dead(recording)
+    refuse_doubled(recording)
     if magnetometer_is_dead(recording):
         recording = dataclasses.replace(recording, mag=None)
     recording = without_spikes(recording)
-    missing |= frozen(recording)
+    missing |= frozen(recording) | held_acc(recording, missing)
     gaps = _gaps(t, missing, interval)
     if gaps:
         longest = max(gaps, key=lambda gap: gap.missing_s)

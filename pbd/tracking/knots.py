@@ -142,6 +142,7 @@ def _place(t: Array, calm: Spans, asked: Sequence[int]) -> tuple[Rows, NDArray[n
         last = end
     rows = np.unique(np.array(marks, dtype=np.intp))
     rows = rows[np.diff(t[rows], prepend=-np.inf) > 0.0]
+    rows[-1] = len(t) - 1
     stop_of = np.full(len(rows), -1)
     for k, (first, end) in enumerate(inner):
         stop_of[np.searchsorted(rows, first) : np.searchsorted(rows, end, side="right")] = k

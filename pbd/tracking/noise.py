@@ -151,6 +151,9 @@ class Noise:
     """rad/s: the same of its turning, about an elbow half a metre away."""
 
 
+FINEST = 1e-12
+"""m/s2 or rad/s: a smaller step is a computer's."""
+
 MOST_LEVELS = 4096
 """Of so many rows or more, spread over a recording, readings that differ by one step are found."""
 
@@ -194,7 +197,7 @@ def _rounding(values: Array, rms: float) -> tuple[float, float]:
     """
     some = values[:: max(1, len(values) // MOST_LEVELS)]
     step = min(float(np.diff(np.unique(axis)).min(initial=np.inf)) for axis in some.T)
-    if not np.isfinite(step):
+    if not FINEST < step < np.inf:
         return rms, 0.0
     rounding = step / np.sqrt(12.0)
     return max(rms, rounding), rounding * float(np.exp(-2.0 * (np.pi * rms / step) ** 2))

@@ -58,6 +58,9 @@ SMALL, ROUGH, MOST = 1e-4, 1e-3, 12
 DOUBTED, TRIES = 0.5, 5
 """Below this weight a candidate is cut to its slow parts, so often."""
 
+SHORT_S = 0.5
+"""s: a candidate of less is a stop or none: no hand rests and moves on unseen within it."""
+
 SETTLED_S = 0.02
 """s: a solution stays where the ends of its stops move by less: no knot is nearer to them."""
 
@@ -187,10 +190,11 @@ def smooth(
 
 
 def _doubted(problem: Problem, weights: Weights, candidates: Spans) -> NDArray[np.bool_]:
-    """Which candidates hold a knot that hardly counts as still, (c,)."""
-    knots = problem.rows[(problem.stop_of >= 0) & (weights.still < DOUBTED)]
-    first, end = np.searchsorted(knots, np.array(candidates).T)
-    doubted: NDArray[np.bool_] = end > first
+    """Which candidates hold a knot that hardly counts as still, and last long enough to hold a move beside it, (c,)."""
+    knots, spans = problem.rows[(problem.stop_of >= 0) & (weights.still < DOUBTED)], np.array(candidates)
+    first, end = np.searchsorted(knots, spans.T)
+    start, last = problem.frame.t[spans - (0, 1)].T
+    doubted: NDArray[np.bool_] = (end > first) & (last - start > SHORT_S)
     return doubted
 
 

@@ -192,4 +192,4 @@ def test_the_arm_needs_no_viewer() -> None:
     code = "import sys, pbd.arm.sequence, pbd.arm.timing, pbd.arm.audit; print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert {"pinocchio", "ruckig"} <= set(loaded)
-    assert not {"meshcat", "matplotlib", "vqf"} & set(loaded)
+    assert not {"meshcat", "matplotlib"} & set(loaded)

@@ -76,14 +76,6 @@ def trapezoids(t: Array, means: Array) -> Array:
     return np.vstack((np.zeros((1, 3)), np.cumsum(steps, axis=0)))
 
 
-def level_at_rest(frame: GyroFrame, rows: Rows, first_rest: slice) -> Array:
-    """The gyro frame levelled by gravity at the first rest, and held by the gyro alone, in place of VQF."""
-    up = frame.u[first_rest].mean(axis=0)
-    axis = np.cross(up, (0.0, 0.0, 1.0))
-    angle = np.arctan2(np.linalg.norm(axis), up[2])
-    return np.tile(quat_exp(axis / max(float(np.linalg.norm(axis)), 1e-12) * angle), (len(rows), 1))
-
-
 def scatter_as_regressor(frame: GyroFrame, rows: Rows, still: Array, *more: Any) -> Any:
     """Legs in stops too have their own samples as regressors."""
     return preintegrate(frame, rows, np.zeros_like(still), *more)
@@ -125,7 +117,6 @@ WITHOUT: dict[str, tuple[Change, ...]] = {
     "half-sample alignment": ((preintegration, "turns_between_middles", own_turn),),
     "cubic turns, coning": ((preintegration, "turns_between_middles", half_and_half),),
     "cubic velocity": ((preintegration, "integral_of_means", trapezoids),),
-    "VQF as first guess (then level at rest)": ((smoother, "first_guess", level_at_rest),),
     "annealing": ((smoother, "FAR", (1.0,)), (smoother, "WARM", ())),
     "robust stops": ((factors, "DOUBT", LARGE),),
     "doubted stops looked at again": ((smoother, "TRIES", 0),),

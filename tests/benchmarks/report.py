@@ -12,7 +12,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-PACKAGES = ("numpy", "scipy", "vqf", "pin", "ruckig", "meshcat")
+PACKAGES = ("numpy", "scipy", "pin", "ruckig", "meshcat")
 
 
 def arguments(description: str) -> argparse.ArgumentParser:

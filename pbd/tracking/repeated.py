@@ -1,0 +1,65 @@
+"""Readings that came twice: a program sends a block again, or an accelerometer freezes while the gyro goes on."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbd.data import Recording
+from pbd.errors import RecordingError
+from pbd.tracking.channels import noisy
+from pbd.tracking.zero_velocity import runs
+
+HELD_S, HELD_ROWS, REPEATS = 0.05, 3, 0.01
+"""A sensor that says the same for longer, and so often, is frozen; unless this share of its rows repeats anyway."""
+
+LEAST_ROWS = 6
+"""So many different rows that say to the last digit what so many others said are no chance: noise changes each one."""
+
+
+def refuse_doubled(recording: Recording) -> None:
+    """Refuse a recording in which a block of rows comes again.
+
+    Raises:
+        RecordingError: which rows.
+    """
+    if not noisy(recording.acc):
+        return
+    given = [values for values in (recording.acc, recording.gyr) if values is not None]
+    rows = np.hstack(given)
+    # Equal rows have equal sums, whatever the weights; of irrational ones no others do.
+    sums = rows @ np.sqrt(np.array([2.0, 3.0, 5.0, 7.0, 11.0, 13.0])[: rows.shape[1]])
+    order = np.argsort(sums, kind="stable")
+    same = np.flatnonzero(np.diff(sums[order]) == 0.0)
+    first, again = order[same], order[same + 1]
+    apart = np.zeros(len(rows), dtype=np.intp)
+    changed = np.concatenate(([True], np.diff(rows, axis=0).any(axis=1)))
+    apart[first] = np.where(changed[first], again - first, 0)
+    # Of a block that comes again, each row has its double equally far away.
+    goes_on = (np.diff(apart) == 0) & (apart[1:] > 1)
+    for start, stop in runs(goes_on):
+        far = int(apart[start])
+        if far >= LEAST_ROWS and len(np.unique(sums[start : stop + 1])) >= LEAST_ROWS:
+            raise RecordingError(
+                f"rows {start + far} to {stop + far} (from t = {recording.t[start + far]:.2f} s) say what rows {start} "
+                f"to {stop} said: a block came twice, so the times after it are wrong; record again",
+                row=start + far,
+                t=float(recording.t[start + far]),
+            )
+
+
+def held_acc(recording: Recording, filled: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Rows (n,) at which the accelerometer says what it said before, for too long, while the gyro goes on.
+
+    Args:
+        recording: without NaN.
+        filled: (n,) rows that were.
+    """
+    t, held = recording.t, np.zeros(len(recording), dtype=bool)
+    same: NDArray[np.bool_] = ~np.any(np.diff(recording.acc, axis=0) != 0.0, axis=1)
+    same &= ~(filled[1:] | filled[:-1])
+    for start, stop in runs(same):
+        if t[stop] - t[start] > HELD_S and stop - start >= HELD_ROWS:
+            held[start + 1 : stop + 1] = True
+    usual = recording.acc[~held]
+    return held if (same & ~held[1:]).mean() < REPEATS and noisy(usual) else np.zeros_like(held)

@@ -1,0 +1,27 @@
+"""A random hundred cases of the fault matrix (tests/benchmarks/faults.py has them all)."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+
+from tests.tracking.fault_matrix import REFUSED, SILENT_RIGHT, SILENT_WRONG, cases, outcome
+
+SAMPLE, MOST_SILENT, LEAST_RIGHT = 100, 2, 20
+"""Cases; of which so many may be silently wrong (under 1 % of all are: two of a hundred by chance in 26 %); and so many
+are right without a word, or the doors are shut too tight."""
+
+
+def test_damage_is_refused_or_told_or_does_no_harm() -> None:
+    tellable = [case for case in cases(2) if not case.untellable]
+    sample = np.random.default_rng(14).choice(len(tellable), SAMPLE, replace=False)
+    found = Counter(outcome(tellable[k]).verdict for k in sample)
+    assert found[SILENT_WRONG] <= MOST_SILENT
+    assert found[SILENT_RIGHT] >= LEAST_RIGHT
+    assert found[REFUSED] < SAMPLE // 2
+
+
+def test_nothing_is_said_of_sound_recordings() -> None:
+    sound = [case for case in cases(3) if case.fault.name == "clean"]
+    assert [found.said for case in sound if (found := outcome(case)).verdict != SILENT_RIGHT] == []
