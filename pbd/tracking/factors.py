@@ -5,7 +5,7 @@ Rotations are perturbed on the left, in nav: E <- exp(theta) E.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -271,8 +271,3 @@ def _squares(vectors: Array) -> Array:
 def _robust(squares: Array, robust: bool) -> Array:
     """Geman-McClure's weight of residuals, by their squares in sigmas."""
     return 1.0 / (1.0 + squares / DOUBT**2) ** 2 if robust else np.ones_like(squares)
-
-
-def with_origin(local: Local, origin: int) -> Local:
-    """The same for another set of knots."""
-    return replace(local, origin=origin)
