@@ -107,9 +107,24 @@ def magnetometer_is_dead(recording: Recording) -> bool:
     return True
 
 
-def frozen(recording: Recording) -> NDArray[np.bool_]:
-    """Rows (n,) at which a sensor with noise repeats itself for too long. (Of one without: `refuse_freezes`.)"""
-    t, same = recording.t, _repeats(recording)
+def frozen(recording: Recording, filled: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
+    """Rows (n,) at which a sensor with noise repeats itself for too long, or its accelerometer alone does.
+
+    Of one without noise the path must tell: `refuse_freezes`. Of the gyro alone nothing follows: some say 0 at rest.
+
+    Args:
+        recording: without NaN.
+        filled: (n,) rows that were; None: no row was.
+    """
+    held: NDArray[np.bool_] = ~np.any(np.diff(recording.acc, axis=0) != 0.0, axis=1)
+    if filled is not None:
+        held &= ~(filled[1:] | filled[:-1])
+    return _too_long(recording, _repeats(recording)) | _too_long(recording, held)
+
+
+def _too_long(recording: Recording, same: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Of rows that say the same as the one before, (n - 1,), those (n,) that go on for too long."""
+    t = recording.t
     rows = np.zeros(len(t), dtype=bool)
     for start, last in runs(same):
         if t[last] - t[start] > FROZEN_S and last - start >= FROZEN_ROWS:

@@ -20,7 +20,7 @@ from pbd.pose import Array
 from pbd.tracking.agreement import refuse_disagreement
 from pbd.tracking.channels import frozen, magnetometer_is_dead, refuse_dead
 from pbd.tracking.clock import REACH, counted, with_clock
-from pbd.tracking.repeated import held_acc, refuse_doubled
+from pbd.tracking.repeated import refuse_doubled
 
 LARGEST = 1e5
 """No sensor reads this much in any of our units: such a cell holds no number."""
@@ -78,7 +78,7 @@ def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
     if magnetometer_is_dead(recording):
         recording = dataclasses.replace(recording, mag=None)
     recording = without_spikes(recording)
-    missing |= frozen(recording) | held_acc(recording, missing)
+    missing |= frozen(recording, missing)
     gaps = _gaps(t, missing, interval)
     if gaps:
         longest = max(gaps, key=lambda gap: gap.missing_s)

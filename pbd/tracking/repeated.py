@@ -1,17 +1,13 @@
-"""Readings that came twice: a program sends a block again, or an accelerometer freezes while the gyro goes on."""
+"""Rows that came twice: a program that lost its place in a buffer sends a block again."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pbd.data import Recording
 from pbd.errors import RecordingError
 from pbd.tracking.channels import noisy
 from pbd.tracking.zero_velocity import runs
-
-HELD_S, HELD_ROWS, REPEATS = 0.05, 3, 0.01
-"""A sensor that says the same for longer, and so often, is frozen; unless this share of its rows repeats anyway."""
 
 LEAST_ROWS = 6
 """So many different rows that say to the last digit what so many others said are no chance: noise changes each one."""
@@ -46,20 +42,3 @@ def refuse_doubled(recording: Recording) -> None:
                 row=start + far,
                 t=float(recording.t[start + far]),
             )
-
-
-def held_acc(recording: Recording, filled: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Rows (n,) at which the accelerometer says what it said before, for too long, while the gyro goes on.
-
-    Args:
-        recording: without NaN.
-        filled: (n,) rows that were.
-    """
-    t, held = recording.t, np.zeros(len(recording), dtype=bool)
-    same: NDArray[np.bool_] = ~np.any(np.diff(recording.acc, axis=0) != 0.0, axis=1)
-    same &= ~(filled[1:] | filled[:-1])
-    for start, stop in runs(same):
-        if t[stop] - t[start] > HELD_S and stop - start >= HELD_ROWS:
-            held[start + 1 : stop + 1] = True
-    usual = recording.acc[~held]
-    return held if (same & ~held[1:]).mean() < REPEATS and noisy(usual) else np.zeros_like(held)
