@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pbd.data import Demonstration
 from pbd.files.demo import write_demo
-from pbd.sensors.simulate import simulate
+from pbd.simulation.simulate import simulate
 
 BUNDLED = {
     "pouring": ("pour", "modern"),

@@ -21,16 +21,16 @@ from matplotlib.patches import Arc, Ellipse, Polygon
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from pbd.calibration.mount import fit_pivot
+from pbd.calibration.point_observations import observe_points
 from pbd.calibration.points import fit_points
 from pbd.calibration.rests import find_rests
 from pbd.calibration.sensor import calibrate_sensor
-from pbd.calibration.touches import touches
 from pbd.data import GRAVITY
 from pbd.errors import PbdWarning
 from pbd.pipeline import track
 from pbd.pose import Array, quat_to_matrix
-from pbd.sensors.simulate import EARTH, simulate
-from pbd.sensors.simulated_calibration import SIDES, pivoting, sides
+from pbd.simulation.calibration_tasks import SIDES, pivoting, sides
+from pbd.simulation.simulate import EARTH, simulate
 from pbd.tracking.keyframes import find_keyframes
 from tests.calibration.touching import touching
 from tests.calibration.turning import BAD
@@ -101,7 +101,7 @@ def points() -> plt.Figure:
     given = touched.points.copy()
     given[2] += (0.08, -0.06, 0.0)
     hand = track(touched.demo.recording)
-    found = touches(find_keyframes(hand), hand.covariance, np.zeros(3), range(1, 7))
+    found = observe_points(find_keyframes(hand), hand.covariance, np.zeros(3), range(1, 7))
     fit = fit_points(found, given)
     tips, origin = fit.T_base_nav.act(found.p_nav_sensor), fit.T_base_nav
     R = quat_to_matrix(origin.wxyz)

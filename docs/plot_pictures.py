@@ -9,8 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from pbd.files.demo import write_demo
-from pbd.sensors.simulate import TASKS, simulate
-from pbd.sensors.simulated_hand import Waypoint
+from pbd.simulation.hand import Waypoint
+from pbd.simulation.simulate import TASKS, simulate
 
 HERE = Path(__file__).parent
 ONE = ("summary", "path", "motion", "velocity", "sigma")

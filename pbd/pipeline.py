@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pbd.calibration.check import disagreements
+from pbd.calibration.drift import disagreements
 from pbd.calibration.frames import nav_in_base
 from pbd.calibration.sensor import corrected
 from pbd.data import Calibration, Demonstration, HandPath, Known, Recording, SensorErrors, Stop, Tracking

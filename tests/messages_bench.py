@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pbd.data import Demonstration, Recording
 from pbd.files.demo import write_demo
-from pbd.sensors.simulate import simulate
+from pbd.simulation.simulate import simulate
 from tests.test_cli import HEADER, write_recording
 from tests.test_cli_bad_robot import TOML, URDF
 from tests.test_cli_motion import LOW_DOCK, OBSTACLE

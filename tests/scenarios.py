@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pbd.data import Demonstration, Keyframe, Recording, Truth
 from pbd.pipeline import track
 from pbd.pose import Array
-from pbd.sensors.simulate import simulate
+from pbd.simulation.simulate import simulate
 from pbd.tracking.keyframes import find_keyframes
 
 uncalibrated = pytest.mark.filterwarnings("ignore:at rest the accelerometer reads:pbd.errors.PbdWarning")

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 PACKAGE = Path(__file__).parent.parent / "pbd"
-FOLDERS = ("sensors", "tracking", "calibration", "arm", "files", "view")
+FOLDERS = ("sensors", "simulation", "tracking", "calibration", "arm", "files", "view")
 HEAVY = {"pinocchio", "ruckig", "meshcat", "matplotlib", "serial", "filterpy", "scipy"}
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
@@ -22,7 +22,7 @@ def rung(module: str) -> int:
         return 0  # pbd itself: the version
     if parts[0] == "errors":
         return 1
-    if parts[0] in ("pose", "data", "paths", "cache", "doors"):
+    if parts[0] in ("pose", "data", "paths", "cache", "doors", "timestamps"):
         return 2
     if parts[0] in FOLDERS:
         return 3

@@ -15,7 +15,7 @@ from pbd.errors import RecordingError
 from pbd.files.demo import write_demo
 from pbd.files.exporters import export
 from pbd.pose import Pose
-from pbd.sensors.simulate import simulate
+from pbd.simulation.simulate import simulate
 from pbd.tracking.keyframes import keyframes_of
 
 AT_S = (5.7, 18.1)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pbd.calibration.point_observations import observe_points
 from pbd.calibration.points import TOUCH_M
 from pbd.calibration.registration import widened
-from pbd.calibration.touches import touches
 from pbd.data import Keyframe
 from pbd.data.brief import counted
 from pbd.data.covariance import PoseCovariance
@@ -114,7 +114,7 @@ def fit_pivot(keyframes: Sequence[Keyframe], covariance: PoseCovariance) -> Pivo
     design = np.hstack((-R.reshape(-1, 3), np.tile(np.eye(3), (len(keyframes), 1))))  # p = -R l + c
     lever = np.zeros(3)
     for _ in range(2):
-        touched = touches(keyframes, covariance, lever)
+        touched = observe_points(keyframes, covariance, lever)
         root = np.linalg.cholesky(touched.cov + TOUCH_M**2 * np.eye(3 * len(keyframes)))
         whitened = np.linalg.solve(root, design)
         information = whitened.T @ whitened

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pbd.calibration.point_observations import PointObservations
 from pbd.calibration.registration import TRUSTED, Fit, Problem, predict, register, variance, widened
-from pbd.calibration.touches import Touches
 from pbd.errors import CalibrationError
 from pbd.pose import Array, Pose
 
@@ -58,7 +58,7 @@ class PointFit:
 
 
 def fit_points(
-    touched: Touches, points: Array, *, free: bool = False, scaled: bool = False, touch_m: float = TOUCH_M
+    touched: PointObservations, points: Array, *, free: bool = False, scaled: bool = False, touch_m: float = TOUCH_M
 ) -> PointFit:
     """Find nav in base; a point that contradicts the others is left out and marked.
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pbd.calibration.alignment import align
-from pbd.calibration.touches import Touches, rows_of
+from pbd.calibration.point_observations import PointObservations, rows_of
 from pbd.pose import Array, Pose, quat_exp, quat_multiply, quat_to_matrix
 
 MOST_STEPS, SETTLED = 50, 1e-9
@@ -34,7 +34,7 @@ class Problem:
         touch_m: m per axis, how well the tip meets a point.
     """
 
-    touched: Touches
+    touched: PointObservations
     points: Array
     free: bool = False
     scaled: bool = False
@@ -79,7 +79,7 @@ class Fit:
     chi2: float
     freedom: int
 
-    def in_base(self, touched: Touches) -> Array:
+    def in_base(self, touched: PointObservations) -> Array:
         """Where the tips lie, (m, 3) m."""
         tips: Array = self.pose.act(self.scale * touched.p_nav_sensor + touched.lever)
         return tips

@@ -37,7 +37,7 @@ def tell_heading(
     """How well nav's heading repeats, rad, one sigma; None without a magnetometer. Tell it, and what to do."""
     import numpy as np
 
-    from pbd.calibration.field import field_spread, heading_changes
+    from pbd.calibration.field_uniformity import field_spread, heading_changes
     from pbd.calibration.sensor import corrected
     from pbd.errors import PbdWarning
     from pbd.files.demo import load_demo

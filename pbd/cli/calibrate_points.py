@@ -14,8 +14,8 @@ from pbd.cli.options import Commands, add_accept_gap, add_command, positive, pri
 from pbd.cli.progress import working
 
 if TYPE_CHECKING:
+    from pbd.calibration.point_observations import PointObservations
     from pbd.calibration.points import PointFit
-    from pbd.calibration.touches import Touches
     from pbd.data import Calibration, HandPath
     from pbd.files.points import Points
 
@@ -159,13 +159,15 @@ def _stops(text: str) -> tuple[int, ...]:
         raise argparse.ArgumentTypeError(f"must be stops such as 1,2,4, got {text}") from None
 
 
-def _touched(args: argparse.Namespace, hand: HandPath, points: Points, calibration: Calibration | None) -> Touches:
+def _touched(
+    args: argparse.Namespace, hand: HandPath, points: Points, calibration: Calibration | None
+) -> PointObservations:
     """The stops that touched the points, in the points' order."""
     import numpy as np
 
-    from pbd.calibration.matching import match_stops
+    from pbd.calibration.correspondence import match_points
+    from pbd.calibration.point_observations import observe_points
     from pbd.calibration.points import refuse_shape
-    from pbd.calibration.touches import touches
     from pbd.data import TOOL_DOWN
     from pbd.errors import CalibrationError
     from pbd.tracking.keyframes import find_keyframes
@@ -173,11 +175,11 @@ def _touched(args: argparse.Namespace, hand: HandPath, points: Points, calibrati
     refuse_shape(points.p_base, args.free)
     keyframes = find_keyframes(hand)
     if calibration is None:
-        every = touches(keyframes, hand.covariance, TOOL_DOWN.p)
+        every = observe_points(keyframes, hand.covariance, TOOL_DOWN.p)
     else:
         cov = calibration.cov_sensor_tool
         cov_tip = None if cov is None else cov[:3, :3]
-        every = touches(keyframes, hand.covariance, calibration.T_sensor_tool.p, cov_tip=cov_tip)
+        every = observe_points(keyframes, hand.covariance, calibration.T_sensor_tool.p, cov_tip=cov_tip)
     if args.stops is None:
         if args.free and len(keyframes) != len(points.names):
             raise CalibrationError(
@@ -185,7 +187,7 @@ def _touched(args: argparse.Namespace, hand: HandPath, points: Points, calibrati
                 "the stops with --stops"
             )
         sigma = np.sqrt(np.diagonal(every.cov).reshape(-1, 3).mean(axis=1))
-        stops = match_stops(every.p_nav_sensor + every.lever, sigma, points.p_base, not args.any_order)
+        stops = match_points(every.p_nav_sensor + every.lever, sigma, points.p_base, not args.any_order)
     else:
         stops = args.stops
         if len(stops) != len(points.names):
@@ -212,7 +214,7 @@ def _figures(fit: PointFit) -> dict[str, float]:
     }
 
 
-def _warn(fit: PointFit, points: Points, touched: Touches) -> None:
+def _warn(fit: PointFit, points: Points, touched: PointObservations) -> None:
     import numpy as np
 
     from pbd.errors import PbdWarning
@@ -227,7 +229,7 @@ def _warn(fit: PointFit, points: Points, touched: Touches) -> None:
             )
 
 
-def _rows(fit: PointFit, points: Points, touched: Touches) -> list[dict[str, Any]]:
+def _rows(fit: PointFit, points: Points, touched: PointObservations) -> list[dict[str, Any]]:
     return [
         {
             "name": name,
@@ -241,7 +243,7 @@ def _rows(fit: PointFit, points: Points, touched: Touches) -> list[dict[str, Any
     ]
 
 
-def _print(fit: PointFit, points: Points, touched: Touches) -> None:
+def _print(fit: PointFit, points: Points, touched: PointObservations) -> None:
     from pbd.view.calibration_tables import points_table
     from pbd.view.tables import print_table
 

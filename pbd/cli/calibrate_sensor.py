@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
 
     import numpy as np
 
-    from pbd.calibration.check import gravity_at
+    from pbd.calibration.drift import gravity_at
     from pbd.calibration.sensor import calibrate_sensor
     from pbd.data import GRAVITY
     from pbd.data.brief import counted

@@ -71,7 +71,7 @@ def _known() -> dict[str, Sequence[str]]:
     """What comes with pbd."""
     from pbd.files.library import bundled_names
     from pbd.sensors.protocols import PROTOCOLS
-    from pbd.sensors.simulate import CALIBRATION_TASKS, SENSOR_MODELS, TASKS
+    from pbd.simulation.simulate import CALIBRATION_TASKS, SENSOR_MODELS, TASKS
 
     return {
         "demos": bundled_names("demos", ""),

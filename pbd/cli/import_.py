@@ -98,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
 def _decode(args: argparse.Namespace) -> Demonstration:
     """Decode bytes that `pbd record --raw` kept."""
     from pbd.errors import SensorError
-    from pbd.record.again import decode_raw
+    from pbd.record.redecode import decode_raw
 
     if not args.sensor:
         raise SensorError(f"{args.file} holds a sensor's raw bytes; name the sensor with --sensor", path=args.file)

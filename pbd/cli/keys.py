@@ -10,7 +10,7 @@ from contextlib import suppress
 from types import FrameType, TracebackType
 from typing import Any, Protocol, Self
 
-from pbd.record.told import Command
+from pbd.record.messages import Command
 
 
 class Keys:

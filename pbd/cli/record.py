@@ -253,7 +253,7 @@ def _set_rate(device: str, baud: int, sensor: str, rate_hz: float) -> None:
 
 
 def _report(args: argparse.Namespace, outcome: Outcome) -> None:
-    from pbd.record.told import FEWEST_STOPS
+    from pbd.record.messages import FEWEST_STOPS
 
     folder = None if outcome.folder is None else str(outcome.folder)
     if outcome.before:

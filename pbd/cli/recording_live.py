@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from pbd.errors import PbdError
-from pbd.record.told import Outcome, Say, Status
+from pbd.record.messages import Outcome, Say, Status
 from pbd.view.hand import HandPicture, HandView, State
 
 SHOWN_S = 0.05

@@ -7,8 +7,8 @@ from contextlib import suppress
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
-from pbd.record.coach import in_cm, placed
-from pbd.record.told import Say, Status
+from pbd.record.feedback import in_cm, placed
+from pbd.record.messages import Say, Status
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType

@@ -8,12 +8,12 @@ from contextlib import ExitStack
 from dataclasses import replace
 
 from pbd.data import GripEvent
-from pbd.record.told import Command, Outcome, Say, Status
+from pbd.record.messages import Command, Outcome, Say, Status
 from pbd.sensors.decoding import Decoder
-from pbd.sensors.emulator import Emulator
 from pbd.sensors.port import Port, open_port
 from pbd.sensors.protocols import protocol
-from pbd.sensors.simulate import simulate
+from pbd.simulation.emulator import Emulator
+from pbd.simulation.simulate import simulate
 
 BAUD = 115200
 FIRST_TASK = "pour"
@@ -84,7 +84,7 @@ class SimulatedHand:
 
 
 def simulated_hand(task: str, stack: ExitStack) -> SimulatedHand:
-    """Make one that does a task of simulated_tasks.py, with a sensor whose errors are new each time.
+    """Make one that does a task of pbd.simulation, with a sensor whose errors are new each time.
 
     Raises:
         SensorError: no task has this name.

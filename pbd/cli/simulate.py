@@ -54,8 +54,8 @@ def run(args: argparse.Namespace) -> int:
     from pbd.errors import SensorError
     from pbd.files.demo import demo_folder
     from pbd.files.points import Points
-    from pbd.sensors.simulate import EARTH, simulate
-    from pbd.sensors.simulated_calibration import TOUCHED
+    from pbd.simulation.calibration_tasks import TOUCHED
+    from pbd.simulation.simulate import EARTH, simulate
 
     if args.rate is not None and args.rate > HIGHEST_HZ:
         raise SensorError(f"--rate must be at most {HIGHEST_HZ:g} Hz, got {args.rate:g}", value=args.rate)

@@ -11,7 +11,7 @@ from collections import deque
 from dataclasses import dataclass
 
 from pbd.sensors.decoding import Sample
-from pbd.sensors.stamps import Stamper
+from pbd.timestamps import Stamper
 
 USUAL_S, USUAL_STEPS = 0.1, 3.0
 """A step of so many usual ones is believed; so long a one until it is known what is usual."""

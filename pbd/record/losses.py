@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pbd.pose import Array
-from pbd.sensors.stamps import straighten
+from pbd.timestamps import straighten
 
 SPAN, EVERY = 200, 25
 """The interval is that of so many samples, and looked at again so often."""
@@ -26,7 +26,7 @@ FORGOTTEN = 0.2
 
 
 FIRST_S = 2.0
-"""Before so much has arrived the interval is not known well enough to tell what is late from what is lost."""
+"""Backup so much has arrived the interval is not known well enough to tell what is late from what is lost."""
 
 LOOK_S, SHARE = 1.0, 0.02
 """Arrivals are counted anew after so long, and in no more than this share of the time."""

@@ -12,12 +12,12 @@ from pbd.data import GripEvent, RecordingInfo
 from pbd.errors import PbdError, RecordingError
 from pbd.files.columns import compass_angles
 from pbd.files.growing import GrowingDemo
-from pbd.record.before import Before, set_aside
+from pbd.record.backup import Backup, set_aside
 from pbd.record.clock import Clock
-from pbd.record.coach import Coach
-from pbd.record.health import Health
+from pbd.record.diagnostics import Diagnostics
+from pbd.record.feedback import Feedback
 from pbd.record.losses import LateLosses, Losses
-from pbd.record.told import FEWEST_STOPS, Outcome, RecordOptions, Status
+from pbd.record.messages import FEWEST_STOPS, Outcome, RecordOptions, Status
 from pbd.sensors.decoding import Decoder, Sample
 
 LOOK_S = 0.2
@@ -34,16 +34,16 @@ class Session:
 
     def __init__(self, decoder: Decoder, options: RecordOptions) -> None:
         self.decoder, self.options = decoder, options
-        self.coach = Coach(options.tolerance_m, options.errors, options.sensor)
+        self.coach = Feedback(options.tolerance_m, options.errors, options.sensor)
         self.demo: GrowingDemo | None = None
         self.t = 0.0
         self.samples = 0
         self.closed = False
         self.discarded = False
         self.heard = b""
-        self.before: Before | None = None
+        self.before: Backup | None = None
         self._kept_in, self._told_of_before = options.folder, ""
-        self._health, self._losses, self._late = Health(), Losses(), LateLosses()
+        self._health, self._losses, self._late = Diagnostics(), Losses(), LateLosses()
         self._raw = bytearray()
         self._first: list[tuple[float, Sample]] = []
         self._channels: tuple[str, ...] = ()

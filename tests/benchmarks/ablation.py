@@ -36,7 +36,7 @@ from pbd.errors import PbdError, PbdWarning
 from pbd.files.importers import import_file
 from pbd.pipeline import track
 from pbd.pose import Array, quat_canonical, quat_exp, quat_inverse, quat_log, quat_multiply
-from pbd.sensors.simulate import TASKS, random_task, simulate
+from pbd.simulation.simulate import TASKS, random_task, simulate
 from pbd.tracking import estimate, factors, knots, preintegration, smoother, zero_velocity
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.noise import Noise, noise_of

@@ -36,18 +36,18 @@ from scipy.stats import binomtest
 
 from pbd.calibration.gyro import fit_gyro
 from pbd.calibration.mount import fit_pivot
+from pbd.calibration.point_observations import observe_points
 from pbd.calibration.points import PointFit, fit_points
 from pbd.calibration.rests import find_rests
 from pbd.calibration.sensor import SensorFit, calibrate_sensor
-from pbd.calibration.touches import touches
 from pbd.data import GRAVITY, Calibration, Keyframe, SensorErrors
 from pbd.errors import CalibrationError, PbdWarning, RecordingError, TrackingError
 from pbd.pipeline import track
 from pbd.pose import Array, quat_from_rpy, quat_inverse, quat_multiply, quat_rotate, yaw_toward
-from pbd.sensors.simulate import EARTH, simulate
-from pbd.sensors.simulated_calibration import pivoting, sides
-from pbd.sensors.simulated_hand import Waypoint
-from pbd.sensors.simulated_tasks import Task
+from pbd.simulation.calibration_tasks import pivoting, sides
+from pbd.simulation.hand import Waypoint
+from pbd.simulation.simulate import EARTH, simulate
+from pbd.simulation.tasks import Task
 from pbd.tracking.keyframes import find_keyframes
 from tests.benchmarks.report import arguments, finish
 from tests.calibration.touching import Touching, touching
@@ -145,7 +145,9 @@ def registered(touched: Touching, points: Array) -> tuple[Keyframe, PointFit] | 
     keyframes = find_keyframes(hand)
     if len(keyframes) != len(points) + 1:
         return None
-    return keyframes[0], fit_points(touches(keyframes, hand.covariance, np.zeros(3), range(1, len(keyframes))), points)
+    return keyframes[0], fit_points(
+        observe_points(keyframes, hand.covariance, np.zeros(3), range(1, len(keyframes))), points
+    )
 
 
 def wrapped(angle: float) -> float:

@@ -32,8 +32,8 @@ from pbd.data import Contact, Demonstration, HandPath, Known, Place, Truth
 from pbd.errors import PbdWarning, TrackingError
 from pbd.pipeline import track
 from pbd.pose import Array, quat_exp, quat_inverse, quat_log, quat_multiply
-from pbd.sensors.simulate import random_task, simulate
-from pbd.sensors.simulated_tasks import Task
+from pbd.simulation.simulate import random_task, simulate
+from pbd.simulation.tasks import Task
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.known import condition_on
 from tests.benchmarks.report import arguments, finish

@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from pbd.data import Demonstration, Keyframe, Recording, Stop
 from pbd.errors import PbdWarning
 from pbd.pipeline import track
-from pbd.sensors.simulate import TASKS, random_task, simulate
-from pbd.sensors.simulated_tasks import Task
+from pbd.simulation.simulate import TASKS, random_task, simulate
+from pbd.simulation.tasks import Task
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.online import LiveTracker, StopBegan
 from tests.benchmarks.report import add_data, arguments, finish

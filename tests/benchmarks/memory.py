@@ -157,7 +157,7 @@ def simulated(kind: str) -> Demonstration:
     """One demonstration of a kind."""
     from dataclasses import replace
 
-    from pbd.sensors.simulate import SENSOR_MODELS, TASKS, simulate
+    from pbd.simulation.simulate import SENSOR_MODELS, TASKS, simulate
 
     task, model = TASKS["pour"], SENSOR_MODELS["modern"]
     assert model.gyr is not None

@@ -22,7 +22,7 @@ from pbd.data import TOOL_DOWN, Keyframe, Truth
 from pbd.errors import PbdWarning
 from pbd.pipeline import METHODS, track
 from pbd.pose import Array, Pose
-from pbd.sensors.simulate import simulate
+from pbd.simulation.simulate import simulate
 from pbd.tracking.keyframes import find_keyframes
 from tests.benchmarks.report import arguments, finish
 

@@ -22,9 +22,9 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from pbd.data import Recording
 from pbd.files.demo import read_demo
-from pbd.sensors.emulator import Emulator
 from pbd.sensors.protocols import protocol
-from pbd.sensors.simulate import simulate
+from pbd.simulation.emulator import Emulator
+from pbd.simulation.simulate import simulate
 from tests.benchmarks.decoders import speed
 from tests.benchmarks.report import arguments, finish
 from tests.benchmarks.wires import FASTEST

@@ -14,8 +14,8 @@ from pbd.data.covariance import PoseCovariance
 from pbd.errors import CalibrationError
 from pbd.pipeline import track
 from pbd.pose import Array, Pose, quat_exp, quat_inverse, quat_log, quat_multiply, quat_rotate
-from pbd.sensors.simulate import simulate
-from pbd.sensors.simulated_calibration import pivoting
+from pbd.simulation.calibration_tasks import pivoting
+from pbd.simulation.simulate import simulate
 from pbd.tracking.keyframes import find_keyframes
 from tests.scenarios import uncalibrated
 

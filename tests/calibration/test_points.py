@@ -13,9 +13,9 @@ from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 
 from pbd.calibration.alignment import align
+from pbd.calibration.point_observations import PointObservations, observe_points
 from pbd.calibration.points import fit_points
 from pbd.calibration.registration import Problem, jacobian, misfit, moved
-from pbd.calibration.touches import Touches, touches
 from pbd.data import Keyframe
 from pbd.data.covariance import PoseCovariance
 from pbd.errors import CalibrationError
@@ -34,12 +34,14 @@ def walk(seed: int, m: int) -> Array:
     return np.asarray(total @ np.diag(moves) @ total.T)
 
 
-def touched(T_base_nav: Pose, points: Array = POINTS, scale: float = 1.0, lever: Array | None = None) -> Touches:
+def touched(
+    T_base_nav: Pose, points: Array = POINTS, scale: float = 1.0, lever: Array | None = None
+) -> PointObservations:
     """What a perfect tracker says."""
     m = len(points)
     lever = np.zeros((m, 3)) if lever is None else lever
     p = (T_base_nav.inverse().act(points) - lever) / scale
-    return Touches(p, lever, walk(0, m), tuple(range(1, m + 1)))
+    return PointObservations(p, lever, walk(0, m), tuple(range(1, m + 1)))
 
 
 @settings(max_examples=15)
@@ -191,7 +193,7 @@ def test_tips_have_in_common_what_the_poses_have() -> None:
     tip, tip_root = np.array([0.0, 0.02, 0.1]), 0.005 * rng.normal(size=(3, 3))
     poses = [Pose(rng.normal(size=3), quat_exp(rng.normal(size=3))) for _ in range(4)]
     keyframes = [Keyframe(float(k), 1.0, pose, np.eye(6)) for k, pose in enumerate(poses)]
-    found = touches(keyframes, covariance, tip, (3, 1), tip_root @ tip_root.T)
+    found = observe_points(keyframes, covariance, tip, (3, 1), tip_root @ tip_root.T)
     draws = 20_000
     off = (rng.normal(size=(draws, 24)) @ root.T).reshape(draws, 4, 6)
     tips = tip + rng.normal(size=(draws, 3)) @ tip_root.T

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from pbd.calibration.accelerometer import NAMES, fit_accelerometer
-from pbd.calibration.check import disagreements, gravity_at
+from pbd.calibration.drift import disagreements, gravity_at
 from pbd.calibration.gyro import fit_gyro
 from pbd.calibration.magnetometer import fit_ellipsoid, fit_magnetometer
 from pbd.calibration.rests import Rests, find_rests, orientations
@@ -19,10 +19,10 @@ from pbd.calibration.sensor import SensorFit, calibrate_sensor, corrected
 from pbd.data import GRAVITY, Recording, RecordingInfo, SensorErrors
 from pbd.errors import CalibrationError
 from pbd.pose import Array, quat_from_rpy, quat_inverse, quat_rotate
-from pbd.sensors.simulate import EARTH, simulate
-from pbd.sensors.simulated_calibration import SIDES, sides
-from pbd.sensors.simulated_hand import Waypoint
-from pbd.sensors.simulated_tasks import Task
+from pbd.simulation.calibration_tasks import SIDES, sides
+from pbd.simulation.hand import Waypoint
+from pbd.simulation.simulate import EARTH, simulate
+from pbd.simulation.tasks import Task
 from tests.calibration.turning import BAD, device, symmetric
 
 MG = 1e-3 * GRAVITY

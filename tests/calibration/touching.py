@@ -8,9 +8,9 @@ import numpy as np
 
 from pbd.data import Demonstration
 from pbd.pose import Array, Pose, quat_about_z
-from pbd.sensors.simulate import simulate
-from pbd.sensors.simulated_hand import Waypoint
-from pbd.sensors.simulated_tasks import Task
+from pbd.simulation.hand import Waypoint
+from pbd.simulation.simulate import simulate
+from pbd.simulation.tasks import Task
 
 PLACES = np.array(
     [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0.5, -0.5, 0.4), (0.5, 1.5, 0.4), (0.2, 1.3, 0.3), (1, -0.3, 0.2)]

@@ -8,7 +8,7 @@ import numpy as np
 
 from pbd.data import GRAVITY
 from pbd.pose import Array
-from pbd.sensors.simulated_sensor import SENSOR_MODELS, SensorModel
+from pbd.simulation.sensor_model import SENSOR_MODELS, SensorModel
 
 _MG = 1e-3 * GRAVITY
 WT901 = SENSOR_MODELS["wt901"]

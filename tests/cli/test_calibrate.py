@@ -18,7 +18,7 @@ from pbd.files.robot import load_robot
 from pbd.pipeline import track
 from pbd.planning import plan
 from pbd.pose import Pose
-from pbd.sensors.simulate import simulate
+from pbd.simulation.simulate import simulate
 from tests.calibration.touching import Touching, touching
 
 Capture = pytest.CaptureFixture[str]

@@ -19,10 +19,10 @@ from pbd.files.calibration import read_calibration
 from pbd.files.demo import load_demo, write_demo
 from pbd.pipeline import track
 from pbd.pose import quat_exp, quat_log, quat_multiply, quat_rotate
-from pbd.record.coach import Coach
+from pbd.record.feedback import Feedback
 from pbd.sensors.decoding import Sample
-from pbd.sensors.simulate import simulate
-from pbd.sensors.simulated_calibration import SIDES, pivoting, sides, through
+from pbd.simulation.calibration_tasks import SIDES, pivoting, sides, through
+from pbd.simulation.simulate import simulate
 from pbd.tracking.keyframes import find_keyframes
 from tests.calibration.turning import BAD
 
@@ -152,7 +152,7 @@ def test_what_is_wrong_with_a_recording_of_sides(capsys: Capture) -> None:
 
 def said_at_rest(errors: SensorErrors | None) -> list[str]:
     """What a recording says over two seconds of rest of a perfect sensor."""
-    coach = Coach(0.01, errors)
+    coach = Feedback(0.01, errors)
     rng = np.random.default_rng(0)
     for k in range(200):
         x, y = 0.01 * rng.normal(size=2).tolist()[0], 0.0

@@ -17,8 +17,8 @@ from pbd.data import Calibration
 from pbd.files.calibration import read_calibration
 from pbd.files.points import read_points
 from pbd.pose import Pose, quat_about_z
-from pbd.sensors.simulated_calibration import CALIBRATION_TASKS, DOCK, TIP, TOUCHED, YAW_WORLD_BASE
-from pbd.sensors.simulated_sensor import SENSOR_MODELS
+from pbd.simulation.calibration_tasks import CALIBRATION_TASKS, DOCK, TIP, TOUCHED, YAW_WORLD_BASE
+from pbd.simulation.sensor_model import SENSOR_MODELS
 from tests.calibration.turning import device
 from tests.test_docs import ROOT, blocks
 

@@ -15,8 +15,8 @@ import pytest
 from pbd.cli import EPILOG, main, parser
 from pbd.data import GRAVITY, Recording
 from pbd.files.demo import write_demo
-from pbd.sensors.simulate import simulate
 from pbd.sensors.witmotion import ACC, GYR
+from pbd.simulation.simulate import simulate
 from tests.files.test_import_witmotion import DIALECTS, written
 from tests.sensors.encoders import witmotion
 

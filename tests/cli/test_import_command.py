@@ -10,7 +10,7 @@ import pytest
 from pbd.cli import main
 from pbd.data import GRAVITY
 from pbd.files.demo import read_demo, write_demo
-from pbd.sensors.simulate import simulate
+from pbd.simulation.simulate import simulate
 
 
 @pytest.fixture

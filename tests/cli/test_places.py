@@ -14,7 +14,7 @@ import pytest
 
 from pbd.cli import main
 from pbd.files.demo import write_demo
-from pbd.sensors.simulate import simulate
+from pbd.simulation.simulate import simulate
 from tests.unprivileged import as_a_user, full_disk
 
 Capture = pytest.CaptureFixture[str]

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from pbd.cli.progress import _Countdown
 from pbd.files.demo import write_demo
-from pbd.sensors.simulate import simulate
+from pbd.simulation.simulate import simulate
 from tests.cli.terminal import Terminal
 
 SCRIPT = """

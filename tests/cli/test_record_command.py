@@ -22,8 +22,8 @@ from pbd.cli import main
 from pbd.cli.record import _report
 from pbd.files.demo import demo_folder, read_demo, write_demo
 from pbd.record import Outcome
-from pbd.sensors.emulator import Emulator
-from pbd.sensors.simulate import simulate
+from pbd.simulation.emulator import Emulator
+from pbd.simulation.simulate import simulate
 from tests.cli.terminal import Terminal, run_pbd
 from tests.record.speakers import SPEAKERS, Device, random_hand
 

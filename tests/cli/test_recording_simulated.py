@@ -12,7 +12,7 @@ from pbd.cli.recording_simulated import SimulatedHand, simulated_hand
 from pbd.data import GripEvent, Recording
 from pbd.errors import SensorError
 from pbd.record import Command, Outcome, Status
-from pbd.sensors.emulator import Emulator
+from pbd.simulation.emulator import Emulator
 from tests.cli.test_recording_screen import STILL
 from tests.record.speakers import random_hand
 

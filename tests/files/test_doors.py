@@ -24,7 +24,7 @@ from pbd.files.points import read_points
 from pbd.files.stamps import seconds
 from pbd.files.table import MOST_COLUMNS, read_table
 from pbd.files.toml import read_toml
-from pbd.record.again import decode_raw
+from pbd.record.redecode import decode_raw
 from pbd.sensors.protocols import protocol
 from pbd.view import collada
 from pbd.view.mesh_files import load_mesh

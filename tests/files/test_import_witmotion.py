@@ -16,7 +16,7 @@ from pbd.data import GRAVITY, Recording
 from pbd.errors import RecordingError
 from pbd.files.importers import import_file
 from pbd.files.stamps import seconds
-from pbd.sensors.simulate import simulate
+from pbd.simulation.simulate import simulate
 
 START = datetime(2025, 10, 9, 8, 18, 9, 90_000)
 STEP_S = 0.01

@@ -17,7 +17,7 @@ from pbd.files.demo import read_demo, write_demo
 from pbd.files.keyframes import keyframes_toml, read_keyframes, write_keyframes
 from pbd.pipeline import track
 from pbd.pose import Pose, quat_exp
-from pbd.sensors.simulate import simulate
+from pbd.simulation.simulate import simulate
 from pbd.tracking.keyframes import find_keyframes
 
 FOUND = find_keyframes(track(simulate("pour", "modern", 0).recording))

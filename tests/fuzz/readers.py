@@ -25,7 +25,7 @@ from pbd.files.joints import read_joints
 from pbd.files.keyframes import keyframes_toml
 from pbd.files.points import read_points
 from pbd.files.robot import read_robot
-from pbd.record.again import decode_raw
+from pbd.record.redecode import decode_raw
 from pbd.sensors.line_layout import layout_from_toml
 from pbd.view.mesh_files import load_mesh
 from pbd.view.visuals import read_visuals

@@ -17,13 +17,13 @@ from pbd.files.demo import read_demo, write_demo
 from pbd.record import Command, RecordOptions, Status, loop, record
 from pbd.record.session import Session
 from pbd.sensors.decoding import Decoder, Sample
-from pbd.sensors.emulator import Emulator
 from pbd.sensors.port import Port, open_port
 from pbd.sensors.protocols import protocol
-from pbd.sensors.simulate import simulate
+from pbd.simulation.emulator import Emulator
+from pbd.simulation.simulate import simulate
 from tests.record.speakers import ROUNDS, SPEAKERS, Device, random_hand
 from tests.record.test_record import Watched, options, recorded
-from tests.sensors.test_stamps import arrivals
+from tests.test_timestamps import arrivals
 
 
 @pytest.fixture(scope="module")

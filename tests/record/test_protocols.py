@@ -12,7 +12,7 @@ import pytest
 from pbd.data import Recording
 from pbd.files.demo import read_demo
 from pbd.record import Outcome, RecordOptions, Status, record
-from pbd.record.again import decode_raw
+from pbd.record.redecode import decode_raw
 from pbd.sensors.port import Port, open_port
 from pbd.sensors.protocols import PROTOCOLS
 from tests.benchmarks.wires import MIXED

@@ -18,10 +18,10 @@ from pbd.data import Recording
 from pbd.errors import RecordingError, SensorError
 from pbd.files.demo import read_demo, write_demo
 from pbd.record import Command, Outcome, RecordOptions, Status, loop, record
-from pbd.sensors.emulator import Emulator
 from pbd.sensors.port import Port, open_port
 from pbd.sensors.protocols import protocol
-from pbd.sensors.simulate import simulate
+from pbd.simulation.emulator import Emulator
+from pbd.simulation.simulate import simulate
 from tests.record.speakers import SPEAKERS, Device, random_hand
 from tests.sensors.encoders import vectornav, ximu3
 

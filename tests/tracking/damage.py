@@ -25,8 +25,8 @@ from pbd.pose import (
     quat_slerp,
     quat_to_rpy,
 )
-from pbd.sensors.simulated_hand import Waypoint
-from pbd.sensors.simulated_tasks import Task
+from pbd.simulation.hand import Waypoint
+from pbd.simulation.tasks import Task
 from tests.scenarios import with_rows
 from tests.tracking.faults import with_channel
 

@@ -23,10 +23,10 @@ from pbd.pose import (
     quat_rotate,
     yaw_toward,
 )
-from pbd.sensors.simulate import SENSOR_MODELS, random_task, simulate
-from pbd.sensors.simulate import TASKS as SIMULATED
-from pbd.sensors.simulated_sensor import SensorModel
-from pbd.sensors.simulated_tasks import Task
+from pbd.simulation.sensor_model import SensorModel
+from pbd.simulation.simulate import SENSOR_MODELS, random_task, simulate
+from pbd.simulation.simulate import TASKS as SIMULATED
+from pbd.simulation.tasks import Task
 from pbd.tracking.agreement import up_in_sensor, warn_upside_down
 from pbd.tracking.attitude import mean_quaternion
 from tests.tracking import damage as d

@@ -19,10 +19,10 @@ from pbd.pose import (
     quat_rotate,
     yaw_toward,
 )
-from pbd.sensors.simulate import SENSOR_MODELS, random_task, simulate
-from pbd.sensors.simulated_hand import Waypoint
-from pbd.sensors.simulated_sensor import AttitudeOutput, SensorModel
-from pbd.sensors.simulated_tasks import Task
+from pbd.simulation.hand import Waypoint
+from pbd.simulation.sensor_model import AttitudeOutput, SensorModel
+from pbd.simulation.simulate import SENSOR_MODELS, random_task, simulate
+from pbd.simulation.tasks import Task
 from pbd.tracking.paper import LAMBDA_V
 
 PERFECT = replace(SENSOR_MODELS["ideal"], attitude=AttitudeOutput())

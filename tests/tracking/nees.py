@@ -25,8 +25,8 @@ from pbd.pose import (
     quat_rotate,
     yaw_toward,
 )
-from pbd.sensors.simulate import SENSOR_MODELS, TASKS, random_task, simulate
-from pbd.sensors.simulated_tasks import Task
+from pbd.simulation.simulate import SENSOR_MODELS, TASKS, random_task, simulate
+from pbd.simulation.tasks import Task
 from pbd.tracking.attitude import mean_quaternion
 from pbd.tracking.noise import FACTORY, MG
 

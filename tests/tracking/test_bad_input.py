@@ -10,9 +10,9 @@ import pytest
 from pbd.data import Demonstration, Recording
 from pbd.errors import PbdError, PbdWarning, RecordingError, TrackingError
 from pbd.pipeline import track
-from pbd.sensors.simulate import random_task, simulate
-from pbd.sensors.simulated_hand import Waypoint
-from pbd.sensors.simulated_tasks import Task
+from pbd.simulation.hand import Waypoint
+from pbd.simulation.simulate import random_task, simulate
+from pbd.simulation.tasks import Task
 from tests.scenarios import keyframes_and_errors, pour, with_rows
 from tests.tracking.faults import broken, every_method, quietly, with_channel
 

@@ -15,7 +15,7 @@ from pbd.data import Demonstration, Recording
 from pbd.errors import PbdWarning
 from pbd.pipeline import track
 from pbd.pose import Array
-from pbd.sensors.simulate import SENSOR_MODELS, simulate
+from pbd.simulation.simulate import SENSOR_MODELS, simulate
 from pbd.tracking.clock import steady_clock
 from pbd.tracking.keyframes import find_keyframes
 from tests.scenarios import truth_at, uncalibrated, with_rows

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pbd.calibration.check import gravity_off
+from pbd.calibration.drift import gravity_off
 from pbd.data import Calibration, Linear, SensorErrors
 from pbd.errors import PbdWarning, TrackingError
 from pbd.pipeline import track
-from pbd.sensors.simulate import EARTH
+from pbd.simulation.simulate import EARTH
 from pbd.tracking.keyframes import find_keyframes
 from tests.scenarios import pour, truth_at, with_hole, with_rows
 from tests.tracking.faults import every_method, quietly

@@ -11,9 +11,9 @@ import pytest
 from pbd.data import GRAVITY, Demonstration, Recording
 from pbd.errors import PbdError, TrackingError
 from pbd.pipeline import track
-from pbd.sensors.simulate import SENSOR_MODELS, TASKS, random_task, simulate
-from pbd.sensors.simulated_sensor import SensorModel
-from pbd.sensors.simulated_tasks import Task
+from pbd.simulation.sensor_model import SensorModel
+from pbd.simulation.simulate import SENSOR_MODELS, TASKS, random_task, simulate
+from pbd.simulation.tasks import Task
 from pbd.tracking.channels import frozen
 from tests.scenarios import keyframes_and_errors, pour, with_rows
 from tests.tracking.faults import broken, quietly

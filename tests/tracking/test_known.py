@@ -14,8 +14,8 @@ from pbd.data.covariance import PoseCovariance
 from pbd.errors import TrackingError
 from pbd.pipeline import track
 from pbd.pose import Array, Pose, quat_about_z, quat_exp, quat_multiply, quat_rotate
-from pbd.sensors.simulate import random_task, simulate
-from pbd.sensors.simulated_tasks import Task
+from pbd.simulation.simulate import random_task, simulate
+from pbd.simulation.tasks import Task
 from pbd.tracking.claims import SIGMA_M
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.known import condition_on

@@ -17,7 +17,7 @@ from pbd.errors import PbdWarning
 from pbd.files.importers import import_file
 from pbd.pipeline import track
 from pbd.pose import Array, quat_inverse, quat_rotate
-from pbd.sensors.simulate import SENSOR_MODELS, TASKS, World, random_task, simulate
+from pbd.simulation.simulate import SENSOR_MODELS, TASKS, World, random_task, simulate
 from pbd.tracking.keyframes import find_keyframes
 from tests.scenarios import pour, truth_at, uncalibrated
 

@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from pbd.data import GRAVITY, Keyframe, Recording
 from pbd.errors import TrackingError
 from pbd.pose import Array, quat_about_z, quat_inverse, quat_log, quat_multiply, quat_rotate, yaw_toward
-from pbd.sensors.simulate import TASKS, random_task, simulate
-from pbd.sensors.simulated_hand import Waypoint
-from pbd.sensors.simulated_tasks import HEADING, Task
+from pbd.simulation.hand import Waypoint
+from pbd.simulation.simulate import TASKS, random_task, simulate
+from pbd.simulation.tasks import HEADING, Task
 from pbd.tracking.estimate import estimate
 from pbd.tracking.noise import FACTORY, Noise, noise_of
 from pbd.tracking.online import DataFlaw, LiveEvent, LiveTracker, RestFound, StopBegan, StopEnded

@@ -10,7 +10,7 @@ import pytest
 
 from pbd.errors import PbdWarning, TrackingError
 from pbd.pipeline import track
-from pbd.sensors.simulate import simulate
+from pbd.simulation.simulate import simulate
 from pbd.tracking.keyframes import find_segments
 from pbd.tracking.paper import LAMBDA_M, filter_yaw, paper_path, paper_stops, resulting_variance
 

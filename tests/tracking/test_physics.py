@@ -13,10 +13,10 @@ from pbd.pipeline import track
 from pbd.pose import (
     quat_rotate,
 )
-from pbd.sensors.simulate import SENSOR_MODELS, random_task, simulate
-from pbd.sensors.simulated_hand import HandMotion, Waypoint
-from pbd.sensors.simulated_sensor import AttitudeOutput, SensorModel
-from pbd.sensors.simulated_tasks import Task
+from pbd.simulation.hand import HandMotion, Waypoint
+from pbd.simulation.sensor_model import AttitudeOutput, SensorModel
+from pbd.simulation.simulate import SENSOR_MODELS, random_task, simulate
+from pbd.simulation.tasks import Task
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.paper import paper_path
 from tests.scenarios import uncalibrated, with_rows

@@ -17,9 +17,9 @@ from pbd.errors import PbdWarning, TrackingError
 from pbd.files.importers import import_file
 from pbd.pipeline import track
 from pbd.pose import quat_inverse, quat_log, quat_multiply
-from pbd.sensors.simulate import SENSOR_MODELS, TASKS, random_task, simulate
-from pbd.sensors.simulated_sensor import SensorModel
-from pbd.sensors.simulated_tasks import Task
+from pbd.simulation.sensor_model import SensorModel
+from pbd.simulation.simulate import SENSOR_MODELS, TASKS, random_task, simulate
+from pbd.simulation.tasks import Task
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.saturation import Clip, clips_of, find_clips
 from tests.benchmarks.trials import read_broad

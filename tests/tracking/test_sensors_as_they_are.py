@@ -16,10 +16,10 @@ from pbd.errors import PbdWarning, RecordingError, TrackingError
 from pbd.files.importers import import_file
 from pbd.pipeline import track
 from pbd.pose import Array
-from pbd.sensors.simulate import SENSOR_MODELS, TASKS, World, random_task, simulate
-from pbd.sensors.simulated_calibration import sides
-from pbd.sensors.simulated_hand import Waypoint
-from pbd.sensors.simulated_tasks import Task
+from pbd.simulation.calibration_tasks import sides
+from pbd.simulation.hand import Waypoint
+from pbd.simulation.simulate import SENSOR_MODELS, TASKS, World, random_task, simulate
+from pbd.simulation.tasks import Task
 from pbd.tracking.agreement import refuse_disagreement
 from pbd.tracking.channels import frozen
 from pbd.tracking.conditioning import condition, without_spikes

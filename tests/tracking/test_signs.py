@@ -18,8 +18,8 @@ from pbd.errors import PbdWarning, RecordingError
 from pbd.files.demo import write_demo
 from pbd.files.importers import import_file
 from pbd.pose import quat_from_rpy, quat_to_rpy
-from pbd.sensors.simulate import SENSOR_MODELS, TASKS, random_task, simulate
-from pbd.sensors.simulated_calibration import sides
+from pbd.simulation.calibration_tasks import sides
+from pbd.simulation.simulate import SENSOR_MODELS, TASKS, random_task, simulate
 from pbd.tracking.agreement import refuse_disagreement, refuse_turned_signs, up_in_sensor, warn_upside_down
 
 WITH_ATTITUDE = ("os5000", "os5000-nogyro", "wt901", "modern")

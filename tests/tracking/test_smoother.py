@@ -9,7 +9,7 @@ import pytest
 
 from pbd.data import Demonstration, Recording
 from pbd.pose import Array, quat_inverse, quat_log, quat_multiply, yaw_toward
-from pbd.sensors.simulate import TASKS, random_task, simulate
+from pbd.simulation.simulate import TASKS, random_task, simulate
 from pbd.tracking.conditioning import condition
 from pbd.tracking.estimate import Estimate, estimate
 from pbd.tracking.noise import noise_of

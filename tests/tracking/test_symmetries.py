@@ -18,8 +18,8 @@ from pbd.pose import (
     quat_to_rpy,
     yaw_toward,
 )
-from pbd.sensors.simulate import random_task, simulate
-from pbd.sensors.simulated_sensor import SensorModel
+from pbd.simulation.sensor_model import SensorModel
+from pbd.simulation.simulate import random_task, simulate
 from pbd.tracking.keyframes import find_keyframes
 from tests.tracking.hands import (
     RATE_HZ,

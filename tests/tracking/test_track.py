@@ -11,9 +11,9 @@ from pbd.data import GRAVITY
 from pbd.errors import PbdWarning, RecordingError, TrackingError
 from pbd.pipeline import track
 from pbd.pose import quat_about_z, quat_multiply, quat_rotate
-from pbd.sensors.simulate import World, random_task, simulate
-from pbd.sensors.simulated_hand import Waypoint
-from pbd.sensors.simulated_tasks import TASKS, Task
+from pbd.simulation.hand import Waypoint
+from pbd.simulation.simulate import World, random_task, simulate
+from pbd.simulation.tasks import TASKS, Task
 from pbd.tracking.keyframes import find_keyframes, find_segments
 from tests.scenarios import keyframes_and_errors, pour, uncalibrated, with_hole, with_rows
 

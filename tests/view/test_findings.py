@@ -16,9 +16,9 @@ from pbd.plotting import findings
 from pbd.plotting.demo import demo_plot
 from pbd.plotting.findings import AROUND_S, DRIFT, FIRST_REST_S, SHORT_STOP_S, UNSURE_MOVE_M, find, stop_names
 from pbd.pose import Array
-from pbd.sensors.simulate import TASKS, simulate
-from pbd.sensors.simulated_hand import Waypoint, minimum_jerk
-from pbd.sensors.simulated_tasks import Task
+from pbd.simulation.hand import Waypoint, minimum_jerk
+from pbd.simulation.simulate import TASKS, simulate
+from pbd.simulation.tasks import Task
 from pbd.view.plot_values import DemoPlot, Finding
 from tests.scenarios import pour
 

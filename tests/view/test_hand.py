@@ -20,7 +20,7 @@ from pbd.data import Keyframe
 from pbd.errors import PbdError
 from pbd.files.demo import read_demo
 from pbd.pose import Array, Pose
-from pbd.sensors.simulate import simulate
+from pbd.simulation.simulate import simulate
 from pbd.tracking.online import LiveTracker
 from pbd.view import hand
 from pbd.view.hand import SEEN_M, HandPicture, HandView

@@ -23,9 +23,9 @@ from pbd.data import Calibration, Demonstration, Linear, SensorErrors, Truth
 from pbd.pipeline import track
 from pbd.plotting.demo import demo_plot
 from pbd.pose import Array, quat_about_z, quat_multiply, quat_rotate, quat_to_rpy
-from pbd.sensors.simulate import random_task, simulate
-from pbd.sensors.simulated_hand import Waypoint
-from pbd.sensors.simulated_tasks import Task
+from pbd.simulation.hand import Waypoint
+from pbd.simulation.simulate import random_task, simulate
+from pbd.simulation.tasks import Task
 from pbd.tracking.paper import LAMBDA_V, paper_path
 from pbd.tracking.preintegration import integral_of_means
 from pbd.view import plots

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pbd.calibration.matching import match_stops
+from pbd.calibration.correspondence import match_points
 from pbd.errors import CalibrationError
 from pbd.pose import Array, Pose, quat_about_z
 
@@ -27,7 +27,7 @@ def stops_at(places: Array, seed: int = 0, noise: float = 0.002) -> tuple[Array,
 @given(st.integers(0, 10_000), st.permutations(range(5)))
 def test_any_order_is_found(seed: int, order: list[int]) -> None:
     p, sigma = stops_at(POINTS[order], seed)
-    assert match_stops(p, sigma, POINTS, in_order=False) == tuple(order.index(k) for k in range(5))
+    assert match_points(p, sigma, POINTS, in_order=False) == tuple(order.index(k) for k in range(5))
 
 
 @settings(max_examples=30)
@@ -37,37 +37,37 @@ def test_stops_beside_the_points_are_passed_over(seed: int, one: int, two: int) 
     places = np.insert(POINTS, sorted((one, two)), rng.uniform(-0.4, -0.1, (2, 3)), axis=0)
     p, sigma = stops_at(places, seed)
     wanted = tuple(int(np.flatnonzero((places == point).all(axis=1))[0]) for point in POINTS)
-    assert match_stops(p, sigma, POINTS, in_order=True) == wanted
-    assert match_stops(p, sigma, POINTS, in_order=False) == wanted
+    assert match_points(p, sigma, POINTS, in_order=True) == wanted
+    assert match_points(p, sigma, POINTS, in_order=False) == wanted
 
 
 def test_a_wrong_point_does_not_hide_the_others() -> None:
     p, sigma = stops_at(POINTS[[3, 1, 0, 4, 2]])
     wrong = POINTS.copy()
     wrong[1] += (0.0, 0.1, 0.0)
-    assert match_stops(p, sigma, wrong, in_order=False) == (2, 1, 4, 0, 3)
+    assert match_points(p, sigma, wrong, in_order=False) == (2, 1, 4, 0, 3)
 
 
 def test_a_square_is_the_same_from_four_sides() -> None:
     p, sigma = stops_at(SQUARE)
-    assert match_stops(p, sigma, SQUARE, in_order=True) == (0, 1, 2, 3)
+    assert match_points(p, sigma, SQUARE, in_order=True) == (0, 1, 2, 3)
     with pytest.raises(CalibrationError, match=r"more than one way .*turned by (90|180) degrees.* --stops, touch the"):
-        match_stops(p, sigma, SQUARE, in_order=False)
+        match_points(p, sigma, SQUARE, in_order=False)
 
 
 def test_a_point_above_a_corner_breaks_the_symmetry() -> None:
     points = np.vstack((SQUARE, [[0.3, 0.0, 0.2]]))
     p, sigma = stops_at(points[[4, 2, 3, 0, 1]])
-    assert match_stops(p, sigma, points, in_order=False) == (3, 4, 1, 2, 0)
+    assert match_points(p, sigma, points, in_order=False) == (3, 4, 1, 2, 0)
 
 
 @pytest.mark.parametrize("in_order", [True, False])
 def test_what_can_not_match_is_refused(in_order: bool) -> None:
     p, sigma = stops_at(POINTS[:3])
     with pytest.raises(CalibrationError, match="has 3 stops, but there are 5 points; hold still"):
-        match_stops(p, sigma, POINTS, in_order)
+        match_points(p, sigma, POINTS, in_order)
     p, sigma = stops_at(np.vstack((POINTS, [[0.0, 0.0, 0.0]])))
     with pytest.raises(
         CalibrationError, match=r"no stops .* have the same distances as the points; check the points' unit"
     ):
-        match_stops(p, sigma, 10.0 * POINTS, in_order)
+        match_points(p, sigma, 10.0 * POINTS, in_order)

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from pbd.data import GRAVITY, Recording
-from pbd.record.health import AGAIN_S, EVERY_S, Health
+from pbd.record.diagnostics import AGAIN_S, EVERY_S, Diagnostics
 from pbd.sensors.decoding import Sample, Triple
-from pbd.sensors.simulate import simulate
-from pbd.sensors.simulated_tasks import TASKS
+from pbd.simulation.simulate import simulate
+from pbd.simulation.tasks import TASKS
 from pbd.tracking.channels import STUCK_S
 from pbd.tracking.saturation import clips_of
 
@@ -26,7 +26,7 @@ def triple(values: np.ndarray | None, row: int) -> Triple | None:
 
 def told(recording: Recording) -> list[tuple[float, str]]:
     """What is told, and when."""
-    health, out = Health(), []
+    health, out = Diagnostics(), []
     for row, t in enumerate(recording.t.tolist()):
         mag = triple(recording.mag, row)
         sample = Sample(triple(recording.acc, row), triple(recording.gyr, row), mag, triple(recording.device_rpy, row))

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from pbd.errors import SensorError
 from pbd.pose import quat_log, quat_multiply
-from pbd.sensors.simulate import TASKS, simulate
-from pbd.sensors.simulated_hand import Waypoint
-from pbd.sensors.simulated_tasks import HEADING, Task, random_task
+from pbd.simulation.hand import Waypoint
+from pbd.simulation.simulate import TASKS, simulate
+from pbd.simulation.tasks import HEADING, Task, random_task
 
 # Table I of the paper: first and last sample, at 40 Hz, and the axis of the motion in nav.
 TABLE_1 = (

@@ -31,7 +31,7 @@ FEWEST = 8
 """Of fewer samples nothing can be told."""
 
 
-class Health:
+class Diagnostics:
     """Takes samples, and tells what is wrong with them."""
 
     def __init__(self) -> None:

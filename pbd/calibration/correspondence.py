@@ -37,7 +37,7 @@ class _Answer:
     T_base_nav: Pose
 
 
-def match_stops(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool) -> tuple[int, ...]:
+def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool) -> tuple[int, ...]:
     """Say which stop touched each point.
 
     Every two stops on every two points that are as far apart tell yaw and position, as both frames have z up; of all

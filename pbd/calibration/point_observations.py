@@ -15,7 +15,7 @@ from pbd.pose import Array, quat_to_matrix
 
 
 @dataclass(frozen=True, eq=False)
-class Touches:
+class PointObservations:
     """Where a demonstration's tip stood when it touched points.
 
     Attributes:
@@ -34,10 +34,10 @@ class Touches:
         m = len(self.stops)
         freeze(self, p_nav_sensor=(m, 3), lever=(m, 3), cov=(3 * m, 3 * m))
 
-    def only(self, keep: Sequence[int]) -> Touches:
+    def only(self, keep: Sequence[int]) -> PointObservations:
         """Some of them."""
         rows = rows_of(keep)
-        return Touches(
+        return PointObservations(
             self.p_nav_sensor[list(keep)],
             self.lever[list(keep)],
             self.cov[np.ix_(rows, rows)],
@@ -51,13 +51,13 @@ def rows_of(keep: Sequence[int]) -> NDArray[np.intp]:
     return rows
 
 
-def touches(
+def observe_points(
     keyframes: Sequence[Keyframe],
     covariance: PoseCovariance,
     p_sensor_tip: Array,
     stops: Sequence[int] | None = None,
     cov_tip: Array | None = None,
-) -> Touches:
+) -> PointObservations:
     """Where the tip stood at some stops: p + R l. An error of the attitude turns R l, one of l turns with it.
 
     Args:
@@ -79,4 +79,4 @@ def touches(
     if cov_tip is not None:
         by_tip = R.reshape(-1, 3)
         cov += by_tip @ cov_tip @ by_tip.T
-    return Touches(np.array([pose.p for pose in poses]), lever, cov, tuple(stops))
+    return PointObservations(np.array([pose.p for pose in poses]), lever, cov, tuple(stops))

@@ -6,11 +6,11 @@ from collections import deque
 
 import numpy as np
 
-from pbd.calibration.check import disagreements
+from pbd.calibration.drift import disagreements
 from pbd.data import Keyframe, Linear, SensorErrors
 from pbd.errors import PbdError
 from pbd.pose import Array
-from pbd.record.told import Say
+from pbd.record.messages import Say
 from pbd.sensors.decoding import Sample
 from pbd.tracking.online import DataFlaw, LiveEvent, LiveTracker, RestFound, StopBegan
 
@@ -21,7 +21,7 @@ URGED_S = 1.5
 """Who has not held still by then (a second would do), or whose sensor has no right reading at rest, is told."""
 
 
-class Coach:
+class Feedback:
     """Feeds the live tracker and collects what is worth a line."""
 
     def __init__(self, tolerance_m: float, errors: SensorErrors | None = None, sensor: str = "") -> None:

@@ -21,10 +21,10 @@ from pbd.pose import (
     quat_multiply,
     quat_rotate,
 )
-from pbd.sensors.simulate import EARTH, SENSOR_MODELS, TASKS, World, random_task, simulate
-from pbd.sensors.simulated_hand import HandMotion, Waypoint
-from pbd.sensors.simulated_sensor import SensorModel
-from pbd.sensors.simulated_tasks import Task
+from pbd.simulation.hand import HandMotion, Waypoint
+from pbd.simulation.sensor_model import SensorModel
+from pbd.simulation.simulate import EARTH, SENSOR_MODELS, TASKS, World, random_task, simulate
+from pbd.simulation.tasks import Task
 
 seeds = st.integers(0, 2**32 - 1)
 UP = np.array([0.0, 0.0, EARTH.gravity])

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pbd.calibration.field import field_spread, heading_changes
+from pbd.calibration.field_uniformity import field_spread, heading_changes
 from pbd.pose import Array, quat_about_z, quat_exp, quat_inverse, quat_multiply, quat_rotate
 
 FIELD = np.array([0.0, 19.5, -44.0])

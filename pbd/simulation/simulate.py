@@ -1,7 +1,7 @@
 """The simulator: a hand does a task with a sensor in it, and the truth is kept beside what the sensor says.
 
-The truth is a formula (simulated_hand.py). From it follow specific force, angular rate and magnetic field in the
-sensor's axes, exactly; the sensor (simulated_sensor.py) averages each over its sampling intervals and errs.
+The truth is a formula (hand.py). From it follow specific force, angular rate and magnetic field in the
+sensor's axes, exactly; the sensor (sensor_model.py) averages each over its sampling intervals and errs.
 
 Time. Sample k is the mean over an interval whose MIDDLE is t[k], as an integrating sensor delivers it; the intervals
 join without gaps. Truth row k is the pose at t[k]. So acc[k] is what was felt around t[k], and the turn from truth row
@@ -32,10 +32,10 @@ from pbd.pose import (
     quat_rotate,
     quat_to_matrix,
 )
-from pbd.sensors.simulated_calibration import CALIBRATION_TASKS
-from pbd.sensors.simulated_hand import HandMotion
-from pbd.sensors.simulated_sensor import SENSOR_MODELS, SensorModel
-from pbd.sensors.simulated_tasks import TASKS, Task, random_task
+from pbd.simulation.calibration_tasks import CALIBRATION_TASKS
+from pbd.simulation.hand import HandMotion
+from pbd.simulation.sensor_model import SENSOR_MODELS, SensorModel
+from pbd.simulation.tasks import TASKS, Task, random_task
 
 _T = TypeVar("_T")
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pbd.pose import Array
-from pbd.sensors.stamps import Stamper, straighten
+from pbd.timestamps import Stamper, straighten
 
 
 def arrivals(rate_hz: float, kind: str, seed: int, seconds: float = 40.0) -> tuple[Array, Array, int]:

@@ -13,7 +13,7 @@ from pbd.files.whole import name_aside, remove_folder
 
 
 @dataclass(frozen=True)
-class Before:
+class Backup:
     """A demonstration that was renamed to make room.
 
     Attributes:
@@ -64,7 +64,7 @@ class Before:
         return kept, f"{why}, so it is kept in {kept}; {self.put_back()}"
 
 
-def set_aside(folder: Path) -> Before | None:
+def set_aside(folder: Path) -> Backup | None:
     """Rename a demonstration to NAME.before, or a name like it that is free; None where there is none.
 
     Raises:
@@ -73,7 +73,7 @@ def set_aside(folder: Path) -> Before | None:
     if not os.path.lexists(folder):
         return None
     may_be_written(folder, force=True)
-    before = Before(folder, name_aside(folder, "before"), (folder / keyframes.NAME).is_file())
+    before = Backup(folder, name_aside(folder, "before"), (folder / keyframes.NAME).is_file())
     try:
         folder.rename(before.aside)
     except OSError as reason:

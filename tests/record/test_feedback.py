@@ -7,8 +7,8 @@ import pytest
 
 from pbd.data import Keyframe
 from pbd.pose import Pose
-from pbd.record.coach import Coach, in_cm, placed
-from pbd.record.told import Say
+from pbd.record.feedback import Feedback, in_cm, placed
+from pbd.record.messages import Say
 from pbd.sensors.decoding import Sample
 from pbd.tracking.online import DataFlaw, LiveEvent, StopBegan
 
@@ -35,13 +35,13 @@ class Scripted:
 
 
 @pytest.fixture
-def scripted(monkeypatch: pytest.MonkeyPatch) -> tuple[Coach, Scripted]:
-    coach, tracker = Coach(0.01), Scripted()
+def scripted(monkeypatch: pytest.MonkeyPatch) -> tuple[Feedback, Scripted]:
+    coach, tracker = Feedback(0.01), Scripted()
     monkeypatch.setattr(coach, "tracker", tracker)
     return coach, tracker
 
 
-def said(scripted: tuple[Coach, Scripted], t: float, *events: LiveEvent, **state: object) -> tuple[Say, ...]:
+def said(scripted: tuple[Feedback, Scripted], t: float, *events: LiveEvent, **state: object) -> tuple[Say, ...]:
     coach, tracker = scripted
     tracker.events = events
     for name, value in state.items():
@@ -50,7 +50,7 @@ def said(scripted: tuple[Coach, Scripted], t: float, *events: LiveEvent, **state
     return coach.said()
 
 
-def test_a_stop_that_is_told_again_rings_no_second_bell(scripted: tuple[Coach, Scripted]) -> None:
+def test_a_stop_that_is_told_again_rings_no_second_bell(scripted: tuple[Feedback, Scripted]) -> None:
     (first,) = said(scripted, 0.1, begun(1, 0.1))
     assert first.bell
     assert first.text == "stop 1 at (10.0, 0.0, 0.0) cm, sigma 0.1 cm: you may move on"
@@ -62,7 +62,7 @@ def test_a_stop_that_is_told_again_rings_no_second_bell(scripted: tuple[Coach, S
     assert scripted[0].stops == 3
 
 
-def test_a_pause_is_asked_for_once_in_a_move(scripted: tuple[Coach, Scripted]) -> None:
+def test_a_pause_is_asked_for_once_in_a_move(scripted: tuple[Feedback, Scripted]) -> None:
     assert said(scripted, 0.1, moving=True, sigma_of_move=0.009) == ()
     (asked,) = said(scripted, 0.2, sigma_of_move=0.02)
     assert (asked.text, asked.bell) == ("pause now: 2 cm", True)
@@ -73,7 +73,7 @@ def test_a_pause_is_asked_for_once_in_a_move(scripted: tuple[Coach, Scripted]) -
     assert asked.text == "pause now: 1 cm"
 
 
-def test_a_flaw_of_the_data_is_told(scripted: tuple[Coach, Scripted]) -> None:
+def test_a_flaw_of_the_data_is_told(scripted: tuple[Feedback, Scripted]) -> None:
     assert said(scripted, 0.1, DataFlaw(0.1, "80 ms of data are missing")) == (Say(0.1, "80 ms of data are missing"),)
 
 
@@ -83,7 +83,7 @@ def test_lengths_are_written_as_one_says_them() -> None:
 
 
 def test_what_can_not_be_tracked_is_told_once() -> None:
-    coach = Coach(0.01)
+    coach = Feedback(0.01)
     for k in range(20):
         coach.feed(k / 100.0, Sample((0.0, 0.0, 9.8)))
     (only,) = coach.said()
@@ -96,7 +96,7 @@ def test_what_can_not_be_tracked_is_told_once() -> None:
     ids=["a hand that moves from the start", "g taken for m/s2"],
 )
 def test_a_start_without_rest_is_told_soon(up: float, shakes: float, told: str) -> None:
-    rng, coach = np.random.default_rng(1), Coach(0.01)
+    rng, coach = np.random.default_rng(1), Feedback(0.01)
     lines = list[Say]()
     for k in range(400):
         x, y, z = rng.normal((shakes * np.sin(0.3 * k), 0.0, up), 0.01).tolist()

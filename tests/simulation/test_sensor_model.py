@@ -11,10 +11,10 @@ import pytest
 from pbd.data import GRAVITY, Recording
 from pbd.errors import SensorError
 from pbd.pose import Array, quat_exp, quat_from_rpy, quat_inverse, quat_log, quat_multiply
-from pbd.sensors.simulate import SENSOR_MODELS, World, simulate
-from pbd.sensors.simulated_hand import Waypoint
-from pbd.sensors.simulated_sensor import AttitudeOutput, SensorModel, Triad
-from pbd.sensors.simulated_tasks import Task
+from pbd.simulation.hand import Waypoint
+from pbd.simulation.sensor_model import AttitudeOutput, SensorModel, Triad
+from pbd.simulation.simulate import SENSOR_MODELS, World, simulate
+from pbd.simulation.tasks import Task
 
 DEG, MG = pi / 180.0, 1e-3 * GRAVITY
 NOWHERE = World(gravity=0.0, field=(0.0, 0.0, 0.0))

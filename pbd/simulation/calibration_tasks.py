@@ -14,8 +14,8 @@ from types import MappingProxyType
 import numpy as np
 
 from pbd.pose import Array, quat_exp, quat_inverse, quat_log, quat_multiply, quat_rotate
-from pbd.sensors.simulated_hand import Waypoint
-from pbd.sensors.simulated_tasks import HEADING, Task
+from pbd.simulation.hand import Waypoint
+from pbd.simulation.tasks import HEADING, Task
 
 TOUCHED: Mapping[str, tuple[float, float, float]] = MappingProxyType(
     {
