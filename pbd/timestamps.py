@@ -1,36 +1,220 @@
-"""When a sample was taken, where the device has no clock: arrival times on the host, straightened.
+"""When samples were taken, and how many never came: by the device's own clock, or by arrival times on the host.
 
-USB delivers in bursts and a busy host reads late, but never early: a sample arrives after it was taken, by a delay that
-is smallest when nothing is in the way. So the truth is a line under the arrivals, one interval a sample; where samples
-are lost, the arrivals that follow stay above it for good.
+A device's time is believed where it goes on as it did. One that leaps waits for the next sample: a device that began
+anew goes on from there, a broken digit (some protocols have no checksum) stands alone and is left out.
+
+Arrival times are straightened. USB delivers in bursts and a busy host reads late, but never early: a sample arrives
+after it was taken, by a delay that is smallest when nothing is in the way. So the truth is a line under the arrivals,
+one interval a sample. Where samples are lost, the arrivals that follow stay above that line for good.
 """
 
 from __future__ import annotations
 
+import time
 from collections import deque
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pbd.pose import Array
 
-CAUGHT_UP_S = 0.5
-"""No burst lasts longer: a delay that stays is a sample that was lost."""
+LOST_SHARE = 0.6
+"""A sample is lost where the next one is late by more than this share of an interval."""
 
-BURST_S = 0.1
+LONGEST_BURST_S = 0.5
+"""No burst of arrivals lasts longer: a delay that stays is a lost sample."""
+
+LOSS_RISE_S = 0.1
 """Within this time of a loss the least delay has risen by all of it."""
 
-LOST_SHARE = 0.6
-"""A delay that stays for more than this share of an interval is a lost sample."""
-
-SPAN, SHORTEST_S, SLOWLY = 2000, 1e-5, 0.02
-"""Of `Stamper`: the interval is a mean over so many samples; none is shorter; and how much of an error at a time."""
-
-SHORT_SPAN = 128
-"""Samples over which the interval is taken at first."""
-
 BLOCK = 64
-"""Samples of which the least delayed one is looked at."""
+"""Samples of which the least delayed one supports the line under the arrivals."""
+
+FIRST_SPAN = 128
+"""Samples over which the interval is first estimated: few such spans have a loss in them."""
+
+MEAN_OVER = 2000
+"""Samples over which a live stamp's interval is averaged."""
+
+INTERVAL_GAIN = 0.02
+"""Share of the remaining delay that a live stamp takes over: it is the interval's own error."""
+
+SHORTEST_STEP_S = 1e-5
+"""Live stamps increase by at least this."""
+
+BELIEVED_STEP_S = 0.1
+"""A device's time may step by this while its usual step is unknown ..."""
+
+BELIEVED_STEPS = 3.0
+"""... and by this many usual steps afterwards ..."""
+
+HOST_ROOM_S, HOST_ROOM = 0.02, 0.1
+"""... or by as much as passed on the host, give or take this time and this share of it."""
+
+SHORTEST_STEP = 0.25
+"""Share of the usual step below which a device's time did not go on."""
+
+USUAL_OVER = 9
+"""Steps whose median is the usual one."""
+
+GAP_S = 10.0
+"""A shorter leap onwards, from which the clock goes on, is a gap; a longer one, or one backwards, a clock set anew."""
+
+ONE_INTERVAL = 1.6
+"""Steps of less than this many usual ones have no loss in them."""
+
+COUNT_AFTER_S, COUNT_EVERY_S, COUNT_SHARE = 2.0, 1.0, 0.02
+"""Losses are counted from so much on, so often, and in no more than this share of the time."""
+
+
+T = TypeVar("T")
+
+
+class _Reading(NamedTuple, Generic[T]):
+    sample: T
+    t_device: float
+    arrival: float
+
+
+class SampleClock(Generic[T]):
+    """Takes samples as they come and tells their times, s since the first. The first sample says whose clock counts.
+
+    Attributes:
+        times: of the samples so far: the device's, or as they arrived on the host, s.
+        doubted: how many samples were left out because of their time.
+        lost: how many samples never came, by the latest count.
+        straightened: (n,) s, arrival times as of the latest count; None by the device's clock.
+    """
+
+    def __init__(self, usual_s: float = 0.0) -> None:
+        """Begin; `usual_s` is the device's interval where it is known already."""
+        self.times: list[float] = []
+        self.doubted = self.lost = 0
+        self.straightened: Array | None = None
+        self._stamper: Stamper | None = None
+        self._zero, self._usual = 0.0, usual_s
+        self._last: _Reading[T] | None = None
+        self._before: _Reading[T] | None = None
+        self._doubt: _Reading[T] | None = None
+        self._steps: deque[float] = deque(maxlen=USUAL_OVER)
+        self._latest: float | None = None
+        self._next_count = 0.0
+
+    @property
+    def is_device(self) -> bool:
+        """Whether the device has a clock."""
+        return self._last is not None
+
+    def take(self, sample: T, t_device: float | None, arrival: float) -> list[tuple[float, T]]:
+        """Take the next sample; return those that have a time now.
+
+        Args:
+            sample: anything.
+            t_device: s on the device's clock; None where it has none.
+            arrival: s on the host's clock.
+        """
+        if self._last is None and (self._stamper or t_device is None):
+            self._stamper = self._stamper or Stamper()
+            self.times.append(arrival)
+            return [(self._stamper.stamp(arrival), sample)]
+        if t_device is None:  # its part with the time was lost
+            self.doubted += 1
+            return []
+        self._learn(t_device)
+        now, last, doubt = _Reading(sample, t_device, arrival), self._last, self._doubt
+        if last is None:
+            self._zero = now.t_device
+            return [self._accept(now)]
+        if self._follows(last, now):
+            self.doubted += doubt is not None
+            return [self._accept(now)]
+        if now.t_device < last.t_device and self._before is not None and self._follows(self._before, now):
+            self.doubted += 1  # the last one was wrong; what lies before it now has no place
+            return []
+        if doubt is None or not self._follows(doubt, now):
+            self.doubted += doubt is not None
+            self._doubt = now
+            return []
+        if not 0.0 < doubt.t_device - last.t_device < GAP_S:
+            elapsed = max(doubt.arrival - last.arrival, self._usual)
+            self._zero += doubt.t_device - last.t_device - elapsed
+        return [self._accept(doubt), self._accept(now)]
+
+    def count(self, now_and_then: bool = False) -> None:
+        """Count the lost samples: at once, or only if it is time. The longer a count takes, the rarer they are."""
+        begun = time.monotonic()
+        span = self.times[-1] - self.times[0] if self.times else 0.0
+        if now_and_then and (begun < self._next_count or span < COUNT_AFTER_S):
+            return
+        times = np.array(self.times)
+        if self.is_device:
+            self.lost = missing(times)
+        else:
+            self.straightened, self.lost = straighten(times)
+        ended = time.monotonic()
+        self._next_count = ended + max(COUNT_EVERY_S, (ended - begun) / COUNT_SHARE)
+
+    def _learn(self, t_device: float) -> None:
+        if self._latest is not None and t_device > self._latest:
+            self._steps.append(t_device - self._latest)
+            if len(self._steps) == USUAL_OVER:
+                self._usual = sorted(self._steps)[USUAL_OVER // 2]
+        self._latest = t_device
+
+    def _follows(self, earlier: _Reading[T], now: _Reading[T]) -> bool:
+        step, elapsed = now.t_device - earlier.t_device, now.arrival - earlier.arrival
+        if step <= SHORTEST_STEP * self._usual:
+            return False
+        believed = BELIEVED_STEPS * self._usual or BELIEVED_STEP_S
+        return step <= believed or abs(step - elapsed) < HOST_ROOM_S + HOST_ROOM * elapsed
+
+    def _accept(self, now: _Reading[T]) -> tuple[float, T]:
+        self._before, self._last, self._doubt = self._last, now, None
+        self.times.append(now.t_device - self._zero)
+        return self.times[-1], now.sample
+
+
+class Stamper:
+    """Stamps samples as they arrive, for the screen and the first writing; `straighten` knows better at the end."""
+
+    def __init__(self) -> None:
+        self._arrivals: deque[float] = deque(maxlen=MEAN_OVER + 1)
+        self._t = 0.0
+        self._behind: deque[tuple[float, float]] = deque()
+        """(arrival, delay) of the last LONGEST_BURST_S, delays rising: the first one is the least."""
+
+    def stamp(self, arrival: float) -> float:
+        """Return the time of the next sample, s since the first, which arrived at `arrival` s on the host's clock."""
+        self._arrivals.append(arrival)
+        n = len(self._arrivals) - 1
+        if n == 0:
+            self._begun = arrival
+            return self._t
+        interval = max((arrival - self._arrivals[0]) / n, SHORTEST_STEP_S)
+        delay = arrival - self._begun - (self._t + interval)
+        while self._behind and self._behind[-1][1] >= delay:
+            self._behind.pop()
+        self._behind.append((arrival, delay))
+        while arrival - self._behind[0][0] > LONGEST_BURST_S:
+            self._behind.popleft()
+        late = self._behind[0][1]
+        lost = max(late / interval + 1.0 - LOST_SHARE, 0.0) // 1.0
+        if lost:
+            self._behind.clear()
+        self._t += max(interval * (1.0 + lost) + INTERVAL_GAIN * (late - lost * interval), SHORTEST_STEP_S)
+        return self._t
+
+
+def missing(t: Array) -> int:
+    """How many samples are missing between increasing times (n,) s of a device's own clock.
+
+    A step that is short by as much as makes a long one long is taken off again: between them a time was wrong.
+    """
+    steps = np.diff(t)
+    if not len(steps):
+        return 0
+    interval = steps[steps <= ONE_INTERVAL * np.median(steps)].mean()
+    return max(int((np.floor(steps / interval + 1.0 - LOST_SHARE) - 1.0).sum()), 0)
 
 
 def straighten(arrival: Array) -> tuple[Array, int]:
@@ -43,81 +227,42 @@ def straighten(arrival: Array) -> tuple[Array, int]:
     if n < 3:
         return arrival - arrival[:1], 0
     k = np.arange(n, dtype=np.float64)
-    # Over short spans first: few of them have a loss in them.
-    interval = _slope(k, arrival, min(n // 2, SHORT_SPAN))
+    interval = _slope(k, arrival, min(n // 2, FIRST_SPAN))
     lost = np.zeros(n)
     for _ in range(3):  # the interval is the better for knowing what was lost, and the other way round
-        lost = _lost(arrival - k * interval, interval)
+        lost = _lost_before(arrival - k * interval, interval)
         interval = _slope_below(k + lost, arrival)
     t = interval * (k + lost)
     return t - t[0], int(lost[-1])
 
 
-def _lost(delay: Array, interval: float) -> Array:
-    """How many samples were lost before each, from delays that rise and stay risen: (n,)."""
-    from scipy.ndimage import minimum_filter1d
+def _lost_before(delay: Array, interval: float) -> Array:
+    """How many samples were lost before each, from delays (n,) s that rise and stay risen: (n,)."""
+    from scipy.ndimage import find_objects, label, minimum_filter1d
 
-    # The least delay of those that follow within CAUGHT_UP_S. The very last samples have none that could tell.
-    ahead, burst = max(2, round(CAUGHT_UP_S / interval)), max(2, round(BURST_S / interval))
+    # The least delay of those that follow within a burst. The very last samples have none that could tell.
+    ahead, rise = max(2, round(LONGEST_BURST_S / interval)), max(2, round(LOSS_RISE_S / interval))
     least: Array = minimum_filter1d(delay, ahead, origin=-(ahead // 2), mode="nearest")
     least[-ahead:] = least[-ahead - 1] if len(least) > ahead else least[0]
     rises = np.diff(least, prepend=least[0])
-    over_burst = np.cumsum(rises)
-    over_burst[burst:] -= over_burst[:-burst].copy()
-    missing = np.zeros(len(delay))
-    risen = np.concatenate(([False], over_burst > LOST_SHARE * interval, [False]))
-    edges = np.flatnonzero(np.diff(risen.astype(np.int8)))
-    for start, stop in zip(edges[::2], edges[1::2], strict=True):
-        row = max(start - burst, 0) + int(np.argmax(rises[max(start - burst, 0) : stop]))
-        missing[row] = np.floor(over_burst[start:stop].max() / interval + 1.0 - LOST_SHARE)
-    return np.asarray(np.cumsum(missing))
+    risen = np.cumsum(rises)
+    risen[rise:] -= risen[:-rise].copy()
+    lost = np.zeros(len(delay))
+    for (rows,) in find_objects(label(risen > LOST_SHARE * interval)[0]):
+        first = max(rows.start - rise, 0)
+        row = first + int(np.argmax(rises[first : rows.stop]))
+        lost[row] = np.floor(risen[rows].max() / interval + 1.0 - LOST_SHARE)
+    return np.asarray(np.cumsum(lost))
 
 
 def _slope_below(k: Array, arrival: Array) -> float:
     """Slope of the line under the arrivals: through the least delayed sample of each block, robustly."""
     slope = _slope(k, arrival, len(k) // 2)
-    rows = _least_of_blocks(arrival - slope * k)
+    delay = arrival - slope * k
+    rows = [start + int(np.argmin(delay[start : start + BLOCK])) for start in range(0, len(delay), BLOCK)]
     return _slope(k[rows], arrival[rows], len(rows) // 2) if len(rows) >= 8 else slope
 
 
 def _slope(k: Array, arrival: Array, span: int) -> float:
     """Median slope of pairs that are `span` rows apart (Theil and Sen)."""
     return float(np.median((arrival[span:] - arrival[:-span]) / (k[span:] - k[:-span])))
-
-
-def _least_of_blocks(delay: Array) -> NDArray[np.intp]:
-    starts = np.arange(0, len(delay), BLOCK)
-    return np.array([start + np.argmin(delay[start : start + BLOCK]) for start in starts], dtype=np.intp)
-
-
-class Stamper:
-    """Time stamps as the samples come, for the screen and the first writing; `straighten` knows better at the end."""
-
-    def __init__(self) -> None:
-        self.arrivals: list[float] = []
-        self.t: list[float] = []
-        self._least: deque[tuple[float, float]] = deque()
-        """(arrival, delay) of the last CAUGHT_UP_S, delays rising: the first one is the least."""
-
-    def stamp(self, arrival: float) -> float:
-        """Return the time of the next sample, s since the first, which arrived at `arrival` s on the host's clock."""
-        n = len(self.arrivals)
-        self.arrivals.append(arrival)
-        if n == 0:
-            self.t.append(0.0)
-            return 0.0
-        first = max(0, n - SPAN)
-        interval = max((arrival - self.arrivals[first]) / (n - first), SHORTEST_S)
-        delay = arrival - self.arrivals[0] - (self.t[-1] + interval)
-        while self._least and self._least[-1][1] >= delay:
-            self._least.pop()
-        self._least.append((arrival, delay))
-        while arrival - self._least[0][0] > CAUGHT_UP_S:
-            self._least.popleft()
-        late = self._least[0][1]
-        missing = max(np.floor(late / interval + 1.0 - LOST_SHARE), 0.0)
-        if missing:
-            self._least.clear()
-        # What is neither lost nor noise is the interval's own error: it is let in slowly.
-        self.t.append(self.t[-1] + max(interval * (1.0 + missing) + SLOWLY * (late - missing * interval), SHORTEST_S))
-        return self.t[-1]

@@ -11,9 +11,9 @@ from pbd.doors.opening import read_bytes
 from pbd.errors import RecordingError
 from pbd.files.demo import read_demo
 from pbd.pose import Array
-from pbd.record.clock import Clock
 from pbd.record.session import DEVICE_CLOCK
 from pbd.sensors.decoding import Decoder, Sample
+from pbd.timestamps import SampleClock
 
 
 def decode_raw(path: Path, decoder: Decoder, sensor: str, rate_hz: float | None = None) -> Demonstration:
@@ -64,8 +64,8 @@ def _timed(
     """Return the samples that have a time, their times (n,) s, and where those come from."""
     steps = np.diff([np.nan if sample.t_device is None else sample.t_device for sample in samples])
     if has_clock := bool((steps > 0.0).any()):
-        clock = Clock(float(np.median(steps[steps > 0.0])))
-        timed = [taken for sample in samples for taken in clock.take(sample, 0.0)]
+        clock = SampleClock[Sample](float(np.median(steps[steps > 0.0])))
+        timed = [taken for sample in samples for taken in clock.take(sample, sample.t_device, 0.0)]
         samples = [sample for _, sample in timed]
     if beside is not None and len(beside) == len(samples):
         return samples, beside.t, beside.info.clock

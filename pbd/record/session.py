@@ -13,12 +13,11 @@ from pbd.errors import PbdError, RecordingError
 from pbd.files.columns import compass_angles
 from pbd.files.growing import GrowingDemo
 from pbd.record.backup import Backup, set_aside
-from pbd.record.clock import Clock
 from pbd.record.diagnostics import Diagnostics
 from pbd.record.feedback import Feedback
-from pbd.record.losses import LateLosses, Losses
 from pbd.record.messages import FEWEST_STOPS, Outcome, RecordOptions, Status
 from pbd.sensors.decoding import Decoder, Sample
+from pbd.timestamps import SampleClock
 
 LOOK_S = 0.2
 """The first samples are looked at for this long to see which channels there are; till then nothing is on disk."""
@@ -43,21 +42,22 @@ class Session:
         self.heard = b""
         self.before: Backup | None = None
         self._kept_in, self._told_of_before = options.folder, ""
-        self._health, self._losses, self._late = Diagnostics(), Losses(), LateLosses()
+        self._diagnostics = Diagnostics()
         self._raw = bytearray()
         self._first: list[tuple[float, Sample]] = []
         self._channels: tuple[str, ...] = ()
         self._rows: list[tuple[float, tuple[float, ...]]] = []
         self._untold: list[tuple[float, Sample]] = []
         self._recent: deque[tuple[float, float]] = deque()
-        self._clock = Clock()
+        self._clock: SampleClock[Sample] = SampleClock()
 
     def take(self, data: bytes, arrival: float) -> None:
         """Decode bytes that arrived at `arrival` s; stamp and keep their samples."""
         for decoded in self.decoder.feed(data):
-            for t, sample in self._clock.take(decoded, arrival) if decoded.acc is not None else ():
+            if decoded.acc is None:
+                continue
+            for t, sample in self._clock.take(decoded, decoded.t_device, arrival):
                 self.t = t
-                self._losses.take(t)
                 self.samples += 1
                 if self.demo is None:
                     self._first.append((t, sample))
@@ -88,7 +88,7 @@ class Session:
         """Track what is written, and tell what is wrong with it: that may take a moment, so it comes after."""
         for t, sample in self._untold:
             self.coach.feed(t, sample)
-            for line in self._health.feed(t, sample):
+            for line in self._diagnostics.feed(t, sample):
                 self.coach.say(t, line, bell=True)
         self._untold.clear()
 
@@ -130,15 +130,9 @@ class Session:
             self._begin()
             self.follow()
 
-    @property
-    def lost(self) -> int:
-        """How many samples never came, as far as is known."""
-        return self._losses.lost if self._clock.is_device else self._late.lost
-
     def close(self) -> None:
         """Write what is left, and what is known at the end only: the rate, and times straightened over the whole."""
-        self._losses.judge()
-        self._late.judge(self._clock.stamper.arrivals)
+        self._clock.count()
         if self.demo is None or self.discarded:
             return
         try:
@@ -159,14 +153,14 @@ class Session:
             self._told_of_before, self.before = self.before.put_back(), None
 
     def _finish(self, demo: GrowingDemo) -> None:
-        times = self._late.times if demo.rows == len(self._clock.stamper.arrivals) else None
+        times = self._clock.straightened if demo.rows == len(self._clock.times) else None
         duration = self.t if times is None else float(times[-1])
-        rows = demo.rows + self.lost
+        rows = demo.rows + self._clock.lost
         demo.finish(float(f"{(rows - 1) / duration:.5g}") if duration > 0.0 else None, self._clock_name, times)
 
     def status(self) -> Status:
         """Take a picture; what was said is told once."""
-        self._late.look(self._clock.stamper.arrivals)
+        self._clock.count(now_and_then=True)
         while self._recent and self._recent[0][0] < self.t - 1.0:
             self._recent.popleft()
         span = self.t - self._recent[0][0] if self._recent else 0.0
@@ -176,7 +170,7 @@ class Session:
             t=self.t,
             rate_hz=(len(self._recent) - 1) / span if span > 0.0 else 0.0,
             samples=self.samples,
-            lost=self.lost,
+            lost=self._clock.lost,
             bad_packets=self.bad_packets,
             waiting=tracker.waiting,
             moving=tracker.moving,
@@ -198,7 +192,7 @@ class Session:
             folder=None if self.discarded or self.demo is None else self._kept_in,
             samples=self.samples,
             duration_s=self.t,
-            lost=self.lost,
+            lost=self._clock.lost,
             bad_packets=self.bad_packets,
             stops=self.coach.stops,
             ended_by=ended_by,
