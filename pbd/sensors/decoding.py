@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import ClassVar, NamedTuple, Protocol
 
 Triple = tuple[float, float, float]
 
@@ -30,11 +31,10 @@ class Sample(NamedTuple):
 
 @dataclass
 class Tally:
-    """What went by: whole packets, those that were thrown away, and bytes that belonged to none."""
+    """How many whole packets went by, and how many that were broken or say what can't be."""
 
     packets: int = 0
     bad_packets: int = 0
-    skipped_bytes: int = 0
 
 
 class Decoder(Protocol):
@@ -44,3 +44,47 @@ class Decoder(Protocol):
 
     def feed(self, data: bytes) -> list[Sample]:
         """Take the next bytes; return the samples that they complete. Any chunking gives the same samples."""
+
+
+class PacketDecoder:
+    """Finds packets in a stream: what looks like a beginning is tried, and where no packet is, the next byte on."""
+
+    BEGIN: ClassVar[re.Pattern[bytes]]
+    """How a packet begins, cut off by the end of the data or not."""
+
+    def __init__(self) -> None:
+        self.tally = Tally()
+        self._rest = b""
+
+    def feed(self, data: bytes) -> list[Sample]:
+        """See `Decoder`."""
+        data, at, samples = self._rest + data, 0, list[Sample]()
+        while begin := self.BEGIN.search(data, at):
+            at = begin.start()
+            length = self._packet(data, at, samples)
+            if length == 0:
+                break
+            if length > 0:
+                self.tally.packets += 1
+                at += length
+            else:
+                self.tally.bad_packets += 1
+                at += 1
+        else:
+            at = len(data)
+        self._rest = data[at:]
+        return samples
+
+    def _packet(self, data: bytes, at: int, samples: list[Sample]) -> int:
+        """Read the packet that begins there and add its sample.
+
+        Returns:
+            its length; 0 if its end has not come yet; -1 if none begins there. A whole one may begin within.
+        """
+        raise NotImplementedError
+
+
+def scaled(vector: tuple[float, ...], factor: float) -> Triple:
+    """Three numbers, each times a factor."""
+    x, y, z = vector
+    return x * factor, y * factor, z * factor

@@ -46,9 +46,8 @@ class LineDecoder:
         *lines, rest = (self._rest + data).replace(b"\r", b"\n").split(b"\n")
         samples: list[Sample] = []
         for line in lines:
-            text = line if len(line) <= LONGEST else self._end_of(line)
+            text = self._end_of(line)
             if self._cut:
-                self.tally.skipped_bytes += len(text)
                 self._cut = False
             elif text:
                 self._read(text, samples)
@@ -57,23 +56,19 @@ class LineDecoder:
 
     def _end_of(self, line: bytes) -> bytes:
         """Leave out what is too long for a line; without a prefix what is left of it has no known start."""
-        too_much = max(len(line) - LONGEST, 0)
-        if too_much:
-            self.tally.skipped_bytes += too_much
+        if len(line) > LONGEST:
             self._cut = not self._marked
-        return line[too_much:]
+        return line[-LONGEST:]
 
     def _read(self, line: bytes, samples: list[Sample]) -> None:
         prefix, start = b"", 0
         if self._marked:
             starts = list(self._prefix.finditer(line))
             if not starts:
-                self.tally.skipped_bytes += len(line)
                 return
-            prefix, start = starts[-1][0], starts[-1].start()  # what stands before it lost its end
-            self.tally.skipped_bytes += start
+            prefix, start = starts[-1][0], starts[-1].end()  # what stands before it lost its end
         try:
-            sample = self._readers[prefix].read(line[start + len(prefix) :], self._clock)
+            sample = self._readers[prefix].read(line[start:], self._clock)
         except ValueError:
             self.tally.bad_packets += 1
             return
@@ -134,9 +129,8 @@ class _LineReader:
         acc, gyr, mag, rpy = read
         if rpy is not None and self._compass:
             rpy = from_north_east_down(rpy)
-        return Sample(
-            acc, gyr, mag, rpy, None if self._t_factor is None else clock.straight(values[-1] * self._t_factor)
-        )
+        t = None if self._t_factor is None else clock.straight(values[-1] * self._t_factor)
+        return Sample(acc, gyr, mag, rpy, t)
 
 
 class _Clock:
@@ -158,11 +152,4 @@ class _Clock:
 
 def _joined(parts: Iterable[Sample]) -> Sample:
     """Join the parts of a group: of each quantity, and of the time, the first that is there."""
-    acc = gyr = mag = rpy = t = None
-    for part in parts:
-        acc = part.acc if acc is None else acc
-        gyr = part.gyr if gyr is None else gyr
-        mag = part.mag if mag is None else mag
-        rpy = part.rpy if rpy is None else rpy
-        t = part.t_device if t is None else t
-    return Sample(acc, gyr, mag, rpy, t)
+    return Sample(*(next((value for value in given if value is not None), None) for given in zip(*parts, strict=True)))

@@ -15,14 +15,16 @@ are not used.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import reduce
 from math import radians
-from operator import xor
+from operator import le, xor
 
 from pbd.data import GRAVITY
 from pbd.sensors.attitude import from_north_east_down
-from pbd.sensors.decoding import Sample, Tally, Triple
+from pbd.sensors.decoding import PacketDecoder, Sample, Triple, scaled
+
+UT_PER_MGAUSS, DEG = 0.1, radians(1.0)
 
 RANGE_G = 20.0
 """No OceanServer compass measures more than 8 g; a longer vector is not an acceleration."""
@@ -31,7 +33,7 @@ LIMITS_DEG = (180.0, 90.0, 360.0)
 """Of roll, pitch and heading."""
 
 _SENTENCE = re.compile(rb"\$([^$*\r\n]{1,250})\*([0-9A-Fa-f]{2})")
-_BEGUN = re.compile(rb"\$[^$*\r\n]{0,250}(\*[0-9A-Fa-f]?)?")
+_CUT_OFF = re.compile(rb"\$[^$*\r\n]{0,250}(\*[0-9A-Fa-f]?)?")
 _NUMBER = rb"[-+]?(?:\d+(?:\.\d*)?|\.\d+)"
 _C = re.compile(rb"C(?:%b)?(?:[A-Z][a-z]?%b)*" % (_NUMBER, _NUMBER))
 _FIELD = re.compile(rb"([A-Z][a-z]?)(%b)" % _NUMBER)
@@ -39,41 +41,25 @@ _OHPR = re.compile(rb"OHPR(?:,(?:%b)?)*" % _NUMBER)
 _OHPR_NAMES = tuple(b"C P R T D M Mx My Mz A Ax Ay Az - Gx Gy - -".split())
 
 
-class OS5000Decoder:
+class OS5000Decoder(PacketDecoder):
     """Each sentence that carries acceleration, field or attitude gives a sample; there is no device time."""
 
-    def __init__(self) -> None:
-        self.tally = Tally()
-        self._rest = b""
+    BEGIN = re.compile(rb"\$")
 
-    def feed(self, data: bytes) -> list[Sample]:
-        """See `Decoder`."""
-        buffer = self._rest + data
-        samples = []
-        end = 0
-        for match in _SENTENCE.finditer(buffer):
-            self._skip(buffer[end : match.start()])
-            end = match.end()
-            body, checksum = match.groups()
-            try:
-                if reduce(xor, body) != int(checksum, 16):
-                    raise ValueError("checksum")  # no sentence can begin inside: it holds no $
-                sample = _sample(body)
-            except ValueError:
-                self.tally.bad_packets += 1
-                continue
-            self.tally.packets += 1
-            if sample is not None:
-                samples.append(sample)
-        start = buffer.rfind(b"$", end)
-        if start < 0 or not _BEGUN.fullmatch(buffer, start):
-            start = len(buffer)
-        self._skip(buffer[end:start])
-        self._rest = buffer[start:]
-        return samples
-
-    def _skip(self, between: bytes) -> None:
-        self.tally.skipped_bytes += len(between.translate(None, b"\r\n"))
+    def _packet(self, data: bytes, at: int, samples: list[Sample]) -> int:
+        match = _SENTENCE.match(data, at)
+        if match is None:
+            return 0 if _CUT_OFF.fullmatch(data, at) else -1
+        body, checksum = match.groups()
+        if reduce(xor, body) != int(checksum, 16):
+            return -1
+        try:
+            sample = _sample(body)
+        except ValueError:
+            return -1
+        if sample is not None:
+            samples.append(sample)
+        return match.end() - at
 
 
 def _sample(body: bytes) -> Sample | None:
@@ -91,16 +77,14 @@ def _sample(body: bytes) -> Sample | None:
     angles = _all_of(values, (b"R", b"P", b"C"))
     if acc is not None and max(map(abs, acc)) > RANGE_G:
         raise ValueError("an acceleration out of range")
-    if angles is not None and any(abs(angle) > limit for angle, limit in zip(angles, LIMITS_DEG, strict=True)):
+    if angles is not None and not all(map(le, map(abs, angles), LIMITS_DEG)):
         raise ValueError("an angle out of range")
     if acc is None and mag is None and angles is None:
         return None
     return Sample(
-        acc=None if acc is None else (acc[0] * GRAVITY, acc[1] * GRAVITY, acc[2] * GRAVITY),
-        mag=None if mag is None else (mag[0] * 0.1, mag[1] * 0.1, mag[2] * 0.1),
-        rpy=None
-        if angles is None
-        else from_north_east_down((radians(angles[0]), radians(angles[1]), radians(angles[2]))),
+        acc=None if acc is None else scaled(acc, GRAVITY),
+        mag=None if mag is None else scaled(mag, UT_PER_MGAUSS),
+        rpy=None if angles is None else from_north_east_down(scaled(angles, DEG)),
     )
 
 
@@ -116,7 +100,7 @@ def _by_commas(body: bytes) -> dict[bytes, float]:
     if not _OHPR.fullmatch(body):
         raise ValueError("not commas and numbers")
     texts = body.split(b",")[1:]
-    names: Sequence[bytes] = _OHPR_NAMES[:3]
+    names = _OHPR_NAMES[:3]
     if len(texts) == len(_OHPR_NAMES):
         names = _OHPR_NAMES
     elif len(texts) == 6 and all(text and abs(float(text)) <= RANGE_G for text in texts[3:]):
@@ -125,5 +109,5 @@ def _by_commas(body: bytes) -> dict[bytes, float]:
 
 
 def _all_of(values: Mapping[bytes, float], names: tuple[bytes, bytes, bytes]) -> Triple | None:
-    first, second, third = (values.get(name) for name in names)
-    return None if first is None or second is None or third is None else (first, second, third)
+    x, y, z = (values.get(name) for name in names)
+    return None if x is None or y is None or z is None else (x, y, z)

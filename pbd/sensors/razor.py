@@ -16,6 +16,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from pbd.sensors.line_layout import Line, LineLayout
+from pbd.sensors.lines import LineDecoder
 
 UNITS: Mapping[str, str] = MappingProxyType({"acc": "0.00390625 g", "gyr": "0.06957 deg/s"})
 
@@ -32,3 +33,8 @@ def razor_layout(units: Mapping[str, str] | None = None) -> LineLayout:
         Line(("gx", "-gy", "-gz"), "#G-C="),
     )
     return LineLayout(lines, {**UNITS, **(units or {})})
+
+
+def razor_decoder() -> LineDecoder:
+    """Make the decoder of the ITG-3200 boards."""
+    return LineDecoder(razor_layout())

@@ -20,7 +20,7 @@ from math import isfinite, radians
 from operator import le, xor
 
 from pbd.sensors.attitude import from_north_east_down, rpy_from_quaternion
-from pbd.sensors.decoding import Sample, Tally, Triple
+from pbd.sensors.decoding import PacketDecoder, Sample, Triple, scaled
 from pbd.sensors.vectornav_fields import GROUPS_LENGTH, layout_of
 
 DEG = radians(1.0)
@@ -41,94 +41,64 @@ SENTENCES: dict[bytes, tuple[int, dict[str, int]]] = {
     b"RRG,19": (3, {"gyr": 0}),
 }
 
-_BEGIN = re.compile(rb"[$\xfa]")
 _SENTENCE = re.compile(rb"\$(VN(RRG,\d\d|[A-Z]{3})([ -#%-)+-~]*))\*([0-9A-Fa-f]{4}|[0-9A-Fa-f]{2})\r?\n")
 _FIELDS = re.compile(rb"((?:,[+-]?\d{1,9}(?:\.\d{1,12})?)*)(?:,[A-Z].*)?")
 
 
-class VectorNavDecoder:
+class VectorNavDecoder(PacketDecoder):
     """Bytes of a VectorNav to samples: m/s2, rad/s, uT and rad, forward-left-up; s since start-up where it is sent."""
 
-    def __init__(self) -> None:
-        self.tally = Tally()
-        self._rest = b""
+    BEGIN = re.compile(rb"[$\xfa]")
 
-    def feed(self, data: bytes) -> list[Sample]:
-        """Take the next bytes; return the samples that they complete. Any chunking gives the same samples."""
-        data = self._rest + data
-        at, samples = 0, []
-        while begin := _BEGIN.search(data, at):
-            self.tally.skipped_bytes += begin.start() - at
-            at = begin.start()
-            length, sample = (self._sentence if data[at] == 0x24 else self._binary)(data, at)
-            if length == 0:  # its end has not come yet
-                break
-            if length < 0:  # no packet begins here; a whole one may begin within
-                self.tally.bad_packets += 1
-                self.tally.skipped_bytes += 1
-                at += 1
-                continue
-            self.tally.packets += 1
-            at += length
-            if sample is not None:
-                samples.append(sample)
-        else:
-            self.tally.skipped_bytes += len(data) - at
-            at = len(data)
-        self._rest = data[at:]
-        return samples
+    def _packet(self, data: bytes, at: int, samples: list[Sample]) -> int:
+        return (self._sentence if data[at] == 0x24 else self._binary)(data, at, samples)
 
-    def _sentence(self, data: bytes, at: int) -> tuple[int, Sample | None]:
-        """Length and sample of the sentence that begins there; 0 if it is not all there yet, -1 if it is none."""
+    def _sentence(self, data: bytes, at: int, samples: list[Sample]) -> int:
         end = data.find(b"\n", at, at + LONGEST_LINE)
         if end < 0:
-            waiting = len(data) - at < LONGEST_LINE and b"$VN".startswith(data[at : at + 3])
-            return (0 if waiting else -1), None
+            cut_off = len(data) - at < LONGEST_LINE and b"$VN".startswith(data[at : at + 3])
+            return 0 if cut_off else -1
         sentence = _SENTENCE.fullmatch(data, at, end + 1)
         if sentence is None:
-            return -1, None
+            return -1
         body, header, fields, check = sentence.groups()
         if int(check, 16) != (reduce(xor, body) if len(check) == 2 else crc_hqx(body, 0)):
-            return -1, None
-        if header not in SENTENCES:
-            return end + 1 - at, None  # whole, but nothing of ours
-        count, places = SENTENCES[header]
-        texts = _FIELDS.fullmatch(fields)
-        numbers = tuple(map(float, texts[1].split(b",")[1:])) if texts else ()
-        # XOR does not see a run of bytes that came twice, so look at the numbers as well
-        if len(numbers) != count or ("ypr" in places and not all(map(le, map(abs, numbers), YPR_LIMITS))):
-            self.tally.bad_packets += 1
-            return end + 1 - at, None
-        return end + 1 - at, _sample(numbers, places)
+            return -1
+        if header in SENTENCES:
+            count, places = SENTENCES[header]
+            texts = _FIELDS.fullmatch(fields)
+            numbers = tuple(map(float, texts[1].split(b",")[1:])) if texts else ()
+            # XOR does not see a run of bytes that came twice, so look at the numbers as well
+            if len(numbers) != count or ("ypr" in places and not all(map(le, map(abs, numbers), YPR_LIMITS))):
+                self.tally.bad_packets += 1
+            else:
+                samples.append(_sample(numbers, places))
+        return end + 1 - at
 
-    def _binary(self, data: bytes, at: int) -> tuple[int, Sample | None]:
-        """Length and sample of the binary packet that begins there; 0 if it is not all there yet, -1 if it is none."""
-        if len(data) - at < 2:
-            return 0, None
-        fields_at = at + 1 + GROUPS_LENGTH[data[at + 1]]
+    def _binary(self, data: bytes, at: int, samples: list[Sample]) -> int:
+        fields_at = at + 1 + GROUPS_LENGTH[data[at + 1]] if len(data) > at + 1 else len(data) + 1
         if fields_at > len(data):
-            return 0, None
+            return 0
         layout = layout_of(data[at + 1 : fields_at])
         if layout is None:
-            return -1, None
+            return -1
         end = fields_at + layout.fields.size + 2
         if end > len(data):
-            return 0, None
+            return 0
         if crc_hqx(data[at + 1 : end], 0):  # over the whole packet with its own CRC it is zero
-            return -1, None
+            return -1
         numbers = layout.fields.unpack_from(data, fields_at)
         if not isfinite(sum(numbers)):
             self.tally.bad_packets += 1
-            return end - at, None
-        return end - at, _sample(numbers, layout.places)
+        elif layout.places:
+            samples.append(_sample(numbers, layout.places))
+        return end - at
 
 
-def _sample(numbers: tuple[float, ...], places: dict[str, int]) -> Sample | None:
-    if not places:
-        return None  # a whole packet with nothing of ours
+def _sample(numbers: tuple[float, ...], places: dict[str, int]) -> Sample:
     rpy: Triple | None = None
     if (i := places.get("ypr")) is not None:
-        rpy = from_north_east_down((numbers[i + 2] * DEG, numbers[i + 1] * DEG, numbers[i] * DEG))
+        rpy = from_north_east_down(scaled(numbers[i : i + 3][::-1], DEG))
     elif (i := places.get("quat")) is not None:
         x, y, z, w = numbers[i : i + 4]
         rpy = from_north_east_down(rpy_from_quaternion(w, x, y, z)) if x or y or z or w else None

@@ -7,9 +7,9 @@ that is not known is refused, because its length can't be told.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
-from struct import Struct
+from struct import Struct, calcsize
+from typing import NamedTuple
 
 # Bytes of each field of the groups common, time, IMU, GPS, attitude, INS and GPS2, by bit.
 FIELD_BYTES = (
@@ -21,31 +21,33 @@ FIELD_BYTES = (
     (2, 24, 24, 12, 12, 12, 12, 12, 12, 4, 4, 68, 64),
     (8, 8, 2, 1, 1, 24, 24, 12, 12, 12, 4, 4, 2, 28),
 )
-# What is read of them, by group and bit: the format, how many numbers that gives, and what begins at which of them.
-READ: dict[tuple[int, int], tuple[str, int, dict[str, int]]] = {
-    (0, 0): ("Q", 1, {"time": 0}),
-    (0, 3): ("3f", 3, {"ypr": 0}),
-    (0, 4): ("4f", 4, {"quat": 0}),
-    (0, 5): ("3f", 3, {"gyr": 0}),
-    (0, 8): ("3f", 3, {"acc": 0}),
-    (0, 9): ("6f", 6, {"raw acc": 0, "raw gyr": 3}),
-    (0, 10): ("3f8x", 3, {"mag": 0}),
-    (1, 0): ("Q", 1, {"time": 0}),
-    (2, 1): ("3f", 3, {"raw mag": 0}),
-    (2, 2): ("3f", 3, {"raw acc": 0}),
-    (2, 3): ("3f", 3, {"raw gyr": 0}),
-    (2, 8): ("3f", 3, {"mag": 0}),
-    (2, 9): ("3f", 3, {"acc": 0}),
-    (2, 10): ("3f", 3, {"gyr": 0}),
-    (4, 1): ("3f", 3, {"ypr": 0}),
-    (4, 2): ("4f", 4, {"quat": 0}),
+# What is read of them, by group and bit; what follows in a field is stepped over.
+READ = {
+    (0, 0): ("time",),
+    (0, 3): ("ypr",),
+    (0, 4): ("quat",),
+    (0, 5): ("gyr",),
+    (0, 8): ("acc",),
+    (0, 9): ("raw acc", "raw gyr"),
+    (0, 10): ("mag",),
+    (1, 0): ("time",),
+    (2, 1): ("raw mag",),
+    (2, 2): ("raw acc",),
+    (2, 3): ("raw gyr",),
+    (2, 8): ("mag",),
+    (2, 9): ("acc",),
+    (2, 10): ("gyr",),
+    (4, 1): ("ypr",),
+    (4, 2): ("quat",),
 }
+FORMATS = {"time": ("Q", 1), "quat": ("4f", 4)}
+"""How a quantity is written, and how many numbers that gives; the others are three floats."""
+
 # Bytes of the byte of groups and the masks that it announces.
 GROUPS_LENGTH = tuple(1 + 2 * groups.bit_count() for groups in range(256))
 
 
-@dataclass(frozen=True)
-class Layout:
+class Layout(NamedTuple):
     """The fields of a packet without header and CRC, and where what is wanted begins among the unpacked numbers."""
 
     fields: Struct
@@ -65,10 +67,11 @@ def layout_of(header: bytes) -> Layout | None:
             return None
         for bit, size in enumerate(FIELD_BYTES[group]):
             if mask >> bit & 1:
-                fmt, count, begins = READ.get((group, bit), (f"{size}x", 0, {}))
-                formats += fmt
-                places |= {what: numbers + begin for what, begin in begins.items()}
-                numbers += count
+                field = ""
+                for what in READ.get((group, bit), ()):
+                    code, count = FORMATS.get(what, ("3f", 3))
+                    places[what], numbers, field = numbers, numbers + count, field + code
+                formats += f"{field}{size - calcsize('<' + field)}x"
     for what in ("mag", "acc", "gyr"):  # the uncompensated ones serve where the compensated ones are not sent
         raw = places.pop(f"raw {what}", None)
         if raw is not None:

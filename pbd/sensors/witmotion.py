@@ -19,7 +19,7 @@ from struct import Struct
 
 from pbd.data import GRAVITY
 from pbd.sensors.attitude import rpy_from_quaternion
-from pbd.sensors.decoding import Sample, Tally, Triple
+from pbd.sensors.decoding import PacketDecoder, Sample, Triple, scaled
 
 ACC = 16.0 * GRAVITY / 32768.0
 GYR = 2000.0 / 32768.0 * pi / 180.0
@@ -28,67 +28,41 @@ ANGLE = pi / 32768.0
 NORM_OFF = 0.02
 """A quaternion whose length is off one by more was not measured: the device sends zeros before its filter runs."""
 
-_PACKET = re.compile(rb"\x55[\x50-\x5a\x5f].{9}", re.DOTALL)
-_BEGUN = re.compile(rb"\x55(?:[\x50-\x5a\x5f].{0,8})?\Z", re.DOTALL)
+UNITS = {0x51: ACC, 0x52: GYR, 0x53: ANGLE, 0x54: 1.0}
+QUATERNION = 0x59
+
 _WORDS = Struct("<2x4hx")
 
 
-class WitMotionDecoder:
+class WitMotionDecoder(PacketDecoder):
     """The types that a group may hold are learnt from the stream; there is no device time."""
 
+    BEGIN = re.compile(rb"\x55(?:[\x50-\x5a\x5f]|\Z)")
+
     def __init__(self) -> None:
-        self.tally = Tally()
-        self._rest = b""
+        super().__init__()
         self._parts: dict[int, Triple] = {}  # of the group under way, by type
         self._type = 0  # of the group's latest packet
         self._highest = 0  # of all types seen
         self._in_step = False  # the start of a group has been seen
 
-    def feed(self, data: bytes) -> list[Sample]:
-        """See `Decoder`."""
-        buffer = self._rest + data
-        tally = self.tally
-        samples: list[Sample] = []
-        end = 0  # of what has been dealt with
-        while match := _PACKET.search(buffer, end):
-            start = match.start()
-            packet = match[0]
-            tally.skipped_bytes += start - end
-            if sum(packet[:10]) & 0xFF != packet[10]:
-                tally.bad_packets += 1
-                tally.skipped_bytes += 1
-                end = start + 1  # perhaps a false start, with a true packet within
-                continue
-            end = start + 11
-            try:
-                self._take(packet, samples)
-            except ValueError:
-                tally.bad_packets += 1
-                continue
-            tally.packets += 1
-        begun = _BEGUN.search(buffer, end)
-        keep = begun.start() if begun else len(buffer)
-        tally.skipped_bytes += keep - end
-        self._rest = buffer[keep:]
-        return samples
+    def _packet(self, data: bytes, at: int, samples: list[Sample]) -> int:
+        packet = data[at : at + 11]
+        if len(packet) < 11:
+            return 0
+        if sum(packet[:10]) & 0xFF != packet[10]:
+            return -1
+        kind, numbers = packet[1], _WORDS.unpack(packet)
+        if kind in UNITS:
+            self._take(kind, scaled(numbers[:3], UNITS[kind]), samples)
+        elif kind == QUATERNION:
+            if abs(sum(n * n for n in numbers) / 32768.0**2 - 1.0) > 2.0 * NORM_OFF:
+                self.tally.bad_packets += 1
+            else:
+                self._take(kind, rpy_from_quaternion(*numbers), samples)
+        return 11
 
-    def _take(self, packet: bytes, samples: list[Sample]) -> None:
-        kind = packet[1]
-        if kind not in (0x51, 0x52, 0x53, 0x54, 0x59):
-            return
-        x, y, z, w = _WORDS.unpack(packet)
-        if kind == 0x51:
-            part = (x * ACC, y * ACC, z * ACC)
-        elif kind == 0x52:
-            part = (x * GYR, y * GYR, z * GYR)
-        elif kind == 0x53:
-            part = (x * ANGLE, y * ANGLE, z * ANGLE)
-        elif kind == 0x54:
-            part = (float(x), float(y), float(z))
-        else:
-            if abs((x * x + y * y + z * z + w * w) / 32768.0**2 - 1.0) > 2.0 * NORM_OFF:
-                raise ValueError("not a unit quaternion")
-            part = rpy_from_quaternion(x, y, z, w)
+    def _take(self, kind: int, part: Triple, samples: list[Sample]) -> None:
         if kind <= self._type:  # the next group
             self._give(samples)
             self._in_step = True
@@ -101,6 +75,6 @@ class WitMotionDecoder:
     def _give(self, samples: list[Sample]) -> None:
         parts = self._parts
         if parts:
-            rpy = parts.get(0x53, parts.get(0x59))
+            rpy = parts.get(0x53, parts.get(QUATERNION))
             samples.append(Sample(acc=parts.get(0x51), gyr=parts.get(0x52), mag=parts.get(0x54), rpy=rpy))
             self._parts = {}

@@ -9,8 +9,8 @@ A sample is an I. It is given the M and the attitude (Q or A) that were taken la
 not more than 0.2 s before: a magnetometer at 20 Hz repeats, and the device's attitude is one message late where it is
 sent after its I. Attitude is taken as north-west-up, the device's default `ahrs_axes_convention`.
 
-There is no checksum. A message is believed if its form is right, its numbers are finite and within 1.5 times what the
-device can measure, and its time follows the last one; a time that leaps is believed when the next message agrees.
+There is no checksum. A message is believed if its form is right and its numbers are finite and within 1.5 times what
+the device can measure.
 """
 
 from __future__ import annotations
@@ -23,11 +23,10 @@ from struct import Struct
 
 from pbd.data import GRAVITY
 from pbd.sensors.attitude import from_north_west_up, rpy_from_quaternion
-from pbd.sensors.decoding import Sample, Tally, Triple
+from pbd.sensors.decoding import Sample, Tally, Triple, scaled
 
 LONGEST = 1024  # bytes of a line that are looked at; notes and answers to commands are below 300
 JOIN_US = 200_000
-LEAP_US = 2_000_000  # how far from the last one a time may lie to be believed at once
 DEG = radians(1.0)
 LIMITS = {  # of what can be meant: 1.5 times the ranges of 2000 deg/s and 16 g; a field of 1 is about the earth's; deg
     "I": (3000.0, 3000.0, 3000.0, 24.0, 24.0, 24.0),
@@ -54,35 +53,21 @@ class XImu3Decoder:
     def __init__(self) -> None:
         self.tally = Tally()
         self._rest = b""
-        self._clock: int | None = None  # us of the last message believed
-        self._doubt: int | None = None  # us of the last one whose time leapt
         self._mag: deque[tuple[int, Triple]] = deque(maxlen=2)  # two: M and Q may come before an I that was taken first
         self._rpy: deque[tuple[int, Triple]] = deque(maxlen=2)
 
     def feed(self, data: bytes) -> list[Sample]:
-        """Take the next bytes; return the samples that they complete. Any chunking gives the same samples."""
+        """See `Decoder`."""
         *messages, rest = (self._rest + data).split(b"\n")
         self._rest = rest[-LONGEST:]
-        self.tally.skipped_bytes += len(rest) - len(self._rest)
         samples: list[Sample] = []
         for message in messages:
             line = message[-LONGEST:]
-            self.tally.skipped_bytes += len(message) - len(line)
-            if not self._take(line, samples):
-                self._salvage(line, samples)
+            # A message whose end was lost stands in front of a whole one in the same line, and so does noise.
+            starts = (0, *(begin.start() for begin in _BEGIN.finditer(line, 1)))
+            first_whole = next((start for start in starts if self._take(line[start:], samples)), None)
+            self.tally.bad_packets += first_whole != 0 and _BEGIN.match(line) is not None
         return samples
-
-    def _salvage(self, message: bytes, samples: list[Sample]) -> None:
-        """A message whose end was lost stands in front of a whole one in the same line, and so does noise."""
-        for begin in _BEGIN.finditer(message, 1):
-            if self._take(message[begin.start() :], samples):
-                self._throw_away(message[: begin.start()])
-                return
-        self._throw_away(message + b"\n")
-
-    def _throw_away(self, junk: bytes) -> None:
-        self.tally.skipped_bytes += len(junk)
-        self.tally.bad_packets += _BEGIN.match(junk) is not None
 
     def _take(self, message: bytes, samples: list[Sample]) -> bool:
         """Take a message, without its LF; False where it is none."""
@@ -92,30 +77,17 @@ class XImu3Decoder:
             self.tally.packets += other
             return other
         letter, us, n = read
-        if not self._follows(us):
-            return False
         self.tally.packets += 1
         if letter == "I":
-            gyr = n[0] * DEG, n[1] * DEG, n[2] * DEG
-            acc = n[3] * GRAVITY, n[4] * GRAVITY, n[5] * GRAVITY
+            acc, gyr = scaled(n[3:], GRAVITY), scaled(n[:3], DEG)
             samples.append(Sample(acc, gyr, _before(self._mag, us), _before(self._rpy, us), us / 1e6))
         elif letter == "M":
-            self._mag.append((us, (n[0], n[1], n[2])))
+            self._mag.append((us, scaled(n, 1.0)))
         elif letter == "Q":
             self._rpy.append((us, from_north_west_up(rpy_from_quaternion(*n))))
         else:
-            self._rpy.append((us, from_north_west_up((n[0] * DEG, n[1] * DEG, n[2] * DEG))))
+            self._rpy.append((us, from_north_west_up(scaled(n, DEG))))
         return True
-
-    def _follows(self, us: int) -> bool:
-        """Whether a time can be believed: near the last one's, or near that of another one that leapt as well."""
-        near_clock = self._clock is None or abs(us - self._clock) <= LEAP_US
-        near_doubt = self._doubt is not None and abs(us - self._doubt) <= LEAP_US
-        if near_clock or near_doubt:
-            self._clock, self._doubt = us, None
-            return True
-        self._doubt = us
-        return False
 
 
 def _read(message: bytes) -> tuple[str, int, tuple[float, ...]] | None:

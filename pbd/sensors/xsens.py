@@ -12,55 +12,46 @@ last ones, if not older than 0.2 s. The sample time's wrap-around (every five da
 
 from __future__ import annotations
 
+import re
 from math import atan2, hypot
 
-from pbd.sensors.decoding import Sample, Tally, Triple
+from pbd.sensors.decoding import PacketDecoder, Sample, Triple, scaled
 from pbd.sensors.xsens_items import Items, read_items
 
-BEGIN = b"\xfa\xff\x36"
 MAX_PAYLOAD = 2048
 HZ = 10_000  # of the sample time
 JOIN = HZ // 5  # 0.2 s
 
 
-class XsensDecoder:
+class XsensDecoder(PacketDecoder):
     """Bytes of an MTi to samples: m/s2, rad/s, the device's own unit of the field, rad, s of its sample time."""
 
+    BEGIN = re.compile(rb"\xfa(?:\xff(?:\x36|\Z)|\Z)")
+
     def __init__(self) -> None:
-        self.tally = Tally()
-        self._rest = b""
+        super().__init__()
         self._ticks: int | None = None  # sample time of the last packet, wrap-around taken out
         self._counter: int | None = None
         self._interval: float | None = None  # s
         self._last: dict[str, tuple[int, Triple]] = {}  # field and attitude with their time
         self._moves = False  # whether packets with acceleration or rate have come
 
-    def feed(self, data: bytes) -> list[Sample]:
-        """Take the next bytes; return the samples that they complete. Any chunking gives the same samples."""
-        data = self._rest + data
-        at, samples = 0, []
-        while (begin := data.find(b"\xfa", at)) >= 0:
-            self.tally.skipped_bytes += begin - at
-            at = begin
-            span = _span(data, at)
-            if span is None:  # its end has not come yet
-                break
-            first, end = span
-            if not first or sum(data[at + 1 : end]) & 0xFF:  # no packet begins here; a whole one may begin within
-                self.tally.bad_packets += first > 0
-                self.tally.skipped_bytes += 1
-                at += 1
-                continue
-            self.tally.packets += 1
-            sample = self._sample(data[first : end - 1])
-            if sample is not None:
-                samples.append(sample)
-            at = end
-        else:
-            self.tally.skipped_bytes += len(data) - at
-            at = len(data)
-        self._rest = data[at:]
-        return samples
+    def _packet(self, data: bytes, at: int, samples: list[Sample]) -> int:
+        head = data[at : at + 6]
+        if len(head) < 4 or (head[3] == 255 and len(head) < 6):
+            return 0
+        length, first = (head[3], at + 4) if head[3] < 255 else (int.from_bytes(head[4:6]), at + 6)
+        end = first + length + 1
+        if length > MAX_PAYLOAD:
+            return -1
+        if end > len(data):
+            return 0
+        if sum(data[at + 1 : end]) & 0xFF:
+            return -1
+        sample = self._sample(data[first : end - 1])
+        if sample is not None:
+            samples.append(sample)
+        return end - at
 
     def _sample(self, payload: bytes) -> Sample | None:
         """What a whole packet gives; None where that is nothing, or only field or attitude for the next samples."""
@@ -71,7 +62,7 @@ class XsensDecoder:
         self._take_time(found)
         acc, gyr, mag, rpy = found.get("acc"), found.get("gyr"), found.get("mag"), found.get("rpy")
         if self._interval is not None:
-            acc = _rate_of_velocity(found["dv"], self._interval) if acc is None and "dv" in found else acc
+            acc = scaled(found["dv"], 1.0 / self._interval) if acc is None and "dv" in found else acc
             gyr = _rate_of_turn(found["dq"], self._interval) if gyr is None and "dq" in found else gyr
         mag, rpy = self._held("mag", mag), self._held("rpy", rpy)
         if acc is not None or gyr is not None:
@@ -103,24 +94,6 @@ class XsensDecoder:
             at, last = self._last[what]
             return last if 0 <= self._ticks - at <= JOIN else None
         return value
-
-
-def _span(data: bytes, at: int) -> tuple[int, int] | None:
-    """Where the payload begins and the packet ends; zeros where none begins; None while it is not all there."""
-    head = data[at : at + 6]
-    if not BEGIN.startswith(head[:3]):
-        return 0, 0
-    if len(head) < 4 or (head[3] == 255 and len(head) < 6):
-        return None
-    length, first = (head[3], at + 4) if head[3] < 255 else (int.from_bytes(head[4:6]), at + 6)
-    if length > MAX_PAYLOAD:
-        return 0, 0
-    end = first + length + 1
-    return (first, end) if end <= len(data) else None
-
-
-def _rate_of_velocity(dv: Triple, interval: float) -> Triple:
-    return dv[0] / interval, dv[1] / interval, dv[2] / interval
 
 
 def _rate_of_turn(dq: tuple[float, float, float, float], interval: float) -> Triple:

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import itertools
-import random
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ from pbd.sensors.lines import LineDecoder
 from pbd.sensors.razor import razor_layout
 from tests.sensors.decoded import decode, known
 from tests.sensors.encoders.razor import COUNT_DEG_S, frame
-from tests.sensors.streams import assert_any_chunking, mutated
 
 three = st.tuples(*[st.floats(-8.0, 8.0)] * 3)
 
@@ -84,21 +82,3 @@ def test_a_start_anywhere() -> None:
         samples = decode(make, b"".join(frames)[start:])
         assert samples[-2:] == whole[1:]
         assert all(sample.acc is None for sample in samples[:-2]) or start == 0
-
-
-@given(st.integers(0, 2**32))
-def test_any_chunking_gives_the_same(seed: int) -> None:
-    sent = b"".join(frame((0.0, 0.1, 1.0), (k, 1.0, 2.0), (k, 3.0, 4.0)) for k in range(6))
-    assert_any_chunking(make, mutated(sent, random.Random(seed)), seed)
-
-
-def test_a_thousand_damaged_streams() -> None:
-    """In step at the next whole frame, whatever came before; and nothing but errors of the project's is raised."""
-    rng = random.Random(20131007)
-    last = frame((0.0, 0.0, 1.0), (1.0, 2.0, 3.0), (4.0, 5.0, 6.0))
-    wanted = decode(make, last)
-    for _ in range(1000):
-        sent = [frame([rng.gauss(0, 1) for _ in range(3)], (k, 1.0, 2.0), (k, 3.0, 4.0)) for k in range(4)]
-        decoder = make()
-        decoder.feed(mutated(b"".join(sent), rng))
-        assert decoder.feed(last)[-1:] == wanted

@@ -1,8 +1,6 @@
 from __future__ import annotations
 
 import math
-import random
-import struct
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -16,9 +14,8 @@ from pbd.pose import quat_canonical, quat_from_rpy, quat_inverse, quat_log, quat
 from pbd.sensors.decoding import Sample, Triple
 from pbd.sensors.protocols import PROTOCOLS
 from pbd.sensors.witmotion import WitMotionDecoder
-from tests.sensors.decoded import decode, held_bytes, known
+from tests.sensors.decoded import decode, known
 from tests.sensors.encoders.witmotion import ACC, ANGLE, GYR, MAG, QUATERNION, group, packet
-from tests.sensors.streams import assert_any_chunking, mutated
 
 PUBLISHED = bytes.fromhex(
     "55 51 00 fc 00 02 00 f8 e3 09 88  55 52 10 00 f0 ff 48 01 00 00 ef"
@@ -140,7 +137,6 @@ def test_a_start_in_mid_packet() -> None:
     for start in range(1, 45):
         decoder = WitMotionDecoder()
         close(decoder.feed(stream[start:])[-7:], [expected(parts) for parts in SENT[1:]])
-        assert decoder.tally.skipped_bytes == -start % 11
 
 
 def test_a_false_start_does_not_swallow_a_true_packet() -> None:
@@ -149,55 +145,6 @@ def test_a_false_start_does_not_swallow_a_true_packet() -> None:
     decoder = WitMotionDecoder()
     close(decoder.feed(stream), [expected(parts) for parts in SENT[:2]])
     assert decoder.tally.bad_packets > 0
-
-
-def test_noise_is_not_kept() -> None:
-    decoder = WitMotionDecoder()
-    for noise in (b"\x55" * 100_000, b"\x55\x51" * 50_000, bytes(100_000)):
-        decoder.feed(noise)
-        assert held_bytes(decoder) < 11
-
-
-def whole_packets(stream: bytes) -> list[tuple[int, ...]]:
-    """The type and words of all packets with a right sum, found byte by byte."""
-    found = []
-    start = 0
-    while start + 11 <= len(stream):
-        window = stream[start : start + 11]
-        known_type = 0x50 <= window[1] <= 0x5A or window[1] == 0x5F
-        if window[0] == 0x55 and known_type and sum(window[:10]) % 256 == window[10]:
-            found.append((window[1], *struct.unpack("<hhh", window[2:8])))
-            start += 11
-        else:
-            start += 1
-    return found
-
-
-def parts_of(sample: Sample) -> list[tuple[int, ...]]:
-    """The words that a sample was made of, in the order of their types."""
-    read = [(ACC, sample.acc, 16 * G), (GYR, sample.gyr, 2000 * DEG)]
-    read += [(ANGLE, sample.rpy, 180 * DEG), (MAG, sample.mag, 32768.0)]
-    return [(kind, *(round(x / full * 32768) for x in three)) for kind, three, full in read if three is not None]
-
-
-def test_a_thousand_damaged_streams() -> None:
-    """Every sample is made of packets with a right sum, each of which is used once and in order."""
-    rng = random.Random(20131007)
-    for _ in range(1000):
-        kinds = (ACC, GYR, ANGLE, MAG) * 5
-        sent = b"".join(packet(kind, [rng.randint(-32768, 32767) for _ in range(3)]) for kind in kinds)
-        stream = mutated(sent, rng) + bytes(10) + group(SENT[0]) * 2
-        decoder = WitMotionDecoder()
-        used = [part for sample in decoder.feed(stream) for part in parts_of(sample)]
-        right = whole_packets(stream)
-        assert decoder.tally.packets == sum(part[0] != QUATERNION for part in right)  # chance makes none of length one
-        assert used == [part for part in right if ACC <= part[0] <= MAG]
-        assert used[-8:] == [(kind, *SENT[0][kind]) for kind in (ACC, GYR, ANGLE, MAG)] * 2  # in step again
-
-
-@given(st.integers(0, 2**32))
-def test_any_chunking_gives_the_same(seed: int) -> None:
-    assert_any_chunking(WitMotionDecoder, mutated(b"".join(map(group, SENT)), random.Random(seed)), seed)
 
 
 @pytest.mark.parametrize("hz", PROTOCOLS["witmotion"].rate_commands)
