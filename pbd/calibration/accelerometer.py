@@ -8,7 +8,6 @@ import numpy as np
 
 from pbd.calibration.rests import Rests, orientations
 from pbd.data import GRAVITY, Linear
-from pbd.data.freeze import freeze
 from pbd.errors import CalibrationError
 from pbd.pose import Array
 
@@ -18,22 +17,14 @@ PRIOR_BIAS, PRIOR_SCALE, PRIOR_LEAN = 0.05 * GRAVITY, 0.02, np.radians(1.0)
 FLOOR = 0.0005 * GRAVITY
 """m/s2: a table that gives, a bias that wanders; no mean of a rest is better than this."""
 
-TOLD = 0.3
-"""A figure is told by the data where they leave less than this share of its prior sigma."""
+DETERMINED = 0.3
+"""A figure is determined by the data where they leave less than this share of its prior sigma."""
 
 FEWEST = 4
 """Orientations: with fewer hardly anything can be told apart."""
 
-NAMES = (
-    "bias x",
-    "bias y",
-    "bias z",
-    "scale x",
-    "scale y",
-    "scale z",
-    "misalignment yz",
-    "misalignment xz",
-    "misalignment xy",
+NAMES = tuple(f"{what} {axis}" for what in ("bias", "scale") for axis in "xyz") + tuple(
+    f"misalignment {axes}" for axes in ("yz", "xz", "xy")
 )
 
 
@@ -55,9 +46,6 @@ class AccelerometerFit:
     orientations: int
     before: float
     after: float
-
-    def __post_init__(self) -> None:
-        freeze(self, sigma=(9,))
 
     @property
     def up_sigma(self) -> float:
@@ -120,7 +108,7 @@ def fit_accelerometer(rests: Rests, gravity: float = GRAVITY) -> AccelerometerFi
     return AccelerometerFit(
         linear=Linear(bias, matrix, sigma[:3]),
         sigma=sigma,
-        told=tuple(name for name, left_over in zip(NAMES, share, strict=True) if left_over < TOLD),
+        told=tuple(name for name, left_over in zip(NAMES, share, strict=True) if left_over < DETERMINED),
         orientations=different,
         before=_rms(np.linalg.norm(rests.acc, axis=1) - gravity),
         after=_rms(np.linalg.norm((rests.acc - bias) @ matrix.T, axis=1) - gravity),

@@ -15,19 +15,20 @@ from pbd.pose import Array, Pose, quat_inverse, quat_log, quat_multiply
 FLOOR_M = 0.005
 """m: stops are never taken for surer than this, so that a hypothesis from two of them has room."""
 
-CAP = 16.0
+MOST_COST = 16.0
 """A stop further than four sigma from its point costs no more than this: one wrong point must not hide the rest."""
 
 APART_M = 0.03
 """m, horizontally: two stops or points that are nearer tell no heading."""
 
-ALIKE = 12.0
+ALIKE_COST = 12.0
 """Two answers whose costs differ by less are alike; that of one point's misfit is about 3."""
 
 SAME_M, SAME_RAD = 0.05, np.radians(10.0)
 """Two answers nearer to each other are one."""
 
 REFINED = 20
+"""How many of the best answers are aligned again on all their stops."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,20 +68,18 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool) 
     if in_order and n == m:
         return tuple(range(m))
     sigma = np.hypot(sigma, FLOOR_M)
-    found: dict[tuple[int, ...], _Answer] = {}
-    for hypothesis in _hypotheses(p_nav_tip, sigma, points, in_order):
-        answer = _assign(hypothesis, p_nav_tip, sigma, points, in_order)
-        if answer.stops not in found or answer.cost < found[answer.stops].cost:
-            found[answer.stops] = answer
-    best = sorted(found.values(), key=lambda answer: answer.cost)[:REFINED]
-    best = sorted((_refined(answer, p_nav_tip, sigma, points, in_order) for answer in best), key=lambda a: a.cost)
-    if not best or best[0].cost > CAP * max(1.0, m - 2.0):
+    given = p_nav_tip, sigma, points, in_order
+    found = sorted((_assign(pose, *given) for pose in _hypotheses(*given)), key=lambda answer: -answer.cost)
+    unique = sorted({answer.stops: answer for answer in found}.values(), key=lambda answer: answer.cost)
+    best = sorted((_refined(answer, *given) for answer in unique[:REFINED]), key=lambda answer: answer.cost)
+    if not best or best[0].cost > MOST_COST * max(1.0, m - 2.0):
         raise CalibrationError(
             "no stops of the demonstration have the same distances as the points; check the points' unit and "
             "coordinates, and that the hand stopped on each"
         )
     for other in best[1:]:
-        if other.cost - best[0].cost < ALIKE and _differ(other.T_base_nav, best[0].T_base_nav):
+        metres, rad = other.T_base_nav.distance(best[0].T_base_nav)
+        if other.cost - best[0].cost < ALIKE_COST and (metres > SAME_M or rad > SAME_RAD):
             turn = quat_log(quat_multiply(other.T_base_nav.wxyz, quat_inverse(best[0].T_base_nav.wxyz)))[2]
             turn_deg = abs(np.degrees(turn))
             raise CalibrationError(
@@ -109,7 +108,7 @@ def _assign(T_base_nav: Pose, p: Array, sigma: Array, points: Array, in_order: b
     from scipy.optimize import linear_sum_assignment
 
     square = ((T_base_nav.act(p)[:, None] - points[None]) ** 2).sum(axis=2) / sigma[:, None] ** 2
-    cost = np.minimum(square, CAP) + 1e-6 * square  # of those beyond the cap the nearest
+    cost = np.minimum(square, MOST_COST) + 1e-6 * square  # of those beyond the cap the nearest
     if in_order:
         stops = _monotone(cost)
     else:
@@ -139,7 +138,7 @@ def _refined(answer: _Answer, p: Array, sigma: Array, points: Array, in_order: b
     for _ in range(3):
         stops = list(answer.stops)
         off = np.linalg.norm(answer.T_base_nav.act(p[stops]) - points, axis=1) / sigma[stops]
-        good = off < np.sqrt(CAP)
+        good = off < np.sqrt(MOST_COST)
         if good.sum() < 2:
             return answer
         again = _assign(align(p[stops][good], points[good]), p, sigma, points, in_order)
@@ -147,8 +146,3 @@ def _refined(answer: _Answer, p: Array, sigma: Array, points: Array, in_order: b
             return answer
         answer = again
     return answer
-
-
-def _differ(a: Pose, b: Pose) -> bool:
-    metres, rad = a.distance(b)
-    return metres > SAME_M or rad > SAME_RAD

@@ -41,7 +41,6 @@ class MagnetometerFit:
         uneven: share, rms by which the strength differs over the recording.
         dip_uneven: rad, rms by which the dip differs over the rests.
         before: share, rms by which the strength as read differs.
-        cover: of the directions, 1/3 where they are all over, 0 where they lie in a plane.
     """
 
     linear: Linear
@@ -50,7 +49,6 @@ class MagnetometerFit:
     uneven: float
     dip_uneven: float
     before: float
-    cover: float
 
 
 def fit_ellipsoid(points: Array) -> tuple[Array, Array]:
@@ -158,5 +156,4 @@ def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float
         uneven=float(np.sqrt(np.mean((strength - 1.0) ** 2))),
         dip_uneven=float(np.sqrt(np.mean((each_dip - dip) ** 2))),
         before=float(as_read.std() / as_read.mean()),
-        cover=cover,
     )

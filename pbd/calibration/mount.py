@@ -13,7 +13,6 @@ from pbd.calibration.registration import widened
 from pbd.data import Keyframe
 from pbd.data.brief import counted
 from pbd.data.covariance import PoseCovariance
-from pbd.data.freeze import freeze
 from pbd.errors import CalibrationError
 from pbd.pose import Array, quat_from_xyzw, quat_inverse, quat_log, quat_multiply, quat_rotate, quat_to_matrix
 
@@ -35,14 +34,7 @@ MISNAMED = np.radians(20.0)
 ATTITUDE = np.radians(0.5)
 """rad: how sure a turn's axis is at best, per radian of the turn."""
 
-AXES = {
-    "x": (1.0, 0.0, 0.0),
-    "y": (0.0, 1.0, 0.0),
-    "z": (0.0, 0.0, 1.0),
-    "-x": (-1.0, 0.0, 0.0),
-    "-y": (0.0, -1.0, 0.0),
-    "-z": (0.0, 0.0, -1.0),
-}
+AXES = dict(zip(("x", "y", "z", "-x", "-y", "-z"), (*np.eye(3), *-np.eye(3)), strict=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,9 +52,6 @@ class PivotFit:
     cov: Array
     residuals: Array
     chi2: float
-
-    def __post_init__(self) -> None:
-        freeze(self, p_sensor_tip=(3,), cov=(3, 3), residuals=(None, 3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,10 +71,6 @@ class TurnsFit:
     off: Array
     turned: Array
     moves: tuple[int, ...]
-
-    def __post_init__(self) -> None:
-        m = len(self.moves)
-        freeze(self, wxyz_sensor_tool=(4,), cov=(3, 3), off=(m,), turned=(m,))
 
 
 def fit_pivot(keyframes: Sequence[Keyframe], covariance: PoseCovariance) -> PivotFit:

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from pbd.data import Keyframe
 from pbd.data.covariance import PoseCovariance
-from pbd.data.freeze import freeze
-from pbd.pose import Array, quat_to_matrix
+from pbd.pose import Array, quat_to_matrix, skew
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,10 +28,6 @@ class PointObservations:
     lever: Array
     cov: Array
     stops: tuple[int, ...]
-
-    def __post_init__(self) -> None:
-        m = len(self.stops)
-        freeze(self, p_nav_sensor=(m, 3), lever=(m, 3), cov=(3 * m, 3 * m))
 
     def only(self, keep: Sequence[int]) -> PointObservations:
         """Some of them."""
@@ -72,8 +67,7 @@ def observe_points(
     poses = [keyframes[k].T_nav_sensor for k in stops]
     R = quat_to_matrix(np.array([pose.wxyz for pose in poses]))
     lever = R @ p_sensor_tip
-    by_turn = np.cross(np.eye(3), lever[:, None]).transpose(0, 2, 1)  # columns e x lever
-    by_pose = np.concatenate((np.tile(np.eye(3), (m, 1, 1)), by_turn), axis=2)
+    by_pose = np.concatenate((np.tile(np.eye(3), (m, 1, 1)), -skew(lever)), axis=2)
     joint = covariance.joint(stops).reshape(m, 6, m, 6)
     cov = np.einsum("jab,jbkc,kdc->jakd", by_pose, joint, by_pose).reshape(3 * m, 3 * m)
     if cov_tip is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -80,7 +80,8 @@ def fit_points(
     if len(points) != len(touched.stops):
         raise ValueError(f"{len(touched.stops)} touches for {len(points)} points; give one touch per point")
     refuse_shape(points, free)
-    problem = Problem(touched, points, free, scaled, touch_m)
+    touched = replace(touched, cov=touched.cov + touch_m**2 * np.eye(len(touched.cov)))
+    problem = Problem(touched, points, free, scaled)
     keep, fit = _consistent(problem)
     cov = widened(fit.cov, fit.chi2, fit.freedom)
     left_out = [_left_out(problem, k, keep, fit) for k in range(len(points))]

@@ -9,7 +9,7 @@ import numpy as np
 
 from pbd.calibration.alignment import align
 from pbd.calibration.point_observations import PointObservations, rows_of
-from pbd.pose import Array, Pose, quat_exp, quat_multiply, quat_to_matrix
+from pbd.pose import Array, Pose, quat_exp, quat_multiply, quat_to_matrix, skew
 
 MOST_STEPS, SETTLED = 50, 1e-9
 """Of least squares; and m, rad and a share, from which on a step is none. Three or four do: the start is near."""
@@ -31,18 +31,16 @@ class Problem:
         points: (m, 3) m in base.
         free: nav's tilt too; else both frames have z up.
         scaled: the scale of the hand's positions too.
-        touch_m: m per axis, how well the tip meets a point.
     """
 
     touched: PointObservations
     points: Array
     free: bool = False
     scaled: bool = False
-    touch_m: float = 0.0
 
     def only(self, keep: Sequence[int]) -> Problem:
         """With some of the points."""
-        return Problem(self.touched.only(keep), self.points[list(keep)], self.free, self.scaled, self.touch_m)
+        return Problem(self.touched.only(keep), self.points[list(keep)], self.free, self.scaled)
 
     @property
     def unknowns(self) -> list[int]:
@@ -53,12 +51,6 @@ class Problem:
     def freedom(self) -> int:
         """Degrees of freedom that are left."""
         return 3 * len(self.points) - len(self.unknowns)
-
-    @property
-    def covariance(self) -> Array:
-        """(3 m, 3 m) m2, of the touches in nav."""
-        cov: Array = self.touched.cov + self.touch_m**2 * np.eye(len(self.touched.cov))
-        return cov
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +101,7 @@ def register(problem: Problem) -> Fit:
     """
     touched, where = problem.touched, problem.unknowns
     pose, scale = align(touched.p_nav_sensor + touched.lever, problem.points, problem.free), 1.0
-    whiten = np.linalg.inv(np.linalg.cholesky(problem.covariance))
+    whiten = np.linalg.inv(np.linalg.cholesky(problem.touched.cov))
     for _ in range(MOST_STEPS):
         off = whiten @ misfit(problem, pose, scale).ravel()
         by_unknown = whiten @ jacobian(problem, pose, scale)
@@ -135,7 +127,7 @@ def predict(problem: Problem, k: int, keep: Sequence[int]) -> tuple[Array, Array
         keep: the others that count; they must be enough for a fit.
     """
     fit = register(problem.only(keep))
-    rows, own, cov = rows_of(keep), rows_of([k]), problem.covariance
+    rows, own, cov = rows_of(keep), rows_of([k]), problem.touched.cov
     off, by_unknown = misfit(problem, fit.pose, fit.scale).ravel(), jacobian(problem, fit.pose, fit.scale)
     gain = cov[np.ix_(own, rows)] @ np.linalg.inv(cov[np.ix_(rows, rows)])
     by_unknown = by_unknown[own] - gain @ by_unknown[rows]
@@ -157,7 +149,7 @@ def jacobian(problem: Problem, pose: Pose, scale: float) -> Array:
     """Of `misfit`, (3 m, unknowns)."""
     R_nav_base = quat_to_matrix(pose.wxyz).T
     from_nav = problem.points - pose.p
-    by_turn = R_nav_base @ np.cross(np.eye(3), from_nav[:, None]).transpose(0, 2, 1)  # columns e x (point - nav)
+    by_turn = -R_nav_base @ skew(from_nav)
     by_scale = (from_nav @ R_nav_base.T - problem.touched.lever)[:, :, None]
     by_place = np.broadcast_to(R_nav_base, by_turn.shape)
     every = np.concatenate((by_place, by_turn, by_scale), axis=2).reshape(-1, 7) / scale

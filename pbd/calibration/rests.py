@@ -8,27 +8,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.data import Recording
-from pbd.data.freeze import freeze
 from pbd.errors import CalibrationError
 from pbd.pose import Array
 
 WINDOW_S, SHORTEST_S, EDGE_S = 0.5, 1.0, 0.2
 """Stillness is looked for over this long; a rest lasts at least so long; and so much at either end is not used."""
 
-ABOUT = 9.0
+STILL_RATIO = 9.0
 """A window with up to this many times the variance of the quietest is as still as that."""
 
 STILL_ACC, STILL_GYR = 0.1, np.radians(1.0)
 """m/s2 and rad/s (rms over a window, all axes): a sensor that was put down shakes less than this."""
 
 FLOOR_ACC, FLOOR_GYR = 0.02, np.radians(0.1)
-"""... and so little is still in any case."""
+"""m/s2 and rad/s (as above): what shakes less is still in any case."""
 
-TURNING = np.radians(0.3)
-"""rad/s: a sensor that turns evenly shakes as little as one that lies still, but reads another rate than it does when
-it lies still; a bias wanders by less, and noise is allowed for."""
+EVEN_TURN = np.radians(0.3)
+"""rad/s. A sensor that turns evenly shakes as little as a still one, but its mean rate differs by more than this from
+that of the others. A bias wanders by less, and noise is allowed for."""
 
-ALIKE_DEG = 15.0
+SAME_ORIENTATION_DEG = 15.0
 """Two rests whose verticals are nearer than this are one orientation."""
 
 
@@ -54,10 +53,6 @@ class Rests:
     acc_noise: float
     gyr_noise: float
     mag_noise: float
-
-    def __post_init__(self) -> None:
-        k = len(self.start)
-        freeze(self, seconds=(k,), acc=(k, 3), gyr=(k, 3), mag=(k, 3))
 
     def __len__(self) -> int:
         return len(self.start)
@@ -86,6 +81,8 @@ def find_rests(recording: Recording) -> Rests:
     Raises:
         CalibrationError: it was never still.
     """
+    from scipy.ndimage import find_objects, label
+
     rate = recording.rate_hz
     length = max(4, round(WINDOW_S * rate))
     if len(recording) < length:
@@ -98,10 +95,10 @@ def find_rests(recording: Recording) -> Rests:
         gyr_var, gyr_mean = _moving(recording.gyr, length)
         still &= _still(recording, "gyro", gyr_var, STILL_GYR, FLOOR_GYR, "degrees/s", 180.0 / np.pi)
         if still.any():
-            room = np.hypot(TURNING, 4.0 * np.sqrt(np.median(gyr_var[still]) / length))
+            room = np.hypot(EVEN_TURN, 4.0 * np.sqrt(np.median(gyr_var[still]) / length))
             still &= np.linalg.norm(gyr_mean - np.median(gyr_mean[still], axis=0), axis=1) < room
-    spans = [(start, stop + length - 1) for start, stop in _runs(still)]
     edge = round(EDGE_S * rate)
+    spans = [(rows.start, rows.stop + length - 1) for (rows,) in find_objects(label(still)[0])]
     spans = [(start + edge, stop - edge) for start, stop in spans if (stop - start) / rate >= SHORTEST_S]
     if not spans:
         raise CalibrationError(
@@ -126,7 +123,7 @@ def orientations(up_sensor: Array) -> int:
     """How many of the verticals (k, 3) are different."""
     found: list[Array] = []
     for up in up_sensor:
-        if all(up @ other < np.cos(np.radians(ALIKE_DEG)) for other in found):
+        if all(up @ other < np.cos(np.radians(SAME_ORIENTATION_DEG)) for other in found):
             found.append(up)
     return len(found)
 
@@ -143,20 +140,15 @@ def _still(
             value=float(np.sqrt(quietest)),
             bound=still,
         )
-    return np.asarray(variance <= np.clip(ABOUT * quietest, floor**2, still**2))
-
-
-def _runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(np.int8)))
-    return [(int(start), int(stop)) for start, stop in edges.reshape(-1, 2)]
+    return np.asarray(variance <= np.clip(STILL_RATIO * quietest, floor**2, still**2))
 
 
 def _moving(values: Array, length: int) -> tuple[Array, Array]:
     """Variance, summed over the axes, and mean over each run of `length` samples: (n - length + 1,) and (..., 3)."""
+    from scipy.ndimage import uniform_filter1d
+
     middle = values.mean(axis=0)
     centred = values - middle  # keeps the difference of squares well conditioned
-    sums = np.cumsum(np.vstack((np.zeros((1, 3)), centred)), axis=0)
-    squares = np.cumsum(np.vstack((np.zeros((1, 3)), centred**2)), axis=0)
-    mean = (sums[length:] - sums[:-length]) / length
-    variance = ((squares[length:] - squares[:-length]) / length - mean**2).sum(axis=1)
-    return np.maximum(variance, 0.0), mean + middle
+    whole = slice(length // 2, length // 2 + len(values) - length + 1)
+    mean, square = (uniform_filter1d(x, length, axis=0)[whole] for x in (centred, centred**2))
+    return np.maximum((square - mean**2).sum(axis=1), 0.0), mean + middle

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from pbd.data import Calibration, Keyframe
-from pbd.pose import Array, Pose, quat_rotate, quat_to_matrix
+from pbd.pose import Array, Pose, quat_rotate, quat_to_matrix, skew
 
 PARTS = ("start", "mount", "tracking")
 
@@ -34,9 +34,9 @@ def tool_covariances(
     for k, keyframe in enumerate(keyframes):
         lever = quat_rotate(keyframe.T_nav_sensor.wxyz, calibration.T_sensor_tool.p)
         from_nav = R @ (scale * keyframe.T_nav_sensor.p + lever)
-        by_start = np.block([[np.eye(3), -_cross(from_nav)], [np.zeros((3, 3)), np.eye(3)]])
+        by_start = np.block([[np.eye(3), -skew(from_nav)], [np.zeros((3, 3)), np.eye(3)]])
         parts["start"][k] = by_start @ of_start @ by_start.T
-        by_keyframe = np.block([[scale * R, -R @ _cross(lever)], [np.zeros((3, 3)), R]])
+        by_keyframe = np.block([[scale * R, -R @ skew(lever)], [np.zeros((3, 3)), R]])
         parts["tracking"][k] = by_keyframe @ keyframe.cov @ by_keyframe.T
         if of_mount is not None:
             R_base_sensor = R @ quat_to_matrix(keyframe.T_nav_sensor.wxyz)
@@ -62,8 +62,3 @@ def base_sigmas(parts: Mapping[str, Array]) -> list[dict[str, Any]]:
         }
         for k, sigma in enumerate(total)
     ]
-
-
-def _cross(v: Array) -> Array:
-    """The matrix (3, 3) with _cross(v) @ w = v x w."""
-    return np.cross(np.eye(3), v)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
 from pbd.errors import SensorError
@@ -40,7 +40,7 @@ class Found:
     line: str | None = None
 
 
-class Ear:
+class Listener:
     """A decoder at its start, and how many samples it has made."""
 
     def __init__(self, make: Callable[[], Decoder]) -> None:
@@ -63,42 +63,34 @@ class Ear:
         return self._samples >= ENOUGH and self.hears_packets
 
 
-def listen(port: Port, ears: Collection[Ear], seconds: float, patience: float = 0.0) -> bytes:
-    """Let all ears hear what comes; return it. Ends once one of them hears samples.
+def listen(port: Port, listeners: Collection[Listener], seconds: float, patience: float = 0.0) -> bytes:
+    """Let all listeners hear what comes; return it. Ends once one of them hears samples.
 
     Args:
         port: to listen to.
-        ears: that listen.
+        listeners: that listen.
         seconds: so long, from the first byte on.
         patience: so long the first byte is waited for, if that is more.
     """
     heard, end = b"", time.monotonic() + max(seconds, patience)
-    while time.monotonic() < end and not any(ear.hears_samples for ear in ears):
+    while time.monotonic() < end and not any(each.hears_samples for each in listeners):
         data = port.read()
         if data and not heard:
             end = time.monotonic() + seconds
         heard += data
-        for ear in ears:
-            ear.feed(data)
+        for each in listeners:
+            each.feed(data)
     return heard
-
-
-def one_of_each() -> dict[str, Ear]:
-    """Ears for all that can be told from the bytes alone."""
-    return {name: Ear(PROTOCOLS[name].decoder) for name in GUESSED}
-
-
-def recognised(ears: Mapping[str, Ear]) -> str | None:
-    """Which of them hears samples."""
-    return next((name for name, ear in ears.items() if ear.hears_samples), None)
 
 
 def recognise(data: bytes) -> str | None:
     """Tell whose bytes these are; None where no decoder makes something of them."""
-    ears = one_of_each()
-    for ear in ears.values():
-        ear.feed(data)
-    return recognised(ears)
+    for name in GUESSED:
+        listener = Listener(PROTOCOLS[name].decoder)
+        listener.feed(data)
+        if listener.hears_samples:
+            return name
+    return None
 
 
 def printed_line(data: bytes) -> str | None:
@@ -116,16 +108,13 @@ def what_it_is(data: bytes, baud: int | None, sensor: str | None = None) -> str:
     known, line = recognise(data), printed_line(data)
     if known is not None and known != sensor:
         return f"they are {known}'s: give --sensor {known}"
-    if line is not None and sensor == "lines":
-        return f"a line is {_shortened(line)!r}: correct --columns, --separator or --prefix"
     if line is not None:
-        return f'they are lines such as {_shortened(line)!r}: give --sensor lines --columns "..."'
+        line = line if len(line) <= 40 else f"{line[:37]}..."
+        if sensor == "lines":
+            return f"a line is {line!r}: correct --columns, --separator or --prefix"
+        return f'they are lines such as {line!r}: give --sensor lines --columns "..."'
     at = "" if baud is None else f"{baud} baud is wrong, or "
     return f"{at}it is another kind of sensor: look with `pbd sensors --probe`"
-
-
-def _shortened(line: str) -> str:
-    return line if len(line) <= 40 else f"{line[:37]}..."
 
 
 def find_baud(port: Port, make: Callable[[], Decoder], sensor: str) -> int:
@@ -142,9 +131,9 @@ def find_baud(port: Port, make: Callable[[], Decoder], sensor: str) -> int:
     heard: dict[int, bytes] = {}
     for baud in PROTOCOLS[sensor].bauds:
         port.set_baud(baud)
-        ear = Ear(make)
-        heard[baud] = listen(port, [ear], 2.0 * LISTEN_S, 0.0 if heard else BOOT_S)
-        if ear.hears_packets:
+        listener = Listener(make)
+        heard[baud] = listen(port, [listener], 2.0 * LISTEN_S, 0.0 if heard else BOOT_S)
+        if listener.hears_packets:
             return baud
     tried, count = ", ".join(map(str, heard)), sum(map(len, heard.values()))
     if count == 0:
@@ -169,14 +158,12 @@ def probe(port: Port) -> Found:
     best = Found(None, 0, 0)
     for baud in BAUDS:
         port.set_baud(baud)
-        ears = one_of_each()  # whatever their rates: a USB device may not care about the port's
-        heard = listen(port, ears.values(), LISTEN_S, BOOT_S if baud == FIRST_BAUD else 0.0)
-        name = recognised(ears)
-        if name is not None:
-            return Found(name, baud, len(heard))
-        line = printed_line(heard)
-        if line is not None:
-            return Found(None, baud, len(heard), line)
-        if len(heard) > best.bytes_seen:
-            best = Found(None, baud, len(heard))
+        # Decoders of all devices, whatever their rates: a USB device may not care about the port's.
+        listeners = {name: Listener(PROTOCOLS[name].decoder) for name in GUESSED}
+        heard = listen(port, listeners.values(), LISTEN_S, BOOT_S if baud == FIRST_BAUD else 0.0)
+        name = next((name for name, each in listeners.items() if each.hears_samples), None)
+        found = Found(name, baud, len(heard), None if name else printed_line(heard))
+        if found.sensor or found.line:
+            return found
+        best = max(best, found, key=lambda each: each.bytes_seen)
     return best

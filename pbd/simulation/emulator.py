@@ -8,7 +8,6 @@ import threading
 import time
 import tty
 from contextlib import suppress
-from types import TracebackType
 from typing import Self
 
 import numpy as np
@@ -43,9 +42,7 @@ class Emulator:
         self.play()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.unplug()
 
     @property
