@@ -7,26 +7,14 @@ import numpy as np
 from pbd.data import GRAVITY, SensorErrors
 from pbd.pose import Array
 
-ACC, GYR = 0.015, np.radians(0.5)
+ACC_SHARE, GYR_RATE = 0.015, np.radians(0.5)
 """A share of gravity, and rad/s: a warm sensor, or one that a hand holds, differs by less from its calibration."""
 
-UNCALIBRATED = 0.03
+UNCALIBRATED_SHARE = 0.03
 """A share of gravity: without a calibration a sensor in order is off by less. (Gravity differs by 0.5 % on earth.)"""
 
-FIELD, DIP = 0.10, np.radians(6.0)
+FIELD_SHARE, DIP = 0.10, np.radians(6.0)
 """A share of the strength, and rad: one room's field differs by less from place to place."""
-
-
-def gravity_off(errors: SensorErrors | None, acc: Array) -> float:
-    """By which share of gravity a sensor at rest is off; 0 where that is usual.
-
-    Args:
-        errors: the calibration's; None: it has none.
-        acc: (3,) m/s2, the mean over a rest, corrected.
-    """
-    gravity = GRAVITY if errors is None else errors.gravity
-    off = abs(float(np.linalg.norm(acc)) / gravity - 1.0)
-    return off if off > (UNCALIBRATED if errors is None or errors.acc is None else ACC) else 0.0
 
 
 def disagreements(
@@ -40,23 +28,19 @@ def disagreements(
         gyr: (3,) rad/s.
         mag: (3,) uT.
     """
-    said = []
-    norm = float(np.linalg.norm(acc))
-    if off := gravity_off(errors, acc):
-        gravity = GRAVITY if errors is None else errors.gravity
-        kind = "" if errors is None or errors.acc is None else "calibrated "
+    errors, calibrated = errors or SensorErrors(""), errors is not None and errors.acc is not None
+    said, norm, gravity = [], float(np.linalg.norm(acc)), errors.gravity
+    if abs(norm / gravity - 1.0) > (ACC_SHARE if calibrated else UNCALIBRATED_SHARE):
         said.append(
-            f"at rest the {kind}accelerometer reads {norm:.2f} m/s2, but gravity is {gravity:.2f} m/s2, "
-            f"{1e3 * off * gravity / GRAVITY:.0f} mg off"
+            f"at rest the {'calibrated ' * calibrated}accelerometer reads {norm:.2f} m/s2, but gravity is "
+            f"{gravity:.2f} m/s2, {1e3 * abs(norm - gravity) / GRAVITY:.0f} mg off"
         )
-    if errors is not None and errors.gyr is not None and gyr is not None:
-        off = float(np.linalg.norm(gyr))
-        if off > GYR:
-            said.append(f"at rest the gyro is {np.degrees(off):.1f} degrees/s off its calibrated bias")
-    if errors is not None and mag is not None and errors.mag and errors.field is not None and errors.dip is not None:
+    if errors.gyr is not None and gyr is not None and (rate := float(np.linalg.norm(gyr))) > GYR_RATE:
+        said.append(f"at rest the gyro is {np.degrees(rate):.1f} degrees/s off its calibrated bias")
+    if mag is not None and errors.mag and errors.field is not None and errors.dip is not None:
         strength = float(np.linalg.norm(mag))
         dip = float(np.arcsin(np.clip(-(mag @ acc) / max(strength * norm, 1e-9), -1.0, 1.0)))
-        if abs(strength / errors.field - 1.0) > FIELD:
+        if abs(strength / errors.field - 1.0) > FIELD_SHARE:
             said.append(f"the magnetic field is {strength:.0f} uT, but was {errors.field:.0f} uT at the calibration")
         elif abs(dip - errors.dip) > DIP:
             said.append(

@@ -19,12 +19,10 @@ class FieldSpread:
 
     Attributes:
         heading: rad.
-        dip: rad.
         strength: share.
     """
 
     heading: float
-    dip: float
     strength: float
 
     @property
@@ -50,7 +48,6 @@ def field_spread(mag: Array, wxyz_nav_sensor: Array) -> FieldSpread:
     turned = np.arctan2(field[:, 1] * east - field[:, 0] * north, field[:, 0] * east + field[:, 1] * north)
     return FieldSpread(
         heading=float(np.sqrt(np.mean(turned**2))),
-        dip=float(np.arctan2(-field[:, 2], level).std()),
         strength=float(strength.std() / strength.mean()),
     )
 

@@ -132,27 +132,28 @@ class SensorModel:
 
 _MG, _DEG = 1e-3 * GRAVITY, pi / 180.0
 
+
+def _triad(
+    unit: float,
+    *,
+    noise: float,
+    bias: float,
+    walk: float,
+    scale: float,
+    lean_deg: float,
+    limit: float,
+    step: float = 0.0,
+) -> Triad:
+    """Noise, bias, bias walk, limit and step in a unit of m/s2 or rad/s. Walk and lean are assumed throughout."""
+    return Triad(noise * unit, bias * unit, walk * unit, scale, lean_deg * _DEG, limit * unit, step * unit)
+
+
 _OS5000 = SensorModel(
     "os5000",
     rate_hz=40.0,
-    acc=Triad(
-        noise=0.4 * _MG,
-        bias=5.0 * _MG,
-        bias_walk=0.01 * _MG,  # assumed
-        scale=3e-3,
-        misalignment=0.1 * _DEG,  # assumed
-        limit=4000.0 * _MG,
-        step=_MG,  # as its sentence prints it
-    ),
-    gyr=Triad(
-        noise=0.03 * _DEG,
-        bias=0.3 * _DEG,
-        bias_walk=5e-4 * _DEG,  # assumed
-        scale=3e-3,  # assumed: as the accelerometer's
-        misalignment=0.1 * _DEG,  # assumed
-        limit=500.0 * _DEG,
-        step=500.0 / 32768 * _DEG,  # assumed: 16 bits
-    ),
+    acc=_triad(_MG, noise=0.4, bias=5.0, walk=0.01, scale=3e-3, lean_deg=0.1, limit=4000.0, step=1.0),
+    # assumed: scale as the accelerometer's, 16 bits
+    gyr=_triad(_DEG, noise=0.03, bias=0.3, walk=5e-4, scale=3e-3, lean_deg=0.1, limit=500.0, step=500.0 / 32768),
     mag=Triad(noise=0.3 / sqrt(40.0), step=0.1),  # assumed: 1 milligauss
     attitude=AttitudeOutput(time_constant_s=0.3, step=0.1 * _DEG),
 )
@@ -160,24 +161,9 @@ _OS5000 = SensorModel(
 _WT901 = SensorModel(
     "wt901",
     rate_hz=100.0,
-    acc=Triad(
-        noise=0.2 * _MG,
-        bias=20.0 * _MG,
-        bias_walk=0.01 * _MG,  # assumed
-        scale=1e-2,
-        misalignment=0.2 * _DEG,  # assumed
-        limit=16000.0 * _MG,
-        step=16000.0 / 32768 * _MG,
-    ),
-    gyr=Triad(
-        noise=0.02 * _DEG,
-        bias=0.2 * _DEG,
-        bias_walk=5e-4 * _DEG,  # assumed
-        scale=1e-2,  # assumed: as the accelerometer's
-        misalignment=0.2 * _DEG,  # assumed
-        limit=2000.0 * _DEG,
-        step=2000.0 / 32768 * _DEG,
-    ),
+    acc=_triad(_MG, noise=0.2, bias=20.0, walk=0.01, scale=1e-2, lean_deg=0.2, limit=16000.0, step=16000.0 / 32768),
+    # assumed: scale as the accelerometer's
+    gyr=_triad(_DEG, noise=0.02, bias=0.2, walk=5e-4, scale=1e-2, lean_deg=0.2, limit=2000.0, step=2000.0 / 32768),
     mag=Triad(noise=0.2 / sqrt(100.0), step=0.15),  # assumed: that of an AK8963
     attitude=AttitudeOutput(time_constant_s=0.05, noise=0.1 * _DEG, step=180.0 / 32768 * _DEG),  # assumed, but the step
 )
@@ -185,37 +171,15 @@ _WT901 = SensorModel(
 _MODERN = SensorModel(
     "modern",
     rate_hz=100.0,
-    acc=Triad(
-        noise=0.06 * _MG,
-        bias=2.0 * _MG,
-        bias_walk=2e-3 * _MG,  # assumed
-        scale=1e-3,
-        misalignment=0.05 * _DEG,  # assumed
-        limit=16000.0 * _MG,
-    ),
-    gyr=Triad(
-        noise=0.005 * _DEG,
-        bias=0.05 * _DEG,
-        bias_walk=1e-4 * _DEG,  # assumed
-        scale=1e-3,  # assumed: as the accelerometer's
-        misalignment=0.05 * _DEG,  # assumed
-        limit=2000.0 * _DEG,  # assumed
-    ),
+    acc=_triad(_MG, noise=0.06, bias=2.0, walk=2e-3, scale=1e-3, lean_deg=0.05, limit=16000.0),
+    # assumed: scale as the accelerometer's, limit
+    gyr=_triad(_DEG, noise=0.005, bias=0.05, walk=1e-4, scale=1e-3, lean_deg=0.05, limit=2000.0),
     mag=Triad(noise=0.1 / sqrt(100.0)),
     attitude=AttitudeOutput(time_constant_s=0.02, noise=0.05 * _DEG),  # assumed
 )
 
-SENSOR_MODELS: Mapping[str, SensorModel] = MappingProxyType(
-    {
-        model.name: model
-        for model in (
-            _OS5000,
-            replace(_OS5000, name="os5000-nogyro", gyr=None),
-            _WT901,
-            _MODERN,
-            SensorModel("ideal", rate_hz=100.0),
-        )
-    }
-)
+_PRESETS = (_OS5000, replace(_OS5000, name="os5000-nogyro", gyr=None), _WT901, _MODERN, SensorModel("ideal", 100.0))
+
+SENSOR_MODELS: Mapping[str, SensorModel] = MappingProxyType({model.name: model for model in _PRESETS})
 """The presets by name: os5000 is the paper's device with a three-axis gyro beside it, modern is of the MTi's class,
 ideal errs in nothing."""
