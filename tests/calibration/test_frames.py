@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
@@ -145,6 +145,7 @@ def test_orientation_fixed(path: list[Pose], yaw: float, lever: Array) -> None:
         assert_allclose(T_base_tool.p - fixed[0].p, carried, atol=1e-13)
 
 
+@settings(max_examples=10)
 @given(poses)
 def test_pointing_down_is_the_nearest_that_does(tool: Pose) -> None:
     def left_over(wxyz: Array) -> float:

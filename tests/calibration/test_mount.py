@@ -101,6 +101,7 @@ def turned(wxyz_sensor_tool: Array, named: tuple[str, ...], angle: float = 0.8) 
     return keyframes
 
 
+@settings(max_examples=20)
 @given(vectors, st.permutations(NAMED))
 def test_named_turns_tell_the_rotation_exactly(turn: Array, named: list[str]) -> None:
     wxyz_sensor_tool = quat_exp(3.0 * turn)

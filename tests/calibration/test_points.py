@@ -9,8 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
-from scipy.optimize import minimize_scalar
-from scipy.spatial.transform import Rotation
 
 from pbd.calibration.alignment import align
 from pbd.calibration.point_observations import PointObservations, observe_points
@@ -210,14 +208,11 @@ def test_tips_have_in_common_what_the_poses_have() -> None:
     assert_allclose(found.cov / np.outer(sigma, sigma), expected / np.outer(sigma, sigma), atol=0.04)
 
 
+@settings(max_examples=20)
 @given(st.integers(0, 1000))
-def test_alignment_agrees_with_second_implementations(seed: int) -> None:
+def test_no_other_yaw_aligns_better(seed: int) -> None:
     rng = np.random.default_rng(seed)
     p_from, p_to = rng.normal(size=(2, 5, 3))
-    free = align(p_from, p_to, free=True)
-    other, _ = Rotation.align_vectors(p_to - p_to.mean(axis=0), p_from - p_from.mean(axis=0))
-    assert_allclose(free.matrix()[:3, :3], other.as_matrix(), atol=1e-6)
-
     level = align(p_from, p_to)
     assert_allclose(level.p, p_to.mean(axis=0) - quat_rotate(level.wxyz, p_from.mean(axis=0)), atol=1e-12)
 
@@ -226,7 +221,4 @@ def test_alignment_agrees_with_second_implementations(seed: int) -> None:
         return float(((p_to - p_to.mean(axis=0) - turned) ** 2).sum())
 
     found = left(float(2.0 * np.arctan2(level.wxyz[3], level.wxyz[0])))
-    best = min(
-        float(minimize_scalar(left, bounds=(a, a + np.pi), method="bounded").fun) for a in (-np.pi, -0.5 * np.pi, 0.0)
-    )
-    assert found <= best + 1e-9
+    assert found <= min(map(left, np.linspace(-np.pi, np.pi, 100))) + 1e-9

@@ -21,7 +21,9 @@ from pbd.record import Command, Outcome, RecordOptions, Status, loop, record
 from pbd.sensors.port import Port, open_port
 from pbd.sensors.protocols import protocol
 from pbd.simulation.emulator import Emulator
+from pbd.simulation.hand import Waypoint
 from pbd.simulation.simulate import simulate
+from pbd.simulation.tasks import Task
 from tests.record.speakers import SPEAKERS, Device, random_hand
 from tests.sensors.encoders import vectornav, ximu3
 
@@ -58,34 +60,42 @@ def pouring() -> Recording:
     return simulate("pour", "modern", 1).recording
 
 
-def test_every_sample_arrives_as_it_was_sent(tmp_path: Path, pouring: Recording) -> None:
-    person = Watched({1.5: Command.GRIP, 2.0: Command.GRIP})
-    wanted = options(tmp_path / "tea", duration_s=4.2, raw=True, tolerance_m=0.0005)
-    outcome = recorded(pouring, person, wanted)
+@pytest.fixture(scope="module")
+def hurried() -> Recording:
+    """To one place and no further."""
+    return simulate(
+        Task("hurried", (Waypoint(rest_s=1.3), Waypoint((0.2, 0.0, 0.1), move_s=0.7))), "modern", 1
+    ).recording
+
+
+def test_every_sample_arrives_as_it_was_sent(tmp_path: Path, hurried: Recording) -> None:
+    person = Watched({0.9: Command.GRIP, 1.4: Command.GRIP})
+    wanted = options(tmp_path / "tea", duration_s=2.8, raw=True, tolerance_m=0.0005)
+    outcome = recorded(hurried, person, wanted)
     got = read_demo(tmp_path / "tea").recording
-    assert outcome.ended_by == "4.2 s recorded"
-    assert len(got) == outcome.samples >= 420
+    assert outcome.ended_by == "2.8 s recorded"
+    assert len(got) == outcome.samples >= 280
     assert outcome.lost == 0
     missed = next(
-        k for k in range(20) if np.allclose(got.acc[:5], pouring.acc[k : k + 5], atol=1e-5)
+        k for k in range(20) if np.allclose(got.acc[:5], hurried.acc[k : k + 5], atol=1e-5)
     )  # before it opened
     sent = slice(missed, missed + len(got))
-    assert got.t == pytest.approx(np.arange(len(got)) / pouring.rate_hz, abs=1e-5)
-    assert got.acc == pytest.approx(pouring.acc[sent], abs=1e-5)
-    assert got.gyr == pytest.approx(pouring.gyr[sent], abs=1e-6)  # type: ignore[index]
-    assert got.mag == pytest.approx(pouring.mag[sent], abs=1e-3)  # type: ignore[index]
+    assert got.t == pytest.approx(np.arange(len(got)) / hurried.rate_hz, abs=1e-5)
+    assert got.acc == pytest.approx(hurried.acc[sent], abs=1e-5)
+    assert got.gyr == pytest.approx(hurried.gyr[sent], abs=1e-6)  # type: ignore[index]
+    assert got.mag == pytest.approx(hurried.mag[sent], abs=1e-3)  # type: ignore[index]
     assert [event.closed for event in got.grip] == [True, False]
-    assert got.grip[0].t == pytest.approx(1.5, abs=0.3)
+    assert got.grip[0].t == pytest.approx(0.9, abs=0.3)
     assert got.info.clock == "device"
     assert person.said[0] == "the rest at the start is found: you may move"
     # a long move is told once, before it is over
     told = [text.partition(":")[0][:9] for text in person.said if text.startswith(("pause now: ", "stop 1 at ("))]
     assert told[:2] == ["pause now", "stop 1 at"]
-    assert (tmp_path / "tea" / "raw.bin").stat().st_size > 400 * 40
+    assert (tmp_path / "tea" / "raw.bin").stat().st_size > 270 * 40
 
 
 def test_discarding_leaves_nothing(tmp_path: Path, pouring: Recording) -> None:
-    outcome = recorded(pouring, Watched({1.0: Command.DISCARD}), options(tmp_path / "tea"))
+    outcome = recorded(pouring, Watched({0.5: Command.DISCARD}), options(tmp_path / "tea"))
     assert outcome.folder is None
     assert not (tmp_path / "tea").exists()
 
@@ -104,15 +114,15 @@ def test_a_forced_recording_without_a_rest_does_not_take_the_old_ones_place(tmp_
     assert len(read_demo(outcome.folder).recording) == outcome.samples
 
 
-@pytest.mark.parametrize(("duration_s", "kept"), [(1.3, True), (4.4, False)])
+@pytest.mark.parametrize(("duration_s", "kept"), [(1.2, True), (2.8, False)])
 def test_a_forced_recording_without_a_second_stop_does_not_cost_the_old_one(
-    tmp_path: Path, pouring: Recording, duration_s: float, kept: bool
+    tmp_path: Path, hurried: Recording, duration_s: float, kept: bool
 ) -> None:
     """It ends before the hand has moved, or after it has stopped somewhere."""
     tea = tmp_path / "tea"
     write_demo(simulate("pour"), tea)
     (tea / "keyframes.toml").write_text("as a person left it")
-    outcome = recorded(pouring, Watched(), options(tea, duration_s=duration_s, force=True))
+    outcome = recorded(hurried, Watched(), options(tea, duration_s=duration_s, force=True))
     assert (outcome.stops < 2) is kept
     assert outcome.folder == tea
     assert len(read_demo(tea).recording) == outcome.samples
@@ -137,7 +147,7 @@ def test_a_forced_recording_that_never_begins_leaves_the_old_one(tmp_path: Path,
 def test_a_pulled_plug_ends_it_in_good_order(tmp_path: Path, pouring: Recording) -> None:
     person = Watched()
     with Emulator(pouring) as sensor:
-        threading.Timer(1.2, sensor.unplug).start()
+        threading.Timer(0.7, sensor.unplug).start()
         outcome = record(
             lambda: open_port(sensor.device, 115200),
             protocol("ximu3").decoder(),
@@ -146,12 +156,12 @@ def test_a_pulled_plug_ends_it_in_good_order(tmp_path: Path, pouring: Recording)
             person.shown.append,
         )
     assert outcome.ended_by == "sensor unplugged"
-    assert len(read_demo(tmp_path / "tea").recording) == outcome.samples > 80
+    assert len(read_demo(tmp_path / "tea").recording) == outcome.samples > 30
 
 
 def test_a_sensor_that_comes_back_is_waited_for(tmp_path: Path, pouring: Recording) -> None:
     """As a new device under the old name: here a link that is turned to another pseudo-terminal."""
-    port, person = tmp_path / "port", Watched({2.5: Command.END})
+    port, person = tmp_path / "port", Watched({1.7: Command.END})
     with Emulator(pouring) as first, Emulator(pouring) as second:
         port.symlink_to(first.device)
 
@@ -161,7 +171,7 @@ def test_a_sensor_that_comes_back_is_waited_for(tmp_path: Path, pouring: Recordi
             time.sleep(0.3)
             port.symlink_to(second.device)
 
-        threading.Timer(1.5, change).start()
+        threading.Timer(0.8, change).start()
         outcome = record(
             lambda: open_port(str(port), 115200),
             protocol("ximu3").decoder(),
@@ -179,7 +189,7 @@ def test_a_sensor_that_comes_back_is_waited_for(tmp_path: Path, pouring: Recordi
 @pytest.fixture
 def silent(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[int, str]]:
     """A pseudo-terminal whose other end is ours; little patience."""
-    monkeypatch.setattr(loop, "SILENT_S", 0.8)
+    monkeypatch.setattr(loop, "SILENT_S", 0.4)
     master, slave = os.openpty()
     tty.setraw(slave)
     yield master, os.ttyname(slave)
@@ -257,7 +267,7 @@ def test_a_person_is_heard_while_an_unplugged_sensor_is_waited_for(
 ) -> None:
     person = Watched()
     with Emulator(pouring) as sensor:
-        threading.Timer(1.0, sensor.unplug).start()
+        threading.Timer(0.6, sensor.unplug).start()
 
         def poll() -> Command | None:
             return command if "sensor unplugged; waiting for it" in person.said else None

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pbd.data import GRAVITY
@@ -174,9 +174,9 @@ def make_marked() -> LineDecoder:
     return LineDecoder(layout_from_options("t,ax,ay,az", ["t=us"], prefix="9"))
 
 
-def test_a_thousand_damaged_streams() -> None:
+def test_damaged_streams() -> None:
     rng = random.Random(20131007)
-    for _ in range(1000):
+    for _ in range(300):
         stream = mutated(some_stream(rng), rng) + b"\n"
         decoder = make()
         assert [sample.acc for sample in decoder.feed(stream)] == readings(stream)
@@ -184,7 +184,8 @@ def test_a_thousand_damaged_streams() -> None:
 
 
 @pytest.mark.parametrize("kind", [make, make_marked])
-@given(seed=st.integers(0, 2**32), noise=st.integers(0, 3000))
+@settings(max_examples=20)
+@given(seed=st.integers(0, 2**32), noise=st.integers(0, 1500))
 def test_any_chunking_gives_the_same(kind: Callable[[], LineDecoder], seed: int, noise: int) -> None:
     rng = random.Random(seed)
     assert_any_chunking(kind, mutated(some_stream(rng) + b"7" * noise + some_stream(rng), rng), seed)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pbd.pose import quat_about_z, quat_exp, quat_inverse, quat_log, quat_multiply, quat_rotate
@@ -21,6 +21,7 @@ def test_minimum_jerk_begins_and_ends_at_rest() -> None:
     assert dds == pytest.approx([0.0, 0.0, 0.0])
 
 
+@settings(max_examples=20)
 @given(seeds)
 def test_derivatives_are_those_of_the_pose(seed: int) -> None:
     task = random_task(seed, moves=3)
@@ -82,6 +83,7 @@ def test_knots_are_where_moves_begin_and_end() -> None:
     assert len(HandMotion((Waypoint(rest_s=1.0),)).knots) == 0
 
 
+@settings(max_examples=20)
 @given(seeds)
 def test_a_point_of_the_hand_goes_where_the_waypoints_say(seed: int) -> None:
     """The sensor moves about it; its derivatives are still those of its own pose."""

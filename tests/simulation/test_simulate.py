@@ -67,7 +67,7 @@ def test_gyro_integrates_to_the_true_attitude(rate_hz: float) -> None:
 
 
 @given(seeds)
-@settings(max_examples=20)
+@settings(max_examples=5)
 def test_acceleration_integrates_to_the_true_position(seed: int) -> None:
     acc, _, _, truth = ideal(random_task(seed, moves=2), 1000.0)
     v = np.cumsum((quat_rotate(truth.wxyz_nav_sensor, acc) - UP) / 1000.0, axis=0)  # at the end of each interval
@@ -101,7 +101,7 @@ def test_samples_are_means_over_the_interval_around_t(name: str, rate_hz: float)
 
 
 @given(seeds, st.floats(-3.0, 3.0))
-@settings(max_examples=20)
+@settings(max_examples=5)
 def test_turning_hand_and_field_changes_nothing(seed: int, yaw: float) -> None:
     """Nav is defined by gravity and field, so the sensor can't tell, and neither can the truth."""
     task, (x, y, z) = random_task(seed), EARTH.field
@@ -113,7 +113,7 @@ def test_turning_hand_and_field_changes_nothing(seed: int, yaw: float) -> None:
 
 
 @given(seeds, st.floats(-3.0, 3.0))
-@settings(max_examples=20)
+@settings(max_examples=5)
 def test_turning_the_hand_turns_only_the_field(seed: int, yaw: float) -> None:
     task = random_task(seed)
     here, there = ideal(task), ideal(task.turned(yaw))
@@ -123,7 +123,7 @@ def test_turning_the_hand_turns_only_the_field(seed: int, yaw: float) -> None:
 
 
 @given(seeds, st.floats(-3.0, 3.0))
-@settings(max_examples=20)
+@settings(max_examples=5)
 def test_without_a_magnetometer_no_heading_is_seen(seed: int, yaw: float) -> None:
     task = random_task(seed)
     here, there = simulate(task, NO_MAG), simulate(task.turned(yaw), NO_MAG)
