@@ -63,9 +63,8 @@ def pouring() -> Recording:
 @pytest.fixture(scope="module")
 def hurried() -> Recording:
     """To one place and no further."""
-    return simulate(
-        Task("hurried", (Waypoint(rest_s=1.3), Waypoint((0.2, 0.0, 0.1), move_s=0.7))), "modern", 1
-    ).recording
+    way = (Waypoint(rest_s=1.3), Waypoint((0.2, 0.0, 0.1), move_s=0.7, rest_s=1.2))
+    return simulate(Task("hurried", way), "modern", 1).recording
 
 
 def test_every_sample_arrives_as_it_was_sent(tmp_path: Path, hurried: Recording) -> None:
@@ -200,7 +199,7 @@ def silent(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[int, str]]:
 def test_silence_is_told(tmp_path: Path, silent: tuple[int, str]) -> None:
     person = Watched()
     with pytest.raises(
-        SensorError, match=r"is silent at 9600 baud: nothing came in 0\.8 s; check that the sensor is on"
+        SensorError, match=r"is silent at 9600 baud: nothing came in 0\.4 s; check that the sensor is on"
     ):
         record(
             lambda: open_port(silent[1], 9600),
