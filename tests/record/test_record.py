@@ -68,7 +68,7 @@ def hurried() -> Recording:
 
 
 def test_every_sample_arrives_as_it_was_sent(tmp_path: Path, hurried: Recording) -> None:
-    person = Watched({0.9: Command.GRIP, 1.4: Command.GRIP})
+    person = Watched({1.3: Command.GRIP, 1.8: Command.GRIP})
     wanted = options(tmp_path / "tea", duration_s=2.8, raw=True, tolerance_m=0.0005)
     outcome = recorded(hurried, person, wanted)
     got = read_demo(tmp_path / "tea").recording
@@ -84,7 +84,7 @@ def test_every_sample_arrives_as_it_was_sent(tmp_path: Path, hurried: Recording)
     assert got.gyr == pytest.approx(hurried.gyr[sent], abs=1e-6)  # type: ignore[index]
     assert got.mag == pytest.approx(hurried.mag[sent], abs=1e-3)  # type: ignore[index]
     assert [event.closed for event in got.grip] == [True, False]
-    assert got.grip[0].t == pytest.approx(0.9, abs=0.3)
+    assert got.grip[0].t == pytest.approx(1.3, abs=0.3)
     assert got.info.clock == "device"
     assert person.said[0] == "the rest at the start is found: you may move"
     # a long move is told once, before it is over
