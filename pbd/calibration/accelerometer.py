@@ -77,13 +77,11 @@ def fit_accelerometer(rests: Rests, gravity: float = GRAVITY) -> AccelerometerFi
     up = rests.up_sensor
     different = orientations(up)
     if different < FEWEST:
-        spread = float(np.degrees(np.arccos(np.clip((up @ up.T).min(), -1.0, 1.0))))
-        found = (
-            "the sensor was put down once"
-            if len(rests) == 1
-            else f"{len(rests)} rests show only {different} orientation{'s' if different > 1 else ''} 15 degrees "
-            f"or more apart (at most {spread:.0f})"
-        )
+        spread = np.degrees(np.arccos(np.clip((up @ up.T).min(), -1.0, 1.0)))
+        orientation = f"orientation{'s' if different > 1 else ''} 15 degrees or more apart (at most {spread:.0f})"
+        found = f"{len(rests)} rests show only {different} {orientation}"
+        if len(rests) == 1:
+            found = "the sensor was put down once"
         raise CalibrationError(
             f"{found}; the accelerometer needs {FEWEST} orientations, best 12: each of six sides and six edges up, 2 s "
             "each (for the gyro's bias alone: --only gyr)",

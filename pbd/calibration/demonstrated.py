@@ -27,10 +27,10 @@ SMOOTH_M, SMOOTH_RAD = 0.005, np.radians(2.0)
 SPACING_M, SPACING_RAD = 0.005, np.radians(2.0)
 """Poses are at most so far apart."""
 
-_FEWEST = 8
-_STRENGTHS = np.logspace(-12, 1, 27)
-_PINNED = 1e6  # the weight of both ends
-_LEAST_SAMPLES = 5
+FEWEST_POSES = 8
+STRENGTHS = np.logspace(-12, 1, 27)
+END_WEIGHT = 1e6
+FEWEST_SMOOTHED = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,14 +69,11 @@ def demonstrated_moves(
 def _sampled(path: HandPath, before: Keyframe, after: Keyframe) -> tuple[Array, Array, Array]:
     """The samples of a move, from the last at rest to the first at rest: t, p_nav_sensor, wxyz_nav_sensor."""
     start, end = before.t + 0.5 * before.dwell_s, after.t - 0.5 * after.dwell_s
-    inside = np.flatnonzero((path.t >= start - 1e-6) & (path.t <= end + 1e-6))
-    if len(inside) < 2:
-        p = np.stack((before.T_nav_sensor.p, after.T_nav_sensor.p))
-        return (
-            np.array([start, max(end, start + 1e-3)]),
-            p,
-            np.stack((before.T_nav_sensor.wxyz, after.T_nav_sensor.wxyz)),
-        )
+    inside = (path.t >= start - 1e-6) & (path.t <= end + 1e-6)
+    if inside.sum() < 2:
+        ends = before.T_nav_sensor, after.T_nav_sensor
+        t = np.array([start, max(end, start + 1e-3)])
+        return t, np.array([pose.p for pose in ends]), np.array([pose.wxyz for pose in ends])
     return path.t[inside], path.p_nav_sensor[inside], path.wxyz_nav_sensor[inside]
 
 
@@ -102,7 +99,7 @@ def _spaced(
     shift = scale * np.linalg.norm(np.diff(p, axis=0), axis=1) / SPACING_M
     turn = np.linalg.norm(quat_log(quat_multiply(quat_inverse(wxyz[:-1]), wxyz[1:])), axis=1) / SPACING_RAD
     steps = np.append(0.0, np.cumsum(np.maximum(shift, turn))) + 1e-6 * share
-    count = max(_FEWEST, int(np.ceil(steps[-1])) + 1)
+    count = max(FEWEST_POSES, int(np.ceil(steps[-1])) + 1)
     at = np.interp(np.linspace(0.0, steps[-1], count), steps, share)
     order = min(3, len(share) - 1)
     p, wxyz = (make_interp_spline(share, values, k=order)(at) for values in (p, _continuous(wxyz)))
@@ -117,14 +114,14 @@ def smoothed(x: Array, values: Array, within: float) -> BSpline:
     from scipy.interpolate import make_interp_spline, make_smoothing_spline
 
     exact: BSpline = make_interp_spline(x, values, k=min(3, len(x) - 1))
-    if len(x) < _LEAST_SAMPLES or within <= 0.0:
+    if len(x) < FEWEST_SMOOTHED or within <= 0.0:
         return exact
     weights = np.ones(len(x))
-    weights[[0, -1]] = _PINNED
-    best, low, high = exact, 0, len(_STRENGTHS)
+    weights[[0, -1]] = END_WEIGHT
+    best, low, high = exact, 0, len(STRENGTHS)
     while low < high:
         middle = (low + high) // 2
-        spline = make_smoothing_spline(x, values, w=weights, lam=float(_STRENGTHS[middle]))
+        spline = make_smoothing_spline(x, values, w=weights, lam=float(STRENGTHS[middle]))
         if np.linalg.norm(spline(x) - values, axis=1).max() <= within:
             best, low = spline, middle + 1
         else:

@@ -26,6 +26,8 @@ LEAST_COVER = 0.04
 PRIOR_TURN = 0.05
 """rad, one sigma of how the magnetometer's axes lie turned as a whole against the accelerometer's."""
 
+TURN_IT = "turn the sensor slowly in all directions, each side up and down once, or leave it out with --only acc"
+
 ROBUST = 3.0
 """Sigmas; a misfit beyond that counts by its size, not its square: near a table leg the field is another."""
 
@@ -69,10 +71,7 @@ def fit_ellipsoid(points: Array) -> tuple[Array, Array]:
     xx, yy, zz, yz, xz, xy, *linear = np.linalg.lstsq(design, np.ones(len(points)), rcond=None)[0].tolist()
     quadric = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     if np.linalg.eigvalsh(quadric).min() <= 1e-3 * np.linalg.eigvalsh(quadric).max():
-        raise CalibrationError(
-            "the magnetometer was not turned far enough: its readings fit no ellipsoid; turn the sensor slowly in all "
-            "directions, each side up and down once, or leave the magnetometer out with --only acc"
-        )
+        raise CalibrationError(f"the magnetometer was not turned far enough: its readings fit no ellipsoid; {TURN_IT}")
     centre = -np.linalg.solve(quadric, linear)
     values, axes = np.linalg.eigh(quadric / (1.0 + centre @ quadric @ centre))
     return middle + size * centre, np.asarray((axes * np.sqrt(values)) @ axes.T / size)
@@ -97,15 +96,14 @@ def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float
     from scipy.optimize import least_squares
 
     assert rests.mag is not None
-    at_rest = rests.mag
+    at_rest: Array = rests.mag
     used = mag[np.linspace(0, len(mag) - 1, min(MOST, len(mag))).astype(np.intp)]
     noise = float(np.hypot(rests.mag_noise, FLOOR_UT))
     spread = float(np.sqrt(np.linalg.eigvalsh(np.cov(used.T))[0]))
     if spread < LEAST_SPREAD * noise:
         raise CalibrationError(
-            f"the magnetometer was not turned far enough: along one axis its readings vary by only {spread:.1f} uT; "
-            "turn the sensor slowly in all directions, each side up and down once, or leave the magnetometer out with "
-            "--only acc",
+            "the magnetometer was not turned far enough: along one axis its readings vary by only "
+            f"{spread:.1f} uT; {TURN_IT}",
             value=spread,
             bound=LEAST_SPREAD * noise,
         )
@@ -118,13 +116,17 @@ def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float
     if cover < LEAST_COVER:
         raise CalibrationError(
             f"the magnetometer was not turned far enough (its directions cover {100.0 * 3.0 * cover:.0f} % of what "
-            "they could along one axis); turn the sensor slowly in all directions, each side up and down once, or "
-            "leave the magnetometer out with --only acc",
+            f"they could along one axis); {TURN_IT}",
             value=cover,
             bound=LEAST_COVER,
         )
     noise_at_rest = np.hypot(np.hypot(rests.mag_noise / np.sqrt(rests.samples), FLOOR_UT), up_sigma * field)
-    down = -np.average(np.einsum("ki,ki->k", (at_rest - centre) @ start.T, up_sensor))
+
+    def vertical_part(bias: Array, matrix: Array) -> Array:
+        """Upwards, (k,) uT."""
+        return np.asarray(np.einsum("ki,ki->k", (at_rest - bias) @ matrix.T, up_sensor))
+
+    down = -np.average(vertical_part(centre, start))
 
     def unpack(x: Array) -> tuple[Array, Array, float]:
         return centre + x[:3], start @ (np.eye(3) + x[3:12].reshape(3, 3)), float(down + x[12])
@@ -132,21 +134,18 @@ def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float
     def left(x: Array) -> Array:
         bias, matrix, vertical = unpack(x)
         strength = np.linalg.norm((used - bias) @ matrix.T, axis=1) - field
-        dip = np.einsum("ki,ki->k", (at_rest - bias) @ matrix.T, up_sensor) + vertical
-        return np.concatenate((strength / noise, dip / noise_at_rest))
+        # Few orientations leave the rotation open: it is held near none.
+        turn = (x[3:12].reshape(3, 3) - x[3:12].reshape(3, 3).T)[np.triu_indices(3, 1)]
+        dip = vertical_part(bias, matrix) + vertical
+        return np.concatenate((strength / noise, dip / noise_at_rest, turn / (2.0 * PRIOR_TURN)))
 
-    def held(x: Array) -> Array:
-        """The rotation, which few orientations leave open, is held near none."""
-        skew = x[3:12].reshape(3, 3) - x[3:12].reshape(3, 3).T
-        return np.concatenate((left(x), skew[np.triu_indices(3, 1)] / (2.0 * PRIOR_TURN)))
-
-    result = least_squares(held, np.zeros(13), loss="soft_l1", f_scale=ROBUST, x_scale="jac")
+    result = least_squares(left, np.zeros(13), loss="soft_l1", f_scale=ROBUST, x_scale="jac")
     bias, matrix, vertical = unpack(result.x)
     jacobian = np.asarray(result.jac)
     sigma = np.sqrt(np.diagonal(np.linalg.pinv(jacobian.T @ jacobian)))[:3]
     dip = float(np.arcsin(np.clip(vertical / field, -1.0, 1.0)))
     strength = np.linalg.norm((used - bias) @ matrix.T, axis=1) / field
-    each_dip = np.arcsin(np.clip(-np.einsum("ki,ki->k", (at_rest - bias) @ matrix.T, up_sensor) / field, -1.0, 1.0))
+    each_dip = np.arcsin(np.clip(-vertical_part(bias, matrix) / field, -1.0, 1.0))
     as_read = np.linalg.norm(used, axis=1)
     unit = float(np.cbrt(np.linalg.det(matrix)))
     return MagnetometerFit(

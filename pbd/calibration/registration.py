@@ -12,14 +12,14 @@ from pbd.calibration.point_observations import PointObservations, rows_of
 from pbd.pose import Array, Pose, quat_exp, quat_multiply, quat_to_matrix, skew
 
 MOST_STEPS, SETTLED = 50, 1e-9
-"""Of least squares; and m, rad and a share, from which on a step is none. Three or four do: the start is near."""
+"""Gauss-Newton steps, and the step (m, rad and a share) that ends them. Three or four do: the start is near."""
 
 TRUSTED = 2.0
-"""Degrees of freedom for which the tracker's own sigmas count beside what is left of a fit: a few points alone often
-fit so well by chance that too much would be made of it."""
+"""Degrees of freedom for which the tracker's own sigmas count beside the residuals: few points often fit well by
+chance."""
 
 TWO_SIGMA = 0.97725
-"""Of a normal distribution, what lies below two sigma."""
+"""Share of a normal distribution below two sigma."""
 
 
 @dataclass(frozen=True, eq=False)

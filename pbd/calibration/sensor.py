@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -112,22 +113,16 @@ def corrected(recording: Recording, errors: SensorErrors | None) -> Recording:
     if errors is None:
         return recording
     refuse_other_sensor(f"'{recording.info.name}'", recording.info.sensor, errors)
-    read = {"gyr": recording.gyr, "acc": recording.acc, "mag": recording.mag}
-    linear = {"gyr": errors.gyr, "acc": errors.acc, "mag": errors.mag}
-    true = {
-        kind: values if values is None or (of_kind := linear[kind]) is None else of_kind.true(values)
-        for kind, values in read.items()
+    true: dict[str, Any] = {
+        kind: linear.true(values)
+        for kind in KINDS
+        if (linear := getattr(errors, kind)) is not None and (values := getattr(recording, kind)) is not None
     }
-    return replace(recording, **true)  # type: ignore[arg-type]
+    return replace(recording, **true)
 
 
 def refuse_other_sensor(what: str, sensor: str, errors: SensorErrors) -> None:
-    """Refuse errors of another sensor; one that nobody named may be any.
-
-    Args:
-        what: is made with `sensor`, for the message.
-        sensor: the name of the sensor.
-        errors: which should be its.
+    """Refuse errors of another sensor than the one `what` was made with; one that nobody named may be any.
 
     Raises:
         CalibrationError: names both.

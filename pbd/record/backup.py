@@ -27,19 +27,19 @@ class Backup:
     edited: bool
 
     @property
-    def told(self) -> str:
+    def notice(self) -> str:
         """Where it is while the new one is recorded."""
         goes = "; its edited keyframes.toml goes with it" if self.edited else ""
         return f"the old one is in {self.aside} until this one has ended well{goes}"
 
     def remove(self) -> str:
-        """Remove it, as the new one has ended well; return what to tell."""
+        """Remove it, as the new one has ended well; return a line for the person."""
         if left := remove_folder(self.aside):
             return left
         return f"the old {self.folder} is replaced{', its edited keyframes.toml too' if self.edited else ''}"
 
     def keep(self) -> str:
-        """Leave it where it is, as the new one is too short to replay; return what to tell."""
+        """Leave it where it is, as the new one is too short to replay; return a line for the person."""
         edited = ", its edited keyframes.toml too" if self.edited else ""
         return (
             f"fewer than two stops in the new one, so the old one is kept in {self.aside}{edited}; to have it back, "
@@ -47,7 +47,7 @@ class Backup:
         )
 
     def put_back(self) -> str:
-        """Give it its name back, as the new one was discarded; return what to tell."""
+        """Give it its name back, as the new one was discarded; return a line for the person."""
         try:
             self.aside.rename(self.folder)
         except OSError as reason:
@@ -55,7 +55,7 @@ class Backup:
         return f"the old {self.folder} is back"
 
     def change_places(self) -> tuple[Path, str]:
-        """Give it its name back, as the new one is of no use; return where that is kept, and what to tell."""
+        """Give it its name back, as the new one is of no use; return where that is kept, and a line for the person."""
         why, kept = "no rest was found in it", name_aside(self.folder, "new")
         try:
             self.folder.rename(kept)

@@ -1,4 +1,4 @@
-"""Whether a sensor can be believed, looked at while it records: what is told at once can still be mended.
+"""Whether a sensor can be believed, checked while it records, when it can still be mended.
 
 A saturated axis, a dead one, a gyro or magnetometer that says nothing, a sensor that repeats itself. What is looked for
 is what `pbd.tracking` finds in a finished recording (saturation.py, channels.py), here in its last seconds.
@@ -21,14 +21,14 @@ EVERY_S = 0.25
 
 WINDOW_S = STUCK_S + 2.0 * EVERY_S
 
-AGAIN_S = 5.0
-"""A flaw that lasts is told again after so long: not sooner, a person can't hear it."""
+REPEAT_AFTER_S = 5.0
+"""A flaw that lasts is repeated after so long; a person hears it no sooner."""
 
-MOVES = 0.5
+MOVING_STD = 0.5
 """m/s2, the standard deviation of an axis: the hand moves for certain. A gyro at rest may well repeat itself."""
 
 FEWEST = 8
-"""Of fewer samples nothing can be told."""
+"""Samples in a window below which nothing is judged."""
 
 
 class Diagnostics:
@@ -37,7 +37,7 @@ class Diagnostics:
     def __init__(self) -> None:
         self._recent: deque[tuple[float, Sample]] = deque()
         self._looked = 0.0
-        self._told: dict[str, float] = {}
+        self._said_at: dict[str, float] = {}
         self._lived = False
         # Whether it has had noise: a sensor that never had is coarse, and says the same whenever it rests.
         self._largest: dict[tuple[str, int, float], float] = {}
@@ -56,21 +56,21 @@ class Diagnostics:
         return [line for what, line in (self._clipped(window, looked) | self._dead(window)).items() if self._new(what)]
 
     def _new(self, what: str) -> bool:
-        known, self._told[what] = self._told.get(what, -np.inf), self._looked
-        if self._looked - known < AGAIN_S:
-            self._told[what] = known
+        known, self._said_at[what] = self._said_at.get(what, -np.inf), self._looked
+        if self._looked - known < REPEAT_AFTER_S:
+            self._said_at[what] = known
             return False
         return True
 
     def _clipped(self, window: Recording, since: float) -> dict[str, str]:
         """Axes at the end of their range since then. A smaller peak than one before can't be at its end."""
-        told: dict[str, str] = {}
+        flaws: dict[str, str] = {}
         for clip in clips_of(window):
             side, reading = (clip.sensor, clip.axis, clip.sign), _reading(window, clip)
             if reading >= self._largest.get(side, 0.0) * (1.0 - SAME) and window.t[clip.stop - 1] > since:
                 shown = f"{reading / GRAVITY:.3g} g" if clip.sensor == "acc" else f"{np.degrees(reading):.0f} deg/s"
                 axis = f"{'xyz'[clip.axis]} axis of the {NAMES[clip.sensor]}"
-                told[f"{axis} clipped"] = (
+                flaws[f"{axis} clipped"] = (
                     f"the {axis} is at the end of its range ({shown}): move slower, or set a larger one"
                 )
         for name, values in _motion(window):
@@ -78,7 +78,7 @@ class Diagnostics:
                 for sign in (1.0, -1.0):
                     largest = float((sign * values[:, k]).max())
                     self._largest[name, k, sign] = max(self._largest.get((name, k, sign), 0.0), largest)
-        return told
+        return flaws
 
     def _dead(self, window: Recording) -> dict[str, str]:
         """Axes and sensors that say nothing while others do."""
@@ -90,21 +90,21 @@ class Diagnostics:
             if self._lived:
                 return {"stuck": f"for {STUCK_S:g} s all samples are the same: the sensor is stuck; plug it in again"}
             return {"still": "all samples are the same so far: if that stays so while you move, the sensor is stuck"}
-        told: dict[str, str] = {}
+        flaws: dict[str, str] = {}
         for name, axis, start, _ in stuck_axes(window):
             what = f"{'xyz'[axis]} axis of the {NAMES[name]}"
             value = float(given[name][start, axis])
-            told[f"{what} stuck"] = (
+            flaws[f"{what} stuck"] = (
                 f"the {what} is stuck at {value:.4g}, while others change: repair or replace the sensor"
             )
-        if whole and np.std(window.acc, axis=0).max() > MOVES:
+        if whole and np.std(window.acc, axis=0).max() > MOVING_STD:
             if window.gyr is not None and not _changes(window.gyr):
-                told["gyro dead"] = (
+                flaws["gyro dead"] = (
                     "the gyro reads the same while the hand moves, so it is dead: repair or replace the sensor"
                 )
             if window.mag is not None and not _changes(window.mag[np.isfinite(window.mag[:, 0])]):
-                told["magnetometer dead"] = "the magnetometer reads the same while the hand moves: it will be left out"
-        return told
+                flaws["magnetometer dead"] = "the magnetometer reads the same while the hand moves: it will be left out"
+        return flaws
 
 
 def _window(recent: deque[tuple[float, Sample]]) -> Recording:

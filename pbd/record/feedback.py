@@ -17,8 +17,8 @@ from pbd.tracking.online import DataFlaw, LiveEvent, LiveTracker, RestFound, Sto
 TRACKED_HZ = 250.0
 """The tracker is fed no faster than this: means over blocks lose nothing that it could use."""
 
-URGED_S = 1.5
-"""Who has not held still by then (a second would do), or whose sensor has no right reading at rest, is told."""
+REMIND_AFTER_S = 1.5
+"""Reminder to hold still (a second would do), or that the sensor reads wrongly at rest, after so long."""
 
 
 class Feedback:
@@ -32,9 +32,9 @@ class Feedback:
         self._field: deque[tuple[float, Array]] = deque()  # of the last second
         self._block: list[tuple[float, Sample]] = []
         self._said: list[Say] = []
-        self._urged = False
+        self._reminded = False
         self._warned = False  # of the move under way
-        self._failed = ""
+        self._last_error = ""
         self._t = -1.0
 
     def feed(self, t: float, sample: Sample) -> None:
@@ -60,14 +60,14 @@ class Feedback:
         try:
             events = self.tracker.feed(at, acc, mean("gyr"), mag, mean("rpy"))
         except PbdError as error:  # recording goes on; what can't be tracked now may be mended later
-            if error.message != self._failed:
+            if error.message != self._last_error:
                 self.say(t, error.message)
-            self._failed = error.message
+            self._last_error = error.message
             return
         for event in events:
             self._tell(event)
-        if self.tracker.waiting and not self._urged and t >= URGED_S:
-            self._urged = True
+        if self.tracker.waiting and not self._reminded and t >= REMIND_AFTER_S:
+            self._reminded = True
             self.say(t, self.tracker.waiting, bell=True)
         sigma = self.tracker.sigma_of_move
         if self.tracker.moving and sigma > self._tolerance_m and not self._warned:
@@ -103,11 +103,11 @@ class Feedback:
             self.say(event.t, "the rest at the start is found: you may move", bell=True)
             self._compare(event)
         elif isinstance(event, StopBegan):
-            again, self.stops, self._warned = event.index < self.stops, event.index + 1, False
+            known, self.stops, self._warned = event.index < self.stops, event.index + 1, False
             if event.index:
                 text = f"stop {event.index} at {placed(event.keyframe)}"
                 # What was announced before was the beginning of this same stop: the person knows, the place is better.
-                self.say(event.announced_t, text if again else f"{text}: you may move on", bell=not again)
+                self.say(event.announced_t, text if known else f"{text}: you may move on", bell=not known)
         elif isinstance(event, DataFlaw):
             self.say(event.t, event.message)
 

@@ -29,7 +29,7 @@ FEWEST = 2
 SHOWN_S = 0.1
 """The screen is brought up to date this often."""
 
-AGAIN_S = 0.2
+RETRY_S = 0.2
 """A port that is gone is tried again after so long."""
 
 STOOD_STILL = "this program stood still for {:.1f} s: what the sensor sent meanwhile may be lost"
@@ -68,19 +68,21 @@ def record(
     """
     session = Session(decoder, options)
     try:
-        ended_by = _whole(session, Reader(open_port), poll, show, every_s)
+        ended_by = _first_byte_to_last_row(session, Reader(open_port), poll, show, every_s)
     except PbdError as error:
-        told = session.failed()
-        if not told:
+        note = session.failed()
+        if not note:
             raise
-        raise type(error)(f"{error.message}; {told}", **error.fields) from None
+        raise type(error)(f"{error.message}; {note}", **error.fields) from None
     session.settle()
     if not session.discarded:
         show(session.status())
     return session.outcome(ended_by)
 
 
-def _whole(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], None], every_s: float) -> str:
+def _first_byte_to_last_row(
+    session: Session, reader: Reader, poll: Poll, show: Callable[[Status], None], every_s: float
+) -> str:
     """From the first byte to the last row on disk; return what ended it."""
     try:
         ended_by = _run(session, reader, poll, show, every_s)
@@ -174,7 +176,7 @@ def _wait(session: Session, reader: Reader, poll: Poll, show: Callable[[Status],
         command = poll()
         if command in (Command.END, Command.DISCARD):
             return command
-        time.sleep(AGAIN_S)
+        time.sleep(RETRY_S)
     return None
 
 

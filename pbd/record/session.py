@@ -19,11 +19,11 @@ from pbd.record.messages import FEWEST_STOPS, Outcome, RecordOptions, Status
 from pbd.sensors.decoding import Decoder, Sample
 from pbd.timestamps import SampleClock
 
-LOOK_S = 0.2
-"""The first samples are looked at for this long to see which channels there are; till then nothing is on disk."""
+CHANNELS_AFTER_S = 0.2
+"""Seconds of first samples that show which channels there are; until then nothing is on disk."""
 
-HEARD = 4096
-"""So many of the first bytes are kept, to say what they are where they are no packets."""
+KEPT_BYTES = 4096
+"""How many of the first bytes are kept, to name the sensor they come from where they are no packets."""
 
 DEVICE_CLOCK, HOST_CLOCK = "device", "host: arrival times, straightened by a line"
 
@@ -40,14 +40,14 @@ class Session:
         self.closed = False
         self.discarded = False
         self.heard = b""
-        self.before: Backup | None = None
-        self._kept_in, self._told_of_before = options.folder, ""
+        self.backup: Backup | None = None
+        self._kept_in, self._backup_note = options.folder, ""
         self._diagnostics = Diagnostics()
         self._raw = bytearray()
         self._first: list[tuple[float, Sample]] = []
         self._channels: tuple[str, ...] = ()
         self._rows: list[tuple[float, tuple[float, ...]]] = []
-        self._untold: list[tuple[float, Sample]] = []
+        self._unfollowed: list[tuple[float, Sample]] = []
         self._recent: deque[tuple[float, float]] = deque()
         self._clock: SampleClock[Sample] = SampleClock()
 
@@ -63,9 +63,9 @@ class Session:
                     self._first.append((t, sample))
                 else:
                     self._keep(t, sample)
-        if len(self.heard) < HEARD:
+        if len(self.heard) < KEPT_BYTES:
             self.heard += data
-        if self.demo is None and self.believed and self.t >= LOOK_S:
+        if self.demo is None and self.believed and self.t >= CHANNELS_AFTER_S:
             self._begin()
         if self.options.raw:
             self._raw += data
@@ -86,11 +86,11 @@ class Session:
 
     def follow(self) -> None:
         """Track what is written, and tell what is wrong with it: that may take a moment, so it comes after."""
-        for t, sample in self._untold:
+        for t, sample in self._unfollowed:
             self.coach.feed(t, sample)
             for line in self._diagnostics.feed(t, sample):
                 self.coach.say(t, line, bell=True)
-        self._untold.clear()
+        self._unfollowed.clear()
 
     def grip(self) -> None:
         """Change the grip, now."""
@@ -107,22 +107,22 @@ class Session:
 
     def settle(self) -> None:
         """Once all is written: what becomes of the demonstration that had the name before."""
-        if self.before is None:
+        if self.backup is None:
             return
         if self.discarded:
-            self._told_of_before = self.before.put_back()
+            self._backup_note = self.backup.put_back()
         elif self.coach.tracker.waiting:
-            self._kept_in, self._told_of_before = self.before.change_places()
+            self._kept_in, self._backup_note = self.backup.change_places()
         elif self.coach.stops < FEWEST_STOPS:
-            self._told_of_before = self.before.keep()
+            self._backup_note = self.backup.keep()
         else:
-            self._told_of_before = self.before.remove()
+            self._backup_note = self.backup.remove()
 
     def failed(self) -> str:
         """Say where the demonstration is that had the name before, once the new one can't be written; "" for none."""
-        if self.before is None:
-            return self._told_of_before
-        return f"the demonstration before it is in {self.before.aside}"
+        if self.backup is None:
+            return self._backup_note
+        return f"the demonstration before it is in {self.backup.aside}"
 
     def begin(self) -> None:
         """Begin, if it hasn't begun, with what has come so far: no sample is thrown away."""
@@ -140,17 +140,17 @@ class Session:
         except RecordingError:
             if self.demo.rows == 0:
                 self.demo.discard()
-                self._unbegun()
+                self._put_back()
                 raise
             with suppress(PbdError):  # of a full disk: what could not be written has been told
                 self._finish(self.demo)
             raise
         self._finish(self.demo)
 
-    def _unbegun(self) -> None:
+    def _put_back(self) -> None:
         """Give the name back, as nothing of the new one could be written."""
-        if self.before is not None:
-            self._told_of_before, self.before = self.before.put_back(), None
+        if self.backup is not None:
+            self._backup_note, self.backup = self.backup.put_back(), None
 
     def _finish(self, demo: GrowingDemo) -> None:
         times = self._clock.straightened if demo.rows == len(self._clock.times) else None
@@ -196,7 +196,7 @@ class Session:
             bad_packets=self.bad_packets,
             stops=self.coach.stops,
             ended_by=ended_by,
-            before=self._told_of_before,
+            before=self._backup_note,
         )
 
     @property
@@ -216,14 +216,14 @@ class Session:
         options = self.options
         info = RecordingInfo(sensor=options.sensor, created=options.created, clock=self._clock_name)
         if options.force:
-            self.before = set_aside(options.folder)
+            self.backup = set_aside(options.folder)
         try:
             self.demo = GrowingDemo(options.folder, info, self._channels, options.closed)
         except PbdError:
-            self._unbegun()
+            self._put_back()
             raise
-        if self.before is not None:
-            self.coach.say(self.t, self.before.told)
+        if self.backup is not None:
+            self.coach.say(self.t, self.backup.notice)
         for t, sample in self._first:
             self._keep(t, sample)
         self._first.clear()
@@ -237,4 +237,4 @@ class Session:
         given = [nothing if of[name] is None else of[name] for name in self._channels]
         self._rows.append((t, tuple(float(value) for triple in given for value in triple)))  # type: ignore[union-attr]
         self._recent.append((t, hypot(*sample.acc)))
-        self._untold.append((t, sample))
+        self._unfollowed.append((t, sample))

@@ -54,7 +54,7 @@ def test_edited_keyframes_are_told(tea: Path) -> None:
     (tea / "keyframes.toml").write_text("")
     before = set_aside(tea)
     assert before is not None
-    assert before.told.endswith("; its edited keyframes.toml goes with it")
+    assert before.notice.endswith("; its edited keyframes.toml goes with it")
     assert before.remove() == f"the old {tea} is replaced, its edited keyframes.toml too"
     assert beside(tea) == {}
 
@@ -102,4 +102,4 @@ def test_a_new_one_that_can_not_be_begun_makes_no_room(tea: Path, monkeypatch: p
     with pytest.raises(RecordingError, match="no space left"):
         session.take(b"".join(packets), 0.0)
     assert beside(tea) == {"tea": "the old one"}
-    assert session.before is None
+    assert session.backup is None

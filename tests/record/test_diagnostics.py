@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pbd.data import GRAVITY, Recording
-from pbd.record.diagnostics import AGAIN_S, EVERY_S, Diagnostics
+from pbd.record.diagnostics import EVERY_S, REPEAT_AFTER_S, Diagnostics
 from pbd.sensors.decoding import Sample, Triple
 from pbd.simulation.simulate import simulate
 from pbd.simulation.tasks import TASKS
@@ -83,7 +83,7 @@ def test_a_dead_axis_is_told_soon(pouring: Recording, name: str, axis: int, sens
     assert line.startswith(f"the {'xyz'[axis]} axis of the {sensor} is stuck at ")
     assert at <= since + STUCK_S + 2.0 * EVERY_S
     assert {other.partition(" at")[0] for _, other in lines} == {line.partition(" at")[0]}
-    assert np.diff([t for t, _ in lines]).min() >= AGAIN_S  # not more often than a person can hear
+    assert np.diff([t for t, _ in lines]).min() >= REPEAT_AFTER_S  # not more often than a person can hear
 
 
 def test_a_dead_gyro_is_told_when_the_hand_moves(pouring: Recording) -> None:
