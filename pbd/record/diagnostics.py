@@ -56,10 +56,9 @@ class Diagnostics:
         return [line for what, line in (self._clipped(window, looked) | self._dead(window)).items() if self._new(what)]
 
     def _new(self, what: str) -> bool:
-        known, self._said_at[what] = self._said_at.get(what, -np.inf), self._looked
-        if self._looked - known < REPEAT_AFTER_S:
-            self._said_at[what] = known
+        if self._looked - self._said_at.get(what, -np.inf) < REPEAT_AFTER_S:
             return False
+        self._said_at[what] = self._looked
         return True
 
     def _clipped(self, window: Recording, since: float) -> dict[str, str]:

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from pbd.errors import SensorError
-from pbd.sensors.decoding import Tally
 from pbd.sensors.line_layout import layout_from_options, layout_from_toml
 from pbd.sensors.protocols import PROTOCOLS, protocol
 
@@ -17,14 +16,6 @@ PAGE = Path(__file__).parents[2] / "docs" / "sensors.md"
 
 def test_names() -> None:
     assert list(PROTOCOLS) == ["os5000", "witmotion", "ximu3", "vectornav", "xsens", "lines", "razor"]
-
-
-@pytest.mark.parametrize("name", [name for name in PROTOCOLS if name != "lines"])
-def test_each_makes_decoders_of_their_own(name: str) -> None:
-    one, two = PROTOCOLS[name].decoder(), PROTOCOLS[name].decoder()
-    assert one.feed(b"") == []
-    assert one.feed(b"noise\r\n" * 100) == []
-    assert two.tally == Tally()
 
 
 def test_lines_has_to_be_told_its_columns() -> None:

@@ -207,14 +207,6 @@ def test_field_and_attitude_are_the_last_before_the_sample(encode: Encode) -> No
     assert mags_at(field(500_000, 1.0), field(550_000, 2.0), 560_000) == [2.0]
 
 
-def test_ascii_and_binary_in_one_stream() -> None:
-    numbers = [1.0, 2.0, 3.0, 0.25, 0.5, 0.75]
-    data = b"".join(encode("I", 2500 * k, numbers) for k in range(10) for encode in (text, binary))
-    samples = XImu3Decoder().feed(data)
-    assert len(samples) == 20
-    assert samples[::2] == samples[1::2]
-
-
 def test_messages_of_others_are_whole_packets() -> None:
     others = [text(letter, 1, [1.0] * n) for letter, n in zip("RLEHTBWU", (9, 7, 7, 3, 1, 3, 2, 4), strict=True)]
     others += [
@@ -257,10 +249,3 @@ def test_long_noise_swallows_nothing() -> None:
     for packet in (text("I", 5, STILL), binary("I", 5, STILL)):
         decoder = XImu3Decoder()
         assert fed(decoder, pieces(noise + packet, random.Random(4))) == [one(packet)]
-
-
-def test_a_start_in_mid_packet_is_skipped() -> None:
-    for packet in (text("I", 2500, STILL), PUBLISHED):
-        for cut in range(1, len(packet) - 1):
-            decoder = XImu3Decoder()
-            assert decoder.feed(packet[cut:] + packet) == [one(packet)]

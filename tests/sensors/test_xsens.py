@@ -202,13 +202,6 @@ def test_a_false_start_swallows_nothing() -> None:
         assert XsensDecoder().feed(false + b"".join(PACKETS)) == XsensDecoder().feed(b"".join(PACKETS))
 
 
-def test_a_start_in_mid_packet_is_skipped() -> None:
-    for cut in range(1, len(CAPTURED)):
-        decoder = XsensDecoder()
-        assert decoder.feed(CAPTURED[cut:] + CAPTURED) == [one(CAPTURED)]
-        assert decoder.tally == Tally(packets=1)
-
-
 def test_quaternions_of_any_length_and_none() -> None:
     rpy = one(xsens.message(xsens.item(xsens.QUATERNION, (2.0, 0.0, 0.0, 2.0)))).rpy
     assert rpy == pytest.approx((0.0, 0.0, pi / 2.0))
