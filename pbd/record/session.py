@@ -11,7 +11,7 @@ import numpy as np
 from pbd.data import GripEvent, RecordingInfo
 from pbd.errors import PbdError, RecordingError
 from pbd.files.columns import compass_angles
-from pbd.files.growing import GrowingDemo
+from pbd.files.recording_writer import RecordingWriter
 from pbd.record.before import Before, set_aside
 from pbd.record.clock import Clock
 from pbd.record.coach import Coach
@@ -35,7 +35,7 @@ class Session:
     def __init__(self, decoder: Decoder, options: RecordOptions) -> None:
         self.decoder, self.options = decoder, options
         self.coach = Coach(options.tolerance_m, options.errors, options.sensor)
-        self.demo: GrowingDemo | None = None
+        self.demo: RecordingWriter | None = None
         self.t = 0.0
         self.samples = 0
         self.closed = False
@@ -158,7 +158,7 @@ class Session:
         if self.before is not None:
             self._told_of_before, self.before = self.before.put_back(), None
 
-    def _finish(self, demo: GrowingDemo) -> None:
+    def _finish(self, demo: RecordingWriter) -> None:
         times = self._late.times if demo.rows == len(self._clock.stamper.arrivals) else None
         duration = self.t if times is None else float(times[-1])
         rows = demo.rows + self.lost
@@ -224,7 +224,7 @@ class Session:
         if options.force:
             self.before = set_aside(options.folder)
         try:
-            self.demo = GrowingDemo(options.folder, info, self._channels, options.closed)
+            self.demo = RecordingWriter(options.folder, info, self._channels, options.closed)
         except PbdError:
             self._unbegun()
             raise

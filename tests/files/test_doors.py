@@ -14,16 +14,15 @@ import pytest
 from pbd.cli import main
 from pbd.doors import npz
 from pbd.doors.meshes import load_by_assimp, mesh_file
-from pbd.doors.numbers import number
+from pbd.doors.numbers import number, seconds
 from pbd.doors.opening import read_bytes
+from pbd.doors.toml import read_toml
 from pbd.doors.xml import read_xml
 from pbd.errors import LONGEST, PbdError, RecordingError, RobotError
 from pbd.files.demo import read_demo
 from pbd.files.importers import import_file
 from pbd.files.points import read_points
-from pbd.files.stamps import seconds
 from pbd.files.table import MOST_COLUMNS, read_table
-from pbd.files.toml import read_toml
 from pbd.record.again import decode_raw
 from pbd.sensors.protocols import protocol
 from pbd.view import collada
