@@ -16,6 +16,8 @@ from pbd.doors.atomic import DELETED, in_deleted_folder
 from pbd.errors import PbdError, PbdWarning, in_words
 from pbd.view.terminal import drop, standard_streams
 
+__all__ = ["main", "parser"]
+
 UNWRITABLE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
 """Why standard output may fail: a full disk, a terminal that is gone. Errors of files have been told by then."""
 

@@ -40,7 +40,7 @@ def read_points(path: Path, unit: str | None = None) -> Points:
         CalibrationError: it can't be read; a column is missing; no unit is known; a cell is no number: with the line.
     """
     sheet = open_sheet(path, error=CalibrationError)
-    sheet = replace(sheet, header=tuple(name.lower() for name in sheet.header))
+    sheet = replace(sheet, header=tuple(name.lower() for name in sheet.header), complete=True)
     named = next((u for u in UNITS if all(f"{axis}_{u}" in sheet.header for axis in "xyz")), None)
     plain = all(axis in sheet.header for axis in "xyz")
     if named is None and plain and unit is None:

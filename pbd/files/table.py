@@ -51,7 +51,10 @@ class Table:
 
 @dataclass(frozen=True)
 class Sheet:
-    """A table's text, of which only the header has been read; `line` is that of the first row."""
+    """A table's text, of which only the header has been read; `line` is that of the first row.
+
+    A cell of a `complete` one must not be empty.
+    """
 
     path: Path
     header: tuple[str, ...]
@@ -60,6 +63,7 @@ class Sheet:
     line: int
     foreign: bool = False
     error: type[PbdError] = RecordingError
+    complete: bool = False
 
     def words(self, name: str) -> list[str]:
         """Return what a column of text says, row by row."""
@@ -125,17 +129,23 @@ class Sheet:
                 cell = cell.replace(",", ".")
             if dated:
                 return seconds(cell)
-            return number(cell) if cell.strip() else float("nan")
+            return number(cell) if cell.strip() or self.complete else float("nan")
         except ValueError:
-            name, next_step = self.header[column], "correct the cell, or leave it empty"
+            name, next_step = (
+                self.header[column],
+                "correct the cell" + (", or leave it empty" if not self.complete else ""),
+            )
             if _DECIMAL_COMMA.fullmatch(cell):
-                next_step = "it has a decimal comma: write numbers with a point (export it again)"
+                next_step = "it has a decimal comma: write numbers with a point (export it again, or put a point for "
+                next_step += "each comma)"
             what = f"'{printable(cell)}' in column '{printable(name)}' is not a number"
             raise self._fault(line, what, next_step, column=name, value=cell) from None
 
     def _fault(self, line: int | None, what: str, next_step: str, **fields: object) -> PbdError:
+        if line is not None:
+            fields["line"] = line
         where = f"{self.path}:{line}" if line else f"{self.path}"
-        return self.error(f"{where}: {what}; {next_step}", path=self.path, line=line, **fields)
+        return self.error(f"{where}: {what}; {next_step}", path=self.path, **fields)
 
 
 def require(path: Path, header: Sequence[str], names: Sequence[str], error: type[PbdError] = RecordingError) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from pbd.cli import main, parser
+from pbd.cli import main, parser, sensors
 from pbd.cli.options import not_negative, positive
 from pbd.errors import nearest
 
@@ -146,7 +146,7 @@ def test_an_error_that_is_not_of_the_output_stays_a_bug(monkeypatch: pytest.Monk
     def run(*_: object) -> int:
         raise OSError(errno.ENOENT, "No such file", "x")
 
-    monkeypatch.setattr("pbd.cli.sensors.run", run)
+    monkeypatch.setattr(sensors, "run", run)
     with pytest.raises(OSError, match="No such file"):
         main(["sensors"])
 

@@ -127,7 +127,7 @@ def test_what_the_default_has_commented_out_is_valid_too(tmp_path: Path) -> None
         (
             PARTS,
             PARTS.replace("[dock]", "[dok]").replace(MOUNT, ""),
-            ":6: dok is unknown; 'dock' may be meant; rename it",
+            ":6: dok is unknown; the keys here are format, dock, nav",
         ),
         ("0.5, 0.6]", "50, 60]", ":23: [obstacle] position has 60, but is in metres; divide it by 100 if it is in cm"),
         ("[0.1]", "[25]", ":22: [obstacle] size has 25, but is in metres; divide it by 100 if it is in cm"),
