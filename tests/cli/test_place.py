@@ -80,11 +80,6 @@ def test_what_is_read_is_not_written_over(capsys: Capture) -> None:
     assert "walk.csv is what this command reads, so it is not overwritten" in capsys.readouterr().err
 
 
-def test_a_page_ends_in_html(capsys: Capture) -> None:
-    assert main(["replay", "pouring", "--robot", "nobody", "--html", "page"]) == 2
-    assert capsys.readouterr().err == "pbd: --html needs a name that ends in .html, got 'page'\n"
-
-
 @pytest.mark.parametrize("mode", [0o500, 0o600])
 def test_a_folder_without_permission(capsys: Capture, mode: int) -> None:
     Path("robots").chmod(mode)
