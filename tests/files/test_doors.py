@@ -145,7 +145,7 @@ def test_an_array_shorter_than_it_says_is_not_made_room_for(tmp_path: Path, shap
     with zipfile.ZipFile(path, "w") as archive:
         for name, data in members.items():
             archive.writestr(name, data.replace(b"(3, 3), }" + b" " * 40, f"{shape}, }}".encode().ljust(49)))
-    with pytest.raises(RecordingError, match=r"acc\.npy is shorter than its shape"):
+    with pytest.raises(RecordingError, match="can't be read as an npz"):
         import_file(path)
 
 
