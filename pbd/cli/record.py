@@ -16,8 +16,6 @@ from pbd.calibration.sensor import refuse_other_sensor
 from pbd.cli.console import print_json
 from pbd.cli.keys import Keys, Person
 from pbd.cli.recording_device import find_sensor
-from pbd.cli.recording_live import SHOWN_S as LIVE_SHOWN_S
-from pbd.cli.recording_live import LiveScreen
 from pbd.cli.recording_screen import PanelScreen, PlainScreen
 from pbd.cli.recording_simulated import Poll, Show, SimulatedHand, simulated_hand
 from pbd.cli.steps import decoder_maker
@@ -65,15 +63,17 @@ def run(args: argparse.Namespace) -> None:
         screen: PanelScreen | PlainScreen = PanelScreen(title, options.tolerance_m) if panel else PlainScreen(title)
         poll: Poll = Person(keys, screen)
         show: Show = screen.show
-        live = None
+        every_s, live = SHOWN_S, None
         if view is not None:
+            from pbd.cli import recording_live
+
             view.open(name, sensor, not args.no_open)
-            live = LiveScreen(view, screen.show, options.tolerance_m)
-            show = live.show
+            live = recording_live.LiveScreen(view, screen.show, options.tolerance_m)
+            show, every_s = live.show, recording_live.SHOWN_S
         if hand is not None:
             poll, show = hand.beside(poll, show, keys.terminal, args.duration)
         with screen:
-            outcome = record(opened, decoder, options, poll, show, SHOWN_S if live is None else LIVE_SHOWN_S)
+            outcome = record(opened, decoder, options, poll, show, every_s)
         if hand is not None:
             outcome = hand.outcome(outcome)
         if live is not None:
