@@ -110,12 +110,6 @@ def test_broad_14_has_five_keyframes(capsys: Capture, data_folder: Path) -> None
 # --- bad input ---
 
 
-def test_g_instead_of_metres_per_second_squared(capsys: Capture, elsewhere: Path) -> None:
-    write_recording(elsewhere / "g.csv", norm=1.0)
-    assert run(capsys, "import", "g.csv", "good", "--unit", "acc=g")[0] == 0
-    assert run(capsys, "keyframes", "good")[0] == 0
-
-
 def test_a_recording_that_never_moves(capsys: Capture, elsewhere: Path) -> None:
     write_recording(elsewhere / "still.csv")
     assert len(run_json(capsys, "keyframes", "still.csv")["keyframes"]) == 1

@@ -14,10 +14,10 @@ from pathlib import Path
 
 from pbd.calibration.sensor import refuse_other_sensor
 from pbd.cli.console import print_json
-from pbd.cli.keys import Keys, Person
-from pbd.cli.recording_device import find_sensor
-from pbd.cli.recording_screen import PanelScreen, PlainScreen
-from pbd.cli.recording_simulated import Poll, Show, SimulatedHand, simulated_hand
+from pbd.cli.recording.device import find_sensor
+from pbd.cli.recording.keys import Keys, Person
+from pbd.cli.recording.screen import PanelScreen, PlainScreen
+from pbd.cli.recording.simulated import Poll, Show, SimulatedHand, simulated_hand
 from pbd.cli.steps import decoder_maker
 from pbd.data import SensorErrors
 from pbd.errors import PbdWarning, SensorError
@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> None:
         show: Show = screen.show
         every_s, live = SHOWN_S, None
         if view is not None:
-            from pbd.cli import recording_live
+            from pbd.cli.recording import live as recording_live
 
             view.open(name, sensor, not args.no_open)
             live = recording_live.LiveScreen(view, screen.show, options.tolerance_m)

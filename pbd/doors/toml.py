@@ -209,7 +209,8 @@ class Section:
         if key not in self:
             if default is not _REQUIRED:
                 return default
-            misspelt = difflib.get_close_matches(key, self._unasked(), n=1)
+            as_long = [given for given in self._unasked() if abs(len(given) - len(key)) <= 2]
+            misspelt = difflib.get_close_matches(key, as_long, n=1)
             self.fail(key, f"is missing (there is '{misspelt[0]}')" if misspelt else "is missing", next_step="add it")
         value = self._values[key]
         if not is_right(value):
