@@ -134,7 +134,13 @@ def store_demonstration(
 def decoder_maker(
     args: argparse.Namespace, sensor: str, units: Iterable[str], also: Iterable[str] = ()
 ) -> Callable[[], Decoder]:
-    """What makes the sensor's decoder; `units` as in `acc=g`, for lines and the Razor; what a command takes `also`.
+    """Return what makes the sensor's decoder.
+
+    Args:
+        args: with the options of `add_lines`.
+        sensor: its name.
+        units: as in `acc=g`, for lines and the Razor.
+        also: other names that the command takes, for the message.
 
     Raises:
         SensorError: the sensor is unknown, or its lines are not described, or wrongly.

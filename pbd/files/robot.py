@@ -17,7 +17,7 @@ from pbd.data import Calibration, Gripper, JointLimits, Robot
 from pbd.doors.atomic import is_file
 from pbd.doors.meshes import mesh_places
 from pbd.doors.toml import Section, read_toml
-from pbd.errors import LISTED, RobotError, listed, printable
+from pbd.errors import MOST_LISTED, RobotError, listed, printable
 from pbd.files.calibration import read_pose
 from pbd.files.library import find
 from pbd.files.urdf import Urdf, UrdfJoint, read_poses, read_urdf
@@ -114,7 +114,7 @@ def _link(model: Section, key: str, urdf: Urdf) -> str:
     """The name of a link; one that isn't there is refused with those that are most like it."""
     name = model.text(key)
     if name not in urdf.links:
-        near = get_close_matches(name, urdf.links, n=5) if len(urdf.links) > LISTED else ()
+        near = get_close_matches(name, urdf.links, n=5) if len(urdf.links) > MOST_LISTED else ()
         what = f"is wrong: {urdf.path} has no link {printable(name)!r}"
         model.fail(key, what, f"set {key} to one of {listed(near or urdf.links)}")
     return name

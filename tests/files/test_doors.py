@@ -18,7 +18,7 @@ from pbd.doors.numbers import number, seconds
 from pbd.doors.opening import read_bytes
 from pbd.doors.toml import read_toml
 from pbd.doors.xml import read_xml
-from pbd.errors import LONGEST, PbdError, RecordingError, RobotError
+from pbd.errors import LONGEST_MESSAGE, PbdError, RecordingError, RobotError
 from pbd.files.demo import read_demo
 from pbd.files.importers import import_file
 from pbd.files.points import read_points
@@ -83,7 +83,7 @@ def test_a_message_is_one_short_line_in_print() -> None:
     message = str(PbdError("no \x1b[2J name\n'" + "(" * 100_000 + "'; correct it"))
     assert message.startswith(r"no \x1b[2J name '(((")
     assert message.endswith("((('; correct it")
-    assert len(message) < LONGEST + 10
+    assert len(message) < LONGEST_MESSAGE + 10
 
 
 # --- numbers ----------------------------------------------------------------------------------------------------------
