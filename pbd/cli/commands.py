@@ -73,7 +73,6 @@ def _add_record(commands: Commands) -> None:
     parser = add_command(
         commands,
         "record",
-        "record",
         "record a demonstration from a sensor",
         "Record to ./demos/NAME, sample by sample. Hold still for two seconds, then move, stop, move, stop.\n"
         "At a terminal: Enter ends the recording, space marks that the grip closes or opens, q discards it\n"
@@ -114,7 +113,6 @@ def _add_simulate(commands: Commands) -> None:
     parser = add_command(
         commands,
         "simulate",
-        "simulate",
         "make a synthetic demonstration with ground truth",
         "Simulate a hand that holds a sensor and does a task; the ground truth is stored too.",
         "  pbd simulate pour tea --sensor-model wt901 --seed 3\n"
@@ -136,7 +134,6 @@ def _add_import(commands: Commands) -> None:
     parser = add_command(
         commands,
         "import",
-        "import_",
         "import a recording of another program",
         "Read a recording (a CSV with a header, x-io's CSV, WitMotion's .txt or .csv log, an npz, a raw.bin of\n"
         "`pbd record --raw`) and store it as a demonstration. Names and units come from the header where it\n"
@@ -167,7 +164,6 @@ def _add_segments(commands: Commands) -> None:
     parser = add_command(
         commands,
         "segments",
-        "segments",
         "when the hand moved, when it rested, and what kind of motion it was",
         "Print the paper's Table I for a demonstration: the intervals of samples, what happens in each, and how long.",
         "  pbd segments paper-test1",
@@ -180,7 +176,6 @@ def _add_segments(commands: Commands) -> None:
 def _add_keyframes(commands: Commands) -> None:
     parser = add_command(
         commands,
-        "keyframes",
         "keyframes",
         "where the hand stopped, and how certain that is",
         "Print the pose at each stop of a demonstration with its uncertainty; with a robot also the tool's pose\n"
@@ -199,7 +194,6 @@ def _add_keyframes(commands: Commands) -> None:
 def _add_plot(commands: Commands) -> None:
     parser = add_command(
         commands,
-        "plot",
         "plot",
         "draw a demonstration: the paper's figures and more; or compare several",
         "Draw a demonstration into files: the paper's figures 5 to 10, attitude, specific force, velocity with its\n"
@@ -225,7 +219,6 @@ def _add_replay(commands: Commands) -> None:
     parser = add_command(
         commands,
         "replay",
-        "replay",
         "plan the robot's motion, audit it and show it",
         "Plan the motion of a robot through a demonstration's keyframes, audit it against all limits, and show it:\n"
         "in the browser, served on this machine only, or as one HTML file that plays anywhere without a network.",
@@ -242,7 +235,6 @@ def _add_replay(commands: Commands) -> None:
 def _add_export(commands: Commands) -> None:
     parser = add_command(
         commands,
-        "export",
         "export",
         "write the joint trajectory for other tools",
         "Plan and audit as `pbd replay` does, and write the joint trajectory.",
@@ -273,7 +265,6 @@ def _add_robots(commands: Commands) -> None:
     parser = add_command(
         commands,
         "robots",
-        "robots",
         "list the robots that pbd knows",
         "List the robots in ./robots and the bundled ones, with their reach (tool from the base's axis) and what pbd\n"
         "assumes about them; or show one, with the links that are not checked for collisions. To add your own, put a\n"
@@ -287,7 +278,6 @@ def _add_robots(commands: Commands) -> None:
 def _add_sensors(commands: Commands) -> None:
     parser = add_command(
         commands,
-        "sensors",
         "sensors",
         "which sensors are plugged in, and which are supported",
         "List the serial ports with something plugged in, and the sensors that pbd supports. As CSV these are\n"

@@ -6,6 +6,7 @@ import argparse
 import math
 import sys
 from dataclasses import replace
+from keyword import iskeyword
 from typing import TYPE_CHECKING, Any, NoReturn, Protocol
 
 from pbd.errors import PbdError, nearest
@@ -56,9 +57,9 @@ class Commands(Protocol):
 
 
 def add_command(
-    commands: Commands, name: str, module: str, help_text: str, description: str, example: str
+    commands: Commands, name: str, help_text: str, description: str, example: str
 ) -> argparse.ArgumentParser:
-    """Add a command, which `run` of a `module` in this folder does, with an example at the end of its help."""
+    """Add a command, which `run` of the module of its name does, with an example at the end of its help."""
     parser = commands.add_parser(
         name,
         help=help_text,
@@ -66,7 +67,8 @@ def add_command(
         epilog=f"example:\n{example}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.set_defaults(parser=parser, module=f"pbd.cli.{module}")
+    module = ".".join(["pbd.cli", *parser.prog.split()[1:]])  # `pbd calibrate dock` -> pbd.cli.calibrate.dock
+    parser.set_defaults(parser=parser, module=f"{module}_" if iskeyword(name) else module)
     return parser
 
 

@@ -15,7 +15,6 @@ def add_calibrate(commands: Commands) -> None:
     parser = add_command(
         commands,
         "calibrate",
-        "calibrate",
         "where the hand starts in the robot's base, how the sensor is mounted, and its errors",
         "Make or update ./calibration/NAME.toml, one part at a time; the other parts stay as they are.\n"
         "docs/calibration.md explains each part.",
@@ -37,7 +36,6 @@ def _add_dock(steps: Commands) -> None:
     parser = add_command(
         steps,
         "dock",
-        "calibrate.dock",
         "where in the robot's base a demonstration starts",
         "Say where the sensor lies, in the robot's base, when a demonstration begins: measured by hand, where the\n"
         "robot's own tool stands at some joints, or where an earlier demonstration stopped.",
@@ -67,7 +65,6 @@ def _add_points(steps: Commands) -> None:
     parser = add_command(
         steps,
         "points",
-        "calibrate.points",
         "where the hand's frame (nav) lies in the robot's base, from known points that the hand touched",
         "Find how a demonstration lies in the robot's base from three or more known points that its stops touched.\n"
         "FILE is a CSV with the header name,x_m,y_m,z_m (or _cm, _mm) and one row per point.",
@@ -103,7 +100,6 @@ def _add_mount(steps: Commands) -> None:
     parser = add_command(
         steps,
         "mount",
-        "calibrate.mount",
         "how the sensor is mounted on the tool: its lever and its rotation",
         "Find where the tool is relative to the sensor. --pivot: the tip stays on one point while you tilt the tool\n"
         "to all sides, with rests between; this gives the lever. --turns: you turn the tool about its own axes,\n"
@@ -124,7 +120,6 @@ def _add_sensor(steps: Commands) -> None:
     parser = add_command(
         steps,
         "sensor",
-        "calibrate.sensor",
         "the sensor's errors: bias, scale, misalignment, hard and soft iron",
         "Find a sensor's errors from one recording in which you put it down in several orientations, two seconds "
         "each:\n"
@@ -146,7 +141,6 @@ def _add_show(steps: Commands) -> None:
     parser = add_command(
         steps,
         "show",
-        "calibrate.show",
         "everything in a calibration, and what each part adds to the tool's uncertainty",
         "Print a calibration, and how uncertain the tool's pose in the robot's base is at each keyframe of a\n"
         "demonstration: in total, and the parts that come from the start, from the mount and from tracking.",
