@@ -160,9 +160,3 @@ def test_a_fault_is_named_with_path_line_and_key(tmp_path: Path, old: str, new: 
         read_calibration(path)
     assert caught.value.message.startswith(f"{path}{message}")
     assert caught.value.fields["path"] == path
-
-
-def test_an_unknown_name_lists_the_valid_ones(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(CalibrationError, match=r"no calibration named 'defualt', .*; known are .*default"):
-        load_calibration("defualt")

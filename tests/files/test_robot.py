@@ -401,12 +401,6 @@ def test_poses_of_an_srdf(folder: Path) -> None:
     assert read_poses(folder / "mine.srdf") == {"rest": {"shoulder": 0.5, "elbow": -1.0}, "half": {"shoulder": 0.5}}
 
 
-def test_a_file_that_cant_be_read(tmp_path: Path) -> None:
-    with pytest.raises(RobotError, match=r"can't be read \(.*\); give the path of a TOML file") as caught:
-        read_robot(tmp_path / "nowhere.toml")
-    assert caught.value.fields["path"] == tmp_path / "nowhere.toml"
-
-
 # --- files that would break what reads them ---------------------------------------------------------------------------
 
 
