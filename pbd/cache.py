@@ -1,8 +1,7 @@
-"""What takes long to work out and follows from files alone is kept in the user's cache folder, as named arrays.
+"""Results that take long and follow from files alone, kept in the user's cache folder as named arrays.
 
-A file is an .npz behind the SHA-256 of its bytes: what a crash, a full disk or a stray hand left of it is found out and
-made anew. It appears whole or not at all, so several processes may write the same one. Where nothing can be written
-things just take their time again.
+A file is an .npz behind the SHA-256 of its bytes, so a damaged one is found out and made anew. It appears whole or not
+at all: several processes may write the same one. Where nothing can be written, the work is done again each time.
 """
 
 from __future__ import annotations
@@ -18,9 +17,10 @@ import numpy as np
 import platformdirs
 from numpy.typing import NDArray
 
-from pbd.paths import replacing
+from pbd.doors.atomic import atomic_file
+from pbd.errors import PbdError
 
-_DIGEST = hashlib.sha256().digest_size
+_DIGEST_BYTES = hashlib.sha256().digest_size
 
 
 def recall(kind: str, key: str) -> dict[str, NDArray[Any]] | None:
@@ -29,7 +29,7 @@ def recall(kind: str, key: str) -> dict[str, NDArray[Any]] | None:
         kept = _place(kind, key).read_bytes()
     except OSError:
         return None
-    digest, content = kept[:_DIGEST], kept[_DIGEST:]
+    digest, content = kept[:_DIGEST_BYTES], kept[_DIGEST_BYTES:]
     if hashlib.sha256(content).digest() != digest:
         return None
     with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
@@ -40,7 +40,7 @@ def remember(kind: str, key: str, arrays: Mapping[str, Any]) -> None:
     """Keep arrays under a kind and a key."""
     content = io.BytesIO()
     np.savez(content, **arrays)
-    with suppress(OSError), replacing(_place(kind, key), parents=True) as file:
+    with suppress(PbdError), atomic_file(_place(kind, key), parents=True) as file:
         file.write_bytes(hashlib.sha256(content.getvalue()).digest() + content.getvalue())
 
 

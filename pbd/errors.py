@@ -54,7 +54,7 @@ class PbdWarning(UserWarning):
         super().__init__(one_line(message))
 
 
-LONGEST = 1000
+LONGEST_MESSAGE = 1000
 """Longest message, characters: what a file says may be in it."""
 
 
@@ -62,9 +62,9 @@ def one_line(message: str) -> str:
     """Write a message on one line, in print that no terminal obeys, without the middle where it is very long."""
     if not message.isprintable():
         message = "".join(c if c.isprintable() else " " if c.isspace() else repr(c)[1:-1] for c in message)
-    if len(message) <= LONGEST:
+    if len(message) <= LONGEST_MESSAGE:
         return message
-    return f"{message[: LONGEST // 2]} ... {message[-LONGEST // 2 :]}"
+    return f"{message[: LONGEST_MESSAGE // 2]} ... {message[-LONGEST_MESSAGE // 2 :]}"
 
 
 def in_words(reason: Exception) -> str:
@@ -72,24 +72,24 @@ def in_words(reason: Exception) -> str:
     return reason.strerror if isinstance(reason, OSError) and reason.strerror else str(reason)
 
 
-LISTED = 12
+MOST_LISTED = 12
 """Most names that a message lists."""
 
-SHOWN = 80
+LONGEST_WORD = 80
 """Longest word of a file that a message shows whole, characters."""
 
 
 def printable(text: str) -> str:
     """Write a word of a file for a message: cut where it is long, in print that no terminal obeys."""
     shown = text if text.isprintable() else repr(text)[1:-1]
-    return shown if len(shown) <= SHOWN else f"{shown[:SHOWN]}..."
+    return shown if len(shown) <= LONGEST_WORD else f"{shown[:LONGEST_WORD]}..."
 
 
 def listed(names: Iterable[str]) -> str:
     """Write names for a message, the first of them where there are many."""
     given = [printable(name) for name in names]
-    more = f" and {len(given) - LISTED} more" if len(given) > LISTED else ""
-    return ", ".join(given[:LISTED]) + more or "(none)"
+    more = f" and {len(given) - MOST_LISTED} more" if len(given) > MOST_LISTED else ""
+    return ", ".join(given[:MOST_LISTED]) + more or "(none)"
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

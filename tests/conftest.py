@@ -13,6 +13,13 @@ settings.load_profile("pbd")
 
 
 @pytest.fixture
+def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty folder, in which a command runs as in a user's own."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
 def data_folder() -> Path:
     """Real recordings with optical truth, which are never copied into the project."""
     folder = Path(os.environ.get("PBD_DATA", Path(__file__).parents[2] / "shared" / "data"))

@@ -12,10 +12,33 @@ from numpy.typing import NDArray
 from pbd.data import Demonstration, Recording
 from pbd.files.demo import write_demo
 from pbd.simulation.simulate import simulate
-from tests.test_cli import HEADER, write_recording
-from tests.test_cli_bad_robot import TOML, URDF
+from tests.cli.running import HEADER, write_recording
 from tests.test_cli_motion import LOW_DOCK, OBSTACLE
 from tests.tracking.faults import broken, with_channel
+
+URDF = """<robot name="two"><link name="base"/><link name="upper">{mesh}</link><link name="tip"/>
+<joint name="one" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 0 1"/>
+<limit lower="-2" upper="2" velocity="1" effort="1"/></joint>
+<joint name="two" type="revolute"><parent link="upper"/><child link="tip"/><axis xyz="0 0 1"/>
+<limit lower="-2" upper="2" velocity="1" effort="1"/></joint></robot>
+"""
+
+TOML = """format = 1
+name = "mine"
+description = "two joints"
+[model]
+urdf = "mine.urdf"
+base = "base"
+body = "tip"
+T_body_tool = { xyz = [0, 0, 0], rpy_deg = [0, 0, 0] }
+[arm]
+home = [0.0, 0.0]
+[limits]
+source = "a test"
+velocity = [1.0, 1.0]
+acceleration = [5.0, 5.0]
+jerk = [50.0, 50.0]
+"""
 
 SAMPLE = "0,0,0,0,0,0,9.81\n"
 POINTS = "name,x_m,y_m,z_m\na,0.4,0,0\nb,0.5,0,0\nc,0.6,0,0\n"

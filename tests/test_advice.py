@@ -14,7 +14,7 @@ from pbd.planning import PlanOptions, arm_of, plan_keyframes
 from pbd.planning.advice import advised
 from pbd.pose import Pose
 from pbd.view.mesh_files import read_soup
-from tests.test_cli import Capture, run
+from tests.cli.running import Capture, run
 from tests.test_planning import PANDA, TURN, dock, keyframe, planned
 
 

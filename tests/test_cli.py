@@ -7,52 +7,15 @@ import re
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from pbd.cli import main
+from tests.cli.running import Capture, refused, run, run_json, write_recording
 
-Capture = pytest.CaptureFixture[str]
+pytestmark = pytest.mark.usefixtures("elsewhere")
+
 POSE_KEYS = {"index", "t_s", "dwell_s", "position_m", "wxyz", "sigma_m", "sigma_deg", "weight", "grip"}
-
-
-@pytest.fixture(autouse=True)
-def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Every command runs in an empty folder, as a user's own."""
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
-def run(capsys: Capture, *args: str | Path) -> tuple[int, str, str]:
-    """Run a command; return its exit code and what it printed on stdout and stderr."""
-    capsys.readouterr()
-    code = main([str(arg) for arg in args])
-    out, err = capsys.readouterr()
-    return code, out, err
-
-
-def run_json(capsys: Capture, *args: str | Path) -> dict[str, Any]:
-    """Run a command that succeeds with --json; there is one object on stdout and nothing else."""
-    code, out, _ = run(capsys, *args, "--json")
-    assert code == 0
-    result = json.loads(out)
-    assert isinstance(result, dict)
-    assert out.count("\n") == 1
-    return result
-
-
-def refused(capsys: Capture, exit_code: int, *args: str | Path) -> str:
-    """Run a command that fails; return its one line on stderr."""
-    code, out, err = run(capsys, *args)
-    assert code == exit_code
-    assert out == ""
-    lines = [
-        line for line in err.splitlines() if not line.startswith(("pbd: warning:", "pbd: no demonstration named:"))
-    ]
-    assert len(lines) == 1, err
-    return lines[0]
 
 
 def test_keyframes_json(capsys: Capture) -> None:
@@ -130,11 +93,6 @@ def test_simulate_then_the_newest_is_used(capsys: Capture) -> None:
     assert run(capsys, "simulate", "pour", "tea", "--force")[0] == 0
 
 
-def test_without_any_demonstration_the_bundled_one_is_used(capsys: Capture) -> None:
-    _, _, err = run(capsys, "segments")
-    assert "using 'pouring'" in err
-
-
 def test_a_real_walk_replays_as_a_scaled_loop(capsys: Capture, data_folder: Path) -> None:
     assert run(capsys, "import", data_folder / "walks" / "short_walk.csv", "walk")[0] == 0
     result = run_json(
@@ -149,60 +107,7 @@ def test_broad_14_has_five_keyframes(capsys: Capture, data_folder: Path) -> None
     assert len(run_json(capsys, "keyframes", file)["keyframes"]) == 5
 
 
-def test_robots(capsys: Capture) -> None:
-    assert "panda" in [robot["name"] for robot in run_json(capsys, "robots")["robots"]]
-    code, out, _ = run(capsys, "robots")
-    assert code == 0
-    assert "panda" in out
-
-
 # --- bad input ---
-
-HEADER = "t,gx,gy,gz,ax,ay,az\n"
-
-
-def write_recording(path: Path, rows: int = 400, norm: float = 9.81) -> Path:
-    """A still recording as a CSV; the last digit of each number flickers, as a sensor's does."""
-    flicker = 1e-4 * np.random.default_rng(0).integers(-1, 2, (rows, 6)) + (0.0, 0.0, 0.0, 0.0, 0.0, norm)
-    path.write_text(
-        HEADER + "".join(f"{i / 100},{','.join(f'{x:.4f}' for x in row)}\n" for i, row in enumerate(flicker))
-    )
-    return path
-
-
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        ("", "pbd: bad.csv: the file is empty; it needs a header line and rows of numbers"),
-        (HEADER, "pbd: bad.csv: a header but no rows; record again"),
-        (
-            "t,gx,gy,gz,ax,ay\n0,0,0,0,0,0\n",
-            "pbd: bad.csv: no column for 'az', though there is 'ax'; the columns are t, gx, gy, gz, ax, ay: "
-            "name it with --column az=NAME",
-        ),
-        (
-            HEADER + "0,0,0,0,0,0,9.81\n0.01,0,0,zero,0,0,9.81\n",
-            "pbd: bad.csv:3: 'zero' in column 'gz' is not a number; correct the cell, or leave it empty",
-        ),
-        (
-            HEADER + "0,0,0,0,0,0,9.81\n0.01,0,0,0,0,9.81\n",
-            "pbd: bad.csv:3: 6 cells where the header has 7; correct or remove the line",
-        ),
-    ],
-)
-def test_a_bad_csv_is_one_line(capsys: Capture, elsewhere: Path, content: str, message: str) -> None:
-    (elsewhere / "bad.csv").write_text(content)
-    assert refused(capsys, 1, "keyframes", "bad.csv") == message
-
-
-def test_g_instead_of_metres_per_second_squared(capsys: Capture, elsewhere: Path) -> None:
-    write_recording(elsewhere / "g.csv", norm=1.0)
-    assert refused(capsys, 1, "keyframes", "g.csv") == (
-        "pbd: at rest the accelerometer reads 1, but gravity is 9.81 m/s2; the values are likely in g: "
-        "import the file with --unit acc=g"
-    )
-    assert run(capsys, "import", "g.csv", "good", "--unit", "acc=g")[0] == 0
-    assert run(capsys, "keyframes", "good")[0] == 0
 
 
 def test_a_recording_that_never_moves(capsys: Capture, elsewhere: Path) -> None:
@@ -215,73 +120,12 @@ def test_a_recording_that_never_moves(capsys: Capture, elsewhere: Path) -> None:
     assert not (elsewhere / "out.csv").exists()
 
 
-@pytest.mark.parametrize(
-    ("args", "message"),
-    [
-        (
-            ("replay", "--robot", "pandas"),
-            "pbd: no robot named 'pandas', nor a file or folder of that path; known are kinova, panda",
-        ),
-        (
-            ("keyframes", "tee"),
-            "pbd: no demonstration named 'tee', nor a file or folder of that path; "
-            "known are paper-test1, paper-test2, pouring",
-        ),
-        (
-            ("replay", "--robot", "panda", "--calibration", "bench"),
-            "pbd: no calibration named 'bench', nor a file or folder of that path; known are default",
-        ),
-        (
-            ("simulate", "pours", "tea"),
-            "pbd: no task is called 'pours'; choose one of pick-and-place-stops, pick-and-place-direct, pour, "
-            "touch, pivot, sides",
-        ),
-    ],
-)
-def test_an_unknown_name_lists_the_valid_ones(capsys: Capture, args: tuple[str, ...], message: str) -> None:
-    assert refused(capsys, 1, *args).startswith(message)
-
-
-def test_an_unknown_key_in_a_calibration(capsys: Capture, elsewhere: Path) -> None:
-    (elsewhere / "c.toml").write_text(
-        'format = 1\nname = "c"\ntabel_height = 0.0\n[dock]\nposition = [0.4, 0.0, 0.2]\nrpy_deg = [0, 0, 0]\n'
-    )
-    line = refused(capsys, 1, "replay", "pouring", "--robot", "panda", "--calibration", "c.toml")
-    assert line.startswith("pbd: c.toml:3: tabel_height is unknown; the keys here are ")
-    assert line.endswith("; remove or rename it")
-
-
-def test_a_keyframe_out_of_reach_is_named_with_its_distance(capsys: Capture, elsewhere: Path) -> None:
-    line = refused(capsys, 3, "replay", "pouring", "--robot", "panda", "--scale", "5", "--html", "far.html")
-    assert line.startswith("pbd: keyframe 1 is out of reach: the tool stays ")
-    assert line.endswith("; move the dock, or make the path smaller with --scale")
-    assert not (elsewhere / "far.html").exists()
-
-
 def test_a_calibration_for_another_robot(capsys: Capture, elsewhere: Path) -> None:
     (elsewhere / "c.toml").write_text(
         'format = 1\nname = "c"\nrobots = ["ur5"]\n[dock]\nposition = [0.4, 0.0, 0.2]\nrpy_deg = [0, 0, 0]\n'
     )
     line = refused(capsys, 1, "replay", "pouring", "--robot", "panda", "--calibration", "c.toml")
     assert line == ("pbd: the calibration 'c' is for ur5, not for panda; choose another, or add the robot to it")
-
-
-@pytest.mark.parametrize(
-    "args",
-    [("replay",), ("replay", "--robot", "panda", "--scale", "-1"), ("export", "--robot", "panda"), ("dance",)],
-)
-def test_wrong_usage_is_exit_2(args: tuple[str, ...]) -> None:
-    with pytest.raises(SystemExit) as left:
-        main(list(args))
-    assert left.value.code == 2
-
-
-def test_every_command_has_help_with_an_example(capsys: Capture) -> None:
-    for command in ("simulate", "import", "segments", "keyframes", "replay", "export", "robots"):
-        with pytest.raises(SystemExit) as left:
-            main([command, "--help"])
-        assert left.value.code == 0
-        assert f"example:\n  pbd {command}" in capsys.readouterr().out
 
 
 def test_tables_have_no_colour_in_a_pipe() -> None:
@@ -300,25 +144,10 @@ def test_a_closed_pipe_is_no_error() -> None:
     assert "Traceback" not in result.stderr
 
 
-@pytest.mark.parametrize("place", ["nodir/page.html", "folder", "/dev/full"])
-def test_a_page_in_a_place_that_cannot_be_written(capsys: Capture, elsewhere: Path, place: str) -> None:
-    """Told at once: nothing is planned before."""
-    (elsewhere / "folder").mkdir()
-    line = refused(capsys, 1, "replay", "pouring", "--robot", "panda", "--html", place)
-    assert line.startswith(f"pbd: {place} ")
-    assert not Path("/dev/full").is_file()
-
-
 def test_an_unsure_keyframe_is_told(capsys: Capture, data_folder: Path) -> None:
     (file,) = (data_folder / "broad").glob("14*.npz")
     said = refused(capsys, 1, "replay", str(file), "--robot", "panda", "--scale", "0.2", "--orientation", "fixed")
     assert re.search(r"is uncertain by \d+ cm .*, more than the whole path .* s move to keyframe ", said)
-
-
-def test_what_cannot_be_tracked_is_not_imported(capsys: Capture, elsewhere: Path) -> None:
-    (elsewhere / "back.csv").write_text(HEADER + "1,0,0,0,0,0,9.81\n0,0,0,0,0,0,9.81\n")
-    assert "time runs backwards" in refused(capsys, 1, "import", "back.csv", "back")
-    assert not (elsewhere / "demos").exists()
 
 
 def test_a_broken_robot_does_not_hide_the_others(capsys: Capture, elsewhere: Path) -> None:

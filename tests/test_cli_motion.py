@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.test_cli import Capture, elsewhere, refused, run, run_json
+from tests.arm.conftest import PANDA as PANDA_TOML
+from tests.cli.running import Capture, refused, run, run_json
 
-__all__ = ["elsewhere"]  # every command runs in an empty folder
+pytestmark = pytest.mark.usefixtures("elsewhere")
 
 PANDA = ("--robot", "panda")
 
@@ -173,14 +175,6 @@ def test_a_start_that_can_not_be(capsys: Capture, given: str, code: int, message
     assert line.startswith(message)
 
 
-def test_a_start_and_no_approach_contradict_each_other() -> None:
-    from pbd.cli import main
-
-    with pytest.raises(SystemExit) as left:
-        main(["replay", *PANDA, "--no-approach", "--from", "[]"])
-    assert left.value.code == 2
-
-
 @pytest.mark.parametrize("command", [("replay", "--html", "out.html"), ("export", "--format", "csv", "-o", "out")])
 def test_a_collision_is_refused(capsys: Capture, elsewhere: Path, command: tuple[str, ...]) -> None:
     (elsewhere / "c.toml").write_text(OBSTACLE)
@@ -224,10 +218,23 @@ def test_a_line_is_followed_where_something_bars_the_way_back_alone(capsys: Capt
     assert " would touch post, " in told
 
 
-def test_a_table_that_is_too_high_is_refused(capsys: Capture, elsewhere: Path) -> None:
-    (elsewhere / "c.toml").write_text(LOW_DOCK)
-    line = refused(capsys, 3, "replay", "paper-test2", *PANDA, "--calibration", "c.toml")
-    assert line.startswith("pbd: no collision-free arm pose at keyframe 0: ")
+def test_a_home_in_collision_with_the_arm_itself(capsys: Capture, elsewhere: Path) -> None:
+    (elsewhere / "robots").mkdir()
+    text = re.sub(
+        r"(?m)^home.*$", "home = [0.0, -1.7, 0.0, -3.0, 0.0, 0.0, 0.0]", PANDA_TOML.read_text(encoding="utf-8")
+    )
+    (elsewhere / "robots" / "mine.toml").write_text(text)
+    advice = []
+    for described in (text, re.sub(r"(?m)^srdf.*$", "", text)):
+        (elsewhere / "robots" / "mine.toml").write_text(described)
+        advice.append(refused(capsys, 3, "replay", "pouring", "--robot", "mine").split("; ")[1])
+    assert advice == [
+        "if these links touch by design, see that its srdf disables this pair",
+        "if these links touch by design, add srdf = to its [model], an SRDF that disables this pair",
+    ]
+    line = refused(capsys, 3, "replay", "pouring", "--robot", "mine")
+    said = r"pbd: home of panda: panda_\w+ would touch panda_\w+, [\d.]+ c?m+ deep; if these links touch by design, "
+    assert re.match(said, line), line
 
 
 def test_what_stands_in_the_table_is_told(capsys: Capture, elsewhere: Path) -> None:

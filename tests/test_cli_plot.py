@@ -5,45 +5,21 @@ from __future__ import annotations
 import csv
 import json
 from pathlib import Path
-from typing import Any
 
 import pytest
 from PIL import Image
 
 from pbd.cli import main
 from pbd.view import plots
-from tests.test_cli import write_recording
+from tests.cli.running import Capture, run, run_json, write_recording
 
-Capture = pytest.CaptureFixture[str]
-
-
-@pytest.fixture(autouse=True)
-def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Every command runs in an empty folder, as a user's own."""
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
+pytestmark = pytest.mark.usefixtures("elsewhere")
 
 
 @pytest.fixture
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
     """One figure is enough, where it is not about the figures."""
     monkeypatch.setattr(plots, "FIGURES", {"position": plots.FIGURES["position"]})
-
-
-def run(capsys: Capture, *args: str | Path) -> tuple[int, str, str]:
-    """Run `pbd plot`; return its exit code and what it printed on stdout and stderr."""
-    capsys.readouterr()
-    code = main(["plot", *map(str, args)])
-    out, err = capsys.readouterr()
-    return code, out, err
-
-
-def run_json(capsys: Capture, *args: str | Path) -> dict[str, Any]:
-    code, out, _ = run(capsys, *args, "--json")
-    assert code == 0
-    assert out.count("\n") == 1
-    result: dict[str, Any] = json.loads(out)
-    return result
 
 
 def test_the_bundled_demonstration_is_drawn_where_none_is_named(capsys: Capture, elsewhere: Path) -> None:

@@ -17,7 +17,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from pbd.data import (
     TOOL_DOWN,
-    Attitude,
     Calibration,
     Demonstration,
     GripEvent,
@@ -50,7 +49,6 @@ def robot(home: Array) -> Robot:
 VALUES: dict[str, tuple[Callable[..., Any], dict[str, tuple[int, ...]]]] = {
     "Recording": (Recording, {"t": (N,), "acc": (N, 3), "gyr": (N, 3), "mag": (N, 3), "device_rpy": (N, 3)}),
     "Truth": (Truth, {"t": (N,), "p_nav_sensor": (N, 3), "wxyz_nav_sensor": (N, 4)}),
-    "Attitude": (Attitude, {"wxyz_nav_sensor": (N, 4), "gyro_bias": (N, 3)}),
     "HandPath": (
         partial(
             HandPath, stops=(Stop(0, 1, 0.1), Stop(3, 5, 0.2)), covariance=PoseCovariance.chained(np.zeros((2, 6, 6)))
@@ -127,13 +125,6 @@ def test_what_a_device_lacks_is_none() -> None:
     recording = Recording(t=np.zeros(3), acc=np.zeros((3, 3)))
     assert (recording.gyr, recording.mag, recording.device_rpy) == (None, None, None)
     assert len(recording) == 3
-
-
-def test_lists_become_tuples() -> None:
-    events: Any = [GripEvent(0.5, True)]
-    recording = Recording(t=np.zeros(3), acc=np.zeros((3, 3)), grip=events)
-    events.clear()
-    assert recording.grip == (GripEvent(0.5, True),)
 
 
 def test_the_rate_is_that_of_the_median_interval() -> None:

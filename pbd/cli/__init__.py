@@ -1,64 +1,28 @@
-"""The command line: parse, call, print, exit code. One command a file; what they share is in options.py.
-
-Nothing heavy is imported before a command runs, so that `pbd --help` is instant.
-"""
+"""The command line: parse, call, print, exit code. The options are in commands.py; each command's work in its file."""
 
 from __future__ import annotations
 
-import argparse
 import errno
 import os
 import sys
 import warnings
 from collections.abc import Sequence
+from importlib import import_module
 from typing import TextIO
 
-from pbd import __version__
-from pbd.cli import calibrate, export, import_, keyframes, plot, record, replay, robots, segments, sensors, simulate
-from pbd.cli.completion import SHELLS, PrintCompletion
-from pbd.cli.options import say
-from pbd.cli.parser import Parser, parse
+from pbd.cli.commands import parse, parser
+from pbd.cli.console import say
+from pbd.doors.atomic import DELETED, in_deleted_folder
 from pbd.errors import PbdError, PbdWarning, in_words
-from pbd.paths import DELETED, in_deleted_folder
 from pbd.view.terminal import drop, standard_streams
 
-COMMANDS = (record, simulate, import_, segments, keyframes, plot, calibrate, replay, export, robots, sensors)
-
-EPILOG = """\
-a first look:
-  pbd replay --robot panda              a panda replays the bundled demonstration
-  pbd keyframes                         where the hand stopped, and how certain that is
-  pbd export --robot panda --format csv -o pouring.csv
-
-exit codes: 0 done; 1 the input, the output or the device is at fault; 2 wrong usage; 3 the robot can't do it
-"""
+__all__ = ["main", "parser"]
 
 UNWRITABLE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
 """Why standard output may fail: a full disk, a terminal that is gone. Errors of files have been told by then."""
 
 FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG, errno.ELOOP, *UNWRITABLE)
 """Why a path may fail that nobody has told of yet: permissions, names, disks. A missing file of ours is a bug."""
-
-
-def parser() -> argparse.ArgumentParser:
-    """Build the parser of all commands."""
-    top = Parser(
-        prog="pbd",
-        description="Show a robot arm a task with a small inertial sensor in your hand; the arm replays it.",
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    top.add_argument("--version", action="version", version=f"pbd {__version__}")
-    top.add_argument(
-        "--print-completion",
-        action=PrintCompletion,
-        choices=SHELLS,
-        help="print the script that completes commands, options and names in that shell",
-    )
-    commands = top.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for command in COMMANDS:
-        command.add(commands)
-    return top
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -96,7 +60,7 @@ def _run(argv: Sequence[str] | None) -> int:
     if not (sys.argv[1:] if argv is None else argv):
         parser().print_help(sys.stderr)
         return 2
-    args = parse(parser(), argv)
+    args = parse(argv)
     args.warnings = []
 
     def show(
@@ -117,8 +81,7 @@ def _run(argv: Sequence[str] | None) -> int:
         with warnings.catch_warnings():
             warnings.simplefilter("always", PbdWarning)
             warnings.showwarning = show
-            code: int = args.run(args)
-            return code
+            return int(import_module(args.module).run(args) or 0)
     except PbdError as error:
         say(str(error))
         return error.exit_code

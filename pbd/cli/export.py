@@ -7,85 +7,35 @@ import shutil
 import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
 
-from pbd.cli.options import (
-    Commands,
-    add_command,
-    add_demo,
-    add_json,
-    add_planning,
-    add_tracking,
-    plan_demonstration,
-    positive,
-    print_json,
-    say,
-)
-from pbd.cli.parser import UsageError
-from pbd.cli.place import refuse_place
-from pbd.cli.progress import working
-from pbd.cli.ways import tell_ways, ways_json
+from pbd.cli.console import print_json, say, working
+from pbd.cli.options import UsageError
+from pbd.cli.plan_report import moves_json, say_moves
+from pbd.cli.steps import plan_demonstration
+from pbd.data import JointTrajectory, Robot
+from pbd.doors.atomic import refuse_output
 from pbd.errors import PbdError
-from pbd.files.exporters import FORMATS, HIGHEST_HZ, LOWEST_HZ, SUFFIXES
+from pbd.files.exporters import FORMATS, SUFFIXES, Export, export
 from pbd.view.terminal import is_closed
-
-if TYPE_CHECKING:
-    from pbd.data import JointTrajectory, Robot
-    from pbd.files.exporters import Export
 
 STDOUT = Path("-")
 
 
-def add(commands: Commands) -> None:
-    """Add the command."""
-    parser = add_command(
-        commands,
-        "export",
-        "write the joint trajectory for other tools",
-        "Plan and audit as `pbd replay` does, and write the joint trajectory.",
-        "  pbd export pouring --robot panda -o pouring.json\n"
-        "  pbd export pouring --robot panda --format csv -o - | head -3",
-    )
-    add_demo(parser)
-    add_json(parser)
-    parser.add_argument(
-        "--format", choices=FORMATS, help="csv, npz or ros2-json; default: from FILE's ending (.csv, .npz, .json)"
-    )
-    parser.add_argument(
-        "-o", "--output", required=True, type=Path, metavar="FILE", help="the file to write; - is standard output"
-    )
-    parser.add_argument(
-        "--rate",
-        type=_rate,
-        metavar="HZ",
-        help="samples a second, from 10 to 100000 (1000; ros2-json: none but the motion's own knots)",
-    )
-    add_tracking(parser)
-    add_planning(parser)
-    parser.set_defaults(run=run)
-
-
-def _rate(text: str) -> float:
-    rate = positive(text)
-    if not LOWEST_HZ <= rate <= HIGHEST_HZ:
-        raise argparse.ArgumentTypeError(f"must be {LOWEST_HZ:g} to {HIGHEST_HZ:g} Hz, got {text}")
-    return rate
-
-
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Plan, audit, write."""
     format_name = _format(args)
     if args.output != STDOUT:
-        refuse_place(args.output, (args.demo, args.robot, args.calibration, args.start))
+        refuse_output(args.output, (args.demo, args.robot, args.calibration, args.start))
     demo, path, robot, options, plan = plan_demonstration(args)
     if plan.touching is not None:
         raise plan.touching.error
-    tell_ways(demo, path, robot, plan, options)
+    say_moves(demo, path, robot, plan, options)
     done = _write(args, plan.trajectory, robot, format_name)
     name = "to standard output" if args.output == STDOUT else args.output
     count, what = len(done.samples.t), "points" if done.receiver else "samples"
     say(f"wrote {name}: {count} {what}, {plan.trajectory.duration:.1f} s, {len(robot.joints)} joints")
     if args.json:
+        receiver = {rule: {share.limit: share.value for share in shares} for rule, shares in done.receiver.items()}
         print_json(
             {
                 "demo": demo.recording.info.name,
@@ -94,14 +44,11 @@ def run(args: argparse.Namespace) -> int:
                 "output": str(args.output),
                 "samples": count,
                 "duration_s": plan.trajectory.duration,
-                "receiver": {
-                    rule: {share.limit: share.value for share in shares} for rule, shares in done.receiver.items()
-                },
-                "moves": ways_json(plan),
+                "receiver": receiver,
+                "moves": moves_json(plan),
                 "warnings": args.warnings,
             }
         )
-    return 0
 
 
 def _format(args: argparse.Namespace) -> str:
@@ -124,14 +71,11 @@ def _format(args: argparse.Namespace) -> str:
 
 def _write(args: argparse.Namespace, trajectory: JointTrajectory, robot: Robot, format_name: str) -> Export:
     """Write the file, or to standard output what the file would hold."""
-    from pbd.files.exporters import export
-
     with TemporaryDirectory() as folder:
         file = Path(folder) / "motion" if args.output == STDOUT else args.output
         with working("writing the motion"):
             done = export(trajectory, robot, format_name, file, args.rate)
-        if args.output != STDOUT:
-            return done
-        with file.open("rb") as written:
-            shutil.copyfileobj(written, sys.stdout.buffer)
+        if args.output == STDOUT:
+            with file.open("rb") as written:
+                shutil.copyfileobj(written, sys.stdout.buffer)
     return done

@@ -4,65 +4,34 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import takewhile
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from pbd.cli.options import (
-    Commands,
-    add_command,
-    add_demo,
-    add_planning,
-    add_table,
-    add_tracking,
-    load_arm,
-    load_demonstration,
-    named_calibration,
-    plan_options,
-    print_json,
-    say,
-    track_demonstration,
-)
+import numpy as np
 
-if TYPE_CHECKING:
-    from pbd.data import Calibration, Demonstration, Keyframe
-    from pbd.pose import Array
+from pbd.calibration.frames import nav_in_base, tool_poses
+from pbd.calibration.uncertainty import base_sigmas, tool_covariances
+from pbd.cli.console import print_json, say
+from pbd.cli.steps import load_arm, load_demonstration, named_calibration, plan_options, track_demonstration
+from pbd.data import Calibration, Demonstration, Keyframe, Robot
+from pbd.data.sigma import keyframe_sigmas, or_none
+from pbd.errors import RecordingError
+from pbd.files.keyframes import write_keyframes
+from pbd.pose import Array, Pose
+from pbd.view.calibration_tables import base_table
+from pbd.view.tables import joints_table, keyframes_table, print_csv, print_table
+
+Rows = list[dict[str, Any]]
 
 
-def add(commands: Commands) -> None:
-    """Add the command."""
-    parser = add_command(
-        commands,
-        "keyframes",
-        "where the hand stopped, and how certain that is",
-        "Print the pose at each stop of a demonstration with its uncertainty; with a robot also the tool's pose\n"
-        "in the robot's base and the joints that reach it. --save writes them for you to edit.",
-        "  pbd keyframes pouring --robot panda\n  pbd keyframes tea --save",
-    )
-    add_demo(parser)
-    add_table(parser, units="m,deg,s")
-    parser.add_argument(
-        "--save", action="store_true", help="write keyframes.toml into the demonstration, for you to edit"
-    )
-    parser.add_argument(
-        "--force", action="store_true", help="with --save: find the keyframes again, and replace the file"
-    )
-    add_tracking(parser, calibration="with --robot its own dock, else 'default'; without, none")
-    add_planning(parser, robot_required=False, units=False)
-    parser.set_defaults(run=run)
-
-
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Track, map where a robot is named, and print."""
-    from pbd.data.sigma import keyframe_sigmas
-    from pbd.view.calibration_tables import base_table
-    from pbd.view.tables import joints_table, keyframes_table, print_csv, print_table
-
-    demo = load_demonstration(args)
+    demo = load_demonstration(args.demo)
     if args.save and args.force:
         demo = replace(demo, keyframes=None)
-    arm = None if args.robot is None else load_arm(args)
-    calibration = named_calibration(args) if arm is None else arm[1]
+    robot, calibration = load_arm(args) if args.robot else (None, named_calibration(args))
     path, keyframes = track_demonstration(demo, args.method, calibration, args.accept_gap)
     if path.claims:
         fits = (f"{fit.saying} (off by {100.0 * fit.off_m:.1f} cm, {fit.sigmas:.1f} sigma)" for fit in path.claims)
@@ -72,35 +41,25 @@ def run(args: argparse.Namespace) -> int:
     sigmas = keyframe_sigmas([keyframe.cov for keyframe in keyframes])
     rows = [_row(index, keyframe, sigma) for index, (keyframe, sigma) in enumerate(zip(keyframes, sigmas, strict=True))]
     in_base = bool(args.calibration) and calibration is not None and _add_base(args, rows, keyframes, calibration)
-    joint_names: tuple[str, ...] = ()
-    if arm is not None:
-        from pbd.planning import solve_keyframes
-
-        robot, calibration = arm
-        joint_names = robot.joints
-        poses, joints, off_rad = solve_keyframes(robot, keyframes, calibration, plan_options(args, robot))
-        for row, pose, q, off in zip(rows, poses, joints, off_rad, strict=True):
-            row |= {"base_position_m": pose.p.tolist(), "base_wxyz": pose.wxyz.tolist(), "joints": q.tolist()}
-            row["off_deg"] = [math.degrees(angle) for angle in off]  # approach axis, about it: arms of five joints
+    if robot is not None and calibration is not None:
+        _add_joints(args, rows, keyframes, robot, calibration)
     if args.json:
-        print_json({"demo": demo.recording.info.name, "keyframes": rows})
-        return 0
-    table = keyframes_table(keyframes, args.units)
+        return print_json({"demo": demo.recording.info.name, "keyframes": rows})
+    table, names = keyframes_table(keyframes, args.units), () if robot is None else robot.joints
     if args.csv:
-        print_csv(table, *([joints_table(joint_names, rows, args.units)] if joint_names else []))
-        return 0
+        return print_csv(table, *([joints_table(names, rows, args.units)] if names else []))
     print_table(table)
     if in_base:
         print("\nuncertainty of the tool in base, one sigma; right columns: by source (rms over axes)")
         print_table(base_table(rows))
-    if joint_names:
-        prefix = _common_prefix(joint_names)
+    if names:
+        prefix = _common_prefix(names)
         print(f"\nthe joints' names begin with {prefix}" if prefix else "")
-        print_table(joints_table([name.removeprefix(prefix) for name in joint_names], rows, args.units))
-    return 0
+        print_table(joints_table([name.removeprefix(prefix) for name in names], rows, args.units))
+    return None
 
 
-def _common_prefix(names: tuple[str, ...]) -> str:
+def _common_prefix(names: Sequence[str]) -> str:
     """With what all names begin, up to a "_": in a table it would only take room."""
     if len(names) < 2:
         return ""
@@ -110,17 +69,15 @@ def _common_prefix(names: tuple[str, ...]) -> str:
 
 def _save(args: argparse.Namespace, demo: Demonstration, keyframes: tuple[Keyframe, ...]) -> None:
     """Write keyframes.toml for a person to edit."""
-    from pbd.errors import RecordingError
-    from pbd.files.keyframes import write_keyframes
     from pbd.planning.options import PlanOptions, dwells
 
-    if demo.folder is None or demo.bundled:
-        source = demo.folder or args.demo
-        raise RecordingError(
-            f"{source} is {'bundled' if demo.bundled else 'no demonstration folder'}, so nothing is saved there; "
-            + ("copy it under another name, without 'bundled = true'" if demo.bundled else "`pbd import` it first"),
-            path=source,
-        )
+    source = demo.folder or args.demo
+    if demo.bundled:
+        what = f"{source} is bundled, so nothing is saved there; copy it under another name, without 'bundled = true'"
+        raise RecordingError(what, path=source)
+    if demo.folder is None:
+        what = f"{source} is no demonstration folder, so nothing is saved there; `pbd import` it first"
+        raise RecordingError(what, path=source)
     inner = (keyframes[0], *keyframes, keyframes[-1])  # there is no stay at the ends, but one may be inserted beyond
     stays = dwells(inner, PlanOptions(time=args.time, dwell_s=args.dwell))[1:-1]
     magnetic = demo.recording.mag is not None
@@ -128,28 +85,34 @@ def _save(args: argparse.Namespace, demo: Demonstration, keyframes: tuple[Keyfra
     say(f"wrote {path}: edit it; from now on the arm follows this file")
 
 
-def _add_base(
-    args: argparse.Namespace, rows: list[dict[str, Any]], keyframes: tuple[Keyframe, ...], calibration: Calibration
-) -> bool:
+def _add_base(args: argparse.Namespace, rows: Rows, keyframes: tuple[Keyframe, ...], calibration: Calibration) -> bool:
     """Add the tool's position in base and how sure it is; False where the calibration has no dock and no nav."""
-    from pbd.calibration.frames import nav_in_base, tool_poses
-    from pbd.calibration.uncertainty import base_sigmas, tool_covariances
-
     if calibration.T_base_dock is None and calibration.T_base_nav is None:
         return False
     T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
     parts = tool_covariances(keyframes, T_base_nav, calibration, args.scale)
     poses = tool_poses(keyframes, T_base_nav, calibration, args.scale, args.orientation)
     for row, pose, sigma in zip(rows, poses, base_sigmas(parts), strict=True):
-        row |= {"base_position_m": pose.p.tolist(), "base_wxyz": pose.wxyz.tolist()} | sigma
+        row |= _pose(pose) | sigma
     return True
 
 
+def _add_joints(
+    args: argparse.Namespace, rows: Rows, keyframes: tuple[Keyframe, ...], robot: Robot, calibration: Calibration
+) -> None:
+    from pbd.planning import solve_keyframes
+
+    poses, joints, off_rad = solve_keyframes(robot, keyframes, calibration, plan_options(args, robot))
+    for row, pose, q, off in zip(rows, poses, joints, off_rad, strict=True):
+        row |= _pose(pose) | {"joints": q.tolist()}
+        row["off_deg"] = [math.degrees(angle) for angle in off]  # approach axis, about it: arms of five joints
+
+
+def _pose(pose: Pose) -> dict[str, Any]:
+    return {"base_position_m": pose.p.tolist(), "base_wxyz": pose.wxyz.tolist()}
+
+
 def _row(index: int, keyframe: Keyframe, sigma: Array) -> dict[str, Any]:
-    import numpy as np
-
-    from pbd.data.sigma import or_none
-
     return {
         "index": index,
         "t_s": keyframe.t,

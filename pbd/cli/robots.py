@@ -5,50 +5,34 @@ from __future__ import annotations
 import argparse
 import warnings
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from pbd.cli.options import Commands, add_command, add_table, print_json
-from pbd.cli.progress import working
-
-if TYPE_CHECKING:
-    from pbd.arm.model import ArmModel
-    from pbd.data import Robot
-
-
-def add(commands: Commands) -> None:
-    """Add the command."""
-    parser = add_command(
-        commands,
-        "robots",
-        "list the robots that pbd knows",
-        "List the robots in ./robots and the bundled ones, with their reach (tool from the base's axis) and what pbd\n"
-        "assumes about them; or show one, with the links that are not checked for collisions. To add your own, put a\n"
-        "file into ./robots (docs/robots.md).",
-        "  pbd robots --json\n  pbd robots panda",
-    )
-    parser.add_argument("robot", nargs="?", metavar="R", help="a robot's name or file; default: all")
-    add_table(parser, units="m")
-    parser.set_defaults(run=run)
+from pbd.arm.coverage import doubts
+from pbd.arm.hulls import link_bodies
+from pbd.arm.model import ArmModel, load_model
+from pbd.arm.pairs import link_pairs
+from pbd.arm.reach import farthest
+from pbd.cli.console import print_json, working
+from pbd.data import Robot
+from pbd.errors import PbdWarning, RobotError
+from pbd.files.library import names
+from pbd.files.robot import load_robot
+from pbd.view.tables import left_out_table, print_csv, print_table, robots_table
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """List them."""
-    from pbd.arm.reach import farthest
-    from pbd.view.tables import left_out_table, print_csv, print_table, robots_table
-
     with working("reading the robots"):
-        arms = [_arm(args.robot)] if args.robot else _all()
+        arms = [load_model(load_robot(args.robot))] if args.robot else _all()
         robots, reach_m = [arm.robot for arm in arms], [farthest(arm) for arm in arms]
         collision = [_collision(arm) for arm in arms] if args.robot else []
     if args.json:
         rows = [_row(robot, reach) for robot, reach in zip(robots, reach_m, strict=True)]
         for row, checked in zip(rows, collision, strict=False):
             row["collision"] = checked
-        print_json({"robots": rows})
-        return 0
+        return print_json({"robots": rows})
     if args.csv:
-        print_csv(robots_table(robots, reach_m, args.units))
-        return 0
+        return print_csv(robots_table(robots, reach_m, args.units))
     print_table(robots_table(robots, reach_m, args.units))
     for checked in collision:
         bare = ", ".join(checked["links_without_shape"]) or "none"
@@ -63,23 +47,11 @@ def run(args: argparse.Namespace) -> int:
             of.setdefault(note, []).append(robot.name)
     for note, those in of.items():
         print(f"\n{', '.join(those)}: {note}")
-    return 0
-
-
-def _arm(name: str) -> ArmModel:
-    from pbd.arm.model import load_model
-    from pbd.files.robot import load_robot
-
-    return load_model(load_robot(name))
+    return None
 
 
 def _all() -> list[ArmModel]:
     """All that can be read; the others are warned of."""
-    from pbd.arm.model import load_model
-    from pbd.errors import PbdWarning, RobotError
-    from pbd.files.library import names
-    from pbd.files.robot import load_robot
-
     arms = []
     for name in names("robots", ".toml"):
         try:
@@ -107,10 +79,6 @@ def _row(robot: Robot, reach: float) -> dict[str, Any]:
 
 def _collision(arm: ArmModel) -> dict[str, Any]:
     """What is checked for collisions, and what isn't."""
-    from pbd.arm.coverage import doubts
-    from pbd.arm.hulls import link_bodies
-    from pbd.arm.pairs import link_pairs
-
     solid = dict.fromkeys(body.name for body in link_bodies(arm))
     _, dropped = link_pairs(arm)
     return {

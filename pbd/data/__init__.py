@@ -10,7 +10,6 @@ from pbd.data.arm import Gripper, JointLimits, JointTrajectory, Robot, Samples
 from pbd.data.calibration import TOOL_DOWN, Calibration, Linear, SensorErrors
 from pbd.data.hand import (
     GRAVITY,
-    Attitude,
     Demonstration,
     GripEvent,
     HandPath,
@@ -28,7 +27,6 @@ from pbd.data.world import GraspedObject, Obstacle
 __all__ = [
     "GRAVITY",
     "TOOL_DOWN",
-    "Attitude",
     "Calibration",
     "ClaimFit",
     "Contact",

@@ -71,7 +71,6 @@ class Recording:
     def __post_init__(self) -> None:
         n = len(self.t)
         freeze(self, t=(n,), acc=(n, 3), gyr=(n, 3), mag=(n, 3), device_rpy=(n, 3))
-        object.__setattr__(self, "grip", tuple(self.grip))
 
     def __len__(self) -> int:
         return len(self.t)
@@ -135,26 +134,6 @@ class Demonstration:
     def known(self) -> Known:
         """What a person knows of its stops, as `track` takes it."""
         return Known(self.closed, self.places, self.contacts)
-
-
-@dataclass(frozen=True, eq=False)
-class Attitude:
-    """The sensor's orientation in nav.
-
-    Attributes:
-        wxyz_nav_sensor: (n, 4) at each sample's instant.
-        gyro_bias: (n, 3) rad/s; zero where there is no gyro.
-    """
-
-    wxyz_nav_sensor: Array
-    gyro_bias: Array
-
-    def __post_init__(self) -> None:
-        n = len(self.wxyz_nav_sensor)
-        freeze(self, wxyz_nav_sensor=(n, 4), gyro_bias=(n, 3))
-
-    def __repr__(self) -> str:
-        return brief(self, counted(len(self.gyro_bias), "sample") or "no samples")
 
 
 @dataclass(frozen=True)
@@ -233,9 +212,6 @@ class HandPath:
         freeze(self, closure=(max(k - 1, 0), 3))
         if self.covariance.count != k:
             raise ValueError(f"HandPath.covariance must be of {k} poses, got {self.covariance.count}")
-        object.__setattr__(self, "stops", tuple(self.stops))
-        object.__setattr__(self, "grip", tuple(self.grip))
-        object.__setattr__(self, "claims", tuple(self.claims))
 
     @property
     def cov(self) -> Array:

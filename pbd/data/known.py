@@ -23,7 +23,6 @@ class Place:
     sigma_m: float | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "t", tuple(self.t))
         if len(self.t) < (2 if self.p_base_tool is None else 1):
             raise ValueError("must name at least two stops, or one and a position_m")
         if len(set(self.t)) < len(self.t):
@@ -70,10 +69,6 @@ class Known:
     closed: bool = False
     places: tuple[Place, ...] = ()
     contacts: tuple[Contact, ...] = ()
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "places", tuple(self.places))
-        object.__setattr__(self, "contacts", tuple(self.contacts))
 
 
 @dataclass(frozen=True)

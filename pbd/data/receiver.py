@@ -18,8 +18,8 @@ Rule = Literal["cubic", "quintic"]
 
 LIMITS = "velocity", "acceleration", "jerk"
 
-_STEPS = 16
-"""Places in each gap at which a limit is looked at, besides its end; a parabola through the highest finds the peak."""
+_STEPS = 64
+"""Instants in each gap at which a limit is checked, besides its start: the jerk's peak is found to 0.02 %."""
 
 _ROUNDING = 2.0, 8.0, 64.0
 """How far off a quintic's velocity, acceleration and jerk may be, in a position's rounding over a power of the gap: its
@@ -75,12 +75,9 @@ def shares(points: Samples, rule: Rule, limits: JointLimits) -> tuple[Share, Sha
 
 def _peaks(coefficients: Array, h: Array) -> Array:
     """Return the largest absolute value (n, k) of each polynomial (n, terms, k) over its gap (n, 1)."""
-    values = [_value(coefficients, step / _STEPS * h) for step in (0, 1)]
-    worst: Array = np.maximum(np.abs(values[0]), np.abs(values[1]))
-    for step in range(2, _STEPS + 1):
-        values.append(_value(coefficients, step / _STEPS * h))
-        worst = np.maximum(worst, np.maximum(np.abs(values[2]), np.abs(_vertex(*values))))
-        values.pop(0)
+    worst: Array = np.abs(coefficients[:, 0])
+    for step in range(1, _STEPS + 1):
+        worst = np.maximum(worst, np.abs(_value(coefficients, step / _STEPS * h)))
     return worst
 
 
@@ -95,11 +92,3 @@ def _value(coefficients: Array, s: Array) -> Array:
     for term in np.moveaxis(coefficients[:, ::-1], 1, 0):
         value = value * s + term
     return value
-
-
-def _vertex(before: Array, here: Array, after: Array) -> Array:
-    """Return the extremum of the parabola through three neighbours, where it lies between them."""
-    slope, bend = 0.5 * (after - before), before - 2.0 * here + after
-    inside = np.abs(slope) < np.abs(bend)
-    vertex: Array = np.where(inside, here - 0.5 * slope**2 / np.where(inside, bend, 1.0), here)
-    return vertex

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pbd.doors.atomic import is_file
 from pbd.doors.opening import read_bytes
 from pbd.errors import RobotError, printable
-from pbd.paths import is_file
 from pbd.pose import Array
 
 MOST_BYTES = 200_000_000

@@ -1,8 +1,16 @@
-"""One way to read a number in text, for tables and XML: as C reads it, not as Python does."""
+"""One way to read a number or a time in text: as C reads it, not as Python does."""
 
 from __future__ import annotations
 
 import math
+import re
+from datetime import date
+
+_STAMP = re.compile(
+    r"\s*(?:(\d{1,4})[-/.](\d{1,2})[-/.](\d{1,4})[T\s]\s*)?(\d{1,2}):(\d{1,2}):(\d{1,2})(?:([.,])(\d+)|:(\d{1,3}))?Z?\s*"
+)
+DAY_S = 86400.0
+MILLENNIUM = date(2000, 1, 1).toordinal()
 
 
 def number(text: str) -> float:
@@ -38,3 +46,25 @@ def finite_list(text: str, count: int) -> tuple[float, ...]:
     if len(words) != count:
         raise ValueError(f"{text[:40]!r} is not {count} numbers")
     return tuple(map(finite, words))
+
+
+def seconds(text: str) -> float:
+    """Seconds of a number, of `2026-10-02T07:48:45.830`, `2025-10-9 8:18:9:94` (its ms) or `16:33:23.123`.
+
+    An empty text, or "null", is NaN. Dates count from the year 2000, times of day from midnight.
+
+    Raises:
+        ValueError: none of these.
+    """
+    match = _STAMP.fullmatch(text)
+    if match is None:
+        return math.nan if text.strip().lower() in ("", "null") else number(text)
+    first, second, third, hour, minute, second_of_minute, mark, fraction, ms = match.groups()
+    days = 0
+    if first is not None:
+        # Which of day and month comes first matters at a midnight alone.
+        year, month, day = (first, second, third) if len(first) == 4 else (third, second, first)
+        month, day = (day, month) if int(month) > 12 else (month, day)
+        days = date(int(year), int(month), int(day)).toordinal() - MILLENNIUM
+    part = float(f"0.{fraction}") if mark else int(ms or 0) / 1e3
+    return days * DAY_S + 3600.0 * int(hour) + 60.0 * int(minute) + int(second_of_minute) + part

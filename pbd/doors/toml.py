@@ -1,15 +1,20 @@
-"""A TOML file's text: parsed, bounded, and which line sets what. Every failure is the caller's error, with its line."""
+"""Strict reading of TOML: what is missing, unknown or of the wrong kind is an error with file, line and key.
+
+A reader asks a `Section` for each key that it knows. `done` then refuses every key that nobody asked for, so a misspelt
+key is never ignored.
+"""
 
 from __future__ import annotations
 
+import difflib
+import math
 import re
 import tomllib
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cached_property
-from itertools import accumulate
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TypeVar
 
 from pbd.doors.opening import read_text
 from pbd.errors import PbdError, printable
@@ -17,50 +22,46 @@ from pbd.errors import PbdError, printable
 MOST_BYTES = 1_000_000
 """Largest TOML file: 2000 keyframes."""
 
-MOST_PARTS = 100
-"""Most parts of a dotted key: tomllib's time grows with their square."""
+LONGEST_LINE = 20_000
+"""Longest line of a TOML file, characters: tomllib's time grows with the square of a dotted key's length."""
 
-MOST_LEVELS = 10
-"""Deepest nesting of tables and lists; ours have four."""
+LARGEST_NUMBER = 1e9
+"""Largest magnitude of a number, in any of our units."""
 
-LONGEST_KEY = 200
-"""How far into a line its key is looked for, characters."""
+SMALLEST_POSITIVE = 1e-9
+"""Smallest number where one must be above zero."""
+
+T = TypeVar("T")
+_REQUIRED: Any = object()
 
 
-_KEY_PART = re.compile(r"""\s*(?:[\w\-]+|"[^"]*"|'[^']*')\s*""")
+def read_toml(path: Path, error: type[PbdError]) -> Section:
+    """Parse a file; whatever is wrong with it is raised as `error`."""
+    text = read_text(path, error, "give the path of a TOML file", MOST_BYTES)
+    source, values = Source.parse(path, text, error)
+    return Section(source, "", values)
 
 
 class Source:
-    """A TOML file's text: which line sets what. tomllib keeps no lines."""
+    """A TOML file's text, and the line of each key: tomllib keeps no lines."""
 
     def __init__(self, path: Path, text: str, error: type[PbdError]) -> None:
         self.path, self._text, self._error = path, text, error
 
     @staticmethod
-    def open(path: Path, error: type[PbdError]) -> tuple[Source, Mapping[str, Any]]:
-        """Parse a file; return its text and its values."""
-        return Source.parse(path, read_text(path, error, "give the path of a TOML file", MOST_BYTES), error)
-
-    @staticmethod
     def parse(path: Path, text: str, error: type[PbdError]) -> tuple[Source, Mapping[str, Any]]:
         """Parse the text of a file; return it and its values."""
         source = Source(path, text, error)
-        if line := _long_key_line(text):
-            source.refuse(line, f"a dotted key of more than {MOST_PARTS} parts", "correct it")
+        if long := next((number for number, line in enumerate(text.split("\n"), 1) if len(line) > LONGEST_LINE), None):
+            source.refuse(long, f"a line of more than {LONGEST_LINE} characters", "break it")
         try:
-            values = tomllib.loads(text)
+            return source, tomllib.loads(text)
         except tomllib.TOMLDecodeError as reason:
             place = re.search(r"at line (\d+)", str(reason))
             line = int(place[1]) if place else text.rstrip().count("\n") + 1
             source.refuse(line, f"not valid TOML: {reason}", "correct it")
-        except RecursionError:
-            source.refuse(_deepest_line(text), f"nested more than {MOST_LEVELS} levels deep", "correct it")
-        except ValueError:  # int() takes 4300 digits at most
-            long = re.search(r"\d{1000,}", text.replace("_", "0"))
-            where = text.count("\n", 0, long.start()) + 1 if long else None
-            source.refuse(where, "not valid TOML: a number with thousands of digits", "correct it")
-        _refuse_oversize(source, values)
-        return source, values
+        except (RecursionError, ValueError):
+            source.refuse(None, "not valid TOML: nested too deeply, or a number with thousands of digits", "correct it")
 
     def refuse(self, line: int | None, what: str, next_step: str, **fields: object) -> NoReturn:
         """Raise the file's error."""
@@ -68,12 +69,12 @@ class Source:
         raise self._error(f"{where}: {what}; {next_step}", path=self.path, line=line, **fields)
 
     def line(self, section: str, key: str, index: int = 0) -> int | None:
-        """Find the line, counted from 1, that sets `key` of a section, or else the line of the table around it.
+        """Return the line, counted from 1, of `key` in the [section], or of the table around it.
 
-        `index` tells which one is meant where there are several [[section]] tables.
+        `index` chooses among several [[section]] tables.
         """
         keys, headers = self._lines
-        found = (keys.get((section, index, key)), headers.get((inside(section, key), 0)))
+        found = [keys.get((section, index, key)), headers.get((_inside(section, key), 0))]
         if any(found):
             return min(filter(None, found))
         outer, _, name = section.rpartition(".")
@@ -81,72 +82,174 @@ class Source:
 
     @cached_property
     def _lines(self) -> tuple[dict[tuple[str, int, str], int], dict[tuple[str, int], int]]:
-        """Lines by (section, which of that name, key), and of the headers by (section, which)."""
+        """Lines of the keys by (section, index, key), and of the headers by (section, index)."""
         keys: dict[tuple[str, int, str], int] = {}
         headers: dict[tuple[str, int], int] = {}
-        seen: Counter[str] = Counter()
+        count: Counter[str] = Counter()
         section = ""
         for number, line in enumerate(self._text.split("\n"), start=1):
             if header := re.match(r"\s*\[\[?\s*([\w.\-]+)\s*\]", line):
                 section = header[1]
-                headers[section, seen[section]] = number
-                seen[section] += 1
-            elif key := re.match(r"""\s*["']?([^"'=]*?)["']?\s*=""", line[:LONGEST_KEY]):
-                keys.setdefault((section, max(0, seen[section] - 1), key[1]), number)
+                headers[section, count[section]] = number
+                count[section] += 1
+            elif key := re.match(r"""\s*["']?([^"'=]*?)["']?\s*=""", line):
+                keys.setdefault((section, max(0, count[section] - 1), key[1]), number)
         return keys, headers
 
 
-def _long_key_line(text: str) -> int | None:
-    """Return the line of a dotted key of too many parts."""
-    for number, line in enumerate(text.split("\n"), start=1):
-        if line.count(".") >= MOST_PARTS:
-            words = (word.split(".") for word in re.split(r"[=,\[\]{}]", line))
-            if any(len(parts) > MOST_PARTS and all(map(_KEY_PART.fullmatch, parts)) for parts in words):
-                return number
-    return None
+class Section:
+    """One table of a TOML file. `name` is its dotted name, empty for the top level.
 
+    Each reader raises the file's error where the key is missing, unless a `default` is given.
+    """
 
-def _deepest_line(text: str) -> int:
-    """Return the line where most brackets are open."""
-    depths = accumulate(
-        line.count("[") + line.count("{") - line.count("]") - line.count("}") for line in text.split("\n")
-    )
-    return max(enumerate(depths, start=1), key=lambda each: each[1])[0]
+    def __init__(self, source: Source, name: str, values: Mapping[str, Any], index: int = 0) -> None:
+        self.path, self.name = source.path, name
+        self._source, self._values, self._index = source, values, index
+        self._asked: dict[str, None] = {}
+        self._sections: list[Section] = []
 
+    def __contains__(self, key: str) -> bool:
+        self._asked[key] = None
+        return key in self._values
 
-def _refuse_oversize(source: Source, values: Mapping[str, Any]) -> None:
-    """Refuse what TOML lets readers refuse, and what nothing here needs: integers over 64 bits, deep nesting."""
-    waiting: list[tuple[str, int, str, Any, int]] = [("", 0, key, value, 1) for key, value in values.items()]
-    while waiting:
-        section, index, key, value, level = waiting.pop()
-        if level > MOST_LEVELS:
-            what = f"is nested more than {MOST_LEVELS} levels deep"
-        elif isinstance(value, int) and not -(2**63) <= value < 2**63:
-            what = "is an integer of more than 64 bits"
-        else:
-            inner = inside(section, key)
-            if isinstance(value, dict):
-                waiting += [(inner, 0, k, v, level + 1) for k, v in value.items()]
-            elif isinstance(value, list):
-                for i, item in enumerate(value):
-                    if isinstance(item, dict):
-                        waiting += [(inner, i, k, v, level + 1) for k, v in item.items()]
-                    else:
-                        waiting.append((section, index, key, item, level + 1))
-            continue
-        source.refuse(source.line(section, key, index), f"{place(section, key)} {what}", "correct it", key=key)
+    def section(self, key: str, default: T = _REQUIRED) -> Section | T:
+        """Return the table under `key`."""
+        if key not in self and default is not _REQUIRED:
+            return default
+        inner = Section(self._source, _inside(self.name, key), self._get(key, "must be a table", _is_table))
+        self._sections.append(inner)
+        return inner
 
+    def tables(self, key: str) -> list[Section]:
+        """Return the tables under `[[key]]`; none where there is no such key."""
+        values = self._get(key, f"must be [[{key}]] tables", _list_of(_is_table), [])
+        inner = [Section(self._source, _inside(self.name, key), value, i) for i, value in enumerate(values)]
+        self._sections.extend(inner)
+        return inner
 
-def inside(section: str, key: str) -> str:
-    """Join the dotted name of a table and a key in it."""
-    return f"{section}.{key}".lstrip(".")
+    def text(self, key: str, default: T = _REQUIRED) -> str | T:
+        """Return a string that is not empty."""
+        text: str | T = self._get(
+            key, "must be a non-empty string, got {}", lambda v: isinstance(v, str) and v.strip(), default
+        )
+        return text
 
+    def texts(self, key: str, default: T = _REQUIRED) -> tuple[str, ...] | T:
+        """Return a list of strings."""
+        values = self._get(key, "must be a list of strings, got {}", _list_of(lambda v: isinstance(v, str)), default)
+        return tuple(values)
 
-def place(section: str, key: str) -> str:
-    """Name a key for people; a name may hold what a terminal obeys."""
-    return printable(f"[{section}] {key}" if section else key)
+    def flag(self, key: str, default: bool = _REQUIRED) -> bool:
+        """Return true or false."""
+        return bool(self._get(key, "must be true or false, got {}", lambda v: isinstance(v, bool), default))
+
+    def number(
+        self, key: str, default: T = _REQUIRED, *, positive: bool = False, within: float = LARGEST_NUMBER
+    ) -> float | T:
+        """Return a finite number, of magnitude `within` at most."""
+        value = self._get(key, "must be a finite number, got {}", _is_number, default)
+        return value if value is default else self._bounded(key, [value], positive, within, "be ", value)[0]
+
+    def numbers(
+        self,
+        key: str,
+        count: int | None,
+        default: T = _REQUIRED,
+        *,
+        positive: bool = False,
+        within: float = LARGEST_NUMBER,
+    ) -> tuple[float, ...] | T:
+        """Return a list of `count` finite numbers; None: of any number of them."""
+        kind = f"must be a list of {'' if count is None else f'{count} '}finite numbers, got {{}}"
+        values = self._get(key, kind, _list_of(_is_number), default)
+        if values is default:
+            return values
+        if count is not None and len(values) != count:
+            self.fail(key, f"must have {count} numbers, got {len(values)}")
+        return self._bounded(key, values, positive, within, "hold only numbers ", values)
+
+    def figures(self, key: str) -> dict[str, float]:
+        """Return a table of finite numbers, whatever their names; empty where there is no such key."""
+        kind = "must be a table of finite numbers, got {}"
+        values = self._get(key, kind, lambda v: _is_table(v) and all(map(_is_number, v.values())), {})
+        return {name: float(item) for name, item in values.items()}
+
+    def format(self, number: int) -> None:
+        """Refuse a file of another format `number`."""
+        if (found := self.number("format")) != number:
+            next_step = "it was written by a newer pbd: update pbd" if found > number else "correct it"
+            self.fail("format", f"must be {number}, the only format that this version reads", next_step)
+
+    def choice(self, key: str, choices: Mapping[str, T], default: T = _REQUIRED) -> T:
+        """Return what the word under `key` stands for."""
+        if key not in self and default is not _REQUIRED:
+            return default
+        if (word := self.text(key)) not in choices:
+            self.fail(key, f"must be one of {', '.join(choices)}, got {word!r}")
+        return choices[word]
+
+    def done(self) -> None:
+        """Refuse what nobody asked for, here and in the tables below."""
+        for key in self._unasked():
+            self.fail(key, f"is unknown; the keys here are {', '.join(self._asked)}", "remove or rename it")
+        for inner in self._sections:
+            inner.done()
+
+    def fail(self, key: str, what: str, next_step: str = "correct it") -> NoReturn:
+        """Raise the file's error, at `key`."""
+        where = printable(f"[{self.name}] {key}" if self.name else key)
+        self._source.refuse(self.line(key), f"{where} {what}", next_step, key=key)
+
+    def line(self, key: str) -> int | None:
+        """Return the line of `key`, counted from 1, or of what is around it."""
+        return self._source.line(self.name, key, self._index)
+
+    def _get(self, key: str, kind: str, is_right: Callable[[Any], object], default: Any = _REQUIRED) -> Any:
+        if key not in self:
+            if default is not _REQUIRED:
+                return default
+            as_long = [given for given in self._unasked() if abs(len(given) - len(key)) <= 2]
+            misspelt = difflib.get_close_matches(key, as_long, n=1)
+            self.fail(key, f"is missing (there is '{misspelt[0]}')" if misspelt else "is missing", next_step="add it")
+        value = self._values[key]
+        if not is_right(value):
+            self.fail(key, kind.format(shown(value)))
+        return value
+
+    def _bounded(
+        self, key: str, values: list[Any], positive: bool, within: float, must: str, got: object
+    ) -> tuple[float, ...]:
+        if positive and min(values, default=1.0) <= 0:
+            self.fail(key, f"must {must}above zero, got {shown(got)}")
+        if max(map(abs, values), default=0.0) > within or (positive and min(values, default=1.0) < SMALLEST_POSITIVE):
+            least = f"{SMALLEST_POSITIVE:g}" if positive else f"-{within:g}"
+            self.fail(key, f"must {must}from {least} to {within:g}, got {shown(got)}")
+        return tuple(map(float, values))
+
+    def _unasked(self) -> list[str]:
+        return [given for given in self._values if given not in self._asked]
 
 
 def shown(value: object) -> str:
     """Write a value for a message."""
-    return printable(repr(value))
+    try:
+        return printable(repr(value))
+    except ValueError:
+        return "a number with thousands of digits"
+
+
+def _inside(section: str, key: str) -> str:
+    return f"{section}.{key}".lstrip(".")
+
+
+def _is_table(value: object) -> bool:
+    return isinstance(value, dict)
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < math.inf
+
+
+def _list_of(is_right: Callable[[Any], object]) -> Callable[[Any], bool]:
+    return lambda values: isinstance(values, list) and all(map(is_right, values))

@@ -7,23 +7,21 @@ from pathlib import Path
 import numpy as np
 
 from pbd.data import GRAVITY, TOOL_DOWN, Calibration, Linear, Obstacle, SensorErrors
+from pbd.doors.toml import Section, read_toml
 from pbd.errors import CalibrationError
-from pbd.files.demo import SHAPES
+from pbd.files.demo import read_shape
 from pbd.files.library import find
-from pbd.files.toml import Section, read_toml
 from pbd.pose import Array, Pose
 
 FORMAT = 1
-FAR_M = 10.0
-"""No arm comes near an obstacle that is farther away or larger."""
+FARTHEST_OBSTACLE_M = 10.0
+"""Farthest and largest obstacle, m: no arm comes near another."""
 
 FARTHEST_M = 1000.0
 """Farthest position in a pose, m: a sensor, a tool or a dock is much nearer to its arm."""
 
 FULL_TURN_DEG = 360.0
 """Largest angle of a pose, degrees."""
-
-PARTS = ("dock", "nav", "mount", "sensor")
 
 
 def load_calibration(name: str) -> Calibration:
@@ -42,47 +40,48 @@ def read_calibration(path: Path) -> Calibration:
         CalibrationError: with path, line and key.
     """
     top = read_toml(path, CalibrationError)
-    if (found := top.number("format")) != FORMAT:
-        next_step = "it was written by a newer pbd: update pbd" if found > FORMAT else "correct it"
-        top.fail("format", f"must be {FORMAT}, the only format that this version reads", next_step)
+    top.format(FORMAT)
     if "dock" in top and "nav" in top:
         top.fail("dock", "and [nav] can't both be given", next_step="remove one")
-    if not any(part in top for part in PARTS):
-        top.refuse_misspelt(("dock", "nav"))
-        top.fail("dock", "or [nav] must be given, or at least [mount] or [sensor]", "see calibration/default.toml")
-    dock = top.section("dock") if "dock" in top else None
-    nav = top.section("nav") if "nav" in top else None
-    mount = top.section("mount") if "mount" in top else None
-    sensor = top.section("sensor") if "sensor" in top else None
-    base = dock or nav
+    dock, nav = top.section("dock", None), top.section("nav", None)
+    mount, sensor, base = top.section("mount", None), top.section("sensor", None), dock or nav
     calibration = Calibration(
         name=top.text("name"),
-        T_base_dock=read_pose(dock) if dock else None,
-        any_attitude=dock.flag("any_attitude") if dock and "any_attitude" in dock else False,
-        T_base_nav=read_pose(nav) if nav else None,
-        cov_base=_covariance(base) if base else None,
-        T_sensor_tool=read_pose(mount) if mount else TOOL_DOWN,
-        cov_sensor_tool=_covariance(mount) if mount else None,
-        table_height=top.number("table_height") if "table_height" in top else None,
-        scale=top.number("scale", positive=True) if "scale" in top else 1.0,
-        robots=top.texts("robots") if "robots" in top else (),
+        T_base_dock=None if dock is None else read_pose(dock),
+        any_attitude=dock is not None and dock.flag("any_attitude", False),
+        T_base_nav=None if nav is None else read_pose(nav),
+        cov_base=_covariance(base),
+        T_sensor_tool=TOOL_DOWN if mount is None else read_pose(mount),
+        cov_sensor_tool=_covariance(mount),
+        table_height=top.number("table_height", None),
+        scale=top.number("scale", 1.0, positive=True),
+        robots=top.texts("robots", ()),
         obstacles=_obstacles(top.tables("obstacle")),
-        sensor=_sensor(sensor) if sensor else None,
+        sensor=None if sensor is None else _sensor(sensor),
         residuals={
             f"{part.name}.{name}": value
             for part in (base, mount, sensor)
-            if part and "fit" in part
+            if part is not None
             for name, value in part.figures("fit").items()
         },
     )
     top.done()
+    if base is None and mount is None and sensor is None:
+        top.fail("dock", "or [nav] must be given, or at least [mount] or [sensor]", "see calibration/default.toml")
     return calibration
 
 
-def _covariance(section: Section) -> Array | None:
+def read_pose(section: Section, position: str = "position") -> Pose:
+    """Read a table with a position in m and `rpy_deg` (about x, then fixed y, then fixed z)."""
+    p, rpy_deg = section.numbers(position, 3, within=FARTHEST_M), section.numbers("rpy_deg", 3, within=FULL_TURN_DEG)
+    return Pose.from_rpy(p, np.radians(rpy_deg))
+
+
+def _covariance(section: Section | None) -> Array | None:
     """Of a pose, (6, 6) m and rad, position and rotation vector: whole, or as sigmas; None where neither is given."""
-    sigma_m = section.numbers("sigma_m", 3) if "sigma_m" in section else None
-    sigma_deg = section.numbers("sigma_deg", 3) if "sigma_deg" in section else None
+    if section is None:
+        return None
+    sigma_m, sigma_deg = section.numbers("sigma_m", 3, None), section.numbers("sigma_deg", 3, None)
     if "covariance" in section:
         cov = np.reshape(section.numbers("covariance", 36), (6, 6))
         if not np.allclose(cov, cov.T) or np.linalg.eigvalsh(cov).min() < -1e-9:
@@ -94,51 +93,36 @@ def _covariance(section: Section) -> Array | None:
 
 
 def _sensor(section: Section) -> SensorErrors:
+    triads = {kind: section.section(kind, None) for kind in ("gyr", "acc", "mag")}
+    dip_deg = section.number("dip_deg", None)
     return SensorErrors(
         sensor=section.text("name"),
-        gyr=_linear(section.section("gyr")) if "gyr" in section else None,
-        acc=_linear(section.section("acc")) if "acc" in section else None,
-        mag=_linear(section.section("mag")) if "mag" in section else None,
-        gravity=section.number("gravity", positive=True) if "gravity" in section else GRAVITY,
-        field=section.number("field", positive=True) if "field" in section else None,
-        dip=np.radians(section.number("dip_deg")) if "dip_deg" in section else None,
-        temperature_c=section.number("temperature_c") if "temperature_c" in section else None,
+        **{kind: None if triad is None else _linear(triad) for kind, triad in triads.items()},
+        gravity=section.number("gravity", GRAVITY, positive=True),
+        field=section.number("field", None, positive=True),
+        dip=None if dip_deg is None else np.radians(dip_deg),
+        temperature_c=section.number("temperature_c", None),
     )
 
 
 def _linear(section: Section) -> Linear:
-    matrix = np.reshape(section.numbers("matrix", 9), (3, 3)) if "matrix" in section else np.eye(3)
+    matrix = np.reshape(section.numbers("matrix", 9, (1, 0, 0, 0, 1, 0, 0, 0, 1)), (3, 3))
     if abs(np.linalg.det(matrix)) < 0.1:
         section.fail("matrix", "must be near the unit matrix")
-    unknown = (float("nan"),) * 3
-    sigma = section.numbers("bias_sigma", 3) if "bias_sigma" in section else unknown
+    sigma = section.numbers("bias_sigma", 3, (np.nan, np.nan, np.nan))
     return Linear(np.array(section.numbers("bias", 3)), matrix, np.array(sigma))
 
 
 def _obstacles(sections: list[Section]) -> tuple[Obstacle, ...]:
     obstacles: dict[str, Obstacle] = {}
     for section in sections:
-        name, shape = section.text("name"), section.text("shape")
+        name, (shape, size) = section.text("name"), read_shape(section)
         if name in obstacles:
             section.fail("name", f"{name!r} is another obstacle's too", next_step="rename one of them")
-        if shape not in SHAPES:
-            section.fail("shape", f"must be one of {', '.join(SHAPES)}, got {shape!r}")
-        size = section.numbers("size", SHAPES[shape], positive=True)
         position = section.numbers("position", 3)
         for key, values in (("size", size), ("position", position)):
-            if max(map(abs, values)) > FAR_M:
+            if max(map(abs, values)) > FARTHEST_OBSTACLE_M:
                 section.fail(key, f"has {max(values, key=abs):g}, but is in metres", "divide it by 100 if it is in cm")
-        rpy_deg = _angles(section) if "rpy_deg" in section else (0.0, 0.0, 0.0)
-        T_base_obstacle = Pose.from_rpy(position, np.radians(rpy_deg))
-        obstacles[name] = Obstacle(name, shape, size, T_base_obstacle)
+        rpy_deg = section.numbers("rpy_deg", 3, (0.0, 0.0, 0.0), within=FULL_TURN_DEG)
+        obstacles[name] = Obstacle(name, shape, size, Pose.from_rpy(position, np.radians(rpy_deg)))
     return tuple(obstacles.values())
-
-
-def read_pose(section: Section) -> Pose:
-    """Read a table with `position` in m and `rpy_deg` (about x, then fixed y, then fixed z)."""
-    position, rpy_deg = section.numbers("position", 3, within=FARTHEST_M), _angles(section)
-    return Pose.from_rpy(position, np.radians(rpy_deg))
-
-
-def _angles(section: Section) -> tuple[float, ...]:
-    return section.numbers("rpy_deg", 3, within=FULL_TURN_DEG)

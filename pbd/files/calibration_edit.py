@@ -13,11 +13,12 @@ import numpy as np
 import tomlkit
 from tomlkit.items import Comment, Table, Whitespace
 
+from pbd.data import Calibration
+from pbd.doors.atomic import atomic_file
 from pbd.doors.opening import read_text
 from pbd.errors import CalibrationError
 from pbd.files.calibration import FORMAT, read_calibration
 from pbd.files.library import bundled
-from pbd.files.whole import written_whole
 from pbd.pose import Array, Pose, quat_to_rpy
 
 HEADER = "Made by `pbd calibrate`; docs/calibration.md explains each part, calibration/default.toml each key."
@@ -37,8 +38,7 @@ def calibration_file(name: str) -> Path:
     path = Path(name)
     word = path.name.removesuffix(".toml")
     upwards = ".." in path.parts and path.suffix != ".toml"
-    spaced = any(c.isspace() or not c.isprintable() for c in word)
-    if not word or word == ".." or name.startswith("~") or upwards or spaced:
+    if not word or name.startswith("~") or upwards or any(c.isspace() or not c.isprintable() for c in word):
         raise CalibrationError(f"'{name}' can't be a calibration's name; give a word, or a file's path", value=name)
     if path.suffix != ".toml":
         path = path.with_name(path.name + ".toml")
@@ -74,7 +74,7 @@ def update_calibration(
         document["scale"] = round(scale, 5)
     for part, values in parts.items():
         _fill(_table(document, part), values)
-    with written_whole(path, parents=True) as unfinished:
+    with atomic_file(path, parents=True) as unfinished:
         unfinished.write_text(tomlkit.dumps(document), encoding="utf-8")
         try:
             read_calibration(unfinished)  # never leave behind what can't be read
@@ -111,9 +111,18 @@ def covariance_values(cov: Array | None) -> dict[str, tuple[Value | None, str]]:
     }
 
 
+def existing_calibration(path: Path) -> Calibration | None:
+    """Read what the calibration says so far (a new one begins as the bundled one of its name), or None."""
+    source = _source(path)
+    return None if source is None else read_calibration(source)
+
+
+def _source(path: Path) -> Path | None:
+    return next((file for file in (path, bundled("calibration") / path.name) if file.is_file()), None)
+
+
 def _opened(path: Path, instead: Mapping[str, str], robots: Sequence[str]) -> tomlkit.TOMLDocument:
-    source = path if path.is_file() else bundled("calibration") / path.name
-    if source.is_file():
+    if source := _source(path):
         read_calibration(source)  # whatever is wrong with it is told by line
         text = read_text(source, CalibrationError, "give the path of a TOML file")
         for old, new in instead.items():
@@ -153,9 +162,7 @@ def _fill(table: Table, values: Values) -> None:
             table[key] = tomlkit.inline_table()
             table[key].update(value)
         elif key in table:
-            trivia = table[key].trivia
             table[key] = _item(value)
-            table[key].trivia.comment_ws, table[key].trivia.comment = trivia.comment_ws, trivia.comment
         else:
             item = _item(value)
             if comment:

@@ -1,4 +1,4 @@
-"""Names of imu.csv's columns and what the compass angles among them mean."""
+"""The columns of imu.csv, and what the compass angles among them mean."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ from pbd.pose import Array
 
 GYR, ACC, MAG = ("gx", "gy", "gz"), ("ax", "ay", "az"), ("mx", "my", "mz")
 DEVICE = ("heading", "pitch", "roll")
+
+CHANNELS = {"gyr": (GYR, 7), "acc": (ACC, 6), "mag": (MAG, 4), "device": (DEVICE, 6)}
+"""Channel -> its columns and decimals, in their order in the file."""
 
 
 def device_rpy(angles: Array) -> Array:

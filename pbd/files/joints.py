@@ -7,7 +7,9 @@ A list is in the joints' order. An object names joints, and so does a /joint_sta
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from pbd.doors.numbers import finite
@@ -17,7 +19,7 @@ from pbd.errors import PbdError, listed, printable
 NAME, POSITION = "name", "position"
 """The parts of a sensor_msgs/JointState that count; its positions are in rad and m, whatever units are asked for."""
 
-LARGEST = 1e6
+LARGEST_POSITION = 1e6
 """Largest joint position, in any unit: beyond every turn of an endless joint."""
 
 
@@ -39,12 +41,18 @@ def read_joints(
     if not given.lstrip().startswith(("[", "{")):
         what = given
         text = read_text(Path(given), PbdError, "give a JSON file, or the joints as [...]", name=f"--from {given}")
-    value = _echoed(text) or _parsed(text, what, f"give a list of {len(names)} numbers, in {unit}")
+    try:
+        value = _echoed(text) or json.loads(text)
+    except (ValueError, RecursionError) as error:
+        wanted = f"give a list of {len(names)} numbers, in {unit}"
+        raise PbdError(f"{what}: not JSON ({str(error)[:100]}); {wanted}") from None
     if isinstance(value, dict) and {NAME, POSITION} <= value.keys():
-        value, unit, per_si = _named(value, what), "rad", None
+        joints, positions, unit, per_si = value[NAME], value[POSITION], "rad", None
+        if not (isinstance(joints, list) and isinstance(positions, list) and len(joints) == len(positions)):
+            raise PbdError(f"{what}: name and position must be lists of one length; give a whole /joint_states message")
+        value = {str(name): position for name, position in zip(joints, positions, strict=True)}
     if isinstance(value, dict):
-        missing = [name for name in names if name not in value]
-        if missing:
+        if missing := [name for name in names if name not in value]:
             raise PbdError(f"{what}: lacks {listed(missing)}; give a number, in {unit}, for each joint of the arm")
         value = [value[name] for name in names]
     if not isinstance(value, list) or len(value) != len(names) or not all(map(_is_number, value)):
@@ -54,40 +62,19 @@ def read_joints(
 
 def _echoed(text: str) -> dict[str, list[object]] | None:
     """Read names and positions as `ros2 topic echo` prints them, one a line; None where it isn't that."""
-    found: dict[str, list[object]] = {NAME: [], POSITION: []}
-    part = ""
-    for line in text.splitlines():
-        if line.startswith("---"):
-            break  # the next message
-        if line.startswith("- ") and part in found:
-            word = line[2:].strip().strip("'\"")
-            found[part].append(word if part == NAME else _number(word))
-        elif not line.startswith((" ", "-")):
-            part = line.partition(":")[0]
+    message = re.split(r"(?m)^---", text)[0]  # what follows is the next message
+    found: dict[str, list[object]] = {}
+    for part in (NAME, POSITION):
+        block = re.search(rf"(?m)^{part}:.*\n((?:[- ].*(?:\n|\Z))*)", message)
+        found[part] = [_value(word) for word in re.findall(r"(?m)^- *(.*?) *$", block[1])] if block else []
     return found if found[NAME] else None
 
 
-def _parsed(text: str, what: str, wanted: str) -> object:
-    try:
-        parsed: object = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise PbdError(f"{what}: not JSON ({str(error)[:100]}); {wanted}") from None
-    return parsed
-
-
-def _named(message: Mapping[str, object], what: str) -> dict[str, object]:
-    names, positions = message[NAME], message[POSITION]
-    if not (isinstance(names, list) and isinstance(positions, list) and len(names) == len(positions)):
-        raise PbdError(f"{what}: name and position must be lists of one length; give a whole /joint_states message")
-    return {str(name): position for name, position in zip(names, positions, strict=True)}
-
-
-def _number(word: str) -> object:
-    try:
+def _value(word: str) -> object:
+    with suppress(ValueError):
         return finite(word)
-    except ValueError:
-        return word
+    return word.strip("'\"")
 
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST_POSITION

@@ -4,31 +4,32 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pbd.data import Keyframe
+from pbd.doors.atomic import atomic_file
+from pbd.doors.toml import Section, read_toml
 from pbd.errors import PbdWarning, RecordingError
-from pbd.files.toml import Section, read_toml
-from pbd.files.whole import written_whole
 from pbd.pose import Pose, quat_from_rpy, quat_to_rpy
 
 FORMAT = 1
 NAME = "keyframes.toml"
 GRIPS = {"closes": True, "opens": False}
 ORIGIN_M = 1e-3
-"""The first keyframe is the origin of nav, to this."""
+"""Largest coordinate of the first keyframe, m: it is the origin of nav."""
 
 LARGEST_DEG = 360.0
-"""An angle beyond it is a slip of the pen."""
+"""Largest angle: one beyond it is a slip of the pen."""
 
 LARGEST_M = 5.0
-"""A keyframe further from the dock (m) is a slip of the pen, likely centimetres: twice the reach of a large arm."""
+"""Farthest keyframe from the dock, m: twice the reach of a large arm. One beyond it was likely meant in centimetres."""
 
 LONG_DWELL_S = 60.0
-"""An arm that is to stay longer is asked about: somebody may have meant milliseconds."""
+"""Longest dwell without a warning: somebody may have meant milliseconds."""
 
 HEAD = """\
 # The keyframes of '{name}': where the hand stopped. While this file is here, it replaces what tracking finds.
@@ -45,6 +46,7 @@ HEAD = """\
 # `pbd keyframes {name} --save --force` finds them again; without the file they are found each time.
 format = {format}
 """
+NORTH, AT_DOCK = "x magnetic east, y magnetic north", "x along the sensor's own as it lies at the dock, y left of it"
 
 
 def keyframes_toml(
@@ -58,17 +60,11 @@ def keyframes_toml(
         magnetic: a magnetometer turned nav to the north.
         arm_dwell_s: (n,) s, how long the arm is to stay at each; None: as long as the hand did.
     """
-    axes = (
-        "x magnetic east, y magnetic north"
-        if magnetic
-        else "x along the sensor's own as it lies at the dock, y left of it"
-    )
-    parts = [HEAD.format(name=name, format=FORMAT, axes=axes)]
+    lines = [HEAD.format(name=name, format=FORMAT, axes=NORTH if magnetic else AT_DOCK)]
     dwell_s = [keyframe.dwell_s for keyframe in keyframes] if arm_dwell_s is None else arm_dwell_s
     for index, (keyframe, dwell) in enumerate(zip(keyframes, dwell_s, strict=True)):
         sigma = np.sqrt(np.diagonal(keyframe.cov))
-        lines = [
-            "",
+        lines += [
             f"[[keyframe]] # {index}{', the dock' if index == 0 else ''}",
             f"t_s = {keyframe.t:.3f}",
             f"dwell_s = {dwell:.3f} # the hand stood for {keyframe.dwell_s:.2f} s",
@@ -81,8 +77,8 @@ def keyframes_toml(
             lines.append(f'grip = "{"closes" if keyframe.grip else "opens"}"')
         if keyframe.label:
             lines.append(f"label = {_quoted(keyframe.label)}")
-        parts.append("\n".join(lines) + "\n")
-    return "".join(parts)
+        lines.append("")
+    return "\n".join(lines)
 
 
 def write_keyframes(
@@ -111,7 +107,7 @@ def write_keyframes(
     path = folder / NAME
     if path.exists() and not force:
         raise RecordingError(f"{path} exists and may have been edited; --force replaces it", path=path)
-    with written_whole(path) as unfinished:
+    with atomic_file(path) as unfinished:
         unfinished.write_text(keyframes_toml(name, keyframes, magnetic, arm_dwell_s), encoding="utf-8")
     return path
 
@@ -123,93 +119,60 @@ def read_keyframes(path: Path) -> tuple[Keyframe, ...]:
         RecordingError: with the file, the line and the key.
     """
     top = read_toml(path, RecordingError)
-    if top.number("format") != FORMAT:
-        top.fail("format", f"must be {FORMAT}, the only format that this version reads")
+    top.format(FORMAT)
     tables = top.tables("keyframe")
     keyframes = tuple(map(_read, tables))
     top.done()
     if not keyframes:
-        raise RecordingError(
-            f"{path}: it has no [[keyframe]]; add some, or remove the file to find them again", path=path
-        )
+        what = f"{path}: it has no [[keyframe]]; add some, or remove the file to find them again"
+        raise RecordingError(what, path=path)
     for before, after, table in zip(keyframes, keyframes[1:], tables[1:], strict=False):
         if after.t <= before.t:
             table.fail("t_s", f"must be later than the keyframe before ({before.t:g} s), got {after.t:g}")
-    if float(np.abs(keyframes[0].T_nav_sensor.p).max()) > ORIGIN_M:
+    if np.abs(keyframes[0].T_nav_sensor.p).max() > ORIGIN_M:
         tables[0].fail("position_m", "must be [0, 0, 0]: the first keyframe is the dock", "put it back")
-    _check_grips(path, keyframes, tables)
-    _warn_of_long_dwells(path, keyframes, tables)
+    for index, keyframe in enumerate(keyframes[1:-1], start=1):  # at the ends the arm doesn't stay
+        if keyframe.dwell_s > LONG_DWELL_S:
+            what = f"the arm stays {keyframe.dwell_s:g} s at keyframe {index}; if that is too long, correct dwell_s"
+            _warn(tables[index], "dwell_s", f"{what} (in seconds)")
+    _check_grips(keyframes, tables)
     return keyframes
 
 
-def _warn_of_long_dwells(path: Path, keyframes: Sequence[Keyframe], tables: Sequence[Section]) -> None:
-    """Not at the first and the last: the arm doesn't stay there."""
-    for index, (keyframe, table) in list(enumerate(zip(keyframes, tables, strict=True)))[1:-1]:
-        if keyframe.dwell_s > LONG_DWELL_S:
-            warnings.warn(
-                f"{path}:{table.line('dwell_s')}: the arm stays {keyframe.dwell_s:g} s at keyframe {index}; if that is "
-                "too long, correct dwell_s (in seconds)",
-                PbdWarning,
-                stacklevel=3,
-            )
-
-
-def _check_grips(path: Path, keyframes: Sequence[Keyframe], tables: Sequence[Section]) -> None:
+def _check_grips(keyframes: Sequence[Keyframe], tables: Sequence[Section]) -> None:
     """Refuse two grips in a row that do the same: one between them is lost. Warn of a first one that opens."""
-    since: int | None = None
-    for index, (keyframe, table) in enumerate(zip(keyframes, tables, strict=True)):
-        if keyframe.grip is None:
-            continue
-        if since is not None and keyframe.grip == keyframes[since].grip:
-            word, state, other = ("closes", "closed", "opens") if keyframe.grip else ("opens", "open", "closes")
-            table.fail(
-                "grip",
-                f'"{word}" at keyframe {index} changes nothing, it is {state} since keyframe {since}',
-                f'remove one of the two, or add grip = "{other}" between them',
-            )
-        if since is None and not keyframe.grip:
-            warnings.warn(
-                f"{path}:{table.line('grip')}: the grip opens at keyframe {index}, but it is open from the start: "
-                "nothing changes there; remove the line, or add what is missing before it",
-                PbdWarning,
-                stacklevel=3,
-            )
-        since = index
+    grips = [index for index, keyframe in enumerate(keyframes) if keyframe.grip is not None]
+    for since, index in pairwise(grips):
+        if keyframes[index].grip == keyframes[since].grip:
+            word, state, other = ("closes", "closed", "opens") if keyframes[index].grip else ("opens", "open", "closes")
+            what = f'"{word}" at keyframe {index} changes nothing, it is {state} since keyframe {since}'
+            tables[index].fail("grip", what, f'remove one of the two, or add grip = "{other}" between them')
+    if grips and not keyframes[grips[0]].grip:
+        what = f"the grip opens at keyframe {grips[0]}, but it is open from the start: nothing changes there; remove"
+        _warn(tables[grips[0]], "grip", f"{what} the line, or add what is missing before it")
+
+
+def _warn(table: Section, key: str, what: str) -> None:
+    warnings.warn(f"{table.path}:{table.line(key)}: {what}", PbdWarning, stacklevel=3)
 
 
 def _read(section: Section) -> Keyframe:
-    grip = None
-    if "grip" in section:
-        word = section.text("grip")
-        if word not in GRIPS:
-            section.fail("grip", f'must be "closes" or "opens", got "{word}"')
-        grip = GRIPS[word]
-    dwell = section.number("dwell_s")
+    grip, dwell = section.choice("grip", GRIPS, None), section.number("dwell_s")
     if dwell < 0.0:
         section.fail("dwell_s", f"must not be below zero, got {dwell:g}")
-    position, rpy = section.numbers("position_m", 3), section.numbers("rpy_deg", 3)
-    if max(map(abs, position)) > LARGEST_M:
-        section.fail(
-            "position_m",
-            f"must lie within {LARGEST_M:g} m of the dock on each axis, got {list(position)}",
-            "correct it, it is in metres",
-        )
-    if max(map(abs, rpy)) > LARGEST_DEG:
-        section.fail("rpy_deg", f"must lie within -{LARGEST_DEG:g} and {LARGEST_DEG:g} degrees, got {list(rpy)}")
-    sigma = np.zeros(6)
-    for key, part, unit in (("sigma_m", slice(0, 3), 1.0), ("sigma_deg", slice(3, 6), np.pi / 180.0)):
-        if key in section:
-            values = np.array(section.numbers(key, 3))
-            if (values < 0.0).any():
-                section.fail(key, "must not be below zero")
-            sigma[part] = unit * values
+    position = section.numbers("position_m", 3, within=LARGEST_M)
+    rpy = np.radians(section.numbers("rpy_deg", 3, within=LARGEST_DEG))
+    sigma = {key: np.array(section.numbers(key, 3, (0.0, 0.0, 0.0))) for key in ("sigma_m", "sigma_deg")}
+    for key, values in sigma.items():
+        if (values < 0.0).any():
+            section.fail(key, "must not be below zero")
     return Keyframe(
         t=section.number("t_s"),
         dwell_s=dwell,
-        T_nav_sensor=Pose(np.array(position), quat_from_rpy(np.radians(rpy))),
-        cov=np.diag(sigma**2),
+        T_nav_sensor=Pose(np.array(position), quat_from_rpy(rpy)),
+        cov=np.diag(np.square([*sigma["sigma_m"], *np.radians(sigma["sigma_deg"])])),
         grip=grip,
-        label=section.text("label") if "label" in section else "",
+        label=section.text("label", ""),
     )
 
 

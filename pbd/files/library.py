@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
+from pbd.doors.atomic import exists, is_folder
 from pbd.errors import PbdError, nearest
 
 
@@ -23,11 +25,11 @@ def names(kind: str, suffix: str) -> list[str]:
 
 def bundled_names(kind: str, suffix: str) -> list[str]:
     """Name what comes with pbd."""
-    return sorted(_name(entry, suffix) for entry in _entries(bundled(kind), suffix))
+    return [_name(entry, suffix) for entry in _entries(bundled(kind), suffix)]
 
 
 def find(kind: str, name: str, suffix: str, error: type[PbdError]) -> Path:
-    """Find `name` of a kind: a path as it is given, else the user's ./KIND, else the bundled one.
+    """Find `name` of a kind: the user's ./KIND, else the bundled one, else a path as it is given.
 
     Raises:
         error: lists the valid names.
@@ -36,24 +38,15 @@ def find(kind: str, name: str, suffix: str, error: type[PbdError]) -> Path:
         for entry in _entries(folder, suffix):
             if entry.name in (name, name + suffix):
                 return entry
-    given = _path(name)
-    if given is not None and not (suffix and given.is_dir()):
+    given = Path(os.path.expanduser(name))  # noqa: PTH111 (pathlib's raises where there is no such user)
+    if exists(given) and not (suffix and is_folder(given)):
         return given
     valid = names(kind, suffix)
     what = {"demos": "demonstration", "robots": "robot"}.get(kind, kind)
     known = f"known are {', '.join(valid)}{nearest(name, valid)}" if valid else f"none is known; put one into ./{kind}"
-    if given is not None:
+    if is_folder(given):
         raise error(f"{name} is a folder: give a name, or a file; {known}", value=name, valid=valid)
     raise error(f"no {what} named '{name}', nor a file or folder of that path; {known}", value=name, valid=valid)
-
-
-def _path(name: str) -> Path | None:
-    """Take a name as a path to something that is there; a name that can't be a path at all is none."""
-    try:
-        given = Path(name).expanduser()
-        return given if given.exists() else None
-    except (OSError, RuntimeError, ValueError):
-        return None
 
 
 def _name(entry: Path, suffix: str) -> str:
@@ -62,7 +55,4 @@ def _name(entry: Path, suffix: str) -> str:
 
 def _entries(folder: Path, suffix: str) -> list[Path]:
     """Files with the suffix, or, without one, folders that hold a demonstration."""
-    if not folder.is_dir():
-        return []
-    wanted = folder.glob(f"*{suffix}") if suffix else (path.parent for path in folder.glob("*/demo.toml"))
-    return sorted(wanted)
+    return sorted(folder.glob(f"*{suffix}") if suffix else (path.parent for path in folder.glob("*/demo.toml")))

@@ -5,23 +5,23 @@ Nothing heavy is imported: limits and names come from the URDF as plain XML.
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from difflib import get_close_matches
 from pathlib import Path
 
 import numpy as np
 
 from pbd.data import Calibration, Gripper, JointLimits, Robot
+from pbd.doors.atomic import is_file
 from pbd.doors.meshes import mesh_places
-from pbd.errors import LISTED, RobotError, listed, printable
-from pbd.files.calibration import FARTHEST_M, FULL_TURN_DEG, read_pose
+from pbd.doors.toml import Section, read_toml
+from pbd.errors import MOST_LISTED, RobotError, listed, printable
+from pbd.files.calibration import read_pose
 from pbd.files.library import find
-from pbd.files.toml import Section, read_toml
 from pbd.files.urdf import Urdf, UrdfJoint, read_poses, read_urdf
-from pbd.paths import is_file
-from pbd.pose import Array, Pose
+from pbd.pose import Array
 
 FORMAT = 1
 
@@ -45,34 +45,24 @@ def read_robot(path: Path) -> Robot:
             is missing, not above zero or above the URDF's; home lies outside the limits.
     """
     top = read_toml(path, RobotError)
-    if top.number("format") != FORMAT:
-        top.fail("format", f"must be {FORMAT}, the only format that this version reads")
-    name = top.text("name")
-    description = top.text("description")
-    notes = top.texts("notes") if "notes" in top else ()
+    top.format(FORMAT)
+    name, description, notes = top.text("name"), top.text("description"), top.texts("notes", ())
 
-    model = top.section("model")
-    share = _example_robot_data()
+    model, share = top.section("model"), _example_robot_data()
     urdf = read_urdf(_find(model, "urdf", share))
-    package_dirs = _package_dirs(path, urdf.path, share)
+    # A ROS package is a folder above the URDF (PACKAGE/urdf/arm.urdf), beside the TOML, or one of example-robot-data's.
+    package_dirs = tuple(dict.fromkeys([*urdf.path.parents[:3], path.resolve().parent, *([share] if share else [])]))
     _check_meshes(urdf, package_dirs)
     srdf = _find(model, "srdf", share) if "srdf" in model else None
-    poses = {} if srdf is None else read_poses(srdf)
     base, body = _link(model, "base", urdf), _link(model, "body", urdf)
-    tool = model.section("T_body_tool")
-    rpy_deg = tool.numbers("rpy_deg", 3, within=FULL_TURN_DEG)
-    license_ = model.text("license") if "license" in model else ""
-    T_body_tool = Pose.from_rpy(tool.numbers("xyz", 3, within=FARTHEST_M), np.deg2rad(rpy_deg))
+    T_body_tool, license_ = read_pose(model.section("T_body_tool"), "xyz"), model.text("license", "")
     chain = _movable(urdf, base, body)
 
-    gripper = _gripper(top.section("gripper"), urdf) if "gripper" in top else None
-    arm = top.section("arm")
-    joints = _arm_joints(arm, chain, gripper)
+    fingers, arm, dock = top.section("gripper", None), top.section("arm"), top.section("dock", None)
+    gripper = None if fingers is None else _gripper(fingers, urdf)
+    joints = _arm_joints(arm, [joint for joint in chain if gripper is None or joint.name not in gripper.joints])
     limits = _limits(top.section("limits"), urdf, joints)
-    home = _home(arm, joints, poses, limits)
-    dock = _dock(top.section("dock"), name) if "dock" in top else None
-    top.done()
-    return Robot(
+    robot = Robot(
         name=name,
         description=description,
         urdf=urdf.path,
@@ -82,39 +72,30 @@ def read_robot(path: Path) -> Robot:
         body=body,
         T_body_tool=T_body_tool,
         joints=tuple(joint.name for joint in joints),
-        home=home,
+        home=_home(arm, joints, {} if srdf is None else read_poses(srdf)),
         gripper=gripper,
         limits=limits,
-        dock=dock,
+        dock=None if dock is None else _dock(dock, name),
         notes=notes,
         license=license_,
     )
+    top.done()
+    return robot
 
 
 def _example_robot_data() -> Path | None:
     """Find the share folder that holds example-robot-data, which is a package without a module to ask."""
-    for entry in sys.path:
-        share = Path(entry) / "cmeel.prefix" / "share"
-        if (share / "example-robot-data" / "robots").is_dir():
-            return share
-    return None
+    shares = (Path(entry) / "cmeel.prefix" / "share" for entry in sys.path)
+    return next((share for share in shares if (share / "example-robot-data" / "robots").is_dir()), None)
 
 
 def _find(model: Section, key: str, share: Path | None) -> Path:
-    wanted = Path(model.text(key))
-    with suppress(RuntimeError):  # there is no such user
-        wanted = wanted.expanduser()
+    wanted = os.path.expanduser(model.text(key))  # noqa: PTH111 (pathlib's raises where there is no such user)
     folders = [model.path.parent] + ([share / "example-robot-data" / "robots"] if share else [])
     found = next((folder / wanted for folder in folders if is_file(folder / wanted)), None)
     if found is None:
-        model.fail(key, f"names {str(wanted)!r}, which is neither in {' nor in '.join(map(str, folders))}")
+        model.fail(key, f"names {wanted!r}, which is neither in {' nor in '.join(map(str, folders))}")
     return found.resolve()
-
-
-def _package_dirs(toml: Path, urdf: Path, share: Path | None) -> tuple[Path, ...]:
-    """Say where package:// may lead: a ROS package is a folder above the URDF (PACKAGE/urdf/arm.urdf), or share."""
-    folders = [*urdf.parents[:3], toml.resolve().parent] + ([share] if share else [])
-    return tuple(dict.fromkeys(folders))
 
 
 def _check_meshes(urdf: Urdf, package_dirs: Sequence[Path]) -> None:
@@ -133,7 +114,7 @@ def _link(model: Section, key: str, urdf: Urdf) -> str:
     """The name of a link; one that isn't there is refused with those that are most like it."""
     name = model.text(key)
     if name not in urdf.links:
-        near = get_close_matches(name, urdf.links, n=5) if len(urdf.links) > LISTED else ()
+        near = get_close_matches(name, urdf.links, n=5) if len(urdf.links) > MOST_LISTED else ()
         what = f"is wrong: {urdf.path} has no link {printable(name)!r}"
         model.fail(key, what, f"set {key} to one of {listed(near or urdf.links)}")
     return name
@@ -143,8 +124,8 @@ def _movable(urdf: Urdf, base: str, body: str) -> list[UrdfJoint]:
     """The joints between base and body that move; all of them must be ones that an arm can have."""
     movable = [joint for joint in urdf.chain(base, body) if joint.kind != "fixed"]
     for joint in movable:
-        what = f"mimics {joint.mimic.joint!r}" if joint.mimic else f"is {joint.kind}"
         if not joint.actuated:
+            what = f"mimics {joint.mimic.joint!r}" if joint.mimic else f"is {joint.kind}"
             raise RobotError(
                 f"{urdf.path}: joint {joint.name!r}, between {base!r} and {body!r}, {what}, which pbd does not support "
                 "in an arm; choose another base or body, or change the joint",
@@ -154,10 +135,9 @@ def _movable(urdf: Urdf, base: str, body: str) -> list[UrdfJoint]:
     return movable
 
 
-def _arm_joints(arm: Section, chain: Sequence[UrdfJoint], gripper: Gripper | None) -> list[UrdfJoint]:
-    movable = [joint for joint in chain if gripper is None or joint.name not in gripper.joints]
-    names = [joint.name for joint in movable]
-    wanted = arm.texts("joints") if "joints" in arm else tuple(names)
+def _arm_joints(arm: Section, movable: Sequence[UrdfJoint]) -> list[UrdfJoint]:
+    names = tuple(joint.name for joint in movable)
+    wanted = arm.texts("joints", names)
     if not wanted or list(wanted) != [name for name in names if name in wanted]:
         arm.fail("joints", f"must be some of {listed(names)}, in that order (base to tool), got {listed(wanted)}")
     for joint in movable:
@@ -169,93 +149,80 @@ def _arm_joints(arm: Section, chain: Sequence[UrdfJoint], gripper: Gripper | Non
 def _gripper(section: Section, urdf: Urdf) -> Gripper:
     names = section.texts("joints")
     known = [joint.name for joint in urdf.joints.values() if joint.kind != "fixed"]
-    for name in names:
-        if name not in known:
-            section.fail("joints", f"names {name!r}, which is not a movable joint; the URDF has {listed(known)}")
+    if unknown := [name for name in names if name not in known]:
+        section.fail("joints", f"names {unknown[0]!r}, which is not a movable joint; the URDF has {listed(known)}")
     joints = [urdf.joints[name] for name in names]
-    positions = {}
-    for key in ("open", "closed"):
-        positions[key] = np.array(section.numbers(key, len(joints)))
-        _check_range(section, key, joints, positions[key])
+    positions = {key: list(section.numbers(key, len(joints))) for key in ("open", "closed")}
+    for key, values in positions.items():
+        _check_range(section, key, joints, values)
     for joint in urdf.joints.values():
         if joint.mimic and joint.mimic.joint in names and joint.name not in names:
             leader = names.index(joint.mimic.joint)
             names += (joint.name,)
-            for key, own in positions.items():
-                positions[key] = np.append(own, joint.mimic.multiplier * own[leader] + joint.mimic.offset)
-    return Gripper(names, positions["open"], positions["closed"], section.number("stroke_s", positive=True))
+            for values in positions.values():
+                values.append(joint.mimic.multiplier * values[leader] + joint.mimic.offset)
+    stroke_s = section.number("stroke_s", positive=True)
+    return Gripper(names, np.array(positions["open"]), np.array(positions["closed"]), stroke_s)
 
 
 def _limits(section: Section, urdf: Urdf, joints: Sequence[UrdfJoint]) -> JointLimits:
-    if bad := [joint for joint in joints if not joint.lower < joint.upper]:
-        raise RobotError(
-            f"{urdf.path}: joint {bad[0].name!r} has no room to move: lower {bad[0].lower:g}, upper {bad[0].upper:g};"
-            " correct its <limit>",
-            path=urdf.path,
-            joint=bad[0].name,
-        )
-    values, sources = {}, {"position": "the URDF"}
-    general = section.text("source") if "source" in section else None
+    for joint in joints:
+        if not joint.lower < joint.upper:
+            what = f"joint {joint.name!r} has no room to move: lower {joint.lower:g}, upper {joint.upper:g}"
+            raise RobotError(f"{urdf.path}: {what}; correct its <limit>", path=urdf.path, joint=joint.name)
+    values: dict[str, tuple[float, ...]] = {}
+    sources = {"position": "the URDF"}
+    general = section.text("source", "")
     for key in ("velocity", "acceleration", "jerk"):
         if key == "velocity" and key not in section:
-            values[key], sources[key] = _urdf_velocity(section, joints), "the URDF"
+            if bad := [joint.name for joint in joints if not 0.0 < joint.velocity < np.inf]:
+                section.fail(key, f"is missing and the URDF sets no limit above zero for {listed(bad)}", "add it")
+            values[key], sources[key] = tuple(joint.velocity for joint in joints), "the URDF"
             continue
         values[key] = section.numbers(key, len(joints), positive=True)
-        own = section.text(f"{key}_source") if f"{key}_source" in section else general
-        sources[key] = own or section.text("source")
+        sources[key] = section.text(f"{key}_source", general) or section.text("source")
     for joint, velocity in zip(joints, values["velocity"], strict=True):
         if velocity > joint.velocity > 0.0:  # a URDF's 0 says nothing
             what = f"gives {joint.name} {velocity:g}, above the URDF's own {joint.velocity:g}"
             section.fail("velocity", what, "lower it, or correct the URDF")
-    said = dict.fromkeys(source for key, source in sources.items() if key != "position")
+    said = dict.fromkeys(sources[key] for key in values)
     return JointLimits(
         lower=np.array([joint.lower for joint in joints]),
         upper=np.array([joint.upper for joint in joints]),
-        velocity=np.array(values["velocity"]),
-        acceleration=np.array(values["acceleration"]),
-        jerk=np.array(values["jerk"]),
+        **{key: np.array(value) for key, value in values.items()},
         source=next(iter(said)) if len(said) == 1 else "; ".join(f"{key}: {sources[key]}" for key in values),
         sources=sources,
     )
 
 
-def _urdf_velocity(section: Section, joints: Sequence[UrdfJoint]) -> tuple[float, ...]:
-    if bad := [joint.name for joint in joints if not 0.0 < joint.velocity < np.inf]:
-        section.fail("velocity", f"is missing and the URDF sets no limit above zero for {listed(bad)}", "add it")
-    return tuple(joint.velocity for joint in joints)
-
-
-def _home(
-    arm: Section, joints: Sequence[UrdfJoint], poses: Mapping[str, Mapping[str, float]], limits: JointLimits
-) -> Array:
+def _home(arm: Section, joints: Sequence[UrdfJoint], poses: Mapping[str, Mapping[str, float]]) -> Array:
     if "home_pose" in arm and "home" in arm:
         arm.fail("home_pose", "is given together with home", next_step="remove one of them")
     if "home_pose" in arm:
-        key = "home_pose"
-        wanted = arm.text(key)
+        key, wanted = "home_pose", arm.text("home_pose")
         if wanted not in poses:
             arm.fail(key, f"names {wanted!r}, which is not in the SRDF; its poses are {listed(poses)}")
         if missing := [joint.name for joint in joints if joint.name not in poses[wanted]]:
             arm.fail(key, f"{wanted!r} says nothing of {listed(missing)}", next_step="give home as a list instead")
-        home = np.array([poses[wanted][joint.name] for joint in joints])
+        home = [poses[wanted][joint.name] for joint in joints]
     else:
-        key, home = "home", np.array(arm.numbers("home", len(joints)))
+        key, home = "home", list(arm.numbers("home", len(joints)))
     _check_range(arm, key, joints, home)
-    return home
+    return np.array(home)
 
 
 def _dock(section: Section, robot: str) -> Calibration:
     return Calibration(
         name=f"{robot}'s own dock",
         T_base_dock=read_pose(section),
-        any_attitude=section.flag("any_attitude") if "any_attitude" in section else False,
-        table_height=section.number("table_height") if "table_height" in section else None,
-        scale=section.number("scale", positive=True) if "scale" in section else 1.0,
+        any_attitude=section.flag("any_attitude", False),
+        table_height=section.number("table_height", None),
+        scale=section.number("scale", 1.0, positive=True),
         robots=(robot,),
     )
 
 
-def _check_range(section: Section, key: str, joints: Sequence[UrdfJoint], positions: Array) -> None:
+def _check_range(section: Section, key: str, joints: Sequence[UrdfJoint], positions: Sequence[float]) -> None:
     for joint, position in zip(joints, positions, strict=True):
         if not joint.lower <= position <= joint.upper:
             section.fail(key, f"puts {joint.name} at {position:g}, outside {joint.lower:g}..{joint.upper:g}")

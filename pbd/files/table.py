@@ -7,33 +7,26 @@ import io
 import re
 import warnings
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from pbd.doors.numbers import number
+from pbd.doors.numbers import number, seconds
 from pbd.doors.opening import read_bytes, unix_lines
 from pbd.errors import PbdError, RecordingError, listed, printable
-from pbd.files.stamps import seconds
 from pbd.pose import Array
 
-FOREIGN = ("utf-8-sig", "gb18030", "cp1252")
+FOREIGN_ENCODINGS = ("utf-8-sig", "gb18030", "cp1252")
 """How programs of others write text: as all do, as a Chinese Windows does, as a western one does."""
 
 HEADER_CELLS = 4
 """A foreign table may begin with remarks; its header is the first line with so many cells (t, ax, ay, az)."""
 
-MOST_COLUMNS = 1000
-"""Most columns of a table: a motion capture system's export has some hundreds."""
-
-LONGEST_NAME = 200
-"""Longest name of a column, characters."""
-
-LONGEST_LINE = 100_000
-"""Longest line of a table, characters: MOST_COLUMNS numbers of a hundred digits."""
+LONGEST_PREAMBLE = 100
+"""Most lines above the header."""
 
 _DECIMAL_COMMA = re.compile(r"\s*[-+]?\d*,\d+([eE][-+]?\d+)?\s*")
 
@@ -58,7 +51,10 @@ class Table:
 
 @dataclass(frozen=True)
 class Sheet:
-    """A table's text, of which only the header has been read; `line` is that of the first row."""
+    """A table's text, of which only the header has been read; `line` is that of the first row.
+
+    A cell of a `complete` one must not be empty.
+    """
 
     path: Path
     header: tuple[str, ...]
@@ -66,34 +62,32 @@ class Sheet:
     delimiter: str
     line: int
     foreign: bool = False
+    error: type[PbdError] = RecordingError
+    complete: bool = False
 
-    def words(self, name: str) -> set[str]:
-        """Return what a column of text says, each once."""
+    def words(self, name: str) -> list[str]:
+        """Return what a column of text says, row by row."""
         k = self.header.index(name)
-        return {row[k].strip() for _, row in self._rows() if row[k:]}
+        return [row[k].strip() for _, row in self._rows() if row[k:]]
 
     def read(self, names: Sequence[str] | None = None, times: Collection[str] = ()) -> Table:
         """Read the columns of these names (all); those of `times` may hold dates, and are seconds then.
 
         Raises:
-            RecordingError: a row of another length, or text where a number should be: with line and column.
+            PbdError: a row of another length, or text where a number should be: with line and column.
         """
         wanted = self.header if names is None else tuple(dict.fromkeys(names))
-        require(self.path, self.header, wanted)
-        times_there = Counter(self.header)
-        if twice := next((name for name in wanted if times_there[name] > 1), None):
-            message = f"{self.path}: the column '{printable(twice)}' is there twice; rename one"
-            raise RecordingError(message, path=self.path, value=twice)
+        require(self.path, self.header, wanted, self.error)
+        count = Counter(self.header)
+        if twice := next((name for name in wanted if count[name] > 1), None):
+            raise self._fault(None, f"the column '{printable(twice)}' is there twice", "rename one", value=twice)
         columns = [self.header.index(name) for name in wanted]
         dated = [k for k, name in zip(columns, wanted, strict=True) if name in times]
         cells = {line.count(self.delimiter) for line in self.body.splitlines() if line.strip()}
         if cells == {len(self.header) - 1}:
-            try:
-                with warnings.catch_warnings():
-                    warnings.simplefilter("ignore")
-                    return Table(self.path, wanted, self._read_fast(columns, dated))
-            except ValueError:
-                pass  # an empty cell, or a fault: the slow reader tells which
+            with suppress(ValueError), warnings.catch_warnings():  # an empty cell, or a fault: row by row it is found
+                warnings.simplefilter("ignore")
+                return Table(self.path, wanted, self._read_fast(columns, dated))
         return Table(self.path, wanted, self._read_slowly(columns, dated))
 
     def _read_fast(self, columns: list[int], dated: list[int]) -> Array:
@@ -111,24 +105,23 @@ class Sheet:
     def _read_slowly(self, columns: list[int], dated: list[int]) -> Array:
         rows, width = [], len(self.header)
         for line, cells in self._rows():
-            if not cells:
-                continue
             if len(cells) == width + 1 and not cells[-1].strip():
                 cells.pop()  # a delimiter ends the line
             if len(cells) != width:
-                raise RecordingError(
-                    f"{self.path}:{line}: {len(cells)} cells where the header has {width}; correct or remove the line",
-                    path=self.path,
-                    line=line,
-                    value=len(cells),
-                    bound=width,
-                )
+                what = f"{len(cells)} cells where the header has {width}"
+                raise self._fault(line, what, "correct or remove the line", value=len(cells), bound=width)
             rows.append([self._number(line, k, cells[k], k in dated) for k in columns])
         return np.array(rows, dtype=np.float64).reshape(-1, len(columns))
 
     def _rows(self) -> Iterator[tuple[int, list[str]]]:
-        lines = enumerate(io.StringIO(self.body), start=self.line)
-        return split_rows(self.path, lines, self.delimiter, RecordingError)
+        """Yield each row that is not empty with the number of its last line."""
+        rows = csv.reader(io.StringIO(self.body), delimiter=self.delimiter)
+        try:
+            for row in rows:
+                if row:
+                    yield self.line - 1 + rows.line_num, row
+        except csv.Error as reason:
+            raise self._fault(self.line - 1 + rows.line_num, str(reason), "mend or remove the line") from None
 
     def _number(self, line: int, column: int, cell: str, dated: bool) -> float:
         try:
@@ -136,113 +129,70 @@ class Sheet:
                 cell = cell.replace(",", ".")
             if dated:
                 return seconds(cell)
-            return number(cell) if cell.strip() else float("nan")
+            return number(cell) if cell.strip() or self.complete else float("nan")
         except ValueError:
-            name = self.header[column]
+            name, next_step = (
+                self.header[column],
+                "correct the cell" + (", or leave it empty" if not self.complete else ""),
+            )
+            if _DECIMAL_COMMA.fullmatch(cell):
+                next_step = "it has a decimal comma: write numbers with a point (export it again, or put a point for "
+                next_step += "each comma)"
             what = f"'{printable(cell)}' in column '{printable(name)}' is not a number"
-            raise RecordingError(
-                f"{self.path}:{line}: {what}; {_next_step(cell)}",
-                path=self.path,
-                line=line,
-                column=name,
-                value=cell,
-            ) from None
+            raise self._fault(line, what, next_step, column=name, value=cell) from None
+
+    def _fault(self, line: int | None, what: str, next_step: str, **fields: object) -> PbdError:
+        if line is not None:
+            fields["line"] = line
+        where = f"{self.path}:{line}" if line else f"{self.path}"
+        return self.error(f"{where}: {what}; {next_step}", path=self.path, **fields)
 
 
-def require(path: Path, header: Sequence[str], names: Sequence[str]) -> None:
+def require(path: Path, header: Sequence[str], names: Sequence[str], error: type[PbdError] = RecordingError) -> None:
     """Refuse a table without these columns.
 
     Raises:
-        RecordingError: lists the columns that are there.
+        error: lists the columns that are there.
     """
-    there = set(header)
-    missing = [name for name in names if name not in there]
-    if missing:
-        raise RecordingError(
-            f"{path}: no column '{missing[0]}'; the columns are {listed(header)}", path=path, value=missing[0]
-        )
+    if missing := [name for name in names if name not in header]:
+        what = f"{path}: no column '{missing[0]}'; the columns are {listed(header)}"
+        raise error(what, path=path, value=missing[0])
 
 
-def split_rows(
-    path: Path, lines: Iterable[tuple[int, str]], delimiter: str, error: type[PbdError]
-) -> Iterator[tuple[int, list[str]]]:
-    """Split numbered lines into cells; yield each row with the number of its last line.
-
-    Raises:
-        error: a line or a cell is too long, or a quote is never closed: with the line.
-    """
-    at = 0
-
-    def fed() -> Iterator[str]:
-        nonlocal at
-        for count, line in lines:
-            at = count
-            if len(line) > LONGEST_LINE:
-                raise csv.Error(f"a line of {len(line)} characters, more than {LONGEST_LINE}")
-            yield line
-
-    rows = csv.reader(fed(), delimiter=delimiter)
-    while True:
-        try:
-            row = next(rows)
-        except StopIteration:
-            return
-        except csv.Error as reason:
-            raise error(f"{path}:{at}: {reason}; mend or remove the line", path=path, line=at) from None
-        yield at, row
-
-
-def split_header(path: Path, line: int, text: str, error: type[PbdError]) -> tuple[list[str], str]:
-    """Split a header line into names; return them and the delimiter.
-
-    Raises:
-        error: more or longer names than a table has.
-    """
-    delimiter = max(",;\t", key=text.count)
-    count = text.count(delimiter) + 1
-    if count > MOST_COLUMNS:
-        what = f"{count} columns; at most {MOST_COLUMNS} are read: take out those that are no sensor's"
-        raise error(f"{path}:{line}: {what}", path=path, line=line, value=count, bound=MOST_COLUMNS)
-    names = [name.strip().strip('"') for name in text.split(delimiter)]
-    if long := next((name for name in names if len(name) > LONGEST_NAME), None):
-        what = f"a column's name of {len(long)} characters ({printable(long)}); shorten it"
-        raise error(f"{path}:{line}: {what}", path=path, line=line, value=len(long), bound=LONGEST_NAME)
-    return names, delimiter
-
-
-def open_sheet(path: Path, foreign: bool = False) -> Sheet:
+def open_sheet(path: Path, foreign: bool = False, error: type[PbdError] = RecordingError) -> Sheet:
     """Open a table whose cells are separated by commas, semicolons or tabs, and read its header.
+
+    Lines that begin with # are remarks.
 
     Args:
         path: the file.
         foreign: another program wrote it: there may be remarks above the header, text in some columns, another
             encoding than UTF-8, decimal commas where no comma separates.
+        error: what is raised.
 
     Raises:
-        RecordingError: empty, no rows, not text.
+        error: empty, no rows, not text.
     """
-    text, above = _text(path, FOREIGN[: None if foreign else 1]), 0
-    if foreign:
-        lines = text.split("\n", 10)
-        above = next((k for k, line in enumerate(lines) if max(map(line.count, ",;\t")) >= HEADER_CELLS - 1), 0)
-        text = "\n".join(lines[above:])
-    first, _, body = text.partition("\n")
+    text = _text(path, FOREIGN_ENCODINGS if foreign else FOREIGN_ENCODINGS[:1], error)
+    if "#" in text:
+        text = re.sub(r"(?m)^[ \t]*#.*$", "", text)
+    lines = text.split("\n", LONGEST_PREAMBLE)
+    wide = [k for k, line in enumerate(lines) if max(map(line.count, ",;\t")) >= HEADER_CELLS - 1] if foreign else []
+    above = next(iter(wide), next((k for k, line in enumerate(lines) if line.strip()), 0))
+    first, body = lines[above], "\n".join(lines[above + 1 :])
     if not first.strip():
-        raise RecordingError(f"{path}: the file is empty; it needs a header line and rows of numbers", path=path)
+        raise error(f"{path}: the file is empty; it needs a header line and rows of numbers", path=path)
     if not body.strip():
-        raise RecordingError(f"{path}: a header but no rows; record again", path=path)
-    header, delimiter = split_header(path, above + 1, first, RecordingError)
+        raise error(f"{path}: a header but no rows; record again", path=path)
+    delimiter = max(",;\t", key=first.count)
+    header = [name.strip().strip('"') for name in first.split(delimiter)]
     if foreign and re.fullmatch(r"[-+.,\deE\s]+", "".join(header)):
-        raise RecordingError(
-            f"{path}:{above + 1}: numbers where the column names should be; add a line with the column names above "
-            "them, "
-            "such as t,ax,ay,az,gx,gy,gz",
-            path=path,
-            line=above + 1,
-        )
+        what = "numbers where the column names should be"
+        add = "add a line with the column names above them, such as t,ax,ay,az,gx,gy,gz"
+        raise error(f"{path}:{above + 1}: {what}; {add}", path=path, line=above + 1)
     if not header[-1]:
         header.pop()
-    return Sheet(path, tuple(header), body, delimiter, above + 2, foreign)
+    return Sheet(path, tuple(header), body, delimiter, above + 2, foreign, error)
 
 
 def read_table(path: Path) -> Table:
@@ -254,8 +204,8 @@ def read_table(path: Path) -> Table:
     return open_sheet(path).read()
 
 
-def _text(path: Path, encodings: Sequence[str]) -> str:
-    data = read_bytes(path, RecordingError, "give a CSV file")
+def _text(path: Path, encodings: Sequence[str], error: type[PbdError]) -> str:
+    data = read_bytes(path, error, "give a CSV file")
     if len(encodings) > 1 and data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         encodings = ("utf-16",)  # what spreadsheets call Unicode text
     for encoding in encodings[:-1]:
@@ -264,13 +214,7 @@ def _text(path: Path, encodings: Sequence[str]) -> str:
     try:
         return unix_lines(data.decode(encodings[-1]))
     except UnicodeDecodeError as reason:
-        raise RecordingError(f"{path}: can't be read as text ({reason}); give a CSV file", path=path) from None
-
-
-def _next_step(cell: str) -> str:
-    if _DECIMAL_COMMA.fullmatch(cell):
-        return "it has a decimal comma: write numbers with a point (export it again, or put a point for each comma)"
-    return "correct the cell, or leave it empty"
+        raise error(f"{path}: can't be read as text ({reason}); give a CSV file", path=path) from None
 
 
 def write_table(path: Path, header: tuple[str, ...], values: Array, decimals: tuple[int, ...]) -> None:

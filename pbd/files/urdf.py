@@ -11,6 +11,7 @@ import xml.etree.ElementTree as ET
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 from pbd.doors.numbers import finite
@@ -63,19 +64,16 @@ class Urdf:
         """Return the joints from one link down to another, fixed ones included.
 
         Raises:
-            RobotError: a link isn't there (the message lists those that are), or `body` doesn't hang on `base`.
+            RobotError: `body` doesn't hang on `base`.
         """
-        for role, link in (("base", base), ("body", body)):
-            if link not in self.links:
-                raise RobotError(f"{self.path} has no link {link!r}; set {role} to one of {listed(self.links)}")
         above = {joint.child: joint for joint in self.joints.values()}
         chain: list[UrdfJoint] = []
-        link = body
-        while link != base:
-            if link not in above or len(chain) > len(above):
-                raise RobotError(f"{self.path}: no joints lead from {base!r} to {body!r}; choose another base")
-            chain.append(above[link])
-            link = above[link].parent
+        while body != base:
+            if body not in above:
+                last = chain[0].child if chain else body
+                raise RobotError(f"{self.path}: no joints lead from {base!r} to {last!r}; choose another base")
+            chain.append(above[body])
+            body = above[body].parent
         return tuple(reversed(chain))
 
 
@@ -87,47 +85,10 @@ def read_urdf(path: Path) -> Urdf:
     """
     root = read_urdf_xml(path)
     joints = [_joint(path, element) for element in root.iterfind("joint")]
-    links = [_attribute(path, link, "name") for link in root.iterfind("link")]
-    _check_tree(path, links, joints)
-    meshes = [
-        (name, _attribute(path, mesh, "filename"))
-        for name, link in zip(links, root.iterfind("link"), strict=True)
-        for mesh in link.iterfind(".//mesh")
-    ]
+    links = {_attribute(path, link, "name"): link for link in root.iterfind("link")}
+    _refuse_no_tree(path, [link.get("name", "") for link in root.iterfind("link")], joints)
+    meshes = ((name, _attribute(path, mesh, "filename")) for name, link in links.items() for mesh in link.iter("mesh"))
     return Urdf(path, tuple(links), {joint.name: joint for joint in joints}, tuple(dict.fromkeys(meshes)))
-
-
-def _check_tree(path: Path, links: Sequence[str], joints: Sequence[UrdfJoint]) -> None:
-    """Pinocchio asks for it too, but tells its reasons past us."""
-    above = {joint.child: joint for joint in joints}
-    for what, names in (("links are named", links), ("joints are named", [joint.name for joint in joints])):
-        if twice := _twice(names):
-            raise RobotError(f"{path}: two {what} {twice!r}; rename one of them", path=path)
-    known = set(links)
-    for joint in joints:
-        for link in (joint.parent, joint.child):
-            if link not in known:
-                what = f"joint {joint.name!r} joins {link!r}, which is not a link of it"
-                raise RobotError(f"{path}: {what}; correct it, or add the link", path=path, joint=joint.name)
-    if twice := _twice([joint.child for joint in joints]):
-        what = f"link {twice!r} is the child of two joints"
-        raise RobotError(f"{path}: {what}; keep one of them", path=path, joint=above[twice].name)
-    roots = [link for link in links if link not in above]
-    if len(roots) > 1:
-        raise RobotError(f"{path}: several root links: {listed(roots)}; connect all but one", path=path)
-    below: dict[str, list[str]] = {}
-    for joint in joints:
-        below.setdefault(joint.parent, []).append(joint.child)
-    reached = list(roots)
-    for link in reached:
-        reached += below.get(link, [])
-    if len(reached) < len(links):
-        ring = sorted(known - set(reached))
-        raise RobotError(f"{path}: links that hang on each other in a ring: {listed(ring)}; cut it open", path=path)
-
-
-def _twice(names: Sequence[str]) -> str | None:
-    return next((name for name, count in Counter(names).items() if count > 1), None)
 
 
 def read_poses(path: Path) -> dict[str, dict[str, float]]:
@@ -139,41 +100,67 @@ def read_poses(path: Path) -> dict[str, dict[str, float]]:
     return poses
 
 
+def _refuse_no_tree(path: Path, links: Sequence[str], joints: Sequence[UrdfJoint]) -> None:
+    """Pinocchio refuses it too, but prints its reasons past us."""
+    for what, names in (
+        ("two links are named {}; rename one of them", links),
+        ("two joints are named {}; rename one of them", [joint.name for joint in joints]),
+        ("link {} is the child of two joints; keep one of them", [joint.child for joint in joints]),
+    ):
+        if twice := next((name for name, count in Counter(names).items() if count > 1), None):
+            raise RobotError(f"{path}: {what.format(repr(twice))}", path=path)
+    for joint in joints:
+        for link in (joint.parent, joint.child):
+            if link not in links:
+                what = f"joint {joint.name!r} joins {link!r}, which is not a link of it; correct it, or add the link"
+                raise RobotError(f"{path}: {what}", path=path, joint=joint.name)
+    try:
+        TopologicalSorter({joint.child: [joint.parent] for joint in joints}).prepare()
+    except CycleError as error:
+        ring = sorted(set(error.args[1]))
+        what = f"links that hang on each other in a ring: {listed(ring)}; cut it open"
+        raise RobotError(f"{path}: {what}", path=path) from None
+    children = {joint.child for joint in joints}
+    if len(roots := [link for link in links if link not in children]) > 1:
+        raise RobotError(f"{path}: several root links: {listed(roots)}; connect all but one", path=path)
+
+
 def _joint(path: Path, element: ET.Element) -> UrdfJoint:
     name, kind = _attribute(path, element, "name"), _attribute(path, element, "type")
-    if kind not in KINDS:
-        raise RobotError(
-            f"{path}: joint {name!r} has the type {kind!r}; make it one of {listed(KINDS)}", path=path, joint=name
-        )
-    parent, child, limit = element.find("parent"), element.find("child"), element.find("limit")
-    if parent is None or child is None or (limit is None and kind in ("revolute", "prismatic")):
-        raise RobotError(f"{path}: joint {name!r} lacks its parent, child or limit; add it", path=path, joint=name)
+    parent, child, limit, mimic = (element.find(tag) for tag in ("parent", "child", "limit", "mimic"))
     axis = element.find("axis")
-    if axis is not None and kind in ACTUATED and not any(map(float, axis.get("xyz", "1").split())):
-        raise RobotError(f"{path}: joint {name!r} has no axis to move about; give it one", path=path, joint=name)
-    bounded = limit is not None and kind != "continuous"
+    wrong = None
+    if kind not in KINDS:
+        wrong = f"has the type {kind!r}; make it one of {listed(KINDS)}"
+    elif parent is None or child is None or (limit is None and kind in ("revolute", "prismatic")):
+        wrong = "lacks its parent, child or limit; add it"
+    elif axis is not None and kind in ACTUATED and not any(map(float, axis.get("xyz", "1").split())):
+        wrong = "has no axis to move about; give it one"
+    if wrong or parent is None or child is None:
+        raise RobotError(f"{path}: joint {name!r} {wrong}", path=path, joint=name)
+    if limit is None:
+        limit = ET.Element("limit")
+    bounded = kind in ("revolute", "prismatic")
     return UrdfJoint(
         name=name,
         kind=kind,
         parent=_attribute(path, parent, "link"),
         child=_attribute(path, child, "link"),
-        lower=_number(path, limit, "lower", 0.0) if limit is not None and bounded else -math.inf,
-        upper=_number(path, limit, "upper", 0.0) if limit is not None and bounded else math.inf,
-        velocity=_number(path, limit, "velocity", math.inf) if limit is not None else math.inf,
-        mimic=_mimic(path, element.find("mimic")),
+        lower=_number(path, limit, "lower", 0.0) if bounded else -math.inf,
+        upper=_number(path, limit, "upper", 0.0) if bounded else math.inf,
+        velocity=_number(path, limit, "velocity", math.inf),
+        mimic=None
+        if mimic is None
+        else Mimic(
+            _attribute(path, mimic, "joint"),
+            _number(path, mimic, "multiplier", 1.0),
+            _number(path, mimic, "offset", 0.0),
+        ),
     )
 
 
-def _mimic(path: Path, element: ET.Element | None) -> Mimic | None:
-    if element is None:
-        return None
-    multiplier, offset = _number(path, element, "multiplier", 1.0), _number(path, element, "offset", 0.0)
-    return Mimic(_attribute(path, element, "joint"), multiplier, offset)
-
-
 def _attribute(path: Path, element: ET.Element, key: str) -> str:
-    value = element.get(key)
-    if not value:
+    if not (value := element.get(key)):
         raise RobotError(f"{path}: a <{element.tag}> has no {key}; add it", path=path)
     return value
 

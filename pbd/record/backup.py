@@ -8,7 +8,7 @@ from pathlib import Path
 
 from pbd.errors import RecordingError, in_words
 from pbd.files import keyframes
-from pbd.files.demo import may_be_written
+from pbd.files.demo import refuse_demo_folder
 from pbd.files.whole import name_aside, remove_folder
 
 
@@ -72,7 +72,7 @@ def set_aside(folder: Path) -> Backup | None:
     """
     if not os.path.lexists(folder):
         return None
-    may_be_written(folder, force=True)
+    refuse_demo_folder(folder, force=True)
     before = Backup(folder, name_aside(folder, "before"), (folder / keyframes.NAME).is_file())
     try:
         folder.rename(before.aside)

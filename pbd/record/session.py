@@ -11,7 +11,7 @@ import numpy as np
 from pbd.data import GripEvent, RecordingInfo
 from pbd.errors import PbdError, RecordingError
 from pbd.files.columns import compass_angles
-from pbd.files.growing import GrowingDemo
+from pbd.files.recording_writer import RecordingWriter
 from pbd.record.backup import Backup, set_aside
 from pbd.record.diagnostics import Diagnostics
 from pbd.record.feedback import Feedback
@@ -34,7 +34,7 @@ class Session:
     def __init__(self, decoder: Decoder, options: RecordOptions) -> None:
         self.decoder, self.options = decoder, options
         self.coach = Feedback(options.tolerance_m, options.errors, options.sensor)
-        self.demo: GrowingDemo | None = None
+        self.demo: RecordingWriter | None = None
         self.t = 0.0
         self.samples = 0
         self.closed = False
@@ -152,7 +152,7 @@ class Session:
         if self.backup is not None:
             self._backup_note, self.backup = self.backup.put_back(), None
 
-    def _finish(self, demo: GrowingDemo) -> None:
+    def _finish(self, demo: RecordingWriter) -> None:
         times = self._clock.straightened if demo.rows == len(self._clock.times) else None
         duration = self.t if times is None else float(times[-1])
         rows = demo.rows + self._clock.lost
@@ -218,7 +218,7 @@ class Session:
         if options.force:
             self.backup = set_aside(options.folder)
         try:
-            self.demo = GrowingDemo(options.folder, info, self._channels, options.closed)
+            self.demo = RecordingWriter(options.folder, info, self._channels, options.closed)
         except PbdError:
             self._put_back()
             raise

@@ -18,7 +18,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from pbd.data import Attitude, Recording, Stop
+from pbd.data import Recording, Stop
 from pbd.data.covariance import PoseCovariance
 from pbd.errors import PbdWarning, TrackingError
 from pbd.pose import Array, quat_from_rpy, quat_inverse, quat_rotate
@@ -52,18 +52,20 @@ def track_as_paper(recording: Recording, rest: Rest) -> Estimate:
     Raises:
         TrackingError: no compass; the hand never stands still.
     """
-    attitude = paper_attitude(recording)
-    a_nav = paper_acceleration(recording, attitude, rest.gravity)
+    wxyz = paper_attitude(recording)
+    a_nav = paper_acceleration(recording, wxyz, rest.gravity)
     stops = paper_stops(recording.t, a_nav)
     if not stops:
         raise TrackingError(NEVER_STILL)
     p, v, closure = paper_path(recording.t, a_nav, stops)
     covariance = PoseCovariance.chained(paper_covariance(recording.t, stops, closure))
-    return Estimate(Path(attitude.wxyz_nav_sensor, v, p, a_nav), stops, closure, covariance)
+    return Estimate(Path(wxyz, v, p, a_nav), stops, closure, covariance)
 
 
-def paper_attitude(recording: Recording) -> Attitude:
-    """Roll and pitch from the device, or from its low-passed accelerometer; yaw from `filter_yaw`.
+def paper_attitude(recording: Recording) -> Array:
+    """The sensor's orientation in nav, (n, 4) wxyz.
+
+    Roll and pitch come from the device, or from its low-passed accelerometer; yaw from `filter_yaw`.
 
     Raises:
         TrackingError: neither the device's attitude nor a magnetometer, so there is no compass.
@@ -84,9 +86,8 @@ def paper_attitude(recording: Recording) -> Attitude:
     if recording.gyr is not None:
         _, wy, wz = recording.gyr.T
         rate = (wy * np.sin(roll) + wz * np.cos(roll)) / np.maximum(np.cos(pitch), 0.1)
-    yaw, bias = filter_yaw(recording.t, rate, compass, with_gyro=recording.gyr is not None)
-    wxyz = quat_from_rpy(np.column_stack((roll, pitch, yaw)))
-    return Attitude(wxyz, np.column_stack((np.zeros_like(bias), np.zeros_like(bias), bias)))
+    yaw, _ = filter_yaw(recording.t, rate, compass, with_gyro=recording.gyr is not None)
+    return quat_from_rpy(np.column_stack((roll, pitch, yaw)))
 
 
 def filter_yaw(t: Array, rate: Array, compass: Array, with_gyro: bool = True) -> tuple[Array, Array]:
@@ -121,9 +122,8 @@ def filter_yaw(t: Array, rate: Array, compass: Array, with_gyro: bool = True) ->
     return yaw, bias
 
 
-def paper_acceleration(recording: Recording, attitude: Attitude, gravity: float) -> Array:
+def paper_acceleration(recording: Recording, wxyz: Array, gravity: float) -> Array:
     """Equations 2-4: gravity projected into the sensor's axes and taken out, the rest turned into nav; (n, 3) m/s2."""
-    wxyz = attitude.wxyz_nav_sensor
     g_sensor = quat_rotate(quat_inverse(wxyz), (0.0, 0.0, gravity))  # (2), (3)
     return quat_rotate(wxyz, recording.acc - g_sensor)  # (4)
 

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import umsgpack
 
-from pbd.paths import replacing
+from pbd.doors.atomic import atomic_file
 from pbd.view.meshcat_api import ScenePath, Visualizer, meshcat_file
 
 if TYPE_CHECKING:  # the server of the live viewer makes a page too, and needs no robot library
@@ -48,7 +48,7 @@ def write_page(scene: ReplayScene, path: Path) -> None:
     window = _Collector()
     build(scene, Visualizer.view_into(window, ScenePath((SCENE_ROOT,))))
     text = page_html(scene.title, b"".join(window.commands))
-    with replacing(path) as file:
+    with atomic_file(path) as file:
         file.write_text(text, encoding="utf-8", newline="\n")
 
 

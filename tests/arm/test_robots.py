@@ -17,7 +17,7 @@ from pbd.arm.reach import sample
 from pbd.arm.scene import CollisionScene
 from pbd.calibration.frames import nav_in_base, tool_poses
 from pbd.cli import main
-from pbd.cli.options import load_arm
+from pbd.cli.steps import load_arm
 from pbd.files.demo import load_demo
 from pbd.planning import plan_keyframes
 from pbd.pose import Array, Pose, quat_to_matrix

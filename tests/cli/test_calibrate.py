@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +9,6 @@ import numpy as np
 import pytest
 
 from pbd.arm.model import load_model
-from pbd.cli import main
 from pbd.errors import PlanError
 from pbd.files.calibration import read_calibration
 from pbd.files.demo import write_demo
@@ -20,37 +18,11 @@ from pbd.planning import plan
 from pbd.pose import Pose
 from pbd.simulation.simulate import simulate
 from tests.calibration.touching import Touching, touching
+from tests.cli.running import Capture, refused, run, run_json
 
-Capture = pytest.CaptureFixture[str]
+pytestmark = pytest.mark.usefixtures("elsewhere")
+
 DOCK = ("calibrate", "dock", "bench", "--position", "0.45", "-0.15", "0.25")
-
-
-@pytest.fixture(autouse=True)
-def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
-def run(capsys: Capture, *args: str) -> tuple[int, str, str]:
-    capsys.readouterr()
-    code = main(args)
-    out, err = capsys.readouterr()
-    return code, out, err
-
-
-def run_json(capsys: Capture, *args: str) -> dict[str, Any]:
-    code, out, _ = run(capsys, *args, "--json")
-    assert code == 0
-    result: dict[str, Any] = json.loads(out)
-    return result
-
-
-def refused(capsys: Capture, code: int, *args: str) -> str:
-    found, out, err = run(capsys, *args)
-    assert (found, out) == (code, "")
-    lines = [line for line in err.splitlines() if not line.startswith("pbd: warning:")]
-    assert len(lines) == 1, err
-    return lines[0]
 
 
 def test_a_calibration_without_a_table_has_the_robots_own(capsys: Capture) -> None:
@@ -142,28 +114,13 @@ def test_a_dock_out_of_reach_is_refused_with_exit_3(capsys: Capture) -> None:
 @pytest.mark.parametrize(
     ("args", "code", "message"),
     [
-        (("--joints", "0", "0"), 1, "--joints needs a robot; give --robot too"),
-        (("--robot", "panda", "--joints", "0", "0"), 1, "panda has 7 joints ("),
         (("--robot", "panda", "--joints", *["0"] * 6, "400"), 3, "joint panda_joint4 can't be at 0: its limits are"),
         (("--position", "nan", "0", "0"), 1, "--position and --rpy must be finite numbers; correct them"),
-        (
-            ("--position", "450", "0", "0"),
-            1,
-            "a dock 450 m from the robot's base is beyond every robot's reach; give metres",
-        ),
         (("--joints", "0", "--rpy", "0", "0", "0"), 1, "--rpy goes with --position; leave it out"),
-        (("--position", "0", "0", "0", "--robot", "pandora"), 1, "no robot named 'pandora'"),
     ],
 )
 def test_what_is_wrong_with_a_dock(capsys: Capture, args: tuple[str, ...], code: int, message: str) -> None:
     assert refused(capsys, code, "calibrate", "dock", "bench", *args).startswith(f"pbd: {message}")
-
-
-@pytest.mark.parametrize("args", [(), ("--position", "0", "0", "0", "--joints", "0"), ("--position", "0", "0")])
-def test_wrong_usage_is_2(capsys: Capture, args: tuple[str, ...]) -> None:
-    with pytest.raises(SystemExit, match="2"):
-        main(["calibrate", "dock", "bench", *args])
-    capsys.readouterr()
 
 
 def test_keyframes_tells_how_sure_the_tool_is_in_base(capsys: Capture) -> None:
@@ -266,14 +223,11 @@ def test_the_dock_and_nav_say_the_same_of_their_demonstration(capsys: Capture, t
         (("--stops", "1,2,3,4,5,5"), "--stops must name different stops from 0 to 6"),
         (("--stops", "1,2,3,4,5,7"), "--stops must name different stops from 0 to 6"),
         (("--free",), "7 stops can't be matched with 6 points while the tilt is free; name the stops with --stops"),
-        (("--points", "none.csv"), "none.csv: can't be read (No such file or directory)"),
-        (("--points", "unit.csv"), "unit.csv: the unit of x, y, z is not known"),
         (("--points", "few.csv"), "2 points are too few; touch 3 or more"),
         (("--points", "many.csv"), "the demonstration has 7 stops, but there are 8 points"),
     ],
 )
 def test_what_is_wrong_with_points(capsys: Capture, touched: Touching, args: tuple[str, ...], message: str) -> None:
-    Path("unit.csv").write_text("x,y,z\n0,0,0\n")
     Path("few.csv").write_text("x_m,y_m,z_m\n0,0,0\n1,0,0\n")
     rng = np.random.default_rng(0)
     Path("many.csv").write_text("x_m,y_m,z_m\n" + "".join(f"{x},{y},{z}\n" for x, y, z in rng.random((8, 3))))
@@ -328,22 +282,3 @@ def test_show_without_a_demonstration_of_this_sensor(capsys: Capture) -> None:
     code, _, err = run(capsys, "calibrate", "show", "bench", "--save", "x.png")
     assert code == 1
     assert "a plot shows the tool at a demonstration's keyframes; name one after 'bench'" in err
-
-
-def test_show_refuses_a_kind_of_picture_that_it_can_not_draw(capsys: Capture) -> None:
-    run(capsys, *DOCK)
-    line = refused(capsys, 1, "calibrate", "show", "bench", "pouring", "--save", "x.bmp")
-    assert line == "pbd: x.bmp must end in .png, .svg or .pdf; rename it"
-
-
-def test_poses_are_close_enough_as_they_are_written() -> None:
-    """Rounded to 0.01 mm and 0.0001 degrees in the file."""
-    from pbd.files.calibration_edit import pose_values, update_calibration
-
-    pose = Pose.from_rpy((0.1234567, -0.7654321, 0.3333333), (0.111111, -0.222222, 0.333333))
-    update_calibration(Path("p.toml"), {"dock": pose_values(pose, "in base")})
-    dock = read_calibration(Path("p.toml")).T_base_dock
-    assert dock is not None
-    metres, rad = dock.distance(pose)
-    assert metres < 1e-5
-    assert rad < 3e-6

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import warnings
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -25,36 +23,15 @@ from pbd.simulation.calibration_tasks import SIDES, pivoting, sides, through
 from pbd.simulation.simulate import simulate
 from pbd.tracking.keyframes import find_keyframes
 from tests.calibration.turning import BAD
+from tests.cli.running import Capture, refused, run, run_json
 
-Capture = pytest.CaptureFixture[str]
+pytestmark = pytest.mark.usefixtures("elsewhere")
+
 TIP = (0.03, -0.02, 0.0928)
 
 
-@pytest.fixture(autouse=True)
-def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
-def run(capsys: Capture, *args: str) -> tuple[int, str, str]:
-    capsys.readouterr()
-    code = main(args)
-    out, err = capsys.readouterr()
-    return code, out, err
-
-
-def run_json(capsys: Capture, *args: str) -> dict[str, Any]:
-    code, out, _ = run(capsys, *args, "--json")
-    assert code == 0
-    result: dict[str, Any] = json.loads(out)
-    return result
-
-
-def refused(capsys: Capture, *args: str) -> str:
-    code, out, err = run(capsys, *args)
-    assert (code, out) == (1, "")
-    assert err.count("\n") == 1, err
-    return err.removeprefix("pbd: ").rstrip()
+def refused_by(capsys: Capture, *args: str) -> str:
+    return refused(capsys, 1, *args).removeprefix("pbd: ")
 
 
 def save(name: str, demo: Demonstration) -> None:
@@ -109,13 +86,13 @@ def test_the_calibration_is_applied_where_it_is_used(bench: Path, capsys: Captur
 
 
 def test_another_sensor_is_refused(bench: Path, capsys: Capture) -> None:
-    line = refused(capsys, "keyframes", "pouring", "--calibration", "bench")
+    line = refused_by(capsys, "keyframes", "pouring", "--calibration", "bench")
     assert line == (
         "'pouring' is of the sensor 'simulated modern', but the calibration's [sensor] is of 'simulated bad wt901'; "
         "name a calibration of that sensor, or remove [sensor]"
     )
-    assert "of 'simulated bad wt901'" in refused(capsys, "calibrate", "sensor", "bench", "pouring", "--only", "gyr")
-    assert "of 'simulated bad wt901'" in refused(capsys, "record", "x", "--sensor", "sim", "--calibration", "bench")
+    assert "of 'simulated bad wt901'" in refused_by(capsys, "calibrate", "sensor", "bench", "pouring", "--only", "gyr")
+    assert "of 'simulated bad wt901'" in refused_by(capsys, "record", "x", "--sensor", "sim", "--calibration", "bench")
     assert not Path("demos/x").exists()
 
 
@@ -132,15 +109,15 @@ def test_six_sides_are_told_from_twelve(capsys: Capture) -> None:
 
 def test_what_is_wrong_with_a_recording_of_sides(capsys: Capture) -> None:
     save("three", simulate(sides(1, SIDES[:3]), BAD, 1))
-    line = refused(capsys, "calibrate", "sensor", "bench", "three")
+    line = refused_by(capsys, "calibrate", "sensor", "bench", "three")
     assert line.startswith("3 rests show only 3 orientations 15 degrees or more apart")
     assert not Path("calibration").exists()
     code, _, err = run(capsys, "calibrate", "sensor", "bench", "three", "--only", "gyr")
     assert (code, err) == (0, "pbd: calibration/bench.toml: [sensor] of 'simulated bad wt901' from 3 rests\n")
     assert read_calibration(Path("calibration/bench.toml")).T_base_dock is None
-    line = refused(capsys, "calibrate", "sensor", "bench", "three", "--latitude", "100")
+    line = refused_by(capsys, "calibrate", "sensor", "bench", "three", "--latitude", "100")
     assert line == "--latitude must be from -90 to 90, got 100"
-    line = refused(capsys, "calibrate", "sensor", "bench", "three", "--gravity", "981")
+    line = refused_by(capsys, "calibrate", "sensor", "bench", "three", "--gravity", "981")
     assert line.startswith("--gravity must be from 9.7 to 9.9 m/s2, got 981")
     with pytest.raises(SystemExit, match="2"):
         main(["calibrate", "sensor", "bench", "three", "--only", "gyro"])
@@ -210,11 +187,13 @@ def test_a_tip_is_pivoted_and_its_rotation_turned(capsys: Capture) -> None:
 def test_what_is_wrong_with_a_mount(capsys: Capture) -> None:
     x = np.array((1.0, 0.0, 0.0))
     save("nod", simulate(through([quat_exp(a * x) for a in (0.6, -0.6, 0.5)], np.random.default_rng(0)), "modern", 0))
-    assert refused(capsys, "calibrate", "mount", "bench", "nod").startswith("say what the recording shows: --pivot")
-    assert "in the sensor's axes is " in refused(capsys, "calibrate", "mount", "bench", "nod", "--pivot")
-    line = refused(capsys, "calibrate", "mount", "bench", "nod", "--turns", "x,y")
+    assert refused_by(capsys, "calibrate", "mount", "bench", "nod").startswith("say what the recording shows: --pivot")
+    assert "in the sensor's axes is " in refused_by(capsys, "calibrate", "mount", "bench", "nod", "--pivot")
+    line = refused_by(capsys, "calibrate", "mount", "bench", "nod", "--turns", "x,y")
     assert line.startswith("--turns names 2 turns, but 3 moves turn by 20 degrees or more")
-    assert refused(capsys, "calibrate", "mount", "bench", "nod", "--turns", "x,-x,x").startswith("all turns are about")
+    assert refused_by(capsys, "calibrate", "mount", "bench", "nod", "--turns", "x,-x,x").startswith(
+        "all turns are about"
+    )
     with pytest.raises(SystemExit, match="2"):
         main(["calibrate", "mount", "bench", "nod", "--turns", "up"])
     capsys.readouterr()

@@ -22,14 +22,11 @@ from pbd.simulation.sensor_model import SENSOR_MODELS
 from tests.calibration.turning import device
 from tests.test_docs import ROOT, blocks
 
+pytestmark = pytest.mark.usefixtures("elsewhere")
+
 Capture = pytest.CaptureFixture[str]
 GUIDE = ROOT / "docs" / "calibration.md"
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?")
-
-
-@pytest.fixture(autouse=True)
-def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
 
 
 def check_nav(calibration: Calibration) -> None:

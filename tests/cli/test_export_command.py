@@ -13,13 +13,9 @@ import pytest
 from pbd.cli import main
 from pbd.files.exporters import FORMATS, SUFFIXES
 
+pytestmark = pytest.mark.usefixtures("elsewhere")
+
 EXPORT = ("export", "paper-test1", "--robot", "panda", "--rate", "20")
-
-
-@pytest.fixture(autouse=True)
-def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
 
 
 def test_every_format_has_its_suffix() -> None:

@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pbd.cli import EPILOG, main, parser
+from pbd.cli import main, parser
+from pbd.cli.commands import EPILOG
 from pbd.data import GRAVITY, Recording
 from pbd.files.demo import write_demo
 from pbd.sensors.witmotion import ACC, GYR

@@ -67,11 +67,6 @@ def test_the_devices_own_attitude_refuses_it(
     assert main(["import", "pulled/imu.csv", "tea", "--unit", "acc=-m/s2"]) == 0
 
 
-def test_a_folder_is_no_recording(in_g: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["import", str(in_g.parent), "tea"]) == 1
-    assert capsys.readouterr().err == f"pbd: {in_g.parent} is a folder: give a file\n"
-
-
 def test_a_table_without_times_is_told_of_the_rate_and_takes_it(in_g: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rows = [line.partition(",")[2] for line in in_g.read_text().splitlines()]
     Path("notime.csv").write_text("\n".join(rows))

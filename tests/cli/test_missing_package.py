@@ -8,14 +8,14 @@ import sys
 import pytest
 
 from pbd.cli import main
-from pbd.cli.options import print_json
+from pbd.cli.console import print_json
 
 
 def test_a_missing_package_is_one_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     import pbd.arm
 
     monkeypatch.setattr(pbd, "arm", pbd.arm)  # the package that is made anew meanwhile must not stay
-    for module in [name for name in sys.modules if name.startswith("pbd.arm")]:
+    for module in [name for name in sys.modules if name.startswith(("pbd.arm", "pbd.cli.robots"))]:
         monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, "pinocchio", None)
     assert main(["robots", "panda"]) == 1

@@ -17,7 +17,6 @@ from pbd.cli import main
         ("replay pouring --robot panda --from no.json", "--from no.json: can't be read (No such file or directory)"),
         ("replay pouring --robot panda --from robots", "--from robots: can't be read (Is a directory); give a JSON"),
         ("simulate pour a-file/x", "a-file/x can't be written (Not a directory); give another place"),
-        ("import calibration x", "calibration is a folder: give a file"),
         (
             "record x --sensor lines --columns no.toml",
             "no.toml: can't be read (No such file or directory); give a TOML",

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from pbd.cli import main
-from pbd.cli.place import OF_A_DEMO, refuse_place
+from pbd.doors.atomic import DEMONSTRATION_FILES, refuse_output
 from pbd.errors import PbdError
 from tests.unprivileged import as_a_user
 
@@ -18,7 +18,7 @@ Capture = pytest.CaptureFixture[str]
 def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A demonstration of which every file is there, a robot, a calibration."""
     monkeypatch.chdir(tmp_path)
-    for name in (*(f"demos/tea/{name}" for name in OF_A_DEMO), "robots/mine.toml", "calibration/bench.toml"):
+    for name in (*(f"demos/tea/{name}" for name in DEMONSTRATION_FILES), "robots/mine.toml", "calibration/bench.toml"):
         file = Path(name)
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(name)
@@ -42,14 +42,14 @@ def refused(capsys: Capture, place: str) -> str:
     return err
 
 
-@pytest.mark.parametrize("name", OF_A_DEMO)
+@pytest.mark.parametrize("name", DEMONSTRATION_FILES)
 def test_no_file_of_a_demonstration_is_written_over(name: str) -> None:
     for place in (Path("demos/tea") / name, Path("demos/../demos/tea") / name):
         with pytest.raises(PbdError, match=r"belongs to the demonstration .*tea, so it is not overwritten"):
-            refuse_place(place)
+            refuse_output(place)
     Path("link.csv").symlink_to(Path("demos/tea") / name)
     with pytest.raises(PbdError, match="belongs to the demonstration"):
-        refuse_place(Path("link.csv"))
+        refuse_output(Path("link.csv"))
 
 
 @pytest.mark.parametrize(
@@ -80,11 +80,6 @@ def test_what_is_read_is_not_written_over(capsys: Capture) -> None:
     assert "walk.csv is what this command reads, so it is not overwritten" in capsys.readouterr().err
 
 
-def test_a_page_ends_in_html(capsys: Capture) -> None:
-    assert main(["replay", "pouring", "--robot", "nobody", "--html", "page"]) == 2
-    assert capsys.readouterr().err == "pbd: --html needs a name that ends in .html, got 'page'\n"
-
-
 @pytest.mark.parametrize("mode", [0o500, 0o600])
 def test_a_folder_without_permission(capsys: Capture, mode: int) -> None:
     Path("robots").chmod(mode)
@@ -105,6 +100,6 @@ def test_a_read_only_file(capsys: Capture) -> None:
 @pytest.mark.parametrize("place", ["new.csv", "demos/tea/tea.csv", "imu.csv"])
 def test_elsewhere_it_may_be(place: str) -> None:
     """Beside a demonstration's files too, and over what was exported before."""
-    refuse_place(Path(place))
+    refuse_output(Path(place))
     Path(place).write_text("an earlier export")
-    refuse_place(Path(place))
+    refuse_output(Path(place))

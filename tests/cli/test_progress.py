@@ -8,14 +8,14 @@ import subprocess
 import sys
 from pathlib import Path
 
-from pbd.cli.progress import _Countdown
+from pbd.cli.console import _Countdown
 from pbd.files.demo import write_demo
 from pbd.simulation.simulate import simulate
 from tests.cli.terminal import Terminal
 
 SCRIPT = """
 import sys, time
-from pbd.cli.progress import working
+from pbd.cli.console import working
 with working("planning for panda"):
     time.sleep(0.3)
     print("pbd: warning: something", file=sys.stderr)

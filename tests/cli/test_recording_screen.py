@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from pbd.cli.recording_live import LiveScreen
-from pbd.cli.recording_screen import KEYS, PanelScreen, PlainScreen, bar
+from pbd.cli.recording.live import LiveScreen
+from pbd.cli.recording.screen import KEYS, PanelScreen, PlainScreen, bar
 from pbd.data import Keyframe
 from pbd.errors import PbdError
 from pbd.pose import Pose

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from pbd.cli.recording_simulated import SimulatedHand, simulated_hand
+from pbd.cli.recording.simulated import SimulatedHand, simulated_hand
 from pbd.data import GripEvent, Recording
 from pbd.errors import SensorError
 from pbd.record import Command, Outcome, Status

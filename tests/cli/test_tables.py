@@ -118,13 +118,6 @@ def test_units_of_every_table(capsys: pytest.CaptureFixture[str]) -> None:
     assert "dwell (ms)" in rows_of(capsys, "keyframes", "tea", "--units", "ms")[0]
 
 
-def test_an_unknown_unit_is_wrong_usage(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as left:
-        main(["keyframes", "tea", "--units", "km"])
-    assert left.value.code == 2
-    assert "unknown unit 'km'; lengths m cm mm" in capsys.readouterr().err
-
-
 def test_saved_keyframes_are_used_edited_and_found_anew(tea: Path, capsys: pytest.CaptureFixture[str]) -> None:
     found = keyframes_of(capsys)
     assert main(["keyframes", "tea", "--save"]) == 0

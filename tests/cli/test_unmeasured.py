@@ -13,6 +13,8 @@ from pbd.cli import main
 from pbd.files.keyframes import read_keyframes
 from pbd.plotting.compare import compare_plot
 
+pytestmark = pytest.mark.usefixtures("elsewhere")
+
 Capture = pytest.CaptureFixture[str]
 
 TYPED = """ # between the first two
@@ -21,11 +23,6 @@ dwell_s = 0.2
 position_m = [0.02, 0.03, 0.04]
 rpy_deg = [0, 0, 30]
 """
-
-
-@pytest.fixture(autouse=True)
-def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
 
 
 def run(capsys: Capture, *args: str) -> tuple[str, str]:

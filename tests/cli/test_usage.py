@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from pbd.cli import main, parser
+from pbd.cli import main, parser, sensors
 from pbd.cli.options import not_negative, positive
 from pbd.errors import nearest
 
@@ -33,16 +33,9 @@ def told(capsys: Capture, *args: str) -> tuple[object, str]:
 @pytest.mark.parametrize(
     ("args", "line"),
     [
-        (
-            ("exprt",),
-            "pbd: argument COMMAND: unknown value 'exprt'; choose one of record, simulate, import, segments, ",
-        ),
-        (("exprt",), "sensors; did you mean export? see pbd --help\n"),
         (("calibrate", "dok"), "points, mount, sensor, show; did you mean dock? see pbd calibrate --help\n"),
         (("calibrate",), "pbd calibrate: the following arguments are required: STEP; see pbd calibrate --help\n"),
-        (("segments", "--metod", "paper"), "pbd segments: unknown option --metod; did you mean --method? see pbd"),
         (("segments", "--xyz=3"), "pbd segments: unknown option --xyz; see pbd segments --help\n"),
-        (("segments", "tea", "milk"), "pbd segments: unexpected argument 'milk'; see pbd segments --help\n"),
         (
             ("segments", "--method", "papr"),
             "unknown value 'papr'; choose one of default, paper; did you mean paper? see",
@@ -51,11 +44,6 @@ def told(capsys: Capture, *args: str) -> tuple[object, str]:
         (
             ("export", "--robot", "panda", "-o", "-"),
             "pbd: name the --format (csv, npz, ros2-json), or a file that ends",
-        ),
-        (("export", "--robot", "panda", "-o", "x.dat"), "or a file that ends in .csv, .npz, .json\n"),
-        (
-            ("export", "--robot", "panda", "-o", "x.json", "--format", "csv"),
-            "pbd: x.json looks like ros2-json, but --format is csv; name another file, or no --format\n",
         ),
         (
             ("export", "--robot", "panda", "-o", "-", "--format", "csv", "--json"),
@@ -72,10 +60,9 @@ def test_one_line_and_exit_2(capsys: Capture, args: tuple[str, ...], line: str) 
 @pytest.mark.parametrize(
     ("args", "meant"),
     [
-        (("keyframes", "puring"), "pouring"),
         (("record", "x", "--sensor", "WitMotion"), "witmotion"),
         (("record", "x", "--sensor", "sm"), "sim"),
-        (("simulate", "por", "x"), "pour"),
+        (("replay", "pouring", "--robot", "UR5"), "ur5"),
         (("simulate", "pour", "x", "--sensor-model", "wt910"), "wt901"),
         (("keyframes", "pouring", "--calibration", "defalt"), "default"),
     ],
@@ -84,11 +71,6 @@ def test_an_unknown_name_is_likened_to_the_nearest(capsys: Capture, args: tuple[
     code, err = told(capsys, *args)
     assert code == 1
     assert err.endswith(f"; did you mean {meant}?\n")
-
-
-def test_robots_too(capsys: Capture) -> None:
-    assert main(["replay", "pouring", "--robot", "UR5"]) == 1
-    assert capsys.readouterr().err.endswith("; did you mean ur5?\n")
 
 
 def test_nothing_alike_is_no_question() -> None:
@@ -146,7 +128,7 @@ def test_an_error_that_is_not_of_the_output_stays_a_bug(monkeypatch: pytest.Monk
     def run(*_: object) -> int:
         raise OSError(errno.ENOENT, "No such file", "x")
 
-    monkeypatch.setattr("pbd.cli.sensors.run", run)
+    monkeypatch.setattr(sensors, "run", run)
     with pytest.raises(OSError, match="No such file"):
         main(["sensors"])
 

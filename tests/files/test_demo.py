@@ -317,14 +317,6 @@ def test_a_fault_in_what_is_known_is_named_with_its_line(tmp_path: Path, known: 
     assert caught.value.message == f"{file}{message}"
 
 
-def test_a_newer_format_is_refused(tmp_path: Path) -> None:
-    write_demo(still(), tmp_path / "tea")
-    file = tmp_path / "tea" / "demo.toml"
-    file.write_text(file.read_text().replace("format = 1", "format = 2"))
-    with pytest.raises(RecordingError, match=r"demo\.toml:1: format must be 1, the only format that this version"):
-        read_demo(tmp_path / "tea")
-
-
 # --- which one --------------------------------------------------------------------------------------------------------
 
 

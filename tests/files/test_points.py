@@ -42,15 +42,16 @@ def test_points_without_names_are_counted(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", ": the file is empty; write a header"),
-        ("x_m,y_m,z_m\n", ": a header but no points; add one row per point"),
+        ("", ": the file is empty; it needs a header line"),
+        ("x_m,y_m,z_m\n", ": a header but no rows"),
         ("x,y,z\n0,0,0\n", ": the unit of x, y, z is not known; name the columns x_m,y_m,z_m"),
         ("x_in,y_in,z_in\n0,0,0\n", ": the columns are x_in, y_in, z_in; they must be x_m, y_m and z_m"),
         ("x_m,y_m,z_mm\n0,0,0\n", ": the columns are x_m, y_m, z_mm; they must be"),
-        ("x_m,y_m,z_m\n0,0\n", ":2: 2 cells under 3 columns; correct that line"),
-        ("x_m,y_m,z_m\n0,left,0\n", ":2: y_m is 'left', which is not a number; correct it"),
-        ("x_m,y_m,z_m\n0,0,0\n0,nan,0\n", ":3: y_m is 'nan', which is not a number; correct it"),
-        ("name,x_m,y_m,z_m\nA,300,0,0\n", ":2: the point 'A' is 300 m from the robot's base; is the unit right?"),
+        ("x_m,y_m,z_m\n0,0\n", ":2: 2 cells where the header has 3; correct or remove the line"),
+        ("x_m,y_m,z_m\n0,left,0\n", ":2: 'left' in column 'y_m' is not a number; correct the cell"),
+        ("x_m,y_m,z_m\n0,0,0\n0,,0\n", ":3: '' in column 'y_m' is not a number; correct the cell"),
+        ("x_m,y_m,z_m\n0,0,0\n0,nan,0\n", ": the point '2' lacks a coordinate; add it"),
+        ("name,x_m,y_m,z_m\nA,300,0,0\n", ": the point 'A' is 300 m from the robot's base; is the unit right?"),
         ("name,x_m,y_m,z_m\nA,0,0,0\nA,1,0,0\n", ": two points are named 'A'; rename one"),
     ],
 )
@@ -70,8 +71,3 @@ def test_what_is_written_is_read(tmp_path_factory: pytest.TempPathFactory, place
     read = read_points(path)
     assert read.names == written.names
     assert_allclose(read.p_base, written.p_base, atol=1e-5)
-
-
-def test_a_file_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(CalibrationError, match=r"no\.csv: can't be read"):
-        read_points(tmp_path / "no.csv")

@@ -83,11 +83,6 @@ def test_what_is_wrong_is_named_with_its_place(
     assert caught.value.fields == {"path": path, **fields}
 
 
-def test_no_such_file(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match=r"nowhere\.csv: can't be read .*; give a CSV file$"):
-        read_table(tmp_path / "nowhere.csv")
-
-
 def test_a_missing_column_lists_those_that_are_there(tmp_path: Path) -> None:
     table = read_table(table_file(tmp_path, "t,ax\n0,1\n"))
     with pytest.raises(RecordingError, match=r"no column 'ay'; the columns are t, ax$") as caught:

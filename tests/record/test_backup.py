@@ -96,7 +96,7 @@ def test_a_new_one_that_can_not_be_begun_makes_no_room(tea: Path, monkeypatch: p
             folder.mkdir()
             raise RecordingError("no space left")
 
-    monkeypatch.setattr("pbd.record.session.GrowingDemo", Unwritable)
+    monkeypatch.setattr("pbd.record.session.RecordingWriter", Unwritable)
     session = Session(protocol("ximu3").decoder(), RecordOptions(tea, "ximu3", "2026-01-02T03:04:05Z", force=True))
     packets = [ximu3.binary("I", 1_000_000 + 10_000 * k, [0.0] * 5 + [1.0]) for k in range(40)]
     with pytest.raises(RecordingError, match="no space left"):

@@ -54,7 +54,7 @@ def test_a_disk_that_is_full_from_the_start_costs_nothing(
     def no_file(path: Path, *given: object, **named: object) -> int:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("pbd.files.growing.os", SimpleNamespace(**{**vars(os), "write": full}))
+    monkeypatch.setattr("pbd.files.recording_writer.os", SimpleNamespace(**{**vars(os), "write": full}))
     if what == "demo.toml":
         monkeypatch.setattr(Path, "write_text", no_file)
     told = r"tea.* can't be written \(No space left on device\); give another place"

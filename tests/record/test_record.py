@@ -332,7 +332,7 @@ def test_a_full_disk_ends_it_and_leaves_what_was_written(
         raise OSError(28, "No space left on device")
 
     def show(status: Status) -> None:
-        monkeypatch.setattr("pbd.files.growing.os", SimpleNamespace(**{**vars(os), "write": full}))
+        monkeypatch.setattr("pbd.files.recording_writer.os", SimpleNamespace(**{**vars(os), "write": full}))
         monkeypatch.setattr(Path, "write_text", no_file)
 
     if force:

@@ -8,8 +8,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from pbd.doors.atomic import atomic_file
 from pbd.errors import PbdError, PbdWarning, PlanError, nearest
-from pbd.files.whole import written_whole
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -17,22 +17,22 @@ if TYPE_CHECKING:
     from pbd.data import JointTrajectory, Robot, Samples
     from pbd.data.receiver import Rule, Share
 
-_FILES = {"csv": "csv", "npz": "npz", "ros2-json": "ros2_json"}
-FORMATS = tuple(_FILES)
-"""Each has a file here with `samples(trajectory, rate_hz)`, `write(trajectory, robot, samples, path)` and `FILLED_BY`,
-the rules by which its receivers fill the gaps between samples."""
+FORMATS = {"csv": "csv", "npz": "npz", "ros2-json": "ros2_json"}
+"""Format -> its file here, with `write(trajectory, robot, samples, path)` and `FILLED_BY`, the rules by which receivers
+fill the gaps between samples."""
 
 SUFFIXES = {".csv": "csv", ".npz": "npz", ".json": "ros2-json"}
 """What a file's name ends in, and the format that it says."""
 
 LOWEST_HZ, HIGHEST_HZ = 10.0, 1e5
+USUAL_HZ = 1000.0
 
 ROUNDING = 5e-4
-"""By this share may a receiver exceed a limit between points: what its own arithmetic and whole nanoseconds leave."""
+"""Share by which a receiver may exceed a limit between points: what its arithmetic and whole nanoseconds leave."""
 
-TOLD = 0.1
-"""From this share above a limit on it is told what cubics between samples would reach, in a format that isn't made for
-them. At 1 kHz a panda's acceleration is exceeded by 0.07, which docs/exports.md says."""
+CUBIC_EXCESS = 0.1
+"""Share above a limit that cubics between samples may reach without a warning, in a format that isn't made for them.
+At 1 kHz a panda's acceleration is exceeded by 0.07, which docs/exports.md says."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,19 +65,17 @@ def export(
         PlanError: by the rule of the format's receivers a limit would be broken between samples.
     """
     if format_name not in FORMATS:
-        raise PbdError(
-            f"no format '{format_name}'; known are {', '.join(FORMATS)}{nearest(format_name, FORMATS)}",
-            value=format_name,
-        )
+        known = f"{', '.join(FORMATS)}{nearest(format_name, FORMATS)}"
+        raise PbdError(f"no format '{format_name}'; known are {known}", value=format_name)
     if rate_hz is not None and not LOWEST_HZ <= rate_hz <= HIGHEST_HZ:
-        raise PbdError(
-            f"--rate must be {LOWEST_HZ:g} to {HIGHEST_HZ:g} Hz, got {rate_hz:g}",
-            value=rate_hz,
-        )
-    file_format = import_module(f"{__name__}.{_FILES[format_name]}")
-    points = file_format.samples(trajectory, rate_hz)
+        raise PbdError(f"--rate must be {LOWEST_HZ:g} to {HIGHEST_HZ:g} Hz, got {rate_hz:g}", value=rate_hz)
+    file_format = import_module(f"{__name__}.{FORMATS[format_name]}")
+    if format_name == "ros2-json":
+        points = file_format.samples(trajectory, rate_hz)
+    else:
+        points = trajectory.sample(rate_hz or USUAL_HZ)
     receiver = _replayed(points, robot, file_format.FILLED_BY, rate_hz)
-    with written_whole(path) as unfinished:
+    with atomic_file(path) as unfinished:
         file_format.write(trajectory, robot, points, unfinished)
     return Export(points, receiver)
 
@@ -85,7 +83,7 @@ def export(
 def _replayed(
     points: Samples, robot: Robot, rules: tuple[Rule, ...], rate_hz: float | None
 ) -> dict[Rule, tuple[Share, Share, Share]]:
-    """Fill the gaps as the format's receivers do; where it has none of a kind, tell what cubics would do."""
+    """Fill the gaps as the format's receivers do; where they fill none, warn of what cubics would do."""
     from pbd.data.receiver import shares
 
     found = {rule: shares(points, rule, robot.limits) for rule in rules}
@@ -97,7 +95,7 @@ def _replayed(
             raise PlanError(f"{what}; {how}", joint=robot.joints[worst.joint], value=worst.value, bound=1.0)
     if not rules:
         worst = max(shares(points, "cubic", robot.limits), key=lambda share: share.value)
-        if worst.value > 1.0 + TOLD:
+        if worst.value > 1.0 + CUBIC_EXCESS:
             what = _reached(points, robot, "cubic", worst)
             warnings.warn(
                 f"{what}; send each sample at its time, give a higher --rate, or take ros2-json, which is exact",

@@ -14,11 +14,6 @@ FILLED_BY: tuple[Rule, ...] = ()
 """Whoever reads it takes each row at its time."""
 
 
-def samples(trajectory: JointTrajectory, rate_hz: float | None) -> Samples:
-    """Evaluate at a constant rate, 1 kHz unless said else."""
-    return trajectory.sample(rate_hz or 1000.0)
-
-
 def write(trajectory: JointTrajectory, robot: Robot, points: Samples, path: Path) -> None:
     """Write columns t (s), q_NAME (rad), dq_NAME (rad/s), ddq_NAME (rad/s2), gripper (1 open, 0 closed)."""
     names = trajectory.joint_names

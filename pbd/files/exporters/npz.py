@@ -13,11 +13,6 @@ FILLED_BY: tuple[Rule, ...] = ()
 """A client sends each row at its time and fills no gaps."""
 
 
-def samples(trajectory: JointTrajectory, rate_hz: float | None) -> Samples:
-    """Evaluate at a constant rate, 1 kHz unless said else."""
-    return trajectory.sample(rate_hz or 1000.0)
-
-
 def write(trajectory: JointTrajectory, robot: Robot, points: Samples, path: Path) -> None:
     """Write arrays joints (k,) names, t (n,) s, q, dq, ddq (n, k) rad, rad/s, rad/s2, gripper (n,) 1 open, 0 closed."""
     with path.open("wb") as file:

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from pbd.data import Demonstration
 from pbd.errors import RecordingError
+from pbd.files.demo import RATES_HZ
+
+TEXT = (".csv", ".txt", ".tsv")
 
 
 def import_file(
@@ -26,7 +31,7 @@ def import_file(
     Raises:
         RecordingError: not such a file, or its contents can't be a recording.
     """
-    suffix = path.suffix.lower()
+    suffix, truth = path.suffix.lower(), None
     if suffix == ".npz":
         if columns or units:
             raise RecordingError(f"{path}: an npz has named arrays in SI units; leave --column and --unit out")
@@ -34,9 +39,29 @@ def import_file(
             raise RecordingError(f"{path}: an npz has its own rate_hz; leave --rate out", path=path)
         from pbd.files.importers.npz import read_npz
 
-        return read_npz(path)
-    if suffix in (".csv", ".txt", ".tsv"):
+        recording, truth = read_npz(path)
+    elif suffix in TEXT:
         from pbd.files.importers.csv import read_csv
 
-        return read_csv(path, columns or {}, units or {}, rate_hz)
-    raise RecordingError(f"{path}: can't import '{suffix}' files; give a .csv, .tsv, .txt or .npz", path=path)
+        recording = read_csv(path, columns or {}, units or {}, rate_hz)
+    else:
+        raise RecordingError(f"{path}: can't import '{suffix}' files; give a .csv, .tsv, .txt or .npz", path=path)
+    info = replace(recording.info, name=_as_text(path.stem), sensor="unknown (imported)")
+    return Demonstration(replace(recording, info=info), truth, notes=f"Imported from {_as_text(path.name)}.")
+
+
+def check_rate(path: Path, rate_hz: float, what: str) -> None:
+    """Refuse a rate that no sensor has; `what` begins the message.
+
+    Raises:
+        RecordingError: it lies beyond RATES_HZ.
+    """
+    slowest, fastest = RATES_HZ
+    if not slowest <= rate_hz <= fastest:
+        bound = "above zero" if not rate_hz > 0.0 else f"{slowest:g} to {fastest:g} Hz"
+        raise RecordingError(f"{path}: {what} {rate_hz:g}; it must be {bound}", path=path, value=rate_hz)
+
+
+def _as_text(name: str) -> str:
+    """A file's name as text: the bytes of it that are not UTF-8 are written out."""
+    return os.fsencode(name).decode("utf-8", "backslashreplace")

@@ -18,12 +18,11 @@ from pathlib import Path
 
 import numpy as np
 
-from pbd.data import GRAVITY, Demonstration, Recording, RecordingInfo
+from pbd.data import GRAVITY, Recording, RecordingInfo
 from pbd.errors import RecordingError, listed, printable
 from pbd.files.columns import ACC, DEVICE, GYR, MAG, device_rpy
-from pbd.files.demo import check_rate
+from pbd.files.importers import check_rate
 from pbd.files.table import Sheet, Table, open_sheet, require
-from pbd.paths import as_text
 from pbd.pose import Array
 
 DEG = np.pi / 180.0
@@ -56,7 +55,7 @@ _MANGLED = str.maketrans({"°": "deg", "µ": "u", "μ": "u", "ʯ": "u", "?": "u"
 
 def read_csv(
     path: Path, columns: Mapping[str, str], units: Mapping[str, str], rate_hz: float | None = None
-) -> Demonstration:
+) -> Recording:
     """Read a recording from a table with a header.
 
     Args:
@@ -74,56 +73,68 @@ def read_csv(
         if channel not in UNITS:
             raise RecordingError(f"no unit can be given for '{channel}'; give it for {', '.join(UNITS)}", value=channel)
     sheet = open_sheet(path, foreign=True)
-    _refuse_several(sheet)
+    _refuse_several_devices(sheet)
     names, turned = _match(sheet, columns)
-    untimed = "t" not in names
-    if (untimed and rate_hz is None) or not set(ACC) & set(names):
-        without = untimed and rate_hz is None
-        lacking = "t (time)" if without else "ax, ay, az (specific force)"
-        raise RecordingError(
-            f"{path}: no column for {lacking}; the columns are {listed(sheet.header)}: say which is which with "
-            f"--column, for example --column ax=NAME{', or import it with its --rate HZ' if without else ''}",
-            path=path,
-        )
-    if not untimed and rate_hz is not None:
+    timed, known = "t" in names, f"the columns are {listed(sheet.header)}"
+    say = "say which is which with --column, for example --column ax=NAME"
+    if not timed and rate_hz is None:
+        what = f"no column for t (time); {known}: {say}, or import it with its --rate HZ"
+        raise RecordingError(f"{path}: {what}", path=path)
+    if not set(ACC) & set(names):
+        raise RecordingError(f"{path}: no column for ax, ay, az (specific force); {known}: {say}", path=path)
+    if timed and rate_hz is not None:
         raise RecordingError(f"{path}: the column '{names['t']}' tells the time; leave --rate out", path=path)
     for angles in (DEVICE, RPY):
         if not set(angles) <= set(names) and not set(columns) & set(angles):
             # A yaw, say, of which nobody knows from where and which way it counts: the gyro knows better.
             names = {ours: given for ours, given in names.items() if ours not in angles}
-    _refuse_halves(sheet, names)
+    for wanted in CHANNELS.values():
+        missing = [name for name in wanted if name not in names]
+        if missing and len(missing) < len(wanted):
+            there = next(name for name in wanted if name in names)
+            what = f"no column for '{missing[0]}', though there is '{there}'; {known}"
+            raise RecordingError(
+                f"{path}: {what}: name it with --column {missing[0]}=NAME", path=path, value=missing[0]
+            )
     clocks = [names["t"]] if "t" in columns else _clocks(sheet)
     table = sheet.read([*names.values(), *clocks], times=clocks)
-    if not untimed:
-        names["t"] = _best_clock(table, clocks)
+    if timed:  # the device's own clock, where it tells the samples apart as well as the computer's does
+        distinct = [np.unique(values[np.isfinite(values)]).size for values in table.columns(*clocks).T]
+        names["t"] = clocks[int(np.argmax(distinct))]
 
-    def values_of(channel: str, unit: str) -> Array | None:
-        wanted = CHANNELS[channel]
-        if wanted[0] not in names:
-            return None
-        scales = [_scale(path, names[ours], unit, units) * (-1.0 if ours in turned else 1.0) for ours in wanted]
-        with np.errstate(over="ignore"):  # what becomes infinite is found with all else that is no number
-            values: Array = table.columns(*(names[ours] for ours in wanted)) * scales
-        return values
-
-    acc, mag = (values_of(channel, channel) for channel in ("acc", "mag"))
-    t = values_of("t", "t") if rate_hz is None else np.arange(len(table.values))[:, None] / rate_hz
-    compass = values_of("angle", "angle")
-    assert t is not None
-    assert acc is not None
-    with np.errstate(invalid="ignore"):  # likewise
-        since_first = t[:, 0] - t[0, 0]
-    return Demonstration(
-        recording=Recording(
-            t=since_first,
+    with np.errstate(all="ignore"):  # what becomes infinite is found with all else that is no number
+        channels = {
+            channel: _values(table, names, turned, wanted, channel, units) for channel, wanted in CHANNELS.items()
+        }
+        clock = channels["t"]
+        t = np.arange(len(table.values)) / (rate_hz or 1.0) if clock is None else clock[:, 0]
+        acc, mag, compass = channels["acc"], channels["mag"], channels["angle"]
+        assert acc is not None
+        return Recording(
+            t=t - t[0],
             acc=acc,
-            gyr=values_of("gyr", "gyr"),
-            mag=_magnetometer_beside(path, t[:, 0]) if mag is None else mag,
-            device_rpy=values_of("rpy", "angle") if compass is None else device_rpy(compass),
-            info=RecordingInfo(name=as_text(path.stem), sensor="unknown (imported)", rate_hz=rate_hz),
-        ),
-        notes=f"Imported from {as_text(path.name)}.",
-    )
+            gyr=channels["gyr"],
+            mag=_magnetometer_beside(path, t) if mag is None else mag,
+            device_rpy=channels["rpy"] if compass is None else device_rpy(compass),
+            info=RecordingInfo(rate_hz=rate_hz),
+        )
+
+
+def _values(
+    table: Table,
+    names: Mapping[str, str],
+    turned: set[str],
+    wanted: tuple[str, ...],
+    channel: str,
+    units: Mapping[str, str],
+) -> Array | None:
+    """A channel's columns in our units; None where the file doesn't have it."""
+    if wanted[0] not in names:
+        return None
+    unit = "angle" if channel == "rpy" else channel
+    scales = [_scale(table.path, names[ours], unit, units) * (-1.0 if ours in turned else 1.0) for ours in wanted]
+    values: Array = table.columns(*(names[ours] for ours in wanted)) * scales
+    return values
 
 
 def _match(sheet: Sheet, columns: Mapping[str, str]) -> tuple[dict[str, str], set[str]]:
@@ -146,45 +157,19 @@ def _match(sheet: Sheet, columns: Mapping[str, str]) -> tuple[dict[str, str], se
     return found, turned
 
 
-def _refuse_several(sheet: Sheet) -> None:
-    """Refuse the rows of several devices in one file."""
+def _refuse_several_devices(sheet: Sheet) -> None:
     for name in sheet.header:
-        if re.fullmatch(_DEVICE, _plain(name)) and len(devices := sheet.words(name)) > 1:
-            raise RecordingError(
-                f"{sheet.path}: the rows of {len(devices)} devices ({listed(sorted(devices)[:3])}) in the column "
-                f"'{name}'; keep those of one device in a file of its own",
-                path=sheet.path,
-                value=len(devices),
-            )
-
-
-def _refuse_halves(sheet: Sheet, names: Mapping[str, str]) -> None:
-    """Refuse a sensor of which some axes are there and some are not."""
-    for wanted in CHANNELS.values():
-        missing = [name for name in wanted if name not in names]
-        if missing and len(missing) < len(wanted):
-            there = next(name for name in wanted if name in names)
-            raise RecordingError(
-                f"{sheet.path}: no column for '{missing[0]}', though there is '{there}'; the columns are "
-                f"{listed(sheet.header)}: name it with --column {missing[0]}=NAME",
-                path=sheet.path,
-                value=missing[0],
-            )
+        if re.fullmatch(_DEVICE, _plain(name)) and len(devices := set(sheet.words(name))) > 1:
+            what = f"the rows of {len(devices)} devices ({listed(sorted(devices)[:3])}) in the column '{name}'"
+            keep = "keep those of one device in a file of its own"
+            raise RecordingError(f"{sheet.path}: {what}; {keep}", path=sheet.path, value=len(devices))
 
 
 def _clocks(sheet: Sheet) -> list[str]:
     """The column of the device's own time, and of the computer's, where there are such."""
-    clocks: dict[bool, str] = {}
-    for name in sheet.header:
-        if _our_name(name) == "t":
-            clocks.setdefault(re.fullmatch(_DEVICE_TIME, _plain(name)) is not None, name)
-    return [clocks[own] for own in (True, False) if own in clocks]
-
-
-def _best_clock(table: Table, clocks: list[str]) -> str:
-    """The device's own, where it tells the samples apart as well as the computer's does."""
-    told = [np.unique(values[np.isfinite(values)]).size for values in table.columns(*clocks).T]
-    return clocks[int(np.argmax(told))]
+    clocks = [name for name in sheet.header if _our_name(name) == "t"]
+    own = [name for name in clocks if re.fullmatch(_DEVICE_TIME, _plain(name))]
+    return [*own[:1], *[name for name in clocks if name not in own][:1]]
 
 
 def _plain(given: str) -> str:
@@ -240,7 +225,7 @@ def _magnetometer_beside(path: Path, t: Array) -> Array | None:
     if not {"t", *MAG} <= set(names):
         return None
     table = sheet.read([names["t"], *(names[axis] for axis in MAG)])
-    with np.errstate(all="ignore"):  # as above
-        t_mag = table.columns(names["t"])[:, 0] * _scale(beside, names["t"], "t", {})
-        mag = [table.columns(names[axis])[:, 0] * _scale(beside, names[axis], "mag", {}) for axis in MAG]
-        return np.column_stack([np.interp(t, t_mag, axis) for axis in mag])
+    t_mag, mag = (_values(table, names, set(), CHANNELS[channel], channel, {}) for channel in ("t", "mag"))
+    assert t_mag is not None
+    assert mag is not None
+    return np.column_stack([np.interp(t, t_mag[:, 0], axis) for axis in mag.T])

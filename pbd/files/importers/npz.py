@@ -6,17 +6,16 @@ from pathlib import Path
 
 import numpy as np
 
-from pbd.data import Demonstration, Recording, RecordingInfo, Truth
+from pbd.data import Recording, RecordingInfo, Truth
 from pbd.doors.npz import read_arrays
 from pbd.errors import RecordingError, listed
-from pbd.files.demo import check_rate
-from pbd.paths import as_text
+from pbd.files.importers import check_rate
 from pbd.pose import Array
 
 KEYS = ("rate_hz", "acc", "gyr", "mag", "true_position", "true_wxyz", "true_rate_hz")
 
 
-def read_npz(path: Path) -> Demonstration:
+def read_npz(path: Path) -> tuple[Recording, Truth | None]:
     """Read a recording from an npz.
 
     Keys: rate_hz; acc (n, 3) m/s2; gyr (n, 3) rad/s; mag (n, 3) uT; true_position (m, 3) m; true_wxyz (m, 4);
@@ -29,12 +28,13 @@ def read_npz(path: Path) -> Demonstration:
     for key in ("rate_hz", "acc"):
         if key not in arrays:
             raise RecordingError(f"{path}: no array '{key}'; it has {listed((*arrays, *others))}", path=path, value=key)
+    rates = {}
     for key in ("rate_hz", "true_rate_hz"):
-        value = np.ravel(arrays.get(key, 1.0))
+        value = np.ravel(arrays.get(key, arrays["rate_hz"]))
         if len(value) != 1:
             raise RecordingError(f"{path}: {key} holds {len(value)} numbers; it must be one", path=path)
-        check_rate(path, value[0], f"{key} is")
-    rate_hz = float(arrays["rate_hz"].ravel()[0])
+        rates[key] = float(value[0])
+        check_rate(path, rates[key], f"{key} is")
     if "true_wxyz" in arrays and "true_position" not in arrays:
         raise RecordingError(f"{path}: 'true_wxyz' without 'true_position'; add it, or leave both out", path=path)
     n, m = (len(np.atleast_1d(arrays.get(key, ()))) for key in ("acc", "true_position"))
@@ -42,28 +42,20 @@ def read_npz(path: Path) -> Demonstration:
     for key, shape in shapes.items():
         if key in arrays and arrays[key].shape != shape:
             raise RecordingError(f"{path}: '{key}' has shape {arrays[key].shape}, not {shape}; correct it", path=path)
-    return Demonstration(
-        recording=Recording(
-            t=np.arange(n) / rate_hz,
-            acc=arrays["acc"],
-            gyr=arrays.get("gyr"),
-            mag=arrays.get("mag"),
-            info=RecordingInfo(name=as_text(path.stem), sensor="unknown (imported)", rate_hz=rate_hz),
-        ),
-        truth=_truth(arrays, rate_hz),
-        notes=f"Imported from {as_text(path.name)}.",
+    recording = Recording(
+        t=np.arange(n) / rates["rate_hz"],
+        acc=arrays["acc"],
+        gyr=arrays.get("gyr"),
+        mag=arrays.get("mag"),
+        info=RecordingInfo(rate_hz=rates["rate_hz"]),
     )
+    return recording, _truth(arrays, rates["true_rate_hz"])
 
 
 def _truth(arrays: dict[str, Array], rate_hz: float) -> Truth | None:
-    if "true_position" not in arrays:
-        return None
-    position = arrays["true_position"]
+    position = arrays.get("true_position", np.zeros((0, 3)))
     known = np.flatnonzero(np.isfinite(position).all(axis=1))
     if len(known) == 0:
         return None
-    return Truth(
-        t=np.arange(len(position)) / float(np.ravel(arrays.get("true_rate_hz", rate_hz))[0]),
-        p_nav_sensor=position - position[known[0]],
-        wxyz_nav_sensor=arrays.get("true_wxyz", np.full((len(position), 4), np.nan)),
-    )
+    wxyz = arrays.get("true_wxyz", np.full((len(position), 4), np.nan))
+    return Truth(np.arange(len(position)) / rate_hz, position - position[known[0]], wxyz)

@@ -1,4 +1,4 @@
-"""A demonstration's folder that grows while it is recorded: complete and readable at every moment."""
+"""A demonstration's folder while it is recorded: complete and readable at every moment."""
 
 from __future__ import annotations
 
@@ -12,18 +12,15 @@ from pathlib import Path
 import numpy as np
 
 from pbd.data import Demonstration, GripEvent, Recording, RecordingInfo
+from pbd.doors.atomic import atomic_file, atomic_folder, unwritable
 from pbd.errors import RecordingError
-from pbd.files.columns import ACC, DEVICE, GYR, MAG
-from pbd.files.demo import demo_toml, may_be_written
-from pbd.files.whole import folder_written_whole, unwritable, written_whole
+from pbd.files.columns import CHANNELS
+from pbd.files.demo import demo_toml, refuse_demo_folder
 from pbd.pose import Array
 
-CHANNELS = {"gyr": (GYR, 7), "acc": (ACC, 6), "mag": (MAG, 4), "device": (DEVICE, 6)}
-"""Name -> columns of imu.csv and decimals, in their order there."""
 
-
-class GrowingDemo:
-    """Rows are appended as whole lines, each with one system call: a killed process leaves no half of one.
+class RecordingWriter:
+    """Appends rows as whole lines, each with one system call: a killed process leaves no half of one.
 
     demo.toml is there before the first row, and is replaced as a whole when something is added to it.
     """
@@ -43,19 +40,18 @@ class GrowingDemo:
         Raises:
             RecordingError: the folder exists or can't be written.
         """
-        may_be_written(folder, force)
-        self.folder = folder
-        self.rows = 0
+        refuse_demo_folder(folder, force)
+        self.folder, self.rows = folder, 0
         self._info, self._closed = replace(info, name=folder.name), closed
         self._grip: list[GripEvent] = []
-        self._channels = [name for name in CHANNELS if name in channels]
-        names = ["t", *(column for name in self._channels for column in CHANNELS[name][0])]
-        self._format = ",".join(["{:.6f}", *(f"{{:.{CHANNELS[name][1]}f}}" for name in self._channels for _ in "xyz")])
-        with folder_written_whole(folder) as new:
+        written = [CHANNELS[name] for name in CHANNELS if name in channels]
+        header = ",".join(["t", *(column for columns, _ in written for column in columns)])
+        self._format = ",".join(["{:.6f}", *(f"{{:.{decimals}f}}" for _, decimals in written for _ in "xyz")])
+        with atomic_folder(folder) as new:
             (new / "demo.toml").write_text(self._toml(), encoding="utf-8")
-            (new / "imu.csv").write_text(",".join(names) + "\n", encoding="ascii")
+            (new / "imu.csv").write_text(header + "\n", encoding="ascii")
         self._raw: int | None = None
-        with self._kept():
+        with self._saying_what_is_kept():
             self._imu = os.open(folder / "imu.csv", os.O_WRONLY | os.O_APPEND)
 
     def add(self, t: Sequence[float], values: Iterable[Sequence[float]]) -> None:
@@ -64,15 +60,14 @@ class GrowingDemo:
         Raises:
             RecordingError: the disk is full; what was written before is intact.
         """
-        lines = [self._format.format(at, *row).replace("nan", "") for at, row in zip(t, values, strict=True)]
-        if lines:
-            with self._kept():
-                _append(self._imu, ("\n".join(lines) + "\n").encode())
-            self.rows += len(lines)
+        lines = [self._format.format(at, *row).replace("nan", "") + "\n" for at, row in zip(t, values, strict=True)]
+        with self._saying_what_is_kept():
+            _append(self._imu, "".join(lines).encode())
+        self.rows += len(lines)
 
     def add_raw(self, data: bytes) -> None:
         """Append bytes as they came to raw.bin."""
-        with self._kept():
+        with self._saying_what_is_kept():
             if self._raw is None:
                 self._raw = os.open(self.folder / "raw.bin", os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
             _append(self._raw, data)
@@ -83,10 +78,13 @@ class GrowingDemo:
         self._write_toml()
 
     def finish(self, rate_hz: float | None, clock: str, t: Array | None = None) -> None:
-        """Close the files; write what is known at the end only: the rate, what was done about time, better times."""
+        """Close the files; write what is known at the end only: the rate, the clock, and better times."""
         self.close()
         if t is not None:
-            self._restamp(t)
+            imu = self.folder / "imu.csv"
+            with atomic_file(imu) as file, imu.open(encoding="ascii") as old, file.open("w", encoding="ascii") as new:
+                new.write(next(old))
+                new.writelines(f"{at:.6f},{line.partition(',')[2]}" for at, line in zip(t, old, strict=True))
         self._info = replace(self._info, rate_hz=rate_hz, clock=clock)
         self._write_toml()
 
@@ -103,8 +101,7 @@ class GrowingDemo:
         shutil.rmtree(self.folder, ignore_errors=True)
 
     @contextmanager
-    def _kept(self) -> Iterator[None]:
-        """Say that what was written before is intact, where nothing more can be."""
+    def _saying_what_is_kept(self) -> Iterator[None]:
         try:
             yield
         except OSError as reason:
@@ -122,16 +119,8 @@ class GrowingDemo:
         return demo_toml(Demonstration(recording, closed=self._closed), self.folder.name)
 
     def _write_toml(self) -> None:
-        with written_whole(self.folder / "demo.toml") as file:
+        with atomic_file(self.folder / "demo.toml") as file:
             file.write_text(self._toml(), encoding="utf-8")
-
-    def _restamp(self, t: Array) -> None:
-        """Replace imu.csv's times."""
-        imu = self.folder / "imu.csv"
-        with written_whole(imu) as file, imu.open(encoding="ascii") as old, file.open("w", encoding="ascii") as new:
-            new.write(next(old))
-            for at, line in zip(t, old, strict=True):
-                new.write(f"{at:.6f},{line.partition(',')[2]}")
 
 
 def _append(handle: int, data: bytes) -> None:

@@ -11,12 +11,12 @@ import pytest
 from pbd.data import GripEvent, RecordingInfo
 from pbd.errors import RecordingError
 from pbd.files.demo import read_demo
-from pbd.files.growing import GrowingDemo
+from pbd.files.recording_writer import RecordingWriter
 
 
-def begun(folder: Path, force: bool = False) -> GrowingDemo:
+def begun(folder: Path, force: bool = False) -> RecordingWriter:
     info = RecordingInfo(sensor="witmotion", created="2026-01-02T03:04:05Z", clock="device")
-    return GrowingDemo(folder, info, ("gyr", "acc", "mag"), closed=True, force=force)
+    return RecordingWriter(folder, info, ("gyr", "acc", "mag"), closed=True, force=force)
 
 
 ROW = (0.1, 0.2, 0.3, 0.0, 0.0, 9.81, 20.0, 0.0, -40.0)

@@ -3,73 +3,37 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING, Any
+import warnings
+from typing import Any
 
-from pbd.cli.calibrate_common import add_name, existing
-from pbd.cli.options import Commands, add_command, positive, print_json, say
-from pbd.cli.progress import working
+import numpy as np
 
-if TYPE_CHECKING:
-    from pbd.calibration.sensor import SensorFit
-    from pbd.data import Linear
-
-
-def add(commands: Commands) -> None:
-    """Add the step."""
-    parser = add_command(
-        commands,
-        "sensor",
-        "the sensor's errors: bias, scale, misalignment, hard and soft iron",
-        "Find a sensor's errors from one recording in which you put it down in several orientations, two seconds "
-        "each:\n"
-        "best twelve (each of the six sides and six of the edges up), turning it in all directions between them.",
-        "  pbd record sides --sensor witmotion\n  pbd calibrate sensor bench sides --latitude 48",
-    )
-    add_name(parser)
-    parser.add_argument("demo", metavar="DEMO", help="the recording")
-    parser.add_argument(
-        "--only",
-        type=_kinds,
-        default=(),
-        metavar="K,K",
-        help="calibrate only these (gyr, acc, mag), and fail if one can't be",
-    )
-    gravity = parser.add_mutually_exclusive_group()
-    gravity.add_argument("--gravity", type=positive, metavar="G", help="gravity at this place, m/s2 (9.80665)")
-    gravity.add_argument(
-        "--latitude", type=float, metavar="DEG", help="compute gravity from the latitude of this place"
-    )
-    parser.add_argument("--temperature", type=float, metavar="C", help="room temperature, degrees C, noted in the file")
-    parser.set_defaults(run=run)
+from pbd.calibration.accelerometer import NAMES
+from pbd.calibration.drift import gravity_at
+from pbd.calibration.sensor import SensorFit, calibrate_sensor
+from pbd.cli.calibrate.common import opened
+from pbd.cli.console import print_json, say, working
+from pbd.data import GRAVITY
+from pbd.data.brief import counted
+from pbd.errors import CalibrationError, PbdWarning
+from pbd.files.calibration_edit import update_calibration
+from pbd.files.demo import load_demo
+from pbd.tracking.conditioning import condition
+from pbd.view.calibration_tables import figures_table
+from pbd.view.tables import print_table
 
 
-def run(args: argparse.Namespace) -> int:
-    """Fit, write, and say what could be told."""
-    import warnings
-
-    import numpy as np
-
-    from pbd.calibration.drift import gravity_at
-    from pbd.calibration.sensor import calibrate_sensor
-    from pbd.data import GRAVITY
-    from pbd.data.brief import counted
-    from pbd.errors import CalibrationError, PbdWarning
-    from pbd.files.calibration_edit import calibration_file, update_calibration
-    from pbd.files.demo import load_demo
-    from pbd.tracking.conditioning import condition
-
+def run(args: argparse.Namespace) -> None:
+    """Fit, write, and say what was found."""
     if args.latitude is not None and not abs(args.latitude) <= 90.0:
         raise CalibrationError(f"--latitude must be from -90 to 90, got {args.latitude:g}", value=args.latitude)
     if args.gravity is not None and not 9.7 <= args.gravity <= 9.9:
-        raise CalibrationError(
-            f"--gravity must be from 9.7 to 9.9 m/s2, got {args.gravity:g}; correct it, or give --latitude",
-            value=args.gravity,
-        )
+        what = f"--gravity must be from 9.7 to 9.9 m/s2, got {args.gravity:g}; correct it, or give --latitude"
+        raise CalibrationError(what, value=args.gravity)
     if args.temperature is not None and not np.isfinite(args.temperature):
         raise CalibrationError("--temperature must be a number; correct it")
     gravity = args.gravity or (GRAVITY if args.latitude is None else gravity_at(args.latitude))
-    path = calibration_file(args.name)
-    calibration = existing(path)
+    path, calibration = opened(args)
     with working(f"reading {args.demo}"):
         recording, gaps = condition(load_demo(args.demo).recording)
     if gaps:
@@ -87,28 +51,18 @@ def run(args: argparse.Namespace) -> int:
         warnings.warn(remark, PbdWarning, stacklevel=2)
     update_calibration(path, _parts(fit))
     if args.json:
-        print_json({"calibration": str(path)} | _json(fit))
-        return 0
+        return print_json({"calibration": str(path)} | _json(fit))
     _print(fit)
     say(f"{path}: [sensor] of '{fit.errors.sensor}' from {counted(len(fit.rests), 'rest')}")
     if args.gravity is None and args.latitude is None and fit.acc is not None:
         say("assumed gravity is 9.80665 m/s2, which may be off by 0.3 %; give --latitude for a better scale")
-    return 0
-
-
-def _kinds(text: str) -> tuple[str, ...]:
-    from pbd.calibration.sensor import KINDS
-
-    kinds = tuple(text.split(","))
-    if not set(kinds) <= set(KINDS):
-        raise argparse.ArgumentTypeError(f"must be some of {', '.join(KINDS)}, got {text}")
-    return kinds
+    return None
 
 
 def _figures(fit: SensorFit) -> dict[str, float]:
     figures: dict[str, float] = {"rests": len(fit.rests)}
     if fit.acc is not None:
-        mg = 1e3 / 9.80665
+        mg = 1e3 / GRAVITY
         figures |= {
             "orientations": fit.acc.orientations,
             "acc_before_mg": round(mg * fit.acc.before, 2),
@@ -124,8 +78,6 @@ def _figures(fit: SensorFit) -> dict[str, float]:
 
 def _parts(fit: SensorFit) -> dict[str, dict[str, Any]]:
     """The tables of the file."""
-    import numpy as np
-
     errors = fit.errors
     parts: dict[str, dict[str, Any]] = {
         "sensor": {
@@ -139,19 +91,13 @@ def _parts(fit: SensorFit) -> dict[str, dict[str, Any]]:
     }
     for kind, linear, unit in (("gyr", errors.gyr, "rad/s"), ("acc", errors.acc, "m/s2"), ("mag", errors.mag, "uT")):
         if linear is not None:
-            parts[f"sensor.{kind}"] = _linear(linear, unit)
+            known = not np.isnan(linear.bias_sigma).any()
+            parts[f"sensor.{kind}"] = {
+                "bias": ([float(f"{x:.7g}") for x in linear.bias], f"{unit}; what is true is matrix (read - bias)"),
+                "bias_sigma": ([float(f"{x:.3g}") for x in linear.bias_sigma] if known else None, ""),
+                "matrix": ([round(float(x), 7) for x in linear.matrix.ravel()], ""),
+            }
     return parts
-
-
-def _linear(linear: Linear, unit: str) -> dict[str, Any]:
-    import numpy as np
-
-    known = not np.isnan(linear.bias_sigma).any()
-    return {
-        "bias": ([float(f"{x:.7g}") for x in linear.bias], f"{unit}; what is true is matrix (read - bias)"),
-        "bias_sigma": ([float(f"{x:.3g}") for x in linear.bias_sigma] if known else None, ""),
-        "matrix": ([round(float(x), 7) for x in linear.matrix.ravel()], ""),
-    }
 
 
 def _json(fit: SensorFit) -> dict[str, Any]:
@@ -164,18 +110,12 @@ def _json(fit: SensorFit) -> dict[str, Any]:
 
 
 def _print(fit: SensorFit) -> None:
-    import numpy as np
-
-    from pbd.calibration.accelerometer import NAMES
-    from pbd.view.calibration_tables import figures_table
-    from pbd.view.tables import print_table
-
     rows = []
     if fit.errors.gyr is not None:
         bias = np.degrees(fit.errors.gyr.bias)
         rows.append(("gyro bias", f"({', '.join(f'{x:.3f}' for x in bias)}) °/s", ""))
     if fit.acc is not None:
-        mg = 1e3 / 9.80665
+        mg = 1e3 / GRAVITY
         linear = fit.acc.linear
         lean = np.degrees([linear.matrix[1, 2], linear.matrix[0, 2], linear.matrix[0, 1]])
         shown = [f"{mg * x:+.1f} mg" for x in linear.bias]

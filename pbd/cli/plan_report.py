@@ -1,12 +1,11 @@
-"""What the commands say of a plan's ways: for people and for programs."""
+"""What the commands say of a plan's moves: for people and for programs."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from pbd.cli.options import say
-from pbd.cli.progress import working
+from pbd.cli.console import say, working
 
 if TYPE_CHECKING:
     from pbd.data import Demonstration, HandPath, Robot
@@ -14,11 +13,11 @@ if TYPE_CHECKING:
 
 
 STRAY_M = 0.01
-"""A tool that strays this far from a straight line is told of."""
+"""Distance from a straight line, m, from which on it is said that the tool strays."""
 
 
-def tell_ways(demo: Demonstration, path: HandPath, robot: Robot, plan: Plan, options: PlanOptions) -> None:
-    """Say where the arm leaves the way that was asked for, or the tool the straight line, and what keeps it there."""
+def say_moves(demo: Demonstration, path: HandPath, robot: Robot, plan: Plan, options: PlanOptions) -> None:
+    """Say where the arm makes a detour, or the tool strays from a straight line, and what keeps it there."""
     from pbd.planning import can_plan
 
     for i, way in enumerate(plan.ways):
@@ -36,7 +35,7 @@ def tell_ways(demo: Demonstration, path: HandPath, robot: Robot, plan: Plan, opt
     )
 
 
-def ways_json(plan: Plan) -> list[dict[str, Any]]:
+def moves_json(plan: Plan) -> list[dict[str, Any]]:
     """How the arm comes to each keyframe after the first."""
     ways = enumerate(plan.ways[1:], start=1)
     return [{"keyframe": i, "kind": way.kind, "off_line_m": way.off_line_m} for i, way in ways]

@@ -1,24 +1,41 @@
-"""What takes its time says so: on stderr, where that is a terminal."""
+"""What a command says: its result as JSON on stdout; on stderr notes, and at a terminal what takes its time."""
 
 from __future__ import annotations
 
+import json
+import math
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from rich.text import Text
 
 
+def say(message: str) -> None:
+    """Tell the user something that is not the result, in one line."""
+    print(f"pbd: {' '.join(message.split())}", file=sys.stderr)
+
+
+def print_json(result: dict[str, Any]) -> None:
+    """Print the result as one JSON object; what is not a finite number is null."""
+    print(json.dumps(_without_nan(result), allow_nan=False))
+
+
+def _without_nan(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _without_nan(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_without_nan(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
 @contextmanager
 def working(what: str, at_most_s: float | None = None) -> Iterator[None]:
-    """Show `what`, that it goes on and for how long at most; silent where stderr is a file or a pipe.
-
-    It leaves nothing behind.
-    """
+    """Show `what` while it goes on, and for how long at most; silent where stderr is a file or a pipe."""
     if not sys.stderr.isatty():
         yield
         return

@@ -4,74 +4,55 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from pbd.cli.options import Commands, add_accept_gap, add_command, add_json, load_demonstration, print_json, say
-from pbd.cli.progress import working
+import numpy as np
 
-if TYPE_CHECKING:
-    from pbd.data import Calibration, Keyframe
-    from pbd.pose import Array
+from pbd.calibration.frames import nav_in_base, tool_poses
+from pbd.calibration.uncertainty import base_sigmas, tool_covariances
+from pbd.cli.console import print_json, say, working
+from pbd.cli.steps import load_demonstration
+from pbd.data import Calibration, Keyframe
+from pbd.doors.atomic import atomic_file
+from pbd.errors import CalibrationError, PbdError
+from pbd.files.calibration import load_calibration
+from pbd.pipeline import track
+from pbd.pose import Array
+from pbd.tracking.keyframes import keyframes_of
+from pbd.view.calibration_tables import base_table, calibration_table
+from pbd.view.tables import print_table
 
+Found = tuple[str, tuple[Keyframe, ...], dict[str, Array]]
+"""A demonstration's name, its keyframes, and the tool's covariances by source."""
 
-def add(commands: Commands) -> None:
-    """Add the step."""
-    parser = add_command(
-        commands,
-        "show",
-        "everything in a calibration, and what each part adds to the tool's uncertainty",
-        "Print a calibration, and how uncertain the tool's pose in the robot's base is at each keyframe of a\n"
-        "demonstration: in total, and the parts that come from the start, from the mount and from tracking.",
-        "  pbd calibrate show bench tea --save bench.png",
-    )
-    parser.add_argument("name", metavar="CALIBRATION", help="name of the calibration, or its file's path")
-    parser.add_argument("demo", nargs="?", metavar="DEMO", help="default: the newest in ./demos, else 'pouring'")
-    parser.add_argument("--save", type=Path, metavar="FILE", help="also draw it into this file (.png, .svg or .pdf)")
-    add_accept_gap(parser)
-    add_json(parser)
-    parser.set_defaults(run=run)
+SOURCES = {"start": "where the hand starts", "mount": "the mount", "tracking": "tracking"}
 
 
-def run(args: argparse.Namespace) -> int:
+def run(args: argparse.Namespace) -> None:
     """Print, and plot."""
-    import numpy as np
-
-    from pbd.calibration.uncertainty import base_sigmas
-    from pbd.files.calibration import load_calibration
-    from pbd.view.calibration_tables import base_table, calibration_table
-    from pbd.view.tables import print_table
-
     calibration = load_calibration(args.name)
     found = _contributions(args, calibration)
     if args.save is not None:
         _save(args.save, calibration, found)
     if args.json:
-        print_json(_json(calibration, found))
-        return 0
+        return print_json(_json(calibration, found))
     print_table(calibration_table(calibration))
     if found is not None:
         name, _, parts = found
         print(f"\nthe tool's uncertainty at the keyframes of {name}, one sigma, in base (right: by source, rms)")
         print_table(base_table(base_sigmas(parts)))
         share = {part: float(np.trace(cov[:, :3, :3], axis1=1, axis2=2).mean()) for part, cov in parts.items()}
-        total = sum(share.values())
         most = max(share, key=lambda part: share[part])
-        say(
-            f"most of the tool's uncertainty ({100.0 * share[most] / total:.0f} % of its variance) comes from "
-            + {"start": "where the hand starts", "mount": "the mount", "tracking": "tracking"}[most]
-        )
-    return 0
+        percent = 100.0 * share[most] / sum(share.values())
+        say(f"most of the tool's uncertainty ({percent:.0f} % of its variance) comes from {SOURCES[most]}")
+    return None
 
 
-def _contributions(
-    args: argparse.Namespace, calibration: Calibration
-) -> tuple[str, tuple[Keyframe, ...], dict[str, Array]] | None:
+def _contributions(args: argparse.Namespace, calibration: Calibration) -> Found | None:
     """A demonstration's name, its keyframes, and the tool's covariances.
 
     None where it is not known where it starts, or where nobody named a demonstration and the newest is of no use.
     """
-    from pbd.errors import PbdError
-
     if calibration.T_base_dock is None and calibration.T_base_nav is None:
         if args.demo is not None:
             say(
@@ -91,24 +72,15 @@ def _contributions(
         return None
 
 
-def _of_demonstration(
-    args: argparse.Namespace, calibration: Calibration
-) -> tuple[str, tuple[Keyframe, ...], dict[str, Array]]:
-    from pbd.calibration.frames import nav_in_base
-    from pbd.calibration.uncertainty import tool_covariances
-    from pbd.pipeline import track
-    from pbd.tracking.keyframes import keyframes_of
-
-    demo = load_demonstration(args)
+def _of_demonstration(args: argparse.Namespace, calibration: Calibration) -> Found:
+    demo = load_demonstration(args.demo)
     with working("tracking"):
         keyframes = keyframes_of(track(demo, calibration=calibration, accept_gap=args.accept_gap))
     T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
     return demo.recording.info.name, keyframes, tool_covariances(keyframes, T_base_nav, calibration)
 
 
-def _json(calibration: Calibration, found: tuple[str, tuple[Keyframe, ...], dict[str, Array]] | None) -> dict[str, Any]:
-    from pbd.calibration.uncertainty import base_sigmas
-
+def _json(calibration: Calibration, found: Found | None) -> dict[str, Any]:
     def pose(value: Any) -> dict[str, Any] | None:
         return None if value is None else {"position_m": value.p.tolist(), "wxyz": value.wxyz.tolist()}
 
@@ -127,14 +99,7 @@ def _json(calibration: Calibration, found: tuple[str, tuple[Keyframe, ...], dict
     return result
 
 
-def _save(
-    file: Path, calibration: Calibration, found: tuple[str, tuple[Keyframe, ...], dict[str, Array]] | None
-) -> None:
-    from pbd.calibration.frames import nav_in_base, tool_poses
-    from pbd.errors import CalibrationError
-    from pbd.files.whole import written_whole
-    from pbd.view.calibration_plot import draw_calibration
-
+def _save(file: Path, calibration: Calibration, found: Found | None) -> None:
     kind = file.suffix.removeprefix(".")
     if kind not in ("png", "svg", "pdf"):
         raise CalibrationError(f"{file} must end in .png, .svg or .pdf; rename it", path=file)
@@ -148,7 +113,9 @@ def _save(
     name, keyframes, parts = found
     T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
     with working("drawing"):
+        from pbd.view.calibration_plot import draw_calibration
+
         figure = draw_calibration(calibration, name, T_base_nav, tool_poses(keyframes, T_base_nav, calibration), parts)
-        with written_whole(file) as unfinished:
+        with atomic_file(file) as unfinished:
             figure.savefig(unfinished, format=kind, dpi=110)
     say(f"a plot: {file}")

@@ -1,0 +1,55 @@
+"""What the steps of `pbd calibrate` share."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pbd.cli.console import working
+from pbd.data import Calibration, HandPath, Recording
+from pbd.data.sigma import one_sigma, or_none
+from pbd.errors import CalibrationError
+from pbd.files.calibration_edit import calibration_file, existing_calibration
+from pbd.files.demo import load_demo
+from pbd.pipeline import track
+from pbd.pose import Array
+
+
+def opened(args: argparse.Namespace) -> tuple[Path, Calibration | None]:
+    """The calibration's file, and what it says so far."""
+    path = calibration_file(args.name)
+    return path, existing_calibration(path)
+
+
+def tracked(args: argparse.Namespace, calibration: Calibration | None) -> tuple[Recording, HandPath]:
+    """A demonstration's recording, and the hand's path by that alone: what is known of its stops doesn't count."""
+    recording = load_demo(args.demo).recording
+    with working("tracking"):
+        return recording, track(recording, calibration=calibration, accept_gap=args.accept_gap)
+
+
+def instead_of(path: Path, calibration: Calibration | None, part: str, force: bool) -> dict[str, str]:
+    """Which of [dock] and [nav] gives way to the other, by its name; empty where there is none.
+
+    Raises:
+        CalibrationError: one would, and `force` was not given.
+    """
+    other = "nav" if part == "dock" else "dock"
+    if calibration is None or (calibration.T_base_nav if other == "nav" else calibration.T_base_dock) is None:
+        return {}
+    if not force:
+        raise CalibrationError(
+            f"{path} has a [{other}], and a calibration can't have [{part}] too; replace it with --force, or give "
+            "another name",
+            path=path,
+        )
+    return {other: part}
+
+
+def sigma_json(cov: Array) -> dict[str, Any]:
+    """One sigma of a pose's covariance (6, 6); None for what nobody measured."""
+    sigma = one_sigma(cov)
+    return {"sigma_m": or_none(sigma[:3]), "sigma_deg": or_none(np.degrees(sigma[3:]))}

@@ -1,0 +1,163 @@
+"""pbd calibrate dock CALIBRATION."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+
+import numpy as np
+
+from pbd.calibration.frames import nav_in_base, tool_poses
+from pbd.calibration.uncertainty import tool_covariances
+from pbd.cli.calibrate.common import instead_of, opened
+from pbd.cli.console import print_json, say, working
+from pbd.data import TOOL_DOWN, Calibration, Robot
+from pbd.errors import CalibrationError, PlanError
+from pbd.files.calibration import load_calibration
+from pbd.files.calibration_edit import covariance_values, pose_values, update_calibration
+from pbd.files.demo import load_demo
+from pbd.files.points import FARTHEST_M
+from pbd.files.robot import load_robot
+from pbd.pipeline import track
+from pbd.pose import Array, Pose, quat_to_rpy
+from pbd.tracking.keyframes import keyframes_of
+
+ROUNDING_RAD = 1e-6
+"""How far beyond a limit a joint may be given, rad or m: a limit in degrees is rounded."""
+
+
+def run(args: argparse.Namespace) -> None:
+    """Find the pose, make sure that it can be reached, write it."""
+    path, calibration = opened(args)
+    instead = instead_of(path, calibration, "dock", args.force)
+    robot = load_robot(args.robot) if args.robot else None
+    T_sensor_tool = TOOL_DOWN if calibration is None else calibration.T_sensor_tool
+    T_base_dock, of_pose, source = _pose(args, robot, calibration, T_sensor_tool)
+    tool = T_base_dock @ T_sensor_tool
+    if robot is not None:
+        _refuse_out_of_reach(robot, tool)
+    cov = of_pose + np.diag(np.square([*[1e-3 * args.sigma_mm] * 3, 0.0, 0.0, np.radians(args.sigma_deg)]))
+    before = None if calibration is None or calibration.T_base_dock is None else calibration.cov_base
+    update_calibration(
+        path,
+        {"dock": pose_values(T_base_dock, "in base") | covariance_values(cov)},
+        instead=instead,
+        robots=(robot.name,) if robot else (),
+    )
+    rpy_deg = np.degrees(quat_to_rpy(T_base_dock.wxyz))
+    x, y, z = T_base_dock.p
+    resized = ""
+    if before is not None and not np.allclose(before, cov, rtol=1e-3, atol=0.0):
+        sigma = np.sqrt(np.diagonal(cov))
+        resized = f", sigma now {1e3 * sigma[:3].max():.3g} mm and {np.degrees(sigma[5]):.3g} degrees"
+    say(
+        f"{path}: the sensor's dock is at ({x:.3f}, {y:.3f}, {z:.3f}) m, roll, pitch, yaw "
+        f"({', '.join(f'{angle + 0.0:.1f}' for angle in np.round(rpy_deg, 1))}) degrees, {source}{resized}; "
+        + (f"{robot.name} reaches it" if robot else "give --robot to check that it is in reach")
+    )
+    if args.json:
+        print_json(
+            {
+                "calibration": str(path),
+                "dock": {"position_m": T_base_dock.p.tolist(), "rpy_deg": rpy_deg.tolist()},
+                "tool": {"position_m": tool.p.tolist(), "wxyz": tool.wxyz.tolist()},
+                "reached": robot is not None,
+            }
+        )
+
+
+def _pose(
+    args: argparse.Namespace, robot: Robot | None, calibration: Calibration | None, T_sensor_tool: Pose
+) -> tuple[Pose, Array, str]:
+    """T_base_dock, its covariance (6, 6) but for how the sensor is put down, and where it comes from in words."""
+    if args.rpy is not None and args.position is None:
+        raise CalibrationError("--rpy goes with --position; leave it out")
+    if args.position is not None:
+        before = None if calibration is None else calibration.T_base_dock
+        kept = np.zeros(3) if before is None else np.degrees(quat_to_rpy(before.wxyz))
+        rpy_deg = kept if args.rpy is None else args.rpy
+        if not np.isfinite([*args.position, *rpy_deg]).all():
+            raise CalibrationError("--position and --rpy must be finite numbers; correct them")
+        if (far := max(map(abs, args.position))) > FARTHEST_M:
+            what = f"a dock {far:g} m from the robot's base is beyond every robot's reach; give metres"
+            raise CalibrationError(what, value=far, bound=FARTHEST_M)
+        turned = "" if args.rpy is not None or not kept.any() else ", and turned as before (--rpy turns it)"
+        return Pose.from_rpy(args.position, np.radians(rpy_deg)), np.zeros((6, 6)), f"as given{turned}"
+    if args.joints is not None:
+        pose = _where_the_robot_stands(args.joints, robot) @ T_sensor_tool.inverse()
+        return pose, np.zeros((6, 6)), "where the robot's tool stands at those joints"
+    name, index = args.from_keyframe
+    return *_where_it_stopped(args, calibration), f"where {name} stopped at keyframe {index}"
+
+
+def _where_the_robot_stands(joints: list[float], robot: Robot | None) -> Pose:
+    """T_base_tool by forward kinematics; joints in degrees, or m where they slide."""
+    from pbd.arm.model import load_model
+
+    if robot is None:
+        raise CalibrationError("--joints needs a robot; give --robot too")
+    if len(joints) != len(robot.joints):
+        raise CalibrationError(
+            f"{robot.name} has {len(robot.joints)} joints ({', '.join(robot.joints)}), but {len(joints)} numbers "
+            "were given; give one for each joint, in degrees",
+            value=len(joints),
+            bound=len(robot.joints),
+        )
+    model = load_model(robot)
+    per_si = np.where(model.turns, 180.0 / np.pi, 1.0)
+    q, limits = np.array(joints) / per_si, robot.limits
+    inside = (q >= limits.lower - ROUNDING_RAD) & (q <= limits.upper + ROUNDING_RAD)
+    for k in np.flatnonzero(~inside):
+        lower, upper = limits.lower[k] * per_si[k], limits.upper[k] * per_si[k]
+        raise PlanError(
+            f"joint {robot.joints[k]} can't be at {joints[k]:g}: its limits are {lower:.1f} to {upper:.1f}; "
+            "give degrees within them",
+            joint=robot.joints[k],
+            value=float(q[k]),
+        )
+    return model.forward(q)
+
+
+def _where_it_stopped(args: argparse.Namespace, calibration: Calibration | None) -> tuple[Pose, Array]:
+    """T_base_sensor at a keyframe, and the covariance (6, 6) of its position and heading: a dock has no other."""
+    name, index = args.from_keyframe
+    through = load_calibration(args.calibration) if args.calibration else calibration
+    if through is None:
+        what = f"there is no calibration '{args.name}' yet, so it is unknown where {name} started"
+        raise CalibrationError(f"{what}; name another one with --calibration")
+    demo = load_demo(name)
+    with working("tracking"):
+        keyframes = keyframes_of(track(demo, calibration=through, accept_gap=args.accept_gap))
+    if not (index.isdigit() and int(index) < len(keyframes)):
+        last = len(keyframes) - 1
+        what = f"{name} has the keyframes 0 to {last}, not '{index}'; `pbd keyframes {name}` lists them"
+        raise CalibrationError(what, value=index, bound=last)
+    T_base_nav = nav_in_base(through, keyframes[0].T_nav_sensor.wxyz)
+    bare = replace(through, T_sensor_tool=Pose.identity(), cov_sensor_tool=None)
+    stopped = [keyframes[int(index)]]
+    cov = sum(tool_covariances(stopped, T_base_nav, bare).values(), np.zeros((1, 6, 6)))[0]
+    cov[3:5] = cov[:, 3:5] = 0.0
+    return tool_poses(stopped, T_base_nav, bare)[0], cov
+
+
+def _refuse_out_of_reach(robot: Robot, T_base_tool: Pose) -> None:
+    """Refuse a dock that the robot can't reach.
+
+    Raises:
+        PlanError: with how near it comes.
+    """
+    from pbd.arm.model import load_model
+    from pbd.arm.sequence import solve_sequence
+
+    try:
+        with working(f"checking whether {robot.name} reaches it"):
+            solve_sequence(load_model(robot), [T_base_tool], robot.home)
+    except PlanError as reason:
+        x, y, z = T_base_tool.p
+        away, turned = (float(str(reason.fields[name])) for name in ("value", "rotation"))
+        raise PlanError(
+            f"the dock puts the tool at ({x:.3f}, {y:.3f}, {z:.3f}) m, out of {robot.name}'s reach: it gets no nearer "
+            f"than {100.0 * away:.1f} cm and {np.degrees(turned):.0f} degrees; choose a place nearer to the base, or "
+            "another orientation",
+            **reason.fields,
+        ) from None

@@ -1,0 +1,96 @@
+"""pbd calibrate mount CALIBRATION DEMO."""
+
+from __future__ import annotations
+
+import argparse
+
+import numpy as np
+
+from pbd.calibration.mount import PivotFit, TurnsFit, fit_pivot, fit_turns
+from pbd.calibration.points import POOR_CHI2
+from pbd.cli.calibrate.common import opened, sigma_json, tracked
+from pbd.cli.console import print_json, say
+from pbd.data import TOOL_DOWN, Calibration
+from pbd.data.sigma import one_sigma
+from pbd.errors import CalibrationError
+from pbd.files.calibration_edit import covariance_values, pose_values, update_calibration
+from pbd.pose import Array, Pose
+from pbd.tracking.keyframes import find_keyframes
+from pbd.view.calibration_tables import figures_table
+from pbd.view.tables import print_table
+
+
+def run(args: argparse.Namespace) -> None:
+    """Track, fit, write, and say how far it is to be trusted."""
+    if not (args.pivot or args.turns):
+        raise CalibrationError("say what the recording shows: --pivot, --turns x,-x,z, or both")
+    path, calibration = opened(args)
+    _, hand = tracked(args, calibration)
+    keyframes = find_keyframes(hand)
+    pivot = fit_pivot(keyframes, hand.covariance) if args.pivot else None
+    turns = fit_turns(keyframes, args.turns) if args.turns else None
+    mount, cov, figures = _merged(calibration, pivot, turns)
+    values = pose_values(mount, "in sensor axes") | covariance_values(cov) | {"fit": (figures, "")}
+    update_calibration(path, {"mount": values})
+    if args.json:
+        shown = {"position_m": mount.p.tolist(), "wxyz": mount.wxyz.tolist()} | sigma_json(cov)
+        of_pivot = pivot and {"residuals_m": pivot.residuals.tolist(), "chi2": pivot.chi2}
+        of_turns = turns and {"moves": list(turns.moves), "off_deg": np.degrees(turns.off).tolist()}
+        return print_json({"calibration": str(path), "mount": shown, "pivot": of_pivot, "turns": of_turns})
+    _print(args, pivot, turns)
+    return say(f"{path}: {_certainty(mount, cov)}")
+
+
+def _merged(
+    calibration: Calibration | None, pivot: PivotFit | None, turns: TurnsFit | None
+) -> tuple[Pose, Array, dict[str, float]]:
+    """T_sensor_tool, its covariance (6, 6) and the fits' figures: what was fitted, and the rest as it was."""
+    mount, cov, figures = TOOL_DOWN, np.zeros((6, 6)), {}
+    if calibration is not None:
+        mount = calibration.T_sensor_tool
+        cov = cov if calibration.cov_sensor_tool is None else calibration.cov_sensor_tool.copy()
+        before = {name.removeprefix("mount."): x for name, x in calibration.residuals.items() if "mount." in name}
+        figures = {name: int(x) if x == int(x) else x for name, x in before.items()}
+    for fitted, part in ((pivot, slice(0, 3)), (turns, slice(3, 6))):
+        if fitted is not None:
+            cov[part] = cov[:, part] = 0.0
+            cov[part, part] = fitted.cov
+    if pivot is not None:
+        mount = Pose(pivot.p_sensor_tip, mount.wxyz)
+        rms = float(np.sqrt((pivot.residuals**2).sum(axis=1).mean()))
+        figures |= {"pivot_stops": len(pivot.residuals), "pivot_rms_mm": round(1e3 * rms, 2)}
+    if turns is not None:
+        mount = Pose(mount.p, turns.wxyz_sensor_tool)
+        rms_deg = float(np.degrees(np.sqrt(np.mean(turns.off**2))))
+        figures |= {"turns": len(turns.off), "turns_rms_deg": round(rms_deg, 2)}
+    return mount, cov, figures
+
+
+def _certainty(mount: Pose, cov: Array) -> str:
+    """Where the tool is on the sensor, and how sure that is; what nobody measured has no sigma."""
+    sigma = one_sigma(cov)
+    x, y, z = 1e3 * mount.p
+    place = f"the tool is at ({x:.1f}, {y:.1f}, {z:.1f}) mm on the sensor"
+    to = f"{', '.join(f'{1e3 * s:.1f}' for s in sigma[:3])} mm"
+    turned = f"{np.degrees(sigma[3:].max()):.1f} degrees"
+    if np.isnan(sigma[3:]).any():
+        return f"{place}, to {to} (one sigma); its rotation is not measured yet: --turns does that"
+    if np.isnan(sigma[:3]).any():
+        return f"{place}, which is not measured yet: --pivot does that; its rotation is known to {turned} (one sigma)"
+    return f"{place}, to {to} and {turned} (one sigma)"
+
+
+def _print(args: argparse.Namespace, pivot: PivotFit | None, turns: TurnsFit | None) -> None:
+    rows = []
+    if pivot is not None:
+        for k, off in enumerate(pivot.residuals):
+            rows.append((f"stop {k}", f"tip {1e3 * np.linalg.norm(off):.1f} mm off its point", ""))
+    if turns is not None:
+        for name, move, off, angle in zip(args.turns, turns.moves, turns.off, turns.turned, strict=True):
+            rows.append((f"move {move}, about {name}", f"{np.degrees(angle):.0f}°", f"axis {np.degrees(off):.1f}° off"))
+    print_table(figures_table(rows))
+    if pivot is not None and pivot.chi2 > POOR_CHI2:
+        say(
+            f"the tip moved {np.sqrt(pivot.chi2):.1f} times more than the tracker's uncertainty predicts: it slipped, "
+            "or the moves were too fast; pivot again"
+        )

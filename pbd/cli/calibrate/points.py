@@ -1,0 +1,134 @@
+"""pbd calibrate points CALIBRATION DEMO --points FILE."""
+
+from __future__ import annotations
+
+import argparse
+import warnings
+
+import numpy as np
+
+from pbd.calibration.correspondence import match_points
+from pbd.calibration.point_observations import PointObservations, observe_points
+from pbd.calibration.points import POOR_CHI2, PointFit, fit_points, refuse_shape
+from pbd.cli.calibrate.common import instead_of, opened, sigma_json, tracked
+from pbd.cli.calibrate.heading import say_heading, with_whole_magnetometer
+from pbd.cli.console import print_json, say, working
+from pbd.data import TOOL_DOWN, Calibration, HandPath
+from pbd.data.sigma import one_sigma
+from pbd.errors import CalibrationError, PbdWarning
+from pbd.files.calibration_edit import covariance_values, pose_values, update_calibration
+from pbd.files.points import Points, read_points
+from pbd.pose import Pose, quat_to_rpy
+from pbd.tracking.keyframes import find_keyframes
+from pbd.view.calibration_tables import points_table
+from pbd.view.tables import print_table
+
+
+def run(args: argparse.Namespace) -> None:
+    """Track, match, fit, write, and say how far it is to be trusted."""
+    points = read_points(args.points, args.unit)
+    path, calibration = opened(args)
+    recording, hand = tracked(args, calibration)
+    recording = with_whole_magnetometer(recording)
+    part = args.part or ("dock" if recording.mag is None else "nav")
+    instead = instead_of(path, calibration, part, args.force)
+    keyframes = find_keyframes(hand)
+    with working("fitting"):
+        touched = _touched(args, hand, points, calibration)
+        fit = fit_points(touched, points.p_base, free=args.free, scaled=args.find_scale, touch_m=1e-3 * args.touch_mm)
+    _warn_of_wrong_points(fit, points, touched)
+    heading = say_heading(args, recording, keyframes, calibration, part)
+
+    pose = fit.T_base_nav
+    if part == "dock":
+        pose = pose @ Pose(np.zeros(3), keyframes[0].T_nav_sensor.wxyz)  # nav's origin is the sensor at its first rest
+    figures = _figures(fit) | ({} if heading is None else {"heading_deg": round(float(np.degrees(heading)), 2)})
+    cov = fit.cov.copy()
+    if part == "nav" and heading is not None:
+        cov[5, 5] += heading**2  # the next demonstration's heading differs by so much
+    values = pose_values(pose, "in base") | covariance_values(cov) | {"fit": (figures, ""), "any_attitude": (None, "")}
+    update_calibration(path, {part: values}, instead=instead, scale=fit.scale if args.find_scale else None)
+    if args.json:
+        rpy_deg = np.degrees(quat_to_rpy(pose.wxyz)).tolist()
+        where = {"position_m": pose.p.tolist(), "rpy_deg": rpy_deg} | sigma_json(cov)
+        rows = _rows(fit, points, touched)
+        return print_json({"calibration": str(path), part: where, "scale": fit.scale, "points": rows, "fit": figures})
+    print_table(points_table(points.names, touched.stops, fit.residuals, fit.left_out, fit.left_out_sigma, fit.used))
+    if not touched.lever.any():
+        say(f"{path} has no lever in [mount]: assuming that the sensor itself touched the points")
+    (x, y, z), sigma = pose.p, one_sigma(cov)
+    say(
+        f"{path}: [{part}] at ({x:.3f}, {y:.3f}, {z:.3f}) m in base to {1e3 * float(sigma[:3].max()):.1f} mm, heading "
+        f"to {np.degrees(sigma[5]):.2f} degrees (one sigma)"
+        + (f"; scale {fit.scale:.4f} to {fit.scale_sigma:.4f}" if args.find_scale else "")
+    )
+    worse = f"{np.sqrt(fit.chi2):.1f} times"
+    if fit.chi2 > POOR_CHI2:
+        say(
+            f"the points fit {worse} worse than the tracker's uncertainty predicts: do not use it until you have "
+            "touched the points again, more calmly, or corrected their coordinates"
+        )
+    else:
+        say(f"the points fit as expected ({worse} the tracker's uncertainty)")
+    turned = "" if part == "nav" else ", turned as in this one"
+    say(f"this holds for later demonstrations that start with the sensor's first rest at that point{turned}")
+    return None
+
+
+def _touched(
+    args: argparse.Namespace, hand: HandPath, points: Points, calibration: Calibration | None
+) -> PointObservations:
+    """The stops that touched the points, in the points' order."""
+    refuse_shape(points.p_base, args.free)
+    count = len(find_keyframes(hand))
+    mount = TOOL_DOWN if calibration is None else calibration.T_sensor_tool
+    cov = None if calibration is None else calibration.cov_sensor_tool
+    every = observe_points(find_keyframes(hand), hand.covariance, mount.p, cov_tip=None if cov is None else cov[:3, :3])
+    if args.stops is None:
+        if args.free and count != len(points.names):
+            what = f"{count} stops can't be matched with {len(points.names)} points while the tilt is free"
+            raise CalibrationError(f"{what}; name the stops with --stops")
+        sigma = np.sqrt(np.diagonal(every.cov).reshape(-1, 3).mean(axis=1))
+        return every.only(match_points(every.p_nav_sensor + every.lever, sigma, points.p_base, not args.any_order))
+    if len(args.stops) != len(points.names):
+        what = f"--stops names {len(args.stops)} stops for {len(points.names)} points"
+        raise CalibrationError(f"{what}; name one stop per point")
+    if len(set(args.stops)) < len(args.stops) or not set(args.stops) <= set(range(count)):
+        what = f"--stops must name different stops from 0 to {count - 1}"
+        raise CalibrationError(f"{what}; `pbd keyframes {args.demo}` lists them")
+    return every.only(args.stops)
+
+
+def _figures(fit: PointFit) -> dict[str, float]:
+    used = np.array(fit.used)
+    return {
+        "points": int(used.sum()),
+        "rms_mm": round(1e3 * float(np.sqrt((fit.residuals[used] ** 2).sum(axis=1).mean())), 2),
+        "left_out_rms_mm": round(1e3 * float(np.sqrt((fit.left_out[used] ** 2).sum(axis=1).mean())), 2),
+        "chi2": round(fit.chi2, 3),
+    }
+
+
+def _warn_of_wrong_points(fit: PointFit, points: Points, touched: PointObservations) -> None:
+    for name, stop, off, good in zip(points.names, touched.stops, fit.left_out, fit.used, strict=True):
+        if not good:
+            warnings.warn(
+                f"the point '{name}' (stop {stop}) is wrong: it lies {100.0 * np.linalg.norm(off):.1f} cm from where "
+                "the other points put it, so it is left out; check its coordinates, or touch it again",
+                PbdWarning,
+                stacklevel=2,
+            )
+
+
+def _rows(fit: PointFit, points: Points, touched: PointObservations) -> list[dict[str, object]]:
+    return [
+        {
+            "name": name,
+            "stop": touched.stops[k],
+            "residual_m": fit.residuals[k].tolist(),
+            "left_out_m": fit.left_out[k].tolist(),
+            "left_out_sigma_m": fit.left_out_sigma[k].tolist(),
+            "used": fit.used[k],
+        }
+        for k, name in enumerate(points.names)
+    ]

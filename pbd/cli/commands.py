@@ -1,0 +1,295 @@
+"""All commands with their options. A command's module is imported when it runs, so that `pbd --help` is instant."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from pbd import __version__
+from pbd.cli.calibrate import add_calibrate
+from pbd.cli.completion import SHELLS, PrintCompletion
+from pbd.cli.options import (
+    Commands,
+    Parser,
+    add_command,
+    add_demo,
+    add_force,
+    add_json,
+    add_lines,
+    add_planning,
+    add_table,
+    add_tracking,
+    pair,
+    positive,
+)
+from pbd.errors import nearest
+from pbd.files.exporters import FORMATS, HIGHEST_HZ, LOWEST_HZ
+
+EPILOG = """\
+a first look:
+  pbd replay --robot panda              a panda replays the bundled demonstration
+  pbd keyframes                         where the hand stopped, and how certain that is
+  pbd export --robot panda --format csv -o pouring.csv
+
+exit codes: 0 done; 1 the input, the output or the device is at fault; 2 wrong usage; 3 the robot can't do it
+"""
+
+FIGURE_FORMATS = ("png", "svg", "pdf")
+
+
+def parser() -> argparse.ArgumentParser:
+    """Build the parser of all commands."""
+    top = Parser(
+        prog="pbd",
+        description="Show a robot arm a task with a small inertial sensor in your hand; the arm replays it.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    top.add_argument("--version", action="version", version=f"pbd {__version__}")
+    completion = "print the script that completes commands, options and names in that shell"
+    top.add_argument("--print-completion", action=PrintCompletion, choices=SHELLS, help=completion)
+    commands = top.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    for add in COMMANDS:
+        add(commands)
+    return top
+
+
+def parse(argv: Sequence[str] | None) -> argparse.Namespace:
+    """Parse a command; what is too much is told by the command's own parser."""
+    top = parser()
+    args, unknown = top.parse_known_args(argv)
+    if unknown:
+        command: argparse.ArgumentParser = getattr(args, "parser", top)
+        word = unknown[0].partition("=")[0]
+        if not word.startswith("-"):
+            command.error(f"unexpected argument '{word}'")
+        options = [option for action in command._actions for option in action.option_strings]
+        command.error(f"unknown option {word}{nearest(word, options)}")
+    return args
+
+
+def _add_record(commands: Commands) -> None:
+    parser = add_command(
+        commands,
+        "record",
+        "record a demonstration from a sensor",
+        "Record to ./demos/NAME, sample by sample. Hold still for two seconds, then move, stop, move, stop.\n"
+        "At a terminal: Enter ends the recording, space marks that the grip closes or opens, q discards it\n"
+        "(after a question), Ctrl-C ends and keeps it as Enter does.\n"
+        "`--sensor sim` simulates a hand that does a TASK (pour) and grips by itself.",
+        "  pbd record tea --sensor witmotion\n"
+        "  pbd record tea --sensor sim:pour           without hardware: a simulated hand that pours\n"
+        "  pbd record tea --live                      and see the hand, its path and its stops in the browser\n"
+        '  pbd record tea --sensor lines --columns "t,ax,ay,az,gx,gy,gz" --unit t=ms --unit acc=g --unit gyr=deg/s',
+    )
+    option = parser.add_argument
+    option("name", nargs="?", metavar="NAME", help="name in ./demos; default: the date and the time")
+    sensor = "protocol (`pbd sensors` lists them), or sim[:TASK]; default: detect it"
+    option("--sensor", metavar="SENSOR", help=sensor)
+    option("--port", metavar="P", help="the serial port; default: the only one with something plugged in")
+    option("--baud", type=int, metavar="B", help="default: try the sensor's usual rates")
+    option("--rate", type=positive, metavar="HZ", help="first set the device's rate, where it can be set")
+    option("--duration", type=positive, metavar="S", help="end after this many seconds")
+    tolerance = "uncertainty of a move that calls 'pause now' (1)"
+    option("--tolerance", type=positive, default=1.0, metavar="CM", help=tolerance)
+    option("--closed", action="store_true", help="the hand will end where it began; tracking uses that")
+    option("--raw", action="store_true", help="also keep the sensor's raw bytes (raw.bin)")
+    option("--reconnect", action="store_true", help="wait for a sensor that was unplugged")
+    option("--calibration", metavar="C", help="of this sensor: used to track, and compared with the sensor at rest")
+    add_force(
+        parser,
+        "replace a demonstration of that name: the old one is in NAME.before until the new one has ended well, "
+        "with two stops or more",
+    )
+    option("--live", action="store_true", help="show the hand in the browser, served on this machine only")
+    option("--no-open", action="store_true", help="with --live: open no browser; print the address")
+    unit = "unit of acc, gyr, mag, angle or t, such as acc=g"
+    add_lines(parser).add_argument("--unit", action="append", default=[], metavar="Q=U", help=unit)
+    add_json(parser)
+
+
+def _add_simulate(commands: Commands) -> None:
+    parser = add_command(
+        commands,
+        "simulate",
+        "make a synthetic demonstration with ground truth",
+        "Simulate a hand that holds a sensor and does a task; the ground truth is stored too.",
+        "  pbd simulate pour tea --sensor-model wt901 --seed 3\n"
+        "  pbd simulate touch trial-touch   to try `pbd calibrate points` with",
+    )
+    option = parser.add_argument
+    task = "pour, pick-and-place-stops or pick-and-place-direct; to calibrate from: touch, pivot or sides"
+    option("task", metavar="TASK", help=task)
+    option("name", metavar="NAME", help="the new demonstration's name (in ./demos) or folder")
+    models = "os5000, os5000-nogyro, wt901, modern or ideal (modern)"
+    option("--sensor-model", default="modern", metavar="M", help=models)
+    option("--seed", type=int, default=0, metavar="N", help="random seed of the sensor's errors and noise (0)")
+    option("--rate", type=positive, metavar="HZ", help="sample rate (the sensor model's own)")
+    add_force(parser)
+    add_json(parser)
+
+
+def _add_import(commands: Commands) -> None:
+    parser = add_command(
+        commands,
+        "import",
+        "import a recording of another program",
+        "Read a recording (a CSV with a header, x-io's CSV, WitMotion's .txt or .csv log, an npz, a raw.bin of\n"
+        "`pbd record --raw`) and store it as a demonstration. Names and units come from the header where it\n"
+        "gives them; otherwise use --column and --unit. A level sensor must read +1 g on z: where it reads -1 g, turn\n"
+        "the signs with --unit acc=-g.",
+        "  pbd import run7.csv tea --column ax=AccX --column ay=AccY --column az=AccZ --unit acc=g --unit t=ms\n"
+        "  pbd import log.txt tea2                    as WitMotion's program wrote it\n"
+        "  pbd import demos/tea/raw.bin again --sensor witmotion",
+    )
+    option = parser.add_argument
+    option("file", metavar="FILE", type=Path, help="the recording")
+    option("name", metavar="NAME", help="the new demonstration's name (in ./demos) or folder")
+    column = (
+        "t, gx, gy, gz, ax, ay, az, mx, my, mz, heading, pitch or roll, and the file's name for it; -NAME turns its"
+    )
+    option("--column", type=pair, action="append", default=[], metavar="OURS=THEIRS", help=f"{column} sign")
+    unit = "of t, gyr, acc, mag or angle, such as t=ms, gyr=deg/s, acc=g; -UNIT turns the signs"
+    option("--unit", type=pair, action="append", default=[], metavar="WHAT=UNIT", help=unit)
+    option("--sensor", metavar="SENSOR", help="the sensor that recorded it; needed for a raw.bin")
+    option("--rate", type=positive, metavar="HZ", help="sample rate of a raw.bin, or of a table without times")
+    option("--closed", action="store_true", help="the hand ended where it began")
+    add_force(parser)
+    add_lines(parser)
+    add_json(parser)
+
+
+def _add_segments(commands: Commands) -> None:
+    parser = add_command(
+        commands,
+        "segments",
+        "when the hand moved, when it rested, and what kind of motion it was",
+        "Print the paper's Table I for a demonstration: the intervals of samples, what happens in each, and how long.",
+        "  pbd segments paper-test1",
+    )
+    add_demo(parser)
+    add_table(parser, units="ms")
+    add_tracking(parser, calibration="none")
+
+
+def _add_keyframes(commands: Commands) -> None:
+    parser = add_command(
+        commands,
+        "keyframes",
+        "where the hand stopped, and how certain that is",
+        "Print the pose at each stop of a demonstration with its uncertainty; with a robot also the tool's pose\n"
+        "in the robot's base and the joints that reach it. --save writes them for you to edit.",
+        "  pbd keyframes pouring --robot panda\n  pbd keyframes tea --save",
+    )
+    add_demo(parser)
+    add_table(parser, units="m,deg,s")
+    save = "write keyframes.toml into the demonstration, for you to edit"
+    parser.add_argument("--save", action="store_true", help=save)
+    add_force(parser, "with --save: find the keyframes again, and replace the file")
+    add_tracking(parser, calibration="with --robot its own dock, else 'default'; without, none")
+    add_planning(parser, robot_required=False, units=False)
+
+
+def _add_plot(commands: Commands) -> None:
+    parser = add_command(
+        commands,
+        "plot",
+        "draw a demonstration: the paper's figures and more; or compare several",
+        "Draw a demonstration into files: the paper's figures 5 to 10, attitude, specific force, velocity with its\n"
+        "residuals, sigma, magnetic field, sampling intervals, and a summary sheet. Several demonstrations of\n"
+        "one task are overlaid at their first stop, with the spread at each keyframe, which is also printed as a\n"
+        "table.",
+        "  pbd plot pouring --save figures --format svg\n  pbd plot paper-test1 paper-test2 --csv > spread.csv",
+    )
+    parser.add_argument(
+        "demos",
+        nargs="*",
+        metavar="DEMO",
+        help="names (in ./demos, or bundled), folders, or recordings (.csv, .npz); two or more are compared; "
+        "default: the newest in ./demos, else 'pouring'",
+    )
+    parser.add_argument("--save", type=Path, metavar="DIR", help="folder for the files (./plots/NAME)")
+    parser.add_argument("--format", choices=FIGURE_FORMATS, default="png", help="format of the files (png)")
+    add_table(parser, units="cm,deg")
+    add_tracking(parser, calibration="none")
+
+
+def _add_replay(commands: Commands) -> None:
+    parser = add_command(
+        commands,
+        "replay",
+        "plan the robot's motion, audit it and show it",
+        "Plan the motion of a robot through a demonstration's keyframes, audit it against all limits, and show it:\n"
+        "in the browser, served on this machine only, or as one HTML file that plays anywhere without a network.",
+        "  pbd replay pouring --robot panda --html pouring.html",
+    )
+    add_demo(parser)
+    add_json(parser)
+    parser.add_argument("--html", type=Path, metavar="FILE", help="write the page to FILE instead of serving it")
+    parser.add_argument("--no-open", action="store_true", help="do not open a browser; print the address")
+    add_tracking(parser)
+    add_planning(parser)
+
+
+def _add_export(commands: Commands) -> None:
+    parser = add_command(
+        commands,
+        "export",
+        "write the joint trajectory for other tools",
+        "Plan and audit as `pbd replay` does, and write the joint trajectory.",
+        "  pbd export pouring --robot panda -o pouring.json\n"
+        "  pbd export pouring --robot panda --format csv -o - | head -3",
+    )
+    add_demo(parser)
+    add_json(parser)
+    option = parser.add_argument
+    form = "csv, npz or ros2-json; default: from FILE's ending (.csv, .npz, .json)"
+    option("--format", choices=tuple(FORMATS), help=form)
+    output = "the file to write; - is standard output"
+    option("-o", "--output", required=True, type=Path, metavar="FILE", help=output)
+    rate = "samples a second, from 10 to 100000 (1000; ros2-json: none but the motion's own knots)"
+    option("--rate", type=_export_rate, metavar="HZ", help=rate)
+    add_tracking(parser)
+    add_planning(parser)
+
+
+def _export_rate(text: str) -> float:
+    rate = positive(text)
+    if not LOWEST_HZ <= rate <= HIGHEST_HZ:
+        raise argparse.ArgumentTypeError(f"must be {LOWEST_HZ:g} to {HIGHEST_HZ:g} Hz, got {text}")
+    return rate
+
+
+def _add_robots(commands: Commands) -> None:
+    parser = add_command(
+        commands,
+        "robots",
+        "list the robots that pbd knows",
+        "List the robots in ./robots and the bundled ones, with their reach (tool from the base's axis) and what pbd\n"
+        "assumes about them; or show one, with the links that are not checked for collisions. To add your own, put a\n"
+        "file into ./robots (docs/robots.md).",
+        "  pbd robots --json\n  pbd robots panda",
+    )
+    parser.add_argument("robot", nargs="?", metavar="R", help="a robot's name or file; default: all")
+    add_table(parser, units="m")
+
+
+def _add_sensors(commands: Commands) -> None:
+    parser = add_command(
+        commands,
+        "sensors",
+        "which sensors are plugged in, and which are supported",
+        "List the serial ports with something plugged in, and the sensors that pbd supports. As CSV these are\n"
+        "two tables, with an empty line between.",
+        "  pbd sensors --probe",
+    )
+    parser.add_argument("--probe", action="store_true", help="listen to each port and detect its sensor")
+    parser.add_argument("--port", metavar="P", help="this port only")
+    add_table(parser)
+
+
+COMMANDS = (
+    *(_add_record, _add_simulate, _add_import, _add_segments, _add_keyframes, _add_plot),
+    *(add_calibrate, _add_replay, _add_export, _add_robots, _add_sensors),
+)

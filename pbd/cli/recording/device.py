@@ -1,0 +1,69 @@
+"""Which sensor `pbd record` listens to: its port, its baud rate, its decoder."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+
+from pbd.cli.console import listening
+from pbd.cli.steps import decoder_maker
+from pbd.errors import SensorError
+from pbd.sensors import port as serial_port
+from pbd.sensors.decoding import Decoder
+from pbd.sensors.port import Port, open_port
+from pbd.sensors.probe import BOOT_S, FIRST_BAUD, LISTEN_S, LONGEST_S, find_baud, probe
+from pbd.sensors.protocols import COMMAND_PAUSE_S, PROTOCOLS, protocol
+
+
+def find_sensor(args: argparse.Namespace) -> tuple[str, Callable[[], Port], Decoder]:
+    """The sensor's name, what opens its port, and its decoder.
+
+    Raises:
+        SensorError: nothing or several are plugged in, or nothing known is heard.
+    """
+    wanted: str | None = args.sensor
+    make = None if wanted is None else decoder_maker(args, wanted, args.unit)  # before anything is opened
+    device, baud = args.port or _only_port(), args.baud
+    if wanted is None:
+        wanted, heard_at = _listened(device)
+        baud = baud or heard_at
+    make = make or decoder_maker(args, wanted, args.unit)
+    if baud is None:
+        bauds = PROTOCOLS[wanted].bauds
+        longest_s = BOOT_S + 2.0 * LISTEN_S * len(bauds)
+        with open_port(device, bauds[0]) as port, listening(device, "looking for the baud rate of", longest_s):
+            baud = find_baud(port, make, wanted)
+    if args.rate is not None:
+        commands = protocol(wanted).commands_for(args.rate)
+        with open_port(device, baud) as port:
+            for command in commands:
+                port.write(command)
+                time.sleep(COMMAND_PAUSE_S)
+    return wanted, lambda: open_port(device, baud), make()
+
+
+def _listened(device: str) -> tuple[str, int]:
+    """Which sensor speaks on a port, and at which baud rate."""
+    with open_port(device, FIRST_BAUD) as port, listening(device, "listening to", LONGEST_S):
+        found = probe(port)
+    if found.sensor is not None:
+        return found.sensor, found.baud
+    if not found.bytes_seen:
+        why = "it is silent at every baud rate; check that the sensor is on and sends by itself"
+    elif found.line is not None:
+        why = f'it prints lines such as {found.line!r}; give --sensor lines --columns "..." --baud {found.baud}'
+    else:
+        why = f"{found.bytes_seen} bytes came in no known protocol; give --sensor and --baud"
+    raise SensorError(f"the protocol of {device} is not recognised: {why}", path=device)
+
+
+def _only_port() -> str:
+    ports = [port for port in serial_port.list_ports() if port.usb]  # a board's own ttyS0 is always there
+    if len(ports) == 1:
+        return ports[0].device
+    if not ports:
+        raise SensorError(
+            "no USB serial port has anything plugged in; plug the sensor in, name its --port, or try --sensor sim"
+        )
+    raise SensorError(f"several ports have something plugged in ({', '.join(p.device for p in ports)}); name a --port")

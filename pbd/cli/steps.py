@@ -1,0 +1,165 @@
+"""Steps that several commands share: load, track, plan, decode, store."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pbd.cli.console import print_json, say, working
+from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Robot
+from pbd.errors import SensorError
+from pbd.files.calibration import load_calibration
+from pbd.files.demo import demo_folder, load_demo, newest_demo, utc_now, write_demo
+from pbd.files.points import Points, points_csv
+
+if TYPE_CHECKING:
+    from pbd.planning import Plan, PlanOptions
+    from pbd.sensors.decoding import Decoder
+
+POINTS = "points.csv"
+"""The file in a demonstration's folder that has the points which it touched."""
+
+
+def load_demonstration(name: str | None) -> Demonstration:
+    """Load the demonstration that was named, or the newest, and then say which."""
+    if name is None:
+        name = newest_demo()
+        say(f"no demonstration named: using '{name}'")
+    with working(f"reading {name}"):
+        return load_demo(name)
+
+
+def track_demonstration(
+    demo: Demonstration, method: str, calibration: Calibration | None, accept_gap: bool
+) -> tuple[HandPath, tuple[Keyframe, ...]]:
+    """Track it; return the hand's path and the keyframes that count."""
+    from pbd.pipeline import track
+    from pbd.tracking.agreement import up_in_sensor, warn_upside_down
+    from pbd.tracking.keyframes import keyframes_of
+
+    with working("tracking"):
+        path = track(demo, method, calibration=calibration, accept_gap=accept_gap)
+    keyframes = keyframes_of(path)
+    if calibration is None:  # one that is there tells how far the dock is tilted
+        up_sensor = up_in_sensor(keyframes[0].T_nav_sensor.wxyz)
+        warn_upside_down(demo.recording, up_sensor, path.stops[0].start, path.stops[0].stop)
+    if demo.keyframes is not None:
+        say(f"keyframes as edited in {demo.folder}/keyframes.toml")
+    return path, keyframes
+
+
+def named_calibration(args: argparse.Namespace) -> Calibration | None:
+    """Load the calibration that was named, if one was: what a command without a robot tracks with."""
+    return load_calibration(args.calibration) if args.calibration else None
+
+
+def load_arm(args: argparse.Namespace) -> tuple[Robot, Calibration]:
+    """Load the robot, and the calibration that was named, the robot's own, or the default."""
+    from pbd.calibration.frames import with_table
+    from pbd.files.robot import load_robot
+
+    robot = load_robot(args.robot)
+    if args.calibration is None and robot.dock is not None:
+        return robot, robot.dock
+    return robot, with_table(load_calibration(args.calibration or "default"), robot)
+
+
+def plan_options(args: argparse.Namespace, robot: Robot) -> PlanOptions:
+    """Collect what `add_planning` added."""
+    from pbd.planning import PlanOptions
+
+    return PlanOptions(
+        path=args.path,
+        tolerance_m=args.path_tolerance,
+        time=args.time,
+        scale=args.scale,
+        orientation=args.orientation,
+        speed=args.speed,
+        dwell_s=args.dwell,
+        approach=not args.no_approach,
+        start=None if args.start is None else _start_joints(args, robot),
+        retreat=not args.no_retreat,
+        allow_collision=args.allow_collision,
+    )
+
+
+def _start_joints(args: argparse.Namespace, robot: Robot) -> tuple[float, ...]:
+    """Read --from: in rad (and m) unless --units says otherwise."""
+    from pbd.files.joints import read_joints
+    from pbd.planning import arm_of
+    from pbd.view.units import ANGLES, LENGTHS
+
+    angle = args.units.angle if "angle" in args.units.asked else "rad"
+    length = args.units.length if "length" in args.units.asked else "m"
+    turns = arm_of(robot).turns if (angle, length) != ("rad", "m") else [True] * len(robot.joints)
+    per_si = [ANGLES[angle][0] if turn else LENGTHS[length][0] for turn in turns]
+    unit = angle if all(turns) else f"{angle} (joints that slide: {length})"
+    return read_joints(args.start, robot.joints, unit, per_si)
+
+
+def plan_demonstration(args: argparse.Namespace) -> tuple[Demonstration, HandPath, Robot, PlanOptions, Plan]:
+    """Load, track, and plan an audited motion."""
+    from pbd.planning import plan_path
+
+    demo = load_demonstration(args.demo)
+    robot, calibration = load_arm(args)
+    path, _ = track_demonstration(demo, args.method, calibration, args.accept_gap)
+    options = plan_options(args, robot)
+    with working(f"planning for {robot.name}"):
+        plan = plan_path(path, calibration, robot, options)
+    return demo, path, robot, options, plan
+
+
+def store_demonstration(
+    args: argparse.Namespace, demo: Demonstration, done: str, touched: Points | None = None
+) -> None:
+    """Write it under args.name, stamped with the time, and say what was `done`; the points it `touched` go beside."""
+    recording = replace(demo.recording, info=replace(demo.recording.info, created=utc_now()))
+    folder = demo_folder(args.name)
+    remark = "simulated: touched with the sensor itself, in the robot's base"
+    with working(f"writing {folder}"):
+        beside = {} if touched is None else {POINTS: points_csv(touched, remark)}
+        write_demo(replace(demo, recording=recording), folder, args.force, beside)
+    samples, duration_s, rate_hz = len(recording), float(recording.t[-1]), recording.rate_hz
+    say(f"{done} {samples} samples, {duration_s:.1f} s at {rate_hz:.0f} Hz, into {folder}")
+    if args.json:
+        stored = {"demo": folder.name, "folder": str(folder), "samples": samples}
+        points = {} if touched is None else {"points": str(folder / POINTS)}
+        print_json(stored | {"duration_s": duration_s, "rate_hz": rate_hz} | points)
+
+
+def decoder_maker(
+    args: argparse.Namespace, sensor: str, units: Iterable[str], also: Iterable[str] = ()
+) -> Callable[[], Decoder]:
+    """Return what makes the sensor's decoder.
+
+    Args:
+        args: with the options of `add_lines`.
+        sensor: its name.
+        units: as in `acc=g`, for lines and the Razor.
+        also: other names that the command takes, for the message.
+
+    Raises:
+        SensorError: the sensor is unknown, or its lines are not described, or wrongly.
+    """
+    from pbd.doors.opening import read_text
+    from pbd.sensors.line_layout import layout_from_options, layout_from_toml, units_from_options
+    from pbd.sensors.lines import LineDecoder
+    from pbd.sensors.protocols import protocol
+    from pbd.sensors.razor import razor_layout
+
+    if sensor not in ("lines", "razor"):
+        return protocol(sensor, also).decoder
+    if sensor == "razor":
+        layout = razor_layout(units_from_options(units))
+    elif not args.columns:
+        raise SensorError('name the numbers of a line: --columns "t,ax,ay,az,gx,gy,gz", or a .toml file')
+    elif args.columns.endswith(".toml"):
+        text = read_text(Path(args.columns), SensorError, "give a TOML file")
+        layout = layout_from_toml(text, args.columns)
+    else:
+        layout = layout_from_options(args.columns, units, args.separator, args.prefix, args.wrap)
+    return lambda: LineDecoder(layout)
