@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pbd.doors.meshes import mesh_file
+from pbd.doors.meshes import mesh_file, read_mesh
 from pbd.doors.urdf import read_urdf_xml
-from pbd.view.mesh_files import read_soup
 from tests.arm.bundled import NAMES, arm_of
 from tests.view.scenes import share
 
@@ -34,7 +33,7 @@ def meshes() -> list[Path]:
 
 
 def described(path: Path) -> list[str]:
-    soup = read_soup(path)
+    soup = read_mesh(path)
     corners = soup.corners
     area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum()
     bounds = (*corners.min(axis=(0, 1)), *corners.max(axis=(0, 1)), area)

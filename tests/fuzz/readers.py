@@ -27,8 +27,7 @@ from pbd.files.points import read_points
 from pbd.files.robot import read_robot
 from pbd.record.again import decode_raw
 from pbd.sensors.line_layout import layout_from_toml
-from pbd.view.mesh_files import load_mesh
-from pbd.view.visuals import read_visuals
+from pbd.view.visuals import load_mesh, read_visuals
 from tests.fuzz import bodies
 from tests.record.speakers import SPEAKERS, random_hand
 
