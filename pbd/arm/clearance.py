@@ -14,25 +14,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import coal
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from pbd.arm.hulls import Body
+from pbd.arm.geometry import Body, shape_of
 from pbd.arm.levers import rates
 from pbd.arm.model import ArmModel, to_se3
 from pbd.pose import Array
 
 MARGIN_M = 2.5e-3
 STEP_M = 2.0 * MARGIN_M
-
-_CHANCE = 2.0
-"""By how many roots of the count a pair may lag behind the share in which it is to touch, before it is given up. Chance
-alone makes it lag so far once in 3,000 times (Hoeffding)."""
 
 Pairs = NDArray[np.int64]
 Allowed = Callable[[int, Array], bool]
@@ -117,22 +111,15 @@ class Clearance:
         point: Array = 0.5 * (result.getNearestPoint1() + result.getNearestPoint2())
         return point
 
-    def always_touching(self, x: Array, share: float = 1.0) -> list[tuple[int, float]]:
-        """Return the pairs that are nearer than MARGIN_M in at least a share of the random coordinates (n, k + 1).
-
-        Each comes with its share. A pair that has touched less often than chance explains is given up early.
-        """
-        hits = dict.fromkeys(range(len(self.pairs)), 0)
-        for count, q in enumerate(configurations(self.arm, x), start=1):
+    def always_touching(self, x: Array, share: float) -> dict[int, int]:
+        """Return the pairs that are nearer than MARGIN_M in at least a share of coordinates (n, k + 1): in how many."""
+        apart = dict.fromkeys(range(len(self.pairs)), 0)
+        for q in configurations(self.arm, x):
             self._place(q)
-            for pair in hits:
-                hits[pair] += self._distance(pair) < MARGIN_M
-            least = share * count - (_CHANCE * np.sqrt(count) if share < 1.0 else 0.0)
-            hits = {pair: often for pair, often in hits.items() if often >= least}
-            if not hits:
-                break
-        shares = ((pair, often / len(x)) for pair, often in hits.items())
-        return [(pair, often) for pair, often in shares if often >= share]
+            for pair in apart:
+                apart[pair] += not self._distance(pair) < MARGIN_M
+            apart = {pair: count for pair, count in apart.items() if count <= (1.0 - share) * len(x)}
+        return {pair: len(x) - count for pair, count in apart.items()}
 
     def first_contact(self, path: JointPath, allowed: Allowed | None = None) -> Contact | None:
         """Follow a path; return the first contact: the one that begins first, of several the deepest.
@@ -249,23 +236,3 @@ def configurations(arm: ArmModel, x: Array) -> Array:
         else:  # continuous: cosine and sine
             q[:, joint.idx_q], q[:, joint.idx_q + 1] = np.cos(value), np.sin(value)
     return q
-
-
-@lru_cache(maxsize=1024)
-def shape_of(body: Body) -> Any:
-    """Return a body as coal takes it, without its pad."""
-    if body.shape == "hull":
-        points = coal.StdVec_Vec3s()
-        points.extend(list(body.points))
-        return coal.Convex.convexHull(points, True, "Qt")
-    if body.shape == "box":
-        return coal.Box(*body.size)
-    if body.shape == "cylinder":
-        return coal.Cylinder(0.5 * body.size[0], body.size[1])
-    if body.shape == "capsule":
-        return coal.Capsule(0.5 * body.size[0], body.size[1])
-    if body.shape == "sphere":
-        return coal.Sphere(0.5 * body.size[0])
-    if body.shape == "floor":
-        return coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
-    raise ValueError(f"{body.shape!r} is none of hull, box, cylinder, capsule, sphere, floor")

@@ -13,14 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pbd.arm.allowed_collisions import NEARLY_ALWAYS, SAMPLES, Unchecked, link_pairs, samples
 from pbd.arm.clearance import Allowed, Clearance, Pairs
-from pbd.arm.hand import THE_TOOL, arm_bodies, gripper_links, tool_on_joint
-from pbd.arm.hulls import Body
+from pbd.arm.geometry import Body, apart
+from pbd.arm.gripper import THE_TOOL, arm_bodies, gripper_links, tool_on_joint
 from pbd.arm.levers import rates
 from pbd.arm.model import ArmModel, from_se3
 from pbd.arm.nodes import straight
-from pbd.arm.pairs import Dropped, link_pairs, samples
-from pbd.arm.resting import rests_on
 from pbd.data import Calibration, GraspedObject, Obstacle
 from pbd.data.world import Stay, holds, stays
 from pbd.pose import Array, Pose, quat_about_z, quat_rotate
@@ -28,7 +27,11 @@ from pbd.pose import Array, Pose, quat_about_z, quat_rotate
 TABLE = "the table"
 
 REST_M = 0.03
-TABLE_SAMPLES = 200
+"""Within this of where it was gripped or is let go, m, a held object may touch what it stands on there."""
+
+STEEP = float(np.cos(np.radians(45.0)))
+"""What an object stands on holds it up at less than this angle from the vertical: least z of its normal."""
+
 MOST_STAYS = 64
 """So many are remembered."""
 
@@ -77,7 +80,7 @@ class CollisionScene:
 
     Attributes:
         arm: the arm.
-        dropped: the pairs that nobody watches, and why.
+        unchecked: the pairs of links that nobody checks, and why.
         obstacles: names.
         links: names of those that have a shape.
         always: the arm against itself, the table and the obstacles.
@@ -94,7 +97,7 @@ class CollisionScene:
         obstacles = tuple(obstacles)
         self.obstacles = frozenset(obstacle.name for obstacle in obstacles)
         self._T_universe_base = from_se3(arm.T_base_universe).inverse()
-        self._links, (pairs, self.dropped) = arm_bodies(arm), link_pairs(arm)
+        self._links, (pairs, self.unchecked) = arm_bodies(arm), link_pairs(arm)
         self.links = frozenset(link.name for link in self._links) - {THE_TOOL}
         world = [Body(o.name, 0, self._T_universe_base @ o.T_base_obstacle, o.shape, o.size) for o in obstacles]
         if table_height is not None:
@@ -195,7 +198,10 @@ class CollisionScene:
         rests: dict[int, list[Array]] = {}  # by pair: where the object rests on its second body
         for pair, (first, second) in enumerate(clearance.pairs):
             for rest in stay.rests if first == this else ():
-                if rests_on(bodies[this], self._T_universe_base @ rest, bodies[second], up, REST_M):
+                distance, _, normal = apart(
+                    bodies[this], self._T_universe_base @ rest, bodies[second], bodies[second].T_joint_body
+                )
+                if abs(distance) <= REST_M and -normal @ up >= STEEP:
                     rests.setdefault(pair, []).append(rest.p)
 
         def allowed(pair: int, x: Array) -> bool:
@@ -214,10 +220,9 @@ class CollisionScene:
 
     def _off_the_table(self, around: Pairs) -> Pairs:
         """Leave out what is on the table however the arm stands: a turntable that it is mounted with."""
-        on_table = np.array([self._bodies[second].name == TABLE for _, second in around], dtype=bool)
+        on_table = np.flatnonzero([self._bodies[second].name == TABLE for _, second in around])
         clearance = Clearance(self.arm, self._bodies, around[on_table])
-        always = [pair for pair, _ in clearance.always_touching(samples(self.arm, TABLE_SAMPLES))]
-        sunk = np.flatnonzero(on_table)[always]
-        why = "on it in every configuration"
-        self.dropped += tuple(Dropped(self._bodies[link].name, TABLE, why) for link, _ in around[sunk])
-        return np.delete(around, sunk, axis=0)
+        always = on_table[list(clearance.always_touching(samples(self.arm, SAMPLES), NEARLY_ALWAYS))]
+        why = "on it in nearly every configuration"
+        self.unchecked += tuple(Unchecked(self._bodies[link].name, TABLE, why) for link, _ in around[always])
+        return np.delete(around, always, axis=0)

@@ -38,8 +38,8 @@ MOST_NODES = 20_000
 LARGEST = 1e6
 """Largest coordinate of a mesh, in its own unit: a kilometre in mm."""
 
-_VERSION = 1
-"""Part of the cache's keys: raise it when the same file would give other triangles."""
+_VERSION = 5
+"""Part of the cache's keys: raise it when the same file would give other triangles, hulls or drawings."""
 
 
 @dataclass(frozen=True, eq=False)
