@@ -68,9 +68,7 @@ def samples(arm: ArmModel, count: int) -> Array:
     return np.random.default_rng(0).uniform(np.append(lower, 0.0), np.append(upper, 1.0), (count, len(lower) + 1))
 
 
-def _reasons(
-    arm: ArmModel, bodies: Sequence[Body], links: Iterable[tuple[str, str]]
-) -> dict[tuple[str, str], str]:
+def _reasons(arm: ArmModel, bodies: Sequence[Body], links: Iterable[tuple[str, str]]) -> dict[tuple[str, str], str]:
     """Say which pairs of links are left out by their names alone, and why."""
     gripper, solid = gripper_links(arm, bodies), frozenset(body.name for body in bodies)
     carrier = {link: _carrier(arm, link, solid) for link in solid - {THE_TOOL}}

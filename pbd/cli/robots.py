@@ -107,9 +107,9 @@ def _row(robot: Robot, reach: float) -> dict[str, Any]:
 
 def _collision(arm: ArmModel) -> dict[str, Any]:
     """What is checked for collisions, and what isn't."""
+    from pbd.arm.allowed_collisions import link_pairs
     from pbd.arm.coverage import doubts
     from pbd.arm.geometry import link_bodies
-    from pbd.arm.allowed_collisions import link_pairs
 
     solid = dict.fromkeys(body.name for body in link_bodies(arm))
     _, unchecked = link_pairs(arm)

@@ -38,7 +38,7 @@ MOST_NODES = 20_000
 LARGEST = 1e6
 """Largest coordinate of a mesh, in its own unit: a kilometre in mm."""
 
-_VERSION = 5
+_VERSION = 6
 """Part of the cache's keys: raise it when the same file would give other triangles, hulls or drawings."""
 
 
@@ -128,7 +128,7 @@ def _trimesh(data: bytes, kind: str) -> Iterator[tuple[Array, Array]]:
     # A scene, so that the parts of a GLB are placed; without a path, so that it opens no other file.
     scene = trimesh.load_scene(io.BytesIO(data), file_type=kind[1:], process=False)
     for mesh in scene.dump():
-        corners = np.asarray(mesh.triangles, dtype=np.float64)
+        corners = np.asarray(getattr(mesh, "triangles", np.empty((0, 3, 3))), dtype=np.float64)
         yield corners, np.full((len(corners), 3), np.nan)
 
 

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
+from pbd.arm.convex import CORNER_TOLERANCE_M, CORNERS, ConvexPart, convex_parts, hull_corners, simplified
 from scipy.optimize import nnls
 from scipy.spatial import ConvexHull
 
-from pbd.arm.convex import CORNER_TOLERANCE_M, CORNERS, ConvexPart, convex_parts, hull_corners, simplified
 from pbd.pose import Array, Pose, quat_exp
 
 lengths = st.floats(0.02, 0.3)

@@ -11,12 +11,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from pbd.arm import hulls
+from pbd.arm.allowed_collisions import link_pairs
 from pbd.arm.clearance import Clearance
-from pbd.arm.hand import arm_bodies
-from pbd.arm.hulls import Body, link_bodies
+from pbd.arm.geometry import Body, link_bodies
+from pbd.arm.gripper import arm_bodies
 from pbd.arm.model import ArmModel, load_model
-from pbd.arm.pairs import link_pairs
 from pbd.data import Robot
 from pbd.errors import RobotError
 from pbd.pose import Array, Pose

@@ -10,8 +10,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from pbd.arm.clearance import MARGIN_M
-from pbd.arm.hand import arm_bodies
-from pbd.arm.hulls import link_bodies
+from pbd.arm.geometry import link_bodies
+from pbd.arm.gripper import arm_bodies
 from pbd.arm.ik import solve
 from pbd.arm.model import ArmModel, load_model
 from pbd.arm.scene import REST_M, TABLE, CollisionScene, Leg

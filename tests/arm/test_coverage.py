@@ -12,8 +12,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from pbd.arm.coverage import doubts
-from pbd.arm.hand import THE_TOOL
-from pbd.arm.hulls import link_bodies
+from pbd.arm.geometry import link_bodies
+from pbd.arm.gripper import THE_TOOL
 from pbd.arm.levers import outline
 from pbd.arm.model import load_model
 from pbd.arm.scene import TABLE, CollisionScene

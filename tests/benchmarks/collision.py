@@ -20,10 +20,10 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import numpy as np
 
+from pbd.arm.allowed_collisions import samples
 from pbd.arm.clearance import Clearance
 from pbd.arm.collision import check_motion
 from pbd.arm.model import ArmModel, load_model
-from pbd.arm.pairs import samples
 from pbd.arm.scene import CollisionScene
 from pbd.arm.timing import time_keyframes
 from pbd.data import GraspedObject, JointTrajectory, Obstacle

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
+from pbd.arm.allowed_collisions import link_pairs
 from pbd.arm.coverage import doubts
-from pbd.arm.hulls import link_bodies
+from pbd.arm.geometry import link_bodies
 from pbd.arm.model import load_model
-from pbd.arm.pairs import link_pairs
 from pbd.data import Demonstration, Truth
 from pbd.errors import SensorError
 from pbd.files.calibration import read_calibration

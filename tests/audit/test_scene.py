@@ -1,4 +1,4 @@
-"""What the audit works out anew: where the joints are, how far they move, the gripper's rod, the object, the pairs."""
+"""What the audit works out anew: how far joints move a solid, hulls, the gripper's rod, the object, the pairs."""
 
 from __future__ import annotations
 
@@ -9,21 +9,20 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from pbd.arm.audit_arm import AuditArm
-from pbd.arm.audit_collision import STEP_M, find_touch
-from pbd.arm.audit_grasp import follow_object, tool_rod
-from pbd.arm.audit_nodes import node_times, nodes_at
-from pbd.arm.audit_pairs import AuditScene
-from pbd.arm.audit_solids import BEYOND_M, link_solids
 from pbd.arm.collision import object_stays
-from pbd.arm.hand import tool_rod as planned_rod
+from pbd.arm.gripper import tool_rod as planned_rod
 from pbd.arm.model import load_model
 from pbd.arm.scene import CollisionScene
 from pbd.arm.sequence import solve_sequence
 from pbd.arm.timing import time_keyframes
+from pbd.audit.arm import AuditArm
+from pbd.audit.grasp import follow_object, tool_rod
+from pbd.audit.pairs import AuditScene
+from pbd.audit.solids import link_solids, simple_solid
+from pbd.audit.touch import Motion, Pair, coordinates, find_touch
 from pbd.data import Calibration, GraspedObject, JointLimits, JointTrajectory, Obstacle, Robot
 from pbd.planning import plan_keyframes
-from pbd.pose import Array, Pose
+from pbd.pose import Pose
 from tests.arm.bundled import NAMES, arm_of, keyframes_of, path_of
 from tests.arm.conftest import random_joints
 
@@ -32,75 +31,39 @@ BENCH = Calibration("bench", T_base_dock=Pose.identity())
 DOWN = (np.pi, 0.0, 0.0)
 
 
-def configuration(robot: Robot, model: pin.Model, q: Array, opening: float) -> Array:
-    values = dict(zip(robot.joints, q, strict=True))
-    if robot.gripper:
-        fingers = robot.gripper.closed + opening * (robot.gripper.open - robot.gripper.closed)
-        values |= dict(zip(robot.gripper.joints, fingers, strict=True))
-    found: Array = pin.neutral(model)
-    for name, value in values.items():
-        joint = model.joints[model.getJointId(name)]
-        found[joint.idx_q : joint.idx_q + joint.nq] = value if joint.nq == 1 else (np.cos(value), np.sin(value))
-    return found
-
-
-def test_joints_are_where_pinocchio_says(odd_robot: Robot) -> None:
-    """Endless, sliding and slanted joints, a base that isn't the root, fingers."""
-    for robot in (odd_robot, arm_of("panda").robot, arm_of("kinova").robot, arm_of("so101").robot):
-        arm, model = AuditArm(robot), pin.buildModelFromUrdf(str(robot.urdf))
-        q = random_joints(robot, 5, seed=1)
-        x = np.column_stack((q, np.linspace(0.0, 1.0, 5)))
-        placed, data = arm.placements(x), model.createData()
-        for row, each in enumerate(x):
-            pin.framesForwardKinematics(model, data, configuration(robot, model, each[:-1], each[-1]))
-            base = data.oMf[model.getFrameId(robot.base, pin.FrameType.BODY)]
-            for joint in range(1, model.njoints):
-                wanted = base.inverse() * data.oMi[joint]
-                np.testing.assert_allclose(placed.at(joint, row).R, wanted.rotation, atol=1e-12)
-                np.testing.assert_allclose(placed.at(joint, row).p, wanted.translation, atol=1e-12)
-
-
 def swing(robot: Robot, seed: int = 0) -> JointTrajectory:
     q = random_joints(robot, 4, seed=seed, margin=0.2)
     grips = (None, True, False, None) if robot.gripper else (None,) * 4
-    return time_keyframes(arm_of(robot.name), q, [0.1] * 4, grips, robot.home)
+    return time_keyframes(load_model(robot), q, [0.1] * 4, grips, robot.home)
 
 
-@pytest.mark.parametrize("name", ["panda", "so101", "ur5"])
-def test_no_point_moves_more_than_a_step_between_nodes(name: str) -> None:
-    """The way of each corner between two nodes, summed up over a hundredth of the time between."""
-    robot = arm_of(name).robot
+@pytest.mark.parametrize("name", ["odd", "panda", "so101", "kinova"])
+def test_no_point_moves_farther_than_is_bounded(name: str, odd_robot: Robot) -> None:
+    """The way of a point of each solid against base, summed up over 20 us, between instants of the grid."""
+    robot = odd_robot if name == "odd" else arm_of(name).robot
     arm, trajectory = AuditArm(robot), swing(robot)
-    solids = [solid for solid in link_solids(arm) if solid.joint > 0]
-    bounds = [sum(arm.motion(each.joint, each.reach).values(), np.zeros(len(robot.joints) + 1)) for each in solids]
-    fastest = np.max(bounds, axis=0)
-    t = node_times(trajectory, fastest, STEP_M, [0.5])
-    assert t[0] == 0.0
-    assert t[-1] == trajectory.duration
-    assert 0.5 in t
-    nodes = nodes_at(arm, trajectory, t)
-    assert (np.diff(nodes.moved @ fastest) <= STEP_M + 1e-12).all()
-    for row in np.random.default_rng(0).integers(0, len(t) - 1, 40):
-        fine = nodes_at(arm, trajectory, np.linspace(t[row], t[row + 1], 100))
-        moved = nodes.moved[row + 1] - nodes.moved[row]
-        assert (np.abs(np.diff(fine.x, axis=0)).sum(axis=0) <= moved + 1e-12).all()
-        for solid, bound in zip(solids, bounds, strict=True):
-            p = np.stack([fine.placed.points(solid.joint, corner) for corner in solid.T_joint_solid.act(solid.corners)])
-            assert np.linalg.norm(np.diff(p, axis=1), axis=2).sum(axis=1).max() <= moved @ bound + 1e-12
+    motion, rng = Motion(arm, trajectory), np.random.default_rng(0)
+    still = simple_solid("still", 0, pin.SE3.Identity(), "sphere", (0.1,))
+    for joint in filter(arm.driven, range(1, arm.model.njoints)):
+        p = rng.normal(0.0, 0.1, 3)
+        thing = simple_solid("thing", joint, pin.SE3(np.eye(3), p), "sphere", (1e-6,))
+        travel = motion.travel(Pair(thing, still))
+        for row in rng.integers(0, len(motion.t) - 1, 10):
+            fine = coordinates(trajectory, np.linspace(motion.t[row], motion.t[row + 1], 200))
+            way = np.diff([arm.place(x)[joint].act(p) for x in fine], axis=0)
+            assert np.linalg.norm(way, axis=1).sum() <= travel[row + 1] - travel[row] + 1e-9
 
 
 @pytest.mark.parametrize("name", ["panda", "ur3", "so101", "z1"])
-def test_a_hull_holds_all_of_its_mesh(name: str) -> None:
+def test_a_hull_holds_all_of_its_mesh_and_little_more(name: str) -> None:
     directions = np.random.default_rng(0).normal(size=(100, 3))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
     for solid in link_solids(AuditArm(arm_of(name).robot)):
-        if not hasattr(solid.exact, "vertices") and not hasattr(solid.exact, "points"):
-            continue
-        points = np.array(solid.exact.vertices() if hasattr(solid.exact, "vertices") else solid.exact.points())
-        beyond = solid.support(directions) - (directions @ points.T).max(axis=1)
-        assert beyond.min() >= -1e-9
-        assert beyond.max() <= 2.0 * BEYOND_M
-        assert (solid.box_support(directions) >= solid.support(directions) - 1e-9).all()
+        if solid.mesh is not None:
+            hull, mesh = np.array(solid.hull.points()), solid.triangles.reshape(-1, 3)
+            beyond = (directions @ hull.T).max(axis=1) + solid.pad - (directions @ mesh.T).max(axis=1)
+            assert beyond.min() >= 0.0
+            assert beyond.max() <= 2.0 * solid.pad
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -110,8 +73,13 @@ def test_the_rod_is_the_planners(name: str) -> None:
     assert (rod is None) == (planned is None)
     if rod is not None and planned is not None:
         ends = np.array([[0.0, 0.0, -0.5 * planned.size[1]], [0.0, 0.0, 0.5 * planned.size[1]]])
-        np.testing.assert_allclose(rod.T_joint_solid.act(rod.corners), planned.T_joint_body.act(ends), atol=2e-3)
-        assert rod.ball == 0.5 * planned.size[0]
+        own = [rod.T_joint_solid.act(np.array([0.0, 0.0, end])) for end in (-rod.hull.halfLength, rod.hull.halfLength)]
+        np.testing.assert_allclose(own, planned.T_joint_body.act(ends), atol=2e-3)
+        assert rod.hull.radius == 0.5 * planned.size[0]
+
+
+def as_pose(placed: pin.SE3) -> Pose:
+    return Pose.from_matrix(placed.homogeneous)
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5"])
@@ -126,9 +94,9 @@ def test_the_object_goes_where_the_planner_takes_it(name: str) -> None:
     for each, stay in zip(carried, stays, strict=True):
         if not stay.held:
             assert each.joint == 0
-            assert each.T_joint_object.pose().distance(stay.pose) == pytest.approx((0.0, 0.0), abs=1e-7)
+            assert as_pose(each.T_joint_object).distance(stay.pose) == pytest.approx((0.0, 0.0), abs=1e-7)
         else:
-            rests = [rest.pose().distance(wanted) for rest, wanted in zip(each.rests, stay.rests, strict=True)]
+            rests = [as_pose(rest).distance(wanted) for rest, wanted in zip(each.rests, stay.rests, strict=True)]
             np.testing.assert_allclose(rests, 0.0, atol=1e-7)
 
 
