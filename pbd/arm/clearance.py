@@ -16,11 +16,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import coal
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from pbd.arm.geometry import Body, shape_of
+from pbd.arm.geometry import Body, shape_of, surface_of
 from pbd.arm.levers import rates
 from pbd.arm.model import ArmModel, to_se3
 from pbd.pose import Array
@@ -89,6 +90,8 @@ class Clearance:
             self._geometry.addGeometryObject(pin.GeometryObject(str(i), body.joint, placement, shape_of(body)))
         for first, second in self.pairs:
             self._geometry.addCollisionPair(pin.CollisionPair(int(first), int(second)))
+        # Of links alone: something small could be inside a surface without touching it, but no link is.
+        self._meshed = np.array([all(self.bodies[i].mesh for i in pair) for pair in self.pairs], dtype=bool)
         self._placed, self._data = self._geometry.createData(), arm.full.createData()
 
     def distances(self, x: Array) -> Array:
@@ -206,13 +209,25 @@ class Clearance:
     def _measured(self) -> Array:
         measured = [result.min_distance for result in self._placed.distanceResults]
         distances: Array = np.array(measured, dtype=np.float64) - self._pads
+        for pair in np.flatnonzero(self._meshed & ~(distances >= MARGIN_M)):
+            distances[pair] = self._of_meshes(int(pair), distances[pair])
         return distances
 
     def _place(self, q: Array) -> None:
         pin.updateGeometryPlacements(self.arm.full, self._data, self._geometry, self._placed, q)
 
     def _distance(self, pair: int) -> float:
-        return float(pin.computeDistance(self._geometry, self._placed, pair).min_distance - self._pads[pair])
+        distance = float(pin.computeDistance(self._geometry, self._placed, pair).min_distance - self._pads[pair])
+        return self._of_meshes(pair, distance) if self._meshed[pair] and not distance >= MARGIN_M else distance
+
+    def _of_meshes(self, pair: int, distance: float) -> float:
+        """Ask the meshes of a pair whose hulls are near: MARGIN_M where they aren't, else the hulls' distance."""
+        first, second = (surface_of(self.bodies[i]) for i in self.pairs[pair])
+        placed = [self._placed.oMg[int(i)] for i in self.pairs[pair]]
+        one, other = (coal.Transform3s(T.rotation, T.translation) for T in placed)
+        request = coal.CollisionRequest()
+        request.security_margin = MARGIN_M
+        return distance if coal.collide(first, one, second, other, request, coal.CollisionResult()) else MARGIN_M
 
 
 def configurations(arm: ArmModel, x: Array) -> Array:

@@ -6,7 +6,7 @@ Shapes are as large as the links that they stand for; a mesh in millimetres that
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -85,7 +85,7 @@ def _size(bodies: Iterable[Body]) -> float:
     """The diagonal of the box that holds bodies on one joint, m."""
     ends = []
     for body in bodies:
-        points, radius = outline(body)
+        points, radius = outline(replace(body, pad=0.0))
         ends += [body.T_joint_body.act(points) - radius, body.T_joint_body.act(points) + radius]
     return float(np.linalg.norm(np.ptp(np.concatenate(ends), axis=0)))
 

@@ -1,7 +1,7 @@
 """A robot's links as convex bodies: what distances are measured between.
 
-A mesh becomes its convex hull, which fills its bends: a contact can be seen where the link itself is not, but none is
-missed. A hull of many corners (CAD's round edges) loses most of them; `pad` covers what sticks out then.
+A mesh becomes its convex hull, which fills its bends: a contact can be seen too early, but none is missed. Where the
+hulls of two links touch, their meshes are asked (clearance.py).
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import coal
@@ -17,18 +18,15 @@ import pinocchio as pin
 from scipy.spatial import ConvexHull, QhullError
 
 from pbd.arm.model import ArmModel, from_se3, to_se3
-from pbd.doors.meshes import Soup, from_mesh
-from pbd.doors.shapes import Shape, collision_shapes
+from pbd.doors.meshes import from_mesh, mesh_triangles
+from pbd.doors.shapes import Shape, Triple, collision_shapes
 from pbd.pose import Array, Pose, readonly
 
-CORNERS = 160
-"""A hull of no more corners than this is kept as it is."""
+ROUNDED_M = 1e-3
+"""Corners of a mesh's hull are rounded to this, m, which leaves far fewer of them."""
 
-SHORT_M = 5e-4
-"""How far corners that are left out may lie beyond a face of the hull of the others, m."""
-
-SLIVER_M = 1e-4
-"""Thickness that is given to a flat mesh on each side, m."""
+PAD_M = 0.5 * 3.0**0.5 * ROUNDED_M
+"""How far rounding moves a corner at most, m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +42,7 @@ class Body:
             else empty.
         points: (n, 3) m, the hull's corners; (0, 3) for another shape.
         pad: m, by how much it is larger than that on all sides.
+        mesh: the file and scale of what the hull stands for, or None.
     """
 
     name: str
@@ -53,6 +52,7 @@ class Body:
     size: tuple[float, ...] = ()
     points: Array = field(default_factory=lambda: np.empty((0, 3)))
     pad: float = 0.0
+    mesh: tuple[Path, Triple] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", readonly(self.points))
@@ -79,58 +79,34 @@ def bodies_of(arm: ArmModel, shapes: Iterable[Shape]) -> tuple[Body, ...]:
         frame = arm.full.frames[arm.full.getFrameId(shape.link, pin.FrameType.BODY)]
         placed = shape.link, int(frame.parentJoint), from_se3(frame.placement) @ shape.T_link_shape
         if shape.kind == "mesh":
-            hull = from_mesh(shape.mesh, "hulls", lambda soup, scale=shape.scale: _hull(soup, scale), shape.scale)
-            bodies.append(Body(*placed, "hull", points=hull["points"], pad=float(hull["pad"])))
+            mesh = shape.mesh, shape.scale
+            bodies.append(Body(*placed, "hull", points=_hull(*mesh), pad=PAD_M, mesh=mesh))
         else:
             bodies.append(Body(*placed, shape.kind, shape.size))
     return tuple(bodies)
 
 
-def _hull(soup: Soup, scale: tuple[float, float, float]) -> dict[str, Any]:
-    points, pad = thinned_hull(soup.corners.reshape(-1, 3) * scale)
-    return {"points": points, "pad": pad}
+def _hull(path: Path, scale: Triple) -> Array:
+    """Corners (k, 3) of a mesh's hull, m, once its points are rounded; what is flat becomes the box around it."""
+    return from_mesh(path, "hulls", lambda soup: _corners(soup.corners * scale), ROUNDED_M, scale)["points"]
 
 
-def thinned_hull(points: Array) -> tuple[Array, float]:
-    """Return corners (k, 3) and a pad, m, so that the hull of these, larger by the pad, holds points (n, 3), m."""
-    corners = hull_corners(points)
-    if len(corners) <= CORNERS:
-        return corners, 0.0
-    kept = np.zeros(len(corners), dtype=bool)
-    kept[np.argmax(corners @ _directions(64).T, axis=0)] = True
-    while True:
-        hull = ConvexHull(corners[kept])
-        beyond = corners @ hull.equations[:, :3].T + hull.equations[:, 3]  # (corners, faces)
-        short = beyond.max(axis=0) > SHORT_M
-        if not short.any():
-            break
-        kept[np.argmax(beyond[:, short], axis=0)] = True
-    shape = _convex(corners[kept])
-    return corners[kept], max((_outside(shape, corner) for corner in corners[~kept]), default=0.0)
-
-
-def hull_corners(points: Array) -> Array:
-    """Corners (k, 3) of the hull of points (n, 3); what has no volume becomes the box around it, a little thicker."""
+def _corners(triangles: Array) -> dict[str, Any]:
+    rounded = np.unique(np.rint(triangles.reshape(-1, 3) / ROUNDED_M), axis=0) * ROUNDED_M
     try:
-        return np.asarray(points[ConvexHull(points).vertices], dtype=np.float64)
+        return {"points": rounded[ConvexHull(rounded).vertices]}
     except (QhullError, ValueError):
-        low, high = points.min(axis=0) - SLIVER_M, points.max(axis=0) + SLIVER_M
-        return np.array([np.where(mask, high, low) for mask in np.ndindex(2, 2, 2)])
-
-
-def _directions(count: int) -> Array:
-    """Unit vectors (count, 3) spread evenly over the sphere, along a spiral."""
-    i = np.arange(count) + 0.5
-    z, turn = 1.0 - 2.0 * i / count, np.pi * (1.0 + np.sqrt(5.0)) * i
-    radius = np.sqrt(1.0 - z * z)
-    return np.stack((radius * np.cos(turn), radius * np.sin(turn), z), axis=1)
+        low, high = rounded.min(axis=0) - ROUNDED_M, rounded.max(axis=0) + ROUNDED_M
+        return {"points": np.array([np.where(mask, high, low) for mask in np.ndindex(2, 2, 2)])}
 
 
 @lru_cache(maxsize=1024)
 def shape_of(body: Body) -> Any:
     """Return a body as coal takes it, without its pad."""
     if body.shape == "hull":
-        return _convex(body.points)
+        corners = coal.StdVec_Vec3s()
+        corners.extend(list(body.points))
+        return coal.Convex.convexHull(corners, True, "Qt")
     if body.shape == "box":
         return coal.Box(*body.size)
     if body.shape == "cylinder":
@@ -144,10 +120,19 @@ def shape_of(body: Body) -> Any:
     raise ValueError(f"{body.shape!r} is none of hull, box, cylinder, capsule, sphere, floor")
 
 
-def _convex(points: Array) -> Any:
-    listed = coal.StdVec_Vec3s()
-    listed.extend(list(points))
-    return coal.Convex.convexHull(listed, True, "Qt")
+@lru_cache(maxsize=256)
+def surface_of(body: Body) -> Any:
+    """Return the surface of a body's mesh as coal takes it; the body itself where it stands for none."""
+    if body.mesh is None:
+        return shape_of(body)
+    triangles = mesh_triangles(*body.mesh)
+    vertices, faces = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
+    surface = coal.BVHModelOBBRSS()
+    surface.beginModel(len(triangles), len(vertices))
+    surface.addVertices(vertices)
+    surface.addTriangles(faces.reshape(-1, 3).astype(np.uint32))
+    surface.endModel()
+    return surface
 
 
 def apart(first: Body, T_first: Pose, second: Body, T_second: Pose) -> tuple[float, Array, Array]:
@@ -160,9 +145,3 @@ def apart(first: Body, T_first: Pose, second: Body, T_second: Pose) -> tuple[flo
     one, other = (coal.Transform3s(T.rotation, T.translation) for T in placed)
     distance = coal.distance(shape_of(first), one, shape_of(second), other, coal.DistanceRequest(), result)
     return distance - first.pad - second.pad, np.array(result.getNearestPoint1()), np.array(result.normal)
-
-
-def _outside(hull: Any, point: Array) -> float:
-    there, request, result = coal.Transform3s(np.eye(3), point), coal.DistanceRequest(), coal.DistanceResult()
-    distance = coal.distance(hull, coal.Transform3s.Identity(), coal.Sphere(0.0), there, request, result)
-    return max(0.0, float(distance))

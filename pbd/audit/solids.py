@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ import coal
 import numpy as np
 
 from pbd.audit.arm import AuditArm, se3
-from pbd.doors.meshes import from_mesh
+from pbd.doors.meshes import from_mesh, mesh_triangles
 from pbd.doors.shapes import Shape, Triple, collision_shapes
 from pbd.pose import Array
 
@@ -50,7 +50,7 @@ class Solid:
     @cached_property
     def triangles(self) -> Array:
         """(m, 3, 3) m of a mesh."""
-        return _triangles(*self.mesh) if self.mesh else np.empty((0, 3, 3))
+        return mesh_triangles(*self.mesh) if self.mesh else np.empty((0, 3, 3))
 
     @cached_property
     def exact(self) -> Any:
@@ -151,12 +151,6 @@ def _corners(triangles: Array) -> dict[str, Array]:
     except (RuntimeError, ValueError):  # flat: the box around it
         low, high = points.min(axis=0) - ROUNDED_M, points.max(axis=0) + ROUNDED_M
         return {"corners": np.array([np.where(mask, high, low) for mask in np.ndindex(2, 2, 2)])}
-
-
-@lru_cache(maxsize=64)
-def _triangles(path: Path, scale: Triple) -> Array:
-    triangles: Array = from_mesh(path, "triangles", lambda soup: {"corners": soup.corners})["corners"] * scale
-    return triangles
 
 
 def _hull(points: Array) -> Any:

@@ -99,6 +99,16 @@ def from_mesh(
     return kept
 
 
+def mesh_triangles(path: Path, scale: Sequence[float]) -> Array:
+    """Read a mesh's triangles (m, 3, 3), scaled.
+
+    Raises:
+        RobotError: as `read_mesh`.
+    """
+    triangles: Array = from_mesh(path, "triangles", lambda soup: {"corners": soup.corners})["corners"] * scale
+    return triangles
+
+
 def _bytes(path: Path) -> bytes:
     return read_bytes(path, RobotError, "put it there, or correct its address in the URDF", MOST_BYTES)
 

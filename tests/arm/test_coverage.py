@@ -21,7 +21,7 @@ from pbd.cli import main
 from pbd.data import Robot
 from pbd.pose import Array, Pose
 from tests.arm.bundled import NAMES, arm_of
-from tests.arm.test_collision_hulls import simple
+from tests.arm.test_geometry import simple
 
 SIZES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
 

@@ -165,7 +165,7 @@ def around_home(robot: Robot, rng: np.random.Generator) -> JointTrajectory:
 
 @pytest.mark.parametrize(("gap_m", "free"), [(3e-4, True), (-3e-4, False)])
 def test_a_hairs_breadth_decides(gap_m: float, free: bool) -> None:
-    """A box under panda's fingers, which are boxes, while they pass sideways: nodes are put closer together until it is sure."""
+    """A box under panda's fingers, which are boxes, while they pass sideways."""
     arm = AuditArm(PANDA)
     q = np.tile(PANDA.home, (2, 1))
     q[:, 0] = -0.3, 0.3
