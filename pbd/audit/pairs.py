@@ -9,10 +9,11 @@ import numpy as np
 import pinocchio as pin
 
 from pbd.audit.arm import AuditArm, se3
-from pbd.audit.grasp import THE_TOOL, Carried, follow_object, gripper_joints, may_rest, tool_rod
+from pbd.audit.grasp import THE_TOOL, follow_object, gripper_joints, may_rest, object_solid, tool_rod
 from pbd.audit.solids import Solid, clearance, floor, hull_distance, link_solids, simple_solid
 from pbd.audit.touch import Pair
 from pbd.data import Calibration, GraspedObject, JointTrajectory
+from pbd.data.world import Stay
 from pbd.doors.urdf import read_urdf_xml
 from pbd.doors.xml import read_xml
 from pbd.errors import RobotError
@@ -62,8 +63,8 @@ class AuditScene:
         """All that must not touch during a motion."""
         pairs = list(self._always)
         if self._grasped is not None:
-            for carried in follow_object(self.arm, trajectory, self._grasped, self._table):
-                pairs += self._with_object(carried, self._grasped)
+            for stay in follow_object(self.arm, trajectory, self._grasped, self._table):
+                pairs += self._with_object(stay, self._grasped)
         return pairs
 
     def _own(self) -> list[Pair]:
@@ -91,17 +92,14 @@ class AuditScene:
     def _against(self, ones: Sequence[Solid], others: Sequence[Solid]) -> list[Pair]:
         return [Pair(one, other) for one in ones for other in others if self._move(one, other)]
 
-    def _with_object(self, carried: Carried, grasped: GraspedObject) -> list[Pair]:
+    def _with_object(self, stay: Stay, grasped: GraspedObject) -> list[Pair]:
         """The object against the links but the gripper's, and while it is held against what stands around."""
-        start, end = carried.start, carried.end
-        name = f"the {grasped.shape}"
-        thing = simple_solid(name, carried.joint, carried.T_joint_object, grasped.shape, grasped.size)
+        thing = object_solid(self.arm, stay, grasped)
         links = [link for link in self.links if link.joint not in self._gripper and self._move(link, thing)]
-        pairs = [Pair(link, thing, start, end) for link in links]
-        if carried.rests:
-            rests = [(other, may_rest(self.arm, carried, thing, other)) for other in self._around]
-            pairs += [Pair(other, thing, start, end, allowed) for other, allowed in rests]
-        return pairs
+        pairs = [Pair(link, thing, stay.start, stay.end) for link in links]
+        around = self._around if stay.held else []
+        rests = [(other, may_rest(self.arm, stay, thing, other)) for other in around]
+        return pairs + [Pair(other, thing, stay.start, stay.end, allowed) for other, allowed in rests]
 
     def _next_links(self) -> set[frozenset[str]]:
         """Links next to each other, or with nothing solid between; the rod and the link that carries the gripper."""

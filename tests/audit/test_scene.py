@@ -9,21 +9,18 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from pbd.arm.collision import object_stays
 from pbd.arm.gripper import tool_rod as planned_rod
 from pbd.arm.model import load_model
-from pbd.arm.scene import CollisionScene
 from pbd.arm.sequence import solve_sequence
 from pbd.arm.timing import time_keyframes
 from pbd.audit.arm import AuditArm
-from pbd.audit.grasp import follow_object, tool_rod
+from pbd.audit.grasp import tool_rod
 from pbd.audit.pairs import AuditScene
 from pbd.audit.solids import link_solids, simple_solid
 from pbd.audit.touch import Motion, Pair, coordinates, find_touch
 from pbd.data import Calibration, GraspedObject, JointLimits, JointTrajectory, Obstacle, Robot
-from pbd.planning import plan_keyframes
 from pbd.pose import Pose
-from tests.arm.bundled import NAMES, arm_of, keyframes_of, path_of
+from tests.arm.bundled import NAMES, arm_of
 from tests.arm.conftest import random_joints
 
 BOTTLE = GraspedObject("cylinder", (0.07, 0.2))
@@ -76,28 +73,6 @@ def test_the_rod_is_the_planners(name: str) -> None:
         own = [rod.T_joint_solid.act(np.array([0.0, 0.0, end])) for end in (-rod.hull.halfLength, rod.hull.halfLength)]
         np.testing.assert_allclose(own, planned.T_joint_body.act(ends), atol=2e-3)
         assert rod.hull.radius == 0.5 * planned.size[0]
-
-
-def as_pose(placed: pin.SE3) -> Pose:
-    return Pose.from_matrix(placed.homogeneous)
-
-
-@pytest.mark.parametrize("name", ["panda", "ur5"])
-def test_the_object_goes_where_the_planner_takes_it(name: str) -> None:
-    robot = arm_of(name).robot
-    assert robot.dock is not None
-    plan = plan_keyframes(keyframes_of("pouring"), robot.dock, robot, None, path_of("pouring"), BOTTLE)
-    arm, scene = AuditArm(robot), CollisionScene.build(arm_of(name), robot.dock, BOTTLE)
-    carried = follow_object(arm, plan.trajectory, BOTTLE, robot.dock.table_height)
-    stays = object_stays(scene, plan.trajectory)
-    assert [(each.start, each.end) for each in carried] == [(stay.start, stay.end) for stay in stays]
-    for each, stay in zip(carried, stays, strict=True):
-        if not stay.held:
-            assert each.joint == 0
-            assert as_pose(each.T_joint_object).distance(stay.pose) == pytest.approx((0.0, 0.0), abs=1e-7)
-        else:
-            rests = [as_pose(rest).distance(wanted) for rest, wanted in zip(each.rests, stay.rests, strict=True)]
-            np.testing.assert_allclose(rests, 0.0, atol=1e-7)
 
 
 def test_what_is_carried_is_looked_at() -> None:
