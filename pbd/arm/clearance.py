@@ -1,13 +1,14 @@
-"""Whether bodies keep clear of each other along a whole path, with few distances asked for.
+"""Whether bodies keep clear of each other along a whole path, with few distances measured.
 
-A path is followed pair by pair. Where two bodies are a distance d apart, no joint motion that moves them by less than d
-against each other can make them touch (levers.py bounds that), so the next look is due only after a motion of
-d + MARGIN_M, where they must be at least MARGIN_M apart again. In between they can't touch: an instant that lies a
-motion of a after the one look and b before the next has a + b <= d + MARGIN_M, so that a < d or b <= MARGIN_M. As every
-look finds at least MARGIN_M, a step of STEP_M = 2 MARGIN_M is always allowed; most are far longer.
+This is adaptive dynamic collision checking (Schwarzer, Saha and Latombe, 2005), pair by pair. Two bodies that are a
+distance d apart can't touch before they have moved by d against each other, which levers.py bounds. So they are
+measured again after a motion of d + MARGIN_M, where they must be at least MARGIN_M apart: an instant after a motion of
+a from the one look and b before the next has a + b <= d + MARGIN_M, so a < d or b <= MARGIN_M. As every look finds at
+least MARGIN_M, a step of STEP_M = 2 MARGIN_M is always allowed; most are far longer.
 
-Distances, not coal's verdicts: `collide` overlooks some deep contacts of hulls (4 in 10^5 pairs of so101). What can't
-be measured (a distance that is not a number) counts as a contact.
+Bodies are hulls. Where the hulls of two links are near, their meshes are asked whether they are MARGIN_M apart. Hulls
+are measured because coal's `collide` overlooks some deep contacts of theirs (4 in 10^5 pairs of so101). A distance that
+is not a number counts as a contact.
 """
 
 from __future__ import annotations
@@ -75,7 +76,7 @@ class Clearance:
     """Distances between pairs of bodies. Not to be shared between threads: pinocchio keeps its workings in it.
 
     Attributes:
-        bodies, pairs: what is watched; pairs (p, 2) index the bodies.
+        bodies, pairs: what is checked; pairs (p, 2) index the bodies.
         rates: (p, k + 1), see levers.py.
     """
 

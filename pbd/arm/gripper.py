@@ -1,7 +1,7 @@
 """What the arm's last joint carries, and what stands for the gripper where the model has none.
 
 Most models end at the flange, and the tool's point lies in front of it where a gripper's fingertips would be. A rod
-from the flange to there, a capsule, is watched as fingers would be: it may touch what is grasped, and nothing else.
+from the flange to there, a capsule, is checked as fingers would be: it may touch what is grasped, and nothing else.
 """
 
 from __future__ import annotations
