@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from pbd.data import Obstacle
+from pbd.doors.meshes import read_mesh
 from pbd.errors import PbdError, PlanError, RobotError
 from pbd.planning import PlanOptions, arm_of, plan_keyframes
 from pbd.planning.advice import advised
 from pbd.pose import Pose
-from pbd.view.mesh_files import read_soup
 from tests.cli.running import Capture, run
 from tests.test_planning import PANDA, TURN, dock, keyframe, planned
 
@@ -98,4 +98,4 @@ def test_where_a_mesh_is_missing_no_key_is_named_that_a_robot_does_not_take(tmp_
     with pytest.raises(
         RobotError, match=r"hand.stl: can't be read .*; put it there, or correct its address in the URDF$"
     ):
-        read_soup(tmp_path / "hand.stl")
+        read_mesh(tmp_path / "hand.stl")

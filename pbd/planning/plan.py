@@ -118,9 +118,9 @@ def _made(
     hand_path: HandPath | None,
     grasped: GraspedObject | None,
 ) -> Plan:
-    from pbd.arm.audit import audit
     from pbd.arm.relax import hold
     from pbd.arm.timing import time_moves
+    from pbd.audit.audit import audit
 
     calibration = with_table(calibration, robot)
     if options.path == "demo" and hand_path is None:

@@ -12,8 +12,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from pbd.arm.coverage import doubts
-from pbd.arm.hand import THE_TOOL
-from pbd.arm.hulls import link_bodies
+from pbd.arm.geometry import link_bodies
+from pbd.arm.gripper import THE_TOOL
 from pbd.arm.levers import outline
 from pbd.arm.model import load_model
 from pbd.arm.scene import TABLE, CollisionScene
@@ -21,7 +21,7 @@ from pbd.cli import main
 from pbd.data import Robot
 from pbd.pose import Array, Pose
 from tests.arm.bundled import NAMES, arm_of
-from tests.arm.test_collision_hulls import simple
+from tests.arm.test_geometry import simple
 
 SIZES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
 

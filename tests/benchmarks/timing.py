@@ -26,15 +26,15 @@ import numpy as np
 from ruckig import InputParameter, Ruckig, Trajectory
 
 import pbd
-from pbd.arm.audit import audit
-from pbd.arm.audit_arm import AuditArm
-from pbd.arm.audit_pairs import AuditScene
 from pbd.arm.collision import check_motion
 from pbd.arm.curved import Curve, curved_move
 from pbd.arm.relax import is_relaxed
 from pbd.arm.sequence import solve_sequence
 from pbd.arm.straight import straight_move
 from pbd.arm.timing import time_keyframes
+from pbd.audit.arm import AuditArm
+from pbd.audit.audit import audit
+from pbd.audit.pairs import AuditScene
 from pbd.data import HandPath, JointLimits, Keyframe, Robot
 from pbd.files.library import names
 from pbd.planning import PlanOptions, arm_of, plan_keyframes, scene_of

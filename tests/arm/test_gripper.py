@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pbd.arm.clearance import MARGIN_M
-from pbd.arm.hand import ROD_RADIUS_M, ROD_SHORT_M, THE_TOOL, arm_bodies, gripper_links, tool_rod
+from pbd.arm.gripper import ROD_RADIUS_M, ROD_SHORT_M, THE_TOOL, arm_bodies, gripper_links, tool_rod
 from pbd.arm.ik import solve
 from pbd.arm.levers import rates
 from pbd.arm.model import ArmModel, from_se3
