@@ -133,7 +133,8 @@ def _save(
     from pbd.calibration.frames import nav_in_base, tool_poses
     from pbd.errors import CalibrationError
     from pbd.files.whole import written_whole
-    from pbd.view.calibration_plot import draw_calibration
+    from pbd.plots.calibration import draw_calibration
+    from pbd.plots.style import write
 
     kind = file.suffix.removeprefix(".")
     if kind not in ("png", "svg", "pdf"):
@@ -149,6 +150,6 @@ def _save(
     T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
     with working("drawing"):
         figure = draw_calibration(calibration, name, T_base_nav, tool_poses(keyframes, T_base_nav, calibration), parts)
-        with written_whole(file) as unfinished:
-            figure.savefig(unfinished, format=kind, dpi=110)
+        with written_whole(file) as unfinished, unfinished.open("wb") as stream:
+            write(figure, stream, kind)
     say(f"a plot: {file}")
