@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from pbd.record import Outcome
     from pbd.sensors.decoding import Decoder
     from pbd.sensors.port import Port
-    from pbd.view.hand import HandView
+    from pbd.view.live_view import LiveView
 
 SIMULATED = "sim"
 
@@ -165,10 +165,10 @@ def _errors(name: str | None, sensor: str) -> SensorErrors | None:
     return errors
 
 
-def _live_view() -> HandView:
-    from pbd.view.hand import HandView
+def _live_view() -> LiveView:
+    from pbd.view.live_view import LiveView
 
-    return HandView()
+    return LiveView()
 
 
 def _simulated(args: argparse.Namespace, stack: ExitStack) -> SimulatedHand | None:

@@ -1,7 +1,7 @@
 """The live viewer's server, a process of its own: meshcat's bridge, bound to loopback, that ends with its parent.
 
 `python -m pbd.view.server` prints one line of JSON with its address. Then it takes commands from its standard input and
-answers each on its standard output (pbd/view/pipe.py), until its standard input closes.
+answers each with a byte on its standard output, until its standard input closes.
 """
 
 from __future__ import annotations
@@ -12,20 +12,48 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from typing import Any
+from typing import Any, BinaryIO
 
 from tornado.web import Application, HTTPError, RequestHandler
 from tornado.websocket import WebSocketClosedError
 
-from pbd.view.meshcat_api import MESHCAT_COMMANDS, WebSocketHandler, ZMQWebSocketBridge
 from pbd.view.page import page_html
-from pbd.view.pipe import REFUSED, TAKEN, read_command
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore", DeprecationWarning)  # meshcat's own import of zmq raises one
+    from meshcat.servers.zmqserver import MESHCAT_COMMANDS, WebSocketHandler, ZMQWebSocketBridge
 
 LOOPBACK = "127.0.0.1"
 PR_SET_PDEATHSIG = 1
 """Linux: prctl(2)."""
+TAKEN, REFUSED = b"1", b"0"
+"""Answers to a command."""
+FRAMES = 3
+"""Of a command: its type, its path, its message."""
+
+
+def packed(frames: Iterable[bytes]) -> bytes:
+    """Frames as they are sent: each led by its length (uint32, little-endian)."""
+    return b"".join(len(frame).to_bytes(4, "little") + frame for frame in frames)
+
+
+def read_command(stream: BinaryIO) -> list[bytes]:
+    """Read a command's frames.
+
+    Raises:
+        EOFError: the other end is closed.
+    """
+    return [_read(stream, int.from_bytes(_read(stream, 4), "little")) for _ in range(FRAMES)]
+
+
+def _read(stream: BinaryIO, size: int) -> bytes:
+    data = stream.read(size)
+    if len(data) < size:
+        raise EOFError
+    return data
 
 
 class Answers:

@@ -2,17 +2,17 @@
 
 // The page while a hand is recorded: no clock and no tables, but the hand where it is now, and what it does in letters
 // that can be read from where one stands with a sensor in the hand.
-class HandPage {
+class LivePage {
   static glide_ms = 700;
 
   constructor(stage) {
     this.stage = stage;
-    this.card = element("hand");
+    this.card = element("live");
     this.stops = 0;
     this.room = null;
     stage.robot = false;
     this.axes = ["x", "y", "z"].map((name) => Object.assign(document.createElement("i"), { textContent: name }));
-    for (const id of ["recording", "hand"]) element(id).hidden = false;
+    for (const id of ["recording", "live"]) element(id).hidden = false;
     document.onkeydown = (event) => {
       if (event.key.toLowerCase() === "v" && !event.ctrlKey && !event.metaKey && !event.altKey) this.look(true);
     };
@@ -23,8 +23,8 @@ class HandPage {
     const pose = command.matrix.join();
     if (pose !== this.pose) handle(command);
     this.pose = pose;
-    this.say(command.hand);
-    const { stops, room } = command.hand;
+    this.say(command.live);
+    const { stops, room } = command.live;
     if (stops !== this.stops || !this.stage.labels.length) this.number(stops);
     if (String(room) === String(this.room)) return;
     this.room = room;
@@ -72,10 +72,10 @@ class HandPage {
     const { camera } = stage;
     const { target } = stage.viewer.controls;
     const [[x, y, z], [X, Y, Z]] = this.room;
-    const first = !stage.extent.length;
+    const first = !stage.bounds.length;
     const from = [camera.position.clone(), target.clone()];
     stage.framed = follow;
-    stage.extent = [x, X].flatMap((a) => [y, Y].flatMap((b) => [z, Z].map((c) => new stage.THREE.Vector3(a, b, c))));
+    stage.bounds = [x, X].flatMap((a) => [y, Y].flatMap((b) => [z, Z].map((c) => new stage.THREE.Vector3(a, b, c))));
     stage.resize();
     stage.furnish(z);
     if (!follow || first || matchMedia("(prefers-reduced-motion: reduce)").matches) return;
@@ -87,7 +87,7 @@ class HandPage {
     const begun = performance.now();
     const step = (this.gliding = () => {
       if (this.gliding !== step || !stage.framed) return; // another one, or someone's hand on the camera
-      const share = Math.min((performance.now() - begun) / HandPage.glide_ms, 1);
+      const share = Math.min((performance.now() - begun) / LivePage.glide_ms, 1);
       const eased = share * share * (3 - 2 * share);
       stage.camera.position.lerpVectors(from[0], to[0], eased);
       stage.viewer.controls.target.lerpVectors(from[1], to[1], eased);

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 import umsgpack
 
 from pbd.errors import PbdError
-from pbd.view.meshcat_api import ScenePath, Visualizer
+from pbd.view.meshcat_encoding import ScenePath, Visualizer
 from pbd.view.page import SCENE_ROOT
-from pbd.view.pipe import TAKEN, packed
+from pbd.view.server import TAKEN, packed
 
 if TYPE_CHECKING:  # the recording's view needs no robot library
     from pbd.view.scene import ReplayScene
@@ -139,7 +139,7 @@ class LiveViewer:
         self.close()
 
 
-def show_live(scene: ReplayScene, open_browser: bool = True, block: bool = True) -> LiveViewer:
+def show_replay(scene: ReplayScene, open_browser: bool = True, block: bool = True) -> LiveViewer:
     """Play a scene in a browser on this machine; the address goes to stderr.
 
     Args:

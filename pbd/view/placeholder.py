@@ -1,4 +1,4 @@
-"""What stands for a gripper where the robot's model has none.
+"""A placeholder gripper, where the robot's model has none.
 
 The rod is what the checks for collisions watch, drawn as it is. Palm and fingers are a guess, drawn translucent: they
 show what holds the object, and are not checked.
@@ -27,7 +27,7 @@ def rod(checked: Rod) -> Mesh:
     return shapes.capsule(0.5 * checked.diameter, checked.length, RGB)
 
 
-def hand(robot: Robot, grasped: GraspedObject | None) -> list[tuple[Mesh, Array]]:
+def gripper(robot: Robot, grasped: GraspedObject | None) -> list[tuple[Mesh, Array]]:
     """Draw a palm with two fingers, as wide apart as what they hold.
 
     Returns:

@@ -6,6 +6,7 @@ smaller forms as well (three.js r129: BufferGeometryLoader, AnimationClip.parse)
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -15,8 +16,16 @@ import umsgpack
 from numpy.typing import NDArray
 
 from pbd.pose import Array, quat_to_xyzw
-from pbd.view.meshcat_api import Geometry, MeshcatMesh, MeshPhongMaterial, ScenePath
 from pbd.view.meshes import Mesh
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore", DeprecationWarning)  # meshcat's own import of zmq raises one
+    from meshcat import Visualizer
+    from meshcat.geometry import Geometry, MeshPhongMaterial
+    from meshcat.geometry import Mesh as MeshcatMesh
+    from meshcat.path import Path as ScenePath
+
+__all__ = ["PoseTrack", "ScenePath", "SetTracks", "Visualizer", "solid", "two_sigma", "typed"]
 
 EXTENSION_CODES = {
     "Uint8Array": 0x12,
@@ -29,6 +38,9 @@ EXTENSION_CODES = {
 
 FRONT_SIDE, DOUBLE_SIDE = 0, 2
 """three.js' constants."""
+
+LEAST_SIGMA_M = 5e-5
+"""Ellipsoids are drawn at least so thick: the page can't read a turn from the matrix of a flat one."""
 
 
 def typed(values: NDArray[Any], kind: str) -> umsgpack.Ext:
@@ -85,6 +97,21 @@ def solid(mesh: Mesh, opacity: float = 1.0) -> MeshcatMesh:
     # They need only differ within one object; fixed ones make the same scene the same bytes.
     thing.geometry.uuid, thing.material.uuid, thing.uuid = "geometry", "material", "mesh"
     return thing
+
+
+def two_sigma(p: Array, cov: Array) -> Array:
+    """Return the matrix (4, 4) that makes the unit ball the ellipsoid of two sigma.
+
+    Args:
+        p: (3,) m, its middle.
+        cov: (3, 3) m2, in the same axes.
+    """
+    variance, axes = np.linalg.eigh(cov)
+    axes[:, 0] *= np.sign(np.linalg.det(axes))  # turned, not mirrored
+    T = np.eye(4)
+    T[:3, :3] = 2.0 * axes * np.sqrt(np.maximum(variance, LEAST_SIGMA_M**2))
+    T[:3, 3] = p
+    return T
 
 
 @dataclass(frozen=True, eq=False)

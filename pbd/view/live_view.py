@@ -14,11 +14,9 @@ from pbd.data import Keyframe
 from pbd.errors import PbdError
 from pbd.pose import Array, Pose
 from pbd.view import shapes
-from pbd.view.ellipsoid import two_sigma
-from pbd.view.live import LiveViewer, invite
-from pbd.view.meshcat_api import ScenePath
-from pbd.view.trail import Trail
-from pbd.view.wire import solid
+from pbd.view.live_path import LivePath
+from pbd.view.meshcat_encoding import ScenePath, solid, two_sigma
+from pbd.view.viewer import LiveViewer, invite
 
 FAST_M_S = 0.6
 """A speed of this or more has the last of the path's colours."""
@@ -28,23 +26,25 @@ NAV_M, NAV_RADIUS_M = 0.12, 0.0022
 """An ellipsoid without a size can't be turned."""
 
 PIECES = 2
-"""Of the path in one picture; what comes faster is drawn later."""
+"""Pieces of the path in one picture; more are drawn later."""
 
-SEEN_M, SEEN_RAD = 2e-4, 2e-3
-"""A smaller motion is none, so that the page can draw finely what stands still."""
+SMALLEST_M, SMALLEST_RAD = 2e-4, 2e-3
+"""A smaller motion counts as none, so that the page can draw finely what stands still."""
 
 ROOM_M, MARGIN_M = 0.1, 0.03
 """The camera's room changes by steps, before the hand reaches its side."""
 FIRST_ROOM_M = np.array([[-0.1, -0.1, 0.0], [0.2, 0.2, 0.2]])
 
 PATIENCE_S = 5.0
-LAST_WORD_S = 1.0
+"""A server that has not answered for so long is given up."""
+LAST_PICTURE_S = 1.0
+"""How long drawing the end of a recording may take."""
 
 State = Literal["waits", "still", "moves", "pause", "ended"]
 
 
 @dataclass(frozen=True, eq=False)
-class HandPicture:
+class LivePicture:
     """A moment of a recording.
 
     Attributes:
@@ -70,7 +70,7 @@ class HandPicture:
     figures: tuple[str, ...] = ()
 
 
-class HandView:
+class LiveView:
     """A page on this machine that shows a recording under way.
 
     It can be opened at any time, and stays as it is when the view is closed.
@@ -82,7 +82,7 @@ class HandView:
     def __init__(self) -> None:
         """Start the server."""
         self._about: dict[str, Any] = {"title": "", "subtitle": "", "fast": FAST_M_S}
-        self._trail = Trail()
+        self._path = LivePath()
         self._known: tuple[Keyframe, ...] = ()
         self._drawn: list[Pose] = []
         self._room = FIRST_ROOM_M
@@ -100,10 +100,10 @@ class HandView:
         """Tell the page's address on stderr, open it where that is wanted, and say what is recorded from what."""
         self._about |= {"title": title, "subtitle": subtitle}
         wxyz = self._T_nav_hand.wxyz
-        self._draw(HandPicture(0.0, np.zeros(3), np.zeros(3), wxyz, (), "waits", "waits", "for the sensor"))
+        self._draw(LivePicture(0.0, np.zeros(3), np.zeros(3), wxyz, (), "waits", "waits", "for the sensor"))
         invite(f"live view at {self._viewer.url}", self._viewer.url, open_browser)
 
-    def show(self, picture: HandPicture) -> None:
+    def show(self, picture: LivePicture) -> None:
         """Draw what is new, in a few milliseconds; nothing for now where the server is busy with what came before.
 
         Raises:
@@ -121,14 +121,14 @@ class HandView:
         elif now - self._answered > PATIENCE_S:
             raise PbdError(f"the live view has not answered for {PATIENCE_S:g} s; recording goes on")
 
-    def end(self, picture: HandPicture) -> None:
-        """Draw all that is left and a last picture; this may take LAST_WORD_S, as the recording is over."""
-        until = time.monotonic() + LAST_WORD_S
+    def end(self, picture: LivePicture) -> None:
+        """Draw all that is left and a last picture; this may take LAST_PICTURE_S, as the recording is over."""
+        until = time.monotonic() + LAST_PICTURE_S
         try:
             while self._viewer.alive and time.monotonic() < until:
-                self._viewer.catch_up(1e3 * LAST_WORD_S)
+                self._viewer.catch_up(1e3 * LAST_PICTURE_S)
                 if not self._draw(picture):
-                    self._viewer.catch_up(1e3 * LAST_WORD_S)
+                    self._viewer.catch_up(1e3 * LAST_PICTURE_S)
                     return
         except PbdError:
             return  # nobody sees it
@@ -145,35 +145,35 @@ class HandView:
     ) -> None:
         self.close()
 
-    def _follow(self, picture: HandPicture) -> None:
+    def _follow(self, picture: LivePicture) -> None:
         """Let the path grow. A stop says where the move before it really led to."""
         known, self._known = self._known, picture.keyframes
         for i, keyframe in enumerate(self._known[max(len(known) - 1, 0) :], max(len(known) - 1, 0)):
             p, since = keyframe.T_nav_sensor.p, keyframe.t - 0.5 * keyframe.dwell_s
             if i == 0 and not known:
-                self._trail.begin(since, p)
+                self._path.begin(since, p)
             elif i >= len(known) or not np.array_equal(p, known[i].T_nav_sensor.p):
-                self._trail.put_right(since, p)
+                self._path.correct(since, p)
         if self._known:
-            self._trail.grow(picture.t, picture.p_nav_sensor, picture.v_nav_sensor)
-            low, high = self._trail.corners()
+            self._path.grow(picture.t, picture.p_nav_sensor, picture.v_nav_sensor)
+            low, high = self._path.corners()
             # Downwards, the hand may be a little lower than where it began, and still be on the table.
             low = ROOM_M * np.floor((low - (MARGIN_M, MARGIN_M, -MARGIN_M)) / ROOM_M)
             high = ROOM_M * np.ceil((high + MARGIN_M) / ROOM_M)
             self._room = np.array((np.minimum(FIRST_ROOM_M[0], low), np.maximum(FIRST_ROOM_M[1], high)))
 
-    def _draw(self, picture: HandPicture) -> bool:
+    def _draw(self, picture: LivePicture) -> bool:
         """Send what has changed; return whether more is left than one picture takes."""
         # Of older stops nothing changes any more.
         for i, keyframe in enumerate(self._known[max(len(self._drawn) - 2, 0) :], max(len(self._drawn) - 2, 0)):
             self._draw_stop(i, keyframe)
-        for name, points, speed in self._trail.take(PIECES):
+        for name, points, speed in self._path.take(PIECES):
             tube = shapes.tube(points, shapes.speed_rgb(speed / FAST_M_S), shapes.PATH_RADIUS_M, sides=6)
             self._scene[f"path/{name}"].set_object(solid(tube))
         T_nav_hand = Pose(picture.p_nav_sensor, picture.wxyz_nav_sensor)
-        if _seen(self._T_nav_hand, T_nav_hand):
+        if _has_moved(self._T_nav_hand, T_nav_hand):
             self._T_nav_hand = T_nav_hand
-        said = {
+        words = {
             **self._about,
             "state": picture.state,
             "badge": picture.badge,
@@ -182,8 +182,8 @@ class HandView:
             "stops": len(self._drawn),
             "room": self._room.tolist(),
         }
-        self._viewer.send(SetHand(self._scene["hand"].path, self._T_nav_hand, said))
-        return self._trail.more
+        self._viewer.send(SetLive(self._scene["hand"].path, self._T_nav_hand, words))
+        return self._path.more
 
     def _draw_stop(self, i: int, keyframe: Keyframe) -> None:
         node, T_nav_sensor = self._scene[f"stops/{i}"], keyframe.T_nav_sensor
@@ -191,7 +191,7 @@ class HandView:
             node["triad"].set_object(self._triad)
             node["two_sigma"].set_object(self._ball)
             self._drawn.append(T_nav_sensor)
-        elif _seen(self._drawn[i], T_nav_sensor):
+        elif _has_moved(self._drawn[i], T_nav_sensor):
             self._drawn[i] = T_nav_sensor
         else:
             return
@@ -200,7 +200,7 @@ class HandView:
 
 
 @dataclass(frozen=True, eq=False)
-class SetHand:
+class SetLive:
     """Where the hand is, and what the page says of it.
 
     To the server it is a transform, of which it keeps the last one for pages that are opened later; of properties it
@@ -209,14 +209,14 @@ class SetHand:
 
     path: ScenePath
     T_nav_hand: Pose
-    said: Mapping[str, Any]
+    words: Mapping[str, Any]
 
     def lower(self) -> dict[str, Any]:
         """As meshcat's command."""
         matrix = self.T_nav_hand.matrix().T.ravel().tolist()
-        return {"type": "set_transform", "path": self.path.lower(), "matrix": matrix, "hand": self.said}
+        return {"type": "set_transform", "path": self.path.lower(), "matrix": matrix, "live": self.words}
 
 
-def _seen(before: Pose, after: Pose) -> bool:
+def _has_moved(before: Pose, after: Pose) -> bool:
     moved, turned = before.distance(after)
-    return moved > SEEN_M or turned > SEEN_RAD
+    return moved > SMALLEST_M or turned > SMALLEST_RAD

@@ -10,14 +10,14 @@ from pbd.pose import Array
 SPACING_M = 0.004
 """Points lie this far apart."""
 PIECE = 32
-"""Points in a whole piece. Only the last piece grows, so that is what a new point costs."""
+"""Points in a whole piece. Only the last piece grows, so a new point costs no more than that."""
 MOST = 24
-"""Points in one step at most: a hand that is lost and races away costs no more than one that moves."""
+"""Most points in one step: a hand whose track is lost and races away costs no more than one that moves."""
 REACH_M = 1.5
-"""The camera follows a move no further than this from its stops: beyond, it is dead reckoning that goes."""
+"""The camera follows a move no further than this from its stops: beyond, dead reckoning has gone astray."""
 
 
-class Trail:
+class LivePath:
     """The path so far, move by move. `take` gives the pieces that are new or have changed."""
 
     def __init__(self) -> None:
@@ -53,7 +53,7 @@ class Trail:
         self._going = _corners(np.vstack((self._going, points)))
         self._mark(max(first - 1, 0))
 
-    def put_right(self, t: float, p_nav_sensor: ArrayLike) -> None:
+    def correct(self, t: float, p_nav_sensor: ArrayLike) -> None:
         """End the move at a stop that began at t s, and begin the next one there.
 
         Dead reckoning came out elsewhere. What it was off by is spread as a velocity error that grows linearly in time.
