@@ -173,7 +173,6 @@ MOST = 3
 
 def number_3d(ax: Axes3D, at: Array, lines: Array) -> None:
     """Number places (k, 3) in 3-D axes, beside what lines (m, 3) cover."""
-    ax.apply_aspect()
     at, lines = (np.column_stack(proj3d.proj_transform(*xyz.T, ax.get_proj())[:2]) for xyz in (at, lines))
     number(ax, at, lines)
 
@@ -187,6 +186,7 @@ def number(ax: Axes, at: Array, lines: Array) -> None:
     figure = ax.get_figure(root=True)
     assert figure is not None
     lay_out(figure)
+    ax.apply_aspect()
     to_points = 72.0 / figure.dpi
     spots = to_points * ax.transData.transform(at)
     inked = np.unique(np.round(to_points * ax.transData.transform(lines[np.isfinite(lines).all(axis=1)])), axis=0)

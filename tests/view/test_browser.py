@@ -13,11 +13,12 @@ from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import Select
 
-from pbd.view.motion import Motion
+from pbd.pose import Array
 from pbd.view.page import write_page
 from pbd.view.scene import ReplayScene
 from tests.view import scenes
-from tests.view.browser import Browser, Replay, until
+from tests.view.browser import Replay, until
+from tests.view.chromium import Chromium
 from tests.view.firefox import Firefox
 
 FINGER = (
@@ -34,15 +35,15 @@ def scene() -> ReplayScene:
 
 
 @pytest.fixture(scope="module")
-def opened(browser: Browser, replay_file: Path) -> list[Replay]:
-    return [Replay(browser, replay_file.as_uri())]
+def opened(chrome: Chromium, replay_file: Path) -> list[Replay]:
+    return [Replay(chrome, replay_file.as_uri())]
 
 
 @pytest.fixture
-def replay(opened: list[Replay], browser: Browser, replay_file: Path) -> Iterator[Replay]:
+def replay(opened: list[Replay], chrome: Chromium, replay_file: Path) -> Iterator[Replay]:
     """The replay, opened once for all tests that leave it open."""
-    if browser.current_url != replay_file.as_uri():
-        opened[0] = Replay(browser, replay_file.as_uri())
+    if chrome.current_url != replay_file.as_uri():
+        opened[0] = Replay(chrome, replay_file.as_uri())
     replay = opened[0]
     replay("pbd.page.player.pause(); pbd.page.player.seek(0); pbd.page.player.loop = true; pbd.page.player.speed = 1")
     replay("for (const id of ['joints', 'panel']) pbd.page.fold(id, false); document.activeElement.blur()")
@@ -51,22 +52,34 @@ def replay(opened: list[Replay], browser: Browser, replay_file: Path) -> Iterato
     assert replay.errors() == []
 
 
+def finger_of(scene: ReplayScene) -> Array:
+    """Where a finger is over time, (n, 3) m."""
+    return scene.motion.joint(scene.motion.link("panda_leftfinger")[0]).p
+
+
 def press(replay: Replay, keys: str) -> None:
     ActionChains(replay.browser).send_keys(keys).perform()
 
 
-def test_it_asks_for_nothing_but_itself(browser: Browser, replay_file: Path) -> None:
-    replay = Replay(browser, replay_file.as_uri())
+def test_it_asks_for_nothing_but_itself(chrome: Chromium, replay_file: Path) -> None:
+    replay = Replay(chrome, replay_file.as_uri())
     assert replay.requests() <= {replay_file.as_uri()}
     assert replay.errors() == []  # a blocked request would be one
 
 
 def test_links_are_where_pinocchio_says(replay: Replay, scene: ReplayScene) -> None:
-    motion = Motion(scene.robot, scene.trajectory, 50.0)
-    finger = motion.joint(motion.link("finger", "panda_leftfinger")[0])
-    for i in (0, 90, 201, 433, len(motion.t) - 1):
-        replay(f"pbd.page.player.seek({motion.t[i]})")
-        np.testing.assert_allclose(replay.place(*FINGER), finger.p[i], atol=1e-5)
+    finger = finger_of(scene)
+    for i in (0, 90, 201, 433, len(finger) - 1):
+        replay(f"pbd.page.player.seek({scene.motion.t[i]})")
+        np.testing.assert_allclose(replay.place(*FINGER), finger[i], atol=1e-5)
+
+
+def test_it_plays_in_firefox(fox: Firefox, replay_file: Path, scene: ReplayScene) -> None:
+    replay = Replay(fox, replay_file.as_uri())
+    assert replay.picture().std() > 10.0
+    press(replay, Keys.END)
+    np.testing.assert_allclose(replay.place(*FINGER), finger_of(scene)[-1], atol=1e-5)
+    assert replay.errors() == []
 
 
 def test_keyframes_stand_where_they_were_put(replay: Replay, scene: ReplayScene) -> None:
@@ -233,13 +246,13 @@ def test_a_joint_between_its_limits(replay: Replay, scene: ReplayScene) -> None:
     assert replay.browser.find_elements(By.CSS_SELECTOR, "#plot .faint") == []
 
 
-def test_each_joint_is_drawn_between_its_own_limits(browser: Browser, tmp_path: Path) -> None:
+def test_each_joint_is_drawn_between_its_own_limits(chrome: Chromium, tmp_path: Path) -> None:
     """And one that has none is dotted, with no limits to be seen when it is alone."""
     scene = scenes.ur5_moves()
     lower, upper = np.array([-3.0, -2.0, 0.0, -4.0, -np.inf, -2.5]), np.array([1.0, -1.0, 2.5, 4.0, np.inf, 3.0])
     limits = replace(scene.robot.limits, lower=lower, upper=upper)
     write_page(replace(scene, robot=replace(scene.robot, limits=limits)), tmp_path / "limits.html")
-    replay = Replay(browser, (tmp_path / "limits.html").as_uri())
+    replay = Replay(chrome, (tmp_path / "limits.html").as_uri())
     curves = replay.browser.find_elements(By.CSS_SELECTOR, "#plot polyline")
     samples = scene.trajectory.sample(25.0)
     for j, curve in enumerate(curves):
@@ -272,21 +285,25 @@ def test_ellipsoids_can_be_magnified(replay: Replay, scene: ReplayScene) -> None
         np.testing.assert_allclose(replay(extent), times * true, rtol=0.01)
 
 
-def test_an_ellipsoid_that_would_hide_the_scene_is_not_drawn(
-    browser: Browser, scene: ReplayScene, tmp_path: Path
+def test_a_vague_keyframe_hides_nothing_and_a_doubted_one_asks(
+    chrome: Chromium, scene: ReplayScene, tmp_path: Path
 ) -> None:
     vague = tuple(
-        replace(keyframe, cov=np.diag([0.5**2, 1e-6, 1e-6, 1e-4, 1e-4, 1e-4])) if k in (2, 5) else keyframe
+        replace(keyframe, cov=np.diag([0.25, 1e-6, 1e-6, 1e-4, 1e-4, 1e-4]), weight=0.6 if k == 2 else 0.9)
+        if k in (2, 5)
+        else keyframe
         for k, keyframe in enumerate(scene.keyframes)
     )
     write_page(replace(scene, keyframes=vague), tmp_path / "vague.html")
-    replay = Replay(browser, (tmp_path / "vague.html").as_uri())
+    replay = Replay(chrome, (tmp_path / "vague.html").as_uri())
     seen = """
         const ball = (_, i) => pbd.page.stage.node("pbd", "keyframes", String(i), "two_sigma");
         return pbd.page.replay.keyframes.map(ball).map((node) => node.visible);"""
     few = [k not in (2, 5) for k in range(len(vague))]
     assert replay(seen) == few
     assert "uncertainty, 2 σ; 2 too large to draw" in replay.read("#switches")
+    for doubted in ("#keyframes button.doubted", "#labels button.doubted", "#numbers .doubted"):
+        assert replay.read(doubted) == "2?"
     for wanted in ([False] * len(vague), few):
         replay("document.querySelectorAll('#switches input')[3].click()")
         assert replay(seen) == wanted
@@ -361,12 +378,12 @@ def test_nothing_overlaps(replay: Replay) -> None:
         replay.browser.set_size()
 
 
-def test_what_touches_is_shown(browser: Browser, tmp_path: Path) -> None:
+def test_what_touches_is_shown(chrome: Chromium, tmp_path: Path) -> None:
     scene = scenes.in_the_way()
     write_page(scene, tmp_path / "touching.html")
-    replay = Replay(browser, (tmp_path / "touching.html").as_uri())
+    replay = Replay(chrome, (tmp_path / "touching.html").as_uri())
     alarms = replay.browser.find_elements(By.CSS_SELECTOR, "#notes .alarm button")
-    assert [alarm.text for alarm in alarms] == [each.told for each in scene.touching]
+    assert [alarm.text for alarm in alarms] == [each.message for each in scene.touching]
     axis = replay.browser.find_element(By.ID, "timeline").rect
     red = [each.rect for each in replay.browser.find_elements(By.CSS_SELECTOR, "#touching i")]
     spans = [[each["x"] - axis["x"], each["x"] - axis["x"] + each["width"]] for each in red]
@@ -388,7 +405,7 @@ def test_the_camera_fits_every_window(replay: Replay) -> None:
                 replay("""
                 const { stage } = pbd.page, { scene } = stage.viewer;
                 stage.render();
-                return stage.extent.map((p) => scene.localToWorld(p.clone()).project(stage.camera).toArray());
+                return stage.bounds.map((p) => scene.localToWorld(p.clone()).project(stage.camera).toArray());
                 """)
             )
             x, y = (0.5 + 0.5 * seen[:, 0]) * width, (0.5 - 0.5 * seen[:, 1]) * replay("return innerHeight")
@@ -409,12 +426,12 @@ def test_dark_is_dark(replay: Replay) -> None:
     assert dark.mean() < 90 < 170 < light.mean()
 
 
-def test_words_from_files_are_words(browser: Browser, tmp_path: Path) -> None:
+def test_words_from_files_are_words(chrome: Chromium, tmp_path: Path) -> None:
     evil = '</script><img src=x onerror="document.title=1"><b>'
     scene = scenes.ur5_moves()
     keyframes = tuple(replace(keyframe, label=evil) for keyframe in scene.keyframes)
     write_page(replace(scene, title=evil, notes=(evil,), keyframes=keyframes), tmp_path / "evil.html")
-    replay = Replay(browser, (tmp_path / "evil.html").as_uri())
+    replay = Replay(chrome, (tmp_path / "evil.html").as_uri())
     assert replay("return document.getElementById('title').textContent") == evil
     assert replay("return document.querySelectorAll('img, b:not(#time b, #joints b)').length") == 0
     assert replay("return document.title") == evil

@@ -22,11 +22,11 @@ from pbd.files.demo import read_demo
 from pbd.pose import Array, Pose
 from pbd.sensors.simulate import simulate
 from pbd.tracking.online import LiveTracker
-from pbd.view import hand
-from pbd.view.hand import SEEN_M, HandPicture, HandView
-from tests.view.browser import Browser, Page, until
+from pbd.view import live_view
+from pbd.view.live_view import SMALLEST_M, LivePicture, LiveView
+from tests.view.browser import Page, until
 from tests.view.chromium import Chromium
-from tests.view.test_live import alive, child_of, linux, listening
+from tests.view.test_viewer import alive, child_of, linux, listening
 
 EVERY = 5
 """Samples at 100 Hz between two pictures."""
@@ -34,8 +34,8 @@ EVERY = 5
 EVIL = '</script><img src=x onerror="document.title=1">'
 
 
-def picture(tracker: LiveTracker, t: float) -> HandPicture:
-    return HandPicture(
+def picture(tracker: LiveTracker, t: float) -> LivePicture:
+    return LivePicture(
         t,
         tracker.p_nav_sensor,
         tracker.v_nav_sensor,
@@ -49,7 +49,7 @@ def picture(tracker: LiveTracker, t: float) -> HandPicture:
 
 
 @pytest.fixture(scope="module")
-def pictures() -> list[HandPicture]:
+def pictures() -> list[LivePicture]:
     """What a tracker says of a simulated hand that stops four times; to the page as fast as it goes."""
     recording = simulate("pick-and-place-stops", "modern", 1).recording
     assert recording.gyr is not None
@@ -62,34 +62,40 @@ def pictures() -> list[HandPicture]:
 
 
 @pytest.fixture(scope="module")
-def view() -> Iterator[HandView]:
-    with HandView() as view:
+def view() -> Iterator[LiveView]:
+    with LiveView() as view:
         view.open("tea <i>", "a hand", open_browser=False)
         yield view
 
 
 @pytest.fixture(scope="module")
-def page(view: HandView, chrome: Chromium) -> Page:
+def page(view: LiveView, chrome: Chromium) -> Page:
     return Page(chrome, view._viewer.url)
 
 
-def draw(view: HandView, shown: HandPicture) -> None:
+def draw(view: LiveView, shown: LivePicture) -> None:
     """Show a picture when the server is ready for it."""
     view._viewer.catch_up(5000.0)
     view.show(shown)
 
 
-def settled(page: Page, shown: HandPicture) -> None:
-    until(lambda: page.read("#hand ul").endswith(shown.figures[-1]), "the page")
+def settled(page: Page, shown: LivePicture) -> None:
+    until(lambda: page.read("#live ul").endswith(shown.figures[-1]), "the page")
+
+
+def assert_stops(page: Page, shown: LivePicture) -> None:
+    for i, keyframe in enumerate(shown.keyframes):
+        drawn = page.place("pbd", "stops", str(i), "triad")
+        np.testing.assert_allclose(drawn, keyframe.T_nav_sensor.p, atol=SMALLEST_M)
 
 
 @linux
-def test_it_listens_on_loopback_only(view: HandView) -> None:
+def test_it_listens_on_loopback_only(view: LiveView) -> None:
     assert set(listening(view._viewer._process.pid)) == {"0100007F"}
 
 
 @pytest.fixture(scope="module")
-def went(view: HandView, page: Page, pictures: list[HandPicture]) -> list[Array]:
+def went(view: LiveView, page: Page, pictures: list[LivePicture]) -> list[Array]:
     """Show the whole recording, so that each test finds it done; where the page has the hand, now and then."""
     places = []
     for k, shown in enumerate(pictures):
@@ -97,24 +103,23 @@ def went(view: HandView, page: Page, pictures: list[HandPicture]) -> list[Array]
         if k % 40 == 39 or k == len(pictures) - 1:
             settled(page, shown)
             here = page.place("pbd", "hand")
-            assert np.linalg.norm(here - shown.p_nav_sensor) < 2.0 * SEEN_M
-            assert page.read("#hand strong") == shown.badge
+            assert np.linalg.norm(here - shown.p_nav_sensor) < 2.0 * SMALLEST_M
+            assert page.read("#live strong") == shown.badge
             assert int(page("return pbd.page.stops")) == len(shown.keyframes)
             places.append(here)
     return places
 
 
-def test_the_hand_moves_and_stops_appear(went: list[Array], page: Page, pictures: list[HandPicture]) -> None:
+def test_the_hand_moves_and_stops_appear(went: list[Array], page: Page, pictures: list[LivePicture]) -> None:
     assert np.ptp(went, axis=0).max() > 0.1
     assert len(pictures[-1].keyframes) > 3
-    for i, keyframe in enumerate(pictures[-1].keyframes):
-        np.testing.assert_allclose(page.place("pbd", "stops", str(i), "triad"), keyframe.T_nav_sensor.p, atol=SEEN_M)
+    assert_stops(page, pictures[-1])
     labels = page('return Array.from(document.querySelectorAll("#labels span"), (node) => node.textContent)')
     assert labels == [str(i) for i in range(len(pictures[-1].keyframes))]
 
 
 @pytest.mark.usefixtures("went")
-def test_the_path_leads_from_stop_to_stop(view: HandView, page: Page, pictures: list[HandPicture]) -> None:
+def test_the_path_leads_from_stop_to_stop(view: LiveView, page: Page, pictures: list[LivePicture]) -> None:
     for _ in range(20):  # what is left of it
         draw(view, pictures[-1])
     spans = page("""
@@ -145,7 +150,7 @@ def test_all_is_in_sight_and_nothing_of_the_replay(page: Page) -> None:
         stage.render();
         return stage.labels.map(({ point }) => scene.localToWorld(point.clone()).project(stage.camera).toArray());""")
     )
-    below = 1.0 - 2.0 * page("return element('hand').getBoundingClientRect().top / innerHeight")
+    below = 1.0 - 2.0 * page("return element('live').getBoundingClientRect().top / innerHeight")
     assert (np.abs(seen[:, 0]) < 1.0).all()
     assert (seen[:, 1] < 1.0).all()
     assert (seen[:, 1] > below).all()
@@ -162,27 +167,26 @@ def test_each_part_is_seen(page: Page) -> None:
 
 
 @pytest.mark.usefixtures("went")
-def test_nothing_comes_from_elsewhere_and_words_are_words(view: HandView, page: Page) -> None:
+def test_nothing_comes_from_elsewhere_and_words_are_words(view: LiveView, page: Page) -> None:
     mine = urlsplit(view._viewer.url).netloc
     assert {urlsplit(asked).netloc for asked in page.requests()} == {mine}
-    assert page.read("#hand span") == EVIL
+    assert page.read("#live span") == EVIL
     assert page.read("#recording h1") == "tea <i>"
     assert page("return document.querySelectorAll('img, h1 i').length") == 0
     assert page.errors() == []
 
 
 @pytest.mark.usefixtures("went")
-def test_a_page_that_is_opened_later_shows_the_same(view: HandView, page: Page, pictures: list[HandPicture]) -> None:
+def test_a_page_that_is_opened_later_shows_the_same(view: LiveView, page: Page, pictures: list[LivePicture]) -> None:
     later = Page(page.browser, view._viewer.url)
     settled(later, pictures[-1])
-    assert np.linalg.norm(later.place("pbd", "hand") - pictures[-1].p_nav_sensor) < 2.0 * SEEN_M
+    assert np.linalg.norm(later.place("pbd", "hand") - pictures[-1].p_nav_sensor) < 2.0 * SMALLEST_M
     until(lambda: later("return pbd.page.stage.labels.length") == 3 + len(pictures[-1].keyframes), "the stops")
-    for i, keyframe in enumerate(pictures[-1].keyframes):
-        np.testing.assert_allclose(later.place("pbd", "stops", str(i), "triad"), keyframe.T_nav_sensor.p, atol=SEEN_M)
+    assert_stops(later, pictures[-1])
 
 
 @pytest.mark.usefixtures("went")
-def test_ellipsoids_are_two_sigma(view: HandView, page: Page, pictures: list[HandPicture]) -> None:
+def test_ellipsoids_are_two_sigma(view: LiveView, page: Page, pictures: list[LivePicture]) -> None:
     """The covariance read back from the ellipsoid's axes is the keyframe's."""
     turn = Pose.from_rpy(np.zeros(3), (0.4, -0.7, 1.1)).matrix()[:3, :3]
     cov = np.zeros((6, 6))
@@ -198,22 +202,22 @@ def test_ellipsoids_are_two_sigma(view: HandView, page: Page, pictures: list[Han
     assert np.linalg.det(axes) > 0.0
 
 
-def test_it_says_that_it_is_over(view: HandView, page: Page, pictures: list[HandPicture]) -> None:
+def test_it_says_that_it_is_over(view: LiveView, page: Page, pictures: list[LivePicture]) -> None:
     """Last here: the view is closed."""
     view.end(replace(pictures[-1], state="ended", badge="ended", line="kept in demos/tea"))
     view.close()
-    until(lambda: page.read("#hand strong") == "ended", "the last word")
-    assert page.read("#hand span") == "kept in demos/tea"
+    until(lambda: page.read("#live strong") == "ended", "the last word")
+    assert page.read("#live span") == "kept in demos/tea"
     until(lambda: page("return pbd.page.stage.viewer.connection.readyState") == 3, "the connection to end")
-    assert page.read("#hand span") == "kept in demos/tea"
+    assert page.read("#live span") == "kept in demos/tea"
     assert not page('return document.getElementById("message").checkVisibility()')
 
 
 @linux
-def test_a_server_that_hangs_holds_nobody_up(monkeypatch: pytest.MonkeyPatch, pictures: list[HandPicture]) -> None:
-    monkeypatch.setattr(hand, "PATIENCE_S", 0.5)
-    monkeypatch.setattr(hand, "LAST_WORD_S", 0.2)
-    with HandView() as view:
+def test_a_server_that_hangs_holds_nobody_up(monkeypatch: pytest.MonkeyPatch, pictures: list[LivePicture]) -> None:
+    monkeypatch.setattr(live_view, "PATIENCE_S", 0.5)
+    monkeypatch.setattr(live_view, "LAST_PICTURE_S", 0.2)
+    with LiveView() as view:
         view.open("tea", "a hand", open_browser=False)
         until(lambda: not view._viewer.behind(), "the server")
         os.kill(view._viewer._process.pid, signal.SIGSTOP)
@@ -229,8 +233,8 @@ def test_a_server_that_hangs_holds_nobody_up(monkeypatch: pytest.MonkeyPatch, pi
         assert time.monotonic() - begun < 3.0
 
 
-def test_a_number_that_is_none_is_not_drawn(pictures: list[HandPicture]) -> None:
-    with HandView() as view:
+def test_a_number_that_is_none_is_not_drawn(pictures: list[LivePicture]) -> None:
+    with LiveView() as view:
         view.show(replace(pictures[-1], p_nav_sensor=np.full(3, np.nan)))
         draw(view, pictures[-1])
 
@@ -268,17 +272,17 @@ def recording(tmp_path: Path) -> Iterator[Recording]:
 
 
 @linux
-def test_a_recording_is_seen_and_ends_as_it_should(recording: Recording, tmp_path: Path, browser: Browser) -> None:
-    page = Page(browser, recording.url)
+def test_a_recording_is_seen_and_ends_as_it_should(recording: Recording, tmp_path: Path, chrome: Chromium) -> None:
+    page = Page(chrome, recording.url)
     began = page.place("pbd", "hand")
     until(lambda: np.linalg.norm(page.place("pbd", "hand") - began) > 0.05, "the hand to move")
     until(lambda: page("return pbd.page.stops") > 1, "a stop")
-    assert re.fullmatch(r"stop \d+ at \(.*\) cm, sigma .* cm: you may move on", page.read("#hand span"))
+    assert re.fullmatch(r"stop \d+ at \(.*\) cm, sigma .* cm: you may move on", page.read("#live span"))
     recording.process.send_signal(signal.SIGINT)
     assert recording.process.wait(10.0) == 0
     assert not alive(recording.server)
-    until(lambda: page.read("#hand strong") == "ended", "the last word")
-    assert page.read("#hand span") == "ended: stopped by you; kept in demos/tea"
+    until(lambda: page.read("#live strong") == "ended", "the last word")
+    assert page.read("#live span") == "ended: stopped by you; kept in demos/tea"
     assert len(read_demo(tmp_path / "demos" / "tea").recording) > 100
 
 

@@ -12,14 +12,22 @@ from hypothesis import strategies as st
 from pbd.data import Demonstration, HandPath, Known, Stop
 from pbd.data.covariance import PoseCovariance
 from pbd.pipeline import track
-from pbd.plotting import findings
-from pbd.plotting.demo import demo_plot
-from pbd.plotting.findings import AROUND_S, DRIFT, FIRST_REST_S, SHORT_STOP_S, UNSURE_MOVE_M, find, stop_names
+from pbd.plots.findings import (
+    DRIFT,
+    FIRST_REST_S,
+    SHORT_STOP_S,
+    TREMBLE_S,
+    UNSURE_MOVE_M,
+    Finding,
+    find,
+    length,
+    stop_names,
+)
+from pbd.plots.values import DemoPlot, demo_plot
 from pbd.pose import Array
 from pbd.sensors.simulate import TASKS, simulate
 from pbd.sensors.simulated_hand import Waypoint, minimum_jerk
 from pbd.sensors.simulated_tasks import Task
-from pbd.view.plot_values import DemoPlot, Finding
 from tests.scenarios import pour
 
 HZ = 100.0
@@ -36,7 +44,8 @@ def pouring() -> DemoPlot:
 
 def found(plot: DemoPlot, path: HandPath | None = None, *told: str) -> tuple[Finding, ...]:
     path = path or plot.path
-    return find(path, stop_names(path, plot.keyframes), plot.a_nav, plot.truth, told)
+    error = None if plot.truth is None else plot.truth.error
+    return find(path, stop_names(path, plot.keyframes), plot.tracking.a_nav, error, told)
 
 
 def with_dwells(path: HandPath, **dwells: float) -> HandPath:
@@ -72,7 +81,7 @@ def test_stops_have_the_numbers_that_are_drawn(pouring: DemoPlot) -> None:
     at = [f"the stop at {path.t[path.stops[k].start]:.1f} s" for k in (2, 10)]
     assert stop_names(path, edited) == ("0", "1", at[0], "2", "3", "4", "5", "6", "8", "9", at[1])
     short = with_dwells(path, k2=0.2, k9=0.1)
-    told = find(short, stop_names(short, edited), pouring.a_nav, None, ())
+    told = find(short, stop_names(short, edited), pouring.tracking.a_nav, None, ())
     assert [finding.words.split(" lasts")[0] for finding in told] == ["keyframe 9", at[0]]
     assert short.tracking is not None
     left = replace(short.tracking, demo=replace(short.tracking.demo, keyframes=edited))
@@ -99,7 +108,7 @@ def test_an_unsure_move(pouring: DemoPlot) -> None:
         for number, k in enumerate(unsure):
             cov[k + 1 :, :3, :3] += (0.02 + 0.01 * number) ** 2 * np.eye(3)
         path = replace(pouring.path, covariance=PoseCovariance.chained(cov))
-        told = find(path, stop_names(path, pouring.keyframes), pouring.a_nav, None, ())
+        told = find(path, stop_names(path, pouring.keyframes), pouring.tracking.a_nav, None, ())
         assert all(begin < end for finding in told for begin, end in finding.spans)
         return [finding.words for finding in told]
 
@@ -154,11 +163,11 @@ def test_a_keyframe_far_from_the_truth(pouring: DemoPlot) -> None:
     for sigmas, count in ((3.5, 0), (5.0, 1)):
         error = np.zeros_like(pouring.truth.error)
         error[stop.start : stop.stop, 1] = sigmas * sigma
-        told = find(pouring.path, names, pouring.a_nav, replace(pouring.truth, error=error), ())
+        told = find(pouring.path, names, pouring.tracking.a_nav, error, ())
         assert len(told) == count
-    assert told[0].words == f"keyframe 4 is {findings.length(5.0 * sigma)} from the truth, 5 sigma"
+    assert told[0].words == f"keyframe 4 is {length(5.0 * sigma)} from the truth, 5 sigma"
     unknown = np.full_like(pouring.truth.error, np.nan)
-    assert find(pouring.path, names, pouring.a_nav, replace(pouring.truth, error=unknown), ()) == ()
+    assert find(pouring.path, names, pouring.tracking.a_nav, unknown, ()) == ()
 
 
 # --- a hand that trembles ---
@@ -201,7 +210,7 @@ def path_along_x(x: Array, a: Array) -> tuple[HandPath, Array]:
 
 
 @settings(max_examples=60, deadline=None)
-@given(st.floats(0.001, 0.6), st.floats(AROUND_S, 4.0))
+@given(st.floats(0.001, 0.6), st.floats(TREMBLE_S, 4.0))
 def test_no_move_is_taken_for_trembling(length_m: float, move_s: float) -> None:
     u = np.arange(0.0, 1.0 + 1e-9, 1.0 / (HZ * move_s))
     share, _, curved = minimum_jerk(u)
@@ -210,12 +219,12 @@ def test_no_move_is_taken_for_trembling(length_m: float, move_s: float) -> None:
 
 
 @settings(max_examples=30, deadline=None)
-@given(st.floats(0.001, 0.006), st.floats(4.0, 10.0), st.floats(2.0 * AROUND_S, 3.0))
+@given(st.floats(0.001, 0.006), st.floats(4.0, 10.0), st.floats(2.0 * TREMBLE_S, 3.0))
 def test_every_tremor_is(amplitude_m: float, hz: float, lasts_s: float) -> None:
     w, t = 2.0 * np.pi * hz, np.arange(0.0, lasts_s, 1.0 / HZ)
     path, a_nav = path_along_x(amplitude_m * np.sin(w * t), -amplitude_m * w**2 * np.sin(w * t))
     ((span,),) = (finding.spans for finding in find(path, "01", a_nav, None, ()) if "trembles" in finding.words)
-    assert span[1] - span[0] > lasts_s - 0.5 * AROUND_S
+    assert span[1] - span[0] > lasts_s - 0.5 * TREMBLE_S
 
 
 def test_being_set_down_is_no_trembling() -> None:

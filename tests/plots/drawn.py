@@ -11,8 +11,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
+from pbd.plots.style import DPI, lay_out, style
 from pbd.pose import Array
-from pbd.view.plot_style import DPI, style
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +44,8 @@ def texts(figure: Figure) -> list[Drawn]:
 
     figure.set_dpi(DPI)
     canvas: Any = FigureCanvasAgg(figure)
+    with style():
+        lay_out(figure)
     with style(), patch.object(Text, "draw", record):
         canvas.draw()
     return found

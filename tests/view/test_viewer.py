@@ -18,25 +18,25 @@ from selenium.webdriver.common.by import By
 from tornado.websocket import WebSocketClosedError
 
 from pbd.errors import PbdError
-from pbd.view.live import LiveViewer, show_live
-from pbd.view.pipe import packed
 from pbd.view.scene import build
-from pbd.view.server import LoopbackBridge
+from pbd.view.server import LoopbackBridge, packed
+from pbd.view.viewer import LiveViewer, show_replay
 from tests.view import scenes
-from tests.view.browser import Browser, Replay, until
+from tests.view.browser import Replay, until
+from tests.view.chromium import Chromium
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 
 SHOW = """
-from pbd.view.live import show_live
+from pbd.view.viewer import show_replay
 from tests.view import scenes
-show_live(scenes.ur5_moves(), open_browser=False)
+show_replay(scenes.ur5_moves(), open_browser=False)
 """
 
 
 @pytest.fixture(scope="module")
 def viewer() -> Iterator[LiveViewer]:
-    with show_live(scenes.pouring(), open_browser=False, block=False) as viewer:
+    with show_replay(scenes.pouring(), open_browser=False, block=False) as viewer:
         yield viewer
 
 
@@ -205,9 +205,9 @@ def test_a_page_that_closes_keeps_nobody_waiting() -> None:
     assert seen == [(b"command", True)]
 
 
-def test_it_plays_in_a_browser(viewer: LiveViewer, browser: Browser) -> None:
+def test_it_plays_in_a_browser(viewer: LiveViewer, chrome: Chromium) -> None:
     build(scenes.pouring(), viewer.visualizer)
-    replay = Replay(browser, viewer.url)
+    replay = Replay(chrome, viewer.url)
     address = urlsplit(viewer.url)
     assert {urlsplit(asked).netloc for asked in replay.requests()} == {address.netloc}
     replay("pbd.page.player.seek(5)")
@@ -249,14 +249,14 @@ def test_a_server_that_ends_by_itself_is_told(parent: tuple[subprocess.Popen[str
     assert "the live viewer's server was ended from outside" in process.stderr.read()
 
 
-def test_a_page_whose_server_has_ended_says_so(browser: Browser) -> None:
-    viewer = show_live(scenes.ur5_moves(), open_browser=False, block=False)
-    replay = Replay(browser, viewer.url)
+def test_a_page_whose_server_has_ended_says_so(chrome: Chromium) -> None:
+    viewer = show_replay(scenes.ur5_moves(), open_browser=False, block=False)
+    replay = Replay(chrome, viewer.url)
     viewer.close()
     until(lambda: "has ended" in replay.read("#message"), "the last word")
     assert replay.browser.find_element(By.ID, "message").is_displayed()
-    browser.get("about:blank")
-    browser.errors()  # of the connection that broke
+    chrome.get("about:blank")
+    chrome.errors()  # of the connection that broke
 
 
 @linux
@@ -271,9 +271,9 @@ def test_standard_input_alone_ends_it() -> None:
 def test_the_browser_is_opened_or_not(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
     opened: list[str] = []
     monkeypatch.setattr("webbrowser.open", lambda url, new: opened.append(url))
-    show_live(scenes.ur5_moves(), open_browser=False, block=False).close()
+    show_replay(scenes.ur5_moves(), open_browser=False, block=False).close()
     assert opened == []
-    viewer = show_live(scenes.ur5_moves(), open_browser=True, block=False)
+    viewer = show_replay(scenes.ur5_moves(), open_browser=True, block=False)
     viewer.close()
     assert opened == [viewer.url]
     out, err = capfd.readouterr()
