@@ -277,7 +277,8 @@ def test_a_recording_is_seen_and_ends_as_it_should(recording: Recording, tmp_pat
     began = page.place("pbd", "hand")
     until(lambda: np.linalg.norm(page.place("pbd", "hand") - began) > 0.05, "the hand to move")
     until(lambda: page("return pbd.page.stops") > 1, "a stop")
-    assert re.fullmatch(r"stop \d+ at \(.*\) cm, sigma .* cm: you may move on", page.read("#live span"))
+    line = re.compile(r"stop \d+ at \(.*\) cm, sigma .* cm: you may move on")
+    until(lambda: line.fullmatch(page.read("#live span")), "a word of it")
     recording.process.send_signal(signal.SIGINT)
     assert recording.process.wait(10.0) == 0
     assert not alive(recording.server)
