@@ -90,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
             }
         )
     elif not args.html:
-        from pbd.view.viewer import show_replay
+        from pbd.view.server import show_replay
 
         show_replay(replay_scene(demo, path, plan, robot, options, args.warnings), open_browser=not args.no_open)
     return 0

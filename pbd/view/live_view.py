@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import TracebackType
@@ -11,12 +10,11 @@ from typing import Any, Literal, Self
 import numpy as np
 
 from pbd.data import Keyframe
-from pbd.errors import PbdError
 from pbd.pose import Array, Pose
 from pbd.view import shapes
 from pbd.view.live_path import LivePath
 from pbd.view.meshcat_encoding import ScenePath, solid, two_sigma
-from pbd.view.viewer import LiveViewer, invite
+from pbd.view.server import LiveViewer, invite
 
 FAST_M_S = 0.6
 """A speed of this or more has the last of the path's colours."""
@@ -34,11 +32,6 @@ SMALLEST_M, SMALLEST_RAD = 2e-4, 2e-3
 ROOM_M, MARGIN_M = 0.1, 0.03
 """The camera's room changes by steps, before the hand reaches its side."""
 FIRST_ROOM_M = np.array([[-0.1, -0.1, 0.0], [0.2, 0.2, 0.2]])
-
-PATIENCE_S = 5.0
-"""A server that has not answered for so long is given up."""
-LAST_PICTURE_S = 1.0
-"""How long drawing the end of a recording may take."""
 
 State = Literal["waits", "still", "moves", "pause", "ended"]
 
@@ -87,8 +80,7 @@ class LiveView:
         self._drawn: list[Pose] = []
         self._room = FIRST_ROOM_M
         self._T_nav_hand = Pose.identity()
-        self._viewer = LiveViewer(waits=False, otherwise="record without --live")
-        self._answered = time.monotonic()
+        self._viewer = LiveViewer(otherwise="record without --live")
         self._scene = self._viewer.visualizer
         self._triad = solid(shapes.triad(shapes.TRIAD_M, shapes.TRIAD_RADIUS_M))
         self._ball = solid(shapes.sphere(1.0, shapes.UNSURE_RGB), opacity=shapes.UNSURE_OPACITY)
@@ -104,34 +96,16 @@ class LiveView:
         invite(f"live view at {self._viewer.url}", self._viewer.url, open_browser)
 
     def show(self, picture: LivePicture) -> None:
-        """Draw what is new, in a few milliseconds; nothing for now where the server is busy with what came before.
-
-        Raises:
-            PbdError: the server has ended, or has not answered for PATIENCE_S.
-        """
-        if not self._viewer.alive:
-            raise PbdError("the live view has ended; recording goes on")
-        if not np.isfinite((*picture.p_nav_sensor, *picture.v_nav_sensor, *picture.wxyz_nav_sensor)).all():
-            return
-        self._follow(picture)
-        now = time.monotonic()
-        if not self._viewer.behind():
-            self._answered = now
-            self._draw(picture)
-        elif now - self._answered > PATIENCE_S:
-            raise PbdError(f"the live view has not answered for {PATIENCE_S:g} s; recording goes on")
+        """Draw what is new, in a few milliseconds; nothing for now where the server is busy with what came before."""
+        if np.isfinite((*picture.p_nav_sensor, *picture.v_nav_sensor, *picture.wxyz_nav_sensor)).all():
+            self._follow(picture)
+            if not self._viewer.behind():
+                self._draw(picture)
 
     def end(self, picture: LivePicture) -> None:
-        """Draw all that is left and a last picture; this may take LAST_PICTURE_S, as the recording is over."""
-        until = time.monotonic() + LAST_PICTURE_S
-        try:
-            while self._viewer.alive and time.monotonic() < until:
-                self._viewer.catch_up(1e3 * LAST_PICTURE_S)
-                if not self._draw(picture):
-                    self._viewer.catch_up(1e3 * LAST_PICTURE_S)
-                    return
-        except PbdError:
-            return  # nobody sees it
+        """Draw all that is left and a last picture, as the recording is over."""
+        while self._draw(picture):
+            pass
 
     def close(self) -> None:
         """End the server; more than once is fine."""
