@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Literal, Self
@@ -13,7 +12,7 @@ from pbd.data import Keyframe
 from pbd.pose import Array, Pose
 from pbd.view import shapes
 from pbd.view.live_path import LivePath
-from pbd.view.meshcat_encoding import ScenePath, solid, two_sigma
+from pbd.view.meshcat_encoding import solid, two_sigma
 from pbd.view.server import LiveViewer, invite
 
 FAST_M_S = 0.6
@@ -147,6 +146,7 @@ class LiveView:
         T_nav_hand = Pose(picture.p_nav_sensor, picture.wxyz_nav_sensor)
         if _has_moved(self._T_nav_hand, T_nav_hand):
             self._T_nav_hand = T_nav_hand
+            self._scene["hand"].set_transform(T_nav_hand.matrix())
         words = {
             **self._about,
             "state": picture.state,
@@ -156,7 +156,7 @@ class LiveView:
             "stops": len(self._drawn),
             "room": self._room.tolist(),
         }
-        self._viewer.send(SetLive(self._scene["hand"].path, self._T_nav_hand, words))
+        self._scene["hand"].set_property("live", words)
         return self._path.more
 
     def _draw_stop(self, i: int, keyframe: Keyframe) -> None:
@@ -171,24 +171,6 @@ class LiveView:
             return
         node["triad"].set_transform(T_nav_sensor.matrix())
         node["two_sigma"].set_transform(two_sigma(T_nav_sensor.p, keyframe.cov[:3, :3]))
-
-
-@dataclass(frozen=True, eq=False)
-class SetLive:
-    """Where the hand is, and what the page says of it.
-
-    To the server it is a transform, of which it keeps the last one for pages that are opened later; of properties it
-    keeps all.
-    """
-
-    path: ScenePath
-    T_nav_hand: Pose
-    words: Mapping[str, Any]
-
-    def lower(self) -> dict[str, Any]:
-        """As meshcat's command."""
-        matrix = self.T_nav_hand.matrix().T.ravel().tolist()
-        return {"type": "set_transform", "path": self.path.lower(), "matrix": matrix, "live": self.words}
 
 
 def _has_moved(before: Pose, after: Pose) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 
 from pbd.data import Obstacle
 from pbd.pose import Array, Pose
-from pbd.view import placeholder, shapes
+from pbd.view import shapes
 from pbd.view.bounds import bounds
 from pbd.view.description import describe
 from pbd.view.meshcat_encoding import PoseTrack, SetTracks, Visualizer, solid, two_sigma
@@ -28,7 +28,11 @@ OBSTACLE_RGB, OBSTACLE_OPACITY = (0.62, 0.55, 0.47), 0.6
 OBJECT_RGB, OBJECT_OPACITY = (0.16, 0.55, 0.53), 0.72
 """Translucent, or what is held hides keyframes and the path."""
 THE_TOOL = "the tool"
-"""What the checks for collisions call the rod."""
+"""What the checks for collisions call the rod, which stands for a gripper that the robot's model lacks."""
+GRIPPER_RGB, GRIPPER_OPACITY = (0.55, 0.58, 0.63), 0.55
+"""Of the rod; and of a palm with two fingers around it, a guess that is not checked."""
+FINGER_M, HALF_STROKE_M = 0.055, 0.04
+"""Of that guess."""
 
 
 def build(scene: ReplayScene, into: Visualizer) -> None:
@@ -90,15 +94,30 @@ def _robot(
 
 
 def _placeholder(scene: ReplayScene, rod: Rod, red: bool, nodes: Mapping[int, Visualizer]) -> None:
+    """Draw the rod that is checked, and a gripper that is not: it shows what holds the object."""
     joint, T_joint_body = scene.motion.link(scene.robot.body)
-    node = nodes[joint]["placeholder"]
+    node, rgb = nodes[joint]["placeholder"], TOUCHING_RGB if red else GRIPPER_RGB
     node.set_transform((T_joint_body @ scene.robot.T_body_tool).matrix())
-    mesh = placeholder.rod(rod)
-    node["rod"].set_object(solid(mesh.painted(TOUCHING_RGB) if red else mesh))
+    node["rod"].set_object(solid(shapes.capsule(0.5 * rod.diameter, rod.length, rgb)))
     node["rod"].set_transform(rod.T_tool_rod.matrix())
-    for i, (mesh, p_tool) in enumerate(placeholder.gripper(scene.robot, scene.grasped)):
-        node[str(i)].set_object(solid(mesh.painted(TOUCHING_RGB) if red else mesh, placeholder.OPACITY))
-        node[str(i)].set_transform(Pose(p_tool, np.array([1.0, 0.0, 0.0, 0.0])).matrix())
+    for i, (size, p_tool) in enumerate(_gripper(scene)):
+        node[str(i)].set_object(solid(shapes.box(size, rgb), GRIPPER_OPACITY))
+        node[str(i)].set_transform(Pose(np.array(p_tool), np.array([1.0, 0.0, 0.0, 0.0])).matrix())
+
+
+def _gripper(scene: ReplayScene) -> list[tuple[tuple[float, float, float], tuple[float, float, float]]]:
+    """Sizes of a palm and two fingers, as wide apart as what they hold, and where they are in the tool's frame, m.
+
+    None where the model has fingers, or no room for them.
+    """
+    robot, grasped = scene.robot, scene.grasped
+    fingers = robot.gripper is not None and len(robot.gripper.joints) > 0
+    if fingers or float(np.linalg.norm(robot.T_body_tool.p)) <= FINGER_M:
+        return []
+    half = HALF_STROKE_M if grasped is None else min(0.5 * grasped.size[0], 2.0 * HALF_STROKE_M)
+    finger, up = (0.012, 0.02, FINGER_M + 0.01), 0.5 * (0.01 - FINGER_M)
+    palm = ((2.0 * half + 0.04, 0.04, 0.024), (0.0, 0.0, -FINGER_M))
+    return [palm, (finger, (-half - 0.006, 0.0, up)), (finger, (half + 0.006, 0.0, up))]
 
 
 def _path(scene: ReplayScene, into: Visualizer) -> None:

@@ -39,9 +39,9 @@ function begin(stage, replay) {
 }
 
 // A recording under way.
-function watch(stage, command, handle) {
+function watch(stage, words) {
   pbd.page ??= new LivePage(stage);
-  pbd.page.take(command, handle);
+  pbd.page.take(words);
   requestAnimationFrame(() => { pbd.ready = true; });
 }
 
@@ -52,8 +52,8 @@ async function boot() {
   const stage = new Stage(document.getElementById("pane"));
   const handle = stage.viewer.handle_command.bind(stage.viewer);
   stage.viewer.handle_command = (command) => {
-    if (command.live) {
-      watch(stage, command, handle);
+    if (command.property === "live") {
+      watch(stage, command.value);
       return;
     }
     handle(command);

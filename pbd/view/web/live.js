@@ -18,13 +18,9 @@ class LivePage {
     };
   }
 
-  // The hand's pose comes with what is to be said. Where it stands still the scene is left alone, to be drawn finely.
-  take(command, handle) {
-    const pose = command.matrix.join();
-    if (pose !== this.pose) handle(command);
-    this.pose = pose;
-    this.say(command.live);
-    const { stops, room } = command.live;
+  take(words) {
+    this.say(words);
+    const { stops, room } = words;
     if (stops !== this.stops || !this.stage.labels.length) this.number(stops);
     if (String(room) === String(this.room)) return;
     this.room = room;
