@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from pbd.cli import main
-from pbd.view import plots
+from pbd.plots import figures
 from tests.test_cli import write_recording
 
 Capture = pytest.CaptureFixture[str]
@@ -27,7 +27,7 @@ def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.fixture
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
     """One figure is enough, where it is not about the figures."""
-    monkeypatch.setattr(plots, "FIGURES", {"position": plots.FIGURES["position"]})
+    monkeypatch.setattr(figures, "FIGURES", {"position": figures.FIGURES["position"]})
 
 
 def run(capsys: Capture, *args: str | Path) -> tuple[int, str, str]:
@@ -52,7 +52,7 @@ def test_the_bundled_demonstration_is_drawn_where_none_is_named(capsys: Capture,
     assert "using 'pouring'" in err
     assert err.endswith("pbd: wrote 14 files into plots/pouring\n")
     files = {file.stem: file for file in (elsewhere / "plots" / "pouring").iterdir()}
-    assert set(files) == set(plots.FIGURES)
+    assert set(files) == set(figures.FIGURES)
     sizes = {}
     for name, file in files.items():
         assert file.suffix == ".png"

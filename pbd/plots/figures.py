@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import cast
 
@@ -43,62 +42,8 @@ VIEW_SIZE = (8.4, 6.4)
 """Of a picture of the path, inches."""
 A4 = (11.69, 8.27)
 """Landscape, inches."""
-FINDING_WIDTH, FINDING_LINES, LINES = 46, 5, 13
+FINDING_WIDTH, FINDING_LINES, LINES = 46, 5, 14
 """Of a finding on the summary: letters in a line, and lines; and lines of all findings."""
-
-
-@dataclass(frozen=True)
-class OverTime:
-    """A figure of panels over one time axis, of heights in inches."""
-
-    title: str
-    panels: tuple[tuple[float, Panel], ...]
-
-    def draw(self, plot: DemoPlot) -> Figure:
-        """Draw the panels below each other."""
-        heights, drawn = zip(*self.panels, strict=True)
-        figure = sheet(self.title, WIDTH, 1.3 + sum(heights))
-        axes = figure.subplots(len(drawn), sharex=True, squeeze=False, height_ratios=heights)[:, 0]
-        axes[0].set_title(_subtitle(plot))
-        for ax, panel in zip(axes, drawn, strict=True):
-            panel(ax, plot)
-            mark(ax, plot, numbers=ax is axes[0])
-        axes[-1].set_xlabel("time (s)")
-        figure.align_ylabels(axes)
-        legend(figure, axes, marks(plot))
-        return figure
-
-
-OVER_TIME = {
-    "resulting-acceleration": OverTime(
-        "Resulting acceleration, equation 7 (as the paper's figure 5)", ((3.2, panels.resulting),)
-    ),
-    "variance": OverTime(
-        "Variance of the resulting acceleration, equations 8 and 9 (as the paper's figure 6)", ((3.2, panels.variance),)
-    ),
-    "motion": OverTime("Motion and stops (as the paper's figure 7)", ((2.6, panels.speed), (0.9, panels.moves))),
-    "position": OverTime("Position", ((3.6, panels.position),)),
-    "attitude": OverTime("Attitude", ((3.6, panels.attitude),)),
-    "gravity": OverTime(
-        "Specific force, and motion acceleration without gravity",
-        ((2.3, panels.specific_force), (2.3, panels.motion_acceleration)),
-    ),
-    "velocity": OverTime(
-        "Velocity, and its residual at each stop (closure)", ((2.7, panels.velocity), (1.7, panels.closure))
-    ),
-    "sigma": OverTime(
-        "Sigma along the path, interpolated between the stops; the error where the truth is known",
-        (*((1.25, partial(panels.sigma, axis=axis)) for axis in range(3)), (1.25, panels.sigma_turn)),
-    ),
-    "field": OverTime(
-        "Magnetic field, against the first rest", ((2.0, panels.field_strength), (2.0, panels.field_dip))
-    ),
-}
-FIGURES = (
-    *("summary", "resulting-acceleration", "variance", "motion", "path", "view-yx", "view-yz"),
-    *("position", "attitude", "gravity", "velocity", "sigma", "field", "sampling"),
-)
-"""The paper's in its order, then ours."""
 
 
 def names(plot: DemoPlot) -> tuple[str, ...]:
@@ -109,13 +54,26 @@ def names(plot: DemoPlot) -> tuple[str, ...]:
 def draw(name: str, plot: DemoPlot) -> Figure:
     """Draw one of the figures that `names` lists."""
     with style():
-        if name in OVER_TIME:
-            return OVER_TIME[name].draw(plot)
-        if name == "view-yx":
-            return _view(plot, "Path seen from above, yx (as the paper's figure 9)", YX)
-        if name == "view-yz":
-            return _view(plot, "Path seen along x, yz (as the paper's figure 10)", YZ)
-        return {"summary": _summary, "path": _path, "sampling": _sampling}[name](plot)
+        return FIGURES[name](plot)
+
+
+def _over_time(title: str, *rows: tuple[float, Panel]) -> Callable[[DemoPlot], Figure]:
+    """A figure of panels over one time axis, each with its height in inches."""
+
+    def drawn(plot: DemoPlot) -> Figure:
+        heights = [height for height, _ in rows]
+        figure = sheet(title, WIDTH, 1.3 + sum(heights))
+        axes = figure.subplots(len(rows), sharex=True, squeeze=False, height_ratios=heights)[:, 0]
+        axes[0].set_title(_subtitle(plot))
+        for ax, (_, panel) in zip(axes, rows, strict=True):
+            panel(ax, plot)
+            mark(ax, plot, numbers=ax is axes[0])
+        axes[-1].set_xlabel("time (s)")
+        figure.align_ylabels(axes)
+        legend(figure, axes, marks(plot))
+        return figure
+
+    return drawn
 
 
 def _subtitle(plot: DemoPlot) -> str:
@@ -137,13 +95,16 @@ def _path(plot: DemoPlot) -> Figure:
     return figure
 
 
-def _view(plot: DemoPlot, title: str, axes: tuple[int, int]) -> Figure:
-    figure = sheet(title, *VIEW_SIZE)
-    ax = figure.add_subplot(title=_subtitle(plot))
-    numbered = path_view(ax, plot, axes)
-    legend(figure, [ax])
-    number(ax, *numbered)
-    return figure
+def _view(title: str, axes: tuple[int, int]) -> Callable[[DemoPlot], Figure]:
+    def drawn(plot: DemoPlot) -> Figure:
+        figure = sheet(title, *VIEW_SIZE)
+        ax = figure.add_subplot(title=_subtitle(plot))
+        numbered = path_view(ax, plot, axes)
+        legend(figure, [ax])
+        number(ax, *numbered)
+        return figure
+
+    return drawn
 
 
 def _sampling(plot: DemoPlot) -> Figure:
@@ -208,12 +169,43 @@ def _words(figure: SubFigure, plot: DemoPlot) -> None:
         figure.text(0.2, 0.97 - 0.058 * line, plain(how_much, 44), va="top", color=INK)
     look = {"bbox": CHECK | {"linewidth": 1.0}} if plot.findings else {}
     figure.text(0.59, 0.97, "check" if plot.findings else "no problems found", va="top", color=INK, **look)
-    lines: list[str] = []
+    line = 0.0
     for k, finding in enumerate(plot.findings):
         words = plain(finding.words, FINDING_WIDTH * FINDING_LINES)
         wrapped = textwrap.wrap(words, FINDING_WIDTH, max_lines=FINDING_LINES, placeholder=" …")
-        if len(lines) + len(wrapped) > LINES:
-            lines.append(f"and {len(plot.findings) - k} more")
+        full = line + len(wrapped) > LINES
+        text = f"and {len(plot.findings) - k} more" if full else "\n".join(wrapped)
+        figure.text(0.59, 0.9 - 0.048 * line, text, va="top", color=INK, linespacing=1.35)
+        if full:
             break
-        lines += [*wrapped, ""]
-    figure.text(0.59, 0.89, "\n".join(lines), va="top", color=INK, linespacing=1.35)
+        line += len(wrapped) + 0.4
+
+
+VARIANCE = "Variance of the resulting acceleration, equations 8 and 9 (as the paper's figure 6)"
+FORCE = ((2.3, panels.specific_force), (2.3, panels.motion_acceleration))
+SIGMAS = [(1.25, partial(panels.sigma, axis=axis)) for axis in range(3)]
+FIGURES: Mapping[str, Callable[[DemoPlot], Figure]] = {
+    "summary": _summary,
+    "resulting-acceleration": _over_time(
+        "Resulting acceleration, equation 7 (as the paper's figure 5)", (3.2, panels.resulting)
+    ),
+    "variance": _over_time(VARIANCE, (3.2, panels.variance)),
+    "motion": _over_time("Motion and stops (as the paper's figure 7)", (2.6, panels.speed), (0.9, panels.moves)),
+    "path": _path,
+    "view-yx": _view("Path seen from above, yx (as the paper's figure 9)", YX),
+    "view-yz": _view("Path seen along x, yz (as the paper's figure 10)", YZ),
+    "position": _over_time("Position", (3.6, panels.position)),
+    "attitude": _over_time("Attitude", (3.6, panels.attitude)),
+    "gravity": _over_time("Specific force, and motion acceleration without gravity", *FORCE),
+    "velocity": _over_time(
+        "Velocity, and its residual at each stop (closure)", (2.7, panels.velocity), (1.7, panels.closure)
+    ),
+    "sigma": _over_time(
+        "Sigma along the path, and the error where the truth is known", *SIGMAS, (1.25, panels.sigma_turn)
+    ),
+    "field": _over_time(
+        "Magnetic field, against the first rest", (2.0, panels.field_strength), (2.0, panels.field_dip)
+    ),
+    "sampling": _sampling,
+}
+"""By the names of their files: the paper's in its order, then ours."""
