@@ -164,9 +164,9 @@ def _summary_legend(plot: DemoPlot) -> list[Artist]:
 def _words(figure: SubFigure, plot: DemoPlot) -> None:
     """Facts and findings, beside the path."""
     facts = [("tracked", _tracked_by(plot).removeprefix("tracked ")), *plot.facts]
-    for line, (what, how_much) in enumerate(facts):
-        figure.text(0.0, 0.97 - 0.058 * line, what, va="top", color=GREY)
-        figure.text(0.2, 0.97 - 0.058 * line, plain(how_much, 44), va="top", color=INK)
+    for k, (what, how_much) in enumerate(facts):
+        figure.text(0.0, 0.97 - 0.058 * k, what, va="top", color=GREY)
+        figure.text(0.2, 0.97 - 0.058 * k, plain(how_much, 44), va="top", color=INK)
     look = {"bbox": CHECK | {"linewidth": 1.0}} if plot.findings else {}
     figure.text(0.59, 0.97, "check" if plot.findings else "no problems found", va="top", color=INK, **look)
     line = 0.0

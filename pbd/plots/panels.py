@@ -32,22 +32,23 @@ def _truth_lines(ax: Axes, t: Array, values: Array) -> None:
 
 def position(ax: Axes, plot: DemoPlot) -> None:
     """Where the hand is, beside the truth."""
-    rows, path = plot.tracked, plot.path
-    scale, unit = length_unit(path.p_nav_sensor[rows])
-    if plot.truth is not None:
-        _truth_lines(ax, plot.truth.t, scale * plot.truth.p_nav_sensor)
-    _lines(ax, path.t[rows], scale * path.p_nav_sensor[rows])
+    unit = _of_hand(ax, plot, plot.path.p_nav_sensor, None if plot.truth is None else plot.truth.p_nav_sensor)
     ax.set_ylabel(f"position ({unit})")
 
 
 def velocity(ax: Axes, plot: DemoPlot) -> None:
     """Velocity, beside the truth's."""
-    rows, path = plot.tracked, plot.path
-    scale, unit = length_unit(path.v_nav_sensor[rows])
-    if plot.truth is not None:
-        _truth_lines(ax, plot.truth.t, scale * plot.truth.v_nav_sensor)
-    _lines(ax, path.t[rows], scale * path.v_nav_sensor[rows])
+    unit = _of_hand(ax, plot, plot.path.v_nav_sensor, None if plot.truth is None else plot.truth.v_nav_sensor)
     ax.set_ylabel(f"velocity ({unit}/s)")
+
+
+def _of_hand(ax: Axes, plot: DemoPlot, values: Array, truth: Array | None) -> str:
+    """Draw values (n, 3) while the hand is tracked; return the unit, without "/s"."""
+    scale, unit = length_unit(values[plot.tracked])
+    if plot.truth is not None and truth is not None:
+        _truth_lines(ax, plot.truth.t, scale * truth)
+    _lines(ax, plot.path.t[plot.tracked], scale * values[plot.tracked])
+    return unit
 
 
 def closure(ax: Axes, plot: DemoPlot) -> None:
@@ -142,10 +143,8 @@ def variance(ax: Axes, plot: DemoPlot) -> None:
 def sigma(ax: Axes, plot: DemoPlot, axis: int) -> None:
     """Sigma of position along one axis, and the error where the truth is known; all axes have one scale."""
     scale, unit, most = _sigma_unit(plot)
-    first, last = plot.tracked.start, plot.tracked.stop - 1
-    # Vector graphics keep every point of a filled area.
-    edges = [row for stop in plot.path.stops for row in (stop.start, stop.stop - 1)]
-    rows = np.union1d(np.linspace(first, last, min(last - first + 1, MANY)).astype(np.intp), edges)
+    begin, end = plot.tracked.start, plot.tracked.stop
+    rows = slice(begin, end, -(-(end - begin) // MANY))  # vector graphics keep every point of a filled area
     one = scale * plot.sigma[rows, axis]
     for factor, alpha in ((2.0, 0.12), (1.0, 0.22)):
         area = ax.fill_between(plot.path.t[rows], -factor * one, factor * one, label=f"± {factor:g} σ")

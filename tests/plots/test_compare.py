@@ -77,15 +77,6 @@ def test_a_demonstration_in_another_nav_comes_to_lie_on_itself(tracked: list[Tra
         assert keyframe.turn == pytest.approx(0.0, abs=1e-7)
 
 
-def test_where_a_demonstration_was_made_does_not_matter(tracked: list[Tracked]) -> None:
-    moved = [tracked[0], *(elsewhere(each, 0.7, np.array([0.3, 0.2, 0.1])) for each in tracked[1:])]
-    for here, there in zip(compare_plot(tracked).keyframes, compare_plot(moved).keyframes, strict=True):
-        assert there.spread == pytest.approx(here.spread, abs=1e-9)
-        assert there.sigma == pytest.approx(here.sigma, abs=1e-9)
-        assert there.turn == pytest.approx(here.turn, abs=1e-7)
-        assert there.furthest_m == pytest.approx(here.furthest_m, abs=1e-9)
-
-
 def test_spread_is_the_standard_deviation(tracked: list[Tracked]) -> None:
     plot = compare_plot(tracked)
     assert plot.by_order
