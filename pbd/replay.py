@@ -3,21 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pbd.calibration.uncertainty import tool_covariances
-from pbd.data import Demonstration, HandPath, Robot
-from pbd.planning import Plan, PlanOptions
+from pbd.data import Demonstration, HandPath, JointTrajectory, Robot
+from pbd.planning import Plan, PlanOptions, arm_of, scene_of
 from pbd.pose import quat_rotate
-from pbd.view.scene import ReplayKeyframe, ReplayScene, Rod, Touching
+from pbd.view.motion import FRAME_RATE_HZ, RobotMotion
+from pbd.view.scene_values import ReplayKeyframe, ReplayScene, Rod, Touching
+
+if TYPE_CHECKING:
+    from pbd.arm.model import ArmModel
 
 
 def replay_scene(
     demo: Demonstration, path: HandPath, plan: Plan, robot: Robot, options: PlanOptions, warnings: Sequence[str] = ()
 ) -> ReplayScene:
     """Collect what a replay shows. The hand's path is drawn where the tool would have been, scaled as the motion is."""
-    T_base_nav = plan.T_base_nav
+    from pbd.arm.collision import object_stays
+
+    arm, T_base_nav = arm_of(robot), plan.T_base_nav
     scale = options.scale * plan.calibration.scale
     inside = slice(path.stops[0].start, path.stops[-1].stop)
     p_base_sensor = T_base_nav.act(scale * path.p_nav_sensor[inside])
@@ -32,6 +39,7 @@ def replay_scene(
         title=demo.recording.info.name,
         robot=robot,
         trajectory=plan.trajectory,
+        motion=robot_motion(arm, plan.trajectory),
         hand_path_base=p_base_sensor + lever,
         hand_speed=np.linalg.norm(path.v_nav_sensor[inside], axis=1),
         keyframes=tuple(
@@ -41,24 +49,33 @@ def replay_scene(
                 T_base_tool=pose,
                 cov=tracked if keyframe.cov.any() else None,  # one that a person typed has no sigma
                 grip=keyframe.grip,
+                weight=keyframe.weight,
             )
             for keyframe, t, pose, tracked in keyframes
         ),
         table_height=plan.calibration.table_height,
         grasped=demo.grasped,
+        phases=object_stays(scene_of(arm, plan.calibration, demo.grasped), plan.trajectory),
         notes=tuple(note for note in (demo.notes, *warnings) if note),
         touching=_touching(plan),
         obstacles=plan.calibration.obstacles,
-        rod=_rod(robot),
+        rod=_rod(arm),
     )
 
 
-def _rod(robot: Robot) -> Rod | None:
+def robot_motion(arm: ArmModel, trajectory: JointTrajectory) -> RobotMotion:
+    """Sample a trajectory for the page: the whole robot, arm and fingers."""
+    from pbd.arm.model import from_se3
+
+    samples = trajectory.sample(FRAME_RATE_HZ)
+    q = np.array([arm.full_q(*each) for each in zip(samples.q, samples.gripper, strict=True)])
+    return RobotMotion(arm.full, from_se3(arm.T_base_universe), samples.t, q)
+
+
+def _rod(arm: ArmModel) -> Rod | None:
     """The rod that is checked for collisions, where the model has no gripper."""
     from pbd.arm.gripper import tool_on_joint, tool_rod
-    from pbd.planning import arm_of
 
-    arm = arm_of(robot)
     checked = tool_rod(arm)
     if checked is None:
         return None
@@ -72,10 +89,10 @@ def _touching(plan: Plan) -> tuple[Touching, ...]:
     if plan.touching is None:
         return ()
     first, error = plan.touching.found, plan.touching.error
-    told = []
+    messages = []
     for each in plan.touching.hits:
         bodies = (each.hit.first, each.hit.second)
         is_first = each.t == first.t and bodies == (first.hit.first, first.hit.second)
         words = error.message if is_first else f"t = {each.t:.1f} s: {describe(each.hit)}"
-        told.append(Touching(bodies, each.t, each.parted_t, words))
-    return tuple(told)
+        messages.append(Touching(bodies, each.t, each.parted_t, words))
+    return tuple(messages)

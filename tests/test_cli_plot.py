@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from pbd.cli import main
-from pbd.view import plots
+from pbd.plots import figures
 from tests.cli.running import Capture, run, run_json, write_recording
 
 pytestmark = pytest.mark.usefixtures("elsewhere")
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.usefixtures("elsewhere")
 @pytest.fixture
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
     """One figure is enough, where it is not about the figures."""
-    monkeypatch.setattr(plots, "FIGURES", {"position": plots.FIGURES["position"]})
+    monkeypatch.setattr(figures, "FIGURES", {"position": figures.FIGURES["position"]})
 
 
 def test_the_bundled_demonstration_is_drawn_where_none_is_named(capsys: Capture, elsewhere: Path) -> None:
@@ -28,7 +28,7 @@ def test_the_bundled_demonstration_is_drawn_where_none_is_named(capsys: Capture,
     assert "using 'pouring'" in err
     assert err.endswith("pbd: wrote 14 files into plots/pouring\n")
     files = {file.stem: file for file in (elsewhere / "plots" / "pouring").iterdir()}
-    assert set(files) == set(plots.FIGURES)
+    assert set(files) == set(figures.FIGURES)
     sizes = {}
     for name, file in files.items():
         assert file.suffix == ".png"

@@ -54,7 +54,7 @@ def test_all_that_touches_is_shown_by_when_it_begins() -> None:
     assert [each.bodies for each in scene.touching] == [(h.hit.first, h.hit.second) for h in plan.touching.hits]
     assert {each.bodies[1] for each in scene.touching} >= {"the post", "the table"}
     assert [each.start for each in scene.touching] == sorted(each.start for each in scene.touching)
-    assert [each.told for each in scene.touching].count(told) == 1  # the first, with what to do about it
+    assert [each.message for each in scene.touching].count(told) == 1  # the first, with what to do about it
     assert all(0.0 <= each.start <= each.end <= plan.trajectory.duration for each in scene.touching)
 
 

@@ -34,8 +34,8 @@ def run(args: argparse.Namespace) -> None:
     folder = _place(args.save, _word(demo))
     path, _ = _tracked(args, demo, named_calibration(args))
     with working("preparing the plots"):
-        from pbd.plotting.demo import demo_plot
-        from pbd.view.plots import draw, names
+        from pbd.plots.figures import draw, names
+        from pbd.plots.values import demo_plot
 
         plot = demo_plot(path, args.warnings)
     for finding in plot.findings:
@@ -64,9 +64,8 @@ def _compare(args: argparse.Namespace) -> None:
         except PbdError as error:
             raise type(error)(f"{title}: {error.message}", **error.fields) from None
     with working("comparing"):
-        from pbd.plotting.compare import compare_plot
-        from pbd.view.plot_compare import COMPARISONS, draw_comparison
-        from pbd.view.spread_table import spread_rows, spread_table
+        from pbd.plots.compare import compare_plot, spread_rows, spread_table
+        from pbd.plots.compare_figures import COMPARISONS, draw_comparison
         from pbd.view.tables import print_csv, print_table
 
         plot = compare_plot(tracked)
@@ -133,7 +132,7 @@ def _place(save: Path | None, name: str) -> Path:
 
 def _write(folder: Path, format_name: str, names: Collection[str], draw: Callable[[str], Figure]) -> list[str]:
     """Draw figures into files, all of them or none, and say where they are."""
-    from pbd.view.plot_style import write
+    from pbd.plots.style import write
 
     files = [f"{name}.{format_name}" for name in names]
     with atomic_files(folder, files) as new:

@@ -40,9 +40,9 @@ def run(args: argparse.Namespace) -> None:
     with ExitStack() as stack:
         view = None
         if args.live:
-            from pbd.view.hand import HandView
+            from pbd.view.live_view import LiveView
 
-            view = stack.enter_context(HandView())
+            view = stack.enter_context(LiveView())
         hand = _simulated(args, stack)
         sensor, opened, decoder = find_sensor(args) if hand is None else (hand.name, hand.open, hand.decoder())
         options = RecordOptions(

@@ -11,8 +11,8 @@ from pbd.cli.plan_report import moves_json, say_moves, touching_json
 from pbd.cli.steps import plan_demonstration
 from pbd.doors.atomic import refuse_output
 from pbd.replay import replay_scene
-from pbd.view.live import show_live
 from pbd.view.page import write_page
+from pbd.view.server import show_replay
 
 SUFFIXES = (".html", ".htm")
 
@@ -56,4 +56,4 @@ def run(args: argparse.Namespace) -> None:
             }
         )
     elif not args.html:
-        show_live(replay_scene(demo, path, plan, robot, options, warned), open_browser=not args.no_open)
+        show_replay(replay_scene(demo, path, plan, robot, options, warned), open_browser=not args.no_open)

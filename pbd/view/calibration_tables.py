@@ -6,19 +6,30 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from rich import box
 from rich.table import Table
 
 from pbd.data import Calibration, Linear
 from pbd.data.sigma import one_sigma
 from pbd.pose import Array, Pose, quat_to_rpy
+from pbd.view.tables import make_table
 
 
 def points_table(
     names: Sequence[str], stops: Sequence[int], residuals: Array, left_out: Array, sigma: Array, used: Sequence[bool]
 ) -> Table:
     """Each point: what is left of it in base, and what its distance from the fit of the others is."""
-    table = _table("point", "stop", "off x (mm)", "y (mm)", "z (mm)", "off (mm)", "by the others (mm)", "σ (mm)", "")
+    table = make_table(
+        "point",
+        "stop",
+        "off x (mm)",
+        "y (mm)",
+        "z (mm)",
+        "off (mm)",
+        "by the others (mm)",
+        "σ (mm)",
+        "",
+        left=("point",),
+    )
     for name, stop, off, alone, its_sigma, good in zip(names, stops, residuals, left_out, sigma, used, strict=True):
         table.add_row(
             name,
@@ -34,7 +45,7 @@ def points_table(
 
 def calibration_table(calibration: Calibration) -> Table:
     """Everything that a calibration says."""
-    table = _table("part", "what", "value", "σ", left=("part", "what", "value", "σ"))
+    table = make_table("part", "what", "value", "σ", left=("part", "what", "value", "σ"))
     if calibration.T_base_dock is not None:
         _add_pose(table, "dock", "the sensor in base", calibration.T_base_dock, calibration.cov_base)
     if calibration.T_base_nav is not None:
@@ -74,7 +85,7 @@ def base_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     A dash stands for a part that nobody measured.
     """
     names = list(rows[0]["base_sigma_parts_m"]) if rows else []
-    table = _table("#", "σ x (mm)", "y (mm)", "z (mm)", "σ (°)", *(f"{name} (mm)" for name in names))
+    table = make_table("#", "σ x (mm)", "y (mm)", "z (mm)", "σ (°)", *(f"{name} (mm)" for name in names))
     for k, row in enumerate(rows):
         table.add_row(
             str(k),
@@ -90,16 +101,9 @@ def base_table(rows: Sequence[Mapping[str, Any]]) -> Table:
 
 def figures_table(rows: Sequence[tuple[str, str, str]]) -> Table:
     """What was found, its value, and what is to be said of it."""
-    table = _table("what", "value", "", left=("what", "value", ""))
+    table = make_table("what", "value", "", left=("what", "value", ""))
     for row in rows:
         table.add_row(*row)
-    return table
-
-
-def _table(*columns: str, left: tuple[str, ...] = ("point",)) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
-    for column in columns:
-        table.add_column(column, justify="left" if column in left else "right", no_wrap=True)
     return table
 
 

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.data import JointTrajectory
+from pbd.data.hand import DOUBTED
 from pbd.pose import Array
+from pbd.view.meshcat_encoding import typed
 from pbd.view.scene_values import ReplayKeyframe, ReplayScene
-from pbd.view.wire import typed
 
 PLOT_RATE_HZ = 25.0
 SPAN_RATE_HZ = 100.0
@@ -21,17 +22,17 @@ OPEN = 0.98
 """Of the gripper's widest opening in the motion: beyond it counts as open."""
 
 
-def describe(scene: ReplayScene, extent: Array, rate_hz: float) -> Mapping[str, Any]:
+def describe(scene: ReplayScene, bounds: Array, rate_hz: float) -> Mapping[str, Any]:
     """Describe a replay to the page.
 
     Args:
         scene: all of it.
-        extent: (k, 3) m in base, points that the camera should show.
+        bounds: (k, 3) m in base, points that the camera should show.
         rate_hz: of the motion's frames.
     """
     trajectory, limits = scene.trajectory, scene.robot.limits
     samples = trajectory.sample(PLOT_RATE_HZ)
-    told = [each.told for each in scene.touching]
+    messages = [each.message for each in scene.touching]
     return {
         "title": scene.title,
         "robot": scene.robot.description or scene.robot.name,
@@ -51,8 +52,8 @@ def describe(scene: ReplayScene, extent: Array, rate_hz: float) -> Mapping[str, 
         "speed": None if scene.hand_speed is None else float(scene.hand_speed.max()),
         "table": scene.table_height,
         "obstacles": [obstacle.name for obstacle in scene.obstacles],
-        "extent": extent.tolist(),
-        "notes": [note for note in scene.notes if not any(words in note for words in told)],
+        "bounds": bounds.tolist(),
+        "notes": [note for note in scene.notes if not any(message in note for message in messages)],
         "touching": [asdict(each) for each in scene.touching],
     }
 
@@ -82,6 +83,7 @@ def _keyframe(keyframe: ReplayKeyframe) -> dict[str, Any]:
         "p": keyframe.T_base_tool.p.tolist(),
         "sigma": None if keyframe.cov is None else [_largest(keyframe.cov[:3, :3]), _largest(keyframe.cov[3:, 3:])],
         "grip": keyframe.grip,
+        "sure": None if keyframe.weight >= DOUBTED else keyframe.weight,
     }
 
 

@@ -19,14 +19,14 @@ from typing import TYPE_CHECKING, Any
 import umsgpack
 
 from pbd.doors.atomic import atomic_file
-from pbd.view.meshcat_api import ScenePath, Visualizer, meshcat_file
+from pbd.view.meshcat_encoding import ScenePath, Visualizer
 
 if TYPE_CHECKING:  # the server of the live viewer makes a page too, and needs no robot library
     from pbd.view.scene import ReplayScene
 
 SCRIPTS = (
     *("dom.js", "player.js", "quality.js", "room.js", "stage.js", "keyframes.js", "timeline.js", "joints.js"),
-    *("legend.js", "keys.js", "page.js", "hand.js", "boot.js"),
+    *("legend.js", "keys.js", "page.js", "live.js", "boot.js"),
 )
 """In this order they make one script."""
 SCENE_ROOT = "pbd"
@@ -78,10 +78,10 @@ def page_html(title: str, commands: bytes, connect: str = "'none'") -> str:
 @cache
 def viewer_code() -> str:
     """Meshcat's page script, with the licences of what is in it."""
-    folder = Path(meshcat_file).parent / "viewer"
+    folder = importlib.resources.files("meshcat") / "viewer"
     names = ("LICENSE", "dist/main.min.js.LICENSE.txt", "dist/main.min.js.THIRD_PARTY_LICENSES.json")
     licences = "\n".join((folder / name).read_text(encoding="utf-8") for name in names).replace("*/", "* /")
-    code = (folder / "dist" / "main.min.js").read_text(encoding="utf-8")
+    code = (folder / "dist/main.min.js").read_text(encoding="utf-8")
     return f"{code}\n/*! {licences} */\n".replace("\r\n", "\n")
 
 

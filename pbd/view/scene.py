@@ -11,96 +11,113 @@ import numpy as np
 
 from pbd.data import Obstacle
 from pbd.pose import Array, Pose
-from pbd.view import grasp, shapes, stand_in
+from pbd.view import shapes
+from pbd.view.bounds import bounds
 from pbd.view.description import describe
-from pbd.view.ellipsoid import two_sigma
-from pbd.view.extent import extent
-from pbd.view.meshcat_api import Visualizer
-from pbd.view.motion import Motion, Track
+from pbd.view.meshcat_encoding import PoseTrack, SetTracks, Visualizer, solid, two_sigma
+from pbd.view.motion import FRAME_RATE_HZ, Poses, RobotMotion
 from pbd.view.scene_values import ReplayKeyframe, ReplayScene, Rod, Touching
 from pbd.view.visuals import Visual, read_visuals
-from pbd.view.wire import PoseTrack, SetTracks, solid
 
 __all__ = ["ReplayKeyframe", "ReplayScene", "Rod", "Touching", "build"]
 
-FRAME_RATE_HZ = 50.0
 PATH_SPACING_M = 0.003
 TOOL_PATH_RGB = (0.55, 0.57, 0.60)
 TOUCHING_RGB = (0.86, 0.12, 0.10)
+OBSTACLE_RGB, OBSTACLE_OPACITY = (0.62, 0.55, 0.47), 0.6
+OBJECT_RGB, OBJECT_OPACITY = (0.16, 0.55, 0.53), 0.72
+"""Translucent, or what is held hides keyframes and the path."""
 THE_TOOL = "the tool"
-"""What the checks for collisions call the rod."""
-OBSTACLE_RGB = (0.62, 0.55, 0.47)
-OBSTACLE_OPACITY = 0.6
-OBJECT_OPACITY = 0.72
-"""What it holds hides keyframes and the path otherwise."""
+"""What the checks for collisions call the rod, which stands for a gripper that the robot's model lacks."""
+GRIPPER_RGB, GRIPPER_OPACITY = (0.55, 0.58, 0.63), 0.55
+"""Of the rod; and of a palm with two fingers around it, a guess that is not checked."""
+FINGER_M, HALF_STROKE_M = 0.055, 0.04
+"""Of that guess."""
 
 
 def build(scene: ReplayScene, into: Visualizer) -> None:
     """Send the scene to a visualizer in place of what was there, its description (which starts the page) last.
 
     Raises:
-        RobotError: the robot's files can't be read, or lack a joint or link.
+        RobotError: the robot's meshes can't be read.
     """
-    motion = Motion(scene.robot, scene.trajectory, FRAME_RATE_HZ)
-    tool = motion.tool()
+    motion, tool = scene.motion, scene.motion.tool(scene.robot)
     visuals = read_visuals(scene.robot)
     into.delete()
     red = {body for each in scene.touching for body in each.bodies}
     nodes, tracks = _robot(motion, visuals, red, into["robot"])
     if scene.rod is not None:
-        _stand_in(scene, scene.rod, motion, THE_TOOL in red, nodes)
+        _placeholder(scene, scene.rod, THE_TOOL in red, nodes)
     _path(scene, into["hand_path"])
     into["tool_path"].set_object(solid(shapes.tube(_thinned(tool.p)[0], np.array(TOOL_PATH_RGB), 0.0012, sides=6)))
     _keyframes(scene, into["keyframes"])
-    carried = _carried(scene, motion, tool, red, into["object"])
-    if carried is not None:
+    carried = carried_object(scene, tool)
+    if scene.grasped is not None and carried is not None:
+        rgb = TOUCHING_RGB if f"the {scene.grasped.shape}" in red else OBJECT_RGB
+        into["object"].set_object(solid(shapes.solid_of(scene.grasped.shape, scene.grasped.size, rgb), OBJECT_OPACITY))
         tracks.append(PoseTrack(into["object"].path, motion.t, carried.p, carried.wxyz))
     into.window.send(SetTracks(tracks))
     _obstacles(scene.obstacles, red, into["obstacles"])
-    seen = extent(scene, motion, tool, visuals, carried)
-    into["replay"].set_property("replay", describe(scene, seen, FRAME_RATE_HZ))
+    into["replay"].set_property("replay", describe(scene, bounds(scene, tool, visuals, carried), FRAME_RATE_HZ))
+
+
+def carried_object(scene: ReplayScene, tool: Poses) -> Poses | None:
+    """T_base_object over time, where the tool is T_base_tool; None where nothing is grasped."""
+    if not scene.phases:
+        return None
+    p, wxyz = np.empty_like(tool.p), np.empty_like(tool.wxyz)
+    last = len(tool.p) - 1
+    for phase in scene.phases:
+        first, end = np.searchsorted(scene.motion.t, (phase.start, phase.end)).clip(0, last)
+        rows, held = slice(first, end + 1), tool @ phase.pose
+        p[rows] = held.p[rows] if phase.held else phase.pose.p
+        wxyz[rows] = held.wxyz[rows] if phase.held else phase.pose.wxyz
+    return Poses(p, wxyz)
 
 
 def _robot(
-    motion: Motion, visuals: tuple[Visual, ...], red: Set[str], into: Visualizer
+    motion: RobotMotion, visuals: tuple[Visual, ...], red: Set[str], into: Visualizer
 ) -> tuple[dict[int, Visualizer], list[PoseTrack]]:
     """Nest the links as they hang on one another, so that each joint's own motion is all that is animated."""
-    into.set_transform(motion.T_base_world.matrix())
-    nodes = {0: into}
-    tracks = []
-    for joint, local in motion.local.items():
-        node = nodes[joint] = nodes[motion.parent(joint)][motion.name(joint).replace("/", "_")]
+    into.set_transform(motion.T_base_universe.matrix())
+    nodes, tracks = {0: into}, []
+    for joint, parent, name, local in motion.joints():
+        node = nodes[joint] = nodes[parent][name.replace("/", "_")]
         node.set_transform(local[0].matrix())
         tracks.append(PoseTrack(node.path, motion.t, local.p, local.wxyz))
     for i, visual in enumerate(visuals):
-        joint, T_joint_link = motion.link("visual", visual.link)
+        joint, T_joint_link = motion.link(visual.link)
         node = nodes[joint][f"{i}:{visual.link}".replace("/", "_")]
         node.set_object(solid(visual.mesh.painted(TOUCHING_RGB) if visual.link in red else visual.mesh))
         node.set_transform((T_joint_link @ visual.T_link_visual).matrix())
     return nodes, tracks
 
 
-def _stand_in(scene: ReplayScene, rod: Rod, motion: Motion, red: bool, nodes: Mapping[int, Visualizer]) -> None:
-    joint, T_joint_body = motion.link("body", scene.robot.body)
-    node = nodes[joint]["stand_in"]
+def _placeholder(scene: ReplayScene, rod: Rod, red: bool, nodes: Mapping[int, Visualizer]) -> None:
+    """Draw the rod that is checked, and a gripper that is not: it shows what holds the object."""
+    joint, T_joint_body = scene.motion.link(scene.robot.body)
+    node, rgb = nodes[joint]["placeholder"], TOUCHING_RGB if red else GRIPPER_RGB
     node.set_transform((T_joint_body @ scene.robot.T_body_tool).matrix())
-    mesh = stand_in.rod(rod)
-    node["rod"].set_object(solid(mesh.painted(TOUCHING_RGB) if red else mesh))
+    node["rod"].set_object(solid(shapes.capsule(0.5 * rod.diameter, rod.length, rgb)))
     node["rod"].set_transform(rod.T_tool_rod.matrix())
-    for i, (mesh, p_tool) in enumerate(stand_in.hand(scene.robot, scene.grasped)):
-        node[str(i)].set_object(solid(mesh.painted(TOUCHING_RGB) if red else mesh, stand_in.OPACITY))
-        node[str(i)].set_transform(Pose(p_tool, np.array([1.0, 0.0, 0.0, 0.0])).matrix())
+    for i, (size, p_tool) in enumerate(_gripper(scene)):
+        node[str(i)].set_object(solid(shapes.box(size, rgb), GRIPPER_OPACITY))
+        node[str(i)].set_transform(Pose(np.array(p_tool), np.array([1.0, 0.0, 0.0, 0.0])).matrix())
 
 
-def _carried(scene: ReplayScene, motion: Motion, tool: Track, red: Set[str], into: Visualizer) -> Track | None:
-    """Where the grasped object is; None where nothing is grasped."""
-    thing, trajectory = scene.grasped, scene.trajectory
-    spans = grasp.holds(trajectory.gripper_t, trajectory.gripper_opening)
-    if thing is None or not spans:
-        return None
-    rgb = TOUCHING_RGB if f"the {thing.shape}" in red else grasp.RGB
-    into.set_object(solid(shapes.solid_of(thing.shape, thing.size, rgb), OBJECT_OPACITY))
-    return grasp.carried(thing, motion.t, tool, spans, scene.table_height)
+def _gripper(scene: ReplayScene) -> list[tuple[tuple[float, float, float], tuple[float, float, float]]]:
+    """Sizes of a palm and two fingers, as wide apart as what they hold, and where they are in the tool's frame, m.
+
+    None where the model has fingers, or no room for them.
+    """
+    robot, grasped = scene.robot, scene.grasped
+    fingers = robot.gripper is not None and len(robot.gripper.joints) > 0
+    if fingers or float(np.linalg.norm(robot.T_body_tool.p)) <= FINGER_M:
+        return []
+    half = HALF_STROKE_M if grasped is None else min(0.5 * grasped.size[0], 2.0 * HALF_STROKE_M)
+    finger, up = (0.012, 0.02, FINGER_M + 0.01), 0.5 * (0.01 - FINGER_M)
+    palm = ((2.0 * half + 0.04, 0.04, 0.024), (0.0, 0.0, -FINGER_M))
+    return [palm, (finger, (-half - 0.006, 0.0, up)), (finger, (half + 0.006, 0.0, up))]
 
 
 def _path(scene: ReplayScene, into: Visualizer) -> None:

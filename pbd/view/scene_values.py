@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from pbd.data import GraspedObject, JointTrajectory, Obstacle, Robot
-from pbd.pose import Array, Pose, readonly
+from pbd.data.freeze import freeze
+from pbd.data.world import Stay
+from pbd.pose import Array, Pose
+from pbd.view.motion import RobotMotion
 
 
 @dataclass(frozen=True, eq=False)
@@ -16,8 +19,9 @@ class ReplayKeyframe:
         label: a word for people; may be empty.
         t: s, when the arm reaches it.
         T_base_tool: where.
-        cov: (6, 6) m and rad, of the tool's position and rotation vector in base; or None: not known.
+        cov: (6, 6) m and rad, of the tool's position and rotation vector in base; None where nobody measured it.
         grip: True where the gripper closes here, False where it opens.
+        weight: how sure the tracker is that the hand stood still, 0 to 1.
     """
 
     label: str
@@ -25,12 +29,10 @@ class ReplayKeyframe:
     T_base_tool: Pose
     cov: Array | None = None
     grip: bool | None = None
+    weight: float = 1.0
 
     def __post_init__(self) -> None:
-        if self.cov is not None:
-            object.__setattr__(self, "cov", cov := readonly(self.cov))
-            if cov.shape != (6, 6):
-                raise ValueError(f"ReplayKeyframe.cov must have shape (6, 6), got {cov.shape}")
+        freeze(self, cov=(6, 6))
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,13 +56,13 @@ class Touching:
     Attributes:
         bodies: links, or other things, by name; they are painted red. "the tool" is the rod.
         start, end: s, from when to when.
-        told: in words.
+        message: for people.
     """
 
     bodies: tuple[str, str]
     start: float
     end: float
-    told: str
+    message: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,14 +72,16 @@ class ReplayScene:
     Attributes:
         title: the demonstration's name.
         robot: which arm.
-        trajectory: what it does; the tool's own path is worked out from it.
+        trajectory: what it does.
+        motion: the same, of the whole robot.
         hand_path_base: (n, 3) m, where the demonstrated tool went in base.
-        hand_speed: (n,) m/s, colours the path; or None.
         keyframes: in order.
+        hand_speed: (n,) m/s, colours the path; or None.
         table_height: m, z of the table's top in base; None: the ground at z = 0.
         obstacles: what else stands around.
         rod: what stands for a gripper that the model lacks, or None.
         grasped: what the gripper takes, or None.
+        phases: where that is, by time; empty where nothing is grasped.
         notes: what the viewer should know: warnings, "simulated data".
         touching: what touches, where that was allowed, by when it begins.
     """
@@ -85,23 +89,18 @@ class ReplayScene:
     title: str
     robot: Robot
     trajectory: JointTrajectory
+    motion: RobotMotion
     hand_path_base: Array
     keyframes: tuple[ReplayKeyframe, ...]
     hand_speed: Array | None = None
     table_height: float | None = None
     grasped: GraspedObject | None = None
-    notes: tuple[str, ...] = field(default=())
+    phases: tuple[Stay, ...] = ()
+    notes: tuple[str, ...] = ()
     touching: tuple[Touching, ...] = ()
     obstacles: tuple[Obstacle, ...] = ()
     rod: Rod | None = None
 
     def __post_init__(self) -> None:
         n = len(self.hand_path_base)
-        for name, shape in (("hand_path_base", (n, 3)), ("hand_speed", (n,))):
-            if (value := getattr(self, name)) is None:
-                continue
-            object.__setattr__(self, name, array := readonly(value))
-            if array.shape != shape:
-                raise ValueError(f"ReplayScene.{name} must have shape {shape}, got {array.shape}")
-        object.__setattr__(self, "keyframes", tuple(self.keyframes))
-        object.__setattr__(self, "notes", tuple(self.notes))
+        freeze(self, hand_path_base=(n, 3), hand_speed=(n,))

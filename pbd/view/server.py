@@ -1,152 +1,207 @@
-"""The live viewer's server, a process of its own: meshcat's bridge, bound to loopback, that ends with its parent.
+"""The live viewer: a server of the replay's page, for this machine alone, and the scene that it sends to each page.
 
-`python -m pbd.view.server` prints one line of JSON with its address. Then it takes commands from its standard input and
-answers each on its standard output (pbd/view/pipe.py), until its standard input closes.
+The server runs in a thread of its own and ends with the program. Who draws never waits for it.
 """
 
 from __future__ import annotations
 
-import ctypes
-import json
-import os
-import signal
+import asyncio
 import sys
 import threading
-from collections.abc import Sequence
+import webbrowser
 from contextlib import suppress
-from typing import Any
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
 
+import umsgpack
+from tornado.httpserver import HTTPServer
+from tornado.netutil import bind_sockets
 from tornado.web import Application, HTTPError, RequestHandler
-from tornado.websocket import WebSocketClosedError
+from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
-from pbd.view.meshcat_api import MESHCAT_COMMANDS, WebSocketHandler, ZMQWebSocketBridge
-from pbd.view.page import page_html
-from pbd.view.pipe import REFUSED, TAKEN, read_command
+from pbd.errors import PbdError
+from pbd.view.meshcat_encoding import ScenePath, Visualizer
+from pbd.view.page import SCENE_ROOT, page_html
+
+if TYPE_CHECKING:  # the recording's view needs no robot library
+    from pbd.view.scene import ReplayScene
 
 LOOPBACK = "127.0.0.1"
-PR_SET_PDEATHSIG = 1
-"""Linux: prctl(2)."""
+HOSTS = r"(127\.0\.0\.1|localhost)"
+"""A page elsewhere that points its own name at 127.0.0.1 gets nothing."""
+LAST_S = 2.0
+"""How long closing waits for pages to take what was sent last."""
 
 
-class Answers:
-    """Stands in for meshcat's message queue: each command is answered by a byte on standard output."""
+class LiveViewer:
+    """A running viewer: its page's `url`, and the `visualizer` that draws into every page that is open.
 
-    def send(self, answer: bytes) -> None:
-        """Say whether the command was taken."""
-        os.write(1, TAKEN if answer == b"ok" else REFUSED)
+    Args:
+        otherwise: what to do where the server can't be started.
 
-
-class LoopbackBridge(ZMQWebSocketBridge):  # type: ignore[misc]  # meshcat has no types
-    """Meshcat's bridge to web sockets, with our page, for this machine alone.
-
-    Commands come through standard input, which nobody has but who started us. Requests must name the loopback host: a
-    page elsewhere that points its own name at 127.0.0.1 gets nothing.
+    Raises:
+        PbdError: the server can't be started.
     """
 
-    def __init__(self) -> None:
-        super().__init__(zmq_url="", host=LOOPBACK)
-        self.web_url = f"http://{LOOPBACK}:{self.fileserver_port}/pbd"
-
-    def setup_zmq(self, url: str) -> tuple[Answers, None, str]:
-        """Open no message queue: any process of this machine could send to it."""
-        return Answers(), None, url
-
-    def make_app(self) -> Application:
-        """Build the application; meshcat would have it listen on every interface."""
-        page = page_html("pbd", b"", connect=f"ws://{LOOPBACK}:* ws://localhost:*")
-        app = Application()
-        handlers = [(r"/pbd", PageHandler, {"page": page}), (r"/", SceneSocket, {"bridge": self})]
-        app.add_handlers(r"(127\.0\.0\.1|localhost)", handlers)
-        listen = app.listen
-
-        def listen_on_loopback(port: int, **options: Any) -> Any:
-            return listen(port, **{**options, "address": LOOPBACK})
-
-        app.listen = listen_on_loopback
-        return app
-
-    def take(self, frames: Sequence[bytes]) -> None:
-        """Carry out a command: its type, its path and its message. Whatever it is, it is answered."""
+    def __init__(self, otherwise: str = "use --html FILE instead") -> None:
         try:
-            if frames[0].decode() not in MESHCAT_COMMANDS:
-                raise ValueError(frames[0])
-            self.handle_zmq(frames)
-        except Exception:  # meshcat's, of a frame that it doesn't understand: whoever draws would wait for ever
-            self.zmq_socket.send(b"error")
+            sockets = bind_sockets(0, LOOPBACK)
+        except OSError as error:
+            raise PbdError(f"the live viewer did not start ({error.strerror}); {otherwise}") from None
+        self.url = f"http://{LOOPBACK}:{sockets[0].getsockname()[1]}/pbd"
+        self.visualizer = Visualizer.view_into(self, ScenePath((SCENE_ROOT,)))
+        self._scene: dict[tuple[str, str, str], bytes] = {}  # what a page that is opened now must be sent, in order
+        self._pages: set[_Socket] = set()
+        self._sent = self._taken = 0
+        self._loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self._serve, args=(sockets,), daemon=True)
+        self._thread.start()
 
-    def forward_to_websockets(self, frames: Sequence[bytes]) -> None:
-        """Pass a command on to all pages that are open.
+    def send(self, command: Any) -> None:
+        """Pass on one of meshcat's commands (this makes us a window in meshcat's sense)."""
+        lowered = command.lower()
+        key = (lowered["type"], lowered["path"], lowered.get("property", ""))
+        self._sent += 1
+        with suppress(RuntimeError):  # closed
+            self._loop.call_soon_threadsafe(self._take, key, umsgpack.packb(lowered))
 
-        One may be closing at this moment. Meshcat would raise, and whoever draws would wait for its answer for ever.
-        """
-        _, _, data = frames
-        for websocket in tuple(self.websocket_pool):
-            with suppress(WebSocketClosedError):
-                websocket.write_message(data, binary=True)
+    def behind(self) -> bool:
+        """Whether the server has still to take a command."""
+        return self._taken < self._sent
+
+    def close(self) -> None:
+        """End the server, once every page has what was sent; more than once is fine."""
+        if self._thread.is_alive():
+            self._loop.call_soon_threadsafe(lambda: self._loop.create_task(self._end()))
+            self._thread.join()
+
+    def __enter__(self) -> LiveViewer:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    # --- in the server's thread ---
+
+    def _serve(self, sockets: list[Any]) -> None:
+        asyncio.set_event_loop(self._loop)
+        page = page_html("pbd", b"", connect=f"ws://{LOOPBACK}:* ws://localhost:*")
+        app = Application(log_function=lambda handler: None)
+        app.add_handlers(HOSTS, [(r"/pbd", _Page, {"page": page}), (r"/", _Socket, {"viewer": self})])
+        server = HTTPServer(app)
+        server.add_sockets(sockets)
+        self._loop.run_forever()
+        server.stop()
+        self._loop.close()
+
+    def _take(self, key: tuple[str, str, str], command: bytes) -> None:
+        kind, path, _ = key
+        if kind == "delete":
+            below = [each for each in self._scene if f"{each[1]}/".startswith(f"{path}/")]
+            for each in below:
+                del self._scene[each]
+        else:
+            self._scene.pop(key, None)
+            self._scene[key] = command
+        for page in tuple(self._pages):
+            page.pass_on(command)
+        self._taken += 1
+
+    def join(self, page: _Socket) -> None:
+        """Send a page what there is, and what comes from now on."""
+        for command in self._scene.values():
+            page.pass_on(command)
+        self._pages.add(page)
+
+    def leave(self, page: _Socket) -> None:
+        """Send a page no more."""
+        self._pages.discard(page)
+
+    async def _end(self) -> None:
+        last = [page.last for page in self._pages if page.last is not None]
+        if last:
+            await asyncio.wait(last, timeout=LAST_S)
+        for page in tuple(self._pages):
+            page.close()
+        await asyncio.sleep(0.05)
+        self._loop.stop()
 
 
-class SceneSocket(WebSocketHandler):  # type: ignore[misc]
+class _Socket(WebSocketHandler):  # type: ignore[misc]  # tornado is not followed
     """Sends the scene to our own page.
 
     A browser always tells the Origin of the page that asks, and tornado compares it with the Host; what tells none is
     no browser.
     """
 
+    def initialize(self, viewer: LiveViewer) -> None:
+        self.viewer = viewer
+        self.last: asyncio.Future[None] | None = None
+
     def prepare(self) -> None:
-        """Refuse what tells no Origin."""
         if "Origin" not in self.request.headers:
             raise HTTPError(403)
 
+    def open(self) -> None:
+        self.viewer.join(self)
+
+    def pass_on(self, command: bytes) -> None:
+        with suppress(WebSocketClosedError):
+            self.last = asyncio.ensure_future(self.write_message(command, binary=True))
+            self.last.add_done_callback(lambda written: written.exception())  # a page may close meanwhile
+
     def on_message(self, message: str | bytes) -> None:
-        """Pass over it: our page says nothing."""
+        """Our page says nothing."""
 
     def on_close(self) -> None:
-        """Forget it, if it was open at all."""
-        self.bridge.websocket_pool.discard(self)
+        self.viewer.leave(self)
 
 
-class PageHandler(RequestHandler):  # type: ignore[misc]  # tornado is not followed
-    """Serves one page from memory."""
+class _Page(RequestHandler):  # type: ignore[misc]
+    """Serves the page; no other page may show it in a frame."""
 
     def initialize(self, page: str) -> None:
-        """Take the page's text."""
         self.page = page
 
-    def set_default_headers(self) -> None:
-        """Set what keeps other pages from showing this one in a frame, and browsers from guessing what it is."""
+    def get(self) -> None:
         self.set_header("Cache-Control", "no-store")
         self.set_header("Content-Security-Policy", "frame-ancestors 'none'")
         self.set_header("X-Frame-Options", "DENY")
         self.set_header("X-Content-Type-Options", "nosniff")
-
-    def get(self) -> None:
-        """Answer with the page."""
         self.finish(self.page)
 
 
-def take_commands(bridge: LoopbackBridge) -> None:
-    """Take commands from standard input; leave when the parent does, even if it was killed: its end then closes."""
-    if sys.platform == "linux":  # sooner, and also where some other process holds the pipe open
-        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+def show_replay(scene: ReplayScene, open_browser: bool = True, block: bool = True) -> LiveViewer:
+    """Play a scene in a browser on this machine; the address goes to stderr.
 
-    def read() -> None:
-        with suppress(EOFError):
-            while True:
-                bridge.ioloop.add_callback(bridge.take, read_command(sys.stdin.buffer))
-        os._exit(0)
+    Args:
+        scene: what to show.
+        open_browser: open the address in the user's browser.
+        block: stay until Ctrl-C, then close the viewer. Otherwise it is the caller's to close.
 
-    threading.Thread(target=read, daemon=True).start()
+    Raises:
+        PbdError: the server can't be started, or the robot's files can't be read.
+    """
+    from pbd.view.scene import build
+
+    viewer = LiveViewer()
+    try:
+        build(scene, viewer.visualizer)
+        invite(f"replay at {viewer.url}" + (" (Ctrl-C ends it)" if block else ""), viewer.url, open_browser)
+        if block:
+            threading.Event().wait()
+    except KeyboardInterrupt:
+        viewer.close()
+    except BaseException:
+        viewer.close()
+        raise
+    return viewer
 
 
-def main() -> None:
-    """Serve until the parent ends."""
-    sys.stderr = open(os.devnull, "w")  # noqa: PTH123, SIM115  # meshcat tells of every port it tries and every visitor
-    bridge = LoopbackBridge()
-    print(json.dumps({"web": bridge.web_url}), flush=True)
-    sys.stdout = sys.stderr  # from now on its bytes are answers
-    take_commands(bridge)
-    bridge.run()
-
-
-if __name__ == "__main__":
-    main()
+def invite(words: str, url: str, open_browser: bool) -> None:
+    """Tell a page's address on stderr, and open it in the user's browser where that is wanted."""
+    print(words, file=sys.stderr, flush=True)
+    if open_browser and not webbrowser.open(url, new=2):
+        print("no browser found; open the address yourself", file=sys.stderr, flush=True)

@@ -82,7 +82,8 @@ def _narrowest(column: Column, cells: Sequence[RenderableType]) -> int:
     return max(cell_len(word) for text in texts for word in ([text] if column.no_wrap else [*text.split(), ""]))
 
 
-def _table(*columns: str, left: tuple[str, ...] = ()) -> Table:
+def make_table(*columns: str, left: tuple[str, ...] = ()) -> Table:
+    """An empty table in our style; columns are aligned to the right, and not wrapped, except those `left`."""
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
     for column in columns:
         table.add_column(column, justify="left" if column in left else "right", no_wrap=column not in left)
@@ -91,7 +92,7 @@ def _table(*columns: str, left: tuple[str, ...] = ()) -> Table:
 
 def segments_table(segments: Sequence[Segment], units: Units = SI) -> Table:
     """The paper's Table I: samples first to last, what happens, how long from the first to the last."""
-    table = _table("samples", "what happens", f"time ({units.time})", left=("what happens",))
+    table = make_table("samples", "what happens", f"time ({units.time})", left=("what happens",))
     for segment in segments:
         table.add_row(f"{segment.start}-{segment.stop - 1}", segment.description, *units.times(1e-3 * segment.ms))
     return table
@@ -108,7 +109,7 @@ def keyframes_table(keyframes: Sequence[Keyframe], units: Units = SI) -> Table:
     label = ("label",) if any(keyframe.label for keyframe in keyframes) else ()
     sigmas = (f"σ ({fine.length})", f"σ ({deg})")
     doubted = ("a stop?",) if any(keyframe.weight < DOUBTED for keyframe in keyframes) else ()
-    table = _table(
+    table = make_table(
         *("#", f"t ({units.time})", f"dwell ({units.time})", *position, *turn, *sigmas, *doubted, "grip", *label),
         left=label,
     )
@@ -131,7 +132,9 @@ def keyframes_table(keyframes: Sequence[Keyframe], units: Units = SI) -> Table:
 def joints_table(joint_names: Sequence[str], rows: Sequence[Mapping[str, Any]], units: Units = SI) -> Table:
     """The tool's position in base and the joints, at each keyframe."""
     m, deg = units.length, units.angle_sign
-    table = _table("#", f"tool x ({m})", f"tool y ({m})", f"tool z ({m})", *(f"{name} ({deg})" for name in joint_names))
+    table = make_table(
+        "#", f"tool x ({m})", f"tool y ({m})", f"tool z ({m})", *(f"{name} ({deg})" for name in joint_names)
+    )
     for row in rows:
         table.add_row(str(row["index"]), *units.lengths(row["base_position_m"]), *units.angles(row["joints"]))
     return table
@@ -139,7 +142,7 @@ def joints_table(joint_names: Sequence[str], rows: Sequence[Mapping[str, Any]], 
 
 def robots_table(robots: Sequence[Robot], reach_m: Sequence[float], units: Units = SI) -> Table:
     """Name, joints, reach, gripper, which limits are assumed, what it is."""
-    table = _table(
+    table = make_table(
         "name",
         "joints",
         f"reach ({units.length})",
@@ -160,7 +163,7 @@ def robots_table(robots: Sequence[Robot], reach_m: Sequence[float], units: Units
 def left_out_table(pairs: Sequence[tuple[str, str, str]]) -> Table:
     """Pairs of links that aren't checked against each other, each with the reason."""
     columns = ("link", "and link", "why")
-    table = _table(*columns, left=columns)
+    table = make_table(*columns, left=columns)
     for pair in pairs:
         table.add_row(*pair)
     return table
@@ -170,7 +173,7 @@ def ports_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     """Serial ports, and what was heard there."""
     heard = any("sensor" in row for row in rows)
     columns = ("port", "device", "USB id", *(("speaks", "baud", "") if heard else ()))
-    table = _table(*columns, left=columns)
+    table = make_table(*columns, left=columns)
     for row in rows:
         said = (row["sensor"] or "", str(row["baud"] or ""), row["note"]) if heard else ()
         table.add_row(row["port"], row["title"], row["usb"], *said)
@@ -180,7 +183,7 @@ def ports_table(rows: Sequence[Mapping[str, Any]]) -> Table:
 def sensors_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     """Kinds of sensors, by the name that `pbd record --sensor` takes."""
     columns = ("--sensor", "device", "gives")
-    table = _table(*columns, left=columns)
+    table = make_table(*columns, left=columns)
     for row in rows:
         table.add_row(row["sensor"], row["title"], row["gives"])
     return table

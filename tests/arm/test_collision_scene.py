@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -16,10 +15,8 @@ from pbd.arm.ik import solve
 from pbd.arm.model import ArmModel, load_model
 from pbd.arm.scene import REST_M, TABLE, CollisionScene, Leg
 from pbd.data import Calibration, GraspedObject, Obstacle
-from pbd.data.world import Stay, holds, stays
+from pbd.data.world import Stay
 from pbd.pose import Array, Pose, quat_from_rpy
-from pbd.view import grasp
-from pbd.view.motion import Track
 from tests.arm.collision_oracles import ROBOTS, arm_of, coordinates, placements, points_of
 
 DOWN = quat_from_rpy((np.pi, 0.0, 0.0))
@@ -177,29 +174,6 @@ def test_fingers_are_where_the_opening_puts_them(arm: ArmModel) -> None:
 
 def tool_over(x: float, z: float) -> Pose:
     return Pose(np.array([x, 0.0, z]), DOWN)
-
-
-def test_where_the_object_is_agrees_with_what_is_shown() -> None:
-    """The page draws it where the check has it."""
-    t = np.linspace(0.0, 10.0, 101)
-    p = np.column_stack((0.4 + 0.05 * np.sin(t), 0.02 * t, 0.15 + 0.05 * np.cos(t)))
-    tool = Track(p, np.tile(DOWN, (101, 1)))
-    gripper_t, opening = np.array([0.0, 2.0, 2.5, 6.0, 6.5, 8.0, 8.5]), np.array([1.0, 1, 0, 0, 1, 1, 0])
-    spans = holds(gripper_t, opening)
-    shown = grasp.carried(BOTTLE, t, tool, spans, 0.0)
-
-    def tool_at(instant: float) -> Pose:
-        return tool[int(np.searchsorted(t, instant).clip(0, 100))]
-
-    found = stays(BOTTLE, spans, tool_at, 0.0)
-    assert [stay.held for stay in found] == [False, True, False, True]
-    assert (found[0].start, found[-1].end) == (-np.inf, np.inf)
-    for before, after in pairwise(found):
-        assert before.end == after.start
-    for stay in found:
-        for i in np.flatnonzero((t >= stay.start) & (t <= stay.end)):
-            pose = tool[int(i)] @ stay.pose if stay.held else stay.pose
-            assert max(pose.distance(shown[int(i)])) < 1e-9
 
 
 def test_legs_say_where_the_object_is_and_how_far_the_gripper_is_open(arm: ArmModel) -> None:

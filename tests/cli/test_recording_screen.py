@@ -15,7 +15,7 @@ from pbd.data import Keyframe
 from pbd.errors import PbdError
 from pbd.pose import Pose
 from pbd.record import Outcome, Say, Status
-from pbd.view.hand import HandPicture
+from pbd.view.live_view import LivePicture
 
 LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 STOP = Keyframe(3.0, 0.5, Pose(np.array([0.1, 0.0, -0.02]), LEVEL), 4e-6 * np.eye(6))
@@ -132,15 +132,15 @@ class Browser:
     """Keeps what it is shown; may fail."""
 
     def __init__(self, fails: bool = False) -> None:
-        self.shown: list[HandPicture] = []
+        self.shown: list[LivePicture] = []
         self.fails, self.closed = fails, False
 
-    def show(self, picture: HandPicture) -> None:
+    def show(self, picture: LivePicture) -> None:
         if self.fails:
             raise PbdError("the browser's page is gone; recording goes on")
         self.shown.append(picture)
 
-    def end(self, picture: HandPicture) -> None:
+    def end(self, picture: LivePicture) -> None:
         self.shown.append(picture)
 
     def close(self) -> None:

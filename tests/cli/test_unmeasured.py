@@ -11,7 +11,7 @@ import pytest
 import pbd
 from pbd.cli import main
 from pbd.files.keyframes import read_keyframes
-from pbd.plotting.compare import compare_plot
+from pbd.plots.compare import compare_plot
 
 pytestmark = pytest.mark.usefixtures("elsewhere")
 

@@ -21,6 +21,9 @@ PATIENCE_S = 30.0
 
 Browser = Chromium | Firefox
 
+COARSE = "const { quality } = pbd.page.stage; quality.constructor.settle_ms = 1e8; clearTimeout(quality.settled)"
+"""Fine pictures take most of the time where there is no graphics card."""
+
 
 def until(condition: Callable[[], object], what: str, seconds: float = PATIENCE_S) -> None:
     end = time.monotonic() + seconds
@@ -38,6 +41,7 @@ class Page:
         browser.requests()
         browser.get(address)
         until(lambda: self("return window.pbd && pbd.ready"), f"{address} to start; the browser says {self.errors()}")
+        self(COARSE)
 
     def __call__(self, script: str) -> Any:
         return self.browser.execute_script(script)
@@ -103,8 +107,9 @@ class Page:
 
     def picture(self) -> NDArray[np.uint8]:
         """A screenshot (height, width, 3) with the scene drawn finely."""
-        self("pbd.page.stage.render()")
+        self("pbd.page.stage.quality.constructor.settle_ms = 0; pbd.page.stage.render()")
         until(lambda: self("return pbd.page.stage.quality.fine"), "the fine picture")
+        self(COARSE)
         return np.asarray(Image.open(io.BytesIO(self.browser.get_screenshot_as_png())).convert("RGB"))
 
 

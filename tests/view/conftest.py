@@ -11,7 +11,6 @@ import pytest
 
 from pbd.view.page import write_page
 from tests.view import scenes
-from tests.view.browser import Browser
 from tests.view.chromium import Chromium, chromium
 from tests.view.firefox import Firefox, firefox
 
@@ -46,13 +45,6 @@ def fox(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Firefox]:
         yield browser
     finally:
         browser.quit()
-
-
-@pytest.fixture(scope="module", params=["chrome", "fox"])
-def browser(request: pytest.FixtureRequest) -> Browser:
-    """Each of the two."""
-    each: Browser = request.getfixturevalue(request.param)
-    return each
 
 
 def _missing(variable: str, programs: str) -> NoReturn:

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import importlib.metadata
 from dataclasses import replace
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pbd.arm.model import load_model
 from pbd.data import GraspedObject, Gripper, JointLimits, JointTrajectory, Obstacle, Robot
+from pbd.data.world import Stay, holds, stays
 from pbd.pose import Array, Pose
-from pbd.view.motion import Motion
+from pbd.replay import robot_motion
+from pbd.view.motion import RobotMotion
 from pbd.view.scene import ReplayKeyframe, ReplayScene, Touching
 
 QUARTER_TURN = Pose.from_rpy(np.zeros(3), (0.0, 0.0, np.pi / 2))
@@ -88,8 +92,8 @@ def rest_to_rest(
 def replay(
     arm: Robot, trajectory: JointTrajectory, labels: tuple[str, ...], grasped: GraspedObject | None = None
 ) -> ReplayScene:
-    tool = Motion(arm, trajectory, 100.0)
-    track, t = tool.tool(), tool.t
+    motion = robot_motion(load_model(arm), trajectory)
+    track, t = motion.tool(arm), motion.t
     sway = 0.008 * np.stack([np.sin(1.3 * t), np.cos(1.7 * t) - 1.0, np.sin(0.9 * t)], axis=1)
     path: Array = track.p + sway
     speed = np.linalg.norm(np.gradient(path, t, axis=0), axis=1)
@@ -111,15 +115,24 @@ def replay(
         title="Pouring",
         robot=arm,
         trajectory=trajectory,
+        motion=motion,
         hand_path_base=path,
         keyframes=keyframes,
         hand_speed=speed,
         table_height=0.0,
         grasped=grasped,
+        phases=() if grasped is None else _phases(grasped, trajectory, motion, arm),
         notes=("Simulated data: no sensor was held.",),
     )
 
 
+def _phases(thing: GraspedObject, trajectory: JointTrajectory, motion: RobotMotion, arm: Robot) -> tuple[Stay, ...]:
+    tool = motion.tool(arm)
+    spans = holds(trajectory.gripper_t, trajectory.gripper_opening)
+    return stays(thing, spans, lambda t: tool[int(np.searchsorted(motion.t, t).clip(0, len(motion.t) - 1))], 0.0)
+
+
+@cache
 def pouring() -> ReplayScene:
     q = (
         (-0.133, -0.066, -0.350, -2.448, -0.033, 2.386, 0.327),
@@ -141,14 +154,15 @@ def in_the_way() -> ReplayScene:
     """The same with a post and a wall; the hand touches the post for a second, and later a link the table."""
     post = Obstacle("the post", "cylinder", (0.06, 0.4), Pose(np.array([0.62, -0.28, 0.2]), np.eye(4)[0]))
     wall = Obstacle("the wall", "box", (0.02, 8.0, 1.0), Pose(np.array([-0.5, 0.0, 0.5]), np.eye(4)[0]))
-    told = "panda_hand touches the post at 4.00 s, 12 mm deep; move the post"
+    message = "panda_hand touches the post at 4.00 s, 12 mm deep; move the post"
     touching = (
-        Touching(("panda_hand", "the post"), 4.0, 5.0, told),
+        Touching(("panda_hand", "the post"), 4.0, 5.0, message),
         Touching(("panda_link6", "the table"), 7.0, 7.25, "t = 7.0 s: panda_link6 would touch the table, 3.0 mm deep"),
     )
-    return replace(pouring(), obstacles=(post, wall), touching=touching, notes=(f"collision: {told}",))
+    return replace(pouring(), obstacles=(post, wall), touching=touching, notes=(f"collision: {message}",))
 
 
+@cache
 def ur5_moves() -> ReplayScene:
     q = (
         (-0.642, -1.483, 1.961, -2.048, -1.571, -2.213),

@@ -64,7 +64,7 @@ def test_a_failure_leaves_what_was_there(tmp_path: Path) -> None:
     path.write_text("old")
     scene = scenes.ur5_moves()
     with pytest.raises(RobotError):
-        write_page(replace(scene, robot=replace(scene.robot, base="nowhere")), path)
+        write_page(replace(scene, robot=replace(scene.robot, package_dirs=())), path)
     assert path.read_text() == "old"
     (tmp_path / "folder").mkdir()
     with pytest.raises(OSError, match="folder"):

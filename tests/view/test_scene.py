@@ -9,13 +9,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from pbd.doors.meshes import mesh_file
 from pbd.errors import RobotError
 from pbd.pose import Pose
-from pbd.view import stand_in, visuals
-from pbd.view.meshcat_api import ScenePath, Visualizer
-from pbd.view.scene import FRAME_RATE_HZ, ReplayScene, Rod, Touching, build
+from pbd.view import visuals
+from pbd.view.meshcat_encoding import LEAST_SIGMA_M, ScenePath, Visualizer, two_sigma
+from pbd.view.motion import FRAME_RATE_HZ
+from pbd.view.scene import ReplayScene, Rod, Touching, build, carried_object
 from pbd.view.visuals import read_visuals
 from tests.view import scenes
 
@@ -82,26 +85,44 @@ def test_the_description_comes_last(pouring: list[dict[str, Any]]) -> None:
 
 
 def test_the_camera_sees_the_whole_path(pouring: list[dict[str, Any]]) -> None:
-    extent = np.array(pouring[-1]["value"]["extent"])
+    seen = np.array(pouring[-1]["value"]["bounds"])
     path = scenes.pouring().hand_path_base
     slack = 0.01
-    assert (extent.min(axis=0) <= path.min(axis=0) + slack).all()
-    assert (extent.max(axis=0) >= path.max(axis=0) - slack).all()
-    assert extent[:, 2].max() > 0.5  # and the arm above it
+    assert (seen.min(axis=0) <= path.min(axis=0) + slack).all()
+    assert (seen.max(axis=0) >= path.max(axis=0) - slack).all()
+    assert seen[:, 2].max() > 0.5  # and the arm above it
 
 
 def test_a_scene_needs_no_more_than_a_robot_and_a_trajectory() -> None:
     scene = scenes.ur5_moves()
-    bare = ReplayScene("bare", scene.robot, scene.trajectory, np.empty((0, 3)), ())
+    bare = ReplayScene("bare", scene.robot, scene.trajectory, scene.motion, np.empty((0, 3)), ())
     assert commands(bare)[-1]["value"]["speed"] is None
 
 
-def test_shapes_are_checked() -> None:
-    scene = scenes.ur5_moves()
-    with pytest.raises(ValueError, match="hand_speed"):
-        replace(scene, hand_speed=np.zeros(3))
-    with pytest.raises(ValueError, match="cov"):
-        replace(scene.keyframes[0], cov=np.zeros(3))
+def test_an_object_is_held_between_standing_and_standing() -> None:
+    scene = scenes.pouring()
+    tool = scene.motion.tool(scene.robot)
+    way = carried_object(scene, tool)
+    assert way is not None
+    close, let_go = (int(np.searchsorted(scene.motion.t, phase.end)) for phase in scene.phases[:2])
+    held = [(tool[i].inverse() @ way[i]).log() for i in range(close, let_go + 1)]
+    np.testing.assert_allclose(held, np.tile(held[0], (len(held), 1)), atol=1e-9)
+    for still in (way.p[: close + 1], way.p[let_go + 1 :]):
+        np.testing.assert_allclose(still, np.tile(still[0], (len(still), 1)), atol=1e-9)
+
+
+@given(st.lists(st.floats(0.0, 0.1), min_size=3, max_size=3), st.integers(0, 2**32 - 1))
+def test_an_ellipsoid_lies_at_two_sigma_and_the_page_can_take_it_apart(sigma: list[float], seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    cov = axes @ np.diag(np.square(np.maximum(sigma, 2.0 * LEAST_SIGMA_M))) @ axes.T
+    T = two_sigma(np.ones(3), cov)
+    np.testing.assert_allclose(T[:3, :3] @ T[:3, :3].T, 4.0 * cov, atol=1e-9)
+    np.testing.assert_array_equal(T[:3, 3], np.ones(3))
+    flat = two_sigma(np.ones(3), axes @ np.diag(np.square(sigma)) @ axes.T)[:3, :3]
+    turn = flat / np.linalg.norm(flat, axis=0)  # as three.js does it
+    np.testing.assert_allclose(turn.T @ turn, np.eye(3), atol=1e-9)
+    assert np.linalg.det(turn) > 0.0
 
 
 def test_a_keyframe_that_is_sure_has_no_ellipsoid() -> None:
@@ -136,12 +157,12 @@ def test_what_touches_is_red() -> None:
         ("panda_hand", "the post"),
         ("panda_link6", "the table"),
     ]
-    assert np.ptp(np.array(told["extent"]), axis=0).max() < 2.0  # a long wall doesn't push all else out of sight
+    assert np.ptp(np.array(told["bounds"]), axis=0).max() < 2.0  # a long wall doesn't push all else out of sight
 
 
 def standing_in(scene: ReplayScene) -> dict[str, dict[str, Any]]:
     """What is drawn for a gripper, by name."""
-    objects = [each for each in commands(scene) if each["type"] == "set_object" and "/stand_in/" in each["path"]]
+    objects = [each for each in commands(scene) if each["type"] == "set_object" and "/placeholder/" in each["path"]]
     return {each["path"].rpartition("/")[2]: each for each in objects}
 
 
@@ -166,13 +187,8 @@ def test_the_rod_that_is_checked_is_drawn(scene: Callable[[], ReplayScene], ahea
     assert set(standing_in(with_rod(full, ahead_m, ahead_m - 0.015))) == drawn
 
 
-def test_the_rod_is_drawn_as_it_is() -> None:
-    low, high = stand_in.rod(Rod(Pose(np.zeros(3), np.eye(4)[0]), 0.02, 0.1)).bounds()[[0, -1]]
-    np.testing.assert_allclose((low, high), ((-0.01, -0.01, -0.06), (0.01, 0.01, 0.06)), atol=1e-4)
-
-
 @pytest.mark.parametrize("touches", [False, True])
-def test_the_stand_in_is_red_where_it_touches(touches: bool) -> None:
+def test_the_placeholder_is_red_where_it_touches(touches: bool) -> None:
     full = with_rod(scenes.ur5_moves(), 0.16, 0.145)
     hit = Touching(("the tool", "the table"), 1.0, 2.0, "it does")
     objects = standing_in(replace(full, touching=(hit,) if touches else ())).values()

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 
 from pbd.pose import Array
 from pbd.view import shapes
-from pbd.view.ellipsoid import two_sigma
-from pbd.view.motion import Motion
+from pbd.view.meshcat_encoding import two_sigma
 from pbd.view.page import write_page
 from pbd.view.scene import ReplayScene
 from pbd.view.visuals import read_visuals
 from tests.view import scenes
-from tests.view.browser import Browser, Replay
+from tests.view.browser import Replay
+from tests.view.chromium import Chromium
 
 DIFFERS = 12
 """Of 255, in any channel."""
@@ -26,11 +24,10 @@ BLACK = (0.0, 0.0, 0.0)
 
 def links(scene: ReplayScene) -> dict[str, Array]:
     """Some corners (n, 3) m in base of what each link shows at the start."""
-    motion = Motion(scene.robot, scene.trajectory, 50.0)
     found: dict[str, list[Array]] = {}
     for visual in read_visuals(scene.robot):
-        joint, T_joint_link = motion.link("visual", visual.link)
-        T_base_visual = motion.joint(joint)[0] @ T_joint_link @ visual.T_link_visual
+        joint, T_joint_link = scene.motion.link(visual.link)
+        T_base_visual = scene.motion.joint(joint)[0] @ T_joint_link @ visual.T_link_visual
         corners = visual.mesh.vertices
         found.setdefault(visual.link, []).append(T_base_visual.act(corners[:: max(len(corners) // 100, 1)]))
     return {link: np.concatenate(corners) for link, corners in found.items()}
@@ -38,7 +35,7 @@ def links(scene: ReplayScene) -> dict[str, Array]:
 
 def marks(scene: ReplayScene) -> list[tuple[str, Array]]:
     """Points (n, 3) m in base on or in each thing but the robot and what it grasps, and the part that it belongs to."""
-    found = [("hand_path", scene.hand_path_base), ("tool_path", Motion(scene.robot, scene.trajectory, 50.0).tool().p)]
+    found = [("hand_path", scene.hand_path_base), ("tool_path", scene.motion.tool(scene.robot).p)]
     axes = np.linspace(0.1, 0.9, 9)[:, None, None] * shapes.TRIAD_M * np.eye(3)
     ball = shapes.sphere(0.9, BLACK).vertices
     for keyframe in scene.keyframes:
@@ -68,16 +65,14 @@ def differs(one: NDArray[np.int64], other: NDArray[np.int64]) -> NDArray[np.bool
     return found
 
 
-@pytest.mark.parametrize("make", [scenes.in_the_way, scenes.ur5_moves])
-def test_each_part_is_seen_where_it_is(make: Callable[[], ReplayScene], browser: Browser, tmp_path: Path) -> None:
-    scene = make()
-    parts = ["robot", "hand_path", "tool_path", "keyframes", *(["object"] if scene.grasped else [])]
-    parts += ["obstacles"] if scene.obstacles else []
+def test_each_part_is_seen_where_it_is(chrome: Chromium, tmp_path: Path) -> None:
+    scene = scenes.in_the_way()
+    parts = ["robot", "hand_path", "tool_path", "keyframes", "object", "obstacles"]
     write_page(scene, tmp_path / "page.html")
-    browser.set_size(640, 480)
-    browser.set_scheme("dark")  # a white robot on white ground differs little
+    chrome.set_size(640, 480)
+    chrome.set_scheme("dark")  # a white robot on white ground differs little
     try:
-        replay = Replay(browser, (tmp_path / "page.html").as_uri())
+        replay = Replay(chrome, (tmp_path / "page.html").as_uri())
         nothing, whole = replay.drawn(), replay.drawn(*parts)
         alone = {part: differs(replay.drawn(part), nothing) for part in parts}
         without = {part: differs(replay.drawn(*(each for each in parts if each != part)), whole) for part in parts}
@@ -87,7 +82,7 @@ def test_each_part_is_seen_where_it_is(make: Callable[[], ReplayScene], browser:
             seen = differs(replay.drawn("robot", link=link), nothing)
             assert share(seen, replay.projected(corners)) > 0.99, link
     finally:
-        browser.set_size()
-        browser.set_scheme("light")
+        chrome.set_size()
+        chrome.set_scheme("light")
     for part in parts:  # of what it covers alone, at least half is seen among the others, or seen through them
         assert (without[part] & alone[part]).sum() > 0.5 * alone[part].sum() > 0, part

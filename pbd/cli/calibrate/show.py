@@ -113,9 +113,10 @@ def _save(file: Path, calibration: Calibration, found: Found | None) -> None:
     name, keyframes, parts = found
     T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
     with working("drawing"):
-        from pbd.view.calibration_plot import draw_calibration
+        from pbd.plots.calibration import draw_calibration
+        from pbd.plots.style import write
 
         figure = draw_calibration(calibration, name, T_base_nav, tool_poses(keyframes, T_base_nav, calibration), parts)
-        with atomic_file(file) as unfinished:
-            figure.savefig(unfinished, format=kind, dpi=110)
+        with atomic_file(file) as unfinished, unfinished.open("wb") as stream:
+            write(figure, stream, kind)
     say(f"a plot: {file}")

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from pbd.errors import PbdError
 from pbd.record.messages import Outcome, Say, Status
-from pbd.view.hand import HandPicture, HandView, State
+from pbd.view.live_view import LivePicture, LiveView, State
 
 SHOWN_S = 0.05
 """The browser is brought up to date this often."""
@@ -16,11 +16,11 @@ SHOWN_S = 0.05
 class LiveScreen:
     """Shows each status in the browser, then on the screen; without the browser, once that fails."""
 
-    def __init__(self, view: HandView, show: Callable[[Status], None], tolerance_m: float) -> None:
-        self._view: HandView | None = view
+    def __init__(self, view: LiveView, show: Callable[[Status], None], tolerance_m: float) -> None:
+        self._view: LiveView | None = view
         self._show, self._tolerance_m = show, tolerance_m
         self._line = ""
-        self._last: HandPicture | None = None
+        self._last: LivePicture | None = None
 
     def show(self, status: Status) -> None:
         """Draw."""
@@ -43,7 +43,7 @@ class LiveScreen:
         where = "discarded" if outcome.folder is None else f"kept in {outcome.folder}"
         self._view.end(replace(self._last, state="ended", badge="ended", line=f"ended: {outcome.ended_by}; {where}"))
 
-    def _picture(self, status: Status) -> HandPicture:
+    def _picture(self, status: Status) -> LivePicture:
         state: State
         if status.waiting:
             state, badge, line = "waits", "hold still", status.waiting
@@ -56,7 +56,7 @@ class LiveScreen:
         else:
             state, badge, line = "moves", "moving", self._line
         stops = max(status.stops - 1, 0)
-        return HandPicture(
+        return LivePicture(
             status.t,
             status.p_nav_sensor,
             status.v_nav_sensor,

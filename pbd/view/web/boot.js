@@ -38,10 +38,10 @@ function begin(stage, replay) {
   }));
 }
 
-// The hand, while it is recorded.
-function watch(stage, command, handle) {
-  pbd.page ??= new HandPage(stage);
-  pbd.page.take(command, handle);
+// A recording under way.
+function watch(stage, words) {
+  pbd.page ??= new LivePage(stage);
+  pbd.page.take(words);
   requestAnimationFrame(() => { pbd.ready = true; });
 }
 
@@ -52,8 +52,8 @@ async function boot() {
   const stage = new Stage(document.getElementById("pane"));
   const handle = stage.viewer.handle_command.bind(stage.viewer);
   stage.viewer.handle_command = (command) => {
-    if (command.hand) {
-      watch(stage, command, handle);
+    if (command.property === "live") {
+      watch(stage, command.value);
       return;
     }
     handle(command);
@@ -64,7 +64,7 @@ async function boot() {
   } else {
     stage.viewer.connect();
     stage.viewer.connection.onclose = () => {
-      if (pbd.page instanceof HandPage) pbd.page.gone();
+      if (pbd.page instanceof LivePage) pbd.page.gone();
       else say("The viewer has ended. Run the command again.");
     };
   }

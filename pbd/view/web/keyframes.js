@@ -4,7 +4,7 @@
 class Keyframes {
   constructor(keyframes, go) {
     this.keyframes = keyframes;
-    this.labels = keyframes.map((k, i) => make("button", "", { title: this.title(i), tabIndex: -1, onclick: () => go(k.t) }));
+    this.labels = keyframes.map((k, i) => make("button", "", { title: this.title(i), tabIndex: -1, onclick: () => go(k.t), className: this.doubt(i) && "doubted" }));
     this.rows = keyframes.map((k, i) => this.row(k, i, () => go(k.t)));
     element("labels").replaceChildren(...this.labels);
     element("keyframes").tBodies[0].replaceChildren(...this.rows);
@@ -22,13 +22,23 @@ class Keyframes {
   }
 
   title(i) {
-    return `keyframe ${i}${this.name(i) && `: ${this.name(i)}`}`;
+    return `keyframe ${i}${this.name(i) && `: ${this.name(i)}`}${this.doubt(i)}`;
+  }
+
+  // The tracker doubts that the hand stood still.
+  doubt(i) {
+    const { sure } = this.keyframes[i];
+    return sure === null ? "" : `, which may not be a stop (${digits(100 * sure, 0)} % sure)`;
+  }
+
+  number(i) {
+    return `${i}${this.doubt(i) && "?"}`;
   }
 
   row(k, i, go) {
     const row = make("tr", "", { onclick: go });
     const number = make("td");
-    number.append(make("button", String(i), { ariaLabel: `Go to ${this.title(i)}` }));
+    number.append(make("button", this.number(i), { ariaLabel: `Go to ${this.title(i)}`, title: this.title(i), className: this.doubt(i) && "doubted" }));
     const name = make("td", this.name(i), { title: this.name(i) });
     if (k.label && k.grip !== null) name.append(make("span", k.grip ? " ▸◂" : " ◂▸", { className: "grip", title: k.grip ? "gripper closes" : "gripper opens" }));
     const place = k.p.map((metres) => make("td", digits(100 * metres, 1)));
@@ -45,7 +55,7 @@ class Keyframes {
     this.rows.forEach((row, i) => row.setAttribute("aria-current", i === current));
     this.labels.forEach((label, i) => {
       label.classList.toggle("now", i === current);
-      label.textContent = i === current && this.keyframes[i].label ? `${i} ${this.keyframes[i].label}` : i;
+      label.textContent = `${this.number(i)} ${i === current ? this.keyframes[i].label : ""}`.trim();
     });
     this.rows[current]?.scrollIntoView({ block: "nearest" });
   }

@@ -15,7 +15,7 @@ class Legend {
       ["tool_path", "tool's path", "#8c9199"],
       ["keyframes", "keyframes", "linear-gradient(90deg, #e04540 33%, #38a85c 33% 66%, #3875eb 66%)"],
       ...(unsure ? [["two_sigma", `uncertainty, 2 σ${hidden}`, "var(--unsure)", this.magnifier()]] : []),
-      ...(stage.found("stand_in").length ? [["stand_in", "the tool", "rgb(140 148 160 / 0.6)"]] : []),
+      ...(stage.found("placeholder").length ? [["placeholder", "the tool", "rgb(140 148 160 / 0.6)"]] : []),
       ...(obstacles.length ? [["obstacles", obstacles.join(", "), "#9e8c78"]] : []),
     ];
     element("switches").replaceChildren(...rows.map((row) => this.row(...row)));
@@ -34,8 +34,8 @@ class Legend {
 
   // An ellipsoid that reaches as far as half the scene's width would hide all else, and the camera may be inside it: it
   // is not drawn, its figures stand in the table.
-  hideLargest({ keyframes, extent }) {
-    const width = Math.max(...[0, 1].map((axis) => Math.max(...extent.map((p) => p[axis])) - Math.min(...extent.map((p) => p[axis]))));
+  hideLargest({ keyframes, bounds }) {
+    const width = Math.max(...[0, 1].map((axis) => Math.max(...bounds.map((p) => p[axis])) - Math.min(...bounds.map((p) => p[axis]))));
     const large = keyframes.flatMap((k, i) => (k.sigma !== null && 2 * k.sigma[0] > 0.5 * width ? [i] : []));
     this.tooLarge = new Set(large.map((i) => this.stage.node("pbd", "keyframes", String(i), "two_sigma")));
     for (const node of this.tooLarge) node.visible = false;

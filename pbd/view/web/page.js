@@ -22,7 +22,7 @@ class Page {
     }
     stage.lift("two_sigma");
     stage.start();
-    stage.frame(replay.extent);
+    stage.frame(replay.bounds);
     stage.furnish(replay.table);
     stage.label(this.keyframes.labels, replay.keyframes.map((k) => k.p));
     this.player.seek(0);
@@ -62,9 +62,9 @@ class Page {
     element("license").textContent = `The robot's model and meshes: ${this.replay.license}.`;
     element("license").hidden = !this.replay.license;
     element("subtitle").textContent = `${duration.toFixed(1)}\u00a0s \u00b7 ${robot}`;
-    const alarms = touching.map(({ told, start }) => {
+    const alarms = touching.map(({ message, start }) => {
       const alarm = make("li", "", { className: "alarm" });
-      alarm.append(make("button", told, { title: "Go there", onclick: () => this.player.seek(start) }));
+      alarm.append(make("button", message, { title: "Go there", onclick: () => this.player.seek(start) }));
       return alarm;
     });
     element("notes").replaceChildren(...alarms, ...notes.map((note) => make("li", note)));
@@ -86,7 +86,7 @@ class Page {
     const step = (direction) => () => player.step(direction);
     const frame = (direction) => () => { player.pause(); player.seek(player.time + direction / this.replay.rate); };
     const loop = () => { player.loop = !player.loop; player.show(); };
-    const view = () => stage.frame(this.replay.extent);
+    const view = () => stage.frame(this.replay.bounds);
     const [panel, joints] = ["panel", "joints"].map((id) => () => this.fold(id));
     const full = () => (document.fullscreenElement ? document.exitFullscreen() : document.documentElement.requestFullscreen());
     const tenths = Object.fromEntries(Array.from({ length: 10 }, (_, i) => [i, () => player.seek((i / 10) * player.duration)]));

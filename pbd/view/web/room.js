@@ -2,11 +2,11 @@
 
 // What is around the scene: light, the ground or the table, and what the robot stands on. Colours are the style sheet's.
 class Room {
-  // `extent` are points of all that is shown; `robot`: whether a robot stands there.
-  constructor(THREE, extent, table, robot) {
+  // `bounds` are points around all that is shown; `robot`: whether a robot stands there.
+  constructor(THREE, bounds, table, robot) {
     this.THREE = THREE;
     this.group = new THREE.Group();
-    const box = new THREE.Box3().setFromPoints(extent);
+    const box = new THREE.Box3().setFromPoints(bounds);
     const size = box.getSize(new THREE.Vector3()).length();
     this.light(box.getCenter(new THREE.Vector3()), size);
     const floor = Math.min(table ?? 0, 0);

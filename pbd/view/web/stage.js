@@ -16,7 +16,7 @@ class Stage {
     this.viewer.controls.dampingFactor = 0.15;
     this.viewer.controls.maxPolarAngle = 0.52 * Math.PI;
     this.labels = [];
-    this.extent = [];
+    this.bounds = [];
     this.framed = true; // until someone moves the camera
     this.robot = true; // stands there, or on something
     this.viewer.controls.addEventListener("start", () => { this.framed = false; });
@@ -72,7 +72,7 @@ class Stage {
   furnish(table) {
     this.table = table;
     if (this.room) this.viewer.scene.remove(this.room.group);
-    this.room = new Room(this.THREE, this.extent, table, this.robot);
+    this.room = new Room(this.THREE, this.bounds, table, this.robot);
     this.viewer.scene.add(this.room.group);
     this.quality.caster = this.room.key;
     this.viewer.set_dirty();
@@ -81,8 +81,8 @@ class Stage {
   // --- camera ---
 
   // Points (x, y, z) in base that the camera should show.
-  frame(extent) {
-    this.extent = extent.map((p) => new this.THREE.Vector3(...p));
+  frame(bounds) {
+    this.bounds = bounds.map((p) => new this.THREE.Vector3(...p));
     this.framed = true;
     this.resize();
   }
@@ -92,11 +92,11 @@ class Stage {
     this.viewer.set_3d_pane_size(width, height);
     const covered = (id) => (document.getElementById(id).offsetParent === null ? null : document.getElementById(id).getBoundingClientRect());
     const panel = covered("panel");
-    const bar = covered("bar") ?? covered("hand");
+    const bar = covered("bar") ?? covered("live");
     const free = { width: panel && width > 640 ? panel.left : width, height: bar ? bar.top : height };
     this.quality.resize(width, height);
     this.camera.setViewOffset(width, height, (width - free.width) / 2, (height - free.height) / 2, width, height);
-    if (this.framed && this.extent.length) this.fit(free.width / width, free.height / height);
+    if (this.framed && this.bounds.length) this.fit(free.width / width, free.height / height);
     this.viewer.set_dirty();
   }
 
@@ -106,7 +106,7 @@ class Stage {
     const back = new THREE.Vector3(0.88, 0.42, 0.74).normalize(); // in three's world: from the front, right, above
     const right = new THREE.Vector3(0, 1, 0).cross(back).normalize();
     const up = back.clone().cross(right);
-    const points = this.extent.map((p) => new THREE.Vector3(p.x, p.z, -p.y));
+    const points = this.bounds.map((p) => new THREE.Vector3(p.x, p.z, -p.y));
     const tangent = Math.tan((this.camera.fov * Math.PI) / 360);
     const margin = 1.1;
     const target = new THREE.Box3().setFromPoints(points).getCenter(new THREE.Vector3());

@@ -6,7 +6,7 @@ class Timeline {
 
   constructor({ keyframes, moves, closed, touching, duration, rate }, seek) {
     this.duration = duration;
-    this.numbers = keyframes.map((k, i) => this.at(make("span", String(i)), k.t));
+    this.numbers = keyframes.map((k, i) => this.at(make("span", `${i}${k.sure === null ? "" : "?"}`, { className: k.sure === null ? "" : "doubted" }), k.t));
     element("numbers").replaceChildren(...this.numbers);
     element("moves").replaceChildren(...this.spans(moves));
     element("done").replaceChildren(...this.spans(moves));

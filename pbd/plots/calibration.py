@@ -1,0 +1,71 @@
+"""A picture of a calibration: where the tool stands in base, how sure that is, and what it comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from pbd.data import Calibration
+from pbd.plots.space import ellipse
+from pbd.plots.style import AXES_RGB, BLUE, GREY, INK, ORANGE, PURPLE, plain, sheet, style
+from pbd.pose import Array, Pose
+
+PARTS = {"start": ("where the hand starts", ORANGE), "mount": ("the mount", PURPLE), "tracking": ("tracking", BLUE)}
+
+
+def draw_calibration(
+    calibration: Calibration,
+    demo: str,
+    T_base_nav: Pose,
+    T_base_tool: Sequence[Pose],
+    parts: Mapping[str, Array],
+) -> Figure:
+    """Draw the tool's places from above with their 2 sigma ellipses, and the shares of the variance at each.
+
+    Args:
+        calibration: for its name.
+        demo: the demonstration's name.
+        T_base_nav: where nav is.
+        T_base_tool: k poses.
+        parts: covariances (k, 6, 6) in base, m and rad, by the names of PARTS.
+    """
+    with style():
+        figure = sheet(f"calibration '{plain(calibration.name, 60)}'", 10.0, 4.8)
+        above, shares = figure.subplots(1, 2)
+        title = f"the tool in base at the keyframes of {plain(demo, 30)}, with 2 sigma"
+        above.set(title=title, xlabel="x in base (m)", ylabel="y in base (m)")
+        _from_above(above, T_base_nav, np.array([pose.p for pose in T_base_tool]), np.sum(list(parts.values()), axis=0))
+        shares.set(title="what it comes from (share of the variance)", xlabel="keyframe")
+        shares.set_ylabel("sigma of the position (mm)")
+        _shares(shares, parts)
+    return figure
+
+
+def _from_above(ax: Axes, T_base_nav: Pose, p: Array, cov: Array) -> None:
+    ax.plot(p[:, 0], p[:, 1], "o-", color=GREY, linewidth=0.8, markerfacecolor=INK, markersize=3.0)
+    for place, each in zip(p, cov, strict=True):
+        ax.fill(*ellipse(place[:2], each[:2, :2]).T, color=BLUE, alpha=0.25)
+    for frame, name, reach in ((Pose.identity(), "base", 0.08), (T_base_nav, "nav", 0.06)):
+        for axis, colour in zip(np.eye(3)[:2], AXES_RGB, strict=False):
+            ax.plot(*np.transpose([frame.p[:2], frame.act(reach * axis)[:2]]), color=colour, linewidth=2.0)
+        ax.annotate(name, tuple(frame.p[:2]), (4.0, -12.0), textcoords="offset points", fontsize="small")
+    ax.set_aspect("equal", adjustable="datalim")
+
+
+def _shares(ax: Axes, parts: Mapping[str, Array]) -> None:
+    """Each bar is as high as the sigma of the position (rms over the axes), its colours are shares of the variance."""
+    variance = {name: np.trace(cov[:, :3, :3], axis1=1, axis2=2) / 3.0 for name, cov in parts.items()}
+    total = np.sum(list(variance.values()), axis=0)
+    sigma_mm, below = 1e3 * np.sqrt(total), np.zeros(len(total))
+    for name, of_part in variance.items():
+        label, colour = PARTS[name]
+        height = sigma_mm * of_part / np.maximum(total, 1e-18)
+        ax.bar(range(len(total)), height, bottom=below, color=colour, width=0.7, label=label)
+        below = below + height
+    ax.legend(loc="upper left")
+    ax.set_ylim(0.0, 1.35 * max(float(sigma_mm.max()), 1e-3))
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))

@@ -1,0 +1,256 @@
+"""Several demonstrations of one task: aligned, their keyframes matched, and how far these spread."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from pbd.data import HandPath, Keyframe
+from pbd.pose import (
+    Array,
+    Pose,
+    quat_about_z,
+    quat_inverse,
+    quat_log,
+    quat_multiply,
+    quat_rotate,
+    quat_to_matrix,
+    yaw_toward,
+)
+from pbd.tracking.attitude import mean_quaternion
+from pbd.view.tables import make_table
+from pbd.view.units import Units
+
+TURN_M = 0.1
+"""m per rad: in matching keyframes a turn counts as what it moves at the tool's tip, some 0.1 m from the sensor."""
+
+Tracked = tuple[str, HandPath, Sequence[Keyframe]]
+"""A demonstration's name, its path and its keyframes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One of several demonstrations of a task, aligned with the first at its first stop.
+
+    Attributes:
+        name: the demonstration's.
+        p: (n, 3) m, its path from the first to the last stop, in the first demonstration's nav.
+        progress: (n,) keyframes of the task: 1.5 is half-way in time from keyframe 1 to keyframe 2.
+    """
+
+    name: str
+    p: Array
+    progress: Array
+
+
+@dataclass(frozen=True, eq=False)
+class SpreadKeyframe:
+    """One keyframe of a task, as several demonstrations have it.
+
+    Attributes:
+        poses: of each demonstration, aligned; None where it has none.
+        own: its number in each demonstration; None likewise.
+        p: (3,) m, the mean.
+        spread: (3,) m, standard deviation over the demonstrations along nav's axes; NaN for a single one.
+        furthest: index of the demonstration that is furthest from the mean.
+        furthest_m: how far.
+        turn: rad, standard deviation of the attitude (root mean square angle from the mean one); NaN for a single one.
+        sigma: (3,) m, root mean square of the trackers' own, relative to the first stop; NaN where all were typed.
+    """
+
+    poses: tuple[Pose | None, ...]
+    own: tuple[int | None, ...]
+    p: Array
+    spread: Array
+    furthest: int
+    furthest_m: float
+    turn: float
+    sigma: Array
+
+    @property
+    def count(self) -> int:
+        """How many demonstrations have it."""
+        return sum(pose is not None for pose in self.poses)
+
+
+@dataclass(frozen=True, eq=False)
+class ComparePlot:
+    """Several demonstrations of one task.
+
+    Attributes:
+        runs: in the order in which they were named.
+        keyframes: of the task.
+        by_order: whether keyframes were matched by their order alone; else by place, in order.
+        remarks: which keyframes are missing where, or are there in one alone, in words.
+    """
+
+    runs: tuple[Run, ...]
+    keyframes: tuple[SpreadKeyframe, ...]
+    by_order: bool
+    remarks: tuple[str, ...] = ()
+
+    def positions(self, run: int) -> Array:
+        """Where a run has the task's keyframes, (k, 3) m; NaN where it has none."""
+        poses = (keyframe.poses[run] for keyframe in self.keyframes)
+        return np.array([np.full(3, np.nan) if pose is None else pose.p for pose in poses])
+
+
+def compare_plot(demos: Sequence[Tracked]) -> ComparePlot:
+    """Align demonstrations at their first stop (position and heading, as the dock does it) and match their keyframes.
+
+    nav is the first demonstration's. Where all have as many keyframes they are matched by order, else by
+    `match_in_order` against the first demonstration of those with the most usual number.
+
+    Args:
+        demos: two or more, each with one keyframe at least.
+    """
+    first = demos[0][2][0].T_nav_sensor
+    aligned = [_onto(first, keyframes[0].T_nav_sensor) for _, _, keyframes in demos]
+    poses, covs = [], []
+    for T_first_nav, (_, _, keyframes) in zip(aligned, demos, strict=True):
+        R = quat_to_matrix(T_first_nav.wxyz)
+        poses.append([T_first_nav @ keyframe.T_nav_sensor for keyframe in keyframes])
+        covs.append([R @ keyframe.cov[:3, :3] @ R.T for keyframe in keyframes])
+    counts = [len(own) for own in poses]
+    usual = Counter(counts)
+    reference = counts.index(max(counts, key=lambda count: (usual[count], count)))
+    partners = [match_in_order(poses[reference], own) for own in poses]
+    runs = [_run(*demo, T, partner) for demo, T, partner in zip(demos, aligned, partners, strict=True)]
+    spreads = [_spread([partner[k] for partner in partners], poses, covs) for k in range(counts[reference])]
+    return ComparePlot(tuple(runs), tuple(spreads), len(usual) == 1, tuple(_remarks(demos, partners, reference)))
+
+
+def match_in_order(reference: Sequence[Pose], other: Sequence[Pose]) -> tuple[int | None, ...]:
+    """For each keyframe of the reference its partner's index in the other demonstration, or None.
+
+    Each keyframe of the one with fewer gets a partner, in order, such that the sum of squared distances is least
+    (TURN_M says what a turn counts). With equal numbers that is the order itself. Dynamic programming, k x m steps.
+    """
+    if len(other) > len(reference):
+        back = match_in_order(other, reference)
+        return tuple(back.index(i) for i in range(len(reference)))
+    k, m = len(reference), len(other)
+    distances = np.array([[a.distance(b) for b in other] for a in reference]).reshape(k, m, 2)
+    square = ((distances * (1.0, TURN_M)) ** 2).sum(axis=2)
+    cost = np.full((k + 1, m + 1), np.inf)  # of the first i and j, all of the j having a partner
+    cost[:, 0] = 0.0
+    for i in range(k):
+        cost[i + 1, 1:] = np.minimum(cost[i, 1:], cost[i, :-1] + square[i])
+    partners: list[int | None] = [None] * k
+    j = m
+    for i in range(k, 0, -1):
+        if j and cost[i, j] < cost[i - 1, j]:
+            j -= 1
+            partners[i - 1] = j
+    return tuple(partners)
+
+
+def _onto(first: Pose, own: Pose) -> Pose:
+    """T_first_nav, a turn about z and a shift: it brings `own` as close to `first` as these can."""
+    turn = quat_about_z(yaw_toward(own.wxyz, first.wxyz))
+    return Pose(first.p - quat_rotate(turn, own.p), turn)
+
+
+def _run(
+    name: str, path: HandPath, keyframes: Sequence[Keyframe], T_first_nav: Pose, partner: Sequence[int | None]
+) -> Run:
+    rows = slice(path.stops[0].start, path.stops[-1].stop)
+    t, number = [], []
+    for k, own in enumerate(partner):
+        if own is not None:
+            half = 0.5 * keyframes[own].dwell_s
+            t += [keyframes[own].t - half, keyframes[own].t + half]
+            number += [k, k]
+    progress = np.interp(path.t[rows], t, number, left=np.nan, right=np.nan)
+    return Run(name, T_first_nav.act(path.p_nav_sensor[rows]), progress)
+
+
+def _spread(
+    own: Sequence[int | None], poses: Sequence[Sequence[Pose]], covs: Sequence[Sequence[Array]]
+) -> SpreadKeyframe:
+    there = [(run, i) for run, i in enumerate(own) if i is not None]
+    p = np.array([poses[run][i].p for run, i in there])
+    wxyz = np.array([poses[run][i].wxyz for run, i in there])
+    away = np.linalg.norm(p - p.mean(axis=0), axis=1)
+    angles = np.linalg.norm(quat_log(quat_multiply(quat_inverse(mean_quaternion(wxyz)), wxyz)), axis=1)
+    several = len(there) > 1
+    measured = [np.diagonal(covs[run][i]) for run, i in there if i == 0 or covs[run][i].any()]
+    return SpreadKeyframe(
+        poses=tuple(None if i is None else poses[run][i] for run, i in enumerate(own)),
+        own=tuple(own),
+        p=p.mean(axis=0),
+        spread=p.std(axis=0, ddof=1) if several else np.full(3, np.nan),
+        furthest=there[int(np.argmax(away))][0],
+        furthest_m=float(away.max()),
+        turn=float(np.sqrt((angles**2).sum() / (len(there) - 1))) if several else float("nan"),
+        sigma=np.sqrt(np.mean(measured, axis=0)) if measured else np.full(3, np.nan),
+    )
+
+
+def _remarks(demos: Sequence[Tracked], partners: Sequence[Sequence[int | None]], reference: int) -> list[str]:
+    """Which keyframes are missing where, or are there in one demonstration alone."""
+    usual, _, others = demos[reference]
+    said = []
+    for (name, _, keyframes), partner in zip(demos, partners, strict=True):
+        missing = [f"{k} ({others[k].t:.1f} s in {usual})" for k, own in enumerate(partner) if own is None]
+        more = [f"{i} ({keyframe.t:.1f} s)" for i, keyframe in enumerate(keyframes) if i not in partner]
+        if missing:
+            said.append(f"{name} has no keyframe{_s(missing)} {', '.join(missing)}")
+        if more:
+            many = "one more stop" if len(more) == 1 else f"{len(more)} more stops"
+            said.append(f"{name} has {many}, its keyframe{_s(more)} {', '.join(more)}: left out")
+    return said
+
+
+def _s(several: Sequence[str]) -> str:
+    return "" if len(several) == 1 else "s"
+
+
+# --- for the terminal and for programs ---
+
+
+def spread_table(plot: ComparePlot, units: Units) -> Table:
+    """Mean position, standard deviations, and who is furthest off, at each keyframe; what is not known is blank."""
+    m, deg = units.length, units.angle_sign
+    positions, spreads = ([f"{what}{axis} ({m})" for axis in "xyz"] for what in ("", "spread "))
+    ends = (f"spread ({deg})", f"σ ({m})", f"furthest ({m})", "which")
+    table = make_table("#", f"in (of {len(plot.runs)})", *positions, *spreads, *ends, left=("which",))
+    for number, keyframe in enumerate(plot.keyframes):
+        off = keyframe.count > 1 and keyframe.furthest_m > 0.0
+        table.add_row(
+            str(number),
+            str(keyframe.count),
+            *units.lengths(keyframe.p),
+            *units.lengths(keyframe.spread, finer=1),
+            *units.angles(keyframe.turn),
+            *units.lengths(keyframe.sigma.max(), finer=1),
+            *(units.lengths(keyframe.furthest_m, finer=1) if off else ("",)),
+            plot.runs[keyframe.furthest].name if off else "",
+        )
+    return table
+
+
+def spread_rows(plot: ComparePlot) -> list[dict[str, Any]]:
+    """The same for `--json`; what is not known is null."""
+    return [
+        {
+            "index": number,
+            "keyframes": list(keyframe.own),
+            "position_m": keyframe.p.tolist(),
+            "spread_m": [_or_none(x) for x in keyframe.spread.tolist()],
+            "spread_deg": _or_none(float(np.degrees(keyframe.turn))),
+            "sigma_m": [_or_none(x) for x in keyframe.sigma.tolist()],
+            "furthest": plot.runs[keyframe.furthest].name,
+            "furthest_m": keyframe.furthest_m,
+        }
+        for number, keyframe in enumerate(plot.keyframes)
+    ]
+
+
+def _or_none(value: float) -> float | None:
+    return value if np.isfinite(value) else None

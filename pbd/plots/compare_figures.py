@@ -1,0 +1,149 @@
+"""Several demonstrations of one task over each other, and how far they spread at each keyframe."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+from mpl_toolkits.mplot3d.axes3d import Axes3D
+
+from pbd.plots.compare import ComparePlot
+from pbd.plots.panels import XYZ
+from pbd.plots.space import YX, YZ, ellipse, number, number_3d, perspective, view
+from pbd.plots.style import AXES_RGB, GREY, INK, RUNS_RGB, legend, length_unit, plain, sheet, style
+
+DASHES = ("-", "--", ":", "-.")
+"""After the last colour the first one comes again, dashed."""
+NAMED, NAME_LENGTH = 16, 18
+"""Demonstrations that a legend names, and letters of a name."""
+
+
+def draw_comparison(name: str, plot: ComparePlot) -> Figure:
+    """Draw one of COMPARISONS."""
+    with style():
+        return COMPARISONS[name](plot)
+
+
+def paths(plot: ComparePlot) -> Figure:
+    """All paths in space, the mean keyframes numbered."""
+    figure = sheet("Paths, aligned at the first stop", 8.6, 6.6)
+    ax = figure.add_subplot(projection="3d", computed_zorder=False, title=_subtitle(plot))
+    assert isinstance(ax, Axes3D)
+    shown = [run.p for run in plot.runs]
+    scale = perspective(ax, shown)
+    for k, run in enumerate(plot.runs):
+        ax.plot(*(scale * run.p).T, **_line(k))
+        ax.plot(*(scale * plot.positions(k)).T, **_dots(k))
+    legend(figure, [], _runs(plot))
+    number_3d(ax, scale * np.array([keyframe.p for keyframe in plot.keyframes]), scale * np.vstack(shown))
+    return figure
+
+
+def views(plot: ComparePlot) -> Figure:
+    """From above and along x, with what the keyframes spread."""
+    figure = sheet("Paths from above (yx) and along x (yz)", 13.0, 6.0)
+    both = figure.subplots(1, 2)
+    both[0].set_title(_subtitle(plot))
+    shown, numbered = [run.p for run in plot.runs], []
+    for ax, axes in zip(both, (YX, YZ), strict=True):
+        scale, columns = view(ax, shown, axes, 1.0), list(axes)
+        covered = [scale * run.p[:, columns] for run in plot.runs]
+        for k, path in enumerate(covered):
+            ax.plot(*path.T, **_line(k))
+            ax.plot(*(scale * plot.positions(k)[:, columns]).T, **_dots(k))
+        for keyframe in plot.keyframes:
+            if keyframe.count > 1:
+                there = np.array([pose.p[columns] for pose in keyframe.poses if pose is not None])
+                covered.append(ellipse(scale * keyframe.p[columns], scale**2 * np.cov(there.T)))
+                ax.plot(*covered[-1].T, color=INK, linewidth=0.8, zorder=6.0)
+        numbered.append((ax, scale * np.array([keyframe.p[columns] for keyframe in plot.keyframes]), covered))
+    more: Artist = Line2D([], [], color=INK, linewidth=0.8, label="2 standard\ndeviations")
+    legend(figure, [], [*_runs(plot), more])
+    for ax, at, covered in numbered:
+        number(ax, at, np.vstack(covered))
+    return figure
+
+
+def positions(plot: ComparePlot) -> Figure:
+    """x, y and z from keyframe to keyframe."""
+    figure = sheet("Position from keyframe to keyframe", 10.0, 6.6)
+    axes = figure.subplots(3, sharex=True)
+    axes[0].set_title(_subtitle(plot))
+    scale, unit = length_unit(*(run.p for run in plot.runs))
+    for axis, ax in enumerate(axes):
+        for k, run in enumerate(plot.runs):
+            ax.plot(run.progress, scale * run.p[:, axis], **_line(k))
+            ax.plot(range(len(plot.keyframes)), scale * plot.positions(k)[:, axis], **_dots(k))
+        ax.set_ylabel(f"{XYZ[axis]} ({unit})")
+    _keyframe_axis(axes[-1], plot)
+    figure.align_ylabels(axes)
+    legend(figure, [], _runs(plot))
+    return figure
+
+
+def spread(plot: ComparePlot) -> Figure:
+    """How far the keyframes spread, beside what the trackers' sigmas make expect."""
+    figure = sheet("Spread at each keyframe, between the demonstrations", 10.0, 5.4)
+    upper, lower = figure.subplots(2, sharex=True, height_ratios=(3, 2))
+    upper.set_title(_subtitle(plot))
+    k = np.arange(len(plot.keyframes))
+    spreads = np.array([keyframe.spread for keyframe in plot.keyframes])
+    sigmas = np.array([keyframe.sigma for keyframe in plot.keyframes]).max(axis=1)
+    scale, unit = length_unit(spreads, sigmas)
+    for axis in range(3):
+        height = scale * np.nan_to_num(spreads[:, axis])
+        upper.bar(k + 0.24 * (axis - 1), height, width=0.22, color=AXES_RGB[axis], label=XYZ[axis])
+    upper.plot(k, scale * sigmas, color=INK, marker="_", markersize=16.0, linestyle="", label="the trackers'\nown σ")
+    upper.set_ylabel(f"standard deviation ({unit})")
+    lower.bar(k, np.nan_to_num(np.degrees([keyframe.turn for keyframe in plot.keyframes])), width=0.4, color=GREY)
+    lower.set_ylabel("of the attitude (°)")
+    for ax in (upper, lower):
+        ax.set_ylim(bottom=0.0)
+    _keyframe_axis(lower, plot)
+    figure.align_ylabels([upper, lower])
+    legend(figure, [upper])
+    return figure
+
+
+def _keyframe_axis(ax: Axes, plot: ComparePlot) -> None:
+    ax.set_xlim(-0.6, len(plot.keyframes) - 0.4)
+    ax.xaxis.set_major_locator(MaxNLocator(15, integer=True))
+    ax.set_xlabel("keyframe")
+
+
+def _subtitle(plot: ComparePlot) -> str:
+    how = "matched by order" if plot.by_order else "matched by place, in order"
+    return f"{len(plot.runs)} demonstrations, {len(plot.keyframes)} keyframes {how}"
+
+
+def _line(run: int) -> dict[str, Any]:
+    count = len(RUNS_RGB)
+    return {"color": RUNS_RGB[run % count], "linestyle": DASHES[run // count % len(DASHES)]}
+
+
+def _dots(run: int) -> dict[str, Any]:
+    look = {"color": RUNS_RGB[run % len(RUNS_RGB)], "marker": "o", "markersize": 3.5}
+    return look | {"linestyle": "", "zorder": 5.0}
+
+
+def _runs(plot: ComparePlot) -> list[Artist]:
+    """The demonstrations, for a legend."""
+    named: list[Artist] = [
+        Line2D([], [], **_line(k), label=plain(run.name, NAME_LENGTH)) for k, run in enumerate(plot.runs[:NAMED])
+    ]
+    if len(plot.runs) > NAMED:
+        named.append(Line2D([], [], linestyle="", label=f"and {len(plot.runs) - NAMED} more"))
+    return named
+
+
+COMPARISONS: Mapping[str, Callable[[ComparePlot], Figure]] = MappingProxyType(
+    {"paths": paths, "views": views, "positions": positions, "spread": spread}
+)
+"""By the name of its file."""

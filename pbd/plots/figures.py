@@ -1,0 +1,211 @@
+"""The plots of one demonstration: the paper's figures 5 to 10 for it, ours, and a summary."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import cast
+
+import matplotlib
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure, SubFigure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+from mpl_toolkits.mplot3d.axes3d import Axes3D
+
+from pbd.plots import panels
+from pbd.plots.space import YX, YZ, number, number_3d, path_3d, path_view
+from pbd.plots.style import (
+    AXES_RGB,
+    CHECK,
+    GREY,
+    INK,
+    PALE,
+    SIGMA,
+    VERMILION,
+    legend,
+    mark,
+    marks,
+    plain,
+    sheet,
+    style,
+)
+from pbd.plots.values import DemoPlot
+
+Panel = Callable[[Axes, DemoPlot], None]
+
+WIDTH = 10.0
+"""Of a figure over time, inches."""
+VIEW_SIZE = (8.4, 6.4)
+"""Of a picture of the path, inches."""
+A4 = (11.69, 8.27)
+"""Landscape, inches."""
+FINDING_WIDTH, FINDING_LINES, LINES = 46, 5, 14
+"""Of a finding on the summary: letters in a line, and lines; and lines of all findings."""
+
+
+def names(plot: DemoPlot) -> tuple[str, ...]:
+    """The figures that there are of a demonstration: without a magnetometer none of the field."""
+    return tuple(name for name in FIGURES if name != "field" or plot.field is not None)
+
+
+def draw(name: str, plot: DemoPlot) -> Figure:
+    """Draw one of the figures that `names` lists."""
+    with style():
+        return FIGURES[name](plot)
+
+
+def _over_time(title: str, *rows: tuple[float, Panel]) -> Callable[[DemoPlot], Figure]:
+    """A figure of panels over one time axis, each with its height in inches."""
+
+    def drawn(plot: DemoPlot) -> Figure:
+        heights = [height for height, _ in rows]
+        figure = sheet(title, WIDTH, 1.3 + sum(heights))
+        axes = figure.subplots(len(rows), sharex=True, squeeze=False, height_ratios=heights)[:, 0]
+        axes[0].set_title(_subtitle(plot))
+        for ax, (_, panel) in zip(axes, rows, strict=True):
+            panel(ax, plot)
+            mark(ax, plot, numbers=ax is axes[0])
+        axes[-1].set_xlabel("time (s)")
+        figure.align_ylabels(axes)
+        legend(figure, axes, marks(plot))
+        return figure
+
+    return drawn
+
+
+def _subtitle(plot: DemoPlot) -> str:
+    return f"{plain(plot.name, 40)}, {plain(plot.tracking.recording.info.sensor, 24)}, {_tracked_by(plot)}"
+
+
+def _tracked_by(plot: DemoPlot) -> str:
+    method = plot.tracking.method
+    return "tracked as the paper does" if method == "paper" else f"tracked by the {method} method"
+
+
+def _path(plot: DemoPlot) -> Figure:
+    figure = sheet("Path, with the sensor's axes at the keyframes (as the paper's figure 8)", *VIEW_SIZE)
+    ax = figure.add_subplot(projection="3d", computed_zorder=False, title=_subtitle(plot))
+    assert isinstance(ax, Axes3D)
+    numbered = path_3d(ax, plot)
+    legend(figure, [ax])
+    number_3d(ax, *numbered)
+    return figure
+
+
+def _view(title: str, axes: tuple[int, int]) -> Callable[[DemoPlot], Figure]:
+    def drawn(plot: DemoPlot) -> Figure:
+        figure = sheet(title, *VIEW_SIZE)
+        ax = figure.add_subplot(title=_subtitle(plot))
+        numbered = path_view(ax, plot, axes)
+        legend(figure, [ax])
+        number(ax, *numbered)
+        return figure
+
+    return drawn
+
+
+def _sampling(plot: DemoPlot) -> Figure:
+    figure = sheet("Sampling intervals, as recorded", WIDTH, 5.5)
+    upper, lower = figure.subplots(2)
+    upper.set(title=_subtitle(plot), xlabel="time (s)")
+    panels.intervals(upper, plot)
+    mark(upper, plot, numbers=True)
+    panels.histogram(lower, plot)
+    legend(figure, [upper], marks(plot))
+    return figure
+
+
+def _summary(plot: DemoPlot) -> Figure:
+    """The path, what happened over time, and in words what should be looked at, on one sheet."""
+    with matplotlib.rc_context({"font.size": 8.0, "lines.linewidth": 0.9}):
+        figure = sheet(plain(plot.name, 60), *A4)
+        upper, lower = cast(list[SubFigure], figure.subfigures(2, height_ratios=(3.1, 5.0)))
+        left, right = cast(list[SubFigure], upper.subfigures(1, 2, width_ratios=(4.4, 7.2)))
+        space = left.add_subplot(projection="3d", computed_zorder=False)
+        assert isinstance(space, Axes3D)
+        numbered = path_3d(space, plot)
+        _words(right, plot)
+        last = panels.specific_force if plot.field is None else panels.field_strength
+        rows: tuple[tuple[Panel, Panel], ...] = (
+            (panels.position, panels.attitude),
+            (panels.velocity, panels.closure),
+            (panels.resulting, panels.overall_sigma),
+            (panels.intervals, last),
+        )
+        axes = lower.subplots(len(rows), 2, sharex=True)
+        for k, row in enumerate(rows):
+            for ax, panel in zip(axes[k], row, strict=True):
+                panel(ax, plot)
+                mark(ax, plot, numbers=k == 0)
+                ax.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10], min_n_ticks=3))
+        for ax in axes[-1]:
+            ax.set_xlabel("time (s)")
+        for column in axes.T:
+            lower.align_ylabels(column)
+        right.legend(handles=_summary_legend(plot), loc="lower left", ncols=6, columnspacing=1.2, labelspacing=0.35)
+        number_3d(space, *numbered)
+        return figure
+
+
+def _summary_legend(plot: DemoPlot) -> list[Artist]:
+    """One for all axes of the sheet."""
+    names = zip(("x, roll", "y, pitch", "z, yaw"), AXES_RGB, strict=True)
+    handles: list[Artist] = [Line2D([], [], color=colour, label=name) for name, colour in names]
+    handles.append(Line2D([], [], color=SIGMA, linewidth=1.6, label="σ"))
+    if plot.truth is not None:
+        handles += [Line2D([], [], color=GREY, label="truth", **PALE), Line2D([], [], color=INK, label="error")]
+    colour, label = (GREY, "g, at rest") if plot.field is None else (VERMILION, "disturbed beyond")
+    return [*handles, Line2D([], [], color=colour, linestyle="--", label=label), *marks(plot)]
+
+
+def _words(figure: SubFigure, plot: DemoPlot) -> None:
+    """Facts and findings, beside the path."""
+    facts = [("tracked", _tracked_by(plot).removeprefix("tracked ")), *plot.facts]
+    for k, (what, how_much) in enumerate(facts):
+        figure.text(0.0, 0.97 - 0.058 * k, what, va="top", color=GREY)
+        figure.text(0.2, 0.97 - 0.058 * k, plain(how_much, 44), va="top", color=INK)
+    look = {"bbox": CHECK | {"linewidth": 1.0}} if plot.findings else {}
+    figure.text(0.59, 0.97, "check" if plot.findings else "no problems found", va="top", color=INK, **look)
+    line = 0.0
+    for k, finding in enumerate(plot.findings):
+        words = plain(finding.words, FINDING_WIDTH * FINDING_LINES)
+        wrapped = textwrap.wrap(words, FINDING_WIDTH, max_lines=FINDING_LINES, placeholder=" …")
+        full = line + len(wrapped) > LINES
+        text = f"and {len(plot.findings) - k} more" if full else "\n".join(wrapped)
+        figure.text(0.59, 0.9 - 0.048 * line, text, va="top", color=INK, linespacing=1.35)
+        if full:
+            break
+        line += len(wrapped) + 0.4
+
+
+VARIANCE = "Variance of the resulting acceleration, equations 8 and 9 (as the paper's figure 6)"
+FORCE = ((2.3, panels.specific_force), (2.3, panels.motion_acceleration))
+SIGMAS = [(1.25, partial(panels.sigma, axis=axis)) for axis in range(3)]
+FIGURES: Mapping[str, Callable[[DemoPlot], Figure]] = {
+    "summary": _summary,
+    "resulting-acceleration": _over_time(
+        "Resulting acceleration, equation 7 (as the paper's figure 5)", (3.2, panels.resulting)
+    ),
+    "variance": _over_time(VARIANCE, (3.2, panels.variance)),
+    "motion": _over_time("Motion and stops (as the paper's figure 7)", (2.6, panels.speed), (0.9, panels.moves)),
+    "path": _path,
+    "view-yx": _view("Path seen from above, yx (as the paper's figure 9)", YX),
+    "view-yz": _view("Path seen along x, yz (as the paper's figure 10)", YZ),
+    "position": _over_time("Position", (3.6, panels.position)),
+    "attitude": _over_time("Attitude", (3.6, panels.attitude)),
+    "gravity": _over_time("Specific force, and motion acceleration without gravity", *FORCE),
+    "velocity": _over_time(
+        "Velocity, and its residual at each stop (closure)", (2.7, panels.velocity), (1.7, panels.closure)
+    ),
+    "sigma": _over_time(
+        "Sigma along the path, and the error where the truth is known", *SIGMAS, (1.25, panels.sigma_turn)
+    ),
+    "field": _over_time(
+        "Magnetic field, against the first rest", (2.0, panels.field_strength), (2.0, panels.field_dip)
+    ),
+    "sampling": _sampling,
+}
+"""By the names of their files: the paper's in its order, then ours."""

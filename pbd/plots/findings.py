@@ -1,0 +1,264 @@
+"""What a person should look at in a demonstration: in words, and when."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbd.data import HandPath, Keyframe, Stop
+from pbd.data.hand import DOUBTED
+from pbd.pose import Array, quat_to_matrix
+
+FIRST_REST_S = 1.0
+"""A shorter first rest is remarked upon. Two seconds are asked for: all else is measured from it."""
+
+SHORT_STOP_S = 0.3
+"""A hand that shows a place stays there longer. One that moves on steadily looks still for a moment too."""
+
+UNSURE_MOVE_M = 0.01
+"""A move that adds more than this to sigma is remarked upon (`pbd record` says "pause now" from there on)."""
+
+DRIFT = 0.2
+"""Bias of a cheap accelerometer, m/s2 (20 mg). More residual velocity than that makes during a move is no drift."""
+
+TREMBLE_S, TREMBLE_WITHIN_M, TREMBLE_WITHIN_RAD = 0.5, 0.015, 0.3
+"""A hand that stays within this of one pose, for at least this time, is held still."""
+TREMBLE_RMS = 0.3
+"""It trembles if it accelerates by more than this, rms, m/s2. A move as short and as slow reaches 0.25 at most."""
+TREMBLE_MEAN = 0.25
+"""Trembling goes to and fro: the squared mean acceleration is less than this share of the mean square."""
+
+OFF_SIGMAS = 4.0
+"""A keyframe further than this from the truth is remarked upon: one of a thousand by chance."""
+
+SAID_ONE_BY_ONE, SHOWN = 3, 10
+"""More findings of one kind share one remark, which highlights at most so many of them."""
+
+Span = tuple[float, float]
+"""From when to when, s."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What a person should look at: in words, and when, where it has a place in time."""
+
+    words: str
+    spans: tuple[Span, ...] = ()
+
+
+Weighed = tuple[float, Finding]
+"""How bad it is, and what."""
+
+
+def find(
+    path: HandPath, names: Sequence[str], a_nav: Array, error: Array | None, remarks: Sequence[str]
+) -> tuple[Finding, ...]:
+    """Collect what a person should look at.
+
+    Args:
+        path: as tracked.
+        names: of its stops, from `stop_names`.
+        a_nav: (n, 3) m/s2, motion acceleration at the path's instants.
+        error: (n, 3) m, path less truth, where that is known.
+        remarks: the warnings that were given on the way.
+    """
+    # A hand that goes on at a steady speed looks as still as one that stops.
+    doubted = [k for k, stop in enumerate(path.stops) if stop.weight < DOUBTED]
+    return (
+        *map(Finding, remarks),
+        *_off(path, names, error),
+        *_first_rest(path),
+        *_few(
+            _trembling(path, names, a_nav),
+            "moves end with a trembling hand, so no stop is found there: rest the hand on something",
+        ),
+        *_few(
+            _doubted(path, names, doubted),
+            "keyframes may not be stops, since the hand seems to pass through them: stop for half a second",
+        ),
+        *_few(
+            _short_stops(path, names, doubted),
+            f"keyframes last less than {SHORT_STOP_S:g} s, so the hand may not have stopped there: stop for half a "
+            "second",
+        ),
+        *_unsure_moves(path, names),
+        *_few(
+            _left_over(path, names, doubted),
+            "moves end with more residual velocity than drift explains: hold still at both ends",
+        ),
+    )
+
+
+def stop_names(path: HandPath, keyframes: Sequence[Keyframe]) -> tuple[str, ...]:
+    """What plots call each stop: its keyframe's number, or its time where a person took that keyframe out."""
+    t = np.array([keyframe.t for keyframe in keyframes])
+    names = []
+    for stop in path.stops:
+        begin, end = _during(path, stop)
+        k = int(np.searchsorted(t, begin))
+        names.append(str(k) if k < len(t) and t[k] <= end else f"the stop at {begin:.1f} s")
+    return tuple(names)
+
+
+def at_stop(name: str) -> str:
+    """A stop's name within a sentence."""
+    return f"keyframe {name}" if name.isdecimal() else name
+
+
+def length(metres: float) -> str:
+    """Write a length for people."""
+    if metres < 0.01:
+        return f"{1e3 * metres:.1f} mm"
+    return f"{100.0 * metres:.1f} cm" if metres < 1.0 else f"{metres:.2f} m"
+
+
+def _few(found: Iterator[Weighed], together: str) -> list[Finding]:
+    """The worst first; more than a few in one remark."""
+    worst = [finding for _, finding in sorted(found, key=lambda each: -each[0])]
+    if len(worst) > SAID_ONE_BY_ONE:
+        return [Finding(f"{len(worst)} {together}", tuple(span for finding in worst[:SHOWN] for span in finding.spans))]
+    return worst
+
+
+def _first_rest(path: HandPath) -> Iterator[Finding]:
+    first = path.stops[0]
+    if len(path.stops) == 1:
+        yield Finding("the hand stands still all the time: there is nothing to replay")
+    elif first.dwell_s < FIRST_REST_S:
+        rest = f"the first rest lasts only {first.dwell_s:.2f} s, but all else is measured from it"
+        yield Finding(f"{rest}: hold still for two seconds", (_during(path, first),))
+
+
+def _doubted(path: HandPath, names: Sequence[str], doubted: Sequence[int]) -> Iterator[Weighed]:
+    for k in doubted:
+        sure = path.stops[k].weight
+        words = (
+            f"{at_stop(names[k])} may not be a stop ({100.0 * sure:.0f} % sure): the hand seems to pass through it; "
+            "stop for half a second, or move faster"
+        )
+        yield -sure, Finding(words, (_during(path, path.stops[k]),))
+
+
+def _short_stops(path: HandPath, names: Sequence[str], doubted: Sequence[int]) -> Iterator[Weighed]:
+    for k, stop in enumerate(path.stops[1:], start=1):
+        if k not in doubted and round(stop.dwell_s, 2) < SHORT_STOP_S:  # as it is written
+            words = (
+                f"{at_stop(names[k])} lasts only {stop.dwell_s:.2f} s, from {path.t[stop.start]:.1f} s on, so the hand "
+                "may not have stopped: stop for half a second"
+            )
+            yield -stop.dwell_s, Finding(words, (_during(path, stop),))
+
+
+def _trembling(path: HandPath, names: Sequence[str], a_nav: Array) -> Iterator[Weighed]:
+    """Where the hand is held in one place, but no stop is seen."""
+    n = max(2, round(TREMBLE_S * (len(path.t) - 1) / float(path.t[-1] - path.t[0])))
+    trembles = _trembles(path, a_nav, n)
+    for k, (before, after) in enumerate(pairwise(path.stops)):
+        begins = np.flatnonzero(trembles[before.stop : max(after.start - n, before.stop)]) + before.stop
+        if not len(begins):
+            continue
+        longest = max(np.split(begins, np.flatnonzero(np.diff(begins) > 1) + 1), key=len)
+        span = (float(path.t[longest[0]]), float(path.t[longest[-1] + n]))
+        if not any(_shows(path, stop, span) for stop in (before, after)):
+            words = (
+                f"between {names[k]} and {names[k + 1]} the hand is held still from {span[0]:.1f} to {span[1]:.1f} s, "
+                "but trembles, so no stop is found: rest the hand on something"
+            )
+            yield span[1] - span[0], Finding(words, (span,))
+
+
+def _shows(path: HandPath, stop: Stop, span: Span) -> bool:
+    """Whether a stop shows the place where the hand trembles: it is long enough, and soon before or after."""
+    begin, end = _during(path, stop)
+    return stop.dwell_s >= SHORT_STOP_S and begin - SHORT_STOP_S < span[1] and span[0] < end + SHORT_STOP_S
+
+
+def _trembles(path: HandPath, a_nav: Array, n: int) -> NDArray[np.bool_]:
+    """For each sample, whether the hand trembles around one place during it and the n - 1 that follow."""
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
+
+    if len(path.t) <= n:
+        return np.zeros(len(path.t), dtype=bool)
+    attitude = quat_to_matrix(path.wxyz_nav_sensor).reshape(-1, 9)
+    values = np.hstack((path.p_nav_sensor / TREMBLE_WITHIN_M, attitude / TREMBLE_WITHIN_RAD))
+    ahead = -(n // 2)  # scipy centres its windows
+    reach = maximum_filter1d(values, n, axis=0, origin=ahead) - minimum_filter1d(values, n, axis=0, origin=ahead)
+    squares = (a_nav**2).sum(axis=1)
+    steady = (uniform_filter1d(a_nav, n, axis=0, origin=ahead) ** 2).sum(axis=1)
+    to_and_fro = steady < TREMBLE_MEAN * uniform_filter1d(squares, n, origin=ahead)
+    # All the time: being set down is one bump.
+    least = minimum_filter1d(uniform_filter1d(squares, max(n // 2, 1)), n, origin=ahead)
+    trembles: NDArray[np.bool_] = (reach <= 1.0).all(axis=1) & (least > TREMBLE_RMS**2) & to_and_fro
+    return trembles
+
+
+def _unsure_moves(path: HandPath, names: Sequence[str]) -> list[Finding]:
+    """Say which moves add much to what is not known."""
+    added = _added(path)
+    unsure = sorted(np.flatnonzero(added > UNSURE_MOVE_M).tolist(), key=lambda k: -added[k])
+    moves = [(f"from {names[k]} to {names[k + 1]} ({_lasts(path, k):.1f} s)", length(float(added[k]))) for k in unsure]
+    spans = [_move(path, k) for k in unsure]
+    advice = "stop on the way, or move more calmly"
+    if len(moves) > SAID_ONE_BY_ONE:
+        worst, sigma = moves[0]
+        words = (
+            f"{len(moves)} moves add an uncertainty of more than {length(UNSURE_MOVE_M)} each (one sigma), the worst, "
+            f"{worst}, {sigma}: {advice}"
+        )
+        return [Finding(words, tuple(spans[:SHOWN]))]
+    return [
+        Finding(f"the move {move} adds an uncertainty of {sigma} (one sigma): {advice}", (span,))
+        for (move, sigma), span in zip(moves, spans, strict=True)
+    ]
+
+
+def _added(path: HandPath) -> Array:
+    """What each move adds to sigma, m, along the worst axis."""
+    variance = np.diagonal(path.covariance.of_moves, axis1=1, axis2=2)
+    return np.asarray(np.sqrt(variance.max(axis=1, initial=0.0)))
+
+
+def _left_over(path: HandPath, names: Sequence[str], doubted: Sequence[int]) -> Iterator[Weighed]:
+    """Moves that end with more velocity than a sensor drifts by, unless they are remarked upon already."""
+    added = _added(path)
+    for k, left_over in enumerate(np.linalg.norm(path.closure, axis=1).tolist()):
+        lasts = _lasts(path, k)
+        remarked = added[k] > UNSURE_MOVE_M or k in doubted or k + 1 in doubted
+        if left_over > DRIFT * lasts and not remarked:
+            words = (
+                f"a residual velocity of {length(left_over)}/s at {at_stop(names[k + 1])}, after a move of {lasts:.1f} "
+                f"s, is more than drift: hold still at {names[k]} and {names[k + 1]}, and turn more slowly in between"
+            )
+            yield left_over / lasts, Finding(words, (_move(path, k),))
+
+
+def _off(path: HandPath, names: Sequence[str], error: Array | None) -> Iterator[Finding]:
+    """The keyframe that is the most sigmas away from the truth, if that is too many."""
+    if error is None:
+        return
+    off = np.linalg.norm(error[[(stop.start + stop.stop - 1) // 2 for stop in path.stops]], axis=1)
+    sigma = np.sqrt(np.diagonal(path.cov, axis1=1, axis2=2)[:, :3].max(axis=1))
+    sigmas = np.divide(off, sigma, out=np.zeros_like(off), where=(sigma > 0.0) & np.isfinite(off))
+    if far := int((sigmas > OFF_SIGMAS).sum()):
+        k = int(np.argmax(sigmas))
+        more = f" ({far} keyframes are more than {OFF_SIGMAS:g} off)" if far > 1 else ""
+        words = f"{at_stop(names[k])} is {length(float(off[k]))} from the truth, {sigmas[k]:.0f} sigma{more}"
+        yield Finding(words, (_during(path, path.stops[k]),))
+
+
+def _during(path: HandPath, stop: Stop) -> Span:
+    return float(path.t[stop.start]), float(path.t[stop.stop - 1])
+
+
+def _move(path: HandPath, k: int) -> Span:
+    """From keyframe k to the one after it."""
+    return float(path.t[path.stops[k].stop - 1]), float(path.t[path.stops[k + 1].start])
+
+
+def _lasts(path: HandPath, k: int) -> float:
+    begin, end = _move(path, k)
+    return end - begin

@@ -1,0 +1,244 @@
+"""One quantity over time each: drawn into axes that the figures and the summary lay out."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import NullLocator
+
+from pbd.data import Stop
+from pbd.plots.style import AXES_RGB, BLUE, GREY, INK, PALE, SIGMA, SKY, VERMILION, largest, length_unit
+from pbd.plots.values import DemoPlot
+from pbd.pose import Array
+from pbd.tracking.paper import LAMBDA_V
+
+XYZ = ("x", "y", "z")
+SMALLEST_VARIANCE = 1e-7
+"""(m/s2)^2: no sensor's is less."""
+MANY = 5000
+"""More points than this become an image within a vector graphic, or are thinned out."""
+
+
+def _lines(ax: Axes, t: Array, values: Array, names: tuple[str, ...] = XYZ) -> None:
+    for column, colour, name in zip(values.T, AXES_RGB, names, strict=True):
+        ax.plot(t, column, color=colour, label=name)
+
+
+def _truth_lines(ax: Axes, t: Array, values: Array) -> None:
+    for column, colour in zip(values.T, AXES_RGB, strict=True):
+        ax.plot(t, column, color=colour, zorder=1.8, **PALE)
+    ax.plot([], [], color=GREY, label="truth", **PALE)
+
+
+def position(ax: Axes, plot: DemoPlot) -> None:
+    """Where the hand is, beside the truth."""
+    unit = _of_hand(ax, plot, plot.path.p_nav_sensor, None if plot.truth is None else plot.truth.p_nav_sensor)
+    ax.set_ylabel(f"position ({unit})")
+
+
+def velocity(ax: Axes, plot: DemoPlot) -> None:
+    """Velocity, beside the truth's."""
+    unit = _of_hand(ax, plot, plot.path.v_nav_sensor, None if plot.truth is None else plot.truth.v_nav_sensor)
+    ax.set_ylabel(f"velocity ({unit}/s)")
+
+
+def _of_hand(ax: Axes, plot: DemoPlot, values: Array, truth: Array | None) -> str:
+    """Draw values (n, 3) while the hand is tracked; return the unit, without "/s"."""
+    scale, unit = length_unit(values[plot.tracked])
+    if plot.truth is not None and truth is not None:
+        _truth_lines(ax, plot.truth.t, scale * truth)
+    _lines(ax, plot.path.t[plot.tracked], scale * values[plot.tracked])
+    return unit
+
+
+def closure(ax: Axes, plot: DemoPlot) -> None:
+    """The velocity that was left over when the hand stopped, at each stop."""
+    path = plot.path
+    scale, unit = length_unit(path.closure)
+    ax.set_ylabel(f"closure ({unit}/s)")
+    if len(path.stops) < 2:
+        ax.text(0.5, 0.5, "one stop, so no move", transform=ax.transAxes, ha="center", va="center", color=GREY)
+        return
+    at = path.t[[stop.start for stop in path.stops[1:]]]
+    apart = 0.004 * float(path.t[-1] - path.t[0])
+    ax.axhline(0.0, color=GREY, linewidth=0.8)
+    for axis, (values, colour) in enumerate(zip(path.closure.T, AXES_RGB, strict=True)):
+        x = at + (axis - 1) * apart
+        ax.vlines(x, 0.0, scale * values, color=colour, linewidth=1.5)
+        ax.plot(x, scale * values, color=colour, marker="o", markersize=3.5, linestyle="", label=XYZ[axis])
+
+
+def speed(ax: Axes, plot: DemoPlot) -> None:
+    """How fast the hand is."""
+    rows, path = plot.tracked, plot.path
+    scale, unit = length_unit(path.v_nav_sensor[rows])
+    if plot.truth is not None:
+        true = np.linalg.norm(plot.truth.v_nav_sensor, axis=1)
+        ax.plot(plot.truth.t, scale * true, color=GREY, label="truth", **PALE)
+    ax.plot(path.t[rows], scale * np.linalg.norm(path.v_nav_sensor[rows], axis=1), color=INK, label="speed")
+    ax.set_ylabel(f"speed ({unit}/s)")
+
+
+def moves(ax: Axes, plot: DemoPlot) -> None:
+    """When the hand moves, by the method that tracked and by the paper's Algorithm 1."""
+    method = plot.tracking.method
+    rows = {method: (plot.path.stops, BLUE), "paper": (plot.paper_stops, SKY)}
+    for row, (stops, colour) in enumerate(rows.values()):
+        bars = _between(stops, plot.path.t)
+        ax.broken_barh(bars, (row - 0.32, 0.64), facecolor=colour, linewidth=0.0, zorder=2.0)
+        if not bars:
+            ax.text(plot.path.t[0], row, " none", ha="left", va="center", fontsize="small", color=GREY)
+    ax.set_ylim(len(rows) - 0.5, -0.5)
+    ax.set_yticks(range(len(rows)), list(rows))
+    ax.grid(visible=False, axis="y")
+    ax.set_ylabel("moves, by")
+
+
+def _between(stops: tuple[Stop, ...], t: Array) -> list[tuple[float, float]]:
+    """Beginning and length, s, of what is no stop."""
+    edges = [float(t[0]), *(float(t[row]) for stop in stops for row in (stop.start, stop.stop - 1)), float(t[-1])]
+    return [(begin, end - begin) for begin, end in zip(edges[::2], edges[1::2], strict=True) if end > begin]
+
+
+def attitude(ax: Axes, plot: DemoPlot) -> None:
+    """Roll, pitch and yaw."""
+    if plot.truth is not None:
+        _truth_lines(ax, plot.truth.t, np.degrees(plot.truth.rpy_nav_sensor))
+    _lines(ax, plot.path.t, np.degrees(plot.rpy_nav_sensor), ("roll", "pitch", "yaw"))
+    ax.set_ylabel("attitude (°)")
+
+
+def specific_force(ax: Axes, plot: DemoPlot) -> None:
+    """What the accelerometer says, in sensor axes."""
+    ax.axhline(plot.tracking.gravity, color=GREY, linewidth=0.8, linestyle="--", label="g, at rest")
+    _lines(ax, plot.path.t, plot.tracking.recording.acc)
+    ax.set_ylabel("specific force\nin sensor (m/s²)")
+
+
+def motion_acceleration(ax: Axes, plot: DemoPlot) -> None:
+    """Specific force less gravity, in nav."""
+    _lines(ax, plot.path.t, plot.tracking.a_nav)
+    ax.set_ylabel("acceleration\nin nav (m/s²)")
+
+
+def resulting(ax: Axes, plot: DemoPlot) -> None:
+    """The paper's equation 7."""
+    ax.plot(plot.path.t, plot.resulting, color=INK, label="resulting\nacceleration")
+    ax.set_ylim(bottom=0.0)
+    ax.set_ylabel("acceleration (m/s²)")
+
+
+def variance(ax: Axes, plot: DemoPlot) -> None:
+    """The paper's equations 8 and 9, with its threshold."""
+    values = np.maximum(plot.variance, SMALLEST_VARIANCE)
+    ax.plot(plot.path.t, values, color=INK, linewidth=0.8, label="variance of\ntwo samples")
+    ax.axhline(LAMBDA_V, color=VERMILION, linewidth=1.2, linestyle="--", label=f"λᵥ = {LAMBDA_V:g}")
+    ax.set_yscale("log")
+    # Two samples may agree by chance to any digit: the lowest twentieth says nothing.
+    ax.set_ylim(0.5 * np.percentile(values, 5.0), 3.0 * max(largest(values), LAMBDA_V))
+    ax.yaxis.set_minor_locator(NullLocator())
+    ax.set_ylabel("variance ((m/s²)²)")
+
+
+def sigma(ax: Axes, plot: DemoPlot, axis: int) -> None:
+    """Sigma of position along one axis, and the error where the truth is known; all axes have one scale."""
+    scale, unit, most = _sigma_unit(plot)
+    begin, end = plot.tracked.start, plot.tracked.stop
+    rows = slice(begin, end, -(-(end - begin) // MANY))  # vector graphics keep every point of a filled area
+    one = scale * plot.sigma[rows, axis]
+    for factor, alpha in ((2.0, 0.12), (1.0, 0.22)):
+        area = ax.fill_between(plot.path.t[rows], -factor * one, factor * one, label=f"± {factor:g} σ")
+        area.set(color=AXES_RGB[axis], alpha=alpha, linewidth=0.0)
+    if plot.truth is not None:
+        error = scale * plot.truth.error[plot.tracked, axis]
+        ax.plot(plot.path.t[plot.tracked], error, color=INK, label="error")
+    ax.set_ylim(-1.1 * scale * most, 1.1 * scale * most)
+    ax.set_ylabel(f"{XYZ[axis]} ({unit})")
+
+
+def _sigma_unit(plot: DemoPlot) -> tuple[float, str, float]:
+    """One unit for all axes of sigma, and the most that is shown, m."""
+    shown = [2.0 * plot.sigma[:, :3]] + ([] if plot.truth is None else [plot.truth.error[plot.tracked]])
+    return *length_unit(*shown), max(largest(*shown), 1e-4)
+
+
+def sigma_turn(ax: Axes, plot: DemoPlot) -> None:
+    """Sigma of the attitude: tilt (the larger of the two) and heading."""
+    t, turn = plot.path.t[plot.tracked], np.degrees(plot.sigma[plot.tracked, 3:])
+    ax.plot(t, turn[:, :2].max(axis=1), color=SIGMA, label="tilt")
+    ax.plot(t, turn[:, 2], color=BLUE, label="heading")
+    ax.set_ylim(0.0, 1.25 * max(largest(turn), 0.1))
+    ax.set_ylabel("attitude, σ (°)")
+
+
+def overall_sigma(ax: Axes, plot: DemoPlot) -> None:
+    """Sigma of position, the largest over the axes, beside the error's length."""
+    scale, unit, _ = _sigma_unit(plot)
+    t = plot.path.t[plot.tracked]
+    ax.plot(t, scale * plot.sigma[plot.tracked, :3].max(axis=1), color=SIGMA, linewidth=1.6, label="σ")
+    if plot.truth is not None:
+        ax.plot(t, scale * np.linalg.norm(plot.truth.error[plot.tracked], axis=1), color=INK, label="error")
+    ax.set_ylim(bottom=0.0)
+    ax.set_ylabel(f"σ{', error' if plot.truth is not None else ''} ({unit})")
+
+
+def field_strength(ax: Axes, plot: DemoPlot) -> None:
+    """Strength of the magnetic field, and what the tracker takes for undisturbed."""
+    field = plot.field
+    assert field is not None
+    _field(ax, plot.path.t, field.strength, field.rest_strength, field.strength_bound, field.block_s)
+    ax.set_ylabel("strength (µT)")
+
+
+def field_dip(ax: Axes, plot: DemoPlot) -> None:
+    """How steeply the magnetic field points down."""
+    field = plot.field
+    assert field is not None
+    rest, bound = np.degrees([field.rest_dip, field.dip_bound]).tolist()
+    _field(ax, plot.path.t, np.degrees(field.dip), rest, bound, field.block_s)
+    ax.set_ylabel("dip (°)")
+
+
+def _field(ax: Axes, t: Array, values: Array, rest: float, bound: float, block_s: float) -> None:
+    for edge in (rest - bound, rest + bound):
+        ax.axhline(edge, color=VERMILION, linewidth=1.0, linestyle="--", label="disturbed\nbeyond")
+    ax.axhline(rest, color=GREY, linewidth=0.8, label="first rest")
+    ax.plot(t, values, color=SKY, linewidth=0.6, label="each sample")
+    blocks = np.arange(0, len(t), max(1, round(block_s / float(np.median(np.diff(t))))))
+    size = np.diff(blocks, append=len(t))
+    means = [np.add.reduceat(column, blocks) / size for column in (t, values)]
+    ax.plot(*means, color=BLUE, linewidth=1.6, label=f"mean over\n{block_s:g} s")
+    low, high = ax.get_ylim()
+    ax.set_ylim(min(low, rest - 1.2 * bound), max(high, rest + 1.2 * bound))
+
+
+def intervals(ax: Axes, plot: DemoPlot) -> None:
+    """How long after the one before it each sample came."""
+    ms, median = _intervals_ms(plot)
+    (dots,) = ax.plot(plot.tracking.demo.recording.t[1:], ms, ".", color=BLUE, markersize=3.0, label="interval")
+    dots.set_rasterized(len(ms) > MANY)
+    ax.axhline(median, color=VERMILION, linestyle="--", linewidth=1.0, label="median")
+    ax.set_ylim(*_around(ms, median))
+    ax.set_ylabel("interval (ms)")
+
+
+def histogram(ax: Axes, plot: DemoPlot) -> None:
+    """How often each interval comes."""
+    ms, median = _intervals_ms(plot)
+    low, high = _around(ms, median)
+    ax.hist(ms, bins=np.linspace(low, high, 82).tolist(), color=BLUE, log=True)
+    ax.axvline(median, color=VERMILION, linestyle="--", linewidth=1.0)
+    ax.set(xlabel="interval (ms)", ylabel="samples", xlim=(low, high), ylim=(0.7, 2.0 * len(ms)))
+    ax.yaxis.set_minor_locator(NullLocator())
+
+
+def _intervals_ms(plot: DemoPlot) -> tuple[Array, float]:
+    """All intervals as recorded, and their median."""
+    ms = 1e3 * np.diff(plot.tracking.demo.recording.t)
+    return ms, float(np.median(ms))
+
+
+def _around(ms: Array, median: float) -> tuple[float, float]:
+    """All of them, and a tenth of the median on either side at least."""
+    low, high = min(float(ms.min()), 0.9 * median), max(float(ms.max()), 1.1 * median)
+    return low - 0.05 * (high - low), high + 0.05 * (high - low)

@@ -1,0 +1,241 @@
+"""Paths in space: in perspective, and seen along an axis. All axes of a picture have one scale."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.font_manager import FontProperties
+from matplotlib.patheffects import withStroke
+from matplotlib.ticker import MaxNLocator
+from mpl_toolkits.mplot3d import proj3d
+from mpl_toolkits.mplot3d.axes3d import Axes3D
+
+from pbd.plots.style import AXES_RGB, GREY, INK, KNOWN, PALE, SIGMA, SKY, lay_out, length_unit
+from pbd.plots.values import DemoPlot
+from pbd.pose import Array, quat_to_matrix
+
+YX, YZ = (1, 0), (1, 2)
+"""Across and up, as indices of nav's axes. y grows to the left: seen from above, and along x from behind the sensor."""
+
+SMALLEST_M = 0.01
+"""A smaller path is drawn into a box of this size."""
+FLATTEST = 0.3
+"""The box is at least so high and deep, as a share of its longest side."""
+TRIAD = 0.1
+"""Length of a triad's axes, as a share of the path's extent."""
+CROWD = 100
+"""Of more keyframes, only every other, third, ... is numbered and drawn with its triad or ellipse."""
+ELEVATION, AZIMUTH = 26.0, -164.0
+"""Degrees: seen from behind, from above and a little from the right, so that x leads away and y to the left."""
+
+
+def perspective(ax: Axes3D, shown: Sequence[Array]) -> float:
+    """Set 3-D axes to one scale with room for paths (m, 3) in m; return how many of their units make a metre."""
+    points = np.vstack(shown)
+    scale, unit = length_unit(points)
+    middle, extent = _middle_and_extent(scale * points, scale * SMALLEST_M)
+    sides = 1.12 * np.maximum(extent, FLATTEST * extent.max())
+    low, high = middle - 0.5 * sides, middle + 0.5 * sides
+    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    ax.set(xlabel=f"x ({unit})", ylabel=f"y ({unit})", zlabel=f"z ({unit})")
+    ax.set_proj_type("ortho")
+    ax.view_init(ELEVATION, AZIMUTH)
+    ax.set_box_aspect(tuple((sides / sides.max()).tolist()), zoom=1.05)
+    for axis, side in zip((ax.xaxis, ax.yaxis, ax.zaxis), sides / sides.max(), strict=True):
+        axis.set_major_locator(MaxNLocator(max(2, round(5.0 * side))))
+        axis.set_tick_params(pad=-1.0)
+        axis.labelpad = -3.0
+        axis.set_pane_color((0.97, 0.97, 0.97, 1.0))
+    return scale
+
+
+def path_3d(ax: Axes3D, plot: DemoPlot) -> tuple[Array, Array]:
+    """The path with its shadow, and at each keyframe a triad: the sensor's axes; return what `number_3d` takes."""
+    inside, truth = _paths(plot)
+    scale = perspective(ax, [inside, *truth])
+    p, floor = scale * inside, ax.get_zlim()[0]
+    ax.plot(p[:, 0], p[:, 1], floor, color="#c8c8c8", linewidth=1.0, zorder=1.0)
+    for each in truth:
+        ax.plot(*(scale * each).T, color=SKY, zorder=2.0, label="truth", **PALE)
+    ax.plot(*p.T, color=INK, zorder=4.0, label="path")
+    size = TRIAD * max(float(np.ptp(p, axis=0).max()), scale * SMALLEST_M)
+    at, every = scale * np.array([keyframe.T_nav_sensor.p for keyframe in plot.keyframes]), _step(plot)
+    ax.plot(*at.T, color=INK, marker="o", markersize=3.5, linestyle="", zorder=6.0, label="keyframe")
+    origins = at[::every]
+    below = np.column_stack((origins[:, :2], np.full(len(origins), floor)))
+    ax.plot(*_strokes(origins, below).T, color=GREY, linewidth=0.6, linestyle=":", zorder=1.5)
+    axes = quat_to_matrix(np.array([keyframe.T_nav_sensor.wxyz for keyframe in plot.keyframes[::every]]))
+    covered = [p]
+    for k, (name, colour) in enumerate(zip("xyz", AXES_RGB, strict=True)):
+        ends = origins + size * axes[:, :, k]
+        ax.plot(*_strokes(origins, ends).T, color=colour, linewidth=1.8, zorder=5.0, label=f"sensor's {name}")
+        covered += [origins + share * (ends - origins) for share in np.linspace(0.0, 1.0, 20)]
+    return at, np.vstack(covered)
+
+
+def _strokes(begins: Array, ends: Array) -> Array:
+    """One line (3 k, 3) that draws k strokes, without what lies between them."""
+    strokes: Array = np.stack((begins, ends, np.full_like(begins, np.nan)), axis=1).reshape(-1, 3)
+    return strokes
+
+
+def _paths(plot: DemoPlot) -> tuple[Array, list[Array]]:
+    """The path from the first to the last stop, (m, 3) m, and the truth meanwhile, where it is known."""
+    path, truth = plot.path, plot.truth
+    if truth is None:
+        return path.p_nav_sensor[plot.tracked], []
+    first, last = path.t[plot.tracked][[0, -1]]
+    return path.p_nav_sensor[plot.tracked], [truth.p_nav_sensor[(truth.t >= first) & (truth.t <= last)]]
+
+
+def _step(plot: DemoPlot) -> int:
+    return -(-len(plot.keyframes) // CROWD)
+
+
+def view(ax: Axes, shown: Sequence[Array], axes: tuple[int, int], aspect: float = 0.85) -> float:
+    """Set axes to one scale with room for paths (m, 3) in m, seen with axes[0] across, to the left, and axes[1] up.
+
+    `aspect` is the axes' height over their width.
+
+    Returns:
+        How many of their units make a metre.
+    """
+    points = np.vstack(shown)
+    scale, unit = length_unit(points)
+    centre, extent = _middle_and_extent(scale * points[:, list(axes)], scale * SMALLEST_M)
+    half = 0.6 * max(extent[0], extent[1] / aspect) * np.array((1.0, aspect))
+    ax.set_box_aspect(aspect)
+    ax.set(xlim=(centre[0] + half[0], centre[0] - half[0]), ylim=(centre[1] - half[1], centre[1] + half[1]))
+    ax.set(xlabel=f"{'xyz'[axes[0]]} ({unit})", ylabel=f"{'xyz'[axes[1]]} ({unit})")
+    return scale
+
+
+def path_view(ax: Axes, plot: DemoPlot, axes: tuple[int, int]) -> tuple[Array, Array]:
+    """The path along one axis, keyframes with ellipses of two sigma; return what `number` takes."""
+    columns, every = list(axes), _step(plot)
+    inside, truth = _paths(plot)
+    low, high = _room(np.vstack([inside, *truth]))
+    reach = [2.0 * np.sqrt(np.diagonal(keyframe.cov)[:3]) for keyframe in plot.keyframes]
+    p = np.array([keyframe.T_nav_sensor.p for keyframe in plot.keyframes])
+    corners = np.vstack((p - reach, p + reach))
+    scale = view(ax, [inside, *truth, corners.clip(low, high)], axes)
+    beyond = bool(((corners < low) | (corners > high))[:, columns].any())
+    for each in truth:
+        ax.plot(*(scale * each[:, columns]).T, color=SKY, label="truth", **PALE)
+    ax.plot(*(scale * inside[:, columns]).T, color=INK, label="path")
+    at = scale * p[:, columns]
+    covered = [scale * inside[:, columns]]
+    for centre, keyframe in zip(at[::every], plot.keyframes[::every], strict=True):
+        covered.append(ellipse(centre, scale**2 * keyframe.cov[np.ix_(columns, columns)]))
+        ax.plot(*covered[-1].T, color=SIGMA, linewidth=0.9, label="2 σ, some\nbeyond the edge" if beyond else "2 σ")
+    ax.plot(*at.T, color=INK, marker="o", markersize=3.5, linestyle="", label="keyframe")
+    known = at[[plot.is_known(keyframe) for keyframe in plot.keyframes]]
+    if len(known):
+        ax.plot(*known.T, **KNOWN)
+    return at, np.vstack(covered)
+
+
+def _room(points: Array) -> tuple[Array, Array]:
+    """Lowest and highest corner, m, of what a view may show: the path, and half its extent around it."""
+    middle, extent = _middle_and_extent(points, SMALLEST_M)
+    reach = 0.5 * extent + 0.5 * float(extent.max())
+    return middle - reach, middle + reach
+
+
+def _middle_and_extent(points: Array, smallest: float) -> tuple[Array, Array]:
+    """Middle (k,) and extent (k,) of points (m, k), NaN aside."""
+    low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
+    return 0.5 * (low + high), np.maximum(high - low, smallest)
+
+
+def ellipse(centre: Array, cov: Array) -> Array:
+    """Points (m, 2) at two sigma of a covariance (2, 2) about a centre (2,)."""
+    values, vectors = np.linalg.eigh(cov)
+    angle = np.linspace(0.0, 2.0 * np.pi, 61)
+    circle = np.stack((np.cos(angle), np.sin(angle)))
+    outline: Array = centre + (2.0 * vectors @ (np.sqrt(np.maximum(values, 0.0))[:, None] * circle)).T
+    return outline
+
+
+# --- numbers beside places ---
+
+NEAR = 4.0
+"""Places nearer than this, in points, share a label."""
+_ANGLES = np.tile(np.radians([45, 135, 315, 225, 90, 0, 180, 270]), 4)
+DIRECTIONS = np.column_stack((np.cos(_ANGLES), np.sin(_ANGLES)))
+RADII = np.repeat((8.0, 14.0, 22.0, 32.0), 8)[:, None]
+"""Where a label's box may stand, from its place; radii in points."""
+MOST = 3
+"""Numbers, or ranges of them, in one label; more are cut."""
+
+
+def number_3d(ax: Axes3D, at: Array, lines: Array) -> None:
+    """Number places (k, 3) in 3-D axes, beside what lines (m, 3) cover."""
+    at, lines = (np.column_stack(proj3d.proj_transform(*xyz.T, ax.get_proj())[:2]) for xyz in (at, lines))
+    number(ax, at, lines)
+
+
+def number(ax: Axes, at: Array, lines: Array) -> None:
+    """Number places (k, 2), beside what lines (m, 2) cover, both in data coordinates.
+
+    Places that coincide share a label. A label stands where it covers no other label and as little else as can be; it
+    is left out where there is no room. Nothing else may be added to the figure afterwards.
+    """
+    figure = ax.get_figure(root=True)
+    assert figure is not None
+    lay_out(figure)
+    ax.apply_aspect()
+    to_points = 72.0 / figure.dpi
+    spots = to_points * ax.transData.transform(at)
+    inked = np.unique(np.round(to_points * ax.transData.transform(lines[np.isfinite(lines).all(axis=1)])), axis=0)
+    (left, bottom), (right, top) = to_points * np.asarray(ax.bbox.get_points())
+    size = FontProperties(size="small").get_size_in_points()
+    taken = np.empty((0, 4))
+    every = -(-len(spots) // CROWD)
+    for members in _groups(spots[::every]):
+        words, place = _ranges([every * k for k in members]), every * members[0]
+        half = 0.5 * size * np.array([0.64 * len(words), 1.25])
+        centres = spots[place] + DIRECTIONS * (RADII + half * np.abs(DIRECTIONS))
+        low, high = centres - half, centres + half
+        free = (low >= (left, bottom)).all(axis=1) & (high <= (right, top)).all(axis=1)
+        free &= ~((low[:, None] < taken[:, 2:]) & (high[:, None] > taken[:, :2])).all(axis=2).any(axis=1)
+        if free.any():
+            covered = 50.0 * _inside(spots, low - 2.0, high + 2.0) + _inside(inked, low, high)
+            best = int(np.argmin(np.where(free, covered + 1.5 * RADII[:, 0], np.inf)))
+            taken = np.vstack((taken, np.concatenate((low[best], high[best]))))
+            ax.annotate(
+                words, tuple(at[place]), tuple(centres[best] - spots[place]), textcoords="offset points", ha="center",
+                va="center", fontsize="small", color=INK, zorder=9.0, annotation_clip=False,
+                path_effects=[withStroke(linewidth=2.0, foreground="white")],
+            )  # fmt: skip
+
+
+def _groups(spots: Array) -> list[list[int]]:
+    groups: list[list[int]] = []
+    for k, spot in enumerate(spots):
+        near = next((group for group in groups if np.linalg.norm(spots[group[0]] - spot) < NEAR), None)
+        if near is None:
+            groups.append([k])
+        else:
+            near.append(k)
+    return groups
+
+
+def _ranges(numbers: Sequence[int]) -> str:
+    """Write increasing numbers: 0, 4–6, 9."""
+    runs: list[list[int]] = []
+    for each in numbers:
+        if runs and each == runs[-1][-1] + 1:
+            runs[-1].append(each)
+        else:
+            runs.append([each])
+    words = [str(run[0]) if len(run) == 1 else f"{run[0]}{', ' if len(run) == 2 else '–'}{run[-1]}" for run in runs]
+    return ", ".join(words if len(words) <= MOST else [*words[: MOST - 1], "…"])
+
+
+def _inside(places: Array, low: Array, high: Array) -> Array:
+    """How many places (m, 2) lie in each box (b, 2)."""
+    inside: Array = ((places > low[:, None]) & (places < high[:, None])).all(axis=2).sum(axis=1).astype(np.float64)
+    return inside

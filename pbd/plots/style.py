@@ -1,0 +1,196 @@
+"""How plots look: colours that everyone can tell apart, titles, legends, marks on a time axis.
+
+Figures are made without pyplot, so no window opens and there is nothing to close. matplotlib's constrained layout
+gives each part its room; legends stand outside the axes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from contextlib import AbstractContextManager
+from typing import Any, BinaryIO
+
+import matplotlib.style
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.font_manager import findfont, get_font
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from pbd.plots.values import DemoPlot
+from pbd.pose import Array
+
+DPI = 110
+
+ORANGE, SKY, GREEN, YELLOW = "#e69f00", "#56b4e9", "#009e73", "#f0e442"
+BLUE, VERMILION, PURPLE = "#0072b2", "#d55e00", "#cc79a7"
+"""Okabe and Ito's palette, which the colour-blind can tell apart."""
+AXES_RGB = (VERMILION, GREEN, BLUE)
+"""x, y, z; roll, pitch, yaw."""
+RUNS_RGB = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)
+"""Of several demonstrations."""
+SIGMA = PURPLE
+INK, GREY, REST = "#222222", "#6e6e6e", "#e9e9e9"
+KNOWN: dict[str, Any] = {"marker": "s", "markersize": 7.0, "markerfacecolor": "none", "markeredgecolor": PURPLE}
+KNOWN |= {"linestyle": "", "label": "known place"}
+CHECK: dict[str, Any] = {"facecolor": "#f4ec8c", "edgecolor": "#f4ec8c", "linewidth": 2.0}
+"""A finding, as by a highlighter; the edge keeps the shortest one visible."""
+PALE: dict[str, Any] = {"alpha": 0.35, "linewidth": 4.0, "solid_capstyle": "butt"}
+"""The truth is a broad, pale line under the thin one that was tracked."""
+
+FAMILY = "DejaVu Sans"
+"""Comes with matplotlib, so a plot looks the same everywhere."""
+
+_STYLE: dict[str, Any] = {
+    "font.family": FAMILY,
+    "axes.labelsize": "medium",
+    "axes.titlesize": "small",
+    "axes.titlelocation": "left",
+    "axes.titlecolor": GREY,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": GREY,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.formatter.useoffset": False,
+    "axes.formatter.limits": (-5, 6),
+    "figure.constrained_layout.w_pad": 0.12,
+    "figure.constrained_layout.h_pad": 0.09,
+    "figure.constrained_layout.wspace": 0.0,
+    "figure.constrained_layout.hspace": 0.0,
+    "figure.titlesize": "large",
+    "figure.titleweight": "bold",
+    "grid.color": "#b0b0b0",
+    "grid.alpha": 0.35,
+    "grid.linewidth": 0.6,
+    "xtick.labelsize": "small",
+    "ytick.labelsize": "small",
+    "xtick.color": GREY,
+    "ytick.color": GREY,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "legend.fontsize": "small",
+    "legend.frameon": False,
+    "lines.linewidth": 1.1,
+    "savefig.facecolor": "white",
+    "agg.path.chunksize": 10000,
+    "svg.hashsalt": "pbd",
+}
+
+
+def style() -> AbstractContextManager[None]:
+    """Draw and save within this: it replaces the user's own matplotlibrc for a while."""
+    return matplotlib.style.context(["default", _STYLE])
+
+
+def write(figure: Figure, file: BinaryIO, format_name: str) -> None:
+    """Write a figure as png, svg or pdf; the same figure gives the same bytes."""
+    stamps: dict[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {}}
+    with style():
+        lay_out(figure)
+        figure.savefig(file, format=format_name, dpi=DPI, metadata=stamps[format_name])
+
+
+def lay_out(figure: Figure) -> None:
+    """Give each part of a figure its place, once: saving would do it three times."""
+    if engine := figure.get_layout_engine():
+        figure.set_dpi(DPI)
+        engine.execute(figure)
+        figure.set_layout_engine("none")
+
+
+def plain(words: str, most: int) -> str:
+    """A person's words, cut to `most` characters, with a ? for what the font lacks; a $ begins no formula."""
+    font = get_font(findfont(FAMILY))
+    words = "".join(c if c.isprintable() and font.get_char_index(ord(c)) else "?" for c in words)
+    return (words if len(words) <= most else f"{words[: most - 1].rstrip()}…").replace("$", r"\$")
+
+
+def sheet(title: str, width: float, height: float) -> Figure:
+    """Make a figure of a size in inches, with a title at its top left."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    figure.suptitle(title, x=0.015, ha="left", color=INK)
+    return figure
+
+
+def legend(figure: Figure, axes: Iterable[Axes], more: Sequence[Artist] = ()) -> None:
+    """Name beside the axes what is drawn in them; what several axes share is named once."""
+    found = [handle for ax in axes for handle in ax.get_legend_handles_labels()[0]] + list(more)
+    named = {str(handle.get_label()): handle for handle in reversed(found)}
+    figure.legend(handles=list(reversed(named.values())), loc="outside right upper")
+
+
+def length_unit(*metres: Array) -> tuple[float, str]:
+    """The unit for lengths of this size (m, NaN aside): how many make a metre, and its name."""
+    most = largest(*metres)
+    if most < 0.02:
+        return 1e3, "mm"
+    return (100.0, "cm") if most < 2.0 else (1.0, "m")
+
+
+def largest(*values: Array) -> float:
+    """The largest magnitude, NaN aside; 0 where there is none."""
+    every = np.concatenate([np.abs(np.ravel(each)) for each in values])
+    return float(np.nanmax(every)) if np.isfinite(every).any() else 0.0
+
+
+def mark(ax: Axes, plot: DemoPlot, numbers: bool = False) -> None:
+    """Shade the rests, highlight the findings, mark the grip and set the time axis.
+
+    With `numbers`, those of the keyframes stand on top: known places in a box, a doubted stop with a question mark.
+    """
+    t, low_to_high = plot.path.t, ax.get_xaxis_transform()
+    rests = [(t[stop.start], t[stop.stop - 1] - t[stop.start]) for stop in plot.path.stops]
+    ax.broken_barh(rests, (0.0, 1.0), transform=low_to_high, facecolor=REST, edgecolor=REST, linewidth=0.8, zorder=0.0)
+    spans = [(begin, end - begin) for finding in plot.findings for begin, end in finding.spans]
+    ax.broken_barh(spans, (0.0, 1.0), transform=low_to_high, zorder=0.1, **CHECK)
+    for event in plot.path.grip:
+        ax.axvline(event.t, color=ORANGE, linewidth=1.0, linestyle="--", zorder=1.5)
+        ax.plot(event.t, 1.0, transform=low_to_high, clip_on=False, zorder=3.0, **_grip(event.closed))
+    margin = 0.005 * max(float(t[-1] - t[0]), 1e-3)
+    ax.set_xlim(float(t[0]) - margin, float(t[-1]) + margin)
+    if numbers:
+        _number(ax, plot)
+
+
+def _grip(closed: bool) -> dict[str, Any]:
+    fill = ORANGE if closed else "white"
+    look = {"marker": "v" if closed else "^", "markersize": 6.0, "markeredgecolor": ORANGE, "markerfacecolor": fill}
+    return look | {"linestyle": "", "label": ""}
+
+
+def _number(ax: Axes, plot: DemoPlot) -> None:
+    """Number the keyframes along the top, as many as there is room for."""
+    begin, end = ax.get_xlim()
+    shown, free = [], -np.inf
+    for number, keyframe in enumerate(plot.keyframes):
+        words = f"{number}{'?' if plot.is_doubted(keyframe) else ''}"
+        half = 0.0075 * len(words) * (end - begin)
+        if keyframe.t - half > free:
+            shown.append((keyframe, words))
+            free = keyframe.t + half
+    top = ax.secondary_xaxis("top")
+    top.set_xticks([keyframe.t for keyframe, _ in shown], [words for _, words in shown], fontsize="x-small")
+    top.tick_params(length=0.0, pad=6.0)
+    top.spines["top"].set_visible(False)
+    frame = {"boxstyle": "square,pad=0.15", "facecolor": "none", "edgecolor": PURPLE}
+    for (keyframe, words), label in zip(shown, top.get_xticklabels(), strict=True):
+        if plot.is_known(keyframe):
+            label.set_bbox(frame)
+        elif words.endswith("?"):
+            label.set_bbox(frame | CHECK)
+
+
+def marks(plot: DemoPlot) -> list[Artist]:
+    """What is marked on a time axis, for a legend."""
+    handles: list[Artist] = [Patch(facecolor=REST, edgecolor="#cccccc", label="at rest")]
+    for closed, what in ((True, "closes"), (False, "opens")):
+        if any(event.closed == closed for event in plot.path.grip):
+            handles.append(Line2D([], [], **_grip(closed) | {"label": f"grip {what}"}))
+    if plot.path.claims:
+        handles.append(Line2D([], [], **KNOWN))
+    if any(finding.spans for finding in plot.findings):
+        handles.append(Patch(**CHECK, label="check"))
+    return handles

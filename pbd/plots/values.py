@@ -1,0 +1,258 @@
+"""What the plots of one demonstration show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from pbd.data import HandPath, Keyframe, Recording, Stop, Truth
+from pbd.data.hand import DOUBTED, Tracking
+from pbd.plots.findings import Finding, at_stop, find, length, stop_names
+from pbd.pose import Array, quat_about_z, quat_multiply, quat_rotate, quat_to_rpy, yaw_toward
+from pbd.tracking.alarm import DISTURBED
+from pbd.tracking.keyframes import keyframes_of
+from pbd.tracking.knots import FIELD_S
+from pbd.tracking.paper import paper_stops, resulting_variance
+
+TRUTH_NEAR_S = 0.5
+"""Largest time between the middle of the first stop and a sample of the truth, by which the truth is aligned."""
+
+TRUTH_SPEED_S = 0.02
+"""Half the time over which the true velocity is a difference: between two optical samples there is only noise."""
+
+LATE = 1.5
+"""An interval of more median ones than this is a sample that is late or lost."""
+
+
+@dataclass(frozen=True, eq=False)
+class TruthPlot:
+    """The true motion, aligned with the path at its first stop (position and heading), as the dock does it.
+
+    Attributes:
+        t: (m,) s.
+        p_nav_sensor: (m, 3) m; NaN where the truth has a gap, as in the two below.
+        v_nav_sensor: (m, 3) m/s, differences of the position.
+        rpy_nav_sensor: (m, 3) rad, without jumps of a whole turn.
+        error: (n, 3) m, path less truth at the path's instants; NaN outside the truth.
+    """
+
+    t: Array
+    p_nav_sensor: Array
+    v_nav_sensor: Array
+    rpy_nav_sensor: Array
+    error: Array
+
+
+@dataclass(frozen=True, eq=False)
+class FieldPlot:
+    """The magnetic field.
+
+    Attributes:
+        strength: (n,) uT.
+        dip: (n,) rad, downwards.
+        rest_strength, rest_dip: the same at the first rest.
+    """
+
+    strength: Array
+    dip: Array
+    rest_strength: float
+    rest_dip: float
+
+    block_s = 2.0 * FIELD_S
+    """The tracker averages the field over this time, s."""
+    dip_bound = DISTURBED
+    """The tracker takes a larger change of the dip for a disturbance, rad."""
+
+    @property
+    def strength_bound(self) -> float:
+        """The same for the strength, uT."""
+        return DISTURBED * self.rest_strength
+
+
+@dataclass(frozen=True, eq=False)
+class DemoPlot:
+    """One demonstration, tracked.
+
+    Attributes:
+        path: the tracker's.
+        tracking: what it was tracked from.
+        keyframes: with their covariances.
+        truth: where it is known.
+        field: with a magnetometer.
+        facts: (what, how much) in words, for the summary.
+        findings: what a person should look at.
+    """
+
+    path: HandPath
+    tracking: Tracking
+    keyframes: tuple[Keyframe, ...]
+    truth: TruthPlot | None
+    field: FieldPlot | None
+    facts: tuple[tuple[str, str], ...]
+    findings: tuple[Finding, ...]
+
+    @property
+    def name(self) -> str:
+        """The demonstration's."""
+        return self.tracking.demo.recording.info.name
+
+    @property
+    def tracked(self) -> slice:
+        """The samples from the first stop to the last: before and after, only one end of the path is known."""
+        return slice(self.path.stops[0].start, self.path.stops[-1].stop)
+
+    @cached_property
+    def resulting(self) -> Array:
+        """(n,) m/s2, the paper's equation 7: the norm of the motion acceleration."""
+        return np.asarray(np.linalg.norm(self.tracking.a_nav, axis=1))
+
+    @cached_property
+    def variance(self) -> Array:
+        """(n,) (m/s2)^2, the paper's equations 8 and 9."""
+        return resulting_variance(self.tracking.a_nav)
+
+    @cached_property
+    def paper_stops(self) -> tuple[Stop, ...]:
+        """Where the paper's Algorithm 1 sees the hand stand still."""
+        if self.tracking.method == "paper":
+            return self.path.stops
+        return paper_stops(self.tracking.recording.t, self.tracking.a_nav)
+
+    @cached_property
+    def rpy_nav_sensor(self) -> Array:
+        """(n, 3) rad, without jumps of a whole turn."""
+        return np.unwrap(quat_to_rpy(self.path.wxyz_nav_sensor), axis=0)
+
+    @cached_property
+    def sigma(self) -> Array:
+        """(n, 6) m and rad, along and about nav's axes: the variance at the stops, interpolated; NaN outside them."""
+        ends = self.path.t[[row for stop in self.path.stops for row in (stop.start, stop.stop - 1)]]
+        variances = np.repeat(np.diagonal(self.path.cov, axis1=1, axis2=2), 2, axis=0)
+        along = [np.interp(self.path.t, ends, v, left=np.nan, right=np.nan) for v in variances.T]
+        sigma: Array = np.sqrt(np.column_stack(along))
+        return sigma
+
+    def is_known(self, keyframe: Keyframe) -> bool:
+        """Whether something was known of its stop, and used."""
+        return any(self._is_at(keyframe, self.path.stops[claim.stop]) for claim in self.path.claims)
+
+    def is_doubted(self, keyframe: Keyframe) -> bool:
+        """Whether the tracker doubts that the hand stood still."""
+        return any(self._is_at(keyframe, stop) for stop in self.path.stops if stop.weight < DOUBTED)
+
+    def _is_at(self, keyframe: Keyframe, stop: Stop) -> bool:
+        return bool(self.path.t[stop.start] <= keyframe.t <= self.path.t[stop.stop - 1])
+
+
+def demo_plot(path: HandPath, remarks: Sequence[str] = ()) -> DemoPlot:
+    """Collect what the plots of a demonstration show.
+
+    Args:
+        path: as tracked; the demonstration with its truth and edited keyframes comes with it.
+        remarks: the warnings that were given on the way.
+
+    Raises:
+        ValueError: the path was not tracked.
+    """
+    tracking = path.tracking
+    if tracking is None:
+        raise ValueError("the path was not tracked, so there is no recording to plot; give what pbd.track returns")
+    demo, mag, keyframes = tracking.demo, tracking.recording.mag, keyframes_of(path)
+    truth = None if demo.truth is None else _truth(demo.truth, path)
+    field = None if mag is None else _field(mag, path, slice(*tracking.rest))
+    names = stop_names(path, keyframes)
+    error = None if truth is None else truth.error
+    facts = tuple(_facts(demo.recording, path, names, error, field))
+    return DemoPlot(path, tracking, keyframes, truth, field, facts, find(path, names, tracking.a_nav, error, remarks))
+
+
+def _truth(truth: Truth, path: HandPath) -> TruthPlot | None:
+    """Align the truth with the first stop; None where it doesn't say where that is."""
+    rows = np.concatenate(([True], np.diff(truth.t) > 0.0))
+    t, p, wxyz = truth.t[rows], truth.p_nav_sensor[rows], truth.wxyz_nav_sensor[rows]
+    seen = np.isfinite(p).all(axis=1) & np.isfinite(wxyz).all(axis=1)
+    first = (path.stops[0].start + path.stops[0].stop - 1) // 2
+    away = np.where(seen, np.abs(t - path.t[first]), np.inf)
+    if len(t) < 2 or away.min() > TRUTH_NEAR_S:
+        return None
+    row = int(np.argmin(away))
+    turn = quat_about_z(yaw_toward(wxyz[row], path.wxyz_nav_sensor[first]))
+    p = path.p_nav_sensor[first] + quat_rotate(turn, p - p[row])
+    rpy = np.full_like(p, np.nan)
+    rpy[seen] = np.unwrap(quat_to_rpy(quat_multiply(turn, wxyz[seen])), axis=0)
+    ours = np.unwrap(quat_to_rpy(path.wxyz_nav_sensor), axis=0)[first]
+    rpy += 2.0 * np.pi * np.round((ours - rpy[row]) / (2.0 * np.pi))
+    at = np.column_stack([np.interp(path.t, t, axis, left=np.nan, right=np.nan) for axis in p.T])
+    return TruthPlot(t, p, _slope(t, p), rpy, path.p_nav_sensor - at)
+
+
+def _slope(t: Array, p: Array) -> Array:
+    """Velocity (m, 3) m/s of positions (m, 3) m; NaN where the truth has a gap."""
+    before, after = np.maximum(t - TRUTH_SPEED_S, t[0]), np.minimum(t + TRUTH_SPEED_S, t[-1])
+    moved = [np.interp(after, t, axis) - np.interp(before, t, axis) for axis in p.T]
+    slope: Array = np.column_stack(moved) / (after - before)[:, None]
+    slope[~np.isfinite(p).all(axis=1)] = np.nan
+    return slope
+
+
+def _field(mag: Array, path: HandPath, first_rest: slice) -> FieldPlot:
+    field_nav = quat_rotate(path.wxyz_nav_sensor, mag)
+    rest = field_nav[first_rest].mean(axis=0)
+    return FieldPlot(
+        np.linalg.norm(mag, axis=1), _dip(field_nav), float(np.linalg.norm(rest)), float(_dip(rest[None])[0])
+    )
+
+
+def _dip(field_nav: Array) -> Array:
+    x, y, z = field_nav.T
+    dip: Array = np.arctan2(-z, np.hypot(x, y))
+    return dip
+
+
+def _facts(
+    recording: Recording, path: HandPath, names: Sequence[str], error: Array | None, field: FieldPlot | None
+) -> list[tuple[str, str]]:
+    """What a person asks first, in words."""
+    t, stops = recording.t, path.stops
+    interval = np.diff(t)
+    late = int((interval > LATE * np.median(interval)).sum())
+    shortest, dwell = _most([-stop.dwell_s for stop in stops])
+    facts = [
+        ("sensor", recording.info.sensor),
+        ("recorded", f"{t[-1] - t[0]:.1f} s at {recording.rate_hz:.4g} Hz, {len(t)} samples"),
+        ("late or lost samples", f"{late}, longest gap {1e3 * interval.max():.0f} ms" if late else "none"),
+        ("stops", f"{len(stops)}, the shortest {-dwell:.2f} s, {at_stop(names[shortest])}"),
+    ]
+    if len(stops) > 1:
+        inside = path.p_nav_sensor[stops[0].start : stops[-1].stop]
+        longest, lasts = _most([float(path.t[b.start] - path.t[a.stop - 1]) for a, b in pairwise(stops)])
+        worst, left_over = _most(np.linalg.norm(path.closure, axis=1))
+        unsure, variance = _most(path.cov[:, range(3), range(3)].max(axis=1))
+        facts += [
+            ("longest move", f"{lasts:.2f} s, {names[longest]} to {names[longest + 1]}"),
+            ("length of the path", length(float(np.linalg.norm(np.diff(inside, axis=0), axis=1).sum()))),
+            ("largest closure", f"{length(left_over)}/s, at {at_stop(names[worst + 1])}"),
+            ("largest sigma", f"{length(variance**0.5)}, at {at_stop(names[unsure])}"),
+        ]
+    if error is not None:
+        off = np.linalg.norm(error[[(stop.start + stop.stop - 1) // 2 for stop in stops]], axis=1)
+        if np.isfinite(off).any():
+            worst, most = _most(off)
+            facts.append(("largest error", f"{length(most)}, at {at_stop(names[worst])}"))
+    if field is not None:
+        change = np.abs(field.strength / field.rest_strength - 1.0).max() if field.rest_strength > 0.0 else np.nan
+        turned = np.degrees(np.abs(field.dip - field.rest_dip).max())
+        facts.append(("magnetic field", f"{field.rest_strength:.0f} µT ± {100.0 * change:.0f} %, dip ± {turned:.1f}°"))
+    if count := len(path.claims):
+        facts.append(("known places", f"{count} claim{'' if count == 1 else 's'} used"))
+    return facts
+
+
+def _most(values: Sequence[float] | Array) -> tuple[int, float]:
+    """Where the largest is, NaN aside, and how large it is."""
+    index = int(np.nanargmax(values))
+    return index, float(values[index])

@@ -1,0 +1,101 @@
+"""The hand's path while it grows: a curve through what the tracker says, in pieces of bounded size."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pbd.pose import Array
+
+SPACING_M = 0.004
+"""Points lie this far apart."""
+PIECE = 32
+"""Points in a whole piece. Only the last piece grows, so a new point costs no more than that."""
+MOST = 24
+"""Most points in one step: a hand whose track is lost and races away costs no more than one that moves."""
+REACH_M = 1.5
+"""The camera follows a move no further than this from its stops: beyond, dead reckoning has gone astray."""
+
+
+class LivePath:
+    """The path so far, move by move. `take` gives the pieces that are new or have changed."""
+
+    def __init__(self) -> None:
+        self._move = -1
+        self._rows: list[Array] = []
+        self._settled = np.empty((0, 3))  # the corners of what no stop will move any more
+        self._changed: dict[str, Array] = {}
+
+    def begin(self, t: float, p_nav_sensor: ArrayLike) -> None:
+        """Begin a move at a stop."""
+        self._move += 1
+        self._rows = [np.array((t, *np.asarray(p_nav_sensor), 0.0))]
+        self._p, self._v, self._t = np.array(p_nav_sensor, dtype=np.float64), np.zeros(3), t
+        self._going = np.tile(self._p, (2, 1))
+
+    def grow(self, t: float, p_nav_sensor: Array, v_nav_sensor: Array) -> None:
+        """Go on to a point: by a cubic with the velocities at both its ends, once it is SPACING_M away."""
+        step = p_nav_sensor - self._p
+        chord = float(np.linalg.norm(step))
+        if chord < SPACING_M:
+            if len(self._rows) == 1:  # still at the stop: the move begins later
+                self._rows[0][0] = self._t = t
+            return
+        # After a rest the time between says nothing of the curve: no tangent is longer than a cubic from rest needs.
+        before, after = (_shortened((t - self._t) * v, 3.0 * chord) for v in (self._v, v_nav_sensor))
+        first = len(self._rows)
+        share = np.linspace(0.0, 1.0, min(int(np.ceil(chord / SPACING_M)), MOST) + 1)[1:]
+        s = share[:, None]
+        points = self._p + s * s * (3.0 - 2.0 * s) * step + s * (1.0 - s) * ((1.0 - s) * before - s * after)
+        speeds = (1.0 - share) * np.linalg.norm(self._v) + share * np.linalg.norm(v_nav_sensor)
+        self._rows += list(np.column_stack((self._t + share * (t - self._t), points, speeds)))
+        self._p, self._v, self._t = np.array(p_nav_sensor), np.array(v_nav_sensor), t
+        self._going = _corners(np.vstack((self._going, points)))
+        self._mark(max(first - 1, 0))
+
+    def correct(self, t: float, p_nav_sensor: ArrayLike) -> None:
+        """End the move at a stop that began at t s, and begin the next one there.
+
+        Dead reckoning came out elsewhere. What it was off by is spread as a velocity error that grows linearly in time.
+        """
+        rows = np.array(self._rows)
+        last = int(np.searchsorted(rows[:, 0], t, side="right")) - 1
+        share = (rows[: last + 1, 0] - rows[0, 0]) / max(rows[last, 0] - rows[0, 0], 1e-9)
+        rows[: last + 1, 1:4] += share[:, None] ** 2 * (np.asarray(p_nav_sensor) - rows[last, 1:4])
+        rows[last + 1 :, 1:4] = p_nav_sensor  # the hand stood still by then
+        self._rows = list(rows)
+        self._settled = _corners(np.vstack((self._settled, _near(rows[:, 1:4], rows[[0, -1], 1:4]))))
+        self._mark(0)
+        self.begin(t, p_nav_sensor)
+
+    def take(self, most: int) -> list[tuple[str, Array, Array]]:
+        """Return at most so many changed pieces, oldest first: name, points (n, 3) m, speed (n,) m/s."""
+        names = list(self._changed)[:most]
+        return [(name, rows[:, 1:4], rows[:, 4]) for name in names for rows in [self._changed.pop(name)]]
+
+    def corners(self) -> Array:
+        """Return the corners (2, 3) m of a box around the path, as far as the move under way can be believed."""
+        return _corners(np.vstack((self._settled, _near(self._going, self._rows[0][None, 1:4]))))
+
+    @property
+    def more(self) -> bool:
+        """Whether there are changed pieces."""
+        return bool(self._changed)
+
+    def _mark(self, row: int) -> None:
+        """Note that all pieces from the one with a row on have changed; neighbours share a point."""
+        for k in range(row // PIECE, -(-(len(self._rows) - 1) // PIECE)):
+            self._changed[f"{self._move}/{k}"] = np.array(self._rows[k * PIECE : (k + 1) * PIECE + 1])
+
+
+def _shortened(vector: Array, most: float) -> Array:
+    length = float(np.linalg.norm(vector))
+    return vector * (most / length) if length > most else vector
+
+
+def _corners(points: Array) -> Array:
+    return np.array((points.min(axis=0), points.max(axis=0)))
+
+
+def _near(points: Array, stops: Array) -> Array:
+    return points.clip(stops.min(axis=0) - REACH_M, stops.max(axis=0) + REACH_M)

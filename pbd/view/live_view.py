@@ -1,0 +1,178 @@
+"""What a browser shows while the hand is recorded: the sensor, its path so far and its stops, in nav."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, Literal, Self
+
+import numpy as np
+
+from pbd.data import Keyframe
+from pbd.pose import Array, Pose
+from pbd.view import shapes
+from pbd.view.live_path import LivePath
+from pbd.view.meshcat_encoding import solid, two_sigma
+from pbd.view.server import LiveViewer, invite
+
+FAST_M_S = 0.6
+"""A speed of this or more has the last of the path's colours."""
+
+BOX_M, BOX_RGB = (0.040, 0.028, 0.012), (0.96, 0.62, 0.16)
+NAV_M, NAV_RADIUS_M = 0.12, 0.0022
+"""An ellipsoid without a size can't be turned."""
+
+PIECES = 2
+"""Pieces of the path in one picture; more are drawn later."""
+
+SMALLEST_M, SMALLEST_RAD = 2e-4, 2e-3
+"""A smaller motion counts as none, so that the page can draw finely what stands still."""
+
+ROOM_M, MARGIN_M = 0.1, 0.03
+"""The camera's room changes by steps, before the hand reaches its side."""
+FIRST_ROOM_M = np.array([[-0.1, -0.1, 0.0], [0.2, 0.2, 0.2]])
+
+State = Literal["waits", "still", "moves", "pause", "ended"]
+
+
+@dataclass(frozen=True, eq=False)
+class LivePicture:
+    """A moment of a recording.
+
+    Attributes:
+        t: s.
+        p_nav_sensor: (3,) m.
+        v_nav_sensor: (3,) m/s.
+        wxyz_nav_sensor: (4,).
+        keyframes: one a stop, so far; the first is the rest at the start.
+        state: what the hand does.
+        badge: the same in a word or two.
+        line: what was said last.
+        figures: how the recording does, a few words each.
+    """
+
+    t: float
+    p_nav_sensor: Array
+    v_nav_sensor: Array
+    wxyz_nav_sensor: Array
+    keyframes: tuple[Keyframe, ...]
+    state: State
+    badge: str
+    line: str = ""
+    figures: tuple[str, ...] = ()
+
+
+class LiveView:
+    """A page on this machine that shows a recording under way.
+
+    It can be opened at any time, and stays as it is when the view is closed.
+
+    Raises:
+        PbdError: the viewer's server can't be started.
+    """
+
+    def __init__(self) -> None:
+        """Start the server."""
+        self._about: dict[str, Any] = {"title": "", "subtitle": "", "fast": FAST_M_S}
+        self._path = LivePath()
+        self._known: tuple[Keyframe, ...] = ()
+        self._drawn: list[Pose] = []
+        self._room = FIRST_ROOM_M
+        self._T_nav_hand = Pose.identity()
+        self._viewer = LiveViewer(otherwise="record without --live")
+        self._scene = self._viewer.visualizer
+        self._triad = solid(shapes.triad(shapes.TRIAD_M, shapes.TRIAD_RADIUS_M))
+        self._ball = solid(shapes.sphere(1.0, shapes.UNSURE_RGB), opacity=shapes.UNSURE_OPACITY)
+        self._scene["nav"].set_object(solid(shapes.triad(NAV_M, NAV_RADIUS_M)))
+        self._scene["hand/box"].set_object(solid(shapes.box(BOX_M, BOX_RGB)))
+        self._scene["hand/triad"].set_object(self._triad)
+
+    def open(self, title: str, subtitle: str, open_browser: bool = True) -> None:
+        """Tell the page's address on stderr, open it where that is wanted, and say what is recorded from what."""
+        self._about |= {"title": title, "subtitle": subtitle}
+        wxyz = self._T_nav_hand.wxyz
+        self._draw(LivePicture(0.0, np.zeros(3), np.zeros(3), wxyz, (), "waits", "waits", "for the sensor"))
+        invite(f"live view at {self._viewer.url}", self._viewer.url, open_browser)
+
+    def show(self, picture: LivePicture) -> None:
+        """Draw what is new, in a few milliseconds; nothing for now where the server is busy with what came before."""
+        if np.isfinite((*picture.p_nav_sensor, *picture.v_nav_sensor, *picture.wxyz_nav_sensor)).all():
+            self._follow(picture)
+            if not self._viewer.behind():
+                self._draw(picture)
+
+    def end(self, picture: LivePicture) -> None:
+        """Draw all that is left and a last picture, as the recording is over."""
+        while self._draw(picture):
+            pass
+
+    def close(self) -> None:
+        """End the server; more than once is fine."""
+        self._viewer.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _follow(self, picture: LivePicture) -> None:
+        """Let the path grow. A stop says where the move before it really led to."""
+        known, self._known = self._known, picture.keyframes
+        for i, keyframe in enumerate(self._known[max(len(known) - 1, 0) :], max(len(known) - 1, 0)):
+            p, since = keyframe.T_nav_sensor.p, keyframe.t - 0.5 * keyframe.dwell_s
+            if i == 0 and not known:
+                self._path.begin(since, p)
+            elif i >= len(known) or not np.array_equal(p, known[i].T_nav_sensor.p):
+                self._path.correct(since, p)
+        if self._known:
+            self._path.grow(picture.t, picture.p_nav_sensor, picture.v_nav_sensor)
+            low, high = self._path.corners()
+            # Downwards, the hand may be a little lower than where it began, and still be on the table.
+            low = ROOM_M * np.floor((low - (MARGIN_M, MARGIN_M, -MARGIN_M)) / ROOM_M)
+            high = ROOM_M * np.ceil((high + MARGIN_M) / ROOM_M)
+            self._room = np.array((np.minimum(FIRST_ROOM_M[0], low), np.maximum(FIRST_ROOM_M[1], high)))
+
+    def _draw(self, picture: LivePicture) -> bool:
+        """Send what has changed; return whether more is left than one picture takes."""
+        # Of older stops nothing changes any more.
+        for i, keyframe in enumerate(self._known[max(len(self._drawn) - 2, 0) :], max(len(self._drawn) - 2, 0)):
+            self._draw_stop(i, keyframe)
+        for name, points, speed in self._path.take(PIECES):
+            tube = shapes.tube(points, shapes.speed_rgb(speed / FAST_M_S), shapes.PATH_RADIUS_M, sides=6)
+            self._scene[f"path/{name}"].set_object(solid(tube))
+        T_nav_hand = Pose(picture.p_nav_sensor, picture.wxyz_nav_sensor)
+        if _has_moved(self._T_nav_hand, T_nav_hand):
+            self._T_nav_hand = T_nav_hand
+            self._scene["hand"].set_transform(T_nav_hand.matrix())
+        words = {
+            **self._about,
+            "state": picture.state,
+            "badge": picture.badge,
+            "line": picture.line,
+            "figures": list(picture.figures),
+            "stops": len(self._drawn),
+            "room": self._room.tolist(),
+        }
+        self._scene["hand"].set_property("live", words)
+        return self._path.more
+
+    def _draw_stop(self, i: int, keyframe: Keyframe) -> None:
+        node, T_nav_sensor = self._scene[f"stops/{i}"], keyframe.T_nav_sensor
+        if i == len(self._drawn):
+            node["triad"].set_object(self._triad)
+            node["two_sigma"].set_object(self._ball)
+            self._drawn.append(T_nav_sensor)
+        elif _has_moved(self._drawn[i], T_nav_sensor):
+            self._drawn[i] = T_nav_sensor
+        else:
+            return
+        node["triad"].set_transform(T_nav_sensor.matrix())
+        node["two_sigma"].set_transform(two_sigma(T_nav_sensor.p, keyframe.cov[:3, :3]))
+
+
+def _has_moved(before: Pose, after: Pose) -> bool:
+    moved, turned = before.distance(after)
+    return moved > SMALLEST_M or turned > SMALLEST_RAD

@@ -1,0 +1,159 @@
+"""Our values as meshcat's commands: compact meshes, and animations whose keys are typed arrays.
+
+Meshcat's own Python classes send float32 corners and one dictionary per animation key; its viewer understands these
+smaller forms as well (three.js r129: BufferGeometryLoader, AnimationClip.parse).
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import umsgpack
+from numpy.typing import NDArray
+
+from pbd.pose import Array, quat_to_xyzw
+from pbd.view.meshes import Mesh
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore", DeprecationWarning)  # meshcat's own import of zmq raises one
+    from meshcat import Visualizer
+    from meshcat.geometry import Geometry, MeshPhongMaterial
+    from meshcat.geometry import Mesh as MeshcatMesh
+    from meshcat.path import Path as ScenePath
+
+__all__ = ["PoseTrack", "ScenePath", "SetTracks", "Visualizer", "solid", "two_sigma", "typed"]
+
+EXTENSION_CODES = {
+    "Uint8Array": 0x12,
+    "Int16Array": 0x13,
+    "Uint16Array": 0x14,
+    "Uint32Array": 0x16,
+    "Float32Array": 0x17,
+}
+"""How msgpack-lite, which meshcat's page uses, marks typed arrays."""
+
+FRONT_SIDE, DOUBLE_SIDE = 0, 2
+"""three.js' constants."""
+
+LEAST_SIGMA_M = 5e-5
+"""Ellipsoids are drawn at least so thick: the page can't read a turn from the matrix of a flat one."""
+
+
+def typed(values: NDArray[Any], kind: str) -> umsgpack.Ext:
+    """An array as the page's typed array `kind`, flattened by rows."""
+    dtype = kind.removesuffix("Array").lower()
+    return umsgpack.Ext(EXTENSION_CODES[kind], np.ascontiguousarray(values, dtype=dtype).tobytes())
+
+
+class MeshGeometry(Geometry):  # type: ignore[misc]  # meshcat has no types
+    """A `Mesh` as meshcat's geometry; its colours become linear light, as the page's renderer takes them."""
+
+    def __init__(self, mesh: Mesh) -> None:
+        super().__init__()
+        self.mesh = mesh
+
+    def intrinsic_transform(self) -> Array:
+        """From the grid to metres. Transposed: meshcat flattens by rows what three.js reads by columns."""
+        T = np.diag([self.mesh.step] * 3 + [1.0])
+        T[:3, 3] = self.mesh.centre
+        return T.T
+
+    def lower(self, object_data: object) -> dict[str, Any]:
+        """As three.js' JSON."""
+        index = "Uint16Array" if len(self.mesh.grid) < 2**16 else "Uint32Array"
+        return {
+            "uuid": self.uuid,
+            "type": "BufferGeometry",
+            "data": {
+                "attributes": {
+                    "position": _attribute(self.mesh.grid, "Int16Array", normalized=False),
+                    "color": _attribute(_linear(self.mesh.rgb), "Uint8Array", normalized=True),
+                },
+                "index": {"type": index, "array": typed(self.mesh.faces, index)},
+            },
+        }
+
+
+def _attribute(values: NDArray[Any], kind: str, normalized: bool) -> dict[str, Any]:
+    return {"itemSize": 3, "type": kind, "array": typed(values, kind), "normalized": normalized}
+
+
+def _linear(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """From sRGB to linear light (IEC 61966-2-1), 8 bits each."""
+    c = rgb / 255.0
+    light = np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
+    return np.rint(255.0 * light).astype(np.uint8)
+
+
+def solid(mesh: Mesh, opacity: float = 1.0) -> MeshcatMesh:
+    """A mesh with its own colours, as an object that `Visualizer.set_object` takes."""
+    side = FRONT_SIDE if mesh.closed else DOUBLE_SIDE
+    material = MeshPhongMaterial(vertexColors=True, opacity=opacity, side=side, shininess=30, specular=0x1C1C1C)
+    thing = MeshcatMesh(MeshGeometry(mesh), material)
+    # They need only differ within one object; fixed ones make the same scene the same bytes.
+    thing.geometry.uuid, thing.material.uuid, thing.uuid = "geometry", "material", "mesh"
+    return thing
+
+
+def two_sigma(p: Array, cov: Array) -> Array:
+    """Return the matrix (4, 4) that makes the unit ball the ellipsoid of two sigma.
+
+    Args:
+        p: (3,) m, its middle.
+        cov: (3, 3) m2, in the same axes.
+    """
+    variance, axes = np.linalg.eigh(cov)
+    axes[:, 0] *= np.sign(np.linalg.det(axes))  # turned, not mirrored
+    T = np.eye(4)
+    T[:3, :3] = 2.0 * axes * np.sqrt(np.maximum(variance, LEAST_SIGMA_M**2))
+    T[:3, 3] = p
+    return T
+
+
+@dataclass(frozen=True, eq=False)
+class PoseTrack:
+    """Where a node of the scene is, in its parent, at times t (n,) s: p (n, 3) m, wxyz (n, 4)."""
+
+    path: ScenePath
+    t: Array
+    p: Array
+    wxyz: Array
+
+    def lower(self) -> dict[str, Any]:
+        """As meshcat's animation of one node; what stays the same has one key."""
+        tracks = [
+            self._keys("position", "vector3", self.p),
+            self._keys("quaternion", "quaternion", quat_to_xyzw(self.wxyz)),
+        ]
+        return {"path": self.path.lower(), "clip": {"fps": 1, "name": "default", "tracks": tracks}}
+
+    def _keys(self, name: str, kind: str, values: Array) -> dict[str, Any]:
+        still = bool(np.ptp(values, axis=0).max() < 1e-9)
+        t, values = (self.t[:1], values[:1]) if still else (self.t, values)
+        return {
+            "name": f".{name}",
+            "type": kind,
+            "times": typed(t, "Float32Array"),
+            "values": typed(values, "Float32Array"),
+        }
+
+
+@dataclass(frozen=True)
+class SetTracks:
+    """The command that loads an animation; the page itself moves the time."""
+
+    tracks: Sequence[PoseTrack]
+
+    def lower(self) -> Mapping[str, Any]:
+        """As meshcat's command."""
+        animations = [track.lower() for track in self.tracks]
+        return {
+            "type": "set_animation",
+            "animations": animations,
+            "options": {"play": False, "repetitions": 1},
+            "path": "",
+        }

@@ -1,0 +1,250 @@
+"""Several demonstrations of one task: laid on each other, keyframes matched, spread measured and shown."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pbd.data import HandPath, Keyframe
+from pbd.data.covariance import PoseCovariance
+from pbd.pipeline import track
+from pbd.plots.compare import (
+    TURN_M,
+    ComparePlot,
+    Tracked,
+    compare_plot,
+    match_in_order,
+    spread_rows,
+    spread_table,
+)
+from pbd.plots.compare_figures import COMPARISONS, draw_comparison
+from pbd.pose import Array, Pose, quat_about_z, quat_multiply, quat_rotate, quat_to_matrix
+from pbd.tracking.keyframes import find_keyframes
+from pbd.view.units import Units, parse_units
+from tests.plots.drawn import overlaps
+from tests.scenarios import pour, uncalibrated
+
+pytestmark = uncalibrated
+
+
+@pytest.fixture(scope="module")
+def tracked() -> list[Tracked]:
+    found: list[Tracked] = []
+    for seed in range(3):
+        path = track(pour("wt901", seed).recording)
+        found.append((f"tea {seed}", path, find_keyframes(path)))
+    return found
+
+
+def elsewhere(tracked: Tracked, yaw: float, shift: Array) -> Tracked:
+    """The same demonstration in another nav."""
+    name, path, keyframes = tracked
+    T = Pose(shift, quat_about_z(yaw))
+    R6 = np.kron(np.eye(2), quat_to_matrix(T.wxyz))
+    moved = replace(
+        path,
+        p_nav_sensor=T.act(path.p_nav_sensor),
+        v_nav_sensor=quat_rotate(T.wxyz, path.v_nav_sensor),
+        wxyz_nav_sensor=quat_multiply(T.wxyz, path.wxyz_nav_sensor),
+        covariance=PoseCovariance.chained(R6 @ path.cov @ R6.T),
+    )
+    turned = [replace(k, T_nav_sensor=T @ k.T_nav_sensor, cov=R6 @ k.cov @ R6.T) for k in keyframes]
+    return name, moved, turned
+
+
+def without(tracked: Tracked, *numbers: int) -> Tracked:
+    """The same demonstration, some of whose stops were not found."""
+    name, path, keyframes = tracked
+    return name, path, [keyframe for k, keyframe in enumerate(keyframes) if k not in numbers]
+
+
+# --- laid on each other ---
+
+
+def test_a_demonstration_in_another_nav_comes_to_lie_on_itself(tracked: list[Tracked]) -> None:
+    plot = compare_plot([tracked[0], elsewhere(tracked[0], 2.5, np.array([1.0, -2.0, 0.5]))])
+    one, other = plot.runs
+    assert other.p == pytest.approx(one.p, abs=1e-9)
+    for keyframe in plot.keyframes:
+        assert keyframe.spread == pytest.approx(0.0, abs=1e-9)
+        assert keyframe.turn == pytest.approx(0.0, abs=1e-7)
+
+
+def test_spread_is_the_standard_deviation(tracked: list[Tracked]) -> None:
+    plot = compare_plot(tracked)
+    assert plot.by_order
+    assert plot.remarks == ()
+    at = np.array([plot.positions(run) for run in range(3)])
+    for k, keyframe in enumerate(plot.keyframes):
+        assert keyframe.p == pytest.approx(at[:, k].mean(axis=0))
+        assert keyframe.spread == pytest.approx(np.std(at[:, k], axis=0, ddof=1))
+        away = np.linalg.norm(at[:, k] - keyframe.p, axis=1)
+        assert keyframe.furthest_m == pytest.approx(away.max())
+        assert keyframe.furthest_m == pytest.approx(away[keyframe.furthest])
+    assert plot.keyframes[0].spread == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_turned_hand_is_a_turn(tracked: list[Tracked]) -> None:
+    name, path, keyframes = tracked[0]
+    turn = np.radians(10.0)
+    rolled = [*keyframes]
+    rolled[4] = replace(keyframes[4], T_nav_sensor=keyframes[4].T_nav_sensor @ Pose.from_rpy(np.zeros(3), (turn, 0, 0)))
+    plot = compare_plot([tracked[0], (name, path, rolled)])
+    # Two attitudes 10 degrees apart: 5 on either hand of the mean, over n - 1 = 1.
+    assert np.degrees(plot.keyframes[4].turn) == pytest.approx(np.sqrt(2.0) * 5.0, rel=1e-6)
+    assert plot.keyframes[5].turn == pytest.approx(0.0, abs=1e-7)
+
+
+def test_progress_counts_keyframes(tracked: list[Tracked]) -> None:
+    plot = compare_plot(tracked)
+    for (_, path, keyframes), run in zip(tracked, plot.runs, strict=True):
+        t = path.t[path.stops[0].start : path.stops[-1].stop]
+        for k, keyframe in enumerate(keyframes):
+            assert run.progress[np.argmin(np.abs(t - keyframe.t))] == pytest.approx(k)
+        inside = run.progress[np.isfinite(run.progress)]
+        assert len(inside) >= len(t) - 2
+        assert (np.diff(inside) >= 0.0).all()
+
+
+# --- matched ---
+
+
+def test_a_missing_and_an_extra_stop_are_told(tracked: list[Tracked]) -> None:
+    plot = compare_plot([tracked[0], without(tracked[1], 4), tracked[2]])
+    assert not plot.by_order
+    assert len(plot.keyframes) == 11
+    assert [keyframe.own[1] for keyframe in plot.keyframes] == [0, 1, 2, 3, None, 4, 5, 6, 7, 8, 9]
+    at = tracked[0][2][4].t
+    assert plot.remarks == (f"tea 1 has no keyframe 4 ({at:.1f} s in tea 0)",)
+    assert plot.keyframes[4].count == 2
+    assert np.isnan(plot.positions(1)[4]).all()
+
+    plot = compare_plot([tracked[0], without(tracked[1], 4), without(tracked[2], 4)])
+    assert len(plot.keyframes) == 10  # the usual number
+    assert plot.remarks == (f"tea 0 has one more stop, its keyframe 4 ({at:.1f} s): left out",)
+    plot = compare_plot([*(without(each, 4, 6) for each in tracked[:2]), tracked[2]])
+    assert re.fullmatch(
+        r"tea 2 has 2 more stops, its keyframes 4 \([\d.]+ s\), 6 \([\d.]+ s\): left out", plot.remarks[0]
+    )
+
+
+def line(k: int) -> list[Pose]:
+    """Keyframes 10 cm apart, from left to right and back: most places are visited twice."""
+    there = [0.1 * min(i, 2 * k - i) for i in range(2 * k)]
+    return [Pose(np.array([x, 0.0, 0.0]), quat_about_z(0.0)) for x in there]
+
+
+@settings(max_examples=40)
+@given(st.integers(2, 6), st.data())
+def test_whatever_is_missing_the_others_are_matched(k: int, data: st.DataObject) -> None:
+    poses = line(k)
+    kept = sorted(data.draw(st.sets(st.sampled_from(range(len(poses))), min_size=1)))
+    rng = np.random.default_rng(data.draw(st.integers(0, 99)))
+    other = [Pose(poses[i].p + 0.001 * rng.normal(size=3), poses[i].wxyz) for i in kept]
+    partners = match_in_order(poses, other)
+    # A place visited twice may be taken for its other visit where nothing in between tells: what counts is the place.
+    matched = [i for i, partner in enumerate(partners) if partner is not None]
+    assert [partner for partner in partners if partner is not None] == list(range(len(kept)))
+    assert [poses[i].p[0] for i in matched] == pytest.approx([poses[i].p[0] for i in kept])
+    assert match_in_order(other, poses) == tuple(matched)
+
+
+@settings(max_examples=60)
+@given(st.lists(st.floats(-1.0, 1.0), min_size=1, max_size=6), st.lists(st.floats(-1.0, 1.0), min_size=1, max_size=6))
+def test_the_match_is_the_best_of_all(some: list[float], others: list[float]) -> None:
+    def pose(x: float) -> Pose:
+        return Pose(np.array([x, 0.0, 0.0]), quat_about_z(0.0))
+
+    fewer, more = sorted((some, others), key=len)
+    partners = match_in_order([pose(x) for x in more], [pose(x) for x in fewer])
+    cost = sum((more[i] - fewer[j]) ** 2 for i, j in enumerate(partners) if j is not None)
+    best = min(
+        sum((a - b) ** 2 for a, b in zip(chosen, fewer, strict=True)) for chosen in combinations(more, len(fewer))
+    )
+    assert cost == pytest.approx(best, abs=1e-12)
+
+
+def test_a_turn_counts_as_what_it_moves_at_the_tip() -> None:
+    level, rolled = (Pose.from_rpy(np.zeros(3), (roll, 0.0, 0.0)) for roll in (0.0, 1.0))
+    near, far = (Pose(np.array([x, 0.0, 0.0]), level.wxyz) for x in (0.9 * TURN_M, 1.1 * TURN_M))
+    assert match_in_order([near, rolled], [level]) == (0, None)
+    assert match_in_order([far, rolled], [level]) == (None, 0)
+
+
+# --- shown ---
+
+
+@pytest.fixture(scope="module")
+def compared(tracked: list[Tracked]) -> ComparePlot:
+    """Names that collide, more demonstrations than colours, one of them short of a stop."""
+    names = ("tea", "a $ name that is longer than any legend", "茶")
+    more: Sequence[tuple[str, HandPath, Sequence[Keyframe]]] = [
+        (names[k % 3], *without(tracked[k % 3], *([4] if k == 3 else []))[1:]) for k in range(20)
+    ]
+    return compare_plot(more)
+
+
+@pytest.mark.parametrize("name", COMPARISONS)
+def test_comparisons_are_legible(compared: ComparePlot, name: str) -> None:
+    figure = draw_comparison(name, compared)
+    assert overlaps(figure) == []
+    for ax in figure.axes:
+        if name != "paths":
+            assert ax.get_ylabel().endswith(")")
+
+
+def test_paths_are_drawn_as_they_are(tracked: list[Tracked]) -> None:
+    plot = compare_plot(tracked)
+    axes = draw_comparison("positions", plot).axes
+    for axis, ax in enumerate(axes):
+        for run, drawn in zip(plot.runs, ax.get_lines()[::2], strict=True):
+            assert np.asarray(drawn.get_xydata()) == pytest.approx(
+                np.column_stack((run.progress, 100.0 * run.p[:, axis])), nan_ok=True
+            )
+    spread = draw_comparison("spread", plot).axes[0]
+    bars, unit = spread.patches, 1e3 if "(mm)" in spread.get_ylabel() else 100.0
+    heights = np.array([bar.get_height() for bar in bars]).reshape(3, -1)  # type: ignore[attr-defined]
+    assert heights == pytest.approx(unit * np.array([keyframe.spread for keyframe in plot.keyframes]).T)
+
+
+def test_the_table_and_the_rows_say_the_same(compared: ComparePlot) -> None:
+    rows = spread_rows(compared)
+    for unit, scale, half in (("cm", 100.0, 0.0051), ("mm", 1000.0, 0.051), ("m", 1.0, 0.000051)):
+        table = spread_table(compared, parse_units(unit))
+        assert table.row_count == len(rows) == 11
+        cells = {str(column.header): list(column.cells) for column in table.columns}
+        assert cells["in (of 20)"][4] == "19"
+        for k, row in enumerate(rows):
+            for i, axis in enumerate("xyz"):
+                assert float(str(cells[f"{axis} ({unit})"][k])) == pytest.approx(
+                    scale * row["position_m"][i], abs=10.0 * half
+                )
+                spread = float(str(cells[f"spread {axis} ({unit})"][k]))
+                assert spread == pytest.approx(scale * row["spread_m"][i], abs=half)
+            assert float(str(cells["spread (°)"][k])) == pytest.approx(row["spread_deg"], abs=0.051)
+            assert float(str(cells[f"σ ({unit})"][k])) == pytest.approx(scale * max(row["sigma_m"]), abs=half)
+            if row["furthest_m"] > 0.0:
+                assert cells["which"][k] == row["furthest"]
+                assert float(str(cells[f"furthest ({unit})"][k])) == pytest.approx(scale * row["furthest_m"], abs=half)
+
+
+def test_one_alone_has_no_spread(tracked: list[Tracked]) -> None:
+    # Two agree on ten keyframes and have the majority; two others, of eleven, make the larger number the usual one.
+    short = [without(tracked[k], 4) for k in (0, 1)]
+    plot = compare_plot([*short, tracked[2]])
+    assert len(plot.keyframes) == 10
+    plot = compare_plot([short[0], tracked[2]])
+    assert plot.keyframes[4].count == 1
+    assert spread_rows(plot)[4]["spread_m"] == [None] * 3
+    assert spread_rows(plot)[4]["keyframes"] == [None, 4]
+    cells = [str(list(column.cells)[4]) for column in spread_table(plot, Units()).columns]
+    assert cells[1] == "1"
+    assert [cell == "" for cell in cells[5:]] == [True, True, True, True, False, True, True]  # sigma alone is known
+    assert overlaps(draw_comparison("spread", plot)) == []

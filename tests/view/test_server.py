@@ -1,0 +1,160 @@
+"""The live viewer: on this machine only, for our own page only, and never longer than its program."""
+
+from __future__ import annotations
+
+import errno
+import http.client
+import re
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+from selenium.webdriver.common.by import By
+
+from pbd.errors import PbdError
+from pbd.view import server
+from pbd.view.scene import build
+from pbd.view.server import LiveViewer, show_replay
+from tests.view import scenes
+from tests.view.browser import Replay, until
+from tests.view.chromium import Chromium
+
+linux = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+
+SHOW = """
+from pbd.view.server import show_replay
+from tests.view import scenes
+show_replay(scenes.ur5_moves(), open_browser=False)
+"""
+
+
+@pytest.fixture(scope="module")
+def viewer() -> Iterator[LiveViewer]:
+    with show_replay(scenes.pouring(), open_browser=False, block=False) as viewer:
+        yield viewer
+
+
+def listening(port: int) -> set[str]:
+    """The local addresses, in hexadecimal, on which this machine listens at a port."""
+    rows = [
+        line.split()[1:4:2]
+        for table in ("tcp", "tcp6")
+        for line in Path(f"/proc/net/{table}").read_text().splitlines()[1:]
+    ]
+    return {place.split(":")[0] for place, state in rows if state == "0A" and int(place.split(":")[1], 16) == port}
+
+
+def ask(url: str, path: str, **headers: str) -> http.client.HTTPResponse:
+    address = urlsplit(url)
+    connection = http.client.HTTPConnection(str(address.hostname), address.port, timeout=5)
+    try:
+        connection.request("GET", path, headers={name.replace("_", "-"): value for name, value in headers.items()})
+        return connection.getresponse()
+    finally:
+        connection.close()
+
+
+@linux
+def test_it_listens_on_loopback_only(viewer: LiveViewer) -> None:
+    assert listening(urlsplit(viewer.url).port or 0) == {"0100007F"}
+
+
+def test_the_page_is_no_other_pages(viewer: LiveViewer) -> None:
+    port = urlsplit(viewer.url).port
+    assert ask(viewer.url, "/pbd", Host=f"elsewhere.example:{port}").status == 404
+    mine = ask(viewer.url, "/pbd", Host=f"127.0.0.1:{port}")
+    assert mine.status == 200
+    assert mine.headers["X-Frame-Options"] == "DENY"
+    assert mine.headers["X-Content-Type-Options"] == "nosniff"
+    assert mine.headers["Content-Security-Policy"] == "frame-ancestors 'none'"
+
+
+@pytest.mark.parametrize(
+    ("origin", "host", "status"),
+    [
+        (None, "127.0.0.1:{port}", 403),  # no browser: another process on this machine
+        ("http://localhost:{port}", "localhost:{port}", 101),
+        ("http://elsewhere.example", "127.0.0.1:{port}", 403),
+        ("http://127.0.0.1:1", "127.0.0.1:{port}", 403),  # another server on this machine
+        ("null", "127.0.0.1:{port}", 403),  # a file, or a frame in a sandbox
+        ("http://elsewhere.example:{port}", "elsewhere.example:{port}", 404),  # a name pointed at this machine
+    ],
+)
+def test_other_pages_get_no_socket(viewer: LiveViewer, origin: str | None, host: str, status: int) -> None:
+    port = urlsplit(viewer.url).port
+    handshake = {"Sec_WebSocket_Version": "13", "Sec_WebSocket_Key": "dGhlIHNhbXBsZSBub25jZQ=="}
+    asked_by = {} if origin is None else {"Origin": origin.format(port=port)}
+    upgrade = {"Host": host.format(port=port), "Upgrade": "websocket", "Connection": "Upgrade"}
+    assert ask(viewer.url, "/", **upgrade, **handshake, **asked_by).status == status
+
+
+def test_it_plays_in_a_browser(viewer: LiveViewer, chrome: Chromium) -> None:
+    replay = Replay(chrome, viewer.url)
+    assert {urlsplit(asked).netloc for asked in replay.requests()} == {urlsplit(viewer.url).netloc}
+    replay("pbd.page.player.seek(5)")
+    before = replay.place("pbd", "object")
+    replay("pbd.page.player.seek(9)")
+    assert abs(before - replay.place("pbd", "object")).max() > 0.05
+    # A second scene takes the place of the first, in the page that is open and in one that is opened later.
+    build(scenes.ur5_moves(), viewer.visualizer)
+    until(lambda: replay("return pbd.page.replay.robot") == "UR5", "the second scene")
+    for page in (replay, Replay(chrome, viewer.url)):
+        assert page("return 'object' in pbd.page.stage.viewer.scene_tree.children.pbd.children") is False
+        assert page.errors() == []
+
+
+def test_a_page_gets_what_was_sent_last_and_says_when_the_server_has_ended(chrome: Chromium) -> None:
+    viewer = show_replay(scenes.ur5_moves(), open_browser=False, block=False)
+    replay = Replay(chrome, viewer.url)
+    for k in range(100):
+        viewer.visualizer["tool_path"].set_property("visible", bool(k % 2 == 0))
+    viewer.close()
+    until(lambda: "has ended" in replay.read("#message"), "the last word")
+    assert replay('return pbd.page.stage.node("pbd", "tool_path").visible') is False
+    assert replay.browser.find_element(By.ID, "message").is_displayed()
+    viewer.close()
+    chrome.get("about:blank")
+    chrome.errors()  # of the connection that broke
+
+
+@linux
+def test_it_ends_with_ctrl_c() -> None:
+    process = subprocess.Popen([sys.executable, "-c", SHOW], stderr=subprocess.PIPE, text=True)
+    try:
+        assert process.stderr is not None
+        found = re.search(r"http://\S+", process.stderr.readline())
+        assert found
+        process.send_signal(signal.SIGINT)
+        assert process.wait(10.0) == 0
+        with pytest.raises(ConnectionError):
+            socket.create_connection((urlsplit(found[0]).hostname, urlsplit(found[0]).port), 1.0)
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def test_no_port_is_an_error_of_ours(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(port: int, address: str) -> None:
+        raise OSError(errno.EMFILE, "Too many open files")
+
+    monkeypatch.setattr(server, "bind_sockets", refuse)
+    with pytest.raises(PbdError, match=r"did not start \(Too many open files\); use --html FILE instead"):
+        LiveViewer()
+
+
+def test_the_browser_is_opened_or_not(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
+    opened: list[str] = []
+    monkeypatch.setattr("webbrowser.open", lambda url, new: opened.append(url))
+    show_replay(scenes.ur5_moves(), open_browser=False, block=False).close()
+    assert opened == []
+    viewer = show_replay(scenes.ur5_moves(), open_browser=True, block=False)
+    viewer.close()
+    assert opened == [viewer.url]
+    out, err = capfd.readouterr()
+    assert out == ""
+    assert viewer.url in err
