@@ -23,7 +23,7 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_bundled_demonstration_is_drawn_where_none_is_named(capsys: Capture, elsewhere: Path) -> None:
-    code, out, err = run(capsys)
+    code, out, err = run(capsys, "plot")
     assert (code, out) == (0, "")
     assert "using 'pouring'" in err
     assert err.endswith("pbd: wrote 14 files into plots/pouring\n")
@@ -45,7 +45,7 @@ def test_the_bundled_demonstration_is_drawn_where_none_is_named(capsys: Capture,
 @pytest.mark.usefixtures("few")
 @pytest.mark.parametrize(("format_name", "begin"), [("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")])
 def test_json_lists_the_files(capsys: Capture, elsewhere: Path, format_name: str, begin: bytes) -> None:
-    result = run_json(capsys, "paper-test1", "--save", "a/b", "--format", format_name, "--method", "paper")
+    result = run_json(capsys, "plot", "paper-test1", "--save", "a/b", "--format", format_name, "--method", "paper")
     assert set(result) == {"demo", "method", "files", "findings"}
     assert (result["demo"], result["method"]) == ("paper-test1", "paper")
     assert result["files"] == [f"a/b/position.{format_name}"]
@@ -60,12 +60,12 @@ def test_json_lists_the_files(capsys: Capture, elsewhere: Path, format_name: str
 @pytest.mark.usefixtures("few")
 def test_a_second_time_replaces_the_first(capsys: Capture, elsewhere: Path) -> None:
     (elsewhere / "position.png").write_text("old")
-    run_json(capsys, "pouring", "--save", ".")
+    run_json(capsys, "plot", "pouring", "--save", ".")
     assert (elsewhere / "position.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_two_are_compared(capsys: Capture, elsewhere: Path) -> None:
-    code, out, err = run(capsys, "paper-test1", "paper-test2", "paper-test1")
+    code, out, err = run(capsys, "plot", "paper-test1", "paper-test2", "paper-test1")
     assert code == 0
     folder = elsewhere / "plots" / "paper-test1+paper-test2"
     assert {file.name for file in folder.iterdir()} == {"paths.png", "views.png", "positions.png", "spread.png"}
@@ -84,7 +84,7 @@ def test_two_are_compared(capsys: Capture, elsewhere: Path) -> None:
 
 @pytest.mark.usefixtures("few")
 def test_comparison_as_json(capsys: Capture) -> None:
-    result = run_json(capsys, "paper-test1", "paper-test2", "--save", "out")
+    result = run_json(capsys, "plot", "paper-test1", "paper-test2", "--save", "out")
     assert set(result) == {"demos", "method", "matched_by", "remarks", "keyframes", "files"}
     assert result["demos"] == ["paper-test1", "paper-test2"]
     assert result["matched_by"] == "place"
@@ -96,20 +96,20 @@ def test_comparison_as_json(capsys: Capture) -> None:
 
 @pytest.mark.usefixtures("few")
 def test_comparison_as_csv(capsys: Capture) -> None:
-    code, out, _ = run(capsys, "paper-test1", "paper-test2", "paper-test1", "--csv", "--units", "mm")
+    code, out, _ = run(capsys, "plot", "paper-test1", "paper-test2", "paper-test1", "--csv", "--units", "mm")
     assert code == 0
     rows = list(csv.DictReader(out.splitlines()))
-    keyframes = run_json(capsys, "paper-test1", "paper-test2", "paper-test1")["keyframes"]
+    keyframes = run_json(capsys, "plot", "paper-test1", "paper-test2", "paper-test1")["keyframes"]
     assert [int(row["in (of 3)"]) for row in rows] == [3, 2, 2, 2, 3]
     for row, keyframe in zip(rows, keyframes, strict=True):
         spread = [float(row[f"spread {axis} (mm)"]) for axis in "xyz"]
         assert spread == pytest.approx([1e3 * x for x in keyframe["spread_m"]], abs=0.051)
-    _, out, _ = run(capsys, "paper-test1", "paper-test2", "--csv")
+    _, out, _ = run(capsys, "plot", "paper-test1", "paper-test2", "--csv")
     assert list(csv.DictReader(out.splitlines()))[1]["spread x (cm)"] == ""  # of one alone nothing is known
 
 
 def test_the_table_of_one_is_wrong_usage(capsys: Capture, elsewhere: Path) -> None:
-    code, out, err = run(capsys, "pouring", "--csv")
+    code, out, err = run(capsys, "plot", "pouring", "--csv")
     assert (code, out) == (2, "")
     assert "name two or more" in err
     assert err.count("\n") == 1
@@ -122,10 +122,10 @@ def test_what_cannot_be_known_is_drawn_all_the_same(capsys: Capture, elsewhere: 
     main(["simulate", "pick-and-place-stops", "tea", "--seed", "1"])  # it ends 15 cm away
     toml = elsewhere / "demos" / "tea" / "demo.toml"
     toml.write_text("closed = true\n" + toml.read_text().replace("closed = false\n", "", 1))
-    result = run_json(capsys, "tea")
+    result = run_json(capsys, "plot", "tea")
     (finding, *_) = (each for each in result["findings"] if "closed = true" in each)
     assert finding.endswith("drawn without it")
-    code, out, err = run(capsys, "tea", "paper-test1", "--json")
+    code, out, err = run(capsys, "plot", "tea", "paper-test1", "--json")
     assert code == 0
     assert finding in err
     assert len(json.loads(out)["keyframes"]) == 5
@@ -140,7 +140,7 @@ def test_what_goes_wrong_is_one_line(capsys: Capture, elsewhere: Path) -> None:
         (("pouring", "--save", "file/in"), "file/in can't be written (Not a directory); give another --save"),
         (("pouring", "g.csv"), "g: at rest the accelerometer reads 1, but gravity is 9.81 m/s2; the values are"),
     ):
-        code, out, err = run(capsys, *args)
+        code, out, err = run(capsys, "plot", *args)
         assert (code, out) == (1, "")
         assert err.splitlines()[-1].startswith(f"pbd: {end}")
         assert not (elsewhere / "plots").exists()
@@ -157,7 +157,7 @@ def test_a_name_leads_nowhere_else(capsys: Capture, elsewhere: Path) -> None:
     main(["simulate", "pour", "tea"])
     toml = elsewhere / "demos" / "tea" / "demo.toml"
     toml.write_text(toml.read_text().replace('name = "tea"', 'name = "../../../tea"'))
-    run_json(capsys, "tea")
+    run_json(capsys, "plot", "tea")
     assert sorted(path.name for path in elsewhere.iterdir()) == ["demos", "plots"]
     assert [path.name for path in (elsewhere / "plots").iterdir()] == ["tea"]
 

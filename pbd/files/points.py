@@ -52,6 +52,8 @@ def read_points(path: Path, unit: str | None = None) -> Points:
     columns = [f"{axis}_{named}" if named else axis for axis in "xyz"]
     p_base = sheet.read(columns).values * UNITS[named or unit or "m"]
     names = sheet.words("name") if "name" in sheet.header else [f"{k}" for k in range(1, len(p_base) + 1)]
+    if len(names) != len(p_base):
+        raise CalibrationError(f"{path}: {len(names)} names for {len(p_base)} points; correct the quotes", path=path)
     for name, point in zip(names, p_base, strict=True):
         if not (far := np.abs(point).max()) <= FARTHEST_M:
             raise CalibrationError(

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 
 import numpy as np
 
-from pbd.calibration.frames import nav_in_base, tool_poses
-from pbd.calibration.uncertainty import tool_covariances
-from pbd.cli.calibrate.common import instead_of, opened
+from pbd.calibration.dock import dock_at
+from pbd.cli.calibrate.common import instead_of, opened, refuse_out_of_reach
 from pbd.cli.console import print_json, say, working
 from pbd.data import TOOL_DOWN, Calibration, Robot
 from pbd.errors import CalibrationError, PlanError
@@ -35,7 +33,7 @@ def run(args: argparse.Namespace) -> None:
     T_base_dock, of_pose, source = _pose(args, robot, calibration, T_sensor_tool)
     tool = T_base_dock @ T_sensor_tool
     if robot is not None:
-        _refuse_out_of_reach(robot, tool)
+        refuse_out_of_reach(robot, tool)
     cov = of_pose + np.diag(np.square([*[1e-3 * args.sigma_mm] * 3, 0.0, 0.0, np.radians(args.sigma_deg)]))
     before = None if calibration is None or calibration.T_base_dock is None else calibration.cov_base
     update_calibration(
@@ -132,32 +130,4 @@ def _where_it_stopped(args: argparse.Namespace, calibration: Calibration | None)
         last = len(keyframes) - 1
         what = f"{name} has the keyframes 0 to {last}, not '{index}'; `pbd keyframes {name}` lists them"
         raise CalibrationError(what, value=index, bound=last)
-    T_base_nav = nav_in_base(through, keyframes[0].T_nav_sensor.wxyz)
-    bare = replace(through, T_sensor_tool=Pose.identity(), cov_sensor_tool=None)
-    stopped = [keyframes[int(index)]]
-    cov = sum(tool_covariances(stopped, T_base_nav, bare).values(), np.zeros((1, 6, 6)))[0]
-    cov[3:5] = cov[:, 3:5] = 0.0
-    return tool_poses(stopped, T_base_nav, bare)[0], cov
-
-
-def _refuse_out_of_reach(robot: Robot, T_base_tool: Pose) -> None:
-    """Refuse a dock that the robot can't reach.
-
-    Raises:
-        PlanError: with how near it comes.
-    """
-    from pbd.arm.model import load_model
-    from pbd.arm.sequence import solve_sequence
-
-    try:
-        with working(f"checking whether {robot.name} reaches it"):
-            solve_sequence(load_model(robot), [T_base_tool], robot.home)
-    except PlanError as reason:
-        x, y, z = T_base_tool.p
-        away, turned = (float(str(reason.fields[name])) for name in ("value", "rotation"))
-        raise PlanError(
-            f"the dock puts the tool at ({x:.3f}, {y:.3f}, {z:.3f}) m, out of {robot.name}'s reach: it gets no nearer "
-            f"than {100.0 * away:.1f} cm and {np.degrees(turned):.0f} degrees; choose a place nearer to the base, or "
-            "another orientation",
-            **reason.fields,
-        ) from None
+    return dock_at(keyframes, int(index), through)
