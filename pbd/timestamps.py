@@ -36,8 +36,9 @@ FIRST_SPAN = 128
 MEAN_OVER = 2000
 """Samples over which a live stamp's interval is averaged."""
 
-INTERVAL_GAIN = 0.02
-"""Share of the remaining delay that a live stamp takes over: it is the interval's own error."""
+SETTLE_S = 1.0
+"""Time constant with which live stamps follow the remaining delay, which is the error of the interval. It is above
+LONGEST_BURST_S, over which the delay is taken, or the stamps would swing."""
 
 SHORTEST_STEP_S = 1e-5
 """Live stamps increase by at least this."""
@@ -201,7 +202,7 @@ class Stamper:
         lost = max(late / interval + 1.0 - LOST_SHARE, 0.0) // 1.0
         if lost:
             self._behind.clear()
-        self._t += max(interval * (1.0 + lost) + INTERVAL_GAIN * (late - lost * interval), SHORTEST_STEP_S)
+        self._t += max(interval * (1.0 + lost) + interval / SETTLE_S * (late - lost * interval), SHORTEST_STEP_S)
         return self._t
 
 

@@ -43,6 +43,14 @@ def test_in_step_again_at_the_next_whole_packet(name: str) -> None:
     assert np.mean(missed) < 0.02 or name in ("lines", "razor", "witmotion")
 
 
+@pytest.mark.parametrize("name", ["os5000", "ximu3", "vectornav", "xsens"])
+def test_a_beginning_right_before_a_packet_swallows_nothing(name: str) -> None:
+    first, *others = PACKETS[name]
+    whole = MIXED[name].make().feed(b"".join(others))
+    for cut in range(1, 12):
+        assert MIXED[name].make().feed(first[:cut] + b"".join(others)) == whole
+
+
 @every
 def test_noise_does_not_grow_the_memory(name: str) -> None:
     decoder, rng = MIXED[name].make(), random.Random(1)
