@@ -117,13 +117,15 @@ class Clearance:
 
     def always_touching(self, x: Array, share: float) -> dict[int, int]:
         """Return the pairs that are nearer than MARGIN_M in at least a share of coordinates (n, k + 1): in how many."""
-        apart = dict.fromkeys(range(len(self.pairs)), 0)
-        for q in configurations(self.arm, x):
-            self._place(q)
-            for pair in apart:
-                apart[pair] += not self._distance(pair) < MARGIN_M
-            apart = {pair: count for pair, count in apart.items() if count <= (1.0 - share) * len(x)}
-        return {pair: len(x) - count for pair, count in apart.items()}
+        always = dict.fromkeys(range(len(self.pairs)), len(x))
+        for measure in (self._hull_distance, self._distance):  # most pairs need no mesh
+            always = dict.fromkeys(always, len(x))
+            for q in configurations(self.arm, x):
+                self._place(q)
+                for pair in always:
+                    always[pair] -= not measure(pair) < MARGIN_M
+                always = {pair: count for pair, count in always.items() if count >= share * len(x)}
+        return always
 
     def first_contact(self, path: JointPath, allowed: Allowed | None = None) -> Contact | None:
         """Follow a path; return the first contact: the one that begins first, of several the deepest.
@@ -218,8 +220,11 @@ class Clearance:
         pin.updateGeometryPlacements(self.arm.full, self._data, self._geometry, self._placed, q)
 
     def _distance(self, pair: int) -> float:
-        distance = float(pin.computeDistance(self._geometry, self._placed, pair).min_distance - self._pads[pair])
+        distance = self._hull_distance(pair)
         return self._of_meshes(pair, distance) if self._meshed[pair] and not distance >= MARGIN_M else distance
+
+    def _hull_distance(self, pair: int) -> float:
+        return float(pin.computeDistance(self._geometry, self._placed, pair).min_distance - self._pads[pair])
 
     def _of_meshes(self, pair: int, distance: float) -> float:
         """Ask the meshes of a pair whose hulls are near: MARGIN_M where they aren't, else the hulls' distance."""

@@ -131,7 +131,7 @@ def _by_design(scene: CollisionScene, hit: Hit) -> str:
     if not {hit.first, hit.second} <= scene.links:
         return ""
     how = "add srdf = to its [model], an SRDF that" if scene.arm.robot.srdf is None else "see that its srdf"
-    return f"if these links touch by design, {how} disables this pair; else "
+    return f"if these links touch by design, {how} calls this pair Adjacent or Never; else "
 
 
 def collision_error(scene: CollisionScene, trajectory: JointTrajectory, found: MotionHit) -> PlanError:

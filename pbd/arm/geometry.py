@@ -126,11 +126,11 @@ def surface_of(body: Body) -> Any:
     if body.mesh is None:
         return shape_of(body)
     triangles = mesh_triangles(*body.mesh)
-    vertices, faces = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
+    corners = triangles.reshape(-1, 3)
     surface = coal.BVHModelOBBRSS()
-    surface.beginModel(len(triangles), len(vertices))
-    surface.addVertices(vertices)
-    surface.addTriangles(faces.reshape(-1, 3).astype(np.uint32))
+    surface.beginModel(len(triangles), len(corners))
+    surface.addVertices(corners)
+    surface.addTriangles(np.arange(len(corners), dtype=np.uint32).reshape(-1, 3))
     surface.endModel()
     return surface
 

@@ -57,11 +57,11 @@ class Solid:
         """The solid itself, as coal takes it: of a mesh its surface."""
         if self.mesh is None:
             return self.hull
-        vertices, faces = np.unique(self.triangles.reshape(-1, 3), axis=0, return_inverse=True)
+        corners = self.triangles.reshape(-1, 3)
         surface = coal.BVHModelOBBRSS()
-        surface.beginModel(len(self.triangles), len(vertices))
-        surface.addVertices(vertices)
-        surface.addTriangles(faces.reshape(-1, 3).astype(np.uint32))
+        surface.beginModel(len(self.triangles), len(corners))
+        surface.addVertices(corners)
+        surface.addTriangles(np.arange(len(corners), dtype=np.uint32).reshape(-1, 3))
         surface.endModel()
         return surface
 

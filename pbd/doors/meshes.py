@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import logging
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -135,10 +136,13 @@ def _trimesh(data: bytes, kind: str) -> Iterator[tuple[Array, Array]]:
         raise ValueError(f"it is none of {', '.join(FORMATS)}")
     import trimesh
 
+    logging.getLogger("trimesh").addHandler(logging.NullHandler())  # else it prints tracebacks of what it recovers from
     # A scene, so that the parts of a GLB are placed; without a path, so that it opens no other file.
     scene = trimesh.load_scene(io.BytesIO(data), file_type=kind[1:], process=False)
     for mesh in scene.dump():
         corners = np.asarray(getattr(mesh, "triangles", np.empty((0, 3, 3))), dtype=np.float64)
+        if corners.shape[1:] != (3, 3):
+            raise ValueError("a vertex has not three coordinates")
         yield corners, np.full((len(corners), 3), np.nan)
 
 
