@@ -1,7 +1,7 @@
 """Whether bodies keep clear of each other along a whole path, with few distances asked for.
 
 A path is followed pair by pair. Where two bodies are a distance d apart, no joint motion that moves them by less than d
-against each other can make them touch (levers.py bounds that), so the next look is due only after a motion of
+against each other can make them touch (motion_bounds.py bounds that), so the next look is due only after a motion of
 d + MARGIN_M, where they must be at least MARGIN_M apart again. In between they can't touch: an instant that lies a
 motion of a after the one look and b before the next has a + b <= d + MARGIN_M, so that a < d or b <= MARGIN_M. As every
 look finds at least MARGIN_M, a step of STEP_M = 2 MARGIN_M is always allowed; most are far longer.
@@ -23,8 +23,8 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from pbd.arm.hulls import Body
-from pbd.arm.levers import rates
 from pbd.arm.model import ArmModel, to_se3
+from pbd.arm.motion_bounds import rates
 from pbd.pose import Array
 
 MARGIN_M = 2.5e-3
@@ -45,7 +45,7 @@ class JointPath:
 
     Attributes:
         t: (n,) s, or the share of a straight move.
-        x: (n, k + 1) coordinates (levers.py); between nodes each goes up, goes down or stands still.
+        x: (n, k + 1) coordinates (motion_bounds.py); between nodes each goes up, goes down or stands still.
     """
 
     t: Array
@@ -81,7 +81,7 @@ class Clearance:
 
     Attributes:
         bodies, pairs: what is watched; pairs (p, 2) index the bodies.
-        rates: (p, k + 1), see levers.py.
+        rates: (p, k + 1), see motion_bounds.py.
     """
 
     def __init__(self, arm: ArmModel, bodies: Sequence[Body], pairs: Pairs) -> None:
@@ -138,7 +138,7 @@ class Clearance:
         """Follow a path; return the first contact: the one that begins first, of several the deepest.
 
         Args:
-            path: its nodes are close enough for `rates`, see nodes.py.
+            path: its nodes are close enough for `rates`, see path_sampling.py.
             allowed: what may touch where; by default nothing.
         """
         walk, found = self._walk(path, allowed), None

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pbd.arm.clearance import Contact, JointPath
-from pbd.arm.nodes import along
+from pbd.arm.path_sampling import along
 from pbd.arm.scene import TABLE, CollisionScene, Hit, Watch
 from pbd.data import JointTrajectory
 from pbd.data.world import Stay, holds

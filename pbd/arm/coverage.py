@@ -14,8 +14,8 @@ import numpy as np
 import pinocchio as pin
 
 from pbd.arm.hulls import Body, drawn_bodies, link_bodies
-from pbd.arm.levers import outline
 from pbd.arm.model import ArmModel
+from pbd.arm.motion_bounds import outline
 from pbd.doors.urdf import read_urdf_xml
 
 SMALL = 0.5

@@ -16,10 +16,10 @@ import numpy as np
 from pbd.arm.clearance import Allowed, Clearance, Pairs
 from pbd.arm.hand import THE_TOOL, arm_bodies, gripper_links, tool_on_joint
 from pbd.arm.hulls import Body
-from pbd.arm.levers import rates
 from pbd.arm.model import ArmModel, from_se3
-from pbd.arm.nodes import straight
+from pbd.arm.motion_bounds import rates
 from pbd.arm.pairs import Dropped, link_pairs, samples
+from pbd.arm.path_sampling import straight
 from pbd.arm.resting import rests_on
 from pbd.data import Calibration, GraspedObject, Obstacle
 from pbd.data.world import Stay, holds, stays

@@ -17,10 +17,10 @@ from pbd.arm import pairs as pairs_module
 from pbd.arm.clearance import MARGIN_M, STEP_M, Clearance, JointPath, configurations
 from pbd.arm.hand import arm_bodies, gripper_links
 from pbd.arm.hulls import Body, link_bodies
-from pbd.arm.levers import rates
 from pbd.arm.model import ArmModel, load_model
-from pbd.arm.nodes import along, straight
+from pbd.arm.motion_bounds import rates
 from pbd.arm.pairs import link_pairs
+from pbd.arm.path_sampling import along, straight
 from pbd.data import Gripper, JointTrajectory, Robot
 from pbd.pose import Array, Pose, quat_about_z
 from tests.arm.collision_oracles import ROBOTS, arm_of, coordinates, hull_distance, placements, points_of, rounding_of

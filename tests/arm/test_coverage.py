@@ -14,8 +14,8 @@ from numpy.testing import assert_allclose
 from pbd.arm.coverage import doubts
 from pbd.arm.hand import THE_TOOL
 from pbd.arm.hulls import link_bodies
-from pbd.arm.levers import outline
 from pbd.arm.model import load_model
+from pbd.arm.motion_bounds import outline
 from pbd.arm.scene import TABLE, CollisionScene
 from pbd.cli import main
 from pbd.data import Robot

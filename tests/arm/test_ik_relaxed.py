@@ -9,9 +9,9 @@ import pytest
 from scipy.optimize import Bounds, NonlinearConstraint, minimize
 
 from pbd.arm.ik import solve
+from pbd.arm.joint_path import solve_path
 from pbd.arm.model import ArmModel
 from pbd.arm.relax import ABOUT_AXIS, NEAR_M, hold, is_relaxed, measure, solve_relaxed
-from pbd.arm.sequence import solve_sequence
 from pbd.arm.tool import target
 from pbd.calibration.frames import nav_in_base, tool_poses
 from pbd.errors import PbdWarning
@@ -151,7 +151,7 @@ def test_the_bundled_demonstrations_are_held(name: str, demo: str) -> None:
     poses = tool_poses(keyframes, nav_in_base(dock, keyframes[0].T_nav_sensor.wxyz), dock)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        q = solve_sequence(arm, poses, arm.robot.home)
+        q = solve_path(arm, poses, arm.robot.home)
         held = hold(arm, poses, q)
     approach, about = np.degrees(held.off_rad).max(axis=0)
     assert approach < (2.0 if demo == "pouring" else 4.0)

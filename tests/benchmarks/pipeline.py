@@ -20,9 +20,9 @@ from pbd.arm.audit import audit
 from pbd.arm.audit_arm import AuditArm
 from pbd.arm.audit_pairs import AuditScene
 from pbd.arm.collision import check_motion
+from pbd.arm.joint_path import solve_path
 from pbd.arm.model import load_model
 from pbd.arm.scene import CollisionScene
-from pbd.arm.sequence import solve_sequence
 from pbd.arm.timing import time_keyframes
 from pbd.planning import PlanOptions, plan_keyframes
 from pbd.replay import replay_scene
@@ -57,7 +57,7 @@ def main() -> None:
         stages = {
             "track": median_ms(lambda: pbd.track(demo.recording), runs),
             "model": median_ms(lambda: load_model(robot), runs),
-            "ik": median_ms(lambda: solve_sequence(arm, T_base_tool, robot.home, q_end=robot.home), runs),
+            "ik": median_ms(lambda: solve_path(arm, T_base_tool, robot.home, q_end=robot.home), runs),
             "timing": median_ms(lambda: time_keyframes(arm, q, dwells, grips, robot.home), runs),
             "collision": median_ms(lambda: check_motion(scene, plan.trajectory), runs),
             "audit": median_ms(lambda: audit(plan.trajectory, robot.limits, robot, T_base_tool, world), runs),

@@ -31,8 +31,8 @@ from pbd.arm.audit_arm import AuditArm
 from pbd.arm.audit_pairs import AuditScene
 from pbd.arm.collision import check_motion
 from pbd.arm.curved import Curve, curved_move
+from pbd.arm.joint_path import solve_path
 from pbd.arm.relax import is_relaxed
-from pbd.arm.sequence import solve_sequence
 from pbd.arm.straight import straight_move
 from pbd.arm.timing import time_keyframes
 from pbd.data import HandPath, JointLimits, Keyframe, Robot
@@ -113,7 +113,7 @@ def demo_ratio(name: str, tracked: dict[str, tuple[HandPath, tuple[Keyframe, ...
                 raise
             continue  # five joints can't follow every turn of the hand without a leap
         took = optimum = 0.0
-        for before, way in pairwise(plan.ways):
+        for before, way in pairwise(plan.segments):
             waypoints = np.vstack((before.q[-1], way.q))
             curve = Curve.through(waypoints, robot.limits)
             assert curve is not None
@@ -153,7 +153,7 @@ def planning(tracked: tuple[HandPath, tuple[Keyframe, ...]], runs: int) -> dict[
         "plan_ms": median_ms(lambda: plan_keyframes(keyframes, dock, robot, None, path, grasped), runs),
         "demo_ms": median_ms(lambda: plan_keyframes(keyframes, dock, robot, demo, path, grasped), max(3, runs // 4)),
         "stages_ms": {
-            "ik": median_ms(lambda: solve_sequence(arm, plan.T_base_tool, robot.home, q_end=robot.home), runs),
+            "ik": median_ms(lambda: solve_path(arm, plan.T_base_tool, robot.home, q_end=robot.home), runs),
             "timing": median_ms(lambda: time_keyframes(arm, q, dwells, grips, robot.home), runs),
             "collision": median_ms(lambda: check_motion(scene, plan.trajectory), runs),
             "audit": median_ms(
