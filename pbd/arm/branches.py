@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from pbd.arm.descent import SOLVED, descend_each
 from pbd.arm.ik import solve
+from pbd.arm.ik_starts import manipulability, starts_of
+from pbd.arm.levenberg_marquardt import SOLVED, descend_each
 from pbd.arm.model import ArmModel
-from pbd.arm.relax import SLACK_RAD, finish, is_relaxed, solve_relaxed
-from pbd.arm.seeds import manipulability, seed_map
+from pbd.arm.partial_pose import SLACK_RAD, finish, is_partial, solve_partial
 from pbd.arm.tool import target
 from pbd.pose import Array, Pose
 
@@ -21,8 +21,10 @@ SINGULAR = 0.3
 
 CARRIED_RELAXED = 2
 """Solutions of the pose before from which an arm with too few joints starts: it has few branches, and is slow."""
-CARRIED_APART_RAD, FRESH_APART_RAD = 0.3, 1.2
+CARRIED_APART_RAD, FRESH_APART_RAD = 0.3, 2.0
 """Starts nearer to each other than this, in every joint, lead to the same branch."""
+NEARBY = 512
+"""Samples near the pose that starts are chosen from."""
 SAME_RAD = 1e-3
 """Solutions nearer to each other than this, in every joint, are one."""
 
@@ -37,15 +39,15 @@ def find_branches(arm: ArmModel, T_base_tool: Pose, before: Array, starts: int) 
         starts: the number of descents: a third of them from `before`, the others from seeds near the pose, those
             first from which the way to what is carried on is shortest.
     """
-    if is_relaxed(arm):
+    if is_partial(arm):
         return _relaxed(arm, T_base_tool, before)
     goal = target(T_base_tool)
     carried = apart(before, starts // 3, CARRIED_APART_RAD)
-    seeds = seed_map(arm).around(goal)
+    seeds = starts_of(arm).nearest(goal, NEARBY)
     way = seeds[:, None] - carried
     way -= (2.0 * np.pi) * arm.turns * np.round(way / (2.0 * np.pi))
     order = np.einsum("smk,smk->sm", way, way).min(axis=1).argsort()
-    fresh = apart(seeds[order[: len(order) // 2]], starts - starts // 3, FRESH_APART_RAD)
+    fresh = apart(seeds[order], starts - starts // 3, FRESH_APART_RAD)
     q, squares = descend_each(arm, goal, np.vstack((carried, fresh)), all_of_them=True)
     found = q[squares < SOLVED]
     if len(found):
@@ -66,7 +68,7 @@ def configuration_cost(arm: ArmModel, q: Array) -> Array:
     """Return the cost (m,) of being near limits and singularities at joints (m, k), in rad of joint travel."""
     near_limits = np.maximum(0.0, 1.0 - margins(arm, q) / MARGIN_RAD)
     J = np.array([arm.jacobian(each) for each in q])
-    dexterity = manipulability(J) / seed_map(arm).clumsy
+    dexterity = manipulability(J) / starts_of(arm).clumsy
     cost: Array = AT_LIMIT * (near_limits**2).sum(axis=1) + SINGULAR * np.maximum(0.0, 1.0 - dexterity) ** 2
     return cost
 
@@ -87,7 +89,7 @@ def apart(q: Array, most: int, distance: float) -> Array:
 
 def _relaxed(arm: ArmModel, T_base_tool: Pose, before: Array) -> Array:
     goal, carried = target(T_base_tool), apart(before, CARRIED_RELAXED, CARRIED_APART_RAD)
-    ways = solve_relaxed(arm, goal, carried) + [finish(arm, goal, q) for q in carried]
+    ways = solve_partial(arm, goal, carried) + [finish(arm, goal, q) for q in carried]
     reached = [way for way in ways if way.reached]
     least = min((way.off for way in reached), default=0.0)
     found = np.array([way.q for way in reached if way.off <= least + SLACK_RAD]).reshape(-1, before.shape[1])

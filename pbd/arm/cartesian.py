@@ -10,9 +10,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pbd.arm.descent import look_at
+from pbd.arm.levenberg_marquardt import Residual
 from pbd.arm.model import ArmModel
-from pbd.arm.relax import finish, is_relaxed
+from pbd.arm.partial_pose import finish, is_partial
 from pbd.arm.tool import target
 from pbd.pose import Array, Pose, quat_slerp
 
@@ -79,12 +79,12 @@ def _leaps(arm: ArmModel, T_before: Pose, T_after: Pose, q_before: Array, q_afte
 def refine(arm: ArmModel, pose: Pose, q_seed: Array) -> Array | None:
     """Go from joints (k,) that are nearly right for a pose to those that are; None where they aren't within limits."""
     goal = target(pose)
-    if is_relaxed(arm):
+    if is_partial(arm):
         found = finish(arm, goal, q_seed)
         return found.q if found.reached else None
-    q = q_seed
+    q, residual = q_seed, Residual(arm, goal)
     for _ in range(_STEPS):
-        e, J = look_at(arm, goal, q)
+        e, J = residual(q)
         if e @ e < _SETTLED**2:
             inside = (q >= arm.limits.lower).all() and (q <= arm.limits.upper).all()
             return q if inside else None

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pbd.arm.descent import look_at
 from pbd.arm.ik import TOLERANCE_M, IkResult, solve
+from pbd.arm.ik_starts import starts_of
+from pbd.arm.levenberg_marquardt import residual_at
 from pbd.arm.model import ArmModel
-from pbd.arm.relax import nearest_place
-from pbd.arm.seeds import seed_map
+from pbd.arm.partial_pose import nearest_place
 from pbd.arm.tool import target
 from pbd.errors import PlanError
 from pbd.pose import Array, Pose
@@ -46,15 +46,15 @@ def find_reason(arm: ArmModel, T_base_tool: Pose, nearest: IkResult) -> Unreache
     """Find out what stops an arm at the nearest pose that it reaches (`solve`)."""
     goal = target(T_base_tool)
     q_least, gap_least, beyond = nearest.q, T_base_tool.p - arm.forward(nearest.q).p, np.inf
-    others = () if nearest.relaxed else seed_map(arm).at(goal.p, _STARTS)  # relaxed, the place alone was sought
+    others = () if nearest.partial else starts_of(arm).at(goal.p, _STARTS)  # relaxed, the place alone was sought
     for q_seed in (nearest.q, *others):
         q = nearest_place(arm, goal, q_seed)
         gap = T_base_tool.p - arm.forward(q).p
         if np.linalg.norm(gap) < beyond:
             beyond, gap_least, q_least = float(np.linalg.norm(gap)), gap, q
         if beyond <= TOLERANCE_M:
-            return Unreached(0.0, False, _limits(arm, nearest.q, *look_at(arm, goal, nearest.q)))
-    e, J = look_at(arm, goal, q_least)
+            return Unreached(0.0, False, _limits(arm, nearest.q, *residual_at(arm, goal, nearest.q)))
+    e, J = residual_at(arm, goal, q_least)
     # Outward is away from the shoulder.
     outward = T_base_tool.p - gap_least - _shoulder(arm, q_least)
     return Unreached(beyond, float(outward @ gap_least) > 0.0, _limits(arm, q_least, e[:3], J[:3]))

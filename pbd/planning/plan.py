@@ -139,7 +139,7 @@ def _works(task: _Task, options: PlanOptions) -> bool:
 
 def _attempt(task: _Task, options: PlanOptions) -> Plan | _Refused:
     from pbd.arm.audit import audit
-    from pbd.arm.relax import hold
+    from pbd.arm.partial_pose import hold
     from pbd.arm.timing import time_moves
 
     keyframes, calibration, robot, hand_path, grasped = task
@@ -244,8 +244,8 @@ def solve_keyframes(
         with too few joints holds the tool: approach axis, and about it.
     """
     from pbd.arm.motion import choose_motion
+    from pbd.arm.partial_pose import hold
     from pbd.arm.refusal import Refusal
-    from pbd.arm.relax import hold
 
     arm = arm_of(robot)
     _, T_base_tool = place(arm, keyframes, calibration, options)

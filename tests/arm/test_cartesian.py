@@ -10,11 +10,11 @@ import pytest
 from pbd.arm.branches import find_branches
 from pbd.arm.cartesian import LEAP_RAD, SPACING_M, SPACING_RAD, follow, line, off_line, refine
 from pbd.arm.model import ArmModel
-from pbd.arm.relax import is_relaxed
+from pbd.arm.partial_pose import is_partial
 from pbd.pose import Array, Pose, quat_rotate
 from tests.arm.bundled import NAMES, arm_of
 
-SIX_AND_MORE = [name for name in NAMES if not is_relaxed(arm_of(name))]
+SIX_AND_MORE = [name for name in NAMES if not is_partial(arm_of(name))]
 
 
 def along(arm: ArmModel, distance: float) -> tuple[Pose, ...]:
@@ -43,7 +43,7 @@ def test_each_pose_is_reached_and_no_joint_leaps(name: str) -> None:
     for pose, joints in zip(poses, q, strict=True):
         distance, angle = pose.distance(arm.forward(joints))
         assert distance < 1e-8
-        assert angle < (1e-8 if not is_relaxed(arm) else 0.5)
+        assert angle < (1e-8 if not is_partial(arm) else 0.5)
     assert (q >= arm.limits.lower).all()
     assert (q <= arm.limits.upper).all()
 

@@ -141,7 +141,8 @@ def test_an_elbow_is_held_as_it_must_be() -> None:
     ladder = build_ladder(arm, poses, start, start, MANY)
     assert isinstance(ladder, Ladder)
     before = len(ladder.layers[2].q)
-    widen(arm, poses[1], ladder, 2)
+    for place in (2, 3):
+        widen(arm, poses[place - 1], ladder, place)
     assert len(ladder.layers[2].q) > before
     found = ladder.search(lambda place, q: place == 4 or (q[2] < 0.0) == (place > 1), lambda *_: True)
     assert isinstance(found, list)

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from pbd.arm import seeds
 from pbd.arm.ik import solve
 from pbd.arm.model import ArmModel, load_model
 from pbd.arm.unreachable import Unreached, find_reason
@@ -43,10 +41,8 @@ def test_beyond_reach_is_by_how_far_the_nearest_place_is(name: str) -> None:
 
 
 @pytest.fixture
-def stiff(panda: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[float], ArmModel]:
-    """A panda that moves its joints by little about home, and few seeds in a cache of its own."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(seeds, "SAMPLES", 2**13)
+def stiff(panda: Robot) -> Callable[[float], ArmModel]:
+    """A panda that moves its joints by little about home."""
 
     def make(by: float) -> ArmModel:
         limits = changed(panda.limits, lower=panda.home - by, upper=panda.home + by)

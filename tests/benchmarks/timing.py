@@ -32,7 +32,7 @@ from pbd.arm.audit_pairs import AuditScene
 from pbd.arm.collision import check_motion
 from pbd.arm.curved import Curve, curved_move
 from pbd.arm.joint_path import solve_path
-from pbd.arm.relax import is_relaxed
+from pbd.arm.partial_pose import is_partial
 from pbd.arm.straight import straight_move
 from pbd.arm.timing import time_keyframes
 from pbd.data import HandPath, JointLimits, Keyframe, Robot
@@ -109,7 +109,7 @@ def demo_ratio(name: str, tracked: dict[str, tuple[HandPath, tuple[Keyframe, ...
         try:
             plan = plan_keyframes(keyframes, robot.dock, robot, PlanOptions(path="demo"), path)
         except pbd.errors.PlanError:
-            if not is_relaxed(arm_of(robot)):
+            if not is_partial(arm_of(robot)):
                 raise
             continue  # five joints can't follow every turn of the hand without a leap
         took = optimum = 0.0
