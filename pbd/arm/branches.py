@@ -6,10 +6,10 @@ import numpy as np
 
 from pbd.arm.ik import solve
 from pbd.arm.ik_starts import manipulability, starts_of
-from pbd.arm.levenberg_marquardt import SOLVED, descend_each
+from pbd.arm.levenberg_marquardt import SOLVED, Residual, descend_each
 from pbd.arm.model import ArmModel
 from pbd.arm.partial_pose import SLACK_RAD, finish, is_partial, solve_partial
-from pbd.arm.tool import target
+from pbd.arm.tool import Target, target
 from pbd.pose import Array, Pose
 
 MARGIN_RAD = 0.1
@@ -28,6 +28,8 @@ NEARBY = 512
 SAME_RAD = 1e-3
 """Solutions nearer to each other than this, in every joint, are one."""
 
+_RIDGE = 1e-12  # keeps the step small where the arm is singular
+
 
 def find_branches(arm: ArmModel, T_base_tool: Pose, before: Array, starts: int) -> Array:
     """Find different joints (m, k) for a pose; none, (0, k), where even the full search finds none.
@@ -40,7 +42,7 @@ def find_branches(arm: ArmModel, T_base_tool: Pose, before: Array, starts: int) 
             first from which the way to what is carried on is shortest.
     """
     if is_partial(arm):
-        return _relaxed(arm, T_base_tool, before)
+        return _partial(arm, T_base_tool, before)
     goal = target(T_base_tool)
     carried = apart(before, starts // 3, CARRIED_APART_RAD)
     seeds = starts_of(arm).nearest(goal, NEARBY)
@@ -50,10 +52,10 @@ def find_branches(arm: ArmModel, T_base_tool: Pose, before: Array, starts: int) 
     fresh = apart(seeds[order], starts - starts // 3, FRESH_APART_RAD)
     q, squares = descend_each(arm, goal, np.vstack((carried, fresh)), all_of_them=True)
     found = q[squares < SOLVED]
-    if len(found):
-        return apart(found, len(found), SAME_RAD)
-    result = solve(arm, T_base_tool, before[0])
-    return result.q[None] if result.reached else found
+    if not len(found):
+        result = solve(arm, T_base_tool, before[0])
+        found = result.q[None] if result.reached else found
+    return np.array([polish(arm, goal, each) for each in apart(found, len(found), SAME_RAD)]).reshape(-1, q.shape[1])
 
 
 def turn_toward(arm: ArmModel, q: Array, there: Array) -> Array:
@@ -87,7 +89,15 @@ def apart(q: Array, most: int, distance: float) -> Array:
     return np.array(kept).reshape(-1, q.shape[1])
 
 
-def _relaxed(arm: ArmModel, T_base_tool: Pose, before: Array) -> Array:
+def polish(arm: ArmModel, goal: Target, q: Array) -> Array:
+    """Take one Newton step from a solution within tolerance; it is then exact to rounding, unless a limit bars it."""
+    e, J = Residual(arm, goal)(q)
+    closer = q - J.T @ np.linalg.solve(J @ J.T + _RIDGE * np.eye(6), e)
+    inside = (closer >= arm.limits.lower).all() and (closer <= arm.limits.upper).all()
+    return closer if inside and np.linalg.norm(Residual(arm, goal)(closer)[0]) < np.linalg.norm(e) else q
+
+
+def _partial(arm: ArmModel, T_base_tool: Pose, before: Array) -> Array:
     goal, carried = target(T_base_tool), apart(before, CARRIED_RELAXED, CARRIED_APART_RAD)
     ways = solve_partial(arm, goal, carried) + [finish(arm, goal, q) for q in carried]
     reached = [way for way in ways if way.reached]

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pbd.arm.branches import MARGIN_RAD, SAME_RAD, configuration_cost, find_branches, turn_toward
+from pbd.arm.branches import MARGIN_RAD, SAME_RAD, configuration_cost, find_branches, polish, turn_toward
 from pbd.arm.ladder import Barred, Ladder, Layer
 from pbd.arm.levenberg_marquardt import SOLVED, descend_each
 from pbd.arm.model import ArmModel
@@ -123,8 +123,8 @@ def _slide(arm: ArmModel, T_base_tool: Sequence[Pose], ladder: Ladder) -> None:
             most = costs[i] + _travel(before, q, after) - _travel(before, ended[0], after)
             if squares[0] < SOLVED and most > 0.0 and (cost := float(configuration_cost(arm, ended)[0])) < most:
                 path[i], costs[i] = ended[0], cost
-    for i in range(1, len(goals) + 1):
-        ladder.add(i, path[i : i + 1], costs[i : i + 1])
+    for i, goal in enumerate(goals, start=1):
+        ladder.add(i, polish(arm, goal, path[i])[None], costs[i : i + 1])
 
 
 def _inward(arm: ArmModel, q: Array) -> Array:

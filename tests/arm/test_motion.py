@@ -89,7 +89,7 @@ def places(q: Array) -> Array:
 
 
 LEFT, RIGHT = moved(y=-0.2, z=-0.1), moved(y=0.2, z=-0.1)
-WALL = [box("the wall", (0.3, 0.01, 0.6), 0.1, 0.0, -0.2)]
+WALL = [box("the wall", (0.8, 0.01, 0.6), 0.35, 0.0, -0.2)]
 """Between left and right, so high that no straight move passes it however the arm is held."""
 OVER = over(LEFT, moved(y=-0.2, z=0.2), moved(y=0.2, z=0.2), RIGHT)
 LOWER = over(LEFT, moved(y=-0.2, z=-0.12), moved(y=0.2, z=-0.12), RIGHT)

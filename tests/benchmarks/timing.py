@@ -153,7 +153,7 @@ def planning(tracked: tuple[HandPath, tuple[Keyframe, ...]], runs: int) -> dict[
         "plan_ms": median_ms(lambda: plan_keyframes(keyframes, dock, robot, None, path, grasped), runs),
         "demo_ms": median_ms(lambda: plan_keyframes(keyframes, dock, robot, demo, path, grasped), max(3, runs // 4)),
         "stages_ms": {
-            "ik": median_ms(lambda: solve_path(arm, plan.T_base_tool, robot.home, q_end=robot.home), runs),
+            "ik": median_ms(lambda: solve_path(arm, plan.T_base_tool, robot.home), runs),
             "timing": median_ms(lambda: time_keyframes(arm, q, dwells, grips, robot.home), runs),
             "collision": median_ms(lambda: check_motion(scene, plan.trajectory), runs),
             "audit": median_ms(
