@@ -23,7 +23,7 @@ CARRIED_RELAXED = 2
 """Solutions of the pose before from which an arm with too few joints starts: it has few branches, and is slow."""
 CARRIED_APART_RAD, FRESH_APART_RAD = 0.3, 2.0
 """Starts nearer to each other than this, in every joint, lead to the same branch."""
-NEARBY = 512
+NEARBY = 256
 """Samples near the pose that starts are chosen from."""
 SAME_RAD = 1e-3
 """Solutions nearer to each other than this, in every joint, are one."""
@@ -90,11 +90,12 @@ def apart(q: Array, most: int, distance: float) -> Array:
 
 
 def polish(arm: ArmModel, goal: Target, q: Array) -> Array:
-    """Take one Newton step from a solution within tolerance; it is then exact to rounding, unless a limit bars it."""
+    """Take one Newton step from a solution within tolerance: it is then exact to rounding, unless a limit bars it."""
     e, J = Residual(arm, goal)(q)
-    closer = q - J.T @ np.linalg.solve(J @ J.T + _RIDGE * np.eye(6), e)
+    step = J.T @ np.linalg.solve(J @ J.T + _RIDGE * np.eye(6), e)
+    closer: Array = q - step
     inside = (closer >= arm.limits.lower).all() and (closer <= arm.limits.upper).all()
-    return closer if inside and np.linalg.norm(Residual(arm, goal)(closer)[0]) < np.linalg.norm(e) else q
+    return closer if inside and step @ step < SAME_RAD**2 else q
 
 
 def _partial(arm: ArmModel, T_base_tool: Pose, before: Array) -> Array:

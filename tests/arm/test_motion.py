@@ -90,7 +90,9 @@ def places(q: Array) -> Array:
 
 LEFT, RIGHT = moved(y=-0.2, z=-0.1), moved(y=0.2, z=-0.1)
 WALL = [box("the wall", (0.8, 0.01, 0.6), 0.35, 0.0, -0.2)]
-"""Between left and right, so high that no straight move passes it however the arm is held."""
+"""Between left and right; straight moves go over it, past its end or not at all, as the arm is held."""
+PLATE = [box("the plate", (1.2, 0.01, 1.8), 0.41, 0.0, 0.3)]
+"""From the arm's base outward and higher than it reaches: nothing passes."""
 OVER = over(LEFT, moved(y=-0.2, z=0.2), moved(y=0.2, z=0.2), RIGHT)
 LOWER = over(LEFT, moved(y=-0.2, z=-0.12), moved(y=0.2, z=-0.12), RIGHT)
 
@@ -136,34 +138,34 @@ def test_what_is_barred_is_mended_where_it_is() -> None:
 
 
 def test_where_the_hand_itself_went_through_it_is_refused_with_all_that_was_tried() -> None:
-    refusal = refused((LEFT, RIGHT), WALL, approach=False, hand=lambda: [LOWER])
+    refusal = refused((LEFT, RIGHT), PLATE, approach=False, hand=lambda: [LOWER])
     message, fields = refusal.error.message, refusal.error.fields
     assert refusal.why == COLLISION
     start, _, told = message.partition(" pairs of arm poses. ")
     assert start.startswith("no collision-free motion from keyframe 0 to keyframe 1 among ")
-    assert int(start.split()[-1]) > 100
+    assert int(start.split()[-1]) > 50
     straight, _, path = told.partition(". Demonstrated path")
     assert straight.startswith("Straight in joint space")
     assert path.endswith(" deep; move the dock or the obstacle")
-    assert straight.count(" would touch the wall, ") == path.count(" would touch the wall, ") == 1
+    assert straight.count(" would touch the plate, ") == path.count(" would touch the plate, ") == 1
     assert told.count(" (closest): ") == 1
     assert fields["keyframe"] == 1
-    assert fields["bodies"][1] == "the wall"  # type: ignore[index]
+    assert fields["bodies"][1] == "the plate"  # type: ignore[index]
     assert fields["closest"] in (STRAIGHT, DEMO)
     assert 0.0 < float(str(fields["value"])) < 0.3
 
 
 def test_without_a_hands_path_a_line_is_tried() -> None:
-    message = refused((LEFT, RIGHT), WALL, approach=False).error.message
+    message = refused((LEFT, RIGHT), PLATE, approach=False).error.message
     assert ". Straight in joint space" in message
     assert ". Straight line of the tool" in message
 
 
 @pytest.mark.parametrize("kind", [LINE, DEMO])
 def test_a_path_that_was_asked_for_isnt_replaced(kind: str) -> None:
-    message = refused((LEFT, RIGHT), WALL, approach=False, kind=kind, hand=lambda: [LOWER]).error.message
+    message = refused((LEFT, RIGHT), PLATE, approach=False, kind=kind, hand=lambda: [LOWER]).error.message
     assert "motion from keyframe 0 to keyframe 1 among " in message
-    assert " would touch the wall" in message
+    assert " would touch the plate" in message
     assert "Straight in joint space" not in message
 
 
@@ -183,7 +185,7 @@ def test_what_is_in_the_way_is_named_where_no_joints_lead_on_because_of_it(monke
 
     monkeypatch.setattr(motion_module, "follow", broken)
     monkeypatch.setattr(motion_module, "choose_motion", unwatched)
-    refusal = refused((LEFT, RIGHT), WALL, approach=False, kind=LINE)
+    refusal = refused((LEFT, RIGHT), PLATE, approach=False, kind=LINE)
     assert refusal.why == COLLISION
     assert "Straight line of the tool: panda_" in refusal.error.message
 
@@ -192,7 +194,7 @@ def test_a_keyframe_in_the_wall_is_named() -> None:
     refusal = refused((LEFT, RIGHT), [ball(0.0, 0.2, -0.1, 0.1)])
     start, _, told = refusal.error.message.partition(": ")
     assert start.startswith("no collision-free arm pose at keyframe 1 among ")
-    assert int(start.split()[-1]) > 20
+    assert int(start.split()[-1]) > 10
     assert " would touch the ball, " in told
     assert refusal.error.fields["keyframe"] == 1
 
