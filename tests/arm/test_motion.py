@@ -89,8 +89,8 @@ def places(q: Array) -> Array:
 
 
 LEFT, RIGHT = moved(y=-0.2, z=-0.1), moved(y=0.2, z=-0.1)
-WALL = [box("the wall", (0.8, 0.01, 0.6), 0.35, 0.0, -0.2)]
-"""Between left and right; straight moves go over it, past its end or not at all, as the arm is held."""
+WALL = [box("the wall", (1.2, 0.01, 0.7), 0.41, 0.0, -0.25)]
+"""Between left and right, from the arm's base outward: the hand can go over it."""
 PLATE = [box("the plate", (1.2, 0.01, 1.8), 0.41, 0.0, 0.3)]
 """From the arm's base outward and higher than it reaches: nothing passes."""
 OVER = over(LEFT, moved(y=-0.2, z=0.2), moved(y=0.2, z=0.2), RIGHT)
