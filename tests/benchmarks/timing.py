@@ -30,10 +30,10 @@ from pbd.arm.audit import audit
 from pbd.arm.audit_arm import AuditArm
 from pbd.arm.audit_pairs import AuditScene
 from pbd.arm.collision import check_motion
-from pbd.arm.curved import Curve, curved_move
 from pbd.arm.joint_path import solve_path
 from pbd.arm.partial_pose import is_partial
-from pbd.arm.straight import straight_move
+from pbd.arm.path_smoothing import Curve, curved_move
+from pbd.arm.ptp import ptp_move
 from pbd.arm.timing import time_keyframes
 from pbd.data import HandPath, JointLimits, Keyframe, Robot
 from pbd.files.library import names
@@ -87,7 +87,7 @@ def straight_ratios(name: str, count: int) -> Array:
     """How much longer a straight move takes than its slowest joint would alone."""
     robot = pbd.load_robot(name)
     return np.array(
-        [straight_move(a, b, robot.limits, 1.0).duration / shortest(a, b, robot.limits) for a, b in moves(robot, count)]
+        [ptp_move(a, b, robot.limits, 1.0).duration / shortest(a, b, robot.limits) for a, b in moves(robot, count)]
     )
 
 
@@ -131,7 +131,7 @@ def jerk_ratio(name: str, count: int) -> float:
         np.mean(
             [
                 curved_move(a + share * (b - a), robot.limits, 1.0).duration
-                / straight_move(a, b, robot.limits, 1.0).duration
+                / ptp_move(a, b, robot.limits, 1.0).duration
                 for a, b in moves(robot, count)
             ]
         )
