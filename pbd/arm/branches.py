@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg.lapack import dposv
 
 from pbd.arm.ik import solve
 from pbd.arm.ik_starts import manipulability, starts_of
 from pbd.arm.levenberg_marquardt import SOLVED, Residual, descend_each
 from pbd.arm.model import ArmModel
-from pbd.arm.partial_pose import SLACK_RAD, finish, is_partial, solve_partial
+from pbd.arm.partial_pose import FULL_POSE, SLACK_RAD, finish, is_partial, solve_partial
 from pbd.arm.tool import Target, target
 from pbd.pose import Array, Pose
 
@@ -21,14 +22,16 @@ SINGULAR = 0.3
 
 CARRIED_RELAXED = 2
 """Solutions of the pose before from which an arm with too few joints starts: it has few branches, and is slow."""
-CARRIED_APART_RAD, FRESH_APART_RAD = 0.3, 2.0
-"""Starts nearer to each other than this, in every joint, lead to the same branch."""
+CARRIED_APART_RAD, FRESH_APART_RAD, FRESH_APART_REDUNDANT_RAD = 0.3, 2.0, 1.2
+"""Starts nearer to each other than this, in every joint, lead to the same solution; the last of a redundant arm."""
 NEARBY = 256
 """Samples near the pose that starts are chosen from."""
 SAME_RAD = 1e-3
 """Solutions nearer to each other than this, in every joint, are one."""
+EXACT = 1e-9
+"""Of |e| (m, rad): below it a solution is left as it is."""
 
-_RIDGE = 1e-12  # keeps the step small where the arm is singular
+_RIDGE = 1e-12 * np.eye(6)  # keeps the step small where the arm is singular
 
 
 def find_branches(arm: ArmModel, T_base_tool: Pose, before: Array, starts: int) -> Array:
@@ -49,13 +52,14 @@ def find_branches(arm: ArmModel, T_base_tool: Pose, before: Array, starts: int) 
     way = seeds[:, None] - carried
     way -= (2.0 * np.pi) * arm.turns * np.round(way / (2.0 * np.pi))
     order = np.einsum("smk,smk->sm", way, way).min(axis=1).argsort()
-    fresh = apart(seeds[order], starts - starts // 3, FRESH_APART_RAD)
+    distance = FRESH_APART_REDUNDANT_RAD if len(arm.robot.joints) > FULL_POSE else FRESH_APART_RAD
+    fresh = apart(seeds[order], starts - starts // 3, distance)
     q, squares = descend_each(arm, goal, np.vstack((carried, fresh)), all_of_them=True)
     found = q[squares < SOLVED]
     if not len(found):
         result = solve(arm, T_base_tool, before[0])
         found = result.q[None] if result.reached else found
-    return np.array([polish(arm, goal, each) for each in apart(found, len(found), SAME_RAD)]).reshape(-1, q.shape[1])
+    return polish(arm, goal, apart(found, len(found), SAME_RAD))
 
 
 def turn_toward(arm: ArmModel, q: Array, there: Array) -> Array:
@@ -90,12 +94,14 @@ def apart(q: Array, most: int, distance: float) -> Array:
 
 
 def polish(arm: ArmModel, goal: Target, q: Array) -> Array:
-    """Take one Newton step from a solution within tolerance: it is then exact to rounding, unless a limit bars it."""
-    e, J = Residual(arm, goal)(q)
-    step = J.T @ np.linalg.solve(J @ J.T + _RIDGE * np.eye(6), e)
-    closer: Array = q - step
-    inside = (closer >= arm.limits.lower).all() and (closer <= arm.limits.upper).all()
-    return closer if inside and step @ step < SAME_RAD**2 else q
+    """Take one Newton step from solutions (m, k) within tolerance: exact to rounding, unless a limit bars it."""
+    residual = Residual(arm, goal)
+    for i, each in enumerate(q):
+        e, J = residual(each)
+        step = J.T @ dposv(J @ J.T + _RIDGE, e)[1]
+        if e @ e > EXACT**2 and step @ step < SAME_RAD**2:
+            q[i] = each - step
+    return np.clip(q, arm.limits.lower, arm.limits.upper)
 
 
 def _partial(arm: ArmModel, T_base_tool: Pose, before: Array) -> Array:

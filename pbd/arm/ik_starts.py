@@ -11,7 +11,7 @@ from pbd.arm.reach import sample
 from pbd.arm.tool import Target
 from pbd.pose import Array
 
-SAMPLES = 20_000
+SAMPLES = 10_000
 ROTATION_WEIGHT_M = 0.3
 """A difference of one in the rotation matrix counts as much as this many metres."""
 CLUMSY = 0.25

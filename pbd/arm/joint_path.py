@@ -124,7 +124,7 @@ def _slide(arm: ArmModel, T_base_tool: Sequence[Pose], ladder: Ladder) -> None:
             if squares[0] < SOLVED and most > 0.0 and (cost := float(configuration_cost(arm, ended)[0])) < most:
                 path[i], costs[i] = ended[0], cost
     for i, goal in enumerate(goals, start=1):
-        ladder.add(i, polish(arm, goal, path[i])[None], costs[i : i + 1])
+        ladder.add(i, polish(arm, goal, path[i : i + 1]), costs[i : i + 1])
 
 
 def _inward(arm: ArmModel, q: Array) -> Array:

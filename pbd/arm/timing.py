@@ -1,6 +1,6 @@
 """When the arm is where: moves from keyframe to keyframe, each from rest to rest, as fast as the limits allow.
 
-A move is straight in joint space (PTP) or follows a curve (curved.py); at a keyframe the arm stands still.
+A move is straight in joint space (ptp.py) or follows a curve (path_smoothing.py); at a keyframe the arm stands still.
 """
 
 from __future__ import annotations
