@@ -8,44 +8,33 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pbd import load_robot
 from pbd.data import Obstacle
 from pbd.doors.meshes import read_mesh
-from pbd.errors import PbdError, PlanError, RobotError
+from pbd.errors import PlanError, RobotError
 from pbd.planning import PlanOptions, arm_of, plan_keyframes
-from pbd.planning.advice import advised
 from pbd.pose import Pose
 from tests.cli.running import Capture, run
-from tests.test_planning import PANDA, TURN, dock, keyframe, planned
+from tests.test_planning import PANDA, TURN, dock, keyframe, low, planned, tracked
 
 
-@pytest.mark.parametrize(
-    ("fields", "options", "said"),
-    [
-        ({"home": ()}, PlanOptions(), "skip home (--no-approach --no-retreat), or start elsewhere"),
-        ({"home": ()}, PlanOptions(approach=False), "do not go back home (--no-retreat)"),
-        ({"way": "line"}, PlanOptions(path="line"), "use --path keyframes"),
-        ({"way": "line"}, PlanOptions(tolerance_m=0.01), "use --path keyframes"),
-        ({"apart": 0.0}, PlanOptions(), "follow the hand with --path demo"),
-        ({"closest": "line"}, PlanOptions(), "view the motion with --allow-collision"),
-    ],
-)
-def test_other_options_are_named_where_they_work(fields: dict[str, object], options: PlanOptions, said: str) -> None:
-    error = PlanError("it is refused; move the dock", **fields)
-
-    def fails(chosen: PlanOptions) -> None:
-        assert chosen != options
-        raise PbdError("no")
-
-    assert advised(error, fails, options) is error
-    told = advised(error, lambda _: None, options)
-    assert isinstance(told, PlanError)
-    assert told.message.startswith(f"it is refused; move the dock, or {said}")
-    assert told.fields == error.fields
+def test_other_options_are_named_where_they_work() -> None:
+    with pytest.raises(PlanError, match=r"; raise the keyframe or the dock, or view .* --allow-collision$"):
+        plan_keyframes(*low(), PANDA)
+    high = replace(dock(), obstacles=(Obstacle("the lamp", "sphere", (0.2,), arm_of(PANDA).forward(PANDA.home)),))
+    options = PlanOptions(approach=False)
+    with pytest.raises(PlanError, match=r"^home of panda: .*, or do not go back home \(--no-retreat\)$"):
+        plan_keyframes([keyframe(0.0, y=0.3), keyframe(1.0, y=0.3, z=0.05)], high, PANDA, options)
 
 
-def test_a_line_that_is_a_detour_already_isnt_cured_by_keyframes() -> None:
-    error = PlanError("it is refused; move the dock", way="demo")
-    assert advised(error, lambda _: None, PlanOptions()) is error
+def test_options_that_do_not_work_either_are_not_named() -> None:
+    """A line that the arm can't follow, and one that is barred where a straight move is barred too."""
+    so101 = load_robot("so101")
+    _, path, keyframes = tracked("pouring")
+    with pytest.raises(PlanError, match=r"can't follow the straight line .*; move the dock, or use --path keyframes$"):
+        plan_keyframes(keyframes, so101.dock or dock(), so101, PlanOptions(path="line"), path)
+    with pytest.raises(PlanError, match=r"; raise the keyframe or the dock, or view .* --allow-collision$"):
+        plan_keyframes(*low(), PANDA, PlanOptions(path="line"))
 
 
 def test_home_is_skipped_where_that_helps() -> None:

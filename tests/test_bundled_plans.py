@@ -63,7 +63,7 @@ def test_a_bundled_plan_is_as_it_was(demo: str, robot: str) -> None:
     found, before = outcome(demo, robot), WRITTEN[demo, robot]
     assert found.result == before.result
     assert found.figures[:1] == pytest.approx(before.figures[:1], rel=0.01)
-    assert found.figures[1:3] == pytest.approx(before.figures[1:3], rel=0.1, abs=0.5)
+    assert all(now < 1.1 * then + 0.5 for now, then in zip(found.figures[1:3], before.figures[1:3], strict=True))
     assert found.figures[3:] == pytest.approx(before.figures[3:], abs=0.05)
 
 

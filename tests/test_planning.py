@@ -12,13 +12,13 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import pbd
-from pbd.arm.follow import off_line
-from pbd.arm.wish import DEMO, LINE, STRAIGHT
+from pbd.arm.cartesian import off_line
+from pbd.arm.motion_request import DEMO, LINE, STRAIGHT
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Obstacle, Robot, Stop
 from pbd.data.covariance import PoseCovariance
 from pbd.errors import PbdError, PbdWarning, PlanError, TrackingError
 from pbd.planning import Plan, PlanOptions, arm_of, plan_keyframes
-from pbd.planning.checks import refuse_unsure
+from pbd.planning.checks import check_certainty
 from pbd.pose import Array, Pose, quat_exp
 from pbd.tracking.keyframes import find_keyframes
 
@@ -73,7 +73,7 @@ def moving(plan: Plan) -> Array:
 @pytest.mark.parametrize("robot", [PANDA, pbd.load_robot("ur5")], ids=["panda", "ur5"])
 def test_lines_are_lines_to_the_tenth_of_a_millimetre(robot: Robot) -> None:
     plan = planned(robot=robot, path="line")
-    assert [way.kind for way in plan.ways] == [STRAIGHT, *4 * [LINE]]
+    assert [way.kind for way in plan.segments] == [STRAIGHT, *4 * [LINE]]
     arm, samples, reached = arm_of(robot), plan.trajectory, plan.trajectory.keyframe_t
     for start, end in pairwise(reached):
         inside = (samples.t >= start) & (samples.t <= end)
@@ -132,10 +132,10 @@ def test_a_hand_that_comes_back_to_where_it_began_is_followed() -> None:
 
 def test_a_tolerance_makes_lines_of_what_leaves_them_too_far() -> None:
     free, kept = planned("pouring"), planned("pouring", tolerance_m=0.01)
-    off = [way.off_line_m for way in free.ways]
+    off = [way.off_line_m for way in free.segments]
     assert max(off) > 0.02
-    assert [way.kind == LINE for way in kept.ways] == [each > 0.01 for each in off]
-    assert max(way.off_line_m for way in kept.ways) <= 0.01
+    assert [way.kind == LINE for way in kept.segments] == [each > 0.01 for each in off]
+    assert max(way.off_line_m for way in kept.segments) <= 0.01
 
 
 def test_the_hands_path_needs_a_hand() -> None:
@@ -200,9 +200,9 @@ def test_dwells() -> None:
     plan = planned(dwell_s=0.2)
     stays = plan.trajectory.at(plan.trajectory.keyframe_t[1:-1] + 0.19).qd
     np.testing.assert_array_equal(stays, 0.0)
-    assert np.abs(plan.trajectory.at(plan.trajectory.keyframe_t[1:-1] + 0.25).qd).max(axis=1).min() > 0.0 or any(
-        k.grip is not None for k in keyframes[1:-1]
-    )
+    left = plan.trajectory.at(plan.trajectory.keyframe_t[1:-1] + 0.21).qd
+    assert all(np.abs(qd).max() > 0.0 for qd, k in zip(left, keyframes[1:-1], strict=True) if k.grip is None)
+    assert sum(k.grip is None for k in keyframes[1:-1]) > 1
 
 
 # --- starts and ends --------------------------------------------------------------------------------------------------
@@ -290,9 +290,8 @@ def test_a_trajectory_alone_can_not_say_that_it_touches_something() -> None:
         )
 
 
-def test_an_obstacle_is_gone_round_by_the_hands_own_path(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_obstacle_is_gone_round_by_the_hands_own_path() -> None:
     """A hand that went over a wall: the arm does too, where straight moves would go through it."""
-    monkeypatch.setattr("pbd.arm.sequence.MOST_REFUSALS", 20)  # else one that leads round its other end is found
     t = np.arange(0.0, 4.0, 0.01)
     share = np.clip((t - 1.0) / 2.0, 0.0, 1.0)
     angle = np.pi * (10 * share**3 - 15 * share**4 + 6 * share**5)
@@ -305,9 +304,9 @@ def test_an_obstacle_is_gone_round_by_the_hands_own_path(monkeypatch: pytest.Mon
     bench, alone = replace(dock(), obstacles=(wall,)), PlanOptions(approach=False, retreat=False)
     keyframes = find_keyframes(path)
     plan = plan_keyframes(keyframes, bench, PANDA, alone, path)
-    assert plan.ways[1].kind == DEMO
-    assert plan.ways[1].avoided is not None
-    assert plan.ways[1].avoided.second == "the wall"
+    assert plan.segments[1].kind == DEMO
+    assert plan.segments[1].avoided is not None
+    assert plan.segments[1].avoided.second == "the wall"
     with pytest.raises(PlanError, match="from keyframe 0 to keyframe 1") as caught:
         plan_keyframes(keyframes, bench, PANDA, alone)
     assert caught.value.fields["keyframe"] == 1
@@ -347,7 +346,7 @@ def test_what_makes_a_keyframe_unsure_is_named() -> None:
     for name, each in variances.items():
         frames = [replace(keyframe(3.0 * k, x=0.1 * k), cov=variance * np.eye(6)) for k, variance in enumerate(each)]
         with pytest.warns(PbdWarning) as told:
-            refuse_unsure(frames, 1.0)
+            check_certainty(frames, 1.0)
         said[name] = str(told[0].message)
     assert said["long"] == (
         "keyframe 3 at 9.0 s is uncertain by 10 cm (one sigma), most of it from the 2.5 s move to keyframe 2: pause "
@@ -357,9 +356,9 @@ def test_what_makes_a_keyframe_unsure_is_named() -> None:
     assert many in said["many"]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        refuse_unsure(frames, 0.3)
+        check_certainty(frames, 0.3)
     near = [replace(frame, T_nav_sensor=Pose(0.05 * frame.T_nav_sensor.p, TURN)) for frame in frames]
     with pytest.raises(
         TrackingError, match=r"by 10 cm \(one sigma\), more than the whole path \(6 cm\): not usable; from"
     ):
-        refuse_unsure(near, 1.0)
+        check_certainty(near, 1.0)

@@ -12,8 +12,8 @@ import pinocchio as pin
 from pbd.arm.clearance import Clearance, Pairs
 from pbd.arm.geometry import Body
 from pbd.arm.gripper import THE_TOOL, arm_bodies, gripper_links
-from pbd.arm.levers import rates
 from pbd.arm.model import ArmModel
+from pbd.arm.motion_bounds import rates
 from pbd.doors.xml import read_xml
 from pbd.errors import RobotError
 from pbd.pose import Array

@@ -1,7 +1,7 @@
 """Whether bodies keep clear of each other along a whole path, with few distances measured.
 
 This is adaptive dynamic collision checking (Schwarzer, Saha and Latombe, 2005), pair by pair. Two bodies that are a
-distance d apart can't touch before they have moved by d against each other, which levers.py bounds. So they are
+distance d apart can't touch before they have moved by d against each other, which motion_bounds.py bounds. So they are
 measured again after a motion of d + MARGIN_M, where they must be at least MARGIN_M apart: an instant after a motion of
 a from the one look and b before the next has a + b <= d + MARGIN_M, so a < d or b <= MARGIN_M. As every look finds at
 least MARGIN_M, a step of STEP_M = 2 MARGIN_M is always allowed; most are far longer.
@@ -23,8 +23,8 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from pbd.arm.geometry import Body, shape_of, surface_of
-from pbd.arm.levers import rates
 from pbd.arm.model import ArmModel, to_se3
+from pbd.arm.motion_bounds import rates
 from pbd.pose import Array
 
 MARGIN_M = 2.5e-3
@@ -41,7 +41,7 @@ class JointPath:
 
     Attributes:
         t: (n,) s, or the share of a straight move.
-        x: (n, k + 1) coordinates (levers.py); between nodes each goes up, goes down or stands still.
+        x: (n, k + 1) coordinates (motion_bounds.py); between nodes each goes up, goes down or stands still.
     """
 
     t: Array
@@ -77,7 +77,7 @@ class Clearance:
 
     Attributes:
         bodies, pairs: what is checked; pairs (p, 2) index the bodies.
-        rates: (p, k + 1), see levers.py.
+        rates: (p, k + 1), see motion_bounds.py.
     """
 
     def __init__(self, arm: ArmModel, bodies: Sequence[Body], pairs: Pairs) -> None:
@@ -131,7 +131,7 @@ class Clearance:
         """Follow a path; return the first contact: the one that begins first, of several the deepest.
 
         Args:
-            path: its nodes are close enough for `rates`, see nodes.py.
+            path: its nodes are close enough for `rates`, see path_sampling.py.
             allowed: what may touch where; by default nothing.
         """
         walk, found = self._walk(path, allowed), None

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pbd.arm.clearance import Contact, JointPath
-from pbd.arm.nodes import along
+from pbd.arm.path_sampling import along
 from pbd.arm.scene import TABLE, CollisionScene, Hit, PairSet
 from pbd.data import JointTrajectory
 from pbd.data.world import Stay, holds

@@ -13,8 +13,8 @@ import numpy as np
 import pinocchio as pin
 
 from pbd.arm.geometry import Body, bodies_of, link_bodies
-from pbd.arm.levers import outline
 from pbd.arm.model import ArmModel
+from pbd.arm.motion_bounds import outline
 from pbd.doors.shapes import Shape, read_shapes
 
 SMALL = 0.5

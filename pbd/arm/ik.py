@@ -1,7 +1,7 @@
-"""Inverse kinematics of one pose: descents from the given joints and then from many seeds, until one arrives.
+"""Inverse kinematics of one pose: descents from the given joints and then from many starts, until one arrives.
 
 An arm of six joints or more brings its tool to a pose exactly or not at all; one of fewer comes near it by the rule in
-relax.py.
+partial_pose.py.
 """
 
 from __future__ import annotations
@@ -10,24 +10,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pbd.arm.descent import SOLVED, UNTIL_IT_STOPS, descend_each, miss
+from pbd.arm.ik_starts import starts_of
+from pbd.arm.levenberg_marquardt import SOLVED, UNTIL_IT_STOPS, descend_each, residual_norms
 from pbd.arm.model import ArmModel
-from pbd.arm.relax import is_relaxed, solve_relaxed
-from pbd.arm.seeds import seed_map
+from pbd.arm.partial_pose import is_partial, solve_partial
 from pbd.arm.tool import Target, target
 from pbd.pose import Array, Pose
 
 TOLERANCE_M = 1e-5
 TOLERANCE_RAD = 1e-5
 
-WELL_PLACED, WORST_PLACED = 8, 16
-"""How many of the nearest seeds of each kind are tried, in this order."""
+NEAREST, NEAREST_PARTIAL = 24, 8
+"""Samples near the pose that are tried first; of an arm with too few joints."""
 NEAR_MISS, NEARLY_THERE = 0.2, 0.005
-"""Where these end within such |e| (m, rad), it may be the wrong branch of a pose that can be reached."""
+"""|e| (m, rad) below which the best of these descents may have taken the wrong branch to a pose within reach."""
 ANYWHERE, EVERYWHERE = 48, 400
-"""How many random restarts follow a near miss (20 ms in all), and one that is nearly there."""
-RESUMED = 3, 2
-"""So many of the descents that came nearest are followed to their very end, before those and after."""
+"""Random restarts after a near miss, and after one that is nearly there."""
+RESUMED = 3
+"""How many of the best failed descents are run to convergence."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,18 +37,18 @@ class IkResult:
     Attributes:
         q: (k,) rad, within the limits.
         position_error_m, rotation_error_rad: what is left between the tool and the pose, by forward kinematics.
-        relaxed: the arm has too few joints for any pose: its tool's rotation need only be near (relax.py).
+        partial: the arm has too few joints for any pose: its tool's rotation need only be near (partial_pose.py).
     """
 
     q: Array
     position_error_m: float
     rotation_error_rad: float
-    relaxed: bool = False
+    partial: bool = False
 
     @property
     def reached(self) -> bool:
         """Whether both errors are within tolerance, or the position's where that is all that is asked for."""
-        return self.position_error_m <= TOLERANCE_M and (self.relaxed or self.rotation_error_rad <= TOLERANCE_RAD)
+        return self.position_error_m <= TOLERANCE_M and (self.partial or self.rotation_error_rad <= TOLERANCE_RAD)
 
 
 def solve(arm: ArmModel, T_base_tool: Pose, q_seed: Array | None = None) -> IkResult:
@@ -57,15 +57,28 @@ def solve(arm: ArmModel, T_base_tool: Pose, q_seed: Array | None = None) -> IkRe
     Args:
         arm: the arm.
         T_base_tool: the tool's pose in base.
-        q_seed: (k,) rad, tried first, where one is known that should be near; then the arm's own seeds.
+        q_seed: (k,) rad, tried first, where one is known that should be near.
 
     Returns:
         The first solution, or, where `reached` is false, the joints with the smallest |e| that were found. Of an arm
         with too few joints the nearest by its rule.
     """
-    goal = target(T_base_tool)
-    q = _search_relaxed(arm, goal, q_seed) if is_relaxed(arm) else _search(arm, goal, q_seed)
-    return _result(arm, goal, q)
+    goal, starts = target(T_base_tool), starts_of(arm)
+    attempts = _Attempts(arm, goal)
+    seeds = np.empty((0, len(arm.limits.lower))) if q_seed is None else q_seed[None]
+    if is_partial(arm):  # for once the whole pose may be met
+        q = (
+            attempts.best
+            if attempts.follow(starts.nearest(goal, NEAREST_PARTIAL))
+            else solve_partial(arm, goal, seeds)[0].q
+        )
+        return _result(arm, goal, q)
+    arrived = attempts.follow(np.vstack((seeds, starts.nearest(goal, NEAREST)))) or attempts.resume()
+    if not arrived and attempts.least < NEAR_MISS**2:
+        restarts = EVERYWHERE if attempts.least < NEARLY_THERE**2 else ANYWHERE
+        if not attempts.follow(starts.anywhere(restarts)):
+            attempts.resume()
+    return _result(arm, goal, attempts.best)
 
 
 def check(arm: ArmModel, T_base_tool: Pose, q: Array) -> IkResult:
@@ -74,34 +87,11 @@ def check(arm: ArmModel, T_base_tool: Pose, q: Array) -> IkResult:
 
 
 def _result(arm: ArmModel, goal: Target, q: Array) -> IkResult:
-    return IkResult(q, *miss(arm, goal, q), is_relaxed(arm))
-
-
-def _search_relaxed(arm: ArmModel, goal: Target, q_seed: Array | None) -> Array:
-    attempts = _Attempts(arm, goal)
-    if attempts.follow(seed_map(arm).nearest(goal, WELL_PLACED)):
-        return attempts.best  # for once the whole pose can be met
-    q_seeds = np.empty((0, len(arm.limits.lower))) if q_seed is None else q_seed[None]
-    return solve_relaxed(arm, goal, q_seeds)[0].q
-
-
-def _search(arm: ArmModel, goal: Target, q_seed: Array | None) -> Array:
-    seeds, attempts = seed_map(arm), _Attempts(arm, goal)
-    arrived = (
-        (q_seed is not None and attempts.follow(q_seed[None]))
-        or attempts.follow(seeds.nearest(goal, WELL_PLACED))
-        or attempts.follow(seeds.nearest(goal, WORST_PLACED, worst=True))
-        or attempts.resume(RESUMED[0])
-    )
-    if not arrived and attempts.least < NEAR_MISS**2:
-        restarts = EVERYWHERE if attempts.least < NEARLY_THERE**2 else ANYWHERE
-        if not attempts.follow(seeds.anywhere(restarts)):
-            attempts.resume(RESUMED[1])
-    return attempts.best
+    return IkResult(q, *residual_norms(arm, goal, q), is_partial(arm))
 
 
 class _Attempts:
-    """Where descents to one goal ended."""
+    """Where descents to one goal ended: joints (n, k) and |e|^2 (n,)."""
 
     def __init__(self, arm: ArmModel, goal: Target) -> None:
         self.arm, self.goal = arm, goal
@@ -124,9 +114,9 @@ class _Attempts:
         self._q, self._squares = np.vstack((self._q, q)), np.append(self._squares, squares)
         return bool(squares[-1] < SOLVED)
 
-    def resume(self, count: int) -> bool:
+    def resume(self) -> bool:
         """Go on from the nearest: at the edge of what can be reached steps are small, and all may be given up early."""
-        for i in np.argsort(self._squares)[:count]:
+        for i in np.argsort(self._squares)[:RESUMED]:
             q, square = descend_each(self.arm, self.goal, self._q[i : i + 1], patience=UNTIL_IT_STOPS)
             self._q[i], self._squares[i] = q[0], square[0]
             if square[0] < SOLVED:

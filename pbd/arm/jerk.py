@@ -1,4 +1,4 @@
-"""A pace that keeps jerk limits too: the fastest one, found by a few linear programs.
+"""A profile that keeps jerk limits too: the fastest one, found by a few linear programs.
 
 Over a path parameter s the square of the speed, x, makes a joint's acceleration linear: q' x'/2 + q'' x. Its jerk is
 the difference of that between two places by the time t(x) it takes from one to the other. That |difference| <= J t(x)
@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import linprog
 from scipy.sparse import csr_array, kron, vstack
 
-from pbd.arm.topp import Pace
+from pbd.arm.speed_profile import SpeedProfile
 from pbd.pose import Array
 
 ROUNDS = 4
@@ -20,7 +20,9 @@ _ENOUGH = 1e-3  # a round that gains less time than this share is the last
 _SLOW = 1e-6  # of the highest x: where times would have no end
 
 
-def jerk_limited_pace(s: Array, x_most: Array, dq: Array, ddq: Array, acceleration: Array, jerk: Array) -> Pace | None:
+def jerk_limited_profile(
+    s: Array, x_most: Array, dq: Array, ddq: Array, acceleration: Array, jerk: Array
+) -> SpeedProfile | None:
     """Take a path from rest to rest as fast as its joints may.
 
     Args:
@@ -45,7 +47,7 @@ def jerk_limited_pace(s: Array, x_most: Array, dq: Array, ddq: Array, accelerati
     changes = vstack((accelerations, rest)) - vstack((rest, accelerations))  # ((n + 1) k, n + 1)
     x = np.maximum(most, _SLOW)
     x[0] = x[-1] = 0.0
-    pace = None
+    profile = None
     for _ in range(ROUNDS):
         t, by_before, by_after = _times(step, x, scale)
         tangent = csr_array(
@@ -67,16 +69,16 @@ def jerk_limited_pace(s: Array, x_most: Array, dq: Array, ddq: Array, accelerati
             method="highs-ds",
         )
         if solved.x is None:
-            return pace
+            return profile
         x = np.clip(solved.x, 0.0, most)
-        faster = Pace(s, scale * x)
+        faster = SpeedProfile(s, scale * x)
         if not np.isfinite(faster.t[-1]):
-            return pace
-        gained = np.inf if pace is None else 1.0 - faster.t[-1] / pace.t[-1]
-        pace = faster
+            return profile
+        gained = np.inf if profile is None else 1.0 - faster.t[-1] / profile.t[-1]
+        profile = faster
         if gained < _ENOUGH:
             break
-    return pace
+    return profile
 
 
 def _times(step: Array, x: Array, scale: float) -> tuple[Array, Array, Array]:

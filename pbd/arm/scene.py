@@ -17,9 +17,9 @@ from pbd.arm.allowed_collisions import NEARLY_ALWAYS, SAMPLES, Unchecked, link_p
 from pbd.arm.clearance import Allowed, Clearance, Pairs
 from pbd.arm.geometry import Body, apart
 from pbd.arm.gripper import THE_TOOL, arm_bodies, gripper_links, tool_on_joint
-from pbd.arm.levers import rates
 from pbd.arm.model import ArmModel, from_se3
-from pbd.arm.nodes import straight
+from pbd.arm.motion_bounds import rates
+from pbd.arm.path_sampling import straight
 from pbd.data import Calibration, GraspedObject, Obstacle
 from pbd.data.world import Stay, holds, stays
 from pbd.pose import Array, Pose, quat_about_z, quat_rotate

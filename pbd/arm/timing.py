@@ -1,6 +1,6 @@
 """When the arm is where: moves from keyframe to keyframe, each from rest to rest, as fast as the limits allow.
 
-A move is straight in joint space (straight.py) or follows a curve (curved.py); at a keyframe the arm stands still.
+A move is straight in joint space (ptp.py) or follows a curve (path_smoothing.py); at a keyframe the arm stands still.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pbd.arm.model import ArmModel
-from pbd.arm.pieces import Pieces
-from pbd.arm.straight import straight_move
+from pbd.arm.piecewise_cubic import PiecewiseCubic
+from pbd.arm.ptp import ptp_move
 from pbd.data import JointLimits, JointTrajectory
 from pbd.errors import PbdWarning, PlanError
 from pbd.pose import Array
@@ -40,17 +40,17 @@ class Move:
     least_s: float = 0.0
     share: float = 1.0
 
-    def pieces(self, q_start: Array, limits: JointLimits, speed: float) -> Pieces:
+    def pieces(self, q_start: Array, limits: JointLimits, speed: float) -> PiecewiseCubic:
         """Time it, from joints (k,), at a share of the limits that multiplies its own."""
         if self.curved:
-            from pbd.arm.curved import curved_move  # scipy takes its time to load
+            from pbd.arm.path_smoothing import curved_move  # scipy takes its time to load
 
             return curved_move(np.vstack((q_start, self.q)), limits, speed * self.share, self.t).lasting(self.least_s)
         parts, before = [], q_start
         for q in self.q:
-            parts.append(straight_move(before, q, limits, speed * self.share))
+            parts.append(ptp_move(before, q, limits, speed * self.share))
             before = q
-        return Pieces.join(parts).lasting(self.least_s)
+        return PiecewiseCubic.join(parts).lasting(self.least_s)
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,14 +122,14 @@ def time_moves(
             gripper_t += [done.t, done.t + gripper.stroke_s]
             opening += [opening[-1], wanted]
             dwell = max(dwell, gripper.stroke_s)
-        done.add(Pieces.hold(done.q, dwell), done.q)
+        done.add(PiecewiseCubic.hold(done.q, dwell), done.q)
     if done.t == 0.0:
         raise PlanError(
             "nothing moves: the arm already stands at every keyframe; demonstrate a motion with two different stops"
         )
     if retreat is not None:
         done.add(retreat.pieces(done.q, arm.limits, speed), retreat.q[-1])
-    pieces = Pieces.join(done.parts)
+    pieces = PiecewiseCubic.join(done.parts)
     trajectory = JointTrajectory(
         joint_names=arm.robot.joints,
         knots=np.append(0.0, np.cumsum(pieces.durations)),
@@ -146,9 +146,9 @@ class _Done:
     """What has been timed so far: where the arm is (q, at rest) and since when (t)."""
 
     def __init__(self, q: Array) -> None:
-        self.q, self.parts, self.t = q, list[Pieces](), 0.0
+        self.q, self.parts, self.t = q, list[PiecewiseCubic](), 0.0
 
-    def add(self, pieces: Pieces, q: Array) -> None:
+    def add(self, pieces: PiecewiseCubic, q: Array) -> None:
         self.parts.append(pieces)
         # Added up as the knots are, to the last bit.
         self.t = float(np.append(self.t, pieces.durations).cumsum()[-1])

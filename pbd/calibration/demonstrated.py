@@ -8,7 +8,7 @@ keyframes, which may have been edited: what is missing at either end is shared o
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -16,7 +16,7 @@ import numpy as np
 
 from pbd.calibration.frames import tool_poses
 from pbd.data import Calibration, HandPath, Keyframe
-from pbd.pose import Array, Pose, quat_exp, quat_inverse, quat_log, quat_multiply
+from pbd.pose import Array, Pose, quat_exp, quat_inverse, quat_log, quat_multiply, quat_rotate
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -59,10 +59,17 @@ def demonstrated_moves(
     for before, after in pairwise(keyframes):
         t, p, wxyz = _sampled(path, before, after)
         t, p, wxyz = _spaced(t, p, wxyz, before, after, scale * calibration.scale)
-        along = [replace(before, t=t[i], T_nav_sensor=Pose(p[i], wxyz[i])) for i in range(1, len(t) - 1)]
         # The tool's rotation may be fixed to that of the first keyframe.
-        poses = tool_poses((keyframes[0], before, *along, after), T_base_nav, calibration, scale, orientation)
-        moves.append(DemonstratedMove(t, poses[1:]))
+        _, start, end = tool_poses((keyframes[0], before, after), T_base_nav, calibration, scale, orientation)
+        p = T_base_nav.act(scale * calibration.scale * p)
+        wxyz = quat_multiply(T_base_nav.wxyz, wxyz)
+        if orientation == "fixed":
+            p_tool, wxyz_tool = p + (start.p - p[0]), np.tile(start.wxyz, (len(p), 1))
+        else:
+            tool = calibration.T_sensor_tool
+            p_tool, wxyz_tool = p + quat_rotate(wxyz, tool.p), quat_multiply(wxyz, tool.wxyz)
+        along = (Pose(p_tool[i], wxyz_tool[i]) for i in range(1, len(t) - 1))
+        moves.append(DemonstratedMove(t, (start, *along, end)))
     return tuple(moves)
 
 

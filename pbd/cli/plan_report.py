@@ -20,11 +20,11 @@ def say_moves(demo: Demonstration, path: HandPath, robot: Robot, plan: Plan, opt
     """Say where the arm makes a detour, or the tool strays from a straight line, and what keeps it there."""
     from pbd.planning import can_plan
 
-    for i, way in enumerate(plan.ways):
+    for i, way in enumerate(plan.segments):
         if (hit := way.avoided) is not None:
             say(f"the move to keyframe {i} makes a detour: on the straight move {hit.first} would touch {hit.second}")
-    worst = max(range(len(plan.ways)), key=lambda i: plan.ways[i].off_line_m)
-    off_m = plan.ways[worst].off_line_m
+    worst = max(range(len(plan.segments)), key=lambda i: plan.segments[i].off_line_m)
+    off_m = plan.segments[worst].off_line_m
     if off_m < STRAY_M or options.tolerance_m is not None:
         return
     with working("trying a straight line"):
@@ -37,7 +37,7 @@ def say_moves(demo: Demonstration, path: HandPath, robot: Robot, plan: Plan, opt
 
 def moves_json(plan: Plan) -> list[dict[str, Any]]:
     """How the arm comes to each keyframe after the first."""
-    ways = enumerate(plan.ways[1:], start=1)
+    ways = enumerate(plan.segments[1:], start=1)
     return [{"keyframe": i, "kind": way.kind, "off_line_m": way.off_line_m} for i, way in ways]
 
 

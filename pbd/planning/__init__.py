@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from pbd.planning.options import PATHS, TIMES, PlanOptions
-from pbd.planning.plan import arm_of, can_plan, plan, plan_keyframes, plan_path, scene_of, solve_keyframes
+from pbd.planning.plan import can_plan, plan, plan_keyframes, plan_path, solve_keyframes
+from pbd.planning.steps import arm_of, scene_of
 from pbd.planning.values import Plan, Stretch, Touching
 
 __all__ = [

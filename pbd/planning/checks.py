@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from pbd.arm.scene import CollisionScene
 
 UNSURE_M = 0.05
-"""A keyframe that is less sure than this is told."""
+"""Standard deviation of a keyframe's position above which it is told."""
 
 NEAR_M, NEAR_RAD = 1e-3, np.radians(1.0)
-"""A motion all of whose keyframes are so close together is none."""
+"""A motion whose keyframes are all closer together than this is none."""
 
 
-def refuse_few(keyframes: Sequence[Keyframe]) -> None:
+def check_count(keyframes: Sequence[Keyframe]) -> None:
     """A motion needs two keyframes."""
     if len(keyframes) < 2:
         raise TrackingError(
@@ -34,25 +34,24 @@ def refuse_few(keyframes: Sequence[Keyframe]) -> None:
         )
 
 
-def refuse_one_place(T_base_tool: Sequence[Pose]) -> None:
-    """They must not all be one."""
+def check_spread(T_base_tool: Sequence[Pose]) -> TrackingError | None:
+    """Return what is wrong where all keyframes are one."""
     away = [T_base_tool[0].distance(pose) for pose in T_base_tool]
-    if all(distance < NEAR_M and angle < NEAR_RAD for distance, angle in away):
-        farthest = max(distance for distance, _ in away)
-        raise TrackingError(
-            f"all {len(T_base_tool)} keyframes lie within {1e3 * NEAR_M:g} mm of the first: nothing moves; "
-            "demonstrate again, and move farther between the stops",
-            value=farthest,
-            bound=NEAR_M,
-            apart=farthest,
-        )
+    if any(distance >= NEAR_M or angle >= NEAR_RAD for distance, angle in away):
+        return None
+    return TrackingError(
+        f"all {len(T_base_tool)} keyframes lie within {1e3 * NEAR_M:g} mm of the first: nothing moves; "
+        "demonstrate again, and move farther between the stops",
+        value=max(distance for distance, _ in away),
+        bound=NEAR_M,
+    )
 
 
-def refuse_unsure(keyframes: Sequence[Keyframe], scale: float) -> None:
-    """Tell how unsure the least sure one is and what makes it so, where that is much; `scale` multiplies positions.
+def check_certainty(keyframes: Sequence[Keyframe], scale: float) -> None:
+    """Warn of the least certain keyframe, and of what makes it so; `scale` multiplies positions.
 
     Raises:
-        TrackingError: that is more than all keyframes are apart.
+        TrackingError: its standard deviation is larger than the whole path.
     """
     variances = [scale**2 * float(np.linalg.eigvalsh(keyframe.cov[:3, :3]).max()) for keyframe in keyframes]
     least_sure, added = int(np.argmax(variances)), np.diff(variances, prepend=0.0)

@@ -3,25 +3,33 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
-from pbd.calibration.frames import nav_in_base, tool_poses, with_table
+from pbd.calibration.frames import with_table
 from pbd.data import Calibration, GraspedObject, HandPath, JointTrajectory, Keyframe, Robot
-from pbd.errors import CalibrationError, PbdError, PlanError
+from pbd.errors import PbdError, PlanError
 from pbd.pipeline import track
-from pbd.planning.advice import advised, works
-from pbd.planning.checks import refuse_few, refuse_one_place, refuse_unsure, start_joints, warn_of_shapes, warn_of_table
+from pbd.planning.checks import (
+    check_certainty,
+    check_count,
+    check_spread,
+    start_joints,
+    warn_of_shapes,
+    warn_of_table,
+)
 from pbd.planning.options import PlanOptions, dwells
-from pbd.planning.steps import choose, find_passage, hand_between, moves_of, retreat_of
+from pbd.planning.steps import arm_of, hand_between, moves_of, place, request_of, retreat_of, scene_of
 from pbd.planning.values import Plan, find_stretched, find_touching
 from pbd.pose import Array, Pose
 from pbd.tracking.keyframes import keyframes_of
 
 if TYPE_CHECKING:
     from pbd.arm.model import ArmModel
+    from pbd.arm.motion_request import Motion, MotionRequest
+    from pbd.arm.refusal import Refusal
     from pbd.arm.scene import CollisionScene
 
 
@@ -88,61 +96,73 @@ def plan_keyframes(
         hand_path: how the hand went between the keyframes; without it that is never followed.
         grasped: what the gripper takes.
     """
-    options = options or PlanOptions()
-
-    def made(chosen: PlanOptions) -> Plan:
-        return _made(keyframes, calibration, robot, chosen, hand_path, grasped)
-
-    try:
-        return made(options)
-    except PbdError as error:
-        raise advised(error, made, options) from None
+    task = _Task(tuple(keyframes), with_table(calibration, robot), robot, hand_path, grasped)
+    found = _attempt(task, options or PlanOptions())
+    if isinstance(found, Plan):
+        return found
+    others = [said for said, instead in found.instead if _works(task, instead)]
+    raise type(found.error)(", or ".join((found.error.message, *others)), **found.error.fields)
 
 
 def can_plan(
     plan: Plan, robot: Robot, options: PlanOptions, hand_path: HandPath, grasped: GraspedObject | None
 ) -> bool:
     """Whether what was planned can be planned with other options too."""
-
-    def made(chosen: PlanOptions) -> Plan:
-        return _made(plan.keyframes, plan.calibration, robot, chosen, hand_path, grasped)
-
-    return works(made, options)
+    return _works(_Task(plan.keyframes, plan.calibration, robot, hand_path, grasped), options)
 
 
-def _made(
-    keyframes: Sequence[Keyframe],
-    calibration: Calibration,
-    robot: Robot,
-    options: PlanOptions,
-    hand_path: HandPath | None,
-    grasped: GraspedObject | None,
-) -> Plan:
-    from pbd.arm.relax import hold
+class _Task(NamedTuple):
+    """What is to be planned; the calibration has a table where the robot knows one."""
+
+    keyframes: tuple[Keyframe, ...]
+    calibration: Calibration
+    robot: Robot
+    hand_path: HandPath | None
+    grasped: GraspedObject | None
+
+
+class _Refused(NamedTuple):
+    """Why there is no plan, and other options that may lead to one, with their names."""
+
+    error: PbdError
+    instead: tuple[tuple[str, PlanOptions], ...] = ()
+
+
+def _works(task: _Task, options: PlanOptions) -> bool:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # what is told on the way is of no plan that anyone sees
+        try:
+            return isinstance(_attempt(task, options), Plan)
+        except PbdError:
+            return False
+
+
+def _attempt(task: _Task, options: PlanOptions) -> Plan | _Refused:
+    from pbd.arm.partial_pose import hold
     from pbd.arm.timing import time_moves
     from pbd.audit.audit import audit
 
-    calibration = with_table(calibration, robot)
+    keyframes, calibration, robot, hand_path, grasped = task
     if options.path == "demo" and hand_path is None:
         raise PlanError("only the keyframes are known, not the hand's path; choose another --path")
-    refuse_few(keyframes)
-    refuse_unsure(keyframes, options.scale * calibration.scale)
+    check_count(keyframes)
+    check_certainty(keyframes, options.scale * calibration.scale)
     arm = arm_of(robot)
     T_base_nav, T_base_tool = place(arm, keyframes, calibration, options)
-    if options.path != "demo":
-        refuse_one_place(T_base_tool)
+    if options.path != "demo" and (error := check_spread(T_base_tool)) is not None:
+        demo = replace(options, path="demo", tolerance_m=None)
+        return _Refused(error, (("follow the hand with --path demo", demo),))
     q_start = start_joints(arm, options)
     scene = scene_of(arm, calibration, grasped)
     warn_of_shapes(arm)
     warn_of_table(scene)
     hand = hand_between(hand_path, keyframes, T_base_nav, calibration, options)
-    try:
-        passage = find_passage(scene, T_base_tool, keyframes, options, q_start)
-        chosen = choose(arm, T_base_tool, q_start, hand, options, passage)
-    except PlanError as error:
-        if not options.allow_collision or "bodies" not in error.fields:
-            raise
-        chosen = choose(arm, T_base_tool, q_start, hand, options, None)
+    request = request_of(arm, T_base_tool, q_start, hand, options)
+    chosen = _choose(arm, scene, request, keyframes, options)
+    if isinstance(chosen, _Refused) and options.allow_collision:
+        chosen = _choose(arm, None, request, keyframes, options)
+    if isinstance(chosen, _Refused):
+        return chosen
     held = hold(arm, T_base_tool, chosen.q)
     timed = time_moves(
         arm,
@@ -156,17 +176,62 @@ def _made(
     world = None if options.allow_collision else (calibration, grasped)
     report = audit(timed.trajectory, robot.limits, robot, held.T_base_tool, world)
     return Plan(
-        tuple(keyframes),
+        keyframes,
         calibration,
         T_base_nav,
         T_base_tool,
         held.off_rad,
-        chosen.ways,
+        chosen.segments,
         timed.trajectory,
         report,
         find_stretched(timed, keyframes) if options.time == "demo" else (),
         find_touching(scene, timed.trajectory) if options.allow_collision else None,
     )
+
+
+def _choose(
+    arm: ArmModel,
+    scene: CollisionScene | None,
+    request: MotionRequest,
+    keyframes: Sequence[Keyframe],
+    options: PlanOptions,
+) -> Motion | _Refused:
+    """Choose joints and segments; without a scene whatever is in the way."""
+    from pbd.arm.collision import describe, refuse_home
+    from pbd.arm.collision_queries import CollisionQueries
+    from pbd.arm.motion import choose_motion
+    from pbd.arm.refusal import Refusal
+
+    queries = None
+    if scene is not None:
+        if options.retreat or (options.approach and options.start is None):
+            try:
+                refuse_home(scene)
+            except PlanError as error:
+                return _Refused(error, (_without_home(options),))
+        queries = CollisionQueries(arm, scene, request.T_base_tool, [keyframe.grip for keyframe in keyframes])
+        if options.approach and (hit := scene.hit(request.q_start, queries.legs[0])) is not None:
+            what = f"at the arm's start: {describe(hit)}; move the arm, or correct the obstacles in the calibration"
+            return _Refused(PlanError(what, bodies=(hit.first, hit.second), value=hit.depth, p_base=hit.p_base))
+    found = choose_motion(arm, request, queries)
+    return _Refused(found.error, _instead(found, options)) if isinstance(found, Refusal) else found
+
+
+def _without_home(options: PlanOptions) -> tuple[str, PlanOptions]:
+    if options.approach and options.start is None:
+        said = "skip home (--no-approach --no-retreat), or start elsewhere (--from, --no-retreat)"
+        return said, replace(options, approach=False, retreat=False)
+    return "do not go back home (--no-retreat)", replace(options, retreat=False)
+
+
+def _instead(refusal: Refusal, options: PlanOptions) -> tuple[tuple[str, PlanOptions], ...]:
+    from pbd.arm.refusal import CANNOT_FOLLOW, COLLISION
+
+    if refusal.why == CANNOT_FOLLOW:
+        return (("use --path keyframes", replace(options, path="keyframes", tolerance_m=None)),)
+    if refusal.why == COLLISION and not options.allow_collision:
+        return (("view the motion with --allow-collision", replace(options, allow_collision=True)),)
+    return ()
 
 
 def solve_keyframes(
@@ -178,39 +243,13 @@ def solve_keyframes(
         The tool's pose in base at each keyframe, the joints (n, k) that reach them, and how far off (n, 2, rad) an arm
         with too few joints holds the tool: approach axis, and about it.
     """
-    from pbd.arm.relax import hold
+    from pbd.arm.motion import choose_motion
+    from pbd.arm.partial_pose import hold
+    from pbd.arm.refusal import Refusal
 
     arm = arm_of(robot)
     _, T_base_tool = place(arm, keyframes, calibration, options)
-    q = choose(arm, T_base_tool, start_joints(arm, options), None, PlanOptions(), None).q
-    return T_base_tool, q, hold(arm, T_base_tool, q).off_rad
-
-
-def place(
-    arm: ArmModel, keyframes: Sequence[Keyframe], calibration: Calibration, options: PlanOptions
-) -> tuple[Pose, tuple[Pose, ...]]:
-    """Return T_base_nav and the tool's pose in base at each keyframe."""
-    if calibration.robots and arm.robot.name not in calibration.robots:
-        raise CalibrationError(
-            f"the calibration '{calibration.name}' is for {', '.join(calibration.robots)}, not for {arm.robot.name}; "
-            "choose another, or add the robot to it",
-            value=arm.robot.name,
-        )
-    T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
-    return T_base_nav, tool_poses(keyframes, T_base_nav, calibration, options.scale, options.orientation)
-
-
-@lru_cache(maxsize=8)
-def arm_of(robot: Robot) -> ArmModel:
-    """Load a robot's model, once."""
-    from pbd.arm.model import load_model
-
-    return load_model(robot)
-
-
-@lru_cache(maxsize=8)
-def scene_of(arm: ArmModel, calibration: Calibration, grasped: GraspedObject | None) -> CollisionScene:
-    """Build a collision scene, once."""
-    from pbd.arm.scene import CollisionScene
-
-    return CollisionScene.build(arm, calibration, grasped)
+    found = choose_motion(arm, request_of(arm, T_base_tool, start_joints(arm, options), None, PlanOptions()), None)
+    if isinstance(found, Refusal):
+        raise found.error
+    return T_base_tool, found.q, hold(arm, T_base_tool, found.q).off_rad

@@ -3,47 +3,40 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cache
+from functools import cache, lru_cache
 from typing import TYPE_CHECKING
 
-from pbd.data import Calibration, HandPath, Keyframe
-from pbd.errors import PlanError
+from pbd.calibration.frames import nav_in_base, tool_poses
+from pbd.data import Calibration, GraspedObject, HandPath, Keyframe, Robot
+from pbd.errors import CalibrationError
 from pbd.planning.options import PlanOptions, demonstrated
 from pbd.pose import Array, Pose
 
 if TYPE_CHECKING:
     from pbd.arm.model import ArmModel
-    from pbd.arm.passage import Passage
+    from pbd.arm.motion_request import Motion, MotionRequest
     from pbd.arm.scene import CollisionScene
     from pbd.arm.timing import Move
-    from pbd.arm.wish import Ways
     from pbd.calibration.demonstrated import DemonstratedMove
 
     Hand = Callable[[], Sequence[DemonstratedMove]]
 
 
-def find_passage(
-    scene: CollisionScene,
-    T_base_tool: Sequence[Pose],
-    keyframes: Sequence[Keyframe],
-    options: PlanOptions,
-    q_start: Array,
-) -> Passage:
-    """Say what is free, home and start first."""
-    from pbd.arm.collision import describe, refuse_home
-    from pbd.arm.passage import Passage
+def request_of(
+    arm: ArmModel, T_base_tool: Sequence[Pose], q_start: Array, hand: Hand | None, options: PlanOptions
+) -> MotionRequest:
+    """Say what the motion is to be."""
+    from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, MotionRequest
 
-    if options.retreat or (options.approach and options.start is None):
-        refuse_home(scene)
-    passage = Passage(scene.arm, scene, T_base_tool, [keyframe.grip for keyframe in keyframes])
-    if options.approach and (hit := scene.hit(q_start, passage.legs[0])) is not None:
-        raise PlanError(
-            f"at the arm's start: {describe(hit)}; move the arm, or correct the obstacles in the calibration",
-            bodies=(hit.first, hit.second),
-            value=hit.depth,
-            p_base=hit.p_base,
-        )
-    return passage
+    return MotionRequest(
+        T_base_tool,
+        q_start,
+        options.approach,
+        arm.robot.home if options.retreat else None,
+        {"keyframes": STRAIGHT, "line": LINE, "demo": DEMO}[options.path],
+        hand and (lambda: [move.T_base_tool for move in hand()]),
+        options.tolerance_m,
+    )
 
 
 def hand_between(
@@ -66,45 +59,51 @@ def hand_between(
     return hand
 
 
-def choose(
-    arm: ArmModel,
-    T_base_tool: Sequence[Pose],
-    q_start: Array,
-    hand: Hand | None,
-    options: PlanOptions,
-    passage: Passage | None,
-) -> Ways:
-    """Choose joints and ways; without a passage whatever is in the way."""
-    from pbd.arm.ways import choose_ways
-    from pbd.arm.wish import DEMO, LINE, STRAIGHT, Wish
-
-    wish = Wish(
-        T_base_tool,
-        q_start,
-        options.approach,
-        arm.robot.home if options.retreat else None,
-        {"keyframes": STRAIGHT, "line": LINE, "demo": DEMO}[options.path],
-        hand and (lambda: [move.T_base_tool for move in hand()]),
-        options.tolerance_m,
-    )
-    return choose_ways(arm, wish, passage)
-
-
-def moves_of(chosen: Ways, keyframes: Sequence[Keyframe], hand: Hand | None, options: PlanOptions) -> list[Move]:
-    """Say how each way is to be timed."""
+def moves_of(chosen: Motion, keyframes: Sequence[Keyframe], hand: Hand | None, options: PlanOptions) -> list[Move]:
+    """Say how each segment is to be timed."""
+    from pbd.arm.motion_request import DEMO, STRAIGHT
     from pbd.arm.timing import APPROACH_SPEED, Move
-    from pbd.arm.wish import DEMO, STRAIGHT
 
-    moves = [Move(chosen.ways[0].q, share=APPROACH_SPEED)]
-    for i, (way, demonstrated_s) in enumerate(zip(chosen.ways[1:], demonstrated(keyframes), strict=True)):
+    moves = [Move(chosen.segments[0].q, share=APPROACH_SPEED)]
+    for i, (segment, demonstrated_s) in enumerate(zip(chosen.segments[1:], demonstrated(keyframes), strict=True)):
         least_s = demonstrated_s if options.time == "demo" else 0.0
-        t = hand()[i].t if options.time == "demo" and way.kind == DEMO and hand else None
-        moves.append(Move(way.q, curved=way.kind != STRAIGHT, t=t, least_s=least_s))
+        t = hand()[i].t if options.time == "demo" and segment.kind == DEMO and hand else None
+        moves.append(Move(segment.q, curved=segment.kind != STRAIGHT, t=t, least_s=least_s))
     return moves
 
 
-def retreat_of(chosen: Ways) -> Move | None:
-    """The way back home."""
+def retreat_of(chosen: Motion) -> Move | None:
+    """Say how the way back home is to be timed."""
     from pbd.arm.timing import APPROACH_SPEED, Move
 
     return None if chosen.back is None else Move(chosen.back, share=APPROACH_SPEED)
+
+
+def place(
+    arm: ArmModel, keyframes: Sequence[Keyframe], calibration: Calibration, options: PlanOptions
+) -> tuple[Pose, tuple[Pose, ...]]:
+    """Return T_base_nav and the tool's pose in base at each keyframe."""
+    if calibration.robots and arm.robot.name not in calibration.robots:
+        raise CalibrationError(
+            f"the calibration '{calibration.name}' is for {', '.join(calibration.robots)}, not for {arm.robot.name}; "
+            "choose another, or add the robot to it",
+            value=arm.robot.name,
+        )
+    T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
+    return T_base_nav, tool_poses(keyframes, T_base_nav, calibration, options.scale, options.orientation)
+
+
+@lru_cache(maxsize=8)
+def arm_of(robot: Robot) -> ArmModel:
+    """Load a robot's model, once."""
+    from pbd.arm.model import load_model
+
+    return load_model(robot)
+
+
+@lru_cache(maxsize=8)
+def scene_of(arm: ArmModel, calibration: Calibration, grasped: GraspedObject | None) -> CollisionScene:
+    """Build a collision scene, once."""
+    from pbd.arm.scene import CollisionScene
+
+    return CollisionScene.build(arm, calibration, grasped)

@@ -15,9 +15,9 @@ from pbd.pose import Array, Pose
 
 if TYPE_CHECKING:
     from pbd.arm.collision import MotionHit
+    from pbd.arm.motion_request import Segment
     from pbd.arm.scene import CollisionScene
     from pbd.arm.timing import Timed
-    from pbd.arm.wish import Way
     from pbd.audit.audit import AuditReport
 
 STRETCHED = 1.02
@@ -53,7 +53,7 @@ class Plan:
         T_base_nav: where nav lies.
         T_base_tool: the tool's poses that the demonstration asks for.
         off_rad: (n, 2) how far off the arm holds the tool where it has too few joints: approach axis, and about it.
-        ways: how the arm comes to each keyframe.
+        segments: how the arm comes to each keyframe.
         trajectory: the motion.
         report: the audit's.
         stretched: with time "demo", moves that take longer than the hand's.
@@ -65,7 +65,7 @@ class Plan:
     T_base_nav: Pose
     T_base_tool: tuple[Pose, ...]
     off_rad: Array
-    ways: tuple[Way, ...]
+    segments: tuple[Segment, ...]
     trajectory: JointTrajectory
     report: AuditReport
     stretched: tuple[Stretch, ...] = ()

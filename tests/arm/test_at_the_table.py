@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import pbd
+from pbd.arm.collision_queries import CollisionQueries
 from pbd.arm.ik import solve
-from pbd.arm.passage import Passage
+from pbd.arm.motion_request import LINE
 from pbd.arm.scene import CollisionScene
-from pbd.arm.wish import LINE
 from pbd.data import GraspedObject, Keyframe, Robot
 from pbd.planning import PlanOptions, plan_keyframes
 from pbd.pose import Pose, quat_exp
@@ -46,7 +46,7 @@ def test_a_line_along_the_table_leads_to_a_grasp(name: str, seed: int) -> None:
     assert robot.dock is not None
     alone = PlanOptions(path="line", approach=False, retreat=False)
     plan = plan_keyframes(along_the_table(robot, seed), robot.dock, robot, alone, None, CUP)
-    assert {way.kind for way in plan.ways[1:]} == {LINE}
+    assert {way.kind for way in plan.segments[1:]} == {LINE}
 
 
 def test_what_is_grasped_is_in_the_hand_from_its_keyframe_on() -> None:
@@ -54,8 +54,8 @@ def test_what_is_grasped_is_in_the_hand_from_its_keyframe_on() -> None:
     arm = arm_of("panda")
     grasp = Pose(np.array([0.5, 0.0, 0.5 * CUP.size[-1]]), np.array([0.0, 1.0, 0.0, 0.0]))
     beside = Pose(grasp.p + np.array([0.1, 0.0, 0.0]), grasp.wxyz)
-    passage = Passage(arm, CollisionScene(arm, 0.0, (), CUP), [beside, grasp], [None, True])
+    queries = CollisionQueries(arm, CollisionScene(arm, 0.0, (), CUP), [beside, grasp], [None, True])
     q_beside, q_grasp = (solve(arm, pose, arm.robot.home).q for pose in (beside, grasp))
-    assert passage.passable(1, q_beside)
-    assert not passage.allowed(1, q_beside)
-    assert passage.allowed(1, q_grasp)
+    assert queries.passing(1, q_beside) is None
+    assert queries.standing(1, q_beside) is not None
+    assert queries.standing(1, q_grasp) is None

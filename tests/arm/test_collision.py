@@ -10,10 +10,10 @@ import pytest
 from pbd.arm.clearance import MARGIN_M, STEP_M, Clearance
 from pbd.arm.collision import check_motion, collision_error, object_stays, refuse_home
 from pbd.arm.geometry import link_bodies
+from pbd.arm.joint_path import solve_path
 from pbd.arm.model import ArmModel
-from pbd.arm.nodes import along
+from pbd.arm.path_sampling import along
 from pbd.arm.scene import TABLE, CollisionScene, Leg
-from pbd.arm.sequence import solve_sequence
 from pbd.arm.timing import time_keyframes
 from pbd.data import GraspedObject, JointTrajectory, Obstacle
 from pbd.data.world import Stay
@@ -36,7 +36,7 @@ def through(
     arm: ArmModel, places: Sequence[tuple[float, float, float]], grips: Sequence[bool | None]
 ) -> JointTrajectory:
     """A motion of a tool that points down, from home."""
-    q = solve_sequence(arm, [Pose(np.array(place), DOWN) for place in places], arm.robot.home)
+    q = solve_path(arm, [Pose(np.array(place), DOWN) for place in places], arm.robot.home)
     return time_keyframes(arm, q, [0.2] * len(places), grips, arm.robot.home)
 
 
@@ -74,7 +74,7 @@ def test_what_was_let_go_stays_in_the_way(arm: ArmModel) -> None:
     """A rod is put down; a motion through that place, free before, meets it with a link that isn't the gripper."""
     rod = GraspedObject("cylinder", (0.02, 0.3))
     here, there = (0.5, -0.2, 0.15), (0.5, 0.2, 0.15)
-    q = solve_sequence(arm, [Pose(np.array(place), DOWN) for place in (here, there)], arm.robot.home)
+    q = solve_path(arm, [Pose(np.array(place), DOWN) for place in (here, there)], arm.robot.home)
     bare, scene = CollisionScene(arm), CollisionScene(arm, grasped=rod)
     put_down = Stay(0.0, 1.0, False, Pose.from_rpy(there, (0, 0, 0)))
     for through_it in random_joints(arm.robot, 3000, seed=0):

@@ -8,10 +8,9 @@ import pinocchio as pin
 import pytest
 from scipy.optimize import least_squares
 
-from pbd.arm.descent import SOLVED, descend_each
-from pbd.arm.ik import TOLERANCE_M, TOLERANCE_RAD, WELL_PLACED, WORST_PLACED, check, solve
+from pbd.arm.ik import TOLERANCE_M, TOLERANCE_RAD, check, solve
+from pbd.arm.levenberg_marquardt import descend_each
 from pbd.arm.model import ArmModel, to_se3
-from pbd.arm.seeds import seed_map
 from pbd.arm.tool import target
 from pbd.pose import Array, Pose
 from tests.arm.bundled import FIVE_JOINTS, NAMES, arm_of
@@ -66,18 +65,6 @@ def test_poses_at_the_joint_limits_are_reached(arm: ArmModel, oracle: Callable[[
 def test_poses_that_are_approached_slowly_are_reached(arm: ArmModel, truth: list[float]) -> None:
     """Found among 60,000 random ones, near the edge of what can be reached."""
     assert solve(arm, arm.forward(np.array(truth))).reached
-
-
-def test_seeds_of_one_kind_are_not_enough(arm: ArmModel) -> None:
-    """Some poses are reached in no way that is well placed, some from none of the nearest seeds."""
-    first_misses = both_miss = 0
-    for truth in random_joints(arm.robot, 1500, seed=14):
-        goal, seeds = target(arm.forward(truth)), seed_map(arm)
-        if descend_each(arm, goal, seeds.nearest(goal, WELL_PLACED))[1][-1] > SOLVED:
-            first_misses += 1
-            both_miss += bool(descend_each(arm, goal, seeds.nearest(goal, WORST_PLACED, worst=True))[1][-1] > SOLVED)
-            assert solve(arm, arm.forward(truth)).reached
-    assert first_misses > both_miss > 0
 
 
 def test_odd_joints_are_solved_too(odd_arm: ArmModel) -> None:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from ruckig import InputParameter, Ruckig, Trajectory
 
 from pbd.arm.model import ArmModel, load_model
-from pbd.arm.pieces import WITHIN
+from pbd.arm.piecewise_cubic import WITHIN
 from pbd.arm.timing import APPROACH_SPEED, Move, time_keyframes, time_moves
 from pbd.data import JointTrajectory, Robot
 from pbd.errors import PbdWarning, PlanError

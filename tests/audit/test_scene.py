@@ -10,8 +10,8 @@ import pinocchio as pin
 import pytest
 
 from pbd.arm.gripper import tool_rod as planned_rod
+from pbd.arm.joint_path import solve_path
 from pbd.arm.model import load_model
-from pbd.arm.sequence import solve_sequence
 from pbd.arm.timing import time_keyframes
 from pbd.audit.arm import AuditArm
 from pbd.audit.grasp import tool_rod
@@ -80,7 +80,7 @@ def test_what_is_carried_is_looked_at() -> None:
     robot = arm_of("panda").robot
     arm, own = arm_of("panda"), AuditArm(robot)
     places = [Pose.from_rpy((0.5, y, z), DOWN) for y, z in ((-0.2, 0.1), (-0.2, 0.25), (0.2, 0.25), (0.2, 0.1))]
-    q = solve_sequence(arm, places, robot.home)
+    q = solve_path(arm, places, robot.home)
     trajectory = time_keyframes(arm, q, [0.5] * 4, (True, None, None, False), robot.home)
     post = Obstacle("the post", "box", (0.05, 0.05, 0.2), Pose.from_rpy((0.5, 0.0, 0.1), (0.0, 0.0, 0.0)))
     for obstacles, grasped, wanted in (((), BOTTLE, None), ((post,), None, None),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from typing import Any
 
@@ -63,7 +62,7 @@ def dock() -> Calibration:
 
 
 def slow_bodies(monkeypatch: pytest.MonkeyPatch) -> None:
-    from pbd.arm.levers import rates
+    from pbd.arm.motion_bounds import rates
 
     monkeypatch.setattr("pbd.arm.clearance.rates", lambda *args: 0.02 * rates(*args))
 
@@ -95,14 +94,14 @@ def changed_sample(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def moved_keyframe(monkeypatch: pytest.MonkeyPatch) -> None:
-    from pbd.planning.steps import choose
+    from pbd.arm.motion_request import MotionRequest
 
-    def faulty(arm: Any, T_base_tool: Any, *args: Any) -> Any:
+    def faulty(T_base_tool: Any, *args: Any) -> Any:
         moved = list(T_base_tool)
         moved[2] = Pose(moved[2].p + np.array([0.0, 0.0, 0.003]), moved[2].wxyz)
-        return choose(arm, moved, *args)
+        return MotionRequest(moved, *args)
 
-    monkeypatch.setattr(sys.modules["pbd.planning.plan"], "choose", faulty)
+    monkeypatch.setattr("pbd.arm.motion_request.MotionRequest", faulty)
 
 
 @pytest.mark.parametrize(

@@ -25,11 +25,11 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 import numpy as np
 import pinocchio as pin
 
-from pbd.arm.hindrance import find_hindrance
 from pbd.arm.ik import solve
+from pbd.arm.joint_path import solve_path
 from pbd.arm.model import ArmModel, configuration, from_se3, load_model, to_se3
 from pbd.arm.reach import farthest
-from pbd.arm.sequence import solve_sequence
+from pbd.arm.unreachable import find_reason
 from pbd.errors import PlanError
 from pbd.files.library import names
 from pbd.files.robot import load_robot
@@ -185,7 +185,7 @@ def sequences(arm: ArmModel, count: int) -> dict[str, float]:
         wanted = [arm.forward(q) for q in truth[1:]]
         start = time.process_time()
         try:
-            path = solve_sequence(arm, wanted, truth[0])
+            path = solve_path(arm, wanted, truth[0])
         except PlanError:
             failures += 1
             continue
@@ -216,7 +216,7 @@ def unreachable_ms(arm: ArmModel, count: int) -> list[float]:
         start = time.process_time()
         result = solve(arm, pose)
         if not result.reached:
-            find_hindrance(arm, pose, result)
+            find_reason(arm, pose, result)
             times.append(1e3 * (time.process_time() - start))
     return times
 

@@ -17,9 +17,9 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import pbd
 from pbd.arm.collision import check_motion
+from pbd.arm.joint_path import solve_path
 from pbd.arm.model import load_model
 from pbd.arm.scene import CollisionScene
-from pbd.arm.sequence import solve_sequence
 from pbd.arm.timing import time_keyframes
 from pbd.audit.arm import AuditArm
 from pbd.audit.audit import audit
@@ -57,7 +57,7 @@ def main() -> None:
         stages = {
             "track": median_ms(lambda: pbd.track(demo.recording), runs),
             "model": median_ms(lambda: load_model(robot), runs),
-            "ik": median_ms(lambda: solve_sequence(arm, T_base_tool, robot.home, q_end=robot.home), runs),
+            "ik": median_ms(lambda: solve_path(arm, T_base_tool, robot.home), runs),
             "timing": median_ms(lambda: time_keyframes(arm, q, dwells, grips, robot.home), runs),
             "collision": median_ms(lambda: check_motion(scene, plan.trajectory), runs),
             "audit": median_ms(lambda: audit(plan.trajectory, robot.limits, robot, T_base_tool, world), runs),

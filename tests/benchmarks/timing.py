@@ -27,10 +27,10 @@ from ruckig import InputParameter, Ruckig, Trajectory
 
 import pbd
 from pbd.arm.collision import check_motion
-from pbd.arm.curved import Curve, curved_move
-from pbd.arm.relax import is_relaxed
-from pbd.arm.sequence import solve_sequence
-from pbd.arm.straight import straight_move
+from pbd.arm.joint_path import solve_path
+from pbd.arm.partial_pose import is_partial
+from pbd.arm.path_smoothing import Curve, curved_move
+from pbd.arm.ptp import ptp_move
 from pbd.arm.timing import time_keyframes
 from pbd.audit.arm import AuditArm
 from pbd.audit.audit import audit
@@ -87,7 +87,7 @@ def straight_ratios(name: str, count: int) -> Array:
     """How much longer a straight move takes than its slowest joint would alone."""
     robot = pbd.load_robot(name)
     return np.array(
-        [straight_move(a, b, robot.limits, 1.0).duration / shortest(a, b, robot.limits) for a, b in moves(robot, count)]
+        [ptp_move(a, b, robot.limits, 1.0).duration / shortest(a, b, robot.limits) for a, b in moves(robot, count)]
     )
 
 
@@ -109,11 +109,11 @@ def demo_ratio(name: str, tracked: dict[str, tuple[HandPath, tuple[Keyframe, ...
         try:
             plan = plan_keyframes(keyframes, robot.dock, robot, PlanOptions(path="demo"), path)
         except pbd.errors.PlanError:
-            if not is_relaxed(arm_of(robot)):
+            if not is_partial(arm_of(robot)):
                 raise
             continue  # five joints can't follow every turn of the hand without a leap
         took = optimum = 0.0
-        for before, way in pairwise(plan.ways):
+        for before, way in pairwise(plan.segments):
             waypoints = np.vstack((before.q[-1], way.q))
             curve = Curve.through(waypoints, robot.limits)
             assert curve is not None
@@ -131,7 +131,7 @@ def jerk_ratio(name: str, count: int) -> float:
         np.mean(
             [
                 curved_move(a + share * (b - a), robot.limits, 1.0).duration
-                / straight_move(a, b, robot.limits, 1.0).duration
+                / ptp_move(a, b, robot.limits, 1.0).duration
                 for a, b in moves(robot, count)
             ]
         )
@@ -153,7 +153,7 @@ def planning(tracked: tuple[HandPath, tuple[Keyframe, ...]], runs: int) -> dict[
         "plan_ms": median_ms(lambda: plan_keyframes(keyframes, dock, robot, None, path, grasped), runs),
         "demo_ms": median_ms(lambda: plan_keyframes(keyframes, dock, robot, demo, path, grasped), max(3, runs // 4)),
         "stages_ms": {
-            "ik": median_ms(lambda: solve_sequence(arm, plan.T_base_tool, robot.home, q_end=robot.home), runs),
+            "ik": median_ms(lambda: solve_path(arm, plan.T_base_tool, robot.home), runs),
             "timing": median_ms(lambda: time_keyframes(arm, q, dwells, grips, robot.home), runs),
             "collision": median_ms(lambda: check_motion(scene, plan.trajectory), runs),
             "audit": median_ms(

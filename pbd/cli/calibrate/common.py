@@ -61,12 +61,12 @@ def refuse_out_of_reach(robot: Robot, T_base_tool: Pose) -> None:
     Raises:
         PlanError: with how near it comes.
     """
+    from pbd.arm.joint_path import solve_path
     from pbd.arm.model import load_model
-    from pbd.arm.sequence import solve_sequence
 
     try:
         with working(f"checking whether {robot.name} reaches it"):
-            solve_sequence(load_model(robot), [T_base_tool], robot.home)
+            solve_path(load_model(robot), [T_base_tool], robot.home)
     except PlanError as reason:
         x, y, z = T_base_tool.p
         away, turned = (float(str(reason.fields[name])) for name in ("value", "rotation"))

@@ -20,9 +20,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pbd.arm.descent import follow_down
+from pbd.arm.ik_starts import starts_of
+from pbd.arm.levenberg_marquardt import descend
 from pbd.arm.model import ArmModel
-from pbd.arm.seeds import seed_map
 from pbd.arm.tool import Target, in_universe, target, tool_in_universe
 from pbd.errors import PbdWarning
 from pbd.pose import Array, Pose
@@ -31,21 +31,21 @@ FULL_POSE = 6
 """Joints that it takes to bring a tool to any pose."""
 
 ABOUT_AXIS = 0.1
-"""What rotation about the approach axis weighs against that of the axis itself."""
+"""Weight of rotation about the approach axis, against that of the axis itself."""
 
 SLACK_RAD = np.deg2rad(0.1)
-"""Ways that are as near as this to the nearest, as the rule counts, are as good: a path may take any of them."""
+"""A path may take any solution whose rotation is this close to the nearest, as the rule counts."""
 
 NEAR_M, EXACT_M = 1e-5, 1e-9
-"""The position is met where it is within the first; it is made so to the second."""
+"""Tolerance of the position, and the accuracy to which it is solved."""
 
 TELL_RAD = np.deg2rad(5.0)
-"""A rotation that is farther off than this is told."""
+"""Rotation error above which a warning is given."""
 
-STARTS = (4, 4, 16)
-"""Seeds to start from: the best placed, the worst placed, and from anywhere."""
+NEAREST, ANYWHERE = 8, 16
+"""Samples to start from: near the pose, and from all over."""
 AT_PLACE, EVERY = 32, 4
-"""Where the place seems out of reach, so many seeds near it are thought of, and some tried: neighbours lead to one."""
+"""Where the place seems out of reach: samples near it, and the share of them that is tried (neighbours lead to one)."""
 
 _ROUGH, _FINE = 0.3, 0.03  # m: what a rotation of one rad of the approach axis weighs, at first and at last
 _ROUGH_STEPS, _FINE_STEPS = 8, 200
@@ -54,7 +54,7 @@ _APART_RAD = 0.2  # starts that come nearer to each other than this are one
 _STILL_RAD = 1e-7
 
 
-class Relaxed(NamedTuple):
+class PartialPose(NamedTuple):
     """The joints (k,) that come nearest to a pose by the rule, and how near: m, rad, rad."""
 
     q: Array
@@ -73,28 +73,27 @@ class Relaxed(NamedTuple):
         return float(np.hypot(self.approach_rad, ABOUT_AXIS * self.about_rad))
 
 
-def is_relaxed(arm: ArmModel) -> bool:
+def is_partial(arm: ArmModel) -> bool:
     """Whether an arm has too few joints for any pose."""
     return len(arm.robot.joints) < FULL_POSE
 
 
-def solve_relaxed(arm: ArmModel, goal: Target, q_seeds: Array) -> list[Relaxed]:
+def solve_partial(arm: ArmModel, goal: Target, q_seeds: Array) -> list[PartialPose]:
     """Find different ways to come near to a pose, from seeds (m, k) and from the arm's own: the nearest first.
 
     Where not even the position can be met there is one: the nearest place.
     """
-    seeds = seed_map(arm)
-    best, worst, anywhere = STARTS
-    starts = (q_seeds, seeds.nearest(goal, best), seeds.nearest(goal, worst, worst=True), seeds.anywhere(anywhere))
-    rough, bounds = _Look(arm, goal, _ROUGH), (arm.limits.lower, arm.limits.upper)
-    ended = [follow_down(rough, bounds, q, steps=_ROUGH_STEPS) for q in np.vstack(starts)]
+    samples = starts_of(arm)
+    starts = (q_seeds, samples.nearest(goal, NEAREST), samples.anywhere(ANYWHERE))
+    rough, bounds = _Residual(arm, goal, _ROUGH), (arm.limits.lower, arm.limits.upper)
+    ended = [descend(rough, bounds, q, steps=_ROUGH_STEPS) for q in np.vstack(starts)]
     kept: list[Array] = []
     for q, _ in sorted(ended, key=lambda end: end[1]):
         if all(np.abs(q - other).max() > _APART_RAD for other in kept) and len(kept) < _KEPT:
             kept.append(q)
     places = [measure(arm, goal, nearest_place(arm, goal, q)) for q in kept]
     if not any(place.reached for place in places):  # not yet: the rotation may have led away from where it can be
-        kept = [nearest_place(arm, goal, q) for q in seeds.at(goal.p, AT_PLACE)[::EVERY]]
+        kept = [nearest_place(arm, goal, q) for q in samples.at(goal.p, AT_PLACE)[::EVERY]]
         places += [measure(arm, goal, q) for q in kept]
         if not any(place.reached for place in places):
             return [min(places, key=lambda place: place.position_m)]
@@ -104,11 +103,11 @@ def solve_relaxed(arm: ArmModel, goal: Target, q_seeds: Array) -> list[Relaxed]:
     return sorted(found, key=lambda way: way.off)
 
 
-def finish(arm: ArmModel, goal: Target, q_seed: Array) -> Relaxed:
+def finish(arm: ArmModel, goal: Target, q_seed: Array) -> PartialPose:
     """Go from a seed (k,) down to the nearest way to hold the tool by the rule."""
     bounds = (arm.limits.lower, arm.limits.upper)
-    q, _ = follow_down(
-        _Look(arm, goal, _FINE), bounds, q_seed, steps=_FINE_STEPS, solved=EXACT_M**2, stalled=1.0, still=_STILL_RAD
+    q, _ = descend(
+        _Residual(arm, goal, _FINE), bounds, q_seed, steps=_FINE_STEPS, solved=EXACT_M**2, stalled=1.0, still=_STILL_RAD
     )
     return measure(arm, goal, nearest_place(arm, goal, q))
 
@@ -121,18 +120,18 @@ def nearest_place(arm: ArmModel, goal: Target, q_seed: Array) -> Array:
         p, _, J = tool(q)
         return p - p_target, J[:3]
 
-    q, _ = follow_down(look, (arm.limits.lower, arm.limits.upper), q_seed, solved=EXACT_M**2)
+    q, _ = descend(look, (arm.limits.lower, arm.limits.upper), q_seed, solved=EXACT_M**2)
     return q
 
 
-def measure(arm: ArmModel, goal: Target, q: Array) -> Relaxed:
+def measure(arm: ArmModel, goal: Target, q: Array) -> PartialPose:
     """Say how near joints (k,) bring the tool to a pose: its approach axis first, then the shortest turn about it."""
     p, R, _ = tool_in_universe(arm)(q)
     p_target, R_target = in_universe(arm, goal)
     off = R_target.T @ R
     approach = np.arctan2(np.hypot(off[0, 2], off[1, 2]), off[2, 2])
     about = abs(np.arctan2(off[1, 0] - off[0, 1], off[0, 0] + off[1, 1]))
-    return Relaxed(q, float(np.linalg.norm(p - p_target)), float(approach), float(about))
+    return PartialPose(q, float(np.linalg.norm(p - p_target)), float(approach), float(about))
 
 
 class Held(NamedTuple):
@@ -150,7 +149,7 @@ def hold(arm: ArmModel, T_base_tool: Sequence[Pose], q: Array) -> Held:
 
     Of an arm with joints enough they are those asked for. Of another the positions are, and the rotations its own.
     """
-    if not is_relaxed(arm):
+    if not is_partial(arm):
         return Held(tuple(T_base_tool), np.zeros((len(q), 2)))
     found = [measure(arm, target(pose), joints) for pose, joints in zip(T_base_tool, q, strict=True)]
     held = tuple(Pose(pose.p, arm.forward(joints).wxyz) for pose, joints in zip(T_base_tool, q, strict=True))
@@ -168,7 +167,7 @@ def hold(arm: ArmModel, T_base_tool: Sequence[Pose], q: Array) -> Held:
     return Held(held, off)
 
 
-class _Look:
+class _Residual:
     """The error (12,): position in m, then the tool's axes z, x and y less the target's, by their weights; with J."""
 
     def __init__(self, arm: ArmModel, goal: Target, weight_m: float) -> None:

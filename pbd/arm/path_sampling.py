@@ -1,8 +1,9 @@
-"""Nodes along a motion, close enough for collision checks: see `JointPath`."""
+"""Samples along a motion, close enough for collision checks: see `JointPath`."""
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pbd.arm.clearance import STEP_M, JointPath
 from pbd.data import JointTrajectory
@@ -11,18 +12,28 @@ from pbd.pose import Array
 _SAME_S = 1e-9  # instants nearer than this are one
 
 
-def straight(q_start: Array, q_end: Array, opening: float, rates: Array) -> JointPath:
-    """Nodes of a straight move in joint space, from q (k,) to q (k,); rates (p, k + 1), see levers.py."""
-    motion = float(np.max(rates[:, :-1] @ np.abs(q_end - q_start), initial=0.0))
-    t = np.linspace(0.0, 1.0, int(np.ceil(motion / STEP_M)) + 2)
-    x = np.empty((len(t), len(q_start) + 1))
-    x[:, :-1] = q_start + t[:, None] * (q_end - q_start)
-    x[:, -1] = opening
+def polyline(q: Array, opening: float, rates: Array) -> JointPath:
+    """Sample the straight moves in joint space from each of joints (m, k) to the next; t is the share of their number.
+
+    `rates` (p, k + 1): see motion_bounds.py.
+    """
+    motion = np.max(np.abs(np.diff(q, axis=0)) @ rates[:, :-1].T, axis=1, initial=0.0)
+    steps = np.ceil(motion / STEP_M).astype(np.int64) + 1
+    move, share = _shares(steps)
+    t = np.append(move + share, len(steps)) / len(steps)
+    x = np.full((len(t), q.shape[1] + 1), opening)
+    x[:-1, :-1] = q[move] + share[:, None] * np.diff(q, axis=0)[move]
+    x[-1, :-1] = q[-1]
     return JointPath(t, x)
 
 
+def straight(q_start: Array, q_end: Array, opening: float, rates: Array) -> JointPath:
+    """Sample a straight move in joint space, from q (k,) to q (k,)."""
+    return polyline(np.stack((q_start, q_end)), opening, rates)
+
+
 def along(trajectory: JointTrajectory, rates: Array, start: float = 0.0, end: float = np.inf) -> JointPath:
-    """Nodes of a trajectory from `start` to `end` (s); rates (p, k + 1), see levers.py."""
+    """Sample a trajectory from `start` to `end` (s); rates (p, k + 1), see motion_bounds.py."""
     end = min(end, trajectory.duration)
     marks = np.concatenate((_turning_points(trajectory), trajectory.knots, trajectory.gripper_t, (start, end)))
     marks = np.unique(marks[(marks >= start) & (marks <= end)])
@@ -33,10 +44,16 @@ def along(trajectory: JointTrajectory, rates: Array, start: float = 0.0, end: fl
     speed = np.column_stack((_top_speeds(trajectory, marks), np.abs(np.diff(opening)) / duration))
     motion = duration * (speed @ np.max(rates, axis=0, initial=0.0))
     steps = np.ceil(motion / STEP_M).astype(np.int64) + 1
-    share = (np.arange(steps.sum()) - np.repeat(np.cumsum(steps) - steps, steps)) / np.repeat(steps, steps)
-    t = np.append(np.repeat(marks[:-1], steps) + share * np.repeat(duration, steps), marks[-1])
+    span, share = _shares(steps)
+    t = np.append(marks[span] + share * duration[span], marks[-1])
     samples = trajectory.at(t)
     return JointPath(t, np.column_stack((samples.q, samples.gripper)))
+
+
+def _shares(steps: NDArray[np.int64]) -> tuple[NDArray[np.int64], Array]:
+    """Divide spans into steps: for the beginning of each step the index of its span, and how far along that it is."""
+    span = np.repeat(np.arange(len(steps)), steps)
+    return span, (np.arange(len(span)) - np.repeat(np.cumsum(steps) - steps, steps)) / steps[span]
 
 
 def _turning_points(trajectory: JointTrajectory) -> Array:

@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pbd.arm.descent import look_at
-from pbd.arm.ik import TOLERANCE_M, IkResult
+from pbd.arm.ik import TOLERANCE_M, IkResult, solve
+from pbd.arm.ik_starts import starts_of
+from pbd.arm.levenberg_marquardt import residual_at
 from pbd.arm.model import ArmModel
-from pbd.arm.relax import nearest_place
-from pbd.arm.seeds import seed_map
+from pbd.arm.partial_pose import nearest_place
 from pbd.arm.tool import target
+from pbd.errors import PlanError
 from pbd.pose import Array, Pose
 
 _STARTS = 2  # seeds from which the place alone is tried too, where the nearest pose doesn't lead to it
@@ -19,7 +20,7 @@ _SHARE = 0.1  # a joint that pushes less than this against its limit, beside the
 
 
 @dataclass(frozen=True)
-class Hindrance:
+class Unreached:
     """What stops an arm short of a pose.
 
     Attributes:
@@ -41,22 +42,45 @@ class Hindrance:
         return f"{where}, with {at}" if at else where
 
 
-def find_hindrance(arm: ArmModel, T_base_tool: Pose, nearest: IkResult) -> Hindrance:
+def find_reason(arm: ArmModel, T_base_tool: Pose, nearest: IkResult) -> Unreached:
     """Find out what stops an arm at the nearest pose that it reaches (`solve`)."""
     goal = target(T_base_tool)
     q_least, gap_least, beyond = nearest.q, T_base_tool.p - arm.forward(nearest.q).p, np.inf
-    others = () if nearest.relaxed else seed_map(arm).at(goal.p, _STARTS)  # relaxed, the place alone was sought
+    others = () if nearest.partial else starts_of(arm).at(goal.p, _STARTS)  # relaxed, the place alone was sought
     for q_seed in (nearest.q, *others):
         q = nearest_place(arm, goal, q_seed)
         gap = T_base_tool.p - arm.forward(q).p
         if np.linalg.norm(gap) < beyond:
             beyond, gap_least, q_least = float(np.linalg.norm(gap)), gap, q
         if beyond <= TOLERANCE_M:
-            return Hindrance(0.0, False, _limits(arm, nearest.q, *look_at(arm, goal, nearest.q)))
-    e, J = look_at(arm, goal, q_least)
+            return Unreached(0.0, False, _limits(arm, nearest.q, *residual_at(arm, goal, nearest.q)))
+    e, J = residual_at(arm, goal, q_least)
     # Outward is away from the shoulder.
     outward = T_base_tool.p - gap_least - _shoulder(arm, q_least)
-    return Hindrance(beyond, float(outward @ gap_least) > 0.0, _limits(arm, q_least, e[:3], J[:3]))
+    return Unreached(beyond, float(outward @ gap_least) > 0.0, _limits(arm, q_least, e[:3], J[:3]))
+
+
+def out_of_reach(arm: ArmModel, keyframe: int, pose: Pose, q_seed: Array) -> PlanError:
+    """Say why a keyframe can't be reached.
+
+    Fields: keyframe (from 0), value and bound (m), rotation (rad), nearest (the pose that can be), beyond (m, 0 where
+    only the attitude is at fault), joints (at their limits).
+    """
+    nearest = solve(arm, pose, q_seed)
+    reason = find_reason(arm, pose, nearest)
+    x, y, z = pose.p
+    return PlanError(
+        f"keyframe {keyframe} is out of reach: the tool stays {100 * nearest.position_error_m:.1f} cm and "
+        f"{np.rad2deg(nearest.rotation_error_rad):.1f} degrees from its pose at ({x:.3f}, {y:.3f}, {z:.3f}) m, which is"
+        f" {reason}; move the dock, or make the path smaller with --scale",
+        keyframe=keyframe,
+        value=nearest.position_error_m,
+        bound=TOLERANCE_M,
+        rotation=nearest.rotation_error_rad,
+        nearest=arm.forward(nearest.q),
+        beyond=reason.beyond_m,
+        joints=tuple(joint for joint, _ in reason.limits),
+    )
 
 
 def _shoulder(arm: ArmModel, q: Array) -> Array:

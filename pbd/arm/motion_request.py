@@ -1,4 +1,4 @@
-"""What a motion is to be, and the ways that were chosen for it."""
+"""What a motion is to be, and what was chosen for it."""
 
 from __future__ import annotations
 
@@ -13,40 +13,14 @@ STRAIGHT, LINE, DEMO = "straight", "line", "demo"
 
 
 @dataclass(frozen=True, eq=False)
-class Way:
-    """How the arm comes to a keyframe.
-
-    Attributes:
-        kind: STRAIGHT, LINE or DEMO.
-        q: (m, k) rad, from the first joints after those before to those at the keyframe.
-        off_line_m: how far the tool gets from the straight line, where the move is straight in joint space.
-        avoided: what a straight move would have touched, where that is why this isn't one.
-    """
-
-    kind: str
-    q: Array
-    off_line_m: float = 0.0
-    avoided: Hit | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Ways:
-    """Joints (n, k) at the keyframes, the ways to them, and that back (m, k) or None."""
-
-    q: Array
-    ways: tuple[Way, ...]
-    back: Array | None
-
-
-@dataclass(frozen=True, eq=False)
-class Wish:
+class MotionRequest:
     """What the motion is to be.
 
     Attributes:
         T_base_tool: the tool's poses at n keyframes.
         q_start: (k,) rad, where the arm comes from.
         approach: it does come from there; else the motion begins at keyframe 0.
-        q_back: (k,) rad, where it goes after the last, or None.
+        q_back: (k,) rad, where it goes after the last keyframe, or None.
         kind: of the moves between keyframes: STRAIGHT, LINE or DEMO.
         hand: gives n - 1 paths of the tool as the hand went, asked only where they are needed; or None.
         tolerance_m: a straight move whose tool gets farther from the line is made as LINE.
@@ -59,3 +33,29 @@ class Wish:
     kind: str = STRAIGHT
     hand: Callable[[], Sequence[Sequence[Pose]]] | None = None
     tolerance_m: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """How the arm comes to a keyframe.
+
+    Attributes:
+        kind: STRAIGHT, LINE or DEMO.
+        q: (m, k) rad, from the first joints after those before to those at the keyframe.
+        off_line_m: the tool's largest distance from the straight line, where the move is straight in joint space.
+        avoided: what a straight move would have touched, where that is why this isn't one.
+    """
+
+    kind: str
+    q: Array
+    off_line_m: float = 0.0
+    avoided: Hit | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Joints (n, k) at the keyframes, the segments to them, and the way back (m, k) or None."""
+
+    q: Array
+    segments: tuple[Segment, ...]
+    back: Array | None

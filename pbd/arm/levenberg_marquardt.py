@@ -33,7 +33,7 @@ STALLED = 1.0 - 1e-6
 """A step that leaves more than this of |e|^2 is the last."""
 
 PATIENCE = 4
-"""A seed is given up after so many slow steps in a row."""
+"""Slow steps in a row after which a seed is given up."""
 UNTIL_IT_STOPS = MOST_STEPS
 """The patience that gives no seed up."""
 
@@ -52,7 +52,7 @@ def descend_each(
         arm: the arm.
         target: where its tool is to be.
         q_seeds: (m, k) rad.
-        patience: a seed is given up after so many slow steps in a row.
+        patience: slow steps in a row after which a seed is given up.
         all_of_them: go on with the others when one has arrived.
 
     Returns:
@@ -60,9 +60,9 @@ def descend_each(
         below SOLVED: the last at most, unless `all_of_them` were followed.
     """
     found, squares = [], []
-    look, bounds = _Look(arm, target), (arm.limits.lower, arm.limits.upper)
+    residual, bounds = Residual(arm, target), (arm.limits.lower, arm.limits.upper)
     for seed in q_seeds:
-        q, square = follow_down(look, bounds, seed, patience=patience)
+        q, square = descend(residual, bounds, seed, patience=patience)
         found.append(q)
         squares.append(square)
         if square < SOLVED and not all_of_them:
@@ -70,12 +70,12 @@ def descend_each(
     return np.array(found), np.array(squares)
 
 
-def look_at(arm: ArmModel, target: Target, q: Array) -> tuple[Array, Array]:
+def residual_at(arm: ArmModel, target: Target, q: Array) -> tuple[Array, Array]:
     """Return e (6,) at joints q (k,), and its Jacobian (6, k) but for log3's own derivative, in pinocchio's world."""
-    return _Look(arm, target)(q)
+    return Residual(arm, target)(q)
 
 
-def miss(arm: ArmModel, target: Target, q: Array) -> tuple[float, float]:
+def residual_norms(arm: ArmModel, target: Target, q: Array) -> tuple[float, float]:
     """Return how far the tool is from a target at joints q (k,), by pinocchio: m, rad."""
     pin.forwardKinematics(arm.model, arm.data, configuration(arm.model, q))
     T_base_tool = arm.T_base_universe * pin.updateFramePlacement(arm.model, arm.data, arm.tool_id)
@@ -83,8 +83,8 @@ def miss(arm: ArmModel, target: Target, q: Array) -> tuple[float, float]:
     return math.sqrt(off.dot(off)), math.sqrt(turned.dot(turned))
 
 
-class _Look:
-    """e and its Jacobian at given joints, but for log3's own derivative.
+class Residual:
+    """The residual e and its Jacobian at given joints, but for log3's own derivative.
 
     That derivative leaves J^T e as it is, since log3(R R_target^T) is its own axis, and is the identity at e = 0.
     """
@@ -95,6 +95,7 @@ class _Look:
         self.R_inverse = self.R.T
 
     def __call__(self, q: Array) -> tuple[Array, Array]:
+        """Return e (6,) and J (6, k) at joints (k,)."""
         p, R, J = self.tool(q)
         e = np.empty(6)
         e[:3] = p
@@ -103,8 +104,8 @@ class _Look:
         return e, J
 
 
-def follow_down(
-    look: Callable[[Array], tuple[Array, Array]],
+def descend(
+    residual: Callable[[Array], tuple[Array, Array]],
     bounds: tuple[Array, Array],
     q_seed: Array,
     *,
@@ -117,11 +118,11 @@ def follow_down(
     """Descend from a seed (k,) on any error.
 
     Args:
-        look: gives e (m,) and its Jacobian (m, k) at joints (k,).
+        residual: gives e (m,) and its Jacobian (m, k) at joints (k,).
         bounds: lower and upper (k,) rad.
         q_seed: where it begins.
-        patience: so many slow steps in a row end it.
-        steps: so many steps end it.
+        patience: slow steps in a row after which it ends.
+        steps: the largest number of them.
         solved: |e|^2 below this ends it.
         stalled: a step that leaves more than this share of |e|^2 is the last.
         still: a step in which no joint moves as far as this, rad, ends it.
@@ -131,7 +132,7 @@ def follow_down(
     """
     lower, upper = bounds
     q = np.minimum(np.maximum(q_seed, lower), upper)
-    e, J = look(q)
+    e, J = residual(q)
     square, damping, slow_steps = float(e.dot(e)), DAMPING, 0
     H = np.empty((len(q), len(q)))
     diagonal = H.ravel()[:: len(q) + 1]
@@ -154,7 +155,7 @@ def follow_down(
                 return q, square
             free = q - step
             q_next = np.minimum(np.maximum(free, lower), upper)
-            e_next, J_next = look(q_next)
+            e_next, J_next = residual(q_next)
             square_next = float(e_next.dot(e_next))
             if square_next < square:
                 break

@@ -10,17 +10,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
-from pbd.arm.curved import OFF_RAD, Curve, curved_move
-from pbd.arm.pieces import Pieces
-from pbd.arm.straight import straight_move
+from pbd.arm.path_smoothing import OFF_RAD, Curve, curved_move
+from pbd.arm.piecewise_cubic import PiecewiseCubic
+from pbd.arm.ptp import ptp_move
 from pbd.data import JointLimits
 from pbd.pose import Array
 from tests.arm.bundled import arm_of
-from tests.arm.test_topp import limits_of, random_waypoints
+from tests.arm.test_speed_profile import limits_of, random_waypoints
 from tests.arm.toppra_oracle import toppra_duration
 
 
-def at(pieces: Pieces, places: int = 5) -> Array:
+def at(pieces: PiecewiseCubic, places: int = 5) -> Array:
     """Joints along the pieces, by their powers."""
     s = np.linspace(0.0, 1.0, places) * pieces.durations[:, None]
     powers = s[:, :, None] ** np.arange(4)
@@ -28,14 +28,14 @@ def at(pieces: Pieces, places: int = 5) -> Array:
     return joints
 
 
-def off(pieces: Pieces, curve: Curve) -> float:
+def off(pieces: PiecewiseCubic, curve: Curve) -> float:
     """Oracle: how far the joints get off a finely sampled curve, in rad."""
     on = curve.q(np.linspace(0.0, curve.s[-1], 20_000))
     some = at(pieces)[:: max(1, 5 * len(pieces.durations) // 100)]
     return max(float(np.linalg.norm(on - q, axis=1).min()) for q in some)
 
 
-def shares(pieces: Pieces, limits: JointLimits) -> list[float]:
+def shares(pieces: PiecewiseCubic, limits: JointLimits) -> list[float]:
     """Oracle: the largest share of each limit, by differences of closely spaced joints."""
     dt, found = 1e-4, []
     knots = np.append(0.0, np.cumsum(pieces.durations))
@@ -93,7 +93,7 @@ def test_with_little_jerk_it_is_near_the_optimum_along_a_line(jerk: float) -> No
     """Ruckig gives the optimum of a straight move; a curve that happens to be straight takes hardly longer."""
     limits, ends = limits_of(2.0, 8.0, jerk), np.array([[0.0, 0.0, 0.0], [0.9, -0.5, 0.3]])
     waypoints = ends[0] + np.linspace(0.0, 1.0, 40)[:, None] * (ends[1] - ends[0])
-    best = straight_move(ends[0], ends[1], limits, 1.0).duration
+    best = ptp_move(ends[0], ends[1], limits, 1.0).duration
     assert best <= curved_move(waypoints, limits, 1.0).duration <= 1.12 * best
 
 

@@ -20,7 +20,7 @@ _FLAT = 1e-9  # a joint that moves by less than this along the path sets no boun
 
 
 @dataclass(frozen=True, eq=False)
-class Pace:
+class SpeedProfile:
     """How fast a path is taken: at grid points s (n,) the square of the speed ds/dt, x (n,); x is linear in between."""
 
     s: Array
@@ -41,9 +41,9 @@ class Pace:
         return np.clip(self.s[i] + since * (np.sqrt(self.x[i]) + 0.5 * u[i] * since), self.s[i], self.s[i + 1])
 
 
-def fastest_pace(
+def fastest_profile(
     s: Array, dq: Array, ddq: Array, velocity: Array, acceleration: Array, x_most: Array | None = None
-) -> Pace:
+) -> SpeedProfile:
     """Take a path from rest to rest as fast as its joints may.
 
     Args:
@@ -76,7 +76,7 @@ def fastest_pace(
     for i in range(len(step)):
         highest = float((gain[i] + slope[i] * x[i]).min())
         x[i + 1] = max(0.0, min(reachable[i + 1], highest))
-    return Pace(s, x)
+    return SpeedProfile(s, x)
 
 
 def _least(values: Array) -> float:

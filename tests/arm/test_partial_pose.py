@@ -9,9 +9,9 @@ import pytest
 from scipy.optimize import Bounds, NonlinearConstraint, minimize
 
 from pbd.arm.ik import solve
+from pbd.arm.joint_path import solve_path
 from pbd.arm.model import ArmModel
-from pbd.arm.relax import ABOUT_AXIS, NEAR_M, hold, is_relaxed, measure, solve_relaxed
-from pbd.arm.sequence import solve_sequence
+from pbd.arm.partial_pose import ABOUT_AXIS, NEAR_M, hold, is_partial, measure, solve_partial
 from pbd.arm.tool import target
 from pbd.calibration.frames import nav_in_base, tool_poses
 from pbd.errors import PbdWarning
@@ -26,7 +26,7 @@ def turned(pose: Pose, rotation: Array) -> Pose:
 
 
 def test_only_arms_of_fewer_than_six_joints_are_relaxed() -> None:
-    assert {name for name in NAMES if is_relaxed(arm_of(name))} == set(FIVE_JOINTS)
+    assert {name for name in NAMES if is_partial(arm_of(name))} == set(FIVE_JOINTS)
 
 
 @pytest.mark.parametrize("name", FIVE_JOINTS)
@@ -58,7 +58,7 @@ def test_a_roll_that_cant_be_met_leaves_the_approach_axis_alone(name: str) -> No
     wrist = len(arm.robot.joints) - 1
     for truth in random_joints(arm.robot, 40, seed=4, margin=0.4):
         truth[wrist] = np.clip(truth[wrist], -1.0, 1.0)
-        found = solve_relaxed(arm, target(turned(arm.forward(truth), np.array([0.0, 0.0, 0.3]))), truth[None])[0]
+        found = solve_partial(arm, target(turned(arm.forward(truth), np.array([0.0, 0.0, 0.3]))), truth[None])[0]
         assert np.degrees(found.approach_rad) < 0.5
         assert np.degrees(found.about_rad) < 5.0
 
@@ -69,7 +69,7 @@ def test_no_joints_do_better_by_the_rule(name: str) -> None:
     arm, rng = arm_of(name), np.random.default_rng(5)
     for truth in random_joints(arm.robot, 4, seed=6, margin=0.3):
         pose = turned(arm.forward(truth), 0.3 * rng.normal(size=3))
-        found = solve_relaxed(arm, target(pose), np.empty((0, 5)))[0]
+        found = solve_partial(arm, target(pose), np.empty((0, 5)))[0]
         assert found.reached
         for start in (found.q, truth, *(found.q + 0.3 * rng.normal(size=(3, 5)))):
             assert best_by_slsqp(arm, pose, start) > found.off - np.radians(0.2)
@@ -151,7 +151,7 @@ def test_the_bundled_demonstrations_are_held(name: str, demo: str) -> None:
     poses = tool_poses(keyframes, nav_in_base(dock, keyframes[0].T_nav_sensor.wxyz), dock)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        q = solve_sequence(arm, poses, arm.robot.home)
+        q = solve_path(arm, poses, arm.robot.home)
         held = hold(arm, poses, q)
     approach, about = np.degrees(held.off_rad).max(axis=0)
     assert approach < (2.0 if demo == "pouring" else 4.0)

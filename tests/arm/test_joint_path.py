@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pbd.arm.candidates import AT_LIMIT, SINGULAR, margins, strain, toward
+from pbd.arm.branches import AT_LIMIT, SINGULAR, configuration_cost, margins, turn_toward
 from pbd.arm.ik import check, solve
+from pbd.arm.joint_path import solve_path
 from pbd.arm.model import ArmModel, load_model
-from pbd.arm.sequence import solve_sequence
 from pbd.data import Robot
 from pbd.errors import PlanError
 from pbd.pose import Array, Pose
@@ -37,7 +37,7 @@ def travel_ratios(arm: ArmModel) -> list[float]:
     for seed in range(20):
         truth = wander(arm.robot, 9, seed)
         poses = [arm.forward(q) for q in truth[1:]]
-        path = solve_sequence(arm, poses, truth[0])
+        path = solve_path(arm, poses, truth[0])
         assert all(check(arm, pose, q).reached for pose, q in zip(poses, path, strict=True))
         assert ((path >= arm.limits.lower) & (path <= arm.limits.upper)).all()
         ratios.append(travel(np.vstack((truth[0], path))) / travel(truth))
@@ -66,7 +66,7 @@ def test_other_arms_travel_little_too(name: str) -> None:
     for seed in range(5):
         truth = wander(arm.robot, 6, seed)
         poses = [arm.forward(q) for q in truth[1:]]
-        path = solve_sequence(arm, poses, truth[0])
+        path = solve_path(arm, poses, truth[0])
         assert travel(np.vstack((truth[0], path))) < 1.05 * travel(truth)
         # Five joints can hold these too, for that is how they were made.
         off = [pose.distance(arm.forward(q)) for pose, q in zip(poses, path, strict=True)]
@@ -76,33 +76,33 @@ def test_other_arms_travel_little_too(name: str) -> None:
 
 def test_a_still_hand_keeps_the_arm_still(arm: ArmModel) -> None:
     home = arm.robot.home
-    path = solve_sequence(arm, [arm.forward(home)] * 4, home)
+    path = solve_path(arm, [arm.forward(home)] * 4, home)
     np.testing.assert_array_equal(path, np.tile(home, (4, 1)))
 
 
 def test_the_freedom_that_is_left_shortens_the_path(arm: ArmModel, monkeypatch: pytest.MonkeyPatch) -> None:
     truth = wander(arm.robot, 6, seed=40)
     poses = [arm.forward(q) for q in truth[1:]]
-    slid = solve_sequence(arm, poses, truth[0])
-    monkeypatch.setattr("pbd.arm.sequence.SWEEPS", 0)
-    unslid = solve_sequence(arm, poses, truth[0])
+    slid = solve_path(arm, poses, truth[0])
+    monkeypatch.setattr("pbd.arm.joint_path.SWEEPS", 0)
+    unslid = solve_path(arm, poses, truth[0])
     assert travel(np.vstack((truth[0], slid))) < travel(np.vstack((truth[0], unslid)))
 
 
 def test_the_same_poses_give_the_same_path(arm: ArmModel) -> None:
     truth = wander(arm.robot, 5, seed=41)
     poses = [arm.forward(q) for q in truth[1:]]
-    np.testing.assert_array_equal(solve_sequence(arm, poses, truth[0]), solve_sequence(arm, poses, truth[0]))
+    np.testing.assert_array_equal(solve_path(arm, poses, truth[0]), solve_path(arm, poses, truth[0]))
 
 
 def test_no_keyframes_no_path(arm: ArmModel) -> None:
-    assert solve_sequence(arm, [], arm.robot.home).shape == (0, 7)
+    assert solve_path(arm, [], arm.robot.home).shape == (0, 7)
 
 
 def test_a_joint_of_many_turns_takes_the_nearest(odd_arm: ArmModel) -> None:
     """The endless joint may stand at any turn, the wrist at one of two: it must not be sent round."""
     start = np.array([20.0, 0.2, 6.2, 0.1])
-    path = solve_sequence(odd_arm, [odd_arm.forward(start + step) for step in (0.05, 0.1, 0.15)], start)
+    path = solve_path(odd_arm, [odd_arm.forward(start + step) for step in (0.05, 0.1, 0.15)], start)
     np.testing.assert_allclose(path, start + np.array([[0.05], [0.1], [0.15]]), atol=1e-3)
 
 
@@ -111,7 +111,7 @@ def test_whole_turns_lead_to_the_nearest(odd_arm: ArmModel) -> None:
     limits, rng = odd_arm.limits, np.random.default_rng(42)
     for _ in range(100):
         q, there = (random_joints(odd_arm.robot, 1, int(seed))[0] for seed in rng.integers(1000, size=2))
-        turned = toward(odd_arm, q[None], there[None])[0]
+        turned = turn_toward(odd_arm, q[None], there[None])[0]
         for joint in range(4):
             turns = 2 * np.pi * np.arange(-4, 5) if odd_arm.turns[joint] else np.zeros(1)
             there_too = q[joint] + turns
@@ -126,7 +126,7 @@ def test_whole_turns_stay_within_the_limits(odd_robot: Robot) -> None:
     arm = load_model(narrow)
     start = np.array([3.1, 0.2, 0.0, 0.1])
     beyond = start + np.array([0.2, 0, 0, 0])
-    path = solve_sequence(arm, [arm.forward(beyond)], start)
+    path = solve_path(arm, [arm.forward(beyond)], start)
     np.testing.assert_allclose(path, [beyond - np.array([2 * np.pi, 0, 0, 0])], atol=1e-3)
 
 
@@ -134,7 +134,7 @@ def test_the_first_keyframe_out_of_reach_is_named(arm: ArmModel) -> None:
     down = (np.pi, 0.0, 0.0)
     poses = [Pose.from_rpy((0.45, 0.0, 0.3), down), Pose.from_rpy((1.2, 0.1, 0.4), down)]
     with pytest.raises(PlanError) as caught:
-        solve_sequence(arm, [poses[0], poses[0], poses[1], poses[1]], arm.robot.home)
+        solve_path(arm, [poses[0], poses[0], poses[1], poses[1]], arm.robot.home)
     error = caught.value
     centimetres, degrees = 100 * error.fields["value"], np.rad2deg(error.fields["rotation"])  # type: ignore[operator,call-overload]
     assert error.fields["keyframe"] == 2
@@ -156,7 +156,7 @@ def test_the_first_keyframe_out_of_reach_is_named(arm: ArmModel) -> None:
 def test_five_joints_are_stopped_by_the_place_alone() -> None:
     arm = arm_of("so101")
     with pytest.raises(PlanError) as caught:
-        solve_sequence(arm, [Pose.from_rpy((0.7, 0.0, 0.2), (np.pi, 0.0, 0.0))], arm.robot.home)
+        solve_path(arm, [Pose.from_rpy((0.7, 0.0, 0.2), (np.pi, 0.0, 0.0))], arm.robot.home)
     assert caught.value.fields["beyond"] == pytest.approx(caught.value.fields["value"])
     assert "cm beyond the arm's reach" in caught.value.message
 
@@ -168,12 +168,12 @@ def test_it_stays_away_from_limits_and_singularities() -> None:
     """What is near them counts as if it were farther off."""
     arm = arm_of("ur5")
     roomy = np.array([0.0, -1.2, 1.6, -1.0, -1.4, 0.0])
-    assert strain(arm, roomy[None])[0] == 0.0
+    assert configuration_cost(arm, roomy[None])[0] == 0.0
     wrist, pan = roomy.copy(), roomy.copy()
     costs = []
     for by in (0.08, 0.05, 0.02, 0.0):
         wrist[4], pan[0] = by, arm.limits.upper[0] - by  # nearly straight, nearly at its limit
-        costs.append(strain(arm, np.array([wrist, pan])))
+        costs.append(configuration_cost(arm, np.array([wrist, pan])))
     assert (np.diff(costs, axis=0) >= 0.0).all()
     assert (costs[2] > 0.0).all()
     np.testing.assert_allclose(costs[-1], (SINGULAR, AT_LIMIT), atol=1e-6)
@@ -183,7 +183,7 @@ def test_the_freedom_that_is_left_leads_away_from_limits(arm: ArmModel) -> None:
     """A seventh joint lets the arm leave a limit at which nothing but its start put it."""
     start = arm.robot.home.copy()
     start[0] = arm.limits.upper[0] - 0.005
-    path = solve_sequence(arm, [arm.forward(start)] * 3, start)
+    path = solve_path(arm, [arm.forward(start)] * 3, start)
     assert margins(arm, path[-1]).min() > 0.03
 
 
@@ -200,6 +200,6 @@ def test_the_docks_surroundings_are_within_reach(arm: ArmModel, roll_deg: float)
     across = ((0.30, 0.65), (-0.25, 0.25), (0.10, 0.45)) if roll_deg == 0 else ((0.4, 0.55), (-0.1, 0.1), (0.2, 0.4))
     corners = np.array(np.meshgrid(*across)).reshape(3, -1).T
     poses = [Pose.from_rpy(p, np.deg2rad((roll_deg, 0, 0))) @ dock.T_sensor_tool for p in corners]
-    path = solve_sequence(arm, poses, arm.robot.home)
+    path = solve_path(arm, poses, arm.robot.home)
     assert all(check(arm, pose, q).reached for pose, q in zip(poses, path, strict=True))
     assert dock.table_height == 0.0

@@ -11,13 +11,13 @@ from pbd.data import JointLimits
 from pbd.pose import Array
 
 WITHIN = 1.0 - 1e-9
-"""Rounding stays within the limits too."""
+"""Share of each limit that is used: rounding stays within the limits too."""
 
 _NO_TIME = 1e-12  # s: a piece shorter than this is none (ruckig gives phases that aren't needed no time)
 
 
 @dataclass(frozen=True, eq=False)
-class Pieces:
+class PiecewiseCubic:
     """A motion from rest to rest.
 
     Attributes:
@@ -29,22 +29,22 @@ class Pieces:
     coefficients: Array
 
     @staticmethod
-    def of(durations: Array, coefficients: Array) -> Pieces:
+    def of(durations: Array, coefficients: Array) -> PiecewiseCubic:
         """Leave out what takes no time."""
         lasting = durations >= _NO_TIME
-        return Pieces(durations[lasting], coefficients[lasting])
+        return PiecewiseCubic(durations[lasting], coefficients[lasting])
 
     @staticmethod
-    def hold(q: Array, duration: float) -> Pieces:
+    def hold(q: Array, duration: float) -> PiecewiseCubic:
         """Stay at joints q (k,)."""
         coefficients = np.zeros((1, 4, len(q)))
         coefficients[0, 0] = q
-        return Pieces.of(np.array([duration]), coefficients)
+        return PiecewiseCubic.of(np.array([duration]), coefficients)
 
     @staticmethod
-    def join(parts: Sequence[Pieces]) -> Pieces:
+    def join(parts: Sequence[PiecewiseCubic]) -> PiecewiseCubic:
         """One after the other."""
-        return Pieces(
+        return PiecewiseCubic(
             np.concatenate([part.durations for part in parts]), np.concatenate([part.coefficients for part in parts])
         )
 
@@ -53,16 +53,16 @@ class Pieces:
         """Seconds."""
         return float(self.durations.sum())
 
-    def slowed(self, factor: float) -> Pieces:
+    def slowed(self, factor: float) -> PiecewiseCubic:
         """The same path, taking so many times as long."""
         powers = factor ** -np.arange(4.0)
-        return Pieces(factor * self.durations, self.coefficients * powers[:, None])
+        return PiecewiseCubic(factor * self.durations, self.coefficients * powers[:, None])
 
-    def lasting(self, least_s: float) -> Pieces:
+    def lasting(self, least_s: float) -> PiecewiseCubic:
         """The same path, slowed so that it takes at least so long."""
         return self.slowed(least_s / self.duration) if 0.0 < self.duration < least_s else self
 
-    def within(self, limits: JointLimits, factor: float) -> Pieces:
+    def within(self, limits: JointLimits, factor: float) -> PiecewiseCubic:
         """The same path, slowed as far as it takes to keep a share `factor` of all limits."""
         velocity, acceleration, jerk = self.peaks()
         slow = max(

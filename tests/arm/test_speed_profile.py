@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
-from pbd.arm.curved import Curve
-from pbd.arm.topp import fastest_pace
+from pbd.arm.path_smoothing import Curve
+from pbd.arm.speed_profile import fastest_profile
 from pbd.data import JointLimits
 from pbd.pose import Array
 from tests.arm.toppra_oracle import toppra_duration
@@ -32,16 +32,16 @@ def test_it_is_as_fast_as_toppra(seed: int) -> None:
     curve = Curve.through(random_waypoints(seed), limits)
     assert curve is not None
     reference = toppra_duration(curve.s, curve.q(curve.s), limits)
-    assert curve.pace(limits, 1.0).t[-1] == pytest.approx(reference, rel=0.003)
+    assert curve.profile(limits, 1.0).t[-1] == pytest.approx(reference, rel=0.003)
 
 
 def test_a_straight_line_takes_what_bang_bang_takes() -> None:
     """By hand: full acceleration to the middle, full deceleration to the end; with a top speed, a plateau between."""
     s = np.linspace(0.0, 1.0, 2001)
     dq, ddq = np.ones((2001, 1)), np.zeros((2001, 1))
-    free = fastest_pace(s, dq, ddq, np.array([100.0]), np.array([4.0]))
+    free = fastest_profile(s, dq, ddq, np.array([100.0]), np.array([4.0]))
     assert free.t[-1] == pytest.approx(2.0 * np.sqrt(1.0 / 4.0), rel=1e-3)
-    bound = fastest_pace(s, dq, ddq, np.array([0.5]), np.array([4.0]))
+    bound = fastest_profile(s, dq, ddq, np.array([0.5]), np.array([4.0]))
     assert bound.t[-1] == pytest.approx(1.0 / 0.5 + 0.5 / 4.0, rel=1e-3)
     np.testing.assert_allclose(bound.at(np.array([-1.0, 0.0, bound.t[-1], 99.0])), [0.0, 0.0, 1.0, 1.0], atol=1e-12)
 
@@ -52,7 +52,7 @@ def test_no_joint_exceeds_its_limits_at_any_grid_point(seed: int, velocity: floa
     limits = limits_of(velocity, acceleration, 1e9)
     curve = Curve.through(random_waypoints(seed), limits)
     assert curve is not None
-    pace = curve.pace(limits, 1.0)
+    pace = curve.profile(limits, 1.0)
     u = 0.5 * np.diff(pace.x) / np.diff(pace.s)
     dq, ddq = curve.q(pace.s, 1), curve.q(pace.s, 2)
     assert (np.abs(dq) * np.sqrt(pace.x)[:, None] <= velocity * (1 + 1e-9)).all()
@@ -67,8 +67,8 @@ def test_a_speed_limit_of_its_own_is_kept() -> None:
     limits = limits_of(2.0, 8.0, 1e9)
     curve = Curve.through(random_waypoints(1), limits)
     assert curve is not None
-    free = curve.pace(limits, 1.0)
-    slow = fastest_pace(
+    free = curve.profile(limits, 1.0)
+    slow = fastest_profile(
         free.s, curve.q(free.s, 1), curve.q(free.s, 2), limits.velocity, limits.acceleration, 0.25 * free.x
     )
     assert (slow.x <= 0.25 * free.x + 1e-15).all()

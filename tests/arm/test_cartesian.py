@@ -7,14 +7,14 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from pbd.arm.candidates import solutions
-from pbd.arm.follow import LEAP_RAD, SPACING_M, SPACING_RAD, follow, line, off_line, settle
+from pbd.arm.branches import find_branches
+from pbd.arm.cartesian import LEAP_RAD, SPACING_M, SPACING_RAD, follow, line, off_line, refine
 from pbd.arm.model import ArmModel
-from pbd.arm.relax import is_relaxed
+from pbd.arm.partial_pose import is_partial
 from pbd.pose import Array, Pose, quat_rotate
 from tests.arm.bundled import NAMES, arm_of
 
-SIX_AND_MORE = [name for name in NAMES if not is_relaxed(arm_of(name))]
+SIX_AND_MORE = [name for name in NAMES if not is_partial(arm_of(name))]
 
 
 def along(arm: ArmModel, distance: float) -> tuple[Pose, ...]:
@@ -24,26 +24,26 @@ def along(arm: ArmModel, distance: float) -> tuple[Pose, ...]:
     return line(home, Pose(home.p + distance * inward, (home @ Pose.from_rpy((0, 0, 0), (0, 0, 0.4))).wxyz))
 
 
-def known_ends(arm: ArmModel, poses: tuple[Pose, ...]) -> dict[int, Array]:
+def known_ends(arm: ArmModel, poses: tuple[Pose, ...]) -> tuple[Array, Array]:
     q = arm.robot.home
     for pose in poses:
-        found = settle(arm, pose, q)
+        found = refine(arm, pose, q)
         assert found is not None
         q = found
-    return {0: arm.robot.home, len(poses) - 1: q}
+    return arm.robot.home, q
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_each_pose_is_reached_and_no_joint_leaps(name: str) -> None:
     arm = arm_of(name)
     poses = along(arm, 0.05)
-    q = follow(arm, poses, known_ends(arm, poses))
+    q = follow(arm, poses, *known_ends(arm, poses))
     assert q is not None
     assert np.abs(np.diff(q, axis=0)).max() < LEAP_RAD
     for pose, joints in zip(poses, q, strict=True):
         distance, angle = pose.distance(arm.forward(joints))
         assert distance < 1e-8
-        assert angle < (1e-8 if not is_relaxed(arm) else 0.5)
+        assert angle < (1e-8 if not is_partial(arm) else 0.5)
     assert (q >= arm.limits.lower).all()
     assert (q <= arm.limits.upper).all()
 
@@ -53,8 +53,7 @@ def test_the_tool_stays_on_the_line(name: str) -> None:
     """Straight in joint space it doesn't."""
     arm = arm_of(name)
     poses = along(arm, 0.1)
-    known = known_ends(arm, poses)
-    q = follow(arm, poses, known)
+    q = follow(arm, poses, *known_ends(arm, poses))
     assert q is not None
     straight = np.linspace(q[0], q[-1], len(q))
     assert off_line(arm, q) < 1e-7
@@ -76,12 +75,11 @@ def test_another_way_to_hold_the_arm_is_a_leap() -> None:
     """The same pose with another wrist or elbow: no path of the tool leads there."""
     arm = arm_of("ur5")
     poses = along(arm, 0.1)
-    known = known_ends(arm, poses)
-    end = known[len(poses) - 1]
-    others = [q for q in solutions(arm, poses[-1], arm.robot.home[None], 80) if np.abs(q - end).max() > 0.5]
+    start, end = known_ends(arm, poses)
+    others = [q for q in find_branches(arm, poses[-1], arm.robot.home[None], 80) if np.abs(q - end).max() > 0.5]
     assert len(others) >= 3
     for other in others:
-        assert follow(arm, poses, {0: known[0], len(poses) - 1: other}) is None
+        assert follow(arm, poses, start, other) is None
 
 
 def test_a_pose_out_of_reach_on_the_way_is_told() -> None:
@@ -89,7 +87,7 @@ def test_a_pose_out_of_reach_on_the_way_is_told() -> None:
     home = arm.forward(arm.robot.home)
     far = Pose(home.p + np.array([2.0, 0.0, 0.0]), home.wxyz)
     poses = (*line(home, far), *line(far, home))
-    assert follow(arm, poses, {0: arm.robot.home, len(poses) - 1: arm.robot.home}) is None
+    assert follow(arm, poses, arm.robot.home, arm.robot.home) is None
 
 
 def test_lines_are_straight_and_their_poses_close() -> None:

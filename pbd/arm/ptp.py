@@ -1,4 +1,4 @@
-"""Straight moves in joint space, from rest to rest, as fast as the limits allow.
+"""PTP: straight moves in joint space, from rest to rest, as fast as the limits allow.
 
 A move is one degree of freedom for ruckig, the distance along the line, under the limits that its joints leave it. So
 the line is straight (with one degree of freedom per joint it often isn't), and ruckig's cubic pieces are the joints'
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from ruckig import InputParameter, Ruckig, Trajectory
 
-from pbd.arm.pieces import WITHIN, Pieces
+from pbd.arm.piecewise_cubic import WITHIN, PiecewiseCubic
 from pbd.data import JointLimits
 from pbd.pose import Array
 
@@ -21,7 +21,7 @@ LEAST_S = 1e-3
 controller can interpolate: the positions' last digits would become jerk."""
 
 
-def straight_move(q_start: Array, q_end: Array, limits: JointLimits, factor: float) -> Pieces:
+def ptp_move(q_start: Array, q_end: Array, limits: JointLimits, factor: float) -> PiecewiseCubic:
     """Time a move from q (k,) to q (k,).
 
     Args:
@@ -32,14 +32,14 @@ def straight_move(q_start: Array, q_end: Array, limits: JointLimits, factor: flo
     way = q_end - q_start
     length = float(np.abs(way).max())
     if length == 0.0:
-        return Pieces(np.empty(0), np.empty((0, 4, len(way))))
+        return PiecewiseCubic(np.empty(0), np.empty((0, 4, len(way))))
     way = way / length
     profile = _profile(length, np.abs(way), limits, factor)
     durations = np.array(profile.t)
     # Seven phases; the states are one more, the last being the end.
     s, v, a, j = (np.array(values)[: len(durations), None] for values in (profile.p, profile.v, profile.a, profile.j))
     coefficients = np.stack((q_start + s * way, v * way, a / 2.0 * way, j / 6.0 * way), axis=1)
-    return Pieces.of(durations, coefficients).lasting(LEAST_S)
+    return PiecewiseCubic.of(durations, coefficients).lasting(LEAST_S)
 
 
 def _profile(length: float, share: Array, limits: JointLimits, factor: float) -> Any:

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from pbd.arm import seeds
-from pbd.arm.hindrance import Hindrance, find_hindrance
 from pbd.arm.ik import solve
 from pbd.arm.model import ArmModel, load_model
+from pbd.arm.unreachable import Unreached, find_reason
 from pbd.data import Robot
 from pbd.pose import Array, Pose
 from tests.arm.bundled import NAMES, arm_of
@@ -21,10 +19,10 @@ from tests.arm.conftest import changed, random_joints
 DOWN = (np.pi, 0.0, 0.0)
 
 
-def hindrance(arm: ArmModel, pose: Pose) -> Hindrance:
+def hindrance(arm: ArmModel, pose: Pose) -> Unreached:
     result = solve(arm, pose)
     assert not result.reached
-    return find_hindrance(arm, pose, result)
+    return find_reason(arm, pose, result)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -43,10 +41,8 @@ def test_beyond_reach_is_by_how_far_the_nearest_place_is(name: str) -> None:
 
 
 @pytest.fixture
-def stiff(panda: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[float], ArmModel]:
-    """A panda that moves its joints by little about home, and few seeds in a cache of its own."""
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(seeds, "SAMPLES", 2**13)
+def stiff(panda: Robot) -> Callable[[float], ArmModel]:
+    """A panda that moves its joints by little about home."""
 
     def make(by: float) -> ArmModel:
         limits = changed(panda.limits, lower=panda.home - by, upper=panda.home + by)
@@ -73,7 +69,7 @@ def test_the_limit_that_stops_it_is_named(stiff: Callable[[float], ArmModel], si
     for i, joint in enumerate(arm.robot.joints):
         beyond = arm.robot.home + (0.3 if side == "upper" else -0.3) * np.eye(7)[i]
         pose = arm.forward(beyond)
-        found = find_hindrance(arm, pose, solve(arm, pose))
+        found = find_reason(arm, pose, solve(arm, pose))
         assert (joint, side) in found.limits
 
 
@@ -85,7 +81,7 @@ def test_a_named_limit_is_what_is_in_the_way(arm: ArmModel) -> None:
         result = solve(arm, pose)
         if result.reached:
             continue
-        found = find_hindrance(arm, pose, result)
+        found = find_reason(arm, pose, result)
         if found.beyond_m > 0.0:
             continue
         for name, side in found.limits:
@@ -104,19 +100,19 @@ def error(arm: ArmModel, pose: Pose, q: Array) -> float:
 @pytest.mark.parametrize(
     ("found", "told"),
     [
-        (Hindrance(0.123, True, ()), "12.3 cm beyond the arm's reach"),
+        (Unreached(0.123, True, ()), "12.3 cm beyond the arm's reach"),
         (
-            Hindrance(0.05, False, (("elbow", "lower"),)),
+            Unreached(0.05, False, (("elbow", "lower"),)),
             "5.0 cm inside the arm's reach, with elbow at its lower limit",
         ),
         (
-            Hindrance(0.0, False, (("a", "upper"), ("b", "lower"))),
+            Unreached(0.0, False, (("a", "upper"), ("b", "lower"))),
             "reachable, but not with the tool at this angle (a at its upper limit and b at its lower limit)",
         ),
-        (Hindrance(0.0, False, ()), "reachable, but not with the tool at this angle"),
+        (Unreached(0.0, False, ()), "reachable, but not with the tool at this angle"),
     ],
 )
-def test_it_is_told_in_words(found: Hindrance, told: str) -> None:
+def test_it_is_told_in_words(found: Unreached, told: str) -> None:
     assert str(found) == told
 
 

@@ -1,0 +1,138 @@
+"""The ladder through all keyframes: of the many ways to reach each, those that together move the joints least.
+
+Each keyframe gets a dozen branches or so: some that follow from those of the keyframe before, so that a way of holding
+the arm is carried along for as long as it lasts, and some found afresh. An arm with more than six joints then slides
+along its null space, toward its neighbours and away from limits.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from pbd.arm.branches import MARGIN_RAD, SAME_RAD, configuration_cost, find_branches, polish, turn_toward
+from pbd.arm.ladder import Barred, Ladder, Layer
+from pbd.arm.levenberg_marquardt import SOLVED, descend_each
+from pbd.arm.model import ArmModel
+from pbd.arm.partial_pose import FULL_POSE
+from pbd.arm.tool import target
+from pbd.arm.unreachable import out_of_reach
+from pbd.pose import Array, Pose
+
+STARTS, STARTS_WIDE = 12, 81
+"""Descents made for each keyframe: at first, and where what is near it is barred."""
+SWEEPS = 3
+"""Passes over the path in which each configuration slides toward the middle of its neighbours."""
+
+_RIDGE = 1e-9  # keeps the projection onto the null space solvable where the arm is singular
+
+
+class States(NamedTuple):
+    """Ways to hold the arm, the least travel first: q (m, k) rad, cost (m,) rad, travel (m,) rad from the start."""
+
+    q: Array
+    cost: Array
+    travel: Array
+
+
+class Unreachable(NamedTuple):
+    """The first keyframe that has no solution, and joints (k,) near which one was sought."""
+
+    keyframe: int
+    q_seed: Array
+
+
+def solve_path(arm: ArmModel, T_base_tool: Sequence[Pose], q_start: Array) -> Array:
+    """Find joints (n, k) that reach n tool poses with little joint travel (sum of |dq|) from `q_start` (k,) on.
+
+    Whatever is in the way between them: see motion.py for one that is free of collisions.
+
+    Raises:
+        PlanError: a keyframe can't be reached; see `out_of_reach` for its fields.
+    """
+    ladder = build_ladder(arm, T_base_tool, q_start, None, most_refused=1)
+    if isinstance(ladder, Unreachable):
+        raise out_of_reach(arm, ladder.keyframe, T_base_tool[ladder.keyframe], ladder.q_seed)
+    path = ladder.shortest()
+    return ladder.joints([] if isinstance(path, Barred) else path)[1:]
+
+
+def build_ladder(
+    arm: ArmModel, T_base_tool: Sequence[Pose], q_start: Array, q_end: Array | None, most_refused: int
+) -> Ladder | Unreachable:
+    """Lay out the branches at n poses: layer 0 is `q_start`, layer i + 1 pose i, the last `q_end`; both (k,)."""
+    at = States(q_start[None], np.zeros(1), np.zeros(1))
+    layers = [Layer(at.q, at.cost, most_refused)]
+    for keyframe, pose in enumerate(T_base_tool):
+        following = states_at(arm, pose, at, STARTS)
+        if not len(following.q):
+            return Unreachable(keyframe, at.q[0])
+        at = following
+        layers.append(Layer(at.q, at.cost, most_refused))
+    if q_end is not None:
+        layers.append(Layer(q_end[None], np.zeros(1), most_refused))
+    ladder = Ladder(layers)
+    if len(q_start) > FULL_POSE:
+        _slide(arm, T_base_tool, ladder)
+    return ladder
+
+
+def states_at(arm: ArmModel, pose: Pose, before: States, starts: int) -> States:
+    """Find the branches of a pose, whole turns taken toward where the arm may come from."""
+    found = find_branches(arm, pose, before.q, starts)
+    if not len(found):
+        return States(found, np.empty(0), np.empty(0))
+    turned = turn_toward(arm, found, before.q[:, None])
+    total = before.travel[:, None] + np.linalg.norm(turned - before.q[:, None], axis=2)
+    via, each = total.argmin(axis=0), np.arange(len(found))
+    q = turned[via, each]
+    cost = configuration_cost(arm, q)
+    travel = total[via, each] + cost
+    order = np.argsort(travel)
+    return States(q[order], cost[order], travel[order])
+
+
+def widen(arm: ArmModel, pose: Pose, ladder: Ladder, place: int, starts: int = STARTS_WIDE) -> None:
+    """Add to a layer the branches of its pose that a larger search from the layer before finds."""
+    before, known = ladder.layers[place - 1].q, ladder.layers[place].q
+    found = states_at(arm, pose, States(before, np.zeros(len(before)), np.zeros(len(before))), starts)
+    new = np.array([np.abs(known - q).max(axis=1).min() > SAME_RAD for q in found.q], dtype=bool)
+    ladder.add(place, found.q[new], found.cost[new])
+
+
+def _slide(arm: ArmModel, T_base_tool: Sequence[Pose], ladder: Ladder) -> None:
+    """Slide the shortest path, each tool standing still, toward the middle of its neighbours; add it to the layers."""
+    shortest = ladder.shortest()
+    if isinstance(shortest, Barred):
+        return
+    path = ladder.joints(shortest)
+    costs = configuration_cost(arm, path)
+    goals = [target(pose) for pose in T_base_tool]
+    for _ in range(SWEEPS):
+        for i, goal in enumerate(goals, start=1):
+            q, before, after = path[i], path[i - 1], path[i + 1] if i + 1 < len(path) else path[i - 1]
+            pull = 0.5 * (before + after) - q + _inward(arm, q)
+            J = arm.jacobian(q)
+            pull -= J.T @ np.linalg.solve(J @ J.T + _RIDGE * np.eye(6), J @ pull)
+            ended, squares = descend_each(arm, goal, (q + pull)[None])
+            # What it may cost to be better than what is there.
+            most = costs[i] + _travel(before, q, after) - _travel(before, ended[0], after)
+            if squares[0] < SOLVED and most > 0.0 and (cost := float(configuration_cost(arm, ended)[0])) < most:
+                path[i], costs[i] = ended[0], cost
+    for i, goal in enumerate(goals, start=1):
+        ladder.add(i, polish(arm, goal, path[i : i + 1]), costs[i : i + 1])
+
+
+def _inward(arm: ArmModel, q: Array) -> Array:
+    """How far joints that are too near a limit are from where they aren't."""
+    lower, upper = arm.limits.lower, arm.limits.upper
+    inward: Array = np.maximum(0.0, MARGIN_RAD - (q - lower)) - np.maximum(0.0, MARGIN_RAD - (upper - q))
+    return inward
+
+
+def _travel(*path: Array) -> float:
+    return sum(math.sqrt(way.dot(way)) for way in (b - a for a, b in pairwise(path)))

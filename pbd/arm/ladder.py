@@ -1,0 +1,184 @@
+"""A ladder graph: layers of ways to hold the arm, moves between neighbouring layers, and the shortest free path.
+
+Collision checks are costly, so they are lazy: the shortest path is found by dynamic programming as if all were free,
+and only the states and moves on it are checked. What is barred is dropped, and the path is found anew from there on
+(LazySP: Dellin and Srinivasa, "A Unifying Formalism for Shortest Path Problems with Expensive Edge Evaluations", 2016).
+A link between two layers that seems barred altogether is handed back to be mended; all else that is known is kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbd.pose import Array
+
+Stands = Callable[[int, Array], bool]
+"""Whether the arm may stand in a layer (counted from 0, the start) with joints (k,)."""
+Moves = Callable[[int, Array, Array], bool]
+"""Whether it may move to that layer from joints (k,) to others."""
+
+
+@dataclass(frozen=True)
+class Barred:
+    """Why no path was found: the layers that can't be come to.
+
+    `standing` says of each whether the arm can stand there, so that it is the moves to it that are barred.
+    """
+
+    layers: tuple[int, ...]
+    standing: tuple[bool, ...]
+
+
+@dataclass(eq=False)
+class Layer:
+    """Ways to hold the arm at one pose, and the moves to them from the layer before.
+
+    Attributes:
+        q: (m, k) rad.
+        cost: (m,) rad of joint travel, beside that of the moves; infinite where the arm may not stand.
+        most_refused: how many refused moves make the layer count as out of reach.
+        costly: the moves to it are checked once all others on the path are free.
+        most_step: rad, the largest motion of a joint on a move to this layer.
+        length: (l, m) rad, of the moves from the l states before; infinite where barred.
+    """
+
+    q: Array
+    cost: Array
+    most_refused: int
+    most_step: float = np.inf
+    costly: bool = False
+    length: Array = field(init=False)
+    refused: int = field(init=False, default=0)
+    stood: NDArray[np.bool_] = field(init=False)
+    moved: NDArray[np.bool_] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.stood = np.zeros(len(self.q), dtype=bool)
+        self.length, self.moved = np.empty((0, 0)), np.empty((0, 0), dtype=bool)
+
+    def link(self, before: Array, *, anew: bool = False) -> None:
+        """Measure the moves from states (l, k); keep what is known of those that were there, but for `anew`."""
+        step = before[:, None] - self.q
+        length, moved = np.linalg.norm(step, axis=2), np.zeros(step.shape[:2], dtype=bool)
+        length[np.abs(step).max(axis=2, initial=0.0) > self.most_step] = np.inf
+        if anew:
+            self.refused = 0
+        else:
+            known = tuple(slice(count) for count in self.length.shape)
+            length[known], moved[known] = self.length, self.moved
+        self.length, self.moved = length, moved
+
+
+class Ladder:
+    """Layers to find a path through, the start's (of one state) first. Those with `q` alike cost nothing to pass."""
+
+    def __init__(self, layers: Sequence[Layer]) -> None:
+        self.layers = list(layers)
+        for before, layer in pairwise(self.layers):
+            layer.link(before.q)
+        self._totals, self._via = [self.layers[0].cost], list[NDArray[np.int64]]()
+
+    def add(self, place: int, q: Array, cost: Array) -> None:
+        """Add states (m, k) to a layer."""
+        layer = self.layers[place]
+        layer.q, layer.cost = np.vstack((layer.q, q)), np.append(layer.cost, cost)
+        layer.stood = np.append(layer.stood, np.zeros(len(q), dtype=bool))
+        for at in (place, place + 1):
+            if at < len(self.layers):
+                self.layers[at].link(self.layers[at - 1].q)
+        self._forget(place)
+
+    def reopen(self, place: int, most_refused: int, *, costly: bool) -> None:
+        """Take the moves to a layer for unknown again: they are made in another way from now on."""
+        layer = self.layers[place]
+        layer.most_refused, layer.costly = most_refused, costly
+        layer.link(self.layers[place - 1].q, anew=True)
+        self._forget(place)
+
+    def insert(self, place: int, layers: Sequence[Layer]) -> None:
+        """Put layers before one of them."""
+        after = place + len(layers)
+        self.layers[place:place] = layers
+        for at in range(place, after + 1):
+            self.layers[at].link(self.layers[at - 1].q, anew=True)
+        self._forget(place)
+
+    def drop_last(self) -> None:
+        """Let the path end one layer earlier."""
+        del self.layers[-1]
+        self._forget(len(self.layers))
+
+    def joints(self, path: Sequence[int]) -> Array:
+        """Return the states (n, k) on a path."""
+        return np.array([layer.q[state] for layer, state in zip(self.layers, path, strict=True)])
+
+    def shortest(self) -> list[int] | Barred:
+        """Return which state of each layer to take; or the first layer that what is barred leaves no path to."""
+        for place in range(len(self._totals), len(self.layers)):
+            layer = self.layers[place]
+            through = self._totals[-1][:, None] + layer.length
+            total = through.min(axis=0) + layer.cost
+            if not np.isfinite(total).any():
+                return Barred((place,), (bool(np.isfinite(layer.cost).any()),))
+            self._via.append(through.argmin(axis=0))
+            self._totals.append(total)
+        path = [int(self._totals[-1].argmin())]
+        for via in reversed(self._via):
+            path.append(int(via[path[-1]]))
+        return path[::-1]
+
+    def travel(self, place: int) -> Array:
+        """Return the cost (m,) of the shortest path to each state of a layer; infinite where there is none."""
+        self.shortest()
+        return self._totals[place] if place < len(self._totals) else np.full(len(self.layers[place].q), np.inf)
+
+    def search(self, stands: Stands, moves: Moves) -> list[int] | Barred:
+        """Return the shortest path on which every state and move is free, or the layers that need mending first."""
+        while True:
+            path = self.shortest()
+            if isinstance(path, Barred):
+                return path
+            if self._bar_states(path, stands):
+                continue
+            if not self._bar_moves(path, moves, costly=False) and not self._bar_moves(path, moves, costly=True):
+                return path
+            tired = tuple(i for i, layer in enumerate(self.layers) if layer.refused >= layer.most_refused)
+            if tired:
+                return Barred(tired, (True,) * len(tired))
+
+    def _bar_states(self, path: Sequence[int], stands: Stands) -> bool:
+        barred = False
+        for place, state in enumerate(path[1:], start=1):
+            layer = self.layers[place]
+            if layer.stood[state]:
+                continue
+            layer.stood[state] = True
+            if not stands(place, layer.q[state]):
+                layer.cost[state] = np.inf
+                self._forget(place)
+                barred = True
+        return barred
+
+    def _bar_moves(self, path: Sequence[int], moves: Moves, *, costly: bool) -> bool:
+        barred = False
+        for place, (state, following) in enumerate(pairwise(path), start=1):
+            layer = self.layers[place]
+            if layer.moved[state, following] or layer.costly != costly:
+                continue
+            layer.moved[state, following] = True
+            if not moves(place, self.layers[place - 1].q[state], layer.q[following]):
+                layer.length[state, following] = np.inf
+                layer.refused += 1
+                self._forget(place)
+                barred = True
+        return barred
+
+    def _forget(self, place: int) -> None:
+        """Drop the totals from a layer on."""
+        place = max(1, place)
+        del self._totals[place:], self._via[place - 1 :]

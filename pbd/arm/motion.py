@@ -1,0 +1,316 @@
+"""Motion choice: which way the arm takes from keyframe to keyframe, mended where something bars it.
+
+All keyframes lie on one ladder graph (ladder.py); its links are straight moves in joint space, or paths of the tool. A
+link that is barred is mended on its own, and the search goes on with all else that is known: first the hand's path is
+tried there (or a line, where no hand is known), then more ways to hold the arm at both ends, then joints along the path
+(a link of its own for every few poses). So the cost grows with the keyframes, and with the links that are barred.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+
+from pbd.arm.cartesian import follow, line, off_line
+from pbd.arm.collision import describe
+from pbd.arm.collision_queries import CollisionQueries
+from pbd.arm.joint_path import STARTS, States, Unreachable, build_ladder, states_at, widen
+from pbd.arm.ladder import Barred, Ladder, Layer
+from pbd.arm.model import ArmModel
+from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, Motion, MotionRequest, Segment
+from pbd.arm.refusal import UNREACHABLE, Refusal, refuse_move, refuse_pose
+from pbd.arm.scene import Hit
+from pbd.arm.unreachable import out_of_reach
+from pbd.errors import PbdWarning
+from pbd.pose import Array, Pose
+
+MOST_STRAIGHT, MOST_STRAIGHT_WIDE = 36, 150
+"""Refused straight moves between two keyframes before the link is mended: at first, and among more branches."""
+MOST_PATHS, MOST_STEPS = 4, 60
+"""Refused paths of the tool before the link is mended: from end to end, and along a few of its poses."""
+COARSE = 4
+"""Poses from one layer to the next where joints are sought along a path."""
+CONTINUOUS_RAD = 0.5
+"""Largest motion of a joint between two of those layers."""
+LOOK_BACK = 8
+"""Paths before a barred one along which joints are sought with it."""
+
+_OFF_LINE_SAMPLES = 33
+
+
+def choose_motion(arm: ArmModel, request: MotionRequest, queries: CollisionQueries | None) -> Motion | Refusal:
+    """Choose joints at the keyframes and the segments between them; without `queries` whatever is in the way.
+
+    Warns:
+        PbdWarning: the way back is left out.
+    """
+    poses = request.T_base_tool
+    ladder = build_ladder(arm, poses, request.q_start, request.q_back, MOST_STRAIGHT)
+    if isinstance(ladder, Unreachable):
+        return Refusal(UNREACHABLE, out_of_reach(arm, ladder.keyframe, poses[ladder.keyframe], ladder.q_seed))
+    search = _Search(arm, request, queries, ladder)
+    found = search.run()
+    if search.no_way_back is not None and isinstance(found, Motion):
+        warnings.warn(
+            "no collision-free way back from the last keyframe was found "
+            f"({describe(search.no_way_back)}): the motion ends there",
+            PbdWarning,
+            stacklevel=2,
+        )
+    return found
+
+
+@dataclass(eq=False)
+class _Move:
+    """A move to a keyframe: its kind, how else it may be made, and what was found to be in the way of each kind.
+
+    `poses_hit`: what the arm touches at the keyframe itself. `tried`: how many pairs of ways to hold the arm were.
+    """
+
+    kind: str
+    remedies: list[str]
+    hits: dict[str, Hit] = field(default_factory=dict)
+    pose_hit: Hit | None = None
+    tried: int = 0
+
+
+@dataclass(eq=False)
+class _Link:
+    """What leads to a layer: part of the move to a keyframe, along poses of the tool or (None) straight.
+
+    `at_keyframe`: whether the layer is the keyframe itself. `found`: joints (m, k) of what is free, by both ends.
+    """
+
+    keyframe: int
+    poses: tuple[Pose, ...] | None = None
+    at_keyframe: bool = True
+    found: dict[bytes, Array] = field(default_factory=dict)
+
+
+class _Search:
+    """The ladder with what each of its links is: link j leads to layer j + 1."""
+
+    def __init__(self, arm: ArmModel, request: MotionRequest, queries: CollisionQueries | None, ladder: Ladder) -> None:
+        self.arm, self.request, self.queries, self.ladder = arm, request, queries, ladder
+        self.n = len(request.T_base_tool)
+        self.no_way_back: Hit | None = None
+        self.links = [_Link(place) for place in range(len(ladder.layers) - 1)]
+        self.moves = [_Move(STRAIGHT, ["widen"]) for _ in self.links]
+        for i in range(1, self.n):
+            if request.kind == STRAIGHT:
+                self.moves[i].remedies = ["follow", "widen", "split"]
+            else:
+                self._follow_path(i + 1, request.kind, ["split", "widen"])
+
+    def run(self) -> Motion | Refusal:
+        while True:
+            path = self.ladder.search(self._stands, self._free)
+            if isinstance(path, Barred):
+                # From the last on: what is mended may add layers.
+                mended = [self._mend(*each) for each in reversed([*zip(path.layers, path.standing, strict=True)])]
+                refusals = [each for each in mended if each is not None]
+                if refusals:
+                    return refusals[-1]
+            elif not self._make_lines(path):
+                return self._motion(path)
+
+    # --- what is free -------------------------------------------------------------------------------------------------
+
+    def _stands(self, place: int, q: Array) -> bool:
+        link = self.links[place - 1]
+        i, move = link.keyframe, self.moves[link.keyframe]
+        if self.queries is None or i == self.n:
+            return True
+        hit = self.queries.standing(i, q) if link.at_keyframe else self.queries.passing(i, q)
+        if hit is not None and link.at_keyframe:
+            move.pose_hit = move.pose_hit or hit
+        elif hit is not None:
+            move.hits.setdefault(move.kind, hit)
+        return hit is None
+
+    def _free(self, place: int, q_before: Array, q: Array) -> bool:
+        link = self.links[place - 1]
+        move = self.moves[link.keyframe]
+        found = self._moved(link, q_before, q)
+        if isinstance(found, np.ndarray):
+            link.found[q_before.tobytes() + q.tobytes()] = found
+            return True
+        if found is not None:
+            move.hits.setdefault(move.kind, found)
+        move.tried += 1
+        return False
+
+    def _moved(self, link: _Link, q_before: Array, q: Array) -> Array | Hit | None:
+        """Return the joints by which the arm moves from some to others, what it touches; None: it can't follow."""
+        i, queries = link.keyframe, self.queries
+        if (queries is None and link.poses is None) or (i == 0 and not self.request.approach):
+            return q[None]
+        if queries is not None and i == 0:
+            return queries.approach(q_before, q)
+        if queries is not None and i == self.n:
+            return queries.retreat(q_before, q)
+        along = np.stack((q_before, q)) if link.poses is None else follow(self.arm, link.poses, q_before, q)
+        if along is None:
+            return None
+        if queries is None:
+            return along[1:]
+        # Once a move is known to be barred, most others are in the middle too.
+        hit = queries.halfway(i, q_before, q) if self.moves[i].tried and link.poses is None else None
+        hit = hit or queries.moving(i, along)
+        return along[1:] if hit is None else hit
+
+    # --- mending ------------------------------------------------------------------------------------------------------
+
+    def _mend(self, place: int, standing: bool) -> Refusal | None:
+        """Change how a layer is come to, if there is another way; else say what was tried."""
+        i = self.links[place - 1].keyframe
+        move = self.moves[i]
+        if not standing and "widen" in move.remedies:
+            move.remedies.remove("widen")
+            widen(self.arm, self._pose(place), self.ladder, place)
+            return None
+        if not standing and move.pose_hit is not None and self.links[place - 1].at_keyframe:
+            return refuse_pose(i, len(self.ladder.layers[place].q), move.pose_hit)
+        if not standing:
+            return self._refuse(i)
+        if not move.remedies and i == self.n:
+            self.no_way_back = move.hits[STRAIGHT]
+            self.ladder.drop_last()
+            del self.links[-1]
+            return None
+        if not move.remedies:
+            return self._refuse(i)
+        remedy = move.remedies.pop(0)
+        if remedy == "follow":
+            self._follow_path(place, DEMO if self.request.hand else LINE, move.remedies)
+        elif remedy == "widen":
+            self._widen(i)
+        elif not self._split(place):
+            return self._refuse(i)
+        return None
+
+    def _follow_path(self, place: int, kind: str, remedies: list[str]) -> None:
+        """Let the tool follow a path to a layer, from end to end."""
+        link = self.links[place - 1]
+        i, T_base_tool = link.keyframe, self.request.T_base_tool
+        self.moves[i].kind, self.moves[i].remedies = kind, remedies
+        hand = self.request.hand if kind == DEMO else None
+        link.poses = tuple(hand()[i - 1]) if hand else line(T_base_tool[i - 1], T_base_tool[i])
+        self.ladder.reopen(place, MOST_PATHS, costly=True)
+
+    def _widen(self, i: int) -> None:
+        """Look for more ways to hold the arm all along a move; where it followed a path straight moves are tried."""
+        places = [place for place, link in enumerate(self.links, start=1) if link.keyframe == i]
+        for place in (places[0] - 1, *places):
+            if place > 0 and self.links[place - 1].keyframe < self.n:
+                widen(self.arm, self._pose(place), self.ladder, place)
+        if len(places) == 1:
+            self.links[places[0] - 1].poses, self.moves[i].kind = None, STRAIGHT
+        for place in places:
+            self.ladder.reopen(place, MOST_STRAIGHT_WIDE, costly=len(places) > 1)
+
+    def _split(self, place: int) -> bool:
+        """Seek joints along a path, and along the paths just before it: those decide how the arm comes to it."""
+        if self.links[place - 1].poses is None:  # widening made it straight
+            self._follow_path(place, DEMO if self.request.hand else LINE, [])
+        first = place
+        while first > 1 and place - first < LOOK_BACK and self._whole(first - 1):
+            first -= 1
+        end = place
+        while first <= end:
+            added = self._split_one(first)
+            if added is None:
+                return False
+            first, end = first + added + 1, end + added
+        return True
+
+    def _whole(self, place: int) -> bool:
+        """Whether a layer is come to by a path of the tool from end to end."""
+        link, before = self.links[place - 1], self.links[place - 2]
+        return link.poses is not None and link.at_keyframe and before.keyframe != link.keyframe
+
+    def _split_one(self, place: int) -> int | None:
+        """Put a layer at every few poses of a path; return how many, None where a pose has no solution."""
+        link = self.links[place - 1]
+        poses = link.poses or ()
+        marks = [0, *range(COARSE, len(poses) - 1, COARSE), len(poses) - 1]
+        before = self.ladder.layers[place - 1]
+        travel = self.ladder.travel(place - 1)
+        order = np.argsort(travel)[: np.isfinite(travel).sum()]
+        at, layers = States(before.q[order], before.cost[order], travel[order]), []
+        for mark in marks[1:-1]:
+            at = states_at(self.arm, poses[mark], at, STARTS) if len(at.q) else at
+            if not len(at.q):
+                return None
+            layers.append(Layer(at.q, at.cost, MOST_STEPS, CONTINUOUS_RAD, costly=True))
+        last = self.ladder.layers[place]
+        last.most_refused, last.most_step = MOST_STEPS, CONTINUOUS_RAD
+        self.ladder.insert(place, layers)
+        self.links[place - 1 : place] = [
+            _Link(link.keyframe, poses[a : b + 1], b == len(poses) - 1) for a, b in pairwise(marks)
+        ]
+        widen(self.arm, poses[-1], self.ladder, place + len(layers), STARTS)
+        return len(layers)
+
+    def _pose(self, place: int) -> Pose:
+        link = self.links[place - 1]
+        return self.request.T_base_tool[link.keyframe] if link.poses is None else link.poses[-1]
+
+    def _make_lines(self, path: Sequence[int]) -> bool:
+        """Let the tool follow a line where a straight move leaves it too far; say whether any does."""
+        tolerance, made = self.request.tolerance_m, False
+        for place, link in enumerate(self.links, start=1):
+            if tolerance is not None and link.poses is None and 0 < link.keyframe < self.n:
+                q_before, q = (self.ladder.layers[at].q[path[at]] for at in (place - 1, place))
+                if self._off_line(q_before, q) > tolerance:
+                    self._follow_path(place, LINE, ["split", "widen"])
+                    made = True
+        return made
+
+    # --- what was found -----------------------------------------------------------------------------------------------
+
+    def _motion(self, path: Sequence[int]) -> Motion:
+        q = self.ladder.joints(path)
+        parts: list[list[Array]] = [[] for _ in self.moves]
+        ends = [q[0]] * self.n
+        for place, link in enumerate(self.links, start=1):
+            parts[link.keyframe].append(link.found[q[place - 1].tobytes() + q[place].tobytes()])
+            if link.keyframe < self.n:
+                ends[link.keyframe] = q[place]
+        segments = []
+        for i in range(self.n):
+            move, along = self.moves[i], np.vstack(parts[i])
+            off_m = self._off_line(ends[i - 1], ends[i]) if i > 0 and move.kind == STRAIGHT else 0.0
+            avoided = None if move.kind == STRAIGHT else move.hits.get(STRAIGHT)
+            segments.append(Segment(move.kind, along, off_m, avoided))
+        back = np.vstack(parts[self.n]) if len(parts) > self.n and parts[self.n] else None
+        return Motion(np.array(ends), tuple(segments), back)
+
+    def _off_line(self, q_before: Array, q: Array) -> float:
+        return off_line(self.arm, q_before + np.linspace(0.0, 1.0, _OFF_LINE_SAMPLES)[:, None] * (q - q_before))
+
+    def _refuse(self, i: int) -> Refusal:
+        move, unfollowed = self.moves[i], None
+        if move.kind not in move.hits and move.kind != STRAIGHT:
+            hit = self._alone(i)
+            if hit is None:
+                unfollowed = move.kind
+            else:
+                move.hits[move.kind] = hit
+        return refuse_move(i, move.tried, move.hits, unfollowed)
+
+    def _alone(self, i: int) -> Hit | None:
+        """Return what the tool's path to keyframe i touches where nothing else holds the arm back."""
+        ends, move = self.request.T_base_tool[i - 1 : i + 1], self.moves[i]
+        before = next(place for place, link in enumerate(self.links) if link.keyframe == i)
+        hand = self.request.hand
+        q_start = self.ladder.layers[before].q[0]
+        alone = MotionRequest(ends, q_start, False, None, move.kind, hand and (lambda: hand()[i - 1 : i]))
+        found = None if self.queries is None else choose_motion(self.arm, alone, None)
+        if self.queries is None or not isinstance(found, Motion):
+            return None
+        return self.queries.moving(i, np.vstack((found.q[:1], found.segments[1].q)))

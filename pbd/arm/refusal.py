@@ -1,0 +1,72 @@
+"""Why there is no motion, and what is told of it: what was tried, and what came closest."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from pbd.arm.collision import describe
+from pbd.arm.motion_request import DEMO, LINE, STRAIGHT
+from pbd.arm.scene import TABLE, Hit
+from pbd.errors import PlanError
+
+UNREACHABLE, COLLISION, CANNOT_FOLLOW = "unreachable", "collision", "cannot follow"
+"""A keyframe is out of reach, something is in the way, the arm can't follow the path that was asked for."""
+
+_SPOKEN = {STRAIGHT: "Straight in joint space", LINE: "Straight line of the tool", DEMO: "Demonstrated path"}
+
+
+@dataclass(frozen=True, eq=False)
+class Refusal:
+    """Why there is no motion: UNREACHABLE, COLLISION or CANNOT_FOLLOW, and the error that says so."""
+
+    why: str
+    error: PlanError
+
+
+def refuse_pose(i: int, tried: int, hit: Hit) -> Refusal:
+    """Refuse keyframe i, where the arm touches something in each of the poses that were tried."""
+    return _collision(i, f"arm pose at keyframe {i} among {tried}: {describe(hit)}", STRAIGHT, hit)
+
+
+def refuse_move(i: int, tried: int, hits: Mapping[str, Hit], unfollowed: str | None) -> Refusal:
+    """Refuse the move to keyframe i.
+
+    Args:
+        i: the keyframe.
+        tried: how many pairs of arm poses, at the keyframe before and there.
+        hits: what the first of them touches, by kind of move; the one that overlaps least is the closest.
+        unfollowed: a kind of path that the arm can't follow, whatever is in the way.
+    """
+    if not hits:
+        path = "the demonstrated path" if unfollowed == DEMO else "the straight line"
+        error = PlanError(
+            f"the arm can't follow {path} from keyframe {i - 1} to keyframe {i}: it would have to flip its elbow or "
+            "wrist on the way, or exceed its joint limits or reach; move the dock",
+            keyframe=i,
+            way=unfollowed,
+        )
+        return Refusal(CANNOT_FOLLOW, error)
+    closest = max(hits, key=lambda kind: hits[kind].distance)
+    told = [
+        f"{_SPOKEN[kind]}{' (closest)' if len(hits) > 1 and kind == closest else ''}: {describe(hit)}"
+        for kind, hit in hits.items()
+    ]
+    if unfollowed is not None:
+        told.append(f"{_SPOKEN[unfollowed]}: the arm can't follow it")
+    where = f"from keyframe {i - 1} to keyframe {i}" if i > 0 else "to keyframe 0"
+    pairs = f"{tried} pairs of arm poses" if tried > 1 else "1 pair of arm poses"
+    return _collision(i, f"motion {where} among {pairs}. {'. '.join(told)}", closest, hits[closest])
+
+
+def _collision(i: int, what: str, kind: str, hit: Hit) -> Refusal:
+    advice = "raise the keyframe or the dock" if hit.second == TABLE else "move the dock or the obstacle"
+    error = PlanError(
+        f"no collision-free {what}; {advice}",
+        keyframe=i,
+        bodies=(hit.first, hit.second),
+        value=hit.depth,
+        p_base=hit.p_base,
+        closest=kind,
+    )
+    return Refusal(COLLISION, error)

@@ -1,0 +1,48 @@
+"""Starts are near the poses that they are asked for, within limits, and the same each time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pbd.arm.ik_starts import CLUMSY, ROTATION_WEIGHT_M, manipulability, starts_of
+from pbd.arm.model import ArmModel
+from pbd.arm.tool import target
+from pbd.pose import Array
+from tests.arm.bundled import arm_of
+from tests.arm.conftest import random_joints
+
+
+def features(arm: ArmModel, q: Array) -> Array:
+    p, R = arm.forward_many(q)
+    return np.hstack((p, ROTATION_WEIGHT_M * R.reshape(-1, 9)))
+
+
+def test_the_nearest_are_the_nearest_of_all(arm: ArmModel) -> None:
+    starts = starts_of(arm)
+    assert ((starts.q >= arm.limits.lower) & (starts.q <= arm.limits.upper)).all()
+    for truth in random_joints(arm.robot, 20, seed=5):
+        wanted = features(arm, truth[None])
+        found = np.linalg.norm(features(arm, starts.nearest(target(arm.forward(truth)), 8)) - wanted, axis=1)
+        np.testing.assert_allclose(
+            found, np.sort(np.linalg.norm(features(arm, starts.q) - wanted, axis=1))[:8], atol=1e-5
+        )
+        p = arm.forward(truth).p
+        off = np.linalg.norm(arm.forward_many(starts.at(p, 8))[0] - p, axis=1)
+        np.testing.assert_allclose(off, np.sort(np.linalg.norm(starts.p - p, axis=1))[:8], atol=1e-5)
+
+
+def test_they_are_the_same_each_time(arm: ArmModel) -> None:
+    again = starts_of.__wrapped__(arm)
+    np.testing.assert_array_equal(starts_of(arm).anywhere(30), again.anywhere(30))
+    assert starts_of(arm).clumsy == again.clumsy
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5", "so101"])
+def test_manipulability_is_the_product_of_the_singular_values(name: str) -> None:
+    arm = arm_of(name)
+    J = np.array([arm.jacobian(q) for q in random_joints(arm.robot, 2000, seed=7)])
+    measured = manipulability(J)
+    np.testing.assert_allclose(measured, np.linalg.svd(J, compute_uv=False).prod(axis=1), atol=1e-12)
+    assert (measured < starts_of(arm).clumsy).mean() == pytest.approx(CLUMSY, abs=0.06)
+    assert manipulability(arm_of("ur5").jacobian(np.zeros(6))[None])[0] < 1e-9  # straight

@@ -1,0 +1,158 @@
+"""The shortest free path through a ladder graph, against every path there is."""
+
+from __future__ import annotations
+
+from itertools import pairwise, product
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pbd.arm.ik import check
+from pbd.arm.joint_path import STARTS, build_ladder, widen
+from pbd.arm.ladder import Barred, Ladder, Layer
+from pbd.pose import Array
+from tests.arm.bundled import arm_of
+
+MANY = 10**6
+
+
+def random_layers(rng: np.random.Generator, sizes: list[int], most_refused: int = MANY) -> list[Layer]:
+    start = Layer(rng.normal(size=(1, 2)), np.zeros(1), most_refused)
+    return [start] + [Layer(rng.normal(size=(size, 2)), rng.uniform(0.0, 0.3, size), most_refused) for size in sizes]
+
+
+class World:
+    """States and moves that are barred at random, and what was asked about."""
+
+    def __init__(self, rng: np.random.Generator, layers: list[Layer], states: float, moves: float) -> None:
+        self.q, self.cost = [layer.q.copy() for layer in layers], [layer.cost.copy() for layer in layers]
+        self.asked = list[tuple[int, ...]]()
+        self.bad = {(i, s) for i, q in enumerate(self.q) for s in range(len(q)) if i and rng.random() < states}
+        pairs = product(range(1, len(layers)), range(5), range(5))
+        self.bad_moves = {(i, a, b) for i, a, b in pairs if rng.random() < moves}
+
+    def state(self, place: int, q: Array) -> int:
+        return int(np.flatnonzero((self.q[place] == q).all(axis=1))[0])
+
+    def stands(self, place: int, q: Array) -> bool:
+        self.asked.append((place, self.state(place, q)))
+        return self.asked[-1] not in self.bad
+
+    def free_move(self, place: int, q: Array, q_next: Array) -> bool:
+        move = (place, self.state(place - 1, q), self.state(place, q_next))
+        self.asked.append(move)
+        assert (place - 1, move[1]) not in self.bad  # it is asked only of states that are free
+        assert (place, move[2]) not in self.bad
+        return move not in self.bad_moves
+
+    def free(self, path: tuple[int, ...]) -> bool:
+        moves = {(i, a, b) for i, (a, b) in enumerate(pairwise(path), start=1)}
+        return not self.bad & set(enumerate(path)) and not self.bad_moves & moves
+
+    def length(self, path: tuple[int, ...]) -> float:
+        states = [q[state] for q, state in zip(self.q, path, strict=True)]
+        costs = sum(float(cost[state]) for cost, state in zip(self.cost, path, strict=True))
+        return costs + sum(float(np.linalg.norm(b - a)) for a, b in pairwise(states))
+
+    def every(self) -> list[tuple[int, ...]]:
+        return list(product(*(range(len(q)) for q in self.q)))
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    st.integers(0, 10_000), st.lists(st.integers(1, 4), min_size=1, max_size=4), st.floats(0, 0.6), st.floats(0, 0.6)
+)
+def test_it_is_the_shortest_of_all_that_are_free(seed: int, sizes: list[int], states: float, moves: float) -> None:
+    rng = np.random.default_rng(seed)
+    layers = random_layers(rng, sizes)
+    world = World(rng, layers, states, moves)
+    found = Ladder(layers).search(world.stands, world.free_move)
+    free = [path for path in world.every() if world.free(path)]
+    if isinstance(found, Barred):
+        assert not free
+        (place,) = found.layers
+        assert not any(world.free(path[: place + 1]) for path in world.every())
+        assert found.standing == (any((place, s) not in world.bad for s in range(sizes[place - 1])),)
+    else:
+        assert tuple(found) == min(free, key=world.length)
+    assert len(world.asked) == len(set(world.asked))
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.integers(0, 10_000), st.integers(1, 4))
+def test_a_mended_ladder_is_as_one_built_whole(seed: int, place: int) -> None:
+    """States added, a layer put in, moves made anew: what was known besides is kept, and never asked again."""
+    rng = np.random.default_rng(seed)
+    layers = random_layers(rng, [4, 4, 5, 4])
+    world = World(rng, layers, 0.1, 0.2)
+    world.bad = {each for each in world.bad if each[0] != 4}
+    third, part = layers.pop(3), layers[2]
+    later_q, later_cost = part.q[2:], part.cost[2:].copy()
+    ladder = Ladder([*layers[:2], Layer(part.q[:2], part.cost[:2].copy(), MANY), layers[3]])
+    ladder.search(lambda at, q: at > 2 or world.stands(at, q), lambda at, *q: at > 2 or world.free_move(at, *q))
+    ladder.add(2, later_q, later_cost)
+    ladder.insert(3, [third])
+    ladder.reopen(place, MANY, costly=place % 2 == 0)
+    world.asked = [each for each in world.asked if each[0] != place or len(each) == 2]
+    found = ladder.search(lambda at, q: at > 3 or world.stands(at, q), world.free_move)
+    best = min(filter(world.free, world.every()), key=world.length, default=None)
+    assert isinstance(found, Barred) if best is None else found == list(best)
+    assert len(world.asked) == len(set(world.asked))
+    ladder.drop_last()
+    shorter = ladder.search(world.stands, world.free_move)
+    assert isinstance(shorter, Barred) or len(shorter) == 4
+
+
+def test_what_isnt_on_the_path_isnt_asked_about_and_what_is_costly_last() -> None:
+    layers = random_layers(np.random.default_rng(0), [4, 4, 4])
+    layers[1].costly = True
+    world = World(np.random.default_rng(0), layers, 0.0, 0.0)
+    Ladder(layers).search(world.stands, world.free_move)
+    assert [place[0] for place in world.asked] == [1, 2, 3, 2, 3, 1]
+
+
+def test_a_layer_that_refuses_too_often_is_handed_back() -> None:
+    """All such layers at once, before the others are searched through."""
+    layers = random_layers(np.random.default_rng(0), [4, 4, 4, 4], most_refused=2)
+    asked = []
+
+    def free(place: int, q: Array, q_next: Array) -> bool:
+        asked.append(place)
+        return place not in (2, 4)
+
+    found = Ladder(layers).search(lambda *_: True, free)
+    assert found == Barred((2, 4), (True, True))
+    assert asked.count(2) == asked.count(4) == 2
+
+
+def test_a_step_that_is_too_long_is_no_move() -> None:
+    layers = [Layer(np.array([[0.0, 0.0]]), np.zeros(1), 1)]
+    layers.append(Layer(np.array([[0.4, 0.6], [0.45, 3.0], [0.4, 0.4]]), np.array([0.0, 0.0, 5.0]), 1, most_step=0.5))
+    assert Ladder(layers).search(lambda *_: True, lambda *_: True) == [0, 2]
+
+
+def test_an_elbow_is_held_as_it_must_be() -> None:
+    """Up at the first keyframe and down at the others: other branches of the same poses."""
+    arm = arm_of("ur5")
+    start = np.array([0.3, -1.3, 1.6, -1.9, -1.57, 0.0])
+    poses = [arm.forward(start + shift) for shift in (0.0, 0.1, 0.2)]
+    ladder = build_ladder(arm, poses, start, start, MANY)
+    assert isinstance(ladder, Ladder)
+    before = len(ladder.layers[2].q)
+    for place in (2, 3):
+        widen(arm, poses[place - 1], ladder, place)
+    assert len(ladder.layers[2].q) > before
+    found = ladder.search(lambda place, q: place == 4 or (q[2] < 0.0) == (place > 1), lambda *_: True)
+    assert isinstance(found, list)
+    q = ladder.joints(found)[1:4]
+    np.testing.assert_array_equal(q[:, 2] < 0.0, [False, True, True])
+    assert all(check(arm, pose, joints).reached for pose, joints in zip(poses, q, strict=True))
+    assert before <= STARTS
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_no_layers_but_the_start(count: int) -> None:
+    layers = random_layers(np.random.default_rng(0), [1] * count)
+    assert Ladder(layers).search(lambda *_: True, lambda *_: True) == [0] * (count + 1)

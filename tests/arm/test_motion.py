@@ -1,0 +1,272 @@
+"""Which way the arm takes: straight, otherwise held, as the hand went; and what is said where none is free."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from pbd.arm import cartesian
+from pbd.arm import motion as motion_module
+from pbd.arm.cartesian import line
+from pbd.arm.collision import check_motion
+from pbd.arm.collision_queries import APPROACH_M, CollisionQueries
+from pbd.arm.motion import choose_motion
+from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, Motion, MotionRequest
+from pbd.arm.refusal import CANNOT_FOLLOW, COLLISION, UNREACHABLE, Refusal
+from pbd.arm.scene import CollisionScene
+from pbd.arm.timing import Move, time_moves
+from pbd.data import Obstacle
+from pbd.errors import PbdWarning
+from pbd.pose import Array, Pose
+from tests.arm.bundled import arm_of
+
+ARM = arm_of("panda")
+HOME = ARM.robot.home
+T_HOME = ARM.forward(HOME)
+TURN = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+def moved(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Pose:
+    """The tool as at home, shifted in base."""
+    return Pose(T_HOME.p + np.array([x, y, z]), T_HOME.wxyz)
+
+
+def ball(x: float, y: float, z: float, diameter: float = 0.04) -> Obstacle:
+    return Obstacle("the ball", "sphere", (diameter,), moved(x, y, z))
+
+
+def box(name: str, size: tuple[float, ...], x: float, y: float, z: float) -> Obstacle:
+    return Obstacle(name, "box", size, Pose(moved(x, y, z).p, TURN))
+
+
+def over(*corners: Pose) -> Sequence[Pose]:
+    """A hand that went from corner to corner."""
+    poses: list[Pose] = [corners[0]]
+    for a, b in pairwise(corners):
+        poses += line(a, b)[1:]
+    return poses
+
+
+def asked(
+    poses: Sequence[Pose], obstacles: Sequence[Obstacle] = (), **request: object
+) -> tuple[Motion | Refusal, CollisionScene]:
+    scene = CollisionScene(ARM, None, obstacles)
+    queries = CollisionQueries(ARM, scene, poses, [None] * len(poses))
+    return choose_motion(ARM, MotionRequest(poses, HOME, **request), queries), scene  # type: ignore[arg-type]
+
+
+def chosen(poses: Sequence[Pose], obstacles: Sequence[Obstacle] = (), **request: object) -> Motion:
+    """A motion, and the whole of it is free as the collision checks of motions in time see it."""
+    found, scene = asked(poses, obstacles, **request)
+    assert isinstance(found, Motion)
+    moves = [Move(segment.q, curved=segment.kind != STRAIGHT) for segment in found.segments]
+    back = None if found.back is None else Move(found.back)
+    start = HOME if request.get("approach", True) else found.q[0]
+    timed = time_moves(ARM, start, moves, [0.2] * len(moves), [None] * len(moves), retreat=back)
+    assert check_motion(scene, timed.trajectory) is None
+    for pose, q in zip(poses, found.q, strict=True):
+        assert max(pose.distance(ARM.forward(q))) < 1e-5
+    return found
+
+
+def refused(poses: Sequence[Pose], obstacles: Sequence[Obstacle] = (), **request: object) -> Refusal:
+    found, _ = asked(poses, obstacles, **request)
+    assert isinstance(found, Refusal)
+    assert "\n" not in found.error.message
+    assert found.error.exit_code == 3
+    return found
+
+
+def kinds(motion: Motion) -> list[str]:
+    return [segment.kind for segment in motion.segments]
+
+
+def places(q: Array) -> Array:
+    return np.array([ARM.forward(each).p for each in q]) - T_HOME.p
+
+
+LEFT, RIGHT = moved(y=-0.2, z=-0.1), moved(y=0.2, z=-0.1)
+WALL = [box("the wall", (1.2, 0.01, 0.7), 0.41, 0.0, -0.25)]
+"""Between left and right, from the arm's base outward: the hand can go over it."""
+PLATE = [box("the plate", (1.2, 0.01, 1.8), 0.41, 0.0, 0.3)]
+"""From the arm's base outward and higher than it reaches: nothing passes."""
+OVER = over(LEFT, moved(y=-0.2, z=0.2), moved(y=0.2, z=0.2), RIGHT)
+LOWER = over(LEFT, moved(y=-0.2, z=-0.12), moved(y=0.2, z=-0.12), RIGHT)
+
+
+def test_where_nothing_is_in_the_way_all_is_straight() -> None:
+    motion = chosen((LEFT, RIGHT), q_back=HOME)
+    assert kinds(motion) == [STRAIGHT, STRAIGHT]
+    np.testing.assert_array_equal(motion.segments[1].q, motion.q[1:])
+    assert motion.segments[1].off_line_m > 0.001
+    assert motion.back is not None
+    np.testing.assert_array_equal(motion.back[-1], HOME)
+
+
+def test_a_link_that_is_barred_is_gone_round_by_holding_the_arm_otherwise() -> None:
+    """A ball where the elbow would pass in the middle of the move: the hand's path isn't needed."""
+    free = chosen((LEFT, RIGHT), approach=False)
+    ARM.forward(0.5 * (free.q[0] + free.q[1]))
+    elbow = (ARM.T_base_universe * ARM.data.oMi[4]).translation - T_HOME.p
+    motion = chosen(
+        (LEFT, RIGHT), [ball(elbow[0], elbow[1] + 0.1, elbow[2], 0.05)], approach=False, hand=lambda: [OVER]
+    )
+    assert kinds(motion) == [STRAIGHT, STRAIGHT]
+    assert np.abs(motion.q - free.q).max() > 0.05
+
+
+def test_over_a_wall_as_the_hand_went() -> None:
+    motion = chosen((LEFT, RIGHT), WALL, approach=False, hand=lambda: [OVER])
+    assert kinds(motion) == [STRAIGHT, DEMO]
+    avoided = motion.segments[1].avoided
+    assert avoided is not None
+    assert avoided.second == "the wall"
+    assert places(motion.segments[1].q)[:, 2].max() > 0.19
+
+
+def test_what_is_barred_is_mended_where_it_is() -> None:
+    """Three crossings of the wall among moves beside it: each is made as the hand went, the others stay straight."""
+    beside = [moved(x=0.02, y=-0.2, z=-0.1), moved(x=0.02, y=0.2, z=-0.1)]
+    poses = (LEFT, beside[0], RIGHT, beside[1], LEFT, beside[0], RIGHT)
+    paths = [over(a, moved(y=a.p[1] - T_HOME.p[1], z=0.2), moved(y=b.p[1] - T_HOME.p[1], z=0.2), b)
+             for a, b in pairwise(poses)]  # fmt: skip
+    motion = chosen(poses, WALL, approach=False, hand=lambda: paths)
+    assert kinds(motion) == [STRAIGHT, STRAIGHT, DEMO, STRAIGHT, DEMO, STRAIGHT, DEMO]
+
+
+def test_where_the_hand_itself_went_through_it_is_refused_with_all_that_was_tried() -> None:
+    refusal = refused((LEFT, RIGHT), PLATE, approach=False, hand=lambda: [LOWER])
+    message, fields = refusal.error.message, refusal.error.fields
+    assert refusal.why == COLLISION
+    start, _, told = message.partition(" pairs of arm poses. ")
+    assert start.startswith("no collision-free motion from keyframe 0 to keyframe 1 among ")
+    assert int(start.split()[-1]) > 50
+    straight, _, path = told.partition(". Demonstrated path")
+    assert straight.startswith("Straight in joint space")
+    assert path.endswith(" deep; move the dock or the obstacle")
+    assert straight.count(" would touch the plate, ") == path.count(" would touch the plate, ") == 1
+    assert told.count(" (closest): ") == 1
+    assert fields["keyframe"] == 1
+    assert fields["bodies"][1] == "the plate"  # type: ignore[index]
+    assert fields["closest"] in (STRAIGHT, DEMO)
+    assert 0.0 < float(str(fields["value"])) < 0.3
+
+
+def test_without_a_hands_path_a_line_is_tried() -> None:
+    message = refused((LEFT, RIGHT), PLATE, approach=False).error.message
+    assert ". Straight in joint space" in message
+    assert ". Straight line of the tool" in message
+
+
+@pytest.mark.parametrize("kind", [LINE, DEMO])
+def test_a_path_that_was_asked_for_isnt_replaced(kind: str) -> None:
+    message = refused((LEFT, RIGHT), PLATE, approach=False, kind=kind, hand=lambda: [LOWER]).error.message
+    assert "motion from keyframe 0 to keyframe 1 among " in message
+    assert " would touch the plate" in message
+    assert "Straight in joint space" not in message
+
+
+def test_what_is_in_the_way_is_named_where_no_joints_lead_on_because_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No path was followed from end to end while something could be in the way: alone it can be, and touches it."""
+    follow = cartesian.follow
+
+    def broken(arm: object, poses: Sequence[Pose], *ends: Array) -> Array | None:
+        return follow(ARM, poses, *ends) if alone else None
+
+    alone = list[bool]()
+    choose = motion_module.choose_motion
+
+    def unwatched(arm: object, request: MotionRequest, queries: object) -> Motion | Refusal:
+        alone.append(True)
+        return choose(ARM, request, None)
+
+    monkeypatch.setattr(motion_module, "follow", broken)
+    monkeypatch.setattr(motion_module, "choose_motion", unwatched)
+    refusal = refused((LEFT, RIGHT), PLATE, approach=False, kind=LINE)
+    assert refusal.why == COLLISION
+    assert "Straight line of the tool: panda_" in refusal.error.message
+
+
+def test_a_keyframe_in_the_wall_is_named() -> None:
+    refusal = refused((LEFT, RIGHT), [ball(0.0, 0.2, -0.1, 0.1)])
+    start, _, told = refusal.error.message.partition(": ")
+    assert start.startswith("no collision-free arm pose at keyframe 1 among ")
+    assert int(start.split()[-1]) > 10
+    assert " would touch the ball, " in told
+    assert refusal.error.fields["keyframe"] == 1
+
+
+def test_a_keyframe_out_of_reach() -> None:
+    refusal = refused((LEFT, moved(x=2.0)))
+    assert (refusal.why, refusal.error.fields["keyframe"]) == (UNREACHABLE, 1)
+
+
+def test_lines_where_a_straight_move_leaves_them_too_far() -> None:
+    poses = (LEFT, RIGHT, moved(y=0.21, z=-0.1))
+    off = [segment.off_line_m for segment in chosen(poses).segments]
+    assert off[1] > 0.01 > off[2]
+    motion = chosen(poses, tolerance_m=0.01)
+    assert kinds(motion) == [STRAIGHT, LINE, STRAIGHT]
+    np.testing.assert_allclose(np.ptp(places(motion.segments[1].q)[:, [0, 2]], axis=0), 0.0, atol=1e-7)
+
+
+def test_where_the_last_keyframe_has_no_free_way_back_the_motion_ends_there() -> None:
+    """Something stands at home: that bars the way back and nothing else."""
+    poses = (moved(y=0.3, z=-0.1), moved(y=0.35, z=-0.1))
+    with pytest.warns(PbdWarning, match=r"no collision-free way back from the last keyframe was found .*the ball"):
+        motion = chosen(poses, [ball(0.0, 0.0, 0.0, 0.12)], q_back=HOME, approach=False)
+    assert motion.back is None
+    assert kinds(motion) == [STRAIGHT, STRAIGHT]
+
+
+@pytest.mark.parametrize("end", ["approach", "back"])
+def test_an_end_is_come_to_along_the_tools_axis_where_it_can_not_be_come_to_straight(end: str) -> None:
+    """A ball where the fingertips would pass shortly before they are there."""
+    low, apart = moved(y=-0.3, z=-0.3), moved(y=-0.35, z=-0.3)
+    poses = (low, apart) if end == "approach" else (apart, low)
+    free = chosen(poses, q_back=HOME)
+    q = free.q[poses.index(low)]
+    there = places((HOME + 0.8 * (q - HOME))[None])[0]
+    found = chosen(poses, [ball(*there)], q_back=HOME)
+    assert found.back is not None
+    np.testing.assert_array_equal(found.back[-1], HOME)
+    q = found.segments[0].q if end == "approach" else found.back
+    assert len(q) == 2
+    away = places(q[:1])[0] - places(found.q)[poses.index(low)]
+    np.testing.assert_allclose(away[:2], 0.0, atol=1e-4)  # home's tool points down but for a hair
+    assert min(abs(away[2] - distance) for distance in APPROACH_M) < 1e-4
+
+
+def test_an_approach_that_is_barred_is_refused() -> None:
+    refusal = refused((moved(z=-0.2), moved(z=-0.25)), [box("the plate", (0.6, 0.6, 0.01), 0.0, 0.0, -0.15)])
+    assert refusal.error.fields["keyframe"] == 0
+
+
+def test_a_path_that_the_arm_can_not_follow_is_told() -> None:
+    """Through the arm's own base, where no tool can be."""
+    ur5 = arm_of("ur5")
+    home = ur5.forward(ur5.robot.home)
+    there = Pose(home.p * (-1.0, -1.0, 1.0), home.wxyz)
+    refusal = choose_motion(ur5, MotionRequest((home, there), ur5.robot.home, kind=LINE), None)
+    assert isinstance(refusal, Refusal)
+    assert refusal.why == CANNOT_FOLLOW
+    assert refusal.error.message.startswith("the arm can't follow the straight line from keyframe 0 to keyframe 1: ")
+
+
+def test_joints_are_sought_along_a_path_whose_ends_do_not_lead_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No pair of branches is followed from end to end; those of every few poses lead on."""
+    follow, ends = cartesian.follow, list[int]()
+
+    def short(arm: object, poses: Sequence[Pose], *q: Array) -> Array | None:
+        ends.append(len(poses))
+        return follow(ARM, poses, *q) if len(poses) < 9 else None
+
+    monkeypatch.setattr(motion_module, "follow", short)
+    motion = chosen((LEFT, RIGHT), approach=False, kind=LINE)
+    assert ends[0] == len(line(LEFT, RIGHT)) > max(ends[-10:])
+    assert len(motion.segments[1].q) == ends[0] - 1
+    assert np.abs(np.diff(motion.segments[1].q, axis=0)).max() < 0.2
+    np.testing.assert_allclose(np.ptp(places(motion.segments[1].q)[:, [0, 2]], axis=0), 0.0, atol=1e-6)
