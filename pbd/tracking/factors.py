@@ -12,7 +12,7 @@ import numpy as np
 from pbd.pose import Array, quat_exp, quat_from_matrix, quat_log, quat_multiply, quat_to_matrix, skew
 from pbd.tracking.knots import Problem
 from pbd.tracking.noise import acc_doubt
-from pbd.tracking.normal_equations import ACC_BIAS, GYR_BIAS, POS, ROT, STATE, VEL, NormalEquations, Solved
+from pbd.tracking.normal_equations import ACC_BIAS, BAND, GYR_BIAS, POS, ROT, STATE, VEL, NormalEquations, Solved
 from pbd.tracking.preintegration import ERRORS
 
 LAG, GYR_MATRIX, ACC_MATRIX, GRAVITY = slice(0, 1), slice(1, 10), slice(10, 16), slice(16, 17)
@@ -133,7 +133,7 @@ def whitener(problem: Problem, local: Local) -> Array:
 
 
 def leg_jacobian(problem: Problem, x: State, at: slice = slice(None)) -> Array:
-    """Derivatives (m - 1, 9, 15 + 15 + SHARED) and, last, residuals of turn, velocity and way, in the gyro frame.
+    """Derivatives (m - 1, 9, 15 + 9 + SHARED) and, last, residuals of turn, velocity and way, in the gyro frame.
 
     With a = v' - v + g T and b = p' - p - v T + g T^2 / 2, upwards in nav, E at this knot and E' at the next:
     r_turn = log(E^T E' exp(-J_r x)), r_velocity = E^T a - dU - J_v x, r_way = E^T b - dP - J_p x.
@@ -144,7 +144,7 @@ def leg_jacobian(problem: Problem, x: State, at: slice = slice(None)) -> Array:
     up = np.array([0.0, 0.0, 1.0])
     a = np.diff(x.v, axis=0)[at] + g * T * up
     b = np.diff(x.p, axis=0)[at] - x.v[:-1][at] * T + 0.5 * g * T**2 * up
-    out = np.zeros((len(T), 9, 2 * STATE + SHARED + 1))
+    out = np.zeros((len(T), 9, BAND + SHARED + 1))
     rot, vel, pos = slice(0, 3), slice(3, 6), slice(6, 9)
 
     def this(block: slice) -> slice:
@@ -159,7 +159,7 @@ def leg_jacobian(problem: Problem, x: State, at: slice = slice(None)) -> Array:
     out[:, pos, this(VEL)] = -ET * T[:, :, None]
     out[:, pos, this(POS)], out[:, pos, after(POS)] = -ET, ET
     out[:, :, GYR_BIAS.start : ACC_BIAS.stop] = -J[:, :, :6]
-    out[:, :, 2 * STATE : 2 * STATE + 16] = -J[:, :, 6:ERRORS]
+    out[:, :, BAND : BAND + 16] = -J[:, :, 6:ERRORS]
     out[:, vel, -2], out[:, pos, -2] = ET[:, :, 2] * T, ET[:, :, 2] * (0.5 * T**2)
     turn = quat_multiply(quat_from_matrix(ET @ x.E[1:][at]), quat_exp(-by_errors[:, rot]))
     out[:, rot, -1] = quat_log(turn)
@@ -248,19 +248,25 @@ def _add_priors(equations: NormalEquations, problem: Problem, x: State, local: L
     equations.add_unary(POS, x.p, at)
     if problem.field is None and not problem.device:
         equations.diagonal[local.origin, 2, 2] += FIXED
+    equations.corner += shared_prior(problem, x, local.prior)
+
+
+def shared_prior(problem: Problem, x: State, prior: Prior) -> Array:
+    """Information and gradient (SHARED, SHARED + 1) of what is known before of the sensor-wide errors."""
+    noise, device = problem.noise, problem.noise.device
+    worse = acc_doubt(noise, problem.rest)
     covariance = np.zeros((SHARED, SHARED))
     i = np.arange(SHARED)
-    covariance[i[LAG], i[LAG]] = local.prior.lag_sigma**2
+    covariance[i[LAG], i[LAG]] = prior.lag_sigma**2
     covariance[i[GYR_MATRIX], i[GYR_MATRIX]] = device.gyr_scale**2
     covariance[i[ACC_MATRIX], i[ACC_MATRIX]] = (worse * device.acc_scale) ** 2
     covariance[i[GRAVITY], i[GRAVITY]] = noise.gravity_sigma**2
     diagonal = i[GYR_MATRIX][::4]
-    covariance[np.ix_(diagonal, diagonal)] += local.prior.common_scale**2
+    covariance[np.ix_(diagonal, diagonal)] += prior.common_scale**2
     mean = np.zeros(SHARED)
-    mean[LAG], mean[GRAVITY] = local.prior.lag, noise.gravity
+    mean[LAG], mean[GRAVITY] = prior.lag, noise.gravity
     information = np.linalg.inv(covariance)
-    equations.corner += information
-    equations.g_shared += information @ (x.shared - mean)
+    return np.column_stack((information, information @ (x.shared - mean)))
 
 
 def _squares(vectors: Array) -> Array:

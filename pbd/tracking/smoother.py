@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,7 @@ from pbd.tracking.factors import (
     State,
     Weights,
     linearise,
+    shared_prior,
     whitener,
 )
 from pbd.tracking.knots import Problem, pose_problem
@@ -50,7 +52,7 @@ FAR, WARM = (40.0, 10.0, 3.0), (3.0,)
 """Factors on the sigma of standing still, coming down to 1: from a first guess, and from a solution."""
 
 CLEAR = 2.0
-"""Where no stop is off by more sigmas, none need be doubted."""
+"""Where no stop is off by more sigmas, so many times wider, none need be doubted."""
 
 SMALL, ROUGH, MOST = 1e-4, 1e-3, 12
 """rad: the last step's turn, and that of a solution that is solved again; how many iterations there are at most."""
@@ -113,6 +115,20 @@ class Solution:
         return float((1.0 / (1.0 + np.maximum(excess, 0.0) / DOUBT**2) ** 2).max(initial=0.0))
 
 
+@dataclass(frozen=True, eq=False)
+class Descent:
+    """A linearisation at a state, with its robust weights, and the step from there."""
+
+    at: State
+    weights: Weights
+    solved: Solved
+
+    @property
+    def x(self) -> State:
+        """The state a step further."""
+        return self.at.moved(self.solved)
+
+
 def smooth(
     recording: Recording,
     rest: Rest,
@@ -159,21 +175,23 @@ def smooth(
         problem = posed(stops, stops)
         if not problem.stops:
             return None
-        x, local = _begin(problem, prior)
-        x, weights, solved = _descend(problem, x, local, FAR, ROUGH)
-        more, common = _found(x, solved)
+        begun, local = _begin(problem, prior)
+        found = _descend(problem, begun, local, FAR, ROUGH)
+        more, common = _found(found.x, found.solved)
         if device or (more == 0.0 and common == 0.0) or abs(lag + more) > MOST_LAG:
             break
         lag, scale = lag + more, (1.0 + scale) * (1.0 + common) - 1.0
     narrow = Prior(noise.lag if lag == 0.0 else 0.0, noise.lag_sigma)
-    local = replace(local, prior=narrow)
-    x, weights, solved = _descend(problem, x, local, ())
-    path = path_of(problem, x)
+    # The model is linear in what the prior is about.
+    known = shared_prior(problem, found.at, narrow) - shared_prior(problem, found.at, prior)
+    x, local = found.at.moved(found.solved.plus(known)), replace(local, prior=narrow)
+    found = _descend(problem, x, local)
+    path = path_of(problem, found.x)
     candidates: Spans = stops or []
     cut = np.zeros(len(candidates), dtype=np.bool_)
     for _ in range(TRIES):
-        cut = cut | _doubted(problem, weights, candidates)
-        stops, calm = _judged(problem, path.v, solved, candidates, cut, speed)
+        cut = cut | _doubted(problem, found.weights, candidates)
+        stops, calm = _judged(problem, path.v, found.solved, candidates, cut, speed)
         if not stops:
             break
         if _settled(problem.frame.t, problem.stops, stops):
@@ -182,11 +200,11 @@ def smooth(
         again = posed(stops, calm)
         if not again.stops:
             break
-        x, local = _carried(problem, x, path, again), replace(local, origin=_origin(again))
+        x, local = _carried(problem, found.x, path, again), replace(local, origin=_origin(again))
         problem = again
-        x, weights, solved = _descend(problem, x, local, WARM)
-        path = path_of(problem, x)
-    return Solution(problem, x, local, weights, solved, path, lag, scale, candidates)
+        found = _descend(problem, x, local, WARM)
+        path = path_of(problem, found.x)
+    return Solution(problem, found.x, local, found.weights, found.solved, path, lag, scale, candidates)
 
 
 def _doubted(problem: Problem, weights: Weights, candidates: Spans) -> NDArray[np.bool_]:
@@ -215,7 +233,7 @@ def _judged(
     """
     t, fast = problem.frame.t, np.maximum(SLOW, DOUBT * speed)
     if cut.any():
-        sigma = np.sqrt(np.trace(solved.of_knots()[:, VEL, VEL], axis1=1, axis2=2))
+        sigma = np.sqrt(np.trace(solved.of_knots(VEL), axis1=1, axis2=2))
         fast = np.maximum(fast, CLEAR * np.interp(t, problem.t, sigma))
     blurred = np.trace(problem.legs.parts[:, :, 3:6, 3:6].sum(axis=0), axis1=1, axis2=2) / 3.0
     stops: Spans = []
@@ -303,29 +321,30 @@ def _first_field(problem: Problem, R: Array) -> Array:
 
 
 def _descend(
-    problem: Problem, x: State, local: Local, anneal: Sequence[float], small: float = SMALL
-) -> tuple[State, Weights, Solved]:
-    """Gauss-Newton, all factors linearised anew each time, until a step turns nothing by more than `small` (rad)."""
+    problem: Problem, x: State, local: Local, anneal: Sequence[float] = (), small: float = SMALL
+) -> Descent:
+    """Gauss-Newton, all factors linearised anew each time, until a step turns nothing by more than `small` (rad).
 
-    whiten = whitener(problem, local)
+    Annealing begins where no stop is in doubt; of more than one factor the first is tried without doubting any.
+    """
+    whiten, still = whitener(problem, local), problem.stop_of >= 0
 
-    def step(x: State, anneal: float, robust: bool = True) -> tuple[State, Weights, Solved]:
+    def step(x: State, anneal: float, robust: bool = True) -> Descent:
         equations, weights = linearise(problem, x, local, whiten, anneal, robust)
-        solved = equations.solve()
-        return x.moved(solved), weights, solved
+        return Descent(x, weights, equations.solve())
 
-    if len(anneal) > 1:  # nothing is doubted yet
-        x, _, _ = step(x, anneal[0], robust=False)
-        still = problem.stop_of >= 0
-        if (lengths(x.v[still]) < CLEAR * problem.still[still]).all():
-            anneal = ()
-    for factor in anneal:
-        x, _, _ = step(x, factor)
+    if len(anneal) > 1:
+        x = step(x, anneal[0], robust=False).x
+    off = float((lengths(x.v[still]) / problem.still[still]).max())
+    for factor, closer in pairwise((*anneal, 1.0)):
+        if off > CLEAR * closer:
+            x = step(x, factor).x
     for _ in range(MOST):
-        x, weights, solved = step(x, 1.0)
-        if np.abs(solved.d[:, :3]).max() < small:
+        found = step(x, 1.0)
+        x = found.x
+        if np.abs(found.solved.d[:, :3]).max() < small:
             break
-    return x, weights, solved
+    return found
 
 
 def _carried(problem: Problem, x: State, path: Path, again: Problem) -> State:
