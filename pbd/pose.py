@@ -55,12 +55,11 @@ def quat_inverse(wxyz: ArrayLike) -> Array:
 
 
 def quat_cumulative(wxyz: ArrayLike) -> Array:
-    """Products of the first 1, 2, ... n of unit quaternions (n, 4), in blocks of about sqrt(n), not one by one."""
+    """Products of the first 1, 2, ... n of unit quaternions (n, 4), in blocks of 16, of all of them at once."""
     turns = np.asarray(wxyz, dtype=np.float64)
-    n = len(turns)
+    n, block = len(turns), 16
     if n < 2:
         return turns.copy()
-    block = int(np.ceil(np.sqrt(n)))
     padding = np.tile((1.0, 0.0, 0.0, 0.0), (-n % block, 1))
     within = np.concatenate((turns, padding)).reshape(-1, block, 4)
     for column in range(1, block):

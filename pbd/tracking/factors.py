@@ -12,7 +12,18 @@ import numpy as np
 from pbd.pose import Array, quat_exp, quat_from_matrix, quat_log, quat_multiply, quat_to_matrix, skew
 from pbd.tracking.knots import Problem
 from pbd.tracking.noise import acc_doubt
-from pbd.tracking.normal_equations import ACC_BIAS, BAND, GYR_BIAS, POS, ROT, STATE, VEL, NormalEquations, Solved
+from pbd.tracking.normal_equations import (
+    ACC_BIAS,
+    BAND,
+    GYR_BIAS,
+    POS,
+    ROT,
+    STATE,
+    VEL,
+    NormalEquations,
+    Solved,
+    inverse_of_lower,
+)
 from pbd.tracking.preintegration import ERRORS
 
 LAG, GYR_MATRIX, ACC_MATRIX, GRAVITY = slice(0, 1), slice(1, 10), slice(10, 16), slice(16, 17)
@@ -128,8 +139,7 @@ def sensor_errors(x: State) -> Array:
 
 def whitener(problem: Problem, local: Local) -> Array:
     """What whitens the legs' noise, (m - 1, 9, 9): the inverse of a root of its covariance in the gyro frame."""
-    whiten: Array = np.linalg.inv(np.linalg.cholesky(np.tensordot(local.components, problem.legs.parts, axes=1)))
-    return whiten
+    return inverse_of_lower(np.linalg.cholesky(np.tensordot(local.components, problem.legs.parts, axes=1)))
 
 
 def leg_jacobian(problem: Problem, x: State, at: slice = slice(None)) -> Array:

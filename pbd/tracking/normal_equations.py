@@ -173,12 +173,12 @@ class Solved:
         rows.reshape(m, STATE, -1)[:, :, :BAND] = self.cholesky.T.reshape(m, STATE, BAND)
         columns = rows[:, :-STATE].reshape(m, STATE, -1)
         D, B = columns[:, :, :STATE].transpose(0, 2, 1), columns[:-1, :, STATE : 2 * STATE].transpose(0, 2, 1)
-        root = np.linalg.inv(D)
+        root = inverse_of_lower(D)
         gain, up = B @ root[:-1], root.transpose(0, 2, 1)
         both = np.concatenate((up @ root, up @ self.half[:, :-1].reshape(m, STATE, -1)), axis=2)
         for here, after, G in zip(both[-2::-1], both[:0:-1], gain[::-1], strict=True):
-            back = G.T @ after
-            here[:, :STATE] += back[:, :STATE] @ G
+            back = np.dot(G.T, after)
+            here[:, :STATE] += np.dot(back[:, :STATE], G)
             here[:, STATE:] -= back[:, STATE:]
         inverse, by_shared = both[:, :, :STATE], both[:, :, STATE:] * self.scale[:, :, None]
         lower = -inverse[1:] @ gain
@@ -211,3 +211,13 @@ class Solved:
         covariance += this @ own[at:end] @ this.transpose(0, 2, 1)
         covariance += after @ own[at + 1 : end + 1, :NAV, :NAV] @ after.transpose(0, 2, 1)
         return covariance
+
+
+def inverse_of_lower(matrices: Array) -> Array:
+    """Inverse of lower triangular matrices (m, k, k), row by row of all of them at once."""
+    inverse = np.zeros(matrices.shape)
+    for row in range(matrices.shape[1]):
+        inverse[:, row, :row] = -(matrices[:, row, None, :row] @ inverse[:, :row, :row])[:, 0]
+        inverse[:, row, row] = 1.0
+        inverse[:, row] /= matrices[:, row, row, None]
+    return inverse

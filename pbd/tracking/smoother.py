@@ -37,6 +37,7 @@ from pbd.tracking.normal_equations import VEL, Solved
 from pbd.tracking.path import Path, path_of
 from pbd.tracking.preintegration import Impulse
 from pbd.tracking.rest import Rest
+from pbd.tracking.steady import median
 from pbd.tracking.zero_velocity import (
     Spans,
     calm_part,
@@ -108,11 +109,12 @@ class Solution:
     scale: float
     candidates: Spans
 
-    def weight_of(self, stop: int) -> float:
-        """How sure it is that the hand stood still at a stop, 0 to 1: by the knot that is nearest to it."""
-        at = self.problem.stop_of == stop
+    def of_stops(self) -> Array:
+        """How sure it is that the hand stood still at each stop, 0 to 1: by the knot that is nearest to it."""
+        at, weights = self.problem.stop_of >= 0, np.zeros(len(self.problem.stops))
         excess = lengths(self.state.v[at]) ** 2 / self.problem.still[at] ** 2 - 3.0
-        return float((1.0 / (1.0 + np.maximum(excess, 0.0) / DOUBT**2) ** 2).max(initial=0.0))
+        np.maximum.at(weights, self.problem.stop_of[at], 1.0 / (1.0 + np.maximum(excess, 0.0) / DOUBT**2) ** 2)
+        return weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,9 +246,10 @@ def _judged(
             inside = slice(*part)
             # By how much noise blurs the velocity from knot to knot, along each axis.
             first, last = np.searchsorted(problem.rows, part)
-            blur = float(np.sqrt(blurred[first : max(last - 1, first + 1)].mean())) if first < len(blurred) else 0.0
-            creep = lengths(v[inside] - np.median(v[inside], axis=0))
-            stops.append(trimmed(part, creep < DOUBT * (float(np.median(speed[inside])) + blur)))
+            between = blurred[first : max(last - 1, first + 1)]
+            blur = float(np.sqrt(between.sum() / max(len(between), 1)))
+            creep = lengths(v[inside] - median(v[inside]))
+            stops.append(trimmed(part, creep < DOUBT * (float(median(speed[inside])) + blur)))
             start, stop = stops[-1][0] - part[0], stops[-1][1] - part[0]
             calm.append(calm_part(t, stops[-1], creep[start:stop] < CREEP + 2.0 * blur))
     return stops, calm

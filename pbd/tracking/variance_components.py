@@ -28,9 +28,9 @@ def with_own_noise(solution: Solution) -> Solution:
     problem, x, local, solved = solution.problem, solution.state, solution.local, solution.solved
     device, T, still = problem.noise.device, problem.legs.T, solution.weights.still
     walks = ((GYR_BIAS, x.gyr_bias, device.gyr_walk), (ACC_BIAS, x.acc_bias, device.acc_walk))
-    stood = still / problem.still**2
+    stood, whiten = still / problem.still**2, whitener(problem, local)
     for _ in range(COMPONENTS):
-        of_legs = _of_legs(problem, x, local, solved)
+        of_legs = _of_legs(problem, x, local, whiten, solved)
         components = local.components * (1.0, *_factors(*of_legs, NU))
         walked = local.walks.copy()
         for c, (block, values, walk) in enumerate(walks):
@@ -40,7 +40,8 @@ def with_own_noise(solution: Solution) -> Solution:
         own, w = np.trace(solved.of_knots(VEL), axis1=1, axis2=2), stood / local.still
         factor = _factors(w @ (x.v**2).sum(axis=1), (3.0 * still - w * own).sum(), NU_STILL)
         local = replace(local, components=components, walks=walked, still=local.still * float(factor))
-        solved = linearise(problem, x, local, whitener(problem, local))[0].solve()
+        whiten = whitener(problem, local)
+        solved = linearise(problem, x, local, whiten)[0].solve()
     return replace(solution, local=local, solved=solved)
 
 
@@ -50,10 +51,9 @@ def _factors(top: Array | float, bottom: Array | float, nu: float) -> Array:
     return factors
 
 
-def _of_legs(problem: Problem, x: State, local: Local, solved: Solved) -> tuple[Array, Array]:
+def _of_legs(problem: Problem, x: State, local: Local, whiten: Array, solved: Solved) -> tuple[Array, Array]:
     """Squares (2,) and redundancies (2,) of what turning and motion add to the legs' noise."""
     top, bottom = np.zeros(2), np.zeros(2)
-    whiten = whitener(problem, local)
     for first in range(0, len(whiten), AT_ONCE):
         at = slice(first, first + AT_ONCE)
         A = whiten[at] @ leg_jacobian(problem, x, at)
