@@ -108,6 +108,17 @@ def quat_log(wxyz: ArrayLike) -> Array:
     return vector
 
 
+def matrix_log(matrix: Array) -> Array:
+    """Rotation vectors (..., 3) in rad of rotation matrices (..., 3, 3) that turn by less than pi."""
+    sine = np.empty(matrix.shape[:-1])
+    for i, (j, k) in enumerate(((2, 1), (0, 2), (1, 0))):
+        sine[..., i] = 0.5 * (matrix[..., j, k] - matrix[..., k, j])
+    length = lengths(sine)
+    angle = np.arctan2(length, 0.5 * (np.trace(matrix, axis1=-2, axis2=-1) - 1.0))
+    vector: Array = sine * (angle / np.maximum(length, 1e-99))[..., None]
+    return vector
+
+
 def quat_canonical(wxyz: ArrayLike) -> Array:
     """Return the same rotations with unit norm and w >= 0, as they are stored."""
     q: Array = np.asarray(wxyz, dtype=np.float64)

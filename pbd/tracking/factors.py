@@ -6,12 +6,13 @@ Rotations are perturbed on the left, in nav: E <- exp(theta) E.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
-from pbd.pose import Array, quat_exp, quat_from_matrix, quat_log, quat_multiply, quat_to_matrix, skew
+from pbd.pose import Array, matrix_log, quat_exp, quat_to_matrix, readonly, skew
 from pbd.tracking.knots import Problem
-from pbd.tracking.noise import acc_doubt
+from pbd.tracking.noise import Noise, acc_doubt
 from pbd.tracking.normal_equations import (
     ACC_BIAS,
     BAND,
@@ -150,7 +151,7 @@ def leg_jacobian(problem: Problem, x: State, at: slice = slice(None)) -> Array:
     """
     legs, J = problem.legs, problem.legs.J[at]
     T, ET, g = legs.T[at, None], x.E[:-1][at].transpose(0, 2, 1), float(x.shared[GRAVITY][0])
-    by_errors = np.einsum("kij,kj->ki", J, sensor_errors(x)[at])
+    by_errors = (J @ sensor_errors(x)[at, :, None])[:, :, 0]
     up = np.array([0.0, 0.0, 1.0])
     a = np.diff(x.v, axis=0)[at] + g * T * up
     b = np.diff(x.p, axis=0)[at] - x.v[:-1][at] * T + 0.5 * g * T**2 * up
@@ -171,8 +172,7 @@ def leg_jacobian(problem: Problem, x: State, at: slice = slice(None)) -> Array:
     out[:, :, GYR_BIAS.start : ACC_BIAS.stop] = -J[:, :, :6]
     out[:, :, BAND : BAND + 16] = -J[:, :, 6:ERRORS]
     out[:, vel, -2], out[:, pos, -2] = ET[:, :, 2] * T, ET[:, :, 2] * (0.5 * T**2)
-    turn = quat_multiply(quat_from_matrix(ET @ x.E[1:][at]), quat_exp(-by_errors[:, rot]))
-    out[:, rot, -1] = quat_log(turn)
+    out[:, rot, -1] = matrix_log(ET @ x.E[1:][at] @ quat_to_matrix(quat_exp(-by_errors[:, rot])))
     out[:, vel, -1] = np.einsum("kij,kj->ki", ET, a) - legs.dU[at] - by_errors[:, vel]
     out[:, pos, -1] = np.einsum("kij,kj->ki", ET, b) - legs.dP[at] - by_errors[:, pos]
     return out
@@ -205,7 +205,7 @@ def _add_stops(
     shift, sigma_shift = np.diff(x.p, axis=0), anneal * problem.noise.still_shift
     stay = _robust(_squares(shift) / sigma_shift**2, robust) * within
     equations.add_pairs(POS, shift, stay / sigma_shift**2)
-    turned = quat_log(quat_from_matrix(x.E[1:] @ problem.turned @ x.E[:-1].transpose(0, 2, 1)))
+    turned = matrix_log(x.E[1:] @ problem.turned @ x.E[:-1].transpose(0, 2, 1))
     turn = _robust(_squares(turned) / problem.turn_sigma**2, True) * within
     equations.add_pairs(ROT, turned, turn / problem.turn_sigma**2)
     return still, stay, turn
@@ -243,7 +243,7 @@ def _add_device(equations: NormalEquations, problem: Problem, x: State) -> None:
     noise = problem.noise
     rate = np.sqrt(_squares(problem.frame.gyr[problem.rows]))
     sigma = np.hypot(noise.device_turn, noise.device_lag * rate)
-    equations.add_unary(ROT, quat_log(quat_from_matrix(x.E)), 1.0 / sigma**2)
+    equations.add_unary(ROT, matrix_log(x.E), 1.0 / sigma**2)
 
 
 def _add_priors(equations: NormalEquations, problem: Problem, x: State, local: Local) -> None:
@@ -263,20 +263,24 @@ def _add_priors(equations: NormalEquations, problem: Problem, x: State, local: L
 
 def shared_prior(problem: Problem, x: State, prior: Prior) -> Array:
     """Information and gradient (SHARED, SHARED + 1) of what is known before of the sensor-wide errors."""
-    noise, device = problem.noise, problem.noise.device
-    worse = acc_doubt(noise, problem.rest)
+    noise, mean = problem.noise, np.zeros(SHARED)
+    mean[LAG], mean[GRAVITY] = prior.lag, noise.gravity
+    information = _information(noise, acc_doubt(noise, problem.rest), prior)
+    return np.column_stack((information, information @ (x.shared - mean)))
+
+
+@lru_cache(4)
+def _information(noise: Noise, worse: float, prior: Prior) -> Array:
+    """Of the sensor-wide errors, (SHARED, SHARED); the accelerometer may be so many times `worse` than its class."""
     covariance = np.zeros((SHARED, SHARED))
     i = np.arange(SHARED)
     covariance[i[LAG], i[LAG]] = prior.lag_sigma**2
-    covariance[i[GYR_MATRIX], i[GYR_MATRIX]] = device.gyr_scale**2
-    covariance[i[ACC_MATRIX], i[ACC_MATRIX]] = (worse * device.acc_scale) ** 2
+    covariance[i[GYR_MATRIX], i[GYR_MATRIX]] = noise.device.gyr_scale**2
+    covariance[i[ACC_MATRIX], i[ACC_MATRIX]] = (worse * noise.device.acc_scale) ** 2
     covariance[i[GRAVITY], i[GRAVITY]] = noise.gravity_sigma**2
     diagonal = i[GYR_MATRIX][::4]
     covariance[np.ix_(diagonal, diagonal)] += prior.common_scale**2
-    mean = np.zeros(SHARED)
-    mean[LAG], mean[GRAVITY] = prior.lag, noise.gravity
-    information = np.linalg.inv(covariance)
-    return np.column_stack((information, information @ (x.shared - mean)))
+    return readonly(np.linalg.inv(covariance))
 
 
 def _squares(vectors: Array) -> Array:

@@ -135,12 +135,11 @@ def pose_problem(
 def _place(t: Array, calm: Spans, asked: Sequence[int]) -> tuple[Rows, NDArray[np.intp]]:
     """Rows of knots (m,), and of each the stop that it is in (m,)."""
     inner = [_inner(t, *span) for span in calm]
-    marks, last = [0, len(t) - 1, *asked], 0
-    for first, end in [*inner, (len(t) - 1, len(t) - 1)]:
-        marks += _evenly(t, last, first, MOVE_KNOT_S)
-        marks += _evenly(t, first, end, STOP_KNOT_S if t[end] - t[first] < LONG_STOP_S else LONG_STOP_KNOT_S)
-        last = end
-    rows = np.unique(np.array(marks, dtype=np.intp))
+    edges = np.array([0, *(row for span in inner for row in span), len(t) - 1])
+    lasts = np.diff(t[edges])
+    apart = np.full(len(lasts), MOVE_KNOT_S)
+    apart[1::2] = np.where(lasts[1::2] < LONG_STOP_S, STOP_KNOT_S, LONG_STOP_KNOT_S)
+    rows = np.unique(np.concatenate((np.array([0, len(t) - 1, *asked]), _evenly(t, edges, apart))))
     rows = rows[np.diff(t[rows], prepend=-np.inf) > 0.0]
     rows[-1] = len(t) - 1
     stop_of = np.full(len(rows), -1)
@@ -158,10 +157,13 @@ def _inner(t: Array, start: int, stop: int) -> tuple[int, int]:
     return (first, last) if first <= last else (middle, middle)
 
 
-def _evenly(t: Array, first: int, last: int, apart_s: float) -> list[int]:
-    """Rows from first to last, no further apart than that."""
-    legs = max(1, int(np.ceil((t[last] - t[first]) / apart_s - 1e-6)))
-    found: list[int] = np.searchsorted(t, np.linspace(t[first], t[last], legs + 1) - 1e-9).tolist()
+def _evenly(t: Array, edges: Rows, apart_s: Array) -> Rows:
+    """Rows from each of (k + 1,) to the next, no further apart than (k,) s."""
+    start, lasts = t[edges[:-1]], np.diff(t[edges])
+    legs = np.maximum(np.ceil(lasts / apart_s - 1e-6), 1.0).astype(np.intp)
+    of, ends = np.repeat(np.arange(len(legs)), legs), np.cumsum(legs)
+    share = (1 + np.arange(ends[-1]) - (ends - legs)[of]) / legs[of]
+    found: Rows = np.searchsorted(t, start[of] + share * lasts[of] - 1e-9)
     return found
 
 
