@@ -16,7 +16,13 @@ Array = NDArray[np.float64]
 
 
 def readonly(values: ArrayLike) -> Array:
-    """Return a copy as float64 that nobody can write to (freezing a dataclass does not freeze its arrays)."""
+    """Return a copy as float64 that nobody can write to (freezing a dataclass does not freeze its arrays).
+
+    What is such a copy already is returned as it is.
+    """
+    if isinstance(values, np.ndarray) and values.dtype == np.float64 and values.base is None:
+        if not values.flags.writeable:
+            return values
     copy = np.array(values, dtype=np.float64)
     copy.setflags(write=False)
     return copy

@@ -99,9 +99,10 @@ class NormalEquations:
         np.multiply(self.diagonal, scale[:, :, None] * scale[:, None, :], out=columns[:, :, :STATE])
         below = self.below.transpose(0, 2, 1)
         np.multiply(below, scale[:-1, :, None] * scale[1:, None, :], out=columns[:-1, :, STATE : 2 * STATE])
-        rows = rows.reshape(m, STATE, -1)
-        rows[:, :, 0] += ROUNDING
-        cholesky, info = dpbtrf(rows[:, :, :BAND].reshape(m * STATE, BAND).T, lower=1, overwrite_ab=1)
+        band = rows.reshape(m, STATE, -1)[:, :, :BAND].reshape(m * STATE, BAND).T
+        band[0] += ROUNDING
+        del rows, columns
+        cholesky, info = dpbtrf(band, lower=1, overwrite_ab=1)
         if info > 0:
             raise np.linalg.LinAlgError("the normal equations are not positive definite")
         # Half the way down: L^-1 of border and gradient.
@@ -175,15 +176,22 @@ class Solved:
         D, B = columns[:, :, :STATE].transpose(0, 2, 1), columns[:-1, :, STATE : 2 * STATE].transpose(0, 2, 1)
         root = inverse_of_lower(D)
         gain, up = B @ root[:-1], root.transpose(0, 2, 1)
+        del rows, columns, D, B
         both = np.concatenate((up @ root, up @ self.half[:, :-1].reshape(m, STATE, -1)), axis=2)
         for here, after, G in zip(both[-2::-1], both[:0:-1], gain[::-1], strict=True):
             back = np.dot(G.T, after)
             here[:, :STATE] += np.dot(back[:, :STATE], G)
             here[:, STATE:] -= back[:, STATE:]
-        inverse, by_shared = both[:, :, :STATE], both[:, :, STATE:] * self.scale[:, :, None]
+        both *= self.scale[:, :, None]
+        inverse, by_shared = both[:, :, :STATE], both[:, :, STATE:]
         lower = -inverse[1:] @ gain
-        lower *= self.scale[1:, :, None] * self.scale[:-1, None, :]
-        return inverse * (self.scale[:, :, None] * self.scale[:, None, :]), lower, by_shared
+        inverse *= self.scale[:, None, :]
+        lower *= self.scale[:-1, None, :]
+        return inverse, lower, by_shared
+
+    def forget(self) -> None:
+        """Free what the covariance of neighbours takes; it is found again when asked for."""
+        self.__dict__.pop("selected", None)
 
     def of_knots(self, block: slice = slice(None)) -> Array:
         """Covariance of a block of each knot's unknowns, (m, k, k)."""

@@ -199,11 +199,13 @@ def smooth(
         if _settled(problem.frame.t, problem.stops, stops):
             problem = replace(problem, stops=stops)
             break
+        found.solved.forget()
         again = posed(stops, calm)
         if not again.stops:
             break
         x, local = _carried(problem, found.x, path, again), replace(local, origin=_origin(again))
         problem = again
+        del found, path  # of a long recording they are large
         found = _descend(problem, x, local, WARM)
         path = path_of(problem, found.x)
     return Solution(problem, found.x, local, found.weights, found.solved, path, lag, scale, candidates)

@@ -41,6 +41,7 @@ def with_own_noise(solution: Solution) -> Solution:
         factor = _factors(w @ (x.v**2).sum(axis=1), (3.0 * still - w * own).sum(), NU_STILL)
         local = replace(local, components=components, walks=walked, still=local.still * float(factor))
         whiten = whitener(problem, local)
+        solved.forget()
         solved = linearise(problem, x, local, whiten)[0].solve()
     return replace(solution, local=local, solved=solved)
 
