@@ -41,12 +41,14 @@ LEVEL = 0.1
 
 UP = np.array((0.0, 0.0, 1.0))
 
+BIASES = np.arange(STATES)[OF_ERRORS][np.r_[GYR_BIAS, ACC_BIAS]]
+
 
 class OnlineFilter:
     """The hand as far as it is known.
 
     Attributes:
-        E: (3, 3), nav <- gyro frame.
+        wxyz, E: (4,) and (3, 3), nav <- gyro frame.
         v, p: (3,) m/s, m, in nav.
         x: (ERRORS,), the sensor's errors as `preintegration` numbers them.
         gravity: m/s2.
@@ -59,7 +61,7 @@ class OnlineFilter:
         """Begin in a stop, at the origin, with the mean field (3,) of a compass; or where C is a device's attitude."""
         device = noise.device
         self.noise = noise
-        self.E = np.eye(3) if is_device else _level(rest.up_sensor, field)
+        self._turn_to(quat_from_matrix(np.eye(3) if is_device else _level(rest.up_sensor, field)))
         self.v, self.p = np.zeros(3), np.zeros(3)
         self._undisturbed = self.E @ (UP if field is None else field)
         self.x, self.gravity, self.north = np.zeros(ERRORS), noise.gravity, 0.0
@@ -73,7 +75,11 @@ class OnlineFilter:
         errors[ACC_MATRIX] = worse * device.acc_scale
         sigma[OF_ERRORS], sigma[GRAVITY], sigma[NORTH] = errors, noise.gravity_sigma, noise.compass
         self.P = np.diag(sigma**2)
+        self._walks = np.repeat((device.gyr_walk**2, device.acc_walk**2), 3)
         self.keep()
+
+    def _turn_to(self, wxyz: Array) -> None:
+        self.wxyz, self.E = wxyz, quat_to_matrix(wxyz)
 
     def fork(self) -> OnlineFilter:
         """Another one that goes on from here: no array is changed in place."""
@@ -82,42 +88,44 @@ class OnlineFilter:
     @property
     def wxyz_nav_sensor(self) -> Array:
         """(4,)."""
-        return quat_multiply(quat_from_matrix(self.E), self.wxyz_gyro)
+        return quat_multiply(self.wxyz, self.wxyz_gyro)
 
     def later(self, strapdown: Strapdown) -> tuple[Array, Array, Array]:
         """wxyz_nav_sensor (4,), p_nav_sensor (3,) m and v_nav_sensor (3,) m/s, in the middle of a block of samples."""
         T, E = strapdown.T, self.E
         v = self.v + E @ strapdown.U[0] - self.gravity * T * UP
         p = self.p + T * self.v + E @ strapdown.P[0] - 0.5 * self.gravity * T**2 * UP
-        return quat_canonical(quat_multiply(quat_from_matrix(E), strapdown.wxyz)), p, v
+        return quat_canonical(quat_multiply(self.wxyz, strapdown.wxyz)), p, v
 
     def propagate(self, leg: Leg) -> None:
         """Go on by a block of samples."""
         T, E, e = leg.T, self.E, leg.J @ self.x
         gained, way = E @ (leg.dU + e[VEL]), E @ (leg.dP + e[POS])
-        F = np.eye(STATES)
-        F[VEL, ROT], F[POS, ROT] = -skew(gained), -skew(way)
-        F[POS, VEL] = T * np.eye(3)
+        turned = np.zeros((9, 9))
         for block in (ROT, VEL, POS):
-            F[block, OF_ERRORS] = E @ leg.J[block]
-        F[VEL, GRAVITY], F[POS, GRAVITY] = -T * UP, -0.5 * T**2 * UP
-        P = F @ self.P @ F.T
-        turned = np.kron(np.eye(3), E)
-        P[:9, :9] += turned @ leg.Q @ turned.T
-        device, i = self.noise.device, np.arange(STATES)[OF_ERRORS]
-        P[i[GYR_BIAS], i[GYR_BIAS]] += device.gyr_walk**2 * T
-        P[i[ACC_BIAS], i[ACC_BIAS]] += device.acc_walk**2 * T
+            turned[block, block] = E
+        F = np.zeros((9, STATES))  # all that changes
+        F[range(9), range(9)] = 1.0
+        F[VEL, ROT], F[POS, ROT] = -skew(gained), -skew(way)
+        F[range(6, 9), range(3, 6)] = T
+        F[:, OF_ERRORS] = turned @ leg.J
+        F[5, GRAVITY], F[8, GRAVITY] = -T, -0.5 * T**2
+        FP, P = F @ self.P, self.P.copy()
+        P[:9], P[9:, :9] = FP, FP[:, 9:].T
+        P[:9, :9] = FP @ F.T + turned @ leg.Q @ turned.T
+        P[BIASES, BIASES] += self._walks * T
         self.P = P
         self.p = self.p + T * self.v + way - 0.5 * self.gravity * T**2 * UP
         self.v = self.v + gained - self.gravity * T * UP
-        self.E = E @ quat_to_matrix(quat_exp(e[ROT]))
+        self._turn_to(quat_multiply(self.wxyz, quat_exp(e[ROT])))
         self.wxyz_gyro = leg.wxyz
 
     def keep(self) -> None:
         """This is a knot: attitude and position are copied."""
-        take = np.arange(STATES)
-        take[KEPT_ROT], take[KEPT_POS] = take[ROT], take[POS]
-        self.P = self.P.take(take, axis=0).take(take, axis=1)
+        P = self.P.copy()
+        P[KEPT_ROT], P[KEPT_POS] = P[ROT], P[POS]
+        P[:, KEPT_ROT], P[:, KEPT_POS] = P[:, ROT], P[:, POS]
+        self.P = P
         self._kept = self.wxyz_nav_sensor, self.p
 
     def doubt_of_rest(self, sigma: float) -> tuple[float, float]:
@@ -155,8 +163,8 @@ class OnlineFilter:
     def agree_with_device(self, rate: Array) -> None:
         """The gyro frame is nav, as the device's own attitude has it; it comes late where it turns at `rate` rad/s."""
         variance = self.noise.device_turn**2 + self.noise.device_lag**2 * float(rate @ rate)
-        self._see_heading(float(quat_log(quat_from_matrix(self.E))[2]), UP, variance)
-        off = -quat_log(quat_from_matrix(self.E))
+        self._see_heading(float(quat_log(self.wxyz)[2]), UP, variance)
+        off = -quat_log(self.wxyz)
         self._update(_pick(ROT)[:2], off[:2], np.full(2, variance), robust=False)
 
     def _see_heading(self, east: float, by_turn: Array, variance: float) -> None:
@@ -208,8 +216,7 @@ class OnlineFilter:
         d = K @ residual
         P = self.P - K @ PH.T
         self.P = 0.5 * (P + P.T)
-        turn = quat_exp(d[ROT])
-        self.E = quat_to_matrix(turn) @ self.E
+        self._turn_to(quat_multiply(quat_exp(d[ROT]), self.wxyz))
         self.v, self.p, self.x = self.v + d[VEL], self.p + d[POS], self.x + d[OF_ERRORS]
         self.gravity, self.north = self.gravity + float(d[GRAVITY]), self.north + float(d[NORTH])
         wxyz, p = self._kept

@@ -16,7 +16,7 @@ from pbd.tracking.online_filter import OnlineFilter
 from pbd.tracking.online_samples import Sample, Strapdown
 from pbd.tracking.rest import STILL_ACC, STILL_GYR, Rest
 from pbd.tracking.smoother import SLOW
-from pbd.tracking.zero_velocity import MERGE_S, WINDOW_S, energies, quiet_limits, speed_by_energies
+from pbd.tracking.zero_velocity import MERGE_S, WINDOW_S, quiet_limits, speed_by_energies
 
 CONFIRM_S, DOUBTED_S, DEVICE_S = 0.2, 2.0, 0.6
 """s: a stop is believed after this long; in doubt after the second, as half of a hand's slowest move is no longer,
@@ -171,11 +171,11 @@ class LiveHand:
 
     def _look(self) -> bool:
         """Whether the last window is quiet; and how fast a hand may be that stands so still."""
-        u, rate = np.array([u for _, u, _ in self._window]), np.array([rate for _, _, rate in self._window])
-        shake, turn = energies(u, rate, len(u))
-        self.restless = float(shake[0] / STILL_ACC**2 + turn[0] / STILL_GYR**2)
-        self._sigma = float(speed_by_energies(shake, turn, self.rest, self._noise)[0])
-        return bool(shake[0] < self._limits[0] and turn[0] < self._limits[1]) and len(u) == self._n
+        seen = np.array([each for _, *each in self._window])  # as `energies` has it, of one window
+        shake, turn = np.square(seen - seen.mean(axis=0) * ((1.0,), (0.0,))).sum(axis=(0, 2)) / len(seen)
+        self.restless = float(shake / STILL_ACC**2 + turn / STILL_GYR**2)
+        self._sigma = float(speed_by_energies(shake, turn, self.rest, self._noise))
+        return bool(shake < self._limits[0] and turn < self._limits[1]) and len(seen) == self._n
 
     def _point(self, sample: Sample, known: Sequence[OnlineFilter]) -> None:
         """Hold the heading against the compass, or the attitude against the device's own."""
