@@ -41,6 +41,11 @@ LEVEL = 0.1
 
 UP = np.array((0.0, 0.0, 1.0))
 
+ONE = np.eye(STATES)
+OF_VEL, OF_POS, OF_TILT = ONE[VEL], ONE[POS], ONE[:2]
+OF_WAY, OF_TURN = ONE[POS] - ONE[KEPT_POS], ONE[ROT] - ONE[KEPT_ROT]
+"""Derivatives by the state: of velocity, position, tilt; of what changed since the last knot."""
+
 BIASES = np.arange(STATES)[OF_ERRORS][np.r_[GYR_BIAS, ACC_BIAS]]
 
 
@@ -135,19 +140,19 @@ class OnlineFilter:
             sigma: m/s along each axis, how fast a hand may be that stands still.
         """
         S = self.P[VEL, VEL] + sigma**2 * np.eye(3)
-        return float(self.v @ np.linalg.solve(S, self.v)), float(np.sqrt(self.v @ self.v))
+        return float(self.v @ np.linalg.inv(S) @ self.v), float(np.sqrt(self.v @ self.v))
 
     def stand(self, sigma: float, robust: bool = True) -> None:
         """The velocity is zero within `sigma` m/s along each axis; what is far off counts less (Geman-McClure)."""
-        self._update(_pick(VEL), -self.v, np.full(3, sigma**2), robust)
+        self._update(OF_VEL, -self.v, sigma**2, robust)
 
     def stay(self, turn_sigma: float) -> None:
         """Since the last knot nothing has moved, or turned by more than `turn_sigma` rad."""
         wxyz, p = self._kept
-        self._update(_pick(POS, KEPT_POS), p - self.p, np.full(3, self.noise.still_shift**2))
+        self._update(OF_WAY, p - self.p, self.noise.still_shift**2)
         wxyz, p = self._kept
         turned = quat_log(quat_multiply(self.wxyz_nav_sensor, wxyz * (1.0, -1.0, -1.0, -1.0)))
-        self._update(_pick(ROT, KEPT_ROT), -turned, np.full(3, turn_sigma**2))
+        self._update(OF_TURN, -turned, turn_sigma**2)
 
     def point_north(self, field: Array, lasted: float) -> None:
         """A compass shows a mean field (3,) in the gyro frame over so many s: north, if it is as at the first rest."""
@@ -165,12 +170,12 @@ class OnlineFilter:
         variance = self.noise.device_turn**2 + self.noise.device_lag**2 * float(rate @ rate)
         self._see_heading(float(quat_log(self.wxyz)[2]), UP, variance)
         off = -quat_log(self.wxyz)
-        self._update(_pick(ROT)[:2], off[:2], np.full(2, variance), robust=False)
+        self._update(OF_TILT, off[:2], variance, robust=False)
 
     def _see_heading(self, east: float, by_turn: Array, variance: float) -> None:
         H = np.zeros((1, STATES))
         H[0, ROT], H[0, NORTH] = by_turn, 1.0
-        self._update(H, np.array([-east - self.north]), np.array([variance]), robust=False)
+        self._update(H, np.array([-east - self.north]), variance, robust=False)
 
     def begin_here(self) -> None:
         """Here is the origin, and the heading is what nav's is laid by."""
@@ -194,7 +199,7 @@ class OnlineFilter:
         """Of the position, and of the way since the last knot, one sigma (m) of the least sure axis if the hand stopped
         now, as it does within `sigma` m/s."""
         found = []
-        for H in (_pick(POS), _pick(POS, KEPT_POS)):
+        for H in (OF_POS, OF_WAY):
             PH = self.P @ H.T
             left = H @ PH - PH[VEL].T @ np.linalg.solve(self.P[VEL, VEL] + sigma**2 * np.eye(3), PH[VEL])
             found.append(float(np.sqrt(max(np.diagonal(left).max(), 0.0))))
@@ -205,14 +210,15 @@ class OnlineFilter:
         order = np.r_[POS, ROT]
         return Pose(self.p, quat_canonical(self.wxyz_nav_sensor)), self.P[np.ix_(order, order)]
 
-    def _update(self, H: Array, residual: Array, variance: Array, robust: bool = True) -> None:
-        """Take a measurement: residual (k,) = H (k, STATES) times the error, and noise of variance (k,)."""
+    def _update(self, H: Array, residual: Array, variance: float, robust: bool = True) -> None:
+        """Take a measurement: residual (k,) = H (k, STATES) times the error, and noise of a variance along each."""
         PH = self.P @ H.T
         S = H @ PH
+        information = np.linalg.inv(S + variance * np.eye(len(S)))
         if robust:
-            off = float(residual @ np.linalg.solve(S + np.diag(variance), residual))
-            variance = variance * (1.0 + off / DOUBT**2) ** 2
-        K = np.linalg.solve(S + np.diag(variance), PH.T).T
+            off = float(residual @ information @ residual)
+            information = np.linalg.inv(S + variance * (1.0 + off / DOUBT**2) ** 2 * np.eye(len(S)))
+        K = PH @ information
         d = K @ residual
         P = self.P - K @ PH.T
         self.P = 0.5 * (P + P.T)
@@ -232,12 +238,3 @@ def _level(up: Array, field: Array | None) -> Array:
         ahead = skew(field) @ up  # east
     ahead = ahead / np.sqrt(ahead @ ahead)
     return np.stack((ahead, skew(up) @ ahead, up))
-
-
-def _pick(states: slice, less: slice | None = None) -> Array:
-    """Derivative (3, STATES) of three states, less three others."""
-    H = np.zeros((3, STATES))
-    H[:, states] = np.eye(3)
-    if less is not None:
-        H[:, less] = -np.eye(3)
-    return H

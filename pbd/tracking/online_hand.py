@@ -165,7 +165,9 @@ class LiveHand:
         known = [self._filter] if self._ahead is None else [self._filter, self._ahead]
         for each in known:
             each.propagate(leg)
-        if sample.t - self._t_compass >= STOP_KNOT_S:
+        # Not at a knot: that is enough work for one sample.
+        knots = self.still or self._ahead is not None
+        if sample.t - self._t_compass >= STOP_KNOT_S and not (knots and self._knot_is_due(sample)):
             self._point(sample, known)
         return self._moving(sample, quiet) if self._stop is None else self._standing(self._stop, sample, quiet)
 
@@ -198,6 +200,9 @@ class LiveHand:
         at.keep()
         self._t_knot, self._angles, self._acc_knot = t, [np.zeros(3)], self._window[-1][0].acc
 
+    def _knot_is_due(self, sample: Sample) -> bool:
+        return sample.t - self._t_knot >= STOP_KNOT_S - 1e-6
+
     def _moves(self, at: OnlineFilter) -> tuple[float, bool]:
         """By how many sigmas, squared, the hand does not stand still; and whether it is fast, too."""
         off, speed = at.doubt_of_rest(self._sigma)
@@ -215,7 +220,7 @@ class LiveHand:
             fast = float(np.square(sample.acc - self._acc_knot).sum()) > STILL_ACC**2
         self.still = quiet and not fast
         if self.still:
-            if sample.t - self._t_knot >= STOP_KNOT_S - 1e-6:
+            if self._knot_is_due(sample):
                 if self._settled:
                     self._filter = ahead
                 ahead = self._ahead = self._filter.fork()
@@ -256,7 +261,7 @@ class LiveHand:
         lasts = CONFIRM_S if trial.knocked or not trial.doubted else DEVICE_S if self._device else DOUBTED_S
         if sample.t - trial.first.t >= lasts - 1e-6:
             return [self._arrive(trial, sample)]
-        if self._ahead is not None and sample.t - self._t_knot >= STOP_KNOT_S - 1e-6:
+        if self._ahead is not None and self._knot_is_due(sample):
             self._knot(self._ahead, sample.t, same=True)
         return []
 
