@@ -20,9 +20,10 @@ def readonly(values: ArrayLike) -> Array:
 
     What is such a copy already is returned as it is.
     """
-    if isinstance(values, np.ndarray) and values.dtype == np.float64 and values.base is None:
-        if not values.flags.writeable:
-            return values
+    if isinstance(values, np.ndarray) and values.dtype == np.float64 and not values.flags.writeable:
+        own: Array = values
+        if own.base is None:
+            return own
     copy = np.array(values, dtype=np.float64)
     copy.setflags(write=False)
     return copy

@@ -140,7 +140,8 @@ def sensor_errors(x: State) -> Array:
 
 def whitener(problem: Problem, local: Local) -> Array:
     """What whitens the legs' noise, (m - 1, 9, 9): the inverse of a root of its covariance in the gyro frame."""
-    return inverse_of_lower(np.linalg.cholesky(np.tensordot(local.components, problem.legs.parts, axes=1)))
+    root = np.linalg.cholesky(np.tensordot(local.components, problem.legs.parts, axes=1))
+    return inverse_of_lower(np.asarray(root, dtype=np.float64))
 
 
 def leg_jacobian(problem: Problem, x: State, at: slice = slice(None)) -> Array:

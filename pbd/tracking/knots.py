@@ -174,8 +174,9 @@ def _turn_sigma(frame: GyroFrame, rows: Rows, within: NDArray[np.bool_], least: 
     share = (np.arange(rows[-1]) - np.repeat(rows[:-1], length)) / np.repeat(length, length)
     turned = np.diff(angle[rows], axis=0)
     sway = angle[:-1] - np.repeat(angle[rows[:-1]], length, axis=0) - share[:, None] * np.repeat(turned, length, axis=0)
-    largest = np.maximum.reduceat(np.abs(sway).max(axis=1), rows[:-1])
-    return np.hypot(least, 2.0 * largest * within)
+    largest = np.maximum.reduceat(np.abs(sway), rows[:-1]).max(axis=1)
+    sigma: Array = np.hypot(least, 2.0 * largest * within)
+    return sigma
 
 
 def _field(frame: GyroFrame, mag: Array, rows: Rows, reach: int) -> Array:

@@ -22,6 +22,9 @@ NAV = 9
 BAND = STATE + NAV
 """So many unknowns, itself included, come from one to the last that it goes with."""
 
+AT_ONCE = 256
+"""Knots that are solved for at once: what they need stays in a processor's cache."""
+
 ROUNDING = 1e-12
 """Added to the scaled diagonal: what rounding may take from it."""
 
@@ -107,16 +110,22 @@ class NormalEquations:
             raise np.linalg.LinAlgError("the normal equations are not positive definite")
         # Half the way down: L^-1 of border and gradient.
         right = (self.border * scale[:, :, None]).reshape(m * STATE, -1)
-        half, _ = dtbtrs(cholesky, right, uplo="L")
+        half = np.empty(right.shape, order="F")
+        for first in range(0, m, AT_ONCE):
+            at = slice(first * STATE, (first + AT_ONCE) * STATE)
+            if first:
+                before = slice(at.start - STATE, at.start)
+                right[at][:STATE] -= _blocks(cholesky[:, before])[1][0] @ half[before]
+            half[at], _ = dtbtrs(cholesky[:, at], right[at], uplo="L")
         return Solved.at_corner(cholesky, scale, half, half.T @ half, self.corner)
 
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """The step (m, 15) and (s,), and the covariance, as far as somebody asks.
+    """The step, and the covariance, as far as somebody asks.
 
     Attributes:
-        d, d_shared: the step to the minimum.
+        d_shared: (s,), the step to the minimum of the shared unknowns.
         cholesky: (BAND, m * 15), of the chain's Hessian scaled to a unit diagonal, banded.
         scale: (m, 15).
         half: (m * 15, s + 1), the inverse of that factor times the border, and times the gradient.
@@ -125,7 +134,6 @@ class Solved:
         shared: (s, s), covariance of the shared unknowns.
     """
 
-    d: Array
     d_shared: Array
     cholesky: Array
     scale: Array
@@ -137,13 +145,18 @@ class Solved:
     @classmethod
     def at_corner(cls, cholesky: Array, scale: Array, half: Array, product: Array, corner: Array) -> Solved:
         """With what is shared known so well."""
-        from scipy.linalg.lapack import dtbtrs
-
         schur = corner - product[:-1]
         shared: Array = np.asarray(np.linalg.inv(schur[:, :-1]), dtype=np.float64)
-        d_shared = -shared @ schur[:, -1]
-        d, _ = dtbtrs(cholesky, -half @ np.append(d_shared, 1.0), uplo="L", trans="T")
-        return cls(d.reshape(scale.shape) * scale, d_shared, cholesky, scale, half, product, corner, shared)
+        return cls(-shared @ schur[:, -1], cholesky, scale, half, product, corner, shared)
+
+    @cached_property
+    def d(self) -> Array:
+        """The step (m, 15) to the minimum."""
+        from scipy.linalg.lapack import dtbtrs
+
+        d, _ = dtbtrs(self.cholesky, -self.half @ np.append(self.d_shared, 1.0), uplo="L", trans="T")
+        step: Array = d.reshape(self.scale.shape) * self.scale
+        return step
 
     def plus(self, corner: Array) -> Solved:
         """The same with more (s, s + 1) known of what is shared: information and gradient."""
@@ -170,13 +183,10 @@ class Solved:
         With L's blocks D on the diagonal and B below, and G = B D^-1: S = (D D^T)^-1 + G^T S' G from the last back.
         """
         m = len(self.scale)
-        rows = np.zeros((m, STATE * (BAND + STATE)))
-        rows.reshape(m, STATE, -1)[:, :, :BAND] = self.cholesky.T.reshape(m, STATE, BAND)
-        columns = rows[:, :-STATE].reshape(m, STATE, -1)
-        D, B = columns[:, :, :STATE].transpose(0, 2, 1), columns[:-1, :, STATE : 2 * STATE].transpose(0, 2, 1)
+        D, B = _blocks(self.cholesky)
         root = inverse_of_lower(D)
-        gain, up = B @ root[:-1], root.transpose(0, 2, 1)
-        del rows, columns, D, B
+        gain, up = B[:-1] @ root[:-1], root.transpose(0, 2, 1)
+        del D, B
         both = np.concatenate((up @ root, up @ self.half[:, :-1].reshape(m, STATE, -1)), axis=2)
         for here, after, G in zip(both[-2::-1], both[:0:-1], gain[::-1], strict=True):
             back = np.dot(G.T, after)
@@ -219,6 +229,15 @@ class Solved:
         covariance += this @ own[at:end] @ this.transpose(0, 2, 1)
         covariance += after @ own[at + 1 : end + 1, :NAV, :NAV] @ after.transpose(0, 2, 1)
         return covariance
+
+
+def _blocks(cholesky: Array) -> tuple[Array, Array]:
+    """What L (BAND, m * 15) has on its diagonal and below, (m, 15, 15) each."""
+    m = cholesky.shape[1] // STATE
+    rows = np.zeros((m, STATE * (BAND + STATE)))
+    rows.reshape(m, STATE, -1)[:, :, :BAND] = cholesky.T.reshape(m, STATE, BAND)
+    columns = rows[:, :-STATE].reshape(m, STATE, -1).transpose(0, 2, 1)
+    return columns[:, :STATE], columns[:, STATE : 2 * STATE]
 
 
 def inverse_of_lower(matrices: Array) -> Array:

@@ -215,7 +215,7 @@ def preintegrate(
     J[:, VEL, LAG], J[:, POS, LAG] = per_leg(dL)[:, :, None], per_leg(dLL)[:, :, None]
 
     gained, way = per_leg(dU), per_leg(dP)
-    of_blocks = [[np.diff(trapezoid(t, part)[edges]) for part in each] for each in density]
+    of_blocks = [[np.diff(trapezoid(t, part)[edges]) if part.any() else 0.0 * h for part in each] for each in density]
     parts = np.stack(
         [
             block_noise(gained / T[:, None], gyr_noise, acc_noise, middle, h, starts)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,10 +26,9 @@ from pbd.tracking.factors import (
     Prior,
     State,
     Weights,
-    linearise,
     shared_prior,
-    whitener,
 )
+from pbd.tracking.gauss_newton import CLEAR, FAR, ROUGH, WARM, descend
 from pbd.tracking.knots import Problem, pose_problem
 from pbd.tracking.noise import Noise
 from pbd.tracking.normal_equations import VEL, Solved
@@ -48,15 +46,6 @@ from pbd.tracking.zero_velocity import (
     trimmed,
     window_rows,
 )
-
-FAR, WARM = (40.0, 10.0, 3.0), (3.0,)
-"""Factors on the sigma of standing still, coming down to 1: from a first guess, and from a solution."""
-
-CLEAR = 2.0
-"""Where no stop is off by more sigmas, so many times wider, none need be doubted."""
-
-SMALL, ROUGH, MOST = 1e-4, 1e-3, 12
-"""rad: the last step's turn, and that of a solution that is solved again; how many iterations there are at most."""
 
 DOUBTED, TRIES = 0.5, 5
 """Below this weight a candidate is cut to its slow parts, so often."""
@@ -117,20 +106,6 @@ class Solution:
         return weights
 
 
-@dataclass(frozen=True, eq=False)
-class Descent:
-    """A linearisation at a state, with its robust weights, and the step from there."""
-
-    at: State
-    weights: Weights
-    solved: Solved
-
-    @property
-    def x(self) -> State:
-        """The state a step further."""
-        return self.at.moved(self.solved)
-
-
 def smooth(
     recording: Recording,
     rest: Rest,
@@ -178,7 +153,7 @@ def smooth(
         if not problem.stops:
             return None
         begun, local = _begin(problem, prior)
-        found = _descend(problem, begun, local, FAR, ROUGH)
+        found = descend(problem, begun, local, FAR, ROUGH)
         more, common = _found(found.x, found.solved)
         if device or (more == 0.0 and common == 0.0) or abs(lag + more) > MOST_LAG:
             break
@@ -187,7 +162,7 @@ def smooth(
     # The model is linear in what the prior is about.
     known = shared_prior(problem, found.at, narrow) - shared_prior(problem, found.at, prior)
     x, local = found.at.moved(found.solved.plus(known)), replace(local, prior=narrow)
-    found = _descend(problem, x, local)
+    found = descend(problem, x, local)
     path = path_of(problem, found.x)
     candidates: Spans = stops or []
     cut = np.zeros(len(candidates), dtype=np.bool_)
@@ -206,7 +181,7 @@ def smooth(
         x, local = _carried(problem, found.x, path, again), replace(local, origin=_origin(again))
         problem = again
         del found, path  # of a long recording they are large
-        found = _descend(problem, x, local, WARM)
+        found = descend(problem, x, local, WARM)
         path = path_of(problem, found.x)
     return Solution(problem, found.x, local, found.weights, found.solved, path, lag, scale, candidates)
 
@@ -323,33 +298,6 @@ def _first_field(problem: Problem, R: Array) -> Array:
     means = (level[problem.stop_of == k].mean(axis=0) for k in range(len(problem.stops)))
     usual = float(np.median(lengths(level)))
     return next((mean for mean in means if lengths(mean) > 0.5 * usual), np.array([0.0, 1.0, 0.0]))
-
-
-def _descend(
-    problem: Problem, x: State, local: Local, anneal: Sequence[float] = (), small: float = SMALL
-) -> Descent:
-    """Gauss-Newton, all factors linearised anew each time, until a step turns nothing by more than `small` (rad).
-
-    Annealing begins where no stop is in doubt; of more than one factor the first is tried without doubting any.
-    """
-    whiten, still = whitener(problem, local), problem.stop_of >= 0
-
-    def step(x: State, anneal: float, robust: bool = True) -> Descent:
-        equations, weights = linearise(problem, x, local, whiten, anneal, robust)
-        return Descent(x, weights, equations.solve())
-
-    if len(anneal) > 1:
-        x = step(x, anneal[0], robust=False).x
-    off = float((lengths(x.v[still]) / problem.still[still]).max())
-    for factor, closer in pairwise((*anneal, 1.0)):
-        if off > CLEAR * closer:
-            x = step(x, factor).x
-    for _ in range(MOST):
-        found = step(x, 1.0)
-        x = found.x
-        if np.abs(found.solved.d[:, :3]).max() < small:
-            break
-    return found
 
 
 def _carried(problem: Problem, x: State, path: Path, again: Problem) -> State:

@@ -10,6 +10,7 @@ import pytest
 from pbd.data import Demonstration, Recording
 from pbd.pose import Array, quat_inverse, quat_log, quat_multiply, yaw_toward
 from pbd.sensors.simulate import TASKS, random_task, simulate
+from pbd.tracking import normal_equations
 from pbd.tracking.conditioning import condition
 from pbd.tracking.estimate import Estimate, estimate
 from pbd.tracking.noise import noise_of
@@ -88,7 +89,9 @@ def test_without_a_gyro_the_devices_attitude_serves() -> None:
         assert np.linalg.norm(off[-1]) < 0.1
 
 
-def test_normal_equations_are_solved_as_dense_ones() -> None:
+@pytest.mark.parametrize("at_once", [4, 256])
+def test_normal_equations_are_solved_as_dense_ones(monkeypatch: pytest.MonkeyPatch, at_once: int) -> None:
+    monkeypatch.setattr(normal_equations, "AT_ONCE", at_once)
     rng = np.random.default_rng(0)
     m, s = 6, 4
     equations = NormalEquations.empty(m, s)
