@@ -60,6 +60,11 @@ class NormalEquations:
         """Gradient (m, 15) by the knots."""
         return self.border[:, :, -1]
 
+    @property
+    def g_shared(self) -> Array:
+        """Gradient (s,) by the shared unknowns."""
+        return self.corner[:, -1]
+
     def add_unary(self, block: slice, residual: Array, weight: Array) -> None:
         """A factor on each knot: (m, 3) residuals of a block of its state, (m,) weights."""
         i = np.arange(block.start, block.stop)

@@ -109,7 +109,7 @@ def test_normal_equations_are_solved_as_dense_ones(monkeypatch: pytest.MonkeyPat
             after = slice((k + 1) * STATE, (k + 2) * STATE)
             dense[after, here], dense[here, after] = equations.below[k], equations.below[k].T
     dense[n:, n:] = equations.corner[:, :s]
-    gradient = np.concatenate((equations.g.ravel(), equations.corner[:, s]))
+    gradient = np.concatenate((equations.g.ravel(), equations.g_shared))
     covariance, solved = np.linalg.inv(dense), equations.solve()
     step = np.concatenate((solved.d.ravel(), solved.d_shared))
     assert step == pytest.approx(-covariance @ gradient, rel=1e-8, abs=1e-10)
