@@ -69,6 +69,7 @@ def gyro_frame(t: Array, gyr: Array, acc: Array, interval: float, wxyz: Array | 
         turns[0] = 0.0
         wxyz = quat_cumulative(quat_exp(turns))
     u, lagged = quat_rotate(wxyz, acc), quat_rotate(wxyz, np.cross(gyr, acc))
+    u[1:-1] += (np.diff(u, n=2, axis=0) - quat_rotate(wxyz[1:-1], np.diff(acc, n=2, axis=0))) / 24.0
     U, L = integral_of_means(t, u), integral_of_means(t, lagged)
     return GyroFrame(t, gyr, acc, wxyz, u, U, integral_of_values(t, U, u), L, integral_of_values(t, L, lagged))
 
