@@ -63,7 +63,11 @@ class GyroFrame:
 
 
 def gyro_frame(t: Array, gyr: Array, acc: Array, interval: float, wxyz: Array | None = None) -> GyroFrame:
-    """Integrate samples that are means over their intervals; `wxyz` where attitude is known otherwise."""
+    """Integrate samples that are means over their intervals; `wxyz` where attitude is known otherwise.
+
+    The mean of what turns meanwhile is not its mean in sensor axes, turned as in the middle (sculling): to the second
+    order a mean is off by a 24th of the second difference.
+    """
     if wxyz is None:
         turns = turns_between_middles(t, gyr, interval)
         turns[0] = 0.0

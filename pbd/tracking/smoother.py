@@ -26,6 +26,7 @@ from pbd.tracking.factors import (
     Prior,
     State,
     Weights,
+    creep,
     linearise,
     whitener,
 )
@@ -47,7 +48,7 @@ from pbd.tracking.zero_velocity import (
 )
 
 FAR, WARM = (40.0, 10.0, 3.0), (3.0,)
-"""Factors on the sigma of standing still, coming down to 1: from a first guess, and from a solution."""
+"""Of how a hand creeps that stands still, coming down to 1: from a first guess, and from a solution."""
 
 CLEAR = 2.0
 """Where no stop is off by more sigmas, none need be doubted."""
@@ -109,7 +110,7 @@ class Solution:
     def weight_of(self, stop: int) -> float:
         """How sure it is that the hand stood still at a stop, 0 to 1: by the knot that is nearest to it."""
         at = self.problem.stop_of == stop
-        excess = lengths(self.state.v[at]) ** 2 / self.problem.still[at] ** 2 - 3.0
+        excess = lengths(creep(self.problem, self.state)[0][at]) ** 2 / self.problem.still[at] ** 2 - 3.0
         return float((1.0 / (1.0 + np.maximum(excess, 0.0) / DOUBT**2) ** 2).max(initial=0.0))
 
 

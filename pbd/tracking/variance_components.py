@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pbd.tracking.factors import leg_jacobian, linearise, whitener
+from pbd.tracking.factors import creep, leg_jacobian, linearise, whitener
 from pbd.tracking.normal_equations import ACC_BIAS, GYR_BIAS, STATE, VEL
 from pbd.tracking.smoother import Solution
 
@@ -49,7 +49,7 @@ def with_own_noise(solution: Solution) -> Solution:
             walks[c] *= top / max(bottom, 1e-3 * NU)
         own = np.trace(solved.of_knots()[:, VEL, VEL], axis1=1, axis2=2)
         w = weights.still / (local.still * problem.still**2)
-        top = float((w * (x.v**2).sum(axis=1)).sum()) + NU_STILL
+        top = float((w * (creep(problem, x)[0] ** 2).sum(axis=1)).sum()) + NU_STILL
         bottom = float((3.0 * weights.still - w * own).sum()) + NU_STILL
         still = local.still * top / max(bottom, 1e-3 * NU_STILL)
         local = replace(local, components=components, walks=walks, still=still)
