@@ -27,9 +27,9 @@ from pbd.tracking.normal_equations import (
 )
 from pbd.tracking.preintegration import ERRORS
 
-LAG, GYR_MATRIX, ACC_MATRIX, GRAVITY = slice(0, 1), slice(1, 10), slice(10, 16), slice(16, 17)
-SHARED = 17
-"""Shared unknowns: lag (s), the matrices of gyro (M) and accelerometer (N), gravity (m/s2)."""
+LAG, GYR_MATRIX, ACC_MATRIX, GRAVITY, PIVOT = slice(0, 1), slice(1, 10), slice(10, 16), slice(16, 17), slice(17, 20)
+SHARED = 20
+"""Shared unknowns: lag (s), the matrices of gyro (M) and accelerometer (N), gravity (m/s2), the pivot (m)."""
 
 DOUBT = 3.0
 """Sigmas beyond which a robust factor hardly counts (Geman-McClure)."""
@@ -118,10 +118,10 @@ class Weights:
 def linearise(
     problem: Problem, x: State, local: Local, whiten: Array, anneal: float = 1.0, robust: bool = True
 ) -> tuple[NormalEquations, Weights]:
-    """Linearise all factors at a state; `whiten` the legs' noise, `anneal` multiplies the sigma of standing still."""
+    """Linearise all factors at a state; `whiten` the legs' noise, `anneal` widens what passes for standing still."""
     equations = NormalEquations.empty(len(problem.rows), SHARED)
     legs = _add_legs(equations, problem, x, local, whiten)
-    still, stay, turn = _add_stops(equations, problem, x, anneal * np.sqrt(local.still), robust)
+    still, stay, turn = _add_stops(equations, problem, x, local, anneal, robust)
     _add_hand(equations, problem, x)
     compass = np.ones(len(problem.rows))
     if problem.device:
@@ -172,7 +172,8 @@ def leg_jacobian(problem: Problem, x: State, at: slice = slice(None)) -> Array:
     out[:, pos, this(POS)], out[:, pos, after(POS)] = -ET, ET
     out[:, :, GYR_BIAS.start : ACC_BIAS.stop] = -J[:, :, :6]
     out[:, :, BAND : BAND + 16] = -J[:, :, 6:ERRORS]
-    out[:, vel, -2], out[:, pos, -2] = ET[:, :, 2] * T, ET[:, :, 2] * (0.5 * T**2)
+    gravity = BAND + GRAVITY.start
+    out[:, vel, gravity], out[:, pos, gravity] = ET[:, :, 2] * T, ET[:, :, 2] * (0.5 * T**2)
     out[:, rot, -1] = matrix_log(ET @ x.E[1:][at] @ quat_to_matrix(quat_exp(-by_errors[:, rot])))
     out[:, vel, -1] = np.einsum("kij,kj->ki", ET, a) - legs.dU[at] - by_errors[:, vel]
     out[:, pos, -1] = np.einsum("kij,kj->ki", ET, b) - legs.dP[at] - by_errors[:, pos]
@@ -196,17 +197,30 @@ def _add_legs(equations: NormalEquations, problem: Problem, x: State, local: Loc
     return residuals
 
 
+def creep(problem: Problem, x: State) -> tuple[Array, Array]:
+    """Velocity (m, 3) beyond that of a turn about the pivot r, v - R (w x r), and its derivative by r (m, 3, 3)."""
+    swing = -(x.E @ problem.C @ skew(problem.rate))
+    return x.v + swing @ x.shared[PIVOT], swing
+
+
 def _add_stops(
-    equations: NormalEquations, problem: Problem, x: State, anneal: float, robust: bool
+    equations: NormalEquations, problem: Problem, x: State, local: Local, anneal: float, robust: bool
 ) -> tuple[Array, Array, Array]:
-    """In a stop velocity is zero, and from knot to knot nothing moves or turns. Returns the weights."""
-    sigma, within = anneal * problem.still, problem.within
-    still = _robust(_squares(x.v) / sigma**2, robust) * (problem.stop_of >= 0)
-    equations.add_unary(VEL, x.v, still / sigma**2)
-    shift, sigma_shift = np.diff(x.p, axis=0), anneal * problem.noise.still_shift
+    """In a stop the pivot stands still, and from knot to knot nothing moves or turns. Returns the weights."""
+    noise, within, R = problem.noise, problem.within, x.E @ problem.C
+    # A hand that coasts is as fast, however much one that stands still trembles.
+    variance = local.still * problem.still**2 + (anneal**2 - 1.0) * noise.still_speed**2
+    v, swing = creep(problem, x)
+    still = _robust(_squares(v) / variance, robust) * (problem.stop_of >= 0)
+    equations.add_unary(VEL, v, still / variance)
+    equations.add_shared(VEL, PIVOT, slice(None), swing, v, still / variance)
+    swing, sigma_shift = -np.diff(R, axis=0), anneal * noise.still_shift
+    shift = np.diff(x.p, axis=0) + swing @ x.shared[PIVOT]
     stay = _robust(_squares(shift) / sigma_shift**2, robust) * within
     equations.add_pairs(POS, shift, stay / sigma_shift**2)
-    turned = matrix_log(x.E[1:] @ problem.turned @ x.E[:-1].transpose(0, 2, 1))
+    equations.add_shared(POS, PIVOT, slice(1, None), swing, shift, stay / sigma_shift**2)
+    equations.border[:-1, POS, PIVOT] -= (stay / sigma_shift**2)[:, None, None] * swing
+    turned = matrix_log(R[1:] @ R[:-1].transpose(0, 2, 1))
     turn = _robust(_squares(turned) / problem.turn_sigma**2, True) * within
     equations.add_pairs(ROT, turned, turn / problem.turn_sigma**2)
     return still, stay, turn
@@ -279,6 +293,7 @@ def _information(noise: Noise, worse: float, prior: Prior) -> Array:
     covariance[i[GYR_MATRIX], i[GYR_MATRIX]] = noise.device.gyr_scale**2
     covariance[i[ACC_MATRIX], i[ACC_MATRIX]] = (worse * noise.device.acc_scale) ** 2
     covariance[i[GRAVITY], i[GRAVITY]] = noise.gravity_sigma**2
+    covariance[i[PIVOT], i[PIVOT]] = noise.pivot**2
     diagonal = i[GYR_MATRIX][::4]
     covariance[np.ix_(diagonal, diagonal)] += prior.common_scale**2
     return readonly(np.linalg.inv(covariance))

@@ -10,12 +10,12 @@ from itertools import pairwise
 import numpy as np
 
 from pbd.pose import lengths
-from pbd.tracking.factors import Local, State, Weights, linearise, whitener
+from pbd.tracking.factors import Local, State, Weights, creep, linearise, whitener
 from pbd.tracking.knots import Problem
 from pbd.tracking.normal_equations import Solved
 
 FAR, WARM = (40.0, 10.0, 3.0), (3.0,)
-"""Factors on the sigma of standing still, coming down to 1: from a first guess, and from a solution."""
+"""Of how a hand creeps that stands still, coming down to 1: from a first guess, and from a solution."""
 
 CLEAR = 2.0
 """Where no stop is off by more sigmas, so many times wider, none need be doubted."""
@@ -51,7 +51,7 @@ def descend(problem: Problem, x: State, local: Local, anneal: Sequence[float] = 
 
     if len(anneal) > 1:
         x = step(x, anneal[0], robust=False).x
-    off = float((lengths(x.v[still]) / problem.still[still]).max())
+    off = float((lengths(creep(problem, x)[0][still]) / problem.still[still]).max())
     for factor, closer in pairwise((*anneal, 1.0)):
         if off > CLEAR * closer:
             x = step(x, factor).x

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pbd.pose import Array, quat_rotate, quat_to_matrix
 from pbd.tracking.noise import Noise, densities
-from pbd.tracking.preintegration import GyroFrame, Impulse, Legs, Rows, cumulative, preintegrate
+from pbd.tracking.preintegration import BLOCK_S, GyroFrame, Impulse, Legs, Rows, cumulative, preintegrate
 from pbd.tracking.rest import Rest
 from pbd.tracking.zero_velocity import Spans
 
@@ -38,7 +38,8 @@ class Problem:
         within: (m - 1,) whether two neighbouring knots are in one stop, and nothing is missing between them.
         legs: between the knots.
         still: (m,) m/s along each axis, how fast a hand may be that stands still.
-        turned: (m - 1, 3, 3), the turn from knot to knot in the gyro frame: C' C^T.
+        C: (m, 3, 3), gyro frame <- sensor.
+        rate: (m, 3) rad/s, about each knot, in sensor axes; zero without a gyro.
         turn_sigma: (m - 1,) rad, how far a hand may turn that stands still.
         share: (m,) s, that each knot stands for.
         field: (m, 3), the mean magnetic field in the gyro frame, in a unit of its own; None without a magnetometer.
@@ -54,7 +55,8 @@ class Problem:
     within: NDArray[np.bool_]
     legs: Legs
     still: Array
-    turned: Array
+    C: Array
+    rate: Array
     turn_sigma: Array
     share: Array
     field: Array | None
@@ -112,7 +114,6 @@ def pose_problem(
         lasts = float(t[last] - t[first])
         s_g[0, first : last + 1] += noise.unseen_rate**2 * lasts
         s_a[0, first : last + 1] += 12.0 * noise.unseen_speed**2 / lasts  # from rest to rest
-    C = quat_to_matrix(frame.wxyz[rows])
     borders = np.concatenate((t[rows[:1]], 0.5 * (t[rows[1:]] + t[rows[:-1]]), t[rows[-1:]]))
     return Problem(
         frame,
@@ -124,7 +125,8 @@ def pose_problem(
         within,
         preintegrate(frame, rows, within, (s_g, s_a), impulses),
         speed[rows],
-        C[1:] @ C[:-1].transpose(0, 2, 1),
+        quat_to_matrix(frame.wxyz[rows]),
+        np.zeros((len(rows), 3)) if device else _mean_about(frame.gyr, rows, round(0.5 * BLOCK_S / dt)),
         _turn_sigma(frame, rows, within, noise.still_turn),
         np.maximum(np.diff(borders), dt),
         None if mag is None else _field(frame, mag, rows, max(1, round(FIELD_S / dt))),
@@ -180,8 +182,14 @@ def _turn_sigma(frame: GyroFrame, rows: Rows, within: NDArray[np.bool_], least: 
 
 
 def _field(frame: GyroFrame, mag: Array, rows: Rows, reach: int) -> Array:
-    sums = cumulative(quat_rotate(frame.wxyz, mag))
-    first, end = np.maximum(rows - reach, 0), np.minimum(rows + reach + 1, len(mag))
-    mean: Array = (sums[end] - sums[first]) / (end - first)[:, None]
+    mean = _mean_about(quat_rotate(frame.wxyz, mag), rows, reach)
     largest = float(np.abs(mean).max())
     return mean / largest if largest > 0.0 else mean
+
+
+def _mean_about(values: Array, rows: Rows, reach: int) -> Array:
+    """Means of values (n, 3) over so many rows on either hand of some."""
+    sums = cumulative(values)
+    first, end = np.maximum(rows - reach, 0), np.minimum(rows + reach + 1, len(values))
+    mean: Array = (sums[end] - sums[first]) / (end - first)[:, None]
+    return mean

@@ -81,6 +81,15 @@ class NormalEquations:
         self.g[:-1, block] -= weighted
         self.g[1:, block] += weighted
 
+    def add_shared(
+        self, block: slice, columns: slice, at: slice, jacobian: Array, residual: Array, weight: Array
+    ) -> None:
+        """What a factor on the knots `at` adds by shared unknowns: its Jacobian (., 3, c) by them, and residual."""
+        weighted = weight[:, None, None] * jacobian
+        self.border[at, block, columns] += weighted
+        self.corner[columns, columns] += np.tensordot(weighted, jacobian, axes=((0, 1), (0, 1)))
+        self.g_shared[columns] += np.tensordot(weighted, residual, axes=((0, 1), (0, 1)))
+
     def add_legs(self, jacobian: Array, at: int = 0) -> None:
         """A factor from each knot, from the one `at`, to the next: (., r, 15 + 9 + s + 1) whitened, residual last."""
         this, after, shared = jacobian[:, :, :STATE], jacobian[:, :, STATE:BAND], jacobian[:, :, BAND:]

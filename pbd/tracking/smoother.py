@@ -26,6 +26,7 @@ from pbd.tracking.factors import (
     Prior,
     State,
     Weights,
+    creep,
     shared_prior,
 )
 from pbd.tracking.gauss_newton import CLEAR, FAR, ROUGH, WARM, descend
@@ -101,7 +102,7 @@ class Solution:
     def of_stops(self) -> Array:
         """How sure it is that the hand stood still at each stop, 0 to 1: by the knot that is nearest to it."""
         at, weights = self.problem.stop_of >= 0, np.zeros(len(self.problem.stops))
-        excess = lengths(self.state.v[at]) ** 2 / self.problem.still[at] ** 2 - 3.0
+        excess = lengths(creep(self.problem, self.state)[0][at]) ** 2 / self.problem.still[at] ** 2 - 3.0
         np.maximum.at(weights, self.problem.stop_of[at], 1.0 / (1.0 + np.maximum(excess, 0.0) / DOUBT**2) ** 2)
         return weights
 

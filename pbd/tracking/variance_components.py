@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from pbd.pose import Array
-from pbd.tracking.factors import AT_ONCE, Local, State, leg_jacobian, linearise, whitener
+from pbd.tracking.factors import AT_ONCE, Local, State, creep, leg_jacobian, linearise, whitener
 from pbd.tracking.knots import Problem
 from pbd.tracking.normal_equations import ACC_BIAS, GYR_BIAS, VEL, Solved
 from pbd.tracking.smoother import Solution
@@ -38,7 +38,7 @@ def with_own_noise(solution: Solution) -> Solution:
             own = np.trace(solved.of_changes(block), axis1=1, axis2=2)
             walked[c] *= _factors(w @ (np.diff(values, axis=0) ** 2).sum(axis=1), (3.0 - w * own).sum(), NU)
         own, w = np.trace(solved.of_knots(VEL), axis1=1, axis2=2), stood / local.still
-        factor = _factors(w @ (x.v**2).sum(axis=1), (3.0 * still - w * own).sum(), NU_STILL)
+        factor = _factors(w @ (creep(problem, x)[0] ** 2).sum(axis=1), (3.0 * still - w * own).sum(), NU_STILL)
         local = replace(local, components=components, walks=walked, still=local.still * float(factor))
         whiten = whitener(problem, local)
         solved.forget()
