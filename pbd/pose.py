@@ -16,7 +16,14 @@ Array = NDArray[np.float64]
 
 
 def readonly(values: ArrayLike) -> Array:
-    """Return a copy as float64 that nobody can write to (freezing a dataclass does not freeze its arrays)."""
+    """Return a copy as float64 that nobody can write to (freezing a dataclass does not freeze its arrays).
+
+    What is such a copy already is returned as it is.
+    """
+    if isinstance(values, np.ndarray) and values.dtype == np.float64 and not values.flags.writeable:
+        own: Array = values
+        if own.base is None:
+            return own
     copy = np.array(values, dtype=np.float64)
     copy.setflags(write=False)
     return copy
@@ -55,12 +62,11 @@ def quat_inverse(wxyz: ArrayLike) -> Array:
 
 
 def quat_cumulative(wxyz: ArrayLike) -> Array:
-    """Products of the first 1, 2, ... n of unit quaternions (n, 4), in blocks of about sqrt(n), not one by one."""
+    """Products of the first 1, 2, ... n of unit quaternions (n, 4), in blocks of 16, of all of them at once."""
     turns = np.asarray(wxyz, dtype=np.float64)
-    n = len(turns)
+    n, block = len(turns), 16
     if n < 2:
         return turns.copy()
-    block = int(np.ceil(np.sqrt(n)))
     padding = np.tile((1.0, 0.0, 0.0, 0.0), (-n % block, 1))
     within = np.concatenate((turns, padding)).reshape(-1, block, 4)
     for column in range(1, block):
@@ -106,6 +112,17 @@ def quat_log(wxyz: ArrayLike) -> Array:
     angle = 2.0 * np.arctan2(sine, q[..., :1])
     # angle / sine -> 2 as sine -> 0; below 1e-12 the quotient is 2 to the last bit
     vector: Array = q[..., 1:] * np.where(sine < 1e-12, 2.0, angle / np.maximum(sine, 1e-12))
+    return vector
+
+
+def matrix_log(matrix: Array) -> Array:
+    """Rotation vectors (..., 3) in rad of rotation matrices (..., 3, 3) that turn by less than pi."""
+    sine = np.empty(matrix.shape[:-1])
+    for i, (j, k) in enumerate(((2, 1), (0, 2), (1, 0))):
+        sine[..., i] = 0.5 * (matrix[..., j, k] - matrix[..., k, j])
+    length = lengths(sine)
+    angle = np.arctan2(length, 0.5 * (np.trace(matrix, axis1=-2, axis2=-1) - 1.0))
+    vector: Array = sine * (angle / np.maximum(length, 1e-99))[..., None]
     return vector
 
 

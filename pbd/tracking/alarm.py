@@ -109,10 +109,11 @@ def _of_stops(solution: Solution, stops: Sequence[Stop]) -> Iterator[str]:
                 "there; stop for half a second, or drop it from keyframes.toml"
             )
     frame, rest = solution.problem.frame, solution.problem.rest
+    starts, ends = (np.array([getattr(stop, name) for stop in stops]) for name in ("start", "stop"))
     for start, end in solution.candidates:
         lasts = float(t[end - 1] - t[start])
-        if lasts < GIVEN_UP_S or any(stop.start < end and start < stop.stop for stop in stops):
-            continue
+        if lasts < GIVEN_UP_S or np.searchsorted(starts, end) > np.searchsorted(ends, start, side="right"):
+            continue  # a stop begins before its end that does not end before it begins
         n = int(np.searchsorted(t, t[start] + GIVEN_UP_S)) - start
         if window_moments(frame.u[start:end], n)[0].min() < ABOUT * rest.acc_rms**2:
             yield (

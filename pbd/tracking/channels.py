@@ -17,7 +17,7 @@ from pbd.errors import PbdWarning, RecordingError, TrackingError
 from pbd.pose import Array, lengths
 from pbd.tracking.rest import STILL_ACC
 from pbd.tracking.steady import window_moments
-from pbd.tracking.zero_velocity import runs
+from pbd.tracking.zero_velocity import edges, runs
 
 NAMES = {"acc": "accelerometer", "gyr": "gyro"}
 
@@ -85,10 +85,9 @@ def stuck_axes(recording: Recording) -> Iterator[tuple[str, int, int, int]]:
     for name in NAMES:
         values = getattr(recording, name)
         for axis in range(3) if values is not None else ():
-            for start, last in runs(np.diff(values[:, axis]) == 0.0):
-                if recording.t[last] - recording.t[start] >= STUCK_S and any(
-                    _alive(other) for other in np.delete(values[start : last + 1], axis, axis=1).T
-                ):
+            spans = edges(values[1:, axis] == values[:-1, axis])
+            for start, last in spans[np.diff(recording.t[spans], axis=1)[:, 0] >= STUCK_S].tolist():
+                if any(_alive(other) for other in np.delete(values[start : last + 1], axis, axis=1).T):
                     yield name, axis, start, last + 1
 
 

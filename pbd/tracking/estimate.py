@@ -18,6 +18,7 @@ from pbd.tracking.path import Path
 from pbd.tracking.preintegration import Impulse, integral_of_means
 from pbd.tracking.rest import Rest
 from pbd.tracking.smoother import Solution, smooth
+from pbd.tracking.steady import median
 from pbd.tracking.variance_components import with_own_noise
 
 NEVER_STILL = "the hand never stands still; stop for half a second between the moves"
@@ -64,7 +65,7 @@ def estimate(
     if solution is None:
         raise TrackingError(NEVER_STILL)
     t, problem = recording.t, solution.problem
-    weights = [solution.weight_of(k) for k in range(len(problem.stops))]
+    weights = solution.of_stops().tolist()
     believed = [k for k, weight in enumerate(weights) if weight > BELIEVED]
     if not believed:
         raise TrackingError(NEVER_STILL)
@@ -73,8 +74,10 @@ def estimate(
         Stop(start, stop, float(t[stop - 1] - t[start]), weights[k])
         for k, (start, stop) in ((k, problem.stops[k]) for k in believed)
     )
-    knots = [int(np.median(np.flatnonzero(problem.stop_of == k))) for k in believed]
-    knots[0] = int(np.flatnonzero(problem.stop_of == believed[0])[0])  # nav's origin is where the first rest begins
+    in_stops = np.flatnonzero(problem.stop_of >= 0)
+    first, end = (np.searchsorted(problem.stop_of[in_stops], believed, side) for side in ("left", "right"))
+    knots = in_stops[(first + end - 1) // 2].tolist()
+    knots[0] = int(in_stops[first[0]])  # nav's origin is where the first rest begins
     covariance = covariance_of(with_own_noise(solution).solved, knots, solution.state.p[knots])
     return Estimate(
         _standing(solution.path, stops, solution.state.p[knots], t),
@@ -87,8 +90,7 @@ def estimate(
 
 def _without_bounces(solution: Solution, believed: Sequence[int]) -> list[int]:
     """Drop the shorter of two stops that belong to one put-down."""
-    problem, t = solution.problem, solution.problem.frame.t
-    p = [np.median(solution.state.p[problem.stop_of == k], axis=0) for k in range(len(problem.stops))]
+    problem, t, p = solution.problem, solution.problem.frame.t, solution.state.p
 
     def dwell(k: int) -> float:
         start, stop = problem.stops[k]
@@ -98,8 +100,9 @@ def _without_bounces(solution: Solution, believed: Sequence[int]) -> list[int]:
     for k in believed[1:]:
         before = kept[-1]
         soon = t[problem.stops[k][0]] - t[problem.stops[before][1] - 1] < BOUNCE_S
-        if soon and min(dwell(before), dwell(k)) < BOUNCE_S and np.linalg.norm(p[k] - p[before]) < BOUNCE_M:
-            kept[-1] = max(before, k, key=dwell)
+        if soon and min(dwell(before), dwell(k)) < BOUNCE_S:
+            there, here = (median(p[problem.stop_of == stop]) for stop in (before, k))
+            kept[-1:] = [max(before, k, key=dwell)] if np.linalg.norm(here - there) < BOUNCE_M else [before, k]
         else:
             kept.append(k)
     return kept

@@ -6,18 +6,30 @@ Rotations are perturbed on the left, in nav: E <- exp(theta) E.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
-from pbd.pose import Array, quat_exp, quat_from_matrix, quat_log, quat_multiply, quat_to_matrix, skew
+from pbd.pose import Array, matrix_log, quat_exp, quat_to_matrix, readonly, skew
 from pbd.tracking.knots import Problem
-from pbd.tracking.noise import acc_doubt
-from pbd.tracking.normal_equations import ACC_BIAS, GYR_BIAS, POS, ROT, STATE, VEL, NormalEquations, Solved
+from pbd.tracking.noise import Noise, acc_doubt
+from pbd.tracking.normal_equations import (
+    ACC_BIAS,
+    BAND,
+    GYR_BIAS,
+    POS,
+    ROT,
+    STATE,
+    VEL,
+    NormalEquations,
+    Solved,
+    inverse_of_lower,
+)
 from pbd.tracking.preintegration import ERRORS
 
-LAG, GYR_MATRIX, ACC_MATRIX, GRAVITY = slice(0, 1), slice(1, 10), slice(10, 16), slice(16, 17)
-SHARED = 17
-"""Shared unknowns: lag (s), the matrices of gyro (M) and accelerometer (N), gravity (m/s2)."""
+LAG, GYR_MATRIX, ACC_MATRIX, GRAVITY, PIVOT = slice(0, 1), slice(1, 10), slice(10, 16), slice(16, 17), slice(17, 20)
+SHARED = 20
+"""Shared unknowns: lag (s), the matrices of gyro (M) and accelerometer (N), gravity (m/s2), the pivot (m)."""
 
 DOUBT = 3.0
 """Sigmas beyond which a robust factor hardly counts (Geman-McClure)."""
@@ -106,10 +118,10 @@ class Weights:
 def linearise(
     problem: Problem, x: State, local: Local, whiten: Array, anneal: float = 1.0, robust: bool = True
 ) -> tuple[NormalEquations, Weights]:
-    """Linearise all factors at a state; `whiten` the legs' noise, `anneal` multiplies the sigma of standing still."""
+    """Linearise all factors at a state; `whiten` the legs' noise, `anneal` widens what passes for standing still."""
     equations = NormalEquations.empty(len(problem.rows), SHARED)
     legs = _add_legs(equations, problem, x, local, whiten)
-    still, stay, turn = _add_stops(equations, problem, x, anneal * np.sqrt(local.still), robust)
+    still, stay, turn = _add_stops(equations, problem, x, local, anneal, robust)
     _add_hand(equations, problem, x)
     compass = np.ones(len(problem.rows))
     if problem.device:
@@ -128,23 +140,23 @@ def sensor_errors(x: State) -> Array:
 
 def whitener(problem: Problem, local: Local) -> Array:
     """What whitens the legs' noise, (m - 1, 9, 9): the inverse of a root of its covariance in the gyro frame."""
-    whiten: Array = np.linalg.inv(np.linalg.cholesky(np.tensordot(local.components, problem.legs.parts, axes=1)))
-    return whiten
+    root = np.linalg.cholesky(np.tensordot(local.components, problem.legs.parts, axes=1))
+    return inverse_of_lower(np.asarray(root, dtype=np.float64))
 
 
 def leg_jacobian(problem: Problem, x: State, at: slice = slice(None)) -> Array:
-    """Derivatives (m - 1, 9, 15 + 15 + SHARED) and, last, residuals of turn, velocity and way, in the gyro frame.
+    """Derivatives (m - 1, 9, 15 + 9 + SHARED) and, last, residuals of turn, velocity and way, in the gyro frame.
 
     With a = v' - v + g T and b = p' - p - v T + g T^2 / 2, upwards in nav, E at this knot and E' at the next:
     r_turn = log(E^T E' exp(-J_r x)), r_velocity = E^T a - dU - J_v x, r_way = E^T b - dP - J_p x.
     """
     legs, J = problem.legs, problem.legs.J[at]
     T, ET, g = legs.T[at, None], x.E[:-1][at].transpose(0, 2, 1), float(x.shared[GRAVITY][0])
-    by_errors = np.einsum("kij,kj->ki", J, sensor_errors(x)[at])
+    by_errors = (J @ sensor_errors(x)[at, :, None])[:, :, 0]
     up = np.array([0.0, 0.0, 1.0])
     a = np.diff(x.v, axis=0)[at] + g * T * up
     b = np.diff(x.p, axis=0)[at] - x.v[:-1][at] * T + 0.5 * g * T**2 * up
-    out = np.zeros((len(T), 9, 2 * STATE + SHARED + 1))
+    out = np.zeros((len(T), 9, BAND + SHARED + 1))
     rot, vel, pos = slice(0, 3), slice(3, 6), slice(6, 9)
 
     def this(block: slice) -> slice:
@@ -159,10 +171,10 @@ def leg_jacobian(problem: Problem, x: State, at: slice = slice(None)) -> Array:
     out[:, pos, this(VEL)] = -ET * T[:, :, None]
     out[:, pos, this(POS)], out[:, pos, after(POS)] = -ET, ET
     out[:, :, GYR_BIAS.start : ACC_BIAS.stop] = -J[:, :, :6]
-    out[:, :, 2 * STATE : 2 * STATE + 16] = -J[:, :, 6:ERRORS]
-    out[:, vel, -2], out[:, pos, -2] = ET[:, :, 2] * T, ET[:, :, 2] * (0.5 * T**2)
-    turn = quat_multiply(quat_from_matrix(ET @ x.E[1:][at]), quat_exp(-by_errors[:, rot]))
-    out[:, rot, -1] = quat_log(turn)
+    out[:, :, BAND : BAND + 16] = -J[:, :, 6:ERRORS]
+    gravity = BAND + GRAVITY.start
+    out[:, vel, gravity], out[:, pos, gravity] = ET[:, :, 2] * T, ET[:, :, 2] * (0.5 * T**2)
+    out[:, rot, -1] = matrix_log(ET @ x.E[1:][at] @ quat_to_matrix(quat_exp(-by_errors[:, rot])))
     out[:, vel, -1] = np.einsum("kij,kj->ki", ET, a) - legs.dU[at] - by_errors[:, vel]
     out[:, pos, -1] = np.einsum("kij,kj->ki", ET, b) - legs.dP[at] - by_errors[:, pos]
     return out
@@ -185,17 +197,30 @@ def _add_legs(equations: NormalEquations, problem: Problem, x: State, local: Loc
     return residuals
 
 
+def creep(problem: Problem, x: State) -> tuple[Array, Array]:
+    """Velocity (m, 3) beyond that of a turn about the pivot r, v - R (w x r), and its derivative by r (m, 3, 3)."""
+    swing = -(x.E @ problem.C @ skew(problem.rate))
+    return x.v + swing @ x.shared[PIVOT], swing
+
+
 def _add_stops(
-    equations: NormalEquations, problem: Problem, x: State, anneal: float, robust: bool
+    equations: NormalEquations, problem: Problem, x: State, local: Local, anneal: float, robust: bool
 ) -> tuple[Array, Array, Array]:
-    """In a stop velocity is zero, and from knot to knot nothing moves or turns. Returns the weights."""
-    sigma, within = anneal * problem.still, problem.within
-    still = _robust(_squares(x.v) / sigma**2, robust) * (problem.stop_of >= 0)
-    equations.add_unary(VEL, x.v, still / sigma**2)
-    shift, sigma_shift = np.diff(x.p, axis=0), anneal * problem.noise.still_shift
+    """In a stop the pivot stands still, and from knot to knot nothing moves or turns. Returns the weights."""
+    noise, within, R = problem.noise, problem.within, x.E @ problem.C
+    # A hand that coasts is as fast, however much one that stands still trembles.
+    variance = local.still * problem.still**2 + (anneal**2 - 1.0) * noise.still_speed**2
+    v, swing = creep(problem, x)
+    still = _robust(_squares(v) / variance, robust) * (problem.stop_of >= 0)
+    equations.add_unary(VEL, v, still / variance)
+    equations.add_shared(VEL, PIVOT, slice(None), swing, v, still / variance)
+    swing, sigma_shift = -np.diff(R, axis=0), anneal * noise.still_shift
+    shift = np.diff(x.p, axis=0) + swing @ x.shared[PIVOT]
     stay = _robust(_squares(shift) / sigma_shift**2, robust) * within
     equations.add_pairs(POS, shift, stay / sigma_shift**2)
-    turned = quat_log(quat_from_matrix(x.E[1:] @ problem.turned @ x.E[:-1].transpose(0, 2, 1)))
+    equations.add_shared(POS, PIVOT, slice(1, None), swing, shift, stay / sigma_shift**2)
+    equations.border[:-1, POS, PIVOT] -= (stay / sigma_shift**2)[:, None, None] * swing
+    turned = matrix_log(R[1:] @ R[:-1].transpose(0, 2, 1))
     turn = _robust(_squares(turned) / problem.turn_sigma**2, True) * within
     equations.add_pairs(ROT, turned, turn / problem.turn_sigma**2)
     return still, stay, turn
@@ -233,7 +258,7 @@ def _add_device(equations: NormalEquations, problem: Problem, x: State) -> None:
     noise = problem.noise
     rate = np.sqrt(_squares(problem.frame.gyr[problem.rows]))
     sigma = np.hypot(noise.device_turn, noise.device_lag * rate)
-    equations.add_unary(ROT, quat_log(quat_from_matrix(x.E)), 1.0 / sigma**2)
+    equations.add_unary(ROT, matrix_log(x.E), 1.0 / sigma**2)
 
 
 def _add_priors(equations: NormalEquations, problem: Problem, x: State, local: Local) -> None:
@@ -248,19 +273,30 @@ def _add_priors(equations: NormalEquations, problem: Problem, x: State, local: L
     equations.add_unary(POS, x.p, at)
     if problem.field is None and not problem.device:
         equations.diagonal[local.origin, 2, 2] += FIXED
+    equations.corner += shared_prior(problem, x, local.prior)
+
+
+def shared_prior(problem: Problem, x: State, prior: Prior) -> Array:
+    """Information and gradient (SHARED, SHARED + 1) of what is known before of the sensor-wide errors."""
+    noise, mean = problem.noise, np.zeros(SHARED)
+    mean[LAG], mean[GRAVITY] = prior.lag, noise.gravity
+    information = _information(noise, acc_doubt(noise, problem.rest), prior)
+    return np.column_stack((information, information @ (x.shared - mean)))
+
+
+@lru_cache(4)
+def _information(noise: Noise, worse: float, prior: Prior) -> Array:
+    """Of the sensor-wide errors, (SHARED, SHARED); the accelerometer may be so many times `worse` than its class."""
     covariance = np.zeros((SHARED, SHARED))
     i = np.arange(SHARED)
-    covariance[i[LAG], i[LAG]] = local.prior.lag_sigma**2
-    covariance[i[GYR_MATRIX], i[GYR_MATRIX]] = device.gyr_scale**2
-    covariance[i[ACC_MATRIX], i[ACC_MATRIX]] = (worse * device.acc_scale) ** 2
+    covariance[i[LAG], i[LAG]] = prior.lag_sigma**2
+    covariance[i[GYR_MATRIX], i[GYR_MATRIX]] = noise.device.gyr_scale**2
+    covariance[i[ACC_MATRIX], i[ACC_MATRIX]] = (worse * noise.device.acc_scale) ** 2
     covariance[i[GRAVITY], i[GRAVITY]] = noise.gravity_sigma**2
+    covariance[i[PIVOT], i[PIVOT]] = noise.pivot**2
     diagonal = i[GYR_MATRIX][::4]
-    covariance[np.ix_(diagonal, diagonal)] += local.prior.common_scale**2
-    mean = np.zeros(SHARED)
-    mean[LAG], mean[GRAVITY] = local.prior.lag, noise.gravity
-    information = np.linalg.inv(covariance)
-    equations.corner += information
-    equations.g_shared += information @ (x.shared - mean)
+    covariance[np.ix_(diagonal, diagonal)] += prior.common_scale**2
+    return readonly(np.linalg.inv(covariance))
 
 
 def _squares(vectors: Array) -> Array:

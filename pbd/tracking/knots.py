@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pbd.pose import Array, quat_rotate, quat_to_matrix
 from pbd.tracking.noise import Noise, densities
-from pbd.tracking.preintegration import GyroFrame, Impulse, Legs, Rows, cumulative, preintegrate
+from pbd.tracking.preintegration import BLOCK_S, GyroFrame, Impulse, Legs, Rows, cumulative, preintegrate
 from pbd.tracking.rest import Rest
 from pbd.tracking.zero_velocity import Spans
 
@@ -38,7 +38,8 @@ class Problem:
         within: (m - 1,) whether two neighbouring knots are in one stop, and nothing is missing between them.
         legs: between the knots.
         still: (m,) m/s along each axis, how fast a hand may be that stands still.
-        turned: (m - 1, 3, 3), the turn from knot to knot in the gyro frame: C' C^T.
+        C: (m, 3, 3), gyro frame <- sensor.
+        rate: (m, 3) rad/s, about each knot, in sensor axes; zero without a gyro.
         turn_sigma: (m - 1,) rad, how far a hand may turn that stands still.
         share: (m,) s, that each knot stands for.
         field: (m, 3), the mean magnetic field in the gyro frame, in a unit of its own; None without a magnetometer.
@@ -54,7 +55,8 @@ class Problem:
     within: NDArray[np.bool_]
     legs: Legs
     still: Array
-    turned: Array
+    C: Array
+    rate: Array
     turn_sigma: Array
     share: Array
     field: Array | None
@@ -112,7 +114,6 @@ def pose_problem(
         lasts = float(t[last] - t[first])
         s_g[0, first : last + 1] += noise.unseen_rate**2 * lasts
         s_a[0, first : last + 1] += 12.0 * noise.unseen_speed**2 / lasts  # from rest to rest
-    C = quat_to_matrix(frame.wxyz[rows])
     borders = np.concatenate((t[rows[:1]], 0.5 * (t[rows[1:]] + t[rows[:-1]]), t[rows[-1:]]))
     return Problem(
         frame,
@@ -124,7 +125,8 @@ def pose_problem(
         within,
         preintegrate(frame, rows, within, (s_g, s_a), impulses),
         speed[rows],
-        C[1:] @ C[:-1].transpose(0, 2, 1),
+        quat_to_matrix(frame.wxyz[rows]),
+        np.zeros((len(rows), 3)) if device else _mean_about(frame.gyr, rows, round(0.5 * BLOCK_S / dt)),
         _turn_sigma(frame, rows, within, noise.still_turn),
         np.maximum(np.diff(borders), dt),
         None if mag is None else _field(frame, mag, rows, max(1, round(FIELD_S / dt))),
@@ -135,12 +137,11 @@ def pose_problem(
 def _place(t: Array, calm: Spans, asked: Sequence[int]) -> tuple[Rows, NDArray[np.intp]]:
     """Rows of knots (m,), and of each the stop that it is in (m,)."""
     inner = [_inner(t, *span) for span in calm]
-    marks, last = [0, len(t) - 1, *asked], 0
-    for first, end in [*inner, (len(t) - 1, len(t) - 1)]:
-        marks += _evenly(t, last, first, MOVE_KNOT_S)
-        marks += _evenly(t, first, end, STOP_KNOT_S if t[end] - t[first] < LONG_STOP_S else LONG_STOP_KNOT_S)
-        last = end
-    rows = np.unique(np.array(marks, dtype=np.intp))
+    edges = np.array([0, *(row for span in inner for row in span), len(t) - 1])
+    lasts = np.diff(t[edges])
+    apart = np.full(len(lasts), MOVE_KNOT_S)
+    apart[1::2] = np.where(lasts[1::2] < LONG_STOP_S, STOP_KNOT_S, LONG_STOP_KNOT_S)
+    rows = np.unique(np.concatenate((np.array([0, len(t) - 1, *asked]), _evenly(t, edges, apart))))
     rows = rows[np.diff(t[rows], prepend=-np.inf) > 0.0]
     rows[-1] = len(t) - 1
     stop_of = np.full(len(rows), -1)
@@ -158,10 +159,13 @@ def _inner(t: Array, start: int, stop: int) -> tuple[int, int]:
     return (first, last) if first <= last else (middle, middle)
 
 
-def _evenly(t: Array, first: int, last: int, apart_s: float) -> list[int]:
-    """Rows from first to last, no further apart than that."""
-    legs = max(1, int(np.ceil((t[last] - t[first]) / apart_s - 1e-6)))
-    found: list[int] = np.searchsorted(t, np.linspace(t[first], t[last], legs + 1) - 1e-9).tolist()
+def _evenly(t: Array, edges: Rows, apart_s: Array) -> Rows:
+    """Rows from each of (k + 1,) to the next, no further apart than (k,) s."""
+    start, lasts = t[edges[:-1]], np.diff(t[edges])
+    legs = np.maximum(np.ceil(lasts / apart_s - 1e-6), 1.0).astype(np.intp)
+    of, ends = np.repeat(np.arange(len(legs)), legs), np.cumsum(legs)
+    share = (1 + np.arange(ends[-1]) - (ends - legs)[of]) / legs[of]
+    found: Rows = np.searchsorted(t, start[of] + share * lasts[of] - 1e-9)
     return found
 
 
@@ -172,13 +176,20 @@ def _turn_sigma(frame: GyroFrame, rows: Rows, within: NDArray[np.bool_], least: 
     share = (np.arange(rows[-1]) - np.repeat(rows[:-1], length)) / np.repeat(length, length)
     turned = np.diff(angle[rows], axis=0)
     sway = angle[:-1] - np.repeat(angle[rows[:-1]], length, axis=0) - share[:, None] * np.repeat(turned, length, axis=0)
-    largest = np.maximum.reduceat(np.abs(sway).max(axis=1), rows[:-1])
-    return np.hypot(least, 2.0 * largest * within)
+    largest = np.maximum.reduceat(np.abs(sway), rows[:-1]).max(axis=1)
+    sigma: Array = np.hypot(least, 2.0 * largest * within)
+    return sigma
 
 
 def _field(frame: GyroFrame, mag: Array, rows: Rows, reach: int) -> Array:
-    sums = cumulative(quat_rotate(frame.wxyz, mag))
-    first, end = np.maximum(rows - reach, 0), np.minimum(rows + reach + 1, len(mag))
-    mean: Array = (sums[end] - sums[first]) / (end - first)[:, None]
+    mean = _mean_about(quat_rotate(frame.wxyz, mag), rows, reach)
     largest = float(np.abs(mean).max())
     return mean / largest if largest > 0.0 else mean
+
+
+def _mean_about(values: Array, rows: Rows, reach: int) -> Array:
+    """Means of values (n, 3) over so many rows on either hand of some."""
+    sums = cumulative(values)
+    first, end = np.maximum(rows - reach, 0), np.minimum(rows + reach + 1, len(values))
+    mean: Array = (sums[end] - sums[first]) / (end - first)[:, None]
+    return mean

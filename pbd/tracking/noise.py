@@ -123,7 +123,10 @@ class Noise:
     """Hz: what shakes a hand that holds still is no slower (physiological tremor has 8 to 12 Hz)."""
 
     still_lever: float = 0.03
-    """m: from the point that stands still to the sensor, where the hand turns about it."""
+    """m: how the point that stands still, where the hand turns about it, differs from stop to stop."""
+
+    pivot: float = 0.15
+    """m: how far from the sensor that point is in the mean: a wrist, or where a foot treads."""
 
     reach: float = 2.0
     """m: how far from its first rest a hand is taken to be, for each second; walks go further (Cauchy)."""

@@ -16,6 +16,15 @@ STATE = 15
 ROT, VEL, POS, GYR_BIAS, ACC_BIAS = (slice(3 * i, 3 * i + 3) for i in range(5))
 """A knot's unknowns: rotation vector in nav (rad), velocity, position, biases."""
 
+NAV = 9
+"""Of the next knot a leg depends on the first so many unknowns; its biases go with this one's alone, axis by axis."""
+
+BAND = STATE + NAV
+"""So many unknowns, itself included, come from one to the last that it goes with."""
+
+AT_ONCE = 256
+"""Knots that are solved for at once: what they need stays in a processor's cache."""
+
 ROUNDING = 1e-12
 """Added to the scaled diagonal: what rounding may take from it."""
 
@@ -27,17 +36,14 @@ class NormalEquations:
     Attributes:
         diagonal: (m, 15, 15) of each knot.
         below: (m - 1, 15, 15), rows of the next knot and columns of this one.
-        border: (m, 15, s), knots by shared unknowns.
-        corner: (s, s).
-        g: (m, 15) and g_shared (s,), gradients.
+        border: (m, 15, s + 1), knots by shared unknowns; in the last column the gradient.
+        corner: (s, s + 1), the same of the shared unknowns.
     """
 
     diagonal: Array
     below: Array
     border: Array
     corner: Array
-    g: Array
-    g_shared: Array
 
     @classmethod
     def empty(cls, knots: int, shared: int) -> NormalEquations:
@@ -45,17 +51,25 @@ class NormalEquations:
         return cls(
             np.zeros((knots, STATE, STATE)),
             np.zeros((knots - 1, STATE, STATE)),
-            np.zeros((knots, STATE, shared)),
-            np.zeros((shared, shared)),
-            np.zeros((knots, STATE)),
-            np.zeros(shared),
+            np.zeros((knots, STATE, shared + 1)),
+            np.zeros((shared, shared + 1)),
         )
+
+    @property
+    def g(self) -> Array:
+        """Gradient (m, 15) by the knots."""
+        return self.border[:, :, -1]
+
+    @property
+    def g_shared(self) -> Array:
+        """Gradient (s,) by the shared unknowns."""
+        return self.corner[:, -1]
 
     def add_unary(self, block: slice, residual: Array, weight: Array) -> None:
         """A factor on each knot: (m, 3) residuals of a block of its state, (m,) weights."""
         i = np.arange(block.start, block.stop)
         self.diagonal[:, i, i] += weight[:, None]
-        self.g[:, i] += weight[:, None] * residual
+        self.g[:, block] += weight[:, None] * residual
 
     def add_pairs(self, block: slice, residual: Array, weight: Array) -> None:
         """A factor on each two neighbours: (m - 1, 3) residuals, next less this, (m - 1,) weights."""
@@ -64,122 +78,187 @@ class NormalEquations:
         self.diagonal[:-1, i, i] += weight[:, None]
         self.diagonal[1:, i, i] += weight[:, None]
         self.below[:, i, i] -= weight[:, None]
-        self.g[:-1, i] -= weighted
-        self.g[1:, i] += weighted
+        self.g[:-1, block] -= weighted
+        self.g[1:, block] += weighted
+
+    def add_shared(
+        self, block: slice, columns: slice, at: slice, jacobian: Array, residual: Array, weight: Array
+    ) -> None:
+        """What a factor on the knots `at` adds by shared unknowns: its Jacobian (., 3, c) by them, and residual."""
+        weighted = weight[:, None, None] * jacobian
+        self.border[at, block, columns] += weighted
+        self.corner[columns, columns] += np.tensordot(weighted, jacobian, axes=((0, 1), (0, 1)))
+        self.g_shared[columns] += np.tensordot(weighted, residual, axes=((0, 1), (0, 1)))
 
     def add_legs(self, jacobian: Array, at: int = 0) -> None:
-        """A factor from each knot, from the one `at`, to the next: (., r, 15 + 15 + s + 1) whitened, residual last."""
-        shared = jacobian[:, :, 2 * STATE :]
-        corner = np.tensordot(shared, shared, axes=((0, 1), (0, 1)))
-        self.corner += corner[:-1, :-1]
-        self.g_shared += corner[:-1, -1]
+        """A factor from each knot, from the one `at`, to the next: (., r, 15 + 9 + s + 1) whitened, residual last."""
+        this, after, shared = jacobian[:, :, :STATE], jacobian[:, :, STATE:BAND], jacobian[:, :, BAND:]
         end = at + len(jacobian)
-        for knots, first in ((slice(at, end), 0), (slice(at + 1, end + 1), STATE)):
-            own = jacobian[:, :, first : first + STATE].transpose(0, 2, 1)
-            self.diagonal[knots] += own @ jacobian[:, :, first : first + STATE]
-            by_shared = own @ shared
-            self.border[knots] += by_shared[:, :, :-1]
-            self.g[knots] += by_shared[:, :, -1]
-        self.below[at:end] += own @ jacobian[:, :, :STATE]
+        self.corner += np.tensordot(shared[:, :, :-1], shared, axes=((0, 1), (0, 1)))
+        own = this.transpose(0, 2, 1)
+        self.diagonal[at:end] += own @ this
+        self.border[at:end] += own @ shared
+        own = after.transpose(0, 2, 1)
+        self.diagonal[at + 1 : end + 1, :NAV, :NAV] += own @ after
+        self.border[at + 1 : end + 1, :NAV] += own @ shared
+        self.below[at:end, :NAV] += own @ this
 
     def solve(self) -> Solved:
         """Factorise."""
-        from scipy.linalg import cholesky_banded
-        from scipy.linalg.lapack import dtbtrs
+        from scipy.linalg.lapack import dpbtrf, dtbtrs
 
-        m, s = len(self.g), len(self.g_shared)
+        m = len(self.diagonal)
         # Jacobi scaling: rotations and metres differ by six orders of magnitude.
         scale = 1.0 / np.sqrt(np.diagonal(self.diagonal, axis1=1, axis2=2))
-        diagonal = self.diagonal * (scale[:, :, None] * scale[:, None, :]) + ROUNDING * np.eye(STATE)
-        below = self.below * (scale[1:, :, None] * scale[:-1, None, :])
         # Column by column what lies below the diagonal: in rows one longer each column begins one later.
-        rows = np.zeros((m, STATE * (3 * STATE + 1)))
-        columns = rows[:, :-STATE].reshape(m, STATE, 3 * STATE)
-        columns[:, :, :STATE], columns[:-1, :, STATE : 2 * STATE] = diagonal, below.transpose(0, 2, 1)
-        band = rows.reshape(m, STATE, -1)[:, :, : 2 * STATE].reshape(m * STATE, 2 * STATE).T
-        cholesky = cholesky_banded(band, overwrite_ab=True, lower=True, check_finite=False)
-        right = np.empty((s + 1, m, STATE))
-        right[:s], right[s] = self.border.transpose(2, 0, 1), self.g
-        right *= scale
+        rows = np.zeros((m, STATE * (BAND + STATE)))
+        columns = rows[:, :-STATE].reshape(m, STATE, BAND + STATE - 1)
+        np.multiply(self.diagonal, scale[:, :, None] * scale[:, None, :], out=columns[:, :, :STATE])
+        below = self.below.transpose(0, 2, 1)
+        np.multiply(below, scale[:-1, :, None] * scale[1:, None, :], out=columns[:-1, :, STATE : 2 * STATE])
+        band = rows.reshape(m, STATE, -1)[:, :, :BAND].reshape(m * STATE, BAND).T
+        band[0] += ROUNDING
+        del rows, columns
+        cholesky, info = dpbtrf(band, lower=1, overwrite_ab=1)
+        if info > 0:
+            raise np.linalg.LinAlgError("the normal equations are not positive definite")
         # Half the way down: L^-1 of border and gradient.
-        half, _ = dtbtrs(cholesky, right.reshape(s + 1, -1).T, uplo="L", overwrite_b=True)
-        product = half.T @ half
-        shared: Array = np.asarray(np.linalg.inv(self.corner - product[:s, :s]), dtype=np.float64)
-        d_shared = -shared @ (self.g_shared - product[:s, s])
-        d, _ = dtbtrs(cholesky, -half[:, s] - half[:, :s] @ d_shared, uplo="L", trans="T")
-        return Solved(d.reshape(m, STATE) * scale, d_shared, cholesky, scale, half[:, :s], shared)
+        right = (self.border * scale[:, :, None]).reshape(m * STATE, -1)
+        half = np.empty(right.shape, order="F")
+        for first in range(0, m, AT_ONCE):
+            at = slice(first * STATE, (first + AT_ONCE) * STATE)
+            if first:
+                before = slice(at.start - STATE, at.start)
+                right[at][:STATE] -= _blocks(cholesky[:, before])[1][0] @ half[before]
+            half[at], _ = dtbtrs(cholesky[:, at], right[at], uplo="L")
+        return Solved.at_corner(cholesky, scale, half, half.T @ half, self.corner)
 
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """The step (m, 15) and (s,), and the covariance, as far as somebody asks.
+    """The step, and the covariance, as far as somebody asks.
 
     Attributes:
-        d, d_shared: the step to the minimum.
-        cholesky: (30, m * 15), of the chain's Hessian scaled to a unit diagonal, banded.
+        d_shared: (s,), the step to the minimum of the shared unknowns.
+        cholesky: (BAND, m * 15), of the chain's Hessian scaled to a unit diagonal, banded.
         scale: (m, 15).
-        half: (m * 15, s), the inverse of that factor times the border.
+        half: (m * 15, s + 1), the inverse of that factor times the border, and times the gradient.
+        product: (s + 1, s + 1), half^T half.
+        corner: (s, s + 1) of the normal equations.
         shared: (s, s), covariance of the shared unknowns.
     """
 
-    d: Array
     d_shared: Array
     cholesky: Array
     scale: Array
     half: Array
+    product: Array
+    corner: Array
     shared: Array
 
+    @classmethod
+    def at_corner(cls, cholesky: Array, scale: Array, half: Array, product: Array, corner: Array) -> Solved:
+        """With what is shared known so well."""
+        schur = corner - product[:-1]
+        shared: Array = np.asarray(np.linalg.inv(schur[:, :-1]), dtype=np.float64)
+        return cls(-shared @ schur[:, -1], cholesky, scale, half, product, corner, shared)
+
     @cached_property
-    def by_shared(self) -> Array:
-        """How the knots go with the shared unknowns, less its sign, (m, 15, s)."""
+    def d(self) -> Array:
+        """The step (m, 15) to the minimum."""
         from scipy.linalg.lapack import dtbtrs
 
-        solved, _ = dtbtrs(self.cholesky, self.half, uplo="L", trans="T")
-        by_shared: Array = solved.reshape(*self.scale.shape, -1) * self.scale[:, :, None]
-        return by_shared
+        d, _ = dtbtrs(self.cholesky, -self.half @ np.append(self.d_shared, 1.0), uplo="L", trans="T")
+        step: Array = d.reshape(self.scale.shape) * self.scale
+        return step
+
+    def plus(self, corner: Array) -> Solved:
+        """The same with more (s, s + 1) known of what is shared: information and gradient."""
+        return Solved.at_corner(self.cholesky, self.scale, self.half, self.product, self.corner + corner)
 
     def columns(self, right: Array) -> Array:
         """Covariance of all knots' unknowns times columns: (m, 15, k) -> (m, 15, k)."""
-        from scipy.linalg import cho_solve_banded
+        from scipy.linalg.lapack import dpbtrs
 
         m, _, k = right.shape
         scaled = (right * self.scale[:, :, None]).reshape(m * STATE, k)
-        own = cho_solve_banded((self.cholesky, True), scaled, check_finite=False).reshape(m, STATE, k)
-        border = np.tensordot(self.by_shared, right, axes=((0, 1), (0, 1)))
-        columns: Array = own * self.scale[:, :, None] + self.by_shared @ (self.shared @ border)
+        own = dpbtrs(self.cholesky, scaled, lower=1)[0].reshape(m, STATE, k)
+        by_shared = self.selected[2]
+        border = np.tensordot(by_shared, right, axes=((0, 1), (0, 1)))
+        columns: Array = own * self.scale[:, :, None] + by_shared @ (self.shared @ border)
         return columns
 
     @cached_property
-    def _selected(self) -> tuple[Array, Array]:
+    def selected(self) -> tuple[Array, Array, Array]:
         """Blocks of the chain's own inverse: of each knot (m, 15, 15), of the next by this (m - 1, 15, 15).
+
+        And how the knots go with the shared unknowns, less its sign, (m, 15, s).
 
         With L's blocks D on the diagonal and B below, and G = B D^-1: S = (D D^T)^-1 + G^T S' G from the last back.
         """
         m = len(self.scale)
-        rows = np.zeros((m, STATE * (3 * STATE + 1)))
-        rows.reshape(m, STATE, -1)[:, :, : 2 * STATE] = self.cholesky.T.reshape(m, STATE, 2 * STATE)
-        columns = rows[:, :-STATE].reshape(m, STATE, 3 * STATE)
-        D, B = columns[:, :, :STATE].transpose(0, 2, 1), columns[:-1, :, STATE : 2 * STATE].transpose(0, 2, 1)
-        root = np.linalg.inv(D)
-        gain, inverse = B @ root[:-1], root.transpose(0, 2, 1) @ root
-        for S, S_next, G in zip(inverse[-2::-1], inverse[:0:-1], gain[::-1], strict=True):
-            S += G.T @ S_next @ G
+        D, B = _blocks(self.cholesky)
+        root = inverse_of_lower(D)
+        gain, up = B[:-1] @ root[:-1], root.transpose(0, 2, 1)
+        del D, B
+        both = np.concatenate((up @ root, up @ self.half[:, :-1].reshape(m, STATE, -1)), axis=2)
+        for here, after, G in zip(both[-2::-1], both[:0:-1], gain[::-1], strict=True):
+            back = np.dot(G.T, after)
+            here[:, :STATE] += np.dot(back[:, :STATE], G)
+            here[:, STATE:] -= back[:, STATE:]
+        both *= self.scale[:, :, None]
+        inverse, by_shared = both[:, :, :STATE], both[:, :, STATE:]
         lower = -inverse[1:] @ gain
-        here, after = self.scale[:-1, None, :], self.scale[1:, :, None]
-        return inverse * (self.scale[:, :, None] * self.scale[:, None, :]), lower * (after * here)
+        inverse *= self.scale[:, None, :]
+        lower *= self.scale[:-1, None, :]
+        return inverse, lower, by_shared
 
-    def of_knots(self) -> Array:
-        """Covariance of each knot's unknowns, (m, 15, 15)."""
-        covariance: Array = self._selected[0] + self.by_shared @ self.shared @ self.by_shared.transpose(0, 2, 1)
+    def forget(self) -> None:
+        """Free what the covariance of neighbours takes; it is found again when asked for."""
+        self.__dict__.pop("selected", None)
+
+    def of_knots(self, block: slice = slice(None)) -> Array:
+        """Covariance of a block of each knot's unknowns, (m, k, k)."""
+        own, _, by_shared = self.selected
+        by = by_shared[:, block]
+        covariance: Array = own[:, block, block] + by @ self.shared @ by.transpose(0, 2, 1)
         return covariance
 
-    def of_pairs(self, jacobian: Array) -> Array:
-        """Covariance (m - 1, r, r) of what depends on two neighbours and the shared unknowns, (., r, 15 + 15 + s)."""
-        own, lower = self._selected
-        this, after = jacobian[:, :, :STATE], jacobian[:, :, STATE : 2 * STATE]
-        by = this @ self.by_shared[:-1] + after @ self.by_shared[1:] - jacobian[:, :, 2 * STATE :]
-        cross = after @ lower @ this.transpose(0, 2, 1)
+    def of_changes(self, block: slice) -> Array:
+        """Covariance (m - 1, k, k) of how a block of unknowns changes from each knot to the next."""
+        own, lower, by_shared = self.selected
+        by, cross = np.diff(by_shared[:, block], axis=0), lower[:, block, block]
+        covariance: Array = own[1:, block, block] + own[:-1, block, block] - cross - cross.transpose(0, 2, 1)
+        return covariance + by @ self.shared @ by.transpose(0, 2, 1)
+
+    def of_legs(self, jacobian: Array, at: int = 0) -> Array:
+        """Covariance (., r, r) of what depends on two neighbours, the first of them the knot `at`, and on what is
+        shared: (., r, 15 + 9 + s)."""
+        own, lower, by_shared = self.selected
+        end = at + len(jacobian)
+        this, after = jacobian[:, :, :STATE], jacobian[:, :, STATE:BAND]
+        by = this @ by_shared[at:end] + after @ by_shared[at + 1 : end + 1, :NAV] - jacobian[:, :, BAND:]
+        cross = after @ lower[at:end, :NAV] @ this.transpose(0, 2, 1)
         covariance: Array = by @ self.shared @ by.transpose(0, 2, 1) + cross + cross.transpose(0, 2, 1)
-        for part, of_part in ((this, own[:-1]), (after, own[1:])):
-            covariance += part @ of_part @ part.transpose(0, 2, 1)
+        covariance += this @ own[at:end] @ this.transpose(0, 2, 1)
+        covariance += after @ own[at + 1 : end + 1, :NAV, :NAV] @ after.transpose(0, 2, 1)
         return covariance
+
+
+def _blocks(cholesky: Array) -> tuple[Array, Array]:
+    """What L (BAND, m * 15) has on its diagonal and below, (m, 15, 15) each."""
+    m = cholesky.shape[1] // STATE
+    rows = np.zeros((m, STATE * (BAND + STATE)))
+    rows.reshape(m, STATE, -1)[:, :, :BAND] = cholesky.T.reshape(m, STATE, BAND)
+    columns = rows[:, :-STATE].reshape(m, STATE, -1).transpose(0, 2, 1)
+    return columns[:, :STATE], columns[:, STATE : 2 * STATE]
+
+
+def inverse_of_lower(matrices: Array) -> Array:
+    """Inverse of lower triangular matrices (m, k, k), row by row of all of them at once."""
+    inverse = np.zeros(matrices.shape)
+    for row in range(matrices.shape[1]):
+        inverse[:, row, :row] = -(matrices[:, row, None, :row] @ inverse[:, :row, :row])[:, 0]
+        inverse[:, row, row] = 1.0
+        inverse[:, row] /= matrices[:, row, row, None]
+    return inverse

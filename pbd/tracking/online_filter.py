@@ -41,12 +41,19 @@ LEVEL = 0.1
 
 UP = np.array((0.0, 0.0, 1.0))
 
+ONE = np.eye(STATES)
+OF_VEL, OF_POS, OF_TILT = ONE[VEL], ONE[POS], ONE[:2]
+OF_WAY, OF_TURN = ONE[POS] - ONE[KEPT_POS], ONE[ROT] - ONE[KEPT_ROT]
+"""Derivatives by the state: of velocity, position, tilt; of what changed since the last knot."""
+
+BIASES = np.arange(STATES)[OF_ERRORS][np.r_[GYR_BIAS, ACC_BIAS]]
+
 
 class OnlineFilter:
     """The hand as far as it is known.
 
     Attributes:
-        E: (3, 3), nav <- gyro frame.
+        wxyz, E: (4,) and (3, 3), nav <- gyro frame.
         v, p: (3,) m/s, m, in nav.
         x: (ERRORS,), the sensor's errors as `preintegration` numbers them.
         gravity: m/s2.
@@ -59,7 +66,7 @@ class OnlineFilter:
         """Begin in a stop, at the origin, with the mean field (3,) of a compass; or where C is a device's attitude."""
         device = noise.device
         self.noise = noise
-        self.E = np.eye(3) if is_device else _level(rest.up_sensor, field)
+        self._turn_to(quat_from_matrix(np.eye(3) if is_device else _level(rest.up_sensor, field)))
         self.v, self.p = np.zeros(3), np.zeros(3)
         self._undisturbed = self.E @ (UP if field is None else field)
         self.x, self.gravity, self.north = np.zeros(ERRORS), noise.gravity, 0.0
@@ -73,7 +80,11 @@ class OnlineFilter:
         errors[ACC_MATRIX] = worse * device.acc_scale
         sigma[OF_ERRORS], sigma[GRAVITY], sigma[NORTH] = errors, noise.gravity_sigma, noise.compass
         self.P = np.diag(sigma**2)
+        self._walks = np.repeat((device.gyr_walk**2, device.acc_walk**2), 3)
         self.keep()
+
+    def _turn_to(self, wxyz: Array) -> None:
+        self.wxyz, self.E = wxyz, quat_to_matrix(wxyz)
 
     def fork(self) -> OnlineFilter:
         """Another one that goes on from here: no array is changed in place."""
@@ -82,42 +93,44 @@ class OnlineFilter:
     @property
     def wxyz_nav_sensor(self) -> Array:
         """(4,)."""
-        return quat_multiply(quat_from_matrix(self.E), self.wxyz_gyro)
+        return quat_multiply(self.wxyz, self.wxyz_gyro)
 
     def later(self, strapdown: Strapdown) -> tuple[Array, Array, Array]:
         """wxyz_nav_sensor (4,), p_nav_sensor (3,) m and v_nav_sensor (3,) m/s, in the middle of a block of samples."""
         T, E = strapdown.T, self.E
         v = self.v + E @ strapdown.U[0] - self.gravity * T * UP
         p = self.p + T * self.v + E @ strapdown.P[0] - 0.5 * self.gravity * T**2 * UP
-        return quat_canonical(quat_multiply(quat_from_matrix(E), strapdown.wxyz)), p, v
+        return quat_canonical(quat_multiply(self.wxyz, strapdown.wxyz)), p, v
 
     def propagate(self, leg: Leg) -> None:
         """Go on by a block of samples."""
         T, E, e = leg.T, self.E, leg.J @ self.x
         gained, way = E @ (leg.dU + e[VEL]), E @ (leg.dP + e[POS])
-        F = np.eye(STATES)
-        F[VEL, ROT], F[POS, ROT] = -skew(gained), -skew(way)
-        F[POS, VEL] = T * np.eye(3)
+        turned = np.zeros((9, 9))
         for block in (ROT, VEL, POS):
-            F[block, OF_ERRORS] = E @ leg.J[block]
-        F[VEL, GRAVITY], F[POS, GRAVITY] = -T * UP, -0.5 * T**2 * UP
-        P = F @ self.P @ F.T
-        turned = np.kron(np.eye(3), E)
-        P[:9, :9] += turned @ leg.Q @ turned.T
-        device, i = self.noise.device, np.arange(STATES)[OF_ERRORS]
-        P[i[GYR_BIAS], i[GYR_BIAS]] += device.gyr_walk**2 * T
-        P[i[ACC_BIAS], i[ACC_BIAS]] += device.acc_walk**2 * T
+            turned[block, block] = E
+        F = np.zeros((9, STATES))  # all that changes
+        F[range(9), range(9)] = 1.0
+        F[VEL, ROT], F[POS, ROT] = -skew(gained), -skew(way)
+        F[range(6, 9), range(3, 6)] = T
+        F[:, OF_ERRORS] = turned @ leg.J
+        F[5, GRAVITY], F[8, GRAVITY] = -T, -0.5 * T**2
+        FP, P = F @ self.P, self.P.copy()
+        P[:9], P[9:, :9] = FP, FP[:, 9:].T
+        P[:9, :9] = FP @ F.T + turned @ leg.Q @ turned.T
+        P[BIASES, BIASES] += self._walks * T
         self.P = P
         self.p = self.p + T * self.v + way - 0.5 * self.gravity * T**2 * UP
         self.v = self.v + gained - self.gravity * T * UP
-        self.E = E @ quat_to_matrix(quat_exp(e[ROT]))
+        self._turn_to(quat_multiply(self.wxyz, quat_exp(e[ROT])))
         self.wxyz_gyro = leg.wxyz
 
     def keep(self) -> None:
         """This is a knot: attitude and position are copied."""
-        take = np.arange(STATES)
-        take[KEPT_ROT], take[KEPT_POS] = take[ROT], take[POS]
-        self.P = self.P.take(take, axis=0).take(take, axis=1)
+        P = self.P.copy()
+        P[KEPT_ROT], P[KEPT_POS] = P[ROT], P[POS]
+        P[:, KEPT_ROT], P[:, KEPT_POS] = P[:, ROT], P[:, POS]
+        self.P = P
         self._kept = self.wxyz_nav_sensor, self.p
 
     def doubt_of_rest(self, sigma: float) -> tuple[float, float]:
@@ -127,19 +140,19 @@ class OnlineFilter:
             sigma: m/s along each axis, how fast a hand may be that stands still.
         """
         S = self.P[VEL, VEL] + sigma**2 * np.eye(3)
-        return float(self.v @ np.linalg.solve(S, self.v)), float(np.sqrt(self.v @ self.v))
+        return float(self.v @ np.linalg.inv(S) @ self.v), float(np.sqrt(self.v @ self.v))
 
     def stand(self, sigma: float, robust: bool = True) -> None:
         """The velocity is zero within `sigma` m/s along each axis; what is far off counts less (Geman-McClure)."""
-        self._update(_pick(VEL), -self.v, np.full(3, sigma**2), robust)
+        self._update(OF_VEL, -self.v, sigma**2, robust)
 
     def stay(self, turn_sigma: float) -> None:
         """Since the last knot nothing has moved, or turned by more than `turn_sigma` rad."""
         wxyz, p = self._kept
-        self._update(_pick(POS, KEPT_POS), p - self.p, np.full(3, self.noise.still_shift**2))
+        self._update(OF_WAY, p - self.p, self.noise.still_shift**2)
         wxyz, p = self._kept
         turned = quat_log(quat_multiply(self.wxyz_nav_sensor, wxyz * (1.0, -1.0, -1.0, -1.0)))
-        self._update(_pick(ROT, KEPT_ROT), -turned, np.full(3, turn_sigma**2))
+        self._update(OF_TURN, -turned, turn_sigma**2)
 
     def point_north(self, field: Array, lasted: float) -> None:
         """A compass shows a mean field (3,) in the gyro frame over so many s: north, if it is as at the first rest."""
@@ -155,14 +168,14 @@ class OnlineFilter:
     def agree_with_device(self, rate: Array) -> None:
         """The gyro frame is nav, as the device's own attitude has it; it comes late where it turns at `rate` rad/s."""
         variance = self.noise.device_turn**2 + self.noise.device_lag**2 * float(rate @ rate)
-        self._see_heading(float(quat_log(quat_from_matrix(self.E))[2]), UP, variance)
-        off = -quat_log(quat_from_matrix(self.E))
-        self._update(_pick(ROT)[:2], off[:2], np.full(2, variance), robust=False)
+        self._see_heading(float(quat_log(self.wxyz)[2]), UP, variance)
+        off = -quat_log(self.wxyz)
+        self._update(OF_TILT, off[:2], variance, robust=False)
 
     def _see_heading(self, east: float, by_turn: Array, variance: float) -> None:
         H = np.zeros((1, STATES))
         H[0, ROT], H[0, NORTH] = by_turn, 1.0
-        self._update(H, np.array([-east - self.north]), np.array([variance]), robust=False)
+        self._update(H, np.array([-east - self.north]), variance, robust=False)
 
     def begin_here(self) -> None:
         """Here is the origin, and the heading is what nav's is laid by."""
@@ -186,7 +199,7 @@ class OnlineFilter:
         """Of the position, and of the way since the last knot, one sigma (m) of the least sure axis if the hand stopped
         now, as it does within `sigma` m/s."""
         found = []
-        for H in (_pick(POS), _pick(POS, KEPT_POS)):
+        for H in (OF_POS, OF_WAY):
             PH = self.P @ H.T
             left = H @ PH - PH[VEL].T @ np.linalg.solve(self.P[VEL, VEL] + sigma**2 * np.eye(3), PH[VEL])
             found.append(float(np.sqrt(max(np.diagonal(left).max(), 0.0))))
@@ -197,19 +210,19 @@ class OnlineFilter:
         order = np.r_[POS, ROT]
         return Pose(self.p, quat_canonical(self.wxyz_nav_sensor)), self.P[np.ix_(order, order)]
 
-    def _update(self, H: Array, residual: Array, variance: Array, robust: bool = True) -> None:
-        """Take a measurement: residual (k,) = H (k, STATES) times the error, and noise of variance (k,)."""
+    def _update(self, H: Array, residual: Array, variance: float, robust: bool = True) -> None:
+        """Take a measurement: residual (k,) = H (k, STATES) times the error, and noise of a variance along each."""
         PH = self.P @ H.T
         S = H @ PH
+        information = np.linalg.inv(S + variance * np.eye(len(S)))
         if robust:
-            off = float(residual @ np.linalg.solve(S + np.diag(variance), residual))
-            variance = variance * (1.0 + off / DOUBT**2) ** 2
-        K = np.linalg.solve(S + np.diag(variance), PH.T).T
+            off = float(residual @ information @ residual)
+            information = np.linalg.inv(S + variance * (1.0 + off / DOUBT**2) ** 2 * np.eye(len(S)))
+        K = PH @ information
         d = K @ residual
         P = self.P - K @ PH.T
         self.P = 0.5 * (P + P.T)
-        turn = quat_exp(d[ROT])
-        self.E = quat_to_matrix(turn) @ self.E
+        self._turn_to(quat_multiply(quat_exp(d[ROT]), self.wxyz))
         self.v, self.p, self.x = self.v + d[VEL], self.p + d[POS], self.x + d[OF_ERRORS]
         self.gravity, self.north = self.gravity + float(d[GRAVITY]), self.north + float(d[NORTH])
         wxyz, p = self._kept
@@ -225,12 +238,3 @@ def _level(up: Array, field: Array | None) -> Array:
         ahead = skew(field) @ up  # east
     ahead = ahead / np.sqrt(ahead @ ahead)
     return np.stack((ahead, skew(up) @ ahead, up))
-
-
-def _pick(states: slice, less: slice | None = None) -> Array:
-    """Derivative (3, STATES) of three states, less three others."""
-    H = np.zeros((3, STATES))
-    H[:, states] = np.eye(3)
-    if less is not None:
-        H[:, less] = -np.eye(3)
-    return H

@@ -16,7 +16,7 @@ from pbd.tracking.online_filter import OnlineFilter
 from pbd.tracking.online_samples import Sample, Strapdown
 from pbd.tracking.rest import STILL_ACC, STILL_GYR, Rest
 from pbd.tracking.smoother import SLOW
-from pbd.tracking.zero_velocity import MERGE_S, WINDOW_S, energies, quiet_limits, speed_by_energies
+from pbd.tracking.zero_velocity import MERGE_S, WINDOW_S, quiet_limits, speed_by_energies
 
 CONFIRM_S, DOUBTED_S, DEVICE_S = 0.2, 2.0, 0.6
 """s: a stop is believed after this long; in doubt after the second, as half of a hand's slowest move is no longer,
@@ -165,17 +165,19 @@ class LiveHand:
         known = [self._filter] if self._ahead is None else [self._filter, self._ahead]
         for each in known:
             each.propagate(leg)
-        if sample.t - self._t_compass >= STOP_KNOT_S:
+        # Not at a knot: that is enough work for one sample.
+        knots = self.still or self._ahead is not None
+        if sample.t - self._t_compass >= STOP_KNOT_S and not (knots and self._knot_is_due(sample)):
             self._point(sample, known)
         return self._moving(sample, quiet) if self._stop is None else self._standing(self._stop, sample, quiet)
 
     def _look(self) -> bool:
         """Whether the last window is quiet; and how fast a hand may be that stands so still."""
-        u, rate = np.array([u for _, u, _ in self._window]), np.array([rate for _, _, rate in self._window])
-        shake, turn = energies(u, rate, len(u))
-        self.restless = float(shake[0] / STILL_ACC**2 + turn[0] / STILL_GYR**2)
-        self._sigma = float(speed_by_energies(shake, turn, self.rest, self._noise)[0])
-        return bool(shake[0] < self._limits[0] and turn[0] < self._limits[1]) and len(u) == self._n
+        seen = np.array([each for _, *each in self._window])  # as `energies` has it, of one window
+        shake, turn = np.square(seen - seen.mean(axis=0) * ((1.0,), (0.0,))).sum(axis=(0, 2)) / len(seen)
+        self.restless = float(shake / STILL_ACC**2 + turn / STILL_GYR**2)
+        self._sigma = float(speed_by_energies(shake, turn, self.rest, self._noise))
+        return bool(shake < self._limits[0] and turn < self._limits[1]) and len(seen) == self._n
 
     def _point(self, sample: Sample, known: Sequence[OnlineFilter]) -> None:
         """Hold the heading against the compass, or the attitude against the device's own."""
@@ -198,6 +200,9 @@ class LiveHand:
         at.keep()
         self._t_knot, self._angles, self._acc_knot = t, [np.zeros(3)], self._window[-1][0].acc
 
+    def _knot_is_due(self, sample: Sample) -> bool:
+        return sample.t - self._t_knot >= STOP_KNOT_S - 1e-6
+
     def _moves(self, at: OnlineFilter) -> tuple[float, bool]:
         """By how many sigmas, squared, the hand does not stand still; and whether it is fast, too."""
         off, speed = at.doubt_of_rest(self._sigma)
@@ -215,7 +220,7 @@ class LiveHand:
             fast = float(np.square(sample.acc - self._acc_knot).sum()) > STILL_ACC**2
         self.still = quiet and not fast
         if self.still:
-            if sample.t - self._t_knot >= STOP_KNOT_S - 1e-6:
+            if self._knot_is_due(sample):
                 if self._settled:
                     self._filter = ahead
                 ahead = self._ahead = self._filter.fork()
@@ -256,7 +261,7 @@ class LiveHand:
         lasts = CONFIRM_S if trial.knocked or not trial.doubted else DEVICE_S if self._device else DOUBTED_S
         if sample.t - trial.first.t >= lasts - 1e-6:
             return [self._arrive(trial, sample)]
-        if self._ahead is not None and sample.t - self._t_knot >= STOP_KNOT_S - 1e-6:
+        if self._ahead is not None and self._knot_is_due(sample):
             self._knot(self._ahead, sample.t, same=True)
         return []
 

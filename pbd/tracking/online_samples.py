@@ -36,7 +36,6 @@ from pbd.tracking.preintegration import (
     POS,
     ROT,
     VEL,
-    block_noise,
 )
 
 CLIPPED_RATE, CLIPPED_SAMPLES, CLIPPED_SHARE = 3.0, 3, 0.2
@@ -275,14 +274,20 @@ class Strapdown:
     def _noise(self, n: int, T: float, up: Array) -> Array:
         """Covariance (9, 9) of turn, velocity and way."""
         dt = T / n
-        recent = list(self._recent)[-(n + 4) :]
-        u, rate = np.array([u for u, _ in recent]), np.array([rate for _, rate in recent])
-        s_g, s_a = (each.sum(axis=0)[2:-2].sum() * dt for each in densities(self.noise, rate, u, self._interval, up))
+        recent = np.array(self._recent)[-(n + 4) :]
+        u, rate = recent[:, 0], recent[:, 1]
+        s_g, s_a = (each[:, 2:-2].sum() * dt for each in densities(self.noise, rate, u, self._interval, up))
         if self._device:
             s_g += self.noise.device_lag * float((lengths(rate[4:]) ** 2).sum()) * dt
-        g, a, one = np.array([s_g + self._guessed[0]]), np.array([s_a + self._guessed[1]]), np.zeros(1, dtype=np.intp)
-        Q: Array = block_noise(self.U[:1] / T, g, a, np.array([0.5 * T]), np.array([T]), one)[0]
-        Q[np.diag_indices(9)] += np.repeat(np.square(FLOOR), 3) * T / MOVE_KNOT_S
+        g, a, S, one = s_g + self._guessed[0], s_a + self._guessed[1], skew(self.U[0] / T), np.eye(3)
+        # As `block_noise` has it, for one block that lasts T.
+        SS, Q = S @ S.T, np.zeros((9, 9))
+        Q[ROT, ROT] = (g + FLOOR[0] ** 2 * T / MOVE_KNOT_S) * one
+        Q[ROT, VEL], Q[ROT, POS] = 0.5 * g * T * S, g * T**2 / 6.0 * S
+        Q[VEL, VEL] = (a + FLOOR[1] ** 2 * T / MOVE_KNOT_S) * one + g * T**2 / 3.0 * SS
+        Q[VEL, POS] = 0.5 * a * T * one + 0.125 * g * T**3 * SS
+        Q[POS, POS] = (a * T**2 / 3.0 + FLOOR[2] ** 2 * T / MOVE_KNOT_S) * one + 0.05 * g * T**4 * SS
+        Q[VEL, ROT], Q[POS, ROT], Q[POS, VEL] = Q[ROT, VEL].T, Q[ROT, POS].T, Q[VEL, POS].T
         return Q
 
 

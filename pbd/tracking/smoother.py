@@ -26,15 +26,17 @@ from pbd.tracking.factors import (
     Prior,
     State,
     Weights,
-    linearise,
-    whitener,
+    creep,
+    shared_prior,
 )
+from pbd.tracking.gauss_newton import CLEAR, FAR, ROUGH, WARM, descend
 from pbd.tracking.knots import Problem, pose_problem
 from pbd.tracking.noise import Noise
 from pbd.tracking.normal_equations import VEL, Solved
 from pbd.tracking.path import Path, path_of
 from pbd.tracking.preintegration import Impulse
 from pbd.tracking.rest import Rest
+from pbd.tracking.steady import median
 from pbd.tracking.zero_velocity import (
     Spans,
     calm_part,
@@ -45,15 +47,6 @@ from pbd.tracking.zero_velocity import (
     trimmed,
     window_rows,
 )
-
-FAR, WARM = (40.0, 10.0, 3.0), (3.0,)
-"""Factors on the sigma of standing still, coming down to 1: from a first guess, and from a solution."""
-
-CLEAR = 2.0
-"""Where no stop is off by more sigmas, none need be doubted."""
-
-SMALL, ROUGH, MOST = 1e-4, 1e-3, 12
-"""rad: the last step's turn, and that of a solution that is solved again; how many iterations there are at most."""
 
 DOUBTED, TRIES = 0.5, 5
 """Below this weight a candidate is cut to its slow parts, so often."""
@@ -106,11 +99,12 @@ class Solution:
     scale: float
     candidates: Spans
 
-    def weight_of(self, stop: int) -> float:
-        """How sure it is that the hand stood still at a stop, 0 to 1: by the knot that is nearest to it."""
-        at = self.problem.stop_of == stop
-        excess = lengths(self.state.v[at]) ** 2 / self.problem.still[at] ** 2 - 3.0
-        return float((1.0 / (1.0 + np.maximum(excess, 0.0) / DOUBT**2) ** 2).max(initial=0.0))
+    def of_stops(self) -> Array:
+        """How sure it is that the hand stood still at each stop, 0 to 1: by the knot that is nearest to it."""
+        at, weights = self.problem.stop_of >= 0, np.zeros(len(self.problem.stops))
+        excess = lengths(creep(self.problem, self.state)[0][at]) ** 2 / self.problem.still[at] ** 2 - 3.0
+        np.maximum.at(weights, self.problem.stop_of[at], 1.0 / (1.0 + np.maximum(excess, 0.0) / DOUBT**2) ** 2)
+        return weights
 
 
 def smooth(
@@ -159,34 +153,38 @@ def smooth(
         problem = posed(stops, stops)
         if not problem.stops:
             return None
-        x, local = _begin(problem, prior)
-        x, weights, solved = _descend(problem, x, local, FAR, ROUGH)
-        more, common = _found(x, solved)
+        begun, local = _begin(problem, prior)
+        found = descend(problem, begun, local, FAR, ROUGH)
+        more, common = _found(found.x, found.solved)
         if device or (more == 0.0 and common == 0.0) or abs(lag + more) > MOST_LAG:
             break
         lag, scale = lag + more, (1.0 + scale) * (1.0 + common) - 1.0
     narrow = Prior(noise.lag if lag == 0.0 else 0.0, noise.lag_sigma)
-    local = replace(local, prior=narrow)
-    x, weights, solved = _descend(problem, x, local, ())
-    path = path_of(problem, x)
+    # The model is linear in what the prior is about.
+    known = shared_prior(problem, found.at, narrow) - shared_prior(problem, found.at, prior)
+    x, local = found.at.moved(found.solved.plus(known)), replace(local, prior=narrow)
+    found = descend(problem, x, local)
+    path = path_of(problem, found.x)
     candidates: Spans = stops or []
     cut = np.zeros(len(candidates), dtype=np.bool_)
     for _ in range(TRIES):
-        cut = cut | _doubted(problem, weights, candidates)
-        stops, calm = _judged(problem, path.v, solved, candidates, cut, speed)
+        cut = cut | _doubted(problem, found.weights, candidates)
+        stops, calm = _judged(problem, path.v, found.solved, candidates, cut, speed)
         if not stops:
             break
         if _settled(problem.frame.t, problem.stops, stops):
             problem = replace(problem, stops=stops)
             break
+        found.solved.forget()
         again = posed(stops, calm)
         if not again.stops:
             break
-        x, local = _carried(problem, x, path, again), replace(local, origin=_origin(again))
+        x, local = _carried(problem, found.x, path, again), replace(local, origin=_origin(again))
         problem = again
-        x, weights, solved = _descend(problem, x, local, WARM)
-        path = path_of(problem, x)
-    return Solution(problem, x, local, weights, solved, path, lag, scale, candidates)
+        del found, path  # of a long recording they are large
+        found = descend(problem, x, local, WARM)
+        path = path_of(problem, found.x)
+    return Solution(problem, found.x, local, found.weights, found.solved, path, lag, scale, candidates)
 
 
 def _doubted(problem: Problem, weights: Weights, candidates: Spans) -> NDArray[np.bool_]:
@@ -215,7 +213,7 @@ def _judged(
     """
     t, fast = problem.frame.t, np.maximum(SLOW, DOUBT * speed)
     if cut.any():
-        sigma = np.sqrt(np.trace(solved.of_knots()[:, VEL, VEL], axis1=1, axis2=2))
+        sigma = np.sqrt(np.trace(solved.of_knots(VEL), axis1=1, axis2=2))
         fast = np.maximum(fast, CLEAR * np.interp(t, problem.t, sigma))
     blurred = np.trace(problem.legs.parts[:, :, 3:6, 3:6].sum(axis=0), axis1=1, axis2=2) / 3.0
     stops: Spans = []
@@ -226,9 +224,10 @@ def _judged(
             inside = slice(*part)
             # By how much noise blurs the velocity from knot to knot, along each axis.
             first, last = np.searchsorted(problem.rows, part)
-            blur = float(np.sqrt(blurred[first : max(last - 1, first + 1)].mean())) if first < len(blurred) else 0.0
-            creep = lengths(v[inside] - np.median(v[inside], axis=0))
-            stops.append(trimmed(part, creep < DOUBT * (float(np.median(speed[inside])) + blur)))
+            between = blurred[first : max(last - 1, first + 1)]
+            blur = float(np.sqrt(between.sum() / max(len(between), 1)))
+            creep = lengths(v[inside] - median(v[inside]))
+            stops.append(trimmed(part, creep < DOUBT * (float(median(speed[inside])) + blur)))
             start, stop = stops[-1][0] - part[0], stops[-1][1] - part[0]
             calm.append(calm_part(t, stops[-1], creep[start:stop] < CREEP + 2.0 * blur))
     return stops, calm
@@ -300,32 +299,6 @@ def _first_field(problem: Problem, R: Array) -> Array:
     means = (level[problem.stop_of == k].mean(axis=0) for k in range(len(problem.stops)))
     usual = float(np.median(lengths(level)))
     return next((mean for mean in means if lengths(mean) > 0.5 * usual), np.array([0.0, 1.0, 0.0]))
-
-
-def _descend(
-    problem: Problem, x: State, local: Local, anneal: Sequence[float], small: float = SMALL
-) -> tuple[State, Weights, Solved]:
-    """Gauss-Newton, all factors linearised anew each time, until a step turns nothing by more than `small` (rad)."""
-
-    whiten = whitener(problem, local)
-
-    def step(x: State, anneal: float, robust: bool = True) -> tuple[State, Weights, Solved]:
-        equations, weights = linearise(problem, x, local, whiten, anneal, robust)
-        solved = equations.solve()
-        return x.moved(solved), weights, solved
-
-    if len(anneal) > 1:  # nothing is doubted yet
-        x, _, _ = step(x, anneal[0], robust=False)
-        still = problem.stop_of >= 0
-        if (lengths(x.v[still]) < CLEAR * problem.still[still]).all():
-            anneal = ()
-    for factor in anneal:
-        x, _, _ = step(x, factor)
-    for _ in range(MOST):
-        x, weights, solved = step(x, 1.0)
-        if np.abs(solved.d[:, :3]).max() < small:
-            break
-    return x, weights, solved
 
 
 def _carried(problem: Problem, x: State, path: Path, again: Problem) -> State:

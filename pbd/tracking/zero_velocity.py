@@ -134,8 +134,13 @@ def calm_part(t: Array, span: tuple[int, int], slow: NDArray[np.bool_]) -> tuple
 
 def runs(flags: NDArray[np.bool_]) -> Spans:
     """Half-open ranges of what is true."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], flags, [False])).astype(np.int8)))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+    return [(start, stop) for start, stop in edges(flags).tolist()]
+
+
+def edges(flags: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """The same as an array, (k, 2)."""
+    padded = np.concatenate(([False], flags, [False]))
+    return np.flatnonzero(padded[1:] != padded[:-1]).reshape(-1, 2)
 
 
 def _merged(t: Array, spans: Spans, unseen: Sequence[tuple[int, int]] = ()) -> Spans:

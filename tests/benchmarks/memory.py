@@ -54,6 +54,9 @@ KINDS = ("moves", "rests", "faults")
 WARM_UP = 5000
 """Samples that are tracked first, and not counted."""
 
+ROUNDING = 1e-6
+"""m/s2, rad/s, uT: by up to this much a repeated recording's rows differ from those before."""
+
 TIMES = 16
 """The hand pours so often in one demonstration."""
 
@@ -183,16 +186,20 @@ def simulated(kind: str) -> Demonstration:
 
 
 def repeated(recording: Recording, samples: int) -> Recording:
-    """Again and again."""
+    """Again and again, each time with other rounding: a block that comes twice to the bit is refused."""
     import numpy as np
 
     from pbd.data import Recording
 
+    rng = np.random.default_rng(0)
+
     def again(values: Array | None) -> Array | None:
-        return None if values is None else np.resize(values, (samples, 3))
+        return None if values is None else np.resize(values, (samples, 3)) + rng.uniform(0.0, ROUNDING, (samples, 1))
 
     t = np.arange(samples, dtype=np.float64) / RATE_HZ
-    return Recording(t, np.resize(recording.acc, (samples, 3)), again(recording.gyr), again(recording.mag))
+    acc = again(recording.acc)
+    assert acc is not None
+    return Recording(t, acc, again(recording.gyr), again(recording.mag))
 
 
 def there_are(stops: Sequence[Stop], n: int, samples: int) -> int:

@@ -10,10 +10,11 @@ import pytest
 from pbd.data import Demonstration, Recording
 from pbd.pose import Array, quat_inverse, quat_log, quat_multiply, yaw_toward
 from pbd.simulation.simulate import TASKS, random_task, simulate
+from pbd.tracking import normal_equations
 from pbd.tracking.conditioning import condition
 from pbd.tracking.estimate import Estimate, estimate
 from pbd.tracking.noise import noise_of
-from pbd.tracking.normal_equations import STATE, NormalEquations
+from pbd.tracking.normal_equations import ACC_BIAS, BAND, GYR_BIAS, STATE, NormalEquations
 from pbd.tracking.rest import find_rest
 
 SENSORS = ("os5000", "wt901", "modern")
@@ -88,23 +89,26 @@ def test_without_a_gyro_the_devices_attitude_serves() -> None:
         assert np.linalg.norm(off[-1]) < 0.1
 
 
-def test_normal_equations_are_solved_as_dense_ones() -> None:
+@pytest.mark.parametrize("at_once", [4, 256])
+def test_normal_equations_are_solved_as_dense_ones(monkeypatch: pytest.MonkeyPatch, at_once: int) -> None:
+    monkeypatch.setattr(normal_equations, "AT_ONCE", at_once)
     rng = np.random.default_rng(0)
     m, s = 6, 4
     equations = NormalEquations.empty(m, s)
-    equations.add_legs(rng.normal(size=(m - 1, 40, 2 * STATE + s + 1)))
-    equations.add_unary(slice(0, 3), rng.normal(size=(m, 3)), rng.uniform(1.0, 2.0, m))
+    equations.add_legs(rng.normal(size=(m - 1, 40, BAND + s + 1)))
+    equations.add_pairs(GYR_BIAS, rng.normal(size=(m - 1, 3)), rng.uniform(1.0, 2.0, m - 1))
+    equations.add_unary(ACC_BIAS, rng.normal(size=(m, 3)), rng.uniform(1.0, 2.0, m))
     equations.add_pairs(slice(6, 9), rng.normal(size=(m - 1, 3)), rng.uniform(1.0, 2.0, m - 1))
     n = m * STATE
     dense = np.zeros((n + s, n + s))
     for k in range(m):
         here = slice(k * STATE, (k + 1) * STATE)
         dense[here, here] = equations.diagonal[k]
-        dense[here, n:], dense[n:, here] = equations.border[k], equations.border[k].T
+        dense[here, n:], dense[n:, here] = equations.border[k, :, :s], equations.border[k, :, :s].T
         if k < m - 1:
             after = slice((k + 1) * STATE, (k + 2) * STATE)
             dense[after, here], dense[here, after] = equations.below[k], equations.below[k].T
-    dense[n:, n:] = equations.corner
+    dense[n:, n:] = equations.corner[:, :s]
     gradient = np.concatenate((equations.g.ravel(), equations.g_shared))
     covariance, solved = np.linalg.inv(dense), equations.solve()
     step = np.concatenate((solved.d.ravel(), solved.d_shared))
@@ -115,6 +119,14 @@ def test_normal_equations_are_solved_as_dense_ones() -> None:
     for k, block in enumerate(solved.of_knots()):
         here = slice(k * STATE, (k + 1) * STATE)
         assert block == pytest.approx(covariance[here, here], abs=1e-9)
-    pair = np.r_[0 : 2 * STATE, n : n + s]
-    of_pairs = solved.of_pairs(np.eye(len(pair))[None])
-    assert of_pairs[0] == pytest.approx(covariance[np.ix_(pair, pair)], abs=1e-9)
+    pair = np.r_[0:BAND, n : n + s]
+    of_leg = solved.of_legs(np.eye(len(pair))[None])
+    assert of_leg[0] == pytest.approx(covariance[np.ix_(pair, pair)], abs=1e-9)
+    change = np.zeros((3, n))
+    change[:, GYR_BIAS], change[:, STATE : 2 * STATE][:, GYR_BIAS] = -np.eye(3), np.eye(3)
+    assert solved.of_changes(GYR_BIAS)[0] == pytest.approx(change @ covariance[:n, :n] @ change.T, abs=1e-9)
+    known = np.column_stack((np.eye(s), np.ones(s)))
+    dense[n:, n:] += np.eye(s)
+    gradient[n:] += 1.0
+    again = solved.plus(known)
+    assert np.append(again.d, again.d_shared) == pytest.approx(-np.linalg.solve(dense, gradient), rel=1e-8, abs=1e-10)
