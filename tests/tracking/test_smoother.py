@@ -87,7 +87,7 @@ def test_a_foot_turns_about_the_point_that_it_treads_on() -> None:
     tip -= np.interp(beat, np.arange(12.0), tip[np.searchsorted(t, np.arange(3.0, 15.0))]) * (t > 3.0)
     wxyz = np.column_stack((np.cos(0.5 * tip), np.zeros_like(tip), np.sin(0.5 * tip), np.zeros_like(tip)))
     p = np.column_stack((trodden, np.zeros_like(t), np.zeros_like(t))) + quat_rotate(wxyz, r)
-    a = np.gradient(np.gradient(p, dt, axis=0), dt, axis=0) + (0.0, 0.0, 9.8)
+    a = np.gradient(np.gradient(p, dt, axis=0), dt, axis=0) + 9.8 * np.array([0.0, 0.0, 1.0])
     acc, gyr = quat_rotate(quat_inverse(wxyz), a), np.gradient(tip, dt)[:, None] * (0.0, 1.0, 0.0)
     t, acc, gyr = (values.reshape(-1, every, *values.shape[1:]).mean(axis=1) for values in (t, acc, gyr))
     noisy = [values + rng.normal(size=values.shape) * sigma for values, sigma in ((acc, 0.03), (gyr, 0.002))]
