@@ -227,11 +227,9 @@ def _add_stops(
 
 
 def _add_hand(equations: NormalEquations, problem: Problem, x: State) -> None:
-    """A hand is no faster than a hand, and stays near where it began, as far as it does (Cauchy)."""
-    noise = problem.noise
-    moving = problem.stop_of < 0
-    equations.add_unary(VEL, x.v, moving / noise.speed**2)
-    near = problem.share / noise.reach**2 / (1.0 + _squares(x.p) / noise.reach**2)
+    """A hand stays near where it began, as far as it does (Cauchy)."""
+    reach = problem.noise.reach
+    near = problem.share / reach**2 / (1.0 + _squares(x.p) / reach**2)
     equations.add_unary(POS, x.p, near)
 
 

@@ -131,9 +131,6 @@ class Noise:
     reach: float = 2.0
     """m: how far from its first rest a hand is taken to be, for each second; walks go further (Cauchy)."""
 
-    speed: float = 5.0
-    """m/s: how fast a hand moves."""
-
     compass: float = 0.15
     """rad sqrt(s): heading from a room's magnetic field, its wander averaged over a second."""
 

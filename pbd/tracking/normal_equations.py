@@ -84,7 +84,7 @@ class NormalEquations:
     def add_shared(
         self, block: slice, columns: slice, at: slice, jacobian: Array, residual: Array, weight: Array
     ) -> None:
-        """What a factor on the knots `at` adds by shared unknowns: its Jacobian (., 3, c) by them, and residual."""
+        """What a factor on the knots `at` adds by shared unknowns: its Jacobian by them is (., 3, c)."""
         weighted = weight[:, None, None] * jacobian
         self.border[at, block, columns] += weighted
         self.corner[columns, columns] += np.tensordot(weighted, jacobian, axes=((0, 1), (0, 1)))

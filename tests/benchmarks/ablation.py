@@ -142,9 +142,9 @@ WITHOUT: dict[str, tuple[Change, ...]] = {
     "knee of that noise": of_noise(bend_knee=TINY),
     "compass robust": of_noise(field=LARGE),
     "reach of a hand": of_noise(reach=LARGE),
-    "speed of a hand": of_noise(speed=LARGE),
+    "pivot": of_noise(pivot=TINY),
     "variance components": tuple((m, "with_own_noise", lambda solution: solution) for m in (estimate, windows)),
-    "(nothing, but the optics' velocity over 25 samples)": ((trials, "VELOCITY_SAMPLES", 25),),
+    "(nothing, but the optics' velocity over 25 samples)": ((trials, "VELOCITY_S", 25 / 286.0),),
 }
 """Part taken out -> what is put in its place."""
 

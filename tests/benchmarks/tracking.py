@@ -6,13 +6,15 @@ says. Default DIR: PBD_DATA, or ../shared/data. --quick leaves out the rates bet
 `windows` is scored at the optical markers' origin, as that page asks. The sensor is 8 to 11 mm away from it, and
 turning moves the one against the other: `windows_at_sensor` scores the same windows at the sensor, with that lever
 fitted to each trial (a property of the markers, not of the tracker). Each window knows the velocity at its own two
-ends. At the sensor too: `windows_jointly`, where all windows of a length share theirs, as the stops of one recording
-do; and `windows_free`, where none is given: how far the trial's true stops, 17 to 34 s apart, reach.
+ends. At the sensor too: `windows_alike`, where the tracker's own velocity is taken as the optics' is, as the slope of a
+polynomial over 0.12 s (that loses half of a tremor of 12 Hz, which a tracker at 286 Hz sees and one at 40 Hz hardly);
+`windows_jointly`, where all windows of a length share theirs, as the stops of one recording do; and `windows_free`,
+where none is given: how far the trial's true stops, 17 to 34 s apart, reach.
 
 `strides_at_heel` fits the lever from the sensor to the optics' heel, which the strides as such ignore.
 
 `sigma` is the share of errors inside one and two of the tracker's own sigmas, of each axis: of all windows and strides,
-and by group: `at_sensor` and `jointly` (of displacements), `rotation` (of attitudes at windows' ends).
+and by group: `at_sensor`, `alike` and `jointly` (of displacements), `rotation` (of attitudes at windows' ends).
 """
 
 from __future__ import annotations
@@ -44,6 +46,7 @@ HEEL_M, STRIDE_M = 0.15, 0.01
 SCORES = {
     "windows": "own",
     "windows_at_sensor": "own",
+    "windows_alike": "alike",
     "windows_jointly": "all",
     "windows_free": "none",
 }
@@ -82,6 +85,7 @@ def score(data: Path, rates: tuple[str, ...]) -> dict[str, Any]:
                     groups = {
                         "windows": ("all",),
                         "windows_at_sensor": ("at_sensor", f"at_sensor.{kind}.{length}"),
+                        "windows_alike": (f"alike.{kind}.{length}",),
                         "windows_jointly": (f"jointly.{kind}.{length}",),
                     }
                     for group in groups.get(name, ()):

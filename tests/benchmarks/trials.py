@@ -16,8 +16,8 @@ from pbd.pose import Array, quat_rotate
 OPTICS_AHEAD_S = 0.8 / 286.0
 """The optics run ahead of the sensor by this much."""
 
-VELOCITY_SAMPLES = 35
-"""The optics' velocity is the slope of a polynomial over so many of their samples."""
+VELOCITY_S = 35 / 286.0
+"""s: the optics' velocity is the slope of a polynomial over so long (35 of their samples)."""
 
 VELOCITY_SIGMA = 0.003
 """m/s: how sure that velocity is along each axis of a calm hand (reference.py prints it; of a fast one .8 cm/s)."""
@@ -59,7 +59,7 @@ def read_broad(path: Path) -> dict[str, Trial]:
         arrays = {key: file[key].astype(np.float64) for key in file.files}
     rate = float(arrays["rate_hz"])
     t = np.arange(len(arrays["acc"])) / rate
-    velocity = savgol_filter(filled(arrays["true_position"]), VELOCITY_SAMPLES, 4, deriv=1, delta=1.0 / rate, axis=0)
+    velocity = slope(filled(arrays["true_position"]), rate)
     velocity[~np.isfinite(arrays["true_position"]).all(axis=1)] = np.nan
     trials = {}
     for name, every in RATES.items():
@@ -79,6 +79,13 @@ def read_broad(path: Path) -> dict[str, Trial]:
             moving=arrays["moving"][: n * every].reshape(n, every).mean(axis=1) > 0.5,
         )
     return trials
+
+
+def slope(p: Array, rate_hz: float) -> Array:
+    """Velocity (n, 3) as the optics have it: the slope of a quartic over VELOCITY_S, which loses half of 12 Hz."""
+    samples = max(2 * round(0.5 * (VELOCITY_S * rate_hz - 1.0)) + 1, 5)
+    velocity: Array = savgol_filter(p, samples, 4, deriv=1, delta=1.0 / rate_hz, axis=0)
+    return velocity
 
 
 def at_sensor(trial: Trial, lever: Array) -> Trial:

@@ -20,7 +20,7 @@ from pbd.tracking.path import Path
 from pbd.tracking.rest import find_rest
 from pbd.tracking.smoother import Solution, smooth
 from pbd.tracking.variance_components import with_own_noise
-from tests.benchmarks.trials import VELOCITY_SIGMA, Trial, Window, phases
+from tests.benchmarks.trials import VELOCITY_SIGMA, Trial, Window, phases, slope
 
 WINDOWS_S = (1.0, 2.0, 5.0)
 
@@ -106,22 +106,24 @@ def window_errors(
         motion: of the trial.
         lengths: s, of those that were asked for.
         given: each window knows its "own" two velocities, those of "all" windows of its length, or "none": then it is
-            what the trial's true stops alone say of it.
+            what the trial's true stops alone say of it. "alike": its own two, and the tracker's are slopes of the same
+            polynomial, through its own path, as the optics' are.
     """
     path = motion.path
+    v = slope(path.p, trial.recording.rate_hz) if given == "alike" else path.v
     turn = quat_about_z(heading_off(trial, path.wxyz)[0])
     p_true, v_true = quat_rotate(turn, trial.p_true), quat_rotate(turn, trial.v_true)
     seen, found = seen_by_optics(trial), []
     for length in lengths:
         ends, joint = motion.windows[length]
         rows = np.array(ends, dtype=np.intp).ravel()
-        v_off = (v_true - path.v)[rows].ravel()
+        v_off = (v_true - v)[rows].ravel()
         once = np.unique(rows, return_index=True)[1]  # windows that meet share a velocity
         velocities = joint[:, GIVEN, :, GIVEN].reshape(3 * len(rows), -1)
         for k, (i, j) in enumerate(ends):
             if not (seen[i] and seen[j]):
                 continue
-            slots = {"own": np.array([2 * k, 2 * k + 1]), "all": once[seen[rows[once]]], "none": once[:0]}[given]
+            slots = {"all": once[seen[rows[once]]], "none": once[:0]}.get(given, np.array([2 * k, 2 * k + 1]))
             of = (3 * slots[:, None] + np.arange(3)).ravel()
             P = velocities[np.ix_(of, of)] + VELOCITY_SIGMA**2 * np.eye(len(of))
             with_way = joint[:, GIVEN, k, WAY].reshape(-1, 3)[of]

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from pbd.data import Demonstration, Recording
-from pbd.pose import Array, quat_inverse, quat_log, quat_multiply, yaw_toward
+from pbd.pose import Array, quat_inverse, quat_log, quat_multiply, quat_rotate, yaw_toward
 from pbd.simulation.simulate import TASKS, random_task, simulate
 from pbd.tracking import normal_equations
 from pbd.tracking.conditioning import condition
 from pbd.tracking.estimate import Estimate, estimate
+from pbd.tracking.factors import PIVOT
 from pbd.tracking.noise import noise_of
 from pbd.tracking.normal_equations import ACC_BIAS, BAND, GYR_BIAS, STATE, NormalEquations
 from pbd.tracking.rest import find_rest
@@ -73,6 +74,29 @@ def test_a_slow_hand_has_no_stop_half_way(sensor: str) -> None:
     waypoints = tuple(replace(waypoint, move_s=1.5 * waypoint.move_s) for waypoint in TASKS["pour"].waypoints)
     _, _, found = errors(simulate(replace(TASKS["pour"], waypoints=waypoints), sensor, 6))
     assert len(found.stops) == 11
+
+
+def test_a_foot_turns_about_the_point_that_it_treads_on() -> None:
+    """Ten strides; in each stance of 0.3 s the sensor tips by 3 degrees about a point 8 cm below it."""
+    rng, every, dt, r = np.random.default_rng(0), 10, 1e-3, np.array([-0.02, 0.0, 0.08])
+    t = np.arange(0.0, 16.0, dt)
+    beat = np.clip(t - 3.0, 0.0, 10.0 - 1e-9)
+    swing = np.clip(beat % 1.0 / 0.7, 0.0, 1.0)
+    trodden = np.floor(beat) + swing**3 * (10.0 + swing * (6.0 * swing - 15.0))
+    stance = np.sin(np.pi * np.clip((beat % 1.0 - 0.7) / 0.3, 0.0, 1.0)) ** 2
+    tip = np.cumsum(0.25 * stance + 3.0 * np.sin(2.0 * np.pi * swing) * np.sin(np.pi * swing) ** 2) * dt
+    tip -= np.interp(beat, np.arange(12.0), tip[np.searchsorted(t, np.arange(3.0, 15.0))]) * (t > 3.0)
+    wxyz = np.column_stack((np.cos(0.5 * tip), np.zeros_like(tip), np.sin(0.5 * tip), np.zeros_like(tip)))
+    p = np.column_stack((trodden, np.zeros_like(t), np.zeros_like(t))) + quat_rotate(wxyz, r)
+    a = np.gradient(np.gradient(p, dt, axis=0), dt, axis=0) + 9.8 * np.array([0.0, 0.0, 1.0])
+    acc, gyr = quat_rotate(quat_inverse(wxyz), a), np.gradient(tip, dt)[:, None] * (0.0, 1.0, 0.0)
+    t, acc, gyr = (values.reshape(-1, every, *values.shape[1:]).mean(axis=1) for values in (t, acc, gyr))
+    noisy = [values + rng.normal(size=values.shape) * sigma for values, sigma in ((acc, 0.03), (gyr, 0.002))]
+    found = smoothed(Recording(t - t[0], *noisy))
+    assert len(found.stops) == 11
+    assert found.solution is not None
+    assert found.solution.state.shared[PIVOT] == pytest.approx(r, abs=0.03)
+    assert np.linalg.norm(found.path.p[-1] - found.path.p[0]) == pytest.approx(10.0, abs=0.02)
 
 
 def test_a_perfect_sensor_is_followed_to_half_a_millimetre() -> None:
