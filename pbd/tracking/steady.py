@@ -80,8 +80,9 @@ def window_sums(values: Array, n: int) -> Array:
 
 def median(values: Array) -> Array:
     """Along the first axis; of a short one numpy's own takes ten times as long."""
-    in_order, n = np.sort(values, axis=0), len(values)
-    middle: Array = 0.5 * (in_order[(n - 1) // 2] + in_order[n // 2])
+    low, high = (len(values) - 1) // 2, len(values) // 2
+    parted = np.partition(values, (low, high), axis=0)
+    middle: Array = 0.5 * (parted[low] + parted[high])
     return middle
 
 
