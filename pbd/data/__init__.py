@@ -23,6 +23,7 @@ from pbd.data.hand import (
     Truth,
 )
 from pbd.data.known import ClaimFit, Contact, Known, Place
+from pbd.data.sensor_found import Found, SensorFound
 from pbd.data.world import GraspedObject, Obstacle
 
 __all__ = [
@@ -33,6 +34,7 @@ __all__ = [
     "ClaimFit",
     "Contact",
     "Demonstration",
+    "Found",
     "GraspedObject",
     "GripEvent",
     "Gripper",
@@ -50,6 +52,7 @@ __all__ = [
     "Samples",
     "Segment",
     "SensorErrors",
+    "SensorFound",
     "Stop",
     "Tracking",
     "Truth",

@@ -1,0 +1,199 @@
+"""Rows that are not where they belong: wild samples, blocks in the wrong order, blocks that came twice.
+
+Where rows were put together that don't follow each other, the readings jump: lines through the two rows on either hand
+miss each other. So does a hand that hits something; but only where rows were spliced does a jump go once they are put
+right: without the wild rows, or with two blocks exchanged, the lines meet.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbd.data import Recording
+from pbd.errors import PbdWarning, RecordingError
+from pbd.pose import Array, lengths
+from pbd.tracking.channels import noisy
+from pbd.tracking.zero_velocity import runs
+
+ALONE = 25.0
+"""So many times as far as by noise, by what the hand does around, or than what is left over, do wild rows lie away; and
+so many times are the squares of the jumps at exchanged blocks larger than once they are put right. The largest of sound
+recordings (hands and feet at 40 to 286 Hz): 8 and 12."""
+
+LEAST = {"acc": 0.04, "gyr": 0.012}
+"""m/s2 and rad/s: noise is taken to be no smaller. So what lies less than ALONE times this away does little harm."""
+
+MOST_WILD = 3
+"""Rows in a row: what lasts longer may be true."""
+
+AROUND_S = 0.3
+"""s on either hand: what the hand does around."""
+
+PACKET_S, JUMPS = 2.0, 60
+"""No packet of a wireless sensor lasts longer. Of so many of the largest jumps, two are at the packets' ends."""
+
+CLEAR = 16.0
+"""Two of the three jumps at exchanged blocks, squared and together, in variances of noise."""
+
+LEAST_ROWS = 6
+"""So many different rows that say to the last digit what so many others said are no chance: noise changes each one."""
+
+Rows = NDArray[np.intp]
+
+NAMES = {"acc": ("accelerometer", "m/s2"), "gyr": ("gyro", "rad/s")}
+
+
+def without_wild(recording: Recording) -> Recording:
+    """Put wild samples of accelerometer and gyro between their neighbours; warns where there are any."""
+    mended: dict[str, Any] = {}
+    found: list[tuple[int, str]] = []
+    reach = max(3 * MOST_WILD, round(AROUND_S * recording.rate_hz))
+    for name, (sensor, unit) in NAMES.items():
+        values = getattr(recording, name)
+        if values is None or len(values) < 2 * reach:
+            continue
+        wild = _wild(values, LEAST[name], reach)
+        good = np.delete(np.arange(len(values)), wild)
+        mended[name] = np.column_stack([np.interp(recording.t, recording.t[good], axis) for axis in values[good].T])
+        found += [(int(row), f"{sensor} {np.abs(values[row]).max():.4g} {unit}") for row in wild]
+    if not found:
+        return recording
+    row, what = min(found)
+    warnings.warn(
+        f"{len(found)} impossible sample{'' if len(found) == 1 else 's'} left out (no hand moves like that); the first "
+        f"is row {row} (t = {recording.t[row]:.2f} s): {what}",
+        PbdWarning,
+        stacklevel=3,
+    )
+    return replace(recording, **mended)
+
+
+def in_order(recording: Recording) -> Recording:
+    """Put two blocks that came in the wrong order right; warns."""
+    swapped = _swapped(recording)
+    if swapped is None:
+        return recording
+    first, size = swapped
+    rows, t = np.arange(len(recording)), recording.t
+    rows[first : first + 2 * size] = np.roll(rows[first : first + 2 * size], size)
+    warnings.warn(
+        f"rows {first} to {first + size - 1} (from t = {t[first]:.2f} s) came before the {size} rows that they follow, "
+        "and are put behind them: packets are sent out of order",
+        PbdWarning,
+        stacklevel=3,
+    )
+    channels = {name: getattr(recording, name) for name in ("acc", "gyr", "mag", "device_rpy")}
+    changes: dict[str, Any] = {name: values[rows] for name, values in channels.items() if values is not None}
+    return replace(recording, **changes)
+
+
+def refuse_doubled(recording: Recording) -> None:
+    """Refuse a recording in which a block of rows comes again: a program has lost its place in a buffer.
+
+    Raises:
+        RecordingError: which rows.
+    """
+    if not noisy(recording.acc):
+        return
+    rows = _side_by_side(recording)
+    # Equal rows have equal sums, whatever the weights; of irrational ones no others do.
+    sums = rows @ np.sqrt(np.array([2.0, 3.0, 5.0, 7.0, 11.0, 13.0])[: rows.shape[1]])
+    order = np.argsort(sums, kind="stable")
+    same = np.flatnonzero(np.diff(sums[order]) == 0.0)
+    first, again = order[same], order[same + 1]
+    apart = np.zeros(len(rows), dtype=np.intp)
+    changed = np.concatenate(([True], np.diff(rows, axis=0).any(axis=1)))
+    apart[first] = np.where(changed[first], again - first, 0)
+    # Of a block that comes again, each row has its double equally far away.
+    goes_on = (np.diff(apart) == 0) & (apart[1:] > 1)
+    for start, stop in runs(goes_on):
+        far = int(apart[start])
+        if far >= LEAST_ROWS and len(np.unique(sums[start : stop + 1])) >= LEAST_ROWS:
+            raise RecordingError(
+                f"rows {start + far} to {stop + far} (from t = {recording.t[start + far]:.2f} s) say what rows {start} "
+                f"to {stop} said: a block came twice, so the times after it are wrong; record again",
+                row=start + far,
+                t=float(recording.t[start + far]),
+            )
+
+
+def _side_by_side(recording: Recording, noise: dict[str, float] | None = None) -> Array:
+    """Accelerometer and gyro, (n, 3 or 6); in units of noise, if that is given."""
+    given = {name: values for name in NAMES if (values := getattr(recording, name)) is not None}
+    return np.hstack([values / (noise[name] if noise else 1.0) for name, values in given.items()])
+
+
+def _lines(x: Array, edges: Rows, rows: int = 0) -> tuple[Array, Array]:
+    """What lines through two rows of x (n, k) before each edge, and two behind it, say half-way: (m, k) each.
+
+    Args:
+        x: readings.
+        edges: (m,) the first row behind each.
+        rows: so many rows between are left out.
+    """
+    far = 0.5 * (rows + 1)
+    before, after = x[edges - 1], x[edges + rows]
+    return before + far * (before - x[edges - 2]), after - far * (x[edges + rows + 1] - after)
+
+
+def _wild(values: Array, least: float, reach: int) -> Rows:
+    """Rows of (n, 3) that lie far from a line through their neighbours, where these lie on one."""
+    place = np.pad(np.arange(len(values)), MOST_WILD + 2, mode="symmetric")  # a mirror at either end
+    x = values[place]
+    edges = np.arange(2, len(x) - MOST_WILD - 1)
+    before, after = _lines(x, edges)
+    jumps = lengths(after - before)
+    sums = np.concatenate(([0.0], np.cumsum(jumps**2)))
+    least = max(least, float(np.median(jumps)))
+    at = np.flatnonzero(jumps > 0.5 * ALONE * least)
+    low, high = np.maximum(at - reach, 0), np.minimum(at + reach + 1, len(jumps))
+    inner, outer = np.maximum(at - MOST_WILD - 1, 0), np.minimum(at + MOST_WILD + 2, len(jumps))
+    around = (sums[inner] - sums[low] + sums[high] - sums[outer]) / (inner - low + high - outer)
+    usual = np.maximum(np.sqrt(np.maximum(around, 0.0)), least)
+    wild = [np.zeros(0, dtype=np.intp)]
+    for rows in range(1, MOST_WILD + 1):
+        before, after = _lines(x, edges[at], rows)
+        block = edges[at, None] + np.arange(rows)
+        away = np.linalg.norm(x[block] - 0.5 * (before + after)[:, None], axis=2).min(axis=1)
+        wild.append(block[away > ALONE * np.maximum(usual, lengths(after - before))].ravel())
+    return np.unique(place[np.concatenate(wild)])
+
+
+def _swapped(recording: Recording) -> tuple[int, int] | None:
+    """First row and size of two blocks of one size that came in the wrong order."""
+    edges = np.arange(2, len(recording) - 1)
+    noise = {}
+    for name, least in LEAST.items():
+        values = getattr(recording, name)
+        if values is not None and len(edges) > 2:
+            before, after = _lines(values, edges)
+            noise[name] = max(least, float(np.median(lengths(after - before))))
+    if not noise:
+        return None
+    before, after = _lines(_side_by_side(recording, noise), edges)
+
+    def left_over(earlier: Rows, later: Rows) -> Array:
+        return np.asarray(((after[later] - before[earlier]) ** 2).sum(axis=1))
+
+    jumps = ((after - before) ** 2).sum(axis=1)
+    largest = np.sort(np.argsort(jumps)[-JUMPS:])
+    pairs = np.triu_indices(len(largest), 1)
+    p, q = largest[pairs[0]], largest[pairs[1]]
+    # The third jump may be small: it is as far away as the others are from each other, or half-way.
+    a, b = np.concatenate((p, p, 2 * p - q)), np.concatenate((q, (p + q) // 2, p))
+    c = np.concatenate((2 * q - p, q, q))
+    fits = (a >= 0) & (c < len(jumps)) & (b - a == c - b) & (b - a <= PACKET_S * recording.rate_hz) & (b - a > 1)
+    a, b, c = a[fits], b[fits], c[fits]
+    if len(a) == 0:
+        return None
+    three = np.array([jumps[a], jumps[b], jumps[c]])
+    total = three.sum(axis=0)
+    gain = total / (left_over(a, b) + left_over(c, a) + left_over(b, c) + 1.0)
+    gain[total - three.max(axis=0) < CLEAR] = 0.0
+    best = int(np.argmax(gain))
+    return (int(edges[a[best]]), int(b[best] - a[best])) if gain[best] > ALONE else None
