@@ -8,8 +8,8 @@ import numpy as np
 
 from pbd.pose import Array, readonly
 
-LEARNED = 0.05
-"""Of what less than this share of the prior's variance was learned, nothing is known."""
+LEARNED = 0.25
+"""Where less than this share of the prior's variance was learned, other errors tell as much as this one."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,13 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from scipy.special import chdtrc, ndtri
 
 from pbd.data import SensorFound, Stop
 from pbd.data.hand import DOUBTED
 from pbd.pose import lengths
 from pbd.tracking.factors import leg_jacobian, whitener
-from pbd.tracking.rest import ABOUT
+from pbd.tracking.rest import ABOUT, REST_S
 from pbd.tracking.smoother import Solution
 from pbd.tracking.steady import window_moments
 
@@ -23,11 +22,14 @@ FALSE = 0.05
 """So often a sound recording may be suspected of a wrong leg, or of a wrong sensor, where its noise is as modelled (it
 is taken to be larger than it is: of 258 sound recordings none is)."""
 
+MATRICES = 19
+"""Numbers of a sensor that are looked at: of lag, matrices and bias."""
+
 ROUNDED = 0.02
 """Of a leg's nine residuals: what linearising leaves of those that are free."""
 
-MISFIT = 0.6
-"""Of a stop with more than this share of its knots in motion the rest is wrong, not its edges."""
+MISFIT = 0.7
+"""Of a rest of a second with more than this share of its knots in motion not only the edges are wrong."""
 
 GIVEN_UP_S = 0.5
 """As quiet as the first rest for so long, and given up by the smoother: that is told."""
@@ -38,15 +40,24 @@ DISTURBED = 0.25
 
 def alarms(solution: Solution, stops: Sequence[Stop], sensor: SensorFound | None) -> Iterator[str]:
     """Say what is wrong with a recording, as far as its solution shows it."""
-    yield from _of_clock(solution)
     if sensor is not None:  # the device's own attitude is too coarse to hold anything against it
-        yield from _of_sensor(sensor)
+        yield from _of_sensor(solution, sensor)
         yield from _of_moves(solution)
         yield from _of_field(solution)
     yield from _of_stops(solution, stops)
 
 
-def _of_clock(solution: Solution) -> Iterator[str]:
+def _of_sensor(solution: Solution, found: SensorFound) -> Iterator[str]:
+    """Errors that are larger than such a sensor's are by chance."""
+    from scipy.special import ndtri
+
+    bound = -float(ndtri(0.5 * FALSE / MATRICES))
+    late = 1e3 * float(found.lag.value)
+    if abs(found.lag.surprise) > bound:
+        yield (
+            f"the gyro is {abs(late):.0f} ms {'late behind' if late > 0.0 else 'ahead of'} the accelerometer; that is "
+            "taken out, but set both to one filter if the sensor lets you"
+        )
     if solution.scale != 0.0:
         share = 1.0 + solution.scale
         yield (
@@ -54,22 +65,10 @@ def _of_clock(solution: Solution) -> Iterator[str]:
             f"for how gravity turns: the gyro's scale or the time is wrong (if the time, every distance is "
             f"{share**-2:.2f} times the true one); check the rate"
         )
-
-
-def _of_sensor(found: SensorFound) -> Iterator[str]:
-    """Errors that are larger than such a sensor's are by chance."""
-    each = (found.lag, found.gyr_matrix, found.acc_matrix, found.acc_bias)
-    bound = -float(ndtri(0.5 * FALSE / sum(one.value.size for one in each)))
-    late = 1e3 * float(found.lag.value)
-    if abs(found.lag.surprise) > bound:
-        yield (
-            f"the gyro is {abs(late):.0f} ms {'late behind' if late > 0.0 else 'ahead of'} the accelerometer; that is "
-            "taken out, but set both to one filter if the sensor lets you"
-        )
-    for name, one in zip(("gyro", "accelerometer", "accelerometer"), each[1:], strict=True):
+    for name, one in (("gyro", found.gyr_matrix), ("accelerometer", found.acc_matrix), ("accelerometer", found.acc_bias)):
         surprise = np.abs(one.surprise)
         worst = np.unravel_index(int(np.argmax(surprise)), surprise.shape)
-        if surprise[worst] < bound:
+        if surprise[worst] < bound or (name == "gyro" and solution.scale != 0.0):
             continue
         value, axes = float(one.value[worst]), ["xyz"[axis] for axis in worst]
         if len(axes) == 1:
@@ -84,6 +83,8 @@ def _of_sensor(found: SensorFound) -> Iterator[str]:
 
 def _of_moves(solution: Solution) -> Iterator[str]:
     """Legs whose residuals are larger than noise lets them be: chi-square with Satterthwaite's degrees of freedom."""
+    from scipy.special import chdtrc
+
     problem = solution.problem
     legs = whitener(problem, solution.local) @ leg_jacobian(problem, solution.state)
     spread = (1.0 + ROUNDED) * np.eye(9) - solution.solved.of_pairs(legs[:, :, :-1])
@@ -112,7 +113,7 @@ def _of_stops(solution: Solution, stops: Sequence[Stop]) -> Iterator[str]:
     frame, rest = problem.frame, problem.rest
     for k, (start, end) in enumerate(problem.stops):
         moving = solution.weights.still[problem.stop_of == k] < 0.5
-        if len(moving) > 2 and moving.mean() > MISFIT:
+        if t[end - 1] - t[start] > REST_S and moving.mean() > MISFIT:
             yield (
                 f"the sensor seems to rest from {t[start]:.1f} to {t[end - 1]:.1f} s, but hardly any of it fits what "
                 "it says before and after: one of the channels is wrong; look at pbd plot, and record again"

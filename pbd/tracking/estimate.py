@@ -79,21 +79,20 @@ def estimate(
     )
     knots = [int(np.median(np.flatnonzero(problem.stop_of == k))) for k in believed]
     knots[0] = int(np.flatnonzero(problem.stop_of == believed[0])[0])  # nav's origin is where the first rest begins
-    solved = with_own_noise(solution).solved
-    covariance = covariance_of(solved, knots, solution.state.p[knots])
+    covariance = covariance_of(with_own_noise(solution).solved, knots, solution.state.p[knots])
     return Estimate(
         _standing(solution.path, stops, solution.state.p[knots], t),
         stops,
         _closure(t, solution.path.a, stops),
         covariance,
         solution,
-        None if problem.device else _sensor(solution, solved, knots[0]),
+        None if problem.device else _sensor(solution, knots[0]),
     )
 
 
-def _sensor(solution: Solution, solved: Solved, first: int) -> SensorFound:
+def _sensor(solution: Solution, first: int) -> SensorFound:
     """The sensor's errors, with what was taken out before; biases at the knot of the first stop."""
-    x, noise, rest = solution.state, solution.problem.noise, solution.problem.rest
+    solved, x, noise, rest = solution.solved, solution.state, solution.problem.noise, solution.problem.rest
     device, doubt, prior = noise.device, acc_doubt(noise, rest), solution.local.prior
     sigma = np.sqrt(np.diagonal(solved.shared))
     biases = slice(GYR_BIAS.start, ACC_BIAS.stop)

@@ -20,25 +20,28 @@ from pbd.pose import Array, lengths
 from pbd.tracking.channels import noisy
 from pbd.tracking.zero_velocity import runs
 
+AWAY = {"acc": (30.0, 1), "gyr": (0.3, 3)}
+"""m/s2 and rad/s: wild rows lie further away than this; and so many there are in a row. More may be true: a tap."""
+
 ALONE = 25.0
 """So many times as far as by noise, by what the hand does around, or than what is left over, do wild rows lie away; and
 so many times are the squares of the jumps at exchanged blocks larger than once they are put right. The largest of sound
 recordings (hands and feet at 40 to 286 Hz): 8 and 12."""
 
-LEAST = {"acc": 0.04, "gyr": 0.012}
-"""m/s2 and rad/s: noise is taken to be no smaller. So what lies less than ALONE times this away does little harm."""
-
-MOST_WILD = 3
-"""Rows in a row: what lasts longer may be true."""
-
 AROUND_S = 0.3
 """s on either hand: what the hand does around."""
+
+LEAST = {"acc": 0.04, "gyr": 0.012}
+"""m/s2 and rad/s: noise is taken to be no smaller."""
 
 PACKET_S, JUMPS = 2.0, 60
 """No packet of a wireless sensor lasts longer. Of so many of the largest jumps, two are at the packets' ends."""
 
 CLEAR = 16.0
 """Two of the three jumps at exchanged blocks, squared and together, in variances of noise."""
+
+GONE = 0.25
+"""What is left of a jump that is gone, squared."""
 
 LEAST_ROWS = 6
 """So many different rows that say to the last digit what so many others said are no chance: noise changes each one."""
@@ -52,12 +55,12 @@ def without_wild(recording: Recording) -> Recording:
     """Put wild samples of accelerometer and gyro between their neighbours; warns where there are any."""
     mended: dict[str, Any] = {}
     found: list[tuple[int, str]] = []
-    reach = max(3 * MOST_WILD, round(AROUND_S * recording.rate_hz))
+    reach = max(8, round(AROUND_S * recording.rate_hz))
     for name, (sensor, unit) in NAMES.items():
         values = getattr(recording, name)
         if values is None or len(values) < 2 * reach:
             continue
-        wild = _wild(values, LEAST[name], reach)
+        wild = _wild(values, *AWAY[name], LEAST[name], reach)
         good = np.delete(np.arange(len(values)), wild)
         mended[name] = np.column_stack([np.interp(recording.t, recording.t[good], axis) for axis in values[good].T])
         found += [(int(row), f"{sensor} {np.abs(values[row]).max():.4g} {unit}") for row in wild]
@@ -78,15 +81,18 @@ def in_order(recording: Recording) -> Recording:
     swapped = _swapped(recording)
     if swapped is None:
         return recording
-    first, size = swapped
+    first, size, sure = swapped
     rows, t = np.arange(len(recording)), recording.t
+    where = f"rows {first} to {first + size - 1} (from t = {t[first]:.2f} s) came before the {size} rows that they follow"
+    if not sure:
+        warnings.warn(
+            f"it seems that {where}, but the readings jump there all the same: look at pbd plot, and record again",
+            PbdWarning,
+            stacklevel=3,
+        )
+        return recording
+    warnings.warn(f"{where}, and are put behind them: packets are sent out of order", PbdWarning, stacklevel=3)
     rows[first : first + 2 * size] = np.roll(rows[first : first + 2 * size], size)
-    warnings.warn(
-        f"rows {first} to {first + size - 1} (from t = {t[first]:.2f} s) came before the {size} rows that they follow, "
-        "and are put behind them: packets are sent out of order",
-        PbdWarning,
-        stacklevel=3,
-    )
     channels = {name: getattr(recording, name) for name in ("acc", "gyr", "mag", "device_rpy")}
     changes: dict[str, Any] = {name: values[rows] for name, values in channels.items() if values is not None}
     return replace(recording, **changes)
@@ -141,31 +147,31 @@ def _lines(x: Array, edges: Rows, rows: int = 0) -> tuple[Array, Array]:
     return before + far * (before - x[edges - 2]), after - far * (x[edges + rows + 1] - after)
 
 
-def _wild(values: Array, least: float, reach: int) -> Rows:
+def _wild(values: Array, away: float, most: int, least: float, reach: int) -> Rows:
     """Rows of (n, 3) that lie far from a line through their neighbours, where these lie on one."""
-    place = np.pad(np.arange(len(values)), MOST_WILD + 2, mode="symmetric")  # a mirror at either end
-    x = values[place]
-    edges = np.arange(2, len(x) - MOST_WILD - 1)
+    ends = np.median(values[:5], axis=0), np.median(values[-5:], axis=0)
+    x = np.vstack((ends[0], ends[0], values, ends[1], ends[1]))
+    edges = np.arange(2, len(x) - most - 1)
     before, after = _lines(x, edges)
     jumps = lengths(after - before)
     sums = np.concatenate(([0.0], np.cumsum(jumps**2)))
-    least = max(least, float(np.median(jumps)))
-    at = np.flatnonzero(jumps > 0.5 * ALONE * least)
+    at = np.flatnonzero(jumps > 0.5 * away)
     low, high = np.maximum(at - reach, 0), np.minimum(at + reach + 1, len(jumps))
-    inner, outer = np.maximum(at - MOST_WILD - 1, 0), np.minimum(at + MOST_WILD + 2, len(jumps))
-    around = (sums[inner] - sums[low] + sums[high] - sums[outer]) / (inner - low + high - outer)
-    usual = np.maximum(np.sqrt(np.maximum(around, 0.0)), least)
     wild = [np.zeros(0, dtype=np.intp)]
-    for rows in range(1, MOST_WILD + 1):
+    for rows in range(1, most + 1):
         before, after = _lines(x, edges[at], rows)
         block = edges[at, None] + np.arange(rows)
-        away = np.linalg.norm(x[block] - 0.5 * (before + after)[:, None], axis=2).min(axis=1)
-        wild.append(block[away > ALONE * np.maximum(usual, lengths(after - before))].ravel())
-    return np.unique(place[np.concatenate(wild)])
+        far = np.linalg.norm(x[block] - 0.5 * (before + after)[:, None], axis=2).min(axis=1)
+        first, last = np.maximum(at - 1, 0), np.minimum(at + rows + 2, len(jumps))  # jumps that the block makes
+        around = (sums[first] - sums[low] + sums[high] - sums[last]) / (first - low + high - last)
+        usual = np.sqrt(np.maximum(around, max(least, float(np.median(jumps))) ** 2))
+        alone = far > ALONE * np.maximum(usual, lengths(after - before))
+        wild.append(block[alone & (far > away)].ravel())
+    return np.unique(np.concatenate(wild)) - 2
 
 
-def _swapped(recording: Recording) -> tuple[int, int] | None:
-    """First row and size of two blocks of one size that came in the wrong order."""
+def _swapped(recording: Recording) -> tuple[int, int, bool] | None:
+    """First row and size of two blocks of one size that came in the wrong order; and whether all is well after that."""
     edges = np.arange(2, len(recording) - 1)
     noise = {}
     for name, least in LEAST.items():
@@ -175,7 +181,8 @@ def _swapped(recording: Recording) -> tuple[int, int] | None:
             noise[name] = max(least, float(np.median(lengths(after - before))))
     if not noise:
         return None
-    before, after = _lines(_side_by_side(recording, noise), edges)
+    x = _side_by_side(recording, noise)
+    before, after = _lines(x, edges)
 
     def left_over(earlier: Rows, later: Rows) -> Array:
         return np.asarray(((after[later] - before[earlier]) ** 2).sum(axis=1))
@@ -196,4 +203,11 @@ def _swapped(recording: Recording) -> tuple[int, int] | None:
     gain = total / (left_over(a, b) + left_over(c, a) + left_over(b, c) + 1.0)
     gain[total - three.max(axis=0) < CLEAR] = 0.0
     best = int(np.argmax(gain))
-    return (int(edges[a[best]]), int(b[best] - a[best])) if gain[best] > ALONE else None
+    if gain[best] < ALONE:
+        return None
+    first, size = int(edges[a[best]]), int(b[best] - a[best])
+    x[first : first + 2 * size] = np.roll(x[first : first + 2 * size], size, axis=0)
+    around = edges[np.clip(np.add.outer((a[best], b[best], c[best]), (-1, 0, 1)), 0, len(jumps) - 1)]
+    before, after = _lines(x, around.ravel())
+    left = float(((after - before) ** 2).sum(axis=1).max())  # wild rows jump wherever they are put
+    return first, size, left < GONE * float(three[:, best].max())
