@@ -20,12 +20,11 @@ from pbd.sensors.simulate import SENSOR_MODELS, TASKS, World, random_task, simul
 from pbd.sensors.simulated_calibration import sides
 from pbd.sensors.simulated_hand import Waypoint
 from pbd.sensors.simulated_tasks import Task
-from pbd.tracking.agreement import refuse_disagreement
+from pbd.tracking.agreement import find_steady, refuse_disagreement
 from pbd.tracking.channels import frozen
 from pbd.tracking.conditioning import condition
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.splices import without_wild
-from pbd.tracking.steady import find_steady
 from tests.benchmarks.trials import read_broad
 from tests.scenarios import keyframes_and_errors, pour, uncalibrated, with_rows
 from tests.tracking.faults import with_channel
