@@ -25,7 +25,7 @@ from pbd.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from pbd.data import Calibration, Demonstration, Keyframe
+    from pbd.data import Calibration, Demonstration, Keyframe, SensorFound
     from pbd.pose import Array
 
 
@@ -83,7 +83,8 @@ def run(args: argparse.Namespace) -> int:
             row |= {"base_position_m": pose.p.tolist(), "base_wxyz": pose.wxyz.tolist(), "joints": q.tolist()}
             row["off_deg"] = [math.degrees(angle) for angle in off]  # approach axis, about it: arms of five joints
     if args.json:
-        print_json({"demo": demo.recording.info.name, "keyframes": rows})
+        errors = None if path.sensor is None else _sensor_errors(path.sensor)
+        print_json({"demo": demo.recording.info.name, "keyframes": rows, "sensor_errors": errors})
         return 0
     table = keyframes_table(keyframes, args.units)
     if args.csv:
@@ -143,6 +144,21 @@ def _add_base(
     for row, pose, sigma in zip(rows, poses, base_sigmas(parts), strict=True):
         row |= {"base_position_m": pose.p.tolist(), "base_wxyz": pose.wxyz.tolist()} | sigma
     return True
+
+
+def _sensor_errors(found: SensorFound) -> dict[str, Any]:
+    """What the recording shows of its sensor, with its sigma, in the units of the names."""
+    named = {
+        "gyro_bias_deg_s": (found.gyr_bias, math.degrees(1.0)),
+        "gyro_matrix_percent": (found.gyr_matrix, 100.0),
+        "acc_bias_m_s2": (found.acc_bias, 1.0),
+        "acc_matrix_percent": (found.acc_matrix, 100.0),
+        "lag_ms": (found.lag, 1000.0),
+    }
+    return {
+        name: {"value": (unit * one.value).tolist(), "sigma": (unit * one.sigma).tolist()}
+        for name, (one, unit) in named.items()
+    }
 
 
 def _row(index: int, keyframe: Keyframe, sigma: Array) -> dict[str, Any]:
