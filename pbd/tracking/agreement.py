@@ -182,7 +182,7 @@ def refuse_disagreement(recording: Recording) -> None:
     for order, signs in product(permutations(range(3)), product((1, -1), repeat=3)) if telling.sum() >= SEVERAL else ():
         readings.append((disagreement(turned(gyr[:, order] * signs)), _other_axes(order, signs), ""))
     if not np.diff(gyr, axis=0).any():  # nor has the accelerometer noise, or it would have been told before
-        readings.append((0.0, "it always reads the same, so it is dead; repair it, or check the columns gx, gy, gz", ""))
+        readings.append((0.0, "it reads the same all the time, so it is dead; check the columns gx, gy, gz", ""))
     best, what, unit = min(readings)
     if best > off / BETTER:
         return

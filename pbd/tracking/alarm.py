@@ -65,7 +65,8 @@ def _of_sensor(solution: Solution, found: SensorFound) -> Iterator[str]:
             f"for how gravity turns: the gyro's scale or the time is wrong (if the time, every distance is "
             f"{share**-2:.2f} times the true one); check the rate"
         )
-    for name, one in (("gyro", found.gyr_matrix), ("accelerometer", found.acc_matrix), ("accelerometer", found.acc_bias)):
+    acc = "accelerometer"
+    for name, one in (("gyro", found.gyr_matrix), (acc, found.acc_matrix), (acc, found.acc_bias)):
         surprise = np.abs(one.surprise)
         worst = np.unravel_index(int(np.argmax(surprise)), surprise.shape)
         if surprise[worst] < bound or (name == "gyro" and solution.scale != 0.0):

@@ -83,7 +83,7 @@ def in_order(recording: Recording) -> Recording:
         return recording
     first, size, sure = swapped
     rows, t = np.arange(len(recording)), recording.t
-    where = f"rows {first} to {first + size - 1} (from t = {t[first]:.2f} s) came before the {size} rows that they follow"
+    where = f"rows {first} to {first + size - 1} (from t = {t[first]:.2f} s) came before the {size} rows they follow"
     if not sure:
         warnings.warn(
             f"it seems that {where}, but the readings jump there all the same: look at pbd plot, and record again",
