@@ -22,9 +22,6 @@ FALSE = 0.05
 """So often a sound recording may be suspected of a wrong leg, or of a wrong sensor, where its noise is as modelled (it
 is taken to be larger than it is: of 258 sound recordings none is)."""
 
-MATRICES = 19
-"""Numbers of a sensor that are looked at: of lag, matrices and bias."""
-
 ROUNDED = 0.02
 """Of a leg's nine residuals: what linearising leaves of those that are free."""
 
@@ -51,7 +48,8 @@ def _of_sensor(solution: Solution, found: SensorFound) -> Iterator[str]:
     """Errors that are larger than such a sensor's are by chance."""
     from scipy.special import ndtri
 
-    bound = -float(ndtri(0.5 * FALSE / MATRICES))
+    each = (found.lag, found.gyr_matrix, found.acc_matrix, found.acc_bias)
+    bound = -float(ndtri(0.5 * FALSE / sum(one.value.size for one in each)))
     late = 1e3 * float(found.lag.value)
     if abs(found.lag.surprise) > bound:
         yield (
@@ -65,8 +63,7 @@ def _of_sensor(solution: Solution, found: SensorFound) -> Iterator[str]:
             f"for how gravity turns: the gyro's scale or the time is wrong (if the time, every distance is "
             f"{share**-2:.2f} times the true one); check the rate"
         )
-    acc = "accelerometer"
-    for name, one in (("gyro", found.gyr_matrix), (acc, found.acc_matrix), (acc, found.acc_bias)):
+    for name, one in zip(("gyro", "accelerometer", "accelerometer"), each[1:], strict=True):
         surprise = np.abs(one.surprise)
         worst = np.unravel_index(int(np.argmax(surprise)), surprise.shape)
         if surprise[worst] < bound or (name == "gyro" and solution.scale != 0.0):

@@ -37,9 +37,6 @@ LEAST = {"acc": 0.04, "gyr": 0.012}
 PACKET_S, JUMPS = 2.0, 60
 """No packet of a wireless sensor lasts longer. Of so many of the largest jumps, two are at the packets' ends."""
 
-CLEAR = 16.0
-"""Two of the three jumps at exchanged blocks, squared and together, in variances of noise."""
-
 GONE = 0.25
 """What is left of a jump that is gone, squared."""
 
@@ -199,9 +196,7 @@ def _swapped(recording: Recording) -> tuple[int, int, bool] | None:
     if len(a) == 0:
         return None
     three = np.array([jumps[a], jumps[b], jumps[c]])
-    total = three.sum(axis=0)
-    gain = total / (left_over(a, b) + left_over(c, a) + left_over(b, c) + 1.0)
-    gain[total - three.max(axis=0) < CLEAR] = 0.0
+    gain = three.sum(axis=0) / (left_over(a, b) + left_over(c, a) + left_over(b, c) + 1.0)
     best = int(np.argmax(gain))
     if gain[best] < ALONE:
         return None
