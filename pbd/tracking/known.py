@@ -101,10 +101,10 @@ def _dependence(claims: Sequence[Claim], rows: Sequence[slice], k: int) -> Array
 def _noise(claims: Sequence[Claim], rows: Sequence[slice], calibration: Calibration | None) -> Array:
     R = np.zeros((rows[-1].stop, rows[-1].stop))
     for claim, row in zip(claims, rows, strict=True):
-        R[row, row] = claim.noise
+        R[row, row] += claim.own * np.eye(len(claim.value))
         for relative, column in zip(claims, rows, strict=True):
             if relative.group == claim.group:
-                R[row, column] += claim.shared
+                R[row, column] += claim.shared * np.eye(len(claim.value))
     if calibration is not None:
         errors = np.zeros((9, 9))
         errors[BY_START, BY_START] = calibration.cov_start
