@@ -14,7 +14,7 @@ LEARNED = 0.25
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """Numbers of one shape: the estimate, its sigma, and what was expected before, with its sigma."""
+    """Numbers of one shape: the estimate, its sigma, and what was expected before, with its sigma (or one for all)."""
 
     value: Array
     sigma: Array
@@ -23,7 +23,7 @@ class Found:
 
     def __post_init__(self) -> None:
         for name in ("value", "sigma", "expected", "prior"):
-            object.__setattr__(self, name, readonly(getattr(self, name)))
+            object.__setattr__(self, name, readonly(np.broadcast_to(getattr(self, name), np.shape(self.value))))
 
     @property
     def surprise(self) -> Array:

@@ -99,34 +99,21 @@ def _sensor(solution: Solution, first: int) -> SensorFound:
     right = np.zeros((*solved.scale.shape, 6))
     right[first, biases] = np.eye(6)
     of_biases = np.sqrt(np.diagonal(solved.columns(right)[first, biases]))
-    none, square = np.zeros(3), np.zeros((3, 3))
+    acc_scale, none = doubt * device.acc_scale, np.array(0.0)
 
     def lower(values: Array, elsewhere: float) -> Array:
         matrix = np.full((3, 3), elsewhere)
         matrix[tuple(np.transpose(LOWER))] = values
         return matrix
 
+    M = x.shared[GYR_MATRIX].reshape(3, 3) - solution.scale * np.eye(3)
+    N = lower(x.shared[ACC_MATRIX], 0.0)
     return SensorFound(
-        Found(rest.gyro_bias + x.gyr_bias[first], of_biases[:3], rest.gyro_bias, none + noise.gyr_bias),
-        Found(
-            x.shared[GYR_MATRIX].reshape(3, 3) - solution.scale * np.eye(3),
-            sigma[GYR_MATRIX].reshape(3, 3),
-            square,
-            square + device.gyr_scale,
-        ),
-        Found(x.acc_bias[first], of_biases[3:], none, none + doubt * device.acc_bias),
-        Found(
-            lower(x.shared[ACC_MATRIX], 0.0),
-            lower(sigma[ACC_MATRIX], doubt * device.acc_scale),
-            square,
-            square + doubt * device.acc_scale,
-        ),
-        Found(
-            solution.lag + x.shared[LAG][0],
-            sigma[LAG][0],
-            np.float64(noise.lag),
-            np.float64(prior.lag_sigma),
-        ),
+        Found(rest.gyro_bias + x.gyr_bias[first], of_biases[:3], rest.gyro_bias, np.array(noise.gyr_bias)),
+        Found(M, sigma[GYR_MATRIX].reshape(3, 3), none, np.array(device.gyr_scale)),
+        Found(x.acc_bias[first], of_biases[3:], none, np.array(doubt * device.acc_bias)),
+        Found(N, lower(sigma[ACC_MATRIX], acc_scale), none, np.array(acc_scale)),
+        Found(solution.lag + x.shared[LAG][0], sigma[LAG][0], np.array(noise.lag), np.array(prior.lag_sigma)),
     )
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import warnings
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
+from pbd.cli import main
 from pbd.data import Found, Recording, SensorFound
 from pbd.errors import PbdWarning
 from pbd.pipeline import track
@@ -75,6 +78,15 @@ def test_what_was_taken_out_before_is_counted() -> None:
         assert abs(float(found_of(replace(recording, gyr=late)).lag.value) - 0.02) < 0.001
         high = found_of(replace(recording, gyr=1.1 * recording.gyr)).gyr_matrix.value
     assert np.abs(np.diagonal(high) - 0.1).max() < 0.01
+
+
+def test_it_is_shown_in_json(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["keyframes", "pouring", "--json"]) == 0
+    shown = json.loads(capsys.readouterr().out)["sensor_errors"]
+    assert set(shown) == {"gyro_bias_deg_s", "gyro_matrix_percent", "acc_bias_m_s2", "acc_matrix_percent", "lag_ms"}
+    assert abs(shown["lag_ms"]["value"]) < 3.0 * shown["lag_ms"]["sigma"]  # it is simulated without
+    assert main(["keyframes", "pouring", "--json", "--method", "paper"]) == 0
+    assert json.loads(capsys.readouterr().out)["sensor_errors"] is None
 
 
 def test_chance_is_what_was_learned() -> None:
