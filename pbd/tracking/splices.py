@@ -18,6 +18,7 @@ from pbd.data import Recording
 from pbd.errors import PbdWarning, RecordingError
 from pbd.pose import Array, lengths
 from pbd.tracking.channels import noisy
+from pbd.tracking.clock import counted
 from pbd.tracking.zero_velocity import runs
 
 AWAY = {"acc": (30.0, 1), "gyr": (0.3, 3)}
@@ -65,8 +66,8 @@ def without_wild(recording: Recording) -> Recording:
         return recording
     row, what = min(found)
     warnings.warn(
-        f"{len(found)} impossible sample{'' if len(found) == 1 else 's'} left out (no hand moves like that); the first "
-        f"is row {row} (t = {recording.t[row]:.2f} s): {what}",
+        f"{counted(len(found), 'impossible sample')} left out (no hand moves like that); the first is row {row} "
+        f"(t = {recording.t[row]:.2f} s): {what}",
         PbdWarning,
         stacklevel=3,
     )
