@@ -103,7 +103,7 @@ def _track(demo: Demonstration, method: str, calibration: Calibration | None, ac
     _warn_at_rest(recording, rest, errors)
     _warn_of_open_ends(recording.t, found.stops)
     if found.solution is not None:
-        for line in alarms(found.solution, found.stops):
+        for line in alarms(found.solution, found.stops, found.sensor):
             warnings.warn(line, PbdWarning, stacklevel=3)
     return HandPath(
         t=recording.t,
@@ -117,6 +117,7 @@ def _track(demo: Demonstration, method: str, calibration: Calibration | None, ac
         tracking=Tracking(
             demo, method, calibration, recording, found.path.a, rest.gravity, (rest.start, rest.stop), accept_gap
         ),
+        sensor=found.sensor,
     )
 
 

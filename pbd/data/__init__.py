@@ -22,6 +22,7 @@ from pbd.data.hand import (
     Truth,
 )
 from pbd.data.known import ClaimFit, Contact, Known, Place
+from pbd.data.sensor_found import Found, SensorFound
 from pbd.data.world import GraspedObject, Obstacle
 
 __all__ = [
@@ -31,6 +32,7 @@ __all__ = [
     "ClaimFit",
     "Contact",
     "Demonstration",
+    "Found",
     "GraspedObject",
     "GripEvent",
     "Gripper",
@@ -48,6 +50,7 @@ __all__ = [
     "Samples",
     "Segment",
     "SensorErrors",
+    "SensorFound",
     "Stop",
     "Tracking",
     "Truth",

@@ -13,6 +13,7 @@ from pbd.data.calibration import Calibration
 from pbd.data.covariance import PoseCovariance
 from pbd.data.freeze import freeze
 from pbd.data.known import ClaimFit, Contact, Known, Place
+from pbd.data.sensor_found import SensorFound
 from pbd.data.world import GraspedObject
 from pbd.pose import Array, Pose
 
@@ -193,6 +194,7 @@ class HandPath:
         grip: the recording's grip events.
         claims: what was known of the stops and has been used.
         tracking: what it was tracked from; None for a path that no recording was tracked for.
+        sensor: its own errors, as the recording shows them; None where they were not estimated.
     """
 
     t: Array
@@ -205,6 +207,7 @@ class HandPath:
     grip: tuple[GripEvent, ...] = ()
     claims: tuple[ClaimFit, ...] = ()
     tracking: Tracking | None = None
+    sensor: SensorFound | None = None
 
     def __post_init__(self) -> None:
         n, k = len(self.t), len(self.stops)

@@ -9,6 +9,7 @@ little of the others. What is not contradicted is believed.
 from __future__ import annotations
 
 import warnings
+from dataclasses import dataclass
 from itertools import permutations, product
 
 import numpy as np
@@ -16,12 +17,13 @@ from numpy.typing import NDArray
 
 from pbd.data import GRAVITY, Recording
 from pbd.errors import PbdWarning, RecordingError
-from pbd.pose import Array, quat_from_rpy, quat_inverse, quat_multiply, quat_rotate
-from pbd.tracking.steady import carried, find_steady
+from pbd.pose import Array, quat_cumulative, quat_exp, quat_from_rpy, quat_inverse, quat_multiply, quat_rotate
+from pbd.tracking.rest import STILL_ACC, STILL_GYR
+from pbd.tracking.steady import squares, window_moments, window_sums
 
-CONTRADICTS, FITS = np.radians(45.0), np.radians(15.0)
-"""The device's own vertical is further than this from the accelerometer's (in the mean over all steady moments), and
-other signs bring them this close: it lags, and is only as good as its maker's filter."""
+OFF, BETTER = np.radians(20.0), 3.0
+"""Two verticals further apart than this contradict each other (in the mean over all steady moments, or the median), if
+another reading brings them so many times nearer."""
 
 SHOWN = 0.04
 """An axis along which both verticals lie by more than this (mean product) shows its sign: 11 degrees off the level."""
@@ -35,22 +37,47 @@ STEEP = 0.5
 FINE_HZ = 50.0
 """Samples are averaged down to about this rate: enough to follow a hand, and cheap in a long recording."""
 
+WINDOW_S, STEADY_ACC, STEADY_NORM = 0.2, 0.05, 0.02
+"""A steady moment lasts so long; specific force varies by less than this in it (rms, as a share of g) and is g to
+this share: the accelerometer sees gravity and next to nothing else."""
+
 STEP_S, APART_S, LONGEST_S = 0.1, 0.5, 5.0
 """Steady moments at least STEP_S apart are held against the next that is at least APART_S later, at most LONGEST_S."""
 
-TURNED = np.radians(20.0)
-"""Moments between which the vertical turns further than this, by either sensor, tell something. So far the sensors must
-disagree (in the median) ..."""
-
-AGREES, BETTER = np.radians(10.0), 3.0
-"""... and another reading of the gyro must agree to this, and so many times better, for the gyro to be refused."""
-
-NOTHING, HELD_S = 0.1, 0.3
-"""A gyro that turns by less than this share of what gravity does is dead, if it does so between moments in a row for so
-long (s). (A hand that speeds up to one side and down is as steady as gravity for a moment, and turns the vertical.)"""
-
 FEW, SEVERAL = 2, 8
-"""So many pairs of moments tell of a unit or a dead gyro, at least; so many of axes, which may agree by chance."""
+"""So many pairs of moments between which the vertical turns tell of a unit, at least; so many of axes, which may agree
+by chance."""
+
+
+@dataclass(frozen=True, eq=False)
+class Steady:
+    """Steady moments of a recording.
+
+    Attributes:
+        rows: (m,) the first row of each moment's second half.
+        up_sensor: (m, 3) unit, the vertical in sensor axes at each.
+        gyro_bias: (3,) rad/s, the gyro's mean over the quietest second.
+    """
+
+    rows: NDArray[np.intp]
+    up_sensor: Array
+    gyro_bias: Array
+
+
+def find_steady(acc: Array, gyr: Array, rate_hz: float) -> Steady:
+    """Find the steady moments of acc (n, 3) and gyr (n, 3) rad/s, without NaN; g is taken from the quietest second."""
+    second, half = max(2, round(rate_hz)), max(1, round(0.5 * WINDOW_S * rate_hz))
+    if len(acc) < max(second, 2 * half):
+        return Steady(np.zeros(0, dtype=np.intp), np.zeros((0, 3)), np.zeros(3))
+    variance, mean = window_moments(acc, second)
+    # The rate itself, not its variance: a turn about the vertical leaves the accelerometer as quiet as a rest.
+    rate = window_sums(squares(gyr), second) / second
+    quietest = int(np.argmin(variance / STILL_ACC**2 + rate / STILL_GYR**2))
+    g = float(np.linalg.norm(mean[quietest]))
+    variance, mean = window_moments(acc, 2 * half)
+    norm = np.linalg.norm(mean, axis=1)
+    steady = np.flatnonzero((np.abs(norm - g) < STEADY_NORM * g) & (variance < (STEADY_ACC * g) ** 2) & (norm > 0.0))
+    return Steady(steady + half, mean[steady] / norm[steady, None], gyr[quietest : quietest + second].mean(axis=0))
 
 
 def refuse_turned_signs(recording: Recording) -> None:
@@ -70,7 +97,7 @@ def refuse_turned_signs(recording: Recording) -> None:
     # Of a level axis nothing is seen: where all others are turned, it is meant too.
     signs = np.where(along < (SHOWN if (along < SHOWN).all() else -SHOWN), -1.0, 1.0)
     off, fit = (float(_angles(steady.up_sensor * turn, up).mean()) for turn in (np.ones(3), signs))
-    if off < CONTRADICTS or fit > FITS:
+    if off < OFF or fit > off / BETTER:
         return
     if recording.gyr is not None and signs[2] > 0.0:
         return  # the attitude may count its pitch or roll the other way; the gyro knows better, and is asked
@@ -125,50 +152,44 @@ def refuse_disagreement(recording: Recording) -> None:
     steady = find_steady(acc, gyr, rate_hz)
     gyr = gyr - steady.gyro_bias
     first, second = _pairs(steady.rows, rate_hz)
+    up, up_later = steady.up_sensor[first], steady.up_sensor[second]
 
-    def turns(gyr: Array) -> Array:
-        attitude = carried(gyr, 1.0 / rate_hz)
-        return quat_multiply(quat_inverse(attitude[steady.rows[second]]), attitude[steady.rows[first]])
+    def turned(gyr: Array) -> Array:
+        """Where the gyro carries the vertical from the first moments to the second."""
+        attitude = np.vstack(((1.0, 0.0, 0.0, 0.0), quat_cumulative(quat_exp(gyr / rate_hz))))
+        there, here = attitude[steady.rows[second]], attitude[steady.rows[first]]
+        return quat_rotate(quat_multiply(quat_inverse(there), here), up)
 
-    up, up_later, as_it_is = steady.up_sensor[first], steady.up_sensor[second], turns(gyr)
-    seen, said = _angles(up, up_later), _angles(up, quat_rotate(as_it_is, up))
-    telling = np.maximum(seen, said) > TURNED
+    as_it_is = turned(gyr)
+    telling = np.maximum(_angles(up, up_later), _angles(up, as_it_is)) > OFF
     if telling.sum() < FEW:
         return
 
-    def disagreement(turns: Array, axes: Array) -> float:
-        there = quat_rotate(turns[telling], up[telling] @ axes) @ axes.T
-        return float(np.median(_angles(up_later[telling], there)))
+    def disagreement(carried: Array) -> float:
+        return float(np.median(_angles(up_later, carried)[telling]))
 
-    off = disagreement(as_it_is, np.eye(3))
-    if off < TURNED:
+    off = disagreement(as_it_is)
+    if off < OFF:
         return
     readings = [
-        (disagreement(turns(np.radians(gyr)), np.eye(3)), "its values are in deg/s; import the file with", "deg/s"),
+        (disagreement(turned(np.radians(gyr))), "its values are in deg/s; import the file with", "deg/s"),
         (
-            disagreement(turns(np.degrees(gyr)), np.eye(3)),
+            disagreement(turned(np.degrees(gyr))),
             "its values were in rad/s, but were read as deg/s; import the file with",
             "rad/s",
         ),
     ]
-    back = turns(-gyr)
     for order, signs in product(permutations(range(3)), product((1, -1), repeat=3)) if telling.sum() >= SEVERAL else ():
-        # The same turn in other axes; those that are mirrored turn the other way round.
-        axes = np.eye(3)[list(order)] * np.array(signs)[:, None]
-        hand = float(np.linalg.det(axes))
-        readings.append((disagreement(as_it_is if hand > 0.0 else back, hand * axes), _other_axes(order, signs), ""))
+        readings.append((disagreement(turned(gyr[:, order] * signs)), _other_axes(order, signs), ""))
+    if not np.diff(gyr, axis=0).any():  # nor has the accelerometer noise, or it would have been told before
+        readings.append((0.0, "it reads the same all the time, so it is dead; check the columns gx, gy, gz", ""))
     best, what, unit = min(readings)
-    held = _held(steady.rows, rate_hz)
-    still = telling & held[first] & held[second]
-    if best < min(AGREES, off / BETTER):
-        what += f" --unit gyr={unit}" if unit else ""
-    elif still.sum() >= FEW and np.median(said[still]) < NOTHING * np.median(seen[still]):
-        what, unit = "it hardly reads anything, so it is dead; repair it, or check the columns gx, gy, gz", ""
-    else:
+    if best > off / BETTER:
         return
     raise RecordingError(
         f"the gyro does not turn as gravity shows (by {np.degrees(off):.0f} degrees, first at "
-        f"t = {recording.t[steady.rows[first][telling][0] * every]:.1f} s): {what}",
+        f"t = {recording.t[steady.rows[first][telling][0] * every]:.1f} s): {what}"
+        + (f" --unit gyr={unit}" if unit else ""),
         value=off,
         unit=unit or None,
     )
@@ -205,13 +226,6 @@ def _pairs(rows: NDArray[np.intp], rate_hz: float) -> tuple[NDArray[np.intp], ND
     first, second = first[there], second[there]
     near = rows[second] - rows[first] <= LONGEST_S * rate_hz
     return first[near], second[near]
-
-
-def _held(rows: NDArray[np.intp], rate_hz: float) -> NDArray[np.bool_]:
-    """Which moments (m,) lie among others for HELD_S: the hand is held there."""
-    run = np.cumsum(np.diff(rows, prepend=rows[:1]) > 1)
-    held: NDArray[np.bool_] = np.bincount(run, minlength=1)[run] >= HELD_S * rate_hz
-    return held
 
 
 def _angles(a: Array, b: Array) -> Array:

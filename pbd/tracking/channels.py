@@ -46,9 +46,6 @@ HELD_S = 0.2
 EDGE_S, FULL_SPEED = 0.15, 0.05
 """A hand further than this (s) from all stops that moves faster than this (m/s) reads no constant."""
 
-UNSEEN_S = 0.6
-"""s: for so long a hand may set out or arrive before a coarse sensor's reading changes by a step."""
-
 
 def refuse_dead(recording: Recording) -> None:
     """Refuse a recording that never changes, a gyro that never does, or an axis of either sensor that is stuck.
@@ -150,22 +147,20 @@ def refuse_freezes(recording: Recording, v_nav: Array, stops: tuple[Stop, ...]) 
     held = [(start, last) for start, last in runs(_repeats(recording)) if t[last] - t[start] > HELD_S]
     if not held:
         return
-    changes = np.abs(np.diff(recording.acc, axis=0))
-    step = float(changes.min(where=changes > 0.0, initial=np.inf))
-    bound, speeds = max(FULL_SPEED, UNSEEN_S * step), lengths(v_nav)
+    speeds = lengths(v_nav)
     for stop in stops:
         near = slice(*np.searchsorted(t, (t[stop.start] - EDGE_S, t[stop.stop - 1] + EDGE_S)))
         speeds[near] = 0.0
     for start, last in held:
         speed = float(speeds[start : last + 1].max())
-        if speed > bound:
+        if speed > FULL_SPEED:
             raise TrackingError(
                 f"the readings repeat around row {start} (t = {t[start]:.2f} s) as in a rest, but the hand was moving "
                 f"at {speed:.2f} m/s: the sensor froze during a move; record again",
                 row=start,
                 t=float(t[start]),
                 value=speed,
-                bound=bound,
+                bound=FULL_SPEED,
             )
 
 

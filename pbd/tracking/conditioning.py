@@ -20,7 +20,7 @@ from pbd.pose import Array
 from pbd.tracking.agreement import refuse_disagreement
 from pbd.tracking.channels import frozen, magnetometer_is_dead, refuse_dead
 from pbd.tracking.clock import REACH, counted, with_clock
-from pbd.tracking.repeated import refuse_doubled
+from pbd.tracking.splices import in_order, refuse_doubled, without_wild
 
 LARGEST = 1e5
 """No sensor reads this much in any of our units: such a cell holds no number."""
@@ -36,18 +36,6 @@ is widened by (`Noise.unseen_speed`), and grows with T only."""
 BESIDE_S, LEAST_BESIDE, TURNED_ACC = 0.1, 3, 0.5
 """Before and after a gap in a rest the hand must be seen at rest for so long, or so many rows; and specific force must
 not change meanwhile by more than this (m/s2: 3 degrees)."""
-
-UNITS = {"acc": ("accelerometer", "m/s2"), "gyr": ("gyro", "rad/s")}
-
-AWAY = {"acc": 30.0, "gyr": 5.0}
-"""m/s2 and rad/s: a wild sample lies at least this far outside all its neighbours ..."""
-
-ALONE = {"acc": 10.0, "gyr": 4.0}
-"""... and so many times as far as they change from one to the next, on any axis: after a real impact they do.
-The largest of the feet in the data folder are 5 and 2 times as far, at 68, 102 and 205 Hz."""
-
-NEIGHBOURS = 3
-"""On either hand; as many where the recording ends."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +65,7 @@ def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
     refuse_doubled(recording)
     if magnetometer_is_dead(recording):
         recording = dataclasses.replace(recording, mag=None)
-    recording = without_spikes(recording)
+    recording = in_order(without_wild(recording))
     missing |= frozen(recording, missing)
     gaps = _gaps(t, missing, interval)
     if gaps:
@@ -145,29 +133,6 @@ def refuse_gaps(gaps: tuple[Gap, ...], recording: Recording, stops: tuple[Stop, 
     warnings.warn(
         f"{said}; the sigma of later keyframes is wider; record again if the hand moved", PbdWarning, stacklevel=3
     )
-
-
-def without_spikes(recording: Recording) -> Recording:
-    """Put wild samples of accelerometer and gyro between their neighbours; warns where there are any."""
-    mended: dict[str, Any] = {}
-    found: list[tuple[int, str]] = []
-    for name, (sensor, unit) in UNITS.items():
-        values = getattr(recording, name)
-        if values is None or len(values) <= 2 * NEIGHBOURS:
-            continue
-        wild = _wild(values, AWAY[name], ALONE[name])
-        mended[name] = _interpolate(recording.t, values, ~np.isin(np.arange(len(values)), wild))
-        found += [(int(row), f"{sensor} {np.abs(values[row]).max():.4g} {unit}") for row in wild]
-    if not found:
-        return recording
-    row, what = min(found)
-    warnings.warn(
-        f"{counted(len(found), 'impossible sample')} left out (no hand moves like that); the first is row {row} "
-        f"(t = {recording.t[row]:.2f} s): {what}",
-        PbdWarning,
-        stacklevel=3,
-    )
-    return dataclasses.replace(recording, **mended)
 
 
 def _at_an_end(gap: Gap, recording: Recording) -> bool:
@@ -245,19 +210,6 @@ def _gaps(t: Array, missing: NDArray[np.bool_], interval: float) -> list[Gap]:
     if good[-1] < len(t) - 1:
         gaps.append(Gap(int(good[-1]), len(t) - 1, float(t[-1] - t[good[-1]])))
     return gaps
-
-
-def _wild(values: Array, away: float, alone: float) -> NDArray[np.intp]:
-    """Rows of (n, 3) at which an axis is far outside all its neighbours, which hardly change."""
-    jumps = (np.abs(np.diff(values, axis=0)) > away).any(axis=1)
-    candidates = np.flatnonzero(np.append(jumps, True) & np.append(True, jumps))
-    first = np.clip(candidates - NEIGHBOURS, 0, len(values) - 2 * NEIGHBOURS - 1)
-    place = np.arange(2 * NEIGHBOURS)[:, None]
-    around = values[first + place + (first + place >= candidates)]  # all but the candidate itself
-    outside = np.maximum(values[candidates] - around.max(axis=0), around.min(axis=0) - values[candidates]).max(axis=1)
-    change = np.abs(np.diff(around, axis=0)).max(axis=(0, 2), initial=0.0)
-    wild: NDArray[np.intp] = candidates[(outside > away) & (outside > alone * change)]
-    return wild
 
 
 def _interpolate(t: Array, values: Array, good: NDArray[np.bool_]) -> Array:

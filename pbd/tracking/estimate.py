@@ -8,14 +8,15 @@ from itertools import pairwise
 
 import numpy as np
 
-from pbd.data import Recording, Stop
+from pbd.data import Found, Recording, SensorFound, Stop
 from pbd.data.covariance import PoseCovariance
 from pbd.errors import TrackingError
-from pbd.pose import Array
-from pbd.tracking.noise import Noise
-from pbd.tracking.normal_equations import POS, ROT, STATE, Solved
+from pbd.pose import Array, quat_inverse, quat_log, quat_multiply
+from pbd.tracking.factors import ACC_MATRIX, GYR_MATRIX, LAG
+from pbd.tracking.noise import Noise, acc_doubt
+from pbd.tracking.normal_equations import ACC_BIAS, GYR_BIAS, POS, ROT, STATE, Solved
 from pbd.tracking.path import Path
-from pbd.tracking.preintegration import Impulse, integral_of_means
+from pbd.tracking.preintegration import LOWER, Impulse, integral_of_means
 from pbd.tracking.rest import Rest
 from pbd.tracking.smoother import Solution, smooth
 from pbd.tracking.steady import median
@@ -26,8 +27,9 @@ NEVER_STILL = "the hand never stands still; stop for half a second between the m
 BELIEVED = 0.2
 """A candidate with less weight than this is no stop."""
 
-BOUNCE_S, BOUNCE_M = 0.3, 0.02
-"""A short stop this soon before or after another, and this near, is a sensor being put down or picked up."""
+BOUNCE_S, BOUNCE_M, BOUNCE_RAD = 0.3, 0.02, np.radians(10.0)
+"""A short stop this soon before or after another, this near, and turned by less, is a sensor being put down or picked
+up."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +42,7 @@ class Estimate:
         closure: (k - 1, 3) m/s, the velocity that a move seems to end with, by its acceleration alone.
         covariance: of the keyframes.
         solution: of the smoother; None: by another method.
+        sensor: its own errors; None: not estimated.
     """
 
     path: Path
@@ -47,6 +50,7 @@ class Estimate:
     closure: Array
     covariance: PoseCovariance
     solution: Solution | None = None
+    sensor: SensorFound | None = None
 
 
 def estimate(
@@ -85,12 +89,41 @@ def estimate(
         _closure(t, solution.path.a, stops),
         covariance,
         solution,
+        None if problem.device else _sensor(solution, knots[0]),
+    )
+
+
+def _sensor(solution: Solution, first: int) -> SensorFound:
+    """The sensor's errors, with what was taken out before; biases at the knot of the first stop."""
+    solved, x, noise, rest = solution.solved, solution.state, solution.problem.noise, solution.problem.rest
+    device, doubt, prior = noise.device, acc_doubt(noise, rest), solution.local.prior
+    sigma = np.sqrt(np.diagonal(solved.shared))
+    biases = slice(GYR_BIAS.start, ACC_BIAS.stop)
+    right = np.zeros((*solved.scale.shape, 6))
+    right[first, biases] = np.eye(6)
+    of_biases = np.sqrt(np.diagonal(solved.columns(right)[first, biases]))
+    acc_scale, none = doubt * device.acc_scale, np.array(0.0)
+
+    def lower(values: Array, elsewhere: float) -> Array:
+        matrix = np.full((3, 3), elsewhere)
+        matrix[tuple(np.transpose(LOWER))] = values
+        return matrix
+
+    M = x.shared[GYR_MATRIX].reshape(3, 3) - solution.scale * np.eye(3)
+    N = lower(x.shared[ACC_MATRIX], 0.0)
+    return SensorFound(
+        Found(rest.gyro_bias + x.gyr_bias[first], of_biases[:3], rest.gyro_bias, np.array(noise.gyr_bias)),
+        Found(M, sigma[GYR_MATRIX].reshape(3, 3), none, np.array(device.gyr_scale)),
+        Found(x.acc_bias[first], of_biases[3:], none, np.array(doubt * device.acc_bias)),
+        Found(N, lower(sigma[ACC_MATRIX], acc_scale), none, np.array(acc_scale)),
+        Found(solution.lag + x.shared[LAG][0], sigma[LAG][0], np.array(noise.lag), np.array(prior.lag_sigma)),
     )
 
 
 def _without_bounces(solution: Solution, believed: Sequence[int]) -> list[int]:
     """Drop the shorter of two stops that belong to one put-down."""
     problem, t, p = solution.problem, solution.problem.frame.t, solution.state.p
+    wxyz = solution.path.wxyz[[(start + stop) // 2 for start, stop in problem.stops]]
 
     def dwell(k: int) -> float:
         start, stop = problem.stops[k]
@@ -102,7 +135,9 @@ def _without_bounces(solution: Solution, believed: Sequence[int]) -> list[int]:
         soon = t[problem.stops[k][0]] - t[problem.stops[before][1] - 1] < BOUNCE_S
         if soon and min(dwell(before), dwell(k)) < BOUNCE_S:
             there, here = (median(p[problem.stop_of == stop]) for stop in (before, k))
-            kept[-1:] = [max(before, k, key=dwell)] if np.linalg.norm(here - there) < BOUNCE_M else [before, k]
+            turned = float(np.linalg.norm(quat_log(quat_multiply(wxyz[k], quat_inverse(wxyz[before])))))
+            bounced = np.linalg.norm(here - there) < BOUNCE_M and turned < BOUNCE_RAD
+            kept[-1:] = [max(before, k, key=dwell)] if bounced else [before, k]
         else:
             kept.append(k)
     return kept

@@ -12,7 +12,7 @@ would scatter. Between the two, for a parabola with white noise of whatever size
 (2.5 steps / fall)^(m - 1) for m of 3 and more, with the fall of the sides over two samples. (Two samples on either hand
 of a peak are alike whenever it lies in their middle.) The flat tops of one axis multiply their chances.
 
-What can't be found: clipped peaks of single samples (of two, at an odd value), tops too shallow to be told from noise,
+What can't be found: clipped peaks of one or two samples, tops too shallow to be told from noise,
 and those clipped before the axis was mixed with others (calibrated for misalignment) or averaged.
 """
 
@@ -36,26 +36,20 @@ from pbd.tracking.zero_velocity import runs
 LOWEST = {"acc": 1.15 * GRAVITY, "gyr": 1.0}
 """No range ends below this, in m/s2 and rad/s: a flat top under it is a rest."""
 
-RANGES = {"acc": GRAVITY * np.array([1.5, 2, 3, 4, 6, 8, 12, 16, 24]), "gyr": np.radians([125, 250, 500, 1000, 2000])}
-"""Where makers let a range end ..."""
-
-EXACTLY, PAIR, USUAL = 1e-4, 2, 0.05
-"""... and to which share they do: a flat top there has this many samples at least. The chance that a peak ends there
-all the same is no more than this: that of a hand whose turn is a round number, read with some noise."""
-
 SAME = 1e-6
 """Readings that differ by less than this share of the extreme one are the same."""
 
 FLAT, SIDE = 3, 2
-"""Elsewhere a flat top has this many samples at least; so many samples on either hand are its sides."""
+"""A flat top has this many samples at least; so many samples on either hand are its sides."""
 
-ROUNDED, CHANCE = 10.0, 2.5
-"""In steps of the sensor's resolution: the sides of a rounded peak that is coarsely read fall no further than this; and
-of so many, by how far they fall, one is hit by chance."""
+CHANCE = 2.5
+"""Steps: of so many, by how far its sides fall, a rounded peak hits one by chance; where they fall no further than
+COARSE times that, it is coarsely read and flat anyhow."""
+
+COARSE = 4.0
 
 ALARM = 1e-4
 """So unlikely must all be by chance, for each axis and side."""
-
 
 PEAK = 0.5
 """What is continued from the sides rises above the range by this share of it at most."""
@@ -104,18 +98,17 @@ def _tops(x: Array, sensor: str, new: NDArray[np.bool_]) -> list[tuple[int, int]
     if top < LOWEST[sensor]:
         return []
     tops = runs(x >= top * (1.0 - SAME))
-    usual = bool((np.abs(top / RANGES[sensor] - 1.0) < EXACTLY).any())
     counted = [(start, stop, int(new[start:stop].sum())) for start, stop in tops]
-    flat = [each for each in counted if each[2] >= (PAIR if usual else FLAT)]
+    flat = [each for each in counted if each[2] >= FLAT]
     if not flat:
         return []
     between = np.diff(np.unique(x))
     step = max(float(between[between > top * SAME].min(initial=np.inf)), top * SAME)
-    chance = USUAL if usual else 1.0
+    chance = 1.0
     for start, stop, samples in flat:
         sides = x[max(start - SIDE, 0) : start], x[stop : stop + SIDE]
         fall = min((top - float(side.min()) for side in sides if len(side)), default=0.0)
-        if fall > ROUNDED * step:
+        if fall > COARSE * CHANCE * step:
             chance *= (CHANCE * step / fall) ** (samples - 1)
     return tops if chance < ALARM else []
 

@@ -219,13 +219,3 @@ def test_the_papers_method_is_told_and_left_alone() -> None:
     recording = simulate("pick-and-place-stops", "os5000").recording
     with pytest.warns(PbdWarning, match="end of the range"):
         track(recording, "paper")
-
-
-def test_a_usual_range_is_known_by_two_samples() -> None:
-    recording = simulate("pour", "modern").recording
-    for value, found in ((4.0 * GRAVITY, 1), (4.1 * GRAVITY, 0)):
-        acc = recording.acc.copy()
-        acc[[290, 291], 0] = value
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            assert len(find_clips(replace(recording, acc=acc))) == found

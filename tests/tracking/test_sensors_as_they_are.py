@@ -20,11 +20,11 @@ from pbd.simulation.calibration_tasks import sides
 from pbd.simulation.hand import Waypoint
 from pbd.simulation.simulate import SENSOR_MODELS, TASKS, World, random_task, simulate
 from pbd.simulation.tasks import Task
-from pbd.tracking.agreement import refuse_disagreement
+from pbd.tracking.agreement import find_steady, refuse_disagreement
 from pbd.tracking.channels import frozen
-from pbd.tracking.conditioning import condition, without_spikes
+from pbd.tracking.conditioning import condition
 from pbd.tracking.keyframes import find_keyframes
-from pbd.tracking.steady import find_steady
+from pbd.tracking.splices import without_wild
 from tests.benchmarks.trials import read_broad
 from tests.scenarios import keyframes_and_errors, pour, uncalibrated, with_rows
 from tests.tracking.faults import with_channel
@@ -86,7 +86,7 @@ def test_a_wild_sample_is_found_wherever_it_is(sensor: str, task: str, spike: tu
     channel, value = spike
     row, axis = seed % len(recording), seed % 3
     with pytest.warns(PbdWarning, match="1 impossible sample"):
-        mended = without_spikes(with_spike(recording, channel, row, axis, value))
+        mended = without_wild(with_spike(recording, channel, row, axis, value))
     was, now = getattr(recording, channel), getattr(mended, channel)
     assert np.delete(now, row, axis=0) == pytest.approx(np.delete(was, row, axis=0))
     assert np.abs(now[row] - was[row]).max() < 0.1 * value
@@ -96,11 +96,11 @@ def test_real_impacts_and_fast_hands_have_no_wild_samples(data_folder: Path) -> 
     recordings = real_recordings(data_folder)
     assert len(recordings) >= 10
     for recording in recordings.values():
-        assert without_spikes(recording) is recording
+        assert without_wild(recording) is recording
     for sensor in WITH_GYRO:
         for seed in range(5):
             fast = simulate(random_task(seed, move_s=(0.15, 0.3)), sensor, seed).recording
-            assert without_spikes(fast) is fast
+            assert without_wild(fast) is fast
 
 
 def test_a_tap_is_no_wild_sample() -> None:
@@ -110,7 +110,7 @@ def test_a_tap_is_no_wild_sample() -> None:
     acc[100:106, 2] += (45.0, -25.0, 14.0, -8.0, 5.0, -3.0)
     acc[200:203, 2] += (40.0, 90.0, 35.0)
     tapped = replace(recording, acc=acc)
-    assert without_spikes(tapped) is tapped
+    assert without_wild(tapped) is tapped
 
 
 @pytest.mark.parametrize("sensor", ["os5000", "wt901", "modern"])
