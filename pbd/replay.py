@@ -55,7 +55,7 @@ def replay_scene(
 
 def _rod(robot: Robot) -> Rod | None:
     """The rod that is checked for collisions, where the model has no gripper."""
-    from pbd.arm.hand import tool_on_joint, tool_rod
+    from pbd.arm.gripper import tool_on_joint, tool_rod
     from pbd.planning import arm_of
 
     arm = arm_of(robot)

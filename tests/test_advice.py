@@ -10,10 +10,10 @@ import pytest
 
 from pbd import load_robot
 from pbd.data import Obstacle
+from pbd.doors.meshes import read_mesh
 from pbd.errors import PlanError, RobotError
 from pbd.planning import PlanOptions, arm_of, plan_keyframes
 from pbd.pose import Pose
-from pbd.view.mesh_files import read_soup
 from tests.test_cli import Capture, run
 from tests.test_planning import PANDA, TURN, dock, keyframe, low, planned, tracked
 
@@ -87,4 +87,4 @@ def test_where_a_mesh_is_missing_no_key_is_named_that_a_robot_does_not_take(tmp_
     with pytest.raises(
         RobotError, match=r"hand.stl: can't be read .*; put it there, or correct its address in the URDF$"
     ):
-        read_soup(tmp_path / "hand.stl")
+        read_mesh(tmp_path / "hand.stl")

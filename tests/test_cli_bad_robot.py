@@ -76,8 +76,8 @@ def test_a_home_in_collision_with_the_arm_itself(capsys: Capture, elsewhere: Pat
         (elsewhere / "robots" / "mine.toml").write_text(described)
         advice.append(refused(capsys, 3, "replay", "pouring", "--robot", "mine").split("; ")[1])
     assert advice == [
-        "if these links touch by design, see that its srdf disables this pair",
-        "if these links touch by design, add srdf = to its [model], an SRDF that disables this pair",
+        "if these links touch by design, see that its srdf calls this pair Adjacent or Never",
+        "if these links touch by design, add srdf = to its [model], an SRDF that calls this pair Adjacent or Never",
     ]
     line = refused(capsys, 3, "replay", "pouring", "--robot", "mine")
     said = r"pbd: home of panda: panda_\w+ would touch panda_\w+, [\d.]+ c?m+ deep; if these links touch by design, "

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import pbd
-from pbd.arm.hand import THE_TOOL, arm_bodies
+from pbd.arm.gripper import THE_TOOL, arm_bodies
 from pbd.arm.model import from_se3
 from pbd.data import Obstacle
 from pbd.planning import PlanOptions, arm_of, plan_keyframes

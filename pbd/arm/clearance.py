@@ -1,38 +1,34 @@
-"""Whether bodies keep clear of each other along a whole path, with few distances asked for.
+"""Whether bodies keep clear of each other along a whole path, with few distances measured.
 
-A path is followed pair by pair. Where two bodies are a distance d apart, no joint motion that moves them by less than d
-against each other can make them touch (motion_bounds.py bounds that), so the next look is due only after a motion of
-d + MARGIN_M, where they must be at least MARGIN_M apart again. In between they can't touch: an instant that lies a
-motion of a after the one look and b before the next has a + b <= d + MARGIN_M, so that a < d or b <= MARGIN_M. As every
-look finds at least MARGIN_M, a step of STEP_M = 2 MARGIN_M is always allowed; most are far longer.
+This is adaptive dynamic collision checking (Schwarzer, Saha and Latombe, 2005), pair by pair. Two bodies that are a
+distance d apart can't touch before they have moved by d against each other, which motion_bounds.py bounds. So they are
+measured again after a motion of d + MARGIN_M, where they must be at least MARGIN_M apart: an instant after a motion of
+a from the one look and b before the next has a + b <= d + MARGIN_M, so a < d or b <= MARGIN_M. As every look finds at
+least MARGIN_M, a step of STEP_M = 2 MARGIN_M is always allowed; most are far longer.
 
-Distances, not coal's verdicts: `collide` overlooks some deep contacts of hulls (4 in 10^5 pairs of so101). What can't
-be measured (a distance that is not a number) counts as a contact.
+Bodies are hulls. Where the hulls of two links are near, their meshes are asked whether they are MARGIN_M apart. Hulls
+are measured because coal's `collide` overlooks some deep contacts of theirs (4 in 10^5 pairs of so101). A distance that
+is not a number counts as a contact.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import coal
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from pbd.arm.hulls import Body
+from pbd.arm.geometry import Body, shape_of, surface_of
 from pbd.arm.model import ArmModel, to_se3
 from pbd.arm.motion_bounds import rates
 from pbd.pose import Array
 
 MARGIN_M = 2.5e-3
 STEP_M = 2.0 * MARGIN_M
-
-_CHANCE = 2.0
-"""By how many roots of the count a pair may lag behind the share in which it is to touch, before it is given up. Chance
-alone makes it lag so far once in 3,000 times (Hoeffding)."""
 
 Pairs = NDArray[np.int64]
 Allowed = Callable[[int, Array], bool]
@@ -80,7 +76,7 @@ class Clearance:
     """Distances between pairs of bodies. Not to be shared between threads: pinocchio keeps its workings in it.
 
     Attributes:
-        bodies, pairs: what is watched; pairs (p, 2) index the bodies.
+        bodies, pairs: what is checked; pairs (p, 2) index the bodies.
         rates: (p, k + 1), see motion_bounds.py.
     """
 
@@ -95,6 +91,8 @@ class Clearance:
             self._geometry.addGeometryObject(pin.GeometryObject(str(i), body.joint, placement, shape_of(body)))
         for first, second in self.pairs:
             self._geometry.addCollisionPair(pin.CollisionPair(int(first), int(second)))
+        # Of links alone: something small could be inside a surface without touching it, but no link is.
+        self._meshed = np.array([all(self.bodies[i].mesh for i in pair) for pair in self.pairs], dtype=bool)
         self._placed, self._data = self._geometry.createData(), arm.full.createData()
 
     def distances(self, x: Array) -> Array:
@@ -117,22 +115,17 @@ class Clearance:
         point: Array = 0.5 * (result.getNearestPoint1() + result.getNearestPoint2())
         return point
 
-    def always_touching(self, x: Array, share: float = 1.0) -> list[tuple[int, float]]:
-        """Return the pairs that are nearer than MARGIN_M in at least a share of the random coordinates (n, k + 1).
-
-        Each comes with its share. A pair that has touched less often than chance explains is given up early.
-        """
-        hits = dict.fromkeys(range(len(self.pairs)), 0)
-        for count, q in enumerate(configurations(self.arm, x), start=1):
-            self._place(q)
-            for pair in hits:
-                hits[pair] += self._distance(pair) < MARGIN_M
-            least = share * count - (_CHANCE * np.sqrt(count) if share < 1.0 else 0.0)
-            hits = {pair: often for pair, often in hits.items() if often >= least}
-            if not hits:
-                break
-        shares = ((pair, often / len(x)) for pair, often in hits.items())
-        return [(pair, often) for pair, often in shares if often >= share]
+    def always_touching(self, x: Array, share: float) -> dict[int, int]:
+        """Return the pairs that are nearer than MARGIN_M in at least a share of coordinates (n, k + 1): in how many."""
+        always = dict.fromkeys(range(len(self.pairs)), len(x))
+        for measure in (self._hull_distance, self._distance):  # most pairs need no mesh
+            always = dict.fromkeys(always, len(x))
+            for q in configurations(self.arm, x):
+                self._place(q)
+                for pair in always:
+                    always[pair] -= not measure(pair) < MARGIN_M
+                always = {pair: count for pair, count in always.items() if count >= share * len(x)}
+        return always
 
     def first_contact(self, path: JointPath, allowed: Allowed | None = None) -> Contact | None:
         """Follow a path; return the first contact: the one that begins first, of several the deepest.
@@ -219,13 +212,28 @@ class Clearance:
     def _measured(self) -> Array:
         measured = [result.min_distance for result in self._placed.distanceResults]
         distances: Array = np.array(measured, dtype=np.float64) - self._pads
+        for pair in np.flatnonzero(self._meshed & ~(distances >= MARGIN_M)):
+            distances[pair] = self._of_meshes(int(pair), distances[pair])
         return distances
 
     def _place(self, q: Array) -> None:
         pin.updateGeometryPlacements(self.arm.full, self._data, self._geometry, self._placed, q)
 
     def _distance(self, pair: int) -> float:
+        distance = self._hull_distance(pair)
+        return self._of_meshes(pair, distance) if self._meshed[pair] and not distance >= MARGIN_M else distance
+
+    def _hull_distance(self, pair: int) -> float:
         return float(pin.computeDistance(self._geometry, self._placed, pair).min_distance - self._pads[pair])
+
+    def _of_meshes(self, pair: int, distance: float) -> float:
+        """Ask the meshes of a pair whose hulls are near: MARGIN_M where they aren't, else the hulls' distance."""
+        first, second = (surface_of(self.bodies[i]) for i in self.pairs[pair])
+        placed = [self._placed.oMg[int(i)] for i in self.pairs[pair]]
+        one, other = (coal.Transform3s(T.rotation, T.translation) for T in placed)
+        request = coal.CollisionRequest()
+        request.security_margin = MARGIN_M
+        return distance if coal.collide(first, one, second, other, request, coal.CollisionResult()) else MARGIN_M
 
 
 def configurations(arm: ArmModel, x: Array) -> Array:
@@ -249,23 +257,3 @@ def configurations(arm: ArmModel, x: Array) -> Array:
         else:  # continuous: cosine and sine
             q[:, joint.idx_q], q[:, joint.idx_q + 1] = np.cos(value), np.sin(value)
     return q
-
-
-@lru_cache(maxsize=1024)
-def shape_of(body: Body) -> Any:
-    """Return a body as coal takes it, without its pad."""
-    if body.shape == "hull":
-        points = coal.StdVec_Vec3s()
-        points.extend(list(body.points))
-        return coal.Convex.convexHull(points, True, "Qt")
-    if body.shape == "box":
-        return coal.Box(*body.size)
-    if body.shape == "cylinder":
-        return coal.Cylinder(0.5 * body.size[0], body.size[1])
-    if body.shape == "capsule":
-        return coal.Capsule(0.5 * body.size[0], body.size[1])
-    if body.shape == "sphere":
-        return coal.Sphere(0.5 * body.size[0])
-    if body.shape == "floor":
-        return coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
-    raise ValueError(f"{body.shape!r} is none of hull, box, cylinder, capsule, sphere, floor")

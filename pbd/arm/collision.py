@@ -1,26 +1,28 @@
 """Whether a motion touches anything on its way: checked along all of it, and told in one line.
 
-What is promised of a motion that passes: at no instant do two bodies that are watched touch (clearance.py says why),
-and wherever it was looked they were at least MARGIN_M apart.
+In a motion that passes no two bodies that are checked touch at any instant (clearance.py says why); wherever they were
+measured they were at least MARGIN_M apart.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from pbd.arm.clearance import Contact, JointPath
 from pbd.arm.path_sampling import along
-from pbd.arm.scene import TABLE, CollisionScene, Hit, Watch
+from pbd.arm.scene import TABLE, CollisionScene, Hit, PairSet
 from pbd.data import JointTrajectory
 from pbd.data.world import Stay, holds
 from pbd.errors import PlanError
 from pbd.pose import Pose
 
 _STILL_RAD = 1e-6
+
 _APART_S = 0.1
-"""Two bodies that part for less than that, or parts of theirs that touch one after the other, touch once."""
+"""Contacts of one pair that are closer in time than this, s, are merged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,36 +49,42 @@ def check_motion(scene: CollisionScene, trajectory: JointTrajectory) -> MotionHi
 
     The object is carried as the gripper's track says, the fingers are where it puts them.
     """
-    first = _first(scene, trajectory, scene.always, 0.0, np.inf)
-    for stay in object_stays(scene, trajectory):
-        start, end = max(0.0, stay.start), min(stay.end, trajectory.duration, first.t if first else np.inf)
-        if start > end:
-            continue
-        found = _first(scene, trajectory, scene.around_object(stay), start, end)
-        if found is not None and (first is None or found.t < first.t):
-            first = found
+    first: MotionHit | None = None
+    for pairs, start, end in _phases(scene, trajectory):
+        if first is None or start <= first.t:
+            path = along(trajectory, pairs.clearance.rates, start, min(end, first.t) if first else end)
+            met = pairs.clearance.first_contact(path, pairs.allowed)
+            found = None if met is None else _motion_hit(scene, trajectory, pairs, path, met)
+            first = found if first is None or (found is not None and found.t < first.t) else first
     return first
 
 
 def all_hits(scene: CollisionScene, trajectory: JointTrajectory) -> tuple[MotionHit, ...]:
     """Return all hits of a motion by when they begin, for people to see; two bodies that hardly part hit once."""
-    found = _every(scene, trajectory, scene.always, 0.0, np.inf)
-    for stay in object_stays(scene, trajectory):
-        start, end = max(0.0, stay.start), min(stay.end, trajectory.duration)
-        if start <= end:
-            found += _every(scene, trajectory, scene.around_object(stay), start, end)
+    found: list[MotionHit] = []
+    for pairs, start, end in _phases(scene, trajectory):
+        path = along(trajectory, pairs.clearance.rates, start, end)
+        contacts = pairs.clearance.contacts(path, pairs.allowed)
+        found += [_motion_hit(scene, trajectory, pairs, path, met) for met in contacts]
     hits: list[MotionHit] = []
     for hit in sorted(found, key=lambda each: each.t):
-        same = (i for i, other in enumerate(hits) if _one_hit(other, hit))
-        i = next(same, None)
+        i = next((i for i, other in enumerate(hits) if _one_hit(other, hit)), None)
         if i is None:
             hits.append(hit)
         else:
             deeper = min(hits[i], hit, key=lambda each: each.hit.distance)
-            hits[i] = replace(
-                hits[i], hit=deeper.hit, deepest_t=deeper.deepest_t, parted_t=max(hits[i].parted_t, hit.parted_t)
-            )
+            parted_t = max(hits[i].parted_t, hit.parted_t)
+            hits[i] = replace(hits[i], hit=deeper.hit, deepest_t=deeper.deepest_t, parted_t=parted_t)
     return tuple(hits)
+
+
+def _phases(scene: CollisionScene, trajectory: JointTrajectory) -> Iterator[tuple[PairSet, float, float]]:
+    """What is checked from when to when, s."""
+    yield scene.always, 0.0, trajectory.duration
+    for stay in object_stays(scene, trajectory):
+        start, end = max(0.0, stay.start), min(stay.end, trajectory.duration)
+        if start <= end:
+            yield scene.around_object(stay), start, end
 
 
 def _one_hit(earlier: MotionHit, later: MotionHit) -> bool:
@@ -123,7 +131,7 @@ def _by_design(scene: CollisionScene, hit: Hit) -> str:
     if not {hit.first, hit.second} <= scene.links:
         return ""
     how = "add srdf = to its [model], an SRDF that" if scene.arm.robot.srdf is None else "see that its srdf"
-    return f"if these links touch by design, {how} disables this pair; else "
+    return f"if these links touch by design, {how} calls this pair Adjacent or Never; else "
 
 
 def collision_error(scene: CollisionScene, trajectory: JointTrajectory, found: MotionHit) -> PlanError:
@@ -136,25 +144,10 @@ def collision_error(scene: CollisionScene, trajectory: JointTrajectory, found: M
     )
 
 
-def _first(
-    scene: CollisionScene, trajectory: JointTrajectory, watch: Watch, start: float, end: float
-) -> MotionHit | None:
-    path = along(trajectory, watch.clearance.rates, start, end)
-    met = watch.clearance.first_contact(path, watch.allowed)
-    return None if met is None else _motion_hit(scene, trajectory, watch, path, met)
-
-
-def _every(
-    scene: CollisionScene, trajectory: JointTrajectory, watch: Watch, start: float, end: float
-) -> list[MotionHit]:
-    path = along(trajectory, watch.clearance.rates, start, end)
-    return [_motion_hit(scene, trajectory, watch, path, met) for met in watch.clearance.contacts(path, watch.allowed)]
-
-
 def _motion_hit(
-    scene: CollisionScene, trajectory: JointTrajectory, watch: Watch, path: JointPath, met: Contact
+    scene: CollisionScene, trajectory: JointTrajectory, pairs: PairSet, path: JointPath, met: Contact
 ) -> MotionHit:
-    hit = scene.as_hit(watch, met.pair, path.x[met.deepest], met.distance)
+    hit = scene.as_hit(pairs, met.pair, path.x[met.deepest], met.distance)
     t, deepest_t, parted_t = (float(path.t[node]) for node in (met.first, met.deepest, met.last))
     keyframe, at_keyframe = _keyframe(trajectory, t, parted_t)
     return MotionHit(hit, t, deepest_t, parted_t, keyframe, at_keyframe)

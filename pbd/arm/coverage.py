@@ -5,18 +5,17 @@ Shapes are as large as the links that they stand for; a mesh in millimetres that
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 import pinocchio as pin
 
-from pbd.arm.hulls import Body, drawn_bodies, link_bodies
+from pbd.arm.geometry import Body, bodies_of, link_bodies
 from pbd.arm.model import ArmModel
 from pbd.arm.motion_bounds import outline
-from pbd.doors.urdf import read_urdf_xml
+from pbd.doors.shapes import Shape, read_shapes
 
 SMALL = 0.5
 """A shape is doubted below this share of what is drawn of its link, or of the distance between its joints. Of the
@@ -46,13 +45,13 @@ def doubts(arm: ArmModel) -> tuple[Doubt, ...]:
         own = [body for body in bodies if body.joint == joint]
         if (why := _between_joints(arm, joint, own)) is not None:
             found[own[0].name if own else _link(arm, joint)] = why
-    for link in read_urdf_xml(arm.robot.urdf).iterfind("link"):
-        name, drawn = link.get("name", ""), link.findall("visual")
-        if drawn and link.findall("collision") and _solids(link, "visual") != _solids(link, "collision"):
-            size = _size(body for body in bodies if body.name == name)
-            seen = _size(body for visual in drawn for body in drawn_bodies(visual, arm.robot))
+    shapes = read_shapes(arm.robot)
+    for link in arm.links:
+        drawn, hit = ([s for s in shapes if (s.link, s.element) == (link, each)] for each in ("visual", "collision"))
+        if drawn and hit and [_solid(shape) for shape in drawn] != [_solid(shape) for shape in hit]:
+            size, seen = _size(body for body in bodies if body.name == link), _size(bodies_of(arm, drawn))
             if size < SMALL * seen:
-                found[name] = f"has a collision shape of {_length(size)}, but is drawn {_length(seen)} large"
+                found[link] = f"has a collision shape of {_length(size)}, but is drawn {_length(seen)} large"
     return tuple(Doubt(link, found[link]) for link in arm.links if link in found)
 
 
@@ -70,8 +69,8 @@ def _between_joints(arm: ArmModel, joint: int, own: list[Body]) -> str | None:
     return f"has a collision shape of {_length(size)}, but its joints are {_length(length)} apart"
 
 
-def _solids(link: ET.Element, kind: str) -> list[tuple[str, dict[str, str]]]:
-    return [(solid.tag, solid.attrib) for solid in link.findall(f"{kind}/geometry/*")]
+def _solid(shape: Shape) -> tuple[object, ...]:
+    return shape.kind, shape.size, shape.mesh, shape.scale
 
 
 def _link(arm: ArmModel, joint: int) -> str:
@@ -83,10 +82,10 @@ def _link(arm: ArmModel, joint: int) -> str:
 
 
 def _size(bodies: Iterable[Body]) -> float:
-    """The diagonal of the box that holds bodies on one joint or link, m."""
+    """The diagonal of the box that holds bodies on one joint, m."""
     ends = []
     for body in bodies:
-        points, radius = outline(body)
+        points, radius = outline(replace(body, pad=0.0))
         ends += [body.T_joint_body.act(points) - radius, body.T_joint_body.act(points) + radius]
     return float(np.linalg.norm(np.ptp(np.concatenate(ends), axis=0)))
 

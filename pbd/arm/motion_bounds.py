@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from pbd.arm.hulls import Body
+from pbd.arm.geometry import Body
 from pbd.arm.model import ArmModel
 from pbd.pose import Array
 

@@ -107,15 +107,15 @@ def _row(robot: Robot, reach: float) -> dict[str, Any]:
 
 def _collision(arm: ArmModel) -> dict[str, Any]:
     """What is checked for collisions, and what isn't."""
+    from pbd.arm.allowed_collisions import link_pairs
     from pbd.arm.coverage import doubts
-    from pbd.arm.hulls import link_bodies
-    from pbd.arm.pairs import link_pairs
+    from pbd.arm.geometry import link_bodies
 
     solid = dict.fromkeys(body.name for body in link_bodies(arm))
-    _, dropped = link_pairs(arm)
+    _, unchecked = link_pairs(arm)
     return {
         "links": list(solid),
         "links_without_shape": [link for link in arm.links if link not in solid],
         "doubtful_shapes": [vars(doubt) for doubt in doubts(arm)],
-        "left_out": [vars(each) for each in dropped],
+        "left_out": [vars(each) for each in unchecked],
     }

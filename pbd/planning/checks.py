@@ -93,7 +93,7 @@ def warn_of_table(scene: CollisionScene) -> None:
     """Tell which links are on the table, or in it, whatever the arm does."""
     from pbd.arm.scene import TABLE
 
-    sunk = [pair.first for pair in scene.dropped if pair.second == TABLE]
+    sunk = [pair.first for pair in scene.unchecked if pair.second == TABLE]
     if sunk:
         warnings.warn(
             f"always touches the table, so not checked against it: {', '.join(sunk)}; if that is wrong, correct "

@@ -138,9 +138,9 @@ def _works(task: _Task, options: PlanOptions) -> bool:
 
 
 def _attempt(task: _Task, options: PlanOptions) -> Plan | _Refused:
-    from pbd.arm.audit import audit
     from pbd.arm.partial_pose import hold
     from pbd.arm.timing import time_moves
+    from pbd.audit.audit import audit
 
     keyframes, calibration, robot, hand_path, grasped = task
     if options.path == "demo" and hand_path is None:

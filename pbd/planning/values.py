@@ -14,11 +14,11 @@ from pbd.planning.options import demonstrated
 from pbd.pose import Array, Pose
 
 if TYPE_CHECKING:
-    from pbd.arm.audit import AuditReport
     from pbd.arm.collision import MotionHit
     from pbd.arm.motion_request import Segment
     from pbd.arm.scene import CollisionScene
     from pbd.arm.timing import Timed
+    from pbd.audit.audit import AuditReport
 
 STRETCHED = 1.02
 """A move that takes so many times as long as the hand did, and STRETCHED_S longer, is told."""

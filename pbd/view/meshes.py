@@ -6,7 +6,6 @@ be sent. A panda takes 1.3 MB this way.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from pbd.doors.meshes import Soup
 from pbd.pose import Array
 
 CREASE_RAD = np.radians(35.0)
@@ -21,20 +21,6 @@ CREASE_RAD = np.radians(35.0)
 
 MOSTLY_CLOSED = 0.95
 """The share of matched edges from which a mesh counts as closed: CAD exports have gaps (panda's link6: 0.97)."""
-
-
-@dataclass(frozen=True, eq=False)
-class Soup:
-    """Loose triangles: corners (m, 3, 3) in metres; rgb (m, 3) in 0..1 as displayed, NaN where unknown."""
-
-    corners: Array
-    rgb: Array
-
-    @staticmethod
-    def join(parts: Iterable[tuple[Array, Array]]) -> Soup:
-        """One soup of several parts."""
-        corners, rgb = zip((np.empty((0, 3, 3)), np.empty((0, 3))), *parts, strict=True)
-        return Soup(np.concatenate(corners), np.concatenate(rgb))
 
 
 @dataclass(frozen=True, eq=False)

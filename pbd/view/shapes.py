@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pbd.doors.meshes import Soup
 from pbd.pose import Array
-from pbd.view.meshes import Mesh, Soup, compact
+from pbd.view.meshes import Mesh, compact
 
 SIDES = 32
 AXES_RGB = ((0.88, 0.27, 0.24), (0.22, 0.66, 0.36), (0.22, 0.46, 0.92))
@@ -77,11 +78,9 @@ def triad(length: float, radius: float) -> Mesh:
     head = 2.7 * radius
     profile = ((0.0, 0.0), (radius, 0.0), (radius, length - 2.4 * head), (head, length - 2.4 * head), (0.0, length))
     corners, faces = _lathed(np.array(profile))
-    soups = []
-    for axis, rgb in enumerate(AXES_RGB):
-        turned = np.roll(corners, axis + 1, axis=1)  # a cyclic swap of axes is a rotation: z to x, y, z
-        soups.append((turned[faces], np.tile(rgb, (len(faces), 1))))
-    return compact(Soup.join(soups), AXES_RGB[0])
+    # A cyclic swap of axes is a rotation: z to x, y, z.
+    arrows = np.concatenate([np.roll(corners, axis + 1, axis=1)[faces] for axis in range(3)])
+    return compact(Soup(arrows, np.repeat(AXES_RGB, len(faces), axis=0)), AXES_RGB[0])
 
 
 def tube(points: Array, rgb: Array, radius: float, sides: int = 8) -> Mesh:

@@ -1,27 +1,24 @@
 """What a robot looks like: the <visual> elements of its URDF, each as a compact mesh on its link.
 
-Format: https://wiki.ros.org/urdf/XML/visual. A mesh's own colours win over the URDF's material, as in RViz.
+A mesh's own colours win over the URDF's material, as in RViz.
 """
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from pbd.data import Robot
-from pbd.doors.meshes import mesh_file
-from pbd.doors.numbers import finite_list
-from pbd.doors.urdf import read_urdf_xml
+from pbd.doors.meshes import Soup, from_mesh
+from pbd.doors.shapes import Triple, read_shapes
 from pbd.errors import RobotError
 from pbd.pose import Pose
 from pbd.view import shapes
-from pbd.view.mesh_files import load_mesh
-from pbd.view.meshes import Mesh
+from pbd.view.meshes import Mesh, compact
 
-Rgb = tuple[float, float, float]
-GREY: Rgb = (0.75, 0.76, 0.78)
+GREY: Triple = (0.75, 0.76, 0.78)
 """For what no file gives a colour."""
 
 
@@ -38,61 +35,32 @@ def read_visuals(robot: Robot) -> tuple[Visual, ...]:
     """Read all visual elements of the robot's URDF, in the file's order.
 
     Raises:
-        RobotError: the URDF or a mesh can't be read; the message names the link.
+        RobotError: the URDF or a mesh can't be read.
     """
-    root = read_urdf_xml(robot.urdf)
-    colours = {
-        name: rgb for material in root.iterfind("material") if (rgb := _rgb(material)) and (name := _name(material))
-    }
     visuals = []
-    for link in root.iterfind("link"):
-        for element in link.iterfind("visual"):
-            material = element.find("material")
-            named = None if material is None else _rgb(material) or colours.get(_name(material))
-            try:
-                visuals.append(Visual(_name(link), _origin(element), _mesh(element, robot, named or GREY)))
-            except (KeyError, IndexError, ValueError) as error:
-                raise RobotError(
-                    f"{robot.urdf}: a visual of link {_name(link)!r} is malformed ({error}); correct it",
-                    path=robot.urdf,
-                ) from error
+    for shape in read_shapes(robot):
+        rgb = shape.rgb or GREY
+        if shape.element == "visual":
+            is_mesh = shape.kind == "mesh"
+            mesh = load_mesh(shape.mesh, shape.scale, rgb) if is_mesh else shapes.solid_of(shape.kind, shape.size, rgb)
+            visuals.append(Visual(shape.link, shape.T_link_shape, mesh))
     return tuple(visuals)
 
 
-def _mesh(visual: ET.Element, robot: Robot, rgb: Rgb) -> Mesh:
-    geometry = visual.findall("geometry/*")[0]
-    if geometry.tag == "mesh":
-        scale = _triple(geometry.get("scale", "1 1 1"))
-        return load_mesh(mesh_file(geometry.attrib["filename"], robot.urdf, robot.package_dirs), scale, rgb)
-    if geometry.tag == "box":
-        return shapes.box(_triple(geometry.attrib["size"]), rgb)
-    if geometry.tag == "cylinder":
-        return shapes.cylinder(float(geometry.attrib["radius"]), float(geometry.attrib["length"]), rgb)
-    if geometry.tag == "sphere":
-        return shapes.sphere(float(geometry.attrib["radius"]), rgb)
-    raise ValueError(f"geometry {geometry.tag!r} is none of mesh, box, cylinder, sphere")
+def load_mesh(path: Path, scale: Triple, default_rgb: Triple) -> Mesh:
+    """Read a mesh file and make it compact.
 
+    Raises:
+        RobotError: the file can't be read as a mesh, or no triangle of it has an area.
+    """
 
-def _name(element: ET.Element) -> str:
-    return element.get("name", "")
+    def made(soup: Soup) -> dict[str, object]:
+        corners = soup.corners * np.array(scale)
+        outside_out = corners[:, ::-1] if np.prod(scale) < 0.0 else corners
+        try:
+            return vars(compact(Soup(outside_out, soup.rgb), default_rgb))
+        except ValueError as reason:
+            raise RobotError(f"mesh {path} can't be drawn ({reason}); export it anew", path=path) from None
 
-
-def _triple(text: str) -> Rgb:
-    x, y, z = finite_list(text, 3)
-    return x, y, z
-
-
-def _rgb(material: ET.Element) -> Rgb | None:
-    """None where there is no colour, or it is no three numbers."""
-    colour = material.find("color")
-    try:
-        return None if colour is None else _triple(" ".join(colour.get("rgba", "").split()[:3]))
-    except ValueError:
-        return None
-
-
-def _origin(visual: ET.Element) -> Pose:
-    origin = visual.find("origin")
-    if origin is None:
-        return Pose.identity()
-    return Pose.from_rpy(np.array(_triple(origin.get("xyz", "0 0 0"))), _triple(origin.get("rpy", "0 0 0")))
+    kept = from_mesh(path, "meshes", made, scale, default_rgb)
+    return Mesh(kept["grid"], kept["centre"], float(kept["step"]), kept["faces"], kept["rgb"], bool(kept["closed"]))

@@ -10,10 +10,10 @@ import numpy as np
 import pinocchio as pin
 from scipy.optimize import nnls
 
+from pbd.arm.allowed_collisions import samples
 from pbd.arm.clearance import Clearance, configurations
-from pbd.arm.hulls import Body
+from pbd.arm.geometry import Body
 from pbd.arm.model import ArmModel, load_model
-from pbd.arm.pairs import samples
 from pbd.files.robot import read_robot
 from pbd.pose import Array, Pose, quat_from_xyzw
 

@@ -9,7 +9,7 @@ import pytest
 
 from pbd.arm.clearance import MARGIN_M, STEP_M, Clearance
 from pbd.arm.collision import check_motion, collision_error, object_stays, refuse_home
-from pbd.arm.hulls import link_bodies
+from pbd.arm.geometry import link_bodies
 from pbd.arm.joint_path import solve_path
 from pbd.arm.model import ArmModel
 from pbd.arm.path_sampling import along

@@ -13,18 +13,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from pbd.arm import pairs as pairs_module
+from pbd.arm import allowed_collisions
+from pbd.arm.allowed_collisions import link_pairs
 from pbd.arm.clearance import MARGIN_M, STEP_M, Clearance, JointPath, configurations
-from pbd.arm.hand import arm_bodies, gripper_links
-from pbd.arm.hulls import Body, link_bodies
+from pbd.arm.geometry import Body, link_bodies
+from pbd.arm.gripper import arm_bodies, gripper_links
 from pbd.arm.model import ArmModel, load_model
 from pbd.arm.motion_bounds import rates
-from pbd.arm.pairs import link_pairs
-from pbd.arm.path_sampling import along, straight
+from pbd.arm.path_sampling import along
 from pbd.data import Gripper, JointTrajectory, Robot
 from pbd.pose import Array, Pose, quat_about_z
 from tests.arm.collision_oracles import ROBOTS, arm_of, coordinates, hull_distance, placements, points_of, rounding_of
-from tests.arm.test_audit import spline
+from tests.audit.test_audit import spline
 
 
 def links_only(arm: ArmModel) -> Clearance:
@@ -49,7 +49,8 @@ def test_distances_are_exact(name: str) -> None:
             first, second = clearance.bodies[a], clearance.bodies[b]
             exact = hull_distance(points_of(first, joints), points_of(second, joints))
             exact -= rounding_of(first) + rounding_of(second)
-            assert got[pair] == pytest.approx(exact, abs=1e-5) or (got[pair] < 0.0 and exact < 1e-5)
+            asked = got[pair] == MARGIN_M and first.mesh is not None and second.mesh is not None
+            assert got[pair] == pytest.approx(exact, abs=1e-5) or (got[pair] < 0.0 and exact < 1e-5) or asked
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -59,8 +60,9 @@ def test_distances_change_no_faster_than_the_bound(name: str) -> None:
     for x in coordinates(arm, 25):
         step = rng.normal(size=x.shape) * rng.choice([0.003, 0.1, 1.0]) * (rng.random(x.shape) < 0.5)
         step[-1] = np.clip(x[-1] + step[-1], 0.0, 1.0) - x[-1]
-        change = clearance.distances(x + step) - clearance.distances(x)
-        assert (np.abs(change) <= clearance.rates @ np.abs(step) + 1e-5).all()
+        before, after = clearance.distances(x), clearance.distances(x + step)
+        of_hulls = np.minimum(before, after) > MARGIN_M  # of meshes only a bound is known
+        assert (np.abs(after - before) <= clearance.rates @ np.abs(step) + 1e-5)[of_hulls].all()
 
 
 def test_a_sliding_and_an_endless_joint_are_bounded_too(odd_arm: ArmModel) -> None:
@@ -145,7 +147,7 @@ class Counted(Clearance):
 
 def swing(arm: ArmModel, angle: float) -> JointPath:
     home: Array = arm.robot.home
-    return straight(home, home + angle * np.eye(7)[0], 1.0, np.ones((1, 8)))
+    return polyline(np.stack((home, home + angle * np.eye(7)[0])), 1.0, np.ones((1, 8)))
 
 
 def beside(arm: ArmModel, gap: float, size: float = 0.1) -> Clearance:
@@ -154,7 +156,7 @@ def beside(arm: ArmModel, gap: float, size: float = 0.1) -> Clearance:
     x = np.append(arm.robot.home + 0.6 * np.eye(7)[0], 1.0)
     top = points_of(hand, placements(arm, x))
     corner = top[np.argmax(top[:, 2])]
-    middle = corner + np.array([0.0, 0.0, gap + size / 2])
+    middle = corner + np.array([0.0, 0.0, gap + hand.pad + size / 2])
     sphere = Body("ball", 0, Pose.from_rpy(middle, (0, 0, 0)), "sphere", (size,))
     return Counted(arm, [hand, sphere], np.array([[0, 1]]))
 
@@ -294,28 +296,18 @@ def test_what_touches_only_mostly_is_kept(tmp_path: Path, panda: Robot) -> None:
     foot = replace(body, size=(2.0 * float(np.mean((min(reach), max(reach)))) - 0.1,))
     hand = next(body for body in link_bodies(arm) if body.name == "hand")
     clearance = Clearance(arm, [foot, hand], np.array([[0, 1]]))
-    assert clearance.always_touching(pairs_module.samples(arm, 500)) == []
-    assert clearance.always_touching(pairs_module.samples(arm, 500), pairs_module.NEARLY_ALWAYS) == []
-    assert (np.array([clearance.distances(x)[0] for x in pairs_module.samples(arm, 100)]) < 0.0).any()
+    assert clearance.always_touching(allowed_collisions.samples(arm, 500), allowed_collisions.NEARLY_ALWAYS) == {}
+    assert (np.array([clearance.distances(x)[0] for x in allowed_collisions.samples(arm, 100)]) < 0.0).any()
 
 
 def test_what_touches_in_nearly_every_configuration_is_dropped_and_told(tmp_path: Path, panda: Robot) -> None:
     """The hand is clear of a foot of 13.8 cm only where it is tilted least, in three of a hundred configurations."""
     why = dropped(nested(tmp_path, panda, foot=0.1378))[frozenset(("foot", "hand"))]
-    found = re.fullmatch(r"touch in (\d+) of 1000 random configurations", why)
+    found = re.fullmatch(r"touch in (\d+) of 200 random configurations", why)
     assert found is not None
-    assert 950 <= int(found[1]) < 1000
+    assert 190 <= int(found[1]) < 200
     assert dropped(nested(tmp_path, panda, foot=0.1378))[frozenset(("foot", "hand"))] == why
     assert frozenset(("foot", "hand")) not in dropped(nested(tmp_path, panda, foot=0.1334))  # in nine of ten
-
-
-def test_what_is_dropped_is_kept_on_disk(tmp_path: Path, panda: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    first = dropped(nested(tmp_path, panda))
-    monkeypatch.setattr(Clearance, "always_touching", None)  # nothing is sampled any more
-    assert dropped(nested(tmp_path, panda)) == first
-    with pytest.raises(TypeError):
-        dropped(nested(tmp_path, panda, radius=0.04))  # another robot
 
 
 def test_a_trajectory_of_one_instant(arm: ArmModel) -> None:

@@ -10,8 +10,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from pbd.arm.clearance import MARGIN_M
-from pbd.arm.hand import arm_bodies
-from pbd.arm.hulls import link_bodies
+from pbd.arm.geometry import link_bodies
+from pbd.arm.gripper import arm_bodies
 from pbd.arm.ik import solve
 from pbd.arm.model import ArmModel, load_model
 from pbd.arm.scene import REST_M, TABLE, CollisionScene, Leg
@@ -66,7 +66,7 @@ def test_a_hit_is_what_the_distances_say(name: str) -> None:
         (
             "panda",
             {3: -3.0, 5: 0.0},
-            {"panda_link1", "panda_link2", "panda_hand", "panda_leftfinger", "panda_rightfinger"},
+            {"panda_link1", "panda_link2", "panda_link5", "panda_hand", "panda_leftfinger", "panda_rightfinger"},
         ),
         ("ur5", {2: 2.9}, {"upper_arm_link", "wrist_1_link", "wrist_2_link", "wrist_3_link", "shoulder_link"}),
     ],
@@ -87,6 +87,17 @@ def test_known_contacts(name: str, joints: dict[int, float], links: set[str]) ->
         CollisionScene(arm).check_move(arm.robot.home, arm.robot.home + move.share * 0.95 * (q - arm.robot.home))
         is None
     )
+
+
+@pytest.mark.parametrize(
+    ("name", "first", "second"),
+    [("ur5", "forearm_link", "wrist_2_link"), ("panda", "panda_link5", "panda_hand")],
+)
+def test_what_the_srdf_does_not_call_adjacent_or_never_is_checked(name: str, first: str, second: str) -> None:
+    """Their SRDFs disable these pairs ("disabled", "Default"); folded, they meet."""
+    scene = CollisionScene(arm_of(name))
+    found = {(hit.first, hit.second) for x in coordinates(arm_of(name), 300) if (hit := scene.hit(x[:-1]))}
+    assert (first, second) in found
 
 
 @pytest.mark.parametrize("height", [-0.1, 0.0, 0.2])
@@ -117,9 +128,9 @@ def test_the_base_may_stand_on_the_table_but_nothing_that_moves(arm: ArmModel) -
 
 def test_what_is_always_on_the_table_is_dropped_and_told(arm: ArmModel) -> None:
     """Link 1 turns about the vertical at 0.33 m; a table at 0.35 m always cuts it, and that is said."""
-    dropped = {(pair.first, pair.second): pair.why for pair in CollisionScene(arm, 0.35).dropped}
-    assert dropped["panda_link1", TABLE] == "on it in every configuration"
-    assert TABLE not in {pair.second for pair in CollisionScene(arm, 0.0).dropped}
+    dropped = {(pair.first, pair.second): pair.why for pair in CollisionScene(arm, 0.35).unchecked}
+    assert dropped["panda_link1", TABLE] == "on it in nearly every configuration"
+    assert TABLE not in {pair.second for pair in CollisionScene(arm, 0.0).unchecked}
 
 
 @pytest.mark.parametrize("turned", [False, True])

@@ -1,84 +1,19 @@
-"""What has no shape, or one far too small, is told; what is in the file is checked."""
+"""What has no shape, or one far too small, is told."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from xml.dom.minidom import Element, parse
+from xml.dom.minidom import parse
 
-import coal
-import numpy as np
-import pinocchio as pin
 import pytest
-from numpy.testing import assert_allclose
 
 from pbd.arm.coverage import doubts
-from pbd.arm.hand import THE_TOOL
-from pbd.arm.hulls import link_bodies
+from pbd.arm.gripper import THE_TOOL
 from pbd.arm.model import load_model
-from pbd.arm.motion_bounds import outline
 from pbd.arm.scene import TABLE, CollisionScene
 from pbd.cli import main
-from pbd.data import Robot
-from pbd.pose import Array, Pose
 from tests.arm.bundled import NAMES, arm_of
-from tests.arm.test_collision_hulls import simple
-
-SIZES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
-
-
-def links_of(urdf: Path) -> list[Element]:
-    root = parse(str(urdf)).documentElement
-    assert root is not None
-    return [each for each in root.childNodes if isinstance(each, Element) and each.tagName == "link"]
-
-
-def shapes(link: Element) -> list[Element]:
-    """The elements that count: what can be hit, or else what can be seen."""
-    return link.getElementsByTagName("collision") or link.getElementsByTagName("visual")
-
-
-def numbers(text: str) -> list[float]:
-    return [float(word) for word in text.split()]
-
-
-def corners(shape: Element, robot: Robot) -> Array:
-    """Of a mesh, on its link."""
-    mesh = shape.getElementsByTagName("mesh")[0]
-    address = mesh.getAttribute("filename").removeprefix("package://")
-    path = next(folder / address for folder in robot.package_dirs if (folder / address).is_file())
-    vertices = np.array(coal.MeshLoader().load(str(path), np.ones(3)).vertices())
-    origin = (shape.getElementsByTagName("origin") or [Element("origin")])[0]
-    xyz, rpy = (numbers(origin.getAttribute(key) or "0 0 0") for key in ("xyz", "rpy"))
-    return Pose.from_rpy(xyz, rpy).act(vertices * numbers(mesh.getAttribute("scale") or "1 1 1"))
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_every_shape_of_the_file_is_checked(name: str) -> None:
-    arm = arm_of(name)
-    links = links_of(arm.robot.urdf)
-    bodies = link_bodies(arm)
-    assert {body.name for body in bodies} == {link.getAttribute("name") for link in links if shapes(link)}
-    for link in links:
-        own = [body for body in bodies if body.name == link.getAttribute("name")]
-        geometries = [shape.getElementsByTagName("geometry")[0].childNodes for shape in shapes(link)]
-        found = [(e.nodeName, e) for nodes in geometries for e in nodes if isinstance(e, Element)]
-        simple_ones = [body for body in own if body.shape != "hull"]
-        assert [body.shape for body in simple_ones] == [kind for kind, _ in found if kind != "mesh"]
-        for body, solid in zip(simple_ones, (solid for kind, solid in found if kind != "mesh"), strict=True):
-            sizes = [x for key in SIZES[body.shape] for x in numbers(solid.getAttribute(key))]
-            sizes[0] *= 1.0 if body.shape == "box" else 2.0  # ours are diameters
-            assert_allclose(body.size, sizes)
-        meshes = [shape for shape in shapes(link) if shape.getElementsByTagName("mesh")]
-        if meshes:
-            # Where the link is on its joint.
-            frame = arm.full.frames[arm.full.getFrameId(link.getAttribute("name"), pin.FrameType.BODY)].placement
-            p = np.concatenate([corners(shape, arm.robot) for shape in meshes]) @ frame.rotation.T + frame.translation
-            reach = [(b.T_joint_body.act(outline(b)[0]), outline(b)[1]) for b in own]
-            lower = np.min([(q - pad).min(axis=0) for q, pad in reach], axis=0)
-            upper = np.max([(q + pad).max(axis=0) for q, pad in reach], axis=0)
-            assert (lower <= p.min(axis=0) + 1e-6).all()
-            assert (upper >= p.max(axis=0) - 1e-6).all()
-            assert np.linalg.norm(upper - lower) < np.linalg.norm(np.ptp(p, axis=0)) + 0.02
+from tests.arm.test_geometry import simple
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -16,14 +16,14 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import pbd
-from pbd.arm.audit import audit
-from pbd.arm.audit_arm import AuditArm
-from pbd.arm.audit_pairs import AuditScene
 from pbd.arm.collision import check_motion
 from pbd.arm.joint_path import solve_path
 from pbd.arm.model import load_model
 from pbd.arm.scene import CollisionScene
 from pbd.arm.timing import time_keyframes
+from pbd.audit.arm import AuditArm
+from pbd.audit.audit import audit
+from pbd.audit.pairs import AuditScene
 from pbd.planning import PlanOptions, plan_keyframes
 from pbd.replay import replay_scene
 from pbd.tracking.keyframes import find_keyframes

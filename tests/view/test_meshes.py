@@ -10,12 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from pbd.doors.meshes import Soup
 from pbd.errors import RobotError
 from pbd.pose import Array
-from pbd.view import mesh_files, shapes
-from pbd.view.mesh_files import load_mesh, read_soup
-from pbd.view.meshes import Mesh, Soup, compact
-from tests.unprivileged import full_disk
+from pbd.view import shapes
+from pbd.view.meshes import Mesh, compact
+from pbd.view.visuals import load_mesh
 from tests.view.scenes import share
 
 GREY = (0.5, 0.5, 0.5)
@@ -78,75 +78,16 @@ def test_a_hole_makes_both_sides_visible() -> None:
     assert not compact(Soup(corners[:, ::-1], unknown), GREY).closed  # inside out
 
 
-def test_a_binary_stl_reads_as_assimp_reads_it() -> None:
-    ours, theirs = read_soup(STL), mesh_files._read_by_assimp(STL)
-    assert len(ours.corners) == len(theirs.corners)
+def test_a_mirrored_mesh_keeps_its_outside() -> None:
+    plain, mirrored = (load_mesh(STL, (2.0, y, 1.0), GREY) for y in (1.0, -1.0))
+    assert plain.closed
+    assert mirrored.closed
     np.testing.assert_allclose(
-        np.sort(ours.corners.mean(axis=1), axis=0), np.sort(theirs.corners.mean(axis=1), axis=0), atol=1e-6
+        mirrored.bounds() * (1.0, -1.0, 1.0), plain.bounds()[[2, 3, 0, 1, 6, 7, 4, 5]], atol=1e-9
     )
 
 
-def test_a_text_stl_is_read(tmp_path: Path) -> None:
-    path = tmp_path / "one.stl"
-    path.write_text(
-        "solid one\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
-        "endsolid one\n"
-    )
-    np.testing.assert_allclose(read_soup(path).corners, [[[0, 0, 0], [1, 0, 0], [0, 1, 0]]])
-
-
-@pytest.mark.parametrize("name", ["missing.stl", "broken.obj"])
-def test_an_unreadable_file_is_named(tmp_path: Path, name: str) -> None:
-    (tmp_path / "broken.obj").write_text("nothing")
-    with pytest.raises(RobotError, match=name):
-        load_mesh(tmp_path / name, (1.0, 1.0, 1.0), GREY)
-
-
-class TestCache:
-    @pytest.fixture(autouse=True)
-    def own_cache(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.folder = tmp_path / "cache"
-        monkeypatch.setenv("XDG_CACHE_HOME", str(self.folder))
-        self.reads = 0
-        read = mesh_files.read_soup
-
-        def counted(path: Path) -> Soup:
-            self.reads += 1
-            return read(path)
-
-        monkeypatch.setattr(mesh_files, "read_soup", counted)
-
-    def load(self, scale: float = 1.0) -> Mesh:
-        return load_mesh(STL, (scale, scale, scale), GREY)
-
-    def test_the_second_time_is_the_same_without_reading(self) -> None:
-        first, second = self.load(), self.load()
-        assert self.reads == 1
-        for name, value in vars(first).items():
-            np.testing.assert_array_equal(getattr(second, name), value)
-
-    def test_another_scale_is_another_mesh(self) -> None:
-        one, two = self.load(), self.load(2.0)
-        assert self.reads == 2
-        np.testing.assert_allclose(two.bounds(), 2.0 * one.bounds(), rtol=1e-6)
-
-    def test_a_mirrored_mesh_keeps_its_outside(self) -> None:
-        assert load_mesh(STL, (1.0, -1.0, 1.0), GREY).closed
-
-    def test_a_broken_cache_is_made_anew(self) -> None:
-        wanted = self.load()
-        (file,) = self.folder.rglob("*.npz")
-        file.write_bytes(file.read_bytes()[:100])
-        np.testing.assert_array_equal(self.load().grid, wanted.grid)
-        assert self.reads == 2
-
-    def test_a_full_disk_leaves_nothing(self) -> None:
-        with full_disk(0):
-            self.load()
-        assert not [path for path in self.folder.rglob("*") if path.is_file()]
-
-    def test_without_a_place_for_it_all_works(self) -> None:
-        self.folder.write_text("a file where the folder should be")
-        self.load()
-        self.load()
-        assert self.reads == 2
+def test_what_has_no_area_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n")
+    with pytest.raises(RobotError, match=r"a.obj can't be drawn \(no triangle has an area\)"):
+        load_mesh(tmp_path / "a.obj", (1.0, 1.0, 1.0), GREY)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline, PPoly
 
-from pbd.arm.audit import audit
 from pbd.arm.model import ArmModel
 from pbd.arm.timing import time_keyframes
+from pbd.audit.audit import audit
 from pbd.data import Calibration, JointTrajectory, Obstacle
 from pbd.errors import PlanError
 from pbd.pose import Array, Pose

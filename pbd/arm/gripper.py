@@ -1,7 +1,7 @@
 """What the arm's last joint carries, and what stands for the gripper where the model has none.
 
 Most models end at the flange, and the tool's point lies in front of it where a gripper's fingertips would be. A rod
-from the flange to there, a capsule, is watched as fingers would be: it may touch what is grasped, and nothing else.
+from the flange to there, a capsule, is checked as fingers would be: it may touch what is grasped, and nothing else.
 """
 
 from __future__ import annotations
@@ -9,22 +9,25 @@ from __future__ import annotations
 from collections.abc import Iterable
 from functools import lru_cache
 
-import coal
 import numpy as np
 import pinocchio as pin
 
-from pbd.arm.clearance import shape_of
-from pbd.arm.hulls import Body, link_bodies
-from pbd.arm.model import ArmModel, from_se3, to_se3
-from pbd.pose import Array, Pose, quat_from_xyzw
+from pbd.arm.geometry import Body, apart, link_bodies
+from pbd.arm.model import ArmModel, from_se3
+from pbd.pose import Pose, quat_from_xyzw
 
 THE_TOOL = "the tool"
 
 ROD_RADIUS_M = 0.01
+
 ROD_SHORT_M = 0.005
-"""It ends so far short of the tool's point: that may come down to the table."""
+"""How far before the tool's point the rod ends, m: that point may come down to the table."""
+
 LEAST_GAP_M = 0.02
-"""Where the gripper's links end farther behind the tool's point than that, the model has nothing there."""
+"""Where the gripper's links end farther behind the tool's point than this, m, the model has nothing there."""
+
+_AHEAD, _TURNED = Body("ahead", 0, Pose.identity(), "floor"), Pose(np.zeros(3), np.array([0.0, 1.0, 0.0, 0.0]))
+_POINT = Body("point", 0, Pose.identity(), "sphere", (0.0,))
 
 
 def tool_on_joint(arm: ArmModel) -> tuple[int, Pose]:
@@ -60,9 +63,9 @@ def tool_rod(arm: ArmModel) -> Body | None:
         if link.name not in gripper:
             continue
         T_tool_body = T_tool_universe @ from_se3(data.oMi[link.joint]) @ link.T_joint_body
-        if _apart(link, T_tool_body, coal.Halfspace(np.array([0.0, 0.0, -1.0]), 0.0))[0] < LEAST_GAP_M:
-            return None  # it reaches as far ahead as the tool's point
-        distance, p_tool = _apart(link, T_tool_body, coal.Sphere(0.0))
+        if apart(link, T_tool_body, _AHEAD, _TURNED)[0] < LEAST_GAP_M:
+            return None
+        distance, p_tool, _ = apart(link, T_tool_body, _POINT, Pose.identity())
         if distance < nearest:
             nearest, start = distance, p_tool
     length = float(np.linalg.norm(start))
@@ -73,11 +76,3 @@ def tool_rod(arm: ArmModel) -> Body | None:
     T_tool_rod = Pose(0.5 * (start + end), quat_from_xyzw(turn.coeffs()))
     size = (2.0 * ROD_RADIUS_M, float(np.linalg.norm(end - start)))
     return Body(THE_TOOL, joint, T_joint_tool @ T_tool_rod, "capsule", size)
-
-
-def _apart(body: Body, T_tool_body: Pose, other: object) -> tuple[float, Array]:
-    """How far a body is from a shape in the tool's frame, m, and its nearest point there (3,)."""
-    result, placed = coal.DistanceResult(), to_se3(T_tool_body)
-    T = coal.Transform3s(placed.rotation, placed.translation)
-    distance = coal.distance(shape_of(body), T, other, coal.Transform3s.Identity(), coal.DistanceRequest(), result)
-    return distance - body.pad, np.array(result.getNearestPoint1())

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import threading
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
-from pbd.arm import hulls
+from pbd.arm.allowed_collisions import link_pairs
 from pbd.arm.clearance import Clearance
-from pbd.arm.hand import arm_bodies
-from pbd.arm.hulls import Body, link_bodies
-from pbd.arm.model import ArmModel, load_model
-from pbd.arm.pairs import link_pairs
+from pbd.arm.geometry import Body, link_bodies
+from pbd.arm.gripper import arm_bodies
+from pbd.arm.model import load_model
 from pbd.data import Robot
 from pbd.errors import RobotError
 from pbd.pose import Array, Pose
@@ -62,7 +60,7 @@ def gap(point: Array, body: Body) -> float:
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_no_contact_of_the_meshes_is_missed_and_few_are_made_up(name: str) -> None:
-    """The price of convex parts: 5 in 100 free configurations are called contacts (of single hulls it was up to 30)."""
+    """Of the configurations that are free 2 in 100 at most are called contacts (by hulls alone it was up to 48)."""
     arm = arm_of(name)
     clearance = Clearance(arm, arm_bodies(arm), link_pairs(arm)[0])
     raw = raw_meshes(name)
@@ -73,7 +71,7 @@ def test_no_contact_of_the_meshes_is_missed_and_few_are_made_up(name: str) -> No
     assert all(a <= b for a, b in zip(true, called, strict=True))
     seen = set(raw.links)
     made_up = [any(pair <= seen for pair in b) for a, b in zip(true, called, strict=True) if not a]
-    assert np.mean(made_up) <= 0.05
+    assert np.mean(made_up) <= 0.02
 
 
 def simple(tmp_path: Path, shapes: str) -> Robot:
@@ -150,7 +148,7 @@ def test_a_mesh_is_found_and_scaled(tmp_path: Path, cache: Path, address: str) -
             '<mesh filename="package://meshes/t.obj"/>',
             r"t.obj: can't be read \(No such file.*\); put it there, or ",
         ),
-        ("nonsense", '<mesh filename="meshes/t.obj"/>', "t.obj can't be read .*; convert it to STL"),
+        ("nonsense", '<mesh filename="meshes/t.obj"/>', "t.obj has no face; convert it to STL"),
         (
             OBJ,
             '<mesh filename="meshes/t.obj" scale="1 two 3"/>',
@@ -178,52 +176,11 @@ def test_a_fault_is_told(tmp_path: Path, cache: Path, content: str | None, colli
     assert "path" in caught.value.fields
 
 
-def points(arm: ArmModel) -> list[Array]:
-    link_bodies.cache_clear()
-    return [body.points for body in link_bodies(arm)]
+FLAT = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3\nf 1 3 4\n"
 
 
-def test_parts_are_kept_and_come_back_the_same(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    arm = arm_of("panda")
-    first = points(arm)
-    assert len(list(cache.iterdir())) == 9
-    monkeypatch.setattr(hulls, "load_by_assimp", None)  # no mesh is read any more
-    for before, after in zip(first, points(arm), strict=True):
-        assert_array_equal(before, after)
-
-
-@pytest.mark.parametrize("damage", ["cut", "flipped", "emptied", "a folder"])
-def test_a_damaged_cache_is_made_anew(cache: Path, damage: str) -> None:
-    arm = arm_of("panda")
-    first = points(arm)
-    for kept in cache.iterdir():
-        content = bytearray(kept.read_bytes())
-        content[len(content) // 2] ^= 1
-        kept.unlink()
-        if damage == "a folder":
-            kept.mkdir()
-        else:
-            kept.write_bytes(bytes({"cut": content[:-10], "flipped": content, "emptied": bytearray()}[damage]))
-    for before, after in zip(first, points(arm), strict=True):
-        assert_array_equal(before, after)
-
-
-def test_a_cache_that_can_not_be_written_is_done_without(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "file").write_text("in the way", encoding="utf-8")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    assert len(points(arm_of("panda"))) == 17
-
-
-def test_several_may_write_at_once(cache: Path) -> None:
-    arms = [load_model(arm_of("panda").robot) for _ in range(4)]
-    results: list[list[Array]] = []
-    threads = [threading.Thread(target=lambda arm=arm: results.append(points(arm))) for arm in arms]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert len(results) == 4
-    for result in results:
-        for before, after in zip(results[0], result, strict=True):
-            assert_array_equal(before, after)
-    assert not list(cache.glob("*.tmp"))
+def test_what_is_flat_is_held_by_a_thin_box(tmp_path: Path, cache: Path) -> None:
+    (tmp_path / "t.obj").write_text(FLAT, encoding="utf-8")
+    mesh = '<collision><geometry><mesh filename="t.obj"/></geometry></collision>'
+    (body,) = link_bodies(load_model(simple(tmp_path, mesh)))
+    assert_allclose(np.ptp(body.points, axis=0), (1.002, 1.002, 0.002))

@@ -8,15 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pbd.arm.audit_arm import AuditArm
-from pbd.arm.audit_collision import find_touch
-from pbd.arm.audit_grasp import THE_TOOL
-from pbd.arm.audit_nodes import nodes_at
-from pbd.arm.audit_pairs import AuditScene
-from pbd.arm.audit_solids import link_solids
-from pbd.arm.hulls import Body
+from pbd.arm.geometry import Body
 from pbd.arm.scene import CollisionScene
 from pbd.arm.timing import time_keyframes
+from pbd.audit.arm import AuditArm
+from pbd.audit.grasp import THE_TOOL
+from pbd.audit.pairs import AuditScene
+from pbd.audit.solids import link_solids
+from pbd.audit.touch import coordinates, find_touch
 from pbd.data import Calibration, JointTrajectory, Obstacle, Robot
 from pbd.errors import PlanError
 from pbd.files.demo import load_demo
@@ -28,6 +27,7 @@ from tests.arm.dense import Dense
 
 PANDA = arm_of("panda").robot
 BOTTLE = load_demo("pouring").grasped
+SIDES = [np.where(mask, 1.0, -1.0) for mask in np.ndindex(2, 2, 2)]
 LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 
 
@@ -50,9 +50,9 @@ def ball_on_the_way() -> Obstacle:
     plan = plan_keyframes(keyframes_of("pouring"), dock(), PANDA, None, path_of("pouring"), BOTTLE)
     arm, trajectory = AuditArm(PANDA), plan.trajectory
     t = float(0.4 * trajectory.keyframe_t[-1] + 0.6 * trajectory.duration)
-    nodes = nodes_at(arm, trajectory, np.array([t]))
     joint, T_joint_finger = arm.link("panda_leftfinger")
-    tip = (nodes.placed.at(joint, 0) @ T_joint_finger).act(np.array([0.0, 0.01, 0.045]))
+    placed = arm.place(coordinates(trajectory, np.array([t]))[0])
+    tip = (placed[joint] * T_joint_finger).act(np.array([0.0, 0.01, 0.045]))
     return Obstacle("the ball", "sphere", (0.03,), Pose(tip, LEVEL))
 
 
@@ -68,7 +68,7 @@ def slow_bodies(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def small_hulls(monkeypatch: pytest.MonkeyPatch) -> None:
-    from pbd.arm.hand import arm_bodies
+    from pbd.arm.gripper import arm_bodies
 
     def shrunk(body: Body) -> Body:
         return replace(body, points=0.02 * body.points, size=tuple(0.02 * each for each in body.size))
@@ -122,7 +122,7 @@ def test_a_fault_of_the_planner_is_caught(
     with pytest.raises(PlanError, match=f"^audit: .*{told}"):
         plan_keyframes(keyframes_of("pouring"), world, PANDA, None, path_of("pouring"), BOTTLE)
     # Nothing else sees it.
-    monkeypatch.setattr("pbd.arm.audit.audit", lambda *_: None)
+    monkeypatch.setattr("pbd.audit.audit.audit", lambda *_: None)
     plan_keyframes(keyframes_of("pouring"), replace(world), PANDA, None, path_of("pouring"), BOTTLE)
 
 
@@ -135,10 +135,10 @@ def test_the_verdict_is_that_of_a_dense_check_of_the_meshes(name: str) -> None:
     own = AuditArm(arm.robot)
     for _ in range(8):
         trajectory = around_home(arm.robot, rng)
-        q = nodes_at(own, trajectory, rng.uniform(0.0, trajectory.duration, 1)).x[0, :-1]
+        x = coordinates(trajectory, rng.uniform(0.0, trajectory.duration, 1))[0]
         shape, sizes = (("sphere", 1), ("box", 3), ("cylinder", 2))[rng.integers(3)]
         size = tuple(float(each) for each in rng.uniform(0.02, 0.15, sizes))
-        there = Pose.from_rpy(own.tool(q).p + rng.normal(0.0, 0.1, 3), rng.uniform(-3.0, 3.0, 3))
+        there = Pose.from_rpy(own.tool(x).translation + rng.normal(0.0, 0.1, 3), rng.uniform(-3.0, 3.0, 3))
         thing = Obstacle("thing", shape, size, there)
         # The rod is no mesh of the URDF.
         pairs = [
@@ -164,19 +164,19 @@ def around_home(robot: Robot, rng: np.random.Generator) -> JointTrajectory:
 
 @pytest.mark.parametrize(("gap_m", "free"), [(3e-4, True), (-3e-4, False)])
 def test_a_hairs_breadth_decides(gap_m: float, free: bool) -> None:
-    """A box under panda's fingers while they pass sideways: nodes are put closer together until it is sure."""
+    """A box under panda's fingers, which are boxes, while they pass sideways."""
     arm = AuditArm(PANDA)
     q = np.tile(PANDA.home, (2, 1))
     q[:, 0] = -0.3, 0.3
     trajectory = time_keyframes(arm_of("panda"), q, [0.0] * 2, [None] * 2, PANDA.home)
-    nodes = nodes_at(arm, trajectory, np.linspace(0.0, trajectory.duration, 200))
-    fingers = [link for link in link_solids(arm) if "finger" in link.name]
     lowest = min(
-        float((nodes.placed.at(link.joint, row) @ link.T_joint_solid).act(link.corners)[:, 2].min())
-        for link in fingers
-        for row in range(200)
+        float((placed[link.joint] * link.T_joint_solid).act(side * link.hull.halfSide)[2])
+        for placed in map(arm.place, coordinates(trajectory, np.linspace(0.0, trajectory.duration, 200)))
+        for link in link_solids(arm)
+        if "finger" in link.name
+        for side in SIDES
     )
-    x, y, _ = arm.tool(PANDA.home).p
+    x, y, _ = arm.tool(np.append(PANDA.home, 1.0)).translation
     middle = np.array([x, y, lowest - gap_m - 0.05])
     box = Obstacle("the box", "box", (0.2, 0.04, 0.1), Pose(middle, LEVEL))
     assert (touched(PANDA, trajectory, calibration(box)) is None) == free

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pbd.arm.clearance import MARGIN_M
-from pbd.arm.hand import ROD_RADIUS_M, ROD_SHORT_M, THE_TOOL, arm_bodies, gripper_links, tool_rod
+from pbd.arm.gripper import ROD_RADIUS_M, ROD_SHORT_M, THE_TOOL, arm_bodies, gripper_links, tool_rod
 from pbd.arm.ik import solve
 from pbd.arm.model import ArmModel, from_se3
 from pbd.arm.motion_bounds import rates
@@ -101,5 +101,5 @@ def test_a_keyframe_under_the_table_is_refused() -> None:
     T = keyframes[2].T_nav_sensor
     low = Pose(np.array([*T.p[:2], -0.15 - robot.dock.T_base_dock.p[2]]), T.wxyz)
     keyframes[2] = replace(keyframes[2], T_nav_sensor=low)
-    with pytest.raises(PlanError, match=r"^no collision-free arm pose at keyframe 2 among [0-9]+: .* would touch the table, "):
+    with pytest.raises(PlanError, match=r"^no collision-free arm pose at keyframe 2 among .* would touch the table, "):
         plan_keyframes(keyframes, robot.dock, robot, None, path_of("pouring"))

@@ -1,58 +1,17 @@
-"""DAE files: against assimp where it is right, and against hand-made files where it is not."""
+"""Mesh files: hand-made ones, and those that are none. The bundled ones are in tests/test_bundled_meshes.py."""
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
+import struct
 from pathlib import Path
 
-import coal
 import numpy as np
 import pytest
 
+from pbd.doors.meshes import FORMATS, from_mesh, read_mesh
 from pbd.errors import RobotError
 from pbd.pose import Array
-from pbd.view.collada import read_collada
-from pbd.view.meshes import compact
-from tests.view.scenes import share
-
-ROBOTS = share() / "example-robot-data" / "robots"
-
-
-def area(corners: Array) -> float:
-    return float(
-        np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
-    )
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        "panda_description/meshes/visual/finger.dae",  # two geometries, each in a node of its own
-        "panda_description/meshes/visual/hand.dae",
-        "ur_description/meshes/ur3/visual/wrist3.dae",  # polylists
-        "kinova_description/meshes/ring_small.dae",
-    ],
-)
-def test_the_same_surface_as_assimp(name: str) -> None:
-    # coal mixes up geometries with several materials, so these have one each
-    model = coal.MeshLoader().load(str(ROBOTS / name), np.ones(3))
-    faces = [model.tri_indices(i) for i in range(model.num_tris)]
-    wanted = model.vertices()[np.array([(face[0], face[1], face[2]) for face in faces])]
-    got = read_collada(ROBOTS / name).corners
-    assert area(got) == pytest.approx(area(wanted), rel=1e-5)
-    for end in (np.min, np.max):
-        np.testing.assert_allclose(end(got, axis=(0, 1)), end(wanted, axis=(0, 1)), atol=1e-6)
-
-
-@pytest.mark.parametrize("part", ["base", "shoulder", "upperarm", "forearm", "wrist1", "wrist2", "wrist3"])
-def test_ur5_is_whole(part: str) -> None:
-    path = ROBOTS / "ur_description" / "meshes" / "ur5" / "visual" / f"{part}.dae"
-    soup = read_collada(path)
-    counts = [int(element.attrib["count"]) for element in ET.parse(path).iter() if element.tag.endswith("}triangles")]
-    assert len(soup.corners) == sum(counts)
-    assert compact(soup, (0.5, 0.5, 0.5)).closed  # every edge has its two faces: nothing is missing
-    assert not np.isnan(soup.rgb).any()
-
+from tests.unprivileged import full_disk
 
 HAND_MADE = """<?xml version="1.0"?>
 <COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
@@ -70,7 +29,9 @@ HAND_MADE = """<?xml version="1.0"?>
   <material id="img"><instance_effect url="#fx-img"/></material>
 </library_materials>
 <library_geometries><geometry id="g"><mesh>
-  <source id="p"><float_array id="pa" count="15">0 0 0  1 0 0  1 1 0  0 1 0  0 0 1</float_array></source>
+  <source id="p"><float_array id="pa" count="15">0 0 0  1 0 0  1 1 0  0 1 0  0 0 1</float_array>
+  <technique_common><accessor source="#pa" count="5" stride="3"><param name="X" type="float"/>
+  <param name="Y" type="float"/><param name="Z" type="float"/></accessor></technique_common></source>
   <vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
   {primitives}
 </mesh></geometry></library_geometries>
@@ -90,7 +51,7 @@ QUAD = """<polylist material="a">
 def read(folder: Path, primitives: str, transforms: str = "") -> tuple[Array, Array]:
     path = folder / "hand_made.dae"
     path.write_text(HAND_MADE.format(primitives=primitives, transforms=transforms))
-    soup = read_collada(path)
+    soup = read_mesh(path)
     return 1000.0 * soup.corners, soup.rgb
 
 
@@ -113,7 +74,7 @@ def test_transforms_apply_as_written(tmp_path: Path) -> None:
     triangle = '<triangles><input semantic="VERTEX" source="#v" offset="0"/><p>0 1 3</p></triangles>'
     moves = "<translate>10 0 0</translate><rotate>0 0 1 90</rotate><scale>2 1 1</scale>"
     corners, _ = read(tmp_path, triangle, moves)
-    np.testing.assert_allclose(corners, [[[10, 0, 0], [10, 2, 0], [9, 0, 0]]], atol=1e-12)
+    np.testing.assert_allclose(corners, [[[10, 0, 0], [10, 2, 0], [9, 0, 0]]], atol=1e-6)
 
 
 def test_a_mirrored_part_keeps_its_outside(tmp_path: Path) -> None:
@@ -140,5 +101,83 @@ def test_a_broken_file_is_named(tmp_path: Path, text: str) -> None:
     path = tmp_path / "broken.dae"
     path.write_text(text)
     with pytest.raises(RobotError, match=r"broken\.dae") as caught:
-        read_collada(path)
+        read_mesh(path)
     assert caught.value.fields["path"] == path
+
+
+TRIANGLE = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]])
+TEXT_STL = "solid one\nfacet normal 0 0 1\nouter loop\n{}endloop\nendfacet\nendsolid one\n"
+CONTENTS = {
+    "binary.stl": bytes(80) + struct.pack("<I12fH", 1, 0, 0, 1, *TRIANGLE.ravel(), 0),
+    "text.STL": TEXT_STL.format("".join(f"vertex {x} {y} {z}\n" for x, y, z in TRIANGLE)).encode(),
+    "one.obj": b"mtllib gone.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n",
+}
+
+
+@pytest.mark.parametrize("name", CONTENTS)
+def test_formats_without_colours(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_bytes(CONTENTS[name])
+    soup = read_mesh(tmp_path / name)
+    np.testing.assert_allclose(soup.corners, [TRIANGLE])
+    assert np.isnan(soup.rgb).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("missing.stl", None, r"can't be read \(No such file.*\); put it there"),
+        ("a.obj", b"nothing", "convert it to STL"),
+        ("a.step", b"ISO-10303-21;", f"none of {', '.join(FORMATS)}"),
+        ("a.obj", b"v 0 0 0\nv 1 0 nan\nv 0 1 0\nf 1 2 3\n", "a vertex that is not a number or too far away"),
+        ("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\n", "convert it to STL"),
+    ],
+)
+def test_what_is_no_mesh_is_named(tmp_path: Path, name: str, content: bytes | None, message: str) -> None:
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    with pytest.raises(RobotError, match=message) as caught:
+        read_mesh(tmp_path / name)
+    assert caught.value.fields["path"] == tmp_path / name
+
+
+class TestCache:
+    @pytest.fixture(autouse=True)
+    def own_cache(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.folder, self.file, self.made = tmp_path / "cache", tmp_path / "one.stl", 0
+        self.file.write_bytes(CONTENTS["binary.stl"])
+        monkeypatch.setenv("XDG_CACHE_HOME", str(self.folder))
+
+    def area(self, scale: float = 1.0) -> float:
+        def make(soup: object) -> dict[str, object]:
+            self.made += 1
+            return {"area": scale}
+
+        return float(from_mesh(self.file, "areas", make, scale)["area"])
+
+    def test_the_second_time_nothing_is_read(self) -> None:
+        assert [self.area(), self.area(), self.area(2.0), self.area(2.0)] == [1.0, 1.0, 2.0, 2.0]
+        assert self.made == 2
+
+    @pytest.mark.parametrize("damage", ["cut", "flipped", "emptied", "a folder"])
+    def test_what_is_damaged_is_made_anew(self, damage: str) -> None:
+        self.area()
+        (kept,) = self.folder.rglob("*.npz")
+        content = bytearray(kept.read_bytes())
+        content[len(content) // 2] ^= 1
+        kept.unlink()
+        if damage == "a folder":
+            kept.mkdir()
+        else:
+            kept.write_bytes(bytes({"cut": content[:-10], "flipped": content, "emptied": bytearray()}[damage]))
+        assert self.area() == 1.0
+        assert self.made == 2
+
+    def test_a_full_disk_leaves_nothing(self) -> None:
+        with full_disk(0):
+            self.area()
+        assert not [path for path in self.folder.rglob("*") if path.is_file()]
+
+    def test_without_a_place_for_it_all_works(self) -> None:
+        self.folder.write_text("a file where the folder should be")
+        assert [self.area(), self.area()] == [1.0, 1.0]
+        assert self.made == 2

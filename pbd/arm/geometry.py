@@ -1,0 +1,147 @@
+"""A robot's links as convex bodies: what distances are measured between.
+
+A mesh becomes its convex hull, which fills its bends: a contact can be seen too early, but none is missed. Where the
+hulls of two links touch, their meshes are asked (clearance.py).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import coal
+import numpy as np
+import pinocchio as pin
+from scipy.spatial import ConvexHull, QhullError
+
+from pbd.arm.model import ArmModel, from_se3, to_se3
+from pbd.doors.meshes import from_mesh, mesh_triangles
+from pbd.doors.shapes import Shape, Triple, collision_shapes
+from pbd.pose import Array, Pose, readonly
+
+ROUNDED_M = 1e-3
+"""Corners of a mesh's hull are rounded to this, m, which leaves far fewer of them."""
+
+PAD_M = 0.5 * 3.0**0.5 * ROUNDED_M
+"""How far rounding moves a corner at most, m."""
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A convex body that moves with a joint.
+
+    Attributes:
+        name: of the link that it is a part of, or of a thing in the world.
+        joint: index in `arm.full`; 0 stands still.
+        T_joint_body: where it is on the joint.
+        shape: "hull", "box", "cylinder" or "capsule" (along z), "sphere", or "floor": all that is below z = 0.
+        size: m; box: x, y, z; cylinder: diameter, height; capsule: the same, without its round ends; sphere: diameter;
+            else empty.
+        points: (n, 3) m, the hull's corners; (0, 3) for another shape.
+        pad: m, by how much it is larger than that on all sides.
+        mesh: the file and scale of what the hull stands for, or None.
+    """
+
+    name: str
+    joint: int
+    T_joint_body: Pose
+    shape: str
+    size: tuple[float, ...] = ()
+    points: Array = field(default_factory=lambda: np.empty((0, 3)))
+    pad: float = 0.0
+    mesh: tuple[Path, Triple] | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "points", readonly(self.points))
+
+
+@lru_cache(maxsize=4)
+def link_bodies(arm: ArmModel) -> tuple[Body, ...]:
+    """Return the bodies of all links, in the URDF's order.
+
+    Raises:
+        RobotError: the URDF or a mesh can't be read.
+    """
+    return bodies_of(arm, collision_shapes(arm.robot))
+
+
+def bodies_of(arm: ArmModel, shapes: Iterable[Shape]) -> tuple[Body, ...]:
+    """Place links' shapes on the joints that carry them.
+
+    Raises:
+        RobotError: a mesh can't be read.
+    """
+    bodies = []
+    for shape in shapes:
+        frame = arm.full.frames[arm.full.getFrameId(shape.link, pin.FrameType.BODY)]
+        placed = shape.link, int(frame.parentJoint), from_se3(frame.placement) @ shape.T_link_shape
+        if shape.kind == "mesh":
+            mesh = shape.mesh, shape.scale
+            bodies.append(Body(*placed, "hull", points=_hull(*mesh), pad=PAD_M, mesh=mesh))
+        else:
+            bodies.append(Body(*placed, shape.kind, shape.size))
+    return tuple(bodies)
+
+
+def _hull(path: Path, scale: Triple) -> Array:
+    """Corners (k, 3) of a mesh's hull, m, once its points are rounded; what is flat becomes the box around it."""
+    return from_mesh(path, "hulls", lambda soup: _corners(soup.corners * scale), ROUNDED_M, scale)["points"]
+
+
+def _corners(triangles: Array) -> dict[str, Any]:
+    rounded = np.unique(np.rint(triangles.reshape(-1, 3) / ROUNDED_M), axis=0) * ROUNDED_M
+    try:
+        return {"points": rounded[ConvexHull(rounded).vertices]}
+    except (QhullError, ValueError):
+        low, high = rounded.min(axis=0) - ROUNDED_M, rounded.max(axis=0) + ROUNDED_M
+        return {"points": np.array([np.where(mask, high, low) for mask in np.ndindex(2, 2, 2)])}
+
+
+@lru_cache(maxsize=1024)
+def shape_of(body: Body) -> Any:
+    """Return a body as coal takes it, without its pad."""
+    if body.shape == "hull":
+        corners = coal.StdVec_Vec3s()
+        corners.extend(list(body.points))
+        return coal.Convex.convexHull(corners, True, "Qt")
+    if body.shape == "box":
+        return coal.Box(*body.size)
+    if body.shape == "cylinder":
+        return coal.Cylinder(0.5 * body.size[0], body.size[1])
+    if body.shape == "capsule":
+        return coal.Capsule(0.5 * body.size[0], body.size[1])
+    if body.shape == "sphere":
+        return coal.Sphere(0.5 * body.size[0])
+    if body.shape == "floor":
+        return coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
+    raise ValueError(f"{body.shape!r} is none of hull, box, cylinder, capsule, sphere, floor")
+
+
+@lru_cache(maxsize=256)
+def surface_of(body: Body) -> Any:
+    """Return the surface of a body's mesh as coal takes it; the body itself where it stands for none."""
+    if body.mesh is None:
+        return shape_of(body)
+    triangles = mesh_triangles(*body.mesh)
+    corners = triangles.reshape(-1, 3)
+    surface = coal.BVHModelOBBRSS()
+    surface.beginModel(len(triangles), len(corners))
+    surface.addVertices(corners)
+    surface.addTriangles(np.arange(len(corners), dtype=np.uint32).reshape(-1, 3))
+    surface.endModel()
+    return surface
+
+
+def apart(first: Body, T_first: Pose, second: Body, T_second: Pose) -> tuple[float, Array, Array]:
+    """Measure two bodies in places of their own.
+
+    Returns:
+        Distance in m, negative as deep as they overlap; the first's nearest point (3,); the normal (3,) to the second.
+    """
+    result, placed = coal.DistanceResult(), [to_se3(T) for T in (T_first, T_second)]
+    one, other = (coal.Transform3s(T.rotation, T.translation) for T in placed)
+    distance = coal.distance(shape_of(first), one, shape_of(second), other, coal.DistanceRequest(), result)
+    return distance - first.pad - second.pad, np.array(result.getNearestPoint1()), np.array(result.normal)

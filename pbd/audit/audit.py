@@ -1,0 +1,130 @@
+"""The audit: a trajectory's form, smoothness, limits, poses, and what it might touch."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NoReturn
+
+import numpy as np
+
+from pbd.audit.arm import AuditArm
+from pbd.audit.limits import JUMP_RAD, check_limits, check_samples, check_smoothness, fail
+from pbd.audit.pairs import AuditScene
+from pbd.audit.touch import Touch, coordinates, find_touch
+from pbd.data import Calibration, GraspedObject, JointLimits, JointTrajectory, Robot
+from pbd.errors import PlanError
+from pbd.pose import Pose
+
+POSE_TOLERANCE_M = 1e-5
+POSE_TOLERANCE_RAD = 1e-5
+
+
+@dataclass(frozen=True)
+class AuditReport:
+    """What a sound trajectory uses of what it may use.
+
+    Attributes:
+        velocity, acceleration, jerk: the largest fraction of the limit, over joints and time.
+        max_position_error_m, max_rotation_error_rad: from the tool to the wanted pose, over the keyframes.
+    """
+
+    velocity: float
+    acceleration: float
+    jerk: float
+    max_position_error_m: float
+    max_rotation_error_rad: float
+
+
+def audit(
+    trajectory: JointTrajectory,
+    limits: JointLimits,
+    robot: Robot,
+    T_base_tool_keyframes: Sequence[Pose],
+    world: tuple[Calibration, GraspedObject | None] | None = None,
+) -> AuditReport:
+    """Check all that a trajectory promises.
+
+    Args:
+        trajectory: what is to be shown or written.
+        limits: of its joints: the whole of them, whatever share the planner was given.
+        robot: whose URDF it is.
+        T_base_tool_keyframes: the tool's poses at `trajectory.keyframe_t`.
+        world: what stands around, and what is grasped; None: touching is allowed.
+
+    Raises:
+        PlanError: a promise is broken; its fields are joint, keyframe, t (s), value, bound and bodies, as they apply.
+    """
+    _check_form(trajectory, robot, len(T_base_tool_keyframes))
+    check_smoothness(trajectory, limits)
+    shares = check_limits(trajectory, limits)
+    check_samples(trajectory, limits)
+    errors = _check_poses(trajectory, _arm(robot), T_base_tool_keyframes)
+    if world is not None:
+        scene = _scene(robot, *world)
+        touch = find_touch(scene.arm, trajectory, scene.pairs(trajectory))
+        if touch is not None:
+            _refuse(trajectory, touch)
+    return AuditReport(*shares, *errors)
+
+
+@lru_cache(maxsize=4)
+def _arm(robot: Robot) -> AuditArm:
+    return AuditArm(robot)
+
+
+@lru_cache(maxsize=4)
+def _scene(robot: Robot, calibration: Calibration, grasped: GraspedObject | None) -> AuditScene:
+    return AuditScene(_arm(robot), calibration, grasped)
+
+
+def _check_form(trajectory: JointTrajectory, robot: Robot, keyframes: int) -> None:
+    knots, opening = trajectory.knots, trajectory.gripper_opening
+    if trajectory.joint_names != robot.joints:
+        fail(f"the trajectory moves {trajectory.joint_names}, the robot's joints are {robot.joints}")
+    if len(trajectory.keyframe_t) != keyframes:
+        fail(f"the trajectory has {len(trajectory.keyframe_t)} keyframes instead of {keyframes}")
+    arrays = (knots, trajectory.coefficients, trajectory.gripper_t, opening, trajectory.keyframe_t)
+    if not all(np.isfinite(array).all() for array in arrays):
+        fail("the trajectory contains a number that is not finite")
+    if len(knots) < 2 or knots[0] != 0.0 or (np.diff(knots) <= 0.0).any():
+        fail("the trajectory's segments do not join up from t = 0")
+    if (np.diff(trajectory.gripper_t) < 0.0).any() or (opening < 0.0).any() or (opening > 1.0).any():
+        fail("the gripper's times decrease, or its opening is outside 0 to 1")
+
+
+def _check_poses(trajectory: JointTrajectory, arm: AuditArm, wanted: Sequence[Pose]) -> tuple[float, float]:
+    """Return how far the tool is off at most, m and rad, at the keyframes' times, by the model of the whole URDF."""
+    worst_m = worst_rad = 0.0
+    x = coordinates(trajectory, trajectory.keyframe_t)
+    for keyframe, (t, pose) in enumerate(zip(trajectory.keyframe_t, wanted, strict=True)):
+        where = f"at keyframe {keyframe} ({t:.3f} s)"
+        if not np.abs(x[keyframe, :-1] - trajectory.keyframe_q[keyframe]).max() <= JUMP_RAD:
+            fail(f"{where} the joints differ from the planned ones", keyframe=keyframe)
+        position, rotation = pose.distance(Pose.from_matrix(arm.tool(x[keyframe]).homogeneous))
+        if position > POSE_TOLERANCE_M or rotation > POSE_TOLERANCE_RAD:
+            fail(
+                f"{where} the tool is {position:.3g} m and {rotation:.3g} rad off its pose",
+                keyframe=keyframe,
+                t=float(t),
+                value=position,
+                bound=POSE_TOLERANCE_M,
+            )
+        worst_m, worst_rad = max(worst_m, position), max(worst_rad, rotation)
+    return worst_m, worst_rad
+
+
+def _refuse(trajectory: JointTrajectory, touch: Touch) -> NoReturn:
+    """Tell what touches: the planner sees to it that nothing does, but for what its own list leaves out."""
+    first, second = touch.bodies
+    keyframe = int(np.searchsorted(trajectory.keyframe_t, touch.t))
+    last = len(trajectory.keyframe_t) - 1
+    where = f"on the way to keyframe {keyframe}" if keyframe <= last else f"after keyframe {last}"
+    raise PlanError(
+        f"audit: {where} (t = {touch.t:.2f} s) {first} would touch {second}; move the dock or what stands in the way,"
+        " turn the hand differently there, or look at it with --allow-collision",
+        keyframe=keyframe,
+        t=touch.t,
+        bodies=touch.bodies,
+    )

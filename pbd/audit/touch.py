@@ -1,0 +1,158 @@
+"""Whether two solids touch during a motion, by conservative advancement (Mirtich, 1996; Tang, Kim and Manocha, 2009).
+
+Where two solids are a distance apart, they can't touch before they have moved by as much against each other. So the
+next look is due then. How far they move is bounded by how far the joints turn, times how far the solids reach.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import coal
+import numpy as np
+from numpy.typing import NDArray
+
+from pbd.audit.arm import AuditArm
+from pbd.audit.solids import NEARER_M, Solid, clearance, one_in_the_other
+from pbd.data import JointTrajectory
+from pbd.pose import Array
+
+GRID_S = 4e-3
+"""For how long one value bounds the joints' speeds, s."""
+
+SHARED = 16
+"""Where it may, a look is taken at an instant of the grid that this divides: pairs share where the arm is then."""
+
+MOST_GRID = 200_000
+"""No more instants than these bound a motion's speeds, however slow it is."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """Two solids that must not touch from `start` to `end` (s), unless `allowed` says so of T_universe_joint."""
+
+    first: Solid
+    second: Solid
+    start: float = -np.inf
+    end: float = np.inf
+    allowed: Callable[[Any], bool] | None = None
+
+    def placed(self, T_universe_joint: Any) -> tuple[Solid, Any, Solid, Any]:
+        """Both solids, each with its place in the universe as coal takes it."""
+        placed = [T_universe_joint[each.joint] * each.T_joint_solid for each in (self.first, self.second)]
+        one, other = (coal.Transform3s(T.rotation, T.translation) for T in placed)
+        return self.first, one, self.second, other
+
+
+@dataclass(frozen=True, eq=False)
+class Touch:
+    """Two solids that touch at t (s)."""
+
+    pair: Pair
+    t: float
+
+    @property
+    def bodies(self) -> tuple[str, str]:
+        """Their names; what stands around comes last."""
+        ordered = sorted((self.pair.first, self.pair.second), key=lambda solid: solid.joint == 0)
+        return ordered[0].name, ordered[1].name
+
+
+class Motion:
+    """A trajectory on a grid of n instants.
+
+    Attributes:
+        t: (n,) s.
+        moved: (n, k + 1) how far each coordinate has gone at most since the start, to and fro.
+    """
+
+    def __init__(self, arm: AuditArm, trajectory: JointTrajectory) -> None:
+        self.arm, self.trajectory = arm, trajectory
+        count = min(int(trajectory.duration / GRID_S) + 2, MOST_GRID)
+        even = np.linspace(0.0, trajectory.duration, count)
+        t = np.unique(np.concatenate((even, trajectory.knots, trajectory.gripper_t)))
+        self.t = t[(t >= 0.0) & (t <= trajectory.duration)]
+        self.moved = self._moved()
+        self._x = coordinates(trajectory, self.t)
+        self._placed: dict[int, Any] = {}
+
+    def at(self, row: int, share: float = 0.0) -> Any:
+        """T_universe_joint of all joints at a row, or a share of the time to the next one later."""
+        if share > 0.0:
+            t = self.time(row, share)
+            return self.arm.place(coordinates(self.trajectory, np.array([t]))[0])
+        if row not in self._placed:
+            self._placed[row] = self.arm.place(self._x[row])
+        return self._placed[row]
+
+    def time(self, row: int, share: float) -> float:
+        """The instant (s) a share of the time after a row."""
+        return float(self.t[row] + share * (self.t[min(row + 1, len(self.t) - 1)] - self.t[row]))
+
+    def travel(self, pair: Pair) -> Array:
+        """How far two solids have moved against each other at most (n,), m, until each instant of the grid."""
+        one, other = (self.arm.motion(each.joint, each.reach) for each in (pair.first, pair.second))
+        # Joints that carry both move neither against the other.
+        rates = [(one | other)[joint] for joint in one.keys() ^ other.keys()]
+        travel: Array = self.moved @ np.sum(rates, axis=0)
+        return travel
+
+    def _moved(self) -> Array:
+        """How far each coordinate has gone at most (n, k + 1) since the start, to and fro."""
+        trajectory, step = self.trajectory, np.diff(self.t)[:, None]
+        piece = np.searchsorted(trajectory.knots, 0.5 * (self.t[:-1] + self.t[1:])) - 1
+        (_, qd, qdd), (_, qd_end, qdd_end) = (_motion(trajectory, piece, t) for t in (self.t[:-1], self.t[1:]))
+        # The acceleration changes evenly, and no instant is farther than half a step from one of the two.
+        speed = np.maximum(np.abs(qd), np.abs(qd_end)) + 0.5 * step * np.maximum(np.abs(qdd), np.abs(qdd_end))
+        opening = np.abs(np.diff(np.interp(self.t, trajectory.gripper_t, trajectory.gripper_opening)))
+        return np.vstack((np.zeros(speed.shape[1] + 1), np.cumsum(np.column_stack((step * speed, opening)), axis=0)))
+
+
+def find_touch(arm: AuditArm, trajectory: JointTrajectory, pairs: Sequence[Pair]) -> Touch | None:
+    """Return the first touch of a motion, or None."""
+    motion, first = Motion(arm, trajectory), None
+    for pair in pairs:
+        t = _first_touch(motion, pair, min(pair.end, first.t if first else np.inf))
+        if t is not None and (first is None or t < first.t):
+            first = Touch(pair, t)
+    return first
+
+
+def _first_touch(motion: Motion, pair: Pair, end: float) -> float | None:
+    """When two solids touch first, s, until `end`."""
+    travel, looked = motion.travel(pair), False
+    row, share = int(np.searchsorted(motion.t, pair.start)), 0.0
+    while row < len(motion.t) and (t := motion.time(row, share)) <= end:
+        T_universe_joint, apart = motion.at(row, share), 0.0
+        if pair.allowed is None or not pair.allowed(T_universe_joint):
+            placed = pair.placed(T_universe_joint)
+            apart = clearance(*placed)
+            # What isn't inside at first can't come there without touching the surface.
+            if apart == 0.0 or (not looked and apart <= NEARER_M[0] and one_in_the_other(*placed)):
+                return t
+            looked = True
+        if row + 1 == len(motion.t) or travel[-1] - travel[row] <= apart:
+            return None
+        step = travel[row + 1] - travel[row]
+        if 0.0 < apart < (1.0 - share) * step:
+            share += apart / step
+            continue
+        due = int(np.searchsorted(travel, travel[row] + share * step + apart, side="right")) - 1
+        row, share = max(due - due % SHARED, row + 1), 0.0
+    return None
+
+
+def coordinates(trajectory: JointTrajectory, t: Array) -> Array:
+    """Return joints and opening (n, k + 1) at instants (n,), s."""
+    q, _, _ = _motion(trajectory, np.searchsorted(trajectory.knots, t) - 1, t)
+    return np.column_stack((q, np.interp(t, trajectory.gripper_t, trajectory.gripper_opening)))
+
+
+def _motion(trajectory: JointTrajectory, piece: NDArray[np.int64], t: Array) -> tuple[Array, Array, Array]:
+    """Return q, qd, qdd (n, k) of pieces (n,) at instants (n,)."""
+    piece = piece.clip(0, len(trajectory.coefficients) - 1)
+    s = (t - trajectory.knots[piece])[:, None]
+    c0, c1, c2, c3 = np.moveaxis(trajectory.coefficients[piece], 1, 0)
+    return c0 + s * (c1 + s * (c2 + s * c3)), c1 + s * (2.0 * c2 + s * 3.0 * c3), 2.0 * c2 + 6.0 * s * c3
