@@ -20,7 +20,7 @@ from pbd.arm.geometry import Body, link_bodies
 from pbd.arm.gripper import arm_bodies, gripper_links
 from pbd.arm.model import ArmModel, load_model
 from pbd.arm.motion_bounds import rates
-from pbd.arm.path_sampling import along
+from pbd.arm.path_sampling import along, polyline
 from pbd.data import Gripper, JointTrajectory, Robot
 from pbd.pose import Array, Pose, quat_about_z
 from tests.arm.collision_oracles import ROBOTS, arm_of, coordinates, hull_distance, placements, points_of, rounding_of
