@@ -12,7 +12,6 @@ import numpy as np
 
 from pbd.arm.cartesian import line, refine
 from pbd.arm.model import ArmModel
-from pbd.arm.path_sampling import polyline
 from pbd.arm.scene import CollisionScene, Hit, Leg
 from pbd.pose import Array, Pose
 
@@ -41,7 +40,7 @@ class CollisionQueries:
 
     def moving(self, i: int, q: Array) -> Hit | None:
         """Return what it touches first on its way to keyframe i, straight from each of joints (m, k) to the next."""
-        return self._along(q, self.legs[i])
+        return self.scene.check_path(q, self.legs[i])
 
     def halfway(self, i: int, q_start: Array, q_end: Array) -> Hit | None:
         """Return what it touches at one of a few places on a straight way to keyframe i, those in the middle first."""
@@ -50,7 +49,7 @@ class CollisionQueries:
 
     def approach(self, q_start: Array, q: Array) -> Array | Hit:
         """Return the joints (m, k) by which the arm comes to keyframe 0, or what bars the straight way."""
-        hit = self._along(np.stack((q_start, q)), self.legs[0])
+        hit = self.scene.check_path(np.stack((q_start, q)), self.legs[0])
         if hit is None:
             return q[None]
         before = self._before(self.legs[0], q, q_start)
@@ -58,21 +57,11 @@ class CollisionQueries:
 
     def retreat(self, q: Array, q_back: Array) -> Array | Hit:
         """Return the joints (m, k) by which it goes back from the last keyframe, or what bars the straight way."""
-        hit = self._along(np.stack((q, q_back)), self.legs[-1])
+        hit = self.scene.check_path(np.stack((q, q_back)), self.legs[-1])
         if hit is None:
             return q_back[None]
         before = self._before(self.legs[-1], q, q_back)
         return hit if before is None else np.stack((before, q_back))
-
-    def _along(self, q: Array, leg: Leg) -> Hit | None:
-        first, share = None, np.inf
-        for pairs in self.scene.pair_sets(leg.stay):
-            path = polyline(q, leg.opening, pairs.clearance.rates)
-            met = pairs.clearance.first_contact(path, pairs.allowed)
-            if met is not None and path.t[met.first] < share:
-                share = float(path.t[met.first])
-                first = self.scene.as_hit(pairs, met.pair, path.x[met.deepest], met.distance, share)
-        return first
 
     def _before(self, leg: Leg, q: Array, q_away: Array) -> Array | None:
         """Find joints from which the tool goes straight along its axis to joints q at an end of the motion."""
@@ -82,6 +71,6 @@ class CollisionQueries:
             before: Array | None = q
             for pose in line(T_base_tool, T_before)[1:]:
                 before = None if before is None else refine(self.arm, pose, before)
-            if before is not None and self._along(np.stack((q, before, q_away)), leg) is None:
+            if before is not None and self.scene.check_path(np.stack((q, before, q_away)), leg) is None:
                 return before
         return None

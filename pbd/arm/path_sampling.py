@@ -16,7 +16,12 @@ def polyline(q: Array, opening: float, rates: Array) -> JointPath:
     """Sample the straight moves in joint space from each of joints (m, k) to the next; t is the share of their number.
 
     `rates` (p, k + 1): see motion_bounds.py.
+
+    Raises:
+        ValueError: a joint isn't finite.
     """
+    if not np.isfinite(q).all():
+        raise ValueError("joints must be finite, got NaN or an infinity")
     motion = np.max(np.abs(np.diff(q, axis=0)) @ rates[:, :-1].T, axis=1, initial=0.0)
     steps = np.ceil(motion / STEP_M).astype(np.int64) + 1
     move, share = _shares(steps)
@@ -25,11 +30,6 @@ def polyline(q: Array, opening: float, rates: Array) -> JointPath:
     x[:-1, :-1] = q[move] + share[:, None] * np.diff(q, axis=0)[move]
     x[-1, :-1] = q[-1]
     return JointPath(t, x)
-
-
-def straight(q_start: Array, q_end: Array, opening: float, rates: Array) -> JointPath:
-    """Sample a straight move in joint space, from q (k,) to q (k,)."""
-    return polyline(np.stack((q_start, q_end)), opening, rates)
 
 
 def along(trajectory: JointTrajectory, rates: Array, start: float = 0.0, end: float = np.inf) -> JointPath:

@@ -19,7 +19,7 @@ from pbd.arm.geometry import Body, apart
 from pbd.arm.gripper import THE_TOOL, arm_bodies, gripper_links, tool_on_joint
 from pbd.arm.model import ArmModel, from_se3
 from pbd.arm.motion_bounds import rates
-from pbd.arm.path_sampling import straight
+from pbd.arm.path_sampling import polyline
 from pbd.data import Calibration, GraspedObject, Obstacle
 from pbd.data.world import Stay, holds, stays
 from pbd.pose import Array, Pose, quat_about_z, quat_rotate
@@ -44,7 +44,7 @@ class Hit:
         first, second: names of links, of obstacles, TABLE, what is grasped ("the cylinder"), or THE_TOOL.
         distance: m, negative as deep as they overlap.
         p_base: (3,) m, where that is.
-        share: of a straight move, how far along it begins.
+        share: of a path, how far along it begins.
     """
 
     first: str
@@ -126,10 +126,14 @@ class CollisionScene:
 
     def check_move(self, q_start: Array, q_end: Array, leg: Leg | None = None) -> Hit | None:
         """Return the first hit of a straight move in joint space from q (k,) to q (k,), both ends included."""
+        return self.check_path(np.stack((q_start, q_end)), leg)
+
+    def check_path(self, q: Array, leg: Leg | None = None) -> Hit | None:
+        """Return the first hit of straight moves in joint space from each of joints (m, k) to the next."""
         leg = leg or Leg()
         first = None
         for each in self.pair_sets(leg.stay):
-            path = straight(q_start, q_end, leg.opening, each.clearance.rates)
+            path = polyline(q, leg.opening, each.clearance.rates)
             met = each.clearance.first_contact(path, each.allowed)
             if met is not None and (first is None or path.t[met.first] < first.share):
                 share = float(path.t[met.first])

@@ -20,7 +20,7 @@ from pbd.arm.geometry import Body, link_bodies
 from pbd.arm.gripper import arm_bodies, gripper_links
 from pbd.arm.model import ArmModel, load_model
 from pbd.arm.motion_bounds import rates
-from pbd.arm.path_sampling import along, straight
+from pbd.arm.path_sampling import along, polyline
 from pbd.data import Gripper, JointTrajectory, Robot
 from pbd.pose import Array, Pose, quat_about_z
 from tests.arm.collision_oracles import ROBOTS, arm_of, coordinates, hull_distance, placements, points_of, rounding_of
@@ -147,7 +147,7 @@ class Counted(Clearance):
 
 def swing(arm: ArmModel, angle: float) -> JointPath:
     home: Array = arm.robot.home
-    return straight(home, home + angle * np.eye(7)[0], 1.0, np.ones((1, 8)))
+    return polyline(np.stack((home, home + angle * np.eye(7)[0])), 1.0, np.ones((1, 8)))
 
 
 def beside(arm: ArmModel, gap: float, size: float = 0.1) -> Clearance:
