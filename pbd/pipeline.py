@@ -15,16 +15,16 @@ from pbd.data import Calibration, Demonstration, HandPath, Known, Recording, Sen
 from pbd.errors import PbdWarning, RecordingError, TrackingError
 from pbd.pose import Array, quat_inverse, quat_log, quat_multiply
 from pbd.tracking.alarm import alarms
-from pbd.tracking.attitude import mean_quaternion
-from pbd.tracking.channels import refuse_freezes
-from pbd.tracking.conditioning import condition, refuse_gaps
 from pbd.tracking.estimate import Estimate, estimate
 from pbd.tracking.known import condition_on
 from pbd.tracking.noise import noise_of
 from pbd.tracking.paper import track_as_paper
-from pbd.tracking.preintegration import Impulse
+from pbd.tracking.repair.channels import refuse_freezes
+from pbd.tracking.repair.conditioning import condition, refuse_gaps
+from pbd.tracking.repair.saturation import find_clips, restore
 from pbd.tracking.rest import Rest, find_rest, rest_within
-from pbd.tracking.saturation import find_clips, restore
+from pbd.tracking.smoother.attitude import mean_quaternion
+from pbd.tracking.smoother.preintegration import Impulse
 
 TRIES = 3
 """Where no stop holds the rest that noise was measured in, another is taken, so often at most."""

@@ -22,7 +22,7 @@ def replay_scene(
     demo: Demonstration, path: HandPath, plan: Plan, robot: Robot, options: PlanOptions, warnings: Sequence[str] = ()
 ) -> ReplayScene:
     """Collect what a replay shows. The hand's path is drawn where the tool would have been, scaled as the motion is."""
-    from pbd.arm.collision import object_stays
+    from pbd.arm.collision.motion_check import object_stays
 
     arm, T_base_nav = arm_of(robot), plan.T_base_nav
     scale = options.scale * plan.calibration.scale
@@ -84,7 +84,7 @@ def _rod(arm: ArmModel) -> Rod | None:
 
 
 def _touching(plan: Plan) -> tuple[Touching, ...]:
-    from pbd.arm.collision import describe
+    from pbd.arm.collision.motion_check import describe
 
     if plan.touching is None:
         return ()

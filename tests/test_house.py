@@ -24,8 +24,6 @@ SEPARATE = ("sensors", "simulation", "tracking", "calibration", "arm", "audit", 
 HEAVY = {"pinocchio", "ruckig", "meshcat", "matplotlib", "serial", "filterpy", "scipy"}
 MAY_BE_HEAVY = ("arm", "audit", "plots", "view")
 LONGEST_FILE, FULLEST_FOLDER = 350, 20
-FULLER = {"tracking": 30, "arm": 32}
-"""Folders that are still to shrink."""
 
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
@@ -81,7 +79,7 @@ def test_no_circles() -> None:
 def test_a_file_reads_in_one_sitting_and_a_folder_at_a_glance() -> None:
     long = [path for path in MODULES if len(path.read_text(encoding="utf-8").splitlines()) > LONGEST_FILE]
     counts = Counter(path.parent for path in MODULES)
-    full = [folder for folder, count in counts.items() if count > FULLER.get(folder.name, FULLEST_FOLDER)]
+    full = [folder for folder, count in counts.items() if count > FULLEST_FOLDER]
     assert not long + full
 
 

@@ -12,7 +12,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import pbd
-from pbd.arm.cartesian import off_line
+from pbd.arm.ik.cartesian import off_line
 from pbd.arm.motion_request import DEMO, LINE, STRAIGHT
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Obstacle, Robot, Stop
 from pbd.data.covariance import PoseCovariance

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from pbd.arm.ik import solve
+from pbd.arm.ik.solver import solve
 from pbd.cli import main
 from tests.arm.bundled import NAMES, arm_of
 from tests.arm.conftest import random_joints

@@ -12,7 +12,7 @@ from functools import lru_cache
 import numpy as np
 import pinocchio as pin
 
-from pbd.arm.geometry import Body, apart, link_bodies
+from pbd.arm.collision.geometry import Body, apart, link_bodies
 from pbd.arm.model import ArmModel, from_se3
 from pbd.pose import Pose, quat_from_xyzw
 

@@ -14,13 +14,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pbd.arm.branches import MARGIN_RAD, SAME_RAD, configuration_cost, find_branches, polish, turn_toward
+from pbd.arm.ik.branches import MARGIN_RAD, SAME_RAD, configuration_cost, find_branches, polish, turn_toward
+from pbd.arm.ik.levenberg_marquardt import SOLVED, descend_each
+from pbd.arm.ik.partial_pose import FULL_POSE
+from pbd.arm.ik.unreachable import out_of_reach
 from pbd.arm.ladder import Barred, Ladder, Layer
-from pbd.arm.levenberg_marquardt import SOLVED, descend_each
 from pbd.arm.model import ArmModel
-from pbd.arm.partial_pose import FULL_POSE
 from pbd.arm.tool import target
-from pbd.arm.unreachable import out_of_reach
 from pbd.pose import Array, Pose
 
 STARTS, STARTS_WIDE = 12, 81

@@ -15,16 +15,16 @@ from itertools import pairwise
 
 import numpy as np
 
-from pbd.arm.cartesian import follow, line, off_line
-from pbd.arm.collision import describe
-from pbd.arm.collision_queries import CollisionQueries
+from pbd.arm.collision.motion_check import describe
+from pbd.arm.collision.queries import CollisionQueries
+from pbd.arm.collision.scene import Hit
+from pbd.arm.ik.cartesian import follow, line, off_line
+from pbd.arm.ik.unreachable import out_of_reach
 from pbd.arm.joint_path import STARTS, States, Unreachable, build_ladder, states_at, widen
 from pbd.arm.ladder import Barred, Ladder, Layer
 from pbd.arm.model import ArmModel
 from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, Motion, MotionRequest, Segment
 from pbd.arm.refusal import UNREACHABLE, Refusal, refuse_move, refuse_pose
-from pbd.arm.scene import Hit
-from pbd.arm.unreachable import out_of_reach
 from pbd.errors import PbdWarning
 from pbd.pose import Array, Pose
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from pbd.arm.scene import Hit
+from pbd.arm.collision.scene import Hit
 from pbd.pose import Array, Pose
 
 STRAIGHT, LINE, DEMO = "straight", "line", "demo"

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from pbd.arm.collision import describe
+from pbd.arm.collision.motion_check import describe
+from pbd.arm.collision.scene import TABLE, Hit
 from pbd.arm.motion_request import DEMO, LINE, STRAIGHT
-from pbd.arm.scene import TABLE, Hit
 from pbd.errors import PlanError
 
 UNREACHABLE, COLLISION, CANNOT_FOLLOW = "unreachable", "collision", "cannot follow"

@@ -7,9 +7,9 @@ import warnings
 from dataclasses import replace
 from typing import Any
 
-from pbd.arm.allowed_collisions import link_pairs
-from pbd.arm.coverage import doubts
-from pbd.arm.geometry import link_bodies
+from pbd.arm.collision.allowed_collisions import link_pairs
+from pbd.arm.collision.coverage import doubts
+from pbd.arm.collision.geometry import link_bodies
 from pbd.arm.model import ArmModel, load_model
 from pbd.arm.reach import farthest
 from pbd.cli.console import print_json, working

@@ -14,8 +14,8 @@ from pbd.planning.options import PlanOptions
 from pbd.pose import Array, Pose
 
 if TYPE_CHECKING:
+    from pbd.arm.collision.scene import CollisionScene
     from pbd.arm.model import ArmModel
-    from pbd.arm.scene import CollisionScene
 
 UNSURE_M = 0.05
 """Standard deviation of a keyframe's position above which it is told."""
@@ -81,7 +81,7 @@ def check_certainty(keyframes: Sequence[Keyframe], scale: float) -> None:
 
 def warn_of_shapes(arm: ArmModel) -> None:
     """Tell which links have no collision shape, or one far too small: what they touch isn't seen."""
-    from pbd.arm.coverage import doubts
+    from pbd.arm.collision.coverage import doubts
 
     if found := doubts(arm):
         told = "; ".join(f"{doubt.link} {doubt.why}" for doubt in found)
@@ -91,7 +91,7 @@ def warn_of_shapes(arm: ArmModel) -> None:
 
 def warn_of_table(scene: CollisionScene) -> None:
     """Tell which links are on the table, or in it, whatever the arm does."""
-    from pbd.arm.scene import TABLE
+    from pbd.arm.collision.scene import TABLE
 
     sunk = [pair.first for pair in scene.unchecked if pair.second == TABLE]
     if sunk:

@@ -27,10 +27,10 @@ from pbd.pose import Array, Pose
 from pbd.tracking.keyframes import keyframes_of
 
 if TYPE_CHECKING:
+    from pbd.arm.collision.scene import CollisionScene
     from pbd.arm.model import ArmModel
     from pbd.arm.motion_request import Motion, MotionRequest
     from pbd.arm.refusal import Refusal
-    from pbd.arm.scene import CollisionScene
 
 
 def plan(
@@ -138,8 +138,8 @@ def _works(task: _Task, options: PlanOptions) -> bool:
 
 
 def _attempt(task: _Task, options: PlanOptions) -> Plan | _Refused:
-    from pbd.arm.partial_pose import hold
-    from pbd.arm.timing import time_moves
+    from pbd.arm.ik.partial_pose import hold
+    from pbd.arm.timing.moves import time_moves
     from pbd.audit.audit import audit
 
     keyframes, calibration, robot, hand_path, grasped = task
@@ -197,8 +197,8 @@ def _choose(
     options: PlanOptions,
 ) -> Motion | _Refused:
     """Choose joints and segments; without a scene whatever is in the way."""
-    from pbd.arm.collision import describe, refuse_home
-    from pbd.arm.collision_queries import CollisionQueries
+    from pbd.arm.collision.motion_check import describe, refuse_home
+    from pbd.arm.collision.queries import CollisionQueries
     from pbd.arm.motion import choose_motion
     from pbd.arm.refusal import Refusal
 
@@ -243,8 +243,8 @@ def solve_keyframes(
         The tool's pose in base at each keyframe, the joints (n, k) that reach them, and how far off (n, 2, rad) an arm
         with too few joints holds the tool: approach axis, and about it.
     """
+    from pbd.arm.ik.partial_pose import hold
     from pbd.arm.motion import choose_motion
-    from pbd.arm.partial_pose import hold
     from pbd.arm.refusal import Refusal
 
     arm = arm_of(robot)

@@ -13,10 +13,10 @@ from pbd.planning.options import PlanOptions, demonstrated
 from pbd.pose import Array, Pose
 
 if TYPE_CHECKING:
+    from pbd.arm.collision.scene import CollisionScene
     from pbd.arm.model import ArmModel
     from pbd.arm.motion_request import Motion, MotionRequest
-    from pbd.arm.scene import CollisionScene
-    from pbd.arm.timing import Move
+    from pbd.arm.timing.moves import Move
     from pbd.calibration.demonstrated import DemonstratedMove
 
     Hand = Callable[[], Sequence[DemonstratedMove]]
@@ -62,7 +62,7 @@ def hand_between(
 def moves_of(chosen: Motion, keyframes: Sequence[Keyframe], hand: Hand | None, options: PlanOptions) -> list[Move]:
     """Say how each segment is to be timed."""
     from pbd.arm.motion_request import DEMO, STRAIGHT
-    from pbd.arm.timing import APPROACH_SPEED, Move
+    from pbd.arm.timing.moves import APPROACH_SPEED, Move
 
     moves = [Move(chosen.segments[0].q, share=APPROACH_SPEED)]
     for i, (segment, demonstrated_s) in enumerate(zip(chosen.segments[1:], demonstrated(keyframes), strict=True)):
@@ -74,7 +74,7 @@ def moves_of(chosen: Motion, keyframes: Sequence[Keyframe], hand: Hand | None, o
 
 def retreat_of(chosen: Motion) -> Move | None:
     """Say how the way back home is to be timed."""
-    from pbd.arm.timing import APPROACH_SPEED, Move
+    from pbd.arm.timing.moves import APPROACH_SPEED, Move
 
     return None if chosen.back is None else Move(chosen.back, share=APPROACH_SPEED)
 
@@ -104,6 +104,6 @@ def arm_of(robot: Robot) -> ArmModel:
 @lru_cache(maxsize=8)
 def scene_of(arm: ArmModel, calibration: Calibration, grasped: GraspedObject | None) -> CollisionScene:
     """Build a collision scene, once."""
-    from pbd.arm.scene import CollisionScene
+    from pbd.arm.collision.scene import CollisionScene
 
     return CollisionScene.build(arm, calibration, grasped)

@@ -14,10 +14,10 @@ from pbd.planning.options import demonstrated
 from pbd.pose import Array, Pose
 
 if TYPE_CHECKING:
-    from pbd.arm.collision import MotionHit
+    from pbd.arm.collision.motion_check import MotionHit
+    from pbd.arm.collision.scene import CollisionScene
     from pbd.arm.motion_request import Segment
-    from pbd.arm.scene import CollisionScene
-    from pbd.arm.timing import Timed
+    from pbd.arm.timing.moves import Timed
     from pbd.audit.audit import AuditReport
 
 STRETCHED = 1.02
@@ -78,7 +78,7 @@ class Plan:
 
 def find_touching(scene: CollisionScene, trajectory: JointTrajectory) -> Touching | None:
     """Say what a motion touches."""
-    from pbd.arm.collision import all_hits, check_motion, collision_error
+    from pbd.arm.collision.motion_check import all_hits, check_motion, collision_error
 
     found = check_motion(scene, trajectory)
     if found is None:

@@ -22,7 +22,7 @@ from pbd.pose import (
     quat_to_matrix,
     yaw_toward,
 )
-from pbd.tracking.attitude import mean_quaternion
+from pbd.tracking.smoother.attitude import mean_quaternion
 from pbd.view.tables import make_table
 from pbd.view.units import Units
 

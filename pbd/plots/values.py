@@ -15,8 +15,8 @@ from pbd.plots.findings import Finding, at_stop, find, length, stop_names
 from pbd.pose import Array, quat_about_z, quat_multiply, quat_rotate, quat_to_rpy, yaw_toward
 from pbd.tracking.alarm import DISTURBED
 from pbd.tracking.keyframes import keyframes_of
-from pbd.tracking.knots import FIELD_S
 from pbd.tracking.paper import paper_stops, resulting_variance
+from pbd.tracking.smoother.knots import FIELD_S
 
 TRUTH_NEAR_S = 0.5
 """Largest time between the middle of the first stop and a sample of the truth, by which the truth is aligned."""

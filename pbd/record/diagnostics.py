@@ -13,8 +13,8 @@ import numpy as np
 from pbd.data import GRAVITY, Recording
 from pbd.pose import Array
 from pbd.sensors.decoding import Sample
-from pbd.tracking.channels import ALIVE, NAMES, STUCK_S, stuck_axes
-from pbd.tracking.saturation import SAME, Clip, clips_of
+from pbd.tracking.repair.channels import ALIVE, NAMES, STUCK_S, stuck_axes
+from pbd.tracking.repair.saturation import SAME, Clip, clips_of
 
 EVERY_S = 0.25
 """The last samples are looked at this often."""

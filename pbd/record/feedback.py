@@ -12,7 +12,7 @@ from pbd.errors import PbdError
 from pbd.pose import Array
 from pbd.record.messages import Say
 from pbd.sensors.decoding import Sample
-from pbd.tracking.online import DataFlaw, LiveEvent, LiveTracker, RestFound, StopBegan
+from pbd.tracking.online.tracker import DataFlaw, LiveEvent, LiveTracker, RestFound, StopBegan
 
 TRACKED_HZ = 250.0
 """The tracker is fed no faster than this: means over blocks lose nothing that it could use."""

@@ -12,10 +12,10 @@ import numpy as np
 from pbd.data import SensorFound, Stop
 from pbd.data.hand import DOUBTED
 from pbd.pose import lengths
-from pbd.tracking.factors import AT_ONCE, leg_jacobian, whitener
+from pbd.tracking.moving_windows import window_moments
 from pbd.tracking.rest import ABOUT, REST_S
-from pbd.tracking.smoother import Solution
-from pbd.tracking.steady import window_moments
+from pbd.tracking.smoother.factors import AT_ONCE, leg_jacobian, whitener
+from pbd.tracking.smoother.smooth import Solution
 
 FALSE = 0.05
 """So often a sound recording may be suspected of a wrong leg, or of a wrong sensor, where its noise is as modelled (it

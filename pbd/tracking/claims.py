@@ -16,7 +16,7 @@ import numpy as np
 from pbd.data import Calibration, Contact, HandPath, Known, Place
 from pbd.errors import PbdWarning, TrackingError
 from pbd.pose import Array, Pose, quat_rotate, quat_to_matrix, skew
-from pbd.tracking.attitude import mean_quaternion
+from pbd.tracking.smoother.attitude import mean_quaternion
 
 SIGMA_M = 0.003
 """m per axis: by so much a hand that returns to a place, or sets a thing down at a height, misses it."""

@@ -12,15 +12,15 @@ from pbd.data import Found, Recording, SensorFound, Stop
 from pbd.data.covariance import PoseCovariance
 from pbd.errors import TrackingError
 from pbd.pose import Array, quat_inverse, quat_log, quat_multiply
-from pbd.tracking.factors import ACC_MATRIX, GYR_MATRIX, LAG
+from pbd.tracking.moving_windows import median
 from pbd.tracking.noise import Noise, acc_doubt
-from pbd.tracking.normal_equations import ACC_BIAS, GYR_BIAS, POS, ROT, STATE, Solved
-from pbd.tracking.path import Path
-from pbd.tracking.preintegration import LOWER, Impulse, integral_of_means
 from pbd.tracking.rest import Rest
-from pbd.tracking.smoother import Solution, smooth
-from pbd.tracking.steady import median
-from pbd.tracking.variance_components import with_own_noise
+from pbd.tracking.smoother.factors import ACC_MATRIX, GYR_MATRIX, LAG
+from pbd.tracking.smoother.normal_equations import ACC_BIAS, GYR_BIAS, POS, ROT, STATE, Solved
+from pbd.tracking.smoother.path import Path
+from pbd.tracking.smoother.preintegration import LOWER, Impulse, integral_of_means
+from pbd.tracking.smoother.smooth import Solution, smooth
+from pbd.tracking.smoother.variance_components import with_own_noise
 
 NEVER_STILL = "the hand never stands still; stop for half a second between the moves"
 

@@ -10,7 +10,7 @@ import numpy as np
 from pbd.data import GripEvent, HandPath, Keyframe, Segment, Stop
 from pbd.errors import PbdWarning
 from pbd.pose import Array, Pose, quat_inverse, quat_log, quat_multiply
-from pbd.tracking.attitude import mean_quaternion
+from pbd.tracking.smoother.attitude import mean_quaternion
 
 GRIP_NEAR_S = 0.5
 """A grip event further than this from any stop is worth a warning."""

@@ -9,7 +9,7 @@ import numpy as np
 from pbd.data import GRAVITY, Recording, Stop
 from pbd.errors import RecordingError, TrackingError
 from pbd.pose import Array, readonly
-from pbd.tracking.steady import window_moments
+from pbd.tracking.moving_windows import window_moments
 
 REST_S = 1.0
 """A stretch of this length is taken for rest: the first that is about as quiet as the quietest."""

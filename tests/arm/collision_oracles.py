@@ -10,9 +10,9 @@ import numpy as np
 import pinocchio as pin
 from scipy.optimize import nnls
 
-from pbd.arm.allowed_collisions import samples
-from pbd.arm.clearance import Clearance, configurations
-from pbd.arm.geometry import Body
+from pbd.arm.collision.allowed_collisions import samples
+from pbd.arm.collision.clearance import Clearance, configurations
+from pbd.arm.collision.geometry import Body
 from pbd.arm.model import ArmModel, load_model
 from pbd.files.robot import read_robot
 from pbd.pose import Array, Pose, quat_from_xyzw

@@ -7,9 +7,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from pbd.arm.collision import all_hits, check_motion, object_stays
+from pbd.arm.collision.motion_check import all_hits, check_motion, object_stays
+from pbd.arm.collision.scene import CollisionScene
 from pbd.arm.model import ArmModel
-from pbd.arm.scene import CollisionScene
 from pbd.data import GraspedObject, JointTrajectory
 from pbd.pose import Array
 from tests.arm.test_collision import BOTTLE, GRIPS, PLACES, board, through

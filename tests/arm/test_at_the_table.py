@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import pbd
-from pbd.arm.collision_queries import CollisionQueries
-from pbd.arm.ik import solve
+from pbd.arm.collision.queries import CollisionQueries
+from pbd.arm.collision.scene import CollisionScene
+from pbd.arm.ik.solver import solve
 from pbd.arm.motion_request import LINE
-from pbd.arm.scene import CollisionScene
 from pbd.data import GraspedObject, Keyframe, Robot
 from pbd.planning import PlanOptions, plan_keyframes
 from pbd.pose import Pose, quat_exp

@@ -7,10 +7,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from pbd.arm.branches import find_branches
-from pbd.arm.cartesian import LEAP_RAD, SPACING_M, SPACING_RAD, follow, line, off_line, refine
+from pbd.arm.ik.branches import find_branches
+from pbd.arm.ik.cartesian import LEAP_RAD, SPACING_M, SPACING_RAD, follow, line, off_line, refine
+from pbd.arm.ik.partial_pose import is_partial
 from pbd.arm.model import ArmModel
-from pbd.arm.partial_pose import is_partial
 from pbd.pose import Array, Pose, quat_rotate
 from tests.arm.bundled import NAMES, arm_of
 

@@ -7,14 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from pbd.arm.clearance import MARGIN_M, STEP_M, Clearance
-from pbd.arm.collision import check_motion, collision_error, object_stays, refuse_home
-from pbd.arm.geometry import link_bodies
+from pbd.arm.collision.clearance import MARGIN_M, STEP_M, Clearance
+from pbd.arm.collision.geometry import link_bodies
+from pbd.arm.collision.motion_check import check_motion, collision_error, object_stays, refuse_home
+from pbd.arm.collision.scene import TABLE, CollisionScene, Leg
 from pbd.arm.joint_path import solve_path
 from pbd.arm.model import ArmModel
 from pbd.arm.path_sampling import along
-from pbd.arm.scene import TABLE, CollisionScene, Leg
-from pbd.arm.timing import time_keyframes
+from pbd.arm.timing.moves import time_keyframes
 from pbd.data import GraspedObject, JointTrajectory, Obstacle
 from pbd.data.world import Stay
 from pbd.errors import PlanError

@@ -13,13 +13,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from pbd.arm import allowed_collisions
-from pbd.arm.allowed_collisions import link_pairs
-from pbd.arm.clearance import MARGIN_M, STEP_M, Clearance, JointPath, configurations
-from pbd.arm.geometry import Body, link_bodies
+from pbd.arm.collision import allowed_collisions
+from pbd.arm.collision.allowed_collisions import link_pairs
+from pbd.arm.collision.clearance import MARGIN_M, STEP_M, Clearance, JointPath, configurations
+from pbd.arm.collision.geometry import Body, link_bodies
+from pbd.arm.collision.motion_bounds import rates
 from pbd.arm.gripper import arm_bodies, gripper_links
 from pbd.arm.model import ArmModel, load_model
-from pbd.arm.motion_bounds import rates
 from pbd.arm.path_sampling import along, polyline
 from pbd.data import Gripper, JointTrajectory, Robot
 from pbd.pose import Array, Pose, quat_about_z

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from pbd.arm.clearance import MARGIN_M
-from pbd.arm.geometry import link_bodies
+from pbd.arm.collision.clearance import MARGIN_M
+from pbd.arm.collision.geometry import link_bodies
+from pbd.arm.collision.scene import REST_M, TABLE, CollisionScene, Leg
 from pbd.arm.gripper import arm_bodies
-from pbd.arm.ik import solve
+from pbd.arm.ik.solver import solve
 from pbd.arm.model import ArmModel, load_model
-from pbd.arm.scene import REST_M, TABLE, CollisionScene, Leg
 from pbd.data import Calibration, GraspedObject, Obstacle
 from pbd.data.world import Stay
 from pbd.pose import Array, Pose, quat_from_rpy

@@ -7,10 +7,10 @@ from xml.dom.minidom import parse
 
 import pytest
 
-from pbd.arm.coverage import doubts
+from pbd.arm.collision.coverage import doubts
+from pbd.arm.collision.scene import TABLE, CollisionScene
 from pbd.arm.gripper import THE_TOOL
 from pbd.arm.model import load_model
-from pbd.arm.scene import TABLE, CollisionScene
 from pbd.cli import main
 from tests.arm.bundled import NAMES, arm_of
 from tests.arm.test_geometry import simple

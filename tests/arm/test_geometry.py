@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from pbd.arm.allowed_collisions import link_pairs
-from pbd.arm.clearance import Clearance
-from pbd.arm.geometry import Body, link_bodies
+from pbd.arm.collision.allowed_collisions import link_pairs
+from pbd.arm.collision.clearance import Clearance
+from pbd.arm.collision.geometry import Body, link_bodies
 from pbd.arm.gripper import arm_bodies
 from pbd.arm.model import load_model
 from pbd.data import Robot

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pbd.arm.clearance import MARGIN_M
+from pbd.arm.collision.clearance import MARGIN_M
+from pbd.arm.collision.motion_bounds import rates
+from pbd.arm.collision.scene import TABLE, CollisionScene, Leg
 from pbd.arm.gripper import ROD_RADIUS_M, ROD_SHORT_M, THE_TOOL, arm_bodies, gripper_links, tool_rod
-from pbd.arm.ik import solve
+from pbd.arm.ik.solver import solve
 from pbd.arm.model import ArmModel, from_se3
-from pbd.arm.motion_bounds import rates
-from pbd.arm.scene import TABLE, CollisionScene, Leg
 from pbd.data import GraspedObject, Obstacle
 from pbd.data.world import Stay
 from pbd.errors import PlanError

@@ -8,8 +8,8 @@ import pinocchio as pin
 import pytest
 from scipy.optimize import least_squares
 
-from pbd.arm.ik import TOLERANCE_M, TOLERANCE_RAD, check, solve
-from pbd.arm.levenberg_marquardt import descend_each
+from pbd.arm.ik.levenberg_marquardt import descend_each
+from pbd.arm.ik.solver import TOLERANCE_M, TOLERANCE_RAD, check, solve
 from pbd.arm.model import ArmModel, to_se3
 from pbd.arm.tool import target
 from pbd.pose import Array, Pose

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pbd.arm.ik_starts import CLUMSY, ROTATION_WEIGHT_M, manipulability, starts_of
+from pbd.arm.ik.starts import CLUMSY, ROTATION_WEIGHT_M, manipulability, starts_of
 from pbd.arm.model import ArmModel
 from pbd.arm.tool import target
 from pbd.pose import Array

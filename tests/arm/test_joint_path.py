@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pbd.arm.branches import AT_LIMIT, SINGULAR, configuration_cost, margins, turn_toward
-from pbd.arm.ik import check, solve
+from pbd.arm.ik.branches import AT_LIMIT, SINGULAR, configuration_cost, margins, turn_toward
+from pbd.arm.ik.solver import check, solve
 from pbd.arm.joint_path import solve_path
 from pbd.arm.model import ArmModel, load_model
 from pbd.data import Robot

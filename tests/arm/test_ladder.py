@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pbd.arm.ik import check
+from pbd.arm.ik.solver import check
 from pbd.arm.joint_path import STARTS, build_ladder, widen
 from pbd.arm.ladder import Barred, Ladder, Layer
 from pbd.pose import Array

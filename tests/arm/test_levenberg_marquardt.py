@@ -6,8 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from pbd.arm.ik_starts import starts_of
-from pbd.arm.levenberg_marquardt import PATIENCE, SOLVED, descend_each, residual_at
+from pbd.arm.ik.levenberg_marquardt import PATIENCE, SOLVED, descend_each, residual_at
+from pbd.arm.ik.starts import starts_of
 from pbd.arm.model import ArmModel
 from pbd.arm.tool import target
 from tests.arm.bundled import NAMES, arm_of

@@ -8,16 +8,16 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from pbd.arm import cartesian
 from pbd.arm import motion as motion_module
-from pbd.arm.cartesian import line
-from pbd.arm.collision import check_motion
-from pbd.arm.collision_queries import APPROACH_M, CollisionQueries
+from pbd.arm.collision.motion_check import check_motion
+from pbd.arm.collision.queries import APPROACH_M, CollisionQueries
+from pbd.arm.collision.scene import CollisionScene
+from pbd.arm.ik import cartesian
+from pbd.arm.ik.cartesian import line
 from pbd.arm.motion import choose_motion
 from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, Motion, MotionRequest
 from pbd.arm.refusal import CANNOT_FOLLOW, COLLISION, UNREACHABLE, Refusal
-from pbd.arm.scene import CollisionScene
-from pbd.arm.timing import Move, time_moves
+from pbd.arm.timing.moves import Move, time_moves
 from pbd.data import Obstacle
 from pbd.errors import PbdWarning
 from pbd.pose import Array, Pose

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.optimize import Bounds, NonlinearConstraint, minimize
 
-from pbd.arm.ik import solve
+from pbd.arm.ik.partial_pose import ABOUT_AXIS, NEAR_M, hold, is_partial, measure, solve_partial
+from pbd.arm.ik.solver import solve
 from pbd.arm.joint_path import solve_path
 from pbd.arm.model import ArmModel
-from pbd.arm.partial_pose import ABOUT_AXIS, NEAR_M, hold, is_partial, measure, solve_partial
 from pbd.arm.tool import target
 from pbd.calibration.frames import nav_in_base, tool_poses
 from pbd.errors import PbdWarning

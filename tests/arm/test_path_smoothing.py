@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
-from pbd.arm.path_smoothing import OFF_RAD, Curve, curved_move
-from pbd.arm.piecewise_cubic import PiecewiseCubic
-from pbd.arm.ptp import ptp_move
+from pbd.arm.timing.path_smoothing import OFF_RAD, Curve, curved_move
+from pbd.arm.timing.piecewise_cubic import PiecewiseCubic
+from pbd.arm.timing.ptp import ptp_move
 from pbd.data import JointLimits
 from pbd.pose import Array
 from tests.arm.bundled import arm_of

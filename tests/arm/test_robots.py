@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from pbd.arm.collision import check_motion
+from pbd.arm.collision.motion_check import check_motion
+from pbd.arm.collision.scene import CollisionScene
 from pbd.arm.model import ArmModel
 from pbd.arm.reach import sample
-from pbd.arm.scene import CollisionScene
 from pbd.calibration.frames import nav_in_base, tool_poses
 from pbd.cli import main
 from pbd.cli.steps import load_arm

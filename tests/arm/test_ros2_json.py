@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from pbd.arm.timing import time_keyframes
+from pbd.arm.timing.moves import time_keyframes
 from pbd.data import JointTrajectory, Robot
 from pbd.data.receiver import shares
 from pbd.errors import PbdWarning, PlanError

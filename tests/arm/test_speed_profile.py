@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
-from pbd.arm.path_smoothing import Curve
-from pbd.arm.speed_profile import fastest_profile
+from pbd.arm.timing.path_smoothing import Curve
+from pbd.arm.timing.speed_profile import fastest_profile
 from pbd.data import JointLimits
 from pbd.pose import Array
 from tests.arm.toppra_oracle import toppra_duration

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pbd.arm.ik import solve
+from pbd.arm.ik.solver import solve
+from pbd.arm.ik.unreachable import Unreached, find_reason
 from pbd.arm.model import ArmModel, load_model
-from pbd.arm.unreachable import Unreached, find_reason
 from pbd.data import Robot
 from pbd.pose import Array, Pose
 from tests.arm.bundled import NAMES, arm_of

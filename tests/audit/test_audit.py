@@ -9,7 +9,7 @@ import pytest
 from scipy.interpolate import BSpline, PPoly
 
 from pbd.arm.model import ArmModel
-from pbd.arm.timing import time_keyframes
+from pbd.arm.timing.moves import time_keyframes
 from pbd.audit.audit import audit
 from pbd.data import Calibration, JointTrajectory, Obstacle
 from pbd.errors import PlanError

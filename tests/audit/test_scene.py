@@ -12,7 +12,7 @@ import pytest
 from pbd.arm.gripper import tool_rod as planned_rod
 from pbd.arm.joint_path import solve_path
 from pbd.arm.model import load_model
-from pbd.arm.timing import time_keyframes
+from pbd.arm.timing.moves import time_keyframes
 from pbd.audit.arm import AuditArm
 from pbd.audit.grasp import tool_rod
 from pbd.audit.pairs import AuditScene

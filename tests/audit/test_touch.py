@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pbd.arm.geometry import Body
-from pbd.arm.scene import CollisionScene
-from pbd.arm.timing import time_keyframes
+from pbd.arm.collision.geometry import Body
+from pbd.arm.collision.scene import CollisionScene
+from pbd.arm.timing.moves import time_keyframes
 from pbd.audit.arm import AuditArm
 from pbd.audit.grasp import THE_TOOL
 from pbd.audit.pairs import AuditScene
@@ -62,9 +62,9 @@ def dock() -> Calibration:
 
 
 def slow_bodies(monkeypatch: pytest.MonkeyPatch) -> None:
-    from pbd.arm.motion_bounds import rates
+    from pbd.arm.collision.motion_bounds import rates
 
-    monkeypatch.setattr("pbd.arm.clearance.rates", lambda *args: 0.02 * rates(*args))
+    monkeypatch.setattr("pbd.arm.collision.clearance.rates", lambda *args: 0.02 * rates(*args))
 
 
 def small_hulls(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -73,7 +73,7 @@ def small_hulls(monkeypatch: pytest.MonkeyPatch) -> None:
     def shrunk(body: Body) -> Body:
         return replace(body, points=0.02 * body.points, size=tuple(0.02 * each for each in body.size))
 
-    monkeypatch.setattr("pbd.arm.scene.arm_bodies", lambda arm: tuple(map(shrunk, arm_bodies(arm))))
+    monkeypatch.setattr("pbd.arm.collision.scene.arm_bodies", lambda arm: tuple(map(shrunk, arm_bodies(arm))))
 
 
 def dropped_pairs(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -37,11 +37,13 @@ from pbd.files.importers import import_file
 from pbd.pipeline import track
 from pbd.pose import Array, quat_canonical, quat_exp, quat_inverse, quat_log, quat_multiply
 from pbd.simulation.simulate import TASKS, random_task, simulate
-from pbd.tracking import estimate, factors, knots, preintegration, smoother, zero_velocity
+from pbd.tracking import estimate, zero_velocity
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.noise import Noise, noise_of
-from pbd.tracking.preintegration import GyroFrame, Rows, preintegrate
 from pbd.tracking.rest import Rest
+from pbd.tracking.smoother import factors, knots, preintegration
+from pbd.tracking.smoother import smooth as smoother
+from pbd.tracking.smoother.preintegration import GyroFrame, Rows, preintegrate
 from tests.benchmarks import trials, windows
 from tests.benchmarks.report import add_data, arguments, print_machine
 from tests.benchmarks.tracking import inside, stop_scores, stride_errors, walk

@@ -20,12 +20,12 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import numpy as np
 
-from pbd.arm.allowed_collisions import samples
-from pbd.arm.clearance import Clearance
-from pbd.arm.collision import check_motion
+from pbd.arm.collision.allowed_collisions import samples
+from pbd.arm.collision.clearance import Clearance
+from pbd.arm.collision.motion_check import check_motion
+from pbd.arm.collision.scene import CollisionScene
 from pbd.arm.model import ArmModel, load_model
-from pbd.arm.scene import CollisionScene
-from pbd.arm.timing import time_keyframes
+from pbd.arm.timing.moves import time_keyframes
 from pbd.data import GraspedObject, JointTrajectory, Obstacle
 from pbd.files.library import names
 from pbd.files.robot import load_robot

@@ -25,11 +25,11 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 import numpy as np
 import pinocchio as pin
 
-from pbd.arm.ik import solve
+from pbd.arm.ik.solver import solve
+from pbd.arm.ik.unreachable import find_reason
 from pbd.arm.joint_path import solve_path
 from pbd.arm.model import ArmModel, configuration, from_se3, load_model, to_se3
 from pbd.arm.reach import farthest
-from pbd.arm.unreachable import find_reason
 from pbd.errors import PlanError
 from pbd.files.library import names
 from pbd.files.robot import load_robot

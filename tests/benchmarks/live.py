@@ -27,7 +27,7 @@ from pbd.pipeline import track
 from pbd.simulation.simulate import TASKS, random_task, simulate
 from pbd.simulation.tasks import Task
 from pbd.tracking.keyframes import find_keyframes
-from pbd.tracking.online import LiveTracker, StopBegan
+from pbd.tracking.online.tracker import LiveTracker, StopBegan
 from tests.benchmarks.report import add_data, arguments, finish
 from tests.benchmarks.trials import read_broad
 from tests.scenarios import truth_at

@@ -16,11 +16,11 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import pbd
-from pbd.arm.collision import check_motion
+from pbd.arm.collision.motion_check import check_motion
+from pbd.arm.collision.scene import CollisionScene
 from pbd.arm.joint_path import solve_path
 from pbd.arm.model import load_model
-from pbd.arm.scene import CollisionScene
-from pbd.arm.timing import time_keyframes
+from pbd.arm.timing.moves import time_keyframes
 from pbd.audit.arm import AuditArm
 from pbd.audit.audit import audit
 from pbd.audit.pairs import AuditScene

@@ -29,7 +29,7 @@ from scipy.signal import savgol_filter
 
 from pbd.errors import PbdWarning
 from pbd.pose import Array, quat_about_z, quat_rotate
-from pbd.tracking.preintegration import integral_of_means, integral_of_values
+from pbd.tracking.smoother.preintegration import integral_of_means, integral_of_values
 from tests.benchmarks.report import add_data, arguments, finish
 from tests.benchmarks.tracking import spread
 from tests.benchmarks.trials import RATES, Trial, at_sensor, filled, fit_lever, kind_of, read_broad

@@ -26,12 +26,12 @@ import numpy as np
 from ruckig import InputParameter, Ruckig, Trajectory
 
 import pbd
-from pbd.arm.collision import check_motion
+from pbd.arm.collision.motion_check import check_motion
+from pbd.arm.ik.partial_pose import is_partial
 from pbd.arm.joint_path import solve_path
-from pbd.arm.partial_pose import is_partial
-from pbd.arm.path_smoothing import Curve, curved_move
-from pbd.arm.ptp import ptp_move
-from pbd.arm.timing import time_keyframes
+from pbd.arm.timing.moves import time_keyframes
+from pbd.arm.timing.path_smoothing import Curve, curved_move
+from pbd.arm.timing.ptp import ptp_move
 from pbd.audit.arm import AuditArm
 from pbd.audit.audit import audit
 from pbd.audit.pairs import AuditScene

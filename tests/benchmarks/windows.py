@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from pbd.pose import Array, quat_about_z, quat_canonical, quat_inverse, quat_log, quat_multiply, quat_rotate
 from pbd.tracking.noise import noise_of
-from pbd.tracking.normal_equations import POS, ROT, STATE, VEL
-from pbd.tracking.path import Path
 from pbd.tracking.rest import find_rest
-from pbd.tracking.smoother import Solution, smooth
-from pbd.tracking.variance_components import with_own_noise
+from pbd.tracking.smoother.normal_equations import POS, ROT, STATE, VEL
+from pbd.tracking.smoother.path import Path
+from pbd.tracking.smoother.smooth import Solution, smooth
+from pbd.tracking.smoother.variance_components import with_own_noise
 from tests.benchmarks.trials import VELOCITY_SIGMA, Trial, Window, phases, slope
 
 WINDOWS_S = (1.0, 2.0, 5.0)

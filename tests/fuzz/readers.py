@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from pbd.arm.allowed_collisions import link_pairs
-from pbd.arm.coverage import doubts
-from pbd.arm.geometry import link_bodies
+from pbd.arm.collision.allowed_collisions import link_pairs
+from pbd.arm.collision.coverage import doubts
+from pbd.arm.collision.geometry import link_bodies
 from pbd.arm.model import load_model
 from pbd.data import Demonstration, Truth
 from pbd.errors import SensorError

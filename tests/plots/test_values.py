@@ -14,7 +14,7 @@ from pbd.plots.values import DemoPlot, TruthPlot, demo_plot
 from pbd.pose import quat_about_z, quat_multiply, quat_rotate
 from pbd.simulation.simulate import simulate
 from pbd.tracking.paper import paper_path
-from pbd.tracking.preintegration import integral_of_means
+from pbd.tracking.smoother.preintegration import integral_of_means
 from tests.scenarios import pour
 
 

@@ -10,7 +10,7 @@ from pbd.pose import Pose
 from pbd.record.feedback import Feedback, in_cm, placed
 from pbd.record.messages import Say
 from pbd.sensors.decoding import Sample
-from pbd.tracking.online import DataFlaw, LiveEvent, StopBegan
+from pbd.tracking.online.tracker import DataFlaw, LiveEvent, StopBegan
 
 LEVEL = Sample((0.0, 0.0, 9.8), (0.0, 0.0, 0.0))
 

@@ -27,8 +27,8 @@ from pbd.pose import (
 )
 from pbd.simulation.simulate import SENSOR_MODELS, TASKS, random_task, simulate
 from pbd.simulation.tasks import Task
-from pbd.tracking.attitude import mean_quaternion
 from pbd.tracking.noise import FACTORY, MG
+from pbd.tracking.smoother.attitude import mean_quaternion
 
 RANDOM: dict[str, Callable[[int], Task]] = {
     "random": random_task,

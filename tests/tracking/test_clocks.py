@@ -16,8 +16,8 @@ from pbd.errors import PbdWarning
 from pbd.pipeline import track
 from pbd.pose import Array
 from pbd.simulation.simulate import SENSOR_MODELS, simulate
-from pbd.tracking.clock import steady_clock
 from pbd.tracking.keyframes import find_keyframes
+from pbd.tracking.repair.clock import steady_clock
 from tests.scenarios import truth_at, uncalibrated, with_rows
 
 RATES = [("os5000", None), ("modern", None), ("modern", 95.0), ("wt901", 41.0), ("modern", 286.0)]

@@ -14,7 +14,7 @@ from pbd.data import GripEvent, Stop
 from pbd.pose import Array
 from pbd.tracking.keyframes import _grip_at_stops
 from pbd.tracking.known import _Conditioned
-from pbd.tracking.steady import squares, window_moments, window_sums
+from pbd.tracking.moving_windows import squares, window_moments, window_sums
 from tests.tracking.stops_at import covariances, hand_path
 
 vectors = st.integers(1, 60).flatmap(lambda n: arrays(np.float64, (n, 3), elements=st.floats(-1e3, 1e3)))

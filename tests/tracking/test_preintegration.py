@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pbd.tracking.preintegration import gyro_frame, preintegrate
+from pbd.tracking.smoother.preintegration import gyro_frame, preintegrate
 
 
 def test_samples_that_came_at_one_instant_are_an_empty_block() -> None:

@@ -21,7 +21,7 @@ from pbd.simulation.sensor_model import SensorModel
 from pbd.simulation.simulate import SENSOR_MODELS, TASKS, random_task, simulate
 from pbd.simulation.tasks import Task
 from pbd.tracking.keyframes import find_keyframes
-from pbd.tracking.saturation import Clip, clips_of, find_clips
+from pbd.tracking.repair.saturation import Clip, clips_of, find_clips
 from tests.benchmarks.trials import read_broad
 from tests.scenarios import truth_at
 

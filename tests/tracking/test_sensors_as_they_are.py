@@ -20,11 +20,11 @@ from pbd.simulation.calibration_tasks import sides
 from pbd.simulation.hand import Waypoint
 from pbd.simulation.simulate import SENSOR_MODELS, TASKS, World, random_task, simulate
 from pbd.simulation.tasks import Task
-from pbd.tracking.agreement import find_steady, refuse_disagreement
-from pbd.tracking.channels import frozen
-from pbd.tracking.conditioning import condition
 from pbd.tracking.keyframes import find_keyframes
-from pbd.tracking.splices import without_wild
+from pbd.tracking.repair.agreement import find_steady, refuse_disagreement
+from pbd.tracking.repair.channels import frozen
+from pbd.tracking.repair.conditioning import condition
+from pbd.tracking.repair.splices import without_wild
 from tests.benchmarks.trials import read_broad
 from tests.scenarios import keyframes_and_errors, pour, uncalibrated, with_rows
 from tests.tracking.faults import with_channel

@@ -10,13 +10,13 @@ import pytest
 from pbd.data import Demonstration, Recording
 from pbd.pose import Array, quat_inverse, quat_log, quat_multiply, quat_rotate, yaw_toward
 from pbd.simulation.simulate import TASKS, random_task, simulate
-from pbd.tracking import normal_equations
-from pbd.tracking.conditioning import condition
 from pbd.tracking.estimate import Estimate, estimate
-from pbd.tracking.factors import PIVOT
 from pbd.tracking.noise import noise_of
-from pbd.tracking.normal_equations import ACC_BIAS, BAND, GYR_BIAS, STATE, NormalEquations
+from pbd.tracking.repair.conditioning import condition
 from pbd.tracking.rest import find_rest
+from pbd.tracking.smoother import normal_equations
+from pbd.tracking.smoother.factors import PIVOT
+from pbd.tracking.smoother.normal_equations import ACC_BIAS, BAND, GYR_BIAS, STATE, NormalEquations
 
 SENSORS = ("os5000", "wt901", "modern")
 

@@ -11,7 +11,7 @@ import pytest
 
 from pbd.errors import PbdWarning
 from pbd.simulation.simulate import random_task, simulate
-from pbd.tracking.splices import in_order, without_wild
+from pbd.tracking.repair.splices import in_order, without_wild
 from tests.scenarios import pour, with_rows
 from tests.tracking.test_sensors_as_they_are import real_recordings
 

@@ -24,12 +24,12 @@ from pbd.pose import (
     quat_multiply,
     quat_rotate,
 )
-from pbd.tracking.conditioning import condition
 from pbd.tracking.estimate import estimate
 from pbd.tracking.keyframes import find_keyframes, find_segments
 from pbd.tracking.noise import noise_of
-from pbd.tracking.preintegration import integral_of_means, integral_of_values, turns_between_middles
+from pbd.tracking.repair.conditioning import condition
 from pbd.tracking.rest import find_rest
+from pbd.tracking.smoother.preintegration import integral_of_means, integral_of_values, turns_between_middles
 from tests.scenarios import pour
 from tests.tracking.hands import largest_angle
 

@@ -18,7 +18,7 @@ from pbd.data import Keyframe
 from pbd.files.demo import read_demo
 from pbd.pose import Array, Pose
 from pbd.simulation.simulate import simulate
-from pbd.tracking.online import LiveTracker
+from pbd.tracking.online.tracker import LiveTracker
 from pbd.view.live_view import SMALLEST_M, LivePicture, LiveView
 from tests.view.browser import Page, until
 from tests.view.chromium import Chromium

@@ -15,8 +15,8 @@ from pbd.data import Calibration, Keyframe, Recording
 from pbd.errors import PbdWarning
 from pbd.files.demo import load_demo
 from pbd.pipeline import track
-from pbd.tracking.conditioning import condition
 from pbd.tracking.keyframes import find_keyframes
+from pbd.tracking.repair.conditioning import condition
 
 
 def with_whole_magnetometer(recording: Recording) -> Recording:

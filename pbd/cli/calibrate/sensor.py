@@ -18,7 +18,7 @@ from pbd.data.brief import counted
 from pbd.errors import CalibrationError, PbdWarning
 from pbd.files.calibration_edit import update_calibration
 from pbd.files.demo import load_demo
-from pbd.tracking.conditioning import condition
+from pbd.tracking.repair.conditioning import condition
 from pbd.view.calibration_tables import figures_table
 from pbd.view.tables import print_table
 

@@ -1,0 +1,1 @@
+"""What touches what: bodies, allowed collisions, a motion checked without gaps."""

@@ -1,0 +1,94 @@
+"""Whether the collision shapes of an arm cover it: what has none is never found to touch anything.
+
+Shapes are as large as the links that they stand for; a mesh in millimetres that is read in metres isn't.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+import pinocchio as pin
+
+from pbd.arm.collision.geometry import Body, bodies_of, link_bodies
+from pbd.arm.collision.motion_bounds import outline
+from pbd.arm.model import ArmModel
+from pbd.doors.shapes import Shape, read_shapes
+
+SMALL = 0.5
+"""A shape is doubted below this share of what is drawn of its link, or of the distance between its joints. Of the
+bundled arms' links the smallest shares are 0.78 and 0.79."""
+
+LEAST_LINK_M = 0.01
+"""A link whose joints are closer than this may do without a shape: a wrist may be several joints in one place."""
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """A link that no shape covers, or one far too small, and why that is thought ("has no collision shape")."""
+
+    link: str
+    why: str
+
+
+@lru_cache(maxsize=4)
+def doubts(arm: ArmModel) -> tuple[Doubt, ...]:
+    """Return the links whose shapes can't be trusted, in the URDF's order.
+
+    Raises:
+        RobotError: as `link_bodies`.
+    """
+    bodies, found = link_bodies(arm), dict[str, str]()
+    for joint in range(arm.full.njoints):
+        own = [body for body in bodies if body.joint == joint]
+        if (why := _between_joints(arm, joint, own)) is not None:
+            found[own[0].name if own else _link(arm, joint)] = why
+    shapes = read_shapes(arm.robot)
+    for link in arm.links:
+        drawn, hit = ([s for s in shapes if (s.link, s.element) == (link, each)] for each in ("visual", "collision"))
+        if drawn and hit and [_solid(shape) for shape in drawn] != [_solid(shape) for shape in hit]:
+            size, seen = _size(body for body in bodies if body.name == link), _size(bodies_of(arm, drawn))
+            if size < SMALL * seen:
+                found[link] = f"has a collision shape of {_length(size)}, but is drawn {_length(seen)} large"
+    return tuple(Doubt(link, found[link]) for link in arm.links if link in found)
+
+
+def _between_joints(arm: ArmModel, joint: int, own: list[Body]) -> str | None:
+    """Say what is wrong with all that moves with a joint (0: with the base), by how far the next joints are."""
+    model = arm.full
+    following = [i for i in range(1, model.njoints) if model.parents[i] == joint]
+    length = max((float(np.linalg.norm(model.jointPlacements[i].translation)) for i in following), default=0.0)
+    if not own:
+        needed = joint == 0 or length > LEAST_LINK_M or not following
+        return "has no collision shape" if needed else None
+    size = _size(own)
+    if joint == 0 or size >= SMALL * length:
+        return None  # a base may stand anywhere
+    return f"has a collision shape of {_length(size)}, but its joints are {_length(length)} apart"
+
+
+def _solid(shape: Shape) -> tuple[object, ...]:
+    return shape.kind, shape.size, shape.mesh, shape.scale
+
+
+def _link(arm: ArmModel, joint: int) -> str:
+    """Name a link that moves with a joint; the base for those that don't move."""
+    if joint == 0:
+        return arm.robot.base
+    frames = (frame for frame in arm.full.frames if frame.type == pin.FrameType.BODY and frame.parentJoint == joint)
+    return str(next(frames).name)
+
+
+def _size(bodies: Iterable[Body]) -> float:
+    """The diagonal of the box that holds bodies on one joint, m."""
+    ends = []
+    for body in bodies:
+        points, radius = outline(replace(body, pad=0.0))
+        ends += [body.T_joint_body.act(points) - radius, body.T_joint_body.act(points) + radius]
+    return float(np.linalg.norm(np.ptp(np.concatenate(ends), axis=0)))
+
+
+def _length(metres: float) -> str:
+    return f"{1e3 * metres:.2g} mm" if metres < 0.01 else f"{1e2 * metres:.1f} cm"

@@ -1,0 +1,118 @@
+"""How far a body can move at most while joints turn: the bound that lets collision checks skip ahead.
+
+A point moves with a turning joint by no more than the angle times its distance from the axis, whatever the other joints
+do; its distance is at most the sum of the steps from the axis to it. Coordinates `x` are (k + 1,): the arm's joints q
+(rad; m where one slides), then the gripper's opening, 1 open to 0 closed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from pbd.arm.collision.geometry import Body
+from pbd.arm.model import ArmModel
+from pbd.pose import Array
+
+
+def rates(arm: ArmModel, bodies: Sequence[Body], pairs: NDArray[np.int64]) -> Array:
+    """Bound (p, k + 1), in m per unit of each coordinate, how fast the distance of each of the pairs (p, 2) changes.
+
+    Only the joints between the two bodies count: those further down move both alike.
+    """
+    chains = [levers(arm, body) for body in bodies]
+    bound = np.zeros((len(pairs), len(arm.robot.joints) + 1))
+    columns = _columns(arm)
+    for row, (first, second) in enumerate(pairs):
+        a, b = chains[first], chains[second]
+        for joint in a.keys() ^ b.keys():
+            if joint in columns:
+                column, share = columns[joint]
+                bound[row, column] += share * (a[joint] if joint in a else b[joint])
+    return bound
+
+
+@lru_cache(maxsize=1024)
+def levers(arm: ArmModel, body: Body) -> Mapping[int, float]:
+    """For each joint that carries a body: m that any of its points moves at most per rad (or per m) of the joint."""
+    model, axes, found = arm.full, _axes(arm), dict[int, float]()
+    if body.joint == 0:
+        return found  # a floor has no end
+    p, radius = outline(body)
+    p_joint = body.T_joint_body.act(p)
+    chain = list(model.supports[body.joint])[1:]
+    far = float(np.linalg.norm(p_joint, axis=1).max()) + radius  # from the joint's origin
+    for i in reversed(range(len(chain))):
+        joint = chain[i]
+        axis, slides = axes[joint]
+        if i == len(chain) - 1:
+            lever = float(_off_axis(p_joint, axis).max()) + radius
+        else:
+            step = model.jointPlacements[chain[i + 1]].translation
+            lever, far = far + float(_off_axis(step, axis)), far + float(np.linalg.norm(step))
+        found[joint] = 1.0 if slides else lever
+        if slides:
+            far += _most_slide(arm, joint)
+    return found
+
+
+def _off_axis(p: Array, axis: Array) -> Array:
+    """Distance (...) of points (..., 3) from the line through the origin along a unit axis."""
+    distance: Array = np.sqrt(np.maximum(np.einsum("...i,...i->...", p, p) - (p @ axis) ** 2, 0.0))
+    return distance
+
+
+def outline(body: Body) -> tuple[Array, float]:
+    """Points and a radius: all of the body lies within the radius of their hull."""
+    if body.shape == "hull":
+        return body.points, body.pad
+    if body.shape == "sphere":
+        return np.zeros((1, 3)), 0.5 * body.size[0] + body.pad
+    if body.shape in ("cylinder", "capsule"):
+        diameter, height = body.size
+        return np.array([[0.0, 0.0, -0.5 * height], [0.0, 0.0, 0.5 * height]]), 0.5 * diameter + body.pad
+    corners = 0.5 * np.array([np.where(mask, 1.0, -1.0) for mask in np.ndindex(2, 2, 2)])
+    return corners * np.array(body.size), body.pad
+
+
+@lru_cache(maxsize=4)
+def _axes(arm: ArmModel) -> dict[int, tuple[Array, bool]]:
+    """For each joint: its axis in its own frame, and whether it slides along it."""
+    model, data = arm.full, arm.full.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    axes = {}
+    for joint in range(1, model.njoints):
+        J = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL).reshape(6, -1)
+        column = J[:, model.joints[joint].idx_v]
+        slides = not column[3:].any()
+        axes[joint] = (column[:3] if slides else column[3:], slides)
+    return axes
+
+
+def _columns(arm: ArmModel) -> dict[int, tuple[int, float]]:
+    """For each joint that moves: its column among the coordinates, and its own motion per unit of that coordinate."""
+    full, robot = arm.full, arm.robot
+    columns = {full.getJointId(name): (i, 1.0) for i, name in enumerate(robot.joints)}
+    if gripper := robot.gripper:
+        strokes = np.abs(gripper.open - gripper.closed)
+        columns |= {
+            full.getJointId(name): (len(robot.joints), float(stroke))
+            for name, stroke in zip(gripper.joints, strokes, strict=True)
+        }
+    return columns
+
+
+def _most_slide(arm: ArmModel, joint: int) -> float:
+    """How far a sliding joint can be from its zero, m; one that is locked stands at zero."""
+    name, robot = arm.full.names[joint], arm.robot
+    if name in robot.joints:
+        i = robot.joints.index(name)
+        return float(max(abs(robot.limits.lower[i]), abs(robot.limits.upper[i])))
+    if robot.gripper and name in robot.gripper.joints:
+        i = robot.gripper.joints.index(name)
+        return float(max(abs(robot.gripper.open[i]), abs(robot.gripper.closed[i])))
+    return 0.0

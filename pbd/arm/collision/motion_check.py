@@ -1,0 +1,203 @@
+"""Whether a motion touches anything on its way: checked along all of it, and told in one line.
+
+In a motion that passes no two bodies that are checked touch at any instant (clearance.py says why); wherever they were
+measured they were at least MARGIN_M apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pbd.arm.collision.clearance import Contact, JointPath
+from pbd.arm.collision.scene import TABLE, CollisionScene, Hit, PairSet
+from pbd.arm.path_sampling import along
+from pbd.data import JointTrajectory
+from pbd.data.world import Stay, holds
+from pbd.errors import PlanError
+from pbd.pose import Pose
+
+_STILL_RAD = 1e-6
+
+_APART_S = 0.1
+"""Contacts of one pair that are closer in time than this, s, are merged."""
+
+
+@dataclass(frozen=True, eq=False)
+class MotionHit:
+    """A hit of a motion.
+
+    Attributes:
+        hit: the two bodies, where the parts that touch first overlap the most before they part.
+        t: s, when they first touch; `deepest_t`, when they overlap the most; `parted_t`, when they were last seen to.
+        keyframe: the keyframe at which they touch, or on the way to which; one more than the last: after that.
+        at_keyframe: whether they touch at the keyframe itself.
+    """
+
+    hit: Hit
+    t: float
+    deepest_t: float
+    parted_t: float
+    keyframe: int
+    at_keyframe: bool
+
+
+def check_motion(scene: CollisionScene, trajectory: JointTrajectory) -> MotionHit | None:
+    """Return the first hit of a motion, None where it is free.
+
+    The object is carried as the gripper's track says, the fingers are where it puts them.
+    """
+    first: MotionHit | None = None
+    for pairs, start, end in _phases(scene, trajectory):
+        if first is None or start <= first.t:
+            path = along(trajectory, pairs.clearance.rates, start, min(end, first.t) if first else end)
+            met = pairs.clearance.first_contact(path, pairs.allowed)
+            found = None if met is None else _motion_hit(scene, trajectory, pairs, path, met)
+            first = found if first is None or (found is not None and found.t < first.t) else first
+    return first
+
+
+def all_hits(scene: CollisionScene, trajectory: JointTrajectory) -> tuple[MotionHit, ...]:
+    """Return all hits of a motion by when they begin, for people to see; two bodies that hardly part hit once."""
+    found: list[MotionHit] = []
+    for pairs, start, end in _phases(scene, trajectory):
+        path = along(trajectory, pairs.clearance.rates, start, end)
+        contacts = pairs.clearance.contacts(path, pairs.allowed)
+        found += [_motion_hit(scene, trajectory, pairs, path, met) for met in contacts]
+    hits: list[MotionHit] = []
+    for hit in sorted(found, key=lambda each: each.t):
+        i = next((i for i, other in enumerate(hits) if _one_hit(other, hit)), None)
+        if i is None:
+            hits.append(hit)
+        else:
+            deeper = min(hits[i], hit, key=lambda each: each.hit.distance)
+            parted_t = max(hits[i].parted_t, hit.parted_t)
+            hits[i] = replace(hits[i], hit=deeper.hit, deepest_t=deeper.deepest_t, parted_t=parted_t)
+    return tuple(hits)
+
+
+def _phases(scene: CollisionScene, trajectory: JointTrajectory) -> Iterator[tuple[PairSet, float, float]]:
+    """What is checked from when to when, s."""
+    yield scene.always, 0.0, trajectory.duration
+    for stay in object_stays(scene, trajectory):
+        start, end = max(0.0, stay.start), min(stay.end, trajectory.duration)
+        if start <= end:
+            yield scene.around_object(stay), start, end
+
+
+def _one_hit(earlier: MotionHit, later: MotionHit) -> bool:
+    """Whether these are parts of the same two bodies, and touch at nearly the same time."""
+    bodies = [(each.hit.first, each.hit.second) for each in (earlier, later)]
+    return bodies[0] == bodies[1] and later.t <= earlier.parted_t + _APART_S
+
+
+def object_stays(scene: CollisionScene, trajectory: JointTrajectory) -> tuple[Stay, ...]:
+    """Where the grasped object is during a motion."""
+
+    def tool(t: float) -> Pose:
+        return scene.arm.forward(trajectory.at(np.array([min(t, trajectory.duration)])).q[0])
+
+    return scene.stays(holds(trajectory.gripper_t, trajectory.gripper_opening), tool)
+
+
+def refuse_home(scene: CollisionScene) -> None:
+    """Check the robot's home, without anything grasped.
+
+    Raises:
+        PlanError: it isn't free; its fields are bodies, value (m), p_base (m), home (rad).
+    """
+    home = scene.arm.robot.home
+    hit = scene.hit(home)
+    if hit is not None:
+        raise PlanError(
+            f"home of {scene.arm.robot.name}: {describe(hit)}; {_by_design(scene, hit)}{_away_from_home(scene, hit)}",
+            home=tuple(home.tolist()),
+            **_fields(hit),
+        )
+
+
+def _away_from_home(scene: CollisionScene, hit: Hit) -> str:
+    """Say what to do about the thing that is in the way, first of all."""
+    change = "change home in the robot's TOML"
+    if hit.second == TABLE:
+        return f"correct table_height in the calibration, or {change}"
+    return f"move {hit.second}, or {change}" if hit.second in scene.obstacles else change
+
+
+def _by_design(scene: CollisionScene, hit: Hit) -> str:
+    """Say where two links of the arm can be let touch: the shapes of some overlap wherever they are."""
+    if not {hit.first, hit.second} <= scene.links:
+        return ""
+    how = "add srdf = to its [model], an SRDF that" if scene.arm.robot.srdf is None else "see that its srdf"
+    return f"if these links touch by design, {how} calls this pair Adjacent or Never; else "
+
+
+def collision_error(scene: CollisionScene, trajectory: JointTrajectory, found: MotionHit) -> PlanError:
+    """Tell a hit in one line; fields: keyframe, t (s), bodies, value (m, how deep), p_base (m)."""
+    return PlanError(
+        f"{_when(trajectory, found)} (t = {found.t:.1f} s): {describe(found.hit)}; {_advice(scene, trajectory, found)}",
+        keyframe=found.keyframe,
+        t=found.t,
+        **_fields(found.hit),
+    )
+
+
+def _motion_hit(
+    scene: CollisionScene, trajectory: JointTrajectory, pairs: PairSet, path: JointPath, met: Contact
+) -> MotionHit:
+    hit = scene.as_hit(pairs, met.pair, path.x[met.deepest], met.distance)
+    t, deepest_t, parted_t = (float(path.t[node]) for node in (met.first, met.deepest, met.last))
+    keyframe, at_keyframe = _keyframe(trajectory, t, parted_t)
+    return MotionHit(hit, t, deepest_t, parted_t, keyframe, at_keyframe)
+
+
+def _keyframe(trajectory: JointTrajectory, start: float, end: float) -> tuple[int, bool]:
+    """Return the keyframe at which the arm is at some time from start to end (s), or else the next one."""
+    times = trajectory.keyframe_t
+    following = int(np.searchsorted(times, start))
+    if following < len(times) and times[following] <= end:
+        return following, True
+    if following > 0:
+        q = trajectory.at(np.array([start])).q[0]
+        if np.abs(q - trajectory.keyframe_q[following - 1]).max() < _STILL_RAD:
+            return following - 1, True  # it hasn't left yet
+    return following, False
+
+
+def _when(trajectory: JointTrajectory, found: MotionHit) -> str:
+    if found.at_keyframe:
+        return f"at keyframe {found.keyframe}"
+    if found.t == 0.0:
+        return "at the start of the motion"
+    if found.keyframe == 0:
+        return "on the way to keyframe 0"
+    if found.keyframe == len(trajectory.keyframe_t):
+        return f"after keyframe {found.keyframe - 1}"
+    return f"between keyframes {found.keyframe - 1} and {found.keyframe}"
+
+
+def describe(hit: Hit) -> str:
+    """Say which two bodies touch, and how deep."""
+    if hit.depth == 0.0:
+        return f"{hit.first} would come within {1000.0 * hit.distance:.1f} mm of {hit.second}"
+    deep = f"{1000.0 * hit.depth:.1f} mm" if hit.depth < 0.01 else f"{100.0 * hit.depth:.1f} cm"
+    return f"{hit.first} would touch {hit.second}, {deep} deep"
+
+
+def _advice(scene: CollisionScene, trajectory: JointTrajectory, found: MotionHit) -> str:
+    other = found.hit.second
+    if found.t == 0.0 and not found.at_keyframe:
+        at_home = np.abs(trajectory.at(np.zeros(1)).q[0] - scene.arm.robot.home).max() < _STILL_RAD
+        move = "change home in the robot's TOML" if at_home else "move the arm"
+        return f"{move}, or correct {'table_height' if other == TABLE else 'the obstacles'} in the calibration"
+    if other == TABLE:
+        return "raise the keyframe, or raise the dock and with it the whole motion"
+    if other in scene.obstacles:
+        return f"move the dock or {other}, or demonstrate a path around it"
+    return "move the dock, or hold the sensor at another angle there"
+
+
+def _fields(hit: Hit) -> dict[str, object]:
+    return {"bodies": (hit.first, hit.second), "value": hit.depth, "p_base": hit.p_base}

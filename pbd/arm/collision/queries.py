@@ -1,0 +1,76 @@
+"""Collision queries as the choice of a motion asks them: leg i leads to keyframe i, leg n away from the last one.
+
+Where the straight way from the arm's start to the first keyframe is barred, it comes to it along the tool's approach
+axis, from APPROACH_M before; where the straight way back from the last is, it leaves it the same way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pbd.arm.collision.scene import CollisionScene, Hit, Leg
+from pbd.arm.ik.cartesian import line, refine
+from pbd.arm.model import ArmModel
+from pbd.pose import Array, Pose
+
+APPROACH_M = 0.08, 0.16
+"""Distances before a keyframe from which the arm comes, where it can't come straight: the first that is free."""
+
+_HALFWAY = 0.5, 0.25, 0.75
+
+
+class CollisionQueries:
+    """What is free for one arm and the legs of one motion."""
+
+    def __init__(
+        self, arm: ArmModel, scene: CollisionScene, T_base_tool: Sequence[Pose], grips: Sequence[bool | None]
+    ) -> None:
+        self.arm, self.scene, self.legs = arm, scene, scene.legs(T_base_tool, grips)
+
+    def standing(self, i: int, q: Array) -> Hit | None:
+        """Return what the arm touches at keyframe i with joints (k,), as it comes there or as it leaves."""
+        legs = dict.fromkeys(self.legs[i : i + 2])  # mostly alike
+        return next((hit for leg in legs if (hit := self.scene.hit(q, leg))), None)
+
+    def passing(self, i: int, q: Array) -> Hit | None:
+        """Return what it touches on its way to keyframe i at joints (k,)."""
+        return self.scene.hit(q, self.legs[i])
+
+    def moving(self, i: int, q: Array) -> Hit | None:
+        """Return what it touches first on its way to keyframe i, straight from each of joints (m, k) to the next."""
+        return self.scene.check_path(q, self.legs[i])
+
+    def halfway(self, i: int, q_start: Array, q_end: Array) -> Hit | None:
+        """Return what it touches at one of a few places on a straight way to keyframe i, those in the middle first."""
+        places = (q_start + share * (q_end - q_start) for share in _HALFWAY)
+        return next((hit for q in places if (hit := self.scene.hit(q, self.legs[i]))), None)
+
+    def approach(self, q_start: Array, q: Array) -> Array | Hit:
+        """Return the joints (m, k) by which the arm comes to keyframe 0, or what bars the straight way."""
+        hit = self.scene.check_path(np.stack((q_start, q)), self.legs[0])
+        if hit is None:
+            return q[None]
+        before = self._before(self.legs[0], q, q_start)
+        return hit if before is None else np.stack((before, q))
+
+    def retreat(self, q: Array, q_back: Array) -> Array | Hit:
+        """Return the joints (m, k) by which it goes back from the last keyframe, or what bars the straight way."""
+        hit = self.scene.check_path(np.stack((q, q_back)), self.legs[-1])
+        if hit is None:
+            return q_back[None]
+        before = self._before(self.legs[-1], q, q_back)
+        return hit if before is None else np.stack((before, q_back))
+
+    def _before(self, leg: Leg, q: Array, q_away: Array) -> Array | None:
+        """Find joints from which the tool goes straight along its axis to joints q at an end of the motion."""
+        T_base_tool = self.arm.forward(q)
+        for distance in APPROACH_M:
+            T_before = T_base_tool @ Pose(np.array([0.0, 0.0, -distance]), np.array([1.0, 0.0, 0.0, 0.0]))
+            before: Array | None = q
+            for pose in line(T_base_tool, T_before)[1:]:
+                before = None if before is None else refine(self.arm, pose, before)
+            if before is not None and self.scene.check_path(np.stack((q, before, q_away)), leg) is None:
+                return before
+        return None

@@ -1,0 +1,232 @@
+"""An arm among what it must not touch: itself, the table, obstacles, and the object that it carries.
+
+The fingers are where the gripper's opening puts them. The gripper (all that the arm's last joint carries) may touch the
+object. While it is held, the object may touch the table, and what it stands on, as long as it is within REST_M of where
+it was gripped or is let go.
+Where the model has no gripper a rod stands for it (hand.py).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pbd.arm.collision.allowed_collisions import NEARLY_ALWAYS, SAMPLES, Unchecked, link_pairs, samples
+from pbd.arm.collision.clearance import Allowed, Clearance, Pairs
+from pbd.arm.collision.geometry import Body, apart
+from pbd.arm.collision.motion_bounds import rates
+from pbd.arm.gripper import THE_TOOL, arm_bodies, gripper_links, tool_on_joint
+from pbd.arm.model import ArmModel, from_se3
+from pbd.arm.path_sampling import polyline
+from pbd.data import Calibration, GraspedObject, Obstacle
+from pbd.data.world import Stay, holds, stays
+from pbd.pose import Array, Pose, quat_about_z, quat_rotate
+
+TABLE = "the table"
+
+REST_M = 0.03
+"""Within this of where it was gripped or is let go, m, a held object may touch what it stands on there."""
+
+STEEP = float(np.cos(np.radians(45.0)))
+"""What an object stands on holds it up at less than this angle from the vertical: least z of its normal."""
+
+MOST_STAYS = 64
+"""For how many places of the object the pairs are remembered."""
+
+
+@dataclass(frozen=True, eq=False)
+class Hit:
+    """Two bodies that touch, or are nearer to each other than MARGIN_M.
+
+    Attributes:
+        first, second: names of links, of obstacles, TABLE, what is grasped ("the cylinder"), or THE_TOOL.
+        distance: m, negative as deep as they overlap.
+        p_base: (3,) m, where that is.
+        share: of a path, how far along it begins.
+    """
+
+    first: str
+    second: str
+    distance: float
+    p_base: Array
+    share: float = 0.0
+
+    @property
+    def depth(self) -> float:
+        """How far they overlap, m; 0 where they are only near."""
+        return max(0.0, -self.distance)
+
+
+@dataclass(frozen=True)
+class Leg:
+    """How the arm moves from one keyframe to the next: the gripper's opening, and where the object is meanwhile."""
+
+    opening: float = 1.0
+    stay: Stay | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class PairSet:
+    """Pairs of bodies, and which of them may touch where."""
+
+    clearance: Clearance
+    allowed: Allowed | None = None
+
+
+class CollisionScene:
+    """What can touch what, for one arm in one place. Not to be shared between threads, as the arm isn't.
+
+    Attributes:
+        arm: the arm.
+        unchecked: the pairs of links that nobody checks, and why.
+        obstacles: names.
+        links: names of those that have a shape.
+        always: the arm against itself, the table and the obstacles.
+    """
+
+    def __init__(
+        self,
+        arm: ArmModel,
+        table_height: float | None = None,
+        obstacles: Iterable[Obstacle] = (),
+        grasped: GraspedObject | None = None,
+    ) -> None:
+        self.arm, self._table_height, self._grasped = arm, table_height, grasped
+        obstacles = tuple(obstacles)
+        self.obstacles = frozenset(obstacle.name for obstacle in obstacles)
+        self._T_universe_base = from_se3(arm.T_base_universe).inverse()
+        self._links, (pairs, self.unchecked) = arm_bodies(arm), link_pairs(arm)
+        self.links = frozenset(link.name for link in self._links) - {THE_TOOL}
+        world = [Body(o.name, 0, self._T_universe_base @ o.T_base_obstacle, o.shape, o.size) for o in obstacles]
+        if table_height is not None:
+            T_base_table = Pose(np.array([0.0, 0.0, table_height]), quat_about_z(0.0))
+            world.insert(0, Body(TABLE, 0, self._T_universe_base @ T_base_table, "floor"))
+        self._bodies = (*self._links, *world)
+        around = self._against(self._bodies, range(len(self._links)), range(len(self._links), len(self._bodies)))
+        around = self._off_the_table(around)
+        self.always = PairSet(Clearance(arm, self._bodies, np.concatenate((pairs, around))))
+        self._with_object: dict[Stay, PairSet] = {}
+
+    @staticmethod
+    def build(arm: ArmModel, calibration: Calibration, grasped: GraspedObject | None = None) -> CollisionScene:
+        """Build the scene of a calibration: its table and its obstacles, and a demonstration's object."""
+        return CollisionScene(arm, calibration.table_height, calibration.obstacles, grasped)
+
+    def hit(self, q: Array, leg: Leg | None = None) -> Hit | None:
+        """Return the worst hit at joints q (k,); by default the gripper is open and there is no object."""
+        leg = leg or Leg()
+        x, worst = np.append(q, leg.opening), None
+        for each in self.pair_sets(leg.stay):
+            for pair, distance in each.clearance.touching(x):
+                if (worst is None or distance < worst.distance) and not (each.allowed and each.allowed(pair, x)):
+                    worst = self.as_hit(each, pair, x, distance)
+        return worst
+
+    def check_move(self, q_start: Array, q_end: Array, leg: Leg | None = None) -> Hit | None:
+        """Return the first hit of a straight move in joint space from q (k,) to q (k,), both ends included."""
+        return self.check_path(np.stack((q_start, q_end)), leg)
+
+    def check_path(self, q: Array, leg: Leg | None = None) -> Hit | None:
+        """Return the first hit of straight moves in joint space from each of joints (m, k) to the next."""
+        leg = leg or Leg()
+        first = None
+        for each in self.pair_sets(leg.stay):
+            path = polyline(q, leg.opening, each.clearance.rates)
+            met = each.clearance.first_contact(path, each.allowed)
+            if met is not None and (first is None or path.t[met.first] < first.share):
+                share = float(path.t[met.first])
+                first = self.as_hit(each, met.pair, path.x[met.deepest], met.distance, share)
+        return first
+
+    def legs(self, T_base_tool: Sequence[Pose], grips: Sequence[bool | None]) -> tuple[Leg, ...]:
+        """Say how the arm moves through n keyframes: leg i leads to keyframe i, leg n away from the last one.
+
+        Args:
+            T_base_tool: the tool's poses at the keyframes.
+            grips: True where the gripper closes, False where it opens, None where nothing changes; it begins open.
+        """
+        t, opening = [-1.0], [1.0]
+        for keyframe, closes in enumerate(grips if self.arm.robot.gripper else ()):
+            if closes is not None:
+                t += [keyframe, keyframe]
+                opening += [opening[-1], float(not closes)]
+        last = len(T_base_tool) - 1
+        spans = holds(np.array(t), np.array(opening))
+        found = self.stays(spans, lambda keyframe: T_base_tool[int(min(keyframe, last))])
+        legs = []
+        for i in range(last + 2):
+            stay = next((stay for stay in found if stay.start < i <= stay.end), None)
+            legs.append(Leg(opening[int(np.searchsorted(t, i - 1, side="right")) - 1], stay))
+        return tuple(legs)
+
+    def stays(self, spans: Sequence[tuple[float, float]], tool: Callable[[float], Pose]) -> tuple[Stay, ...]:
+        """Follow the object: see `pbd.data.world.stays`; nothing where there is no object."""
+        return () if self._grasped is None else stays(self._grasped, spans, tool, self._table_height)
+
+    def pair_sets(self, stay: Stay | None) -> list[PairSet]:
+        """Return all that is checked while the object is where `stay` says (None: there is no object)."""
+        return [self.always] if stay is None else [self.always, self.around_object(stay)]
+
+    def around_object(self, stay: Stay) -> PairSet:
+        """Return what is checked because of the object: the arm, and what stands around while it is held."""
+        if stay not in self._with_object:
+            if len(self._with_object) == MOST_STAYS:
+                self._with_object.clear()
+            self._with_object[stay] = self._object_pairs(stay)
+        return self._with_object[stay]
+
+    def as_hit(self, pairs: PairSet, pair: int, x: Array, distance: float, share: float = 0.0) -> Hit:
+        """Describe a pair that touches at coordinates x (k + 1,)."""
+        first, second = (pairs.clearance.bodies[i].name for i in pairs.clearance.pairs[pair])
+        p_base = self._T_universe_base.inverse().act(pairs.clearance.witness(x, pair))
+        return Hit(first, second, distance, p_base, share)
+
+    def _object_pairs(self, stay: Stay) -> PairSet:
+        thing = self._grasped
+        if thing is None:
+            raise ValueError("a scene without an object has none to check")
+        joint, T_joint_tool = tool_on_joint(self.arm)
+        placed = (joint, T_joint_tool @ stay.pose) if stay.held else (0, self._T_universe_base @ stay.pose)
+        bodies = (*self._bodies, Body(f"the {thing.shape}", *placed, thing.shape, thing.size))
+        this, gripper = len(self._bodies), gripper_links(self.arm, self._links)
+        others = [i for i, link in enumerate(self._links) if link.name not in gripper]
+        pairs = self._against(bodies, others, (this,))
+        if not stay.held:
+            return PairSet(Clearance(self.arm, bodies, pairs))
+        around = self._against(bodies, (this,), range(len(self._links), this))
+        # By pair: where the object rests on its second body.
+        rests = {
+            len(pairs) + row: [rest.p for rest in stay.rests if self._stands_on(bodies[this], rest, bodies[second])]
+            for row, (_, second) in enumerate(around)
+        }
+
+        def allowed(pair: int, x: Array) -> bool:
+            if not rests.get(pair):
+                return False
+            p = (self.arm.forward(x[:-1]) @ stay.pose).p
+            return any(np.linalg.norm(p - rest) <= REST_M for rest in rests[pair])
+
+        return PairSet(Clearance(self.arm, bodies, np.concatenate((pairs, around))), allowed)
+
+    def _stands_on(self, thing: Body, T_base_thing: Pose, support: Body) -> bool:
+        """Whether something that stands still holds up an object."""
+        up = quat_rotate(self._T_universe_base.wxyz, (0.0, 0.0, 1.0))
+        distance, _, normal = apart(thing, self._T_universe_base @ T_base_thing, support, support.T_joint_body)
+        return bool(abs(distance) <= REST_M and -normal @ up >= STEEP)
+
+    def _against(self, bodies: Sequence[Body], ones: Iterable[int], others: Iterable[int]) -> Pairs:
+        """Pair up bodies, but for those that no joint moves against each other."""
+        others = tuple(others)
+        pairs = np.array([(a, b) for a in ones for b in others], dtype=np.int64).reshape(-1, 2)
+        return pairs[(rates(self.arm, bodies, pairs) > 0.0).any(axis=1)]
+
+    def _off_the_table(self, around: Pairs) -> Pairs:
+        """Leave out what is on the table however the arm stands: a turntable that it is mounted with."""
+        on_table = np.flatnonzero([self._bodies[second].name == TABLE for _, second in around])
+        clearance = Clearance(self.arm, self._bodies, around[on_table])
+        always = on_table[list(clearance.always_touching(samples(self.arm, SAMPLES), NEARLY_ALWAYS))]
+        why = "on it in nearly every configuration"
+        self.unchecked += tuple(Unchecked(self._bodies[link].name, TABLE, why) for link, _ in around[always])
+        return np.delete(around, always, axis=0)

@@ -1,0 +1,113 @@
+"""The ways to hold the arm at a pose that a joint path may choose from (branches), and what each costs."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg.lapack import dposv
+
+from pbd.arm.ik.levenberg_marquardt import SOLVED, Residual, descend_each
+from pbd.arm.ik.partial_pose import FULL_POSE, SLACK_RAD, finish, is_partial, solve_partial
+from pbd.arm.ik.solver import solve
+from pbd.arm.ik.starts import manipulability, starts_of
+from pbd.arm.model import ArmModel
+from pbd.arm.tool import Target, target
+from pbd.pose import Array, Pose
+
+MARGIN_RAD = 0.1
+"""A joint nearer to a limit than this (rad, or m) costs something."""
+AT_LIMIT = 0.3
+"""Cost of a joint at its limit, in rad of joint travel."""
+SINGULAR = 0.3
+"""Cost of a singular arm, in rad of joint travel."""
+
+CARRIED_RELAXED = 2
+"""Solutions of the pose before from which an arm with too few joints starts: it has few branches, and is slow."""
+CARRIED_APART_RAD, FRESH_APART_RAD, FRESH_APART_REDUNDANT_RAD = 0.3, 2.0, 1.2
+"""Starts nearer to each other than this, in every joint, lead to the same solution; the last of a redundant arm."""
+NEARBY = 256
+"""Samples near the pose that starts are chosen from."""
+SAME_RAD = 1e-3
+"""Solutions nearer to each other than this, in every joint, are one."""
+EXACT = 1e-9
+"""Of |e| (m, rad): below it a solution is left as it is."""
+
+_RIDGE = 1e-12 * np.eye(6)  # keeps the step small where the arm is singular
+
+
+def find_branches(arm: ArmModel, T_base_tool: Pose, before: Array, starts: int) -> Array:
+    """Find different joints (m, k) for a pose; none, (0, k), where even the full search finds none.
+
+    Args:
+        arm: the arm.
+        T_base_tool: the tool's pose in base.
+        before: (b, k) rad, where the arm may come from, the likeliest first.
+        starts: the number of descents: a third of them from `before`, the others from seeds near the pose, those
+            first from which the way to what is carried on is shortest.
+    """
+    if is_partial(arm):
+        return _partial(arm, T_base_tool, before)
+    goal = target(T_base_tool)
+    carried = apart(before, starts // 3, CARRIED_APART_RAD)
+    seeds = starts_of(arm).nearest(goal, NEARBY)
+    way = seeds[:, None] - carried
+    way -= (2.0 * np.pi) * arm.turns * np.round(way / (2.0 * np.pi))
+    order = np.einsum("smk,smk->sm", way, way).min(axis=1).argsort()
+    distance = FRESH_APART_REDUNDANT_RAD if len(arm.robot.joints) > FULL_POSE else FRESH_APART_RAD
+    fresh = apart(seeds[order], starts - starts // 3, distance)
+    q, squares = descend_each(arm, goal, np.vstack((carried, fresh)), all_of_them=True)
+    found = q[squares < SOLVED]
+    if not len(found):
+        result = solve(arm, T_base_tool, before[0])
+        found = result.q[None] if result.reached else found
+    return polish(arm, goal, apart(found, len(found), SAME_RAD))
+
+
+def turn_toward(arm: ArmModel, q: Array, there: Array) -> Array:
+    """Turn joints q by whole turns, as far as their limits let them, to where they are nearest to others."""
+    turns = np.round((there - q) / (2.0 * np.pi)) * arm.turns
+    least, most = np.ceil((arm.limits.lower - q) / (2.0 * np.pi)), np.floor((arm.limits.upper - q) / (2.0 * np.pi))
+    turned: Array = q + 2.0 * np.pi * np.clip(turns, np.minimum(least, 0.0), np.maximum(most, 0.0))
+    return turned
+
+
+def configuration_cost(arm: ArmModel, q: Array) -> Array:
+    """Return the cost (m,) of being near limits and singularities at joints (m, k), in rad of joint travel."""
+    near_limits = np.maximum(0.0, 1.0 - margins(arm, q) / MARGIN_RAD)
+    J = np.array([arm.jacobian(each) for each in q])
+    dexterity = manipulability(J) / starts_of(arm).clumsy
+    cost: Array = AT_LIMIT * (near_limits**2).sum(axis=1) + SINGULAR * np.maximum(0.0, 1.0 - dexterity) ** 2
+    return cost
+
+
+def margins(arm: ArmModel, q: Array) -> Array:
+    """Return the distance of joints from the nearer of their limits, rad."""
+    return np.minimum(q - arm.limits.lower, arm.limits.upper - q)
+
+
+def apart(q: Array, most: int, distance: float) -> Array:
+    """Keep the first `most` of configurations (m, k) that are farther than this, in some joint, from all kept."""
+    left, kept = q, list[Array]()
+    while len(left) and len(kept) < most:
+        kept.append(left[0])
+        left = left[np.abs(left - left[0]).max(axis=1) > distance]
+    return np.array(kept).reshape(-1, q.shape[1])
+
+
+def polish(arm: ArmModel, goal: Target, q: Array) -> Array:
+    """Take one Newton step from solutions (m, k) within tolerance: exact to rounding, unless a limit bars it."""
+    residual = Residual(arm, goal)
+    for i, each in enumerate(q):
+        e, J = residual(each)
+        step = J.T @ dposv(J @ J.T + _RIDGE, e)[1]
+        if e @ e > EXACT**2 and step @ step < SAME_RAD**2:
+            q[i] = each - step
+    return np.clip(q, arm.limits.lower, arm.limits.upper)
+
+
+def _partial(arm: ArmModel, T_base_tool: Pose, before: Array) -> Array:
+    goal, carried = target(T_base_tool), apart(before, CARRIED_RELAXED, CARRIED_APART_RAD)
+    ways = solve_partial(arm, goal, carried) + [finish(arm, goal, q) for q in carried]
+    reached = [way for way in ways if way.reached]
+    least = min((way.off for way in reached), default=0.0)
+    found = np.array([way.q for way in reached if way.off <= least + SLACK_RAD]).reshape(-1, before.shape[1])
+    return apart(found, len(found), SAME_RAD)

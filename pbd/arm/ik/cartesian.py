@@ -1,0 +1,100 @@
+"""Cartesian inverse kinematics: joints along a path of the tool that lead on continuously from its first to its last.
+
+Each pose is solved from between the joints that are given at the path's ends, so an arm with joints to spare uses them
+evenly. Intermediate poses are solved where a joint moves far, to tell a fast wrist from a leap to another branch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pbd.arm.ik.levenberg_marquardt import Residual
+from pbd.arm.ik.partial_pose import finish, is_partial
+from pbd.arm.model import ArmModel
+from pbd.arm.tool import target
+from pbd.pose import Array, Pose, quat_slerp
+
+SPACING_M, SPACING_RAD = 0.005, np.radians(2.0)
+"""Largest distance between neighbouring poses on a line."""
+
+LEAP_RAD = 0.1
+"""A joint that moves by more than this from one pose to the next may be leaping."""
+
+_BETWEEN = 8  # intermediate steps that tell a leap
+_FEWEST = 8  # poses on a line
+_STEPS, _SETTLED = 12, 1e-9
+_RIDGE = 1e-10
+
+
+def line(T_start: Pose, T_end: Pose) -> tuple[Pose, ...]:
+    """Poses on a straight line, turning at a constant rate about one axis."""
+    distance, angle = T_start.distance(T_end)
+    count = max(_FEWEST, int(np.ceil(max(distance / SPACING_M, angle / SPACING_RAD))) + 1)
+    return _between(T_start, T_end, count)
+
+
+def _between(T_start: Pose, T_end: Pose, count: int) -> tuple[Pose, ...]:
+    share = np.linspace(0.0, 1.0, count)
+    p = T_start.p + share[:, None] * (T_end.p - T_start.p)
+    wxyz = quat_slerp(T_start.wxyz, T_end.wxyz, share)
+    return (T_start, *(Pose(p[i], wxyz[i]) for i in range(1, count - 1)), T_end)
+
+
+def follow(arm: ArmModel, T_base_tool: Sequence[Pose], q_start: Array, q_end: Array) -> Array | None:
+    """Find joints (n, k) for n poses of the tool, close together, that lead on from joints (k,) to others.
+
+    None where the arm can't follow: a pose is out of its reach or its limits, or it would have to leap.
+    """
+    q, last = np.empty((len(T_base_tool), len(q_start))), len(T_base_tool) - 1
+    q[0], q[last] = q_start, q_end
+    step = (q_end - q_start) / last
+    for i in range(1, last):
+        # A redundant arm keeps its spare joint between the ends; another goes on from the pose before.
+        seed = q_start + i * step if arm.model.nv > 6 else q[i - 1] + step
+        found = refine(arm, T_base_tool[i], seed)
+        if found is None:
+            return None
+        q[i] = found
+    leaps = np.flatnonzero(np.abs(np.diff(q, axis=0)).max(axis=1) > LEAP_RAD).tolist()
+    if any(_leaps(arm, T_base_tool[i], T_base_tool[i + 1], q[i], q[i + 1]) for i in leaps):
+        return None
+    return q
+
+
+def _leaps(arm: ArmModel, T_before: Pose, T_after: Pose, q_before: Array, q_after: Array) -> bool:
+    """Whether a joint still moves by half as much between two of the intermediate poses."""
+    poses = _between(T_before, T_after, _BETWEEN + 1)
+    path = [q_before]
+    for i, pose in enumerate(poses[1:-1], start=1):
+        found = refine(arm, pose, q_before + i / _BETWEEN * (q_after - q_before))
+        if found is None:
+            return True
+        path.append(found)
+    steps = np.abs(np.diff([*path, q_after], axis=0)).max(axis=1)
+    return bool(steps.max() > 0.5 * np.abs(q_after - q_before).max())
+
+
+def refine(arm: ArmModel, pose: Pose, q_seed: Array) -> Array | None:
+    """Go from joints (k,) that are nearly right for a pose to those that are; None where they aren't within limits."""
+    goal = target(pose)
+    if is_partial(arm):
+        found = finish(arm, goal, q_seed)
+        return found.q if found.reached else None
+    q, residual = q_seed, Residual(arm, goal)
+    for _ in range(_STEPS):
+        e, J = residual(q)
+        if e @ e < _SETTLED**2:
+            inside = (q >= arm.limits.lower).all() and (q <= arm.limits.upper).all()
+            return q if inside else None
+        q = q - J.T @ np.linalg.solve(J @ J.T + _RIDGE * np.eye(6), e)
+    return None
+
+
+def off_line(arm: ArmModel, q: Array) -> float:
+    """Return the tool's largest distance (m) from the line between its first and its last place, at joints (n, k)."""
+    p, _ = arm.forward_many(q)
+    away, way = p - p[0], p[-1] - p[0]
+    share = np.clip(away @ way / max(float(way @ way), 1e-18), 0.0, 1.0)
+    return float(np.linalg.norm(away - share[:, None] * way, axis=1).max())

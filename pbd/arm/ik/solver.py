@@ -1,0 +1,124 @@
+"""Inverse kinematics of one pose: descents from the given joints and then from many starts, until one arrives.
+
+An arm of six joints or more brings its tool to a pose exactly or not at all; one of fewer comes near it by the rule in
+partial_pose.py.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pbd.arm.ik.levenberg_marquardt import SOLVED, UNTIL_IT_STOPS, descend_each, residual_norms
+from pbd.arm.ik.partial_pose import is_partial, solve_partial
+from pbd.arm.ik.starts import starts_of
+from pbd.arm.model import ArmModel
+from pbd.arm.tool import Target, target
+from pbd.pose import Array, Pose
+
+TOLERANCE_M = 1e-5
+TOLERANCE_RAD = 1e-5
+
+NEAREST, NEAREST_PARTIAL = 24, 8
+"""Samples near the pose that are tried first; of an arm with too few joints."""
+NEAR_MISS, NEARLY_THERE = 0.2, 0.005
+"""|e| (m, rad) below which the best of these descents may have taken the wrong branch to a pose within reach."""
+ANYWHERE, EVERYWHERE = 48, 400
+"""Random restarts after a near miss, and after one that is nearly there."""
+RESUMED = 3
+"""How many of the best failed descents are run to convergence."""
+
+
+@dataclass(frozen=True, eq=False)
+class IkResult:
+    """The joints that bring the tool to a pose, or else the nearest to it that was found.
+
+    Attributes:
+        q: (k,) rad, within the limits.
+        position_error_m, rotation_error_rad: what is left between the tool and the pose, by forward kinematics.
+        partial: the arm has too few joints for any pose: its tool's rotation need only be near (partial_pose.py).
+    """
+
+    q: Array
+    position_error_m: float
+    rotation_error_rad: float
+    partial: bool = False
+
+    @property
+    def reached(self) -> bool:
+        """Whether both errors are within tolerance, or the position's where that is all that is asked for."""
+        return self.position_error_m <= TOLERANCE_M and (self.partial or self.rotation_error_rad <= TOLERANCE_RAD)
+
+
+def solve(arm: ArmModel, T_base_tool: Pose, q_seed: Array | None = None) -> IkResult:
+    """Find joints for a tool pose; the same question gets the same answer each time.
+
+    Args:
+        arm: the arm.
+        T_base_tool: the tool's pose in base.
+        q_seed: (k,) rad, tried first, where one is known that should be near.
+
+    Returns:
+        The first solution, or, where `reached` is false, the joints with the smallest |e| that were found. Of an arm
+        with too few joints the nearest by its rule.
+    """
+    goal, starts = target(T_base_tool), starts_of(arm)
+    attempts = _Attempts(arm, goal)
+    seeds = np.empty((0, len(arm.limits.lower))) if q_seed is None else q_seed[None]
+    if is_partial(arm):  # for once the whole pose may be met
+        q = (
+            attempts.best
+            if attempts.follow(starts.nearest(goal, NEAREST_PARTIAL))
+            else solve_partial(arm, goal, seeds)[0].q
+        )
+        return _result(arm, goal, q)
+    arrived = attempts.follow(np.vstack((seeds, starts.nearest(goal, NEAREST)))) or attempts.resume()
+    if not arrived and attempts.least < NEAR_MISS**2:
+        restarts = EVERYWHERE if attempts.least < NEARLY_THERE**2 else ANYWHERE
+        if not attempts.follow(starts.anywhere(restarts)):
+            attempts.resume()
+    return _result(arm, goal, attempts.best)
+
+
+def check(arm: ArmModel, T_base_tool: Pose, q: Array) -> IkResult:
+    """Say how far the tool is from a pose at joints q (k,), by forward kinematics."""
+    return _result(arm, target(T_base_tool), q)
+
+
+def _result(arm: ArmModel, goal: Target, q: Array) -> IkResult:
+    return IkResult(q, *residual_norms(arm, goal, q), is_partial(arm))
+
+
+class _Attempts:
+    """Where descents to one goal ended: joints (n, k) and |e|^2 (n,)."""
+
+    def __init__(self, arm: ArmModel, goal: Target) -> None:
+        self.arm, self.goal = arm, goal
+        self._q, self._squares = np.empty((0, len(arm.limits.lower))), np.empty(0)
+
+    @property
+    def best(self) -> Array:
+        """(k,) rad, those with the smallest |e|."""
+        q: Array = self._q[self._squares.argmin()]
+        return q
+
+    @property
+    def least(self) -> float:
+        """The smallest |e|^2."""
+        return float(self._squares.min())
+
+    def follow(self, q_seeds: Array) -> bool:
+        """Descend from each seed until one arrives; say whether one did."""
+        q, squares = descend_each(self.arm, self.goal, q_seeds)
+        self._q, self._squares = np.vstack((self._q, q)), np.append(self._squares, squares)
+        return bool(squares[-1] < SOLVED)
+
+    def resume(self) -> bool:
+        """Go on from the nearest: at the edge of what can be reached steps are small, and all may be given up early."""
+        for i in np.argsort(self._squares)[:RESUMED]:
+            q, square = descend_each(self.arm, self.goal, self._q[i : i + 1], patience=UNTIL_IT_STOPS)
+            self._q[i], self._squares[i] = q[0], square[0]
+            if square[0] < SOLVED:
+                return True
+        return False

@@ -1,0 +1,100 @@
+"""Why an arm can't reach a pose: how far the place lies beyond its reach, and which joints stand at their limits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pbd.arm.ik.levenberg_marquardt import residual_at
+from pbd.arm.ik.partial_pose import nearest_place
+from pbd.arm.ik.solver import TOLERANCE_M, IkResult, solve
+from pbd.arm.ik.starts import starts_of
+from pbd.arm.model import ArmModel
+from pbd.arm.tool import target
+from pbd.errors import PlanError
+from pbd.pose import Array, Pose
+
+_STARTS = 2  # seeds from which the place alone is tried too, where the nearest pose doesn't lead to it
+_SHARE = 0.1  # a joint that pushes less than this against its limit, beside the one that pushes most, isn't named
+
+
+@dataclass(frozen=True)
+class Unreached:
+    """What stops an arm short of a pose.
+
+    Attributes:
+        beyond_m: how far the place is from the nearest one that the tool can come to in any attitude; 0: it can.
+        outside: the place lies farther out than that nearest one, rather than too near the arm itself.
+        limits: the joints at their limits that would have to go beyond them, and which limit: "lower" or "upper".
+    """
+
+    beyond_m: float
+    outside: bool
+    limits: tuple[tuple[str, str], ...]
+
+    def __str__(self) -> str:
+        """Say it as the end of a sentence about the pose, "which is ..."."""
+        at = " and ".join(f"{joint} at its {side} limit" for joint, side in self.limits)
+        if self.beyond_m == 0.0:
+            return f"reachable, but not with the tool at this angle{f' ({at})' if at else ''}"
+        where = f"{100.0 * self.beyond_m:.1f} cm {'beyond' if self.outside else 'inside'} the arm's reach"
+        return f"{where}, with {at}" if at else where
+
+
+def find_reason(arm: ArmModel, T_base_tool: Pose, nearest: IkResult) -> Unreached:
+    """Find out what stops an arm at the nearest pose that it reaches (`solve`)."""
+    goal = target(T_base_tool)
+    q_least, gap_least, beyond = nearest.q, T_base_tool.p - arm.forward(nearest.q).p, np.inf
+    others = () if nearest.partial else starts_of(arm).at(goal.p, _STARTS)  # relaxed, the place alone was sought
+    for q_seed in (nearest.q, *others):
+        q = nearest_place(arm, goal, q_seed)
+        gap = T_base_tool.p - arm.forward(q).p
+        if np.linalg.norm(gap) < beyond:
+            beyond, gap_least, q_least = float(np.linalg.norm(gap)), gap, q
+        if beyond <= TOLERANCE_M:
+            return Unreached(0.0, False, _limits(arm, nearest.q, *residual_at(arm, goal, nearest.q)))
+    e, J = residual_at(arm, goal, q_least)
+    # Outward is away from the shoulder.
+    outward = T_base_tool.p - gap_least - _shoulder(arm, q_least)
+    return Unreached(beyond, float(outward @ gap_least) > 0.0, _limits(arm, q_least, e[:3], J[:3]))
+
+
+def out_of_reach(arm: ArmModel, keyframe: int, pose: Pose, q_seed: Array) -> PlanError:
+    """Say why a keyframe can't be reached.
+
+    Fields: keyframe (from 0), value and bound (m), rotation (rad), nearest (the pose that can be), beyond (m, 0 where
+    only the attitude is at fault), joints (at their limits).
+    """
+    nearest = solve(arm, pose, q_seed)
+    reason = find_reason(arm, pose, nearest)
+    x, y, z = pose.p
+    return PlanError(
+        f"keyframe {keyframe} is out of reach: the tool stays {100 * nearest.position_error_m:.1f} cm and "
+        f"{np.rad2deg(nearest.rotation_error_rad):.1f} degrees from its pose at ({x:.3f}, {y:.3f}, {z:.3f}) m, which is"
+        f" {reason}; move the dock, or make the path smaller with --scale",
+        keyframe=keyframe,
+        value=nearest.position_error_m,
+        bound=TOLERANCE_M,
+        rotation=nearest.rotation_error_rad,
+        nearest=arm.forward(nearest.q),
+        beyond=reason.beyond_m,
+        joints=tuple(joint for joint, _ in reason.limits),
+    )
+
+
+def _shoulder(arm: ArmModel, q: Array) -> Array:
+    """Where the second joint is, in base: the arm swings about it."""
+    arm.forward(q)
+    joint = min(2, arm.model.njoints - 1)
+    shoulder: Array = (arm.T_base_universe * arm.data.oMi[joint]).translation
+    return shoulder
+
+
+def _limits(arm: ArmModel, q: Array, e: Array, J: Array) -> tuple[tuple[str, str], ...]:
+    """Name the joints that |e|^2 presses against their limits, hardest first."""
+    push = -e @ J
+    at_lower, at_upper = (q == arm.limits.lower) & (push < 0.0), (q == arm.limits.upper) & (push > 0.0)
+    push = np.abs(push) * (at_lower | at_upper)
+    order = [i for i in np.argsort(-push) if push[i] > _SHARE * push.max()]
+    return tuple((arm.robot.joints[i], "lower" if at_lower[i] else "upper") for i in order)

@@ -1,0 +1,1 @@
+"""How fast: every move from rest to rest within velocity, acceleration and jerk."""

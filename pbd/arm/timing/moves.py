@@ -1,0 +1,155 @@
+"""When the arm is where: moves from keyframe to keyframe, each from rest to rest, as fast as the limits allow.
+
+A move is straight in joint space (ptp.py) or follows a curve (path_smoothing.py); at a keyframe the arm stands still.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pbd.arm.model import ArmModel
+from pbd.arm.timing.piecewise_cubic import PiecewiseCubic
+from pbd.arm.timing.ptp import ptp_move
+from pbd.data import JointLimits, JointTrajectory
+from pbd.errors import PbdWarning, PlanError
+from pbd.pose import Array
+
+APPROACH_SPEED = 0.5
+"""The way from home to the first keyframe and the way back take this share of the limits."""
+
+
+@dataclass(frozen=True, eq=False)
+class Move:
+    """How the arm goes on from where it is.
+
+    Attributes:
+        q: (n, k) rad, where it goes: the last is where it comes to rest.
+        curved: follow a smooth curve through all of them; else go straight from each to the next, at rest in each.
+        t: (n + 1,) s, when a demonstration passed where the arm is and each of these: a curve isn't taken faster.
+        least_s: the move takes at least so long.
+        share: of the limits.
+    """
+
+    q: Array
+    curved: bool = False
+    t: Array | None = None
+    least_s: float = 0.0
+    share: float = 1.0
+
+    def pieces(self, q_start: Array, limits: JointLimits, speed: float) -> PiecewiseCubic:
+        """Time it, from joints (k,), at a share of the limits that multiplies its own."""
+        if self.curved:
+            from pbd.arm.timing.path_smoothing import curved_move  # scipy takes its time to load
+
+            return curved_move(np.vstack((q_start, self.q)), limits, speed * self.share, self.t).lasting(self.least_s)
+        parts, before = [], q_start
+        for q in self.q:
+            parts.append(ptp_move(before, q, limits, speed * self.share))
+            before = q
+        return PiecewiseCubic.join(parts).lasting(self.least_s)
+
+
+@dataclass(frozen=True, eq=False)
+class Timed:
+    """A motion, and from when to when (s) each move to a keyframe lasts: (n, 2)."""
+
+    trajectory: JointTrajectory
+    spans: Array
+
+
+def time_keyframes(
+    arm: ArmModel,
+    q_keyframes: Array,
+    dwells: Sequence[float],
+    grips: Sequence[bool | None],
+    q_start: Array,
+    *,
+    speed: float = 1.0,
+    approach: bool = True,
+) -> JointTrajectory:
+    """Time straight moves through keyframes (n, k): see `time_moves`; from `q_start` (k,) with an approach."""
+    moves = [Move(q[None]) for q in q_keyframes]
+    if approach:
+        moves[0] = Move(q_keyframes[:1], share=APPROACH_SPEED)
+    return time_moves(arm, q_start if approach else q_keyframes[0], moves, dwells, grips, speed=speed).trajectory
+
+
+def time_moves(
+    arm: ArmModel,
+    q_start: Array,
+    moves: Sequence[Move],
+    dwells: Sequence[float],
+    grips: Sequence[bool | None],
+    *,
+    retreat: Move | None = None,
+    speed: float = 1.0,
+) -> Timed:
+    """Time a motion through keyframes, at rest in each.
+
+    The gripper starts open and moves while the arm stands still: where it opens or closes, the arm stays for at least
+    its stroke.
+
+    Args:
+        arm: the arm, for its limits and its gripper.
+        q_start: (k,) rad, where the arm is.
+        moves: n, each to the next keyframe.
+        dwells: (n,) s to stay at each keyframe.
+        grips: (n,) True where the gripper closes, False where it opens, None where nothing changes.
+        retreat: where the arm goes after the last.
+        speed: above 0, at most 1: a factor on the velocity, acceleration and jerk limits alike.
+
+    Raises:
+        PlanError: speed is out of range, or nothing moves at all.
+    """
+    if not 0.0 < speed <= 1.0:
+        raise PlanError(f"--speed must be above 0 and at most 1, got {speed:g}", value=speed, bound=1.0)
+    gripper = arm.robot.gripper
+    done = _Done(q_start)
+    gripper_t, opening, spans = [0.0], [1.0], []
+    for i, (move, dwell, closes) in enumerate(zip(moves, dwells, grips, strict=True)):
+        since = done.t
+        done.add(move.pieces(done.q, arm.limits, speed), move.q[-1])
+        spans.append((since, done.t))
+        wanted = opening[-1] if closes is None else float(not closes)
+        if wanted != opening[-1] and gripper is None:
+            message = f"{arm.robot.name} has no gripper: the grip at keyframe {i} is ignored"
+            warnings.warn(f"{message}; add a [gripper] in its TOML", PbdWarning, stacklevel=2)
+        elif wanted != opening[-1] and gripper is not None:
+            gripper_t += [done.t, done.t + gripper.stroke_s]
+            opening += [opening[-1], wanted]
+            dwell = max(dwell, gripper.stroke_s)
+        done.add(PiecewiseCubic.hold(done.q, dwell), done.q)
+    if done.t == 0.0:
+        raise PlanError(
+            "nothing moves: the arm already stands at every keyframe; demonstrate a motion with two different stops"
+        )
+    if retreat is not None:
+        done.add(retreat.pieces(done.q, arm.limits, speed), retreat.q[-1])
+    pieces = PiecewiseCubic.join(done.parts)
+    trajectory = JointTrajectory(
+        joint_names=arm.robot.joints,
+        knots=np.append(0.0, np.cumsum(pieces.durations)),
+        coefficients=pieces.coefficients,
+        gripper_t=np.array(gripper_t),
+        gripper_opening=np.array(opening),
+        keyframe_t=np.array(spans)[:, 1],
+        keyframe_q=np.array([move.q[-1] for move in moves]),
+    )
+    return Timed(trajectory, np.array(spans))
+
+
+class _Done:
+    """What has been timed so far: where the arm is (q, at rest) and since when (t)."""
+
+    def __init__(self, q: Array) -> None:
+        self.q, self.parts, self.t = q, list[PiecewiseCubic](), 0.0
+
+    def add(self, pieces: PiecewiseCubic, q: Array) -> None:
+        self.parts.append(pieces)
+        # Added up as the knots are, to the last bit.
+        self.t = float(np.append(self.t, pieces.durations).cumsum()[-1])
+        self.q = q

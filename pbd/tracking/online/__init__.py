@@ -1,0 +1,1 @@
+"""The same model while the hand moves: one sample at a time."""

@@ -1,0 +1,305 @@
+"""The hand from its first rest on: where it stops, and when that is believed."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pbd.data import Keyframe, Stop
+from pbd.pose import Array, Pose, quat_rotate
+from pbd.tracking.noise import Noise
+from pbd.tracking.online.filter import OnlineFilter
+from pbd.tracking.online.samples import Sample, Strapdown
+from pbd.tracking.rest import STILL_ACC, STILL_GYR, Rest
+from pbd.tracking.smoother.knots import STOP_KNOT_S
+from pbd.tracking.smoother.smooth import SLOW
+from pbd.tracking.zero_velocity import MERGE_S, WINDOW_S, quiet_limits, speed_by_energies
+
+CONFIRM_S, DOUBTED_S, DEVICE_S = 0.2, 2.0, 0.6
+"""s: a stop is believed after this long; in doubt after the second, as half of a hand's slowest move is no longer,
+or after the third where the doubt is a device's own attitude."""
+
+GATE, USUAL = 14.2, 3.0
+"""Squared sigmas of a velocity: more is no chance, as seldom as three of one axis; and their mean (chi-square of 3)."""
+
+BOUNCE_S, BOUNCE_GAP_S, BOUNCE_M = 0.6, 0.3, 0.02
+"""A stop shorter than this, this soon before the next and this near is a sensor put down that bounced: s, s, m."""
+
+
+@dataclass(frozen=True, eq=False)
+class RestFound:
+    """By `t` s the sensor has rested for a second: tracking begins, at the origin of nav."""
+
+    t: float
+    rest: Rest
+
+
+@dataclass(frozen=True, eq=False)
+class StopBegan:
+    """The hand has stood still since `t` s: the hand may move on.
+
+    Attributes:
+        index: of the stop, from 0.
+        t: s, when the stop began.
+        announced_t: s, when that was known: the time of the sample that brought this event.
+        keyframe: where the hand stands; its time, dwell and pose are those so far.
+        flaws: what was wrong with the data since the stop before, a line each.
+    """
+
+    index: int
+    t: float
+    announced_t: float
+    keyframe: Keyframe
+    flaws: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class StopEnded:
+    """The hand left its stop at `t` s, and the keyframe is final."""
+
+    index: int
+    t: float
+    keyframe: Keyframe
+
+
+@dataclass(frozen=True, eq=False)
+class DataFlaw:
+    """Something is wrong with the data at `t` s (that of the last good sample): one line for a person."""
+
+    t: float
+    message: str
+
+
+LiveEvent = RestFound | StopBegan | StopEnded | DataFlaw
+
+
+@dataclass(frozen=True, eq=False)
+class Standing:
+    """A stop so far: its first and latest sample, and the pose at its last knot with its covariance (6, 6)."""
+
+    first: Sample
+    last: Sample
+    pose: Pose
+    cov: Array
+
+    @property
+    def stop(self) -> Stop:
+        """In rows."""
+        return Stop(self.first.row, self.last.row + 1, self.last.t - self.first.t)
+
+    @property
+    def keyframe(self) -> Keyframe:
+        """In nav."""
+        return Keyframe(0.5 * (self.first.t + self.last.t), self.last.t - self.first.t, self.pose, self.cov)
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """The hand may stand still since a sample, or, swaying, since an instant (s); whether that is in doubt, whether it
+    is the last stop after a jolt, and by how many sigmas, squared, the velocity was off since."""
+
+    first: Sample
+    since: float
+    doubted: bool
+    knocked: bool
+    worst: float = 0.0
+
+
+class LiveHand:
+    """Where the hand is, and where it stopped.
+
+    Attributes:
+        rest: what the thresholds are taken from.
+        flaws: what was wrong with the data since the last stop, a line each.
+        still: whether the hand stands still, as far as is known.
+        restless: the energy of the last window, in what a hand has that holds still.
+    """
+
+    def __init__(self, samples: Sequence[Sample], interval: float, rest: Rest, noise: Noise, has_gyro: bool) -> None:
+        """Begin with the samples of the first rest."""
+        self.flaws: list[str] = []
+        self._device = not has_gyro
+        bias = rest.gyro_bias if has_gyro else np.zeros(3)
+        self._strapdown = Strapdown(samples[0], interval, noise, bias, self._device)
+        self._n = max(2, round(WINDOW_S / interval))
+        self._window: deque[tuple[Sample, Array, Array]] = deque(maxlen=self._n)
+        self._left: list[Standing] = []
+        self._angles = [np.zeros(3)]
+        self._trial: Trial | None = None
+        self._ahead: OnlineFilter | None = None
+        self._t_knot, self._t_compass, self._acc_knot = samples[0].t, samples[0].t, samples[0].acc
+        self.learn(rest, noise)
+        fields = [sample.mag for sample in samples if sample.mag is not None]
+        self._field: list[Array] | None = [] if fields else None
+        north = np.mean(fields, axis=0) if fields else None
+        self._filter = OnlineFilter(noise, rest, self._strapdown.wxyz, north, self._device)
+        self._stop: Standing | None = Standing(samples[0], samples[0], *self._filter.pose())
+        self.still, self._settled, self._t_shaken = True, True, samples[0].t
+        for sample in samples[1:]:
+            self.advance(sample)
+
+    def learn(self, rest: Rest, noise: Noise) -> None:
+        """Take thresholds and noise from a rest."""
+        self.rest, self._noise, self._limits = rest, noise, quiet_limits(rest)
+        if not self._device:
+            self._strapdown.noise = noise
+
+    def advance(self, sample: Sample) -> list[LiveEvent]:
+        """Take the next sample; return what it completes."""
+        strapdown = self._strapdown
+        strapdown.push(sample)
+        seen = (sample.acc, np.zeros(3)) if self._device else (strapdown.u, strapdown.rate)
+        self._window.append((sample, *seen))
+        if sample.mag is not None and self._field is not None:
+            self._field.append(quat_rotate(strapdown.wxyz, sample.mag))
+        if strapdown.count < strapdown.block:
+            return []
+        quiet = self._look()
+        still_acc = np.mean([each.acc for each, _, _ in self._window], axis=0) if quiet else None
+        self._t_shaken = self._t_shaken if quiet else sample.t
+        leg = strapdown.leg(still_acc, self._filter.E[2] * self._filter.gravity)
+        self._angles.append(self._angles[-1] + leg.angle)
+        known = [self._filter] if self._ahead is None else [self._filter, self._ahead]
+        for each in known:
+            each.propagate(leg)
+        # Not at a knot: that is enough work for one sample.
+        knots = self.still or self._ahead is not None
+        if sample.t - self._t_compass >= STOP_KNOT_S and not (knots and self._knot_is_due(sample)):
+            self._point(sample, known)
+        return self._moving(sample, quiet) if self._stop is None else self._standing(self._stop, sample, quiet)
+
+    def _look(self) -> bool:
+        """Whether the last window is quiet; and how fast a hand may be that stands so still."""
+        seen = np.array([each for _, *each in self._window])  # as `energies` has it, of one window
+        shake, turn = np.square(seen - seen.mean(axis=0) * ((1.0,), (0.0,))).sum(axis=(0, 2)) / len(seen)
+        self.restless = float(shake / STILL_ACC**2 + turn / STILL_GYR**2)
+        self._sigma = float(speed_by_energies(shake, turn, self.rest, self._noise))
+        return bool(shake < self._limits[0] and turn < self._limits[1]) and len(seen) == self._n
+
+    def _point(self, sample: Sample, known: Sequence[OnlineFilter]) -> None:
+        """Hold the heading against the compass, or the attitude against the device's own."""
+        for each in known:
+            if self._device:
+                each.agree_with_device(self._strapdown.rate)
+            if self._field:
+                each.point_north(np.mean(self._field, axis=0), sample.t - self._t_compass)
+        self._t_compass, self._field = sample.t, None if self._field is None else []
+
+    def _knot(self, at: OnlineFilter, t: float, same: bool, robust: bool = True) -> None:
+        """The hand stands still; and, in the same stop, as it stood at the knot before."""
+        if same:
+            angle = np.array(self._angles) - self._angles[0]
+            sway = angle - np.linspace(0.0, 1.0, len(angle))[:, None] * angle[-1]
+            at.stay(float(np.hypot(self._noise.still_turn, 2.0 * np.abs(sway).max())))
+        at.stand(self._sigma, robust)
+        if not self._left:
+            at.begin_here()
+        at.keep()
+        self._t_knot, self._angles, self._acc_knot = t, [np.zeros(3)], self._window[-1][0].acc
+
+    def _knot_is_due(self, sample: Sample) -> bool:
+        return sample.t - self._t_knot >= STOP_KNOT_S - 1e-6
+
+    def _moves(self, at: OnlineFilter) -> tuple[float, bool]:
+        """By how many sigmas, squared, the hand does not stand still; and whether it is fast, too."""
+        off, speed = at.doubt_of_rest(self._sigma)
+        return off, off > GATE and speed > max(SLOW, 3.0 * self._sigma)
+
+    def _standing(self, stop: Standing, sample: Sample, quiet: bool) -> list[LiveEvent]:
+        """Go on in a stop, or find that it is over.
+
+        A hand that sets out slowly is seen late, so each knot is taken for good only at the next one; and one that
+        arrives slowly seems to stand too soon, so that the first is dropped for the second.
+        """
+        ahead = self._filter if self._ahead is None else self._ahead
+        off, fast = self._moves(ahead)
+        if self._device:  # its attitude goes on turning after the hand has stopped
+            fast = float(np.square(sample.acc - self._acc_knot).sum()) > STILL_ACC**2
+        self.still = quiet and not fast
+        if self.still:
+            if self._knot_is_due(sample):
+                if self._settled:
+                    self._filter = ahead
+                ahead = self._ahead = self._filter.fork()
+                self._knot(ahead, sample.t, same=self._settled)
+                self._settled, stop = True, Standing(stop.first, sample, *ahead.pose())
+            self._stop = replace(stop, last=sample)
+            if self._settled and off < USUAL and sample.t > self._t_knot:
+                self._filter, self._ahead = ahead, None
+            self._strapdown.clipped = False
+        elif sample.t - stop.last.t > MERGE_S + WINDOW_S:
+            self._left.append(stop)
+            self._filter = self._filter if self._settled else ahead
+            self._stop = self._ahead = None
+            return [StopEnded(len(self._left) - 1, stop.last.t, stop.keyframe)]
+        return []
+
+    def _moving(self, sample: Sample, quiet: bool) -> list[LiveEvent]:
+        """Look for a stop: try how the hand would go on if this were one."""
+        trial, last, first = self._trial, self._left[-1].last, self._window[0][0]
+        if not quiet or first.t <= last.t or any(each.unseen for each, _, _ in self._window):
+            self._trial = self._ahead = None
+            return []
+        # A device's own attitude goes on turning after the hand has stopped.
+        off, fast = (0.0, False) if self._ahead is None or self._device else self._moves(self._ahead)
+        if trial is None or fast or (off > GATE and (trial.doubted or sample.t - trial.since < DOUBTED_S)):
+            self._ahead = self._filter.fork()
+            off, speed = self._ahead.doubt_of_rest(self._sigma)
+            sways = trial is not None and not trial.doubted and speed < SLOW
+            # Quiet but for a jolt since the last stop?
+            soon = sample.t - last.t < MERGE_S + 2.0 * WINDOW_S and self._t_shaken - last.t < MERGE_S + WINDOW_S
+            knocked = off > GATE and soon and self._t_shaken > last.t
+            trial = Trial(first, trial.since if trial and sways else sample.t, off > GATE, knocked)
+            if trial.doubted:
+                self._ahead.widen(sample.t - last.t, speed)
+            self._knot(self._ahead, sample.t, same=knocked, robust=False)
+            off = 0.0
+        self._trial = trial = replace(trial, worst=max(trial.worst, off))
+        lasts = CONFIRM_S if trial.knocked or not trial.doubted else DEVICE_S if self._device else DOUBTED_S
+        if sample.t - trial.first.t >= lasts - 1e-6:
+            return [self._arrive(trial, sample)]
+        if self._ahead is not None and self._knot_is_due(sample):
+            self._knot(self._ahead, sample.t, same=True)
+        return []
+
+    def _arrive(self, trial: Trial, sample: Sample) -> StopBegan:
+        """The trial was right."""
+        self._trial, self.still, self._settled = None, True, trial.doubted or trial.worst < USUAL
+        if self._settled and self._ahead is not None:
+            self._filter = self._ahead
+        self._ahead = self._filter.fork()
+        self._knot(self._ahead, sample.t, same=self._settled)
+        before = self._left[-1]
+        first, moved = trial.first, self._ahead.p - before.pose.p
+        bounced = len(self._left) > 1 and before.stop.dwell_s < BOUNCE_S and first.t - before.last.t < BOUNCE_GAP_S
+        if (trial.knocked or bounced) and np.sqrt(moved @ moved) < BOUNCE_M:
+            before = self._left.pop()
+            first = before.first if trial.knocked else first
+        if self._strapdown.clipped:
+            self.flaws.append("the gyro was at the end of its range; move slower, or set a larger range")
+            self._strapdown.clipped = False
+        self._stop = Standing(first, sample, *self._ahead.pose())
+        return self.here(sample.t)
+
+    def here(self, t: float) -> StopBegan:
+        """The stop under way, as an event at `t` s."""
+        stop, flaws, self.flaws = self.standing[-1], tuple(self.flaws), []
+        return StopBegan(len(self.standing) - 1, stop.first.t, t, stop.keyframe, flaws)
+
+    @property
+    def standing(self) -> tuple[Standing, ...]:
+        """All stops; the last one as long as it was so far, if the hand is still there."""
+        return (*self._left, *(() if self._stop is None else (self._stop,)))
+
+    def now(self) -> tuple[Array, Array, Array]:
+        """wxyz_nav_sensor (4,), p_nav_sensor (3,) m and v_nav_sensor (3,) m/s at the latest sample."""
+        wxyz, p, v = self._filter.later(self._strapdown)
+        return (wxyz, self._stop.pose.p, np.zeros(3)) if self._stop is not None and self.still else (wxyz, p, v)
+
+    def sigmas(self) -> tuple[float, float]:
+        """One sigma in m of the position if the hand stops now; and what the move under way adds, 0 in a stop."""
+        here, way = self._filter.if_it_stopped(self._noise.still_speed)
+        return here, 0.0 if self.still else way

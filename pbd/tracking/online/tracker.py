@@ -1,0 +1,223 @@
+"""The tracker one sample at a time: attitude, still or moving, stops and keyframes as they are completed."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pbd.data import Keyframe, Recording, RecordingInfo, Stop
+from pbd.errors import PbdError, TrackingError
+from pbd.pose import Array, readonly
+from pbd.tracking.noise import noise_of
+from pbd.tracking.online.hand import DataFlaw, LiveEvent, LiveHand, RestFound, StopBegan, StopEnded
+from pbd.tracking.online.samples import Conditioner, Sample
+from pbd.tracking.repair.clock import SLOWEST_HZ
+from pbd.tracking.rest import ABOUT, REST_S, STILL_ACC, STILL_GYR, Rest, find_rest
+
+__all__ = ["DataFlaw", "LiveEvent", "LiveTracker", "RestFound", "StopBegan", "StopEnded"]
+
+RETRY_S = 0.1
+"""A rest is looked for this often until there is one."""
+
+
+class LiveTracker:
+    """Tracks a hand sample by sample; it begins once the sensor has rested for a second.
+
+    Feed it rows as they come, in pieces of any length: the result is the same to the bit. Each row costs 0.1 to 0.3 ms;
+    what is kept is the filter's state and the list of stops.
+
+        tracker = LiveTracker()
+        for t, acc, gyr in port:
+            for event in tracker.feed(t, acc, gyr):
+                if isinstance(event, StopBegan):
+                    print(f"stop {event.index}: {event.keyframe.T_nav_sensor.p} m; you may move on")
+
+    A stop is announced 0.2 s after it began if the velocity is then zero within its sigma, else after two seconds. It
+    has ended once the hand has moved for 0.2 s. An index may be announced again: then what was announced before was the
+    beginning of the same stop (a sensor put down that bounced, a knock), and the newer keyframe holds.
+
+    Model and noise are those of `pbd.track`. What that knows later, and this can't know: what a later stop says of an
+    earlier one; the whole recording's quietest second; a large lag of the gyro; lulls too restless for a stop (a
+    foot's); known places; repairs of saturated axes.
+    """
+
+    def __init__(self, sensor: str = "") -> None:
+        """Begin; the sensor's name (as in `Recording.info`) tells what its errors may be."""
+        self._sensor = sensor
+        self._conditioner = Conditioner()
+        self._has_gyro: bool | None = None
+        self._recent: deque[Sample] = deque()
+        self._t_look = -np.inf
+        self._waiting = f"waiting for {REST_S:g} s of rest"
+        self._hand: LiveHand | None = None
+
+    def feed(
+        self,
+        t: ArrayLike,
+        acc: ArrayLike,
+        gyr: ArrayLike | None = None,
+        mag: ArrayLike | None = None,
+        device_rpy: ArrayLike | None = None,
+    ) -> tuple[LiveEvent, ...]:
+        """Take rows, and return what they completed.
+
+        A row without a number, or whose time doesn't increase, is left out. Up to 50 ms of lost samples are put back;
+        of more a `DataFlaw` tells, and the next keyframe's sigma is wider.
+
+        Args:
+            t: s, of one row or (n,); any origin, increasing.
+            acc: (3,) or (n, 3) m/s2, specific force.
+            gyr: (3,) or (n, 3) rad/s, or None where the device has none; which channels there are, the first rows say.
+            mag: (3,) or (n, 3) uT, or None; NaN where it is read less often.
+            device_rpy: (3,) or (n, 3) rad, as in `Recording`; used where there is no gyro.
+
+        Raises:
+            TrackingError: neither gyro nor device attitude.
+        """
+        times = np.atleast_1d(np.asarray(t, dtype=np.float64))
+        rows = [
+            None if values is None else np.asarray(values, dtype=np.float64).reshape(len(times), 3)
+            for values in (acc, gyr, mag, device_rpy)
+        ]
+        if self._has_gyro is None and len(times):
+            if gyr is None and device_rpy is None:
+                raise TrackingError(
+                    "there is neither a gyro nor the device's own attitude, so the orientation is unknown; "
+                    "record gx, gy, gz, or heading, pitch, roll"
+                )
+            self._has_gyro = gyr is not None
+        events: list[LiveEvent] = []
+        for k, at in enumerate(times.tolist()):
+            events += self._take(at, *(None if values is None else values[k] for values in rows))
+        return tuple(events)
+
+    def _take(
+        self, t: float, acc: Array | None, gyr: Array | None, mag: Array | None, device_rpy: Array | None
+    ) -> list[LiveEvent]:
+        before = self._recent[-1] if self._recent else None
+        samples, wrong = self._conditioner.take(t, acc, gyr if self._has_gyro else None, mag, device_rpy)
+        events: list[LiveEvent] = []
+        if wrong:
+            events.append(DataFlaw(t if before is None else before.t, wrong))
+        if self._hand is not None:
+            self._hand.flaws += [wrong] if wrong else []
+        for sample in samples:
+            if self._hand is not None:
+                events += self._hand.advance(sample)
+            self._remember(sample)
+            if sample.t >= self._t_look and self._recent[-1].t - self._recent[0].t >= REST_S:
+                events += self._look_for_rest(list(self._recent))
+        return events
+
+    def _remember(self, sample: Sample) -> None:
+        """Keep the last second of samples without a hole in it."""
+        recent = self._recent
+        if recent and (sample.unseen or sample.t - recent[-1].t > 1.0 / SLOWEST_HZ):
+            if self._hand is None:
+                self._waiting = (
+                    f"waiting for {REST_S:g} s of rest without a gap: {sample.t - recent[-1].t:.3g} s lie between two "
+                    "samples; the time must be in seconds"
+                )
+            recent.clear()
+        recent.append(sample)
+        while len(recent) > 2 and sample.t - recent[1].t >= REST_S:
+            recent.popleft()
+
+    def _look_for_rest(self, samples: list[Sample]) -> list[LiveEvent]:
+        """Begin once the last second was one of rest; later, learn from one that is far quieter."""
+        hand, t = self._hand, samples[-1].t
+        self._t_look = t + (RETRY_S if hand is None else REST_S)
+        if hand is not None:
+            stands = hand.still and hand.standing[-1].first.t <= samples[0].t
+            if not stands or hand.restless > _restlessness(hand.rest):
+                return []
+        recording = Recording(
+            np.array([sample.t for sample in samples]),
+            np.array([sample.acc for sample in samples]),
+            np.array([sample.gyr for sample in samples]) if self._has_gyro else None,
+            info=RecordingInfo(sensor=self._sensor),
+        )
+        try:
+            rest = find_rest(recording)
+        except PbdError as error:
+            self._waiting = _why(error)
+            return []
+        noise = noise_of(recording, rest)
+        rest = replace(rest, start=samples[0].row, stop=samples[-1].row + 1)
+        if hand is None:
+            interval = float(np.median(np.diff(recording.t)))
+            self._conditioner.interval = interval
+            self._hand = LiveHand(samples, interval, rest, noise, bool(self._has_gyro))
+            return [RestFound(t, rest), self._hand.here(t)]
+        if _restlessness(rest) < _restlessness(hand.rest) / ABOUT:
+            hand.learn(rest, noise)
+        return []
+
+    @property
+    def waiting(self) -> str:
+        """What tracking still waits for, in one line for a person; "" once it has begun."""
+        return self._waiting if self._hand is None else ""
+
+    @property
+    def rest(self) -> Rest | None:
+        """The rest that gravity and the thresholds were taken from: the first, or a far quieter one later."""
+        return None if self._hand is None else self._hand.rest
+
+    @property
+    def lost(self) -> int:
+        """How many samples were lost and put back since tracking began."""
+        return self._conditioner.lost
+
+    @property
+    def moving(self) -> bool:
+        """Whether the hand moves, as far as is known at the latest sample; False until tracking begins."""
+        return self._hand is not None and not self._hand.still
+
+    @property
+    def stops(self) -> tuple[Stop, ...]:
+        """The stops so far, in rows as they were fed; the last one grows while the hand is still there."""
+        return () if self._hand is None else tuple(each.stop for each in self._hand.standing)
+
+    @property
+    def keyframes(self) -> tuple[Keyframe, ...]:
+        """One keyframe a stop."""
+        return () if self._hand is None else tuple(each.keyframe for each in self._hand.standing)
+
+    @property
+    def wxyz_nav_sensor(self) -> Array:
+        """(4,) at the latest sample; until tracking begins, the identity."""
+        return readonly((1.0, 0.0, 0.0, 0.0) if self._hand is None else self._hand.now()[0])
+
+    @property
+    def p_nav_sensor(self) -> Array:
+        """(3,) m at the latest sample: that of the last stop, and from there by dead reckoning."""
+        return readonly(np.zeros(3) if self._hand is None else self._hand.now()[1])
+
+    @property
+    def v_nav_sensor(self) -> Array:
+        """(3,) m/s at the latest sample, by dead reckoning; zero in a stop."""
+        return readonly(np.zeros(3) if self._hand is None else self._hand.now()[2])
+
+    @property
+    def sigma_now(self) -> float:
+        """One sigma in m, along the least sure axis, that the position would have if the hand stopped now."""
+        return 0.0 if self._hand is None else self._hand.sigmas()[0]
+
+    @property
+    def sigma_of_move(self) -> float:
+        """The part of `sigma_now` that the move under way adds, in m: what a pause now would keep from growing."""
+        return 0.0 if self._hand is None else self._hand.sigmas()[1]
+
+
+def _why(error: PbdError) -> str:
+    """Why a second was no rest, as one says it to somebody whose hand holds the sensor."""
+    if error.fields.get("bound") == STILL_ACC:
+        return f"hold still for {REST_S:g} s: the hand shakes with {error.fields['value']:.2f} m/s2"
+    return error.message
+
+
+def _restlessness(rest: Rest) -> float:
+    return (rest.acc_rms / STILL_ACC) ** 2 + (rest.gyr_rms / STILL_GYR) ** 2

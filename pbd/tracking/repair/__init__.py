@@ -1,0 +1,1 @@
+"""What a sensor gets wrong before it is tracked: mended with a warning, or refused."""

@@ -1,0 +1,173 @@
+"""Find samples at which a sensor has reached the end of its range, and continue the peaks from their sides.
+
+A clipped axis gives one reading again and again: flat tops with steep sides. What the hand did above them is lost. By
+how much its continuation is wrong is for the smoother to find: gravity at the stops tells how far the hand turned above
+the gyro's range, the stop at the end of a move how much faster it was than the accelerometer's range lets it be.
+
+The largest readings of a rounded peak may be alike too: where it is read coarsely, or by the chance of noise. Coarsely
+read, m samples lie within one step of the sensor's resolution, and then its sides fall by few steps. By chance, each
+reading after the first hits the same step among all to which noise and hand could have taken it; how many those are,
+the sides tell. Were the noise small, a rounded peak with such sides could not be flat; were it large, its readings
+would scatter. Between the two, for a parabola with white noise of whatever size, the chance is at most
+(2.5 steps / fall)^(m - 1) for m of 3 and more, with the fall of the sides over two samples. (Two samples on either hand
+of a peak are alike whenever it lies in their middle.) The flat tops of one axis multiply their chances.
+
+What can't be found: clipped peaks of one or two samples, tops too shallow to be told from noise,
+and those clipped before the axis was mixed with others (calibrated for misalignment) or averaged.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbd.data import GRAVITY, Recording
+from pbd.errors import PbdWarning
+from pbd.pose import Array
+from pbd.tracking.repair.channels import NAMES
+from pbd.tracking.smoother.preintegration import Impulse
+from pbd.tracking.zero_velocity import runs
+
+LOWEST = {"acc": 1.15 * GRAVITY, "gyr": 1.0}
+"""No range ends below this, in m/s2 and rad/s: a flat top under it is a rest."""
+
+SAME = 1e-6
+"""Readings that differ by less than this share of the extreme one are the same."""
+
+FLAT, SIDE = 3, 2
+"""A flat top has this many samples at least; so many samples on either hand are its sides."""
+
+CHANCE = 2.5
+"""Steps: of so many, by how far its sides fall, a rounded peak hits one by chance; where they fall no further than
+COARSE times that, it is coarsely read and flat anyhow."""
+
+COARSE = 4.0
+
+ALARM = 1e-4
+"""So unlikely must all be by chance, for each axis and side."""
+
+PEAK = 0.5
+"""What is continued from the sides rises above the range by this share of it at most."""
+
+UNSEEN = 0.1
+"""One sigma of what was lost is all of what was continued, and this share of the range for as long as it lasted."""
+
+
+@dataclass(frozen=True)
+class Clip:
+    """Samples start <= i < stop at which one axis of a sensor (acc, gyr) is at the end of its range, on side `sign`."""
+
+    sensor: str
+    axis: int
+    sign: float
+    start: int
+    stop: int
+
+
+def find_clips(recording: Recording) -> tuple[Clip, ...]:
+    """Find the clipped samples of a recording without NaN; in order, with a warning where there are any."""
+    clips = clips_of(recording)
+    if clips:
+        _warn(recording, clips)
+    return clips
+
+
+def clips_of(recording: Recording) -> tuple[Clip, ...]:
+    """Find them without a word."""
+    given = {name: values for name in ("acc", "gyr") if (values := getattr(recording, name)) is not None}
+    # A row that a sensor or a program repeats makes no top flatter.
+    new = np.concatenate(([True], np.any([np.diff(v, axis=0).any(axis=1) for v in given.values()], axis=0)))
+    clips = (
+        Clip(sensor, axis, sign, start, stop)
+        for sensor, values in given.items()
+        for axis in range(3)
+        for sign in (1.0, -1.0)
+        for start, stop in _tops(sign * values[:, axis], sensor, new)
+    )
+    return tuple(sorted(clips, key=lambda clip: clip.start))
+
+
+def _tops(x: Array, sensor: str, new: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Where x (n,) is clipped at its largest value; nowhere, if it is not. `new` (n,): not a repeated row."""
+    top = float(x.max())
+    if top < LOWEST[sensor]:
+        return []
+    tops = runs(x >= top * (1.0 - SAME))
+    counted = [(start, stop, int(new[start:stop].sum())) for start, stop in tops]
+    flat = [each for each in counted if each[2] >= FLAT]
+    if not flat:
+        return []
+    between = np.diff(np.unique(x))
+    step = max(float(between[between > top * SAME].min(initial=np.inf)), top * SAME)
+    chance = 1.0
+    for start, stop, samples in flat:
+        sides = x[max(start - SIDE, 0) : start], x[stop : stop + SIDE]
+        fall = min((top - float(side.min()) for side in sides if len(side)), default=0.0)
+        if fall > COARSE * CHANCE * step:
+            chance *= (CHANCE * step / fall) ** (samples - 1)
+    return tops if chance < ALARM else []
+
+
+def _warn(recording: Recording, clips: Sequence[Clip]) -> None:
+    axes = " and ".join(
+        f"the {NAMES[sensor]}'s {', '.join(sorted({'xyz'[clip.axis] for clip in clips if clip.sensor == sensor}))}"
+        for sensor in sorted({clip.sensor for clip in clips})
+    )
+    rows = len({row for clip in clips for row in range(clip.start, clip.stop)})
+    first = clips[0]
+    reading = abs(float(getattr(recording, first.sensor)[first.start, first.axis]))
+    shown = f"{reading / GRAVITY:.3g} g" if first.sensor == "acc" else f"{np.degrees(reading):.0f} deg/s"
+    warnings.warn(
+        f"{rows} samples of {axes} axis are at the end of the range ({shown}), the first at "
+        f"t = {recording.t[first.start]:.2f} s: what was above it is a guess; move slower, or set a larger range",
+        PbdWarning,
+        stacklevel=3,
+    )
+
+
+def restore(recording: Recording, clips: Sequence[Clip]) -> tuple[Recording, tuple[Impulse, ...]]:
+    """Continue clipped peaks from their sides.
+
+    Args:
+        recording: without NaN.
+        clips: of `find_clips`.
+
+    Returns:
+        The recording, and what may still be missing in each half of a clip, one sigma.
+    """
+    if not clips:
+        return recording, ()
+    channels: dict[str, Any] = {clip.sensor: getattr(recording, clip.sensor).copy() for clip in clips}
+    interval = 1.0 / recording.rate_hz
+    impulses = []
+    for clip in clips:
+        values = channels[clip.sensor]
+        top = abs(float(values[clip.start, clip.axis]))
+        above = _above(values[:, clip.axis], clip.sign, clip.start, clip.stop)
+        values[clip.start : clip.stop, clip.axis] += clip.sign * above
+        lost = np.zeros(3)
+        lost[clip.axis] = (float(above.sum()) + UNSEEN * top * len(above)) * interval / np.sqrt(2.0)
+        by_sensor = {"acc": np.zeros(3), "gyr": np.zeros(3), clip.sensor: lost}
+        quarter = (clip.stop - clip.start) // 4
+        # Nor is it known when it was lost: in the first half, or in the second.
+        impulses += [Impulse(row, **by_sensor) for row in (clip.start + quarter, clip.stop - quarter)]
+    return replace(recording, **channels), tuple(impulses)
+
+
+def _above(x: Array, sign: float, start: int, stop: int) -> Array:
+    """How far sign * x (n,) rose above its flat top start..stop, by Hermite's cubic through its sides."""
+    if start < 2 or stop > len(x) - 2:
+        return np.zeros(stop - start)
+    top, width = sign * float(x[start]), stop - start + 1
+    earlier, before, after, later = (sign * float(x[row]) for row in (start - 2, start - 1, stop, stop + 1))
+    rise, fall = max(before - earlier, top - before), min(later - after, after - top)
+    u = np.arange(1, width) / width
+    cubic = before * (1 + 2 * u) * (1 - u) ** 2 + after * u**2 * (3 - 2 * u)
+    cubic += width * (rise * u * (1 - u) ** 2 - fall * u**2 * (1 - u))
+    above: Array = np.clip(cubic - top, 0.0, PEAK * top)
+    return above

@@ -1,0 +1,212 @@
+"""Rows that are not where they belong: wild samples, blocks in the wrong order, blocks that came twice.
+
+Where rows were put together that don't follow each other, the readings jump: lines through the two rows on either hand
+miss each other. So does a hand that hits something; but only where rows were spliced does a jump go once they are put
+right: without the wild rows, or with two blocks exchanged, the lines meet.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbd.data import Recording
+from pbd.errors import PbdWarning, RecordingError
+from pbd.pose import Array, lengths
+from pbd.tracking.repair.channels import noisy
+from pbd.tracking.repair.clock import counted
+from pbd.tracking.zero_velocity import runs
+
+AWAY = {"acc": (30.0, 1), "gyr": (0.3, 3)}
+"""m/s2 and rad/s: wild rows lie further away than this; and so many there are in a row. More may be true: a tap."""
+
+ALONE = 25.0
+"""So many times as far as by noise, by what the hand does around, or than what is left over, do wild rows lie away; and
+so many times are the squares of the jumps at exchanged blocks larger than once they are put right. The largest of sound
+recordings (hands and feet at 40 to 286 Hz): 8 and 12."""
+
+AROUND_S = 0.3
+"""s on either hand: what the hand does around."""
+
+LEAST = {"acc": 0.04, "gyr": 0.012}
+"""m/s2 and rad/s: noise is taken to be no smaller."""
+
+PACKET_S, JUMPS = 2.0, 60
+"""No packet of a wireless sensor lasts longer. Of so many of the largest jumps, two are at the packets' ends."""
+
+GONE = 0.25
+"""What is left of a jump that is gone, squared."""
+
+LEAST_ROWS = 6
+"""So many different rows that say to the last digit what so many others said are no chance: noise changes each one."""
+
+Rows = NDArray[np.intp]
+
+NAMES = {"acc": ("accelerometer", "m/s2"), "gyr": ("gyro", "rad/s")}
+
+
+def without_wild(recording: Recording) -> Recording:
+    """Put wild samples of accelerometer and gyro between their neighbours; warns where there are any."""
+    mended: dict[str, Any] = {}
+    found: list[tuple[int, str]] = []
+    reach = max(8, round(AROUND_S * recording.rate_hz))
+    for name, (sensor, unit) in NAMES.items():
+        values = getattr(recording, name)
+        if values is None or len(values) < 2 * reach:
+            continue
+        wild = _wild(values, *AWAY[name], LEAST[name], reach)
+        good = np.delete(np.arange(len(values)), wild)
+        mended[name] = np.column_stack([np.interp(recording.t, recording.t[good], axis) for axis in values[good].T])
+        found += [(int(row), f"{sensor} {np.abs(values[row]).max():.4g} {unit}") for row in wild]
+    if not found:
+        return recording
+    row, what = min(found)
+    warnings.warn(
+        f"{counted(len(found), 'impossible sample')} left out (no hand moves like that); the first is row {row} "
+        f"(t = {recording.t[row]:.2f} s): {what}",
+        PbdWarning,
+        stacklevel=3,
+    )
+    return replace(recording, **mended)
+
+
+def in_order(recording: Recording) -> Recording:
+    """Put two blocks that came in the wrong order right; warns."""
+    swapped = _swapped(recording)
+    if swapped is None:
+        return recording
+    first, size, sure = swapped
+    rows, t = np.arange(len(recording)), recording.t
+    where = f"rows {first} to {first + size - 1} (from t = {t[first]:.2f} s) came before the {size} rows they follow"
+    if not sure:
+        warnings.warn(
+            f"it seems that {where}, but the readings jump there all the same: look at pbd plot, and record again",
+            PbdWarning,
+            stacklevel=3,
+        )
+        return recording
+    warnings.warn(f"{where}, and are put behind them: packets are sent out of order", PbdWarning, stacklevel=3)
+    rows[first : first + 2 * size] = np.roll(rows[first : first + 2 * size], size)
+    channels = {name: getattr(recording, name) for name in ("acc", "gyr", "mag", "device_rpy")}
+    changes: dict[str, Any] = {name: values[rows] for name, values in channels.items() if values is not None}
+    return replace(recording, **changes)
+
+
+def refuse_doubled(recording: Recording) -> None:
+    """Refuse a recording in which a block of rows comes again: a program has lost its place in a buffer.
+
+    Raises:
+        RecordingError: which rows.
+    """
+    rows = _side_by_side(recording)
+    # Equal rows have equal sums, whatever the weights; of irrational ones no others do.
+    sums = rows @ np.sqrt(np.array([2.0, 3.0, 5.0, 7.0, 11.0, 13.0])[: rows.shape[1]])
+    order = np.argsort(sums)
+    equal = np.diff(sums[order]) == 0.0
+    doubles = np.sort(order[np.append(equal, False) | np.append(False, equal)])
+    if len(doubles) < LEAST_ROWS or not noisy(recording.acc):
+        return
+    order = doubles[np.argsort(sums[doubles], kind="stable")]
+    same = np.flatnonzero(np.diff(sums[order]) == 0.0)
+    first, again = order[same], order[same + 1]
+    apart = np.zeros(len(rows), dtype=np.intp)
+    changed = np.concatenate(([True], np.diff(rows, axis=0).any(axis=1)))
+    apart[first] = np.where(changed[first], again - first, 0)
+    # Of a block that comes again, each row has its double equally far away.
+    goes_on = (np.diff(apart) == 0) & (apart[1:] > 1)
+    for start, stop in runs(goes_on):
+        far = int(apart[start])
+        if far >= LEAST_ROWS and len(np.unique(sums[start : stop + 1])) >= LEAST_ROWS:
+            raise RecordingError(
+                f"rows {start + far} to {stop + far} (from t = {recording.t[start + far]:.2f} s) say what rows {start} "
+                f"to {stop} said: a block came twice, so the times after it are wrong; record again",
+                row=start + far,
+                t=float(recording.t[start + far]),
+            )
+
+
+def _side_by_side(recording: Recording, noise: dict[str, float] | None = None) -> Array:
+    """Accelerometer and gyro, (n, 3 or 6); in units of noise, if that is given."""
+    given = {name: values for name in NAMES if (values := getattr(recording, name)) is not None}
+    return np.hstack([values / (noise[name] if noise else 1.0) for name, values in given.items()])
+
+
+def _lines(x: Array, edges: Rows, rows: int = 0) -> tuple[Array, Array]:
+    """What lines through two rows of x (n, k) before each edge, and two behind it, say half-way: (m, k) each.
+
+    Args:
+        x: readings.
+        edges: (m,) the first row behind each.
+        rows: so many rows between are left out.
+    """
+    far = 0.5 * (rows + 1)
+    before, after = x[edges - 1], x[edges + rows]
+    return before + far * (before - x[edges - 2]), after - far * (x[edges + rows + 1] - after)
+
+
+def _wild(values: Array, away: float, most: int, least: float, reach: int) -> Rows:
+    """Rows of (n, 3) that lie far from a line through their neighbours, where these lie on one."""
+    ends = np.median(values[:5], axis=0), np.median(values[-5:], axis=0)
+    x = np.vstack((ends[0], ends[0], values, ends[1], ends[1]))
+    edges = np.arange(2, len(x) - most - 1)
+    before, after = _lines(x, edges)
+    jumps = lengths(after - before)
+    sums = np.concatenate(([0.0], np.cumsum(jumps**2)))
+    at = np.flatnonzero(jumps > 0.5 * away)
+    low, high = np.maximum(at - reach, 0), np.minimum(at + reach + 1, len(jumps))
+    wild = [np.zeros(0, dtype=np.intp)]
+    for rows in range(1, most + 1):
+        before, after = _lines(x, edges[at], rows)
+        block = edges[at, None] + np.arange(rows)
+        far = np.linalg.norm(x[block] - 0.5 * (before + after)[:, None], axis=2).min(axis=1)
+        first, last = np.maximum(at - 1, 0), np.minimum(at + rows + 2, len(jumps))  # jumps that the block makes
+        around = (sums[first] - sums[low] + sums[high] - sums[last]) / (first - low + high - last)
+        usual = np.sqrt(np.maximum(around, max(least, float(np.median(jumps))) ** 2))
+        alone = far > ALONE * np.maximum(usual, lengths(after - before))
+        wild.append(block[alone & (far > away)].ravel())
+    return np.unique(np.concatenate(wild)) - 2
+
+
+def _swapped(recording: Recording) -> tuple[int, int, bool] | None:
+    """First row and size of two blocks of one size that came in the wrong order; and whether all is well after that."""
+    edges = np.arange(2, len(recording) - 1)
+    noise = {}
+    for name, least in LEAST.items():
+        values = getattr(recording, name)
+        if values is not None and len(edges) > 2:
+            before, after = _lines(values, edges)
+            noise[name] = max(least, float(np.median(lengths(after - before))))
+    if not noise:
+        return None
+    x = _side_by_side(recording, noise)
+    before, after = _lines(x, edges)
+
+    def left_over(earlier: Rows, later: Rows) -> Array:
+        return np.asarray(((after[later] - before[earlier]) ** 2).sum(axis=1))
+
+    jumps = ((after - before) ** 2).sum(axis=1)
+    largest = np.sort(np.argsort(jumps)[-JUMPS:])
+    pairs = np.triu_indices(len(largest), 1)
+    p, q = largest[pairs[0]], largest[pairs[1]]
+    # The third jump may be small: it is as far away as the others are from each other, or half-way.
+    a, b = np.concatenate((p, p, 2 * p - q)), np.concatenate((q, (p + q) // 2, p))
+    c = np.concatenate((2 * q - p, q, q))
+    fits = (a >= 0) & (c < len(jumps)) & (b - a == c - b) & (b - a <= PACKET_S * recording.rate_hz) & (b - a > 1)
+    a, b, c = a[fits], b[fits], c[fits]
+    if len(a) == 0:
+        return None
+    three = np.array([jumps[a], jumps[b], jumps[c]])
+    gain = three.sum(axis=0) / (left_over(a, b) + left_over(c, a) + left_over(b, c) + 1.0)
+    best = int(np.argmax(gain))
+    if gain[best] < ALONE:
+        return None
+    first, size = int(edges[a[best]]), int(b[best] - a[best])
+    x[first : first + 2 * size] = np.roll(x[first : first + 2 * size], size, axis=0)
+    around = edges[np.clip(np.add.outer((a[best], b[best], c[best]), (-1, 0, 1)), 0, len(jumps) - 1)]
+    before, after = _lines(x, around.ravel())
+    left = float(((after - before) ** 2).sum(axis=1).max())  # wild rows jump wherever they are put
+    return first, size, left < GONE * float(three[:, best].max())

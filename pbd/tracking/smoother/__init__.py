@@ -1,0 +1,1 @@
+"""One estimate of the whole recording: knots, factors, Gauss-Newton, covariance."""

@@ -1,0 +1,71 @@
+"""Where the smoother starts: the gyro's own frame and how it lies, or the device's own attitude."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pbd.data import Recording
+from pbd.errors import TrackingError
+from pbd.pose import Array, lengths, quat_canonical, quat_from_rpy, quat_inverse, quat_log, quat_multiply, quat_rotate
+from pbd.tracking.smoother.preintegration import GyroFrame, Rows, gyro_frame
+from pbd.tracking.zero_velocity import Spans
+
+
+def frame_of(recording: Recording, gyro_bias: Array) -> GyroFrame:
+    """The gyro frame of a recording; without a gyro that of the device's own attitude.
+
+    Raises:
+        TrackingError: neither.
+    """
+    t, interval = recording.t, 1.0 / recording.rate_hz
+    if recording.gyr is not None:
+        return gyro_frame(t, recording.gyr - gyro_bias, recording.acc, interval)
+    if recording.device_rpy is None:
+        raise TrackingError(
+            "the recording has neither a gyro nor the device's own attitude, so the orientation is unknown; "
+            "record gx, gy, gz, or heading, pitch, roll"
+        )
+    wxyz = quat_from_rpy(recording.device_rpy)
+    dt, turns = np.diff(t)[:, None], quat_log(quat_multiply(quat_inverse(wxyz[:-1]), wxyz[1:]))
+    turns = np.divide(turns, dt, out=np.zeros_like(turns), where=dt > 0.0)
+    gyr = 0.5 * (np.vstack((turns, turns[-1:])) + np.vstack((turns[:1], turns)))
+    return gyro_frame(t, gyr, recording.acc, interval, wxyz)
+
+
+def steadiness(frame: GyroFrame, device: bool) -> tuple[Array, Array]:
+    """What tells that a sensor stands still: specific force (n, 3) m/s2, which is constant, and rate (n, 3) rad/s.
+
+    A device's own attitude follows a turn late; without a gyro it is specific force in sensor axes alone.
+    """
+    return (frame.acc, np.zeros_like(frame.acc)) if device else (frame.u, frame.gyr)
+
+
+def first_guess(frame: GyroFrame, rows: Rows, stops: Spans) -> Array:
+    """The gyro frame in a level frame, (k, 4) wxyz at some rows.
+
+    Gravity levels it at each stop, by the shortest turn since the stop before; a row is taken with the nearest stop.
+    """
+    start, stop = np.transpose(stops)
+    force = (frame.U[stop - 1] - frame.U[start]) / (frame.t[stop - 1] - frame.t[start])[:, None]
+    levels, level = [], np.array([1.0, 0.0, 0.0, 0.0])
+    for up in force / np.maximum(lengths(force), 1e-9)[:, None]:
+        x, y, z = quat_rotate(level, up)
+        # Any half turn will do where up is down.
+        level = quat_canonical(quat_multiply((1.0 + z, y, 1e-12 - x, 0.0), level))
+        levels.append(level)
+    return np.array(levels)[np.searchsorted(0.5 * (stop[:-1] + start[1:]), rows)]
+
+
+def mean_quaternion(wxyz: Array) -> Array:
+    """Average unit quaternions (n, 4) that lie close together -> (4,)."""
+    aligned = np.where((wxyz @ wxyz[0])[:, None] < 0.0, -wxyz, wxyz)
+    return quat_canonical(aligned.mean(axis=0))
+
+
+def heading(wxyz: Array) -> float:
+    """Heading of the sensor's x axis laid level, or of its y axis where x is within 30 degrees of vertical."""
+    q = mean_quaternion(wxyz)
+    axis = quat_rotate(q, (1.0, 0.0, 0.0))
+    if abs(axis[2]) > np.cos(np.radians(30.0)):
+        axis = quat_rotate(q, (0.0, 1.0, 0.0))
+    return float(np.arctan2(axis[1], axis[0]))

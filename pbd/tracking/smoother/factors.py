@@ -1,0 +1,307 @@
+"""The factors of the smoother: residuals, weights and derivatives of all that is measured or known before.
+
+Rotations are perturbed on the left, in nav: E <- exp(theta) E.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from pbd.pose import Array, matrix_log, quat_exp, quat_to_matrix, readonly, skew
+from pbd.tracking.noise import Noise, acc_doubt
+from pbd.tracking.smoother.knots import Problem
+from pbd.tracking.smoother.normal_equations import (
+    ACC_BIAS,
+    BAND,
+    GYR_BIAS,
+    POS,
+    ROT,
+    STATE,
+    VEL,
+    NormalEquations,
+    Solved,
+    inverse_of_lower,
+)
+from pbd.tracking.smoother.preintegration import ERRORS
+
+LAG, GYR_MATRIX, ACC_MATRIX, GRAVITY, PIVOT = slice(0, 1), slice(1, 10), slice(10, 16), slice(16, 17), slice(17, 20)
+SHARED = 20
+"""Shared unknowns: lag (s), the matrices of gyro (M) and accelerometer (N), gravity (m/s2), the pivot (m)."""
+
+DOUBT = 3.0
+"""Sigmas beyond which a robust factor hardly counts (Geman-McClure)."""
+
+STEEP = 0.1
+"""A field with a smaller share along the level points nowhere (within 6 degrees of a magnetic pole's)."""
+
+AT_ONCE = 512
+"""Legs that are linearised at once: what they need stays in a processor's cache."""
+
+FIXED = 1e10
+"""Weight of what is chosen rather than known: the origin, and without a compass the heading."""
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """An estimate at all knots.
+
+    Attributes:
+        E: (m, 3, 3), nav <- gyro frame.
+        v, p: (m, 3) m/s, m, in nav.
+        gyr_bias, acc_bias: (m, 3) rad/s, m/s2, in sensor axes.
+        shared: (SHARED,).
+    """
+
+    E: Array
+    v: Array
+    p: Array
+    gyr_bias: Array
+    acc_bias: Array
+    shared: Array
+
+    def moved(self, step: Solved) -> State:
+        """The state a step further."""
+        d = step.d
+        return State(
+            quat_to_matrix(quat_exp(d[:, ROT])) @ self.E,
+            self.v + d[:, VEL],
+            self.p + d[:, POS],
+            self.gyr_bias + d[:, GYR_BIAS],
+            self.acc_bias + d[:, ACC_BIAS],
+            self.shared + step.d_shared,
+        )
+
+
+@dataclass(frozen=True)
+class Prior:
+    """How unsure the sensor-wide errors are before: lag in s, a scale common to the gyro's axes (share)."""
+
+    lag: float
+    lag_sigma: float
+    common_scale: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Local:
+    """What is the same in each linearisation: origin and heading, the undisturbed field, what parts of noise count.
+
+    Attributes:
+        origin: index of the knot whose position, and without a compass heading, is given.
+        strength, dip: of the field at the first rest, its unit and rad.
+        prior: of the sensor-wide errors.
+        components: (3,) factors on the parts of the legs' noise; walks (2,) on those of the biases; still (1,).
+    """
+
+    origin: int
+    strength: float
+    dip: float
+    prior: Prior
+    components: Array
+    walks: Array
+    still: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Weights:
+    """How much each robust factor counts, 0 to 1, (m,) or (m - 1,); and the legs' whitened residuals (m - 1, 9)."""
+
+    still: Array
+    stay: Array
+    turn: Array
+    compass: Array
+    legs: Array
+
+
+def linearise(
+    problem: Problem, x: State, local: Local, whiten: Array, anneal: float = 1.0, robust: bool = True
+) -> tuple[NormalEquations, Weights]:
+    """Linearise all factors at a state; `whiten` the legs' noise, `anneal` widens what passes for standing still."""
+    equations = NormalEquations.empty(len(problem.rows), SHARED)
+    legs = _add_legs(equations, problem, x, local, whiten)
+    still, stay, turn = _add_stops(equations, problem, x, local, anneal, robust)
+    _add_hand(equations, problem, x)
+    compass = np.ones(len(problem.rows))
+    if problem.device:
+        _add_device(equations, problem, x)
+    elif problem.field is not None:
+        compass = _add_compass(equations, problem, problem.field, x, local)
+    _add_priors(equations, problem, x, local)
+    return equations, Weights(still, stay, turn, compass, legs)
+
+
+def sensor_errors(x: State) -> Array:
+    """The sensor's errors along each leg, (m - 1, ERRORS): columns of `Legs.J`."""
+    shared = np.broadcast_to(x.shared[: GRAVITY.start], (len(x.p) - 1, GRAVITY.start))
+    return np.hstack((x.gyr_bias[:-1], x.acc_bias[:-1], shared))
+
+
+def whitener(problem: Problem, local: Local) -> Array:
+    """What whitens the legs' noise, (m - 1, 9, 9): the inverse of a root of its covariance in the gyro frame."""
+    root = np.linalg.cholesky(np.tensordot(local.components, problem.legs.parts, axes=1))
+    return inverse_of_lower(np.asarray(root, dtype=np.float64))
+
+
+def leg_jacobian(problem: Problem, x: State, at: slice = slice(None)) -> Array:
+    """Derivatives (m - 1, 9, 15 + 9 + SHARED) and, last, residuals of turn, velocity and way, in the gyro frame.
+
+    With a = v' - v + g T and b = p' - p - v T + g T^2 / 2, upwards in nav, E at this knot and E' at the next:
+    r_turn = log(E^T E' exp(-J_r x)), r_velocity = E^T a - dU - J_v x, r_way = E^T b - dP - J_p x.
+    """
+    legs, J = problem.legs, problem.legs.J[at]
+    T, ET, g = legs.T[at, None], x.E[:-1][at].transpose(0, 2, 1), float(x.shared[GRAVITY][0])
+    by_errors = (J @ sensor_errors(x)[at, :, None])[:, :, 0]
+    up = np.array([0.0, 0.0, 1.0])
+    a = np.diff(x.v, axis=0)[at] + g * T * up
+    b = np.diff(x.p, axis=0)[at] - x.v[:-1][at] * T + 0.5 * g * T**2 * up
+    out = np.zeros((len(T), 9, BAND + SHARED + 1))
+    rot, vel, pos = slice(0, 3), slice(3, 6), slice(6, 9)
+
+    def this(block: slice) -> slice:
+        return block
+
+    def after(block: slice) -> slice:
+        return slice(STATE + block.start, STATE + block.stop)
+
+    out[:, rot, this(ROT)], out[:, rot, after(ROT)] = -ET, ET
+    out[:, vel, this(ROT)], out[:, pos, this(ROT)] = ET @ skew(a), ET @ skew(b)
+    out[:, vel, this(VEL)], out[:, vel, after(VEL)] = -ET, ET
+    out[:, pos, this(VEL)] = -ET * T[:, :, None]
+    out[:, pos, this(POS)], out[:, pos, after(POS)] = -ET, ET
+    out[:, :, GYR_BIAS.start : ACC_BIAS.stop] = -J[:, :, :6]
+    out[:, :, BAND : BAND + 16] = -J[:, :, 6:ERRORS]
+    gravity = BAND + GRAVITY.start
+    out[:, vel, gravity], out[:, pos, gravity] = ET[:, :, 2] * T, ET[:, :, 2] * (0.5 * T**2)
+    out[:, rot, -1] = matrix_log(ET @ x.E[1:][at] @ quat_to_matrix(quat_exp(-by_errors[:, rot])))
+    out[:, vel, -1] = np.einsum("kij,kj->ki", ET, a) - legs.dU[at] - by_errors[:, vel]
+    out[:, pos, -1] = np.einsum("kij,kj->ki", ET, b) - legs.dP[at] - by_errors[:, pos]
+    return out
+
+
+def _add_legs(equations: NormalEquations, problem: Problem, x: State, local: Local, whiten: Array) -> Array:
+    """The moves, and how the biases walk; returns the whitened residuals."""
+    residuals = np.empty((len(whiten), 9))
+    for first in range(0, len(whiten), AT_ONCE):
+        at = slice(first, first + AT_ONCE)
+        whitened = whiten[at] @ leg_jacobian(problem, x, at)
+        equations.add_legs(whitened, first)
+        residuals[at] = whitened[:, :, -1]
+    noise, T = problem.noise, problem.legs.T
+    for block, values, walk, k in (
+        (GYR_BIAS, x.gyr_bias, noise.device.gyr_walk, local.walks[0]),
+        (ACC_BIAS, x.acc_bias, noise.device.acc_walk, local.walks[1]),
+    ):
+        equations.add_pairs(block, np.diff(values, axis=0), 1.0 / (k * walk**2 * T))
+    return residuals
+
+
+def creep(problem: Problem, x: State) -> tuple[Array, Array]:
+    """Velocity (m, 3) beyond that of a turn about the pivot r, v - R (w x r), and its derivative by r (m, 3, 3)."""
+    swing = -(x.E @ problem.C @ skew(problem.rate))
+    return x.v + swing @ x.shared[PIVOT], swing
+
+
+def _add_stops(
+    equations: NormalEquations, problem: Problem, x: State, local: Local, anneal: float, robust: bool
+) -> tuple[Array, Array, Array]:
+    """In a stop the pivot stands still, and from knot to knot nothing moves or turns. Returns the weights."""
+    noise, within, R = problem.noise, problem.within, x.E @ problem.C
+    # A hand that coasts is as fast, however much one that stands still trembles.
+    variance = local.still * problem.still**2 + (anneal**2 - 1.0) * noise.still_speed**2
+    v, swing = creep(problem, x)
+    still = _robust(_squares(v) / variance, robust) * (problem.stop_of >= 0)
+    equations.add_unary(VEL, v, still / variance)
+    equations.add_shared(VEL, PIVOT, slice(None), swing, v, still / variance)
+    swing, sigma_shift = -np.diff(R, axis=0), anneal * noise.still_shift
+    shift = np.diff(x.p, axis=0) + swing @ x.shared[PIVOT]
+    stay = _robust(_squares(shift) / sigma_shift**2, robust) * within
+    equations.add_pairs(POS, shift, stay / sigma_shift**2)
+    equations.add_shared(POS, PIVOT, slice(1, None), swing, shift, stay / sigma_shift**2)
+    equations.border[:-1, POS, PIVOT] -= (stay / sigma_shift**2)[:, None, None] * swing
+    turned = matrix_log(R[1:] @ R[:-1].transpose(0, 2, 1))
+    turn = _robust(_squares(turned) / problem.turn_sigma**2, True) * within
+    equations.add_pairs(ROT, turned, turn / problem.turn_sigma**2)
+    return still, stay, turn
+
+
+def _add_hand(equations: NormalEquations, problem: Problem, x: State) -> None:
+    """A hand stays near where it began, as far as it does (Cauchy)."""
+    reach = problem.noise.reach
+    near = problem.share / reach**2 / (1.0 + _squares(x.p) / reach**2)
+    equations.add_unary(POS, x.p, near)
+
+
+def _add_compass(equations: NormalEquations, problem: Problem, field: Array, x: State, local: Local) -> Array:
+    """The field's level part points north, where the field is the earth's. Returns the weights."""
+    h = np.einsum("kij,kj->ki", x.E, field)
+    strength = np.sqrt(_squares(h))
+    level = np.maximum(np.hypot(h[:, 0], h[:, 1]), 1e-12)
+    east = np.arctan2(h[:, 0], h[:, 1])
+    stronger = strength / local.strength - 1.0
+    steeper = np.arctan2(h[:, 2], level) - local.dip
+    off = (stronger**2 + steeper**2 + (np.cos(local.dip) * east) ** 2) / problem.noise.field**2
+    trust: Array = np.where(level > STEEP * strength, 1.0 / (1.0 + off) ** 2, 0.0)
+    turned = -skew(h)  # d h / d theta
+    jacobian = (h[:, 1:2] * turned[:, 0] - h[:, :1] * turned[:, 1]) / level[:, None] ** 2
+    weight = trust * problem.share / problem.noise.compass**2
+    equations.diagonal[:, ROT, ROT] += weight[:, None, None] * jacobian[:, :, None] * jacobian[:, None, :]
+    equations.g[:, ROT] += (weight * east)[:, None] * jacobian
+    return trust
+
+
+def _add_device(equations: NormalEquations, problem: Problem, x: State) -> None:
+    """The device's own attitude holds, but for its lag."""
+    noise = problem.noise
+    rate = np.sqrt(_squares(problem.frame.gyr[problem.rows]))
+    sigma = np.hypot(noise.device_turn, noise.device_lag * rate)
+    equations.add_unary(ROT, matrix_log(x.E), 1.0 / sigma**2)
+
+
+def _add_priors(equations: NormalEquations, problem: Problem, x: State, local: Local) -> None:
+    noise, device = problem.noise, problem.noise.device
+    first = np.zeros(len(problem.rows))
+    first[0] = 1.0
+    worse = acc_doubt(noise, problem.rest)
+    equations.add_unary(GYR_BIAS, x.gyr_bias, first / noise.gyr_bias**2)
+    equations.add_unary(ACC_BIAS, x.acc_bias, first / (worse * device.acc_bias) ** 2)
+    at = np.zeros(len(problem.rows))
+    at[local.origin] = FIXED
+    equations.add_unary(POS, x.p, at)
+    if problem.field is None and not problem.device:
+        equations.diagonal[local.origin, 2, 2] += FIXED
+    equations.corner += shared_prior(problem, x, local.prior)
+
+
+def shared_prior(problem: Problem, x: State, prior: Prior) -> Array:
+    """Information and gradient (SHARED, SHARED + 1) of what is known before of the sensor-wide errors."""
+    noise, mean = problem.noise, np.zeros(SHARED)
+    mean[LAG], mean[GRAVITY] = prior.lag, noise.gravity
+    information = _information(noise, acc_doubt(noise, problem.rest), prior)
+    return np.column_stack((information, information @ (x.shared - mean)))
+
+
+@lru_cache(4)
+def _information(noise: Noise, worse: float, prior: Prior) -> Array:
+    """Of the sensor-wide errors, (SHARED, SHARED); the accelerometer may be so many times `worse` than its class."""
+    covariance = np.zeros((SHARED, SHARED))
+    i = np.arange(SHARED)
+    covariance[i[LAG], i[LAG]] = prior.lag_sigma**2
+    covariance[i[GYR_MATRIX], i[GYR_MATRIX]] = noise.device.gyr_scale**2
+    covariance[i[ACC_MATRIX], i[ACC_MATRIX]] = (worse * noise.device.acc_scale) ** 2
+    covariance[i[GRAVITY], i[GRAVITY]] = noise.gravity_sigma**2
+    covariance[i[PIVOT], i[PIVOT]] = noise.pivot**2
+    diagonal = i[GYR_MATRIX][::4]
+    covariance[np.ix_(diagonal, diagonal)] += prior.common_scale**2
+    return readonly(np.linalg.inv(covariance))
+
+
+def _squares(vectors: Array) -> Array:
+    squares: Array = np.einsum("...i,...i->...", vectors, vectors)
+    return squares
+
+
+def _robust(squares: Array, robust: bool) -> Array:
+    """Geman-McClure's weight of residuals, by their squares in sigmas."""
+    return 1.0 / (1.0 + squares / DOUBT**2) ** 2 if robust else np.ones_like(squares)
