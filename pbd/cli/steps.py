@@ -38,7 +38,7 @@ def track_demonstration(
     """Track it; return the hand's path and the keyframes that count."""
     from pbd.pipeline import track
     from pbd.tracking.keyframes import keyframes_of
-    from pbd.tracking.repair.agreement import up_in_sensor, warn_upside_down
+    from pbd.tracking.repair.gyro_consistency import up_in_sensor, warn_upside_down
 
     with working("tracking"):
         path = track(demo, method, calibration=calibration, accept_gap=accept_gap)

@@ -17,7 +17,7 @@ from pbd.doors.atomic import atomic_folder, is_file, is_folder, may_write, refus
 from pbd.doors.toml import Section, read_toml
 from pbd.errors import RecordingError
 from pbd.files import keyframes
-from pbd.files.columns import CHANNELS, compass_angles, device_rpy
+from pbd.files.imu_columns import CHANNELS, compass_angles, device_rpy
 from pbd.files.library import find
 from pbd.files.table import Table, read_table, write_table
 from pbd.pose import Array

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.data import HandPath, Keyframe, Stop
-from pbd.data.hand import DOUBTED
+from pbd.data.tracking import DOUBTED
 from pbd.pose import Array, quat_to_matrix
 
 FIRST_REST_S = 1.0

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from pbd.data import HandPath, Keyframe, Recording, Stop, Truth
-from pbd.data.hand import DOUBTED, Tracking
+from pbd.data.tracking import DOUBTED, Tracking
 from pbd.plots.findings import Finding, at_stop, find, length, stop_names
 from pbd.pose import Array, quat_about_z, quat_multiply, quat_rotate, quat_to_rpy, yaw_toward
 from pbd.tracking.alarm import DISTURBED

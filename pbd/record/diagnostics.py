@@ -13,7 +13,7 @@ import numpy as np
 from pbd.data import GRAVITY, Recording
 from pbd.pose import Array
 from pbd.sensors.decoding import Sample
-from pbd.tracking.repair.channels import ALIVE, NAMES, STUCK_S, stuck_axes
+from pbd.tracking.repair.channel_faults import ALIVE, NAMES, STUCK_S, stuck_axes
 from pbd.tracking.repair.saturation import SAME, Clip, clips_of
 
 EVERY_S = 0.25

@@ -10,7 +10,7 @@ from pbd.calibration.drift import disagreements
 from pbd.data import Keyframe, Linear, SensorErrors
 from pbd.errors import PbdError
 from pbd.pose import Array
-from pbd.record.messages import Say
+from pbd.record.values import Say
 from pbd.sensors.decoding import Sample
 from pbd.tracking.online.tracker import DataFlaw, LiveEvent, LiveTracker, RestFound, StopBegan
 

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from pbd.errors import PbdError, SensorError
-from pbd.record.messages import Command, Outcome, RecordOptions, Status
 from pbd.record.session import Session
+from pbd.record.values import Command, Outcome, RecordOptions, Status
 from pbd.sensors.decoding import Decoder
 from pbd.sensors.port import Port
 from pbd.sensors.probe import recognise, what_it_is

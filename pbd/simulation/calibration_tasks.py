@@ -14,7 +14,7 @@ from types import MappingProxyType
 import numpy as np
 
 from pbd.pose import Array, quat_exp, quat_inverse, quat_log, quat_multiply, quat_rotate
-from pbd.simulation.hand import Waypoint
+from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.tasks import HEADING, Task
 
 TOUCHED: Mapping[str, tuple[float, float, float]] = MappingProxyType(

@@ -15,7 +15,7 @@ import numpy as np
 
 from pbd.data import GraspedObject, GripEvent
 from pbd.errors import SensorError
-from pbd.simulation.hand import Waypoint
+from pbd.simulation.hand_motion import Waypoint
 
 BOTTLE = GraspedObject("cylinder", (0.06, 0.20))
 """Diameter and height in metres of what the hand grips."""

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from pbd.data import SensorFound, Stop
-from pbd.data.hand import DOUBTED
+from pbd.data.tracking import DOUBTED
 from pbd.pose import lengths
 from pbd.tracking.moving_windows import window_moments
 from pbd.tracking.rest import ABOUT, REST_S

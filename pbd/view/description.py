@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.data import JointTrajectory
-from pbd.data.hand import DOUBTED
+from pbd.data.tracking import DOUBTED
 from pbd.pose import Array
 from pbd.view.meshcat_encoding import typed
 from pbd.view.scene_values import ReplayKeyframe, ReplayScene

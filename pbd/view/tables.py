@@ -16,8 +16,8 @@ from rich.console import RenderableType
 from rich.table import Column, Table
 
 from pbd.data import Keyframe, Robot, Segment
-from pbd.data.hand import DOUBTED
 from pbd.data.sigma import keyframe_sigmas
+from pbd.data.tracking import DOUBTED
 from pbd.pose import quat_to_rpy
 from pbd.view.screen import Screen
 from pbd.view.units import Units

@@ -25,7 +25,7 @@ from pbd.plots.findings import (
 )
 from pbd.plots.values import DemoPlot, demo_plot
 from pbd.pose import Array
-from pbd.simulation.hand import Waypoint, minimum_jerk
+from pbd.simulation.hand_motion import Waypoint, minimum_jerk
 from pbd.simulation.simulate import TASKS, simulate
 from pbd.simulation.tasks import Task
 from tests.scenarios import pour

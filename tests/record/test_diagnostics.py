@@ -13,7 +13,7 @@ from pbd.record.diagnostics import EVERY_S, REPEAT_AFTER_S, Diagnostics
 from pbd.sensors.decoding import Sample, Triple
 from pbd.simulation.simulate import simulate
 from pbd.simulation.tasks import TASKS
-from pbd.tracking.repair.channels import STUCK_S
+from pbd.tracking.repair.channel_faults import STUCK_S
 from pbd.tracking.repair.saturation import clips_of
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from pbd.errors import PbdError
-from pbd.record.messages import Outcome, Say, Status
+from pbd.record.values import Outcome, Say, Status
 from pbd.view.live_view import LivePicture, LiveView, State
 
 SHOWN_S = 0.05

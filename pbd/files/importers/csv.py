@@ -20,8 +20,8 @@ import numpy as np
 
 from pbd.data import GRAVITY, Recording, RecordingInfo
 from pbd.errors import RecordingError, listed, printable
-from pbd.files.columns import ACC, DEVICE, GYR, MAG, device_rpy
 from pbd.files.importers import check_rate
+from pbd.files.imu_columns import ACC, DEVICE, GYR, MAG, device_rpy
 from pbd.files.table import Sheet, Table, open_sheet, require
 from pbd.pose import Array
 

@@ -21,7 +21,8 @@ from pbd.pose import (
 )
 from pbd.tracking.noise import Noise, densities
 from pbd.tracking.repair.clock import CLOCK_JUMP_S
-from pbd.tracking.repair.conditioning import BRIDGED_S, LARGEST
+from pbd.tracking.repair.conditioning import LARGEST
+from pbd.tracking.repair.gaps import BRIDGED_S
 from pbd.tracking.smoother.knots import MOVE_KNOT_S
 from pbd.tracking.smoother.preintegration import (
     ACC_BIAS,

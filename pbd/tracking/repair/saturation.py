@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from pbd.data import GRAVITY, Recording
 from pbd.errors import PbdWarning
 from pbd.pose import Array
-from pbd.tracking.repair.channels import NAMES
+from pbd.tracking.repair.channel_faults import NAMES
 from pbd.tracking.smoother.preintegration import Impulse
 from pbd.tracking.zero_velocity import runs
 

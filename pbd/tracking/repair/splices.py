@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pbd.data import Recording
 from pbd.errors import PbdWarning, RecordingError
 from pbd.pose import Array, lengths
-from pbd.tracking.repair.channels import noisy
+from pbd.tracking.repair.channel_faults import noisy
 from pbd.tracking.repair.clock import counted
 from pbd.tracking.zero_velocity import runs
 
