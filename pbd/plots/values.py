@@ -13,10 +13,10 @@ from pbd.data import HandPath, Keyframe, Recording, Stop, Truth
 from pbd.data.tracking import DOUBTED, Tracking
 from pbd.plots.findings import Finding, at_stop, find, length, stop_names
 from pbd.pose import Array, quat_about_z, quat_multiply, quat_rotate, quat_to_rpy, yaw_toward
-from pbd.tracking.alarm import DISTURBED
+from pbd.tracking.alarm import FIELD_CHANGE
 from pbd.tracking.keyframes import keyframes_of
 from pbd.tracking.paper import paper_stops, resulting_variance
-from pbd.tracking.smoother.knots import FIELD_S
+from pbd.tracking.smoother.knots import STOP_KNOT_S
 
 TRUTH_NEAR_S = 0.5
 """Largest time between the middle of the first stop and a sample of the truth, by which the truth is aligned."""
@@ -62,15 +62,15 @@ class FieldPlot:
     rest_strength: float
     rest_dip: float
 
-    block_s = 2.0 * FIELD_S
+    block_s = 2.0 * STOP_KNOT_S
     """The tracker averages the field over this time, s."""
-    dip_bound = DISTURBED
+    dip_bound = FIELD_CHANGE
     """The tracker takes a larger change of the dip for a disturbance, rad."""
 
     @property
     def strength_bound(self) -> float:
         """The same for the strength, uT."""
-        return DISTURBED * self.rest_strength
+        return FIELD_CHANGE * self.rest_strength
 
 
 @dataclass(frozen=True, eq=False)

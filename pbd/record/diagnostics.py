@@ -13,8 +13,8 @@ import numpy as np
 from pbd.data import GRAVITY, Recording
 from pbd.pose import Array
 from pbd.sensors.decoding import Sample
-from pbd.tracking.repair.channel_faults import ALIVE, NAMES, STUCK_S, stuck_axes
-from pbd.tracking.repair.saturation import SAME, Clip, clips_of
+from pbd.tracking.repair.channel_faults import LIVE_SHARE, SENSOR_NAMES, STUCK_S, stuck_axes
+from pbd.tracking.repair.saturation import TOP_TOLERANCE, Clip, clips_of
 
 EVERY_S = 0.25
 """The last samples are looked at this often."""
@@ -66,9 +66,9 @@ class Diagnostics:
         flaws: dict[str, str] = {}
         for clip in clips_of(window):
             side, reading = (clip.sensor, clip.axis, clip.sign), _reading(window, clip)
-            if reading >= self._largest.get(side, 0.0) * (1.0 - SAME) and window.t[clip.stop - 1] > since:
+            if reading >= self._largest.get(side, 0.0) * (1.0 - TOP_TOLERANCE) and window.t[clip.stop - 1] > since:
                 shown = f"{reading / GRAVITY:.3g} g" if clip.sensor == "acc" else f"{np.degrees(reading):.0f} deg/s"
-                axis = f"{'xyz'[clip.axis]} axis of the {NAMES[clip.sensor]}"
+                axis = f"{'xyz'[clip.axis]} axis of the {SENSOR_NAMES[clip.sensor]}"
                 flaws[f"{axis} clipped"] = (
                     f"the {axis} is at the end of its range ({shown}): move slower, or set a larger one"
                 )
@@ -84,14 +84,14 @@ class Diagnostics:
         given = dict(_motion(window))
         whole = window.t[-1] - window.t[0] >= STUCK_S
         changing = np.any([np.diff(values, axis=0).any(axis=1) for values in given.values()], axis=0).mean()
-        self._lived |= bool(changing > ALIVE)
+        self._lived |= bool(changing > LIVE_SHARE)
         if whole and changing == 0.0:
             if self._lived:
                 return {"stuck": f"for {STUCK_S:g} s all samples are the same: the sensor is stuck; plug it in again"}
             return {"still": "all samples are the same so far: if that stays so while you move, the sensor is stuck"}
         flaws: dict[str, str] = {}
         for name, axis, start, _ in stuck_axes(window):
-            what = f"{'xyz'[axis]} axis of the {NAMES[name]}"
+            what = f"{'xyz'[axis]} axis of the {SENSOR_NAMES[name]}"
             value = float(given[name][start, axis])
             flaws[f"{what} stuck"] = (
                 f"the {what} is stuck at {value:.4g}, while others change: repair or replace the sensor"
@@ -124,7 +124,7 @@ def _changes(values: Array) -> bool:
 
 
 def _motion(window: Recording) -> list[tuple[str, Array]]:
-    return [(name, values) for name in NAMES if (values := getattr(window, name)) is not None]
+    return [(name, values) for name in SENSOR_NAMES if (values := getattr(window, name)) is not None]
 
 
 def _reading(window: Recording, clip: Clip) -> float:

@@ -20,8 +20,8 @@ from pbd.tracking.repair.gaps import BRIDGED_S, Gap, find_gaps, warn_of_gaps
 from pbd.tracking.repair.gyro_consistency import refuse_disagreement
 from pbd.tracking.repair.splices import in_order, refuse_doubled, without_wild
 
-LARGEST = 1e5
-"""No sensor reads this much in any of our units: such a cell holds no number."""
+LARGEST_READING = 1e5
+"""Largest reading of any sensor, in any of our units. A larger one counts as missing."""
 
 
 def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
@@ -78,7 +78,7 @@ def _filled(recording: Recording) -> tuple[Recording, NDArray[np.bool_]]:
         values = getattr(recording, name)
         if values is None:
             continue
-        good = (np.abs(values) < LARGEST).all(axis=1)  # NaN is not
+        good = (np.abs(values) < LARGEST_READING).all(axis=1)  # NaN is not
         if not good.any():
             raise RecordingError(f"'{name}' has no number in any row; leave the column out or record again")
         # A magnetometer is slow and often sampled less often: its holes are no holes in the motion.

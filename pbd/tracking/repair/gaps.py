@@ -12,19 +12,20 @@ from numpy.typing import NDArray
 from pbd.data import Recording, Stop
 from pbd.errors import PbdWarning, TrackingError
 from pbd.pose import Array
-from pbd.tracking.repair.clock import REACH, counted
+from pbd.tracking.repair.clock import LATE_SAMPLES, counted
+from pbd.tracking.rest import STILL_ACC
+from pbd.tracking.zero_velocity import ENERGY_WINDOW_S
 
 BRIDGED_S = 0.050
-"""Missing data up to this long are interpolated (with a warning)."""
+"""Longest gap, s, that is interpolated."""
 
-HIDES_S = 0.12
-"""A longer gap in a rest may hide a move. A minimum-jerk move of T seconds (Flash and Hogan, 1985) from rest to rest
-whose acceleration reaches a goes a T^2 / 5.77 far: with the 5 m/s2 of a brisk hand 1.2 cm in this time. So much sigma
-is widened by (`Noise.unseen_speed`), and grows with T only."""
+HIDDEN_MOVE_S = 0.12
+"""Longest gap in a rest, s, that can't hide a move worth knowing. A minimum-jerk move (Flash and Hogan, 1985) of T s
+with a peak acceleration a goes a T^2 / 5.77: with 5 m/s2, brisk for a hand, 1.2 cm in this time. A shorter gap widens
+sigma by that much (`Noise.unseen_speed`)."""
 
-BESIDE_S, LEAST_BESIDE, TURNED_ACC = 0.1, 3, 0.5
-"""Before and after a gap in a rest the hand must be seen at rest for so long, or so many rows; and specific force must
-not change meanwhile by more than this (m/s2: 3 degrees)."""
+BESIDE_ROWS = 3
+"""Least number of rows before and after a gap in which the hand must be seen at rest."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,7 @@ def find_gaps(t: Array, missing: NDArray[np.bool_], interval: float) -> list[Gap
     spans = np.diff(late)
     far = np.flatnonzero(spans > 0.5 * interval)
     # A late stamp is made up for by the next ones, a lost sample is not.
-    made_up = late[np.minimum(far + 1 + REACH, len(good) - 1)] - late[np.maximum(far - REACH, 0)]
+    made_up = late[np.minimum(far + 1 + LATE_SAMPLES, len(good) - 1)] - late[np.maximum(far - LATE_SAMPLES, 0)]
     gaps = [Gap(int(good[i]), int(good[i + 1]), float(spans[i])) for i in far[made_up > 0.75 * interval]]
     if good[0] > 0:
         gaps.insert(0, Gap(0, int(good[0]), float(t[good[0]] - t[0])))
@@ -95,7 +96,7 @@ def refuse_gaps(gaps: tuple[Gap, ...], recording: Recording, stops: tuple[Stop, 
                 value=gap.missing_s,
                 bound=BRIDGED_S,
             )
-    inner = [gap for gap in gaps if gap.missing_s > HIDES_S or not _at_an_end(gap, recording)]
+    inner = [gap for gap in gaps if gap.missing_s > HIDDEN_MOVE_S or not _at_an_end(gap, recording)]
     if not inner:
         return
     longest = max(inner, key=lambda gap: gap.missing_s)
@@ -103,13 +104,13 @@ def refuse_gaps(gaps: tuple[Gap, ...], recording: Recording, stops: tuple[Stop, 
         f"{longest.missing_s * 1e3:.0f} ms of data are missing in a rest, {_where(longest, t)}: a move may be hidden "
         "in it" + (f", and in {counted(len(inner) - 1, 'other gap')}" if len(inner) > 1 else "")
     )
-    if longest.missing_s > HIDES_S + 1e-6 and not accept:
+    if longest.missing_s > HIDDEN_MOVE_S + 1e-6 and not accept:
         raise TrackingError(
             f"{said}; record again, or give --accept-gap if the hand stood still there",
             row=longest.before,
             t=float(t[longest.before]),
             value=longest.missing_s,
-            bound=HIDES_S,
+            bound=HIDDEN_MOVE_S,
         )
     warnings.warn(
         f"{said}; the sigma of later keyframes is wider; record again if the hand moved", PbdWarning, stacklevel=3
@@ -134,11 +135,11 @@ def _rests_beside(recording: Recording, gap: Gap, stop: Stop) -> bool:
 
     What was interpolated is smooth: were that not looked for, the stop might have been found in it.
     """
-    rows = max(LEAST_BESIDE, round(BESIDE_S * recording.rate_hz))
+    rows = max(BESIDE_ROWS, round(ENERGY_WINDOW_S * recording.rate_hz))
     before, after = slice(gap.before + 1 - rows, gap.before + 1), slice(gap.after, gap.after + rows)
     if _at_an_end(gap, recording):
         return stop.start <= gap.before and gap.after < stop.stop
     if before.start < stop.start or after.stop > stop.stop:
         return False
     turned = recording.acc[after].mean(axis=0) - recording.acc[before].mean(axis=0)
-    return float(np.linalg.norm(turned)) < TURNED_ACC
+    return float(np.linalg.norm(turned)) < STILL_ACC
