@@ -24,10 +24,10 @@ from pbd.pose import Array
 
 FORMAT = 1
 SHAPES = {"box": 3, "cylinder": 2, "sphere": 1}
-"""Shapes of an object and how many sizes each takes."""
+"""Shapes of an object, and the number of sizes each has."""
 
 RATES_HZ = (1e-6, 1e6)
-"""Slowest and fastest rate of a recording: a sample in eleven days; faster than any sensor."""
+"""Lowest and highest rate of a recording: a sample in eleven days; faster than any sensor."""
 
 TRUTH = ("t", "px", "py", "pz", "qw", "qx", "qy", "qz")
 

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from pbd.data import SensorFound, Stop
-from pbd.data.tracking import DOUBTED
+from pbd.data.tracking import DOUBTED_WEIGHT
 from pbd.pose import lengths
 from pbd.tracking.moving_windows import window_moments
 from pbd.tracking.rest import QUIET_RATIO, REST_S
@@ -106,7 +106,7 @@ def _of_moves(solution: Solution) -> Iterator[str]:
 def _of_stops(solution: Solution, stops: Sequence[Stop]) -> Iterator[str]:
     t = solution.problem.frame.t
     for stop in stops:
-        if stop.weight < DOUBTED:
+        if stop.weight < DOUBTED_WEIGHT:
             middle = 0.5 * float(t[stop.start] + t[stop.stop - 1])
             yield (
                 f"the stop at {middle:.1f} s may be none ({100.0 * stop.weight:.0f} % sure): the hand seems to move on "

@@ -19,8 +19,8 @@ DEG = np.pi / 180.0
 MG = 1e-3 * GRAVITY
 
 OUTLIER_SIGMAS = 3.0
-"""Deviation in sigmas along one axis that is no chance (0.27 %). There a robust factor hardly counts, a claim is refused
-and a lag is real."""
+"""Deviation in sigmas along one axis that is no chance (0.27 %). There a robust factor hardly counts, a claim is
+refused and a lag is real."""
 
 
 @dataclass(frozen=True)
