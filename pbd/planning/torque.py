@@ -47,11 +47,12 @@ def check_torque(
     assumed = "effort" in limits.assumed
     bound = f"its {'assumed ' if assumed else ''}torque limit of {torque.bound:.3g} {torque.unit}"
     carrying = f", carrying {load}" if str(load) else ""
-    needs = f"{torque.joint} needs {torque.value:.3g} {torque.unit} at {torque.t:.2f} s{carrying}"
+    needs = f"{torque.joint} needs {_shown(torque.value)} {torque.unit} at {torque.t:.2f} s{carrying}"
     if torque.share > (FAR_OFF if assumed else 1.0):
         slower = _fitting_speed(speed, share_at)
         lighter = "carry less" if carrying else "move the dock nearer to the base"
-        what = f"{needs}: {torque.share:.3g} times {bound}; {'' if slower else 'slower is no help: '}{lighter}"
+        share = f"{100.0 * torque.share:.1f} % of" if torque.share < 10.0 else f"{torque.share:.0f} times"
+        what = f"{needs}: {share} {bound}; {'' if slower else 'slower is no help: '}{lighter}"
         fields = {"joint": torque.joint, "t": torque.t, "value": torque.value, "bound": torque.bound}
         return TooHeavy(PlanError(what, **fields), slower)
     if torque.share > HIGH:
@@ -68,6 +69,10 @@ def _fitting_speed(speed: float, share_at: Callable[[float], float]) -> float | 
         middle = (fits + too_fast) // 2
         fits, too_fast = (middle, too_fast) if share_at(middle / 100) <= 1.0 else (fits, middle)
     return fits / 100 or None
+
+
+def _shown(value: float) -> str:
+    return f"{value:.3g}" if value < 1000.0 else f"{value:.0f}"
 
 
 def _warn(message: str) -> None:
