@@ -13,7 +13,7 @@ from pbd.errors import PbdWarning
 from pbd.simulation.simulate import random_task, simulate
 from pbd.tracking.repair.splices import in_order, without_wild
 from tests.scenarios import pour, with_rows
-from tests.tracking.test_sensors_as_they_are import real_recordings
+from tests.tracking.repair.test_sensors_as_they_are import real_recordings
 
 
 @pytest.mark.parametrize(
