@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 STRAY_M = 0.01
-"""Distance from a straight line, m, from which on it is said that the tool strays."""
+"""Distance of the tool from a straight line, m, from which on it is reported."""
 
 
 def say_moves(demo: Demonstration, path: HandPath, robot: Robot, plan: Plan, options: PlanOptions) -> None:

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from pbd.planning import Plan, PlanOptions
     from pbd.sensors.decoding import Decoder
 
-POINTS = "points.csv"
-"""The file in a demonstration's folder that has the points which it touched."""
+POINTS_FILE = "points.csv"
+"""File in a demonstration's folder: the points that it touched."""
 
 
 def load_demonstration(name: str | None) -> Demonstration:
@@ -39,7 +39,7 @@ def track_demonstration(
     """Track it; return the hand's path and the keyframes that count."""
     from pbd.pipeline import track
     from pbd.tracking.keyframes import keyframes_of
-    from pbd.tracking.repair.agreement import up_in_sensor, warn_upside_down
+    from pbd.tracking.repair.gyro_consistency import up_in_sensor, warn_upside_down
 
     with working("tracking"):
         path = track(demo, method, calibration=calibration, accept_gap=accept_gap)
@@ -127,13 +127,13 @@ def store_demonstration(
     folder = demo_folder(args.name)
     remark = "simulated: touched with the sensor itself, in the robot's base"
     with working(f"writing {folder}"):
-        beside = {} if touched is None else {POINTS: points_csv(touched, remark)}
+        beside = {} if touched is None else {POINTS_FILE: points_csv(touched, remark)}
         write_demo(replace(demo, recording=recording), folder, args.force, beside)
     samples, duration_s, rate_hz = len(recording), float(recording.t[-1]), recording.rate_hz
     say(f"{done} {samples} samples, {duration_s:.1f} s at {rate_hz:.0f} Hz, into {folder}")
     if args.json:
         stored = {"demo": folder.name, "folder": str(folder), "samples": samples}
-        points = {} if touched is None else {"points": str(folder / POINTS)}
+        points = {} if touched is None else {"points": str(folder / POINTS_FILE)}
         print_json(stored | {"duration_s": duration_s, "rate_hz": rate_hz} | points)
 
 

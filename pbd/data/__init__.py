@@ -8,7 +8,9 @@ from __future__ import annotations
 
 from pbd.data.arm import Gripper, JointLimits, JointTrajectory, Robot, Samples
 from pbd.data.calibration import TOOL_DOWN, Calibration, Linear, SensorErrors
-from pbd.data.hand import (
+from pbd.data.known import ClaimFit, Contact, Known, Place
+from pbd.data.sensor_found import Found, SensorFound
+from pbd.data.tracking import (
     GRAVITY,
     Demonstration,
     GripEvent,
@@ -21,8 +23,6 @@ from pbd.data.hand import (
     Tracking,
     Truth,
 )
-from pbd.data.known import ClaimFit, Contact, Known, Place
-from pbd.data.sensor_found import Found, SensorFound
 from pbd.data.world import GraspedObject, Load, Obstacle
 
 __all__ = [

@@ -17,17 +17,17 @@ from pbd.doors.atomic import atomic_folder, is_file, is_folder, may_write, refus
 from pbd.doors.toml import Section, read_toml
 from pbd.errors import RecordingError
 from pbd.files import keyframes
-from pbd.files.columns import CHANNELS, compass_angles, device_rpy
+from pbd.files.imu_columns import CHANNELS, compass_angles, device_rpy
 from pbd.files.library import find
 from pbd.files.table import Table, read_table, write_table
 from pbd.pose import Array
 
 FORMAT = 1
 SHAPES = {"box": 3, "cylinder": 2, "sphere": 1}
-"""Shapes of an object and how many sizes each takes."""
+"""Shapes of an object, and the number of sizes each has."""
 
 RATES_HZ = (1e-6, 1e6)
-"""Slowest and fastest rate of a recording: a sample in eleven days; faster than any sensor."""
+"""Lowest and highest rate of a recording: a sample in eleven days; faster than any sensor."""
 
 TRUTH = ("t", "px", "py", "pz", "qw", "qx", "qy", "qz")
 

@@ -15,7 +15,8 @@ from pbd.arm.collision.motion_check import check_motion
 from pbd.arm.collision.scene import CollisionScene
 from pbd.arm.model import ArmModel
 from pbd.arm.reach import sample
-from pbd.calibration.frames import nav_in_base, tool_poses
+from pbd.calibration.dock import nav_in_base
+from pbd.calibration.frames import tool_poses
 from pbd.cli import main
 from pbd.cli.steps import load_arm
 from pbd.files.demo import load_demo
