@@ -28,13 +28,13 @@ from pbd.tracking.smoother.attitude import mean_quaternion
 from pbd.tracking.smoother.preintegration import Impulse
 
 TRIES = 3
-"""Where no stop holds the rest that noise was measured in, another is taken, so often at most."""
+"""How often a new rest is tried, if no stop contains the rest in which noise was measured."""
 
 SAME_DOCK_RAD = np.radians(1.0)
 """An edited first keyframe is still the dock if it is turned by no more."""
 
 OPEN_END_S = 0.2
-"""Motion for longer than this at either end of a recording is told."""
+"""s: longer motion at either end of a recording is reported."""
 
 METHODS = ("default", "paper")
 """How to track: as well as we can, or as the paper does."""

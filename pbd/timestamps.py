@@ -65,7 +65,7 @@ ONE_INTERVAL = 1.6
 """Steps of less than this many usual ones have no loss in them."""
 
 COUNT_AFTER_S, COUNT_EVERY_S, COUNT_SHARE = 2.0, 1.0, 0.02
-"""Losses are counted from so much on, so often, and in no more than this share of the time."""
+"""Losses are counted after this many samples, this often (s), and in at most this share of the time."""
 
 
 T = TypeVar("T")

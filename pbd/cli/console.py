@@ -51,7 +51,7 @@ def working(what: str, at_most_s: float | None = None) -> Iterator[None]:
 
 @contextmanager
 def listening(device: str, what: str, at_most_s: float) -> Iterator[None]:
-    """Show that a port is listened to, and for how long at most; where stderr is a file or a pipe, a line says so."""
+    """Show that pbd is listening, and for how long at most; a plain line where stderr is no terminal."""
     if not sys.stderr.isatty():
         print(f"{what} {device} ...", file=sys.stderr, flush=True)
     with working(f"{what} {device}", at_most_s):

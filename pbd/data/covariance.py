@@ -18,7 +18,7 @@ KEYFRAMES_AT_ONCE = 32
 class PoseCovariance:
     """Covariance (6n, 6n) of n poses: position (m), then rotation vector (rad), in nav.
 
-    Any block is solved for when somebody asks.
+    A block is solved for when it is read.
 
     Attributes:
         count: n.

@@ -79,7 +79,7 @@ class ClaimFit:
         saying: what was claimed, in words.
         t: s, the middle of the stop.
         stop: its index.
-        off_m: m, by how much the data differed.
+        off_m: m, misfit of the data.
         sigmas: the same in sigmas (over three axes a typical value is 1.5, over one 0.7).
     """
 

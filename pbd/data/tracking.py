@@ -149,7 +149,7 @@ class Stop:
 
 @dataclass(frozen=True, eq=False)
 class Tracking:
-    """What a path was tracked from, and what was worked out on the way: kept, so that nobody works it out again.
+    """What a path was tracked from, and intermediate results that others use again.
 
     Attributes:
         demo: as it was given: with edited keyframes, what is known of the stops, what is grasped.

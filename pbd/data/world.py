@@ -79,7 +79,7 @@ def stays(
 ) -> tuple[Stay, ...]:
     """Follow an object: it stands upright where it is first gripped, goes with the tool, and stays where it is let go.
 
-    A gripper that closes elsewhere leaves it where it is; one that never closes tells nothing of it.
+    A gripper that closes elsewhere leaves it where it is. One that never closes does not say where it is.
 
     Args:
         thing: what is grasped.

@@ -64,7 +64,7 @@ def mesh_places(address: str, urdf: Path, package_dirs: Sequence[Path]) -> list[
 
 
 def mesh_file(address: str, urdf: Path, package_dirs: Sequence[Path]) -> Path:
-    """Return the first of the places where there is something; else the first, for whoever opens it to say so."""
+    """Return the first place that exists, else the first one, so that opening it raises the error."""
     places = mesh_places(address, urdf, package_dirs) or [Path(address)]
     return next((place for place in places if is_file(place)), places[0])
 

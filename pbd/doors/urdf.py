@@ -47,7 +47,7 @@ class _Rule:
     needed: bool = False
 
     def fault(self, text: str) -> str | None:
-        """Say what is wrong with a text that is to be so many sound numbers."""
+        """Say what is wrong with a text that must hold this many finite numbers."""
         try:
             values = finite_list(text, self.count)
         except ValueError:

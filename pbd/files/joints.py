@@ -17,7 +17,7 @@ from pbd.doors.opening import read_text
 from pbd.errors import PbdError, listed, printable
 
 NAME, POSITION = "name", "position"
-"""The parts of a sensor_msgs/JointState that count; its positions are in rad and m, whatever units are asked for."""
+"""The fields of a sensor_msgs/JointState that are read. Its positions are always in rad and m."""
 
 LARGEST_POSITION = 1e6
 """Largest joint position, in any unit: beyond every turn of an endless joint."""

@@ -1,4 +1,4 @@
-"""The verb: record until told to end, the time is over, or the sensor is gone."""
+"""Record until a person ends it, the time is over, or the sensor is gone."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def record(
         options: what and how.
         poll: what the person wants, without waiting.
         show: draws the screen.
-        every_s: so often.
+        every_s: s between two updates.
 
     Raises:
         SensorError: no port, no bytes, or bytes that are no packets: then there is no folder.

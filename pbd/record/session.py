@@ -142,7 +142,7 @@ class Session:
                 self.demo.discard()
                 self._put_back()
                 raise
-            with suppress(PbdError):  # of a full disk: what could not be written has been told
+            with suppress(PbdError):  # a full disk: reported already
                 self._finish(self.demo)
             raise
         self._finish(self.demo)
@@ -159,7 +159,7 @@ class Session:
         demo.finish(float(f"{(rows - 1) / duration:.5g}") if duration > 0.0 else None, self._clock_name, times)
 
     def status(self) -> Status:
-        """Take a picture; what was said is told once."""
+        """Return the status; each message is in one status only."""
         self._clock.count(now_and_then=True)
         while self._recent and self._recent[0][0] < self.t - 1.0:
             self._recent.popleft()

@@ -52,7 +52,7 @@ UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
 """In m/s2, rad/s, uT, rad and s; the first of each is taken where none is given."""
 
 ARDUINO_WRAP = 2.0**32
-"""millis() and micros() start anew there; taken for a t in ms or us where nothing else is said."""
+"""millis() and micros() wrap there: the default wrap of a t in ms or us."""
 
 SEPARATORS = {"space": " ", "tab": "\t"}
 
@@ -165,9 +165,7 @@ def _check_prefixes(prefixes: list[str]) -> None:
             raise SensorError(f"prefix {prefix!r} is not plain text; give the characters that each line begins with")
         for other in prefixes[:i] + prefixes[i + 1 :]:
             if other.startswith(prefix):
-                raise SensorError(
-                    f"lines that begin with {prefix!r} and {other!r} can't be told apart; give longer prefixes"
-                )
+                raise SensorError(f"lines that begin with {prefix!r} and {other!r} are ambiguous; give longer prefixes")
 
 
 def layout_from_options(

@@ -69,8 +69,8 @@ def listen(port: Port, listeners: Collection[Listener], seconds: float, patience
     Args:
         port: to listen to.
         listeners: that listen.
-        seconds: so long, from the first byte on.
-        patience: so long the first byte is waited for, if that is more.
+        seconds: listening time from the first byte on.
+        patience: longest time to wait for the first byte, if longer.
     """
     heard, end = b"", time.monotonic() + max(seconds, patience)
     while time.monotonic() < end and not any(each.hears_samples for each in listeners):
@@ -126,7 +126,7 @@ def find_baud(port: Port, make: Callable[[], Decoder], sensor: str) -> int:
         sensor: its protocol.
 
     Raises:
-        SensorError: none of them; it says whether bytes came at all, and whose they are if that can be told.
+        SensorError: none of them. It says whether bytes came, and of which sensor if they can be identified.
     """
     heard: dict[int, bytes] = {}
     for baud in PROTOCOLS[sensor].bauds:
@@ -141,10 +141,10 @@ def find_baud(port: Port, make: Callable[[], Decoder], sensor: str) -> int:
             f"{port.device} is silent (tried {tried} baud); check that the sensor is on and sends by itself",
             path=port.device,
         )
-    told = next((data for data in heard.values() if recognise(data) or printed_line(data)), b"")
+    identified = next((data for data in heard.values() if recognise(data) or printed_line(data)), b"")
     raise SensorError(
         f"{count} bytes came from {port.device}, but no whole packet of {sensor} (tried {tried} baud): "
-        f"{what_it_is(told, None, sensor)}",
+        f"{what_it_is(identified, None, sensor)}",
         path=port.device,
     )
 

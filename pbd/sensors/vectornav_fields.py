@@ -2,7 +2,7 @@
 
 Sizes as in VectorNav's programming library 1.2 (`Packet::BinaryGroupLengths`, packet.cpp) and the VN-100 User Manual.
 Any fields of known size may be asked of the device; what a sample does not need is stepped over. A packet with a field
-that is not known is refused, because its length can't be told.
+that is not known is refused, because its length is unknown.
 """
 
 from __future__ import annotations

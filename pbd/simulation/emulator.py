@@ -80,7 +80,7 @@ class Emulator:
             for k in range(self.sent, due):
                 row = k if k < len(recording) else len(recording) - rest + (k - len(recording)) % rest
                 messages.append(encode(recording, row, round(1e6 * k * interval)))
-            with suppress(OSError):  # nobody reads: as a real sensor, it goes on talking
+            with suppress(OSError):  # no reader: like a real sensor, it keeps sending
                 os.write(self._master, b"".join(messages))
             self.sent = due
 

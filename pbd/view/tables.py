@@ -99,7 +99,7 @@ def segments_table(segments: Sequence[Segment], units: Units = SI) -> Table:
 
 
 def keyframes_table(keyframes: Sequence[Keyframe], units: Units = SI) -> Table:
-    """The sensor's pose in nav at each stop; sigma is the largest over the axes, blank where nobody measured it.
+    """The sensor's pose in nav at each stop; sigma is the largest over the axes, blank where unknown.
 
     Where the tracker doubts that the hand stood still, a column says how sure it is.
     """

@@ -33,7 +33,7 @@ class Units:
         return {"deg": "°"}.get(self.angle, self.angle)
 
     def lengths(self, metres: ArrayLike, finer: int = 0) -> list[str]:
-        """Write lengths, with so many decimals more than usual."""
+        """Write lengths, with more decimals than usual."""
         factor, decimals = LENGTHS[self.length]
         return _fixed(factor * np.asarray(metres), decimals + finer)
 

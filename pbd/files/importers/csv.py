@@ -86,7 +86,7 @@ def read_csv(
         raise RecordingError(f"{path}: the column '{names['t']}' tells the time; leave --rate out", path=path)
     for angles in (DEVICE, RPY):
         if not set(angles) <= set(names) and not set(columns) & set(angles):
-            # A yaw, say, of which nobody knows from where and which way it counts: the gyro knows better.
+            # The origin and the sign of such a yaw are unknown: the gyro is more reliable.
             names = {ours: given for ours, given in names.items() if ours not in angles}
     for wanted in CHANNELS.values():
         missing = [name for name in wanted if name not in names]

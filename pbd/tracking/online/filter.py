@@ -1,7 +1,7 @@
-"""The estimator's model as a Kalman filter: what it knows of the hand now, from all that came before.
+"""The estimator's model as a Kalman filter: the present state, from all samples so far.
 
 State, errors and noise are those of the smoother (`knots`, `factors`). Its knots become a copy of attitude and position
-at the last one (stochastic cloning), which the next one is held against. What is learnt at a stop flows back into the
+at the last one (stochastic cloning), to which the next one is compared. What is learnt at a stop flows back into the
 move before it through the covariance.
 
 Source: J. Sola, Quaternion kinematics for the error-state Kalman filter, arXiv 1711.02508 (2017), with errors on the
@@ -51,7 +51,7 @@ BIASES = np.arange(STATES)[SENSOR_ERRORS][np.r_[GYR_BIAS, ACC_BIAS]]
 
 
 class OnlineFilter:
-    """The hand as far as it is known.
+    """The estimate of the hand's motion.
 
     Attributes:
         wxyz, E: (4,) and (3, 3), nav <- gyro frame.
@@ -156,7 +156,7 @@ class OnlineFilter:
         self._update(H_TURN, -turned, turn_sigma**2)
 
     def point_north(self, field: Array, lasted: float) -> None:
-        """A compass shows a mean field (3,) in the gyro frame over so many s: north, if it is as at the first rest."""
+        """A mean field (3,) in the gyro frame over `lasted` s shows north, if it is as at the first rest."""
         earth, h = self._undisturbed, self.E @ field
         strength, dip = np.sqrt(earth @ earth), np.arctan2(earth[2], np.hypot(earth[0], earth[1]))
         level, east = max(float(np.hypot(h[0], h[1])), 1e-12), float(np.arctan2(h[0], h[1]))

@@ -116,7 +116,7 @@ class LiveHand:
     Attributes:
         rest: what the thresholds are taken from.
         flaws: what was wrong with the data since the last stop, a line each.
-        still: whether the hand stands still, as far as is known.
+        still: whether the hand seems to stand still.
         restless: the energy of the last window, in what a hand has that holds still.
     """
 

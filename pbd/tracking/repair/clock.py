@@ -80,7 +80,7 @@ def with_clock(recording: Recording) -> Recording:
             bound=SLOWEST_HZ,
         )
     lasts = float(t[-1] - t[0]) + interval
-    if lasts < SHORTEST_REST_S:  # of less nobody can tell whether the hand moved
+    if lasts < SHORTEST_REST_S:  # too short to see whether the hand moved
         raise RecordingError(
             f"the recording lasts {lasts:.2g} s ({counted(len(t), 'sample')}); record at least a second of rest, then "
             "move",
@@ -143,7 +143,7 @@ def _refuse_disorder(t: Array) -> None:
 
 
 def _differs(recording: Recording) -> NDArray[np.bool_]:
-    """Whether each row says something else than the one before it, (n - 1,)."""
+    """Whether each row differs from the one before it, (n - 1,)."""
     given = [values for values in (recording.acc, recording.gyr) if values is not None]
     differs: NDArray[np.bool_] = np.any([(values[1:] != values[:-1]).any(axis=1) for values in given], axis=0)
     return differs

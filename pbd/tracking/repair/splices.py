@@ -142,7 +142,7 @@ def _lines(x: Array, edges: Rows, rows: int = 0) -> tuple[Array, Array]:
     Args:
         x: readings.
         edges: (m,) the first row behind each.
-        rows: so many rows between are left out.
+        rows: number of rows between that are left out.
     """
     far = 0.5 * (rows + 1)
     before, after = x[edges - 1], x[edges + rows]

@@ -229,7 +229,7 @@ def _judged(
         whole = slice(*span)
         for part in slow_parts(t, span, lengths(v[whole]) < fast[whole]) if in_parts else [span]:
             inside = slice(*part)
-            # By how much noise blurs the velocity from knot to knot, along each axis.
+            # Sigma of the change of velocity from knot to knot, along each axis.
             first, last = np.searchsorted(problem.rows, part)
             between = blurred[first : max(last - 1, first + 1)]
             blur = float(np.sqrt(between.sum() / max(len(between), 1)))
