@@ -19,16 +19,16 @@ import numpy as np
 from pbd.pose import Array
 
 LOST_SHARE = 0.6
-"""A sample is lost where the next one is late by more than this share of an interval."""
+"""Share of an interval by which the next sample is late where one is lost, at least."""
 
 LONGEST_BURST_S = 0.5
-"""No burst of arrivals lasts longer: a delay that stays is a lost sample."""
+"""Longest burst of arrivals, s. A delay that lasts longer is a lost sample."""
 
 LOSS_RISE_S = 0.1
-"""Within this time of a loss the least delay has risen by all of it."""
+"""Time, s, within which the least delay shows a loss in full."""
 
 BLOCK = 64
-"""Samples of which the least delayed one supports the line under the arrivals."""
+"""Samples per block; the least delayed one of each supports the line under the arrivals."""
 
 FIRST_SPAN = 128
 """Samples over which the interval is first estimated: few such spans have a loss in them."""
@@ -41,28 +41,28 @@ SETTLE_S = 1.0
 LONGEST_BURST_S, over which the delay is taken, or the stamps would swing."""
 
 SHORTEST_STEP_S = 1e-5
-"""Live stamps increase by at least this."""
+"""Least increase of live stamps, s."""
 
 BELIEVED_STEP_S = 0.1
-"""A device's time may step by this while its usual step is unknown ..."""
+"""Largest step of a device's time, s, while its usual step is unknown."""
 
 BELIEVED_STEPS = 3.0
 """... and by this many usual steps afterwards ..."""
 
 HOST_ROOM_S, HOST_ROOM = 0.02, 0.1
-"""... or by as much as passed on the host, give or take this time and this share of it."""
+"""A step is also accepted if it equals the host's, within this time (s) and this share of it."""
 
 SHORTEST_STEP = 0.25
-"""Share of the usual step below which a device's time did not go on."""
+"""Least step of a device's time, as a share of the usual step."""
 
 USUAL_OVER = 9
-"""Steps whose median is the usual one."""
+"""Number of steps whose median is the usual one."""
 
 GAP_S = 10.0
-"""A shorter leap onwards, from which the clock goes on, is a gap; a longer one, or one backwards, a clock set anew."""
+"""Longest gap, s, in a device's time. A longer leap, or one backwards, is a clock set anew."""
 
 ONE_INTERVAL = 1.6
-"""Steps of less than this many usual ones have no loss in them."""
+"""Largest step without a loss, in usual steps."""
 
 COUNT_AFTER_S, COUNT_EVERY_S, COUNT_SHARE = 2.0, 1.0, 0.02
 """Losses are counted after this many samples, this often (s), and in at most this share of the time."""
@@ -107,7 +107,7 @@ class SampleClock(Generic[T]):
         return self._last is not None
 
     def take(self, sample: T, t_device: float | None, arrival: float) -> list[tuple[float, T]]:
-        """Take the next sample; return those that have a time now.
+        """Take the next sample; return those whose time is known now.
 
         Args:
             sample: anything.

@@ -185,7 +185,7 @@ def overall_sigma(ax: Axes, plot: DemoPlot) -> None:
 
 
 def field_strength(ax: Axes, plot: DemoPlot) -> None:
-    """Strength of the magnetic field, and what the tracker takes for undisturbed."""
+    """Strength of the magnetic field, and the range that counts as undisturbed."""
     field = plot.field
     assert field is not None
     _field(ax, plot.path.t, field.strength, field.rest_strength, field.strength_bound, field.block_s)

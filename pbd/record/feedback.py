@@ -23,7 +23,7 @@ rest."""
 
 
 class Feedback:
-    """Feeds the live tracker and collects what is worth a line."""
+    """Feeds the live tracker and collects messages for the person."""
 
     def __init__(self, tolerance_m: float, errors: SensorErrors | None = None, sensor: str = "") -> None:
         self.tracker = LiveTracker(sensor)
@@ -83,7 +83,7 @@ class Feedback:
                 self._field.popleft()
 
     def _compare(self, event: RestFound) -> None:
-        """Tell where the sensor at rest is off what it should read."""
+        """Report what the sensor at rest reads wrongly."""
         mag = np.mean([mag for _, mag in self._field], axis=0) if self._field else None
         rest = event.rest
         for line in disagreements(self._errors, rest.gravity * rest.up_sensor, rest.gyro_bias, mag):

@@ -146,7 +146,7 @@ def _run(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], 
 
 
 class _Watch:
-    """Notices when this program stood still: silence of that time is not the sensor's.
+    """Detects that this program was suspended: silence meanwhile is not the sensor's fault.
 
     Attributes:
         now: s of the host's monotonic clock, at the latest look.
@@ -158,7 +158,7 @@ class _Watch:
         self._worked = time.process_time()
 
     def look(self) -> float:
-        """Return for how many s it stood still since the last look; 0 where that is usual."""
+        """Return for how many s the program was suspended since the last call; usually 0."""
         before, self.now = self.now, time.monotonic()
         worked, self._worked = self._worked, time.process_time()
         idle = self.now - before - (self._worked - worked)

@@ -52,7 +52,7 @@ class RecordOptions:
 
 @dataclass(frozen=True)
 class Say:
-    """Something worth a line, and a bell where the person should act or may go on."""
+    """A message, with a bell if the person should act or may go on."""
 
     t: float
     text: str

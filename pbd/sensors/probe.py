@@ -1,4 +1,4 @@
-"""Find out what a port speaks, by listening: baud rates are tried, and decoders that make something of the bytes."""
+"""Identify a sensor by listening: try baud rates, and the decoders on the bytes."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ LONGEST_PROBE_S = BOOT_S + LISTEN_S * len(BAUDS)
 
 @dataclass(frozen=True)
 class Found:
-    """What a port speaks, at which baud rate, how many bytes came meanwhile, and a line of them if they are text."""
+    """A port's protocol and baud rate, how many bytes came, and a line of them if they are text."""
 
     sensor: str | None
     baud: int
@@ -84,7 +84,7 @@ def listen(port: Port, listeners: Collection[Listener], seconds: float, patience
 
 
 def recognise(data: bytes) -> str | None:
-    """Tell whose bytes these are; None where no decoder makes something of them."""
+    """Identify the protocol of some bytes; None if no decoder can read them."""
     for name in GUESSED_PROTOCOLS:
         listener = Listener(PROTOCOLS[name].decoder)
         listener.feed(data)
@@ -94,7 +94,7 @@ def recognise(data: bytes) -> str | None:
 
 
 def printed_line(data: bytes) -> str | None:
-    """Return one whole line of what is plain text with numbers in it; None where it is not."""
+    """Return one whole line if the bytes are plain text with numbers; else None."""
     lines = data.split(b"\n")[1:-1]
     plain = [line.strip() for line in lines if line.strip() and line.strip().isascii()]
     if len(plain) < ENOUGH_PACKETS or len(plain) < 0.9 * len(lines):
@@ -104,7 +104,7 @@ def printed_line(data: bytes) -> str | None:
 
 
 def what_it_is(data: bytes, baud: int | None, sensor: str | None = None) -> str:
-    """Say in words, for a message, what bytes are that are no packets of `sensor`, and what to do about it."""
+    """Describe, for a message, bytes that are no packets of `sensor`, and what to do about it."""
     known, line = recognise(data), printed_line(data)
     if known is not None and known != sensor:
         return f"they are {known}'s: give --sensor {known}"

@@ -21,7 +21,7 @@ FIELD_BYTES = (
     (2, 24, 24, 12, 12, 12, 12, 12, 12, 4, 4, 68, 64),
     (8, 8, 2, 1, 1, 24, 24, 12, 12, 12, 4, 4, 2, 28),
 )
-# What is read of them, by group and bit; what follows in a field is stepped over.
+# Fields that are read, by group and bit. The rest of a field is skipped.
 READ = {
     (0, 0): ("time",),
     (0, 3): ("ypr",),
@@ -41,7 +41,7 @@ READ = {
     (4, 2): ("quat",),
 }
 FORMATS = {"time": ("Q", 1), "quat": ("4f", 4)}
-"""How a quantity is written, and how many numbers that gives; the others are three floats."""
+"""Format and count of a quantity's numbers; the others are three floats."""
 
 # Bytes of the byte of groups and the masks that it announces.
 GROUPS_LENGTH = tuple(1 + 2 * groups.bit_count() for groups in range(256))

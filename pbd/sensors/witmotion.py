@@ -35,7 +35,7 @@ _WORDS = Struct("<2x4hx")
 
 
 class WitMotionDecoder(PacketDecoder):
-    """The types that a group may hold are learnt from the stream; there is no device time."""
+    """Decoder that learns from the stream which types a group holds; there is no device time."""
 
     BEGIN = re.compile(rb"\x55(?:[\x50-\x5a\x5f]|\Z)")
 

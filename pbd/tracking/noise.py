@@ -189,7 +189,7 @@ def noise_of(recording: Recording, rest: Rest, errors: SensorErrors | None = Non
 def _rounding(values: Array, rms: float) -> tuple[float, float]:
     """White noise of readings (n, 3) per sample and axis; and what rounding leaves over where they hardly change.
 
-    Their step is the smallest difference between two of them. Noise that is large against it makes the rounding white
+    Their step is the smallest difference between two of them. Noise larger than the step makes the rounding white
     (it is a dither); of smaller noise a share exp(-2 pi^2 rms^2 / step^2) stays the same as long as the reading does,
     and changes from one rest to another: a random walk of a second.
 

@@ -1,4 +1,4 @@
-"""The hand's path while it grows: a curve through what the tracker says, in pieces of bounded size."""
+"""The live path: a curve through the tracked positions, in pieces of bounded size."""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ _TIME = r"t|time|timestamp|time_?stamp|seconds|sec|时间"
 _DEVICE_TIME = r"chip_?time|片上时间"
 _DEVICE = r"address|device_?name|设备名称"
 _MANGLED = str.maketrans({"°": "deg", "µ": "u", "μ": "u", "ʯ": "u", "?": "u", "²": "2", " ": ""})
-"""Signs as they are written, and what becomes of the micro sign where a program takes one encoding for another."""
+"""Variants of unit signs, with the micro sign as wrong encodings garble it."""
 
 
 def read_csv(
@@ -128,7 +128,7 @@ def _values(
     channel: str,
     units: Mapping[str, str],
 ) -> Array | None:
-    """A channel's columns in our units; None where the file doesn't have it."""
+    """A channel's columns, converted to our units; None where the file doesn't have it."""
     if wanted[0] not in names:
         return None
     unit = "angle" if channel == "rpy" else channel

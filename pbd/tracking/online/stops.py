@@ -1,4 +1,4 @@
-"""The hand from its first rest on: where it stops, and when that is believed."""
+"""The live hand from its first rest on: where it stops, and when a stop is announced."""
 
 from __future__ import annotations
 
@@ -100,8 +100,8 @@ class Standing:
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """The hand may stand still since a sample, or, swaying, since an instant (s); whether that is in doubt, whether it
-    is the last stop after a jolt, and by how many sigmas, squared, the velocity was off since."""
+    """A stop on trial: since a sample, or, for a swaying hand, since a time (s); whether it is doubted; whether it
+    continues the last stop after a jolt; the largest squared Mahalanobis distance of its velocity from zero."""
 
     first: Sample
     since: float
@@ -114,10 +114,10 @@ class LiveHand:
     """Where the hand is, and where it stopped.
 
     Attributes:
-        rest: what the thresholds are taken from.
+        rest: the rest that sets the thresholds.
         flaws: what was wrong with the data since the last stop, a line each.
         still: whether the hand seems to stand still.
-        restless: the energy of the last window, in what a hand has that holds still.
+        restless: the energy of the last window, relative to a hand at rest.
     """
 
     def __init__(self, samples: Sequence[Sample], interval: float, rest: Rest, noise: Noise, has_gyro: bool) -> None:
@@ -174,7 +174,7 @@ class LiveHand:
         return self._moving(sample, quiet) if self._stop is None else self._standing(self._stop, sample, quiet)
 
     def _look(self) -> bool:
-        """Whether the last window is quiet; and how fast a hand may be that stands so still."""
+        """Whether the last window is quiet. Also sets the sigma of a zero-velocity update."""
         seen = np.array([each for _, *each in self._window])  # as `energies` has it, of one window
         shake, turn = np.square(seen - seen.mean(axis=0) * ((1.0,), (0.0,))).sum(axis=(0, 2)) / len(seen)
         self.restless = float(shake / STILL_ACC**2 + turn / STILL_GYR**2)
@@ -206,15 +206,15 @@ class LiveHand:
         return sample.t - self._t_knot >= STOP_KNOT_S - 1e-6
 
     def _moves(self, at: OnlineFilter) -> tuple[float, bool]:
-        """By how many sigmas, squared, the hand does not stand still; and whether it is fast, too."""
+        """Squared Mahalanobis distance of the velocity from zero; whether the hand moves for certain."""
         off, speed = at.doubt_of_rest(self._sigma)
         return off, off > VELOCITY_GATE and speed > max(SLOW_SPEED, OUTLIER_SIGMAS * self._sigma)
 
     def _standing(self, stop: Standing, sample: Sample, quiet: bool) -> list[LiveEvent]:
         """Go on in a stop, or find that it is over.
 
-        A hand that sets out slowly is seen late, so each knot is taken for good only at the next one; and one that
-        arrives slowly seems to stand too soon, so that the first is dropped for the second.
+        A slow start is seen late, so each knot becomes final only at the next one. A hand that
+        arrives slowly seems to stand too soon, so its second knot replaces the first.
         """
         ahead = self._filter if self._ahead is None else self._ahead
         off, fast = self._moves(ahead)
@@ -240,7 +240,7 @@ class LiveHand:
         return []
 
     def _moving(self, sample: Sample, quiet: bool) -> list[LiveEvent]:
-        """Look for a stop: try how the hand would go on if this were one."""
+        """Look for a stop: run a copy of the filter as if this were one."""
         trial, last, first = self._trial, self._left[-1].last, self._window[0][0]
         if not quiet or first.t <= last.t or any(each.unseen for each, _, _ in self._window):
             self._trial = self._ahead = None
@@ -277,7 +277,7 @@ class LiveHand:
         return []
 
     def _arrive(self, trial: Trial, sample: Sample) -> StopBegan:
-        """The trial was right."""
+        """Accept the trial as a stop."""
         self._trial, self.still, self._settled = None, True, trial.doubted or trial.worst < VELOCITY_MEAN
         if self._settled and self._ahead is not None:
             self._filter = self._ahead

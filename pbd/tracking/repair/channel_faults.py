@@ -1,7 +1,7 @@
 """Dead channels: a stuck axis, a sensor that never changes or freezes for a while, a dead magnetometer.
 
-A real sensor's noise changes its reading all the time; one that reads the same over and over is dead, or froze. A
-sensor without noise (a simulated one), or a coarse one, is constant too while it rests: there the path must tell.
+A real sensor's noise changes every reading. A sensor that repeats the same reading is dead, or froze. A sensor without
+noise (simulated or coarse) is constant at rest too: there the path decides.
 """
 
 from __future__ import annotations

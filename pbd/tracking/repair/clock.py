@@ -1,7 +1,7 @@
-"""Time stamps: refused where they are no seconds in order, on a steady beat where they are coarse or in batches.
+"""Time stamps: checked, and put on a steady beat where they are coarse or come in batches.
 
-A stamp that is a little off does little harm: the velocity is off by the change of acceleration meanwhile. But coarse
-stamps pretend another rate, and lost samples where none are. So they are put on the steady beat that made them.
+A small error of a stamp does little harm. The velocity errs by the change of acceleration in that time. But coarse
+stamps suggest another rate, and losses where there are none. So they are put back on the sensor's steady beat.
 """
 
 from __future__ import annotations

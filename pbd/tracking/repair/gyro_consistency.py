@@ -1,9 +1,9 @@
 """Compare the accelerometer's vertical with that of the device's attitude, and with the gyro's turn from rest to rest.
 
-This finds an accelerometer with flipped signs (some programs give gravity, not specific force), a gyro in
-another unit, or one whose axes are not the accelerometer's. A gyro carries the vertical upside down as well as
-upright, so of all three signs it tells nothing; a turn about the vertical says nothing, and turns about one axis say
-little of the others. What is not contradicted is believed.
+This finds an accelerometer with flipped signs (some programs give gravity, not specific force), a gyro in another unit,
+or one whose axes are not the accelerometer's. A gyro carries the vertical upside down as well as upright, so it can't
+show that all three signs are flipped. A turn about the vertical shows nothing. Turns about one axis show little of the
+others. Data that nothing contradicts are accepted.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Rows that are not where they belong: wild samples, blocks in the wrong order, blocks that came twice.
+"""Splices: wild samples, blocks in the wrong order, blocks that came twice.
 
-Where rows were put together that don't follow each other, the readings jump: lines through the two rows on either hand
-miss each other. So does a hand that hits something; but only where rows were spliced does a jump go once they are put
-right: without the wild rows, or with two blocks exchanged, the lines meet.
+At a splice the readings jump: lines through the two rows on either side miss each other. An impact makes a jump too.
+But only the jump of a splice goes when the rows are put right: without the wild rows, or with two blocks exchanged, the
+lines meet.
 """
 
 from __future__ import annotations
