@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pbd.cli.console import print_json, say, working
+from pbd.cli.options import UsageError
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Robot
 from pbd.errors import SensorError
 from pbd.files.calibration import load_calibration
@@ -71,6 +72,9 @@ def plan_options(args: argparse.Namespace, robot: Robot) -> PlanOptions:
     """Collect what `add_planning` added."""
     from pbd.planning import PlanOptions
 
+    mass, *p_tool = args.payload
+    if mass < 0.0 or len(p_tool) not in (0, 3):
+        raise UsageError("--payload takes KG, zero or above, or KG X Y Z, the centre of mass in m")
     return PlanOptions(
         path=args.path,
         tolerance_m=args.path_tolerance,
@@ -83,6 +87,8 @@ def plan_options(args: argparse.Namespace, robot: Robot) -> PlanOptions:
         start=None if args.start is None else _start_joints(args, robot),
         retreat=not args.no_retreat,
         allow_collision=args.allow_collision,
+        payload=mass,
+        p_tool_payload=(p_tool[0], p_tool[1], p_tool[2]) if p_tool else (0.0, 0.0, 0.0),
     )
 
 

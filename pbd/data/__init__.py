@@ -23,7 +23,7 @@ from pbd.data.tracking import (
     Tracking,
     Truth,
 )
-from pbd.data.world import GraspedObject, Obstacle
+from pbd.data.world import GraspedObject, Load, Obstacle
 
 __all__ = [
     "GRAVITY",
@@ -42,6 +42,7 @@ __all__ = [
     "Keyframe",
     "Known",
     "Linear",
+    "Load",
     "Obstacle",
     "Place",
     "Recording",

@@ -83,7 +83,9 @@ def read_demo(folder: Path) -> Demonstration:
         "closed": top.flag("closed", False),
         "places": tuple(map(_read_place, top.tables("place"))),
         "contacts": tuple(map(_read_contact, top.tables("contact"))),
-        "grasped": None if thing is None else GraspedObject(*read_shape(thing)),
+        "grasped": None
+        if thing is None
+        else GraspedObject(*read_shape(thing), thing.number("mass_kg", None, positive=True)),
     }
     top.done()
     truth, edited = folder / "truth.csv", folder / keyframes.NAME
@@ -180,7 +182,8 @@ def demo_toml(demo: Demonstration, name: str) -> str:
             notes=demo.notes if demo.notes.strip() else None,
             bundled=demo.bundled,
             closed=demo.closed,
-            object=demo.grasped and {"shape": demo.grasped.shape, "size": list(demo.grasped.size)},
+            object=demo.grasped
+            and _without_none(shape=demo.grasped.shape, size=demo.grasped.size, mass_kg=demo.grasped.mass),
             grip=[{"t_s": round(event.t, 4), "closed": event.closed} for event in recording.grip],
             place=[_without_none(t_s=p.t, position_m=p.p_base_tool, sigma_m=p.sigma_m) for p in demo.places],
             contact=[

@@ -100,7 +100,7 @@ class Conditioner:
             return [], f"the time of row {self._row} is not a number; the row is left out"
         last = self._last
         if last is not None and (t < last.t or t - last.t > CLOCK_JUMP_S):
-was_wrong, self._clock_wrong = self._clock_wrong, True
+            was_wrong, self._clock_wrong = self._clock_wrong, True
             what = "runs backwards" if t < last.t else "jumps"
             message = (
                 f"time {what} from {last.t:.3f} s to {t:.3f} s (row {self._row}); rows are left out until it goes on "

@@ -27,8 +27,8 @@ each other. A longer run may be real: a tap."""
 
 OUTLIER_RATIO = 25.0
 """Distance of a wild row divided by the noise, the motion around it and what remains without it; and ratio of the
-squared jumps at exchanged blocks before and after the exchange. Sound recordings (hands and feet, 40 to 286 Hz) reach 8
-and 12."""
+squared jumps at exchanged blocks before and after the exchange, and to the jumps around. Sound recordings (hands and
+feet, 40 to 286 Hz) reach 8, 12 and 7."""
 
 MOTION_AROUND_S = 0.3
 """s before and after a row within which the hand's motion is measured."""
@@ -205,11 +205,14 @@ def _swapped(recording: Recording) -> tuple[int, int, bool] | None:
     three = np.array([jumps[a], jumps[b], jumps[c]])
     gain = three.sum(axis=0) / (left_over(a, b) + left_over(c, a) + left_over(b, c) + 1.0)
     best = int(np.argmax(gain))
-    if gain[best] < OUTLIER_RATIO:
+    at = np.array((a[best], b[best], c[best]))
+    away = np.abs(np.subtract.outer(np.arange(len(jumps)), at)).min(axis=1)
+    around = jumps[(away > 2) & (away <= max(8, round(MOTION_AROUND_S * recording.rate_hz)))].mean()
+    if gain[best] < OUTLIER_RATIO or three[:, best].mean() < OUTLIER_RATIO * around:
         return None
     first, size = int(edges[a[best]]), int(b[best] - a[best])
     x[first : first + 2 * size] = np.roll(x[first : first + 2 * size], size, axis=0)
-    around = edges[np.clip(np.add.outer((a[best], b[best], c[best]), (-1, 0, 1)), 0, len(jumps) - 1)]
-    before, after = _lines(x, around.ravel())
+    beside = edges[np.clip(np.add.outer(at, (-1, 0, 1)), 0, len(jumps) - 1)]
+    before, after = _lines(x, beside.ravel())
     left = float(((after - before) ** 2).sum(axis=1).max())  # wild rows jump wherever they are put
     return first, size, left < MENDED_JUMP * float(three[:, best].max())
