@@ -1,10 +1,10 @@
-"""When samples were taken, and how many never came: by the device's own clock, or by arrival times on the host.
+"""Time stamps of samples and the count of lost ones, by the device's own clock or by arrival times on the host.
 
-A device's time is believed where it goes on as it did. One that leaps waits for the next sample: a device that began
-anew goes on from there, a broken digit (some protocols have no checksum) stands alone and is left out.
+A device's time is accepted while it goes on regularly. After a leap the next sample decides: a device that restarted
+goes on from there; a broken digit (some protocols have no checksum) stands alone and is left out.
 
-Arrival times are straightened. USB delivers in bursts and a busy host reads late, but never early: a sample arrives
-after it was taken, by a delay that is smallest when nothing is in the way. So the truth is a line under the arrivals,
+Arrival times are straightened. USB delivers in bursts and a busy host reads late, but never early. A sample arrives
+after it was taken, with a delay that is smallest on an idle host. So the truth is a line under the arrivals,
 one interval a sample. Where samples are lost, the arrivals that follow stay above that line for good.
 """
 

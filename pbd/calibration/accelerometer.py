@@ -1,4 +1,4 @@
-"""Bias, scale and misalignment of an accelerometer: at rest the norm of what it reads is gravity, however it lies."""
+"""Bias, scale and misalignment of an accelerometer: at rest the norm of its reading is g in every orientation."""
 
 from __future__ import annotations
 

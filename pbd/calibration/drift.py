@@ -1,4 +1,4 @@
-"""Does a sensor at rest read what it should: gravity, and what its calibration says?"""
+"""Calibration drift: whether a sensor at rest still reads gravity and the field of its calibration."""
 
 from __future__ import annotations
 

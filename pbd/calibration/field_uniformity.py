@@ -1,4 +1,4 @@
-"""How well a magnetic heading repeats: between the stops of a demonstration, and from one demonstration to the next."""
+"""Repeatability of a magnetic heading between the stops of a demonstration, and between demonstrations."""
 
 from __future__ import annotations
 

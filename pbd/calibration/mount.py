@@ -1,4 +1,4 @@
-"""How the sensor sits on the tool: the lever by pivoting the tip on a point, the rotation by turns about named axes."""
+"""Mount of the sensor on the tool: lever by pivoting the tip on a point, rotation by turns about named axes."""
 
 from __future__ import annotations
 

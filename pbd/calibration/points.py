@@ -1,4 +1,4 @@
-"""Nav into base from touched points; a point that contradicts the others is found and left out."""
+"""Registration of nav in base from touched points. A point that contradicts the others is left out."""
 
 from __future__ import annotations
 

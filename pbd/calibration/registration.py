@@ -1,4 +1,4 @@
-"""Least squares of nav in base, with the joint covariance of the touches."""
+"""Least-squares registration of nav in base, with the joint covariance of the touches."""
 
 from __future__ import annotations
 

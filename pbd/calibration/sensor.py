@@ -1,4 +1,4 @@
-"""A sensor into its own truth: all that one recording tells, in which it is put down in several orientations."""
+"""Calibrate a sensor's errors from one recording in which it is put down in several orientations."""
 
 from __future__ import annotations
 

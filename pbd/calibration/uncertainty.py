@@ -1,4 +1,4 @@
-"""How sure the tool's pose in base is at each keyframe, and what each part of the way from nav to it contributes."""
+"""Covariance of the tool's pose in base at each keyframe, and the contribution of each calibration part."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The values of planning: the robot, its motion."""
+"""Values of planning: the robot, its motion."""
 
 from __future__ import annotations
 

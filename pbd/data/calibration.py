@@ -1,4 +1,4 @@
-"""The values of calibration: how the hand's frame lies in the robot's, and what a sensor reads wrongly."""
+"""Values of calibration: nav in the robot's base, and a sensor's errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How sure the poses of all keyframes are together."""
+"""Joint covariance of the poses of all keyframes."""
 
 from __future__ import annotations
 

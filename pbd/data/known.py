@@ -1,4 +1,4 @@
-"""What a person may know of the stops, and how well the data agreed with it."""
+"""A person's knowledge of the stops, and how well the data fit it."""
 
 from __future__ import annotations
 

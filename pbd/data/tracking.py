@@ -1,4 +1,4 @@
-"""The values of tracking, from the sensor's samples to the keyframes."""
+"""Values of tracking, from the sensor's samples to the keyframes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What stands around the arm, and where the grasped object is while the arm moves."""
+"""Obstacles around the arm, and the grasped object's motion."""
 
 from __future__ import annotations
 

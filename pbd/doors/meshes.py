@@ -1,4 +1,4 @@
-"""Mesh files as coloured triangles, read by trimesh and pycollada, and what is worked out from them once.
+"""Mesh files as coloured triangles, read by trimesh and pycollada, with a cache of what is computed from them.
 
 Nothing but the file itself is opened: no texture, no material library, no address. DAE files, the only ones whose
 colours are used, go to pycollada directly: a small one can describe a scene without end, which is bounded here.

@@ -1,4 +1,4 @@
-"""Reading named numpy arrays: the wanted ones alone, none of Python objects, none larger than is bounded."""
+"""Reading named numpy arrays: only the wanted ones, no Python objects, within a bound."""
 
 from __future__ import annotations
 

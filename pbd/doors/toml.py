@@ -1,4 +1,4 @@
-"""Strict reading of TOML: what is missing, unknown or of the wrong kind is an error with file, line and key.
+"""Strict reading of TOML: a missing or unknown key, or a value of the wrong kind, is an error with file, line and key.
 
 A reader asks a `Section` for each key that it knows. `done` then refuses every key that was not read, so a misspelt
 key is never ignored.

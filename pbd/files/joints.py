@@ -1,4 +1,4 @@
-"""An arm's present joints, as a program that reads them from the arm hands them on.
+"""An arm's present joints, from a file that another program wrote.
 
 A list is in the joints' order. An object names joints, and so does a /joint_states message, as JSON or as
 `ros2 topic echo` prints it: joints that are not the arm's, fingers say, are left out.

@@ -1,4 +1,4 @@
-"""keyframes.toml in a demonstration's folder: keyframes as a person left them, which win over those that are found."""
+"""keyframes.toml in a demonstration's folder: edited keyframes, which replace the tracked ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Several demonstrations of one task over each other, and how far they spread at each keyframe."""
+"""Figures of several demonstrations of one task, and their spread at each keyframe."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One quantity over time each: drawn into axes that the figures and the summary lay out."""
+"""Panels: one quantity over time each, drawn into axes of the figures and the summary."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the plots of one demonstration show."""
+"""Values for the plots of one demonstration."""
 
 from __future__ import annotations
 

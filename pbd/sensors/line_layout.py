@@ -1,15 +1,15 @@
-"""What the numbers of a line mean: the names, order, units and separator of its columns, as a person gives them.
+"""Layout of a line of numbers: the names, order, units and separator of its columns, as the user gives them.
 
 Columns: ax ay az (specific force, +g up at rest), gx gy gz, mx my mz; roll, pitch, yaw (turns about x, y, z; yaw from
 east to north) or roll, pitch, heading (a compass': pitch nose up, heading clockwise from north); t (the device's own
-clock); _ for what is to be passed over. A minus before a name turns its sign: `-ax`. The axes must be right-handed.
+clock); _ for a column to skip. A minus before a name flips its sign: `-ax`. The axes must be right-handed.
 
 In TOML:
 
     separator = ","              # "space": any white space; "tab"
     columns = "t,ax,ay,az,gx,gy,gz"
     prefix = ""                  # what each line begins with
-    wrap = 4294967296            # at which t starts anew, in its own unit; 0: never
+    wrap = 4294967296            # t wraps to 0 here, in its own unit; 0: never
     [units]                      # acc, gyr, mag, angle, t; a number before a unit multiplies it
     acc = "0.001 g"
 

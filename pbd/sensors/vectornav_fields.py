@@ -1,7 +1,7 @@
-"""Which fields stand where in a VectorNav binary packet, from its byte of groups and its masks.
+"""Offsets of the fields in a VectorNav binary packet, from its byte of groups and its masks.
 
 Sizes as in VectorNav's programming library 1.2 (`Packet::BinaryGroupLengths`, packet.cpp) and the VN-100 User Manual.
-Any fields of known size may be asked of the device; what a sample does not need is stepped over. A packet with a field
+The device may send any fields of known size. Those that a sample does not need are skipped. A packet with a field
 that is not known is refused, because its length is unknown.
 """
 

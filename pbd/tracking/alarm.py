@@ -98,8 +98,8 @@ def _of_moves(solution: Solution) -> Iterator[str]:
         worst, t = int(np.argmin(chance)), problem.t
         others = f", and in {int(bad.sum()) - 1} other places" if bad.sum() > 1 else ""
         yield (
-            f"what the sensor says from {t[worst]:.1f} to {t[worst + 1]:.1f} s{others} fits no motion between the "
-            "stops: samples are lost or wrong there; look at pbd plot, and record again"
+            f"no motion between the stops fits the data from {t[worst]:.1f} to {t[worst + 1]:.1f} s{others}: "
+            "samples are lost or wrong there; look at pbd plot, and record again"
         )
 
 

@@ -1,4 +1,4 @@
-"""What `pbd calibrate` prints for people."""
+"""Tables that `pbd calibrate` prints."""
 
 from __future__ import annotations
 

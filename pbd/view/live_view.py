@@ -1,4 +1,4 @@
-"""What a browser shows while the hand is recorded: the sensor, its path so far and its stops, in nav."""
+"""The live view in the browser: the sensor, its path so far and its stops, in nav."""
 
 from __future__ import annotations
 

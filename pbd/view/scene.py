@@ -1,4 +1,4 @@
-"""What stands in the replay: the robot and its motion, the hand's path, the keyframes, as meshcat commands.
+"""The replay's scene: the robot and its motion, the hand's path, the keyframes, as meshcat commands.
 
 How it looks (light, ground, camera, controls) is the page's business (pbd/view/web).
 """

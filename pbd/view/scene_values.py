@@ -1,4 +1,4 @@
-"""What a replay is made of: the values that `pbd.view.scene.build` draws."""
+"""Values that `pbd.view.scene.build` draws."""
 
 from __future__ import annotations
 

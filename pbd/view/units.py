@@ -1,4 +1,4 @@
-"""In which units a table is printed."""
+"""Units in which a table is printed."""
 
 from __future__ import annotations
 

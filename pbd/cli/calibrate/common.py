@@ -1,4 +1,4 @@
-"""What the steps of `pbd calibrate` share."""
+"""Functions that the steps of `pbd calibrate` share."""
 
 from __future__ import annotations
 

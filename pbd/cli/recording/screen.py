@@ -1,4 +1,4 @@
-"""What a person sees while recording: a panel that is kept up to date, or plain lines where there is no terminal."""
+"""The screen while recording: a live panel, or plain lines where there is no terminal."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""A CSV with a header: our own imu.csv, x-io's export, WitMotion's log, or any whose columns can be told by name.
+"""A CSV with a header: our own imu.csv, x-io's export, WitMotion's log, or any with recognisable column names.
 
-A header names the channel and often its unit: `Gyroscope X (deg/s)`, `acc_x [g]`, `Timestamp (us)`, `gx`. What it
-doesn't tell, the caller does. A unit that nobody tells is SI; specific force in another is found out by its norm at
+A header names the channel and often its unit: `Gyroscope X (deg/s)`, `acc_x [g]`, `Timestamp (us)`, `gx`. The caller
+gives what it lacks. The default unit is SI. Specific force in another unit is detected by its norm at
 rest.
 
 WitMotion's programs write what its modules send, and each version names it otherwise: `ax(g)`, `AccX(g)`,

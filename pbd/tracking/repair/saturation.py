@@ -126,7 +126,7 @@ def _warn(recording: Recording, clips: Sequence[Clip]) -> None:
     shown = f"{reading / GRAVITY:.3g} g" if first.sensor == "acc" else f"{np.degrees(reading):.0f} deg/s"
     warnings.warn(
         f"{rows} samples of {axes} axis are at the end of the range ({shown}), the first at "
-        f"t = {recording.t[first.start]:.2f} s: what was above it is a guess; move slower, or set a larger range",
+        f"t = {recording.t[first.start]:.2f} s: values above it are guessed; move slower, or set a larger range",
         PbdWarning,
         stacklevel=3,
     )

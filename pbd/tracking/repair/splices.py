@@ -123,8 +123,8 @@ def refuse_doubled(recording: Recording) -> None:
         far = int(apart[start])
         if far >= DOUBLED_ROWS and len(np.unique(sums[start : stop + 1])) >= DOUBLED_ROWS:
             raise RecordingError(
-                f"rows {start + far} to {stop + far} (from t = {recording.t[start + far]:.2f} s) say what rows {start} "
-                f"to {stop} said: a block came twice, so the times after it are wrong; record again",
+                f"rows {start + far} to {stop + far} (from t = {recording.t[start + far]:.2f} s) repeat rows {start} "
+                f"to {stop}: a block came twice, so the times after it are wrong; record again",
                 row=start + far,
                 t=float(recording.t[start + far]),
             )
