@@ -69,7 +69,7 @@ def estimate(
     if solution is None:
         raise TrackingError(NEVER_STILL)
     t, problem = recording.t, solution.problem
-    weights = solution.of_stops().tolist()
+    weights = solution.stop_weights().tolist()
     believed = [k for k, weight in enumerate(weights) if weight > STOP_WEIGHT]
     if not believed:
         raise TrackingError(NEVER_STILL)

@@ -81,7 +81,7 @@ def find_candidates(t: Array, shake: Array, turn: Array, rest: Rest, unseen: Seq
     still = maximum_filter1d(
         np.concatenate((quiet, np.zeros(n - 1, dtype=bool))), n, origin=(n - 1) // 2, mode="constant"
     )
-    return _lasting(t, _merged(t, runs(still), unseen))
+    return _long_enough(t, _merged(t, runs(still), unseen))
 
 
 def still_speed(shake: Array, turn: Array, n: int, rest: Rest, noise: Noise) -> Array:
@@ -115,7 +115,7 @@ def quiet_limits(rest: Rest) -> tuple[float, float]:
 
 def slow_parts(t: Array, span: tuple[int, int], slow: NDArray[np.bool_]) -> Spans:
     """The parts of a span in which the hand is slow, by a flag per row (stop - start,)."""
-    return _lasting(t, _merged(t, [(span[0] + i, span[0] + j) for i, j in runs(slow)]))
+    return _long_enough(t, _merged(t, [(span[0] + i, span[0] + j) for i, j in runs(slow)]))
 
 
 def trimmed(span: tuple[int, int], slow: NDArray[np.bool_]) -> tuple[int, int]:
@@ -155,5 +155,5 @@ def _merged(t: Array, spans: Spans, unseen: Sequence[tuple[int, int]] = ()) -> S
     return merged
 
 
-def _lasting(t: Array, spans: Spans) -> Spans:
+def _long_enough(t: Array, spans: Spans) -> Spans:
     return [(start, stop) for start, stop in spans if t[stop - 1] - t[start] > SHORTEST_STOP_S - 1e-9]

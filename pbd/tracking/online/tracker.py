@@ -143,7 +143,7 @@ class LiveTracker:
         try:
             rest = find_rest(recording)
         except PbdError as error:
-            self._waiting = _why(error)
+            self._waiting = _rest_advice(error)
             return []
         noise = noise_of(recording, rest)
         rest = replace(rest, start=samples[0].row, stop=samples[-1].row + 1)
@@ -212,7 +212,7 @@ class LiveTracker:
         return 0.0 if self._hand is None else self._hand.sigmas()[1]
 
 
-def _why(error: PbdError) -> str:
+def _rest_advice(error: PbdError) -> str:
     """Why a second was no rest, for the person who holds the sensor."""
     if error.fields.get("bound") == STILL_ACC:
         return f"hold still for {REST_S:g} s: the hand shakes with {error.fields['value']:.2f} m/s2"

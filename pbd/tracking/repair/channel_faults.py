@@ -175,15 +175,15 @@ def _repeats(recording: Recording) -> NDArray[np.bool_]:
 
 def _alive(column: Array) -> bool:
     """Tell whether an axis (n,) has noise, by the calmest of its rows."""
-    return (np.abs(np.diff(column)) > ROUNDING).mean() >= LIVE_SHARE and _rough(column[:, None], np.inf)
+    return (np.abs(np.diff(column)) > ROUNDING).mean() >= LIVE_SHARE and _is_noise(column[:, None], np.inf)
 
 
 def noisy(acc: Array) -> bool:
     """Tell whether a sensor at rest has noise, by the calmest of its rows that change."""
-    return _rough(acc[1:][(np.abs(np.diff(acc, axis=0)) > ROUNDING).any(axis=1)], STILL_ACC**2)
+    return _is_noise(acc[1:][(np.abs(np.diff(acc, axis=0)) > ROUNDING).any(axis=1)], STILL_ACC**2)
 
 
-def _rough(values: Array, largest: float) -> bool:
+def _is_noise(values: Array, largest: float) -> bool:
     """Tell whether the calmest rows of (n, k), if their variance is below the largest, are no smooth motion."""
     if len(values) < NOISE_ROWS:
         return False

@@ -106,7 +106,7 @@ class Solution:
     scale: float
     candidates: Spans
 
-    def of_stops(self) -> Array:
+    def stop_weights(self) -> Array:
         """Weight of each stop, 0 to 1: the largest robust weight of its knots."""
         at, weights = self.problem.stop_of >= 0, np.zeros(len(self.problem.stops))
         excess = lengths(creep(self.problem, self.state)[0][at]) ** 2 / self.problem.still[at] ** 2 - 3.0
@@ -160,9 +160,9 @@ def smooth(
         problem = posed(stops, stops)
         if not problem.stops:
             return None
-        begun, local = _begin(problem, prior)
+        begun, local = _initial_state(problem, prior)
         found = descend(problem, begun, local, ANNEALING, ROUGHLY_CONVERGED_RAD)
-        more, common = _found(found.x, found.solved)
+        more, common = _large_lag_and_scale(found.x, found.solved)
         if device or (more == 0.0 and common == 0.0) or abs(lag + more) > LARGEST_LAG:
             break
         lag, scale = lag + more, (1.0 + scale) * (1.0 + common) - 1.0
@@ -176,7 +176,7 @@ def smooth(
     cut = np.zeros(len(candidates), dtype=np.bool_)
     for _ in range(MAX_RECUTS):
         cut = cut | _doubted(problem, found.weights, candidates)
-        stops, calm = _judged(problem, path.v, found.solved, candidates, cut, speed)
+        stops, calm = _revised_stops(problem, path.v, found.solved, candidates, cut, speed)
         if not stops:
             break
         if _settled(problem.frame.t, problem.stops, stops):
@@ -186,7 +186,7 @@ def smooth(
         again = posed(stops, calm)
         if not again.stops:
             break
-        x, local = _carried(problem, found.x, path, again), replace(local, origin=_origin(again))
+        x, local = _transferred(problem, found.x, path, again), replace(local, origin=_origin(again))
         problem = again
         del found, path  # of a long recording they are large
         found = descend(problem, x, local, WARM_ANNEALING)
@@ -203,7 +203,7 @@ def _doubted(problem: Problem, weights: Weights, candidates: Spans) -> NDArray[n
     return doubted
 
 
-def _judged(
+def _revised_stops(
     problem: Problem, v: Array, solved: Solved, candidates: Spans, cut: NDArray[np.bool_], speed: Array
 ) -> tuple[Spans, Spans]:
     """The stops by the estimated velocity, and where the hand is calm in each.
@@ -257,7 +257,7 @@ def _retimed(recording: Recording, lag: float, scale: float) -> Recording:
     return replace(recording, gyr=gyr)
 
 
-def _found(x: State, solved: Solved) -> tuple[float, float]:
+def _large_lag_and_scale(x: State, solved: Solved) -> tuple[float, float]:
     """The lag (s) and the scale that are too large for a linear model, if they are significant; else 0."""
     i = np.arange(SHARED)
     tau, sigma = float(x.shared[LAG][0]), float(np.sqrt(solved.shared[0, 0]))
@@ -275,7 +275,7 @@ def _origin(problem: Problem) -> int:
     return int(np.median(np.flatnonzero(problem.stop_of == 0)))
 
 
-def _begin(problem: Problem, prior: Prior) -> tuple[State, Local]:
+def _initial_state(problem: Problem, prior: Prior) -> tuple[State, Local]:
     """Initial state: a hand at rest, in the attitude of a first guess, with nav's heading."""
     m, origin = len(problem.rows), _origin(problem)
     strength = dip = 0.0
@@ -308,7 +308,7 @@ def _first_field(problem: Problem, R: Array) -> Array:
     return next((mean for mean in means if lengths(mean) > 0.5 * usual), np.array([0.0, 1.0, 0.0]))
 
 
-def _carried(problem: Problem, x: State, path: Path, again: Problem) -> State:
+def _transferred(problem: Problem, x: State, path: Path, again: Problem) -> State:
     """Transfer an estimate to other knots."""
     rows = again.rows
     E = quat_to_matrix(quat_multiply(path.wxyz[rows], quat_inverse(again.frame.wxyz[rows])))
