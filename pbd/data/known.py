@@ -64,7 +64,7 @@ def _refuse_sigma(sigma_m: float | None) -> None:
 
 @dataclass(frozen=True)
 class Known:
-    """What a person knows of a demonstration's stops; `closed`: the last one is where the first one was."""
+    """A person's knowledge of a demonstration's stops. `closed`: the last stop is where the first one was."""
 
     closed: bool = False
     places: tuple[Place, ...] = ()

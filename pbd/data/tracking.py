@@ -133,7 +133,7 @@ class Demonstration:
 
     @property
     def known(self) -> Known:
-        """What a person knows of its stops, as `track` takes it."""
+        """Known places and contacts, as `track` takes them."""
         return Known(self.closed, self.places, self.contacts)
 
 

@@ -94,7 +94,7 @@ def find(
 
 
 def stop_names(path: HandPath, keyframes: Sequence[Keyframe]) -> tuple[str, ...]:
-    """What plots call each stop: its keyframe's number, or its time where a person took that keyframe out."""
+    """Name of each stop in plots: its keyframe's number, or its time where that keyframe was removed."""
     t = np.array([keyframe.t for keyframe in keyframes])
     names = []
     for stop in path.stops:
@@ -177,13 +177,13 @@ def _trembling(path: HandPath, names: Sequence[str], a_nav: Array) -> Iterator[W
 
 
 def _shows(path: HandPath, stop: Stop, span: Span) -> bool:
-    """Whether a stop shows the place where the hand trembles: it is long enough, and soon before or after."""
+    """Whether a stop shows the same place as the trembling: a long enough stop right before or after it."""
     begin, end = _during(path, stop)
     return stop.dwell_s >= SHORT_STOP_S and begin - SHORT_STOP_S < span[1] and span[0] < end + SHORT_STOP_S
 
 
 def _trembles(path: HandPath, a_nav: Array, n: int) -> NDArray[np.bool_]:
-    """For each sample, whether the hand trembles around one place during it and the n - 1 that follow."""
+    """For each sample, whether the hand trembles around one place during this and the next n - 1 samples."""
     from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
     if len(path.t) <= n:

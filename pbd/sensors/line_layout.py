@@ -104,7 +104,7 @@ class LineLayout:
         _check_prefixes([line.prefix for line in self.lines])
 
     def factor(self, quantity: str) -> float:
-        """What a number of this quantity is multiplied by to be in the project's unit."""
+        """Factor from this quantity's unit to the project's."""
         if quantity not in UNITS:
             raise SensorError(f"units are of {', '.join(UNITS)}; {quantity!r} is none of them", value=quantity)
         units = UNITS[quantity]

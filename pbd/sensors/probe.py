@@ -59,7 +59,7 @@ class Listener:
 
     @property
     def hears_samples(self) -> bool:
-        """Whether the packets are this device's for certain: a sentence of another may be whole, and say nothing."""
+        """Whether the packets are certainly this device's. A whole sentence of another device may carry no data."""
         return self._samples >= ENOUGH_PACKETS and self.hears_packets
 
 
