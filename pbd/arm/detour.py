@@ -13,10 +13,8 @@ from pbd.arm.collision.queries import CollisionQueries
 from pbd.arm.timing.path_smoothing import Curve
 from pbd.pose import Array
 
-MOST_MOVES = 2000
-"""Moves that a search checks before it gives up; one takes about half a millisecond."""
 STEP_RAD = 1.0
-"""Longest of them."""
+"""Longest move that is added to a tree, over all joints."""
 WINDING_RAD = np.pi
 """How far beyond its start and its end a joint may go."""
 
@@ -26,8 +24,11 @@ _BENDS = 3  # times that the path is divided in two to bend it
 _BETWEEN_RAD = 0.05, 0.02, 0.01  # a spline through points so near to each other keeps to the straight lines
 
 
-def find_detour(queries: CollisionQueries, leg: int, q_start: Array, q_end: Array) -> Array | None:
-    """Return joints (m, k) on a curve to keyframe `leg` that ends at `q_end` (k,), None where none was found."""
+def find_detour(queries: CollisionQueries, leg: int, q_start: Array, q_end: Array, most_moves: int) -> Array | None:
+    """Return joints (m, k) on a curve to keyframe `leg` that ends at `q_end` (k,); or just that, if it is straight.
+
+    None where none is found before `most_moves` were checked.
+    """
     util.setLogLevel(util.LogLevel.LOG_NONE)
     util.RNG.setSeed(_SEED)
     limits, count = queries.arm.limits, len(q_start)
@@ -51,7 +52,7 @@ def find_detour(queries: CollisionQueries, leg: int, q_start: Array, q_end: Arra
     planner.setRange(STEP_RAD)
     planner.setProblemDefinition(problem)
     planner.setup()
-    planner.solve(base.PlannerTerminationCondition(lambda: checker.checked >= MOST_MOVES))
+    planner.solve(base.PlannerTerminationCondition(lambda: checker.checked >= most_moves))
     if not problem.hasExactSolution():
         return None
     path = problem.getSolutionPath()

@@ -3,19 +3,17 @@
 All keyframes lie on one ladder graph (ladder.py); its links are straight moves in joint space, or paths of the tool. A
 link that is barred is mended on its own, and the search goes on with all else that is known: first the hand's path is
 tried there (or a line, where no hand is known), then more ways to hold the arm at both ends, then joints along the path
-(a link of its own for every few poses). So the cost grows with the keyframes, and with the links that are barred.
+(a link of its own for every few poses), then any way around (detour.py). So the cost grows with the keyframes, and with the links that are barred.
 """
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
 
-from pbd.arm.collision.motion_check import describe
 from pbd.arm.collision.queries import CollisionQueries
 from pbd.arm.collision.scene import Hit
 from pbd.arm.ik.cartesian import follow, line, off_line
@@ -23,15 +21,16 @@ from pbd.arm.ik.unreachable import out_of_reach
 from pbd.arm.joint_path import STARTS, States, Unreachable, build_ladder, states_at, widen
 from pbd.arm.ladder import Barred, Ladder, Layer
 from pbd.arm.model import ArmModel
-from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, Motion, MotionRequest, Segment
-from pbd.arm.refusal import UNREACHABLE, Refusal, refuse_move, refuse_pose
-from pbd.errors import PbdWarning
+from pbd.arm.motion_request import DEMO, DETOUR, LINE, STRAIGHT, Motion, MotionRequest, Segment
+from pbd.arm.refusal import UNREACHABLE, Refusal, refuse_move, refuse_pose, tell
 from pbd.pose import Array, Pose
 
 MOST_STRAIGHT, MOST_STRAIGHT_WIDE = 36, 150
 """Refused straight moves between two keyframes before the link is mended: at first, and among more branches."""
 MOST_PATHS, MOST_STEPS = 4, 60
 """Refused paths of the tool before the link is mended: from end to end, and along a few of its poses."""
+MOST_DETOURS, MOST_CHECKED = 4, 2000
+"""Pairs of ways to hold the arm between which a detour is sought, and moves that are checked for each."""
 COARSE = 4
 """Poses from one layer to the next where joints are sought along a path."""
 CONTINUOUS_RAD = 0.5
@@ -46,7 +45,7 @@ def choose_motion(arm: ArmModel, request: MotionRequest, queries: CollisionQueri
     """Choose joints at the keyframes and the segments between them; without `queries` whatever is in the way.
 
     Warns:
-        PbdWarning: the way back is left out.
+        PbdWarning: the way back is left out, or the arm makes a detour.
     """
     poses = request.T_base_tool
     ladder = build_ladder(arm, poses, request.q_start, request.q_back, MOST_STRAIGHT)
@@ -54,13 +53,8 @@ def choose_motion(arm: ArmModel, request: MotionRequest, queries: CollisionQueri
         return Refusal(UNREACHABLE, out_of_reach(arm, ladder.keyframe, poses[ladder.keyframe], ladder.q_seed))
     search = _Search(arm, request, queries, ladder)
     found = search.run()
-    if search.no_way_back is not None and isinstance(found, Motion):
-        warnings.warn(
-            "no collision-free way back from the last keyframe was found "
-            f"({describe(search.no_way_back)}): the motion ends there",
-            PbdWarning,
-            stacklevel=2,
-        )
+    if isinstance(found, Motion):
+        tell(found, search.no_way_back)
     return found
 
 
@@ -68,7 +62,8 @@ def choose_motion(arm: ArmModel, request: MotionRequest, queries: CollisionQueri
 class _Move:
     """A move to a keyframe: its kind, how else it may be made, and what was found to be in the way of each kind.
 
-    `poses_hit`: what the arm touches at the keyframe itself. `tried`: how many pairs of ways to hold the arm were.
+    `pose_hit`: what the arm touches at the keyframe itself. `tried`: how many pairs of ways to hold the arm were.
+    `detour`: nothing else was free, so that any way around is sought; `searched`: how many moves were for that.
     """
 
     kind: str
@@ -76,6 +71,8 @@ class _Move:
     hits: dict[str, Hit] = field(default_factory=dict)
     pose_hit: Hit | None = None
     tried: int = 0
+    detour: bool = False
+    searched: int = 0
 
 
 @dataclass(eq=False)
@@ -105,16 +102,17 @@ class _Search:
                 self.moves[i].remedies = ["follow", "widen", "split"]
             else:
                 self._follow_path(i + 1, request.kind, ["split", "widen"])
+        if request.detour and queries is not None:
+            for i, move in enumerate(self.moves):
+                if i in (0, self.n) or (request.kind == STRAIGHT and request.tolerance_m is None):
+                    move.remedies.append("detour")
 
     def run(self) -> Motion | Refusal:
         while True:
             path = self.ladder.search(self._stands, self._free)
             if isinstance(path, Barred):
-                # From the last on: what is mended may add layers.
-                mended = [self._mend(*each) for each in reversed([*zip(path.layers, path.standing, strict=True)])]
-                refusals = [each for each in mended if each is not None]
-                if refusals:
-                    return refusals[-1]
+                if (refusal := self._mend_all(path)) is not None:
+                    return refusal
             elif not self._make_lines(path):
                 return self._motion(path)
 
@@ -149,6 +147,11 @@ class _Search:
         i, queries = link.keyframe, self.queries
         if (queries is None and link.poses is None) or (i == 0 and not self.request.approach):
             return q[None]
+        if queries is not None and self.moves[i].detour:
+            from pbd.arm.detour import find_detour  # OMPL takes its time to load
+
+            self.moves[i].searched += MOST_CHECKED
+            return find_detour(queries, i, q_before, q, MOST_CHECKED)
         if queries is not None and i == 0:
             return queries.approach(q_before, q)
         if queries is not None and i == self.n:
@@ -165,6 +168,15 @@ class _Search:
 
     # --- mending ------------------------------------------------------------------------------------------------------
 
+    def _mend_all(self, barred: Barred) -> Refusal | None:
+        """Mend what is barred, from the last on; where that puts in layers, the search tells anew what else is."""
+        refusal, count = None, len(self.ladder.layers)
+        for place, standing in reversed([*zip(barred.layers, barred.standing, strict=True)]):
+            refusal = self._mend(place, standing) or refusal
+            if len(self.ladder.layers) != count:
+                break
+        return refusal
+
     def _mend(self, place: int, standing: bool) -> Refusal | None:
         """Change how a layer is come to, if there is another way; else say what was tried."""
         i = self.links[place - 1].keyframe
@@ -176,10 +188,10 @@ class _Search:
         if not standing and move.pose_hit is not None and self.links[place - 1].at_keyframe:
             return refuse_pose(i, len(self.ladder.layers[place].q), move.pose_hit)
         if not standing:
-            return self._refuse(i)
+            move.remedies = [each for each in move.remedies if each == "detour"]
         if not move.remedies and i == self.n:
             self.no_way_back = move.hits[STRAIGHT]
-            self.ladder.drop_last()
+            self.ladder.drop(place, place + 1)
             del self.links[-1]
             return None
         if not move.remedies:
@@ -189,8 +201,10 @@ class _Search:
             self._follow_path(place, DEMO if self.request.hand else LINE, move.remedies)
         elif remedy == "widen":
             self._widen(i)
-        elif not self._split(place):
-            return self._refuse(i)
+        elif remedy == "detour":
+            self._detour(i)
+        else:
+            self._split(place)
         return None
 
     def _follow_path(self, place: int, kind: str, remedies: list[str]) -> None:
@@ -202,9 +216,20 @@ class _Search:
         link.poses = tuple(hand()[i - 1]) if hand else line(T_base_tool[i - 1], T_base_tool[i])
         self.ladder.reopen(place, MOST_PATHS, costly=True)
 
+    def _detour(self, i: int) -> None:
+        """Let the arm go any way from keyframe to keyframe, whatever the tool does."""
+        places = self._places(i)
+        self.moves[i].detour = True
+        self.ladder.drop(places[0], places[-1])
+        self.links[places[0] - 1 : places[-1]] = [_Link(i)]
+        self.ladder.reopen(places[0], MOST_DETOURS, costly=True)
+
+    def _places(self, i: int) -> list[int]:
+        return [place for place, link in enumerate(self.links, start=1) if link.keyframe == i]
+
     def _widen(self, i: int) -> None:
         """Look for more ways to hold the arm all along a move; where it followed a path straight moves are tried."""
-        places = [place for place, link in enumerate(self.links, start=1) if link.keyframe == i]
+        places = self._places(i)
         for place in (places[0] - 1, *places):
             if place > 0 and self.links[place - 1].keyframe < self.n:
                 widen(self.arm, self._pose(place), self.ladder, place)
@@ -213,10 +238,11 @@ class _Search:
         for place in places:
             self.ladder.reopen(place, MOST_STRAIGHT_WIDE, costly=len(places) > 1)
 
-    def _split(self, place: int) -> bool:
+    def _split(self, place: int) -> None:
         """Seek joints along a path, and along the paths just before it: those decide how the arm comes to it."""
         if self.links[place - 1].poses is None:  # widening made it straight
-            self._follow_path(place, DEMO if self.request.hand else LINE, [])
+            remedies = self.moves[self.links[place - 1].keyframe].remedies
+            self._follow_path(place, DEMO if self.request.hand else LINE, remedies)
         first = place
         while first > 1 and place - first < LOOK_BACK and self._whole(first - 1):
             first -= 1
@@ -224,9 +250,8 @@ class _Search:
         while first <= end:
             added = self._split_one(first)
             if added is None:
-                return False
+                return
             first, end = first + added + 1, end + added
-        return True
 
     def _whole(self, place: int) -> bool:
         """Whether a layer is come to by a path of the tool from end to end."""
@@ -283,12 +308,16 @@ class _Search:
                 ends[link.keyframe] = q[place]
         segments = []
         for i in range(self.n):
-            move, along = self.moves[i], np.vstack(parts[i])
-            off_m = self._off_line(ends[i - 1], ends[i]) if i > 0 and move.kind == STRAIGHT else 0.0
-            avoided = None if move.kind == STRAIGHT else move.hits.get(STRAIGHT)
-            segments.append(Segment(move.kind, along, off_m, avoided))
-        back = np.vstack(parts[self.n]) if len(parts) > self.n and parts[self.n] else None
+            segment = self._segment(i, np.vstack(parts[i]))
+            straight = i > 0 and segment.kind == STRAIGHT
+            segments.append(replace(segment, off_line_m=self._off_line(ends[i - 1], ends[i])) if straight else segment)
+        back = self._segment(self.n, np.vstack(parts[self.n])) if len(parts) > self.n and parts[self.n] else None
         return Motion(np.array(ends), tuple(segments), back)
+
+    def _segment(self, i: int, q: Array) -> Segment:
+        move = self.moves[i]
+        kind = (DETOUR if len(q) > 1 else STRAIGHT) if move.detour else move.kind
+        return Segment(kind, q, avoided=None if kind == STRAIGHT else move.hits.get(STRAIGHT))
 
     def _off_line(self, q_before: Array, q: Array) -> float:
         return off_line(self.arm, q_before + np.linspace(0.0, 1.0, _OFF_LINE_SAMPLES)[:, None] * (q - q_before))
@@ -301,7 +330,7 @@ class _Search:
                 unfollowed = move.kind
             else:
                 move.hits[move.kind] = hit
-        return refuse_move(i, move.tried, move.hits, unfollowed)
+        return refuse_move(i, move.tried, move.hits, unfollowed, move.searched)
 
     def _alone(self, i: int) -> Hit | None:
         """Return what the tool's path to keyframe i touches where nothing else holds the arm back."""

@@ -149,6 +149,8 @@ def add_planning(parser: argparse.ArgumentParser, robot_required: bool = True, u
     if units:
         _add_units(group, "m,rad", f"units of --from, but for a message: {_LENGTHS}; {_ANGLES}")
     option("--no-retreat", action="store_true", help="end at the last keyframe, do not go back home")
+    around = "refuse a move where nothing but a planner finds a way around what is there"
+    option("--no-detour", action="store_true", help=around)
     shown = "show a motion that touches something, marked red (never exported)"
     option("--allow-collision", action="store_true", help=shown)
 

@@ -36,6 +36,7 @@ class PlanOptions:
         approach: start at home or `start`, rather than at keyframe 0.
         start: the arm's present joints, rad; None: home.
         retreat: go back home at the end.
+        detour: where all else touches something, go around it.
         allow_collision: where nothing is free plan all the same; the plan says what touches.
     """
 
@@ -49,6 +50,7 @@ class PlanOptions:
     approach: bool = True
     start: tuple[float, ...] | None = None
     retreat: bool = True
+    detour: bool = True
     allow_collision: bool = False
 
     def __post_init__(self) -> None:

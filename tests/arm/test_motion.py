@@ -62,8 +62,8 @@ def chosen(poses: Sequence[Pose], obstacles: Sequence[Obstacle] = (), **request:
     """A motion, and the whole of it is free as the collision checks of motions in time see it."""
     found, scene = asked(poses, obstacles, **request)
     assert isinstance(found, Motion)
-    moves = [Move(segment.q, curved=segment.kind != STRAIGHT) for segment in found.segments]
-    back = None if found.back is None else Move(found.back)
+    moves = [Move(segment.q, segment.curved) for segment in found.segments]
+    back = None if found.back is None else Move(found.back.q, found.back.curved)
     start = HOME if request.get("approach", True) else found.q[0]
     timed = time_moves(ARM, start, moves, [0.2] * len(moves), [None] * len(moves), retreat=back)
     assert check_motion(scene, timed.trajectory) is None
@@ -103,7 +103,7 @@ def test_where_nothing_is_in_the_way_all_is_straight() -> None:
     np.testing.assert_array_equal(motion.segments[1].q, motion.q[1:])
     assert motion.segments[1].off_line_m > 0.001
     assert motion.back is not None
-    np.testing.assert_array_equal(motion.back[-1], HOME)
+    np.testing.assert_array_equal(motion.back.q[-1], HOME)
 
 
 def test_a_link_that_is_barred_is_gone_round_by_holding_the_arm_otherwise() -> None:
@@ -232,8 +232,8 @@ def test_an_end_is_come_to_along_the_tools_axis_where_it_can_not_be_come_to_stra
     there = places((HOME + 0.8 * (q - HOME))[None])[0]
     found = chosen(poses, [ball(*there)], q_back=HOME)
     assert found.back is not None
-    np.testing.assert_array_equal(found.back[-1], HOME)
-    q = found.segments[0].q if end == "approach" else found.back
+    np.testing.assert_array_equal(found.back.q[-1], HOME)
+    q = found.segments[0].q if end == "approach" else found.back.q
     assert len(q) == 2
     away = places(q[:1])[0] - places(found.q)[poses.index(low)]
     np.testing.assert_allclose(away[:2], 0.0, atol=1e-4)  # home's tool points down but for a hair
