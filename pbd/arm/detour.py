@@ -82,7 +82,7 @@ class _Checker(base.MotionValidator):  # type: ignore[misc]
     def stands(self, state: base.State) -> bool:
         return self.queries.passing(self.leg, self._of(state)) is None
 
-    def checkMotion(self, before: base.State, after: base.State) -> bool:  # noqa: N802
+    def checkMotion(self, before: base.State, after: base.State) -> bool:
         self.checked += 1
         q_start, q_end = self._of(before), self._of(after)
         if self.queries.passing(self.leg, 0.5 * (q_start + q_end)) is not None:

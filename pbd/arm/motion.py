@@ -3,24 +3,26 @@
 All keyframes lie on one ladder graph (ladder.py); its links are straight moves in joint space, or paths of the tool. A
 link that is barred is mended on its own, and the search goes on with all else that is known: first the hand's path is
 tried there (or a line, where no hand is known), then more ways to hold the arm at both ends, then joints along the path
-(a link of its own for every few poses), then any way around (detour.py). So the cost grows with the keyframes, and with the links that are barred.
+(a link of its own for every few poses), then any way around (detour.py). So the cost grows with the keyframes, and with
+the links that are barred.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
 from pbd.arm.collision.queries import CollisionQueries
 from pbd.arm.collision.scene import Hit
-from pbd.arm.ik.cartesian import follow, line, off_line
+from pbd.arm.ik.cartesian import follow, line, straight_off_line
 from pbd.arm.ik.unreachable import out_of_reach
 from pbd.arm.joint_path import STARTS, States, Unreachable, build_ladder, states_at, widen
 from pbd.arm.ladder import Barred, Ladder, Layer
 from pbd.arm.model import ArmModel
+from pbd.arm.motion_links import Link, Move
 from pbd.arm.motion_request import DEMO, DETOUR, LINE, STRAIGHT, Motion, MotionRequest, Segment
 from pbd.arm.refusal import UNREACHABLE, Refusal, refuse_move, refuse_pose, tell
 from pbd.pose import Array, Pose
@@ -37,8 +39,6 @@ CONTINUOUS_RAD = 0.5
 """Largest motion of a joint between two of those layers."""
 LOOK_BACK = 8
 """Paths before a barred one along which joints are sought with it."""
-
-_OFF_LINE_SAMPLES = 33
 
 
 def choose_motion(arm: ArmModel, request: MotionRequest, queries: CollisionQueries | None) -> Motion | Refusal:
@@ -58,36 +58,6 @@ def choose_motion(arm: ArmModel, request: MotionRequest, queries: CollisionQueri
     return found
 
 
-@dataclass(eq=False)
-class _Move:
-    """A move to a keyframe: its kind, how else it may be made, and what was found to be in the way of each kind.
-
-    `pose_hit`: what the arm touches at the keyframe itself. `tried`: how many pairs of ways to hold the arm were.
-    `detour`: nothing else was free, so that any way around is sought; `searched`: how many moves were for that.
-    """
-
-    kind: str
-    remedies: list[str]
-    hits: dict[str, Hit] = field(default_factory=dict)
-    pose_hit: Hit | None = None
-    tried: int = 0
-    detour: bool = False
-    searched: int = 0
-
-
-@dataclass(eq=False)
-class _Link:
-    """What leads to a layer: part of the move to a keyframe, along poses of the tool or (None) straight.
-
-    `at_keyframe`: whether the layer is the keyframe itself. `found`: joints (m, k) of what is free, by both ends.
-    """
-
-    keyframe: int
-    poses: tuple[Pose, ...] | None = None
-    at_keyframe: bool = True
-    found: dict[bytes, Array] = field(default_factory=dict)
-
-
 class _Search:
     """The ladder with what each of its links is: link j leads to layer j + 1."""
 
@@ -95,8 +65,8 @@ class _Search:
         self.arm, self.request, self.queries, self.ladder = arm, request, queries, ladder
         self.n = len(request.T_base_tool)
         self.no_way_back: Hit | None = None
-        self.links = [_Link(place) for place in range(len(ladder.layers) - 1)]
-        self.moves = [_Move(STRAIGHT, ["widen"]) for _ in self.links]
+        self.links = [Link(place) for place in range(len(ladder.layers) - 1)]
+        self.moves = [Move(STRAIGHT, ["widen"]) for _ in self.links]
         for i in range(1, self.n):
             if request.kind == STRAIGHT:
                 self.moves[i].remedies = ["follow", "widen", "split"]
@@ -142,7 +112,7 @@ class _Search:
         move.tried += 1
         return False
 
-    def _moved(self, link: _Link, q_before: Array, q: Array) -> Array | Hit | None:
+    def _moved(self, link: Link, q_before: Array, q: Array) -> Array | Hit | None:
         """Return the joints by which the arm moves from some to others, what it touches; None: it can't follow."""
         i, queries = link.keyframe, self.queries
         if (queries is None and link.poses is None) or (i == 0 and not self.request.approach):
@@ -157,10 +127,8 @@ class _Search:
         if queries is not None and i == self.n:
             return queries.retreat(q_before, q)
         along = np.stack((q_before, q)) if link.poses is None else follow(self.arm, link.poses, q_before, q)
-        if along is None:
-            return None
-        if queries is None:
-            return along[1:]
+        if along is None or queries is None:
+            return None if along is None else along[1:]
         # Once a move is known to be barred, most others are in the middle too.
         hit = queries.halfway(i, q_before, q) if self.moves[i].tried and link.poses is None else None
         hit = hit or queries.moving(i, along)
@@ -221,7 +189,7 @@ class _Search:
         places = self._places(i)
         self.moves[i].detour = True
         self.ladder.drop(places[0], places[-1])
-        self.links[places[0] - 1 : places[-1]] = [_Link(i)]
+        self.links[places[0] - 1 : places[-1]] = [Link(i)]
         self.ladder.reopen(places[0], MOST_DETOURS, costly=True)
 
     def _places(self, i: int) -> list[int]:
@@ -248,6 +216,8 @@ class _Search:
             first -= 1
         end = place
         while first <= end:
+            remedies = self.moves[self.links[first - 1].keyframe].remedies
+            remedies[:] = [each for each in remedies if each != "split"]
             added = self._split_one(first)
             if added is None:
                 return
@@ -276,7 +246,7 @@ class _Search:
         last.most_refused, last.most_step = MOST_STEPS, CONTINUOUS_RAD
         self.ladder.insert(place, layers)
         self.links[place - 1 : place] = [
-            _Link(link.keyframe, poses[a : b + 1], b == len(poses) - 1) for a, b in pairwise(marks)
+            Link(link.keyframe, poses[a : b + 1], b == len(poses) - 1) for a, b in pairwise(marks)
         ]
         widen(self.arm, poses[-1], self.ladder, place + len(layers), STARTS)
         return len(layers)
@@ -291,7 +261,7 @@ class _Search:
         for place, link in enumerate(self.links, start=1):
             if tolerance is not None and link.poses is None and 0 < link.keyframe < self.n:
                 q_before, q = (self.ladder.layers[at].q[path[at]] for at in (place - 1, place))
-                if self._off_line(q_before, q) > tolerance:
+                if straight_off_line(self.arm, q_before, q) > tolerance:
                     self._follow_path(place, LINE, ["split", "widen"])
                     made = True
         return made
@@ -309,8 +279,9 @@ class _Search:
         segments = []
         for i in range(self.n):
             segment = self._segment(i, np.vstack(parts[i]))
-            straight = i > 0 and segment.kind == STRAIGHT
-            segments.append(replace(segment, off_line_m=self._off_line(ends[i - 1], ends[i])) if straight else segment)
+            if i > 0 and segment.kind == STRAIGHT:
+                segment = replace(segment, off_line_m=straight_off_line(self.arm, ends[i - 1], ends[i]))
+            segments.append(segment)
         back = self._segment(self.n, np.vstack(parts[self.n])) if len(parts) > self.n and parts[self.n] else None
         return Motion(np.array(ends), tuple(segments), back)
 
@@ -318,9 +289,6 @@ class _Search:
         move = self.moves[i]
         kind = (DETOUR if len(q) > 1 else STRAIGHT) if move.detour else move.kind
         return Segment(kind, q, avoided=None if kind == STRAIGHT else move.hits.get(STRAIGHT))
-
-    def _off_line(self, q_before: Array, q: Array) -> float:
-        return off_line(self.arm, q_before + np.linspace(0.0, 1.0, _OFF_LINE_SAMPLES)[:, None] * (q - q_before))
 
     def _refuse(self, i: int) -> Refusal:
         move, unfollowed = self.moves[i], None

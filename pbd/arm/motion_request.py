@@ -9,7 +9,7 @@ from pbd.arm.collision.scene import Hit
 from pbd.pose import Array, Pose
 
 STRAIGHT, LINE, DEMO, DETOUR = "straight", "line", "demo", "detour"
-"""Kinds of moves: straight in joint space, the tool on a straight line, as the hand went, around what bars all these."""
+"""Kinds of moves: straight in joint space, the tool on a straight line, as the hand went, around what bars these."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,8 +26,8 @@ AWAY = {"acc": (30.0, 1), "gyr": (0.3, 3)}
 
 ALONE = 25.0
 """So many times as far as by noise, by what the hand does around, or than what is left over, do wild rows lie away; and
-so many times are the squares of the jumps at exchanged blocks larger than once they are put right. The largest of sound
-recordings (hands and feet at 40 to 286 Hz): 8 and 12."""
+so many times are the squares of the jumps at exchanged blocks larger than those around, and than once they are put
+right. The largest of sound recordings (hands and feet at 40 to 286 Hz): 8, 7 and 12."""
 
 AROUND_S = 0.3
 """s on either hand: what the hand does around."""
@@ -202,11 +202,14 @@ def _swapped(recording: Recording) -> tuple[int, int, bool] | None:
     three = np.array([jumps[a], jumps[b], jumps[c]])
     gain = three.sum(axis=0) / (left_over(a, b) + left_over(c, a) + left_over(b, c) + 1.0)
     best = int(np.argmax(gain))
-    if gain[best] < ALONE:
+    at = np.array((a[best], b[best], c[best]))
+    away = np.abs(np.subtract.outer(np.arange(len(jumps)), at)).min(axis=1)
+    around = jumps[(away > 2) & (away <= max(8, round(AROUND_S * recording.rate_hz)))].mean()
+    if gain[best] < ALONE or three[:, best].mean() < ALONE * around:
         return None
     first, size = int(edges[a[best]]), int(b[best] - a[best])
     x[first : first + 2 * size] = np.roll(x[first : first + 2 * size], size, axis=0)
-    around = edges[np.clip(np.add.outer((a[best], b[best], c[best]), (-1, 0, 1)), 0, len(jumps) - 1)]
-    before, after = _lines(x, around.ravel())
+    beside = edges[np.clip(np.add.outer(at, (-1, 0, 1)), 0, len(jumps) - 1)]
+    before, after = _lines(x, beside.ravel())
     left = float(((after - before) ** 2).sum(axis=1).max())  # wild rows jump wherever they are put
     return first, size, left < GONE * float(three[:, best].max())
