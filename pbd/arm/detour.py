@@ -24,11 +24,13 @@ _BENDS = 3  # times that the path is divided in two to bend it
 _BETWEEN_RAD = 0.05, 0.02, 0.01  # a spline through points so near to each other keeps to the straight lines
 
 
-def find_detour(queries: CollisionQueries, leg: int, q_start: Array, q_end: Array, most_moves: int) -> Array | None:
+def find_detour(queries: CollisionQueries, leg: int, q_start: Array, q_end: Array, most_checks: int) -> Array | None:
     """Return joints (m, k) on a curve to keyframe `leg` that ends at `q_end` (k,); or just that, if it is straight.
 
-    None where none is found before `most_moves` were checked.
+    None where none is found by so many checks.
     """
+    if any(queries.passing(leg, q) is not None for q in (q_start, q_end)):
+        return None
     util.setLogLevel(util.LogLevel.LOG_NONE)
     util.RNG.setSeed(_SEED)
     limits, count = queries.arm.limits, len(q_start)
@@ -52,7 +54,7 @@ def find_detour(queries: CollisionQueries, leg: int, q_start: Array, q_end: Arra
     planner.setRange(STEP_RAD)
     planner.setProblemDefinition(problem)
     planner.setup()
-    planner.solve(base.PlannerTerminationCondition(lambda: checker.checked >= most_moves))
+    planner.solve(base.PlannerTerminationCondition(lambda: checker.checks >= most_checks))
     if not problem.hasExactSolution():
         return None
     path = problem.getSolutionPath()
@@ -77,13 +79,14 @@ class _Checker(base.MotionValidator):  # type: ignore[misc]
 
     def __init__(self, information: base.SpaceInformation, queries: CollisionQueries, leg: int, count: int) -> None:
         super().__init__(information)
-        self.queries, self.leg, self.count, self.checked = queries, leg, count, 0
+        self.queries, self.leg, self.count, self.checks = queries, leg, count, 0
 
     def stands(self, state: base.State) -> bool:
+        self.checks += 1
         return self.queries.passing(self.leg, self._of(state)) is None
 
     def checkMotion(self, before: base.State, after: base.State) -> bool:
-        self.checked += 1
+        self.checks += 1
         q_start, q_end = self._of(before), self._of(after)
         if self.queries.passing(self.leg, 0.5 * (q_start + q_end)) is not None:
             return False

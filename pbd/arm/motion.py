@@ -22,17 +22,13 @@ from pbd.arm.ik.unreachable import out_of_reach
 from pbd.arm.joint_path import STARTS, States, Unreachable, build_ladder, states_at, widen
 from pbd.arm.ladder import Barred, Ladder, Layer
 from pbd.arm.model import ArmModel
-from pbd.arm.motion_links import Link, Move
-from pbd.arm.motion_request import DEMO, DETOUR, LINE, STRAIGHT, Motion, MotionRequest, Segment
+from pbd.arm.motion_links import MOST_CHECKED, MOST_DETOURS, MOST_PATHS, MOST_STEPS, Link, Move
+from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, Motion, MotionRequest
 from pbd.arm.refusal import UNREACHABLE, Refusal, refuse_move, refuse_pose, tell
 from pbd.pose import Array, Pose
 
 MOST_STRAIGHT, MOST_STRAIGHT_WIDE = 36, 150
 """Refused straight moves between two keyframes before the link is mended: at first, and among more branches."""
-MOST_PATHS, MOST_STEPS = 4, 60
-"""Refused paths of the tool before the link is mended: from end to end, and along a few of its poses."""
-MOST_DETOURS, MOST_CHECKED = 4, 2000
-"""Pairs of ways to hold the arm between which a detour is sought, and moves that are checked for each."""
 COARSE = 4
 """Poses from one layer to the next where joints are sought along a path."""
 CONTINUOUS_RAD = 0.5
@@ -71,11 +67,11 @@ class _Search:
             if request.kind == STRAIGHT:
                 self.moves[i].remedies = ["follow", "widen", "split"]
             else:
-                self._follow_path(i + 1, request.kind, ["split", "widen"])
-        if request.detour and queries is not None:
-            for i, move in enumerate(self.moves):
-                if i in (0, self.n) or (request.kind == STRAIGHT and request.tolerance_m is None):
-                    move.remedies.append("detour")
+                self._follow_path(i + 1, request.kind)
+                self.moves[i].remedies = ["split", "widen"]
+        for i, move in enumerate(self.moves if request.detour and queries is not None else ()):
+            if i in (0, self.n) or (request.kind == STRAIGHT and request.tolerance_m is None):
+                move.remedies.append("detour")
 
     def run(self) -> Motion | Refusal:
         while True:
@@ -122,10 +118,8 @@ class _Search:
 
             self.moves[i].searched += MOST_CHECKED
             return find_detour(queries, i, q_before, q, MOST_CHECKED)
-        if queries is not None and i == 0:
-            return queries.approach(q_before, q)
-        if queries is not None and i == self.n:
-            return queries.retreat(q_before, q)
+        if queries is not None and i in (0, self.n):
+            return queries.approach(q_before, q) if i == 0 else queries.retreat(q_before, q)
         along = np.stack((q_before, q)) if link.poses is None else follow(self.arm, link.poses, q_before, q)
         if along is None or queries is None:
             return None if along is None else along[1:]
@@ -155,49 +149,44 @@ class _Search:
             return None
         if not standing and move.pose_hit is not None and self.links[place - 1].at_keyframe:
             return refuse_pose(i, len(self.ladder.layers[place].q), move.pose_hit)
-        if not standing:
-            move.remedies = [each for each in move.remedies if each == "detour"]
-        if not move.remedies and i == self.n:
+        if not (move.remedies if standing else move.last_resort()):
+            if i < self.n:
+                return self._refuse(i)
             self.no_way_back = move.hits[STRAIGHT]
             self.ladder.drop(place, place + 1)
             del self.links[-1]
             return None
-        if not move.remedies:
-            return self._refuse(i)
         remedy = move.remedies.pop(0)
         if remedy == "follow":
-            self._follow_path(place, DEMO if self.request.hand else LINE, move.remedies)
+            self._follow_path(place)
         elif remedy == "widen":
             self._widen(i)
         elif remedy == "detour":
             self._detour(i)
-        else:
-            self._split(place)
+        elif not self._split(place):
+            return None if move.last_resort() else self._refuse(i)
         return None
 
-    def _follow_path(self, place: int, kind: str, remedies: list[str]) -> None:
-        """Let the tool follow a path to a layer, from end to end."""
+    def _follow_path(self, place: int, kind: str | None = None) -> None:
+        """Let the tool follow a path to a layer, from end to end: by default as the hand went, where that is known."""
         link = self.links[place - 1]
         i, T_base_tool = link.keyframe, self.request.T_base_tool
-        self.moves[i].kind, self.moves[i].remedies = kind, remedies
-        hand = self.request.hand if kind == DEMO else None
+        hand = self.request.hand if kind != LINE else None
+        self.moves[i].kind = DEMO if hand else LINE
         link.poses = tuple(hand()[i - 1]) if hand else line(T_base_tool[i - 1], T_base_tool[i])
         self.ladder.reopen(place, MOST_PATHS, costly=True)
 
     def _detour(self, i: int) -> None:
         """Let the arm go any way from keyframe to keyframe, whatever the tool does."""
-        places = self._places(i)
+        places = [place for place, link in enumerate(self.links, start=1) if link.keyframe == i]
         self.moves[i].detour = True
         self.ladder.drop(places[0], places[-1])
         self.links[places[0] - 1 : places[-1]] = [Link(i)]
         self.ladder.reopen(places[0], MOST_DETOURS, costly=True)
 
-    def _places(self, i: int) -> list[int]:
-        return [place for place, link in enumerate(self.links, start=1) if link.keyframe == i]
-
     def _widen(self, i: int) -> None:
         """Look for more ways to hold the arm all along a move; where it followed a path straight moves are tried."""
-        places = self._places(i)
+        places = [place for place, link in enumerate(self.links, start=1) if link.keyframe == i]
         for place in (places[0] - 1, *places):
             if place > 0 and self.links[place - 1].keyframe < self.n:
                 widen(self.arm, self._pose(place), self.ladder, place)
@@ -206,22 +195,22 @@ class _Search:
         for place in places:
             self.ladder.reopen(place, MOST_STRAIGHT_WIDE, costly=len(places) > 1)
 
-    def _split(self, place: int) -> None:
+    def _split(self, place: int) -> bool:
         """Seek joints along a path, and along the paths just before it: those decide how the arm comes to it."""
         if self.links[place - 1].poses is None:  # widening made it straight
-            remedies = self.moves[self.links[place - 1].keyframe].remedies
-            self._follow_path(place, DEMO if self.request.hand else LINE, remedies)
+            self._follow_path(place)
         first = place
         while first > 1 and place - first < LOOK_BACK and self._whole(first - 1):
             first -= 1
         end = place
         while first <= end:
-            remedies = self.moves[self.links[first - 1].keyframe].remedies
-            remedies[:] = [each for each in remedies if each != "split"]
+            move = self.moves[self.links[first - 1].keyframe]
+            move.remedies = [each for each in move.remedies if each != "split"]
             added = self._split_one(first)
             if added is None:
-                return
+                return False
             first, end = first + added + 1, end + added
+        return True
 
     def _whole(self, place: int) -> bool:
         """Whether a layer is come to by a path of the tool from end to end."""
@@ -262,7 +251,8 @@ class _Search:
             if tolerance is not None and link.poses is None and 0 < link.keyframe < self.n:
                 q_before, q = (self.ladder.layers[at].q[path[at]] for at in (place - 1, place))
                 if straight_off_line(self.arm, q_before, q) > tolerance:
-                    self._follow_path(place, LINE, ["split", "widen"])
+                    self._follow_path(place, LINE)
+                    self.moves[link.keyframe].remedies = ["split", "widen"]
                     made = True
         return made
 
@@ -278,26 +268,20 @@ class _Search:
                 ends[link.keyframe] = q[place]
         segments = []
         for i in range(self.n):
-            segment = self._segment(i, np.vstack(parts[i]))
+            segment = self.moves[i].segment(np.vstack(parts[i]))
             if i > 0 and segment.kind == STRAIGHT:
                 segment = replace(segment, off_line_m=straight_off_line(self.arm, ends[i - 1], ends[i]))
             segments.append(segment)
-        back = self._segment(self.n, np.vstack(parts[self.n])) if len(parts) > self.n and parts[self.n] else None
+        back = self.moves[self.n].segment(np.vstack(parts[self.n])) if len(parts) > self.n and parts[self.n] else None
         return Motion(np.array(ends), tuple(segments), back)
-
-    def _segment(self, i: int, q: Array) -> Segment:
-        move = self.moves[i]
-        kind = (DETOUR if len(q) > 1 else STRAIGHT) if move.detour else move.kind
-        return Segment(kind, q, avoided=None if kind == STRAIGHT else move.hits.get(STRAIGHT))
 
     def _refuse(self, i: int) -> Refusal:
         move, unfollowed = self.moves[i], None
         if move.kind not in move.hits and move.kind != STRAIGHT:
-            hit = self._alone(i)
-            if hit is None:
-                unfollowed = move.kind
-            else:
+            if (hit := self._alone(i)) is not None:
                 move.hits[move.kind] = hit
+            else:
+                unfollowed = move.kind
         return refuse_move(i, move.tried, move.hits, unfollowed, move.searched)
 
     def _alone(self, i: int) -> Hit | None:

@@ -38,7 +38,7 @@ def refuse_move(i: int, tried: int, hits: Mapping[str, Hit], unfollowed: str | N
         tried: how many pairs of arm poses, at the keyframe before and there.
         hits: what the first of them touches, by kind of move; the one that overlaps least is the closest.
         unfollowed: a kind of path that the arm can't follow, whatever is in the way.
-        searched: how many moves were checked for a detour.
+        searched: how many checks were made for a detour.
     """
     if not hits:
         path = "the demonstrated path" if unfollowed == DEMO else "the straight line"
@@ -58,7 +58,7 @@ def refuse_move(i: int, tried: int, hits: Mapping[str, Hit], unfollowed: str | N
         told.append(f"{_SPOKEN[unfollowed]}: the arm can't follow it")
     where = f"from keyframe {i - 1} to keyframe {i}" if i > 0 else "to keyframe 0"
     pairs = f"{tried} pairs of arm poses" if tried > 1 else "1 pair of arm poses"
-    search = f", and no detour found in {searched} moves of a search" if searched else ""
+    search = f", and no detour found in {searched} checks" if searched else ""
     return _collision(i, f"motion {where} among {pairs}{search}. {'. '.join(told)}", closest, hits[closest])
 
 
