@@ -1,6 +1,6 @@
 """A way around what bars a straight move: RRT-Connect, then shortcuts, then smooth bends, every part of it checked.
 
-Kuffner and LaValle, "RRT-Connect: An Efficient Approach to Single-Query Path Planning", 2000, as OMPL has it. The search
+Kuffner and LaValle, "RRT-Connect: An Efficient Approach to Single-Query Path Planning", 2000, as OMPL has it. It
 ends after a number of checks rather than a time, and its seed is fixed: what is found depends on nothing else.
 """
 

@@ -8,7 +8,6 @@ from pbd.arm.collision.scene import Hit
 from pbd.arm.motion_request import DETOUR, STRAIGHT, Segment
 from pbd.pose import Array, Pose
 
-
 MOST_PATHS, MOST_STEPS = 4, 60
 """Refused paths of the tool before a link is mended: from end to end, and along a few of its poses."""
 MOST_DETOURS, MOST_CHECKED = 4, 2000

@@ -182,7 +182,7 @@ def test_what_was_tried_is_told_where_there_is_no_way_around(monkeypatch: pytest
 def test_a_detour_from_home_and_back(end: str) -> None:
     """A wall between home and all keyframes, and too high to be gone over straight."""
     poses = (moved(y=0.45, z=-0.2), moved(y=0.5, z=-0.2))
-    wall = box("the wall", (0.8, 0.02, 0.7), 0.1, 0.2, -0.3)
+    wall = box("the wall", (0.8, 0.02, 1.1), 0.15, 0.22, -0.1)
     request = {"q_back": HOME, "approach": False} if end == "back" else {}
     with pytest.warns(PbdWarning, match="the arm goes around the wall"):
         found = chosen(poses, [wall], **request)
