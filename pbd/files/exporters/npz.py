@@ -1,4 +1,4 @@
-"""npz: what the clients of real arms take as arrays."""
+"""npz: arrays for the clients of real arms."""
 
 from __future__ import annotations
 

@@ -86,8 +86,8 @@ def test_one_line_says_how_many_which_axis_where_and_what_to_do() -> None:
     with pytest.warns(PbdWarning) as caught:
         track(simulate("pick-and-place-stops", "os5000").recording)
     assert [str(warning.message) for warning in caught] == [
-        "3 samples of the gyro's x axis are at the end of the range (500 deg/s), the first at t = 4.70 s: what was "
-        "above it is a guess; move slower, or set a larger range"
+        "3 samples of the gyro's x axis are at the end of the range (500 deg/s), the first at t = 4.70 s: values "
+        "above it are guessed; move slower, or set a larger range"
     ]
 
 
