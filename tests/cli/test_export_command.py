@@ -11,15 +11,20 @@ import numpy as np
 import pytest
 
 from pbd.cli import main
-from pbd.files.exporters import FORMATS, SUFFIXES
+from pbd.files.exporters import ALSO, FORMATS, SUFFIXES, WITHOUT_RATE
 
 pytestmark = pytest.mark.usefixtures("elsewhere")
 
 EXPORT = ("export", "paper-test1", "--robot", "panda", "--rate", "20")
 
 
-def test_every_format_has_its_suffix() -> None:
-    assert sorted(SUFFIXES.values()) == sorted(FORMATS)
+def test_every_suffix_says_a_format() -> None:
+    assert {*SUFFIXES.values(), *ALSO} == set(FORMATS)
+
+
+def test_a_format_without_samples_takes_no_rate(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*EXPORT, "--format", "keyframes", "-o", "keyframes.json"]) == 1
+    assert capsys.readouterr().err == "pbd: keyframes has no samples: leave --rate out\n"
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
@@ -37,9 +42,10 @@ def test_the_name_says_the_format(suffix: str) -> None:
 
 @pytest.mark.parametrize("format_name", FORMATS)
 def test_standard_output_gets_what_the_file_would(format_name: str, capfdbinary: pytest.CaptureFixture[bytes]) -> None:
-    assert main([*EXPORT, "--format", format_name, "-o", "-"]) == 0
+    command = [*EXPORT[: -2 if format_name in WITHOUT_RATE else None], "--format", format_name, "-o"]
+    assert main([*command, "-"]) == 0
     out, err = capfdbinary.readouterr()
-    assert main([*EXPORT, "--format", format_name, "-o", "file"]) == 0
+    assert main([*command, "file"]) == 0
     assert b"pbd: wrote to standard output: " in err
     assert not Path("-").exists()
     if format_name != "npz":
