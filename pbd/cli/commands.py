@@ -248,7 +248,7 @@ def _add_export(commands: Commands) -> None:
     option("--format", choices=tuple(FORMATS), help=form)
     output = "the file to write; - is standard output"
     option("-o", "--output", required=True, type=Path, metavar="FILE", help=output)
-    rate = "samples a second, from 10 to 100000 (1000; ros2-json: none but the motion's own knots)"
+    rate = "samples a second, from 10 to 100000 (1000; tum: 100; ros2-json: none but the motion's own knots)"
     option("--rate", type=_export_rate, metavar="HZ", help=rate)
     add_tracking(parser)
     add_planning(parser)

@@ -24,7 +24,7 @@ def test_every_suffix_says_a_format() -> None:
 
 def test_a_format_without_samples_takes_no_rate(capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*EXPORT, "--format", "keyframes", "-o", "keyframes.json"]) == 1
-    assert capsys.readouterr().err == "pbd: keyframes has no samples: leave --rate out\n"
+    assert capsys.readouterr().err == "pbd: keyframes is not sampled at a rate: leave --rate out\n"
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)

@@ -7,9 +7,11 @@ import json
 import warnings
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from pbd.data import Robot
 from pbd.files.exporters import export
@@ -66,3 +68,28 @@ def test_keyframes_as_csv_have_the_same_numbers(tmp_path: Path) -> None:
         numbers = [row["t_s"], row["dwell_s"], *row["joints"], *row["base_position_m"], *row["base_wxyz"]]
         told = [value for key, value in line.items() if key not in ("index", "grip", "label")]
         assert [float(value) for value in told] == numbers
+
+
+def read_tum(path: Path) -> Any:
+    from evo.tools import file_interface  # takes its time to load
+
+    return file_interface.read_tum_trajectory_file(path)
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_evo_reads_the_tools_path(tmp_path: Path, name: str) -> None:
+    trajectory = written(name, "tum", tmp_path / "tool.tum", 20.0).trajectory
+    read = read_tum(tmp_path / "tool.tum")
+    assert read.check()[0]
+    points = trajectory.sample(20.0)
+    assert_allclose(read.timestamps, points.t)
+    for q, p, wxyz in zip(points.q[::7], read.positions_xyz[::7], read.orientations_quat_wxyz[::7], strict=True):
+        assert max(arm_of(name).forward(q).distance(Pose(p, wxyz))) < 1e-9
+
+
+def test_evo_reads_the_hands_path(tmp_path: Path) -> None:
+    written("panda", "tum-hand", tmp_path / "hand.tum")
+    read, hand = read_tum(tmp_path / "hand.tum"), path_of("pouring")
+    assert_allclose(read.timestamps, hand.t, rtol=0.0, atol=0.0)
+    assert_allclose(read.positions_xyz, hand.p_nav_sensor, rtol=0.0, atol=0.0)
+    assert_allclose(read.orientations_quat_wxyz, hand.wxyz_nav_sensor, rtol=0.0, atol=0.0)

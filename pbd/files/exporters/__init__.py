@@ -21,14 +21,15 @@ if TYPE_CHECKING:
 FORMATS = {
     **{"csv": "csv", "npz": "npz", "ros2-json": "ros2_json"},
     "keyframes": "keyframes",
+    **{"tum": "tum", "tum-hand": "tum"},
 }
-"""Format -> its file here: `samples(order)`, `write(order, samples, path)`, what the samples are called (`COUNTED`), and
-the rules by which receivers fill the gaps between them (`FILLED_BY`)."""
+"""Format -> its file here, with `samples(order)` and `write(order, samples, path)`. COUNTED says what these samples are
+called, FILLED_BY by which rules receivers fill the gaps between them."""
 
-SUFFIXES = {".csv": "csv", ".npz": "npz", ".json": "ros2-json"}
+SUFFIXES = {".csv": "csv", ".npz": "npz", ".json": "ros2-json", ".tum": "tum"}
 """What a file's name ends in, and the format that it says."""
 
-ALSO = {"keyframes": (".json", ".csv")}
+ALSO = {"keyframes": (".json", ".csv"), "tum-hand": (".tum",)}
 """What else the file of a format may end in: such a format must be named."""
 
 LOWEST_HZ, HIGHEST_HZ = 10.0, 1e5
@@ -36,8 +37,8 @@ LOWEST_HZ, HIGHEST_HZ = 10.0, 1e5
 ROW_BY_ROW = ("csv", "npz")
 """Formats whose rows are sent one by one, each at its time. What cubics between them would do is told all the same."""
 
-WITHOUT_RATE = ("keyframes",)
-"""Formats that have no samples."""
+WITHOUT_RATE = ("keyframes", "tum-hand")
+"""Formats that have no samples, or not by a clock."""
 
 ROUNDING = 5e-4
 """Share by which a receiver may exceed a limit between points: what its arithmetic and whole nanoseconds leave."""
@@ -74,7 +75,7 @@ def check_format(format_name: str, rate_hz: float | None = None) -> None:
     if rate_hz is not None and not LOWEST_HZ <= rate_hz <= HIGHEST_HZ:
         raise PbdError(f"--rate must be {LOWEST_HZ:g} to {HIGHEST_HZ:g} Hz, got {rate_hz:g}", value=rate_hz)
     if rate_hz is not None and format_name in WITHOUT_RATE:
-        raise PbdError(f"{format_name} has no samples: leave --rate out", value=rate_hz)
+        raise PbdError(f"{format_name} is not sampled at a rate: leave --rate out", value=rate_hz)
 
 
 def export(
@@ -93,7 +94,7 @@ def export(
         robot: whose limits hold between the samples too, and whose gripper it is.
         format_name: one of FORMATS.
         path: where.
-        rate_hz: samples a second; by default 1000, for ros2-json none but the trajectory's own knots.
+        rate_hz: samples a second; by default as the format has it.
         source: what the motion was made from, which formats need that tell more than joints.
 
     Raises:
