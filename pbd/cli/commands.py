@@ -250,6 +250,10 @@ def _add_export(commands: Commands) -> None:
     option("-o", "--output", required=True, type=Path, metavar="FILE", help=output)
     rate = "samples a second, from 10 to 100000 (1000; tum: 100; ros2-json: none but the motion's own knots)"
     option("--rate", type=_export_rate, metavar="HZ", help=rate)
+    dense = (
+        "urscript: servoj at the controller's period (--rate 125, or 500 for e-Series), not a movej for each keyframe"
+    )
+    option("--dense", action="store_true", help=dense)
     add_tracking(parser)
     add_planning(parser)
 

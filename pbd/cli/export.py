@@ -15,7 +15,7 @@ from pbd.cli.plan_report import moves_json, say_moves
 from pbd.cli.steps import plan_demonstration
 from pbd.doors.atomic import refuse_output
 from pbd.errors import PbdError
-from pbd.files.exporters import ALSO, FORMATS, SUFFIXES, Export, check_format, export
+from pbd.files.exporters import ALSO, FOR_SOME, FORMATS, SUFFIXES, Export, check_format, export
 from pbd.view.terminal import is_closed
 
 if TYPE_CHECKING:
@@ -27,10 +27,11 @@ STDOUT = Path("-")
 
 def run(args: argparse.Namespace) -> None:
     """Plan, audit, write."""
+    from pbd.files.robot import load_robot
     from pbd.planning import source_of
 
     format_name = _format(args)
-    check_format(format_name, args.rate)
+    check_format(format_name, args.rate, args.dense, load_robot(args.robot) if format_name in FOR_SOME else None)
     if args.output != STDOUT:
         refuse_output(args.output, (args.demo, args.robot, args.calibration, args.start))
     demo, path, robot, options, plan = plan_demonstration(args)
@@ -84,7 +85,7 @@ def _write(
     with TemporaryDirectory() as folder:
         file = Path(folder) / "motion" if args.output == STDOUT else args.output
         with working("writing the motion"):
-            done = export(trajectory, robot, format_name, file, args.rate, source=source)
+            done = export(trajectory, robot, format_name, file, args.rate, dense=args.dense, source=source)
         if args.output == STDOUT:
             with file.open("rb") as written:
                 shutil.copyfileobj(written, sys.stdout.buffer)

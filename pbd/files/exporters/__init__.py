@@ -22,11 +22,12 @@ FORMATS = {
     **{"csv": "csv", "npz": "npz", "ros2-json": "ros2_json"},
     "keyframes": "keyframes",
     **{"tum": "tum", "tum-hand": "tum"},
+    "urscript": "urscript",
 }
 """Format -> its file here, with `samples(order)` and `write(order, samples, path)`. COUNTED says what these samples are
 called, FILLED_BY by which rules receivers fill the gaps between them."""
 
-SUFFIXES = {".csv": "csv", ".npz": "npz", ".json": "ros2-json", ".tum": "tum"}
+SUFFIXES = {".csv": "csv", ".npz": "npz", ".json": "ros2-json", ".tum": "tum", ".script": "urscript"}
 """What a file's name ends in, and the format that it says."""
 
 ALSO = {"keyframes": (".json", ".csv"), "tum-hand": (".tum",)}
@@ -48,6 +49,10 @@ CUBIC_EXCESS = 0.1
 At 1 kHz a panda's acceleration is exceeded by 0.07, which docs/exports.md says."""
 
 
+FOR_SOME = ("urscript",)
+"""Formats that are not for every robot."""
+
+
 @dataclass(frozen=True, eq=False)
 class Export:
     """What was written.
@@ -63,19 +68,26 @@ class Export:
     receiver: Mapping[Rule, tuple[Share, Share, Share]]
 
 
-def check_format(format_name: str, rate_hz: float | None = None) -> None:
+def check_format(
+    format_name: str, rate_hz: float | None = None, dense: bool = False, robot: Robot | None = None
+) -> None:
     """Refuse what no motion could change.
 
     Raises:
         PbdError: as `export`.
+        PlanError: the format is not for this robot.
     """
     if format_name not in FORMATS:
         known = f"{', '.join(FORMATS)}{nearest(format_name, FORMATS)}"
         raise PbdError(f"no format '{format_name}'; known are {known}", value=format_name)
     if rate_hz is not None and not LOWEST_HZ <= rate_hz <= HIGHEST_HZ:
         raise PbdError(f"--rate must be {LOWEST_HZ:g} to {HIGHEST_HZ:g} Hz, got {rate_hz:g}", value=rate_hz)
-    if rate_hz is not None and format_name in WITHOUT_RATE:
+    if dense and format_name != "urscript":
+        raise PbdError(f"--dense is for urscript; {format_name} has --rate, or no samples", value=format_name)
+    if rate_hz is not None and (format_name in WITHOUT_RATE or (format_name == "urscript" and not dense)):
         raise PbdError(f"{format_name} is not sampled at a rate: leave --rate out", value=rate_hz)
+    if robot is not None and format_name in FOR_SOME:
+        import_module(f"{__name__}.{FORMATS[format_name]}").check(robot)
 
 
 def export(
@@ -85,6 +97,7 @@ def export(
     path: Path,
     rate_hz: float | None = None,
     *,
+    dense: bool = False,
     source: Source | None = None,
 ) -> Export:
     """Write a robot's trajectory; the file appears whole or not at all.
@@ -95,17 +108,18 @@ def export(
         format_name: one of FORMATS.
         path: where.
         rate_hz: samples a second; by default as the format has it.
+        dense: urscript alone: servoj at the controller's period (a rate of 125, or 500), not a movej for each keyframe.
         source: what the motion was made from, which formats need that tell more than joints.
 
     Raises:
         PbdError: the format is not known, the rate is out of range, the file can't be written.
         PlanError: by the rule of the format's receivers a limit would be broken between samples.
     """
-    check_format(format_name, rate_hz)
+    check_format(format_name, rate_hz, dense)
     from pbd.files.exporters.order import Order
 
     file_format = import_module(f"{__name__}.{FORMATS[format_name]}")
-    order = Order(format_name, trajectory, robot, path.suffix.lower(), rate_hz, source)
+    order = Order(format_name, trajectory, robot, path.suffix.lower(), rate_hz, dense, source)
     points = file_format.samples(order)
     receiver = _replayed(points, order, file_format.FILLED_BY)
     with atomic_file(path) as unfinished:

@@ -38,6 +38,7 @@ class Order:
         trajectory, robot: the motion, and whose it is.
         suffix: of the file's name, in lower case.
         rate_hz: samples a second; None: as the format has it.
+        dense: samples at the controller's period, where the format has keyframes.
         made_from: what the motion was made from, or None.
     """
 
@@ -46,6 +47,7 @@ class Order:
     robot: Robot
     suffix: str
     rate_hz: float | None = None
+    dense: bool = False
     made_from: Source | None = None
 
     @property
