@@ -83,7 +83,7 @@ def suggest(robot: Robot, keyframes: Sequence[Keyframe], grasped: GraspedObject 
     p, R = _sampled(arm)
     table = None if robot.dock is None else robot.dock.table_height
     lowest = -min(keyframe.T_nav_sensor.p[2] for keyframe in keyframes)
-    why = f"no dock holds all keyframes, even at {SCALES[-1]} of the size"
+    why = f"no dock has all keyframes within reach, even at {SCALES[-1]} of the size; correct base or T_body_tool"
     for table_known, scale in _stages(table, p[R[:, 2, 2] < -DOWN, 2], lowest):
         docks = list(islice(_docks(arm, (p, R), keyframes, table_known, scale), PLACES))
         held = _weigh(arm, docks, keyframes)
@@ -96,7 +96,7 @@ def suggest(robot: Robot, keyframes: Sequence[Keyframe], grasped: GraspedObject 
             return Suggestion(own, plan, nearest, dexterity, len(docks), len(held), table is not None)
         why = next((str(each) for each in tried), why)
     raise RobotError(
-        f"{robot.name}: no home and dock found: {why.split('; ')[0]}; check base, T_body_tool and the collision shapes",
+        f"{robot.name}: no home and dock found: {why}",
         robot=robot.name,
     )
 
@@ -110,8 +110,8 @@ def _sampled(arm: ArmModel) -> tuple[Array, Array]:
         off_deg = np.degrees(np.arccos(np.clip(-R[:, 2, 2].min(), -1.0, 1.0)))
         raise RobotError(
             f"{arm.robot.name}: the tool points down in only {down} of {SAMPLES} random configurations (at best "
-            f"{off_deg:.0f} degrees off); correct T_body_tool, whose z is the way the tool approaches, or base, whose z "
-            "is up",
+            f"{off_deg:.0f} degrees off); correct T_body_tool, whose z is the way the tool approaches, or base, whose "
+            "z is up",
             robot=arm.robot.name,
         )
     return p.astype(np.float64), R.astype(np.float64)
@@ -199,7 +199,7 @@ def _try(
     robot: Robot, arm: ArmModel, dock: Calibration, keyframes: Sequence[Keyframe], grasped: GraspedObject | None
 ) -> tuple[Robot, Plan] | str:
     """Plan the demonstration at a dock, from the first home that it can be planned from; or why it can't."""
-    why = "no home over the dock is free"
+    why = "the place over the dock is out of reach; correct base or T_body_tool"
     for home in _homes(arm, dock, keyframes, grasped):
         own = replace(robot, home=home, dock=dock)
         with warnings.catch_warnings():
@@ -214,7 +214,7 @@ def _try(
 def _homes(
     arm: ArmModel, dock: Calibration, keyframes: Sequence[Keyframe], grasped: GraspedObject | None
 ) -> list[Array]:
-    """Joints (k,) that hold the tool over the first keyframe, free of everything, the least cost first."""
+    """Joints (k,) that hold the tool over the first keyframe, free of everything if possible, least cost first."""
     from pbd.arm.ik.branches import configuration_cost, find_branches, turn_toward
 
     first = _tool(dock, keyframes)[0]
@@ -224,7 +224,8 @@ def _homes(
         return []
     scene = scene_of(arm, dock, grasped)
     least_first = np.round(found[configuration_cost(arm, found).argsort()], 4)
-    return [q for q in least_first if scene.hit(q) is None][:HOMES]
+    # Where none is free planning says why.
+    return [q for q in least_first if scene.hit(q) is None][:HOMES] or [least_first[0]]
 
 
 def _tool(dock: Calibration, keyframes: Sequence[Keyframe]) -> tuple[Pose, ...]:
