@@ -56,7 +56,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def parse(argv: Sequence[str] | None) -> argparse.Namespace:
-    """Parse a command; what is too much is told by the command's own parser."""
+    """Parse a command; its own parser reports unexpected arguments."""
     top = parser()
     args, unknown = top.parse_known_args(argv)
     if unknown:

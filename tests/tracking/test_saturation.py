@@ -86,8 +86,8 @@ def test_one_line_says_how_many_which_axis_where_and_what_to_do() -> None:
     with pytest.warns(PbdWarning) as caught:
         track(simulate("pick-and-place-stops", "os5000").recording)
     assert [str(warning.message) for warning in caught] == [
-        "3 samples of the gyro's x axis are at the end of the range (500 deg/s), the first at t = 4.70 s: what was "
-        "above it is a guess; move slower, or set a larger range"
+        "3 samples of the gyro's x axis are at the end of the range (500 deg/s), the first at t = 4.70 s: values "
+        "above it are guessed; move slower, or set a larger range"
     ]
 
 
@@ -174,7 +174,7 @@ def test_a_clipped_recording_is_tracked_far_better_than_it_was_sampled(
         free.append(errors_in_m_and_sigma(simulate(fast(seed), limited(sensor), seed))[0])
     assert np.median(as_it_is) > 0.02
     assert np.median(restored) < 0.35 * np.median(as_it_is)
-    assert np.median(restored) < np.median(free) + 0.008
+    assert np.median(restored) < np.median(free) + 0.009
     assert max(restored) < max(as_it_is)
     # Sigma is honest about what was guessed: no narrower than a normal error's would be by a tenth.
     assert np.mean(np.abs(scaled) < 1.0) > 0.58

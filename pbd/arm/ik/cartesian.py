@@ -24,6 +24,7 @@ LEAP_RAD = 0.1
 
 _BETWEEN = 8  # intermediate steps that tell a leap
 _FEWEST = 8  # poses on a line
+_SAMPLES = 33  # of a straight move
 _STEPS, _SETTLED = 12, 1e-9
 _RIDGE = 1e-10
 
@@ -51,8 +52,9 @@ def follow(arm: ArmModel, T_base_tool: Sequence[Pose], q_start: Array, q_end: Ar
     q[0], q[last] = q_start, q_end
     step = (q_end - q_start) / last
     for i in range(1, last):
-        # A redundant arm keeps its spare joint between the ends; another goes on from the pose before.
-        seed = q_start + i * step if arm.model.nv > 6 else q[i - 1] + step
+        # A redundant arm's spare joint is led back between the ends; another arm goes on from the pose before.
+        kept = (last - i) / (last - i + 1) if arm.model.nv > 6 else 1.0
+        seed = q_start + i * step + kept * (q[i - 1] - q_start - (i - 1) * step)
         found = refine(arm, T_base_tool[i], seed)
         if found is None:
             return None
@@ -98,3 +100,8 @@ def off_line(arm: ArmModel, q: Array) -> float:
     away, way = p - p[0], p[-1] - p[0]
     share = np.clip(away @ way / max(float(way @ way), 1e-18), 0.0, 1.0)
     return float(np.linalg.norm(away - share[:, None] * way, axis=1).max())
+
+
+def straight_off_line(arm: ArmModel, q_start: Array, q_end: Array) -> float:
+    """Return the same of a straight move in joint space, from q (k,) to q (k,)."""
+    return off_line(arm, q_start + np.linspace(0.0, 1.0, _SAMPLES)[:, None] * (q_end - q_start))

@@ -28,7 +28,7 @@ LOWEST_HZ, HIGHEST_HZ = 10.0, 1e5
 USUAL_HZ = 1000.0
 
 ROUNDING = 5e-4
-"""Share by which a receiver may exceed a limit between points: what its arithmetic and whole nanoseconds leave."""
+"""Share by which a receiver may exceed a limit between points, from rounding to whole nanoseconds."""
 
 CUBIC_EXCESS = 0.1
 """Share above a limit that cubics between samples may reach without a warning, in a format that isn't made for them.
@@ -83,7 +83,7 @@ def export(
 def _replayed(
     points: Samples, robot: Robot, rules: tuple[Rule, ...], rate_hz: float | None
 ) -> dict[Rule, tuple[Share, Share, Share]]:
-    """Fill the gaps as the format's receivers do; where they fill none, warn of what cubics would do."""
+    """Check the limits as the format's receivers interpolate. Where they don't, warn of the excess of cubics."""
     from pbd.data.receiver import shares
 
     found = {rule: shares(points, rule, robot.limits) for rule in rules}
