@@ -42,7 +42,7 @@ def _row(name: str, demo: Demonstration, path: HandPath) -> dict[str, Any]:
     from pbd.arm.reach import farthest
     from pbd.planning import arm_of, plan_path
 
-    row: dict[str, Any] = dict.fromkeys(("reach_m", "farthest_m", "duration_s", "scale", "why"))
+    row: dict[str, Any] = dict.fromkeys(("reach_m", "farthest_m", "duration_s", "torque", "scale", "why"))
     row = {"name": name, **row, "warnings": []}
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always", PbdWarning)
@@ -52,6 +52,7 @@ def _row(name: str, demo: Demonstration, path: HandPath) -> dict[str, Any]:
             plan = plan_path(path, calibration, robot)
             row["farthest_m"] = max(float(np.hypot(*pose.p[:2])) for pose in plan.T_base_tool)
             row["duration_s"] = plan.trajectory.duration
+            row["torque"] = plan.report.torque and plan.report.torque.share
         except PbdError as error:
             row["why"] = error.message
     row["warnings"] = [str(each.message) for each in told if issubclass(each.category, PbdWarning)]
@@ -60,7 +61,15 @@ def _row(name: str, demo: Demonstration, path: HandPath) -> dict[str, Any]:
 
 def _table(rows: list[dict[str, Any]], units: Units) -> Table:
     m = units.length
-    columns = ("name", f"time ({units.time})", f"goes to ({m})", f"reaches ({m})", "scale", "what stops it, or is told")
+    columns = (
+        "name",
+        f"time ({units.time})",
+        f"goes to ({m})",
+        f"reaches ({m})",
+        "torque (%)",
+        "scale",
+        "what stops it, or is told",
+    )
     table = make_table(*columns, left=(columns[0], columns[-1]))
     for row in rows:
         told = row["why"] or "; ".join(row["warnings"])
@@ -68,6 +77,7 @@ def _table(rows: list[dict[str, Any]], units: Units) -> Table:
             row["name"],
             *("" if row["duration_s"] is None else text for text in units.times(row["duration_s"] or 0.0)),
             *("" if row[key] is None else units.lengths(row[key], finer=-1)[0] for key in ("farthest_m", "reach_m")),
+            "" if row["torque"] is None else f"{100.0 * row['torque']:.0f}",
             "" if row["scale"] is None else f"{row['scale']:g}",
             told.partition("; ")[0],
         )

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pbd.calibration.frames import nav_in_base, tool_poses
+from pbd.calibration.dock import nav_in_base
+from pbd.calibration.frames import tool_poses
 from pbd.data import Calibration, GraspedObject, Keyframe, Robot
 from pbd.errors import PbdError, PbdWarning, RobotError
 from pbd.planning.plan import plan_keyframes

@@ -12,7 +12,7 @@ import pytest
 from pbd.audit.arm import AuditArm
 from pbd.files.robot import read_robot
 from pbd.planning import arm_of
-from tests.arm.test_own_robot import GUIDE, own_urdf
+from tests.arm.test_own_robot import own_toml, own_urdf
 from tests.cli.running import Capture, refused, run, run_json
 
 TOML = Path("robots") / "mine.toml"
@@ -42,7 +42,7 @@ def guide(elsewhere: Path) -> str:
     """The TOML that docs/robots.md gives, whose URDF is there."""
     (elsewhere / "robots").mkdir()
     (elsewhere / "robots" / "mine.urdf").write_text(own_urdf(), encoding="utf-8")
-    return GUIDE.read_text(encoding="utf-8").partition("```toml\n")[2].partition("```")[0]
+    return own_toml()
 
 
 def test_what_is_suggested_replays_as_it_says(capsys: Capture, guide: str) -> None:
