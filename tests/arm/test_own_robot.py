@@ -40,14 +40,18 @@ LIGHT = "torques are too low: the URDF gives no mass to what moves with joint1, 
 GUIDE = Path(__file__).parents[2] / "docs" / "robots.md"
 
 
+def own_toml() -> str:
+    """The TOML that docs/robots.md gives."""
+    return GUIDE.read_text(encoding="utf-8").partition("```toml\n")[2].partition("```")[0]
+
+
 @pytest.fixture
 def mine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Robot:
     """A URDF of six joints, and the TOML that docs/robots.md gives."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "robots").mkdir()
     (tmp_path / "robots" / "mine.urdf").write_text(own_urdf(), encoding="utf-8")
-    _, _, rest = GUIDE.read_text(encoding="utf-8").partition("```toml\n")
-    (tmp_path / "robots" / "mine.toml").write_text(rest.partition("```")[0], encoding="utf-8")
+    (tmp_path / "robots" / "mine.toml").write_text(own_toml(), encoding="utf-8")
     return load_robot("mine")
 
 
