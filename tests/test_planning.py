@@ -12,8 +12,8 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import pbd
-from pbd.arm.ik.cartesian import off_line
 from pbd.arm.motion_request import DEMO, LINE, STRAIGHT
+from pbd.arm.sweep import off_line
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Obstacle, Robot, Stop
 from pbd.data.covariance import PoseCovariance
 from pbd.errors import PbdError, PbdWarning, PlanError, TrackingError
@@ -188,11 +188,12 @@ def test_a_metre_in_a_tenth_of_a_second_is_stretched(path: str) -> None:
 
 
 @pytest.mark.parametrize("path", ["keyframes", "line", "demo"])
-def test_speed_is_a_share_of_all_limits(path: str) -> None:
-    report = planned(path=path, speed=0.3).report
-    used = (report.velocity, report.acceleration, report.jerk)
-    assert max(used) <= 0.3 + 1e-9
-    assert max(used) > 0.29
+def test_speed_and_margin_are_shares_of_all_limits(path: str) -> None:
+    for share, options in ((0.95, {}), (0.24, {"speed": 0.3, "margin": 0.2})):
+        report = planned(path=path, **options).report
+        used = (report.velocity, report.acceleration, report.jerk)
+        assert max(used) <= share + 1e-9
+        assert max(used) > 0.97 * share
 
 
 def test_dwells() -> None:
@@ -337,6 +338,19 @@ def test_options_have_names() -> None:
         PlanOptions(path="curve")
     with pytest.raises(PbdError, match="unknown value 'fast'; choose one of limits, demo"):
         PlanOptions(time="fast")
+
+
+@pytest.mark.parametrize("name", ["speed", "margin", "scale", "tolerance_m", "dwell_s"])
+def test_options_have_bounds(name: str) -> None:
+    for value in (-1.0, float("nan"), *((1e-9, 0.0, 1e6) if name in ("speed", "scale", "tolerance_m") else ())):
+        with pytest.raises(PbdError, match=f"{name} must be from [^;]*, got "):
+            PlanOptions(**{name: value})  # type: ignore[arg-type]
+
+
+def test_a_motion_of_hours_is_refused() -> None:
+    long = [keyframe(0.0), keyframe(4000.0, x=0.1, dwell_s=4000.0), keyframe(9000.0)]
+    with pytest.raises(PlanError, match=r"^the motion would take 1\.11 hours, at most 1 can be planned; give a higher"):
+        plan_keyframes(long, dock(), PANDA, PlanOptions(dwell_s=np.inf))
 
 
 def test_what_makes_a_keyframe_unsure_is_named() -> None:

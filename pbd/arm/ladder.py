@@ -19,8 +19,8 @@ from pbd.pose import Array
 
 Stands = Callable[[int, Array], bool]
 """Whether the arm may stand in a layer (counted from 0, the start) with joints (k,)."""
-Moves = Callable[[int, Array, Array], bool]
-"""Whether it may move to that layer from joints (k,) to others."""
+Moves = Callable[[int, Array, Array], float]
+"""What a move to that layer from joints (k,) to others costs beside its travel, rad; infinite where it is barred."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ class Ladder:
         return self._totals[place] if place < len(self._totals) else np.full(len(self.layers[place].q), np.inf)
 
     def search(self, stands: Stands, moves: Moves) -> list[int] | Barred:
-        """Return the shortest path on which every state and move is free, or the layers that need mending first."""
+        """Return the shortest path on which every state and move is free and its cost known, or the layers that need mending first."""
         while True:
             path = self.shortest()
             if isinstance(path, Barred):
@@ -171,9 +171,10 @@ class Ladder:
             if layer.moved[state, following] or layer.costly != costly:
                 continue
             layer.moved[state, following] = True
-            if not moves(place, self.layers[place - 1].q[state], layer.q[following]):
-                layer.length[state, following] = np.inf
-                layer.refused += 1
+            cost = moves(place, self.layers[place - 1].q[state], layer.q[following])
+            if cost > 0.0:
+                layer.length[state, following] += cost
+                layer.refused += cost == np.inf
                 self._forget(place)
                 barred = True
         return barred

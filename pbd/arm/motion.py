@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from copy import deepcopy
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -18,13 +19,15 @@ import numpy as np
 from pbd.arm.collision.motion_check import describe
 from pbd.arm.collision.queries import CollisionQueries
 from pbd.arm.collision.scene import Hit
-from pbd.arm.ik.cartesian import follow, line, off_line
+from pbd.arm.ik.branches import configuration_cost
+from pbd.arm.ik.cartesian import follow, line
 from pbd.arm.ik.unreachable import out_of_reach
 from pbd.arm.joint_path import STARTS, States, Unreachable, build_ladder, states_at, widen
 from pbd.arm.ladder import Barred, Ladder, Layer
 from pbd.arm.model import ArmModel
 from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, Motion, MotionRequest, Segment
 from pbd.arm.refusal import UNREACHABLE, Refusal, refuse_move, refuse_pose
+from pbd.arm.sweep import Sweep, sweep_of
 from pbd.errors import PbdWarning
 from pbd.pose import Array, Pose
 
@@ -38,8 +41,8 @@ CONTINUOUS_RAD = 0.5
 """Largest motion of a joint between two of those layers."""
 LOOK_BACK = 8
 """Paths before a barred one along which joints are sought with it."""
-
-_OFF_LINE_SAMPLES = 33
+WIDE_COST, MOST_WIDE = 2.0 * np.pi, 40
+"""Cost of a wide move, in rad of joint travel; and how many are found between two keyframes before it is left out."""
 
 
 def choose_motion(arm: ArmModel, request: MotionRequest, queries: CollisionQueries | None) -> Motion | Refusal:
@@ -68,7 +71,8 @@ def choose_motion(arm: ArmModel, request: MotionRequest, queries: CollisionQueri
 class _Move:
     """A move to a keyframe: its kind, how else it may be made, and what was found to be in the way of each kind.
 
-    `poses_hit`: what the arm touches at the keyframe itself. `tried`: how many pairs of ways to hold the arm were.
+    `pose_hit`: what the arm touches at the keyframe itself. `tried`: how many pairs of ways to hold the arm were.
+    `found_wide`: how many of them sweep the tool. `wide`: what is told of it, once a line was tried instead.
     """
 
     kind: str
@@ -76,6 +80,8 @@ class _Move:
     hits: dict[str, Hit] = field(default_factory=dict)
     pose_hit: Hit | None = None
     tried: int = 0
+    found_wide: int = 0
+    wide: Sweep | None = None
 
 
 @dataclass(eq=False)
@@ -98,6 +104,8 @@ class _Search:
         self.arm, self.request, self.queries, self.ladder = arm, request, queries, ladder
         self.n = len(request.T_base_tool)
         self.no_way_back: Hit | None = None
+        self.before_line: tuple[Ladder, list[_Link], list[_Move]] | None = None
+        self.unwound: set[int] = set()
         self.links = [_Link(place) for place in range(len(ladder.layers) - 1)]
         self.moves = [_Move(STRAIGHT, ["widen"]) for _ in self.links]
         for i in range(1, self.n):
@@ -113,8 +121,10 @@ class _Search:
                 # From the last on: what is mended may add layers.
                 mended = [self._mend(*each) for each in reversed([*zip(path.layers, path.standing, strict=True)])]
                 refusals = [each for each in mended if each is not None]
-                if refusals:
+                if refusals and self.before_line is None:
                     return refusals[-1]
+                if refusals and self.before_line is not None:
+                    (self.ladder, self.links, self.moves), self.before_line = self.before_line, None
             elif not self._make_lines(path):
                 return self._motion(path)
 
@@ -132,17 +142,23 @@ class _Search:
             move.hits.setdefault(move.kind, hit)
         return hit is None
 
-    def _free(self, place: int, q_before: Array, q: Array) -> bool:
+    def _free(self, place: int, q_before: Array, q: Array) -> float:
         link = self.links[place - 1]
         move = self.moves[link.keyframe]
         found = self._moved(link, q_before, q)
         if isinstance(found, np.ndarray):
             link.found[q_before.tobytes() + q.tobytes()] = found
-            return True
+            wide = move.found_wide < MOST_WIDE and self._straight(link) and sweep_of(self.arm, q_before, q).wide
+            move.found_wide += wide
+            return WIDE_COST * wide
         if found is not None:
             move.hits.setdefault(move.kind, found)
         move.tried += 1
-        return False
+        return np.inf
+
+    def _straight(self, link: _Link) -> bool:
+        """Whether it is a straight move between two keyframes."""
+        return link.poses is None and 0 < link.keyframe < self.n
 
     def _moved(self, link: _Link, q_before: Array, q: Array) -> Array | Hit | None:
         """Return the joints by which the arm moves from some to others, what it touches; None: it can't follow."""
@@ -261,15 +277,49 @@ class _Search:
         return self.request.T_base_tool[link.keyframe] if link.poses is None else link.poses[-1]
 
     def _make_lines(self, path: Sequence[int]) -> bool:
-        """Let the tool follow a line where a straight move leaves it too far; say whether any does."""
-        tolerance, made = self.request.tolerance_m, False
+        """Let the tool follow a line where a straight move leaves it too far, or is wide; say whether any does."""
+        tolerance, wide, made = self.request.tolerance_m, dict[int, Sweep](), False
+        q = self.ladder.joints(path)
         for place, link in enumerate(self.links, start=1):
-            if tolerance is not None and link.poses is None and 0 < link.keyframe < self.n:
-                q_before, q = (self.ladder.layers[at].q[path[at]] for at in (place - 1, place))
-                if self._off_line(q_before, q) > tolerance:
+            if self._straight(link):
+                sweep = sweep_of(self.arm, q[place - 1], q[place])
+                if tolerance is not None and sweep.off_line_m > tolerance:
                     self._follow_path(place, LINE, ["split", "widen"])
                     made = True
-        return made
+                elif sweep.wide and self.moves[link.keyframe].wide is None:
+                    wide[place] = sweep
+        if made:
+            return True
+        self.before_line = None
+        for place, sweep in wide.items():
+            if not self._unwind(q[place] - q[place - 1]):
+                self.moves[self.links[place - 1].keyframe].wide = sweep
+                self.before_line = self._copy()
+                self._follow_path(place, LINE, ["split"])
+            return True
+        return False
+
+    def _unwind(self, moved: Array) -> bool:
+        """Where joints (k,) turned back by more than half a turn let them be a whole turn elsewhere all along."""
+        joints = set(np.flatnonzero(np.abs(moved) * self.arm.turns > np.pi).tolist()) - self.unwound
+        self.unwound |= joints
+        count = [len(layer.q) for layer in self.ladder.layers]
+        for joint in joints:
+            for place, link in enumerate(self.links, start=1):
+                if link.keyframe == self.n:
+                    continue
+                q = np.repeat(self.ladder.layers[place].q, 2, axis=0)
+                q[::2, joint] += 2.0 * np.pi
+                q[1::2, joint] -= 2.0 * np.pi
+                q = q[(q[:, joint] >= self.arm.limits.lower[joint]) & (q[:, joint] <= self.arm.limits.upper[joint])]
+                if len(q):
+                    self.ladder.add(place, q, configuration_cost(self.arm, q))
+        return count != [len(layer.q) for layer in self.ladder.layers]
+
+    def _copy(self) -> tuple[Ladder, list[_Link], list[_Move]]:
+        links = [replace(link, found=dict(link.found)) for link in self.links]
+        moves = [replace(move, remedies=list(move.remedies), hits=dict(move.hits)) for move in self.moves]
+        return deepcopy(self.ladder), links, moves
 
     # --- what was found -----------------------------------------------------------------------------------------------
 
@@ -284,14 +334,14 @@ class _Search:
         segments = []
         for i in range(self.n):
             move, along = self.moves[i], np.vstack(parts[i])
-            off_m = self._off_line(ends[i - 1], ends[i]) if i > 0 and move.kind == STRAIGHT else 0.0
-            avoided = None if move.kind == STRAIGHT else move.hits.get(STRAIGHT)
-            segments.append(Segment(move.kind, along, off_m, avoided))
+            if i > 0 and move.kind == STRAIGHT:
+                sweep = sweep_of(self.arm, ends[i - 1], ends[i])
+                segments.append(Segment(STRAIGHT, along, sweep.off_line_m, wide=sweep if sweep.wide else None))
+            else:
+                avoided = None if move.kind == STRAIGHT else move.hits.get(STRAIGHT)
+                segments.append(Segment(move.kind, along, avoided=avoided, wide=move.wide))
         back = np.vstack(parts[self.n]) if len(parts) > self.n and parts[self.n] else None
         return Motion(np.array(ends), tuple(segments), back)
-
-    def _off_line(self, q_before: Array, q: Array) -> float:
-        return off_line(self.arm, q_before + np.linspace(0.0, 1.0, _OFF_LINE_SAMPLES)[:, None] * (q - q_before))
 
     def _refuse(self, i: int) -> Refusal:
         move, unfollowed = self.moves[i], None

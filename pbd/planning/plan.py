@@ -171,7 +171,7 @@ def _attempt(task: _Task, options: PlanOptions) -> Plan | _Refused:
         dwells(keyframes, options),
         [keyframe.grip for keyframe in keyframes],
         retreat=retreat_of(chosen),
-        speed=options.speed,
+        speed=options.share,
     )
     world = None if options.allow_collision else (calibration, grasped)
     report = audit(timed.trajectory, robot.limits, robot, held.T_base_tool, world)

@@ -90,11 +90,3 @@ def refine(arm: ArmModel, pose: Pose, q_seed: Array) -> Array | None:
             return q if inside else None
         q = q - J.T @ np.linalg.solve(J @ J.T + _RIDGE * np.eye(6), e)
     return None
-
-
-def off_line(arm: ArmModel, q: Array) -> float:
-    """Return the tool's largest distance (m) from the line between its first and its last place, at joints (n, k)."""
-    p, _ = arm.forward_many(q)
-    away, way = p - p[0], p[-1] - p[0]
-    share = np.clip(away @ way / max(float(way @ way), 1e-18), 0.0, 1.0)
-    return float(np.linalg.norm(away - share[:, None] * way, axis=1).max())
