@@ -11,7 +11,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from copy import deepcopy
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -19,11 +19,11 @@ import numpy as np
 from pbd.arm.collision.motion_check import describe
 from pbd.arm.collision.queries import CollisionQueries
 from pbd.arm.collision.scene import Hit
-from pbd.arm.ik.branches import configuration_cost
 from pbd.arm.ik.cartesian import follow, line
 from pbd.arm.ik.unreachable import out_of_reach
-from pbd.arm.joint_path import STARTS, States, Unreachable, build_ladder, states_at, widen
+from pbd.arm.joint_path import STARTS, States, Unreachable, add_turns, build_ladder, states_at, widen
 from pbd.arm.ladder import Barred, Ladder, Layer
+from pbd.arm.link import Link, MoveState
 from pbd.arm.model import ArmModel
 from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, Motion, MotionRequest, Segment
 from pbd.arm.refusal import UNREACHABLE, Refusal, refuse_move, refuse_pose
@@ -52,7 +52,8 @@ def choose_motion(arm: ArmModel, request: MotionRequest, queries: CollisionQueri
         PbdWarning: the way back is left out.
     """
     poses = request.T_base_tool
-    ladder = build_ladder(arm, poses, request.q_start, request.q_back, MOST_STRAIGHT)
+    wide_cost = WIDE_COST if request.kind == STRAIGHT else 0.0
+    ladder = build_ladder(arm, poses, request.q_start, request.q_back, MOST_STRAIGHT, wide_cost)
     if isinstance(ladder, Unreachable):
         return Refusal(UNREACHABLE, out_of_reach(arm, ladder.keyframe, poses[ladder.keyframe], ladder.q_seed))
     search = _Search(arm, request, queries, ladder)
@@ -67,36 +68,6 @@ def choose_motion(arm: ArmModel, request: MotionRequest, queries: CollisionQueri
     return found
 
 
-@dataclass(eq=False)
-class _Move:
-    """A move to a keyframe: its kind, how else it may be made, and what was found to be in the way of each kind.
-
-    `pose_hit`: what the arm touches at the keyframe itself. `tried`: how many pairs of ways to hold the arm were.
-    `found_wide`: how many of them sweep the tool. `wide`: what is told of it, once a line was tried instead.
-    """
-
-    kind: str
-    remedies: list[str]
-    hits: dict[str, Hit] = field(default_factory=dict)
-    pose_hit: Hit | None = None
-    tried: int = 0
-    found_wide: int = 0
-    wide: Sweep | None = None
-
-
-@dataclass(eq=False)
-class _Link:
-    """What leads to a layer: part of the move to a keyframe, along poses of the tool or (None) straight.
-
-    `at_keyframe`: whether the layer is the keyframe itself. `found`: joints (m, k) of what is free, by both ends.
-    """
-
-    keyframe: int
-    poses: tuple[Pose, ...] | None = None
-    at_keyframe: bool = True
-    found: dict[bytes, Array] = field(default_factory=dict)
-
-
 class _Search:
     """The ladder with what each of its links is: link j leads to layer j + 1."""
 
@@ -104,10 +75,10 @@ class _Search:
         self.arm, self.request, self.queries, self.ladder = arm, request, queries, ladder
         self.n = len(request.T_base_tool)
         self.no_way_back: Hit | None = None
-        self.before_line: tuple[Ladder, list[_Link], list[_Move]] | None = None
+        self.before_line: tuple[Ladder, list[Link], list[MoveState]] | None = None
         self.unwound: set[int] = set()
-        self.links = [_Link(place) for place in range(len(ladder.layers) - 1)]
-        self.moves = [_Move(STRAIGHT, ["widen"]) for _ in self.links]
+        self.links = [Link(place) for place in range(len(ladder.layers) - 1)]
+        self.moves = [MoveState(STRAIGHT, ["widen"]) for _ in self.links]
         for i in range(1, self.n):
             if request.kind == STRAIGHT:
                 self.moves[i].remedies = ["follow", "widen", "split"]
@@ -148,19 +119,26 @@ class _Search:
         found = self._moved(link, q_before, q)
         if isinstance(found, np.ndarray):
             link.found[q_before.tobytes() + q.tobytes()] = found
-            wide = move.found_wide < MOST_WIDE and self._straight(link) and sweep_of(self.arm, q_before, q).wide
-            move.found_wide += wide
-            return WIDE_COST * wide
+            return WIDE_COST * self._is_wide(place, q_before, q)
         if found is not None:
             move.hits.setdefault(move.kind, found)
         move.tried += 1
         return np.inf
 
-    def _straight(self, link: _Link) -> bool:
+    def _is_wide(self, place: int, q_before: Array, q: Array) -> bool:
+        """Whether it is a straight move that sweeps the tool, and its layer doesn't count that already."""
+        move, known = self.moves[self.links[place - 1].keyframe], self.ladder.layers[place].wide_cost > 0.0
+        if not self._straight(self.links[place - 1]) or move.found_wide == MOST_WIDE:
+            return False
+        wide = not (known and np.abs(q - q_before).max() > np.pi) and sweep_of(self.arm, q_before, q).wide
+        move.found_wide += wide
+        return wide
+
+    def _straight(self, link: Link) -> bool:
         """Whether it is a straight move between two keyframes."""
         return link.poses is None and 0 < link.keyframe < self.n
 
-    def _moved(self, link: _Link, q_before: Array, q: Array) -> Array | Hit | None:
+    def _moved(self, link: Link, q_before: Array, q: Array) -> Array | Hit | None:
         """Return the joints by which the arm moves from some to others, what it touches; None: it can't follow."""
         i, queries = link.keyframe, self.queries
         if (queries is None and link.poses is None) or (i == 0 and not self.request.approach):
@@ -216,6 +194,7 @@ class _Search:
         self.moves[i].kind, self.moves[i].remedies = kind, remedies
         hand = self.request.hand if kind == DEMO else None
         link.poses = tuple(hand()[i - 1]) if hand else line(T_base_tool[i - 1], T_base_tool[i])
+        self.ladder.layers[place].wide_cost = 0.0
         self.ladder.reopen(place, MOST_PATHS, costly=True)
 
     def _widen(self, i: int) -> None:
@@ -267,7 +246,7 @@ class _Search:
         last.most_refused, last.most_step = MOST_STEPS, CONTINUOUS_RAD
         self.ladder.insert(place, layers)
         self.links[place - 1 : place] = [
-            _Link(link.keyframe, poses[a : b + 1], b == len(poses) - 1) for a, b in pairwise(marks)
+            Link(link.keyframe, poses[a : b + 1], b == len(poses) - 1) for a, b in pairwise(marks)
         ]
         widen(self.arm, poses[-1], self.ladder, place + len(layers), STARTS)
         return len(layers)
@@ -303,20 +282,10 @@ class _Search:
         """Where joints (k,) turned back by more than half a turn let them be a whole turn elsewhere all along."""
         joints = set(np.flatnonzero(np.abs(moved) * self.arm.turns > np.pi).tolist()) - self.unwound
         self.unwound |= joints
-        count = [len(layer.q) for layer in self.ladder.layers]
-        for joint in joints:
-            for place, link in enumerate(self.links, start=1):
-                if link.keyframe == self.n:
-                    continue
-                q = np.repeat(self.ladder.layers[place].q, 2, axis=0)
-                q[::2, joint] += 2.0 * np.pi
-                q[1::2, joint] -= 2.0 * np.pi
-                q = q[(q[:, joint] >= self.arm.limits.lower[joint]) & (q[:, joint] <= self.arm.limits.upper[joint])]
-                if len(q):
-                    self.ladder.add(place, q, configuration_cost(self.arm, q))
-        return count != [len(layer.q) for layer in self.ladder.layers]
+        places = [place for place, link in enumerate(self.links, start=1) if link.keyframe < self.n]
+        return sum(add_turns(self.arm, self.ladder, place, joint) for joint in joints for place in places) > 0
 
-    def _copy(self) -> tuple[Ladder, list[_Link], list[_Move]]:
+    def _copy(self) -> tuple[Ladder, list[Link], list[MoveState]]:
         links = [replace(link, found=dict(link.found)) for link in self.links]
         moves = [replace(move, remedies=list(move.remedies), hits=dict(move.hits)) for move in self.moves]
         return deepcopy(self.ladder), links, moves

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from pbd.arm.model import ArmModel
+from pbd.arm.model import ArmModel, FloatArray
 from pbd.pose import Array
 
-TURN_RAD = np.radians(30.0)
+TURN_RAD = math.radians(30.0)
 """A move is wide that turns the tool by so much more than directly."""
 STRAY_M, STRAY_SHARE = 0.1, 0.25
 """It is wide too where the tool leaves the straight line by more than this and that share of the line's length."""
@@ -62,14 +63,14 @@ def off_line(arm: ArmModel, q: Array) -> float:
     return _off_line(arm.forward_many(q)[0])
 
 
-def _off_line(p: Array) -> float:
+def _off_line(p: FloatArray) -> float:
     away, way = p - p[0], p[-1] - p[0]
     share = np.clip(away @ way / max(float(way @ way), 1e-18), 0.0, 1.0)
     return float(np.linalg.norm(away - share[:, None] * way, axis=1).max())
 
 
-def _angles(R_before: Array, R: Array) -> Array:
+def _angles(R_before: FloatArray, R: FloatArray) -> FloatArray:
     """Angles (n,) between rotations (n, 3, 3): by half their difference, which small ones keep their digits in."""
     apart = np.linalg.norm(R - R_before, axis=(1, 2)) / np.sqrt(8.0)
-    angles: Array = 2.0 * np.arcsin(np.minimum(1.0, apart))
+    angles: FloatArray = 2.0 * np.arcsin(np.minimum(1.0, apart))
     return angles

@@ -19,6 +19,7 @@ from pbd.planning.checks import (
     start_joints,
     warn_of_shapes,
     warn_of_table,
+    warn_of_wide_moves,
 )
 from pbd.planning.options import PlanOptions, dwells
 from pbd.planning.steps import arm_of, hand_between, moves_of, place, request_of, retreat_of, scene_of
@@ -163,6 +164,7 @@ def _attempt(task: _Task, options: PlanOptions) -> Plan | _Refused:
         chosen = _choose(arm, None, request, keyframes, options)
     if isinstance(chosen, _Refused):
         return chosen
+    warn_of_wide_moves(arm, chosen.segments)
     held = hold(arm, T_base_tool, chosen.q)
     timed = time_moves(
         arm,

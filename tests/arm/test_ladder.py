@@ -91,7 +91,9 @@ def test_a_mended_ladder_is_as_one_built_whole(seed: int, place: int) -> None:
     third, part = layers.pop(3), layers[2]
     later_q, later_cost = part.q[2:], part.cost[2:].copy()
     ladder = Ladder([*layers[:2], Layer(part.q[:2], part.cost[:2].copy(), MANY), layers[3]])
-    ladder.search(lambda at, q: at > 2 or world.stands(at, q), lambda at, *q: 0.0 if at > 2 else world.free_move(at, *q))
+    ladder.search(
+        lambda at, q: at > 2 or world.stands(at, q), lambda at, *q: 0.0 if at > 2 else world.free_move(at, *q)
+    )
     ladder.add(2, later_q, later_cost)
     ladder.insert(3, [third])
     ladder.reopen(place, MANY, costly=place % 2 == 0)
