@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from pbd.calibration.dock import nav_in_base
 from pbd.calibration.drift import disagreements
-from pbd.calibration.frames import nav_in_base
 from pbd.calibration.sensor import corrected
 from pbd.data import Calibration, Demonstration, HandPath, Known, Recording, SensorErrors, Stop, Tracking
 from pbd.errors import PbdWarning, RecordingError, TrackingError
@@ -19,8 +19,9 @@ from pbd.tracking.estimate import Estimate, estimate
 from pbd.tracking.known import condition_on
 from pbd.tracking.noise import noise_of
 from pbd.tracking.paper import track_as_paper
-from pbd.tracking.repair.channels import refuse_freezes
-from pbd.tracking.repair.conditioning import condition, refuse_gaps
+from pbd.tracking.repair.channel_faults import refuse_freezes
+from pbd.tracking.repair.conditioning import condition
+from pbd.tracking.repair.gaps import refuse_gaps
 from pbd.tracking.repair.saturation import find_clips, restore
 from pbd.tracking.rest import Rest, find_rest, rest_within
 from pbd.tracking.smoother.attitude import mean_quaternion

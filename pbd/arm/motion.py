@@ -23,8 +23,8 @@ from pbd.arm.ik.cartesian import follow, line
 from pbd.arm.ik.unreachable import out_of_reach
 from pbd.arm.joint_path import STARTS, States, Unreachable, add_turns, build_ladder, states_at, widen
 from pbd.arm.ladder import Barred, Ladder, Layer
-from pbd.arm.link import Link, MoveState
 from pbd.arm.model import ArmModel
+from pbd.arm.motion_links import Link, Move
 from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, Motion, MotionRequest, Segment
 from pbd.arm.refusal import UNREACHABLE, Refusal, refuse_move, refuse_pose
 from pbd.arm.sweep import Sweep, sweep_of
@@ -75,10 +75,10 @@ class _Search:
         self.arm, self.request, self.queries, self.ladder = arm, request, queries, ladder
         self.n = len(request.T_base_tool)
         self.no_way_back: Hit | None = None
-        self.before_line: tuple[Ladder, list[Link], list[MoveState]] | None = None
+        self.before_line: tuple[Ladder, list[Link], list[Move], Hit | None] | None = None
         self.unwound: set[int] = set()
         self.links = [Link(place) for place in range(len(ladder.layers) - 1)]
-        self.moves = [MoveState(STRAIGHT, ["widen"]) for _ in self.links]
+        self.moves = [Move(STRAIGHT, ["widen"]) for _ in self.links]
         for i in range(1, self.n):
             if request.kind == STRAIGHT:
                 self.moves[i].remedies = ["follow", "widen", "split"]
@@ -89,13 +89,11 @@ class _Search:
         while True:
             path = self.ladder.search(self._stands, self._free)
             if isinstance(path, Barred):
-                # From the last on: what is mended may add layers.
-                mended = [self._mend(*each) for each in reversed([*zip(path.layers, path.standing, strict=True)])]
-                refusals = [each for each in mended if each is not None]
-                if refusals and self.before_line is None:
-                    return refusals[-1]
-                if refusals and self.before_line is not None:
-                    (self.ladder, self.links, self.moves), self.before_line = self.before_line, None
+                refusal = self._mend_all(path)
+                if refusal is not None and self.before_line is None:
+                    return refusal
+                if refusal is not None and self.before_line is not None:
+                    (self.ladder, self.links, self.moves, self.no_way_back), self.before_line = self.before_line, None
             elif not self._make_lines(path):
                 return self._motion(path)
 
@@ -148,16 +146,23 @@ class _Search:
         if queries is not None and i == self.n:
             return queries.retreat(q_before, q)
         along = np.stack((q_before, q)) if link.poses is None else follow(self.arm, link.poses, q_before, q)
-        if along is None:
-            return None
-        if queries is None:
-            return along[1:]
+        if along is None or queries is None:
+            return None if along is None else along[1:]
         # Once a move is known to be barred, most others are in the middle too.
         hit = queries.halfway(i, q_before, q) if self.moves[i].tried and link.poses is None else None
         hit = hit or queries.moving(i, along)
         return along[1:] if hit is None else hit
 
     # --- mending ------------------------------------------------------------------------------------------------------
+
+    def _mend_all(self, barred: Barred) -> Refusal | None:
+        """Mend what is barred, from the last on; where that puts in layers, the search tells anew what else is."""
+        refusal, count = None, len(self.ladder.layers)
+        for place, standing in reversed([*zip(barred.layers, barred.standing, strict=True)]):
+            refusal = self._mend(place, standing) or refusal
+            if len(self.ladder.layers) > count:
+                break
+        return refusal
 
     def _mend(self, place: int, standing: bool) -> Refusal | None:
         """Change how a layer is come to, if there is another way; else say what was tried."""
@@ -217,6 +222,8 @@ class _Search:
             first -= 1
         end = place
         while first <= end:
+            remedies = self.moves[self.links[first - 1].keyframe].remedies
+            remedies[:] = [each for each in remedies if each != "split"]
             added = self._split_one(first)
             if added is None:
                 return False
@@ -285,10 +292,10 @@ class _Search:
         places = [place for place, link in enumerate(self.links, start=1) if link.keyframe < self.n]
         return sum(add_turns(self.arm, self.ladder, place, joint) for joint in joints for place in places) > 0
 
-    def _copy(self) -> tuple[Ladder, list[Link], list[MoveState]]:
+    def _copy(self) -> tuple[Ladder, list[Link], list[Move], Hit | None]:
         links = [replace(link, found=dict(link.found)) for link in self.links]
         moves = [replace(move, remedies=list(move.remedies), hits=dict(move.hits)) for move in self.moves]
-        return deepcopy(self.ladder), links, moves
+        return deepcopy(self.ladder), links, moves, self.no_way_back
 
     # --- what was found -----------------------------------------------------------------------------------------------
 

@@ -56,12 +56,17 @@ class AuditArm:
 
     def place(self, x: Array) -> Any:
         """Return T_universe_joint of all joints at coordinates x (k + 1,)."""
-        values = self._at_zero + self._slope * x[self._column]
-        q = self._neutral.copy()
-        q[self._plain] = values[self._turns_once]
-        q[self._round], q[self._round + 1] = np.cos(values[~self._turns_once]), np.sin(values[~self._turns_once])
-        pin.forwardKinematics(self.model, self._data, q)
+        pin.forwardKinematics(self.model, self._data, self.configurations(x))
         return pin.StdVec_SE3(self._data.oMi)
+
+    def configurations(self, x: Array) -> Array:
+        """Return pinocchio's configurations (..., nq) at coordinates x (..., k + 1)."""
+        values = self._at_zero + self._slope * x[..., self._column]
+        q = np.empty((*x.shape[:-1], self.model.nq))
+        q[...] = self._neutral
+        q[..., self._plain], angles = values[..., self._turns_once], values[..., ~self._turns_once]
+        q[..., self._round], q[..., self._round + 1] = np.cos(angles), np.sin(angles)
+        return q
 
     def tool(self, x: Array) -> Any:
         """T_base_tool at coordinates x (k + 1,)."""

@@ -12,16 +12,16 @@ from pbd.errors import CalibrationError
 from pbd.pose import Array
 
 PRIOR_BIAS, PRIOR_SCALE, PRIOR_LEAN = 0.05 * GRAVITY, 0.02, np.radians(1.0)
-"""One sigma of what such parts err by (m/s2, a share, rad), before the data say anything."""
+"""Prior sigma of bias (m/s2), scale (a share) and misalignment (rad) of a low-cost part."""
 
-FLOOR = 0.0005 * GRAVITY
-"""m/s2: a table that gives, a bias that wanders; no mean of a rest is better than this."""
+MEAN_SIGMA = 0.0005 * GRAVITY
+"""m/s2: least sigma of the mean over a rest. The table gives, the bias wanders."""
 
 DETERMINED = 0.3
-"""A figure is determined by the data where they leave less than this share of its prior sigma."""
+"""An error is determined by the data if its sigma shrinks below this share of the prior's."""
 
-FEWEST = 4
-"""Orientations: with fewer hardly anything can be told apart."""
+FEWEST_ORIENTATIONS = 4
+"""Least number of orientations: with fewer, bias, scale and misalignment can't be separated."""
 
 NAMES = tuple(f"{what} {axis}" for what in ("bias", "scale") for axis in "xyz") + tuple(
     f"misalignment {axes}" for axes in ("yz", "xz", "xy")
@@ -68,7 +68,7 @@ def fit_accelerometer(rests: Rests, gravity: float = GRAVITY) -> AccelerometerFi
     external equipments, ICRA 2014 (there with a triangular matrix: another choice of the free rotation).
 
     Args:
-        rests: in at least FEWEST orientations.
+        rests: in at least FEWEST_ORIENTATIONS orientations.
         gravity: m/s2, of the place. A wrong one is taken for scale.
 
     Raises:
@@ -76,21 +76,21 @@ def fit_accelerometer(rests: Rests, gravity: float = GRAVITY) -> AccelerometerFi
     """
     up = rests.up_sensor
     different = orientations(up)
-    if different < FEWEST:
+    if different < FEWEST_ORIENTATIONS:
         spread = np.degrees(np.arccos(np.clip((up @ up.T).min(), -1.0, 1.0)))
         orientation = f"orientation{'s' if different > 1 else ''} 15 degrees or more apart (at most {spread:.0f})"
         found = f"{len(rests)} rests show only {different} {orientation}"
         if len(rests) == 1:
             found = "the sensor was put down once"
         raise CalibrationError(
-            f"{found}; the accelerometer needs {FEWEST} orientations, best 12: each of six sides and six edges up, 2 s "
-            "each (for the gyro's bias alone: --only gyr)",
+            f"{found}; the accelerometer needs {FEWEST_ORIENTATIONS} orientations, best 12: each of six sides and six "
+            "edges up, 2 s each (for the gyro's bias alone: --only gyr)",
             value=different,
-            bound=FEWEST,
+            bound=FEWEST_ORIENTATIONS,
         )
     from scipy.optimize import least_squares
 
-    noise = np.hypot(rests.acc_noise / np.sqrt(rests.samples), FLOOR)
+    noise = np.hypot(rests.acc_noise / np.sqrt(rests.samples), MEAN_SIGMA)
     prior = np.repeat((PRIOR_BIAS, PRIOR_SCALE, PRIOR_LEAN), 3)
 
     def left(x: Array) -> Array:

@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
 SMOOTH_M, SMOOTH_RAD = 0.005, np.radians(2.0)
-"""The smoothed path stays so near to the tracked one, however unsure that is."""
+"""Largest deviation, m and rad, of the smoothed path from the tracked one."""
 
 SPACING_M, SPACING_RAD = 0.005, np.radians(2.0)
-"""Poses are at most so far apart."""
+"""Largest distance, m and rad, between two poses of the path."""
 
 FEWEST_POSES = 8
 STRENGTHS = np.logspace(-12, 1, 27)

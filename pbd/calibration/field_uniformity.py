@@ -10,7 +10,8 @@ import numpy as np
 from pbd.pose import Array, quat_rotate, yaw_toward
 
 DISTURBED_HEADING, DISTURBED_STRENGTH = np.radians(3.0), 0.10
-"""rad and a share, rms over the stops: beyond that a field is no compass, and a dock tells the heading better."""
+"""Largest variation of a field, rms over the stops, that serves as a compass: of its heading (rad) and its strength (a
+share). With more, a dock gives a better heading."""
 
 
 @dataclass(frozen=True)

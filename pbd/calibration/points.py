@@ -8,26 +8,26 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pbd.calibration.point_observations import PointObservations
-from pbd.calibration.registration import TRUSTED, Fit, Problem, predict, register, variance, widened
+from pbd.calibration.registration import PRIOR_FREEDOM, Fit, Problem, predict, register, variance, widened
 from pbd.errors import CalibrationError
 from pbd.pose import Array, Pose
 
-TOUCH_M = 0.001
-"""m per axis: by so much a tip misses the point that it is put on, or moves on it."""
+TOUCH_SIGMA_M = 0.001
+"""m per axis: how precisely a tip is put on a point."""
 
 FEWEST = 3
 
 LEAST_SPREAD_M = 0.05
-"""m: points must lie at least so far apart (rms about their middle or line) in each direction that is needed."""
+"""m: least rms distance of the points from their middle or line, in each direction that is needed."""
 
-WRONG = 1e-4
-"""A point whose misfit against all the others is as improbable as this is wrong."""
+WRONG_CHANCE = 1e-4
+"""Chance of a point's misfit against all the others, below which the point is wrong."""
 
 CLEARER_CHI2 = 9.0
-"""... and is named where no other point would explain it so well, by this much chi-square."""
+"""A wrong point is named if it explains the misfit better than any other, by this much chi-square."""
 
 POOR_CHI2 = 2.5
-"""Per degree of freedom; a fit above it is not to be trusted."""
+"""Chi-square per degree of freedom above which a fit is not trusted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,12 @@ class PointFit:
 
 
 def fit_points(
-    touched: PointObservations, points: Array, *, free: bool = False, scaled: bool = False, touch_m: float = TOUCH_M
+    touched: PointObservations,
+    points: Array,
+    *,
+    free: bool = False,
+    scaled: bool = False,
+    touch_m: float = TOUCH_SIGMA_M,
 ) -> PointFit:
     """Find nav in base; a point that contradicts the others is left out and marked.
 
@@ -119,7 +124,7 @@ def _wrong(gained: float, others: Fit) -> bool:
     from scipy.special import fdtrc
 
     share = gained / 3.0 / variance(others.chi2, others.freedom)
-    return bool(fdtrc(3.0, TRUSTED + others.freedom, share) < WRONG)
+    return bool(fdtrc(3.0, PRIOR_FREEDOM + others.freedom, share) < WRONG_CHANCE)
 
 
 def _without(problem: Problem, keep: Sequence[int], k: int) -> list[int]:

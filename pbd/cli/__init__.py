@@ -19,10 +19,10 @@ from pbd.view.terminal import drop, standard_streams
 __all__ = ["main", "parser"]
 
 UNWRITABLE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
-"""Why standard output may fail: a full disk, a terminal that is gone. Errors of files have been told by then."""
+"""Errors of standard output: a full disk, a closed terminal. Errors of files are reported by then."""
 
 FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG, errno.ELOOP, *UNWRITABLE)
-"""Why a path may fail that nobody has told of yet: permissions, names, disks. A missing file of ours is a bug."""
+"""Errors of a path that are the user's, not a bug: permissions, names, disks."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 
 from pbd.cli.console import print_json, say, working
 from pbd.cli.options import UsageError
-from pbd.cli.plan_report import moves_json, say_moves
+from pbd.cli.plan_report import moves_json, say_moves, say_torque
 from pbd.cli.steps import plan_demonstration
 from pbd.data import JointTrajectory, Robot
 from pbd.doors.atomic import refuse_output
@@ -29,6 +29,7 @@ def run(args: argparse.Namespace) -> None:
     demo, path, robot, options, plan = plan_demonstration(args)
     if plan.touching is not None:
         raise plan.touching.error
+    say_torque(demo, robot, plan, options)
     say_moves(demo, path, robot, plan, options)
     done = _write(args, plan.trajectory, robot, format_name)
     name = "to standard output" if args.output == STDOUT else args.output

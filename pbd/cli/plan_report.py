@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from pbd.cli.console import say, working
+from pbd.data import Load
 
 if TYPE_CHECKING:
     from pbd.data import Demonstration, HandPath, Robot
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
 
 
 STRAY_M = 0.01
-"""Distance from a straight line, m, from which on it is said that the tool strays."""
+"""Distance of the tool from a straight line, m, from which on it is reported."""
 
 
 def say_moves(demo: Demonstration, path: HandPath, robot: Robot, plan: Plan, options: PlanOptions) -> None:
@@ -34,6 +35,18 @@ def say_moves(demo: Demonstration, path: HandPath, robot: Robot, plan: Plan, opt
     say(
         f"between keyframes {worst - 1} and {worst} the tool strays {100.0 * off_m:.1f} cm from a straight line; "
         + (f"--path-tolerance {STRAY_M} keeps it straight" if straight else f"{robot.name} can't keep it straight")
+    )
+
+
+def say_torque(demo: Demonstration, robot: Robot, plan: Plan, options: PlanOptions) -> None:
+    """Say how much of the torque limits the motion takes, and what isn't counted."""
+    torque, thing = plan.report.torque, demo.grasped
+    if torque is None:
+        return say(f"torques are not checked: {robot.name} has no `effort` in its [limits]")
+    carried = str(Load(options.payload, grasped=thing)) or "nothing"
+    unknown = f"; what the {thing.shape} weighs isn't known (mass_kg in demo.toml)" if thing and not thing.mass else ""
+    return say(
+        f"torques: at most {100.0 * torque.share:.0f} % of the limit ({torque.joint}), carrying {carried}{unknown}"
     )
 
 

@@ -14,11 +14,11 @@ from pbd.data.world import Obstacle
 from pbd.pose import Array, Pose
 
 TOOL_DOWN = Pose(np.zeros(3), np.array([0.0, 1.0, 0.0, 0.0]))
-"""T_sensor_tool where nobody says else: a half turn about x, so that a level sensor is a gripper that points down."""
+"""The default T_sensor_tool: a half turn about x, so that a level sensor is a gripper that points down."""
 
 
 DOCK_SIGMA_M, DOCK_SIGMA_RAD = 0.003, np.radians(1.0)
-"""How well a sensor lies where its dock is said to be, along each axis and in heading, where nobody says else."""
+"""Default sigma of a dock: position per axis (m), heading (rad)."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ Rule = Literal["cubic", "quintic"]
 LIMITS = "velocity", "acceleration", "jerk"
 
 _STEPS = 64
-"""Instants in each gap at which a limit is checked, besides its start: the jerk's peak is found to 0.02 %."""
+"""Instants per gap at which the limits are checked, besides its start. The jerk's peak is found to 0.02 %."""
 
 _ROUNDING = 2.0, 8.0, 64.0
 """How far off a quintic's velocity, acceleration and jerk may be, in a position's rounding over a power of the gap: its

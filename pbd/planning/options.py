@@ -49,6 +49,8 @@ class PlanOptions:
         start: the arm's present joints, rad; None: home.
         retreat: go back home at the end.
         allow_collision: where nothing is free plan all the same; the plan says what touches.
+        payload: kg that the tool carries all the time: a gripper that the model lacks, or what it always holds.
+        p_tool_payload: m, where that has its centre of mass, in tool axes.
     """
 
     path: str = "keyframes"
@@ -63,6 +65,8 @@ class PlanOptions:
     start: tuple[float, ...] | None = None
     retreat: bool = True
     allow_collision: bool = False
+    payload: float = 0.0
+    p_tool_payload: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         for value, known in ((self.path, PATHS), (self.time, TIMES), (self.orientation, ORIENTATIONS)):
@@ -72,11 +76,8 @@ class PlanOptions:
             value = getattr(self, name)
             if value is not None and not least <= value <= most:
                 raise PbdError(f"{name} must be from {least:g} to {most:g}, got {value:g}", value=value, bound=most)
-
-    @property
-    def share(self) -> float:
-        """Of the velocity, acceleration and jerk limits: what the motion may use."""
-        return self.speed * (1.0 - self.margin)
+        if not (0.0 <= self.payload < np.inf and np.isfinite(self.p_tool_payload).all()):
+            raise PbdError(f"the payload is {self.payload} kg; give a number, zero or above", value=self.payload)
 
 
 def dwells(keyframes: Sequence[Keyframe], options: PlanOptions) -> list[float]:

@@ -6,7 +6,8 @@ from collections.abc import Callable, Sequence
 from functools import cache, lru_cache
 from typing import TYPE_CHECKING
 
-from pbd.calibration.frames import nav_in_base, tool_poses
+from pbd.calibration.dock import nav_in_base
+from pbd.calibration.frames import tool_poses
 from pbd.data import Calibration, GraspedObject, HandPath, Keyframe, Robot
 from pbd.errors import CalibrationError
 from pbd.planning.options import PlanOptions, demonstrated

@@ -14,9 +14,9 @@ from pbd.tracking.paper import LAMBDA_V
 
 XYZ = ("x", "y", "z")
 SMALLEST_VARIANCE = 1e-7
-"""(m/s2)^2: no sensor's is less."""
-MANY = 5000
-"""More points than this become an image within a vector graphic, or are thinned out."""
+"""(m/s2)^2: smaller than any sensor's."""
+MOST_VECTOR_POINTS = 5000
+"""Most points that are drawn as vectors. More become an image, or are thinned out."""
 
 
 def _lines(ax: Axes, t: Array, values: Array, names: tuple[str, ...] = XYZ) -> None:
@@ -144,7 +144,9 @@ def sigma(ax: Axes, plot: DemoPlot, axis: int) -> None:
     """Sigma of position along one axis, and the error where the truth is known; all axes have one scale."""
     scale, unit, most = _sigma_unit(plot)
     begin, end = plot.tracked.start, plot.tracked.stop
-    rows = slice(begin, end, -(-(end - begin) // MANY))  # vector graphics keep every point of a filled area
+    rows = slice(
+        begin, end, -(-(end - begin) // MOST_VECTOR_POINTS)
+    )  # vector graphics keep every point of a filled area
     one = scale * plot.sigma[rows, axis]
     for factor, alpha in ((2.0, 0.12), (1.0, 0.22)):
         area = ax.fill_between(plot.path.t[rows], -factor * one, factor * one, label=f"± {factor:g} σ")
@@ -216,7 +218,7 @@ def intervals(ax: Axes, plot: DemoPlot) -> None:
     """How long after the one before it each sample came."""
     ms, median = _intervals_ms(plot)
     (dots,) = ax.plot(plot.tracking.demo.recording.t[1:], ms, ".", color=BLUE, markersize=3.0, label="interval")
-    dots.set_rasterized(len(ms) > MANY)
+    dots.set_rasterized(len(ms) > MOST_VECTOR_POINTS)
     ax.axhline(median, color=VERMILION, linestyle="--", linewidth=1.0, label="median")
     ax.set_ylim(*_around(ms, median))
     ax.set_ylabel("interval (ms)")

@@ -10,15 +10,16 @@ from pbd.calibration.drift import disagreements
 from pbd.data import Keyframe, Linear, SensorErrors
 from pbd.errors import PbdError
 from pbd.pose import Array
-from pbd.record.messages import Say
+from pbd.record.values import Say
 from pbd.sensors.decoding import Sample
 from pbd.tracking.online.tracker import DataFlaw, LiveEvent, LiveTracker, RestFound, StopBegan
 
 TRACKED_HZ = 250.0
-"""The tracker is fed no faster than this: means over blocks lose nothing that it could use."""
+"""Highest rate at which the tracker is fed. Faster samples are averaged, which loses nothing that it could use."""
 
 REMIND_AFTER_S = 1.5
-"""Reminder to hold still (a second would do), or that the sensor reads wrongly at rest, after so long."""
+"""s after which a person is reminded to hold still (a second would do), or told that the sensor reads wrongly at
+rest."""
 
 
 class Feedback:

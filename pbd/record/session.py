@@ -10,20 +10,20 @@ import numpy as np
 
 from pbd.data import GripEvent, RecordingInfo
 from pbd.errors import PbdError, RecordingError
-from pbd.files.columns import compass_angles
+from pbd.files.imu_columns import compass_angles
 from pbd.files.recording_writer import RecordingWriter
 from pbd.record.backup import Backup, set_aside
 from pbd.record.diagnostics import Diagnostics
 from pbd.record.feedback import Feedback
-from pbd.record.messages import FEWEST_STOPS, Outcome, RecordOptions, Status
+from pbd.record.values import FEWEST_STOPS, Outcome, RecordOptions, Status
 from pbd.sensors.decoding import Decoder, Sample
 from pbd.timestamps import SampleClock
 
 CHANNELS_AFTER_S = 0.2
-"""Seconds of first samples that show which channels there are; until then nothing is on disk."""
+"""s of samples that show which channels there are. Nothing is written before."""
 
-KEPT_BYTES = 4096
-"""How many of the first bytes are kept, to name the sensor they come from where they are no packets."""
+FIRST_BYTES = 4096
+"""Number of first bytes that are kept, to guess the sensor from them if its packets can't be decoded."""
 
 DEVICE_CLOCK, HOST_CLOCK = "device", "host: arrival times, straightened by a line"
 
@@ -63,7 +63,7 @@ class Session:
                     self._first.append((t, sample))
                 else:
                     self._keep(t, sample)
-        if len(self.heard) < KEPT_BYTES:
+        if len(self.heard) < FIRST_BYTES:
             self.heard += data
         if self.demo is None and self.believed and self.t >= CHANNELS_AFTER_S:
             self._begin()

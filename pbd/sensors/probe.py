@@ -12,22 +12,22 @@ from pbd.sensors.port import Port
 from pbd.sensors.protocols import PROTOCOLS
 
 LISTEN_S = 0.7
-"""The slowest devices send several packets within this time."""
+"""s to listen at each baud rate: the slowest devices send several packets meanwhile."""
 
 BOOT_S = 3.0
-"""An Arduino begins anew when its port is opened, and is silent meanwhile."""
+"""s that an Arduino is silent after its port is opened, as it restarts."""
 
-ENOUGH = 3
-"""So many whole packets are no accident."""
+ENOUGH_PACKETS = 3
+"""Number of whole packets that identify a protocol."""
 
-GUESSED = tuple(name for name in PROTOCOLS if name != "lines")
-"""What can be told from the bytes alone."""
+GUESSED_PROTOCOLS = tuple(name for name in PROTOCOLS if name != "lines")
+"""Protocols that can be identified from the bytes alone."""
 
-BAUDS = tuple(dict.fromkeys(baud for name in GUESSED for baud in PROTOCOLS[name].bauds))
+BAUDS = tuple(dict.fromkeys(baud for name in GUESSED_PROTOCOLS for baud in PROTOCOLS[name].bauds))
 FIRST_BAUD = BAUDS[0]
 
-LONGEST_S = BOOT_S + LISTEN_S * len(BAUDS)
-"""`probe` takes no longer."""
+LONGEST_PROBE_S = BOOT_S + LISTEN_S * len(BAUDS)
+"""Longest time, s, that `probe` takes."""
 
 
 @dataclass(frozen=True)
@@ -55,12 +55,12 @@ class Listener:
     def hears_packets(self) -> bool:
         """Whether whole packets come, and few broken ones."""
         tally = self._decoder.tally
-        return tally.packets >= ENOUGH and tally.packets > 2 * tally.bad_packets
+        return tally.packets >= ENOUGH_PACKETS and tally.packets > 2 * tally.bad_packets
 
     @property
     def hears_samples(self) -> bool:
         """Whether the packets are this device's for certain: a sentence of another may be whole, and say nothing."""
-        return self._samples >= ENOUGH and self.hears_packets
+        return self._samples >= ENOUGH_PACKETS and self.hears_packets
 
 
 def listen(port: Port, listeners: Collection[Listener], seconds: float, patience: float = 0.0) -> bytes:
@@ -85,7 +85,7 @@ def listen(port: Port, listeners: Collection[Listener], seconds: float, patience
 
 def recognise(data: bytes) -> str | None:
     """Tell whose bytes these are; None where no decoder makes something of them."""
-    for name in GUESSED:
+    for name in GUESSED_PROTOCOLS:
         listener = Listener(PROTOCOLS[name].decoder)
         listener.feed(data)
         if listener.hears_samples:
@@ -97,7 +97,7 @@ def printed_line(data: bytes) -> str | None:
     """Return one whole line of what is plain text with numbers in it; None where it is not."""
     lines = data.split(b"\n")[1:-1]
     plain = [line.strip() for line in lines if line.strip() and line.strip().isascii()]
-    if len(plain) < ENOUGH or len(plain) < 0.9 * len(lines):
+    if len(plain) < ENOUGH_PACKETS or len(plain) < 0.9 * len(lines):
         return None
     text = plain[-1].decode("ascii")
     return text if text.isprintable() and any(letter.isdigit() for letter in text) else None
@@ -159,7 +159,7 @@ def probe(port: Port) -> Found:
     for baud in BAUDS:
         port.set_baud(baud)
         # Decoders of all devices, whatever their rates: a USB device may not care about the port's.
-        listeners = {name: Listener(PROTOCOLS[name].decoder) for name in GUESSED}
+        listeners = {name: Listener(PROTOCOLS[name].decoder) for name in GUESSED_PROTOCOLS}
         heard = listen(port, listeners.values(), LISTEN_S, BOOT_S if baud == FIRST_BAUD else 0.0)
         name = next((name for name, each in listeners.items() if each.hears_samples), None)
         found = Found(name, baud, len(heard), None if name else printed_line(heard))

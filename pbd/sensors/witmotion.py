@@ -25,8 +25,8 @@ ACC = 16.0 * GRAVITY / 32768.0
 GYR = 2000.0 / 32768.0 * pi / 180.0
 ANGLE = pi / 32768.0
 
-NORM_OFF = 0.02
-"""A quaternion whose length is off one by more was not measured: the device sends zeros before its filter runs."""
+NORM_TOLERANCE = 0.02
+"""Largest deviation of a quaternion's length from one. The device sends zeros before its filter runs."""
 
 UNITS = {0x51: ACC, 0x52: GYR, 0x53: ANGLE, 0x54: 1.0}
 QUATERNION = 0x59
@@ -56,7 +56,7 @@ class WitMotionDecoder(PacketDecoder):
         if kind in UNITS:
             self._take(kind, scaled(numbers[:3], UNITS[kind]), samples)
         elif kind == QUATERNION:
-            if abs(sum(n * n for n in numbers) / 32768.0**2 - 1.0) > 2.0 * NORM_OFF:
+            if abs(sum(n * n for n in numbers) / 32768.0**2 - 1.0) > 2.0 * NORM_TOLERANCE:
                 self.tally.bad_packets += 1
             else:
                 self._take(kind, rpy_from_quaternion(*numbers), samples)

@@ -16,7 +16,7 @@ from pbd.data import GRAVITY, Recording
 
 INERTIAL, MAGNETOMETER = 0x80 | ord("I"), 0x80 | ord("M")
 TICK_S = 0.01
-"""What has become due is written this often, as a USB device would."""
+"""s between two writes, as of a USB device."""
 
 
 class Emulator:

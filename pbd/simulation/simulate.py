@@ -33,7 +33,7 @@ from pbd.pose import (
     quat_to_matrix,
 )
 from pbd.simulation.calibration_tasks import CALIBRATION_TASKS
-from pbd.simulation.hand import HandMotion
+from pbd.simulation.hand_motion import HandMotion
 from pbd.simulation.sensor_model import SENSOR_MODELS, SensorModel
 from pbd.simulation.tasks import TASKS, Task, random_task
 

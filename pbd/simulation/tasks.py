@@ -15,13 +15,13 @@ import numpy as np
 
 from pbd.data import GraspedObject, GripEvent
 from pbd.errors import SensorError
-from pbd.simulation.hand import Waypoint
+from pbd.simulation.hand_motion import Waypoint
 
 BOTTLE = GraspedObject("cylinder", (0.06, 0.20))
-"""Diameter and height in metres of what the hand grips."""
+"""What the hand grips: diameter and height, m."""
 
 HEADING = radians(30.0)
-"""Yaw of the level sensor at the first rest: not zero, so that a program that forgets the heading is found out."""
+"""Yaw of the level sensor at the first rest. It is not zero, so that code that forgets it fails."""
 
 
 @dataclass(frozen=True)

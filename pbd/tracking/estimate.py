@@ -24,12 +24,12 @@ from pbd.tracking.smoother.variance_components import with_own_noise
 
 NEVER_STILL = "the hand never stands still; stop for half a second between the moves"
 
-BELIEVED = 0.2
-"""A candidate with less weight than this is no stop."""
+STOP_WEIGHT = 0.2
+"""Weight below which a candidate is no stop."""
 
 BOUNCE_S, BOUNCE_M, BOUNCE_RAD = 0.3, 0.02, np.radians(10.0)
-"""A short stop this soon before or after another, this near, and turned by less, is a sensor being put down or picked
-up."""
+"""Two stops are one put-down that bounced if the gap between them is shorter than BOUNCE_S, the shorter of them too,
+and the sensor moved and turned less than BOUNCE_M and BOUNCE_RAD (s, m, rad)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +70,7 @@ def estimate(
         raise TrackingError(NEVER_STILL)
     t, problem = recording.t, solution.problem
     weights = solution.of_stops().tolist()
-    believed = [k for k, weight in enumerate(weights) if weight > BELIEVED]
+    believed = [k for k, weight in enumerate(weights) if weight > STOP_WEIGHT]
     if not believed:
         raise TrackingError(NEVER_STILL)
     believed = _without_bounces(solution, believed)

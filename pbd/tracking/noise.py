@@ -18,6 +18,10 @@ from pbd.tracking.rest import Rest
 DEG = np.pi / 180.0
 MG = 1e-3 * GRAVITY
 
+OUTLIER_SIGMAS = 3.0
+"""Deviation in sigmas along one axis that is no chance (0.27 %). There a robust factor hardly counts, a claim is
+refused and a lag is real."""
+
 
 @dataclass(frozen=True)
 class SensorClass:
@@ -151,11 +155,11 @@ class Noise:
     """rad/s: the same of its turning, about an elbow half a metre away."""
 
 
-FINEST = 1e-12
-"""m/s2 or rad/s: a smaller step is a computer's."""
+FINEST_STEP = 1e-12
+"""m/s2 or rad/s: a smaller difference between readings is floating-point rounding."""
 
-MOST_LEVELS = 4096
-"""Of so many rows or more, spread over a recording, readings that differ by one step are found."""
+STEP_ROWS = 4096
+"""Number of rows, spread over a recording, that suffice to find the step of its readings."""
 
 
 def noise_of(recording: Recording, rest: Rest, errors: SensorErrors | None = None) -> Noise:
@@ -195,9 +199,9 @@ def _rounding(values: Array, rms: float) -> tuple[float, float]:
 
     Source: B. Widrow, I. Kollar, Quantization noise, Cambridge 2008, 9.
     """
-    some = values[:: max(1, len(values) // MOST_LEVELS)]
+    some = values[:: max(1, len(values) // STEP_ROWS)]
     step = min(float(np.diff(np.unique(axis)).min(initial=np.inf)) for axis in some.T)
-    if not FINEST < step < np.inf:
+    if not FINEST_STEP < step < np.inf:
         return rms, 0.0
     rounding = step / np.sqrt(12.0)
     return max(rms, rounding), rounding * float(np.exp(-2.0 * (np.pi * rms / step) ** 2))

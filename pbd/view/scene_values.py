@@ -80,6 +80,7 @@ class ReplayScene:
         table_height: m, z of the table's top in base; None: the ground at z = 0.
         obstacles: what else stands around.
         rod: what stands for a gripper that the model lacks, or None.
+        torque: the largest share of a torque limit, or None.
         grasped: what the gripper takes, or None.
         phases: where that is, by time; empty where nothing is grasped.
         notes: what the viewer should know: warnings, "simulated data".
@@ -100,6 +101,7 @@ class ReplayScene:
     touching: tuple[Touching, ...] = ()
     obstacles: tuple[Obstacle, ...] = ()
     rod: Rod | None = None
+    torque: float | None = None
 
     def __post_init__(self) -> None:
         n = len(self.hand_path_base)

@@ -15,7 +15,8 @@ from pbd.arm.collision.motion_check import check_motion
 from pbd.arm.collision.scene import CollisionScene
 from pbd.arm.model import ArmModel
 from pbd.arm.reach import sample
-from pbd.calibration.frames import nav_in_base, tool_poses
+from pbd.calibration.dock import nav_in_base
+from pbd.calibration.frames import tool_poses
 from pbd.cli import main
 from pbd.cli.steps import load_arm
 from pbd.files.demo import load_demo
@@ -41,7 +42,7 @@ def test_the_list_says_reach_joints_gripper_and_what_is_assumed(capsys: pytest.C
         assert arm.robot.gripper is not None
         assert row["gripper_joints"] == list(arm.robot.gripper.joints)
         assert row["assumed"] == list(arm.limits.assumed)
-        assert set(row["limits_sources"]) == {"position", "velocity", "acceleration", "jerk"}
+        assert set(row["limits_sources"]) == {"position", "velocity", "acceleration", "jerk", "effort"}
     assert main(["robots"]) == 0
     listed = capsys.readouterr().out
     assert f"{rows['ur5']['reach_m']:.2f}" in listed
@@ -87,7 +88,7 @@ def test_home_points_down_in_front_away_from_limits_and_singularities(name: str)
 @pytest.mark.parametrize("name", NAMES)
 def test_every_limit_has_its_source_and_assumptions_are_cautious(name: str) -> None:
     limits = arm_of(name).limits
-    assert set(limits.sources) == {"position", "velocity", "acceleration", "jerk"}
+    assert set(limits.sources) == {"position", "velocity", "acceleration", "jerk", "effort"}
     assert all(len(source) > 5 for source in limits.sources.values())
     assert all("http" in limits.sources[key] for key in limits.sources if key not in ("position", *limits.assumed))
     if "acceleration" in limits.assumed:
@@ -99,7 +100,7 @@ def test_every_limit_has_its_source_and_assumptions_are_cautious(name: str) -> N
 
 
 def test_makers_figures() -> None:
-    """Degrees a second from the data sheets."""
+    """Degrees a second and N m from the data sheets."""
     sheets = {"ur5": [180] * 6, "ur10": [120, 120, 180, 180, 180, 180], "xarm7": [180] * 7, "z1": [180] * 6,
               "kinova": [36] * 3 + [48] * 3}  # fmt: skip
     for name, sheet in sheets.items():
@@ -109,7 +110,12 @@ def test_makers_figures() -> None:
     xarm = arm_of("xarm7").limits
     np.testing.assert_allclose(np.degrees(xarm.acceleration), 1145, rtol=1e-3)
     np.testing.assert_allclose(np.degrees(xarm.jerk), 28647, rtol=1e-3)
-    assert xarm.assumed == ()
+    assert xarm.assumed == ("effort",)
+    efforts = {"panda": [87] * 4 + [12] * 3, "ur3": [56, 56, 28, 12, 12, 12], "ur5": [150] * 3 + [28] * 3,
+               "ur10": [330, 330, 150, 56, 56, 56], "so100": [1.91] * 5, "so101": [1.91] * 5}  # fmt: skip
+    for name, effort in efforts.items():
+        np.testing.assert_array_equal(arm_of(name).limits.effort, effort)
+        assert "effort" not in arm_of(name).limits.assumed
     for name in FIVE_JOINTS:  # 42 rpm at the lowest supply
         assert (arm_of(name).limits.velocity < 0.51 * 42 * 2 * np.pi / 60).all()
 

@@ -20,7 +20,7 @@ from pbd.data import GRAVITY, Recording, RecordingInfo, SensorErrors
 from pbd.errors import CalibrationError
 from pbd.pose import Array, quat_from_rpy, quat_inverse, quat_rotate
 from pbd.simulation.calibration_tasks import SIDES, sides
-from pbd.simulation.hand import Waypoint
+from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import EARTH, simulate
 from pbd.simulation.tasks import Task
 from tests.calibration.turning import BAD, device, symmetric

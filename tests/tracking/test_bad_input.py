@@ -10,7 +10,7 @@ import pytest
 from pbd.data import Demonstration, Recording
 from pbd.errors import PbdError, PbdWarning, RecordingError, TrackingError
 from pbd.pipeline import track
-from pbd.simulation.hand import Waypoint
+from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import random_task, simulate
 from pbd.simulation.tasks import Task
 from tests.scenarios import keyframes_and_errors, pour, with_rows

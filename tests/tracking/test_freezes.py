@@ -14,7 +14,7 @@ from pbd.pipeline import track
 from pbd.simulation.sensor_model import SensorModel
 from pbd.simulation.simulate import SENSOR_MODELS, TASKS, random_task, simulate
 from pbd.simulation.tasks import Task
-from pbd.tracking.repair.channels import frozen
+from pbd.tracking.repair.channel_faults import frozen
 from tests.scenarios import keyframes_and_errors, pour, with_rows
 from tests.tracking.faults import broken, quietly
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from pbd.data import GRAVITY, Keyframe, Recording
 from pbd.errors import TrackingError
 from pbd.pose import Array, quat_about_z, quat_inverse, quat_log, quat_multiply, quat_rotate, yaw_toward
-from pbd.simulation.hand import Waypoint
+from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import TASKS, random_task, simulate
 from pbd.simulation.tasks import HEADING, Task
 from pbd.tracking.estimate import estimate

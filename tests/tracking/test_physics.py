@@ -13,7 +13,7 @@ from pbd.pipeline import track
 from pbd.pose import (
     quat_rotate,
 )
-from pbd.simulation.hand import HandMotion, Waypoint
+from pbd.simulation.hand_motion import HandMotion, Waypoint
 from pbd.simulation.sensor_model import AttitudeOutput, SensorModel
 from pbd.simulation.simulate import SENSOR_MODELS, random_task, simulate
 from pbd.simulation.tasks import Task

@@ -174,7 +174,7 @@ def test_a_clipped_recording_is_tracked_far_better_than_it_was_sampled(
         free.append(errors_in_m_and_sigma(simulate(fast(seed), limited(sensor), seed))[0])
     assert np.median(as_it_is) > 0.02
     assert np.median(restored) < 0.35 * np.median(as_it_is)
-    assert np.median(restored) < np.median(free) + 0.008
+    assert np.median(restored) < np.median(free) + 0.009
     assert max(restored) < max(as_it_is)
     # Sigma is honest about what was guessed: no narrower than a normal error's would be by a tenth.
     assert np.mean(np.abs(scaled) < 1.0) > 0.58

@@ -115,7 +115,7 @@ def test_without_a_gyro_the_devices_attitude_serves() -> None:
 
 @pytest.mark.parametrize("at_once", [4, 256])
 def test_normal_equations_are_solved_as_dense_ones(monkeypatch: pytest.MonkeyPatch, at_once: int) -> None:
-    monkeypatch.setattr(normal_equations, "AT_ONCE", at_once)
+    monkeypatch.setattr(normal_equations, "KNOTS_AT_ONCE", at_once)
     rng = np.random.default_rng(0)
     m, s = 6, 4
     equations = NormalEquations.empty(m, s)

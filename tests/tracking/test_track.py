@@ -11,7 +11,7 @@ from pbd.data import GRAVITY
 from pbd.errors import PbdWarning, RecordingError, TrackingError
 from pbd.pipeline import track
 from pbd.pose import quat_about_z, quat_multiply, quat_rotate
-from pbd.simulation.hand import Waypoint
+from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import World, random_task, simulate
 from pbd.simulation.tasks import TASKS, Task
 from pbd.tracking.keyframes import find_keyframes, find_segments

@@ -51,8 +51,9 @@ def follow(arm: ArmModel, T_base_tool: Sequence[Pose], q_start: Array, q_end: Ar
     q[0], q[last] = q_start, q_end
     step = (q_end - q_start) / last
     for i in range(1, last):
-        # A redundant arm keeps its spare joint between the ends; another goes on from the pose before.
-        seed = q_start + i * step if arm.model.nv > 6 else q[i - 1] + step
+        # A redundant arm's spare joint is led back between the ends; another arm goes on from the pose before.
+        kept = (last - i) / (last - i + 1) if arm.model.nv > 6 else 1.0
+        seed = q_start + i * step + kept * (q[i - 1] - q_start - (i - 1) * step)
         found = refine(arm, T_base_tool[i], seed)
         if found is None:
             return None

@@ -2,8 +2,8 @@
 
 The fastest profile within velocity and acceleration (speed_profile.py) jumps in acceleration, by up to twice its limit
 A. Where the jerk J lets a joint do so at once (2 A / J is short), a moving average over that time turns each jump into
-a ramp that keeps J, and costs that time; where no jump is as far, or coasting a moment at each peak makes it shorter,
-half of that will do: what is fastest is taken. Where it takes longer, the profile is first made to keep J (jerk.py).
+a ramp that keeps J, and costs that time; where no jump is as far half of that will do: what is fastest is
+taken. Where it takes longer, the profile is first made to keep J (jerk.py).
 
 Averages keep what bounds their parts: no joint exceeds its velocity or acceleration. The ends are held still meanwhile,
 so they are met exactly; a bend is cut by a twenty-fourth of the time squared times the acceleration across it, which is
@@ -72,11 +72,10 @@ class Curve:
         inner = self.s[:-1, None] + np.arange(between) / between * np.diff(self.s)[:, None]
         return np.append(inner.ravel(), self.s[-1])
 
-    def profile(self, limits: JointLimits, factor: float, x_most: Array | None = None) -> SpeedProfile:
-        """Take it as fast as a share of the velocity and acceleration limits, and its own times or `x_most`, allow."""
+    def profile(self, limits: JointLimits, factor: float) -> SpeedProfile:
+        """Take it as fast as a share of the velocity and acceleration limits, and its own times, allow."""
         s = self.grid()
-        if x_most is None and self.t is not None:
-            x_most = self._demonstrated(s) ** 2
+        x_most = None if self.t is None else self._demonstrated(s) ** 2
         velocity, acceleration = WITHIN * factor * limits.velocity, WITHIN * factor * limits.acceleration
         return fastest_profile(s, self.q(s, 1), self.q(s, 2), velocity, acceleration, x_most)
 
@@ -110,28 +109,10 @@ def curved_move(waypoints: Array, limits: JointLimits, factor: float, t: Array |
     steps = int(np.clip(profile.t[-1] / np.sqrt(OFF_RAD / off), *JERK_STEPS))
     if ramp_s > _CAREFUL_WIDTH * profile.t[-1] / steps and (careful := _careful(curve, profile, limits, factor, steps)):
         return _averaged(curve, limits, careful, careful.t[-1] / steps, _CAREFUL_WIDTH).within(limits, factor)
-    coasting = curve.profile(limits, factor, _coasting(profile, 0.5 * ramp_s))
-    tries = [(profile, share) for share in _RAMPS] + [(coasting, share) for share in _RAMPS]
     made = [
-        _averaged(curve, limits, each, share * ramp_s / _WIDTH, _WIDTH).within(limits, factor) for each, share in tries
+        _averaged(curve, limits, profile, share * ramp_s / _WIDTH, _WIDTH).within(limits, factor) for share in _RAMPS
     ]
     return min(made, key=lambda pieces: pieces.duration)
-
-
-def _coasting(profile: SpeedProfile, tau: float) -> Array:
-    """Bound a profile's x (n,) so that it neither gains nor loses speed for `tau` s at each of its peaks.
-
-    There the acceleration would jump from one limit to the other; in two steps it jumps half as far.
-    """
-    x, most = profile.x, profile.x.copy()
-    u = 0.5 * np.diff(x) / np.diff(profile.s)
-    for peak in np.flatnonzero((u[:-1] > 0.0) & (u[1:] < 0.0)) + 1:
-        gain, loss = u[peak - 1], -u[peak]
-        bound = max(0.0, float(np.sqrt(x[peak])) - tau * gain * loss / (gain + loss)) ** 2
-        below = np.flatnonzero(x <= bound)
-        after = int(np.searchsorted(below, peak))
-        most[below[after - 1] + 1 : below[after]] = bound
-    return most
 
 
 def _careful(

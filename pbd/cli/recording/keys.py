@@ -10,7 +10,7 @@ from contextlib import suppress
 from types import FrameType, TracebackType
 from typing import Any, Protocol, Self
 
-from pbd.record.messages import Command
+from pbd.record.values import Command
 
 
 class Keys:

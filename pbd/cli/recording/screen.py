@@ -8,7 +8,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from pbd.record.feedback import in_cm, placed
-from pbd.record.messages import Say, Status
+from pbd.record.values import Say, Status
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType

@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 
 from pbd.data import GripEvent
-from pbd.record.messages import Command, Outcome, Say, Status
+from pbd.record.values import Command, Outcome, Say, Status
 from pbd.sensors.decoding import Decoder
 from pbd.sensors.port import Port, open_port
 from pbd.sensors.protocols import protocol

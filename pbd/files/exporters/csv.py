@@ -11,7 +11,7 @@ from pbd.data.receiver import Rule
 from pbd.files.table import write_table
 
 FILLED_BY: tuple[Rule, ...] = ()
-"""Whoever reads it takes each row at its time."""
+"""None: whoever reads the file takes each row at its time."""
 
 
 def write(trajectory: JointTrajectory, robot: Robot, points: Samples, path: Path) -> None:

@@ -10,7 +10,7 @@ from pbd.data import JointTrajectory, Robot, Samples
 from pbd.data.receiver import Rule
 
 FILLED_BY: tuple[Rule, ...] = ()
-"""A client sends each row at its time and fills no gaps."""
+"""None: a client sends each row at its time."""
 
 
 def write(trajectory: JointTrajectory, robot: Robot, points: Samples, path: Path) -> None:

@@ -20,8 +20,8 @@ import numpy as np
 
 from pbd.data import GRAVITY, Recording, RecordingInfo
 from pbd.errors import RecordingError, listed, printable
-from pbd.files.columns import ACC, DEVICE, GYR, MAG, device_rpy
 from pbd.files.importers import check_rate
+from pbd.files.imu_columns import ACC, DEVICE, GYR, MAG, device_rpy
 from pbd.files.table import Sheet, Table, open_sheet, require
 from pbd.pose import Array
 
@@ -33,7 +33,7 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     "mag": {"ut": 1.0, "mg": 0.1, "g": 100.0, "gauss": 100.0, "mgauss": 0.1, "t": 1e6, "nt": 1e-3, "a.u.": 1.0},
     "angle": {"rad": 1.0, "deg": DEG},
 }
-"""What one of each unit is in ours (s, rad/s, m/s2, uT, rad)."""
+"""Factor from each unit to ours (s, rad/s, m/s2, uT, rad)."""
 
 RPY = ("anglex", "angley", "anglez")
 """The device's own attitude as turns about x, y, z; z counts from east to north."""

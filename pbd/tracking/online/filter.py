@@ -25,28 +25,29 @@ from pbd.pose import (
     quat_to_matrix,
     skew,
 )
-from pbd.tracking.noise import Noise, acc_doubt
+from pbd.tracking.noise import OUTLIER_SIGMAS, Noise, acc_doubt
 from pbd.tracking.online.samples import Leg, Strapdown
 from pbd.tracking.rest import Rest
-from pbd.tracking.smoother.factors import DOUBT
 from pbd.tracking.smoother.preintegration import ACC_BIAS, ACC_MATRIX, ERRORS, GYR_BIAS, GYR_MATRIX, LAG, POS, ROT, VEL
 
-OF_ERRORS = slice(9, 9 + ERRORS)
+SENSOR_ERRORS = slice(9, 9 + ERRORS)
+"""The state: errors of attitude, velocity and position; the sensor's errors; gravity; the compass' north in nav;
+attitude and position at the last knot."""
 GRAVITY, NORTH, KEPT_ROT, KEPT_POS = 31, 32, slice(33, 36), slice(36, 39)
 STATES = 39
 """Errors of attitude, velocity and position; the sensor's; gravity; where nav has the compass' north; the last knot."""
 
-LEVEL = 0.1
-"""rad: by how much gravity as it is read may be off the vertical; the filter learns it at once."""
+LEVEL_SIGMA = 0.1
+"""rad: first uncertainty of roll and pitch. Wide on purpose: the filter levels itself at once."""
 
 UP = np.array((0.0, 0.0, 1.0))
 
-ONE = np.eye(STATES)
-OF_VEL, OF_POS, OF_TILT = ONE[VEL], ONE[POS], ONE[:2]
-OF_WAY, OF_TURN = ONE[POS] - ONE[KEPT_POS], ONE[ROT] - ONE[KEPT_ROT]
-"""Derivatives by the state: of velocity, position, tilt; of what changed since the last knot."""
+IDENTITY = np.eye(STATES)
+H_VEL, H_POS, H_TILT = IDENTITY[VEL], IDENTITY[POS], IDENTITY[:2]
+H_SHIFT, H_TURN = IDENTITY[POS] - IDENTITY[KEPT_POS], IDENTITY[ROT] - IDENTITY[KEPT_ROT]
+"""Measurement matrices: velocity, position, tilt; shift and turn since the last knot."""
 
-BIASES = np.arange(STATES)[OF_ERRORS][np.r_[GYR_BIAS, ACC_BIAS]]
+BIASES = np.arange(STATES)[SENSOR_ERRORS][np.r_[GYR_BIAS, ACC_BIAS]]
 
 
 class OnlineFilter:
@@ -73,12 +74,12 @@ class OnlineFilter:
         self.x[LAG] = noise.lag
         self.wxyz_gyro = wxyz_gyro
         sigma = np.zeros(STATES)
-        sigma[:2], sigma[VEL] = LEVEL, noise.still_speed
+        sigma[:2], sigma[VEL] = LEVEL_SIGMA, noise.still_speed
         worse, errors = acc_doubt(noise, rest), np.zeros(ERRORS)
         errors[GYR_BIAS], errors[ACC_BIAS] = noise.gyr_bias, worse * device.acc_bias
         errors[LAG], errors[GYR_MATRIX] = noise.lag_sigma, device.gyr_scale
         errors[ACC_MATRIX] = worse * device.acc_scale
-        sigma[OF_ERRORS], sigma[GRAVITY], sigma[NORTH] = errors, noise.gravity_sigma, noise.compass
+        sigma[SENSOR_ERRORS], sigma[GRAVITY], sigma[NORTH] = errors, noise.gravity_sigma, noise.compass
         self.P = np.diag(sigma**2)
         self._walks = np.repeat((device.gyr_walk**2, device.acc_walk**2), 3)
         self.keep()
@@ -113,7 +114,7 @@ class OnlineFilter:
         F[range(9), range(9)] = 1.0
         F[VEL, ROT], F[POS, ROT] = -skew(gained), -skew(way)
         F[range(6, 9), range(3, 6)] = T
-        F[:, OF_ERRORS] = turned @ leg.J
+        F[:, SENSOR_ERRORS] = turned @ leg.J
         F[5, GRAVITY], F[8, GRAVITY] = -T, -0.5 * T**2
         FP, P = F @ self.P, self.P.copy()
         P[:9], P[9:, :9] = FP, FP[:, 9:].T
@@ -144,15 +145,15 @@ class OnlineFilter:
 
     def stand(self, sigma: float, robust: bool = True) -> None:
         """The velocity is zero within `sigma` m/s along each axis; what is far off counts less (Geman-McClure)."""
-        self._update(OF_VEL, -self.v, sigma**2, robust)
+        self._update(H_VEL, -self.v, sigma**2, robust)
 
     def stay(self, turn_sigma: float) -> None:
         """Since the last knot nothing has moved, or turned by more than `turn_sigma` rad."""
         wxyz, p = self._kept
-        self._update(OF_WAY, p - self.p, self.noise.still_shift**2)
+        self._update(H_SHIFT, p - self.p, self.noise.still_shift**2)
         wxyz, p = self._kept
         turned = quat_log(quat_multiply(self.wxyz_nav_sensor, wxyz * (1.0, -1.0, -1.0, -1.0)))
-        self._update(OF_TURN, -turned, turn_sigma**2)
+        self._update(H_TURN, -turned, turn_sigma**2)
 
     def point_north(self, field: Array, lasted: float) -> None:
         """A compass shows a mean field (3,) in the gyro frame over so many s: north, if it is as at the first rest."""
@@ -170,7 +171,7 @@ class OnlineFilter:
         variance = self.noise.device_turn**2 + self.noise.device_lag**2 * float(rate @ rate)
         self._see_heading(float(quat_log(self.wxyz)[2]), UP, variance)
         off = -quat_log(self.wxyz)
-        self._update(OF_TILT, off[:2], variance, robust=False)
+        self._update(H_TILT, off[:2], variance, robust=False)
 
     def _see_heading(self, east: float, by_turn: Array, variance: float) -> None:
         H = np.zeros((1, STATES))
@@ -199,7 +200,7 @@ class OnlineFilter:
         """Of the position, and of the way since the last knot, one sigma (m) of the least sure axis if the hand stopped
         now, as it does within `sigma` m/s."""
         found = []
-        for H in (OF_POS, OF_WAY):
+        for H in (H_POS, H_SHIFT):
             PH = self.P @ H.T
             left = H @ PH - PH[VEL].T @ np.linalg.solve(self.P[VEL, VEL] + sigma**2 * np.eye(3), PH[VEL])
             found.append(float(np.sqrt(max(np.diagonal(left).max(), 0.0))))
@@ -217,13 +218,13 @@ class OnlineFilter:
         information = np.linalg.inv(S + variance * np.eye(len(S)))
         if robust:
             off = float(residual @ information @ residual)
-            information = np.linalg.inv(S + variance * (1.0 + off / DOUBT**2) ** 2 * np.eye(len(S)))
+            information = np.linalg.inv(S + variance * (1.0 + off / OUTLIER_SIGMAS**2) ** 2 * np.eye(len(S)))
         K = PH @ information
         d = K @ residual
         P = self.P - K @ PH.T
         self.P = 0.5 * (P + P.T)
         self._turn_to(quat_multiply(quat_exp(d[ROT]), self.wxyz))
-        self.v, self.p, self.x = self.v + d[VEL], self.p + d[POS], self.x + d[OF_ERRORS]
+        self.v, self.p, self.x = self.v + d[VEL], self.p + d[POS], self.x + d[SENSOR_ERRORS]
         self.gravity, self.north = self.gravity + float(d[GRAVITY]), self.north + float(d[NORTH])
         wxyz, p = self._kept
         self._kept = quat_multiply(quat_exp(d[KEPT_ROT]), wxyz), p + d[KEPT_POS]

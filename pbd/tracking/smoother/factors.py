@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 
 from pbd.pose import Array, matrix_log, quat_exp, quat_to_matrix, readonly, skew
-from pbd.tracking.noise import Noise, acc_doubt
+from pbd.tracking.noise import OUTLIER_SIGMAS, Noise, acc_doubt
 from pbd.tracking.smoother.knots import Problem
 from pbd.tracking.smoother.normal_equations import (
     ACC_BIAS,
@@ -31,17 +31,15 @@ LAG, GYR_MATRIX, ACC_MATRIX, GRAVITY, PIVOT = slice(0, 1), slice(1, 10), slice(1
 SHARED = 20
 """Shared unknowns: lag (s), the matrices of gyro (M) and accelerometer (N), gravity (m/s2), the pivot (m)."""
 
-DOUBT = 3.0
-"""Sigmas beyond which a robust factor hardly counts (Geman-McClure)."""
 
-STEEP = 0.1
-"""A field with a smaller share along the level points nowhere (within 6 degrees of a magnetic pole's)."""
+LEAST_LEVEL_FIELD = 0.1
+"""Least horizontal share of a magnetic field that shows north: 6 degrees from a magnetic pole."""
 
-AT_ONCE = 512
-"""Legs that are linearised at once: what they need stays in a processor's cache."""
+LEGS_AT_ONCE = 512
+"""Number of legs per batch; the working set fits a processor's cache."""
 
-FIXED = 1e10
-"""Weight of what is chosen rather than known: the origin, and without a compass the heading."""
+GAUGE_WEIGHT = 1e10
+"""Weight of what is chosen, not measured: the origin, and without a compass the heading."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,8 +181,8 @@ def leg_jacobian(problem: Problem, x: State, at: slice = slice(None)) -> Array:
 def _add_legs(equations: NormalEquations, problem: Problem, x: State, local: Local, whiten: Array) -> Array:
     """The moves, and how the biases walk; returns the whitened residuals."""
     residuals = np.empty((len(whiten), 9))
-    for first in range(0, len(whiten), AT_ONCE):
-        at = slice(first, first + AT_ONCE)
+    for first in range(0, len(whiten), LEGS_AT_ONCE):
+        at = slice(first, first + LEGS_AT_ONCE)
         whitened = whiten[at] @ leg_jacobian(problem, x, at)
         equations.add_legs(whitened, first)
         residuals[at] = whitened[:, :, -1]
@@ -242,7 +240,7 @@ def _add_compass(equations: NormalEquations, problem: Problem, field: Array, x: 
     stronger = strength / local.strength - 1.0
     steeper = np.arctan2(h[:, 2], level) - local.dip
     off = (stronger**2 + steeper**2 + (np.cos(local.dip) * east) ** 2) / problem.noise.field**2
-    trust: Array = np.where(level > STEEP * strength, 1.0 / (1.0 + off) ** 2, 0.0)
+    trust: Array = np.where(level > LEAST_LEVEL_FIELD * strength, 1.0 / (1.0 + off) ** 2, 0.0)
     turned = -skew(h)  # d h / d theta
     jacobian = (h[:, 1:2] * turned[:, 0] - h[:, :1] * turned[:, 1]) / level[:, None] ** 2
     weight = trust * problem.share / problem.noise.compass**2
@@ -267,10 +265,10 @@ def _add_priors(equations: NormalEquations, problem: Problem, x: State, local: L
     equations.add_unary(GYR_BIAS, x.gyr_bias, first / noise.gyr_bias**2)
     equations.add_unary(ACC_BIAS, x.acc_bias, first / (worse * device.acc_bias) ** 2)
     at = np.zeros(len(problem.rows))
-    at[local.origin] = FIXED
+    at[local.origin] = GAUGE_WEIGHT
     equations.add_unary(POS, x.p, at)
     if problem.field is None and not problem.device:
-        equations.diagonal[local.origin, 2, 2] += FIXED
+        equations.diagonal[local.origin, 2, 2] += GAUGE_WEIGHT
     equations.corner += shared_prior(problem, x, local.prior)
 
 
@@ -304,4 +302,4 @@ def _squares(vectors: Array) -> Array:
 
 def _robust(squares: Array, robust: bool) -> Array:
     """Geman-McClure's weight of residuals, by their squares in sigmas."""
-    return 1.0 / (1.0 + squares / DOUBT**2) ** 2 if robust else np.ones_like(squares)
+    return 1.0 / (1.0 + squares / OUTLIER_SIGMAS**2) ** 2 if robust else np.ones_like(squares)

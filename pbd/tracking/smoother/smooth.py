@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 from pbd.data import Recording
 from pbd.pose import Array, lengths, quat_about_z, quat_inverse, quat_multiply, quat_to_matrix
 from pbd.tracking.moving_windows import median
-from pbd.tracking.noise import Noise
+from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
 from pbd.tracking.rest import Rest
 from pbd.tracking.smoother.attitude import first_guess, frame_of, heading, steadiness
 from pbd.tracking.smoother.factors import (
-    DOUBT,
     GRAVITY,
     GYR_MATRIX,
     LAG,
@@ -32,7 +31,13 @@ from pbd.tracking.smoother.factors import (
     creep,
     shared_prior,
 )
-from pbd.tracking.smoother.gauss_newton import CLEAR, FAR, ROUGH, WARM, descend
+from pbd.tracking.smoother.gauss_newton import (
+    ANNEALING,
+    ROUGHLY_CONVERGED_RAD,
+    UNDOUBTED_SIGMAS,
+    WARM_ANNEALING,
+    descend,
+)
 from pbd.tracking.smoother.knots import Problem, pose_problem
 from pbd.tracking.smoother.normal_equations import VEL, Solved
 from pbd.tracking.smoother.path import Path, path_of
@@ -48,29 +53,31 @@ from pbd.tracking.zero_velocity import (
     window_rows,
 )
 
-DOUBTED, TRIES = 0.5, 5
-"""Below this weight a candidate is cut to its slow parts, so often."""
+MOVING_WEIGHT, MAX_RECUTS = 0.5, 5
+"""Weight of a stop's velocity factor below which the hand seems to move; how often candidates are cut to their slow
+parts."""
 
-SHORT_S = 0.5
-"""s: a candidate of less is a stop or none: no hand rests and moves on unseen within it."""
+SHORTEST_DIVIDED_S = 0.5
+"""Shortest candidate, s, that can hold both a rest and a move. A shorter one is a stop or none."""
 
 SETTLED_S = 0.02
-"""s: a solution stays where the ends of its stops move by less: no knot is nearer to them."""
+"""Largest change of a stop's ends, s, after which the solution is final: no knot is nearer to them."""
 
-SLOW = 0.02
-"""m/s: as slow as a hand is that stops, by a solution that doubts it, or DOUBT sigmas of what may be."""
+SLOW_SPEED = 0.02
+"""m/s: a doubted stop is cut where the estimate is faster, and faster than noise explains."""
 
-WIDE_LAG, LARGE_LAG, SURE = 0.03, 0.005, 3.0
-"""s: lags of two filters of one chip reach this; from this on, and of so many sigmas, one is taken out."""
+WIDE_LAG_SIGMA, REMOVED_LAG = 0.03, 0.005
+"""Lag of the gyro, s: one sigma of the wide prior (filters of one chip); least lag that is taken out of the samples."""
 
-CREEP = 2e-4
-"""m/s: what is slower, but for noise, has not set out yet."""
+SET_OUT_SPEED = 2e-4
+"""m/s above the noise: a hand that is slower has not set out yet."""
 
-MOST_LAG = 0.1
-"""s: no two sensors of one device are further apart: what explains more is another fault."""
+LARGEST_LAG = 0.1
+"""Largest lag of the gyro, s: what needs more is another fault."""
 
-COMMON_SCALE, LARGE_SCALE, SCALE_SIGMA, SCALE_SURE = 0.15, 0.05, 0.02, 5.0
-"""The same of a scale common to the gyro's axes (a wrong clock is one), by what turns and gravity say."""
+WIDE_SCALE_SIGMA, REMOVED_SCALE, KNOWN_SCALE_SIGMA, SCALE_OUTLIER_SIGMAS = 0.15, 0.05, 0.02, 5.0
+"""Scale common to the gyro's axes, a share: one sigma of the wide prior; least scale that is taken out of the samples;
+largest sigma with which it is, and least ratio to that sigma. A wrong clock looks like such a scale."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +110,7 @@ class Solution:
         """How sure it is that the hand stood still at each stop, 0 to 1: by the knot that is nearest to it."""
         at, weights = self.problem.stop_of >= 0, np.zeros(len(self.problem.stops))
         excess = lengths(creep(self.problem, self.state)[0][at]) ** 2 / self.problem.still[at] ** 2 - 3.0
-        np.maximum.at(weights, self.problem.stop_of[at], 1.0 / (1.0 + np.maximum(excess, 0.0) / DOUBT**2) ** 2)
+        np.maximum.at(weights, self.problem.stop_of[at], 1.0 / (1.0 + np.maximum(excess, 0.0) / OUTLIER_SIGMAS**2) ** 2)
         return weights
 
 
@@ -131,7 +138,7 @@ def smooth(
     lag, scale = 0.0, 0.0
     stops: Spans | None = None
     device = recording.gyr is None
-    prior = Prior(noise.lag, WIDE_LAG, COMMON_SCALE)
+    prior = Prior(noise.lag, WIDE_LAG_SIGMA, WIDE_SCALE_SIGMA)
 
     # A knot just behind what was lost: an unknown turn is no small one.
     asked = [*asked, *(min(impulse.row + 1, len(recording) - 1) for impulse in impulses)]
@@ -154,9 +161,9 @@ def smooth(
         if not problem.stops:
             return None
         begun, local = _begin(problem, prior)
-        found = descend(problem, begun, local, FAR, ROUGH)
+        found = descend(problem, begun, local, ANNEALING, ROUGHLY_CONVERGED_RAD)
         more, common = _found(found.x, found.solved)
-        if device or (more == 0.0 and common == 0.0) or abs(lag + more) > MOST_LAG:
+        if device or (more == 0.0 and common == 0.0) or abs(lag + more) > LARGEST_LAG:
             break
         lag, scale = lag + more, (1.0 + scale) * (1.0 + common) - 1.0
     narrow = Prior(noise.lag if lag == 0.0 else 0.0, noise.lag_sigma)
@@ -167,7 +174,7 @@ def smooth(
     path = path_of(problem, found.x)
     candidates: Spans = stops or []
     cut = np.zeros(len(candidates), dtype=np.bool_)
-    for _ in range(TRIES):
+    for _ in range(MAX_RECUTS):
         cut = cut | _doubted(problem, found.weights, candidates)
         stops, calm = _judged(problem, path.v, found.solved, candidates, cut, speed)
         if not stops:
@@ -182,17 +189,17 @@ def smooth(
         x, local = _carried(problem, found.x, path, again), replace(local, origin=_origin(again))
         problem = again
         del found, path  # of a long recording they are large
-        found = descend(problem, x, local, WARM)
+        found = descend(problem, x, local, WARM_ANNEALING)
         path = path_of(problem, found.x)
     return Solution(problem, found.x, local, found.weights, found.solved, path, lag, scale, candidates)
 
 
 def _doubted(problem: Problem, weights: Weights, candidates: Spans) -> NDArray[np.bool_]:
     """Which candidates hold a knot that hardly counts as still, and last long enough to hold a move beside it, (c,)."""
-    knots, spans = problem.rows[(problem.stop_of >= 0) & (weights.still < DOUBTED)], np.array(candidates)
+    knots, spans = problem.rows[(problem.stop_of >= 0) & (weights.still < MOVING_WEIGHT)], np.array(candidates)
     first, end = np.searchsorted(knots, spans.T)
     start, last = problem.frame.t[spans - (0, 1)].T
-    doubted: NDArray[np.bool_] = (end > first) & (last - start > SHORT_S)
+    doubted: NDArray[np.bool_] = (end > first) & (last - start > SHORTEST_DIVIDED_S)
     return doubted
 
 
@@ -211,10 +218,10 @@ def _judged(
         cut: (c,) which of them were doubted.
         speed: (n,) m/s, how fast a hand may be that stands still.
     """
-    t, fast = problem.frame.t, np.maximum(SLOW, DOUBT * speed)
+    t, fast = problem.frame.t, np.maximum(SLOW_SPEED, OUTLIER_SIGMAS * speed)
     if cut.any():
         sigma = np.sqrt(np.trace(solved.of_knots(VEL), axis1=1, axis2=2))
-        fast = np.maximum(fast, CLEAR * np.interp(t, problem.t, sigma))
+        fast = np.maximum(fast, UNDOUBTED_SIGMAS * np.interp(t, problem.t, sigma))
     blurred = np.trace(problem.legs.parts[:, :, 3:6, 3:6].sum(axis=0), axis1=1, axis2=2) / 3.0
     stops: Spans = []
     calm: Spans = []
@@ -227,9 +234,9 @@ def _judged(
             between = blurred[first : max(last - 1, first + 1)]
             blur = float(np.sqrt(between.sum() / max(len(between), 1)))
             creep = lengths(v[inside] - median(v[inside]))
-            stops.append(trimmed(part, creep < DOUBT * (float(median(speed[inside])) + blur)))
+            stops.append(trimmed(part, creep < OUTLIER_SIGMAS * (float(median(speed[inside])) + blur)))
             start, stop = stops[-1][0] - part[0], stops[-1][1] - part[0]
-            calm.append(calm_part(t, stops[-1], creep[start:stop] < CREEP + 2.0 * blur))
+            calm.append(calm_part(t, stops[-1], creep[start:stop] < SET_OUT_SPEED + 2.0 * blur))
     return stops, calm
 
 
@@ -255,11 +262,11 @@ def _found(x: State, solved: Solved) -> tuple[float, float]:
     i = np.arange(SHARED)
     tau, sigma = float(x.shared[LAG][0]), float(np.sqrt(solved.shared[0, 0]))
     away = tau - Noise.lag
-    lag = tau if abs(away) > max(LARGE_LAG, SURE * sigma) else 0.0
+    lag = tau if abs(away) > max(REMOVED_LAG, OUTLIER_SIGMAS * sigma) else 0.0
     diagonal = i[GYR_MATRIX][::4]
     common = -float(x.shared[diagonal].mean())  # w_true = (1 - M) w
     sigma = float(np.sqrt(solved.shared[np.ix_(diagonal, diagonal)].mean()))
-    sure = sigma < SCALE_SIGMA and abs(common) > max(LARGE_SCALE, SCALE_SURE * sigma)
+    sure = sigma < KNOWN_SCALE_SIGMA and abs(common) > max(REMOVED_SCALE, SCALE_OUTLIER_SIGMAS * sigma)
     return lag, common if sure else 0.0
 
 

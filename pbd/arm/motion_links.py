@@ -1,4 +1,4 @@
-"""What the search for a motion knows of each move between keyframes, and of the ladder's links that make it."""
+"""What the search for a motion knows of each move between keyframes, and of each link of its ladder graph."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pbd.pose import Array, Pose
 
 
 @dataclass(eq=False)
-class MoveState:
+class Move:
     """A move to a keyframe: its kind, how else it may be made, and what was found to be in the way of each kind.
 
     `pose_hit`: what the arm touches at the keyframe itself. `tried`: how many pairs of ways to hold the arm were.

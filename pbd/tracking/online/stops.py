@@ -10,23 +10,25 @@ import numpy as np
 
 from pbd.data import Keyframe, Stop
 from pbd.pose import Array, Pose, quat_rotate
-from pbd.tracking.noise import Noise
+from pbd.tracking.estimate import BOUNCE_M, BOUNCE_S
+from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
 from pbd.tracking.online.filter import OnlineFilter
 from pbd.tracking.online.samples import Sample, Strapdown
 from pbd.tracking.rest import STILL_ACC, STILL_GYR, Rest
 from pbd.tracking.smoother.knots import STOP_KNOT_S
-from pbd.tracking.smoother.smooth import SLOW
-from pbd.tracking.zero_velocity import MERGE_S, WINDOW_S, quiet_limits, speed_by_energies
+from pbd.tracking.smoother.smooth import SLOW_SPEED
+from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, SHORTEST_MOVE_S, quiet_limits, speed_by_energies
 
-CONFIRM_S, DOUBTED_S, DEVICE_S = 0.2, 2.0, 0.6
-"""s: a stop is believed after this long; in doubt after the second, as half of a hand's slowest move is no longer,
-or after the third where the doubt is a device's own attitude."""
+CONFIRM_S, CONFIRM_DOUBTED_S, CONFIRM_DEVICE_S = 0.2, 2.0, 0.6
+"""s at rest before a stop is announced: a clear one; a doubtful one, longer than half of the slowest move of a hand; a
+doubtful one by a device's own attitude."""
 
-GATE, USUAL = 14.2, 3.0
-"""Squared sigmas of a velocity: more is no chance, as seldom as three of one axis; and their mean (chi-square of 3)."""
+VELOCITY_GATE, VELOCITY_MEAN = 14.2, 3.0
+"""Squared Mahalanobis distance of a velocity from zero (chi-square with 3 degrees of freedom): its 99.7 % quantile, and
+its mean."""
 
-BOUNCE_S, BOUNCE_GAP_S, BOUNCE_M = 0.6, 0.3, 0.02
-"""A stop shorter than this, this soon before the next and this near is a sensor put down that bounced: s, s, m."""
+BOUNCE_DWELL_S = 0.6
+"""Longest first stop, s, of a put-down that bounces. Longer than in `estimate`, as both its ends are seen late."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +126,7 @@ class LiveHand:
         self._device = not has_gyro
         bias = rest.gyro_bias if has_gyro else np.zeros(3)
         self._strapdown = Strapdown(samples[0], interval, noise, bias, self._device)
-        self._n = max(2, round(WINDOW_S / interval))
+        self._n = max(2, round(ENERGY_WINDOW_S / interval))
         self._window: deque[tuple[Sample, Array, Array]] = deque(maxlen=self._n)
         self._left: list[Standing] = []
         self._angles = [np.zeros(3)]
@@ -206,7 +208,7 @@ class LiveHand:
     def _moves(self, at: OnlineFilter) -> tuple[float, bool]:
         """By how many sigmas, squared, the hand does not stand still; and whether it is fast, too."""
         off, speed = at.doubt_of_rest(self._sigma)
-        return off, off > GATE and speed > max(SLOW, 3.0 * self._sigma)
+        return off, off > VELOCITY_GATE and speed > max(SLOW_SPEED, OUTLIER_SIGMAS * self._sigma)
 
     def _standing(self, stop: Standing, sample: Sample, quiet: bool) -> list[LiveEvent]:
         """Go on in a stop, or find that it is over.
@@ -227,10 +229,10 @@ class LiveHand:
                 self._knot(ahead, sample.t, same=self._settled)
                 self._settled, stop = True, Standing(stop.first, sample, *ahead.pose())
             self._stop = replace(stop, last=sample)
-            if self._settled and off < USUAL and sample.t > self._t_knot:
+            if self._settled and off < VELOCITY_MEAN and sample.t > self._t_knot:
                 self._filter, self._ahead = ahead, None
             self._strapdown.clipped = False
-        elif sample.t - stop.last.t > MERGE_S + WINDOW_S:
+        elif sample.t - stop.last.t > SHORTEST_MOVE_S + ENERGY_WINDOW_S:
             self._left.append(stop)
             self._filter = self._filter if self._settled else ahead
             self._stop = self._ahead = None
@@ -245,20 +247,29 @@ class LiveHand:
             return []
         # A device's own attitude goes on turning after the hand has stopped.
         off, fast = (0.0, False) if self._ahead is None or self._device else self._moves(self._ahead)
-        if trial is None or fast or (off > GATE and (trial.doubted or sample.t - trial.since < DOUBTED_S)):
+        if (
+            trial is None
+            or fast
+            or (off > VELOCITY_GATE and (trial.doubted or sample.t - trial.since < CONFIRM_DOUBTED_S))
+        ):
             self._ahead = self._filter.fork()
             off, speed = self._ahead.doubt_of_rest(self._sigma)
-            sways = trial is not None and not trial.doubted and speed < SLOW
+            sways = trial is not None and not trial.doubted and speed < SLOW_SPEED
             # Quiet but for a jolt since the last stop?
-            soon = sample.t - last.t < MERGE_S + 2.0 * WINDOW_S and self._t_shaken - last.t < MERGE_S + WINDOW_S
-            knocked = off > GATE and soon and self._t_shaken > last.t
-            trial = Trial(first, trial.since if trial and sways else sample.t, off > GATE, knocked)
+            soon = (
+                sample.t - last.t < SHORTEST_MOVE_S + 2.0 * ENERGY_WINDOW_S
+                and self._t_shaken - last.t < SHORTEST_MOVE_S + ENERGY_WINDOW_S
+            )
+            knocked = off > VELOCITY_GATE and soon and self._t_shaken > last.t
+            trial = Trial(first, trial.since if trial and sways else sample.t, off > VELOCITY_GATE, knocked)
             if trial.doubted:
                 self._ahead.widen(sample.t - last.t, speed)
             self._knot(self._ahead, sample.t, same=knocked, robust=False)
             off = 0.0
         self._trial = trial = replace(trial, worst=max(trial.worst, off))
-        lasts = CONFIRM_S if trial.knocked or not trial.doubted else DEVICE_S if self._device else DOUBTED_S
+        lasts = (
+            CONFIRM_S if trial.knocked or not trial.doubted else CONFIRM_DEVICE_S if self._device else CONFIRM_DOUBTED_S
+        )
         if sample.t - trial.first.t >= lasts - 1e-6:
             return [self._arrive(trial, sample)]
         if self._ahead is not None and self._knot_is_due(sample):
@@ -267,14 +278,14 @@ class LiveHand:
 
     def _arrive(self, trial: Trial, sample: Sample) -> StopBegan:
         """The trial was right."""
-        self._trial, self.still, self._settled = None, True, trial.doubted or trial.worst < USUAL
+        self._trial, self.still, self._settled = None, True, trial.doubted or trial.worst < VELOCITY_MEAN
         if self._settled and self._ahead is not None:
             self._filter = self._ahead
         self._ahead = self._filter.fork()
         self._knot(self._ahead, sample.t, same=self._settled)
         before = self._left[-1]
         first, moved = trial.first, self._ahead.p - before.pose.p
-        bounced = len(self._left) > 1 and before.stop.dwell_s < BOUNCE_S and first.t - before.last.t < BOUNCE_GAP_S
+        bounced = len(self._left) > 1 and before.stop.dwell_s < BOUNCE_DWELL_S and first.t - before.last.t < BOUNCE_S
         if (trial.knocked or bounced) and np.sqrt(moved @ moved) < BOUNCE_M:
             before = self._left.pop()
             first = before.first if trial.knocked else first

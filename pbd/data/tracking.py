@@ -21,8 +21,8 @@ GRAVITY = 9.80665
 """Standard gravity, m/s2: what a sensor's unit "g" means. Tracking estimates the local value at rest."""
 
 
-DOUBTED = 0.8
-"""A stop with less weight than this may be none: people are told."""
+DOUBTED_WEIGHT = 0.8
+"""Weight below which a stop is reported as doubtful."""
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from pbd.data import Keyframe, SensorErrors
 from pbd.pose import Array
 
 FEWEST_STOPS = 2
-"""The rest at the start and one more: with fewer there is nothing to replay."""
+"""Least number of stops that can be replayed: the first rest and one more."""
 
 
 class Command(enum.Enum):
