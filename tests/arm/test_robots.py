@@ -20,7 +20,7 @@ from pbd.calibration.frames import tool_poses
 from pbd.cli import main
 from pbd.cli.steps import load_arm
 from pbd.files.demo import load_demo
-from pbd.planning import plan_keyframes
+from pbd.planning import PlanOptions, plan_keyframes
 from pbd.pose import Array, Pose, quat_to_matrix
 from tests.arm.bundled import DEMOS, FIVE_JOINTS, FOLDER, NAMES, arm_of, keyframes_of, path_of
 
@@ -116,6 +116,8 @@ def test_makers_figures() -> None:
     for name, effort in efforts.items():
         np.testing.assert_array_equal(arm_of(name).limits.effort, effort)
         assert "effort" not in arm_of(name).limits.assumed
+    panda = arm_of("panda").limits  # what libfranka's rate_limiting.h keeps for three lost packets
+    assert ((3e-3 * panda.acceleration + 1e-3) / panda.velocity).max() < 0.024 < PlanOptions().margin
     for name in FIVE_JOINTS:  # 42 rpm at the lowest supply
         assert (arm_of(name).limits.velocity < 0.51 * 42 * 2 * np.pi / 60).all()
 
