@@ -1,4 +1,4 @@
-"""What the commands say of a plan's moves: for people and for programs."""
+"""Report of a plan's moves, for people and for programs."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def say_moves(demo: Demonstration, path: HandPath, robot: Robot, plan: Plan, opt
     from pbd.planning import can_plan
 
     for i, way in enumerate(plan.segments):
-        if (hit := way.avoided) is not None:
+        if (hit := way.avoided) is not None and way.kind != "detour":  # planning has told those
             say(f"the move to keyframe {i} makes a detour: on the straight move {hit.first} would touch {hit.second}")
         elif way.wide is not None and way.kind == "line":
             say(f"the move to keyframe {i} is made as a line: straight in joint space the tool would {way.wide}")
@@ -51,9 +51,13 @@ def say_torque(demo: Demonstration, robot: Robot, plan: Plan, options: PlanOptio
 
 
 def moves_json(plan: Plan) -> list[dict[str, Any]]:
-    """How the arm comes to each keyframe after the first."""
-    ways = enumerate(plan.segments[1:], start=1)
-    return [{"keyframe": i, "kind": way.kind, "off_line_m": way.off_line_m} for i, way in ways]
+    """How the arm comes to each keyframe after the first; and to that and away from the last, where by a detour."""
+    ways = enumerate([*plan.segments, plan.back] if plan.back else plan.segments)
+    return [
+        {"keyframe": i, "kind": way.kind, "off_line_m": way.off_line_m}
+        for i, way in ways
+        if 0 < i < len(plan.segments) or way.kind == "detour"
+    ]
 
 
 def touching_json(plan: Plan) -> dict[str, Any] | None:

@@ -87,6 +87,7 @@ def plan_options(args: argparse.Namespace, robot: Robot) -> PlanOptions:
         approach=not args.no_approach,
         start=None if args.start is None else _start_joints(args, robot),
         retreat=not args.no_retreat,
+        detour=not args.no_detour,
         allow_collision=args.allow_collision,
         payload=mass,
         p_tool_payload=(p_tool[0], p_tool[1], p_tool[2]) if p_tool else (0.0, 0.0, 0.0),

@@ -173,7 +173,9 @@ def _limits(section: Section, urdf: Urdf, joints: Sequence[UrdfJoint]) -> JointL
     values: dict[str, tuple[float, ...]] = {}
     sources = {"position": "the URDF"}
     general = section.text("source", "")
-    for key in ("velocity", "acceleration", "jerk", *(("effort",) if "effort" in section else ())):
+    for key in ("velocity", "acceleration", "jerk", "effort"):
+        if key == "effort" and key not in section:
+            continue  # not the URDF's, which is often a placeholder
         if key == "velocity" and key not in section:
             if bad := [joint.name for joint in joints if not 0.0 < joint.velocity < np.inf]:
                 section.fail(key, f"is missing and the URDF sets no limit above zero for {listed(bad)}", "add it")

@@ -48,6 +48,7 @@ class PlanOptions:
         approach: start at home or `start`, rather than at keyframe 0.
         start: the arm's present joints, rad; None: home.
         retreat: go back home at the end.
+        detour: where all else touches something, go around it.
         allow_collision: where nothing is free plan all the same; the plan says what touches.
         payload: kg that the tool carries all the time: a gripper that the model lacks, or what it always holds.
         p_tool_payload: m, where that has its centre of mass, in tool axes.
@@ -64,6 +65,7 @@ class PlanOptions:
     approach: bool = True
     start: tuple[float, ...] | None = None
     retreat: bool = True
+    detour: bool = True
     allow_collision: bool = False
     payload: float = 0.0
     p_tool_payload: tuple[float, float, float] = (0.0, 0.0, 0.0)

@@ -205,6 +205,7 @@ def _attempt(task: _Task, options: PlanOptions) -> Plan | _Refused:
         report,
         find_stretched(timed, keyframes) if options.time == "demo" else (),
         find_touching(scene, timed.trajectory) if options.allow_collision else None,
+        chosen.back,
     )
 
 
