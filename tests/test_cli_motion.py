@@ -212,14 +212,10 @@ def test_a_line_is_followed_where_something_bars_the_way_back_alone(capsys: Capt
     (elsewhere / "c.toml").write_text(POST)
     run(capsys, "simulate", "pick-and-place-stops", "s")
     line = ("replay", "s", "--robot", "ur5", "--calibration", "c.toml", "--path", "line")
-    result = run_json(capsys, *line, "--no-detour")
+    result = run_json(capsys, *line)
     assert {move["kind"] for move in result["moves"]} == {"line"}
     (told,) = [warning for warning in result["warnings"] if "no collision-free way back" in warning]
     assert " would touch post, " in told
-    around = run_json(capsys, *line)
-    assert {move["kind"] for move in around["moves"][:-1]} == {"line"}
-    assert around["moves"][-1]["kind"] == "detour"
-    assert "on its way back the arm goes around post: --no-detour refuses that" in around["warnings"]
 
 
 def test_a_home_in_collision_with_the_arm_itself(capsys: Capture, elsewhere: Path) -> None:
