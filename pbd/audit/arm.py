@@ -45,7 +45,9 @@ class AuditArm:
         at = np.array([self.model.joints[joint].idx_q for joint in self._drives])
         self._turns_once = np.array([self.model.joints[joint].nq == 1 for joint in self._drives])
         self._plain, self._round = at[self._turns_once], at[~self._turns_once]  # endless ones: cosine and sine
-        _, self.T_universe_base = self.link(robot.base)
+        joint, T_joint_base = self.link(robot.base)  # that joint stands still, but needn't be at the root
+        pin.forwardKinematics(self.model, self._data, self._neutral)
+        self.T_universe_base = self._data.oMi[joint] * T_joint_base
         self.tool_joint, T_joint_body = self.link(robot.body)
         self.T_joint_tool = T_joint_body * se3(robot.T_body_tool)
 

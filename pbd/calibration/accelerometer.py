@@ -1,4 +1,4 @@
-"""Bias, scale and misalignment of an accelerometer: at rest the norm of what it reads is gravity, however it lies."""
+"""Bias, scale and misalignment of an accelerometer: at rest the norm of its reading is g in every orientation."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ class AccelerometerFit:
     Attributes:
         linear: bias and matrix; the matrix is symmetric, as a rotation of all axes together does not change a norm.
         sigma: (9,) of NAMES, one sigma.
-        told: those of NAMES that the orientations tell; the others are little more than assumed to be small.
+        determined: those of NAMES that the orientations determine. The others are assumed to be small.
         orientations: how many different ones.
         before, after: m/s2, rms of the norm less gravity over the rests.
     """
 
     linear: Linear
     sigma: Array
-    told: tuple[str, ...]
+    determined: tuple[str, ...]
     orientations: int
     before: float
     after: float
@@ -53,16 +53,16 @@ class AccelerometerFit:
         return float(np.hypot(self.sigma[:3].max() / GRAVITY, self.sigma[3:].max()))
 
     @property
-    def untold(self) -> tuple[str, ...]:
-        """Those of NAMES that could not be told."""
-        return tuple(name for name in NAMES if name not in self.told)
+    def undetermined(self) -> tuple[str, ...]:
+        """Those of NAMES that the orientations do not determine."""
+        return tuple(name for name in NAMES if name not in self.determined)
 
 
 def fit_accelerometer(rests: Rests, gravity: float = GRAVITY) -> AccelerometerFit:
     """Least squares of |matrix (f - bias)| = gravity over all rests, nine unknowns, each held by a prior.
 
     The prior is what the parts' makers let expect. It decides only what the orientations leave open: with nine or more
-    that are well spread that is nothing; with fewer, figures that can't be told apart share what is seen.
+    that are well spread the effect is nil. With fewer, errors that can't be separated share the residual.
 
     Source: D. Tedaldi, A. Pretto and E. Menegatti, A robust and easy to implement method for IMU calibration without
     external equipments, ICRA 2014 (there with a triangular matrix: another choice of the free rotation).
@@ -106,7 +106,7 @@ def fit_accelerometer(rests: Rests, gravity: float = GRAVITY) -> AccelerometerFi
     return AccelerometerFit(
         linear=Linear(bias, matrix, sigma[:3]),
         sigma=sigma,
-        told=tuple(name for name, left_over in zip(NAMES, share, strict=True) if left_over < DETERMINED),
+        determined=tuple(name for name, left_over in zip(NAMES, share, strict=True) if left_over < DETERMINED),
         orientations=different,
         before=_rms(np.linalg.norm(rests.acc, axis=1) - gravity),
         after=_rms(np.linalg.norm((rests.acc - bias) @ matrix.T, axis=1) - gravity),

@@ -1,4 +1,4 @@
-"""Which stop touched which point, where a demonstration has more stops than points or the order is not known."""
+"""Match stops to points, where a demonstration has more stops than points or their order is unknown."""
 
 from __future__ import annotations
 

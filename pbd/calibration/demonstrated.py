@@ -1,4 +1,4 @@
-"""How the hand went from one keyframe to the next, as poses of the tool in base.
+"""The demonstrated path from one keyframe to the next, as poses of the tool in base.
 
 The hand trembles, and the tracked path is only known to within its uncertainty: it is smoothed by a cubic spline as far
 as it stays within one sigma of what was tracked, and within SMOOTH_M and SMOOTH_RAD. It begins and ends exactly at the

@@ -1,4 +1,4 @@
-"""Does a sensor at rest read what it should: gravity, and what its calibration says?"""
+"""Calibration drift: whether a sensor at rest still reads gravity and the field of its calibration."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FIELD_DRIFT, DIP_DRIFT = 0.10, np.radians(6.0)
 def disagreements(
     errors: SensorErrors | None, acc: Array, gyr: Array | None = None, mag: Array | None = None
 ) -> tuple[str, ...]:
-    """Say by how much a sensor at rest is off what it should read, a line for each thing that is beyond its bound.
+    """Report what a sensor at rest reads wrongly, a line for each deviation beyond its bound.
 
     Args:
         errors: the calibration's; None: it has none, and only gravity is known.

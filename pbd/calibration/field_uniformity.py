@@ -1,4 +1,4 @@
-"""How well a magnetic heading repeats: between the stops of a demonstration, and from one demonstration to the next."""
+"""Repeatability of a magnetic heading between the stops of a demonstration, and between demonstrations."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ share). With more, a dock gives a better heading."""
 
 @dataclass(frozen=True)
 class FieldSpread:
-    """By how much the magnetic field differs from stop to stop, rms about its mean.
+    """Variation of the magnetic field from stop to stop, rms about its mean.
 
     Attributes:
         heading: rad.
@@ -28,7 +28,7 @@ class FieldSpread:
 
     @property
     def disturbed(self) -> bool:
-        """Whether a heading that is taken from it can't be relied on."""
+        """Whether its heading is unreliable."""
         return self.heading > DISTURBED_HEADING or self.strength > DISTURBED_STRENGTH
 
 
@@ -54,7 +54,7 @@ def field_spread(mag: Array, wxyz_nav_sensor: Array) -> FieldSpread:
 
 
 def heading_changes(wxyz_first: Array, wxyz_again: Sequence[Array]) -> Array:
-    """By how much nav's heading differs between demonstrations, (m,) rad.
+    """Difference of nav's heading between demonstrations, (m,) rad.
 
     Args:
         wxyz_first: (4,) the sensor's attitude in nav at the first rest of one demonstration.

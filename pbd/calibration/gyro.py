@@ -1,4 +1,4 @@
-"""Bias, scale and misalignment of a gyro: at rest it turns by nothing, and between rests as the vertical does."""
+"""Bias, scale and misalignment of a gyro: at rest it reads zero, and between rests it turns as the vertical does."""
 
 from __future__ import annotations
 

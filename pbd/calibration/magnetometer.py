@@ -1,4 +1,4 @@
-"""Hard and soft iron of a magnetometer: however it is turned, the field keeps its strength and its dip."""
+"""Hard and soft iron of a magnetometer: in every orientation the field has the same strength and dip."""
 
 from __future__ import annotations
 

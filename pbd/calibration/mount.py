@@ -1,4 +1,4 @@
-"""How the sensor sits on the tool: the lever by pivoting the tip on a point, the rotation by turns about named axes."""
+"""Mount of the sensor on the tool: lever by pivoting the tip on a point, rotation by turns about named axes."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class PivotFit:
     Attributes:
         p_sensor_tip: (3,) m in sensor axes.
         cov: (3, 3) m2.
-        residuals: (k, 3) m in nav, by how much the tip seems to be off its point at each stop.
+        residuals: (k, 3) m in nav, distance of the tip from its point at each stop.
         chi2: per degree of freedom; 1 where the tracker's sigmas are right.
     """
 
@@ -63,7 +63,7 @@ class TurnsFit:
         wxyz_sensor_tool: (4,).
         cov: (3, 3) rad2, of the rotation vector in sensor axes.
         off: (m,) rad, the angle between each turn's axis and the tool's axis that it was named after.
-        turned: (m,) rad, by how much each turned.
+        turned: (m,) rad, the angle of each turn.
         moves: (m,) which moves these are.
     """
 

@@ -1,4 +1,4 @@
-"""Nav into base from touched points; a point that contradicts the others is found and left out."""
+"""Registration of nav in base from touched points. A point that contradicts the others is left out."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class PointFit:
     Attributes:
         T_base_nav: the pose.
         cov: (6, 6) m and rad, position and rotation vector in base; no tilt where gravity gave it.
-        scale: of the hand's positions; 1 where it was not asked for.
+        scale: of the hand's positions; 1 unless it was fitted.
         scale_sigma: one sigma; 0 as above.
         residuals: (m, 3) m in base, point less touch, of all points, those left out too.
         left_out: (m, 3) m in base, the same with the point itself left out of the fit.
@@ -80,7 +80,7 @@ def fit_points(
 
     Raises:
         CalibrationError: too few points, in a line, above each other; or they contradict each other and which one is at
-            fault can't be told.
+            fault can't be located.
     """
     if len(points) != len(touched.stops):
         raise ValueError(f"{len(touched.stops)} touches for {len(points)} points; give one touch per point")

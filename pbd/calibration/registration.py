@@ -1,4 +1,4 @@
-"""Least squares of nav in base, with the joint covariance of the touches."""
+"""Least-squares registration of nav in base, with the joint covariance of the touches."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class Fit:
 
 
 def variance(chi2: float, freedom: int) -> float:
-    """By how much the tracker's variances are too small, by what is left of a fit and by their own word."""
+    """The factor by which the tracker's variances are too small, by the residuals of a fit and by a prior."""
     return (PRIOR_FREEDOM + chi2) / (PRIOR_FREEDOM + freedom)
 
 
@@ -140,7 +140,7 @@ def predict(problem: Problem, k: int, keep: Sequence[int]) -> tuple[Array, Array
 
 
 def misfit(problem: Problem, pose: Pose, scale: float) -> Array:
-    """By how much each touch is off in nav, (m, 3) m: what was tracked less where the point is."""
+    """Error of each touch in nav, (m, 3) m: the tracked position minus the point's."""
     tips = pose.inverse().act(problem.points)
     off: Array = problem.touched.p_nav_sensor - (tips - problem.touched.lever) / scale
     return off

@@ -1,4 +1,4 @@
-"""When a sensor that was put down in several orientations lay still, and what it read then."""
+"""Rests of a sensor that was put down in several orientations, with its mean readings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A sensor into its own truth: all that one recording tells, in which it is put down in several orientations."""
+"""Calibrate a sensor's errors from one recording in which it is put down in several orientations."""
 
 from __future__ import annotations
 
@@ -73,10 +73,10 @@ def calibrate_sensor(
     acc = fit_accelerometer(rests, gravity) if "acc" in wanted else None
     if acc is not None:
         errors = replace(errors, acc=acc.linear, gravity=gravity)
-        if acc.untold:
+        if acc.undetermined:
             remarks.append(
-                f"{acc.orientations} orientations do not determine {', '.join(acc.untold)}: typical values are kept; "
-                "to measure all of them, put each of the six sides and six edges up"
+                f"{acc.orientations} orientations do not determine {', '.join(acc.undetermined)}: typical values are "
+                "kept; to measure all of them, put each of the six sides and six edges up"
             )
     up, up_sigma = _up(rests, errors, acc)
     if "gyr" in wanted and (recording.gyr is not None or "gyr" in only):
@@ -122,7 +122,7 @@ def corrected(recording: Recording, errors: SensorErrors | None) -> Recording:
 
 
 def refuse_other_sensor(what: str, sensor: str, errors: SensorErrors) -> None:
-    """Refuse errors of another sensor than the one `what` was made with; one that nobody named may be any.
+    """Refuse errors of another sensor than the one `what` was made with. A sensor without a name fits all.
 
     Raises:
         CalibrationError: names both.

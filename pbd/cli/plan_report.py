@@ -1,4 +1,4 @@
-"""What the commands say of a plan's moves: for people and for programs."""
+"""Report of a plan's moves, for people and for programs."""
 
 from __future__ import annotations
 

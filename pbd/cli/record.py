@@ -35,7 +35,7 @@ def run(args: argparse.Namespace) -> None:
     name = args.name or datetime.now().strftime("demo-%m%d-%H%M%S")
     folder = demo_folder(name)
     if args.sensor is not None and args.sensor.partition(":")[0] != SIMULATED:
-        decoder_maker(args, args.sensor, args.unit, also=(SIMULATED,))  # what is misspelt is told before what is taken
+        decoder_maker(args, args.sensor, args.unit, also=(SIMULATED,))  # spelling errors come first
     refuse_demo_folder(folder, args.force)
     with ExitStack() as stack:
         view = None
@@ -112,7 +112,7 @@ def _simulated(args: argparse.Namespace, stack: ExitStack) -> SimulatedHand | No
 
 def _report(args: argparse.Namespace, outcome: Outcome) -> None:
     if outcome.before:
-        with suppress(OSError):  # nobody reads it any more
+        with suppress(OSError):  # the terminal is closed
             print(outcome.before, file=sys.stderr)
     folder = None if outcome.folder is None else str(outcome.folder)
     if args.json:

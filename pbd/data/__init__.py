@@ -1,6 +1,6 @@
 """The frozen values that pass between the stages, in the order in which they come to be.
 
-Arrays are copied in, made read-only and checked for their shape; a value that exists is a value that is well formed.
+Arrays are copied in, made read-only and checked for their shape. So every value is well formed.
 SI and radians throughout; frames stand in the names: `sensor`, `nav`, `base`, `tool`, `dock`.
 """
 

@@ -1,4 +1,4 @@
-"""The values of planning: the robot, its motion."""
+"""Values of planning: the robot, its motion."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Gripper:
 class JointLimits:
     """Per joint: position rad, velocity rad/s, acceleration rad/s2, jerk rad/s3, effort N m (N where it slides).
 
-    `source` says in one line who says so; `sources` says it of each: "position", "velocity", "acceleration", "jerk",
+    `source` names the sources in one line; `sources` has one for each: "position", "velocity", "acceleration", "jerk",
     "effort". Where no effort is known it is None, and torques are not checked.
     """
 
@@ -79,7 +79,7 @@ class Robot:
         limits: of `joints`.
         dock: the calibration that is used where the user names none, or None.
         notes: what is assumed, for people.
-        license: of the URDF and its meshes, and whose they are; empty where nobody said.
+        license: of the URDF and its meshes, and whose they are; empty if unknown.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""How sure the poses of all keyframes are together."""
+"""Joint covariance of the poses of all keyframes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ KEYFRAMES_AT_ONCE = 32
 class PoseCovariance:
     """Covariance (6n, 6n) of n poses: position (m), then rotation vector (rad), in nav.
 
-    Any block is solved for when somebody asks.
+    A block is solved for when it is read.
 
     Attributes:
         count: n.

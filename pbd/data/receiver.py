@@ -1,4 +1,4 @@
-"""What a receiver makes of a trajectory's points: how it fills the gaps between them, and what that does to the limits.
+"""Interpolation by a receiver between a trajectory's points, and how far that exceeds the limits.
 
 The rules are those of ROS 2's joint_trajectory_controller, which others share: cubics where points carry velocities,
 quintics where they carry accelerations too.

@@ -1,4 +1,4 @@
-"""What a recording shows of its sensor's own errors."""
+"""The sensor's own errors, as estimated from a recording."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What stands around the arm, and where the grasped object is while the arm moves."""
+"""Obstacles around the arm, and the grasped object's motion."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def stays(
 ) -> tuple[Stay, ...]:
     """Follow an object: it stands upright where it is first gripped, goes with the tool, and stays where it is let go.
 
-    A gripper that closes elsewhere leaves it where it is; one that never closes tells nothing of it.
+    A gripper that closes elsewhere leaves it where it is. One that never closes does not say where it is.
 
     Args:
         thing: what is grasped.

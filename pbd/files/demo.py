@@ -1,4 +1,4 @@
-"""A demonstration's folder: demo.toml, imu.csv and, where they are there, truth.csv and keyframes.toml."""
+"""A demonstration's folder: demo.toml, imu.csv and, optionally, truth.csv and keyframes.toml."""
 
 from __future__ import annotations
 

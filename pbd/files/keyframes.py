@@ -1,4 +1,4 @@
-"""keyframes.toml in a demonstration's folder: keyframes as a person left them, which win over those that are found."""
+"""keyframes.toml in a demonstration's folder: edited keyframes, which replace the tracked ones."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def write_keyframes(
     """Write keyframes.toml (of `keyframes_toml`) into a demonstration's folder, and return its path.
 
     Raises:
-        RecordingError: it is there already (unless `force`): somebody may have worked on it. Or a keyframe is too far
+        RecordingError: the file exists (and `force` is not set): a person may have edited it. Or a keyframe is too far
             away to be read again.
     """
     for index, keyframe in enumerate(keyframes):

@@ -1,4 +1,4 @@
-"""Tables of numbers in text: a header line, then rows. What is wrong is named by line and column."""
+"""Tables of numbers in text: a header line, then rows. Errors name line and column."""
 
 from __future__ import annotations
 

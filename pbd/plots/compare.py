@@ -1,4 +1,4 @@
-"""Several demonstrations of one task: aligned, their keyframes matched, and how far these spread."""
+"""Compare several demonstrations of one task: align them, match their keyframes, compute the spread."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Several demonstrations of one task over each other, and how far they spread at each keyframe."""
+"""Figures of several demonstrations of one task, and their spread at each keyframe."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def positions(plot: ComparePlot) -> Figure:
 
 
 def spread(plot: ComparePlot) -> Figure:
-    """How far the keyframes spread, beside what the trackers' sigmas make expect."""
+    """Spread of the keyframes, and that expected by the trackers' sigmas."""
     figure = sheet("Spread at each keyframe, between the demonstrations", 10.0, 5.4)
     upper, lower = figure.subplots(2, sharex=True, height_ratios=(3, 2))
     upper.set_title(_subtitle(plot))

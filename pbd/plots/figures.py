@@ -119,7 +119,7 @@ def _sampling(plot: DemoPlot) -> Figure:
 
 
 def _summary(plot: DemoPlot) -> Figure:
-    """The path, what happened over time, and in words what should be looked at, on one sheet."""
+    """One sheet: the path, the motion over time, and the findings in words."""
     with matplotlib.rc_context({"font.size": 8.0, "lines.linewidth": 0.9}):
         figure = sheet(plain(plot.name, 60), *A4)
         upper, lower = cast(list[SubFigure], figure.subfigures(2, height_ratios=(3.1, 5.0)))

@@ -1,4 +1,4 @@
-"""What a person should look at in a demonstration: in words, and when."""
+"""Findings: what a person should look at in a demonstration, in words and with its time."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Finding:
 
 
 Weighed = tuple[float, Finding]
-"""How bad it is, and what."""
+"""Severity, and the finding."""
 
 
 def find(
@@ -94,7 +94,7 @@ def find(
 
 
 def stop_names(path: HandPath, keyframes: Sequence[Keyframe]) -> tuple[str, ...]:
-    """What plots call each stop: its keyframe's number, or its time where a person took that keyframe out."""
+    """Name of each stop in plots: its keyframe's number, or its time where that keyframe was removed."""
     t = np.array([keyframe.t for keyframe in keyframes])
     names = []
     for stop in path.stops:
@@ -159,7 +159,7 @@ def _short_stops(path: HandPath, names: Sequence[str], doubted: Sequence[int]) -
 
 
 def _trembling(path: HandPath, names: Sequence[str], a_nav: Array) -> Iterator[Weighed]:
-    """Where the hand is held in one place, but no stop is seen."""
+    """Find places where the hand is held still, but no stop is found."""
     n = max(2, round(TREMBLE_S * (len(path.t) - 1) / float(path.t[-1] - path.t[0])))
     trembles = _trembles(path, a_nav, n)
     for k, (before, after) in enumerate(pairwise(path.stops)):
@@ -177,13 +177,13 @@ def _trembling(path: HandPath, names: Sequence[str], a_nav: Array) -> Iterator[W
 
 
 def _shows(path: HandPath, stop: Stop, span: Span) -> bool:
-    """Whether a stop shows the place where the hand trembles: it is long enough, and soon before or after."""
+    """Whether a stop shows the same place as the trembling: a long enough stop right before or after it."""
     begin, end = _during(path, stop)
     return stop.dwell_s >= SHORT_STOP_S and begin - SHORT_STOP_S < span[1] and span[0] < end + SHORT_STOP_S
 
 
 def _trembles(path: HandPath, a_nav: Array, n: int) -> NDArray[np.bool_]:
-    """For each sample, whether the hand trembles around one place during it and the n - 1 that follow."""
+    """For each sample, whether the hand trembles around one place during this and the next n - 1 samples."""
     from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
     if len(path.t) <= n:
@@ -202,7 +202,7 @@ def _trembles(path: HandPath, a_nav: Array, n: int) -> NDArray[np.bool_]:
 
 
 def _unsure_moves(path: HandPath, names: Sequence[str]) -> list[Finding]:
-    """Say which moves add much to what is not known."""
+    """Find moves that add much uncertainty."""
     added = _added(path)
     unsure = sorted(np.flatnonzero(added > UNSURE_MOVE_M).tolist(), key=lambda k: -added[k])
     moves = [(f"from {names[k]} to {names[k + 1]} ({_lasts(path, k):.1f} s)", length(float(added[k]))) for k in unsure]
@@ -228,7 +228,7 @@ def _added(path: HandPath) -> Array:
 
 
 def _left_over(path: HandPath, names: Sequence[str], doubted: Sequence[int]) -> Iterator[Weighed]:
-    """Moves that end with more velocity than a sensor drifts by, unless they are remarked upon already."""
+    """Find moves that end with more velocity than drift explains, unless they have a remark already."""
     added = _added(path)
     for k, left_over in enumerate(np.linalg.norm(path.closure, axis=1).tolist()):
         lasts = _lasts(path, k)

@@ -1,4 +1,4 @@
-"""What the plots of one demonstration show."""
+"""Values for the plots of one demonstration."""
 
 from __future__ import annotations
 
@@ -171,7 +171,7 @@ def demo_plot(path: HandPath, remarks: Sequence[str] = ()) -> DemoPlot:
 
 
 def _truth(truth: Truth, path: HandPath) -> TruthPlot | None:
-    """Align the truth with the first stop; None where it doesn't say where that is."""
+    """Align the truth with the first stop; None where the truth has no sample near it."""
     rows = np.concatenate(([True], np.diff(truth.t) > 0.0))
     t, p, wxyz = truth.t[rows], truth.p_nav_sensor[rows], truth.wxyz_nav_sensor[rows]
     seen = np.isfinite(p).all(axis=1) & np.isfinite(wxyz).all(axis=1)

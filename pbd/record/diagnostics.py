@@ -1,4 +1,4 @@
-"""Whether a sensor can be believed, checked while it records, when it can still be mended.
+"""Check a sensor while it records, when a fault can still be corrected.
 
 A saturated axis, a dead one, a gyro or magnetometer that says nothing, a sensor that repeats itself. What is looked for
 is what `pbd.tracking` finds in a finished recording (saturation.py, channels.py), here in its last seconds.
@@ -32,18 +32,18 @@ FEWEST_SAMPLES = 8
 
 
 class Diagnostics:
-    """Takes samples, and tells what is wrong with them."""
+    """Takes samples and reports faults in them."""
 
     def __init__(self) -> None:
         self._recent: deque[tuple[float, Sample]] = deque()
         self._looked = 0.0
         self._said_at: dict[str, float] = {}
         self._lived = False
-        # Whether it has had noise: a sensor that never had is coarse, and says the same whenever it rests.
+        # Whether it has shown noise. A sensor that never did is coarse, and repeats itself at every rest.
         self._largest: dict[tuple[str, int, float], float] = {}
 
     def feed(self, t: float, sample: Sample) -> list[str]:
-        """Take the next sample, at t s; return what is newly wrong, a line each."""
+        """Take the next sample, at t s; return new faults, a line each."""
         self._recent.append((t, sample))
         if t - self._looked < CHECK_EVERY_S:
             return []
@@ -62,7 +62,7 @@ class Diagnostics:
         return True
 
     def _clipped(self, window: Recording, since: float) -> dict[str, str]:
-        """Axes at the end of their range since then. A smaller peak than one before can't be at its end."""
+        """Axes that reached the end of their range since then. A peak below an earlier one is not clipped."""
         flaws: dict[str, str] = {}
         for clip in clips_of(window):
             side, reading = (clip.sensor, clip.axis, clip.sign), _reading(window, clip)
@@ -80,7 +80,7 @@ class Diagnostics:
         return flaws
 
     def _dead(self, window: Recording) -> dict[str, str]:
-        """Axes and sensors that say nothing while others do."""
+        """Axes and sensors that are constant while others change."""
         given = dict(_motion(window))
         whole = window.t[-1] - window.t[0] >= STUCK_S
         changing = np.any([np.diff(values, axis=0).any(axis=1) for values in given.values()], axis=0).mean()

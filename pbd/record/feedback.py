@@ -1,4 +1,4 @@
-"""What the person is told while the hand moves: the live tracker's findings in words."""
+"""Feedback to the person while the hand moves: the live tracker's findings in words."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ rest."""
 
 
 class Feedback:
-    """Feeds the live tracker and collects what is worth a line."""
+    """Feeds the live tracker and collects messages for the person."""
 
     def __init__(self, tolerance_m: float, errors: SensorErrors | None = None, sensor: str = "") -> None:
         self.tracker = LiveTracker(sensor)
@@ -83,7 +83,7 @@ class Feedback:
                 self._field.popleft()
 
     def _compare(self, event: RestFound) -> None:
-        """Tell where the sensor at rest is off what it should read."""
+        """Report what the sensor at rest reads wrongly."""
         mag = np.mean([mag for _, mag in self._field], axis=0) if self._field else None
         rest = event.rest
         for line in disagreements(self._errors, rest.gravity * rest.up_sensor, rest.gyro_bias, mag):
@@ -95,7 +95,7 @@ class Feedback:
         self._said.append(Say(t, text, bell))
 
     def said(self) -> tuple[Say, ...]:
-        """Return what is new; it is told once."""
+        """Return the news since the last call."""
         said, self._said = tuple(self._said), []
         return said
 
@@ -121,5 +121,5 @@ def placed(keyframe: Keyframe) -> str:
 
 
 def in_cm(length: float) -> str:
-    """Write a length in m as one says it: 2 cm, 0.4 cm."""
+    """Write a length in m as people do: 2 cm, 0.4 cm."""
     return f"{100.0 * length:.0f} cm" if length >= 0.01 else f"{100.0 * length:.1f} cm"

@@ -1,4 +1,4 @@
-"""The verb: record until told to end, the time is over, or the sensor is gone."""
+"""Record until a person ends it, the time is over, or the sensor is gone."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def record(
         options: what and how.
         poll: what the person wants, without waiting.
         show: draws the screen.
-        every_s: so often.
+        every_s: s between two updates.
 
     Raises:
         SensorError: no port, no bytes, or bytes that are no packets: then there is no folder.
@@ -146,7 +146,7 @@ def _run(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], 
 
 
 class _Watch:
-    """Notices when this program stood still: silence of that time is not the sensor's.
+    """Detects that this program was suspended: silence meanwhile is not the sensor's fault.
 
     Attributes:
         now: s of the host's monotonic clock, at the latest look.
@@ -158,7 +158,7 @@ class _Watch:
         self._worked = time.process_time()
 
     def look(self) -> float:
-        """Return for how many s it stood still since the last look; 0 where that is usual."""
+        """Return for how many s the program was suspended since the last call; usually 0."""
         before, self.now = self.now, time.monotonic()
         worked, self._worked = self._worked, time.process_time()
         idle = self.now - before - (self._worked - worked)

@@ -1,7 +1,7 @@
-"""Anything that prints lines of numbers: an Arduino, SparkFun's Razor, a script. line_layout.py says what they mean.
+"""Lines of numbers from any device: an Arduino, SparkFun's Razor, a script. line_layout.py gives their meaning.
 
-There is no checksum, so a line counts only if it has the number of columns expected, each a finite number, none of them
-absurd; and where no prefix marks its start the first line is taken for the end of one and left out. A digit lost on the
+There is no checksum, so a line counts only if it has the expected number of columns, all of them finite and none
+absurd. Without a prefix that marks its start, the first line may be incomplete and is left out. A digit lost on the
 way can still pass for another number: prefer a device with a checksum.
 """
 

@@ -108,7 +108,7 @@ def open_port(device: str, baud: int) -> Port:
     """Open a port for us alone, 8N1.
 
     Raises:
-        SensorError: there is none, no permission (which group has it is said), another program has it, or no such baud.
+        SensorError: no such port; no permission (with the group that has it); another program uses it; no such baud.
     """
     from serial import Serial, SerialException
 

@@ -18,7 +18,7 @@ MOST_BYTES = 32768
 
 
 class Reader:
-    """Reads what comes, with the time at which it came (host's monotonic clock, s)."""
+    """Reads bytes, with their time of arrival (host's monotonic clock, s)."""
 
     def __init__(self, open_port: Callable[[], Port]) -> None:
         self._open = open_port

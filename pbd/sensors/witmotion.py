@@ -2,7 +2,7 @@
 
 Source: WIT Standard Communication Protocol. 0x55, type, four little-endian int16, the low byte of the sum of the first
 ten. 0x51 acceleration (full scale 16 g), 0x52 turn rate (2000 deg/s), 0x53 roll, pitch, yaw (180 deg), 0x54 magnetic
-field in raw counts (how much a count is differs between models), 0x59 quaternion w, x, y, z (1).
+field in raw counts (whose unit differs between models), 0x59 quaternion w, x, y, z (1).
 
 Axes: z up, right-handed, +1 g at rest; attitude as z, y, x turns in an east-north-up frame: as the project's.
 
@@ -35,7 +35,7 @@ _WORDS = Struct("<2x4hx")
 
 
 class WitMotionDecoder(PacketDecoder):
-    """The types that a group may hold are learnt from the stream; there is no device time."""
+    """Decoder that learns from the stream which types a group holds; there is no device time."""
 
     BEGIN = re.compile(rb"\x55(?:[\x50-\x5a\x5f]|\Z)")
 

@@ -1,4 +1,4 @@
-"""What the simulated hand does for `pbd calibrate`: touches known points, turns about its tip, puts the sensor down.
+"""Tasks for `pbd calibrate`: touch known points, turn about the tip, put the sensor down on its sides.
 
 All start at rest, the sensor level. Like all tasks they are done with one device per sensor model and seed, so that
 what is found from one recording holds for the others.

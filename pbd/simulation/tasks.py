@@ -1,4 +1,4 @@
-"""What the simulated hand does: the paper's two tests, an everyday pouring, and tasks made at random.
+"""Tasks of the simulated hand: the paper's two tests, pouring, and random tasks.
 
 World is x east, y magnetic north, z up. The paper gives its times (Table I) but no distances; those are ours: a lift of
 0.10 m, 0.15 m along x, 0.15 m along y and a roll of 60 degrees.
@@ -26,7 +26,7 @@ HEADING = radians(30.0)
 
 @dataclass(frozen=True)
 class Task:
-    """A motion of the hand through waypoints, and what it is about.
+    """A motion of the hand through waypoints, with its description.
 
     Attributes:
         name: one word.

@@ -1,4 +1,4 @@
-"""What a solution shows that its model does not explain: told, each in a line.
+"""Warnings about what the smoother's model does not explain, a line each.
 
 tests/benchmarks/faults.py prints the false alarms of clean recordings beside what is found of the damaged ones.
 """
@@ -36,7 +36,7 @@ FIELD_CHANGE = 0.25
 
 
 def alarms(solution: Solution, stops: Sequence[Stop], sensor: SensorFound | None) -> Iterator[str]:
-    """Say what is wrong with a recording, as far as its solution shows it."""
+    """Yield what is wrong with a recording, judged by its solution."""
     if sensor is not None:  # the device's own attitude is too coarse to hold anything against it
         yield from _of_sensor(solution, sensor)
         yield from _of_moves(solution)
@@ -45,7 +45,7 @@ def alarms(solution: Solution, stops: Sequence[Stop], sensor: SensorFound | None
 
 
 def _of_sensor(solution: Solution, found: SensorFound) -> Iterator[str]:
-    """Errors that are larger than such a sensor's are by chance."""
+    """Sensor errors too large to be chance."""
     from scipy.special import ndtri
 
     each = (found.lag, found.gyr_matrix, found.acc_matrix, found.acc_bias)
@@ -98,8 +98,8 @@ def _of_moves(solution: Solution) -> Iterator[str]:
         worst, t = int(np.argmin(chance)), problem.t
         others = f", and in {int(bad.sum()) - 1} other places" if bad.sum() > 1 else ""
         yield (
-            f"what the sensor says from {t[worst]:.1f} to {t[worst + 1]:.1f} s{others} fits no motion between the "
-            "stops: samples are lost or wrong there; look at pbd plot, and record again"
+            f"no motion between the stops fits the data from {t[worst]:.1f} to {t[worst + 1]:.1f} s{others}: "
+            "samples are lost or wrong there; look at pbd plot, and record again"
         )
 
 

@@ -1,4 +1,4 @@
-"""What a person knows of the stops, as linear measurements of the sensor's poses at them.
+"""A person's knowledge of the stops, as linear measurements of the sensor's poses.
 
 Places and heights are the tool's: it sits at the end of a lever that turns with the sensor. Only `closed` is the
 sensor's own: it is back in its dock.
@@ -35,7 +35,7 @@ class Claim:
 
     Attributes:
         saying: what is claimed, in words.
-        entry: what in demo.toml says so.
+        entry: the entry in demo.toml.
         stop: index.
         other: index, or None for nav's origin.
         axes: (d, 3).
@@ -44,7 +44,7 @@ class Claim:
         by_calibration: (d, 9), how the value goes with the calibration's errors.
         own, shared: m2 an axis, this claim's own noise, and what is common to all claims of one `group`.
         group: any number.
-        differs: how it may differ, in words, with {} for by how much.
+        differs: the misfit in words, with {} for its size.
     """
 
     saying: str
@@ -90,7 +90,7 @@ class _Tool:
         variances: tuple[float, float],
         above: float | None = None,
     ) -> Claim:
-        """The tool is at a stop where it is at another one, or, if `above` is given (m), so much higher."""
+        """The tool is where it is at another stop, or `above` (m) higher."""
         stop, other = stops
         axes, value = (ALL_AXES, np.zeros(3)) if above is None else (UPWARDS, np.array([above]))
         by = np.zeros((3, 9))
@@ -213,7 +213,7 @@ def _at_table(tool: _Tool, table_height: float, contact: Contact, stop: int, gro
 def _height(
     tool: _Tool, contact: Contact, stops: tuple[int, int], at: str, group: int, shared: float, above: float = 0.0
 ) -> Claim:
-    """The tool is so much `above` where it is at the other of two stops."""
+    """The tool is `above` m higher than at the other stop."""
     saying = f"the tool at {contact.t:.2f} s (stop {stops[0]}) is {at}"
     variances = (_variance(contact), shared)
     return tool.meets(saying, "that [[contact]]", stops, group, variances, above)

@@ -94,7 +94,7 @@ def _grip_at_stops(events: tuple[GripEvent, ...], t: Array, stops: tuple[Stop, .
 
 
 def _changing(grips: dict[int, bool]) -> dict[int, bool]:
-    """Leave out a grip that does what the one before it did: it changes nothing."""
+    """Leave out a grip event that repeats the one before it."""
     changing: dict[int, bool] = {}
     for stop in sorted(grips):
         closed = grips[stop]

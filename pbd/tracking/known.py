@@ -159,7 +159,7 @@ def _fits(
     weighted = np.linalg.solve(S, misfit)
     together = float(misfit @ weighted)
     if together > _bound(len(misfit)):
-        # A claim's misfit against all the others, and its square: by how much all together falls without the claim.
+        # A claim's misfit against all the others, and its square: how far the total falls without the claim.
         precision = np.linalg.inv(S)
         against = [np.linalg.solve(precision[row, row], weighted[row]) for row in rows]
         gained = [float(weighted[row] @ off) for row, off in zip(rows, against, strict=True)]

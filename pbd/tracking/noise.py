@@ -1,4 +1,4 @@
-"""Every physical parameter of the estimator, once: what the sensor and the hand may do.
+"""Every physical parameter of the estimator: the noise of the sensor and the motion of the hand.
 
 White noise is measured in the recording's own rest. The rest of a sensor's errors is of its class, by data sheets;
 what a hand does is physiology. `gyr_turn`, `acc_motion`, `acc_bend` and the walks were chosen with the recordings of
@@ -189,7 +189,7 @@ def noise_of(recording: Recording, rest: Rest, errors: SensorErrors | None = Non
 def _rounding(values: Array, rms: float) -> tuple[float, float]:
     """White noise of readings (n, 3) per sample and axis; and what rounding leaves over where they hardly change.
 
-    Their step is the smallest difference between two of them. Noise that is large against it makes the rounding white
+    Their step is the smallest difference between two of them. Noise larger than the step makes the rounding white
     (it is a dither); of smaller noise a share exp(-2 pi^2 rms^2 / step^2) stays the same as long as the reading does,
     and changes from one rest to another: a random walk of a second.
 
@@ -208,7 +208,7 @@ def _rounding(values: Array, rms: float) -> tuple[float, float]:
 
 
 def acc_doubt(noise: Noise, rest: Rest) -> float:
-    """By how much the accelerometer errs more than its class: what the rest shows is a scale for all of it."""
+    """Factor on the class' accelerometer sigmas: gravity at rest shows how large its errors are."""
     shown = abs(rest.gravity - noise.gravity)
     return float(np.hypot(1.0, max(shown - 2.0 * noise.gravity_sigma, 0.0) / noise.device.acc_bias))
 

@@ -1,4 +1,4 @@
-"""What the sensor says while nothing moves: the recording's own noise, gyro bias and gravity."""
+"""The sensor at rest: the recording's own noise, gyro bias and gravity."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def find_rest(recording: Recording) -> Rest:
 
 
 def rest_over(recording: Recording, start: int, stop: int) -> Rest:
-    """What the sensor says over samples in which it is known to rest.
+    """Noise, bias and gravity over samples in which the sensor rests.
 
     Raises:
         TrackingError: no gravity.
@@ -125,7 +125,7 @@ def rest_within(recording: Recording, rest: Rest, stops: tuple[Stop, ...]) -> Re
 
 
 def _refuse_wrong_units(norm_at_rest: float) -> None:
-    """Refuse specific force that is not in m/s2, told by its norm at rest, naming the likely unit."""
+    """Refuse specific force whose norm at rest is not g, naming the likely unit."""
     if 0.85 < norm_at_rest / GRAVITY < 1.15:
         return
     scales = {"g": 1.0 / GRAVITY, "mg": 1e3 / GRAVITY, "mm/s2": 1e3, "cm/s2": 1e2}

@@ -1,7 +1,7 @@
-"""Where the hand may stand still: candidates, each of which the smoother then believes, trims or gives up.
+"""Zero-velocity candidates: where the hand may stand still. The smoother then accepts, trims or rejects each.
 
 A sensor at rest shows a constant specific force and no rate of turn. So does one that coasts at constant velocity:
-that is for the smoother to tell, which knows the velocity.
+the smoother, which knows the velocity, tells them apart.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def find_candidates(t: Array, shake: Array, turn: Array, rest: Rest, unseen: Seq
         t: (n,) s.
         shake: (m,) (m/s2)^2, and turn (m,) (rad/s)^2: of `energies`.
         rest: for its noise.
-        unseen: last row before and first row after each hole in the data; one between two rests is part of them.
+        unseen: last row before and first row after each gap. A gap between two rests is part of them.
     """
     from scipy.ndimage import maximum_filter1d
 
@@ -69,7 +69,7 @@ def find_candidates(t: Array, shake: Array, turn: Array, rest: Rest, unseen: Seq
     lull = quiet | (
         (shake < LULL_SHARE * maximum_filter1d(shake, reach)) & (turn < LULL_SHARE * maximum_filter1d(turn, reach))
     )
-    for before, after in unseen:  # what was interpolated shows nothing; what goes on at an end is refused elsewhere
+    for before, after in unseen:  # interpolated data show nothing; a gap at an end is refused elsewhere
         if before == 0 or after == len(t) - 1:
             continue
         quiet[max(before + 2 - n, 0) : after] = lull[max(before + 2 - n, 0) : after] = False
@@ -81,13 +81,13 @@ def find_candidates(t: Array, shake: Array, turn: Array, rest: Rest, unseen: Seq
     still = maximum_filter1d(
         np.concatenate((quiet, np.zeros(n - 1, dtype=bool))), n, origin=(n - 1) // 2, mode="constant"
     )
-    return _lasting(t, _merged(t, runs(still), unseen))
+    return _long_enough(t, _merged(t, runs(still), unseen))
 
 
 def still_speed(shake: Array, turn: Array, n: int, rest: Rest, noise: Noise) -> Array:
-    """How fast, m/s along each axis, a hand may be that stands still, at each of n rows.
+    """Sigma of a zero-velocity update, m/s along each axis, at each of n rows.
 
-    It creeps; it trembles, as the acceleration above the sensor's own noise shows; it turns about a point beside.
+    A hand at rest creeps. It trembles, as acceleration above the sensor's noise shows. It turns about a point beside.
 
     Args:
         shake: (m,) (m/s2)^2, and turn (m,) (rad/s)^2: of `energies`.
@@ -114,18 +114,18 @@ def quiet_limits(rest: Rest) -> tuple[float, float]:
 
 
 def slow_parts(t: Array, span: tuple[int, int], slow: NDArray[np.bool_]) -> Spans:
-    """The parts of a span in which the hand is slow, as its rows say (stop - start,)."""
-    return _lasting(t, _merged(t, [(span[0] + i, span[0] + j) for i, j in runs(slow)]))
+    """The parts of a span in which the hand is slow, by a flag per row (stop - start,)."""
+    return _long_enough(t, _merged(t, [(span[0] + i, span[0] + j) for i, j in runs(slow)]))
 
 
 def trimmed(span: tuple[int, int], slow: NDArray[np.bool_]) -> tuple[int, int]:
-    """A span without its ends where the hand sets out or arrives; where it is slow in no row of it, all of it."""
+    """A span without its fast ends, where the hand sets out or arrives. The whole span if no row is slow."""
     inside = np.flatnonzero(slow)
     return (span[0] + int(inside[0]), span[0] + int(inside[-1]) + 1) if len(inside) > 1 else span
 
 
 def calm_part(t: Array, span: tuple[int, int], slow: NDArray[np.bool_]) -> tuple[int, int]:
-    """A span without what a hand that sets out at its ends, or arrives, may have been moving before that was seen."""
+    """A span without its first and last energy window, in which motion may not show yet."""
     start, stop = span
     first, last = trimmed(span, slow)
     within = np.searchsorted(t, (t[start] + ENERGY_WINDOW_S, t[stop - 1] - ENERGY_WINDOW_S))
@@ -155,5 +155,5 @@ def _merged(t: Array, spans: Spans, unseen: Sequence[tuple[int, int]] = ()) -> S
     return merged
 
 
-def _lasting(t: Array, spans: Spans) -> Spans:
+def _long_enough(t: Array, spans: Spans) -> Spans:
     return [(start, stop) for start, stop in spans if t[stop - 1] - t[start] > SHORTEST_STOP_S - 1e-9]

@@ -1,4 +1,4 @@
-"""What the camera has to show."""
+"""Bounds of what the camera has to show."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the page tells beside the scene: times, keyframes, joints, as a plain value that msgpack carries."""
+"""The page's description of a motion: times, keyframes, joints, as a plain value for msgpack."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The hand's path while it grows: a curve through what the tracker says, in pieces of bounded size."""
+"""The live path: a curve through the tracked positions, in pieces of bounded size."""
 
 from __future__ import annotations
 
@@ -69,12 +69,12 @@ class LivePath:
         self.begin(t, p_nav_sensor)
 
     def take(self, most: int) -> list[tuple[str, Array, Array]]:
-        """Return at most so many changed pieces, oldest first: name, points (n, 3) m, speed (n,) m/s."""
+        """Return some changed pieces, oldest first: name, points (n, 3) m, speed (n,) m/s."""
         names = list(self._changed)[:most]
         return [(name, rows[:, 1:4], rows[:, 4]) for name in names for rows in [self._changed.pop(name)]]
 
     def corners(self) -> Array:
-        """Return the corners (2, 3) m of a box around the path, as far as the move under way can be believed."""
+        """Return the corners (2, 3) m of a box around the path, without what has likely diverged."""
         return _corners(np.vstack((self._settled, _near(self._going, self._rows[0][None, 1:4]))))
 
     @property

@@ -1,4 +1,4 @@
-"""What a browser shows while the hand is recorded: the sensor, its path so far and its stops, in nav."""
+"""The live view in the browser: the sensor, its path so far and its stops, in nav."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ class LiveView:
         invite(f"live view at {self._viewer.url}", self._viewer.url, open_browser)
 
     def show(self, picture: LivePicture) -> None:
-        """Draw what is new, in a few milliseconds; nothing for now where the server is busy with what came before."""
+        """Draw the news, in a few milliseconds; nothing if the server is still busy with the last picture."""
         if np.isfinite((*picture.p_nav_sensor, *picture.v_nav_sensor, *picture.wxyz_nav_sensor)).all():
             self._follow(picture)
             if not self._viewer.behind():

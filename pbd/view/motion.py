@@ -1,4 +1,4 @@
-"""Where a robot's parts are over time: forward kinematics of the whole robot, arm and fingers."""
+"""Poses of a robot's parts over time: forward kinematics of arm and fingers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a replay is made of: the values that `pbd.view.scene.build` draws."""
+"""Values that `pbd.view.scene.build` draws."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class ReplayKeyframe:
         label: a word for people; may be empty.
         t: s, when the arm reaches it.
         T_base_tool: where.
-        cov: (6, 6) m and rad, of the tool's position and rotation vector in base; None where nobody measured it.
+        cov: (6, 6) m and rad, of the tool's position and rotation vector in base; None where it is unknown.
         grip: True where the gripper closes here, False where it opens.
         weight: how sure the tracker is that the hand stood still, 0 to 1.
     """

@@ -1,6 +1,6 @@
 """The live viewer: a server of the replay's page, for this machine alone, and the scene that it sends to each page.
 
-The server runs in a thread of its own and ends with the program. Who draws never waits for it.
+The server runs in a thread of its own and ends with the program. Drawing never waits for it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What the commands print for people."""
+"""Tables that the commands print."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def print_csv(*tables: Table) -> None:
 
 
 def print_table(table: Table) -> None:
-    """Print to stdout, in colour only where that is a terminal; what is too wide for it goes below."""
+    """Print to stdout, in colour only at a terminal. A table too wide for it continues below."""
     if sys.stdout.isatty():
         console = Screen(sys.stdout)
         for k, part in enumerate(_fitting(table, console.width)):
@@ -99,7 +99,7 @@ def segments_table(segments: Sequence[Segment], units: Units = SI) -> Table:
 
 
 def keyframes_table(keyframes: Sequence[Keyframe], units: Units = SI) -> Table:
-    """The sensor's pose in nav at each stop; sigma is the largest over the axes, blank where nobody measured it.
+    """The sensor's pose in nav at each stop; sigma is the largest over the axes, blank where unknown.
 
     Where the tracker doubts that the hand stood still, a column says how sure it is.
     """
@@ -141,7 +141,7 @@ def joints_table(joint_names: Sequence[str], rows: Sequence[Mapping[str, Any]], 
 
 
 def robots_table(robots: Sequence[Robot], reach_m: Sequence[float], units: Units = SI) -> Table:
-    """Name, joints, reach, gripper, which limits are assumed, what it is."""
+    """Table of robots: name, joints, reach, gripper, assumed limits, description."""
     table = make_table(
         "name",
         "joints",

@@ -1,4 +1,4 @@
-"""What a robot looks like: the <visual> elements of its URDF, each as a compact mesh on its link.
+"""A robot's appearance: the <visual> elements of its URDF, each as a compact mesh on its link.
 
 A mesh's own colours win over the URDF's material, as in RViz.
 """

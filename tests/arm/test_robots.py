@@ -4,25 +4,16 @@ from __future__ import annotations
 
 import argparse
 import json
-import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.optimize import least_squares
 
-from pbd.arm.collision.motion_check import check_motion
-from pbd.arm.collision.scene import CollisionScene
-from pbd.arm.model import ArmModel
 from pbd.arm.reach import sample
-from pbd.calibration.dock import nav_in_base
-from pbd.calibration.frames import tool_poses
 from pbd.cli import main
 from pbd.cli.steps import load_arm
-from pbd.files.demo import load_demo
-from pbd.planning import plan_keyframes
-from pbd.pose import Array, Pose, quat_to_matrix
-from tests.arm.bundled import DEMOS, FIVE_JOINTS, FOLDER, NAMES, arm_of, keyframes_of, path_of
+from pbd.pose import quat_to_matrix
+from tests.arm.bundled import FIVE_JOINTS, FOLDER, NAMES, arm_of
 
 
 def test_these_are_the_robots() -> None:
@@ -121,59 +112,6 @@ def test_makers_figures() -> None:
 
 
 # --- what they can follow ---------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("demo", DEMOS)
-@pytest.mark.parametrize("name", NAMES)
-def test_the_bundled_demonstrations_replay_and_touch_nothing(name: str, demo: str) -> None:
-    robot, keyframes, grasped = arm_of(name).robot, keyframes_of(demo), load_demo(demo).grasped
-    assert robot.dock is not None
-    assert grasped is not None
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")  # nothing is left out, the dock isn't tilted
-        plan = plan_keyframes(keyframes, robot.dock, robot, None, path_of(demo), grasped)
-    assert check_motion(CollisionScene.build(arm_of(name), robot.dock, grasped), plan.trajectory) is None
-    assert len(plan.T_base_tool) == len(keyframes)
-    grips = [keyframe.grip for keyframe in keyframes if keyframe.grip is not None]
-    assert len(plan.trajectory.gripper_t) == 1 + 2 * len(grips)
-
-
-@pytest.mark.parametrize("demo", DEMOS)
-@pytest.mark.parametrize("name", FIVE_JOINTS)
-def test_five_joints_reach_position_and_approach_of_the_bundled_demonstrations(name: str, demo: str) -> None:
-    """To the millimetre, and to the few degrees that a plane of motion leaves."""
-    arm, keyframes = arm_of(name), keyframes_of(demo)
-    dock = arm.robot.dock
-    assert dock is not None
-    q = arm.robot.home
-    for pose in tool_poses(keyframes, nav_in_base(dock, keyframes[0].T_nav_sensor.wxyz), dock):
-        q, off_m, off_axis = nearest_by_five(arm, pose, q)
-        assert off_m < 1e-3
-        assert off_axis < np.radians(2.0 if demo == "pouring" else 5.0)
-
-
-def nearest_by_five(arm: ArmModel, pose: Pose, q_start: Array) -> tuple[Array, float, float]:
-    """Joints, and how far the tool's position (m) and approach axis (rad) are off, by a solver of its own."""
-    z = quat_to_matrix(pose.wxyz)[:, 2]
-
-    def off(q: Array) -> tuple[Array, Array]:
-        p, R = arm.forward_many(q[None])
-        return p[0] - pose.p, R[0][:, 2] - z
-
-    def residuals(q: Array) -> Array:
-        p, axis = off(q)
-        return np.concatenate((100.0 * p, 3.0 * axis))
-
-    found = []
-    for start in (q_start, arm.robot.home, 0.5 * (arm.limits.lower + arm.limits.upper)):
-        found.append(
-            least_squares(residuals, start, bounds=(arm.limits.lower, arm.limits.upper), ftol=1e-6, max_nfev=50)
-        )
-        if found[-1].cost < 0.006:  # 2 degrees
-            break
-    best = min(found, key=lambda result: result.cost)
-    p, axis = off(best.x)
-    return best.x, float(np.linalg.norm(p)), float(np.linalg.norm(axis))
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -1,4 +1,4 @@
-"""Which sensor `pbd record` listens to: its port, its baud rate, its decoder."""
+"""Find the sensor for `pbd record`: its port, baud rate and decoder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Single keys from a terminal, and signals, without waiting for either; the commands that they stand for."""
+"""Single keys from a terminal, and signals, as commands, without blocking."""
 
 from __future__ import annotations
 

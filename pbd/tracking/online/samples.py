@@ -100,13 +100,13 @@ class Conditioner:
             return [], f"the time of row {self._row} is not a number; the row is left out"
         last = self._last
         if last is not None and (t < last.t or t - last.t > CLOCK_JUMP_S):
-            told, self._clock_wrong = self._clock_wrong, True
+            was_wrong, self._clock_wrong = self._clock_wrong, True
             what = "runs backwards" if t < last.t else "jumps"
             message = (
                 f"time {what} from {last.t:.3f} s to {t:.3f} s (row {self._row}); rows are left out until it goes on "
                 "from there; if it doesn't, start again"
             )
-            return [], "" if told else message
+            return [], "" if was_wrong else message
         self._clock_wrong = False
         motion = (acc, device_rpy if gyr is None else gyr)
         if (last is not None and t == last.t) or not all(_known(values) for values in motion):

@@ -143,7 +143,7 @@ class LiveTracker:
         try:
             rest = find_rest(recording)
         except PbdError as error:
-            self._waiting = _why(error)
+            self._waiting = _rest_advice(error)
             return []
         noise = noise_of(recording, rest)
         rest = replace(rest, start=samples[0].row, stop=samples[-1].row + 1)
@@ -173,7 +173,7 @@ class LiveTracker:
 
     @property
     def moving(self) -> bool:
-        """Whether the hand moves, as far as is known at the latest sample; False until tracking begins."""
+        """Whether the hand seems to move at the latest sample; False until tracking begins."""
         return self._hand is not None and not self._hand.still
 
     @property
@@ -212,8 +212,8 @@ class LiveTracker:
         return 0.0 if self._hand is None else self._hand.sigmas()[1]
 
 
-def _why(error: PbdError) -> str:
-    """Why a second was no rest, as one says it to somebody whose hand holds the sensor."""
+def _rest_advice(error: PbdError) -> str:
+    """Why a second was no rest, for the person who holds the sensor."""
     if error.fields.get("bound") == STILL_ACC:
         return f"hold still for {REST_S:g} s: the hand shakes with {error.fields['value']:.2f} m/s2"
     return error.message

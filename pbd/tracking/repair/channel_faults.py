@@ -1,7 +1,7 @@
-"""Channels that say nothing: a stuck axis, a sensor that never changes or freezes for a while, a dead magnetometer.
+"""Dead channels: a stuck axis, a sensor that never changes or freezes for a while, a dead magnetometer.
 
-A real sensor's noise changes its reading all the time; one that reads the same over and over is dead, or froze. A
-sensor without noise (a simulated one), or a coarse one, is constant too while it rests: there the path must tell.
+A real sensor's noise changes every reading. A sensor that repeats the same reading is dead, or froze. A sensor without
+noise (simulated or coarse) is constant at rest too: there the path decides.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def magnetometer_is_dead(recording: Recording) -> bool:
 def frozen(recording: Recording, filled: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
     """Rows (n,) at which a sensor with noise repeats itself for too long, or its accelerometer alone does.
 
-    Of one without noise the path must tell: `refuse_freezes`. Of the gyro alone nothing follows: some say 0 at rest.
+    A sensor without noise is left to `refuse_freezes`. The gyro alone does not count: some read 0 at rest.
 
     Args:
         recording: without NaN.
@@ -121,7 +121,7 @@ def frozen(recording: Recording, filled: NDArray[np.bool_] | None = None) -> NDA
 
 
 def _too_long(recording: Recording, same: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Of rows that say the same as the one before, (n - 1,), those (n,) that go on for too long."""
+    """Rows (n,) of those that repeat the one before (n - 1,) for too long."""
     t = recording.t
     rows = np.zeros(len(t), dtype=bool)
     for start, last in runs(same):
@@ -167,7 +167,7 @@ def refuse_freezes(recording: Recording, v_nav: Array, stops: tuple[Stop, ...]) 
 
 
 def _repeats(recording: Recording) -> NDArray[np.bool_]:
-    """Whether each row says the same as the one before it, at another time, (n - 1,)."""
+    """Whether each row repeats the one before it, at another time, (n - 1,)."""
     given = [values for values in (recording.acc, recording.gyr) if values is not None]
     same: NDArray[np.bool_] = ~np.any([np.diff(values, axis=0).any(axis=1) for values in given], axis=0)
     return same & (np.diff(recording.t) > 0.0)
@@ -175,15 +175,15 @@ def _repeats(recording: Recording) -> NDArray[np.bool_]:
 
 def _alive(column: Array) -> bool:
     """Tell whether an axis (n,) has noise, by the calmest of its rows."""
-    return (np.abs(np.diff(column)) > ROUNDING).mean() >= LIVE_SHARE and _rough(column[:, None], np.inf)
+    return (np.abs(np.diff(column)) > ROUNDING).mean() >= LIVE_SHARE and _is_noise(column[:, None], np.inf)
 
 
 def noisy(acc: Array) -> bool:
     """Tell whether a sensor at rest has noise, by the calmest of its rows that change."""
-    return _rough(acc[1:][(np.abs(np.diff(acc, axis=0)) > ROUNDING).any(axis=1)], STILL_ACC**2)
+    return _is_noise(acc[1:][(np.abs(np.diff(acc, axis=0)) > ROUNDING).any(axis=1)], STILL_ACC**2)
 
 
-def _rough(values: Array, largest: float) -> bool:
+def _is_noise(values: Array, largest: float) -> bool:
     """Tell whether the calmest rows of (n, k), if their variance is below the largest, are no smooth motion."""
     if len(values) < NOISE_ROWS:
         return False

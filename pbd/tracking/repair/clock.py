@@ -1,7 +1,7 @@
-"""Time stamps: refused where they are no seconds in order, on a steady beat where they are coarse or in batches.
+"""Time stamps: checked, and put on a steady beat where they are coarse or come in batches.
 
-A stamp that is a little off does little harm: the velocity is off by the change of acceleration meanwhile. But coarse
-stamps pretend another rate, and lost samples where none are. So they are put on the steady beat that made them.
+A small error of a stamp does little harm. The velocity errs by the change of acceleration in that time. But coarse
+stamps suggest another rate, and losses where there are none. So they are put back on the sensor's steady beat.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def with_clock(recording: Recording) -> Recording:
             bound=SLOWEST_HZ,
         )
     lasts = float(t[-1] - t[0]) + interval
-    if lasts < SHORTEST_REST_S:  # of less nobody can tell whether the hand moved
+    if lasts < SHORTEST_REST_S:  # too short to see whether the hand moved
         raise RecordingError(
             f"the recording lasts {lasts:.2g} s ({counted(len(t), 'sample')}); record at least a second of rest, then "
             "move",
@@ -143,7 +143,7 @@ def _refuse_disorder(t: Array) -> None:
 
 
 def _differs(recording: Recording) -> NDArray[np.bool_]:
-    """Whether each row says something else than the one before it, (n - 1,)."""
+    """Whether each row differs from the one before it, (n - 1,)."""
     given = [values for values in (recording.acc, recording.gyr) if values is not None]
     differs: NDArray[np.bool_] = np.any([(values[1:] != values[:-1]).any(axis=1) for values in given], axis=0)
     return differs

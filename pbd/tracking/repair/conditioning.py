@@ -1,4 +1,4 @@
-"""Look a recording over before anything is computed from it: what can be mended is mended, the rest is refused.
+"""Check a recording before anything is computed from it. What can be repaired is repaired; the rest is refused.
 
 Every refusal says where (row, time) and what is likely wrong; rows are counted from 0, as `Recording.t` is indexed.
 """
@@ -58,7 +58,7 @@ def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
 
 
 def _longest_unbroken(recording: Recording, gaps: tuple[Gap, ...]) -> Recording | None:
-    """The longest part without a long gap: over one, no gyro can be held against gravity. None: no second."""
+    """The longest part without a long gap, in which gyro and gravity can be compared. None if shorter than a second."""
     if not gaps:
         return recording
     begins, ends = [0, *(gap.after for gap in gaps)], [*(gap.before + 1 for gap in gaps), len(recording)]

@@ -71,15 +71,15 @@ def warn_of_gaps(gaps: list[Gap], t: Array, interval: float) -> None:
 
 
 def refuse_gaps(gaps: tuple[Gap, ...], recording: Recording, stops: tuple[Stop, ...], accept: bool = False) -> None:
-    """Refuse a long gap: what the hand did there is unknown. In a rest a short one hides little: warn.
+    """Refuse a long gap, in which the hand's motion is unknown. Warn of a short one in a rest, which hides little.
 
-    Nor does the sensor's attitude after it tell: a hand may be elsewhere, and as level as before.
+    The sensor's attitude after the gap is no proof: the hand may be elsewhere, and as level as before.
 
     Args:
         gaps: of `condition`.
         recording: of `condition`.
         stops: in order.
-        accept: a person knows that the hand stood still in the gaps that lie in rests: warn only.
+        accept: only warn of gaps in rests, as a person knows that the hand stood still.
 
     Raises:
         TrackingError: with `t`, `row` and the gap's length as fields.
@@ -131,9 +131,9 @@ def _where(gap: Gap, t: Array) -> str:
 
 
 def _rests_beside(recording: Recording, gap: Gap, stop: Stop) -> bool:
-    """Tell whether a gap lies in a stop, and the hand rests alike on either hand of it.
+    """Tell whether a gap lies in a stop, and the hand rests in the same attitude before and after it.
 
-    What was interpolated is smooth: were that not looked for, the stop might have been found in it.
+    Interpolated data are smooth. Without this check, the stop might have been found in them.
     """
     rows = max(BESIDE_ROWS, round(ENERGY_WINDOW_S * recording.rate_hz))
     before, after = slice(gap.before + 1 - rows, gap.before + 1), slice(gap.after, gap.after + rows)

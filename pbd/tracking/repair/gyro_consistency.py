@@ -1,9 +1,9 @@
-"""What says where up is, held against the accelerometer: the device's own attitude, and the gyro from rest to rest.
+"""Compare the accelerometer's vertical with that of the device's attitude, and with the gyro's turn from rest to rest.
 
-So an accelerometer with turned signs is found out (some programs give what pulls, not what holds), and a gyro in
-another unit, or one whose axes are not the accelerometer's. A gyro carries the vertical upside down as well as
-upright, so of all three signs it tells nothing; a turn about the vertical says nothing, and turns about one axis say
-little of the others. What is not contradicted is believed.
+This finds an accelerometer with flipped signs (some programs give gravity, not specific force), a gyro in another unit,
+or one whose axes are not the accelerometer's. A gyro carries the vertical upside down as well as upright, so it can't
+show that all three signs are flipped. A turn about the vertical shows nothing. Turns about one axis show little of the
+others. Data that nothing contradicts are accepted.
 """
 
 from __future__ import annotations
@@ -122,14 +122,14 @@ def warn_upside_down(recording: Recording, up_sensor: Array, start: int, stop: i
     """Warn where the sensor lies on its head over the samples of its first rest, where this (3,) points up."""
     if up_sensor[2] > UPSIDE_DOWN_COS:
         return
-    told = ""
+    hint = ""
     if recording.mag is not None:
-        field = recording.mag[start:stop].mean(axis=0)  # a NaN tells nothing
+        field = recording.mag[start:stop].mean(axis=0)  # of a NaN nothing follows
         if up_sensor @ field > STEEP_FIELD * np.linalg.norm(field):
-            told = "; the magnetic field points up, as it does only south of the equator, so they likely are"
+            hint = "; the magnetic field points up, as it does only south of the equator, so they likely are"
     warnings.warn(
         f"at the first rest the sensor lies upside down (z reads {GRAVITY * up_sensor[2]:.1f} m/s2), or the signs of "
-        f"its accelerometer are turned{told}; if z was up, import the file with --unit acc=-g (or -m/s2), or "
+        f"its accelerometer are turned{hint}; if z was up, import the file with --unit acc=-g (or -m/s2), or "
         "--column az=-NAME for that axis alone",
         PbdWarning,
         stacklevel=2,
@@ -184,7 +184,7 @@ def refuse_disagreement(recording: Recording) -> None:
         product(permutations(range(3)), product((1, -1), repeat=3)) if telling.sum() >= AXES_PAIRS else ()
     ):
         readings.append((disagreement(turned(gyr[:, order] * signs)), _other_axes(order, signs), ""))
-    if not np.diff(gyr, axis=0).any():  # nor has the accelerometer noise, or it would have been told before
+    if not np.diff(gyr, axis=0).any():  # with noise in the accelerometer, `refuse_dead` has refused it
         readings.append((0.0, "it reads the same all the time, so it is dead; check the columns gx, gy, gz", ""))
     best, what, unit = min(readings)
     if best > off / IMPROVEMENT:

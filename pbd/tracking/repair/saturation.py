@@ -1,8 +1,8 @@
 """Find samples at which a sensor has reached the end of its range, and continue the peaks from their sides.
 
-A clipped axis gives one reading again and again: flat tops with steep sides. What the hand did above them is lost. By
-how much its continuation is wrong is for the smoother to find: gravity at the stops tells how far the hand turned above
-the gyro's range, the stop at the end of a move how much faster it was than the accelerometer's range lets it be.
+A clipped axis gives one reading again and again: flat tops with steep sides. What the hand did above them is lost. The
+smoother finds the error of the continuation. Gravity at the stops shows how far the hand turned above the gyro's range;
+the stop at the end of a move shows how much faster it was than the accelerometer's range allows.
 
 The largest readings of a rounded peak may be alike too: where it is read coarsely, or by the chance of noise. Coarsely
 read, m samples lie within one step of the sensor's resolution, and then its sides fall by few steps. By chance, each
@@ -12,7 +12,7 @@ would scatter. Between the two, for a parabola with white noise of whatever size
 (2.5 steps / fall)^(m - 1) for m of 3 and more, with the fall of the sides over two samples. (Two samples on either hand
 of a peak are alike whenever it lies in their middle.) The flat tops of one axis multiply their chances.
 
-What can't be found: clipped peaks of one or two samples, tops too shallow to be told from noise,
+What can't be found: clipped peaks of one or two samples, tops too shallow to differ from noise,
 and those clipped before the axis was mixed with others (calibrated for misalignment) or averaged.
 """
 
@@ -126,7 +126,7 @@ def _warn(recording: Recording, clips: Sequence[Clip]) -> None:
     shown = f"{reading / GRAVITY:.3g} g" if first.sensor == "acc" else f"{np.degrees(reading):.0f} deg/s"
     warnings.warn(
         f"{rows} samples of {axes} axis are at the end of the range ({shown}), the first at "
-        f"t = {recording.t[first.start]:.2f} s: what was above it is a guess; move slower, or set a larger range",
+        f"t = {recording.t[first.start]:.2f} s: values above it are guessed; move slower, or set a larger range",
         PbdWarning,
         stacklevel=3,
     )

@@ -1,8 +1,8 @@
-"""Rows that are not where they belong: wild samples, blocks in the wrong order, blocks that came twice.
+"""Splices: wild samples, blocks in the wrong order, blocks that came twice.
 
-Where rows were put together that don't follow each other, the readings jump: lines through the two rows on either hand
-miss each other. So does a hand that hits something; but only where rows were spliced does a jump go once they are put
-right: without the wild rows, or with two blocks exchanged, the lines meet.
+At a splice the readings jump: lines through the two rows on either side miss each other. An impact makes a jump too.
+But only the jump of a splice goes when the rows are put right: without the wild rows, or with two blocks exchanged, the
+lines meet.
 """
 
 from __future__ import annotations
@@ -123,8 +123,8 @@ def refuse_doubled(recording: Recording) -> None:
         far = int(apart[start])
         if far >= DOUBLED_ROWS and len(np.unique(sums[start : stop + 1])) >= DOUBLED_ROWS:
             raise RecordingError(
-                f"rows {start + far} to {stop + far} (from t = {recording.t[start + far]:.2f} s) say what rows {start} "
-                f"to {stop} said: a block came twice, so the times after it are wrong; record again",
+                f"rows {start + far} to {stop + far} (from t = {recording.t[start + far]:.2f} s) repeat rows {start} "
+                f"to {stop}: a block came twice, so the times after it are wrong; record again",
                 row=start + far,
                 t=float(recording.t[start + far]),
             )
@@ -142,7 +142,7 @@ def _lines(x: Array, edges: Rows, rows: int = 0) -> tuple[Array, Array]:
     Args:
         x: readings.
         edges: (m,) the first row behind each.
-        rows: so many rows between are left out.
+        rows: number of rows between that are left out.
     """
     far = 0.5 * (rows + 1)
     before, after = x[edges - 1], x[edges + rows]

@@ -1,4 +1,4 @@
-"""The factors of the smoother: residuals, weights and derivatives of all that is measured or known before.
+"""The factors of the smoother: residuals, weights and derivatives of measurements and priors.
 
 Rotations are perturbed on the left, in nav: E <- exp(theta) E.
 """
@@ -75,7 +75,7 @@ class State:
 
 @dataclass(frozen=True)
 class Prior:
-    """How unsure the sensor-wide errors are before: lag in s, a scale common to the gyro's axes (share)."""
+    """Prior of the sensor-wide errors: lag in s, a scale common to the gyro's axes (share)."""
 
     lag: float
     lag_sigma: float
@@ -84,7 +84,7 @@ class Prior:
 
 @dataclass(frozen=True, eq=False)
 class Local:
-    """What is the same in each linearisation: origin and heading, the undisturbed field, what parts of noise count.
+    """What each linearisation shares: origin and heading, the undisturbed field, the scale of each part of the noise.
 
     Attributes:
         origin: index of the knot whose position, and without a compass heading, is given.
@@ -225,7 +225,7 @@ def _add_stops(
 
 
 def _add_hand(equations: NormalEquations, problem: Problem, x: State) -> None:
-    """A hand stays near where it began, as far as it does (Cauchy)."""
+    """Weak prior: a hand stays near where it began (Cauchy)."""
     reach = problem.noise.reach
     near = problem.share / reach**2 / (1.0 + _squares(x.p) / reach**2)
     equations.add_unary(POS, x.p, near)
@@ -250,7 +250,7 @@ def _add_compass(equations: NormalEquations, problem: Problem, field: Array, x: 
 
 
 def _add_device(equations: NormalEquations, problem: Problem, x: State) -> None:
-    """The device's own attitude holds, but for its lag."""
+    """The device's own attitude, with a sigma that grows with the rate, as it lags."""
     noise = problem.noise
     rate = np.sqrt(_squares(problem.frame.gyr[problem.rows]))
     sigma = np.hypot(noise.device_turn, noise.device_lag * rate)
@@ -282,7 +282,7 @@ def shared_prior(problem: Problem, x: State, prior: Prior) -> Array:
 
 @lru_cache(4)
 def _information(noise: Noise, worse: float, prior: Prior) -> Array:
-    """Of the sensor-wide errors, (SHARED, SHARED); the accelerometer may be so many times `worse` than its class."""
+    """Information (SHARED, SHARED) of the sensor-wide errors. `worse` multiplies the accelerometer's sigmas."""
     covariance = np.zeros((SHARED, SHARED))
     i = np.arange(SHARED)
     covariance[i[LAG], i[LAG]] = prior.lag_sigma**2

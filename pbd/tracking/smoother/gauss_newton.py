@@ -1,4 +1,4 @@
-"""Gauss-Newton over the knots, with annealing of what is robust."""
+"""Gauss-Newton over the knots, with annealing of the robust factors."""
 
 from __future__ import annotations
 

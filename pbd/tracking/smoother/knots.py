@@ -1,4 +1,4 @@
-"""The problem that the smoother solves: knots in time, and all that was measured at and between them."""
+"""The smoother's problem: knots in time, and the measurements at and between them."""
 
 from __future__ import annotations
 
@@ -186,7 +186,7 @@ def _field(frame: GyroFrame, mag: Array, rows: Rows, reach: int) -> Array:
 
 
 def _mean_about(values: Array, rows: Rows, reach: int) -> Array:
-    """Means of values (n, 3) over so many rows on either hand of some."""
+    """Means of values (n, 3) over `reach` rows on either side of some rows."""
     sums = cumulative(values)
     first, end = np.maximum(rows - reach, 0), np.minimum(rows + reach + 1, len(values))
     mean: Array = (sums[end] - sums[first]) / (end - first)[:, None]

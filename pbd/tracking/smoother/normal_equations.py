@@ -136,7 +136,7 @@ class NormalEquations:
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """The step, and the covariance, as far as somebody asks.
+    """The step; the covariance is computed where it is read.
 
     Attributes:
         d_shared: (s,), the step to the minimum of the shared unknowns.
@@ -214,7 +214,7 @@ class Solved:
         return inverse, lower, by_shared
 
     def forget(self) -> None:
-        """Free what the covariance of neighbours takes; it is found again when asked for."""
+        """Free the covariance of neighbours. It is computed again when it is read."""
         self.__dict__.pop("selected", None)
 
     def of_knots(self, block: slice = slice(None)) -> Array:

@@ -28,7 +28,7 @@ class Path:
 
 
 def path_of(problem: Problem, x: State) -> Path:
-    """Integrate each leg from its first knot, and share out what is left over at the next.
+    """Integrate each leg from its first knot, less gravity, and distribute the residual at the next.
 
     Turn and velocity that are left over arose evenly in time (white noise, bias); the way takes a cubic that keeps
     velocity at both ends.

@@ -1,9 +1,9 @@
-"""Integrate a recording once, in a frame that the gyro alone holds, so that the smoother touches no sample any more.
+"""Integrate a recording once, in a frame that the gyro alone holds. The smoother then needs no samples.
 
 The attitude is R(t) = E(t) C(t). C (gyro frame <- sensor) is what the gyro's samples alone make of it. E (nav <- gyro
 frame) drifts slowly and is what the smoother estimates. From one knot to the next, with E as at the first, the hand
 turns by exp(J_r x), gains the velocity dU + J_v x and goes by dP + J_p x: linear in the sensor's errors x, as these are
-small. So each leg is one Gaussian factor.
+small. So each leg is one Gaussian factor. Gravity stays in: `factors.leg_jacobian` and `path.path_of` remove it.
 
 Source: C. Forster, L. Carlone, F. Dellaert, D. Scaramuzza, On-manifold preintegration, T-RO 33 (2017). Here all legs
 share one gyro frame, and the errors are bias, scale, misalignment and lag.

@@ -1,8 +1,8 @@
 """The whole recording at once: the most probable motion, by Gauss-Newton over the knots, and how sure it is.
 
-A stop that is none (a hand that coasts) would bend the whole path, so standing still is a robust factor whose sigma
-comes down from far (graduated non-convexity). What the lag between the sensors or a common scale of the gyro explains
-is found first, with wide priors, and taken out of the samples where it is large.
+A false stop (a hand that coasts) would bend the whole path. So standing still is a robust factor whose sigma
+starts large and shrinks (graduated non-convexity). The lag between the sensors and a common scale of the gyro
+are found first, with wide priors, and removed from the samples if they are large.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ class Solution:
         path: at each row.
         lag: s, what has been taken out of the gyro's stamps.
         scale: share, what has been taken out of the gyro's readings, all axes alike.
-        candidates: what looked still, whether it was believed or not.
+        candidates: what looked still, accepted or not.
     """
 
     problem: Problem
@@ -106,8 +106,8 @@ class Solution:
     scale: float
     candidates: Spans
 
-    def of_stops(self) -> Array:
-        """How sure it is that the hand stood still at each stop, 0 to 1: by the knot that is nearest to it."""
+    def stop_weights(self) -> Array:
+        """Weight of each stop, 0 to 1: the largest robust weight of its knots."""
         at, weights = self.problem.stop_of >= 0, np.zeros(len(self.problem.stops))
         excess = lengths(creep(self.problem, self.state)[0][at]) ** 2 / self.problem.still[at] ** 2 - 3.0
         np.maximum.at(weights, self.problem.stop_of[at], 1.0 / (1.0 + np.maximum(excess, 0.0) / OUTLIER_SIGMAS**2) ** 2)
@@ -128,7 +128,7 @@ def smooth(
         recording: without NaN.
         rest: a quiet second.
         noise: parameters.
-        impulses: what was lost above a sensor's range.
+        impulses: motion lost above a sensor's range.
         unseen: first and last row of each hole.
         asked: rows at which a knot is wanted.
 
@@ -140,7 +140,7 @@ def smooth(
     device = recording.gyr is None
     prior = Prior(noise.lag, WIDE_LAG_SIGMA, WIDE_SCALE_SIGMA)
 
-    # A knot just behind what was lost: an unknown turn is no small one.
+    # A knot right after lost motion: an unknown turn is not small.
     asked = [*asked, *(min(impulse.row + 1, len(recording) - 1) for impulse in impulses)]
 
     def posed(stops: Spans, calm: Spans) -> Problem:
@@ -160,9 +160,9 @@ def smooth(
         problem = posed(stops, stops)
         if not problem.stops:
             return None
-        begun, local = _begin(problem, prior)
+        begun, local = _initial_state(problem, prior)
         found = descend(problem, begun, local, ANNEALING, ROUGHLY_CONVERGED_RAD)
-        more, common = _found(found.x, found.solved)
+        more, common = _large_lag_and_scale(found.x, found.solved)
         if device or (more == 0.0 and common == 0.0) or abs(lag + more) > LARGEST_LAG:
             break
         lag, scale = lag + more, (1.0 + scale) * (1.0 + common) - 1.0
@@ -176,7 +176,7 @@ def smooth(
     cut = np.zeros(len(candidates), dtype=np.bool_)
     for _ in range(MAX_RECUTS):
         cut = cut | _doubted(problem, found.weights, candidates)
-        stops, calm = _judged(problem, path.v, found.solved, candidates, cut, speed)
+        stops, calm = _revised_stops(problem, path.v, found.solved, candidates, cut, speed)
         if not stops:
             break
         if _settled(problem.frame.t, problem.stops, stops):
@@ -186,7 +186,7 @@ def smooth(
         again = posed(stops, calm)
         if not again.stops:
             break
-        x, local = _carried(problem, found.x, path, again), replace(local, origin=_origin(again))
+        x, local = _transferred(problem, found.x, path, again), replace(local, origin=_origin(again))
         problem = again
         del found, path  # of a long recording they are large
         found = descend(problem, x, local, WARM_ANNEALING)
@@ -195,7 +195,7 @@ def smooth(
 
 
 def _doubted(problem: Problem, weights: Weights, candidates: Spans) -> NDArray[np.bool_]:
-    """Which candidates hold a knot that hardly counts as still, and last long enough to hold a move beside it, (c,)."""
+    """Which candidates contain a knot that seems to move, and are long enough to contain a rest and a move, (c,)."""
     knots, spans = problem.rows[(problem.stop_of >= 0) & (weights.still < MOVING_WEIGHT)], np.array(candidates)
     first, end = np.searchsorted(knots, spans.T)
     start, last = problem.frame.t[spans - (0, 1)].T
@@ -203,12 +203,12 @@ def _doubted(problem: Problem, weights: Weights, candidates: Spans) -> NDArray[n
     return doubted
 
 
-def _judged(
+def _revised_stops(
     problem: Problem, v: Array, solved: Solved, candidates: Spans, cut: NDArray[np.bool_], speed: Array
 ) -> tuple[Spans, Spans]:
-    """The stops as the velocity shows them, and where the hand is calm in each.
+    """The stops by the estimated velocity, and where the hand is calm in each.
 
-    A candidate that was doubted is cut to its slow parts; ends at which the hand moves are trimmed.
+    A doubted candidate is cut to its slow parts. Ends at which the hand moves are trimmed.
 
     Args:
         problem: with what was taken for stops.
@@ -229,7 +229,7 @@ def _judged(
         whole = slice(*span)
         for part in slow_parts(t, span, lengths(v[whole]) < fast[whole]) if in_parts else [span]:
             inside = slice(*part)
-            # By how much noise blurs the velocity from knot to knot, along each axis.
+            # Sigma of the change of velocity from knot to knot, along each axis.
             first, last = np.searchsorted(problem.rows, part)
             between = blurred[first : max(last - 1, first + 1)]
             blur = float(np.sqrt(between.sum() / max(len(between), 1)))
@@ -241,7 +241,7 @@ def _judged(
 
 
 def _settled(t: Array, before: Spans, after: Spans) -> bool:
-    """Whether the stops are the same, but for little at their ends."""
+    """Whether the stops have stayed the same, within SETTLED_S at their ends."""
     if len(before) != len(after):
         return False
     ends = t[np.array([before, after]) - (0, 1)]
@@ -257,8 +257,8 @@ def _retimed(recording: Recording, lag: float, scale: float) -> Recording:
     return replace(recording, gyr=gyr)
 
 
-def _found(x: State, solved: Solved) -> tuple[float, float]:
-    """The lag (s) and the scale that are too large and too sure to be left to a linear model."""
+def _large_lag_and_scale(x: State, solved: Solved) -> tuple[float, float]:
+    """The lag (s) and the scale that are too large for a linear model, if they are significant; else 0."""
     i = np.arange(SHARED)
     tau, sigma = float(x.shared[LAG][0]), float(np.sqrt(solved.shared[0, 0]))
     away = tau - Noise.lag
@@ -275,8 +275,8 @@ def _origin(problem: Problem) -> int:
     return int(np.median(np.flatnonzero(problem.stop_of == 0)))
 
 
-def _begin(problem: Problem, prior: Prior) -> tuple[State, Local]:
-    """A hand that stands still, in the attitude of a first guess; heading as nav has it."""
+def _initial_state(problem: Problem, prior: Prior) -> tuple[State, Local]:
+    """Initial state: a hand at rest, in the attitude of a first guess, with nav's heading."""
     m, origin = len(problem.rows), _origin(problem)
     strength = dip = 0.0
     if problem.device:
@@ -308,8 +308,8 @@ def _first_field(problem: Problem, R: Array) -> Array:
     return next((mean for mean in means if lengths(mean) > 0.5 * usual), np.array([0.0, 1.0, 0.0]))
 
 
-def _carried(problem: Problem, x: State, path: Path, again: Problem) -> State:
-    """An estimate at other knots."""
+def _transferred(problem: Problem, x: State, path: Path, again: Problem) -> State:
+    """Transfer an estimate to other knots."""
     rows = again.rows
     E = quat_to_matrix(quat_multiply(path.wxyz[rows], quat_inverse(again.frame.wxyz[rows])))
     k = np.clip(np.searchsorted(problem.rows, rows), 0, len(problem.rows) - 1)

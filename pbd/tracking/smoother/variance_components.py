@@ -49,7 +49,7 @@ def with_own_noise(solution: Solution) -> Solution:
 
 
 def _factors(top: Array | float, bottom: Array | float, nu: float) -> Array:
-    """By how much parts of the noise are larger than thought: squares over redundancies, each with its prior's."""
+    """Factors on parts of the noise: squares over redundancies, each with its prior's."""
     factors: Array = (top + nu) / np.maximum(bottom + nu, 1e-3 * nu)
     return factors
 

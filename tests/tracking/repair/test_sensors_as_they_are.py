@@ -171,6 +171,8 @@ def held(recording: Recording, start: int, stop: int) -> Recording:
 
 
 def test_a_sensor_that_freezes_in_a_move_is_refused() -> None:
+    assert not frozen(held(pour().recording, 280, 285)).any()  # 40 ms
+    assert frozen(held(pour().recording, 280, 287)).any()  # 60 ms
     with (
         pytest.warns(PbdWarning, match="29 samples missing, in 1 gap"),
         pytest.raises(TrackingError, match=r"290 ms of data are missing after row 280 .* while the hand moves"),

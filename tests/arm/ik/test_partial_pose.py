@@ -39,6 +39,7 @@ def test_a_pose_that_can_be_met_whole_is(name: str) -> None:
         assert result.reached
         assert max(pose.distance(arm.forward(result.q))) < 1e-3
         assert result.position_error_m < 1e-5
+        assert solve_partial(arm, target(pose), np.empty((0, 5)))[0].off < 1e-3
 
 
 @pytest.mark.parametrize("name", FIVE_JOINTS)
