@@ -10,7 +10,7 @@ import numpy as np
 from ompl import base, geometric, util
 
 from pbd.arm.collision.queries import CollisionQueries
-from pbd.arm.timing.path_smoothing import Curve
+from pbd.arm.timing.path_smoothing import curved_move
 from pbd.pose import Array
 
 STEP_RAD = 1.0
@@ -29,6 +29,9 @@ def find_detour(queries: CollisionQueries, leg: int, q_start: Array, q_end: Arra
 
     None where none is found by so many checks.
     """
+    last, stay = len(queries.legs) - 1, queries.legs[leg].stay
+    if leg == last and stay is not None and stay.held:
+        return None  # it may rest on what is at the last keyframe only if the motion ends there
     if any(queries.passing(leg, q) is not None for q in (q_start, q_end)):
         return None
     util.setLogLevel(util.LogLevel.LOG_NONE)
@@ -68,8 +71,8 @@ def find_detour(queries: CollisionQueries, leg: int, q_start: Array, q_end: Arra
     for waypoints in (checker.joints(path), corners):
         for between_rad in _BETWEEN_RAD:
             dense = _divided(waypoints, between_rad)
-            curve = Curve.through(dense, limits)
-            if curve is not None and queries.moving(leg, curve.q(curve.grid())) is None:
+            timed = curved_move(dense, limits, 1.0)  # slower it is no farther off
+            if queries.moving(leg, np.vstack((timed.coefficients[:, 0], q_end))) is None:
                 return dense[1:]
     return None
 
