@@ -17,6 +17,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.patches import Arc, Ellipse, Polygon
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
@@ -56,13 +57,13 @@ def main() -> None:
             )
 
 
-def _save(draw: Callable[[], plt.Figure]) -> None:
+def _save(draw: Callable[[], Figure]) -> None:
     figure = draw()
     figure.savefig(HERE / f"calibration-{draw.__name__}.png", dpi=110, bbox_inches="tight", facecolor="white")
     plt.close(figure)
 
 
-def dock() -> plt.Figure:
+def dock() -> Figure:
     """The dock from above and from the side."""
     figure, (above, beside) = plt.subplots(1, 2, figsize=(9.0, 3.6), width_ratios=(1.25, 1.0))
     for ax, vertical, height in ((above, "y", -0.15), (beside, "z", 0.25)):
@@ -95,7 +96,7 @@ def dock() -> plt.Figure:
     return figure
 
 
-def points() -> plt.Figure:
+def points() -> Figure:
     """Six points, the hand's way from one to the next as tracked, and a point that is wrong."""
     touched = touching(7, 6)
     given = touched.points.copy()
@@ -110,7 +111,7 @@ def points() -> plt.Figure:
     ax.plot(way[:, 0], way[:, 1], color=GREY, linewidth=0.8, zorder=1)
     centre = given[:, :2].mean(axis=0)
     for k, name in enumerate("ABCDEF"):
-        cov = (R @ found.covariance()[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] @ R.T)[:2, :2]
+        cov = (R @ found.cov[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] @ R.T)[:2, :2]
         size, axes = np.linalg.eigh(cov)
         angle = float(np.degrees(np.arctan2(axes[1, 1], axes[0, 1])))
         width, height = 4.0 * np.sqrt(size[::-1])
@@ -144,7 +145,7 @@ def points() -> plt.Figure:
     return figure
 
 
-def start() -> plt.Figure:
+def start() -> Figure:
     """How a later demonstration may begin: with a dock in the same pose, with nav at the same point."""
     figure, panels = plt.subplots(1, 2, figsize=(9.0, 3.4))
     for ax, title, turns, colours in (
@@ -173,7 +174,7 @@ def start() -> plt.Figure:
     return figure
 
 
-def mount() -> plt.Figure:
+def mount() -> Figure:
     """A tip that stands on a point while the hand tilts; and the tool's axes, with the turns that are positive."""
     tip = np.array((0.03, -0.02, -0.0933))
     hand = track(simulate(pivoting(1, tuple(tip.tolist())), "modern", 1).recording)
@@ -199,14 +200,14 @@ def mount() -> plt.Figure:
     ax.set_box_aspect(None, zoom=1.2)
     axes = figure.add_subplot(1, 2, 2, projection="3d")
     assert isinstance(axes, Axes3D)
-    for end, colour, name in (
+    for along, colour, name in (
         ((1.0, 0.0, 0.0), X, "x: jaws"),
         ((0.0, 1.0, 0.0), Y, "y"),
         ((0.0, 0.0, -1.0), Z, "z: approach"),
     ):
-        axes.quiver(0, 0, 0, *end, color=colour, linewidth=2.2, arrow_length_ratio=0.12)
-        x, y, z = 1.2 * np.array(end)
-        axes.text(x, y, z - 0.12, name, ha="center", fontsize=9, color=colour)
+        axes.quiver(0, 0, 0, *along, color=colour, linewidth=2.2, arrow_length_ratio=0.12)
+        tip = 1.2 * np.array(along)
+        axes.text(tip[0], tip[1], tip[2] - 0.12, name, ha="center", fontsize=9, color=colour)
     for axis, colour in (((1.0, 0.0, 0.0), X), ((0.0, 0.0, -1.0), Z)):
         _turn_about(axes, np.array(axis), colour)
     for jaw in (-0.35, 0.35):
@@ -217,7 +218,7 @@ def mount() -> plt.Figure:
     axes.set(xlim=(-0.9, 0.9), ylim=(-0.9, 0.9), zlim=(-1.0, 0.8))
     axes.set_axis_off()
     axes.view_init(18, -68)
-    axes.set_box_aspect(None, zoom=1.1)
+    axes.set_box_aspect(None, zoom=1.0)
     return figure
 
 
@@ -231,7 +232,7 @@ def _turn_about(axes: Axes3D, axis: Array, colour: str) -> None:
     axes.quiver(*arc[-2], *(arc[-1] - arc[-2]), color=colour, linewidth=1.4, length=3.0, arrow_length_ratio=1.0)
 
 
-def sensor() -> plt.Figure:
+def sensor() -> Figure:
     """Twelve ways to put a sensor down, and what the norm of specific force is in each, before and after."""
     recording = simulate(sides(4), BAD, 4).recording
     fit = calibrate_sensor(recording, gravity=EARTH.gravity)
@@ -267,8 +268,8 @@ def sensor() -> plt.Figure:
     return figure
 
 
-def _arrow(ax: Axes, start: tuple[float, ...], end: tuple[float, ...], colour: str) -> None:
-    ax.annotate("", end[:2], start[:2], arrowprops={"arrowstyle": "-|>", "color": colour, "linewidth": 2.0})
+def _arrow(ax: Axes, start: tuple[float, float], end: tuple[float, float], colour: str) -> None:
+    ax.annotate("", end, start, arrowprops={"arrowstyle": "-|>", "color": colour, "linewidth": 2.0})
 
 
 if __name__ == "__main__":

@@ -49,7 +49,7 @@ def main() -> None:
     edge(ax, SHARED, (SHARED[0] + 2.3, SHARED[1]))
     factor(ax, (SHARED[0] + 2.3, SHARED[1]), PRIOR)
     box = {"boxstyle": "round,pad=0.5", "facecolor": "white", "edgecolor": "black"}
-    ax.text(*SHARED, "lag, M, N, g", ha="center", va="center", bbox=box, zorder=4)
+    ax.text(*SHARED, "lag, M, N, g, r", ha="center", va="center", bbox=box, zorder=4)
     legend(ax)
     ax.set(xlim=(-1.3, 9.7), ylim=(-2.85, 3.5))
     ax.set_axis_off()
@@ -75,9 +75,9 @@ def legend(ax: Axes) -> None:
     """What the colours are."""
     words = (
         (LEG, "leg: the samples between two knots, integrated"),
-        (STOP, "stop: velocity zero; nothing moves or turns"),
+        (STOP, "stop: it turns about its pivot, and goes nowhere"),
         (FIELD, "compass: the field points north"),
-        (HAND, "hand: no faster and no further than a hand"),
+        (HAND, "hand: no further than a hand"),
         (PRIOR, "prior: origin, biases, the sensor's class"),
     )
     for i, (colour, text) in enumerate(words):

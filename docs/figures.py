@@ -14,12 +14,13 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 from numpy.typing import ArrayLike
 
 import pbd
-from pbd.calibration.frames import nav_in_base
+from pbd.calibration.dock import nav_in_base
 from pbd.errors import PbdWarning
 from pbd.files.calibration import load_calibration
 from pbd.pose import Pose
@@ -47,13 +48,13 @@ def main() -> None:
         _save(lambda: error_growth(args.data), "error-growth")
 
 
-def _save(draw: Callable[[], plt.Figure], name: str) -> None:
+def _save(draw: Callable[[], Figure], name: str) -> None:
     figure = draw()
     figure.savefig(HERE / f"{name}.png", dpi=110, bbox_inches="tight", facecolor="white")
     plt.close(figure)
 
 
-def frames() -> plt.Figure:
+def frames() -> Figure:
     """The bundled demonstration over its table, with all frames."""
     demo = pbd.load_demo("pouring")
     path, calibration = pbd.track(demo.recording), load_calibration("default")
@@ -80,7 +81,7 @@ def frames() -> plt.Figure:
             say(ax, T_base_sensor.act((0.15, 0.0, 0.0)), "sensor")
     ax.set_axis_off()
     ax.set(xlim=(-0.12, 0.68), ylim=(-0.22, 0.3), zlim=(-0.06, 0.42))
-    ax.set_box_aspect((0.8, 0.52, 0.48), zoom=1.2)
+    ax.set_box_aspect((0.8, 0.52, 0.48), zoom=1.05)
     ax.view_init(22, -62)
     return figure
 
@@ -97,7 +98,7 @@ def say(ax: Axes3D, place: ArrayLike, what: str) -> None:
     ax.text(x, y, z, what, ha="center", fontsize=12)
 
 
-def error_growth(data: Path) -> plt.Figure:
+def error_growth(data: Path) -> Figure:
     """Error of a move against its length, on real recordings, beside the tracker's own sigma."""
     figure, ax = plt.subplots(figsize=(7.0, 4.6))
     errors: dict[str, dict[float, list[float]]] = {}
@@ -116,10 +117,10 @@ def error_growth(data: Path) -> plt.Figure:
         colour = KIND_RGB.get(kind, "0.4")
         median = [100.0 * np.median(by_length[length]) for length in LENGTHS_S]
         p95 = [100.0 * np.percentile(by_length[length], 95) for length in LENGTHS_S]
-        sigma = [100.0 * np.median(sigmas[kind][length]) for length in LENGTHS_S]
+        own = [100.0 * np.median(sigmas[kind][length]) for length in LENGTHS_S]
         ax.fill_between(LENGTHS_S, median, p95, color=colour, alpha=0.15, linewidth=0)
         ax.plot(LENGTHS_S, median, color=colour, marker="o", label=kind.replace("_", " "))
-        ax.plot(LENGTHS_S, sigma, color=colour, linestyle=":")
+        ax.plot(LENGTHS_S, own, color=colour, linestyle=":")
     ax.plot([], [], color="0.3", linestyle=":", label="the tracker's own sigma")
     ax.set(xscale="log", yscale="log", xlabel="length of the move, s", ylabel="error of its displacement, cm")
     ax.set_xticks(LENGTHS_S, [f"{length:g}" for length in LENGTHS_S])

@@ -108,10 +108,13 @@ class Ladder:
             self.layers[at].link(self.layers[at - 1].q, anew=True)
         self._forget(place)
 
-    def drop_last(self) -> None:
-        """Let the path end one layer earlier."""
-        del self.layers[-1]
-        self._forget(len(self.layers))
+    def drop(self, place: int, end: int) -> None:
+        """Take out layers up to `end`, and let the one after them be come to straight."""
+        del self.layers[place:end]
+        if place < len(self.layers):
+            self.layers[place].most_step = np.inf
+            self.layers[place].link(self.layers[place - 1].q, anew=True)
+        self._forget(place)
 
     def joints(self, path: Sequence[int]) -> Array:
         """Return the states (n, k) on a path."""

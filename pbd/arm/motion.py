@@ -3,18 +3,18 @@
 All keyframes lie on one ladder graph (ladder.py); its links are straight moves in joint space, or paths of the tool. A
 link that is barred is mended on its own, and the search goes on with all else that is known: first the hand's path is
 tried there (or a line, where no hand is known), then more ways to hold the arm at both ends, then joints along the path
-(a link of its own for every few poses). So the cost grows with the keyframes, and with the links that are barred.
+(a link of its own for every few poses), then any way around (detour.py). So the cost grows with the keyframes, and with
+the links that are barred.
 """
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
-from pbd.arm.collision.motion_check import describe
 from pbd.arm.collision.queries import CollisionQueries
 from pbd.arm.collision.scene import Hit
 from pbd.arm.ik.cartesian import follow, line, straight_off_line
@@ -22,16 +22,13 @@ from pbd.arm.ik.unreachable import out_of_reach
 from pbd.arm.joint_path import STARTS, States, Unreachable, build_ladder, states_at, widen
 from pbd.arm.ladder import Barred, Ladder, Layer
 from pbd.arm.model import ArmModel
-from pbd.arm.motion_links import Link, Move
-from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, Motion, MotionRequest, Segment
-from pbd.arm.refusal import UNREACHABLE, Refusal, refuse_move, refuse_pose
-from pbd.errors import PbdWarning
+from pbd.arm.motion_links import MOST_CHECKED, MOST_DETOURS, MOST_PATHS, MOST_STEPS, Link, Move
+from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, Motion, MotionRequest
+from pbd.arm.refusal import UNREACHABLE, Refusal, refuse_move, refuse_pose, tell
 from pbd.pose import Array, Pose
 
 MOST_STRAIGHT, MOST_STRAIGHT_WIDE = 36, 150
 """Refused straight moves between two keyframes before the link is mended: at first, and among more branches."""
-MOST_PATHS, MOST_STEPS = 4, 60
-"""Refused paths of the tool before the link is mended: from end to end, and along a few of its poses."""
 COARSE = 4
 """Poses from one layer to the next where joints are sought along a path."""
 CONTINUOUS_RAD = 0.5
@@ -44,7 +41,7 @@ def choose_motion(arm: ArmModel, request: MotionRequest, queries: CollisionQueri
     """Choose joints at the keyframes and the segments between them; without `queries` whatever is in the way.
 
     Warns:
-        PbdWarning: the way back is left out.
+        PbdWarning: the way back is left out, or the arm makes a detour.
     """
     poses = request.T_base_tool
     ladder = build_ladder(arm, poses, request.q_start, request.q_back, MOST_STRAIGHT)
@@ -52,13 +49,8 @@ def choose_motion(arm: ArmModel, request: MotionRequest, queries: CollisionQueri
         return Refusal(UNREACHABLE, out_of_reach(arm, ladder.keyframe, poses[ladder.keyframe], ladder.q_seed))
     search = _Search(arm, request, queries, ladder)
     found = search.run()
-    if search.no_way_back is not None and isinstance(found, Motion):
-        warnings.warn(
-            "no collision-free way back from the last keyframe was found "
-            f"({describe(search.no_way_back)}): the motion ends there",
-            PbdWarning,
-            stacklevel=2,
-        )
+    if isinstance(found, Motion):
+        tell(found, search.no_way_back)
     return found
 
 
@@ -75,7 +67,11 @@ class _Search:
             if request.kind == STRAIGHT:
                 self.moves[i].remedies = ["follow", "widen", "split"]
             else:
-                self._follow_path(i + 1, request.kind, ["split", "widen"])
+                self._follow_path(i + 1, request.kind)
+                self.moves[i].remedies = ["split", "widen"]
+        for i, move in enumerate(self.moves if request.detour and queries is not None else ()):
+            if i in (0, self.n) or (request.kind == STRAIGHT and request.tolerance_m is None):
+                move.remedies.append("detour")
 
     def run(self) -> Motion | Refusal:
         while True:
@@ -117,10 +113,13 @@ class _Search:
         i, queries = link.keyframe, self.queries
         if (queries is None and link.poses is None) or (i == 0 and not self.request.approach):
             return q[None]
-        if queries is not None and i == 0:
-            return queries.approach(q_before, q)
-        if queries is not None and i == self.n:
-            return queries.retreat(q_before, q)
+        if queries is not None and self.moves[i].detour:
+            from pbd.arm.detour import find_detour  # OMPL takes its time to load
+
+            self.moves[i].searched += MOST_CHECKED
+            return find_detour(queries, i, q_before, q, MOST_CHECKED)
+        if queries is not None and i in (0, self.n):
+            return queries.approach(q_before, q) if i == 0 else queries.retreat(q_before, q)
         along = np.stack((q_before, q)) if link.poses is None else follow(self.arm, link.poses, q_before, q)
         if along is None or queries is None:
             return None if along is None else along[1:]
@@ -136,7 +135,7 @@ class _Search:
         refusal, count = None, len(self.ladder.layers)
         for place, standing in reversed([*zip(barred.layers, barred.standing, strict=True)]):
             refusal = self._mend(place, standing) or refusal
-            if len(self.ladder.layers) > count:
+            if len(self.ladder.layers) != count:
                 break
         return refusal
 
@@ -150,32 +149,40 @@ class _Search:
             return None
         if not standing and move.pose_hit is not None and self.links[place - 1].at_keyframe:
             return refuse_pose(i, len(self.ladder.layers[place].q), move.pose_hit)
-        if not standing:
-            return self._refuse(i)
-        if not move.remedies and i == self.n:
+        if not (move.remedies if standing else move.last_resort()):
+            if i < self.n:
+                return self._refuse(i)
             self.no_way_back = move.hits[STRAIGHT]
-            self.ladder.drop_last()
+            self.ladder.drop(place, place + 1)
             del self.links[-1]
             return None
-        if not move.remedies:
-            return self._refuse(i)
         remedy = move.remedies.pop(0)
         if remedy == "follow":
-            self._follow_path(place, DEMO if self.request.hand else LINE, move.remedies)
+            self._follow_path(place)
         elif remedy == "widen":
             self._widen(i)
+        elif remedy == "detour":
+            self._detour(i)
         elif not self._split(place):
-            return self._refuse(i)
+            return None if move.last_resort() else self._refuse(i)
         return None
 
-    def _follow_path(self, place: int, kind: str, remedies: list[str]) -> None:
-        """Let the tool follow a path to a layer, from end to end."""
+    def _follow_path(self, place: int, kind: str | None = None) -> None:
+        """Let the tool follow a path to a layer, from end to end: by default as the hand went, where that is known."""
         link = self.links[place - 1]
         i, T_base_tool = link.keyframe, self.request.T_base_tool
-        self.moves[i].kind, self.moves[i].remedies = kind, remedies
-        hand = self.request.hand if kind == DEMO else None
+        hand = self.request.hand if kind != LINE else None
+        self.moves[i].kind = DEMO if hand else LINE
         link.poses = tuple(hand()[i - 1]) if hand else line(T_base_tool[i - 1], T_base_tool[i])
         self.ladder.reopen(place, MOST_PATHS, costly=True)
+
+    def _detour(self, i: int) -> None:
+        """Let the arm go any way from keyframe to keyframe, whatever the tool does."""
+        places = [place for place, link in enumerate(self.links, start=1) if link.keyframe == i]
+        self.moves[i].detour = True
+        self.ladder.drop(places[0], places[-1])
+        self.links[places[0] - 1 : places[-1]] = [Link(i)]
+        self.ladder.reopen(places[0], MOST_DETOURS, costly=True)
 
     def _widen(self, i: int) -> None:
         """Look for more ways to hold the arm all along a move; where it followed a path straight moves are tried."""
@@ -191,14 +198,14 @@ class _Search:
     def _split(self, place: int) -> bool:
         """Seek joints along a path, and along the paths just before it: those decide how the arm comes to it."""
         if self.links[place - 1].poses is None:  # widening made it straight
-            self._follow_path(place, DEMO if self.request.hand else LINE, [])
+            self._follow_path(place)
         first = place
         while first > 1 and place - first < LOOK_BACK and self._whole(first - 1):
             first -= 1
         end = place
         while first <= end:
-            remedies = self.moves[self.links[first - 1].keyframe].remedies
-            remedies[:] = [each for each in remedies if each != "split"]
+            move = self.moves[self.links[first - 1].keyframe]
+            move.remedies = [each for each in move.remedies if each != "split"]
             added = self._split_one(first)
             if added is None:
                 return False
@@ -244,7 +251,8 @@ class _Search:
             if tolerance is not None and link.poses is None and 0 < link.keyframe < self.n:
                 q_before, q = (self.ladder.layers[at].q[path[at]] for at in (place - 1, place))
                 if straight_off_line(self.arm, q_before, q) > tolerance:
-                    self._follow_path(place, LINE, ["split", "widen"])
+                    self._follow_path(place, LINE)
+                    self.moves[link.keyframe].remedies = ["split", "widen"]
                     made = True
         return made
 
@@ -260,22 +268,21 @@ class _Search:
                 ends[link.keyframe] = q[place]
         segments = []
         for i in range(self.n):
-            move, along = self.moves[i], np.vstack(parts[i])
-            off_m = straight_off_line(self.arm, ends[i - 1], ends[i]) if i > 0 and move.kind == STRAIGHT else 0.0
-            avoided = None if move.kind == STRAIGHT else move.hits.get(STRAIGHT)
-            segments.append(Segment(move.kind, along, off_m, avoided))
-        back = np.vstack(parts[self.n]) if len(parts) > self.n and parts[self.n] else None
+            segment = self.moves[i].segment(np.vstack(parts[i]))
+            if i > 0 and segment.kind == STRAIGHT:
+                segment = replace(segment, off_line_m=straight_off_line(self.arm, ends[i - 1], ends[i]))
+            segments.append(segment)
+        back = self.moves[self.n].segment(np.vstack(parts[self.n])) if len(parts) > self.n and parts[self.n] else None
         return Motion(np.array(ends), tuple(segments), back)
 
     def _refuse(self, i: int) -> Refusal:
         move, unfollowed = self.moves[i], None
         if move.kind not in move.hits and move.kind != STRAIGHT:
-            hit = self._alone(i)
-            if hit is None:
-                unfollowed = move.kind
-            else:
+            if (hit := self._alone(i)) is not None:
                 move.hits[move.kind] = hit
-        return refuse_move(i, move.tried, move.hits, unfollowed)
+            else:
+                unfollowed = move.kind
+        return refuse_move(i, move.tried, move.hits, unfollowed, move.searched)
 
     def _alone(self, i: int) -> Hit | None:
         """Return what the tool's path to keyframe i touches where nothing else holds the arm back."""

@@ -56,7 +56,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def parse(argv: Sequence[str] | None) -> argparse.Namespace:
-    """Parse a command; what is too much is told by the command's own parser."""
+    """Parse a command; its own parser reports unexpected arguments."""
     top = parser()
     args, unknown = top.parse_known_args(argv)
     if unknown:
@@ -273,9 +273,13 @@ def _add_robots(commands: Commands) -> None:
         "List the robots in ./robots and the bundled ones, with their reach (tool from the base's axis) and what pbd\n"
         "assumes about them; or show one, with the links that are not checked for collisions. To add your own, put a\n"
         "file into ./robots (docs/robots.md).",
-        "  pbd robots --json\n  pbd robots panda",
+        "  pbd robots panda\n  pbd robots --for pouring\n  pbd robots --suggest robots/mine.toml",
     )
     parser.add_argument("robot", nargs="?", metavar="R", help="a robot's name or file; default: all")
+    able = "which robots can replay this demonstration on their own docks, fastest first; what stops the others"
+    parser.add_argument("--for", dest="demo", metavar="DEMO", help=able)
+    missing = "find a home and a dock for a robot's TOML that lacks them, with which it replays --for (pouring)"
+    parser.add_argument("--suggest", type=Path, metavar="FILE", help=missing)
     add_table(parser, units="m")
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from pbd.cli.console import print_json, say, working
 from pbd.cli.options import UsageError
-from pbd.cli.plan_report import moves_json, say_moves
+from pbd.cli.plan_report import moves_json, say_moves, say_torque
 from pbd.cli.steps import plan_demonstration
 from pbd.doors.atomic import refuse_output
 from pbd.errors import PbdError
@@ -37,6 +37,7 @@ def run(args: argparse.Namespace) -> None:
     demo, path, robot, options, plan = plan_demonstration(args)
     if plan.touching is not None:
         raise plan.touching.error
+    say_torque(demo, robot, plan, options)
     say_moves(demo, path, robot, plan, options)
     source = source_of(plan, path, robot, demo.recording.info.name)
     done = _write(args, plan.trajectory, robot, format_name, source)

@@ -149,6 +149,10 @@ def add_planning(parser: argparse.ArgumentParser, robot_required: bool = True, u
     if units:
         _add_units(group, "m,rad", f"units of --from, but for a message: {_LENGTHS}; {_ANGLES}")
     option("--no-retreat", action="store_true", help="end at the last keyframe, do not go back home")
+    around = "refuse a move where nothing but a planner finds a way around what is there"
+    option("--no-detour", action="store_true", help=around)
+    carried = "what the tool carries all the time, and where its centre of mass is in the tool's axes, m (at its point)"
+    option("--payload", type=finite, nargs="+", default=[0.0], metavar=("KG", "X Y Z"), help=carried)
     shown = "show a motion that touches something, marked red (never exported)"
     option("--allow-collision", action="store_true", help=shown)
 
@@ -194,6 +198,14 @@ def not_negative(text: str) -> float:
     value = _number(text)
     if not value >= 0.0:
         raise argparse.ArgumentTypeError(f"must be zero or a number above, got '{text}'")
+    return value
+
+
+def finite(text: str) -> float:
+    """Parse a finite number."""
+    value = _number(text)
+    if math.isnan(value):
+        raise argparse.ArgumentTypeError(f"must be a number, got '{text}'")
     return value
 
 

@@ -36,7 +36,10 @@ class PlanOptions:
         approach: start at home or `start`, rather than at keyframe 0.
         start: the arm's present joints, rad; None: home.
         retreat: go back home at the end.
+        detour: where all else touches something, go around it.
         allow_collision: where nothing is free plan all the same; the plan says what touches.
+        payload: kg that the tool carries all the time: a gripper that the model lacks, or what it always holds.
+        p_tool_payload: m, where that has its centre of mass, in tool axes.
     """
 
     path: str = "keyframes"
@@ -49,12 +52,17 @@ class PlanOptions:
     approach: bool = True
     start: tuple[float, ...] | None = None
     retreat: bool = True
+    detour: bool = True
     allow_collision: bool = False
+    payload: float = 0.0
+    p_tool_payload: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         for value, known in ((self.path, PATHS), (self.time, TIMES)):
             if value not in known:
                 raise PbdError(f"unknown value '{value}'; choose one of {', '.join(known)}", value=value)
+        if not (0.0 <= self.payload < np.inf and np.isfinite(self.p_tool_payload).all()):
+            raise PbdError(f"the payload is {self.payload} kg; give a number, zero or above", value=self.payload)
 
 
 def dwells(keyframes: Sequence[Keyframe], options: PlanOptions) -> list[float]:

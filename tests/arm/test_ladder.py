@@ -100,7 +100,7 @@ def test_a_mended_ladder_is_as_one_built_whole(seed: int, place: int) -> None:
     best = min(filter(world.free, world.every()), key=world.length, default=None)
     assert isinstance(found, Barred) if best is None else found == list(best)
     assert len(world.asked) == len(set(world.asked))
-    ladder.drop_last()
+    ladder.drop(len(ladder.layers) - 1, len(ladder.layers))
     shorter = ladder.search(world.stands, world.free_move)
     assert isinstance(shorter, Barred) or len(shorter) == 4
 

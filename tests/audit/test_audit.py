@@ -126,8 +126,9 @@ def test_extremes_inside_the_pieces_are_found(arm: ArmModel, seed: int) -> None:
         tight = {"lower": np.where(np.arange(7) == joint, lowest, -10.0), "upper": np.full(7, 10.0)}
         audit(trajectory, changed(arm.limits, **tight), arm.robot, poses)
         tight["lower"] += 1e-5
-        with pytest.raises(PlanError, match=f"{arm.robot.joints[joint]} is at"):
+        with pytest.raises(PlanError, match=f"{arm.robot.joints[joint]} is at") as caught:
             audit(trajectory, changed(arm.limits, **tight), arm.robot, poses)
+        assert q(caught.value.fields["t"])[joint] == pytest.approx(lowest, abs=1e-9)  # type: ignore[arg-type]
         tight = {"lower": np.full(7, -10.0), "upper": np.where(np.arange(7) == joint, highest - 1e-5, 10.0)}
         with pytest.raises(PlanError, match=f"{arm.robot.joints[joint]} is at"):
             audit(trajectory, changed(arm.limits, **tight), arm.robot, poses)

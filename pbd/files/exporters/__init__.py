@@ -42,7 +42,7 @@ WITHOUT_RATE = ("keyframes", "tum-hand")
 """Formats that have no samples, or not by a clock."""
 
 ROUNDING = 5e-4
-"""Share by which a receiver may exceed a limit between points: what its arithmetic and whole nanoseconds leave."""
+"""Share by which a receiver may exceed a limit between points, from rounding to whole nanoseconds."""
 
 CUBIC_EXCESS = 0.1
 """Share above a limit that cubics between samples may reach without a warning, in a format that isn't made for them.

@@ -12,7 +12,7 @@ from pbd.files.exporters.order import Order
 from pbd.files.table import write_table
 
 FILLED_BY: tuple[Rule, ...] = ()
-"""Whoever reads it takes each row at its time."""
+"""None: whoever reads the file takes each row at its time."""
 
 COUNTED = "samples"
 

@@ -1,4 +1,4 @@
-"""npz: what the clients of real arms take as arrays."""
+"""npz: arrays for the clients of real arms."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pbd.files.exporters.order import Order
 __all__ = ["COUNTED", "FILLED_BY", "samples", "write"]
 
 FILLED_BY: tuple[Rule, ...] = ()
-"""A client sends each row at its time and fills no gaps."""
+"""None: a client sends each row at its time."""
 
 
 def write(order: Order, points: Samples, path: Path) -> None:

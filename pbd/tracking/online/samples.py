@@ -21,31 +21,32 @@ from pbd.pose import (
 )
 from pbd.tracking.noise import Noise, densities
 from pbd.tracking.repair.clock import CLOCK_JUMP_S
-from pbd.tracking.repair.conditioning import BRIDGED_S, LARGEST
+from pbd.tracking.repair.conditioning import LARGEST_READING
+from pbd.tracking.repair.gaps import BRIDGED_S
+from pbd.tracking.repair.saturation import FLAT_SAMPLES
 from pbd.tracking.smoother.knots import MOVE_KNOT_S
 from pbd.tracking.smoother.preintegration import (
     ACC_BIAS,
     ACC_MATRIX,
     BLOCK_S,
     ERRORS,
-    FLOOR,
     GYR_BIAS,
     GYR_MATRIX,
     LAG,
     LOWER,
     POS,
     ROT,
+    ROUNDING_SIGMAS,
     VEL,
 )
 
-CLIPPED_RATE, CLIPPED_SAMPLES, CLIPPED_SHARE = 3.0, 3, 0.2
-"""rad/s: where an axis of the gyro reads the same for so many samples, at least this and more than ever, its range
-ends; beyond it the rate may be larger by this share, as a hand's turns are hardly faster."""
+CLIPPED_RATE, CLIPPED_SHARE = 3.0, 0.2
+"""A gyro axis is clipped if it repeats its largest reading, of CLIPPED_RATE rad/s or more. The true rate may be higher
+by CLIPPED_SHARE, one sigma."""
 
 
-UNSEEN_ACC, UNSEEN_RATE = 2.0, 1.0
-"""m/s2 and rad/s: what a hand may do in a hole, when nobody knows yet whether it moves. (Of a recording one in a move
-is refused.)"""
+GAP_ACC, GAP_RATE = 2.0, 1.0
+"""m/s2 and rad/s, one sigma: motion in a gap that may lie in a move. (With a whole recording such a gap is refused.)"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,13 +100,13 @@ class Conditioner:
             return [], f"the time of row {self._row} is not a number; the row is left out"
         last = self._last
         if last is not None and (t < last.t or t - last.t > CLOCK_JUMP_S):
-            told, self._clock_wrong = self._clock_wrong, True
+            was_wrong, self._clock_wrong = self._clock_wrong, True
             what = "runs backwards" if t < last.t else "jumps"
             message = (
                 f"time {what} from {last.t:.3f} s to {t:.3f} s (row {self._row}); rows are left out until it goes on "
                 "from there; if it doesn't, start again"
             )
-            return [], "" if told else message
+            return [], "" if was_wrong else message
         self._clock_wrong = False
         motion = (acc, device_rpy if gyr is None else gyr)
         if (last is not None and t == last.t) or not all(_known(values) for values in motion):
@@ -134,7 +135,7 @@ class Conditioner:
         # Between neighbours motion may be anything in between; in a long gap, anything that a hand does.
         turn, push = (float(((b - a) ** 2).sum()) / 12.0 for a, b in ((last.gyr, sample.gyr), (last.acc, sample.acc)))
         if unseen:
-            turn, push = UNSEEN_RATE**2, UNSEEN_ACC**2
+            turn, push = GAP_RATE**2, GAP_ACC**2
         sample = replace(sample, guessed=(turn * lasts, push * lasts))
         put_back = [
             replace(
@@ -154,7 +155,7 @@ class Conditioner:
 
 def _known(values: Array | None) -> bool:
     """Whether these are numbers that a sensor can read (NaN compares false)."""
-    return values is not None and bool((np.abs(values) < LARGEST).all())
+    return values is not None and bool((np.abs(values) < LARGEST_READING).all())
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,7 +241,7 @@ class Strapdown:
         same = (rate == self.rate) & (np.abs(gyr) >= max(CLIPPED_RATE, self._fastest))
         self._same = self._same + 1 if same.any() else 0
         self._fastest = max(self._fastest, float(np.abs(gyr).max()))
-        if self._same >= CLIPPED_SAMPLES - 1:
+        if self._same >= FLAT_SAMPLES - 1:
             self.clipped = True
             lost = CLIPPED_SHARE * dt * self._fastest
             self._guessed[0] += lost**2 * (2.0 * self._same + 1.0)  # which grows as the square of how long it lasts
@@ -282,11 +283,11 @@ class Strapdown:
         g, a, S, one = s_g + self._guessed[0], s_a + self._guessed[1], skew(self.U[0] / T), np.eye(3)
         # As `block_noise` has it, for one block that lasts T.
         SS, Q = S @ S.T, np.zeros((9, 9))
-        Q[ROT, ROT] = (g + FLOOR[0] ** 2 * T / MOVE_KNOT_S) * one
+        Q[ROT, ROT] = (g + ROUNDING_SIGMAS[0] ** 2 * T / MOVE_KNOT_S) * one
         Q[ROT, VEL], Q[ROT, POS] = 0.5 * g * T * S, g * T**2 / 6.0 * S
-        Q[VEL, VEL] = (a + FLOOR[1] ** 2 * T / MOVE_KNOT_S) * one + g * T**2 / 3.0 * SS
+        Q[VEL, VEL] = (a + ROUNDING_SIGMAS[1] ** 2 * T / MOVE_KNOT_S) * one + g * T**2 / 3.0 * SS
         Q[VEL, POS] = 0.5 * a * T * one + 0.125 * g * T**3 * SS
-        Q[POS, POS] = (a * T**2 / 3.0 + FLOOR[2] ** 2 * T / MOVE_KNOT_S) * one + 0.05 * g * T**4 * SS
+        Q[POS, POS] = (a * T**2 / 3.0 + ROUNDING_SIGMAS[2] ** 2 * T / MOVE_KNOT_S) * one + 0.05 * g * T**4 * SS
         Q[VEL, ROT], Q[POS, ROT], Q[POS, VEL] = Q[ROT, VEL].T, Q[ROT, POS].T, Q[VEL, POS].T
         return Q
 

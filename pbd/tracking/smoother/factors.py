@@ -1,4 +1,4 @@
-"""The factors of the smoother: residuals, weights and derivatives of all that is measured or known before.
+"""The factors of the smoother: residuals, weights and derivatives of measurements and priors.
 
 Rotations are perturbed on the left, in nav: E <- exp(theta) E.
 """
@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 
 from pbd.pose import Array, matrix_log, quat_exp, quat_to_matrix, readonly, skew
-from pbd.tracking.noise import Noise, acc_doubt
+from pbd.tracking.noise import OUTLIER_SIGMAS, Noise, acc_doubt
 from pbd.tracking.smoother.knots import Problem
 from pbd.tracking.smoother.normal_equations import (
     ACC_BIAS,
@@ -31,17 +31,15 @@ LAG, GYR_MATRIX, ACC_MATRIX, GRAVITY, PIVOT = slice(0, 1), slice(1, 10), slice(1
 SHARED = 20
 """Shared unknowns: lag (s), the matrices of gyro (M) and accelerometer (N), gravity (m/s2), the pivot (m)."""
 
-DOUBT = 3.0
-"""Sigmas beyond which a robust factor hardly counts (Geman-McClure)."""
 
-STEEP = 0.1
-"""A field with a smaller share along the level points nowhere (within 6 degrees of a magnetic pole's)."""
+LEAST_LEVEL_FIELD = 0.1
+"""Least horizontal share of a magnetic field that shows north: 6 degrees from a magnetic pole."""
 
-AT_ONCE = 512
-"""Legs that are linearised at once: what they need stays in a processor's cache."""
+LEGS_AT_ONCE = 512
+"""Number of legs per batch; the working set fits a processor's cache."""
 
-FIXED = 1e10
-"""Weight of what is chosen rather than known: the origin, and without a compass the heading."""
+GAUGE_WEIGHT = 1e10
+"""Weight of what is chosen, not measured: the origin, and without a compass the heading."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +75,7 @@ class State:
 
 @dataclass(frozen=True)
 class Prior:
-    """How unsure the sensor-wide errors are before: lag in s, a scale common to the gyro's axes (share)."""
+    """Prior of the sensor-wide errors: lag in s, a scale common to the gyro's axes (share)."""
 
     lag: float
     lag_sigma: float
@@ -86,7 +84,7 @@ class Prior:
 
 @dataclass(frozen=True, eq=False)
 class Local:
-    """What is the same in each linearisation: origin and heading, the undisturbed field, what parts of noise count.
+    """What each linearisation shares: origin and heading, the undisturbed field, the scale of each part of the noise.
 
     Attributes:
         origin: index of the knot whose position, and without a compass heading, is given.
@@ -183,8 +181,8 @@ def leg_jacobian(problem: Problem, x: State, at: slice = slice(None)) -> Array:
 def _add_legs(equations: NormalEquations, problem: Problem, x: State, local: Local, whiten: Array) -> Array:
     """The moves, and how the biases walk; returns the whitened residuals."""
     residuals = np.empty((len(whiten), 9))
-    for first in range(0, len(whiten), AT_ONCE):
-        at = slice(first, first + AT_ONCE)
+    for first in range(0, len(whiten), LEGS_AT_ONCE):
+        at = slice(first, first + LEGS_AT_ONCE)
         whitened = whiten[at] @ leg_jacobian(problem, x, at)
         equations.add_legs(whitened, first)
         residuals[at] = whitened[:, :, -1]
@@ -227,7 +225,7 @@ def _add_stops(
 
 
 def _add_hand(equations: NormalEquations, problem: Problem, x: State) -> None:
-    """A hand stays near where it began, as far as it does (Cauchy)."""
+    """Weak prior: a hand stays near where it began (Cauchy)."""
     reach = problem.noise.reach
     near = problem.share / reach**2 / (1.0 + _squares(x.p) / reach**2)
     equations.add_unary(POS, x.p, near)
@@ -242,7 +240,7 @@ def _add_compass(equations: NormalEquations, problem: Problem, field: Array, x: 
     stronger = strength / local.strength - 1.0
     steeper = np.arctan2(h[:, 2], level) - local.dip
     off = (stronger**2 + steeper**2 + (np.cos(local.dip) * east) ** 2) / problem.noise.field**2
-    trust: Array = np.where(level > STEEP * strength, 1.0 / (1.0 + off) ** 2, 0.0)
+    trust: Array = np.where(level > LEAST_LEVEL_FIELD * strength, 1.0 / (1.0 + off) ** 2, 0.0)
     turned = -skew(h)  # d h / d theta
     jacobian = (h[:, 1:2] * turned[:, 0] - h[:, :1] * turned[:, 1]) / level[:, None] ** 2
     weight = trust * problem.share / problem.noise.compass**2
@@ -252,7 +250,7 @@ def _add_compass(equations: NormalEquations, problem: Problem, field: Array, x: 
 
 
 def _add_device(equations: NormalEquations, problem: Problem, x: State) -> None:
-    """The device's own attitude holds, but for its lag."""
+    """The device's own attitude, with a sigma that grows with the rate, as it lags."""
     noise = problem.noise
     rate = np.sqrt(_squares(problem.frame.gyr[problem.rows]))
     sigma = np.hypot(noise.device_turn, noise.device_lag * rate)
@@ -267,10 +265,10 @@ def _add_priors(equations: NormalEquations, problem: Problem, x: State, local: L
     equations.add_unary(GYR_BIAS, x.gyr_bias, first / noise.gyr_bias**2)
     equations.add_unary(ACC_BIAS, x.acc_bias, first / (worse * device.acc_bias) ** 2)
     at = np.zeros(len(problem.rows))
-    at[local.origin] = FIXED
+    at[local.origin] = GAUGE_WEIGHT
     equations.add_unary(POS, x.p, at)
     if problem.field is None and not problem.device:
-        equations.diagonal[local.origin, 2, 2] += FIXED
+        equations.diagonal[local.origin, 2, 2] += GAUGE_WEIGHT
     equations.corner += shared_prior(problem, x, local.prior)
 
 
@@ -284,7 +282,7 @@ def shared_prior(problem: Problem, x: State, prior: Prior) -> Array:
 
 @lru_cache(4)
 def _information(noise: Noise, worse: float, prior: Prior) -> Array:
-    """Of the sensor-wide errors, (SHARED, SHARED); the accelerometer may be so many times `worse` than its class."""
+    """Information (SHARED, SHARED) of the sensor-wide errors. `worse` multiplies the accelerometer's sigmas."""
     covariance = np.zeros((SHARED, SHARED))
     i = np.arange(SHARED)
     covariance[i[LAG], i[LAG]] = prior.lag_sigma**2
@@ -304,4 +302,4 @@ def _squares(vectors: Array) -> Array:
 
 def _robust(squares: Array, robust: bool) -> Array:
     """Geman-McClure's weight of residuals, by their squares in sigmas."""
-    return 1.0 / (1.0 + squares / DOUBT**2) ** 2 if robust else np.ones_like(squares)
+    return 1.0 / (1.0 + squares / OUTLIER_SIGMAS**2) ** 2 if robust else np.ones_like(squares)

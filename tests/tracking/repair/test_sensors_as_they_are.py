@@ -17,13 +17,13 @@ from pbd.files.importers import import_file
 from pbd.pipeline import track
 from pbd.pose import Array
 from pbd.simulation.calibration_tasks import sides
-from pbd.simulation.hand import Waypoint
+from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import SENSOR_MODELS, TASKS, World, random_task, simulate
 from pbd.simulation.tasks import Task
 from pbd.tracking.keyframes import find_keyframes
-from pbd.tracking.repair.agreement import find_steady, refuse_disagreement
-from pbd.tracking.repair.channels import frozen
+from pbd.tracking.repair.channel_faults import frozen
 from pbd.tracking.repair.conditioning import condition
+from pbd.tracking.repair.gyro_consistency import find_steady, refuse_disagreement
 from pbd.tracking.repair.splices import without_wild
 from tests.benchmarks.trials import read_broad
 from tests.scenarios import keyframes_and_errors, pour, uncalibrated, with_rows
@@ -171,6 +171,8 @@ def held(recording: Recording, start: int, stop: int) -> Recording:
 
 
 def test_a_sensor_that_freezes_in_a_move_is_refused() -> None:
+    assert not frozen(held(pour().recording, 280, 285)).any()  # 40 ms
+    assert frozen(held(pour().recording, 280, 287)).any()  # 60 ms
     with (
         pytest.warns(PbdWarning, match="29 samples missing, in 1 gap"),
         pytest.raises(TrackingError, match=r"290 ms of data are missing after row 280 .* while the hand moves"),

@@ -163,14 +163,14 @@ def test_old_data_under_new_stamps_do_little_harm(share: float) -> None:
 
 def test_a_rate_other_than_the_nominal_one_is_told() -> None:
     recording = simulate("pour", "modern", 1).recording
-    slow = replace(recording, t=recording.t / 0.93)
+    slow = replace(recording, t=recording.t / 0.94)
     with (
-        pytest.warns(PbdWarning, match=r"the gyro's turns are 7 % too large for how gravity turns"),
+        pytest.warns(PbdWarning, match=r"the gyro's turns are 6 % too large for how gravity turns"),
         pytest.warns(
             PbdWarning,
-            match=r"set to 100 Hz, but .* come at 93 Hz; if the time stamps are wrong, every distance comes out 1\.16",
+            match=r"set to 100 Hz, but .* come at 94 Hz; if the time stamps are wrong, every distance comes out 1\.13",
         ),
     ):
         track(slow)
     assert "set to" not in said(replace(recording, t=recording.t / 0.97))
-    assert "7 % too large for how gravity turns" in said(unnamed(slow))
+    assert "6 % too large for how gravity turns" in said(unnamed(slow))

@@ -9,7 +9,7 @@ import pytest
 
 from pbd.data import Demonstration, Recording
 from pbd.pose import Array, quat_inverse, quat_log, quat_multiply, quat_rotate, yaw_toward
-from pbd.simulation.simulate import TASKS, random_task, simulate
+from pbd.simulation.simulate import random_task, simulate
 from pbd.tracking.estimate import Estimate, estimate
 from pbd.tracking.noise import noise_of
 from pbd.tracking.repair.conditioning import condition
@@ -55,25 +55,17 @@ def test_every_stop_is_found_and_the_truth_lies_within_its_sigma(sensor: str) ->
         assert np.sqrt((z**2).mean()) > 0.2  # nor is it ten times too wide
 
 
-@pytest.mark.parametrize("late_s", [0.01, 0.03, 0.06])
-def test_a_gyro_that_is_late_loses_no_stop(late_s: float) -> None:
+@pytest.mark.parametrize(("late_s", "scale"), [(0.01, 1.0), (0.03, 1.08), (0.06, 1.0)])
+def test_a_gyro_that_is_late_or_reads_too_much_loses_no_stop(late_s: float, scale: float) -> None:
     demo = simulate(random_task(5, moves=5, max_turn=np.radians(80.0)), "modern", 5)
     recording = demo.recording
     assert recording.gyr is not None
-    late = np.column_stack([np.interp(recording.t - late_s, recording.t, axis) for axis in recording.gyr.T])
+    late = np.column_stack([scale * np.interp(recording.t - late_s, recording.t, axis) for axis in recording.gyr.T])
     off, _, found = errors(replace(demo, recording=replace(recording, gyr=late)))
     assert found.solution is not None
     assert found.solution.lag + found.solution.state.shared[0] == pytest.approx(late_s, abs=1.5e-3)
     assert len(found.stops) == 6
     assert np.linalg.norm(off, axis=1).max() < 0.01
-
-
-@pytest.mark.parametrize("sensor", SENSORS)
-def test_a_slow_hand_has_no_stop_half_way(sensor: str) -> None:
-    """Where its acceleration passes zero it is as quiet as at a stop."""
-    waypoints = tuple(replace(waypoint, move_s=1.5 * waypoint.move_s) for waypoint in TASKS["pour"].waypoints)
-    _, _, found = errors(simulate(replace(TASKS["pour"], waypoints=waypoints), sensor, 6))
-    assert len(found.stops) == 11
 
 
 def test_a_foot_turns_about_the_point_that_it_treads_on() -> None:
@@ -115,7 +107,7 @@ def test_without_a_gyro_the_devices_attitude_serves() -> None:
 
 @pytest.mark.parametrize("at_once", [4, 256])
 def test_normal_equations_are_solved_as_dense_ones(monkeypatch: pytest.MonkeyPatch, at_once: int) -> None:
-    monkeypatch.setattr(normal_equations, "AT_ONCE", at_once)
+    monkeypatch.setattr(normal_equations, "KNOTS_AT_ONCE", at_once)
     rng = np.random.default_rng(0)
     m, s = 6, 4
     equations = NormalEquations.empty(m, s)

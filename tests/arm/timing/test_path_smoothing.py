@@ -16,7 +16,7 @@ from pbd.arm.timing.ptp import ptp_move
 from pbd.data import JointLimits
 from pbd.pose import Array
 from tests.arm.bundled import arm_of
-from tests.arm.test_speed_profile import limits_of, random_waypoints
+from tests.arm.timing.test_speed_profile import limits_of, random_waypoints
 from tests.arm.toppra_oracle import toppra_duration
 
 

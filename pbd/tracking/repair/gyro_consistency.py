@@ -1,9 +1,9 @@
-"""What says where up is, held against the accelerometer: the device's own attitude, and the gyro from rest to rest.
+"""Compare the accelerometer's vertical with that of the device's attitude, and with the gyro's turn from rest to rest.
 
-So an accelerometer with turned signs is found out (some programs give what pulls, not what holds), and a gyro in
-another unit, or one whose axes are not the accelerometer's. A gyro carries the vertical upside down as well as
-upright, so of all three signs it tells nothing; a turn about the vertical says nothing, and turns about one axis say
-little of the others. What is not contradicted is believed.
+This finds an accelerometer with flipped signs (some programs give gravity, not specific force), a gyro in another unit,
+or one whose axes are not the accelerometer's. A gyro carries the vertical upside down as well as upright, so it can't
+show that all three signs are flipped. A turn about the vertical shows nothing. Turns about one axis show little of the
+others. Data that nothing contradicts are accepted.
 """
 
 from __future__ import annotations
@@ -21,32 +21,33 @@ from pbd.pose import Array, quat_cumulative, quat_exp, quat_from_rpy, quat_inver
 from pbd.tracking.moving_windows import squares, window_moments, window_sums
 from pbd.tracking.rest import STILL_ACC, STILL_GYR
 
-OFF, BETTER = np.radians(20.0), 3.0
-"""Two verticals further apart than this contradict each other (in the mean over all steady moments, or the median), if
-another reading brings them so many times nearer."""
+CONTRADICTION_RAD, IMPROVEMENT = np.radians(20.0), 3.0
+"""Angle, rad, between two estimates of the vertical above which they contradict each other. A different reading of the
+axes or the unit is proposed if it divides that angle by IMPROVEMENT."""
 
-SHOWN = 0.04
-"""An axis along which both verticals lie by more than this (mean product) shows its sign: 11 degrees off the level."""
+SIGN_PRODUCT = 0.04
+"""Mean product of two verticals along an axis above which its sign is observable: 11 degrees off level."""
 
-UPSIDE_DOWN = -0.9
-"""The cosine of the sensor's z axis with the vertical, below which it lies on its head (26 degrees)."""
+UPSIDE_DOWN_COS = -0.9
+"""Cosine between the sensor's z axis and the vertical below which it lies upside down: within 26 degrees."""
 
-STEEP = 0.5
-"""A field whose share along the vertical is larger than this points up or down, beyond a compass' own errors."""
+STEEP_FIELD = 0.5
+"""Vertical share of a magnetic field above which it surely points up or down."""
 
-FINE_HZ = 50.0
-"""Samples are averaged down to about this rate: enough to follow a hand, and cheap in a long recording."""
+CHECK_HZ = 50.0
+"""Samples are averaged down to about this rate: fast enough for a hand."""
 
-WINDOW_S, STEADY_ACC, STEADY_NORM = 0.2, 0.05, 0.02
-"""A steady moment lasts so long; specific force varies by less than this in it (rms, as a share of g) and is g to
-this share: the accelerometer sees gravity and next to nothing else."""
+STEADY_S, STEADY_ACC, STEADY_NORM = 0.2, 0.05, 0.02
+"""In a steady moment the accelerometer shows gravity alone. It lasts STEADY_S; the rms of specific force is below
+STEADY_ACC, and its norm differs from g by less than STEADY_NORM (shares of g)."""
 
-STEP_S, APART_S, LONGEST_S = 0.1, 0.5, 5.0
-"""Steady moments at least STEP_S apart are held against the next that is at least APART_S later, at most LONGEST_S."""
+PAIR_EVERY_S, PAIR_SHORTEST_S, PAIR_LONGEST_S = 0.1, 0.5, 5.0
+"""Pairs of steady moments: one begins every PAIR_EVERY_S at most; the two are PAIR_SHORTEST_S to PAIR_LONGEST_S
+apart."""
 
-FEW, SEVERAL = 2, 8
-"""So many pairs of moments between which the vertical turns tell of a unit, at least; so many of axes, which may agree
-by chance."""
+UNIT_PAIRS, AXES_PAIRS = 2, 8
+"""Least number of pairs between which the vertical turns, to judge the unit; to judge the axes, which may agree by
+chance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +67,7 @@ class Steady:
 
 def find_steady(acc: Array, gyr: Array, rate_hz: float) -> Steady:
     """Find the steady moments of acc (n, 3) and gyr (n, 3) rad/s, without NaN; g is taken from the quietest second."""
-    second, half = max(2, round(rate_hz)), max(1, round(0.5 * WINDOW_S * rate_hz))
+    second, half = max(2, round(rate_hz)), max(1, round(0.5 * STEADY_S * rate_hz))
     if len(acc) < max(second, 2 * half):
         return Steady(np.zeros(0, dtype=np.intp), np.zeros((0, 3)), np.zeros(3))
     variance, mean = window_moments(acc, second)
@@ -95,9 +96,9 @@ def refuse_turned_signs(recording: Recording) -> None:
     up = up_in_sensor(quat_from_rpy(recording.device_rpy[steady.rows]))
     along = (steady.up_sensor * up).mean(axis=0)
     # Of a level axis nothing is seen: where all others are turned, it is meant too.
-    signs = np.where(along < (SHOWN if (along < SHOWN).all() else -SHOWN), -1.0, 1.0)
+    signs = np.where(along < (SIGN_PRODUCT if (along < SIGN_PRODUCT).all() else -SIGN_PRODUCT), -1.0, 1.0)
     off, fit = (float(_angles(steady.up_sensor * turn, up).mean()) for turn in (np.ones(3), signs))
-    if off < OFF or fit > off / BETTER:
+    if off < CONTRADICTION_RAD or fit > off / IMPROVEMENT:
         return
     if recording.gyr is not None and signs[2] > 0.0:
         return  # the attitude may count its pitch or roll the other way; the gyro knows better, and is asked
@@ -119,16 +120,16 @@ def up_in_sensor(wxyz_nav_sensor: Array) -> Array:
 
 def warn_upside_down(recording: Recording, up_sensor: Array, start: int, stop: int) -> None:
     """Warn where the sensor lies on its head over the samples of its first rest, where this (3,) points up."""
-    if up_sensor[2] > UPSIDE_DOWN:
+    if up_sensor[2] > UPSIDE_DOWN_COS:
         return
-    told = ""
+    hint = ""
     if recording.mag is not None:
-        field = recording.mag[start:stop].mean(axis=0)  # a NaN tells nothing
-        if up_sensor @ field > STEEP * np.linalg.norm(field):
-            told = "; the magnetic field points up, as it does only south of the equator, so they likely are"
+        field = recording.mag[start:stop].mean(axis=0)  # of a NaN nothing follows
+        if up_sensor @ field > STEEP_FIELD * np.linalg.norm(field):
+            hint = "; the magnetic field points up, as it does only south of the equator, so they likely are"
     warnings.warn(
         f"at the first rest the sensor lies upside down (z reads {GRAVITY * up_sensor[2]:.1f} m/s2), or the signs of "
-        f"its accelerometer are turned{told}; if z was up, import the file with --unit acc=-g (or -m/s2), or "
+        f"its accelerometer are turned{hint}; if z was up, import the file with --unit acc=-g (or -m/s2), or "
         "--column az=-NAME for that axis alone",
         PbdWarning,
         stacklevel=2,
@@ -146,7 +147,7 @@ def refuse_disagreement(recording: Recording) -> None:
     refuse_turned_signs(recording)
     if recording.gyr is None:
         return
-    every = max(1, round(recording.rate_hz / FINE_HZ))
+    every = max(1, round(recording.rate_hz / CHECK_HZ))
     acc, gyr = _averaged(recording.acc, every), _averaged(recording.gyr, every)
     rate_hz = recording.rate_hz / every
     steady = find_steady(acc, gyr, rate_hz)
@@ -161,15 +162,15 @@ def refuse_disagreement(recording: Recording) -> None:
         return quat_rotate(quat_multiply(quat_inverse(there), here), up)
 
     as_it_is = turned(gyr)
-    telling = np.maximum(_angles(up, up_later), _angles(up, as_it_is)) > OFF
-    if telling.sum() < FEW:
+    telling = np.maximum(_angles(up, up_later), _angles(up, as_it_is)) > CONTRADICTION_RAD
+    if telling.sum() < UNIT_PAIRS:
         return
 
     def disagreement(carried: Array) -> float:
         return float(np.median(_angles(up_later, carried)[telling]))
 
     off = disagreement(as_it_is)
-    if off < OFF:
+    if off < CONTRADICTION_RAD:
         return
     readings = [
         (disagreement(turned(np.radians(gyr))), "its values are in deg/s; import the file with", "deg/s"),
@@ -179,12 +180,14 @@ def refuse_disagreement(recording: Recording) -> None:
             "rad/s",
         ),
     ]
-    for order, signs in product(permutations(range(3)), product((1, -1), repeat=3)) if telling.sum() >= SEVERAL else ():
+    for order, signs in (
+        product(permutations(range(3)), product((1, -1), repeat=3)) if telling.sum() >= AXES_PAIRS else ()
+    ):
         readings.append((disagreement(turned(gyr[:, order] * signs)), _other_axes(order, signs), ""))
-    if not np.diff(gyr, axis=0).any():  # nor has the accelerometer noise, or it would have been told before
+    if not np.diff(gyr, axis=0).any():  # with noise in the accelerometer, `refuse_dead` has refused it
         readings.append((0.0, "it reads the same all the time, so it is dead; check the columns gx, gy, gz", ""))
     best, what, unit = min(readings)
-    if best > off / BETTER:
+    if best > off / IMPROVEMENT:
         return
     raise RecordingError(
         f"the gyro does not turn as gravity shows (by {np.degrees(off):.0f} degrees, first at "
@@ -220,11 +223,11 @@ def _pairs(rows: NDArray[np.intp], rate_hz: float) -> tuple[NDArray[np.intp], ND
     """Indices of moments (k,), and of those to hold them against (k,)."""
     if len(rows) == 0:
         return rows, rows
-    _, first = np.unique(rows // max(1, round(STEP_S * rate_hz)), return_index=True)
-    second = np.searchsorted(rows, rows[first] + APART_S * rate_hz)
+    _, first = np.unique(rows // max(1, round(PAIR_EVERY_S * rate_hz)), return_index=True)
+    second = np.searchsorted(rows, rows[first] + PAIR_SHORTEST_S * rate_hz)
     there = second < len(rows)
     first, second = first[there], second[there]
-    near = rows[second] - rows[first] <= LONGEST_S * rate_hz
+    near = rows[second] - rows[first] <= PAIR_LONGEST_S * rate_hz
     return first[near], second[near]
 
 

@@ -90,7 +90,7 @@ def simple(tmp_path: Path, shapes: str) -> Robot:
         joints=("pan", "turn"),
         home=np.zeros(2),
         gripper=None,
-        limits=replace(panda.limits, lower=-np.ones(2), **limits),
+        limits=replace(panda.limits, lower=-np.ones(2), effort=None, **limits),
     )
 
 

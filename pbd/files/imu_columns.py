@@ -1,4 +1,4 @@
-"""The columns of imu.csv, and what the compass angles among them mean."""
+"""The columns of imu.csv (in SI units; importers convert), and the conversion of its compass angles."""
 
 from __future__ import annotations
 

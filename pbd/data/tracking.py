@@ -1,4 +1,4 @@
-"""The values of tracking, from the sensor's samples to the keyframes."""
+"""Values of tracking, from the sensor's samples to the keyframes."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ GRAVITY = 9.80665
 """Standard gravity, m/s2: what a sensor's unit "g" means. Tracking estimates the local value at rest."""
 
 
-DOUBTED = 0.8
-"""A stop with less weight than this may be none: people are told."""
+DOUBTED_WEIGHT = 0.8
+"""Weight below which a stop is reported as doubtful."""
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,7 @@ class Demonstration:
 
     @property
     def known(self) -> Known:
-        """What a person knows of its stops, as `track` takes it."""
+        """Known places and contacts, as `track` takes them."""
         return Known(self.closed, self.places, self.contacts)
 
 
@@ -149,7 +149,7 @@ class Stop:
 
 @dataclass(frozen=True, eq=False)
 class Tracking:
-    """What a path was tracked from, and what was worked out on the way: kept, so that nobody works it out again.
+    """What a path was tracked from, and intermediate results that others use again.
 
     Attributes:
         demo: as it was given: with edited keyframes, what is known of the stops, what is grasped.

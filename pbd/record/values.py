@@ -1,4 +1,4 @@
-"""What goes in and out of a recording: options, a person's commands, what the screen is told, how it ended."""
+"""Values of a recording session: its options, a person's commands, the status for the screen, the outcome."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pbd.data import Keyframe, SensorErrors
 from pbd.pose import Array
 
 FEWEST_STOPS = 2
-"""The rest at the start and one more: with fewer there is nothing to replay."""
+"""Least number of stops that can be replayed: the first rest and one more."""
 
 
 class Command(enum.Enum):
@@ -28,7 +28,7 @@ class RecordOptions:
     Attributes:
         folder: of the new demonstration.
         sensor: the protocol's name.
-        duration_s: ends by itself after so many seconds of samples.
+        duration_s: the recording ends after this many seconds of samples.
         tolerance_m: a move whose sigma grows beyond this is worth a pause.
         closed: the hand will end at the dock.
         raw: keep the bytes as they come.
@@ -52,7 +52,7 @@ class RecordOptions:
 
 @dataclass(frozen=True)
 class Say:
-    """Something worth a line, and a bell where the person should act or may go on."""
+    """A message, with a bell if the person should act or may go on."""
 
     t: float
     text: str
@@ -67,7 +67,7 @@ class Status:
         t: s since the first sample.
         rate_hz: as measured over the last second.
         samples: so far.
-        lost: samples that never came, as far as is known yet.
+        lost: samples that never came, as counted so far.
         bad_packets: thrown away by the decoder.
         waiting: what the tracker waits for, or "".
         moving: whether the hand moves.
@@ -108,7 +108,7 @@ class Outcome:
 
     Attributes:
         folder: where it is; None where it was discarded.
-        samples: so many.
+        samples: their number.
         duration_s: from the first to the last.
         lost: samples that never came.
         bad_packets: thrown away by the decoder.

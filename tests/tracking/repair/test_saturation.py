@@ -86,15 +86,15 @@ def test_one_line_says_how_many_which_axis_where_and_what_to_do() -> None:
     with pytest.warns(PbdWarning) as caught:
         track(simulate("pick-and-place-stops", "os5000").recording)
     assert [str(warning.message) for warning in caught] == [
-        "3 samples of the gyro's x axis are at the end of the range (500 deg/s), the first at t = 4.70 s: what was "
-        "above it is a guess; move slower, or set a larger range"
+        "3 samples of the gyro's x axis are at the end of the range (500 deg/s), the first at t = 4.70 s: values "
+        "above it are guessed; move slower, or set a larger range"
     ]
 
 
-@pytest.mark.parametrize("rate_hz", [None, 25.0, 60.0, 250.0])
+@pytest.mark.parametrize("rate_hz", [25.0, 60.0, 250.0])
 @pytest.mark.parametrize("sensor", ["os5000", "os5000-nogyro", "wt901", "modern", "ideal"])
-def test_nothing_is_found_where_nothing_clips(sensor: str, rate_hz: float | None) -> None:
-    for seed in range(10):
+def test_nothing_is_found_where_nothing_clips(sensor: str, rate_hz: float) -> None:
+    for seed in range(4):
         tasks: tuple[str | Task, ...] = (*TASKS, random_task(seed), fast(seed))
         for task in tasks:
             assert clips_of(simulate(task, limited(sensor), seed, rate_hz=rate_hz).recording) == ()
@@ -159,8 +159,9 @@ def test_the_roll_of_test_1_is_put_back_by_gravity() -> None:
 
 # A lost turn about the vertical looks like a disturbed field; that is a warning too many, and no other harm.
 @pytest.mark.filterwarnings("ignore::pbd.errors.PbdWarning")
-@pytest.mark.parametrize("sensor", ["os5000", "modern", "wt901"])
-@pytest.mark.parametrize(("gyr_deg", "acc"), [(200.0, inf), (inf, 13.0), (250.0, 14.0)])
+@pytest.mark.parametrize(
+    ("sensor", "gyr_deg", "acc"), [("modern", 200.0, inf), ("os5000", inf, 13.0), ("wt901", 250.0, 14.0)]
+)
 def test_a_clipped_recording_is_tracked_far_better_than_it_was_sampled(
     sensor: str, gyr_deg: float, acc: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -20,7 +20,12 @@ from pbd.files.importers import import_file
 from pbd.pose import quat_from_rpy, quat_to_rpy
 from pbd.simulation.calibration_tasks import sides
 from pbd.simulation.simulate import SENSOR_MODELS, TASKS, random_task, simulate
-from pbd.tracking.repair.agreement import refuse_disagreement, refuse_turned_signs, up_in_sensor, warn_upside_down
+from pbd.tracking.repair.gyro_consistency import (
+    refuse_disagreement,
+    refuse_turned_signs,
+    up_in_sensor,
+    warn_upside_down,
+)
 
 WITH_ATTITUDE = ("os5000", "os5000-nogyro", "wt901", "modern")
 

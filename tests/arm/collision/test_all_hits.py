@@ -12,7 +12,7 @@ from pbd.arm.collision.scene import CollisionScene
 from pbd.arm.model import ArmModel
 from pbd.data import GraspedObject, JointTrajectory
 from pbd.pose import Array
-from tests.arm.test_collision import BOTTLE, GRIPS, PLACES, board, through
+from tests.arm.collision.test_collision import BOTTLE, GRIPS, PLACES, board, through
 
 
 def sampled(scene: CollisionScene, trajectory: JointTrajectory, t: Array) -> dict[tuple[str, str], list[float]]:

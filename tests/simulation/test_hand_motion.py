@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pbd.pose import quat_about_z, quat_exp, quat_inverse, quat_log, quat_multiply, quat_rotate
-from pbd.simulation.hand import HandMotion, Waypoint, minimum_jerk
+from pbd.simulation.hand_motion import HandMotion, Waypoint, minimum_jerk
 from pbd.simulation.tasks import random_task
 
 seeds = st.integers(0, 2**32 - 1)

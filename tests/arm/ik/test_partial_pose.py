@@ -13,7 +13,8 @@ from pbd.arm.ik.solver import solve
 from pbd.arm.joint_path import solve_path
 from pbd.arm.model import ArmModel
 from pbd.arm.tool import target
-from pbd.calibration.frames import nav_in_base, tool_poses
+from pbd.calibration.dock import nav_in_base
+from pbd.calibration.frames import tool_poses
 from pbd.errors import PbdWarning
 from pbd.pose import Array, Pose, quat_to_matrix
 from tests.arm.bundled import DEMOS, FIVE_JOINTS, NAMES, arm_of, keyframes_of
@@ -38,6 +39,7 @@ def test_a_pose_that_can_be_met_whole_is(name: str) -> None:
         assert result.reached
         assert max(pose.distance(arm.forward(result.q))) < 1e-3
         assert result.position_error_m < 1e-5
+        assert solve_partial(arm, target(pose), np.empty((0, 5)))[0].off < 1e-3
 
 
 @pytest.mark.parametrize("name", FIVE_JOINTS)

@@ -1,7 +1,7 @@
-"""Channels that say nothing: a stuck axis, a sensor that never changes or freezes for a while, a dead magnetometer.
+"""Dead channels: a stuck axis, a sensor that never changes or freezes for a while, a dead magnetometer.
 
-A real sensor's noise changes its reading all the time; one that reads the same over and over is dead, or froze. A
-sensor without noise (a simulated one), or a coarse one, is constant too while it rests: there the path must tell.
+A real sensor's noise changes every reading. A sensor that repeats the same reading is dead, or froze. A sensor without
+noise (simulated or coarse) is constant at rest too: there the path decides.
 """
 
 from __future__ import annotations
@@ -16,35 +16,37 @@ from pbd.data import Recording, Stop
 from pbd.errors import PbdWarning, RecordingError, TrackingError
 from pbd.pose import Array, lengths
 from pbd.tracking.moving_windows import window_moments
+from pbd.tracking.repair.gaps import BRIDGED_S
 from pbd.tracking.rest import STILL_ACC
 from pbd.tracking.zero_velocity import edges, runs
 
-NAMES = {"acc": "accelerometer", "gyr": "gyro"}
+SENSOR_NAMES = {"acc": "accelerometer", "gyr": "gyro"}
 
 STUCK_S = 2.0
-"""s: an axis that doesn't change for so long is stuck, if another of the same sensor does. (Not of the other sensor:
-some gyros say 0 on all axes whenever they take themselves to be at rest.)"""
+"""s: an axis that is constant for longer is stuck, if another axis of the same sensor changes. (The other sensor does
+not count: some gyros read 0 on all axes at rest.)"""
 
-ALIVE = 0.7
-"""An axis that lives changes from row to row in this share of the rows, at least."""
+LIVE_SHARE = 0.7
+"""Share of its rows in which a working axis changes, at least."""
 
-ROUGH = 2.0
-"""Third differences of noise are 3.2 times as large as its first ones; those of smooth motion are smaller."""
+NOISE_ROUGHNESS = 2.0
+"""Ratio of third to first differences above which readings are noise. White noise has 3.2, smooth motion less."""
 
-CALM_ROWS, ROUNDING = 20, 1e-6
-"""Noise is looked for in so many rows; changes smaller than this (m/s2, rad/s) are a computer's rounding."""
+NOISE_ROWS, ROUNDING = 20, 1e-6
+"""Number of consecutive rows in which noise is looked for; smallest change, m/s2 or rad/s, that is not rounding."""
 
-FROZEN_S, FROZEN_ROWS = 0.050, 3
-"""A sensor with noise that repeats itself for longer than this (s), and so often, has stopped measuring ..."""
+FROZEN_ROWS = 3
+"""A noisy sensor that repeats itself this often, for longer than a gap that can be bridged, is frozen."""
 
-REPEATS = 0.01
-"""... unless it repeats more than this share of its readings anyway: a coarse one does."""
+COARSE_REPEATS = 0.01
+"""Share of repeated readings above which a sensor is taken to be coarse, not frozen."""
 
-HELD_S = 0.2
-"""s: a coarse sensor that repeats itself for longer is held against the path."""
+COARSE_FROZEN_S = 0.2
+"""s: where a coarse sensor repeats itself for longer, the path must show a rest."""
 
-EDGE_S, FULL_SPEED = 0.15, 0.05
-"""A hand further than this (s) from all stops that moves faster than this (m/s) reads no constant."""
+STOP_EDGE_S, MOVING_SPEED = 0.15, 0.05
+"""s and m/s: a hand that is further than this from all stops and faster than this is moving, so that its sensor can't
+read a constant."""
 
 
 def refuse_dead(recording: Recording) -> None:
@@ -65,8 +67,8 @@ def refuse_dead(recording: Recording) -> None:
     for name, axis, start, stop in stuck_axes(recording):
         value = float(getattr(recording, name)[start, axis])
         raise RecordingError(
-            f"axis {'xyz'[axis]} of the {NAMES[name]} is stuck at {value:.4g} from {t[start]:.2f} s (row {start}) to "
-            f"{t[stop - 1]:.2f} s, while others change; repair the sensor, or check the columns",
+            f"axis {'xyz'[axis]} of the {SENSOR_NAMES[name]} is stuck at {value:.4g} from {t[start]:.2f} s "
+            f"(row {start}) to {t[stop - 1]:.2f} s, while others change; repair the sensor, or check the columns",
             row=start,
             t=float(t[start]),
             value=value,
@@ -77,9 +79,9 @@ def stuck_axes(recording: Recording) -> Iterator[tuple[str, int, int, int]]:
     """Find the axes that don't change for STUCK_S or more while another of the same sensor does.
 
     Yields:
-        Which sensor (of NAMES), which axis, and the half-open range of rows.
+        Which sensor (of SENSOR_NAMES), which axis, and the half-open range of rows.
     """
-    for name in NAMES:
+    for name in SENSOR_NAMES:
         values = getattr(recording, name)
         for axis in range(3) if values is not None else ():
             spans = edges(values[1:, axis] == values[:-1, axis])
@@ -106,7 +108,7 @@ def magnetometer_is_dead(recording: Recording) -> bool:
 def frozen(recording: Recording, filled: NDArray[np.bool_] | None = None) -> NDArray[np.bool_]:
     """Rows (n,) at which a sensor with noise repeats itself for too long, or its accelerometer alone does.
 
-    Of one without noise the path must tell: `refuse_freezes`. Of the gyro alone nothing follows: some say 0 at rest.
+    A sensor without noise is left to `refuse_freezes`. The gyro alone does not count: some read 0 at rest.
 
     Args:
         recording: without NaN.
@@ -119,13 +121,13 @@ def frozen(recording: Recording, filled: NDArray[np.bool_] | None = None) -> NDA
 
 
 def _too_long(recording: Recording, same: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Of rows that say the same as the one before, (n - 1,), those (n,) that go on for too long."""
+    """Rows (n,) of those that repeat the one before (n - 1,) for too long."""
     t = recording.t
     rows = np.zeros(len(t), dtype=bool)
     for start, last in runs(same):
-        if t[last] - t[start] > FROZEN_S and last - start >= FROZEN_ROWS:
+        if t[last] - t[start] > BRIDGED_S and last - start >= FROZEN_ROWS:
             rows[start + 1 : last + 1] = True  # the first of them was measured
-    if rows.any() and (same & ~rows[1:]).mean() < REPEATS and noisy(recording.acc[~rows]):
+    if rows.any() and (same & ~rows[1:]).mean() < COARSE_REPEATS and noisy(recording.acc[~rows]):
         return rows
     return np.zeros(len(t), dtype=bool)
 
@@ -144,28 +146,28 @@ def refuse_freezes(recording: Recording, v_nav: Array, stops: tuple[Stop, ...]) 
         TrackingError: where.
     """
     t = recording.t
-    held = [(start, last) for start, last in runs(_repeats(recording)) if t[last] - t[start] > HELD_S]
+    held = [(start, last) for start, last in runs(_repeats(recording)) if t[last] - t[start] > COARSE_FROZEN_S]
     if not held:
         return
     speeds = lengths(v_nav)
     for stop in stops:
-        near = slice(*np.searchsorted(t, (t[stop.start] - EDGE_S, t[stop.stop - 1] + EDGE_S)))
+        near = slice(*np.searchsorted(t, (t[stop.start] - STOP_EDGE_S, t[stop.stop - 1] + STOP_EDGE_S)))
         speeds[near] = 0.0
     for start, last in held:
         speed = float(speeds[start : last + 1].max())
-        if speed > FULL_SPEED:
+        if speed > MOVING_SPEED:
             raise TrackingError(
                 f"the readings repeat around row {start} (t = {t[start]:.2f} s) as in a rest, but the hand was moving "
                 f"at {speed:.2f} m/s: the sensor froze during a move; record again",
                 row=start,
                 t=float(t[start]),
                 value=speed,
-                bound=FULL_SPEED,
+                bound=MOVING_SPEED,
             )
 
 
 def _repeats(recording: Recording) -> NDArray[np.bool_]:
-    """Whether each row says the same as the one before it, at another time, (n - 1,)."""
+    """Whether each row repeats the one before it, at another time, (n - 1,)."""
     given = [values for values in (recording.acc, recording.gyr) if values is not None]
     same: NDArray[np.bool_] = ~np.any([np.diff(values, axis=0).any(axis=1) for values in given], axis=0)
     return same & (np.diff(recording.t) > 0.0)
@@ -173,20 +175,20 @@ def _repeats(recording: Recording) -> NDArray[np.bool_]:
 
 def _alive(column: Array) -> bool:
     """Tell whether an axis (n,) has noise, by the calmest of its rows."""
-    return (np.abs(np.diff(column)) > ROUNDING).mean() >= ALIVE and _rough(column[:, None], np.inf)
+    return (np.abs(np.diff(column)) > ROUNDING).mean() >= LIVE_SHARE and _is_noise(column[:, None], np.inf)
 
 
 def noisy(acc: Array) -> bool:
     """Tell whether a sensor at rest has noise, by the calmest of its rows that change."""
-    return _rough(acc[1:][(np.abs(np.diff(acc, axis=0)) > ROUNDING).any(axis=1)], STILL_ACC**2)
+    return _is_noise(acc[1:][(np.abs(np.diff(acc, axis=0)) > ROUNDING).any(axis=1)], STILL_ACC**2)
 
 
-def _rough(values: Array, largest: float) -> bool:
+def _is_noise(values: Array, largest: float) -> bool:
     """Tell whether the calmest rows of (n, k), if their variance is below the largest, are no smooth motion."""
-    if len(values) < CALM_ROWS:
+    if len(values) < NOISE_ROWS:
         return False
-    variance, _ = window_moments(values, CALM_ROWS)
+    variance, _ = window_moments(values, NOISE_ROWS)
     calmest = int(np.argmin(variance))
-    rows = values[calmest : calmest + CALM_ROWS]
+    rows = values[calmest : calmest + NOISE_ROWS]
     first, third = (float(np.abs(np.diff(rows, n=n, axis=0)).sum()) for n in (1, 3))
-    return bool(variance[calmest] < largest) and third > ROUGH * first
+    return bool(variance[calmest] < largest) and third > NOISE_ROUGHNESS * first

@@ -13,10 +13,6 @@ from functools import cache
 import numpy as np
 import pytest
 
-from pbd import pipeline
-from pbd.data import Recording, SensorErrors
-from pbd.tracking.noise import Noise, noise_of
-from pbd.tracking.rest import Rest
 from tests.tracking.nees import Errors, demonstration, errors_of, nees
 
 pytestmark = pytest.mark.filterwarnings("ignore::pbd.errors.PbdWarning")
@@ -76,29 +72,3 @@ WRONG = {
 )
 def test_a_wrong_covariance_is_found_out(wrong: str, sensor: str) -> None:
     assert not is_true(tuple(WRONG[wrong](errors) for errors in found(sensor)))
-
-
-def gyr_walk(noise: Noise) -> Noise:
-    return replace(noise, device=replace(noise.device, gyr_walk=0.01 * noise.device.gyr_walk))
-
-
-def acc_walk(noise: Noise) -> Noise:
-    return replace(noise, device=replace(noise.device, acc_walk=0.01 * noise.device.acc_walk))
-
-
-def densities(noise: Noise) -> Noise:
-    return replace(noise, gyr_density=3.0 * noise.gyr_density, acc_density=3.0 * noise.acc_density)
-
-
-@pytest.mark.parametrize(
-    ("sensor", "wrong"),
-    [("wandering", gyr_walk), ("wandering", acc_walk), ("modern", densities)],
-)
-def test_a_wrong_noise_is_found_out(
-    sensor: str, wrong: Callable[[Noise], Noise], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def spoilt(recording: Recording, rest: Rest, errors: SensorErrors | None = None) -> Noise:
-        return wrong(noise_of(recording, rest, errors))
-
-    monkeypatch.setattr(pipeline, "noise_of", spoilt)
-    assert not is_true(found.__wrapped__(sensor))

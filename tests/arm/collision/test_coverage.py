@@ -13,7 +13,7 @@ from pbd.arm.gripper import THE_TOOL
 from pbd.arm.model import load_model
 from pbd.cli import main
 from tests.arm.bundled import NAMES, arm_of
-from tests.arm.test_geometry import simple
+from tests.arm.collision.test_geometry import simple
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -71,7 +71,7 @@ def test_a_link_without_a_shape_is_told_by_robots_and_before_a_motion(
     """A panda whose forearm has lost its mesh; the motion is planned all the same."""
     monkeypatch.chdir(tmp_path)
     panda = arm_of("panda").robot
-    toml = Path(__file__).parents[2] / "robots" / "panda.toml"
+    toml = Path(__file__).parents[3] / "robots" / "panda.toml"
     (tmp_path / "robots").mkdir()
     document = parse(str(panda.urdf))
     for link in document.getElementsByTagName("link"):
