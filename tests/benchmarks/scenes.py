@@ -13,6 +13,7 @@ import sys
 import time
 import warnings
 from pathlib import Path
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
@@ -172,7 +173,7 @@ def wrong(arm: ArmModel, motion: Motion, obstacles: list[Obstacle]) -> bool:
     return dense.touch(timed.trajectory, pairs, 0.0)
 
 
-def ways(motion: Motion | None) -> list:
+def ways(motion: Motion | None) -> list[Any]:
     """All moves of a motion."""
     return [] if motion is None else [*motion.segments, *([motion.back] if motion.back else [])]
 
