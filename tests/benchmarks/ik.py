@@ -47,7 +47,7 @@ PINK_RESTARTS, PINK_STEPS, PINK_DAMPING = 20, 25, 1e-2
 """Of those tried (25 and 50 steps, damping 0 to 0.1) pink is fastest with these."""
 SEQUENCES = ("panda", "ur5", "xarm7")
 BRANCHES = ("ur5", "kinova", "z1")
-SAME_BRANCH_RAD = 0.02
+SAME_BRANCH_RAD, SINGULAR = 0.02, 1e-3
 KEYFRAMES = 9
 
 
@@ -228,7 +228,10 @@ def branches(arm: ArmModel, count: int) -> dict[str, float]:
         ended, squares = descend_each(arm, goal, seeds, all_of_them=True)
         wanted = list[Array]()
         for each in ended[squares < SOLVED]:
-            if all(_apart(arm, each, other) > SAME_BRANCH_RAD for other in wanted):
+            singular = (
+                np.linalg.svd(arm.jacobian(each), compute_uv=False)[-1] < SINGULAR
+            )  # there are any number of ways
+            if not singular and all(_apart(arm, each, other) > SAME_BRANCH_RAD for other in wanted):
                 wanted.append(each)
         met = sum(any(_apart(arm, each, other) < SAME_BRANCH_RAD for other in ours) for each in wanted)
         known, found, complete = known + len(wanted), found + met, complete + (met == len(wanted))
