@@ -10,6 +10,7 @@ the links that are barred.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import replace
 from itertools import pairwise
 
@@ -17,14 +18,15 @@ import numpy as np
 
 from pbd.arm.collision.queries import CollisionQueries
 from pbd.arm.collision.scene import Hit
-from pbd.arm.ik.cartesian import follow, line, straight_off_line
+from pbd.arm.ik.cartesian import follow, line
 from pbd.arm.ik.unreachable import out_of_reach
-from pbd.arm.joint_path import STARTS, States, Unreachable, build_ladder, states_at, widen
+from pbd.arm.joint_path import STARTS, States, Unreachable, add_turns, build_ladder, states_at, widen
 from pbd.arm.ladder import Barred, Ladder, Layer
 from pbd.arm.model import ArmModel
 from pbd.arm.motion_links import MOST_CHECKED, MOST_DETOURS, MOST_PATHS, MOST_STEPS, Link, Move
 from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, Motion, MotionRequest
 from pbd.arm.refusal import UNREACHABLE, Refusal, refuse_move, refuse_pose, tell
+from pbd.arm.sweep import Sweep, sweep_of
 from pbd.pose import Array, Pose
 
 MOST_STRAIGHT, MOST_STRAIGHT_WIDE = 36, 150
@@ -35,6 +37,8 @@ CONTINUOUS_RAD = 0.5
 """Largest motion of a joint between two of those layers."""
 LOOK_BACK = 8
 """Paths before a barred one along which joints are sought with it."""
+WIDE_COST, MOST_WIDE = 2.0 * np.pi, 40
+"""Cost of a wide move, in rad of joint travel; and how many are found between two keyframes before it is left out."""
 
 
 def choose_motion(arm: ArmModel, request: MotionRequest, queries: CollisionQueries | None) -> Motion | Refusal:
@@ -44,7 +48,8 @@ def choose_motion(arm: ArmModel, request: MotionRequest, queries: CollisionQueri
         PbdWarning: the way back is left out, or the arm makes a detour.
     """
     poses = request.T_base_tool
-    ladder = build_ladder(arm, poses, request.q_start, request.q_back, MOST_STRAIGHT)
+    wide_cost = WIDE_COST if request.kind == STRAIGHT else 0.0
+    ladder = build_ladder(arm, poses, request.q_start, request.q_back, MOST_STRAIGHT, wide_cost)
     if isinstance(ladder, Unreachable):
         return Refusal(UNREACHABLE, out_of_reach(arm, ladder.keyframe, poses[ladder.keyframe], ladder.q_seed))
     search = _Search(arm, request, queries, ladder)
@@ -61,6 +66,8 @@ class _Search:
         self.arm, self.request, self.queries, self.ladder = arm, request, queries, ladder
         self.n = len(request.T_base_tool)
         self.no_way_back: Hit | None = None
+        self.before_line: tuple[Ladder, list[Link], list[Move], Hit | None] | None = None
+        self.unwound: set[int] = set()
         self.links = [Link(place) for place in range(len(ladder.layers) - 1)]
         self.moves = [Move(STRAIGHT, ["widen"]) for _ in self.links]
         for i in range(1, self.n):
@@ -77,8 +84,11 @@ class _Search:
         while True:
             path = self.ladder.search(self._stands, self._free)
             if isinstance(path, Barred):
-                if (refusal := self._mend_all(path)) is not None:
+                refusal = self._mend_all(path)
+                if refusal is not None and self.before_line is None:
                     return refusal
+                if refusal is not None and self.before_line is not None:
+                    (self.ladder, self.links, self.moves, self.no_way_back), self.before_line = self.before_line, None
             elif not self._make_lines(path):
                 return self._motion(path)
 
@@ -96,17 +106,30 @@ class _Search:
             move.hits.setdefault(move.kind, hit)
         return hit is None
 
-    def _free(self, place: int, q_before: Array, q: Array) -> bool:
+    def _free(self, place: int, q_before: Array, q: Array) -> float:
         link = self.links[place - 1]
         move = self.moves[link.keyframe]
         found = self._moved(link, q_before, q)
         if isinstance(found, np.ndarray):
             link.found[q_before.tobytes() + q.tobytes()] = found
-            return True
+            return WIDE_COST * self._is_wide(place, q_before, q)
         if found is not None:
             move.hits.setdefault(move.kind, found)
         move.tried += 1
-        return False
+        return np.inf
+
+    def _is_wide(self, place: int, q_before: Array, q: Array) -> bool:
+        """Whether it is a straight move that sweeps the tool, and its layer doesn't count that already."""
+        move, known = self.moves[self.links[place - 1].keyframe], self.ladder.layers[place].wide_cost > 0.0
+        if not self._straight(self.links[place - 1]) or move.found_wide == MOST_WIDE:
+            return False
+        wide = not (known and np.abs(q - q_before).max() > np.pi) and sweep_of(self.arm, q_before, q).wide
+        move.found_wide += wide
+        return wide
+
+    def _straight(self, link: Link) -> bool:
+        """Whether it is a straight move between two keyframes."""
+        return link.poses is None and 0 < link.keyframe < self.n and not self.moves[link.keyframe].detour
 
     def _moved(self, link: Link, q_before: Array, q: Array) -> Array | Hit | None:
         """Return the joints by which the arm moves from some to others, what it touches; None: it can't follow."""
@@ -174,6 +197,7 @@ class _Search:
         hand = self.request.hand if kind != LINE else None
         self.moves[i].kind = DEMO if hand else LINE
         link.poses = tuple(hand()[i - 1]) if hand else line(T_base_tool[i - 1], T_base_tool[i])
+        self.ladder.layers[place].wide_cost = 0.0
         self.ladder.reopen(place, MOST_PATHS, costly=True)
 
     def _detour(self, i: int) -> None:
@@ -245,16 +269,42 @@ class _Search:
         return self.request.T_base_tool[link.keyframe] if link.poses is None else link.poses[-1]
 
     def _make_lines(self, path: Sequence[int]) -> bool:
-        """Let the tool follow a line where a straight move leaves it too far; say whether any does."""
-        tolerance, made = self.request.tolerance_m, False
+        """Let the tool follow a line where a straight move leaves it too far, or is wide; say whether any does."""
+        tolerance, wide, made = self.request.tolerance_m, dict[int, Sweep](), False
+        q = self.ladder.joints(path)
         for place, link in enumerate(self.links, start=1):
-            if tolerance is not None and link.poses is None and 0 < link.keyframe < self.n:
-                q_before, q = (self.ladder.layers[at].q[path[at]] for at in (place - 1, place))
-                if straight_off_line(self.arm, q_before, q) > tolerance:
+            if self._straight(link):
+                sweep = sweep_of(self.arm, q[place - 1], q[place])
+                if tolerance is not None and sweep.off_line_m > tolerance:
                     self._follow_path(place, LINE)
                     self.moves[link.keyframe].remedies = ["split", "widen"]
                     made = True
-        return made
+                elif sweep.wide and self.moves[link.keyframe].wide is None:
+                    wide[place] = sweep
+        if made:
+            return True
+        self.before_line = None
+        for place, sweep in wide.items():
+            move = self.moves[self.links[place - 1].keyframe]
+            if not self._unwind(q[place] - q[place - 1]):
+                move.wide = sweep
+                self.before_line = self._copy()
+                self._follow_path(place, LINE)
+                move.remedies = ["split"]
+            return True
+        return False
+
+    def _unwind(self, moved: Array) -> bool:
+        """Where joints (k,) turned back by more than half a turn let them be a whole turn elsewhere all along."""
+        joints = set(np.flatnonzero(np.abs(moved) * self.arm.turns > np.pi).tolist()) - self.unwound
+        self.unwound |= joints
+        places = [place for place, link in enumerate(self.links, start=1) if link.keyframe < self.n]
+        return sum(add_turns(self.arm, self.ladder, place, joint) for joint in joints for place in places) > 0
+
+    def _copy(self) -> tuple[Ladder, list[Link], list[Move], Hit | None]:
+        links = [replace(link, found=dict(link.found)) for link in self.links]
+        moves = [replace(move, remedies=list(move.remedies), hits=dict(move.hits)) for move in self.moves]
+        return deepcopy(self.ladder), links, moves, self.no_way_back
 
     # --- what was found -----------------------------------------------------------------------------------------------
 
@@ -270,7 +320,8 @@ class _Search:
         for i in range(self.n):
             segment = self.moves[i].segment(np.vstack(parts[i]))
             if i > 0 and segment.kind == STRAIGHT:
-                segment = replace(segment, off_line_m=straight_off_line(self.arm, ends[i - 1], ends[i]))
+                sweep = sweep_of(self.arm, ends[i - 1], ends[i])
+                segment = replace(segment, off_line_m=sweep.off_line_m, wide=sweep if sweep.wide else None)
             segments.append(segment)
         back = self.moves[self.n].segment(np.vstack(parts[self.n])) if len(parts) > self.n and parts[self.n] else None
         return Motion(np.array(ends), tuple(segments), back)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from pbd.arm.collision.scene import Hit
 from pbd.arm.motion_request import DETOUR, STRAIGHT, Segment
+from pbd.arm.sweep import Sweep
 from pbd.pose import Array, Pose
 
 MOST_PATHS, MOST_STEPS = 4, 60
@@ -19,6 +20,7 @@ class Move:
     """A move to a keyframe: its kind, how else it may be made, and what was found to be in the way of each kind.
 
     `pose_hit`: what the arm touches at the keyframe itself. `tried`: how many pairs of ways to hold the arm were.
+    `found_wide`: how many of them sweep the tool. `wide`: what is told of it, once a line was tried instead.
     `detour`: nothing else was free, so that any way around is sought; `searched`: how many checks were for that.
     """
 
@@ -27,6 +29,8 @@ class Move:
     hits: dict[str, Hit] = field(default_factory=dict)
     pose_hit: Hit | None = None
     tried: int = 0
+    found_wide: int = 0
+    wide: Sweep | None = None
     detour: bool = False
     searched: int = 0
 
@@ -38,7 +42,7 @@ class Move:
     def segment(self, q: Array) -> Segment:
         """What is made of it with joints (m, k); a detour of one is none."""
         kind = (DETOUR if len(q) > 1 else STRAIGHT) if self.detour else self.kind
-        return Segment(kind, q, avoided=None if kind == STRAIGHT else self.hits.get(STRAIGHT))
+        return Segment(kind, q, avoided=None if kind == STRAIGHT else self.hits.get(STRAIGHT), wide=self.wide)
 
 
 @dataclass(eq=False)

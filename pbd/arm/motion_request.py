@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from pbd.arm.collision.scene import Hit
+from pbd.arm.sweep import Sweep
 from pbd.pose import Array, Pose
 
 STRAIGHT, LINE, DEMO, DETOUR = "straight", "line", "demo", "detour"
@@ -23,7 +24,8 @@ class MotionRequest:
         q_back: (k,) rad, where it goes after the last keyframe, or None.
         kind: of the moves between keyframes: STRAIGHT, LINE or DEMO.
         hand: gives n - 1 paths of the tool as the hand went, asked only where they are needed; or None.
-        tolerance_m: a straight move whose tool gets farther from the line is made as LINE.
+        tolerance_m: a straight move whose tool gets farther from the line is made as LINE; without it one that is
+            wide (see sweep.py) is, where that can be.
         detour: where nothing else is free, a DETOUR is sought, unless the tool was to follow something.
     """
 
@@ -46,12 +48,14 @@ class Segment:
         q: (m, k) rad, from the first joints after those before to those at the keyframe.
         off_line_m: the tool's largest distance from the straight line, where the move is straight in joint space.
         avoided: what a straight move would have touched, where that is why this isn't one.
+        wide: what the tool does on a straight move that is wide; or would do, where that is why this is a LINE.
     """
 
     kind: str
     q: Array
     off_line_m: float = 0.0
     avoided: Hit | None = None
+    wide: Sweep | None = None
 
     @property
     def curved(self) -> bool:

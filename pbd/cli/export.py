@@ -69,8 +69,8 @@ def _format(args: argparse.Namespace) -> str:
             raise UsageError("-o - and --json would both go to standard output; name a file, or leave --json out")
         if is_closed(sys.stdout):
             raise PbdError("standard output is closed: name a file")
-        if args.format == "npz" and sys.stdout.isatty():
-            raise UsageError("an npz is binary, so it is not printed to a terminal; name a file, or pipe it")
+        if args.format in ("npz", "mcap") and sys.stdout.isatty():
+            raise UsageError(f"{args.format} is binary, so it is not printed to a terminal; name a file, or pipe it")
     name: str | None = args.format or said
     if name is None:
         raise UsageError(f"name the --format ({', '.join(FORMATS)}), or a file that ends in {', '.join(SUFFIXES)}")

@@ -24,10 +24,12 @@ def say_moves(demo: Demonstration, path: HandPath, robot: Robot, plan: Plan, opt
     for i, way in enumerate(plan.segments):
         if (hit := way.avoided) is not None and way.kind != "detour":  # planning has told those
             say(f"the move to keyframe {i} makes a detour: on the straight move {hit.first} would touch {hit.second}")
+        elif way.wide is not None and way.kind == "line":
+            say(f"the move to keyframe {i} is made as a line: straight in joint space the tool would {way.wide}")
     worst = max(range(len(plan.segments)), key=lambda i: plan.segments[i].off_line_m)
     off_m = plan.segments[worst].off_line_m
-    if off_m < STRAY_M or options.tolerance_m is not None:
-        return
+    if off_m < STRAY_M or options.tolerance_m is not None or plan.segments[worst].wide is not None:
+        return  # or planning has told it
     with working("trying a straight line"):
         straight = can_plan(plan, robot, replace(options, tolerance_m=STRAY_M), path, demo.grasped)
     say(

@@ -25,7 +25,8 @@ def run(args: argparse.Namespace) -> None:
             raise UsageError(f"--html needs a name that ends in .html, got '{args.html}'")
     demo, path, robot, options, plan = plan_demonstration(args)
     duration, warned = plan.trajectory.duration, list(args.warnings)
-    say(f"'{demo.recording.info.name}' on {robot.name}: {len(plan.keyframes)} keyframes, {duration:.1f} s, audited")
+    spare = f"audited, {args.margin:g} % of the limits to spare" if args.margin else "audited"
+    say(f"'{demo.recording.info.name}' on {robot.name}: {len(plan.keyframes)} keyframes, {duration:.1f} s, {spare}")
     say_torque(demo, robot, plan, options)
     say_moves(demo, path, robot, plan, options)
     if plan.touching is not None:

@@ -82,6 +82,7 @@ def plan_options(args: argparse.Namespace, robot: Robot) -> PlanOptions:
         scale=args.scale,
         orientation=args.orientation,
         speed=args.speed,
+        margin=args.margin / 100.0,
         dwell_s=args.dwell,
         approach=not args.no_approach,
         start=None if args.start is None else _start_joints(args, robot),

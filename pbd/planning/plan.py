@@ -19,6 +19,7 @@ from pbd.planning.checks import (
     start_joints,
     warn_of_shapes,
     warn_of_table,
+    warn_of_wide_moves,
 )
 from pbd.planning.options import PlanOptions, dwells
 from pbd.planning.steps import arm_of, hand_between, moves_of, place, request_of, retreat_of, scene_of
@@ -164,6 +165,7 @@ def _attempt(task: _Task, options: PlanOptions) -> Plan | _Refused:
         chosen = _choose(arm, None, request, keyframes, options)
     if isinstance(chosen, _Refused):
         return chosen
+    warn_of_wide_moves(arm, chosen.segments)
     held = hold(arm, T_base_tool, chosen.q)
 
     def timed_at(speed: float) -> Timed:
@@ -174,7 +176,7 @@ def _attempt(task: _Task, options: PlanOptions) -> Plan | _Refused:
             dwells(keyframes, options),
             [keyframe.grip for keyframe in keyframes],
             retreat=retreat_of(chosen),
-            speed=speed,
+            speed=speed * (1.0 - options.margin),
         )
 
     timed, load = (

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 def source_of(plan: Plan, hand: HandPath, robot: Robot, name: str) -> Source:
     """Collect it; `name` is the demonstration's."""
+    from pbd.arm.links import links_in_parents
     from pbd.files.exporters.order import Source
 
     arm = arm_of(robot)
@@ -25,4 +26,6 @@ def source_of(plan: Plan, hand: HandPath, robot: Robot, name: str) -> Source:
         p, R = arm.forward_many(q)
         return np.asarray(p, np.float64), quat_from_matrix(R)
 
-    return Source(name, plan.keyframes, hand, plan.T_base_nav, tool)
+    return Source(
+        name, plan.keyframes, hand, plan.T_base_nav, tool, lambda q, opening: links_in_parents(arm, q, opening)
+    )

@@ -12,6 +12,7 @@ import pytest
 from pbd.arm.reach import sample
 from pbd.cli import main
 from pbd.cli.steps import load_arm
+from pbd.planning import PlanOptions
 from pbd.pose import quat_to_matrix
 from tests.arm.bundled import FIVE_JOINTS, FOLDER, NAMES, arm_of
 
@@ -107,6 +108,8 @@ def test_makers_figures() -> None:
     for name, effort in efforts.items():
         np.testing.assert_array_equal(arm_of(name).limits.effort, effort)
         assert "effort" not in arm_of(name).limits.assumed
+    panda = arm_of("panda").limits  # what libfranka's rate_limiting.h keeps for three lost packets
+    assert ((3e-3 * panda.acceleration + 1e-3) / panda.velocity).max() < 0.024 < PlanOptions().margin
     for name in FIVE_JOINTS:  # 42 rpm at the lowest supply
         assert (arm_of(name).limits.velocity < 0.51 * 42 * 2 * np.pi / 60).all()
 

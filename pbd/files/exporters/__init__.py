@@ -22,12 +22,12 @@ FORMATS = {
     **{"csv": "csv", "npz": "npz", "ros2-json": "ros2_json"},
     "keyframes": "keyframes",
     **{"tum": "tum", "tum-hand": "tum"},
-    "urscript": "urscript",
+    **{"urscript": "urscript", "mcap": "mcap"},
 }
 """Format -> its file here, with `samples(order)` and `write(order, samples, path)`. COUNTED says what these samples are
 called, FILLED_BY by which rules receivers fill the gaps between them."""
 
-SUFFIXES = {".csv": "csv", ".npz": "npz", ".json": "ros2-json", ".tum": "tum", ".script": "urscript"}
+SUFFIXES = {".csv": "csv", ".npz": "npz", ".json": "ros2-json", ".tum": "tum", ".script": "urscript", ".mcap": "mcap"}
 """What a file's name ends in, and the format that it says."""
 
 ALSO = {"keyframes": (".json", ".csv"), "tum-hand": (".tum",)}
@@ -49,8 +49,8 @@ CUBIC_EXCESS = 0.1
 At 1 kHz a panda's acceleration is exceeded by 0.07, which docs/exports.md says."""
 
 
-FOR_SOME = ("urscript",)
-"""Formats that are not for every robot."""
+FOR_SOME = ("urscript", "mcap")
+"""Formats that are not for every robot, or need a package of their own."""
 
 
 @dataclass(frozen=True, eq=False)

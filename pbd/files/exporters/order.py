@@ -20,6 +20,7 @@ class Source:
         hand: the path that they are of.
         T_base_nav: where nav lies.
         tool: gives the tool's positions (m, 3) in m and wxyz (m, 4) in base, at joints (m, k).
+        links: gives each link's parent and its pose there, at joints (k,) and an opening (1 open, 0 closed).
     """
 
     name: str
@@ -27,6 +28,7 @@ class Source:
     hand: HandPath
     T_base_nav: Pose
     tool: Callable[[Array], tuple[Array, Array]]
+    links: Callable[[Array, float], dict[str, tuple[str, Pose]]]
 
 
 @dataclass(frozen=True, eq=False)

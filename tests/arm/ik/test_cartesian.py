@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from pbd.arm.ik.branches import find_branches
-from pbd.arm.ik.cartesian import LEAP_RAD, SPACING_M, SPACING_RAD, follow, line, off_line, refine
+from pbd.arm.ik.cartesian import LEAP_RAD, SPACING_M, SPACING_RAD, follow, line, refine
 from pbd.arm.ik.partial_pose import is_partial
 from pbd.arm.model import ArmModel
+from pbd.arm.sweep import off_line
 from pbd.pose import Array, Pose, quat_rotate
 from tests.arm.bundled import NAMES, arm_of
 
