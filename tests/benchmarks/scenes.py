@@ -13,7 +13,6 @@ import sys
 import time
 import warnings
 from pathlib import Path
-from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
@@ -25,7 +24,7 @@ from pbd.arm.detour import find_detour
 from pbd.arm.ik.branches import find_branches
 from pbd.arm.model import ArmModel
 from pbd.arm.motion import choose_motion
-from pbd.arm.motion_request import DETOUR, Motion, MotionRequest
+from pbd.arm.motion_request import DETOUR, Motion, MotionRequest, Segment
 from pbd.arm.timing.moves import Move, time_moves
 from pbd.data import Obstacle
 from pbd.pose import Array, Pose
@@ -168,12 +167,13 @@ def wrong(arm: ArmModel, motion: Motion, obstacles: list[Obstacle]) -> bool:
     back = None if motion.back is None else Move(motion.back.q, motion.back.curved)
     timed = time_moves(arm, arm.robot.home, moves, [0.2] * len(moves), [None] * len(moves), retreat=back)
     dense = Dense(arm.robot, obstacles, every_s=5e-3)
-    fixed = {obstacle.name for obstacle in obstacles}
-    pairs = {frozenset((link, name)) for link in dense.names if link not in fixed for name in fixed}
+    shapes = zip(dense.names, dense.geometry.geometryObjects, strict=True)
+    moving = [name for name, shape in shapes if shape.parentJoint > 0]  # the base may stand in an obstacle
+    pairs = {frozenset((link, obstacle.name)) for link in moving for obstacle in obstacles}
     return dense.touch(timed.trajectory, pairs, 0.0)
 
 
-def ways(motion: Motion | None) -> list[Any]:
+def ways(motion: Motion | None) -> list[Segment]:
     """All moves of a motion."""
     return [] if motion is None else [*motion.segments, *([motion.back] if motion.back else [])]
 
