@@ -271,7 +271,7 @@ def nested(folder: Path, panda: Robot, radius: float = 0.05, foot: float = 0.3) 
             joints=("pan", "tilt", "turn"),
             home=np.zeros(3),
             gripper=Gripper(("grip",), np.array([0.1]), np.zeros(1), 1.0),
-            limits=replace(panda.limits, lower=-np.ones(3), **limits),
+            limits=replace(panda.limits, lower=-np.ones(3), effort=None, **limits),
         )
     )
 
