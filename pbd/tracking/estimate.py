@@ -15,11 +15,11 @@ from pbd.pose import Array, quat_inverse, quat_log, quat_multiply
 from pbd.tracking.moving_windows import median
 from pbd.tracking.noise import Noise, acc_doubt
 from pbd.tracking.rest import Rest
-from pbd.tracking.smoother.factors import ACC_MATRIX, GYR_MATRIX, LAG
 from pbd.tracking.smoother.normal_equations import ACC_BIAS, GYR_BIAS, POS, ROT, STATE, Solved
 from pbd.tracking.smoother.path import Path
 from pbd.tracking.smoother.preintegration import LOWER, Impulse, integral_of_means
 from pbd.tracking.smoother.smooth import Solution, smooth
+from pbd.tracking.smoother.state import ACC_MATRIX, GYR_MATRIX, LAG
 from pbd.tracking.smoother.variance_components import with_own_noise
 
 NEVER_STILL = "the hand never stands still; stop for half a second between the moves"

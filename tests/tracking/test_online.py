@@ -21,7 +21,8 @@ from pbd.simulation.tasks import HEADING, Task
 from pbd.tracking.estimate import estimate
 from pbd.tracking.noise import FACTORY, Noise, noise_of
 from pbd.tracking.online.filter import UP
-from pbd.tracking.online.samples import Sample, Strapdown
+from pbd.tracking.online.samples import Sample
+from pbd.tracking.online.strapdown import Strapdown
 from pbd.tracking.online.tracker import DataFlaw, LiveEvent, LiveTracker, RestFound, StopBegan, StopEnded
 from pbd.tracking.rest import find_rest
 from pbd.tracking.smoother.preintegration import gyro_frame

@@ -26,7 +26,7 @@ from pbd.pose import (
     skew,
 )
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise, acc_doubt
-from pbd.tracking.online.samples import Leg, Strapdown
+from pbd.tracking.online.strapdown import Leg, Strapdown
 from pbd.tracking.rest import Rest
 from pbd.tracking.smoother.preintegration import ACC_BIAS, ACC_MATRIX, ERRORS, GYR_BIAS, GYR_MATRIX, LAG, POS, ROT, VEL
 

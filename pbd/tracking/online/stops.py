@@ -12,11 +12,13 @@ from pbd.data import Keyframe, Stop
 from pbd.pose import Array, Pose, quat_rotate
 from pbd.tracking.estimate import BOUNCE_M, BOUNCE_S
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
+from pbd.tracking.online.events import LiveEvent, StopBegan, StopEnded
 from pbd.tracking.online.filter import OnlineFilter
-from pbd.tracking.online.samples import Sample, Strapdown
+from pbd.tracking.online.samples import Sample
+from pbd.tracking.online.strapdown import Strapdown
 from pbd.tracking.rest import STILL_ACC, STILL_GYR, Rest
+from pbd.tracking.smoother.doubt import SLOW_SPEED
 from pbd.tracking.smoother.knots import STOP_KNOT_S
-from pbd.tracking.smoother.smooth import SLOW_SPEED
 from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, SHORTEST_MOVE_S, quiet_limits, speed_by_energies
 
 CONFIRM_S, CONFIRM_DOUBTED_S, CONFIRM_DEVICE_S = 0.2, 2.0, 0.6
@@ -29,53 +31,6 @@ its mean."""
 
 BOUNCE_DWELL_S = 0.6
 """Longest first stop, s, of a put-down that bounces. Longer than in `estimate`, as both its ends are seen late."""
-
-
-@dataclass(frozen=True, eq=False)
-class RestFound:
-    """By `t` s the sensor has rested for a second: tracking begins, at the origin of nav."""
-
-    t: float
-    rest: Rest
-
-
-@dataclass(frozen=True, eq=False)
-class StopBegan:
-    """The hand has stood still since `t` s: the hand may move on.
-
-    Attributes:
-        index: of the stop, from 0.
-        t: s, when the stop began.
-        announced_t: s, when that was known: the time of the sample that brought this event.
-        keyframe: where the hand stands; its time, dwell and pose are those so far.
-        flaws: what was wrong with the data since the stop before, a line each.
-    """
-
-    index: int
-    t: float
-    announced_t: float
-    keyframe: Keyframe
-    flaws: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, eq=False)
-class StopEnded:
-    """The hand left its stop at `t` s, and the keyframe is final."""
-
-    index: int
-    t: float
-    keyframe: Keyframe
-
-
-@dataclass(frozen=True, eq=False)
-class DataFlaw:
-    """Something is wrong with the data at `t` s (that of the last good sample): one line for a person."""
-
-    t: float
-    message: str
-
-
-LiveEvent = RestFound | StopBegan | StopEnded | DataFlaw
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,8 +12,9 @@ from pbd.data import Keyframe, Recording, RecordingInfo, Stop
 from pbd.errors import PbdError, TrackingError
 from pbd.pose import Array, readonly
 from pbd.tracking.noise import noise_of
+from pbd.tracking.online.events import DataFlaw, LiveEvent, RestFound, StopBegan, StopEnded
 from pbd.tracking.online.samples import Conditioner, Sample
-from pbd.tracking.online.stops import DataFlaw, LiveEvent, LiveHand, RestFound, StopBegan, StopEnded
+from pbd.tracking.online.stops import LiveHand
 from pbd.tracking.repair.clock import SLOWEST_HZ
 from pbd.tracking.rest import QUIET_RATIO, REST_S, STILL_ACC, STILL_GYR, Rest, find_rest
 

@@ -10,9 +10,10 @@ from itertools import pairwise
 import numpy as np
 
 from pbd.pose import lengths
-from pbd.tracking.smoother.factors import Local, State, Weights, creep, linearise, whitener
+from pbd.tracking.smoother.factors import creep, linearise, whitener
 from pbd.tracking.smoother.knots import Problem
 from pbd.tracking.smoother.normal_equations import Solved
+from pbd.tracking.smoother.state import Local, State, Weights
 
 ANNEALING, WARM_ANNEALING = (40.0, 10.0, 3.0), (3.0,)
 """Factors on the velocity sigma of a stop, coming down to 1: from a first guess; from an earlier solution."""

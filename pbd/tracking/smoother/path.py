@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from pbd.pose import Array, quat_canonical, quat_from_matrix, quat_multiply
-from pbd.tracking.smoother.factors import GRAVITY, State, sensor_errors
+from pbd.tracking.smoother.factors import sensor_errors
 from pbd.tracking.smoother.knots import Problem
+from pbd.tracking.smoother.state import GRAVITY, State
 
 LEGS_AT_ONCE = 64
 """Number of legs per batch; the working set, with all their samples, fits a processor's cache."""

@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from pbd.pose import Array
-from pbd.tracking.smoother.factors import LEGS_AT_ONCE, Local, State, creep, leg_jacobian, linearise, whitener
+from pbd.tracking.smoother.factors import LEGS_AT_ONCE, creep, leg_jacobian, linearise, whitener
 from pbd.tracking.smoother.knots import Problem
 from pbd.tracking.smoother.normal_equations import ACC_BIAS, GYR_BIAS, VEL, Solved
 from pbd.tracking.smoother.smooth import Solution
+from pbd.tracking.smoother.state import Local, State
 
 ITERATIONS = 3
 """Iterations of the variance components."""

@@ -15,8 +15,8 @@ from pbd.tracking.noise import noise_of
 from pbd.tracking.repair.conditioning import condition
 from pbd.tracking.rest import find_rest
 from pbd.tracking.smoother import normal_equations
-from pbd.tracking.smoother.factors import PIVOT
 from pbd.tracking.smoother.normal_equations import ACC_BIAS, BAND, GYR_BIAS, STATE, NormalEquations
+from pbd.tracking.smoother.state import PIVOT
 
 SENSORS = ("os5000", "wt901", "modern")
 
