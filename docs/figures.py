@@ -20,7 +20,7 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 from numpy.typing import ArrayLike
 
 import pbd
-from pbd.calibration.frames import nav_in_base
+from pbd.calibration.dock import nav_in_base
 from pbd.errors import PbdWarning
 from pbd.files.calibration import load_calibration
 from pbd.pose import Pose

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from pbd.files.demo import write_demo
-from pbd.simulation.hand import Waypoint
+from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import TASKS, simulate
 
 HERE = Path(__file__).parent

@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from pbd.calibration.dock import nav_in_base
 from pbd.calibration.drift import disagreements
-from pbd.calibration.frames import nav_in_base
 from pbd.calibration.sensor import corrected
 from pbd.data import Calibration, Demonstration, HandPath, Known, Recording, SensorErrors, Stop, Tracking
 from pbd.errors import PbdWarning, RecordingError, TrackingError
@@ -19,21 +19,22 @@ from pbd.tracking.estimate import Estimate, estimate
 from pbd.tracking.known import condition_on
 from pbd.tracking.noise import noise_of
 from pbd.tracking.paper import track_as_paper
-from pbd.tracking.repair.channels import refuse_freezes
-from pbd.tracking.repair.conditioning import condition, refuse_gaps
+from pbd.tracking.repair.channel_faults import refuse_freezes
+from pbd.tracking.repair.conditioning import condition
+from pbd.tracking.repair.gaps import refuse_gaps
 from pbd.tracking.repair.saturation import find_clips, restore
 from pbd.tracking.rest import Rest, find_rest, rest_within
 from pbd.tracking.smoother.attitude import mean_quaternion
 from pbd.tracking.smoother.preintegration import Impulse
 
-TRIES = 3
-"""Where no stop holds the rest that noise was measured in, another is taken, so often at most."""
+MAX_RESTS = 3
+"""Number of rests that are tried, until a stop contains the one in which noise was measured."""
 
 SAME_DOCK_RAD = np.radians(1.0)
 """An edited first keyframe is still the dock if it is turned by no more."""
 
 OPEN_END_S = 0.2
-"""Motion for longer than this at either end of a recording is told."""
+"""s: longer motion at either end of a recording is reported."""
 
 METHODS = ("default", "paper")
 """How to track: as well as we can, or as the paper does."""
@@ -129,7 +130,7 @@ def _smoothed(
     unseen: Sequence[tuple[int, int]],
 ) -> tuple[Rest, Estimate]:
     """By the smoother; and the rest, which a stop must hold: a slow move passes for quiet."""
-    for _ in range(TRIES):
+    for _ in range(MAX_RESTS):
         found = estimate(recording, rest, noise_of(recording, rest, errors), lost, unseen)
         held = rest_within(recording, rest, found.stops)
         if held is rest:

@@ -60,6 +60,7 @@ def replay_scene(
         touching=_touching(plan),
         obstacles=plan.calibration.obstacles,
         rod=_rod(arm),
+        torque=None if plan.report.torque is None else plan.report.torque.share,
     )
 
 

@@ -1,10 +1,10 @@
-"""When samples were taken, and how many never came: by the device's own clock, or by arrival times on the host.
+"""Time stamps of samples and the count of lost ones, by the device's own clock or by arrival times on the host.
 
-A device's time is believed where it goes on as it did. One that leaps waits for the next sample: a device that began
-anew goes on from there, a broken digit (some protocols have no checksum) stands alone and is left out.
+A device's time is accepted while it goes on regularly. After a leap the next sample decides: a device that restarted
+goes on from there; a broken digit (some protocols have no checksum) stands alone and is left out.
 
-Arrival times are straightened. USB delivers in bursts and a busy host reads late, but never early: a sample arrives
-after it was taken, by a delay that is smallest when nothing is in the way. So the truth is a line under the arrivals,
+Arrival times are straightened. USB delivers in bursts and a busy host reads late, but never early. A sample arrives
+after it was taken, with a delay that is smallest on an idle host. So the truth is a line under the arrivals,
 one interval a sample. Where samples are lost, the arrivals that follow stay above that line for good.
 """
 
@@ -19,53 +19,53 @@ import numpy as np
 from pbd.pose import Array
 
 LOST_SHARE = 0.6
-"""A sample is lost where the next one is late by more than this share of an interval."""
+"""Share of an interval by which the next sample is late where one is lost, at least."""
 
 LONGEST_BURST_S = 0.5
-"""No burst of arrivals lasts longer: a delay that stays is a lost sample."""
+"""Longest burst of arrivals, s. A delay that lasts longer is a lost sample."""
 
 LOSS_RISE_S = 0.1
-"""Within this time of a loss the least delay has risen by all of it."""
+"""s after a loss by which the least delay shows all of it."""
 
-BLOCK = 64
-"""Samples of which the least delayed one supports the line under the arrivals."""
+BLOCK_SAMPLES = 64
+"""Samples per block; the least delayed one of each supports the line under the arrivals."""
 
-FIRST_SPAN = 128
+FIRST_SPAN_SAMPLES = 128
 """Samples over which the interval is first estimated: few such spans have a loss in them."""
 
-MEAN_OVER = 2000
+MEAN_SAMPLES = 2000
 """Samples over which a live stamp's interval is averaged."""
 
 SETTLE_S = 1.0
-"""Time constant with which live stamps follow the remaining delay, which is the error of the interval. It is above
-LONGEST_BURST_S, over which the delay is taken, or the stamps would swing."""
+"""Time constant, s, with which live stamps follow the remaining delay, which is the error of the interval. It must
+exceed LONGEST_BURST_S, over which the delay is taken, or the stamps would oscillate."""
 
 SHORTEST_STEP_S = 1e-5
-"""Live stamps increase by at least this."""
+"""Least increase of live stamps, s."""
 
 BELIEVED_STEP_S = 0.1
-"""A device's time may step by this while its usual step is unknown ..."""
+"""Largest accepted step of a device's time, s, while its usual step is unknown."""
 
 BELIEVED_STEPS = 3.0
-"""... and by this many usual steps afterwards ..."""
+"""Largest accepted step of a device's time, in usual steps."""
 
 HOST_ROOM_S, HOST_ROOM = 0.02, 0.1
-"""... or by as much as passed on the host, give or take this time and this share of it."""
+"""A larger step is accepted if it equals the host's within this time (s) and this share."""
 
-SHORTEST_STEP = 0.25
-"""Share of the usual step below which a device's time did not go on."""
+SHORTEST_USUAL_STEP = 0.25
+"""Least step of a device's time, as a share of the usual step."""
 
-USUAL_OVER = 9
-"""Steps whose median is the usual one."""
+USUAL_STEPS = 9
+"""Number of steps whose median is the usual one."""
 
-GAP_S = 10.0
-"""A shorter leap onwards, from which the clock goes on, is a gap; a longer one, or one backwards, a clock set anew."""
+LONGEST_GAP_S = 10.0
+"""Longest gap, s, in a device's time. A longer leap, or one backwards, is a clock set anew."""
 
-ONE_INTERVAL = 1.6
-"""Steps of less than this many usual ones have no loss in them."""
+LONGEST_USUAL_STEP = 1.6
+"""Largest step without a loss, in usual steps."""
 
 COUNT_AFTER_S, COUNT_EVERY_S, COUNT_SHARE = 2.0, 1.0, 0.02
-"""Losses are counted from so much on, so often, and in no more than this share of the time."""
+"""Losses are counted from this time on (s), this often (s), and in at most this share of the time."""
 
 
 T = TypeVar("T")
@@ -97,7 +97,7 @@ class SampleClock(Generic[T]):
         self._last: _Reading[T] | None = None
         self._before: _Reading[T] | None = None
         self._doubt: _Reading[T] | None = None
-        self._steps: deque[float] = deque(maxlen=USUAL_OVER)
+        self._steps: deque[float] = deque(maxlen=USUAL_STEPS)
         self._latest: float | None = None
         self._next_count = 0.0
 
@@ -107,7 +107,7 @@ class SampleClock(Generic[T]):
         return self._last is not None
 
     def take(self, sample: T, t_device: float | None, arrival: float) -> list[tuple[float, T]]:
-        """Take the next sample; return those that have a time now.
+        """Take the next sample; return those whose time is known now.
 
         Args:
             sample: anything.
@@ -136,7 +136,7 @@ class SampleClock(Generic[T]):
             self.doubted += doubt is not None
             self._doubt = now
             return []
-        if not 0.0 < doubt.t_device - last.t_device < GAP_S:
+        if not 0.0 < doubt.t_device - last.t_device < LONGEST_GAP_S:
             elapsed = max(doubt.arrival - last.arrival, self._usual)
             self._zero += doubt.t_device - last.t_device - elapsed
         return [self._accept(doubt), self._accept(now)]
@@ -158,13 +158,13 @@ class SampleClock(Generic[T]):
     def _learn(self, t_device: float) -> None:
         if self._latest is not None and t_device > self._latest:
             self._steps.append(t_device - self._latest)
-            if len(self._steps) == USUAL_OVER:
-                self._usual = sorted(self._steps)[USUAL_OVER // 2]
+            if len(self._steps) == USUAL_STEPS:
+                self._usual = sorted(self._steps)[USUAL_STEPS // 2]
         self._latest = t_device
 
     def _follows(self, earlier: _Reading[T], now: _Reading[T]) -> bool:
         step, elapsed = now.t_device - earlier.t_device, now.arrival - earlier.arrival
-        if step <= SHORTEST_STEP * self._usual:
+        if step <= SHORTEST_USUAL_STEP * self._usual:
             return False
         believed = BELIEVED_STEPS * self._usual or BELIEVED_STEP_S
         return step <= believed or abs(step - elapsed) < HOST_ROOM_S + HOST_ROOM * elapsed
@@ -179,7 +179,7 @@ class Stamper:
     """Stamps samples as they arrive, for the screen and the first writing; `straighten` knows better at the end."""
 
     def __init__(self) -> None:
-        self._arrivals: deque[float] = deque(maxlen=MEAN_OVER + 1)
+        self._arrivals: deque[float] = deque(maxlen=MEAN_SAMPLES + 1)
         self._t = 0.0
         self._behind: deque[tuple[float, float]] = deque()
         """(arrival, delay) of the last LONGEST_BURST_S, delays rising: the first one is the least."""
@@ -214,7 +214,7 @@ def missing(t: Array) -> int:
     steps = np.diff(t)
     if not len(steps):
         return 0
-    interval = steps[steps <= ONE_INTERVAL * np.median(steps)].mean()
+    interval = steps[steps <= LONGEST_USUAL_STEP * np.median(steps)].mean()
     return max(int((np.floor(steps / interval + 1.0 - LOST_SHARE) - 1.0).sum()), 0)
 
 
@@ -228,7 +228,7 @@ def straighten(arrival: Array) -> tuple[Array, int]:
     if n < 3:
         return arrival - arrival[:1], 0
     k = np.arange(n, dtype=np.float64)
-    interval = _slope(k, arrival, min(n // 2, FIRST_SPAN))
+    interval = _slope(k, arrival, min(n // 2, FIRST_SPAN_SAMPLES))
     lost = np.zeros(n)
     for _ in range(3):  # the interval is the better for knowing what was lost, and the other way round
         lost = _lost_before(arrival - k * interval, interval)
@@ -260,7 +260,9 @@ def _slope_below(k: Array, arrival: Array) -> float:
     """Slope of the line under the arrivals: through the least delayed sample of each block, robustly."""
     slope = _slope(k, arrival, len(k) // 2)
     delay = arrival - slope * k
-    rows = [start + int(np.argmin(delay[start : start + BLOCK])) for start in range(0, len(delay), BLOCK)]
+    rows = [
+        start + int(np.argmin(delay[start : start + BLOCK_SAMPLES])) for start in range(0, len(delay), BLOCK_SAMPLES)
+    ]
     return _slope(k[rows], arrival[rows], len(rows) // 2) if len(rows) >= 8 else slope
 
 

@@ -56,11 +56,6 @@ def test_replay_json(capsys: Capture, elsewhere: Path) -> None:
     assert (elsewhere / result["html"]).stat().st_size < 5e6
 
 
-def test_every_bundled_demonstration_replays(capsys: Capture) -> None:
-    for name in ("pouring", "paper-test1", "paper-test2"):
-        assert run_json(capsys, "replay", name, "--robot", "panda")["demo"] == name
-
-
 @pytest.mark.parametrize("format_name", ["csv", "npz", "ros2-json"])
 def test_export(capsys: Capture, elsewhere: Path, format_name: str) -> None:
     result = run_json(

@@ -12,8 +12,8 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import pbd
-from pbd.arm.ik.cartesian import off_line
 from pbd.arm.motion_request import DEMO, LINE, STRAIGHT
+from pbd.arm.sweep import off_line
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Obstacle, Robot, Stop
 from pbd.data.covariance import PoseCovariance
 from pbd.errors import PbdError, PbdWarning, PlanError, TrackingError
@@ -188,11 +188,12 @@ def test_a_metre_in_a_tenth_of_a_second_is_stretched(path: str) -> None:
 
 
 @pytest.mark.parametrize("path", ["keyframes", "line", "demo"])
-def test_speed_is_a_share_of_all_limits(path: str) -> None:
-    report = planned(path=path, speed=0.3).report
-    used = (report.velocity, report.acceleration, report.jerk)
-    assert max(used) <= 0.3 + 1e-9
-    assert max(used) > 0.29
+def test_speed_and_margin_are_shares_of_all_limits(path: str) -> None:
+    for share, speed, margin in ((0.95, 1.0, 0.05), (0.24, 0.3, 0.2)):
+        report = planned(path=path, speed=speed, margin=margin).report
+        used = (report.velocity, report.acceleration, report.jerk)
+        assert max(used) <= share + 1e-9
+        assert max(used) > 0.97 * share
 
 
 def test_dwells() -> None:
@@ -337,6 +338,48 @@ def test_options_have_names() -> None:
         PlanOptions(path="curve")
     with pytest.raises(PbdError, match="unknown value 'fast'; choose one of limits, demo"):
         PlanOptions(time="fast")
+
+
+def knob(yaw_deg: float, turn_deg: float) -> list[Keyframe]:
+    """Five keyframes above the dock's place, a quarter turn from each to the next."""
+    turns = np.radians(yaw_deg + turn_deg * np.arange(5))
+    p = np.array([0.0, 0.0, -0.05])
+    at = [Keyframe(i + 1.0, 0.5, Pose(p, quat_exp((0.0, 0.0, turn))), 1e-6 * np.eye(6)) for i, turn in enumerate(turns)]
+    return [keyframe(0.0), *at]
+
+
+@pytest.mark.parametrize("yaw_deg", [0.0, 90.0])
+def test_a_knob_keeps_turning(yaw_deg: float) -> None:
+    """From 90 degrees on joint 7 has to begin a whole turn away."""
+    xarm7 = pbd.load_robot("xarm7")
+    assert xarm7.dock is not None
+    plan = plan_keyframes(knob(yaw_deg, 90.0), xarm7.dock, xarm7)
+    turned = np.degrees(np.diff(plan.trajectory.keyframe_q[1:, 6]))
+    assert (turned < -60.0).all()
+    assert all(segment.wide is None for segment in plan.segments)
+
+
+def test_a_tool_that_is_turned_back_is_told_and_kept_on_a_line_where_that_can_be() -> None:
+    """Joint 7 of a panda has less than a whole turn."""
+    told = r"to keyframe 4 it will turn 270 degrees instead of 90; panda found no line there"
+    with pytest.warns(PbdWarning, match=told):
+        plan = plan_keyframes(knob(0.0, -90.0), dock(), PANDA)
+    kinds = [segment.kind for segment in plan.segments]
+    assert kinds == [STRAIGHT] * 5 + [LINE]
+    assert [segment.wide is not None for segment in plan.segments] == [False] * 4 + [True] * 2
+
+
+@pytest.mark.parametrize("name", ["speed", "margin", "scale", "tolerance_m", "dwell_s"])
+def test_options_have_bounds(name: str) -> None:
+    for value in (-1.0, float("nan"), *((1e-9, 0.0, 1e6) if name in ("speed", "scale", "tolerance_m") else ())):
+        with pytest.raises(PbdError, match=f"{name} must be from [^;]*, got "):
+            PlanOptions(**{name: value})
+
+
+def test_a_motion_of_hours_is_refused() -> None:
+    long = [keyframe(0.0), keyframe(4000.0, x=0.1, dwell_s=4000.0), keyframe(9000.0)]
+    with pytest.raises(PlanError, match=r"^the motion would take 1\.11 hours, at most 1 can be planned; give a higher"):
+        plan_keyframes(long, dock(), PANDA, PlanOptions(dwell_s=np.inf))
 
 
 def test_what_makes_a_keyframe_unsure_is_named() -> None:

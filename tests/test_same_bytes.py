@@ -11,7 +11,7 @@ from pbd.cli import main
 from tests.arm.bundled import NAMES, arm_of
 from tests.arm.conftest import random_joints
 
-SOLVES = 10_000
+SOLVES = 1000
 
 
 def exported(demo: str, robot: str, folder: Path) -> bytes:

@@ -62,7 +62,12 @@ def solve_path(arm: ArmModel, T_base_tool: Sequence[Pose], q_start: Array) -> Ar
 
 
 def build_ladder(
-    arm: ArmModel, T_base_tool: Sequence[Pose], q_start: Array, q_end: Array | None, most_refused: int
+    arm: ArmModel,
+    T_base_tool: Sequence[Pose],
+    q_start: Array,
+    q_end: Array | None,
+    most_refused: int,
+    wide_cost: float = 0.0,
 ) -> Ladder | Unreachable:
     """Lay out the branches at n poses: layer 0 is `q_start`, layer i + 1 pose i, the last `q_end`; both (k,)."""
     at = States(q_start[None], np.zeros(1), np.zeros(1))
@@ -72,7 +77,7 @@ def build_ladder(
         if not len(following.q):
             return Unreachable(keyframe, at.q[0])
         at = following
-        layers.append(Layer(at.q, at.cost, most_refused))
+        layers.append(Layer(at.q, at.cost, most_refused, wide_cost=wide_cost if keyframe > 0 else 0.0))
     if q_end is not None:
         layers.append(Layer(q_end[None], np.zeros(1), most_refused))
     ladder = Ladder(layers)
@@ -102,6 +107,17 @@ def widen(arm: ArmModel, pose: Pose, ladder: Ladder, place: int, starts: int = S
     found = states_at(arm, pose, States(before, np.zeros(len(before)), np.zeros(len(before))), starts)
     new = np.array([np.abs(known - q).max(axis=1).min() > SAME_RAD for q in found.q], dtype=bool)
     ladder.add(place, found.q[new], found.cost[new])
+
+
+def add_turns(arm: ArmModel, ladder: Ladder, place: int, joint: int) -> int:
+    """Add to a layer what a whole turn of a joint, within its limits, makes of its states; return how many."""
+    q = np.repeat(ladder.layers[place].q, 2, axis=0)
+    q[::2, joint] += 2.0 * np.pi
+    q[1::2, joint] -= 2.0 * np.pi
+    q = q[(q[:, joint] >= arm.limits.lower[joint]) & (q[:, joint] <= arm.limits.upper[joint])]
+    if len(q):
+        ladder.add(place, q, configuration_cost(arm, q))
+    return len(q)
 
 
 def _slide(arm: ArmModel, T_base_tool: Sequence[Pose], ladder: Ladder) -> None:

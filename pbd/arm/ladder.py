@@ -19,8 +19,8 @@ from pbd.pose import Array
 
 Stands = Callable[[int, Array], bool]
 """Whether the arm may stand in a layer (counted from 0, the start) with joints (k,)."""
-Moves = Callable[[int, Array, Array], bool]
-"""Whether it may move to that layer from joints (k,) to others."""
+Moves = Callable[[int, Array, Array], float]
+"""What a move to that layer from joints (k,) to others costs beside its travel, rad; infinite where it is barred."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +44,7 @@ class Layer:
         most_refused: how many refused moves make the layer count as out of reach.
         costly: the moves to it are checked once all others on the path are free.
         most_step: rad, the largest motion of a joint on a move to this layer.
+        wide_cost: rad, of a move to this layer on which a joint turns by more than half a turn.
         length: (l, m) rad, of the moves from the l states before; infinite where barred.
     """
 
@@ -52,6 +53,7 @@ class Layer:
     most_refused: int
     most_step: float = np.inf
     costly: bool = False
+    wide_cost: float = 0.0
     length: Array = field(init=False)
     refused: int = field(init=False, default=0)
     stood: NDArray[np.bool_] = field(init=False)
@@ -65,7 +67,9 @@ class Layer:
         """Measure the moves from states (l, k); keep what is known of those that were there, but for `anew`."""
         step = before[:, None] - self.q
         length, moved = np.linalg.norm(step, axis=2), np.zeros(step.shape[:2], dtype=bool)
-        length[np.abs(step).max(axis=2, initial=0.0) > self.most_step] = np.inf
+        farthest = np.abs(step).max(axis=2, initial=0.0)
+        length += self.wide_cost * (farthest > np.pi)
+        length[farthest > self.most_step] = np.inf
         if anew:
             self.refused = 0
         else:
@@ -108,10 +112,13 @@ class Ladder:
             self.layers[at].link(self.layers[at - 1].q, anew=True)
         self._forget(place)
 
-    def drop_last(self) -> None:
-        """Let the path end one layer earlier."""
-        del self.layers[-1]
-        self._forget(len(self.layers))
+    def drop(self, place: int, end: int) -> None:
+        """Take out layers up to `end`, and let the one after them be come to straight."""
+        del self.layers[place:end]
+        if place < len(self.layers):
+            self.layers[place].most_step = np.inf
+            self.layers[place].link(self.layers[place - 1].q, anew=True)
+        self._forget(place)
 
     def joints(self, path: Sequence[int]) -> Array:
         """Return the states (n, k) on a path."""
@@ -138,7 +145,7 @@ class Ladder:
         return self._totals[place] if place < len(self._totals) else np.full(len(self.layers[place].q), np.inf)
 
     def search(self, stands: Stands, moves: Moves) -> list[int] | Barred:
-        """Return the shortest path on which every state and move is free, or the layers that need mending first."""
+        """Return the shortest path, all of it free and its cost known; or the layers that need mending first."""
         while True:
             path = self.shortest()
             if isinstance(path, Barred):
@@ -171,9 +178,10 @@ class Ladder:
             if layer.moved[state, following] or layer.costly != costly:
                 continue
             layer.moved[state, following] = True
-            if not moves(place, self.layers[place - 1].q[state], layer.q[following]):
-                layer.length[state, following] = np.inf
-                layer.refused += 1
+            cost = moves(place, self.layers[place - 1].q[state], layer.q[following])
+            if cost > 0.0:
+                layer.length[state, following] += cost
+                layer.refused += cost == np.inf
                 self._forget(place)
                 barred = True
         return barred

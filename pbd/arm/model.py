@@ -119,7 +119,7 @@ class ArmModel:
         """Return (6, k): the tool's velocity in its own frame, m/s then rad/s, per joint velocity."""
         J: Array = pin.computeFrameJacobian(
             self.model, self.data, configuration(self.model, q), self.tool_id, pin.ReferenceFrame.LOCAL
-        )
+        ).reshape(6, -1)  # pinocchio's of one joint is a vector
         return J
 
     def full_q(self, q: Array, opening: float) -> Array:
@@ -187,7 +187,7 @@ def _steps(arm: ArmModel) -> list[_Step]:
     steps: list[_Step] = []
     T_axis_joint = arm.T_base_universe
     for i in range(1, model.njoints):
-        column = pin.getJointJacobian(model, data, i, pin.ReferenceFrame.LOCAL)[:, i - 1]
+        column = pin.getJointJacobian(model, data, i, pin.ReferenceFrame.LOCAL).reshape(6, -1)[:, i - 1]
         slides = not column[3:].any()
         axis = column[:3] if slides else column[3:]
         T_joint_axis = pin.SE3(pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), axis).matrix(), np.zeros(3))

@@ -3,62 +3,59 @@
 All keyframes lie on one ladder graph (ladder.py); its links are straight moves in joint space, or paths of the tool. A
 link that is barred is mended on its own, and the search goes on with all else that is known: first the hand's path is
 tried there (or a line, where no hand is known), then more ways to hold the arm at both ends, then joints along the path
-(a link of its own for every few poses). So the cost grows with the keyframes, and with the links that are barred.
+(a link of its own for every few poses), then any way around (detour.py). So the cost grows with the keyframes, and with
+the links that are barred.
 """
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
+from copy import deepcopy
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
-from pbd.arm.collision.motion_check import describe
 from pbd.arm.collision.queries import CollisionQueries
 from pbd.arm.collision.scene import Hit
-from pbd.arm.ik.cartesian import follow, line, straight_off_line
+from pbd.arm.ik.cartesian import follow, line
 from pbd.arm.ik.unreachable import out_of_reach
-from pbd.arm.joint_path import STARTS, States, Unreachable, build_ladder, states_at, widen
+from pbd.arm.joint_path import STARTS, States, Unreachable, add_turns, build_ladder, states_at, widen
 from pbd.arm.ladder import Barred, Ladder, Layer
 from pbd.arm.model import ArmModel
-from pbd.arm.motion_links import Link, Move
-from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, Motion, MotionRequest, Segment
-from pbd.arm.refusal import UNREACHABLE, Refusal, refuse_move, refuse_pose
-from pbd.errors import PbdWarning
+from pbd.arm.motion_links import MOST_CHECKED, MOST_DETOURS, MOST_PATHS, MOST_STEPS, Link, Move
+from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, Motion, MotionRequest
+from pbd.arm.refusal import UNREACHABLE, Refusal, refuse_move, refuse_pose, tell
+from pbd.arm.sweep import Sweep, sweep_of
 from pbd.pose import Array, Pose
 
 MOST_STRAIGHT, MOST_STRAIGHT_WIDE = 36, 150
 """Refused straight moves between two keyframes before the link is mended: at first, and among more branches."""
-MOST_PATHS, MOST_STEPS = 4, 60
-"""Refused paths of the tool before the link is mended: from end to end, and along a few of its poses."""
 COARSE = 4
 """Poses from one layer to the next where joints are sought along a path."""
 CONTINUOUS_RAD = 0.5
 """Largest motion of a joint between two of those layers."""
 LOOK_BACK = 8
 """Paths before a barred one along which joints are sought with it."""
+WIDE_COST, MOST_WIDE = 2.0 * np.pi, 40
+"""Cost of a wide move, in rad of joint travel; and how many are found between two keyframes before it is left out."""
 
 
 def choose_motion(arm: ArmModel, request: MotionRequest, queries: CollisionQueries | None) -> Motion | Refusal:
     """Choose joints at the keyframes and the segments between them; without `queries` whatever is in the way.
 
     Warns:
-        PbdWarning: the way back is left out.
+        PbdWarning: the way back is left out, or the arm makes a detour.
     """
     poses = request.T_base_tool
-    ladder = build_ladder(arm, poses, request.q_start, request.q_back, MOST_STRAIGHT)
+    wide_cost = WIDE_COST if request.kind == STRAIGHT else 0.0
+    ladder = build_ladder(arm, poses, request.q_start, request.q_back, MOST_STRAIGHT, wide_cost)
     if isinstance(ladder, Unreachable):
         return Refusal(UNREACHABLE, out_of_reach(arm, ladder.keyframe, poses[ladder.keyframe], ladder.q_seed))
     search = _Search(arm, request, queries, ladder)
     found = search.run()
-    if search.no_way_back is not None and isinstance(found, Motion):
-        warnings.warn(
-            "no collision-free way back from the last keyframe was found "
-            f"({describe(search.no_way_back)}): the motion ends there",
-            PbdWarning,
-            stacklevel=2,
-        )
+    if isinstance(found, Motion):
+        tell(found, search.no_way_back)
     return found
 
 
@@ -69,20 +66,29 @@ class _Search:
         self.arm, self.request, self.queries, self.ladder = arm, request, queries, ladder
         self.n = len(request.T_base_tool)
         self.no_way_back: Hit | None = None
+        self.before_line: tuple[Ladder, list[Link], list[Move], Hit | None] | None = None
+        self.unwound: set[int] = set()
         self.links = [Link(place) for place in range(len(ladder.layers) - 1)]
         self.moves = [Move(STRAIGHT, ["widen"]) for _ in self.links]
         for i in range(1, self.n):
             if request.kind == STRAIGHT:
                 self.moves[i].remedies = ["follow", "widen", "split"]
             else:
-                self._follow_path(i + 1, request.kind, ["split", "widen"])
+                self._follow_path(i + 1, request.kind)
+                self.moves[i].remedies = ["split", "widen"]
+        for i, move in enumerate(self.moves if request.detour and queries is not None else ()):
+            if i in (0, self.n) or (request.kind == STRAIGHT and request.tolerance_m is None):
+                move.remedies.append("detour")
 
     def run(self) -> Motion | Refusal:
         while True:
             path = self.ladder.search(self._stands, self._free)
             if isinstance(path, Barred):
-                if (refusal := self._mend_all(path)) is not None:
+                refusal = self._mend_all(path)
+                if refusal is not None and self.before_line is None:
                     return refusal
+                if refusal is not None and self.before_line is not None:
+                    (self.ladder, self.links, self.moves, self.no_way_back), self.before_line = self.before_line, None
             elif not self._make_lines(path):
                 return self._motion(path)
 
@@ -100,27 +106,43 @@ class _Search:
             move.hits.setdefault(move.kind, hit)
         return hit is None
 
-    def _free(self, place: int, q_before: Array, q: Array) -> bool:
+    def _free(self, place: int, q_before: Array, q: Array) -> float:
         link = self.links[place - 1]
         move = self.moves[link.keyframe]
         found = self._moved(link, q_before, q)
         if isinstance(found, np.ndarray):
             link.found[q_before.tobytes() + q.tobytes()] = found
-            return True
+            return WIDE_COST * self._is_wide(place, q_before, q)
         if found is not None:
             move.hits.setdefault(move.kind, found)
         move.tried += 1
-        return False
+        return np.inf
+
+    def _is_wide(self, place: int, q_before: Array, q: Array) -> bool:
+        """Whether it is a straight move that sweeps the tool, and its layer doesn't count that already."""
+        move, known = self.moves[self.links[place - 1].keyframe], self.ladder.layers[place].wide_cost > 0.0
+        if not self._straight(self.links[place - 1]) or move.found_wide == MOST_WIDE:
+            return False
+        wide = not (known and np.abs(q - q_before).max() > np.pi) and sweep_of(self.arm, q_before, q).wide
+        move.found_wide += wide
+        return wide
+
+    def _straight(self, link: Link) -> bool:
+        """Whether it is a straight move between two keyframes."""
+        return link.poses is None and 0 < link.keyframe < self.n and not self.moves[link.keyframe].detour
 
     def _moved(self, link: Link, q_before: Array, q: Array) -> Array | Hit | None:
         """Return the joints by which the arm moves from some to others, what it touches; None: it can't follow."""
         i, queries = link.keyframe, self.queries
         if (queries is None and link.poses is None) or (i == 0 and not self.request.approach):
             return q[None]
-        if queries is not None and i == 0:
-            return queries.approach(q_before, q)
-        if queries is not None and i == self.n:
-            return queries.retreat(q_before, q)
+        if queries is not None and self.moves[i].detour:
+            from pbd.arm.detour import find_detour  # OMPL takes its time to load
+
+            self.moves[i].searched += MOST_CHECKED
+            return find_detour(queries, i, q_before, q, MOST_CHECKED)
+        if queries is not None and i in (0, self.n):
+            return queries.approach(q_before, q) if i == 0 else queries.retreat(q_before, q)
         along = np.stack((q_before, q)) if link.poses is None else follow(self.arm, link.poses, q_before, q)
         if along is None or queries is None:
             return None if along is None else along[1:]
@@ -136,7 +158,7 @@ class _Search:
         refusal, count = None, len(self.ladder.layers)
         for place, standing in reversed([*zip(barred.layers, barred.standing, strict=True)]):
             refusal = self._mend(place, standing) or refusal
-            if len(self.ladder.layers) > count:
+            if len(self.ladder.layers) != count:
                 break
         return refusal
 
@@ -150,32 +172,41 @@ class _Search:
             return None
         if not standing and move.pose_hit is not None and self.links[place - 1].at_keyframe:
             return refuse_pose(i, len(self.ladder.layers[place].q), move.pose_hit)
-        if not standing:
-            return self._refuse(i)
-        if not move.remedies and i == self.n:
+        if not (move.remedies if standing else move.last_resort()):
+            if i < self.n:
+                return self._refuse(i)
             self.no_way_back = move.hits[STRAIGHT]
-            self.ladder.drop_last()
+            self.ladder.drop(place, place + 1)
             del self.links[-1]
             return None
-        if not move.remedies:
-            return self._refuse(i)
         remedy = move.remedies.pop(0)
         if remedy == "follow":
-            self._follow_path(place, DEMO if self.request.hand else LINE, move.remedies)
+            self._follow_path(place)
         elif remedy == "widen":
             self._widen(i)
+        elif remedy == "detour":
+            self._detour(i)
         elif not self._split(place):
-            return self._refuse(i)
+            return None if move.last_resort() else self._refuse(i)
         return None
 
-    def _follow_path(self, place: int, kind: str, remedies: list[str]) -> None:
-        """Let the tool follow a path to a layer, from end to end."""
+    def _follow_path(self, place: int, kind: str | None = None) -> None:
+        """Let the tool follow a path to a layer, from end to end: by default as the hand went, where that is known."""
         link = self.links[place - 1]
         i, T_base_tool = link.keyframe, self.request.T_base_tool
-        self.moves[i].kind, self.moves[i].remedies = kind, remedies
-        hand = self.request.hand if kind == DEMO else None
+        hand = self.request.hand if kind != LINE else None
+        self.moves[i].kind = DEMO if hand else LINE
         link.poses = tuple(hand()[i - 1]) if hand else line(T_base_tool[i - 1], T_base_tool[i])
+        self.ladder.layers[place].wide_cost = 0.0
         self.ladder.reopen(place, MOST_PATHS, costly=True)
+
+    def _detour(self, i: int) -> None:
+        """Let the arm go any way from keyframe to keyframe, whatever the tool does."""
+        places = [place for place, link in enumerate(self.links, start=1) if link.keyframe == i]
+        self.moves[i].detour = True
+        self.ladder.drop(places[0], places[-1])
+        self.links[places[0] - 1 : places[-1]] = [Link(i)]
+        self.ladder.reopen(places[0], MOST_DETOURS, costly=True)
 
     def _widen(self, i: int) -> None:
         """Look for more ways to hold the arm all along a move; where it followed a path straight moves are tried."""
@@ -191,14 +222,14 @@ class _Search:
     def _split(self, place: int) -> bool:
         """Seek joints along a path, and along the paths just before it: those decide how the arm comes to it."""
         if self.links[place - 1].poses is None:  # widening made it straight
-            self._follow_path(place, DEMO if self.request.hand else LINE, [])
+            self._follow_path(place)
         first = place
         while first > 1 and place - first < LOOK_BACK and self._whole(first - 1):
             first -= 1
         end = place
         while first <= end:
-            remedies = self.moves[self.links[first - 1].keyframe].remedies
-            remedies[:] = [each for each in remedies if each != "split"]
+            move = self.moves[self.links[first - 1].keyframe]
+            move.remedies = [each for each in move.remedies if each != "split"]
             added = self._split_one(first)
             if added is None:
                 return False
@@ -238,15 +269,42 @@ class _Search:
         return self.request.T_base_tool[link.keyframe] if link.poses is None else link.poses[-1]
 
     def _make_lines(self, path: Sequence[int]) -> bool:
-        """Let the tool follow a line where a straight move leaves it too far; say whether any does."""
-        tolerance, made = self.request.tolerance_m, False
+        """Let the tool follow a line where a straight move leaves it too far, or is wide; say whether any does."""
+        tolerance, wide, made = self.request.tolerance_m, dict[int, Sweep](), False
+        q = self.ladder.joints(path)
         for place, link in enumerate(self.links, start=1):
-            if tolerance is not None and link.poses is None and 0 < link.keyframe < self.n:
-                q_before, q = (self.ladder.layers[at].q[path[at]] for at in (place - 1, place))
-                if straight_off_line(self.arm, q_before, q) > tolerance:
-                    self._follow_path(place, LINE, ["split", "widen"])
+            if self._straight(link):
+                sweep = sweep_of(self.arm, q[place - 1], q[place])
+                if tolerance is not None and sweep.off_line_m > tolerance:
+                    self._follow_path(place, LINE)
+                    self.moves[link.keyframe].remedies = ["split", "widen"]
                     made = True
-        return made
+                elif sweep.wide and self.moves[link.keyframe].wide is None:
+                    wide[place] = sweep
+        if made:
+            return True
+        self.before_line = None
+        for place, sweep in wide.items():
+            move = self.moves[self.links[place - 1].keyframe]
+            if not self._unwind(q[place] - q[place - 1]):
+                move.wide = sweep
+                self.before_line = self._copy()
+                self._follow_path(place, LINE)
+                move.remedies = ["split"]
+            return True
+        return False
+
+    def _unwind(self, moved: Array) -> bool:
+        """Where joints (k,) turned back by more than half a turn let them be a whole turn elsewhere all along."""
+        joints = set(np.flatnonzero(np.abs(moved) * self.arm.turns > np.pi).tolist()) - self.unwound
+        self.unwound |= joints
+        places = [place for place, link in enumerate(self.links, start=1) if link.keyframe < self.n]
+        return sum(add_turns(self.arm, self.ladder, place, joint) for joint in joints for place in places) > 0
+
+    def _copy(self) -> tuple[Ladder, list[Link], list[Move], Hit | None]:
+        links = [replace(link, found=dict(link.found)) for link in self.links]
+        moves = [replace(move, remedies=list(move.remedies), hits=dict(move.hits)) for move in self.moves]
+        return deepcopy(self.ladder), links, moves, self.no_way_back
 
     # --- what was found -----------------------------------------------------------------------------------------------
 
@@ -260,22 +318,22 @@ class _Search:
                 ends[link.keyframe] = q[place]
         segments = []
         for i in range(self.n):
-            move, along = self.moves[i], np.vstack(parts[i])
-            off_m = straight_off_line(self.arm, ends[i - 1], ends[i]) if i > 0 and move.kind == STRAIGHT else 0.0
-            avoided = None if move.kind == STRAIGHT else move.hits.get(STRAIGHT)
-            segments.append(Segment(move.kind, along, off_m, avoided))
-        back = np.vstack(parts[self.n]) if len(parts) > self.n and parts[self.n] else None
+            segment = self.moves[i].segment(np.vstack(parts[i]))
+            if i > 0 and segment.kind == STRAIGHT:
+                sweep = sweep_of(self.arm, ends[i - 1], ends[i])
+                segment = replace(segment, off_line_m=sweep.off_line_m, wide=sweep if sweep.wide else None)
+            segments.append(segment)
+        back = self.moves[self.n].segment(np.vstack(parts[self.n])) if len(parts) > self.n and parts[self.n] else None
         return Motion(np.array(ends), tuple(segments), back)
 
     def _refuse(self, i: int) -> Refusal:
         move, unfollowed = self.moves[i], None
         if move.kind not in move.hits and move.kind != STRAIGHT:
-            hit = self._alone(i)
-            if hit is None:
-                unfollowed = move.kind
-            else:
+            if (hit := self._alone(i)) is not None:
                 move.hits[move.kind] = hit
-        return refuse_move(i, move.tried, move.hits, unfollowed)
+            else:
+                unfollowed = move.kind
+        return refuse_move(i, move.tried, move.hits, unfollowed, move.searched)
 
     def _alone(self, i: int) -> Hit | None:
         """Return what the tool's path to keyframe i touches where nothing else holds the arm back."""

@@ -6,10 +6,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from pbd.arm.collision.scene import Hit
+from pbd.arm.sweep import Sweep
 from pbd.pose import Array, Pose
 
-STRAIGHT, LINE, DEMO = "straight", "line", "demo"
-"""Kinds of moves: straight in joint space, the tool on a straight line, as the hand went."""
+STRAIGHT, LINE, DEMO, DETOUR = "straight", "line", "demo", "detour"
+"""Kinds of moves: straight in joint space, the tool on a straight line, as the hand went, around what bars these."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +24,9 @@ class MotionRequest:
         q_back: (k,) rad, where it goes after the last keyframe, or None.
         kind: of the moves between keyframes: STRAIGHT, LINE or DEMO.
         hand: gives n - 1 paths of the tool as the hand went, asked only where they are needed; or None.
-        tolerance_m: a straight move whose tool gets farther from the line is made as LINE.
+        tolerance_m: a straight move whose tool gets farther from the line is made as LINE; without it one that is
+            wide (see sweep.py) is, where that can be.
+        detour: where nothing else is free, a DETOUR is sought, unless the tool was to follow something.
     """
 
     T_base_tool: Sequence[Pose]
@@ -33,6 +36,7 @@ class MotionRequest:
     kind: str = STRAIGHT
     hand: Callable[[], Sequence[Sequence[Pose]]] | None = None
     tolerance_m: float | None = None
+    detour: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,22 +44,29 @@ class Segment:
     """How the arm comes to a keyframe.
 
     Attributes:
-        kind: STRAIGHT, LINE or DEMO.
+        kind: STRAIGHT, LINE, DEMO or DETOUR.
         q: (m, k) rad, from the first joints after those before to those at the keyframe.
         off_line_m: the tool's largest distance from the straight line, where the move is straight in joint space.
         avoided: what a straight move would have touched, where that is why this isn't one.
+        wide: what the tool does on a straight move that is wide; or would do, where that is why this is a LINE.
     """
 
     kind: str
     q: Array
     off_line_m: float = 0.0
     avoided: Hit | None = None
+    wide: Sweep | None = None
+
+    @property
+    def curved(self) -> bool:
+        """Whether the joints lie on a smooth curve; else the arm goes straight from each to the next."""
+        return self.kind != STRAIGHT
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Joints (n, k) at the keyframes, the segments to them, and the way back (m, k) or None."""
+    """Joints (n, k) at the keyframes, the segments to them, and the way back or None."""
 
     q: Array
     segments: tuple[Segment, ...]
-    back: Array | None
+    back: Segment | None

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 from pbd.arm.collision.motion_check import describe
 from pbd.arm.collision.scene import TABLE, Hit
-from pbd.arm.motion_request import DEMO, LINE, STRAIGHT
-from pbd.errors import PlanError
+from pbd.arm.motion_request import DEMO, DETOUR, LINE, STRAIGHT, Motion
+from pbd.errors import PbdWarning, PlanError
 
 UNREACHABLE, COLLISION, CANNOT_FOLLOW = "unreachable", "collision", "cannot follow"
 """A keyframe is out of reach, something is in the way, the arm can't follow the path that was asked for."""
@@ -29,7 +30,7 @@ def refuse_pose(i: int, tried: int, hit: Hit) -> Refusal:
     return _collision(i, f"arm pose at keyframe {i} among {tried}: {describe(hit)}", STRAIGHT, hit)
 
 
-def refuse_move(i: int, tried: int, hits: Mapping[str, Hit], unfollowed: str | None) -> Refusal:
+def refuse_move(i: int, tried: int, hits: Mapping[str, Hit], unfollowed: str | None, searched: int) -> Refusal:
     """Refuse the move to keyframe i.
 
     Args:
@@ -37,6 +38,7 @@ def refuse_move(i: int, tried: int, hits: Mapping[str, Hit], unfollowed: str | N
         tried: how many pairs of arm poses, at the keyframe before and there.
         hits: what the first of them touches, by kind of move; the one that overlaps least is the closest.
         unfollowed: a kind of path that the arm can't follow, whatever is in the way.
+        searched: how many checks were made for a detour.
     """
     if not hits:
         path = "the demonstrated path" if unfollowed == DEMO else "the straight line"
@@ -56,7 +58,22 @@ def refuse_move(i: int, tried: int, hits: Mapping[str, Hit], unfollowed: str | N
         told.append(f"{_SPOKEN[unfollowed]}: the arm can't follow it")
     where = f"from keyframe {i - 1} to keyframe {i}" if i > 0 else "to keyframe 0"
     pairs = f"{tried} pairs of arm poses" if tried > 1 else "1 pair of arm poses"
-    return _collision(i, f"motion {where} among {pairs}. {'. '.join(told)}", closest, hits[closest])
+    search = f", and no detour found in {searched} checks" if searched else ""
+    return _collision(i, f"motion {where} among {pairs}{search}. {'. '.join(told)}", closest, hits[closest])
+
+
+def tell(motion: Motion, no_way_back: Hit | None) -> None:
+    """Warn of detours, and of a way back that is left out."""
+    moves = [*motion.segments, motion.back] if motion.back else motion.segments
+    for i, move in enumerate(moves):
+        if move.kind == DETOUR and move.avoided is not None:
+            where = f"from {i - 1} to {i}" if i > 0 else "on its way to keyframe 0"
+            where = "on its way back" if i == len(motion.q) else where
+            message = f"{where} the arm goes around {move.avoided.second}: --no-detour refuses that"
+            warnings.warn(message, PbdWarning, stacklevel=3)
+    if no_way_back is not None:
+        message = f"no collision-free way back from the last keyframe was found ({describe(no_way_back)})"
+        warnings.warn(f"{message}: the motion ends there", PbdWarning, stacklevel=3)
 
 
 def _collision(i: int, what: str, kind: str, hit: Hit) -> Refusal:

@@ -54,7 +54,7 @@ def tool_in_universe(arm: ArmModel) -> Callable[[Array], tuple[Array, Array, Arr
     configure = _configure(model)
 
     def tool(q: Array) -> tuple[Array, Array, Array]:
-        J = pin.computeFrameJacobian(model, data, configure(q), tool_id, axes)
+        J = pin.computeFrameJacobian(model, data, configure(q), tool_id, axes).reshape(6, -1)
         placement = data.oMf[tool_id]
         return placement.translation, placement.rotation, J
 

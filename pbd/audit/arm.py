@@ -45,7 +45,9 @@ class AuditArm:
         at = np.array([self.model.joints[joint].idx_q for joint in self._drives])
         self._turns_once = np.array([self.model.joints[joint].nq == 1 for joint in self._drives])
         self._plain, self._round = at[self._turns_once], at[~self._turns_once]  # endless ones: cosine and sine
-        _, self.T_universe_base = self.link(robot.base)
+        joint, T_joint_base = self.link(robot.base)  # that joint stands still, but needn't be at the root
+        pin.forwardKinematics(self.model, self._data, self._neutral)
+        self.T_universe_base = self._data.oMi[joint] * T_joint_base
         self.tool_joint, T_joint_body = self.link(robot.body)
         self.T_joint_tool = T_joint_body * se3(robot.T_body_tool)
 
@@ -56,12 +58,17 @@ class AuditArm:
 
     def place(self, x: Array) -> Any:
         """Return T_universe_joint of all joints at coordinates x (k + 1,)."""
-        values = self._at_zero + self._slope * x[self._column]
-        q = self._neutral.copy()
-        q[self._plain] = values[self._turns_once]
-        q[self._round], q[self._round + 1] = np.cos(values[~self._turns_once]), np.sin(values[~self._turns_once])
-        pin.forwardKinematics(self.model, self._data, q)
+        pin.forwardKinematics(self.model, self._data, self.configurations(x))
         return pin.StdVec_SE3(self._data.oMi)
+
+    def configurations(self, x: Array) -> Array:
+        """Return pinocchio's configurations (..., nq) at coordinates x (..., k + 1)."""
+        values = self._at_zero + self._slope * x[..., self._column]
+        q = np.empty((*x.shape[:-1], self.model.nq))
+        q[...] = self._neutral
+        q[..., self._plain], angles = values[..., self._turns_once], values[..., ~self._turns_once]
+        q[..., self._round], q[..., self._round + 1] = np.cos(angles), np.sin(angles)
+        return q
 
     def tool(self, x: Array) -> Any:
         """T_base_tool at coordinates x (k + 1,)."""

@@ -12,13 +12,15 @@ import numpy as np
 from pbd.audit.arm import AuditArm
 from pbd.audit.limits import JUMP_RAD, check_limits, check_samples, check_smoothness, fail
 from pbd.audit.pairs import AuditScene
+from pbd.audit.torque import Torque, find_torque
 from pbd.audit.touch import Touch, coordinates, find_touch
-from pbd.data import Calibration, GraspedObject, JointLimits, JointTrajectory, Robot
+from pbd.data import Calibration, GraspedObject, JointLimits, JointTrajectory, Load, Robot
 from pbd.errors import PlanError
 from pbd.pose import Pose
 
 POSE_TOLERANCE_M = 1e-5
 POSE_TOLERANCE_RAD = 1e-5
+NOTHING = Load()
 
 
 @dataclass(frozen=True)
@@ -28,6 +30,8 @@ class AuditReport:
     Attributes:
         velocity, acceleration, jerk: the largest fraction of the limit, over joints and time.
         max_position_error_m, max_rotation_error_rad: from the tool to the wanted pose, over the keyframes.
+        torque: the largest share of a joint's torque limit, which may be above 1: what follows from that depends on
+            who says so. None where no limit is known.
     """
 
     velocity: float
@@ -35,6 +39,7 @@ class AuditReport:
     jerk: float
     max_position_error_m: float
     max_rotation_error_rad: float
+    torque: Torque | None
 
 
 def audit(
@@ -43,6 +48,7 @@ def audit(
     robot: Robot,
     T_base_tool_keyframes: Sequence[Pose],
     world: tuple[Calibration, GraspedObject | None] | None = None,
+    load: Load = NOTHING,
 ) -> AuditReport:
     """Check all that a trajectory promises.
 
@@ -52,6 +58,7 @@ def audit(
         robot: whose URDF it is.
         T_base_tool_keyframes: the tool's poses at `trajectory.keyframe_t`.
         world: what stands around, and what is grasped; None: touching is allowed.
+        load: what the arm carries.
 
     Raises:
         PlanError: a promise is broken; its fields are joint, keyframe, t (s), value, bound and bodies, as they apply.
@@ -66,7 +73,14 @@ def audit(
         touch = find_touch(scene.arm, trajectory, scene.pairs(trajectory))
         if touch is not None:
             _refuse(trajectory, touch)
-    return AuditReport(*shares, *errors)
+    return AuditReport(*shares, *errors, torque_of(trajectory, limits, robot, load))
+
+
+def torque_of(
+    trajectory: JointTrajectory, limits: JointLimits, robot: Robot, load: Load, pace: float = 1.0
+) -> Torque | None:
+    """Return the largest share of a torque limit, by `find_torque`; None where no limit is known."""
+    return None if limits.effort is None else find_torque(_arm(robot), trajectory, load, limits.effort, pace)
 
 
 @lru_cache(maxsize=4)

@@ -1,1 +1,1 @@
-"""The hand's frame into the robot's."""
+"""Calibration: nav in the robot's base, the sensor's errors, the sensor on the tool."""

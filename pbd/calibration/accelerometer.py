@@ -1,4 +1,4 @@
-"""Bias, scale and misalignment of an accelerometer: at rest the norm of what it reads is gravity, however it lies."""
+"""Bias, scale and misalignment of an accelerometer: at rest the norm of its reading is g in every orientation."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from pbd.errors import CalibrationError
 from pbd.pose import Array
 
 PRIOR_BIAS, PRIOR_SCALE, PRIOR_LEAN = 0.05 * GRAVITY, 0.02, np.radians(1.0)
-"""One sigma of what such parts err by (m/s2, a share, rad), before the data say anything."""
+"""Prior sigma of bias (m/s2), scale (a share) and misalignment (rad) of a low-cost part."""
 
-FLOOR = 0.0005 * GRAVITY
-"""m/s2: a table that gives, a bias that wanders; no mean of a rest is better than this."""
+MEAN_SIGMA = 0.0005 * GRAVITY
+"""m/s2: least sigma of the mean over a rest. The table gives, the bias wanders."""
 
 DETERMINED = 0.3
-"""A figure is determined by the data where they leave less than this share of its prior sigma."""
+"""An error is determined by the data if its sigma shrinks below this share of the prior's."""
 
-FEWEST = 4
-"""Orientations: with fewer hardly anything can be told apart."""
+FEWEST_ORIENTATIONS = 4
+"""Least number of orientations: with fewer, bias, scale and misalignment can't be separated."""
 
 NAMES = tuple(f"{what} {axis}" for what in ("bias", "scale") for axis in "xyz") + tuple(
     f"misalignment {axes}" for axes in ("yz", "xz", "xy")
@@ -35,14 +35,14 @@ class AccelerometerFit:
     Attributes:
         linear: bias and matrix; the matrix is symmetric, as a rotation of all axes together does not change a norm.
         sigma: (9,) of NAMES, one sigma.
-        told: those of NAMES that the orientations tell; the others are little more than assumed to be small.
+        determined: those of NAMES that the orientations determine. The others are assumed to be small.
         orientations: how many different ones.
         before, after: m/s2, rms of the norm less gravity over the rests.
     """
 
     linear: Linear
     sigma: Array
-    told: tuple[str, ...]
+    determined: tuple[str, ...]
     orientations: int
     before: float
     after: float
@@ -53,22 +53,22 @@ class AccelerometerFit:
         return float(np.hypot(self.sigma[:3].max() / GRAVITY, self.sigma[3:].max()))
 
     @property
-    def untold(self) -> tuple[str, ...]:
-        """Those of NAMES that could not be told."""
-        return tuple(name for name in NAMES if name not in self.told)
+    def undetermined(self) -> tuple[str, ...]:
+        """Those of NAMES that the orientations do not determine."""
+        return tuple(name for name in NAMES if name not in self.determined)
 
 
 def fit_accelerometer(rests: Rests, gravity: float = GRAVITY) -> AccelerometerFit:
     """Least squares of |matrix (f - bias)| = gravity over all rests, nine unknowns, each held by a prior.
 
     The prior is what the parts' makers let expect. It decides only what the orientations leave open: with nine or more
-    that are well spread that is nothing; with fewer, figures that can't be told apart share what is seen.
+    that are well spread the effect is nil. With fewer, errors that can't be separated share the residual.
 
     Source: D. Tedaldi, A. Pretto and E. Menegatti, A robust and easy to implement method for IMU calibration without
     external equipments, ICRA 2014 (there with a triangular matrix: another choice of the free rotation).
 
     Args:
-        rests: in at least FEWEST orientations.
+        rests: in at least FEWEST_ORIENTATIONS orientations.
         gravity: m/s2, of the place. A wrong one is taken for scale.
 
     Raises:
@@ -76,21 +76,21 @@ def fit_accelerometer(rests: Rests, gravity: float = GRAVITY) -> AccelerometerFi
     """
     up = rests.up_sensor
     different = orientations(up)
-    if different < FEWEST:
+    if different < FEWEST_ORIENTATIONS:
         spread = np.degrees(np.arccos(np.clip((up @ up.T).min(), -1.0, 1.0)))
         orientation = f"orientation{'s' if different > 1 else ''} 15 degrees or more apart (at most {spread:.0f})"
         found = f"{len(rests)} rests show only {different} {orientation}"
         if len(rests) == 1:
             found = "the sensor was put down once"
         raise CalibrationError(
-            f"{found}; the accelerometer needs {FEWEST} orientations, best 12: each of six sides and six edges up, 2 s "
-            "each (for the gyro's bias alone: --only gyr)",
+            f"{found}; the accelerometer needs {FEWEST_ORIENTATIONS} orientations, best 12: each of six sides and six "
+            "edges up, 2 s each (for the gyro's bias alone: --only gyr)",
             value=different,
-            bound=FEWEST,
+            bound=FEWEST_ORIENTATIONS,
         )
     from scipy.optimize import least_squares
 
-    noise = np.hypot(rests.acc_noise / np.sqrt(rests.samples), FLOOR)
+    noise = np.hypot(rests.acc_noise / np.sqrt(rests.samples), MEAN_SIGMA)
     prior = np.repeat((PRIOR_BIAS, PRIOR_SCALE, PRIOR_LEAN), 3)
 
     def left(x: Array) -> Array:
@@ -106,7 +106,7 @@ def fit_accelerometer(rests: Rests, gravity: float = GRAVITY) -> AccelerometerFi
     return AccelerometerFit(
         linear=Linear(bias, matrix, sigma[:3]),
         sigma=sigma,
-        told=tuple(name for name, left_over in zip(NAMES, share, strict=True) if left_over < DETERMINED),
+        determined=tuple(name for name, left_over in zip(NAMES, share, strict=True) if left_over < DETERMINED),
         orientations=different,
         before=_rms(np.linalg.norm(rests.acc, axis=1) - gravity),
         after=_rms(np.linalg.norm((rests.acc - bias) @ matrix.T, axis=1) - gravity),

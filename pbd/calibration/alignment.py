@@ -1,4 +1,4 @@
-"""Closed forms that lay one set of points on another."""
+"""Closed-form alignment of two sets of points."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which stop touched which point, where a demonstration has more stops than points or the order is not known."""
+"""Match stops to points, where a demonstration has more stops than points or their order is unknown."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from pbd.calibration.alignment import align
 from pbd.errors import CalibrationError
 from pbd.pose import Array, Pose, quat_inverse, quat_log, quat_multiply
 
-FLOOR_M = 0.005
-"""m: stops are never taken for surer than this, so that a hypothesis from two of them has room."""
+STOP_SIGMA_M = 0.005
+"""m: least sigma of a stop, so that a hypothesis from two stops is not too strict."""
 
-MOST_COST = 16.0
-"""A stop further than four sigma from its point costs no more than this: one wrong point must not hide the rest."""
+OUTLIER_COST = 16.0
+"""Largest cost of one stop, four sigma squared: one wrong point must not hide the rest."""
 
-APART_M = 0.03
-"""m, horizontally: two stops or points that are nearer tell no heading."""
+HEADING_BASE_M = 0.03
+"""m, horizontal: least distance between two stops or points that give a heading."""
 
-ALIKE_COST = 12.0
-"""Two answers whose costs differ by less are alike; that of one point's misfit is about 3."""
+AMBIGUOUS_COST = 12.0
+"""Difference in cost below which two answers are equally likely. A true point adds about 3."""
 
-SAME_M, SAME_RAD = 0.05, np.radians(10.0)
-"""Two answers nearer to each other are one."""
+SAME_ANSWER_M, SAME_ANSWER_RAD = 0.05, np.radians(10.0)
+"""Distance and angle, m and rad, below which two answers are the same."""
 
-REFINED = 20
-"""How many of the best answers are aligned again on all their stops."""
+REFINED_ANSWERS = 20
+"""Number of the best answers that are aligned again on all their stops."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,19 +67,19 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool) 
         )
     if in_order and n == m:
         return tuple(range(m))
-    sigma = np.hypot(sigma, FLOOR_M)
+    sigma = np.hypot(sigma, STOP_SIGMA_M)
     given = p_nav_tip, sigma, points, in_order
     found = sorted((_assign(pose, *given) for pose in _hypotheses(*given)), key=lambda answer: -answer.cost)
     unique = sorted({answer.stops: answer for answer in found}.values(), key=lambda answer: answer.cost)
-    best = sorted((_refined(answer, *given) for answer in unique[:REFINED]), key=lambda answer: answer.cost)
-    if not best or best[0].cost > MOST_COST * max(1.0, m - 2.0):
+    best = sorted((_refined(answer, *given) for answer in unique[:REFINED_ANSWERS]), key=lambda answer: answer.cost)
+    if not best or best[0].cost > OUTLIER_COST * max(1.0, m - 2.0):
         raise CalibrationError(
             "no stops of the demonstration have the same distances as the points; check the points' unit and "
             "coordinates, and that the hand stopped on each"
         )
     for other in best[1:]:
         metres, rad = other.T_base_nav.distance(best[0].T_base_nav)
-        if other.cost - best[0].cost < ALIKE_COST and (metres > SAME_M or rad > SAME_RAD):
+        if other.cost - best[0].cost < AMBIGUOUS_COST and (metres > SAME_ANSWER_M or rad > SAME_ANSWER_RAD):
             turn = quat_log(quat_multiply(other.T_base_nav.wxyz, quat_inverse(best[0].T_base_nav.wxyz)))[2]
             turn_deg = abs(np.degrees(turn))
             raise CalibrationError(
@@ -95,12 +95,12 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool) 
 def _hypotheses(p: Array, sigma: Array, points: Array, in_order: bool) -> Iterator[Pose]:
     for i, j in combinations(range(len(p)), 2):
         way, room = p[j] - p[i], 3.0 * np.hypot(sigma[i], sigma[j])
-        if np.hypot(*way[:2]) < APART_M:
+        if np.hypot(*way[:2]) < HEADING_BASE_M:
             continue
         for a, b in combinations(range(len(points)), 2) if in_order else permutations(range(len(points)), 2):
             wanted = points[b] - points[a]
             level = np.hypot(*wanted[:2])
-            if level > APART_M and abs(level - np.hypot(*way[:2])) < room and abs(wanted[2] - way[2]) < room:
+            if level > HEADING_BASE_M and abs(level - np.hypot(*way[:2])) < room and abs(wanted[2] - way[2]) < room:
                 yield align(p[[i, j]], points[[a, b]])
 
 
@@ -108,7 +108,7 @@ def _assign(T_base_nav: Pose, p: Array, sigma: Array, points: Array, in_order: b
     from scipy.optimize import linear_sum_assignment
 
     square = ((T_base_nav.act(p)[:, None] - points[None]) ** 2).sum(axis=2) / sigma[:, None] ** 2
-    cost = np.minimum(square, MOST_COST) + 1e-6 * square  # of those beyond the cap the nearest
+    cost = np.minimum(square, OUTLIER_COST) + 1e-6 * square  # of those beyond the cap the nearest
     if in_order:
         stops = _monotone(cost)
     else:
@@ -138,7 +138,7 @@ def _refined(answer: _Answer, p: Array, sigma: Array, points: Array, in_order: b
     for _ in range(3):
         stops = list(answer.stops)
         off = np.linalg.norm(answer.T_base_nav.act(p[stops]) - points, axis=1) / sigma[stops]
-        good = off < np.sqrt(MOST_COST)
+        good = off < np.sqrt(OUTLIER_COST)
         if good.sum() < 2:
             return answer
         again = _assign(align(p[stops][good], points[good]), p, sigma, points, in_order)

@@ -1,4 +1,4 @@
-"""How the hand went from one keyframe to the next, as poses of the tool in base.
+"""The demonstrated path from one keyframe to the next, as poses of the tool in base.
 
 The hand trembles, and the tracked path is only known to within its uncertainty: it is smoothed by a cubic spline as far
 as it stays within one sigma of what was tracked, and within SMOOTH_M and SMOOTH_RAD. It begins and ends exactly at the
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
 SMOOTH_M, SMOOTH_RAD = 0.005, np.radians(2.0)
-"""The smoothed path stays so near to the tracked one, however unsure that is."""
+"""Largest deviation, m and rad, of the smoothed path from the tracked one."""
 
 SPACING_M, SPACING_RAD = 0.005, np.radians(2.0)
-"""Poses are at most so far apart."""
+"""Largest distance, m and rad, between two poses of the path."""
 
 FEWEST_POSES = 8
 STRENGTHS = np.logspace(-12, 1, 27)

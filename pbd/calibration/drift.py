@@ -1,4 +1,4 @@
-"""Does a sensor at rest read what it should: gravity, and what its calibration says?"""
+"""Calibration drift: whether a sensor at rest still reads gravity and the field of its calibration."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ import numpy as np
 from pbd.data import GRAVITY, SensorErrors
 from pbd.pose import Array
 
-ACC_SHARE, GYR_RATE = 0.015, np.radians(0.5)
-"""A share of gravity, and rad/s: a warm sensor, or one that a hand holds, differs by less from its calibration."""
+ACC_DRIFT, GYR_DRIFT = 0.015, np.radians(0.5)
+"""Largest deviation from the calibration, as a share of gravity and in rad/s, of a sensor that is warm or hand-held."""
 
-UNCALIBRATED_SHARE = 0.03
-"""A share of gravity: without a calibration a sensor in order is off by less. (Gravity differs by 0.5 % on earth.)"""
+UNCALIBRATED_ACC = 0.03
+"""Largest error of a sound sensor without a calibration, as a share of gravity. (Gravity varies by 0.5 % on earth.)"""
 
-FIELD_SHARE, DIP = 0.10, np.radians(6.0)
-"""A share of the strength, and rad: one room's field differs by less from place to place."""
+FIELD_DRIFT, DIP_DRIFT = 0.10, np.radians(6.0)
+"""Largest variation of the magnetic field within a room: of its strength (a share) and its dip (rad)."""
 
 
 def disagreements(
     errors: SensorErrors | None, acc: Array, gyr: Array | None = None, mag: Array | None = None
 ) -> tuple[str, ...]:
-    """Say by how much a sensor at rest is off what it should read, a line for each thing that is beyond its bound.
+    """Report what a sensor at rest reads wrongly, a line for each deviation beyond its bound.
 
     Args:
         errors: the calibration's; None: it has none, and only gravity is known.
@@ -30,19 +30,19 @@ def disagreements(
     """
     errors, calibrated = errors or SensorErrors(""), errors is not None and errors.acc is not None
     said, norm, gravity = [], float(np.linalg.norm(acc)), errors.gravity
-    if abs(norm / gravity - 1.0) > (ACC_SHARE if calibrated else UNCALIBRATED_SHARE):
+    if abs(norm / gravity - 1.0) > (ACC_DRIFT if calibrated else UNCALIBRATED_ACC):
         said.append(
             f"at rest the {'calibrated ' * calibrated}accelerometer reads {norm:.2f} m/s2, but gravity is "
             f"{gravity:.2f} m/s2, {1e3 * abs(norm - gravity) / GRAVITY:.0f} mg off"
         )
-    if errors.gyr is not None and gyr is not None and (rate := float(np.linalg.norm(gyr))) > GYR_RATE:
+    if errors.gyr is not None and gyr is not None and (rate := float(np.linalg.norm(gyr))) > GYR_DRIFT:
         said.append(f"at rest the gyro is {np.degrees(rate):.1f} degrees/s off its calibrated bias")
     if mag is not None and errors.mag and errors.field is not None and errors.dip is not None:
         strength = float(np.linalg.norm(mag))
         dip = float(np.arcsin(np.clip(-(mag @ acc) / max(strength * norm, 1e-9), -1.0, 1.0)))
-        if abs(strength / errors.field - 1.0) > FIELD_SHARE:
+        if abs(strength / errors.field - 1.0) > FIELD_DRIFT:
             said.append(f"the magnetic field is {strength:.0f} uT, but was {errors.field:.0f} uT at the calibration")
-        elif abs(dip - errors.dip) > DIP:
+        elif abs(dip - errors.dip) > DIP_DRIFT:
             said.append(
                 f"the magnetic field dips by {np.degrees(dip):.0f} degrees, but by {np.degrees(errors.dip):.0f} "
                 "degrees at the calibration"

@@ -1,4 +1,4 @@
-"""How well a magnetic heading repeats: between the stops of a demonstration, and from one demonstration to the next."""
+"""Repeatability of a magnetic heading between the stops of a demonstration, and between demonstrations."""
 
 from __future__ import annotations
 
@@ -10,12 +10,13 @@ import numpy as np
 from pbd.pose import Array, quat_rotate, yaw_toward
 
 DISTURBED_HEADING, DISTURBED_STRENGTH = np.radians(3.0), 0.10
-"""rad and a share, rms over the stops: beyond that a field is no compass, and a dock tells the heading better."""
+"""Largest variation of a field, rms over the stops, that serves as a compass: of its heading (rad) and its strength (a
+share). With more, a dock gives a better heading."""
 
 
 @dataclass(frozen=True)
 class FieldSpread:
-    """By how much the magnetic field differs from stop to stop, rms about its mean.
+    """Variation of the magnetic field from stop to stop, rms about its mean.
 
     Attributes:
         heading: rad.
@@ -27,7 +28,7 @@ class FieldSpread:
 
     @property
     def disturbed(self) -> bool:
-        """Whether a heading that is taken from it can't be relied on."""
+        """Whether its heading is unreliable."""
         return self.heading > DISTURBED_HEADING or self.strength > DISTURBED_STRENGTH
 
 
@@ -53,7 +54,7 @@ def field_spread(mag: Array, wxyz_nav_sensor: Array) -> FieldSpread:
 
 
 def heading_changes(wxyz_first: Array, wxyz_again: Sequence[Array]) -> Array:
-    """By how much nav's heading differs between demonstrations, (m,) rad.
+    """Difference of nav's heading between demonstrations, (m,) rad.
 
     Args:
         wxyz_first: (4,) the sensor's attitude in nav at the first rest of one demonstration.

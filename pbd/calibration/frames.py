@@ -1,18 +1,14 @@
-"""Nav into base: the dock, or a registration."""
+"""The tool's poses in the robot's base frame."""
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from pbd.data import Calibration, Keyframe, Robot
-from pbd.errors import CalibrationError, PbdWarning
-from pbd.pose import Array, Pose, quat_about_z, quat_inverse, quat_multiply, quat_rotate, yaw_toward
-
-TILT_WARNING_DEG, UPSIDE_DOWN_DEG = 5.0, 150.0
+from pbd.pose import Array, Pose, quat_about_z, quat_multiply, yaw_toward
 
 
 def with_table(calibration: Calibration, robot: Robot) -> Calibration:
@@ -20,49 +16,6 @@ def with_table(calibration: Calibration, robot: Robot) -> Calibration:
     if calibration.table_height is not None or robot.dock is None:
         return calibration
     return replace(calibration, table_height=robot.dock.table_height)
-
-
-def nav_in_base(calibration: Calibration, wxyz_nav_sensor: Array) -> Pose:
-    """T_base_nav, from the sensor's attitude (4,) in nav at its first rest.
-
-    With a dock, nav's origin is the dock's position and nav's heading the yaw that brings the measured attitude closest
-    to the declared one. Both frames have z up, so the tilt between the two is an error of the dock's declaration or
-    of how the sensor was put down: it is warned of, never "corrected".
-    """
-    if calibration.T_base_nav is not None:
-        return calibration.T_base_nav
-    dock = calibration.T_base_dock
-    if dock is None:
-        raise CalibrationError(
-            f"the calibration '{calibration.name}' does not say where the hand starts in the robot's base; add a dock: "
-            f"pbd calibrate dock {calibration.name} --position X Y Z --rpy R P Y"
-        )
-    if not calibration.any_attitude:
-        tilt_deg = np.degrees(dock_tilt(dock, wxyz_nav_sensor))
-        if tilt_deg > UPSIDE_DOWN_DEG:
-            raise CalibrationError(
-                f"at its first rest the sensor lies upside down compared with the dock of '{calibration.name}'; if the "
-                "accelerometer reads -g along the axis that points up, import with --unit acc=-g, else correct rpy_deg "
-                "of the dock",
-                value=float(tilt_deg),
-                bound=UPSIDE_DOWN_DEG,
-            )
-        if tilt_deg > TILT_WARNING_DEG:
-            warnings.warn(
-                f"at its first rest the sensor is tilted by {tilt_deg:.0f} degrees from the dock of "
-                f"'{calibration.name}'; put it down as the dock says, or set any_attitude = true there",
-                PbdWarning,
-                stacklevel=2,
-            )
-    return Pose(dock.p, quat_about_z(yaw_toward(wxyz_nav_sensor, dock.wxyz)))
-
-
-def dock_tilt(T_base_dock: Pose, wxyz_nav_sensor: Array) -> float:
-    """Angle in rad between the vertical as the dock declares it and as the sensor measured it, in sensor axes."""
-    z = np.array([0.0, 0.0, 1.0])
-    declared = quat_rotate(quat_inverse(T_base_dock.wxyz), z)
-    measured = quat_rotate(quat_inverse(wxyz_nav_sensor), z)
-    return float(np.arctan2(np.linalg.norm(np.cross(declared, measured)), declared @ measured))
 
 
 def tool_poses(

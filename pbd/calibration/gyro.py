@@ -1,4 +1,4 @@
-"""Bias, scale and misalignment of a gyro: at rest it turns by nothing, and between rests as the vertical does."""
+"""Bias, scale and misalignment of a gyro: at rest it reads zero, and between rests it turns as the vertical does."""
 
 from __future__ import annotations
 
@@ -9,26 +9,26 @@ from pbd.data import Linear, Recording
 from pbd.errors import CalibrationError
 from pbd.pose import Array, quat_cumulative, quat_exp, quat_inverse, quat_rotate
 
-PRIOR = 0.02
-"""One sigma of a gyro's scale error (a share) and of how its axes lean against the accelerometer's (rad)."""
+PRIOR_SIGMA = 0.02
+"""Prior sigma of the gyro's scale errors (a share) and of its axes' misalignment with the accelerometer's (rad)."""
 
-SEEN = np.radians(0.1)
-"""rad: no rest shows the vertical better than this, and no move turns it more exactly."""
+VERTICAL_SIGMA = np.radians(0.1)
+"""rad: least sigma of the vertical at a rest, and of how a move turns it."""
 
 LEAST_TURN = np.radians(20.0)
-"""Moves that turn by less tell next to nothing."""
+"""rad: smallest turn of a move that is used."""
 
-MOST_TRIALS = 60
-"""Of its errors; a sound gyro is found with two or three times ten."""
+MAX_EVALUATIONS = 60
+"""Limit of the fit's evaluations. A sound gyro needs twenty to thirty."""
 
-CONTRADICTS = np.radians(10.0)
-"""rad, rms; after the fit gyro and gravity agree better than this, or the gyro is in another unit or has other axes."""
+LARGEST_MISFIT = np.radians(10.0)
+"""rad rms: largest disagreement of gyro and gravity after the fit. Above it the gyro has another unit or other axes."""
 
-FARTHEST = 10.0
-"""Prior sigmas; no gyro is so bad."""
+LARGEST_ERROR = 10.0
+"""Bound of the fit, in prior sigmas."""
 
-BIAS_FLOOR = np.radians(0.003)
-"""rad/s: a bias wanders."""
+BIAS_SIGMA = np.radians(0.003)
+"""rad/s: least sigma of the bias, as it wanders."""
 
 
 def fit_gyro(recording: Recording, rests: Rests, up_sensor: Array | None = None, up_sigma: float = 0.0) -> Linear:
@@ -54,10 +54,10 @@ def fit_gyro(recording: Recording, rests: Rests, up_sensor: Array | None = None,
         raise CalibrationError("the recording has no gyro; record one, or leave it out with --only acc")
     bias = np.average(rests.gyr, axis=0, weights=rests.seconds)
     noise = rests.gyr_noise / np.sqrt(rests.samples.sum())
-    sigma = np.full(3, np.hypot(noise, BIAS_FLOOR))
+    sigma = np.full(3, np.hypot(noise, BIAS_SIGMA))
     matrix = np.eye(3)
     if up_sensor is not None and len(rests) > 1:
-        matrix = _matrix(recording, rests, up_sensor, float(np.hypot(SEEN, up_sigma)), bias)
+        matrix = _matrix(recording, rests, up_sensor, float(np.hypot(VERTICAL_SIGMA, up_sigma)), bias)
     return Linear(bias, matrix, sigma)
 
 
@@ -76,21 +76,21 @@ def _matrix(recording: Recording, rests: Rests, up_sensor: Array, seen: float, b
         return np.eye(3)
 
     def left(x: Array) -> Array:
-        matrix = np.eye(3) + PRIOR * x.reshape(3, 3)
+        matrix = np.eye(3) + PRIOR_SIGMA * x.reshape(3, 3)
         off = []
         for k, turns in legs:
             whole = quat_cumulative(quat_exp(turns @ matrix.T))[-1]
             off.append(quat_rotate(quat_inverse(whole), up_sensor[k]) - up_sensor[k + 1])
         return np.concatenate((np.ravel(off) / seen, x))
 
-    result = least_squares(left, np.zeros(9), method="lm", max_nfev=MOST_TRIALS)
+    result = least_squares(left, np.zeros(9), method="lm", max_nfev=MAX_EVALUATIONS)
     off = float(np.sqrt(np.mean((seen * left(result.x)[:-9]) ** 2) * 3.0))
-    if off > CONTRADICTS or np.abs(result.x).max() > FARTHEST:
+    if off > LARGEST_MISFIT or np.abs(result.x).max() > LARGEST_ERROR:
         raise CalibrationError(
             f"between the rests the gyro does not turn as gravity does (by {np.degrees(off):.0f} degrees, rms); is its "
             "unit rad/s, and are its axes the accelerometer's? import the recording with --unit gyr=deg/s, or name its "
             "columns",
             value=off,
-            bound=CONTRADICTS,
+            bound=LARGEST_MISFIT,
         )
-    return np.asarray(np.eye(3) + PRIOR * result.x.reshape(3, 3))
+    return np.asarray(np.eye(3) + PRIOR_SIGMA * result.x.reshape(3, 3))

@@ -1,4 +1,4 @@
-"""Hard and soft iron of a magnetometer: however it is turned, the field keeps its strength and its dip."""
+"""Hard and soft iron of a magnetometer: in every orientation the field has the same strength and dip."""
 
 from __future__ import annotations
 
@@ -11,25 +11,26 @@ from pbd.data import Linear
 from pbd.errors import CalibrationError
 from pbd.pose import Array
 
-MOST = 1500
-"""Samples that are used, evenly over the recording: more tell nothing new."""
+SAMPLES_USED = 1500
+"""Number of samples in the fit, spread evenly over the recording."""
 
-FLOOR_UT = 0.1
-"""uT: no room's field is more even than this."""
+FIELD_SIGMA_UT = 0.1
+"""uT: least sigma of the field, as rooms are uneven."""
 
 LEAST_SPREAD = 10.0
-"""Of its noise: what a magnetometer reads while it is turned spreads at least so far along every axis (rms)."""
+"""Least rms of the readings along each axis, in units of their noise, while the sensor is turned."""
 
 LEAST_COVER = 0.04
-"""Of the directions' mean square along their thinnest axis: 1/3 where they point all over, 0 where one is missing."""
+"""Least mean square of the field's directions along any axis. It is 1/3 where they point all over, 0 where one is
+missing."""
 
 PRIOR_TURN = 0.05
-"""rad, one sigma of how the magnetometer's axes lie turned as a whole against the accelerometer's."""
+"""rad: prior sigma of the rotation between the magnetometer's axes and the accelerometer's."""
 
 TURN_IT = "turn the sensor slowly in all directions, each side up and down once, or leave it out with --only acc"
 
-ROBUST = 3.0
-"""Sigmas; a misfit beyond that counts by its size, not its square: near a table leg the field is another."""
+ROBUST_SIGMAS = 3.0
+"""Sigmas beyond which a misfit counts linearly (soft L1), as the field is disturbed near iron."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,8 +98,8 @@ def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float
 
     assert rests.mag is not None
     at_rest: Array = rests.mag
-    used = mag[np.linspace(0, len(mag) - 1, min(MOST, len(mag))).astype(np.intp)]
-    noise = float(np.hypot(rests.mag_noise, FLOOR_UT))
+    used = mag[np.linspace(0, len(mag) - 1, min(SAMPLES_USED, len(mag))).astype(np.intp)]
+    noise = float(np.hypot(rests.mag_noise, FIELD_SIGMA_UT))
     spread = float(np.sqrt(np.linalg.eigvalsh(np.cov(used.T))[0]))
     if spread < LEAST_SPREAD * noise:
         raise CalibrationError(
@@ -120,7 +121,7 @@ def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float
             value=cover,
             bound=LEAST_COVER,
         )
-    noise_at_rest = np.hypot(np.hypot(rests.mag_noise / np.sqrt(rests.samples), FLOOR_UT), up_sigma * field)
+    noise_at_rest = np.hypot(np.hypot(rests.mag_noise / np.sqrt(rests.samples), FIELD_SIGMA_UT), up_sigma * field)
 
     def vertical_part(bias: Array, matrix: Array) -> Array:
         """Upwards, (k,) uT."""
@@ -139,7 +140,7 @@ def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float
         dip = vertical_part(bias, matrix) + vertical
         return np.concatenate((strength / noise, dip / noise_at_rest, turn / (2.0 * PRIOR_TURN)))
 
-    result = least_squares(left, np.zeros(13), loss="soft_l1", f_scale=ROBUST, x_scale="jac")
+    result = least_squares(left, np.zeros(13), loss="soft_l1", f_scale=ROBUST_SIGMAS, x_scale="jac")
     bias, matrix, vertical = unpack(result.x)
     jacobian = np.asarray(result.jac)
     sigma = np.sqrt(np.diagonal(np.linalg.pinv(jacobian.T @ jacobian)))[:3]

@@ -1,4 +1,4 @@
-"""How the sensor sits on the tool: the lever by pivoting the tip on a point, the rotation by turns about named axes."""
+"""Mount of the sensor on the tool: lever by pivoting the tip on a point, rotation by turns about named axes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pbd.calibration.point_observations import observe_points
-from pbd.calibration.points import TOUCH_M
+from pbd.calibration.points import TOUCH_SIGMA_M
 from pbd.calibration.registration import widened
 from pbd.data import Keyframe
 from pbd.data.brief import counted
@@ -17,22 +17,23 @@ from pbd.errors import CalibrationError
 from pbd.pose import Array, quat_from_xyzw, quat_inverse, quat_log, quat_multiply, quat_rotate, quat_to_matrix
 
 SLIPPED_CHI2 = 10.0
-"""Per degree of freedom: a tip that moved three times as much as the tracker's sigmas let expect has slipped."""
+"""Chi-square per degree of freedom above which the tip has slipped: it moved three times as far as the tracker's sigmas
+allow."""
 
-WORST_M = 0.01
-"""m: a lever that is less sure along some axis was not turned about the others."""
+LARGEST_SIGMA_M = 0.01
+"""m: largest sigma of the lever along any axis. It is larger if the tool was not turned about the others."""
 
 LEAST_TURN = np.radians(20.0)
-"""A move that turns by less is no turn about an axis."""
+"""rad: smallest turn that has a meaningful axis."""
 
-BY_HAND = np.radians(2.0)
-"""rad: a hand that turns a tool about one of its axes leans by this much."""
+TURN_BY_HAND_SIGMA = np.radians(2.0)
+"""rad: how well a hand turns a tool about one of its axes."""
 
-MISNAMED = np.radians(20.0)
-"""A turn whose axis is further than this from where its name says is about another one."""
+MISNAMED_RAD = np.radians(20.0)
+"""rad: largest angle between a turn's axis and the one that it is named for."""
 
-ATTITUDE = np.radians(0.5)
-"""rad: how sure a turn's axis is at best, per radian of the turn."""
+TURN_AXIS_SIGMA = np.radians(0.5)
+"""rad: least sigma of a turn's axis, per radian of the turn."""
 
 AXES = dict(zip(("x", "y", "z", "-x", "-y", "-z"), (*np.eye(3), *-np.eye(3)), strict=True))
 
@@ -44,7 +45,7 @@ class PivotFit:
     Attributes:
         p_sensor_tip: (3,) m in sensor axes.
         cov: (3, 3) m2.
-        residuals: (k, 3) m in nav, by how much the tip seems to be off its point at each stop.
+        residuals: (k, 3) m in nav, distance of the tip from its point at each stop.
         chi2: per degree of freedom; 1 where the tracker's sigmas are right.
     """
 
@@ -62,7 +63,7 @@ class TurnsFit:
         wxyz_sensor_tool: (4,).
         cov: (3, 3) rad2, of the rotation vector in sensor axes.
         off: (m,) rad, the angle between each turn's axis and the tool's axis that it was named after.
-        turned: (m,) rad, by how much each turned.
+        turned: (m,) rad, the angle of each turn.
         moves: (m,) which moves these are.
     """
 
@@ -100,7 +101,7 @@ def fit_pivot(keyframes: Sequence[Keyframe], covariance: PoseCovariance) -> Pivo
     lever = np.zeros(3)
     for _ in range(2):
         touched = observe_points(keyframes, covariance, lever)
-        root = np.linalg.cholesky(touched.cov + TOUCH_M**2 * np.eye(3 * len(keyframes)))
+        root = np.linalg.cholesky(touched.cov + TOUCH_SIGMA_M**2 * np.eye(3 * len(keyframes)))
         whitened = np.linalg.solve(root, design)
         information = whitened.T @ whitened
         if np.linalg.eigvalsh(information)[0] < 1.0:  # a metre
@@ -111,7 +112,7 @@ def fit_pivot(keyframes: Sequence[Keyframe], covariance: PoseCovariance) -> Pivo
     chi2 = float(((right - whitened @ found) ** 2).sum())
     freedom = 3 * len(keyframes) - 6
     cov = widened(np.linalg.inv(information)[:3, :3], chi2, freedom)
-    if (sigma_m := float(np.sqrt(np.linalg.eigvalsh(cov)[-1]))) > WORST_M:
+    if (sigma_m := float(np.sqrt(np.linalg.eigvalsh(cov)[-1]))) > LARGEST_SIGMA_M:
         raise _one_axis(R, sigma_m)
     residuals = (design @ found).reshape(-1, 3) - touched.p_nav_sensor
     if chi2 / freedom > SLIPPED_CHI2:
@@ -137,7 +138,7 @@ def _one_axis(R: Array, sigma_m: float = np.inf) -> CalibrationError:
         f"the other axes (about {turned:.0f} degrees); tilt the tool by 30 degrees and more to all sides, and turn it, "
         "with its tip on the point",
         value=sigma_m,
-        bound=WORST_M,
+        bound=LARGEST_SIGMA_M,
     )
 
 
@@ -176,19 +177,19 @@ def fit_turns(keyframes: Sequence[Keyframe], named: Sequence[str]) -> TurnsFit:
         )
     angles = angles[list(moves)]
     measured, axes = vectors[list(moves)] / angles[:, None], np.array([AXES[name] for name in named])
-    sigma = np.hypot(BY_HAND, ATTITUDE / angles)
+    sigma = np.hypot(TURN_BY_HAND_SIGMA, TURN_AXIS_SIGMA / angles)
     rotation, _ = Rotation.align_vectors(measured, axes, weights=1.0 / sigma**2)
     wxyz_sensor_tool = quat_from_xyzw(rotation.as_quat())
     expected = quat_rotate(wxyz_sensor_tool, axes)
     off = np.arctan2(np.linalg.norm(np.cross(measured, expected), axis=1), np.einsum("mi,mi->m", measured, expected))
     worst = int(off.argmax())
-    if off[worst] > MISNAMED:
+    if off[worst] > MISNAMED_RAD:
         raise CalibrationError(
             f"the turns contradict --turns: the one about {named[worst]} (move {moves[worst]}) is "
             f"{np.degrees(off[worst]):.0f} degrees off; correct its axis or sign in --turns, or record the turns again",
             move=moves[worst],
             value=float(off[worst]),
-            bound=MISNAMED,
+            bound=MISNAMED_RAD,
         )
     chi2, freedom = float(((off / sigma) ** 2).sum()), 2 * len(moves) - 3
     across = np.eye(3) - np.einsum("mi,mj->mij", expected, expected)

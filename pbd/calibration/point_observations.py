@@ -1,4 +1,4 @@
-"""Where a demonstration's tip stood when it touched points, and how its errors hang together."""
+"""Observations of points: the tip's positions when it touched them, with their joint covariance."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Nav into base from touched points; a point that contradicts the others is found and left out."""
+"""Registration of nav in base from touched points. A point that contradicts the others is left out."""
 
 from __future__ import annotations
 
@@ -8,26 +8,26 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pbd.calibration.point_observations import PointObservations
-from pbd.calibration.registration import TRUSTED, Fit, Problem, predict, register, variance, widened
+from pbd.calibration.registration import PRIOR_FREEDOM, Fit, Problem, predict, register, variance, widened
 from pbd.errors import CalibrationError
 from pbd.pose import Array, Pose
 
-TOUCH_M = 0.001
-"""m per axis: by so much a tip misses the point that it is put on, or moves on it."""
+TOUCH_SIGMA_M = 0.001
+"""m per axis: how precisely a tip is put on a point."""
 
 FEWEST = 3
 
 LEAST_SPREAD_M = 0.05
-"""m: points must lie at least so far apart (rms about their middle or line) in each direction that is needed."""
+"""m: least rms distance of the points from their middle or line, in each direction that is needed."""
 
-WRONG = 1e-4
-"""A point whose misfit against all the others is as improbable as this is wrong."""
+WRONG_CHANCE = 1e-4
+"""Chance of a point's misfit against all the others, below which the point is wrong."""
 
 CLEARER_CHI2 = 9.0
-"""... and is named where no other point would explain it so well, by this much chi-square."""
+"""A wrong point is named if it explains the misfit better than any other, by this much chi-square."""
 
 POOR_CHI2 = 2.5
-"""Per degree of freedom; a fit above it is not to be trusted."""
+"""Chi-square per degree of freedom above which a fit is not trusted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class PointFit:
     Attributes:
         T_base_nav: the pose.
         cov: (6, 6) m and rad, position and rotation vector in base; no tilt where gravity gave it.
-        scale: of the hand's positions; 1 where it was not asked for.
+        scale: of the hand's positions; 1 unless it was fitted.
         scale_sigma: one sigma; 0 as above.
         residuals: (m, 3) m in base, point less touch, of all points, those left out too.
         left_out: (m, 3) m in base, the same with the point itself left out of the fit.
@@ -58,7 +58,12 @@ class PointFit:
 
 
 def fit_points(
-    touched: PointObservations, points: Array, *, free: bool = False, scaled: bool = False, touch_m: float = TOUCH_M
+    touched: PointObservations,
+    points: Array,
+    *,
+    free: bool = False,
+    scaled: bool = False,
+    touch_m: float = TOUCH_SIGMA_M,
 ) -> PointFit:
     """Find nav in base; a point that contradicts the others is left out and marked.
 
@@ -75,7 +80,7 @@ def fit_points(
 
     Raises:
         CalibrationError: too few points, in a line, above each other; or they contradict each other and which one is at
-            fault can't be told.
+            fault can't be located.
     """
     if len(points) != len(touched.stops):
         raise ValueError(f"{len(touched.stops)} touches for {len(points)} points; give one touch per point")
@@ -119,7 +124,7 @@ def _wrong(gained: float, others: Fit) -> bool:
     from scipy.special import fdtrc
 
     share = gained / 3.0 / variance(others.chi2, others.freedom)
-    return bool(fdtrc(3.0, TRUSTED + others.freedom, share) < WRONG)
+    return bool(fdtrc(3.0, PRIOR_FREEDOM + others.freedom, share) < WRONG_CHANCE)
 
 
 def _without(problem: Problem, keep: Sequence[int], k: int) -> list[int]:

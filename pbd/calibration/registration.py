@@ -1,4 +1,4 @@
-"""Least squares of nav in base, with the joint covariance of the touches."""
+"""Least-squares registration of nav in base, with the joint covariance of the touches."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from pbd.calibration.alignment import align
 from pbd.calibration.point_observations import PointObservations, rows_of
 from pbd.pose import Array, Pose, quat_exp, quat_multiply, quat_to_matrix, skew
 
-MOST_STEPS, SETTLED = 50, 1e-9
-"""Gauss-Newton steps, and the step (m, rad and a share) that ends them. Three or four do: the start is near."""
+MAX_ITERATIONS, CONVERGED_STEP = 50, 1e-9
+"""Limit of Gauss-Newton iterations, which usually are three or four; step (m, rad, a share) that ends them."""
 
-TRUSTED = 2.0
-"""Degrees of freedom for which the tracker's own sigmas count beside the residuals: few points often fit well by
+PRIOR_FREEDOM = 2.0
+"""Degrees of freedom that the tracker's own sigmas are worth beside the residuals: few points may fit well by
 chance."""
 
-TWO_SIGMA = 0.97725
+TWO_SIGMA_SHARE = 0.97725
 """Share of a normal distribution below two sigma."""
 
 
@@ -78,19 +78,20 @@ class Fit:
 
 
 def variance(chi2: float, freedom: int) -> float:
-    """By how much the tracker's variances are too small, by what is left of a fit and by their own word."""
-    return (TRUSTED + chi2) / (TRUSTED + freedom)
+    """The factor by which the tracker's variances are too small, by the residuals of a fit and by a prior."""
+    return (PRIOR_FREEDOM + chi2) / (PRIOR_FREEDOM + freedom)
 
 
 def widened(cov: Array, chi2: float, freedom: int) -> Array:
     """A least squares' covariance by the tracker's sigmas, such that two sigma hold 95 %.
 
-    Where those are right but for a factor, of which they tell as much as TRUSTED degrees of freedom would, the unknowns
-    have Student's t distribution (A. Zellner, An introduction to Bayesian inference in econometrics, 1971, III).
+    Where those are right but for a factor, of which they tell as much as PRIOR_FREEDOM degrees of freedom would, the
+    unknowns have Student's t distribution (A. Zellner, An introduction to Bayesian inference in econometrics, 1971,
+    III).
     """
     from scipy.special import stdtrit
 
-    wider = 0.5 * float(stdtrit(TRUSTED + freedom, TWO_SIGMA))
+    wider = 0.5 * float(stdtrit(PRIOR_FREEDOM + freedom, TWO_SIGMA_SHARE))
     return np.asarray(cov * variance(chi2, freedom) * wider**2)
 
 
@@ -102,14 +103,14 @@ def register(problem: Problem) -> Fit:
     touched, where = problem.touched, problem.unknowns
     pose, scale = align(touched.p_nav_sensor + touched.lever, problem.points, problem.free), 1.0
     whiten = np.linalg.inv(np.linalg.cholesky(problem.touched.cov))
-    for _ in range(MOST_STEPS):
+    for _ in range(MAX_ITERATIONS):
         off = whiten @ misfit(problem, pose, scale).ravel()
         by_unknown = whiten @ jacobian(problem, pose, scale)
         inverse = np.linalg.inv(by_unknown.T @ by_unknown)
         step = np.zeros(7)
         step[where] = -inverse @ (by_unknown.T @ off)
         pose, scale = moved(pose, scale, step)
-        if np.abs(step).max() < SETTLED:
+        if np.abs(step).max() < CONVERGED_STEP:
             break
     cov = np.zeros((7, 7))
     cov[np.ix_(where, where)] = inverse
@@ -139,7 +140,7 @@ def predict(problem: Problem, k: int, keep: Sequence[int]) -> tuple[Array, Array
 
 
 def misfit(problem: Problem, pose: Pose, scale: float) -> Array:
-    """By how much each touch is off in nav, (m, 3) m: what was tracked less where the point is."""
+    """Error of each touch in nav, (m, 3) m: the tracked position minus the point's."""
     tips = pose.inverse().act(problem.points)
     off: Array = problem.touched.p_nav_sensor - (tips - problem.touched.lever) / scale
     return off

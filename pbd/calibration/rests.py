@@ -1,4 +1,4 @@
-"""When a sensor that was put down in several orientations lay still, and what it read then."""
+"""Rests of a sensor that was put down in several orientations, with its mean readings."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from pbd.data import Recording
 from pbd.errors import CalibrationError
 from pbd.pose import Array
 
-WINDOW_S, SHORTEST_S, EDGE_S = 0.5, 1.0, 0.2
-"""Stillness is looked for over this long; a rest lasts at least so long; and so much at either end is not used."""
+STILL_WINDOW_S, SHORTEST_REST_S, REST_EDGE_S = 0.5, 1.0, 0.2
+"""s: window over which stillness is measured; shortest rest; what is left out at either end of a rest."""
 
 STILL_RATIO = 9.0
-"""A window with up to this many times the variance of the quietest is as still as that."""
+"""Largest variance of a still window, relative to the quietest."""
 
 STILL_ACC, STILL_GYR = 0.1, np.radians(1.0)
-"""m/s2 and rad/s (rms over a window, all axes): a sensor that was put down shakes less than this."""
+"""m/s2 and rad/s, rms over a window, all axes: a sensor that lies on a table shakes less."""
 
-FLOOR_ACC, FLOOR_GYR = 0.02, np.radians(0.1)
-"""m/s2 and rad/s (as above): what shakes less is still in any case."""
+SURELY_STILL_ACC, SURELY_STILL_GYR = 0.02, np.radians(0.1)
+"""m/s2 and rad/s, rms over a window, all axes: a sensor that shakes less is still in any case."""
 
 EVEN_TURN = np.radians(0.3)
-"""rad/s. A sensor that turns evenly shakes as little as a still one, but its mean rate differs by more than this from
-that of the others. A bias wanders by less, and noise is allowed for."""
+"""rad/s: largest deviation of a rest's mean rate from that of the others, beyond noise. A sensor that turns evenly
+exceeds it; a wandering bias does not."""
 
 SAME_ORIENTATION_DEG = 15.0
-"""Two rests whose verticals are nearer than this are one orientation."""
+"""Angle between the verticals of two rests below which they count as one orientation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,27 +84,27 @@ def find_rests(recording: Recording) -> Rests:
     from scipy.ndimage import find_objects, label
 
     rate = recording.rate_hz
-    length = max(4, round(WINDOW_S * rate))
+    length = max(4, round(STILL_WINDOW_S * rate))
     if len(recording) < length:
         raise CalibrationError(
             f"the recording lasts only {recording.t[-1]:.1f} s; put the sensor down for two seconds in each orientation"
         )
     acc_var, _ = _moving(recording.acc, length)
-    still = _still(recording, "accelerometer", acc_var, STILL_ACC, FLOOR_ACC, "m/s2", 1.0)
+    still = _still(recording, "accelerometer", acc_var, STILL_ACC, SURELY_STILL_ACC, "m/s2", 1.0)
     if recording.gyr is not None:
         gyr_var, gyr_mean = _moving(recording.gyr, length)
-        still &= _still(recording, "gyro", gyr_var, STILL_GYR, FLOOR_GYR, "degrees/s", 180.0 / np.pi)
+        still &= _still(recording, "gyro", gyr_var, STILL_GYR, SURELY_STILL_GYR, "degrees/s", 180.0 / np.pi)
         if still.any():
             room = np.hypot(EVEN_TURN, 4.0 * np.sqrt(np.median(gyr_var[still]) / length))
             still &= np.linalg.norm(gyr_mean - np.median(gyr_mean[still], axis=0), axis=1) < room
-    edge = round(EDGE_S * rate)
+    edge = round(REST_EDGE_S * rate)
     spans = [(rows.start, rows.stop + length - 1) for (rows,) in find_objects(label(still)[0])]
-    spans = [(start + edge, stop - edge) for start, stop in spans if (stop - start) / rate >= SHORTEST_S]
+    spans = [(start + edge, stop - edge) for start, stop in spans if (stop - start) / rate >= SHORTEST_REST_S]
     if not spans:
         raise CalibrationError(
-            f"the sensor was never still for {SHORTEST_S:g} s; put it down for two seconds in each orientation, on "
-            "something that does not shake",
-            bound=SHORTEST_S,
+            f"the sensor was never still for {SHORTEST_REST_S:g} s; put it down for two seconds in each orientation, "
+            "on something that does not shake",
+            bound=SHORTEST_REST_S,
         )
     start, stop = np.array(spans, dtype=np.intp).T
 

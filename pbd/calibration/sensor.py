@@ -1,4 +1,4 @@
-"""A sensor into its own truth: all that one recording tells, in which it is put down in several orientations."""
+"""Calibrate a sensor's errors from one recording in which it is put down in several orientations."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from pbd.data import GRAVITY, Recording, SensorErrors
 from pbd.errors import CalibrationError
 from pbd.pose import Array
 
-UNKNOWN = "unknown"
-"""What a recording says whose sensor nobody named."""
+UNKNOWN_SENSOR = "unknown"
+"""The sensor's name in a recording that has none."""
 
 KINDS = ("gyr", "acc", "mag")
 
-UNEVEN = 0.05
-"""A field whose strength differs by more (rms) over the recording is disturbed."""
+UNEVEN_FIELD = 0.05
+"""Relative rms variation of the field's strength over a recording above which the field is disturbed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,10 +73,10 @@ def calibrate_sensor(
     acc = fit_accelerometer(rests, gravity) if "acc" in wanted else None
     if acc is not None:
         errors = replace(errors, acc=acc.linear, gravity=gravity)
-        if acc.untold:
+        if acc.undetermined:
             remarks.append(
-                f"{acc.orientations} orientations do not determine {', '.join(acc.untold)}: typical values are kept; "
-                "to measure all of them, put each of the six sides and six edges up"
+                f"{acc.orientations} orientations do not determine {', '.join(acc.undetermined)}: typical values are "
+                "kept; to measure all of them, put each of the six sides and six edges up"
             )
     up, up_sigma = _up(rests, errors, acc)
     if "gyr" in wanted and (recording.gyr is not None or "gyr" in only):
@@ -96,7 +96,7 @@ def calibrate_sensor(
             remarks.append(f"the magnetometer is left out: {reason}")
         else:
             errors = replace(errors, mag=mag.linear, field=mag.field, dip=mag.dip)
-            if mag.uneven > UNEVEN:
+            if mag.uneven > UNEVEN_FIELD:
                 remarks.append(
                     f"the magnetic field varies by {100.0 * mag.uneven:.0f} % over the recording: move away from iron "
                     "and motors, and calibrate the magnetometer again where you will demonstrate"
@@ -122,12 +122,12 @@ def corrected(recording: Recording, errors: SensorErrors | None) -> Recording:
 
 
 def refuse_other_sensor(what: str, sensor: str, errors: SensorErrors) -> None:
-    """Refuse errors of another sensor than the one `what` was made with; one that nobody named may be any.
+    """Refuse errors of another sensor than the one `what` was made with. A sensor without a name fits all.
 
     Raises:
         CalibrationError: names both.
     """
-    if UNKNOWN not in (sensor, errors.sensor) and sensor != errors.sensor:
+    if UNKNOWN_SENSOR not in (sensor, errors.sensor) and sensor != errors.sensor:
         raise CalibrationError(
             f"{what} is of the sensor '{sensor}', but the calibration's [sensor] is of '{errors.sensor}'; name a "
             "calibration of that sensor, or remove [sensor]",

@@ -1,4 +1,4 @@
-"""How sure the tool's pose in base is at each keyframe, and what each part of the way from nav to it contributes."""
+"""Covariance of the tool's pose in base at each keyframe, and the contribution of each calibration part."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def tool_covariances(
 def base_sigmas(parts: Mapping[str, Array]) -> list[dict[str, Any]]:
     """The same for programs, a row a keyframe: base_sigma_m and base_sigma_deg (3), base_sigma_parts_m (3 each).
 
-    A part that nobody measured is None: a mount that was never calibrated, a keyframe that a person typed.
+    A part without a measurement is None: a mount that was never calibrated, a keyframe that a person typed.
     """
     total = np.sqrt(np.diagonal(np.sum(list(parts.values()), axis=0), axis1=1, axis2=2))
     of_parts = {part: np.sqrt(np.diagonal(cov, axis1=1, axis2=2))[:, :3] for part, cov in parts.items()}

@@ -19,10 +19,10 @@ from pbd.view.terminal import drop, standard_streams
 __all__ = ["main", "parser"]
 
 UNWRITABLE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF)
-"""Why standard output may fail: a full disk, a terminal that is gone. Errors of files have been told by then."""
+"""Errors of standard output: a full disk, a closed terminal. Errors of files are reported by then."""
 
 FORBIDDEN = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENAMETOOLONG, errno.ELOOP, *UNWRITABLE)
-"""Why a path may fail that nobody has told of yet: permissions, names, disks. A missing file of ours is a bug."""
+"""Errors of a path that are the user's, not a bug: permissions, names, disks."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -32,20 +32,20 @@ def main(argv: Sequence[str] | None = None) -> int:
             try:
                 return _run(argv)
             finally:
-                sys.stdout.flush()  # what can't be written is told here, not by the interpreter at its end
+                sys.stdout.flush()  # else the interpreter reports the error when it ends
         except BrokenPipeError:
             drop(sys.stdout)  # its reader has gone (`pbd ... | head`)
             return 141
         except OSError as reason:
-            told = _refused(reason)
-            if told is None:
+            message = _refused(reason)
+            if message is None:
                 raise  # a bug
-            say(told)
+            say(message)
             return 1
 
 
 def _refused(reason: OSError) -> str | None:
-    """What the system refused and nobody has told of yet; None where it is a bug."""
+    """The message of an operating system's error that was not reported yet; None for a bug."""
     if reason.filename is not None and reason.errno in FORBIDDEN:
         return f"{os.fsdecode(reason.filename)}: {in_words(reason)}; check the path, and who may read and write there"
     if in_deleted_folder():

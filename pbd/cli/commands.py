@@ -24,7 +24,7 @@ from pbd.cli.options import (
     positive,
 )
 from pbd.errors import nearest
-from pbd.files.exporters import FORMATS, HIGHEST_HZ, LOWEST_HZ
+from pbd.files.exporters import FORMATS, HIGHEST_HZ, LOWEST_HZ, SUFFIXES
 
 EPILOG = """\
 a first look:
@@ -56,7 +56,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def parse(argv: Sequence[str] | None) -> argparse.Namespace:
-    """Parse a command; what is too much is told by the command's own parser."""
+    """Parse a command; its own parser reports unexpected arguments."""
     top = parser()
     args, unknown = top.parse_known_args(argv)
     if unknown:
@@ -244,12 +244,16 @@ def _add_export(commands: Commands) -> None:
     add_demo(parser)
     add_json(parser)
     option = parser.add_argument
-    form = "csv, npz or ros2-json; default: from FILE's ending (.csv, .npz, .json)"
+    form = f"{', '.join(FORMATS)}; default: from FILE's ending ({', '.join(SUFFIXES)})"
     option("--format", choices=tuple(FORMATS), help=form)
     output = "the file to write; - is standard output"
     option("-o", "--output", required=True, type=Path, metavar="FILE", help=output)
-    rate = "samples a second, from 10 to 100000 (1000; ros2-json: none but the motion's own knots)"
+    rate = "samples a second, from 10 to 100000 (1000; tum: 100; ros2-json: none but the motion's own knots)"
     option("--rate", type=_export_rate, metavar="HZ", help=rate)
+    dense = (
+        "urscript: servoj at the controller's period (--rate 125, or 500 for e-Series), not a movej for each keyframe"
+    )
+    option("--dense", action="store_true", help=dense)
     add_tracking(parser)
     add_planning(parser)
 
@@ -269,9 +273,13 @@ def _add_robots(commands: Commands) -> None:
         "List the robots in ./robots and the bundled ones, with their reach (tool from the base's axis) and what pbd\n"
         "assumes about them; or show one, with the links that are not checked for collisions. To add your own, put a\n"
         "file into ./robots (docs/robots.md).",
-        "  pbd robots --json\n  pbd robots panda",
+        "  pbd robots panda\n  pbd robots --for pouring\n  pbd robots --suggest robots/mine.toml",
     )
     parser.add_argument("robot", nargs="?", metavar="R", help="a robot's name or file; default: all")
+    able = "which robots can replay this demonstration on their own docks, fastest first; what stops the others"
+    parser.add_argument("--for", dest="demo", metavar="DEMO", help=able)
+    missing = "find a home and a dock for a robot's TOML that lacks them, with which it replays --for (pouring)"
+    parser.add_argument("--suggest", type=Path, metavar="FILE", help=missing)
     add_table(parser, units="m")
 
 

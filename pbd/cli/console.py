@@ -1,4 +1,4 @@
-"""What a command says: its result as JSON on stdout; on stderr notes, and at a terminal what takes its time."""
+"""A command's output: its result as JSON on stdout; notes, and at a terminal progress, on stderr."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def say(message: str) -> None:
 
 
 def print_json(result: dict[str, Any]) -> None:
-    """Print the result as one JSON object; what is not a finite number is null."""
+    """Print the result as one JSON object; numbers that are not finite are null."""
     print(json.dumps(_without_nan(result), allow_nan=False))
 
 
@@ -35,7 +35,7 @@ def _without_nan(value: Any) -> Any:
 
 @contextmanager
 def working(what: str, at_most_s: float | None = None) -> Iterator[None]:
-    """Show `what` while it goes on, and for how long at most; silent where stderr is a file or a pipe."""
+    """Show `what` while it runs, and for how long at most; silent where stderr is no terminal."""
     if not sys.stderr.isatty():
         yield
         return
@@ -51,7 +51,7 @@ def working(what: str, at_most_s: float | None = None) -> Iterator[None]:
 
 @contextmanager
 def listening(device: str, what: str, at_most_s: float) -> Iterator[None]:
-    """Show that a port is listened to, and for how long at most; where stderr is a file or a pipe, a line says so."""
+    """Show that pbd is listening, and for how long at most; a plain line where stderr is no terminal."""
     if not sys.stderr.isatty():
         print(f"{what} {device} ...", file=sys.stderr, flush=True)
     with working(f"{what} {device}", at_most_s):

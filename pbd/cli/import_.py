@@ -14,8 +14,8 @@ from pbd.errors import RecordingError, SensorError, TrackingError
 from pbd.files.demo import demo_folder
 from pbd.files.importers import import_file
 from pbd.record.redecode import decode_raw
-from pbd.tracking.repair.agreement import warn_upside_down
 from pbd.tracking.repair.conditioning import condition
+from pbd.tracking.repair.gyro_consistency import warn_upside_down
 from pbd.tracking.rest import find_rest
 
 

@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from pbd.calibration.frames import nav_in_base, tool_poses
+from pbd.calibration.dock import nav_in_base
+from pbd.calibration.frames import tool_poses
 from pbd.calibration.uncertainty import base_sigmas, tool_covariances
 from pbd.cli.console import print_json, say
 from pbd.cli.steps import load_arm, load_demonstration, named_calibration, plan_options, track_demonstration

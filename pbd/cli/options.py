@@ -140,6 +140,8 @@ def add_planning(parser: argparse.ArgumentParser, robot_required: bool = True, u
     pace = "as fast as the limits allow, or at the hand's own pace where they allow it (limits)"
     option("--time", choices=("limits", "demo"), default="limits", help=pace)
     option("--speed", type=share, default=1.0, metavar="F", help="share of the joints' limits, up to 1 (1)")
+    margin = "share of those limits that is left for the controller, 0 to 50 (5)"
+    option("--margin", type=percent, default=5.0, metavar="PERCENT", help=margin)
     dwell = "longest stay at a keyframe, s (0.5; the hand's own with --time demo; what an edited keyframes.toml says)"
     option("--dwell", type=not_negative, metavar="S", help=dwell)
     start = group.add_mutually_exclusive_group()
@@ -149,6 +151,10 @@ def add_planning(parser: argparse.ArgumentParser, robot_required: bool = True, u
     if units:
         _add_units(group, "m,rad", f"units of --from, but for a message: {_LENGTHS}; {_ANGLES}")
     option("--no-retreat", action="store_true", help="end at the last keyframe, do not go back home")
+    around = "refuse a move where nothing but a planner finds a way around what is there"
+    option("--no-detour", action="store_true", help=around)
+    carried = "what the tool carries all the time, and where its centre of mass is in the tool's axes, m (at its point)"
+    option("--payload", type=finite, nargs="+", default=[0.0], metavar=("KG", "X Y Z"), help=carried)
     shown = "show a motion that touches something, marked red (never exported)"
     option("--allow-collision", action="store_true", help=shown)
 
@@ -197,11 +203,27 @@ def not_negative(text: str) -> float:
     return value
 
 
+def finite(text: str) -> float:
+    """Parse a finite number."""
+    value = _number(text)
+    if math.isnan(value):
+        raise argparse.ArgumentTypeError(f"must be a number, got '{text}'")
+    return value
+
+
 def share(text: str) -> float:
     """Parse a number from 0.01 to 1."""
     value = positive(text)
     if not 0.01 <= value <= 1.0:
         raise argparse.ArgumentTypeError(f"must be from 0.01 to 1, got {text}")
+    return value
+
+
+def percent(text: str) -> float:
+    """Parse a number from 0 to 50."""
+    value = not_negative(text)
+    if not value <= 50.0:
+        raise argparse.ArgumentTypeError(f"must be from 0 to 50, got {text}")
     return value
 
 

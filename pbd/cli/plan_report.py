@@ -1,4 +1,4 @@
-"""What the commands say of a plan's moves: for people and for programs."""
+"""Report of a plan's moves, for people and for programs."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from pbd.cli.console import say, working
+from pbd.data import Load
 
 if TYPE_CHECKING:
     from pbd.data import Demonstration, HandPath, Robot
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
 
 
 STRAY_M = 0.01
-"""Distance from a straight line, m, from which on it is said that the tool strays."""
+"""Distance of the tool from a straight line, m, from which on it is reported."""
 
 
 def say_moves(demo: Demonstration, path: HandPath, robot: Robot, plan: Plan, options: PlanOptions) -> None:
@@ -21,12 +22,14 @@ def say_moves(demo: Demonstration, path: HandPath, robot: Robot, plan: Plan, opt
     from pbd.planning import can_plan
 
     for i, way in enumerate(plan.segments):
-        if (hit := way.avoided) is not None:
+        if (hit := way.avoided) is not None and way.kind != "detour":  # planning has told those
             say(f"the move to keyframe {i} makes a detour: on the straight move {hit.first} would touch {hit.second}")
+        elif way.wide is not None and way.kind == "line":
+            say(f"the move to keyframe {i} is made as a line: straight in joint space the tool would {way.wide}")
     worst = max(range(len(plan.segments)), key=lambda i: plan.segments[i].off_line_m)
     off_m = plan.segments[worst].off_line_m
-    if off_m < STRAY_M or options.tolerance_m is not None:
-        return
+    if off_m < STRAY_M or options.tolerance_m is not None or plan.segments[worst].wide is not None:
+        return  # or planning has told it
     with working("trying a straight line"):
         straight = can_plan(plan, robot, replace(options, tolerance_m=STRAY_M), path, demo.grasped)
     say(
@@ -35,10 +38,26 @@ def say_moves(demo: Demonstration, path: HandPath, robot: Robot, plan: Plan, opt
     )
 
 
+def say_torque(demo: Demonstration, robot: Robot, plan: Plan, options: PlanOptions) -> None:
+    """Say how much of the torque limits the motion takes, and what isn't counted."""
+    torque, thing = plan.report.torque, demo.grasped
+    if torque is None:
+        return say(f"torques are not checked: {robot.name} has no `effort` in its [limits]")
+    carried = str(Load(options.payload, grasped=thing)) or "nothing"
+    unknown = f"; what the {thing.shape} weighs isn't known (mass_kg in demo.toml)" if thing and not thing.mass else ""
+    return say(
+        f"torques: at most {100.0 * torque.share:.0f} % of the limit ({torque.joint}), carrying {carried}{unknown}"
+    )
+
+
 def moves_json(plan: Plan) -> list[dict[str, Any]]:
-    """How the arm comes to each keyframe after the first."""
-    ways = enumerate(plan.segments[1:], start=1)
-    return [{"keyframe": i, "kind": way.kind, "off_line_m": way.off_line_m} for i, way in ways]
+    """How the arm comes to each keyframe after the first; and to that and away from the last, where by a detour."""
+    ways = enumerate([*plan.segments, plan.back] if plan.back else plan.segments)
+    return [
+        {"keyframe": i, "kind": way.kind, "off_line_m": way.off_line_m}
+        for i, way in ways
+        if 0 < i < len(plan.segments) or way.kind == "detour"
+    ]
 
 
 def touching_json(plan: Plan) -> dict[str, Any] | None:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LONGEST_NAME = 60
-"""Characters of a folder's name that is put together from several."""
+"""Most characters in the name of a folder that is made of several names."""
 
 
 def run(args: argparse.Namespace) -> None:

@@ -24,8 +24,8 @@ from pbd.errors import PbdWarning, SensorError
 from pbd.files.calibration import load_calibration
 from pbd.files.demo import demo_folder, refuse_demo_folder, utc_now
 from pbd.record import Outcome, RecordOptions, record
-from pbd.record.loop import SHOWN_S
-from pbd.record.messages import FEWEST_STOPS
+from pbd.record.loop import SCREEN_EVERY_S
+from pbd.record.values import FEWEST_STOPS
 
 SIMULATED = "sim"
 
@@ -35,7 +35,7 @@ def run(args: argparse.Namespace) -> None:
     name = args.name or datetime.now().strftime("demo-%m%d-%H%M%S")
     folder = demo_folder(name)
     if args.sensor is not None and args.sensor.partition(":")[0] != SIMULATED:
-        decoder_maker(args, args.sensor, args.unit, also=(SIMULATED,))  # what is misspelt is told before what is taken
+        decoder_maker(args, args.sensor, args.unit, also=(SIMULATED,))  # spelling errors come first
     refuse_demo_folder(folder, args.force)
     with ExitStack() as stack:
         view = None
@@ -63,13 +63,13 @@ def run(args: argparse.Namespace) -> None:
         screen: PanelScreen | PlainScreen = PanelScreen(title, options.tolerance_m) if panel else PlainScreen(title)
         poll: Poll = Person(keys, screen)
         show: Show = screen.show
-        every_s, live = SHOWN_S, None
+        every_s, live = SCREEN_EVERY_S, None
         if view is not None:
             from pbd.cli.recording import live as recording_live
 
             view.open(name, sensor, not args.no_open)
             live = recording_live.LiveScreen(view, screen.show, options.tolerance_m)
-            show, every_s = live.show, recording_live.SHOWN_S
+            show, every_s = live.show, recording_live.PAGE_EVERY_S
         if hand is not None:
             poll, show = hand.beside(poll, show, keys.terminal, args.duration)
         with screen:
@@ -112,7 +112,7 @@ def _simulated(args: argparse.Namespace, stack: ExitStack) -> SimulatedHand | No
 
 def _report(args: argparse.Namespace, outcome: Outcome) -> None:
     if outcome.before:
-        with suppress(OSError):  # nobody reads it any more
+        with suppress(OSError):  # the terminal is closed
             print(outcome.before, file=sys.stderr)
     folder = None if outcome.folder is None else str(outcome.folder)
     if args.json:

@@ -7,7 +7,7 @@ import math
 
 from pbd.cli.console import print_json, say, working
 from pbd.cli.options import UsageError
-from pbd.cli.plan_report import moves_json, say_moves, touching_json
+from pbd.cli.plan_report import moves_json, say_moves, say_torque, touching_json
 from pbd.cli.steps import plan_demonstration
 from pbd.doors.atomic import refuse_output
 from pbd.replay import replay_scene
@@ -25,7 +25,9 @@ def run(args: argparse.Namespace) -> None:
             raise UsageError(f"--html needs a name that ends in .html, got '{args.html}'")
     demo, path, robot, options, plan = plan_demonstration(args)
     duration, warned = plan.trajectory.duration, list(args.warnings)
-    say(f"'{demo.recording.info.name}' on {robot.name}: {len(plan.keyframes)} keyframes, {duration:.1f} s, audited")
+    spare = f"audited, {args.margin:g} % of the limits to spare" if args.margin else "audited"
+    say(f"'{demo.recording.info.name}' on {robot.name}: {len(plan.keyframes)} keyframes, {duration:.1f} s, {spare}")
+    say_torque(demo, robot, plan, options)
     say_moves(demo, path, robot, plan, options)
     if plan.touching is not None:
         later = len(plan.touching.hits) - 1
@@ -46,7 +48,10 @@ def run(args: argparse.Namespace) -> None:
                 "keyframes": len(plan.keyframes),
                 "duration_s": duration,
                 "ik": errors,
-                "limits": {"velocity": report.velocity, "acceleration": report.acceleration, "jerk": report.jerk},
+                "limits": {
+                    **{name: getattr(report, name) for name in ("velocity", "acceleration", "jerk")},
+                    "torque": report.torque and report.torque.share,
+                },
                 "moves": moves_json(plan),
                 "stretched": [vars(each) for each in plan.stretched],
                 "off_deg": [math.degrees(angle) for angle in plan.off_rad.max(axis=0)],

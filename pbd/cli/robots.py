@@ -1,4 +1,4 @@
-"""pbd robots [R]."""
+"""pbd robots [R], --suggest FILE, --for DEMO."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from pbd.arm.collision.geometry import link_bodies
 from pbd.arm.model import ArmModel, load_model
 from pbd.arm.reach import farthest
 from pbd.cli.console import print_json, working
+from pbd.cli.robots_rank import rank
+from pbd.cli.robots_suggest import suggest
 from pbd.data import Robot
 from pbd.errors import PbdWarning, RobotError
 from pbd.files.library import names
@@ -21,7 +23,11 @@ from pbd.view.tables import left_out_table, print_csv, print_table, robots_table
 
 
 def run(args: argparse.Namespace) -> None:
-    """List them."""
+    """List them; or find a home and a dock for one; or say which can do a demonstration."""
+    if args.suggest is not None:
+        return suggest(args)
+    if args.demo is not None:
+        return rank(args)
     with working("reading the robots"):
         arms = [load_model(load_robot(args.robot))] if args.robot else _all()
         robots, reach_m = [arm.robot for arm in arms], [farthest(arm) for arm in arms]

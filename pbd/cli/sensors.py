@@ -7,7 +7,7 @@ import argparse
 from pbd.cli.console import listening, print_json
 from pbd.errors import SensorError
 from pbd.sensors import port as serial_port
-from pbd.sensors.probe import FIRST_BAUD, LONGEST_S, Found, probe
+from pbd.sensors.probe import FIRST_BAUD, LONGEST_PROBE_S, Found, probe
 from pbd.sensors.protocols import PROTOCOLS
 from pbd.view.tables import ports_table, print_csv, print_table, sensors_table
 
@@ -22,7 +22,7 @@ def run(args: argparse.Namespace) -> None:
             try:
                 with (
                     serial_port.open_port(port.device, FIRST_BAUD) as opened,
-                    listening(port.device, "listening to", LONGEST_S),
+                    listening(port.device, "listening to", LONGEST_PROBE_S),
                 ):
                     found = probe(opened)
             except SensorError as error:

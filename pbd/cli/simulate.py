@@ -8,7 +8,7 @@ import shlex
 import numpy as np
 
 from pbd.cli.console import say, working
-from pbd.cli.steps import POINTS, store_demonstration
+from pbd.cli.steps import POINTS_FILE, store_demonstration
 from pbd.errors import SensorError
 from pbd.files.demo import demo_folder
 from pbd.files.points import Points
@@ -17,12 +17,12 @@ from pbd.simulation.simulate import EARTH, simulate
 
 HIGHEST_HZ = 1e4
 
-NEXT = {
+NEXT_COMMAND = {
     "touch": "pbd calibrate points trial {demo} --points {points}",
     "pivot": "pbd calibrate mount trial-tip {demo} --pivot",
     "sides": "pbd calibrate sensor trial {demo} --gravity {gravity}",
 }
-"""What a calibration task is for. The points are touched with the sensor itself, so the mount goes elsewhere."""
+"""The command that a calibration task is for. The sensor itself touches the points, so the mount is kept apart."""
 
 
 def run(args: argparse.Namespace) -> None:
@@ -33,7 +33,7 @@ def run(args: argparse.Namespace) -> None:
         demo = simulate(args.task, args.sensor_model, args.seed, rate_hz=args.rate)
     touched = Points(tuple(TOUCHED), np.array(list(TOUCHED.values()))) if args.task == "touch" else None
     store_demonstration(args, demo, "simulated", touched)
-    if args.task in NEXT:
-        points = shlex.quote(str(demo_folder(args.name) / POINTS))
-        command = NEXT[args.task].format(demo=shlex.quote(args.name), points=points, gravity=EARTH.gravity)
+    if args.task in NEXT_COMMAND:
+        points = shlex.quote(str(demo_folder(args.name) / POINTS_FILE))
+        command = NEXT_COMMAND[args.task].format(demo=shlex.quote(args.name), points=points, gravity=EARTH.gravity)
         say(f"try it: {command}")

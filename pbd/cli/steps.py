@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pbd.cli.console import print_json, say, working
+from pbd.cli.options import UsageError
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Robot
 from pbd.errors import SensorError
 from pbd.files.calibration import load_calibration
@@ -19,8 +20,8 @@ if TYPE_CHECKING:
     from pbd.planning import Plan, PlanOptions
     from pbd.sensors.decoding import Decoder
 
-POINTS = "points.csv"
-"""The file in a demonstration's folder that has the points which it touched."""
+POINTS_FILE = "points.csv"
+"""File in a demonstration's folder: the points that it touched."""
 
 
 def load_demonstration(name: str | None) -> Demonstration:
@@ -38,7 +39,7 @@ def track_demonstration(
     """Track it; return the hand's path and the keyframes that count."""
     from pbd.pipeline import track
     from pbd.tracking.keyframes import keyframes_of
-    from pbd.tracking.repair.agreement import up_in_sensor, warn_upside_down
+    from pbd.tracking.repair.gyro_consistency import up_in_sensor, warn_upside_down
 
     with working("tracking"):
         path = track(demo, method, calibration=calibration, accept_gap=accept_gap)
@@ -71,6 +72,9 @@ def plan_options(args: argparse.Namespace, robot: Robot) -> PlanOptions:
     """Collect what `add_planning` added."""
     from pbd.planning import PlanOptions
 
+    mass, *p_tool = args.payload
+    if mass < 0.0 or len(p_tool) not in (0, 3):
+        raise UsageError("--payload takes KG, zero or above, or KG X Y Z, the centre of mass in m")
     return PlanOptions(
         path=args.path,
         tolerance_m=args.path_tolerance,
@@ -78,11 +82,15 @@ def plan_options(args: argparse.Namespace, robot: Robot) -> PlanOptions:
         scale=args.scale,
         orientation=args.orientation,
         speed=args.speed,
+        margin=args.margin / 100.0,
         dwell_s=args.dwell,
         approach=not args.no_approach,
         start=None if args.start is None else _start_joints(args, robot),
         retreat=not args.no_retreat,
+        detour=not args.no_detour,
         allow_collision=args.allow_collision,
+        payload=mass,
+        p_tool_payload=(p_tool[0], p_tool[1], p_tool[2]) if p_tool else (0.0, 0.0, 0.0),
     )
 
 
@@ -121,13 +129,13 @@ def store_demonstration(
     folder = demo_folder(args.name)
     remark = "simulated: touched with the sensor itself, in the robot's base"
     with working(f"writing {folder}"):
-        beside = {} if touched is None else {POINTS: points_csv(touched, remark)}
+        beside = {} if touched is None else {POINTS_FILE: points_csv(touched, remark)}
         write_demo(replace(demo, recording=recording), folder, args.force, beside)
     samples, duration_s, rate_hz = len(recording), float(recording.t[-1]), recording.rate_hz
     say(f"{done} {samples} samples, {duration_s:.1f} s at {rate_hz:.0f} Hz, into {folder}")
     if args.json:
         stored = {"demo": folder.name, "folder": str(folder), "samples": samples}
-        points = {} if touched is None else {"points": str(folder / POINTS)}
+        points = {} if touched is None else {"points": str(folder / POINTS_FILE)}
         print_json(stored | {"duration_s": duration_s, "rate_hz": rate_hz} | points)
 
 

@@ -1,6 +1,6 @@
 """The frozen values that pass between the stages, in the order in which they come to be.
 
-Arrays are copied in, made read-only and checked for their shape; a value that exists is a value that is well formed.
+Arrays are copied in, made read-only and checked for their shape. So every value is well formed.
 SI and radians throughout; frames stand in the names: `sensor`, `nav`, `base`, `tool`, `dock`.
 """
 
@@ -8,7 +8,9 @@ from __future__ import annotations
 
 from pbd.data.arm import Gripper, JointLimits, JointTrajectory, Robot, Samples
 from pbd.data.calibration import TOOL_DOWN, Calibration, Linear, SensorErrors
-from pbd.data.hand import (
+from pbd.data.known import ClaimFit, Contact, Known, Place
+from pbd.data.sensor_found import Found, SensorFound
+from pbd.data.tracking import (
     GRAVITY,
     Demonstration,
     GripEvent,
@@ -21,9 +23,7 @@ from pbd.data.hand import (
     Tracking,
     Truth,
 )
-from pbd.data.known import ClaimFit, Contact, Known, Place
-from pbd.data.sensor_found import Found, SensorFound
-from pbd.data.world import GraspedObject, Obstacle
+from pbd.data.world import GraspedObject, Load, Obstacle
 
 __all__ = [
     "GRAVITY",
@@ -42,6 +42,7 @@ __all__ = [
     "Keyframe",
     "Known",
     "Linear",
+    "Load",
     "Obstacle",
     "Place",
     "Recording",

@@ -1,4 +1,4 @@
-"""The values of planning: the robot, its motion."""
+"""Values of planning: the robot, its motion."""
 
 from __future__ import annotations
 
@@ -35,9 +35,10 @@ class Gripper:
 
 @dataclass(frozen=True, eq=False)
 class JointLimits:
-    """Per joint: position rad, velocity rad/s, acceleration rad/s2, jerk rad/s3.
+    """Per joint: position rad, velocity rad/s, acceleration rad/s2, jerk rad/s3, effort N m (N where it slides).
 
-    `source` says in one line who says so; `sources` says it of each: "position", "velocity", "acceleration", "jerk".
+    `source` names the sources in one line; `sources` has one for each: "position", "velocity", "acceleration", "jerk",
+    "effort". Where no effort is known it is None, and torques are not checked.
     """
 
     lower: Array
@@ -47,10 +48,11 @@ class JointLimits:
     jerk: Array
     source: str
     sources: Mapping[str, str] = field(default_factory=dict)
+    effort: Array | None = None
 
     def __post_init__(self) -> None:
         k = len(self.lower)
-        freeze(self, lower=(k,), upper=(k,), velocity=(k,), acceleration=(k,), jerk=(k,))
+        freeze(self, lower=(k,), upper=(k,), velocity=(k,), acceleration=(k,), jerk=(k,), effort=(k,))
         object.__setattr__(self, "sources", MappingProxyType(dict(self.sources)))
 
     def __repr__(self) -> str:
@@ -77,7 +79,7 @@ class Robot:
         limits: of `joints`.
         dock: the calibration that is used where the user names none, or None.
         notes: what is assumed, for people.
-        license: of the URDF and its meshes, and whose they are; empty where nobody said.
+        license: of the URDF and its meshes, and whose they are; empty if unknown.
     """
 
     name: str

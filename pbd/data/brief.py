@@ -1,4 +1,4 @@
-"""What a value says of itself in one line: a person who prints one wants no ten thousand numbers."""
+"""One-line representations of values with large arrays."""
 
 from __future__ import annotations
 

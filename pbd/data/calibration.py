@@ -1,4 +1,4 @@
-"""The values of calibration: how the hand's frame lies in the robot's, and what a sensor reads wrongly."""
+"""Values of calibration: nav in the robot's base, and a sensor's errors."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from pbd.data.world import Obstacle
 from pbd.pose import Array, Pose
 
 TOOL_DOWN = Pose(np.zeros(3), np.array([0.0, 1.0, 0.0, 0.0]))
-"""T_sensor_tool where nobody says else: a half turn about x, so that a level sensor is a gripper that points down."""
+"""The default T_sensor_tool: a half turn about x, so that a level sensor is a gripper that points down."""
 
 
 DOCK_SIGMA_M, DOCK_SIGMA_RAD = 0.003, np.radians(1.0)
-"""How well a sensor lies where its dock is said to be, along each axis and in heading, where nobody says else."""
+"""Default sigma of a dock: position per axis (m), heading (rad)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ class Linear:
 
 @dataclass(frozen=True, eq=False)
 class SensorErrors:
-    """What one sensor reads wrongly, and what it reads at rest once that is taken out.
+    """The errors of one sensor, and what it reads at rest without them.
 
     Attributes:
         sensor: whose they are, as a recording names it.
@@ -60,7 +60,7 @@ class SensorErrors:
         gravity: m/s2, what the norm of specific force at rest is.
         field: uT, strength of the magnetic field where it was calibrated; None without a magnetometer.
         dip: rad, of the field below the horizon; None as above.
-        temperature_c: where somebody noted it.
+        temperature_c: if it was noted.
     """
 
     sensor: str
@@ -121,7 +121,7 @@ class Calibration:
 
     @property
     def cov_start(self) -> Array:
-        """(6, 6) m and rad, of the dock's or nav's pose in base; an assumption where nobody measured it."""
+        """(6, 6) m and rad, of the dock's or nav's pose in base; an assumption unless it was measured."""
         if self.cov_base is not None:
             return self.cov_base
         return np.diag(np.square([*[DOCK_SIGMA_M] * 3, 0.0, 0.0, DOCK_SIGMA_RAD]))

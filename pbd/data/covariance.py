@@ -1,4 +1,4 @@
-"""How sure the poses of all keyframes are together."""
+"""Joint covariance of the poses of all keyframes."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ import numpy as np
 
 from pbd.pose import Array
 
-AT_ONCE = 32
-"""Keyframes whose blocks are solved for together."""
+KEYFRAMES_AT_ONCE = 32
+"""Number of keyframes per batch."""
 
 
 @dataclass(frozen=True, eq=False)
 class PoseCovariance:
     """Covariance (6n, 6n) of n poses: position (m), then rotation vector (rad), in nav.
 
-    Any block is solved for when somebody asks.
+    A block is solved for when it is read.
 
     Attributes:
         count: n.
@@ -46,8 +46,8 @@ class PoseCovariance:
     def of_each(self) -> Array:
         """Covariance (n, 6, 6) of each pose alone."""
         blocks = np.empty((self.count, 6, 6))
-        for start in range(0, self.count, AT_ONCE):
-            part = range(start, min(start + AT_ONCE, self.count))
+        for start in range(0, self.count, KEYFRAMES_AT_ONCE):
+            part = range(start, min(start + KEYFRAMES_AT_ONCE, self.count))
             joint = self.joint(part).reshape(len(part), 6, len(part), 6)
             blocks[start : part.stop] = joint[np.arange(len(part)), :, np.arange(len(part))]
         return blocks
@@ -56,8 +56,8 @@ class PoseCovariance:
     def of_moves(self) -> Array:
         """Covariance (n - 1, 3, 3) of the way, m, from each pose to the next."""
         blocks = np.empty((max(self.count - 1, 0), 3, 3))
-        for start in range(0, self.count - 1, AT_ONCE):
-            stop = min(start + AT_ONCE + 1, self.count)
+        for start in range(0, self.count - 1, KEYFRAMES_AT_ONCE):
+            stop = min(start + KEYFRAMES_AT_ONCE + 1, self.count)
             joint = self.joint(range(start, stop)).reshape(stop - start, 6, stop - start, 6)[:, :3, :, :3]
             way = np.diff(np.diff(joint, axis=0), axis=2)
             blocks[start : stop - 1] = np.diagonal(way, axis1=0, axis2=2).transpose(2, 0, 1)

@@ -1,4 +1,4 @@
-"""Frozen for real: freezing a dataclass does not freeze its arrays."""
+"""Read-only arrays in frozen dataclasses: freezing a dataclass does not freeze its arrays."""
 
 from __future__ import annotations
 

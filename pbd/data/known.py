@@ -1,4 +1,4 @@
-"""What a person may know of the stops, and how well the data agreed with it."""
+"""A person's knowledge of the stops, and how well the data fit it."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def _refuse_sigma(sigma_m: float | None) -> None:
 
 @dataclass(frozen=True)
 class Known:
-    """What a person knows of a demonstration's stops; `closed`: the last one is where the first one was."""
+    """A person's knowledge of a demonstration's stops. `closed`: the last stop is where the first one was."""
 
     closed: bool = False
     places: tuple[Place, ...] = ()
@@ -79,7 +79,7 @@ class ClaimFit:
         saying: what was claimed, in words.
         t: s, the middle of the stop.
         stop: its index.
-        off_m: m, by how much the data differed.
+        off_m: m, misfit of the data.
         sigmas: the same in sigmas (over three axes a typical value is 1.5, over one 0.7).
     """
 

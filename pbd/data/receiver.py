@@ -1,4 +1,4 @@
-"""What a receiver makes of a trajectory's points: how it fills the gaps between them, and what that does to the limits.
+"""Interpolation by a receiver between a trajectory's points, and how far that exceeds the limits.
 
 The rules are those of ROS 2's joint_trajectory_controller, which others share: cubics where points carry velocities,
 quintics where they carry accelerations too.
@@ -19,7 +19,7 @@ Rule = Literal["cubic", "quintic"]
 LIMITS = "velocity", "acceleration", "jerk"
 
 _STEPS = 64
-"""Instants in each gap at which a limit is checked, besides its start: the jerk's peak is found to 0.02 %."""
+"""Instants per gap at which the limits are checked, besides its start. The jerk's peak is found to 0.02 %."""
 
 _ROUNDING = 2.0, 8.0, 64.0
 """How far off a quintic's velocity, acceleration and jerk may be, in a position's rounding over a power of the gap: its

@@ -1,4 +1,4 @@
-"""What a recording shows of its sensor's own errors."""
+"""The sensor's own errors, as estimated from a recording."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 
 from pbd.pose import Array, readonly
 
-LEARNED = 0.25
-"""Where less than this share of the prior's variance was learned, other errors tell as much as this one."""
+LEARNED_SHARE = 0.25
+"""Share of the prior's variance that must be learned. With less, the error can't be told from others."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,8 +32,8 @@ class Found:
         An estimate that knows nothing stays where it was; one that knows all varies as the prior says.
         """
         learned = 1.0 - (self.sigma / self.prior) ** 2
-        chance = self.prior * np.sqrt(np.maximum(learned, LEARNED))
-        return np.where(learned > LEARNED, (self.value - self.expected) / chance, 0.0)
+        chance = self.prior * np.sqrt(np.maximum(learned, LEARNED_SHARE))
+        return np.where(learned > LEARNED_SHARE, (self.value - self.expected) / chance, 0.0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""How sure a pose is, as far as that was measured."""
+"""Sigma of poses, where it is known."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from pbd.pose import Array
 
 
 def one_sigma(cov: Array) -> Array:
-    """One sigma (6,) m and rad of a pose's covariance (6, 6); NaN where it has no variance: nobody measured that."""
+    """One sigma (6,) m and rad of a pose's covariance (6, 6); NaN where it has no variance, as it was not measured."""
     variance = np.diagonal(cov)
     return np.sqrt(np.where(variance > 0.0, variance, np.nan))
 
 
 def keyframe_sigmas(covs: Sequence[Array]) -> Array:
-    """One sigma (k, 6) m and rad at keyframes, NaN where nobody measured it.
+    """One sigma (k, 6) m and rad at keyframes, NaN where it is unknown.
 
     The position of the first is no measurement: nav's origin is there.
     """

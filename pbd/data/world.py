@@ -1,4 +1,4 @@
-"""What stands around the arm, and where the grasped object is while the arm moves."""
+"""Obstacles around the arm, and the grasped object's motion."""
 
 from __future__ import annotations
 
@@ -12,10 +12,38 @@ from pbd.pose import Array, Pose, quat_about_z, quat_rotate
 
 @dataclass(frozen=True)
 class GraspedObject:
-    """What the hand grips: a box (x, y, z), cylinder (diameter, height) or sphere (diameter); sizes in metres."""
+    """What the hand grips: a box (x, y, z), cylinder (diameter, height) or sphere (diameter); sizes in metres.
+
+    `mass` in kg, evenly spread; None where nobody said.
+    """
 
     shape: str
     size: tuple[float, ...]
+    mass: float | None = None
+
+
+@dataclass(frozen=True)
+class Load:
+    """What weighs on the arm besides its own links.
+
+    Attributes:
+        mass: kg, of what the tool carries all the time.
+        p_tool: m, where that has its centre of mass, in tool axes.
+        grasped: what it also carries while the gripper holds it.
+        table: m, z of the table's top in base, or None.
+    """
+
+    mass: float = 0.0
+    p_tool: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    grasped: GraspedObject | None = None
+    table: float | None = None
+
+    def __str__(self) -> str:
+        """Say what it is, for people; nothing where it has no mass."""
+        thing, named = self.grasped, [f"{self.mass:g} kg"] if self.mass else []
+        if thing is not None and thing.mass:
+            named.append(f"a {thing.shape} of {thing.mass:g} kg")
+        return " and ".join(named)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +107,7 @@ def stays(
 ) -> tuple[Stay, ...]:
     """Follow an object: it stands upright where it is first gripped, goes with the tool, and stays where it is let go.
 
-    A gripper that closes elsewhere leaves it where it is; one that never closes tells nothing of it.
+    A gripper that closes elsewhere leaves it where it is. One that never closes does not say where it is.
 
     Args:
         thing: what is grasped.

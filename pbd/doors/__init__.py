@@ -1,1 +1,1 @@
-"""How bytes that others wrote come in: from regular files only, bounded, and every failure is an error of ours."""
+"""Readers of files that others wrote: regular files only, bounded, with every failure as a PbdError."""

@@ -1,4 +1,4 @@
-"""Files and folders appear whole or not at all. What the system refuses becomes an error with the next step."""
+"""Atomic writing: files and folders appear whole or not at all. Errors of the system name the next step."""
 
 from __future__ import annotations
 

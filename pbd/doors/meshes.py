@@ -1,4 +1,4 @@
-"""Mesh files as coloured triangles, read by trimesh and pycollada, and what is worked out from them once.
+"""Mesh files as coloured triangles, read by trimesh and pycollada, with a cache of what is computed from them.
 
 Nothing but the file itself is opened: no texture, no material library, no address. DAE files, the only ones whose
 colours are used, go to pycollada directly: a small one can describe a scene without end, which is bounded here.
@@ -64,7 +64,7 @@ def mesh_places(address: str, urdf: Path, package_dirs: Sequence[Path]) -> list[
 
 
 def mesh_file(address: str, urdf: Path, package_dirs: Sequence[Path]) -> Path:
-    """Return the first of the places where there is something; else the first, for whoever opens it to say so."""
+    """Return the first place that exists, else the first one, so that opening it raises the error."""
     places = mesh_places(address, urdf, package_dirs) or [Path(address)]
     return next((place for place in places if is_file(place)), places[0])
 

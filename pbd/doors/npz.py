@@ -1,4 +1,4 @@
-"""Reading named numpy arrays: the wanted ones alone, none of Python objects, none larger than is bounded."""
+"""Reading named numpy arrays: only the wanted ones, no Python objects, within a bound."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def read_arrays(
         if sum(sizes[name] for name in there) > LARGE:
             raise ValueError(f"its arrays take more than the {LARGE / 1e6:.0f} MB that are read")
         with warnings.catch_warnings(), np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-            warnings.simplefilter("ignore")  # numpy mends what Python 2 wrote, and says so
+            warnings.simplefilter("ignore")  # numpy warns when it repairs files of Python 2
             read = {name: arrays[name] for name in there}
     except Exception as reason:  # damaged bytes make zip, zlib, tokenize and numpy raise errors of their own
         what = f"{path}: can't be read as an npz ({in_words(reason)}); {next_step}"

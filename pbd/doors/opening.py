@@ -1,4 +1,4 @@
-"""Reading a whole file: never one that blocks, never more than is bounded."""
+"""Reading a whole file that is regular and within a bound."""
 
 from __future__ import annotations
 

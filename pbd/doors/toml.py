@@ -1,6 +1,6 @@
-"""Strict reading of TOML: what is missing, unknown or of the wrong kind is an error with file, line and key.
+"""Strict reading of TOML: a missing or unknown key, or a value of the wrong kind, is an error with file, line and key.
 
-A reader asks a `Section` for each key that it knows. `done` then refuses every key that nobody asked for, so a misspelt
+A reader asks a `Section` for each key that it knows. `done` then refuses every key that was not read, so a misspelt
 key is never ignored.
 """
 
@@ -190,7 +190,7 @@ class Section:
         return choices[word]
 
     def done(self) -> None:
-        """Refuse what nobody asked for, here and in the tables below."""
+        """Refuse keys that were not read, here and in the tables below."""
         for key in self._unasked():
             self.fail(key, f"is unknown; the keys here are {', '.join(self._asked)}", "remove or rename it")
         for inner in self._sections:

@@ -1,7 +1,7 @@
-"""A URDF's XML as this project understands it: bounded, every number in it sound, no more than is used.
+"""A URDF's XML as this project uses it: bounded, with checked numbers, and nothing else.
 
-Libraries see what was checked here, not the file: urdfdom prints what it dislikes past us, and a mesh whose scale is no
-number crashes what measures distances. Format: https://wiki.ros.org/urdf/XML.
+Libraries get this checked XML, not the file: urdfdom prints its complaints to stderr, and a mesh whose scale is not a
+number crashes the distance computation. Format: https://wiki.ros.org/urdf/XML.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class _Rule:
     needed: bool = False
 
     def fault(self, text: str) -> str | None:
-        """Say what is wrong with a text that is to be so many sound numbers."""
+        """Say what is wrong with a text that must hold this many finite numbers."""
         try:
             values = finite_list(text, self.count)
         except ValueError:

@@ -112,7 +112,7 @@ def covariance_values(cov: Array | None) -> dict[str, tuple[Value | None, str]]:
 
 
 def existing_calibration(path: Path) -> Calibration | None:
-    """Read what the calibration says so far (a new one begins as the bundled one of its name), or None."""
+    """Read the calibration as it is (a new one starts as the bundled one of its name), or None."""
     source = _source(path)
     return None if source is None else read_calibration(source)
 
@@ -123,7 +123,7 @@ def _source(path: Path) -> Path | None:
 
 def _opened(path: Path, instead: Mapping[str, str], robots: Sequence[str]) -> tomlkit.TOMLDocument:
     if source := _source(path):
-        read_calibration(source)  # whatever is wrong with it is told by line
+        read_calibration(source)  # reports errors with their line
         text = read_text(source, CalibrationError, "give the path of a TOML file")
         for old, new in instead.items():
             text = re.sub(rf"(?m)^(\s*\[\s*){old}(\s*\])", rf"\g<1>{new}\g<2>", text)

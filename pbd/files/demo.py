@@ -1,4 +1,4 @@
-"""A demonstration's folder: demo.toml, imu.csv and, where they are there, truth.csv and keyframes.toml."""
+"""A demonstration's folder: demo.toml, imu.csv and, optionally, truth.csv and keyframes.toml."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from pbd.doors.atomic import atomic_folder, is_file, is_folder, may_write, refus
 from pbd.doors.toml import Section, read_toml
 from pbd.errors import RecordingError
 from pbd.files import keyframes
-from pbd.files.columns import CHANNELS, compass_angles, device_rpy
+from pbd.files.imu_columns import CHANNELS, compass_angles, device_rpy
 from pbd.files.library import find
 from pbd.files.table import Table, read_table, write_table
 from pbd.pose import Array
 
 FORMAT = 1
 SHAPES = {"box": 3, "cylinder": 2, "sphere": 1}
-"""Shapes of an object and how many sizes each takes."""
+"""Shapes of an object, and the number of sizes each has."""
 
 RATES_HZ = (1e-6, 1e6)
-"""Slowest and fastest rate of a recording: a sample in eleven days; faster than any sensor."""
+"""Lowest and highest rate of a recording: a sample in eleven days; faster than any sensor."""
 
 TRUTH = ("t", "px", "py", "pz", "qw", "qx", "qy", "qz")
 
@@ -83,7 +83,9 @@ def read_demo(folder: Path) -> Demonstration:
         "closed": top.flag("closed", False),
         "places": tuple(map(_read_place, top.tables("place"))),
         "contacts": tuple(map(_read_contact, top.tables("contact"))),
-        "grasped": None if thing is None else GraspedObject(*read_shape(thing)),
+        "grasped": None
+        if thing is None
+        else GraspedObject(*read_shape(thing), thing.number("mass_kg", None, positive=True)),
     }
     top.done()
     truth, edited = folder / "truth.csv", folder / keyframes.NAME
@@ -180,7 +182,8 @@ def demo_toml(demo: Demonstration, name: str) -> str:
             notes=demo.notes if demo.notes.strip() else None,
             bundled=demo.bundled,
             closed=demo.closed,
-            object=demo.grasped and {"shape": demo.grasped.shape, "size": list(demo.grasped.size)},
+            object=demo.grasped
+            and _without_none(shape=demo.grasped.shape, size=demo.grasped.size, mass_kg=demo.grasped.mass),
             grip=[{"t_s": round(event.t, 4), "closed": event.closed} for event in recording.grip],
             place=[_without_none(t_s=p.t, position_m=p.p_base_tool, sigma_m=p.sigma_m) for p in demo.places],
             contact=[

@@ -1,4 +1,4 @@
-"""An arm's present joints, as a program that reads them from the arm hands them on.
+"""An arm's present joints, from a file that another program wrote.
 
 A list is in the joints' order. An object names joints, and so does a /joint_states message, as JSON or as
 `ros2 topic echo` prints it: joints that are not the arm's, fingers say, are left out.
@@ -17,7 +17,7 @@ from pbd.doors.opening import read_text
 from pbd.errors import PbdError, listed, printable
 
 NAME, POSITION = "name", "position"
-"""The parts of a sensor_msgs/JointState that count; its positions are in rad and m, whatever units are asked for."""
+"""The fields of a sensor_msgs/JointState that are read. Its positions are always in rad and m."""
 
 LARGEST_POSITION = 1e6
 """Largest joint position, in any unit: beyond every turn of an endless joint."""

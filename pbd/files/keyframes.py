@@ -1,4 +1,4 @@
-"""keyframes.toml in a demonstration's folder: keyframes as a person left them, which win over those that are found."""
+"""keyframes.toml in a demonstration's folder: edited keyframes, which replace the tracked ones."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ ORIGIN_M = 1e-3
 """Largest coordinate of the first keyframe, m: it is the origin of nav."""
 
 LARGEST_DEG = 360.0
-"""Largest angle: one beyond it is a slip of the pen."""
+"""Largest angle, degrees. A larger one is a typing error."""
 
 LARGEST_M = 5.0
-"""Farthest keyframe from the dock, m: twice the reach of a large arm. One beyond it was likely meant in centimetres."""
+"""Farthest keyframe from the dock, m: twice the reach of a large arm. A farther one was likely meant in centimetres."""
 
 LONG_DWELL_S = 60.0
-"""Longest dwell without a warning: somebody may have meant milliseconds."""
+"""Longest dwell, s, without a warning: milliseconds may have been meant."""
 
 HEAD = """\
 # The keyframes of '{name}': where the hand stopped. While this file is here, it replaces what tracking finds.
@@ -92,7 +92,7 @@ def write_keyframes(
     """Write keyframes.toml (of `keyframes_toml`) into a demonstration's folder, and return its path.
 
     Raises:
-        RecordingError: it is there already (unless `force`): somebody may have worked on it. Or a keyframe is too far
+        RecordingError: the file exists (and `force` is not set): a person may have edited it. Or a keyframe is too far
             away to be read again.
     """
     for index, keyframe in enumerate(keyframes):

@@ -1,4 +1,4 @@
-"""Where named things are: the user's own folder first, then what comes with pbd."""
+"""Look up robots, calibrations and demonstrations by name: the user's own folder first, then the bundled ones."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from pbd.pose import Array
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 FARTHEST_M = 10.0
-"""Farthest that an arm touches a point, m from its base."""
+"""Farthest point that an arm touches, m from its base."""
 
 
 @dataclass(frozen=True, eq=False)

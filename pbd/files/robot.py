@@ -35,10 +35,12 @@ def load_robot(name: str) -> Robot:
     return read_robot(find("robots", name, ".toml", RobotError))
 
 
-def read_robot(path: Path) -> Robot:
+def read_robot(path: Path, *, draft: bool = False) -> Robot:
     """Read a robot's description.
 
     Relative `urdf` and `srdf` paths are looked up beside the TOML file, then among example-robot-data's robots.
+    Of a `draft`, home and dock may be missing or wrong: home is the middle of the limits, and of the dock only the
+    table's height is read.
 
     Raises:
         RobotError: a key is missing, unknown or of the wrong kind; a file, a mesh or a name in it isn't there; a limit
@@ -58,10 +60,13 @@ def read_robot(path: Path) -> Robot:
     T_body_tool, license_ = read_pose(model.section("T_body_tool"), "xyz"), model.text("license", "")
     chain = _movable(urdf, base, body)
 
-    fingers, arm, dock = top.section("gripper", None), top.section("arm"), top.section("dock", None)
+    fingers, dock = top.section("gripper", None), top.section("dock", None)
+    arm = top.section("arm", None) if draft else top.section("arm")
     gripper = None if fingers is None else _gripper(fingers, urdf)
-    joints = _arm_joints(arm, [joint for joint in chain if gripper is None or joint.name not in gripper.joints])
+    joints = [joint for joint in chain if gripper is None or joint.name not in gripper.joints]
+    joints = joints if arm is None else _arm_joints(arm, joints)
     limits = _limits(top.section("limits"), urdf, joints)
+    poses = {} if srdf is None else read_poses(srdf)
     robot = Robot(
         name=name,
         description=description,
@@ -72,14 +77,15 @@ def read_robot(path: Path) -> Robot:
         body=body,
         T_body_tool=T_body_tool,
         joints=tuple(joint.name for joint in joints),
-        home=_home(arm, joints, {} if srdf is None else read_poses(srdf)),
+        home=_middle(limits) if arm is None or draft else _home(arm, joints, poses),
         gripper=gripper,
         limits=limits,
-        dock=None if dock is None else _dock(dock, name),
+        dock=None if dock is None else _table(dock, name) if draft else _dock(dock, name),
         notes=notes,
         license=license_,
     )
-    top.done()
+    if not draft:
+        top.done()
     return robot
 
 
@@ -173,7 +179,9 @@ def _limits(section: Section, urdf: Urdf, joints: Sequence[UrdfJoint]) -> JointL
     values: dict[str, tuple[float, ...]] = {}
     sources = {"position": "the URDF"}
     general = section.text("source", "")
-    for key in ("velocity", "acceleration", "jerk"):
+    for key in ("velocity", "acceleration", "jerk", "effort"):
+        if key == "effort" and key not in section:
+            continue  # not the URDF's, which is often a placeholder
         if key == "velocity" and key not in section:
             if bad := [joint.name for joint in joints if not 0.0 < joint.velocity < np.inf]:
                 section.fail(key, f"is missing and the URDF sets no limit above zero for {listed(bad)}", "add it")
@@ -220,6 +228,16 @@ def _dock(section: Section, robot: str) -> Calibration:
         scale=section.number("scale", 1.0, positive=True),
         robots=(robot,),
     )
+
+
+def _table(section: Section, robot: str) -> Calibration:
+    return Calibration(name=f"{robot}'s table", table_height=section.number("table_height", None))
+
+
+def _middle(limits: JointLimits) -> Array:
+    """Halfway between the limits; 0 of an endless joint."""
+    endless = np.isinf(limits.upper - limits.lower)
+    return np.where(endless, 0.0, 0.5 * (np.where(endless, 0.0, limits.lower) + np.where(endless, 0.0, limits.upper)))
 
 
 def _check_range(section: Section, key: str, joints: Sequence[UrdfJoint], positions: Sequence[float]) -> None:

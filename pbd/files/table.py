@@ -1,4 +1,4 @@
-"""Tables of numbers in text: a header line, then rows. What is wrong is named by line and column."""
+"""Tables of numbers in text: a header line, then rows. Errors name line and column."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from pbd.errors import PbdError, RecordingError, listed, printable
 from pbd.pose import Array
 
 FOREIGN_ENCODINGS = ("utf-8-sig", "gb18030", "cp1252")
-"""How programs of others write text: as all do, as a Chinese Windows does, as a western one does."""
+"""Encodings of other programs' text files: UTF-8, Chinese Windows, western Windows."""
 
 HEADER_CELLS = 4
-"""A foreign table may begin with remarks; its header is the first line with so many cells (t, ax, ay, az)."""
+"""Least number of cells in the header line (t, ax, ay, az). Remarks may precede it."""
 
 LONGEST_PREAMBLE = 100
 """Most lines above the header."""

@@ -1,4 +1,4 @@
-"""What a robot's TOML needs of its URDF and SRDF: names, the chain of joints, limits, poses.
+"""Names, joint chain, limits and named poses from a URDF and SRDF, for a robot's TOML.
 
 Plain XML reading, so that a `Robot` can be loaded where no robot library is installed. Kinematics are pinocchio's
 business (pbd/arm/model.py). Formats: https://wiki.ros.org/urdf/XML, https://wiki.ros.org/srdf.

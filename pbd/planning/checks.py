@@ -16,6 +16,7 @@ from pbd.pose import Array, Pose
 if TYPE_CHECKING:
     from pbd.arm.collision.scene import CollisionScene
     from pbd.arm.model import ArmModel
+    from pbd.arm.motion_request import Segment
 
 UNSURE_M = 0.05
 """Standard deviation of a keyframe's position above which it is told."""
@@ -98,6 +99,22 @@ def warn_of_table(scene: CollisionScene) -> None:
         warnings.warn(
             f"always touches the table, so not checked against it: {', '.join(sunk)}; if that is wrong, correct "
             "table_height in the calibration",
+            PbdWarning,
+            stacklevel=4,
+        )
+
+
+def warn_of_wide_moves(arm: ArmModel, segments: Sequence[Segment]) -> None:
+    """Tell where the tool turns, or strays, much more than it has to."""
+    from pbd.arm.motion_request import STRAIGHT
+
+    wide = [(i, way.wide) for i, way in enumerate(segments) if way.wide is not None and way.kind == STRAIGHT]
+    if wide:
+        told = ", ".join(f"to keyframe {i} it will {sweep}" for i, sweep in wide[:3])
+        more = f", and {len(wide) - 3} more" if len(wide) > 3 else ""
+        warnings.warn(
+            f"the tool goes out of its way: {told}{more}; {arm.robot.name} found no line there, so look at it before it"
+            " runs; demonstrate with smaller turns, or place the dock elsewhere",
             PbdWarning,
             stacklevel=4,
         )

@@ -17,6 +17,17 @@ PATHS = ("keyframes", "line", "demo")
 TIMES = ("limits", "demo")
 """How fast: as the limits allow, or as the hand went where they do."""
 
+ORIENTATIONS = ("demo", "fixed")
+
+BOUNDS = {
+    "speed": (0.01, 1.0),
+    "margin": (0.0, 0.5),
+    "scale": (1e-3, 1e3),
+    "tolerance_m": (1e-6, 1e3),
+    "dwell_s": (0.0, np.inf),
+}
+"""Smallest and largest value of each option that is a number."""
+
 SHORTEST_DWELL_S, LONGEST_DWELL_S = 0.15, 0.5
 """A keyframe is a stop: the arm stays at least so long, and, unless it is to take the hand's time, at most so long."""
 
@@ -31,12 +42,16 @@ class PlanOptions:
         time: one of TIMES.
         scale: multiplies the hand's positions.
         orientation: "demo", or "fixed": the tool's z straight down throughout.
-        speed: above 0, at most 1: a factor on the velocity, acceleration and jerk limits.
+        speed: 0.01 to 1: a factor on the velocity, acceleration and jerk limits.
+        margin: 0 to 0.5: the share of those limits that is left for the controller.
         dwell_s: the longest stay at a keyframe; None: LONGEST_DWELL_S, or with time "demo" as long as the hand's.
         approach: start at home or `start`, rather than at keyframe 0.
         start: the arm's present joints, rad; None: home.
         retreat: go back home at the end.
+        detour: where all else touches something, go around it.
         allow_collision: where nothing is free plan all the same; the plan says what touches.
+        payload: kg that the tool carries all the time: a gripper that the model lacks, or what it always holds.
+        p_tool_payload: m, where that has its centre of mass, in tool axes.
     """
 
     path: str = "keyframes"
@@ -45,16 +60,26 @@ class PlanOptions:
     scale: float = 1.0
     orientation: str = "demo"
     speed: float = 1.0
+    margin: float = 0.05
     dwell_s: float | None = None
     approach: bool = True
     start: tuple[float, ...] | None = None
     retreat: bool = True
+    detour: bool = True
     allow_collision: bool = False
+    payload: float = 0.0
+    p_tool_payload: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        for value, known in ((self.path, PATHS), (self.time, TIMES)):
+        for value, known in ((self.path, PATHS), (self.time, TIMES), (self.orientation, ORIENTATIONS)):
             if value not in known:
                 raise PbdError(f"unknown value '{value}'; choose one of {', '.join(known)}", value=value)
+        for name, (least, most) in BOUNDS.items():
+            value = getattr(self, name)
+            if value is not None and not least <= value <= most:
+                raise PbdError(f"{name} must be from {least:g} to {most:g}, got {value:g}", value=value, bound=most)
+        if not (0.0 <= self.payload < np.inf and np.isfinite(self.p_tool_payload).all()):
+            raise PbdError(f"the payload is {self.payload} kg; give a number, zero or above", value=self.payload)
 
 
 def dwells(keyframes: Sequence[Keyframe], options: PlanOptions) -> list[float]:

@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 from pbd.calibration.frames import with_table
-from pbd.data import Calibration, GraspedObject, HandPath, JointTrajectory, Keyframe, Robot
+from pbd.data import Calibration, GraspedObject, HandPath, JointTrajectory, Keyframe, Load, Robot
 from pbd.errors import PbdError, PlanError
 from pbd.pipeline import track
 from pbd.planning.checks import (
@@ -19,9 +19,11 @@ from pbd.planning.checks import (
     start_joints,
     warn_of_shapes,
     warn_of_table,
+    warn_of_wide_moves,
 )
 from pbd.planning.options import PlanOptions, dwells
 from pbd.planning.steps import arm_of, hand_between, moves_of, place, request_of, retreat_of, scene_of
+from pbd.planning.torque import check_torque
 from pbd.planning.values import Plan, find_stretched, find_touching
 from pbd.pose import Array, Pose
 from pbd.tracking.keyframes import keyframes_of
@@ -139,8 +141,8 @@ def _works(task: _Task, options: PlanOptions) -> bool:
 
 def _attempt(task: _Task, options: PlanOptions) -> Plan | _Refused:
     from pbd.arm.ik.partial_pose import hold
-    from pbd.arm.timing.moves import time_moves
-    from pbd.audit.audit import audit
+    from pbd.arm.timing.moves import Timed, time_moves
+    from pbd.audit.audit import audit, torque_of
 
     keyframes, calibration, robot, hand_path, grasped = task
     if options.path == "demo" and hand_path is None:
@@ -163,18 +165,35 @@ def _attempt(task: _Task, options: PlanOptions) -> Plan | _Refused:
         chosen = _choose(arm, None, request, keyframes, options)
     if isinstance(chosen, _Refused):
         return chosen
+    warn_of_wide_moves(arm, chosen.segments)
     held = hold(arm, T_base_tool, chosen.q)
-    timed = time_moves(
-        arm,
-        q_start if options.approach else chosen.q[0],
-        moves_of(chosen, keyframes, hand, options),
-        dwells(keyframes, options),
-        [keyframe.grip for keyframe in keyframes],
-        retreat=retreat_of(chosen),
-        speed=options.speed,
+
+    def timed_at(speed: float) -> Timed:
+        return time_moves(
+            arm,
+            q_start if options.approach else chosen.q[0],
+            moves_of(chosen, keyframes, hand, options),
+            dwells(keyframes, options),
+            [keyframe.grip for keyframe in keyframes],
+            retreat=retreat_of(chosen),
+            speed=speed * (1.0 - options.margin),
+        )
+
+    timed, load = (
+        timed_at(options.speed),
+        Load(options.payload, options.p_tool_payload, grasped, calibration.table_height),
     )
+
+    def share_at(speed: float) -> float:
+        trajectory, pace = (timed_at(speed).trajectory, 1.0) if speed else (timed.trajectory, 0.0)
+        torque = torque_of(trajectory, robot.limits, robot, load, pace)
+        return torque.share if torque else 0.0
+
     world = None if options.allow_collision else (calibration, grasped)
-    report = audit(timed.trajectory, robot.limits, robot, held.T_base_tool, world)
+    report = audit(timed.trajectory, robot.limits, robot, held.T_base_tool, world, load)
+    if (heavy := check_torque(report.torque, robot.limits, load, options.speed, share_at)) is not None:
+        slower = () if heavy.speed is None else ((f"use --speed {heavy.speed:g}", replace(options, speed=heavy.speed)),)
+        return _Refused(heavy.error, slower)
     return Plan(
         keyframes,
         calibration,
@@ -186,6 +205,7 @@ def _attempt(task: _Task, options: PlanOptions) -> Plan | _Refused:
         report,
         find_stretched(timed, keyframes) if options.time == "demo" else (),
         find_touching(scene, timed.trajectory) if options.allow_collision else None,
+        chosen.back,
     )
 
 

@@ -6,7 +6,8 @@ from collections.abc import Callable, Sequence
 from functools import cache, lru_cache
 from typing import TYPE_CHECKING
 
-from pbd.calibration.frames import nav_in_base, tool_poses
+from pbd.calibration.dock import nav_in_base
+from pbd.calibration.frames import tool_poses
 from pbd.data import Calibration, GraspedObject, HandPath, Keyframe, Robot
 from pbd.errors import CalibrationError
 from pbd.planning.options import PlanOptions, demonstrated
@@ -36,6 +37,7 @@ def request_of(
         {"keyframes": STRAIGHT, "line": LINE, "demo": DEMO}[options.path],
         hand and (lambda: [move.T_base_tool for move in hand()]),
         options.tolerance_m,
+        options.detour,
     )
 
 
@@ -61,14 +63,15 @@ def hand_between(
 
 def moves_of(chosen: Motion, keyframes: Sequence[Keyframe], hand: Hand | None, options: PlanOptions) -> list[Move]:
     """Say how each segment is to be timed."""
-    from pbd.arm.motion_request import DEMO, STRAIGHT
+    from pbd.arm.motion_request import DEMO
     from pbd.arm.timing.moves import APPROACH_SPEED, Move
 
-    moves = [Move(chosen.segments[0].q, share=APPROACH_SPEED)]
+    first = chosen.segments[0]
+    moves = [Move(first.q, first.curved, share=APPROACH_SPEED)]
     for i, (segment, demonstrated_s) in enumerate(zip(chosen.segments[1:], demonstrated(keyframes), strict=True)):
         least_s = demonstrated_s if options.time == "demo" else 0.0
         t = hand()[i].t if options.time == "demo" and segment.kind == DEMO and hand else None
-        moves.append(Move(segment.q, curved=segment.kind != STRAIGHT, t=t, least_s=least_s))
+        moves.append(Move(segment.q, curved=segment.curved, t=t, least_s=least_s))
     return moves
 
 
@@ -76,7 +79,7 @@ def retreat_of(chosen: Motion) -> Move | None:
     """Say how the way back home is to be timed."""
     from pbd.arm.timing.moves import APPROACH_SPEED, Move
 
-    return None if chosen.back is None else Move(chosen.back, share=APPROACH_SPEED)
+    return None if chosen.back is None else Move(chosen.back.q, chosen.back.curved, share=APPROACH_SPEED)
 
 
 def place(

@@ -58,6 +58,7 @@ class Plan:
         report: the audit's.
         stretched: with time "demo", moves that take longer than the hand's.
         touching: what touches, where that was allowed.
+        back: how it goes back after the last.
     """
 
     keyframes: tuple[Keyframe, ...]
@@ -70,6 +71,7 @@ class Plan:
     report: AuditReport
     stretched: tuple[Stretch, ...] = ()
     touching: Touching | None = None
+    back: Segment | None = None
 
     def __repr__(self) -> str:
         touches = "" if self.touching is None else "touches something"

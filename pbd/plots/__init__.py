@@ -1,1 +1,1 @@
-"""Plots: what they show (values, findings, compare) and how it is drawn (the others, with matplotlib)."""
+"""Plots: their values (values, findings, compare) and the drawing (the others, with matplotlib)."""

@@ -1,4 +1,4 @@
-"""A picture of a calibration: where the tool stands in base, how sure that is, and what it comes from."""
+"""Plot of a calibration: where the tool stands in base, its sigma, and where that comes from."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Several demonstrations of one task: aligned, their keyframes matched, and how far these spread."""
+"""Compare several demonstrations of one task: align them, match their keyframes, compute the spread."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ from pbd.tracking.smoother.attitude import mean_quaternion
 from pbd.view.tables import make_table
 from pbd.view.units import Units
 
-TURN_M = 0.1
-"""m per rad: in matching keyframes a turn counts as what it moves at the tool's tip, some 0.1 m from the sensor."""
+TURN_LEVER_M = 0.1
+"""m: distance of the tool's tip from the sensor, by which a turn counts as a shift in matching keyframes."""
 
 Tracked = tuple[str, HandPath, Sequence[Keyframe]]
 """A demonstration's name, its path and its keyframes."""
@@ -129,14 +129,14 @@ def match_in_order(reference: Sequence[Pose], other: Sequence[Pose]) -> tuple[in
     """For each keyframe of the reference its partner's index in the other demonstration, or None.
 
     Each keyframe of the one with fewer gets a partner, in order, such that the sum of squared distances is least
-    (TURN_M says what a turn counts). With equal numbers that is the order itself. Dynamic programming, k x m steps.
+    (TURN_LEVER_M says what a turn counts). Equal numbers are matched in order. Dynamic programming, k x m steps.
     """
     if len(other) > len(reference):
         back = match_in_order(other, reference)
         return tuple(back.index(i) for i in range(len(reference)))
     k, m = len(reference), len(other)
     distances = np.array([[a.distance(b) for b in other] for a in reference]).reshape(k, m, 2)
-    square = ((distances * (1.0, TURN_M)) ** 2).sum(axis=2)
+    square = ((distances * (1.0, TURN_LEVER_M)) ** 2).sum(axis=2)
     cost = np.full((k + 1, m + 1), np.inf)  # of the first i and j, all of the j having a partner
     cost[:, 0] = 0.0
     for i in range(k):

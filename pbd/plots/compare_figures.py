@@ -1,4 +1,4 @@
-"""Several demonstrations of one task over each other, and how far they spread at each keyframe."""
+"""Figures of several demonstrations of one task, and their spread at each keyframe."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from pbd.plots.space import YX, YZ, ellipse, number, number_3d, perspective, vie
 from pbd.plots.style import AXES_RGB, GREY, INK, RUNS_RGB, legend, length_unit, plain, sheet, style
 
 DASHES = ("-", "--", ":", "-.")
-"""After the last colour the first one comes again, dashed."""
-NAMED, NAME_LENGTH = 16, 18
-"""Demonstrations that a legend names, and letters of a name."""
+"""Line styles: when all colours are used, they are repeated dashed."""
+MOST_NAMED, LONGEST_NAME = 16, 18
+"""Most demonstrations in a legend; most characters of a name."""
 
 
 def draw_comparison(name: str, plot: ComparePlot) -> Figure:
@@ -89,7 +89,7 @@ def positions(plot: ComparePlot) -> Figure:
 
 
 def spread(plot: ComparePlot) -> Figure:
-    """How far the keyframes spread, beside what the trackers' sigmas make expect."""
+    """Spread of the keyframes, and that expected by the trackers' sigmas."""
     figure = sheet("Spread at each keyframe, between the demonstrations", 10.0, 5.4)
     upper, lower = figure.subplots(2, sharex=True, height_ratios=(3, 2))
     upper.set_title(_subtitle(plot))
@@ -136,10 +136,10 @@ def _dots(run: int) -> dict[str, Any]:
 def _runs(plot: ComparePlot) -> list[Artist]:
     """The demonstrations, for a legend."""
     named: list[Artist] = [
-        Line2D([], [], **_line(k), label=plain(run.name, NAME_LENGTH)) for k, run in enumerate(plot.runs[:NAMED])
+        Line2D([], [], **_line(k), label=plain(run.name, LONGEST_NAME)) for k, run in enumerate(plot.runs[:MOST_NAMED])
     ]
-    if len(plot.runs) > NAMED:
-        named.append(Line2D([], [], linestyle="", label=f"and {len(plot.runs) - NAMED} more"))
+    if len(plot.runs) > MOST_NAMED:
+        named.append(Line2D([], [], linestyle="", label=f"and {len(plot.runs) - MOST_NAMED} more"))
     return named
 
 

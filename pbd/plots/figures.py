@@ -36,14 +36,14 @@ from pbd.plots.values import DemoPlot
 
 Panel = Callable[[Axes, DemoPlot], None]
 
-WIDTH = 10.0
-"""Of a figure over time, inches."""
+TIME_WIDTH = 10.0
+"""Width of a figure over time, inches."""
 VIEW_SIZE = (8.4, 6.4)
-"""Of a picture of the path, inches."""
+"""Size of a picture of the path, inches."""
 A4 = (11.69, 8.27)
 """Landscape, inches."""
 FINDING_WIDTH, FINDING_LINES, LINES = 46, 5, 14
-"""Of a finding on the summary: letters in a line, and lines; and lines of all findings."""
+"""Summary: characters in a line and lines of one finding; lines of all findings."""
 
 
 def names(plot: DemoPlot) -> tuple[str, ...]:
@@ -62,7 +62,7 @@ def _over_time(title: str, *rows: tuple[float, Panel]) -> Callable[[DemoPlot], F
 
     def drawn(plot: DemoPlot) -> Figure:
         heights = [height for height, _ in rows]
-        figure = sheet(title, WIDTH, 1.3 + sum(heights))
+        figure = sheet(title, TIME_WIDTH, 1.3 + sum(heights))
         axes = figure.subplots(len(rows), sharex=True, squeeze=False, height_ratios=heights)[:, 0]
         axes[0].set_title(_subtitle(plot))
         for ax, (_, panel) in zip(axes, rows, strict=True):
@@ -108,7 +108,7 @@ def _view(title: str, axes: tuple[int, int]) -> Callable[[DemoPlot], Figure]:
 
 
 def _sampling(plot: DemoPlot) -> Figure:
-    figure = sheet("Sampling intervals, as recorded", WIDTH, 5.5)
+    figure = sheet("Sampling intervals, as recorded", TIME_WIDTH, 5.5)
     upper, lower = figure.subplots(2)
     upper.set(title=_subtitle(plot), xlabel="time (s)")
     panels.intervals(upper, plot)
@@ -119,7 +119,7 @@ def _sampling(plot: DemoPlot) -> Figure:
 
 
 def _summary(plot: DemoPlot) -> Figure:
-    """The path, what happened over time, and in words what should be looked at, on one sheet."""
+    """One sheet: the path, the motion over time, and the findings in words."""
     with matplotlib.rc_context({"font.size": 8.0, "lines.linewidth": 0.9}):
         figure = sheet(plain(plot.name, 60), *A4)
         upper, lower = cast(list[SubFigure], figure.subfigures(2, height_ratios=(3.1, 5.0)))

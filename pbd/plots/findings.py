@@ -1,4 +1,4 @@
-"""What a person should look at in a demonstration: in words, and when."""
+"""Findings: what a person should look at in a demonstration, in words and with its time."""
 
 from __future__ import annotations
 
@@ -10,33 +10,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.data import HandPath, Keyframe, Stop
-from pbd.data.hand import DOUBTED
+from pbd.data.tracking import DOUBTED_WEIGHT
 from pbd.pose import Array, quat_to_matrix
 
 FIRST_REST_S = 1.0
-"""A shorter first rest is remarked upon. Two seconds are asked for: all else is measured from it."""
+"""Shortest first rest, s, without a remark. Two seconds are asked for, as all else is measured from it."""
 
 SHORT_STOP_S = 0.3
-"""A hand that shows a place stays there longer. One that moves on steadily looks still for a moment too."""
+"""Shortest stop, s, of a hand that shows a place. A steadily moving hand looks still for a moment too."""
 
 UNSURE_MOVE_M = 0.01
-"""A move that adds more than this to sigma is remarked upon (`pbd record` says "pause now" from there on)."""
+"""Largest sigma, m, that a move adds without a remark. (`pbd record` says "pause now" above it.)"""
 
-DRIFT = 0.2
-"""Bias of a cheap accelerometer, m/s2 (20 mg). More residual velocity than that makes during a move is no drift."""
+DRIFT_ACC = 0.2
+"""Largest bias of a cheap accelerometer, m/s2 (20 mg). A larger residual velocity has another cause."""
 
 TREMBLE_S, TREMBLE_WITHIN_M, TREMBLE_WITHIN_RAD = 0.5, 0.015, 0.3
-"""A hand that stays within this of one pose, for at least this time, is held still."""
+"""A hand is held still if it stays this long within this distance and angle of one pose (s, m, rad)."""
 TREMBLE_RMS = 0.3
-"""It trembles if it accelerates by more than this, rms, m/s2. A move as short and as slow reaches 0.25 at most."""
+"""m/s2 rms: a hand held still that accelerates more trembles. A short and slow move reaches at most 0.25."""
 TREMBLE_MEAN = 0.25
-"""Trembling goes to and fro: the squared mean acceleration is less than this share of the mean square."""
+"""Largest ratio of the squared mean acceleration to the mean square in trembling, as it goes to and fro."""
 
 OFF_SIGMAS = 4.0
-"""A keyframe further than this from the truth is remarked upon: one of a thousand by chance."""
+"""Sigmas of a keyframe's error above which there is a remark: a chance of one in a thousand."""
 
-SAID_ONE_BY_ONE, SHOWN = 3, 10
-"""More findings of one kind share one remark, which highlights at most so many of them."""
+MOST_REMARKS, MOST_HIGHLIGHTED = 3, 10
+"""Most findings of one kind that each have a remark; most that are highlighted if they share one."""
 
 Span = tuple[float, float]
 """From when to when, s."""
@@ -51,7 +51,7 @@ class Finding:
 
 
 Weighed = tuple[float, Finding]
-"""How bad it is, and what."""
+"""Severity, and the finding."""
 
 
 def find(
@@ -67,7 +67,7 @@ def find(
         remarks: the warnings that were given on the way.
     """
     # A hand that goes on at a steady speed looks as still as one that stops.
-    doubted = [k for k, stop in enumerate(path.stops) if stop.weight < DOUBTED]
+    doubted = [k for k, stop in enumerate(path.stops) if stop.weight < DOUBTED_WEIGHT]
     return (
         *map(Finding, remarks),
         *_off(path, names, error),
@@ -94,7 +94,7 @@ def find(
 
 
 def stop_names(path: HandPath, keyframes: Sequence[Keyframe]) -> tuple[str, ...]:
-    """What plots call each stop: its keyframe's number, or its time where a person took that keyframe out."""
+    """Name of each stop in plots: its keyframe's number, or its time where that keyframe was removed."""
     t = np.array([keyframe.t for keyframe in keyframes])
     names = []
     for stop in path.stops:
@@ -119,8 +119,13 @@ def length(metres: float) -> str:
 def _few(found: Iterator[Weighed], together: str) -> list[Finding]:
     """The worst first; more than a few in one remark."""
     worst = [finding for _, finding in sorted(found, key=lambda each: -each[0])]
-    if len(worst) > SAID_ONE_BY_ONE:
-        return [Finding(f"{len(worst)} {together}", tuple(span for finding in worst[:SHOWN] for span in finding.spans))]
+    if len(worst) > MOST_REMARKS:
+        return [
+            Finding(
+                f"{len(worst)} {together}",
+                tuple(span for finding in worst[:MOST_HIGHLIGHTED] for span in finding.spans),
+            )
+        ]
     return worst
 
 
@@ -154,7 +159,7 @@ def _short_stops(path: HandPath, names: Sequence[str], doubted: Sequence[int]) -
 
 
 def _trembling(path: HandPath, names: Sequence[str], a_nav: Array) -> Iterator[Weighed]:
-    """Where the hand is held in one place, but no stop is seen."""
+    """Find places where the hand is held still, but no stop is found."""
     n = max(2, round(TREMBLE_S * (len(path.t) - 1) / float(path.t[-1] - path.t[0])))
     trembles = _trembles(path, a_nav, n)
     for k, (before, after) in enumerate(pairwise(path.stops)):
@@ -172,13 +177,13 @@ def _trembling(path: HandPath, names: Sequence[str], a_nav: Array) -> Iterator[W
 
 
 def _shows(path: HandPath, stop: Stop, span: Span) -> bool:
-    """Whether a stop shows the place where the hand trembles: it is long enough, and soon before or after."""
+    """Whether a stop shows the same place as the trembling: a long enough stop right before or after it."""
     begin, end = _during(path, stop)
     return stop.dwell_s >= SHORT_STOP_S and begin - SHORT_STOP_S < span[1] and span[0] < end + SHORT_STOP_S
 
 
 def _trembles(path: HandPath, a_nav: Array, n: int) -> NDArray[np.bool_]:
-    """For each sample, whether the hand trembles around one place during it and the n - 1 that follow."""
+    """For each sample, whether the hand trembles around one place during this and the next n - 1 samples."""
     from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
     if len(path.t) <= n:
@@ -197,19 +202,19 @@ def _trembles(path: HandPath, a_nav: Array, n: int) -> NDArray[np.bool_]:
 
 
 def _unsure_moves(path: HandPath, names: Sequence[str]) -> list[Finding]:
-    """Say which moves add much to what is not known."""
+    """Find moves that add much uncertainty."""
     added = _added(path)
     unsure = sorted(np.flatnonzero(added > UNSURE_MOVE_M).tolist(), key=lambda k: -added[k])
     moves = [(f"from {names[k]} to {names[k + 1]} ({_lasts(path, k):.1f} s)", length(float(added[k]))) for k in unsure]
     spans = [_move(path, k) for k in unsure]
     advice = "stop on the way, or move more calmly"
-    if len(moves) > SAID_ONE_BY_ONE:
+    if len(moves) > MOST_REMARKS:
         worst, sigma = moves[0]
         words = (
             f"{len(moves)} moves add an uncertainty of more than {length(UNSURE_MOVE_M)} each (one sigma), the worst, "
             f"{worst}, {sigma}: {advice}"
         )
-        return [Finding(words, tuple(spans[:SHOWN]))]
+        return [Finding(words, tuple(spans[:MOST_HIGHLIGHTED]))]
     return [
         Finding(f"the move {move} adds an uncertainty of {sigma} (one sigma): {advice}", (span,))
         for (move, sigma), span in zip(moves, spans, strict=True)
@@ -223,12 +228,12 @@ def _added(path: HandPath) -> Array:
 
 
 def _left_over(path: HandPath, names: Sequence[str], doubted: Sequence[int]) -> Iterator[Weighed]:
-    """Moves that end with more velocity than a sensor drifts by, unless they are remarked upon already."""
+    """Find moves that end with more velocity than drift explains, unless they have a remark already."""
     added = _added(path)
     for k, left_over in enumerate(np.linalg.norm(path.closure, axis=1).tolist()):
         lasts = _lasts(path, k)
         remarked = added[k] > UNSURE_MOVE_M or k in doubted or k + 1 in doubted
-        if left_over > DRIFT * lasts and not remarked:
+        if left_over > DRIFT_ACC * lasts and not remarked:
             words = (
                 f"a residual velocity of {length(left_over)}/s at {at_stop(names[k + 1])}, after a move of {lasts:.1f} "
                 f"s, is more than drift: hold still at {names[k]} and {names[k + 1]}, and turn more slowly in between"

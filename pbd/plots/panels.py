@@ -1,4 +1,4 @@
-"""One quantity over time each: drawn into axes that the figures and the summary lay out."""
+"""Panels: one quantity over time each, drawn into axes of the figures and the summary."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from pbd.tracking.paper import LAMBDA_V
 
 XYZ = ("x", "y", "z")
 SMALLEST_VARIANCE = 1e-7
-"""(m/s2)^2: no sensor's is less."""
-MANY = 5000
-"""More points than this become an image within a vector graphic, or are thinned out."""
+"""(m/s2)^2: smaller than any sensor's."""
+MOST_VECTOR_POINTS = 5000
+"""Most points that are drawn as vectors. More become an image, or are thinned out."""
 
 
 def _lines(ax: Axes, t: Array, values: Array, names: tuple[str, ...] = XYZ) -> None:
@@ -31,7 +31,7 @@ def _truth_lines(ax: Axes, t: Array, values: Array) -> None:
 
 
 def position(ax: Axes, plot: DemoPlot) -> None:
-    """Where the hand is, beside the truth."""
+    """Position of the hand, with the truth."""
     unit = _of_hand(ax, plot, plot.path.p_nav_sensor, None if plot.truth is None else plot.truth.p_nav_sensor)
     ax.set_ylabel(f"position ({unit})")
 
@@ -69,7 +69,7 @@ def closure(ax: Axes, plot: DemoPlot) -> None:
 
 
 def speed(ax: Axes, plot: DemoPlot) -> None:
-    """How fast the hand is."""
+    """Speed of the hand."""
     rows, path = plot.tracked, plot.path
     scale, unit = length_unit(path.v_nav_sensor[rows])
     if plot.truth is not None:
@@ -109,7 +109,7 @@ def attitude(ax: Axes, plot: DemoPlot) -> None:
 
 
 def specific_force(ax: Axes, plot: DemoPlot) -> None:
-    """What the accelerometer says, in sensor axes."""
+    """Specific force in sensor axes."""
     ax.axhline(plot.tracking.gravity, color=GREY, linewidth=0.8, linestyle="--", label="g, at rest")
     _lines(ax, plot.path.t, plot.tracking.recording.acc)
     ax.set_ylabel("specific force\nin sensor (m/s²)")
@@ -144,7 +144,9 @@ def sigma(ax: Axes, plot: DemoPlot, axis: int) -> None:
     """Sigma of position along one axis, and the error where the truth is known; all axes have one scale."""
     scale, unit, most = _sigma_unit(plot)
     begin, end = plot.tracked.start, plot.tracked.stop
-    rows = slice(begin, end, -(-(end - begin) // MANY))  # vector graphics keep every point of a filled area
+    rows = slice(
+        begin, end, -(-(end - begin) // MOST_VECTOR_POINTS)
+    )  # vector graphics keep every point of a filled area
     one = scale * plot.sigma[rows, axis]
     for factor, alpha in ((2.0, 0.12), (1.0, 0.22)):
         area = ax.fill_between(plot.path.t[rows], -factor * one, factor * one, label=f"± {factor:g} σ")
@@ -183,7 +185,7 @@ def overall_sigma(ax: Axes, plot: DemoPlot) -> None:
 
 
 def field_strength(ax: Axes, plot: DemoPlot) -> None:
-    """Strength of the magnetic field, and what the tracker takes for undisturbed."""
+    """Strength of the magnetic field, and the range that counts as undisturbed."""
     field = plot.field
     assert field is not None
     _field(ax, plot.path.t, field.strength, field.rest_strength, field.strength_bound, field.block_s)
@@ -191,7 +193,7 @@ def field_strength(ax: Axes, plot: DemoPlot) -> None:
 
 
 def field_dip(ax: Axes, plot: DemoPlot) -> None:
-    """How steeply the magnetic field points down."""
+    """Dip of the magnetic field."""
     field = plot.field
     assert field is not None
     rest, bound = np.degrees([field.rest_dip, field.dip_bound]).tolist()
@@ -213,17 +215,17 @@ def _field(ax: Axes, t: Array, values: Array, rest: float, bound: float, block_s
 
 
 def intervals(ax: Axes, plot: DemoPlot) -> None:
-    """How long after the one before it each sample came."""
+    """Interval between each sample and the one before it."""
     ms, median = _intervals_ms(plot)
     (dots,) = ax.plot(plot.tracking.demo.recording.t[1:], ms, ".", color=BLUE, markersize=3.0, label="interval")
-    dots.set_rasterized(len(ms) > MANY)
+    dots.set_rasterized(len(ms) > MOST_VECTOR_POINTS)
     ax.axhline(median, color=VERMILION, linestyle="--", linewidth=1.0, label="median")
     ax.set_ylim(*_around(ms, median))
     ax.set_ylabel("interval (ms)")
 
 
 def histogram(ax: Axes, plot: DemoPlot) -> None:
-    """How often each interval comes."""
+    """Histogram of the intervals."""
     ms, median = _intervals_ms(plot)
     low, high = _around(ms, median)
     ax.hist(ms, bins=np.linspace(low, high, 82).tolist(), color=BLUE, log=True)

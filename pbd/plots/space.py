@@ -19,14 +19,14 @@ from pbd.pose import Array, quat_to_matrix
 YX, YZ = (1, 0), (1, 2)
 """Across and up, as indices of nav's axes. y grows to the left: seen from above, and along x from behind the sensor."""
 
-SMALLEST_M = 0.01
-"""A smaller path is drawn into a box of this size."""
-FLATTEST = 0.3
-"""The box is at least so high and deep, as a share of its longest side."""
-TRIAD = 0.1
+SMALLEST_BOX_M = 0.01
+"""m: smallest box that a path is drawn into."""
+LEAST_ASPECT = 0.3
+"""Least height and depth of the box, as a share of its longest side."""
+TRIAD_SHARE = 0.1
 """Length of a triad's axes, as a share of the path's extent."""
-CROWD = 100
-"""Of more keyframes, only every other, third, ... is numbered and drawn with its triad or ellipse."""
+MOST_NUMBERED = 100
+"""Most keyframes that are all numbered. Of more, every second, third, ... has its number, triad and ellipse."""
 ELEVATION, AZIMUTH = 26.0, -164.0
 """Degrees: seen from behind, from above and a little from the right, so that x leads away and y to the left."""
 
@@ -35,8 +35,8 @@ def perspective(ax: Axes3D, shown: Sequence[Array]) -> float:
     """Set 3-D axes to one scale with room for paths (m, 3) in m; return how many of their units make a metre."""
     points = np.vstack(shown)
     scale, unit = length_unit(points)
-    middle, extent = _middle_and_extent(scale * points, scale * SMALLEST_M)
-    sides = 1.12 * np.maximum(extent, FLATTEST * extent.max())
+    middle, extent = _middle_and_extent(scale * points, scale * SMALLEST_BOX_M)
+    sides = 1.12 * np.maximum(extent, LEAST_ASPECT * extent.max())
     low, high = middle - 0.5 * sides, middle + 0.5 * sides
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     ax.set(xlabel=f"x ({unit})", ylabel=f"y ({unit})", zlabel=f"z ({unit})")
@@ -60,7 +60,7 @@ def path_3d(ax: Axes3D, plot: DemoPlot) -> tuple[Array, Array]:
     for each in truth:
         ax.plot(*(scale * each).T, color=SKY, zorder=2.0, label="truth", **PALE)
     ax.plot(*p.T, color=INK, zorder=4.0, label="path")
-    size = TRIAD * max(float(np.ptp(p, axis=0).max()), scale * SMALLEST_M)
+    size = TRIAD_SHARE * max(float(np.ptp(p, axis=0).max()), scale * SMALLEST_BOX_M)
     at, every = scale * np.array([keyframe.T_nav_sensor.p for keyframe in plot.keyframes]), _step(plot)
     ax.plot(*at.T, color=INK, marker="o", markersize=3.5, linestyle="", zorder=6.0, label="keyframe")
     origins = at[::every]
@@ -91,7 +91,7 @@ def _paths(plot: DemoPlot) -> tuple[Array, list[Array]]:
 
 
 def _step(plot: DemoPlot) -> int:
-    return -(-len(plot.keyframes) // CROWD)
+    return -(-len(plot.keyframes) // MOST_NUMBERED)
 
 
 def view(ax: Axes, shown: Sequence[Array], axes: tuple[int, int], aspect: float = 0.85) -> float:
@@ -104,7 +104,7 @@ def view(ax: Axes, shown: Sequence[Array], axes: tuple[int, int], aspect: float 
     """
     points = np.vstack(shown)
     scale, unit = length_unit(points)
-    centre, extent = _middle_and_extent(scale * points[:, list(axes)], scale * SMALLEST_M)
+    centre, extent = _middle_and_extent(scale * points[:, list(axes)], scale * SMALLEST_BOX_M)
     half = 0.6 * max(extent[0], extent[1] / aspect) * np.array((1.0, aspect))
     ax.set_box_aspect(aspect)
     ax.set(xlim=(centre[0] + half[0], centre[0] - half[0]), ylim=(centre[1] - half[1], centre[1] + half[1]))
@@ -139,7 +139,7 @@ def path_view(ax: Axes, plot: DemoPlot, axes: tuple[int, int]) -> tuple[Array, A
 
 def _room(points: Array) -> tuple[Array, Array]:
     """Lowest and highest corner, m, of what a view may show: the path, and half its extent around it."""
-    middle, extent = _middle_and_extent(points, SMALLEST_M)
+    middle, extent = _middle_and_extent(points, SMALLEST_BOX_M)
     reach = 0.5 * extent + 0.5 * float(extent.max())
     return middle - reach, middle + reach
 
@@ -161,14 +161,14 @@ def ellipse(centre: Array, cov: Array) -> Array:
 
 # --- numbers beside places ---
 
-NEAR = 4.0
-"""Places nearer than this, in points, share a label."""
+SAME_LABEL_PT = 4.0
+"""Distance in points below which two places share a label."""
 _ANGLES = np.tile(np.radians([45, 135, 315, 225, 90, 0, 180, 270]), 4)
 DIRECTIONS = np.column_stack((np.cos(_ANGLES), np.sin(_ANGLES)))
 RADII = np.repeat((8.0, 14.0, 22.0, 32.0), 8)[:, None]
 """Where a label's box may stand, from its place; radii in points."""
-MOST = 3
-"""Numbers, or ranges of them, in one label; more are cut."""
+MOST_NUMBERS = 3
+"""Most numbers, or ranges of numbers, in one label."""
 
 
 def number_3d(ax: Axes3D, at: Array, lines: Array) -> None:
@@ -193,7 +193,7 @@ def number(ax: Axes, at: Array, lines: Array) -> None:
     (left, bottom), (right, top) = to_points * np.asarray(ax.bbox.get_points())
     size = FontProperties(size="small").get_size_in_points()
     taken = np.empty((0, 4))
-    every = -(-len(spots) // CROWD)
+    every = -(-len(spots) // MOST_NUMBERED)
     for members in _groups(spots[::every]):
         words, place = _ranges([every * k for k in members]), every * members[0]
         half = 0.5 * size * np.array([0.64 * len(words), 1.25])
@@ -215,7 +215,7 @@ def number(ax: Axes, at: Array, lines: Array) -> None:
 def _groups(spots: Array) -> list[list[int]]:
     groups: list[list[int]] = []
     for k, spot in enumerate(spots):
-        near = next((group for group in groups if np.linalg.norm(spots[group[0]] - spot) < NEAR), None)
+        near = next((group for group in groups if np.linalg.norm(spots[group[0]] - spot) < SAME_LABEL_PT), None)
         if near is None:
             groups.append([k])
         else:
@@ -232,7 +232,7 @@ def _ranges(numbers: Sequence[int]) -> str:
         else:
             runs.append([each])
     words = [str(run[0]) if len(run) == 1 else f"{run[0]}{', ' if len(run) == 2 else '–'}{run[-1]}" for run in runs]
-    return ", ".join(words if len(words) <= MOST else [*words[: MOST - 1], "…"])
+    return ", ".join(words if len(words) <= MOST_NUMBERS else [*words[: MOST_NUMBERS - 1], "…"])
 
 
 def _inside(places: Array, low: Array, high: Array) -> Array:

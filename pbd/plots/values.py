@@ -1,4 +1,4 @@
-"""What the plots of one demonstration show."""
+"""Values for the plots of one demonstration."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from itertools import pairwise
 import numpy as np
 
 from pbd.data import HandPath, Keyframe, Recording, Stop, Truth
-from pbd.data.hand import DOUBTED, Tracking
+from pbd.data.tracking import DOUBTED_WEIGHT, Tracking
 from pbd.plots.findings import Finding, at_stop, find, length, stop_names
 from pbd.pose import Array, quat_about_z, quat_multiply, quat_rotate, quat_to_rpy, yaw_toward
-from pbd.tracking.alarm import DISTURBED
+from pbd.tracking.alarm import FIELD_CHANGE
 from pbd.tracking.keyframes import keyframes_of
 from pbd.tracking.paper import paper_stops, resulting_variance
-from pbd.tracking.smoother.knots import FIELD_S
+from pbd.tracking.smoother.knots import STOP_KNOT_S
 
 TRUTH_NEAR_S = 0.5
-"""Largest time between the middle of the first stop and a sample of the truth, by which the truth is aligned."""
+"""Longest time, s, from the middle of the first stop to the sample of the truth by which it is aligned."""
 
 TRUTH_SPEED_S = 0.02
-"""Half the time over which the true velocity is a difference: between two optical samples there is only noise."""
+"""Half the time, s, over which the true velocity is a difference. Two adjacent optical samples only show noise."""
 
-LATE = 1.5
-"""An interval of more median ones than this is a sample that is late or lost."""
+LATE_RATIO = 1.5
+"""Ratio to the median interval above which a sample is late or lost."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,15 +62,15 @@ class FieldPlot:
     rest_strength: float
     rest_dip: float
 
-    block_s = 2.0 * FIELD_S
+    block_s = 2.0 * STOP_KNOT_S
     """The tracker averages the field over this time, s."""
-    dip_bound = DISTURBED
+    dip_bound = FIELD_CHANGE
     """The tracker takes a larger change of the dip for a disturbance, rad."""
 
     @property
     def strength_bound(self) -> float:
         """The same for the strength, uT."""
-        return DISTURBED * self.rest_strength
+        return FIELD_CHANGE * self.rest_strength
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +142,7 @@ class DemoPlot:
 
     def is_doubted(self, keyframe: Keyframe) -> bool:
         """Whether the tracker doubts that the hand stood still."""
-        return any(self._is_at(keyframe, stop) for stop in self.path.stops if stop.weight < DOUBTED)
+        return any(self._is_at(keyframe, stop) for stop in self.path.stops if stop.weight < DOUBTED_WEIGHT)
 
     def _is_at(self, keyframe: Keyframe, stop: Stop) -> bool:
         return bool(self.path.t[stop.start] <= keyframe.t <= self.path.t[stop.stop - 1])
@@ -171,7 +171,7 @@ def demo_plot(path: HandPath, remarks: Sequence[str] = ()) -> DemoPlot:
 
 
 def _truth(truth: Truth, path: HandPath) -> TruthPlot | None:
-    """Align the truth with the first stop; None where it doesn't say where that is."""
+    """Align the truth with the first stop; None where the truth has no sample near it."""
     rows = np.concatenate(([True], np.diff(truth.t) > 0.0))
     t, p, wxyz = truth.t[rows], truth.p_nav_sensor[rows], truth.wxyz_nav_sensor[rows]
     seen = np.isfinite(p).all(axis=1) & np.isfinite(wxyz).all(axis=1)
@@ -219,7 +219,7 @@ def _facts(
     """What a person asks first, in words."""
     t, stops = recording.t, path.stops
     interval = np.diff(t)
-    late = int((interval > LATE * np.median(interval)).sum())
+    late = int((interval > LATE_RATIO * np.median(interval)).sum())
     shortest, dwell = _most([-stop.dwell_s for stop in stops])
     facts = [
         ("sensor", recording.info.sensor),

@@ -1,4 +1,4 @@
-"""The demonstration that a forced recording replaces: whole under another name until the new one has ended well."""
+"""The demonstration that `--force` replaces. It keeps another name until the new one has ended well."""
 
 from __future__ import annotations
 

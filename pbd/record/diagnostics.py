@@ -1,4 +1,4 @@
-"""Whether a sensor can be believed, checked while it records, when it can still be mended.
+"""Check a sensor while it records, when a fault can still be corrected.
 
 A saturated axis, a dead one, a gyro or magnetometer that says nothing, a sensor that repeats itself. What is looked for
 is what `pbd.tracking` finds in a finished recording (saturation.py, channels.py), here in its last seconds.
@@ -13,62 +13,62 @@ import numpy as np
 from pbd.data import GRAVITY, Recording
 from pbd.pose import Array
 from pbd.sensors.decoding import Sample
-from pbd.tracking.repair.channels import ALIVE, NAMES, STUCK_S, stuck_axes
-from pbd.tracking.repair.saturation import SAME, Clip, clips_of
+from pbd.tracking.repair.channel_faults import LIVE_SHARE, SENSOR_NAMES, STUCK_S, stuck_axes
+from pbd.tracking.repair.saturation import TOP_TOLERANCE, Clip, clips_of
 
-EVERY_S = 0.25
-"""The last samples are looked at this often."""
+CHECK_EVERY_S = 0.25
+"""s between two checks of the latest samples."""
 
-WINDOW_S = STUCK_S + 2.0 * EVERY_S
+CHECKED_S = STUCK_S + 2.0 * CHECK_EVERY_S
 
-REPEAT_AFTER_S = 5.0
-"""A flaw that lasts is repeated after so long; a person hears it no sooner."""
+REPEAT_WARNING_S = 5.0
+"""s after which a warning is repeated, if the fault persists."""
 
-MOVING_STD = 0.5
-"""m/s2, the standard deviation of an axis: the hand moves for certain. A gyro at rest may well repeat itself."""
+MOVING_ACC = 0.5
+"""m/s2: standard deviation of an axis above which the hand moves for certain. A gyro at rest may repeat itself."""
 
-FEWEST = 8
-"""Samples in a window below which nothing is judged."""
+FEWEST_SAMPLES = 8
+"""Least number of samples that are judged."""
 
 
 class Diagnostics:
-    """Takes samples, and tells what is wrong with them."""
+    """Takes samples and reports faults in them."""
 
     def __init__(self) -> None:
         self._recent: deque[tuple[float, Sample]] = deque()
         self._looked = 0.0
         self._said_at: dict[str, float] = {}
         self._lived = False
-        # Whether it has had noise: a sensor that never had is coarse, and says the same whenever it rests.
+        # Whether it has shown noise. A sensor that never did is coarse, and repeats itself at every rest.
         self._largest: dict[tuple[str, int, float], float] = {}
 
     def feed(self, t: float, sample: Sample) -> list[str]:
-        """Take the next sample, at t s; return what is newly wrong, a line each."""
+        """Take the next sample, at t s; return new faults, a line each."""
         self._recent.append((t, sample))
-        if t - self._looked < EVERY_S:
+        if t - self._looked < CHECK_EVERY_S:
             return []
-        while self._recent[0][0] < t - WINDOW_S:
+        while self._recent[0][0] < t - CHECKED_S:
             self._recent.popleft()
         looked, self._looked = self._looked, t
         window = _window(self._recent)
-        if len(window) < FEWEST:
+        if len(window) < FEWEST_SAMPLES:
             return []
         return [line for what, line in (self._clipped(window, looked) | self._dead(window)).items() if self._new(what)]
 
     def _new(self, what: str) -> bool:
-        if self._looked - self._said_at.get(what, -np.inf) < REPEAT_AFTER_S:
+        if self._looked - self._said_at.get(what, -np.inf) < REPEAT_WARNING_S:
             return False
         self._said_at[what] = self._looked
         return True
 
     def _clipped(self, window: Recording, since: float) -> dict[str, str]:
-        """Axes at the end of their range since then. A smaller peak than one before can't be at its end."""
+        """Axes that reached the end of their range since then. A peak below an earlier one is not clipped."""
         flaws: dict[str, str] = {}
         for clip in clips_of(window):
             side, reading = (clip.sensor, clip.axis, clip.sign), _reading(window, clip)
-            if reading >= self._largest.get(side, 0.0) * (1.0 - SAME) and window.t[clip.stop - 1] > since:
+            if reading >= self._largest.get(side, 0.0) * (1.0 - TOP_TOLERANCE) and window.t[clip.stop - 1] > since:
                 shown = f"{reading / GRAVITY:.3g} g" if clip.sensor == "acc" else f"{np.degrees(reading):.0f} deg/s"
-                axis = f"{'xyz'[clip.axis]} axis of the {NAMES[clip.sensor]}"
+                axis = f"{'xyz'[clip.axis]} axis of the {SENSOR_NAMES[clip.sensor]}"
                 flaws[f"{axis} clipped"] = (
                     f"the {axis} is at the end of its range ({shown}): move slower, or set a larger one"
                 )
@@ -80,23 +80,23 @@ class Diagnostics:
         return flaws
 
     def _dead(self, window: Recording) -> dict[str, str]:
-        """Axes and sensors that say nothing while others do."""
+        """Axes and sensors that are constant while others change."""
         given = dict(_motion(window))
         whole = window.t[-1] - window.t[0] >= STUCK_S
         changing = np.any([np.diff(values, axis=0).any(axis=1) for values in given.values()], axis=0).mean()
-        self._lived |= bool(changing > ALIVE)
+        self._lived |= bool(changing > LIVE_SHARE)
         if whole and changing == 0.0:
             if self._lived:
                 return {"stuck": f"for {STUCK_S:g} s all samples are the same: the sensor is stuck; plug it in again"}
             return {"still": "all samples are the same so far: if that stays so while you move, the sensor is stuck"}
         flaws: dict[str, str] = {}
         for name, axis, start, _ in stuck_axes(window):
-            what = f"{'xyz'[axis]} axis of the {NAMES[name]}"
+            what = f"{'xyz'[axis]} axis of the {SENSOR_NAMES[name]}"
             value = float(given[name][start, axis])
             flaws[f"{what} stuck"] = (
                 f"the {what} is stuck at {value:.4g}, while others change: repair or replace the sensor"
             )
-        if whole and np.std(window.acc, axis=0).max() > MOVING_STD:
+        if whole and np.std(window.acc, axis=0).max() > MOVING_ACC:
             if window.gyr is not None and not _changes(window.gyr):
                 flaws["gyro dead"] = (
                     "the gyro reads the same while the hand moves, so it is dead: repair or replace the sensor"
@@ -124,7 +124,7 @@ def _changes(values: Array) -> bool:
 
 
 def _motion(window: Recording) -> list[tuple[str, Array]]:
-    return [(name, values) for name in NAMES if (values := getattr(window, name)) is not None]
+    return [(name, values) for name in SENSOR_NAMES if (values := getattr(window, name)) is not None]
 
 
 def _reading(window: Recording, clip: Clip) -> float:

@@ -1,4 +1,4 @@
-"""What the person is told while the hand moves: the live tracker's findings in words."""
+"""Feedback to the person while the hand moves: the live tracker's findings in words."""
 
 from __future__ import annotations
 
@@ -10,19 +10,20 @@ from pbd.calibration.drift import disagreements
 from pbd.data import Keyframe, Linear, SensorErrors
 from pbd.errors import PbdError
 from pbd.pose import Array
-from pbd.record.messages import Say
+from pbd.record.values import Say
 from pbd.sensors.decoding import Sample
 from pbd.tracking.online.tracker import DataFlaw, LiveEvent, LiveTracker, RestFound, StopBegan
 
 TRACKED_HZ = 250.0
-"""The tracker is fed no faster than this: means over blocks lose nothing that it could use."""
+"""Highest rate at which the tracker is fed. Faster samples are averaged, which loses nothing that it could use."""
 
 REMIND_AFTER_S = 1.5
-"""Reminder to hold still (a second would do), or that the sensor reads wrongly at rest, after so long."""
+"""s after which a person is reminded to hold still (a second would do), or told that the sensor reads wrongly at
+rest."""
 
 
 class Feedback:
-    """Feeds the live tracker and collects what is worth a line."""
+    """Feeds the live tracker and collects messages for the person."""
 
     def __init__(self, tolerance_m: float, errors: SensorErrors | None = None, sensor: str = "") -> None:
         self.tracker = LiveTracker(sensor)
@@ -82,7 +83,7 @@ class Feedback:
                 self._field.popleft()
 
     def _compare(self, event: RestFound) -> None:
-        """Tell where the sensor at rest is off what it should read."""
+        """Report what the sensor at rest reads wrongly."""
         mag = np.mean([mag for _, mag in self._field], axis=0) if self._field else None
         rest = event.rest
         for line in disagreements(self._errors, rest.gravity * rest.up_sensor, rest.gyro_bias, mag):
@@ -94,7 +95,7 @@ class Feedback:
         self._said.append(Say(t, text, bell))
 
     def said(self) -> tuple[Say, ...]:
-        """Return what is new; it is told once."""
+        """Return the news since the last call."""
         said, self._said = tuple(self._said), []
         return said
 
@@ -120,5 +121,5 @@ def placed(keyframe: Keyframe) -> str:
 
 
 def in_cm(length: float) -> str:
-    """Write a length in m as one says it: 2 cm, 0.4 cm."""
+    """Write a length in m as people do: 2 cm, 0.4 cm."""
     return f"{100.0 * length:.0f} cm" if length >= 0.01 else f"{100.0 * length:.1f} cm"

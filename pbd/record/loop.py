@@ -1,4 +1,4 @@
-"""The verb: record until told to end, the time is over, or the sensor is gone."""
+"""Record until a person ends it, the time is over, or the sensor is gone."""
 
 from __future__ import annotations
 
@@ -7,32 +7,32 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from pbd.errors import PbdError, SensorError
-from pbd.record.messages import Command, Outcome, RecordOptions, Status
 from pbd.record.session import Session
+from pbd.record.values import Command, Outcome, RecordOptions, Status
 from pbd.sensors.decoding import Decoder
 from pbd.sensors.port import Port
 from pbd.sensors.probe import recognise, what_it_is
 from pbd.sensors.reader import Reader
 
 SILENT_S = 3.0
-"""No byte for this long is silence: a plug was pulled, or the device is off."""
+"""s without a byte after which the device counts as silent: unplugged, or switched off."""
 
-STOPPED_S = 1.0
-"""A round of the loop with more idle time than this was a stop of the whole program: Ctrl-Z, or a machine asleep."""
+SUSPENDED_S = 1.0
+"""s of idle time in one round of the loop that show that this program was suspended (Ctrl-Z, a sleeping machine)."""
 
-BEHIND_S = 2.0
-"""Samples that wait for longer before they are taken come faster than the machine takes them."""
+LATEST_S = 2.0
+"""Longest time, s, that samples may wait before they are taken. Longer means that they come too fast."""
 
-FEWEST = 2
-"""Of fewer samples no recording is begun."""
+FEWEST_SAMPLES = 2
+"""Least number of samples with which a recording begins."""
 
-SHOWN_S = 0.1
-"""The screen is brought up to date this often."""
+SCREEN_EVERY_S = 0.1
+"""s between two updates of the screen."""
 
-RETRY_S = 0.2
-"""A port that is gone is tried again after so long."""
+REOPEN_EVERY_S = 0.2
+"""s between two attempts to open a port that is gone."""
 
-STOOD_STILL = "this program stood still for {:.1f} s: what the sensor sent meanwhile may be lost"
+SUSPENDED = "this program stood still for {:.1f} s: what the sensor sent meanwhile may be lost"
 
 TOO_FAST = "samples come faster than this machine takes them: lower the sensor's rate"
 
@@ -45,7 +45,7 @@ def record(
     options: RecordOptions,
     poll: Poll,
     show: Callable[[Status], None],
-    every_s: float = SHOWN_S,
+    every_s: float = SCREEN_EVERY_S,
 ) -> Outcome:
     """Record a demonstration. Whatever ends it, its folder is complete.
 
@@ -60,7 +60,7 @@ def record(
         options: what and how.
         poll: what the person wants, without waiting.
         show: draws the screen.
-        every_s: so often.
+        every_s: s between two updates.
 
     Raises:
         SensorError: no port, no bytes, or bytes that are no packets: then there is no folder.
@@ -108,8 +108,8 @@ def _run(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], 
         stopped_s = watch.look()
         now = watch.now
         if stopped_s:
-            session.coach.say(session.t, STOOD_STILL.format(stopped_s), bell=True)
-        elif pieces and now - pieces[0][1] > BEHIND_S and not behind:
+            session.coach.say(session.t, SUSPENDED.format(stopped_s), bell=True)
+        elif pieces and now - pieces[0][1] > LATEST_S and not behind:
             behind = True
             session.coach.say(session.t, TOO_FAST, bell=True)
         if pieces and away:
@@ -118,7 +118,7 @@ def _run(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], 
         for data, arrival in pieces:
             session.take(data, arrival)
         if session.demo is None and (gone or now - max(reader.opened, watch.woke) > SILENT_S):
-            if not session.believed or (session.samples < FEWEST and not gone):
+            if not session.believed or (session.samples < FEWEST_SAMPLES and not gone):
                 raise gone or _nothing(session, reader)
             session.begin()
         session.flush()
@@ -146,7 +146,7 @@ def _run(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], 
 
 
 class _Watch:
-    """Notices when this program stood still: silence of that time is not the sensor's.
+    """Detects that this program was suspended: silence meanwhile is not the sensor's fault.
 
     Attributes:
         now: s of the host's monotonic clock, at the latest look.
@@ -158,11 +158,11 @@ class _Watch:
         self._worked = time.process_time()
 
     def look(self) -> float:
-        """Return for how many s it stood still since the last look; 0 where that is usual."""
+        """Return for how many s the program was suspended since the last call; usually 0."""
         before, self.now = self.now, time.monotonic()
         worked, self._worked = self._worked, time.process_time()
         idle = self.now - before - (self._worked - worked)
-        if idle < STOPPED_S:
+        if idle < SUSPENDED_S:
             return 0.0
         self.woke = self.now
         return idle
@@ -176,7 +176,7 @@ def _wait(session: Session, reader: Reader, poll: Poll, show: Callable[[Status],
         command = poll()
         if command in (Command.END, Command.DISCARD):
             return command
-        time.sleep(RETRY_S)
+        time.sleep(REOPEN_EVERY_S)
     return None
 
 

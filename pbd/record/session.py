@@ -1,4 +1,4 @@
-"""The state of a recording under way: samples in, rows on disk, what to show."""
+"""A recording session: samples in, rows on disk, status out."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ import numpy as np
 
 from pbd.data import GripEvent, RecordingInfo
 from pbd.errors import PbdError, RecordingError
-from pbd.files.columns import compass_angles
+from pbd.files.imu_columns import compass_angles
 from pbd.files.recording_writer import RecordingWriter
 from pbd.record.backup import Backup, set_aside
 from pbd.record.diagnostics import Diagnostics
 from pbd.record.feedback import Feedback
-from pbd.record.messages import FEWEST_STOPS, Outcome, RecordOptions, Status
+from pbd.record.values import FEWEST_STOPS, Outcome, RecordOptions, Status
 from pbd.sensors.decoding import Decoder, Sample
 from pbd.timestamps import SampleClock
 
 CHANNELS_AFTER_S = 0.2
-"""Seconds of first samples that show which channels there are; until then nothing is on disk."""
+"""s of samples that show which channels there are. Nothing is written before."""
 
-KEPT_BYTES = 4096
-"""How many of the first bytes are kept, to name the sensor they come from where they are no packets."""
+FIRST_BYTES = 4096
+"""Number of first bytes that are kept, to guess the sensor from them if its packets can't be decoded."""
 
 DEVICE_CLOCK, HOST_CLOCK = "device", "host: arrival times, straightened by a line"
 
 
 class Session:
-    """Decodes, stamps and keeps. Nothing is on disk before the first samples are there."""
+    """Decodes, stamps and stores samples. Nothing is on disk before the first samples."""
 
     def __init__(self, decoder: Decoder, options: RecordOptions) -> None:
         self.decoder, self.options = decoder, options
@@ -63,7 +63,7 @@ class Session:
                     self._first.append((t, sample))
                 else:
                     self._keep(t, sample)
-        if len(self.heard) < KEPT_BYTES:
+        if len(self.heard) < FIRST_BYTES:
             self.heard += data
         if self.demo is None and self.believed and self.t >= CHANNELS_AFTER_S:
             self._begin()
@@ -72,7 +72,7 @@ class Session:
 
     @property
     def believed(self) -> bool:
-        """Whether samples have come, and more than chance makes of another sensor's bytes or at another baud rate."""
+        """Whether more samples have come than chance makes of another sensor's bytes or a wrong baud rate."""
         return self.samples > 0 and self.decoder.tally.packets > self.decoder.tally.bad_packets
 
     def flush(self) -> None:
@@ -85,7 +85,7 @@ class Session:
             self._rows.clear()
 
     def follow(self) -> None:
-        """Track what is written, and tell what is wrong with it: that may take a moment, so it comes after."""
+        """Track and check what is written. This may take a moment, so it comes last."""
         for t, sample in self._unfollowed:
             self.coach.feed(t, sample)
             for line in self._diagnostics.feed(t, sample):
@@ -106,7 +106,7 @@ class Session:
             self.demo.discard()
 
     def settle(self) -> None:
-        """Once all is written: what becomes of the demonstration that had the name before."""
+        """Once all is written: remove or restore the demonstration that had the name before."""
         if self.backup is None:
             return
         if self.discarded:
@@ -131,7 +131,7 @@ class Session:
             self.follow()
 
     def close(self) -> None:
-        """Write what is left, and what is known at the end only: the rate, and times straightened over the whole."""
+        """Write the rest, and what is only known at the end: the rate, and times straightened over all of it."""
         self._clock.count()
         if self.demo is None or self.discarded:
             return
@@ -142,7 +142,7 @@ class Session:
                 self.demo.discard()
                 self._put_back()
                 raise
-            with suppress(PbdError):  # of a full disk: what could not be written has been told
+            with suppress(PbdError):  # a full disk: reported already
                 self._finish(self.demo)
             raise
         self._finish(self.demo)
@@ -159,7 +159,7 @@ class Session:
         demo.finish(float(f"{(rows - 1) / duration:.5g}") if duration > 0.0 else None, self._clock_name, times)
 
     def status(self) -> Status:
-        """Take a picture; what was said is told once."""
+        """Return the status; each message is in one status only."""
         self._clock.count(now_and_then=True)
         while self._recent and self._recent[0][0] < self.t - 1.0:
             self._recent.popleft()
@@ -201,7 +201,7 @@ class Session:
 
     @property
     def bad_packets(self) -> int:
-        """What the decoder threw away, and samples whose time can't be."""
+        """Number of packets and samples that were rejected, the latter for their time."""
         return self.decoder.tally.bad_packets + self._clock.doubted
 
     @property

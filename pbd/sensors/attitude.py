@@ -7,7 +7,7 @@ from math import asin, atan2, pi, remainder
 from pbd.sensors.decoding import Triple
 
 QUARTER = pi / 2.0
-AT_POLE = 1.0 - 1e-14  # as in pbd.pose.quat_to_rpy, its twin over arrays
+SINGULAR_SINE = 1.0 - 1e-14  # as in pbd.pose.quat_to_rpy, its twin over arrays
 
 
 def wrapped(angle: float) -> float:
@@ -19,7 +19,7 @@ def rpy_from_quaternion(w: float, x: float, y: float, z: float) -> Triple:
     """Roll, pitch, yaw in rad, as `pbd.pose.quat_to_rpy`, of a quaternion of any length but zero."""
     ww, xx, yy, zz = w * w, x * x, y * y, z * z
     sine = 2.0 * (w * y - z * x) / (ww + xx + yy + zz)
-    if abs(sine) > AT_POLE:  # roll and yaw turn about one axis there
+    if abs(sine) > SINGULAR_SINE:  # roll and yaw turn about one axis there
         return 2.0 * atan2(x, w), QUARTER if sine > 0.0 else -QUARTER, 0.0
     roll = atan2(2.0 * (w * x + y * z), ww - xx - yy + zz)
     return roll, asin(sine), atan2(2.0 * (w * z + x * y), ww + xx - yy - zz)

@@ -31,7 +31,7 @@ class Sample(NamedTuple):
 
 @dataclass
 class Tally:
-    """How many whole packets went by, and how many that were broken or say what can't be."""
+    """Number of whole packets, and of broken or impossible ones."""
 
     packets: int = 0
     bad_packets: int = 0

@@ -1,15 +1,15 @@
-"""What the numbers of a line mean: the names, order, units and separator of its columns, as a person gives them.
+"""Layout of a line of numbers: the names, order, units and separator of its columns, as the user gives them.
 
 Columns: ax ay az (specific force, +g up at rest), gx gy gz, mx my mz; roll, pitch, yaw (turns about x, y, z; yaw from
 east to north) or roll, pitch, heading (a compass': pitch nose up, heading clockwise from north); t (the device's own
-clock); _ for what is to be passed over. A minus before a name turns its sign: `-ax`. The axes must be right-handed.
+clock); _ for a column to skip. A minus before a name flips its sign: `-ax`. The axes must be right-handed.
 
 In TOML:
 
     separator = ","              # "space": any white space; "tab"
     columns = "t,ax,ay,az,gx,gy,gz"
     prefix = ""                  # what each line begins with
-    wrap = 4294967296            # at which t starts anew, in its own unit; 0: never
+    wrap = 4294967296            # t wraps to 0 here, in its own unit; 0: never
     [units]                      # acc, gyr, mag, angle, t; a number before a unit multiplies it
     acc = "0.001 g"
 
@@ -52,7 +52,7 @@ UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
 """In m/s2, rad/s, uT, rad and s; the first of each is taken where none is given."""
 
 ARDUINO_WRAP = 2.0**32
-"""millis() and micros() start anew there; taken for a t in ms or us where nothing else is said."""
+"""millis() and micros() wrap there: the default wrap of a t in ms or us."""
 
 SEPARATORS = {"space": " ", "tab": "\t"}
 
@@ -104,7 +104,7 @@ class LineLayout:
         _check_prefixes([line.prefix for line in self.lines])
 
     def factor(self, quantity: str) -> float:
-        """What a number of this quantity is multiplied by to be in the project's unit."""
+        """Factor from this quantity's unit to the project's."""
         if quantity not in UNITS:
             raise SensorError(f"units are of {', '.join(UNITS)}; {quantity!r} is none of them", value=quantity)
         units = UNITS[quantity]
@@ -165,9 +165,7 @@ def _check_prefixes(prefixes: list[str]) -> None:
             raise SensorError(f"prefix {prefix!r} is not plain text; give the characters that each line begins with")
         for other in prefixes[:i] + prefixes[i + 1 :]:
             if other.startswith(prefix):
-                raise SensorError(
-                    f"lines that begin with {prefix!r} and {other!r} can't be told apart; give longer prefixes"
-                )
+                raise SensorError(f"lines that begin with {prefix!r} and {other!r} are ambiguous; give longer prefixes")
 
 
 def layout_from_options(

@@ -1,7 +1,7 @@
-"""Anything that prints lines of numbers: an Arduino, SparkFun's Razor, a script. line_layout.py says what they mean.
+"""Lines of numbers from any device: an Arduino, SparkFun's Razor, a script. line_layout.py gives their meaning.
 
-There is no checksum, so a line counts only if it has the number of columns expected, each a finite number, none of them
-absurd; and where no prefix marks its start the first line is taken for the end of one and left out. A digit lost on the
+There is no checksum, so a line counts only if it has the expected number of columns, all of them finite and none
+absurd. Without a prefix that marks its start, the first line may be incomplete and is left out. A digit lost on the
 way can still pass for another number: prefer a device with a checksum.
 """
 
@@ -16,11 +16,11 @@ from pbd.sensors.attitude import from_north_east_down
 from pbd.sensors.decoding import Sample, Tally, Triple
 from pbd.sensors.line_layout import QUANTITIES, Line, LineLayout
 
-LONGEST = 1024
-"""Bytes; what is longer is no line."""
+LONGEST_LINE = 1024
+"""Longest line, bytes."""
 
-ABSURD = {"acc": 2000.0, "gyr": 200.0, "mag": 1e9, "angle": 4.0 * pi}
-"""m/s2, rad/s, uT and rad: beyond what any hand or sensor does. A device without a unit of its field may say much."""
+LARGEST_READING = {"acc": 2000.0, "gyr": 200.0, "mag": 1e9, "angle": 4.0 * pi}
+"""m/s2, rad/s, uT and rad: no hand or sensor exceeds these. The field's bound is loose, as its unit may be unknown."""
 
 
 class LineDecoder:
@@ -56,9 +56,9 @@ class LineDecoder:
 
     def _end_of(self, line: bytes) -> bytes:
         """Leave out what is too long for a line; without a prefix what is left of it has no known start."""
-        if len(line) > LONGEST:
+        if len(line) > LONGEST_LINE:
             self._cut = not self._marked
-        return line[-LONGEST:]
+        return line[-LONGEST_LINE:]
 
     def _read(self, line: bytes, samples: list[Sample]) -> None:
         prefix, start = b"", 0
@@ -102,7 +102,7 @@ class _LineReader:
             where = [names.index(name) for name in QUANTITIES[quantity] if name in names]
             if where:
                 x, y, z = (layout.factor(quantity) * (-1.0 if line.columns[i].startswith("-") else 1.0) for i in where)
-                self._threes.append((place, len(used), x, y, z, ABSURD[quantity]))
+                self._threes.append((place, len(used), x, y, z, LARGEST_READING[quantity]))
                 used += where
         self._t_factor = layout.factor("t") if "t" in names else None
         if self._t_factor is not None:

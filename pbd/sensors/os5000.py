@@ -26,11 +26,11 @@ from pbd.sensors.decoding import PacketDecoder, Sample, Triple, scaled
 
 UT_PER_MGAUSS, DEG = 0.1, radians(1.0)
 
-RANGE_G = 20.0
-"""No OceanServer compass measures more than 8 g; a longer vector is not an acceleration."""
+LARGEST_G = 20.0
+"""Longest acceleration vector, g. No OceanServer compass measures more than 8 g."""
 
-LIMITS_DEG = (180.0, 90.0, 360.0)
-"""Of roll, pitch and heading."""
+LARGEST_DEG = (180.0, 90.0, 360.0)
+"""Largest roll, pitch and heading."""
 
 _SENTENCE = re.compile(rb"\$([^$*\r\n]{1,250})\*([0-9A-Fa-f]{2})")
 _CUT_OFF = re.compile(rb"\$[^$*\r\n]{0,250}(\*[0-9A-Fa-f]?)?")
@@ -75,9 +75,9 @@ def _sample(body: bytes) -> Sample | None:
     acc = _all_of(values, (b"Ax", b"Ay", b"Az"))
     mag = _all_of(values, (b"Mx", b"My", b"Mz"))
     angles = _all_of(values, (b"R", b"P", b"C"))
-    if acc is not None and max(map(abs, acc)) > RANGE_G:
+    if acc is not None and max(map(abs, acc)) > LARGEST_G:
         raise ValueError("an acceleration out of range")
-    if angles is not None and not all(map(le, map(abs, angles), LIMITS_DEG)):
+    if angles is not None and not all(map(le, map(abs, angles), LARGEST_DEG)):
         raise ValueError("an angle out of range")
     if acc is None and mag is None and angles is None:
         return None
@@ -103,7 +103,7 @@ def _by_commas(body: bytes) -> dict[bytes, float]:
     names = _OHPR_NAMES[:3]
     if len(texts) == len(_OHPR_NAMES):
         names = _OHPR_NAMES
-    elif len(texts) == 6 and all(text and abs(float(text)) <= RANGE_G for text in texts[3:]):
+    elif len(texts) == 6 and all(text and abs(float(text)) <= LARGEST_G for text in texts[3:]):
         names = (b"C", b"P", b"R", b"Ax", b"Ay", b"Az")
     return {name: float(text) for name, text in zip(names, texts, strict=False) if text}
 

@@ -13,8 +13,8 @@ from typing import Any, Self
 
 from pbd.errors import SensorError
 
-WAIT_S = 0.02
-"""`read` returns after this long at the latest."""
+READ_TIMEOUT_S = 0.02
+"""Longest time, s, that `read` waits."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Port:
         self.baud = baud
 
     def read(self) -> bytes:
-        """Return the bytes that have come, after WAIT_S at the latest.
+        """Return the bytes that have come, after READ_TIMEOUT_S at the latest.
 
         Raises:
             SensorError: the sensor was unplugged.
@@ -108,14 +108,14 @@ def open_port(device: str, baud: int) -> Port:
     """Open a port for us alone, 8N1.
 
     Raises:
-        SensorError: there is none, no permission (which group has it is said), another program has it, or no such baud.
+        SensorError: no such port; no permission (with the group that has it); another program uses it; no such baud.
     """
     from serial import Serial, SerialException
 
     try:
         if baud <= 0:
             raise ValueError("0 would hang up")
-        return Port(Serial(device, baud, timeout=WAIT_S, write_timeout=1.0, exclusive=True), device, baud)
+        return Port(Serial(device, baud, timeout=READ_TIMEOUT_S, write_timeout=1.0, exclusive=True), device, baud)
     except (SerialException, OSError, ValueError) as reason:
         raise SensorError(_why(device, baud, reason), path=device, baud=baud) from None
 

@@ -1,4 +1,4 @@
-"""Find out what a port speaks, by listening: baud rates are tried, and decoders that make something of the bytes."""
+"""Identify a sensor by listening: try baud rates, and the decoders on the bytes."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ from pbd.sensors.port import Port
 from pbd.sensors.protocols import PROTOCOLS
 
 LISTEN_S = 0.7
-"""The slowest devices send several packets within this time."""
+"""s to listen at each baud rate: the slowest devices send several packets meanwhile."""
 
 BOOT_S = 3.0
-"""An Arduino begins anew when its port is opened, and is silent meanwhile."""
+"""s that an Arduino is silent after its port is opened, as it restarts."""
 
-ENOUGH = 3
-"""So many whole packets are no accident."""
+ENOUGH_PACKETS = 3
+"""Number of whole packets that identify a protocol."""
 
-GUESSED = tuple(name for name in PROTOCOLS if name != "lines")
-"""What can be told from the bytes alone."""
+GUESSED_PROTOCOLS = tuple(name for name in PROTOCOLS if name != "lines")
+"""Protocols that can be identified from the bytes alone."""
 
-BAUDS = tuple(dict.fromkeys(baud for name in GUESSED for baud in PROTOCOLS[name].bauds))
+BAUDS = tuple(dict.fromkeys(baud for name in GUESSED_PROTOCOLS for baud in PROTOCOLS[name].bauds))
 FIRST_BAUD = BAUDS[0]
 
-LONGEST_S = BOOT_S + LISTEN_S * len(BAUDS)
-"""`probe` takes no longer."""
+LONGEST_PROBE_S = BOOT_S + LISTEN_S * len(BAUDS)
+"""Longest time, s, that `probe` takes."""
 
 
 @dataclass(frozen=True)
 class Found:
-    """What a port speaks, at which baud rate, how many bytes came meanwhile, and a line of them if they are text."""
+    """A port's protocol and baud rate, how many bytes came, and a line of them if they are text."""
 
     sensor: str | None
     baud: int
@@ -55,12 +55,12 @@ class Listener:
     def hears_packets(self) -> bool:
         """Whether whole packets come, and few broken ones."""
         tally = self._decoder.tally
-        return tally.packets >= ENOUGH and tally.packets > 2 * tally.bad_packets
+        return tally.packets >= ENOUGH_PACKETS and tally.packets > 2 * tally.bad_packets
 
     @property
     def hears_samples(self) -> bool:
-        """Whether the packets are this device's for certain: a sentence of another may be whole, and say nothing."""
-        return self._samples >= ENOUGH and self.hears_packets
+        """Whether the packets are certainly this device's. A whole sentence of another device may carry no data."""
+        return self._samples >= ENOUGH_PACKETS and self.hears_packets
 
 
 def listen(port: Port, listeners: Collection[Listener], seconds: float, patience: float = 0.0) -> bytes:
@@ -69,8 +69,8 @@ def listen(port: Port, listeners: Collection[Listener], seconds: float, patience
     Args:
         port: to listen to.
         listeners: that listen.
-        seconds: so long, from the first byte on.
-        patience: so long the first byte is waited for, if that is more.
+        seconds: listening time from the first byte on.
+        patience: longest time to wait for the first byte, if longer.
     """
     heard, end = b"", time.monotonic() + max(seconds, patience)
     while time.monotonic() < end and not any(each.hears_samples for each in listeners):
@@ -84,8 +84,8 @@ def listen(port: Port, listeners: Collection[Listener], seconds: float, patience
 
 
 def recognise(data: bytes) -> str | None:
-    """Tell whose bytes these are; None where no decoder makes something of them."""
-    for name in GUESSED:
+    """Identify the protocol of some bytes; None if no decoder can read them."""
+    for name in GUESSED_PROTOCOLS:
         listener = Listener(PROTOCOLS[name].decoder)
         listener.feed(data)
         if listener.hears_samples:
@@ -94,17 +94,17 @@ def recognise(data: bytes) -> str | None:
 
 
 def printed_line(data: bytes) -> str | None:
-    """Return one whole line of what is plain text with numbers in it; None where it is not."""
+    """Return one whole line if the bytes are plain text with numbers; else None."""
     lines = data.split(b"\n")[1:-1]
     plain = [line.strip() for line in lines if line.strip() and line.strip().isascii()]
-    if len(plain) < ENOUGH or len(plain) < 0.9 * len(lines):
+    if len(plain) < ENOUGH_PACKETS or len(plain) < 0.9 * len(lines):
         return None
     text = plain[-1].decode("ascii")
     return text if text.isprintable() and any(letter.isdigit() for letter in text) else None
 
 
 def what_it_is(data: bytes, baud: int | None, sensor: str | None = None) -> str:
-    """Say in words, for a message, what bytes are that are no packets of `sensor`, and what to do about it."""
+    """Describe, for a message, bytes that are no packets of `sensor`, and what to do about it."""
     known, line = recognise(data), printed_line(data)
     if known is not None and known != sensor:
         return f"they are {known}'s: give --sensor {known}"
@@ -126,7 +126,7 @@ def find_baud(port: Port, make: Callable[[], Decoder], sensor: str) -> int:
         sensor: its protocol.
 
     Raises:
-        SensorError: none of them; it says whether bytes came at all, and whose they are if that can be told.
+        SensorError: none of them. It says whether bytes came, and of which sensor if they can be identified.
     """
     heard: dict[int, bytes] = {}
     for baud in PROTOCOLS[sensor].bauds:
@@ -141,10 +141,10 @@ def find_baud(port: Port, make: Callable[[], Decoder], sensor: str) -> int:
             f"{port.device} is silent (tried {tried} baud); check that the sensor is on and sends by itself",
             path=port.device,
         )
-    told = next((data for data in heard.values() if recognise(data) or printed_line(data)), b"")
+    identified = next((data for data in heard.values() if recognise(data) or printed_line(data)), b"")
     raise SensorError(
         f"{count} bytes came from {port.device}, but no whole packet of {sensor} (tried {tried} baud): "
-        f"{what_it_is(told, None, sensor)}",
+        f"{what_it_is(identified, None, sensor)}",
         path=port.device,
     )
 
@@ -159,7 +159,7 @@ def probe(port: Port) -> Found:
     for baud in BAUDS:
         port.set_baud(baud)
         # Decoders of all devices, whatever their rates: a USB device may not care about the port's.
-        listeners = {name: Listener(PROTOCOLS[name].decoder) for name in GUESSED}
+        listeners = {name: Listener(PROTOCOLS[name].decoder) for name in GUESSED_PROTOCOLS}
         heard = listen(port, listeners.values(), LISTEN_S, BOOT_S if baud == FIRST_BAUD else 0.0)
         name = next((name for name, each in listeners.items() if each.hears_samples), None)
         found = Found(name, baud, len(heard), None if name else printed_line(heard))

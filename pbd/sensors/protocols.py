@@ -14,7 +14,7 @@ from pbd.errors import SensorError, nearest
 from pbd.sensors.decoding import Decoder
 
 COMMAND_PAUSE_S = 0.25
-"""To wait after each command, as the drivers of the OS5000 do (ACFR's); WitMotion's own code waits 1 to 100 ms."""
+"""s to wait after each command, as ACFR's driver of the OS5000 does. WitMotion's own code waits 1 to 100 ms."""
 
 
 @dataclass(frozen=True)

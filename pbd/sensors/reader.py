@@ -10,15 +10,15 @@ from collections.abc import Callable
 from pbd.errors import SensorError
 from pbd.sensors.port import Port
 
-WAIT_S = 0.02
-"""`take` returns after this long at the latest."""
+TAKE_TIMEOUT_S = 0.02
+"""Longest time, s, that `take` waits."""
 
 MOST_BYTES = 32768
-"""`take` returns no more at once: who can't keep up is not to be kept from all else. 0.1 s of the fastest sensor."""
+"""Most bytes that `take` returns, 0.1 s of the fastest sensor. So a slow consumer can still do its other work."""
 
 
 class Reader:
-    """Reads what comes, with the time at which it came (host's monotonic clock, s)."""
+    """Reads bytes, with their time of arrival (host's monotonic clock, s)."""
 
     def __init__(self, open_port: Callable[[], Port]) -> None:
         self._open = open_port
@@ -27,12 +27,12 @@ class Reader:
         self._start()
 
     def take(self) -> tuple[list[tuple[bytes, float]], SensorError | None]:
-        """Return what has come, after WAIT_S at the latest, and the error that ended the reading, if one has."""
+        """Return what has come, and the error that ended the reading, if any. Waits TAKE_TIMEOUT_S at most."""
         pieces: list[tuple[bytes, float]] = []
         end = self.bytes_seen + MOST_BYTES
         while self.bytes_seen < end:
             try:
-                piece = self._pieces.get_nowait() if pieces else self._pieces.get(timeout=WAIT_S)
+                piece = self._pieces.get_nowait() if pieces else self._pieces.get(timeout=TAKE_TIMEOUT_S)
             except queue.Empty:
                 return pieces, None
             if isinstance(piece, SensorError):

@@ -1,8 +1,8 @@
-"""Which fields stand where in a VectorNav binary packet, from its byte of groups and its masks.
+"""Offsets of the fields in a VectorNav binary packet, from its byte of groups and its masks.
 
 Sizes as in VectorNav's programming library 1.2 (`Packet::BinaryGroupLengths`, packet.cpp) and the VN-100 User Manual.
-Any fields of known size may be asked of the device; what a sample does not need is stepped over. A packet with a field
-that is not known is refused, because its length can't be told.
+The device may send any fields of known size. Those that a sample does not need are skipped. A packet with a field
+that is not known is refused, because its length is unknown.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ FIELD_BYTES = (
     (2, 24, 24, 12, 12, 12, 12, 12, 12, 4, 4, 68, 64),
     (8, 8, 2, 1, 1, 24, 24, 12, 12, 12, 4, 4, 2, 28),
 )
-# What is read of them, by group and bit; what follows in a field is stepped over.
+# Fields that are read, by group and bit. The rest of a field is skipped.
 READ = {
     (0, 0): ("time",),
     (0, 3): ("ypr",),
@@ -41,7 +41,7 @@ READ = {
     (4, 2): ("quat",),
 }
 FORMATS = {"time": ("Q", 1), "quat": ("4f", 4)}
-"""How a quantity is written, and how many numbers that gives; the others are three floats."""
+"""Format and count of a quantity's numbers; the others are three floats."""
 
 # Bytes of the byte of groups and the masks that it announces.
 GROUPS_LENGTH = tuple(1 + 2 * groups.bit_count() for groups in range(256))

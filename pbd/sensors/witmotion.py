@@ -2,7 +2,7 @@
 
 Source: WIT Standard Communication Protocol. 0x55, type, four little-endian int16, the low byte of the sum of the first
 ten. 0x51 acceleration (full scale 16 g), 0x52 turn rate (2000 deg/s), 0x53 roll, pitch, yaw (180 deg), 0x54 magnetic
-field in raw counts (how much a count is differs between models), 0x59 quaternion w, x, y, z (1).
+field in raw counts (whose unit differs between models), 0x59 quaternion w, x, y, z (1).
 
 Axes: z up, right-handed, +1 g at rest; attitude as z, y, x turns in an east-north-up frame: as the project's.
 
@@ -25,8 +25,8 @@ ACC = 16.0 * GRAVITY / 32768.0
 GYR = 2000.0 / 32768.0 * pi / 180.0
 ANGLE = pi / 32768.0
 
-NORM_OFF = 0.02
-"""A quaternion whose length is off one by more was not measured: the device sends zeros before its filter runs."""
+NORM_TOLERANCE = 0.02
+"""Largest deviation of a quaternion's length from one. The device sends zeros before its filter runs."""
 
 UNITS = {0x51: ACC, 0x52: GYR, 0x53: ANGLE, 0x54: 1.0}
 QUATERNION = 0x59
@@ -35,7 +35,7 @@ _WORDS = Struct("<2x4hx")
 
 
 class WitMotionDecoder(PacketDecoder):
-    """The types that a group may hold are learnt from the stream; there is no device time."""
+    """Decoder that learns from the stream which types a group holds; there is no device time."""
 
     BEGIN = re.compile(rb"\x55(?:[\x50-\x5a\x5f]|\Z)")
 
@@ -56,7 +56,7 @@ class WitMotionDecoder(PacketDecoder):
         if kind in UNITS:
             self._take(kind, scaled(numbers[:3], UNITS[kind]), samples)
         elif kind == QUATERNION:
-            if abs(sum(n * n for n in numbers) / 32768.0**2 - 1.0) > 2.0 * NORM_OFF:
+            if abs(sum(n * n for n in numbers) / 32768.0**2 - 1.0) > 2.0 * NORM_TOLERANCE:
                 self.tally.bad_packets += 1
             else:
                 self._take(kind, rpy_from_quaternion(*numbers), samples)

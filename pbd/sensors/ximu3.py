@@ -25,7 +25,7 @@ from pbd.data import GRAVITY
 from pbd.sensors.attitude import from_north_west_up, rpy_from_quaternion
 from pbd.sensors.decoding import Sample, Tally, Triple, scaled
 
-LONGEST = 1024  # bytes of a line that are looked at; notes and answers to commands are below 300
+LONGEST_LINE = 1024  # bytes of a line that are looked at; notes and answers to commands are below 300
 JOIN_US = 200_000
 DEG = radians(1.0)
 LIMITS = {  # of what can be meant: 1.5 times the ranges of 2000 deg/s and 16 g; a field of 1 is about the earth's; deg
@@ -59,10 +59,10 @@ class XImu3Decoder:
     def feed(self, data: bytes) -> list[Sample]:
         """See `Decoder`."""
         *messages, rest = (self._rest + data).split(b"\n")
-        self._rest = rest[-LONGEST:]
+        self._rest = rest[-LONGEST_LINE:]
         samples: list[Sample] = []
         for message in messages:
-            line = message[-LONGEST:]
+            line = message[-LONGEST_LINE:]
             # A message whose end was lost stands in front of a whole one in the same line, and so does noise.
             starts = (0, *(begin.start() for begin in _BEGIN.finditer(line, 1)))
             first_whole = next((start for start in starts if self._take(line[start:], samples)), None)

@@ -30,7 +30,7 @@ Read = Callable[[bytes, int], tuple[float, ...]]
 
 
 class Items(TypedDict, total=False):
-    """What a message holds, as it is sent, but for `rpy`: rad, east-north-up."""
+    """Content of a message, as sent; but `rpy` is in rad, east-north-up."""
 
     counter: tuple[int]
     ticks: tuple[int]
@@ -108,7 +108,7 @@ ITEMS = _items()
 
 
 def read_items(payload: bytes) -> Items | None:
-    """What stands in the payload; None where its sizes or its numbers can't be."""
+    """The payload's items; None where its sizes or its numbers are impossible."""
     found: dict[str, tuple[float, ...]] = {}
     at, end = 0, len(payload)
     while at < end:

@@ -1,4 +1,4 @@
-"""What the simulated hand does for `pbd calibrate`: touches known points, turns about its tip, puts the sensor down.
+"""Tasks for `pbd calibrate`: touch known points, turn about the tip, put the sensor down on its sides.
 
 All start at rest, the sensor level. Like all tasks they are done with one device per sensor model and seed, so that
 what is found from one recording holds for the others.
@@ -14,7 +14,7 @@ from types import MappingProxyType
 import numpy as np
 
 from pbd.pose import Array, quat_exp, quat_inverse, quat_log, quat_multiply, quat_rotate
-from pbd.simulation.hand import Waypoint
+from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.tasks import HEADING, Task
 
 TOUCHED: Mapping[str, tuple[float, float, float]] = MappingProxyType(
@@ -30,12 +30,12 @@ TOUCHED: Mapping[str, tuple[float, float, float]] = MappingProxyType(
 """m in the robot's base: the points of `touch`, in its order. It starts from DOCK."""
 
 DOCK = (0.45, -0.15, 0.25)
-"""m in the robot's base. There the sensor lies with HEADING as its yaw."""
+"""m in the robot's base: where the tasks start. The sensor lies there with HEADING as its yaw."""
 
 YAW_WORLD_BASE = radians(40.0)
-"""How the robot's base stands in the simulated world, so that a program that forgets it is found out."""
+"""Yaw of the robot's base in the simulated world. It is not zero, so that code that forgets it fails."""
 
-TIP = (0.03, -0.02, 0.093)
+PIVOT_TIP = (0.03, -0.02, 0.093)
 """m in sensor axes: the tip that stays on its point in `pivot`, 10 cm away."""
 
 _SIDES = ((0, 0, 1), (1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0), (0, 0, -1))
@@ -61,7 +61,7 @@ def sides(seed: int, up_sensor: Array = SIDES, rest_s: float = 2.0) -> Task:
     return Task("sides", tuple(waypoints), description)
 
 
-def pivoting(seed: int, p_sensor_tip: tuple[float, float, float] = TIP, tilts: int = 9) -> Task:
+def pivoting(seed: int, p_sensor_tip: tuple[float, float, float] = PIVOT_TIP, tilts: int = 9) -> Task:
     """Tilt the hand to all sides with its tip, (3,) m in sensor axes, on one point."""
     rng = np.random.default_rng(seed)
     attitudes = []

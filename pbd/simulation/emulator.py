@@ -1,4 +1,4 @@
-"""A sensor without hardware: a pseudo-terminal that speaks x-IMU3's binary protocol, at a real pace."""
+"""A sensor emulator: a pseudo-terminal that speaks x-IMU3's binary protocol in real time."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pbd.data import GRAVITY, Recording
 
 INERTIAL, MAGNETOMETER = 0x80 | ord("I"), 0x80 | ord("M")
 TICK_S = 0.01
-"""What has become due is written this often, as a USB device would."""
+"""s between two writes, as of a USB device."""
 
 
 class Emulator:
@@ -47,7 +47,7 @@ class Emulator:
 
     @property
     def t(self) -> float:
-        """How much of the recording has been sent, s; more than there is once the hand only rests."""
+        """How much of the recording has been sent, s; more than its length once the hand only rests."""
         return self.sent / self._recording.rate_hz
 
     @property
@@ -56,12 +56,12 @@ class Emulator:
         return self.sent >= len(self._recording)
 
     def play(self) -> None:
-        """Begin to send; when it plays already, or was unplugged, that is nothing."""
+        """Begin to send. No effect if it plays already, or was unplugged."""
         if self._thread.ident is None and not self._ended.is_set():
             self._thread.start()
 
     def unplug(self) -> None:
-        """End it, as pulling the plug would; twice is nothing."""
+        """End it, as pulling the plug would. May be called twice."""
         if not self._ended.is_set():
             self._ended.set()
             if self._thread.is_alive():
@@ -80,7 +80,7 @@ class Emulator:
             for k in range(self.sent, due):
                 row = k if k < len(recording) else len(recording) - rest + (k - len(recording)) % rest
                 messages.append(encode(recording, row, round(1e6 * k * interval)))
-            with suppress(OSError):  # nobody reads: as a real sensor, it goes on talking
+            with suppress(OSError):  # no reader: like a real sensor, it keeps sending
                 os.write(self._master, b"".join(messages))
             self.sent = due
 

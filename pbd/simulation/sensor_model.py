@@ -1,4 +1,4 @@
-"""What a sensor makes of the truth: its errors, as a model that is drawn anew for each device, and the presets.
+"""Models of a sensor's errors, drawn anew for each device, and the presets.
 
 Noise, bias, range and rate of the presets are assumptions typical of such parts; a bias or scale is the spread over
 devices after the maker's own calibration. What is marked as assumed stands on less: no figure was at hand.
@@ -42,7 +42,7 @@ class Triad:
 
     def measure(self, true: Array, interval_s: Array, rng: np.random.Generator) -> Array:
         """Return what one device, drawn from `rng`, reads: true means (n, 3) over intervals (n,) in s -> (n, 3)."""
-        # Everything is drawn, used or not: models that differ in one figure differ in its effect alone.
+        # Everything is drawn, used or not, so that models that differ in one figure differ in its effect alone.
         gain = np.eye(3) + np.diag(self.scale * rng.normal(size=3))
         gain += self.misalignment * rng.normal(size=(3, 3)) * (1.0 - np.eye(3))
         bias = self.bias * rng.normal(size=3)

@@ -1,4 +1,4 @@
-"""The simulator: a hand does a task with a sensor in it, and the truth is kept beside what the sensor says.
+"""The simulator: a hand does a task with a sensor in it. The truth is kept beside the readings.
 
 The truth is a formula (hand.py). From it follow specific force, angular rate and magnetic field in the
 sensor's axes, exactly; the sensor (sensor_model.py) averages each over its sampling intervals and errs.
@@ -33,7 +33,7 @@ from pbd.pose import (
     quat_to_matrix,
 )
 from pbd.simulation.calibration_tasks import CALIBRATION_TASKS
-from pbd.simulation.hand import HandMotion
+from pbd.simulation.hand_motion import HandMotion
 from pbd.simulation.sensor_model import SENSOR_MODELS, SensorModel
 from pbd.simulation.tasks import TASKS, Task, random_task
 
@@ -44,7 +44,7 @@ __all__ = ["CALIBRATION_TASKS", "EARTH", "SENSOR_MODELS", "TASKS", "World", "ran
 
 @dataclass(frozen=True)
 class World:
-    """What the sensor feels of the place: gravity in m/s2, the magnetic field in uT in world (x, y, z up).
+    """The place: gravity in m/s2, the magnetic field in uT in world (x, y, z up).
 
     The field of the default is about that of mid-Europe: some 48 uT, dipping by 66 degrees.
     """
@@ -85,7 +85,7 @@ def simulate(
     model = _named(SENSOR_MODELS, sensor, "sensor model") if isinstance(sensor, str) else sensor
     if rate_hz is not None:
         model = replace(model, rate_hz=rate_hz)
-    # One stream per part, so that a sensor with a part less still errs the same in the others.
+    # One random stream per part, so that leaving out a part does not change the others.
     clock_rng, acc_rng, gyr_rng, mag_rng, attitude_rng = np.random.default_rng(seed).spawn(5)
 
     motion = HandMotion(task.waypoints, task.start_rpy, task.p_sensor_point)
@@ -128,7 +128,7 @@ def _named(known: Mapping[str, _T], name: str, kind: str) -> _T:
 
 
 def _jittered(beat: Array, model: SensorModel, rng: np.random.Generator) -> Array:
-    """When the intervals begin and end that should do so on the beat (n,), s."""
+    """Actual bounds, s, of the intervals with nominal bounds (n,) s."""
     late = model.jitter_s * rng.normal(size=len(beat))
     return beat + np.clip(late, -0.45 / model.rate_hz, 0.45 / model.rate_hz)
 

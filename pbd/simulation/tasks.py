@@ -1,4 +1,4 @@
-"""What the simulated hand does: the paper's two tests, an everyday pouring, and tasks made at random.
+"""Tasks of the simulated hand: the paper's two tests, pouring, and random tasks.
 
 World is x east, y magnetic north, z up. The paper gives its times (Table I) but no distances; those are ours: a lift of
 0.10 m, 0.15 m along x, 0.15 m along y and a roll of 60 degrees.
@@ -15,18 +15,18 @@ import numpy as np
 
 from pbd.data import GraspedObject, GripEvent
 from pbd.errors import SensorError
-from pbd.simulation.hand import Waypoint
+from pbd.simulation.hand_motion import Waypoint
 
 BOTTLE = GraspedObject("cylinder", (0.06, 0.20))
-"""Diameter and height in metres of what the hand grips."""
+"""What the hand grips: diameter and height, m."""
 
 HEADING = radians(30.0)
-"""Yaw of the level sensor at the first rest: not zero, so that a program that forgets the heading is found out."""
+"""Yaw of the level sensor at the first rest. It is not zero, so that code that forgets it fails."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """A motion of the hand through waypoints, and what it is about.
+    """A motion of the hand through waypoints, with its description.
 
     Attributes:
         name: one word.

@@ -1,4 +1,4 @@
-"""What a solution shows that its model does not explain: told, each in a line.
+"""Warnings about what the smoother's model does not explain, a line each.
 
 tests/benchmarks/faults.py prints the false alarms of clean recordings beside what is found of the damaged ones.
 """
@@ -10,35 +10,34 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from pbd.data import SensorFound, Stop
-from pbd.data.hand import DOUBTED
+from pbd.data.tracking import DOUBTED_WEIGHT
 from pbd.pose import lengths
 from pbd.tracking.moving_windows import window_moments
-from pbd.tracking.rest import ABOUT, REST_S
-from pbd.tracking.smoother.factors import AT_ONCE, leg_jacobian, whitener
+from pbd.tracking.rest import QUIET_RATIO, REST_S
+from pbd.tracking.smoother.doubt import MOVING_WEIGHT, SHORTEST_DIVIDED_S
+from pbd.tracking.smoother.factors import LEGS_AT_ONCE, leg_jacobian, whitener
 from pbd.tracking.smoother.smooth import Solution
 
-FALSE = 0.05
-"""So often a sound recording may be suspected of a wrong leg, or of a wrong sensor, where its noise is as modelled (it
-is taken to be larger than it is: of 318 sound recordings none is)."""
+FALSE_ALARM_CHANCE = 0.05
+"""Chance that a sound recording is suspected of a wrong leg or a wrong sensor. The modelled noise is larger than the
+real one, so none of 318 sound recordings is."""
 
-ROUNDED = 0.02
-"""Of a leg's nine residuals: what linearising leaves of those that are free."""
+LINEARISATION_SHARE = 0.02
+"""Relative increase of a leg's residual variance that linearisation causes."""
 
-MISFIT = 0.7
-"""Of a rest of a second with more than this share of its knots in motion not only the edges are wrong."""
+MOVING_SHARE = 0.7
+"""Share of a rest's knots that seem to move, above which more than the edges of the rest is wrong."""
 
-GIVEN_UP_S = 0.5
-"""As quiet as the first rest for so long, and given up by the smoother: that is told."""
 
-LEG = 0.8
-"""A leg's residuals, rms in sigmas of its nine: more than this none of sound recordings shows (at most .73)."""
+LEG_RMS = 0.8
+"""Largest rms of a leg's nine residuals, in sigmas. Sound recordings show at most 0.73."""
 
-DISTURBED = 0.25
-"""A field that differs by this share from that at the first rest is a magnet's (rooms differ by up to 0.2)."""
+FIELD_CHANGE = 0.25
+"""Relative change of the magnetic field since the first rest, above which a magnet is near. Rooms vary by up to 0.2."""
 
 
 def alarms(solution: Solution, stops: Sequence[Stop], sensor: SensorFound | None) -> Iterator[str]:
-    """Say what is wrong with a recording, as far as its solution shows it."""
+    """Yield what is wrong with a recording, judged by its solution."""
     if sensor is not None:  # the device's own attitude is too coarse to hold anything against it
         yield from _of_sensor(solution, sensor)
         yield from _of_moves(solution)
@@ -47,11 +46,11 @@ def alarms(solution: Solution, stops: Sequence[Stop], sensor: SensorFound | None
 
 
 def _of_sensor(solution: Solution, found: SensorFound) -> Iterator[str]:
-    """Errors that are larger than such a sensor's are by chance."""
+    """Sensor errors too large to be chance."""
     from scipy.special import ndtri
 
     each = (found.lag, found.gyr_matrix, found.acc_matrix, found.acc_bias)
-    bound = -float(ndtri(0.5 * FALSE / sum(one.value.size for one in each)))
+    bound = -float(ndtri(0.5 * FALSE_ALARM_CHANCE / sum(one.value.size for one in each)))
     late = 1e3 * float(found.lag.value)
     if solution.lag != 0.0 or abs(found.lag.surprise) > bound:
         yield (
@@ -87,28 +86,28 @@ def _of_moves(solution: Solution) -> Iterator[str]:
 
     problem = solution.problem
     whiten, found = whitener(problem, solution.local), []
-    for first in range(0, len(whiten), AT_ONCE):
-        at = slice(first, first + AT_ONCE)
+    for first in range(0, len(whiten), LEGS_AT_ONCE):
+        at = slice(first, first + LEGS_AT_ONCE)
         legs = whiten[at] @ leg_jacobian(problem, solution.state, at)
-        spread = (1.0 + ROUNDED) * np.eye(9) - solution.solved.of_legs(legs[:, :, :-1], first)
+        spread = (1.0 + LINEARISATION_SHARE) * np.eye(9) - solution.solved.of_legs(legs[:, :, :-1], first)
         mean, square = np.trace(spread, axis1=1, axis2=2), (spread**2).sum(axis=(1, 2))
         found.append((mean, square, (legs[:, :, -1] ** 2).sum(axis=1)))
     mean, square, total = (np.concatenate(each) for each in zip(*found, strict=True))
     chance = chdtrc(mean**2 / square, total * mean / square)
-    bad = (chance * len(chance) < FALSE) | (total > 9.0 * LEG**2)
+    bad = (chance * len(chance) < FALSE_ALARM_CHANCE) | (total > 9.0 * LEG_RMS**2)
     if bad.any():
         worst, t = int(np.argmin(chance)), problem.t
         others = f", and in {int(bad.sum()) - 1} other places" if bad.sum() > 1 else ""
         yield (
-            f"what the sensor says from {t[worst]:.1f} to {t[worst + 1]:.1f} s{others} fits no motion between the "
-            "stops: samples are lost or wrong there; look at pbd plot, and record again"
+            f"no motion between the stops fits the data from {t[worst]:.1f} to {t[worst + 1]:.1f} s{others}: "
+            "samples are lost or wrong there; look at pbd plot, and record again"
         )
 
 
 def _of_stops(solution: Solution, stops: Sequence[Stop]) -> Iterator[str]:
     t = solution.problem.frame.t
     for stop in stops:
-        if stop.weight < DOUBTED:
+        if stop.weight < DOUBTED_WEIGHT:
             middle = 0.5 * float(t[stop.start] + t[stop.stop - 1])
             yield (
                 f"the stop at {middle:.1f} s may be none ({100.0 * stop.weight:.0f} % sure): the hand seems to move on "
@@ -117,8 +116,8 @@ def _of_stops(solution: Solution, stops: Sequence[Stop]) -> Iterator[str]:
     problem = solution.problem
     frame, rest = problem.frame, problem.rest
     for k, (start, end) in enumerate(problem.stops):
-        moving = solution.weights.still[problem.stop_of == k] < 0.5
-        if t[end - 1] - t[start] > REST_S and moving.mean() > MISFIT:
+        moving = solution.weights.still[problem.stop_of == k] < MOVING_WEIGHT
+        if t[end - 1] - t[start] > REST_S and moving.mean() > MOVING_SHARE:
             yield (
                 f"the sensor seems to rest from {t[start]:.1f} to {t[end - 1]:.1f} s, but hardly any of it fits what "
                 "it says before and after: one of the channels is wrong; look at pbd plot, and record again"
@@ -126,10 +125,10 @@ def _of_stops(solution: Solution, stops: Sequence[Stop]) -> Iterator[str]:
     starts, ends = (np.array([getattr(stop, name) for stop in stops]) for name in ("start", "stop"))
     for start, end in solution.candidates:
         lasts = float(t[end - 1] - t[start])
-        if lasts < GIVEN_UP_S or np.searchsorted(starts, end) > np.searchsorted(ends, start, side="right"):
+        if lasts < SHORTEST_DIVIDED_S or np.searchsorted(starts, end) > np.searchsorted(ends, start, side="right"):
             continue  # a stop begins before its end that does not end before it begins
-        n = int(np.searchsorted(t, t[start] + GIVEN_UP_S)) - start
-        if window_moments(frame.u[start:end], n)[0].min() < ABOUT * rest.acc_rms**2:
+        n = int(np.searchsorted(t, t[start] + SHORTEST_DIVIDED_S)) - start
+        if window_moments(frame.u[start:end], n)[0].min() < QUIET_RATIO * rest.acc_rms**2:
             yield (
                 f"from {t[start]:.1f} s on the sensor seems to rest for {lasts:.1f} s, but not by the stops beside it: "
                 "it coasts, or what it says between them is wrong; look at pbd plot"
@@ -143,7 +142,7 @@ def _of_field(solution: Solution) -> Iterator[str]:
     usual = np.array([0.0, np.cos(local.dip), np.sin(local.dip)])
     field = np.einsum("kij,kj->ki", solution.state.E, problem.field) / local.strength
     change = lengths(field - usual)
-    disturbed = change > DISTURBED
+    disturbed = change > FIELD_CHANGE
     if disturbed.any():
         share = float(problem.share[disturbed].sum() / problem.share.sum())
         where = "there" if share < 0.5 else f"for {100.0 * share:.0f} % of the recording"

@@ -1,4 +1,4 @@
-"""What a person knows of the stops, as linear measurements of the sensor's poses at them.
+"""A person's knowledge of the stops, as linear measurements of the sensor's poses.
 
 Places and heights are the tool's: it sits at the end of a lever that turns with the sensor. Only `closed` is the
 sensor's own: it is back in its dock.
@@ -16,18 +16,17 @@ import numpy as np
 from pbd.data import Calibration, Contact, HandPath, Known, Place
 from pbd.errors import PbdWarning, TrackingError
 from pbd.pose import Array, Pose, quat_rotate, quat_to_matrix, skew
+from pbd.tracking.keyframes import NEAR_STOP_S
 from pbd.tracking.smoother.attitude import mean_quaternion
 
-SIGMA_M = 0.003
-"""m per axis: by so much a hand that returns to a place, or sets a thing down at a height, misses it."""
+PLACE_SIGMA_M = 0.003
+"""m per axis: how precisely a hand returns to a place or a height, where demo.toml gives no sigma."""
 
-NEAR_S = 0.5
-"""A time further than this from any stop names none."""
 
 ALL_AXES, UPWARDS = np.eye(3), np.eye(3)[2:]
 
-BY_START, BY_MOUNT = slice(0, 6), slice(6, 9)
-"""A calibration's errors: of the start's pose in base (m, rad), and of the tool in sensor axes (m)."""
+START_ERRORS, MOUNT_ERRORS = slice(0, 6), slice(6, 9)
+"""A calibration's errors in a claim's columns: the start's pose in base (m, rad), then the tool in sensor axes (m)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +35,7 @@ class Claim:
 
     Attributes:
         saying: what is claimed, in words.
-        entry: what in demo.toml says so.
+        entry: the entry in demo.toml.
         stop: index.
         other: index, or None for nav's origin.
         axes: (d, 3).
@@ -45,7 +44,7 @@ class Claim:
         by_calibration: (d, 9), how the value goes with the calibration's errors.
         own, shared: m2 an axis, this claim's own noise, and what is common to all claims of one `group`.
         group: any number.
-        differs: how it may differ, in words, with {} for by how much.
+        differs: the misfit in words, with {} for its size.
     """
 
     saying: str
@@ -91,11 +90,11 @@ class _Tool:
         variances: tuple[float, float],
         above: float | None = None,
     ) -> Claim:
-        """The tool is at a stop where it is at another one, or, if `above` is given (m), so much higher."""
+        """The tool is where it is at another stop, or `above` (m) higher."""
         stop, other = stops
         axes, value = (ALL_AXES, np.zeros(3)) if above is None else (UPWARDS, np.array([above]))
         by = np.zeros((3, 9))
-        by[:, BY_MOUNT] = self.R[other] - self.R[stop]
+        by[:, MOUNT_ERRORS] = self.R[other] - self.R[stop]
         levers = (self.lever[stop], self.lever[other])
         return Claim(saying, entry, stop, other, axes, value, levers, axes @ by, *variances, group)
 
@@ -107,8 +106,8 @@ class _Tool:
         R_base_nav = quat_to_matrix(self.T_base_nav.wxyz)
         away = np.asarray(p_base) - self.T_base_nav.p
         by = np.zeros((3, 9))
-        by[:, BY_START] = np.hstack((-R_base_nav.T, R_base_nav.T @ skew(away)))
-        by[:, BY_MOUNT] = -self.R[stop]
+        by[:, START_ERRORS] = np.hstack((-R_base_nav.T, R_base_nav.T @ skew(away)))
+        by[:, MOUNT_ERRORS] = -self.R[stop]
         axes, nothing = axes_base @ R_base_nav, np.zeros(3)
         levers, value = (self.lever[stop] / self.scale, nothing), axes_base @ away / self.scale
         own = variance / self.scale**2
@@ -150,14 +149,14 @@ def _closed(path: HandPath, group: int) -> Claim:
         "the hand returned to its start",
         "the line `closed = true` at the file's top, not one of a [[grip]]",
         *(len(path.stops) - 1, 0, ALL_AXES, nothing, (nothing, nothing), np.zeros((3, 9))),
-        *(0.5 * SIGMA_M**2, 0.5 * SIGMA_M**2, group),
+        *(0.5 * PLACE_SIGMA_M**2, 0.5 * PLACE_SIGMA_M**2, group),
         differs="it ended {} away",
     )
 
 
 def _place(tool: _Tool, place: Place, group: int) -> Iterator[Claim]:
     stops = _different_stops(tool.path, place.t, "a [[place]]")
-    variance = (SIGMA_M if place.sigma_m is None else place.sigma_m) ** 2
+    variance = (PLACE_SIGMA_M if place.sigma_m is None else place.sigma_m) ** 2
     if place.p_base_tool is not None and tool.T_base_nav is not None:
         at = f"is at {', '.join(f'{x:.3f}' for x in place.p_base_tool)} m in base"
         p_base = np.asarray(place.p_base_tool)
@@ -214,7 +213,7 @@ def _at_table(tool: _Tool, table_height: float, contact: Contact, stop: int, gro
 def _height(
     tool: _Tool, contact: Contact, stops: tuple[int, int], at: str, group: int, shared: float, above: float = 0.0
 ) -> Claim:
-    """The tool is so much `above` where it is at the other of two stops."""
+    """The tool is `above` m higher than at the other stop."""
     saying = f"the tool at {contact.t:.2f} s (stop {stops[0]}) is {at}"
     variances = (_variance(contact), shared)
     return tool.meets(saying, "that [[contact]]", stops, group, variances, above)
@@ -222,7 +221,7 @@ def _height(
 
 def _variance(contact: Contact) -> float:
     """Of one visit, m2: two of them differ by sigma."""
-    return 0.5 * (SIGMA_M if contact.sigma_m is None else contact.sigma_m) ** 2
+    return 0.5 * (PLACE_SIGMA_M if contact.sigma_m is None else contact.sigma_m) ** 2
 
 
 def _different_stops(path: HandPath, times: tuple[float, ...], what: str) -> tuple[int, ...]:
@@ -233,13 +232,13 @@ def _different_stops(path: HandPath, times: tuple[float, ...], what: str) -> tup
         away = np.maximum(np.maximum(begins - t, t - ends), 0.0)
         stop = int(np.argmin(away))
         at = f"{path.t[path.stops[stop].start]:.2f} to {path.t[path.stops[stop].stop - 1]:.2f} s"
-        if away[stop] > NEAR_S:
+        if away[stop] > NEAR_STOP_S:
             raise TrackingError(
                 f"{what} names {t:.2f} s, but the hand does not stop there: the nearest stop, {stop}, is from {at}; "
                 "give a time within a stop",
                 t=t,
                 value=float(away[stop]),
-                bound=NEAR_S,
+                bound=NEAR_STOP_S,
                 stop=stop,
             )
         if stop in found:

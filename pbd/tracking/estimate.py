@@ -15,21 +15,21 @@ from pbd.pose import Array, quat_inverse, quat_log, quat_multiply
 from pbd.tracking.moving_windows import median
 from pbd.tracking.noise import Noise, acc_doubt
 from pbd.tracking.rest import Rest
-from pbd.tracking.smoother.factors import ACC_MATRIX, GYR_MATRIX, LAG
 from pbd.tracking.smoother.normal_equations import ACC_BIAS, GYR_BIAS, POS, ROT, STATE, Solved
 from pbd.tracking.smoother.path import Path
 from pbd.tracking.smoother.preintegration import LOWER, Impulse, integral_of_means
 from pbd.tracking.smoother.smooth import Solution, smooth
+from pbd.tracking.smoother.state import ACC_MATRIX, GYR_MATRIX, LAG
 from pbd.tracking.smoother.variance_components import with_own_noise
 
 NEVER_STILL = "the hand never stands still; stop for half a second between the moves"
 
-BELIEVED = 0.2
-"""A candidate with less weight than this is no stop."""
+STOP_WEIGHT = 0.2
+"""Weight below which a candidate is no stop."""
 
 BOUNCE_S, BOUNCE_M, BOUNCE_RAD = 0.3, 0.02, np.radians(10.0)
-"""A short stop this soon before or after another, this near, and turned by less, is a sensor being put down or picked
-up."""
+"""Two stops are one put-down that bounced if the gap between them is shorter than BOUNCE_S, the shorter of them too,
+and the sensor moved and turned less than BOUNCE_M and BOUNCE_RAD (s, m, rad)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,7 @@ class Estimate:
     Attributes:
         path: at each row; in a stop nothing moves.
         stops: in order.
-        closure: (k - 1, 3) m/s, the velocity that a move seems to end with, by its acceleration alone.
+        closure: (k - 1, 3) m/s, velocity misclosure: the integral of each move's acceleration.
         covariance: of the keyframes.
         solution: of the smoother; None: by another method.
         sensor: its own errors; None: not estimated.
@@ -69,8 +69,8 @@ def estimate(
     if solution is None:
         raise TrackingError(NEVER_STILL)
     t, problem = recording.t, solution.problem
-    weights = solution.of_stops().tolist()
-    believed = [k for k, weight in enumerate(weights) if weight > BELIEVED]
+    weights = solution.stop_weights().tolist()
+    believed = [k for k, weight in enumerate(weights) if weight > STOP_WEIGHT]
     if not believed:
         raise TrackingError(NEVER_STILL)
     believed = _without_bounces(solution, believed)
@@ -94,7 +94,7 @@ def estimate(
 
 
 def _sensor(solution: Solution, first: int) -> SensorFound:
-    """The sensor's errors, with what was taken out before; biases at the knot of the first stop."""
+    """The sensor's errors, with those removed before smoothing; biases at the knot of the first stop."""
     solved, x, noise, rest = solution.solved, solution.state, solution.problem.noise, solution.problem.rest
     device, doubt, prior = noise.device, acc_doubt(noise, rest), solution.local.prior
     sigma = np.sqrt(np.diagonal(solved.shared))
@@ -144,7 +144,7 @@ def _without_bounces(solution: Solution, believed: Sequence[int]) -> list[int]:
 
 
 def _standing(path: Path, stops: Sequence[Stop], p_stop: Array, t: Array) -> Path:
-    """The path with each stop at one place: what it creeps in a stop is shared out over the moves beside."""
+    """The path with each stop at one place. What it creeps in a stop is distributed over the moves beside it."""
     p, v = path.p - p_stop[0], path.v.copy()
     places = p_stop - p_stop[0]
     shift = np.zeros_like(p)
@@ -163,7 +163,7 @@ def _standing(path: Path, stops: Sequence[Stop], p_stop: Array, t: Array) -> Pat
 
 
 def _closure(t: Array, a_nav: Array, stops: Sequence[Stop]) -> Array:
-    """The velocity that each move's acceleration integrates to."""
+    """Velocity misclosure: what each move's acceleration integrates to."""
     v = integral_of_means(t, a_nav)
     return np.array([v[after.start] - v[before.stop - 1] for before, after in pairwise(stops)]).reshape(-1, 3)
 
@@ -187,7 +187,7 @@ class _Times:
 
 
 def covariance_of(solved: Solved, knots: Sequence[int], p: Array) -> PoseCovariance:
-    """Of the poses at some knots, relative to the first: its place and heading are what nav is laid by."""
+    """Covariance of the poses at some knots, relative to the first, whose position and heading define nav."""
     times = _Times(solved, tuple(knots), p - p[0])
     return PoseCovariance(len(knots), times)
 

@@ -12,11 +12,11 @@ from pbd.errors import PbdWarning
 from pbd.pose import Array, Pose, quat_inverse, quat_log, quat_multiply
 from pbd.tracking.smoother.attitude import mean_quaternion
 
-GRIP_NEAR_S = 0.5
-"""A grip event further than this from any stop is worth a warning."""
+NEAR_STOP_S = 0.5
+"""Longest time, s, between a stop and an event or a claim that belongs to it."""
 
-TURN_RAD, SHIFT_M = np.radians(10.0), 0.03
-"""A move that turns by more and shifts by less is a hand rotation."""
+ROTATION_RAD, ROTATION_SHIFT_M = np.radians(10.0), 0.03
+"""A move is described as a hand rotation if it turns more than ROTATION_RAD and shifts less than ROTATION_SHIFT_M."""
 
 
 def keyframes_of(path: HandPath) -> tuple[Keyframe, ...]:
@@ -63,7 +63,7 @@ def _describe(path: HandPath, start: int, stop: int) -> str:
     """In the paper's words."""
     span = slice(max(start - 1, 0), stop + 1)
     extent = np.ptp(path.p_nav_sensor[span], axis=0)
-    if extent.max() < SHIFT_M and _largest_turn(path.wxyz_nav_sensor[span]) > TURN_RAD:
+    if extent.max() < ROTATION_SHIFT_M and _largest_turn(path.wxyz_nav_sensor[span]) > ROTATION_RAD:
         return "Hand rotation"
     axis = "xyz"[int(np.argmax(extent))]
     kind = "Vertical" if axis == "z" else "Horizontal"
@@ -82,7 +82,7 @@ def _grip_at_stops(events: tuple[GripEvent, ...], t: Array, stops: tuple[Stop, .
     for event in events if stops else ():
         away = np.maximum(np.maximum(begins - event.t, event.t - ends), 0.0)
         nearest = int(np.argmin(away))
-        if away[nearest] > GRIP_NEAR_S:
+        if away[nearest] > NEAR_STOP_S:
             warnings.warn(
                 f"the grip {'closed' if event.closed else 'opened'} at {event.t:.2f} s, {away[nearest]:.1f} s from the "
                 f"nearest stop; it is taken to belong to stop {nearest}",
@@ -94,7 +94,7 @@ def _grip_at_stops(events: tuple[GripEvent, ...], t: Array, stops: tuple[Stop, .
 
 
 def _changing(grips: dict[int, bool]) -> dict[int, bool]:
-    """Leave out a grip that does what the one before it did: it changes nothing."""
+    """Leave out a grip event that repeats the one before it."""
     changing: dict[int, bool] = {}
     for stop in sorted(grips):
         closed = grips[stop]

@@ -18,10 +18,8 @@ from pbd.data import Calibration, ClaimFit, HandPath, Known, Stop
 from pbd.data.covariance import PoseCovariance
 from pbd.errors import TrackingError
 from pbd.pose import Array, Pose, quat_exp, quat_multiply
-from pbd.tracking.claims import BY_MOUNT, BY_START, Claim, claims_of
-
-REFUSED_SIGMA = 3.0
-"""A misfit as improbable as so many sigmas along one axis (0.27 %) is a contradiction."""
+from pbd.tracking.claims import MOUNT_ERRORS, START_ERRORS, Claim, claims_of
+from pbd.tracking.noise import OUTLIER_SIGMAS
 
 
 def condition_on(
@@ -107,9 +105,9 @@ def _noise(claims: Sequence[Claim], rows: Sequence[slice], calibration: Calibrat
                 R[row, column] += claim.shared * np.eye(len(claim.value))
     if calibration is not None:
         errors = np.zeros((9, 9))
-        errors[BY_START, BY_START] = calibration.cov_start
+        errors[START_ERRORS, START_ERRORS] = calibration.cov_start
         if calibration.cov_sensor_tool is not None:
-            errors[BY_MOUNT, BY_MOUNT] = calibration.cov_sensor_tool[:3, :3]
+            errors[MOUNT_ERRORS, MOUNT_ERRORS] = calibration.cov_sensor_tool[:3, :3]
         by_calibration = np.vstack([claim.by_calibration for claim in claims])
         R += by_calibration @ errors @ by_calibration.T
     return R
@@ -161,7 +159,7 @@ def _fits(
     weighted = np.linalg.solve(S, misfit)
     together = float(misfit @ weighted)
     if together > _bound(len(misfit)):
-        # A claim's misfit against all the others, and its square: by how much all together falls without the claim.
+        # A claim's misfit against all the others, and its square: how far the total falls without the claim.
         precision = np.linalg.inv(S)
         against = [np.linalg.solve(precision[row, row], weighted[row]) for row in rows]
         gained = [float(weighted[row] @ off) for row, off in zip(rows, against, strict=True)]
@@ -187,10 +185,10 @@ def _refuse(path: HandPath, claim: Claim, misfit: Array, square: float, beside: 
 
 
 def _bound(dimension: int) -> float:
-    """The chi-square that is as improbable as REFUSED_SIGMA along one axis."""
+    """The chi-square that is as improbable as OUTLIER_SIGMAS along one axis."""
     from scipy.special import chdtri
 
-    return float(chdtri(dimension, erfc(REFUSED_SIGMA / sqrt(2.0))))
+    return float(chdtri(dimension, erfc(OUTLIER_SIGMAS / sqrt(2.0))))
 
 
 def _middle(path: HandPath, stop: Stop) -> float:

@@ -1,4 +1,4 @@
-"""Every physical parameter of the estimator, once: what the sensor and the hand may do.
+"""Every physical parameter of the estimator: the noise of the sensor and the motion of the hand.
 
 White noise is measured in the recording's own rest. The rest of a sensor's errors is of its class, by data sheets;
 what a hand does is physiology. `gyr_turn`, `acc_motion`, `acc_bend` and the walks were chosen with the recordings of
@@ -17,6 +17,10 @@ from pbd.tracking.rest import Rest
 
 DEG = np.pi / 180.0
 MG = 1e-3 * GRAVITY
+
+OUTLIER_SIGMAS = 3.0
+"""Deviation in sigmas along one axis that is no chance (0.27 %). There a robust factor hardly counts, a claim is
+refused and a lag is real."""
 
 
 @dataclass(frozen=True)
@@ -151,11 +155,11 @@ class Noise:
     """rad/s: the same of its turning, about an elbow half a metre away."""
 
 
-FINEST = 1e-12
-"""m/s2 or rad/s: a smaller step is a computer's."""
+FINEST_STEP = 1e-12
+"""m/s2 or rad/s: a smaller difference between readings is floating-point rounding."""
 
-MOST_LEVELS = 4096
-"""Of so many rows or more, spread over a recording, readings that differ by one step are found."""
+STEP_ROWS = 4096
+"""Number of rows, spread over a recording, that suffice to find the step of its readings."""
 
 
 def noise_of(recording: Recording, rest: Rest, errors: SensorErrors | None = None) -> Noise:
@@ -185,7 +189,7 @@ def noise_of(recording: Recording, rest: Rest, errors: SensorErrors | None = Non
 def _rounding(values: Array, rms: float) -> tuple[float, float]:
     """White noise of readings (n, 3) per sample and axis; and what rounding leaves over where they hardly change.
 
-    Their step is the smallest difference between two of them. Noise that is large against it makes the rounding white
+    Their step is the smallest difference between two of them. Noise larger than the step makes the rounding white
     (it is a dither); of smaller noise a share exp(-2 pi^2 rms^2 / step^2) stays the same as long as the reading does,
     and changes from one rest to another: a random walk of a second.
 
@@ -195,16 +199,16 @@ def _rounding(values: Array, rms: float) -> tuple[float, float]:
 
     Source: B. Widrow, I. Kollar, Quantization noise, Cambridge 2008, 9.
     """
-    some = values[:: max(1, len(values) // MOST_LEVELS)]
+    some = values[:: max(1, len(values) // STEP_ROWS)]
     step = min(float(np.diff(np.unique(axis)).min(initial=np.inf)) for axis in some.T)
-    if not FINEST < step < np.inf:
+    if not FINEST_STEP < step < np.inf:
         return rms, 0.0
     rounding = step / np.sqrt(12.0)
     return max(rms, rounding), rounding * float(np.exp(-2.0 * (np.pi * rms / step) ** 2))
 
 
 def acc_doubt(noise: Noise, rest: Rest) -> float:
-    """By how much the accelerometer errs more than its class: what the rest shows is a scale for all of it."""
+    """Factor on the class' accelerometer sigmas: gravity at rest shows how large its errors are."""
     shown = abs(rest.gravity - noise.gravity)
     return float(np.hypot(1.0, max(shown - 2.0 * noise.gravity_sigma, 0.0) / noise.device.acc_bias))
 

@@ -37,13 +37,13 @@ LAMBDA_M = 10
 """Samples without a detection after which a motion has ended."""
 
 TILT_LOWPASS_S = 0.3
-"""Time constant of tilt from the accelerometer, where the device gives no attitude."""
+"""s: time constant of the tilt from the accelerometer, where the device gives no attitude."""
 
 YAW_SIGMA = np.radians(1.0)
-"""rad, of the compass."""
+"""rad: one sigma of the compass."""
 
 GYRO_SIGMA, BIAS_WALK = np.radians(0.3), np.radians(0.01)
-"""rad/s per sample of the gyro, and what its bias may change by from sample to sample."""
+"""rad/s per sample: one sigma of the gyro; step of its bias' random walk."""
 
 
 def track_as_paper(recording: Recording, rest: Rest) -> Estimate:

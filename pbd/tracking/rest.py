@@ -1,4 +1,4 @@
-"""What the sensor says while nothing moves: the recording's own noise, gyro bias and gravity."""
+"""The sensor at rest: the recording's own noise, gyro bias and gravity."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from pbd.pose import Array, readonly
 from pbd.tracking.moving_windows import window_moments
 
 REST_S = 1.0
-"""A stretch of this length is taken for rest: the first that is about as quiet as the quietest."""
+"""s: length of the rest that starts a recording. The first second about as quiet as the quietest is taken."""
 
-SHORTEST_S = 0.3
-"""Less rest than this tells neither gravity nor bias."""
+SHORTEST_REST_S = 0.3
+"""Shortest rest, s, that shows gravity and gyro bias."""
 
-ABOUT = 4.0
-"""The first rest may have this many times the variance of the quietest."""
+QUIET_RATIO = 4.0
+"""Largest variance of a quiet rest, relative to the quietest one."""
 
 STILL_ACC, STILL_GYR = 0.5, 0.15
-"""A hand that holds still trembles less than this (rms, m/s2 and rad/s); more is motion."""
+"""rms, m/s2 and rad/s, above which a hand is moving."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,7 @@ def find_rest(recording: Recording) -> Rest:
     gyr_var = np.zeros_like(acc_var) if recording.gyr is None else window_moments(recording.gyr, length)[0]
     restlessness = acc_var / STILL_ACC**2 + gyr_var / STILL_GYR**2
     # 1e-6: the quietest second of a sensor without noise is no quieter than the next.
-    start = int(np.argmax(restlessness <= ABOUT * restlessness.min() + 1e-6))
+    start = int(np.argmax(restlessness <= QUIET_RATIO * restlessness.min() + 1e-6))
     rest = rest_over(recording, start, start + length)
     _refuse_wrong_units(rest.gravity)
     if acc_var[start] > STILL_ACC**2 or gyr_var[start] > STILL_GYR**2:
@@ -74,7 +74,7 @@ def find_rest(recording: Recording) -> Rest:
 
 
 def rest_over(recording: Recording, start: int, stop: int) -> Rest:
-    """What the sensor says over samples in which it is known to rest.
+    """Noise, bias and gravity over samples in which the sensor rests.
 
     Raises:
         TrackingError: no gravity.
@@ -103,7 +103,7 @@ def rest_within(recording: Recording, rest: Rest, stops: tuple[Stop, ...]) -> Re
     Raises:
         TrackingError: no stop is long enough.
     """
-    least = SHORTEST_S * recording.rate_hz
+    least = SHORTEST_REST_S * recording.rate_hz
 
     def shared(stop: Stop) -> tuple[int, int]:
         return max(stop.start, rest.start), min(stop.stop, rest.stop)
@@ -116,15 +116,16 @@ def rest_within(recording: Recording, rest: Rest, stops: tuple[Stop, ...]) -> Re
         start, stop = longest.start, longest.stop
     if stop - start < least:
         raise TrackingError(
-            f"the hand never stands still for {SHORTEST_S:g} s; start with two seconds of rest, and stop between moves",
+            f"the hand never stands still for {SHORTEST_REST_S:g} s; start with two seconds of rest, and stop between "
+            "moves",
             value=(stop - start) / recording.rate_hz,
-            bound=SHORTEST_S,
+            bound=SHORTEST_REST_S,
         )
     return rest_over(recording, start, stop)
 
 
 def _refuse_wrong_units(norm_at_rest: float) -> None:
-    """Refuse specific force that is not in m/s2, told by its norm at rest, naming the likely unit."""
+    """Refuse specific force whose norm at rest is not g, naming the likely unit."""
     if 0.85 < norm_at_rest / GRAVITY < 1.15:
         return
     scales = {"g": 1.0 / GRAVITY, "mg": 1e3 / GRAVITY, "mm/s2": 1e3, "cm/s2": 1e2}

@@ -1,7 +1,7 @@
-"""Where the hand may stand still: candidates, each of which the smoother then believes, trims or gives up.
+"""Zero-velocity candidates: where the hand may stand still. The smoother then accepts, trims or rejects each.
 
 A sensor at rest shows a constant specific force and no rate of turn. So does one that coasts at constant velocity:
-that is for the smoother to tell, which knows the velocity.
+the smoother, which knows the velocity, tells them apart.
 """
 
 from __future__ import annotations
@@ -19,26 +19,25 @@ from pbd.tracking.rest import Rest
 Spans = list[tuple[int, int]]
 """Half-open ranges of rows, in order."""
 
-WINDOW_S = 0.1
-"""s: energies are means over this long."""
+ENERGY_WINDOW_S = 0.1
+"""s: averaging time of the energies. So motion shows at most this long after it began."""
 
-REST_FACTOR, ACC_FLOOR, GYR_FLOOR = 10.0, 0.08, 0.02
-"""Quiet is under so many times the rest's energy or, rms in m/s2 and rad/s, what a hand trembles that holds still."""
+QUIET_ENERGY, QUIET_ACC, QUIET_GYR = 10.0, 0.08, 0.02
+"""A window is quiet if its energy is below QUIET_ENERGY times the rest's, or its rms below that of a hand that holds
+still (m/s2, rad/s)."""
 
-LULL, LULL_S = 10.0**-2.2, 1.0
-"""Where nothing is that quiet, a window with less than this share of the largest energy within so many seconds is
-taken: a foot's stance. (FACTS: F1 above .98 on four trials and at 41 to 286 Hz with one setting.)"""
+LULL_SHARE, LULL_S = 10.0**-2.2, 1.0
+"""A foot's stance: where nothing is quiet, a window counts as still if its energy is below this share of the largest
+within LULL_S s. (FACTS: F1 above .98 on four trials and at 41 to 286 Hz with one setting.)"""
 
-SETTING_OUT_S = 0.1
-"""s: a hand that is seen to move set out no longer before."""
 
-MERGE_S, SHORTEST_S = 0.1, 0.08
-"""s: motion shorter than this between two stops is a jolt; a stop shorter than that is none."""
+SHORTEST_MOVE_S, SHORTEST_STOP_S = 0.1, 0.08
+"""s: a shorter motion between two stops is a jolt; a shorter stop is none."""
 
 
 def window_rows(t: Array) -> int:
-    """Rows in a window of WINDOW_S."""
-    return min(max(2, round(WINDOW_S / float(np.median(np.diff(t))))), len(t))
+    """Rows in a window of ENERGY_WINDOW_S."""
+    return min(max(2, round(ENERGY_WINDOW_S / float(np.median(np.diff(t))))), len(t))
 
 
 def energies(u: Array, gyr: Array, n: int) -> tuple[Array, Array]:
@@ -59,7 +58,7 @@ def find_candidates(t: Array, shake: Array, turn: Array, rest: Rest, unseen: Seq
         t: (n,) s.
         shake: (m,) (m/s2)^2, and turn (m,) (rad/s)^2: of `energies`.
         rest: for its noise.
-        unseen: last row before and first row after each hole in the data; one between two rests is part of them.
+        unseen: last row before and first row after each gap. A gap between two rests is part of them.
     """
     from scipy.ndimage import maximum_filter1d
 
@@ -67,8 +66,10 @@ def find_candidates(t: Array, shake: Array, turn: Array, rest: Rest, unseen: Seq
     limits = quiet_limits(rest)
     quiet = (shake < limits[0]) & (turn < limits[1])
     reach = 2 * max(1, round(LULL_S / dt)) + 1
-    lull = quiet | ((shake < LULL * maximum_filter1d(shake, reach)) & (turn < LULL * maximum_filter1d(turn, reach)))
-    for before, after in unseen:  # what was interpolated shows nothing; what goes on at an end is refused elsewhere
+    lull = quiet | (
+        (shake < LULL_SHARE * maximum_filter1d(shake, reach)) & (turn < LULL_SHARE * maximum_filter1d(turn, reach))
+    )
+    for before, after in unseen:  # interpolated data show nothing; a gap at an end is refused elsewhere
         if before == 0 or after == len(t) - 1:
             continue
         quiet[max(before + 2 - n, 0) : after] = lull[max(before + 2 - n, 0) : after] = False
@@ -80,13 +81,13 @@ def find_candidates(t: Array, shake: Array, turn: Array, rest: Rest, unseen: Seq
     still = maximum_filter1d(
         np.concatenate((quiet, np.zeros(n - 1, dtype=bool))), n, origin=(n - 1) // 2, mode="constant"
     )
-    return _lasting(t, _merged(t, runs(still), unseen))
+    return _long_enough(t, _merged(t, runs(still), unseen))
 
 
 def still_speed(shake: Array, turn: Array, n: int, rest: Rest, noise: Noise) -> Array:
-    """How fast, m/s along each axis, a hand may be that stands still, at each of n rows.
+    """Sigma of a zero-velocity update, m/s along each axis, at each of n rows.
 
-    It creeps; it trembles, as the acceleration above the sensor's own noise shows; it turns about a point beside.
+    A hand at rest creeps. It trembles, as acceleration above the sensor's noise shows. It turns about a point beside.
 
     Args:
         shake: (m,) (m/s2)^2, and turn (m,) (rad/s)^2: of `energies`.
@@ -109,25 +110,25 @@ def speed_by_energies(shake: Array, turn: Array, rest: Rest, noise: Noise) -> Ar
 
 def quiet_limits(rest: Rest) -> tuple[float, float]:
     """Energies below which a window is quiet: (m/s2)^2 and (rad/s)^2."""
-    return max(REST_FACTOR * rest.acc_rms**2, ACC_FLOOR**2), max(REST_FACTOR * rest.gyr_rms**2, GYR_FLOOR**2)
+    return max(QUIET_ENERGY * rest.acc_rms**2, QUIET_ACC**2), max(QUIET_ENERGY * rest.gyr_rms**2, QUIET_GYR**2)
 
 
 def slow_parts(t: Array, span: tuple[int, int], slow: NDArray[np.bool_]) -> Spans:
-    """The parts of a span in which the hand is slow, as its rows say (stop - start,)."""
-    return _lasting(t, _merged(t, [(span[0] + i, span[0] + j) for i, j in runs(slow)]))
+    """The parts of a span in which the hand is slow, by a flag per row (stop - start,)."""
+    return _long_enough(t, _merged(t, [(span[0] + i, span[0] + j) for i, j in runs(slow)]))
 
 
 def trimmed(span: tuple[int, int], slow: NDArray[np.bool_]) -> tuple[int, int]:
-    """A span without its ends where the hand sets out or arrives; where it is slow in no row of it, all of it."""
+    """A span without its fast ends, where the hand sets out or arrives. The whole span if no row is slow."""
     inside = np.flatnonzero(slow)
     return (span[0] + int(inside[0]), span[0] + int(inside[-1]) + 1) if len(inside) > 1 else span
 
 
 def calm_part(t: Array, span: tuple[int, int], slow: NDArray[np.bool_]) -> tuple[int, int]:
-    """A span without what a hand that sets out at its ends, or arrives, may have been moving before that was seen."""
+    """A span without its first and last energy window, in which motion may not show yet."""
     start, stop = span
     first, last = trimmed(span, slow)
-    within = np.searchsorted(t, (t[start] + SETTING_OUT_S, t[stop - 1] - SETTING_OUT_S))
+    within = np.searchsorted(t, (t[start] + ENERGY_WINDOW_S, t[stop - 1] - ENERGY_WINDOW_S))
     calm = min(first, int(within[0])), max(last, int(within[1]) + 1)
     return calm if calm[1] - calm[0] > 1 else span
 
@@ -147,12 +148,12 @@ def _merged(t: Array, spans: Spans, unseen: Sequence[tuple[int, int]] = ()) -> S
     merged: Spans = []
     for start, stop in spans:
         last = merged[-1][1] - 1 if merged else 0
-        if merged and (t[start] - t[last] < MERGE_S or (last, start) in unseen):
+        if merged and (t[start] - t[last] < SHORTEST_MOVE_S or (last, start) in unseen):
             merged[-1] = (merged[-1][0], stop)
         else:
             merged.append((start, stop))
     return merged
 
 
-def _lasting(t: Array, spans: Spans) -> Spans:
-    return [(start, stop) for start, stop in spans if t[stop - 1] - t[start] > SHORTEST_S - 1e-9]
+def _long_enough(t: Array, spans: Spans) -> Spans:
+    return [(start, stop) for start, stop in spans if t[stop - 1] - t[start] > SHORTEST_STOP_S - 1e-9]

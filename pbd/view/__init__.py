@@ -1,1 +1,1 @@
-"""What people see."""
+"""Views: the replay's page, the live view, tables."""

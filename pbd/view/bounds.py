@@ -1,4 +1,4 @@
-"""What the camera has to show."""
+"""Bounds of what the camera has to show."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from pbd.view.motion import Poses
 from pbd.view.scene_values import ReplayScene
 from pbd.view.visuals import Visual
 
-BESIDE_M = 0.15
-"""An obstacle counts up to so far beyond all else: a wall may be long."""
+OBSTACLE_MARGIN_M = 0.15
+"""m: an obstacle extends the view by at most this much, as a wall may be long."""
 
 
 def bounds(scene: ReplayScene, tool: Poses, visuals: tuple[Visual, ...], carried: Poses | None) -> Array:
@@ -25,7 +25,7 @@ def bounds(scene: ReplayScene, tool: Poses, visuals: tuple[Visual, ...], carried
     if scene.grasped is not None and carried is not None:
         points.append(_swept(carried, _corners(scene.grasped.shape, scene.grasped.size)))
     everything: Array = np.concatenate(points)
-    low, high = everything.min(axis=0) - BESIDE_M, everything.max(axis=0) + BESIDE_M
+    low, high = everything.min(axis=0) - OBSTACLE_MARGIN_M, everything.max(axis=0) + OBSTACLE_MARGIN_M
     around = [each.T_base_obstacle.act(_corners(each.shape, each.size)).clip(low, high) for each in scene.obstacles]
     return _outermost(np.concatenate((everything, *around)))
 

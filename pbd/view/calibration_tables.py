@@ -1,4 +1,4 @@
-"""What `pbd calibrate` prints for people."""
+"""Tables that `pbd calibrate` prints."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def calibration_table(calibration: Calibration) -> Table:
 def base_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     """One sigma of the tool in base at each keyframe (of `base_sigmas`), whole and by parts (rms over the axes).
 
-    A dash stands for a part that nobody measured.
+    A dash stands for a part that was not measured.
     """
     names = list(rows[0]["base_sigma_parts_m"]) if rows else []
     table = make_table("#", "σ x (mm)", "y (mm)", "z (mm)", "σ (°)", *(f"{name} (mm)" for name in names))
@@ -116,7 +116,7 @@ def _add_pose(table: Table, part: str, what: str, pose: Pose, cov: Array | None)
 
 
 def _stated(sigma: Array, decimals: int, unit: str) -> str:
-    """One sigma along each axis; a dash where nobody measured it."""
+    """One sigma along each axis; a dash where it is unknown."""
     if np.isnan(sigma).all():
         return "not stated"
     return f"{', '.join('–' if np.isnan(x) else f'{x:.{decimals}f}' for x in sigma)}{unit}"

@@ -1,4 +1,4 @@
-"""What the page tells beside the scene: times, keyframes, joints, as a plain value that msgpack carries."""
+"""The page's description of a motion: times, keyframes, joints, as a plain value for msgpack."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.data import JointTrajectory
-from pbd.data.hand import DOUBTED
+from pbd.data.tracking import DOUBTED_WEIGHT
 from pbd.pose import Array
 from pbd.view.meshcat_encoding import typed
 from pbd.view.scene_values import ReplayKeyframe, ReplayScene
@@ -18,8 +18,8 @@ from pbd.view.scene_values import ReplayKeyframe, ReplayScene
 PLOT_RATE_HZ = 25.0
 SPAN_RATE_HZ = 100.0
 MOVING_RAD_S = 1e-6
-OPEN = 0.98
-"""Of the gripper's widest opening in the motion: beyond it counts as open."""
+OPEN_SHARE = 0.98
+"""Share of the gripper's widest opening in the motion above which it counts as open."""
 
 
 def describe(scene: ReplayScene, bounds: Array, rate_hz: float) -> Mapping[str, Any]:
@@ -50,6 +50,7 @@ def describe(scene: ReplayScene, bounds: Array, rate_hz: float) -> Mapping[str, 
             "upper": limits.upper.tolist(),
         },
         "speed": None if scene.hand_speed is None else float(scene.hand_speed.max()),
+        "torque": scene.torque,
         "table": scene.table_height,
         "obstacles": [obstacle.name for obstacle in scene.obstacles],
         "bounds": bounds.tolist(),
@@ -67,7 +68,7 @@ def moves(trajectory: JointTrajectory) -> list[tuple[float, float]]:
 def closed(trajectory: JointTrajectory) -> list[tuple[float, float]]:
     """From when to when the gripper is not at its widest, s."""
     samples = trajectory.sample(SPAN_RATE_HZ)
-    return _spans(samples.t, samples.gripper < OPEN * samples.gripper.max())
+    return _spans(samples.t, samples.gripper < OPEN_SHARE * samples.gripper.max())
 
 
 def _spans(t: Array, wanted: NDArray[np.bool_]) -> list[tuple[float, float]]:
@@ -83,7 +84,7 @@ def _keyframe(keyframe: ReplayKeyframe) -> dict[str, Any]:
         "p": keyframe.T_base_tool.p.tolist(),
         "sigma": None if keyframe.cov is None else [_largest(keyframe.cov[:3, :3]), _largest(keyframe.cov[3:, 3:])],
         "grip": keyframe.grip,
-        "sure": None if keyframe.weight >= DOUBTED else keyframe.weight,
+        "sure": None if keyframe.weight >= DOUBTED_WEIGHT else keyframe.weight,
     }
 
 

@@ -1,4 +1,4 @@
-"""The hand's path while it grows: a curve through what the tracker says, in pieces of bounded size."""
+"""The live path: a curve through the tracked positions, in pieces of bounded size."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from numpy.typing import ArrayLike
 from pbd.pose import Array
 
 SPACING_M = 0.004
-"""Points lie this far apart."""
-PIECE = 32
-"""Points in a whole piece. Only the last piece grows, so a new point costs no more than that."""
-MOST = 24
-"""Most points in one step: a hand whose track is lost and races away costs no more than one that moves."""
-REACH_M = 1.5
-"""The camera follows a move no further than this from its stops: beyond, dead reckoning has gone astray."""
+"""m between two points of the path."""
+PIECE_POINTS = 32
+"""Number of points per piece. Only the last piece grows, so a new point costs no more than that."""
+MOST_NEW_POINTS = 24
+"""Most points added at once, so that a track that runs away costs no more than a move."""
+CAMERA_REACH_M = 1.5
+"""m from the stops: farthest that the camera follows a move. Farther away dead reckoning has diverged."""
 
 
 class LivePath:
@@ -44,7 +44,7 @@ class LivePath:
         # After a rest the time between says nothing of the curve: no tangent is longer than a cubic from rest needs.
         before, after = (_shortened((t - self._t) * v, 3.0 * chord) for v in (self._v, v_nav_sensor))
         first = len(self._rows)
-        share = np.linspace(0.0, 1.0, min(int(np.ceil(chord / SPACING_M)), MOST) + 1)[1:]
+        share = np.linspace(0.0, 1.0, min(int(np.ceil(chord / SPACING_M)), MOST_NEW_POINTS) + 1)[1:]
         s = share[:, None]
         points = self._p + s * s * (3.0 - 2.0 * s) * step + s * (1.0 - s) * ((1.0 - s) * before - s * after)
         speeds = (1.0 - share) * np.linalg.norm(self._v) + share * np.linalg.norm(v_nav_sensor)
@@ -69,12 +69,12 @@ class LivePath:
         self.begin(t, p_nav_sensor)
 
     def take(self, most: int) -> list[tuple[str, Array, Array]]:
-        """Return at most so many changed pieces, oldest first: name, points (n, 3) m, speed (n,) m/s."""
+        """Return some changed pieces, oldest first: name, points (n, 3) m, speed (n,) m/s."""
         names = list(self._changed)[:most]
         return [(name, rows[:, 1:4], rows[:, 4]) for name in names for rows in [self._changed.pop(name)]]
 
     def corners(self) -> Array:
-        """Return the corners (2, 3) m of a box around the path, as far as the move under way can be believed."""
+        """Return the corners (2, 3) m of a box around the path, without what has likely diverged."""
         return _corners(np.vstack((self._settled, _near(self._going, self._rows[0][None, 1:4]))))
 
     @property
@@ -84,8 +84,8 @@ class LivePath:
 
     def _mark(self, row: int) -> None:
         """Note that all pieces from the one with a row on have changed; neighbours share a point."""
-        for k in range(row // PIECE, -(-(len(self._rows) - 1) // PIECE)):
-            self._changed[f"{self._move}/{k}"] = np.array(self._rows[k * PIECE : (k + 1) * PIECE + 1])
+        for k in range(row // PIECE_POINTS, -(-(len(self._rows) - 1) // PIECE_POINTS)):
+            self._changed[f"{self._move}/{k}"] = np.array(self._rows[k * PIECE_POINTS : (k + 1) * PIECE_POINTS + 1])
 
 
 def _shortened(vector: Array, most: float) -> Array:
@@ -98,4 +98,4 @@ def _corners(points: Array) -> Array:
 
 
 def _near(points: Array, stops: Array) -> Array:
-    return points.clip(stops.min(axis=0) - REACH_M, stops.max(axis=0) + REACH_M)
+    return points.clip(stops.min(axis=0) - CAMERA_REACH_M, stops.max(axis=0) + CAMERA_REACH_M)

@@ -1,4 +1,4 @@
-"""What a browser shows while the hand is recorded: the sensor, its path so far and its stops, in nav."""
+"""The live view in the browser: the sensor, its path so far and its stops, in nav."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from pbd.view.meshcat_encoding import solid, two_sigma
 from pbd.view.server import LiveViewer, invite
 
 FAST_M_S = 0.6
-"""A speed of this or more has the last of the path's colours."""
+"""Speed, m/s, from which on the path has the last of its colours."""
 
 BOX_M, BOX_RGB = (0.040, 0.028, 0.012), (0.96, 0.62, 0.16)
 NAV_M, NAV_RADIUS_M = 0.12, 0.0022
 """An ellipsoid without a size can't be turned."""
 
-PIECES = 2
-"""Pieces of the path in one picture; more are drawn later."""
+PIECES_AT_ONCE = 2
+"""Most pieces of the path that are sent at once. The rest follows."""
 
 SMALLEST_M, SMALLEST_RAD = 2e-4, 2e-3
-"""A smaller motion counts as none, so that the page can draw finely what stands still."""
+"""m and rad: smaller motion is not drawn."""
 
 ROOM_M, MARGIN_M = 0.1, 0.03
-"""The camera's room changes by steps, before the hand reaches its side."""
+"""m: the camera's view grows by steps, before the hand comes this near to its edge."""
 FIRST_ROOM_M = np.array([[-0.1, -0.1, 0.0], [0.2, 0.2, 0.2]])
 
 State = Literal["waits", "still", "moves", "pause", "ended"]
@@ -95,7 +95,7 @@ class LiveView:
         invite(f"live view at {self._viewer.url}", self._viewer.url, open_browser)
 
     def show(self, picture: LivePicture) -> None:
-        """Draw what is new, in a few milliseconds; nothing for now where the server is busy with what came before."""
+        """Draw the news, in a few milliseconds; nothing if the server is still busy with the last picture."""
         if np.isfinite((*picture.p_nav_sensor, *picture.v_nav_sensor, *picture.wxyz_nav_sensor)).all():
             self._follow(picture)
             if not self._viewer.behind():
@@ -140,7 +140,7 @@ class LiveView:
         # Of older stops nothing changes any more.
         for i, keyframe in enumerate(self._known[max(len(self._drawn) - 2, 0) :], max(len(self._drawn) - 2, 0)):
             self._draw_stop(i, keyframe)
-        for name, points, speed in self._path.take(PIECES):
+        for name, points, speed in self._path.take(PIECES_AT_ONCE):
             tube = shapes.tube(points, shapes.speed_rgb(speed / FAST_M_S), shapes.PATH_RADIUS_M, sides=6)
             self._scene[f"path/{name}"].set_object(solid(tube))
         T_nav_hand = Pose(picture.p_nav_sensor, picture.wxyz_nav_sensor)

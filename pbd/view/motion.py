@@ -1,4 +1,4 @@
-"""Where a robot's parts are over time: forward kinematics of the whole robot, arm and fingers."""
+"""Poses of a robot's parts over time: forward kinematics of arm and fingers."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from pbd.data import Robot
 from pbd.pose import Array, Pose, quat_from_matrix, quat_multiply, quat_rotate
 
 FRAME_RATE_HZ = 50.0
-"""Of the animation; the page interpolates."""
+"""Frames per second of the animation. The page interpolates between them."""
 
 
 @dataclass(frozen=True, eq=False)

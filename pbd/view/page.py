@@ -1,4 +1,4 @@
-"""The replay as one HTML file: it plays without a server and without a net.
+"""The replay as one HTML file. It plays without a server or a network.
 
 The page carries meshcat's own viewer and the scene's commands, both gzipped. Its content security policy names the
 hashes of its scripts and forbids everything else: no connection, no script that a label or a title might smuggle in.

@@ -1,4 +1,4 @@
-"""What stands in the replay: the robot and its motion, the hand's path, the keyframes, as meshcat commands.
+"""The replay's scene: the robot and its motion, the hand's path, the keyframes, as meshcat commands.
 
 How it looks (light, ground, camera, controls) is the page's business (pbd/view/web).
 """
@@ -26,13 +26,13 @@ TOOL_PATH_RGB = (0.55, 0.57, 0.60)
 TOUCHING_RGB = (0.86, 0.12, 0.10)
 OBSTACLE_RGB, OBSTACLE_OPACITY = (0.62, 0.55, 0.47), 0.6
 OBJECT_RGB, OBJECT_OPACITY = (0.16, 0.55, 0.53), 0.72
-"""Translucent, or what is held hides keyframes and the path."""
+"""Translucent, so that the object does not hide keyframes and the path."""
 THE_TOOL = "the tool"
 """What the checks for collisions call the rod, which stands for a gripper that the robot's model lacks."""
 GRIPPER_RGB, GRIPPER_OPACITY = (0.55, 0.58, 0.63), 0.55
-"""Of the rod; and of a palm with two fingers around it, a guess that is not checked."""
+"""Colour of the rod, and of a palm with two fingers around it, which is a guess and is not checked."""
 FINGER_M, HALF_STROKE_M = 0.055, 0.04
-"""Of that guess."""
+"""Size of that guess."""
 
 
 def build(scene: ReplayScene, into: Visualizer) -> None:

@@ -1,4 +1,4 @@
-"""What a replay is made of: the values that `pbd.view.scene.build` draws."""
+"""Values that `pbd.view.scene.build` draws."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class ReplayKeyframe:
         label: a word for people; may be empty.
         t: s, when the arm reaches it.
         T_base_tool: where.
-        cov: (6, 6) m and rad, of the tool's position and rotation vector in base; None where nobody measured it.
+        cov: (6, 6) m and rad, of the tool's position and rotation vector in base; None where it is unknown.
         grip: True where the gripper closes here, False where it opens.
         weight: how sure the tracker is that the hand stood still, 0 to 1.
     """
@@ -80,6 +80,7 @@ class ReplayScene:
         table_height: m, z of the table's top in base; None: the ground at z = 0.
         obstacles: what else stands around.
         rod: what stands for a gripper that the model lacks, or None.
+        torque: the largest share of a torque limit, or None.
         grasped: what the gripper takes, or None.
         phases: where that is, by time; empty where nothing is grasped.
         notes: what the viewer should know: warnings, "simulated data".
@@ -100,6 +101,7 @@ class ReplayScene:
     touching: tuple[Touching, ...] = ()
     obstacles: tuple[Obstacle, ...] = ()
     rod: Rod | None = None
+    torque: float | None = None
 
     def __post_init__(self) -> None:
         n = len(self.hand_path_base)

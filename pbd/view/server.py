@@ -1,6 +1,6 @@
 """The live viewer: a server of the replay's page, for this machine alone, and the scene that it sends to each page.
 
-The server runs in a thread of its own and ends with the program. Who draws never waits for it.
+The server runs in a thread of its own and ends with the program. Drawing never waits for it.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ if TYPE_CHECKING:  # the recording's view needs no robot library
 
 LOOPBACK = "127.0.0.1"
 HOSTS = r"(127\.0\.0\.1|localhost)"
-"""A page elsewhere that points its own name at 127.0.0.1 gets nothing."""
-LAST_S = 2.0
-"""How long closing waits for pages to take what was sent last."""
+"""Host names that are served. A foreign page whose name points to 127.0.0.1 gets nothing."""
+CLOSING_S = 2.0
+"""s that closing waits for pages to receive what was sent last."""
 
 
 class LiveViewer:
@@ -122,7 +122,7 @@ class LiveViewer:
     async def _end(self) -> None:
         last = [page.last for page in self._pages if page.last is not None]
         if last:
-            await asyncio.wait(last, timeout=LAST_S)
+            await asyncio.wait(last, timeout=CLOSING_S)
         for page in tuple(self._pages):
             page.close()
         await asyncio.sleep(0.05)

@@ -1,4 +1,4 @@
-"""Meshes of simple things: URDF's primitives, and the marks that stand in the scene."""
+"""Meshes of URDF's primitives and of the scene's marks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the commands print for people."""
+"""Tables that the commands print."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from rich.console import RenderableType
 from rich.table import Column, Table
 
 from pbd.data import Keyframe, Robot, Segment
-from pbd.data.hand import DOUBTED
 from pbd.data.sigma import keyframe_sigmas
+from pbd.data.tracking import DOUBTED_WEIGHT
 from pbd.pose import quat_to_rpy
 from pbd.view.screen import Screen
 from pbd.view.units import Units
@@ -25,11 +25,11 @@ from pbd.view.units import Units
 SI = Units()
 
 PIPE_WIDTH = 200
-"""Columns where the output is no terminal: rows are never broken for a program that reads them."""
+"""Width of the output, in columns, where it is no terminal. So rows are not broken for programs that read them."""
 
 
-GAP = 3
-"""Columns between two of a table's."""
+COLUMN_GAP = 3
+"""Spaces between two columns of a table."""
 
 
 def print_csv(*tables: Table) -> None:
@@ -41,7 +41,7 @@ def print_csv(*tables: Table) -> None:
 
 
 def print_table(table: Table) -> None:
-    """Print to stdout, in colour only where that is a terminal; what is too wide for it goes below."""
+    """Print to stdout, in colour only at a terminal. A table too wide for it continues below."""
     if sys.stdout.isatty():
         console = Screen(sys.stdout)
         for k, part in enumerate(_fitting(table, console.width)):
@@ -69,7 +69,7 @@ def _fitting(table: Table, width: int) -> list[Table]:
     parts = [[0]]
     for i in range(1, len(table.columns)):
         columns = [*parts[-1], i]
-        fits = sum(needed[k] for k in columns) + GAP * (len(columns) - 1) <= width
+        fits = sum(needed[k] for k in columns) + COLUMN_GAP * (len(columns) - 1) <= width
         if fits or len(parts[-1]) == 1:
             parts[-1].append(i)
         else:
@@ -99,7 +99,7 @@ def segments_table(segments: Sequence[Segment], units: Units = SI) -> Table:
 
 
 def keyframes_table(keyframes: Sequence[Keyframe], units: Units = SI) -> Table:
-    """The sensor's pose in nav at each stop; sigma is the largest over the axes, blank where nobody measured it.
+    """The sensor's pose in nav at each stop; sigma is the largest over the axes, blank where unknown.
 
     Where the tracker doubts that the hand stood still, a column says how sure it is.
     """
@@ -108,7 +108,7 @@ def keyframes_table(keyframes: Sequence[Keyframe], units: Units = SI) -> Table:
     position, turn = (f"x ({m})", f"y ({m})", f"z ({m})"), (f"roll ({deg})", f"pitch ({deg})", f"yaw ({deg})")
     label = ("label",) if any(keyframe.label for keyframe in keyframes) else ()
     sigmas = (f"σ ({fine.length})", f"σ ({deg})")
-    doubted = ("a stop?",) if any(keyframe.weight < DOUBTED for keyframe in keyframes) else ()
+    doubted = ("a stop?",) if any(keyframe.weight < DOUBTED_WEIGHT for keyframe in keyframes) else ()
     table = make_table(
         *("#", f"t ({units.time})", f"dwell ({units.time})", *position, *turn, *sigmas, *doubted, "grip", *label),
         left=label,
@@ -122,7 +122,7 @@ def keyframes_table(keyframes: Sequence[Keyframe], units: Units = SI) -> Table:
             *units.angles(quat_to_rpy(keyframe.T_nav_sensor.wxyz)),
             *fine.lengths(np.fmax.reduce(sigma[:3]), finer=1),
             *units.angles(np.fmax.reduce(sigma[3:])),
-            *((f"{100.0 * keyframe.weight:.0f} %" if keyframe.weight < DOUBTED else "",) if doubted else ()),
+            *((f"{100.0 * keyframe.weight:.0f} %" if keyframe.weight < DOUBTED_WEIGHT else "",) if doubted else ()),
             {True: "closes", False: "opens", None: ""}[keyframe.grip],
             *((keyframe.label,) if label else ()),
         )
@@ -141,7 +141,7 @@ def joints_table(joint_names: Sequence[str], rows: Sequence[Mapping[str, Any]], 
 
 
 def robots_table(robots: Sequence[Robot], reach_m: Sequence[float], units: Units = SI) -> Table:
-    """Name, joints, reach, gripper, which limits are assumed, what it is."""
+    """Table of robots: name, joints, reach, gripper, assumed limits, description."""
     table = make_table(
         "name",
         "joints",

@@ -1,4 +1,4 @@
-"""The door to the terminal: what a command writes to its standard streams, and what becomes of it where they fail."""
+"""Standard streams: control characters are made visible, failures of the streams are handled."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""In which units a table is printed."""
+"""Units in which a table is printed."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Units:
         return {"deg": "°"}.get(self.angle, self.angle)
 
     def lengths(self, metres: ArrayLike, finer: int = 0) -> list[str]:
-        """Write lengths, with so many decimals more than usual."""
+        """Write lengths, with more decimals than usual."""
         factor, decimals = LENGTHS[self.length]
         return _fixed(factor * np.asarray(metres), decimals + finer)
 

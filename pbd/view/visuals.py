@@ -1,4 +1,4 @@
-"""What a robot looks like: the <visual> elements of its URDF, each as a compact mesh on its link.
+"""A robot's appearance: the <visual> elements of its URDF, each as a compact mesh on its link.
 
 A mesh's own colours win over the URDF's material, as in RViz.
 """
@@ -19,7 +19,7 @@ from pbd.view import shapes
 from pbd.view.meshes import Mesh, compact
 
 GREY: Triple = (0.75, 0.76, 0.78)
-"""For what no file gives a colour."""
+"""Colour of what has none in its file."""
 
 
 @dataclass(frozen=True, eq=False)

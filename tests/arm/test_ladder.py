@@ -40,12 +40,12 @@ class World:
         self.asked.append((place, self.state(place, q)))
         return self.asked[-1] not in self.bad
 
-    def free_move(self, place: int, q: Array, q_next: Array) -> bool:
+    def free_move(self, place: int, q: Array, q_next: Array) -> float:
         move = (place, self.state(place - 1, q), self.state(place, q_next))
         self.asked.append(move)
         assert (place - 1, move[1]) not in self.bad  # it is asked only of states that are free
         assert (place, move[2]) not in self.bad
-        return move not in self.bad_moves
+        return np.inf if move in self.bad_moves else 0.0
 
     def free(self, path: tuple[int, ...]) -> bool:
         moves = {(i, a, b) for i, (a, b) in enumerate(pairwise(path), start=1)}
@@ -91,7 +91,9 @@ def test_a_mended_ladder_is_as_one_built_whole(seed: int, place: int) -> None:
     third, part = layers.pop(3), layers[2]
     later_q, later_cost = part.q[2:], part.cost[2:].copy()
     ladder = Ladder([*layers[:2], Layer(part.q[:2], part.cost[:2].copy(), MANY), layers[3]])
-    ladder.search(lambda at, q: at > 2 or world.stands(at, q), lambda at, *q: at > 2 or world.free_move(at, *q))
+    ladder.search(
+        lambda at, q: at > 2 or world.stands(at, q), lambda at, *q: 0.0 if at > 2 else world.free_move(at, *q)
+    )
     ladder.add(2, later_q, later_cost)
     ladder.insert(3, [third])
     ladder.reopen(place, MANY, costly=place % 2 == 0)
@@ -100,7 +102,7 @@ def test_a_mended_ladder_is_as_one_built_whole(seed: int, place: int) -> None:
     best = min(filter(world.free, world.every()), key=world.length, default=None)
     assert isinstance(found, Barred) if best is None else found == list(best)
     assert len(world.asked) == len(set(world.asked))
-    ladder.drop_last()
+    ladder.drop(len(ladder.layers) - 1, len(ladder.layers))
     shorter = ladder.search(world.stands, world.free_move)
     assert isinstance(shorter, Barred) or len(shorter) == 4
 
@@ -118,9 +120,9 @@ def test_a_layer_that_refuses_too_often_is_handed_back() -> None:
     layers = random_layers(np.random.default_rng(0), [4, 4, 4, 4], most_refused=2)
     asked = []
 
-    def free(place: int, q: Array, q_next: Array) -> bool:
+    def free(place: int, q: Array, q_next: Array) -> float:
         asked.append(place)
-        return place not in (2, 4)
+        return np.inf if place in (2, 4) else 0.0
 
     found = Ladder(layers).search(lambda *_: True, free)
     assert found == Barred((2, 4), (True, True))
@@ -130,7 +132,7 @@ def test_a_layer_that_refuses_too_often_is_handed_back() -> None:
 def test_a_step_that_is_too_long_is_no_move() -> None:
     layers = [Layer(np.array([[0.0, 0.0]]), np.zeros(1), 1)]
     layers.append(Layer(np.array([[0.4, 0.6], [0.45, 3.0], [0.4, 0.4]]), np.array([0.0, 0.0, 5.0]), 1, most_step=0.5))
-    assert Ladder(layers).search(lambda *_: True, lambda *_: True) == [0, 2]
+    assert Ladder(layers).search(lambda *_: True, lambda *_: 0.0) == [0, 2]
 
 
 def test_an_elbow_is_held_as_it_must_be() -> None:
@@ -144,7 +146,7 @@ def test_an_elbow_is_held_as_it_must_be() -> None:
     for place in (2, 3):
         widen(arm, poses[place - 1], ladder, place)
     assert len(ladder.layers[2].q) > before
-    found = ladder.search(lambda place, q: place == 4 or (q[2] < 0.0) == (place > 1), lambda *_: True)
+    found = ladder.search(lambda place, q: place == 4 or (q[2] < 0.0) == (place > 1), lambda *_: 0.0)
     assert isinstance(found, list)
     q = ladder.joints(found)[1:4]
     np.testing.assert_array_equal(q[:, 2] < 0.0, [False, True, True])
@@ -155,4 +157,4 @@ def test_an_elbow_is_held_as_it_must_be() -> None:
 @pytest.mark.parametrize("count", [0, 1])
 def test_no_layers_but_the_start(count: int) -> None:
     layers = random_layers(np.random.default_rng(0), [1] * count)
-    assert Ladder(layers).search(lambda *_: True, lambda *_: True) == [0] * (count + 1)
+    assert Ladder(layers).search(lambda *_: True, lambda *_: 0.0) == [0] * (count + 1)

@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from pbd.arm.ik.solver import solve
 from pbd.arm.model import ArmModel, from_se3, load_model, to_se3
 from pbd.data import Gripper, JointLimits, Robot
 from pbd.errors import RobotError
@@ -193,3 +194,19 @@ def test_the_arm_needs_no_viewer() -> None:
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert {"pinocchio", "ruckig"} <= set(loaded)
     assert not {"meshcat", "matplotlib"} & set(loaded)
+
+
+def test_an_arm_of_one_joint(tmp_path: Path) -> None:
+    urdf = tmp_path / "one.urdf"
+    urdf.write_text(
+        '<robot name="one"><link name="a"/><link name="b"/><joint name="j" type="revolute"><parent link="a"/>'
+        '<child link="b"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint></robot>',
+        encoding="utf-8",
+    )
+    one = np.ones(1)
+    limits = JointLimits(-one, one, one, one, one, "assumed")
+    tool = Pose(np.array([0.5, 0.0, 0.0]), np.array([1.0, 0.0, 0.0, 0.0]))
+    arm = load_model(Robot("one", "one", urdf, None, (), "a", "b", tool, ("j",), 0.0 * one, None, limits))
+    np.testing.assert_allclose(arm.forward(0.5 * one).p, [0.5 * np.cos(0.5), 0.5 * np.sin(0.5), 0.0], atol=1e-12)
+    np.testing.assert_allclose(arm.jacobian(one)[:, 0], [0.0, 0.5, 0.0, 0.0, 0.0, 1.0], atol=1e-12)
+    np.testing.assert_allclose(solve(arm, arm.forward(0.7 * one)).q, [0.7], atol=1e-6)

@@ -15,7 +15,8 @@ from pbd.arm.collision.scene import CollisionScene
 from pbd.arm.ik import cartesian
 from pbd.arm.ik.cartesian import line
 from pbd.arm.motion import choose_motion
-from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, Motion, MotionRequest
+from pbd.arm.motion_links import MOST_DETOURS
+from pbd.arm.motion_request import DEMO, DETOUR, LINE, STRAIGHT, Motion, MotionRequest
 from pbd.arm.refusal import CANNOT_FOLLOW, COLLISION, UNREACHABLE, Refusal
 from pbd.arm.timing.moves import Move, time_moves
 from pbd.data import Obstacle
@@ -62,8 +63,8 @@ def chosen(poses: Sequence[Pose], obstacles: Sequence[Obstacle] = (), **request:
     """A motion, and the whole of it is free as the collision checks of motions in time see it."""
     found, scene = asked(poses, obstacles, **request)
     assert isinstance(found, Motion)
-    moves = [Move(segment.q, curved=segment.kind != STRAIGHT) for segment in found.segments]
-    back = None if found.back is None else Move(found.back)
+    moves = [Move(segment.q, segment.curved) for segment in found.segments]
+    back = None if found.back is None else Move(found.back.q, found.back.curved)
     start = HOME if request.get("approach", True) else found.q[0]
     timed = time_moves(ARM, start, moves, [0.2] * len(moves), [None] * len(moves), retreat=back)
     assert check_motion(scene, timed.trajectory) is None
@@ -103,7 +104,7 @@ def test_where_nothing_is_in_the_way_all_is_straight() -> None:
     np.testing.assert_array_equal(motion.segments[1].q, motion.q[1:])
     assert motion.segments[1].off_line_m > 0.001
     assert motion.back is not None
-    np.testing.assert_array_equal(motion.back[-1], HOME)
+    np.testing.assert_array_equal(motion.back.q[-1], HOME)
 
 
 def test_a_link_that_is_barred_is_gone_round_by_holding_the_arm_otherwise() -> None:
@@ -138,7 +139,7 @@ def test_what_is_barred_is_mended_where_it_is() -> None:
 
 
 def test_where_the_hand_itself_went_through_it_is_refused_with_all_that_was_tried() -> None:
-    refusal = refused((LEFT, RIGHT), PLATE, approach=False, hand=lambda: [LOWER])
+    refusal = refused((LEFT, RIGHT), PLATE, approach=False, hand=lambda: [LOWER], detour=False)
     message, fields = refusal.error.message, refusal.error.fields
     assert refusal.why == COLLISION
     start, _, told = message.partition(" pairs of arm poses. ")
@@ -156,9 +157,38 @@ def test_where_the_hand_itself_went_through_it_is_refused_with_all_that_was_trie
 
 
 def test_without_a_hands_path_a_line_is_tried() -> None:
-    message = refused((LEFT, RIGHT), PLATE, approach=False).error.message
+    message = refused((LEFT, RIGHT), PLATE, approach=False, detour=False).error.message
     assert ". Straight in joint space" in message
     assert ". Straight line of the tool" in message
+
+
+def test_a_detour_is_the_same_each_time_and_is_told() -> None:
+    """Neither another way to hold the arm nor a line gets around the plate; what was planned before changes nothing."""
+    found = []
+    for _ in range(2):
+        with pytest.warns(PbdWarning, match="^from 0 to 1 the arm goes around the plate: --no-detour refuses that$"):
+            found.append(chosen((LEFT, RIGHT), PLATE, approach=False))
+        assert kinds(found[-1]) == [STRAIGHT, DETOUR]
+    assert found[0].segments[1].q.tobytes() == found[1].segments[1].q.tobytes()
+
+
+def test_what_was_tried_is_told_where_there_is_no_way_around(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(motion_module, "MOST_CHECKED", 10)
+    message = refused((LEFT, RIGHT), PLATE, approach=False).error.message
+    assert f" pairs of arm poses, and no detour found in {10 * MOST_DETOURS} checks. Straight" in message
+
+
+@pytest.mark.parametrize("end", ["approach", "back"])
+def test_a_detour_from_home_and_back(end: str) -> None:
+    """A wall between home and all keyframes, and too high to be gone over straight."""
+    poses = (moved(y=0.45, z=-0.2), moved(y=0.5, z=-0.2))
+    wall = box("the wall", (0.8, 0.02, 1.1), 0.15, 0.22, -0.1)
+    request = {"q_back": HOME, "approach": False} if end == "back" else {}
+    with pytest.warns(PbdWarning, match="the arm goes around the wall"):
+        found = chosen(poses, [wall], **request)
+    detour = found.segments[0] if end == "approach" else found.back
+    assert detour is not None
+    assert detour.kind == DETOUR
 
 
 @pytest.mark.parametrize("kind", [LINE, DEMO])
@@ -232,8 +262,8 @@ def test_an_end_is_come_to_along_the_tools_axis_where_it_can_not_be_come_to_stra
     there = places((HOME + 0.8 * (q - HOME))[None])[0]
     found = chosen(poses, [ball(*there)], q_back=HOME)
     assert found.back is not None
-    np.testing.assert_array_equal(found.back[-1], HOME)
-    q = found.segments[0].q if end == "approach" else found.back
+    np.testing.assert_array_equal(found.back.q[-1], HOME)
+    q = found.segments[0].q if end == "approach" else found.back.q
     assert len(q) == 2
     away = places(q[:1])[0] - places(found.q)[poses.index(low)]
     np.testing.assert_allclose(away[:2], 0.0, atol=1e-4)  # home's tool points down but for a hair

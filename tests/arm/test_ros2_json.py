@@ -137,7 +137,7 @@ def test_what_breaks_a_limit_between_points_is_refused(tmp_path: Path) -> None:
     robot, trajectory = planned("panda", "paper-test2", "keyframes")
     slower = replace(robot, limits=replace(robot.limits, jerk=0.9 * robot.limits.jerk))
     for rate_hz, advice in ((None, "give a lower --speed, such as 0.95"), (100.0, "give a lower --rate, or none")):
-        with pytest.raises(PlanError, match=rf"by quintics would reach 1\.11 times .* jerk limit, at .*; {advice}$"):
+        with pytest.raises(PlanError, match=rf"by quintics would reach 1\.06 times .* jerk limit, at .*; {advice}$"):
             export(trajectory, slower, "ros2-json", tmp_path / "goal.json", rate_hz)
     assert list(tmp_path.iterdir()) == []
 

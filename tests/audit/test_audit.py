@@ -121,13 +121,18 @@ def test_extremes_inside_the_pieces_are_found(arm: ArmModel, seed: int) -> None:
     poses = [arm.forward(trajectory.keyframe_q[0])]
     velocity = max(np.abs(extremes(q.derivative(), j)).max() / arm.limits.velocity[j] for j in range(7))
     assert audit(trajectory, arm.limits, arm.robot, poses).velocity == pytest.approx(velocity, rel=1e-9)
+    with pytest.raises(PlanError, match="has velocity") as caught:
+        audit(trajectory, changed(arm.limits, velocity=0.99 * velocity * arm.limits.velocity), arm.robot, poses)
+    then = np.abs(q(caught.value.fields["t"], nu=1)) / arm.limits.velocity  # type: ignore[arg-type]
+    assert then.max() == pytest.approx(velocity, rel=1e-9)
     for joint in range(7):
         highest, lowest = (float(pick(extremes(q, joint))) for pick in (np.max, np.min))
         tight = {"lower": np.where(np.arange(7) == joint, lowest, -10.0), "upper": np.full(7, 10.0)}
         audit(trajectory, changed(arm.limits, **tight), arm.robot, poses)
         tight["lower"] += 1e-5
-        with pytest.raises(PlanError, match=f"{arm.robot.joints[joint]} is at"):
+        with pytest.raises(PlanError, match=f"{arm.robot.joints[joint]} is at") as caught:
             audit(trajectory, changed(arm.limits, **tight), arm.robot, poses)
+        assert q(caught.value.fields["t"])[joint] == pytest.approx(lowest, abs=1e-9)  # type: ignore[arg-type]
         tight = {"lower": np.full(7, -10.0), "upper": np.where(np.arange(7) == joint, highest - 1e-5, 10.0)}
         with pytest.raises(PlanError, match=f"{arm.robot.joints[joint]} is at"):
             audit(trajectory, changed(arm.limits, **tight), arm.robot, poses)

@@ -169,11 +169,11 @@ def test_a_hairs_breadth_decides(gap_m: float, free: bool) -> None:
     q = np.tile(PANDA.home, (2, 1))
     q[:, 0] = -0.3, 0.3
     trajectory = time_keyframes(arm_of("panda"), q, [0.0] * 2, [None] * 2, PANDA.home)
+    fingers = [link for link in link_solids(arm) if "finger" in link.name]
     lowest = min(
         float((placed[link.joint] * link.T_joint_solid).act(side * link.hull.halfSide)[2])
         for placed in map(arm.place, coordinates(trajectory, np.linspace(0.0, trajectory.duration, 200)))
-        for link in link_solids(arm)
-        if "finger" in link.name
+        for link in fingers
         for side in SIDES
     )
     x, y, _ = arm.tool(np.append(PANDA.home, 1.0)).translation

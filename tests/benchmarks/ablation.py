@@ -39,7 +39,7 @@ from pbd.tracking import estimate, zero_velocity
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.noise import Noise, noise_of
 from pbd.tracking.rest import Rest
-from pbd.tracking.smoother import factors, knots, preintegration
+from pbd.tracking.smoother import doubt, factors, knots, preintegration
 from pbd.tracking.smoother import smooth as smoother
 from pbd.tracking.smoother.preintegration import GyroFrame, Rows, preintegrate
 from tests.benchmarks import trials, windows
@@ -112,20 +112,20 @@ WITHOUT: dict[str, tuple[Change, ...]] = {
     "half-sample alignment": ((preintegration, "turns_between_middles", own_turn),),
     "cubic turns, coning": ((preintegration, "turns_between_middles", half_and_half),),
     "cubic velocity": ((preintegration, "integral_of_means", trapezoids),),
-    "annealing": ((smoother, "FAR", (1.0,)), (smoother, "WARM", ())),
-    "robust stops": ((factors, "DOUBT", LARGE),),
-    "doubted stops looked at again": ((smoother, "TRIES", 0),),
-    "calm part of a stop": ((smoother, "calm_part", lambda t, span, slow: span),),
+    "annealing": ((smoother, "ANNEALING", (1.0,)), (smoother, "WARM_ANNEALING", ())),
+    "robust stops": ((factors, "OUTLIER_SIGMAS", LARGE),),
+    "doubted stops looked at again": ((smoother, "MAX_RECUTS", 0),),
+    "calm part of a stop": ((doubt, "calm_part", lambda t, span, slow: span),),
     "tremor, sway at a stop": of_noise(tremor_hz=LARGE, still_lever=0.0),
     "place held in a stop": of_noise(still_shift=LARGE),
     "attitude held in a stop": of_noise(still_turn=LARGE),
     "means as regressors in a stop": ((knots, "preintegrate", scatter_as_regressor),),
-    "lulls between strides": ((zero_velocity, "LULL", 0.0),),
-    "gyro's lag (then none)": (*of_noise(lag=0.0, lag_sigma=TINY), (smoother, "WIDE_LAG", TINY)),
-    "gyro's lag (then 1 ms)": (*of_noise(lag_sigma=TINY), (smoother, "WIDE_LAG", TINY)),
-    "a large lag taken out": ((smoother, "LARGE_LAG", LARGE),),
-    "gyro's common scale found": ((smoother, "COMMON_SCALE", TINY),),
-    "gyro's matrix": (*of_noise(gyr_scale=TINY), (smoother, "COMMON_SCALE", TINY)),
+    "lulls between strides": ((zero_velocity, "LULL_SHARE", 0.0),),
+    "gyro's lag (then none)": (*of_noise(lag=0.0, lag_sigma=TINY), (smoother, "WIDE_LAG_SIGMA", TINY)),
+    "gyro's lag (then 1 ms)": (*of_noise(lag_sigma=TINY), (smoother, "WIDE_LAG_SIGMA", TINY)),
+    "a large lag taken out": ((smoother, "REMOVED_LAG", LARGE),),
+    "gyro's common scale found": ((smoother, "WIDE_SCALE_SIGMA", TINY),),
+    "gyro's matrix": (*of_noise(gyr_scale=TINY), (smoother, "WIDE_SCALE_SIGMA", TINY)),
     "accelerometer's matrix": of_noise(acc_scale=TINY),
     "accelerometer's bias": of_noise(acc_bias=TINY, acc_walk=TINY),
     "walk of the gyro's bias": of_noise(gyr_walk=TINY),

@@ -45,7 +45,7 @@ from pbd.errors import CalibrationError, PbdWarning, RecordingError, TrackingErr
 from pbd.pipeline import track
 from pbd.pose import Array, quat_from_rpy, quat_inverse, quat_multiply, quat_rotate, yaw_toward
 from pbd.simulation.calibration_tasks import pivoting, sides
-from pbd.simulation.hand import Waypoint
+from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import EARTH, simulate
 from pbd.simulation.tasks import Task
 from pbd.tracking.keyframes import find_keyframes

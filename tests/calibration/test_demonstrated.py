@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from pbd.calibration.demonstrated import SMOOTH_M, SPACING_M, SPACING_RAD, demonstrated_moves, smoothed
-from pbd.calibration.frames import nav_in_base, tool_poses
+from pbd.calibration.dock import nav_in_base
+from pbd.calibration.frames import tool_poses
 from pbd.data import Calibration, HandPath, Keyframe, Stop
 from pbd.data.covariance import PoseCovariance
 from pbd.pose import Array, Pose, quat_exp, quat_rotate

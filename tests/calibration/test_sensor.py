@@ -20,7 +20,7 @@ from pbd.data import GRAVITY, Recording, RecordingInfo, SensorErrors
 from pbd.errors import CalibrationError
 from pbd.pose import Array, quat_from_rpy, quat_inverse, quat_rotate
 from pbd.simulation.calibration_tasks import SIDES, sides
-from pbd.simulation.hand import Waypoint
+from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import EARTH, simulate
 from pbd.simulation.tasks import Task
 from tests.calibration.turning import BAD, device, symmetric
@@ -118,7 +118,7 @@ def test_without_noise_the_errors_are_found_exactly(seed: int) -> None:
     fit = fit_accelerometer(of(9.81 * SIDES @ gain.T + bias), 9.81)
     assert_allclose(fit.linear.bias, bias, atol=2e-3)
     assert_allclose(fit.linear.matrix, symmetric(gain), atol=3e-4)
-    assert fit.told == NAMES
+    assert fit.determined == NAMES
     assert fit.after < 1e-3
 
 
@@ -136,15 +136,15 @@ def test_a_bad_accelerometer_is_found(rests: Rests, kind: str) -> None:
 
 def test_six_sides_tell_bias_and_scale_but_no_lean() -> None:
     fit = fit_accelerometer(of(9.81 * SIDES[:6]), 9.81)
-    assert fit.untold == ("misalignment yz", "misalignment xz", "misalignment xy")
+    assert fit.undetermined == ("misalignment yz", "misalignment xz", "misalignment xy")
 
 
 def test_one_side_of_an_axis_tells_neither_its_bias_nor_its_scale() -> None:
     """x is seen pointing up, never down: a bias and a scale of x look the same."""
     up = SIDES[[0, 1, 2, 4, 5]]
     fit = fit_accelerometer(of(9.81 * up + (0.2, 0.1, 0.0)), 9.81)
-    assert {"bias x", "scale x"} <= set(fit.untold)
-    assert {"bias y", "scale y", "bias z", "scale z"} <= set(fit.told)
+    assert {"bias x", "scale x"} <= set(fit.undetermined)
+    assert {"bias y", "scale y", "bias z", "scale z"} <= set(fit.determined)
     assert fit.linear.bias[1] == pytest.approx(0.1, abs=2e-3)
     assert 0.0 < fit.linear.bias[0] < 0.2  # shared out
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from pbd.data import Demonstration
 from pbd.pose import Array, Pose, quat_about_z
-from pbd.simulation.hand import Waypoint
+from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import simulate
 from pbd.simulation.tasks import Task
 

@@ -205,7 +205,7 @@ def test_the_dock_and_nav_say_the_same_of_their_demonstration(capsys: Capture, t
     """Whichever way it is written, the keyframes of that very demonstration are at the same places in base."""
     run(capsys, *POINTS)
     run(capsys, "calibrate", "points", "other", *POINTS[3:], "--as", "dock")
-    from pbd.calibration.frames import nav_in_base
+    from pbd.calibration.dock import nav_in_base
     from pbd.pipeline import track
     from pbd.tracking.keyframes import find_keyframes
 

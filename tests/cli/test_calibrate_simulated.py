@@ -17,7 +17,7 @@ from pbd.data import Calibration
 from pbd.files.calibration import read_calibration
 from pbd.files.points import read_points
 from pbd.pose import Pose, quat_about_z
-from pbd.simulation.calibration_tasks import CALIBRATION_TASKS, DOCK, TIP, TOUCHED, YAW_WORLD_BASE
+from pbd.simulation.calibration_tasks import CALIBRATION_TASKS, DOCK, PIVOT_TIP, TOUCHED, YAW_WORLD_BASE
 from pbd.simulation.sensor_model import SENSOR_MODELS
 from tests.calibration.turning import device
 from tests.test_docs import ROOT, blocks
@@ -41,7 +41,7 @@ def check_nav(calibration: Calibration) -> None:
 def check_tip(calibration: Calibration) -> None:
     assert calibration.cov_sensor_tool is not None
     sigma = np.sqrt(np.trace(calibration.cov_sensor_tool[:3, :3]))
-    assert np.linalg.norm(calibration.T_sensor_tool.p - TIP) < 4.0 * sigma
+    assert np.linalg.norm(calibration.T_sensor_tool.p - PIVOT_TIP) < 4.0 * sigma
 
 
 def check_sensor(calibration: Calibration) -> None:
@@ -62,9 +62,9 @@ def test_what_is_told_to_try_finds_the_truth(task: str, check: Callable[[Calibra
 
 
 def test_every_calibration_task_is_tried_above() -> None:
-    from pbd.cli.simulate import NEXT
+    from pbd.cli.simulate import NEXT_COMMAND
 
-    assert set(NEXT) == set(CALIBRATION_TASKS) == {"touch", "pivot", "sides"}
+    assert set(NEXT_COMMAND) == set(CALIBRATION_TASKS) == {"touch", "pivot", "sides"}
 
 
 def test_the_points_lie_beside_the_demonstration(capsys: Capture) -> None:

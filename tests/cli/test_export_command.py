@@ -11,21 +11,32 @@ import numpy as np
 import pytest
 
 from pbd.cli import main
-from pbd.files.exporters import FORMATS, SUFFIXES
+from pbd.files.exporters import ALSO, FOR_SOME, FORMATS, SUFFIXES, WITHOUT_RATE
 
 pytestmark = pytest.mark.usefixtures("elsewhere")
 
 EXPORT = ("export", "paper-test1", "--robot", "panda", "--rate", "20")
 
 
-def test_every_format_has_its_suffix() -> None:
-    assert sorted(SUFFIXES.values()) == sorted(FORMATS)
+def command_of(format_name: str) -> list[str]:
+    sampled = [] if format_name in (*WITHOUT_RATE, "urscript") else ["--rate", "20"]
+    return ["export", "paper-test1", "--robot", "ur5" if format_name in FOR_SOME else "panda", *sampled]
+
+
+def test_every_suffix_says_a_format() -> None:
+    assert {*SUFFIXES.values(), *ALSO} == set(FORMATS)
+
+
+def test_a_format_without_samples_takes_no_rate(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*EXPORT, "--format", "keyframes", "-o", "keyframes.json"]) == 1
+    assert capsys.readouterr().err == "pbd: keyframes is not sampled at a rate: leave --rate out\n"
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_the_name_says_the_format(suffix: str) -> None:
-    assert main([*EXPORT, "-o", f"by-name{suffix.upper()}"]) == 0
-    assert main([*EXPORT, "--format", SUFFIXES[suffix], "-o", "named.dat"]) == 0
+    command = command_of(SUFFIXES[suffix])
+    assert main([*command, "-o", f"by-name{suffix.upper()}"]) == 0
+    assert main([*command, "--format", SUFFIXES[suffix], "-o", "named.dat"]) == 0
     by_name, named = Path(f"by-name{suffix.upper()}"), Path("named.dat")
     if suffix != ".npz":
         assert by_name.read_bytes() == named.read_bytes()
@@ -37,9 +48,10 @@ def test_the_name_says_the_format(suffix: str) -> None:
 
 @pytest.mark.parametrize("format_name", FORMATS)
 def test_standard_output_gets_what_the_file_would(format_name: str, capfdbinary: pytest.CaptureFixture[bytes]) -> None:
-    assert main([*EXPORT, "--format", format_name, "-o", "-"]) == 0
+    command = [*command_of(format_name), "--format", format_name, "-o"]
+    assert main([*command, "-"]) == 0
     out, err = capfdbinary.readouterr()
-    assert main([*EXPORT, "--format", format_name, "-o", "file"]) == 0
+    assert main([*command, "file"]) == 0
     assert b"pbd: wrote to standard output: " in err
     assert not Path("-").exists()
     if format_name != "npz":

@@ -18,6 +18,7 @@ from pbd.data import GRAVITY, Recording
 from pbd.files.demo import write_demo
 from pbd.sensors.witmotion import ACC, GYR
 from pbd.simulation.simulate import simulate
+from tests.arm.test_own_robot import own_toml, own_urdf
 from tests.files.test_import_witmotion import DIALECTS, written
 from tests.sensors.encoders import witmotion
 
@@ -85,6 +86,9 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
         write_demo(replace(demo, truth=None), folder / "demos" / name)
     (folder / "run7.csv").write_text(in_other_units(recording), encoding="utf-8")
     (folder / "log.txt").write_bytes(written(DIALECTS["WitMotion 2025"], recording))
+    (folder / "robots").mkdir()
+    (folder / "robots" / "mine.urdf").write_text(own_urdf(), encoding="utf-8")
+    (folder / "robots" / "mine.toml").write_text(own_toml(), encoding="utf-8")
     assert recording.gyr is not None
     counts = np.rint(np.hstack((recording.acc / ACC, recording.gyr / GYR))).astype(int).tolist()
     groups = (witmotion.group({witmotion.ACC: row[:3], witmotion.GYR: row[3:]}) for row in counts)

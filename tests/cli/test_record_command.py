@@ -79,7 +79,7 @@ def test_stopped_for_a_while_it_goes_on(tmp_path: Path) -> None:
     """Ctrl-Z: the silence of that time is not the sensor's."""
     patient = "from pbd.record import loop; loop.SILENT_S = 1.2; from pbd.cli import main; raise SystemExit(main())"
     with Emulator(simulate("pour", "modern", 1).recording) as sensor:
-        words = ["record", "tea", "--sensor", "ximu3", "--port", sensor.device, "--baud", "115200", "--duration", "6"]
+        words = ["record", "tea", "--sensor", "ximu3", "--port", sensor.device, "--baud", "115200", "--duration", "4"]
         process = subprocess.Popen(
             [sys.executable, "-c", patient, *words],
             cwd=tmp_path,
@@ -95,7 +95,7 @@ def test_stopped_for_a_while_it_goes_on(tmp_path: Path) -> None:
         process.send_signal(signal.SIGCONT)
         out, error = process.communicate(timeout=30)
     assert "this program stood still for 2." in error
-    assert "ended: 6 s recorded" in out
+    assert "ended: 4 s recorded" in out
     assert process.returncode == 0
 
 

@@ -53,7 +53,7 @@ def assert_same_arrays(read: Demonstration, written: Demonstration) -> None:
 words = st.text(st.characters(exclude_categories=["Cs"]), max_size=20).filter(lambda text: text == "" or text.strip())
 sizes = st.floats(1e-3, 1.0)
 objects = (
-    st.builds(GraspedObject, st.just("box"), st.tuples(sizes, sizes, sizes))
+    st.builds(GraspedObject, st.just("box"), st.tuples(sizes, sizes, sizes), st.none() | sizes)
     | st.builds(GraspedObject, st.just("cylinder"), st.tuples(sizes, sizes))
     | st.builds(GraspedObject, st.just("sphere"), st.tuples(sizes))
 )
@@ -209,6 +209,7 @@ def test_a_file_in_the_way(tmp_path: Path) -> None:
             ":1: [object] shape must be one of box, cylinder, sphere, got 'cone'",
         ),
         ("object = {shape = 'box', size = [1]}", ":1: [object] size must have 3 numbers, got 1; correct it"),
+        ("object = {shape = 'sphere', size = [1], mass_kg = 0}", ":1: [object] mass_kg must be above zero, got 0"),
         ("object = {shape = 'sphere', size = [-1]}", ":1: [object] size must hold only numbers above zero, got [-1]"),
         ("grip = [{t_s = 1.0}]", ":1: [grip] closed is missing; add it"),
     ],

@@ -175,7 +175,7 @@ def test_the_docks_options(folder: Path) -> None:
         ("jerk", "jrek", ": [limits] jerk is missing (there is 'jrek'); add it"),
         ("jerk = [100, 200]", "jerk = [100, 200]\njrek = 1",
          ":24: [limits] jrek is unknown; the keys here are source, velocity, acceleration, acceleration_source, jerk,"
-         " jerk_source; remove or rename it"),
+         " jerk_source, effort; remove or rename it"),
         ("acceleration = [5.0, 6.0]", "velocity = [1.5, 2.6]\nacceleration = [5.0, 6.0]",
          ":22: [limits] velocity gives elbow 2.6, above the URDF's own 2.5; lower it, or correct the URDF"),
         ("acceleration = [5.0, 6.0]", "velocity = [1.5, 0]\nacceleration = [5.0, 6.0]",
@@ -185,7 +185,7 @@ def test_the_docks_options(folder: Path) -> None:
         ('source = "measured"', 'jerk_source = "measured"', ": [limits] source is missing; add it"),
         ('source = "measured"', 'source = "measured"\nvelocity_source = "x"',
          ":22: [limits] velocity_source is unknown; the keys here are source, velocity, acceleration,"
-         " acceleration_source, jerk, jerk_source; remove or rename it"),
+         " acceleration_source, jerk, jerk_source, effort; remove or rename it"),
 
         ("jerk = [100, 200]", "jerk = [100, 0]",
          ":23: [limits] jerk must hold only numbers above zero, got [100, 0]; correct it"),
@@ -273,10 +273,18 @@ def test_each_limit_may_have_a_source_of_its_own(folder: Path) -> None:
     assert limits.sources["acceleration"] == "measured"
     assert limits.sources["jerk"] == "assumed: slow"
     assert limits.assumed == ("jerk",)
+    assert limits.effort is None  # the URDF's is not taken unasked
     change(folder / "mine.toml", 'source = "measured"', 'velocity = [1, 2]\nsource = "sheet"')
     assert read_robot(folder / "mine.toml").limits.source == "velocity: sheet; acceleration: sheet; jerk: assumed: slow"
     change(folder / "mine.toml", '\njerk_source = "assumed: slow"', "")
     assert read_robot(folder / "mine.toml").limits.source == "sheet"
+    change(
+        folder / "mine.toml", "jerk = [100, 200]", 'jerk = [100, 200]\neffort = [5, 6]\neffort_source = "assumed: weak"'
+    )
+    limits = read_robot(folder / "mine.toml").limits
+    assert limits.effort is not None
+    assert limits.effort.tolist() == [5.0, 6.0]
+    assert limits.assumed == ("effort",)
 
 
 def test_a_urdfs_velocity_of_zero_says_nothing(folder: Path) -> None:

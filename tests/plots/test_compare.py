@@ -16,7 +16,7 @@ from pbd.data import HandPath, Keyframe
 from pbd.data.covariance import PoseCovariance
 from pbd.pipeline import track
 from pbd.plots.compare import (
-    TURN_M,
+    TURN_LEVER_M,
     ComparePlot,
     Tracked,
     compare_plot,
@@ -173,7 +173,7 @@ def test_the_match_is_the_best_of_all(some: list[float], others: list[float]) ->
 
 def test_a_turn_counts_as_what_it_moves_at_the_tip() -> None:
     level, rolled = (Pose.from_rpy(np.zeros(3), (roll, 0.0, 0.0)) for roll in (0.0, 1.0))
-    near, far = (Pose(np.array([x, 0.0, 0.0]), level.wxyz) for x in (0.9 * TURN_M, 1.1 * TURN_M))
+    near, far = (Pose(np.array([x, 0.0, 0.0]), level.wxyz) for x in (0.9 * TURN_LEVER_M, 1.1 * TURN_LEVER_M))
     assert match_in_order([near, rolled], [level]) == (0, None)
     assert match_in_order([far, rolled], [level]) == (None, 0)
 

@@ -22,7 +22,7 @@ from pbd.plots.findings import Finding
 from pbd.plots.style import AXES_RGB, RUNS_RGB, plain, write
 from pbd.plots.values import DemoPlot, demo_plot
 from pbd.pose import Array, quat_rotate, quat_to_rpy
-from pbd.simulation.hand import Waypoint
+from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import random_task, simulate
 from pbd.simulation.tasks import Task
 from pbd.tracking.paper import LAMBDA_V

@@ -13,7 +13,7 @@ from pbd.data import Demonstration, HandPath, Known, Stop
 from pbd.data.covariance import PoseCovariance
 from pbd.pipeline import track
 from pbd.plots.findings import (
-    DRIFT,
+    DRIFT_ACC,
     FIRST_REST_S,
     SHORT_STOP_S,
     TREMBLE_S,
@@ -25,7 +25,7 @@ from pbd.plots.findings import (
 )
 from pbd.plots.values import DemoPlot, demo_plot
 from pbd.pose import Array
-from pbd.simulation.hand import Waypoint, minimum_jerk
+from pbd.simulation.hand_motion import Waypoint, minimum_jerk
 from pbd.simulation.simulate import TASKS, simulate
 from pbd.simulation.tasks import Task
 from tests.scenarios import pour
@@ -133,7 +133,7 @@ def test_velocity_left_over(pouring: DemoPlot) -> None:
     lasts = pouring.path.t[after.start] - pouring.path.t[before.stop - 1]
     for share, count in ((0.9, 0), (1.1, 1)):
         closure = pouring.path.closure.copy()
-        closure[2] = (0.0, share * DRIFT * lasts, 0.0)
+        closure[2] = (0.0, share * DRIFT_ACC * lasts, 0.0)
         told = found(pouring, replace(pouring.path, closure=closure))
         assert len(told) == count
     assert f"at keyframe 3, after a move of {lasts:.1f} s, is more than drift" in told[0].words

@@ -9,8 +9,8 @@ import pytest
 from pbd.data import RecordingInfo
 from pbd.errors import RecordingError
 from pbd.record.backup import set_aside
-from pbd.record.messages import RecordOptions
 from pbd.record.session import Session
+from pbd.record.values import RecordOptions
 from pbd.sensors.protocols import protocol
 from tests.sensors.encoders import ximu3
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from pbd.data import GRAVITY, Recording
-from pbd.record.diagnostics import EVERY_S, REPEAT_AFTER_S, Diagnostics
+from pbd.record.diagnostics import CHECK_EVERY_S, REPEAT_WARNING_S, Diagnostics
 from pbd.sensors.decoding import Sample, Triple
 from pbd.simulation.simulate import simulate
 from pbd.simulation.tasks import TASKS
-from pbd.tracking.repair.channels import STUCK_S
+from pbd.tracking.repair.channel_faults import STUCK_S
 from pbd.tracking.repair.saturation import clips_of
 
 
@@ -72,7 +72,7 @@ def test_a_saturated_axis_is_told_at_once(pouring: Recording, name: str, limit: 
     assert (
         line == f"the {axis} axis of the {sensor} is at the end of its range ({said}): move slower, or set a larger one"
     )
-    assert at - pouring.t[first.stop - 1] <= EVERY_S + 0.011
+    assert at - pouring.t[first.stop - 1] <= CHECK_EVERY_S + 0.011
 
 
 @pytest.mark.parametrize(("name", "axis", "sensor"), [("acc", 0, "accelerometer"), ("gyr", 2, "gyro")])
@@ -81,9 +81,9 @@ def test_a_dead_axis_is_told_soon(pouring: Recording, name: str, axis: int, sens
     lines = told(stuck(pouring, name, axis, since))
     at, line = lines[0]
     assert line.startswith(f"the {'xyz'[axis]} axis of the {sensor} is stuck at ")
-    assert at <= since + STUCK_S + 2.0 * EVERY_S
+    assert at <= since + STUCK_S + 2.0 * CHECK_EVERY_S
     assert {other.partition(" at")[0] for _, other in lines} == {line.partition(" at")[0]}
-    assert np.diff([t for t, _ in lines]).min() >= REPEAT_AFTER_S  # not more often than a person can hear
+    assert np.diff([t for t, _ in lines]).min() >= REPEAT_WARNING_S  # not more often than a person can hear
 
 
 def test_a_dead_gyro_is_told_when_the_hand_moves(pouring: Recording) -> None:
@@ -103,7 +103,7 @@ def test_a_sensor_that_freezes_is_told(pouring: Recording) -> None:
     frozen = stuck(stuck(pouring, "acc", slice(0, 3), 6.0), "gyr", slice(0, 3), 6.0)
     at, line = told(frozen)[0]
     assert line == "for 2 s all samples are the same: the sensor is stuck; plug it in again"
-    assert 8.0 <= at <= 8.0 + 2.0 * EVERY_S
+    assert 8.0 <= at <= 8.0 + 2.0 * CHECK_EVERY_S
 
 
 def test_a_coarse_sensor_at_rest_is_not_called_stuck() -> None:

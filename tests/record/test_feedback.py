@@ -8,7 +8,7 @@ import pytest
 from pbd.data import Keyframe
 from pbd.pose import Pose
 from pbd.record.feedback import Feedback, in_cm, placed
-from pbd.record.messages import Say
+from pbd.record.values import Say
 from pbd.sensors.decoding import Sample
 from pbd.tracking.online.tracker import DataFlaw, LiveEvent, StopBegan
 

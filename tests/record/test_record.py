@@ -21,7 +21,7 @@ from pbd.record import Command, Outcome, RecordOptions, Status, loop, record
 from pbd.sensors.port import Port, open_port
 from pbd.sensors.protocols import protocol
 from pbd.simulation.emulator import Emulator
-from pbd.simulation.hand import Waypoint
+from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import simulate
 from pbd.simulation.tasks import Task
 from tests.record.speakers import SPEAKERS, Device, random_hand

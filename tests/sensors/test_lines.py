@@ -13,7 +13,7 @@ from pbd.data import GRAVITY
 from pbd.pose import quat_from_rpy, quat_rotate
 from pbd.sensors.decoding import Sample
 from pbd.sensors.line_layout import layout_from_options
-from pbd.sensors.lines import LONGEST, LineDecoder
+from pbd.sensors.lines import LONGEST_LINE, LineDecoder
 from tests.sensors.decoded import held_bytes, known
 from tests.sensors.streams import assert_any_chunking, mutated
 
@@ -135,14 +135,14 @@ def test_noise_is_not_kept(prefix: str) -> None:
     decoder = reader("ax,ay,az", prefix=prefix)
     for noise in (b"IMU 1,2," * 200_000, bytes(1_000_000)):
         decoder.feed(noise)
-        assert held_bytes(decoder) <= LONGEST + len(prefix)
+        assert held_bytes(decoder) <= LONGEST_LINE + len(prefix)
     decoder.feed(b"\n")
     assert one(decoder, prefix + "1,2,3").acc == (1.0, 2.0, 3.0)
 
 
 def test_the_end_of_what_is_too_long_is_no_line() -> None:
     decoder = reader("ax,ay,az")
-    assert decoder.feed(b"9" + b" " * LONGEST + b"1,2,3\n") == []
+    assert decoder.feed(b"9" + b" " * LONGEST_LINE + b"1,2,3\n") == []
     assert one(decoder, "1,2,3").acc == (1.0, 2.0, 3.0)
 
 

@@ -11,7 +11,7 @@ import pytest
 from pbd.data import GRAVITY, Recording
 from pbd.errors import SensorError
 from pbd.pose import Array, quat_exp, quat_from_rpy, quat_inverse, quat_log, quat_multiply
-from pbd.simulation.hand import Waypoint
+from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.sensor_model import AttitudeOutput, SensorModel, Triad
 from pbd.simulation.simulate import SENSOR_MODELS, World, simulate
 from pbd.simulation.tasks import Task

@@ -21,7 +21,7 @@ from pbd.pose import (
     quat_multiply,
     quat_rotate,
 )
-from pbd.simulation.hand import HandMotion, Waypoint
+from pbd.simulation.hand_motion import HandMotion, Waypoint
 from pbd.simulation.sensor_model import SensorModel
 from pbd.simulation.simulate import EARTH, SENSOR_MODELS, TASKS, World, random_task, simulate
 from pbd.simulation.tasks import Task

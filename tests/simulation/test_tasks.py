@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from pbd.errors import SensorError
 from pbd.pose import quat_log, quat_multiply
-from pbd.simulation.hand import Waypoint
+from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import TASKS, simulate
 from pbd.simulation.tasks import HEADING, Task, random_task
 

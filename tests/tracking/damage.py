@@ -25,7 +25,7 @@ from pbd.pose import (
     quat_slerp,
     quat_to_rpy,
 )
-from pbd.simulation.hand import Waypoint
+from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.tasks import Task
 from tests.scenarios import with_rows
 from tests.tracking.faults import with_channel

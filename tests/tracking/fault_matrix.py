@@ -27,7 +27,7 @@ from pbd.simulation.sensor_model import SensorModel
 from pbd.simulation.simulate import SENSOR_MODELS, random_task, simulate
 from pbd.simulation.simulate import TASKS as SIMULATED
 from pbd.simulation.tasks import Task
-from pbd.tracking.repair.agreement import up_in_sensor, warn_upside_down
+from pbd.tracking.repair.gyro_consistency import up_in_sensor, warn_upside_down
 from pbd.tracking.smoother.attitude import mean_quaternion
 from tests.tracking import damage as d
 

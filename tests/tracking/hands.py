@@ -19,7 +19,7 @@ from pbd.pose import (
     quat_rotate,
     yaw_toward,
 )
-from pbd.simulation.hand import Waypoint
+from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.sensor_model import AttitudeOutput, SensorModel
 from pbd.simulation.simulate import SENSOR_MODELS, random_task, simulate
 from pbd.simulation.tasks import Task

@@ -16,7 +16,7 @@ from pbd.data.calibration import DOCK_SIGMA_M, DOCK_SIGMA_RAD
 from pbd.data.covariance import PoseCovariance
 from pbd.errors import PbdWarning, TrackingError
 from pbd.pose import Pose, quat_about_z, quat_exp, quat_rotate
-from pbd.tracking.claims import SIGMA_M
+from pbd.tracking.claims import PLACE_SIGMA_M
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.known import condition_on
 from tests.tracking.stops_at import at_stops, covariances, hand_path, mid
@@ -97,7 +97,7 @@ def test_far_from_the_dock_a_known_place_is_less_sure_sideways() -> None:
     cov = condition_on(path, Known(places=(Place((mid(1),), (0.5, 0.0, 0.0)),)), calibration, Pose.identity()).cov[1]
     along, sideways, up = np.sqrt(np.diagonal(cov)[:3])
     assert along == pytest.approx(up)
-    assert along == pytest.approx(np.hypot(SIGMA_M, DOCK_SIGMA_M), rel=0.01)
+    assert along == pytest.approx(np.hypot(PLACE_SIGMA_M, DOCK_SIGMA_M), rel=0.01)
     assert sideways == pytest.approx(np.hypot(along, 0.5 * DOCK_SIGMA_RAD), rel=0.01)
 
 
@@ -151,9 +151,9 @@ SQUARE = np.array([[0.0, 0.0, 0.0], [0.2, 0.0, 0.0], [0.2, 0.0, 0.31], [0.2, 0.2
             "(sigma 1.0 cm, 30 sigma); remove that [[contact]], or record again",
         ),
         (
-            Known(contacts=(Contact(mid(3), height=0.12),)),
-            "demo.toml says that the tool at 4.75 s (stop 3) is 0.120 m above its first rest, but it is 12 cm off "
-            "(sigma 1.8 cm, 6.8 sigma); remove that [[contact]], or record again",
+            Known(contacts=(Contact(mid(3), height=0.09),)),
+            "demo.toml says that the tool at 4.75 s (stop 3) is 0.090 m above its first rest, but it is 9.0 cm off "
+            "(sigma 1.8 cm, 5.1 sigma); remove that [[contact]], or record again",
         ),
     ],
     ids=["closed", "place", "position", "table", "as_at", "height"],
@@ -174,7 +174,7 @@ def test_two_contacts_without_a_tables_height_are_compared() -> None:
 
 @pytest.mark.parametrize(("sigmas", "refused"), [(2.95, False), (3.05, True)])
 def test_three_sigma_of_a_height_is_the_bound(sigmas: float, refused: bool) -> None:
-    off = sigmas * np.hypot(0.01, SIGMA_M)
+    off = sigmas * np.hypot(0.01, PLACE_SIGMA_M)
     path = hand_path(np.array([[0.0, 0.0, 0.0], [0.1, 0.0, off]]), np.array([0.01**2 * np.eye(3)]))
     known = Known(contacts=(Contact(mid(1), height=0.0),))
     if refused:
@@ -192,7 +192,7 @@ def test_the_bound_is_as_improbable_in_space_as_in_height(dimension: int, known:
     """0.27 % of all true claims are refused; of errors twice as large, as many as the chi-square distribution says."""
     rng = np.random.default_rng(0)
     moves = covariances(rng, 1, 0.01)
-    root = 2.0 * np.linalg.cholesky(moves[0] + SIGMA_M**2 * np.eye(3))
+    root = 2.0 * np.linalg.cholesky(moves[0] + PLACE_SIGMA_M**2 * np.eye(3))
     refused, n = 0, 600
     for _ in range(n):
         path = hand_path(np.array([np.zeros(3), root @ rng.normal(size=3)]), moves)
@@ -226,6 +226,7 @@ def test_the_claim_most_at_fault_is_the_one_that_is_named() -> None:
     with pytest.raises(TrackingError, match=r"the tool at 4\.75 s \(stop 3\) is .* against the other claims") as caught:
         condition_on(path, Known(places=pairs))
     assert caught.value.fields["stop"] == 3
+    assert caught.value.fields["t"] == pytest.approx(mid(3), abs=0.03)  # the middle is between two rows
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from pbd.pipeline import track
 from pbd.pose import Array, Pose, quat_about_z, quat_exp, quat_multiply, quat_rotate
 from pbd.simulation.simulate import random_task, simulate
 from pbd.simulation.tasks import Task
-from pbd.tracking.claims import SIGMA_M
+from pbd.tracking.claims import PLACE_SIGMA_M
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.known import condition_on
 from tests.scenarios import pour, truth_at
@@ -49,7 +49,7 @@ def least_squares(path: HandPath, known: Known) -> tuple[Array, Array]:
         return 3 * (index - 1)
 
     def visit(sigma: float | None, d: int) -> Array:
-        whiten: Array = np.eye(d) / (np.sqrt(0.5) * (sigma or SIGMA_M))
+        whiten: Array = np.eye(d) / (np.sqrt(0.5) * (sigma or PLACE_SIGMA_M))
         return whiten
 
     x, up = at_stops(path), np.eye(3)[2:]
@@ -57,7 +57,7 @@ def least_squares(path: HandPath, known: Known) -> tuple[Array, Array]:
         whiten = np.linalg.inv(np.linalg.cholesky(Q))
         add({stop(i + 1): 1.0, stop(i): -1.0}, x[i + 1] - x[i], whiten, np.eye(3))
     if known.closed:
-        add({stop(k - 1): 1.0}, np.zeros(3), np.eye(3) / SIGMA_M, np.eye(3))
+        add({stop(k - 1): 1.0}, np.zeros(3), np.eye(3) / PLACE_SIGMA_M, np.eye(3))
     for i, place in enumerate(known.places):
         for t in place.t:
             own = {stop(stop_at(t)): 1.0, 3 * (k - 1 + i): -1.0}
@@ -158,7 +158,7 @@ def test_what_is_true_already_changes_nothing_but_sigma() -> None:
     assert conditioned.v_nav_sensor == pytest.approx(path.v_nav_sensor, abs=1e-12)
     shrunk = np.linalg.eigvalsh(path.cov[:, :3, :3] - conditioned.cov[:, :3, :3])
     assert shrunk.min() > -1e-15
-    assert np.sqrt(np.diagonal(conditioned.cov[-1, :3, :3])).max() < SIGMA_M
+    assert np.sqrt(np.diagonal(conditioned.cov[-1, :3, :3])).max() < PLACE_SIGMA_M
     assert max(fit.off_m for fit in conditioned.claims) < 1e-12
 
 
@@ -177,7 +177,7 @@ def test_each_move_takes_its_share_by_its_own_uncertainty(share: float) -> None:
     path = hand_path(p_stop, variances[:, None, None] * np.eye(3))
     shift = at_stops(condition_on(path, Known(places=(Place((mid(1), mid(3))),)))) - p_stop
     taken = np.diff(shift, axis=0)[:, 1]
-    whole = -0.03 * 0.02**2 / (0.02**2 + SIGMA_M**2)
+    whole = -0.03 * 0.02**2 / (0.02**2 + PLACE_SIGMA_M**2)
     assert taken == pytest.approx([0.0, share * whole, (1.0 - share) * whole, 0.0], abs=1e-15)
 
 

@@ -15,13 +15,14 @@ from hypothesis import strategies as st
 from pbd.data import GRAVITY, Keyframe, Recording
 from pbd.errors import TrackingError
 from pbd.pose import Array, quat_about_z, quat_inverse, quat_log, quat_multiply, quat_rotate, yaw_toward
-from pbd.simulation.hand import Waypoint
+from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import TASKS, random_task, simulate
 from pbd.simulation.tasks import HEADING, Task
 from pbd.tracking.estimate import estimate
 from pbd.tracking.noise import FACTORY, Noise, noise_of
 from pbd.tracking.online.filter import UP
-from pbd.tracking.online.samples import Sample, Strapdown
+from pbd.tracking.online.samples import Sample
+from pbd.tracking.online.strapdown import Strapdown
 from pbd.tracking.online.tracker import DataFlaw, LiveEvent, LiveTracker, RestFound, StopBegan, StopEnded
 from pbd.tracking.rest import find_rest
 from pbd.tracking.smoother.preintegration import gyro_frame
@@ -139,9 +140,9 @@ def test_at_the_last_stop_it_agrees_with_the_batch_smoother(sensor: str) -> None
 @uncalibrated
 @pytest.mark.parametrize("sensor", SENSORS)
 def test_the_truth_lies_within_its_sigma(sensor: str) -> None:
-    """Of normal errors 95 % lie within two sigma: here 240 in position and in rotation each."""
+    """Of normal errors 95 % lie within two sigma: here 120 in position and in rotation each."""
     scaled: list[Array] = []
-    for seed in range(8):
+    for seed in range(4):
         demo = simulate("pour", sensor, seed)
         assert demo.truth is not None
         truth, keyframes = demo.truth, fed(demo.recording)[0].keyframes

@@ -123,6 +123,7 @@ def replay(
         grasped=grasped,
         phases=() if grasped is None else _phases(grasped, trajectory, motion, arm),
         notes=("Simulated data: no sensor was held.",),
+        torque=0.674,
     )
 
 

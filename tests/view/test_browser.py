@@ -209,6 +209,10 @@ def test_the_time_axis_shows_moves_and_grip(replay: Replay) -> None:
     assert replay.browser.find_elements(By.CSS_SELECTOR, "#touching i") == []
 
 
+def test_the_largest_share_of_a_torque_limit_is_said(replay: Replay) -> None:
+    assert replay.read("#subtitle").replace("\u00a0", " ").endswith(" \u00b7 torques up to 67 % of the limits")
+
+
 def test_a_joint_between_its_limits(replay: Replay, scene: ReplayScene) -> None:
     replay("pbd.page.player.seek(3.21)")
     (q,) = scene.trajectory.at(np.array([3.21])).q

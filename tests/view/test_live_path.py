@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from pbd.pose import Array
-from pbd.view.live_path import MOST, PIECE, REACH_M, SPACING_M, LivePath
+from pbd.view.live_path import CAMERA_REACH_M, MOST_NEW_POINTS, PIECE_POINTS, SPACING_M, LivePath
 
 walks = arrays(np.float64, st.tuples(st.integers(2, 60), st.just(3)), elements=st.floats(-0.05, 0.05)).map(
     lambda steps: np.cumsum(steps, axis=0)
@@ -90,7 +90,7 @@ def test_a_long_move_costs_no_more_at_its_end() -> None:
     for k in range(1, 4001):
         live.grow(0.05 * k, np.array((0.02 * k, 0.0, 0.0)), np.array((0.4, 0.0, 0.0)))
         costs.append(picture.take())
-    assert max(costs) <= 2 * (PIECE + 1)
+    assert max(costs) <= 2 * (PIECE_POINTS + 1)
     assert max(costs[:100]) == max(costs[-100:])
 
 
@@ -98,7 +98,7 @@ def test_a_hand_that_races_away_costs_no_more() -> None:
     live = LivePath()
     live.begin(0.0, np.zeros(3))
     live.grow(0.05, np.array((1e4, 0.0, 0.0)), np.array((1e5, 0.0, 0.0)))
-    assert Picture(live).take() == MOST + 1
+    assert Picture(live).take() == MOST_NEW_POINTS + 1
 
 
 @pytest.mark.parametrize("rest_s", [0.3, 30.0])
@@ -152,11 +152,11 @@ def test_the_camera_lets_a_lost_hand_go_and_a_stop_brings_it_back() -> None:
     live.grow(0.5, np.array((0.3, -0.2, 0.1)), np.zeros(3))
     np.testing.assert_allclose(live.corners(), [(0.0, -0.2, 0.0), (0.3, 0.0, 0.1)], atol=1e-12)
     live.grow(9.0, np.array((80.0, 0.0, 0.0)), np.zeros(3))
-    np.testing.assert_allclose(live.corners(), [(0.0, -0.2, 0.0), (REACH_M, 0.0, 0.1)], atol=1e-12)
+    np.testing.assert_allclose(live.corners(), [(0.0, -0.2, 0.0), (CAMERA_REACH_M, 0.0, 0.1)], atol=1e-12)
     live.correct(9.0, (0.5, 0.0, 0.0))
-    assert live.corners()[1, 0] <= 0.5 + REACH_M
+    assert live.corners()[1, 0] <= 0.5 + CAMERA_REACH_M
     live.grow(10.0, np.array((0.5, 7.0, 0.0)), np.zeros(3))
-    np.testing.assert_allclose(live.corners()[1, 1], REACH_M)
+    np.testing.assert_allclose(live.corners()[1, 1], CAMERA_REACH_M)
 
 
 def test_what_is_left_comes_later() -> None:

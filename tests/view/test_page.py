@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from pbd.errors import RobotError
+from pbd.errors import PbdError, RobotError
 from pbd.view.page import page_html, viewer_code, write_page
 from tests.view import scenes
 
@@ -67,6 +67,6 @@ def test_a_failure_leaves_what_was_there(tmp_path: Path) -> None:
         write_page(replace(scene, robot=replace(scene.robot, package_dirs=())), path)
     assert path.read_text() == "old"
     (tmp_path / "folder").mkdir()
-    with pytest.raises(OSError, match="folder"):
+    with pytest.raises(PbdError, match="is a folder: give a file's name"):
         write_page(scene, tmp_path / "folder")
     assert {entry.name for entry in tmp_path.iterdir()} == {"replay.html", "folder"}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg.lapack import dposv
 
+from pbd.arm.ik.closed_form import closed_form
 from pbd.arm.ik.levenberg_marquardt import SOLVED, Residual, descend_each
 from pbd.arm.ik.partial_pose import FULL_POSE, SLACK_RAD, finish, is_partial, solve_partial
 from pbd.arm.ik.solver import solve
@@ -48,6 +49,11 @@ def find_branches(arm: ArmModel, T_base_tool: Pose, before: Array, starts: int) 
         return _partial(arm, T_base_tool, before)
     goal = target(T_base_tool)
     carried = apart(before, starts // 3, CARRIED_APART_RAD)
+    if len(ways := closed_form(arm, goal)):  # what is carried is for singular poses, which have more than these
+        q, squares = descend_each(arm, goal, np.vstack((ways, carried)), all_of_them=True)
+        found = q[squares < SOLVED]
+        if len(found):
+            return polish(arm, goal, apart(found, len(found), SAME_RAD))
     seeds = starts_of(arm).nearest(goal, NEARBY)
     way = seeds[:, None] - carried
     way -= (2.0 * np.pi) * arm.turns * np.round(way / (2.0 * np.pi))

@@ -24,7 +24,6 @@ LEAP_RAD = 0.1
 
 _BETWEEN = 8  # intermediate steps that tell a leap
 _FEWEST = 8  # poses on a line
-_SAMPLES = 33  # of a straight move
 _STEPS, _SETTLED = 12, 1e-9
 _RIDGE = 1e-10
 
@@ -92,16 +91,3 @@ def refine(arm: ArmModel, pose: Pose, q_seed: Array) -> Array | None:
             return q if inside else None
         q = q - J.T @ np.linalg.solve(J @ J.T + _RIDGE * np.eye(6), e)
     return None
-
-
-def off_line(arm: ArmModel, q: Array) -> float:
-    """Return the tool's largest distance (m) from the line between its first and its last place, at joints (n, k)."""
-    p, _ = arm.forward_many(q)
-    away, way = p - p[0], p[-1] - p[0]
-    share = np.clip(away @ way / max(float(way @ way), 1e-18), 0.0, 1.0)
-    return float(np.linalg.norm(away - share[:, None] * way, axis=1).max())
-
-
-def straight_off_line(arm: ArmModel, q_start: Array, q_end: Array) -> float:
-    """Return the same of a straight move in joint space, from q (k,) to q (k,)."""
-    return off_line(arm, q_start + np.linspace(0.0, 1.0, _SAMPLES)[:, None] * (q_end - q_start))

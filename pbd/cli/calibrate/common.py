@@ -1,4 +1,4 @@
-"""What the steps of `pbd calibrate` share."""
+"""Functions that the steps of `pbd calibrate` share."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from pbd.pose import Array, Pose
 
 
 def opened(args: argparse.Namespace) -> tuple[Path, Calibration | None]:
-    """The calibration's file, and what it says so far."""
+    """The calibration's file, and its content as it is."""
     path = calibration_file(args.name)
     return path, existing_calibration(path)
 
@@ -50,7 +50,7 @@ def instead_of(path: Path, calibration: Calibration | None, part: str, force: bo
 
 
 def sigma_json(cov: Array) -> dict[str, Any]:
-    """One sigma of a pose's covariance (6, 6); None for what nobody measured."""
+    """One sigma of a pose's covariance (6, 6); None where it is unknown."""
     sigma = one_sigma(cov)
     return {"sigma_m": or_none(sigma[:3]), "sigma_deg": or_none(np.degrees(sigma[3:]))}
 

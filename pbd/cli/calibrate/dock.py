@@ -20,8 +20,8 @@ from pbd.pipeline import track
 from pbd.pose import Array, Pose, quat_to_rpy
 from pbd.tracking.keyframes import keyframes_of
 
-ROUNDING_RAD = 1e-6
-"""How far beyond a limit a joint may be given, rad or m: a limit in degrees is rounded."""
+LIMIT_TOLERANCE = 1e-6
+"""rad or m: how far a given joint may exceed its limit, as a limit in degrees is rounded."""
 
 
 def run(args: argparse.Namespace) -> None:
@@ -104,7 +104,7 @@ def _where_the_robot_stands(joints: list[float], robot: Robot | None) -> Pose:
     model = load_model(robot)
     per_si = np.where(model.turns, 180.0 / np.pi, 1.0)
     q, limits = np.array(joints) / per_si, robot.limits
-    inside = (q >= limits.lower - ROUNDING_RAD) & (q <= limits.upper + ROUNDING_RAD)
+    inside = (q >= limits.lower - LIMIT_TOLERANCE) & (q <= limits.upper + LIMIT_TOLERANCE)
     for k in np.flatnonzero(~inside):
         lower, upper = limits.lower[k] * per_si[k], limits.upper[k] * per_si[k]
         raise PlanError(

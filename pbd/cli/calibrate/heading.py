@@ -1,4 +1,4 @@
-"""How well nav's heading repeats, as `pbd calibrate points` reports it."""
+"""Repeatability of nav's heading, for `pbd calibrate points`."""
 
 from __future__ import annotations
 

@@ -67,7 +67,7 @@ def _merged(
 
 
 def _certainty(mount: Pose, cov: Array) -> str:
-    """Where the tool is on the sensor, and how sure that is; what nobody measured has no sigma."""
+    """Where the tool is on the sensor, with sigma where it is known."""
     sigma = one_sigma(cov)
     x, y, z = 1e3 * mount.p
     place = f"the tool is at ({x:.1f}, {y:.1f}, {z:.1f}) mm on the sensor"

@@ -105,7 +105,7 @@ def _json(fit: SensorFit) -> dict[str, Any]:
     result: dict[str, Any] = {"sensor": errors.sensor, "fit": _figures(fit), "remarks": list(fit.remarks)}
     for kind, linear in (("gyr", errors.gyr), ("acc", errors.acc), ("mag", errors.mag)):
         result[kind] = None if linear is None else {"bias": linear.bias.tolist(), "matrix": linear.matrix.tolist()}
-    result["told"] = [] if fit.acc is None else list(fit.acc.told)
+    result["told"] = [] if fit.acc is None else list(fit.acc.determined)
     return result | {"field_ut": errors.field, "dip_rad": errors.dip}
 
 
@@ -121,7 +121,7 @@ def _print(fit: SensorFit) -> None:
         shown = [f"{mg * x:+.1f} mg" for x in linear.bias]
         shown += [f"{100.0 * (x - 1.0):+.2f} %" for x in np.diagonal(linear.matrix)] + [f"{x:+.2f}°" for x in lean]
         for name, value in zip(NAMES, shown, strict=True):
-            rows.append((f"accelerometer {name}", value, "" if name in fit.acc.told else "unknown"))
+            rows.append((f"accelerometer {name}", value, "" if name in fit.acc.determined else "unknown"))
         rows.append(("|a| less gravity", f"{mg * fit.acc.before:.1f} mg -> {mg * fit.acc.after:.2f} mg rms", ""))
     if fit.mag is not None:
         bias, matrix = fit.mag.linear.bias, fit.mag.linear.matrix

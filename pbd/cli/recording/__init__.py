@@ -1,1 +1,1 @@
-"""What `pbd record` is made of: the device, the keys, the screen, the browser, a simulated hand."""
+"""Parts of `pbd record`: the device, the keys, the screen, the browser, a simulated hand."""

@@ -1,4 +1,4 @@
-"""Which sensor `pbd record` listens to: its port, its baud rate, its decoder."""
+"""Find the sensor for `pbd record`: its port, baud rate and decoder."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pbd.errors import SensorError
 from pbd.sensors import port as serial_port
 from pbd.sensors.decoding import Decoder
 from pbd.sensors.port import Port, open_port
-from pbd.sensors.probe import BOOT_S, FIRST_BAUD, LISTEN_S, LONGEST_S, find_baud, probe
+from pbd.sensors.probe import BOOT_S, FIRST_BAUD, LISTEN_S, LONGEST_PROBE_S, find_baud, probe
 from pbd.sensors.protocols import COMMAND_PAUSE_S, PROTOCOLS, protocol
 
 
@@ -45,7 +45,7 @@ def find_sensor(args: argparse.Namespace) -> tuple[str, Callable[[], Port], Deco
 
 def _listened(device: str) -> tuple[str, int]:
     """Which sensor speaks on a port, and at which baud rate."""
-    with open_port(device, FIRST_BAUD) as port, listening(device, "listening to", LONGEST_S):
+    with open_port(device, FIRST_BAUD) as port, listening(device, "listening to", LONGEST_PROBE_S):
         found = probe(port)
     if found.sensor is not None:
         return found.sensor, found.baud

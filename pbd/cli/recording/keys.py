@@ -1,4 +1,4 @@
-"""Single keys from a terminal, and signals, without waiting for either; the commands that they stand for."""
+"""Single keys from a terminal, and signals, as commands, without blocking."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from contextlib import suppress
 from types import FrameType, TracebackType
 from typing import Any, Protocol, Self
 
-from pbd.record.messages import Command
+from pbd.record.values import Command
 
 
 class Keys:

@@ -6,11 +6,11 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from pbd.errors import PbdError
-from pbd.record.messages import Outcome, Say, Status
+from pbd.record.values import Outcome, Say, Status
 from pbd.view.live_view import LivePicture, LiveView, State
 
-SHOWN_S = 0.05
-"""The browser is brought up to date this often."""
+PAGE_EVERY_S = 0.05
+"""s between two updates of the browser."""
 
 
 class LiveScreen:

@@ -1,4 +1,4 @@
-"""What a person sees while recording: a panel that is kept up to date, or plain lines where there is no terminal."""
+"""The screen while recording: a live panel, or plain lines where there is no terminal."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from pbd.record.feedback import in_cm, placed
-from pbd.record.messages import Say, Status
+from pbd.record.values import Say, Status
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -20,7 +20,7 @@ BAR, WIDTH = 20, 78
 
 
 class PlainScreen:
-    """A line for what is said, and one for the state every two seconds, on stderr; rings the bell of a terminal."""
+    """Prints each message, and the state every two seconds, on stderr. Rings the bell of a terminal."""
 
     def __init__(self, title: str) -> None:
         self._title = title
@@ -53,7 +53,7 @@ class PlainScreen:
 
 
 def _print(line: str) -> None:
-    with suppress(OSError):  # nobody reads any more: recording goes on
+    with suppress(OSError):  # the terminal is closed; recording goes on
         print(line, file=sys.stderr, flush=True)
 
 

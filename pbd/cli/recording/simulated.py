@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 
 from pbd.data import GripEvent
-from pbd.record.messages import Command, Outcome, Say, Status
+from pbd.record.values import Command, Outcome, Say, Status
 from pbd.sensors.decoding import Decoder
 from pbd.sensors.port import Port, open_port
 from pbd.sensors.protocols import protocol
@@ -36,7 +36,7 @@ class SimulatedHand:
         self._emulator = emulator
         self._to_come = list(grip)
         self._closed: bool | None = None  # as shown last; None before anything is on disk
-        self._told = self._has_ended = False
+        self._announced = self._has_ended = False
 
     def open(self) -> Port:
         """Open its port."""
@@ -62,8 +62,8 @@ class SimulatedHand:
 
         def show_too(status: Status) -> None:
             self._closed = status.closed
-            if self._emulator.over and not self._told:
-                self._told = True
+            if self._emulator.over and not self._announced:
+                self._announced = True
                 over = Say(status.t, f"the simulated task is finished: {then}", bell=True)
                 status = replace(status, said=(*status.said, over))
             show(status)
@@ -77,7 +77,7 @@ class SimulatedHand:
     def _command(self, ends: bool) -> Command | None:
         if self._closed is not None and self._to_come and self._emulator.t >= self._to_come[0].t:
             return Command.GRIP if self._to_come.pop(0).closed != self._closed else None
-        if ends and self._told:
+        if ends and self._announced:
             self._has_ended = True
             return Command.END
         return None

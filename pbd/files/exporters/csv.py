@@ -6,17 +6,27 @@ from pathlib import Path
 
 import numpy as np
 
-from pbd.data import JointTrajectory, Robot, Samples
+from pbd.data import Samples
 from pbd.data.receiver import Rule
+from pbd.files.exporters.order import Order
 from pbd.files.table import write_table
 
 FILLED_BY: tuple[Rule, ...] = ()
-"""Whoever reads it takes each row at its time."""
+"""None: whoever reads the file takes each row at its time."""
+
+COUNTED = "samples"
+
+USUAL_HZ = 1000.0
 
 
-def write(trajectory: JointTrajectory, robot: Robot, points: Samples, path: Path) -> None:
+def samples(order: Order) -> Samples:
+    """Evaluate at the rate."""
+    return order.trajectory.sample(order.rate_hz or USUAL_HZ)
+
+
+def write(order: Order, points: Samples, path: Path) -> None:
     """Write columns t (s), q_NAME (rad), dq_NAME (rad/s), ddq_NAME (rad/s2), gripper (1 open, 0 closed)."""
-    names = trajectory.joint_names
+    names = order.trajectory.joint_names
     header = ("t", *(f"{kind}_{name}" for kind in ("q", "dq", "ddq") for name in names), "gripper")
     values = np.column_stack((points.t, points.q, points.qd, points.qdd, points.gripper))
     k = len(names)

@@ -1,4 +1,4 @@
-"""npz: what the clients of real arms take as arrays."""
+"""npz: arrays for the clients of real arms."""
 
 from __future__ import annotations
 
@@ -6,19 +6,23 @@ from pathlib import Path
 
 import numpy as np
 
-from pbd.data import JointTrajectory, Robot, Samples
+from pbd.data import Samples
 from pbd.data.receiver import Rule
+from pbd.files.exporters.csv import COUNTED, samples
+from pbd.files.exporters.order import Order
+
+__all__ = ["COUNTED", "FILLED_BY", "samples", "write"]
 
 FILLED_BY: tuple[Rule, ...] = ()
-"""A client sends each row at its time and fills no gaps."""
+"""None: a client sends each row at its time."""
 
 
-def write(trajectory: JointTrajectory, robot: Robot, points: Samples, path: Path) -> None:
+def write(order: Order, points: Samples, path: Path) -> None:
     """Write arrays joints (k,) names, t (n,) s, q, dq, ddq (n, k) rad, rad/s, rad/s2, gripper (n,) 1 open, 0 closed."""
     with path.open("wb") as file:
         np.savez(
             file,
-            joints=np.array(trajectory.joint_names),
+            joints=np.array(order.trajectory.joint_names),
             t=points.t,
             q=points.q,
             dq=points.qd,

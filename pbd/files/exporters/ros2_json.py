@@ -13,12 +13,15 @@ from typing import Any
 
 import numpy as np
 
-from pbd.data import Gripper, JointTrajectory, Robot, Samples
+from pbd.data import Gripper, JointTrajectory, Samples
 from pbd.data.receiver import Rule
+from pbd.files.exporters.order import Order
 from pbd.pose import Array
 
 FILLED_BY: tuple[Rule, ...] = ("quintic", "cubic")
 """By quintics, as the points carry accelerations; by cubics in a client that leaves these out."""
+
+COUNTED = "points"
 
 LEAST_GAP_S = 2e-5
 """Knots closer in time than this are left out, s. The controller divides by the cube of the gap: the positions' last
@@ -28,8 +31,9 @@ _OFF_KNOTS = 0.25
 """Samples closer to a knot than this share of their spacing add nothing, and are left out."""
 
 
-def samples(trajectory: JointTrajectory, rate_hz: float | None) -> Samples:
+def samples(order: Order) -> Samples:
     """Evaluate at the trajectory's knots, and at a rate in between, at whole nanoseconds as the message has them."""
+    trajectory, rate_hz = order.trajectory, order.rate_hz
     t = _apart(trajectory.knots)
     if rate_hz is not None:
         grid = np.arange(1, int(trajectory.duration * rate_hz) + 1) / rate_hz
@@ -43,12 +47,13 @@ def samples(trajectory: JointTrajectory, rate_hz: float | None) -> Samples:
     return Samples(rounded, points.q, points.qd, points.qdd, points.gripper)
 
 
-def write(trajectory: JointTrajectory, robot: Robot, points: Samples, path: Path) -> None:
+def write(order: Order, points: Samples, path: Path) -> None:
     """Write the goals, one point a line."""
+    trajectory, gripper = order.trajectory, order.robot.gripper
     arm = _message(trajectory.joint_names, points.t, (points.q, points.qd, points.qdd))
     fingers = None
-    if robot.gripper is not None and robot.gripper.joints:
-        fingers = finger_message(trajectory, robot.gripper)
+    if gripper is not None and gripper.joints:
+        fingers = finger_message(trajectory, gripper)
     parts = [
         *_body(arm),
         f'"gripper": {"null" if fingers is None else "{" + ", ".join(_body(fingers)) + "}"}',

@@ -20,7 +20,7 @@ def import_file(
     units: Mapping[str, str] | None = None,
     rate_hz: float | None = None,
 ) -> Demonstration:
-    """Read a recording in any format known here, told by its suffix and its header.
+    """Read a recording in any known format. Its suffix and header tell which.
 
     Args:
         path: .csv, .txt or .tsv with a header, or .npz.

@@ -1,7 +1,7 @@
-"""A CSV with a header: our own imu.csv, x-io's export, WitMotion's log, or any whose columns can be told by name.
+"""A CSV with a header: our own imu.csv, x-io's export, WitMotion's log, or any with recognisable column names.
 
-A header names the channel and often its unit: `Gyroscope X (deg/s)`, `acc_x [g]`, `Timestamp (us)`, `gx`. What it
-doesn't tell, the caller does. A unit that nobody tells is SI; specific force in another is found out by its norm at
+A header names the channel and often its unit: `Gyroscope X (deg/s)`, `acc_x [g]`, `Timestamp (us)`, `gx`. The caller
+gives what it lacks. The default unit is SI. Specific force in another unit is detected by its norm at
 rest.
 
 WitMotion's programs write what its modules send, and each version names it otherwise: `ax(g)`, `AccX(g)`,
@@ -20,8 +20,8 @@ import numpy as np
 
 from pbd.data import GRAVITY, Recording, RecordingInfo
 from pbd.errors import RecordingError, listed, printable
-from pbd.files.columns import ACC, DEVICE, GYR, MAG, device_rpy
 from pbd.files.importers import check_rate
+from pbd.files.imu_columns import ACC, DEVICE, GYR, MAG, device_rpy
 from pbd.files.table import Sheet, Table, open_sheet, require
 from pbd.pose import Array
 
@@ -33,7 +33,7 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     "mag": {"ut": 1.0, "mg": 0.1, "g": 100.0, "gauss": 100.0, "mgauss": 0.1, "t": 1e6, "nt": 1e-3, "a.u.": 1.0},
     "angle": {"rad": 1.0, "deg": DEG},
 }
-"""What one of each unit is in ours (s, rad/s, m/s2, uT, rad)."""
+"""Factor from each unit to ours (s, rad/s, m/s2, uT, rad)."""
 
 RPY = ("anglex", "angley", "anglez")
 """The device's own attitude as turns about x, y, z; z counts from east to north."""
@@ -50,7 +50,7 @@ _TIME = r"t|time|timestamp|time_?stamp|seconds|sec|时间"
 _DEVICE_TIME = r"chip_?time|片上时间"
 _DEVICE = r"address|device_?name|设备名称"
 _MANGLED = str.maketrans({"°": "deg", "µ": "u", "μ": "u", "ʯ": "u", "?": "u", "²": "2", " ": ""})
-"""Signs as they are written, and what becomes of the micro sign where a program takes one encoding for another."""
+"""Variants of unit signs, with the micro sign as wrong encodings garble it."""
 
 
 def read_csv(
@@ -86,7 +86,7 @@ def read_csv(
         raise RecordingError(f"{path}: the column '{names['t']}' tells the time; leave --rate out", path=path)
     for angles in (DEVICE, RPY):
         if not set(angles) <= set(names) and not set(columns) & set(angles):
-            # A yaw, say, of which nobody knows from where and which way it counts: the gyro knows better.
+            # The origin and the sign of such a yaw are unknown: the gyro is more reliable.
             names = {ours: given for ours, given in names.items() if ours not in angles}
     for wanted in CHANNELS.values():
         missing = [name for name in wanted if name not in names]
@@ -128,7 +128,7 @@ def _values(
     channel: str,
     units: Mapping[str, str],
 ) -> Array | None:
-    """A channel's columns in our units; None where the file doesn't have it."""
+    """A channel's columns, converted to our units; None where the file doesn't have it."""
     if wanted[0] not in names:
         return None
     unit = "angle" if channel == "rpy" else channel

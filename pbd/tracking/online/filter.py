@@ -1,7 +1,7 @@
-"""The estimator's model as a Kalman filter: what it knows of the hand now, from all that came before.
+"""The estimator's model as a Kalman filter: the present state, from all samples so far.
 
 State, errors and noise are those of the smoother (`knots`, `factors`). Its knots become a copy of attitude and position
-at the last one (stochastic cloning), which the next one is held against. What is learnt at a stop flows back into the
+at the last one (stochastic cloning), to which the next one is compared. What is learnt at a stop flows back into the
 move before it through the covariance.
 
 Source: J. Sola, Quaternion kinematics for the error-state Kalman filter, arXiv 1711.02508 (2017), with errors on the
@@ -25,32 +25,33 @@ from pbd.pose import (
     quat_to_matrix,
     skew,
 )
-from pbd.tracking.noise import Noise, acc_doubt
-from pbd.tracking.online.samples import Leg, Strapdown
+from pbd.tracking.noise import OUTLIER_SIGMAS, Noise, acc_doubt
+from pbd.tracking.online.strapdown import Leg, Strapdown
 from pbd.tracking.rest import Rest
-from pbd.tracking.smoother.factors import DOUBT
 from pbd.tracking.smoother.preintegration import ACC_BIAS, ACC_MATRIX, ERRORS, GYR_BIAS, GYR_MATRIX, LAG, POS, ROT, VEL
 
-OF_ERRORS = slice(9, 9 + ERRORS)
+SENSOR_ERRORS = slice(9, 9 + ERRORS)
+"""The state: errors of attitude, velocity and position; the sensor's errors; gravity; the compass' north in nav;
+attitude and position at the last knot."""
 GRAVITY, NORTH, KEPT_ROT, KEPT_POS = 31, 32, slice(33, 36), slice(36, 39)
 STATES = 39
 """Errors of attitude, velocity and position; the sensor's; gravity; where nav has the compass' north; the last knot."""
 
-LEVEL = 0.1
-"""rad: by how much gravity as it is read may be off the vertical; the filter learns it at once."""
+LEVEL_SIGMA = 0.1
+"""rad: first uncertainty of roll and pitch. Wide on purpose: the filter levels itself at once."""
 
 UP = np.array((0.0, 0.0, 1.0))
 
-ONE = np.eye(STATES)
-OF_VEL, OF_POS, OF_TILT = ONE[VEL], ONE[POS], ONE[:2]
-OF_WAY, OF_TURN = ONE[POS] - ONE[KEPT_POS], ONE[ROT] - ONE[KEPT_ROT]
-"""Derivatives by the state: of velocity, position, tilt; of what changed since the last knot."""
+IDENTITY = np.eye(STATES)
+H_VEL, H_POS, H_TILT = IDENTITY[VEL], IDENTITY[POS], IDENTITY[:2]
+H_SHIFT, H_TURN = IDENTITY[POS] - IDENTITY[KEPT_POS], IDENTITY[ROT] - IDENTITY[KEPT_ROT]
+"""Measurement matrices: velocity, position, tilt; shift and turn since the last knot."""
 
-BIASES = np.arange(STATES)[OF_ERRORS][np.r_[GYR_BIAS, ACC_BIAS]]
+BIASES = np.arange(STATES)[SENSOR_ERRORS][np.r_[GYR_BIAS, ACC_BIAS]]
 
 
 class OnlineFilter:
-    """The hand as far as it is known.
+    """The estimate of the hand's motion.
 
     Attributes:
         wxyz, E: (4,) and (3, 3), nav <- gyro frame.
@@ -66,24 +67,24 @@ class OnlineFilter:
         """Begin in a stop, at the origin, with the mean field (3,) of a compass; or where C is a device's attitude."""
         device = noise.device
         self.noise = noise
-        self._turn_to(quat_from_matrix(np.eye(3) if is_device else _level(rest.up_sensor, field)))
+        self._set_attitude(quat_from_matrix(np.eye(3) if is_device else _level(rest.up_sensor, field)))
         self.v, self.p = np.zeros(3), np.zeros(3)
         self._undisturbed = self.E @ (UP if field is None else field)
         self.x, self.gravity, self.north = np.zeros(ERRORS), noise.gravity, 0.0
         self.x[LAG] = noise.lag
         self.wxyz_gyro = wxyz_gyro
         sigma = np.zeros(STATES)
-        sigma[:2], sigma[VEL] = LEVEL, noise.still_speed
+        sigma[:2], sigma[VEL] = LEVEL_SIGMA, noise.still_speed
         worse, errors = acc_doubt(noise, rest), np.zeros(ERRORS)
         errors[GYR_BIAS], errors[ACC_BIAS] = noise.gyr_bias, worse * device.acc_bias
         errors[LAG], errors[GYR_MATRIX] = noise.lag_sigma, device.gyr_scale
         errors[ACC_MATRIX] = worse * device.acc_scale
-        sigma[OF_ERRORS], sigma[GRAVITY], sigma[NORTH] = errors, noise.gravity_sigma, noise.compass
+        sigma[SENSOR_ERRORS], sigma[GRAVITY], sigma[NORTH] = errors, noise.gravity_sigma, noise.compass
         self.P = np.diag(sigma**2)
         self._walks = np.repeat((device.gyr_walk**2, device.acc_walk**2), 3)
-        self.keep()
+        self.clone_pose()
 
-    def _turn_to(self, wxyz: Array) -> None:
+    def _set_attitude(self, wxyz: Array) -> None:
         self.wxyz, self.E = wxyz, quat_to_matrix(wxyz)
 
     def fork(self) -> OnlineFilter:
@@ -95,7 +96,7 @@ class OnlineFilter:
         """(4,)."""
         return quat_multiply(self.wxyz, self.wxyz_gyro)
 
-    def later(self, strapdown: Strapdown) -> tuple[Array, Array, Array]:
+    def predict(self, strapdown: Strapdown) -> tuple[Array, Array, Array]:
         """wxyz_nav_sensor (4,), p_nav_sensor (3,) m and v_nav_sensor (3,) m/s, in the middle of a block of samples."""
         T, E = strapdown.T, self.E
         v = self.v + E @ strapdown.U[0] - self.gravity * T * UP
@@ -113,7 +114,7 @@ class OnlineFilter:
         F[range(9), range(9)] = 1.0
         F[VEL, ROT], F[POS, ROT] = -skew(gained), -skew(way)
         F[range(6, 9), range(3, 6)] = T
-        F[:, OF_ERRORS] = turned @ leg.J
+        F[:, SENSOR_ERRORS] = turned @ leg.J
         F[5, GRAVITY], F[8, GRAVITY] = -T, -0.5 * T**2
         FP, P = F @ self.P, self.P.copy()
         P[:9], P[9:, :9] = FP, FP[:, 9:].T
@@ -122,10 +123,10 @@ class OnlineFilter:
         self.P = P
         self.p = self.p + T * self.v + way - 0.5 * self.gravity * T**2 * UP
         self.v = self.v + gained - self.gravity * T * UP
-        self._turn_to(quat_multiply(self.wxyz, quat_exp(e[ROT])))
+        self._set_attitude(quat_multiply(self.wxyz, quat_exp(e[ROT])))
         self.wxyz_gyro = leg.wxyz
 
-    def keep(self) -> None:
+    def clone_pose(self) -> None:
         """This is a knot: attitude and position are copied."""
         P = self.P.copy()
         P[KEPT_ROT], P[KEPT_POS] = P[ROT], P[POS]
@@ -133,7 +134,7 @@ class OnlineFilter:
         self.P = P
         self._kept = self.wxyz_nav_sensor, self.p
 
-    def doubt_of_rest(self, sigma: float) -> tuple[float, float]:
+    def velocity_test(self, sigma: float) -> tuple[float, float]:
         """Whether the hand stands still: how many sigmas its velocity is off zero, squared; and the speed, m/s.
 
         Args:
@@ -142,20 +143,20 @@ class OnlineFilter:
         S = self.P[VEL, VEL] + sigma**2 * np.eye(3)
         return float(self.v @ np.linalg.inv(S) @ self.v), float(np.sqrt(self.v @ self.v))
 
-    def stand(self, sigma: float, robust: bool = True) -> None:
+    def update_zero_velocity(self, sigma: float, robust: bool = True) -> None:
         """The velocity is zero within `sigma` m/s along each axis; what is far off counts less (Geman-McClure)."""
-        self._update(OF_VEL, -self.v, sigma**2, robust)
+        self._update(H_VEL, -self.v, sigma**2, robust)
 
-    def stay(self, turn_sigma: float) -> None:
+    def update_no_motion(self, turn_sigma: float) -> None:
         """Since the last knot nothing has moved, or turned by more than `turn_sigma` rad."""
         wxyz, p = self._kept
-        self._update(OF_WAY, p - self.p, self.noise.still_shift**2)
+        self._update(H_SHIFT, p - self.p, self.noise.still_shift**2)
         wxyz, p = self._kept
         turned = quat_log(quat_multiply(self.wxyz_nav_sensor, wxyz * (1.0, -1.0, -1.0, -1.0)))
-        self._update(OF_TURN, -turned, turn_sigma**2)
+        self._update(H_TURN, -turned, turn_sigma**2)
 
-    def point_north(self, field: Array, lasted: float) -> None:
-        """A compass shows a mean field (3,) in the gyro frame over so many s: north, if it is as at the first rest."""
+    def update_compass(self, field: Array, lasted: float) -> None:
+        """A mean field (3,) in the gyro frame over `lasted` s shows north, if it is as at the first rest."""
         earth, h = self._undisturbed, self.E @ field
         strength, dip = np.sqrt(earth @ earth), np.arctan2(earth[2], np.hypot(earth[0], earth[1]))
         level, east = max(float(np.hypot(h[0], h[1])), 1e-12), float(np.arctan2(h[0], h[1]))
@@ -163,30 +164,30 @@ class OnlineFilter:
         off = (stronger**2 + steeper**2 + (np.cos(dip) * east) ** 2) / self.noise.field**2
         turned = -skew(h)  # d h / d theta
         by_turn = (h[1] * turned[0] - h[0] * turned[1]) / level**2
-        self._see_heading(east, by_turn, self.noise.compass**2 / lasted * (1.0 + off) ** 2)
+        self._update_heading(east, by_turn, self.noise.compass**2 / lasted * (1.0 + off) ** 2)
 
-    def agree_with_device(self, rate: Array) -> None:
+    def update_device_attitude(self, rate: Array) -> None:
         """The gyro frame is nav, as the device's own attitude has it; it comes late where it turns at `rate` rad/s."""
         variance = self.noise.device_turn**2 + self.noise.device_lag**2 * float(rate @ rate)
-        self._see_heading(float(quat_log(self.wxyz)[2]), UP, variance)
+        self._update_heading(float(quat_log(self.wxyz)[2]), UP, variance)
         off = -quat_log(self.wxyz)
-        self._update(OF_TILT, off[:2], variance, robust=False)
+        self._update(H_TILT, off[:2], variance, robust=False)
 
-    def _see_heading(self, east: float, by_turn: Array, variance: float) -> None:
+    def _update_heading(self, east: float, by_turn: Array, variance: float) -> None:
         H = np.zeros((1, STATES))
         H[0, ROT], H[0, NORTH] = by_turn, 1.0
         self._update(H, np.array([-east - self.north]), variance, robust=False)
 
-    def begin_here(self) -> None:
+    def set_origin(self) -> None:
         """Here is the origin, and the heading is what nav's is laid by."""
         self.p = np.zeros(3)
         P = self.P.copy()
         for known in (2, POS):
             P[known], P[:, known] = 0.0, 0.0
         self.P = P
-        self.keep()
+        self.clone_pose()
 
-    def widen(self, duration: float, speed: float) -> None:
+    def add_velocity_error(self, duration: float, speed: float) -> None:
         """Something unknown during the last `duration` s left this speed in m/s: a knock, or a wrong turn."""
         one, P = np.eye(3), self.P.copy()
         P[VEL, VEL] += speed**2 * one
@@ -195,11 +196,11 @@ class OnlineFilter:
         P[POS, POS] += speed**2 * duration**2 / 3.0 * one
         self.P = P
 
-    def if_it_stopped(self, sigma: float) -> tuple[float, float]:
+    def sigma_if_stopped(self, sigma: float) -> tuple[float, float]:
         """Of the position, and of the way since the last knot, one sigma (m) of the least sure axis if the hand stopped
         now, as it does within `sigma` m/s."""
         found = []
-        for H in (OF_POS, OF_WAY):
+        for H in (H_POS, H_SHIFT):
             PH = self.P @ H.T
             left = H @ PH - PH[VEL].T @ np.linalg.solve(self.P[VEL, VEL] + sigma**2 * np.eye(3), PH[VEL])
             found.append(float(np.sqrt(max(np.diagonal(left).max(), 0.0))))
@@ -217,13 +218,13 @@ class OnlineFilter:
         information = np.linalg.inv(S + variance * np.eye(len(S)))
         if robust:
             off = float(residual @ information @ residual)
-            information = np.linalg.inv(S + variance * (1.0 + off / DOUBT**2) ** 2 * np.eye(len(S)))
+            information = np.linalg.inv(S + variance * (1.0 + off / OUTLIER_SIGMAS**2) ** 2 * np.eye(len(S)))
         K = PH @ information
         d = K @ residual
         P = self.P - K @ PH.T
         self.P = 0.5 * (P + P.T)
-        self._turn_to(quat_multiply(quat_exp(d[ROT]), self.wxyz))
-        self.v, self.p, self.x = self.v + d[VEL], self.p + d[POS], self.x + d[OF_ERRORS]
+        self._set_attitude(quat_multiply(quat_exp(d[ROT]), self.wxyz))
+        self.v, self.p, self.x = self.v + d[VEL], self.p + d[POS], self.x + d[SENSOR_ERRORS]
         self.gravity, self.north = self.gravity + float(d[GRAVITY]), self.north + float(d[NORTH])
         wxyz, p = self._kept
         self._kept = quat_multiply(quat_exp(d[KEPT_ROT]), wxyz), p + d[KEPT_POS]

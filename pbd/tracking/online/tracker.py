@@ -12,15 +12,16 @@ from pbd.data import Keyframe, Recording, RecordingInfo, Stop
 from pbd.errors import PbdError, TrackingError
 from pbd.pose import Array, readonly
 from pbd.tracking.noise import noise_of
-from pbd.tracking.online.hand import DataFlaw, LiveEvent, LiveHand, RestFound, StopBegan, StopEnded
+from pbd.tracking.online.events import DataFlaw, LiveEvent, RestFound, StopBegan, StopEnded
 from pbd.tracking.online.samples import Conditioner, Sample
+from pbd.tracking.online.stops import LiveHand
 from pbd.tracking.repair.clock import SLOWEST_HZ
-from pbd.tracking.rest import ABOUT, REST_S, STILL_ACC, STILL_GYR, Rest, find_rest
+from pbd.tracking.rest import QUIET_RATIO, REST_S, STILL_ACC, STILL_GYR, Rest, find_rest
 
 __all__ = ["DataFlaw", "LiveEvent", "LiveTracker", "RestFound", "StopBegan", "StopEnded"]
 
-RETRY_S = 0.1
-"""A rest is looked for this often until there is one."""
+REST_CHECK_S = 0.1
+"""s between two searches for the first rest."""
 
 
 class LiveTracker:
@@ -129,7 +130,7 @@ class LiveTracker:
     def _look_for_rest(self, samples: list[Sample]) -> list[LiveEvent]:
         """Begin once the last second was one of rest; later, learn from one that is far quieter."""
         hand, t = self._hand, samples[-1].t
-        self._t_look = t + (RETRY_S if hand is None else REST_S)
+        self._t_look = t + (REST_CHECK_S if hand is None else REST_S)
         if hand is not None:
             stands = hand.still and hand.standing[-1].first.t <= samples[0].t
             if not stands or hand.restless > _restlessness(hand.rest):
@@ -143,7 +144,7 @@ class LiveTracker:
         try:
             rest = find_rest(recording)
         except PbdError as error:
-            self._waiting = _why(error)
+            self._waiting = _rest_advice(error)
             return []
         noise = noise_of(recording, rest)
         rest = replace(rest, start=samples[0].row, stop=samples[-1].row + 1)
@@ -152,7 +153,7 @@ class LiveTracker:
             self._conditioner.interval = interval
             self._hand = LiveHand(samples, interval, rest, noise, bool(self._has_gyro))
             return [RestFound(t, rest), self._hand.here(t)]
-        if _restlessness(rest) < _restlessness(hand.rest) / ABOUT:
+        if _restlessness(rest) < _restlessness(hand.rest) / QUIET_RATIO:
             hand.learn(rest, noise)
         return []
 
@@ -173,7 +174,7 @@ class LiveTracker:
 
     @property
     def moving(self) -> bool:
-        """Whether the hand moves, as far as is known at the latest sample; False until tracking begins."""
+        """Whether the hand seems to move at the latest sample; False until tracking begins."""
         return self._hand is not None and not self._hand.still
 
     @property
@@ -212,8 +213,8 @@ class LiveTracker:
         return 0.0 if self._hand is None else self._hand.sigmas()[1]
 
 
-def _why(error: PbdError) -> str:
-    """Why a second was no rest, as one says it to somebody whose hand holds the sensor."""
+def _rest_advice(error: PbdError) -> str:
+    """Why a second was no rest, for the person who holds the sensor."""
     if error.fields.get("bound") == STILL_ACC:
         return f"hold still for {REST_S:g} s: the hand shakes with {error.fields['value']:.2f} m/s2"
     return error.message

@@ -1,7 +1,7 @@
-"""Time stamps: refused where they are no seconds in order, on a steady beat where they are coarse or in batches.
+"""Time stamps: checked, and put on a steady beat where they are coarse or come in batches.
 
-A stamp that is a little off does little harm: the velocity is off by the change of acceleration meanwhile. But coarse
-stamps pretend another rate, and lost samples where none are. So they are put on the steady beat that made them.
+A small error of a stamp does little harm. The velocity errs by the change of acceleration in that time. But coarse
+stamps suggest another rate, and losses where there are none. So they are put back on the sensor's steady beat.
 """
 
 from __future__ import annotations
@@ -15,37 +15,38 @@ from numpy.typing import NDArray
 from pbd.data import Recording
 from pbd.errors import PbdWarning, RecordingError
 from pbd.pose import Array
-from pbd.tracking.rest import SHORTEST_S
+from pbd.tracking.rest import SHORTEST_REST_S
 
 SLOWEST_HZ = 4.0
-"""Slower than any sensor that is held in a hand: the unit of time is wrong."""
+"""Lowest sampling rate: below it the unit of time is wrong."""
 
 FASTEST_HZ = 5e4
-"""Faster than any: the unit of time is wrong, or the rows are not one after the other."""
+"""Highest sampling rate: above it the unit of time is wrong, or the rows are out of order."""
 
 CLOCK_JUMP_S = 60.0
-"""No sensor falls silent for this long within one demonstration: its clock jumped."""
+"""Longest silence of a sensor within one demonstration, s: after a longer one its clock jumped."""
 
-COARSE = 0.05
-"""Stamps in steps of this share of the sampling interval, or more, are coarse ..."""
+COARSE_TICK = 0.05
+"""Share of the sampling interval above which the time stamps' resolution is coarse."""
 
 OFF_BEAT = 0.02
-"""... if some of them are off the beat by this share of it."""
+"""Coarse stamps are replaced if more than this share of them are off the beat by more than this share of the
+interval."""
 
-BATCHED = 0.01
-"""If more than this share of new samples come within a quarter of an interval, they are stamped in batches."""
+BATCHED_SHARE = 0.01
+"""Share of samples within a quarter of an interval of the one before, above which stamps come in batches."""
 
-REACH = 8
-"""In samples: a late stamp is made up for within so many, a lost sample is not."""
+LATE_SAMPLES = 8
+"""Number of samples within which a late stamp is made up for. A lost sample never is."""
 
-NOMINAL = 0.01
-"""If samples come at the nominal rate in the mean, to this share, none is lost."""
+NOMINAL_TOLERANCE = 0.01
+"""Relative deviation of the mean rate from the nominal one below which no sample is lost."""
 
-SMOOTH_S = 1.0
-"""A clock's slow drift is followed over this long."""
+DRIFT_S = 1.0
+"""s: averaging time for a clock's slow drift."""
 
-RATE_OFF = 0.05
-"""A measured rate that differs by more than this share from the nominal one is told."""
+RATE_TOLERANCE = 0.05
+"""Relative deviation of the measured rate from the nominal one above which there is a warning."""
 
 
 def with_clock(recording: Recording) -> Recording:
@@ -79,12 +80,12 @@ def with_clock(recording: Recording) -> Recording:
             bound=SLOWEST_HZ,
         )
     lasts = float(t[-1] - t[0]) + interval
-    if lasts < SHORTEST_S:  # of less nobody can tell whether the hand moved
+    if lasts < SHORTEST_REST_S:  # too short to see whether the hand moved
         raise RecordingError(
             f"the recording lasts {lasts:.2g} s ({counted(len(t), 'sample')}); record at least a second of rest, then "
             "move",
             value=lasts,
-            bound=SHORTEST_S,
+            bound=SHORTEST_REST_S,
         )
     _warn_of_rate(recording)
     return recording
@@ -98,7 +99,7 @@ def steady_clock(recording: Recording) -> Array:
     t, nominal_hz = recording.t, recording.info.rate_hz
     new = np.concatenate(([True], (np.diff(t) > 0.0) | _differs(recording)))
     stamps = t[new]
-    if len(stamps) > 4 * REACH and stamps[-1] > stamps[0]:
+    if len(stamps) > 4 * LATE_SAMPLES and stamps[-1] > stamps[0]:
         interval, reach, whole = _beat(stamps, nominal_hz)
         fault = _fault(stamps, interval)
         if fault:
@@ -114,7 +115,7 @@ def steady_clock(recording: Recording) -> Array:
 def _warn_of_rate(recording: Recording) -> None:
     """Warn where the samples do not come at the nominal rate."""
     nominal_hz, rate_hz = recording.info.rate_hz, recording.rate_hz
-    if nominal_hz is not None and abs(rate_hz / nominal_hz - 1.0) > RATE_OFF:
+    if nominal_hz is not None and abs(rate_hz / nominal_hz - 1.0) > RATE_TOLERANCE:
         warnings.warn(
             f"the sensor is set to {nominal_hz:.4g} Hz, but by the time stamps the samples come at {rate_hz:.4g} Hz; "
             f"if the time stamps are wrong, every distance comes out {(nominal_hz / rate_hz) ** 2:.2f} times its true "
@@ -142,7 +143,7 @@ def _refuse_disorder(t: Array) -> None:
 
 
 def _differs(recording: Recording) -> NDArray[np.bool_]:
-    """Whether each row says something else than the one before it, (n - 1,)."""
+    """Whether each row differs from the one before it, (n - 1,)."""
     given = [values for values in (recording.acc, recording.gyr) if values is not None]
     differs: NDArray[np.bool_] = np.any([(values[1:] != values[:-1]).any(axis=1) for values in given], axis=0)
     return differs
@@ -150,8 +151,8 @@ def _differs(recording: Recording) -> NDArray[np.bool_]:
 
 def _beat(t: Array, nominal_hz: float | None) -> tuple[float, int, bool]:
     """The sampling interval of stamps that may be coarse, from the spans of several; of how many; is none lost?"""
-    mean, reach = float(t[-1] - t[0]) / (len(t) - 1), min(REACH, len(t) // 4)
-    if nominal_hz is not None and abs(mean * nominal_hz - 1.0) < NOMINAL:
+    mean, reach = float(t[-1] - t[0]) / (len(t) - 1), min(LATE_SAMPLES, len(t) // 4)
+    if nominal_hz is not None and abs(mean * nominal_hz - 1.0) < NOMINAL_TOLERANCE:
         return mean, reach, True
     return float(np.median(t[reach:] - t[:-reach])) / reach, reach, False
 
@@ -159,11 +160,11 @@ def _beat(t: Array, nominal_hz: float | None) -> tuple[float, int, bool]:
 def _fault(t: Array, interval: float) -> str:
     """What is wrong with stamps (n,) s of samples that are all new; nothing: an empty word."""
     steps = np.diff(t)
-    if (steps < 0.25 * interval).mean() > BATCHED:
+    if (steps < 0.25 * interval).mean() > BATCHED_SHARE:
         return "the time stamps come in batches"
     tick = 1e-6 * float(np.gcd.reduce(np.rint(1e6 * steps).astype(np.int64)))
     away = np.abs(steps - interval * np.maximum(np.rint(steps / interval), 1.0))
-    if tick >= COARSE * interval and (away > OFF_BEAT * interval).mean() > OFF_BEAT:
+    if tick >= COARSE_TICK * interval and (away > OFF_BEAT * interval).mean() > OFF_BEAT:
         return f"the time stamps come in steps of {1e3 * tick:.4g} ms"
     return ""
 
@@ -179,7 +180,7 @@ def _on_beat(t: Array, interval: float, reach: int, whole: bool) -> Array:
         place[1:] += np.cumsum(np.maximum(np.rint(np.diff(punctual) / interval), 0.0))
     interval, begin = np.polyfit(place, t, 1)
     left_over = t - begin - interval * place
-    smooth = uniform_filter1d(left_over, max(1, round(SMOOTH_S / interval)), mode="nearest")
+    smooth = uniform_filter1d(left_over, max(1, round(DRIFT_S / interval)), mode="nearest")
     beat: Array = begin + interval * place + smooth
     return beat
 

@@ -1,4 +1,4 @@
-"""Look a recording over before anything is computed from it: what can be mended is mended, the rest is refused.
+"""Check a recording before anything is computed from it. What can be repaired is repaired; the rest is refused.
 
 Every refusal says where (row, time) and what is likely wrong; rows are counted from 0, as `Recording.t` is indexed.
 """
@@ -6,45 +6,22 @@ Every refusal says where (row, time) and what is likely wrong; rows are counted 
 from __future__ import annotations
 
 import dataclasses
-import warnings
-from bisect import bisect_right
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pbd.data import Recording, Stop
-from pbd.errors import PbdWarning, RecordingError, TrackingError
+from pbd.data import Recording
+from pbd.errors import RecordingError
 from pbd.pose import Array
-from pbd.tracking.repair.agreement import refuse_disagreement
-from pbd.tracking.repair.channels import frozen, magnetometer_is_dead, refuse_dead
-from pbd.tracking.repair.clock import REACH, counted, with_clock
+from pbd.tracking.repair.channel_faults import frozen, magnetometer_is_dead, refuse_dead
+from pbd.tracking.repair.clock import with_clock
+from pbd.tracking.repair.gaps import BRIDGED_S, Gap, find_gaps, warn_of_gaps
+from pbd.tracking.repair.gyro_consistency import refuse_disagreement
 from pbd.tracking.repair.splices import in_order, refuse_doubled, without_wild
 
-LARGEST = 1e5
-"""No sensor reads this much in any of our units: such a cell holds no number."""
-
-BRIDGED_S = 0.050
-"""Missing data up to this long are interpolated (with a warning)."""
-
-HIDES_S = 0.12
-"""A longer gap in a rest may hide a move. A minimum-jerk move of T seconds (Flash and Hogan, 1985) from rest to rest
-whose acceleration reaches a goes a T^2 / 5.77 far: with the 5 m/s2 of a brisk hand 1.2 cm in this time. So much sigma
-is widened by (`Noise.unseen_speed`), and grows with T only."""
-
-BESIDE_S, LEAST_BESIDE, TURNED_ACC = 0.1, 3, 0.5
-"""Before and after a gap in a rest the hand must be seen at rest for so long, or so many rows; and specific force must
-not change meanwhile by more than this (m/s2: 3 degrees)."""
-
-
-@dataclass(frozen=True)
-class Gap:
-    """No data between row `before` and row `after`, for `missing_s` more than one sampling interval."""
-
-    before: int
-    after: int
-    missing_s: float
+LARGEST_READING = 1e5
+"""Largest reading of any sensor, in any of our units. A larger one counts as missing."""
 
 
 def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
@@ -67,16 +44,8 @@ def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
         recording = dataclasses.replace(recording, mag=None)
     recording = in_order(without_wild(recording))
     missing |= frozen(recording, missing)
-    gaps = _gaps(t, missing, interval)
-    if gaps:
-        longest = max(gaps, key=lambda gap: gap.missing_s)
-        lost = sum(round(gap.missing_s / interval) for gap in gaps)
-        warnings.warn(
-            f"{counted(lost, 'sample')} missing, in {counted(len(gaps), 'gap')}; the longest is "
-            f"{longest.missing_s * 1e3:.0f} ms after row {longest.before} (t = {t[longest.before]:.2f} s)",
-            PbdWarning,
-            stacklevel=2,
-        )
+    gaps = find_gaps(t, missing, interval)
+    warn_of_gaps(gaps, t, interval)
     if not missing.all():
         acc, gyr = (None if v is None else _interpolate(t, v, ~missing) for v in (recording.acc, recording.gyr))
         assert acc is not None
@@ -88,83 +57,8 @@ def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
     return recording, long
 
 
-def refuse_gaps(gaps: tuple[Gap, ...], recording: Recording, stops: tuple[Stop, ...], accept: bool = False) -> None:
-    """Refuse a long gap: what the hand did there is unknown. In a rest a short one hides little: warn.
-
-    Nor does the sensor's attitude after it tell: a hand may be elsewhere, and as level as before.
-
-    Args:
-        gaps: of `condition`.
-        recording: of `condition`.
-        stops: in order.
-        accept: a person knows that the hand stood still in the gaps that lie in rests: warn only.
-
-    Raises:
-        TrackingError: with `t`, `row` and the gap's length as fields.
-    """
-    t, starts = recording.t, [stop.start for stop in stops]
-    for gap in gaps:
-        k = bisect_right(starts, gap.before) - 1
-        if k < 0 or not _rests_beside(recording, gap, stops[k]):
-            raise TrackingError(
-                f"{gap.missing_s * 1e3:.0f} ms of data are missing after row {gap.before} (t = {t[gap.before]:.2f} s), "
-                f"while the hand moves; at most {BRIDGED_S * 1e3:.0f} ms can be bridged: record again",
-                row=gap.before,
-                t=float(t[gap.before]),
-                value=gap.missing_s,
-                bound=BRIDGED_S,
-            )
-    inner = [gap for gap in gaps if gap.missing_s > HIDES_S or not _at_an_end(gap, recording)]
-    if not inner:
-        return
-    longest = max(inner, key=lambda gap: gap.missing_s)
-    said = (
-        f"{longest.missing_s * 1e3:.0f} ms of data are missing in a rest, {_where(longest, t)}: a move may be hidden "
-        "in it" + (f", and in {counted(len(inner) - 1, 'other gap')}" if len(inner) > 1 else "")
-    )
-    if longest.missing_s > HIDES_S + 1e-6 and not accept:
-        raise TrackingError(
-            f"{said}; record again, or give --accept-gap if the hand stood still there",
-            row=longest.before,
-            t=float(t[longest.before]),
-            value=longest.missing_s,
-            bound=HIDES_S,
-        )
-    warnings.warn(
-        f"{said}; the sigma of later keyframes is wider; record again if the hand moved", PbdWarning, stacklevel=3
-    )
-
-
-def _at_an_end(gap: Gap, recording: Recording) -> bool:
-    """Whether nothing comes before a gap, or after it."""
-    return gap.before == 0 or gap.after == len(recording) - 1
-
-
-def _where(gap: Gap, t: Array) -> str:
-    if gap.after == len(t) - 1:
-        return f"from row {gap.before} (t = {t[gap.before]:.2f} s) to the end"
-    if gap.before == 0:
-        return f"up to row {gap.after} (t = {t[gap.after]:.2f} s)"
-    return f"after row {gap.before} (t = {t[gap.before]:.2f} s)"
-
-
-def _rests_beside(recording: Recording, gap: Gap, stop: Stop) -> bool:
-    """Tell whether a gap lies in a stop, and the hand rests alike on either hand of it.
-
-    What was interpolated is smooth: were that not looked for, the stop might have been found in it.
-    """
-    rows = max(LEAST_BESIDE, round(BESIDE_S * recording.rate_hz))
-    before, after = slice(gap.before + 1 - rows, gap.before + 1), slice(gap.after, gap.after + rows)
-    if _at_an_end(gap, recording):
-        return stop.start <= gap.before and gap.after < stop.stop
-    if before.start < stop.start or after.stop > stop.stop:
-        return False
-    turned = recording.acc[after].mean(axis=0) - recording.acc[before].mean(axis=0)
-    return float(np.linalg.norm(turned)) < TURNED_ACC
-
-
 def _longest_unbroken(recording: Recording, gaps: tuple[Gap, ...]) -> Recording | None:
-    """The longest part without a long gap: over one, no gyro can be held against gravity. None: no second."""
+    """The longest part without a long gap, in which gyro and gravity can be compared. None if shorter than a second."""
     if not gaps:
         return recording
     begins, ends = [0, *(gap.after for gap in gaps)], [*(gap.before + 1 for gap in gaps), len(recording)]
@@ -184,32 +78,13 @@ def _filled(recording: Recording) -> tuple[Recording, NDArray[np.bool_]]:
         values = getattr(recording, name)
         if values is None:
             continue
-        good = (np.abs(values) < LARGEST).all(axis=1)  # NaN is not
+        good = (np.abs(values) < LARGEST_READING).all(axis=1)  # NaN is not
         if not good.any():
             raise RecordingError(f"'{name}' has no number in any row; leave the column out or record again")
         # A magnetometer is slow and often sampled less often: its holes are no holes in the motion.
         missing |= ~good if name in ("acc", "gyr") else False
         filled[name] = _interpolate(recording.t, values, good)
     return dataclasses.replace(recording, **filled), missing
-
-
-def _gaps(t: Array, missing: NDArray[np.bool_], interval: float) -> list[Gap]:
-    """Neighbouring good rows that lie more than one and a half sampling intervals apart."""
-    good = np.flatnonzero(~missing)
-    if len(good) == 0:
-        return [Gap(0, len(t) - 1, float(t[-1] - t[0]))]
-    good = good[np.concatenate(([True], np.diff(t[good]) > 0.0))]
-    late = np.cumsum(np.diff(t[good], prepend=t[good[0]]) - interval)  # behind a steady beat
-    spans = np.diff(late)
-    far = np.flatnonzero(spans > 0.5 * interval)
-    # A late stamp is made up for by the next ones, a lost sample is not.
-    made_up = late[np.minimum(far + 1 + REACH, len(good) - 1)] - late[np.maximum(far - REACH, 0)]
-    gaps = [Gap(int(good[i]), int(good[i + 1]), float(spans[i])) for i in far[made_up > 0.75 * interval]]
-    if good[0] > 0:
-        gaps.insert(0, Gap(0, int(good[0]), float(t[good[0]] - t[0])))
-    if good[-1] < len(t) - 1:
-        gaps.append(Gap(int(good[-1]), len(t) - 1, float(t[-1] - t[good[-1]])))
-    return gaps
 
 
 def _interpolate(t: Array, values: Array, good: NDArray[np.bool_]) -> Array:

@@ -1,8 +1,8 @@
 """Find samples at which a sensor has reached the end of its range, and continue the peaks from their sides.
 
-A clipped axis gives one reading again and again: flat tops with steep sides. What the hand did above them is lost. By
-how much its continuation is wrong is for the smoother to find: gravity at the stops tells how far the hand turned above
-the gyro's range, the stop at the end of a move how much faster it was than the accelerometer's range lets it be.
+A clipped axis gives one reading again and again: flat tops with steep sides. What the hand did above them is lost. The
+smoother finds the error of the continuation. Gravity at the stops shows how far the hand turned above the gyro's range;
+the stop at the end of a move shows how much faster it was than the accelerometer's range allows.
 
 The largest readings of a rounded peak may be alike too: where it is read coarsely, or by the chance of noise. Coarsely
 read, m samples lie within one step of the sensor's resolution, and then its sides fall by few steps. By chance, each
@@ -12,7 +12,7 @@ would scatter. Between the two, for a parabola with white noise of whatever size
 (2.5 steps / fall)^(m - 1) for m of 3 and more, with the fall of the sides over two samples. (Two samples on either hand
 of a peak are alike whenever it lies in their middle.) The flat tops of one axis multiply their chances.
 
-What can't be found: clipped peaks of one or two samples, tops too shallow to be told from noise,
+What can't be found: clipped peaks of one or two samples, tops too shallow to differ from noise,
 and those clipped before the axis was mixed with others (calibrated for misalignment) or averaged.
 """
 
@@ -29,33 +29,33 @@ from numpy.typing import NDArray
 from pbd.data import GRAVITY, Recording
 from pbd.errors import PbdWarning
 from pbd.pose import Array
-from pbd.tracking.repair.channels import NAMES
+from pbd.tracking.repair.channel_faults import SENSOR_NAMES
 from pbd.tracking.smoother.preintegration import Impulse
 from pbd.tracking.zero_velocity import runs
 
-LOWEST = {"acc": 1.15 * GRAVITY, "gyr": 1.0}
-"""No range ends below this, in m/s2 and rad/s: a flat top under it is a rest."""
+LEAST_RANGE = {"acc": 1.15 * GRAVITY, "gyr": 1.0}
+"""Smallest range of a sensor, m/s2 and rad/s. A flat top below it is a rest."""
 
-SAME = 1e-6
-"""Readings that differ by less than this share of the extreme one are the same."""
+TOP_TOLERANCE = 1e-6
+"""Relative difference from the largest reading below which a reading belongs to the flat top."""
 
-FLAT, SIDE = 3, 2
-"""A flat top has this many samples at least; so many samples on either hand are its sides."""
+FLAT_SAMPLES, SIDE_SAMPLES = 3, 2
+"""Least number of samples in a flat top; number of samples on either side that show how steeply it falls."""
 
-CHANCE = 2.5
-"""Steps: of so many, by how far its sides fall, a rounded peak hits one by chance; where they fall no further than
-COARSE times that, it is coarsely read and flat anyhow."""
+CHANCE_STEPS = 2.5
+"""A rounded peak repeats its top reading with chance CHANCE_STEPS / fall, with the fall of its sides in steps of
+resolution. A fall below COARSE_FALL * CHANCE_STEPS shows coarse resolution, no clipping."""
 
-COARSE = 4.0
+COARSE_FALL = 4.0
 
-ALARM = 1e-4
-"""So unlikely must all be by chance, for each axis and side."""
+CLIPPED_CHANCE = 1e-4
+"""An axis is clipped if all its flat tops together have a smaller chance than this to be rounded peaks."""
 
-PEAK = 0.5
-"""What is continued from the sides rises above the range by this share of it at most."""
+LARGEST_OVERSHOOT = 0.5
+"""Largest height of a continued peak above the range, as a share of the range."""
 
-UNSEEN = 0.1
-"""One sigma of what was lost is all of what was continued, and this share of the range for as long as it lasted."""
+LOST_SHARE = 0.1
+"""One sigma of what was lost is the whole continuation plus this share of the range for as long as it lasted."""
 
 
 @dataclass(frozen=True)
@@ -95,28 +95,30 @@ def clips_of(recording: Recording) -> tuple[Clip, ...]:
 def _tops(x: Array, sensor: str, new: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Where x (n,) is clipped at its largest value; nowhere, if it is not. `new` (n,): not a repeated row."""
     top = float(x.max())
-    if top < LOWEST[sensor]:
+    if top < LEAST_RANGE[sensor]:
         return []
-    tops = runs(x >= top * (1.0 - SAME))
+    tops = runs(x >= top * (1.0 - TOP_TOLERANCE))
     counted = [(start, stop, int(new[start:stop].sum())) for start, stop in tops]
-    flat = [each for each in counted if each[2] >= FLAT]
+    flat = [each for each in counted if each[2] >= FLAT_SAMPLES]
     if not flat:
         return []
     between = np.diff(np.unique(x))
-    step = max(float(between[between > top * SAME].min(initial=np.inf)), top * SAME)
+    step = max(float(between[between > top * TOP_TOLERANCE].min(initial=np.inf)), top * TOP_TOLERANCE)
     chance = 1.0
     for start, stop, samples in flat:
-        sides = x[max(start - SIDE, 0) : start], x[stop : stop + SIDE]
+        sides = x[max(start - SIDE_SAMPLES, 0) : start], x[stop : stop + SIDE_SAMPLES]
         fall = min((top - float(side.min()) for side in sides if len(side)), default=0.0)
-        if fall > COARSE * CHANCE * step:
-            chance *= (CHANCE * step / fall) ** (samples - 1)
-    return tops if chance < ALARM else []
+        if fall > COARSE_FALL * CHANCE_STEPS * step:
+            chance *= (CHANCE_STEPS * step / fall) ** (samples - 1)
+    return tops if chance < CLIPPED_CHANCE else []
 
 
 def _warn(recording: Recording, clips: Sequence[Clip]) -> None:
+    clipped: dict[str, set[str]] = {}
+    for clip in clips:
+        clipped.setdefault(clip.sensor, set()).add("xyz"[clip.axis])
     axes = " and ".join(
-        f"the {NAMES[sensor]}'s {', '.join(sorted({'xyz'[clip.axis] for clip in clips if clip.sensor == sensor}))}"
-        for sensor in sorted({clip.sensor for clip in clips})
+        f"the {SENSOR_NAMES[sensor]}'s {', '.join(sorted(clipped[sensor]))}" for sensor in sorted(clipped)
     )
     rows = len({row for clip in clips for row in range(clip.start, clip.stop)})
     first = clips[0]
@@ -124,7 +126,7 @@ def _warn(recording: Recording, clips: Sequence[Clip]) -> None:
     shown = f"{reading / GRAVITY:.3g} g" if first.sensor == "acc" else f"{np.degrees(reading):.0f} deg/s"
     warnings.warn(
         f"{rows} samples of {axes} axis are at the end of the range ({shown}), the first at "
-        f"t = {recording.t[first.start]:.2f} s: what was above it is a guess; move slower, or set a larger range",
+        f"t = {recording.t[first.start]:.2f} s: values above it are guessed; move slower, or set a larger range",
         PbdWarning,
         stacklevel=3,
     )
@@ -151,7 +153,7 @@ def restore(recording: Recording, clips: Sequence[Clip]) -> tuple[Recording, tup
         above = _above(values[:, clip.axis], clip.sign, clip.start, clip.stop)
         values[clip.start : clip.stop, clip.axis] += clip.sign * above
         lost = np.zeros(3)
-        lost[clip.axis] = (float(above.sum()) + UNSEEN * top * len(above)) * interval / np.sqrt(2.0)
+        lost[clip.axis] = (float(above.sum()) + LOST_SHARE * top * len(above)) * interval / np.sqrt(2.0)
         by_sensor = {"acc": np.zeros(3), "gyr": np.zeros(3), clip.sensor: lost}
         quarter = (clip.stop - clip.start) // 4
         # Nor is it known when it was lost: in the first half, or in the second.
@@ -169,5 +171,5 @@ def _above(x: Array, sign: float, start: int, stop: int) -> Array:
     u = np.arange(1, width) / width
     cubic = before * (1 + 2 * u) * (1 - u) ** 2 + after * u**2 * (3 - 2 * u)
     cubic += width * (rise * u * (1 - u) ** 2 - fall * u**2 * (1 - u))
-    above: Array = np.clip(cubic - top, 0.0, PEAK * top)
+    above: Array = np.clip(cubic - top, 0.0, LARGEST_OVERSHOOT * top)
     return above

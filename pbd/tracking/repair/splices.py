@@ -1,8 +1,8 @@
-"""Rows that are not where they belong: wild samples, blocks in the wrong order, blocks that came twice.
+"""Splices: wild samples, blocks in the wrong order, blocks that came twice.
 
-Where rows were put together that don't follow each other, the readings jump: lines through the two rows on either hand
-miss each other. So does a hand that hits something; but only where rows were spliced does a jump go once they are put
-right: without the wild rows, or with two blocks exchanged, the lines meet.
+At a splice the readings jump: lines through the two rows on either side miss each other. An impact makes a jump too.
+But only the jump of a splice goes when the rows are put right: without the wild rows, or with two blocks exchanged, the
+lines meet.
 """
 
 from __future__ import annotations
@@ -17,32 +17,33 @@ from numpy.typing import NDArray
 from pbd.data import Recording
 from pbd.errors import PbdWarning, RecordingError
 from pbd.pose import Array, lengths
-from pbd.tracking.repair.channels import noisy
+from pbd.tracking.repair.channel_faults import noisy
 from pbd.tracking.repair.clock import counted
 from pbd.tracking.zero_velocity import runs
 
-AWAY = {"acc": (30.0, 1), "gyr": (0.3, 3)}
-"""m/s2 and rad/s: wild rows lie further away than this; and so many there are in a row. More may be true: a tap."""
+WILD_DISTANCE = {"acc": (30.0, 1), "gyr": (0.3, 3)}
+"""A wild row is at least this far (m/s2, rad/s) from the line through its neighbours; at most so many wild rows follow
+each other. A longer run may be real: a tap."""
 
-ALONE = 25.0
-"""So many times as far as by noise, by what the hand does around, or than what is left over, do wild rows lie away; and
-so many times are the squares of the jumps at exchanged blocks larger than once they are put right. The largest of sound
-recordings (hands and feet at 40 to 286 Hz): 8 and 12."""
+OUTLIER_RATIO = 25.0
+"""Distance of a wild row divided by the noise, the motion around it and what remains without it; and ratio of the
+squared jumps at exchanged blocks before and after the exchange, and to the jumps around. Sound recordings (hands and
+feet, 40 to 286 Hz) reach 8, 12 and 7."""
 
-AROUND_S = 0.3
-"""s on either hand: what the hand does around."""
+MOTION_AROUND_S = 0.3
+"""s before and after a row within which the hand's motion is measured."""
 
-LEAST = {"acc": 0.04, "gyr": 0.012}
-"""m/s2 and rad/s: noise is taken to be no smaller."""
+NOISE_FLOOR = {"acc": 0.04, "gyr": 0.012}
+"""Least noise, m/s2 and rad/s, that is assumed."""
 
-PACKET_S, JUMPS = 2.0, 60
-"""No packet of a wireless sensor lasts longer. Of so many of the largest jumps, two are at the packets' ends."""
+LONGEST_PACKET_S, JUMPS_TRIED = 2.0, 60
+"""Longest packet of a wireless sensor, s; number of largest jumps among which the ends of packets are sought."""
 
-GONE = 0.25
-"""What is left of a jump that is gone, squared."""
+MENDED_JUMP = 0.25
+"""Ratio of squared jumps after and before a repair, below which it succeeded."""
 
-LEAST_ROWS = 6
-"""So many different rows that say to the last digit what so many others said are no chance: noise changes each one."""
+DOUBLED_ROWS = 6
+"""Least number of different rows in a block that came twice. Fewer equal rows may be chance."""
 
 Rows = NDArray[np.intp]
 
@@ -53,12 +54,12 @@ def without_wild(recording: Recording) -> Recording:
     """Put wild samples of accelerometer and gyro between their neighbours; warns where there are any."""
     mended: dict[str, Any] = {}
     found: list[tuple[int, str]] = []
-    reach = max(8, round(AROUND_S * recording.rate_hz))
+    reach = max(8, round(MOTION_AROUND_S * recording.rate_hz))
     for name, (sensor, unit) in NAMES.items():
         values = getattr(recording, name)
         if values is None or len(values) < 2 * reach:
             continue
-        wild = _wild(values, *AWAY[name], LEAST[name], reach)
+        wild = _wild(values, *WILD_DISTANCE[name], NOISE_FLOOR[name], reach)
         good = np.delete(np.arange(len(values)), wild)
         mended[name] = np.column_stack([np.interp(recording.t, recording.t[good], axis) for axis in values[good].T])
         found += [(int(row), f"{sensor} {np.abs(values[row]).max():.4g} {unit}") for row in wild]
@@ -108,7 +109,7 @@ def refuse_doubled(recording: Recording) -> None:
     order = np.argsort(sums)
     equal = np.diff(sums[order]) == 0.0
     doubles = np.sort(order[np.append(equal, False) | np.append(False, equal)])
-    if len(doubles) < LEAST_ROWS or not noisy(recording.acc):
+    if len(doubles) < DOUBLED_ROWS or not noisy(recording.acc):
         return
     order = doubles[np.argsort(sums[doubles], kind="stable")]
     same = np.flatnonzero(np.diff(sums[order]) == 0.0)
@@ -120,10 +121,10 @@ def refuse_doubled(recording: Recording) -> None:
     goes_on = (np.diff(apart) == 0) & (apart[1:] > 1)
     for start, stop in runs(goes_on):
         far = int(apart[start])
-        if far >= LEAST_ROWS and len(np.unique(sums[start : stop + 1])) >= LEAST_ROWS:
+        if far >= DOUBLED_ROWS and len(np.unique(sums[start : stop + 1])) >= DOUBLED_ROWS:
             raise RecordingError(
-                f"rows {start + far} to {stop + far} (from t = {recording.t[start + far]:.2f} s) say what rows {start} "
-                f"to {stop} said: a block came twice, so the times after it are wrong; record again",
+                f"rows {start + far} to {stop + far} (from t = {recording.t[start + far]:.2f} s) repeat rows {start} "
+                f"to {stop}: a block came twice, so the times after it are wrong; record again",
                 row=start + far,
                 t=float(recording.t[start + far]),
             )
@@ -141,7 +142,7 @@ def _lines(x: Array, edges: Rows, rows: int = 0) -> tuple[Array, Array]:
     Args:
         x: readings.
         edges: (m,) the first row behind each.
-        rows: so many rows between are left out.
+        rows: number of rows between that are left out.
     """
     far = 0.5 * (rows + 1)
     before, after = x[edges - 1], x[edges + rows]
@@ -166,7 +167,7 @@ def _wild(values: Array, away: float, most: int, least: float, reach: int) -> Ro
         first, last = np.maximum(at - 1, 0), np.minimum(at + rows + 2, len(jumps))  # jumps that the block makes
         around = (sums[first] - sums[low] + sums[high] - sums[last]) / (first - low + high - last)
         usual = np.sqrt(np.maximum(around, max(least, float(np.median(jumps))) ** 2))
-        alone = far > ALONE * np.maximum(usual, lengths(after - before))
+        alone = far > OUTLIER_RATIO * np.maximum(usual, lengths(after - before))
         wild.append(block[alone & (far > away)].ravel())
     return np.unique(np.concatenate(wild)) - 2
 
@@ -175,7 +176,7 @@ def _swapped(recording: Recording) -> tuple[int, int, bool] | None:
     """First row and size of two blocks of one size that came in the wrong order; and whether all is well after that."""
     edges = np.arange(2, len(recording) - 1)
     noise = {}
-    for name, least in LEAST.items():
+    for name, least in NOISE_FLOOR.items():
         values = getattr(recording, name)
         if values is not None and len(edges) > 2:
             before, after = _lines(values, edges)
@@ -189,24 +190,29 @@ def _swapped(recording: Recording) -> tuple[int, int, bool] | None:
         return np.asarray(((after[later] - before[earlier]) ** 2).sum(axis=1))
 
     jumps = ((after - before) ** 2).sum(axis=1)
-    largest = np.sort(np.argsort(jumps)[-JUMPS:])
+    largest = np.sort(np.argsort(jumps)[-JUMPS_TRIED:])
     pairs = np.triu_indices(len(largest), 1)
     p, q = largest[pairs[0]], largest[pairs[1]]
     # The third jump may be small: it is as far away as the others are from each other, or half-way.
     a, b = np.concatenate((p, p, 2 * p - q)), np.concatenate((q, (p + q) // 2, p))
     c = np.concatenate((2 * q - p, q, q))
-    fits = (a >= 0) & (c < len(jumps)) & (b - a == c - b) & (b - a <= PACKET_S * recording.rate_hz) & (b - a > 1)
+    fits = (
+        (a >= 0) & (c < len(jumps)) & (b - a == c - b) & (b - a <= LONGEST_PACKET_S * recording.rate_hz) & (b - a > 1)
+    )
     a, b, c = a[fits], b[fits], c[fits]
     if len(a) == 0:
         return None
     three = np.array([jumps[a], jumps[b], jumps[c]])
     gain = three.sum(axis=0) / (left_over(a, b) + left_over(c, a) + left_over(b, c) + 1.0)
     best = int(np.argmax(gain))
-    if gain[best] < ALONE:
+    at = np.array((a[best], b[best], c[best]))
+    away = np.abs(np.subtract.outer(np.arange(len(jumps)), at)).min(axis=1)
+    around = jumps[(away > 2) & (away <= max(8, round(MOTION_AROUND_S * recording.rate_hz)))].mean()
+    if gain[best] < OUTLIER_RATIO or three[:, best].mean() < OUTLIER_RATIO * around:
         return None
     first, size = int(edges[a[best]]), int(b[best] - a[best])
     x[first : first + 2 * size] = np.roll(x[first : first + 2 * size], size, axis=0)
-    around = edges[np.clip(np.add.outer((a[best], b[best], c[best]), (-1, 0, 1)), 0, len(jumps) - 1)]
-    before, after = _lines(x, around.ravel())
+    beside = edges[np.clip(np.add.outer(at, (-1, 0, 1)), 0, len(jumps) - 1)]
+    before, after = _lines(x, beside.ravel())
     left = float(((after - before) ** 2).sum(axis=1).max())  # wild rows jump wherever they are put
-    return first, size, left < GONE * float(three[:, best].max())
+    return first, size, left < MENDED_JUMP * float(three[:, best].max())

@@ -1,4 +1,4 @@
-"""Where the smoother starts: the gyro's own frame and how it lies, or the device's own attitude."""
+"""First attitude: the gyro's own frame, levelled at the stops, or the device's own attitude."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def frame_of(recording: Recording, gyro_bias: Array) -> GyroFrame:
 
 
 def steadiness(frame: GyroFrame, device: bool) -> tuple[Array, Array]:
-    """What tells that a sensor stands still: specific force (n, 3) m/s2, which is constant, and rate (n, 3) rad/s.
+    """Signals that are constant at rest: specific force (n, 3) m/s2, and rate (n, 3) rad/s.
 
     A device's own attitude follows a turn late; without a gyro it is specific force in sensor axes alone.
     """

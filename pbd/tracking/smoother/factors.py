@@ -1,17 +1,16 @@
-"""The factors of the smoother: residuals, weights and derivatives of all that is measured or known before.
+"""The factors of the smoother: residuals, weights and derivatives of measurements and priors.
 
 Rotations are perturbed on the left, in nav: E <- exp(theta) E.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
 from pbd.pose import Array, matrix_log, quat_exp, quat_to_matrix, readonly, skew
-from pbd.tracking.noise import Noise, acc_doubt
+from pbd.tracking.noise import OUTLIER_SIGMAS, Noise, acc_doubt
 from pbd.tracking.smoother.knots import Problem
 from pbd.tracking.smoother.normal_equations import (
     ACC_BIAS,
@@ -22,97 +21,30 @@ from pbd.tracking.smoother.normal_equations import (
     STATE,
     VEL,
     NormalEquations,
-    Solved,
     inverse_of_lower,
 )
 from pbd.tracking.smoother.preintegration import ERRORS
+from pbd.tracking.smoother.state import (
+    ACC_MATRIX,
+    GRAVITY,
+    GYR_MATRIX,
+    LAG,
+    PIVOT,
+    SHARED,
+    Local,
+    Prior,
+    State,
+    Weights,
+)
 
-LAG, GYR_MATRIX, ACC_MATRIX, GRAVITY, PIVOT = slice(0, 1), slice(1, 10), slice(10, 16), slice(16, 17), slice(17, 20)
-SHARED = 20
-"""Shared unknowns: lag (s), the matrices of gyro (M) and accelerometer (N), gravity (m/s2), the pivot (m)."""
+LEAST_LEVEL_FIELD = 0.1
+"""Least horizontal share of a magnetic field that shows north: 6 degrees from a magnetic pole."""
 
-DOUBT = 3.0
-"""Sigmas beyond which a robust factor hardly counts (Geman-McClure)."""
+LEGS_AT_ONCE = 512
+"""Number of legs per batch; the working set fits a processor's cache."""
 
-STEEP = 0.1
-"""A field with a smaller share along the level points nowhere (within 6 degrees of a magnetic pole's)."""
-
-AT_ONCE = 512
-"""Legs that are linearised at once: what they need stays in a processor's cache."""
-
-FIXED = 1e10
-"""Weight of what is chosen rather than known: the origin, and without a compass the heading."""
-
-
-@dataclass(frozen=True, eq=False)
-class State:
-    """An estimate at all knots.
-
-    Attributes:
-        E: (m, 3, 3), nav <- gyro frame.
-        v, p: (m, 3) m/s, m, in nav.
-        gyr_bias, acc_bias: (m, 3) rad/s, m/s2, in sensor axes.
-        shared: (SHARED,).
-    """
-
-    E: Array
-    v: Array
-    p: Array
-    gyr_bias: Array
-    acc_bias: Array
-    shared: Array
-
-    def moved(self, step: Solved) -> State:
-        """The state a step further."""
-        d = step.d
-        return State(
-            quat_to_matrix(quat_exp(d[:, ROT])) @ self.E,
-            self.v + d[:, VEL],
-            self.p + d[:, POS],
-            self.gyr_bias + d[:, GYR_BIAS],
-            self.acc_bias + d[:, ACC_BIAS],
-            self.shared + step.d_shared,
-        )
-
-
-@dataclass(frozen=True)
-class Prior:
-    """How unsure the sensor-wide errors are before: lag in s, a scale common to the gyro's axes (share)."""
-
-    lag: float
-    lag_sigma: float
-    common_scale: float = 0.0
-
-
-@dataclass(frozen=True, eq=False)
-class Local:
-    """What is the same in each linearisation: origin and heading, the undisturbed field, what parts of noise count.
-
-    Attributes:
-        origin: index of the knot whose position, and without a compass heading, is given.
-        strength, dip: of the field at the first rest, its unit and rad.
-        prior: of the sensor-wide errors.
-        components: (3,) factors on the parts of the legs' noise; walks (2,) on those of the biases; still (1,).
-    """
-
-    origin: int
-    strength: float
-    dip: float
-    prior: Prior
-    components: Array
-    walks: Array
-    still: float = 1.0
-
-
-@dataclass(frozen=True, eq=False)
-class Weights:
-    """How much each robust factor counts, 0 to 1, (m,) or (m - 1,); and the legs' whitened residuals (m - 1, 9)."""
-
-    still: Array
-    stay: Array
-    turn: Array
-    compass: Array
-    legs: Array
+GAUGE_WEIGHT = 1e10
+"""Weight of what is chosen, not measured: the origin, and without a compass the heading."""
 
 
 def linearise(
@@ -183,8 +115,8 @@ def leg_jacobian(problem: Problem, x: State, at: slice = slice(None)) -> Array:
 def _add_legs(equations: NormalEquations, problem: Problem, x: State, local: Local, whiten: Array) -> Array:
     """The moves, and how the biases walk; returns the whitened residuals."""
     residuals = np.empty((len(whiten), 9))
-    for first in range(0, len(whiten), AT_ONCE):
-        at = slice(first, first + AT_ONCE)
+    for first in range(0, len(whiten), LEGS_AT_ONCE):
+        at = slice(first, first + LEGS_AT_ONCE)
         whitened = whiten[at] @ leg_jacobian(problem, x, at)
         equations.add_legs(whitened, first)
         residuals[at] = whitened[:, :, -1]
@@ -227,7 +159,7 @@ def _add_stops(
 
 
 def _add_hand(equations: NormalEquations, problem: Problem, x: State) -> None:
-    """A hand stays near where it began, as far as it does (Cauchy)."""
+    """Weak prior: a hand stays near where it began (Cauchy)."""
     reach = problem.noise.reach
     near = problem.share / reach**2 / (1.0 + _squares(x.p) / reach**2)
     equations.add_unary(POS, x.p, near)
@@ -242,7 +174,7 @@ def _add_compass(equations: NormalEquations, problem: Problem, field: Array, x: 
     stronger = strength / local.strength - 1.0
     steeper = np.arctan2(h[:, 2], level) - local.dip
     off = (stronger**2 + steeper**2 + (np.cos(local.dip) * east) ** 2) / problem.noise.field**2
-    trust: Array = np.where(level > STEEP * strength, 1.0 / (1.0 + off) ** 2, 0.0)
+    trust: Array = np.where(level > LEAST_LEVEL_FIELD * strength, 1.0 / (1.0 + off) ** 2, 0.0)
     turned = -skew(h)  # d h / d theta
     jacobian = (h[:, 1:2] * turned[:, 0] - h[:, :1] * turned[:, 1]) / level[:, None] ** 2
     weight = trust * problem.share / problem.noise.compass**2
@@ -252,7 +184,7 @@ def _add_compass(equations: NormalEquations, problem: Problem, field: Array, x: 
 
 
 def _add_device(equations: NormalEquations, problem: Problem, x: State) -> None:
-    """The device's own attitude holds, but for its lag."""
+    """The device's own attitude, with a sigma that grows with the rate, as it lags."""
     noise = problem.noise
     rate = np.sqrt(_squares(problem.frame.gyr[problem.rows]))
     sigma = np.hypot(noise.device_turn, noise.device_lag * rate)
@@ -267,10 +199,10 @@ def _add_priors(equations: NormalEquations, problem: Problem, x: State, local: L
     equations.add_unary(GYR_BIAS, x.gyr_bias, first / noise.gyr_bias**2)
     equations.add_unary(ACC_BIAS, x.acc_bias, first / (worse * device.acc_bias) ** 2)
     at = np.zeros(len(problem.rows))
-    at[local.origin] = FIXED
+    at[local.origin] = GAUGE_WEIGHT
     equations.add_unary(POS, x.p, at)
     if problem.field is None and not problem.device:
-        equations.diagonal[local.origin, 2, 2] += FIXED
+        equations.diagonal[local.origin, 2, 2] += GAUGE_WEIGHT
     equations.corner += shared_prior(problem, x, local.prior)
 
 
@@ -284,7 +216,7 @@ def shared_prior(problem: Problem, x: State, prior: Prior) -> Array:
 
 @lru_cache(4)
 def _information(noise: Noise, worse: float, prior: Prior) -> Array:
-    """Of the sensor-wide errors, (SHARED, SHARED); the accelerometer may be so many times `worse` than its class."""
+    """Information (SHARED, SHARED) of the sensor-wide errors. `worse` multiplies the accelerometer's sigmas."""
     covariance = np.zeros((SHARED, SHARED))
     i = np.arange(SHARED)
     covariance[i[LAG], i[LAG]] = prior.lag_sigma**2
@@ -304,4 +236,4 @@ def _squares(vectors: Array) -> Array:
 
 def _robust(squares: Array, robust: bool) -> Array:
     """Geman-McClure's weight of residuals, by their squares in sigmas."""
-    return 1.0 / (1.0 + squares / DOUBT**2) ** 2 if robust else np.ones_like(squares)
+    return 1.0 / (1.0 + squares / OUTLIER_SIGMAS**2) ** 2 if robust else np.ones_like(squares)

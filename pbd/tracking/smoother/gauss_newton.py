@@ -1,4 +1,4 @@
-"""Gauss-Newton over the knots, with annealing of what is robust."""
+"""Gauss-Newton over the knots, with annealing of the robust factors."""
 
 from __future__ import annotations
 
@@ -10,18 +10,19 @@ from itertools import pairwise
 import numpy as np
 
 from pbd.pose import lengths
-from pbd.tracking.smoother.factors import Local, State, Weights, creep, linearise, whitener
+from pbd.tracking.smoother.factors import creep, linearise, whitener
 from pbd.tracking.smoother.knots import Problem
 from pbd.tracking.smoother.normal_equations import Solved
+from pbd.tracking.smoother.state import Local, State, Weights
 
-FAR, WARM = (40.0, 10.0, 3.0), (3.0,)
-"""Of how a hand creeps that stands still, coming down to 1: from a first guess, and from a solution."""
+ANNEALING, WARM_ANNEALING = (40.0, 10.0, 3.0), (3.0,)
+"""Factors on the velocity sigma of a stop, coming down to 1: from a first guess; from an earlier solution."""
 
-CLEAR = 2.0
-"""Where no stop is off by more sigmas, so many times wider, none need be doubted."""
+UNDOUBTED_SIGMAS = 2.0
+"""A step of the annealing is skipped if no stop's velocity exceeds so many of the next step's sigmas."""
 
-SMALL, ROUGH, MOST = 1e-4, 1e-3, 12
-"""rad: the last step's turn, and that of a solution that is solved again; how many iterations there are at most."""
+CONVERGED_RAD, ROUGHLY_CONVERGED_RAD, MAX_ITERATIONS = 1e-4, 1e-3, 12
+"""Largest rotation of the last step, rad; the same for a solution that is refined later; limit of iterations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +39,9 @@ class Descent:
         return self.at.moved(self.solved)
 
 
-def descend(problem: Problem, x: State, local: Local, anneal: Sequence[float] = (), small: float = SMALL) -> Descent:
+def descend(
+    problem: Problem, x: State, local: Local, anneal: Sequence[float] = (), small: float = CONVERGED_RAD
+) -> Descent:
     """Gauss-Newton, all factors linearised anew each time, until a step turns nothing by more than `small` (rad).
 
     Annealing begins where no stop is in doubt; of more than one factor the first is tried without doubting any.
@@ -53,9 +56,9 @@ def descend(problem: Problem, x: State, local: Local, anneal: Sequence[float] = 
         x = step(x, anneal[0], robust=False).x
     off = float((lengths(creep(problem, x)[0][still]) / problem.still[still]).max())
     for factor, closer in pairwise((*anneal, 1.0)):
-        if off > CLEAR * closer:
+        if off > UNDOUBTED_SIGMAS * closer:
             x = step(x, factor).x
-    for _ in range(MOST):
+    for _ in range(MAX_ITERATIONS):
         found = step(x, 1.0)
         x = found.x
         if np.abs(found.solved.d[:, :3]).max() < small:

@@ -1,4 +1,4 @@
-"""The problem that the smoother solves: knots in time, and all that was measured at and between them."""
+"""The smoother's problem: knots in time, and the measurements at and between them."""
 
 from __future__ import annotations
 
@@ -12,16 +12,14 @@ from pbd.pose import Array, quat_rotate, quat_to_matrix
 from pbd.tracking.noise import Noise, densities
 from pbd.tracking.rest import Rest
 from pbd.tracking.smoother.preintegration import BLOCK_S, GyroFrame, Impulse, Legs, Rows, cumulative, preintegrate
-from pbd.tracking.zero_velocity import Spans
+from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, Spans
 
-INSET_S, INSET_SHARE = 0.05, 0.2
-"""s: a hand that is seen to move set out no longer before; and of a short stop this share, at either end."""
+INSET_SHARE = 0.2
+"""Share of a short stop that is left out at either end; of a longer one half an energy window is."""
 
 STOP_KNOT_S, LONG_STOP_S, LONG_STOP_KNOT_S, MOVE_KNOT_S = 0.25, 20.0, 1.0, 0.5
-"""s: knots in a stop are so far apart (in a long one further), and at most so far in a move."""
-
-FIELD_S = 0.25
-"""s: the magnetic field at a knot is a mean over so long on either hand."""
+"""s: distance of knots in a stop, also on either side the averaging time of the magnetic field; a stop that is longer
+than LONG_STOP_S has knots LONG_STOP_KNOT_S apart; in a move they are MOVE_KNOT_S apart at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +127,7 @@ def pose_problem(
         np.zeros((len(rows), 3)) if device else _mean_about(frame.gyr, rows, round(0.5 * BLOCK_S / dt)),
         _turn_sigma(frame, rows, within, noise.still_turn),
         np.maximum(np.diff(borders), dt),
-        None if mag is None else _field(frame, mag, rows, max(1, round(FIELD_S / dt))),
+        None if mag is None else _field(frame, mag, rows, max(1, round(STOP_KNOT_S / dt))),
         device,
     )
 
@@ -152,7 +150,7 @@ def _place(t: Array, calm: Spans, asked: Sequence[int]) -> tuple[Rows, NDArray[n
 
 def _inner(t: Array, start: int, stop: int) -> tuple[int, int]:
     """First and last row of a stop without its edges."""
-    inset = min(INSET_S, INSET_SHARE * float(t[stop - 1] - t[start]))
+    inset = min(0.5 * ENERGY_WINDOW_S, INSET_SHARE * float(t[stop - 1] - t[start]))
     first = int(np.searchsorted(t, t[start] + inset - 1e-9))
     last = int(np.searchsorted(t, t[stop - 1] - inset + 1e-9, side="right")) - 1
     middle = (start + stop - 1) // 2
@@ -188,7 +186,7 @@ def _field(frame: GyroFrame, mag: Array, rows: Rows, reach: int) -> Array:
 
 
 def _mean_about(values: Array, rows: Rows, reach: int) -> Array:
-    """Means of values (n, 3) over so many rows on either hand of some."""
+    """Means of values (n, 3) over `reach` rows on either side of some rows."""
     sums = cumulative(values)
     first, end = np.maximum(rows - reach, 0), np.minimum(rows + reach + 1, len(values))
     mean: Array = (sums[end] - sums[first]) / (end - first)[:, None]

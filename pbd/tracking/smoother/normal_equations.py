@@ -16,17 +16,17 @@ STATE = 15
 ROT, VEL, POS, GYR_BIAS, ACC_BIAS = (slice(3 * i, 3 * i + 3) for i in range(5))
 """A knot's unknowns: rotation vector in nav (rad), velocity, position, biases."""
 
-NAV = 9
-"""Of the next knot a leg depends on the first so many unknowns; its biases go with this one's alone, axis by axis."""
+NEXT_STATE = 9
+"""Unknowns of the next knot that a leg depends on: all but the biases, which only tie to this knot's, axis by axis."""
 
-BAND = STATE + NAV
-"""So many unknowns, itself included, come from one to the last that it goes with."""
+BAND = STATE + NEXT_STATE
+"""Width of the band: a knot's unknowns and those of the next knot that a leg depends on."""
 
-AT_ONCE = 256
-"""Knots that are solved for at once: what they need stays in a processor's cache."""
+KNOTS_AT_ONCE = 256
+"""Number of knots per batch; the working set fits a processor's cache."""
 
-ROUNDING = 1e-12
-"""Added to the scaled diagonal: what rounding may take from it."""
+DIAGONAL_FLOOR = 1e-12
+"""Added to the scaled diagonal against rounding."""
 
 
 @dataclass(eq=False)
@@ -99,9 +99,9 @@ class NormalEquations:
         self.diagonal[at:end] += own @ this
         self.border[at:end] += own @ shared
         own = after.transpose(0, 2, 1)
-        self.diagonal[at + 1 : end + 1, :NAV, :NAV] += own @ after
-        self.border[at + 1 : end + 1, :NAV] += own @ shared
-        self.below[at:end, :NAV] += own @ this
+        self.diagonal[at + 1 : end + 1, :NEXT_STATE, :NEXT_STATE] += own @ after
+        self.border[at + 1 : end + 1, :NEXT_STATE] += own @ shared
+        self.below[at:end, :NEXT_STATE] += own @ this
 
     def solve(self) -> Solved:
         """Factorise."""
@@ -117,7 +117,7 @@ class NormalEquations:
         below = self.below.transpose(0, 2, 1)
         np.multiply(below, scale[:-1, :, None] * scale[1:, None, :], out=columns[:-1, :, STATE : 2 * STATE])
         band = rows.reshape(m, STATE, -1)[:, :, :BAND].reshape(m * STATE, BAND).T
-        band[0] += ROUNDING
+        band[0] += DIAGONAL_FLOOR
         del rows, columns
         cholesky, info = dpbtrf(band, lower=1, overwrite_ab=1)
         if info > 0:
@@ -125,8 +125,8 @@ class NormalEquations:
         # Half the way down: L^-1 of border and gradient.
         right = (self.border * scale[:, :, None]).reshape(m * STATE, -1)
         half = np.empty(right.shape, order="F")
-        for first in range(0, m, AT_ONCE):
-            at = slice(first * STATE, (first + AT_ONCE) * STATE)
+        for first in range(0, m, KNOTS_AT_ONCE):
+            at = slice(first * STATE, (first + KNOTS_AT_ONCE) * STATE)
             if first:
                 before = slice(at.start - STATE, at.start)
                 right[at][:STATE] -= _blocks(cholesky[:, before])[1][0] @ half[before]
@@ -136,7 +136,7 @@ class NormalEquations:
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """The step, and the covariance, as far as somebody asks.
+    """The step; the covariance is computed where it is read.
 
     Attributes:
         d_shared: (s,), the step to the minimum of the shared unknowns.
@@ -214,7 +214,7 @@ class Solved:
         return inverse, lower, by_shared
 
     def forget(self) -> None:
-        """Free what the covariance of neighbours takes; it is found again when asked for."""
+        """Free the covariance of neighbours. It is computed again when it is read."""
         self.__dict__.pop("selected", None)
 
     def of_knots(self, block: slice = slice(None)) -> Array:
@@ -237,11 +237,11 @@ class Solved:
         own, lower, by_shared = self.selected
         end = at + len(jacobian)
         this, after = jacobian[:, :, :STATE], jacobian[:, :, STATE:BAND]
-        by = this @ by_shared[at:end] + after @ by_shared[at + 1 : end + 1, :NAV] - jacobian[:, :, BAND:]
-        cross = after @ lower[at:end, :NAV] @ this.transpose(0, 2, 1)
+        by = this @ by_shared[at:end] + after @ by_shared[at + 1 : end + 1, :NEXT_STATE] - jacobian[:, :, BAND:]
+        cross = after @ lower[at:end, :NEXT_STATE] @ this.transpose(0, 2, 1)
         covariance: Array = by @ self.shared @ by.transpose(0, 2, 1) + cross + cross.transpose(0, 2, 1)
         covariance += this @ own[at:end] @ this.transpose(0, 2, 1)
-        covariance += after @ own[at + 1 : end + 1, :NAV, :NAV] @ after.transpose(0, 2, 1)
+        covariance += after @ own[at + 1 : end + 1, :NEXT_STATE, :NEXT_STATE] @ after.transpose(0, 2, 1)
         return covariance
 
 

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from pbd.pose import Array, quat_canonical, quat_from_matrix, quat_multiply
-from pbd.tracking.smoother.factors import GRAVITY, State, sensor_errors
+from pbd.tracking.smoother.factors import sensor_errors
 from pbd.tracking.smoother.knots import Problem
+from pbd.tracking.smoother.state import GRAVITY, State
 
-AT_ONCE = 64
-"""Legs that are integrated at once: what they need stays in a processor's cache."""
+LEGS_AT_ONCE = 64
+"""Number of legs per batch; the working set, with all their samples, fits a processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +29,7 @@ class Path:
 
 
 def path_of(problem: Problem, x: State) -> Path:
-    """Integrate each leg from its first knot, and share out what is left over at the next.
+    """Integrate each leg from its first knot, less gravity, and distribute the residual at the next.
 
     Turn and velocity that are left over arose evenly in time (white noise, bias); the way takes a cubic that keeps
     velocity at both ends.
@@ -50,8 +51,8 @@ def path_of(problem: Problem, x: State) -> Path:
     n, length = len(frame.t), np.diff(rows)
     length[-1] += 1  # the last knot is the last row
     path = Path(np.empty((n, 4)), *np.empty((3, n, 3)))
-    for first in range(0, len(T), AT_ONCE):
-        legs = slice(first, first + AT_ONCE)
+    for first in range(0, len(T), LEGS_AT_ONCE):
+        legs = slice(first, first + LEGS_AT_ONCE)
         at = slice(rows[first], rows[first] + length[legs].sum())
         at_rows = (np.repeat(each[legs], length[legs], axis=0) for each in of_legs)
         t0, U0, UU0, turned, wxyz0, turning, own_error, c0, c1, c2, c3 = at_rows

@@ -1,9 +1,9 @@
-"""Integrate a recording once, in a frame that the gyro alone holds, so that the smoother touches no sample any more.
+"""Integrate a recording once, in a frame that the gyro alone holds. The smoother then needs no samples.
 
 The attitude is R(t) = E(t) C(t). C (gyro frame <- sensor) is what the gyro's samples alone make of it. E (nav <- gyro
 frame) drifts slowly and is what the smoother estimates. From one knot to the next, with E as at the first, the hand
 turns by exp(J_r x), gains the velocity dU + J_v x and goes by dP + J_p x: linear in the sensor's errors x, as these are
-small. So each leg is one Gaussian factor.
+small. So each leg is one Gaussian factor. Gravity stays in: `factors.leg_jacobian` and `path.path_of` remove it.
 
 Source: C. Forster, L. Carlone, F. Dellaert, D. Scaramuzza, On-manifold preintegration, T-RO 33 (2017). Here all legs
 share one gyro frame, and the errors are bias, scale, misalignment and lag.
@@ -22,7 +22,7 @@ from pbd.pose import Array, quat_cumulative, quat_exp, quat_rotate, quat_to_matr
 Rows = NDArray[np.intp]
 
 BLOCK_S = 0.04
-"""s: the sensor's errors change a leg's integrals through means over this long (10 % of the fastest hand motion)."""
+"""s: the sensor's errors act on a leg through means over blocks of this length, a tenth of a hand's fastest move."""
 
 GYR_BIAS, ACC_BIAS = slice(0, 3), slice(3, 6)
 LAG, GYR_MATRIX, ACC_MATRIX = slice(6, 7), slice(7, 16), slice(16, 22)
@@ -30,10 +30,10 @@ ERRORS = 22
 """Columns x of a leg: biases of gyro and accelerometer; lag; w_true = (1 - M) w; f_true = (1 - N) f, N lower."""
 
 LOWER = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
-"""Entries of N. The accelerometer's axes define the sensor's: a rotation of all of them can't be told."""
+"""Entries of N: lower triangular, as the accelerometer's axes define the sensor's."""
 
-FLOOR = (1e-6, 3e-5, 1e-4)
-"""rad, m/s, m: what rounding leaves of a leg at least."""
+ROUNDING_SIGMAS = (1e-6, 3e-5, 1e-4)
+"""rad, m/s, m: rounding error of a leg."""
 
 ROT, VEL, POS = slice(0, 3), slice(3, 6), slice(6, 9)
 
@@ -227,7 +227,7 @@ def preintegrate(
             for gyr_noise, acc_noise in zip(*of_blocks, strict=True)
         ]
     )
-    for block, floor in zip((ROT, VEL, POS), FLOOR, strict=True):
+    for block, floor in zip((ROT, VEL, POS), ROUNDING_SIGMAS, strict=True):
         parts[0, :, block, block] += floor**2 * np.eye(3)
     _add_impulses(parts[0], frame, rows, impulses)
     return Legs(rows, T, gained, way, J, parts)

@@ -1,8 +1,8 @@
 """The whole recording at once: the most probable motion, by Gauss-Newton over the knots, and how sure it is.
 
-A stop that is none (a hand that coasts) would bend the whole path, so standing still is a robust factor whose sigma
-comes down from far (graduated non-convexity). What the lag between the sensors or a common scale of the gyro explains
-is found first, with wide priors, and taken out of the samples where it is large.
+A false stop (a hand that coasts) would bend the whole path. So standing still is a robust factor whose sigma
+starts large and shrinks (graduated non-convexity). The lag between the sensors and a common scale of the gyro
+are found first, with wide priors, and removed from the samples if they are large.
 """
 
 from __future__ import annotations
@@ -11,66 +11,42 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pbd.data import Recording
 from pbd.pose import Array, lengths, quat_about_z, quat_inverse, quat_multiply, quat_to_matrix
-from pbd.tracking.moving_windows import median
-from pbd.tracking.noise import Noise
+from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
 from pbd.tracking.rest import Rest
 from pbd.tracking.smoother.attitude import first_guess, frame_of, heading, steadiness
-from pbd.tracking.smoother.factors import (
-    DOUBT,
-    GRAVITY,
-    GYR_MATRIX,
-    LAG,
-    SHARED,
-    Local,
-    Prior,
-    State,
-    Weights,
-    creep,
-    shared_prior,
+from pbd.tracking.smoother.doubt import MAX_RECUTS, doubted_stops, revised_stops, settled
+from pbd.tracking.smoother.factors import creep, shared_prior
+from pbd.tracking.smoother.gauss_newton import (
+    ANNEALING,
+    ROUGHLY_CONVERGED_RAD,
+    WARM_ANNEALING,
+    descend,
 )
-from pbd.tracking.smoother.gauss_newton import CLEAR, FAR, ROUGH, WARM, descend
 from pbd.tracking.smoother.knots import Problem, pose_problem
-from pbd.tracking.smoother.normal_equations import VEL, Solved
+from pbd.tracking.smoother.normal_equations import Solved
 from pbd.tracking.smoother.path import Path, path_of
 from pbd.tracking.smoother.preintegration import Impulse
+from pbd.tracking.smoother.state import GRAVITY, GYR_MATRIX, LAG, SHARED, Local, Prior, State, Weights
 from pbd.tracking.zero_velocity import (
     Spans,
-    calm_part,
     energies,
     find_candidates,
-    slow_parts,
     still_speed,
-    trimmed,
     window_rows,
 )
 
-DOUBTED, TRIES = 0.5, 5
-"""Below this weight a candidate is cut to its slow parts, so often."""
+WIDE_LAG_SIGMA, REMOVED_LAG = 0.03, 0.005
+"""Lag of the gyro, s: one sigma of the wide prior (filters of one chip); least lag that is taken out of the samples."""
 
-SHORT_S = 0.5
-"""s: a candidate of less is a stop or none: no hand rests and moves on unseen within it."""
+LARGEST_LAG = 0.1
+"""Largest lag of the gyro, s: what needs more is another fault."""
 
-SETTLED_S = 0.02
-"""s: a solution stays where the ends of its stops move by less: no knot is nearer to them."""
-
-SLOW = 0.02
-"""m/s: as slow as a hand is that stops, by a solution that doubts it, or DOUBT sigmas of what may be."""
-
-WIDE_LAG, LARGE_LAG, SURE = 0.03, 0.005, 3.0
-"""s: lags of two filters of one chip reach this; from this on, and of so many sigmas, one is taken out."""
-
-CREEP = 2e-4
-"""m/s: what is slower, but for noise, has not set out yet."""
-
-MOST_LAG = 0.1
-"""s: no two sensors of one device are further apart: what explains more is another fault."""
-
-COMMON_SCALE, LARGE_SCALE, SCALE_SIGMA, SCALE_SURE = 0.15, 0.05, 0.02, 5.0
-"""The same of a scale common to the gyro's axes (a wrong clock is one), by what turns and gravity say."""
+WIDE_SCALE_SIGMA, REMOVED_SCALE, KNOWN_SCALE_SIGMA, SCALE_OUTLIER_SIGMAS = 0.15, 0.05, 0.02, 5.0
+"""Scale common to the gyro's axes, a share: one sigma of the wide prior; least scale that is taken out of the samples;
+largest sigma with which it is, and least ratio to that sigma. A wrong clock looks like such a scale."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +62,7 @@ class Solution:
         path: at each row.
         lag: s, what has been taken out of the gyro's stamps.
         scale: share, what has been taken out of the gyro's readings, all axes alike.
-        candidates: what looked still, whether it was believed or not.
+        candidates: what looked still, accepted or not.
     """
 
     problem: Problem
@@ -99,11 +75,11 @@ class Solution:
     scale: float
     candidates: Spans
 
-    def of_stops(self) -> Array:
-        """How sure it is that the hand stood still at each stop, 0 to 1: by the knot that is nearest to it."""
+    def stop_weights(self) -> Array:
+        """Weight of each stop, 0 to 1: the largest robust weight of its knots."""
         at, weights = self.problem.stop_of >= 0, np.zeros(len(self.problem.stops))
         excess = lengths(creep(self.problem, self.state)[0][at]) ** 2 / self.problem.still[at] ** 2 - 3.0
-        np.maximum.at(weights, self.problem.stop_of[at], 1.0 / (1.0 + np.maximum(excess, 0.0) / DOUBT**2) ** 2)
+        np.maximum.at(weights, self.problem.stop_of[at], 1.0 / (1.0 + np.maximum(excess, 0.0) / OUTLIER_SIGMAS**2) ** 2)
         return weights
 
 
@@ -121,7 +97,7 @@ def smooth(
         recording: without NaN.
         rest: a quiet second.
         noise: parameters.
-        impulses: what was lost above a sensor's range.
+        impulses: motion lost above a sensor's range.
         unseen: first and last row of each hole.
         asked: rows at which a knot is wanted.
 
@@ -131,9 +107,9 @@ def smooth(
     lag, scale = 0.0, 0.0
     stops: Spans | None = None
     device = recording.gyr is None
-    prior = Prior(noise.lag, WIDE_LAG, COMMON_SCALE)
+    prior = Prior(noise.lag, WIDE_LAG_SIGMA, WIDE_SCALE_SIGMA)
 
-    # A knot just behind what was lost: an unknown turn is no small one.
+    # A knot right after lost motion: an unknown turn is not small.
     asked = [*asked, *(min(impulse.row + 1, len(recording) - 1) for impulse in impulses)]
 
     def posed(stops: Spans, calm: Spans) -> Problem:
@@ -153,10 +129,10 @@ def smooth(
         problem = posed(stops, stops)
         if not problem.stops:
             return None
-        begun, local = _begin(problem, prior)
-        found = descend(problem, begun, local, FAR, ROUGH)
-        more, common = _found(found.x, found.solved)
-        if device or (more == 0.0 and common == 0.0) or abs(lag + more) > MOST_LAG:
+        begun, local = _initial_state(problem, prior)
+        found = descend(problem, begun, local, ANNEALING, ROUGHLY_CONVERGED_RAD)
+        more, common = _large_lag_and_scale(found.x, found.solved)
+        if device or (more == 0.0 and common == 0.0) or abs(lag + more) > LARGEST_LAG:
             break
         lag, scale = lag + more, (1.0 + scale) * (1.0 + common) - 1.0
     narrow = Prior(noise.lag if lag == 0.0 else 0.0, noise.lag_sigma)
@@ -167,78 +143,24 @@ def smooth(
     path = path_of(problem, found.x)
     candidates: Spans = stops or []
     cut = np.zeros(len(candidates), dtype=np.bool_)
-    for _ in range(TRIES):
-        cut = cut | _doubted(problem, found.weights, candidates)
-        stops, calm = _judged(problem, path.v, found.solved, candidates, cut, speed)
+    for _ in range(MAX_RECUTS):
+        cut = cut | doubted_stops(problem, found.weights, candidates)
+        stops, calm = revised_stops(problem, path.v, found.solved, candidates, cut, speed)
         if not stops:
             break
-        if _settled(problem.frame.t, problem.stops, stops):
+        if settled(problem.frame.t, problem.stops, stops):
             problem = replace(problem, stops=stops)
             break
         found.solved.forget()
         again = posed(stops, calm)
         if not again.stops:
             break
-        x, local = _carried(problem, found.x, path, again), replace(local, origin=_origin(again))
+        x, local = _transferred(problem, found.x, path, again), replace(local, origin=_origin(again))
         problem = again
         del found, path  # of a long recording they are large
-        found = descend(problem, x, local, WARM)
+        found = descend(problem, x, local, WARM_ANNEALING)
         path = path_of(problem, found.x)
     return Solution(problem, found.x, local, found.weights, found.solved, path, lag, scale, candidates)
-
-
-def _doubted(problem: Problem, weights: Weights, candidates: Spans) -> NDArray[np.bool_]:
-    """Which candidates hold a knot that hardly counts as still, and last long enough to hold a move beside it, (c,)."""
-    knots, spans = problem.rows[(problem.stop_of >= 0) & (weights.still < DOUBTED)], np.array(candidates)
-    first, end = np.searchsorted(knots, spans.T)
-    start, last = problem.frame.t[spans - (0, 1)].T
-    doubted: NDArray[np.bool_] = (end > first) & (last - start > SHORT_S)
-    return doubted
-
-
-def _judged(
-    problem: Problem, v: Array, solved: Solved, candidates: Spans, cut: NDArray[np.bool_], speed: Array
-) -> tuple[Spans, Spans]:
-    """The stops as the velocity shows them, and where the hand is calm in each.
-
-    A candidate that was doubted is cut to its slow parts; ends at which the hand moves are trimmed.
-
-    Args:
-        problem: with what was taken for stops.
-        v: (n, 3) m/s, the estimate.
-        solved: how sure it is.
-        candidates: what looks still.
-        cut: (c,) which of them were doubted.
-        speed: (n,) m/s, how fast a hand may be that stands still.
-    """
-    t, fast = problem.frame.t, np.maximum(SLOW, DOUBT * speed)
-    if cut.any():
-        sigma = np.sqrt(np.trace(solved.of_knots(VEL), axis1=1, axis2=2))
-        fast = np.maximum(fast, CLEAR * np.interp(t, problem.t, sigma))
-    blurred = np.trace(problem.legs.parts[:, :, 3:6, 3:6].sum(axis=0), axis1=1, axis2=2) / 3.0
-    stops: Spans = []
-    calm: Spans = []
-    for span, in_parts in zip(candidates, cut.tolist(), strict=True):
-        whole = slice(*span)
-        for part in slow_parts(t, span, lengths(v[whole]) < fast[whole]) if in_parts else [span]:
-            inside = slice(*part)
-            # By how much noise blurs the velocity from knot to knot, along each axis.
-            first, last = np.searchsorted(problem.rows, part)
-            between = blurred[first : max(last - 1, first + 1)]
-            blur = float(np.sqrt(between.sum() / max(len(between), 1)))
-            creep = lengths(v[inside] - median(v[inside]))
-            stops.append(trimmed(part, creep < DOUBT * (float(median(speed[inside])) + blur)))
-            start, stop = stops[-1][0] - part[0], stops[-1][1] - part[0]
-            calm.append(calm_part(t, stops[-1], creep[start:stop] < CREEP + 2.0 * blur))
-    return stops, calm
-
-
-def _settled(t: Array, before: Spans, after: Spans) -> bool:
-    """Whether the stops are the same, but for little at their ends."""
-    if len(before) != len(after):
-        return False
-    ends = t[np.array([before, after]) - (0, 1)]
-    return bool(np.abs(ends[1] - ends[0]).max() < SETTLED_S)
 
 
 def _retimed(recording: Recording, lag: float, scale: float) -> Recording:
@@ -250,16 +172,16 @@ def _retimed(recording: Recording, lag: float, scale: float) -> Recording:
     return replace(recording, gyr=gyr)
 
 
-def _found(x: State, solved: Solved) -> tuple[float, float]:
-    """The lag (s) and the scale that are too large and too sure to be left to a linear model."""
+def _large_lag_and_scale(x: State, solved: Solved) -> tuple[float, float]:
+    """The lag (s) and the scale that are too large for a linear model, if they are significant; else 0."""
     i = np.arange(SHARED)
     tau, sigma = float(x.shared[LAG][0]), float(np.sqrt(solved.shared[0, 0]))
     away = tau - Noise.lag
-    lag = tau if abs(away) > max(LARGE_LAG, SURE * sigma) else 0.0
+    lag = tau if abs(away) > max(REMOVED_LAG, OUTLIER_SIGMAS * sigma) else 0.0
     diagonal = i[GYR_MATRIX][::4]
     common = -float(x.shared[diagonal].mean())  # w_true = (1 - M) w
     sigma = float(np.sqrt(solved.shared[np.ix_(diagonal, diagonal)].mean()))
-    sure = sigma < SCALE_SIGMA and abs(common) > max(LARGE_SCALE, SCALE_SURE * sigma)
+    sure = sigma < KNOWN_SCALE_SIGMA and abs(common) > max(REMOVED_SCALE, SCALE_OUTLIER_SIGMAS * sigma)
     return lag, common if sure else 0.0
 
 
@@ -268,8 +190,8 @@ def _origin(problem: Problem) -> int:
     return int(np.median(np.flatnonzero(problem.stop_of == 0)))
 
 
-def _begin(problem: Problem, prior: Prior) -> tuple[State, Local]:
-    """A hand that stands still, in the attitude of a first guess; heading as nav has it."""
+def _initial_state(problem: Problem, prior: Prior) -> tuple[State, Local]:
+    """Initial state: a hand at rest, in the attitude of a first guess, with nav's heading."""
     m, origin = len(problem.rows), _origin(problem)
     strength = dip = 0.0
     if problem.device:
@@ -301,8 +223,8 @@ def _first_field(problem: Problem, R: Array) -> Array:
     return next((mean for mean in means if lengths(mean) > 0.5 * usual), np.array([0.0, 1.0, 0.0]))
 
 
-def _carried(problem: Problem, x: State, path: Path, again: Problem) -> State:
-    """An estimate at other knots."""
+def _transferred(problem: Problem, x: State, path: Path, again: Problem) -> State:
+    """Transfer an estimate to other knots."""
     rows = again.rows
     E = quat_to_matrix(quat_multiply(path.wxyz[rows], quat_inverse(again.frame.wxyz[rows])))
     k = np.clip(np.searchsorted(problem.rows, rows), 0, len(problem.rows) - 1)

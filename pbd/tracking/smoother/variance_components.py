@@ -7,16 +7,17 @@ from dataclasses import replace
 import numpy as np
 
 from pbd.pose import Array
-from pbd.tracking.smoother.factors import AT_ONCE, Local, State, creep, leg_jacobian, linearise, whitener
+from pbd.tracking.smoother.factors import LEGS_AT_ONCE, creep, leg_jacobian, linearise, whitener
 from pbd.tracking.smoother.knots import Problem
 from pbd.tracking.smoother.normal_equations import ACC_BIAS, GYR_BIAS, VEL, Solved
 from pbd.tracking.smoother.smooth import Solution
+from pbd.tracking.smoother.state import Local, State
 
-COMPONENTS = 3
-"""Iterations for the variance components."""
+ITERATIONS = 3
+"""Iterations of the variance components."""
 
-NU, NU_STILL = 5.0, 30.0
-"""Degrees of freedom that the priors of variance components are worth."""
+PRIOR_FREEDOM, PRIOR_FREEDOM_STILL = 5.0, 30.0
+"""Degrees of freedom that the priors of variance components are worth: of the sensor; of a hand that stands still."""
 
 
 def with_own_noise(solution: Solution) -> Solution:
@@ -29,16 +30,18 @@ def with_own_noise(solution: Solution) -> Solution:
     device, T, still = problem.noise.device, problem.legs.T, solution.weights.still
     walks = ((GYR_BIAS, x.gyr_bias, device.gyr_walk), (ACC_BIAS, x.acc_bias, device.acc_walk))
     stood, whiten = still / problem.still**2, whitener(problem, local)
-    for _ in range(COMPONENTS):
+    for _ in range(ITERATIONS):
         of_legs = _of_legs(problem, x, local, whiten, solved)
-        components = local.components * (1.0, *_factors(*of_legs, NU))
+        components = local.components * (1.0, *_factors(*of_legs, PRIOR_FREEDOM))
         walked = local.walks.copy()
         for c, (block, values, walk) in enumerate(walks):
             w = 1.0 / (walked[c] * walk**2 * T)
             own = np.trace(solved.of_changes(block), axis1=1, axis2=2)
-            walked[c] *= _factors(w @ (np.diff(values, axis=0) ** 2).sum(axis=1), (3.0 - w * own).sum(), NU)
+            walked[c] *= _factors(w @ (np.diff(values, axis=0) ** 2).sum(axis=1), (3.0 - w * own).sum(), PRIOR_FREEDOM)
         own, w = np.trace(solved.of_knots(VEL), axis1=1, axis2=2), stood / local.still
-        factor = _factors(w @ (creep(problem, x)[0] ** 2).sum(axis=1), (3.0 * still - w * own).sum(), NU_STILL)
+        factor = _factors(
+            w @ (creep(problem, x)[0] ** 2).sum(axis=1), (3.0 * still - w * own).sum(), PRIOR_FREEDOM_STILL
+        )
         local = replace(local, components=components, walks=walked, still=local.still * float(factor))
         whiten = whitener(problem, local)
         solved.forget()
@@ -47,7 +50,7 @@ def with_own_noise(solution: Solution) -> Solution:
 
 
 def _factors(top: Array | float, bottom: Array | float, nu: float) -> Array:
-    """By how much parts of the noise are larger than thought: squares over redundancies, each with its prior's."""
+    """Factors on parts of the noise: squares over redundancies, each with its prior's."""
     factors: Array = (top + nu) / np.maximum(bottom + nu, 1e-3 * nu)
     return factors
 
@@ -55,8 +58,8 @@ def _factors(top: Array | float, bottom: Array | float, nu: float) -> Array:
 def _of_legs(problem: Problem, x: State, local: Local, whiten: Array, solved: Solved) -> tuple[Array, Array]:
     """Squares (2,) and redundancies (2,) of what turning and motion add to the legs' noise."""
     top, bottom = np.zeros(2), np.zeros(2)
-    for first in range(0, len(whiten), AT_ONCE):
-        at = slice(first, first + AT_ONCE)
+    for first in range(0, len(whiten), LEGS_AT_ONCE):
+        at = slice(first, first + LEGS_AT_ONCE)
         A = whiten[at] @ leg_jacobian(problem, x, at)
         parts = local.components[1:, None, None, None] * (
             whiten[at] @ problem.legs.parts[1:, at] @ whiten[at].transpose(0, 2, 1)

@@ -56,12 +56,13 @@ class Page {
   }
 
   describe() {
-    const { title, robot, duration, notes, touching } = this.replay;
+    const { title, robot, duration, torque, notes, touching } = this.replay;
     document.title = title;
     element("title").textContent = title;
     element("license").textContent = `The robot's model and meshes: ${this.replay.license}.`;
     element("license").hidden = !this.replay.license;
-    element("subtitle").textContent = `${duration.toFixed(1)}\u00a0s \u00b7 ${robot}`;
+    const torques = torque === null ? "" : ` \u00b7 torques up to ${(100 * torque).toFixed(0)}\u00a0% of the limits`;
+    element("subtitle").textContent = `${duration.toFixed(1)}\u00a0s \u00b7 ${robot}${torques}`;
     const alarms = touching.map(({ message, start }) => {
       const alarm = make("li", "", { className: "alarm" });
       alarm.append(make("button", message, { title: "Go there", onclick: () => this.player.seek(start) }));

@@ -1,0 +1,109 @@
+"""A way around what bars a straight move: RRT-Connect, then shortcuts, then smooth bends, every part of it checked.
+
+Kuffner and LaValle, "RRT-Connect: An Efficient Approach to Single-Query Path Planning", 2000, as OMPL has it. It
+ends after a number of checks rather than a time, and its seed is fixed: what is found depends on nothing else.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from ompl import base, geometric, util
+
+from pbd.arm.collision.queries import CollisionQueries
+from pbd.arm.timing.path_smoothing import curved_move
+from pbd.pose import Array
+
+STEP_RAD = 1.0
+"""Longest move that is added to a tree, over all joints."""
+WINDING_RAD = np.pi
+"""How far beyond its start and its end a joint may go."""
+
+_SEED = 1
+_SHORTCUTS = 60
+_BENDS = 3  # times that the path is divided in two to bend it
+_BETWEEN_RAD = 0.05, 0.02, 0.01  # a spline through points so near to each other keeps to the straight lines
+
+
+def find_detour(queries: CollisionQueries, leg: int, q_start: Array, q_end: Array, most_checks: int) -> Array | None:
+    """Return joints (m, k) on a curve to keyframe `leg` that ends at `q_end` (k,); or just that, if it is straight.
+
+    None where none is found by so many checks.
+    """
+    last, stay = len(queries.legs) - 1, queries.legs[leg].stay
+    if leg == last and stay is not None and stay.held:
+        return None  # it may rest on what is at the last keyframe only if the motion ends there
+    if any(queries.passing(leg, q) is not None for q in (q_start, q_end)):
+        return None
+    util.setLogLevel(util.LogLevel.LOG_NONE)
+    util.RNG.setSeed(_SEED)
+    limits, count = queries.arm.limits, len(q_start)
+    space, bounds = base.RealVectorStateSpace(count), base.RealVectorBounds(count)
+    lower = np.maximum(limits.lower, np.minimum(q_start, q_end) - WINDING_RAD)
+    upper = np.minimum(limits.upper, np.maximum(q_start, q_end) + WINDING_RAD)
+    for joint in range(count):
+        bounds.setLow(joint, float(lower[joint]))
+        bounds.setHigh(joint, float(upper[joint]))
+    space.setBounds(bounds)
+    information = base.SpaceInformation(space)
+    checker = _Checker(information, queries, leg, count)
+    information.setStateValidityChecker(checker.stands)
+    information.setMotionValidator(checker)
+    information.setup()
+    problem = base.ProblemDefinition(information)
+    start, goal = information.allocState(), information.allocState()
+    start[0:count], goal[0:count] = q_start.tolist(), q_end.tolist()
+    problem.setStartAndGoalStates(start, goal)
+    planner = geometric.RRTConnect(information)
+    planner.setRange(STEP_RAD)
+    planner.setProblemDefinition(problem)
+    planner.setup()
+    planner.solve(base.PlannerTerminationCondition(lambda: checker.checks >= most_checks))
+    if not problem.hasExactSolution():
+        return None
+    path = problem.getSolutionPath()
+    simplifier = geometric.PathSimplifier(information)
+    simplifier.partialShortcutPath(path, _SHORTCUTS, _SHORTCUTS)
+    simplifier.reduceVertices(path)
+    corners = checker.joints(path)
+    if len(corners) == 2:
+        return corners[1:]
+    simplifier.smoothBSpline(path, _BENDS)
+    for waypoints in (checker.joints(path), corners):
+        for between_rad in _BETWEEN_RAD:
+            dense = _divided(waypoints, between_rad)
+            timed = curved_move(dense, limits, 1.0)  # slower it is no farther off
+            if queries.moving(leg, np.vstack((timed.coefficients[:, 0], q_end))) is None:
+                return dense[1:]
+    return None
+
+
+class _Checker(base.MotionValidator):  # type: ignore[misc]
+    """The checks of one leg, as OMPL asks for them."""
+
+    def __init__(self, information: base.SpaceInformation, queries: CollisionQueries, leg: int, count: int) -> None:
+        super().__init__(information)
+        self.queries, self.leg, self.count, self.checks = queries, leg, count, 0
+
+    def stands(self, state: base.State) -> bool:
+        self.checks += 1
+        return self.queries.passing(self.leg, self._of(state)) is None
+
+    def checkMotion(self, before: base.State, after: base.State) -> bool:
+        self.checks += 1
+        q_start, q_end = self._of(before), self._of(after)
+        if self.queries.passing(self.leg, 0.5 * (q_start + q_end)) is not None:
+            return False
+        return self.queries.moving(self.leg, np.stack((q_end, q_start))) is None
+
+    def joints(self, path: geometric.PathGeometric) -> Array:
+        return np.array([self._of(state) for state in path.getStates()])
+
+    def _of(self, state: base.State) -> Array:
+        return np.array(state[0 : self.count])
+
+
+def _divided(q: Array, between_rad: float) -> Array:
+    """Put points on straight moves (m, k), so near to each other that no joint moves by more from one to the next."""
+    steps = np.maximum(np.ceil(np.abs(np.diff(q, axis=0)).max(axis=1) / between_rad).astype(np.int64), 1)
+    parts = [a + np.arange(n)[:, None] / n * (b - a) for a, b, n in zip(q[:-1], q[1:], steps, strict=True)]
+    return np.vstack((*parts, q[-1:]))

@@ -1,0 +1,76 @@
+"""How far out of its way a straight move in joint space takes the tool: the long way round, or in a wide arc."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from pbd.arm.model import ArmModel, FloatArray
+from pbd.pose import Array
+
+TURN_RAD = math.radians(30.0)
+"""A move is wide that turns the tool by so much more than directly."""
+STRAY_M, STRAY_SHARE = 0.1, 0.25
+"""It is wide too where the tool leaves the straight line by more than this and that share of the line's length."""
+
+_SAMPLES = 33
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """What the tool does on a straight move in joint space.
+
+    Attributes:
+        turn_rad: how far it turns in all, along the way.
+        direct_rad: how far about one axis.
+        off_line_m: its largest distance from the straight line.
+        line_m: how long that is.
+    """
+
+    turn_rad: float
+    direct_rad: float
+    off_line_m: float
+    line_m: float
+
+    @property
+    def turns(self) -> bool:
+        """Whether it turns much more than it has to."""
+        return self.turn_rad > self.direct_rad + TURN_RAD
+
+    @property
+    def wide(self) -> bool:
+        """Whether it turns, or strays from the line, much more than it has to."""
+        return self.turns or self.off_line_m > STRAY_M + STRAY_SHARE * self.line_m
+
+    def __str__(self) -> str:
+        if self.turns:
+            return f"turn {np.degrees(self.turn_rad):.0f} degrees instead of {np.degrees(self.direct_rad):.0f}"
+        return f"stray {100.0 * self.off_line_m:.0f} cm from a line of {100.0 * self.line_m:.0f} cm"
+
+
+def sweep_of(arm: ArmModel, q_before: Array, q: Array) -> Sweep:
+    """Say what the tool does on a straight move from joints (k,) to others."""
+    along = q_before + np.linspace(0.0, 1.0, _SAMPLES)[:, None] * (q - q_before)
+    p, R = arm.forward_many(along)
+    turn_rad = float(_angles(R[:-1], R[1:]).sum())
+    return Sweep(turn_rad, float(_angles(R[:1], R[-1:])[0]), _off_line(p), float(np.linalg.norm(p[-1] - p[0])))
+
+
+def off_line(arm: ArmModel, q: Array) -> float:
+    """Return the tool's largest distance (m) from the line between its first and its last place, at joints (n, k)."""
+    return _off_line(arm.forward_many(q)[0])
+
+
+def _off_line(p: FloatArray) -> float:
+    away, way = p - p[0], p[-1] - p[0]
+    share = np.clip(away @ way / max(float(way @ way), 1e-18), 0.0, 1.0)
+    return float(np.linalg.norm(away - share[:, None] * way, axis=1).max())
+
+
+def _angles(R_before: FloatArray, R: FloatArray) -> FloatArray:
+    """Angles (n,) between rotations (n, 3, 3): by half their difference, which small ones keep their digits in."""
+    apart = np.linalg.norm(R - R_before, axis=(1, 2)) / np.sqrt(8.0)
+    angles: FloatArray = 2.0 * np.arcsin(np.minimum(1.0, apart))
+    return angles

@@ -1,0 +1,84 @@
+"""pbd robots --for DEMO: which arms can replay it, and what stops the others."""
+
+from __future__ import annotations
+
+import argparse
+import warnings
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pbd.cli.console import print_json, working
+from pbd.cli.steps import load_arm, load_demonstration, track_demonstration
+from pbd.errors import PbdError, PbdWarning
+from pbd.files.library import names
+from pbd.view.tables import make_table, print_csv, print_table
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from pbd.data import Demonstration, HandPath
+    from pbd.view.units import Units
+
+
+def rank(args: argparse.Namespace) -> None:
+    """Plan it on each, and print the fastest first."""
+    demo = load_demonstration(args.demo)
+    path, _ = track_demonstration(demo, "default", None, accept_gap=False)
+    arms = [args.robot] if args.robot else names("robots", ".toml")
+    rows = []
+    for number, name in enumerate(arms, start=1):
+        with working(f"planning for {name}, {number} of {len(arms)}"):
+            rows.append(_row(name, demo, path))
+    rows.sort(key=lambda row: (row["why"] is not None, row["duration_s"] or 0.0))
+    if args.json:
+        return print_json({"demo": demo.recording.info.name, "robots": rows})
+    table = _table(rows, args.units)
+    return print_csv(table) if args.csv else print_table(table)
+
+
+def _row(name: str, demo: Demonstration, path: HandPath) -> dict[str, Any]:
+    """How one arm does."""
+    from pbd.arm.reach import farthest
+    from pbd.planning import arm_of, plan_path
+
+    row: dict[str, Any] = dict.fromkeys(("reach_m", "farthest_m", "duration_s", "torque", "scale", "why"))
+    row = {"name": name, **row, "warnings": []}
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always", PbdWarning)
+        try:
+            robot, calibration = load_arm(argparse.Namespace(robot=name, calibration=None))
+            row |= {"reach_m": farthest(arm_of(robot)), "scale": calibration.scale}
+            plan = plan_path(path, calibration, robot)
+            row["farthest_m"] = max(float(np.hypot(*pose.p[:2])) for pose in plan.T_base_tool)
+            row["duration_s"] = plan.trajectory.duration
+            row["torque"] = plan.report.torque and plan.report.torque.share
+        except PbdError as error:
+            row["why"] = error.message
+    row["warnings"] = [str(each.message) for each in told if issubclass(each.category, PbdWarning)]
+    return row
+
+
+def _table(rows: list[dict[str, Any]], units: Units) -> Table:
+    m = units.length
+    columns = (
+        "name",
+        f"time ({units.time})",
+        f"goes to ({m})",
+        f"reaches ({m})",
+        "torque (%)",
+        "scale",
+        "what stops it, or is told",
+    )
+    table = make_table(*columns, left=(columns[0], columns[-1]))
+    for row in rows:
+        told = row["why"] or "; ".join(row["warnings"])
+        table.add_row(
+            row["name"],
+            *("" if row["duration_s"] is None else text for text in units.times(row["duration_s"] or 0.0)),
+            *("" if row[key] is None else units.lengths(row[key], finer=-1)[0] for key in ("farthest_m", "reach_m")),
+            "" if row["torque"] is None else f"{100.0 * row['torque']:.0f}",
+            "" if row["scale"] is None else f"{row['scale']:g}",
+            told.partition("; ")[0],
+        )
+    return table

@@ -1,0 +1,78 @@
+"""pbd robots --suggest FILE: a home and a dock, as lines for the robot's TOML."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pbd.cli.console import print_json, working
+from pbd.cli.options import UsageError
+from pbd.cli.steps import load_demonstration, track_demonstration
+from pbd.files.robot import read_robot
+from pbd.pose import quat_to_rpy
+
+if TYPE_CHECKING:
+    from pbd.planning.suggest import Suggestion
+
+DEMO = "pouring"
+"""What must be possible where no demonstration is named."""
+
+
+def suggest(args: argparse.Namespace) -> None:
+    """Search, and print what was found with what was weighed."""
+    from pbd.planning.suggest import suggest as search
+
+    if args.robot or args.csv:
+        raise UsageError("--suggest takes the file itself, and prints TOML, or JSON with --json")
+    robot = read_robot(args.suggest, draft=True)
+    name = args.demo or DEMO
+    demo = load_demonstration(name)
+    _, keyframes = track_demonstration(demo, "default", None, accept_gap=False)
+    with working(f"searching a home and a dock for {robot.name}"):
+        found = search(robot, keyframes, demo.grasped)
+    values, weighed = _values(found), _weighed(found, name)
+    if args.json:
+        print_json({"robot": robot.name, "demo": name, **values, "weighed": weighed})
+    else:
+        print(_toml(values, weighed))
+
+
+def _values(found: Suggestion) -> dict[str, Any]:
+    """What goes into the TOML, by section."""
+    dock, at = found.plan.calibration, found.plan.calibration.T_base_dock
+    place = {} if at is None else {"position": at.p.round(3).tolist(), "rpy_deg": _level(at.wxyz)}
+    return {
+        "arm": {"joints": list(found.robot.joints), "home": found.robot.home.tolist()},
+        "dock": {**place, "table_height": dock.table_height, "scale": dock.scale},
+    }
+
+
+def _level(wxyz: np.ndarray[Any, Any]) -> list[float]:
+    return [0.0, 0.0, round(float(np.degrees(quat_to_rpy(wxyz)[2])), 1) + 0.0]
+
+
+def _weighed(found: Suggestion, demo: str) -> list[str]:
+    """Sentences for people: what speaks for this home and this dock."""
+    joint, room = found.at
+    dock, took_s = found.plan.calibration, found.plan.trajectory.duration
+    table = "the table's height is the file's own"
+    if not found.own_table:
+        stands = dock.table_height == 0.0
+        table = "the arm is taken to stand on the table" if stands else "the table is put as low as the arm needs it"
+    return [
+        f"{found.within_reach} of {found.weighed} docks have all of {demo} within reach at {dock.scale:g} of its size; "
+        f"of those farthest from limits and singularities this one is the fastest: {took_s:.1f} s",
+        f"{table}; nothing touches it or the arm itself, as far as the URDF has shapes",
+        f"home is over the dock: {joint} is {room:.2f} from its limit (rad; m where it slides), manipulability is "
+        f"{found.dexterity:.1f} times the lower quartile of all configurations",
+    ]
+
+
+def _toml(values: dict[str, Any], weighed: list[str]) -> str:
+    lines = ["# In place of [arm] and [dock]."]
+    for section, items in values.items():
+        lines += [f"[{section}]", *(f"{key} = {json.dumps(value)}" for key, value in items.items()), ""]
+    return "\n".join((*lines, *(f"# {sentence}." for sentence in weighed)))

@@ -1,0 +1,56 @@
+"""Keyframes: joint targets and tool poses alone, as JSON, or as CSV where the file's name ends so."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pbd.data import Samples
+from pbd.data.receiver import Rule
+from pbd.files.exporters.order import Order
+
+FILLED_BY: tuple[Rule, ...] = ()
+"""Whoever reads it finds a way of their own from one to the next."""
+
+COUNTED = "keyframes"
+
+
+def samples(order: Order) -> Samples:
+    """Evaluate where the arm stands at its keyframes."""
+    return order.trajectory.at(order.trajectory.keyframe_t)
+
+
+def write(order: Order, points: Samples, path: Path) -> None:
+    """Write each keyframe as `pbd keyframes --json --robot R` names it; the pose is the one that the joints give."""
+    names, q = order.trajectory.joint_names, order.trajectory.keyframe_q
+    p, wxyz = order.source.tool(q)
+    rows: list[dict[str, Any]] = []
+    for i, keyframe in enumerate(order.source.keyframes):
+        row: dict[str, Any] = {"index": i, "t_s": float(points.t[i]), "dwell_s": _dwell(order, i)}
+        row |= {"grip": keyframe.grip, "label": keyframe.label, "joints": q[i].tolist()}
+        rows.append(row | {"base_position_m": p[i].tolist(), "base_wxyz": wxyz[i].tolist()})
+    if order.suffix != ".csv":
+        top = {"demo": order.source.name, "robot": order.robot.name, "base": order.robot.base, "joint_names": names}
+        lines = ",\n".join(json.dumps(row) for row in rows)
+        path.write_text(f'{json.dumps(top)[:-1]}, "keyframes": [\n{lines}\n]}}\n', encoding="utf-8")
+        return
+    with path.open("w", encoding="utf-8", newline="") as file:
+        table = csv.writer(file, lineterminator="\n")
+        plain = ("index", "t_s", "dwell_s", "grip", "label")
+        table.writerow((*plain, *(f"q_{name}" for name in names), *"xyz", *(f"q{axis}" for axis in "wxyz")))
+        for row in rows:
+            row["grip"] = {None: "", True: "closes", False: "opens"}[row["grip"]]
+            values = (row[key] for key in plain)
+            table.writerow((*values, *row["joints"], *row["base_position_m"], *row["base_wxyz"]))
+
+
+def _dwell(order: Order, i: int) -> float:
+    """How long the arm stays at a keyframe, s."""
+    knots, t = order.trajectory.knots, order.trajectory.keyframe_t[i]
+    at = int(np.searchsorted(knots, t - 1e-9))
+    moves = np.append(order.trajectory.coefficients[at:, 1:].any(axis=(1, 2)), True)
+    return float(knots[at + int(np.argmax(moves))] - knots[at])

@@ -1,0 +1,65 @@
+"""What a format is written from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from pbd.data import HandPath, JointTrajectory, Keyframe, Robot
+from pbd.errors import PbdError
+from pbd.pose import Array, Pose
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """What a motion was made from, for the formats that tell more than joints.
+
+    Attributes:
+        name: the demonstration's.
+        keyframes: n, as the trajectory has them.
+        hand: the path that they are of.
+        T_base_nav: where nav lies.
+        tool: gives the tool's positions (m, 3) in m and wxyz (m, 4) in base, at joints (m, k).
+        links: gives each link's parent and its pose there, at joints (k,) and an opening (1 open, 0 closed).
+    """
+
+    name: str
+    keyframes: Sequence[Keyframe]
+    hand: HandPath
+    T_base_nav: Pose
+    tool: Callable[[Array], tuple[Array, Array]]
+    links: Callable[[Array, float], dict[str, tuple[str, Pose]]]
+
+
+@dataclass(frozen=True, eq=False)
+class Order:
+    """One file to be written.
+
+    Attributes:
+        format_name: one of FORMATS.
+        trajectory, robot: the motion, and whose it is.
+        suffix: of the file's name, in lower case.
+        rate_hz: samples a second; None: as the format has it.
+        dense: samples at the controller's period, where the format has keyframes.
+        made_from: what the motion was made from, or None.
+    """
+
+    format_name: str
+    trajectory: JointTrajectory
+    robot: Robot
+    suffix: str
+    rate_hz: float | None = None
+    dense: bool = False
+    made_from: Source | None = None
+
+    @property
+    def source(self) -> Source:
+        """What the motion was made from.
+
+        Raises:
+            PbdError: nobody said.
+        """
+        if self.made_from is None:
+            what = f"{self.format_name} tells what the motion was made from; give source=pbd.planning.source_of(...)"
+            raise PbdError(what, value=self.format_name)
+        return self.made_from

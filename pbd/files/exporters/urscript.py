@@ -1,0 +1,201 @@
+"""URScript: a movej for each keyframe, in a program to read and edit; or servoj at the controller's period.
+
+movej goes straight in joint space, from rest to rest: its leading axis accelerates by a up to v, and brakes by a.
+(Universal Robots, Script Manual, chapter "Module motion".) So v is what the planned motion reaches, and a makes the
+move last as long as planned: that is never more than the planned motion's own largest, which has to build it up.
+"""
+
+from __future__ import annotations
+
+import re
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from pbd.data import Robot, Samples
+from pbd.data.receiver import Rule
+from pbd.errors import PbdError, PlanError
+from pbd.files.exporters.order import Order
+from pbd.pose import Array
+
+FILLED_BY: tuple[Rule, ...] = ()
+"""By trapezoids of velocity along the planned straight moves, within the velocity and acceleration limits."""
+
+COUNTED = "points"
+
+JOINTS = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
+PERIODS_HZ = (125.0, 500.0)
+"""Of a CB3 controller and of an e-Series one."""
+
+OFF_LINE_RAD = 1e-6
+"""How far from straight a move may be for movej, rad."""
+
+AT_REST = 1e-9
+"""Velocity, rad/s, below which a knot is one where the arm stands."""
+
+HEAD = """\
+# {demo} for {robot}, planned and audited by pbd. Fill in the two functions of the gripper; then edit what you like, but
+# what you edit is no longer audited: take a low speed on the slider the first time.
+def pbd_{name}():
+  def gripper_close():
+    # your gripper's own call goes here; the arm waits until it has closed
+    sleep({stroke})
+  end
+  def gripper_open():
+    sleep({stroke})
+  end
+
+  # The motion begins where the arm stands when this program starts: refuse any other place.
+  start = [{start}]
+  here = get_actual_joint_positions()
+  i = 0
+  while i < 6:
+    if norm(here[i] - start[i]) > 0.02:
+      popup("The arm does not stand where the motion begins: move it there", title="pbd", error=True, blocking=True)
+      halt
+    end
+    i = i + 1
+  end
+
+"""
+
+
+class _Leg(NamedTuple):
+    """From when to when the arm moves, or stands."""
+
+    since: float
+    until: float
+    moves: bool
+
+
+def check(robot: Robot) -> None:
+    """Refuse an arm of another maker.
+
+    Raises:
+        PlanError: its joints are not named as Universal Robots' are.
+    """
+    if len(robot.joints) != 6 or not all(map(str.endswith, robot.joints, JOINTS)):
+        what = f"urscript is for arms of Universal Robots, which {robot.name} is not; take csv, npz or ros2-json"
+        raise PlanError(what, robot=robot.name)
+
+
+def samples(order: Order) -> Samples:
+    """Evaluate at the end of each move; dense, at the controller's period in each.
+
+    Raises:
+        PlanError: it is another maker's arm, or a move isn't straight.
+        PbdError: no controller has this rate.
+    """
+    check(order.robot)
+    if order.rate_hz not in (None, *PERIODS_HZ):
+        what = f"--rate must be 125 (CB3) or 500 (e-Series) for servoj, got {order.rate_hz:g}"
+        raise PbdError(what, value=order.rate_hz)
+    moves = [leg for leg in _legs(order) if leg.moves]
+    return order.trajectory.at(np.concatenate([_instants(order, leg) for leg in moves]))
+
+
+def write(order: Order, points: Samples, path: Path) -> None:
+    """Write the program."""
+    trajectory, gripper = order.trajectory, order.robot.gripper
+    name = re.sub(r"\W", "_", order.source.name, flags=re.ASCII)
+    stroke, start = _seconds(1.0 if gripper is None else gripper.stroke_s), _numbers(trajectory.at(np.zeros(1)).q[0], 6)
+    demo = " ".join(order.source.name.split())
+    lines = [HEAD.format(demo=demo, robot=order.robot.name, name=name, stroke=stroke, start=start)]
+    arrives = {round(float(t), 6): i for i, t in enumerate(trajectory.keyframe_t)}
+    for leg in _legs(order):
+        keyframe = arrives.get(round(leg.until, 6)) if leg.moves else None
+        label = "" if keyframe is None else " ".join(order.source.keyframes[keyframe].label.split())
+        remark = "" if keyframe is None else f"  # keyframe {keyframe}{label and ': '}{label}"
+        if not leg.moves:
+            lines += _stay(order, leg)
+        elif order.dense:
+            period = 1.0 / (order.rate_hz or PERIODS_HZ[0])
+            rows = trajectory.at(_instants(order, leg)).q
+            lines += [f"  servoj([{_numbers(q, 9)}], 0, 0, {period:g}, 0.1, 300)\n" for q in rows]
+            lines[-1] = f"{lines[-1][:-1]}{remark}\n"
+        else:
+            a, v = _speeds(order, leg)
+            q = trajectory.at(np.array([leg.until])).q[0]
+            lines.append(f"  movej([{_numbers(q, 6)}], a={a:.6f}, v={v:.6f}){remark}\n")
+    path.write_text(f"{''.join(lines)}end\n\npbd_{name}()\n", encoding="utf-8")
+
+
+def _legs(order: Order) -> list[_Leg]:
+    """Cut the motion where the arm comes to rest; what stands follows what moves."""
+    c, knots = order.trajectory.coefficients, order.trajectory.knots
+    stands = np.abs(c[:, 1:]).max(axis=(1, 2)) == 0.0
+    rests = np.append(np.abs(c[:, 1]).max(axis=1) <= AT_REST, True)
+    legs: list[_Leg] = []
+    for a, b in pairwise(np.flatnonzero(rests).tolist()):
+        moves = not stands[a:b].all()
+        since = legs.pop().since if legs and not (moves or legs[-1].moves) else float(knots[a])
+        legs.append(_Leg(since, float(knots[b]), moves))
+    return legs
+
+
+def _instants(order: Order, leg: _Leg) -> Array:
+    """When a move's points are: its end, and dense each period before it."""
+    if not order.dense:
+        return np.array([leg.until])
+    period = 1.0 / (order.rate_hz or PERIODS_HZ[0])
+    count = int(np.ceil((leg.until - leg.since) / period - 1e-6))
+    return np.append(leg.since + period * np.arange(1, count), leg.until)
+
+
+def _speeds(order: Order, leg: _Leg) -> tuple[float, float]:
+    """Return the leading axis' acceleration and velocity that make a movej last as long as the move.
+
+    Raises:
+        PlanError: the move isn't straight in joint space, or a limit would be broken.
+    """
+    points, limits = order.trajectory.at(np.linspace(leg.since, leg.until, 200)), order.robot.limits
+    way, took = points.q[-1] - points.q[0], leg.until - leg.since
+    leading = int(np.argmax(np.abs(way)))
+    reach = float(np.abs(way[leading]))
+    along = (points.q[:, leading] - points.q[0, leading]) / way[leading] if reach else np.zeros(len(points.t))
+    if np.abs(points.q - points.q[0] - along[:, None] * way).max() > OFF_LINE_RAD:
+        what = f"from {leg.since:.2f} to {leg.until:.2f} s the arm follows a curve, which movej can't; take --dense"
+        raise PlanError(what, value=leg.since)
+    v = min(_peak(order, leg, leading), 2.0 * reach / took)
+    a = v / (took - reach / v)
+    share = np.abs(way) / reach
+    if (v * share > 1.0005 * limits.velocity).any() or (a * share > 1.0005 * limits.acceleration).any():
+        raise PlanError(f"a movej from {leg.since:.2f} to {leg.until:.2f} s breaks a limit; take --dense", value=a)
+    return a, v
+
+
+def _peak(order: Order, leg: _Leg, joint: int) -> float:
+    """The largest velocity of a joint in a move: at a knot, or where a piece's acceleration passes zero."""
+    trajectory = order.trajectory
+    inside = (trajectory.knots[:-1] >= leg.since - 1e-12) & (trajectory.knots[:-1] < leg.until)
+    t, c = trajectory.knots[:-1][inside], trajectory.coefficients[inside, :, joint]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        turns = t - c[:, 2] / (3.0 * c[:, 3])
+    turns = turns[np.isfinite(turns) & (turns > leg.since) & (turns < leg.until)]
+    return float(np.abs(trajectory.at(np.concatenate((t, turns))).qd[:, joint]).max())
+
+
+def _stay(order: Order, leg: _Leg) -> list[str]:
+    """Wait, with the gripper's calls: each lasts as long as its stroke."""
+    lines, at = [], leg.since
+    t, opening = order.trajectory.gripper_t.tolist(), order.trajectory.gripper_opening.tolist()
+    for (since, until), (before, after) in zip(pairwise(t), pairwise(opening), strict=True):
+        if before != after and leg.since - 1e-6 <= since < leg.until:
+            lines += _sleep(since - at)
+            lines.append(f"  gripper_{'open' if after > before else 'close'}()\n")
+            at = until
+    return lines + _sleep(leg.until - at)
+
+
+def _sleep(seconds: float) -> list[str]:
+    return [f"  sleep({_seconds(seconds)})\n"] if seconds > 1e-6 else []
+
+
+def _seconds(seconds: float) -> str:
+    return f"{round(seconds, 6):g}"
+
+
+def _numbers(q: Array, decimals: int) -> str:
+    return ", ".join(f"{x:.{decimals}f}" for x in np.round(q, decimals) + 0.0)

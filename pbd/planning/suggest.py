@@ -1,0 +1,233 @@
+"""Home and dock for an arm whose TOML lacks them: sampled, weighed, and tried by planning a demonstration."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import islice
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pbd.calibration.dock import nav_in_base
+from pbd.calibration.frames import tool_poses
+from pbd.data import Calibration, GraspedObject, Keyframe, Robot
+from pbd.errors import PbdError, PbdWarning, RobotError
+from pbd.planning.plan import plan_keyframes
+from pbd.planning.steps import arm_of, scene_of
+from pbd.planning.values import Plan
+from pbd.pose import Array, Pose, quat_about_z, quat_rotate
+
+if TYPE_CHECKING:
+    from pbd.arm.model import ArmModel
+
+SAMPLES = 20_000
+DOWN = float(np.cos(np.radians(20.0)))
+"""A tool whose approach is within this of straight down counts as pointing down: cosine."""
+SCALES = (1.0, 0.7, 0.5, 0.35, 0.25)
+"""Of the demonstration, tried from the largest on."""
+GRIP_M = 0.15
+"""Height over the table of the lowest keyframe, m: the bundled bottle is 0.2 m high."""
+PLACES, TRIED, HOMES = 40, 3, 2
+"""Docks that are weighed at each scale, the best of them that are tried, and branches that are tried for home there."""
+NEAR_M = 0.1
+"""A sampled height this near to the one over the table is moved to it, m."""
+YAWS_DEG = (0.0, -90.0, 90.0, 180.0)
+AHEAD = 0.2
+"""What a dock beside or behind the base's x axis costs, rad of joint travel per rad."""
+HOME_OVER_M = 0.05
+"""Home is this far over the dock, m, times the scale."""
+WIDELY = 81
+"""Descents made for home's branches."""
+APPROACH_OFF_RAD = float(np.radians(5.0))
+"""How far an arm with too few joints may hold its tool off a keyframe's approach."""
+
+
+@dataclass(frozen=True, eq=False)
+class Suggestion:
+    """A home and a dock with which a demonstration was planned.
+
+    Attributes:
+        robot: with home and dock.
+        plan: of the demonstration.
+        at: the joints of home nearest to a limit: name and distance, rad (m).
+        dexterity: manipulability at home, as a share of the arm's 25th percentile.
+        weighed, within_reach: docks that were weighed at this scale, and those of them that hold all keyframes.
+        own_table: the table's height was the user's.
+    """
+
+    robot: Robot
+    plan: Plan
+    at: tuple[str, float]
+    dexterity: float
+    weighed: int
+    within_reach: int
+    own_table: bool
+
+
+def suggest(robot: Robot, keyframes: Sequence[Keyframe], grasped: GraspedObject | None) -> Suggestion:
+    """Find a home and a dock; the same question gets the same answer each time.
+
+    Args:
+        robot: as `read_robot` reads a draft: its dock holds no more than the table's height.
+        keyframes: of the demonstration that must be possible.
+        grasped: what the gripper takes in it.
+
+    Raises:
+        RobotError: none was found; its message says what stopped the best.
+    """
+    from pbd.arm.ik.branches import margins
+    from pbd.arm.ik.starts import manipulability, starts_of
+
+    arm = arm_of(robot)
+    p, R = _sampled(arm)
+    table = None if robot.dock is None else robot.dock.table_height
+    lowest = -min(keyframe.T_nav_sensor.p[2] for keyframe in keyframes)
+    why = f"no dock has all keyframes within reach, even at {SCALES[-1]} of the size; correct base or T_body_tool"
+    for table_known, scale in _stages(table, p[R[:, 2, 2] < -DOWN, 2], lowest):
+        docks = list(islice(_docks(arm, (p, R), keyframes, table_known, scale), PLACES))
+        held = _weigh(arm, docks, keyframes)
+        tried = [_try(robot, arm, dock, keyframes, grasped) for _, dock in held[:TRIED]]
+        if planned := [each for each in tried if isinstance(each, tuple)]:
+            own, plan = min(planned, key=lambda each: each[1].trajectory.duration)
+            room = margins(arm, own.home)
+            nearest = robot.joints[int(room.argmin())], float(room.min())
+            dexterity = float(manipulability(arm.jacobian(own.home)[None])[0]) / starts_of(arm).clumsy
+            return Suggestion(own, plan, nearest, dexterity, len(docks), len(held), table is not None)
+        why = next((str(each) for each in tried), why)
+    raise RobotError(
+        f"{robot.name}: no home and dock found: {why}",
+        robot=robot.name,
+    )
+
+
+def _sampled(arm: ArmModel) -> tuple[Array, Array]:
+    """Positions (n, 3), m, and rotations (n, 3, 3) of the tool in base, of random configurations."""
+    from pbd.arm.reach import sample
+
+    p, R = arm.forward_many(sample(arm, SAMPLES))
+    if (down := int((R[:, 2, 2] < -DOWN).sum())) < PLACES:
+        off_deg = np.degrees(np.arccos(np.clip(-R[:, 2, 2].min(), -1.0, 1.0)))
+        raise RobotError(
+            f"{arm.robot.name}: the tool points down in only {down} of {SAMPLES} random configurations (at best "
+            f"{off_deg:.0f} degrees off); correct T_body_tool, whose z is the way the tool approaches, or base, whose "
+            "z is up",
+            robot=arm.robot.name,
+        )
+    return p.astype(np.float64), R.astype(np.float64)
+
+
+def _stages(table: float | None, z_down: Array, lowest: float) -> Iterator[tuple[float | None, float]]:
+    """The table's height (None: any) and the scale, in the order in which they are tried."""
+    if table is not None:
+        yield from ((table, scale) for scale in SCALES)
+        return
+    # An arm whose tool, pointing down, is as high as what lies on a table stands on that table.
+    low, high = np.quantile(z_down, (0.1, 0.9))
+    if low <= GRIP_M + lowest <= high:
+        yield from ((0.0, scale) for scale in SCALES[:3])
+    yield from ((None, scale) for scale in SCALES)
+
+
+def _docks(
+    arm: ArmModel, sampled: tuple[Array, Array], keyframes: Sequence[Keyframe], table: float | None, scale: float
+) -> Iterator[Calibration]:
+    """Docks that put the tool, where the demonstration tips it most, to where a sampled configuration has it."""
+    from pbd.arm.ik.partial_pose import is_partial
+
+    def dock(yaw: float, p: Array, table_height: float) -> Calibration:
+        name = arm.robot.name
+        place = Pose(p, quat_about_z(yaw))
+        return Calibration(f"{name}'s own dock", place, table_height=table_height + 0.0, scale=scale, robots=(name,))
+
+    at_origin = _tool(dock(0.0, np.zeros(3), 0.0), keyframes)
+    approach = [quat_rotate(pose.wxyz, (0.0, 0.0, 1.0)) for pose in at_origin]
+    tipped = int(np.argmax([z for _, _, z in approach]))
+    over = GRIP_M - min(pose.p[2] for pose in at_origin)
+    x, y, z = approach[tipped]
+    alike = np.abs(sampled[1][:, 2, 2] - z) < 1.0 - DOWN
+    for i, (p, R) in enumerate(zip(sampled[0][alike], sampled[1][alike], strict=True)):
+        yaw_deg = YAWS_DEG[i % len(YAWS_DEG)]
+        if is_partial(arm):  # it can tip its tool one way only
+            yaw_deg = round(float(np.degrees(np.arctan2(R[1, 2], R[0, 2]) - np.arctan2(y, x))))
+        yaw = float(np.radians(yaw_deg))
+        at = np.round(p - quat_rotate(quat_about_z(yaw), at_origin[tipped].p), 2)
+        if table is not None:
+            if abs(at[2] - table - over) > NEAR_M:
+                continue
+            at[2] = round(table + over, 3)
+        yield dock(yaw, at, round(float(at[2]) - over, 3))
+
+
+def _weigh(
+    arm: ArmModel, docks: Sequence[Calibration], keyframes: Sequence[Keyframe]
+) -> list[tuple[float, Calibration]]:
+    """Those docks at which every keyframe is within reach, least cost first."""
+    from pbd.arm.ik.branches import configuration_cost
+
+    found = []
+    for dock in docks:
+        poses = _tool(dock, keyframes)
+        q = _hold_all(arm, poses)
+        if q is not None:
+            x, y, _ = np.mean([pose.p for pose in poses], axis=0)
+            cost = float(configuration_cost(arm, q).mean()) + AHEAD * abs(float(np.arctan2(y, x)))
+            found.append((cost, dock))
+    return sorted(found, key=lambda each: each[0])
+
+
+def _hold_all(arm: ArmModel, poses: Sequence[Pose]) -> Array | None:
+    """Joints (m, k) of m different poses; None where one is out of reach. What is least like the first comes first."""
+    from pbd.arm.ik.partial_pose import is_partial, measure
+    from pbd.arm.ik.solver import solve
+    from pbd.arm.tool import target
+
+    found, left = list[Array](), sorted(poses, key=lambda pose: -sum(pose.distance(poses[0])))
+    while left:
+        pose = left[0]
+        result = solve(arm, pose, found[-1] if found else None)
+        if not result.reached:
+            return None
+        if is_partial(arm) and measure(arm, target(pose), result.q).approach_rad > APPROACH_OFF_RAD:
+            return None
+        found.append(result.q)
+        left = [other for other in left if max(pose.distance(other)) > 0.01]
+    return np.array(found)
+
+
+def _try(
+    robot: Robot, arm: ArmModel, dock: Calibration, keyframes: Sequence[Keyframe], grasped: GraspedObject | None
+) -> tuple[Robot, Plan] | str:
+    """Plan the demonstration at a dock, from the first home that it can be planned from; or why it can't."""
+    why = "the place over the dock is out of reach; correct base or T_body_tool"
+    for home in _homes(arm, dock, keyframes, grasped):
+        own = replace(robot, home=home, dock=dock)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", PbdWarning)  # of a plan that nobody sees
+            try:
+                return own, plan_keyframes(keyframes, dock, own, grasped=grasped)
+            except PbdError as error:
+                why = error.message
+    return why
+
+
+def _homes(
+    arm: ArmModel, dock: Calibration, keyframes: Sequence[Keyframe], grasped: GraspedObject | None
+) -> list[Array]:
+    """Joints (k,) that hold the tool over the first keyframe, free of everything if possible, least cost first."""
+    from pbd.arm.ik.branches import configuration_cost, find_branches, turn_toward
+
+    first = _tool(dock, keyframes)[0]
+    over = Pose(first.p + np.array([0.0, 0.0, HOME_OVER_M * dock.scale]), first.wxyz)
+    found = turn_toward(arm, find_branches(arm, over, arm.robot.home[None], WIDELY), arm.robot.home)
+    if not len(found):
+        return []
+    scene = scene_of(arm, dock, grasped)
+    least_first = np.round(found[configuration_cost(arm, found).argsort()], 4)
+    # Where none is free planning says why.
+    return [q for q in least_first if scene.hit(q) is None][:HOMES] or [least_first[0]]
+
+
+def _tool(dock: Calibration, keyframes: Sequence[Keyframe]) -> tuple[Pose, ...]:
+    return tool_poses(keyframes, nav_in_base(dock, keyframes[0].T_nav_sensor.wxyz), dock, 1.0, "demo")

@@ -1,0 +1,127 @@
+"""Values of a recording session: its options, a person's commands, the status for the screen, the outcome."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+from pathlib import Path
+
+from pbd.data import Keyframe, SensorErrors
+from pbd.pose import Array
+
+FEWEST_STOPS = 2
+"""Least number of stops that can be replayed: the first rest and one more."""
+
+
+class Command(enum.Enum):
+    """What a person may do while recording."""
+
+    END = enum.auto()
+    GRIP = enum.auto()
+    DISCARD = enum.auto()
+
+
+@dataclass(frozen=True)
+class RecordOptions:
+    """What to record, and how.
+
+    Attributes:
+        folder: of the new demonstration.
+        sensor: the protocol's name.
+        duration_s: the recording ends after this many seconds of samples.
+        tolerance_m: a move whose sigma grows beyond this is worth a pause.
+        closed: the hand will end at the dock.
+        raw: keep the bytes as they come.
+        reconnect: wait for a sensor that was unplugged.
+        force: replace a demonstration of that name, once the new one has ended well.
+        errors: of the sensor, as calibrated: the live tracker works without them, and a rest that contradicts them is
+            told. What is recorded stays as it was read.
+    """
+
+    folder: Path
+    sensor: str
+    created: str
+    duration_s: float | None = None
+    tolerance_m: float = 0.01
+    closed: bool = False
+    raw: bool = False
+    reconnect: bool = False
+    force: bool = False
+    errors: SensorErrors | None = None
+
+
+@dataclass(frozen=True)
+class Say:
+    """A message, with a bell if the person should act or may go on."""
+
+    t: float
+    text: str
+    bell: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Status:
+    """What the screen shows.
+
+    Attributes:
+        t: s since the first sample.
+        rate_hz: as measured over the last second.
+        samples: so far.
+        lost: samples that never came, as counted so far.
+        bad_packets: thrown away by the decoder.
+        waiting: what the tracker waits for, or "".
+        moving: whether the hand moves.
+        stops: how many so far.
+        keyframes: one a stop.
+        p_nav_sensor: (3,) m.
+        v_nav_sensor: (3,) m/s.
+        wxyz_nav_sensor: (4,).
+        sigma_m: one sigma of the position, if the hand stopped now.
+        sigma_of_move_m: the part of it that the move under way adds; 0 in a stop.
+        tremble: m/s2, rms of the last half second.
+        closed: whether the grip is closed.
+        said: what is new since the last status.
+    """
+
+    t: float
+    rate_hz: float
+    samples: int
+    lost: int
+    bad_packets: int
+    waiting: str
+    moving: bool
+    stops: int
+    keyframes: tuple[Keyframe, ...]
+    p_nav_sensor: Array
+    v_nav_sensor: Array
+    wxyz_nav_sensor: Array
+    sigma_m: float
+    sigma_of_move_m: float
+    tremble: float
+    closed: bool
+    said: tuple[Say, ...]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a recording ended.
+
+    Attributes:
+        folder: where it is; None where it was discarded.
+        samples: their number.
+        duration_s: from the first to the last.
+        lost: samples that never came.
+        bad_packets: thrown away by the decoder.
+        stops: how many.
+        ended_by: by whom or what.
+        before: what became of the demonstration that had the name before, in words, or "".
+    """
+
+    folder: Path | None
+    samples: int
+    duration_s: float
+    lost: int
+    bad_packets: int
+    stops: int
+    ended_by: str
+    before: str = ""

@@ -1,0 +1,187 @@
+"""Samples integrated in the gyro frame, block by block."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from pbd.pose import (
+    Array,
+    lengths,
+    quat_exp,
+    quat_from_rpy,
+    quat_inverse,
+    quat_log,
+    quat_multiply,
+    quat_rotate,
+    quat_to_matrix,
+    skew,
+)
+from pbd.tracking.noise import Noise, densities
+from pbd.tracking.online.samples import Sample
+from pbd.tracking.repair.saturation import FLAT_SAMPLES
+from pbd.tracking.smoother.knots import MOVE_KNOT_S
+from pbd.tracking.smoother.preintegration import (
+    ACC_BIAS,
+    ACC_MATRIX,
+    BLOCK_S,
+    ERRORS,
+    GYR_BIAS,
+    GYR_MATRIX,
+    LAG,
+    LOWER,
+    POS,
+    ROT,
+    ROUNDING_SIGMAS,
+    VEL,
+)
+
+CLIPPED_RATE, CLIPPED_SHARE = 3.0, 0.2
+"""A gyro axis is clipped if it repeats its largest reading, of CLIPPED_RATE rad/s or more. The true rate may be higher
+by CLIPPED_SHARE, one sigma."""
+
+
+@dataclass(frozen=True, eq=False)
+class Leg:
+    """A block of samples, as `Legs` has them from knot to knot; and, at its end, gyro frame <- sensor (4,), and by what
+    the gyro's rates add up to (3,) rad."""
+
+    T: float
+    dU: Array  # noqa: N815
+    dP: Array  # noqa: N815
+    J: Array
+    Q: Array
+    wxyz: Array
+    angle: Array
+
+
+class Strapdown:
+    """The gyro frame of `preintegration`, one sample at a time.
+
+    An integral from middle to middle needs the sample after; here its cubic is laid through the edges of the last three
+    intervals. What the one way says more than the other in one step it says less in the next: no error grows from it.
+
+    Attributes:
+        wxyz: (4,) gyro frame <- sensor.
+        u: (3,) m/s2, specific force in the gyro frame; rate (3,) rad/s, without the rest's mean.
+        T, U, P: of the block so far: s, velocity gained and way gone (m/s, m), and these by a second of lag (2, 3).
+        clipped: whether the gyro was at the end of its range; the one who reads it resets it.
+    """
+
+    def __init__(self, first: Sample, interval: float, noise: Noise, gyro_bias: Array, device: bool) -> None:
+        self.noise = noise
+        self._interval, self._bias, self._device = interval, gyro_bias, device
+        self.block = max(1, round(BLOCK_S / interval))
+        self.wxyz = np.array((1.0, 0.0, 0.0, 0.0)) if first.device_rpy is None or not device else _device(first)
+        self.rate = first.gyr - gyro_bias
+        self._acc, self._t = first.acc, first.t
+        self._before = self.rate
+        forces = self._forces(first.acc)
+        self.u: Array = forces[0]
+        self._u = (forces, forces)
+        self._same, self._fastest, self.clipped = 0, 0.0, False
+        # Rows of u and rate; densities look at two samples before and after each.
+        self._recent: deque[tuple[Array, Array]] = deque([(self.u, self.rate)] * 4, maxlen=self.block + 4)
+        self._begin()
+
+    def _begin(self) -> None:
+        self.count, self.T = 0, 0.0
+        self.U, self.P = np.zeros((2, 3)), np.zeros((2, 3))
+        self._wxyz, self._rates, self._accs = [self.wxyz], [self.rate], [self._acc]
+        self._guessed = np.zeros(2)
+
+    def _forces(self, acc: Array) -> Array:
+        """Specific force and what a second of lag would add, in the gyro frame (2, 3)."""
+        return quat_rotate(self.wxyz, np.stack((acc, skew(self.rate) @ acc)))
+
+    def push(self, sample: Sample) -> None:
+        """Take the next sample."""
+        dt = sample.t - self._t
+        if self._device:
+            now = _device(sample)
+            rate = quat_log(quat_multiply(quat_inverse(self.wxyz), now)) / dt
+            self.wxyz = now
+        else:
+            rate = sample.gyr - self._bias
+            turn = _middles(dt, self._before, self.rate, rate) + dt**2 / 12.0 * skew(self.rate) @ rate
+            self.wxyz = quat_multiply(self.wxyz, quat_exp(turn))
+            self._see_range(sample.gyr, rate, dt)
+        self._before, self.rate, self._acc, self._t = self.rate, rate, sample.acc, sample.t
+        forces, (earlier, before) = self._forces(sample.acc), self._u
+        gained = _middles(dt, earlier, before, forces)
+        self.P = self.P + dt * (self.U + 0.5 * gained) - dt**2 / 12.0 * (forces - before)
+        self.U = self.U + gained
+        self._u, self.u = (before, forces), forces[0]
+        self._guessed += dt * np.array(sample.guessed)
+        self.T += dt
+        self.count += 1
+        self._wxyz.append(self.wxyz)
+        self._rates.append(rate)
+        self._accs.append(sample.acc)
+        self._recent.append((self.u, rate))
+
+    def _see_range(self, gyr: Array, rate: Array, dt: float) -> None:
+        same = (rate == self.rate) & (np.abs(gyr) >= max(CLIPPED_RATE, self._fastest))
+        self._same = self._same + 1 if same.any() else 0
+        self._fastest = max(self._fastest, float(np.abs(gyr).max()))
+        if self._same >= FLAT_SAMPLES - 1:
+            self.clipped = True
+            lost = CLIPPED_SHARE * dt * self._fastest
+            self._guessed[0] += lost**2 * (2.0 * self._same + 1.0)  # which grows as the square of how long it lasts
+
+    def leg(self, still_acc: Array | None, up: Array) -> Leg:
+        """What was integrated since the last one.
+
+        Args:
+            still_acc: (3,) m/s2, the mean specific force where the sensor stands still: its scatter is no regressor.
+            up: (3,) m/s2, gravity in the gyro frame.
+        """
+        T, n = self.T, self.count
+        C = quat_to_matrix(self._wxyz[(n + 1) // 2])
+        turned = np.mean(self._rates, axis=0)
+        rate = turned if still_acc is None else np.zeros(3)
+        force = np.mean(self._accs, axis=0) if still_acc is None else still_acc
+        by_gyr = -T * np.hstack((C, (C[:, :, None] * rate).reshape(3, 9)))
+        i, j = np.transpose(LOWER)
+        by_acc = -T * np.hstack((C, C[:, i] * force[j]))
+        swung = -0.5 * skew(self.U[0]) @ by_gyr
+        J = np.zeros((9, ERRORS))
+        J[ROT, GYR_BIAS], J[ROT, GYR_MATRIX] = by_gyr[:, :3], by_gyr[:, 3:]
+        J[VEL, GYR_BIAS], J[VEL, GYR_MATRIX] = swung[:, :3], swung[:, 3:]
+        J[VEL, ACC_BIAS], J[VEL, ACC_MATRIX] = by_acc[:, :3], by_acc[:, 3:]
+        J[POS] = 0.5 * T * J[VEL]
+        J[VEL, LAG], J[POS, LAG] = self.U[1][:, None], self.P[1][:, None]
+        leg = Leg(T, self.U[0], self.P[0], J, self._noise(n, T, up), self.wxyz, T * turned)
+        self._begin()
+        return leg
+
+    def _noise(self, n: int, T: float, up: Array) -> Array:
+        """Covariance (9, 9) of turn, velocity and way."""
+        dt = T / n
+        recent = np.array(self._recent)[-(n + 4) :]
+        u, rate = recent[:, 0], recent[:, 1]
+        s_g, s_a = (each[:, 2:-2].sum() * dt for each in densities(self.noise, rate, u, self._interval, up))
+        if self._device:
+            s_g += self.noise.device_lag * float((lengths(rate[4:]) ** 2).sum()) * dt
+        g, a, S, one = s_g + self._guessed[0], s_a + self._guessed[1], skew(self.U[0] / T), np.eye(3)
+        # As `block_noise` has it, for one block that lasts T.
+        SS, Q = S @ S.T, np.zeros((9, 9))
+        Q[ROT, ROT] = (g + ROUNDING_SIGMAS[0] ** 2 * T / MOVE_KNOT_S) * one
+        Q[ROT, VEL], Q[ROT, POS] = 0.5 * g * T * S, g * T**2 / 6.0 * S
+        Q[VEL, VEL] = (a + ROUNDING_SIGMAS[1] ** 2 * T / MOVE_KNOT_S) * one + g * T**2 / 3.0 * SS
+        Q[VEL, POS] = 0.5 * a * T * one + 0.125 * g * T**3 * SS
+        Q[POS, POS] = (a * T**2 / 3.0 + ROUNDING_SIGMAS[2] ** 2 * T / MOVE_KNOT_S) * one + 0.05 * g * T**4 * SS
+        Q[VEL, ROT], Q[POS, ROT], Q[POS, VEL] = Q[ROT, VEL].T, Q[ROT, POS].T, Q[VEL, POS].T
+        return Q
+
+
+def _middles(dt: float, earlier: Array, before: Array, own: Array) -> Array:
+    """Integral from the middle of the interval before to that of its own, of means over intervals of dt."""
+    integral: Array = dt * (6.0 * before + 3.0 * own - earlier) / 8.0
+    return integral
+
+
+def _device(sample: Sample) -> Array:
+    return quat_from_rpy(np.asarray(sample.device_rpy, dtype=np.float64))

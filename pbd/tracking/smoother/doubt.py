@@ -1,0 +1,92 @@
+"""Which stops are in doubt once the velocity is estimated, and what is left of them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbd.pose import Array, lengths
+from pbd.tracking.moving_windows import median
+from pbd.tracking.noise import OUTLIER_SIGMAS
+from pbd.tracking.smoother.gauss_newton import (
+    UNDOUBTED_SIGMAS,
+)
+from pbd.tracking.smoother.knots import Problem
+from pbd.tracking.smoother.normal_equations import VEL, Solved
+from pbd.tracking.smoother.state import Weights
+from pbd.tracking.zero_velocity import (
+    Spans,
+    calm_part,
+    slow_parts,
+    trimmed,
+)
+
+MOVING_WEIGHT, MAX_RECUTS = 0.5, 5
+"""Weight of a stop's velocity factor below which the hand seems to move; how often candidates are cut to their slow
+parts."""
+
+SHORTEST_DIVIDED_S = 0.5
+"""Shortest candidate, s, that can hold both a rest and a move. A shorter one is a stop or none."""
+
+SETTLED_S = 0.02
+"""Largest change of a stop's ends, s, after which the solution is final: no knot is nearer to them."""
+
+SLOW_SPEED = 0.02
+"""m/s: a doubted stop is cut where the estimate is faster, and faster than noise explains."""
+
+SET_OUT_SPEED = 2e-4
+"""m/s above the noise: a hand that is slower has not set out yet."""
+
+
+def doubted_stops(problem: Problem, weights: Weights, candidates: Spans) -> NDArray[np.bool_]:
+    """Which candidates contain a knot that seems to move, and are long enough to contain a rest and a move, (c,)."""
+    knots, spans = problem.rows[(problem.stop_of >= 0) & (weights.still < MOVING_WEIGHT)], np.array(candidates)
+    first, end = np.searchsorted(knots, spans.T)
+    start, last = problem.frame.t[spans - (0, 1)].T
+    doubted: NDArray[np.bool_] = (end > first) & (last - start > SHORTEST_DIVIDED_S)
+    return doubted
+
+
+def revised_stops(
+    problem: Problem, v: Array, solved: Solved, candidates: Spans, cut: NDArray[np.bool_], speed: Array
+) -> tuple[Spans, Spans]:
+    """The stops by the estimated velocity, and where the hand is calm in each.
+
+    A doubted candidate is cut to its slow parts. Ends at which the hand moves are trimmed.
+
+    Args:
+        problem: with what was taken for stops.
+        v: (n, 3) m/s, the estimate.
+        solved: how sure it is.
+        candidates: what looks still.
+        cut: (c,) which of them were doubted.
+        speed: (n,) m/s, how fast a hand may be that stands still.
+    """
+    t, fast = problem.frame.t, np.maximum(SLOW_SPEED, OUTLIER_SIGMAS * speed)
+    if cut.any():
+        sigma = np.sqrt(np.trace(solved.of_knots(VEL), axis1=1, axis2=2))
+        fast = np.maximum(fast, UNDOUBTED_SIGMAS * np.interp(t, problem.t, sigma))
+    blurred = np.trace(problem.legs.parts[:, :, 3:6, 3:6].sum(axis=0), axis1=1, axis2=2) / 3.0
+    stops: Spans = []
+    calm: Spans = []
+    for span, in_parts in zip(candidates, cut.tolist(), strict=True):
+        whole = slice(*span)
+        for part in slow_parts(t, span, lengths(v[whole]) < fast[whole]) if in_parts else [span]:
+            inside = slice(*part)
+            # Sigma of the change of velocity from knot to knot, along each axis.
+            first, last = np.searchsorted(problem.rows, part)
+            between = blurred[first : max(last - 1, first + 1)]
+            blur = float(np.sqrt(between.sum() / max(len(between), 1)))
+            creep = lengths(v[inside] - median(v[inside]))
+            stops.append(trimmed(part, creep < OUTLIER_SIGMAS * (float(median(speed[inside])) + blur)))
+            start, stop = stops[-1][0] - part[0], stops[-1][1] - part[0]
+            calm.append(calm_part(t, stops[-1], creep[start:stop] < SET_OUT_SPEED + 2.0 * blur))
+    return stops, calm
+
+
+def settled(t: Array, before: Spans, after: Spans) -> bool:
+    """Whether the stops have stayed the same, within SETTLED_S at their ends."""
+    if len(before) != len(after):
+        return False
+    ends = t[np.array([before, after]) - (0, 1)]
+    return bool(np.abs(ends[1] - ends[0]).max() < SETTLED_S)

@@ -1,0 +1,69 @@
+"""All that a motion touches, against a search through its samples."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from pbd.arm.collision.motion_check import all_hits, check_motion, object_stays
+from pbd.arm.collision.scene import CollisionScene
+from pbd.arm.model import ArmModel
+from pbd.data import GraspedObject, JointTrajectory
+from pbd.pose import Array
+from tests.arm.collision.test_collision import BOTTLE, GRIPS, PLACES, board, through
+
+
+def sampled(scene: CollisionScene, trajectory: JointTrajectory, t: Array) -> dict[tuple[str, str], list[float]]:
+    """The instants at which two bodies touch, by their names."""
+    samples, stays = trajectory.at(t), object_stays(scene, trajectory)
+    found: dict[tuple[str, str], list[float]] = {}
+    for instant, q, opening in zip(t, samples.q, samples.gripper, strict=True):
+        x = np.append(q, opening)
+        around = [scene.around_object(stay) for stay in stays if stay.start <= instant <= stay.end]
+        for watch in (scene.always, *around):
+            for pair, distance in watch.clearance.touching(x):
+                if not (watch.allowed and watch.allowed(pair, x)):
+                    hit = scene.as_hit(watch, pair, x, distance)
+                    found.setdefault((hit.first, hit.second), []).append(float(instant))
+    return found
+
+
+@pytest.mark.parametrize(
+    ("table", "height", "grasped", "least"),
+    [(0.17, 0.05, None, 2), (0.17, 0.45, None, 3), (0.12, 0.45, BOTTLE, 3)],  # the hand comes down to 0.15 m twice
+)
+def test_all_hits_are_those_that_a_search_finds(
+    arm: ArmModel, table: float, height: float, grasped: GraspedObject | None, least: int
+) -> None:
+    scene = CollisionScene(arm, table, [board(0.0, height)], grasped)
+    trajectory = through(arm, PLACES, GRIPS)
+    hits = all_hits(scene, trajectory)
+    step = 0.02
+    wanted = sampled(scene, trajectory, np.arange(0.0, trajectory.duration, step))
+    assert len(hits) >= least
+    assert {(each.hit.first, each.hit.second) for each in hits} >= set(wanted)
+    for bodies, instants in wanted.items():
+        spans = [(each.t, each.parted_t) for each in hits if (each.hit.first, each.hit.second) == bodies]
+        for instant in instants:
+            assert any(start - 1e-9 <= instant <= end + step for start, end in spans), (bodies, instant, spans)
+        for start, end in spans:  # and what is told is there, but for what is shorter than the search can see
+            assert end - start < 2 * step or any(start <= instant <= end for instant in instants)
+    for earlier, later in pairwise(hits):
+        assert earlier.t <= later.t
+
+
+def test_the_first_is_the_one_that_a_refusal_tells(arm: ArmModel) -> None:
+    scene = CollisionScene(arm, 0.12, [board(0.0, 0.45)], BOTTLE)
+    trajectory = through(arm, PLACES, GRIPS)
+    first, (told, *_) = check_motion(scene, trajectory), all_hits(scene, trajectory)
+    assert first is not None
+    assert told.t == first.t
+    assert (first.hit.first, first.hit.second) in {
+        (each.hit.first, each.hit.second) for each in all_hits(scene, trajectory) if each.t == first.t
+    }
+
+
+def test_a_free_motion_has_none(arm: ArmModel) -> None:
+    assert all_hits(CollisionScene(arm, 0.0, [board(0.0, 0.15)], BOTTLE), through(arm, PLACES, GRIPS)) == ()

@@ -1,0 +1,318 @@
+"""Distances, how fast they may change, and which pairs are watched: against exact distances and by properties."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+from pbd.arm.collision import allowed_collisions
+from pbd.arm.collision.allowed_collisions import link_pairs
+from pbd.arm.collision.clearance import MARGIN_M, STEP_M, Clearance, JointPath, configurations
+from pbd.arm.collision.geometry import Body, link_bodies
+from pbd.arm.collision.motion_bounds import rates
+from pbd.arm.gripper import arm_bodies, gripper_links
+from pbd.arm.model import ArmModel, load_model
+from pbd.arm.path_sampling import along, polyline
+from pbd.data import Gripper, JointTrajectory, Robot
+from pbd.pose import Array, Pose, quat_about_z
+from tests.arm.collision_oracles import ROBOTS, arm_of, coordinates, hull_distance, placements, points_of, rounding_of
+from tests.audit.test_audit import spline
+
+
+def links_only(arm: ArmModel) -> Clearance:
+    return Clearance(arm, arm_bodies(arm), link_pairs(arm)[0])
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_coordinates_are_the_models(name: str) -> None:
+    arm = arm_of(name)
+    for x in coordinates(arm, 5):
+        assert_allclose(configurations(arm, x[None])[0], arm.full_q(x[:-1], x[-1]), atol=1e-15)
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+def test_distances_are_exact(name: str) -> None:
+    """Hulls, boxes and capsules, against least squares over their corners."""
+    arm = arm_of(name)
+    clearance = links_only(arm)
+    for x in coordinates(arm, 4):
+        joints, got = placements(arm, x), clearance.distances(x)
+        for pair, (a, b) in enumerate(clearance.pairs):
+            first, second = clearance.bodies[a], clearance.bodies[b]
+            exact = hull_distance(points_of(first, joints), points_of(second, joints))
+            exact -= rounding_of(first) + rounding_of(second)
+            asked = got[pair] == MARGIN_M and first.mesh is not None and second.mesh is not None
+            assert got[pair] == pytest.approx(exact, abs=1e-5) or (got[pair] < 0.0 and exact < 1e-5) or asked
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_distances_change_no_faster_than_the_bound(name: str) -> None:
+    arm = arm_of(name)
+    clearance, rng = links_only(arm), np.random.default_rng(0)
+    for x in coordinates(arm, 25):
+        step = rng.normal(size=x.shape) * rng.choice([0.003, 0.1, 1.0]) * (rng.random(x.shape) < 0.5)
+        step[-1] = np.clip(x[-1] + step[-1], 0.0, 1.0) - x[-1]
+        before, after = clearance.distances(x), clearance.distances(x + step)
+        of_hulls = np.minimum(before, after) > MARGIN_M  # of meshes only a bound is known
+        assert (np.abs(after - before) <= clearance.rates @ np.abs(step) + 1e-5)[of_hulls].all()
+
+
+def test_a_sliding_and_an_endless_joint_are_bounded_too(odd_arm: ArmModel) -> None:
+    """Bodies on every link of an arm with every kind of joint."""
+    joints = range(odd_arm.full.njoints)
+    bodies = [
+        Body(str(i), i, Pose.from_rpy((0.1, 0.05 * i, 0.0), (0.3, 0.0, i)), "box", (0.1, 0.2, 0.02)) for i in joints
+    ]
+    pairs = np.array([(i, j) for j in joints for i in range(j)])
+    clearance, rng = Clearance(odd_arm, bodies, pairs), np.random.default_rng(1)
+    assert (clearance.rates[:, 1].max(), clearance.rates[:, -1].max()) == (1.0, 0.0)  # the lift slides; no gripper
+    low, high = np.array([-9.0, 0.0, -6.5, -2.0, 0.0]), np.array([9.0, 0.4, 6.5, 2.0, 1.0])
+    for _ in range(50):
+        x, end = rng.uniform(low, high, (2, 5))
+        end = x + rng.choice([0.01, 1.0]) * (end - x)
+        change = clearance.distances(end) - clearance.distances(x)
+        assert (np.abs(change) <= clearance.rates @ np.abs(end - x) + 1e-5).all()
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 7), st.floats(0.01, 1.0), st.integers(0, 2**32 - 1))
+def test_the_bound_holds_for_each_point_and_is_not_idle(joint: int, turn: float, seed: int) -> None:
+    """Points of the panda's hand move with each joint by at most its lever; with the last one by nearly as much."""
+    arm = arm_of("panda")
+    hand = next(body for body in link_bodies(arm) if body.name == "panda_hand")
+    foot = Body("foot", 0, Pose.identity(), "floor")
+    rate = rates(arm, [foot, hand], np.array([[0, 1]]))[0]
+    x = coordinates(arm, 1, seed)[0]
+    moved = x.copy()
+    moved[joint] += turn
+    before, after = (points_of(hand, placements(arm, each)) for each in (x, moved))
+    way = np.linalg.norm(after - before, axis=1).max()
+    assert way <= rate[joint] * abs(turn) + 1e-12
+    if joint == 6:
+        assert way >= 0.95 * rate[6] * 2.0 * np.sin(abs(turn) / 2.0)
+
+
+def test_joints_below_both_bodies_do_not_count() -> None:
+    arm = arm_of("panda")
+    bodies = link_bodies(arm)
+    names = [body.name for body in bodies]
+    pair = np.array([[names.index("panda_link5"), names.index("panda_link7")]])
+    assert_array_equal(rates(arm, bodies, pair)[0] > 0.0, [False] * 5 + [True] * 2 + [False])
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_nodes_are_close_enough(arm: ArmModel, seed: int) -> None:
+    """Between two nodes each joint goes one way, and no pair moves by more than a step."""
+    trajectory, _ = spline(arm, seed)
+    trajectory = replace(trajectory, gripper_t=np.array([0.0, 0.5, 0.9]), gripper_opening=np.array([1.0, 1.0, 0.2]))
+    bound = links_only(arm).rates
+    path = along(trajectory, bound)
+    assert (path.t[0], path.t[-1]) == (0.0, trajectory.duration)
+    assert (np.diff(path.t) > 0.0).all()
+    motion = bound @ np.abs(np.diff(path.x.T))
+    assert motion.max() <= STEP_M * (1.0 + 1e-9)
+    assert motion.max() > 0.3 * STEP_M  # and not closer than they must be
+    for share in np.linspace(0.1, 0.9, 5):
+        between = trajectory.at(path.t[:-1] + share * np.diff(path.t))
+        x = np.column_stack((between.q, between.gripper))
+        low, high = np.minimum(path.x[:-1], path.x[1:]), np.maximum(path.x[:-1], path.x[1:])
+        assert (x >= low - 1e-12).all()
+        assert (x <= high + 1e-12).all()
+
+
+def test_a_part_of_a_trajectory(arm: ArmModel) -> None:
+    trajectory, _ = spline(arm, 0)
+    path = along(trajectory, links_only(arm).rates, 0.7, 1.1)
+    assert (path.t[0], path.t[-1]) == (0.7, 1.1)
+    assert_array_equal(path.x[:, :-1], trajectory.at(path.t).q)
+
+
+class Counted(Clearance):
+    """Counts how often a distance is asked for."""
+
+    looks = 0
+
+    def _distance(self, pair: int) -> float:
+        self.looks += 1
+        return super()._distance(pair)
+
+
+def swing(arm: ArmModel, angle: float) -> JointPath:
+    home: Array = arm.robot.home
+    return polyline(np.stack((home, home + angle * np.eye(7)[0])), 1.0, np.ones((1, 8)))
+
+
+def beside(arm: ArmModel, gap: float, size: float = 0.1) -> Clearance:
+    """The panda's hand and a sphere that its path round the base stays `gap` away from, 0.6 rad along."""
+    hand = next(body for body in link_bodies(arm) if body.name == "panda_hand")
+    x = np.append(arm.robot.home + 0.6 * np.eye(7)[0], 1.0)
+    top = points_of(hand, placements(arm, x))
+    corner = top[np.argmax(top[:, 2])]
+    middle = corner + np.array([0.0, 0.0, gap + hand.pad + size / 2])
+    sphere = Body("ball", 0, Pose.from_rpy(middle, (0, 0, 0)), "sphere", (size,))
+    return Counted(arm, [hand, sphere], np.array([[0, 1]]))
+
+
+def test_a_path_that_passes_is_free_and_few_looks_are_taken() -> None:
+    arm = arm_of("panda")
+    clearance = beside(arm, 1.1 * MARGIN_M)
+    path = swing(arm, 1.2)
+    assert clearance.first_contact(path) is None
+    assert isinstance(clearance, Counted)
+    assert 2 < clearance.looks < len(path.t) / 3
+
+
+@pytest.mark.parametrize("depth", [-0.9 * MARGIN_M, 0.0, 0.004, 0.03])
+def test_a_contact_is_found_with_its_beginning_end_and_depth(depth: float) -> None:
+    arm = arm_of("panda")
+    clearance, path = beside(arm, -depth), swing(arm, 1.2)
+    met = clearance.first_contact(path)
+    dense = np.array([clearance.distances(x)[0] for x in path.x])
+    assert met is not None
+    inside = np.flatnonzero(dense < MARGIN_M)
+    assert abs(path.t[met.first] - path.t[inside[0]]) * 1.2 * 0.9 < STEP_M
+    assert abs(path.t[met.last] - path.t[inside[-1]]) * 1.2 * 0.9 < 2 * STEP_M
+    assert met.distance == pytest.approx(-depth, abs=0.2 * STEP_M)
+    assert clearance.distances(path.x[met.deepest])[0] == met.distance
+
+
+def test_what_is_allowed_is_passed_over() -> None:
+    arm = arm_of("panda")
+    clearance, path = beside(arm, -0.01), swing(arm, 1.2)
+    assert clearance.first_contact(path, lambda pair, x: pair == 0) is None
+    met = clearance.first_contact(path, lambda pair, x: bool(x[0] < 0.6))
+    assert met is not None
+    assert 0.6 <= path.x[met.first, 0] < 0.61
+
+
+def test_the_first_contact_comes_first_whichever_pair_is_asked_first() -> None:
+    arm = arm_of("panda")
+    clearance = beside(arm, -0.02)
+    ball = clearance.bodies[1]
+    early = replace(ball, name="early", T_joint_body=Pose(np.zeros(3), quat_about_z(-0.3)) @ ball.T_joint_body)
+    bodies = [*clearance.bodies, early]
+    for pairs in ([[0, 1], [0, 2]], [[0, 2], [0, 1]]):
+        met = Clearance(arm, bodies, np.array(pairs)).first_contact(swing(arm, 1.2))
+        assert met is not None
+        assert pairs[met.pair] == [0, 2]
+
+
+def dropped(arm: ArmModel) -> dict[frozenset[str], str]:
+    return {frozenset((pair.first, pair.second)): pair.why for pair in link_pairs(arm)[1]}
+
+
+def test_what_the_panda_drops() -> None:
+    arm = arm_of("panda")
+    why = dropped(arm)
+    assert why[frozenset(("panda_link2", "panda_link3"))] == "next to each other"
+    assert why[frozenset(("panda_hand", "panda_leftfinger"))] == "both belong to the gripper"
+    assert why[frozenset(("panda_link0", "panda_link2"))].startswith("SRDF: ")
+    watched = {frozenset(link_bodies(arm)[i].name for i in pair) for pair in link_pairs(arm)[0]}
+    assert frozenset(("panda_link0", "panda_hand")) in watched
+    assert not watched & why.keys()
+    assert gripper_links(arm, link_bodies(arm)) == {
+        "panda_link7", "panda_hand", "panda_leftfinger", "panda_rightfinger"
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_every_pair_is_watched_or_dropped_or_rigid(name: str) -> None:
+    arm = arm_of(name)
+    bodies, why = arm_bodies(arm), dropped(arm)
+    watched = {tuple(pair) for pair in link_pairs(arm)[0]}
+    x, y = coordinates(arm, 2)
+    for j in range(len(bodies)):
+        for i in range(j):
+            if (i, j) in watched or frozenset((bodies[i].name, bodies[j].name)) in why:
+                continue
+            here, there = (
+                (joints[bodies[i].joint].inverse() @ joints[bodies[j].joint]).p
+                for joints in (placements(arm, x), placements(arm, y))
+            )
+            assert_allclose(here, there, atol=1e-12)
+
+
+NESTED = """<robot name="nested">
+<link name="foot"><collision><geometry><sphere radius="{}"/></geometry></collision></link>
+<link name="arm"><collision><origin xyz="1 0 0"/><geometry><sphere radius="0.01"/></geometry></collision></link>
+<link name="axle"/>
+<link name="hand"><collision><geometry><sphere radius="{}"/></geometry></collision></link>
+<link name="finger"><collision><geometry><sphere radius="0.01"/></geometry></collision></link>
+<joint name="pan" type="revolute"><parent link="foot"/><child link="arm"/>
+<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+<joint name="tilt" type="revolute"><parent link="arm"/><child link="axle"/><origin xyz="0.1 0 0"/>
+<axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+<joint name="turn" type="revolute"><parent link="axle"/><child link="hand"/><origin xyz="0 0 0.1"/>
+<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+<joint name="grip" type="prismatic"><parent link="hand"/><child link="finger"/><origin xyz="0.9 0 0"/>
+<axis xyz="1 0 0"/><limit lower="0" upper="0.1" effort="1" velocity="1"/></joint></robot>"""
+
+
+def nested(folder: Path, panda: Robot, radius: float = 0.05, foot: float = 0.3) -> ArmModel:
+    """An arm whose hand is inside its foot; between arm and hand there is a link with nothing solid."""
+    path = folder / "nested.urdf"
+    path.write_text(NESTED.format(foot, radius), encoding="utf-8")
+    limits: Any = {name: np.ones(3) for name in ("upper", "velocity", "acceleration", "jerk")}
+    return load_model(
+        replace(
+            panda,
+            urdf=path,
+            srdf=None,
+            base="foot",
+            body="hand",
+            joints=("pan", "tilt", "turn"),
+            home=np.zeros(3),
+            gripper=Gripper(("grip",), np.array([0.1]), np.zeros(1), 1.0),
+            limits=replace(panda.limits, lower=-np.ones(3), effort=None, **limits),
+        )
+    )
+
+
+def test_what_always_touches_is_dropped_and_told(tmp_path: Path, panda: Robot) -> None:
+    why = dropped(nested(tmp_path, panda))
+    assert why == {
+        frozenset(("foot", "arm")): "next to each other",
+        frozenset(("arm", "hand")): "next to each other",  # the axle between them is nothing
+        frozenset(("hand", "finger")): "both belong to the gripper",
+        frozenset(("foot", "hand")): "touch in every configuration",
+    }
+    assert len(link_pairs(nested(tmp_path, panda))[0]) == 2  # the finger against foot and arm
+
+
+def test_what_touches_only_mostly_is_kept(tmp_path: Path, panda: Robot) -> None:
+    """The hand's middle is between 0.1 and 0.2 m from the foot's, whose radius is 0.3: so near only when tilted."""
+    arm = nested(tmp_path, panda)
+    body = next(body for body in link_bodies(arm) if body.name == "foot")
+    reach = [np.linalg.norm(placements(arm, np.array([0.0, tilt, 0, 1]))[3].p) for tilt in (-1.0, 0.0, 1.0)]
+    assert min(reach) < max(reach)
+    foot = replace(body, size=(2.0 * float(np.mean((min(reach), max(reach)))) - 0.1,))
+    hand = next(body for body in link_bodies(arm) if body.name == "hand")
+    clearance = Clearance(arm, [foot, hand], np.array([[0, 1]]))
+    assert clearance.always_touching(allowed_collisions.samples(arm, 500), allowed_collisions.NEARLY_ALWAYS) == {}
+    assert (np.array([clearance.distances(x)[0] for x in allowed_collisions.samples(arm, 100)]) < 0.0).any()
+
+
+def test_what_touches_in_nearly_every_configuration_is_dropped_and_told(tmp_path: Path, panda: Robot) -> None:
+    """The hand is clear of a foot of 13.8 cm only where it is tilted least, in three of a hundred configurations."""
+    why = dropped(nested(tmp_path, panda, foot=0.1378))[frozenset(("foot", "hand"))]
+    found = re.fullmatch(r"touch in (\d+) of 200 random configurations", why)
+    assert found is not None
+    assert 190 <= int(found[1]) < 200
+    assert dropped(nested(tmp_path, panda, foot=0.1378))[frozenset(("foot", "hand"))] == why
+    assert frozenset(("foot", "hand")) not in dropped(nested(tmp_path, panda, foot=0.1334))  # in nine of ten
+
+
+def test_a_trajectory_of_one_instant(arm: ArmModel) -> None:
+    """A stay may begin where it ends."""
+    trajectory: JointTrajectory = spline(arm, 0)[0]
+    path = along(trajectory, links_only(arm).rates, 0.7, 0.7)
+    assert_array_equal(path.t, [0.7])
+    assert links_only(arm).first_contact(path) is None

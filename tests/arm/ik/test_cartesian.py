@@ -1,0 +1,106 @@
+"""Joints along a path of the tool: they lead on, reach each pose, and never leap."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from pbd.arm.ik.branches import find_branches
+from pbd.arm.ik.cartesian import LEAP_RAD, SPACING_M, SPACING_RAD, follow, line, refine
+from pbd.arm.ik.partial_pose import is_partial
+from pbd.arm.model import ArmModel
+from pbd.arm.sweep import off_line
+from pbd.pose import Array, Pose, quat_rotate
+from tests.arm.bundled import NAMES, arm_of
+
+SIX_AND_MORE = [name for name in NAMES if not is_partial(arm_of(name))]
+
+
+def along(arm: ArmModel, distance: float) -> tuple[Pose, ...]:
+    """A line from home toward the base and down, with a turn about the tool's axis."""
+    home = arm.forward(arm.robot.home)
+    inward = -home.p * (1.0, 1.0, 0.0) / np.linalg.norm(home.p[:2]) + (0.0, 0.0, -0.5)
+    return line(home, Pose(home.p + distance * inward, (home @ Pose.from_rpy((0, 0, 0), (0, 0, 0.4))).wxyz))
+
+
+def known_ends(arm: ArmModel, poses: tuple[Pose, ...]) -> tuple[Array, Array]:
+    q = arm.robot.home
+    for pose in poses:
+        found = refine(arm, pose, q)
+        assert found is not None
+        q = found
+    return arm.robot.home, q
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_each_pose_is_reached_and_no_joint_leaps(name: str) -> None:
+    arm = arm_of(name)
+    poses = along(arm, 0.05)
+    q = follow(arm, poses, *known_ends(arm, poses))
+    assert q is not None
+    assert np.abs(np.diff(q, axis=0)).max() < LEAP_RAD
+    for pose, joints in zip(poses, q, strict=True):
+        distance, angle = pose.distance(arm.forward(joints))
+        assert distance < 1e-8
+        assert angle < (1e-8 if not is_partial(arm) else 0.5)
+    assert (q >= arm.limits.lower).all()
+    assert (q <= arm.limits.upper).all()
+
+
+@pytest.mark.parametrize("name", SIX_AND_MORE)
+def test_the_tool_stays_on_the_line(name: str) -> None:
+    """Straight in joint space it doesn't."""
+    arm = arm_of(name)
+    poses = along(arm, 0.1)
+    q = follow(arm, poses, *known_ends(arm, poses))
+    assert q is not None
+    straight = np.linspace(q[0], q[-1], len(q))
+    assert off_line(arm, q) < 1e-7
+    assert off_line(arm, straight) > 1e-4
+
+
+def test_off_line_is_the_distance_from_a_line() -> None:
+    """By hand, place for place."""
+    arm = arm_of("ur5")
+    q = np.linspace(arm.robot.home, arm.robot.home + np.array([0.5, 0.3, -0.2, 0.1, 0.4, 0.0]), 20)
+    places = np.array([arm.forward(joints).p for joints in q])
+    way = (places[-1] - places[0]) / np.linalg.norm(places[-1] - places[0])
+    expected = max(float(np.linalg.norm(np.cross(place - places[0], way))) for place in places)
+    assert off_line(arm, q) == pytest.approx(expected, rel=1e-9)
+    assert off_line(arm, np.repeat(q[:1], 3, axis=0)) == 0.0
+
+
+def test_another_way_to_hold_the_arm_is_a_leap() -> None:
+    """The same pose with another wrist or elbow: no path of the tool leads there."""
+    arm = arm_of("ur5")
+    poses = along(arm, 0.1)
+    start, end = known_ends(arm, poses)
+    others = [q for q in find_branches(arm, poses[-1], arm.robot.home[None], 80) if np.abs(q - end).max() > 0.5]
+    assert len(others) >= 3
+    for other in others:
+        assert follow(arm, poses, start, other) is None
+
+
+def test_a_pose_out_of_reach_on_the_way_is_told() -> None:
+    arm = arm_of("ur5")
+    home = arm.forward(arm.robot.home)
+    far = Pose(home.p + np.array([2.0, 0.0, 0.0]), home.wxyz)
+    poses = (*line(home, far), *line(far, home))
+    assert follow(arm, poses, arm.robot.home, arm.robot.home) is None
+
+
+def test_lines_are_straight_and_their_poses_close() -> None:
+    start, end = Pose.from_rpy((0.1, 0.2, 0.3), (3.0, 0.1, 0.2)), Pose.from_rpy((0.3, 0.0, 0.4), (2.0, 0.3, -0.4))
+    poses = line(start, end)
+    assert (poses[0], poses[-1]) == (start, end)
+    steps = [a.distance(b) for a, b in pairwise(poses)]
+    assert max(distance for distance, _ in steps) <= SPACING_M + 1e-12
+    assert max(angle for _, angle in steps) <= SPACING_RAD + 1e-12
+    np.testing.assert_allclose([distance for distance, _ in steps], steps[0][0], rtol=1e-9)
+    np.testing.assert_allclose([angle for _, angle in steps], steps[0][1], rtol=1e-6)
+    axis = quat_rotate(start.wxyz, (start.inverse() @ end).log()[3:])
+    for pose in poses[1:]:  # about one axis
+        turned = quat_rotate(start.wxyz, (start.inverse() @ pose).log()[3:])
+        np.testing.assert_allclose(np.cross(turned, axis), 0.0, atol=1e-9)

@@ -1,0 +1,163 @@
+"""Arms of five joints hold the rule: the position exactly, then the approach axis, then the rotation about it."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+from scipy.optimize import Bounds, NonlinearConstraint, minimize
+
+from pbd.arm.ik.partial_pose import ABOUT_AXIS, NEAR_M, hold, is_partial, measure, solve_partial
+from pbd.arm.ik.solver import solve
+from pbd.arm.joint_path import solve_path
+from pbd.arm.model import ArmModel
+from pbd.arm.tool import target
+from pbd.calibration.dock import nav_in_base
+from pbd.calibration.frames import tool_poses
+from pbd.errors import PbdWarning
+from pbd.pose import Array, Pose, quat_to_matrix
+from tests.arm.bundled import DEMOS, FIVE_JOINTS, NAMES, arm_of, keyframes_of
+from tests.arm.conftest import random_joints
+
+
+def turned(pose: Pose, rotation: Array) -> Pose:
+    """A pose that is turned in place, about the tool's own axes."""
+    return pose @ Pose.exp((0.0, 0.0, 0.0, *rotation))
+
+
+def test_only_arms_of_fewer_than_six_joints_are_relaxed() -> None:
+    assert {name for name in NAMES if is_partial(arm_of(name))} == set(FIVE_JOINTS)
+
+
+@pytest.mark.parametrize("name", FIVE_JOINTS)
+def test_a_pose_that_can_be_met_whole_is(name: str) -> None:
+    arm = arm_of(name)
+    for truth in random_joints(arm.robot, 60, seed=1):
+        pose = arm.forward(truth)
+        result = solve(arm, pose)
+        assert result.reached
+        assert max(pose.distance(arm.forward(result.q))) < 1e-3
+        assert result.position_error_m < 1e-5
+        assert solve_partial(arm, target(pose), np.empty((0, 5)))[0].off < 1e-3
+
+
+@pytest.mark.parametrize("name", FIVE_JOINTS)
+def test_the_position_is_met_whatever_the_rotation(name: str) -> None:
+    arm, rng = arm_of(name), np.random.default_rng(2)
+    for truth in random_joints(arm.robot, 60, seed=3):
+        pose = turned(arm.forward(truth), rng.normal(size=3))
+        result = solve(arm, pose)
+        assert result.reached
+        assert np.linalg.norm(arm.forward(result.q).p - pose.p) < NEAR_M
+        assert ((result.q >= arm.limits.lower) & (result.q <= arm.limits.upper)).all()
+
+
+@pytest.mark.parametrize("name", FIVE_JOINTS)
+def test_a_roll_that_cant_be_met_leaves_the_approach_axis_alone(name: str) -> None:
+    """Turning the wanted jaws about an approach that five joints can meet turns the wrist, and not the approach."""
+    arm = arm_of(name)
+    wrist = len(arm.robot.joints) - 1
+    for truth in random_joints(arm.robot, 40, seed=4, margin=0.4):
+        truth[wrist] = np.clip(truth[wrist], -1.0, 1.0)
+        found = solve_partial(arm, target(turned(arm.forward(truth), np.array([0.0, 0.0, 0.3]))), truth[None])[0]
+        assert np.degrees(found.approach_rad) < 0.5
+        assert np.degrees(found.about_rad) < 5.0
+
+
+@pytest.mark.parametrize("name", FIVE_JOINTS)
+def test_no_joints_do_better_by_the_rule(name: str) -> None:
+    """Oracle: scipy's SLSQP on the rule itself, its position an equality, from the solution and from around it."""
+    arm, rng = arm_of(name), np.random.default_rng(5)
+    for truth in random_joints(arm.robot, 4, seed=6, margin=0.3):
+        pose = turned(arm.forward(truth), 0.3 * rng.normal(size=3))
+        found = solve_partial(arm, target(pose), np.empty((0, 5)))[0]
+        assert found.reached
+        for start in (found.q, truth, *(found.q + 0.3 * rng.normal(size=(3, 5)))):
+            assert best_by_slsqp(arm, pose, start) > found.off - np.radians(0.2)
+
+
+def best_by_slsqp(arm: ArmModel, pose: Pose, start: Array) -> float:
+    wanted = quat_to_matrix(pose.wxyz)
+
+    def off(q: Array) -> float:
+        R = arm.forward_many(q[None])[1]
+        z, x = (1.0 - float(R[0][:, column] @ wanted[:, column]) for column in (2, 0))
+        return z + ABOUT_AXIS**2 * x
+
+    def place(q: Array) -> Array:
+        return np.asarray(10.0 * (arm.forward_many(q[None])[0][0] - pose.p))
+
+    inside = np.clip(start, arm.limits.lower, arm.limits.upper)
+    bounds, exactly = Bounds(arm.limits.lower, arm.limits.upper), NonlinearConstraint(place, 0.0, 0.0)
+    result = minimize(off, inside, method="SLSQP", bounds=bounds, constraints=exactly, options={"maxiter": 100})
+    found = measure(arm, target(pose), result.x)
+    return found.off if found.position_m < 1e-4 else np.inf
+
+
+def test_measures_are_the_angles_that_a_pose_was_turned_by() -> None:
+    arm = arm_of("so101")
+    q = arm.robot.home
+    for tilt, roll in ((0.0, 0.4), (0.3, 0.0), (0.2, -0.7), (1.2, 2.0)):
+        wanted = turned(turned(arm.forward(q), np.array([0.0, 0.0, roll])), np.array([0.0, tilt, 0.0]))
+        found = measure(arm, target(wanted), q)
+        assert found.approach_rad == pytest.approx(tilt, abs=1e-9)
+        assert found.about_rad == pytest.approx(abs(roll), abs=1e-9)
+        assert found.position_m < 1e-15
+
+
+def test_what_is_held_is_told() -> None:
+    arm = arm_of("so101")
+    q = np.array([arm.robot.home, arm.robot.home])
+    here = arm.forward(arm.robot.home)
+    wanted = [turned(here, np.array([0.0, np.radians(4.0), 0.0])), turned(here, np.array([0.0, 0.0, 0.5]))]
+    with pytest.warns(PbdWarning) as told:
+        held = hold(arm, wanted, q)
+    assert [str(warning.message) for warning in told] == [
+        "so101 has 5 joints and can't match the hand's orientation: its approach axis is up to 4 degrees off,"
+        " the rotation about it up to 29 degrees, worst at keyframe 0; use an arm with six joints, or move the dock"
+    ]
+    np.testing.assert_allclose(held.off_rad, [[np.radians(4.0), 0.0], [0.0, 0.5]], atol=1e-9)
+    assert all(max(pose.distance(here)) < 1e-12 for pose in held.T_base_tool)
+
+
+def test_little_is_not_told_and_six_joints_hold_what_was_asked_for() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        arm = arm_of("so101")
+        wanted = turned(arm.forward(arm.robot.home), np.array([0.0, 0.0, np.radians(4.0)]))
+        assert hold(arm, [wanted], arm.robot.home[None]).off_rad[0, 1] == pytest.approx(np.radians(4.0))
+        arm = arm_of("ur5")
+        held = hold(arm, [wanted], arm.robot.home[None])
+        assert held.T_base_tool == (wanted,)
+        np.testing.assert_array_equal(held.off_rad, [[0.0, 0.0]])
+
+
+@pytest.mark.parametrize("name", FIVE_JOINTS)
+def test_out_of_reach_is_the_nearest_place(name: str) -> None:
+    arm = arm_of(name)
+    far = Pose.from_rpy((0.6, 0.1, 0.2), (np.pi, 0.0, 0.0))
+    result = solve(arm, far)
+    assert not result.reached
+    p, _ = arm.forward_many(random_joints(arm.robot, 50_000, seed=7))
+    assert result.position_error_m <= np.linalg.norm(p - far.p, axis=1).min()
+
+
+@pytest.mark.parametrize("demo", DEMOS)
+@pytest.mark.parametrize("name", FIVE_JOINTS)
+def test_the_bundled_demonstrations_are_held(name: str, demo: str) -> None:
+    """What docs/robots.md says of them."""
+    arm, keyframes = arm_of(name), keyframes_of(demo)
+    dock = arm.robot.dock
+    assert dock is not None
+    poses = tool_poses(keyframes, nav_in_base(dock, keyframes[0].T_nav_sensor.wxyz), dock)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        q = solve_path(arm, poses, arm.robot.home)
+        held = hold(arm, poses, q)
+    approach, about = np.degrees(held.off_rad).max(axis=0)
+    assert approach < (2.0 if demo == "pouring" else 4.0)
+    assert about < 0.5
+    for pose, at in zip(held.T_base_tool, q, strict=True):
+        assert max(pose.distance(arm.forward(at))) < NEAR_M
+    assert ((q >= arm.limits.lower) & (q <= arm.limits.upper)).all()

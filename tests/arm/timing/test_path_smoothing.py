@@ -1,0 +1,139 @@
+"""Moves along a curve: limits, ends, the curve itself, and how near the optimum they are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.interpolate import CubicSpline
+
+from pbd.arm.timing.path_smoothing import OFF_RAD, Curve, curved_move
+from pbd.arm.timing.piecewise_cubic import PiecewiseCubic
+from pbd.arm.timing.ptp import ptp_move
+from pbd.data import JointLimits
+from pbd.pose import Array
+from tests.arm.bundled import arm_of
+from tests.arm.timing.test_speed_profile import limits_of, random_waypoints
+from tests.arm.toppra_oracle import toppra_duration
+
+
+def at(pieces: PiecewiseCubic, places: int = 5) -> Array:
+    """Joints along the pieces, by their powers."""
+    s = np.linspace(0.0, 1.0, places) * pieces.durations[:, None]
+    powers = s[:, :, None] ** np.arange(4)
+    joints: Array = np.einsum("ijp,ipk->ijk", powers, pieces.coefficients).reshape(-1, pieces.coefficients.shape[2])
+    return joints
+
+
+def off(pieces: PiecewiseCubic, curve: Curve) -> float:
+    """Oracle: how far the joints get off a finely sampled curve, in rad."""
+    on = curve.q(np.linspace(0.0, curve.s[-1], 20_000))
+    some = at(pieces)[:: max(1, 5 * len(pieces.durations) // 100)]
+    return max(float(np.linalg.norm(on - q, axis=1).min()) for q in some)
+
+
+def shares(pieces: PiecewiseCubic, limits: JointLimits) -> list[float]:
+    """Oracle: the largest share of each limit, by differences of closely spaced joints."""
+    dt, found = 1e-4, []
+    knots = np.append(0.0, np.cumsum(pieces.durations))
+    t = np.arange(0.0, knots[-1], dt)
+    i = np.clip(np.searchsorted(knots, t, side="right") - 1, 0, len(pieces.durations) - 1)
+    q = np.einsum("np,npk->nk", (t - knots[i])[:, None] ** np.arange(4), pieces.coefficients[i])
+    for limit in (limits.velocity, limits.acceleration):
+        q = np.diff(q, axis=0) / dt
+        found.append(float((np.abs(q) / limit).max()))
+    return [*found, float((np.abs(6.0 * pieces.coefficients[:, 3]) / limits.jerk).max())]
+
+
+@pytest.mark.parametrize("jerk", [8000.0, 400.0, 80.0, 20.0])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_limits_are_kept_ends_are_met_and_the_curve_is_followed(jerk: float, seed: int) -> None:
+    limits, waypoints = limits_of(2.0, 8.0, jerk), random_waypoints(seed)
+    curve = Curve.through(waypoints, limits)
+    assert curve is not None
+    pieces = curved_move(waypoints, limits, 1.0)
+    assert all(share <= 1.0 + 1e-4 for share in shares(pieces, limits))
+    assert max(shares(pieces, limits)) > 0.99
+    np.testing.assert_allclose(at(pieces)[[0, -1]], waypoints[[0, -1]], atol=1e-12)
+    assert off(pieces, curve) < np.sqrt(3) * OFF_RAD  # of three joints
+
+
+@settings(max_examples=15)
+@given(seed=st.integers(0, 2**32 - 1), factor=st.floats(0.05, 1.0), size=st.floats(1e-6, 1.0))
+def test_pieces_join_at_any_size_and_speed(seed: int, factor: float, size: float) -> None:
+    limits, waypoints = limits_of(2.0, 8.0, 400.0), random_waypoints(seed, spread=size)
+    pieces = curved_move(waypoints, limits, factor)
+    h, c = pieces.durations[:, None], np.moveaxis(pieces.coefficients, 1, 0)
+    ends = c[0] + h * (c[1] + h * (c[2] + h * c[3])), c[1] + h * (2 * c[2] + 3 * h * c[3]), 2 * c[2] + 6 * h * c[3]
+    rest = np.zeros_like(waypoints[:1])
+    for end, begin, last in zip(ends, (c[0], c[1], 2 * c[2]), (waypoints[-1:], rest, rest), strict=True):
+        np.testing.assert_allclose(end, np.vstack((begin[1:], last)), atol=1e-8)
+    velocity, acceleration, jerk = pieces.peaks()
+    assert (velocity <= factor * limits.velocity).all()
+    assert (acceleration <= factor * limits.acceleration).all()
+    assert (jerk <= factor * limits.jerk).all()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_with_plenty_of_jerk_it_is_near_the_optimum_without_any(seed: int) -> None:
+    limits = arm_of("panda").limits
+    waypoints = arm_of("panda").robot.home + random_waypoints(seed, joints=7, spread=0.1)
+    curve = Curve.through(waypoints, limits)
+    assert curve is not None
+    assert ((waypoints > limits.lower) & (waypoints < limits.upper)).all()
+    reference = toppra_duration(curve.s, curve.q(curve.s), limits)
+    assert curved_move(waypoints, limits, 1.0).duration <= 1.01 * reference
+
+
+@pytest.mark.parametrize("jerk", [400.0, 80.0, 20.0])
+def test_with_little_jerk_it_is_near_the_optimum_along_a_line(jerk: float) -> None:
+    """Ruckig gives the optimum of a straight move; a curve that happens to be straight takes hardly longer."""
+    limits, ends = limits_of(2.0, 8.0, jerk), np.array([[0.0, 0.0, 0.0], [0.9, -0.5, 0.3]])
+    waypoints = ends[0] + np.linspace(0.0, 1.0, 40)[:, None] * (ends[1] - ends[0])
+    best = ptp_move(ends[0], ends[1], limits, 1.0).duration
+    assert best <= curved_move(waypoints, limits, 1.0).duration <= 1.12 * best
+
+
+def test_a_demonstrations_own_pace_is_kept_where_the_limits_allow_it() -> None:
+    """A hand that goes along the path as hands do: from rest to rest, fastest in the middle."""
+    limits, path = limits_of(2.0, 8.0, 8000.0), random_waypoints(3)
+    fast = curved_move(path, limits, 1.0).duration
+    t = np.linspace(0.0, 4.0 * fast, 200)
+    share = t / t[-1]
+    spline = CubicSpline(np.linspace(0.0, 1.0, len(path)), path)
+    waypoints = spline(10.0 * share**3 - 15.0 * share**4 + 6.0 * share**5)
+    pieces = curved_move(waypoints, limits, 1.0, t)
+    assert pieces.duration == pytest.approx(t[-1], rel=0.01)
+    knots = np.append(0.0, np.cumsum(pieces.durations))
+    for place in (50, 100, 150):
+        i = int(np.searchsorted(knots, t[place])) - 1
+        late = np.linalg.norm(pieces.coefficients[i, 0] - waypoints[place]) / np.linalg.norm(pieces.coefficients[i, 1])
+        assert late < 0.01 * t[-1]
+    hurried = curved_move(waypoints, limits, 1.0, 0.1 * t)
+    assert fast * 0.99 <= hurried.duration <= 1.05 * fast
+
+
+@pytest.mark.parametrize("jerk", [8000.0, 80.0])
+def test_position_limits_are_kept_between_waypoints_at_a_limit(jerk: float) -> None:
+    """A joint that comes to its limit and stays there: the curve through these waypoints swings beyond."""
+    one = np.minimum(np.linspace(-0.5, 0.5, 30), 0.0)
+    waypoints = np.column_stack((one, np.linspace(0.0, 1.0, 30), np.zeros(30)))
+    limits = replace(limits_of(2.0, 8.0, jerk), upper=np.array([0.0, 100.0, 100.0]))
+    curve = Curve.through(waypoints, limits)
+    assert curve is not None
+    assert curve.q(np.linspace(0.0, curve.s[-1], 1000))[:, 0].max() > 1e-4
+    pieces = curved_move(waypoints, limits, 1.0)
+    assert at(pieces, 20)[:, 0].max() <= 1e-9
+    assert max(shares(pieces, limits)) <= 1.0 + 1e-4
+
+
+def test_waypoints_that_are_all_one_take_no_time() -> None:
+    limits = limits_of(2.0, 8.0, 400.0)
+    assert curved_move(np.ones((5, 3)), limits, 1.0).duration == 0.0
+    twice = np.repeat(random_waypoints(0), 2, axis=0)
+    assert curved_move(twice, limits, 1.0).duration == pytest.approx(
+        curved_move(random_waypoints(0), limits, 1.0).duration, rel=1e-9
+    )

@@ -1,0 +1,185 @@
+"""Torques by a pendulum on paper, by MuJoCo, and what planning makes of them."""
+
+from __future__ import annotations
+
+import json
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pbd.audit.arm import AuditArm
+from pbd.audit.torque import find_torque, torques
+from pbd.cli import main
+from pbd.data import GraspedObject, JointLimits, JointTrajectory, Load, Robot
+from pbd.data.world import holds
+from pbd.errors import PbdWarning, PlanError
+from pbd.planning import Plan, PlanOptions, plan_keyframes
+from pbd.pose import Array, Pose, quat_to_matrix
+from tests.arm.bundled import FOLDER, NAMES, arm_of, keyframes_of, path_of
+
+PENDULUM = """<robot name="pendulum">
+<link name="room"/><link name="base"/>
+<link name="rod">{inertial}</link>
+<joint name="wall" type="fixed"><parent link="room"/><child link="base"/><origin rpy="0.3 -1.2 0.5"/></joint>
+<joint name="hinge" type="continuous"><parent link="base"/><child link="rod"/><axis xyz="0 1 0"/></joint>
+</robot>"""
+INERTIAL = """<inertial><origin xyz="0 0 -0.4"/><mass value="2"/>
+<inertia ixx="0.1" iyy="0.05" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>"""
+
+
+def pendulum(folder: Path, inertial: str) -> AuditArm:
+    """A rod that hangs along -z of a base which is tilted in the URDF, and swings about y."""
+    urdf, one = folder / "pendulum.urdf", np.ones(1)
+    urdf.write_text(PENDULUM.format(inertial=inertial))
+    limits = JointLimits(-9.0 * one, 9.0 * one, one, one, one, "a test")
+    return AuditArm(
+        Robot("", "", urdf, None, (), "base", "rod", Pose.identity(), ("hinge",), np.zeros(1), None, limits)
+    )
+
+
+def swing() -> JointTrajectory:
+    """From 0.2 rad with 0.7 rad/s."""
+    cubic, none = np.array([0.2, 0.7, -1.5, 0.9]).reshape(1, 4, 1), np.zeros(0)
+    return JointTrajectory(("hinge",), np.array([0.0, 2.0]), cubic, np.zeros(1), np.ones(1), none, np.zeros((0, 1)))
+
+
+def test_a_pendulum(tmp_path: Path) -> None:
+    t, load = np.linspace(0.0, 1.9, 20), Load(3.0, (0.3, 0.0, -0.4))
+    q, qdd = 0.2 + t * (0.7 + t * (-1.5 + t * 0.9)), -3.0 + 5.4 * t
+    rod, ball = 0.4 * np.sin(q), 0.4 * np.sin(q) - 0.3 * np.cos(q)  # how far out; the ball is at radius 0.5
+    by_hand = (0.05 + 2.0 * 0.16 + 3.0 * 0.25) * qdd + 9.81 * (2.0 * rod + 3.0 * ball)
+    arm = pendulum(tmp_path, INERTIAL)
+    np.testing.assert_allclose(torques(arm, swing(), t, load)[:, 0], by_hand, atol=1e-12)
+    still = 9.81 * (2.0 * rod + 3.0 * ball)
+    np.testing.assert_allclose(torques(arm, swing(), t, load, pace=0.0)[:, 0], still, atol=1e-12)
+
+
+def test_a_link_without_mass_is_named(tmp_path: Path) -> None:
+    one = np.ones(1)
+    assert find_torque(pendulum(tmp_path, INERTIAL), swing(), Load(), one).weightless == ()
+    assert find_torque(pendulum(tmp_path, ""), swing(), Load(), one).weightless == ("hinge",)
+
+
+def planned(name: str, **options: float) -> Plan:
+    robot = arm_of(name).robot
+    assert robot.dock is not None
+    return plan_keyframes(keyframes_of("pouring"), robot.dock, robot, PlanOptions(**options), path_of("pouring"))  # type: ignore[arg-type]
+
+
+def mujoco_torques(robot: Robot, trajectory: JointTrajectory, t: Array, load: Load) -> Array:
+    """What mj_inverse says; the load is a link of the URDF."""
+    import mujoco
+
+    root = ET.parse(robot.urdf).getroot()
+    for link in root.findall("link"):
+        for shape in (*link.findall("visual"), *link.findall("collision")):
+            link.remove(shape)
+    p = robot.T_body_tool.p + quat_to_matrix(robot.T_body_tool.wxyz) @ np.array(load.p_tool)
+    root.append(ET.fromstring(
+        f'<link name="load"><inertial><mass value="{load.mass}"/>'
+        '<inertia ixx="0" iyy="0" izz="0" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+    ))  # fmt: skip
+    root.append(ET.fromstring(
+        f'<joint name="carries" type="fixed"><parent link="{robot.body}"/><child link="load"/>'
+        f'<origin xyz="{" ".join(map(repr, p.tolist()))}"/></joint>'
+    ))  # fmt: skip
+    model = mujoco.MjModel.from_xml_string(ET.tostring(root, encoding="unicode"))
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+    model.dof_damping[:] = model.dof_frictionloss[:] = model.dof_armature[:] = 0.0
+    data, samples, said = mujoco.MjData(model), trajectory.at(t), []
+    at = [model.joint(name).qposadr[0] for name in robot.joints]
+    driven = [model.joint(name).dofadr[0] for name in robot.joints]
+    for q, qd, qdd, opening in zip(samples.q, samples.qd, samples.qdd, samples.gripper, strict=True):
+        data.qpos[at], data.qvel[driven], data.qacc[driven] = q, qd, qdd
+        if gripper := robot.gripper:
+            fingers = [model.joint(name).qposadr[0] for name in gripper.joints]
+            data.qpos[fingers] = gripper.closed + opening * (gripper.open - gripper.closed)
+        mujoco.mj_inverse(model, data)
+        said.append(data.qfrc_inverse[driven].copy())
+    return np.array(said)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_mujoco_says_the_same(name: str) -> None:
+    """On the model of the URDF itself, with a load off the tool's point."""
+    robot, trajectory, load = arm_of(name).robot, planned(name).trajectory, Load(0.5, (0.03, -0.02, 0.05))
+    t = np.linspace(0.0, trajectory.duration, 200)[:-1]
+    ours, theirs = torques(AuditArm(robot), trajectory, t, load), mujoco_torques(robot, trajectory, t, load)
+    np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=1e-9)
+
+
+def test_the_object_weighs_while_it_is_held_and_then_only() -> None:
+    """One that has no size is a payload where the tool is."""
+    arm, trajectory = AuditArm(arm_of("panda").robot), planned("panda").trajectory
+    ((start, end),) = holds(trajectory.gripper_t, trajectory.gripper_opening)
+    t = np.linspace(0.0, trajectory.duration, 300)
+    held = (start <= t) & (t <= end)
+    said = torques(arm, trajectory, t, Load(grasped=GraspedObject("sphere", (1e-9,), 1.5)))
+    np.testing.assert_allclose(said[held], torques(arm, trajectory, t, Load(1.5))[held], atol=1e-6)
+    np.testing.assert_array_equal(said[~held], torques(arm, trajectory, t, Load())[~held])
+
+
+def test_near_the_limit_is_warned() -> None:
+    with pytest.warns(PbdWarning, match=r"panda_joint2 needs .* carrying 3 kg: 99 % of its torque limit of 87 N m"):
+        report = planned("panda", payload=3.0).report
+    assert report.torque is not None
+    assert report.torque.share == pytest.approx(0.99, abs=0.01)
+    bare = planned("panda").report.torque
+    assert bare is not None
+    assert bare.share == pytest.approx(0.67, abs=0.01)
+
+
+def test_above_an_assumed_limit_is_warned_and_far_above_refused() -> None:
+    with pytest.warns(PbdWarning, match=r"carrying 3.5 kg: 150 % of its assumed torque limit"):
+        planned("xarm7", payload=3.5)
+    with pytest.raises(PlanError, match=r"carrying 1000 kg: \d+ times its assumed torque limit .*; slower is no help"):
+        planned("xarm7", payload=1000.0)
+
+
+def test_above_a_makers_limit_is_refused_with_the_speed_that_fits() -> None:
+    with pytest.raises(
+        PlanError, match=r"10\d\.\d % of its torque limit of 87 N m; carry less, or use --speed 0"
+    ) as caught:
+        planned("panda", payload=3.3)
+    fields = caught.value.fields
+    assert fields["joint"] == "panda_joint2"
+    assert isinstance(fields["t"], float)
+    speed = float(caught.value.message.rpartition(" ")[2])
+    with pytest.warns(PbdWarning, match="100 % of its torque limit"):
+        planned("panda", payload=3.3, speed=speed)
+    with pytest.raises(PlanError):
+        planned("panda", payload=3.3, speed=speed + 0.02)
+
+
+def test_what_no_speed_helps_is_refused() -> None:
+    with pytest.raises(
+        PlanError, match=r"shoulder_lift .* 19\d\.\d % of its torque limit .*; slower is no help: carry less$"
+    ):
+        planned("so101", payload=1.0)
+
+
+def test_without_limits_nothing_is_checked_and_a_payload_is_told() -> None:
+    robot = arm_of("panda").robot
+    robot = replace(robot, limits=replace(robot.limits, effort=None))
+    assert robot.dock is not None
+    with pytest.warns(PbdWarning, match="torques are not checked, 2 kg or not"):
+        plan = plan_keyframes(keyframes_of("pouring"), robot.dock, robot, PlanOptions(payload=2.0))
+    assert plan.report.torque is None
+
+
+def test_the_commands_take_the_mass_of_the_object_and_the_payload(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    demo, bundled = tmp_path / "heavy", FOLDER.parent / "demos" / "pouring"
+    demo.mkdir()
+    for file in bundled.iterdir():
+        text = file.read_text(encoding="utf-8").replace("size = [0.06, 0.2]", "size = [0.06, 0.2]\nmass_kg = 1.0")
+        (demo / file.name).write_text(text, encoding="utf-8")
+    assert main(["replay", str(demo), "--robot", "ur5", "--json", "--payload", "0.5", "0", "0", "-0.05"]) == 0
+    out, err = capsys.readouterr()
+    assert "carrying 0.5 kg and a cylinder of 1 kg" in err
+    assert json.loads(out)["limits"]["torque"] == pytest.approx(0.19, abs=0.04)
+    assert main(["replay", "--robot", "ur5", "--payload", "1", "2"]) == 2

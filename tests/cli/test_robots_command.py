@@ -1,0 +1,94 @@
+"""`pbd robots --suggest` fills in what an own robot's TOML lacks; `--for` says which arms can do a demonstration."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pbd.audit.arm import AuditArm
+from pbd.files.robot import read_robot
+from pbd.planning import arm_of
+from tests.arm.test_own_robot import own_toml, own_urdf
+from tests.cli.running import Capture, refused, run, run_json
+
+TOML = Path("robots") / "mine.toml"
+TIAGO = """
+format = 1
+name = "tiago"
+description = "An arm that hangs on a lift, which is locked"
+[model]
+urdf = "tiago_description/robots/tiago_no_hand.urdf"
+base = "torso_lift_link"
+body = "arm_tool_link"
+T_body_tool = { xyz = [0.15, 0.0, 0.0], rpy_deg = [180.0, -90.0, 0.0] }
+[gripper]
+joints = []
+open = []
+closed = []
+stroke_s = 0.8
+[limits]
+acceleration = [3.0, 3.0, 3.0, 3.0, 3.0, 3.0, 3.0]
+jerk = [30.0, 30.0, 30.0, 30.0, 30.0, 30.0, 30.0]
+source = "assumed"
+"""
+
+
+@pytest.fixture
+def guide(elsewhere: Path) -> str:
+    """The TOML that docs/robots.md gives, whose URDF is there."""
+    (elsewhere / "robots").mkdir()
+    (elsewhere / "robots" / "mine.urdf").write_text(own_urdf(), encoding="utf-8")
+    return own_toml()
+
+
+def test_what_is_suggested_replays_as_it_says(capsys: Capture, guide: str) -> None:
+    bare = guide.split("[arm]")[0] + "[gripper]" + guide.split("[gripper]")[1].split("[dock]")[0]
+    TOML.write_text(bare, encoding="utf-8")
+    code, lines, _ = run(capsys, "robots", "--suggest", TOML)
+    assert code == 0
+    assert run(capsys, "robots", "--suggest", TOML)[1] == lines
+    TOML.write_text(bare + lines, encoding="utf-8")
+    took_s = run_json(capsys, "replay", "pouring", "--robot", "mine", "--html", "x.html")["duration_s"]
+    assert f"the fastest: {took_s:.1f} s" in lines
+
+
+def test_the_users_own_table_is_kept(capsys: Capture, guide: str) -> None:
+    TOML.write_text(guide.replace("table_height = 0.0", "table_height = 0.1").replace("0.97", "97.0"), encoding="utf-8")
+    dock = run_json(capsys, "robots", "--suggest", TOML, "--for", "paper-test2")["dock"]
+    assert dock["table_height"] == 0.1
+    assert dock["position"][2] == pytest.approx(0.25)
+
+
+def test_a_tool_that_never_points_down_is_named(capsys: Capture, guide: str) -> None:
+    fixed = guide.replace("[arm]", '[arm]\njoints = ["joint1"]').replace("home = [0.0, -0.3, 0.9, 0.0, 0.97, 0.0]", "")
+    TOML.write_text(re.sub(r"\[(\d+\.0, ){5}\d+\.0\]", "[1.0]", fixed), encoding="utf-8")
+    assert "points down in only 0 of 20000 random configurations" in refused(capsys, 1, "robots", "--suggest", TOML)
+
+
+def test_the_fastest_arm_comes_first_and_the_others_say_why(capsys: Capture, guide: str) -> None:
+    TOML.write_text(guide.replace("0.38, -0.12, 0.3", "3.8, -0.12, 0.3"), encoding="utf-8")
+    mine = run_json(capsys, "robots", "mine", "--for", "paper-test2")["robots"]
+    assert [row["duration_s"] for row in mine] == [None]
+    assert "keyframe 0 is out of reach" in mine[0]["why"]
+    assert "keyframe 0 is out of reach" in run(capsys, "robots", "mine", "--for", "paper-test2")[1]
+    rows = run_json(capsys, "robots", "--for", "paper-test2")["robots"]
+    able = [row["duration_s"] for row in rows if row["why"] is None]
+    assert able == sorted(able)
+    assert [row["name"] for row in rows[len(able) :]] == ["mine"]
+    panda = next(row for row in rows if row["name"] == "panda")
+    replayed = run_json(capsys, "replay", "paper-test2", "--robot", "panda", "--html", "x.html")
+    assert panda["duration_s"] == replayed["duration_s"]
+    assert panda["farthest_m"] < panda["reach_m"]
+
+
+def test_a_base_may_be_carried_by_a_locked_joint(tmp_path: Path) -> None:
+    """The audit knows where it is, too."""
+    (tmp_path / "tiago.toml").write_text(TIAGO, encoding="utf-8")
+    robot = read_robot(tmp_path / "tiago.toml", draft=True)
+    q = robot.home + 0.1
+    seen = AuditArm(replace(robot, home=q)).tool(np.append(q, 1.0))
+    np.testing.assert_allclose(seen.translation, arm_of(robot).forward(q).p, atol=1e-12)

@@ -1,0 +1,95 @@
+"""Formats that tell more than joints, each read back by its own reader, over several arms."""
+
+from __future__ import annotations
+
+import csv
+import json
+import warnings
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from pbd.data import Robot
+from pbd.files.exporters import export
+from pbd.files.exporters.order import Source
+from pbd.planning import Plan, PlanOptions, plan_path, source_of
+from pbd.pose import Pose
+from tests.arm.bundled import arm_of, path_of
+
+ARMS = ("panda", "ur5", "so101", "kinova")
+
+
+@cache
+def planned(name: str, demo: str = "pouring", path: str = "keyframes") -> tuple[Plan, Robot, Source]:
+    robot, hand = arm_of(name).robot, path_of(demo)
+    assert robot.dock is not None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        plan = plan_path(hand, robot.dock, robot, PlanOptions(path=path))
+    return plan, robot, source_of(plan, hand, robot, demo)
+
+
+def written(name: str, format_name: str, path: Path, rate_hz: float | None = None) -> Plan:
+    plan, robot, source = planned(name)
+    export(plan.trajectory, robot, format_name, path, rate_hz, source=source)
+    return plan
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_keyframes_are_the_joints_and_the_poses_that_these_give(tmp_path: Path, name: str) -> None:
+    plan = written(name, "keyframes", tmp_path / "k.json")
+    read = json.loads((tmp_path / "k.json").read_text())
+    arm, trajectory = arm_of(name), plan.trajectory
+    assert read["joint_names"] == list(trajectory.joint_names)
+    assert [row["index"] for row in read["keyframes"]] == list(range(len(plan.keyframes)))
+    for i, row in enumerate(read["keyframes"]):
+        assert row["joints"] == trajectory.keyframe_q[i].tolist()
+        pose = Pose(np.array(row["base_position_m"]), np.array(row["base_wxyz"]))
+        assert max(pose.distance(arm.forward(np.array(row["joints"])))) < 1e-9
+        stays = np.array([row["t_s"] + 1e-6, row["t_s"] + row["dwell_s"] - 1e-6, row["t_s"] + row["dwell_s"] + 0.02])
+        moved = np.abs(trajectory.at(stays).q - row["joints"]).max(axis=1)
+        assert (moved[:2] < 1e-9).all()
+        assert moved[2] > 1e-9 or i == len(plan.keyframes) - 1
+    assert [row["grip"] for row in read["keyframes"] if row["grip"] is not None] == [True, False]
+
+
+def test_keyframes_as_csv_have_the_same_numbers(tmp_path: Path) -> None:
+    written("so101", "keyframes", tmp_path / "k.json")
+    written("so101", "keyframes", tmp_path / "k.csv")
+    rows = json.loads((tmp_path / "k.json").read_text())["keyframes"]
+    with (tmp_path / "k.csv").open(newline="") as file:
+        table = list(csv.DictReader(file))
+    for row, line in zip(rows, table, strict=True):
+        assert line["grip"] == {None: "", True: "closes", False: "opens"}[row["grip"]]
+        numbers = [row["t_s"], row["dwell_s"], *row["joints"], *row["base_position_m"], *row["base_wxyz"]]
+        told = [value for key, value in line.items() if key not in ("index", "grip", "label")]
+        assert [float(value) for value in told] == numbers
+
+
+def read_tum(path: Path) -> Any:
+    from evo.tools import file_interface  # takes its time to load
+
+    return file_interface.read_tum_trajectory_file(path)
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_evo_reads_the_tools_path(tmp_path: Path, name: str) -> None:
+    trajectory = written(name, "tum", tmp_path / "tool.tum", 20.0).trajectory
+    read = read_tum(tmp_path / "tool.tum")
+    assert read.check()[0]
+    points = trajectory.sample(20.0)
+    assert_allclose(read.timestamps, points.t)
+    for q, p, wxyz in zip(points.q[::7], read.positions_xyz[::7], read.orientations_quat_wxyz[::7], strict=True):
+        assert max(arm_of(name).forward(q).distance(Pose(p, wxyz))) < 1e-9
+
+
+def test_evo_reads_the_hands_path(tmp_path: Path) -> None:
+    written("panda", "tum-hand", tmp_path / "hand.tum")
+    read, hand = read_tum(tmp_path / "hand.tum"), path_of("pouring")
+    assert_allclose(read.timestamps, hand.t, rtol=0.0, atol=0.0)
+    assert_allclose(read.positions_xyz, hand.p_nav_sensor, rtol=0.0, atol=0.0)
+    assert_allclose(read.orientations_quat_wxyz, hand.wxyz_nav_sensor, rtol=0.0, atol=0.0)

@@ -1,0 +1,133 @@
+"""The bag, read back by rosbags and by mcap-ros2-support."""
+
+from __future__ import annotations
+
+import sys
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from pbd.cli import main
+from pbd.files.exporters import export
+from pbd.pose import Array, Pose, quat_from_xyzw
+from tests.arm.bundled import arm_of
+from tests.files.test_formats import planned
+
+Topics = dict[str, list[tuple[int, Any]]]
+ARMS = ("panda", "ur5", "so101")
+
+
+def by_rosbags(path: Path) -> Topics:
+    from rosbags.rosbag2 import Reader
+    from rosbags.typesys import Stores, get_typestore
+
+    store, topics = get_typestore(Stores.ROS2_JAZZY), defaultdict(list)
+    with Reader(path) as reader:
+        for connection, ns, data in reader.messages():
+            topics[connection.topic].append((ns, store.deserialize_cdr(data, connection.msgtype)))
+    return topics
+
+
+def by_mcap_ros2(path: Path) -> Topics:
+    """By the message definitions that are in the file."""
+    from mcap.reader import make_reader
+    from mcap_ros2.decoder import DecoderFactory
+
+    topics = defaultdict(list)
+    with path.open("rb") as file:
+        for _, channel, raw, message in make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages():
+            topics[channel.topic].append((raw.log_time, message))
+    return topics
+
+
+def pose_of(place: Any, turn: Any) -> Pose:
+    return Pose(np.array([place.x, place.y, place.z]), quat_from_xyzw(np.array([turn.x, turn.y, turn.z, turn.w])))
+
+
+def tool_by_tf(topics: Topics, robot: Any, i: int) -> Pose:
+    """The tool in base, up the tree of frames as a receiver goes."""
+    told = [*topics["/tf_static"][0][1].transforms]
+    ns = topics["/joint_states"][i][0]
+    told += [each for at, message in topics["/tf"] if at == ns for each in message.transforms]
+    above = {each.child_frame_id: each for each in told}
+
+    def in_root(frame: str) -> Pose:
+        if frame not in above:
+            return Pose.identity()
+        each = above[frame]
+        place = pose_of(each.transform.translation, each.transform.rotation)
+        return in_root(each.header.frame_id) @ place
+
+    return in_root(robot.base).inverse() @ in_root("pbd_tool")
+
+
+@pytest.mark.parametrize("read", [by_rosbags, by_mcap_ros2])
+@pytest.mark.parametrize("name", ARMS)
+def test_the_bag_has_the_motion_and_the_recording(tmp_path: Path, name: str, read: Any) -> None:
+    plan, robot, source = planned(name)
+    export(plan.trajectory, robot, "mcap", tmp_path / "p.mcap", 20.0, source=source)
+    assert list(tmp_path.iterdir()) == [tmp_path / "p.mcap"]
+    topics, trajectory = read(tmp_path / "p.mcap"), plan.trajectory
+    start = topics["/robot_description"][0][0]
+    assert topics["/robot_description"][0][1].data == robot.urdf.read_text()
+
+    states, k = topics["/joint_states"], len(robot.joints)
+    t = 1e-9 * np.array([ns - start for ns, _ in states])
+    points = trajectory.at(t)
+    assert_allclose(t, trajectory.sample(20.0).t, atol=1e-9)
+    assert_allclose([message.position[:k] for _, message in states], points.q, atol=1e-8)
+    assert_allclose([message.velocity[:k] for _, message in states], points.qd, atol=1e-6)
+    gripper = robot.gripper
+    assert gripper is not None
+    assert list(states[0][1].name) == [*robot.joints, *gripper.joints]
+    for (_, message), opening in zip(states, points.gripper, strict=True):
+        assert_allclose(
+            message.position[k:], gripper.closed + opening * (gripper.open - gripper.closed), atol=1e-6
+        )  # as far as the opening moves in a nanosecond
+    for i in range(0, len(states), 29):
+        assert max(tool_by_tf(topics, robot, i).distance(arm_of(name).forward(points.q[i]))) < 1e-6
+
+    goal = topics["/joint_trajectory"][0][1]
+    assert list(goal.joint_names) == list(robot.joints)
+    at = [each.time_from_start.sec + 1e-9 * each.time_from_start.nanosec for each in goal.points]
+    assert_allclose([each.positions for each in goal.points], trajectory.at(np.array(at)).q, atol=1e-8)
+    assert ("/gripper_trajectory" in topics) == bool(gripper.joints)
+
+    assert_allclose([1e-9 * (ns - start) for ns, _ in topics["/keyframes"]], trajectory.keyframe_t, atol=1e-9)
+    for (_, message), q in zip(topics["/keyframes"], trajectory.keyframe_q, strict=True):
+        assert message.header.frame_id == robot.base
+        where = pose_of(message.pose.position, message.pose.orientation)
+        assert max(where.distance(arm_of(name).forward(q))) < 1e-9
+    assert len(topics["/keyframes/path"][0][1].poses) == len(trajectory.keyframe_t)
+    assert len(topics["/tool/path"][0][1].poses) == len(states)
+
+    hand = source.hand
+    assert hand.tracking is not None
+    recording = hand.tracking.demo.recording
+
+    def vectors(topic: str, field: str) -> Array:
+        told = [getattr(message, field) for _, message in topics[topic]]
+        return np.array([(v.x, v.y, v.z) for v in told])
+
+    assert recording.gyr is not None
+    assert_allclose(vectors("/imu", "linear_acceleration"), recording.acc)
+    assert_allclose(vectors("/imu", "angular_velocity"), recording.gyr)
+    assert topics["/imu"][0][1].orientation_covariance[0] == -1.0  # there is none
+    if recording.mag is not None:
+        assert_allclose(vectors("/magnetic_field", "magnetic_field"), 1e-6 * recording.mag)  # tesla
+    hand_p = np.array([(m.pose.position.x, m.pose.position.y, m.pose.position.z) for _, m in topics["/hand/pose"]])
+    assert_allclose(hand_p, hand.p_nav_sensor)
+
+
+def test_without_rosbags_it_says_what_to_install(
+    elsewhere: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "rosbags.rosbag2", None)
+    assert main(["export", "pouring", "--robot", "panda", "-o", "p.mcap"]) == 1
+    message = "pbd: mcap needs the package rosbags; install it with: pip install 'pbd-robot[ros]'\n"
+    assert capsys.readouterr().err == message
+    assert not [*elsewhere.iterdir()]

@@ -1,0 +1,99 @@
+"""What arms of Universal Robots get, as their controller would run it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from pbd.errors import PbdError, PlanError
+from pbd.files.exporters import export
+from pbd.planning import Plan
+from tests.files.test_formats import planned
+from tests.files.urscript import Controller, HaltedError
+
+URS = ("ur3", "ur5", "ur10")
+
+
+def program(place: Path, name: str, path: str = "keyframes", rate_hz: float | None = None) -> tuple[Plan, str]:
+    """Dense where a rate is given."""
+    plan, robot, source = planned(name, path=path)
+    export(plan.trajectory, robot, "urscript", place, rate_hz, dense=rate_hz is not None, source=source)
+    return plan, place.read_text()
+
+
+@pytest.mark.parametrize("name", URS)
+def test_each_move_is_the_planned_one_within_the_limits(tmp_path: Path, name: str) -> None:
+    plan, text = program(tmp_path / "p.script", name)
+    trajectory, limits = plan.trajectory, planned(name)[1].limits
+    controller = Controller(trajectory.q[0])
+    controller.run(text)
+    assert controller.t == pytest.approx(trajectory.duration, abs=1e-4)
+    ends = trajectory.at(np.array([move[:2] for move in controller.moves]).ravel())
+    assert_allclose(np.array([move[2:4] for move in controller.moves]).reshape(-1, 6), ends.q, atol=2e-6)
+    for i, (t, q) in enumerate(zip(trajectory.keyframe_t, trajectory.keyframe_q, strict=True)):
+        assert controller.moves[i][1] == pytest.approx(t, abs=1e-4)
+        assert_allclose(controller.moves[i][3], q, atol=1e-6)
+    for since, until, q_before, q, a, v in controller.moves:
+        share = np.abs(q - q_before) / np.abs(q - q_before).max()
+        assert (a * share <= 1.0005 * limits.acceleration).all()
+        assert (v * share <= 1.0005 * limits.velocity).all()
+        between = trajectory.at(np.linspace(since, until, 50)).q - q_before
+        along = between @ (q - q_before) / ((q - q_before) @ (q - q_before))
+        assert_allclose(between, np.outer(along, q - q_before), atol=1e-5)  # both go straight
+
+
+@pytest.mark.parametrize("rate_hz", [None, 125.0, 500.0])
+def test_the_gripper_is_called_when_planned(tmp_path: Path, rate_hz: float | None) -> None:
+    plan, text = program(tmp_path / "p.script", "ur5", rate_hz=rate_hz)
+    controller = Controller(plan.trajectory.q[0])
+    controller.run(text)
+    assert [name for _, name in controller.calls] == ["pbd_pouring", "gripper_close", "gripper_open"]
+    late = 0.0 if rate_hz is None else len(plan.keyframes) / rate_hz  # each move ends on the controller's beat
+    assert_allclose([t for t, _ in controller.calls[1:]], plan.trajectory.gripper_t[[1, 3]], atol=1e-4 + late)
+
+
+@pytest.mark.parametrize("path", ["keyframes", "line"])
+@pytest.mark.parametrize("rate_hz", [125.0, 500.0])
+def test_dense_samples_are_the_motion(tmp_path: Path, rate_hz: float, path: str) -> None:
+    plan, text = program(tmp_path / "p.script", "ur5", path, rate_hz)
+    controller = Controller(plan.trajectory.q[0])
+    controller.run(text)
+    moves = len(plan.keyframes) + 1
+    assert plan.trajectory.duration <= controller.t + 1e-4 <= plan.trajectory.duration + moves / rate_hz + 2e-4
+    q = np.array([q for _, q in controller.servoed])
+    # Each lies on the planned motion, none later than a period for each move before.
+    planned_q = plan.trajectory.at(np.arange(0.0, plan.trajectory.duration, 1e-4)).q
+    farthest = max(np.abs(planned_q - each).max(axis=1).min() for each in q[::11])
+    assert farthest < 1e-4 * 3.2
+    assert np.abs(np.diff(q, axis=0)).max() <= 3.1416 / rate_hz * 1.001
+
+
+def test_it_refuses_to_run_where_the_arm_stands_elsewhere(tmp_path: Path) -> None:
+    plan, text = program(tmp_path / "p.script", "ur5")
+    controller = Controller(plan.trajectory.q[0] + np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.03]))
+    with pytest.raises(HaltedError, match="does not stand where the motion begins"):
+        controller.run(text)
+    assert controller.moves == []
+
+
+def test_what_it_refuses(tmp_path: Path) -> None:
+    plan, robot, source = planned("ur5")
+    place, trajectory = tmp_path / "p.script", plan.trajectory
+    with pytest.raises(PlanError, match="the arm follows a curve, which movej can't; take --dense"):
+        program(place, "ur5", "line")
+    with pytest.raises(PlanError, match="which panda is not"):
+        program(place, "panda")
+    with pytest.raises(PbdError, match=r"must be 125 \(CB3\) or 500"):
+        program(place, "ur5", rate_hz=100.0)
+    with pytest.raises(PbdError, match="leave --rate out"):
+        export(trajectory, robot, "urscript", place, 125.0, source=source)
+    with pytest.raises(PbdError, match="--dense is for urscript"):
+        export(trajectory, robot, "csv", place, dense=True)
+    slow = replace(robot, limits=replace(robot.limits, acceleration=0.5 * robot.limits.acceleration))
+    with pytest.raises(PlanError, match="breaks a limit"):
+        export(trajectory, slow, "urscript", place, source=source)
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,176 @@
+"""Time stamps with jitter, coarse ones, lost and repeated samples: the path stays that of the clean recording."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pbd.data import Demonstration, Recording
+from pbd.errors import PbdWarning
+from pbd.pipeline import track
+from pbd.pose import Array
+from pbd.simulation.simulate import SENSOR_MODELS, simulate
+from pbd.tracking.keyframes import find_keyframes
+from pbd.tracking.repair.clock import steady_clock
+from tests.scenarios import truth_at, uncalibrated, with_rows
+
+RATES = [("os5000", None), ("modern", None), ("modern", 95.0), ("wt901", 41.0), ("modern", 286.0)]
+
+
+def worst(demo: Demonstration, recording: Recording) -> float:
+    """The largest error of a keyframe, m, of a recording of the demonstration; all its stops must be found."""
+    assert demo.truth is not None
+    keyframes = find_keyframes(track(recording))
+    assert len(keyframes) == 11
+    return max(float(np.linalg.norm(k.T_nav_sensor.p - truth_at(demo.truth, k.t))) for k in keyframes)
+
+
+def said(recording: Recording) -> str:
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        warnings.filterwarnings("ignore", "at rest the accelerometer reads", PbdWarning)  # wt901's bias
+        track(recording)
+    return "\n".join(str(warning.message) for warning in caught)
+
+
+def unnamed(recording: Recording) -> Recording:
+    """Nobody knows the nominal rate."""
+    return replace(recording, info=replace(recording.info, rate_hz=None))
+
+
+@uncalibrated
+@pytest.mark.parametrize(("sensor", "rate_hz"), RATES)
+@pytest.mark.parametrize("has_clock", [True, False], ids=["true stamps", "even stamps"])
+def test_jittering_samples_do_no_harm(sensor: str, rate_hz: float | None, has_clock: bool) -> None:
+    """A fifth of the interval, whether the stamps tell it or not."""
+    model = SENSOR_MODELS[sensor]
+    model = replace(model, rate_hz=rate_hz or model.rate_hz)
+    clean = simulate("pour", model, 1)
+    demo = simulate("pour", replace(model, jitter_s=0.2 / model.rate_hz, has_clock=has_clock), 1)
+    assert said(demo.recording) == ""
+    assert worst(demo, demo.recording) < worst(clean, clean.recording) + 0.006
+
+
+@uncalibrated
+@pytest.mark.parametrize(("sensor", "rate_hz"), RATES)
+def test_jittering_stamps_do_no_harm_and_hide_no_sample(sensor: str, rate_hz: float | None) -> None:
+    demo = simulate("pour", sensor, 1, rate_hz=rate_hz)
+    interval = 1.0 / demo.recording.rate_hz
+    late = 0.2 * interval * np.random.default_rng(0).normal(size=len(demo.recording))
+    jittered = replace(demo.recording, t=demo.recording.t + np.clip(late, -0.45 * interval, 0.45 * interval))
+    gaps = said(jittered)
+    assert gaps == "" or re.search(r"in [12] gaps?;", gaps)  # not dozens: a late stamp is no lost sample
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PbdWarning)
+        clean = worst(demo, demo.recording)
+        assert worst(demo, jittered) < clean + max(0.006, 0.4 * clean)
+
+
+@pytest.mark.parametrize("step_s", [1e-3, 1e-2, 1.0 / 64.0])
+@pytest.mark.parametrize(("sensor", "rate_hz"), RATES)
+def test_coarse_stamps_do_no_harm(sensor: str, rate_hz: float | None, step_s: float) -> None:
+    demo = simulate("pour", sensor, 1, rate_hz=rate_hz)
+    coarse = replace(demo.recording, t=np.floor(demo.recording.t / step_s + 1e-9) * step_s)
+    message = said(coarse)
+    assert "gap" not in message
+    assert "Hz, but" not in message
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PbdWarning)
+        assert worst(demo, coarse) < worst(demo, demo.recording) + 0.006
+
+
+def off_beat(rate_hz: float, step_s: float, kept: Array, nominal: bool) -> tuple[Array, str]:
+    """How far stamps of steady samples, those `kept`, are off once they are steadied: (n,) intervals; what was said."""
+    true = np.flatnonzero(kept) / rate_hz
+    stamps = np.floor(true / step_s + 1e-9) * step_s
+    noise = np.random.default_rng(0).normal(size=(len(true), 3))
+    recording = Recording(stamps, noise)
+    if nominal:
+        recording = replace(recording, info=replace(recording.info, rate_hz=rate_hz))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        off = (steady_clock(recording) - true) * rate_hz
+    return off - np.median(off), "".join(str(warning.message) for warning in caught)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.floats(20.0, 400.0), st.sampled_from([1e-3, 5e-3, 1e-2, 1.0 / 64.0]), st.integers(0, 10**6))
+def test_a_known_rate_puts_coarse_stamps_where_they_were(rate_hz: float, step_s: float, seed: int) -> None:
+    kept = np.ones(int(12.0 * rate_hz) + seed % 50, dtype=np.float64)
+    off, message = off_beat(rate_hz, step_s, kept, nominal=True)
+    coarse = step_s * rate_hz
+    assert np.abs(off).max() < (0.5 * coarse if message else coarse) + 0.1
+    if message:
+        assert np.sqrt(np.mean(off**2)) < 0.1 * coarse + 0.05
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.sampled_from([1e-3, 5e-3]), st.floats(30.0, 130.0), st.integers(0, 1000))
+def test_lost_samples_stay_lost_where_stamps_are_coarse(step_s: float, rate_hz: float, seed: int) -> None:
+    if step_s * rate_hz > 0.5:
+        return  # coarser than that, and a lost sample can't be told for certain
+    kept = (np.random.default_rng(seed).random(int(15.0 * rate_hz)) > 0.01).astype(np.float64)
+    off, _ = off_beat(rate_hz, step_s, kept, nominal=False)
+    assert (np.abs(off) > 0.6).mean() < 0.02
+
+
+@pytest.mark.parametrize("batch", [2, 5, 10])
+def test_samples_stamped_in_batches_are_spread(batch: int) -> None:
+    demo = simulate("pour", "modern", 1)
+    n = len(demo.recording) // batch * batch
+    recording = with_rows(demo.recording, slice(0, n))
+    stamps = np.repeat(recording.t[batch - 1 :: batch], batch) + 1e-4 * np.tile(np.arange(batch), n // batch)
+    batched = unnamed(replace(recording, t=stamps - stamps[0]))
+    with pytest.warns(PbdWarning, match="come in batches; evenly spaced times at 100 Hz are used"):
+        assert worst(demo, batched) < worst(demo, demo.recording) + 0.01
+
+
+@pytest.mark.parametrize("share", [0.01, 0.05])
+def test_lost_samples_are_bridged_and_told(share: float) -> None:
+    demo = simulate("pour", "modern", 1)
+    kept = np.flatnonzero(np.random.default_rng(1).random(len(demo.recording)) > share)
+    with pytest.warns(PbdWarning, match="samples missing, in") as caught:
+        assert worst(demo, with_rows(demo.recording, kept)) < worst(demo, demo.recording) + 0.005
+    lost = int(str(caught[0].message).split()[0])
+    ends = kept[0] + len(demo.recording) - 1 - kept[-1]
+    assert lost == len(demo.recording) - len(kept) - ends
+
+
+def test_repeated_packets_change_next_to_nothing() -> None:
+    demo = simulate("pour", "modern", 1)
+    rows = np.arange(len(demo.recording))
+    again = np.sort(np.concatenate((rows, rows[np.random.default_rng(2).random(len(rows)) < 0.05])))
+    repeated = with_rows(demo.recording, again)
+    assert said(repeated) == ""
+    assert worst(demo, repeated) < worst(demo, demo.recording) + 0.003
+
+
+@pytest.mark.parametrize("share", [0.02, 0.2])
+def test_old_data_under_new_stamps_do_little_harm(share: float) -> None:
+    demo = simulate("pour", "modern", 1)
+    rows = np.arange(len(demo.recording))
+    stale = np.random.default_rng(3).random(len(rows)) < share
+    stale[0] = False
+    old = replace(with_rows(demo.recording, rows - stale), t=demo.recording.t)
+    assert worst(demo, old) < worst(demo, demo.recording) + 0.008
+
+
+def test_a_rate_other_than_the_nominal_one_is_told() -> None:
+    recording = simulate("pour", "modern", 1).recording
+    slow = replace(recording, t=recording.t / 0.94)
+    with (
+        pytest.warns(PbdWarning, match=r"the gyro's turns are 6 % too large for how gravity turns"),
+        pytest.warns(
+            PbdWarning,
+            match=r"set to 100 Hz, but .* come at 94 Hz; if the time stamps are wrong, every distance comes out 1\.13",
+        ),
+    ):
+        track(slow)
+    assert "set to" not in said(replace(recording, t=recording.t / 0.97))
+    assert "6 % too large for how gravity turns" in said(unnamed(slow))

@@ -1,0 +1,146 @@
+"""A device that repeats one sample for a while: in a move an error, whatever its noise; at a rest a sensor's right."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from pbd.data import GRAVITY, Demonstration, Recording
+from pbd.errors import PbdError, TrackingError
+from pbd.pipeline import track
+from pbd.simulation.sensor_model import SensorModel
+from pbd.simulation.simulate import SENSOR_MODELS, TASKS, random_task, simulate
+from pbd.simulation.tasks import Task
+from pbd.tracking.repair.channel_faults import frozen
+from tests.scenarios import keyframes_and_errors, pour, with_rows
+from tests.tracking.faults import broken, quietly
+
+
+def coarse(acc_mg: float, gyr_deg_s: float) -> SensorModel:
+    """The paper's sensor in steps so large that it repeats itself at rest."""
+    model = SENSOR_MODELS["os5000"]
+    assert model.gyr is not None
+    acc = replace(model.acc, step=1e-3 * GRAVITY * acc_mg)
+    return replace(model, acc=acc, gyr=replace(model.gyr, step=np.radians(gyr_deg_s)))
+
+
+SENSORS: dict[str, str | SensorModel] = {
+    **{name: name for name in SENSOR_MODELS},
+    "steps of 16 mg": coarse(16.0, 0.25),
+    "steps of 30 mg": coarse(30.0, 1.0),
+}
+every_sensor = pytest.mark.parametrize("sensor", [*SENSORS])
+RATES_HZ = (40.0, 100.0, 286.0)
+MOVES: dict[str, str | Task] = {"turning": random_task(1, moves=3), "straight": "pick-and-place-stops"}
+TOLD = [name for name in SENSORS if name != "steps of 30 mg"]
+"""Of 30 mg a step is as large as what a hand does: a freeze and a slow move look alike."""
+
+
+def held(recording: Recording, start: int, stop: int) -> Recording:
+    rows = np.arange(len(recording), dtype=np.intp)
+    rows[start:stop] = start
+    return replace(with_rows(recording, rows), t=recording.t)
+
+
+def fastest(demo: Demonstration) -> list[int]:
+    """The row of each move at which the hand is fastest."""
+    assert demo.truth is not None
+    speed = np.linalg.norm(np.gradient(demo.truth.p_nav_sensor, demo.truth.t, axis=0), axis=1)
+    edges = np.flatnonzero(np.diff((speed > 0.02).astype(int)))
+    return [int(a + np.argmax(speed[a:b])) for a, b in zip(edges[::2], edges[1::2], strict=False)]
+
+
+@quietly
+@pytest.mark.parametrize(
+    ("sensor", "rate_hz", "move"),
+    [(sensor, RATES_HZ[(i + k) % 3], move) for i, sensor in enumerate(TOLD) for k, move in enumerate(MOVES)],
+)
+def test_a_freeze_in_a_move_is_refused_or_makes_unsure(sensor: str, rate_hz: float, move: str) -> None:
+    """Where the hand is fastest, a straight move reads what it reads at rest: it seems to stop dead."""
+    demo = simulate(MOVES[move], SENSORS[sensor], 1, rate_hz=rate_hz)
+    for row in fastest(demo):
+        for seconds in (0.3, 0.8, 2.0):
+            assert refused_or_unsure(demo, row, row + round(seconds * rate_hz))
+
+
+def refused_or_unsure(demo: Demonstration, start: int, stop: int) -> bool:
+    """What comes of rows that are held."""
+    try:
+        keyframes, errors = keyframes_and_errors(replace(demo, recording=held(demo.recording, start, stop)))
+    except PbdError:
+        return True
+    sigmas = np.sqrt([np.trace(keyframe.cov[:3, :3]) for keyframe in keyframes])
+    return len(keyframes) == 1 or bool((errors < np.maximum(3.0 * sigmas, 0.02)).all())  # one is no motion
+
+
+@quietly
+@pytest.mark.parametrize(
+    ("sensor", "rate_hz", "seed"),
+    [("ideal", 100.0, 0), ("ideal", 286.0, 3), ("steps of 16 mg", 100.0, 3), ("steps of 16 mg", 286.0, 0)],
+)
+def test_half_a_swift_move_is_no_jolt(sensor: str, rate_hz: float, seed: int) -> None:
+    """Of a move of 0.2 s a tenth of a second is seen: before a freeze, or after one that began in the rest before."""
+    task = random_task(seed, moves=3, reach_m=0.15, max_turn=0.0, move_s=(0.17, 0.22), rest_s=(0.6, 1.0))
+    demo = simulate(task, SENSORS[sensor], 1, rate_hz=rate_hz)
+    for row in fastest(demo):
+        for start, stop in ((-0.3, 0.0), (0.0, 0.3), (0.0, 0.5)):
+            for late in (0, 1):
+                assert refused_or_unsure(demo, row + round(start * rate_hz) + late, row + round(stop * rate_hz) + late)
+
+
+@quietly
+@pytest.mark.parametrize("sensor", ["ideal", "steps of 16 mg", "steps of 30 mg"])
+@pytest.mark.parametrize("rate_hz", [40.0, 100.0, 286.0])
+def test_a_knock_at_rest_is_no_freeze(sensor: str, rate_hz: float) -> None:
+    """It gives the sensor a speed and takes it back, within two samples."""
+    recording = simulate("pour", SENSORS[sensor], rate_hz=rate_hz).recording
+    row, acc = round(1.5 * rate_hz), recording.acc.copy()
+    acc[row], acc[row + 1] = acc[row] + 17.65, acc[row + 1] - 17.65  # of either coarse sensor's steps, a whole number
+    assert len(track(replace(recording, acc=acc)).stops) == len(track(recording).stops)
+
+
+@quietly
+@pytest.mark.parametrize(("sensor", "rate_hz"), [("ideal", 40.0), ("ideal", 100.0), ("steps of 16 mg", 40.0)])
+def test_a_freeze_where_the_sensor_reads_what_it_reads_at_rest_is_told_as_such(sensor: str, rate_hz: float) -> None:
+    """From the middle of a straight move into the next rest."""
+    demo = simulate("pour", SENSORS[sensor], rate_hz=rate_hz)
+    row = fastest(demo)[1]
+    with pytest.raises(TrackingError, match=r"the hand was moving .*: the sensor froze during a move"):
+        track(held(demo.recording, row, row + round(0.8 * rate_hz)))
+
+
+@quietly
+@pytest.mark.parametrize("sensor", ["ideal", "steps of 16 mg"])
+def test_a_coarse_sensor_is_tracked(sensor: str) -> None:
+    tasks: tuple[str | Task, ...] = (*TASKS, random_task(5))
+    for task in tasks:
+        for rate_hz in (40.0, 100.0):
+            demo = simulate(task, SENSORS[sensor], 1, rate_hz=rate_hz)
+            if demo.recording.gyr is not None:
+                track(demo.recording)
+
+
+@every_sensor
+@pytest.mark.parametrize("rate_hz", [20.0, 40.0, 100.0])
+def test_a_rest_is_no_freeze_however_coarse_the_sensor(sensor: str, rate_hz: float) -> None:
+    short = random_task(2, moves=6, first_rest_s=0.5, rest_s=(0.3, 0.6))
+    tasks: tuple[str | Task, ...] = (*TASKS, random_task(5), short)
+    for task in tasks:
+        assert not frozen(simulate(task, SENSORS[sensor], 1, rate_hz=rate_hz).recording).any()
+
+
+@quietly
+def test_a_hole_between_two_attitudes_is_no_rest() -> None:
+    """The bottle is rolled in the hole: from one rest to another, which interpolation joins smoothly."""
+    demo = pour()
+    assert demo.truth is not None
+    stops = track(demo.recording).stops
+    up = [np.mean(demo.recording.acc[stop.start : stop.stop], axis=0) for stop in stops]
+    k = int(np.argmax([np.linalg.norm(b - a) for a, b in pairwise(up)]))
+    hole = slice(stops[k].stop - 5, stops[k + 1].start + 5)
+    recording = broken(broken(demo.recording, "acc", hole, np.nan), "gyr", hole, np.nan)
+    with pytest.raises(TrackingError, match="while the hand moves"):
+        track(recording)

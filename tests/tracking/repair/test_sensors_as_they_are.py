@@ -1,0 +1,283 @@
+"""Wild samples, dead channels, gyros in another unit or with other axes, other gravities: mended or refused."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pbd.data import Demonstration, Recording
+from pbd.errors import PbdWarning, RecordingError, TrackingError
+from pbd.files.importers import import_file
+from pbd.pipeline import track
+from pbd.pose import Array
+from pbd.simulation.calibration_tasks import sides
+from pbd.simulation.hand_motion import Waypoint
+from pbd.simulation.simulate import SENSOR_MODELS, TASKS, World, random_task, simulate
+from pbd.simulation.tasks import Task
+from pbd.tracking.keyframes import find_keyframes
+from pbd.tracking.repair.channel_faults import frozen
+from pbd.tracking.repair.conditioning import condition
+from pbd.tracking.repair.gyro_consistency import find_steady, refuse_disagreement
+from pbd.tracking.repair.splices import without_wild
+from tests.benchmarks.trials import read_broad
+from tests.scenarios import keyframes_and_errors, pour, uncalibrated, with_rows
+from tests.tracking.faults import with_channel
+
+WITH_GYRO = ["os5000", "wt901", "modern", "ideal"]
+
+
+def real_recordings(folder: Path) -> dict[str, Recording]:
+    """Each at the rate of its sensor and as slower sensors would say it."""
+    found: dict[str, Recording] = {}
+    for file in sorted((folder / "broad").glob("*.npz")):
+        found |= {f"{file.stem} {rate}": trial.recording for rate, trial in read_broad(file).items()}
+    for file in [*(folder / "strides").glob("*.npz"), *(folder / "walks").glob("*.csv")]:
+        recording = import_file(file).recording
+        for every in (1, 2, 4):
+            n = len(recording) // every
+            found[f"{file.stem} {every}"] = Recording(
+                *(
+                    values[: n * every].reshape(n, every, -1).mean(axis=1).reshape(n, *values.shape[1:])
+                    for values in (recording.t, recording.acc, recording.gyr)
+                    if values is not None
+                )
+            )
+    return found
+
+
+def with_spike(recording: Recording, channel: str, row: int, axis: int, value: float) -> Recording:
+    values = getattr(recording, channel).copy()
+    values[row, axis] = value
+    return with_channel(recording, channel, values)
+
+
+@pytest.mark.parametrize("sensor", ["modern", "os5000"])
+@pytest.mark.parametrize(("channel", "value"), [("acc", 500.0), ("acc", -500.0), ("gyr", 30.0)])
+@pytest.mark.parametrize("t", [0.0, 1.0, 2.9, 9.8, 22.0])
+def test_a_wild_sample_is_left_out_and_told(sensor: str, channel: str, value: float, t: float) -> None:
+    recording = pour(sensor, 1).recording
+    row = int(np.searchsorted(recording.t, t))
+    whole = find_keyframes(track(recording))
+    with pytest.warns(
+        PbdWarning, match=rf"1 impossible sample left out .* row {row} \(t = {recording.t[row]:.2f} s\): "
+    ) as caught:
+        spoilt = find_keyframes(track(with_spike(recording, channel, row, 1, value)))
+    assert len(caught) == 1
+    assert len(spoilt) == len(whole)
+    off = [one.T_nav_sensor.distance(other.T_nav_sensor)[0] for one, other in zip(spoilt, whole, strict=True)]
+    assert max(off) < 0.003
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    st.sampled_from(WITH_GYRO),
+    st.sampled_from(["pour", "random"]),
+    st.sampled_from([("acc", 500.0), ("gyr", 30.0)]),
+    st.integers(0, 10**6),
+)
+def test_a_wild_sample_is_found_wherever_it_is(sensor: str, task: str, spike: tuple[str, float], seed: int) -> None:
+    recording = simulate(random_task(seed) if task == "random" else task, sensor, seed).recording
+    channel, value = spike
+    row, axis = seed % len(recording), seed % 3
+    with pytest.warns(PbdWarning, match="1 impossible sample"):
+        mended = without_wild(with_spike(recording, channel, row, axis, value))
+    was, now = getattr(recording, channel), getattr(mended, channel)
+    assert np.delete(now, row, axis=0) == pytest.approx(np.delete(was, row, axis=0))
+    assert np.abs(now[row] - was[row]).max() < 0.1 * value
+
+
+def test_real_impacts_and_fast_hands_have_no_wild_samples(data_folder: Path) -> None:
+    recordings = real_recordings(data_folder)
+    assert len(recordings) >= 10
+    for recording in recordings.values():
+        assert without_wild(recording) is recording
+    for sensor in WITH_GYRO:
+        for seed in range(5):
+            fast = simulate(random_task(seed, move_s=(0.15, 0.3)), sensor, seed).recording
+            assert without_wild(fast) is fast
+
+
+def test_a_tap_is_no_wild_sample() -> None:
+    """It rings, or goes on for longer than a sample."""
+    recording = pour().recording
+    acc = recording.acc.copy()
+    acc[100:106, 2] += (45.0, -25.0, 14.0, -8.0, 5.0, -3.0)
+    acc[200:203, 2] += (40.0, 90.0, 35.0)
+    tapped = replace(recording, acc=acc)
+    assert without_wild(tapped) is tapped
+
+
+@pytest.mark.parametrize("sensor", ["os5000", "wt901", "modern"])
+@pytest.mark.parametrize(("channel", "name"), [("acc", "accelerometer"), ("gyr", "gyro")])
+@pytest.mark.parametrize("begin", [0.0, 5.0])
+def test_a_stuck_axis_is_named(sensor: str, channel: str, name: str, begin: float) -> None:
+    for task in ("pour", random_task(3)):
+        recording = simulate(task, sensor, 1).recording
+        values = getattr(recording, channel).copy()
+        values[recording.t >= begin, 1] = 0.25
+        with pytest.raises(RecordingError, match=rf"axis y of the {name} is stuck at 0\.25 from {begin:.0f}\.\d\d s"):
+            track(with_channel(recording, channel, values))
+
+
+@pytest.mark.parametrize("sensor", WITH_GYRO)
+def test_a_gyro_that_says_nothing_is_refused(sensor: str) -> None:
+    recording = pour(sensor).recording
+    with pytest.raises(RecordingError, match="so it is dead"):
+        track(replace(recording, gyr=np.zeros_like(recording.acc)))
+
+
+@pytest.mark.parametrize("sensor", [*SENSOR_MODELS])
+def test_samples_that_never_change_are_refused(sensor: str) -> None:
+    recording = pour(sensor).recording
+    same = replace(with_rows(recording, np.zeros(len(recording), dtype=np.intp)), t=recording.t)
+    with pytest.raises(RecordingError, match="all rows are the same"):
+        track(same)
+
+
+def test_a_sensor_without_noise_is_not_dead() -> None:
+    """At rest it never changes, and an axis along which nothing happens never does."""
+    along_z = random_task(0, moves=2, max_turn=0.0)
+    along_z = replace(along_z, waypoints=tuple(replace(w, p=(0.0, 0.0, w.p[2])) for w in along_z.waypoints))
+    tasks: tuple[str | Task, ...] = ("pour", "pick-and-place-direct", along_z)
+    for task in tasks:
+        for gravity in (9.78, 9.81):
+            keyframes, errors = keyframes_and_errors(simulate(task, "ideal", world=World(gravity=gravity)))
+            assert len(keyframes) >= 2
+            assert errors.max() < 0.01
+
+
+@uncalibrated
+def test_a_gyro_that_says_zero_at_rest_is_not_stuck() -> None:
+    """Some sensors take their own bias out whenever they take themselves to be at rest."""
+    demo = pour("wt901", 1)
+    gyr = demo.recording.gyr
+    assert gyr is not None
+    still = np.array([np.abs(gyr[max(i - 20, 0) : i + 20]).max() < 0.03 for i in range(len(gyr))])
+    assert still.mean() > 0.2
+    quiet = replace(demo.recording, gyr=np.where(still[:, None], 0.0, gyr))
+    assert len(track(quiet).stops) >= 11
+
+
+def held(recording: Recording, start: int, stop: int) -> Recording:
+    rows = np.arange(len(recording))
+    rows[start:stop] = start
+    return replace(with_rows(recording, rows), t=recording.t)
+
+
+def test_a_sensor_that_freezes_in_a_move_is_refused() -> None:
+    assert not frozen(held(pour().recording, 280, 285)).any()  # 40 ms
+    assert frozen(held(pour().recording, 280, 287)).any()  # 60 ms
+    with (
+        pytest.warns(PbdWarning, match="29 samples missing, in 1 gap"),
+        pytest.raises(TrackingError, match=r"290 ms of data are missing after row 280 .* while the hand moves"),
+    ):
+        track(held(pour().recording, 280, 310))
+
+
+@pytest.mark.parametrize("sensor", [*SENSOR_MODELS])
+def test_nothing_is_frozen_in_a_clean_recording(sensor: str, data_folder: Path) -> None:
+    for seed in range(3):
+        tasks: list[str | Task] = [*TASKS, random_task(seed)]
+        for task in tasks:
+            assert not frozen(simulate(task, sensor, seed).recording).any()
+    if sensor == "modern":
+        assert not any(frozen(recording).any() for recording in real_recordings(data_folder).values())
+
+
+def turned(gyr: Array, how: str) -> Array:
+    return {
+        "deg/s": np.degrees(gyr),
+        "rad/s": np.radians(gyr),
+        "swapped": gyr[:, [1, 0, 2]],
+        "mirrored": gyr * (1.0, -1.0, 1.0),
+        "turned round": -gyr,
+    }[how]
+
+
+def spoilt(demo: Demonstration, how: str) -> Recording:
+    assert demo.recording.gyr is not None
+    return replace(demo.recording, gyr=turned(demo.recording.gyr, how))
+
+
+@pytest.mark.parametrize("sensor", WITH_GYRO)
+@pytest.mark.parametrize("task", ["pour", "pick-and-place-stops", "random"])
+@pytest.mark.parametrize("unit", ["deg/s", "rad/s"])
+def test_a_gyro_in_another_unit_is_found_out(sensor: str, task: str, unit: str) -> None:
+    demo = simulate(random_task(4) if task == "random" else task, sensor, 1)
+    with pytest.raises(RecordingError, match=f"import the file with --unit gyr={unit}"):
+        track(spoilt(demo, unit))
+
+
+def test_a_real_gyro_in_degrees_is_found_out_and_a_good_one_is_not(data_folder: Path) -> None:
+    for name, recording in real_recordings(data_folder).items():
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", PbdWarning)  # of lost samples
+            good, _ = condition(recording)
+        assert good.gyr is not None
+        if name.endswith((" 40", " 1")):
+            with pytest.raises(RecordingError, match="--unit gyr=deg/s"):
+                refuse_disagreement(replace(good, gyr=np.degrees(good.gyr)))
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    st.sampled_from(WITH_GYRO),
+    st.sampled_from([*TASKS, "random", "fast", "wide"]),
+    st.sampled_from([None, 25.0, 286.0]),
+    st.integers(0, 1000),
+)
+def test_a_good_gyro_is_never_refused(sensor: str, task: str, rate_hz: float | None, seed: int) -> None:
+    what = {
+        "random": random_task(seed),
+        "fast": random_task(seed, move_s=(0.2, 0.5)),
+        "wide": random_task(seed, max_turn=2.5),
+    }.get(task, task)
+    refuse_disagreement(simulate(what, sensor, seed, rate_hz=rate_hz).recording)
+
+
+@pytest.mark.parametrize("seed", [2, 9, 19])
+def test_a_turn_about_the_vertical_is_not_taken_for_rest(seed: int) -> None:
+    """It leaves the accelerometer as quiet: what the gyro says then is no bias."""
+    recording = simulate(sides(seed), "wt901", seed).recording
+    refuse_disagreement(recording)
+    assert recording.gyr is not None
+    bias = find_steady(recording.acc, recording.gyr, recording.rate_hz).gyro_bias
+    assert np.abs(bias).max() < np.radians(2.0)
+
+
+@pytest.mark.parametrize("how", ["swapped", "mirrored", "turned round"])
+@pytest.mark.parametrize("sensor", ["os5000", "wt901", "modern"])
+def test_axes_that_are_not_the_accelerometers_are_found_out(how: str, sensor: str) -> None:
+    """Nearly always, where the hand turns about several axes; where it hardly turns, nothing is known of them."""
+    said = []
+    for seed in range(6):
+        recording = spoilt(simulate(random_task(seed, max_turn=1.8, moves=20), sensor, seed), how)
+        try:
+            refuse_disagreement(recording)
+        except RecordingError as error:
+            said.append(error.message)
+    assert len(said) >= 5
+    assert all("are the accelerometer's +x, +y, +z" in message for message in said)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.sampled_from(["modern", "ideal"]), st.floats(9.6, 10.0), st.integers(0, 100))
+def test_gravity_is_what_the_sensor_shows(sensor: str, gravity: float, seed: int) -> None:
+    keyframes, errors = keyframes_and_errors(simulate("pour", sensor, seed, world=World(gravity=gravity)))
+    assert len(keyframes) == 11
+    assert errors.max() < 0.015
+
+
+@pytest.mark.parametrize("sensor", ["wt901", "modern"])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_hand_that_speeds_up_to_one_side_and_down_is_no_dead_gyro(sensor: str, seed: int) -> None:
+    """At 5 m/s2, 15 degrees below the level, specific force is g, 30 degrees from the vertical, and steady."""
+    here, there = Waypoint(move_s=1.0, rest_s=1.0), Waypoint((0.87, 0.0, -0.23), move_s=1.0, rest_s=1.0)
+    waypoints = [Waypoint(rest_s=1.0), *(4 * [there, here])]
+    refuse_disagreement(simulate(Task("brisk", tuple(waypoints)), sensor, seed).recording)

@@ -1,0 +1,159 @@
+"""Specific force with turned signs: refused where the device's own attitude tells, said where only the rest can."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from dataclasses import replace
+from itertools import permutations
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pbd.data import Demonstration, Recording
+from pbd.errors import PbdWarning, RecordingError
+from pbd.files.demo import write_demo
+from pbd.files.importers import import_file
+from pbd.pose import quat_from_rpy, quat_to_rpy
+from pbd.simulation.calibration_tasks import sides
+from pbd.simulation.simulate import SENSOR_MODELS, TASKS, random_task, simulate
+from pbd.tracking.repair.gyro_consistency import (
+    refuse_disagreement,
+    refuse_turned_signs,
+    up_in_sensor,
+    warn_upside_down,
+)
+
+WITH_ATTITUDE = ("os5000", "os5000-nogyro", "wt901", "modern")
+
+
+def turned(recording: Recording, *signs: float) -> Recording:
+    return replace(recording, acc=recording.acc * np.array(signs))
+
+
+@pytest.mark.parametrize("sensor", WITH_ATTITUDE)
+@pytest.mark.parametrize("task", ["pour", "pick-and-place-stops", "random"])
+def test_the_devices_attitude_tells_all_three(sensor: str, task: str) -> None:
+    recording = simulate(random_task(4) if task == "random" else task, sensor, 1).recording
+    with pytest.raises(
+        RecordingError, match=r"the accelerometer's x, y, z have the wrong sign: .* with --unit acc=-g"
+    ) as caught:
+        refuse_turned_signs(turned(recording, -1.0, -1.0, -1.0))
+    assert caught.value.fields["axes"] == "xyz"
+
+
+@pytest.mark.parametrize("sensor", WITH_ATTITUDE)
+def test_the_devices_attitude_tells_one_where_the_hand_turns(sensor: str) -> None:
+    recording = simulate("pour", sensor, 1).recording
+    with pytest.raises(RecordingError, match=r"the accelerometer's z has the wrong sign: .* with --column az=-NAME$"):
+        refuse_turned_signs(turned(recording, 1.0, 1.0, -1.0))
+
+
+def test_a_level_axis_is_the_gyros_to_tell_where_there_is_one() -> None:
+    """Else the attitude, by which gravity is taken out, has to agree."""
+    recording = turned(simulate(sides(1), "os5000", 1).recording, 1.0, -1.0, 1.0)
+    refuse_turned_signs(recording)
+    with pytest.raises(RecordingError, match=r"the accelerometer's y has the wrong sign: .* with --column ay=-NAME$"):
+        refuse_turned_signs(replace(recording, gyr=None))
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.sampled_from(sorted(SENSOR_MODELS)), st.sampled_from([*TASKS, "random", "wide", "sides"]), st.integers(0, 1000)
+)
+def test_what_is_right_is_never_refused(sensor: str, task: str, seed: int) -> None:
+    made = {"random": random_task(seed), "wide": random_task(seed, max_turn=2.5), "sides": sides(seed)}
+    what = made.get(task, task)
+    refuse_turned_signs(simulate(what, sensor, seed).recording)
+
+
+def test_a_real_recording_is_never_refused(data_folder: Path) -> None:
+    """None has its device's attitude; with the optical one in its place signs are right, and turned ones are not."""
+    for file in sorted((data_folder / "broad").glob("*.npz")):
+        demo = import_file(file)
+        assert demo.truth is not None
+        known = np.isfinite(demo.truth.wxyz_nav_sensor).all(axis=1) & np.isfinite(demo.recording.acc).all(axis=1)
+        rows = np.flatnonzero(known)
+        seen = replace(
+            demo.recording,
+            t=np.arange(len(rows)) / demo.recording.rate_hz,
+            acc=demo.recording.acc[rows],
+            gyr=None,
+            mag=None,
+            device_rpy=quat_to_rpy(demo.truth.wxyz_nav_sensor[rows]),
+        )
+        refuse_turned_signs(seen)
+        with pytest.raises(RecordingError, match="the accelerometer's x, y, z have the wrong sign"):
+            refuse_turned_signs(turned(seen, -1.0, -1.0, -1.0))
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_without_it_the_gyro_tells_of_one_axis_and_what_may_be_wrong(axis: int) -> None:
+    """A turned axis of the accelerometer looks as though the gyro's other two were: both remedies are said."""
+    signs = [1.0, 1.0, 1.0]
+    signs[axis] = -1.0
+    said = []
+    for seed in range(4):
+        recording = simulate(random_task(seed, max_turn=1.8, moves=20), "modern", seed).recording
+        try:
+            refuse_disagreement(replace(turned(recording, *signs), device_rpy=None))
+        except RecordingError as error:
+            said.append(error.message)
+    others = " ".join(f"--column g{its}=-G{its.upper()}" for k, its in enumerate("xyz") if k != axis)
+    assert len(said) >= 3
+    for message in said:
+        assert f"import the file with {others} (GX: " in message
+        assert message.endswith(f"with --column a{'xyz'[axis]}=-NAME")
+
+
+@pytest.mark.parametrize("order", list(permutations(range(3))))
+@pytest.mark.parametrize("seed", [0, 3])
+def test_what_it_says_of_the_gyro_mends_it(order: tuple[int, ...], seed: int, tmp_path: Path) -> None:
+    """Axes in any order, with any signs: the columns that it names give back the gyro as it was."""
+    recording = simulate(random_task(seed, max_turn=1.8, moves=20), "ideal", seed, rate_hz=50.0).recording
+    assert recording.gyr is not None
+    signs = np.random.default_rng([seed, *order]).choice((-1.0, 1.0), 3)
+    spoilt = replace(recording, gyr=recording.gyr[:, list(order)] * signs, device_rpy=None)
+    try:
+        refuse_disagreement(spoilt)
+    except RecordingError as error:
+        said = error.message
+    else:
+        assert order == (0, 1, 2)
+        assert (signs > 0.0).all()
+        return
+    columns = dict(re.findall(r"--column (g[xyz])=(-?G[XYZ])", said.split("(GX:")[0]))
+    write_demo(Demonstration(spoilt), tmp_path / "spoilt")
+    mended = import_file(tmp_path / "spoilt" / "imu.csv", {ours: its.lower() for ours, its in columns.items()})
+    assert mended.recording.gyr is not None
+    np.testing.assert_allclose(mended.recording.gyr, recording.gyr, atol=1e-6)
+
+
+def test_of_three_the_gyro_says_nothing() -> None:
+    """It carries the vertical upside down as well as upright."""
+    recording = replace(simulate("pour", "modern", 0).recording, device_rpy=None)
+    refuse_disagreement(turned(recording, -1.0, -1.0, -1.0))
+
+
+@given(st.floats(-np.pi, np.pi), st.floats(-1.5, 1.5), st.floats(-np.pi, np.pi))
+def test_upside_down_is_said_where_z_points_down(roll: float, pitch: float, yaw: float) -> None:
+    recording = Recording(t=np.array((0.0, 0.1)), acc=np.zeros((2, 3)))
+    up_sensor = up_in_sensor(quat_from_rpy((roll, pitch, yaw)))
+    assert up_sensor[2] == pytest.approx(np.cos(roll) * np.cos(pitch), abs=1e-9)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        warn_upside_down(recording, up_sensor, 0, 2)
+    assert [warning.category for warning in caught] == ([PbdWarning] if up_sensor[2] <= -0.9 else [])
+
+
+@pytest.mark.parametrize(("field_z", "told"), [(40.0, False), (-40.0, True), (0.0, False)])
+def test_a_field_that_points_up_is_a_second_witness(field_z: float, told: bool) -> None:
+    """Upside down, the field of the north points down: along the sensor's +z."""
+    field = np.array([[20.0, 0.0, field_z]] * 2)
+    recording = Recording(t=np.array((0.0, 0.1)), acc=np.zeros((2, 3)), mag=field)
+    with pytest.warns(PbdWarning, match="lies upside down") as caught:
+        warn_upside_down(recording, np.array([0.0, 0.0, -1.0]), 0, 2)
+    assert ("south of the equator" in str(caught[0].message)) == told

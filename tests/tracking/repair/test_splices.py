@@ -1,0 +1,66 @@
+"""Rows that are not where they belong: exchanged blocks are put back, wild gyro rows left out; a hand is no fault."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pbd.errors import PbdWarning
+from pbd.simulation.simulate import random_task, simulate
+from pbd.tracking.repair.splices import in_order, without_wild
+from tests.scenarios import pour, with_rows
+from tests.tracking.repair.test_sensors_as_they_are import real_recordings
+
+
+@pytest.mark.parametrize(
+    ("sensor", "seconds"), [("modern", 0.1), ("modern", 1.0), ("os5000-nogyro", 0.3), ("wt901", 0.3)]
+)
+def test_exchanged_blocks_are_put_back(sensor: str, seconds: float) -> None:
+    recording = simulate("pick-and-place-direct", sensor, 1).recording
+    size, first = round(seconds * recording.rate_hz), int(np.searchsorted(recording.t, 2.3))
+    rows = np.arange(len(recording))
+    rows[first : first + 2 * size] = np.roll(rows[first : first + 2 * size], size)
+    mixed = replace(with_rows(recording, rows), t=recording.t)
+    with pytest.warns(PbdWarning, match=rf"rows {first} to {first + size - 1} .* put behind them"):
+        mended = in_order(mixed)
+    np.testing.assert_array_equal(mended.acc, recording.acc)
+    assert mended.mag is not None
+    np.testing.assert_array_equal(mended.mag, recording.mag)
+
+
+def test_nothing_is_put_in_another_order_in_sound_recordings(data_folder: Path) -> None:
+    for recording in real_recordings(data_folder).values():
+        assert in_order(recording) is recording
+    for sensor in ("os5000", "modern", "ideal"):
+        fast = simulate(random_task(1, move_s=(0.15, 0.3)), sensor, 1).recording
+        assert in_order(fast) is fast
+
+
+@pytest.mark.parametrize("rows", [1, 2, 3])
+def test_wild_gyro_rows_are_left_out_however_small(rows: int) -> None:
+    """1 rad/s for three samples is a turn of two degrees."""
+    recording = pour("wt901", 1).recording
+    assert recording.gyr is not None
+    gyr = recording.gyr.copy()
+    gyr[500 : 500 + rows, 1] += 1.0
+    with pytest.warns(PbdWarning, match=f"^{rows} impossible samples? left out"):
+        mended = without_wild(replace(recording, gyr=gyr))
+    assert mended.gyr is not None
+    assert np.abs(mended.gyr - recording.gyr).max() < 0.1
+
+
+def test_a_hand_that_meets_a_table_is_no_wild_sample() -> None:
+    """It stops from 8 cm/s within a sample, and may rock."""
+    recording = pour("os5000", 1).recording
+    assert recording.gyr is not None
+    acc, gyr = recording.acc.copy(), recording.gyr.copy()
+    acc[200, 2] += 3.0
+    gyr[200:204, 0] += (0.4, -0.3, 0.2, -0.1)
+    met = replace(recording, acc=acc, gyr=gyr)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert in_order(without_wild(met)) is met

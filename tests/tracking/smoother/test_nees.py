@@ -1,0 +1,74 @@
+"""The tracker's covariance is true: errors, normalised by it, have about the size of one, and wrong ones are found out.
+
+Bands are of the mean over a sensor's recordings (tests/benchmarks/sigma.py has the whole table). Position is said to be
+less sure than it is: the noise of a class is that of its worse devices.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from tests.tracking.nees import Errors, demonstration, errors_of, nees
+
+pytestmark = pytest.mark.filterwarnings("ignore::pbd.errors.PbdWarning")
+
+TASKS = {
+    "modern": ("pour", "random", "tipping"),
+    "os5000": ("pour", "random", "tipping"),
+    "wt901": ("pour", "random", "tipping"),
+    "wandering": ("dawdling",),
+}
+SEEDS = {"modern": range(2, 5), "os5000": range(2, 5), "wt901": range(2, 5), "wandering": range(2, 8)}
+
+POSITION, ROTATION = (0.2, 1.4), (0.3, 1.8)
+
+
+@cache
+def found(sensor: str) -> tuple[Errors, ...]:
+    return tuple(errors_of(demonstration(task, sensor, seed)) for task in TASKS[sensor] for seed in SEEDS[sensor])
+
+
+def is_true(errors: tuple[Errors, ...]) -> bool:
+    position, rotation = nees(e.position for e in errors), nees(e.rotation for e in errors)
+    print(f"position {position:.2f}, rotation {rotation:.2f}")
+    return POSITION[0] < position < POSITION[1] and ROTATION[0] < rotation < ROTATION[1]
+
+
+@pytest.mark.parametrize("sensor", TASKS)
+def test_the_covariance_is_true(sensor: str) -> None:
+    assert is_true(found(sensor))
+
+
+def divided(part: slice, by: float) -> Callable[[Errors], Errors]:
+    scale = np.ones(6)
+    scale[part] = 1.0 / by
+    return lambda errors: replace(errors, cov=errors.cov * scale[:, None] * scale)
+
+
+def constant(errors: Errors) -> Errors:
+    """Rotation as sure everywhere, as it once was."""
+    cov = errors.cov.copy()
+    cov[:, 3:, 3:] = np.radians(0.4) ** 2 * np.eye(3)
+    return replace(errors, cov=cov)
+
+
+WRONG = {
+    "all / 10": divided(slice(0, 6), 10.0),
+    "position / 3": divided(slice(0, 3), 3.0),
+    "rotation / 10": divided(slice(3, 6), 10.0),
+    "rotation constant": constant,
+}
+
+
+@pytest.mark.parametrize(
+    ("wrong", "sensor"),
+    # 0.4 degrees is about right for a wt901
+    [(wrong, sensor) for wrong in WRONG for sensor in TASKS if (wrong, sensor) != ("rotation constant", "wt901")],
+)
+def test_a_wrong_covariance_is_found_out(wrong: str, sensor: str) -> None:
+    assert not is_true(tuple(WRONG[wrong](errors) for errors in found(sensor)))
