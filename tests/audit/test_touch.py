@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -122,7 +123,7 @@ def test_a_fault_of_the_planner_is_caught(
     with pytest.raises(PlanError, match=f"^audit: .*{told}"):
         plan_keyframes(keyframes_of("pouring"), world, PANDA, None, path_of("pouring"), BOTTLE)
     # Nothing else sees it.
-    monkeypatch.setattr("pbd.audit.audit.audit", lambda *_: None)
+    monkeypatch.setattr("pbd.audit.audit.audit", lambda *_: SimpleNamespace(torque=None))
     plan_keyframes(keyframes_of("pouring"), replace(world), PANDA, None, path_of("pouring"), BOTTLE)
 
 

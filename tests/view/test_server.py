@@ -130,7 +130,7 @@ def test_it_ends_with_ctrl_c() -> None:
         found = re.search(r"http://\S+", process.stderr.readline())
         assert found
         process.send_signal(signal.SIGINT)
-        assert process.wait(10.0) == 0
+        assert process.wait(30.0) == 0
         with pytest.raises(ConnectionError):
             socket.create_connection((urlsplit(found[0]).hostname, urlsplit(found[0]).port), 1.0)
     finally:

@@ -207,12 +207,13 @@ def _swapped(recording: Recording) -> tuple[int, int, bool] | None:
     best = int(np.argmax(gain))
     at = np.array((a[best], b[best], c[best]))
     away = np.abs(np.subtract.outer(np.arange(len(jumps)), at)).min(axis=1)
-    around = jumps[(away > 2) & (away <= max(8, round(MOTION_AROUND_S * recording.rate_hz)))].mean()
+    beside = jumps[(away > 2) & (away <= max(8, round(MOTION_AROUND_S * recording.rate_hz)))]
+    around = float(beside.sum()) / max(len(beside), 1)
     if gain[best] < OUTLIER_RATIO or three[:, best].mean() < OUTLIER_RATIO * around:
         return None
     first, size = int(edges[a[best]]), int(b[best] - a[best])
     x[first : first + 2 * size] = np.roll(x[first : first + 2 * size], size, axis=0)
-    beside = edges[np.clip(np.add.outer(at, (-1, 0, 1)), 0, len(jumps) - 1)]
-    before, after = _lines(x, beside.ravel())
+    ends = edges[np.clip(np.add.outer(at, (-1, 0, 1)), 0, len(jumps) - 1)]
+    before, after = _lines(x, ends.ravel())
     left = float(((after - before) ** 2).sum(axis=1).max())  # wild rows jump wherever they are put
     return first, size, left < MENDED_JUMP * float(three[:, best].max())
