@@ -55,15 +55,11 @@ def sweep_of(arm: ArmModel, q_before: Array, q: Array) -> Sweep:
     along = q_before + np.linspace(0.0, 1.0, _SAMPLES)[:, None] * (q - q_before)
     p, R = arm.forward_many(along)
     turn_rad = float(_angles(R[:-1], R[1:]).sum())
-    return Sweep(turn_rad, float(_angles(R[:1], R[-1:])[0]), _off_line(p), float(np.linalg.norm(p[-1] - p[0])))
+    return Sweep(turn_rad, float(_angles(R[:1], R[-1:])[0]), off_line(p), float(np.linalg.norm(p[-1] - p[0])))
 
 
-def off_line(arm: ArmModel, q: Array) -> float:
-    """Return the tool's largest distance (m) from the line between its first and its last place, at joints (n, k)."""
-    return _off_line(arm.forward_many(q)[0])
-
-
-def _off_line(p: FloatArray) -> float:
+def off_line(p: FloatArray) -> float:
+    """Return the largest distance (m) of places (n, 3) from the line between the first and the last."""
     away, way = p - p[0], p[-1] - p[0]
     share = np.clip(away @ way / max(float(way @ way), 1e-18), 0.0, 1.0)
     return float(np.linalg.norm(away - share[:, None] * way, axis=1).max())

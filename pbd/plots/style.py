@@ -24,7 +24,7 @@ from pbd.pose import Array
 
 DPI = 110
 
-ORANGE, SKY, GREEN, YELLOW = "#e69f00", "#56b4e9", "#009e73", "#f0e442"
+ORANGE, SKY, GREEN = "#e69f00", "#56b4e9", "#009e73"
 BLUE, VERMILION, PURPLE = "#0072b2", "#d55e00", "#cc79a7"
 """Okabe and Ito's palette, which the colour-blind can tell apart."""
 AXES_RGB = (VERMILION, GREEN, BLUE)
