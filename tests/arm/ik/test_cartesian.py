@@ -57,19 +57,19 @@ def test_the_tool_stays_on_the_line(name: str) -> None:
     q = follow(arm, poses, *known_ends(arm, poses))
     assert q is not None
     straight = np.linspace(q[0], q[-1], len(q))
-    assert off_line(arm, q) < 1e-7
-    assert off_line(arm, straight) > 1e-4
+    assert off_line(arm.forward_many(q)[0]) < 1e-7
+    assert off_line(arm.forward_many(straight)[0]) > 1e-4
 
 
 def test_off_line_is_the_distance_from_a_line() -> None:
     """By hand, place for place."""
     arm = arm_of("ur5")
     q = np.linspace(arm.robot.home, arm.robot.home + np.array([0.5, 0.3, -0.2, 0.1, 0.4, 0.0]), 20)
-    places = np.array([arm.forward(joints).p for joints in q])
+    places = arm.forward_many(q)[0]
     way = (places[-1] - places[0]) / np.linalg.norm(places[-1] - places[0])
     expected = max(float(np.linalg.norm(np.cross(place - places[0], way))) for place in places)
-    assert off_line(arm, q) == pytest.approx(expected, rel=1e-9)
-    assert off_line(arm, np.repeat(q[:1], 3, axis=0)) == 0.0
+    assert off_line(places) == pytest.approx(expected, rel=1e-9)
+    assert off_line(np.repeat(places[:1], 3, axis=0)) == 0.0
 
 
 def test_another_way_to_hold_the_arm_is_a_leap() -> None:
