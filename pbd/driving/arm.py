@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from pbd.driving.bus import Bus, NoAnswer
+from pbd.driving.bus import Bus, NoAnswerError
 from pbd.driving.counts import Counts
 from pbd.driving.packets import signed, word
 from pbd.errors import CalibrationError, SensorError, printable
@@ -81,17 +82,19 @@ class ServoArm:
             CalibrationError: they were calibrated differently.
         """
         self._bus, self.counts = bus, counts
-        found = identify(bus, counts)
+        found = identify(bus, dict(zip(counts.names, counts.ids, strict=True)))
         self.bounds = Bounds(
             celsius=np.array([data[10] for data in found]),
             least_volts=0.1 * np.array([data[12] for data in found]),
             most_volts=0.1 * np.array([data[11] for data in found]),
         )
         for (name, servo), data in zip(counts.servos.items(), found, strict=True):
-            has = (signed(_word(data, 28), OFFSET_SIGN), _word(data, 6), _word(data, 8))
+            has = (signed(word_at(data, 28), OFFSET_SIGN), word_at(data, 6), word_at(data, 8))
             said = (servo.homing_offset, servo.range_min, servo.range_max)
             if has != said:
-                what = f"the calibration is another arm's, or an old one: of {name} it has homing offset and range {said}"
+                what = (
+                    f"the calibration is another arm's, or an old one: of {name} it has homing offset and range {said}"
+                )
                 raise CalibrationError(f"{what}, the servo has {has}; name the right --servos, or calibrate anew")
             if data[30] != POSITION_MODE:
                 what = f"servo {servo.id} ({name}) is in mode {data[30]}, not in position mode"
@@ -107,8 +110,8 @@ class ServoArm:
         found = self._bus.read(self.counts.ids, PRESENT, PRESENT_LENGTH)
         answers = [found[id_] for id_ in self.counts.ids]
         return State(
-            counts=np.array([signed(_word(a.data, 0), 15) for a in answers], np.float64),
-            load=np.array([signed(_word(a.data, 4), LOAD_SIGN) / 1000.0 for a in answers]),
+            counts=np.array([signed(word_at(a.data, 0), 15) for a in answers], np.float64),
+            load=np.array([signed(word_at(a.data, 4), LOAD_SIGN) / 1000.0 for a in answers]),
             volts=np.array([a.data[6] / 10.0 for a in answers]),
             celsius=np.array([a.data[7] for a in answers], np.float64),
             flags=tuple(a.error for a in answers),
@@ -116,7 +119,7 @@ class ServoArm:
 
     def go(self, counts: Array) -> None:
         """Give every servo its goal."""
-        self._write(GOAL, [word(int(round(value))) for value in counts.tolist()])
+        self._write(GOAL, [word(round(value)) for value in counts.tolist()])
 
     def hold(self, counts: Array) -> None:
         """Give goals and read them back.
@@ -124,7 +127,7 @@ class ServoArm:
         Raises:
             SensorError: they did not arrive; the servos hold their last goals.
         """
-        wanted = [word(int(round(value))) for value in counts.tolist()]
+        wanted = [word(round(value)) for value in counts.tolist()]
         self._write_sure(GOAL, wanted)
 
     def stiffen(self, counts: Array) -> None:
@@ -132,13 +135,9 @@ class ServoArm:
 
         A goal from before would be taken up at full speed: goals go first, and are read back.
         """
-        self._write_sure(GOAL, [word(int(round(value))) + word(0) + word(0) for value in counts.tolist()])
+        self._write_sure(GOAL, [word(round(value)) + word(0) + word(0) for value in counts.tolist()])
         self._bus.write(TORQUE_LIMIT, {self.counts.ids[-1]: word(GRIPPER_TORQUE)})
         self._write_sure(TORQUE_ENABLE, [b"\x01"] * len(self.counts.ids))
-
-    def release(self) -> None:
-        """Switch torque off: the arm sinks."""
-        self._write_sure(TORQUE_ENABLE, [b"\x00"] * len(self.counts.ids))
 
     def _write(self, address: int, values: list[bytes]) -> None:
         self._bus.write(address, dict(zip(self.counts.ids, values, strict=True)))
@@ -153,12 +152,12 @@ def write_sure(bus: Bus, address: int, values: dict[int, bytes]) -> None:
     Raises:
         SensorError: they did not arrive.
     """
-    silent: NoAnswer | None = None
+    silent: NoAnswerError | None = None
     for _ in range(HOLD_TRIES):
         bus.write(address, values)
         try:
             found = bus.read(tuple(values), address, len(next(iter(values.values()))))
-        except NoAnswer as error:
+        except NoAnswerError as error:
             silent = error
             continue
         if all(found[id_].data == data for id_, data in values.items()):
@@ -167,25 +166,31 @@ def write_sure(bus: Bus, address: int, values: dict[int, bytes]) -> None:
     raise silent or SensorError(f"the servos on {bus.device} did not take what was written; check their cables")
 
 
-def identify(bus: Bus, counts: Counts) -> list[bytes]:
-    """Read who the servos are, and refuse what isn't an STS3215.
+def release(bus: Bus, ids: Sequence[int]) -> None:
+    """Switch torque off: the arm sinks."""
+    write_sure(bus, TORQUE_ENABLE, dict.fromkeys(ids, b"\x00"))
+
+
+def identify(bus: Bus, ids: Mapping[str, int]) -> list[bytes]:
+    """Read who the servos are (joint: id), and refuse what isn't an STS3215.
 
     Returns:
         Of each servo its registers from IDENTITY on.
     """
+    names = {id_: name for name, id_ in ids.items()}
     try:
-        found = bus.read(counts.ids, IDENTITY, IDENTITY_LENGTH)
-    except NoAnswer as error:
-        if len(error.ids) == len(counts.ids):
+        found = bus.read(tuple(names), IDENTITY, IDENTITY_LENGTH)
+    except NoAnswerError as error:
+        if len(error.ids) == len(ids):
             raise SensorError(_nobody(bus.device, error.heard), path=bus.device) from None
-        names = ", ".join(f"{id_} ({counts.names[counts.ids.index(id_)]})" for id_ in error.ids)
-        what = f"no answer from servo {names} on {bus.device}; the others answer: check its cable and its id"
+        silent = ", ".join(f"{id_} ({names[id_]})" for id_ in error.ids)
+        what = f"no answer from servo {silent} on {bus.device}; the others answer: check its cable and its id"
         raise SensorError(what, path=bus.device) from None
-    for id_, name in zip(counts.ids, counts.names, strict=True):
-        if (model := _word(found[id_].data, 0)) != STS3215:
+    for id_, name in names.items():
+        if (model := word_at(found[id_].data, 0)) != STS3215:
             what = f"servo {id_} ({name}) says it is model {model}, not an STS3215 ({STS3215}); pbd run drives no other"
             raise SensorError(what, path=bus.device)
-    return [found[id_].data for id_ in counts.ids]
+    return [found[id_].data for id_ in names]
 
 
 def _nobody(device: str, heard: bytes) -> str:
@@ -200,5 +205,6 @@ def flagged(flags: int) -> str:
     return ", ".join(what for bit, what in FLAGS.items() if flags & bit) or f"flag {flags}"
 
 
-def _word(data: bytes, at: int) -> int:
+def word_at(data: bytes, at: int) -> int:
+    """Read two registers as one number."""
     return int.from_bytes(data[at : at + 2], "little")

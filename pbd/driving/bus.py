@@ -19,7 +19,11 @@ BAUD = 1_000_000
 """Baud rate of the servos as LeRobot sets them up (and as they leave the factory)."""
 
 ANSWER_S = 0.01
-"""Longest time, s, for all servos to answer: 0.5 ms each as they leave the factory, 21 bytes each, and the adapter."""
+"""Longest time, s, for all servos to answer while the arm moves: 0.5 ms each as they leave the factory, 14 bytes each,
+and the adapter's 1 ms."""
+
+PATIENT_S = 0.05
+"""The same while nothing moves: an adapter with a latency timer of 16 ms is recognised so."""
 
 TRIES = 2
 """How often a servo is asked before it counts as silent. Two tries and a period of 20 ms stop the arm within 50 ms."""
@@ -28,7 +32,7 @@ WAIT_S = 0.002
 """How long one read of the port waits, s."""
 
 
-class NoAnswer(SensorError):
+class NoAnswerError(SensorError):
     """Servos are silent, or what comes isn't theirs."""
 
     def __init__(self, message: str, ids: tuple[int, ...], heard: bytes) -> None:
@@ -41,16 +45,17 @@ class Bus:
 
     Attributes:
         device: the port.
+        answer_s: how long servos may take to answer, s.
         asked_again: how many requests had to be repeated.
     """
 
-    def __init__(self, port: Port, clock: Clock, answer_s: float = ANSWER_S) -> None:
-        self._port, self._clock, self._answer_s = port, clock, answer_s
+    def __init__(self, port: Port, clock: Clock, answer_s: float = PATIENT_S) -> None:
+        self._port, self._clock, self.answer_s = port, clock, answer_s
         self.device = port.device
         self.asked_again = 0
 
     @classmethod
-    def open(cls, device: str, clock: Clock, answer_s: float = ANSWER_S) -> Self:
+    def open(cls, device: str, clock: Clock, answer_s: float = PATIENT_S) -> Self:
         """Open the port; raises SensorError as `open_port` does."""
         return cls(open_port(device, BAUD, what="arm", wait_s=WAIT_S), clock, answer_s)
 
@@ -58,7 +63,7 @@ class Bus:
         """Read registers of all these servos.
 
         Raises:
-            NoAnswer: one was silent, or its answer broken, each time it was asked.
+            NoAnswerError: one was silent, or its answer broken, each time it was asked.
             SensorError: the port is gone.
         """
         found: dict[int, Answer] = {}
@@ -67,7 +72,7 @@ class Bus:
             self.asked_again += attempt > 0
             self._port.clear()
             self._port.write(sync_read(missing, address, length))
-            until, buffer = self._clock.real() + self._answer_s, bytearray()
+            until, buffer = self._clock.real() + self.answer_s, bytearray()
             while missing and self._clock.real() < until:
                 came = self._port.read()
                 heard, buffer = (heard + came)[-200:], buffer + came
@@ -77,7 +82,7 @@ class Bus:
                 return found
         silent = f"servo {missing[0]}" if len(missing) == 1 else f"servos {', '.join(map(str, missing))}"
         what = f"{silent} on {self.device} did not answer; check the cables and the arm's power supply"
-        raise NoAnswer(what, missing, heard)
+        raise NoAnswerError(what, missing, heard)
 
     def write(self, address: int, values: Mapping[int, bytes]) -> None:
         """Write registers of several servos at once; nothing answers, so read what matters again."""

@@ -63,6 +63,11 @@ class Counts:
         """Give the arm's counts (..., k + 1) as joint positions (..., k) rad."""
         return self._table.to_radians((counts[..., :-1] - self._middle) * 360.0 / COUNTS)
 
+    def percent(self, counts: Array) -> Array:
+        """Give the gripper's counts (..., k + 1) as LeRobot's 0, closed, to 100, open, (...)."""
+        share: Array = 100.0 * (counts[..., -1] - self.lower[-1]) / (self.upper[-1] - self.lower[-1])
+        return 100.0 - share if self.servos[self.names[-1]].drive_mode else share
+
     def check_reach(self, t: Array, counts: Array) -> None:
         """Refuse a motion that leaves the calibrated range, where the servo would stop.
 

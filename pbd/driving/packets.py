@@ -1,7 +1,7 @@
 """Packets of Feetech's STS servos: pure functions, no I/O.
 
-A packet is FF FF, id, length, instruction (or, in an answer, the servo's error flags), data, checksum: the complement of
-the sum of all bytes after FF FF. Words are little-endian; a negative one has its sign in the highest bit.
+A packet is FF FF, id, length, instruction (or, in an answer, the servo's error flags), data, checksum: the complement
+of the sum of all bytes after FF FF. Words are little-endian; a negative one has its sign in the highest bit.
 Source: Feetech, "Communication protocol manual of serial bus smart servo"; tests compare with Feetech's own SDK.
 """
 

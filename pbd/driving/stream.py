@@ -53,7 +53,8 @@ def stream(
     Each period reads the servos and then gives the next goal. A late goal moves all that follow: goals never jump.
     A stop gives the servos the place at which they were last seen, and returns.
     """
-    period, times, k = 1.0 / rate_hz, [], 0
+    period, k = 1.0 / rate_hz, 0
+    times: list[float] = []
     state: State | None = None
     due = clock.now()
     try:

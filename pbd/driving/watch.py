@@ -35,7 +35,9 @@ class Watch:
         error_deg, load, celsius: (n,) the largest so far; `volts` the smallest.
     """
 
-    def __init__(self, names: Sequence[str], bounds: Bounds, start: State, tolerance_deg: float, rate_hz: float) -> None:
+    def __init__(
+        self, names: Sequence[str], bounds: Bounds, start: State, tolerance_deg: float, rate_hz: float
+    ) -> None:
         """`start` is the arm at rest; with a tolerance of infinity no place is watched."""
         n = len(names)
         self._names, self._bounds, self._tolerance_deg = names, bounds, tolerance_deg
@@ -70,12 +72,15 @@ class Watch:
                 raise SensorError(f"{what}: use a stronger power supply", joint=name)
         if (error_deg[arm] > self._tolerance_deg).any():
             worst = int(np.argmax(error_deg[arm]))
-            what = f"{self._names[worst]} is {error_deg[worst]:.1f} degrees off its goal, beyond {self._tolerance_deg:g}"
+            what = (
+                f"{self._names[worst]} is {error_deg[worst]:.1f} degrees off its goal, beyond {self._tolerance_deg:g}"
+            )
             raise SensorError(f"{what} (--tolerance): clear its way, or run slower (--speed)", joint=self._names[worst])
         if (self._loaded[arm] > self._most_loaded).any():
             worst = int(np.argmax(self._loaded[arm]))
-            what = f"{self._names[worst]} has pushed with more than {100 * MOST_LOAD:.0f} % of its strength for {LOAD_S:g} s"
-            raise SensorError(f"{what}: clear its way, or carry less", joint=self._names[worst])
+            name, share = self._names[worst], 100.0 * MOST_LOAD
+            what = f"{name} has pushed with more than {share:.0f} % of its strength for {LOAD_S:g} s"
+            raise SensorError(f"{what}: clear its way, or carry less", joint=name)
 
 
 def check_health(names: Sequence[str], bounds: Bounds, state: State) -> None:
@@ -84,8 +89,9 @@ def check_health(names: Sequence[str], bounds: Bounds, state: State) -> None:
         if state.celsius[i] >= bounds.celsius[i] - COOLER_C:
             what = f"{name} is at {state.celsius[i]:.0f} °C, and lets go at {bounds.celsius[i]:.0f}"
             raise SensorError(f"{what}: let it cool down", joint=name)
-        if not bounds.least_volts[i] <= state.volts[i] <= bounds.most_volts[i]:
-            what = f"{name} has {state.volts[i]:.1f} V, outside its {bounds.least_volts[i]:g} to {bounds.most_volts[i]:g} V"
+        least, most = bounds.least_volts[i], bounds.most_volts[i]
+        if not least <= state.volts[i] <= most:
+            what = f"{name} has {state.volts[i]:.1f} V, outside its {least:g} to {most:g} V"
             raise SensorError(f"{what}: check the power supply", joint=name)
         if state.flags[i]:
             what = f"the servo of {name} complains of {flagged(state.flags[i])}"

@@ -1,4 +1,4 @@
-"""The calibration of an arm's servos, as LeRobot writes it: a JSON object, for each joint an object of five integers."""
+"""The calibration of an arm's servos, as LeRobot writes it: a JSON object, for each joint one of five integers."""
 
 from __future__ import annotations
 
@@ -99,7 +99,9 @@ def find_servo_calibration(named: Path | None, robot: str, robot_type: str) -> P
         what = f"LeRobot has calibrated several arms ({listed(path.stem for path in found)}): name one,"
         raise CalibrationError(f"{what} --servos {found[0]}", path=folder)
     what = f"no calibration of the servos: there is no {own}, and LeRobot has none in {folder / robot_type};"
-    raise CalibrationError(f"{what} make one with `pbd run --calibrate --robot {robot}`, or name its file with --servos")
+    raise CalibrationError(
+        f"{what} make one with `pbd run --calibrate --robot {robot}`, or name its file with --servos"
+    )
 
 
 def own_servo_calibration(robot: str) -> Path:

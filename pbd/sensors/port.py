@@ -78,9 +78,10 @@ class Port:
         try:
             self._serial.write(data)
             self._serial.flush()
-        except (SerialException, OSError) as reason:
+        except (SerialException, OSError, termios.error) as reason:
             raise SensorError(
-                f"{self.device} takes no command ({reason}); unplug the {self._what} and plug it in again", path=self.device
+                f"{self.device} takes no command ({reason}); unplug the {self._what} and plug it in again",
+                path=self.device,
             ) from reason
 
     def clear(self) -> None:

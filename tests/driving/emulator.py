@@ -29,6 +29,9 @@ from pbd.files.servo_calibration import ServoCalibration, write_servo_calibratio
 FOLLOWS_S, FASTEST = 0.05, 3550.0
 """Time constant of a servo, s (assumed), and its speed without load, counts/s: 52 rpm at 7.4 V."""
 
+LEFT = (0.3, -0.2, 0.5, 0.9, -1.0)
+"""Joints of a so101, rad, where somebody left it."""
+
 LOAD_A_COUNT = 4
 """Load, thousandths, for each count between place and goal (assumed): P gain 32 saturates after 20 degrees."""
 
@@ -82,7 +85,7 @@ class Emulator:
     Attributes:
         device: the pseudo-terminal.
         servos: by id.
-        goals: when (real s) goals came, and which, by id.
+        goals: when (real s) goals came, and which, by id; `places` where the servos then stood.
         drop, corrupt, repeat: how likely each byte, either way, is lost, changed or doubled.
         chatter: what another device would send all the time.
         echo: whether the adapter sends back what it is sent.
@@ -92,11 +95,11 @@ class Emulator:
     def __init__(self, calibration: Mapping[str, ServoCalibration], counts: Mapping[str, float], clock: Clock) -> None:
         self.servos = {each.id: Servo(each, counts[name]) for name, each in calibration.items()}
         self.goals: list[tuple[float, dict[int, int]]] = []
+        self.places: list[dict[int, float]] = []
         self.drop = self.corrupt = self.repeat = 0.0
         self.chatter, self.echo = b"", False
         self.at_goal, self.fault_t = 0, math.nan
         self.fault: Callable[[], object] | None = None
-        self.dumb_writes = 0
         self._clock, self._last, self._random = clock, clock.now(), np.random.default_rng(0)
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
@@ -172,7 +175,10 @@ class Emulator:
                 if part[0] in self.servos:
                     self.servos[part[0]].write(address, part[1:])
             if address == 42:
-                self.goals.append((time.monotonic(), {part[0]: signed(int.from_bytes(part[1:3], "little"), 15) for part in parts}))
+                self.goals.append(
+                    (time.monotonic(), {part[0]: signed(int.from_bytes(part[1:3], "little"), 15) for part in parts})
+                )
+                self.places.append({id_: servo.counts for id_, servo in self.servos.items()})
                 if len(self.goals) == self.at_goal and self.fault is not None:
                     self.fault_t = time.monotonic()
                     self.fault()

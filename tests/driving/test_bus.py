@@ -8,27 +8,20 @@ import numpy as np
 import pytest
 import scservo_sdk
 
-from pbd.driving.arm import PRESENT, PRESENT_LENGTH, ServoArm
+from pbd.driving.arm import PRESENT, release
 from pbd.driving.bus import Bus
 from pbd.driving.clock import Clock
-from pbd.driving.counts import Counts
 from pbd.driving.packets import Answer, signed, take_answers, word
 from pbd.errors import CalibrationError, SensorError
 from pbd.files.robot import load_robot
+from tests.driving.bench import PATIENT_S, connect
 from tests.driving.emulator import Emulator, calibration_of, resting
-
-PATIENT_S = 1.0
-"""Answer time, s, where nothing is amiss: a busy machine must not fail a test."""
 
 
 @pytest.fixture
 def emulator() -> Iterator[Emulator]:
     with Emulator(calibration_of("so101"), resting("so101"), Clock()) as emulator:
         yield emulator
-
-
-def connect(bus: Bus) -> ServoArm:
-    return ServoArm(bus, Counts(load_robot("so101"), calibration_of("so101")))
 
 
 def test_feetechs_sdk_reads_and_writes_the_emulated_servos(emulator: Emulator) -> None:
@@ -60,7 +53,7 @@ def test_an_arm_is_read_stiffened_and_released(emulator: Emulator) -> None:
         assert goals == state.counts.tolist()  # not the goal of before, to which the arm would jump
         assert all(servo.registers[40] for servo in emulator.servos.values())
         assert emulator.servos[6].number(48) == 500
-        arm.release()
+        release(bus, arm.counts.ids)
         assert not any(servo.registers[40] for servo in emulator.servos.values())
 
 
@@ -126,7 +119,9 @@ def test_another_arms_calibration_is_refused(emulator: Emulator) -> None:
     emulator.servos[3].put(31, word(-77, 11))
     with (
         Bus.open(emulator.device, Clock(), PATIENT_S) as bus,
-        pytest.raises(CalibrationError, match=r"of elbow_flex it has .*\(1020, 868, 3061\), the servo has \(-77, 868, 3061\)"),
+        pytest.raises(
+            CalibrationError, match=r"of elbow_flex it has .*\(1020, 868, 3061\), the servo has \(-77, 868, 3061\)"
+        ),
     ):
         connect(bus)
 
@@ -135,7 +130,7 @@ def test_a_pulled_plug(emulator: Emulator) -> None:
     with Bus.open(emulator.device, Clock(), 0.03) as bus:
         arm = connect(bus)
         emulator.unplug()
-        with pytest.raises(SensorError, match="the arm was unplugged|takes no command|did not answer"):
+        with pytest.raises(SensorError, match=r"the arm was unplugged|takes no command|did not answer"):
             arm.state()
 
 

@@ -24,7 +24,7 @@ def find_sensor(args: argparse.Namespace) -> tuple[str, Callable[[], Port], Deco
     """
     wanted: str | None = args.sensor
     make = None if wanted is None else decoder_maker(args, wanted, args.unit)  # before anything is opened
-    device, baud = args.port or _only_port(), args.baud
+    device, baud = args.port or only_port(), args.baud
     if wanted is None:
         wanted, heard_at = _listened(device)
         baud = baud or heard_at
@@ -58,12 +58,11 @@ def _listened(device: str) -> tuple[str, int]:
     raise SensorError(f"the protocol of {device} is not recognised: {why}", path=device)
 
 
-def _only_port() -> str:
+def only_port(what: str = "sensor", instead: str = ", or try --sensor sim") -> str:
+    """Name the only USB port that has something plugged in, `what`; SensorError where there are none or several."""
     ports = [port for port in serial_port.list_ports() if port.usb]  # a board's own ttyS0 is always there
     if len(ports) == 1:
         return ports[0].device
     if not ports:
-        raise SensorError(
-            "no USB serial port has anything plugged in; plug the sensor in, name its --port, or try --sensor sim"
-        )
+        raise SensorError(f"no USB serial port has anything plugged in; plug the {what} in, name its --port{instead}")
     raise SensorError(f"several ports have something plugged in ({', '.join(p.device for p in ports)}); name a --port")
