@@ -76,6 +76,7 @@ def stop(name: str, folder: Path) -> dict[str, Any]:
         emulator.fault = lambda: process.terminate() if name == "signal" else FAULTS[name](emulator)
         emulator.at_goal = FAULT_AT
         _, err = process.communicate()
+        assert emulator.goals, err
         began = crossed(emulator) if name == "blocked" else emulator.fault_t
         last = emulator.goals[-1][1]
         held = next(i for i in range(len(emulator.goals)) if all(goal == last for _, goal in emulator.goals[i:]))
