@@ -107,7 +107,7 @@ def drive(args: argparse.Namespace, robot: Robot) -> int:
                 "warnings": args.warnings,
             }
         )
-    return _end(done, watch, counts, args)
+    return _end(done, watch, counts, args, device)
 
 
 def _check_pace(bus: Bus, arm: ServoArm, clock: Clock) -> None:
@@ -170,8 +170,9 @@ def _told(done: Streamed, watch: Watch, arm: ServoArm, dry_run: bool) -> dict[st
     }
 
 
-def _end(done: Streamed, watch: Watch, counts: Counts, args: argparse.Namespace) -> int:
+def _end(done: Streamed, watch: Watch, counts: Counts, args: argparse.Namespace, device: str) -> int:
     """Say how it ended; return the exit code."""
+    lets_go = f"`pbd run --release --robot {args.robot} --port {device}` lets go of it"
     holds = "the arm holds where it stopped"
     if not done.held:
         holds = "its servos did not confirm the stop, so switch their power off if the arm still moves"
@@ -180,7 +181,7 @@ def _end(done: Streamed, watch: Watch, counts: Counts, args: argparse.Namespace)
     if done.stopped is not None:
         raise SensorError(f"stopped after {done.t:.2f} s: {done.stopped.message}; {holds}", **done.stopped.fields)
     if done.by_hand:
-        say(f"stopped by hand after {done.t:.2f} s: {holds}; `pbd run --release` lets go of it")
+        say(f"stopped by hand after {done.t:.2f} s: {holds}; {lets_go}")
         return STOPPED_BY_HAND
     worst = int(np.argmax(watch.error_deg[:-1]))
     felt = f"load {100 * watch.load.max():.0f} %, {watch.celsius.max():.0f} °C, {watch.volts.min():.1f} V at least"
@@ -188,5 +189,5 @@ def _end(done: Streamed, watch: Watch, counts: Counts, args: argparse.Namespace)
         say(f"dry run done: the servos answered {done.sent} times; {felt}")
     else:
         off = f"at most {watch.error_deg[worst]:.1f} degrees off ({counts.names[worst]})"
-        say(f"done: {done.sent} goals, {off}, {felt}; the arm holds, `pbd run --release` lets go of it")
+        say(f"done: {done.sent} goals, {off}, {felt}; the arm holds, {lets_go}")
     return 0
