@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from operator import eq
 
 import numpy as np
 
@@ -29,6 +30,9 @@ OFFSET_SIGN, LOAD_SIGN = 11, 10
 
 GRIPPER_TORQUE = 500
 """Torque limit of the gripper while pbd drives, 0 to 1000: it closes on things. LeRobot's so101_follower.py."""
+
+NEAR = 20
+"""Counts, 1.8 degrees: a goal this near lets nothing jump."""
 
 HOLD_TRIES = 3
 """How often a goal that must arrive is written, until it reads back."""
@@ -133,21 +137,24 @@ class ServoArm:
     def stiffen(self, counts: Array) -> None:
         """Switch torque on with these goals: the arm's present place, so that nothing jumps.
 
-        A goal from before would be taken up at full speed: goals go first, and are read back.
+        A goal from before would be taken up at full speed: goals go first, and are read back. What a loose servo does
+        with a goal may differ between firmwares, so one near its place is good enough.
         """
-        self._write_sure(GOAL, [word(round(value)) + word(0) + word(0) for value in counts.tolist()])
+        goals = [word(round(value)) + word(0) + word(0) for value in counts.tolist()]  # time and speed: no limit
+        self._write_sure(GOAL, goals, lambda has, wanted: abs(word_at(has, 0) - word_at(wanted, 0)) <= NEAR)
         self._bus.write(TORQUE_LIMIT, {self.counts.ids[-1]: word(GRIPPER_TORQUE)})
         self._write_sure(TORQUE_ENABLE, [b"\x01"] * len(self.counts.ids))
+        self.hold(counts)
 
     def _write(self, address: int, values: list[bytes]) -> None:
         self._bus.write(address, dict(zip(self.counts.ids, values, strict=True)))
 
-    def _write_sure(self, address: int, values: list[bytes]) -> None:
-        write_sure(self._bus, address, dict(zip(self.counts.ids, values, strict=True)))
+    def _write_sure(self, address: int, values: list[bytes], alike: Callable[[bytes, bytes], bool] = eq) -> None:
+        write_sure(self._bus, address, dict(zip(self.counts.ids, values, strict=True)), alike)
 
 
-def write_sure(bus: Bus, address: int, values: dict[int, bytes]) -> None:
-    """Write registers and read them back.
+def write_sure(bus: Bus, address: int, values: dict[int, bytes], alike: Callable[[bytes, bytes], bool] = eq) -> None:
+    """Write registers, and read them back until they are `alike`.
 
     Raises:
         SensorError: they did not arrive.
@@ -160,7 +167,7 @@ def write_sure(bus: Bus, address: int, values: dict[int, bytes]) -> None:
         except NoAnswerError as error:
             silent = error
             continue
-        if all(found[id_].data == data for id_, data in values.items()):
+        if all(alike(found[id_].data, data) for id_, data in values.items()):
             return
         silent = None
     raise silent or SensorError(f"the servos on {bus.device} did not take what was written; check their cables")

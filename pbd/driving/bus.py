@@ -49,15 +49,15 @@ class Bus:
         asked_again: how many requests had to be repeated.
     """
 
-    def __init__(self, port: Port, clock: Clock, answer_s: float = PATIENT_S) -> None:
+    def __init__(self, port: Port, clock: Clock, answer_s: float) -> None:
         self._port, self._clock, self.answer_s = port, clock, answer_s
         self.device = port.device
         self.asked_again = 0
 
     @classmethod
-    def open(cls, device: str, clock: Clock, answer_s: float = PATIENT_S) -> Self:
-        """Open the port; raises SensorError as `open_port` does."""
-        return cls(open_port(device, BAUD, what="arm", wait_s=WAIT_S), clock, answer_s)
+    def open(cls, device: str, clock: Clock, answer_s: float | None = None) -> Self:
+        """Open the port, with PATIENT_S to answer unless said else; raises SensorError as `open_port` does."""
+        return cls(open_port(device, BAUD, what="arm", wait_s=WAIT_S), clock, answer_s or PATIENT_S)
 
     def read(self, ids: Sequence[int], address: int, length: int) -> dict[int, Answer]:
         """Read registers of all these servos.

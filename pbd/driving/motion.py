@@ -31,10 +31,9 @@ def planned_start(counts: Counts, state: State, limits: JointLimits) -> tuple[fl
     worst = int(np.argmax(np.abs(q - inside)))
     if np.degrees(abs(q - inside)[worst]) > SLACK_DEG:
         low, high, at = np.degrees([limits.lower[worst], limits.upper[worst], q[worst]])
-        what = f"{counts.names[worst]} stands at {at:.0f} degrees, outside the model's {low:.0f} to {high:.0f}"
-        raise PlanError(
-            f"{what}: let go of it with --release, and move it by hand to where it has room", value=float(at)
-        )
+        name = counts.names[worst]
+        what = f"{name} stands at {at:.0f} degrees, outside the model's {low:.0f} to {high:.0f}"
+        raise PlanError(f"{what}: let go of it with --release, and move it by hand to where it has room", joint=name)
     return tuple(inside.tolist())
 
 

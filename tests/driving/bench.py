@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 
 from pbd.driving.arm import ServoArm
@@ -16,6 +17,15 @@ PATIENT_S = 1.0
 
 UNHURRIED_S = 50.0
 """How late a goal may be there, s, for the same reason."""
+
+
+PATIENT_PBD = [
+    sys.executable,
+    "-c",
+    "import sys; from pbd.driving import bus, stream; from pbd.cli import main; "
+    f"bus.ANSWER_S = bus.PATIENT_S = {PATIENT_S}; stream.STALL_S = {UNHURRIED_S}; sys.exit(main(sys.argv[1:]))",
+]
+"""`pbd` with that patience."""
 
 
 class FastClock(Clock):

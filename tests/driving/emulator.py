@@ -42,7 +42,7 @@ class Servo:
     def __init__(self, calibration: ServoCalibration, counts: float) -> None:
         self.registers = bytearray(128)
         self.place = counts + calibration.homing_offset
-        self.blocked = self.silent = False
+        self.blocked = self.silent = self.snaps = self.deaf = False
         self.flags = 0
         self.put(3, (777).to_bytes(2, "little"))
         self.put(5, bytes([calibration.id]))
@@ -64,7 +64,9 @@ class Servo:
         return self.place - self.number(31, 11)
 
     def move(self, dt: float) -> None:
-        """Follow the goal for `dt` s, and note what that feels like."""
+        """Follow the goal for `dt` s, and note what that feels like. A loose one that `snaps` keeps no goal."""
+        if self.snaps and not self.registers[40]:
+            self.put(42, word(round(self.counts) + 1))
         goal = min(max(self.number(42), self.number(9)), self.number(11))
         off = goal - self.counts
         if self.registers[40] and not self.blocked:
@@ -75,7 +77,7 @@ class Servo:
 
     def write(self, address: int, data: bytes) -> None:
         """As the servo takes it: its EEPROM is locked, or isn't."""
-        if address >= 40 or not self.registers[55]:
+        if not self.deaf and (address >= 40 or not self.registers[55]):
             self.put(address, data)
 
 

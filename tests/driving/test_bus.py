@@ -57,6 +57,24 @@ def test_an_arm_is_read_stiffened_and_released(emulator: Emulator) -> None:
         assert not any(servo.registers[40] for servo in emulator.servos.values())
 
 
+def test_loose_servos_may_keep_no_goal(emulator: Emulator) -> None:
+    for servo in emulator.servos.values():
+        servo.snaps = True
+    with Bus.open(emulator.device, Clock(), PATIENT_S) as bus:
+        arm = connect(bus)
+        arm.stiffen(arm.state().counts)
+        assert [servo.number(42) for servo in emulator.servos.values()] == arm.state().counts.tolist()
+
+
+def test_goals_that_do_not_arrive_leave_the_arm_loose(emulator: Emulator) -> None:
+    with Bus.open(emulator.device, Clock(), PATIENT_S) as bus:
+        arm = connect(bus)
+        emulator.servos[2].deaf = True
+        with pytest.raises(SensorError, match="did not take what was written"):
+            arm.stiffen(arm.state().counts)
+        assert not any(servo.registers[40] for servo in emulator.servos.values())
+
+
 def test_a_bad_cable_is_asked_again(emulator: Emulator) -> None:
     with Bus.open(emulator.device, Clock(), 0.05) as bus:
         arm = connect(bus)

@@ -23,7 +23,7 @@ from pbd.planning import PlanOptions, plan_path
 from pbd.pose import Array
 from tests.cli.running import Capture, refused, run, run_json
 from tests.cli.terminal import Terminal
-from tests.driving.bench import PATIENT_S, UNHURRIED_S, FastClock
+from tests.driving.bench import PATIENT_PBD, PATIENT_S, UNHURRIED_S, FastClock
 from tests.driving.emulator import LEFT, Emulator, calibration_of, resting
 
 HOME = load_robot("so101").home
@@ -33,6 +33,7 @@ HOME = load_robot("so101").home
 def words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """The options that name the calibration; the folder is empty but for it."""
     write_servo_calibration(calibration_of("so101"), tmp_path / "servos.json")
+    monkeypatch.setattr("tests.cli.terminal.PBD", PATIENT_PBD)
     monkeypatch.chdir(tmp_path)
     return ["--robot", "so101", "--servos", "servos.json"]
 
@@ -63,7 +64,7 @@ def test_the_whole_demonstration(emulator: Emulator, words: list[str], capsys: C
     path = track(load_demo("pouring"), calibration=robot.dock)
     trajectory = plan_path(path, robot.dock, robot, PlanOptions(start=LEFT)).trajectory
     assert result["duration_s"] == pytest.approx(trajectory.duration, abs=0.2)  # counts are rounded
-    goals = np.array([[goal[i] for i in range(1, 6)] for _, goal in emulator.goals[1:]], np.float64)
+    goals = np.array([[goal[i] for i in range(1, 6)] for _, goal in emulator.goals[2:]], np.float64)
     assert result["goals"] == len(goals)
     at = model_degrees(goals)
     np.testing.assert_allclose(at[0], np.degrees(LEFT), atol=0.1)
@@ -83,7 +84,7 @@ def test_a_fault_is_one_line_and_an_exit_code(emulator: Emulator, words: list[st
     code, out, err = run(capsys, "run", "pouring", *words, "--port", emulator.device, "--yes", "--json")
     says = "shoulder_lift is at 68 °C, and lets go at 70: let it cool down"
     assert code == 1
-    assert err.splitlines()[-1] == f"pbd: stopped after 1.98 s: {says}; the arm holds where it stopped"
+    assert err.splitlines()[-1] == f"pbd: stopped after 1.96 s: {says}; the arm holds where it stopped"
     assert json.loads(out)["stopped"] == says
     assert json.loads(out)["held"]
 

@@ -21,6 +21,9 @@ RATE_HZ = 50.0
 FAULT_AT = 20
 """The goal after which something goes wrong."""
 
+STIFFENING = 2
+"""Goals that the arm is given before the motion's."""
+
 ELBOW = 2
 SPEED = 8.0
 """Counts that the elbow is to go each period: 0.6 rad/s."""
@@ -42,7 +45,7 @@ def swing(
     stall_s: float = UNHURRIED_S,
     dry_run: bool = False,
 ) -> Streamed:
-    """Swing the elbow; the arm is stiffened by one goal of the emulator's count."""
+    """Swing the elbow."""
     clock = clock or FastClock()
     with Bus.open(emulator.device, clock, PATIENT_S) as bus:
         arm = connect(bus)
@@ -96,7 +99,7 @@ def test_a_fault_stops_the_arm_at_the_next_look(emulator: Emulator, fault: Calla
     done = swing(emulator, answer_s=0.03 if slow else PATIENT_S)
     assert done.stopped is not None
     assert not done.by_hand
-    assert done.sent == FAULT_AT - 1
+    assert done.sent == FAULT_AT - STIFFENING
     assert len(emulator.goals) <= FAULT_AT + HOLD_TRIES  # nothing but the goal that holds it
     assert done.held is not slow
     assert re.fullmatch(FAULTS[fault], done.stopped.message), done.stopped.message
@@ -181,7 +184,7 @@ def test_a_late_goal_moves_all_that_follow(emulator: Emulator) -> None:
             super().sleep_until(t + (0.5 if self.naps == FAULT_AT else 0.0))
 
     done = swing(emulator, 60, clock=Late())
-    steps = np.diff([goal[3] for _, goal in emulator.goals[1:]])
+    steps = np.diff([goal[3] for _, goal in emulator.goals[STIFFENING:]])
     assert done.sent == 60
     np.testing.assert_array_equal(steps, SPEED)
 

@@ -79,6 +79,7 @@ def drive(args: argparse.Namespace, robot: Robot) -> int:
                 if (by := moved_deg(counts, before, now)) > MOVED_DEG:
                     what = f"the arm was moved by {by:.1f} degrees since it was measured"
                     raise SensorError(f"{what}, so the motion doesn't begin there: run it again")
+                t, goals = goals_of(counts, plan.trajectory, now, args.rate, stroke_s)
                 arm.stiffen(now.counts)
                 say("the arm moves: any key stops it")
             bus.answer_s = servo_bus.ANSWER_S
