@@ -27,6 +27,7 @@ def emulator() -> Iterator[Emulator]:
 def test_feetechs_sdk_reads_and_writes_the_emulated_servos(emulator: Emulator) -> None:
     port = scservo_sdk.PortHandler(emulator.device)
     port.setBaudRate(1_000_000)
+    port.setPacketTimeout = lambda length: port.setPacketTimeoutMillis(1e3 * PATIENT_S)  # its own is 34 ms
     packets = scservo_sdk.PacketHandler(0)
     assert packets.ping(port, 3) == (777, 0, 0)
     reader = scservo_sdk.GroupSyncRead(port, packets, PRESENT, 2)
