@@ -37,6 +37,9 @@ exit codes: 0 done; 1 the input, the output or the device is at fault; 2 wrong u
 
 FIGURE_FORMATS = ("png", "svg", "pdf")
 
+MOST_JOBS = 256
+"""Most processes of `pbd check`: more cores than a workstation has."""
+
 
 def parser() -> argparse.ArgumentParser:
     """Build the parser of all commands."""
@@ -297,7 +300,29 @@ def _add_sensors(commands: Commands) -> None:
     add_table(parser)
 
 
+def _add_check(commands: Commands) -> None:
+    parser = add_command(
+        commands,
+        "check",
+        "which of many demonstrations need a look",
+        "Check demonstrations: whether each can be tracked (and, with --robot, replayed), how sure its keyframes are,\n"
+        "what a person should look at, and where it differs from its siblings. What needs a look comes first.\n"
+        "The exit code is 1 where one can't be used.",
+        "  pbd check demos/*\n  pbd check demos/tea* --robot panda --jobs 4 --csv > tea.csv",
+    )
+    parser.add_argument("demos", nargs="+", metavar="DEMO", help="names (in ./demos, or bundled), folders, recordings")
+    parser.add_argument("--robot", metavar="R", help="also plan for this robot, on its own dock")
+    parser.add_argument("--jobs", type=_jobs, default=1, metavar="N", help="how many at once (1); -1: one a core")
+    add_table(parser, units="mm,s")
+
+
+def _jobs(text: str) -> int:
+    if not text.removeprefix("-").isdecimal() or not (int(text) == -1 or 1 <= int(text) <= MOST_JOBS):
+        raise argparse.ArgumentTypeError(f"must be 1 to {MOST_JOBS}, or -1, got '{text}'")
+    return int(text)
+
+
 COMMANDS = (
-    *(_add_record, _add_simulate, _add_import, _add_segments, _add_keyframes, _add_plot),
+    *(_add_record, _add_simulate, _add_import, _add_segments, _add_keyframes, _add_plot, _add_check),
     *(add_calibrate, _add_replay, _add_export, _add_robots, _add_sensors),
 )
