@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from pbd.pose import quat_log
+from pbd.tracking.smoother.attitude import first_guess
 from pbd.tracking.smoother.preintegration import gyro_frame, preintegrate
 
 
@@ -27,3 +29,11 @@ def test_a_sensor_that_turns_while_it_samples_is_integrated_as_it_turned() -> No
     acc = np.column_stack((np.zeros(n), seen * np.sin(rate * t), seen * np.cos(rate * t)))
     frame = gyro_frame(t, np.tile((rate, 0.0, 0.0), (n, 1)), acc, dt)
     assert np.allclose(frame.U[-1], (0.0, 0.0, g * t[-1]), atol=1e-3)  # 9e-3 without sculling
+
+
+def test_the_first_guess_is_level_while_the_hand_shakes() -> None:
+    t = 0.01 * np.arange(2000.0)
+    acc = np.column_stack((6.0 * np.sin(5.0 * t), 6.0 * np.cos(5.0 * t), np.full(2000, 9.8)))
+    guess = first_guess(gyro_frame(t, np.zeros((2000, 3)), acc, 0.01), np.arange(0, 2000, 25))
+    turn = quat_log(guess)
+    assert np.degrees(np.hypot(turn[:, 0], turn[:, 1])).max() < 6.0  # by what it reads it leans by 31
