@@ -21,7 +21,7 @@ from pbd.simulation.sensor_model import SensorModel
 from pbd.simulation.simulate import SENSOR_MODELS, TASKS, random_task, simulate
 from pbd.simulation.tasks import Task
 from pbd.tracking.keyframes import find_keyframes
-from pbd.tracking.repair.saturation import Clip, clips_of, find_clips
+from pbd.tracking.repair.saturation import Clip, clips_of, find_clips, restore
 from tests.benchmarks.trials import read_broad
 from tests.scenarios import truth_at
 
@@ -137,6 +137,20 @@ def test_a_row_that_is_repeated_at_a_peak_is_no_flat_top() -> None:
     held = Recording(np.arange(len(rows)) / 100.0, recording.acc[rows], recording.gyr[rows])
     assert (np.diff(held.gyr[peak : peak + 5, 0]) == 0.0).all() if held.gyr is not None else False
     assert find_clips(held) == ()
+
+
+def test_a_clipped_parabola_is_continued_and_as_unsure_as_the_continuation() -> None:
+    t = np.arange(400.0)
+    x = 30.0 * np.clip(1.0 - ((t - 200.0) / 20.0) ** 2, 0.0, 1.0) + 1e-3 * np.sin(7.0 * t)
+    acc = np.column_stack((np.minimum(x, 20.0), 0.1 * np.sin(t), np.full(400, 9.8)))
+    clipped = Recording(0.01 * t, acc)
+    clips = clips_of(clipped)
+    assert [(clip.sensor, clip.axis, clip.start, clip.stop) for clip in clips] == [("acc", 0, 189, 212)]
+    restored, impulses = restore(clipped, clips)
+    assert restored.acc[189:212, 0] == pytest.approx(x[189:212], rel=0.04)
+    lost = 0.01 * ((restored.acc - acc)[:, 0].sum() + 0.1 * 20.0 * 23)
+    assert np.sqrt(sum(impulse.acc @ impulse.acc for impulse in impulses)) == pytest.approx(lost)
+    assert [impulse.row for impulse in impulses] == [189 + 5, 212 - 5]
 
 
 @clipping
