@@ -32,7 +32,7 @@ def find_detour(queries: CollisionQueries, leg: int, q_start: Array, q_end: Arra
     last, stay = len(queries.legs) - 1, queries.legs[leg].stay
     if leg == last and stay is not None and stay.held:
         return None  # it may rest on what is at the last keyframe only if the motion ends there
-    if any(queries.passing(leg, q) is not None for q in (q_start, q_end)):
+    if not all(queries.passes(leg, q[None]) for q in (q_start, q_end)):
         return None
     util.setLogLevel(util.LogLevel.LOG_NONE)
     util.RNG.setSeed(_SEED)
@@ -72,7 +72,7 @@ def find_detour(queries: CollisionQueries, leg: int, q_start: Array, q_end: Arra
         for between_rad in _BETWEEN_RAD:
             dense = _divided(waypoints, between_rad)
             timed = curved_move(dense, limits, 1.0)  # slower it is no farther off
-            if queries.moving(leg, np.vstack((timed.coefficients[:, 0], q_end))) is None:
+            if queries.passes(leg, np.vstack((timed.coefficients[:, 0], q_end))):
                 return dense[1:]
     return None
 
@@ -86,14 +86,11 @@ class _Checker(base.MotionValidator):  # type: ignore[misc]
 
     def stands(self, state: base.State) -> bool:
         self.checks += 1
-        return self.queries.passing(self.leg, self._of(state)) is None
+        return self.queries.passes(self.leg, self._of(state)[None])
 
     def checkMotion(self, before: base.State, after: base.State) -> bool:
         self.checks += 1
-        q_start, q_end = self._of(before), self._of(after)
-        if self.queries.passing(self.leg, 0.5 * (q_start + q_end)) is not None:
-            return False
-        return self.queries.moving(self.leg, np.stack((q_end, q_start))) is None
+        return self.queries.passes(self.leg, np.stack((self._of(before), self._of(after))))
 
     def joints(self, path: geometric.PathGeometric) -> Array:
         return np.array([self._of(state) for state in path.getStates()])

@@ -95,16 +95,19 @@ class _Search:
     # --- what is free -------------------------------------------------------------------------------------------------
 
     def _stands(self, place: int, q: Array) -> bool:
-        link = self.links[place - 1]
+        link, queries = self.links[place - 1], self.queries
         i, move = link.keyframe, self.moves[link.keyframe]
-        if self.queries is None or i == self.n:
+        if queries is None or i == self.n:
             return True
-        hit = self.queries.standing(i, q) if link.at_keyframe else self.queries.passing(i, q)
-        if hit is not None and link.at_keyframe:
-            move.pose_hit = move.pose_hit or hit
-        elif hit is not None:
-            move.hits.setdefault(move.kind, hit)
-        return hit is None
+        if link.at_keyframe:
+            if move.pose_hit is None:
+                move.pose_hit = queries.standing(i, q)
+                return move.pose_hit is None
+            return queries.stands(i, q)
+        if move.kind not in move.hits and (hit := queries.passing(i, q)) is not None:
+            move.hits[move.kind] = hit
+            return False
+        return queries.passes(i, q[None])
 
     def _free(self, place: int, q_before: Array, q: Array) -> float:
         link = self.links[place - 1]
@@ -146,9 +149,8 @@ class _Search:
         along = np.stack((q_before, q)) if link.poses is None else follow(self.arm, link.poses, q_before, q)
         if along is None or queries is None:
             return None if along is None else along[1:]
-        # Once a move is known to be barred, most others are in the middle too.
-        hit = queries.halfway(i, q_before, q) if self.moves[i].tried and link.poses is None else None
-        hit = hit or queries.moving(i, along)
+        known = self.moves[i].hits.get(self.moves[i].kind)  # who touches is told of the first only
+        hit = queries.moving(i, along) if known is None else None if queries.passes(i, along) else known
         return along[1:] if hit is None else hit
 
     # --- mending ------------------------------------------------------------------------------------------------------
