@@ -10,7 +10,7 @@ import numpy as np
 from ompl import base, geometric, util
 
 from pbd.arm.collision.queries import CollisionQueries
-from pbd.arm.timing.path_smoothing import curved_move
+from pbd.arm.timing.path_smoothing import Curve
 from pbd.pose import Array
 
 STEP_RAD = 1.0
@@ -71,8 +71,8 @@ def find_detour(queries: CollisionQueries, leg: int, q_start: Array, q_end: Arra
     for waypoints in (checker.joints(path), corners):
         for between_rad in _BETWEEN_RAD:
             dense = _divided(waypoints, between_rad)
-            timed = curved_move(dense, limits, 1.0)  # slower it is no farther off
-            if queries.passes(leg, np.vstack((timed.coefficients[:, 0], q_end))):
+            curve = Curve.through(dense, limits)
+            if curve is not None and queries.passes(leg, curve.q(curve.grid())):
                 return dense[1:]
     return None
 

@@ -23,6 +23,10 @@ Moves = Callable[[int, Array, Array], float]
 """What a move to that layer from joints (k,) to others costs beside its travel, rad; infinite where it is barred."""
 
 
+UNSEEN = 0.2
+"""What a move costs more, rad, as long as nobody knows that it is free: what is known isn't left for a little less."""
+
+
 @dataclass(frozen=True)
 class Barred:
     """Why no path was found: the layers that can't be come to.
@@ -44,6 +48,7 @@ class Layer:
         most_refused: how many refused moves make the layer count as out of reach.
         costly: the moves to it are checked once all others on the path are free.
         most_step: rad, the largest motion of a joint on a move to this layer.
+        unseen: rad, what a move costs more as long as nobody knows whether it is free.
         wide_cost: rad, of a move to this layer on which a joint turns by more than half a turn.
         length: (l, m) rad, of the moves from the l states before; infinite where barred.
     """
@@ -54,6 +59,7 @@ class Layer:
     most_step: float = np.inf
     costly: bool = False
     wide_cost: float = 0.0
+    unseen: float = UNSEEN
     length: Array = field(init=False)
     refused: int = field(init=False, default=0)
     stood: NDArray[np.bool_] = field(init=False)
@@ -70,6 +76,7 @@ class Layer:
         farthest = np.abs(step).max(axis=2, initial=0.0)
         length += self.wide_cost * (farthest > np.pi)
         length[farthest > self.most_step] = np.inf
+        length += self.unseen
         if anew:
             self.refused = 0
         else:
@@ -97,11 +104,17 @@ class Ladder:
                 self.layers[at].link(self.layers[at - 1].q)
         self._forget(place)
 
-    def reopen(self, place: int, most_refused: int, *, costly: bool) -> None:
+    def reopen(self, place: int, most_refused: int, *, costly: bool, unseen: float = UNSEEN) -> None:
         """Take the moves to a layer for unknown again: they are made in another way from now on."""
         layer = self.layers[place]
-        layer.most_refused, layer.costly = most_refused, costly
+        layer.most_refused, layer.costly, layer.unseen = most_refused, costly, unseen
         layer.link(self.layers[place - 1].q, anew=True)
+        self._forget(place)
+
+    def settle(self, place: int) -> None:
+        """Bar all moves to a layer that aren't known to be free."""
+        layer = self.layers[place]
+        layer.length[~layer.moved], layer.refused = np.inf, 0
         self._forget(place)
 
     def insert(self, place: int, layers: Sequence[Layer]) -> None:
@@ -172,18 +185,17 @@ class Ladder:
         return barred
 
     def _bar_moves(self, path: Sequence[int], moves: Moves, *, costly: bool) -> bool:
-        barred = False
+        barred, first = False, len(path)
         for place, (state, following) in enumerate(pairwise(path), start=1):
             layer = self.layers[place]
             if layer.moved[state, following] or layer.costly != costly:
                 continue
             layer.moved[state, following] = True
             cost = moves(place, self.layers[place - 1].q[state], layer.q[following])
-            if cost > 0.0:
-                layer.length[state, following] += cost
-                layer.refused += cost == np.inf
-                self._forget(place)
-                barred = True
+            layer.length[state, following] += cost - layer.unseen
+            layer.refused += cost == np.inf
+            first, barred = min(first, place), barred or cost > 0.0
+        self._forget(first)
         return barred
 
     def _forget(self, place: int) -> None:

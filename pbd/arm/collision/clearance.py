@@ -100,6 +100,11 @@ class Clearance:
         for first, second in self.pairs:
             self._geometry.addCollisionPair(pin.CollisionPair(int(first), int(second)))
         self._mesh_to = np.array([mesh_to(self.bodies[a], self.bodies[b]) for a, b in self.pairs])
+        tool = arm.full.getJointId(arm.robot.joints[-1])
+        carried = [tool in arm.full.supports[body.joint] for body in self.bodies]
+        still = [body.joint == 0 for body in self.bodies]
+        a, b = self.pairs.T
+        self._of_tool = (np.array(carried)[a] & np.array(still)[b]) | (np.array(carried)[b] & np.array(still)[a])
         self._placed, self._data = self._geometry.createData(), arm.full.createData()
         self._lately: list[int] = []  # pairs that touched, the last one first: the likeliest to touch next
         self._known: dict[bytes, Array] = {}
@@ -126,18 +131,26 @@ class Clearance:
                 return self._touched(pair)
         return False
 
-    def meets(self, x: Array, path: Callable[[], JointPath], allowed: Allowed | None = None) -> bool:
+    def meets(
+        self, x: Array, path: Callable[[], JointPath], allowed: Allowed | None = None, tool_only: bool = False
+    ) -> bool:
         """Whether any pair touches on a path; which one does first is for `first_contact` to say.
 
         Args:
             x: some coordinates (m, k + 1) on it, its start and its end first.
             path: gives all of it; only asked if nothing touches at those.
             allowed: what may touch where.
+            tool_only: leave out all but what moves with the tool and what stands still.
         """
-        if any(self.touches(each, allowed) for each in x[:2]) or any(self._touch_again(each, allowed) for each in x[2:]):
+        if not tool_only and (
+            any(self.touches(each, allowed) for each in x[:2])
+            or any(self._touch_again(each, allowed) for each in x[2:])
+        ):
             return True
         walk, (at_start, at_end) = self._walk(path(), allowed), map(self._remembered, x[:2])
-        near = np.flatnonzero(~(at_start + at_end > self.rates @ walk.moved[:, -1])).tolist()
+        near = np.flatnonzero(
+            ~(at_start + at_end > self.rates @ walk.moved[:, -1]) & (self._of_tool | (not tool_only))
+        ).tolist()
         near.sort(key=lambda pair: self._lately.index(pair) if pair in self._lately else RECENT)
         return any(self._halve(walk, pair, at_start[pair], at_end[pair]) and self._touched(pair) for pair in near)
 

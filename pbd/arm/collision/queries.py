@@ -51,6 +51,10 @@ class CollisionQueries:
         """Whether it touches nothing on its way to keyframe i, straight from each of joints (m, k) to the next."""
         return not self.scene.meets(q, self.legs[i])
 
+    def tool_passes(self, i: int, q: Array) -> bool:
+        """Whether at least what moves with the tool touches nothing that stands still; see `passes`."""
+        return not self.scene.meets(q, self.legs[i], tool_only=True)
+
     def approach(self, q_start: Array, q: Array) -> Array | Hit:
         """Return the joints (m, k) by which the arm comes to keyframe 0, or what bars the straight way."""
         hit = self.scene.check_path(np.stack((q_start, q)), self.legs[0])

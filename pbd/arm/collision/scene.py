@@ -132,8 +132,10 @@ class CollisionScene:
         x = np.append(q, leg.opening)
         return any(each.clearance.touches(x, each.allowed) for each in self.pair_sets(leg.stay))
 
-    def meets(self, q: Array, leg: Leg) -> bool:
+    def meets(self, q: Array, leg: Leg, *, tool_only: bool = False) -> bool:
         """Whether there is a hit on straight moves in joint space from each of joints (m, k) to the next.
+
+        `tool_only`: of what moves with the tool, with what stands still.
 
         What comes nearer than MARGIN_M but doesn't touch counts where somebody looks: `check_path` looks elsewhere.
         """
@@ -141,7 +143,7 @@ class CollisionScene:
         x = np.vstack((q[[0, -1]], middle))
         x = np.column_stack((x, np.full(len(x), leg.opening)))
         return any(
-            each.clearance.meets(x, partial(polyline, q, leg.opening, each.clearance.rates), each.allowed)
+            each.clearance.meets(x, partial(polyline, q, leg.opening, each.clearance.rates), each.allowed, tool_only)
             for each in self.pair_sets(leg.stay)
         )
 
