@@ -9,6 +9,7 @@ A link between two layers that seems barred altogether is handed back to be mend
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -69,6 +70,13 @@ class Layer:
         self.stood = np.zeros(len(self.q), dtype=bool)
         self.length, self.moved = np.empty((0, 0)), np.empty((0, 0), dtype=bool)
 
+    def copy(self) -> Layer:
+        """Copy it with what is changed in place; its states are only ever replaced."""
+        copied = copy(self)
+        for name in ("cost", "stood", "length", "moved"):
+            setattr(copied, name, getattr(self, name).copy())
+        return copied
+
     def link(self, before: Array, *, anew: bool = False) -> None:
         """Measure the moves from states (l, k); keep what is known of those that were there, but for `anew`."""
         step = before[:, None] - self.q
@@ -93,6 +101,13 @@ class Ladder:
         for before, layer in pairwise(self.layers):
             layer.link(before.q)
         self._totals, self._via = [self.layers[0].cost], list[NDArray[np.int64]]()
+
+    def copy(self) -> Ladder:
+        """Copy all that may be changed."""
+        copied = copy(self)
+        copied.layers = [layer.copy() for layer in self.layers]
+        copied._totals, copied._via = list(self._totals), list(self._via)
+        return copied
 
     def add(self, place: int, q: Array, cost: Array) -> None:
         """Add states (m, k) to a layer."""

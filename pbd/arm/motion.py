@@ -10,7 +10,6 @@ the links that are barred.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import deepcopy
 from dataclasses import replace
 from itertools import pairwise
 
@@ -259,7 +258,7 @@ class _Search:
                     continue
                 self.before_line = self._copy()
                 self._follow_path(place, LINE)
-                move.remedies = ["split"]
+                move.remedies = []
             return True
         return False
 
@@ -273,7 +272,7 @@ class _Search:
     def _copy(self) -> tuple[Ladder, list[Link], list[Move], Hit | None]:
         links = [replace(link, found=dict(link.found)) for link in self.links]
         moves = [replace(move, remedies=list(move.remedies), hits=dict(move.hits)) for move in self.moves]
-        return deepcopy(self.ladder), links, moves, self.no_way_back
+        return self.ladder.copy(), links, moves, self.no_way_back
 
     # --- what was found -----------------------------------------------------------------------------------------------
 
