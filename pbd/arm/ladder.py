@@ -126,10 +126,11 @@ class Ladder:
         layer.link(self.layers[place - 1].q, anew=True)
         self._forget(place)
 
-    def settle(self, place: int) -> None:
-        """Bar all moves to a layer that aren't known to be free."""
+    def doubt(self, place: int, unseen: float) -> None:
+        """Let moves to a layer of which nobody knows whether they are free cost so much more, rad, from now on."""
         layer = self.layers[place]
-        layer.length[~layer.moved], layer.refused = np.inf, 0
+        layer.length[~layer.moved] += unseen - layer.unseen
+        layer.unseen, layer.refused = unseen, 0
         self._forget(place)
 
     def insert(self, place: int, layers: Sequence[Layer]) -> None:
@@ -205,9 +206,9 @@ class Ladder:
             layer = self.layers[place]
             if layer.moved[state, following] or layer.costly != costly:
                 continue
-            layer.moved[state, following] = True
+            layer.moved[state, following], unseen = True, layer.unseen
             cost = moves(place, self.layers[place - 1].q[state], layer.q[following])
-            layer.length[state, following] += cost - layer.unseen
+            layer.length[state, following] += cost - unseen
             layer.refused += cost == np.inf
             first, barred = min(first, place), barred or cost > 0.0
         self._forget(first)

@@ -23,7 +23,16 @@ from pbd.arm.joint_path import STARTS, States, Unreachable, add_turns, build_lad
 from pbd.arm.ladder import Barred, Ladder, Layer
 from pbd.arm.link_checks import WIDE_COST, LinkChecks
 from pbd.arm.model import ArmModel
-from pbd.arm.motion_links import DETOUR_EXTRA, MOST_DETOURS, MOST_PATHS, MOST_STEPS, Link, Move
+from pbd.arm.motion_links import (
+    ANY_OTHER,
+    DETOUR_EXTRA,
+    ENOUGH_DETOURS,
+    MOST_DETOURS,
+    MOST_PATHS,
+    MOST_STEPS,
+    Link,
+    Move,
+)
 from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, Motion, MotionRequest
 from pbd.arm.refusal import UNREACHABLE, Refusal, refuse_move, refuse_pose, tell
 from pbd.arm.sweep import Sweep, sweep_of
@@ -104,6 +113,8 @@ class _Search:
         link, layer = self.links[place - 1], self.ladder.layers[place]
         move = self.moves[link.keyframe]
         cost = self.checks.cost(link, move, q_before, q, wide_known=layer.wide_cost > 0.0)
+        if move.detour and cost < np.inf and len(link.found) == ENOUGH_DETOURS:
+            self.ladder.doubt(place, ANY_OTHER)
         if move.tool_barred:  # it does however the arm is held
             layer.refused, move.tool_barred = layer.most_refused, False
             first = next((k for k, remedy in enumerate(move.remedies) if remedy == "split"), len(move.remedies))
@@ -125,8 +136,8 @@ class _Search:
         """Change how a layer is come to, if there is another way; else say what was tried."""
         i = self.links[place - 1].keyframe
         move = self.moves[i]
-        if standing and move.detour and self.links[place - 1].found:
-            self.ladder.settle(place)  # one of those that were found
+        if standing and self.links[place - 1].found and move.detour and self.ladder.layers[place].unseen < np.inf:
+            self.ladder.doubt(place, np.inf)  # one of those that were found, or none
             return None
         if not standing and "widen" in move.remedies:
             move.remedies.remove("widen")
@@ -173,11 +184,12 @@ class _Search:
     def _widen(self, i: int) -> None:
         """Look for more ways to hold the arm all along a move; where it followed a path straight moves are tried."""
         places = [place for place, link in enumerate(self.links, start=1) if link.keyframe == i]
+        if self.moves[i].detour:
+            self.ladder.layers[places[0]].unseen, self.ladder.layers[places[0]].refused = DETOUR_EXTRA, 0
         for place in (places[0] - 1, *places):
             if place > 0 and self.links[place - 1].keyframe < self.n:
                 widen(self.arm, self._pose(place), self.ladder, place)
         if self.moves[i].detour:
-            self.ladder.layers[places[0]].refused = 0
             return
         if len(places) == 1:
             self.links[places[0] - 1].poses, self.moves[i].kind = None, STRAIGHT

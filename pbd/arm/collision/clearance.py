@@ -10,7 +10,7 @@ Where nobody wants to know what touches, a path is halved instead: two bodies th
 touch on it unless they move by d + e. That takes fewer looks, and those in the middle,
 where most moves are barred, come first.
 
-Bodies are hulls. Where the hull of a link is near another body, its mesh is asked whether they are MARGIN_M apart. Hulls
+Bodies are hulls. Where the hull of a link is near another body its mesh is asked whether they are MARGIN_M apart. Hulls
 are measured because coal's `collide` overlooks some deep contacts of theirs (4 in 10^5 pairs of so101). A distance that
 is not a number counts as a contact.
 """
@@ -310,7 +310,7 @@ class Clearance:
         return float(pin.computeDistance(self._geometry, self._placed, pair).min_distance - self._pads[pair])
 
     def _of_meshes(self, pair: int, distance: float) -> float:
-        """Ask the mesh of a pair whose hulls are near, or both: MARGIN_M where they aren't, else the hulls' distance."""
+        """Ask the mesh of a pair whose hulls are near: MARGIN_M where they aren't, else the hulls' distance."""
         first, second = (surface_of(self.bodies[i]) for i in self.pairs[pair])
         placed = [self._placed.oMg[int(i)] for i in self.pairs[pair]]
         one, other = (coal.Transform3s(T.rotation, T.translation) for T in placed)

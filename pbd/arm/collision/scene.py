@@ -139,6 +139,8 @@ class CollisionScene:
 
         What comes nearer than MARGIN_M but doesn't touch counts where somebody looks: `check_path` looks elsewhere.
         """
+        if len(q) == 1:
+            return self.touches(q[0], leg)
         middle = q[len(q) // 2][None] if len(q) > 2 else q[0] + _LIKELY * (q[-1] - q[0])
         x = np.vstack((q[[0, -1]], middle))
         x = np.column_stack((x, np.full(len(x), leg.opening)))
