@@ -135,12 +135,14 @@ def _add_import(commands: Commands) -> None:
         commands,
         "import",
         "import a recording of another program",
-        "Read a recording (a CSV with a header, x-io's CSV, WitMotion's .txt or .csv log, an npz, a raw.bin of\n"
-        "`pbd record --raw`) and store it as a demonstration. Names and units come from the header where it\n"
-        "gives them; otherwise use --column and --unit. A level sensor must read +1 g on z: where it reads -1 g, turn\n"
-        "the signs with --unit acc=-g.",
+        "Read a recording (a table with a header, a bag of ROS 2, a folder of an x-IMU3, lines that a sketch printed,\n"
+        "an npz, a raw.bin of `pbd record --raw`; docs/imports.md has the programs) and store it as a demonstration.\n"
+        "Names and units come from the header where it gives them; otherwise use --column and --unit. What was\n"
+        "understood is printed. A level sensor must read +1 g on z: where it reads -1 g, turn the signs with\n"
+        "--unit acc=-g.",
         "  pbd import run7.csv tea --column ax=AccX --column ay=AccY --column az=AccZ --unit acc=g --unit t=ms\n"
         "  pbd import log.txt tea2                    as WitMotion's program wrote it\n"
+        "  pbd import walk.mcap tea3 --topic /imu/data\n"
         "  pbd import demos/tea/raw.bin again --sensor witmotion",
     )
     option = parser.add_argument
@@ -154,6 +156,7 @@ def _add_import(commands: Commands) -> None:
     option("--unit", type=pair, action="append", default=[], metavar="WHAT=UNIT", help=unit)
     option("--sensor", metavar="SENSOR", help="the sensor that recorded it; needed for a raw.bin")
     option("--rate", type=positive, metavar="HZ", help="sample rate of a raw.bin, or of a table without times")
+    option("--topic", metavar="TOPIC", help="of a bag: its sensor_msgs/Imu; default: the only one")
     option("--closed", action="store_true", help="the hand ended where it began")
     add_force(parser)
     add_lines(parser)

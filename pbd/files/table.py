@@ -53,7 +53,7 @@ class Table:
 class Sheet:
     """A table's text, of which only the header has been read; `line` is that of the first row.
 
-    A cell of a `complete` one must not be empty.
+    A cell of a `complete` one must not be empty. What stands above the header is the `preamble`.
     """
 
     path: Path
@@ -64,6 +64,7 @@ class Sheet:
     foreign: bool = False
     error: type[PbdError] = RecordingError
     complete: bool = False
+    preamble: str = ""
 
     def words(self, name: str) -> list[str]:
         """Return what a column of text says, row by row."""
@@ -177,22 +178,60 @@ def open_sheet(path: Path, foreign: bool = False, error: type[PbdError] = Record
     if "#" in text:
         text = re.sub(r"(?m)^[ \t]*#.*$", "", text)
     lines = text.split("\n", LONGEST_PREAMBLE)
-    wide = [k for k, line in enumerate(lines) if max(map(line.count, ",;\t")) >= HEADER_CELLS - 1] if foreign else []
-    above = next(iter(wide), next((k for k, line in enumerate(lines) if line.strip()), 0))
-    first, body = lines[above], "\n".join(lines[above + 1 :])
+    above, skipped = (_foreign_header(lines[:LONGEST_PREAMBLE]) if foreign else None) or (
+        next((k for k, line in enumerate(lines) if line.strip()), 0),
+        0,
+    )
+    first, body = lines[above], "\n".join(lines[above + 1 + skipped :])
     if not first.strip():
         raise error(f"{path}: the file is empty; it needs a header line and rows of numbers", path=path)
     if not body.strip():
         raise error(f"{path}: a header but no rows; record again", path=path)
     delimiter = max(",;\t", key=first.count)
     header = [name.strip().strip('"') for name in first.split(delimiter)]
+    if skipped:
+        header = _with_units(header, [cell.strip().strip('"') for cell in lines[above + 1].split(delimiter)])
     if foreign and re.fullmatch(r"[-+.,\deE\s]+", "".join(header)):
         what = "numbers where the column names should be"
         add = "add a line with the column names above them, such as t,ax,ay,az,gx,gy,gz"
         raise error(f"{path}:{above + 1}: {what}; {add}", path=path, line=above + 1)
     if not header[-1]:
         header.pop()
-    return Sheet(path, tuple(header), body, delimiter, above + 2, foreign, error)
+    line, preamble = above + 2 + skipped, "\n".join(lines[:above])
+    return Sheet(path, tuple(header), body, delimiter, line, foreign, error, preamble=preamble)
+
+
+def _foreign_header(lines: Sequence[str]) -> tuple[int, int] | None:
+    """The header's line, and how many lines of units are below it (0 or 1); None where no line is wide.
+
+    The header is the last wide line above the first row of numbers: what stands higher up are remarks.
+    """
+    wide = [k for k, line in enumerate(lines) if max(map(line.count, ",;\t")) >= HEADER_CELLS - 1]
+    if not wide:
+        return None
+    row = next((k for k in wide if _is_row(lines[k])), None)
+    above = [k for k in wide if row is None or k < row]
+    if row is None or not above:
+        return wide[0], 0
+    header = above[-1]
+    delimiter = max(",;\t", key=lines[header].count)
+    cells = [cell.strip() for cell in lines[header].split(delimiter) if cell.strip()]
+    if len(above) > 1 and len(set(cells)) < len(cells) and len(lines[above[-2]].split(delimiter)) >= len(cells):
+        return above[-2], header - above[-2]  # units repeat, names don't
+    return header, 0
+
+
+def _is_row(line: str) -> bool:
+    # A comma is a decimal mark where other delimiters are there.
+    delimiter = next((mark for mark in ";\t" if line.count(mark) >= HEADER_CELLS - 1), ",")
+    cells = [cell.strip() for cell in line.split(delimiter) if cell.strip()]
+    numbers = sum(re.fullmatch(r"[-+]?[\d.,]+([eE][-+]?\d+)?|nan", cell) is not None for cell in cells)
+    return numbers >= HEADER_CELLS - 1 and 2 * numbers >= len(cells)
+
+
+def _with_units(header: Sequence[str], units: Sequence[str]) -> list[str]:
+    given = [*units, *[""] * (len(header) - len(units))]
+    return [f"{name} ({unit})" if unit and name else name for name, unit in zip(header, given, strict=False)]
 
 
 def read_table(path: Path) -> Table:
