@@ -28,8 +28,6 @@ class Imported:
     understood: Understood | None = None
 
 
-
-
 def import_file(
     path: Path,
     columns: Mapping[str, str] | None = None,

@@ -18,7 +18,16 @@ from numpy.typing import NDArray
 
 from pbd.data import GRAVITY, Recording
 from pbd.errors import PbdWarning, RecordingError
-from pbd.pose import Array, quat_cumulative, quat_exp, quat_from_rpy, quat_inverse, quat_multiply, quat_rotate, quat_to_matrix
+from pbd.pose import (
+    Array,
+    quat_cumulative,
+    quat_exp,
+    quat_from_rpy,
+    quat_inverse,
+    quat_multiply,
+    quat_rotate,
+    quat_to_matrix,
+)
 from pbd.tracking.repair.axes import Witness, find_other_axes
 from pbd.tracking.moving_windows import squares, window_moments, window_sums
 from pbd.tracking.rest import STILL_ACC, STILL_GYR

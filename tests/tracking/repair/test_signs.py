@@ -115,9 +115,7 @@ def test_a_hand_that_turns_tells_which_axes_are_wrong(sensor: str, channel: str,
     ("channel", "mended_by"),
     [("acc", "--column ax=ay --column ay=ax"), ("gyr", "--column gx=-gx --column gy=-gy --column gz=-gz")],
 )
-def test_a_hand_that_turns_about_one_axis_leaves_a_choice(
-    sensor: str, task: str, channel: str, mended_by: str
-) -> None:
+def test_a_hand_that_turns_about_one_axis_leaves_a_choice(sensor: str, task: str, channel: str, mended_by: str) -> None:
     """The right one is among what is named."""
     recording = replace(simulate(task, sensor, 1).recording, mag=None, device_rpy=None)
     with pytest.raises(RecordingError) as caught:
