@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 import warnings
-from contextlib import contextmanager, suppress
 from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 
 from pbd.cli.console import working
@@ -20,10 +20,9 @@ from pbd.tracking.repair.conditioning import condition
 from pbd.tracking.repair.gyro_consistency import warn_upside_down
 from pbd.tracking.rest import find_rest
 
-
 NO_GYRO = (
-    "no gyro was found: attitude is then the device's own, which lags, or there is none; keyframes of a hand that turns "
-    "are centimetres off. If the file has one, name it with --column gx=NAME --column gy=NAME --column gz=NAME"
+    "no gyro was found: attitude is then the device's own, which lags, or there is none; keyframes of a hand that "
+    "turns are centimetres off. If the file has one, name it with --column gx=NAME --column gy=NAME --column gz=NAME"
 )
 
 

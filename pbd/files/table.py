@@ -160,7 +160,18 @@ def require(path: Path, header: Sequence[str], names: Sequence[str], error: type
         raise error(what, path=path, value=missing[0])
 
 
-def open_sheet(path: Path, foreign: bool = False, error: type[PbdError] = RecordingError) -> Sheet:
+def foreign_text(path: Path) -> str:
+    """Read another program's text, in any encoding that such have.
+
+    Raises:
+        RecordingError: it can't be read.
+    """
+    return _text(path, FOREIGN_ENCODINGS, RecordingError)
+
+
+def open_sheet(
+    path: Path, foreign: bool = False, error: type[PbdError] = RecordingError, text: str | None = None
+) -> Sheet:
     """Open a table whose cells are separated by commas, semicolons or tabs, and read its header.
 
     Lines that begin with # are remarks.
@@ -170,11 +181,13 @@ def open_sheet(path: Path, foreign: bool = False, error: type[PbdError] = Record
         foreign: another program wrote it: there may be remarks above the header, text in some columns, another
             encoding than UTF-8, decimal commas where no comma separates.
         error: what is raised.
+        text: the file's, where it has been read.
 
     Raises:
         error: empty, no rows, not text.
     """
-    text = _text(path, FOREIGN_ENCODINGS if foreign else FOREIGN_ENCODINGS[:1], error)
+    if text is None:
+        text = _text(path, FOREIGN_ENCODINGS if foreign else FOREIGN_ENCODINGS[:1], error)
     if "#" in text:
         text = re.sub(r"(?m)^[ \t]*#.*$", "", text)
     lines = text.split("\n", LONGEST_PREAMBLE)

@@ -50,7 +50,7 @@ def import_recording(
     Args:
         path: .csv, .txt, .tsv or .log with a header or with names beside the numbers; .npz; .mcap, .db3 or a rosbag2's
             folder; an x-IMU3's folder.
-        columns: of a table: ours (t, gx ... mz, heading, pitch, roll) -> the file's name, where the header doesn't tell.
+        columns: of a table: ours (t, gx ... mz, heading, pitch, roll) -> the file's, where the header doesn't tell.
         units: of a table: of t, gyr, acc, mag or angle, where the header doesn't tell.
         rate_hz: of a table without times.
         topic: of a bag with several.

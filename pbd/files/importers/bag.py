@@ -64,9 +64,7 @@ def read_bag(path: Path, topic: str | None = None) -> Recording:
                     messages[connection.msgtype].append(data)
         except PbdError:
             raise
-        except (
-            Exception
-        ) as reason:  # damaged bytes make struct, sqlite, yaml, zstd and rosbags raise errors of their own
+        except Exception as reason:  # damaged bytes make sqlite, yaml and zstd raise errors of their own
             what = f"{path}: can't be read as a bag ({in_words(reason) or type(reason).__name__}); record it again"
             raise RecordingError(what, path=path) from None
     if not messages[IMU]:
@@ -122,10 +120,9 @@ def _choose(path: Path, connections: list[Any], topic: str | None) -> list[Any]:
         have = f"those of type {IMU} are {listed(imus)}"
         raise RecordingError(f"{path}: {what}; {have}; choose one with --topic", path=path, value=topic)
     # Of several fields the one whose name has most in common with the sensor's: /left/imu goes with /left/mag.
-    fields = sorted(
-        {each.topic for each in connections if each.msgtype == FIELD}, key=lambda name: -_alike(name, topic)
-    )
-    wanted = {(topic, IMU), *((name, FIELD) for name in fields[:1])}
+    fields = {each.topic for each in connections if each.msgtype == FIELD}
+    near = sorted(fields, key=lambda name: (-_alike(name, str(topic)), name))
+    wanted = {(topic, IMU), *((name, FIELD) for name in near[:1])}
     return [each for each in connections if (each.topic, each.msgtype) in wanted]
 
 

@@ -1,6 +1,6 @@
 """What the columns of a table mean: by their names and units, by a known program's conventions, and by the caller.
 
-A header names the quantity, the axis and often the unit: `Gyroscope X (deg/s)`, `acc_x [g]`, `rotationRateX`, `time_us`.
+A header names the quantity, the axis and often the unit: `Gyroscope X (deg/s)`, `acc_x [g]`, `rotationRateX`.
 Names as programs write them: x-io's, WitMotion's (each version another, two in Chinese), SensorLog's, Shimmer's
 Consensys, Movella's DOT app, ROS's, and what Arduino sketches print. No such device was at hand; the sources are
 published readers, examples and files: docs/imports.md lists them.

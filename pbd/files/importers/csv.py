@@ -25,8 +25,9 @@ from pbd.files.importers.columns import (
     split_unit,
     understand,
 )
+from pbd.files.importers.printed_lines import is_printed, printed_sheet
 from pbd.files.imu_columns import ACC, device_rpy
-from pbd.files.table import Sheet, Table, open_sheet
+from pbd.files.table import Sheet, Table, foreign_text, open_sheet
 from pbd.pose import Array
 
 DEVICE_NAMES = ("address", "device_name", "设备名称")
@@ -46,7 +47,9 @@ def read_csv(
     Raises:
         RecordingError: a column or unit is missing or unknown; there are both times and a rate; the table is no table.
     """
-    return read_sheet(open_sheet(path, foreign=True), columns, units, rate_hz)
+    text = foreign_text(path)
+    sheet = printed_sheet(path, text) if is_printed(text) else open_sheet(path, foreign=True, text=text)
+    return read_sheet(sheet, columns, units, rate_hz)
 
 
 def read_sheet(

@@ -28,8 +28,8 @@ from pbd.pose import (
     quat_rotate,
     quat_to_matrix,
 )
-from pbd.tracking.repair.axes import Witness, find_other_axes
 from pbd.tracking.moving_windows import squares, window_moments, window_sums
+from pbd.tracking.repair.axes import Witness, find_other_axes
 from pbd.tracking.rest import STILL_ACC, STILL_GYR
 
 CONTRADICTION_RAD, IMPROVEMENT = np.radians(20.0), 3.0
@@ -50,8 +50,8 @@ CHECK_HZ = 50.0
 
 STEADY_S, STEADY_ACC, STEADY_NORM = 0.2, 0.05, 0.04
 """In a steady moment the accelerometer shows gravity alone. It lasts STEADY_S; the rms of specific force is below
-STEADY_ACC, and its norm differs from g by less than STEADY_NORM (shares of g): a WT901's bias of 20 mg changes it by 4 %
-from one side to the other."""
+STEADY_ACC, and its norm differs from g by less than STEADY_NORM (shares of g): a WT901's bias of 20 mg changes it by
+4 % from one side to the other."""
 
 PAIR_EVERY_S, PAIR_SHORTEST_S, PAIR_LONGEST_S = 0.1, 0.5, 5.0
 """Pairs of steady moments: one begins every PAIR_EVERY_S at most; the two are PAIR_SHORTEST_S to PAIR_LONGEST_S
