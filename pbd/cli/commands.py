@@ -80,6 +80,7 @@ def _add_record(commands: Commands) -> None:
         "`--sensor sim` simulates a hand that does a TASK (pour) and grips by itself.",
         "  pbd record tea --sensor witmotion\n"
         "  pbd record tea --sensor sim:pour           without hardware: a simulated hand that pours\n"
+        "  pbd record tea --sensor gamepad            a DualSense or DualShock 4; its buttons mark the grip\n"
         "  pbd record tea --live                      and see the hand, its path and its stops in the browser\n"
         '  pbd record tea --sensor lines --columns "t,ax,ay,az,gx,gy,gz" --unit t=ms --unit acc=g --unit gyr=deg/s',
     )
@@ -87,7 +88,8 @@ def _add_record(commands: Commands) -> None:
     option("name", nargs="?", metavar="NAME", help="name in ./demos; default: the date and the time")
     sensor = "protocol (`pbd sensors` lists them), or sim[:TASK]; default: detect it"
     option("--sensor", metavar="SENSOR", help=sensor)
-    option("--port", metavar="P", help="the serial port; default: the only one with something plugged in")
+    port = "the serial port, or a gamepad's /dev/input/eventN; default: the only one with something plugged in"
+    option("--port", metavar="P", help=port)
     option("--baud", type=int, metavar="B", help="default: try the sensor's usual rates")
     option("--rate", type=positive, metavar="HZ", help="first set the device's rate, where it can be set")
     option("--duration", type=positive, metavar="S", help="end after this many seconds")
