@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import io
 import re
 import warnings
 from collections import Counter
@@ -84,24 +83,42 @@ class Sheet:
             raise self._fault(None, f"the column '{printable(twice)}' is there twice", "rename one", value=twice)
         columns = [self.header.index(name) for name in wanted]
         dated = [k for k, name in zip(columns, wanted, strict=True) if name in times]
-        cells = {line.count(self.delimiter) for line in self.body.splitlines() if line.strip()}
-        if cells == {len(self.header) - 1}:
-            with suppress(ValueError), warnings.catch_warnings():  # an empty cell, or a fault: row by row it is found
-                warnings.simplefilter("ignore")
-                return Table(self.path, wanted, self._read_fast(columns, dated))
+        with suppress(ValueError), warnings.catch_warnings():  # a fault: row by row it is found
+            warnings.simplefilter("ignore")
+            return Table(self.path, wanted, self._read_fast(columns, dated))
         return Table(self.path, wanted, self._read_slowly(columns, dated))
 
     def _read_fast(self, columns: list[int], dated: list[int]) -> Array:
         first = self.body.lstrip().partition("\n")[0].split(self.delimiter)
         plain = all(re.fullmatch(r"\s*[-+.\deE]+\s*", first[k]) for k in dated)
         return np.loadtxt(
-            io.StringIO(self.body),
+            self._filled(),
             delimiter=self.delimiter,
             usecols=columns,
             converters=None if plain else dict.fromkeys(dated, seconds),
             ndmin=2,
             comments=None,
         )
+
+    def _filled(self) -> Iterator[str]:
+        """Yield each row with nan in its empty cells; ValueError where one has another length.
+
+        A StringIO would take four bytes for each character.
+        """
+        mark, most = self.delimiter, len(self.header) - 1
+        both, filled = mark + mark, f"{mark}nan{mark}"
+        for row in _lines(self.body):
+            line = row.strip() if mark != "\t" else row.strip(" \r\n")
+            count = line.count(mark)
+            if not line:
+                continue
+            if count != most and not (count == most + 1 and line.endswith(mark)):
+                raise ValueError("a row of another length")
+            if not self.complete and (both in line or line[0] == mark or line[-1] == mark):
+                line = f"nan{line}" if line[0] == mark else line
+                line = f"{line}nan" if line[-1] == mark else line
+                line = line.replace(both, filled).replace(both, filled)
+            yield line
 
     def _read_slowly(self, columns: list[int], dated: list[int]) -> Array:
         rows, width = [], len(self.header)
@@ -116,7 +133,7 @@ class Sheet:
 
     def _rows(self) -> Iterator[tuple[int, list[str]]]:
         """Yield each row that is not empty with the number of its last line."""
-        rows = csv.reader(io.StringIO(self.body), delimiter=self.delimiter)
+        rows = csv.reader(_lines(self.body), delimiter=self.delimiter)
         try:
             for row in rows:
                 if row:
@@ -147,6 +164,15 @@ class Sheet:
             fields["line"] = line
         where = f"{self.path}:{line}" if line else f"{self.path}"
         return self.error(f"{where}: {what}; {next_step}", path=self.path, **fields)
+
+
+def _lines(text: str) -> Iterator[str]:
+    """Yield each line with its end."""
+    at = 0
+    while at < len(text):
+        end = text.find("\n", at) + 1 or len(text)
+        yield text[at:end]
+        at = end
 
 
 def require(path: Path, header: Sequence[str], names: Sequence[str], error: type[PbdError] = RecordingError) -> None:

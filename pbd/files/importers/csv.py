@@ -49,6 +49,7 @@ def read_csv(
     """
     text = foreign_text(path)
     sheet = printed_sheet(path, text) if is_printed(text) else open_sheet(path, foreign=True, text=text)
+    del text  # as large as the file
     return read_sheet(sheet, columns, units, rate_hz)
 
 

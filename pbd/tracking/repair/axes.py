@@ -132,9 +132,12 @@ def _find(witnesses: Sequence[Witness], turn: Array, turn_back: Array) -> Contra
     Returns:
         None where nothing contradicts, or no reading mends it.
     """
-    told = [_told(witness, turn) for witness in witnesses]
-    costs = np.array([_costs(w, rows, turn, turn_back) for w, rows in zip(witnesses, told, strict=True)])
-    counted = np.array([rows.sum() >= SIMPLE_PAIRS for rows in told], dtype=bool)
+    # Where nothing is seen to move, a gyro that turns is biased or noisy: any reading that turns it to where it isn't
+    # seen would seem to mend that.
+    seen = [_degrees(witness.first, witness.second) > CONTRADICTION_DEG for witness in witnesses]
+    told = [rows | _carried_away(witness, turn) for witness, rows in zip(witnesses, seen, strict=True)]
+    counted = np.array([rows.sum() >= SIMPLE_PAIRS for rows in seen], dtype=bool)
+    costs = np.array([_costs(w, rows, turn, turn_back) for w, *rows in zip(witnesses, seen, told, strict=True)])
     wrong = counted & (costs[:, 0] > CONTRADICTION_DEG) if len(costs) else counted
     if not wrong.any():
         return None
@@ -162,27 +165,24 @@ def _find(witnesses: Sequence[Witness], turn: Array, turn_back: Array) -> Contra
     return Contradiction(witnesses[worst].channel, off, best, pair, _message(named[:MOST_NAMED]))
 
 
-def _told(witness: Witness, turn: Array) -> Array:
-    """Whether the direction moves in each pair, as seen or as carried: (k,) bool."""
+def _carried_away(witness: Witness, turn: Array) -> Array:
+    """Whether the gyro moves the direction in each pair: (k,) bool."""
     carried = (turn @ witness.first[:, :, None])[:, :, 0]
-    moved = np.maximum(_degrees(witness.first, witness.second), _degrees(witness.first, carried))
-    told: Array = moved > CONTRADICTION_DEG
-    return told
+    away: Array = _degrees(witness.first, carried) > CONTRADICTION_DEG
+    return away
 
 
-def _costs(witness: Witness, rows: Array, turn: Array, turn_back: Array) -> Array:
-    """Median angle of each reading of the gyro, degrees, (48,)."""
-    if not rows.any():
-        return np.zeros(len(readings()))
-    first, second = witness.first[rows], witness.second[rows]
+def _costs(witness: Witness, parts: Sequence[Array], turn: Array, turn_back: Array) -> Array:
+    """Median angle of each reading of the gyro, degrees, (48,): the largest over the parts of the pairs."""
     medians = []
     for reading in readings():
         matrix = reading.matrix
         mirrored = np.linalg.det(matrix) < 0.0
         rotation = -matrix if mirrored else matrix
-        by = (turn_back if mirrored else turn)[rows]
-        carried = (by @ (first @ rotation)[:, :, None])[:, :, 0] @ rotation.T
-        medians.append(float(np.median(_degrees(second, carried))))
+        by = turn_back if mirrored else turn
+        carried = (by @ (witness.first @ rotation)[:, :, None])[:, :, 0] @ rotation.T
+        off = _degrees(witness.second, carried)
+        medians.append(max((float(np.median(off[rows])) for rows in parts if rows.any()), default=0.0))
     return np.array(medians)
 
 
