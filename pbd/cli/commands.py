@@ -87,6 +87,7 @@ def _add_record(commands: Commands) -> None:
         "`--sensor sim` simulates a hand that does a TASK (pour) and grips by itself.",
         "  pbd record tea --sensor witmotion\n"
         "  pbd record tea --sensor sim:pour           without hardware: a simulated hand that pours\n"
+        "  pbd record tea --sensor gamepad            a DualSense or DualShock 4; its buttons mark the grip\n"
         "  pbd record tea --live                      and see the hand, its path and its stops in the browser\n"
         '  pbd record tea --sensor lines --columns "t,ax,ay,az,gx,gy,gz" --unit t=ms --unit acc=g --unit gyr=deg/s',
     )
@@ -94,7 +95,8 @@ def _add_record(commands: Commands) -> None:
     option("name", nargs="?", metavar="NAME", help="name in ./demos; default: the date and the time")
     sensor = "protocol (`pbd sensors` lists them), or sim[:TASK]; default: detect it"
     option("--sensor", metavar="SENSOR", help=sensor)
-    option("--port", metavar="P", help="the serial port; default: the only one with something plugged in")
+    port = "the serial port, or a gamepad's /dev/input/eventN; default: the only one with something plugged in"
+    option("--port", metavar="P", help=port)
     option("--baud", type=int, metavar="B", help="default: try the sensor's usual rates")
     option("--rate", type=positive, metavar="HZ", help="first set the device's rate, where it can be set")
     option("--duration", type=positive, metavar="S", help="end after this many seconds")
@@ -142,12 +144,14 @@ def _add_import(commands: Commands) -> None:
         commands,
         "import",
         "import a recording of another program",
-        "Read a recording (a CSV with a header, x-io's CSV, WitMotion's .txt or .csv log, an npz, a raw.bin of\n"
-        "`pbd record --raw`) and store it as a demonstration. Names and units come from the header where it\n"
-        "gives them; otherwise use --column and --unit. A level sensor must read +1 g on z: where it reads -1 g, turn\n"
-        "the signs with --unit acc=-g.",
+        "Read a recording (a table with a header, a bag of ROS 2, a folder of an x-IMU3, lines that a sketch printed,\n"
+        "an npz, a raw.bin of `pbd record --raw`; docs/imports.md has the programs) and store it as a demonstration.\n"
+        "Names and units come from the header where it gives them; otherwise use --column and --unit. What was\n"
+        "understood is printed. A level sensor must read +1 g on z: where it reads -1 g, turn the signs with\n"
+        "--unit acc=-g.",
         "  pbd import run7.csv tea --column ax=AccX --column ay=AccY --column az=AccZ --unit acc=g --unit t=ms\n"
         "  pbd import log.txt tea2                    as WitMotion's program wrote it\n"
+        "  pbd import walk.mcap tea3 --topic /imu/data\n"
         "  pbd import demos/tea/raw.bin again --sensor witmotion",
     )
     option = parser.add_argument
@@ -161,6 +165,7 @@ def _add_import(commands: Commands) -> None:
     option("--unit", type=pair, action="append", default=[], metavar="WHAT=UNIT", help=unit)
     option("--sensor", metavar="SENSOR", help="the sensor that recorded it; needed for a raw.bin")
     option("--rate", type=positive, metavar="HZ", help="sample rate of a raw.bin, or of a table without times")
+    option("--topic", metavar="TOPIC", help="of a bag: its sensor_msgs/Imu; default: the only one")
     option("--closed", action="store_true", help="the hand ended where it began")
     add_force(parser)
     add_lines(parser)

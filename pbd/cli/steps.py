@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from pbd.cli.console import print_json, say, working
@@ -125,9 +126,16 @@ def plan_demonstration(args: argparse.Namespace) -> tuple[Demonstration, HandPat
 
 
 def store_demonstration(
-    args: argparse.Namespace, demo: Demonstration, done: str, touched: Points | None = None
+    args: argparse.Namespace,
+    demo: Demonstration,
+    done: str,
+    touched: Points | None = None,
+    more: Mapping[str, object] = MappingProxyType({}),
 ) -> None:
-    """Write it under args.name, stamped with the time, and say what was `done`; the points it `touched` go beside."""
+    """Write it under args.name, stamped with the time, and say what was `done`; the points it `touched` go beside.
+
+    As JSON there is `more`.
+    """
     recording = replace(demo.recording, info=replace(demo.recording.info, created=utc_now()))
     folder = demo_folder(args.name)
     remark = "simulated: touched with the sensor itself, in the robot's base"
@@ -139,7 +147,7 @@ def store_demonstration(
     if args.json:
         stored = {"demo": folder.name, "folder": str(folder), "samples": samples}
         points = {} if touched is None else {"points": str(folder / POINTS_FILE)}
-        print_json(stored | {"duration_s": duration_s, "rate_hz": rate_hz} | points)
+        print_json(stored | {"duration_s": duration_s, "rate_hz": rate_hz} | points | dict(more))
 
 
 def decoder_maker(

@@ -13,10 +13,12 @@ from rich import box
 from rich.cells import cell_len
 from rich.console import RenderableType
 from rich.table import Column, Table
+from rich.text import Text
 
 from pbd.data import Keyframe, Robot, Segment
 from pbd.data.sigma import keyframe_sigmas
 from pbd.data.tracking import DOUBTED_WEIGHT
+from pbd.errors import printable
 from pbd.pose import Array, quat_to_rpy
 from pbd.view.screen import Screen
 from pbd.view.units import Units
@@ -170,6 +172,18 @@ def left_out_table(pairs: Sequence[tuple[str, str, str]]) -> Table:
     table = make_table(*columns, left=columns)
     for pair in pairs:
         table.add_row(*pair)
+    return table
+
+
+def columns_table(read: Sequence[Mapping[str, str]], unread: Mapping[str, str]) -> Table:
+    """What an import made of each column, and the columns that it left out."""
+    columns = ("column", "read as", "quantity", "unit", "decided by")
+    table = make_table(*columns, left=columns)
+    for row in read:
+        cells = (printable(row["column"]), row["read_as"], row["quantity"], row["unit"], row["decided_by"])
+        table.add_row(*map(Text, cells))
+    for name, why in unread.items():
+        table.add_row(Text(printable(name)), "not read", "", "", why)
     return table
 
 
