@@ -27,6 +27,7 @@ from pbd.cli.options import (
     pair,
     positive,
 )
+from pbd.cli.run import add_run
 from pbd.errors import nearest
 from pbd.files.exporters import FORMATS, HIGHEST_HZ, LOWEST_HZ, SUFFIXES
 
@@ -301,43 +302,6 @@ def _add_export(commands: Commands) -> None:
     add_planning(parser)
 
 
-def _add_run(commands: Commands) -> None:
-    parser = add_command(
-        commands,
-        "run",
-        "run a demonstration on a so100 or so101 arm",
-        "Plan from where the arm stands, show what will happen, ask, and move the arm over its servos' bus; watch its\n"
-        "error, load, temperature and voltage. Any key stops it at once. It ends at home, and holds there: its servos\n"
-        "let go only with --release. docs/running.md says how to begin. Other arms run what `pbd export` writes.",
-        "  pbd run --calibrate --robot so101            once: where the servos' zeros and ends are\n"
-        "  pbd run pouring --robot so101 --dry-run      all but the motion\n"
-        "  pbd run pouring --robot so101 --speed 0.3",
-    )
-    add_demo(parser)
-    add_json(parser)
-    option = parser.add_argument
-    option("--port", metavar="P", help="the arm's serial port; default: the only one with something plugged in")
-    servos = "the servos' calibration, LeRobot's JSON; default: ./calibration/R-servos.json, else LeRobot's own"
-    option("--servos", type=Path, metavar="FILE", help=servos)
-    option("--yes", action="store_true", help="do not ask before the arm moves or sinks")
-    tolerance = "a joint farther off its goal stops the arm (10)"
-    option("--tolerance", type=positive, default=10.0, metavar="DEG", help=tolerance)
-    option("--rate", type=_run_rate, default=50.0, metavar="HZ", help="goals a second, from 40 to 100 (50)")
-    instead = parser.add_mutually_exclusive_group()
-    instead.add_argument("--dry-run", action="store_true", help="do all but move: read the servos, give them no goals")
-    instead.add_argument("--calibrate", action="store_true", help="find the servos' middles and ends; write --servos")
-    instead.add_argument("--release", action="store_true", help="switch the servos' torque off: hold the arm, it sinks")
-    add_tracking(parser)
-    add_planning(parser, measured=True)
-
-
-def _run_rate(text: str) -> float:
-    rate = positive(text)
-    if not 40.0 <= rate <= 100.0:  # slower, and a stop would take longer than 50 ms; faster than the servos answer
-        raise argparse.ArgumentTypeError(f"must be 40 to 100 Hz, got {text}")
-    return rate
-
-
 def _export_rate(text: str) -> float:
     rate = positive(text)
     if not LOWEST_HZ <= rate <= HIGHEST_HZ:
@@ -401,5 +365,5 @@ def _jobs(text: str) -> int:
 
 COMMANDS = (
     *(_add_record, _add_simulate, _add_import, _add_segments, _add_keyframes, _add_touch, _add_plot, _add_check),
-    *(add_calibrate, _add_replay, _add_export, _add_run, _add_robots, _add_sensors),
+    *(add_calibrate, _add_replay, _add_export, add_run, _add_robots, _add_sensors),
 )

@@ -28,7 +28,7 @@ PATIENT_S = 0.05
 TRIES = 2
 """How often a servo is asked before it counts as silent. Two tries and a period of 20 ms stop the arm within 50 ms."""
 
-WAIT_S = 0.002
+WAIT_S = 0.001
 """How long one read of the port waits, s."""
 
 
@@ -73,7 +73,9 @@ class Bus:
             self._port.clear()
             self._port.write(sync_read(missing, address, length))
             until, buffer = self._clock.real() + self.answer_s, bytearray()
-            while missing and self._clock.real() < until:
+            late = False
+            while missing and not late:
+                late = self._clock.real() >= until  # read once more: it may have come while this computer was busy
                 came = self._port.read()
                 heard, buffer = (heard + came)[-200:], buffer + came
                 found |= {a.id: a for a in take_answers(buffer) if a.id in missing and len(a.data) == length}

@@ -70,7 +70,7 @@ def whole(robot: str, folder: Path) -> dict[str, Any]:
 
 
 def stop(name: str, folder: Path) -> dict[str, Any]:
-    """Let something go wrong; say how long (ms) until the servos had the goal that holds them."""
+    """Let something go wrong; say how long (ms) until the servos had the goal that holds them, if one reached them."""
     with Emulator(calibration_of("so101"), resting("so101", LEFT), Clock()) as emulator:
         process = run(emulator, "so101", folder)
         emulator.fault = lambda: process.terminate() if name == "signal" else FAULTS[name](emulator)
@@ -79,12 +79,9 @@ def stop(name: str, folder: Path) -> dict[str, Any]:
         assert emulator.goals, err
         began = crossed(emulator) if name == "blocked" else emulator.fault_t
         last = emulator.goals[-1][1]
-        held = next(i for i in range(len(emulator.goals)) if all(goal == last for _, goal in emulator.goals[i:]))
-    return {
-        "exit_code": process.returncode,
-        "ms": 1e3 * (emulator.goals[held][0] - began),
-        "says": err.splitlines()[-1],
-    }
+        after = [t for t, goal in emulator.goals if t > began and goal == last]
+    ms = 1e3 * (after[0] - began) if after else None
+    return {"exit_code": process.returncode, "ms": ms, "says": err.splitlines()[-1]}
 
 
 def crossed(emulator: Emulator) -> float:
