@@ -18,9 +18,9 @@ from pbd.sensors.port import Port, open_port
 BAUD = 1_000_000
 """Baud rate of the servos as LeRobot sets them up (and as they leave the factory)."""
 
-ANSWER_S = 0.01
-"""Longest time, s, for all servos to answer while the arm moves: 0.5 ms each as they leave the factory, 14 bytes each,
-and the adapter's 1 ms."""
+ANSWER_S = 0.008
+"""Longest time, s, for all servos to answer while the arm moves. As they leave the factory they wait 0.5 ms and send
+14 bytes (0.14 ms) each, 4 ms in all; a USB adapter adds 1 ms each way."""
 
 PATIENT_S = 0.05
 """The same while nothing moves: an adapter with a latency timer of 16 ms is recognised so."""
