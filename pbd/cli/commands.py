@@ -122,7 +122,7 @@ def _add_simulate(commands: Commands) -> None:
     task = "pour, pick-and-place-stops or pick-and-place-direct; to calibrate from: touch, pivot or sides"
     option("task", metavar="TASK", help=task)
     option("name", metavar="NAME", help="the new demonstration's name (in ./demos) or folder")
-    models = "os5000, os5000-nogyro, wt901, modern or ideal (modern)"
+    models = "os5000, os5000-nogyro, wt901, modern, phone or ideal (modern)"
     option("--sensor-model", default="modern", metavar="M", help=models)
     option("--seed", type=int, default=0, metavar="N", help="random seed of the sensor's errors and noise (0)")
     option("--rate", type=positive, metavar="HZ", help="sample rate (the sensor model's own)")
