@@ -21,12 +21,10 @@ from pbd.tracking.rest import find_rest
 
 def run(args: argparse.Namespace) -> None:
     """Import and store."""
-    if is_folder(args.file):
-        raise RecordingError(f"{args.file} is a folder: give a file", path=args.file)
-    if not is_file(args.file):
+    if not is_file(args.file) and not is_folder(args.file):
         raise RecordingError(f"no file {args.file}; give the path of a recording", path=args.file)
     folder = demo_folder(args.name)
-    if folder.resolve() in args.file.resolve().parents:
+    if folder.resolve() in (args.file.resolve(), *args.file.resolve().parents):
         raise RecordingError(f"{args.file} is in {folder}, which it would replace; give another name", path=args.file)
     if args.file.suffix.lower() == ".bin":
         demo = _decode(args)

@@ -1,8 +1,9 @@
-"""Sensors of one device that sample at times and rates of their own, joined on one clock."""
+"""Sensors of one device that sample at times and rates of their own, joined on one clock; and a clock that pauses."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 
@@ -63,3 +64,40 @@ def joined(acc: Stream, gyr: Stream | None, mag: Stream | None) -> tuple[Array, 
     known = np.isfinite(at_clock[:, 0])
     t = clock.t[known]
     return t, at_clock[known], None if gyr is None else gyr.values[known], None if mag is None else mag.at(t)
+
+
+@dataclass(frozen=True)
+class Moment:
+    """The measurement was started (else paused) at `t` s of experiment time, at `system` s of the phone's clock."""
+
+    started: bool
+    t: float
+    system: float
+
+
+class Moments:
+    """All moments so far, oldest first. It turns experiment time into time that goes on in pauses and after clearing."""
+
+    def __init__(self) -> None:
+        self.known: tuple[Moment, ...] = ()
+        self._begun: float | None = None
+
+    def take(self, moments: tuple[Moment, ...]) -> bool:
+        """Take the latest answer; return whether the measurement began anew since, so that its time does, too."""
+        before, self.known = self.known, moments
+        if self._begun is None and moments:
+            self._begun = moments[0].system
+        return bool(before) and moments[:1] != before[:1]
+
+    @property
+    def paused_at(self) -> float:
+        """Experiment time, s, of the pause that lasts; infinite while it measures."""
+        return self.known[-1].t if self.known and not self.known[-1].started else inf
+
+    def straight(self, t: Array) -> Array:
+        """Experiment time (n,) s -> s since the measurement was first started, pauses counted."""
+        starts = [each for each in self.known if each.started]
+        if not starts or self._begun is None:
+            return t
+        late = np.array([each.system - self._begun - each.t for each in starts])
+        return t + late[np.maximum(np.searchsorted([each.t for each in starts], t) - 1, 0)]  # type: ignore[no-any-return]

@@ -159,7 +159,9 @@ def require(path: Path, header: Sequence[str], names: Sequence[str], error: type
         raise error(what, path=path, value=missing[0])
 
 
-def open_sheet(path: Path, foreign: bool = False, error: type[PbdError] = RecordingError) -> Sheet:
+def open_sheet(
+    path: Path, foreign: bool = False, error: type[PbdError] = RecordingError, data: bytes | None = None
+) -> Sheet:
     """Open a table whose cells are separated by commas, semicolons or tabs, and read its header.
 
     Lines that begin with # are remarks.
@@ -169,11 +171,12 @@ def open_sheet(path: Path, foreign: bool = False, error: type[PbdError] = Record
         foreign: another program wrote it: there may be remarks above the header, text in some columns, another
             encoding than UTF-8, decimal commas where no comma separates.
         error: what is raised.
+        data: what the file holds, where that is known already.
 
     Raises:
         error: empty, no rows, not text.
     """
-    text = _text(path, FOREIGN_ENCODINGS if foreign else FOREIGN_ENCODINGS[:1], error)
+    text = _text(path, FOREIGN_ENCODINGS if foreign else FOREIGN_ENCODINGS[:1], error, data)
     if "#" in text:
         text = re.sub(r"(?m)^[ \t]*#.*$", "", text)
     lines = text.split("\n", LONGEST_PREAMBLE)
@@ -204,8 +207,8 @@ def read_table(path: Path) -> Table:
     return open_sheet(path).read()
 
 
-def _text(path: Path, encodings: Sequence[str], error: type[PbdError]) -> str:
-    data = read_bytes(path, error, "give a CSV file")
+def _text(path: Path, encodings: Sequence[str], error: type[PbdError], data: bytes | None = None) -> str:
+    data = read_bytes(path, error, "give a CSV file") if data is None else data
     if len(encodings) > 1 and data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         encodings = ("utf-16",)  # what spreadsheets call Unicode text
     for encoding in encodings[:-1]:

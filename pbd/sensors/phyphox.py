@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from pbd.data.streams import Stream
+from pbd.data.streams import Moment, Moments, Stream
 from pbd.pose import Array
 from pbd.sensors.decoding import Sample, Tally
 
@@ -47,15 +47,6 @@ STEPS = 99
 _ASKED = re.compile(rb"/get |/time ")
 LONGEST_ANSWER = 16_000_000
 """Largest answer, bytes: all buffers of our experiment, full, are 10 MB."""
-
-
-@dataclass(frozen=True)
-class Moment:
-    """The measurement was started (else paused) at `t` s of experiment time, at `system` s of the phone's clock."""
-
-    started: bool
-    t: float
-    system: float
 
 
 def read_answer(text: bytes) -> dict[str, Any] | list[Any]:
@@ -110,34 +101,6 @@ def _numbers(axis: list[Any], n: int) -> list[float]:
     if not set(map(type, numbers)) <= {float, int, type(None)}:
         raise ValueError("a buffer holds something else than numbers")
     return [np.nan if number is None else float(number) for number in numbers]
-
-
-class Moments:
-    """What `/time` has said so far; it turns experiment time into time that goes on in pauses and after clearing."""
-
-    def __init__(self) -> None:
-        self.known: tuple[Moment, ...] = ()
-        self._begun: float | None = None
-
-    def take(self, moments: tuple[Moment, ...]) -> bool:
-        """Take the latest answer; return whether the measurement began anew since, so that its time does, too."""
-        before, self.known = self.known, moments
-        if self._begun is None and moments:
-            self._begun = moments[0].system
-        return bool(before) and moments[:1] != before[:1]
-
-    @property
-    def paused_at(self) -> float:
-        """Experiment time, s, of the pause that lasts; infinite while it measures."""
-        return self.known[-1].t if self.known and not self.known[-1].started else inf
-
-    def straight(self, t: Array) -> Array:
-        """Experiment time (n,) s -> s since the measurement was first started, pauses counted."""
-        starts = [each for each in self.known if each.started]
-        if not starts or self._begun is None:
-            return t
-        late = np.array([each.system - self._begun - each.t for each in starts])
-        return t + late[np.maximum(np.searchsorted([each.t for each in starts], t) - 1, 0)]  # type: ignore[no-any-return]
 
 
 @dataclass

@@ -23,7 +23,7 @@ def import_file(
     """Read a recording in any known format. Its suffix and header tell which.
 
     Args:
-        path: .csv, .txt or .tsv with a header, or .npz.
+        path: .csv, .txt or .tsv with a header, or .npz; a zip or folder of Sensor Logger's or phyphox', or a CSV in it.
         columns: of a CSV: ours (t, gx ... mz, heading, pitch, roll) -> the file's name, where the header doesn't tell.
         units: of a CSV: of t, gyr, acc, mag or angle, where the header doesn't tell.
         rate_hz: of a CSV without times.
@@ -31,8 +31,14 @@ def import_file(
     Raises:
         RecordingError: not such a file, or its contents can't be a recording.
     """
+    from pbd.files.importers.phones import read_phone
+
     suffix, truth = path.suffix.lower(), None
-    if suffix == ".npz":
+    of_phone = (path.is_dir() or suffix in (".csv", ".zip")) and not columns and not units
+    phone = read_phone(path) if of_phone else None
+    if phone is not None:
+        recording = phone
+    elif suffix == ".npz":
         if columns or units:
             raise RecordingError(f"{path}: an npz has named arrays in SI units; leave --column and --unit out")
         if rate_hz is not None:
