@@ -65,4 +65,5 @@ def _show(segno: object) -> None:
     for k, code in enumerate(codes):
         code.terminal(border=BORDER, compact=True)
         if count > 1:
-            input(f"code {k + 1} of {count}: scan it, then press Enter ")
+            print(f"code {k + 1} of {count}: scan it, then press Enter", flush=True)
+            sys.stdin.readline()

@@ -69,6 +69,9 @@ class PhonePort:
         self._silent_since = inf
         try:
             self._open()
+        except SensorError:
+            self._hang_up()
+            raise
         except (OSError, http.client.HTTPException) as reason:
             raise SensorError(
                 f"{self.device} does not answer ({_why(reason)}): {SCAN}; the phone and this computer must be in "
@@ -76,6 +79,7 @@ class PhonePort:
                 path=self.device,
             ) from None
         except ValueError:
+            self._hang_up()
             raise SensorError(f"what answers at {self.device} is no phyphox: {SCAN}", path=self.device) from None
 
     def _open(self) -> None:
@@ -141,7 +145,7 @@ class PhonePort:
             return b""
         new = False
         for kind, each in rows.items():
-            times = each[:, 0][each[:, 0] > self._last[kind]]
+            times = each[:, 0][(each[:, 0] > self._last[kind]) & (each[:, 0] < LONGEST_RUN_S)]
             if len(times):
                 new, self._last[kind] = True, float(times.max())
         if not new:

@@ -121,7 +121,7 @@ PROTOCOLS: Mapping[str, WireProtocol] = MappingProxyType(
             gives="acceleration, gyro, field",
         ),
         "phyphox": WireProtocol(
-            title="a phone with the app phyphox (docs/phones.md)",
+            title="a phone with the app phyphox",
             decoder=_made_by("phyphox", "PhyphoxDecoder"),
             bauds=(),
             gives="acceleration, gyro, field where it has one, clock",

@@ -9,11 +9,9 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
-
-import numpy as np
+from math import hypot, inf, isfinite
 
 from pbd.data import GripEvent, Recording
-from pbd.pose import Array
 
 SHOCK = 3.0
 """Least peak of a tap, m/s2, beyond what was read before. ST's threshold is 7 at 417 Hz; at 100 Hz peaks are halved."""
@@ -46,60 +44,70 @@ GAP_S = 0.08
 
 @dataclass
 class _Shock:
-    """Since when, s; until when it was loud, s; the largest deviation (3,) m/s2 and its size."""
+    """Since when, s; until when it was loud, s; its peak's size and part along z, m/s2."""
 
     begun: float
     loud: float
-    peak: Array
     size: float
+    across: float
 
     @property
     def is_tap(self) -> bool:
-        return self.size >= SHOCK and abs(self.peak[2]) >= ACROSS * self.size
+        return self.size >= SHOCK and abs(self.across) >= ACROSS * self.size
 
 
 class TapDetector:
     """Takes samples; tells a pair of taps once the hand has been still for AFTER_S after them."""
 
     def __init__(self) -> None:
-        self._t = -np.inf
-        self._before: deque[tuple[float, Array]] = deque()
-        self._after: list[Array] = []
+        self._t = -inf
         self._start_over()
+
+    def _start_over(self) -> None:
+        self._before: deque[tuple[float, float, float, float]] = deque()
+        self._after: list[tuple[float, float, float]] = []
+        self._sum = self._mean = (0.0, 0.0, 0.0)
+        self._shocks: list[_Shock] = []
+        self._held_long = False
 
     def feed(self, t: float, acc: Iterable[float]) -> float | None:
         """Take the next sample, (3,) m/s2 at t s; return when the first of two taps began, s, if they are found now."""
-        now = np.array(tuple(acc))
+        x, y, z = acc
         step, self._t = t - self._t, t
-        if step > GAP_S or not np.isfinite(now).all():
+        if step > GAP_S or not isfinite(x + y + z):
             self._start_over()
+            if not isfinite(x + y + z):
+                return None
         if self._shocks:
-            return self._follow(t, now)
+            mx, my, mz = self._mean
+            return self._follow(t, (x - mx, y - my, z - mz))
+        sx, sy, sz = self._sum
         while self._before and self._before[0][0] < t - STILL_S:
             self._held_long = True
-            self._sum -= self._before.popleft()[1]
-        if self._held_long and self._before:
-            off = now - self._sum / len(self._before)
-            size = float(np.sqrt(off @ off))
+            _, ox, oy, oz = self._before.popleft()
+            sx, sy, sz = sx - ox, sy - oy, sz - oz
+        n = len(self._before)
+        if self._held_long and n:
+            size = hypot(x - sx / n, y - sy / n, z - sz / n)
             if size > STILL:
-                self._mean = now - off
-                self._shocks = [_Shock(t, t, off, size)]
+                self._mean = (sx / n, sy / n, sz / n)
+                self._shocks = [_Shock(t, t, size, z - sz / n)]
                 return None
-        self._before.append((t, now))
-        self._sum = self._sum + now
+        self._before.append((t, x, y, z))
+        self._sum = (sx + x, sy + y, sz + z)
         return None
 
-    def _follow(self, t: float, now: Array) -> float | None:
-        off = now - self._mean
-        size, shock = float(np.sqrt(off @ off)), self._shocks[-1]
+    def _follow(self, t: float, off: tuple[float, float, float]) -> float | None:
+        """Take a sample after the first shock began, as it is off what was read before, m/s2."""
+        size, shock = hypot(*off), self._shocks[-1]
         since = t - shock.begun
         if size > max(STILL, RINGS * shock.size):
             if since <= SHOCK_S:
                 shock.loud = t
                 if size > shock.size:
-                    shock.peak, shock.size = off, size
+                    shock.size, shock.across = size, off[2]
             elif len(self._shocks) == 1 and t - shock.loud > QUIET_S and since <= TOGETHER_S and shock.is_tap:
-                self._shocks.append(_Shock(t, t, off, size))
+                self._shocks.append(_Shock(t, t, size, off[2]))
             else:
                 self._start_over()
         elif len(self._shocks) == 1:
@@ -108,19 +116,11 @@ class TapDetector:
         elif since > SHOCK_S:
             self._after.append(off)
             if since > SHOCK_S + AFTER_S:
-                kept = float(np.linalg.norm(np.mean(self._after, axis=0))) <= KEPT
-                begun = self._shocks[0].begun
-                found = kept and self._shocks[1].is_tap
+                kept = hypot(*(sum(axis) / len(self._after) for axis in zip(*self._after, strict=True))) <= KEPT
+                first, second = self._shocks
                 self._start_over()
-                return begun if found else None
+                return first.begun if kept and second.is_tap else None
         return None
-
-    def _start_over(self) -> None:
-        self._before.clear()
-        self._after.clear()
-        self._sum, self._mean = np.zeros(3), np.zeros(3)
-        self._shocks: list[_Shock] = []
-        self._held_long = False
 
 
 def grip_by_taps(recording: Recording) -> tuple[GripEvent, ...]:
