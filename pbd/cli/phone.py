@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import io
 import shutil
 import sys
 from pathlib import Path
@@ -17,6 +18,9 @@ BORDER = 2
 
 PIXELS = 6
 """Pixels of a module in a picture."""
+
+WHITE_ON_BLACK, PLAIN = "\033[97;40m", "\033[0m"
+"""The code is drawn in its light modules; the colours of a terminal may be the other way round."""
 
 NEXT = """\
 1. in phyphox: + (below right), "add experiment from QR code", and scan the code
@@ -63,7 +67,9 @@ def _show(segno: object) -> None:
             f"a terminal of {columns} x {lines} is too small for a code; make it larger, or give -o pbd.png"
         )
     for k, code in enumerate(codes):
-        code.terminal(border=BORDER, compact=True)
+        drawn = io.StringIO()
+        code.terminal(drawn, border=BORDER, compact=True)
+        print("\n".join(f"{WHITE_ON_BLACK}{line}{PLAIN}" for line in drawn.getvalue().splitlines()))
         if count > 1:
             print(f"code {k + 1} of {count}: scan it, then press Enter", flush=True)
             sys.stdin.readline()

@@ -20,6 +20,7 @@ import numpy as np
 
 from pbd.data import Recording
 from pbd.sensors.phyphox import BUFFERS
+from tests.tracking.tapping import tapped
 
 Streams = Mapping[str, tuple[np.ndarray, np.ndarray]]
 """Of each sensor its times (n,) s and readings (n, 3)."""
@@ -158,15 +159,17 @@ class Phone:
 
 
 def main() -> None:
-    """Serve a simulated hand until Ctrl-C."""
+    """Serve a simulated hand until Ctrl-C; it taps the phone's back where the task grips."""
     from pbd.simulation.simulate import simulate
 
     parser = argparse.ArgumentParser(description=main.__doc__)
     parser.add_argument("task", nargs="?", default="pour")
     parser.add_argument("--rate", type=float, default=200.0)
     args = parser.parse_args()
-    hands = {kind: simulate(args.task, "phone", 1, rate_hz=hz) for kind, hz in (("gyr", args.rate), ("acc", args.rate), ("mag", 50.0))}
-    with Phone(streams_of({kind: hand.recording for kind, hand in hands.items()})) as phone:
+    rates = {"gyr": args.rate, "acc": args.rate, "mag": 50.0}
+    hands = {kind: simulate(args.task, "phone", 1, rate_hz=hz).recording for kind, hz in rates.items()}
+    taps = [(event.t + late, 40.0) for event in hands["acc"].grip for late in (0.0, 0.25)]
+    with Phone(streams_of(hands | {"acc": tapped(hands["acc"], taps)})) as phone:
         print(f"a simulated phone at {phone.address}", flush=True)
         threading.Event().wait()
 
