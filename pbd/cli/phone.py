@@ -44,7 +44,8 @@ def prepare(args: argparse.Namespace) -> None:
             (data,) = code_parts(1)
             segno.make_qr(data, mode="byte", error="l", boost_error=False).save(str(there), kind=kind, scale=PIXELS)
     if args.json:
-        return print_json({"file": str(file)})
+        print_json({"file": str(file)})
+        return
     if sys.stdout.isatty() and kind == "phyphox":
         _show(segno)
     print(NEXT)

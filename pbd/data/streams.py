@@ -76,7 +76,7 @@ class Moment:
 
 
 class Moments:
-    """All moments so far, oldest first. It turns experiment time into time that goes on in pauses and after clearing."""
+    """All moments so far. They turn experiment time into time that goes on in pauses and after clearing."""
 
     def __init__(self) -> None:
         self.known: tuple[Moment, ...] = ()

@@ -14,7 +14,7 @@ from pbd.sensors.probe import recognise, what_it_is
 from pbd.sensors.reader import Reader, Source
 
 SILENT_S = 3.0
-"""s without a byte after which the device counts as silent: unplugged, or switched off. A phone's patience is longer."""
+"""s without a byte after which the device counts as silent: unplugged, or switched off. A phone has more patience."""
 
 SUSPENDED_S = 1.0
 """s of idle time in one round of the loop that show that this program was suspended (Ctrl-Z, a sleeping machine)."""

@@ -12,8 +12,9 @@ from math import inf
 from typing import Any, Self
 from urllib.parse import urlsplit
 
+from pbd.data.streams import Moments
 from pbd.errors import SensorError, printable
-from pbd.sensors.phyphox import BUFFERS, LONGEST_ANSWER, LONGEST_RUN_S, Moments, read_answer, read_buffers, read_moments
+from pbd.sensors.phyphox import BUFFERS, LONGEST_ANSWER, LONGEST_RUN_S, read_answer, read_buffers, read_moments
 
 POLL_S = 0.1
 """s between two requests: the recording's screen is drawn as often."""

@@ -45,9 +45,7 @@ def experiment() -> str:
         )
         inputs += f'<sensor type="{sensor}"{optional}>{outputs}</sensor>'
         values += f'<value label="{title} z" unit="{unit}"><input>{axes[2]}</input></value>'
-        data = "".join(
-            f'<data name="{title} {c} ({unit})">{name}</data>' for c, name in zip("xyz", axes, strict=True)
-        )
+        data = "".join(f'<data name="{title} {c} ({unit})">{name}</data>' for c, name in zip("xyz", axes, strict=True))
         sets += f'<set name="{title}"><data name="Time (s)">{t}</data>{data}</set>'
     about = "All motion sensors for pbd: allow remote access in the menu, and keep this screen open."
     return (

@@ -38,8 +38,8 @@ KEPT = 0.5
 """Largest change, m/s2, of the mean specific force from before the taps to after them: the hand has not turned by more
 than 3 degrees."""
 
-GAP_S = 0.08
-"""Longest step, s, between two samples: a tap may hide in a longer one."""
+GAP_S = 0.03
+"""Longest step, s, between two samples: a tap may hide in a longer one. So nothing is found below 33 Hz."""
 
 
 @dataclass

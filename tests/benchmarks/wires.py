@@ -8,10 +8,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from pbd.pose import quat_from_rpy
+from pbd.sensors import phyphox
 from pbd.sensors.decoding import Decoder
 from pbd.sensors.line_layout import layout_from_options
 from pbd.sensors.lines import LineDecoder
-from pbd.sensors import phyphox
 from pbd.sensors.protocols import PROTOCOLS
 from tests.sensors.encoders import os5000, razor, vectornav, witmotion, ximu3, xsens
 from tests.sensors.streams import Checked, Make

@@ -1,4 +1,4 @@
-"""`pbd sensors phyphox`: the experiment and its codes, read back as the app does: with ZXing, from the first bytes on."""
+"""`pbd sensors phyphox`: the experiment and its codes, read back as the app does: with ZXing, byte by byte."""
 
 from __future__ import annotations
 
@@ -31,7 +31,9 @@ def in_the_app(codes: list[bytes]) -> str:
         return archive.read(name).decode()
 
 
-def test_the_code_in_a_picture_is_the_experiment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
+def test_the_code_in_a_picture_is_the_experiment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
     monkeypatch.chdir(tmp_path)
     code, out, _ = run(capsys, "sensors", "phyphox", "-o", "code.png")
     assert code == 0
@@ -45,20 +47,30 @@ def test_the_code_in_a_picture_is_the_experiment(tmp_path: Path, monkeypatch: py
 def test_several_codes_make_one_experiment(count: int) -> None:
     read = []
     for part in code_parts(count):
-        picture = np.array([list(row) for row in segno.make_qr(part, mode="byte", error="l").matrix_iter(scale=4, border=4)])
+        picture = np.array(
+            [list(row) for row in segno.make_qr(part, mode="byte", error="l").matrix_iter(scale=4, border=4)]
+        )
         (code,) = zxingcpp.read_barcodes(np.where(picture, 0, 255).astype(np.uint8))
         read.append(code.bytes)
     assert in_the_app(read) == experiment()
 
 
-def test_the_experiment_has_the_three_sensors_with_gravity(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
+def test_the_experiment_has_the_three_sensors_with_gravity(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
     monkeypatch.chdir(tmp_path)
     assert run(capsys, "sensors", "phyphox")[0] == 0
     root = ElementTree.parse("pbd.phyphox").getroot()
     buffers = {each.text: each.get("size") for each in root.iter("container")}
     assert buffers == {name: str(ROWS) for names in BUFFERS.values() for name in names}
     inputs = {each.get("type"): [out.text for out in each] for each in root.iter("sensor")}
-    assert inputs == dict(zip(("accelerometer", "gyroscope", "magnetic_field"), map(list, (BUFFERS["acc"], BUFFERS["gyr"], BUFFERS["mag"])), strict=True))
+    assert inputs == dict(
+        zip(
+            ("accelerometer", "gyroscope", "magnetic_field"),
+            map(list, (BUFFERS["acc"], BUFFERS["gyr"], BUFFERS["mag"])),
+            strict=True,
+        )
+    )
     assert [each.get("component") for each in next(root.iter("sensor"))] == ["t", "x", "y", "z"]
     exported = {each.text for each in root.iter("data")}
     assert exported == buffers.keys()

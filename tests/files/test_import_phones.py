@@ -1,4 +1,4 @@
-"""Recordings of Sensor Logger and phyphox: the sign, the unit and the file of specific force; one clock; damaged zips."""
+"""Recordings of Sensor Logger and phyphox: sign, unit and file of specific force; one clock; damaged zips."""
 
 from __future__ import annotations
 
@@ -13,8 +13,7 @@ from numpy.testing import assert_allclose
 
 from pbd.data import GRAVITY, Recording
 from pbd.errors import RecordingError
-from pbd.files.importers import import_file
-from pbd.files.importers import phones
+from pbd.files.importers import import_file, phones
 
 N = 200
 T = np.arange(N) / 100.0
@@ -108,7 +107,9 @@ def phyphox(place: Path, separator: str = ",", comma: bool = False, linear: bool
     def write(name: str, header: list[str], rows: np.ndarray) -> None:
         cells = [[f"{x:.9E}" if np.isfinite(x) else "NaN" for x in row] for row in rows]
         text = separator.join(f'"{cell}"' for cell in header)
-        text += "".join("\n" + separator.join(cell.replace(".", ",") if comma else cell for cell in row) for row in cells)
+        text += "".join(
+            "\n" + separator.join(cell.replace(".", ",") if comma else cell for cell in row) for row in cells
+        )
         (place / f"{name}.csv").write_text(text + "\n", encoding="utf-8")
 
     kind = "Linear Acceleration" if linear else "Acceleration"
@@ -120,7 +121,9 @@ def phyphox(place: Path, separator: str = ",", comma: bool = False, linear: bool
     events = ["START", "PAUSE", "START"], (0.0, 1.0, 1.0), (1000.0, 1001.0, 1003.5)
     lines = [f'"{e}"{separator}{t:.9E}{separator}{s:.3f}{separator}"x"' for e, t, s in zip(*events, strict=True)]
     head = separator.join(f'"{name}"' for name in ("event", "experiment time", "system time", "system time text"))
-    (place / "meta" / "time.csv").write_text("\n".join((head, *(line.replace(".", ",") if comma else line for line in lines))))
+    (place / "meta" / "time.csv").write_text(
+        "\n".join((head, *(line.replace(".", ",") if comma else line for line in lines)))
+    )
     return place
 
 
@@ -134,7 +137,7 @@ def test_phyphox_counts_its_pauses(tmp_path: Path, separator: str, comma: bool) 
 
 
 def test_phyphox_without_gravity_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match="'Acceleration x .* is needed"):
+    with pytest.raises(RecordingError, match=r"'Acceleration x .* is needed"):
         read(phyphox(tmp_path / "p", linear=True))
 
 

@@ -1,8 +1,8 @@
 """A phone with phyphox, on loopback: `python -m tests.record.phone [--rate HZ] [TASK]` serves a simulated hand.
 
 Written from the app's documented behaviour (github.com/phyphox/phyphox-docs, docs/remote-interface): buffers of a
-bounded size, thresholds, 8 digits, a session, experiment time that stands still in a pause and begins anew when the data
-are cleared. Beside that it has faults: no network, silence, answers of any kind.
+bounded size, thresholds, 8 digits, experiment time that stands still in a pause and begins anew when the data are
+cleared. Beside that it has faults: no network, silence, answers of any kind.
 """
 
 from __future__ import annotations
@@ -63,7 +63,9 @@ class Phone:
                     self.close_connection = True
                     return
                 path, query = urlsplit(self.path).path, dict(parse_qsl(urlsplit(self.path).query, True))
-                text = phone.body if path == "/get" and phone.body and "full" not in query else phone.answer(path, query)
+                text = (
+                    phone.body if path == "/get" and phone.body and "full" not in query else phone.answer(path, query)
+                )
                 if callable(text):
                     text(self)
                     return

@@ -1,4 +1,4 @@
-"""Recording from a phone: an HTTP server on loopback that does what phyphox does, and all that can go wrong with one."""
+"""Recording from a phone: an HTTP server on loopback that does what phyphox does, and what can go wrong with one."""
 
 from __future__ import annotations
 
@@ -82,7 +82,9 @@ def recorded(phone: Phone, folder: Path, **given: Any) -> tuple[Outcome, list[st
     return record(again, PhyphoxDecoder(), wanted, nothing, show), said
 
 
-def test_three_sensors_come_as_one_on_the_gyros_clock(tmp_path: Path, phone: Phone, hands: dict[str, Recording]) -> None:
+def test_three_sensors_come_as_one_on_the_gyros_clock(
+    tmp_path: Path, phone: Phone, hands: dict[str, Recording]
+) -> None:
     """A lost network costs nothing: the phone keeps what it measured."""
     later((1.0, lambda: setattr(phone, "offline", True)), (1.3, lambda: setattr(phone, "offline", False)))
     outcome, _ = recorded(phone, tmp_path / "tea", duration_s=1.8)
@@ -156,7 +158,9 @@ def slow(handler: Any) -> None:
 
 
 def with_rows(*rows: object) -> bytes:
-    return json.dumps({"buffer": {name: {"buffer": list(rows)} for name in ("acc_time", "accX", "accY", "accZ")}}).encode()
+    return json.dumps(
+        {"buffer": {name: {"buffer": list(rows)} for name in ("acc_time", "accX", "accY", "accZ")}}
+    ).encode()
 
 
 HOSTILE: list[Any] = [
@@ -194,7 +198,7 @@ def test_hostile_answers_cost_nothing_but_their_time(phone: Phone, monkeypatch: 
     assert len(answered) == len(acts)
     assert times(samples)[-1] > acts[-1][0]
     assert np.diff(times(samples)).max() < 0.01
-    assert np.abs([sample.acc for sample in samples]).max() < 30.0
+    assert max(abs(x) for sample in samples for x in sample.acc or ()) < 30.0
 
 
 @pytest.mark.parametrize(

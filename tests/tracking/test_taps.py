@@ -29,9 +29,7 @@ def held(rate_hz: float, seed: int = 0) -> Recording:
 
 def pairs(seed: int, softest: float) -> list[tuple[float, float]]:
     rng = np.random.default_rng(seed)
-    return [
-        (float(at + k * rng.uniform(0.15, 0.4)), float(rng.uniform(softest, 60.0))) for at in FIRST for k in (0, 1)
-    ]
+    return [(float(at + k * rng.uniform(0.15, 0.4)), float(rng.uniform(softest, 60.0))) for at in FIRST for k in (0, 1)]
 
 
 @pytest.mark.parametrize("rate_hz", [100.0, 200.0, 400.0])
@@ -73,7 +71,11 @@ def test_none_is_found_in_simulated_demonstrations(task: str) -> None:
 
 
 def test_none_is_found_in_recorded_hands_strides_and_walks(data_folder: Path) -> None:
-    trials = [*sorted((data_folder / "broad").glob("*.npz")), data_folder / "strides" / "left.npz", data_folder / "walks" / "short_walk.csv"]
+    trials = [
+        *sorted((data_folder / "broad").glob("*.npz")),
+        data_folder / "strides" / "left.npz",
+        data_folder / "walks" / "short_walk.csv",
+    ]
     assert len(trials) == 6
     for trial in trials:
         assert grip_by_taps(import_file(trial).recording) == (), trial.name

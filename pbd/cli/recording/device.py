@@ -11,9 +11,9 @@ from pbd.cli.steps import decoder_maker
 from pbd.errors import SensorError
 from pbd.sensors import port as serial_port
 from pbd.sensors.decoding import Decoder
+from pbd.sensors.phone import PhonePort, is_address
 from pbd.sensors.port import open_port
 from pbd.sensors.probe import BOOT_S, FIRST_BAUD, LISTEN_S, LONGEST_PROBE_S, find_baud, probe
-from pbd.sensors.phone import PhonePort, is_address
 from pbd.sensors.protocols import COMMAND_PAUSE_S, PROTOCOLS, protocol
 from pbd.sensors.reader import Source
 

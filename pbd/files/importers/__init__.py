@@ -51,7 +51,10 @@ def import_file(
 
         recording = read_csv(path, columns or {}, units or {}, rate_hz)
     else:
-        raise RecordingError(f"{path}: can't import '{suffix}' files; give a .csv, .tsv, .txt or .npz", path=path)
+        kind = f"'{suffix}' files"
+        if path.is_dir() or suffix == ".zip":
+            kind = f"this {'folder' if path.is_dir() else 'zip'}: no recording of Sensor Logger or phyphox is in it"
+        raise RecordingError(f"{path}: can't import {kind}; give a .csv, .tsv, .txt or .npz", path=path)
     info = replace(recording.info, name=_as_text(path.stem), sensor="unknown (imported)")
     return Demonstration(replace(recording, info=info), truth, notes=f"Imported from {_as_text(path.name)}.")
 

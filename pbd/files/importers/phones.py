@@ -86,7 +86,9 @@ def _beside(path: Path) -> Files:
     except OSError as reason:
         raise RecordingError(f"{folder}: can't be read ({in_words(reason)}); give another", path=folder) from None
     return {
-        str(file.relative_to(folder).with_suffix("")): lambda file=file: read_bytes(file, RecordingError, "give another")  # type: ignore[misc]
+        str(file.relative_to(folder).with_suffix("")): lambda file=file: read_bytes(
+            file, RecordingError, "give another"
+        )  # type: ignore[misc]
         for file in names[:MOST_FILES]
     }
 
@@ -117,7 +119,9 @@ def _zipped(path: Path) -> Files:
 def _member(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> bytes:
     if member.file_size > LARGEST_FILE:
         most = f"{LARGEST_FILE / 1e6:.0f} MB"
-        what = f"{path}: '{member.filename}' in it has {member.file_size / 1e6:.3g} MB, more than the {most} that are read"
+        what = (
+            f"{path}: '{member.filename}' in it has {member.file_size / 1e6:.3g} MB, more than the {most} that are read"
+        )
         raise RecordingError(f"{what}; export a shorter recording", path=path, value=member.file_size)
     try:
         return archive.read(member)
@@ -232,9 +236,13 @@ def _moments(path: Path, files: Files) -> Moments:
 
 
 def _recording(path: Path, acc: Stream, gyr: Stream | None, mag: Stream | None) -> Recording:
-    t, *channels = joined(acc, gyr if gyr is not None and len(gyr) else None, mag if mag is not None and len(mag) else None)
+    t, *channels = joined(
+        acc, gyr if gyr is not None and len(gyr) else None, mag if mag is not None and len(mag) else None
+    )
     if len(t) < 2:
-        spans = listed(f"{each.t[0]:.1f} to {each.t[-1]:.1f} s" for each in (acc, gyr) if each is not None and len(each))
+        spans = listed(
+            f"{each.t[0]:.1f} to {each.t[-1]:.1f} s" for each in (acc, gyr) if each is not None and len(each)
+        )
         what = f"{path}: its sensors have no time in common ({spans})"
         raise RecordingError(f"{what}; record them together", path=path)
     a, g, m = channels
