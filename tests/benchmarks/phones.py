@@ -2,8 +2,8 @@
 
 Over 40 seeds a hand makes seven moves of 0.5 to 2.5 s, with rests of 0.5 to 1.2 s between (random_task), and a phone in
 it (the sensor model `phone`) reads at 25 to 400 Hz. `acc200_gyr420` has its sensors at rates of their own, joined on
-the gyro's clock, as Android's phones give them. `browser` is what a web page gets: 60 Hz, in steps of 0.1 m/s2, 0.1 deg/s
-(W3C, DeviceOrientation Event, section 5). `wt901` is the wired sensor of a few tens of euros.
+the gyro's clock, as Android's phones give them. `browser` is what a web page gets: 60 Hz, rounded to 0.1 m/s2 and to
+0.1 deg/s (W3C, DeviceOrientation Event, section 5). `wt901` is the wired sensor of a few tens of euros.
 Errors of keyframes but the first, mm: median and 95th percentile; `inside_2_sigma` is the share of errors, per axis,
 within twice the path's own sigma; `other_stops` are recordings in which not just the eight stops are found.
 `taps` are two taps in every rest of a second or more, of 30 to 60 m/s2, 0.15 to 0.3 s apart: how many there are, are
