@@ -126,6 +126,12 @@ PROTOCOLS: Mapping[str, WireProtocol] = MappingProxyType(
             bauds=(),
             gives="acceleration, gyro, field where it has one, clock",
         ),
+        "gamepad": WireProtocol(
+            title="DualSense, DualShock 4 (Linux)",
+            decoder=_made_by("gamepad", "GamepadDecoder"),
+            bauds=(),
+            gives="acceleration, gyro, clock; its buttons mark the grip",
+        ),
     }
 )
 

@@ -13,7 +13,7 @@ from pbd.sensors.decoding import Decoder
 from pbd.sensors.line_layout import layout_from_options
 from pbd.sensors.lines import LineDecoder
 from pbd.sensors.protocols import PROTOCOLS
-from tests.sensors.encoders import os5000, razor, vectornav, witmotion, ximu3, xsens
+from tests.sensors.encoders import gamepad, os5000, razor, vectornav, witmotion, ximu3, xsens
 from tests.sensors.streams import Checked, Make
 
 COLUMNS = "t,ax,ay,az,gx,gy,gz,mx,my,mz"
@@ -101,6 +101,11 @@ def _phyphox_rows(count: int, rows: int) -> list[bytes]:
     return out
 
 
+def _gamepad_reports(count: int) -> list[bytes]:
+    rng = random.Random(0)
+    return [gamepad.report(4000 * k, _triple(rng, 0.6), _triple(rng, 90.0)) for k in range(1, count + 1)]
+
+
 def _line_decoder() -> Decoder:
     return LineDecoder(layout_from_options(COLUMNS, ()))
 
@@ -130,6 +135,7 @@ MIXED = {
     "lines": Wire(_line_decoder, _line_packets, 1000),
     "razor": Wire(PROTOCOLS["razor"].decoder, _razor_packets, 50),
     "phyphox": Wire(PROTOCOLS["phyphox"].decoder, lambda count: _phyphox_rows(count, 1), 400),
+    "gamepad": Wire(PROTOCOLS["gamepad"].decoder, _gamepad_reports, 250),
 }
 
 # For the speed: what comes at each device's fastest rate.
@@ -143,6 +149,7 @@ FASTEST = {
     "xsens": Wire(PROTOCOLS["xsens"].decoder, _xsens_fast, 2000),
     "xsens-attitude": MIXED["xsens"],
     "lines": MIXED["lines"],
+    "gamepad": MIXED["gamepad"],
     "razor": MIXED["razor"],
     # A tenth of a second at once, as it is asked ten times a second.
     "phyphox": Wire(PROTOCOLS["phyphox"].decoder, lambda count: _phyphox_rows(count, 40), 400),

@@ -9,6 +9,8 @@ from collections.abc import Callable
 from pbd.cli.console import listening
 from pbd.cli.steps import decoder_maker
 from pbd.errors import SensorError
+from pbd.record.loop import Poll
+from pbd.record.values import Command
 from pbd.sensors import port as serial_port
 from pbd.sensors.decoding import Decoder
 from pbd.sensors.phone import PhonePort, is_address
@@ -18,6 +20,8 @@ from pbd.sensors.protocols import COMMAND_PAUSE_S, PROTOCOLS, protocol
 from pbd.sensors.reader import Source
 
 PHONE = "phyphox"
+
+GAMEPAD = "gamepad"
 
 
 def find_sensor(args: argparse.Namespace) -> tuple[str, Callable[[], Source], Decoder]:
@@ -30,6 +34,13 @@ def find_sensor(args: argparse.Namespace) -> tuple[str, Callable[[], Source], De
     if wanted == PHONE or is_address(args.port):
         return _phone(args)
     make = None if wanted is None else decoder_maker(args, wanted, args.unit)  # before anything is opened
+    if wanted == GAMEPAD:
+        if args.baud or args.rate:
+            raise SensorError("a gamepad has no baud or rate to choose; leave out --baud, --rate")
+        assert make is not None
+        from pbd.sensors.gamepad_port import open_gamepad
+
+        return wanted, lambda: open_gamepad(args.port), make()
     device, baud = args.port or _only_port(), args.baud
     if wanted is None:
         wanted, heard_at = _listened(device)
@@ -70,6 +81,23 @@ def _phone(args: argparse.Namespace) -> tuple[str, Callable[[], Source], Decoder
         return phone
 
     return (f"{PHONE} ({phone.model})" if phone.model else PHONE), open_again, protocol(PHONE).decoder()
+
+
+def by_buttons(poll: Poll, decoder: Decoder) -> Poll:
+    """Mark the grip by the device's own buttons too, where it has any."""
+    if not hasattr(decoder, "presses"):
+        return poll
+    seen = 0
+
+    def poll_both() -> Command | None:
+        nonlocal seen
+        command, presses = poll(), int(decoder.presses)
+        if command is None and presses > seen:
+            seen += 1
+            return Command.GRIP
+        return command
+
+    return poll_both
 
 
 def _listened(device: str) -> tuple[str, int]:

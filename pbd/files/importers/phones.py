@@ -24,7 +24,7 @@ from pbd.data import GRAVITY, Recording, RecordingInfo
 from pbd.data.streams import Moment, Moments, Stream, joined
 from pbd.doors.opening import LARGE, read_bytes
 from pbd.errors import RecordingError, in_words, listed
-from pbd.files.table import Sheet, open_sheet
+from pbd.files.table import Sheet, foreign_text, open_sheet
 
 LARGEST_FILE = LARGE // 4
 """Largest file in a zip, bytes: an hour at 400 Hz has 120 MB. So a small zip can't fill the memory."""
@@ -132,7 +132,8 @@ def _member(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> by
 
 def _sheet(path: Path, name: str, read: Callable[[], bytes]) -> Sheet:
     folder = path.parent if path.suffix.lower() == ".csv" else path
-    return open_sheet(folder / f"{name}.csv", foreign=True, data=read())
+    file = folder / f"{name}.csv"
+    return open_sheet(file, foreign=True, text=foreign_text(file, read()))
 
 
 def _stream(sheet: Sheet, t: str, axes: tuple[str, ...], scale: float = 1.0) -> Stream:
