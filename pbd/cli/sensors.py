@@ -15,7 +15,7 @@ from pbd.view.tables import ports_table, print_csv, print_table, sensors_table
 def run(args: argparse.Namespace) -> None:
     """List, and listen; or prepare a phone."""
     if args.phone:
-        from pbd.cli.phone import prepare
+        from pbd.cli.recording.phone import prepare
 
         return prepare(args)
     ports = (serial_port.PortInfo(args.port, "", ""),) if args.port else serial_port.list_ports()

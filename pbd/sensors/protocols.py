@@ -122,7 +122,7 @@ PROTOCOLS: Mapping[str, WireProtocol] = MappingProxyType(
         ),
         "phyphox": WireProtocol(
             title="a phone with the app phyphox",
-            decoder=_made_by("phyphox", "PhyphoxDecoder"),
+            decoder=_made_by("phyphox.answers", "PhyphoxDecoder"),
             bauds=(),
             gives="acceleration, gyro, field where it has one, clock",
         ),

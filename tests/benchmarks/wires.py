@@ -8,10 +8,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from pbd.pose import quat_from_rpy
-from pbd.sensors import phyphox
 from pbd.sensors.decoding import Decoder
 from pbd.sensors.line_layout import layout_from_options
 from pbd.sensors.lines import LineDecoder
+from pbd.sensors.phyphox.answers import BUFFERS
 from pbd.sensors.protocols import PROTOCOLS
 from tests.sensors.encoders import gamepad, os5000, razor, vectornav, witmotion, ximu3, xsens
 from tests.sensors.streams import Checked, Make
@@ -91,7 +91,7 @@ def _phyphox_rows(count: int, rows: int) -> list[bytes]:
     rng, out = random.Random(0), []
     for first in range(0, count, rows):
         buffers = {}
-        for names, scale in zip(phyphox.BUFFERS.values(), (1.0, 6.0, 30.0), strict=True):
+        for names, scale in zip(BUFFERS.values(), (1.0, 6.0, 30.0), strict=True):
             t = [k / 400.0 for k in range(first, first + rows)]
             columns = [t, *([rng.gauss(0.0, scale) for _ in t] for _ in "xyz")]
             for name, column in zip(names, columns, strict=True):

@@ -14,8 +14,8 @@ import segno
 import zxingcpp
 from PIL import Image
 
-from pbd.sensors.phyphox import BUFFERS
-from pbd.sensors.phyphox_experiment import ROWS, code_parts, experiment
+from pbd.sensors.phyphox.answers import BUFFERS
+from pbd.sensors.phyphox.experiment import ROWS, code_parts, experiment
 from tests.cli.running import Capture, refused, run
 from tests.cli.terminal import Terminal
 

@@ -19,7 +19,7 @@ from urllib.parse import parse_qsl, urlsplit
 import numpy as np
 
 from pbd.data import Recording
-from pbd.sensors.phyphox import BUFFERS
+from pbd.sensors.phyphox.answers import BUFFERS
 from tests.tracking.tapping import tapped
 
 Streams = Mapping[str, tuple[np.ndarray, np.ndarray]]

@@ -17,10 +17,10 @@ from pbd.errors import SensorError
 from pbd.files.demo import read_demo
 from pbd.record import Command, Outcome, RecordOptions, Status, record
 from pbd.record.redecode import decode_raw
-from pbd.sensors import phone as phone_port
 from pbd.sensors.decoding import Sample
-from pbd.sensors.phone import PhonePort
-from pbd.sensors.phyphox import PhyphoxDecoder
+from pbd.sensors.phyphox import phone as phone_port
+from pbd.sensors.phyphox.answers import PhyphoxDecoder
+from pbd.sensors.phyphox.phone import PhonePort
 from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import simulate
 from pbd.simulation.tasks import Task

@@ -13,7 +13,7 @@ from pbd.record.loop import Poll
 from pbd.record.values import Command
 from pbd.sensors import port as serial_port
 from pbd.sensors.decoding import Decoder
-from pbd.sensors.phone import PhonePort, is_address
+from pbd.sensors.phyphox.phone import PhonePort, is_address
 from pbd.sensors.port import open_port
 from pbd.sensors.probe import BOOT_S, FIRST_BAUD, LISTEN_S, LONGEST_PROBE_S, find_baud, probe
 from pbd.sensors.protocols import COMMAND_PAUSE_S, PROTOCOLS, protocol

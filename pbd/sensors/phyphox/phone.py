@@ -1,6 +1,6 @@
 """A phone that runs phyphox, asked over HTTP. Nothing here listens: the phone is the server.
 
-The phone keeps its samples for minutes (`phyphox_experiment.ROWS`), so a network that is lost for a while costs none.
+The phone keeps its samples for minutes (`experiment.ROWS`), so a network that is lost for a while costs none.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 
 from pbd.data.streams import Moments
 from pbd.errors import SensorError, printable
-from pbd.sensors.phyphox import BUFFERS, LONGEST_ANSWER, LONGEST_RUN_S, read_answer, read_buffers, read_moments
+from pbd.sensors.phyphox.answers import BUFFERS, LONGEST_ANSWER, LONGEST_RUN_S, read_answer, read_buffers, read_moments
 
 POLL_S = 0.1
 """s between two requests: the recording's screen is drawn as often."""

@@ -12,7 +12,7 @@ import zipfile
 import zlib
 from collections.abc import Iterator
 
-from pbd.sensors.phyphox import BUFFERS
+from pbd.sensors.phyphox.answers import BUFFERS
 
 NAME = "pbd.phyphox"
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from pbd.cli.console import print_json, say
 from pbd.doors.atomic import atomic_file, refuse_output
 from pbd.errors import SensorError
-from pbd.sensors.phyphox_experiment import MOST_CODES, NAME, code_parts, experiment
+from pbd.sensors.phyphox.experiment import MOST_CODES, NAME, code_parts, experiment
 
 BORDER = 2
 """Light modules around a code. Four are the standard's; the app's reader takes two, and a terminal has few lines."""
