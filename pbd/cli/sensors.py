@@ -17,7 +17,8 @@ def run(args: argparse.Namespace) -> None:
     if args.phone:
         from pbd.cli.recording.phone import prepare
 
-        return prepare(args)
+        prepare(args)
+        return None
     ports = (serial_port.PortInfo(args.port, "", ""),) if args.port else serial_port.list_ports()
     rows: list[dict[str, str | int | None]] = []
     for port in ports:

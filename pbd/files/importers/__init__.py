@@ -77,7 +77,7 @@ def import_recording(
 
         phone = read_phone(source)
     if phone is not None:
-        recording = phone
+        recording, understood = phone
     elif is_bag:
         from pbd.files.importers.bag import read_bag
 

@@ -24,6 +24,7 @@ from pbd.data import GRAVITY, Recording, RecordingInfo
 from pbd.data.streams import Moment, Moments, Stream, joined
 from pbd.doors.opening import LARGE, read_bytes
 from pbd.errors import RecordingError, in_words, listed
+from pbd.files.importers.columns import Column, Understood
 from pbd.files.table import Sheet, foreign_text, open_sheet
 
 LARGEST_FILE = LARGE // 4
@@ -45,13 +46,14 @@ PHYPHOX_QUANTITIES = {
     "mag": r"magnetic field ([xyz]) \([µμ]t\)",
     "linear": r"linear acceleration ([xyz]) \(m/s(?:\^2|²)\)",
 }
+PHYPHOX_UNITS = {"gyr": "rad/s", "acc": "m/s2", "mag": "ut"}
 PHYPHOX_MOMENTS = "meta/time"
 
 Files = dict[str, Callable[[], bytes]]
 
 
-def read_phone(path: Path) -> Recording | None:
-    """Read a phone's recording; None where it is none of Sensor Logger's or phyphox'.
+def read_phone(path: Path) -> tuple[Recording, Understood] | None:
+    """Read a phone's recording, and what was read of it; None where it is none of Sensor Logger's or phyphox'.
 
     Args:
         path: a zip, a folder, or a CSV in such a folder.
@@ -151,14 +153,14 @@ def _metadata(files: Files) -> Mapping[str, str]:
     return {str(key).strip().lower(): str(value).strip().lower() for key, value in rows[0].items()} if rows else {}
 
 
-def _of_logger(path: Path, sheets: Mapping[str, Sheet], about: Mapping[str, str]) -> Recording:
+def _of_logger(path: Path, sheets: Mapping[str, Sheet], about: Mapping[str, str]) -> tuple[Recording, Understood]:
     def stream(name: str, scale: float = 1.0) -> Stream | None:
         return _stream(sheets[name], "seconds_elapsed", ("x", "y", "z"), scale) if name in sheets else None
 
     ios = about.get("platform") == "ios"
     turned = ios and about.get("standardisation") != "true"
     sign = -1.0 if turned else 1.0
-    acc = stream("TotalAcceleration", sign)
+    acc, source, unit = stream("TotalAcceleration", sign), "TotalAcceleration.csv", "m/s2"
     if acc is None and {"Accelerometer", "Gravity"} <= sheets.keys():
         if not about:
             what = "Metadata.csv is missing, which says whether the signs are an iPhone's"
@@ -168,12 +170,13 @@ def _of_logger(path: Path, sheets: Mapping[str, Sheet], about: Mapping[str, str]
         assert gravity is not None
         total = moved.values + gravity.at(moved.t)
         known = np.isfinite(total[:, 0])
-        acc = Stream(moved.t[known], total[known])
+        acc, source = Stream(moved.t[known], total[known]), "Accelerometer.csv + Gravity.csv"
     if acc is None and "AccelerometerUncalibrated" in sheets:
+        source, unit = "AccelerometerUncalibrated.csv", "g" if turned else "m/s2"
         acc = stream("AccelerometerUncalibrated", sign * (GRAVITY if turned else 1.0))
         assert acc is not None
         if not about and len(acc) and np.median(np.linalg.norm(acc.values, axis=1)) < 0.5 * GRAVITY:
-            acc = Stream(acc.t, -GRAVITY * acc.values)  # in g: an iPhone's
+            acc, sign, unit = Stream(acc.t, -GRAVITY * acc.values), -1.0, "g"  # an iPhone's
     if acc is None:
         needed = "Gravity.csv beside Accelerometer.csv" if ios else "TotalAcceleration.csv"
         switch = "Gravity" if ios else "Total Acceleration"
@@ -182,8 +185,17 @@ def _of_logger(path: Path, sheets: Mapping[str, Sheet], about: Mapping[str, str]
             f"{path}: {there}, and {needed} is needed; switch on '{switch}' in Sensor Logger and record again",
             path=path,
         )
-    gyr = stream("Gyroscope") or stream("GyroscopeUncalibrated")
-    return _recording(path, acc, gyr, stream("Magnetometer") or stream("MagnetometerUncalibrated"))
+    read = {"acc": (source, sign, unit)}
+    others: dict[str, Stream | None] = {}
+    for kind, name, its_unit in (("gyr", "Gyroscope", "rad/s"), ("mag", "Magnetometer", "ut")):
+        found = next((each for each in (name, f"{name}Uncalibrated") if each in sheets), name)
+        others[kind] = stream(found)
+        read |= {kind: (f"{found}.csv", 1.0, its_unit)} if found in sheets else {}
+    used = " ".join(source for source, _, _ in read.values())
+    unread = {f"{name}.csv": "another file has it better" for name in sheets if f"{name}.csv" not in used}
+    if "Accelerometer.csv" in unread:
+        unread["Accelerometer.csv"] = "without gravity"
+    return _recording(path, acc, others["gyr"], others["mag"]), _understood("Sensor Logger", read, unread)
 
 
 def _phyphox_kind(header: list[str]) -> dict[str, list[str]]:
@@ -196,13 +208,14 @@ def _phyphox_kind(header: list[str]) -> dict[str, list[str]]:
     return found if "Time (s)" in header else {}
 
 
-def _of_phyphox(path: Path, files: Files) -> Recording | None:
+def _of_phyphox(path: Path, files: Files) -> tuple[Recording, Understood] | None:
     streams: dict[str, Stream] = {}
+    read: dict[str, tuple[str, float, str]] = {}
     moments = _moments(path, files)
     for name in sorted(files.keys() - {PHYPHOX_MOMENTS}, key=lambda name: name != path.stem):  # the one named first
-        read = files[name]
+        text = files[name]
         try:
-            sheet = _sheet(path, name, read)
+            sheet = _sheet(path, name, text)
         except RecordingError:
             continue  # another set of the experiment: empty, or of few columns
         for kind, axes in _phyphox_kind(list(sheet.header)).items():
@@ -213,6 +226,7 @@ def _of_phyphox(path: Path, files: Files) -> Recording | None:
                 raise RecordingError(what, path=path)
             stream = _stream(sheet, "Time (s)", tuple(axes))
             streams[kind] = Stream(moments.straight(stream.t), stream.values)
+            read[kind] = (f"{name}.csv", 1.0, PHYPHOX_UNITS.get(kind, ""))
     if not streams:
         return None
     if "acc" not in streams:
@@ -221,7 +235,20 @@ def _of_phyphox(path: Path, files: Files) -> Recording | None:
         raise RecordingError(
             f"{what}; record with the experiment that `pbd sensors phyphox` gives to the phone", path=path
         )
-    return _recording(path, streams["acc"], streams.get("gyr"), streams.get("mag"))
+    unread = {file: "without gravity" for kind, (file, _, _) in read.items() if kind == "linear"}
+    understood = _understood("phyphox", {kind: one for kind, one in read.items() if kind != "linear"}, unread)
+    return _recording(path, streams["acc"], streams.get("gyr"), streams.get("mag")), understood
+
+
+def _understood(program: str, read: Mapping[str, tuple[str, float, str]], unread: Mapping[str, str]) -> Understood:
+    """What was read, of each quantity its file, sign and unit."""
+    by = f"{program}'s documentation"
+    columns = tuple(
+        Column(f"{file}: {axis}", f"{kind[0]}{axis}", sign, unit, by, by)
+        for kind, (file, sign, unit) in read.items()
+        for axis in "xyz"
+    )
+    return Understood(columns, dict(unread), f"{program} (a phone)")
 
 
 def _moments(path: Path, files: Files) -> Moments:
