@@ -25,6 +25,7 @@ from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import simulate
 from pbd.simulation.tasks import Task
 from tests.record.phone import Phone, streams_of
+from tests.tracking.tapping import tapped
 
 RATES = {"acc": 200.0, "gyr": 400.0, "mag": 50.0}
 
@@ -242,3 +243,14 @@ def test_what_the_phone_measured_before_is_left_to_it(phone: Phone) -> None:
     samples = heard(phone, 0.5)
     assert times(samples)[0] > 0.45
     assert {path.partition("?")[0] for path in phone.asked} == {"/meta", "/get", "/time"}
+
+
+def test_two_taps_on_its_back_close_the_grip_and_are_told(tmp_path: Path) -> None:
+    held = simulate(Task("held", (Waypoint(rest_s=3.0),)), "ideal", rate_hz=200.0).recording
+    with Phone(streams_of({"acc": tapped(held, [(0.9, 40.0), (1.1, 40.0)]), "gyr": held})) as phone:
+        outcome, said = recorded(phone, tmp_path / "tea", taps=True, duration_s=1.7)
+    (event,) = read_demo(tmp_path / "tea").recording.grip
+    assert event.closed
+    assert event.t == pytest.approx(0.9, abs=0.05)
+    assert "two taps: grip closed" in said
+    assert outcome.lost == 0
