@@ -149,7 +149,7 @@ def _add_import(commands: Commands) -> None:
         commands,
         "import",
         "import a recording of another program",
-        "Read a recording (a table with a header, a bag of ROS 2, a folder of an x-IMU3, lines that a sketch printed,\n"
+        "Read a recording (a table with a header, a ROS 2 bag, a phone's zip, an x-IMU3's folder, a sketch's lines,\n"
         "an npz, a raw.bin of `pbd record --raw`; docs/imports.md has the programs) and store it as a demonstration.\n"
         "Names and units come from the header where it gives them; otherwise use --column and --unit. What was\n"
         "understood is printed. A level sensor must read +1 g on z: where it reads -1 g, turn the signs with\n"
