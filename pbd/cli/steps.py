@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -72,6 +73,7 @@ def load_arm(args: argparse.Namespace) -> tuple[Robot, Calibration]:
 def plan_options(args: argparse.Namespace, robot: Robot) -> PlanOptions:
     """Collect what `add_planning` added."""
     from pbd.planning import PlanOptions
+    from pbd.planning.object_frames import ThingPlace
 
     mass, *p_tool = args.payload
     if mass < 0.0 or len(p_tool) not in (0, 3):
@@ -92,6 +94,7 @@ def plan_options(args: argparse.Namespace, robot: Robot) -> PlanOptions:
         allow_collision=args.allow_collision,
         payload=mass,
         p_tool_payload=(p_tool[0], p_tool[1], p_tool[2]) if p_tool else (0.0, 0.0, 0.0),
+        at=tuple(ThingPlace(name, (x, y, z), math.radians(sum(turn_deg))) for name, (x, y, z, *turn_deg) in args.at),
     )
 
 

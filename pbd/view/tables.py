@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from io import StringIO
 from typing import Any
 
@@ -20,7 +19,7 @@ from pbd.data import Keyframe, Robot, Segment
 from pbd.data.sigma import keyframe_sigmas
 from pbd.data.tracking import DOUBTED_WEIGHT
 from pbd.errors import printable
-from pbd.pose import quat_to_rpy
+from pbd.pose import Array, quat_to_rpy
 from pbd.view.screen import Screen
 from pbd.view.units import Units
 
@@ -100,20 +99,23 @@ def segments_table(segments: Sequence[Segment], units: Units = SI) -> Table:
     return table
 
 
-def keyframes_table(keyframes: Sequence[Keyframe], units: Units = SI) -> Table:
+def keyframes_table(keyframes: Sequence[Keyframe], units: Units = SI, inside: Array | None = None) -> Table:
     """The sensor's pose in nav at each stop; sigma is the largest over the axes, blank where unknown.
 
-    Where the tracker doubts that the hand stood still, a column says how sure it is.
+    Where the tracker doubts that the hand stood still, a column says how sure it is; another one, with `inside` (k,),
+    how likely the tool is within its tolerance; and one names the things that keyframes belong to.
     """
-    # A sigma of millimetres says nothing in metres.
-    m, deg, fine = units.length, units.angle_sign, replace(units, length="mm" if units.length == "m" else units.length)
+    m, deg, fine = units.length, units.angle_sign, units.finer
     position, turn = (f"x ({m})", f"y ({m})", f"z ({m})"), (f"roll ({deg})", f"pitch ({deg})", f"yaw ({deg})")
     label = ("label",) if any(keyframe.label for keyframe in keyframes) else ()
     sigmas = (f"σ ({fine.length})", f"σ ({deg})")
     doubted = ("a stop?",) if any(keyframe.weight < DOUBTED_WEIGHT for keyframe in keyframes) else ()
+    within = () if inside is None else ("within (%)",)
+    thing = ("belongs to",) if any(keyframe.frames for keyframe in keyframes) else ()
     table = make_table(
-        *("#", f"t ({units.time})", f"dwell ({units.time})", *position, *turn, *sigmas, *doubted, "grip", *label),
-        left=label,
+        *("#", f"t ({units.time})", f"dwell ({units.time})", *position, *turn, *sigmas, *doubted, *within, "grip"),
+        *(*label, *thing),
+        left=(*label, *thing),
     )
     by_keyframe = keyframe_sigmas([keyframe.cov for keyframe in keyframes])
     for index, (keyframe, sigma) in enumerate(zip(keyframes, by_keyframe, strict=True)):
@@ -125,8 +127,10 @@ def keyframes_table(keyframes: Sequence[Keyframe], units: Units = SI) -> Table:
             *fine.lengths(np.fmax.reduce(sigma[:3]), finer=1),
             *units.angles(np.fmax.reduce(sigma[3:])),
             *((f"{100.0 * keyframe.weight:.0f} %" if keyframe.weight < DOUBTED_WEIGHT else "",) if doubted else ()),
+            *(() if inside is None else (f"{100.0 * inside[index]:.0f}",)),
             {True: "closes", False: "opens", None: ""}[keyframe.grip],
             *((keyframe.label,) if label else ()),
+            *((" on ".join(keyframe.frames),) if thing else ()),
         )
     return table
 
