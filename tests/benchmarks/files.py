@@ -24,6 +24,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from pbd.data import GRAVITY, Recording
+from pbd.pose import Array
 from pbd.simulation.simulate import simulate
 from tests.benchmarks.report import arguments, finish
 from tests.files.test_import_bag import write_bag
@@ -70,9 +71,10 @@ def long_recording(samples: int) -> Recording:
 def written(folder: Path, recording: Recording) -> dict[str, Path]:
     """The files, by format."""
     assert recording.gyr is not None
-    us, counter = 1e6 * recording.t[:, None], np.arange(len(recording))[:, None]
+    assert recording.mag is not None
+    us, counter = 1e6 * recording.t[:, None], np.arange(len(recording), dtype=np.float64)[:, None]
     dps, mag = np.degrees(recording.gyr), recording.mag
-    tables = {
+    tables: dict[str, tuple[str, tuple[Array, ...]]] = {
         "xio": (XIO, (us, dps, recording.acc / GRAVITY, mag)),
         "dot": (DOT, (counter, us, dps, recording.acc, mag)),
     }
