@@ -221,5 +221,5 @@ def test_mixed_line_ends(tmp_path: Path) -> None:
 
 
 def test_a_folder_of_nothing_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match=r"can't import this folder: it is no bag and no x-IMU3's; give a \.csv"):
+    with pytest.raises(RecordingError, match=r"can't import this folder: it is no bag, no x-IMU3's and no phone's"):
         import_recording(tmp_path)
