@@ -157,7 +157,6 @@ def _add_import(commands: Commands) -> None:
         "--unit acc=-g.",
         "  pbd import run7.csv tea --column ax=AccX --column ay=AccY --column az=AccZ --unit acc=g --unit t=ms\n"
         "  pbd import log.txt tea2                    as WitMotion's program wrote it\n"
-        "  pbd import walk.mcap tea3 --topic /imu/data\n"
         "  pbd import demos/tea/raw.bin again --sensor witmotion",
     )
     option = parser.add_argument
