@@ -21,6 +21,7 @@ class Source:
         T_base_nav: where nav lies.
         tool: gives the tool's positions (m, 3) in m and wxyz (m, 4) in base, at joints (m, k).
         links: gives each link's parent and its pose there, at joints (k,) and an opening (1 open, 0 closed).
+        audit: refuses a motion made of a file's points that misses a keyframe, or would touch something.
     """
 
     name: str
@@ -29,6 +30,7 @@ class Source:
     T_base_nav: Pose
     tool: Callable[[Array], tuple[Array, Array]]
     links: Callable[[Array, float], dict[str, tuple[str, Pose]]]
+    audit: Callable[[JointTrajectory], None]
 
 
 @dataclass(frozen=True, eq=False)
