@@ -8,10 +8,12 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pbd.doors.atomic import atomic_file
+from pbd.doors.atomic import atomic_file, atomic_folder
 from pbd.errors import PbdError, PbdWarning, nearest
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from pbd.data import JointTrajectory, Robot, Samples
     from pbd.data.receiver import Rule
     from pbd.files.exporters.order import Source
@@ -21,7 +23,7 @@ FORMATS = {
     **{"csv": "csv", "npz": "npz", "ros2-json": "ros2_json"},
     "keyframes": "keyframes",
     **{"tum": "tum", "tum-hand": "tum"},
-    **{"urscript": "urscript", "mcap": "mcap"},
+    **{"urscript": "urscript", "mcap": "mcap", "lerobot": "lerobot"},
 }
 """Format -> its file here, with `samples(order)` and `write(order, samples, path)`. COUNTED says what these samples are
 called, FILLED_BY by which rules receivers fill the gaps between them; `read(path)` reads them back for that."""
@@ -29,23 +31,26 @@ called, FILLED_BY by which rules receivers fill the gaps between them; `read(pat
 SUFFIXES = {".csv": "csv", ".npz": "npz", ".json": "ros2-json", ".tum": "tum", ".script": "urscript", ".mcap": "mcap"}
 """What a file's name ends in, and the format that it says."""
 
-ALSO = {"keyframes": (".json", ".csv"), "tum-hand": (".tum",)}
+ALSO = {"keyframes": (".json", ".csv"), "tum-hand": (".tum",), "lerobot": ()}
 """What else the file of a format may end in: such a format must be named."""
+
+FOLDERS = ("lerobot",)
+"""Formats that are a folder, of several motions."""
 
 LOWEST_HZ, HIGHEST_HZ = 10.0, 1e5
 
 ROW_BY_ROW = ("csv", "npz")
 """Formats whose rows are sent one by one, each at its time. What cubics between them would do is told all the same."""
 
-WITHOUT_RATE = ("keyframes", "tum-hand")
-"""Formats that have no samples, or not by a clock."""
+WITHOUT_RATE = ("keyframes", "tum-hand", "lerobot")
+"""Formats that have no samples, not by a clock, or at 30 Hz alone."""
 
 CUBIC_EXCESS = 0.1
 """Share above a limit that cubics between samples may reach without a warning, in a format that isn't made for them.
 At 1 kHz a panda's acceleration is exceeded by 0.07, which docs/exports.md says."""
 
 
-FOR_SOME = ("urscript", "mcap")
+FOR_SOME = ("urscript", "mcap", "lerobot")
 """Formats that are not for every robot, or need a package of their own."""
 
 
@@ -113,6 +118,8 @@ def export(
             keyframe or touch something; nothing is written.
     """
     check_format(format_name, rate_hz, dense)
+    if format_name in FOLDERS:
+        return export_dataset([(trajectory, source)], robot, path)[0]
     from pbd.data.receiver import shares
     from pbd.files.exporters.order import Order
     from pbd.files.exporters.received import check_received, reached
@@ -136,3 +143,36 @@ def export(
                 stacklevel=2,
             )
     return Export(points, file_format.COUNTED, receiver)
+
+
+def export_dataset(
+    motions: Sequence[tuple[JointTrajectory, Source | None]], robot: Robot, folder: Path, task: str = ""
+) -> list[Export]:
+    """Write motions of one robot as a LeRobot dataset, or add them to one; it appears whole or stays as it was.
+
+    Args:
+        motions: each with what it was made from.
+        robot: whose they are.
+        folder: where; it is made, or holds this robot's episodes that pbd wrote.
+        task: what they do, in words; each motion's own name where nobody said.
+
+    Raises:
+        PbdError: the folder holds something else, or can't be written.
+        PlanError: as `export`.
+    """
+    from pbd.files.exporters import lerobot
+    from pbd.files.exporters.order import Order
+    from pbd.files.exporters.received import check_received
+
+    lerobot.check(robot)
+    orders = [Order("lerobot", trajectory, robot, "", made_from=source, task=task) for trajectory, source in motions]
+    points = [lerobot.samples(order) for order in orders]
+    before = lerobot.read_episodes(folder, robot)
+    done = []
+    with atomic_folder(folder) as unfinished:
+        lerobot.write(robot, [*before, *map(lerobot.episode, orders, points)], unfinished)
+        written = lerobot.read_episodes(unfinished, robot)[len(before) :]
+        for order, sampled, episode in zip(orders, points, written, strict=True):
+            found = check_received(order, lerobot.read(robot, episode), lerobot.FILLED_BY, lerobot.DIGITS)
+            done.append(Export(sampled, lerobot.COUNTED, found))
+    return done

@@ -36,4 +36,5 @@ def write(order: Order, points: Samples, path: Path) -> None:
 def read(path: Path) -> Samples:
     """Read what `write` wrote."""
     values = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
-    return Samples(values[:, 0], *np.split(values[:, 1:-1], 3, axis=1), values[:, -1])
+    q, qd, qdd = np.split(values[:, 1:-1], 3, axis=1)
+    return Samples(values[:, 0], q, qd, qdd, values[:, -1])

@@ -72,8 +72,10 @@ def read(path: Path) -> Samples:
             _, _, data = next(bag.messages(goal))
     points = store.deserialize_cdr(data, goal[0].msgtype).points
     t = np.array([each.time_from_start.sec + 1e-9 * each.time_from_start.nanosec for each in points])
-    rows = (np.array([getattr(each, name) for each in points]) for name in ("positions", "velocities", "accelerations"))
-    return Samples(t, *rows, np.full(len(t), np.nan))
+    q, qd, qdd = (
+        np.array([getattr(each, name) for each in points]) for name in ("positions", "velocities", "accelerations")
+    )
+    return Samples(t, q, qd, qdd, np.full(len(t), np.nan))
 
 
 class _Bag:

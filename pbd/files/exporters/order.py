@@ -44,6 +44,7 @@ class Order:
         rate_hz: samples a second; None: as the format has it.
         dense: samples at the controller's period, where the format has keyframes.
         made_from: what the motion was made from, or None.
+        task: what it does, in words, where a format has that; its name where nobody said.
     """
 
     format_name: str
@@ -53,6 +54,7 @@ class Order:
     rate_hz: float | None = None
     dense: bool = False
     made_from: Source | None = None
+    task: str = ""
 
     @property
     def source(self) -> Source:

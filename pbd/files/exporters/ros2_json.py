@@ -66,8 +66,8 @@ def read(path: Path) -> Samples:
     """Read the arm's goal of what `write` wrote; the gripper has its own, and is not told."""
     points = json.loads(path.read_text(encoding="utf-8"))["points"]
     t = np.array([point["time_from_start"]["sec"] + 1e-9 * point["time_from_start"]["nanosec"] for point in points])
-    columns = (np.array([point[name] for point in points]) for name in ("positions", "velocities", "accelerations"))
-    return Samples(t, *columns, np.full(len(t), np.nan))
+    q, qd, qdd = (np.array([point[name] for point in points]) for name in ("positions", "velocities", "accelerations"))
+    return Samples(t, q, qd, qdd, np.full(len(t), np.nan))
 
 
 def finger_message(trajectory: JointTrajectory, gripper: Gripper) -> dict[str, Any]:
