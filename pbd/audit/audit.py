@@ -97,11 +97,13 @@ def audit_received(path: JointTrajectory, robot: Robot, world: tuple[Calibration
         off_m, off_rad = there.distance(wanted)
         if off_m > RECEIVED_M or off_rad > RECEIVED_RAD:
             what = f"between the exported points keyframe {keyframe} would be missed by {1e3 * off_m:.1f} mm"
-            raise PlanError(f"{what}; give a higher --rate", keyframe=keyframe, value=off_m, bound=RECEIVED_M)
+            raise PlanError(
+                f"{what}; give a higher --rate, or a lower --speed", keyframe=keyframe, value=off_m, bound=RECEIVED_M
+            )
     scene = _scene(robot, *world)
     if (touch := find_touch(scene.arm, path, scene.pairs(path))) is not None:
         first, second = touch.bodies
-        what = f"between the exported points {first} would touch {second} at {touch.t:.2f} s; give a higher --rate"
+        what = f"between the exported points {first} would touch {second} at {touch.t:.2f} s; give a higher --rate, or a lower --speed"
         raise PlanError(what, t=touch.t, bodies=touch.bodies)
 
 

@@ -250,7 +250,7 @@ def _add_export(commands: Commands) -> None:
     option("--format", choices=tuple(FORMATS), help=form)
     output = "the file to write (lerobot: the folder); - is standard output"
     option("-o", "--output", required=True, type=Path, metavar="FILE", help=output)
-    rate = "samples a second, from 10 to 100000 (1000; tum: 100; ros2-json: none but the motion's own knots)"
+    rate = "samples a second, from 10 to 100000 (1000; tum: 100; glb: 50; ros2-json: none but the motion's own knots)"
     option("--rate", type=_export_rate, metavar="HZ", help=rate)
     dense = (
         "urscript: servoj at the controller's period (--rate 125, or 500 for e-Series), not a movej for each keyframe"

@@ -13,7 +13,7 @@ from pbd.cli.console import print_json, say, working
 from pbd.cli.options import UsageError
 from pbd.cli.plan_report import moves_json, say_moves, say_torque
 from pbd.cli.steps import plan_demonstration
-from pbd.doors.atomic import is_folder, refuse_folder, refuse_output
+from pbd.doors.atomic import refuse_output
 from pbd.errors import PbdError
 from pbd.files.exporters import ALSO, FOLDERS, FOR_SOME, FORMATS, SUFFIXES, Export, check_format, export, export_dataset
 from pbd.view.terminal import is_closed
@@ -36,12 +36,13 @@ class _Motion(NamedTuple):
 
 def run(args: argparse.Namespace) -> None:
     """Plan, audit, write."""
+    from pbd.files.exporters.lerobot import first_frame, refuse_dataset
     from pbd.files.robot import load_robot
 
     format_name = _format(args)
     check_format(format_name, args.rate, args.dense, load_robot(args.robot) if format_name in FOR_SOME else None)
     if format_name in FOLDERS:
-        refuse_folder(args.output.parent if is_folder(args.output) else args.output)
+        refuse_dataset(args.output, load_robot(args.robot))
     elif args.output != STDOUT:
         refuse_output(args.output, (*args.demos, args.robot, args.calibration, args.start))
     motions = [_plan(args, name) for name in args.demos or (None,)]
@@ -49,6 +50,10 @@ def run(args: argparse.Namespace) -> None:
     count, duration = sum(len(each.samples.t) for each in done), sum(each.plan.trajectory.duration for each in motions)
     name = "to standard output" if args.output == STDOUT else args.output
     say(f"wrote {name}: {count} {done[0].counted}, {duration:.1f} s, {len(motions[0].robot.joints)} joints")
+    if format_name in FOLDERS:
+        say(
+            f"lerobot-replay jumps to the first frame: bring the arm to {first_frame(motions[0].robot, done[0].samples)} before"
+        )
     if args.json:
         told = [_json(args, format_name, *each) for each in zip(motions, done, strict=True)]
         print_json({"episodes": told} if format_name in FOLDERS else told[0])
@@ -64,7 +69,7 @@ def _plan(args: argparse.Namespace, name: str | None) -> _Motion:
         raise plan.touching.error
     say_torque(demo, robot, plan, options)
     say_moves(demo, path, robot, plan, options)
-    return _Motion(robot, plan, source_of(plan, path, robot, demo.recording.info.name))
+    return _Motion(robot, plan, source_of(plan, path, robot, demo.recording.info.name, options))
 
 
 def _json(args: argparse.Namespace, format_name: str, motion: _Motion, done: Export) -> dict[str, Any]:
@@ -91,7 +96,7 @@ def _format(args: argparse.Namespace) -> str:
             raise UsageError(f"{args.format} writes a folder, which standard output can't be; name one")
         if is_closed(sys.stdout):
             raise PbdError("standard output is closed: name a file")
-        if args.format in ("npz", "mcap") and sys.stdout.isatty():
+        if args.format in ("npz", "mcap", "glb") and sys.stdout.isatty():
             raise UsageError(f"{args.format} is binary, so it is not printed to a terminal; name a file, or pipe it")
     name: str | None = args.format or said
     if name is None:

@@ -23,12 +23,15 @@ FORMATS = {
     **{"csv": "csv", "npz": "npz", "ros2-json": "ros2_json"},
     "keyframes": "keyframes",
     **{"tum": "tum", "tum-hand": "tum"},
-    **{"urscript": "urscript", "mcap": "mcap", "lerobot": "lerobot"},
+    **{"urscript": "urscript", "mcap": "mcap", "lerobot": "lerobot", "glb": "glb"},
 }
 """Format -> its file here, with `samples(order)` and `write(order, samples, path)`. COUNTED says what these samples are
 called, FILLED_BY by which rules receivers fill the gaps between them; `read(path)` reads them back for that."""
 
-SUFFIXES = {".csv": "csv", ".npz": "npz", ".json": "ros2-json", ".tum": "tum", ".script": "urscript", ".mcap": "mcap"}
+SUFFIXES = {
+    **{".csv": "csv", ".npz": "npz", ".json": "ros2-json", ".tum": "tum"},
+    **{".script": "urscript", ".mcap": "mcap", ".glb": "glb"},
+}
 """What a file's name ends in, and the format that it says."""
 
 ALSO = {"keyframes": (".json", ".csv"), "tum-hand": (".tum",), "lerobot": ()}

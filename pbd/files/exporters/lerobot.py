@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from pbd.data import Robot, Samples
 from pbd.data.receiver import Rule, set_points
-from pbd.doors.atomic import is_file, is_folder
+from pbd.doors.atomic import is_file, is_folder, refuse_folder
 from pbd.doors.opening import read_text
 from pbd.errors import PbdError, PlanError, printable
 from pbd.files.exporters.order import Order
@@ -74,6 +74,24 @@ def check(robot: Robot) -> None:
     if robot.gripper is None:
         what = f"a lerobot dataset has the gripper's opening in each frame, and {robot.name} has no [gripper]"
         raise PlanError(f"{what}; give it one, or take another format", robot=robot.name)
+
+
+def refuse_dataset(folder: Path, robot: Robot) -> None:
+    """Refuse a folder to which this robot's episodes can't be added, before the command starts to work.
+
+    Raises:
+        PbdError: as `read_episodes`, or nothing can be written there.
+    """
+    if not read_episodes(folder, robot):
+        refuse_folder(folder)
+
+
+def first_frame(robot: Robot, points: Samples) -> str:
+    """Say where the first frame is, as LeRobot reads it."""
+    first = values(robot, points.q[:1], points.gripper[:1])[0].tolist()
+    unit, turned = ("degrees", 1) if robot.servos is not None else ("rad", 3)
+    joints = ", ".join(f"{name} {x:.{turned}f}" for name, x in zip(robot.joints, first, strict=False))
+    return f"{joints} ({unit}), gripper {first[-1]:.0f}"
 
 
 def samples(order: Order) -> Samples:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from pbd.data import HandPath, JointTrajectory, Keyframe, Robot
 from pbd.errors import PbdError
@@ -22,6 +23,7 @@ class Source:
         tool: gives the tool's positions (m, 3) in m and wxyz (m, 4) in base, at joints (m, k).
         links: gives each link's parent and its pose there, at joints (k,) and an opening (1 open, 0 closed).
         audit: refuses a motion made of a file's points that misses a keyframe, or would touch something.
+        draw: writes the replay's scene at instants (n,) s as GLB.
     """
 
     name: str
@@ -31,6 +33,7 @@ class Source:
     tool: Callable[[Array], tuple[Array, Array]]
     links: Callable[[Array, float], dict[str, tuple[str, Pose]]]
     audit: Callable[[JointTrajectory], None]
+    draw: Callable[[Array, Path], None]
 
 
 @dataclass(frozen=True, eq=False)
