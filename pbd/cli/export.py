@@ -51,9 +51,8 @@ def run(args: argparse.Namespace) -> None:
     name = "to standard output" if args.output == STDOUT else args.output
     say(f"wrote {name}: {count} {done[0].counted}, {duration:.1f} s, {len(motions[0].robot.joints)} joints")
     if format_name in FOLDERS:
-        say(
-            f"lerobot-replay jumps to the first frame: bring the arm to {first_frame(motions[0].robot, done[0].samples)} before"
-        )
+        first = first_frame(motions[0].robot, done[0].samples)
+        say(f"lerobot-replay jumps to the first frame, so bring the arm there before: {first}")
     if args.json:
         told = [_json(args, format_name, *each) for each in zip(motions, done, strict=True)]
         print_json({"episodes": told} if format_name in FOLDERS else told[0])

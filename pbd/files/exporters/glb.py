@@ -18,7 +18,7 @@ COUNTED = "frames"
 USUAL_HZ = 50.0
 
 LEAST_GAP_S = 1e-4
-"""Frames are farther apart in time than this, s: the file has times as float32, which after 20 minutes are so coarse."""
+"""Smallest gap between frames, s: the file's times are float32, which after 20 minutes are as coarse as that."""
 
 
 def samples(order: Order) -> Samples:
