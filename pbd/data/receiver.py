@@ -108,7 +108,8 @@ def _peaks(coefficients: Array, h: Array) -> Array:
         instants.append(np.clip(np.nan_to_num(vertex), 0.0, h))
     elif coefficients.shape[1] > 3:
         instants += [step / _STEPS * h for step in range(1, _STEPS)]
-    return np.maximum.reduce([np.abs(evaluate(coefficients, s)) for s in instants])
+    peaks: Array = np.maximum.reduce([np.abs(evaluate(coefficients, s)) for s in instants])
+    return peaks
 
 
 def _derivative(coefficients: Array, order: int) -> Array:

@@ -72,4 +72,5 @@ def parse_units(text: str, usual: Units = Units()) -> Units:
         if kind in given:
             raise ValueError(f"'{given[kind]}' and '{unit}' are both units of {kind}; give one")
         given[kind] = unit
-    return replace(usual, **given, asked=frozenset(given))
+    words = {kind: given.get(kind, getattr(usual, kind)) for kind in KINDS}
+    return Units(**words, asked=frozenset(given))
