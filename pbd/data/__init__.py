@@ -20,6 +20,7 @@ from pbd.data.tracking import (
     RecordingInfo,
     Segment,
     Stop,
+    TouchUp,
     Tracking,
     Truth,
 )
@@ -54,6 +55,7 @@ __all__ = [
     "SensorFound",
     "Servos",
     "Stop",
+    "TouchUp",
     "Tracking",
     "Truth",
 ]

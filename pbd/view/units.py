@@ -29,6 +29,11 @@ class Units:
     exact: bool = False
 
     @property
+    def finer(self) -> Units:
+        """Units for what is small beside a place: millimetres of it say nothing in metres."""
+        return replace(self, length="mm" if self.length == "m" else self.length)
+
+    @property
     def angle_sign(self) -> str:
         """As it stands in a header."""
         return {"deg": "°"}.get(self.angle, self.angle)

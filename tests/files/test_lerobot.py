@@ -1,4 +1,4 @@
-"""The dataset, read back by Hugging Face's `datasets` and by pandas; tests/benchmarks/lerobot.py does so with LeRobot."""
+"""The dataset, read back by Hugging Face's `datasets` and by pandas; with LeRobot by tests/benchmarks/lerobot.py."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ def test_what_it_refuses(tmp_path: Path) -> None:
     with pytest.raises(PlanError, match=r"and so101 has no \[gripper\]; give it one, or take another format"):
         export(plan.trajectory, replace(robot, gripper=None), "lerobot", tmp_path / "none", source=source)
     elsewhere = replace(robot, home=robot.home + 0.1)
-    with pytest.raises(PlanError, match="begin and end at rest, .*; leave --no-approach and --no-retreat out"):
+    with pytest.raises(PlanError, match=r"begin and end at rest, .*; leave --no-approach and --no-retreat out"):
         export(plan.trajectory, elsewhere, "lerobot", tmp_path / "none", source=source)
     assert before == {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     (tmp_path / "tea/videos").mkdir()
