@@ -79,7 +79,7 @@ def test_trimesh_sees_the_arm_at_its_place_and_each_mesh_once(tmp_path: Path) ->
     import trimesh
 
     written("panda", "glb", tmp_path / "m.glb")
-    scene = trimesh.load(tmp_path / "m.glb")
+    scene = trimesh.load_scene(tmp_path / "m.glb")
     low, high = scene.bounds
     assert low[1] == pytest.approx(0.0, abs=1e-3)  # y is up
     assert 0.6 < high[1] < 1.0
