@@ -288,21 +288,24 @@ def _add_export(commands: Commands) -> None:
         "write the joint trajectory for other tools",
         "Plan and audit as `pbd replay` does, and write the joint trajectory.",
         "  pbd export pouring --robot panda -o pouring.json\n"
-        "  pbd export pouring --robot panda --format csv -o - | head -3",
+        "  pbd export pouring --robot panda --format csv -o - | head -3\n"
+        "  pbd export tea1 tea2 --robot so101 --format lerobot --task 'pour the tea' -o tea",
     )
-    add_demo(parser)
-    add_json(parser)
     option = parser.add_argument
+    demos = "names (in ./demos, or bundled), folders, or recordings; default: the newest in ./demos, else 'pouring'; "
+    option("demos", nargs="*", metavar="DEMO", help=f"{demos}lerobot alone takes several")
+    add_json(parser)
     form = f"{', '.join(FORMATS)}; default: from FILE's ending ({', '.join(SUFFIXES)})"
     option("--format", choices=tuple(FORMATS), help=form)
-    output = "the file to write; - is standard output"
+    output = "the file to write (lerobot: the folder); - is standard output"
     option("-o", "--output", required=True, type=Path, metavar="FILE", help=output)
-    rate = "samples a second, from 10 to 100000 (1000; tum: 100; ros2-json: none but the motion's own knots)"
+    rate = "samples a second, from 10 to 100000 (1000; tum: 100; glb: 50; ros2-json: none but the motion's own knots)"
     option("--rate", type=_export_rate, metavar="HZ", help=rate)
     dense = (
         "urscript: servoj at the controller's period (--rate 125, or 500 for e-Series), not a movej for each keyframe"
     )
     option("--dense", action="store_true", help=dense)
+    option("--task", default="", metavar="WORDS", help="lerobot: what the arm does, in words; default: DEMO's name")
     add_tracking(parser)
     add_planning(parser)
 
