@@ -123,15 +123,15 @@ def test_above_a_makers_limit_is_refused_with_the_speed_that_fits() -> None:
     with pytest.raises(
         PlanError, match=r"10\d\.\d % of its torque limit of 87 N m; carry less, or use --speed 0"
     ) as caught:
-        planned("panda", payload=3.3)
+        planned("panda", payload=3.5)
     fields = caught.value.fields
     assert fields["joint"] == "panda_joint2"
     assert isinstance(fields["t"], float)
     speed = float(caught.value.message.rpartition(" ")[2])
     with pytest.warns(PbdWarning, match="100 % of its torque limit"):
-        planned("panda", payload=3.3, speed=speed)
+        planned("panda", payload=3.5, speed=speed)
     with pytest.raises(PlanError):
-        planned("panda", payload=3.3, speed=speed + 0.02)
+        planned("panda", payload=3.5, speed=speed + 0.02)
 
 
 def test_what_no_speed_helps_is_refused() -> None:
