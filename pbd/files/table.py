@@ -186,13 +186,13 @@ def require(path: Path, header: Sequence[str], names: Sequence[str], error: type
         raise error(what, path=path, value=missing[0])
 
 
-def foreign_text(path: Path) -> str:
-    """Read another program's text, in any encoding that such have.
+def foreign_text(path: Path, data: bytes | None = None) -> str:
+    """Read another program's text, in any encoding that such have; `data` is what it holds, where that is known.
 
     Raises:
         RecordingError: it can't be read.
     """
-    return _text(path, FOREIGN_ENCODINGS, RecordingError)
+    return _text(path, FOREIGN_ENCODINGS, RecordingError, data)
 
 
 def open_sheet(
@@ -282,8 +282,8 @@ def read_table(path: Path) -> Table:
     return open_sheet(path).read()
 
 
-def _text(path: Path, encodings: Sequence[str], error: type[PbdError]) -> str:
-    data = read_bytes(path, error, "give a CSV file")
+def _text(path: Path, encodings: Sequence[str], error: type[PbdError], data: bytes | None = None) -> str:
+    data = read_bytes(path, error, "give a CSV file") if data is None else data
     if len(encodings) > 1 and data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         encodings = ("utf-16",)  # what spreadsheets call Unicode text
     for encoding in encodings[:-1]:
