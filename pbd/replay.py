@@ -61,6 +61,7 @@ def replay_scene(
         obstacles=plan.calibration.obstacles,
         rod=_rod(arm),
         torque=None if plan.report.torque is None else plan.report.torque.share,
+        detours=detours(plan),
     )
 
 
@@ -70,6 +71,15 @@ def robot_motion(arm: ArmModel, samples: Samples) -> RobotMotion:
 
     q = np.array([arm.full_q(*each) for each in zip(samples.q, samples.gripper, strict=True)])
     return RobotMotion(arm.full, from_se3(arm.T_base_universe), samples.t, q)
+
+
+def detours(plan: Plan) -> tuple[tuple[float, float], ...]:
+    """From when to when the arm goes around something, s: from the keyframe before to the next, or to the end."""
+    from pbd.arm.motion_request import DETOUR
+
+    ends = (0.0, *plan.trajectory.keyframe_t.tolist(), plan.trajectory.duration)
+    moves = (*plan.segments, plan.back) if plan.back else plan.segments
+    return tuple((ends[i], ends[i + 1]) for i, move in enumerate(moves) if move.kind == DETOUR)
 
 
 def _rod(arm: ArmModel) -> Rod | None:
