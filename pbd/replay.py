@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pbd.calibration.uncertainty import tool_covariances
-from pbd.data import Demonstration, HandPath, JointTrajectory, Robot
+from pbd.data import Demonstration, HandPath, Robot, Samples
 from pbd.planning import Plan, PlanOptions, arm_of, scene_of
 from pbd.pose import quat_rotate
 from pbd.view.motion import FRAME_RATE_HZ, RobotMotion
@@ -39,7 +39,7 @@ def replay_scene(
         title=demo.recording.info.name,
         robot=robot,
         trajectory=plan.trajectory,
-        motion=robot_motion(arm, plan.trajectory),
+        motion=robot_motion(arm, plan.trajectory.sample(FRAME_RATE_HZ)),
         hand_path_base=p_base_sensor + lever,
         hand_speed=np.linalg.norm(path.v_nav_sensor[inside], axis=1),
         keyframes=tuple(
@@ -64,11 +64,10 @@ def replay_scene(
     )
 
 
-def robot_motion(arm: ArmModel, trajectory: JointTrajectory) -> RobotMotion:
-    """Sample a trajectory for the page: the whole robot, arm and fingers."""
+def robot_motion(arm: ArmModel, samples: Samples) -> RobotMotion:
+    """Give the whole robot's motion, arm and fingers, at the instants of samples."""
     from pbd.arm.model import from_se3
 
-    samples = trajectory.sample(FRAME_RATE_HZ)
     q = np.array([arm.full_q(*each) for each in zip(samples.q, samples.gripper, strict=True)])
     return RobotMotion(arm.full, from_se3(arm.T_base_universe), samples.t, q)
 
