@@ -86,7 +86,7 @@ class _Search:
                 self.moves[i].remedies = ["split", "widen"]
         for i, move in enumerate(self.moves if request.detour and queries is not None else ()):
             if i in (0, self.n):
-                move.remedies.append("detour")
+                move.remedies = ["detour", "widen"]
             elif request.kind == STRAIGHT and request.tolerance_m is None:
                 # A line that nobody asked for isn't worth as much search as the hand's path.
                 move.remedies = (

@@ -15,7 +15,7 @@ MOST_DETOURS, MOST_CHECKED = 4, 2000
 """Pairs of ways to hold the arm between which a detour is sought in vain, and checks for each."""
 DETOUR_EXTRA = 1.0
 """How much farther than straight a detour is taken to be, rad, until it is found."""
-ENOUGH_DETOURS, ANY_OTHER = 2, 100.0
+ENOUGH_DETOURS, ANY_OTHER = 1, 100.0
 """Detours found after which another one is only sought where these lead nowhere: so many rad more it is taken to be."""
 
 
