@@ -20,7 +20,6 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import NamedTuple
 
 import coal
@@ -28,7 +27,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from pbd.arm.collision.geometry import Body, extent, shape_of, surface_of
+from pbd.arm.collision.configurations import JointPath, configurations
+from pbd.arm.collision.geometry import Body, mesh_to, shape_of, surface_of
 from pbd.arm.collision.motion_bounds import rates
 from pbd.arm.model import ArmModel, to_se3
 from pbd.pose import Array
@@ -41,19 +41,6 @@ RECENT, REMEMBERED = 4, 2000
 Pairs = NDArray[np.int64]
 Allowed = Callable[[int, Array], bool]
 """Whether a pair may touch at coordinates (k + 1,)."""
-
-
-@dataclass(frozen=True, eq=False)
-class JointPath:
-    """A path as nodes so close that no pair of bodies moves by more than STEP_M against each other in between.
-
-    Attributes:
-        t: (n,) s, or the share of a straight move.
-        x: (n, k + 1) coordinates (motion_bounds.py); between nodes each goes up, goes down or stands still.
-    """
-
-    t: Array
-    x: Array
 
 
 @dataclass(frozen=True)
@@ -317,54 +304,3 @@ class Clearance:
         request = coal.CollisionRequest()
         request.security_margin = MARGIN_M
         return distance if coal.collide(first, one, second, other, request, coal.CollisionResult()) else MARGIN_M
-
-
-def mesh_to(first: Body, second: Body) -> float:
-    """How deep (m) the hulls of two bodies may overlap where their meshes alone say whether they touch.
-
-    No limit for two links. Something else, as deep inside a hull as it is thin, may be inside the mesh too without
-    touching it: the hull counts from there on, unless it is too large to be inside.
-    """
-    if first.mesh is None or second.mesh is None:
-        meshed, other = (first, second) if first.mesh else (second, first)
-        thin, long = extent(other)
-        return 0.0 if meshed.mesh is None else np.inf if long > extent(meshed)[1] else thin
-    return np.inf
-
-
-def configurations(arm: ArmModel, x: Array) -> Array:
-    """Return pinocchio's configurations (n, nq) of the whole model at coordinates (n, k + 1); see `ArmModel.full_q`.
-
-    Raises:
-        ValueError: a coordinate isn't finite.
-    """
-    if not np.isfinite(x).all():
-        raise ValueError("joints and opening must be finite")
-    home, driven, slope, at_zero, plain, turns = _layout(arm)
-    values = at_zero + slope * x[:, driven]
-    q = np.repeat(home[None], len(x), axis=0)
-    q[:, plain[0]] = values[:, plain[1]]
-    if len(turns[0]):  # continuous: cosine and sine
-        q[:, turns[0]], q[:, turns[0] + 1] = np.cos(values[:, turns[1]]), np.sin(values[:, turns[1]])
-    return q
-
-
-@lru_cache(maxsize=4)
-def _layout(arm: ArmModel) -> tuple[Array, Pairs, Array, Array, Pairs, Pairs]:
-    """What `configurations` needs: home, and for each driven joint its column of x, and how its value follows from it;
-    and of joints of one number, then of endless ones, where they are in pinocchio's configuration and among those."""
-    full, robot = arm.full, arm.robot
-    count, names = len(robot.joints), list(robot.joints)
-    driven, slope, at_zero = list(range(count)), [1.0] * count, [0.0] * count
-    if gripper := robot.gripper:
-        names += gripper.joints
-        driven += [count] * len(gripper.joints)
-        slope += (gripper.open - gripper.closed).tolist()
-        at_zero += gripper.closed.tolist()
-    joints = [full.joints[full.getJointId(name)] for name in names]
-    at = [
-        np.array([(joint.idx_q, i) for i, joint in enumerate(joints) if (joint.nq == 1) == plain], dtype=np.int64)
-        for plain in (True, False)
-    ]
-    plain, turns = (each.reshape(-1, 2).T for each in at)
-    return arm.full_q(robot.home, 1.0), np.array(driven), np.array(slope), np.array(at_zero), plain, turns
