@@ -7,8 +7,7 @@ a from the one look and b before the next has a + b <= d + MARGIN_M, so a < d or
 least MARGIN_M, a step of STEP_M = 2 MARGIN_M is always allowed; most are far longer.
 
 Where nobody wants to know what touches, a path is halved instead: two bodies that are d and e apart at its ends can't
-touch on it unless they move by d + e. That takes fewer looks, and those in the middle,
-where most moves are barred, come first.
+touch on it unless they move by d + e. So the looks in the middle, where most moves are barred, come first.
 
 Bodies are hulls. Where the hull of a link is near another body its mesh is asked whether they are MARGIN_M apart. Hulls
 are measured because coal's `collide` overlooks some deep contacts of theirs (4 in 10^5 pairs of so101). A distance that
@@ -28,7 +27,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from pbd.arm.collision.configurations import JointPath, configurations
-from pbd.arm.collision.geometry import Body, mesh_to, shape_of, surface_of
+from pbd.arm.collision.geometry import Body, mesh_to, moves_with_tool, shape_of, surface_of
 from pbd.arm.collision.motion_bounds import rates
 from pbd.arm.model import ArmModel, to_se3
 from pbd.pose import Array
@@ -87,11 +86,9 @@ class Clearance:
         for first, second in self.pairs:
             self._geometry.addCollisionPair(pin.CollisionPair(int(first), int(second)))
         self._mesh_to = np.array([mesh_to(self.bodies[a], self.bodies[b]) for a, b in self.pairs])
-        tool = arm.full.getJointId(arm.robot.joints[-1])
-        carried = [tool in arm.full.supports[body.joint] for body in self.bodies]
-        still = [body.joint == 0 for body in self.bodies]
-        a, b = self.pairs.T
-        self._of_tool = (np.array(carried)[a] & np.array(still)[b]) | (np.array(carried)[b] & np.array(still)[a])
+        self._of_tool = np.array(
+            [moves_with_tool(arm, self.bodies[a], self.bodies[b]) for a, b in self.pairs], dtype=bool
+        )
         self._placed, self._data = self._geometry.createData(), arm.full.createData()
         self._lately: list[int] = []  # pairs that touched, the last one first: the likeliest to touch next
         self._known: dict[bytes, Array] = {}
@@ -129,15 +126,14 @@ class Clearance:
             allowed: what may touch where.
             tool_only: leave out all but what moves with the tool and what stands still.
         """
-        if not tool_only and (
-            any(self.touches(each, allowed) for each in x[:2])
-            or any(self._touch_again(each, allowed) for each in x[2:])
-        ):
+        looks = () if tool_only else x
+        if any(self.touches(each, allowed) for each in looks[:2]):
+            return True
+        if any(self._touch_again(each, allowed) for each in looks[2:]):
             return True
         walk, (at_start, at_end) = self._walk(path(), allowed), map(self._remembered, x[:2])
-        near = np.flatnonzero(
-            ~(at_start + at_end > self.rates @ walk.moved[:, -1]) & (self._of_tool | (not tool_only))
-        ).tolist()
+        open_ = ~(at_start + at_end > self.rates @ walk.moved[:, -1])
+        near = np.flatnonzero(open_ & self._of_tool if tool_only else open_).tolist()
         near.sort(key=lambda pair: self._lately.index(pair) if pair in self._lately else RECENT)
         return any(self._halve(walk, pair, at_start[pair], at_end[pair]) and self._touched(pair) for pair in near)
 
@@ -235,11 +231,12 @@ class Clearance:
 
     def _remembered(self, x: Array) -> Array:
         """Measure all distances once: the same joints are come from and gone to again and again."""
-        if x.tobytes() not in self._known:
+        key = x.tobytes()
+        if key not in self._known:
             if len(self._known) == REMEMBERED:
                 self._known.clear()
-            self._known[x.tobytes()] = self.distances(x)
-        return self._known[x.tobytes()]
+            self._known[key] = self.distances(x)
+        return self._known[key]
 
     def _touch_again(self, x: Array, allowed: Allowed | None) -> bool:
         """Whether any of the pairs that touched lately touches."""
