@@ -86,9 +86,8 @@ class _Search:
         self.unwound: set[int] = set()
         self.links = [Link(place) for place in range(len(ladder.layers) - 1)]
         self.moves = [Move(STRAIGHT, ["widen"]) for _ in self.links]
-        if request.kind != STRAIGHT:
-            for i in range(1, self.n):
-                self._follow_path(i + 1, request.kind)
+        for i in range(1, self.n if request.kind != STRAIGHT else 1):
+            self._follow_path(i + 1, request.kind)
         for i, move in enumerate(self.moves):
             move.remedies = remedies_of(request, i, may_detour=request.detour and queries is not None)
 
@@ -255,14 +254,13 @@ class _Search:
         self.before_line = None
         for place, sweep in wide.items():
             i = self.links[place - 1].keyframe
-            move = self.moves[i]
             if not self._unwind(q[place] - q[place - 1]):
-                move.wide = sweep
+                self.moves[i].wide = sweep
                 if self.checks.tool_barred(i, line(*self.request.T_base_tool[i - 1 : i + 1]), q[place - 1], q[place]):
                     continue
                 self.before_line = self._copy()
                 self._follow_path(place, LINE)
-                move.remedies = []
+                self.moves[i].remedies = []
             return True
         return False
 

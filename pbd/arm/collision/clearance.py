@@ -85,10 +85,9 @@ class Clearance:
             self._geometry.addGeometryObject(pin.GeometryObject(str(i), body.joint, placement, shape_of(body)))
         for first, second in self.pairs:
             self._geometry.addCollisionPair(pin.CollisionPair(int(first), int(second)))
-        self._mesh_to = np.array([mesh_to(self.bodies[a], self.bodies[b]) for a, b in self.pairs])
-        self._of_tool = np.array(
-            [moves_with_tool(arm, self.bodies[a], self.bodies[b]) for a, b in self.pairs], dtype=bool
-        )
+        pairs_of = [(self.bodies[a], self.bodies[b]) for a, b in self.pairs]
+        self._mesh_to = np.array([mesh_to(*pair) for pair in pairs_of], dtype=np.float64)
+        self._of_tool = np.array([moves_with_tool(arm, *pair) for pair in pairs_of], dtype=bool)
         self._placed, self._data = self._geometry.createData(), arm.full.createData()
         self._lately: list[int] = []  # pairs that touched, the last one first: the likeliest to touch next
         self._known: dict[bytes, Array] = {}
@@ -126,10 +125,8 @@ class Clearance:
             allowed: what may touch where.
             tool_only: leave out all but what moves with the tool and what stands still.
         """
-        looks = () if tool_only else x
-        if any(self.touches(each, allowed) for each in looks[:2]):
-            return True
-        if any(self._touch_again(each, allowed) for each in looks[2:]):
+        quick = [] if tool_only else [self.touches, self.touches, *[self._touch_again] * (len(x) - 2)]
+        if any(look(each, allowed) for look, each in zip(quick, x, strict=False)):
             return True
         walk, (at_start, at_end) = self._walk(path(), allowed), map(self._remembered, x[:2])
         open_ = ~(at_start + at_end > self.rates @ walk.moved[:, -1])
