@@ -29,9 +29,6 @@ def find_detour(queries: CollisionQueries, leg: int, q_start: Array, q_end: Arra
 
     None where none is found by so many checks.
     """
-    last, stay = len(queries.legs) - 1, queries.legs[leg].stay
-    if leg == last and stay is not None and stay.held:
-        return None  # it may rest on what is at the last keyframe only if the motion ends there
     if not all(queries.passes(leg, q[None]) for q in (q_start, q_end)):
         return None
     util.setLogLevel(util.LogLevel.LOG_NONE)

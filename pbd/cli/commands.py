@@ -12,6 +12,7 @@ from pbd.cli.completion import SHELLS, PrintCompletion
 from pbd.cli.options import (
     Commands,
     Parser,
+    add_accept_gap,
     add_command,
     add_demo,
     add_force,
@@ -20,6 +21,9 @@ from pbd.cli.options import (
     add_planning,
     add_table,
     add_tracking,
+    finite,
+    frame,
+    integer,
     pair,
     positive,
 )
@@ -36,6 +40,9 @@ exit codes: 0 done; 1 the input, the output or the device is at fault; 2 wrong u
 """
 
 FIGURE_FORMATS = ("png", "svg", "pdf")
+
+MOST_JOBS = 256
+"""Most processes of `pbd check`: more cores than a workstation has."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -80,6 +87,8 @@ def _add_record(commands: Commands) -> None:
         "`--sensor sim` simulates a hand that does a TASK (pour) and grips by itself.",
         "  pbd record tea --sensor witmotion\n"
         "  pbd record tea --sensor sim:pour           without hardware: a simulated hand that pours\n"
+        "  pbd record tea --sensor phyphox --port http://192.168.1.20:8080 --grip tap       from a phone\n"
+        "  pbd record tea --sensor gamepad            a DualSense or DualShock 4; its buttons mark the grip\n"
         "  pbd record tea --live                      and see the hand, its path and its stops in the browser\n"
         '  pbd record tea --sensor lines --columns "t,ax,ay,az,gx,gy,gz" --unit t=ms --unit acc=g --unit gyr=deg/s',
     )
@@ -87,12 +96,17 @@ def _add_record(commands: Commands) -> None:
     option("name", nargs="?", metavar="NAME", help="name in ./demos; default: the date and the time")
     sensor = "protocol (`pbd sensors` lists them), or sim[:TASK]; default: detect it"
     option("--sensor", metavar="SENSOR", help=sensor)
-    option("--port", metavar="P", help="the serial port; default: the only one with something plugged in")
+    port = (
+        "the serial port, a phone's http:// address, or a gamepad's /dev/input/eventN; default: the only one plugged in"
+    )
+    option("--port", metavar="P", help=port)
     option("--baud", type=int, metavar="B", help="default: try the sensor's usual rates")
     option("--rate", type=positive, metavar="HZ", help="first set the device's rate, where it can be set")
     option("--duration", type=positive, metavar="S", help="end after this many seconds")
     tolerance = "uncertainty of a move that calls 'pause now' (1)"
     option("--tolerance", type=positive, default=1.0, metavar="CM", help=tolerance)
+    taps = "what marks the grip: space alone, or two quick taps on the sensor's back too"
+    option("--grip", choices=("space", "tap"), default="space", help=taps)
     option("--closed", action="store_true", help="the hand will end where it began; tracking uses that")
     option("--raw", action="store_true", help="also keep the sensor's raw bytes (raw.bin)")
     option("--reconnect", action="store_true", help="wait for a sensor that was unplugged")
@@ -122,7 +136,7 @@ def _add_simulate(commands: Commands) -> None:
     task = "pour, pick-and-place-stops or pick-and-place-direct; to calibrate from: touch, pivot or sides"
     option("task", metavar="TASK", help=task)
     option("name", metavar="NAME", help="the new demonstration's name (in ./demos) or folder")
-    models = "os5000, os5000-nogyro, wt901, modern or ideal (modern)"
+    models = "os5000, os5000-nogyro, wt901, modern, phone or ideal (modern)"
     option("--sensor-model", default="modern", metavar="M", help=models)
     option("--seed", type=int, default=0, metavar="N", help="random seed of the sensor's errors and noise (0)")
     option("--rate", type=positive, metavar="HZ", help="sample rate (the sensor model's own)")
@@ -135,12 +149,14 @@ def _add_import(commands: Commands) -> None:
         commands,
         "import",
         "import a recording of another program",
-        "Read a recording (a CSV with a header, x-io's CSV, WitMotion's .txt or .csv log, an npz, a raw.bin of\n"
-        "`pbd record --raw`) and store it as a demonstration. Names and units come from the header where it\n"
-        "gives them; otherwise use --column and --unit. A level sensor must read +1 g on z: where it reads -1 g, turn\n"
-        "the signs with --unit acc=-g.",
+        "Read a recording (a table with a header, a ROS 2 bag, a phone's zip, an x-IMU3's folder, a sketch's lines,\n"
+        "an npz, a raw.bin of `pbd record --raw`; docs/imports.md has the programs) and store it as a demonstration.\n"
+        "Names and units come from the header where it gives them; otherwise use --column and --unit. What was\n"
+        "understood is printed. A level sensor must read +1 g on z: where it reads -1 g, turn the signs with\n"
+        "--unit acc=-g.",
         "  pbd import run7.csv tea --column ax=AccX --column ay=AccY --column az=AccZ --unit acc=g --unit t=ms\n"
         "  pbd import log.txt tea2                    as WitMotion's program wrote it\n"
+        "  pbd import walk.mcap tea3 --topic /imu/data\n"
         "  pbd import demos/tea/raw.bin again --sensor witmotion",
     )
     option = parser.add_argument
@@ -154,6 +170,8 @@ def _add_import(commands: Commands) -> None:
     option("--unit", type=pair, action="append", default=[], metavar="WHAT=UNIT", help=unit)
     option("--sensor", metavar="SENSOR", help="the sensor that recorded it; needed for a raw.bin")
     option("--rate", type=positive, metavar="HZ", help="sample rate of a raw.bin, or of a table without times")
+    option("--grip", choices=("tap",), help="find the grips that two quick taps on the sensor's back marked")
+    option("--topic", metavar="TOPIC", help="of a bag: its sensor_msgs/Imu; default: the only one")
     option("--closed", action="store_true", help="the hand ended where it began")
     add_force(parser)
     add_lines(parser)
@@ -187,8 +205,39 @@ def _add_keyframes(commands: Commands) -> None:
     save = "write keyframes.toml into the demonstration, for you to edit"
     parser.add_argument("--save", action="store_true", help=save)
     add_force(parser, "with --save: find the keyframes again, and replace the file")
+    belongs = (
+        "these keyframes belong to a thing, which `pbd replay --at` moves: cup=3..5, or lid=6..7@cup: carried by it"
+    )
+    parser.add_argument("--frame", type=frame, action="append", default=[], metavar="THING=I..J", help=belongs)
+    within = "how likely the tool is so near to where it belongs at each keyframe (and turned by no more)"
+    parser.add_argument("--tolerance", type=finite, nargs="+", metavar=("METRES", "DEGREES"), help=within)
     add_tracking(parser, calibration="with --robot its own dock, else 'default'; without, none")
     add_planning(parser, robot_required=False, units=False)
+
+
+def _add_touch(commands: Commands) -> None:
+    parser = add_command(
+        commands,
+        "touch",
+        "correct a keyframe where the arm was tried and was off",
+        "The tool is off at a keyframe: say by how much, or where it belongs. That is a measurement, so the other\n"
+        "keyframes move with it as far as their errors have something in common. It is kept in keyframes.toml.",
+        "  pbd touch tea 3 --robot panda --by 0 -0.004 0\n  pbd touch tea --robot panda --undo",
+    )
+    option = parser.add_argument
+    option("demo", metavar="DEMO", help="a demonstration's name (in ./demos), or its folder")
+    option("keyframe", nargs="?", type=integer, metavar="KEYFRAME", help="its number, as `pbd keyframes` has it")
+    option("--robot", required=True, metavar="R", help="the arm that was tried")
+    option("--by", type=finite, nargs=3, metavar=("X", "Y", "Z"), help="how far the tool is to go, m, in base axes")
+    option("--tool", action="store_true", help="with --by: in the tool's own axes")
+    option("--at", type=finite, nargs=3, metavar=("X", "Y", "Z"), help="where the tool belongs in base, m")
+    option("--only", action="store_true", help="the other keyframes stay where they are")
+    option("--undo", action="store_true", help="take the last touch-up back; it stays in the file as undone")
+    wanted = "name (in ./calibration, or bundled) or file; default: the robot's own dock, else 'default'"
+    option("--calibration", metavar="C", help=wanted)
+    add_accept_gap(parser)
+    add_table(parser, units="m")
+    parser.set_defaults(time="limits", dwell=None, force=False)
 
 
 def _add_plot(commands: Commands) -> None:
@@ -289,15 +338,41 @@ def _add_sensors(commands: Commands) -> None:
         "sensors",
         "which sensors are plugged in, and which are supported",
         "List the serial ports with something plugged in, and the sensors that pbd supports. As CSV these are\n"
-        "two tables, with an empty line between.",
-        "  pbd sensors --probe",
+        "two tables, with an empty line between. `pbd sensors phyphox` writes the experiment that a phone's app\n"
+        "phyphox needs, and shows it as QR codes for the app to scan (docs/phones.md).",
+        "  pbd sensors --probe\n  pbd sensors phyphox",
     )
+    parser.add_argument("phone", nargs="?", choices=("phyphox",), help="prepare a phone with this app")
+    output = "with phyphox: the experiment's file (pbd.phyphox), or a picture of its code (.png, .svg)"
+    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help=output)
     parser.add_argument("--probe", action="store_true", help="listen to each port and detect its sensor")
     parser.add_argument("--port", metavar="P", help="this port only")
     add_table(parser)
 
 
+def _add_check(commands: Commands) -> None:
+    parser = add_command(
+        commands,
+        "check",
+        "which of many demonstrations need a look",
+        "Check demonstrations: whether each can be tracked (and, with --robot, replayed), how sure its keyframes are,\n"
+        "what a person should look at, and where it differs from its siblings. What needs a look comes first.\n"
+        "The exit code is 1 where one can't be used.",
+        "  pbd check demos/*\n  pbd check demos/tea* --robot panda --jobs 4 --csv > tea.csv",
+    )
+    parser.add_argument("demos", nargs="+", metavar="DEMO", help="names (in ./demos, or bundled), folders, recordings")
+    parser.add_argument("--robot", metavar="R", help="also plan for this robot, on its own dock")
+    parser.add_argument("--jobs", type=_jobs, default=1, metavar="N", help="how many at once (1); -1: one a core")
+    add_table(parser, units="mm,s")
+
+
+def _jobs(text: str) -> int:
+    if not text.removeprefix("-").isdecimal() or not (int(text) == -1 or 1 <= int(text) <= MOST_JOBS):
+        raise argparse.ArgumentTypeError(f"must be 1 to {MOST_JOBS}, or -1, got '{text}'")
+    return int(text)
+
+
 COMMANDS = (
-    *(_add_record, _add_simulate, _add_import, _add_segments, _add_keyframes, _add_plot),
+    *(_add_record, _add_simulate, _add_import, _add_segments, _add_keyframes, _add_touch, _add_plot, _add_check),
     *(add_calibrate, _add_replay, _add_export, _add_robots, _add_sensors),
 )

@@ -6,7 +6,7 @@ SI and radians throughout; frames stand in the names: `sensor`, `nav`, `base`, `
 
 from __future__ import annotations
 
-from pbd.data.arm import Gripper, JointLimits, JointTrajectory, Robot, Samples
+from pbd.data.arm import Gripper, JointLimits, JointTrajectory, Robot, Samples, Servos
 from pbd.data.calibration import TOOL_DOWN, Calibration, Linear, SensorErrors
 from pbd.data.known import ClaimFit, Contact, Known, Place
 from pbd.data.sensor_found import Found, SensorFound
@@ -20,6 +20,7 @@ from pbd.data.tracking import (
     RecordingInfo,
     Segment,
     Stop,
+    TouchUp,
     Tracking,
     Truth,
 )
@@ -52,7 +53,9 @@ __all__ = [
     "Segment",
     "SensorErrors",
     "SensorFound",
+    "Servos",
     "Stop",
+    "TouchUp",
     "Tracking",
     "Truth",
 ]

@@ -65,6 +65,45 @@ class JointLimits:
 
 
 @dataclass(frozen=True, eq=False)
+class Servos:
+    """How the model's joints stand to what LeRobot reads from an arm's servos: degrees, and 0 to 100 of the gripper.
+
+    LeRobot's 0 degrees is the middle of the range that its calibration found for a joint.
+
+    Attributes:
+        robot_type: LeRobot's name of the arm.
+        zero: (k,) rad, the model's joint positions where LeRobot reads 0.
+        sign: (k,) 1, or -1 where LeRobot counts the other way.
+        gripper: (2,) rad, the finger joint's positions where LeRobot reads 0 (closed) and 100 (open).
+        source: who says so.
+    """
+
+    robot_type: str
+    zero: Array
+    sign: Array
+    gripper: Array
+    source: str
+
+    def __post_init__(self) -> None:
+        k = len(self.zero)
+        freeze(self, zero=(k,), sign=(k,), gripper=(2,))
+
+    def to_degrees(self, q: Array) -> Array:
+        """Give the model's joint positions (..., k) rad as LeRobot's degrees."""
+        degrees: Array = np.degrees(self.sign * (np.asarray(q) - self.zero))
+        return degrees
+
+    def to_radians(self, degrees: Array) -> Array:
+        """Give LeRobot's degrees (..., k) as the model's joint positions, rad."""
+        return self.zero + self.sign * np.radians(degrees)
+
+    def to_percent(self, finger: Array) -> Array:
+        """Give the finger joint's positions (...), rad, as LeRobot's 0 (closed) to 100 (open)."""
+        closed, opened = self.gripper
+        return 100.0 * (np.asarray(finger) - closed) / (opened - closed)
+
+
+@dataclass(frozen=True, eq=False)
 class Robot:
     """An arm as robots/NAME.toml describes it.
 
@@ -80,6 +119,7 @@ class Robot:
         dock: the calibration that is used where the user names none, or None.
         notes: what is assumed, for people.
         license: of the URDF and its meshes, and whose they are; empty if unknown.
+        servos: how LeRobot counts its joints, or None where it doesn't know this arm.
     """
 
     name: str
@@ -97,6 +137,7 @@ class Robot:
     dock: Calibration | None = None
     notes: tuple[str, ...] = ()
     license: str = ""
+    servos: Servos | None = None
 
     def __post_init__(self) -> None:
         freeze(self, home=(len(self.joints),))

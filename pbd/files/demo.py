@@ -89,10 +89,12 @@ def read_demo(folder: Path) -> Demonstration:
     }
     top.done()
     truth, edited = folder / "truth.csv", folder / keyframes.NAME
+    is_edited = os.path.lexists(edited)
     return Demonstration(
         recording=_read_recording(read_table(folder / "imu.csv"), grip, info),
         truth=_read_truth(read_table(truth)) if os.path.lexists(truth) else None,
-        keyframes=keyframes.read_keyframes(edited) if os.path.lexists(edited) else None,
+        keyframes=keyframes.read_keyframes(edited) if is_edited else None,
+        touch_ups=keyframes.read_touch_ups(edited) if is_edited else (),
         folder=folder,
         **known,
     )

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pbd.data import Calibration, Gripper, JointLimits, Robot
+from pbd.data import Calibration, Gripper, JointLimits, Robot, Servos
 from pbd.doors.atomic import is_file
 from pbd.doors.meshes import mesh_places
 from pbd.doors.toml import Section, read_toml
@@ -61,6 +61,7 @@ def read_robot(path: Path, *, draft: bool = False) -> Robot:
     chain = _movable(urdf, base, body)
 
     fingers, dock = top.section("gripper", None), top.section("dock", None)
+    servos = top.section("servos", None)
     arm = top.section("arm", None) if draft else top.section("arm")
     gripper = None if fingers is None else _gripper(fingers, urdf)
     joints = [joint for joint in chain if gripper is None or joint.name not in gripper.joints]
@@ -83,6 +84,7 @@ def read_robot(path: Path, *, draft: bool = False) -> Robot:
         dock=None if dock is None else _table(dock, name) if draft else _dock(dock, name),
         notes=notes,
         license=license_,
+        servos=None if servos is None else _servos(servos, len(joints), gripper),
     )
     if not draft:
         top.done()
@@ -169,6 +171,24 @@ def _gripper(section: Section, urdf: Urdf) -> Gripper:
                 values.append(joint.mimic.multiplier * values[leader] + joint.mimic.offset)
     stroke_s = section.number("stroke_s", positive=True)
     return Gripper(names, np.array(positions["open"]), np.array(positions["closed"]), stroke_s)
+
+
+def _servos(section: Section, k: int, gripper: Gripper | None) -> Servos:
+    if gripper is None or len(gripper.joints) != 1:
+        section.fail("gripper", "is of one finger joint, which [gripper] doesn't name", "name it, or remove [servos]")
+    closed, opened = section.numbers("gripper", 2)
+    if closed == opened:
+        section.fail("gripper", f"is {closed:g} both closed and open")
+    sign = section.numbers("sign", k)
+    if any(each not in (1.0, -1.0) for each in sign):
+        section.fail("sign", f"must be 1 or -1 for each joint, got {', '.join(f'{each:g}' for each in sign)}")
+    return Servos(
+        robot_type=section.text("robot_type"),
+        zero=np.array(section.numbers("zero", k)),
+        sign=np.array(sign),
+        gripper=np.array([closed, opened]),
+        source=section.text("source"),
+    )
 
 
 def _limits(section: Section, urdf: Urdf, joints: Sequence[UrdfJoint]) -> JointLimits:

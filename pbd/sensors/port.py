@@ -41,6 +41,9 @@ def list_ports() -> tuple[PortInfo, ...]:
 class Port:
     """An open serial port."""
 
+    patience_s: float | None = None
+    trouble = ""
+
     def __init__(self, serial: Any, device: str, baud: int) -> None:
         self._serial = serial
         self.device = device

@@ -9,21 +9,38 @@ from collections.abc import Callable
 from pbd.cli.console import listening
 from pbd.cli.steps import decoder_maker
 from pbd.errors import SensorError
+from pbd.record.loop import Poll
+from pbd.record.values import Command
 from pbd.sensors import port as serial_port
 from pbd.sensors.decoding import Decoder
-from pbd.sensors.port import Port, open_port
+from pbd.sensors.phyphox.phone import PhonePort, is_address
+from pbd.sensors.port import open_port
 from pbd.sensors.probe import BOOT_S, FIRST_BAUD, LISTEN_S, LONGEST_PROBE_S, find_baud, probe
 from pbd.sensors.protocols import COMMAND_PAUSE_S, PROTOCOLS, protocol
+from pbd.sensors.reader import Source
+
+PHONE = "phyphox"
+
+GAMEPAD = "gamepad"
 
 
-def find_sensor(args: argparse.Namespace) -> tuple[str, Callable[[], Port], Decoder]:
+def find_sensor(args: argparse.Namespace) -> tuple[str, Callable[[], Source], Decoder]:
     """The sensor's name, what opens its port, and its decoder.
 
     Raises:
         SensorError: nothing or several are plugged in, or nothing known is heard.
     """
     wanted: str | None = args.sensor
+    if wanted == PHONE or is_address(args.port):
+        return _phone(args)
     make = None if wanted is None else decoder_maker(args, wanted, args.unit)  # before anything is opened
+    if wanted == GAMEPAD:
+        if args.baud or args.rate:
+            raise SensorError("a gamepad has no baud or rate to choose; leave out --baud, --rate")
+        assert make is not None
+        from pbd.sensors.gamepad_port import open_gamepad
+
+        return wanted, lambda: open_gamepad(args.port), make()
     device, baud = args.port or _only_port(), args.baud
     if wanted is None:
         wanted, heard_at = _listened(device)
@@ -41,6 +58,46 @@ def find_sensor(args: argparse.Namespace) -> tuple[str, Callable[[], Port], Deco
                 port.write(command)
                 time.sleep(COMMAND_PAUSE_S)
     return wanted, lambda: open_port(device, baud), make()
+
+
+def _phone(args: argparse.Namespace) -> tuple[str, Callable[[], Source], Decoder]:
+    """A phone is known to a calibration by its model."""
+    if args.sensor not in (PHONE, None):
+        raise SensorError(f"{args.sensor} has a serial port; for a phone give --sensor {PHONE}", value=args.sensor)
+    if args.port is None:
+        raise SensorError(
+            f"where is the phone? give --port http://ADDRESS:8080 as {PHONE} shows it, once remote access is allowed"
+        )
+    if args.baud or args.rate:
+        raise SensorError("a phone has no baud or rate to choose; leave out --baud and --rate")
+    phone = PhonePort(args.port)
+    opened = False
+
+    def open_again() -> Source:
+        nonlocal opened
+        if opened:
+            phone.connect()
+        opened = True
+        return phone
+
+    return (f"{PHONE} ({phone.model})" if phone.model else PHONE), open_again, protocol(PHONE).decoder()
+
+
+def by_buttons(poll: Poll, decoder: Decoder) -> Poll:
+    """Mark the grip by the device's own buttons too, where it has any."""
+    if not hasattr(decoder, "presses"):
+        return poll
+    seen = 0
+
+    def poll_both() -> Command | None:
+        nonlocal seen
+        command, presses = poll(), int(decoder.presses)
+        if command is None and presses > seen:
+            seen += 1
+            return Command.GRIP
+        return command
+
+    return poll_both
 
 
 def _listened(device: str) -> tuple[str, int]:
