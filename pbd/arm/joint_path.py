@@ -137,7 +137,7 @@ def add_turns(arm: ArmModel, ladder: Ladder, place: int, joint: int) -> int:
 
 
 def over_limits(arm: ArmModel, T_base_tool: Pose, q: Array) -> NDArray[np.bool_]:
-    """Which joints (k,) a direct motion from q (k,) to a pose of the tool would lead over their limits, to first order."""
+    """Say which joints (k,) a direct motion from q (k,) to a pose would lead over their limits, to first order."""
     off, J = Residual(arm, target(T_base_tool))(q)
     there = q - np.linalg.lstsq(J, off, rcond=None)[0]
     over: NDArray[np.bool_] = (there < arm.limits.lower) | (there > arm.limits.upper)
