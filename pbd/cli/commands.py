@@ -12,6 +12,7 @@ from pbd.cli.completion import SHELLS, PrintCompletion
 from pbd.cli.options import (
     Commands,
     Parser,
+    add_accept_gap,
     add_command,
     add_demo,
     add_force,
@@ -22,6 +23,7 @@ from pbd.cli.options import (
     add_tracking,
     pair,
     positive,
+    take_number,
 )
 from pbd.errors import nearest
 from pbd.files.exporters import FORMATS, HIGHEST_HZ, LOWEST_HZ, SUFFIXES
@@ -94,6 +96,8 @@ def _add_record(commands: Commands) -> None:
     tolerance = "uncertainty of a move that calls 'pause now' (1)"
     option("--tolerance", type=positive, default=1.0, metavar="CM", help=tolerance)
     option("--closed", action="store_true", help="the hand will end where it began; tracking uses that")
+    take = "of several takes of one task (`pbd fuse`), the one to record: to ./demos/NAMEN, and how to hold the sensor"
+    option("--take", type=take_number, metavar="N", help=take)
     option("--raw", action="store_true", help="also keep the sensor's raw bytes (raw.bin)")
     option("--reconnect", action="store_true", help="wait for a sensor that was unplugged")
     option("--calibration", metavar="C", help="of this sensor: used to track, and compared with the sensor at rest")
@@ -215,6 +219,32 @@ def _add_plot(commands: Commands) -> None:
     add_tracking(parser, calibration="none")
 
 
+def _add_fuse(commands: Commands) -> None:
+    parser = add_command(
+        commands,
+        "fuse",
+        "make one demonstration of several takes of a task",
+        "Match the keyframes of several takes, estimate all of them together with the sensor's own errors, and store\n"
+        "what they make as a demonstration that lists them. Between takes turn the sensor in the hand by a quarter,\n"
+        "once about a level axis (`pbd record --take N` says so): then its errors cancel. How the hand scatters from\n"
+        "take to take becomes the keyframes' tolerance.",
+        "  pbd fuse tea1 tea2 tea3 -o tea\n"
+        "  pbd fuse tea tea4 -o tea --force           one more take\n"
+        "  pbd fuse tea1 tea2 tea3 -o tea --save-calibration my-sensor --plot plots/tea",
+    )
+    option = parser.add_argument
+    option("takes", nargs="+", metavar="TAKE", help="demonstrations of one task, by name or folder; or a fused one")
+    option("-o", "--output", required=True, metavar="NAME", help="the new demonstration's name (in ./demos) or folder")
+    kept = "write the device's errors, as all takes show them, into the [sensor] of calibration/NAME.toml"
+    option("--save-calibration", metavar="NAME", help=kept)
+    option("--plot", type=Path, metavar="DIR", help="draw the takes' match and the hand's scatter into this folder")
+    add_force(parser)
+    add_table(parser, units="m,deg")
+    wanted = "name (in ./calibration, or bundled) or file: its [sensor] is taken out of each take first"
+    option("--calibration", metavar="C", help=wanted)
+    add_accept_gap(parser)
+
+
 def _add_replay(commands: Commands) -> None:
     parser = add_command(
         commands,
@@ -298,6 +328,6 @@ def _add_sensors(commands: Commands) -> None:
 
 
 COMMANDS = (
-    *(_add_record, _add_simulate, _add_import, _add_segments, _add_keyframes, _add_plot),
+    *(_add_record, _add_simulate, _add_import, _add_segments, _add_keyframes, _add_plot, _add_fuse),
     *(add_calibrate, _add_replay, _add_export, _add_robots, _add_sensors),
 )
