@@ -40,9 +40,7 @@ METHODS = ("default", "paper")
 """How to track: as well as we can, or as the paper does."""
 
 
-def fuse(
-    takes: Sequence[Demonstration], calibration: Calibration | None = None, accept_gap: bool = False
-) -> HandPath:
+def fuse(takes: Sequence[Demonstration], calibration: Calibration | None = None, accept_gap: bool = False) -> HandPath:
     """Make one path of several takes of a task: `track` of a demonstration whose demo.toml lists them.
 
     All takes are estimated together: the sensor's errors are shared, the hand scatters from take to take. The path

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-
 from pbd.data.brief import brief, counted
 from pbd.data.freeze import freeze
 from pbd.pose import Array, Pose
@@ -24,7 +23,8 @@ class FusedTake:
         outliers: of the task's keyframes those at which it is not believed.
         extra: keyframes of its own that few takes have: left out.
         yaw: rad, by which its nav is turned against the first take's.
-        T_hand: how its sensor sits in the hand, against the first take's.
+        T_hand: how its sensor sits in the hand, against the first take's; None where it is left out.
+        device: its number among the takes' devices.
         left_out: why none of it is used, or "".
     """
 
@@ -34,7 +34,8 @@ class FusedTake:
     outliers: tuple[int, ...] = ()
     extra: tuple[int, ...] = ()
     yaw: float = 0.0
-    T_hand: Pose = Pose.identity()
+    T_hand: Pose | None = None
+    device: int = 0
     left_out: str = ""
 
     def __post_init__(self) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -90,6 +90,12 @@ class Alignment:
         """Those that most takes have; the first is the dock."""
         most = 0.5 * len(self.registered)
         return tuple(one for k, one in enumerate(self.candidates) if k == 0 or len(one.own) > most)
+
+    def without(self, takes: Sequence[int]) -> Alignment:
+        """The same without some takes."""
+        registered = {k: one for k, one in self.registered.items() if k not in takes}
+        left = (replace(one, own={k: i for k, i in one.own.items() if k not in takes}) for one in self.candidates)
+        return Alignment(tuple(one for one in left if one.own), registered, self.strangers)
 
 
 def align(takes: Sequence[Keyframes]) -> Alignment:
@@ -208,11 +214,11 @@ def by_moves(here: Keyframes, there: Keyframes) -> list[tuple[int, int]]:
                 cost[i, b:][better] = total[better]
                 back[i, b:][better] = (a, b)
     end = cost + SKIP * (n - 1 - np.arange(n)[:, None] + m - 1 - np.arange(m))
-    i, j = np.unravel_index(int(np.argmin(end)), end.shape)
-    pairs = [(int(i), int(j))]
+    i, j = divmod(int(np.argmin(end)), m)
+    pairs = [(i, j)]
     while back[i, j].any():
-        i, j = i - back[i, j][0], j - back[i, j][1]
-        pairs.append((int(i), int(j)))
+        i, j = i - int(back[i, j][0]), j - int(back[i, j][1])
+        pairs.append((i, j))
     return pairs[::-1]
 
 

@@ -47,7 +47,8 @@ def device_errors(path: HandPath) -> tuple[SensorErrors, dict[str, float]]:
 
 def _linear(matrix: Array, bias: Array, sigma: Array, turned: bool) -> Linear:
     """matrix (read - bias); the smoother's accelerometer bias comes after its matrix."""
-    return Linear(np.linalg.solve(matrix, bias) if turned else bias, matrix, sigma)
+    raw: Array = np.asarray(np.linalg.solve(matrix, bias), dtype=np.float64) if turned else bias
+    return Linear(raw, matrix, sigma)
 
 
 def _after(before: Linear | None, own: Linear) -> Linear:

@@ -8,21 +8,20 @@ with the task's keyframes m, A in the first take's nav, of its sensor.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pbd.fusion.devices import BIAS_REPEATS
 from pbd.fusion.messages import BIAS, DEVICE, Message
 from pbd.fusion.scatter import Scatter
 from pbd.pose import Array, matrix_log, quat_about_z, quat_exp, quat_to_matrix, skew
 
 LEVER_M = 0.01
 """m: how differently a sensor is put into the hand, along each axis."""
-
-BIAS_REPEATS = 0.002
-"""m/s2: how an accelerometer's bias differs from one take to the next (0.2 mg: a fraction of a degree of warmth)."""
 
 WEAK = 1e-6
 """Information of what only the takes know, against a singular matrix."""
@@ -64,7 +63,7 @@ class Parts:
     def rows(self) -> list[slice]:
         """Of each take's residuals."""
         ends = np.cumsum([0, *(6 * len(at) for at in self.at)]).tolist()
-        return [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+        return [slice(start, end) for start, end in pairwise(ends)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +101,7 @@ def estimate_jointly(parts: Parts, x: State, scatter: Scatter) -> Joint:
         for k, rows in enumerate(parts.rows):
             W[rows, rows] = np.linalg.inv(_noise(parts, k, turns[k], scatter))
             WJ[rows] = W[rows, rows] @ J[rows]
-        cov = np.linalg.inv(J.T @ WJ + information)
+        cov: Array = np.asarray(np.linalg.inv(J.T @ WJ + information), dtype=np.float64)
         step = -cov @ (WJ.T @ r + gradient_of(x))
         precision = W - WJ @ cov @ WJ.T
         weighted = W @ (r + J @ step)
@@ -131,7 +130,7 @@ class _Columns:
         return slice(self._devices + DEVICE * d, self._devices + DEVICE * (d + 1))
 
 
-def _known_of_devices(parts: Parts, columns: _Columns):  # type: ignore[no-untyped-def]
+def _known_of_devices(parts: Parts, columns: _Columns) -> tuple[Array, Callable[[State], Array]]:
     """Information of what is known beside the keyframes, and its gradient at a state."""
     information = WEAK * np.eye(columns.count)
     constant = np.zeros(columns.count)

@@ -68,7 +68,7 @@ def mean_way(ways: Sequence[Way], m: Array, A: Array, interval: float) -> MeanWa
     for j in range(len(m)):
         here = slice(row, row + int(still[j]))
         p[here], wxyz[here] = m[j], poses[j]
-        at_first[here] = np.linspace(*edges[0, j], int(still[j]))
+        at_first[here] = np.linspace(edges[0, j, 0], edges[0, j, 1], int(still[j]))
         stops.append(Stop(here.start, here.stop, float(still[j] - 1) * interval, weight[j]))
         row = here.stop
         if j + 1 == len(m):
@@ -83,10 +83,10 @@ def mean_way(ways: Sequence[Way], m: Array, A: Array, interval: float) -> MeanWa
     known = np.isfinite(at_first)
     rows = np.arange(count)
     return MeanWay(
-        interval * rows,
+        np.asarray(interval * rows, dtype=np.float64),
         p,
         v,
-        np.gradient(v, interval, axis=0),
+        np.asarray(np.gradient(v, interval, axis=0)),
         wxyz,
         tuple(stops),
         np.interp(rows, rows[known], at_first[known]),

@@ -17,19 +17,29 @@ from pbd.view.units import Units
 def takes_table(fusion: Fusion, units: Units) -> Table:
     """A row a take: what it has of the task, how its sensor sat in the hand, how far it is off."""
     fine = _fine(units)
-    columns = ("keyframes", "more stops", "not believed", f"sensor turned ({units.angle_sign})", f"lever ({fine.length})")
-    table = make_table("take", *columns, f"off, rms ({fine.length})", left=("take", "more stops", "not believed"))
+    several = ("device",) if len({take.device for take in fusion.takes}) > 1 else ()
+    columns = (
+        "keyframes",
+        "more stops",
+        "not believed",
+        f"sensor turned ({units.angle_sign})",
+        f"lever ({fine.length})",
+    )
+    table = make_table(
+        "take", *several, *columns, f"off, rms ({fine.length})", left=("take", "more stops", "not believed")
+    )
     for take in fusion.takes:
         if take.left_out:
-            table.add_row(take.name, "", "", f"left out: {take.left_out}", "", "", "")
+            table.add_row(take.name, *("" for _ in several), "", "", f"left out: {take.left_out}", "", "", "")
             continue
         table.add_row(
             take.name,
+            *(str(take.device + 1) for _ in several),
             str(_count(take)),
             " ".join(map(str, take.extra)),
             " ".join(map(str, take.outliers)),
             *units.angles(_turned(take)),
-            *fine.lengths(float(np.linalg.norm(take.T_hand.p)), finer=1),
+            *fine.lengths(_lever(take), finer=1),
             *fine.lengths(_rms(take.off), finer=1),
         )
     return table
@@ -66,13 +76,14 @@ def fusion_rows(path: HandPath) -> dict[str, Any]:
         "takes": [
             {
                 "name": take.name,
+                "device": take.device,
                 "left_out": take.left_out or None,
                 "keyframes": list(take.own),
                 "extra": list(take.extra),
                 "outliers": list(take.outliers),
                 "yaw_deg": float(np.degrees(take.yaw)),
                 "sensor_turned_deg": float(np.degrees(_turned(take))),
-                "lever_m": take.T_hand.p.tolist(),
+                "lever_m": None if take.T_hand is None else take.T_hand.p.tolist(),
                 "off_m": [None if np.isnan(off).any() else off.tolist() for off in take.off],
             }
             for take in fusion.takes
@@ -105,7 +116,11 @@ def _count(take: FusedTake) -> int:
 
 
 def _turned(take: FusedTake) -> float:
-    return float(np.linalg.norm(quat_log(take.T_hand.wxyz)))
+    return 0.0 if take.T_hand is None else float(np.linalg.norm(quat_log(take.T_hand.wxyz)))
+
+
+def _lever(take: FusedTake) -> float:
+    return 0.0 if take.T_hand is None else float(np.linalg.norm(take.T_hand.p))
 
 
 def _rms(off: Array) -> float:
