@@ -29,10 +29,8 @@ def fused_path(demo: Demonstration, method: str, calibration: Calibration | None
     fused = _estimated(takes)
     path = hand_path(demo, fused, calibration, accept_gap)
     assert path.fusion is not None
-    for words in [
-        *_told(path.fusion.takes),
-        *disagreement(fused.parts, fused.joint, [takes[k].name for k in fused.used]),
-    ]:
+    told = [*_told(path.fusion.takes), disagreement(fused.parts, fused.joint, [takes[k].name for k in fused.used])]
+    for words in filter(None, told):
         warnings.warn(words, PbdWarning, stacklevel=4)
     return path
 
@@ -42,14 +40,15 @@ def _estimated(takes: Sequence[Take]) -> Fused:
     found = align([keyframes_of_take(take) for take in takes])
     refuse_strangers(takes, found)
     left = dict.fromkeys(found.strangers, "another task")
-    used, parts, joint, disbelieved = _believed(takes, found)
-    if disbelieved.takes:
-        outliers = [used[k] for k in disbelieved.takes]
-        left |= dict.fromkeys(outliers, "an outlier")
-        found = found.without(outliers)
+    while True:
         used, parts, joint, disbelieved = _believed(takes, found)
-    if disbelieved.takes:
-        raise TrackingError("the takes don't agree with each other: more than one is an outlier; record the task again")
+        if disbelieved.take is None:
+            break
+        left[used[disbelieved.take]] = "it is far from the other takes"
+        found = found.without([used[disbelieved.take]])
+        if 2 * len(found.registered) <= len(takes):
+            told = ", ".join(takes[k].name for k in left)
+            raise TrackingError(f"half of the takes don't agree with the others ({told}); record the task again")
     states = [pinned(takes[k].solution, joint.state.devices[d]) for k, d in zip(used, parts.device, strict=True)]
     messages = [message_of(takes[k].solution, takes[k].knots, state) for k, state in zip(used, states, strict=True)]
     parts = replace(parts, messages=tuple(messages))

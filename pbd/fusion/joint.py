@@ -23,8 +23,8 @@ from pbd.pose import Array, matrix_log, quat_about_z, quat_exp, quat_to_matrix, 
 LEVER_M = 0.01
 """m: how differently a sensor is put into the hand, along each axis."""
 
-WEAK = 1e-6
-"""Information of what only the takes know, against a singular matrix."""
+WEAK = 1.0
+"""Information (1/m2, 1/rad2) of what only the takes know, in each step: against a singular matrix."""
 
 MAX_ITERATIONS, CONVERGED, CONVERGED_LOG = 25, 1e-6, 0.01
 """Gauss-Newton: limit; largest last step of the unknowns (m, rad) and of the scatter's logarithms."""
@@ -185,7 +185,7 @@ def _residuals(parts: Parts, x: State, columns: _Columns) -> tuple[Array, Array]
         arm = x.A[at] @ x.lever[k]
         r[rows].reshape(-1, 6)[:, :3] = p + x.c[k] - x.m[at] - arm
         r[rows].reshape(-1, 6)[:, 3:] = matrix_log(R @ x.A[at].transpose(0, 2, 1))
-        block = J[rows].reshape(len(at), 6, -1)
+        block = J[rows].reshape(len(at), 6, columns.count)
         for i, j in enumerate(at.tolist()):
             block[i, :3, 6 * j : 6 * j + 3] = -one
             block[i, :3, 6 * j + 3 : 6 * j + 6] = skew(arm[i])
@@ -214,9 +214,9 @@ def _moved(x: State, step: Array, columns: _Columns) -> State:
     )
 
 
-def without(parts: Parts, take: int, keyframe: int) -> Parts:
-    """The same without one take's say about one keyframe."""
-    keep = parts.at[take] != keyframe
+def without(parts: Parts, take: int, *keyframes: int) -> Parts:
+    """The same without what one take says about some keyframes."""
+    keep = ~np.isin(parts.at[take], keyframes)
     at, own = list(parts.at), list(parts.own)
     at[take], own[take] = at[take][keep], own[take][keep]
     return replace(parts, at=tuple(at), own=tuple(own))
