@@ -113,9 +113,9 @@ def _read_takes(sections: Sequence[Section], folder: Path) -> tuple[Demonstratio
     for section in sections:
         place = folder / section.text("demo")
         if not (place / "demo.toml").is_file():
-            section.fail("demo", f"there is no demonstration in {place}", "correct it, or remove this [[take]]")
+            section.fail("demo", f"names {place}, where there is no demonstration", "correct it, or remove this [[take]]")
         if "take" in read_toml(place / "demo.toml", RecordingError):
-            section.fail("demo", f"{place} is made of takes itself", "list its takes here instead")
+            section.fail("demo", f"names {place}, which is made of takes itself", "list its takes here instead")
         takes.append(read_demo(place))
     if len(takes) == 1:
         sections[0].fail("demo", "is the only [[take]]", "add another, or use that demonstration as it is")

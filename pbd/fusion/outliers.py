@@ -106,7 +106,7 @@ def _outlier_take(parts: Parts, joint: Joint) -> int | None:
 def _stands_out(parts: Parts, joint: Joint, rest: Parts, rows: NDArray[np.intp], tests: int) -> bool:
     """Whether some residuals don't fit, by the scatter that the rest shows."""
     count = len(joint.state.m)
-    alone = estimate_jointly(rest, joint.state, alike(count))
+    alone = estimate_jointly(rest, joint.state, replace(alike(count), log=joint.scatter.log))
     again = estimate_jointly(parts, joint.state, _held(alone.scatter))
     return bool(again.squares([rows])[0] > _bound(len(rows), tests))
 

@@ -226,15 +226,15 @@ def one_device(model: SensorModel, seed: int) -> SensorModel:
     )
 
 
-def takes_of(scenario: Scenario, seed: int) -> tuple[list[Demonstration], Task]:
-    """Takes of a random task of seven keyframes."""
+def takes_of(scenario: Scenario, seed: int, device: int | None = None) -> tuple[list[Demonstration], Task]:
+    """Takes of a random task of seven keyframes; by a device of their own, or another."""
     task = random_task(seed, moves=6)
     model = PHONE if scenario.sensor == "phone" else SENSOR_MODELS[scenario.sensor]
-    device, rng, demos = one_device(model, seed), np.random.default_rng(seed + 77_000), []
+    made, rng, demos = one_device(model, seed if device is None else device), np.random.default_rng(seed + 77_000), []
     for k in range(scenario.takes):
         Q = TURNS[k % len(TURNS)] if scenario.turned else TURNS[0]
         lever = scenario.lever_m * rng.normal(size=3) if k else np.zeros(3)
-        demo = simulate(_take(task, scenario, Q, lever, rng), device, 1000 * seed + k)
+        demo = simulate(_take(task, scenario, Q, lever, rng), made, 1000 * seed + k)
         info = replace(demo.recording.info, name=f"take {k + 1}")
         demos.append(replace(demo, recording=replace(demo.recording, info=info)))
     return demos, task
