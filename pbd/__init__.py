@@ -17,6 +17,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from pbd.checking import check_all
     from pbd.files.calibration import load_calibration
     from pbd.files.demo import load_demo
     from pbd.files.robot import load_robot
@@ -25,10 +26,11 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-__all__ = ["PlanOptions", "fuse", "load_calibration", "load_demo", "load_robot", "plan", "track"]
+__all__ = ["PlanOptions", "check_all", "fuse", "load_calibration", "load_demo", "load_robot", "plan", "track"]
 
 _HOMES = {
     "PlanOptions": "pbd.planning",
+    "check_all": "pbd.checking",
     "fuse": "pbd.pipeline",
     "load_calibration": "pbd.files.calibration",
     "load_demo": "pbd.files.demo",

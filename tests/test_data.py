@@ -32,6 +32,7 @@ from pbd.data import (
     Samples,
     SensorErrors,
     Stop,
+    TouchUp,
     Truth,
 )
 from pbd.data.covariance import PoseCovariance
@@ -61,7 +62,11 @@ VALUES: dict[str, tuple[Callable[..., Any], dict[str, tuple[int, ...]]]] = {
             "closure": (1, 3),
         },
     ),
-    "Keyframe": (lambda cov: Keyframe(0.0, 0.5, Pose.identity(), cov), {"cov": (6, 6)}),
+    "Keyframe": (
+        partial(Keyframe, 0.0, 0.5, Pose.identity()),
+        {"cov": (6, 6), "nudge_base_m": (3,), "nudge_tool_m": (3,)},
+    ),
+    "TouchUp": (partial(TouchUp, 1.0), {"by_nav_m": (3,)}),
     "Gripper": (partial(Gripper, ("a", "b"), stroke_s=1.0), {"open": (K,), "closed": (K,)}),
     "JointLimits": (
         partial(JointLimits, source=""),

@@ -10,7 +10,7 @@ import numpy as np
 from ompl import base, geometric, util
 
 from pbd.arm.collision.queries import CollisionQueries
-from pbd.arm.timing.path_smoothing import curved_move
+from pbd.arm.timing.path_smoothing import Curve
 from pbd.pose import Array
 
 STEP_RAD = 1.0
@@ -29,10 +29,7 @@ def find_detour(queries: CollisionQueries, leg: int, q_start: Array, q_end: Arra
 
     None where none is found by so many checks.
     """
-    last, stay = len(queries.legs) - 1, queries.legs[leg].stay
-    if leg == last and stay is not None and stay.held:
-        return None  # it may rest on what is at the last keyframe only if the motion ends there
-    if any(queries.passing(leg, q) is not None for q in (q_start, q_end)):
+    if not all(queries.passes(leg, q[None]) for q in (q_start, q_end)):
         return None
     util.setLogLevel(util.LogLevel.LOG_NONE)
     util.RNG.setSeed(_SEED)
@@ -71,8 +68,8 @@ def find_detour(queries: CollisionQueries, leg: int, q_start: Array, q_end: Arra
     for waypoints in (checker.joints(path), corners):
         for between_rad in _BETWEEN_RAD:
             dense = _divided(waypoints, between_rad)
-            timed = curved_move(dense, limits, 1.0)  # slower it is no farther off
-            if queries.moving(leg, np.vstack((timed.coefficients[:, 0], q_end))) is None:
+            curve = Curve.through(dense, limits)
+            if curve is not None and queries.passes(leg, curve.q(curve.grid())):
                 return dense[1:]
     return None
 
@@ -86,14 +83,11 @@ class _Checker(base.MotionValidator):  # type: ignore[misc]
 
     def stands(self, state: base.State) -> bool:
         self.checks += 1
-        return self.queries.passing(self.leg, self._of(state)) is None
+        return self.queries.passes(self.leg, self._of(state)[None])
 
     def checkMotion(self, before: base.State, after: base.State) -> bool:
         self.checks += 1
-        q_start, q_end = self._of(before), self._of(after)
-        if self.queries.passing(self.leg, 0.5 * (q_start + q_end)) is not None:
-            return False
-        return self.queries.moving(self.leg, np.stack((q_end, q_start))) is None
+        return self.queries.passes(self.leg, np.stack((self._of(before), self._of(after))))
 
     def joints(self, path: geometric.PathGeometric) -> Array:
         return np.array([self._of(state) for state in path.getStates()])

@@ -9,6 +9,7 @@ A link between two layers that seems barred altogether is handed back to be mend
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -21,6 +22,10 @@ Stands = Callable[[int, Array], bool]
 """Whether the arm may stand in a layer (counted from 0, the start) with joints (k,)."""
 Moves = Callable[[int, Array, Array], float]
 """What a move to that layer from joints (k,) to others costs beside its travel, rad; infinite where it is barred."""
+
+
+UNSEEN = 0.2
+"""What a move costs more, rad, as long as nobody knows that it is free: what is known isn't left for a little less."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +49,7 @@ class Layer:
         most_refused: how many refused moves make the layer count as out of reach.
         costly: the moves to it are checked once all others on the path are free.
         most_step: rad, the largest motion of a joint on a move to this layer.
+        unseen: rad, what a move costs more as long as nobody knows whether it is free.
         wide_cost: rad, of a move to this layer on which a joint turns by more than half a turn.
         length: (l, m) rad, of the moves from the l states before; infinite where barred.
     """
@@ -54,6 +60,7 @@ class Layer:
     most_step: float = np.inf
     costly: bool = False
     wide_cost: float = 0.0
+    unseen: float = UNSEEN
     length: Array = field(init=False)
     refused: int = field(init=False, default=0)
     stood: NDArray[np.bool_] = field(init=False)
@@ -63,6 +70,13 @@ class Layer:
         self.stood = np.zeros(len(self.q), dtype=bool)
         self.length, self.moved = np.empty((0, 0)), np.empty((0, 0), dtype=bool)
 
+    def copy(self) -> Layer:
+        """Copy it with what is changed in place; its states are only ever replaced."""
+        copied = copy(self)
+        for name in ("cost", "stood", "length", "moved"):
+            setattr(copied, name, getattr(self, name).copy())
+        return copied
+
     def link(self, before: Array, *, anew: bool = False) -> None:
         """Measure the moves from states (l, k); keep what is known of those that were there, but for `anew`."""
         step = before[:, None] - self.q
@@ -70,6 +84,7 @@ class Layer:
         farthest = np.abs(step).max(axis=2, initial=0.0)
         length += self.wide_cost * (farthest > np.pi)
         length[farthest > self.most_step] = np.inf
+        length += self.unseen
         if anew:
             self.refused = 0
         else:
@@ -87,6 +102,13 @@ class Ladder:
             layer.link(before.q)
         self._totals, self._via = [self.layers[0].cost], list[NDArray[np.int64]]()
 
+    def copy(self) -> Ladder:
+        """Copy all that may be changed."""
+        copied = copy(self)
+        copied.layers = [layer.copy() for layer in self.layers]
+        copied._totals, copied._via = list(self._totals), list(self._via)
+        return copied
+
     def add(self, place: int, q: Array, cost: Array) -> None:
         """Add states (m, k) to a layer."""
         layer = self.layers[place]
@@ -97,11 +119,18 @@ class Ladder:
                 self.layers[at].link(self.layers[at - 1].q)
         self._forget(place)
 
-    def reopen(self, place: int, most_refused: int, *, costly: bool) -> None:
+    def reopen(self, place: int, most_refused: int, *, costly: bool, unseen: float = UNSEEN) -> None:
         """Take the moves to a layer for unknown again: they are made in another way from now on."""
         layer = self.layers[place]
-        layer.most_refused, layer.costly = most_refused, costly
+        layer.most_refused, layer.costly, layer.unseen = most_refused, costly, unseen
         layer.link(self.layers[place - 1].q, anew=True)
+        self._forget(place)
+
+    def doubt(self, place: int, unseen: float) -> None:
+        """Let moves to a layer of which nobody knows whether they are free cost so much more, rad, from now on."""
+        layer = self.layers[place]
+        layer.length[~layer.moved] += unseen - layer.unseen
+        layer.unseen, layer.refused = unseen, 0
         self._forget(place)
 
     def insert(self, place: int, layers: Sequence[Layer]) -> None:
@@ -172,18 +201,17 @@ class Ladder:
         return barred
 
     def _bar_moves(self, path: Sequence[int], moves: Moves, *, costly: bool) -> bool:
-        barred = False
+        barred, first = False, len(path)
         for place, (state, following) in enumerate(pairwise(path), start=1):
             layer = self.layers[place]
             if layer.moved[state, following] or layer.costly != costly:
                 continue
-            layer.moved[state, following] = True
+            layer.moved[state, following], unseen = True, layer.unseen
             cost = moves(place, self.layers[place - 1].q[state], layer.q[following])
-            if cost > 0.0:
-                layer.length[state, following] += cost
-                layer.refused += cost == np.inf
-                self._forget(place)
-                barred = True
+            layer.length[state, following] += cost - unseen
+            layer.refused += cost == np.inf
+            first, barred = min(first, place), barred or cost > 0.0
+        self._forget(first)
         return barred
 
     def _forget(self, place: int) -> None:

@@ -10,7 +10,6 @@ the links that are barred.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import deepcopy
 from dataclasses import replace
 from itertools import pairwise
 
@@ -18,12 +17,22 @@ import numpy as np
 
 from pbd.arm.collision.queries import CollisionQueries
 from pbd.arm.collision.scene import Hit
-from pbd.arm.ik.cartesian import follow, line
+from pbd.arm.ik.cartesian import line
 from pbd.arm.ik.unreachable import out_of_reach
 from pbd.arm.joint_path import STARTS, States, Unreachable, add_turns, build_ladder, states_at, widen
 from pbd.arm.ladder import Barred, Ladder, Layer
+from pbd.arm.link_checks import WIDE_COST, LinkChecks
 from pbd.arm.model import ArmModel
-from pbd.arm.motion_links import MOST_CHECKED, MOST_DETOURS, MOST_PATHS, MOST_STEPS, Link, Move
+from pbd.arm.motion_links import (
+    ANY_OTHER,
+    DETOUR_EXTRA,
+    ENOUGH_DETOURS,
+    MOST_DETOURS,
+    MOST_PATHS,
+    MOST_STEPS,
+    Link,
+    Move,
+)
 from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, Motion, MotionRequest
 from pbd.arm.refusal import UNREACHABLE, Refusal, refuse_move, refuse_pose, tell
 from pbd.arm.sweep import Sweep, sweep_of
@@ -37,8 +46,6 @@ CONTINUOUS_RAD = 0.5
 """Largest motion of a joint between two of those layers."""
 LOOK_BACK = 8
 """Paths before a barred one along which joints are sought with it."""
-WIDE_COST, MOST_WIDE = 2.0 * np.pi, 40
-"""Cost of a wide move, in rad of joint travel; and how many are found between two keyframes before it is left out."""
 
 
 def choose_motion(arm: ArmModel, request: MotionRequest, queries: CollisionQueries | None) -> Motion | Refusal:
@@ -64,6 +71,7 @@ class _Search:
 
     def __init__(self, arm: ArmModel, request: MotionRequest, queries: CollisionQueries | None, ladder: Ladder) -> None:
         self.arm, self.request, self.queries, self.ladder = arm, request, queries, ladder
+        self.checks = LinkChecks(arm, request, queries)
         self.n = len(request.T_base_tool)
         self.no_way_back: Hit | None = None
         self.before_line: tuple[Ladder, list[Link], list[Move], Hit | None] | None = None
@@ -77,8 +85,13 @@ class _Search:
                 self._follow_path(i + 1, request.kind)
                 self.moves[i].remedies = ["split", "widen"]
         for i, move in enumerate(self.moves if request.detour and queries is not None else ()):
-            if i in (0, self.n) or (request.kind == STRAIGHT and request.tolerance_m is None):
+            if i in (0, self.n):
                 move.remedies.append("detour")
+            elif request.kind == STRAIGHT and request.tolerance_m is None:
+                # A line that nobody asked for isn't worth as much search as the hand's path.
+                move.remedies = (
+                    ["follow", "widen", "split", "detour"] if request.hand else ["follow", "detour", "widen"]
+                )
 
     def run(self) -> Motion | Refusal:
         while True:
@@ -92,64 +105,21 @@ class _Search:
             elif not self._make_lines(path):
                 return self._motion(path)
 
-    # --- what is free -------------------------------------------------------------------------------------------------
-
     def _stands(self, place: int, q: Array) -> bool:
         link = self.links[place - 1]
-        i, move = link.keyframe, self.moves[link.keyframe]
-        if self.queries is None or i == self.n:
-            return True
-        hit = self.queries.standing(i, q) if link.at_keyframe else self.queries.passing(i, q)
-        if hit is not None and link.at_keyframe:
-            move.pose_hit = move.pose_hit or hit
-        elif hit is not None:
-            move.hits.setdefault(move.kind, hit)
-        return hit is None
+        return self.checks.stands(link, self.moves[link.keyframe], q)
 
     def _free(self, place: int, q_before: Array, q: Array) -> float:
-        link = self.links[place - 1]
+        link, layer = self.links[place - 1], self.ladder.layers[place]
         move = self.moves[link.keyframe]
-        found = self._moved(link, q_before, q)
-        if isinstance(found, np.ndarray):
-            link.found[q_before.tobytes() + q.tobytes()] = found
-            return WIDE_COST * self._is_wide(place, q_before, q)
-        if found is not None:
-            move.hits.setdefault(move.kind, found)
-        move.tried += 1
-        return np.inf
-
-    def _is_wide(self, place: int, q_before: Array, q: Array) -> bool:
-        """Whether it is a straight move that sweeps the tool, and its layer doesn't count that already."""
-        move, known = self.moves[self.links[place - 1].keyframe], self.ladder.layers[place].wide_cost > 0.0
-        if not self._straight(self.links[place - 1]) or move.found_wide == MOST_WIDE:
-            return False
-        wide = not (known and np.abs(q - q_before).max() > np.pi) and sweep_of(self.arm, q_before, q).wide
-        move.found_wide += wide
-        return wide
-
-    def _straight(self, link: Link) -> bool:
-        """Whether it is a straight move between two keyframes."""
-        return link.poses is None and 0 < link.keyframe < self.n and not self.moves[link.keyframe].detour
-
-    def _moved(self, link: Link, q_before: Array, q: Array) -> Array | Hit | None:
-        """Return the joints by which the arm moves from some to others, what it touches; None: it can't follow."""
-        i, queries = link.keyframe, self.queries
-        if (queries is None and link.poses is None) or (i == 0 and not self.request.approach):
-            return q[None]
-        if queries is not None and self.moves[i].detour:
-            from pbd.arm.detour import find_detour  # OMPL takes its time to load
-
-            self.moves[i].searched += MOST_CHECKED
-            return find_detour(queries, i, q_before, q, MOST_CHECKED)
-        if queries is not None and i in (0, self.n):
-            return queries.approach(q_before, q) if i == 0 else queries.retreat(q_before, q)
-        along = np.stack((q_before, q)) if link.poses is None else follow(self.arm, link.poses, q_before, q)
-        if along is None or queries is None:
-            return None if along is None else along[1:]
-        # Once a move is known to be barred, most others are in the middle too.
-        hit = queries.halfway(i, q_before, q) if self.moves[i].tried and link.poses is None else None
-        hit = hit or queries.moving(i, along)
-        return along[1:] if hit is None else hit
+        cost = self.checks.cost(link, move, q_before, q, wide_known=layer.wide_cost > 0.0)
+        if move.detour and cost < np.inf and len(link.found) == ENOUGH_DETOURS:
+            self.ladder.doubt(place, ANY_OTHER)
+        if move.tool_barred:  # it does however the arm is held
+            layer.refused, move.tool_barred = layer.most_refused, False
+            first = next((k for k, remedy in enumerate(move.remedies) if remedy == "split"), len(move.remedies))
+            move.remedies = move.remedies[:first] + ["detour"] * ("detour" in move.remedies[first:])
+        return cost
 
     # --- mending ------------------------------------------------------------------------------------------------------
 
@@ -166,6 +136,9 @@ class _Search:
         """Change how a layer is come to, if there is another way; else say what was tried."""
         i = self.links[place - 1].keyframe
         move = self.moves[i]
+        if standing and self.links[place - 1].found and move.detour and self.ladder.layers[place].unseen < np.inf:
+            self.ladder.doubt(place, np.inf)  # one of those that were found, or none
+            return None
         if not standing and "widen" in move.remedies:
             move.remedies.remove("widen")
             widen(self.arm, self._pose(place), self.ladder, place)
@@ -206,14 +179,18 @@ class _Search:
         self.moves[i].detour = True
         self.ladder.drop(places[0], places[-1])
         self.links[places[0] - 1 : places[-1]] = [Link(i)]
-        self.ladder.reopen(places[0], MOST_DETOURS, costly=True)
+        self.ladder.reopen(places[0], MOST_DETOURS, costly=True, unseen=DETOUR_EXTRA)
 
     def _widen(self, i: int) -> None:
         """Look for more ways to hold the arm all along a move; where it followed a path straight moves are tried."""
         places = [place for place, link in enumerate(self.links, start=1) if link.keyframe == i]
+        if self.moves[i].detour:
+            self.ladder.layers[places[0]].unseen, self.ladder.layers[places[0]].refused = DETOUR_EXTRA, 0
         for place in (places[0] - 1, *places):
             if place > 0 and self.links[place - 1].keyframe < self.n:
                 widen(self.arm, self._pose(place), self.ladder, place)
+        if self.moves[i].detour:
+            return
         if len(places) == 1:
             self.links[places[0] - 1].poses, self.moves[i].kind = None, STRAIGHT
         for place in places:
@@ -273,7 +250,7 @@ class _Search:
         tolerance, wide, made = self.request.tolerance_m, dict[int, Sweep](), False
         q = self.ladder.joints(path)
         for place, link in enumerate(self.links, start=1):
-            if self._straight(link):
+            if self.checks.straight(link, self.moves[link.keyframe]):
                 sweep = sweep_of(self.arm, q[place - 1], q[place])
                 if tolerance is not None and sweep.off_line_m > tolerance:
                     self._follow_path(place, LINE)
@@ -285,12 +262,15 @@ class _Search:
             return True
         self.before_line = None
         for place, sweep in wide.items():
-            move = self.moves[self.links[place - 1].keyframe]
+            i = self.links[place - 1].keyframe
+            move = self.moves[i]
             if not self._unwind(q[place] - q[place - 1]):
                 move.wide = sweep
+                if self.checks.tool_barred(i, line(*self.request.T_base_tool[i - 1 : i + 1]), q[place - 1], q[place]):
+                    continue
                 self.before_line = self._copy()
                 self._follow_path(place, LINE)
-                move.remedies = ["split"]
+                move.remedies = []
             return True
         return False
 
@@ -304,7 +284,7 @@ class _Search:
     def _copy(self) -> tuple[Ladder, list[Link], list[Move], Hit | None]:
         links = [replace(link, found=dict(link.found)) for link in self.links]
         moves = [replace(move, remedies=list(move.remedies), hits=dict(move.hits)) for move in self.moves]
-        return deepcopy(self.ladder), links, moves, self.no_way_back
+        return self.ladder.copy(), links, moves, self.no_way_back
 
     # --- what was found -----------------------------------------------------------------------------------------------
 

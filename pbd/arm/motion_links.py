@@ -12,7 +12,11 @@ from pbd.pose import Array, Pose
 MOST_PATHS, MOST_STEPS = 4, 60
 """Refused paths of the tool before a link is mended: from end to end, and along a few of its poses."""
 MOST_DETOURS, MOST_CHECKED = 4, 2000
-"""Pairs of ways to hold the arm between which a detour is sought, and checks for each."""
+"""Pairs of ways to hold the arm between which a detour is sought in vain, and checks for each."""
+DETOUR_EXTRA = 1.0
+"""How much farther than straight a detour is taken to be, rad, until it is found."""
+ENOUGH_DETOURS, ANY_OTHER = 2, 100.0
+"""Detours found after which another one is only sought where these lead nowhere: so many rad more it is taken to be."""
 
 
 @dataclass(eq=False)
@@ -21,6 +25,7 @@ class Move:
 
     `pose_hit`: what the arm touches at the keyframe itself. `tried`: how many pairs of ways to hold the arm were.
     `found_wide`: how many of them sweep the tool. `wide`: what is told of it, once a line was tried instead.
+    `tool_barred`: what the tool carries touches something on its path, however the arm is held.
     `detour`: nothing else was free, so that any way around is sought; `searched`: how many checks were for that.
     """
 
@@ -31,6 +36,7 @@ class Move:
     tried: int = 0
     found_wide: int = 0
     wide: Sweep | None = None
+    tool_barred: bool = False
     detour: bool = False
     searched: int = 0
 

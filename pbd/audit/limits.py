@@ -90,8 +90,8 @@ def _bounds(limits: JointLimits) -> Array:
 def _derivatives(trajectory: JointTrajectory, s: Array) -> Array:
     """Return (4, m, k): q, qd, qdd, qddd of each piece at s (m, 1) or (m, k) seconds from its beginning."""
     c0, c1, c2, c3 = np.moveaxis(trajectory.coefficients, 1, 0)
-    velocity, acceleration = c1 + 2.0 * c2 * s + 3.0 * c3 * s**2, 2.0 * c2 + 6.0 * c3 * s
-    return np.stack((c0 + c1 * s + c2 * s**2 + c3 * s**3, velocity, acceleration, 6.0 * c3 + 0.0 * s))
+    velocity, acceleration = c1 + s * (2.0 * c2 + s * 3.0 * c3), 2.0 * c2 + 6.0 * c3 * s
+    return np.stack((c0 + s * (c1 + s * (c2 + s * c3)), velocity, acceleration, 6.0 * c3 + 0.0 * s))
 
 
 def _extremes(trajectory: JointTrajectory) -> Array:

@@ -2,7 +2,8 @@
 
 The hand trembles, and the tracked path is only known to within its uncertainty: it is smoothed by a cubic spline as far
 as it stays within one sigma of what was tracked, and within SMOOTH_M and SMOOTH_RAD. It begins and ends exactly at the
-keyframes, which may have been edited: what is missing at either end is shared out over the move's time.
+keyframes, which may have been edited, or belong to a thing that stands elsewhere now: what is missing at either end is
+shared out over the move, smoothly.
 """
 
 from __future__ import annotations
@@ -14,7 +15,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pbd.calibration.frames import tool_poses
 from pbd.data import Calibration, HandPath, Keyframe
 from pbd.pose import Array, Pose, quat_exp, quat_inverse, quat_log, quat_multiply, quat_rotate
 
@@ -50,25 +50,37 @@ def demonstrated_moves(
     path: HandPath,
     keyframes: Sequence[Keyframe],
     T_base_nav: Pose,
+    T_base_tool: Sequence[Pose],
     calibration: Calibration,
     scale: float = 1.0,
-    orientation: str = "demo",
+    fixed: bool = False,
 ) -> tuple[DemonstratedMove, ...]:
-    """Follow the hand between keyframes; the arguments after them are those of `tool_poses`."""
+    """Follow the hand between keyframes.
+
+    Args:
+        path: the hand's.
+        keyframes: as planned with.
+        T_base_nav: of `nav_in_base`.
+        T_base_tool: where the tool is at each keyframe; the path is led from one to the next.
+        calibration: its own scale multiplies `scale`.
+        scale: of the hand's positions.
+        fixed: the tool keeps the rotation of T_base_tool.
+    """
+    scale *= calibration.scale
     moves = []
-    for before, after in pairwise(keyframes):
+    for (before, after), (start, end) in zip(pairwise(keyframes), pairwise(T_base_tool), strict=True):
         t, p, wxyz = _sampled(path, before, after)
-        t, p, wxyz = _spaced(t, p, wxyz, before, after, scale * calibration.scale)
-        # The tool's rotation may be fixed to that of the first keyframe.
-        _, start, end = tool_poses((keyframes[0], before, after), T_base_nav, calibration, scale, orientation)
-        p = T_base_nav.act(scale * calibration.scale * p)
-        wxyz = quat_multiply(T_base_nav.wxyz, wxyz)
-        if orientation == "fixed":
-            p_tool, wxyz_tool = p + (start.p - p[0]), np.tile(start.wxyz, (len(p), 1))
+        p, wxyz = T_base_nav.act(scale * p), quat_multiply(T_base_nav.wxyz, wxyz)
+        if fixed:
+            wxyz = np.tile(start.wxyz, (len(p), 1))
         else:
-            tool = calibration.T_sensor_tool
-            p_tool, wxyz_tool = p + quat_rotate(wxyz, tool.p), quat_multiply(wxyz, tool.wxyz)
-        along = (Pose(p_tool[i], wxyz_tool[i]) for i in range(1, len(t) - 1))
+            p, wxyz = (
+                p + quat_rotate(wxyz, calibration.T_sensor_tool.p),
+                quat_multiply(wxyz, calibration.T_sensor_tool.wxyz),
+            )
+        sigma = np.sqrt(np.minimum(np.diagonal(before.cov), np.diagonal(after.cov)).reshape(2, 3).max(axis=1))
+        t, p, wxyz = _led(t, p, wxyz, start, end, min(scale * sigma[0], SMOOTH_M), min(sigma[1], SMOOTH_RAD))
+        along = (Pose(p[i], wxyz[i]) for i in range(1, len(t) - 1))
         moves.append(DemonstratedMove(t, (start, *along, end)))
     return tuple(moves)
 
@@ -84,26 +96,24 @@ def _sampled(path: HandPath, before: Keyframe, after: Keyframe) -> tuple[Array, 
     return path.t[inside], path.p_nav_sensor[inside], path.wxyz_nav_sensor[inside]
 
 
-def _spaced(
-    t: Array, p: Array, wxyz: Array, before: Keyframe, after: Keyframe, scale: float
+def _led(
+    t: Array, p: Array, wxyz: Array, start: Pose, end: Pose, within_m: float, within_rad: float
 ) -> tuple[Array, Array, Array]:
-    """Smooth samples, lead them from keyframe to keyframe, and take as many as the spacing asks for."""
+    """Smooth samples of the tool in base, lead them from pose to pose, and take as many as the spacing asks for."""
     from scipy.interpolate import make_interp_spline
 
     share = (t - t[0]) / (t[-1] - t[0])
     wxyz = _continuous(wxyz)
-    sigma = np.sqrt(np.minimum(np.diagonal(before.cov), np.diagonal(after.cov)).reshape(2, 3).max(axis=1))
-    places = smoothed(share, p, min(sigma[0], SMOOTH_M / scale))
-    turns = smoothed(share, wxyz, 0.5 * min(sigma[1], SMOOTH_RAD))  # of a unit quaternion: half the angle
-    p, wxyz = places(share), turns(share)
+    p = smoothed(share, p, within_m)(share)
+    wxyz = smoothed(share, wxyz, 0.5 * within_rad)(share)  # of a unit quaternion: half the angle
     wxyz /= np.linalg.norm(wxyz, axis=1, keepdims=True)
-    # What is missing at the ends, shared out.
-    missing = [(keyframe.T_nav_sensor, i) for keyframe, i in ((before, 0), (after, -1))]
-    shifts = [wanted.p - p[i] for wanted, i in missing]
-    twists = [quat_log(quat_multiply(wanted.wxyz, quat_inverse(wxyz[i]))) for wanted, i in missing]
-    p = p + (1.0 - share)[:, None] * shifts[0] + share[:, None] * shifts[1]
-    wxyz = quat_multiply(quat_exp((1.0 - share)[:, None] * twists[0] + share[:, None] * twists[1]), wxyz)
-    shift = scale * np.linalg.norm(np.diff(p, axis=0), axis=1) / SPACING_M
+    # What is missing at either end is shared out, so that the path leaves and comes as the hand did there.
+    shifts = [wanted.p - p[i] for wanted, i in ((start, 0), (end, -1))]
+    twists = [quat_log(quat_multiply(wanted.wxyz, quat_inverse(wxyz[i]))) for wanted, i in ((start, 0), (end, -1))]
+    later = (share**2 * (3.0 - 2.0 * share))[:, None]
+    p = p + (1.0 - later) * shifts[0] + later * shifts[1]
+    wxyz = quat_multiply(quat_exp((1.0 - later) * twists[0] + later * twists[1]), wxyz)
+    shift = np.linalg.norm(np.diff(p, axis=0), axis=1) / SPACING_M
     turn = np.linalg.norm(quat_log(quat_multiply(quat_inverse(wxyz[:-1]), wxyz[1:])), axis=1) / SPACING_RAD
     steps = np.append(0.0, np.cumsum(np.maximum(shift, turn))) + 1e-6 * share
     count = max(FEWEST_POSES, int(np.ceil(steps[-1])) + 1)

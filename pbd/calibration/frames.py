@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from pbd.data import Calibration, Keyframe, Robot
-from pbd.pose import Array, Pose, quat_about_z, quat_multiply, yaw_toward
+from pbd.pose import Array, Pose, quat_about_z, quat_multiply, quat_rotate, yaw_toward
 
 
 def with_table(calibration: Calibration, robot: Robot) -> Calibration:
@@ -25,7 +25,7 @@ def tool_poses(
     scale: float = 1.0,
     orientation: str = "demo",
 ) -> tuple[Pose, ...]:
-    """T_base_tool at each keyframe: T_base_nav @ T_nav_sensor @ T_sensor_tool.
+    """T_base_tool at each keyframe: T_base_nav @ T_nav_sensor @ T_sensor_tool, with the keyframe's own nudges.
 
     Args:
         keyframes: the first one is the first rest, at the dock.
@@ -45,7 +45,12 @@ def tool_poses(
         # The hand's path is kept, not the tool's: without its turns the tool is carried along rigidly.
         lever = poses[0].p - (T_base_nav @ Pose(scale * keyframes[0].T_nav_sensor.p, fixed)).p
         poses = [Pose(T_base_nav.act(scale * keyframe.T_nav_sensor.p) + lever, fixed) for keyframe in keyframes]
-    return tuple(poses)
+    return tuple(map(_nudged, poses, keyframes))
+
+
+def _nudged(T_base_tool: Pose, keyframe: Keyframe) -> Pose:
+    nudge = keyframe.nudge_base_m + quat_rotate(T_base_tool.wxyz, keyframe.nudge_tool_m)
+    return Pose(T_base_tool.p + nudge, T_base_tool.wxyz)
 
 
 def pointing_down(wxyz_base_tool: Array) -> Array:

@@ -27,22 +27,56 @@ def tool_covariances(
         calibration: its own scale multiplies `scale`.
         scale: of the hand's positions.
     """
+    by = _jacobians(keyframes, T_base_nav, calibration, scale)
+    of = {
+        "start": calibration.cov_start,
+        "mount": _of_mount(calibration),
+        "tracking": np.array([keyframe.cov for keyframe in keyframes]),
+    }
+    return {part: np.asarray(by[part] @ of[part] @ by[part].transpose(0, 2, 1)) for part in PARTS}
+
+
+def joint_tool_covariance(
+    cov_nav_sensor: Array,
+    keyframes: Sequence[Keyframe],
+    T_base_nav: Pose,
+    calibration: Calibration,
+    scale: float = 1.0,
+) -> Array:
+    """Covariance (6k, 6k) of all tool poses together: the dock and the mount err by the same at each keyframe.
+
+    Args:
+        cov_nav_sensor: (6k, 6k) of the keyframes, in nav.
+        keyframes: as for `tool_covariances`, and so on.
+    """
+    by = _jacobians(keyframes, T_base_nav, calibration, scale)
+    start, mount = by["start"].reshape(-1, 6), by["mount"].reshape(-1, 6)
+    k = len(keyframes)
+    tracked = np.einsum("iab,ibjc,jdc->iajd", by["tracking"], cov_nav_sensor.reshape(k, 6, k, 6), by["tracking"])
+    joint: Array = start @ calibration.cov_start @ start.T + mount @ _of_mount(calibration) @ mount.T
+    joint += tracked.reshape(6 * k, 6 * k)
+    return joint
+
+
+def _of_mount(calibration: Calibration) -> Array:
+    cov = calibration.cov_sensor_tool
+    return np.zeros((6, 6)) if cov is None else cov
+
+
+def _jacobians(
+    keyframes: Sequence[Keyframe], T_base_nav: Pose, calibration: Calibration, scale: float
+) -> dict[str, Array]:
+    """How the tool's pose at each keyframe depends on each part's, (k, 6, 6)."""
     scale *= calibration.scale
     R = quat_to_matrix(T_base_nav.wxyz)
-    of_start, of_mount = calibration.cov_start, calibration.cov_sensor_tool
-    parts = {part: np.zeros((len(keyframes), 6, 6)) for part in PARTS}
+    by = {part: np.zeros((len(keyframes), 6, 6)) for part in PARTS}
     for k, keyframe in enumerate(keyframes):
         lever = quat_rotate(keyframe.T_nav_sensor.wxyz, calibration.T_sensor_tool.p)
         from_nav = R @ (scale * keyframe.T_nav_sensor.p + lever)
-        by_start = np.block([[np.eye(3), -skew(from_nav)], [np.zeros((3, 3)), np.eye(3)]])
-        parts["start"][k] = by_start @ of_start @ by_start.T
-        by_keyframe = np.block([[scale * R, -R @ skew(lever)], [np.zeros((3, 3)), R]])
-        parts["tracking"][k] = by_keyframe @ keyframe.cov @ by_keyframe.T
-        if of_mount is not None:
-            R_base_sensor = R @ quat_to_matrix(keyframe.T_nav_sensor.wxyz)
-            by_mount = np.kron(np.eye(2), R_base_sensor)
-            parts["mount"][k] = by_mount @ of_mount @ by_mount.T
-    return parts
+        by["start"][k] = np.block([[np.eye(3), -skew(from_nav)], [np.zeros((3, 3)), np.eye(3)]])
+        by["tracking"][k] = np.block([[scale * R, -R @ skew(lever)], [np.zeros((3, 3)), R]])
+        by["mount"][k] = np.kron(np.eye(2), R @ quat_to_matrix(keyframe.T_nav_sensor.wxyz))
+    return by
 
 
 def base_sigmas(parts: Mapping[str, Array]) -> list[dict[str, Any]]:

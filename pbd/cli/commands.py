@@ -9,6 +9,7 @@ from pathlib import Path
 from pbd import __version__
 from pbd.cli.calibrate import add_calibrate
 from pbd.cli.completion import SHELLS, PrintCompletion
+from pbd.cli.many import add_check, add_fuse
 from pbd.cli.options import (
     Commands,
     Parser,
@@ -21,6 +22,9 @@ from pbd.cli.options import (
     add_planning,
     add_table,
     add_tracking,
+    finite,
+    frame,
+    integer,
     pair,
     positive,
     take_number,
@@ -82,6 +86,7 @@ def _add_record(commands: Commands) -> None:
         "`--sensor sim` simulates a hand that does a TASK (pour) and grips by itself.",
         "  pbd record tea --sensor witmotion\n"
         "  pbd record tea --sensor sim:pour           without hardware: a simulated hand that pours\n"
+        "  pbd record tea --sensor gamepad            a DualSense or DualShock 4; its buttons mark the grip\n"
         "  pbd record tea --live                      and see the hand, its path and its stops in the browser\n"
         '  pbd record tea --sensor lines --columns "t,ax,ay,az,gx,gy,gz" --unit t=ms --unit acc=g --unit gyr=deg/s',
     )
@@ -89,7 +94,8 @@ def _add_record(commands: Commands) -> None:
     option("name", nargs="?", metavar="NAME", help="name in ./demos; default: the date and the time")
     sensor = "protocol (`pbd sensors` lists them), or sim[:TASK]; default: detect it"
     option("--sensor", metavar="SENSOR", help=sensor)
-    option("--port", metavar="P", help="the serial port; default: the only one with something plugged in")
+    port = "the serial port, or a gamepad's /dev/input/eventN; default: the only one with something plugged in"
+    option("--port", metavar="P", help=port)
     option("--baud", type=int, metavar="B", help="default: try the sensor's usual rates")
     option("--rate", type=positive, metavar="HZ", help="first set the device's rate, where it can be set")
     option("--duration", type=positive, metavar="S", help="end after this many seconds")
@@ -139,12 +145,14 @@ def _add_import(commands: Commands) -> None:
         commands,
         "import",
         "import a recording of another program",
-        "Read a recording (a CSV with a header, x-io's CSV, WitMotion's .txt or .csv log, an npz, a raw.bin of\n"
-        "`pbd record --raw`) and store it as a demonstration. Names and units come from the header where it\n"
-        "gives them; otherwise use --column and --unit. A level sensor must read +1 g on z: where it reads -1 g, turn\n"
-        "the signs with --unit acc=-g.",
+        "Read a recording (a table with a header, a bag of ROS 2, a folder of an x-IMU3, lines that a sketch printed,\n"
+        "an npz, a raw.bin of `pbd record --raw`; docs/imports.md has the programs) and store it as a demonstration.\n"
+        "Names and units come from the header where it gives them; otherwise use --column and --unit. What was\n"
+        "understood is printed. A level sensor must read +1 g on z: where it reads -1 g, turn the signs with\n"
+        "--unit acc=-g.",
         "  pbd import run7.csv tea --column ax=AccX --column ay=AccY --column az=AccZ --unit acc=g --unit t=ms\n"
         "  pbd import log.txt tea2                    as WitMotion's program wrote it\n"
+        "  pbd import walk.mcap tea3 --topic /imu/data\n"
         "  pbd import demos/tea/raw.bin again --sensor witmotion",
     )
     option = parser.add_argument
@@ -158,6 +166,7 @@ def _add_import(commands: Commands) -> None:
     option("--unit", type=pair, action="append", default=[], metavar="WHAT=UNIT", help=unit)
     option("--sensor", metavar="SENSOR", help="the sensor that recorded it; needed for a raw.bin")
     option("--rate", type=positive, metavar="HZ", help="sample rate of a raw.bin, or of a table without times")
+    option("--topic", metavar="TOPIC", help="of a bag: its sensor_msgs/Imu; default: the only one")
     option("--closed", action="store_true", help="the hand ended where it began")
     add_force(parser)
     add_lines(parser)
@@ -191,8 +200,39 @@ def _add_keyframes(commands: Commands) -> None:
     save = "write keyframes.toml into the demonstration, for you to edit"
     parser.add_argument("--save", action="store_true", help=save)
     add_force(parser, "with --save: find the keyframes again, and replace the file")
+    belongs = (
+        "these keyframes belong to a thing, which `pbd replay --at` moves: cup=3..5, or lid=6..7@cup: carried by it"
+    )
+    parser.add_argument("--frame", type=frame, action="append", default=[], metavar="THING=I..J", help=belongs)
+    within = "how likely the tool is so near to where it belongs at each keyframe (and turned by no more)"
+    parser.add_argument("--tolerance", type=finite, nargs="+", metavar=("METRES", "DEGREES"), help=within)
     add_tracking(parser, calibration="with --robot its own dock, else 'default'; without, none")
     add_planning(parser, robot_required=False, units=False)
+
+
+def _add_touch(commands: Commands) -> None:
+    parser = add_command(
+        commands,
+        "touch",
+        "correct a keyframe where the arm was tried and was off",
+        "The tool is off at a keyframe: say by how much, or where it belongs. That is a measurement, so the other\n"
+        "keyframes move with it as far as their errors have something in common. It is kept in keyframes.toml.",
+        "  pbd touch tea 3 --robot panda --by 0 -0.004 0\n  pbd touch tea --robot panda --undo",
+    )
+    option = parser.add_argument
+    option("demo", metavar="DEMO", help="a demonstration's name (in ./demos), or its folder")
+    option("keyframe", nargs="?", type=integer, metavar="KEYFRAME", help="its number, as `pbd keyframes` has it")
+    option("--robot", required=True, metavar="R", help="the arm that was tried")
+    option("--by", type=finite, nargs=3, metavar=("X", "Y", "Z"), help="how far the tool is to go, m, in base axes")
+    option("--tool", action="store_true", help="with --by: in the tool's own axes")
+    option("--at", type=finite, nargs=3, metavar=("X", "Y", "Z"), help="where the tool belongs in base, m")
+    option("--only", action="store_true", help="the other keyframes stay where they are")
+    option("--undo", action="store_true", help="take the last touch-up back; it stays in the file as undone")
+    wanted = "name (in ./calibration, or bundled) or file; default: the robot's own dock, else 'default'"
+    option("--calibration", metavar="C", help=wanted)
+    add_accept_gap(parser)
+    add_table(parser, units="m")
+    parser.set_defaults(time="limits", dwell=None, force=False)
 
 
 def _add_plot(commands: Commands) -> None:
@@ -217,32 +257,6 @@ def _add_plot(commands: Commands) -> None:
     parser.add_argument("--format", choices=FIGURE_FORMATS, default="png", help="format of the files (png)")
     add_table(parser, units="cm,deg")
     add_tracking(parser, calibration="none")
-
-
-def _add_fuse(commands: Commands) -> None:
-    parser = add_command(
-        commands,
-        "fuse",
-        "make one demonstration of several takes of a task",
-        "Match the keyframes of several takes, estimate all of them together with the sensor's own errors, and store\n"
-        "what they make as a demonstration that lists them. Between takes turn the sensor in the hand by a quarter,\n"
-        "once about a level axis (`pbd record --take N` says so): then its errors cancel. How the hand scatters from\n"
-        "take to take becomes the keyframes' tolerance.",
-        "  pbd fuse tea1 tea2 tea3 -o tea\n"
-        "  pbd fuse tea tea4 -o tea --force           one more take\n"
-        "  pbd fuse tea1 tea2 tea3 -o tea --save-calibration my-sensor --plot plots/tea",
-    )
-    option = parser.add_argument
-    option("takes", nargs="+", metavar="TAKE", help="demonstrations of one task, by name or folder; or a fused one")
-    option("-o", "--output", required=True, metavar="NAME", help="the new demonstration's name (in ./demos) or folder")
-    kept = "write the device's errors, as all takes show them, into the [sensor] of calibration/NAME.toml"
-    option("--save-calibration", metavar="NAME", help=kept)
-    option("--plot", type=Path, metavar="DIR", help="draw the takes' match and the hand's scatter into this folder")
-    add_force(parser)
-    add_table(parser, units="m,deg")
-    wanted = "name (in ./calibration, or bundled) or file: its [sensor] is taken out of each take first"
-    option("--calibration", metavar="C", help=wanted)
-    add_accept_gap(parser)
 
 
 def _add_replay(commands: Commands) -> None:
@@ -328,6 +342,6 @@ def _add_sensors(commands: Commands) -> None:
 
 
 COMMANDS = (
-    *(_add_record, _add_simulate, _add_import, _add_segments, _add_keyframes, _add_plot, _add_fuse),
-    *(add_calibrate, _add_replay, _add_export, _add_robots, _add_sensors),
+    *(_add_record, _add_simulate, _add_import, _add_segments, _add_keyframes, _add_touch, _add_plot, add_fuse),
+    *(add_check, add_calibrate, _add_replay, _add_export, _add_robots, _add_sensors),
 )

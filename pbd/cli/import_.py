@@ -3,45 +3,73 @@
 from __future__ import annotations
 
 import argparse
-from contextlib import suppress
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 
 from pbd.cli.console import working
 from pbd.cli.steps import decoder_maker, store_demonstration
 from pbd.data import Demonstration
 from pbd.doors.atomic import is_file, is_folder
-from pbd.errors import RecordingError, SensorError, TrackingError
+from pbd.errors import PbdWarning, RecordingError, SensorError, TrackingError
 from pbd.files.demo import demo_folder
-from pbd.files.importers import import_file
+from pbd.files.importers import Imported, import_recording
 from pbd.record.redecode import decode_raw
 from pbd.tracking.repair.conditioning import condition
 from pbd.tracking.repair.gyro_consistency import warn_upside_down
 from pbd.tracking.rest import find_rest
 
+NO_GYRO = (
+    "no gyro was found: attitude is then the device's own, which lags, or there is none; keyframes of a hand that "
+    "turns are centimetres off. If the file has one, name it with --column gx=NAME --column gy=NAME --column gz=NAME"
+)
+
 
 def run(args: argparse.Namespace) -> None:
-    """Import and store."""
-    if is_folder(args.file):
-        raise RecordingError(f"{args.file} is a folder: give a file", path=args.file)
-    if not is_file(args.file):
-        raise RecordingError(f"no file {args.file}; give the path of a recording", path=args.file)
+    """Import and store, and say what was understood."""
     folder = demo_folder(args.name)
-    if folder.resolve() in args.file.resolve().parents:
+    if not (is_file(args.file) or is_folder(args.file)):
+        raise RecordingError(f"no file {args.file}; give the path of a recording", path=args.file)
+    if folder.resolve() in (args.file.resolve(), *args.file.resolve().parents):
         raise RecordingError(f"{args.file} is in {folder}, which it would replace; give another name", path=args.file)
-    if args.file.suffix.lower() == ".bin":
-        demo = _decode(args)
+    # Lines without a header are what `pbd record` would have decoded.
+    if args.file.suffix.lower() == ".bin" or args.columns:
+        imported = Imported(_decode(args))
     else:
         with working(f"reading {args.file}"):
-            demo = import_file(args.file, dict(args.column), dict(args.unit), args.rate)
+            imported = import_recording(args.file, dict(args.column), dict(args.unit), args.rate, args.topic)
+    demo, understood = imported.demo, imported.understood
+    if understood is not None and not args.json:
+        from pbd.view.tables import columns_table, print_table
+
+        if understood.program:
+            print(f"written by {understood.program}")
+        print_table(columns_table([column.row() for column in understood.columns], understood.unread))
+    if demo.recording.gyr is None:
+        warnings.warn(NO_GYRO, PbdWarning, stacklevel=2)
     # What can't be a recording (units, clock) is refused before it takes a name; where the hand stops is seen later.
-    with suppress(TrackingError), working("checking it"):
+    with suppress(TrackingError), working("checking it"), _in_its_names(imported):
         recording, _ = condition(demo.recording)
         rest = find_rest(recording)
         warn_upside_down(recording, rest.up_sensor, rest.start, rest.stop)
     if args.sensor:
         info = replace(demo.recording.info, sensor=args.sensor)
         demo = replace(demo, recording=replace(demo.recording, info=info))
-    store_demonstration(args, replace(demo, closed=demo.closed or args.closed), "imported")
+    columns = None if understood is None else [column.row() for column in understood.columns]
+    more = {} if understood is None else {"columns": columns, "unread": dict(understood.unread)}
+    store_demonstration(args, replace(demo, closed=demo.closed or args.closed), "imported", more=more)
+
+
+@contextmanager
+def _in_its_names(imported: Imported) -> Iterator[None]:
+    """Give the columns in an error's advice the names that they have in the file."""
+    try:
+        yield
+    except RecordingError as error:
+        if imported.understood is None:
+            raise
+        raise RecordingError(imported.understood.in_its_names(error.message), **error.fields) from None
 
 
 def _decode(args: argparse.Namespace) -> Demonstration:

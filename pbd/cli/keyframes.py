@@ -7,20 +7,24 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import takewhile
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from pbd.calibration.dock import nav_in_base
 from pbd.calibration.frames import tool_poses
-from pbd.calibration.uncertainty import base_sigmas, tool_covariances
+from pbd.calibration.success import Success, success
+from pbd.calibration.touch_up import keyframes_covariance, touch_up, touched_poses
+from pbd.calibration.uncertainty import base_sigmas, joint_tool_covariance, tool_covariances
 from pbd.cli.console import print_json, say
+from pbd.cli.options import UsageError
 from pbd.cli.steps import load_arm, load_demonstration, named_calibration, plan_options, track_demonstration
-from pbd.data import Calibration, Demonstration, Keyframe, Robot, SensorFound
+from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Robot, SensorFound
 from pbd.data.sigma import keyframe_sigmas, or_none
-from pbd.errors import RecordingError
-from pbd.files.keyframes import write_keyframes
-from pbd.pose import Array, Pose
+from pbd.errors import RecordingError, listed
+from pbd.files.keyframes import NAME, write_keyframes
+from pbd.pose import Array, Pose, quat_to_matrix
 from pbd.view.calibration_tables import base_table
 from pbd.view.tables import joints_table, keyframes_table, print_csv, print_table
 
@@ -37,28 +41,66 @@ def run(args: argparse.Namespace) -> None:
     if path.claims:
         fits = (f"{fit.saying} (off by {100.0 * fit.off_m:.1f} cm, {fit.sigmas:.1f} sigma)" for fit in path.claims)
         say(f"using: {'; '.join(fits)}")
-    if args.save:
-        _save(args, demo, keyframes)
+    if args.save or args.frame:
+        keyframes = _saved(args, demo, keyframes)
     sigmas = keyframe_sigmas([keyframe.cov for keyframe in keyframes])
     rows = [_row(index, keyframe, sigma) for index, (keyframe, sigma) in enumerate(zip(keyframes, sigmas, strict=True))]
-    in_base = bool(args.calibration) and calibration is not None and _add_base(args, rows, keyframes, calibration)
+    in_base = bool(args.calibration) and calibration is not None and _add_base(args, rows, path, keyframes, calibration)
     if robot is not None and calibration is not None:
-        _add_joints(args, rows, keyframes, robot, calibration)
+        _add_joints(args, rows, path, keyframes, robot, calibration)
+    inside = None if args.tolerance is None else _success(args, path, keyframes, calibration)
+    for row, probability in zip(rows, () if inside is None else inside.of_each.tolist(), strict=inside is not None):
+        row["probability"] = probability
     if args.json:
         errors = None if path.sensor is None else _sensor_errors(path.sensor)
-        return print_json({"demo": demo.recording.info.name, "keyframes": rows, "sensor_errors": errors})
-    table, names = keyframes_table(keyframes, args.units), () if robot is None else robot.joints
+        all_inside = None if inside is None else {"probability": inside.of_all, "band": inside.band}
+        result = {"demo": demo.recording.info.name, "keyframes": rows, "sensor_errors": errors, "success": all_inside}
+        return print_json(result | {"frames": _things(keyframes, rows)})
+    inside_each = None if inside is None else inside.of_each
+    table, names = keyframes_table(keyframes, args.units, inside_each), () if robot is None else robot.joints
     if args.csv:
         return print_csv(table, *([joints_table(names, rows, args.units)] if names else []))
     print_table(table)
     if in_base:
         print("\nuncertainty of the tool in base, one sigma; right columns: by source (rms over axes)")
         print_table(base_table(rows))
+    if inside is not None:
+        print(f"\nall keyframes are within the tolerance: {inside.band}")
     if names:
         prefix = _common_prefix(names)
         print(f"\nthe joints' names begin with {prefix}" if prefix else "")
         print_table(joints_table([name.removeprefix(prefix) for name in names], rows, args.units))
     return None
+
+
+def _success(
+    args: argparse.Namespace, path: HandPath, keyframes: tuple[Keyframe, ...], calibration: Calibration | None
+) -> Success:
+    """How likely the tool is where it belongs; a keyframe's own tolerance comes before the option's."""
+    if calibration is None:
+        raise UsageError("--tolerance is about the robot's tool: name the robot (--robot), or a calibration")
+    within_m, *within_deg = args.tolerance
+    if within_m <= 0.0 or len(within_deg) > 1 or min(within_deg, default=1.0) <= 0.0:
+        raise UsageError("--tolerance takes METRES, or METRES DEGREES, above zero")
+    T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
+    cov = keyframes_covariance(path, keyframes)
+    cov = joint_tool_covariance(cov, keyframes, T_base_nav, calibration, args.scale)
+    touch_ups = () if path.tracking is None else path.tracking.demo.touch_ups
+    cov = touch_up(touch_ups, keyframes, T_base_nav, cov).cov
+    R, all_rad = quat_to_matrix(T_base_nav.wxyz), math.radians(within_deg[0]) if within_deg else math.inf
+    own = [np.full(3, within_m) if each.tolerance_m is None else each.tolerance_m for each in keyframes]
+    turns = [all_rad if each.tolerance_rad is None else each.tolerance_rad for each in keyframes]
+    return success(cov, np.array([R @ np.diag(axes**2) @ R.T for axes in own]), np.array(turns))
+
+
+def _things(keyframes: tuple[Keyframe, ...], rows: Rows) -> list[dict[str, Any]]:
+    """Things that keyframes belong to, and where each was shown: the tool in base at the first of them."""
+    from pbd.planning.object_frames import things
+
+    return [
+        {"name": name, "keyframes": list(members), "base_position_m": rows[members[0]].get("base_position_m")}
+        for name, members in things(keyframes).items()
+    ]
 
 
 def _common_prefix(names: Sequence[str]) -> str:
@@ -69,8 +111,31 @@ def _common_prefix(names: Sequence[str]) -> str:
     return "".join(f"{words[0]}_" for words in common)
 
 
-def _save(args: argparse.Namespace, demo: Demonstration, keyframes: tuple[Keyframe, ...]) -> None:
-    """Write keyframes.toml for a person to edit."""
+def _saved(args: argparse.Namespace, demo: Demonstration, keyframes: tuple[Keyframe, ...]) -> tuple[Keyframe, ...]:
+    """Write keyframes.toml where that is asked for or missing, and into it to which things keyframes belong."""
+    from pbd.files.keyframes_edit import set_frames
+
+    frames: dict[int, tuple[str, ...]] = {}
+    for names, first, last in args.frame:
+        for number in range(first, last + 1):
+            if number >= len(keyframes):
+                what = f"there is no keyframe {number} for '{names[0]}'; they are 0 to {len(keyframes) - 1}"
+                raise RecordingError(what, value=number)
+            inner, outer = sorted((names, frames.get(number, ())), key=len, reverse=True)
+            if outer and inner[-len(outer) :] != outer:
+                what = f"keyframe {number} can't belong to '{outer[0]}' and to '{inner[0]}'"
+                raise UsageError(f"{what}; where one carries the other, say so: --frame lid=6..7@cup")
+            frames[number] = inner
+    if args.save or demo.keyframes is None:
+        save_keyframes(args, demo, keyframes)
+    if frames and demo.folder is not None:
+        set_frames(demo.folder / NAME, frames)
+        say(f"{demo.folder / NAME} says which keyframes belong to {listed({names[0] for names, *_ in args.frame})}")
+    return tuple(replace(each, frames=frames.get(k, each.frames)) for k, each in enumerate(keyframes))
+
+
+def save_keyframes(args: argparse.Namespace, demo: Demonstration, keyframes: tuple[Keyframe, ...]) -> Path:
+    """Write keyframes.toml for a person to edit, and return its path."""
     from pbd.planning.options import PlanOptions, dwells
 
     source = demo.folder or args.demo
@@ -83,28 +148,37 @@ def _save(args: argparse.Namespace, demo: Demonstration, keyframes: tuple[Keyfra
     inner = (keyframes[0], *keyframes, keyframes[-1])  # there is no stay at the ends, but one may be inserted beyond
     stays = dwells(inner, PlanOptions(time=args.time, dwell_s=args.dwell))[1:-1]
     magnetic = demo.recording.mag is not None
-    path = write_keyframes(demo.folder, demo.folder.name, keyframes, magnetic, args.force, stays)
+    path = write_keyframes(demo.folder, demo.folder.name, keyframes, magnetic, args.force, stays, demo.touch_ups)
     say(f"wrote {path}: edit it; from now on the arm follows this file")
+    return path
 
 
-def _add_base(args: argparse.Namespace, rows: Rows, keyframes: tuple[Keyframe, ...], calibration: Calibration) -> bool:
+def _add_base(
+    args: argparse.Namespace, rows: Rows, path: HandPath, keyframes: tuple[Keyframe, ...], calibration: Calibration
+) -> bool:
     """Add the tool's position in base and how sure it is; False where the calibration has no dock and no nav."""
     if calibration.T_base_dock is None and calibration.T_base_nav is None:
         return False
     T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
     parts = tool_covariances(keyframes, T_base_nav, calibration, args.scale)
     poses = tool_poses(keyframes, T_base_nav, calibration, args.scale, args.orientation)
+    poses = touched_poses(path, keyframes, poses, T_base_nav, calibration, args.scale)
     for row, pose, sigma in zip(rows, poses, base_sigmas(parts), strict=True):
         row |= _pose(pose) | sigma
     return True
 
 
 def _add_joints(
-    args: argparse.Namespace, rows: Rows, keyframes: tuple[Keyframe, ...], robot: Robot, calibration: Calibration
+    args: argparse.Namespace,
+    rows: Rows,
+    path: HandPath,
+    keyframes: tuple[Keyframe, ...],
+    robot: Robot,
+    calibration: Calibration,
 ) -> None:
     from pbd.planning import solve_keyframes
 
-    poses, joints, off_rad = solve_keyframes(robot, keyframes, calibration, plan_options(args, robot))
+    poses, joints, off_rad = solve_keyframes(robot, keyframes, calibration, plan_options(args, robot), path)
     for row, pose, q, off in zip(rows, poses, joints, off_rad, strict=True):
         row |= _pose(pose) | {"joints": q.tolist()}
         row["off_deg"] = [math.degrees(angle) for angle in off]  # approach axis, about it: arms of five joints

@@ -155,6 +155,8 @@ def add_planning(parser: argparse.ArgumentParser, robot_required: bool = True, u
     option("--no-detour", action="store_true", help=around)
     carried = "what the tool carries all the time, and where its centre of mass is in the tool's axes, m (at its point)"
     option("--payload", type=finite, nargs="+", default=[0.0], metavar=("KG", "X Y Z"), help=carried)
+    stands = "a thing stands elsewhere: the tool at its first keyframe, m in base, and its turn about the vertical, deg"
+    option("--at", type=thing_place, action="append", default=[], metavar="THING=X,Y,Z[,DEG]", help=stands)
     shown = "show a motion that touches something, marked red (never exported)"
     option("--allow-collision", action="store_true", help=shown)
 
@@ -232,6 +234,32 @@ def take_number(text: str) -> int:
     if not (text.isascii() and text.isdigit() and 1 <= int(text) <= 99):
         raise argparse.ArgumentTypeError(f"must be a whole number from 1 to 99, got '{text}'")
     return int(text)
+
+
+def integer(text: str) -> int:
+    """Parse a whole number, zero or above."""
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"must be a whole number, got '{text}'")
+    return int(text)
+
+
+def frame(text: str) -> tuple[tuple[str, ...], int, int]:
+    """Parse THING=I, THING=I..J or THING=I..J@CARRIER: the names, innermost first, the first and the last keyframe."""
+    thing, numbers = pair(text)
+    numbers, *carriers = numbers.split("@")
+    first, _, last = numbers.partition("..")
+    if not (first.isdecimal() and (last or first).isdecimal() and int(first) <= int(last or first) and all(carriers)):
+        raise argparse.ArgumentTypeError(f"must be like cup=3..5, or lid=6..7@cup, got '{text}'")
+    return (thing, *carriers), int(first), int(last or first)
+
+
+def thing_place(text: str) -> tuple[str, tuple[float, ...]]:
+    """Parse THING=X,Y,Z or THING=X,Y,Z,DEG."""
+    thing, numbers = pair(text)
+    values = tuple(map(_number, numbers.split(",")))
+    if len(values) not in (3, 4) or any(map(math.isnan, values)):
+        raise argparse.ArgumentTypeError(f"must be like cup=0.5,0.2,0.1 or cup=0.5,0.2,0.1,30, got '{text}'")
+    return thing, values
 
 
 def pair(text: str) -> tuple[str, str]:

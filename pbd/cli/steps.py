@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable
+import math
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from pbd.cli.console import print_json, say, working
@@ -71,6 +73,7 @@ def load_arm(args: argparse.Namespace) -> tuple[Robot, Calibration]:
 def plan_options(args: argparse.Namespace, robot: Robot) -> PlanOptions:
     """Collect what `add_planning` added."""
     from pbd.planning import PlanOptions
+    from pbd.planning.object_frames import ThingPlace
 
     mass, *p_tool = args.payload
     if mass < 0.0 or len(p_tool) not in (0, 3):
@@ -91,6 +94,7 @@ def plan_options(args: argparse.Namespace, robot: Robot) -> PlanOptions:
         allow_collision=args.allow_collision,
         payload=mass,
         p_tool_payload=(p_tool[0], p_tool[1], p_tool[2]) if p_tool else (0.0, 0.0, 0.0),
+        at=tuple(ThingPlace(name, (x, y, z), math.radians(sum(turn_deg))) for name, (x, y, z, *turn_deg) in args.at),
     )
 
 
@@ -122,9 +126,16 @@ def plan_demonstration(args: argparse.Namespace) -> tuple[Demonstration, HandPat
 
 
 def store_demonstration(
-    args: argparse.Namespace, demo: Demonstration, done: str, touched: Points | None = None
+    args: argparse.Namespace,
+    demo: Demonstration,
+    done: str,
+    touched: Points | None = None,
+    more: Mapping[str, object] = MappingProxyType({}),
 ) -> None:
-    """Write it under args.name, stamped with the time, and say what was `done`; the points it `touched` go beside."""
+    """Write it under args.name, stamped with the time, and say what was `done`; the points it `touched` go beside.
+
+    As JSON there is `more`.
+    """
     recording = replace(demo.recording, info=replace(demo.recording.info, created=utc_now()))
     folder = demo_folder(args.name)
     remark = "simulated: touched with the sensor itself, in the robot's base"
@@ -136,7 +147,7 @@ def store_demonstration(
     if args.json:
         stored = {"demo": folder.name, "folder": str(folder), "samples": samples}
         points = {} if touched is None else {"points": str(folder / POINTS_FILE)}
-        print_json(stored | {"duration_s": duration_s, "rate_hz": rate_hz} | points)
+        print_json(stored | {"duration_s": duration_s, "rate_hz": rate_hz} | points | dict(more))
 
 
 def decoder_maker(

@@ -21,6 +21,7 @@ from pbd.data.tracking import (
     RecordingInfo,
     Segment,
     Stop,
+    TouchUp,
     Tracking,
     Truth,
 )
@@ -57,6 +58,7 @@ __all__ = [
     "SensorFound",
     "Servos",
     "Stop",
+    "TouchUp",
     "Tracking",
     "Truth",
 ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -107,14 +107,15 @@ class Truth:
 class Demonstration:
     """A recording and what is known about it beside the sensor's stream.
 
-    `keyframes` are those that a person edited; they win over the automatic ones. `closed`: the hand ended at the dock;
-    with `places` and `contacts` it is what tracking may rely on: `known`. `takes`: those that it is made of; its
-    recording is then the first one's.
+    `keyframes` are those that a person edited; they win over the automatic ones. `touch_ups` correct either. `closed`:
+    the hand ended at the dock; with `places` and `contacts` it is what tracking may rely on: `known`. `takes`: those
+    that it is made of; its recording is then the first one's.
     """
 
     recording: Recording
     truth: Truth | None = None
     keyframes: tuple[Keyframe, ...] | None = None
+    touch_ups: tuple[TouchUp, ...] = ()
     notes: str = ""
     bundled: bool = False
     closed: bool = False
@@ -247,6 +248,9 @@ class Keyframe:
         tolerance_m: (3,) how far it may be off along nav's axes; tolerance_rad: how far turned. Learned from several
             takes, or as a person said; None: nobody knows.
         weight: how sure the tracker is that the hand stood still, 0 to 1.
+        nudge_base_m: (3,) how far the tool goes elsewhere, in base axes.
+        nudge_tool_m: (3,) likewise, in the tool's axes.
+        frames: the things that it belongs to, by name, each carried by the next: ("lid", "cup").
     """
 
     t: float
@@ -258,9 +262,12 @@ class Keyframe:
     tolerance_m: Array | None = None
     tolerance_rad: float | None = None
     weight: float = 1.0
+    nudge_base_m: Array = field(default_factory=partial(np.zeros, 3))
+    nudge_tool_m: Array = field(default_factory=partial(np.zeros, 3))
+    frames: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        freeze(self, cov=(6, 6), tolerance_m=(3,))
+        freeze(self, cov=(6, 6), tolerance_m=(3,), nudge_base_m=(3,), nudge_tool_m=(3,))
 
     def __repr__(self) -> str:
         x, y, z = self.T_nav_sensor.p + 0.0
@@ -269,6 +276,26 @@ class Keyframe:
         grip = {True: "grip closes", False: "grip opens", None: ""}[self.grip]
         where = f"at {self.t:.2f} s for {self.dwell_s:.2f} s"
         return brief(self, where, f"({x:.3f}, {y:.3f}, {z:.3f}) m", sigma, grip, name=self.label)
+
+
+@dataclass(frozen=True, eq=False)
+class TouchUp:
+    """A measurement that a person made with the arm: the tool at a keyframe belongs elsewhere.
+
+    Attributes:
+        t: s, of the keyframe.
+        by_nav_m: (3,) how far from where it was then, in nav's axes.
+        only: the other keyframes stay, whatever their errors have in common with this one's.
+        undone: it counts no more.
+    """
+
+    t: float
+    by_nav_m: Array
+    only: bool = False
+    undone: bool = False
+
+    def __post_init__(self) -> None:
+        freeze(self, by_nav_m=(3,))
 
 
 @dataclass(frozen=True)

@@ -92,10 +92,12 @@ def read_demo(folder: Path) -> Demonstration:
     top.done()
     truth, edited = folder / "truth.csv", folder / keyframes.NAME
     recording = replace(takes[0].recording, info=info) if takes else None
+    is_edited = os.path.lexists(edited)
     return Demonstration(
         recording=recording or _read_recording(read_table(folder / "imu.csv"), grip, info),
         truth=_read_truth(read_table(truth)) if os.path.lexists(truth) else None,
-        keyframes=keyframes.read_keyframes(edited) if os.path.lexists(edited) else None,
+        keyframes=keyframes.read_keyframes(edited) if is_edited else None,
+        touch_ups=keyframes.read_touch_ups(edited) if is_edited else (),
         folder=folder,
         takes=takes,
         **known,
@@ -113,7 +115,7 @@ def _read_takes(sections: Sequence[Section], folder: Path) -> tuple[Demonstratio
     for section in sections:
         place = folder / section.text("demo")
         if not (place / "demo.toml").is_file():
-            section.fail("demo", f"names {place}, where there is no demonstration", "correct it, or remove this [[take]]")
+            section.fail("demo", f"names {place}, where there is no demonstration", "correct it, or remove it")
         if "take" in read_toml(place / "demo.toml", RecordingError):
             section.fail("demo", f"names {place}, which is made of takes itself", "list its takes here instead")
         takes.append(read_demo(place))

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pbd.data import Keyframe
+from pbd.data import Keyframe, TouchUp
 from pbd.doors.atomic import atomic_file
 from pbd.doors.toml import Section, read_toml
 from pbd.errors import PbdWarning, RecordingError
@@ -28,6 +28,9 @@ LARGEST_DEG = 360.0
 LARGEST_M = 5.0
 """Farthest keyframe from the dock, m: twice the reach of a large arm. A farther one was likely meant in centimetres."""
 
+LARGEST_NUDGE_M = 0.5
+"""Largest nudge along an axis, m: a larger one is another keyframe, or was meant in millimetres."""
+
 LONG_DWELL_S = 60.0
 """Longest dwell, s, without a warning: milliseconds may have been meant."""
 
@@ -42,6 +45,8 @@ HEAD = """\
 #   grip      "closes" or "opens", by turns; without it nothing changes. It is open at the start
 #   label     a word for people
 #   tolerance_m, tolerance_deg  how far it may be off along each axis, and turned; learned where takes were fused
+#   frames    the things that it belongs to, each carried by the next: `pbd replay --at cup=X,Y,Z,DEG` moves one
+#   nudge_base_m, nudge_tool_m  how far the tool goes elsewhere, in the axes of the robot's base or the tool's own
 #   sigma_m, sigma_deg  one sigma along each axis; without them the keyframe is taken as exact
 # Every keyframe needs t_s, dwell_s, position_m and rpy_deg; the rest may be left out.
 # `pbd keyframes {name} --save --force` finds them again; without the file they are found each time.
@@ -51,7 +56,11 @@ NORTH, AT_DOCK = "x magnetic east, y magnetic north", "x along the sensor's own 
 
 
 def keyframes_toml(
-    name: str, keyframes: Sequence[Keyframe], magnetic: bool, arm_dwell_s: Sequence[float] | None = None
+    name: str,
+    keyframes: Sequence[Keyframe],
+    magnetic: bool,
+    arm_dwell_s: Sequence[float] | None = None,
+    touch_ups: Sequence[TouchUp] = (),
 ) -> str:
     """Write the file's text.
 
@@ -60,6 +69,7 @@ def keyframes_toml(
         keyframes: what is written.
         magnetic: a magnetometer turned nav to the north.
         arm_dwell_s: (n,) s, how long the arm is to stay at each; None: as long as the hand did.
+        touch_ups: what was corrected with the arm.
     """
     lines = [HEAD.format(name=name, format=FORMAT, axes=NORTH if magnetic else AT_DOCK)]
     dwell_s = [keyframe.dwell_s for keyframe in keyframes] if arm_dwell_s is None else arm_dwell_s
@@ -82,7 +92,21 @@ def keyframes_toml(
             lines.append(f'grip = "{"closes" if keyframe.grip else "opens"}"')
         if keyframe.label:
             lines.append(f"label = {_quoted(keyframe.label)}")
+        for key, nudge in (("nudge_base_m", keyframe.nudge_base_m), ("nudge_tool_m", keyframe.nudge_tool_m)):
+            if nudge.any():
+                lines.append(f"{key} = {_numbers(nudge, 4)}")
+        if keyframe.frames:
+            lines.append(f"frames = [{', '.join(map(_quoted, keyframe.frames))}]")
         lines.append("")
+    for each in touch_ups:
+        lines += [
+            "[[touch_up]] # of `pbd touch`, which can undo it",
+            f"t_s = {each.t:.3f}",
+            f"by_nav_m = {_numbers(each.by_nav_m, 5)}",
+            *("only = true" for _ in range(each.only)),
+            *("undone = true" for _ in range(each.undone)),
+            "",
+        ]
     return "\n".join(lines)
 
 
@@ -93,6 +117,7 @@ def write_keyframes(
     magnetic: bool,
     force: bool = False,
     arm_dwell_s: Sequence[float] | None = None,
+    touch_ups: Sequence[TouchUp] = (),
 ) -> Path:
     """Write keyframes.toml (of `keyframes_toml`) into a demonstration's folder, and return its path.
 
@@ -113,8 +138,13 @@ def write_keyframes(
     if path.exists() and not force:
         raise RecordingError(f"{path} exists and may have been edited; --force replaces it", path=path)
     with atomic_file(path) as unfinished:
-        unfinished.write_text(keyframes_toml(name, keyframes, magnetic, arm_dwell_s), encoding="utf-8")
+        unfinished.write_text(keyframes_toml(name, keyframes, magnetic, arm_dwell_s, touch_ups), encoding="utf-8")
     return path
+
+
+def read_touch_ups(path: Path) -> tuple[TouchUp, ...]:
+    """Read what was touched up from keyframes.toml; raises as `read_keyframes`."""
+    return tuple(map(_read_touch_up, read_toml(path, RecordingError).tables("touch_up")))
 
 
 def read_keyframes(path: Path) -> tuple[Keyframe, ...]:
@@ -127,6 +157,8 @@ def read_keyframes(path: Path) -> tuple[Keyframe, ...]:
     top.format(FORMAT)
     tables = top.tables("keyframe")
     keyframes = tuple(map(_read, tables))
+    for table in top.tables("touch_up"):
+        _read_touch_up(table)
     top.done()
     if not keyframes:
         what = f"{path}: it has no [[keyframe]]; add some, or remove the file to find them again"
@@ -184,7 +216,15 @@ def _read(section: Section) -> Keyframe:
         label=section.text("label", ""),
         tolerance_m=None if tolerance is None else np.array(tolerance),
         tolerance_rad=None if tolerance_deg is None else float(np.radians(tolerance_deg)),
+        nudge_base_m=np.array(section.numbers("nudge_base_m", 3, (0.0, 0.0, 0.0), within=LARGEST_NUDGE_M)),
+        nudge_tool_m=np.array(section.numbers("nudge_tool_m", 3, (0.0, 0.0, 0.0), within=LARGEST_NUDGE_M)),
+        frames=section.texts("frames", ()),
     )
+
+
+def _read_touch_up(section: Section) -> TouchUp:
+    by_nav_m = np.array(section.numbers("by_nav_m", 3, within=LARGEST_NUDGE_M))
+    return TouchUp(section.number("t_s"), by_nav_m, section.flag("only", False), section.flag("undone", False))
 
 
 def _numbers(values: ArrayLike, decimals: int) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import io
 import re
 import warnings
 from collections import Counter
@@ -53,7 +52,7 @@ class Table:
 class Sheet:
     """A table's text, of which only the header has been read; `line` is that of the first row.
 
-    A cell of a `complete` one must not be empty.
+    A cell of a `complete` one must not be empty. What stands above the header is the `preamble`.
     """
 
     path: Path
@@ -64,6 +63,7 @@ class Sheet:
     foreign: bool = False
     error: type[PbdError] = RecordingError
     complete: bool = False
+    preamble: str = ""
 
     def words(self, name: str) -> list[str]:
         """Return what a column of text says, row by row."""
@@ -83,24 +83,42 @@ class Sheet:
             raise self._fault(None, f"the column '{printable(twice)}' is there twice", "rename one", value=twice)
         columns = [self.header.index(name) for name in wanted]
         dated = [k for k, name in zip(columns, wanted, strict=True) if name in times]
-        cells = {line.count(self.delimiter) for line in self.body.splitlines() if line.strip()}
-        if cells == {len(self.header) - 1}:
-            with suppress(ValueError), warnings.catch_warnings():  # an empty cell, or a fault: row by row it is found
-                warnings.simplefilter("ignore")
-                return Table(self.path, wanted, self._read_fast(columns, dated))
+        with suppress(ValueError), warnings.catch_warnings():  # a fault: row by row it is found
+            warnings.simplefilter("ignore")
+            return Table(self.path, wanted, self._read_fast(columns, dated))
         return Table(self.path, wanted, self._read_slowly(columns, dated))
 
     def _read_fast(self, columns: list[int], dated: list[int]) -> Array:
         first = self.body.lstrip().partition("\n")[0].split(self.delimiter)
         plain = all(re.fullmatch(r"\s*[-+.\deE]+\s*", first[k]) for k in dated)
         return np.loadtxt(
-            io.StringIO(self.body),
+            self._filled(),
             delimiter=self.delimiter,
             usecols=columns,
             converters=None if plain else dict.fromkeys(dated, seconds),
             ndmin=2,
             comments=None,
         )
+
+    def _filled(self) -> Iterator[str]:
+        """Yield each row with nan in its empty cells; ValueError where one has another length.
+
+        A StringIO would take four bytes for each character.
+        """
+        mark, most = self.delimiter, len(self.header) - 1
+        both, filled = mark + mark, f"{mark}nan{mark}"
+        for row in _lines(self.body):
+            line = row.strip() if mark != "\t" else row.strip(" \r\n")
+            count = line.count(mark)
+            if not line:
+                continue
+            if count != most and not (count == most + 1 and line.endswith(mark)):
+                raise ValueError("a row of another length")
+            if not self.complete and (both in line or line[0] == mark or line[-1] == mark):
+                line = f"nan{line}" if line[0] == mark else line
+                line = f"{line}nan" if line[-1] == mark else line
+                line = line.replace(both, filled).replace(both, filled)
+            yield line
 
     def _read_slowly(self, columns: list[int], dated: list[int]) -> Array:
         rows, width = [], len(self.header)
@@ -115,7 +133,7 @@ class Sheet:
 
     def _rows(self) -> Iterator[tuple[int, list[str]]]:
         """Yield each row that is not empty with the number of its last line."""
-        rows = csv.reader(io.StringIO(self.body), delimiter=self.delimiter)
+        rows = csv.reader(_lines(self.body), delimiter=self.delimiter)
         try:
             for row in rows:
                 if row:
@@ -148,6 +166,15 @@ class Sheet:
         return self.error(f"{where}: {what}; {next_step}", path=self.path, **fields)
 
 
+def _lines(text: str) -> Iterator[str]:
+    """Yield each line with its end."""
+    at = 0
+    while at < len(text):
+        end = text.find("\n", at) + 1 or len(text)
+        yield text[at:end]
+        at = end
+
+
 def require(path: Path, header: Sequence[str], names: Sequence[str], error: type[PbdError] = RecordingError) -> None:
     """Refuse a table without these columns.
 
@@ -159,7 +186,18 @@ def require(path: Path, header: Sequence[str], names: Sequence[str], error: type
         raise error(what, path=path, value=missing[0])
 
 
-def open_sheet(path: Path, foreign: bool = False, error: type[PbdError] = RecordingError) -> Sheet:
+def foreign_text(path: Path) -> str:
+    """Read another program's text, in any encoding that such have.
+
+    Raises:
+        RecordingError: it can't be read.
+    """
+    return _text(path, FOREIGN_ENCODINGS, RecordingError)
+
+
+def open_sheet(
+    path: Path, foreign: bool = False, error: type[PbdError] = RecordingError, text: str | None = None
+) -> Sheet:
     """Open a table whose cells are separated by commas, semicolons or tabs, and read its header.
 
     Lines that begin with # are remarks.
@@ -169,30 +207,70 @@ def open_sheet(path: Path, foreign: bool = False, error: type[PbdError] = Record
         foreign: another program wrote it: there may be remarks above the header, text in some columns, another
             encoding than UTF-8, decimal commas where no comma separates.
         error: what is raised.
+        text: the file's, where it has been read.
 
     Raises:
         error: empty, no rows, not text.
     """
-    text = _text(path, FOREIGN_ENCODINGS if foreign else FOREIGN_ENCODINGS[:1], error)
+    if text is None:
+        text = _text(path, FOREIGN_ENCODINGS if foreign else FOREIGN_ENCODINGS[:1], error)
     if "#" in text:
         text = re.sub(r"(?m)^[ \t]*#.*$", "", text)
     lines = text.split("\n", LONGEST_PREAMBLE)
-    wide = [k for k, line in enumerate(lines) if max(map(line.count, ",;\t")) >= HEADER_CELLS - 1] if foreign else []
-    above = next(iter(wide), next((k for k, line in enumerate(lines) if line.strip()), 0))
-    first, body = lines[above], "\n".join(lines[above + 1 :])
+    above, skipped = (_foreign_header(lines[:LONGEST_PREAMBLE]) if foreign else None) or (
+        next((k for k, line in enumerate(lines) if line.strip()), 0),
+        0,
+    )
+    first, body = lines[above], "\n".join(lines[above + 1 + skipped :])
     if not first.strip():
         raise error(f"{path}: the file is empty; it needs a header line and rows of numbers", path=path)
     if not body.strip():
         raise error(f"{path}: a header but no rows; record again", path=path)
     delimiter = max(",;\t", key=first.count)
     header = [name.strip().strip('"') for name in first.split(delimiter)]
+    if skipped:
+        header = _with_units(header, [cell.strip().strip('"') for cell in lines[above + 1].split(delimiter)])
     if foreign and re.fullmatch(r"[-+.,\deE\s]+", "".join(header)):
         what = "numbers where the column names should be"
         add = "add a line with the column names above them, such as t,ax,ay,az,gx,gy,gz"
         raise error(f"{path}:{above + 1}: {what}; {add}", path=path, line=above + 1)
     if not header[-1]:
         header.pop()
-    return Sheet(path, tuple(header), body, delimiter, above + 2, foreign, error)
+    line, preamble = above + 2 + skipped, "\n".join(lines[:above])
+    return Sheet(path, tuple(header), body, delimiter, line, foreign, error, preamble=preamble)
+
+
+def _foreign_header(lines: Sequence[str]) -> tuple[int, int] | None:
+    """The header's line, and how many lines of units are below it (0 or 1); None where no line is wide.
+
+    The header is the last wide line above the first row of numbers: what stands higher up are remarks.
+    """
+    wide = [k for k, line in enumerate(lines) if max(map(line.count, ",;\t")) >= HEADER_CELLS - 1]
+    if not wide:
+        return None
+    row = next((k for k in wide if _is_row(lines[k])), None)
+    above = [k for k in wide if row is None or k < row]
+    if row is None or not above:
+        return wide[0], 0
+    header = above[-1]
+    delimiter = max(",;\t", key=lines[header].count)
+    cells = [cell.strip() for cell in lines[header].split(delimiter) if cell.strip()]
+    if len(above) > 1 and len(set(cells)) < len(cells) and len(lines[above[-2]].split(delimiter)) >= len(cells):
+        return above[-2], header - above[-2]  # units repeat, names don't
+    return header, 0
+
+
+def _is_row(line: str) -> bool:
+    # A comma is a decimal mark where other delimiters are there.
+    delimiter = next((mark for mark in ";\t" if line.count(mark) >= HEADER_CELLS - 1), ",")
+    cells = [cell.strip() for cell in line.split(delimiter) if cell.strip()]
+    numbers = sum(re.fullmatch(r"[-+]?[\d.,]+([eE][-+]?\d+)?|nan", cell) is not None for cell in cells)
+    return numbers >= HEADER_CELLS - 1 and 2 * numbers >= len(cells)
+
+
+def _with_units(header: Sequence[str], units: Sequence[str]) -> list[str]:
+    given = [*units, *[""] * (len(header) - len(units))]
+    return [f"{name} ({unit})" if unit and name else name for name, unit in zip(header, given, strict=False)]
 
 
 def read_table(path: Path) -> Table:

@@ -10,6 +10,7 @@ import numpy as np
 
 from pbd.data import Keyframe
 from pbd.errors import PbdError
+from pbd.planning.object_frames import ThingPlace
 
 PATHS = ("keyframes", "line", "demo")
 """How to go from keyframe to keyframe: straight in joint space, the tool on a straight line, or as the hand went."""
@@ -52,6 +53,7 @@ class PlanOptions:
         allow_collision: where nothing is free plan all the same; the plan says what touches.
         payload: kg that the tool carries all the time: a gripper that the model lacks, or what it always holds.
         p_tool_payload: m, where that has its centre of mass, in tool axes.
+        at: where things stand now to which keyframes belong; the others stand where they were shown.
     """
 
     path: str = "keyframes"
@@ -69,6 +71,7 @@ class PlanOptions:
     allow_collision: bool = False
     payload: float = 0.0
     p_tool_payload: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    at: tuple[ThingPlace, ...] = ()
 
     def __post_init__(self) -> None:
         for value, known in ((self.path, PATHS), (self.time, TIMES), (self.orientation, ORIENTATIONS)):
@@ -80,6 +83,8 @@ class PlanOptions:
                 raise PbdError(f"{name} must be from {least:g} to {most:g}, got {value:g}", value=value, bound=most)
         if not (0.0 <= self.payload < np.inf and np.isfinite(self.p_tool_payload).all()):
             raise PbdError(f"the payload is {self.payload} kg; give a number, zero or above", value=self.payload)
+        if not np.isfinite([(*place.p_base, place.turn_rad) for place in self.at]).all():
+            raise PbdError("the place of a thing must have finite numbers", value=self.at)
 
 
 def dwells(keyframes: Sequence[Keyframe], options: PlanOptions) -> list[float]:

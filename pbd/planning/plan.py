@@ -21,6 +21,7 @@ from pbd.planning.checks import (
     warn_of_table,
     warn_of_wide_moves,
 )
+from pbd.planning.object_frames import nearest_place, things
 from pbd.planning.options import PlanOptions, dwells
 from pbd.planning.steps import arm_of, hand_between, moves_of, place, request_of, retreat_of, scene_of
 from pbd.planning.torque import check_torque
@@ -103,6 +104,7 @@ def plan_keyframes(
     if isinstance(found, Plan):
         return found
     others = [said for said, instead in found.instead if _works(task, instead)]
+    others += _where_things_work(task, options or PlanOptions(), found.error)
     raise type(found.error)(", or ".join((found.error.message, *others)), **found.error.fields)
 
 
@@ -139,6 +141,22 @@ def _works(task: _Task, options: PlanOptions) -> bool:
             return False
 
 
+def _where_things_work(task: _Task, options: PlanOptions, error: PbdError) -> list[str]:
+    """Name a place that works for the thing that the keyframe in question belongs to."""
+    number = error.fields.get("keyframe")
+    of = task.keyframes[number].frames if isinstance(number, int) else ()
+    wanted = next((each for each in options.at if each.name in of), None)
+    if wanted is None:
+        return []
+    others = tuple(each for each in options.at if each is not wanted)
+    _, as_shown = place(
+        arm_of(task.robot), task.keyframes, task.calibration, replace(options, at=others), task.hand_path
+    )
+    p_shown = as_shown[things(task.keyframes)[wanted.name][0]].p
+    found = nearest_place(wanted, p_shown, lambda at: _works(task, replace(options, at=(*others, at))))
+    return [] if found is None else [f"put the {wanted.name} nearer to where it was shown (--at {found} works)"]
+
+
 def _attempt(task: _Task, options: PlanOptions) -> Plan | _Refused:
     from pbd.arm.ik.partial_pose import hold
     from pbd.arm.timing.moves import Timed, time_moves
@@ -150,7 +168,7 @@ def _attempt(task: _Task, options: PlanOptions) -> Plan | _Refused:
     check_count(keyframes)
     check_certainty(keyframes, options.scale * calibration.scale)
     arm = arm_of(robot)
-    T_base_nav, T_base_tool = place(arm, keyframes, calibration, options)
+    T_base_nav, T_base_tool = place(arm, keyframes, calibration, options, hand_path)
     if options.path != "demo" and (error := check_spread(T_base_tool)) is not None:
         demo = replace(options, path="demo", tolerance_m=None)
         return _Refused(error, (("follow the hand with --path demo", demo),))
@@ -158,7 +176,7 @@ def _attempt(task: _Task, options: PlanOptions) -> Plan | _Refused:
     scene = scene_of(arm, calibration, grasped)
     warn_of_shapes(arm)
     warn_of_table(scene)
-    hand = hand_between(hand_path, keyframes, T_base_nav, calibration, options)
+    hand = hand_between(hand_path, keyframes, T_base_nav, T_base_tool, calibration, options)
     request = request_of(arm, T_base_tool, q_start, hand, options)
     chosen = _choose(arm, scene, request, keyframes, options)
     if isinstance(chosen, _Refused) and options.allow_collision:
@@ -255,7 +273,11 @@ def _instead(refusal: Refusal, options: PlanOptions) -> tuple[tuple[str, PlanOpt
 
 
 def solve_keyframes(
-    robot: Robot, keyframes: Sequence[Keyframe], calibration: Calibration, options: PlanOptions
+    robot: Robot,
+    keyframes: Sequence[Keyframe],
+    calibration: Calibration,
+    options: PlanOptions,
+    hand_path: HandPath | None = None,
 ) -> tuple[tuple[Pose, ...], Array, Array]:
     """Find joints for keyframes, whatever is in the way between them.
 
@@ -268,7 +290,7 @@ def solve_keyframes(
     from pbd.arm.refusal import Refusal
 
     arm = arm_of(robot)
-    _, T_base_tool = place(arm, keyframes, calibration, options)
+    _, T_base_tool = place(arm, keyframes, calibration, options, hand_path)
     found = choose_motion(arm, request_of(arm, T_base_tool, start_joints(arm, options), None, PlanOptions()), None)
     if isinstance(found, Refusal):
         raise found.error

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING
 
 from pbd.calibration.dock import nav_in_base
 from pbd.calibration.frames import tool_poses
+from pbd.calibration.touch_up import touched_poses
 from pbd.data import Calibration, GraspedObject, HandPath, Keyframe, Robot
 from pbd.errors import CalibrationError
+from pbd.planning.object_frames import place_things
 from pbd.planning.options import PlanOptions, demonstrated
 from pbd.pose import Array, Pose
 
@@ -45,6 +47,7 @@ def hand_between(
     path: HandPath | None,
     keyframes: Sequence[Keyframe],
     T_base_nav: Pose,
+    T_base_tool: Sequence[Pose],
     calibration: Calibration,
     options: PlanOptions,
 ) -> Hand | None:
@@ -56,7 +59,8 @@ def hand_between(
     def hand() -> tuple[DemonstratedMove, ...]:
         from pbd.calibration.demonstrated import demonstrated_moves
 
-        return demonstrated_moves(path, keyframes, T_base_nav, calibration, options.scale, options.orientation)
+        fixed = options.orientation == "fixed"
+        return demonstrated_moves(path, keyframes, T_base_nav, T_base_tool, calibration, options.scale, fixed)
 
     return hand
 
@@ -83,9 +87,13 @@ def retreat_of(chosen: Motion) -> Move | None:
 
 
 def place(
-    arm: ArmModel, keyframes: Sequence[Keyframe], calibration: Calibration, options: PlanOptions
+    arm: ArmModel,
+    keyframes: Sequence[Keyframe],
+    calibration: Calibration,
+    options: PlanOptions,
+    path: HandPath | None = None,
 ) -> tuple[Pose, tuple[Pose, ...]]:
-    """Return T_base_nav and the tool's pose in base at each keyframe."""
+    """Return T_base_nav and the tool's pose in base at each keyframe: nudged, touched up, with the things as placed."""
     if calibration.robots and arm.robot.name not in calibration.robots:
         raise CalibrationError(
             f"the calibration '{calibration.name}' is for {', '.join(calibration.robots)}, not for {arm.robot.name}; "
@@ -93,7 +101,9 @@ def place(
             value=arm.robot.name,
         )
     T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
-    return T_base_nav, tool_poses(keyframes, T_base_nav, calibration, options.scale, options.orientation)
+    T_base_tool = tool_poses(keyframes, T_base_nav, calibration, options.scale, options.orientation)
+    T_base_tool = touched_poses(path, keyframes, T_base_tool, T_base_nav, calibration, options.scale)
+    return T_base_nav, place_things(T_base_tool, keyframes, options.at)
 
 
 @lru_cache(maxsize=8)

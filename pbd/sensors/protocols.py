@@ -120,6 +120,12 @@ PROTOCOLS: Mapping[str, WireProtocol] = MappingProxyType(
             bauds=(57600, 115200),
             gives="acceleration, gyro, field",
         ),
+        "gamepad": WireProtocol(
+            title="DualSense, DualShock 4 (Linux)",
+            decoder=_made_by("gamepad", "GamepadDecoder"),
+            bauds=(),
+            gives="acceleration, gyro, clock; its buttons mark the grip",
+        ),
     }
 )
 

@@ -116,7 +116,7 @@ def _of_stops(solution: Solution, stops: Sequence[Stop]) -> Iterator[str]:
     problem = solution.problem
     frame, rest = problem.frame, problem.rest
     for k, (start, end) in enumerate(problem.stops):
-        moving = solution.weights.still[problem.stop_of == k] < MOVING_WEIGHT
+        moving = solution.still[problem.stop_of == k] < MOVING_WEIGHT
         if t[end - 1] - t[start] > REST_S and moving.mean() > MOVING_SHARE:
             yield (
                 f"the sensor seems to rest from {t[start]:.1f} to {t[end - 1]:.1f} s, but hardly any of it fits what "

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from io import StringIO
 from typing import Any
 
@@ -14,11 +13,13 @@ from rich import box
 from rich.cells import cell_len
 from rich.console import RenderableType
 from rich.table import Column, Table
+from rich.text import Text
 
 from pbd.data import Keyframe, Robot, Segment
 from pbd.data.sigma import keyframe_sigmas
 from pbd.data.tracking import DOUBTED_WEIGHT
-from pbd.pose import quat_to_rpy
+from pbd.errors import printable
+from pbd.pose import Array, quat_to_rpy
 from pbd.view.screen import Screen
 from pbd.view.units import Units
 
@@ -98,20 +99,23 @@ def segments_table(segments: Sequence[Segment], units: Units = SI) -> Table:
     return table
 
 
-def keyframes_table(keyframes: Sequence[Keyframe], units: Units = SI) -> Table:
+def keyframes_table(keyframes: Sequence[Keyframe], units: Units = SI, inside: Array | None = None) -> Table:
     """The sensor's pose in nav at each stop; sigma is the largest over the axes, blank where unknown.
 
-    Where the tracker doubts that the hand stood still, a column says how sure it is.
+    Where the tracker doubts that the hand stood still, a column says how sure it is; another one, with `inside` (k,),
+    how likely the tool is within its tolerance; and one names the things that keyframes belong to.
     """
-    # A sigma of millimetres says nothing in metres.
-    m, deg, fine = units.length, units.angle_sign, replace(units, length="mm" if units.length == "m" else units.length)
+    m, deg, fine = units.length, units.angle_sign, units.finer
     position, turn = (f"x ({m})", f"y ({m})", f"z ({m})"), (f"roll ({deg})", f"pitch ({deg})", f"yaw ({deg})")
     label = ("label",) if any(keyframe.label for keyframe in keyframes) else ()
     sigmas = (f"σ ({fine.length})", f"σ ({deg})")
     doubted = ("a stop?",) if any(keyframe.weight < DOUBTED_WEIGHT for keyframe in keyframes) else ()
+    within = () if inside is None else ("within (%)",)
+    thing = ("belongs to",) if any(keyframe.frames for keyframe in keyframes) else ()
     table = make_table(
-        *("#", f"t ({units.time})", f"dwell ({units.time})", *position, *turn, *sigmas, *doubted, "grip", *label),
-        left=label,
+        *("#", f"t ({units.time})", f"dwell ({units.time})", *position, *turn, *sigmas, *doubted, *within, "grip"),
+        *(*label, *thing),
+        left=(*label, *thing),
     )
     by_keyframe = keyframe_sigmas([keyframe.cov for keyframe in keyframes])
     for index, (keyframe, sigma) in enumerate(zip(keyframes, by_keyframe, strict=True)):
@@ -123,8 +127,10 @@ def keyframes_table(keyframes: Sequence[Keyframe], units: Units = SI) -> Table:
             *fine.lengths(np.fmax.reduce(sigma[:3]), finer=1),
             *units.angles(np.fmax.reduce(sigma[3:])),
             *((f"{100.0 * keyframe.weight:.0f} %" if keyframe.weight < DOUBTED_WEIGHT else "",) if doubted else ()),
+            *(() if inside is None else (f"{100.0 * inside[index]:.0f}",)),
             {True: "closes", False: "opens", None: ""}[keyframe.grip],
             *((keyframe.label,) if label else ()),
+            *((" on ".join(keyframe.frames),) if thing else ()),
         )
     return table
 
@@ -166,6 +172,18 @@ def left_out_table(pairs: Sequence[tuple[str, str, str]]) -> Table:
     table = make_table(*columns, left=columns)
     for pair in pairs:
         table.add_row(*pair)
+    return table
+
+
+def columns_table(read: Sequence[Mapping[str, str]], unread: Mapping[str, str]) -> Table:
+    """What an import made of each column, and the columns that it left out."""
+    columns = ("column", "read as", "quantity", "unit", "decided by")
+    table = make_table(*columns, left=columns)
+    for row in read:
+        cells = (printable(row["column"]), row["read_as"], row["quantity"], row["unit"], row["decided_by"])
+        table.add_row(*map(Text, cells))
+    for name, why in unread.items():
+        table.add_row(Text(printable(name)), "not read", "", "", why)
     return table
 
 

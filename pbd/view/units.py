@@ -28,6 +28,11 @@ class Units:
     asked: frozenset[str] = field(default=frozenset(), compare=False)
 
     @property
+    def finer(self) -> Units:
+        """Units for what is small beside a place: millimetres of it say nothing in metres."""
+        return replace(self, length="mm" if self.length == "m" else self.length)
+
+    @property
     def angle_sign(self) -> str:
         """As it stands in a header."""
         return {"deg": "°"}.get(self.angle, self.angle)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,9 +11,10 @@ import pbd
 from pbd.arm.collision.queries import CollisionQueries
 from pbd.arm.collision.scene import CollisionScene
 from pbd.arm.ik.solver import solve
-from pbd.arm.motion_request import LINE
-from pbd.data import GraspedObject, Keyframe, Robot
-from pbd.planning import PlanOptions, plan_keyframes
+from pbd.arm.motion_request import DETOUR, LINE, STRAIGHT
+from pbd.data import GraspedObject, Keyframe, Obstacle, Robot
+from pbd.errors import PbdWarning
+from pbd.planning import Plan, PlanOptions, plan_keyframes
 from pbd.pose import Pose, quat_exp
 from tests.arm.bundled import arm_of
 
@@ -59,3 +62,34 @@ def test_what_is_grasped_is_in_the_hand_from_its_keyframe_on() -> None:
     assert queries.passing(1, q_beside) is None
     assert queries.standing(1, q_beside) is not None
     assert queries.standing(1, q_grasp) is None
+
+
+def carried(*obstacles: Obstacle, y: float) -> Plan:
+    """The cup is taken at y m, set down beside that and never let go; then the arm goes home with it."""
+    robot = pbd.load_robot("panda")
+    dock = robot.dock
+    assert dock is not None
+    assert dock.T_base_dock is not None
+    assert dock.table_height is not None
+    low = dock.table_height - dock.T_base_dock.p[2] + 0.5 * CUP.size[-1]
+    places = [(0.0, y, 0.0), (0.0, y, low), (0.0, y, low + 0.15), (0.05, y + 0.1, low)]
+    keyframes = [
+        Keyframe(2.0 * i, 0.5, Pose(np.array(p), quat_exp((0.0, 0.0, 0.0))), 1e-6 * np.eye(6), True if i == 1 else None)
+        for i, p in enumerate(places)
+    ]
+    alone, dock = PlanOptions(approach=False), replace(dock, obstacles=obstacles)
+    return plan_keyframes(keyframes, dock, robot, alone, grasped=CUP)
+
+
+def test_what_is_held_may_stand_at_the_last_keyframe_before_the_arm_goes_home_with_it() -> None:
+    back = carried(y=0.1).back
+    assert back is not None
+    assert back.kind == STRAIGHT
+
+
+def test_a_detour_back_takes_along_what_is_held() -> None:
+    wall = Obstacle("the wall", "box", (0.8, 0.02, 1.1), Pose.from_rpy((0.55, 0.22, 0.35), (0.0, 0.0, 0.0)))
+    with pytest.warns(PbdWarning, match="^on its way back the arm goes around the wall"):
+        back = carried(wall, y=0.5).back
+    assert back is not None
+    assert back.kind == DETOUR

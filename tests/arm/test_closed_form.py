@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from pbd.arm.ik.closed_form import closed_form
+from pbd.arm.ik.seven_joints import seven_joints
 from pbd.arm.tool import target
 from tests.arm.bundled import arm_of
 from tests.arm.conftest import random_joints
+from tests.benchmarks.branches import measure
 
 
 @pytest.mark.parametrize(("name", "ways"), [("ur3", 6.0), ("ur5", 6.0), ("ur10", 6.0), ("kinova", 7.0), ("z1", 1.0)])
@@ -25,7 +27,24 @@ def test_every_way_reaches_the_pose_and_the_known_one_is_among_them(name: str, w
     assert count >= ways * len(joints)
 
 
+@pytest.mark.parametrize("name", ["panda", "xarm7"])
+def test_every_branch_of_seven_joints_holds_the_pose_and_one_leads_past_the_known_way(name: str) -> None:
+    arm = arm_of(name)
+    for truth in random_joints(arm.robot, 50, seed=11):
+        pose = arm.forward(truth)
+        found = [branch for branch in seven_joints(arm, target(pose)) if len(branch) > 1]
+        assert all(max(pose.distance(arm.forward(branch[len(branch) // 2]))) < 1e-5 for branch in found)
+        off = np.vstack(found) - truth
+        assert np.abs(off - 2.0 * np.pi * np.round(off / (2.0 * np.pi))).max(axis=1).min() < 0.3
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+def test_planning_finds_what_a_search_a_hundred_times_longer_finds(name: str) -> None:
+    assert measure(arm_of(name), 2)["found_pct"] == 100.0
+
+
 @pytest.mark.parametrize("name", ["panda", "so101"])
 def test_other_arms_are_left_to_descents(name: str) -> None:
     arm = arm_of(name)
     assert not len(closed_form(arm, target(arm.forward(arm.robot.home))))
+    assert not seven_joints(arm_of("ur5"), target(arm_of("ur5").forward(arm_of("ur5").robot.home)))

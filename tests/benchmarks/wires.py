@@ -11,7 +11,7 @@ from pbd.sensors.decoding import Decoder
 from pbd.sensors.line_layout import layout_from_options
 from pbd.sensors.lines import LineDecoder
 from pbd.sensors.protocols import PROTOCOLS
-from tests.sensors.encoders import os5000, razor, vectornav, witmotion, ximu3, xsens
+from tests.sensors.encoders import gamepad, os5000, razor, vectornav, witmotion, ximu3, xsens
 from tests.sensors.streams import Checked, Make
 
 COLUMNS = "t,ax,ay,az,gx,gy,gz,mx,my,mz"
@@ -84,6 +84,11 @@ def _razor_packets(count: int) -> list[bytes]:
     return [razor.frame(_triple(rng, 0.6), _triple(rng, 90.0), _triple(rng, 200.0)) for _ in range(count)]
 
 
+def _gamepad_reports(count: int) -> list[bytes]:
+    rng = random.Random(0)
+    return [gamepad.report(4000 * k, _triple(rng, 0.6), _triple(rng, 90.0)) for k in range(1, count + 1)]
+
+
 def _line_decoder() -> Decoder:
     return LineDecoder(layout_from_options(COLUMNS, ()))
 
@@ -112,6 +117,7 @@ MIXED = {
     "xsens": Wire(PROTOCOLS["xsens"].decoder, xsens.packets, 400, xsens.checked),
     "lines": Wire(_line_decoder, _line_packets, 1000),
     "razor": Wire(PROTOCOLS["razor"].decoder, _razor_packets, 50),
+    "gamepad": Wire(PROTOCOLS["gamepad"].decoder, _gamepad_reports, 250),
 }
 
 # For the speed: what comes at each device's fastest rate.
@@ -125,5 +131,6 @@ FASTEST = {
     "xsens": Wire(PROTOCOLS["xsens"].decoder, _xsens_fast, 2000),
     "xsens-attitude": MIXED["xsens"],
     "lines": MIXED["lines"],
+    "gamepad": MIXED["gamepad"],
     "razor": MIXED["razor"],
 }

@@ -35,7 +35,9 @@ def arc(noise_m: float = 0.0, sigma_m: float = 0.003, turns: float = 0.5) -> Han
 def moves_of(path: HandPath, keyframes: tuple[Keyframe, ...] | None = None, scale: float = 1.0) -> tuple[Array, ...]:
     keyframes = keyframes or find_keyframes(path)
     T_base_nav = nav_in_base(DOCK, keyframes[0].T_nav_sensor.wxyz)
-    (move,) = demonstrated_moves(path, keyframes, T_base_nav, DOCK, scale)
+    (move,) = demonstrated_moves(
+        path, keyframes, T_base_nav, tool_poses(keyframes, T_base_nav, DOCK, scale), DOCK, scale
+    )
     p = np.array([T_base_nav.inverse().act(pose.p) for pose in move.T_base_tool])
     return move.t, p, np.array([pose.wxyz for pose in move.T_base_tool])
 
@@ -59,7 +61,7 @@ def test_it_begins_and_ends_at_the_keyframes_also_where_they_were_moved() -> Non
     )
     T_base_nav = nav_in_base(DOCK, first.T_nav_sensor.wxyz)
     for keyframes in ((first, last), (first, moved)):
-        (move,) = demonstrated_moves(path, keyframes, T_base_nav, DOCK)
+        (move,) = demonstrated_moves(path, keyframes, T_base_nav, tool_poses(keyframes, T_base_nav, DOCK), DOCK)
         for pose, wanted in zip(
             (move.T_base_tool[0], move.T_base_tool[-1]), tool_poses(keyframes, T_base_nav, DOCK), strict=True
         ):
@@ -94,7 +96,9 @@ def test_scale_and_a_fixed_tool() -> None:
     np.testing.assert_allclose(np.linalg.norm(p - (0.0, 0.0, 0.1), axis=1), 0.1, atol=0.003)
     path = arc()
     keyframes = find_keyframes(path)
-    (move,) = demonstrated_moves(path, keyframes, nav_in_base(DOCK, keyframes[0].T_nav_sensor.wxyz), DOCK, 1.0, "fixed")
+    T_base_nav = nav_in_base(DOCK, keyframes[0].T_nav_sensor.wxyz)
+    T_base_tool = tool_poses(keyframes, T_base_nav, DOCK, 1.0, "fixed")
+    (move,) = demonstrated_moves(path, keyframes, T_base_nav, T_base_tool, DOCK, 1.0, True)
     down = [quat_rotate(pose.wxyz, (0.0, 0.0, 1.0)) for pose in move.T_base_tool]
     np.testing.assert_allclose(down, np.tile((0.0, 0.0, -1.0), (len(down), 1)), atol=1e-9)
 

@@ -32,7 +32,9 @@ def there(bench: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_a_fused_demonstration_is_one_like_any_other(capsys: Capture) -> None:
-    told = run_json(capsys, "fuse", "tea1", "tea2", "tea3", "-o", "tea", "--save-calibration", "mine", "--plot", "plots")
+    told = run_json(
+        capsys, "fuse", "tea1", "tea2", "tea3", "-o", "tea", "--save-calibration", "mine", "--plot", "plots"
+    )
     assert [take["keyframes"] for take in told["takes"]] == [list(range(7))] * 3
     assert sorted(path.name for path in Path("plots").iterdir()) == ["match.png", "scatter.png"]
     assert load_calibration("mine").sensor is not None

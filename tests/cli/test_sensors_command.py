@@ -20,7 +20,7 @@ def test_what_is_plugged_in(monkeypatch: pytest.MonkeyPatch, capsys: Capture) ->
     monkeypatch.setattr("pbd.sensors.port.list_ports", lambda: ports)
     assert main(["sensors"]) == 0
     out = capsys.readouterr().out
-    assert [word in out for word in ("/dev/ttyUSB7", "FTDI FT232R", "0403:6001", *PROTOCOLS)] == [True] * 10
+    assert all(word in out for word in ("/dev/ttyUSB7", "FTDI FT232R", "0403:6001", *PROTOCOLS))
     monkeypatch.setattr("pbd.sensors.port.list_ports", lambda: ())
     assert main(["sensors"]) == 0
     assert "no serial port has anything plugged in; try one without hardware" in capsys.readouterr().out

@@ -236,7 +236,9 @@ def test_an_npz_takes_no_columns(tmp_path: Path) -> None:
 
 
 def test_a_suffix_that_nobody_knows(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match=r"can't import '\.xlsx' files; give a \.csv, \.tsv, \.txt or \.npz$"):
+    with pytest.raises(
+        RecordingError, match=r"can't import '\.xlsx' files; give a \.csv, \.tsv, \.txt, \.npz, \.mcap or "
+    ):
         import_file(tmp_path / "run.XLSX")
 
 

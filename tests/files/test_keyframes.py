@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pbd.data import Keyframe
+from pbd.data import Keyframe, TouchUp
 from pbd.errors import PbdError, PbdWarning, RecordingError
 from pbd.files.demo import read_demo, write_demo
-from pbd.files.keyframes import keyframes_toml, read_keyframes, write_keyframes
+from pbd.files.keyframes import keyframes_toml, read_keyframes, read_touch_ups, write_keyframes
 from pbd.pipeline import track
 from pbd.pose import Pose, quat_exp
 from pbd.simulation.simulate import simulate
@@ -49,6 +49,25 @@ def assert_same(read: tuple[Keyframe, ...], written: tuple[Keyframe, ...]) -> No
         assert ours.t == pytest.approx(theirs.t, abs=5.1e-4)
         assert (ours.grip, ours.label) == (theirs.grip, theirs.label)
         np.testing.assert_allclose(np.sqrt(np.diagonal(ours.cov)), np.sqrt(np.diagonal(theirs.cov)), atol=1e-4)
+
+
+def test_nudges_things_and_touch_ups_come_back(tmp_path: Path) -> None:
+    nudge = np.array([0.001, -0.002, 0.0])
+    moved = (
+        FOUND[0],
+        replace(FOUND[1], nudge_base_m=nudge, nudge_tool_m=-nudge, frames=("lid", 'a "cup"')),
+        *FOUND[2:],
+    )
+    touch_ups = (TouchUp(FOUND[1].t, nudge, only=True), TouchUp(FOUND[2].t, -nudge, undone=True))
+    path = write_keyframes(tmp_path, "tea", moved, magnetic=True, touch_ups=touch_ups)
+    read = read_keyframes(path)[1]
+    assert read.frames == ("lid", 'a "cup"')
+    np.testing.assert_array_equal(read.nudge_base_m, nudge)
+    np.testing.assert_array_equal(read.nudge_tool_m, -nudge)
+    back = read_touch_ups(path)
+    assert [(each.only, each.undone) for each in back] == [(True, False), (False, True)]
+    np.testing.assert_array_equal([each.by_nav_m for each in back], [nudge, -nudge])
+    assert [each.t for each in back] == [pytest.approx(each.t, abs=5e-4) for each in touch_ups]
 
 
 def test_what_is_written_is_read(tmp_path: Path) -> None:

@@ -40,7 +40,7 @@ def test_in_step_again_at_the_next_whole_packet(name: str) -> None:
     """Half a packet and the next one pass for one if their checksums agree, one in 256; groups may lack a part."""
     missed = missed_after_junk(MIXED[name].make, PACKETS[name], cases=150)
     assert max(missed) <= 1
-    assert np.mean(missed) < 0.02 or name in ("lines", "razor", "witmotion")
+    assert np.mean(missed) < 0.02 or name in ("lines", "razor", "witmotion", "gamepad")
 
 
 @pytest.mark.parametrize("name", ["os5000", "ximu3", "vectornav", "xsens"])

@@ -16,7 +16,7 @@ from pbd.data.calibration import DOCK_SIGMA_M, DOCK_SIGMA_RAD
 from pbd.data.covariance import PoseCovariance
 from pbd.errors import PbdWarning, TrackingError
 from pbd.pose import Pose, quat_about_z, quat_exp, quat_rotate
-from pbd.tracking.claims import PLACE_SIGMA_M
+from pbd.tracking.claims import PLACE_SIGMA_M, claims_of
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.known import condition_on
 from tests.tracking.stops_at import at_stops, covariances, hand_path, mid
@@ -99,6 +99,15 @@ def test_far_from_the_dock_a_known_place_is_less_sure_sideways() -> None:
     assert along == pytest.approx(up)
     assert along == pytest.approx(np.hypot(PLACE_SIGMA_M, DOCK_SIGMA_M), rel=0.01)
     assert sideways == pytest.approx(np.hypot(along, 0.5 * DOCK_SIGMA_RAD), rel=0.01)
+
+
+def test_a_tool_far_out_over_the_table_is_less_sure_in_height() -> None:
+    """The dock's tilt is felt where the tool is, not where the sensor is."""
+    path = hand_path(np.zeros((2, 3)), np.array([1e-2 * np.eye(3)]))
+    tool = Pose(np.array([0.3, 0.4, 0.0]), np.array([1.0, 0.0, 0.0, 0.0]))
+    calibration = Calibration("c", T_base_nav=Pose.identity(), T_sensor_tool=tool, table_height=0.0)
+    (claim,) = claims_of(path, Known(contacts=(Contact(mid(1)),)), calibration, Pose.identity())
+    assert claim.by_calibration[0, :6] == pytest.approx([0.0, 0.0, -1.0, -0.4, 0.3, 0.0])
 
 
 @pytest.mark.parametrize(

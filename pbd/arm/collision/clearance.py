@@ -6,15 +6,21 @@ measured again after a motion of d + MARGIN_M, where they must be at least MARGI
 a from the one look and b before the next has a + b <= d + MARGIN_M, so a < d or b <= MARGIN_M. As every look finds at
 least MARGIN_M, a step of STEP_M = 2 MARGIN_M is always allowed; most are far longer.
 
-Bodies are hulls. Where the hulls of two links are near, their meshes are asked whether they are MARGIN_M apart. Hulls
+Where nobody wants to know what touches, a path is halved instead: two bodies that are d and e apart at its ends can't
+touch on it unless they move by d + e. That takes fewer looks, and those in the middle,
+where most moves are barred, come first.
+
+Bodies are hulls. Where the hull of a link is near another body its mesh is asked whether they are MARGIN_M apart. Hulls
 are measured because coal's `collide` overlooks some deep contacts of theirs (4 in 10^5 pairs of so101). A distance that
 is not a number counts as a contact.
 """
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import coal
@@ -22,13 +28,15 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from pbd.arm.collision.geometry import Body, shape_of, surface_of
+from pbd.arm.collision.geometry import Body, extent, shape_of, surface_of
 from pbd.arm.collision.motion_bounds import rates
 from pbd.arm.model import ArmModel, to_se3
 from pbd.pose import Array
 
 MARGIN_M = 2.5e-3
 STEP_M = 2.0 * MARGIN_M
+RECENT, REMEMBERED = 4, 2000
+"""Pairs that touched lately, which are looked at first; and coordinates of which the distances are kept."""
 
 Pairs = NDArray[np.int64]
 Allowed = Callable[[int, Array], bool]
@@ -91,9 +99,15 @@ class Clearance:
             self._geometry.addGeometryObject(pin.GeometryObject(str(i), body.joint, placement, shape_of(body)))
         for first, second in self.pairs:
             self._geometry.addCollisionPair(pin.CollisionPair(int(first), int(second)))
-        # Of links alone: something small could be inside a surface without touching it, but no link is.
-        self._meshed = np.array([all(self.bodies[i].mesh for i in pair) for pair in self.pairs], dtype=bool)
+        self._mesh_to = np.array([mesh_to(self.bodies[a], self.bodies[b]) for a, b in self.pairs])
+        tool = arm.full.getJointId(arm.robot.joints[-1])
+        carried = [tool in arm.full.supports[body.joint] for body in self.bodies]
+        still = [body.joint == 0 for body in self.bodies]
+        a, b = self.pairs.T
+        self._of_tool = (np.array(carried)[a] & np.array(still)[b]) | (np.array(carried)[b] & np.array(still)[a])
         self._placed, self._data = self._geometry.createData(), arm.full.createData()
+        self._lately: list[int] = []  # pairs that touched, the last one first: the likeliest to touch next
+        self._known: dict[bytes, Array] = {}
 
     def distances(self, x: Array) -> Array:
         """Return the distance of each pair (p,) in m, negative as deep as they overlap, at coordinates (k + 1,)."""
@@ -107,6 +121,38 @@ class Clearance:
             return []
         distances = self._measured()
         return [(int(pair), float(distances[pair])) for pair in np.flatnonzero(~(distances >= MARGIN_M))]
+
+    def touches(self, x: Array, allowed: Allowed | None = None) -> bool:
+        """Whether any pair that isn't allowed to is nearer than MARGIN_M at coordinates (k + 1,)."""
+        if x.tobytes() not in self._known and self._touch_again(x, allowed):
+            return True
+        for pair in np.flatnonzero(~(self._remembered(x) >= MARGIN_M)).tolist():
+            if not (allowed and allowed(pair, x)):
+                return self._touched(pair)
+        return False
+
+    def meets(
+        self, x: Array, path: Callable[[], JointPath], allowed: Allowed | None = None, tool_only: bool = False
+    ) -> bool:
+        """Whether any pair touches on a path; which one does first is for `first_contact` to say.
+
+        Args:
+            x: some coordinates (m, k + 1) on it, its start and its end first.
+            path: gives all of it; only asked if nothing touches at those.
+            allowed: what may touch where.
+            tool_only: leave out all but what moves with the tool and what stands still.
+        """
+        if not tool_only and (
+            any(self.touches(each, allowed) for each in x[:2])
+            or any(self._touch_again(each, allowed) for each in x[2:])
+        ):
+            return True
+        walk, (at_start, at_end) = self._walk(path(), allowed), map(self._remembered, x[:2])
+        near = np.flatnonzero(
+            ~(at_start + at_end > self.rates @ walk.moved[:, -1]) & (self._of_tool | (not tool_only))
+        ).tolist()
+        near.sort(key=lambda pair: self._lately.index(pair) if pair in self._lately else RECENT)
+        return any(self._halve(walk, pair, at_start[pair], at_end[pair]) and self._touched(pair) for pair in near)
 
     def witness(self, x: Array, pair: int) -> Array:
         """Where a pair is nearest or touches (3,), in pinocchio's world, at coordinates (k + 1,)."""
@@ -181,6 +227,43 @@ class Clearance:
             self._place(walk.q[node])
             distance = self._distance(pair)
 
+    def _halve(self, walk: _Walk, pair: int, at_start: float, at_end: float) -> bool:
+        """Whether a pair touches inside a path; given their distances at its ends, where they may."""
+        travel = (self.rates[pair] @ walk.moved).tolist()
+        parts = [(0, max(at_start, MARGIN_M), len(travel) - 1, max(at_end, MARGIN_M))]
+        for first, before, last, after in parts:
+            if last - first < 2 or before + after > travel[last] - travel[first]:
+                continue
+            # In the middle of what the two distances leave open.
+            middle = 0.5 * (travel[first] + before + travel[last] - after)
+            node = bisect_left(travel, middle, first + 1, last - 1)
+            self._place(walk.q[node])
+            distance = self._distance(pair)
+            if not distance >= MARGIN_M:
+                if not walk.may_touch(pair, node):
+                    return True
+                distance = MARGIN_M
+            parts += ((first, before, node, distance), (node, distance, last, after))
+        return False
+
+    def _remembered(self, x: Array) -> Array:
+        """Measure all distances once: the same joints are come from and gone to again and again."""
+        if x.tobytes() not in self._known:
+            if len(self._known) == REMEMBERED:
+                self._known.clear()
+            self._known[x.tobytes()] = self.distances(x)
+        return self._known[x.tobytes()]
+
+    def _touch_again(self, x: Array, allowed: Allowed | None) -> bool:
+        """Whether any of the pairs that touched lately touches."""
+        self._place(configurations(self.arm, x[None])[0])
+        return any(not self._distance(pair) >= MARGIN_M and not (allowed and allowed(pair, x)) for pair in self._lately)
+
+    def _touched(self, pair: int) -> bool:
+        """Remember a pair that touched."""
+        self._lately = [pair, *(each for each in self._lately if each != pair)][:RECENT]
+        return True
+
     def _until_clear(self, walk: _Walk, contact: Contact) -> Contact:
         """Follow a contact to its end, or to where it is allowed."""
         travel = self.rates[contact.pair] @ walk.moved
@@ -212,7 +295,7 @@ class Clearance:
     def _measured(self) -> Array:
         measured = [result.min_distance for result in self._placed.distanceResults]
         distances: Array = np.array(measured, dtype=np.float64) - self._pads
-        for pair in np.flatnonzero(self._meshed & ~(distances >= MARGIN_M)):
+        for pair in np.flatnonzero((distances > -self._mesh_to) & (distances < MARGIN_M)):
             distances[pair] = self._of_meshes(int(pair), distances[pair])
         return distances
 
@@ -221,19 +304,32 @@ class Clearance:
 
     def _distance(self, pair: int) -> float:
         distance = self._hull_distance(pair)
-        return self._of_meshes(pair, distance) if self._meshed[pair] and not distance >= MARGIN_M else distance
+        return self._of_meshes(pair, distance) if -self._mesh_to[pair] < distance < MARGIN_M else distance
 
     def _hull_distance(self, pair: int) -> float:
         return float(pin.computeDistance(self._geometry, self._placed, pair).min_distance - self._pads[pair])
 
     def _of_meshes(self, pair: int, distance: float) -> float:
-        """Ask the meshes of a pair whose hulls are near: MARGIN_M where they aren't, else the hulls' distance."""
+        """Ask the mesh of a pair whose hulls are near: MARGIN_M where they aren't, else the hulls' distance."""
         first, second = (surface_of(self.bodies[i]) for i in self.pairs[pair])
         placed = [self._placed.oMg[int(i)] for i in self.pairs[pair]]
         one, other = (coal.Transform3s(T.rotation, T.translation) for T in placed)
         request = coal.CollisionRequest()
         request.security_margin = MARGIN_M
         return distance if coal.collide(first, one, second, other, request, coal.CollisionResult()) else MARGIN_M
+
+
+def mesh_to(first: Body, second: Body) -> float:
+    """How deep (m) the hulls of two bodies may overlap where their meshes alone say whether they touch.
+
+    No limit for two links. Something else, as deep inside a hull as it is thin, may be inside the mesh too without
+    touching it: the hull counts from there on, unless it is too large to be inside.
+    """
+    if first.mesh is None or second.mesh is None:
+        meshed, other = (first, second) if first.mesh else (second, first)
+        thin, long = extent(other)
+        return 0.0 if meshed.mesh is None else np.inf if long > extent(meshed)[1] else thin
+    return np.inf
 
 
 def configurations(arm: ArmModel, x: Array) -> Array:
@@ -244,16 +340,31 @@ def configurations(arm: ArmModel, x: Array) -> Array:
     """
     if not np.isfinite(x).all():
         raise ValueError("joints and opening must be finite")
-    full, robot = arm.full, arm.robot
-    q = np.tile(arm.full_q(robot.home, 1.0), (len(x), 1))
-    values = dict(zip(robot.joints, x.T[:-1], strict=True))
-    if gripper := robot.gripper:
-        fingers = gripper.closed[:, None] + x.T[-1] * (gripper.open - gripper.closed)[:, None]
-        values |= dict(zip(gripper.joints, fingers, strict=True))
-    for name, value in values.items():
-        joint = full.joints[full.getJointId(name)]
-        if joint.nq == 1:
-            q[:, joint.idx_q] = value
-        else:  # continuous: cosine and sine
-            q[:, joint.idx_q], q[:, joint.idx_q + 1] = np.cos(value), np.sin(value)
+    home, driven, slope, at_zero, plain, turns = _layout(arm)
+    values = at_zero + slope * x[:, driven]
+    q = np.repeat(home[None], len(x), axis=0)
+    q[:, plain[0]] = values[:, plain[1]]
+    if len(turns[0]):  # continuous: cosine and sine
+        q[:, turns[0]], q[:, turns[0] + 1] = np.cos(values[:, turns[1]]), np.sin(values[:, turns[1]])
     return q
+
+
+@lru_cache(maxsize=4)
+def _layout(arm: ArmModel) -> tuple[Array, Pairs, Array, Array, Pairs, Pairs]:
+    """What `configurations` needs: home, and for each driven joint its column of x, and how its value follows from it;
+    and of joints of one number, then of endless ones, where they are in pinocchio's configuration and among those."""
+    full, robot = arm.full, arm.robot
+    count, names = len(robot.joints), list(robot.joints)
+    driven, slope, at_zero = list(range(count)), [1.0] * count, [0.0] * count
+    if gripper := robot.gripper:
+        names += gripper.joints
+        driven += [count] * len(gripper.joints)
+        slope += (gripper.open - gripper.closed).tolist()
+        at_zero += gripper.closed.tolist()
+    joints = [full.joints[full.getJointId(name)] for name in names]
+    at = [
+        np.array([(joint.idx_q, i) for i, joint in enumerate(joints) if (joint.nq == 1) == plain], dtype=np.int64)
+        for plain in (True, False)
+    ]
+    plain, turns = (each.reshape(-1, 2).T for each in at)
+    return arm.full_q(robot.home, 1.0), np.array(driven), np.array(slope), np.array(at_zero), plain, turns

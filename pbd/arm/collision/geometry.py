@@ -120,6 +120,22 @@ def shape_of(body: Body) -> Any:
     raise ValueError(f"{body.shape!r} is none of hull, box, cylinder, capsule, sphere, floor")
 
 
+def extent(body: Body) -> tuple[float, float]:
+    """Return how wide a body is at least and at most, m: no less and no more than that, but not exactly that."""
+    if body.shape == "floor":
+        return np.inf, np.inf
+    if body.shape == "hull":
+        sides = np.ptp(body.points, axis=0)
+        return 0.0, float(np.linalg.norm(sides)) + 2.0 * body.pad
+    if body.shape == "sphere":
+        return body.size[0], body.size[0]
+    if body.shape == "box":
+        return min(body.size), float(np.linalg.norm(body.size))
+    diameter, height = body.size
+    round_ends = diameter if body.shape == "capsule" else 0.0
+    return min(diameter, height + round_ends), float(np.hypot(diameter, height)) + round_ends
+
+
 @lru_cache(maxsize=256)
 def surface_of(body: Body) -> Any:
     """Return the surface of a body's mesh as coal takes it; the body itself where it stands for none."""

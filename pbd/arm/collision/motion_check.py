@@ -96,8 +96,8 @@ def _one_hit(earlier: MotionHit, later: MotionHit) -> bool:
 def object_stays(scene: CollisionScene, trajectory: JointTrajectory) -> tuple[Stay, ...]:
     """Where the grasped object is during a motion."""
 
-    def tool(t: float) -> Pose:
-        return scene.arm.forward(trajectory.at(np.array([min(t, trajectory.duration)])).q[0])
+    def tool(t: float) -> Pose:  # what is never let go may rest at the last keyframe: the arm may still go home with it
+        return scene.arm.forward(trajectory.at(np.array([min(t, trajectory.keyframe_t[-1])])).q[0])
 
     return scene.stays(holds(trajectory.gripper_t, trajectory.gripper_opening), tool)
 

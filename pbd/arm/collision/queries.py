@@ -7,6 +7,7 @@ axis, from APPROACH_M before; where the straight way back from the last is, it l
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from pbd.pose import Array, Pose
 APPROACH_M = 0.08, 0.16
 """Distances before a keyframe from which the arm comes, where it can't come straight: the first that is free."""
 
-_HALFWAY = 0.5, 0.25, 0.75
+_UNTURNED = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 class CollisionQueries:
@@ -42,10 +43,17 @@ class CollisionQueries:
         """Return what it touches first on its way to keyframe i, straight from each of joints (m, k) to the next."""
         return self.scene.check_path(q, self.legs[i])
 
-    def halfway(self, i: int, q_start: Array, q_end: Array) -> Hit | None:
-        """Return what it touches at one of a few places on a straight way to keyframe i, those in the middle first."""
-        places = (q_start + share * (q_end - q_start) for share in _HALFWAY)
-        return next((hit for q in places if (hit := self.scene.hit(q, self.legs[i]))), None)
+    def stands(self, i: int, q: Array) -> bool:
+        """Whether the arm touches nothing at keyframe i with joints (k,), as it comes there or as it leaves."""
+        return not any(self.scene.touches(q, leg) for leg in dict.fromkeys(self.legs[i : i + 2]))
+
+    def passes(self, i: int, q: Array) -> bool:
+        """Whether it touches nothing on its way to keyframe i, straight from each of joints (m, k) to the next."""
+        return not self.scene.meets(q, self.legs[i])
+
+    def tool_passes(self, i: int, q: Array) -> bool:
+        """Whether at least what moves with the tool touches nothing that stands still; see `passes`."""
+        return not self.scene.meets(q, self.legs[i], tool_only=True)
 
     def approach(self, q_start: Array, q: Array) -> Array | Hit:
         """Return the joints (m, k) by which the arm comes to keyframe 0, or what bars the straight way."""
@@ -65,12 +73,14 @@ class CollisionQueries:
 
     def _before(self, leg: Leg, q: Array, q_away: Array) -> Array | None:
         """Find joints from which the tool goes straight along its axis to joints q at an end of the motion."""
-        T_base_tool = self.arm.forward(q)
-        for distance in APPROACH_M:
-            T_before = T_base_tool @ Pose(np.array([0.0, 0.0, -distance]), np.array([1.0, 0.0, 0.0, 0.0]))
-            before: Array | None = q
-            for pose in line(T_base_tool, T_before)[1:]:
-                before = None if before is None else refine(self.arm, pose, before)
-            if before is not None and self.scene.check_path(np.stack((q, before, q_away)), leg) is None:
+        T_base_tool, before = self.arm.forward(q), q
+        for near, far in pairwise((0.0, *APPROACH_M)):
+            T_near, T_far = (T_base_tool @ Pose(np.array([0.0, 0.0, -away]), _UNTURNED) for away in (near, far))
+            for pose in line(T_near, T_far)[1:]:
+                found = refine(self.arm, pose, before)
+                if found is None:
+                    return None
+                before = found
+            if not self.scene.meets(np.stack((q, before, q_away)), leg):
                 return before
         return None

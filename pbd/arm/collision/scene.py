@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -31,6 +32,8 @@ REST_M = 0.03
 
 STEEP = float(np.cos(np.radians(45.0)))
 """What an object stands on holds it up at less than this angle from the vertical: least z of its normal."""
+
+_LIKELY = np.array([[0.5], [0.25], [0.75]])  # where a straight move is looked at first
 
 MOST_STAYS = 64
 """For how many places of the object the pairs are remembered."""
@@ -124,9 +127,27 @@ class CollisionScene:
                     worst = self.as_hit(each, pair, x, distance)
         return worst
 
-    def check_move(self, q_start: Array, q_end: Array, leg: Leg | None = None) -> Hit | None:
-        """Return the first hit of a straight move in joint space from q (k,) to q (k,), both ends included."""
-        return self.check_path(np.stack((q_start, q_end)), leg)
+    def touches(self, q: Array, leg: Leg) -> bool:
+        """Whether there is a hit at joints q (k,)."""
+        x = np.append(q, leg.opening)
+        return any(each.clearance.touches(x, each.allowed) for each in self.pair_sets(leg.stay))
+
+    def meets(self, q: Array, leg: Leg, *, tool_only: bool = False) -> bool:
+        """Whether there is a hit on straight moves in joint space from each of joints (m, k) to the next.
+
+        `tool_only`: of what moves with the tool, with what stands still.
+
+        What comes nearer than MARGIN_M but doesn't touch counts where somebody looks: `check_path` looks elsewhere.
+        """
+        if len(q) == 1:
+            return self.touches(q[0], leg)
+        middle = q[len(q) // 2][None] if len(q) > 2 else q[0] + _LIKELY * (q[-1] - q[0])
+        x = np.vstack((q[[0, -1]], middle))
+        x = np.column_stack((x, np.full(len(x), leg.opening)))
+        return any(
+            each.clearance.meets(x, partial(polyline, q, leg.opening, each.clearance.rates), each.allowed, tool_only)
+            for each in self.pair_sets(leg.stay)
+        )
 
     def check_path(self, q: Array, leg: Leg | None = None) -> Hit | None:
         """Return the first hit of straight moves in joint space from each of joints (m, k) to the next."""

@@ -8,6 +8,7 @@ from scipy.linalg.lapack import dposv
 from pbd.arm.ik.closed_form import closed_form
 from pbd.arm.ik.levenberg_marquardt import SOLVED, Residual, descend_each
 from pbd.arm.ik.partial_pose import FULL_POSE, SLACK_RAD, finish, is_partial, solve_partial
+from pbd.arm.ik.seven_joints import seven_joints
 from pbd.arm.ik.solver import solve
 from pbd.arm.ik.starts import manipulability, starts_of
 from pbd.arm.model import ArmModel
@@ -25,6 +26,8 @@ CARRIED_RELAXED = 2
 """Solutions of the pose before from which an arm with too few joints starts: it has few branches, and is slow."""
 CARRIED_APART_RAD, FRESH_APART_RAD, FRESH_APART_REDUNDANT_RAD = 0.3, 2.0, 1.2
 """Starts nearer to each other than this, in every joint, lead to the same solution; the last of a redundant arm."""
+ALONG, ALONG_APART_RAD = 4, 0.6
+"""How many ways to hold a redundant arm are taken of a branch, so far apart: those nearest to what is carried."""
 NEARBY = 256
 """Samples near the pose that starts are chosen from."""
 SAME_RAD = 1e-3
@@ -49,23 +52,30 @@ def find_branches(arm: ArmModel, T_base_tool: Pose, before: Array, starts: int) 
         return _partial(arm, T_base_tool, before)
     goal = target(T_base_tool)
     carried = apart(before, starts // 3, CARRIED_APART_RAD)
-    if len(ways := closed_form(arm, goal)):  # what is carried is for singular poses, which have more than these
+    curves = (branch[_nearest_first(arm, branch, carried)] for branch in seven_joints(arm, goal))
+    ways = np.vstack((closed_form(arm, goal), *(apart(branch, ALONG, ALONG_APART_RAD) for branch in curves)))
+    if len(ways):  # what is carried is for singular poses, which have more than these
         q, squares = descend_each(arm, goal, np.vstack((ways, carried)), all_of_them=True)
         found = q[squares < SOLVED]
         if len(found):
             return polish(arm, goal, apart(found, len(found), SAME_RAD))
     seeds = starts_of(arm).nearest(goal, NEARBY)
-    way = seeds[:, None] - carried
-    way -= (2.0 * np.pi) * arm.turns * np.round(way / (2.0 * np.pi))
-    order = np.einsum("smk,smk->sm", way, way).min(axis=1).argsort()
     distance = FRESH_APART_REDUNDANT_RAD if len(arm.robot.joints) > FULL_POSE else FRESH_APART_RAD
-    fresh = apart(seeds[order], starts - starts // 3, distance)
+    fresh = apart(seeds[_nearest_first(arm, seeds, carried)], starts - starts // 3, distance)
     q, squares = descend_each(arm, goal, np.vstack((carried, fresh)), all_of_them=True)
     found = q[squares < SOLVED]
     if not len(found):
         result = solve(arm, T_base_tool, before[0])
         found = result.q[None] if result.reached else found
     return polish(arm, goal, apart(found, len(found), SAME_RAD))
+
+
+def _nearest_first(arm: ArmModel, q: Array, carried: Array) -> Array:
+    """The order of joints (m, k) by how far they are from the nearest of those that are carried on."""
+    way = q[:, None] - carried
+    way -= (2.0 * np.pi) * arm.turns * np.round(way / (2.0 * np.pi))
+    order: Array = np.einsum("smk,smk->sm", way, way).min(axis=1).argsort()
+    return order
 
 
 def turn_toward(arm: ArmModel, q: Array, there: Array) -> Array:

@@ -54,12 +54,18 @@ def closed_form(arm: ArmModel, goal: Target) -> Array:
     # Where the point of the last axis goes.
     p = wanted.p + R @ (axes.p[5] - axes.tool.p)
     found = np.array((_spherical if axes.spherical else _parallel)(axes, R, p)).reshape(-1, 6) * axes.signs
-    lower, upper = arm.limits.lower, arm.limits.upper
-    middle = np.where(np.isfinite(upper - lower), 0.5 * (np.maximum(lower, -1e3) + np.minimum(upper, 1e3)), 0.0)
-    found -= 2.0 * np.pi * np.round((found - middle) / (2.0 * np.pi))
-    within = ((found >= lower - BEYOND_RAD) & (found <= upper + BEYOND_RAD)).all(axis=1)
+    found = within_turns(arm, found)
+    within = ((found >= arm.limits.lower - BEYOND_RAD) & (found <= arm.limits.upper + BEYOND_RAD)).all(axis=1)
     ways: Array = found[within]
     return ways
+
+
+def within_turns(arm: ArmModel, q: Array) -> Array:
+    """Turn joints (m, k) by whole turns to where they are nearest to the middle of their limits."""
+    lower, upper = arm.limits.lower, arm.limits.upper
+    middle = np.where(np.isfinite(upper - lower), 0.5 * (np.maximum(lower, -1e3) + np.minimum(upper, 1e3)), 0.0)
+    turned: Array = q - 2.0 * np.pi * np.round((q - middle) / (2.0 * np.pi))
+    return turned
 
 
 @lru_cache(maxsize=4)
@@ -76,10 +82,10 @@ def _axes(arm: ArmModel) -> Axes | None:
         return None
     signs = np.ones(6)
     h[2], signs[2] = h[1], np.sign(h[1] @ h[2])
-    crossing = _crossing(h[4], p[4], h[5], p[5])
-    if crossing is None:
+    wrist = crossing(h[4], p[4], h[5], p[5])
+    if wrist is None:
         return None
-    p[4] = p[5] = crossing
+    p[4] = p[5] = wrist
     tool = Target(data.oMf[arm.tool_id].translation.copy(), data.oMf[arm.tool_id].rotation.copy())
     off = p[5] - p[3]
     if np.linalg.norm(off - (off @ h[3]) * h[3]) < TOGETHER_M:
@@ -127,14 +133,14 @@ def _spherical(axes: Axes, R: Array, p: Array) -> list[list[float]]:
     return found
 
 
-def _crossing(h: Array, p: Array, h_other: Array, p_other: Array) -> Array | None:
+def crossing(h: Array, p: Array, h_other: Array, p_other: Array) -> Array | None:
     """Where two axes cross; None where they don't."""
     normal = np.cross(h, h_other)
     square, off = float(normal @ normal), p_other - p
     if square < PARALLEL**2 or abs(off @ normal) > TOGETHER_M * math.sqrt(square):
         return None
-    crossing: Array = p_other + h_other * float(np.cross(off, h) @ normal) / square
-    return crossing
+    place: Array = p_other + h_other * float(np.cross(off, h) @ normal) / square
+    return place
 
 
 def _turn(axis: Array, angle: float) -> Array:

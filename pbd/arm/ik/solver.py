@@ -75,9 +75,7 @@ def solve(arm: ArmModel, T_base_tool: Pose, q_seed: Array | None = None) -> IkRe
         return _result(arm, goal, q)
     arrived = attempts.follow(np.vstack((seeds, starts.nearest(goal, NEAREST)))) or attempts.resume()
     if not arrived and attempts.least < NEAR_MISS**2:
-        restarts = EVERYWHERE if attempts.least < NEARLY_THERE**2 else ANYWHERE
-        if not attempts.follow(starts.anywhere(restarts)):
-            attempts.resume()
+        attempts.follow(starts.anywhere(EVERYWHERE if attempts.least < NEARLY_THERE**2 else ANYWHERE))
     return _result(arm, goal, attempts.best)
 
 

@@ -9,11 +9,15 @@ from collections.abc import Callable
 from pbd.cli.console import listening
 from pbd.cli.steps import decoder_maker
 from pbd.errors import SensorError
+from pbd.record.loop import Poll
+from pbd.record.values import Command
 from pbd.sensors import port as serial_port
 from pbd.sensors.decoding import Decoder
 from pbd.sensors.port import Port, open_port
 from pbd.sensors.probe import BOOT_S, FIRST_BAUD, LISTEN_S, LONGEST_PROBE_S, find_baud, probe
 from pbd.sensors.protocols import COMMAND_PAUSE_S, PROTOCOLS, protocol
+
+GAMEPAD = "gamepad"
 
 
 def find_sensor(args: argparse.Namespace) -> tuple[str, Callable[[], Port], Decoder]:
@@ -24,6 +28,13 @@ def find_sensor(args: argparse.Namespace) -> tuple[str, Callable[[], Port], Deco
     """
     wanted: str | None = args.sensor
     make = None if wanted is None else decoder_maker(args, wanted, args.unit)  # before anything is opened
+    if wanted == GAMEPAD:
+        if args.baud or args.rate:
+            raise SensorError("a gamepad has no baud or rate to choose; leave out --baud, --rate")
+        assert make is not None
+        from pbd.sensors.gamepad_port import open_gamepad
+
+        return wanted, lambda: open_gamepad(args.port), make()
     device, baud = args.port or _only_port(), args.baud
     if wanted is None:
         wanted, heard_at = _listened(device)
@@ -41,6 +52,23 @@ def find_sensor(args: argparse.Namespace) -> tuple[str, Callable[[], Port], Deco
                 port.write(command)
                 time.sleep(COMMAND_PAUSE_S)
     return wanted, lambda: open_port(device, baud), make()
+
+
+def by_buttons(poll: Poll, decoder: Decoder) -> Poll:
+    """Mark the grip by the device's own buttons too, where it has any."""
+    if not hasattr(decoder, "presses"):
+        return poll
+    seen = 0
+
+    def poll_both() -> Command | None:
+        nonlocal seen
+        command, presses = poll(), int(decoder.presses)
+        if command is None and presses > seen:
+            seen += 1
+            return Command.GRIP
+        return command
+
+    return poll_both
 
 
 def _listened(device: str) -> tuple[str, int]:

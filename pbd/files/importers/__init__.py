@@ -4,14 +4,28 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pbd.data import Demonstration
 from pbd.errors import RecordingError
 from pbd.files.demo import RATES_HZ
 
-TEXT = (".csv", ".txt", ".tsv")
+if TYPE_CHECKING:
+    from pbd.files.importers.columns import Understood
+
+TEXT = (".csv", ".txt", ".tsv", ".log")
+XIO_FILE = "Inertial.csv"
+"""What an x-IMU3's folder is known by (x-io Technologies, x-IMU3 GUI: a file for each kind of message)."""
+
+
+@dataclass(frozen=True)
+class Imported:
+    """A recording of another program, and what was made of its columns; None where they have no names."""
+
+    demo: Demonstration
+    understood: Understood | None = None
 
 
 def import_file(
@@ -20,34 +34,61 @@ def import_file(
     units: Mapping[str, str] | None = None,
     rate_hz: float | None = None,
 ) -> Demonstration:
+    """Read a recording in any known format; see `import_recording`."""
+    return import_recording(path, columns, units, rate_hz).demo
+
+
+def import_recording(
+    path: Path,
+    columns: Mapping[str, str] | None = None,
+    units: Mapping[str, str] | None = None,
+    rate_hz: float | None = None,
+    topic: str | None = None,
+) -> Imported:
     """Read a recording in any known format. Its suffix and header tell which.
 
     Args:
-        path: .csv, .txt or .tsv with a header, or .npz.
-        columns: of a CSV: ours (t, gx ... mz, heading, pitch, roll) -> the file's name, where the header doesn't tell.
-        units: of a CSV: of t, gyr, acc, mag or angle, where the header doesn't tell.
-        rate_hz: of a CSV without times.
+        path: .csv, .txt, .tsv or .log with a header or with names beside the numbers; .npz; .mcap, .db3 or a rosbag2's
+            folder; an x-IMU3's folder.
+        columns: of a table: ours (t, gx ... mz, heading, pitch, roll) -> the file's, where the header doesn't tell.
+        units: of a table: of t, gyr, acc, mag or angle, where the header doesn't tell.
+        rate_hz: of a table without times.
+        topic: of a bag with several.
 
     Raises:
         RecordingError: not such a file, or its contents can't be a recording.
     """
-    suffix, truth = path.suffix.lower(), None
-    if suffix == ".npz":
+    source = path / XIO_FILE if (path / XIO_FILE).is_file() else path
+    suffix, truth, understood = source.suffix.lower(), None, None
+    is_bag = suffix in (".mcap", ".db3") or (source / "metadata.yaml").is_file()
+    if topic is not None and not is_bag:
+        raise RecordingError(f"{path}: only a bag has topics; leave --topic out", path=path)
+    if suffix == ".npz" or is_bag:
+        kind, what = ("a bag", "messages") if is_bag else ("an npz", "named arrays")
         if columns or units:
-            raise RecordingError(f"{path}: an npz has named arrays in SI units; leave --column and --unit out")
+            raise RecordingError(f"{path}: {kind} has {what} in SI units; leave --column and --unit out")
         if rate_hz is not None:
-            raise RecordingError(f"{path}: an npz has its own rate_hz; leave --rate out", path=path)
+            its = "times of its own" if is_bag else "its own rate_hz"
+            raise RecordingError(f"{path}: {kind} has {its}; leave --rate out", path=path)
+    if is_bag:
+        from pbd.files.importers.bag import read_bag
+
+        recording = read_bag(source, topic)
+    elif suffix == ".npz":
         from pbd.files.importers.npz import read_npz
 
-        recording, truth = read_npz(path)
+        recording, truth = read_npz(source)
     elif suffix in TEXT:
         from pbd.files.importers.csv import read_csv
 
-        recording = read_csv(path, columns or {}, units or {}, rate_hz)
+        recording, understood = read_csv(source, columns or {}, units or {}, rate_hz)
     else:
-        raise RecordingError(f"{path}: can't import '{suffix}' files; give a .csv, .tsv, .txt or .npz", path=path)
+        known = ".csv, .tsv, .txt, .npz, .mcap or .db3"
+        kind = "this folder: it is no bag and no x-IMU3's" if path.is_dir() else f"'{suffix}' files"
+        raise RecordingError(f"{path}: can't import {kind}; give a {known}", path=path)
     info = replace(recording.info, name=_as_text(path.stem), sensor="unknown (imported)")
-    return Demonstration(replace(recording, info=info), truth, notes=f"Imported from {_as_text(path.name)}.")
+    demo = Demonstration(replace(recording, info=info), truth, notes=f"Imported from {_as_text(path.name)}.")
+    return Imported(demo, understood)
 
 
 def check_rate(path: Path, rate_hz: float, what: str) -> None:

@@ -24,18 +24,17 @@ from pbd.tracking.online.samples import Sample
 from pbd.tracking.repair.saturation import FLAT_SAMPLES
 from pbd.tracking.smoother.knots import MOVE_KNOT_S
 from pbd.tracking.smoother.preintegration import (
-    ACC_BIAS,
-    ACC_MATRIX,
     BLOCK_S,
     ERRORS,
-    GYR_BIAS,
-    GYR_MATRIX,
     LAG,
-    LOWER,
+    OF_ACC,
+    OF_GYR,
     POS,
     ROT,
     ROUNDING_SIGMAS,
     VEL,
+    block_noise,
+    of_blocks_by_errors,
 )
 
 CLIPPED_RATE, CLIPPED_SHARE = 3.0, 0.2
@@ -143,14 +142,9 @@ class Strapdown:
         turned = np.mean(self._rates, axis=0)
         rate = turned if still_acc is None else np.zeros(3)
         force = np.mean(self._accs, axis=0) if still_acc is None else still_acc
-        by_gyr = -T * np.hstack((C, (C[:, :, None] * rate).reshape(3, 9)))
-        i, j = np.transpose(LOWER)
-        by_acc = -T * np.hstack((C, C[:, i] * force[j]))
-        swung = -0.5 * skew(self.U[0]) @ by_gyr
         J = np.zeros((9, ERRORS))
-        J[ROT, GYR_BIAS], J[ROT, GYR_MATRIX] = by_gyr[:, :3], by_gyr[:, 3:]
-        J[VEL, GYR_BIAS], J[VEL, GYR_MATRIX] = swung[:, :3], swung[:, 3:]
-        J[VEL, ACC_BIAS], J[VEL, ACC_MATRIX] = by_acc[:, :3], by_acc[:, 3:]
+        (J[ROT, OF_GYR],), (J[VEL, OF_ACC],) = of_blocks_by_errors(C[None], rate[None], force[None], np.array([T]))
+        J[VEL, OF_GYR] = -0.5 * skew(self.U[0]) @ J[ROT, OF_GYR]
         J[POS] = 0.5 * T * J[VEL]
         J[VEL, LAG], J[POS, LAG] = self.U[1][:, None], self.P[1][:, None]
         leg = Leg(T, self.U[0], self.P[0], J, self._noise(n, T, up), self.wxyz, T * turned)
@@ -165,16 +159,11 @@ class Strapdown:
         s_g, s_a = (each[:, 2:-2].sum() * dt for each in densities(self.noise, rate, u, self._interval, up))
         if self._device:
             s_g += self.noise.device_lag * float((lengths(rate[4:]) ** 2).sum()) * dt
-        g, a, S, one = s_g + self._guessed[0], s_a + self._guessed[1], skew(self.U[0] / T), np.eye(3)
-        # As `block_noise` has it, for one block that lasts T.
-        SS, Q = S @ S.T, np.zeros((9, 9))
-        Q[ROT, ROT] = (g + ROUNDING_SIGMAS[0] ** 2 * T / MOVE_KNOT_S) * one
-        Q[ROT, VEL], Q[ROT, POS] = 0.5 * g * T * S, g * T**2 / 6.0 * S
-        Q[VEL, VEL] = (a + ROUNDING_SIGMAS[1] ** 2 * T / MOVE_KNOT_S) * one + g * T**2 / 3.0 * SS
-        Q[VEL, POS] = 0.5 * a * T * one + 0.125 * g * T**3 * SS
-        Q[POS, POS] = (a * T**2 / 3.0 + ROUNDING_SIGMAS[2] ** 2 * T / MOVE_KNOT_S) * one + 0.05 * g * T**4 * SS
-        Q[VEL, ROT], Q[POS, ROT], Q[POS, VEL] = Q[ROT, VEL].T, Q[ROT, POS].T, Q[VEL, POS].T
-        return Q
+        g, a = np.add((s_g, s_a), self._guessed)
+        g, a, togo, h = np.array([g, a, 0.5 * T, T])[:, None]
+        rounding = np.repeat(np.square(ROUNDING_SIGMAS), 3) * T / MOVE_KNOT_S
+        covariance: Array = block_noise(self.U[:1] / T, g, a, togo, h, np.array([0]))[0] + np.diag(rounding)
+        return covariance
 
 
 def _middles(dt: float, earlier: Array, before: Array, own: Array) -> Array:

@@ -114,7 +114,9 @@ def frozen(recording: Recording, filled: NDArray[np.bool_] | None = None) -> NDA
         recording: without NaN.
         filled: (n,) rows that were; None: no row was.
     """
-    held: NDArray[np.bool_] = ~np.any(np.diff(recording.acc, axis=0) != 0.0, axis=1)
+    acc = recording.acc
+    clipped = ((acc == acc.max(axis=0)) | (acc == acc.min(axis=0))).all(axis=1)  # all axes at an end of the range
+    held: NDArray[np.bool_] = ~np.any(np.diff(acc, axis=0) != 0.0, axis=1) & ~clipped[1:]
     if filled is not None:
         held &= ~(filled[1:] | filled[:-1])
     return _too_long(recording, _repeats(recording)) | _too_long(recording, held)

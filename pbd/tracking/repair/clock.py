@@ -20,6 +20,9 @@ from pbd.tracking.rest import SHORTEST_REST_S
 SLOWEST_HZ = 4.0
 """Lowest sampling rate: below it the unit of time is wrong."""
 
+USUAL_HZ = (5.0, 4000.0)
+"""Rates of inertial sensors, Hz: a factor of under 1000, so that a step tells ms, us and ns apart."""
+
 FASTEST_HZ = 5e4
 """Highest sampling rate: above it the unit of time is wrong, or the rows are out of order."""
 
@@ -59,6 +62,7 @@ def with_clock(recording: Recording) -> Recording:
         raise RecordingError(
             f"the recording has {counted(len(recording), 'sample')}; record at least a second of rest, then move"
         )
+    _refuse_other_unit(recording.t)
     _refuse_disorder(recording.t)
     recording = replace(recording, t=steady_clock(recording))
     t = recording.t
@@ -72,13 +76,7 @@ def with_clock(recording: Recording) -> Recording:
             bound=1.0 / FASTEST_HZ,
         )
     interval = 1.0 / recording.rate_hz
-    if recording.rate_hz < SLOWEST_HZ:
-        raise RecordingError(
-            f"the samples come {interval:.3g} s apart; if the time is in milliseconds or microseconds, import the file "
-            "with --unit t=ms or --unit t=us",
-            value=recording.rate_hz,
-            bound=SLOWEST_HZ,
-        )
+    _refuse_slow(interval)
     lasts = float(t[-1] - t[0]) + interval
     if lasts < SHORTEST_REST_S:  # too short to see whether the hand moved
         raise RecordingError(
@@ -89,6 +87,29 @@ def with_clock(recording: Recording) -> Recording:
         )
     _warn_of_rate(recording)
     return recording
+
+
+def _refuse_other_unit(t: Array) -> None:
+    """Refuse a time in ms, us or ns, before its steps are taken for jumps."""
+    steps = np.diff(t)
+    forward = steps[steps > 0.0]  # NaN is not
+    if 2 * len(forward) > len(steps):
+        _refuse_slow(float(np.median(forward)))
+
+
+def _refuse_slow(interval: float) -> None:
+    if interval * SLOWEST_HZ <= 1.0:
+        return
+    units = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+    likely = [unit for unit, scale in units.items() if USUAL_HZ[0] <= 1.0 / (interval * scale) <= USUAL_HZ[1]]
+    named = likely or ["ms", "us"]
+    what = "the time is likely in" if likely else "if the time is in"
+    raise RecordingError(
+        f"the samples come {interval:.3g} s apart; {what} {' or '.join(named)}"
+        + f"{': ' if likely else ', '}import the file with {' or '.join(f'--unit t={unit}' for unit in named)}",
+        value=1.0 / interval,
+        bound=SLOWEST_HZ,
+    )
 
 
 def steady_clock(recording: Recording) -> Array:

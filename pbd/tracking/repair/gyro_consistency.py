@@ -9,16 +9,27 @@ others. Data that nothing contradicts are accepted.
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import permutations, product
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pbd.data import GRAVITY, Recording
 from pbd.errors import PbdWarning, RecordingError
-from pbd.pose import Array, quat_cumulative, quat_exp, quat_from_rpy, quat_inverse, quat_multiply, quat_rotate
+from pbd.pose import (
+    Array,
+    quat_cumulative,
+    quat_exp,
+    quat_from_rpy,
+    quat_inverse,
+    quat_multiply,
+    quat_rotate,
+    quat_to_matrix,
+)
 from pbd.tracking.moving_windows import squares, window_moments, window_sums
+from pbd.tracking.repair.axes import Witness, find_other_axes
 from pbd.tracking.rest import STILL_ACC, STILL_GYR
 
 CONTRADICTION_RAD, IMPROVEMENT = np.radians(20.0), 3.0
@@ -37,17 +48,20 @@ STEEP_FIELD = 0.5
 CHECK_HZ = 50.0
 """Samples are averaged down to about this rate: fast enough for a hand."""
 
-STEADY_S, STEADY_ACC, STEADY_NORM = 0.2, 0.05, 0.02
+STEADY_S, STEADY_ACC, STEADY_NORM = 0.2, 0.05, 0.04
 """In a steady moment the accelerometer shows gravity alone. It lasts STEADY_S; the rms of specific force is below
-STEADY_ACC, and its norm differs from g by less than STEADY_NORM (shares of g)."""
+STEADY_ACC, and its norm differs from g by less than STEADY_NORM (shares of g): a WT901's bias of 20 mg changes it by
+4 % from one side to the other."""
 
 PAIR_EVERY_S, PAIR_SHORTEST_S, PAIR_LONGEST_S = 0.1, 0.5, 5.0
 """Pairs of steady moments: one begins every PAIR_EVERY_S at most; the two are PAIR_SHORTEST_S to PAIR_LONGEST_S
 apart."""
 
-UNIT_PAIRS, AXES_PAIRS = 2, 8
-"""Least number of pairs between which the vertical turns, to judge the unit; to judge the axes, which may agree by
-chance."""
+SHOWN_BY = {"a": "gravity", "m": "the field", "": "the device's own attitude"}
+"""What shows a turn, by the channel of a witness."""
+
+UNIT_PAIRS = 2
+"""Least number of pairs between which the vertical turns, to judge the unit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,69 +168,57 @@ def refuse_disagreement(recording: Recording) -> None:
     gyr = gyr - steady.gyro_bias
     first, second = _pairs(steady.rows, rate_hz)
     up, up_later = steady.up_sensor[first], steady.up_sensor[second]
+    there, here = steady.rows[second], steady.rows[first]
 
-    def turned(gyr: Array) -> Array:
-        """Where the gyro carries the vertical from the first moments to the second."""
+    def turn(gyr: Array) -> Array:
+        """The gyro's turns (k, 4) from the axes of the first moments to those of the second."""
         attitude = np.vstack(((1.0, 0.0, 0.0, 0.0), quat_cumulative(quat_exp(gyr / rate_hz))))
-        there, here = attitude[steady.rows[second]], attitude[steady.rows[first]]
-        return quat_rotate(quat_multiply(quat_inverse(there), here), up)
+        return quat_multiply(quat_inverse(attitude[there]), attitude[here])
 
-    as_it_is = turned(gyr)
-    telling = np.maximum(_angles(up, up_later), _angles(up, as_it_is)) > CONTRADICTION_RAD
-    if telling.sum() < UNIT_PAIRS:
-        return
+    def refuse(off_deg: float, pair: int, what: str, shows: str = "gravity", **fields: object) -> NoReturn:
+        at = recording.t[here[pair] * every]
+        raise RecordingError(
+            f"the gyro does not turn as {shows} shows (by {off_deg:.0f} degrees, first at t = {at:.1f} s): {what}",
+            value=np.radians(off_deg),
+            **fields,
+        )
 
-    def disagreement(carried: Array) -> float:
-        return float(np.median(_angles(up_later, carried)[telling]))
-
-    off = disagreement(as_it_is)
-    if off < CONTRADICTION_RAD:
-        return
-    readings = [
-        (disagreement(turned(np.radians(gyr))), "its values are in deg/s; import the file with", "deg/s"),
-        (
-            disagreement(turned(np.degrees(gyr))),
-            "its values were in rad/s, but were read as deg/s; import the file with",
-            "rad/s",
-        ),
-    ]
-    for order, signs in (
-        product(permutations(range(3)), product((1, -1), repeat=3)) if telling.sum() >= AXES_PAIRS else ()
-    ):
-        readings.append((disagreement(turned(gyr[:, order] * signs)), _other_axes(order, signs), ""))
-    if not np.diff(gyr, axis=0).any():  # with noise in the accelerometer, `refuse_dead` has refused it
-        readings.append((0.0, "it reads the same all the time, so it is dead; check the columns gx, gy, gz", ""))
-    best, what, unit = min(readings)
-    if best > off / IMPROVEMENT:
-        return
-    raise RecordingError(
-        f"the gyro does not turn as gravity shows (by {np.degrees(off):.0f} degrees, first at "
-        f"t = {recording.t[steady.rows[first][telling][0] * every]:.1f} s): {what}"
-        + (f" --unit gyr={unit}" if unit else ""),
-        value=off,
-        unit=unit or None,
-    )
+    as_it_is = turn(gyr)
+    witnesses = [Witness("a", up, up_later), *_other_witnesses(recording, every, here, there)]
+    found = find_other_axes(witnesses, quat_to_matrix(as_it_is), quat_to_matrix(turn(-gyr)))
+    carried = quat_rotate(as_it_is, up)
+    telling = np.maximum(_angles(up, up_later), _angles(up, carried)) > CONTRADICTION_RAD
+    off = float(np.median(_angles(up_later, carried)[telling])) if telling.any() else 0.0
+    if telling.sum() >= UNIT_PAIRS and off > CONTRADICTION_RAD:
+        pair, mended = int(np.flatnonzero(telling)[0]), np.radians(found.fit_deg) if found else np.inf
+        for unit, other, what in (
+            ("deg/s", np.radians(gyr), "its values are in deg/s"),
+            ("rad/s", np.degrees(gyr), "its values were in rad/s, but were read as deg/s"),
+        ):
+            fit = float(np.median(_angles(up_later, quat_rotate(turn(other), up))[telling]))
+            if fit < min(off / IMPROVEMENT, mended):
+                refuse(np.degrees(off), pair, f"{what}; import the file with --unit gyr={unit}", unit=unit)
+        if not np.diff(gyr, axis=0).any():  # with noise in the accelerometer, `refuse_dead` has refused it
+            dead = "it reads the same all the time, so it is dead; check the columns gx, gy, gz"
+            refuse(np.degrees(off), pair, dead)
+    if found is not None:
+        refuse(found.off_deg, found.pair, found.message, SHOWN_BY[found.witness])
 
 
-def _other_axes(order: tuple[int, ...], signs: tuple[int, ...]) -> str:
-    """Say which of the gyro's axes are the accelerometer's, and how to import them so.
-
-    Where two only have the other sign, it may as well be the accelerometer's third that has.
-    """
-    ours = [("-" if sign < 0 else "", "xyz"[axis]) for axis, sign in zip(order, signs, strict=True)]
-    fit = ", ".join(f"{minus or '+'}{axis}" for minus, axis in ours)
-    import_so = " ".join(
-        f"--column g{axis}={minus}G{its.upper()}"
-        for axis, (minus, its) in zip("xyz", ours, strict=True)
-        if minus or its != axis
-    )
-    what = (
-        f"its axes {fit} are the accelerometer's +x, +y, +z; import the file with {import_so} (GX: the column of its x)"
-    )
-    if order == (0, 1, 2) and sum(signs) == -1:
-        third = "xyz"[signs.index(1)]
-        what += f"; or, if it is the accelerometer's {third} that has the wrong sign, with --column a{third}=-NAME"
-    return what
+def _other_witnesses(
+    recording: Recording, every: int, here: NDArray[np.intp], there: NDArray[np.intp]
+) -> Iterator[Witness]:
+    """The field, and the device's own up and north, at the rows of pairs."""
+    if recording.mag is not None:
+        field = _averaged(recording.mag, every)
+        norm = np.linalg.norm(field, axis=1, keepdims=True)
+        if norm.all():
+            yield Witness("m", (field / norm)[here], (field / norm)[there])
+    if recording.device_rpy is not None:
+        wxyz = quat_inverse(quat_from_rpy(recording.device_rpy[every // 2 :: every]))
+        for axis in ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0)):
+            seen = quat_rotate(wxyz, np.broadcast_to(axis, (len(wxyz), 3)))
+            yield Witness("", seen[here], seen[there])
 
 
 def _pairs(rows: NDArray[np.intp], rate_hz: float) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

@@ -8,12 +8,9 @@ from numpy.typing import NDArray
 from pbd.pose import Array, lengths
 from pbd.tracking.moving_windows import median
 from pbd.tracking.noise import OUTLIER_SIGMAS
-from pbd.tracking.smoother.gauss_newton import (
-    UNDOUBTED_SIGMAS,
-)
+from pbd.tracking.smoother.gauss_newton import UNDOUBTED_SIGMAS
 from pbd.tracking.smoother.knots import Problem
 from pbd.tracking.smoother.normal_equations import VEL, Solved
-from pbd.tracking.smoother.state import Weights
 from pbd.tracking.zero_velocity import (
     Spans,
     calm_part,
@@ -38,9 +35,9 @@ SET_OUT_SPEED = 2e-4
 """m/s above the noise: a hand that is slower has not set out yet."""
 
 
-def doubted_stops(problem: Problem, weights: Weights, candidates: Spans) -> NDArray[np.bool_]:
+def doubted_stops(problem: Problem, still: Array, candidates: Spans) -> NDArray[np.bool_]:
     """Which candidates contain a knot that seems to move, and are long enough to contain a rest and a move, (c,)."""
-    knots, spans = problem.rows[(problem.stop_of >= 0) & (weights.still < MOVING_WEIGHT)], np.array(candidates)
+    knots, spans = problem.rows[(problem.stop_of >= 0) & (still < MOVING_WEIGHT)], np.array(candidates)
     first, end = np.searchsorted(knots, spans.T)
     start, last = problem.frame.t[spans - (0, 1)].T
     doubted: NDArray[np.bool_] = (end > first) & (last - start > SHORTEST_DIVIDED_S)

@@ -34,7 +34,6 @@ from pbd.tracking.smoother.state import (
     Local,
     Prior,
     State,
-    Weights,
 )
 
 LEAST_LEVEL_FIELD = 0.1
@@ -49,19 +48,21 @@ GAUGE_WEIGHT = 1e10
 
 def linearise(
     problem: Problem, x: State, local: Local, whiten: Array, anneal: float = 1.0, robust: bool = True
-) -> tuple[NormalEquations, Weights]:
-    """Linearise all factors at a state; `whiten` the legs' noise, `anneal` widens what passes for standing still."""
+) -> tuple[NormalEquations, Array]:
+    """Linearise all factors at a state; `whiten` the legs' noise, `anneal` widens what passes for standing still.
+
+    Returns the equations, and how much each knot's standing still counts, (m,) 0 to 1.
+    """
     equations = NormalEquations.empty(len(problem.rows), SHARED)
-    legs = _add_legs(equations, problem, x, local, whiten)
-    still, stay, turn = _add_stops(equations, problem, x, local, anneal, robust)
+    _add_legs(equations, problem, x, local, whiten)
+    still = _add_stops(equations, problem, x, local, anneal, robust)
     _add_hand(equations, problem, x)
-    compass = np.ones(len(problem.rows))
     if problem.device:
         _add_device(equations, problem, x)
     elif problem.field is not None:
-        compass = _add_compass(equations, problem, problem.field, x, local)
+        _add_compass(equations, problem, problem.field, x, local)
     _add_priors(equations, problem, x, local)
-    return equations, Weights(still, stay, turn, compass, legs)
+    return equations, still
 
 
 def sensor_errors(x: State) -> Array:
@@ -112,21 +113,17 @@ def leg_jacobian(problem: Problem, x: State, at: slice = slice(None)) -> Array:
     return out
 
 
-def _add_legs(equations: NormalEquations, problem: Problem, x: State, local: Local, whiten: Array) -> Array:
-    """The moves, and how the biases walk; returns the whitened residuals."""
-    residuals = np.empty((len(whiten), 9))
+def _add_legs(equations: NormalEquations, problem: Problem, x: State, local: Local, whiten: Array) -> None:
+    """The moves, and how the biases walk."""
     for first in range(0, len(whiten), LEGS_AT_ONCE):
         at = slice(first, first + LEGS_AT_ONCE)
-        whitened = whiten[at] @ leg_jacobian(problem, x, at)
-        equations.add_legs(whitened, first)
-        residuals[at] = whitened[:, :, -1]
+        equations.add_legs(whiten[at] @ leg_jacobian(problem, x, at), first)
     noise, T = problem.noise, problem.legs.T
     for block, values, walk, k in (
         (GYR_BIAS, x.gyr_bias, noise.device.gyr_walk, local.walks[0]),
         (ACC_BIAS, x.acc_bias, noise.device.acc_walk, local.walks[1]),
     ):
         equations.add_pairs(block, np.diff(values, axis=0), 1.0 / (k * walk**2 * T))
-    return residuals
 
 
 def creep(problem: Problem, x: State) -> tuple[Array, Array]:
@@ -137,8 +134,8 @@ def creep(problem: Problem, x: State) -> tuple[Array, Array]:
 
 def _add_stops(
     equations: NormalEquations, problem: Problem, x: State, local: Local, anneal: float, robust: bool
-) -> tuple[Array, Array, Array]:
-    """In a stop the pivot stands still, and from knot to knot nothing moves or turns. Returns the weights."""
+) -> Array:
+    """In a stop the pivot stands still, and from knot to knot nothing moves or turns. Returns the first's weights."""
     noise, within, R = problem.noise, problem.within, x.E @ problem.C
     # A hand that coasts is as fast, however much one that stands still trembles.
     variance = local.still * problem.still**2 + (anneal**2 - 1.0) * noise.still_speed**2
@@ -155,7 +152,7 @@ def _add_stops(
     turned = matrix_log(R[1:] @ R[:-1].transpose(0, 2, 1))
     turn = _robust(_squares(turned) / problem.turn_sigma**2, True) * within
     equations.add_pairs(ROT, turned, turn / problem.turn_sigma**2)
-    return still, stay, turn
+    return still
 
 
 def _add_hand(equations: NormalEquations, problem: Problem, x: State) -> None:
@@ -165,8 +162,8 @@ def _add_hand(equations: NormalEquations, problem: Problem, x: State) -> None:
     equations.add_unary(POS, x.p, near)
 
 
-def _add_compass(equations: NormalEquations, problem: Problem, field: Array, x: State, local: Local) -> Array:
-    """The field's level part points north, where the field is the earth's. Returns the weights."""
+def _add_compass(equations: NormalEquations, problem: Problem, field: Array, x: State, local: Local) -> None:
+    """The field's level part points north, where the field is the earth's."""
     h = np.einsum("kij,kj->ki", x.E, field)
     strength = np.sqrt(_squares(h))
     level = np.maximum(np.hypot(h[:, 0], h[:, 1]), 1e-12)
@@ -180,7 +177,6 @@ def _add_compass(equations: NormalEquations, problem: Problem, field: Array, x: 
     weight = trust * problem.share / problem.noise.compass**2
     equations.diagonal[:, ROT, ROT] += weight[:, None, None] * jacobian[:, :, None] * jacobian[:, None, :]
     equations.g[:, ROT] += (weight * east)[:, None] * jacobian
-    return trust
 
 
 def _add_device(equations: NormalEquations, problem: Problem, x: State) -> None:

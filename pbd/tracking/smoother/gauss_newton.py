@@ -9,11 +9,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from pbd.pose import lengths
+from pbd.pose import Array, lengths
 from pbd.tracking.smoother.factors import creep, linearise, whitener
 from pbd.tracking.smoother.knots import Problem
 from pbd.tracking.smoother.normal_equations import Solved
-from pbd.tracking.smoother.state import Local, State, Weights
+from pbd.tracking.smoother.state import Local, State
 
 ANNEALING, WARM_ANNEALING = (40.0, 10.0, 3.0), (3.0,)
 """Factors on the velocity sigma of a stop, coming down to 1: from a first guess; from an earlier solution."""
@@ -27,10 +27,10 @@ CONVERGED_RAD, ROUGHLY_CONVERGED_RAD, MAX_ITERATIONS = 1e-4, 1e-3, 12
 
 @dataclass(frozen=True, eq=False)
 class Descent:
-    """A linearisation at a state, with its robust weights, and the step from there."""
+    """A linearisation at a state, how much each knot's standing still counts (m,), and the step from there."""
 
     at: State
-    weights: Weights
+    still: Array
     solved: Solved
 
     @cached_property

@@ -29,6 +29,9 @@ LAG, GYR_MATRIX, ACC_MATRIX = slice(6, 7), slice(7, 16), slice(16, 22)
 ERRORS = 22
 """Columns x of a leg: biases of gyro and accelerometer; lag; w_true = (1 - M) w; f_true = (1 - N) f, N lower."""
 
+OF_GYR, OF_ACC = np.r_[GYR_BIAS, GYR_MATRIX], np.r_[ACC_BIAS, ACC_MATRIX]
+"""Those of each sensor."""
+
 LOWER = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
 """Entries of N: lower triangular, as the accelerometer's axes define the sensor's."""
 
@@ -202,21 +205,16 @@ def preintegrate(
         return np.where(still[leg][:, None], of_leg, mean)
 
     rate, force = block_means(frame.gyr), block_means(frame.acc)
-    by_gyr = np.concatenate((C, (C[:, :, :, None] * rate[:, None, None, :]).reshape(-1, 3, 9)), axis=2)
-    by_gyr *= -h[:, None, None]
+    by_gyr, by_acc = of_blocks_by_errors(C, rate, force, h)
     turned = np.cumsum(by_gyr, axis=0) - 0.5 * by_gyr  # at the block's middle
     turned -= (turned[starts] - 0.5 * by_gyr[starts])[leg]  # since the leg's beginning
     swung = skew(-dU) @ turned
-    i, j = np.transpose(LOWER)
-    by_acc = np.concatenate((C, C[:, :, i] * force[:, None, j]), axis=2) * -h[:, None, None]
-
     J = np.zeros((len(T), 9, ERRORS))
-    gyr, acc = np.r_[GYR_BIAS, GYR_MATRIX], np.r_[ACC_BIAS, ACC_MATRIX]
-    J[:, ROT, gyr] = per_leg(by_gyr)
-    J[:, VEL, gyr] = per_leg(swung)
-    J[:, POS, gyr] = per_leg(swung * middle[:, None, None])
-    J[:, VEL, acc] = per_leg(by_acc)
-    J[:, POS, acc] = per_leg(by_acc * middle[:, None, None])
+    J[:, ROT, OF_GYR] = per_leg(by_gyr)
+    J[:, VEL, OF_GYR] = per_leg(swung)
+    J[:, POS, OF_GYR] = per_leg(swung * middle[:, None, None])
+    J[:, VEL, OF_ACC] = per_leg(by_acc)
+    J[:, POS, OF_ACC] = per_leg(by_acc * middle[:, None, None])
     J[:, VEL, LAG], J[:, POS, LAG] = per_leg(dL)[:, :, None], per_leg(dLL)[:, :, None]
 
     gained, way = per_leg(dU), per_leg(dP)
@@ -231,6 +229,20 @@ def preintegrate(
         parts[0, :, block, block] += floor**2 * np.eye(3)
     _add_impulses(parts[0], frame, rows, impulses)
     return Legs(rows, T, gained, way, J, parts)
+
+
+def of_blocks_by_errors(C: Array, rate: Array, force: Array, h: Array) -> tuple[Array, Array]:
+    """Turns of blocks by the gyro's errors (k, 3, 12), velocities by the accelerometer's (k, 3, 9).
+
+    Args:
+        C: (k, 3, 3), gyro frame <- sensor.
+        rate: (k, 3) rad/s, and force (k, 3) m/s2: means in sensor axes.
+        h: (k,) s.
+    """
+    i, j = np.transpose(LOWER)
+    by_gyr = np.concatenate((C, (C[:, :, :, None] * rate[:, None, None, :]).reshape(-1, 3, 9)), axis=2)
+    by_acc = np.concatenate((C, C[:, :, i] * force[:, None, j]), axis=2)
+    return by_gyr * -h[:, None, None], by_acc * -h[:, None, None]
 
 
 def block_noise(force: Array, gyr: Array, acc: Array, togo: Array, h: Array, starts: Rows) -> Array:

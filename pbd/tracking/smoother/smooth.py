@@ -29,7 +29,7 @@ from pbd.tracking.smoother.knots import Problem, pose_problem
 from pbd.tracking.smoother.normal_equations import Solved
 from pbd.tracking.smoother.path import Path, path_of
 from pbd.tracking.smoother.preintegration import Impulse
-from pbd.tracking.smoother.state import GRAVITY, GYR_MATRIX, LAG, SHARED, Local, Prior, State, Weights
+from pbd.tracking.smoother.state import GRAVITY, GYR_MATRIX, LAG, SHARED, Local, Prior, State
 from pbd.tracking.zero_velocity import (
     Spans,
     energies,
@@ -57,7 +57,7 @@ class Solution:
         problem: its knots and measurements; its stops are those that were believed.
         state: at the knots.
         local: the linearisation's constants.
-        weights: of the robust factors.
+        still: (m,) 0 to 1, how much each knot's standing still counts.
         solved: the covariance.
         path: at each row.
         lag: s, what has been taken out of the gyro's stamps.
@@ -68,7 +68,7 @@ class Solution:
     problem: Problem
     state: State
     local: Local
-    weights: Weights
+    still: Array
     solved: Solved
     path: Path
     lag: float
@@ -144,7 +144,7 @@ def smooth(
     candidates: Spans = stops or []
     cut = np.zeros(len(candidates), dtype=np.bool_)
     for _ in range(MAX_RECUTS):
-        cut = cut | doubted_stops(problem, found.weights, candidates)
+        cut = cut | doubted_stops(problem, found.still, candidates)
         stops, calm = revised_stops(problem, path.v, found.solved, candidates, cut, speed)
         if not stops:
             break
@@ -160,7 +160,7 @@ def smooth(
         del found, path  # of a long recording they are large
         found = descend(problem, x, local, WARM_ANNEALING)
         path = path_of(problem, found.x)
-    return Solution(problem, found.x, local, found.weights, found.solved, path, lag, scale, candidates)
+    return Solution(problem, found.x, local, found.still, found.solved, path, lag, scale, candidates)
 
 
 def _retimed(recording: Recording, lag: float, scale: float) -> Recording:
@@ -197,7 +197,7 @@ def _initial_state(problem: Problem, prior: Prior) -> tuple[State, Local]:
     if problem.device:
         E = np.tile(np.eye(3), (m, 1, 1))
     else:
-        wxyz = first_guess(problem.frame, problem.rows, problem.stops)
+        wxyz = first_guess(problem.frame, problem.rows)
         if problem.field is None:
             first = problem.stop_of == 0
             off = -heading(quat_multiply(wxyz[first], problem.frame.wxyz[problem.rows[first]]))

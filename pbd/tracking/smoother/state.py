@@ -70,14 +70,3 @@ class Local:
     components: Array
     walks: Array
     still: float = 1.0
-
-
-@dataclass(frozen=True, eq=False)
-class Weights:
-    """How much each robust factor counts, 0 to 1, (m,) or (m - 1,); and the legs' whitened residuals (m - 1, 9)."""
-
-    still: Array
-    stay: Array
-    turn: Array
-    compass: Array
-    legs: Array

@@ -27,7 +27,7 @@ def with_own_noise(solution: Solution) -> Solution:
     covariance Q, all of it W^-1, residuals r, Jacobian A, posterior P; nu is what the prior is worth.
     """
     problem, x, local, solved = solution.problem, solution.state, solution.local, solution.solved
-    device, T, still = problem.noise.device, problem.legs.T, solution.weights.still
+    device, T, still = problem.noise.device, problem.legs.T, solution.still
     walks = ((GYR_BIAS, x.gyr_bias, device.gyr_walk), (ACC_BIAS, x.acc_bias, device.acc_walk))
     stood, whiten = still / problem.still**2, whitener(problem, local)
     for _ in range(ITERATIONS):

@@ -15,6 +15,8 @@ from pbd.simulation.sensor_model import SensorModel
 from pbd.simulation.simulate import SENSOR_MODELS, TASKS, random_task, simulate
 from pbd.simulation.tasks import Task
 from pbd.tracking.repair.channel_faults import frozen
+from pbd.tracking.repair.conditioning import _longest_unbroken
+from pbd.tracking.repair.gaps import Gap
 from tests.scenarios import keyframes_and_errors, pour, with_rows
 from tests.tracking.faults import broken, quietly
 
@@ -144,3 +146,20 @@ def test_a_hole_between_two_attitudes_is_no_rest() -> None:
     recording = broken(broken(demo.recording, "acc", hole, np.nan), "gyr", hole, np.nan)
     with pytest.raises(TrackingError, match="while the hand moves"):
         track(recording)
+
+
+def test_what_froze_was_measured_once_and_what_is_clipped_did_not_freeze() -> None:
+    recording = simulate("pour", "modern").recording
+    still = held(recording, 300, 310)
+    assert np.flatnonzero(frozen(still)).tolist() == list(range(301, 310))
+    ends = recording.acc.copy()
+    ends[300:310] = 40.0
+    assert not frozen(replace(recording, acc=ends)).any()
+
+
+def test_the_gyro_is_compared_with_gravity_in_the_longest_unbroken_part() -> None:
+    recording = simulate("pour", "modern").recording
+    part = _longest_unbroken(recording, (Gap(200, 230, 0.29), Gap(1800, 1830, 0.29)))
+    assert part is not None
+    assert part.t.tolist() == recording.t[230:1801].tolist()
+    assert part.acc.tolist() == recording.acc[230:1801].tolist()

@@ -21,7 +21,7 @@ from pbd.simulation.sensor_model import SensorModel
 from pbd.simulation.simulate import SENSOR_MODELS, TASKS, random_task, simulate
 from pbd.simulation.tasks import Task
 from pbd.tracking.keyframes import find_keyframes
-from pbd.tracking.repair.saturation import Clip, clips_of, find_clips
+from pbd.tracking.repair.saturation import Clip, clips_of, find_clips, restore
 from tests.benchmarks.trials import read_broad
 from tests.scenarios import truth_at
 
@@ -139,6 +139,20 @@ def test_a_row_that_is_repeated_at_a_peak_is_no_flat_top() -> None:
     assert find_clips(held) == ()
 
 
+def test_a_clipped_parabola_is_continued_and_as_unsure_as_the_continuation() -> None:
+    t = np.arange(400.0)
+    x = 30.0 * np.clip(1.0 - ((t - 200.0) / 20.0) ** 2, 0.0, 1.0) + 1e-3 * np.sin(7.0 * t)
+    acc = np.column_stack((np.minimum(x, 20.0), 0.1 * np.sin(t), np.full(400, 9.8)))
+    clipped = Recording(0.01 * t, acc)
+    clips = clips_of(clipped)
+    assert [(clip.sensor, clip.axis, clip.start, clip.stop) for clip in clips] == [("acc", 0, 189, 212)]
+    restored, impulses = restore(clipped, clips)
+    assert restored.acc[189:212, 0] == pytest.approx(x[189:212], rel=0.04)
+    lost = 0.01 * ((restored.acc - acc)[:, 0].sum() + 0.1 * 20.0 * 23)
+    assert np.sqrt(sum(impulse.acc @ impulse.acc for impulse in impulses)) == pytest.approx(lost)
+    assert [impulse.row for impulse in impulses] == [189 + 5, 212 - 5]
+
+
 @clipping
 def test_the_roll_of_test_1_is_put_back_by_gravity() -> None:
     """Its peak of 640 deg/s clips at 500: some five degrees are lost."""
@@ -160,13 +174,14 @@ def test_the_roll_of_test_1_is_put_back_by_gravity() -> None:
 # A lost turn about the vertical looks like a disturbed field; that is a warning too many, and no other harm.
 @pytest.mark.filterwarnings("ignore::pbd.errors.PbdWarning")
 @pytest.mark.parametrize(
-    ("sensor", "gyr_deg", "acc"), [("modern", 200.0, inf), ("os5000", inf, 13.0), ("wt901", 250.0, 14.0)]
+    ("sensor", "gyr_deg", "acc", "seeds"),
+    [("modern", 200.0, inf, 8), ("os5000", inf, 13.0, 32), ("wt901", 250.0, 14.0, 8)],  # a median of 16 is .3 cm off
 )
 def test_a_clipped_recording_is_tracked_far_better_than_it_was_sampled(
-    sensor: str, gyr_deg: float, acc: float, monkeypatch: pytest.MonkeyPatch
+    sensor: str, gyr_deg: float, acc: float, seeds: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     free, restored, as_it_is, scaled = [], [], [], []
-    for seed in range(16):
+    for seed in range(seeds):
         demo = simulate(fast(seed), limited(sensor, gyr_deg, acc), seed)
         error, in_sigma = errors_in_m_and_sigma(demo)
         restored.append(error)
@@ -175,7 +190,7 @@ def test_a_clipped_recording_is_tracked_far_better_than_it_was_sampled(
         free.append(errors_in_m_and_sigma(simulate(fast(seed), limited(sensor), seed))[0])
     assert np.median(as_it_is) > 0.02
     assert np.median(restored) < 0.35 * np.median(as_it_is)
-    assert np.median(restored) < np.median(free) + 0.009
+    assert np.median(restored) < np.median(free) + 0.008
     assert max(restored) < max(as_it_is)
     # Sigma is honest about what was guessed: no narrower than a normal error's would be by a tenth.
     assert np.mean(np.abs(scaled) < 1.0) > 0.58

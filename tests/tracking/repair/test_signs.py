@@ -90,23 +90,46 @@ def test_a_real_recording_is_never_refused(data_folder: Path) -> None:
             refuse_turned_signs(turned(seen, -1.0, -1.0, -1.0))
 
 
-@pytest.mark.parametrize("axis", range(3))
-def test_without_it_the_gyro_tells_of_one_axis_and_what_may_be_wrong(axis: int) -> None:
-    """A turned axis of the accelerometer looks as though the gyro's other two were: both remedies are said."""
-    signs = [1.0, 1.0, 1.0]
-    signs[axis] = -1.0
-    said = []
-    for seed in range(4):
-        recording = simulate(random_task(seed, max_turn=1.8, moves=20), "modern", seed).recording
-        try:
-            refuse_disagreement(replace(turned(recording, *signs), device_rpy=None))
-        except RecordingError as error:
-            said.append(error.message)
-    others = " ".join(f"--column g{its}=-G{its.upper()}" for k, its in enumerate("xyz") if k != axis)
-    assert len(said) >= 3
-    for message in said:
-        assert f"import the file with {others} (GX: " in message
-        assert message.endswith(f"with --column a{'xyz'[axis]}=-NAME")
+@pytest.mark.parametrize("sensor", ["wt901", "modern", "os5000"])
+@pytest.mark.parametrize(
+    ("channel", "mended_by"),
+    [
+        ("acc", "--column ax=ay --column ay=ax"),
+        ("acc", "--column ax=-ax"),
+        ("gyr", "--column gx=-gx --column gy=-gy --column gz=-gz"),
+        ("gyr", "--column gx=gy --column gy=gx"),
+        ("mag", "--column mx=my --column my=mx"),
+    ],
+)
+def test_a_hand_that_turns_tells_which_axes_are_wrong(sensor: str, channel: str, mended_by: str) -> None:
+    """And no other, where it turns about several axes: said at once, never blamed on magnets."""
+    recording = simulate(random_task(2, max_turn=1.8, moves=20), sensor, 2).recording
+    with pytest.raises(RecordingError) as caught:
+        refuse_disagreement(spoilt(replace(recording, device_rpy=None), channel, mended_by))
+    assert caught.value.message.endswith(f": import the file with {mended_by}")
+
+
+@pytest.mark.parametrize("sensor", ["wt901", "modern"])
+@pytest.mark.parametrize("task", ["pour", "pick-and-place-stops", "pick-and-place-direct"])
+@pytest.mark.parametrize(
+    ("channel", "mended_by"),
+    [("acc", "--column ax=ay --column ay=ax"), ("gyr", "--column gx=-gx --column gy=-gy --column gz=-gz")],
+)
+def test_a_hand_that_turns_about_one_axis_leaves_a_choice(sensor: str, task: str, channel: str, mended_by: str) -> None:
+    """The right one is among what is named."""
+    recording = replace(simulate(task, sensor, 1).recording, mag=None, device_rpy=None)
+    with pytest.raises(RecordingError) as caught:
+        refuse_disagreement(spoilt(recording, channel, mended_by))
+    assert mended_by in caught.value.message
+
+
+def spoilt(recording: Recording, channel: str, mended_by: str) -> Recording:
+    """Columns in another order or with other signs, such as these options of `pbd import` put right again."""
+    values = np.array(getattr(recording, channel))
+    wrong = values.copy()
+    for ours, sign, its in re.findall(r"--column \w(\w)=(-?)\w(\w)", mended_by):
+        wrong[:, "xyz".index(its)] = values[:, "xyz".index(ours)] * (-1.0 if sign else 1.0)
+    return replace(recording, **{channel: wrong})
 
 
 @pytest.mark.parametrize("order", list(permutations(range(3))))
@@ -116,18 +139,18 @@ def test_what_it_says_of_the_gyro_mends_it(order: tuple[int, ...], seed: int, tm
     recording = simulate(random_task(seed, max_turn=1.8, moves=20), "ideal", seed, rate_hz=50.0).recording
     assert recording.gyr is not None
     signs = np.random.default_rng([seed, *order]).choice((-1.0, 1.0), 3)
-    spoilt = replace(recording, gyr=recording.gyr[:, list(order)] * signs, device_rpy=None)
+    wrong = replace(recording, gyr=recording.gyr[:, list(order)] * signs, device_rpy=None)
     try:
-        refuse_disagreement(spoilt)
+        refuse_disagreement(wrong)
     except RecordingError as error:
         said = error.message
     else:
         assert order == (0, 1, 2)
         assert (signs > 0.0).all()
         return
-    columns = dict(re.findall(r"--column (g[xyz])=(-?G[XYZ])", said.split("(GX:")[0]))
-    write_demo(Demonstration(spoilt), tmp_path / "spoilt")
-    mended = import_file(tmp_path / "spoilt" / "imu.csv", {ours: its.lower() for ours, its in columns.items()})
+    columns = dict(re.findall(r"--column (g[xyz])=(-?g[xyz])", said))
+    write_demo(Demonstration(wrong), tmp_path / "wrong")
+    mended = import_file(tmp_path / "wrong" / "imu.csv", columns)
     assert mended.recording.gyr is not None
     np.testing.assert_allclose(mended.recording.gyr, recording.gyr, atol=1e-6)
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from pbd.tracking.smoother.preintegration import gyro_frame, preintegrate
+from pbd.pose import quat_inverse, quat_log, quat_multiply
+from pbd.tracking.smoother.attitude import first_guess
+from pbd.tracking.smoother.preintegration import Impulse, gyro_frame, preintegrate
 
 
 def test_samples_that_came_at_one_instant_are_an_empty_block() -> None:
@@ -27,3 +29,30 @@ def test_a_sensor_that_turns_while_it_samples_is_integrated_as_it_turned() -> No
     acc = np.column_stack((np.zeros(n), seen * np.sin(rate * t), seen * np.cos(rate * t)))
     frame = gyro_frame(t, np.tile((rate, 0.0, 0.0), (n, 1)), acc, dt)
     assert np.allclose(frame.U[-1], (0.0, 0.0, g * t[-1]), atol=1e-3)  # 9e-3 without sculling
+
+
+def test_the_first_guess_is_level_while_the_hand_shakes() -> None:
+    t = 0.01 * np.arange(2000.0)
+    acc = np.column_stack((6.0 * np.sin(5.0 * t), 6.0 * np.cos(5.0 * t), np.full(2000, 9.8)))
+    guess = first_guess(gyro_frame(t, np.zeros((2000, 3)), acc, 0.01), np.arange(0, 2000, 25))
+    turn = quat_log(guess)
+    assert np.degrees(np.hypot(turn[:, 0], turn[:, 1])).max() < 6.0  # by what it reads it leans by 31
+
+
+def test_a_turn_that_is_lost_turns_what_comes_after_it() -> None:
+    """The covariance that it adds is that of the leg with the turn in it."""
+    n, dt, row, size = 101, 0.01, 40, np.array([2e-4, -1e-4, 3e-4])
+    t, gyr = dt * np.arange(float(n)), np.tile((1.0, -0.5, 0.3), (n, 1))
+    acc = np.tile((1.0, 2.0, 9.8), (n, 1))
+    still, density, knots = np.zeros(1, dtype=bool), (np.zeros((3, n)), np.zeros((3, n))), np.array([0, n - 1])
+    frame = gyro_frame(t, gyr, acc, dt)
+    legs = preintegrate(frame, knots, still, density)
+    unsure = preintegrate(frame, knots, still, density, [Impulse(row, size, np.zeros(3))])
+    kicked = gyr.copy()
+    kicked[row] += size / dt
+    true = gyro_frame(t, kicked, acc, dt)
+    more = preintegrate(true, knots, still, density)
+    turn = quat_log(quat_multiply(true.wxyz[-1], quat_inverse(frame.wxyz[-1])))
+    effect = np.concatenate((turn, (more.dU - legs.dU)[0], (more.dP - legs.dP)[0]))
+    added = unsure.parts[0, 0] - legs.parts[0, 0]
+    assert np.allclose(added, np.outer(effect, effect), atol=0.03 * (effect @ effect))

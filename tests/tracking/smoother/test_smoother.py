@@ -8,15 +8,16 @@ import numpy as np
 import pytest
 
 from pbd.data import Demonstration, Recording
-from pbd.pose import Array, quat_inverse, quat_log, quat_multiply, quat_rotate, yaw_toward
+from pbd.pose import Array, lengths, quat_inverse, quat_log, quat_multiply, quat_rotate, yaw_toward
 from pbd.simulation.simulate import random_task, simulate
 from pbd.tracking.estimate import Estimate, estimate
 from pbd.tracking.noise import noise_of
 from pbd.tracking.repair.conditioning import condition
 from pbd.tracking.rest import find_rest
 from pbd.tracking.smoother import normal_equations
+from pbd.tracking.smoother.factors import _add_device
 from pbd.tracking.smoother.normal_equations import ACC_BIAS, BAND, GYR_BIAS, STATE, NormalEquations
-from pbd.tracking.smoother.state import PIVOT
+from pbd.tracking.smoother.state import PIVOT, SHARED
 
 SENSORS = ("os5000", "wt901", "modern")
 
@@ -25,6 +26,18 @@ def smoothed(recording: Recording) -> Estimate:
     recording, _ = condition(recording)
     rest = find_rest(recording)
     return estimate(recording, rest, noise_of(recording, rest))
+
+
+def test_a_devices_own_attitude_is_believed_at_rest_and_not_where_it_turns() -> None:
+    solution = smoothed(simulate("pour", "os5000-nogyro", 0).recording).solution
+    assert solution is not None
+    problem, noise = solution.problem, solution.problem.noise
+    equations = NormalEquations.empty(len(problem.rows), SHARED)
+    _add_device(equations, problem, solution.state)
+    sigma = np.diagonal(equations.diagonal, axis1=1, axis2=2)[:, 0] ** -0.5
+    rate = lengths(problem.frame.gyr[problem.rows])
+    assert sigma[0] == pytest.approx(noise.device_turn, rel=0.05)
+    assert sigma[np.argmax(rate)] == pytest.approx(noise.device_lag * rate.max(), rel=0.05)
 
 
 def errors(demo: Demonstration) -> tuple[Array, Array, Estimate]:

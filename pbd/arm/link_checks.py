@@ -1,0 +1,101 @@
+"""What is free on the links of a motion's ladder graph, and what it costs; what was found stays with link and move."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pbd.arm.collision.queries import CollisionQueries
+from pbd.arm.collision.scene import Hit
+from pbd.arm.ik.cartesian import follow
+from pbd.arm.ik.partial_pose import is_partial
+from pbd.arm.model import ArmModel
+from pbd.arm.motion_links import MOST_CHECKED, Link, Move
+from pbd.arm.motion_request import MotionRequest
+from pbd.arm.sweep import sweep_of
+from pbd.pose import Array, Pose
+
+WIDE_COST, MOST_WIDE = 2.0 * np.pi, 40
+"""Cost of a wide move, in rad of joint travel; and how many are found between two keyframes before it is left out."""
+
+
+class LinkChecks:
+    """What one arm may do on the way that a request asks for; without `queries` whatever is in the way."""
+
+    def __init__(self, arm: ArmModel, request: MotionRequest, queries: CollisionQueries | None) -> None:
+        self.arm, self.request, self.queries = arm, request, queries
+        self.n = len(request.T_base_tool)
+
+    def stands(self, link: Link, move: Move, q: Array) -> bool:
+        """Whether the arm may stand at joints (k,) at the end of a link."""
+        i, queries = link.keyframe, self.queries
+        if queries is None or i == self.n:
+            return True
+        if not link.at_keyframe:
+            return queries.passes(i, q[None])
+        if move.pose_hit is not None:  # what touches is told of the first only
+            return queries.stands(i, q)
+        move.pose_hit = queries.standing(i, q)
+        return move.pose_hit is None
+
+    def cost(self, link: Link, move: Move, q_before: Array, q: Array, *, wide_known: bool) -> float:
+        """What a move from some joints to others costs beside its travel, rad; infinite where it isn't free.
+
+        `wide_known`: where a joint turns by more than half a turn that is already in the travel.
+        """
+        along = self._along(link, move, q_before, q)
+        if along is None:
+            move.tried += 1
+            return np.inf
+        link.found[q_before.tobytes() + q.tobytes()] = along
+        if move.detour:
+            path = np.vstack((q_before, along))
+            return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum() - np.linalg.norm(q - q_before))
+        if not self.straight(link, move) or move.found_wide == MOST_WIDE:
+            return 0.0
+        if wide_known and np.abs(q - q_before).max() > np.pi:
+            return 0.0
+        wide = sweep_of(self.arm, q_before, q).wide
+        move.found_wide += wide
+        return WIDE_COST * wide
+
+    def straight(self, link: Link, move: Move) -> bool:
+        """Whether a link is a straight move between two keyframes."""
+        return link.poses is None and 0 < link.keyframe < self.n and not move.detour
+
+    def tool_barred(self, i: int, poses: Sequence[Pose], q_before: Array, q: Array) -> bool:
+        """Whether what the tool carries touches something on a path, so that no way to hold the arm is of use."""
+        if self.queries is None or is_partial(self.arm):
+            return False
+        along = follow(self.arm, poses, q_before, q)
+        return along is not None and not self.queries.tool_passes(i, along)
+
+    def _along(self, link: Link, move: Move, q_before: Array, q: Array) -> Array | None:
+        """Return the joints (m, k) by which the arm moves from some to others; None where it can't."""
+        i, queries = link.keyframe, self.queries
+        if (queries is None and link.poses is None) or (i == 0 and not self.request.approach):
+            return q[None]
+        if queries is not None and move.detour:
+            from pbd.arm.detour import find_detour  # OMPL takes its time to load
+
+            move.searched += MOST_CHECKED
+            return find_detour(queries, i, q_before, q, MOST_CHECKED)
+        if queries is not None and i in (0, self.n):
+            found = queries.approach(q_before, q) if i == 0 else queries.retreat(q_before, q)
+            return found if isinstance(found, np.ndarray) else _noted(move, found)
+        along = np.stack((q_before, q)) if link.poses is None else follow(self.arm, link.poses, q_before, q)
+        if along is None or queries is None:
+            return None if along is None else along[1:]
+        if move.kind in move.hits:
+            return along[1:] if queries.passes(i, along) else None
+        hit = queries.moving(i, along)
+        if hit is None:
+            return along[1:]
+        if link.poses is not None and not is_partial(self.arm):
+            move.tool_barred = not queries.tool_passes(i, along)
+        return _noted(move, hit)
+
+
+def _noted(move: Move, hit: Hit) -> None:
+    move.hits.setdefault(move.kind, hit)

@@ -1,0 +1,47 @@
+"""Will it work? The probability that the tool is within its tolerance at each keyframe, and at all of them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from pbd.pose import Array
+
+DRAWS = 20_000
+"""Draws of all errors together: a probability of 90 % is right within 0.2 %, far below what a covariance is worth."""
+
+BANDS = ((0.5, "under 50 %"), (0.9, "50 to 90 %"), (np.inf, "over 90 %"))
+"""What is told: bands, since a covariance is no more exact than that (tests/benchmarks/success.py)."""
+
+
+class Success(NamedTuple):
+    """Probability (k,) that the tool is inside at each keyframe, and that it is inside at all of them."""
+
+    of_each: Array
+    of_all: float
+
+    @property
+    def band(self) -> str:
+        """That of all, as it is told."""
+        return next(words for bound, words in BANDS if self.of_all < bound)
+
+
+def success(cov_base_tool: Array, tolerance_m: Array, tolerance_rad: Array | float = np.inf) -> Success:
+    """Draw the tool's errors at all keyframes together, and count.
+
+    Args:
+        cov_base_tool: (6k, 6k) m and rad, of `joint_tool_covariance`.
+        tolerance_m: (k,) largest distance from where it belongs; inf: any. Or (k, 3, 3) m2, the square of that, where
+            it differs from axis to axis (an ellipsoid).
+        tolerance_rad: largest angle; or (k,).
+    """
+    variances, axes = np.linalg.eigh(cov_base_tool)
+    along = np.random.default_rng(0).standard_normal((DRAWS, len(variances))) * np.sqrt(np.maximum(variances, 0.0))
+    errors = (along @ axes.T).reshape(DRAWS, len(tolerance_m), 2, 3)
+    if tolerance_m.ndim == 1:
+        near = np.linalg.norm(errors[:, :, 0], axis=2) <= tolerance_m
+    else:
+        near = np.einsum("dki,kij,dkj->dk", errors[:, :, 0], np.linalg.inv(tolerance_m), errors[:, :, 0]) <= 1.0
+    inside = near & (np.linalg.norm(errors[:, :, 1], axis=2) <= tolerance_rad)
+    return Success(inside.mean(axis=0), float(inside.all(axis=1).mean()))

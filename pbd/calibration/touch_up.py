@@ -1,0 +1,133 @@
+"""Touch-ups: where the arm was seen to be off at one keyframe, the others move with it as far as they err together."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from pbd.calibration.uncertainty import joint_tool_covariance
+from pbd.data import Calibration, HandPath, Keyframe, TouchUp
+from pbd.pose import Array, Pose, quat_rotate
+
+TOUCH_SIGMA_M = 0.0005
+"""Sigma of a touch-up along each axis, m: what an eye tells beside a ruler."""
+
+SAME_S = 0.002
+"""Largest difference, s, between a keyframe's time and that in a touch-up of it: files have milliseconds."""
+
+
+class TouchedUp(NamedTuple):
+    """The tool after touch-ups: how far it goes elsewhere (k, 3) m in base, and its covariance (6k, 6k)."""
+
+    shift: Array
+    cov: Array
+
+
+def keyframes_covariance(path: HandPath | None, keyframes: Sequence[Keyframe]) -> Array:
+    """Joint covariance (6k, 6k) of keyframes in nav.
+
+    A keyframe within a stop of the path errs with the path's others. One that a person inserted, or took the sigma of,
+    is on its own.
+    """
+    k = len(keyframes)
+    joint = np.zeros((k, 6, k, 6))
+    joint[range(k), :, range(k)] = [keyframe.cov for keyframe in keyframes]
+    if path is not None:
+        stops = [_stop_of(path, keyframe) for keyframe in keyframes]
+        rows = [i for i, stop in enumerate(stops) if stop is not None]
+        of_path = path.covariance.joint([stop for stop in stops if stop is not None])
+        joint[np.ix_(rows, range(6), rows, range(6))] = of_path.reshape(len(rows), 6, len(rows), 6)
+    return joint.reshape(6 * k, 6 * k)
+
+
+def _stop_of(path: HandPath, keyframe: Keyframe) -> int | None:
+    if not keyframe.cov.any():
+        return None
+    inside = [path.t[stop.start] <= keyframe.t <= path.t[stop.stop - 1] for stop in path.stops]
+    return inside.index(True) if any(inside) else None
+
+
+def touch_up(touch_ups: Sequence[TouchUp], keyframes: Sequence[Keyframe], T_base_nav: Pose, cov: Array) -> TouchedUp:
+    """Condition the tool's places on touch-ups: least squares with what errs together, as a Kalman filter's update.
+
+    A keyframe that is touched goes exactly where it is asked to; touched again, the later one counts. The tool's
+    attitudes stay as they were, and so do their covariances (Joseph's form holds for any gain).
+
+    Args:
+        touch_ups: those that were undone, or whose keyframe is gone, are passed over.
+        keyframes: k of them.
+        T_base_nav: of `nav_in_base`.
+        cov: (6k, 6k) of the tool's poses in base, before.
+    """
+    k = len(keyframes)
+    alone, together = np.zeros((k, 3)), np.zeros((k, 3))
+    touched: list[int] = []
+    only: set[int] = set()
+    gain = np.zeros((k, 3, 0))
+    for each in touch_ups:
+        at = int(np.argmin([abs(keyframe.t - each.t) for keyframe in keyframes]))
+        if each.undone or abs(keyframes[at].t - each.t) > SAME_S:
+            continue
+        by_base = quat_rotate(T_base_nav.wxyz, each.by_nav_m)
+        if each.only:
+            alone[at] += by_base
+            only.add(at)
+            continue
+        wanted = together[at] + by_base
+        touched = [*(other for other in touched if other != at), at]
+        gain = _gain(cov, touched)
+        targets = together[touched]
+        targets[-1] = wanted
+        together = gain @ targets.ravel()
+        together[touched] = targets
+    return TouchedUp(together + alone, _conditioned(cov, touched, gain, only))
+
+
+def _gain(cov: Array, touched: Sequence[int]) -> Array:
+    """How far each keyframe's place moves with those of the touched ones, (k, 3, 3m)."""
+    rows = _places(touched)
+    S = cov[np.ix_(rows, rows)] + TOUCH_SIGMA_M**2 * np.eye(len(rows))
+    return np.asarray(np.linalg.solve(S, cov[rows]).T.reshape(-1, 6, len(rows))[:, :3])
+
+
+def _conditioned(cov: Array, touched: Sequence[int], gain: Array, only: Collection[int]) -> Array:
+    k, rows = len(gain), _places(touched)
+    by_pose = np.zeros((k, 6, len(rows)))
+    by_pose[:, :3] = gain
+    K = by_pose.reshape(6 * k, -1)
+    left = np.eye(6 * k)
+    left[:, rows] -= K
+    cov = left @ cov @ left.T + TOUCH_SIGMA_M**2 * K @ K.T
+    alone = _places(sorted(only))  # that keyframe's place errs by the touch alone
+    cov[alone] = cov[:, alone] = 0.0
+    cov[alone, alone] = TOUCH_SIGMA_M**2
+    return cov
+
+
+def _places(keyframes: Sequence[int]) -> list[int]:
+    """Rows of their positions in the joint covariance."""
+    return [6 * i + axis for i in keyframes for axis in range(3)]
+
+
+def touched_poses(
+    path: HandPath | None,
+    keyframes: Sequence[Keyframe],
+    T_base_tool: Sequence[Pose],
+    T_base_nav: Pose,
+    calibration: Calibration,
+    scale: float = 1.0,
+) -> tuple[Pose, ...]:
+    """The tool's poses, each where the demonstration's touch-ups move it.
+
+    Args:
+        path: of the demonstration that may have touch-ups.
+        keyframes: and the other arguments as for `tool_poses`, which gives `T_base_tool`.
+    """
+    touch_ups = () if path is None or path.tracking is None else path.tracking.demo.touch_ups
+    if not touch_ups:
+        return tuple(T_base_tool)
+    cov = joint_tool_covariance(keyframes_covariance(path, keyframes), keyframes, T_base_nav, calibration, scale)
+    shift = touch_up(touch_ups, keyframes, T_base_nav, cov).shift
+    return tuple(Pose(pose.p + by, pose.wxyz) for pose, by in zip(T_base_tool, shift, strict=True))

@@ -1,0 +1,161 @@
+"""Check many demonstrations: is each usable, what should a person look at, which differs from its siblings?"""
+
+from __future__ import annotations
+
+import warnings
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from pbd.data import Keyframe
+from pbd.errors import PbdError, PbdWarning
+from pbd.files.demo import load_demo
+from pbd.pipeline import track
+from pbd.plots.findings import OFF_SIGMAS
+from pbd.plots.values import demo_plot
+from pbd.pose import Array, quat_about_z, quat_rotate, yaw_toward
+
+FEWEST_SIBLINGS = 4
+"""Fewest demonstrations of one task of which one can differ: the median of three follows the one that is off."""
+
+CHI3_MEDIAN = 1.538
+"""Median of the distance from the mean, in sigmas of one axis: of chi with three degrees of freedom."""
+
+
+@dataclass(frozen=True, eq=False)
+class DemoCheck:
+    """What was found out about one demonstration.
+
+    Attributes:
+        name: as it was given.
+        why: what makes it unusable, in one line; "": nothing.
+        duration_s: the recording's, s; nan where it can't be read, as in what follows.
+        p_dock_sensor: (k, 3) m, where the sensor was at its keyframes, from the first one and in its heading.
+        sigma_m: the largest sigma of a keyframe along an axis, m.
+        grips: where the grip closes (True) and opens (False), by keyframe: siblings have the same.
+        findings: what a person should look at, in words.
+        motion_s: how long the robot takes, s; nan without a robot, or where it can't do it.
+        refused: what stops the robot; "": nothing, or no robot was named.
+        differs: where it is farther from its siblings than chance explains, in words.
+    """
+
+    name: str
+    why: str = ""
+    duration_s: float = np.nan
+    p_dock_sensor: Array | None = None
+    sigma_m: float = np.nan
+    grips: tuple[tuple[int, bool], ...] = ()
+    findings: tuple[str, ...] = ()
+    motion_s: float = np.nan
+    refused: str = ""
+    differs: tuple[str, ...] = ()
+
+    @property
+    def usable(self) -> bool:
+        """Whether it can be tracked, and replayed by the robot that was named."""
+        return not (self.why or self.refused)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """All that a person should look at, the worst first."""
+        return tuple(filter(None, (self.why, self.refused, *self.differs, *self.findings)))
+
+
+def check_all(
+    demos: Sequence[str],
+    robot: str | None = None,
+    jobs: int | None = None,
+    done: Callable[[int], None] | None = None,
+) -> tuple[DemoCheck, ...]:
+    """Check demonstrations, each on its own, then each against its siblings.
+
+    Siblings have as many keyframes and the same grips. The work is done by joblib: a backend that the caller has
+    chosen with `joblib.parallel_config` (Dask, Ray) takes it.
+
+    Args:
+        demos: names, folders or files, as `pbd.load_demo` takes them.
+        robot: also plan for this one, on its own dock.
+        jobs: processes at once; None: one, or what `joblib.parallel_config` says.
+        done: is called with the number of those that are done, after each.
+
+    Returns:
+        What was found, in the order of `demos`. One that can't be used is told there, not raised.
+    """
+    from joblib import Parallel, delayed
+
+    each = Parallel(n_jobs=jobs, return_as="generator")(delayed(check_one)(name, robot) for name in demos)
+    found = []
+    for check in each:
+        found.append(check)
+        if done is not None:
+            done(len(found))
+    return _compared(found)
+
+
+def check_one(name: str, robot: str | None = None) -> DemoCheck:
+    """Check one demonstration: load it, track it, and plan for the robot that is named."""
+    check = DemoCheck(name)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always", PbdWarning)
+        try:
+            demo = load_demo(name)
+            check = replace(check, duration_s=float(demo.recording.t[-1]))
+            path = track(demo)
+            remarks = [str(each.message) for each in told if issubclass(each.category, PbdWarning)]
+            plot = demo_plot(path, remarks)
+        except PbdError as error:
+            return replace(check, why=error.message)
+        keyframes = plot.keyframes
+        check = replace(
+            check,
+            p_dock_sensor=_from_dock(keyframes),
+            sigma_m=max(float(np.sqrt(np.diagonal(keyframe.cov)[:3].max())) for keyframe in keyframes),
+            grips=tuple((k, each.grip) for k, each in enumerate(keyframes) if each.grip is not None),
+            findings=tuple(finding.words for finding in plot.findings),
+        )
+        if robot is None:
+            return check
+        from pbd.calibration.frames import with_table
+        from pbd.files.calibration import load_calibration
+        from pbd.files.robot import load_robot
+        from pbd.planning import plan
+
+        arm = load_robot(robot)
+        calibration = with_table(load_calibration("default"), arm) if arm.dock is None else arm.dock
+        try:
+            return replace(check, motion_s=plan(path, calibration, arm).duration)
+        except PbdError as error:
+            return replace(check, refused=f"{robot}: {error.message}")
+
+
+def _from_dock(keyframes: Sequence[Keyframe]) -> Array:
+    """Positions (k, 3) from the first keyframe, turned about the vertical so that the sensor there has no heading."""
+    first = keyframes[0].T_nav_sensor
+    turn = quat_about_z(yaw_toward(first.wxyz, np.array([1.0, 0.0, 0.0, 0.0])))
+    p: Array = quat_rotate(turn, np.array([keyframe.T_nav_sensor.p - first.p for keyframe in keyframes]))
+    return p
+
+
+def _compared(found: Iterable[DemoCheck]) -> tuple[DemoCheck, ...]:
+    checks = list(found)
+    siblings: dict[Any, list[int]] = defaultdict(list)
+    for i, check in enumerate(checks):
+        if check.p_dock_sensor is not None:
+            siblings[len(check.p_dock_sensor), check.grips].append(i)
+    for group in siblings.values():
+        if len(group) < FEWEST_SIBLINGS:
+            continue
+        p = np.array([checks[i].p_dock_sensor for i in group])
+        away = np.linalg.norm(p - np.median(p, axis=0), axis=2)
+        own = np.array([checks[i].sigma_m for i in group])[:, None]
+        bound = OFF_SIGMAS * np.hypot(np.median(away, axis=0) / CHI3_MEDIAN, own)
+        for i, far, most in zip(group, away, bound, strict=True):
+            words = (
+                f"keyframe {k} is {100.0 * far[k]:.0f} cm from where the {len(group) - 1} like it have theirs"
+                for k in np.flatnonzero(far > most)
+            )
+            checks[i] = replace(checks[i], differs=tuple(words))
+    return tuple(checks)

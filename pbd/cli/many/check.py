@@ -1,0 +1,92 @@
+"""pbd check DEMO...: which of many demonstrations need a look."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from pbd.checking import DemoCheck, check_all
+from pbd.cli.console import print_json
+from pbd.errors import RecordingError, listed
+from pbd.view.tables import make_table, print_csv, print_table
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from pbd.view.units import Units
+
+SHOWN = 2
+"""Most remarks of one demonstration in the table; --json has all of them."""
+
+
+def run(args: argparse.Namespace) -> None:
+    """Check them, print what needs a look first, and fail where one is unusable."""
+    if args.robot:
+        from pbd.files.robot import load_robot
+
+        load_robot(args.robot)  # one that can't be loaded is no demonstration's fault
+    checks = sorted(_checked(args), key=_worst_first)
+    if args.json:
+        print_json({"demos": [_row(check) for check in checks]})
+    else:
+        (print_csv if args.csv else print_table)(_table(checks, args.robot, args.units))
+    if unusable := [check.name for check in checks if not check.usable]:
+        what = f"{len(unusable)} of {len(checks)} can't be used: {listed(unusable)}"
+        raise RecordingError(f"{what}; leave them out, or record them again", value=len(unusable))
+
+
+def _checked(args: argparse.Namespace) -> tuple[DemoCheck, ...]:
+    if not sys.stderr.isatty():
+        return check_all(args.demos, args.robot, args.jobs)
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
+
+    columns = ("checking", BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=len(args.demos))
+        return check_all(args.demos, args.robot, args.jobs, lambda number: bar.update(task, completed=number))
+
+
+def _worst_first(check: DemoCheck) -> tuple[bool, int, int, float]:
+    sigma = check.sigma_m if math.isfinite(check.sigma_m) else math.inf
+    return check.usable, -len(check.differs), -len(check.findings), -sigma
+
+
+def _row(check: DemoCheck) -> dict[str, Any]:
+    return {
+        "name": check.name,
+        "usable": check.usable,
+        "why": check.why or check.refused or None,
+        "duration_s": check.duration_s,
+        "keyframes": None if check.p_dock_sensor is None else len(check.p_dock_sensor),
+        "sigma_m": check.sigma_m,
+        "motion_s": check.motion_s,
+        "differs": list(check.differs),
+        "findings": list(check.findings),
+    }
+
+
+def _table(checks: Sequence[DemoCheck], robot: str | None, units: Units) -> Table:
+    s = units.time
+    motion = () if robot is None else (f"{robot} ({s})",)
+    columns = ("demonstration", f"length ({s})", "keyframes", f"largest σ ({units.length})", *motion, "look at")
+    table = make_table(*columns, left=(columns[0], columns[-1]))
+    for check in checks:
+        remarks = check.remarks
+        more = f" (and {len(remarks) - SHOWN} more)" if len(remarks) > SHOWN else ""
+        table.add_row(
+            check.name,
+            *_known(check.duration_s, units.times),
+            "" if check.p_dock_sensor is None else str(len(check.p_dock_sensor)),
+            *_known(check.sigma_m, lambda sigma: units.lengths(sigma, finer=1)),
+            *(() if robot is None else _known(check.motion_s, units.times)),
+            "; ".join(remarks[:SHOWN]) + more,
+        )
+    return table
+
+
+def _known(value: float, written: Any) -> Sequence[str]:
+    return written(value) if math.isfinite(value) else ("",)

@@ -1,0 +1,125 @@
+"""pbd touch DEMO KEYFRAME: the arm was tried there and was off; the others move with it as far as they err together."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pbd.calibration.dock import nav_in_base
+from pbd.calibration.frames import tool_poses
+from pbd.calibration.touch_up import TouchedUp, keyframes_covariance, touch_up
+from pbd.calibration.uncertainty import joint_tool_covariance
+from pbd.cli.console import print_json, say
+from pbd.cli.keyframes import save_keyframes
+from pbd.cli.options import UsageError
+from pbd.cli.steps import load_arm, load_demonstration, track_demonstration
+from pbd.data import Calibration, HandPath, Keyframe, TouchUp
+from pbd.errors import RecordingError
+from pbd.files.keyframes import NAME
+from pbd.files.keyframes_edit import add_touch_up, undo_touch_up
+from pbd.pose import Array, Pose, quat_inverse, quat_rotate
+from pbd.view.tables import make_table, print_csv, print_table
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from pbd.view.units import Units
+
+HARDLY_M = 0.0005
+"""Where no other keyframe moves farther, m, it is told: their errors have little in common."""
+
+
+def run(args: argparse.Namespace) -> None:
+    """Add a touch-up to keyframes.toml, or undo the last one, and print what it moves."""
+    if args.undo == (args.keyframe is not None) or (args.undo and (args.by or args.at or args.only or args.tool)):
+        raise UsageError("name the keyframe, and how far its tool is off (--by, --at); or --undo alone")
+    if not args.undo and (args.by is None) == (args.at is None):
+        raise UsageError("say where the tool belongs: --by X Y Z from where it is, or --at X Y Z in base")
+    demo = load_demonstration(args.demo)
+    _, calibration = load_arm(args)
+    path, keyframes = track_demonstration(demo, "default", calibration, args.accept_gap)
+    base = _Base(path, keyframes, calibration)
+    before = base.touched(demo.touch_ups)
+    if args.undo:
+        touch_ups = _without_last(demo.touch_ups)
+    else:
+        by_base = _asked(args, base, before)
+        by_nav = quat_rotate(quat_inverse(base.T_base_nav.wxyz), by_base)
+        touch_ups = (*demo.touch_ups, TouchUp(keyframes[args.keyframe].t, by_nav, args.only))
+    if demo.keyframes is None:
+        save_keyframes(args, demo, keyframes)
+    file = demo.folder / NAME if demo.folder else None
+    if file is None:
+        raise RecordingError(
+            f"{args.demo} is no demonstration folder, so nothing is saved there; `pbd import` it first"
+        )
+    if args.undo:
+        undo_touch_up(file)
+    else:
+        add_touch_up(file, touch_ups[-1])
+    after = base.touched(touch_ups)
+    _tell(args, base, before, after)
+    done, back = ("undone", "") if args.undo else ("added", f"; `pbd touch {args.demo} --undo` takes it back")
+    say(f"{done} in {file}, which the arm follows from now on{back}")
+
+
+class _Base:
+    """The tool at all keyframes in a robot's base."""
+
+    def __init__(self, path: HandPath, keyframes: tuple[Keyframe, ...], calibration: Calibration) -> None:
+        self.keyframes = keyframes
+        self.T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
+        self.poses: tuple[Pose, ...] = tool_poses(keyframes, self.T_base_nav, calibration)
+        cov = keyframes_covariance(path, keyframes)
+        self._cov = joint_tool_covariance(cov, keyframes, self.T_base_nav, calibration)
+
+    def touched(self, touch_ups: tuple[TouchUp, ...]) -> TouchedUp:
+        return touch_up(touch_ups, self.keyframes, self.T_base_nav, self._cov)
+
+
+def _without_last(touch_ups: tuple[TouchUp, ...]) -> tuple[TouchUp, ...]:
+    for i in reversed(range(len(touch_ups))):
+        if not touch_ups[i].undone:
+            return (*touch_ups[:i], replace(touch_ups[i], undone=True), *touch_ups[i + 1 :])
+    raise RecordingError("there is no touch-up to undo; `pbd touch DEMO KEYFRAME --by X Y Z` makes one")
+
+
+def _asked(args: argparse.Namespace, base: _Base, before: TouchedUp) -> Array:
+    """How far the tool is to go, (3,) m in base."""
+    count = len(base.keyframes)
+    if not 0 <= args.keyframe < count:
+        raise RecordingError(f"there is no keyframe {args.keyframe}; they are 0 to {count - 1}", value=args.keyframe)
+    pose = base.poses[args.keyframe]
+    if args.at is not None:
+        return np.asarray(np.array(args.at) - pose.p - before.shift[args.keyframe])
+    return np.asarray(quat_rotate(pose.wxyz, np.array(args.by)) if args.tool else np.array(args.by))
+
+
+def _tell(args: argparse.Namespace, base: _Base, before: TouchedUp, after: TouchedUp) -> None:
+    p = np.array([pose.p for pose in base.poses])
+    start, end = p + before.shift, p + after.shift
+    sigmas = [np.sqrt(np.diagonal(touched.cov).reshape(-1, 6)[:, :3].max(axis=1)) for touched in (before, after)]
+    if args.json:
+        rows = zip(start.tolist(), end.tolist(), *(sigma.tolist() for sigma in sigmas), strict=True)
+        keys = ("from_m", "to_m", "sigma_before_m", "sigma_m")
+        moved = [{"index": k, **dict(zip(keys, row, strict=True))} for k, row in enumerate(rows)]
+        return print_json({"demo": args.demo, "keyframe": args.keyframe, "undo": args.undo, "keyframes": moved})
+    (print_csv if args.csv else print_table)(_table(start, end, sigmas[0], sigmas[1], args.units))
+    others = np.delete(np.linalg.norm(end - start, axis=1), [] if args.undo else args.keyframe)
+    if not (args.only or args.undo) and others.max(initial=0.0) < HARDLY_M:
+        say(f"the others hardly move: their errors have little in common with those of keyframe {args.keyframe}")
+    return None
+
+
+def _table(start: Array, end: Array, sigma_before: Array, sigma: Array, units: Units) -> Table:
+    m, fine = units.length, units.finer
+    columns = [f"{what} {axis} ({m})" for what in ("from", "to") for axis in "xyz"]
+    table = make_table("#", *columns, *(f"{what} ({fine.length})" for what in ("moves", "σ before", "σ")))
+    for k, (before, after) in enumerate(zip(start, end, strict=True)):
+        moved = float(np.linalg.norm(after - before))
+        figures = (moved, sigma_before[k], sigma[k])
+        table.add_row(str(k), *units.lengths(before), *units.lengths(after), *fine.lengths(figures, finer=1))
+    return table

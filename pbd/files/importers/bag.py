@@ -1,0 +1,186 @@
+"""A bag of ROS 2, as MCAP or SQLite: sensor_msgs/Imu, and sensor_msgs/MagneticField beside it. Read by rosbags.
+
+Times are the headers' stamps: what the driver wrote when it read the sensor, not when the bag's writer got it. Where a
+covariance begins with -1 there is no such estimate (sensor_msgs/Imu.msg), so what is beside it is not read.
+"""
+
+from __future__ import annotations
+
+import struct
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbd.data import Recording
+from pbd.doors.opening import LARGE, read_bytes
+from pbd.errors import PbdError, PbdWarning, RecordingError, in_words, listed
+from pbd.pose import Array, quat_from_xyzw, quat_to_rpy
+
+IMU, FIELD = "sensor_msgs/msg/Imu", "sensor_msgs/msg/MagneticField"
+IMU_DOUBLES, FIELD_DOUBLES = 4 + 9 + 3 + 9 + 3 + 9, 3 + 9
+"""Imu: orientation xyzw, turn rate rad/s, specific force m/s2; MagneticField: the field in tesla; each with the nine
+numbers of its covariance behind it."""
+
+MCAP_MAGIC = b"\x89MCAP0\r\n"
+MCAP_FOOTER = b"\x02" + struct.pack("<Q", 20) + bytes(20) + MCAP_MAGIC
+"""What ends an MCAP that has no index (mcap.dev/spec)."""
+
+CHUNK, CHUNK_HEAD = 6, struct.Struct("<QQQI")
+
+MOST_SWOLLEN = 50
+"""Largest ratio of a chunk's contents to its compressed bytes: numbers from a sensor shrink to a fifth at most."""
+
+
+def read_bag(path: Path, topic: str | None = None) -> Recording:
+    """Read a recording from a .mcap, a .db3 or a bag's folder.
+
+    Args:
+        path: the bag.
+        topic: of its sensor_msgs/Imu; default: the only one.
+
+    Raises:
+        RecordingError: it can't be read, has no such topic, or has several and none is named.
+        PbdError: rosbags is missing.
+    """
+    try:
+        from rosbags.rosbag2 import Reader
+    except ImportError:
+        what = "a bag needs the package rosbags; install it with: pip install 'pbd-robot[ros]'"
+        raise PbdError(what) from None
+    messages: dict[str, list[bytes]] = {IMU: [], FIELD: []}
+    with _whole(path) as whole:
+        try:
+            with Reader(whole) as reader:
+                connections = _choose(path, reader.connections, topic)
+                # Without an index rosbags wants the messages in the order of their arrival, which isn't asked for here.
+                read = reader.messages if whole == path else reader.storage.messages_scan
+                for connection, _, data in read(connections):
+                    messages[connection.msgtype].append(data)
+        except PbdError:
+            raise
+        except Exception as reason:  # damaged bytes make sqlite, yaml and zstd raise errors of their own
+            what = f"{path}: can't be read as a bag ({in_words(reason) or type(reason).__name__}); record it again"
+            raise RecordingError(what, path=path) from None
+    if not messages[IMU]:
+        raise RecordingError(f"{path}: its {IMU} has no messages; name another --topic", path=path)
+    ns, imu = _decoded(path, messages[IMU], IMU_DOUBLES)
+    begin = ns[0]
+    # What is beside a covariance that begins with -1 isn't known.
+    xyzw, gyr, acc = (np.where(imu[:, k : k + 1] == -1.0, np.nan, imu[:, i:k]) for i, k in ((0, 4), (13, 16), (25, 28)))
+    t, mag = 1e-9 * (ns - begin), None
+    if messages[FIELD]:
+        ns_field, field = _decoded(path, messages[FIELD], FIELD_DOUBLES)
+        mag = np.column_stack([np.interp(t, 1e-9 * (ns_field - begin), 1e6 * axis) for axis in field.T[:3]])
+    gyr_or_none = gyr if np.isfinite(gyr).any() else None
+    return Recording(t=t, acc=acc, gyr=gyr_or_none, mag=mag, device_rpy=_device_rpy(xyzw))
+
+
+def _decoded(path: Path, messages: list[bytes], doubles: int) -> tuple[NDArray[np.int64], Array]:
+    """Stamps (n,) ns, in order, and the numbers (n, doubles) of messages that end with so many.
+
+    In CDR a header comes first (4 bytes of encapsulation, seconds, nanoseconds, the frame's name); what follows is
+    doubles alone. A Python object for each would take a minute for an hour at 400 Hz.
+    """
+    ns, values = np.empty(len(messages), dtype=np.int64), np.empty((len(messages), doubles))
+    lengths = np.array([len(message) for message in messages])
+    for length in np.unique(lengths):
+        if length < 16 + 8 * doubles:
+            raise RecordingError(f"{path}: a message of {length} bytes is too short for its type; record it again")
+        rows = np.flatnonzero(lengths == length)
+        raw = np.frombuffer(b"".join(messages[row] for row in rows), dtype=np.uint8).reshape(-1, length)
+        order = "<" if raw[0, 1] & 1 else ">"
+        stamps = np.ascontiguousarray(raw[:, 4:12])
+        ns[rows] = stamps[:, :4].copy().view(f"{order}i4")[:, 0].astype(np.int64) * 10**9
+        ns[rows] += stamps[:, 4:].copy().view(f"{order}u4")[:, 0]
+        values[rows] = np.ascontiguousarray(raw[:, -8 * doubles :]).view(f"{order}f8")
+    by_time = np.argsort(ns, kind="stable")
+    return ns[by_time], values[by_time]
+
+
+def _choose(path: Path, connections: list[Any], topic: str | None) -> list[Any]:
+    """The connections to read."""
+    imus = sorted({each.topic for each in connections if each.msgtype == IMU})
+    if topic is None:
+        if not imus:
+            kinds = listed(sorted({f"{each.topic} ({each.msgtype})" for each in connections}))
+            raise RecordingError(f"{path}: no topic of type {IMU}; it has {kinds}: record one", path=path)
+        if len(imus) > 1:
+            what = f"{len(imus)} topics of type {IMU}: {listed(imus)}; choose one with --topic"
+            raise RecordingError(f"{path}: {what}", path=path, value=len(imus))
+        topic = imus[0]
+    elif topic not in imus:
+        kind = next((each.msgtype for each in connections if each.topic == topic), None)
+        what = f"the topic {topic} has messages of type {kind}" if kind else f"no topic {topic}"
+        have = f"those of type {IMU} are {listed(imus)}"
+        raise RecordingError(f"{path}: {what}; {have}; choose one with --topic", path=path, value=topic)
+    # Of several fields the one whose name has most in common with the sensor's: /left/imu goes with /left/mag.
+    fields = {each.topic for each in connections if each.msgtype == FIELD}
+    near = sorted(fields, key=lambda name: (-_alike(name, str(topic)), name))
+    wanted = {(topic, IMU), *((name, FIELD) for name in near[:1])}
+    return [each for each in connections if (each.topic, each.msgtype) in wanted]
+
+
+def _alike(a: str, b: str) -> int:
+    return next((k for k, (x, y) in enumerate(zip(a, b, strict=False)) if x != y), min(len(a), len(b)))
+
+
+def _device_rpy(xyzw: Array) -> Array | None:
+    """Roll, pitch, yaw (n, 3); an orientation that nobody filled in is all zeros, or the same all the time."""
+    given = np.isfinite(xyzw).all(axis=1) & (np.abs(xyzw).sum(axis=1) > 0.5)
+    if not given.any() or np.ptp(xyzw[given], axis=0).max() == 0.0:
+        return None
+    rpy = np.full((len(xyzw), 3), np.nan)
+    rpy[given] = quat_to_rpy(quat_from_xyzw(xyzw[given]))
+    return rpy
+
+
+@contextmanager
+def _whole(path: Path) -> Iterator[Path]:
+    """Mend an MCAP whose end is missing, in a copy, and refuse one that swells."""
+    if path.suffix.lower() != ".mcap":
+        yield path
+        return
+    data = read_bytes(path, RecordingError, "give a bag")
+    if not data.startswith(MCAP_MAGIC):
+        raise RecordingError(f"{path}: it is no MCAP (its first bytes say so); give another file", path=path)
+    kept, end = _whole_records(path, data)
+    if data.endswith(MCAP_MAGIC) and end == len(data) - len(MCAP_MAGIC):
+        yield path
+        return
+    what = f"{path}: its end is missing, as after a crash; it is read as far as it goes"
+    warnings.warn(what, PbdWarning, stacklevel=2)
+    with TemporaryDirectory() as folder:
+        mended = Path(folder) / "mended.mcap"
+        mended.write_bytes(kept + MCAP_FOOTER)
+        yield mended
+
+
+def _whole_records(path: Path, data: bytes) -> tuple[bytes, int]:
+    """All whole records, and where they end; of a last chunk that is cut off and not compressed its records too."""
+    at, swollen = len(MCAP_MAGIC), 0
+    while at + 9 <= len(data) - 8:
+        kind, (size,) = data[at], struct.unpack_from("<Q", data, at + 1)
+        if kind == CHUNK and size >= CHUNK_HEAD.size + 4 and at + 9 + CHUNK_HEAD.size + 4 <= len(data):
+            _, _, contents, _ = CHUNK_HEAD.unpack_from(data, at + 9)
+            swollen += contents
+            if swollen > LARGE or contents > MOST_SWOLLEN * max(size, 10_000):
+                what = f"its chunks swell to {swollen / 1e6:.0f} MB or more"
+                raise RecordingError(f"{path}: {what}, which is refused; split the bag", path=path, value=swollen)
+            if at + 9 + size > len(data):
+                name = struct.unpack_from("<I", data, at + 9 + CHUNK_HEAD.size)[0]
+                if name == 0:  # not compressed: its records are as good outside of it
+                    inside = at + 9 + CHUNK_HEAD.size + 4 + 8
+                    kept, end = _whole_records(path, MCAP_MAGIC + data[inside:] + bytes(8))
+                    return data[:at] + kept[len(MCAP_MAGIC) :], inside + end - len(MCAP_MAGIC)
+        if at + 9 + size > len(data):
+            break
+        at += 9 + size
+        if kind == 2:  # the footer
+            break
+    return data[:at], at

@@ -1,0 +1,337 @@
+"""What the columns of a table mean: by their names and units, by a known program's conventions, and by the caller.
+
+A header names the quantity, the axis and often the unit: `Gyroscope X (deg/s)`, `acc_x [g]`, `rotationRateX`.
+Names as programs write them: x-io's, WitMotion's (each version another, two in Chinese), SensorLog's, Shimmer's
+Consensys, Movella's DOT app, ROS's, and what Arduino sketches print. No such device was at hand; the sources are
+published readers, examples and files: docs/imports.md lists them.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+
+from pbd.data import GRAVITY
+from pbd.errors import RecordingError, listed, printable
+from pbd.files.imu_columns import ACC, DEVICE, GYR, MAG
+
+DEG = np.pi / 180.0
+_ACC_UNITS = {"m/s2": 1.0, "m/s^2": 1.0, "m/s/s": 1.0, "m/(s^2)": 1.0, "g": GRAVITY, "mg": 1e-3 * GRAVITY}
+UNITS: Mapping[str, Mapping[str, float]] = {
+    "t": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "0.1ms": 1e-4},
+    "gyr": {"rad/s": 1.0, "deg/s": DEG, "dps": DEG, "mdps": 1e-3 * DEG},
+    "acc": _ACC_UNITS | {"mm/s2": 1e-3, "cm/s2": 1e-2},
+    "mag": {"ut": 1.0, "mg": 0.1, "g": 100.0, "gauss": 100.0, "mgauss": 0.1, "t": 1e6, "nt": 1e-3, "a.u.": 1.0}
+    | {"local_flux": 1.0},
+    "angle": {"rad": 1.0, "deg": DEG},
+}
+"""Factor from each unit to ours (s, rad/s, m/s2, uT, rad)."""
+
+RPY = ("anglex", "angley", "anglez")
+"""The device's own attitude as turns about x, y, z; z counts from east to north."""
+
+CHANNELS = {"t": ("t",), "gyr": GYR, "acc": ACC, "mag": MAG, "angle": DEVICE, "rpy": RPY}
+CHANNEL_OF = {ours: channel for channel, names in CHANNELS.items() for ours in names}
+QUANTITIES = {"t": "time", "gyr": "turn rate", "acc": "specific force", "mag": "field"} | dict.fromkeys(
+    ("angle", "rpy"), "the device's own attitude"
+)
+
+_WORDS = {
+    "g": r"(?:.*_)?(?:gyr|gyro|gyroscope|gyro_?rotation|rotation_?rate|angular_?velocity|angular_?rate)|"
+    r"g|w|omega|as|rotation|rot|ω|角速度",
+    "a": r"(?:.*_)?(?:acc|accel|acceleration|accelerometer|specific_?force)|a|加速度",
+    "m": r"(?:.*_)?(?:mag|magn|magnetometer|magnetic_?field)|m|h|磁场",
+    "angle": r"angle|角度",
+}
+_PART = r"(?:_(?:ln|wr|ag|data|cal|calibrated))*"
+"""What may follow a quantity: the chip (Shimmer has two accelerometers, low-noise and wide-range), or `calibrated`."""
+
+_TIME = (
+    r"t|time|timestamp|time_?stamp|seconds|secs?|时间|(?:seconds_|time_)?elapsed|millis|micros|date_?time|"
+    r"sample_?time_?fine|(?:.*_)?time_?stamp(?:_unix|_sync|_formatted_unix)*_cal|(?:system_|unix_|logging_)?time(?:_?stamp)?"
+)
+_DEVICE_TIME = r"chip_?time|片上时间"
+_TIME_UNITS = r"_(ns|us|ms|s|sec|min)$"
+_NAMED_UNITS = {"millis": "ms", "micros": "us", "seconds": "s", "secs": "s", "sec": "s", "seconds_elapsed": "s"}
+_MANGLED = str.maketrans({"°": "deg", "µ": "u", "μ": "u", "ʯ": "u", "?": "u", "²": "2", " ": ""})
+"""Variants of unit signs, with the micro sign as wrong encodings garble it."""
+
+_SUFFIXES = {"mps2": "m/s2", "ms2": "m/s2", "g": "g", "mg": "mg", "dps": "dps", "degs": "deg/s", "deg_s": "deg/s"} | {
+    "rads": "rad/s",
+    "rad_s": "rad/s",
+    "radps": "rad/s",
+    "uT": "ut",
+    "ut": "ut",
+    "gauss": "gauss",
+}
+"""Units that are part of a name: `accel_x_mps2`."""
+
+_OTHER = (
+    (r"(?:.*_)?(?:user|free|cal_free|earth|world|global|lin)_?acc\w*|(?:.*_)?gravity", "without gravity, or gravity"),
+    (r"(?:.*_)?(?:raw|uncal\w*)(?:_.*)?", "raw counts"),
+    (r"(?:quat|q|quaternion|orientation|euler|roll|pitch|yaw|mat)(?!.*rate).*", "an attitude that isn't used"),
+    (r"d[qv]|i[qv]", "increments between samples"),
+)
+"""Columns with axes that are no measurement of ours, and why."""
+
+_INERTIAL = r"(?:.*_)?(?:acc|gyr|rot|angular|omega|ang_?vel|mag|force|turn|rate|roll|pitch|yaw|imu)\w*"
+
+
+@dataclass(frozen=True)
+class Program:
+    """How one program writes its tables where the names alone don't say.
+
+    Attributes:
+        title: its name.
+        header: columns that must be there, in plain writing.
+        preamble: a pattern that must occur above the header; empty for any.
+        units: what its channels are in.
+        wraps: where its clock starts anew, in its own unit; 0 never.
+    """
+
+    title: str
+    header: frozenset[str]
+    preamble: str = ""
+    units: Mapping[str, str] = field(default_factory=dict)
+    wraps: float = 0.0
+
+
+_XSENS = frozenset(("packet_counter", "sample_time_fine"))
+PROGRAMS = (
+    Program("Xsens MT Manager", _XSENS, r"(?m)^//", {"t": "0.1ms", "gyr": "rad/s", "mag": "a.u."}, 2.0**32),
+    Program("Movella (Xsens) DOT", _XSENS, "", {"t": "us", "gyr": "deg/s", "mag": "a.u."}, 2.0**32),
+)
+"""MT Manager: MTi's SampleTimeFine counts 10 kHz (Xsens, Low-Level Communication Protocol). DOT: us, wraps after 1.2 h,
+and deg/s (Movella DOT User Manual XD0502P)."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column that was read: the file's name for it, ours, the sign, the unit, and how both were found."""
+
+    name: str
+    ours: str
+    sign: float
+    unit: str
+    named_by: str
+    unit_by: str
+
+    @property
+    def factor(self) -> float:
+        """From the file's values to ours."""
+        channel = CHANNEL_OF[self.ours]
+        return self.sign * UNITS["angle" if channel == "rpy" else channel][self.unit]
+
+    def row(self) -> dict[str, str]:
+        """Tell it in words, for people and as JSON."""
+        how = self.named_by if self.named_by == self.unit_by else f"{self.named_by}; unit: {self.unit_by}"
+        return {
+            "column": self.name,
+            "read_as": f"{'-' if self.sign < 0 else ''}{self.ours}",
+            "quantity": QUANTITIES[CHANNEL_OF[self.ours]],
+            "unit": self.unit,
+            "decided_by": how,
+        }
+
+
+@dataclass(frozen=True)
+class Understood:
+    """What was made of a file's columns: those that were read, and the others with the reason."""
+
+    columns: tuple[Column, ...] = ()
+    unread: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    program: str = ""
+
+    def of(self, channel: str) -> list[Column]:
+        """The columns of a channel, in the order of its axes."""
+        found = {column.ours: column for column in self.columns}
+        return [found[ours] for ours in CHANNELS[channel] if ours in found]
+
+    def with_clock(self, name: str) -> Understood:
+        """Note that this column was the best of several clocks."""
+        columns = (replace(c, named_by="the best of several times") if c.name == name else c for c in self.columns)
+        return replace(self, columns=tuple(columns))
+
+    def in_its_names(self, message: str) -> str:
+        """Put the file's names and signs in place of ours into the options `--column ax=-ay` of a message."""
+        found = {column.ours: column for column in self.columns}
+
+        def renamed(option: re.Match[str]) -> str:
+            ours, turned, its = option.groups()
+            if its not in found:
+                return option[0]
+            sign = "-" if (found[its].sign < 0) != bool(turned) else ""
+            value = f"{ours}={sign}{found[its].name}"
+            return f"--column {value}" if re.fullmatch(r"[\w=./-]+", value) else f"--column '{value}'"
+
+        return re.sub(r"--column (\w+)=(-?)([agm][xyz])\b", renamed, message)
+
+
+def plain(name: str) -> str:
+    """`Gyroscope X (deg/s)` -> `gyroscope_x`, `rotationRateX` -> `rotation_rate_x`."""
+    words = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", split_unit(name)[0])
+    return re.sub(r"[\s.\-/:_]+", "_", words.lower()).strip("_")
+
+
+def split_unit(name: str) -> tuple[str, str]:
+    """`Gyroscope X (deg/s)` -> `Gyroscope X`, `deg/s`; no unit is ""."""
+    name = name.strip()
+    opening = max(name.rfind(" ("), name.rfind("[")) if name.endswith("))") else max(name.rfind("("), name.rfind("["))
+    if opening < 0 or not name.endswith((")", "]")):
+        suffix = re.fullmatch(rf"(.+[xyzXYZ])_({'|'.join(_SUFFIXES)})", name)
+        return (suffix[1], _SUFFIXES[suffix[2]]) if suffix else (name, "")
+    return name[:opening].rstrip(), name[opening:].strip()[1:-1].strip()
+
+
+def is_time(name: str) -> bool:
+    """Whether a column holds a time."""
+    word = plain(name)
+    return re.fullmatch(f"{_TIME}|{_DEVICE_TIME}", re.sub(_TIME_UNITS, "", word) or word) is not None
+
+
+def is_device_time(name: str) -> bool:
+    """Whether it is by the clock of the device itself."""
+    return re.fullmatch(_DEVICE_TIME, plain(name)) is not None
+
+
+def our_name(name: str) -> tuple[str, str] | None:
+    """Ours, and the set of three that it belongs to: `Accel_LN_X` -> ax, `accel_ln`; None for a column of no use."""
+    word = plain(name)
+    if is_time(name):
+        return "t", word
+    if word in DEVICE:
+        return word, "compass"
+    if match := re.fullmatch(r"(.+?)_?([xyz])((?:_cal)?)", word):
+        group = match[1] + match[3]
+        if any(re.fullmatch(pattern, match[1]) for pattern, _ in _OTHER):
+            return None
+        for first, words in _WORDS.items():
+            if re.fullmatch(rf"(?:{words}){_PART}", match[1]):
+                return first + match[2], group
+    return None
+
+
+def why_unread(name: str) -> str:
+    """Say why a column isn't read."""
+    word = re.sub(r"_?([xyz]|\d)(_cal)?$", "", plain(name))
+    return next((why for pattern, why in _OTHER if re.fullmatch(pattern, word)), "")
+
+
+def understand(
+    path: Path, header: Sequence[str], preamble: str, columns: Mapping[str, str], units: Mapping[str, str]
+) -> Understood:
+    """Find what is in which column.
+
+    Args:
+        path: the file, for messages.
+        header: its columns' names.
+        preamble: what stands above them.
+        columns: ours -> the file's, by the caller; -NAME turns the sign.
+        units: channel -> unit, by the caller; -UNIT turns the sign.
+
+    Raises:
+        RecordingError: a column or a unit that the caller names isn't known; columns that look inertial aren't
+            understood.
+    """
+    for channel in units:
+        if channel not in UNITS:
+            raise RecordingError(f"no unit can be given for '{channel}'; give it for {', '.join(UNITS)}", value=channel)
+    words = {plain(name) for name in header}
+    program = next((p for p in PROGRAMS if p.header <= words and re.search(p.preamble, preamble)), None)
+    found = {ours: (name, 1.0, "its name") for ours, name in _by_name(header).items()}
+    for ours, name in columns.items():
+        if ours not in CHANNEL_OF:
+            raise RecordingError(f"unknown channel '{ours}'; choose one of {', '.join(CHANNEL_OF)}", value=ours)
+        turned = name not in header and name.startswith("-")
+        name = name[1:] if turned else name
+        if name not in header:
+            raise RecordingError(f"{path}: no column '{name}'; the columns are {listed(header)}", path=path, value=name)
+        found[ours] = name, -1.0 if turned else 1.0, "--column"
+    for angles in (DEVICE, RPY):
+        if not set(angles) <= set(found) and not set(columns) & set(angles):
+            # The origin and the sign of such a yaw are unknown: the gyro is more reliable.
+            found = {ours: given for ours, given in found.items() if ours not in angles}
+    read = []
+    for ours, (name, sign, by) in found.items():
+        turned_unit, unit, unit_by = _unit(path, name, ours, units, program)
+        read.append(Column(name, ours, sign * turned_unit, unit, by, unit_by))
+    used = {column.name for column in read}
+    unread = {name: why_unread(name) for name in header if name and name not in used}
+    _refuse_not_understood(path, unread, found)
+    return Understood(tuple(read), unread, program.title if program else "")
+
+
+def _by_name(header: Sequence[str]) -> dict[str, str]:
+    """Ours -> the file's column: of each channel the first set of three that is whole, else the first."""
+    sets: dict[str, dict[str, dict[str, str]]] = {}
+    for name in header:
+        if given := our_name(name):
+            ours, group = given
+            sets.setdefault(CHANNEL_OF[ours], {}).setdefault(group, {}).setdefault(ours, name)
+    found: dict[str, str] = {}
+    for channel, groups in sets.items():
+        whole = [group for group in groups.values() if len(group) == len(CHANNELS[channel])]
+        found |= (whole or list(groups.values()))[0]
+    return found
+
+
+def _unit(
+    path: Path, name: str, ours: str, units: Mapping[str, str], program: Program | None
+) -> tuple[float, str, str]:
+    """The sign, the unit, and how it was found."""
+    channel = "angle" if CHANNEL_OF[ours] == "rpy" else CHANNEL_OF[ours]
+    standard = next(iter(UNITS[channel]))
+    given, by = units.get(channel) or "", "--unit"
+    if not given:
+        given, by = split_unit(name)[1], "its name"
+        if CHANNEL_OF[ours] == "t" and given.lower() in ("txt", "utc", "local"):
+            given = ""
+    if not given and channel == "t":
+        word = plain(name)
+        suffix = re.search(_TIME_UNITS, word)
+        given = _NAMED_UNITS.get(word, suffix[1] if suffix else "").replace("sec", "s")
+    if not given and program is not None and channel in program.units:
+        given, by = program.units[channel], program.title
+    if not given:
+        return 1.0, standard, "none given: ours"
+    unit = given.lower().translate(_MANGLED)
+    sign = -1.0 if unit.startswith("-") else 1.0
+    unit = unit.removeprefix("-")
+    if unit not in UNITS[channel]:
+        raise RecordingError(
+            f"{path}: the unit '{printable(given)}' of column '{printable(name)}' is not known; give one of "
+            f"{', '.join(UNITS[channel])} with --unit {channel}=UNIT",
+            path=path,
+            value=given,
+        )
+    return sign, unit, by
+
+
+def _refuse_not_understood(path: Path, unread: Mapping[str, str], found: Mapping[str, object]) -> None:
+    """Refuse to drop what looks like a gyro, an accelerometer or a magnetometer, of which there is none otherwise."""
+    for letter, words in (("g", "gyr rot ang omega turn rate"), ("a", "acc force"), ("m", "mag field")):
+        if any(ours in found for ours in (f"{letter}x", f"{letter}y", f"{letter}z")):
+            continue
+        alike = [
+            name
+            for name, why in unread.items()
+            if not why
+            and re.search(r"[xyz](?:_|$)|^[xyz]_|(?:roll|pitch|yaw)_rate", plain(name))
+            and re.fullmatch(_INERTIAL, plain(name))
+            and any(word in plain(name) for word in words.split())
+        ]
+        if alike:
+            what = "looks" if len(alike) == 1 else "look"
+            raise RecordingError(
+                f"{path}: {listed(alike)} {what} like {'a gyro' if letter == 'g' else 'inertial data'}, but "
+                f"{'is' if len(alike) == 1 else 'are'} not understood; say which is which with --column "
+                f"{letter}x={printable(alike[0])} and its like, or remove "
+                f"{'it' if len(alike) == 1 else 'them'}",
+                path=path,
+                value=alike[0],
+            )

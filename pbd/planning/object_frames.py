@@ -1,0 +1,87 @@
+"""Keyframes that belong to a thing go with it where it stands elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from pbd.data import Keyframe
+from pbd.errors import PlanError, listed, nearest
+from pbd.pose import Array, Pose, quat_about_z, quat_rotate
+
+HALVINGS = 6
+"""How often the way from where a thing was shown to where it is wanted is halved, to find how far the arm can follow:
+to 2 % of it."""
+
+
+class ThingPlace(NamedTuple):
+    """Where a thing stands now: the tool at its first keyframe, p (3) m in base; and its turn since, about z, rad."""
+
+    name: str
+    p_base: tuple[float, float, float]
+    turn_rad: float = 0.0
+
+    def __str__(self) -> str:
+        x, y, z = self.p_base
+        return f"{self.name}={x:.3f},{y:.3f},{z:.3f},{np.degrees(self.turn_rad) + 0.0:.0f}"
+
+
+def things(keyframes: Sequence[Keyframe]) -> dict[str, tuple[int, ...]]:
+    """The keyframes of each thing by its name; what carries others comes before them."""
+    depth: dict[str, int] = {}
+    for keyframe in keyframes:
+        for carriers, name in enumerate(reversed(keyframe.frames)):
+            depth[name] = max(depth.get(name, 0), carriers)
+    return {
+        name: tuple(i for i, keyframe in enumerate(keyframes) if name in keyframe.frames)
+        for name in sorted(depth, key=lambda name: depth[name])
+    }
+
+
+def place_things(
+    T_base_tool: Sequence[Pose], keyframes: Sequence[Keyframe], places: Sequence[ThingPlace]
+) -> tuple[Pose, ...]:
+    """Move the keyframes of each thing to where it stands now, with what it carries.
+
+    Raises:
+        PlanError: a place is of a thing that no keyframe belongs to.
+    """
+    poses, known = list(T_base_tool), things(keyframes)
+    by_name = {place.name: place for place in places}
+    for name in by_name:
+        if name not in known:
+            given = f"known are {listed(known)}{nearest(name, known)}" if known else "none belongs to anything"
+            how = f"`pbd keyframes --frame {name}=3..5` says which do"
+            raise PlanError(f"no keyframe belongs to '{name}': {given}; {how}", value=name, valid=list(known))
+    for name, members in known.items():
+        if (place := by_name.get(name)) is not None:
+            moved = _displacement(poses[members[0]].p, place)
+            for i in members:
+                poses[i] = moved @ poses[i]
+    return tuple(poses)
+
+
+def nearest_place(wanted: ThingPlace, shown: Array, works: Callable[[ThingPlace], bool]) -> ThingPlace | None:
+    """How far a thing can go from where it was shown (3, m in base) toward where it is wanted; None: not even there."""
+    start = np.array([*shown, 0.0])
+    way = np.array([*wanted.p_base, wanted.turn_rad]) - start
+
+    def at(share: float) -> ThingPlace:
+        x, y, z, turn = (start + share * way).tolist()
+        return ThingPlace(wanted.name, (x, y, z), turn)
+
+    if not works(at(0.0)):
+        return None
+    low, high = 0.0, 1.0
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if works(at(middle)) else (low, middle)
+    return at(low)
+
+
+def _displacement(p_shown: Array, place: ThingPlace) -> Pose:
+    """What moves a thing's keyframes from where they were shown, in base."""
+    turn = quat_about_z(place.turn_rad)
+    return Pose(np.array(place.p_base) - quat_rotate(turn, p_shown), turn)

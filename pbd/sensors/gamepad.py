@@ -1,0 +1,105 @@
+"""Motion sensors of a DualSense or DualShock 4, as Linux' input events: struct input_event of linux/input.h.
+
+The kernel's hid-playstation scales them by the pad's own calibration: 8192 counts for 1 g, 1024 for 1 deg/s, a device
+stamp in us with each report (DS_ACC_RES_PER_G, DS_GYRO_RES_PER_DEG_S, MSC_TIMESTAMP). It doesn't turn the axes. They
+are, of a pad on the table: x to the right, y up, z toward the player, specific force +g on y, turns counter-clockwise
+(SDL_sensor.h, which passes them on as they are). Ours has z up and y away from the player.
+
+An axis that didn't change is not sent. Events carry no checksum: an impossible one is skipped byte by byte.
+"""
+
+from __future__ import annotations
+
+from math import radians
+from struct import Struct
+
+from pbd.data import GRAVITY
+from pbd.sensors.decoding import Sample, Tally
+
+EVENT = Struct("@qqHHi")
+"""Seconds and microseconds of the host's clock, type, code, value: 24 bytes on every 64-bit Linux."""
+
+EV_SYN, EV_KEY, EV_ABS, EV_MSC = 0, 1, 3, 4
+SYN_REPORT, SYN_DROPPED, MSC_TIMESTAMP = 0, 3, 5
+AXES = (0, 1, 2, 3, 4, 5)
+"""ABS_X, ABS_Y, ABS_Z, of the accelerometer; ABS_RX, ABS_RY, ABS_RZ, of the gyro (linux/input-event-codes.h)."""
+
+GRIP_KEYS = range(0x130, 0x13A)
+"""BTN_SOUTH to BTN_TR2: a pad's face and shoulder buttons."""
+
+ACC_PER_G, GYRO_PER_DEG_S = 8192.0, 1024.0
+WRAP_US = 2**32
+
+_KNOWN = {EV_SYN: 16, EV_KEY: 0x300, EV_ABS: 0x40, EV_MSC: 8}
+"""Types of events, and the number of codes that each has."""
+
+_LATEST_S = 2**33
+"""A host's clock says less."""
+
+
+class GamepadDecoder:
+    """Axes are kept until they change; a report gives a sample.
+
+    Attributes:
+        presses: buttons pressed so far that mark the grip.
+    """
+
+    def __init__(self) -> None:
+        self.tally = Tally()
+        self.presses = 0
+        self._rest = b""
+        self._axes: dict[int, int] = {}
+        self._stamp: int | None = None
+        self._last_stamp = self._turns = 0
+        self._dropped = self._junk = False
+
+    def feed(self, data: bytes) -> list[Sample]:
+        """See `Decoder`."""
+        data, at, samples = self._rest + data, 0, list[Sample]()
+        while at + EVENT.size <= len(data):
+            end = len(data) - (len(data) - at) % EVENT.size
+            for seconds, micros, kind, code, value in EVENT.iter_unpack(memoryview(data)[at:end]):
+                if code >= _KNOWN.get(kind, 0) or not (0 <= micros < 1_000_000 and 0 <= seconds < _LATEST_S):
+                    self.tally.bad_packets += not self._junk
+                    self._junk = True
+                    at += 1
+                    break
+                self._junk = False
+                at += EVENT.size
+                if kind == EV_ABS:
+                    self._axes[code] = value
+                elif kind == EV_MSC and code == MSC_TIMESTAMP:
+                    self._stamp = value % WRAP_US
+                elif kind == EV_KEY:
+                    self.presses += value == 1 and code in GRIP_KEYS
+                elif kind == EV_SYN:
+                    self._end(code, samples)
+        self._rest = data[at:]
+        return samples
+
+    def _end(self, code: int, samples: list[Sample]) -> None:
+        """End a report; one after a loss is half a report."""
+        if code == SYN_DROPPED:
+            self._dropped = True
+            self.tally.bad_packets += 1
+        elif code == SYN_REPORT and self._stamp is not None:
+            if not self._dropped and len(self._axes) >= len(AXES):
+                self.tally.packets += 1
+                samples.append(self._sample(self._stamp))
+            self._dropped, self._stamp = False, None
+
+    def _sample(self, stamp: int) -> Sample:
+        x, y, z, rx, ry, rz = (self._axes.get(axis, 0) for axis in AXES)
+        g, turn = GRAVITY / ACC_PER_G, radians(1.0) / GYRO_PER_DEG_S
+        self._turns += stamp < self._last_stamp - WRAP_US // 2
+        self._last_stamp = stamp
+        return Sample(
+            acc=(x * g, -z * g, y * g),
+            gyr=(rx * turn, -rz * turn, ry * turn),
+            t_device=1e-6 * (stamp + self._turns * WRAP_US),
+        )
+
+
+def event(kind: int, code: int, value: int) -> bytes:
+    """Make an event, at no time."""
+    return EVENT.pack(0, 0, kind, code, value)

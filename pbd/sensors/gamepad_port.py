@@ -1,0 +1,192 @@
+"""A gamepad's input devices as a port: its motion sensors, and the buttons of the same pad, in one stream of events."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import select
+import struct
+from contextlib import suppress
+from pathlib import Path
+
+from pbd.errors import SensorError, in_words
+from pbd.sensors.gamepad import ACC_PER_G, AXES, EV_ABS, EV_SYN, EVENT, GYRO_PER_DEG_S, SYN_DROPPED, event
+from pbd.sensors.port import READ_TIMEOUT_S, Port
+
+SENSORS = " Motion Sensors"
+"""How hid-playstation ends the name of a pad's motion sensors; without it, it is the name of its buttons."""
+
+CLASS = Path("/sys/class/input")
+
+ABSINFO = struct.Struct("@6i")
+"""struct input_absinfo of linux/input.h: value, least, most, fuzz, flat, resolution."""
+
+MOST_AT_ONCE = 256 * EVENT.size
+
+
+def _request(write: bool, number: int) -> int:
+    """An ioctl's number: direction, size, the letter E, number (asm-generic/ioctl.h)."""
+    return ((1 if write else 2) << 30) | (ABSINFO.size << 16) | (ord("E") << 8) | number
+
+
+def find_gamepads() -> dict[str, tuple[str, str | None]]:
+    """The motion sensors that are there: device -> the pad's name, and the device of its buttons."""
+    names = {}
+    for file in sorted(CLASS.glob("event*/device/name")):
+        with suppress(OSError):
+            names[f"/dev/input/{file.parts[-3]}"] = file.read_text(encoding="utf-8").strip(), _pad_of(file)
+    found = {}
+    for device, (name, pad) in names.items():
+        if name.endswith(SENSORS):
+            title = name.removesuffix(SENSORS)
+            buttons = (other for other, its in names.items() if its == (title, pad))
+            found[device] = title, next(buttons, None)
+    return found
+
+
+def _pad_of(file: Path) -> str:
+    """The device that the kernel made several input devices of: the same for all of a pad's, and for no other's."""
+    return str((file.parent / "device").resolve())
+
+
+def only_gamepad() -> str:
+    """The motion sensors of the only pad.
+
+    Raises:
+        SensorError: there is none, or there are several.
+    """
+    found = find_gamepads()
+    if len(found) == 1:
+        return next(iter(found))
+    if not found:
+        raise SensorError(
+            "no gamepad with motion sensors is there: connect a DualSense or DualShock 4 (Linux 5.12 or newer shows it "
+            "as '... Motion Sensors' in /proc/bus/input/devices), or name its --port /dev/input/eventN"
+        )
+    named = ", ".join(f"{device} ({title})" for device, (title, _) in found.items())
+    raise SensorError(f"several gamepads are there: {named}; name a --port")
+
+
+class GamepadPort(Port):
+    """Reads both devices of a pad."""
+
+    def __init__(self, device: str, buttons: str | None = None) -> None:
+        """Open the pad.
+
+        Raises:
+            SensorError: no such device, no permission, or it is no DualSense's or DualShock's.
+        """
+        super().__init__(None, device, 0)
+        self._fuzz: dict[int, bytes] = {}
+        self._motion = _opened(device)
+        self._fds = [self._motion]
+        try:
+            self._pending = self._prepared()
+            if buttons is not None:
+                self._fds.append(_opened(buttons))
+        except BaseException:
+            self.close()
+            raise
+
+    def read(self) -> bytes:
+        """Return the events that have come, after READ_TIMEOUT_S at the latest.
+
+        Raises:
+            SensorError: the pad was unplugged or switched off.
+        """
+        data, self._pending = self._pending, b""
+        try:
+            for fd in select.select(self._fds, (), (), 0.0 if data else READ_TIMEOUT_S)[0]:
+                if not (read := os.read(fd, MOST_AT_ONCE)):
+                    raise OSError("end of file")
+                data += read
+                if fd == self._motion and _lost(read):
+                    data += self._axes()  # what changed meanwhile is not sent again
+        except (OSError, ValueError) as reason:  # ENODEV; ValueError: closed meanwhile
+            if data:
+                return data
+            raise SensorError(
+                f"{self.device} is gone: the gamepad was unplugged, or fell asleep; connect it again",
+                path=self.device,
+                lost=True,
+            ) from reason
+        return data
+
+    def write(self, data: bytes) -> None:
+        """Refuse: a pad takes no commands.
+
+        Raises:
+            SensorError: always.
+        """
+        raise SensorError("a gamepad takes no commands; leave --rate out", path=self.device)
+
+    def close(self) -> None:
+        """Close it, with the kernel's filter as it was; closing twice is nothing."""
+        for axis, info in self._fuzz.items():
+            with suppress(OSError):
+                fcntl.ioctl(self._motion, _request(True, 0xC0 + axis), info)
+        self._fuzz = {}
+        fds, self._fds = self._fds, []
+        for fd in fds:
+            with suppress(OSError):
+                os.close(fd)
+
+    def _prepared(self) -> bytes:
+        """Switch the kernel's filter off and return the axes as they are.
+
+        It holds an axis back until it changes by more than half its fuzz of 16 counts, 2 mg: a hysteresis.
+        """
+        for axis in AXES:
+            try:
+                info = bytearray(ABSINFO.size)
+                fcntl.ioctl(self._motion, _request(False, 0x40 + axis), info)
+            except OSError:
+                return b""  # no input device: a pipe
+            *values, fuzz, flat, resolution = ABSINFO.unpack(info)
+            expected = ACC_PER_G if axis < 3 else GYRO_PER_DEG_S
+            if resolution != expected:
+                raise SensorError(
+                    f"{self.device} counts {resolution} for a unit of axis {axis}, not {expected:g}: it is no "
+                    "DualSense's or DualShock 4's motion sensor; name another --port",
+                    path=self.device,
+                    value=resolution,
+                )
+            if fuzz:
+                self._fuzz[axis] = bytes(info)
+                fcntl.ioctl(self._motion, _request(True, 0xC0 + axis), ABSINFO.pack(*values, 0, flat, resolution))
+        return self._axes()
+
+    def _axes(self) -> bytes:
+        """Events that tell each axis as it is now."""
+        events = b""
+        for axis in AXES:
+            with suppress(OSError):
+                info = bytearray(ABSINFO.size)
+                fcntl.ioctl(self._motion, _request(False, 0x40 + axis), info)
+                events += event(EV_ABS, axis, ABSINFO.unpack(info)[0])
+        return events
+
+
+def open_gamepad(device: str | None) -> GamepadPort:
+    """Open a pad: the device of its motion sensors, or the only one.
+
+    Raises:
+        SensorError: as `GamepadPort` and `only_gamepad`.
+    """
+    device = device or only_gamepad()
+    return GamepadPort(device, find_gamepads().get(device, ("", None))[1])
+
+
+def _lost(read: bytes) -> bool:
+    whole = len(read) // EVENT.size * EVENT.size
+    return any((kind, code) == (EV_SYN, SYN_DROPPED) for _, _, kind, code, _ in EVENT.iter_unpack(read[:whole]))
+
+
+def _opened(device: str) -> int:
+    try:
+        return os.open(device, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    except PermissionError:
+        what = f"no permission for {device}: add yourself with `sudo usermod -aG input $USER`, then log in again"
+    except OSError as reason:
+        what = f"{device} can't be opened ({in_words(reason)}); connect the gamepad, or name another --port"
+    raise SensorError(what, path=device)

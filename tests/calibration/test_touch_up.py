@@ -1,0 +1,66 @@
+"""A touch-up moves the keyframe as asked, and the others as a Kalman filter's update says."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pbd.calibration.touch_up import TOUCH_SIGMA_M, touch_up
+from pbd.data import Keyframe, TouchUp
+from pbd.pose import Array, Pose, quat_about_z
+
+COUNT = 4
+T_BASE_NAV = Pose(np.array([0.3, 0.1, 0.2]), quat_about_z(0.5 * np.pi))
+BY_NAV, BY_BASE = np.array([0.0, 0.004, 0.001]), np.array([-0.004, 0.0, 0.001])
+KEYFRAMES = tuple(Keyframe(float(k), 0.5, Pose.identity(), np.eye(6)) for k in range(COUNT))
+
+
+def walk() -> Array:
+    """Positions that err more from keyframe to keyframe, 3 mm each time, and turns of their own."""
+    cov = np.zeros((COUNT, 6, COUNT, 6))
+    for i in range(COUNT):
+        for j in range(COUNT):
+            cov[i, range(3), j, range(3)] = 0.003**2 * (1 + min(i, j))
+        cov[i, range(3, 6), i, range(3, 6)] = 0.01**2
+    return cov.reshape(6 * COUNT, 6 * COUNT)
+
+
+def test_the_others_move_as_far_as_they_err_together() -> None:
+    """Against the textbook's gain, by hand: half of what keyframe 0 shares with 1, all of what comes after 1."""
+    found = touch_up([TouchUp(1.0, BY_NAV)], KEYFRAMES, T_BASE_NAV, walk())
+    shares = np.array([1, 2, 2, 2]) * 0.003**2 / (2 * 0.003**2 + TOUCH_SIGMA_M**2)
+    shares[1] = 1.0  # exactly where it was asked to
+    np.testing.assert_allclose(found.shift, shares[:, None] * BY_BASE, atol=1e-12)
+    variance = np.diagonal(found.cov).reshape(COUNT, 6)[:, 0]
+    information = np.linalg.inv(walk()[::6, ::6]) + np.diag([0, TOUCH_SIGMA_M**-2, 0, 0])
+    np.testing.assert_allclose(variance, np.diagonal(np.linalg.inv(information)), rtol=1e-9)
+    np.testing.assert_array_equal(np.diagonal(found.cov).reshape(COUNT, 6)[:, 3:], 0.01**2)
+    assert np.linalg.eigvalsh(found.cov).min() > -1e-18
+
+
+def test_touched_again_the_sum_counts_and_an_undone_one_does_not() -> None:
+    once = touch_up([TouchUp(1.0, 2.0 * BY_NAV)], KEYFRAMES, T_BASE_NAV, walk())
+    undone = TouchUp(3.0, BY_NAV, undone=True)
+    twice = touch_up([TouchUp(1.0, BY_NAV), undone, TouchUp(1.0, BY_NAV)], KEYFRAMES, T_BASE_NAV, walk())
+    np.testing.assert_allclose(twice.shift, once.shift, atol=1e-12)
+    np.testing.assert_allclose(twice.cov, once.cov, atol=1e-15)
+
+
+def test_what_was_touched_stays_where_another_is_touched() -> None:
+    touches = [TouchUp(1.0, BY_NAV), TouchUp(3.0, -BY_NAV)]
+    found = touch_up(touches, KEYFRAMES, T_BASE_NAV, walk())
+    first = touch_up(touches[:1], KEYFRAMES, T_BASE_NAV, walk())
+    np.testing.assert_allclose(found.shift[1], BY_BASE, atol=1e-12)
+    np.testing.assert_allclose(found.shift[3], first.shift[3] - BY_BASE, atol=1e-12)
+
+
+def test_alone_it_moves_no_other() -> None:
+    found = touch_up([TouchUp(2.0, BY_NAV, only=True)], KEYFRAMES, T_BASE_NAV, walk())
+    np.testing.assert_allclose(found.shift, np.outer([0, 0, 1, 0], BY_BASE), atol=1e-15)
+    sigma = np.sqrt(np.diagonal(found.cov).reshape(COUNT, 6)[:, 0])
+    np.testing.assert_allclose(sigma, [0.003, 0.003 * 2**0.5, TOUCH_SIGMA_M, 0.006], rtol=1e-9)
+
+
+@pytest.mark.parametrize("t", [1.4, -1.0, 9.0])
+def test_a_keyframe_that_is_gone_moves_nothing(t: float) -> None:
+    assert not touch_up([TouchUp(t, BY_NAV)], KEYFRAMES, T_BASE_NAV, walk()).shift.any()

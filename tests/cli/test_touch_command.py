@@ -1,0 +1,126 @@
+"""`pbd touch`, `--frame`, `--at` and `--tolerance`: corrections with the arm, things that stand elsewhere, success."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pbd.files.demo import write_demo
+from pbd.simulation.simulate import simulate
+from tests.cli.running import Capture, run, run_json
+
+
+@pytest.fixture
+def tea(elsewhere: Path) -> Path:
+    write_demo(simulate("pick-and-place-stops", "wt901", 2), Path("demos/tea"))
+    return Path("demos/tea/keyframes.toml")
+
+
+def places(capsys: Capture, *more: str) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    rows = run_json(capsys, "keyframes", "tea", "--robot", "panda", *more)["keyframes"]
+    return np.array([row["base_position_m"] for row in rows])
+
+
+def test_a_touch_up_is_kept_followed_and_undone(tea: Path, capsys: Capture) -> None:
+    before = places(capsys)
+    told = run_json(capsys, "touch", "tea", "2", "--robot", "panda", "--by", "0", "-0.004", "0")["keyframes"]
+    tea.write_text(f"# mine\n{tea.read_text()}")
+    moved = places(capsys) - before
+    np.testing.assert_allclose(moved[2], [0.0, -0.004, 0.0], atol=1e-4)  # the file's digits
+    np.testing.assert_allclose(moved, [np.subtract(row["to_m"], row["from_m"]) for row in told], atol=2e-4)
+    assert 0.001 < np.linalg.norm(moved[3]) < 0.006
+    assert all(row["sigma_m"] < row["sigma_before_m"] for row in told)
+    run(capsys, "touch", "tea", "--robot", "panda", "--undo")
+    np.testing.assert_allclose(places(capsys), before, atol=2e-4)
+    assert "undone = true" in tea.read_text()
+    assert tea.read_text().startswith("# mine\n")
+    assert "no touch-up to undo" in refused_line(capsys, "touch", "tea", "--robot", "panda", "--undo")
+
+
+def test_where_it_belongs_may_be_given_in_base_or_in_the_tools_axes(tea: Path, capsys: Capture) -> None:
+    run(capsys, "touch", "tea", "1", "--robot", "panda", "--at", "0.45", "-0.1", "0.36")
+    at = places(capsys)[1]
+    np.testing.assert_allclose(at, [0.45, -0.1, 0.36], atol=1e-4)
+    run(capsys, "touch", "tea", "1", "--robot", "panda", "--by", "0", "0", "0.01", "--tool", "--only")
+    assert places(capsys)[1][2] == pytest.approx(at[2] - 0.01, abs=3e-4)  # the tool points down
+
+
+def test_nudges_are_in_base_or_tool_axes(tea: Path, capsys: Capture) -> None:
+    before = places(capsys)
+    run(capsys, "keyframes", "tea", "--save")
+    lines = tea.read_text().replace("[[keyframe]] # 1", "[[keyframe]] # 1\nnudge_base_m = [0.01, 0, 0]")
+    tea.write_text(lines.replace("[[keyframe]] # 2", "[[keyframe]] # 2\nnudge_tool_m = [0, 0, 0.02]"))
+    moved = places(capsys) - before
+    np.testing.assert_allclose(moved[1], [0.01, 0.0, 0.0], atol=2e-4)
+    np.testing.assert_allclose(moved[2], [0.0, 0.0, -0.02], atol=6e-4)
+    np.testing.assert_allclose(moved[3:], 0.0, atol=2e-4)
+
+
+def test_a_thing_that_stands_elsewhere_takes_its_keyframes_along(tea: Path, capsys: Capture) -> None:
+    run(capsys, "keyframes", "tea", "--frame", "tray=2..4", "--frame", "cup=3@tray")
+    shown = places(capsys)
+    moved = places(capsys, "--at", "tray=0.5,0.1,0.3,90")
+    np.testing.assert_allclose(moved[2], [0.5, 0.1, 0.3], atol=1e-9)
+    x, y, z = shown[4] - shown[2]
+    np.testing.assert_allclose(moved[4] - moved[2], [-y, x, z], atol=1e-9)
+    np.testing.assert_array_equal(moved[:2], shown[:2])
+    both = places(capsys, "--at", "tray=0.5,0.1,0.3,90", "--at", "cup=0.4,0.2,0.4")
+    np.testing.assert_allclose(both[3], [0.4, 0.2, 0.4], atol=1e-9)
+    np.testing.assert_allclose(both[[2, 4]], moved[[2, 4]], atol=1e-9)
+    found = run_json(capsys, "keyframes", "tea", "--robot", "panda")["frames"]
+    assert [(each["name"], each["keyframes"]) for each in found] == [("tray", [2, 3, 4]), ("cup", [3])]
+    np.testing.assert_allclose(found[1]["base_position_m"], shown[3])
+
+
+def test_out_of_reach_names_a_place_that_works(tea: Path, capsys: Capture) -> None:
+    run(capsys, "keyframes", "tea", "--frame", "cup=2")
+    command = ("replay", "tea", "--robot", "panda", "--html", "x.html", "--at")
+    _, _, err = run(capsys, *command, "cup=0.5,1.2,0.3")
+    line = err.splitlines()[-1]
+    assert line.startswith("pbd: keyframe 2 is out of reach")
+    works = line.rpartition("(--at ")[2].removesuffix(" works)")
+    assert run(capsys, *command, works)[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("command", "code", "words"),
+    [
+        ("touch tea 9 --robot panda --by 0 0 0", 1, "there is no keyframe 9; they are 0 to 4"),
+        ("touch tea 2 --robot panda", 2, "--by X Y Z"),
+        ("touch tea --robot panda --by 0 0 0", 2, "name the keyframe"),
+        ("touch pouring 2 --robot panda --by 0 0 0", 1, "is bundled"),
+        ("keyframes tea --frame cup=2..3 --frame jug=3", 2, "keyframe 3 can't belong to 'cup' and to 'jug'"),
+        ("keyframes tea --frame cup=2..7", 1, "there is no keyframe 5 for 'cup'; they are 0 to 4"),
+        ("keyframes tea --frame cup=3..2", 2, "must be like cup=3..5"),
+        ("keyframes tea --robot panda --at jug=0,0,0", 3, "no keyframe belongs to 'jug'"),
+        ("keyframes tea --tolerance 0.01", 2, "name the robot"),
+        ("keyframes tea --robot panda --tolerance 0", 2, "above zero"),
+    ],
+)
+def test_what_makes_no_sense_is_one_line(tea: Path, capsys: Capture, command: str, code: int, words: str) -> None:
+    try:
+        found, _, err = run(capsys, *command.split())
+    except SystemExit as left:
+        found, err = int(str(left.code)), capsys.readouterr().err
+    assert found == code
+    assert words in err.splitlines()[-1]
+    assert not tea.exists()
+
+
+def test_success_is_told_with_the_joint_distribution(tea: Path, capsys: Capture) -> None:
+    loose, tight = (
+        run_json(capsys, "keyframes", "tea", "--robot", "panda", "--tolerance", within) for within in ("0.05", "0.005")
+    )
+    assert loose["success"]["band"] == "over 90 %"
+    assert tight["success"]["band"] == "under 50 %"
+    each = [row["probability"] for row in tight["keyframes"]]
+    assert np.prod(each) < tight["success"]["probability"] <= min(each)
+
+
+def refused_line(capsys: Capture, *command: str) -> str:
+    """The last line of a command that fails; notes may come before it."""
+    code, _, err = run(capsys, *command)
+    assert code == 1
+    return err.splitlines()[-1]

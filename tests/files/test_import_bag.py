@@ -1,0 +1,135 @@
+"""Bags of ROS 2: our own export comes back, and what other recorders leave in them."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from pbd.cli import main
+from pbd.data import Recording
+from pbd.errors import PbdWarning, RecordingError
+from pbd.files.importers import import_file, import_recording
+from pbd.simulation.simulate import simulate
+
+LATE_NS = 40_000_000
+"""How much later than the sensor's reading the recorder of these bags got a message."""
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    whole = simulate("pour", "modern", 0).recording
+    return Recording(**{name: getattr(whole, name)[:300] for name in ("t", "acc", "gyr", "mag")})
+
+
+def write_bag(path: Path, recording: Recording, topics: tuple[str, ...] = ("/imu",), mcap: bool = True) -> Path:
+    """Write with rosbags as a driver does: header stamps, arrivals later, a covariance that says "no orientation"."""
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_JAZZY)
+    kinds: dict[str, Any] = {name.split("/")[-1]: made for name, made in store.types.items()}
+    plugin = StoragePlugin.MCAP if mcap else StoragePlugin.SQLITE3
+    assert recording.gyr is not None
+    assert recording.mag is not None
+
+    def vector(values: Any) -> Any:
+        x, y, z = map(float, values)
+        return kinds["Vector3"](x=x, y=y, z=z)
+
+    with Writer(path, version=9, storage_plugin=plugin) as writer:
+        imus = [writer.add_connection(name, "sensor_msgs/msg/Imu", typestore=store) for name in topics]
+        field = writer.add_connection("/mag", "sensor_msgs/msg/MagneticField", typestore=store)
+        text = writer.add_connection("/text", "std_msgs/msg/String", typestore=store)
+        for t, acc, gyr, mag in zip(recording.t, recording.acc, recording.gyr, recording.mag, strict=True):
+            ns = 1_700_000_000_000_000_000 + round(1e9 * float(t))
+            stamp = kinds["Time"](sec=ns // 10**9, nanosec=ns % 10**9)
+            header = kinds["Header"](stamp=stamp, frame_id="imu")
+            unknown, known = np.array([-1.0, *[0.0] * 8]), np.zeros(9)
+            imu = kinds["Imu"](
+                header=header,
+                orientation=kinds["Quaternion"](x=0.5, y=0.5, z=0.5, w=float(t)),
+                orientation_covariance=unknown,
+                angular_velocity=vector(gyr),
+                angular_velocity_covariance=known,
+                linear_acceleration=vector(acc),
+                linear_acceleration_covariance=known,
+            )
+            for connection in imus:
+                writer.write(connection, ns + LATE_NS, store.serialize_cdr(imu, "sensor_msgs/msg/Imu"))
+            message = kinds["MagneticField"](
+                header=header, magnetic_field=vector(1e-6 * mag), magnetic_field_covariance=known
+            )
+            writer.write(field, ns + LATE_NS, store.serialize_cdr(message, "sensor_msgs/msg/MagneticField"))
+        writer.write(text, ns, store.serialize_cdr(kinds["String"](data="end"), "std_msgs/msg/String"))
+    return path if not mcap else next(path.glob("*.mcap"))
+
+
+def assert_same(read: Recording, written: Recording) -> None:
+    assert_allclose(read.t, written.t - written.t[0], atol=2e-9)
+    for name in ("acc", "gyr", "mag"):
+        assert_allclose(getattr(read, name), getattr(written, name), rtol=1e-9, atol=1e-9)
+    assert read.device_rpy is None
+
+
+@pytest.mark.parametrize("mcap", [True, False])
+def test_both_kinds_by_their_header_stamps(tmp_path: Path, recording: Recording, mcap: bool) -> None:
+    write_bag(tmp_path / "bag", recording, mcap=mcap)
+    assert_same(import_file(tmp_path / "bag").recording, recording)
+    assert_same(import_file(next((tmp_path / "bag").glob("*.mcap" if mcap else "*.db3"))).recording, recording)
+
+
+def test_our_own_export_comes_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["export", "pouring", "--robot", "panda", "-o", "out.mcap"]) == 0
+    from pbd.files.demo import load_demo
+
+    ours, read = load_demo("pouring").recording, import_file(Path("out.mcap")).recording
+    assert_same(read, replace(ours, device_rpy=None))
+
+
+def test_a_topic_is_chosen_or_the_only_one(tmp_path: Path, recording: Recording) -> None:
+    bag = write_bag(tmp_path / "bag", recording, ("/left/imu", "/right/imu"))
+    with pytest.raises(RecordingError, match=r"2 topics of type sensor_msgs/msg/Imu: /left/imu, /right/imu; choose"):
+        import_recording(bag)
+    assert_same(import_recording(bag, topic="/right/imu").demo.recording, recording)
+    with pytest.raises(RecordingError, match=r"no topic /imu; those of type sensor_msgs/msg/Imu are /left/imu, /right"):
+        import_recording(bag, topic="/imu")
+    with pytest.raises(RecordingError, match=r"the topic /text has messages of type std_msgs/msg/String; those of"):
+        import_recording(bag, topic="/text")
+
+
+@pytest.mark.parametrize("share", [0.4, 0.8])
+def test_a_bag_whose_end_is_missing_is_read_as_far_as_it_goes(
+    tmp_path: Path, recording: Recording, share: float
+) -> None:
+    bag = write_bag(tmp_path / "bag", recording)
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(bag.read_bytes()[: int(share * bag.stat().st_size)])
+    with pytest.warns(PbdWarning, match=r"cut\.mcap: its end is missing, as after a crash; it is read as far as"):
+        read = import_file(cut).recording
+    n = len(read)
+    assert 0.6 * share * len(recording) < n < len(recording)
+    assert_allclose(read.acc, recording.acc[:n])
+
+
+def test_what_is_no_bag_is_refused(tmp_path: Path, recording: Recording) -> None:
+    bag = write_bag(tmp_path / "bag", recording, ())
+    with pytest.raises(RecordingError, match=r"no topic of type sensor_msgs/msg/Imu; it has /mag \(sensor_msgs/msg/M"):
+        import_file(bag)
+    for name in ("text.mcap", "text.db3"):
+        (tmp_path / name).write_bytes(b"no bag at all" * 9)
+        with pytest.raises(RecordingError, match=r"text\.\w+: (it is no MCAP|can't be read as a bag)"):
+            import_file(tmp_path / name)
+    # A chunk of 100 bytes that says that it holds ten gigabytes.
+    swelling = struct.pack("<BQQQQI", 6, 100, 0, 0, 10**10, 0) + bytes(72)
+    (tmp_path / "bomb.mcap").write_bytes(bag.read_bytes()[:8] + swelling + bytes(37))
+    with pytest.raises(RecordingError, match="swell to 10000 MB or more, which is refused"):
+        import_file(tmp_path / "bomb.mcap")

@@ -1,0 +1,202 @@
+"""Samples, written by hand, of the files that other programs leave: each from the published format that it names."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from pbd.data import GRAVITY
+from pbd.errors import RecordingError
+from pbd.files.importers import Imported, import_recording
+
+DEG = np.pi / 180.0
+
+
+def imported(folder: Path, text: str, rate_hz: float | None = None, name: str = "run.csv", **units: str) -> Imported:
+    (folder / name).write_text(text, encoding="utf-8")
+    return import_recording(folder / name, {}, units, rate_hz)
+
+
+def decided(read: Imported) -> Mapping[str, str]:
+    """Ours -> the file's column."""
+    assert read.understood is not None
+    return {column.ours: column.name for column in read.understood.columns}
+
+
+DOT = """sep=,
+DeviceTag:,D422CD005F44,,,,,,,,,,,,,,,,,
+FirmwareVersion:,2.4.0,,,,,,,,,,,,,,,,,
+AppVersion:,2023.6.0,,,,,,,,,,,,,,,,,
+OutputRate:,60Hz,,,,,,,,,,,,,,,,,
+Measurement Mode:,Custom Mode 5,,,,,,,,,,,,,,,,,
+StartTime:,2023-07-04 10:11:12.345 +0200,,,,,,,,,,,,,,,,,
+Movella Technologies B. V. 2005-2023,,,,,,,,,,,,,,,,,,,
+
+PacketCounter,SampleTimeFine,Quat_W,Quat_X,Quat_Y,Quat_Z,FreeAcc_X,FreeAcc_Y,FreeAcc_Z,Acc_X,Acc_Y,Acc_Z,\
+Gyr_X,Gyr_Y,Gyr_Z,Mag_X,Mag_Y,Mag_Z
+1,4294950629,1,0,0,0,0.1,0.2,0.3,0.5,0.25,9.75,90,0,-180,0.5,0,-0.75
+2,4294967295,1,0,0,0,0.1,0.2,0.3,0.5,0.25,9.75,90,0,-180,0.5,0,-0.75
+3,16666,1,0,0,0,0.1,0.2,0.3,0.5,0.25,9.75,90,0,-180,0.5,0,-0.75
+"""
+"""As Movella's Android SDK writes it (DotLogger: `TITLE_...`), in Custom Mode 5 with a field; SampleTimeFine is us and
+starts anew at 2^32; Acc is m/s2, Gyr deg/s (Movella DOT User Manual XD0502P)."""
+
+
+def test_movella_dot(tmp_path: Path) -> None:
+    read = imported(tmp_path, DOT)
+    recording = read.demo.recording
+    assert_allclose(recording.t, [0.0, 0.016666, 0.033333], atol=2e-6)
+    assert_allclose(recording.acc[0], [0.5, 0.25, 9.75])
+    assert recording.gyr is not None
+    assert_allclose(recording.gyr[0], [np.pi / 2, 0.0, -np.pi])
+    assert recording.mag is not None
+    assert read.understood is not None
+    assert read.understood.program == "Movella (Xsens) DOT"
+    assert read.understood.unread["FreeAcc_X"] == "without gravity, or gravity"
+    assert decided(read)["ax"] == "Acc_X"
+
+
+MT_MANAGER = """// General information:
+//  MT Manager version: 2020.0.0
+//  Update Rate: 100.0Hz
+// Device information:
+//  DeviceId: 01200311
+PacketCounter\tSampleTimeFine\tAcc_X\tAcc_Y\tAcc_Z\tGyr_X\tGyr_Y\tGyr_Z\tMag_X\tMag_Y\tMag_Z
+00001\t5000100\t0.5\t0.25\t9.75\t1.5\t0\t-2\t0.5\t0\t-0.75
+00002\t5000200\t0.5\t0.25\t9.75\t1.5\t0\t-2\t0.5\t0\t-0.75
+"""
+"""As Xsens' MT Manager exports an MTi's log: SampleTimeFine in 0.1 ms, Gyr in rad/s."""
+
+
+def test_xsens_mt_manager(tmp_path: Path) -> None:
+    recording = imported(tmp_path, MT_MANAGER, name="MT_01200311-000.txt").demo.recording
+    assert_allclose(recording.t, [0.0, 0.01])
+    assert recording.gyr is not None
+    assert_allclose(recording.gyr[0], [1.5, 0.0, -2.0])
+
+
+SHIMMER = """"sep=,"
+S_Hand_Timestamp_Unix_CAL,S_Hand_Accel_WR_X_RAW,S_Hand_Accel_LN_X_CAL,S_Hand_Accel_LN_Y_CAL,S_Hand_Accel_LN_Z_CAL,\
+S_Hand_Accel_WR_X_CAL,S_Hand_Accel_WR_Y_CAL,S_Hand_Accel_WR_Z_CAL,S_Hand_Gyro_X_CAL,S_Hand_Gyro_Y_CAL,\
+S_Hand_Gyro_Z_CAL,S_Hand_Mag_X_CAL,S_Hand_Mag_Y_CAL,S_Hand_Mag_Z_CAL,
+ms,no units,m/(s^2),m/(s^2),m/(s^2),m/(s^2),m/(s^2),m/(s^2),deg/s,deg/s,deg/s,local_flux,local_flux,local_flux,
+1.5E12,100,0.5,0.25,9.75,7,7,7,90,0,-180,0.5,0,-0.75,
+1.500000000020E12,100,0.5,0.25,9.75,7,7,7,90,0,-180,0.5,0,-0.75,
+"""
+"""As Shimmer's ConsensysPRO exports: names, units and rows, each with a comma at its end; two accelerometers."""
+
+
+@pytest.mark.parametrize("delimiter", [",", "\t"])
+def test_shimmer(tmp_path: Path, delimiter: str) -> None:
+    read = imported(tmp_path, SHIMMER.replace(",", delimiter))
+    recording = read.demo.recording
+    assert_allclose(recording.t, [0.0, 0.02], atol=1e-6)
+    assert_allclose(recording.acc[0], [0.5, 0.25, 9.75])
+    assert recording.gyr is not None
+    assert_allclose(recording.gyr[0], [np.pi / 2, 0.0, -np.pi])
+    assert recording.mag is not None
+    assert read.understood is not None
+    assert read.understood.unread["S_Hand_Accel_WR_X_RAW (no units)"] == "raw counts"
+
+
+def test_an_ximu3s_folder(tmp_path: Path) -> None:
+    """As x-IMU3 GUI's data logger writes it: a folder, and in it a file for each kind of message."""
+    inertial = "Timestamp (us),Gyroscope X (deg/s),Gyroscope Y (deg/s),Gyroscope Z (deg/s),Accelerometer X (g),"
+    inertial += "Accelerometer Y (g),Accelerometer Z (g)\n1000000,90,0,0,0,0,1\n1002500,90,0,0,0,0,1\n"
+    field = "Timestamp (us),Magnetometer X (a.u.),Magnetometer Y (a.u.),Magnetometer Z (a.u.)\n"
+    (tmp_path / "Inertial.csv").write_text(inertial)
+    (tmp_path / "Magnetometer.csv").write_text(f"{field}1000000,1,0,-1\n1005000,0,0,-1\n")
+    (tmp_path / "Quaternion.csv").write_text("Timestamp (us),W,X,Y,Z\n1000000,1,0,0,0\n")
+    recording = import_recording(tmp_path).demo.recording
+    assert recording.acc[0, 2] == GRAVITY
+    assert recording.mag is not None
+    assert_allclose(recording.mag, [[1.0, 0.0, -1.0], [0.5, 0.0, -1.0]])
+
+
+PLOTTER = "AccelX:0.5,AccelY:0.25,AccelZ:9.75,GyroX:1.5,GyroY:0.00,GyroZ:-2.00\n"
+"""Adafruit_MPU6050, examples/plotter/plotter.ino: m/s2, rad/s."""
+
+BASIC_READINGS = """Acceleration X: 0.50, Y: 0.25, Z: 9.75 m/s^2
+Rotation X: 1.50, Y: 0.00, Z: -2.00 rad/s
+Temperature: 25.36 degC
+
+"""
+"""Adafruit_MPU6050, examples/basic_readings/basic_readings.ino."""
+
+M5STICK = """Acceleration: X=0.50, Y=0.25, Z=9.75
+Gyroscope: X=1.50, Y=0.00, Z=-2.00
+"""
+"""Sketches for M5StickC's MPU6886 print so; the library's own units are g and deg/s (here given as SI)."""
+
+
+@pytest.mark.parametrize("line", [PLOTTER, BASIC_READINGS, M5STICK])
+def test_lines_that_sketches_print(tmp_path: Path, line: str) -> None:
+    text = line[20:] + 4 * line + line[:20]  # a serial monitor that was opened, and closed, on the way
+    recording = imported(tmp_path, text, 50.0, "monitor.log").demo.recording
+    assert_allclose(recording.acc, np.tile([0.5, 0.25, 9.75], (len(recording), 1)))
+    assert recording.gyr is not None
+    assert_allclose(recording.gyr[0], [1.5, 0.0, -2.0])
+    assert len(recording) == 4
+    with pytest.raises(RecordingError, match=r"no column for t .*or import it with its --rate HZ"):
+        imported(tmp_path, text, None, "monitor.log")
+
+
+def test_the_monitors_own_times(tmp_path: Path) -> None:
+    lines = "".join(f"12:34:56.{ms:03d} -> {PLOTTER}" for ms in (990, 995))
+    recording = imported(tmp_path, lines + f"12:34:57.000 -> {PLOTTER}", None, "monitor.txt").demo.recording
+    assert_allclose(recording.t, [0.0, 0.005, 0.01], atol=1e-9)
+
+
+# --- names ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("header", "scale"),
+    [
+        ("rotationRateX,rotationRateY,rotationRateZ", 1.0),
+        ("motionRotationRateX(rad/s),motionRotationRateY(rad/s),motionRotationRateZ(rad/s)", 1.0),  # SensorLog
+        ("imu/angular_velocity/x,imu/angular_velocity/y,imu/angular_velocity/z", 1.0),
+        ("gyro_x_dps,gyro_y_dps,gyro_z_dps", DEG),
+    ],
+)
+def test_a_gyro_by_any_name(tmp_path: Path, header: str, scale: float) -> None:
+    recording = imported(tmp_path, f"t,ax,ay,az,{header}\n0,0,0,9.8,1,2,3\n1,0,0,9.8,1,2,3\n").demo.recording
+    assert recording.gyr is not None
+    assert_allclose(recording.gyr[0], np.array((1.0, 2.0, 3.0)) * scale)
+
+
+def test_what_looks_inertial_is_never_dropped(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"turnX, turnY, turnZ look like a gyro, .* --column gx=turnX and its"):
+        imported(tmp_path, "t,ax,ay,az,turnX,turnY,turnZ\n0,0,0,9.8,1,2,3\n")
+
+
+def test_acceleration_without_gravity_is_no_specific_force(tmp_path: Path) -> None:
+    header = "t,userAccelerationX,userAccelerationY,userAccelerationZ"
+    with pytest.raises(RecordingError, match=r"no column for ax, ay, az \(specific force\); userAcc.* without gravity"):
+        imported(tmp_path, f"{header}\n0,0,0,0\n")
+
+
+@pytest.mark.parametrize(
+    ("header", "rows", "wanted"),
+    [
+        ("time,seconds_elapsed", ("1700000000000000000,0", "1700000000010000000,0.01"), "seconds_elapsed"),
+        ("date_time,micros", ("2024-01-01 10:00:00,500", "2024-01-01 10:00:00,10500"), "micros"),
+        ("time_ms,timestamp", ("0,7", "10,7"), "time_ms"),
+    ],
+)
+def test_the_right_time_of_several(tmp_path: Path, header: str, rows: tuple[str, ...], wanted: str) -> None:
+    read = imported(tmp_path, f"{header},ax,ay,az\n" + "".join(f"{row},0,0,9.8\n" for row in rows))
+    assert decided(read)["t"] == wanted
+    assert_allclose(read.demo.recording.t, [0.0, 0.01])
+
+
+def test_advice_has_the_files_names(tmp_path: Path) -> None:
+    read = imported(tmp_path, "t,acc X [g],acc_y (g),acc_z (g)\n0,0,0,1\n")
+    assert read.understood is not None
+    assert read.understood.in_its_names("import with --column ax=ay --column ay=-ax") == (
+        "import with --column 'ax=acc_y (g)' --column 'ay=-acc X [g]'"
+    )

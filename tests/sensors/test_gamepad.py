@@ -1,0 +1,171 @@
+"""A DualSense: bytes of input events through a FIFO, as the kernel gives them."""
+
+from __future__ import annotations
+
+import os
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from pbd.cli import main
+from pbd.data import GRAVITY
+from pbd.errors import SensorError
+from pbd.files.demo import read_demo
+from pbd.sensors import gamepad_port
+from pbd.sensors.gamepad import GamepadDecoder
+from pbd.sensors.gamepad_port import GamepadPort, only_gamepad
+from pbd.simulation.simulate import simulate
+from tests.sensors.encoders.gamepad import event, press, report
+
+LEVEL = (0.0, 0.0, 1.0)
+
+
+def test_counts_axes_and_stamps() -> None:
+    """On the table y points up, by SDL_sensor.h; z toward the player. 8192 counts are 1 g, 1024 are 1 deg/s."""
+    data = b"".join(event(3, code, value) for code, value in enumerate((819, 8192, -1638, 1024, 2048, -3072)))
+    (sample,) = GamepadDecoder().feed(data + event(4, 5, 4_000) + event(0, 0, 0))
+    assert sample.acc == pytest.approx(np.array((819, 1638, 8192)) * GRAVITY / 8192)
+    assert sample.gyr == pytest.approx(np.radians((1.0, 3.0, 2.0)))
+    assert sample.t_device == pytest.approx(4e-3)
+
+
+def test_an_axis_that_is_not_sent_has_not_changed() -> None:
+    decoder = GamepadDecoder()
+    assert decoder.feed(event(3, 0, 5) + event(4, 5, 1) + event(0, 0, 0)) == []  # the others are unknown
+    first, second = decoder.feed(report(4000, LEVEL, (1, 2, 3)) + event(3, 0, 819) + event(4, 5, 8000) + event(0, 0, 0))
+    assert second.gyr == first.gyr
+    assert second.acc == pytest.approx((819 * GRAVITY / 8192, 0.0, GRAVITY))
+
+
+def test_the_stamp_wraps() -> None:
+    us = (2**32 - 4000, 2**32, 2**32 + 4000)
+    samples = GamepadDecoder().feed(b"".join(report(each, LEVEL, (0, 0, 0)) for each in us))
+    assert_allclose(np.diff([sample.t_device for sample in samples if sample.t_device is not None]), 4e-3)
+
+
+def test_what_follows_a_loss_is_half_a_report() -> None:
+    decoder = GamepadDecoder()
+    decoder.feed(report(4000, LEVEL, (0, 0, 0)))
+    lost = event(0, 3, 0) + event(3, 1, 0) + event(4, 5, 8000) + event(0, 0, 0)
+    assert decoder.feed(lost) == []
+    assert decoder.tally.bad_packets == 1
+    assert len(decoder.feed(report(12000, LEVEL, (0, 0, 0)))) == 1
+
+
+def fifo(folder: Path, name: str = "event5") -> Path:
+    os.mkfifo(folder / name)
+    return folder / name
+
+
+def test_a_recording_with_its_grip_by_the_pads_button(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Over Bluetooth: reports come in bursts, but the device's own stamps count."""
+    monkeypatch.chdir(tmp_path)
+    motion, buttons = fifo(tmp_path), fifo(tmp_path, "event6")
+    monkeypatch.setattr(gamepad_port, "find_gamepads", lambda: {str(motion): ("DualSense", str(buttons))})
+    hand = simulate("pour", "ideal", 0, rate_hz=250.0).recording
+    assert hand.gyr is not None
+    us = np.rint(1e6 * hand.t).astype(int) + 77
+    rows = [
+        report(int(at), acc / GRAVITY, gyr, 9000 - int(at) % 9000)
+        for at, acc, gyr in zip(us, hand.acc, np.degrees(hand.gyr), strict=True)
+    ]
+
+    def play() -> None:
+        with motion.open("wb", buffering=0) as sensors, buttons.open("wb", buffering=0) as keys:
+            for k in range(0, len(rows), 10):
+                if k == 1000:
+                    keys.write(press() + press(down=False))
+                sensors.write(b"".join(rows[k : k + 10]))
+
+    thread = threading.Thread(target=play)
+    thread.start()
+    assert main(["record", "tea", "--sensor", "gamepad"]) == 0
+    thread.join()
+    recording = read_demo(Path("demos/tea")).recording
+    assert len(recording) == len(hand)
+    assert_allclose(recording.t, hand.t, atol=2e-6)
+    assert_allclose(recording.acc, hand.acc, atol=GRAVITY / 8192)
+    assert recording.gyr is not None
+    assert_allclose(recording.gyr, hand.gyr, atol=np.radians(1 / 1024))
+    assert [grip.closed for grip in recording.grip] == [True]
+
+
+def test_unplugged(tmp_path: Path) -> None:
+    motion = fifo(tmp_path)
+    port = GamepadPort(str(motion))
+    with motion.open("wb", buffering=0) as writer:
+        writer.write(report(0, LEVEL, (0, 0, 0))[:50])
+    assert len(port.read()) == 50
+    with pytest.raises(SensorError, match="is gone: the gamepad was unplugged, or fell asleep") as caught:
+        port.read()
+    assert caught.value.fields["lost"]
+    port.close()
+
+
+class Kernel:
+    """An input device's ioctls: the axes with their fuzz, as hid-playstation sets them."""
+
+    def __init__(self, resolution: tuple[int, int] = (8192, 1024)) -> None:
+        self.info = {axis: [axis * 100, -32768, 32767, 16, 0, resolution[axis // 3]] for axis in range(6)}
+
+    def ioctl(self, fd: int, request: int, argument: bytearray | bytes) -> int:
+        number = request & 0xFF
+        assert (request >> 8) & 0xFF == ord("E")
+        assert (request >> 16) & 0x3FFF == gamepad_port.ABSINFO.size
+        if number >= 0xC0:
+            self.info[number - 0xC0] = list(gamepad_port.ABSINFO.unpack(argument))
+        else:
+            assert isinstance(argument, bytearray)
+            argument[:] = gamepad_port.ABSINFO.pack(*self.info[number - 0x40])
+        return 0
+
+
+def test_the_kernels_filter_is_off_while_it_records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    kernel, motion = Kernel(), fifo(tmp_path)
+    monkeypatch.setattr("fcntl.ioctl", kernel.ioctl)
+    port = GamepadPort(str(motion))
+    assert {info[3] for info in kernel.info.values()} == {0}
+    assert port.read() == b"".join(event(3, axis, 100 * axis) for axis in range(6))  # the axes as they are
+    port.close()
+    assert {info[3] for info in kernel.info.values()} == {16}
+
+
+def test_a_loss_is_followed_by_the_axes_as_they_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    kernel, motion = Kernel(), fifo(tmp_path)
+    monkeypatch.setattr("fcntl.ioctl", kernel.ioctl)
+    port = GamepadPort(str(motion))
+    port.read()
+    with motion.open("wb", buffering=0) as writer:
+        writer.write(event(0, 3, 0))
+        assert port.read() == event(0, 3, 0) + b"".join(event(3, axis, 100 * axis) for axis in range(6))
+    port.close()
+
+
+def test_another_motion_sensor_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fcntl.ioctl", Kernel((4096, 14247)).ioctl)
+    with pytest.raises(SensorError, match="counts 4096 for a unit of axis 0, not 8192: it is no DualSense's"):
+        GamepadPort(str(fifo(tmp_path)))
+
+
+def test_the_buttons_are_those_of_the_same_pad(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two pads of one name: /sys tells which input devices are one pad's."""
+    monkeypatch.setattr(gamepad_port, "CLASS", tmp_path / "class")
+    for number, pad, end in ((3, "A", ""), (4, "A", " Motion Sensors"), (5, "B", ""), (6, "B", " Motion Sensors")):
+        (tmp_path / pad).mkdir(exist_ok=True)
+        device = tmp_path / "class" / f"event{number}" / "device"
+        device.mkdir(parents=True)
+        (device / "name").write_text(f"DualSense{end}\n")
+        (device / "device").symlink_to(tmp_path / pad)
+    found = gamepad_port.find_gamepads()
+    assert found == {
+        "/dev/input/event4": ("DualSense", "/dev/input/event3"),
+        "/dev/input/event6": ("DualSense", "/dev/input/event5"),
+    }
+    with pytest.raises(SensorError, match=r"several gamepads are there: /dev/input/event4 \(DualSense\), .*name a --p"):
+        only_gamepad()
+    monkeypatch.setattr(gamepad_port, "CLASS", tmp_path / "nothing")
+    with pytest.raises(SensorError, match="no gamepad with motion sensors is there: connect a DualSense"):
+        only_gamepad()

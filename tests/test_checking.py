@@ -1,0 +1,79 @@
+"""Many demonstrations are checked: what is unusable, what differs, whatever does the work."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import joblib
+import numpy as np
+import pytest
+
+from pbd import check_all
+from pbd.checking import DemoCheck, _compared
+from pbd.cli import main
+from pbd.files.demo import write_demo
+from pbd.simulation.simulate import simulate
+from tests.cli.running import Capture, run, run_json
+
+
+@pytest.fixture
+def takes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Two sound takes, and one whose samples are gone."""
+    monkeypatch.chdir(tmp_path)
+    write_demo(simulate("pick-and-place-stops", "modern", 0), Path("demos/tea1"))
+    shutil.copytree("demos/tea1", "demos/tea2")
+    shutil.copytree("demos/tea1", "demos/broken")
+    Path("demos/broken/imu.csv").write_text("t,ax,ay,az\n")
+    return ["tea1", "broken", "tea2"]
+
+
+def test_each_is_told_in_its_own_row_and_the_worst_comes_first(takes: list[str], capsys: Capture) -> None:
+    code, out, err = run(capsys, "check", *takes)
+    assert code == 1
+    assert err == "pbd: 1 of 3 can't be used: broken; leave them out, or record them again\n"
+    assert [line.split()[0] for line in out.splitlines()[2:5]] == ["broken", "tea1", "tea2"]
+    found = run_json(capsys, "check", "tea2", "tea1", "--robot", "ur5")["demos"]
+    assert [row["keyframes"] for row in found] == [5, 5]
+    assert found[0]["motion_s"] == found[1]["motion_s"] > 1.0
+
+
+def test_what_stops_the_robot_is_told(takes: list[str]) -> None:
+    toml = Path("demos/tea1/keyframes.toml")
+    assert main(["keyframes", "tea1", "--save"]) == 0
+    lines = toml.read_text().splitlines()
+    last = max(i for i, line in enumerate(lines) if line.startswith("position_m"))
+    toml.write_text("\n".join([*lines[:last], "position_m = [3.0, 0.0, 0.0]", *lines[last + 1 :]]))
+    (check,) = check_all(takes[:1], robot="so101")
+    assert check.refused.startswith("so101: keyframe 4 ")
+    assert not check.usable
+    assert check.findings == check_all(takes[:1])[0].findings
+
+
+def sibling(name: str, off_m: float) -> DemoCheck:
+    p = np.array([[0.0, 0.0, 0.0], [0.3 + off_m, 0.0, 0.0]])
+    return DemoCheck(name, p_dock_sensor=p, sigma_m=0.001)
+
+
+def test_one_that_differs_from_its_siblings_is_named() -> None:
+    """Their scatter and its own sigma say how far is too far; of three nobody can say which one is off."""
+    offs = (0.0, 0.002, -0.002, 0.003, 0.05)
+    checks = _compared([sibling(str(off), off) for off in offs])
+    assert [bool(check.differs) for check in checks] == [False, False, False, False, True]
+    assert checks[-1].differs == ("keyframe 1 is 5 cm from where the 4 like it have theirs",)
+    assert not any(check.differs for check in _compared([sibling(str(off), off) for off in offs[2:]]))
+    other = replace(sibling("grips", 0.05), grips=((1, True),))
+    assert not _compared([*(sibling(str(off), off) for off in offs[:4]), other])[-1].differs
+
+
+@pytest.mark.filterwarnings("default")  # of Dask's own
+def test_a_local_dask_cluster_does_the_same(takes: list[str]) -> None:
+    from distributed import Client, LocalCluster
+
+    folders = [str(Path("demos", name).resolve()) for name in takes]
+    options = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": None}
+    with LocalCluster(host="127.0.0.1", **options) as cluster, Client(cluster), joblib.parallel_config("dask"):
+        there = check_all(folders)
+    assert [check.why for check in there] == [check.why for check in check_all(folders)]
+    assert there[0].sigma_m == check_all(folders[:1])[0].sigma_m
