@@ -67,9 +67,6 @@ def read_demo(folder: Path) -> Demonstration:
     _refuse_without(folder, "demo.toml")
     top = read_toml(folder / "demo.toml", RecordingError)
     top.format(FORMAT)
-    takes = _read_takes(top.tables("take"), folder)
-    if not takes:
-        _refuse_without(folder, "imu.csv")
     info = RecordingInfo(
         name=top.text("name"),
         sensor=top.text("sensor"),
@@ -89,7 +86,10 @@ def read_demo(folder: Path) -> Demonstration:
         if thing is None
         else GraspedObject(*read_shape(thing), thing.number("mass_kg", None, positive=True)),
     }
+    takes = _read_takes(top.tables("take"), folder)
     top.done()
+    if not takes:
+        _refuse_without(folder, "imu.csv")
     truth, edited = folder / "truth.csv", folder / keyframes.NAME
     recording = replace(takes[0].recording, info=info) if takes else None
     is_edited = os.path.lexists(edited)

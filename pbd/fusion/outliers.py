@@ -75,11 +75,10 @@ def disagreement(parts: Parts, joint: Joint, names: Sequence[str]) -> str:
 def _outlier(parts: Parts, joint: Joint, takes: int) -> tuple[int, int] | None:
     """The keyframe of a take that fits the others worst, if it is an outlier; of those that so many takes have."""
     counts = Counter(int(j) for at in parts.at for j in at)
-    enough = (lambda count: count == takes) if takes < LEAST_TAKES else (lambda count: count >= takes)
     which, rows = [], []
     for k, (at, own) in enumerate(zip(parts.at, parts.rows, strict=True)):
         for i, j in enumerate(at.tolist()):
-            if enough(counts[j]):
+            if counts[j] == takes or counts[j] > takes >= LEAST_TAKES:
                 which.append((k, j))
                 rows.append(own.start + 6 * i + np.arange(6))
     if not which:

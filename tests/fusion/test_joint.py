@@ -8,6 +8,7 @@ import pytest
 from pbd.fusion.joint import State, _Columns, _moved, _residuals, estimate_jointly
 from pbd.fusion.outliers import believed, disagreement
 from pbd.fusion.scatter import alike, each
+from pbd.pose import Array
 from tests.fusion.made import begun, parts, truth
 
 MM = 1e-3
@@ -45,13 +46,13 @@ def test_a_keyframe_that_scatters_along_one_axis_is_found() -> None:
     takes = parts(true, hand, 0.3 * MM)
     joint = estimate_jointly(takes, begun(true), alike(6))
     sigma = estimate_jointly(takes, joint.state, each(joint.scatter)).scatter.sigma[:, :3]
-    assert np.unravel_index(np.argmax(sigma), sigma.shape) == (3, 1)
+    assert divmod(int(np.argmax(sigma)), 3) == (3, 1)
     assert sigma[3, 1] > 2.0 * np.median(sigma)
 
 
-def off(where: object, by: float, takes: int = 4) -> np.ndarray:
+def off(where: tuple[int, int], by: float, takes: int = 4) -> Array:
     values = np.zeros((takes, 6, 3))
-    values[where] = by  # type: ignore[index]
+    values[where] = by
     return values
 
 
