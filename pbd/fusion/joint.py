@@ -20,8 +20,9 @@ from pbd.fusion.messages import BIAS, DEVICE, Message
 from pbd.fusion.scatter import Scatter
 from pbd.pose import Array, matrix_log, quat_about_z, quat_exp, quat_to_matrix, skew
 
-LEVER_M = 0.01
-"""m: how differently a sensor is put into the hand, along each axis."""
+LEVER_M, LEVER_WORTH = 0.005, 3.0
+"""m: how differently a sensor is put into the hand, along each axis; degrees of freedom that this is worth beside what
+the takes show."""
 
 WEAK = 1.0
 """Information (1/m2, 1/rad2) of what only the takes know, in each step: against a singular matrix."""
@@ -93,7 +94,9 @@ def estimate_jointly(parts: Parts, x: State, scatter: Scatter) -> Joint:
     """Gauss-Newton over all unknowns, with the scatter's marginal likelihood in step."""
     columns = _Columns(len(x.m), len(parts.at), len(x.devices))
     group = np.concatenate([scatter.group[at].ravel() for at in parts.at])
-    information, gradient_of = _known_of_devices(parts, columns)
+    known, gradient_of = _known_of_devices(parts, columns)
+    levers = np.array([row for k in range(1, len(parts.at)) for row in columns.levers(k)], dtype=np.intp)
+    lever_variance = LEVER_M**2
     for _ in range(MAX_ITERATIONS):
         r, J = _residuals(parts, x, columns)
         W, WJ = np.zeros((len(r), len(r))), np.empty_like(J)
@@ -101,11 +104,16 @@ def estimate_jointly(parts: Parts, x: State, scatter: Scatter) -> Joint:
         for k, rows in enumerate(parts.rows):
             W[rows, rows] = np.linalg.inv(_noise(parts, k, turns[k], scatter))
             WJ[rows] = W[rows, rows] @ J[rows]
+        information, gradient = known.copy(), WJ.T @ r + gradient_of(x)
+        information[levers, levers] += 1.0 / lever_variance
+        gradient[levers] += x.lever[1:].ravel() / lever_variance
         cov: Array = np.asarray(np.linalg.inv(J.T @ WJ + information), dtype=np.float64)
-        step = -cov @ (WJ.T @ r + gradient_of(x))
+        step = -cov @ gradient
         precision = W - WJ @ cov @ WJ.T
         weighted = W @ (r + J @ step)
         x = _moved(x, step, columns)
+        shown = float((x.lever**2).sum() + np.diagonal(cov)[levers].sum())
+        lever_variance = (shown + LEVER_WORTH * LEVER_M**2) / (len(levers) + LEVER_WORTH)
         before, scatter = scatter.log, scatter.improved(precision, weighted, group)
         if np.abs(step[columns.poses]).max() < CONVERGED and np.abs(scatter.log - before).max() < CONVERGED_LOG:
             break
@@ -126,6 +134,9 @@ class _Columns:
     def take(self, k: int) -> slice:
         return slice(self._takes + 10 * (k - 1), self._takes + 10 * k)
 
+    def levers(self, k: int) -> range:
+        return range(self.take(k).start + 7, self.take(k).stop)
+
     def device(self, d: int) -> slice:
         return slice(self._devices + DEVICE * d, self._devices + DEVICE * (d + 1))
 
@@ -134,9 +145,6 @@ def _known_of_devices(parts: Parts, columns: _Columns) -> tuple[Array, Callable[
     """Information of what is known beside the keyframes, and its gradient at a state."""
     information = WEAK * np.eye(columns.count)
     constant = np.zeros(columns.count)
-    for k in range(1, len(parts.at)):
-        i = np.arange(columns.take(k).start + 7, columns.take(k).stop)
-        information[i, i] += LEVER_M**-2.0
     for d in sorted(set(parts.device)):
         own = [message for message, device in zip(parts.messages, parts.device, strict=True) if device == d]
         at = columns.device(d)
@@ -147,8 +155,6 @@ def _known_of_devices(parts: Parts, columns: _Columns) -> tuple[Array, Callable[
 
     def gradient(x: State) -> Array:
         values = np.zeros(columns.count)
-        for k in range(1, len(parts.at)):
-            values[columns.take(k)][7:] = x.lever[k] / LEVER_M**2
         for d, errors in enumerate(x.devices):
             at = columns.device(d)
             values[at] = information[at, at] @ errors - constant[at]
