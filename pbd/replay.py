@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pbd.calibration.uncertainty import tool_covariances
-from pbd.data import Demonstration, HandPath, JointTrajectory, Keyframe, Robot
+from pbd.data import Demonstration, HandPath, Keyframe, Robot, Samples
 from pbd.planning import Plan, PlanOptions, arm_of, scene_of
 from pbd.pose import Array, quat_rotate, quat_to_matrix
 from pbd.view.motion import FRAME_RATE_HZ, RobotMotion
@@ -39,7 +39,7 @@ def replay_scene(
         title=demo.recording.info.name,
         robot=robot,
         trajectory=plan.trajectory,
-        motion=robot_motion(arm, plan.trajectory),
+        motion=robot_motion(arm, plan.trajectory.sample(FRAME_RATE_HZ)),
         hand_path_base=p_base_sensor + lever,
         hand_speed=np.linalg.norm(path.v_nav_sensor[inside], axis=1),
         keyframes=tuple(
@@ -62,6 +62,7 @@ def replay_scene(
         obstacles=plan.calibration.obstacles,
         rod=_rod(arm),
         torque=None if plan.report.torque is None else plan.report.torque.share,
+        detours=detours(plan),
     )
 
 
@@ -73,13 +74,21 @@ def _allowed(keyframe: Keyframe, R_base_nav: Array) -> Array | None:
     return allowed
 
 
-def robot_motion(arm: ArmModel, trajectory: JointTrajectory) -> RobotMotion:
-    """Sample a trajectory for the page: the whole robot, arm and fingers."""
+def robot_motion(arm: ArmModel, samples: Samples) -> RobotMotion:
+    """Give the whole robot's motion, arm and fingers, at the instants of samples."""
     from pbd.arm.model import from_se3
 
-    samples = trajectory.sample(FRAME_RATE_HZ)
     q = np.array([arm.full_q(*each) for each in zip(samples.q, samples.gripper, strict=True)])
     return RobotMotion(arm.full, from_se3(arm.T_base_universe), samples.t, q)
+
+
+def detours(plan: Plan) -> tuple[tuple[float, float], ...]:
+    """From when to when the arm goes around something, s: from the keyframe before to the next, or to the end."""
+    from pbd.arm.motion_request import DETOUR
+
+    ends = (0.0, *plan.trajectory.keyframe_t.tolist(), plan.trajectory.duration)
+    moves = (*plan.segments, plan.back) if plan.back else plan.segments
+    return tuple((ends[i], ends[i + 1]) for i, move in enumerate(moves) if move.kind == DETOUR)
 
 
 def _rod(arm: ArmModel) -> Rod | None:

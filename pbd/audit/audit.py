@@ -20,6 +20,11 @@ from pbd.pose import Pose
 
 POSE_TOLERANCE_M = 1e-5
 POSE_TOLERANCE_RAD = 1e-5
+
+RECEIVED_M, RECEIVED_RAD = 1e-3, 2e-3
+"""How far off a keyframe the tool may be where an exported motion passes it between two points, m and rad: what the
+planner itself lets averages cut off a bend (1 mm), which on an arm of half a metre are 2 mrad."""
+DENSER = "give a higher --rate, or a lower --speed"
 NOTHING = Load()
 
 
@@ -74,6 +79,31 @@ def audit(
         if touch is not None:
             _refuse(trajectory, touch)
     return AuditReport(*shares, *errors, torque_of(trajectory, limits, robot, load))
+
+
+def audit_received(path: JointTrajectory, robot: Robot, world: tuple[Calibration, GraspedObject | None]) -> None:
+    """Check what a receiver makes of an exported motion: where it stops, and what it might touch, not its limits.
+
+    Args:
+        path: its pieces may meet at an angle; at `keyframe_t` it is to be where `keyframe_q` is.
+        robot: whose it is.
+        world: what stands around, and what is grasped.
+
+    Raises:
+        PlanError: a keyframe is missed by more than RECEIVED_M or RECEIVED_RAD, or something would be touched.
+    """
+    arm, x = _arm(robot), coordinates(path, path.keyframe_t)
+    for keyframe, (at, q) in enumerate(zip(x, path.keyframe_q, strict=True)):
+        there, wanted = (Pose.from_matrix(arm.tool(each).homogeneous) for each in (at, np.append(q, at[-1])))
+        off_m, off_rad = there.distance(wanted)
+        if off_m > RECEIVED_M or off_rad > RECEIVED_RAD:
+            what = f"between the exported points keyframe {keyframe} would be missed by {1e3 * off_m:.1f} mm"
+            raise PlanError(f"{what}; {DENSER}", keyframe=keyframe, value=off_m, bound=RECEIVED_M)
+    scene = _scene(robot, *world)
+    if (touch := find_touch(scene.arm, path, scene.pairs(path))) is not None:
+        first, second = touch.bodies
+        what = f"between the exported points {first} would touch {second} at {touch.t:.2f} s"
+        raise PlanError(f"{what}; {DENSER}", t=touch.t, bodies=touch.bodies)
 
 
 def torque_of(

@@ -77,7 +77,7 @@ def follow_object(
     """Say where an object is during a motion, by the tool as the audit finds it."""
 
     def tool(t: float) -> Pose:  # what is never let go may rest at the last keyframe
-        x = coordinates(trajectory, np.array([min(t, trajectory.keyframe_t[-1])]))[0]
+        x = coordinates(trajectory, np.array([min(t, *trajectory.keyframe_t[-1:])]))[0]
         return Pose.from_matrix(arm.tool(x).homogeneous)
 
     return stays(thing, holds(trajectory.gripper_t, trajectory.gripper_opening), tool, table)

@@ -9,7 +9,7 @@ from pathlib import Path
 from pbd import __version__
 from pbd.cli.calibrate import add_calibrate
 from pbd.cli.completion import SHELLS, PrintCompletion
-from pbd.cli.many import add_check, add_fuse
+from pbd.cli.many import add_check, add_fuse, add_plot
 from pbd.cli.options import (
     Commands,
     Parser,
@@ -29,6 +29,7 @@ from pbd.cli.options import (
     positive,
     take_number,
 )
+from pbd.cli.run import add_run
 from pbd.errors import nearest
 from pbd.files.exporters import FORMATS, HIGHEST_HZ, LOWEST_HZ, SUFFIXES
 
@@ -40,8 +41,6 @@ a first look:
 
 exit codes: 0 done; 1 the input, the output or the device is at fault; 2 wrong usage; 3 the robot can't do it
 """
-
-FIGURE_FORMATS = ("png", "svg", "pdf")
 
 
 def parser() -> argparse.ArgumentParser:
@@ -86,6 +85,7 @@ def _add_record(commands: Commands) -> None:
         "`--sensor sim` simulates a hand that does a TASK (pour) and grips by itself.",
         "  pbd record tea --sensor witmotion\n"
         "  pbd record tea --sensor sim:pour           without hardware: a simulated hand that pours\n"
+        "  pbd record tea --sensor phyphox --port http://192.168.1.20:8080 --grip tap       from a phone\n"
         "  pbd record tea --sensor gamepad            a DualSense or DualShock 4; its buttons mark the grip\n"
         "  pbd record tea --live                      and see the hand, its path and its stops in the browser\n"
         '  pbd record tea --sensor lines --columns "t,ax,ay,az,gx,gy,gz" --unit t=ms --unit acc=g --unit gyr=deg/s',
@@ -94,13 +94,17 @@ def _add_record(commands: Commands) -> None:
     option("name", nargs="?", metavar="NAME", help="name in ./demos; default: the date and the time")
     sensor = "protocol (`pbd sensors` lists them), or sim[:TASK]; default: detect it"
     option("--sensor", metavar="SENSOR", help=sensor)
-    port = "the serial port, or a gamepad's /dev/input/eventN; default: the only one with something plugged in"
+    port = (
+        "the serial port, a phone's http:// address, or a gamepad's /dev/input/eventN; default: the only one plugged in"
+    )
     option("--port", metavar="P", help=port)
     option("--baud", type=int, metavar="B", help="default: try the sensor's usual rates")
     option("--rate", type=positive, metavar="HZ", help="first set the device's rate, where it can be set")
     option("--duration", type=positive, metavar="S", help="end after this many seconds")
     tolerance = "uncertainty of a move that calls 'pause now' (1)"
     option("--tolerance", type=positive, default=1.0, metavar="CM", help=tolerance)
+    taps = "what marks the grip: space alone, or two quick taps on the sensor's back too"
+    option("--grip", choices=("space", "tap"), default="space", help=taps)
     option("--closed", action="store_true", help="the hand will end where it began; tracking uses that")
     take = "of several takes of one task (`pbd fuse`), the one to record: to ./demos/NAMEN, and how to hold the sensor"
     option("--take", type=take_number, metavar="N", help=take)
@@ -132,7 +136,7 @@ def _add_simulate(commands: Commands) -> None:
     task = "pour, pick-and-place-stops or pick-and-place-direct; to calibrate from: touch, pivot or sides"
     option("task", metavar="TASK", help=task)
     option("name", metavar="NAME", help="the new demonstration's name (in ./demos) or folder")
-    models = "os5000, os5000-nogyro, wt901, modern or ideal (modern)"
+    models = "os5000, os5000-nogyro, wt901, modern, phone or ideal (modern)"
     option("--sensor-model", default="modern", metavar="M", help=models)
     option("--seed", type=int, default=0, metavar="N", help="random seed of the sensor's errors and noise (0)")
     option("--rate", type=positive, metavar="HZ", help="sample rate (the sensor model's own)")
@@ -145,14 +149,13 @@ def _add_import(commands: Commands) -> None:
         commands,
         "import",
         "import a recording of another program",
-        "Read a recording (a table with a header, a bag of ROS 2, a folder of an x-IMU3, lines that a sketch printed,\n"
+        "Read a recording (a table with a header, a ROS 2 bag, a phone's zip, an x-IMU3's folder, a sketch's lines,\n"
         "an npz, a raw.bin of `pbd record --raw`; docs/imports.md has the programs) and store it as a demonstration.\n"
         "Names and units come from the header where it gives them; otherwise use --column and --unit. What was\n"
         "understood is printed. A level sensor must read +1 g on z: where it reads -1 g, turn the signs with\n"
         "--unit acc=-g.",
         "  pbd import run7.csv tea --column ax=AccX --column ay=AccY --column az=AccZ --unit acc=g --unit t=ms\n"
         "  pbd import log.txt tea2                    as WitMotion's program wrote it\n"
-        "  pbd import walk.mcap tea3 --topic /imu/data\n"
         "  pbd import demos/tea/raw.bin again --sensor witmotion",
     )
     option = parser.add_argument
@@ -166,6 +169,7 @@ def _add_import(commands: Commands) -> None:
     option("--unit", type=pair, action="append", default=[], metavar="WHAT=UNIT", help=unit)
     option("--sensor", metavar="SENSOR", help="the sensor that recorded it; needed for a raw.bin")
     option("--rate", type=positive, metavar="HZ", help="sample rate of a raw.bin, or of a table without times")
+    option("--grip", choices=("tap",), help="find the grips that two quick taps on the sensor's back marked")
     option("--topic", metavar="TOPIC", help="of a bag: its sensor_msgs/Imu; default: the only one")
     option("--closed", action="store_true", help="the hand ended where it began")
     add_force(parser)
@@ -235,30 +239,6 @@ def _add_touch(commands: Commands) -> None:
     parser.set_defaults(time="limits", dwell=None, force=False)
 
 
-def _add_plot(commands: Commands) -> None:
-    parser = add_command(
-        commands,
-        "plot",
-        "draw a demonstration: the paper's figures and more; or compare several",
-        "Draw a demonstration into files: the paper's figures 5 to 10, attitude, specific force, velocity with its\n"
-        "residuals, sigma, magnetic field, sampling intervals, and a summary sheet. Several demonstrations of\n"
-        "one task are overlaid at their first stop, with the spread at each keyframe, which is also printed as a\n"
-        "table.",
-        "  pbd plot pouring --save figures --format svg\n  pbd plot paper-test1 paper-test2 --csv > spread.csv",
-    )
-    parser.add_argument(
-        "demos",
-        nargs="*",
-        metavar="DEMO",
-        help="names (in ./demos, or bundled), folders, or recordings (.csv, .npz); two or more are compared; "
-        "default: the newest in ./demos, else 'pouring'",
-    )
-    parser.add_argument("--save", type=Path, metavar="DIR", help="folder for the files (./plots/NAME)")
-    parser.add_argument("--format", choices=FIGURE_FORMATS, default="png", help="format of the files (png)")
-    add_table(parser, units="cm,deg")
-    add_tracking(parser, calibration="none")
-
-
 def _add_replay(commands: Commands) -> None:
     parser = add_command(
         commands,
@@ -283,21 +263,24 @@ def _add_export(commands: Commands) -> None:
         "write the joint trajectory for other tools",
         "Plan and audit as `pbd replay` does, and write the joint trajectory.",
         "  pbd export pouring --robot panda -o pouring.json\n"
-        "  pbd export pouring --robot panda --format csv -o - | head -3",
+        "  pbd export pouring --robot panda --format csv -o - | head -3\n"
+        "  pbd export tea1 tea2 --robot so101 --format lerobot --task 'pour the tea' -o tea",
     )
-    add_demo(parser)
-    add_json(parser)
     option = parser.add_argument
+    demos = "names (in ./demos, or bundled), folders, or recordings; default: the newest in ./demos, else 'pouring'; "
+    option("demos", nargs="*", metavar="DEMO", help=f"{demos}lerobot alone takes several")
+    add_json(parser)
     form = f"{', '.join(FORMATS)}; default: from FILE's ending ({', '.join(SUFFIXES)})"
     option("--format", choices=tuple(FORMATS), help=form)
-    output = "the file to write; - is standard output"
+    output = "the file to write (lerobot: the folder); - is standard output"
     option("-o", "--output", required=True, type=Path, metavar="FILE", help=output)
-    rate = "samples a second, from 10 to 100000 (1000; tum: 100; ros2-json: none but the motion's own knots)"
+    rate = "samples a second, from 10 to 100000 (1000; tum: 100; glb: 50; ros2-json: none but the motion's own knots)"
     option("--rate", type=_export_rate, metavar="HZ", help=rate)
     dense = (
         "urscript: servoj at the controller's period (--rate 125, or 500 for e-Series), not a movej for each keyframe"
     )
     option("--dense", action="store_true", help=dense)
+    option("--task", default="", metavar="WORDS", help="lerobot: what the arm does, in words; default: DEMO's name")
     add_tracking(parser)
     add_planning(parser)
 
@@ -333,15 +316,19 @@ def _add_sensors(commands: Commands) -> None:
         "sensors",
         "which sensors are plugged in, and which are supported",
         "List the serial ports with something plugged in, and the sensors that pbd supports. As CSV these are\n"
-        "two tables, with an empty line between.",
-        "  pbd sensors --probe",
+        "two tables, with an empty line between. `pbd sensors phyphox` writes the experiment that a phone's app\n"
+        "phyphox needs, and shows it as QR codes for the app to scan (docs/phones.md).",
+        "  pbd sensors --probe\n  pbd sensors phyphox",
     )
+    parser.add_argument("phone", nargs="?", choices=("phyphox",), help="prepare a phone with this app")
+    output = "with phyphox: the experiment's file (pbd.phyphox), or a picture of its code (.png, .svg)"
+    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help=output)
     parser.add_argument("--probe", action="store_true", help="listen to each port and detect its sensor")
     parser.add_argument("--port", metavar="P", help="this port only")
     add_table(parser)
 
 
 COMMANDS = (
-    *(_add_record, _add_simulate, _add_import, _add_segments, _add_keyframes, _add_touch, _add_plot, add_fuse),
-    *(add_check, add_calibrate, _add_replay, _add_export, _add_robots, _add_sensors),
+    *(_add_record, _add_simulate, _add_import, _add_segments, _add_keyframes, _add_touch, add_plot, add_fuse),
+    *(add_check, add_calibrate, _add_replay, _add_export, add_run, _add_robots, _add_sensors),
 )

@@ -7,7 +7,7 @@ import shutil
 import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pbd.cli.console import print_json, say, working
 from pbd.cli.options import UsageError
@@ -15,50 +15,74 @@ from pbd.cli.plan_report import moves_json, say_moves, say_torque
 from pbd.cli.steps import plan_demonstration
 from pbd.doors.atomic import refuse_output
 from pbd.errors import PbdError
-from pbd.files.exporters import ALSO, FOR_SOME, FORMATS, SUFFIXES, Export, check_format, export
+from pbd.files.exporters import ALSO, FOLDERS, FOR_SOME, FORMATS, SUFFIXES, Export, check_format, export, export_dataset
 from pbd.view.terminal import is_closed
 
 if TYPE_CHECKING:
-    from pbd.data import JointTrajectory, Robot
+    from pbd.data import Robot
     from pbd.files.exporters.order import Source
+    from pbd.planning import Plan
 
 STDOUT = Path("-")
 
 
+class _Motion(NamedTuple):
+    """What is exported of one demonstration."""
+
+    robot: Robot
+    plan: Plan
+    source: Source
+
+
 def run(args: argparse.Namespace) -> None:
     """Plan, audit, write."""
+    from pbd.files.exporters.lerobot import first_frame, refuse_dataset
     from pbd.files.robot import load_robot
-    from pbd.planning import source_of
 
     format_name = _format(args)
     check_format(format_name, args.rate, args.dense, load_robot(args.robot) if format_name in FOR_SOME else None)
-    if args.output != STDOUT:
-        refuse_output(args.output, (args.demo, args.robot, args.calibration, args.start))
+    if format_name in FOLDERS:
+        refuse_dataset(args.output, load_robot(args.robot))
+    elif args.output != STDOUT:
+        refuse_output(args.output, (*args.demos, args.robot, args.calibration, args.start))
+    motions = [_plan(args, name) for name in args.demos or (None,)]
+    done = _write(args, motions, format_name)
+    count, duration = sum(len(each.samples.t) for each in done), sum(each.plan.trajectory.duration for each in motions)
+    name = "to standard output" if args.output == STDOUT else args.output
+    say(f"wrote {name}: {count} {done[0].counted}, {duration:.1f} s, {len(motions[0].robot.joints)} joints")
+    if format_name in FOLDERS:
+        first = first_frame(motions[0].robot, done[0].samples)
+        say(f"lerobot-replay jumps to the first frame, so bring the arm there before: {first}")
+    if args.json:
+        told = [_json(args, format_name, *each) for each in zip(motions, done, strict=True)]
+        print_json({"episodes": told} if format_name in FOLDERS else told[0])
+
+
+def _plan(args: argparse.Namespace, name: str | None) -> _Motion:
+    """Plan one demonstration."""
+    from pbd.planning import source_of
+
+    args.demo = name
     demo, path, robot, options, plan = plan_demonstration(args)
     if plan.touching is not None:
         raise plan.touching.error
     say_torque(demo, robot, plan, options)
     say_moves(demo, path, robot, plan, options)
-    source = source_of(plan, path, robot, demo.recording.info.name)
-    done = _write(args, plan.trajectory, robot, format_name, source)
-    name = "to standard output" if args.output == STDOUT else args.output
-    count = len(done.samples.t)
-    say(f"wrote {name}: {count} {done.counted}, {plan.trajectory.duration:.1f} s, {len(robot.joints)} joints")
-    if args.json:
-        receiver = {rule: {share.limit: share.value for share in shares} for rule, shares in done.receiver.items()}
-        print_json(
-            {
-                "demo": demo.recording.info.name,
-                "robot": robot.name,
-                "format": format_name,
-                "output": str(args.output),
-                "samples": count,
-                "duration_s": plan.trajectory.duration,
-                "receiver": receiver,
-                "moves": moves_json(plan),
-                "warnings": args.warnings,
-            }
-        )
+    return _Motion(robot, plan, source_of(plan, path, robot, demo.recording.info.name, options))
+
+
+def _json(args: argparse.Namespace, format_name: str, motion: _Motion, done: Export) -> dict[str, Any]:
+    return {
+        "demo": motion.source.name,
+        "robot": motion.robot.name,
+        "format": format_name,
+        "output": str(args.output),
+        "samples": len(done.samples.t),
+        "duration_s": motion.plan.trajectory.duration,
+        "receiver": {rule: {share.limit: share.value for share in shares} for rule, shares in done.receiver.items()},
+        "moves": moves_json(motion.plan),
+        "warnings": args.warnings,
+    }
 
 
 def _format(args: argparse.Namespace) -> str:
@@ -67,27 +91,34 @@ def _format(args: argparse.Namespace) -> str:
     if args.output == STDOUT:
         if args.json:
             raise UsageError("-o - and --json would both go to standard output; name a file, or leave --json out")
+        if args.format in FOLDERS:
+            raise UsageError(f"{args.format} writes a folder, which standard output can't be; name one")
         if is_closed(sys.stdout):
             raise PbdError("standard output is closed: name a file")
-        if args.format in ("npz", "mcap") and sys.stdout.isatty():
+        if args.format in ("npz", "mcap", "glb") and sys.stdout.isatty():
             raise UsageError(f"{args.format} is binary, so it is not printed to a terminal; name a file, or pipe it")
     name: str | None = args.format or said
     if name is None:
         raise UsageError(f"name the --format ({', '.join(FORMATS)}), or a file that ends in {', '.join(SUFFIXES)}")
     if said not in (name, None) and args.output.suffix.lower() not in ALSO.get(name, ()):
         raise UsageError(f"{args.output} looks like {said}, but --format is {name}; name another file, or no --format")
+    if name not in FOLDERS and (len(args.demos) > 1 or args.task):
+        what = "--task is" if args.task else "several demonstrations are"
+        raise UsageError(f"{what} for {', '.join(FOLDERS)}; {name} has one motion a file")
     return name
 
 
-def _write(
-    args: argparse.Namespace, trajectory: JointTrajectory, robot: Robot, format_name: str, source: Source
-) -> Export:
+def _write(args: argparse.Namespace, motions: list[_Motion], format_name: str) -> list[Export]:
     """Write the file, or to standard output what the file would hold."""
+    robot, plan, source = motions[0]
     with TemporaryDirectory() as folder:
         file = Path(folder) / "motion" if args.output == STDOUT else args.output
         with working("writing the motion"):
-            done = export(trajectory, robot, format_name, file, args.rate, dense=args.dense, source=source)
+            if format_name in FOLDERS:
+                pairs = [(each.plan.trajectory, each.source) for each in motions]
+                return export_dataset(pairs, robot, file, args.task)
+            done = export(plan.trajectory, robot, format_name, file, args.rate, dense=args.dense, source=source)
         if args.output == STDOUT:
             with file.open("rb") as written:
                 shutil.copyfileobj(written, sys.stdout.buffer)
-    return done
+    return [done]

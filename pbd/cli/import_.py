@@ -8,11 +8,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 
-from pbd.cli.console import working
+from pbd.cli.console import say, working
 from pbd.cli.steps import decoder_maker, store_demonstration
 from pbd.data import Demonstration
 from pbd.doors.atomic import is_file, is_folder
-from pbd.errors import PbdWarning, RecordingError, SensorError, TrackingError
+from pbd.errors import PbdWarning, RecordingError, SensorError, TrackingError, listed
 from pbd.files.demo import demo_folder
 from pbd.files.importers import Imported, import_recording
 from pbd.record.redecode import decode_raw
@@ -53,6 +53,12 @@ def run(args: argparse.Namespace) -> None:
         recording, _ = condition(demo.recording)
         rest = find_rest(recording)
         warn_upside_down(recording, rest.up_sensor, rest.start, rest.stop)
+    if args.grip:
+        from pbd.tracking.taps import grip_by_taps
+
+        taps = grip_by_taps(demo.recording)
+        say(f"{len(taps)} pairs of taps found: {listed(f'{event.t:.1f} s' for event in taps)}")
+        demo = replace(demo, recording=replace(demo.recording, grip=taps))
     if args.sensor:
         info = replace(demo.recording.info, sensor=args.sensor)
         demo = replace(demo, recording=replace(demo.recording, info=info))

@@ -121,8 +121,13 @@ def add_accept_gap(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--accept-gap", action="store_true", help=what)
 
 
-def add_planning(parser: argparse.ArgumentParser, robot_required: bool = True, units: bool = True) -> None:
-    """Add what every command that plans takes; --units too, where `add_table` doesn't."""
+def add_planning(
+    parser: argparse.ArgumentParser, robot_required: bool = True, units: bool = True, measured: bool = False
+) -> None:
+    """Add what every command that plans takes; --units too, where `add_table` doesn't.
+
+    Where the arm's start is `measured`, nobody may name it or leave it out; nor may that arm touch anything.
+    """
     group = parser.add_argument_group("motion")
     option = group.add_argument
     option("--robot", metavar="R", required=robot_required, help="name or file; see `pbd robots`")
@@ -144,12 +149,17 @@ def add_planning(parser: argparse.ArgumentParser, robot_required: bool = True, u
     option("--margin", type=percent, default=5.0, metavar="PERCENT", help=margin)
     dwell = "longest stay at a keyframe, s (0.5; the hand's own with --time demo; what an edited keyframes.toml says)"
     option("--dwell", type=not_negative, metavar="S", help=dwell)
-    start = group.add_mutually_exclusive_group()
-    joints = "the arm's present joints: a list, an object by name, a /joint_states message, or a file; default: home"
-    start.add_argument("--from", dest="start", metavar="JSON", help=joints)
-    start.add_argument("--no-approach", action="store_true", help="start at the first keyframe, not at home")
-    if units:
-        _add_units(group, "m,rad", f"units of --from, but for a message: {_LENGTHS}; {_ANGLES}")
+    if measured:
+        parser.set_defaults(start=None, no_approach=False, allow_collision=False)
+    else:
+        start = group.add_mutually_exclusive_group()
+        joints = (
+            "the arm's present joints: a list, an object by name, a /joint_states message, or a file; default: home"
+        )
+        start.add_argument("--from", dest="start", metavar="JSON", help=joints)
+        start.add_argument("--no-approach", action="store_true", help="start at the first keyframe, not at home")
+        if units:
+            _add_units(group, "m,rad", f"units of --from, but for a message: {_LENGTHS}; {_ANGLES}")
     option("--no-retreat", action="store_true", help="end at the last keyframe, do not go back home")
     around = "refuse a move where nothing but a planner finds a way around what is there"
     option("--no-detour", action="store_true", help=around)
@@ -157,8 +167,9 @@ def add_planning(parser: argparse.ArgumentParser, robot_required: bool = True, u
     option("--payload", type=finite, nargs="+", default=[0.0], metavar=("KG", "X Y Z"), help=carried)
     stands = "a thing stands elsewhere: the tool at its first keyframe, m in base, and its turn about the vertical, deg"
     option("--at", type=thing_place, action="append", default=[], metavar="THING=X,Y,Z[,DEG]", help=stands)
-    shown = "show a motion that touches something, marked red (never exported)"
-    option("--allow-collision", action="store_true", help=shown)
+    if not measured:
+        shown = "show a motion that touches something, marked red (never exported)"
+        option("--allow-collision", action="store_true", help=shown)
 
 
 def add_lines(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:

@@ -62,6 +62,7 @@ def run(args: argparse.Namespace) -> None:
             raw=args.raw,
             reconnect=args.reconnect,
             force=args.force,
+            taps=args.grip == "tap",
             errors=_errors(args.calibration, sensor),
         )
         keys = stack.enter_context(Keys())

@@ -13,7 +13,12 @@ from pbd.view.tables import ports_table, print_csv, print_table, sensors_table
 
 
 def run(args: argparse.Namespace) -> None:
-    """List, and listen."""
+    """List, and listen; or prepare a phone."""
+    if args.phone:
+        from pbd.cli.recording.phone import prepare
+
+        prepare(args)
+        return None
     ports = (serial_port.PortInfo(args.port, "", ""),) if args.port else serial_port.list_ports()
     rows: list[dict[str, str | int | None]] = []
     for port in ports:

@@ -70,8 +70,8 @@ def load_arm(args: argparse.Namespace) -> tuple[Robot, Calibration]:
     return robot, with_table(load_calibration(args.calibration or "default"), robot)
 
 
-def plan_options(args: argparse.Namespace, robot: Robot) -> PlanOptions:
-    """Collect what `add_planning` added."""
+def plan_options(args: argparse.Namespace, robot: Robot, measured: tuple[float, ...] | None = None) -> PlanOptions:
+    """Collect what `add_planning` added; the motion starts where the arm was `measured` to be (rad), or as it says."""
     from pbd.planning import PlanOptions
     from pbd.planning.object_frames import ThingPlace
 
@@ -88,7 +88,7 @@ def plan_options(args: argparse.Namespace, robot: Robot) -> PlanOptions:
         margin=args.margin / 100.0,
         dwell_s=args.dwell,
         approach=not args.no_approach,
-        start=None if args.start is None else _start_joints(args, robot),
+        start=measured or (None if args.start is None else _start_joints(args, robot)),
         retreat=not args.no_retreat,
         detour=not args.no_detour,
         allow_collision=args.allow_collision,
@@ -112,14 +112,16 @@ def _start_joints(args: argparse.Namespace, robot: Robot) -> tuple[float, ...]:
     return read_joints(args.start, robot.joints, unit, per_si)
 
 
-def plan_demonstration(args: argparse.Namespace) -> tuple[Demonstration, HandPath, Robot, PlanOptions, Plan]:
-    """Load, track, and plan an audited motion."""
+def plan_demonstration(
+    args: argparse.Namespace, measured: tuple[float, ...] | None = None
+) -> tuple[Demonstration, HandPath, Robot, PlanOptions, Plan]:
+    """Load, track, and plan an audited motion; `measured` as in `plan_options`."""
     from pbd.planning import plan_path
 
     demo = load_demonstration(args.demo)
     robot, calibration = load_arm(args)
     path, _ = track_demonstration(demo, args.method, calibration, args.accept_gap)
-    options = plan_options(args, robot)
+    options = plan_options(args, robot, measured)
     with working(f"planning for {robot.name}"):
         plan = plan_path(path, calibration, robot, options)
     return demo, path, robot, options, plan

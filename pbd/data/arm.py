@@ -90,8 +90,7 @@ class Servos:
 
     def to_degrees(self, q: Array) -> Array:
         """Give the model's joint positions (..., k) rad as LeRobot's degrees."""
-        degrees: Array = np.degrees(self.sign * (np.asarray(q) - self.zero))
-        return degrees
+        return np.degrees(self.sign * (np.asarray(q) - self.zero))
 
     def to_radians(self, degrees: Array) -> Array:
         """Give LeRobot's degrees (..., k) as the model's joint positions, rad."""
@@ -100,7 +99,8 @@ class Servos:
     def to_percent(self, finger: Array) -> Array:
         """Give the finger joint's positions (...), rad, as LeRobot's 0 (closed) to 100 (open)."""
         closed, opened = self.gripper
-        return 100.0 * (np.asarray(finger) - closed) / (opened - closed)
+        percent: Array = 100.0 * (np.asarray(finger) - closed) / (opened - closed)
+        return percent
 
 
 @dataclass(frozen=True, eq=False)

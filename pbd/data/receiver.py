@@ -1,7 +1,8 @@
 """Interpolation by a receiver between a trajectory's points, and how far that exceeds the limits.
 
-The rules are those of ROS 2's joint_trajectory_controller, which others share: cubics where points carry velocities,
-quintics where they carry accelerations too.
+Cubics (points carry velocities) and quintics (accelerations too) are the rules of ROS 2's joint_trajectory_controller,
+which others share. A receiver that "holds" takes each point at its time and has it until the next: its points are set
+points, which must not change faster than the limits let them. "trapezoid" goes on with a point's own acceleration.
 """
 
 from __future__ import annotations
@@ -14,12 +15,15 @@ import numpy as np
 from pbd.data.arm import JointLimits, Samples
 from pbd.pose import Array
 
-Rule = Literal["cubic", "quintic"]
+Rule = Literal["cubic", "quintic", "hold", "trapezoid"]
 
 LIMITS = "velocity", "acceleration", "jerk"
 
+EPSILON = float(np.finfo(np.float64).eps)
+"""How large the last digit of a number is, as a share of it."""
+
 _STEPS = 64
-"""Instants per gap at which the limits are checked, besides its start. The jerk's peak is found to 0.02 %."""
+"""Parts of a gap at whose ends a quintic's limits are checked. The jerk's peak is found to 0.02 %."""
 
 _ROUNDING = 2.0, 8.0, 64.0
 """How far off a quintic's velocity, acceleration and jerk may be, in a position's rounding over a power of the gap: its
@@ -36,13 +40,27 @@ class Share:
     value: float
 
 
+def set_points(t: Array, q: Array, gripper: Array) -> Samples:
+    """Samples of positions alone: velocities and accelerations are differences, from rest."""
+    dt = np.diff(t, prepend=2.0 * t[0] - t[1])[:, None]
+    qd = np.diff(q, axis=0, prepend=q[:1]) / dt
+    return Samples(t, q, qd, np.diff(qd, axis=0, prepend=0.0 * qd[:1]) / dt, gripper)
+
+
 def fill(points: Samples, rule: Rule) -> Array:
-    """Return what a receiver lays between points: polynomials (n - 1, 6, k) in the seconds since the point before."""
+    """Return what a receiver lays between points: polynomials (n - 1, 6, k) in the seconds since the point before.
+
+    Where it holds, a drive goes straight from one point to the next.
+    """
     h = np.diff(points.t)[:, None]
     v0, v1 = h * points.qd[:-1], h * points.qd[1:]
     way = np.diff(points.q, axis=0)
     nothing = np.zeros_like(way)
-    if rule == "cubic":
+    if rule == "hold":
+        terms = [points.q[:-1], way, *[nothing] * 4]
+    elif rule == "trapezoid":
+        terms = [points.q[:-1], v0, 0.5 * h**2 * points.qdd[:-1], *[nothing] * 3]
+    elif rule == "cubic":
         terms = [points.q[:-1], v0, 3.0 * way - 2.0 * v0 - v1, v0 + v1 - 2.0 * way, nothing, nothing]
     else:
         a0, a1 = h**2 * points.qdd[:-1], h**2 * points.qdd[1:]
@@ -57,17 +75,23 @@ def fill(points: Samples, rule: Rule) -> Array:
     return np.stack([term / h**power for power, term in enumerate(terms)], axis=1)
 
 
-def shares(points: Samples, rule: Rule, limits: JointLimits) -> tuple[Share, Share, Share]:
+def shares(points: Samples, rule: Rule, limits: JointLimits, digits: float = EPSILON) -> tuple[Share, Share, Share]:
     """Say how much of the velocity, acceleration and jerk limits is used between points that are filled so.
 
-    What the positions' last digits may add, divided by powers of a short gap, is not counted.
+    What the positions' last digits may add, divided by powers of a short gap, is not counted; `digits` is how large
+    they are, as a share.
     """
     coefficients, h = fill(points, rule), np.diff(points.t)[:, None]
-    rounding = np.finfo(np.float64).eps * np.abs(points.q).max(axis=0)
+    rounding = digits * np.abs(points.q).max(axis=0)
     bounds = limits.velocity, limits.acceleration, limits.jerk
+    values = points.q, points.qd, points.qdd
     found = []
     for order, (name, bound) in enumerate(zip(LIMITS, bounds, strict=True), start=1):
-        worst = (_peaks(_derivative(coefficients, order), h) - _ROUNDING[order - 1] * rounding / h**order) / bound
+        if rule == "hold":
+            peaks: Array = np.abs(np.diff(values[order - 1], axis=0)) / h
+        else:
+            peaks = _peaks(_derivative(coefficients, order), h)
+        worst = (peaks - _ROUNDING[order - 1] * rounding / h**order) / bound
         point, joint = np.unravel_index(int(np.argmax(worst)), worst.shape)
         found.append(Share(name, int(joint), int(point), float(worst[point, joint])))
     return found[0], found[1], found[2]
@@ -75,10 +99,17 @@ def shares(points: Samples, rule: Rule, limits: JointLimits) -> tuple[Share, Sha
 
 def _peaks(coefficients: Array, h: Array) -> Array:
     """Return the largest absolute value (n, k) of each polynomial (n, terms, k) over its gap (n, 1)."""
-    worst: Array = np.abs(coefficients[:, 0])
-    for step in range(1, _STEPS + 1):
-        worst = np.maximum(worst, np.abs(_value(coefficients, step / _STEPS * h)))
-    return worst
+    while coefficients.shape[1] > 1 and not coefficients[:, -1].any():
+        coefficients = coefficients[:, :-1]
+    instants = [0.0 * h, h]
+    if coefficients.shape[1] == 3:  # a parabola: at its vertex
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            vertex = -0.5 * coefficients[:, 1] / coefficients[:, 2]
+        instants.append(np.clip(np.nan_to_num(vertex), 0.0, h))
+    elif coefficients.shape[1] > 3:
+        instants += [step / _STEPS * h for step in range(1, _STEPS)]
+    peaks: Array = np.maximum.reduce([np.abs(evaluate(coefficients, s)) for s in instants])
+    return peaks
 
 
 def _derivative(coefficients: Array, order: int) -> Array:
@@ -87,7 +118,8 @@ def _derivative(coefficients: Array, order: int) -> Array:
     return coefficients
 
 
-def _value(coefficients: Array, s: Array) -> Array:
+def evaluate(coefficients: Array, s: Array) -> Array:
+    """Evaluate polynomials (n, terms, k) at s (n, 1) seconds from their beginnings."""
     value: Array = np.zeros_like(coefficients[:, 0])
     for term in np.moveaxis(coefficients[:, ::-1], 1, 0):
         value = value * s + term

@@ -27,6 +27,12 @@ HEADER_CELLS = 4
 LONGEST_PREAMBLE = 100
 """Most lines above the header."""
 
+BLOCK = 1_000_000
+"""Characters that are split into lines at once."""
+
+ROWS_AT_ONCE = 20_000
+"""Rows that are written at once: a few MB of text."""
+
 _DECIMAL_COMMA = re.compile(r"\s*[-+]?\d*,\d+([eE][-+]?\d+)?\s*")
 
 
@@ -103,22 +109,23 @@ class Sheet:
     def _filled(self) -> Iterator[str]:
         """Yield each row with nan in its empty cells; ValueError where one has another length.
 
-        A StringIO would take four bytes for each character.
+        A StringIO of the whole would take four bytes for each character.
         """
         mark, most = self.delimiter, len(self.header) - 1
         both, filled = mark + mark, f"{mark}nan{mark}"
         for row in _lines(self.body):
-            line = row.strip() if mark != "\t" else row.strip(" \r\n")
-            count = line.count(mark)
-            if not line:
-                continue
-            if count != most and not (count == most + 1 and line.endswith(mark)):
-                raise ValueError("a row of another length")
-            if not self.complete and (both in line or line[0] == mark or line[-1] == mark):
-                line = f"nan{line}" if line[0] == mark else line
-                line = f"{line}nan" if line[-1] == mark else line
-                line = line.replace(both, filled).replace(both, filled)
-            yield line
+            count = row.count(mark)
+            if count != most or not row:
+                row = row.strip(" ")
+                if not row or row.isspace():
+                    continue
+                if count != most + 1 or row[-1] != mark:
+                    raise ValueError("a row of another length")
+                row = row[:-1]  # a delimiter ends the line
+            if not self.complete and (both in row or row[0] == mark or row[-1] == mark):
+                row = f"{'nan' if row[0] == mark else ''}{row}{'nan' if row[-1] == mark else ''}"
+                row = row.replace(both, filled).replace(both, filled)
+            yield row
 
     def _read_slowly(self, columns: list[int], dated: list[int]) -> Array:
         rows, width = [], len(self.header)
@@ -167,11 +174,11 @@ class Sheet:
 
 
 def _lines(text: str) -> Iterator[str]:
-    """Yield each line with its end."""
+    """Yield each line, without a list of them all."""
     at = 0
     while at < len(text):
-        end = text.find("\n", at) + 1 or len(text)
-        yield text[at:end]
+        end = text.find("\n", at + BLOCK) + 1 or len(text) + 1
+        yield from text[at : end - 1].split("\n")
         at = end
 
 
@@ -186,13 +193,13 @@ def require(path: Path, header: Sequence[str], names: Sequence[str], error: type
         raise error(what, path=path, value=missing[0])
 
 
-def foreign_text(path: Path) -> str:
-    """Read another program's text, in any encoding that such have.
+def foreign_text(path: Path, data: bytes | None = None) -> str:
+    """Read another program's text, in any encoding that such have; `data` is what it holds, where that is known.
 
     Raises:
         RecordingError: it can't be read.
     """
-    return _text(path, FOREIGN_ENCODINGS, RecordingError)
+    return _text(path, FOREIGN_ENCODINGS, RecordingError, data)
 
 
 def open_sheet(
@@ -282,8 +289,8 @@ def read_table(path: Path) -> Table:
     return open_sheet(path).read()
 
 
-def _text(path: Path, encodings: Sequence[str], error: type[PbdError]) -> str:
-    data = read_bytes(path, error, "give a CSV file")
+def _text(path: Path, encodings: Sequence[str], error: type[PbdError], data: bytes | None = None) -> str:
+    data = read_bytes(path, error, "give a CSV file") if data is None else data
     if len(encodings) > 1 and data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         encodings = ("utf-16",)  # what spreadsheets call Unicode text
     for encoding in encodings[:-1]:
@@ -301,7 +308,9 @@ def write_table(path: Path, header: tuple[str, ...], values: Array, decimals: tu
     with path.open("w", encoding="utf-8", newline="\n") as file:
         file.write(",".join(header) + "\n")
         if np.isfinite(values).all():
-            np.savetxt(file, values, fmt=formats, delimiter=",")
+            row = ",".join(formats) + "\n"  # many rows at once: savetxt writes one by one
+            for part in np.array_split(values, range(ROWS_AT_ONCE, len(values), ROWS_AT_ONCE)):
+                file.write(row * len(part) % tuple(part.ravel().tolist()))
             return
         for row in values:
             file.write(",".join("" if np.isnan(x) else f % x for f, x in zip(formats, row, strict=True)) + "\n")

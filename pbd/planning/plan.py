@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from pbd.arm.model import ArmModel
     from pbd.arm.motion_request import Motion, MotionRequest
     from pbd.arm.refusal import Refusal
+    from pbd.planning.steps import Hand
 
 
 def plan(
@@ -111,8 +112,8 @@ def plan_keyframes(
 def can_plan(
     plan: Plan, robot: Robot, options: PlanOptions, hand_path: HandPath, grasped: GraspedObject | None
 ) -> bool:
-    """Whether what was planned can be planned with other options too."""
-    return _works(_Task(plan.keyframes, plan.calibration, robot, hand_path, grasped), options)
+    """Whether what was planned goes with other options too: joints and segments are found for it, but not timed."""
+    return _works(_Task(plan.keyframes, plan.calibration, robot, hand_path, grasped), options, _prepare)
 
 
 class _Task(NamedTuple):
@@ -132,11 +133,11 @@ class _Refused(NamedTuple):
     instead: tuple[tuple[str, PlanOptions], ...] = ()
 
 
-def _works(task: _Task, options: PlanOptions) -> bool:
+def _works(task: _Task, options: PlanOptions, attempt: Callable[[_Task, PlanOptions], object] | None = None) -> bool:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what is told on the way is of no plan that anyone sees
         try:
-            return isinstance(_attempt(task, options), Plan)
+            return not isinstance((attempt or _attempt)(task, options), _Refused)
         except PbdError:
             return False
 
@@ -157,11 +158,20 @@ def _where_things_work(task: _Task, options: PlanOptions, error: PbdError) -> li
     return [] if found is None else [f"put the {wanted.name} nearer to where it was shown (--at {found} works)"]
 
 
-def _attempt(task: _Task, options: PlanOptions) -> Plan | _Refused:
-    from pbd.arm.ik.partial_pose import hold
-    from pbd.arm.timing.moves import Timed, time_moves
-    from pbd.audit.audit import audit, torque_of
+class _Prepared(NamedTuple):
+    """Joints and segments, and what they were chosen for."""
 
+    arm: ArmModel
+    scene: CollisionScene
+    T_base_nav: Pose
+    T_base_tool: tuple[Pose, ...]
+    q_start: Array
+    hand: Hand | None
+    chosen: Motion
+
+
+def _prepare(task: _Task, options: PlanOptions) -> _Prepared | _Refused:
+    """Choose joints and segments; these are not timed yet."""
     keyframes, calibration, robot, hand_path, grasped = task
     if options.path == "demo" and hand_path is None:
         raise PlanError("only the keyframes are known, not the hand's path; choose another --path")
@@ -183,6 +193,19 @@ def _attempt(task: _Task, options: PlanOptions) -> Plan | _Refused:
         chosen = _choose(arm, None, request, keyframes, options)
     if isinstance(chosen, _Refused):
         return chosen
+    return _Prepared(arm, scene, T_base_nav, T_base_tool, q_start, hand, chosen)
+
+
+def _attempt(task: _Task, options: PlanOptions) -> Plan | _Refused:
+    from pbd.arm.ik.partial_pose import hold
+    from pbd.arm.timing.moves import Timed, time_moves
+    from pbd.audit.audit import audit, torque_of
+
+    prepared = _prepare(task, options)
+    if isinstance(prepared, _Refused):
+        return prepared
+    keyframes, calibration, robot, _, grasped = task
+    arm, scene, T_base_nav, T_base_tool, q_start, hand, chosen = prepared
     warn_of_wide_moves(arm, chosen.segments)
     held = hold(arm, T_base_tool, chosen.q)
 

@@ -36,6 +36,8 @@ NEAR_M = 0.1
 YAWS_DEG = (0.0, -90.0, 90.0, 180.0)
 AHEAD = 0.2
 """What a dock beside or behind the base's x axis costs, rad of joint travel per rad."""
+OFTEN = 0.5
+"""Share of random configurations above which two links that touch are told at once: most homes are barred by them."""
 HOME_OVER_M = 0.05
 """Home is this far over the dock, m, times the scale."""
 WIDELY = 81
@@ -96,9 +98,32 @@ def suggest(robot: Robot, keyframes: Sequence[Keyframe], grasped: GraspedObject 
             dexterity = float(manipulability(arm.jacobian(own.home)[None])[0]) / starts_of(arm).clumsy
             return Suggestion(own, plan, nearest, dexterity, len(docks), len(held), table is not None)
         why = next((str(each) for each in tried), why)
+        if tried and (touching := _often_touching(arm)):
+            why = touching
+            break
     raise RobotError(
         f"{robot.name}: no home and dock found: {why}",
         robot=robot.name,
+    )
+
+
+def _often_touching(arm: ArmModel) -> str:
+    """Say which links touch in most configurations: shapes that overlap by design bar whatever is tried."""
+    from pbd.arm.collision.allowed_collisions import SAMPLES as CONFIGURATIONS
+    from pbd.arm.collision.allowed_collisions import samples
+    from pbd.arm.collision.scene import CollisionScene
+
+    clearance = CollisionScene(arm).always.clearance
+    often = clearance.always_touching(samples(arm, CONFIGURATIONS), OFTEN)
+    pairs = [(count, *(clearance.bodies[i].name for i in clearance.pairs[row])) for row, count in often.items()]
+    if not pairs:
+        return ""
+    told = ", ".join(f"{first} and {second} in {count}" for count, first, second in sorted(pairs, reverse=True))
+    _, first, second = max(pairs)
+    return (
+        f"its own links touch in most of {CONFIGURATIONS} random configurations: {told}; if they do by design, add "
+        f'srdf = to its [model]: the maker\'s, or one with a line like <disable_collisions link1="{first}" '
+        f'link2="{second}" reason="Adjacent"/> for each pair'
     )
 
 

@@ -10,12 +10,11 @@ from pbd.errors import PbdError, SensorError
 from pbd.record.session import Session
 from pbd.record.values import Command, Outcome, RecordOptions, Status
 from pbd.sensors.decoding import Decoder
-from pbd.sensors.port import Port
 from pbd.sensors.probe import recognise, what_it_is
-from pbd.sensors.reader import Reader
+from pbd.sensors.reader import Reader, Source
 
 SILENT_S = 3.0
-"""s without a byte after which the device counts as silent: unplugged, or switched off."""
+"""s without a byte after which the device counts as silent: unplugged, or switched off. A phone has more patience."""
 
 SUSPENDED_S = 1.0
 """s of idle time in one round of the loop that show that this program was suspended (Ctrl-Z, a sleeping machine)."""
@@ -40,7 +39,7 @@ Poll = Callable[[], Command | None]
 
 
 def record(
-    open_port: Callable[[], Port],
+    open_port: Callable[[], Source],
     decoder: Decoder,
     options: RecordOptions,
     poll: Poll,
@@ -112,9 +111,13 @@ def _run(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], 
         elif pieces and now - pieces[0][1] > LATEST_S and not behind:
             behind = True
             session.coach.say(session.t, TOO_FAST, bell=True)
+        silent_s = now - max(reader.latest, watch.woke)
         if pieces and away:
             away = False
             session.coach.say(session.t, "the sensor is back", bell=True)
+        elif silent_s > SILENT_S and reader.port.trouble and not away and session.demo is not None:
+            away = True
+            session.coach.say(session.t, f"{reader.port.trouble} (waiting)", bell=True)
         for data, arrival in pieces:
             session.take(data, arrival)
         if session.demo is None and (gone or now - max(reader.opened, watch.woke) > SILENT_S):
@@ -123,8 +126,8 @@ def _run(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], 
             session.begin()
         session.flush()
         session.follow()
-        if gone or (not pieces and now - max(reader.latest, watch.woke) > SILENT_S):
-            why = "sensor unplugged" if gone else f"sensor silent for {SILENT_S:g} s"
+        if gone or (not pieces and silent_s > (reader.port.patience_s or SILENT_S)):
+            why = f"sensor silent for {SILENT_S:g} s" if not gone else reader.port.trouble or "sensor unplugged"
             if not options.reconnect:
                 return why
             if not away:
@@ -184,9 +187,12 @@ def _nothing(session: Session, reader: Reader) -> SensorError:
     """Say why no recording has begun."""
     port, sensor, tally = reader.port, session.options.sensor, session.decoder.tally
     whole = tally.packets > tally.bad_packets and recognise(session.heard) in (None, sensor)
-    if not reader.bytes_seen:
+    at = f" at {port.baud} baud" if port.baud else ""
+    if not reader.bytes_seen and port.trouble:
+        message = f"nothing came from {port.device} in {SILENT_S:g} s: {port.trouble}"
+    elif not reader.bytes_seen:
         message = (
-            f"{port.device} is silent at {port.baud} baud: nothing came in {SILENT_S:g} s; check that the sensor is on "
+            f"{port.device} is silent{at}: nothing came in {SILENT_S:g} s; check that the sensor is on "
             "and sends by itself, or look with `pbd sensors --probe`"
         )
     elif whole and not session.samples:
@@ -199,7 +205,7 @@ def _nothing(session: Session, reader: Reader) -> SensorError:
     else:
         count = f"{tally.packets or 'no'} whole packet{'s' if tally.packets > 1 else ''}"
         message = (
-            f"{reader.bytes_seen} bytes came from {port.device} at {port.baud} baud, but {count} of {sensor}: "
+            f"{reader.bytes_seen} bytes came from {port.device}{at}, but {count} of {sensor}: "
             f"{what_it_is(session.heard, port.baud, sensor)}"
         )
     return SensorError(message, path=port.device, baud=port.baud)

@@ -18,6 +18,7 @@ from pbd.record.feedback import Feedback
 from pbd.record.values import FEWEST_STOPS, Outcome, RecordOptions, Status
 from pbd.sensors.decoding import Decoder, Sample
 from pbd.timestamps import SampleClock
+from pbd.tracking.taps import TapDetector
 
 CHANNELS_AFTER_S = 0.2
 """s of samples that show which channels there are. Nothing is written before."""
@@ -43,6 +44,7 @@ class Session:
         self.backup: Backup | None = None
         self._kept_in, self._backup_note = options.folder, ""
         self._diagnostics = Diagnostics()
+        self._taps = TapDetector() if options.taps else None
         self._raw = bytearray()
         self._first: list[tuple[float, Sample]] = []
         self._channels: tuple[str, ...] = ()
@@ -92,12 +94,13 @@ class Session:
                 self.coach.say(t, line, bell=True)
         self._unfollowed.clear()
 
-    def grip(self) -> None:
-        """Change the grip, now."""
+    def grip(self, tapped_t: float | None = None) -> None:
+        """Change the grip: now, or when it was tapped, s."""
         if self.demo is not None:
             self.closed = not self.closed
-            self.demo.mark(GripEvent(self.t, self.closed))
-            self.coach.say(self.t, "grip closed" if self.closed else "grip open")
+            self.demo.mark(GripEvent(self.t if tapped_t is None else tapped_t, self.closed))
+            by = "" if tapped_t is None else "two taps: "
+            self.coach.say(self.t, f"{by}grip {'closed' if self.closed else 'open'}", bell=tapped_t is not None)
 
     def discard(self) -> None:
         """Remove everything."""
@@ -238,3 +241,5 @@ class Session:
         self._rows.append((t, tuple(float(value) for triple in given for value in triple)))  # type: ignore[union-attr]
         self._recent.append((t, hypot(*sample.acc)))
         self._unfollowed.append((t, sample))
+        if self._taps is not None and (tapped_t := self._taps.feed(t, sample.acc)) is not None:
+            self.grip(tapped_t)

@@ -34,6 +34,7 @@ class RecordOptions:
         raw: keep the bytes as they come.
         reconnect: wait for a sensor that was unplugged.
         force: replace a demonstration of that name, once the new one has ended well.
+        taps: two taps on the sensor's back mark the grip, beside the person's key.
         errors: of the sensor, as calibrated: the live tracker works without them, and a rest that contradicts them is
             told. What is recorded stays as it was read.
     """
@@ -47,6 +48,7 @@ class RecordOptions:
     raw: bool = False
     reconnect: bool = False
     force: bool = False
+    taps: bool = False
     errors: SensorErrors | None = None
 
 

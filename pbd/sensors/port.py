@@ -6,6 +6,7 @@ import errno
 import grp
 import os
 import stat
+import termios
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,13 +42,17 @@ def list_ports() -> tuple[PortInfo, ...]:
 class Port:
     """An open serial port."""
 
-    def __init__(self, serial: Any, device: str, baud: int) -> None:
+    patience_s: float | None = None
+    trouble = ""
+
+    def __init__(self, serial: Any, device: str, baud: int, what: str = "sensor") -> None:
         self._serial = serial
         self.device = device
         self.baud = baud
+        self._what = what
 
     def read(self) -> bytes:
-        """Return the bytes that have come, after READ_TIMEOUT_S at the latest.
+        """Return the bytes that have come, after READ_TIMEOUT_S (or as it was opened) at the latest.
 
         Raises:
             SensorError: the sensor was unplugged.
@@ -59,9 +64,11 @@ class Port:
             waiting = self._serial.in_waiting if first else 0
             return bytes(first + self._serial.read(waiting)) if waiting else bytes(first)
         except (SerialException, OSError, TypeError) as reason:  # TypeError: closed meanwhile
-            raise SensorError(
-                f"{self.device} is gone: the sensor was unplugged; plug it in again", path=self.device, lost=True
-            ) from reason
+            raise self._gone() from reason
+
+    def _gone(self) -> SensorError:
+        what = f"{self.device} is gone: the {self._what} was unplugged; plug it in again"
+        return SensorError(what, path=self.device, lost=True)
 
     def write(self, data: bytes) -> None:
         """Send a command to the device.
@@ -74,10 +81,22 @@ class Port:
         try:
             self._serial.write(data)
             self._serial.flush()
-        except (SerialException, OSError) as reason:
+        except (SerialException, OSError, termios.error) as reason:
             raise SensorError(
-                f"{self.device} takes no command ({reason}); unplug the sensor and plug it in again", path=self.device
+                f"{self.device} takes no command ({reason}); unplug the {self._what} and plug it in again",
+                path=self.device,
             ) from reason
+
+    def clear(self) -> None:
+        """Drop what has come and was not read.
+
+        Raises:
+            SensorError: the sensor was unplugged.
+        """
+        try:
+            self._serial.reset_input_buffer()
+        except (OSError, ValueError, TypeError, termios.error) as reason:
+            raise self._gone() from reason
 
     def set_baud(self, baud: int) -> None:
         """Change the rate of the open port: to open it again would reset an Arduino.
@@ -89,7 +108,7 @@ class Port:
             self._serial.baudrate = baud
             self._serial.reset_input_buffer()
         except (OSError, ValueError) as reason:
-            raise SensorError(_why(self.device, baud, reason), path=self.device, baud=baud) from None
+            raise SensorError(_why(self.device, baud, reason, self._what), path=self.device, baud=baud) from None
         self.baud = baud
 
     def close(self) -> None:
@@ -104,8 +123,8 @@ class Port:
         self.close()
 
 
-def open_port(device: str, baud: int) -> Port:
-    """Open a port for us alone, 8N1.
+def open_port(device: str, baud: int, what: str = "sensor", wait_s: float = READ_TIMEOUT_S) -> Port:
+    """Open a port for us alone, 8N1: for `what`, whose reads wait `wait_s` at most.
 
     Raises:
         SensorError: no such port; no permission (with the group that has it); another program uses it; no such baud.
@@ -115,16 +134,16 @@ def open_port(device: str, baud: int) -> Port:
     try:
         if baud <= 0:
             raise ValueError("0 would hang up")
-        return Port(Serial(device, baud, timeout=READ_TIMEOUT_S, write_timeout=1.0, exclusive=True), device, baud)
+        return Port(Serial(device, baud, timeout=wait_s, write_timeout=1.0, exclusive=True), device, baud, what)
     except (SerialException, OSError, ValueError) as reason:
-        raise SensorError(_why(device, baud, reason), path=device, baud=baud) from None
+        raise SensorError(_why(device, baud, reason, what), path=device, baud=baud) from None
 
 
-def _why(device: str, baud: int, reason: Exception) -> str:
+def _why(device: str, baud: int, reason: Exception, what: str) -> str:
     number = getattr(reason, "errno", None)
     if number == errno.ENOENT or not Path(device).exists():
         here = ", ".join(port.device for port in list_ports()) or "none"
-        return f"there is no port {device} (plugged in are: {here}); plug the sensor in, or name another"
+        return f"there is no port {device} (plugged in are: {here}); plug the {what} in, or name another"
     if number == errno.EACCES:
         return f"no permission for {device}: {_permission(device)}"
     if number in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in str(reason):
@@ -133,7 +152,7 @@ def _why(device: str, baud: int, reason: Exception) -> str:
         return f"{device} can't be set to {baud} baud; give another --baud"
     if number in (errno.ENOTTY, errno.EINVAL) or os.strerror(errno.ENOTTY) in str(reason):
         return f"{device} is not a serial port; name another, `pbd sensors` lists them"
-    return f"{device} can't be opened ({reason}); unplug the sensor and plug it in again"
+    return f"{device} can't be opened ({reason}); unplug the {what} and plug it in again"
 
 
 def _permission(device: str) -> str:

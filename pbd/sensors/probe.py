@@ -20,8 +20,8 @@ BOOT_S = 3.0
 ENOUGH_PACKETS = 3
 """Number of whole packets that identify a protocol."""
 
-GUESSED_PROTOCOLS = tuple(name for name, one in PROTOCOLS.items() if one.bauds and name != "lines")
-"""Protocols that can be identified from the bytes alone."""
+GUESSED_PROTOCOLS = tuple(name for name, known in PROTOCOLS.items() if known.bauds and name != "lines")
+"""Protocols that can be identified from a serial port's bytes alone."""
 
 BAUDS = tuple(dict.fromkeys(baud for name in GUESSED_PROTOCOLS for baud in PROTOCOLS[name].bauds))
 FIRST_BAUD = BAUDS[0]

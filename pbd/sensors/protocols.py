@@ -24,7 +24,7 @@ class WireProtocol:
     Attributes:
         title: the devices' names.
         decoder: makes a decoder at its start.
-        bauds: to try, in this order; the first is the maker's default.
+        bauds: to try, in this order; the first is the maker's default. None for a device without a serial port.
         gives: for people.
         rate_commands: by rate in Hz, the bytes that set it, to be sent in this order with COMMAND_PAUSE_S after each.
     """
@@ -119,6 +119,12 @@ PROTOCOLS: Mapping[str, WireProtocol] = MappingProxyType(
             decoder=_made_by("razor", "razor_decoder"),
             bauds=(57600, 115200),
             gives="acceleration, gyro, field",
+        ),
+        "phyphox": WireProtocol(
+            title="a phone with the app phyphox",
+            decoder=_made_by("phyphox.answers", "PhyphoxDecoder"),
+            bauds=(),
+            gives="acceleration, gyro, field where it has one, clock",
         ),
         "gamepad": WireProtocol(
             title="DualSense, DualShock 4 (Linux)",

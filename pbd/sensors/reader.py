@@ -6,9 +6,9 @@ import queue
 import threading
 import time
 from collections.abc import Callable
+from typing import Protocol
 
 from pbd.errors import SensorError
-from pbd.sensors.port import Port
 
 TAKE_TIMEOUT_S = 0.02
 """Longest time, s, that `take` waits."""
@@ -16,11 +16,36 @@ TAKE_TIMEOUT_S = 0.02
 MOST_BYTES = 32768
 """Most bytes that `take` returns, 0.1 s of the fastest sensor. So a slow consumer can still do its other work."""
 
+CLOSE_S = 5.0
+"""Longest time, s, that `close` waits for a read that hangs."""
+
+
+class Source(Protocol):
+    """What gives a sensor's bytes: a serial port, or a phone.
+
+    Attributes:
+        device: where it is, for messages.
+        baud: its rate; 0 where it has none.
+        patience_s: s without a byte after which it counts as gone; None: as a serial port.
+        trouble: why no bytes come just now, if it knows; else "".
+    """
+
+    device: str
+    baud: int
+    patience_s: float | None
+    trouble: str
+
+    def read(self) -> bytes:
+        """Return what has come, soon. Raises SensorError once the device is gone."""
+
+    def close(self) -> None:
+        """Close it; closing twice is nothing."""
+
 
 class Reader:
     """Reads bytes, with their time of arrival (host's monotonic clock, s)."""
 
-    def __init__(self, open_port: Callable[[], Port]) -> None:
+    def __init__(self, open_port: Callable[[], Source]) -> None:
         self._open = open_port
         self._pieces: queue.SimpleQueue[tuple[bytes, float] | SensorError] = queue.SimpleQueue()
         self.bytes_seen = 0
@@ -53,7 +78,7 @@ class Reader:
     def close(self) -> None:
         """Stop reading and close the port."""
         self._ending.set()
-        self._thread.join()
+        self._thread.join(CLOSE_S)
         self.port.close()
 
     def _start(self) -> None:

@@ -178,8 +178,24 @@ _MODERN = SensorModel(
     attitude=AttitudeOutput(time_constant_s=0.02, noise=0.05 * _DEG),  # assumed
 )
 
-_PRESETS = (_OS5000, replace(_OS5000, name="os5000-nogyro", gyr=None), _WT901, _MODERN, SensorModel("ideal", 100.0))
+_PHONE = SensorModel(
+    "phone",
+    rate_hz=100.0,
+    # assumed: range as most phones have it; scale of both between wt901 and modern; 16 bits
+    acc=_triad(_MG, noise=0.18, bias=20.0, walk=0.01, scale=5e-3, lean_deg=0.2, limit=8000.0, step=8000.0 / 32768),
+    gyr=_triad(_DEG, noise=0.01, bias=0.1, walk=5e-4, scale=5e-3, lean_deg=0.2, limit=2000.0, step=2000.0 / 32768),
+    mag=Triad(noise=0.3 / sqrt(100.0), step=0.15),  # assumed: that of an AK0991x
+)
+
+_PRESETS = (
+    _OS5000,
+    replace(_OS5000, name="os5000-nogyro", gyr=None),
+    _WT901,
+    _MODERN,
+    _PHONE,
+    SensorModel("ideal", 100.0),
+)
 
 SENSOR_MODELS: Mapping[str, SensorModel] = MappingProxyType({model.name: model for model in _PRESETS})
 """The presets by name: os5000 is the paper's device with a three-axis gyro beside it, modern is of the MTi's class,
-ideal errs in nothing."""
+phone one with 8 g and its maker's calibration, ideal errs in nothing."""

@@ -31,6 +31,9 @@ BOUNCE_S, BOUNCE_M, BOUNCE_RAD = 0.3, 0.02, np.radians(10.0)
 """Two stops are one put-down that bounced if the gap between them is shorter than BOUNCE_S, the shorter of them too,
 and the sensor moved and turned less than BOUNCE_M and BOUNCE_RAD (s, m, rad)."""
 
+GRIP_S = 0.8
+"""s: a gap this short with the mark of a grip in it is no move either: fingers that close, or two taps (taps.py)."""
+
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
@@ -75,7 +78,7 @@ def estimate(
     believed = [k for k, weight in enumerate(weights) if weight > STOP_WEIGHT]
     if not believed:
         raise TrackingError(NEVER_STILL)
-    believed = _without_bounces(solution, believed)
+    believed = _without_bounces(solution, believed, [event.t for event in recording.grip])
     stops = tuple(
         Stop(start, stop, float(t[stop - 1] - t[start]), weights[k])
         for k, (start, stop) in ((k, problem.stops[k]) for k in believed)
@@ -124,8 +127,8 @@ def _sensor(solution: Solution, first: int) -> SensorFound:
     )
 
 
-def _without_bounces(solution: Solution, believed: Sequence[int]) -> list[int]:
-    """Drop the shorter of two stops that belong to one put-down."""
+def _without_bounces(solution: Solution, believed: Sequence[int], grips: Sequence[float]) -> list[int]:
+    """Drop the shorter of two stops that belong to one put-down, or to one grip, marked at these times, s."""
     problem, t, p = solution.problem, solution.problem.frame.t, solution.state.p
     wxyz = solution.path.wxyz[[(start + stop) // 2 for start, stop in problem.stops]]
 
@@ -136,8 +139,10 @@ def _without_bounces(solution: Solution, believed: Sequence[int]) -> list[int]:
     kept = list(believed[:1])
     for k in believed[1:]:
         before = kept[-1]
-        soon = t[problem.stops[k][0]] - t[problem.stops[before][1] - 1] < BOUNCE_S
-        if soon and min(dwell(before), dwell(k)) < BOUNCE_S:
+        left, arrived = t[problem.stops[before][1] - 1], t[problem.stops[k][0]]
+        soon = arrived - left < BOUNCE_S and min(dwell(before), dwell(k)) < BOUNCE_S
+        gripped = arrived - left < GRIP_S and any(left <= at <= arrived for at in grips)
+        if soon or gripped:
             there, here = (median(p[problem.stop_of == stop]) for stop in (before, k))
             turned = float(np.linalg.norm(quat_log(quat_multiply(wxyz[k], quat_inverse(wxyz[before])))))
             bounced = np.linalg.norm(here - there) < BOUNCE_M and turned < BOUNCE_RAD

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -39,8 +39,9 @@ def describe(scene: ReplayScene, bounds: Array, rate_hz: float) -> Mapping[str, 
         "license": scene.robot.license,
         "duration": trajectory.duration,
         "rate": rate_hz,
-        "keyframes": [_keyframe(keyframe) for keyframe in scene.keyframes],
+        "keyframes": [_keyframe(keyframe, scene.detours) for keyframe in scene.keyframes],
         "moves": moves(trajectory),
+        "detours": detours(scene),
         "closed": closed(trajectory),
         "joints": {
             "names": list(trajectory.joint_names),
@@ -65,6 +66,14 @@ def moves(trajectory: JointTrajectory) -> list[tuple[float, float]]:
     return _spans(samples.t, np.abs(samples.qd).max(axis=1) > MOVING_RAD_S)
 
 
+def detours(scene: ReplayScene) -> list[tuple[float, float]]:
+    """From when to when the arm goes around something, s: what of its moves lies within a detour."""
+    parts = [
+        (max(start, first), min(end, last)) for start, end in moves(scene.trajectory) for first, last in scene.detours
+    ]
+    return [(start, end) for start, end in parts if start < end]
+
+
 def closed(trajectory: JointTrajectory) -> list[tuple[float, float]]:
     """From when to when the gripper is not at its widest, s."""
     samples = trajectory.sample(SPAN_RATE_HZ)
@@ -77,13 +86,14 @@ def _spans(t: Array, wanted: NDArray[np.bool_]) -> list[tuple[float, float]]:
     return list(zip(t[first].tolist(), t[after].tolist(), strict=True))
 
 
-def _keyframe(keyframe: ReplayKeyframe) -> dict[str, Any]:
+def _keyframe(keyframe: ReplayKeyframe, around: Sequence[tuple[float, float]]) -> dict[str, Any]:
     return {
         "label": keyframe.label,
         "t": float(keyframe.t),
         "p": keyframe.T_base_tool.p.tolist(),
         "sigma": None if keyframe.cov is None else [_largest(keyframe.cov[:3, :3]), _largest(keyframe.cov[3:, 3:])],
         "grip": keyframe.grip,
+        "detour": any(end == keyframe.t for _, end in around),
         "sure": None if keyframe.weight >= DOUBTED_WEIGHT else keyframe.weight,
     }
 

@@ -25,7 +25,7 @@ with warnings.catch_warnings():
     from meshcat.geometry import Mesh as MeshcatMesh
     from meshcat.path import Path as ScenePath
 
-__all__ = ["PoseTrack", "ScenePath", "SetTracks", "Visualizer", "solid", "two_sigma", "typed"]
+__all__ = ["PoseTrack", "ScenePath", "SetTracks", "Visualizer", "linear_light", "solid", "two_sigma", "typed"]
 
 EXTENSION_CODES = {
     "Uint8Array": 0x12,
@@ -71,7 +71,7 @@ class MeshGeometry(Geometry):  # type: ignore[misc]  # meshcat has no types
             "data": {
                 "attributes": {
                     "position": _attribute(self.mesh.grid, "Int16Array", normalized=False),
-                    "color": _attribute(_linear(self.mesh.rgb), "Uint8Array", normalized=True),
+                    "color": _attribute(linear_light(self.mesh.rgb), "Uint8Array", normalized=True),
                 },
                 "index": {"type": index, "array": typed(self.mesh.faces, index)},
             },
@@ -82,7 +82,7 @@ def _attribute(values: NDArray[Any], kind: str, normalized: bool) -> dict[str, A
     return {"itemSize": 3, "type": kind, "array": typed(values, kind), "normalized": normalized}
 
 
-def _linear(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def linear_light(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """From sRGB to linear light (IEC 61966-2-1), 8 bits each."""
     c = rgb / 255.0
     light = np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)

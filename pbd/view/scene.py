@@ -23,6 +23,8 @@ __all__ = ["ReplayKeyframe", "ReplayScene", "Rod", "Touching", "build"]
 
 PATH_SPACING_M = 0.003
 TOOL_PATH_RGB = (0.55, 0.57, 0.60)
+DETOUR_RGB, DETOUR_RADIUS_M = (0.64, 0.28, 0.80), 0.003
+"""Of the tool's path where the arm goes around something: thicker too, for eyes that don't tell the colour."""
 TOUCHING_RGB = (0.86, 0.12, 0.10)
 OBSTACLE_RGB, OBSTACLE_OPACITY = (0.62, 0.55, 0.47), 0.6
 OBJECT_RGB, OBJECT_OPACITY = (0.16, 0.55, 0.53), 0.72
@@ -50,6 +52,9 @@ def build(scene: ReplayScene, into: Visualizer) -> None:
         _placeholder(scene, scene.rod, THE_TOOL in red, nodes)
     _path(scene, into["hand_path"])
     into["tool_path"].set_object(solid(shapes.tube(_thinned(tool.p)[0], np.array(TOOL_PATH_RGB), 0.0012, sides=6)))
+    for i, (start, end) in enumerate(scene.detours):
+        points, _ = _thinned(tool.p[(start <= motion.t) & (motion.t <= end)])
+        into[f"detour/{i}"].set_object(solid(shapes.tube(points, np.array(DETOUR_RGB), DETOUR_RADIUS_M, sides=6)))
     _keyframes(scene, into["keyframes"])
     carried = carried_object(scene, tool)
     if scene.grasped is not None and carried is not None:

@@ -87,6 +87,7 @@ class ReplayScene:
         phases: where that is, by time; empty where nothing is grasped.
         notes: what the viewer should know: warnings, "simulated data".
         touching: what touches, where that was allowed, by when it begins.
+        detours: s, from when to when the arm goes around something on its way to the next keyframe, or back.
     """
 
     title: str
@@ -104,6 +105,7 @@ class ReplayScene:
     obstacles: tuple[Obstacle, ...] = ()
     rod: Rod | None = None
     torque: float | None = None
+    detours: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
         n = len(self.hand_path_base)

@@ -6,7 +6,7 @@ import csv
 import sys
 from collections.abc import Mapping, Sequence
 from io import StringIO
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 from rich import box
@@ -41,16 +41,17 @@ def print_csv(*tables: Table) -> None:
     rows.writerows(zip(*(column.cells for column in columns), strict=True))
 
 
-def print_table(table: Table) -> None:
-    """Print to stdout, in colour only at a terminal. A table too wide for it continues below."""
-    if sys.stdout.isatty():
-        console = Screen(sys.stdout)
+def print_table(table: Table, stream: TextIO | None = None) -> None:
+    """Print to stdout (or `stream`), in colour only at a terminal. A table too wide for it continues below."""
+    stream = stream or sys.stdout
+    if stream.isatty():
+        console = Screen(stream)
         for k, part in enumerate(_fitting(table, console.width)):
             console.print(part, new_line_start=k > 0)
         return
     text = StringIO()
     Screen(text, width=PIPE_WIDTH).print(table)
-    print("\n".join(line.rstrip() for line in text.getvalue().splitlines()))
+    print("\n".join(line.rstrip() for line in text.getvalue().splitlines()), file=stream)
 
 
 def _fitting(table: Table, width: int) -> list[Table]:

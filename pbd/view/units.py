@@ -19,13 +19,14 @@ KINDS = {"length": LENGTHS, "angle": ANGLES, "time": TIMES}
 class Units:
     """A unit of length, one of angle and one of time, by their names in LENGTHS, ANGLES and TIMES.
 
-    `asked` names the kinds (see KINDS) that the user chose.
+    `asked` names the kinds (see KINDS) that the user chose. `exact` writes all digits, for programs.
     """
 
     length: str = "m"
     angle: str = "deg"
     time: str = "s"
     asked: frozenset[str] = field(default=frozenset(), compare=False)
+    exact: bool = False
 
     @property
     def finer(self) -> Units:
@@ -40,17 +41,24 @@ class Units:
     def lengths(self, metres: ArrayLike, finer: int = 0) -> list[str]:
         """Write lengths, with more decimals than usual."""
         factor, decimals = LENGTHS[self.length]
-        return _fixed(factor * np.asarray(metres), decimals + finer)
+        return self._written(factor * np.asarray(metres), decimals + finer)
 
     def times(self, seconds: ArrayLike) -> list[str]:
         """Write times."""
         factor, decimals = TIMES[self.time]
-        return _fixed(factor * np.asarray(seconds), decimals)
+        return self._written(factor * np.asarray(seconds), decimals)
 
     def angles(self, radians: ArrayLike) -> list[str]:
         """Write angles."""
         factor, decimals = ANGLES[self.angle]
-        return _fixed(factor * np.asarray(radians), decimals)
+        return self._written(factor * np.asarray(radians), decimals)
+
+    def _written(self, values: ArrayLike, decimals: int) -> list[str]:
+        """Write numbers with so many decimals, and spare the reader a -0.000; what is not known (NaN) is blank."""
+        given = np.atleast_1d(np.asarray(values, dtype=np.float64))
+        if self.exact:
+            return [repr(x) if np.isfinite(x) else "" for x in (given + 0.0).tolist()]
+        return [f"{x:.{max(decimals, 0)}f}" if np.isfinite(x) else "" for x in np.round(given, decimals) + 0.0]
 
 
 def parse_units(text: str, usual: Units = Units()) -> Units:
@@ -69,10 +77,5 @@ def parse_units(text: str, usual: Units = Units()) -> Units:
         if kind in given:
             raise ValueError(f"'{given[kind]}' and '{unit}' are both units of {kind}; give one")
         given[kind] = unit
-    return replace(usual, **given, asked=frozenset(given))
-
-
-def _fixed(values: ArrayLike, decimals: int) -> list[str]:
-    """Write numbers with so many decimals, and spare the reader a -0.000; what is not known (NaN) is blank."""
-    rounded = np.atleast_1d(np.round(np.asarray(values), decimals) + 0.0)
-    return [f"{x:.{max(decimals, 0)}f}" if np.isfinite(x) else "" for x in rounded]
+    words = {kind: given.get(kind, getattr(usual, kind)) for kind in KINDS}
+    return Units(**words, asked=frozenset(given))

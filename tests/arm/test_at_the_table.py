@@ -16,6 +16,7 @@ from pbd.data import GraspedObject, Keyframe, Obstacle, Robot
 from pbd.errors import PbdWarning
 from pbd.planning import Plan, PlanOptions, plan_keyframes
 from pbd.pose import Pose, quat_exp
+from pbd.replay import detours
 from tests.arm.bundled import arm_of
 
 CUP = GraspedObject("cylinder", (0.05, 0.12))
@@ -90,6 +91,7 @@ def test_what_is_held_may_stand_at_the_last_keyframe_before_the_arm_goes_home_wi
 def test_a_detour_back_takes_along_what_is_held() -> None:
     wall = Obstacle("the wall", "box", (0.8, 0.02, 1.1), Pose.from_rpy((0.55, 0.22, 0.35), (0.0, 0.0, 0.0)))
     with pytest.warns(PbdWarning, match="^on its way back the arm goes around the wall"):
-        back = carried(wall, y=0.5).back
-    assert back is not None
-    assert back.kind == DETOUR
+        plan = carried(wall, y=0.5)
+    assert plan.back is not None
+    assert plan.back.kind == DETOUR
+    assert detours(plan) == ((plan.trajectory.keyframe_t[-1], plan.trajectory.duration),)

@@ -71,8 +71,10 @@ def measure(arm: ArmModel, count: int) -> dict[str, Any]:
         took += time.process_time() - start
         wide = find_branches(arm, pose, arm.robot.home[None], STARTS_WIDE)
         known = branches(arm, target(pose), q)
-        found = (sum(_near(arm, branch, some).any() for branch in known) for some in (ours, np.vstack((ours, wide))))
-        per_pose.append((len(known), *found, len(ours)))
+        first, second = (
+            sum(bool(_near(arm, branch, some).any()) for branch in known) for some in (ours, np.vstack((ours, wide)))
+        )
+        per_pose.append((len(known), first, second, len(ours)))
     all_of, met, met_wide, solutions = np.array(per_pose).T
     return {
         "poses": count,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import random
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -10,6 +11,7 @@ from pbd.pose import quat_from_rpy
 from pbd.sensors.decoding import Decoder
 from pbd.sensors.line_layout import layout_from_options
 from pbd.sensors.lines import LineDecoder
+from pbd.sensors.phyphox.answers import BUFFERS
 from pbd.sensors.protocols import PROTOCOLS
 from tests.sensors.encoders import gamepad, os5000, razor, vectornav, witmotion, ximu3, xsens
 from tests.sensors.streams import Checked, Make
@@ -84,6 +86,21 @@ def _razor_packets(count: int) -> list[bytes]:
     return [razor.frame(_triple(rng, 0.6), _triple(rng, 90.0), _triple(rng, 200.0)) for _ in range(count)]
 
 
+def _phyphox_rows(count: int, rows: int) -> list[bytes]:
+    """Answers to `/get` with so many new samples of each sensor at 400 Hz."""
+    rng, out = random.Random(0), []
+    for first in range(0, count, rows):
+        buffers = {}
+        for names, scale in zip(BUFFERS.values(), (1.0, 6.0, 30.0), strict=True):
+            t = [k / 400.0 for k in range(first, first + rows)]
+            columns = [t, *([rng.gauss(0.0, scale) for _ in t] for _ in "xyz")]
+            for name, column in zip(names, columns, strict=True):
+                numbers = [float(f"{x:.7e}") for x in column]
+                buffers[name] = {"size": 60000, "updateMode": "partial", "buffer": numbers}
+        out.append(b"/get " + json.dumps({"buffer": buffers, "status": {"measuring": True}}).encode() + b"\n")
+    return out
+
+
 def _gamepad_reports(count: int) -> list[bytes]:
     rng = random.Random(0)
     return [gamepad.report(4000 * k, _triple(rng, 0.6), _triple(rng, 90.0)) for k in range(1, count + 1)]
@@ -117,6 +134,7 @@ MIXED = {
     "xsens": Wire(PROTOCOLS["xsens"].decoder, xsens.packets, 400, xsens.checked),
     "lines": Wire(_line_decoder, _line_packets, 1000),
     "razor": Wire(PROTOCOLS["razor"].decoder, _razor_packets, 50),
+    "phyphox": Wire(PROTOCOLS["phyphox"].decoder, lambda count: _phyphox_rows(count, 1), 400),
     "gamepad": Wire(PROTOCOLS["gamepad"].decoder, _gamepad_reports, 250),
 }
 
@@ -133,4 +151,6 @@ FASTEST = {
     "lines": MIXED["lines"],
     "gamepad": MIXED["gamepad"],
     "razor": MIXED["razor"],
+    # A tenth of a second at once, as it is asked ten times a second.
+    "phyphox": Wire(PROTOCOLS["phyphox"].decoder, lambda count: _phyphox_rows(count, 40), 400),
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 
 from pbd.cli import main
-from pbd.files.exporters import ALSO, FOR_SOME, FORMATS, SUFFIXES, WITHOUT_RATE
+from pbd.files.exporters import ALSO, FOLDERS, FOR_SOME, FORMATS, SUFFIXES, WITHOUT_RATE
 
 pytestmark = pytest.mark.usefixtures("elsewhere")
 
@@ -21,6 +22,9 @@ EXPORT = ("export", "paper-test1", "--robot", "panda", "--rate", "20")
 def command_of(format_name: str) -> list[str]:
     sampled = [] if format_name in (*WITHOUT_RATE, "urscript") else ["--rate", "20"]
     return ["export", "paper-test1", "--robot", "ur5" if format_name in FOR_SOME else "panda", *sampled]
+
+
+FILES = tuple(name for name in FORMATS if name not in FOLDERS)
 
 
 def test_every_suffix_says_a_format() -> None:
@@ -46,7 +50,7 @@ def test_the_name_says_the_format(suffix: str) -> None:
         assert all((ours[name] == theirs[name]).all() for name in ours.files)
 
 
-@pytest.mark.parametrize("format_name", FORMATS)
+@pytest.mark.parametrize("format_name", FILES)
 def test_standard_output_gets_what_the_file_would(format_name: str, capfdbinary: pytest.CaptureFixture[bytes]) -> None:
     command = [*command_of(format_name), "--format", format_name, "-o"]
     assert main([*command, "-"]) == 0
@@ -59,6 +63,21 @@ def test_standard_output_gets_what_the_file_would(format_name: str, capfdbinary:
         return
     with np.load(io.BytesIO(out)) as ours, np.load("file") as theirs:
         assert all((ours[name] == theirs[name]).all() for name in theirs.files)
+
+
+def test_several_demonstrations_become_one_dataset(elsewhere: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    several = ["export", "pouring", "paper-test1", "--robot", "so101", "--json", "-o", "tea"]
+    assert main([*several, "--format", "lerobot", "--task", "pour the tea"]) == 0
+    out, err = capsys.readouterr()
+    assert [each["demo"] for each in json.loads(out)["episodes"]] == ["pouring", "paper-test1"]
+    assert "pbd: lerobot-replay jumps to the first frame, so bring the arm there before: shoulder_pan -0.1, " in err
+    info = json.loads((elsewhere / "tea/meta/info.json").read_text())
+    assert (info["total_episodes"], info["total_tasks"]) == (2, 1)
+    assert main([*several, "--format", "csv"]) == 2
+    said = "pbd: several demonstrations are for lerobot; csv has one motion a file\n"
+    assert capsys.readouterr().err == said
+    assert main(["export", "--robot", "so101", "--format", "lerobot", "-o", "-"]) == 2
+    assert capsys.readouterr().err == "pbd: lerobot writes a folder, which standard output can't be; name one\n"
 
 
 def test_a_reader_that_goes_away_is_no_error() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -84,3 +85,62 @@ def test_a_recording_does_not_replace_the_folder_that_it_is_in(in_g: Path, capsy
     assert main(["import", str(in_g), str(in_g.parent), "--unit", "acc=g", "--force"]) == 1
     assert f"imu.csv is in {in_g.parent}, which it would replace; give another name\n" in capsys.readouterr().err
     assert in_g.read_bytes() == before
+
+
+@pytest.fixture
+def swapped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A WT901's table whose columns of x and y are swapped, with names of their own."""
+    monkeypatch.chdir(tmp_path)
+    demo = simulate("pick-and-place-stops", "wt901", 0)
+    recording = replace(demo.recording, mag=None, device_rpy=None)
+    write_demo(replace(demo, recording=recording), tmp_path / "plain")
+    header, _, rows = (tmp_path / "plain" / "imu.csv").read_text().partition("\n")
+    assert header == "t,gx,gy,gz,ax,ay,az"
+    (tmp_path / "log.csv").write_text(f"t,gx,gy,gz,acc Y,acc X,acc Z,battery\n{rows.replace(chr(10), ',7' + chr(10))}")
+    return tmp_path / "log.csv"
+
+
+def test_swapped_axes_are_said_and_what_it_says_to_do_helps(swapped: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["import", str(swapped), "tea"]) == 1
+    said = capsys.readouterr().err
+    assert "ax and ay are swapped: import the file with --column 'ax=acc Y' --column 'ay=acc X'\n" in said
+    assert not Path("demos").exists()
+    assert main(["import", str(swapped), "tea", "--column", "ax=acc Y", "--column", "ay=acc X", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert [row["decided_by"] for row in told["columns"] if row["read_as"] in ("ax", "az")] == [
+        "--column; no unit given",
+        "its name; no unit given",
+    ]
+    assert told["unread"] == {"battery": ""}
+
+
+def test_the_table_has_every_column(swapped: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    main(["import", str(swapped), "tea"])
+    rows = {line.partition("  ")[0].strip(): line for line in capsys.readouterr().out.splitlines()}
+    assert "specific force" in rows["acc Y"]
+    assert "not read" in rows["battery"]
+
+
+def test_without_a_gyro_it_says_what_that_costs(swapped: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    lines = [",".join(line.split(",")[i] for i in (0, 4, 5, 6)) for line in swapped.read_text().splitlines()]
+    swapped.write_text("\n".join(lines))
+    assert main(["import", str(swapped), "tea"]) == 0
+    assert "no gyro was found: attitude is then the device's own, which lags" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("unit", "per_s"), [("ms", 1e3), ("us", 1e6), ("ns", 1e9)])
+def test_the_unit_of_time_is_told(in_g: Path, capsys: pytest.CaptureFixture[str], unit: str, per_s: float) -> None:
+    header, *rows = in_g.read_text().splitlines()
+    cells = [row.partition(",") for row in rows]
+    Path("other.csv").write_text("\n".join([header, *(f"{per_s * float(t):.0f},{rest}" for t, _, rest in cells)]))
+    assert main(["import", "other.csv", "tea", "--unit", "acc=g"]) == 1
+    assert f"the time is likely in {unit}: import the file with --unit t={unit}\n" in capsys.readouterr().err
+    assert main(["import", "other.csv", "tea", "--unit", "acc=g", "--unit", f"t={unit}"]) == 0
+
+
+def test_lines_without_names_are_decoded_as_a_port_would_be(in_g: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("log.txt").write_text(in_g.read_text().partition("\n")[2])
+    names = in_g.read_text().partition("\n")[0]
+    columns = names.replace("heading,pitch,roll", "_,_,_")
+    assert main(["import", "log.txt", "tea", "--sensor", "lines", "--columns", columns, "--unit", "acc=g"]) == 0
+    assert read_demo(Path("demos/tea")).recording.acc[:, 2].max() > GRAVITY

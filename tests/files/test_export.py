@@ -180,7 +180,8 @@ def test_a_place_that_cannot_be_written(tmp_path: Path, motion: JointTrajectory,
 
 def test_an_unknown_format_lists_the_known(tmp_path: Path, motion: JointTrajectory) -> None:
     with pytest.raises(
-        PbdError, match=r"^no format 'xml'; known are csv, npz, ros2-json, keyframes, tum, tum-hand, urscript, mcap"
+        PbdError,
+        match=r"^no format 'xml'; known are csv, npz, ros2-json, keyframes, tum, tum-hand, urscript, mcap, l",
     ):
         export(motion, ROBOT, "xml", tmp_path / "motion")
 
@@ -194,4 +195,4 @@ def test_a_rate_out_of_range(tmp_path: Path, motion: JointTrajectory, rate_hz: f
 
 def test_each_format_has_its_file() -> None:
     folder = Path(exporters.__file__).parent
-    assert {path.stem for path in folder.glob("*.py")} - {"__init__", "order"} == set(FORMATS.values())
+    assert {path.stem for path in folder.glob("*.py")} - {"__init__", "order", "received"} == set(FORMATS.values())

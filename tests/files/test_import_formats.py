@@ -200,3 +200,26 @@ def test_advice_has_the_files_names(tmp_path: Path) -> None:
     assert read.understood.in_its_names("import with --column ax=ay --column ay=-ax") == (
         "import with --column 'ax=acc_y (g)' --column 'ay=-acc X [g]'"
     )
+
+
+# --- bad input --------------------------------------------------------------------------------------------------------
+
+
+def test_one_bad_row_of_many_is_named(tmp_path: Path) -> None:
+    rows = [f"{k / 400:.4f},0,0,9.8" for k in range(100_000)]
+    rows[77_777] = "194.4425,0,zero,9.8"
+    with pytest.raises(RecordingError, match=r"run\.csv:77779: 'zero' in column 'ay' is not a number"):
+        imported(tmp_path, "\n".join(["t,ax,ay,az", *rows]))
+    rows[77_777] = "194.4425,0,9.8"
+    with pytest.raises(RecordingError, match=r"run\.csv:77779: 3 cells where the header has 4"):
+        imported(tmp_path, "\n".join(["t,ax,ay,az", *rows]))
+
+
+def test_mixed_line_ends(tmp_path: Path) -> None:
+    (tmp_path / "run.csv").write_bytes(b"t,ax,ay,az\r\n0,0,0,9.8\r0.01,0,0,9.8\n\n0.02,0,0,9.8,\r\n")
+    assert_allclose(import_recording(tmp_path / "run.csv").demo.recording.t, [0.0, 0.01, 0.02])
+
+
+def test_a_folder_of_nothing_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"can't import this folder: it is no bag, no x-IMU3's and no phone's"):
+        import_recording(tmp_path)

@@ -170,8 +170,8 @@ def test_the_docks_options(folder: Path) -> None:
          ":1: format must be 1, the only format that this version reads; it was written by a newer pbd: update pbd"),
         ('name = "mine"\n', "", ": name is missing; add it"),
         ("format = 1\n", "format = 1\ncolour = 3\n",
-         ":2: colour is unknown; the keys here are format, name, description, notes, model, gripper, dock, servos, arm, limits;"
-         " remove or rename it"),
+         ":2: colour is unknown; the keys here are format, name, description, notes, model, gripper, dock, servos, "
+         "arm, limits; remove or rename it"),
         ("jerk", "jrek", ": [limits] jerk is missing (there is 'jrek'); add it"),
         ("jerk = [100, 200]", "jerk = [100, 200]\njrek = 1",
          ":24: [limits] jrek is unknown; the keys here are source, velocity, acceleration, acceleration_source, jerk,"
@@ -229,8 +229,8 @@ def test_the_docks_options(folder: Path) -> None:
         ("rpy_deg = [0.0, 0.0, 30.0]", 'rpy_deg = [0, 0, 0]\nany_attitude = "yes"',
          ":28: [dock] any_attitude must be true or false, got 'yes'; correct it"),
         ("[dock]\n", "[dok]\n",
-         ":25: dok is unknown; the keys here are format, name, description, notes, model, gripper, dock, servos, arm, limits;"
-         " remove or rename it"),
+         ":25: dok is unknown; the keys here are format, name, description, notes, model, gripper, dock, servos, "
+         "arm, limits; remove or rename it"),
         ("[limits]\n", "limits = 3\n[limts]\n", ": limits is missing (there is 'limts'); add it"),
         ("name = ", "name == ", "not valid TOML: Invalid value (at line 2, column 7); correct it"),
     ],

@@ -15,7 +15,8 @@ PAGE = Path(__file__).parents[2] / "docs" / "sensors.md"
 
 
 def test_names() -> None:
-    assert list(PROTOCOLS) == ["os5000", "witmotion", "ximu3", "vectornav", "xsens", "lines", "razor", "gamepad"]
+    serial = ["os5000", "witmotion", "ximu3", "vectornav", "xsens", "lines", "razor"]
+    assert list(PROTOCOLS) == [*serial, "phyphox", "gamepad"]
 
 
 def test_lines_has_to_be_told_its_columns() -> None:

@@ -36,13 +36,14 @@ TABLE = {
     "os5000-nogyro": (40, (0.4 * MG, 5 * MG, 4000 * MG), None, 0.003, 0.3),
     "wt901": (100, (0.2 * MG, 20 * MG, 16000 * MG), (0.02 * DEG, 0.2 * DEG, 2000 * DEG), 0.01, 0.2),
     "modern": (100, (0.06 * MG, 2 * MG, 16000 * MG), (0.005 * DEG, 0.05 * DEG, None), 0.001, 0.1),
+    "phone": (100, (0.18 * MG, 20 * MG, 8000 * MG), (0.01 * DEG, 0.1 * DEG, 2000 * DEG), 0.005, 0.3),
     "ideal": (100, (0.0, 0.0, None), (0.0, 0.0, None), 0.0, 0.0),
 }
 
 
 def test_presets_are_those_of_the_table() -> None:
     assert set(SENSOR_MODELS) == set(TABLE)
-    assert {name for name, model in SENSOR_MODELS.items() if model.attitude is None} == {"ideal"}
+    assert {name for name, model in SENSOR_MODELS.items() if model.attitude is None} == {"phone", "ideal"}
 
 
 @pytest.mark.parametrize("name", TABLE)

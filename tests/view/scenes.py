@@ -16,7 +16,7 @@ from pbd.data import GraspedObject, Gripper, JointLimits, JointTrajectory, Obsta
 from pbd.data.world import Stay, holds, stays
 from pbd.pose import Array, Pose
 from pbd.replay import robot_motion
-from pbd.view.motion import RobotMotion
+from pbd.view.motion import FRAME_RATE_HZ, RobotMotion
 from pbd.view.scene import ReplayKeyframe, ReplayScene, Touching
 
 QUARTER_TURN = Pose.from_rpy(np.zeros(3), (0.0, 0.0, np.pi / 2))
@@ -92,7 +92,7 @@ def rest_to_rest(
 def replay(
     arm: Robot, trajectory: JointTrajectory, labels: tuple[str, ...], grasped: GraspedObject | None = None
 ) -> ReplayScene:
-    motion = robot_motion(load_model(arm), trajectory)
+    motion = robot_motion(load_model(arm), trajectory.sample(FRAME_RATE_HZ))
     track, t = motion.tool(arm), motion.t
     sway = 0.008 * np.stack([np.sin(1.3 * t), np.cos(1.7 * t) - 1.0, np.sin(0.9 * t)], axis=1)
     path: Array = track.p + sway

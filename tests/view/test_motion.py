@@ -9,6 +9,7 @@ import pytest
 from pbd.arm.model import load_model
 from pbd.pose import Pose
 from pbd.replay import robot_motion
+from pbd.view.motion import FRAME_RATE_HZ
 from pbd.view.scene import ReplayScene
 from tests.view import scenes
 
@@ -50,5 +51,5 @@ def test_continuous_joints_turn() -> None:
     joints = tuple(f"j2s6s200_joint_{i}" for i in range(1, 7))
     robot = scenes.robot("kinova", "kinova_description/robots/kinova.urdf", "base", "j2s6s200_end_effector", joints)
     turn = scenes.rest_to_rest(joints, np.outer((0.0, 7.0), np.eye(6)[0]), 1.0, np.ones(2))
-    _, _, _, local = next(robot_motion(load_model(robot), turn).joints())
+    _, _, _, local = next(robot_motion(load_model(robot), turn.sample(FRAME_RATE_HZ)).joints())
     assert local[0].distance(local[-1])[1] == pytest.approx(7.0 - 2.0 * np.pi, abs=1e-9)

@@ -99,6 +99,19 @@ def test_a_scene_needs_no_more_than_a_robot_and_a_trajectory() -> None:
     assert commands(bare)[-1]["value"]["speed"] is None
 
 
+def test_a_detour_has_a_path_a_stretch_of_time_and_a_keyframe_of_its_own() -> None:
+    scene = scenes.ur5_moves()
+    assert not any("/detour" in command["path"] for command in commands(scene))
+    first, second = scene.keyframes[1].t, scene.keyframes[2].t
+    sent = commands(replace(scene, detours=((first, second),)))
+    (drawn,) = (command for command in sent if "/detour" in command["path"])
+    assert drawn["path"].endswith("/detour/0")
+    described = sent[-1]["value"]
+    ((start, end),) = described["detours"]
+    assert first <= start < end <= second
+    assert [keyframe["detour"] for keyframe in described["keyframes"]] == [False, False, True, False, False]
+
+
 def test_an_object_is_held_between_standing_and_standing() -> None:
     scene = scenes.pouring()
     tool = scene.motion.tool(scene.robot)

@@ -15,7 +15,6 @@ from typing import Any
 import coal
 import numpy as np
 import pinocchio as pin
-from scipy.spatial import ConvexHull, QhullError
 
 from pbd.arm.model import ArmModel, from_se3, to_se3
 from pbd.doors.meshes import from_mesh, mesh_triangles
@@ -92,6 +91,8 @@ def _hull(path: Path, scale: Triple) -> Array:
 
 
 def _corners(triangles: Array) -> dict[str, Any]:
+    from scipy.spatial import ConvexHull, QhullError  # takes its time to load, and hulls are kept on disk
+
     rounded = np.unique(np.rint(triangles.reshape(-1, 3) / ROUNDED_M), axis=0) * ROUNDED_M
     try:
         return {"points": rounded[ConvexHull(rounded).vertices]}

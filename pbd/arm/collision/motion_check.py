@@ -97,7 +97,7 @@ def object_stays(scene: CollisionScene, trajectory: JointTrajectory) -> tuple[St
     """Where the grasped object is during a motion."""
 
     def tool(t: float) -> Pose:  # what is never let go may rest at the last keyframe: the arm may still go home with it
-        return scene.arm.forward(trajectory.at(np.array([min(t, trajectory.keyframe_t[-1])])).q[0])
+        return scene.arm.forward(trajectory.at(np.array([min(t, *trajectory.keyframe_t[-1:])])).q[0])
 
     return scene.stays(holds(trajectory.gripper_t, trajectory.gripper_opening), tool)
 

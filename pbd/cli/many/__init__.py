@@ -5,8 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from pbd.cli.options import Commands, add_accept_gap, add_command, add_force, add_table
+from pbd.cli.options import Commands, add_accept_gap, add_command, add_force, add_table, add_tracking
 
+FIGURE_FORMATS = ("png", "svg", "pdf")
 MOST_JOBS = 256
 """Most processes of `pbd check`: more cores than a workstation has."""
 
@@ -61,3 +62,28 @@ def _jobs(text: str) -> int:
     if not text.removeprefix("-").isdecimal() or not (int(text) == -1 or 1 <= int(text) <= MOST_JOBS):
         raise argparse.ArgumentTypeError(f"must be 1 to {MOST_JOBS}, or -1, got '{text}'")
     return int(text)
+
+
+def add_plot(commands: Commands) -> None:
+    """Add `pbd plot`, of one demonstration or of several."""
+    parser = add_command(
+        commands,
+        "plot",
+        "draw a demonstration: the paper's figures and more; or compare several",
+        "Draw a demonstration into files: the paper's figures 5 to 10, attitude, specific force, velocity with its\n"
+        "residuals, sigma, magnetic field, sampling intervals, and a summary sheet. Several demonstrations of\n"
+        "one task are overlaid at their first stop, with the spread at each keyframe, which is also printed as a\n"
+        "table.",
+        "  pbd plot pouring --save figures --format svg\n  pbd plot paper-test1 paper-test2 --csv > spread.csv",
+    )
+    parser.add_argument(
+        "demos",
+        nargs="*",
+        metavar="DEMO",
+        help="names (in ./demos, or bundled), folders, or recordings (.csv, .npz); two or more are compared; "
+        "default: the newest in ./demos, else 'pouring'",
+    )
+    parser.add_argument("--save", type=Path, metavar="DIR", help="folder for the files (./plots/NAME)")
+    parser.add_argument("--format", choices=FIGURE_FORMATS, default="png", help="format of the files (png)")
+    add_table(parser, units="cm,deg")
+    add_tracking(parser, calibration="none")

@@ -13,20 +13,26 @@ from pbd.record.loop import Poll
 from pbd.record.values import Command
 from pbd.sensors import port as serial_port
 from pbd.sensors.decoding import Decoder
-from pbd.sensors.port import Port, open_port
+from pbd.sensors.phyphox.phone import PhonePort, is_address
+from pbd.sensors.port import open_port
 from pbd.sensors.probe import BOOT_S, FIRST_BAUD, LISTEN_S, LONGEST_PROBE_S, find_baud, probe
 from pbd.sensors.protocols import COMMAND_PAUSE_S, PROTOCOLS, protocol
+from pbd.sensors.reader import Source
+
+PHONE = "phyphox"
 
 GAMEPAD = "gamepad"
 
 
-def find_sensor(args: argparse.Namespace) -> tuple[str, Callable[[], Port], Decoder]:
+def find_sensor(args: argparse.Namespace) -> tuple[str, Callable[[], Source], Decoder]:
     """The sensor's name, what opens its port, and its decoder.
 
     Raises:
         SensorError: nothing or several are plugged in, or nothing known is heard.
     """
     wanted: str | None = args.sensor
+    if wanted == PHONE or is_address(args.port):
+        return _phone(args)
     make = None if wanted is None else decoder_maker(args, wanted, args.unit)  # before anything is opened
     if wanted == GAMEPAD:
         if args.baud or args.rate:
@@ -35,7 +41,7 @@ def find_sensor(args: argparse.Namespace) -> tuple[str, Callable[[], Port], Deco
         from pbd.sensors.gamepad_port import open_gamepad
 
         return wanted, lambda: open_gamepad(args.port), make()
-    device, baud = args.port or _only_port(), args.baud
+    device, baud = args.port or only_port(), args.baud
     if wanted is None:
         wanted, heard_at = _listened(device)
         baud = baud or heard_at
@@ -52,6 +58,29 @@ def find_sensor(args: argparse.Namespace) -> tuple[str, Callable[[], Port], Deco
                 port.write(command)
                 time.sleep(COMMAND_PAUSE_S)
     return wanted, lambda: open_port(device, baud), make()
+
+
+def _phone(args: argparse.Namespace) -> tuple[str, Callable[[], Source], Decoder]:
+    """A phone is known to a calibration by its model."""
+    if args.sensor not in (PHONE, None):
+        raise SensorError(f"{args.sensor} has a serial port; for a phone give --sensor {PHONE}", value=args.sensor)
+    if args.port is None:
+        raise SensorError(
+            f"where is the phone? give --port http://ADDRESS:8080 as {PHONE} shows it, once remote access is allowed"
+        )
+    if args.baud or args.rate:
+        raise SensorError("a phone has no baud or rate to choose; leave out --baud and --rate")
+    phone = PhonePort(args.port)
+    opened = False
+
+    def open_again() -> Source:
+        nonlocal opened
+        if opened:
+            phone.connect()
+        opened = True
+        return phone
+
+    return (f"{PHONE} ({phone.model})" if phone.model else PHONE), open_again, protocol(PHONE).decoder()
 
 
 def by_buttons(poll: Poll, decoder: Decoder) -> Poll:
@@ -86,12 +115,11 @@ def _listened(device: str) -> tuple[str, int]:
     raise SensorError(f"the protocol of {device} is not recognised: {why}", path=device)
 
 
-def _only_port() -> str:
+def only_port(what: str = "sensor", instead: str = ", or try --sensor sim") -> str:
+    """Name the only USB port that has something plugged in, `what`; SensorError where there are none or several."""
     ports = [port for port in serial_port.list_ports() if port.usb]  # a board's own ttyS0 is always there
     if len(ports) == 1:
         return ports[0].device
     if not ports:
-        raise SensorError(
-            "no USB serial port has anything plugged in; plug the sensor in, name its --port, or try --sensor sim"
-        )
+        raise SensorError(f"no USB serial port has anything plugged in; plug the {what} in, name its --port{instead}")
     raise SensorError(f"several ports have something plugged in ({', '.join(p.device for p in ports)}); name a --port")

@@ -8,48 +8,52 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pbd.doors.atomic import atomic_file
-from pbd.errors import PbdError, PbdWarning, PlanError, nearest
+from pbd.doors.atomic import atomic_file, atomic_folder
+from pbd.errors import PbdError, PbdWarning, nearest
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Sequence
 
     from pbd.data import JointTrajectory, Robot, Samples
-    from pbd.data.receiver import Rule, Share
-    from pbd.files.exporters.order import Order, Source
+    from pbd.data.receiver import Rule
+    from pbd.files.exporters.order import Source
+    from pbd.files.exporters.received import Shares
 
 FORMATS = {
     **{"csv": "csv", "npz": "npz", "ros2-json": "ros2_json"},
     "keyframes": "keyframes",
     **{"tum": "tum", "tum-hand": "tum"},
-    **{"urscript": "urscript", "mcap": "mcap"},
+    **{"urscript": "urscript", "mcap": "mcap", "lerobot": "lerobot", "glb": "glb"},
 }
 """Format -> its file here, with `samples(order)` and `write(order, samples, path)`. COUNTED says what these samples are
-called, FILLED_BY by which rules receivers fill the gaps between them."""
+called, FILLED_BY by which rules receivers fill the gaps between them; `read(path)` reads them back for that."""
 
-SUFFIXES = {".csv": "csv", ".npz": "npz", ".json": "ros2-json", ".tum": "tum", ".script": "urscript", ".mcap": "mcap"}
+SUFFIXES = {
+    **{".csv": "csv", ".npz": "npz", ".json": "ros2-json", ".tum": "tum"},
+    **{".script": "urscript", ".mcap": "mcap", ".glb": "glb"},
+}
 """What a file's name ends in, and the format that it says."""
 
-ALSO = {"keyframes": (".json", ".csv"), "tum-hand": (".tum",)}
+ALSO = {"keyframes": (".json", ".csv"), "tum-hand": (".tum",), "lerobot": ()}
 """What else the file of a format may end in: such a format must be named."""
+
+FOLDERS = ("lerobot",)
+"""Formats that are a folder, of several motions."""
 
 LOWEST_HZ, HIGHEST_HZ = 10.0, 1e5
 
 ROW_BY_ROW = ("csv", "npz")
 """Formats whose rows are sent one by one, each at its time. What cubics between them would do is told all the same."""
 
-WITHOUT_RATE = ("keyframes", "tum-hand")
-"""Formats that have no samples, or not by a clock."""
-
-ROUNDING = 5e-4
-"""Share by which a receiver may exceed a limit between points, from rounding to whole nanoseconds."""
+WITHOUT_RATE = ("keyframes", "tum-hand", "lerobot")
+"""Formats that have no samples, not by a clock, or at 30 Hz alone."""
 
 CUBIC_EXCESS = 0.1
 """Share above a limit that cubics between samples may reach without a warning, in a format that isn't made for them.
 At 1 kHz a panda's acceleration is exceeded by 0.07, which docs/exports.md says."""
 
 
-FOR_SOME = ("urscript", "mcap")
+FOR_SOME = ("urscript", "mcap", "lerobot")
 """Formats that are not for every robot, or need a package of their own."""
 
 
@@ -65,7 +69,7 @@ class Export:
 
     samples: Samples
     counted: str
-    receiver: Mapping[Rule, tuple[Share, Share, Share]]
+    receiver: Shares
 
 
 def check_format(
@@ -113,46 +117,65 @@ def export(
 
     Raises:
         PbdError: the format is not known, the rate is out of range, the file can't be written.
-        PlanError: by the rule of the format's receivers a limit would be broken between samples.
+        PlanError: replayed from the file by the rule of the format's receivers, the motion would break a limit, miss a
+            keyframe or touch something; nothing is written.
     """
     check_format(format_name, rate_hz, dense)
+    if format_name in FOLDERS:
+        return export_dataset([(trajectory, source)], robot, path)[0]
+    from pbd.data.receiver import shares
     from pbd.files.exporters.order import Order
+    from pbd.files.exporters.received import check_received, reached
 
     file_format = import_module(f"{__name__}.{FORMATS[format_name]}")
     order = Order(format_name, trajectory, robot, path.suffix.lower(), rate_hz, dense, source)
     points = file_format.samples(order)
-    receiver = _replayed(points, order, file_format.FILLED_BY)
+    rules: tuple[Rule, ...] = file_format.DENSE_FILLED_BY if dense else file_format.FILLED_BY
+    receiver: Shares = {}
     with atomic_file(path) as unfinished:
         file_format.write(order, points, unfinished)
+        if rules:
+            receiver = check_received(order, file_format.read(unfinished), rules)
+    if format_name in ROW_BY_ROW:
+        worst = max(shares(points, "cubic", robot.limits), key=lambda share: share.value)
+        if worst.value > 1.0 + CUBIC_EXCESS:
+            warnings.warn(
+                f"{reached(order, points, 'cubic', worst)}; send each sample at its time, give a higher --rate, or "
+                "take ros2-json, which is exact",
+                PbdWarning,
+                stacklevel=2,
+            )
     return Export(points, file_format.COUNTED, receiver)
 
 
-def _replayed(points: Samples, order: Order, rules: tuple[Rule, ...]) -> dict[Rule, tuple[Share, Share, Share]]:
-    """Fill the gaps as the format's receivers do; where they fill none, warn of what cubics would do."""
-    from pbd.data.receiver import shares
+def export_dataset(
+    motions: Sequence[tuple[JointTrajectory, Source | None]], robot: Robot, folder: Path, task: str = ""
+) -> list[Export]:
+    """Write motions of one robot as a LeRobot dataset, or add them to one; it appears whole or stays as it was.
 
-    robot, rate_hz = order.robot, order.rate_hz
-    found = {rule: shares(points, rule, robot.limits) for rule in rules}
-    for rule, used in found.items():
-        worst = max(used, key=lambda share: share.value)
-        if not worst.value <= 1.0 + ROUNDING:
-            what = _reached(points, robot, rule, worst)
-            how = "give a lower --rate, or none" if rate_hz is not None else "give a lower --speed, such as 0.95"
-            raise PlanError(f"{what}; {how}", joint=robot.joints[worst.joint], value=worst.value, bound=1.0)
-    if order.format_name in ROW_BY_ROW:
-        worst = max(shares(points, "cubic", robot.limits), key=lambda share: share.value)
-        if worst.value > 1.0 + CUBIC_EXCESS:
-            what = _reached(points, robot, "cubic", worst)
-            warnings.warn(
-                f"{what}; send each sample at its time, give a higher --rate, or take ros2-json, which is exact",
-                PbdWarning,
-                stacklevel=3,
-            )
-    return found
+    Args:
+        motions: each with what it was made from.
+        robot: whose they are.
+        folder: where; it is made, or holds this robot's episodes that pbd wrote.
+        task: what they do, in words; each motion's own name where nobody said.
 
+    Raises:
+        PbdError: the folder holds something else, or can't be written.
+        PlanError: as `export`.
+    """
+    from pbd.files.exporters import lerobot
+    from pbd.files.exporters.order import Order
+    from pbd.files.exporters.received import check_received
 
-def _reached(points: Samples, robot: Robot, rule: Rule, worst: Share) -> str:
-    return (
-        f"a controller that fills the gaps between samples by {rule}s would reach {worst.value:.2f} times "
-        f"{robot.joints[worst.joint]}'s {worst.limit} limit, at {points.t[worst.point]:.2f} s"
-    )
+    lerobot.check(robot)
+    orders = [Order("lerobot", trajectory, robot, "", made_from=source, task=task) for trajectory, source in motions]
+    points = [lerobot.samples(order) for order in orders]
+    before = lerobot.read_episodes(folder, robot)
+    done = []
+    with atomic_folder(folder) as unfinished:
+        lerobot.write(robot, [*before, *map(lerobot.episode, orders, points)], unfinished)
+        written = lerobot.read_episodes(unfinished, robot)[len(before) :]
+        for order, sampled, episode in zip(orders, points, written, strict=True):
+            found = check_received(order, lerobot.read(robot, episode), lerobot.FILLED_BY, lerobot.DIGITS)
+            done.append(Export(sampled, lerobot.COUNTED, found))
+    return done

@@ -9,10 +9,9 @@ import numpy as np
 from pbd.data import Samples
 from pbd.data.receiver import Rule
 from pbd.files.exporters.order import Order
-from pbd.files.table import write_table
 
-FILLED_BY: tuple[Rule, ...] = ()
-"""None: whoever reads the file takes each row at its time."""
+FILLED_BY: tuple[Rule, ...] = ("hold",)
+"""Whoever reads the file takes each row at its time."""
 
 COUNTED = "samples"
 
@@ -25,11 +24,17 @@ def samples(order: Order) -> Samples:
 
 
 def write(order: Order, points: Samples, path: Path) -> None:
-    """Write columns t (s), q_NAME (rad), dq_NAME (rad/s), ddq_NAME (rad/s2), gripper (1 open, 0 closed)."""
+    """Write columns t (s), q_NAME (rad), dq_NAME (rad/s), ddq_NAME (rad/s2), gripper (1 open, 0 closed), all digits."""
     names = order.trajectory.joint_names
     header = ("t", *(f"{kind}_{name}" for kind in ("q", "dq", "ddq") for name in names), "gripper")
     values = np.column_stack((points.t, points.q, points.qd, points.qdd, points.gripper))
-    k = len(names)
-    decimals = (6, *(9,) * k, *(8,) * k, *(6,) * k, 6)
-    least = 0.5 * 10.0 ** -np.array(decimals)
-    write_table(path, header, np.where(np.abs(values) <= least, 0.0, values), decimals)  # no -0.000000
+    with path.open("w", encoding="utf-8", newline="\n") as file:
+        file.write(",".join(header) + "\n")
+        file.writelines(",".join(map(repr, row)) + "\n" for row in (values + 0.0).tolist())  # no -0.0
+
+
+def read(path: Path) -> Samples:
+    """Read what `write` wrote."""
+    values = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
+    q, qd, qdd = np.split(values[:, 1:-1], 3, axis=1)
+    return Samples(values[:, 0], q, qd, qdd, values[:, -1])

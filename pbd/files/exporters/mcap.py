@@ -19,7 +19,7 @@ from pbd.files.exporters.order import Order
 from pbd.files.exporters.ros2_json import COUNTED, FILLED_BY, finger_message, samples
 from pbd.pose import Array, Pose, quat_to_xyzw
 
-__all__ = ["COUNTED", "FILLED_BY", "check", "samples", "write"]
+__all__ = ["COUNTED", "FILLED_BY", "check", "read", "samples", "write"]
 
 USUAL_HZ = 100.0
 """Of the arm's states; its JointTrajectory has the motion's own knots."""
@@ -56,6 +56,26 @@ def write(order: Order, points: Samples, path: Path) -> None:
         with Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
             _Bag(order, writer).fill(points)
         next(bag.glob("*.mcap")).replace(path)
+
+
+def read(path: Path) -> Samples:
+    """Read the arm's goal of what `write` wrote; the gripper has its own, and is not told."""
+    from rosbags.rosbag2 import Reader
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with TemporaryDirectory() as folder:
+        link = Path(folder) / "bag.mcap"  # rosbags goes by the name's ending
+        link.symlink_to(path.absolute())
+        with Reader(link) as bag:
+            goal = [each for each in bag.connections if each.topic == "/joint_trajectory"]
+            _, _, data = next(bag.messages(goal))
+    points = store.deserialize_cdr(data, goal[0].msgtype).points
+    t = np.array([each.time_from_start.sec + 1e-9 * each.time_from_start.nanosec for each in points])
+    q, qd, qdd = (
+        np.array([getattr(each, name) for each in points]) for name in ("positions", "velocities", "accelerations")
+    )
+    return Samples(t, q, qd, qdd, np.full(len(t), np.nan))
 
 
 class _Bag:

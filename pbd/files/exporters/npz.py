@@ -7,14 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from pbd.data import Samples
-from pbd.data.receiver import Rule
-from pbd.files.exporters.csv import COUNTED, samples
+from pbd.files.exporters.csv import COUNTED, FILLED_BY, samples
 from pbd.files.exporters.order import Order
 
-__all__ = ["COUNTED", "FILLED_BY", "samples", "write"]
-
-FILLED_BY: tuple[Rule, ...] = ()
-"""None: a client sends each row at its time."""
+__all__ = ["COUNTED", "FILLED_BY", "read", "samples", "write"]
 
 
 def write(order: Order, points: Samples, path: Path) -> None:
@@ -29,3 +25,9 @@ def write(order: Order, points: Samples, path: Path) -> None:
             ddq=points.qdd,
             gripper=points.gripper,
         )
+
+
+def read(path: Path) -> Samples:
+    """Read what `write` wrote."""
+    with np.load(path, allow_pickle=False) as file:
+        return Samples(*(file[name] for name in ("t", "q", "dq", "ddq", "gripper")))

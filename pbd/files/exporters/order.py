@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from pbd.data import HandPath, JointTrajectory, Keyframe, Robot
 from pbd.errors import PbdError
@@ -21,6 +22,8 @@ class Source:
         T_base_nav: where nav lies.
         tool: gives the tool's positions (m, 3) in m and wxyz (m, 4) in base, at joints (m, k).
         links: gives each link's parent and its pose there, at joints (k,) and an opening (1 open, 0 closed).
+        audit: refuses a motion made of a file's points that misses a keyframe, or would touch something.
+        draw: writes the replay's scene at instants (n,) s as GLB.
     """
 
     name: str
@@ -29,6 +32,8 @@ class Source:
     T_base_nav: Pose
     tool: Callable[[Array], tuple[Array, Array]]
     links: Callable[[Array, float], dict[str, tuple[str, Pose]]]
+    audit: Callable[[JointTrajectory], None]
+    draw: Callable[[Array, Path], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +47,7 @@ class Order:
         rate_hz: samples a second; None: as the format has it.
         dense: samples at the controller's period, where the format has keyframes.
         made_from: what the motion was made from, or None.
+        task: what it does, in words, where a format has that; its name where nobody said.
     """
 
     format_name: str
@@ -51,6 +57,7 @@ class Order:
     rate_hz: float | None = None
     dense: bool = False
     made_from: Source | None = None
+    task: str = ""
 
     @property
     def source(self) -> Source:

@@ -62,6 +62,14 @@ def write(order: Order, points: Samples, path: Path) -> None:
     path.write_text(f"{{{', '.join(parts)}}}\n", encoding="utf-8")
 
 
+def read(path: Path) -> Samples:
+    """Read the arm's goal of what `write` wrote; the gripper has its own, and is not told."""
+    points = json.loads(path.read_text(encoding="utf-8"))["points"]
+    t = np.array([point["time_from_start"]["sec"] + 1e-9 * point["time_from_start"]["nanosec"] for point in points])
+    q, qd, qdd = (np.array([point[name] for point in points]) for name in ("positions", "velocities", "accelerations"))
+    return Samples(t, q, qd, qdd, np.full(len(t), np.nan))
+
+
 def finger_message(trajectory: JointTrajectory, gripper: Gripper) -> dict[str, Any]:
     """Make the goal of the finger joints: positions alone, between which the controller goes evenly, as planned."""
     t = np.concatenate(([0.0], trajectory.gripper_t, [trajectory.duration]))

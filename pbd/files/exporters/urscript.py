@@ -15,13 +15,16 @@ from typing import NamedTuple
 import numpy as np
 
 from pbd.data import Robot, Samples
-from pbd.data.receiver import Rule
+from pbd.data.receiver import Rule, set_points
 from pbd.errors import PbdError, PlanError
 from pbd.files.exporters.order import Order
 from pbd.pose import Array
 
-FILLED_BY: tuple[Rule, ...] = ()
-"""By trapezoids of velocity along the planned straight moves, within the velocity and acceleration limits."""
+FILLED_BY: tuple[Rule, ...] = ("trapezoid",)
+"""By trapezoids of velocity along straight moves in joint space; the jerk is the controller's own."""
+
+DENSE_FILLED_BY: tuple[Rule, ...] = ("hold",)
+"""servoj takes each row at its time."""
 
 COUNTED = "points"
 
@@ -113,7 +116,7 @@ def write(order: Order, points: Samples, path: Path) -> None:
         elif order.dense:
             period = 1.0 / (order.rate_hz or PERIODS_HZ[0])
             rows = trajectory.at(_instants(order, leg)).q
-            lines += [f"  servoj([{_numbers(q, 9)}], 0, 0, {period:g}, 0.1, 300)\n" for q in rows]
+            lines += [f"  servoj([{_numbers(q, 12)}], 0, 0, {period:g}, 0.1, 300)\n" for q in rows]
             lines[-1] = f"{lines[-1][:-1]}{remark}\n"
         else:
             a, v = _speeds(order, leg)
@@ -199,3 +202,71 @@ def _seconds(seconds: float) -> str:
 
 def _numbers(q: Array, decimals: int) -> str:
     return ", ".join(f"{x:.{decimals}f}" for x in np.round(q, decimals) + 0.0)
+
+
+def read(path: Path) -> Samples:
+    """Run what `write` wrote, as the controller does: where the arm is whenever its acceleration changes, or each beat.
+
+    A servoj lasts a whole period, so a dense motion falls behind the planned one by up to a period for each move.
+    """
+    head, *body = path.read_text(encoding="utf-8").partition("\n  start = ")
+    run = _Run(_floats(body[1].partition("\n")[0]), float(re.findall(r"sleep\((.+)\)", head)[0]))
+    for name, given in re.findall(
+        r"^  (movej|servoj|sleep|gripper_open|gripper_close)\((.*?)\)(?:  #|$)", body[1], re.M
+    ):
+        if name == "movej":
+            run.move(_floats(given), *(float(each) for each in re.findall(r"[av]=([^,]+)", given)))
+        elif name == "servoj":
+            run.period = float(given.split("], ")[1].split(", ")[2])
+            run.add(run.period, _floats(given))
+        else:
+            seconds = float(given) if name == "sleep" else run.stroke
+            run.stay(seconds, {"gripper_open": 1.0, "gripper_close": 0.0}.get(name))
+    return run.samples()
+
+
+def _floats(listed: str) -> Array:
+    return np.array([float(each) for each in listed.partition("[")[2].partition("]")[0].split(",")])
+
+
+class _Run:
+    """A program's run; joints q (6,), the gripper's stroke in s, and the period (s) of servoj once there was one."""
+
+    def __init__(self, q: Array, stroke: float) -> None:
+        self.stroke, self.period = stroke, 0.0
+        self.rows: list[tuple[float, Array, Array, Array, float]] = [(0.0, q, 0.0 * q, 0.0 * q, np.nan)]
+
+    def add(self, dt: float, q: Array, qd: float | Array = 0.0, qdd: float | Array = 0.0) -> None:
+        """Go on by dt s: then the arm is there, with this velocity, and from then on with this acceleration."""
+        t, *_, opening = self.rows[-1]
+        self.rows.append((t + dt, q, qd + 0.0 * q, qdd + 0.0 * q, opening))
+
+    def move(self, q: Array, a: float, v: float) -> None:
+        """A trapezoid of the leading joint's velocity, or a triangle; the others in step."""
+        t, before, *_, opening = self.rows.pop()
+        reach = float(np.abs(q - before).max())
+        way = (q - before) / (reach or 1.0)
+        v = min(v, float(np.sqrt(a * reach)))
+        rise, even = v / a, max(reach / v - v / a, 0.0) if reach else 0.0
+        self.rows.append((t, before, 0.0 * q, a * way, opening))
+        if even > 1e-9:
+            self.add(rise, before + 0.5 * v * rise * way, v * way)
+        self.add(even if even > 1e-9 else rise, q - 0.5 * v * rise * way, v * way, -a * way)
+        self.add(rise, q)
+
+    def stay(self, seconds: float, opening: float | None) -> None:
+        """Stand for a time, in which the gripper may go to an opening."""
+        *_, q, _, _, before = self.rows[-1]
+        if opening is not None and np.isnan(before):
+            self.rows = [(*row[:-1], 1.0 - opening) for row in self.rows]
+            before = 1.0 - opening
+        steps = int(np.ceil(seconds / self.period)) if self.period else 1
+        for i in range(1, steps + 1):
+            self.add(self.period or seconds, q)
+            if opening is not None:
+                self.rows[-1] = (*self.rows[-1][:-1], before + i / steps * (opening - before))
+
+    def samples(self) -> Samples:
+        t, q, qd, qdd, opening = (np.array(column) for column in zip(*self.rows, strict=True))
+        opening = np.nan_to_num(opening, nan=1.0)
+        return set_points(t, q, opening) if self.period else Samples(t, q, qd, qdd, opening)

@@ -49,7 +49,7 @@ def import_recording(
 
     Args:
         path: .csv, .txt, .tsv or .log with a header or with names beside the numbers; .npz; .mcap, .db3 or a rosbag2's
-            folder; an x-IMU3's folder.
+            folder; an x-IMU3's folder; a zip or folder of Sensor Logger's or phyphox', or a CSV in it.
         columns: of a table: ours (t, gx ... mz, heading, pitch, roll) -> the file's, where the header doesn't tell.
         units: of a table: of t, gyr, acc, mag or angle, where the header doesn't tell.
         rate_hz: of a table without times.
@@ -61,6 +61,7 @@ def import_recording(
     source = path / XIO_FILE if (path / XIO_FILE).is_file() else path
     suffix, truth, understood = source.suffix.lower(), None, None
     is_bag = suffix in (".mcap", ".db3") or (source / "metadata.yaml").is_file()
+    may_be_phone = not is_bag and (source.is_dir() or suffix in (".csv", ".zip")) and not columns and not units
     if topic is not None and not is_bag:
         raise RecordingError(f"{path}: only a bag has topics; leave --topic out", path=path)
     if suffix == ".npz" or is_bag:
@@ -70,7 +71,14 @@ def import_recording(
         if rate_hz is not None:
             its = "times of its own" if is_bag else "its own rate_hz"
             raise RecordingError(f"{path}: {kind} has {its}; leave --rate out", path=path)
-    if is_bag:
+    phone = None
+    if may_be_phone:
+        from pbd.files.importers.phones import read_phone
+
+        phone = read_phone(source)
+    if phone is not None:
+        recording, understood = phone
+    elif is_bag:
         from pbd.files.importers.bag import read_bag
 
         recording = read_bag(source, topic)
@@ -84,7 +92,11 @@ def import_recording(
         recording, understood = read_csv(source, columns or {}, units or {}, rate_hz)
     else:
         known = ".csv, .tsv, .txt, .npz, .mcap or .db3"
-        kind = "this folder: it is no bag and no x-IMU3's" if path.is_dir() else f"'{suffix}' files"
+        kind = f"'{suffix}' files"
+        if path.is_dir():
+            kind = "this folder: it is no bag, no x-IMU3's and no phone's"
+        elif suffix == ".zip":
+            kind = "this zip: no recording of Sensor Logger or phyphox is in it"
         raise RecordingError(f"{path}: can't import {kind}; give a {known}", path=path)
     info = replace(recording.info, name=_as_text(path.stem), sensor="unknown (imported)")
     demo = Demonstration(replace(recording, info=info), truth, notes=f"Imported from {_as_text(path.name)}.")

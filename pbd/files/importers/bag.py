@@ -6,6 +6,9 @@ covariance begins with -1 there is no such estimate (sensor_msgs/Imu.msg), so wh
 
 from __future__ import annotations
 
+import mmap
+import os
+import stat
 import struct
 import warnings
 from collections.abc import Iterator
@@ -18,20 +21,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.data import Recording
-from pbd.doors.opening import LARGE, read_bytes
+from pbd.doors.opening import LARGE
 from pbd.errors import PbdError, PbdWarning, RecordingError, in_words, listed
 from pbd.pose import Array, quat_from_xyzw, quat_to_rpy
 
 IMU, FIELD = "sensor_msgs/msg/Imu", "sensor_msgs/msg/MagneticField"
-IMU_DOUBLES, FIELD_DOUBLES = 4 + 9 + 3 + 9 + 3 + 9, 3 + 9
+IMU_DOUBLES, IMU_PARTS = 4 + 9 + 3 + 9 + 3 + 9, ((0, 4), (13, 16), (25, 28))
+FIELD_DOUBLES, FIELD_PARTS = 3 + 9, ((0, 3),)
 """Imu: orientation xyzw, turn rate rad/s, specific force m/s2; MagneticField: the field in tesla; each with the nine
-numbers of its covariance behind it."""
+numbers of its covariance behind it, the first of which is -1 where it isn't known."""
+
+AT_ONCE = 20_000
+"""Messages that are decoded at once: 7 MB."""
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 MCAP_FOOTER = b"\x02" + struct.pack("<Q", 20) + bytes(20) + MCAP_MAGIC
 """What ends an MCAP that has no index (mcap.dev/spec)."""
 
-CHUNK, CHUNK_HEAD = 6, struct.Struct("<QQQI")
+FOOTER, CHUNK, CHUNK_HEAD = 2, 6, struct.Struct("<QQQI")
 
 MOST_SWOLLEN = 50
 """Largest ratio of a chunk's contents to its compressed bytes: numbers from a sensor shrink to a fifth at most."""
@@ -53,7 +60,8 @@ def read_bag(path: Path, topic: str | None = None) -> Recording:
     except ImportError:
         what = "a bag needs the package rosbags; install it with: pip install 'pbd-robot[ros]'"
         raise PbdError(what) from None
-    messages: dict[str, list[bytes]] = {IMU: [], FIELD: []}
+    imu, field = _Messages(path, IMU_PARTS, IMU_DOUBLES), _Messages(path, FIELD_PARTS, FIELD_DOUBLES)
+    take = {IMU: imu.take, FIELD: field.take}
     with _whole(path) as whole:
         try:
             with Reader(whole) as reader:
@@ -61,46 +69,69 @@ def read_bag(path: Path, topic: str | None = None) -> Recording:
                 # Without an index rosbags wants the messages in the order of their arrival, which isn't asked for here.
                 read = reader.messages if whole == path else reader.storage.messages_scan
                 for connection, _, data in read(connections):
-                    messages[connection.msgtype].append(data)
+                    take[connection.msgtype](data)
         except PbdError:
             raise
         except Exception as reason:  # damaged bytes make sqlite, yaml and zstd raise errors of their own
             what = f"{path}: can't be read as a bag ({in_words(reason) or type(reason).__name__}); record it again"
             raise RecordingError(what, path=path) from None
-    if not messages[IMU]:
+    ns, values = imu.all()
+    if not len(ns):
         raise RecordingError(f"{path}: its {IMU} has no messages; name another --topic", path=path)
-    ns, imu = _decoded(path, messages[IMU], IMU_DOUBLES)
     begin = ns[0]
-    # What is beside a covariance that begins with -1 isn't known.
-    xyzw, gyr, acc = (np.where(imu[:, k : k + 1] == -1.0, np.nan, imu[:, i:k]) for i, k in ((0, 4), (13, 16), (25, 28)))
+    xyzw, gyr, acc = np.split(values, (4, 7), axis=1)
     t, mag = 1e-9 * (ns - begin), None
-    if messages[FIELD]:
-        ns_field, field = _decoded(path, messages[FIELD], FIELD_DOUBLES)
-        mag = np.column_stack([np.interp(t, 1e-9 * (ns_field - begin), 1e6 * axis) for axis in field.T[:3]])
+    ns_field, tesla = field.all()
+    if len(ns_field):
+        mag = np.column_stack([np.interp(t, 1e-9 * (ns_field - begin), 1e6 * axis) for axis in tesla.T])
     gyr_or_none = gyr if np.isfinite(gyr).any() else None
     return Recording(t=t, acc=acc, gyr=gyr_or_none, mag=mag, device_rpy=_device_rpy(xyzw))
 
 
-def _decoded(path: Path, messages: list[bytes], doubles: int) -> tuple[NDArray[np.int64], Array]:
-    """Stamps (n,) ns, in order, and the numbers (n, doubles) of messages that end with so many.
+class _Messages:
+    """Messages of one type, decoded many at once: an object for each would take a minute for an hour at 400 Hz.
 
-    In CDR a header comes first (4 bytes of encapsulation, seconds, nanoseconds, the frame's name); what follows is
-    doubles alone. A Python object for each would take a minute for an hour at 400 Hz.
+    In CDR a header comes first (4 bytes of encapsulation, seconds, nanoseconds, the frame's name); what follows in
+    these types is doubles alone.
     """
-    ns, values = np.empty(len(messages), dtype=np.int64), np.empty((len(messages), doubles))
-    lengths = np.array([len(message) for message in messages])
-    for length in np.unique(lengths):
-        if length < 16 + 8 * doubles:
-            raise RecordingError(f"{path}: a message of {length} bytes is too short for its type; record it again")
-        rows = np.flatnonzero(lengths == length)
-        raw = np.frombuffer(b"".join(messages[row] for row in rows), dtype=np.uint8).reshape(-1, length)
-        order = "<" if raw[0, 1] & 1 else ">"
-        stamps = np.ascontiguousarray(raw[:, 4:12])
-        ns[rows] = stamps[:, :4].copy().view(f"{order}i4")[:, 0].astype(np.int64) * 10**9
-        ns[rows] += stamps[:, 4:].copy().view(f"{order}u4")[:, 0]
-        values[rows] = np.ascontiguousarray(raw[:, -8 * doubles :]).view(f"{order}f8")
-    by_time = np.argsort(ns, kind="stable")
-    return ns[by_time], values[by_time]
+
+    def __init__(self, path: Path, parts: tuple[tuple[int, int], ...], doubles: int) -> None:
+        self._path, self._parts, self._doubles = path, parts, doubles
+        self._waiting: list[bytes] = []
+        self._ns: list[NDArray[np.int64]] = []
+        self._values: list[Array] = []
+
+    def take(self, message: bytes) -> None:
+        """Take the next one."""
+        self._waiting.append(message)
+        if len(self._waiting) >= AT_ONCE:
+            self._decode()
+
+    def all(self) -> tuple[NDArray[np.int64], Array]:
+        """Stamps (n,) ns, in order, and the parts side by side (n, m); NaN where a covariance says "none"."""
+        self._decode()
+        if not self._ns:
+            return np.empty(0, dtype=np.int64), np.empty((0, 0))
+        ns, values = np.concatenate(self._ns), np.vstack(self._values)
+        by_time = np.argsort(ns, kind="stable")
+        return ns[by_time], values[by_time]
+
+    def _decode(self) -> None:
+        waiting, self._waiting = self._waiting, []
+        lengths = np.array([len(message) for message in waiting])
+        for length in np.unique(lengths):
+            if length < 16 + 8 * self._doubles:
+                what = f"{self._path}: a message of {length} bytes is too short for its type; record it again"
+                raise RecordingError(what, path=self._path)
+            rows = np.flatnonzero(lengths == length)
+            raw = np.frombuffer(b"".join(waiting[row] for row in rows), dtype=np.uint8).reshape(-1, length)
+            order = "<" if raw[0, 1] & 1 else ">"
+            seconds, nanoseconds = (raw[:, k : k + 4].copy() for k in (4, 8))
+            ns = seconds.view(f"{order}i4")[:, 0].astype(np.int64) * 10**9
+            self._ns.append(ns + nanoseconds.view(f"{order}u4")[:, 0])
+            values = raw[:, -8 * self._doubles :].copy().view(f"{order}f8")
+            known = (np.where(values[:, k : k + 1] == -1.0, np.nan, values[:, i:k]) for i, k in self._parts)
+            self._values.append(np.hstack(list(known)))
 
 
 def _choose(path: Path, connections: list[Any], topic: str | None) -> list[Any]:
@@ -146,41 +177,52 @@ def _whole(path: Path) -> Iterator[Path]:
     if path.suffix.lower() != ".mcap":
         yield path
         return
-    data = read_bytes(path, RecordingError, "give a bag")
-    if not data.startswith(MCAP_MAGIC):
+    data = _mapped(path)
+    if data[: len(MCAP_MAGIC)] != MCAP_MAGIC:
         raise RecordingError(f"{path}: it is no MCAP (its first bytes say so); give another file", path=path)
-    kept, end = _whole_records(path, data)
-    if data.endswith(MCAP_MAGIC) and end == len(data) - len(MCAP_MAGIC):
+    parts, end = _whole_records(path, data)
+    if data[-len(MCAP_MAGIC) :] == MCAP_MAGIC and end == len(data) - len(MCAP_MAGIC):
         yield path
         return
     what = f"{path}: its end is missing, as after a crash; it is read as far as it goes"
     warnings.warn(what, PbdWarning, stacklevel=2)
     with TemporaryDirectory() as folder:
         mended = Path(folder) / "mended.mcap"
-        mended.write_bytes(kept + MCAP_FOOTER)
+        mended.write_bytes(MCAP_MAGIC + b"".join(data[part] for part in parts) + MCAP_FOOTER)
         yield mended
 
 
-def _whole_records(path: Path, data: bytes) -> tuple[bytes, int]:
-    """All whole records, and where they end; of a last chunk that is cut off and not compressed its records too."""
-    at, swollen = len(MCAP_MAGIC), 0
-    while at + 9 <= len(data) - 8:
+def _mapped(path: Path) -> mmap.mmap | bytes:
+    """A file's bytes, of which only those that are looked at are read: a bag may be larger than the memory."""
+    try:
+        with path.open("rb") as file:
+            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+                raise OSError("it is not a regular file")
+            return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+    except ValueError:  # an empty file can't be mapped
+        return b""
+    except OSError as reason:
+        raise RecordingError(f"{path}: can't be read ({in_words(reason)}); give a bag", path=path) from None
+
+
+def _whole_records(path: Path, data: mmap.mmap | bytes, at: int = len(MCAP_MAGIC)) -> tuple[list[slice], int]:
+    """Where all whole records are from `at` on, and where they end; of a last chunk that is cut off its records too."""
+    begin = at
+    while at + 9 <= len(data):
         kind, (size,) = data[at], struct.unpack_from("<Q", data, at + 1)
-        if kind == CHUNK and size >= CHUNK_HEAD.size + 4 and at + 9 + CHUNK_HEAD.size + 4 <= len(data):
+        inside = at + 9 + CHUNK_HEAD.size + 4 + 8
+        if kind == CHUNK and inside <= len(data):
             _, _, contents, _ = CHUNK_HEAD.unpack_from(data, at + 9)
-            swollen += contents
-            if swollen > LARGE or contents > MOST_SWOLLEN * max(size, 10_000):
-                what = f"its chunks swell to {swollen / 1e6:.0f} MB or more"
-                raise RecordingError(f"{path}: {what}, which is refused; split the bag", path=path, value=swollen)
-            if at + 9 + size > len(data):
-                name = struct.unpack_from("<I", data, at + 9 + CHUNK_HEAD.size)[0]
-                if name == 0:  # not compressed: its records are as good outside of it
-                    inside = at + 9 + CHUNK_HEAD.size + 4 + 8
-                    kept, end = _whole_records(path, MCAP_MAGIC + data[inside:] + bytes(8))
-                    return data[:at] + kept[len(MCAP_MAGIC) :], inside + end - len(MCAP_MAGIC)
+            (compression,) = struct.unpack_from("<I", data, at + 9 + CHUNK_HEAD.size)
+            if contents > min(LARGE, MOST_SWOLLEN * max(size, 10_000)):
+                what = f"a chunk of {size} bytes swells to {contents / 1e6:.0f} MB, which is refused; record it again"
+                raise RecordingError(f"{path}: {what}", path=path, value=contents)
+            if at + 9 + size > len(data) and compression == 0:  # its records are as good outside of it
+                inner, end = _whole_records(path, data, inside)
+                return [slice(begin, at), *inner], end
         if at + 9 + size > len(data):
             break
         at += 9 + size
-        if kind == 2:  # the footer
+        if kind == FOOTER:
             break
-    return data[:at], at
+    return [slice(begin, at)], at

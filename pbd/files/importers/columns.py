@@ -21,7 +21,7 @@ from pbd.errors import RecordingError, listed, printable
 from pbd.files.imu_columns import ACC, DEVICE, GYR, MAG
 
 DEG = np.pi / 180.0
-_ACC_UNITS = {"m/s2": 1.0, "m/s^2": 1.0, "m/s/s": 1.0, "m/(s^2)": 1.0, "g": GRAVITY, "mg": 1e-3 * GRAVITY}
+_ACC_UNITS = {"m/s2": 1.0, "m/s^2": 1.0, "m/s/s": 1.0, "g": GRAVITY, "mg": 1e-3 * GRAVITY}
 UNITS: Mapping[str, Mapping[str, float]] = {
     "t": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "0.1ms": 1e-4},
     "gyr": {"rad/s": 1.0, "deg/s": DEG, "dps": DEG, "mdps": 1e-3 * DEG},
@@ -41,6 +41,9 @@ QUANTITIES = {"t": "time", "gyr": "turn rate", "acc": "specific force", "mag": "
     ("angle", "rpy"), "the device's own attitude"
 )
 
+NO_UNIT = "no unit given"
+"""How a unit was decided that nobody told: it is taken for ours."""
+
 _WORDS = {
     "g": r"(?:.*_)?(?:gyr|gyro|gyroscope|gyro_?rotation|rotation_?rate|angular_?velocity|angular_?rate)|"
     r"g|w|omega|as|rotation|rot|ω|角速度",
@@ -58,7 +61,7 @@ _TIME = (
 _DEVICE_TIME = r"chip_?time|片上时间"
 _TIME_UNITS = r"_(ns|us|ms|s|sec|min)$"
 _NAMED_UNITS = {"millis": "ms", "micros": "us", "seconds": "s", "secs": "s", "sec": "s", "seconds_elapsed": "s"}
-_MANGLED = str.maketrans({"°": "deg", "µ": "u", "μ": "u", "ʯ": "u", "?": "u", "²": "2", " ": ""})
+_MANGLED = str.maketrans({"°": "deg", "µ": "u", "μ": "u", "ʯ": "u", "?": "u", "²": "2", " ": "", "(": "", ")": ""})
 """Variants of unit signs, with the micro sign as wrong encodings garble it."""
 
 _SUFFIXES = {"mps2": "m/s2", "ms2": "m/s2", "g": "g", "mg": "mg", "dps": "dps", "degs": "deg/s", "deg_s": "deg/s"} | {
@@ -129,7 +132,8 @@ class Column:
 
     def row(self) -> dict[str, str]:
         """Tell it in words, for people and as JSON."""
-        how = self.named_by if self.named_by == self.unit_by else f"{self.named_by}; unit: {self.unit_by}"
+        unit = NO_UNIT if self.unit_by == NO_UNIT else f"unit: {self.unit_by}"
+        how = self.named_by if self.named_by == self.unit_by else f"{self.named_by}; {unit}"
         return {
             "column": self.name,
             "read_as": f"{'-' if self.sign < 0 else ''}{self.ours}",
@@ -298,7 +302,7 @@ def _unit(
     if not given and program is not None and channel in program.units:
         given, by = program.units[channel], program.title
     if not given:
-        return 1.0, standard, "none given: ours"
+        return 1.0, standard, NO_UNIT
     unit = given.lower().translate(_MANGLED)
     sign = -1.0 if unit.startswith("-") else 1.0
     unit = unit.removeprefix("-")

@@ -17,6 +17,7 @@ from itertools import permutations, product
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pbd.pose import Array
 
@@ -165,14 +166,14 @@ def _find(witnesses: Sequence[Witness], turn: Array, turn_back: Array) -> Contra
     return Contradiction(witnesses[worst].channel, off, best, pair, _message(named[:MOST_NAMED]))
 
 
-def _carried_away(witness: Witness, turn: Array) -> Array:
+def _carried_away(witness: Witness, turn: Array) -> NDArray[np.bool_]:
     """Whether the gyro moves the direction in each pair: (k,) bool."""
     carried = (turn @ witness.first[:, :, None])[:, :, 0]
-    away: Array = _degrees(witness.first, carried) > CONTRADICTION_DEG
+    away: NDArray[np.bool_] = _degrees(witness.first, carried) > CONTRADICTION_DEG
     return away
 
 
-def _costs(witness: Witness, parts: Sequence[Array], turn: Array, turn_back: Array) -> Array:
+def _costs(witness: Witness, parts: Sequence[NDArray[np.bool_]], turn: Array, turn_back: Array) -> Array:
     """Median angle of each reading of the gyro, degrees, (48,): the largest over the parts of the pairs."""
     medians = []
     for reading in readings():

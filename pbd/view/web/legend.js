@@ -13,6 +13,7 @@ class Legend {
     const rows = [
       ["hand_path", "hand's path", "var(--speeds)"],
       ["tool_path", "tool's path", "#8c9199"],
+      ...(replay.detours.length ? [["detour", "detour", "var(--detour)"]] : []),
       ["keyframes", "keyframes", "linear-gradient(90deg, #e04540 33%, #38a85c 33% 66%, #3875eb 66%)"],
       ...(unsure ? [["two_sigma", `uncertainty, 2 σ${hidden}`, "var(--unsure)", this.magnifier()]] : []),
       ...(stage.found("tolerance").length ? [["tolerance", "tolerance", "var(--tolerance)"]] : []),

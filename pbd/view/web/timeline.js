@@ -1,14 +1,15 @@
 "use strict";
 
-// The time axis: when the arm moves and rests, when the gripper is closed, what touches, and where the keyframes are.
+// The time axis: when the arm moves and rests, where it makes a detour, when the gripper is closed, what touches, and where the keyframes are.
 class Timeline {
   static apart_px = 16;
 
-  constructor({ keyframes, moves, closed, touching, duration, rate }, seek) {
+  constructor({ keyframes, moves, detours, closed, touching, duration, rate }, seek) {
     this.duration = duration;
     this.numbers = keyframes.map((k, i) => this.at(make("span", `${i}${k.sure === null ? "" : "?"}`, { className: k.sure === null ? "" : "doubted" }), k.t));
     element("numbers").replaceChildren(...this.numbers);
     element("moves").replaceChildren(...this.spans(moves));
+    element("detours").replaceChildren(...this.spans(detours));
     element("done").replaceChildren(...this.spans(moves));
     element("closed").replaceChildren(...this.spans(closed));
     element("touching").replaceChildren(...this.spans(touching.map(({ start, end }) => [start, end])));

@@ -7,6 +7,7 @@ import warnings
 from dataclasses import replace
 from itertools import permutations
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -129,7 +130,8 @@ def spoilt(recording: Recording, channel: str, mended_by: str) -> Recording:
     wrong = values.copy()
     for ours, sign, its in re.findall(r"--column \w(\w)=(-?)\w(\w)", mended_by):
         wrong[:, "xyz".index(its)] = values[:, "xyz".index(ours)] * (-1.0 if sign else 1.0)
-    return replace(recording, **{channel: wrong})
+    changed: dict[str, Any] = {channel: wrong}
+    return replace(recording, **changed)
 
 
 @pytest.mark.parametrize("order", list(permutations(range(3))))

@@ -1,0 +1,76 @@
+"""pbd sensors phyphox: the experiment for a phone."""
+
+from __future__ import annotations
+
+import argparse
+import io
+import shutil
+import sys
+from pathlib import Path
+
+from pbd.cli.console import print_json, say
+from pbd.doors.atomic import atomic_file, refuse_output
+from pbd.errors import SensorError
+from pbd.sensors.phyphox.experiment import MOST_CODES, NAME, code_parts, experiment
+
+BORDER = 2
+"""Light modules around a code. Four are the standard's; the app's reader takes two, and a terminal has few lines."""
+
+PIXELS = 6
+"""Pixels of a module in a picture."""
+
+WHITE_ON_BLACK, PLAIN = "\033[97;40m", "\033[0m"
+"""The code is drawn in its light modules; the colours of a terminal may be the other way round."""
+
+NEXT = """\
+1. in phyphox: + (below right), "add experiment from QR code", and scan the code
+2. open the experiment "pbd"; in its menu (three dots) switch "allow remote access" on; it shows an address
+3. pbd record tea --sensor phyphox --port http://ADDRESS"""
+
+
+def prepare(args: argparse.Namespace) -> None:
+    """Write the experiment or a picture of its code; at a terminal show its codes."""
+    import segno
+
+    file: Path = args.output or Path(NAME)
+    kind = file.suffix.lower().lstrip(".")
+    if kind not in ("phyphox", "png", "svg"):
+        raise SensorError(f"{file} can't be written as '{kind}'; give a .phyphox, .png or .svg", path=file)
+    refuse_output(file)
+    with atomic_file(file) as there:
+        if kind == "phyphox":
+            there.write_text(experiment(), encoding="utf-8")
+        else:
+            (data,) = code_parts(1)
+            segno.make_qr(data, mode="byte", error="l", boost_error=False).save(str(there), kind=kind, scale=PIXELS)
+    if args.json:
+        print_json({"file": str(file)})
+        return
+    if sys.stdout.isatty() and kind == "phyphox":
+        _show(segno)
+    print(NEXT)
+    say(f"{file} is written, for a phone that can't scan: send it there, and open it with phyphox")
+
+
+def _show(segno: object) -> None:
+    """Show as few codes as fit the terminal, one at a time."""
+    columns, lines = shutil.get_terminal_size()
+    for count in range(1, MOST_CODES + 1):
+        codes = [
+            segno.make_qr(part, mode="byte", error="l", boost_error=False)  # type: ignore[attr-defined]
+            for part in code_parts(count)
+        ]
+        width = max(code.symbol_size(border=BORDER)[0] for code in codes)
+        if width <= columns and (width + 1) // 2 + 2 <= lines:
+            break
+    else:
+        raise SensorError(
+            f"a terminal of {columns} x {lines} is too small for a code; make it larger, or give -o pbd.png"
+        )
+    for k, code in enumerate(codes):
+        drawn = io.StringIO()
+        code.terminal(drawn, border=BORDER, compact=True)
+        print("\n".join(f"{WHITE_ON_BLACK}{line}{PLAIN}" for line in drawn.getvalue().splitlines()))
+        if count > 1:
+            print(f"code {k + 1} of {count}: scan it, then press Enter", flush=True)
+            sys.stdin.readline()

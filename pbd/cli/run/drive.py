@@ -1,0 +1,194 @@
+"""Plan from where the arm stands, show, ask, stream, watch."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from pbd.cli.console import print_json, say
+from pbd.cli.plan_report import say_torque
+from pbd.cli.recording.device import only_port
+from pbd.cli.recording.keys import Keys
+from pbd.cli.run.asking import ask, refuse_nobody
+from pbd.cli.steps import plan_demonstration
+from pbd.data import Robot
+from pbd.driving import bus as servo_bus
+from pbd.driving import stream as streaming
+from pbd.driving.arm import ServoArm
+from pbd.driving.bus import Bus
+from pbd.driving.clock import Clock
+from pbd.driving.counts import Counts, names_of
+from pbd.driving.motion import MOVED_DEG, goals_of, moved_deg, planned_start
+from pbd.driving.stream import Streamed, stream
+from pbd.driving.watch import Watch, check_health
+from pbd.errors import SensorError
+from pbd.files.servo_calibration import find_servo_calibration, read_servo_calibration
+from pbd.view.tables import make_table, print_table
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from pbd.data import JointTrajectory
+    from pbd.driving.arm import State
+    from pbd.pose import Array
+
+STOPPED_BY_HAND = 130
+"""Exit code, as of Ctrl-C elsewhere."""
+
+ASKED = 10
+"""How many answers are timed before the arm moves."""
+
+
+def drive(args: argparse.Namespace, robot: Robot) -> int:
+    """Run the demonstration on the arm; return the exit code."""
+    if not args.dry_run:
+        refuse_nobody(args)
+    assert robot.servos is not None
+    assert robot.gripper is not None
+    stroke_s = robot.gripper.stroke_s
+    device = args.port or only_port("arm", "")
+    file = find_servo_calibration(args.servos, robot.name, robot.servos.robot_type)
+    counts = Counts(robot, read_servo_calibration(file, names_of(robot)))
+    clock = Clock()
+    with Bus.open(device, clock) as bus:
+        arm = ServoArm(bus, counts)
+        _check_pace(bus, arm, clock)
+        before = arm.state()
+        check_health(counts.names, arm.bounds, before)
+        start = planned_start(counts, before, robot.limits)
+        demo, _, robot, options, plan = plan_demonstration(args, start)
+        t, goals = goals_of(counts, plan.trajectory, before, args.rate, stroke_s)
+        say(f"'{demo.recording.info.name}' on {robot.name} at {device}, its servos calibrated in {file}")
+        print_table(_preview(counts, before, goals, t, plan.trajectory), sys.stderr)
+        say(_timetable(plan.trajectory, goals, t))
+        say_torque(demo, robot, plan, options)
+        with Keys() as keys:
+            if args.dry_run:
+                say("dry run: the servos are read, and given no goals")
+            else:
+                if not args.yes:
+                    ask(
+                        keys,
+                        "Clear the arm's way; keep a hand at its power switch. Enter starts it; any other key cancels.",
+                    )
+                now = arm.state()
+                if (by := moved_deg(counts, before, now)) > MOVED_DEG:
+                    what = f"the arm was moved by {by:.1f} degrees since it was measured"
+                    raise SensorError(f"{what}, so the motion doesn't begin there: run it again")
+                t, goals = goals_of(counts, plan.trajectory, now, args.rate, stroke_s)
+                arm.stiffen(now.counts)
+                say("the arm moves: any key stops it")
+            bus.answer_s = servo_bus.ANSWER_S
+            tolerance = math.inf if args.dry_run else args.tolerance
+            watch = Watch(counts.names, arm.bounds, before, tolerance, args.rate)
+            done = stream(
+                arm,
+                goals,
+                args.rate,
+                watch,
+                clock,
+                lambda: bool(keys.next()),
+                dry_run=args.dry_run,
+                stall_s=streaming.STALL_S,
+            )
+    if args.json:
+        print_json(
+            {
+                "demo": demo.recording.info.name,
+                "robot": robot.name,
+                "port": device,
+                "servos": str(file),
+                "dry_run": args.dry_run,
+                "duration_s": plan.trajectory.duration,
+                **_told(done, watch, arm, args.dry_run),
+                "warnings": args.warnings,
+            }
+        )
+    return _end(done, watch, counts, args, device)
+
+
+def _check_pace(bus: Bus, arm: ServoArm, clock: Clock) -> None:
+    """Refuse an adapter that is too slow to stop the arm in time."""
+    took = []
+    for _ in range(ASKED):
+        asked = clock.real()
+        arm.state()
+        took.append(clock.real() - asked)
+    usual = float(np.median(took))
+    if usual > servo_bus.ANSWER_S:
+        what = (
+            f"the servos' answers take {1e3 * usual:.0f} ms on {bus.device}, more than {1e3 * servo_bus.ANSWER_S:.0f}"
+        )
+        raise SensorError(f"{what}: lower the adapter's latency timer (docs/running.md), or close other programs")
+
+
+def _preview(counts: Counts, state: State, goals: Array, t: Array, trajectory: JointTrajectory) -> Table:
+    """Where each joint stands, where the demonstration begins, and between what it will be."""
+    table = make_table("joint", "now", "start", "lowest", "highest", "servo's range", left=("joint",))
+    at = goals[int(np.searchsorted(t, trajectory.keyframe_t[0]))]
+    rows = np.array([state.counts, at, goals.min(axis=0), goals.max(axis=0), counts.lower, counts.upper])
+    degrees = np.degrees(counts.joints(rows))
+    for i, name in enumerate(counts.names[:-1]):
+        now, start, low, high, *ends = degrees[:, i]
+        reach = f"{min(ends):.0f} to {max(ends):.0f}"
+        table.add_row(name, *(f"{value:.1f}°" for value in (now, start, low, high)), f"{reach}°")
+    percent = counts.percent(rows)
+    table.add_row(counts.names[-1], *(f"{value:.0f} %" for value in percent[:4]), "0 to 100 %")
+    return table
+
+
+def _timetable(trajectory: JointTrajectory, goals: Array, t: Array) -> str:
+    """How long each part takes."""
+    first, last = float(trajectory.keyframe_t[0]), float(trajectory.keyframe_t[-1])
+    back = trajectory.duration - last
+    parts = [f"to the start {first - t[0]:.1f} s", f"the demonstration {last - first:.1f} s"]
+    parts += [f"back home {back:.1f} s"] if back > 0.0 else []
+    return f"{', '.join(parts)}: {t[-1] - t[0]:.1f} s in all, then the arm holds"
+
+
+def _told(done: Streamed, watch: Watch, arm: ServoArm, dry_run: bool) -> dict[str, Any]:
+    names = arm.counts.names
+    period_ms = 1e3 * done.periods
+    return {
+        "goals": 0 if dry_run else done.sent,
+        "t_s": done.t,
+        "period_ms": {
+            "median": float(np.median(period_ms)) if len(period_ms) else None,
+            "p99": float(np.percentile(period_ms, 99)) if len(period_ms) else None,
+            "max": float(period_ms.max()) if len(period_ms) else None,
+        },
+        "asked_again": arm.asked_again,
+        "error_deg": None if dry_run else dict(zip(names, watch.error_deg.tolist(), strict=True)),
+        "load": dict(zip(names, watch.load.tolist(), strict=True)),
+        "celsius": dict(zip(names, watch.celsius.tolist(), strict=True)),
+        "volts": float(watch.volts.min()),
+        "stopped": "by hand" if done.by_hand else done.stopped and done.stopped.message,
+        "held": done.held,
+    }
+
+
+def _end(done: Streamed, watch: Watch, counts: Counts, args: argparse.Namespace, device: str) -> int:
+    """Say how it ended; return the exit code."""
+    lets_go = f"`pbd run --release --robot {args.robot} --port {device}` lets go of it"
+    holds = "the arm holds where it stopped"
+    if not done.held:
+        holds = "its servos did not confirm the stop, so switch their power off if the arm still moves"
+    elif args.dry_run:
+        holds = "nothing moved"
+    if done.stopped is not None:
+        raise SensorError(f"stopped after {done.t:.2f} s: {done.stopped.message}; {holds}", **done.stopped.fields)
+    if done.by_hand:
+        say(f"stopped by hand after {done.t:.2f} s: {holds}; {lets_go}")
+        return STOPPED_BY_HAND
+    worst = int(np.argmax(watch.error_deg[:-1]))
+    felt = f"load {100 * watch.load.max():.0f} %, {watch.celsius.max():.0f} °C, {watch.volts.min():.1f} V at least"
+    if args.dry_run:
+        say(f"dry run done: the servos answered {done.sent} times; {felt}")
+    else:
+        off = f"at most {watch.error_deg[worst]:.1f} degrees off ({counts.names[worst]})"
+        say(f"done: {done.sent} goals, {off}, {felt}; the arm holds, {lets_go}")
+    return 0

@@ -1,0 +1,103 @@
+"""Calibrate an arm's servos with a person's help, or let go of them."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from pbd.cli.console import print_json, say
+from pbd.cli.options import UsageError
+from pbd.cli.recording.device import only_port
+from pbd.cli.recording.keys import Keys
+from pbd.cli.run.asking import POLL_S, ask, refuse_nobody
+from pbd.data import Robot
+from pbd.doors.atomic import refuse_output
+from pbd.driving.arm import identify, release
+from pbd.driving.bus import Bus
+from pbd.driving.calibrating import ENDLESS, Calibrating, calibrating
+from pbd.driving.clock import Clock
+from pbd.driving.counts import Counts, names_of
+from pbd.errors import PbdError
+from pbd.files.servo_calibration import own_servo_calibration, write_servo_calibration
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+
+def calibrate_servos(args: argparse.Namespace, robot: Robot) -> None:
+    """Guide a person through it; write the file and the servos."""
+    from pbd.view.tables import print_table
+
+    if not sys.stdin.isatty():
+        raise UsageError("pbd run --calibrate needs a person at a terminal, who moves the arm by hand")
+    file = args.servos or own_servo_calibration(robot.name)
+    refuse_output(file)
+    clock, device = Clock(), args.port or only_port("arm", "")
+    ids = dict(zip(names_of(robot), range(1, len(names_of(robot)) + 1), strict=True))  # as LeRobot's setup gives them
+    with Keys() as keys, Bus.open(device, clock) as bus:
+        identify(bus, ids)
+        ask(keys, "Hold the arm: its servos will let go, and it sinks. Enter lets go; any other key cancels.")
+        with calibrating(bus, ids) as session:
+            ask(keys, "Move every joint to the middle of its range, the gripper half open. Enter when it stands there.")
+            session.set_middles()
+            others = f"every joint but {ENDLESS}" if ENDLESS in ids else "every joint"
+            say(f"move {others} slowly from stop to stop, one after the other; Enter when all are done")
+            _follow(keys, clock, session, ids)
+            servos = session.result()
+            Counts(robot, servos)  # refuses ranges that are too short
+            session.store(servos)
+            write_servo_calibration(servos, file)
+    table = _ranges(ids, [(s.range_min, s.range_max) for s in servos.values()])
+    print_table(table, sys.stderr)
+    say(f"wrote {file}, and the servos; the arm is loose")
+    if args.json:
+        written = {name: asdict(servo) for name, servo in servos.items()}
+        print_json({"robot": robot.name, "port": device, "written": str(file), "servos": written})
+
+
+def release_servos(args: argparse.Namespace, robot: Robot) -> None:
+    """Switch the torque off."""
+    refuse_nobody(args)
+    device = args.port or only_port("arm", "")
+    ids = dict(zip(names_of(robot), range(1, len(names_of(robot)) + 1), strict=True))
+    with Keys() as keys, Bus.open(device, Clock()) as bus:
+        identify(bus, ids)
+        if not args.yes:
+            ask(keys, "Hold the arm: its servos will let go, and it sinks. Enter lets go; any other key cancels.")
+        release(bus, tuple(ids.values()))
+    say("the servos have let go")
+    if args.json:
+        print_json({"robot": robot.name, "port": device, "released": True})
+
+
+def _follow(keys: Keys, clock: Clock, session: Calibrating, ids: dict[str, int]) -> None:
+    """Show the ranges as they grow, until Enter."""
+    from pbd.view.screen import Screen
+
+    live: AbstractContextManager[Any] = nullcontext()
+    if sys.stderr.isatty():
+        from rich.live import Live
+
+        live = Live(console=Screen(sys.stderr), transient=True, auto_refresh=False)
+    with live as shown:
+        while not (key := keys.next()):
+            _, lowest, highest = session.follow()
+            if shown is not None:
+                ends = list(zip(lowest.tolist(), highest.tolist(), strict=True))
+                shown.update(_ranges(ids, ends), refresh=True)
+            clock.sleep_until(clock.now() + POLL_S)
+    if key not in "\r\n":
+        raise PbdError("cancelled: the servos have their old calibration again, run it again when you are ready")
+
+
+def _ranges(ids: dict[str, int], ends: list[tuple[int, int]]) -> Table:
+    from pbd.files.servo_calibration import COUNTS
+    from pbd.view.tables import make_table
+
+    table = make_table("joint", "servo", "lowest", "highest", "range", left=("joint",))
+    for (name, id_), (low, high) in zip(ids.items(), ends, strict=True):
+        table.add_row(name, str(id_), str(low), str(high), f"{360 * (high - low) / COUNTS:.0f}°")
+    return table

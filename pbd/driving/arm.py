@@ -1,0 +1,217 @@
+"""The arm on its bus: what its servos are and feel, their goals, their torque."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from operator import eq
+
+import numpy as np
+
+from pbd.driving.bus import Bus, NoAnswerError
+from pbd.driving.counts import Counts
+from pbd.driving.packets import signed, word
+from pbd.errors import CalibrationError, SensorError, printable
+from pbd.pose import Array
+
+STS3215 = 777
+"""The model number that the servos give."""
+
+# Registers: address, and how many bytes are read from there. Source: Feetech's memory table of the STS series, as in
+# lerobot/motors/feetech/tables.py.
+IDENTITY, IDENTITY_LENGTH = 3, 31
+"""Model number 3, position limits 9 and 11, most temperature 13, voltages 14 and 15, homing offset 31, mode 33."""
+TORQUE_ENABLE, GOAL, TORQUE_LIMIT, LOCK = 40, 42, 48, 55
+PRESENT, PRESENT_LENGTH = 56, 8
+"""Position 56, speed 58, load 60, voltage 62, temperature 63."""
+
+OFFSET_SIGN, LOAD_SIGN = 11, 10
+"""The bits of the signs of a homing offset and of a load."""
+
+GRIPPER_TORQUE = 500
+"""Torque limit of the gripper while pbd drives, 0 to 1000: it closes on things. LeRobot's so101_follower.py."""
+
+NEAR = 20
+"""Counts, 1.8 degrees: a goal this near lets nothing jump."""
+
+HOLD_TRIES = 3
+"""How often a goal that must arrive is written, until it reads back."""
+
+POSITION_MODE = 0
+
+FLAGS = {1: "its voltage", 2: "its encoder", 4: "its heat", 8: "its current", 32: "its load"}
+"""What a servo's error flags complain of."""
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """All servos at one instant, base to gripper.
+
+    Attributes:
+        counts: (n,) where they stand.
+        load: (n,) share of their strength, either way.
+        volts, celsius: (n,).
+        flags: (n,) the servos' own error flags.
+    """
+
+    counts: Array
+    load: Array
+    volts: Array
+    celsius: Array
+    flags: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Bounds:
+    """What the servos themselves allow: (n,) each."""
+
+    celsius: Array
+    least_volts: Array
+    most_volts: Array
+
+
+class ServoArm:
+    """An arm whose servos answer, and are those of the calibration.
+
+    Attributes:
+        counts: joints to counts and back.
+        bounds: the servos' own.
+    """
+
+    def __init__(self, bus: Bus, counts: Counts) -> None:
+        """Look at the servos.
+
+        Raises:
+            SensorError: they don't answer, are others, or are not in position mode.
+            CalibrationError: they were calibrated differently.
+        """
+        self._bus, self.counts = bus, counts
+        found = identify(bus, dict(zip(counts.names, counts.ids, strict=True)))
+        self.bounds = Bounds(
+            celsius=np.array([data[10] for data in found]),
+            least_volts=0.1 * np.array([data[12] for data in found]),
+            most_volts=0.1 * np.array([data[11] for data in found]),
+        )
+        for (name, servo), data in zip(counts.servos.items(), found, strict=True):
+            has = (signed(word_at(data, 28), OFFSET_SIGN), word_at(data, 6), word_at(data, 8))
+            said = (servo.homing_offset, servo.range_min, servo.range_max)
+            if has != said:
+                what = (
+                    f"the calibration is another arm's, or an old one: of {name} it has homing offset and range {said}"
+                )
+                raise CalibrationError(f"{what}, the servo has {has}; name the right --servos, or calibrate anew")
+            if data[30] != POSITION_MODE:
+                what = f"servo {servo.id} ({name}) is in mode {data[30]}, not in position mode"
+                raise SensorError(f"{what}; calibrate anew with `pbd run --calibrate`")
+
+    @property
+    def asked_again(self) -> int:
+        """How many requests had to be repeated."""
+        return self._bus.asked_again
+
+    def state(self) -> State:
+        """Read where the servos stand and how they feel; raises as `Bus.read` does."""
+        found = self._bus.read(self.counts.ids, PRESENT, PRESENT_LENGTH)
+        answers = [found[id_] for id_ in self.counts.ids]
+        return State(
+            counts=np.array([signed(word_at(a.data, 0), 15) for a in answers], np.float64),
+            load=np.array([signed(word_at(a.data, 4), LOAD_SIGN) / 1000.0 for a in answers]),
+            volts=np.array([a.data[6] / 10.0 for a in answers]),
+            celsius=np.array([a.data[7] for a in answers], np.float64),
+            flags=tuple(a.error for a in answers),
+        )
+
+    def go(self, counts: Array) -> None:
+        """Give every servo its goal."""
+        self._write(GOAL, [word(round(value)) for value in counts.tolist()])
+
+    def hold(self, counts: Array) -> None:
+        """Give goals and read them back.
+
+        Raises:
+            SensorError: they did not arrive; the servos hold their last goals.
+        """
+        wanted = [word(round(value)) for value in counts.tolist()]
+        self._write_sure(GOAL, wanted)
+
+    def stiffen(self, counts: Array) -> None:
+        """Switch torque on with these goals: the arm's present place, so that nothing jumps.
+
+        A goal from before would be taken up at full speed: goals go first, and are read back. What a loose servo does
+        with a goal may differ between firmwares, so one near its place is good enough.
+        """
+        goals = [word(round(value)) + word(0) + word(0) for value in counts.tolist()]  # time and speed: no limit
+        self._write_sure(GOAL, goals, lambda has, wanted: abs(word_at(has, 0) - word_at(wanted, 0)) <= NEAR)
+        self._bus.write(TORQUE_LIMIT, {self.counts.ids[-1]: word(GRIPPER_TORQUE)})
+        self._write_sure(TORQUE_ENABLE, [b"\x01"] * len(self.counts.ids))
+        self.hold(counts)
+
+    def _write(self, address: int, values: list[bytes]) -> None:
+        self._bus.write(address, dict(zip(self.counts.ids, values, strict=True)))
+
+    def _write_sure(self, address: int, values: list[bytes], alike: Callable[[bytes, bytes], bool] = eq) -> None:
+        write_sure(self._bus, address, dict(zip(self.counts.ids, values, strict=True)), alike)
+
+
+def write_sure(bus: Bus, address: int, values: dict[int, bytes], alike: Callable[[bytes, bytes], bool] = eq) -> None:
+    """Write registers, and read them back until they are `alike`.
+
+    Raises:
+        SensorError: they did not arrive.
+    """
+    silent: NoAnswerError | None = None
+    for _ in range(HOLD_TRIES):
+        bus.write(address, values)
+        try:
+            found = bus.read(tuple(values), address, len(next(iter(values.values()))))
+        except NoAnswerError as error:
+            silent = error
+            continue
+        if all(alike(found[id_].data, data) for id_, data in values.items()):
+            return
+        silent = None
+    raise silent or SensorError(f"the servos on {bus.device} did not take what was written; check their cables")
+
+
+def release(bus: Bus, ids: Sequence[int]) -> None:
+    """Switch torque off: the arm sinks."""
+    write_sure(bus, TORQUE_ENABLE, dict.fromkeys(ids, b"\x00"))
+
+
+def identify(bus: Bus, ids: Mapping[str, int]) -> list[bytes]:
+    """Read who the servos are (joint: id), and refuse what isn't an STS3215.
+
+    Returns:
+        Of each servo its registers from IDENTITY on.
+    """
+    names = {id_: name for name, id_ in ids.items()}
+    try:
+        found = bus.read(tuple(names), IDENTITY, IDENTITY_LENGTH)
+    except NoAnswerError as error:
+        if len(error.ids) == len(ids):
+            raise SensorError(_nobody(bus.device, error.heard), path=bus.device) from None
+        silent = ", ".join(f"{id_} ({names[id_]})" for id_ in error.ids)
+        what = f"no answer from servo {silent} on {bus.device}; the others answer: check its cable and its id"
+        raise SensorError(what, path=bus.device) from None
+    for id_, name in names.items():
+        if (model := word_at(found[id_].data, 0)) != STS3215:
+            what = f"servo {id_} ({name}) says it is model {model}, not an STS3215 ({STS3215}); pbd run drives no other"
+            raise SensorError(what, path=bus.device)
+    return [found[id_].data for id_ in names]
+
+
+def _nobody(device: str, heard: bytes) -> str:
+    if not heard:
+        return f"no servo answers on {device}: switch the arm's power supply on, and check that this is its port"
+    text = printable(heard.decode("ascii", errors="replace")[:40])
+    return f"what answers on {device} is no servo (it sends {text!r}); name the arm's --port, `pbd sensors` lists them"
+
+
+def flagged(flags: int) -> str:
+    """Say what a servo complains of."""
+    return ", ".join(what for bit, what in FLAGS.items() if flags & bit) or f"flag {flags}"
+
+
+def word_at(data: bytes, at: int) -> int:
+    """Read two registers as one number."""
+    return int.from_bytes(data[at : at + 2], "little")

@@ -1,0 +1,91 @@
+"""Calibrate the servos as LeRobot does: a person shows the middle of every joint, then its ends.
+
+Source: lerobot/robots/so101_follower/so101_follower.py, `calibrate`, and lerobot/motors/motors_bus.py.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+
+import numpy as np
+
+from pbd.driving.arm import LOCK, OFFSET_SIGN, PRESENT, identify, release, word_at, write_sure
+from pbd.driving.bus import Bus
+from pbd.driving.packets import signed, word
+from pbd.files.servo_calibration import COUNTS, LARGEST_OFFSET, ServoCalibration
+from pbd.pose import Array
+
+RANGE, OFFSET, MODE = 9, 31, 33
+"""Registers of the servo's permanent memory: position limits, homing offset, mode (0: position)."""
+
+MIDDLE = COUNTS // 2 - 1
+"""What a servo counts in the middle of its joint's range."""
+
+ENDLESS = "wrist_roll"
+"""The joint that LeRobot lets turn all the way: nobody shows its ends."""
+
+
+class Calibrating:
+    """Servos whose memory is open."""
+
+    def __init__(self, bus: Bus, ids: Mapping[str, int]) -> None:
+        self._bus, self._ids = bus, dict(ids)
+        self._lowest = np.full(len(ids), MIDDLE)
+        self._highest = self._lowest.copy()
+
+    def set_middles(self) -> None:
+        """Take where the arm stands as the middle of every joint's range."""
+        self._write(RANGE, {id_: word(0) + word(COUNTS - 1) for id_ in self._ids.values()})
+        self._write(OFFSET, {id_: word(0, OFFSET_SIGN) for id_ in self._ids.values()})
+        self._write(MODE, dict.fromkeys(self._ids.values(), b"\x00"))
+        offsets = np.clip(self.counts() - MIDDLE, -LARGEST_OFFSET, LARGEST_OFFSET)
+        values = {i: word(int(offset), OFFSET_SIGN) for i, offset in zip(self._ids.values(), offsets, strict=True)}
+        self._write(OFFSET, values)
+
+    def counts(self) -> Array:
+        """Read where the servos stand."""
+        found = self._bus.read(tuple(self._ids.values()), PRESENT, 2)
+        return np.array([signed(word_at(found[id_].data, 0), 15) for id_ in self._ids.values()])
+
+    def follow(self) -> tuple[Array, Array, Array]:
+        """Read where the servos stand; return that, and the lowest and the highest so far (n,)."""
+        at = self.counts()
+        self._lowest, self._highest = np.minimum(self._lowest, at), np.maximum(self._highest, at)
+        return at, self._lowest, self._highest
+
+    def result(self) -> dict[str, ServoCalibration]:
+        """Give what was found."""
+        found = self._bus.read(tuple(self._ids.values()), OFFSET, 2)
+        servos = {}
+        for (name, id_), low, high in zip(self._ids.items(), self._lowest, self._highest, strict=True):
+            ends = (0, COUNTS - 1) if name == ENDLESS else (max(0, int(low)), min(COUNTS - 1, int(high)))
+            servos[name] = ServoCalibration(id_, 0, signed(word_at(found[id_].data, 0), OFFSET_SIGN), *ends)
+        return servos
+
+    def store(self, servos: Mapping[str, ServoCalibration]) -> None:
+        """Write the ranges into the servos."""
+        self._write(RANGE, {each.id: word(each.range_min) + word(each.range_max) for each in servos.values()})
+
+    def _write(self, address: int, values: dict[int, bytes]) -> None:
+        write_sure(self._bus, address, values)
+
+
+@contextmanager
+def calibrating(bus: Bus, ids: Mapping[str, int]) -> Iterator[Calibrating]:
+    """Let go of the arm and open the servos' memory; an error restores what they held.
+
+    Raises:
+        SensorError: the servos don't answer, or are others.
+    """
+    before = identify(bus, ids)
+    release(bus, tuple(ids.values()))
+    write_sure(bus, LOCK, dict.fromkeys(ids.values(), b"\x00"))
+    try:
+        yield Calibrating(bus, ids)
+    except BaseException:
+        write_sure(bus, RANGE, {id_: data[6:10] for id_, data in zip(ids.values(), before, strict=True)})
+        write_sure(bus, OFFSET, {id_: data[28:30] for id_, data in zip(ids.values(), before, strict=True)})
+        raise
+    finally:
+        write_sure(bus, LOCK, dict.fromkeys(ids.values(), b"\x01"))

@@ -1,0 +1,92 @@
+"""Joints to the servos' counts and back, as LeRobot's calibration has them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from pbd.data import Robot
+from pbd.errors import CalibrationError, PlanError, RobotError
+from pbd.files.servo_calibration import COUNTS, ServoCalibration
+from pbd.pose import Array
+
+SHORTEST_SHARE = 0.6
+"""Smallest share of a joint's range in the model that a calibration may have found, assumed: less is a joint that was
+not moved to both ends, and its middle, which is its zero, is anywhere."""
+
+
+class Counts:
+    """The counts of an arm's joints, with its gripper's last.
+
+    Attributes:
+        names: of the servos, base to gripper.
+        ids: of the servos on the bus.
+        lower, upper: (k + 1,) counts, the ends of the calibrated range.
+    """
+
+    def __init__(self, robot: Robot, servos: Mapping[str, ServoCalibration]) -> None:
+        """Raises CalibrationError where a joint's range is much shorter than the model's, or counts backwards."""
+        if robot.servos is None or robot.gripper is None:
+            raise RobotError(f"{robot.name} has no [servos]: LeRobot does not know this arm; use `pbd export`")
+        self._robot, self._table, self._gripper = robot, robot.servos, robot.gripper
+        self.names = names_of(robot)
+        self.servos = {name: servos[name] for name in self.names}
+        self.ids = tuple(servo.id for servo in self.servos.values())
+        self.lower = np.array([servo.range_min for servo in self.servos.values()])
+        self.upper = np.array([servo.range_max for servo in self.servos.values()])
+        self._middle = 0.5 * (self.lower + self.upper)[:-1]
+        limits = robot.limits
+        for name, least, most, low, high in zip(
+            robot.joints, limits.lower, limits.upper, self.lower, self.upper, strict=False
+        ):
+            if self.servos[name].drive_mode:
+                what = f"drive_mode of {name} is 1, which LeRobot passes over, so which way it turns isn't certain"
+                raise CalibrationError(f"{what}; calibrate anew with `pbd run --calibrate`", joint=name)
+            found, whole = 360.0 * (high - low) / COUNTS, math.degrees(most - least)
+            if found < SHORTEST_SHARE * whole:
+                what = f"the calibration found a range of {found:.0f} degrees for {name}; the model has {whole:.0f}"
+                raise CalibrationError(f"{what}: calibrate anew, and move it from stop to stop", joint=name)
+
+    def of(self, q: Array, opening: Array) -> Array:
+        """Give joint positions (n, k) rad and gripper openings (n,), 1 open, as counts (n, k + 1)."""
+        arm = self._middle + self._table.to_degrees(q) * COUNTS / 360.0
+        closed, opened = float(self._gripper.closed[0]), float(self._gripper.open[0])
+        percent = np.clip(self._table.to_percent(closed + opening * (opened - closed)), 0.0, 100.0)
+        if self.servos[self.names[-1]].drive_mode:
+            percent = 100.0 - percent
+        fingers = self.lower[-1] + percent / 100.0 * (self.upper[-1] - self.lower[-1])
+        return np.column_stack([arm, fingers])
+
+    def joints(self, counts: Array) -> Array:
+        """Give the arm's counts (..., k + 1) as joint positions (..., k) rad."""
+        return self._table.to_radians((counts[..., :-1] - self._middle) * 360.0 / COUNTS)
+
+    def percent(self, counts: Array) -> Array:
+        """Give the gripper's counts (..., k + 1) as LeRobot's 0, closed, to 100, open, (...)."""
+        share: Array = 100.0 * (counts[..., -1] - self.lower[-1]) / (self.upper[-1] - self.lower[-1])
+        return 100.0 - share if self.servos[self.names[-1]].drive_mode else share
+
+    def check_reach(self, t: Array, counts: Array) -> None:
+        """Refuse a motion that leaves the calibrated range, where the servo would stop.
+
+        Raises:
+            PlanError: the first joint that does, and when.
+        """
+        beyond = np.maximum(counts - self.upper, self.lower - counts) - 1.0  # a count is rounded
+        if not (beyond > 0.0).any():
+            return
+        row, joint = np.argwhere(beyond > 0.0)[0]
+        by = 360.0 * (beyond[:, joint].max() + 1.0) / COUNTS
+        raise PlanError(
+            f"{self.names[joint]} would go {by:.1f} degrees beyond the range that its calibration found, first after "
+            f"{t[row]:.2f} s; calibrate it from stop to stop, or move the dock nearer",
+            joint=self.names[joint],
+            value=float(counts[row, joint]),
+        )
+
+
+def names_of(robot: Robot) -> tuple[str, ...]:
+    """Name the servos: the arm's joints, then the finger's."""
+    return robot.joints + (robot.gripper.joints[:1] if robot.gripper else ())

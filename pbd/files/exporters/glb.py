@@ -1,0 +1,33 @@
+"""GLB: the replay's scene, animated, for Blender and whatever else shows 3D models."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from pbd.data import Samples
+from pbd.data.receiver import Rule
+from pbd.files.exporters.order import Order
+
+FILLED_BY: tuple[Rule, ...] = ()
+"""Nobody moves an arm by it: joints are shown turning evenly from one frame to the next."""
+
+COUNTED = "frames"
+
+USUAL_HZ = 50.0
+
+LEAST_GAP_S = 1e-4
+"""Smallest gap between frames, s: the file's times are float32, which after 20 minutes are as coarse as that."""
+
+
+def samples(order: Order) -> Samples:
+    """Evaluate at the rate, and when the arm is at each keyframe."""
+    t, keyframe_t = order.trajectory.sample(order.rate_hz or USUAL_HZ).t, order.trajectory.keyframe_t
+    beside = np.abs(t[:, None] - keyframe_t).min(axis=1) < LEAST_GAP_S
+    return order.trajectory.at(np.union1d(t[~beside], keyframe_t))
+
+
+def write(order: Order, points: Samples, path: Path) -> None:
+    """Write the scene at these instants."""
+    order.source.draw(points.t, path)

@@ -1,0 +1,283 @@
+"""A LeRobotDataset v3.0: each demonstration an episode, as LeRobot reads it to train, to look at and to replay.
+
+What the arms that LeRobot knows read from their servos is in their [servos]; of other arms the dataset has the model's
+own joints, in rad. The action is the planned motion at each frame; the state is where an arm is that follows it a frame
+behind, as one does that is recorded. Written by pyarrow, which comes with pbd-robot[lerobot]; LeRobot is not needed.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbd.data import Robot, Samples
+from pbd.data.receiver import Rule, set_points
+from pbd.doors.atomic import is_file, is_folder, refuse_folder
+from pbd.doors.opening import read_text
+from pbd.errors import PbdError, PlanError, printable
+from pbd.files.exporters.order import Order
+from pbd.pose import Array
+
+Rows = NDArray[Any]
+"""Values of an episode, a row for each frame, as the file has them."""
+
+FILLED_BY: tuple[Rule, ...] = ("hold",)
+"""lerobot-replay sends each frame's action at its time."""
+
+COUNTED = "frames"
+
+FPS = 30
+
+VERSION = "v3.0"
+
+DIGITS = float(np.finfo(np.float32).eps)
+"""How large the last digit of the file's numbers is, as a share of them."""
+
+DATA, TASKS = "data/chunk-000/file-000.parquet", "meta/tasks.parquet"
+EPISODES = "meta/episodes/chunk-000/file-000.parquet"
+INFO, STATS = "meta/info.json", "meta/stats.json"
+
+COLUMNS = {"timestamp": "float32", **dict.fromkeys(("frame_index", "episode_index", "index", "task_index"), "int64")}
+"""What LeRobot has for each frame, besides state and action."""
+
+QUANTILES = {f"q{round(100 * share):02d}": share for share in (0.01, 0.1, 0.5, 0.9, 0.99)}
+
+AT_HOME_RAD = 1e-6
+
+
+class Episode(NamedTuple):
+    """What the arm does, in words; then state and action (n, k + 1), float32."""
+
+    task: str
+    state: Rows
+    action: Rows
+
+
+def check(robot: Robot) -> None:
+    """Refuse where pyarrow is missing, or the arm has no gripper.
+
+    Raises:
+        PbdError: pyarrow is missing.
+        PlanError: there is no gripper.
+    """
+    try:
+        import pyarrow.parquet  # noqa: F401
+    except ImportError:
+        what = "lerobot needs the package pyarrow; install it with: pip install 'pbd-robot[lerobot]'"
+        raise PbdError(what) from None
+    if robot.gripper is None:
+        what = f"a lerobot dataset has the gripper's opening in each frame, and {robot.name} has no [gripper]"
+        raise PlanError(f"{what}; give it one, or take another format", robot=robot.name)
+
+
+def refuse_dataset(folder: Path, robot: Robot) -> None:
+    """Refuse a folder to which this robot's episodes can't be added, before the command starts to work.
+
+    Raises:
+        PbdError: as `read_episodes`, or nothing can be written there.
+    """
+    if not read_episodes(folder, robot):
+        refuse_folder(folder)
+
+
+def first_frame(robot: Robot, points: Samples) -> str:
+    """Say where the first frame is, as LeRobot reads it."""
+    first = values(robot, points.q[:1], points.gripper[:1])[0].tolist()
+    unit, turned = ("degrees", 1) if robot.servos is not None else ("rad", 3)
+    joints = ", ".join(f"{name} {x:.{turned}f}" for name, x in zip(robot.joints, first, strict=False))
+    return f"{joints} ({unit}), gripper {first[-1]:.0f}"
+
+
+def samples(order: Order) -> Samples:
+    """Evaluate at 30 frames a second.
+
+    Raises:
+        PlanError: it doesn't begin with an approach and end at home: replay jumps to the first frame, and lets go of
+            the arm at the last.
+    """
+    trajectory, robot = order.trajectory, order.robot
+    at_home = np.abs(trajectory.at(np.array([trajectory.duration])).q[0] - robot.home).max() <= AT_HOME_RAD
+    if not (at_home and trajectory.keyframe_t[0] > 0.0):
+        what = f"lerobot's episodes begin and end at rest, away from the task, and {order.source.name} does not"
+        raise PlanError(f"{what}; leave --no-approach and --no-retreat out", robot=robot.name)
+    return trajectory.sample(FPS)
+
+
+def values(robot: Robot, q: Array, opening: Array) -> Rows:
+    """Give joints (n, k) and the gripper's opening (n,) as the dataset has them, (n, k + 1) float32."""
+    servos, gripper = robot.servos, robot.gripper
+    if servos is None or gripper is None:
+        return np.column_stack((q, 100.0 * opening)).astype(np.float32)
+    fingers = gripper.closed[0] + opening * (gripper.open[0] - gripper.closed[0])
+    return np.column_stack((servos.to_degrees(q), servos.to_percent(fingers))).astype(np.float32)
+
+
+def episode(order: Order, points: Samples) -> Episode:
+    """Make the frames: the state is a frame behind the action, and both end at rest."""
+    action = values(order.robot, points.q, points.gripper)
+    return Episode(order.task or order.source.name, np.vstack((action[:1], action[:-1])), action)
+
+
+def read(robot: Robot, found: Episode) -> Samples:
+    """Give an episode's actions as set points of the model's joints, rad."""
+    servos, gripper, q = robot.servos, robot.gripper, found.action[:, :-1].astype(np.float64)
+    opening = found.action[:, -1].astype(np.float64) / 100.0
+    if servos is not None and gripper is not None:
+        closed, opened = servos.to_percent(np.array([gripper.closed[0], gripper.open[0]])) / 100.0
+        q, opening = servos.to_radians(q), (opening - closed) / (opened - closed)
+    return set_points(np.arange(len(q)) / FPS, q, opening)
+
+
+def read_episodes(folder: Path, robot: Robot) -> list[Episode]:
+    """Read the episodes of a dataset that `write` made; none where there is no folder, or nothing in it.
+
+    Raises:
+        PbdError: something else is there, or another robot's dataset.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    if is_folder(folder) and not any(folder.iterdir()):
+        return []
+    if not is_folder(folder):
+        if is_file(folder):
+            raise PbdError(f"{folder} is a file, and lerobot needs a folder; give another name", path=folder)
+        return []
+    info = None
+    if is_file(folder / INFO):
+        with suppress(ValueError, RecursionError):
+            info = json.loads(read_text(folder / INFO, PbdError, "give a new folder"))
+    if not isinstance(info, dict):
+        what = f"{folder} holds something else than a LeRobot dataset"
+        raise PbdError(f"{what}; give a new folder", path=folder)
+    robot_type, features = info.get("robot_type"), info.get("features")
+    if robot_type != type_of(robot):
+        what = f"{folder} holds episodes of another robot, {printable(str(robot_type))}, not of {type_of(robot)}"
+        raise PbdError(f"{what}; give another folder", path=folder, value=robot_type)
+    ours = {str(path) for path in (DATA, EPISODES, TASKS, INFO, STATS)}
+    files = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+    if files != ours or features != _features(robot) or info.get("fps") != FPS:
+        what = f"{folder} holds a dataset that pbd did not write, or not alone (cameras, other rates, more files)"
+        raise PbdError(f"{what}; give a new folder, and join the two with lerobot-edit-dataset", path=folder)
+    try:
+        tasks = pq.read_table(folder / TASKS).to_pydict()
+        words = dict(zip(tasks["task_index"], tasks["__index_level_0__"], strict=True))
+        data = pq.read_table(folder / DATA)
+    except (pa.ArrowException, OSError, KeyError) as reason:
+        what = f"{folder} can't be read as a dataset ({printable(str(reason)[:80])})"
+        raise PbdError(f"{what}; give a new folder", path=folder) from None
+    column = {name: np.array(data[name].to_pylist()) for name in data.column_names}
+    starts = np.flatnonzero(np.diff(column["episode_index"], prepend=-1))
+    rows = [slice(a, b) for a, b in zip(starts, [*starts[1:], len(data)], strict=True)]
+    state, action = (column[name].astype(np.float32) for name in ("observation.state", "action"))
+    return [Episode(words[int(column["task_index"][each.start])], state[each], action[each]) for each in rows]
+
+
+def type_of(robot: Robot) -> str:
+    """What LeRobot calls the arm."""
+    return robot.name if robot.servos is None else robot.servos.robot_type
+
+
+def write(robot: Robot, episodes: Sequence[Episode], folder: Path) -> None:
+    """Write the dataset into an empty folder."""
+    import pyarrow as pa
+
+    words = list(dict.fromkeys(each.task for each in episodes))
+    columns = [_frames(i, each, words) for i, each in enumerate(episodes)]
+    ends = np.cumsum([len(each.action) for each in episodes]).tolist()
+    for frames, end in zip(columns, ends, strict=True):
+        frames["index"] = np.arange(end - len(frames["action"]), end)
+    whole = {name: np.concatenate([frames[name] for frames in columns]) for name in columns[0]}
+    k = len(robot.joints) + 1
+    kinds = {name: pa.list_(pa.float32(), k) for name in ("action", "observation.state")}
+    kinds |= {name: pa.type_for_alias(kind) for name, kind in COLUMNS.items()}
+    _write_table(folder / DATA, {name: pa.array(list(whole[name]), kind) for name, kind in kinds.items()})
+    rows: dict[str, list[Any]] = {}
+    for i, (each, frames, end) in enumerate(zip(episodes, columns, ends, strict=True)):
+        n = len(each.action)
+        row: dict[str, Any] = {"episode_index": i, "tasks": [each.task], "length": n}
+        row |= {"data/chunk_index": 0, "data/file_index": 0, "dataset_from_index": end - n, "dataset_to_index": end}
+        row |= {"meta/episodes/chunk_index": 0, "meta/episodes/file_index": 0}
+        row |= {f"stats/{name}/{kind}": x for name, found in _stats(frames).items() for kind, x in found.items()}
+        for name, value in row.items():
+            rows.setdefault(name, []).append(value)
+    _write_table(folder / EPISODES, {name: pa.array(column) for name, column in rows.items()})
+    _write_tasks(folder / TASKS, words)
+    info = {
+        "codebase_version": VERSION,
+        "robot_type": type_of(robot),
+        "total_episodes": len(episodes),
+        "total_frames": ends[-1],
+        "total_tasks": len(words),
+        "chunks_size": 1000,
+        "data_files_size_in_mb": 100,
+        "video_files_size_in_mb": 200,
+        "fps": FPS,
+        "splits": {"train": f"0:{len(episodes)}"},
+        "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
+        "video_path": None,
+        "features": _features(robot),
+    }
+    for place, value in ((INFO, info), (STATS, _stats(whole))):
+        (folder / place).write_text(json.dumps(value, indent=4) + "\n", encoding="utf-8")
+
+
+def _features(robot: Robot) -> dict[str, Any]:
+    """The columns, as info.json describes them."""
+    names = [f"{name}.pos" for name in (*robot.joints, "gripper")]
+    joints = {"dtype": "float32", "shape": [len(names)], "names": names}
+    plain = {name: {"dtype": kind, "shape": [1], "names": None} for name, kind in COLUMNS.items()}
+    return {"action": joints, "observation.state": joints, **plain}
+
+
+def _frames(i: int, each: Episode, words: Sequence[str]) -> dict[str, Rows]:
+    """The columns of an episode's rows, but for `index`."""
+    n = len(each.action)
+    return {
+        "action": each.action,
+        "observation.state": each.state,
+        "timestamp": (np.arange(n) / FPS).astype(np.float32),
+        "frame_index": np.arange(n),
+        "episode_index": np.full(n, i),
+        "task_index": np.full(n, words.index(each.task)),
+    }
+
+
+def _stats(frames: dict[str, Rows]) -> dict[str, dict[str, list[float]]]:
+    """What LeRobot normalises by."""
+    found = {}
+    for name, column in frames.items():
+        rows = column.reshape(len(column), -1).astype(np.float64)
+        each = {"min": rows.min(axis=0), "max": rows.max(axis=0), "mean": rows.mean(axis=0), "std": rows.std(axis=0)}
+        each |= {key: np.quantile(rows, share, axis=0) for key, share in QUANTILES.items()}
+        found[name] = {key: value.tolist() for key, value in each.items()} | {"count": [len(rows)]}
+    return found
+
+
+def _write_tasks(path: Path, words: Sequence[str]) -> None:
+    """Write the tasks' numbers; their words are the index of a pandas frame."""
+    import pyarrow as pa
+
+    index = "__index_level_0__"
+    kinds = (("task_index", "task_index", "int64", "int64"), (None, index, "unicode", "object"))
+    keys = "name", "field_name", "pandas_type", "numpy_type", "metadata"
+    described = [dict(zip(keys, (*kind, None), strict=True)) for kind in kinds]
+    pandas = {"index_columns": [index], "column_indexes": [], "columns": described}
+    columns = {"task_index": pa.array(range(len(words)), pa.int64()), index: pa.array(words, pa.string())}
+    _write_table(path, columns, {"pandas": json.dumps(pandas | {"pandas_version": "2.2.0"})})
+
+
+def _write_table(path: Path, columns: dict[str, Any], metadata: dict[str, str] | None = None) -> None:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    out = pa.BufferOutputStream()
+    pq.write_table(pa.table(columns).replace_schema_metadata(metadata), out)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(out.getvalue().to_pybytes())

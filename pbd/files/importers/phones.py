@@ -1,0 +1,278 @@
+"""Recordings of phones' apps, as a zip, a folder, or one CSV of it: Sensor Logger and phyphox, a file for each sensor.
+
+Sources: Sensor Logger's own documentation (github.com/tszheichoi/awesome-sensor-logger: UNITS.md, COORDINATES.md,
+CROSSPLATFORM.md); phyphox' DataExport.java and its documentation (github.com/phyphox). Specific force is to be +g up:
+- Sensor Logger on Android: TotalAcceleration.csv. Its Accelerometer.csv is without gravity on both systems.
+- Sensor Logger on iOS: Accelerometer.csv + Gravity.csv, both with the sign turned; or AccelerometerUncalibrated.csv,
+  in g and turned as well. With "Standardise Units & Frames" (`standardisation` in Metadata.csv) all is as on Android.
+- phyphox: "Acceleration x (m/s^2)"; its "Linear Acceleration x (m/s^2)" is without gravity.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+import zipfile
+import zlib
+from collections.abc import Callable, Mapping
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+
+from pbd.data import GRAVITY, Recording, RecordingInfo
+from pbd.data.streams import Moment, Moments, Stream, joined
+from pbd.doors.opening import LARGE, read_bytes
+from pbd.errors import RecordingError, in_words, listed
+from pbd.files.importers.columns import Column, Understood
+from pbd.files.table import Sheet, foreign_text, open_sheet
+
+LARGEST_FILE = LARGE // 4
+"""Largest file in a zip, bytes: an hour at 400 Hz has 120 MB. So a small zip can't fill the memory."""
+
+MOST_FILES = 1000
+"""Most files of a recording that are looked at: Sensor Logger keeps pictures, too."""
+
+LOGGER_FILES = (
+    *("TotalAcceleration", "Accelerometer", "AccelerometerUncalibrated", "Gravity"),
+    *("Gyroscope", "GyroscopeUncalibrated", "Magnetometer", "MagnetometerUncalibrated"),
+)
+LOGGER_COLUMNS = {"seconds_elapsed", "x", "y", "z"}
+METADATA = "Metadata"
+
+PHYPHOX_QUANTITIES = {
+    "gyr": r"(?:gyroscope|rotation rate) ([xyz]) \(rad/s\)",
+    "acc": r"acceleration ([xyz]) \(m/s(?:\^2|²)\)",
+    "mag": r"magnetic field ([xyz]) \([µμ]t\)",
+    "linear": r"linear acceleration ([xyz]) \(m/s(?:\^2|²)\)",
+}
+PHYPHOX_UNITS = {"gyr": "rad/s", "acc": "m/s2", "mag": "ut"}
+PHYPHOX_MOMENTS = "meta/time"
+
+Files = dict[str, Callable[[], bytes]]
+
+
+def read_phone(path: Path) -> tuple[Recording, Understood] | None:
+    """Read a phone's recording, and what was read of it; None where it is none of Sensor Logger's or phyphox'.
+
+    Args:
+        path: a zip, a folder, or a CSV in such a folder.
+
+    Raises:
+        RecordingError: a damaged zip, no specific force with gravity, or a table that is none.
+    """
+    files = _zipped(path) if path.suffix.lower() == ".zip" else _beside(path)
+    if not files:
+        return None
+    logger = {name: files[name] for name in LOGGER_FILES if name in files}
+    sheets = {name: _sheet(path, name, read) for name, read in logger.items()}
+    sheets = {name: sheet for name, sheet in sheets.items() if set(sheet.header) >= LOGGER_COLUMNS}
+    if sheets:
+        return _of_logger(path, sheets, _metadata(files))
+    return _of_phyphox(path, files)
+
+
+def _beside(path: Path) -> Files:
+    """The tables of a folder; a CSV counts only by a name and a header of these apps."""
+    folder = path if path.is_dir() else path.parent
+    if path.is_file():
+        if path.suffix.lower() != ".csv":
+            return {}
+        with path.open("rb") as file:
+            header = file.readline(1000).decode("utf-8", "replace")
+        logger = path.stem in LOGGER_FILES and set(header.strip().split(",")) >= LOGGER_COLUMNS
+        if not logger and not _phyphox_kind([cell.strip().strip('"') for cell in re.split(r"[,;\t]", header)]):
+            return {}
+    try:
+        names = sorted(each for each in (*folder.glob("*.csv"), folder / f"{PHYPHOX_MOMENTS}.csv") if each.is_file())
+    except OSError as reason:
+        raise RecordingError(f"{folder}: can't be read ({in_words(reason)}); give another", path=folder) from None
+    return {
+        str(file.relative_to(folder).with_suffix("")): lambda file=file: read_bytes(
+            file, RecordingError, "give another"
+        )  # type: ignore[misc]
+        for file in names[:MOST_FILES]
+    }
+
+
+def _zipped(path: Path) -> Files:
+    """The tables of a zip, whatever folder they are in."""
+    data = read_bytes(path, RecordingError, "export it again")
+    try:
+        archive = zipfile.ZipFile(io.BytesIO(data))
+    except (zipfile.BadZipFile, OSError, ValueError) as reason:
+        what = f"{path}: the zip is damaged or cut off ({in_words(reason)}); copy or export it again"
+        raise RecordingError(what, path=path) from None
+    files: Files = {}
+    for member in archive.infolist()[:MOST_FILES]:
+        place = PurePosixPath(member.filename)
+        if place.suffix.lower() != ".csv" or "__MACOSX" in place.parts:
+            continue
+        name = PHYPHOX_MOMENTS if place.parts[-2:] == ("meta", "time.csv") else place.stem
+        if place.parts[-2:-1] == ("meta",) and name != PHYPHOX_MOMENTS:
+            continue
+        if name in files:
+            what = f"{path}: it holds several recordings ({name}.csv twice); export one"
+            raise RecordingError(what, path=path)
+        files[name] = lambda member=member: _member(path, archive, member)  # type: ignore[misc]
+    return files
+
+
+def _member(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> bytes:
+    if member.file_size > LARGEST_FILE:
+        most = f"{LARGEST_FILE / 1e6:.0f} MB"
+        what = (
+            f"{path}: '{member.filename}' in it has {member.file_size / 1e6:.3g} MB, more than the {most} that are read"
+        )
+        raise RecordingError(f"{what}; export a shorter recording", path=path, value=member.file_size)
+    try:
+        return archive.read(member)
+    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, NotImplementedError, ValueError) as reason:
+        what = f"{path}: '{member.filename}' in the zip can't be read ({in_words(reason)}); export it again"
+        raise RecordingError(what, path=path) from None
+
+
+def _sheet(path: Path, name: str, read: Callable[[], bytes]) -> Sheet:
+    folder = path.parent if path.suffix.lower() == ".csv" else path
+    file = folder / f"{name}.csv"
+    return open_sheet(file, foreign=True, text=foreign_text(file, read()))
+
+
+def _stream(sheet: Sheet, t: str, axes: tuple[str, ...], scale: float = 1.0) -> Stream:
+    """A sensor's readings in the order of their times, of which each is there once; rows with a NaN left out."""
+    rows = sheet.read([t, *axes]).values
+    rows = rows[np.isfinite(rows).all(axis=1)]
+    at, first = np.unique(rows[:, 0], return_index=True)
+    return Stream(at, scale * rows[first, 1:])
+
+
+def _metadata(files: Files) -> Mapping[str, str]:
+    if METADATA not in files:
+        return {}
+    rows = list(csv.DictReader(io.StringIO(files[METADATA]().decode("utf-8", "replace"))))
+    return {str(key).strip().lower(): str(value).strip().lower() for key, value in rows[0].items()} if rows else {}
+
+
+def _of_logger(path: Path, sheets: Mapping[str, Sheet], about: Mapping[str, str]) -> tuple[Recording, Understood]:
+    def stream(name: str, scale: float = 1.0) -> Stream | None:
+        return _stream(sheets[name], "seconds_elapsed", ("x", "y", "z"), scale) if name in sheets else None
+
+    ios = about.get("platform") == "ios"
+    turned = ios and about.get("standardisation") != "true"
+    sign = -1.0 if turned else 1.0
+    acc, source, unit = stream("TotalAcceleration", sign), "TotalAcceleration.csv", "m/s2"
+    if acc is None and {"Accelerometer", "Gravity"} <= sheets.keys():
+        if not about:
+            what = "Metadata.csv is missing, which says whether the signs are an iPhone's"
+            raise RecordingError(f"{path}: {what}; add it, or export again", path=path)
+        moved, gravity = stream("Accelerometer", sign), stream("Gravity", sign)
+        assert moved is not None
+        assert gravity is not None
+        total = moved.values + gravity.at(moved.t)
+        known = np.isfinite(total[:, 0])
+        acc, source = Stream(moved.t[known], total[known]), "Accelerometer.csv + Gravity.csv"
+    if acc is None and "AccelerometerUncalibrated" in sheets:
+        source, unit = "AccelerometerUncalibrated.csv", "g" if turned else "m/s2"
+        acc = stream("AccelerometerUncalibrated", sign * (GRAVITY if turned else 1.0))
+        assert acc is not None
+        if not about and len(acc) and np.median(np.linalg.norm(acc.values, axis=1)) < 0.5 * GRAVITY:
+            acc, sign, unit = Stream(acc.t, -GRAVITY * acc.values), -1.0, "g"  # an iPhone's
+    if acc is None:
+        needed = "Gravity.csv beside Accelerometer.csv" if ios else "TotalAcceleration.csv"
+        switch = "Gravity" if ios else "Total Acceleration"
+        there = "Accelerometer.csv is without gravity" if "Accelerometer" in sheets else "no acceleration is in it"
+        raise RecordingError(
+            f"{path}: {there}, and {needed} is needed; switch on '{switch}' in Sensor Logger and record again",
+            path=path,
+        )
+    read = {"acc": (source, sign, unit)}
+    others: dict[str, Stream | None] = {}
+    for kind, name, its_unit in (("gyr", "Gyroscope", "rad/s"), ("mag", "Magnetometer", "ut")):
+        found = next((each for each in (name, f"{name}Uncalibrated") if each in sheets), name)
+        others[kind] = stream(found)
+        read |= {kind: (f"{found}.csv", 1.0, its_unit)} if found in sheets else {}
+    used = " ".join(source for source, _, _ in read.values())
+    unread = {f"{name}.csv": "another file has it better" for name in sheets if f"{name}.csv" not in used}
+    if "Accelerometer.csv" in unread:
+        unread["Accelerometer.csv"] = "without gravity"
+    return _recording(path, acc, others["gyr"], others["mag"]), _understood("Sensor Logger", read, unread)
+
+
+def _phyphox_kind(header: list[str]) -> dict[str, list[str]]:
+    """Of each quantity in a header of phyphox', its three columns."""
+    found: dict[str, list[str]] = {}
+    for kind, pattern in PHYPHOX_QUANTITIES.items():
+        axes = {match[1]: name for name in header if (match := re.fullmatch(pattern, name.lower()))}
+        if set(axes) == set("xyz"):
+            found[kind] = [axes[axis] for axis in "xyz"]
+    return found if "Time (s)" in header else {}
+
+
+def _of_phyphox(path: Path, files: Files) -> tuple[Recording, Understood] | None:
+    streams: dict[str, Stream] = {}
+    read: dict[str, tuple[str, float, str]] = {}
+    moments = _moments(path, files)
+    for name in sorted(files.keys() - {PHYPHOX_MOMENTS}, key=lambda name: name != path.stem):  # the one named first
+        text = files[name]
+        try:
+            sheet = _sheet(path, name, text)
+        except RecordingError:
+            continue  # another set of the experiment: empty, or of few columns
+        for kind, axes in _phyphox_kind(list(sheet.header)).items():
+            if kind in streams:
+                if path.is_file() and path.suffix.lower() == ".csv":
+                    continue
+                what = f"{path}: '{axes[0]}' is in {name}.csv and in another file too; keep one recording in a folder"
+                raise RecordingError(what, path=path)
+            stream = _stream(sheet, "Time (s)", tuple(axes))
+            streams[kind] = Stream(moments.straight(stream.t), stream.values)
+            read[kind] = (f"{name}.csv", 1.0, PHYPHOX_UNITS.get(kind, ""))
+    if not streams:
+        return None
+    if "acc" not in streams:
+        there = "Linear Acceleration is without gravity" if "linear" in streams else "no acceleration is in it"
+        what = f"{path}: {there}, and 'Acceleration x (m/s^2)' is needed"
+        raise RecordingError(
+            f"{what}; record with the experiment that `pbd sensors phyphox` gives to the phone", path=path
+        )
+    unread = {file: "without gravity" for kind, (file, _, _) in read.items() if kind == "linear"}
+    understood = _understood("phyphox", {kind: one for kind, one in read.items() if kind != "linear"}, unread)
+    return _recording(path, streams["acc"], streams.get("gyr"), streams.get("mag")), understood
+
+
+def _understood(program: str, read: Mapping[str, tuple[str, float, str]], unread: Mapping[str, str]) -> Understood:
+    """What was read, of each quantity its file, sign and unit."""
+    by = f"{program}'s documentation"
+    columns = tuple(
+        Column(f"{file}: {axis}", f"{kind[0]}{axis}", sign, unit, by, by)
+        for kind, (file, sign, unit) in read.items()
+        for axis in "xyz"
+    )
+    return Understood(columns, dict(unread), f"{program} (a phone)")
+
+
+def _moments(path: Path, files: Files) -> Moments:
+    """When the measurement was started and paused: experiment time stands still between."""
+    moments = Moments()
+    if PHYPHOX_MOMENTS in files:
+        sheet = _sheet(path, PHYPHOX_MOMENTS, files[PHYPHOX_MOMENTS])
+        if {"event", "experiment time", "system time"} <= set(sheet.header):
+            at = sheet.read(["experiment time", "system time"]).values.tolist()
+            events = sheet.words("event")
+            moments.take(tuple(Moment(e == "START", t, s) for e, (t, s) in zip(events, at, strict=True)))
+    return moments
+
+
+def _recording(path: Path, acc: Stream, gyr: Stream | None, mag: Stream | None) -> Recording:
+    t, *channels = joined(
+        acc, gyr if gyr is not None and len(gyr) else None, mag if mag is not None and len(mag) else None
+    )
+    if len(t) < 2:
+        spans = listed(
+            f"{each.t[0]:.1f} to {each.t[-1]:.1f} s" for each in (acc, gyr) if each is not None and len(each)
+        )
+        what = f"{path}: its sensors have no time in common ({spans})"
+        raise RecordingError(f"{what}; record them together", path=path)
+    a, g, m = channels
+    assert a is not None
+    return Recording(t - t[0], a, g, m, info=RecordingInfo(clock="device"))

@@ -1,0 +1,137 @@
+"""The calibration of an arm's servos, as LeRobot writes it: a JSON object, for each joint one of five integers."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from pbd.doors.atomic import atomic_file, is_file
+from pbd.doors.opening import read_text
+from pbd.errors import CalibrationError, listed, printable
+
+COUNTS = 4096
+"""Counts of a turn of an STS3215."""
+
+LARGEST_OFFSET = 2047
+"""Largest homing offset that the servo can hold, counts either way."""
+
+
+SHARED_TYPE = "so_follower"
+"""LeRobot's name for both arms since 0.5."""
+
+
+@dataclass(frozen=True)
+class ServoCalibration:
+    """One servo: its id on the bus, and counts.
+
+    Attributes:
+        id: 1 to 253.
+        drive_mode: 1 where the gripper's percent count the other way.
+        homing_offset: what the servo takes off its encoder's count.
+        range_min, range_max: the ends of the joint's range, as the servo then counts.
+    """
+
+    id: int
+    drive_mode: int
+    homing_offset: int
+    range_min: int
+    range_max: int
+
+
+BOUNDS = {
+    "id": (1, 253),
+    "drive_mode": (0, 1),
+    "homing_offset": (-LARGEST_OFFSET, LARGEST_OFFSET),
+    "range_min": (0, COUNTS - 1),
+    "range_max": (0, COUNTS - 1),
+}
+
+
+def read_servo_calibration(path: Path, joints: Sequence[str]) -> dict[str, ServoCalibration]:
+    """Read the servos of these joints, in that order.
+
+    Raises:
+        CalibrationError: the file can't be read, lacks a joint, or has a number that no servo can have.
+    """
+    text = read_text(path, CalibrationError, "make one with `pbd run --calibrate`, or name LeRobot's")
+    try:
+        values = json.loads(text)
+    except (ValueError, RecursionError) as reason:
+        raise _wrong(path, f"is not JSON ({str(reason)[:100]})") from None
+    if not isinstance(values, dict):
+        raise _wrong(path, "holds no object with the joints' names")
+    if missing := [joint for joint in joints if joint not in values]:
+        raise _wrong(path, f"lacks {listed(missing)}: it has {listed(map(str, values))}")
+    servos = {joint: _servo(path, joint, values[joint]) for joint in joints}
+    ids = [servo.id for servo in servos.values()]
+    if twice := [joint for joint, servo in servos.items() if ids.count(servo.id) > 1]:
+        raise _wrong(path, f"gives one id to {listed(twice)}")
+    return servos
+
+
+def write_servo_calibration(servos: Mapping[str, ServoCalibration], path: Path) -> None:
+    """Write it as LeRobot does; raises PbdError where nothing can be written there."""
+    text = json.dumps({joint: asdict(servo) for joint, servo in servos.items()}, indent=4)
+    with atomic_file(path, parents=True) as file:
+        file.write_text(text + "\n", encoding="utf-8")
+
+
+def find_servo_calibration(named: Path | None, robot: str, robot_type: str) -> Path:
+    """The file that was named, ./calibration/ROBOT-servos.json, or LeRobot's only one for this type of arm.
+
+    Raises:
+        CalibrationError: there is none, or LeRobot has several.
+    """
+    if named is not None:
+        return named
+    own = own_servo_calibration(robot)
+    if is_file(own):
+        return own
+    folder = _lerobots_folder()
+    found = sorted(path for name in (robot_type, SHARED_TYPE) for path in (folder / name).glob("*.json"))
+    if len(found) == 1:
+        return found[0]
+    if found:
+        what = f"LeRobot has calibrated several arms ({listed(path.stem for path in found)}): name one,"
+        raise CalibrationError(f"{what} --servos {found[0]}", path=folder)
+    what = f"no calibration of the servos: there is no {own}, and LeRobot has none in {folder / robot_type};"
+    raise CalibrationError(
+        f"{what} make one with `pbd run --calibrate --robot {robot}`, or name its file with --servos"
+    )
+
+
+def own_servo_calibration(robot: str) -> Path:
+    """Where `pbd run --calibrate` writes it."""
+    return Path("calibration") / f"{robot}-servos.json"
+
+
+def _lerobots_folder() -> Path:
+    """As lerobot/utils/constants.py has it."""
+    hub = os.environ.get("HF_HOME") or str(Path("~/.cache/huggingface"))
+    home = os.environ.get("HF_LEROBOT_HOME") or os.path.join(hub, "lerobot")  # noqa: PTH118 (HF_HOME may be "")
+    calibration = os.environ.get("HF_LEROBOT_CALIBRATION") or os.path.join(home, "calibration")  # noqa: PTH118
+    return Path(os.path.expanduser(calibration)) / "robots"  # noqa: PTH111 (pathlib's raises where there is no home)
+
+
+def _servo(path: Path, joint: str, value: Any) -> ServoCalibration:
+    if not isinstance(value, dict):
+        raise _wrong(path, f"{joint} is no object")
+    numbers = {}
+    for each in fields(ServoCalibration):
+        number, (least, most) = value.get(each.name), BOUNDS[each.name]
+        if type(number) is not int or not least <= number <= most:
+            said = "is missing" if number is None else f"is {printable(json.dumps(number))}"
+            raise _wrong(path, f"{each.name} of {joint} {said}, not a whole number from {least} to {most}")
+        numbers[each.name] = number
+    servo = ServoCalibration(**numbers)
+    if not servo.range_min < servo.range_max:
+        raise _wrong(path, f"range_min of {joint}, {servo.range_min}, is not below its range_max, {servo.range_max}")
+    return servo
+
+
+def _wrong(path: Path, what: str) -> CalibrationError:
+    return CalibrationError(f"{path}: {what}; make it anew with `pbd run --calibrate`", path=path)

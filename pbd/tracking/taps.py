@@ -1,0 +1,131 @@
+"""Two quick taps on the sensor's back, found in the specific force sample by sample.
+
+A tap is a short shock across the housing (along z). The hand is still before the first, between the two and after the
+second. The times are near those of the double-tap recognition in ST's accelerometers (application note AN5192).
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass
+from math import hypot, inf, isfinite
+
+from pbd.data import GripEvent, Recording
+
+SHOCK = 3.0
+"""Least peak of a tap, m/s2, beyond what was read before. ST's threshold is 7 at 417 Hz; at 100 Hz peaks are halved."""
+
+ACROSS = 0.75
+"""Least share of a peak that is along z: a tap's direction is within 41 degrees of the back's normal."""
+
+SHOCK_S, QUIET_S = 0.058, 0.029
+"""Longest shock, s; least quiet before another begins, s (AN5192)."""
+
+TOGETHER_S = 0.54
+"""Longest time, s, from the beginning of the first tap to that of the second (AN5192)."""
+
+STILL = 0.8
+"""Largest deviation, m/s2, of a hand that holds still."""
+
+RINGS = 0.35
+"""Share of a tap's peak up to which the hand may ring after its shock."""
+
+STILL_S, AFTER_S = 0.25, 0.2
+"""s of stillness before the first tap and after the second."""
+
+KEPT = 0.5
+"""Largest change, m/s2, of the mean specific force from before the taps to after them: the hand has not turned by more
+than 3 degrees."""
+
+GAP_S = 0.03
+"""Longest step, s, between two samples: a tap may hide in a longer one. So nothing is found below 33 Hz."""
+
+
+@dataclass
+class _Shock:
+    """Since when, s; until when it was loud, s; its peak's size and part along z, m/s2."""
+
+    begun: float
+    loud: float
+    size: float
+    across: float
+
+    @property
+    def is_tap(self) -> bool:
+        return self.size >= SHOCK and abs(self.across) >= ACROSS * self.size
+
+
+class TapDetector:
+    """Takes samples; tells a pair of taps once the hand has been still for AFTER_S after them."""
+
+    def __init__(self) -> None:
+        self._t = -inf
+        self._start_over()
+
+    def _start_over(self) -> None:
+        self._before: deque[tuple[float, float, float, float]] = deque()
+        self._after: list[tuple[float, float, float]] = []
+        self._sum = self._mean = (0.0, 0.0, 0.0)
+        self._shocks: list[_Shock] = []
+        self._held_long = False
+
+    def feed(self, t: float, acc: Iterable[float]) -> float | None:
+        """Take the next sample, (3,) m/s2 at t s; return when the first of two taps began, s, if they are found now."""
+        x, y, z = acc
+        step, self._t = t - self._t, t
+        if step > GAP_S or not isfinite(x + y + z):
+            self._start_over()
+            if not isfinite(x + y + z):
+                return None
+        if self._shocks:
+            mx, my, mz = self._mean
+            return self._follow(t, (x - mx, y - my, z - mz))
+        sx, sy, sz = self._sum
+        while self._before and self._before[0][0] < t - STILL_S:
+            self._held_long = True
+            _, ox, oy, oz = self._before.popleft()
+            sx, sy, sz = sx - ox, sy - oy, sz - oz
+        n = len(self._before)
+        if self._held_long and n:
+            size = hypot(x - sx / n, y - sy / n, z - sz / n)
+            if size > STILL:
+                self._mean = (sx / n, sy / n, sz / n)
+                self._shocks = [_Shock(t, t, size, z - sz / n)]
+                return None
+        self._before.append((t, x, y, z))
+        self._sum = (sx + x, sy + y, sz + z)
+        return None
+
+    def _follow(self, t: float, off: tuple[float, float, float]) -> float | None:
+        """Take a sample after the first shock began, as it is off what was read before, m/s2."""
+        size, shock = hypot(*off), self._shocks[-1]
+        since = t - shock.begun
+        if size > max(STILL, RINGS * shock.size):
+            if since <= SHOCK_S:
+                shock.loud = t
+                if size > shock.size:
+                    shock.size, shock.across = size, off[2]
+            elif len(self._shocks) == 1 and t - shock.loud > QUIET_S and since <= TOGETHER_S and shock.is_tap:
+                self._shocks.append(_Shock(t, t, size, off[2]))
+            else:
+                self._start_over()
+        elif len(self._shocks) == 1:
+            if since > TOGETHER_S:
+                self._start_over()
+        elif since > SHOCK_S:
+            self._after.append(off)
+            if since > SHOCK_S + AFTER_S:
+                kept = hypot(*(sum(axis) / len(self._after) for axis in zip(*self._after, strict=True))) <= KEPT
+                first, second = self._shocks
+                self._start_over()
+                return first.begun if kept and second.is_tap else None
+        return None
+
+
+def grip_by_taps(recording: Recording) -> tuple[GripEvent, ...]:
+    """Find all pairs of taps: the first closes the grip, the next opens it, and so on."""
+    detector = TapDetector()
+    found = [detector.feed(t, acc) for t, acc in zip(recording.t.tolist(), recording.acc.tolist(), strict=True)]
+    times = [t for t in found if t is not None]
+    return tuple(GripEvent(t, closed=k % 2 == 0) for k, t in enumerate(times))

@@ -1,0 +1,191 @@
+"""The replay's scene as a GLB file (glTF 2.0, binary), for Blender and whatever else shows 3D models.
+
+glTF has y up, so a node above all others turns what has z up. Players go evenly from one frame to the next: each joint
+turns at a constant rate between two frames, as a joint does.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbd.pose import Array, quat_to_xyzw
+from pbd.view.meshcat_encoding import MeshGeometry, PoseTrack, ScenePath, SetTracks, Visualizer, linear_light
+from pbd.view.meshes import Mesh
+from pbd.view.scene import build
+from pbd.view.scene_values import ReplayScene
+
+Z_UP = (-float(np.sqrt(0.5)), 0.0, 0.0, float(np.sqrt(0.5)))
+"""Quaternion xyzw of the turn from z up to y up."""
+
+FEW_COLOURS = 8
+"""Parts of so few colours have a material for each; those of more have colours at their vertices, which fewer show."""
+
+STILL = 1e-9
+"""What moves by less over the whole motion, m or of a unit quaternion, is not animated."""
+
+ARRAY, INDEX = 34962, 34963
+FLOAT, UINT16, UINT32, UINT8 = 5126, 5123, 5125, 5121
+"""The standard's numbers."""
+
+
+def write_glb(scene: ReplayScene, path: Path) -> None:
+    """Write the arm and its motion, the paths, the keyframes and what stands around.
+
+    Raises:
+        RobotError: the robot's meshes can't be read.
+        OSError: the file can't be written.
+    """
+    window = _Window(scene.title)
+    build(scene, Visualizer.view_into(window, ScenePath()))
+    path.write_bytes(window.glb())
+
+
+class _Window:
+    """Stands in for meshcat's window: makes glTF of the commands."""
+
+    def __init__(self, title: str) -> None:
+        self.data = bytearray()
+        self.views: list[dict[str, Any]] = []
+        self.accessors: list[dict[str, Any]] = []
+        self.meshes: list[dict[str, Any]] = []
+        self.materials: list[dict[str, Any]] = []
+        self.nodes: list[dict[str, Any]] = [{"name": title, "rotation": Z_UP}]
+        self.channels: list[dict[str, Any]] = []
+        self.samplers: list[dict[str, Any]] = []
+        self._paths: dict[tuple[str, ...], int] = {(): 0}
+        self._times: dict[bytes, int] = {}
+        self._known: dict[bytes, int] = {}
+
+    def send(self, command: Any) -> None:
+        """Take one of meshcat's commands; what looks and sounds otherwise is the page's business."""
+        if isinstance(command, SetTracks):
+            for track in command.tracks:
+                self._animate(track)
+        elif hasattr(command, "object"):
+            mesh, material = command.object.geometry, command.object.material
+            if isinstance(mesh, MeshGeometry):
+                self.nodes[self._node(command.path.entries)]["mesh"] = self._mesh(mesh.mesh, float(material.opacity))
+        elif hasattr(command, "matrix"):
+            self.nodes[self._node(command.path.entries)]["matrix"] = np.asarray(command.matrix).T.ravel().tolist()
+
+    def glb(self) -> bytes:
+        """The file: a header, the JSON, the binary data, each padded to four bytes."""
+        whole = {
+            "asset": {"version": "2.0", "generator": "pbd"},
+            "scene": 0,
+            "scenes": [{"nodes": [0]}],
+            "nodes": self.nodes,
+            "meshes": self.meshes,
+            "materials": self.materials,
+            "accessors": self.accessors,
+            "bufferViews": self.views,
+            "buffers": [{"byteLength": len(self.data)}],
+            "animations": [{"name": "motion", "channels": self.channels, "samplers": self.samplers}],
+        }
+        text = json.dumps(whole, separators=(",", ":")).encode()
+        text += b" " * (-len(text) % 4)
+        chunks = (
+            struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(self.data), b"BIN\0") + self.data
+        )
+        return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
+
+    def _node(self, entries: tuple[str, ...]) -> int:
+        """The node of a path, made with those above it where it is new."""
+        if entries not in self._paths:
+            above = self.nodes[self._node(entries[:-1])]
+            name = f"{entries[-2]} {entries[-1]}" if entries[-1].isdigit() else entries[-1]
+            self._paths[entries] = len(self.nodes)
+            above.setdefault("children", []).append(len(self.nodes))
+            self.nodes.append({"name": name})
+        return self._paths[entries]
+
+    def _animate(self, track: PoseTrack) -> None:
+        """Give a node its first pose, and what of it moves."""
+        i = self._node(track.path.entries)
+        turns = quat_to_xyzw(track.wxyz)
+        flips = np.cumprod(np.append(1.0, np.where((turns[1:] * turns[:-1]).sum(axis=1) < 0.0, -1.0, 1.0)))
+        self.nodes[i].pop("matrix", None)  # the standard allows either, and animates only this
+        for name, values in (("translation", track.p), ("rotation", flips[:, None] * turns)):
+            self.nodes[i][name] = values[0].tolist()
+            if np.ptp(values, axis=0).max() < STILL:
+                continue
+            sampler = {"input": self._seconds(track.t), "output": self._accessor(values, FLOAT)}
+            self.channels.append({"sampler": len(self.samplers), "target": {"node": i, "path": name}})
+            self.samplers.append({**sampler, "interpolation": "LINEAR"})
+
+    def _seconds(self, t: Array) -> int:
+        key = t.tobytes()
+        if key not in self._times:
+            self._times[key] = self._accessor(t[:, None], FLOAT, bounds=True)
+        return self._times[key]
+
+    def _mesh(self, mesh: Mesh, opacity: float) -> int:
+        """The mesh of this form and these colours, which nodes share."""
+        form = mesh.grid, mesh.faces, mesh.rgb, mesh.centre, np.array([mesh.step, opacity, mesh.closed])
+        key = b"".join(each.tobytes() for each in form)
+        if key not in self._known:
+            position = self._accessor(mesh.vertices, FLOAT, ARRAY, bounds=True)
+            attributes = {"POSITION": position, "NORMAL": self._accessor(_normals(mesh), FLOAT, ARRAY)}
+            colours, of = np.unique(mesh.rgb, axis=0, return_inverse=True)
+            few = len(colours) <= FEW_COLOURS
+            if not few:
+                vertices = np.column_stack((linear_light(mesh.rgb), np.full(len(mesh.rgb), 255)))
+                attributes["COLOR_0"] = self._accessor(vertices, UINT8, ARRAY)
+            groups = (
+                [mesh.faces[of.ravel()[mesh.faces[:, 0]] == i] for i in range(len(colours))] if few else [mesh.faces]
+            )
+            primitives = [
+                {
+                    "attributes": attributes,
+                    "indices": self._accessor(
+                        faces.reshape(-1, 1), UINT32 if len(mesh.grid) > 65535 else UINT16, INDEX
+                    ),
+                    "material": self._material(colour if few else None, opacity, mesh.closed),
+                }
+                for faces, colour in zip(groups, colours, strict=False)
+                if len(faces)
+            ]
+            self._known[key] = len(self.meshes)
+            self.meshes.append({"primitives": primitives})
+        return self._known[key]
+
+    def _material(self, rgb: NDArray[np.uint8] | None, opacity: float, closed: bool) -> int:
+        light = [1.0] * 3 if rgb is None else (linear_light(rgb) / 255.0).tolist()
+        surface = {"baseColorFactor": [*light, opacity], "metallicFactor": 0.0, "roughnessFactor": 0.6}
+        material: dict[str, Any] = {"pbrMetallicRoughness": surface, "doubleSided": not closed}
+        if opacity < 1.0:
+            material["alphaMode"] = "BLEND"
+        if material not in self.materials:
+            self.materials.append(material)
+        return self.materials.index(material)
+
+    def _accessor(self, values: NDArray[Any], kind: int, target: int | None = None, bounds: bool = False) -> int:
+        """Add numbers (n, k) to the data."""
+        dtype = {FLOAT: "<f4", UINT16: "<u2", UINT32: "<u4", UINT8: "u1"}[kind]
+        stored = np.ascontiguousarray(values, dtype=dtype)
+        view = {"buffer": 0, "byteOffset": len(self.data), "byteLength": stored.nbytes}
+        self.views.append(view if target is None else view | {"target": target})
+        self.data += stored.tobytes() + b"\0" * (-stored.nbytes % 4)
+        shape = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}[stored.shape[1]]
+        accessor = {"bufferView": len(self.views) - 1, "componentType": kind, "count": len(stored), "type": shape}
+        if bounds:
+            accessor |= {"min": stored.min(axis=0).tolist(), "max": stored.max(axis=0).tolist()}
+        self.accessors.append(accessor | ({"normalized": True} if kind == UINT8 else {}))
+        return len(self.accessors) - 1
+
+
+def _normals(mesh: Mesh) -> Array:
+    """Unit normals (n, 3) at the vertices, which are split where there are edges: the sum of the faces around."""
+    p, q, r = (mesh.vertices[corner] for corner in mesh.faces.T)
+    across, normals = np.cross(q - p, r - p), np.zeros(mesh.grid.shape)
+    for corner in mesh.faces.T:
+        for axis in range(3):
+            normals[:, axis] += np.bincount(corner, across[:, axis], len(normals))
+    size = np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.where(size > 0.0, normals / np.maximum(size, 1e-300), (0.0, 0.0, 1.0))

@@ -1,0 +1,86 @@
+"""`pbd sensors phyphox`: the experiment and its codes, read back as the app does: with ZXing, byte by byte."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+import zlib
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import segno
+import zxingcpp
+from PIL import Image
+
+from pbd.sensors.phyphox.answers import BUFFERS
+from pbd.sensors.phyphox.experiment import ROWS, code_parts, experiment
+from tests.cli.running import Capture, refused, run
+from tests.cli.terminal import Terminal
+
+
+def in_the_app(codes: list[bytes]) -> str:
+    """What the app makes of the codes, in whatever order they are scanned: the experiment's text."""
+    heads = {(code[:11], code[12]) for code in codes}
+    assert heads == {(b"phyphox" + zlib.crc32(b"".join(code[13:] for code in codes)).to_bytes(4, "big"), len(codes))}
+    assert [code[11] for code in codes] == list(range(len(codes)))
+    with zipfile.ZipFile(io.BytesIO(b"".join(code[13:] for code in codes))) as archive:
+        (name,) = archive.namelist()
+        assert name.endswith(".phyphox")
+        return archive.read(name).decode()
+
+
+def test_the_code_in_a_picture_is_the_experiment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, out, _ = run(capsys, "sensors", "phyphox", "-o", "code.png")
+    assert code == 0
+    assert "--port http://ADDRESS" in out
+    (read,) = zxingcpp.read_barcodes(Image.open("code.png"))
+    assert read.symbology_identifier == "]Q1"  # no ECI: the app takes the first byte segment as it is
+    assert in_the_app([read.bytes]) == experiment()
+
+
+@pytest.mark.parametrize("count", [1, 3, 6])
+def test_several_codes_make_one_experiment(count: int) -> None:
+    read = []
+    for part in code_parts(count):
+        picture = np.array(
+            [list(row) for row in segno.make_qr(part, mode="byte", error="l").matrix_iter(scale=4, border=4)]
+        )
+        (code,) = zxingcpp.read_barcodes(np.where(picture, 0, 255).astype(np.uint8))
+        read.append(code.bytes)
+    assert in_the_app(read) == experiment()
+
+
+def test_the_experiment_has_the_three_sensors_with_gravity(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run(capsys, "sensors", "phyphox")[0] == 0
+    root = ElementTree.parse("pbd.phyphox").getroot()
+    buffers = {each.text: each.get("size") for each in root.iter("container")}
+    assert buffers == {name: str(ROWS) for names in BUFFERS.values() for name in names}
+    inputs = {each.get("type"): [out.text for out in each] for each in root.iter("sensor")}
+    assert inputs == dict(
+        zip(
+            ("accelerometer", "gyroscope", "magnetic_field"),
+            map(list, (BUFFERS["acc"], BUFFERS["gyr"], BUFFERS["mag"])),
+            strict=True,
+        )
+    )
+    assert [each.get("component") for each in next(root.iter("sensor"))] == ["t", "x", "y", "z"]
+    exported = {each.text for each in root.iter("data")}
+    assert exported == buffers.keys()
+    said = refused(capsys, 1, "sensors", "phyphox", "-o", "pbd.exe")
+    assert "give a .phyphox, .png or .svg" in said
+
+
+def test_a_small_terminal_shows_code_after_code(tmp_path: Path) -> None:
+    terminal = Terminal("sensors", "phyphox", cwd=tmp_path)
+    terminal.until("code 1 of ")
+    terminal.type("\n" * 12)
+    terminal.until("add experiment from QR code")
+    assert terminal.exit_code() == 0

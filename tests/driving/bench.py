@@ -1,0 +1,43 @@
+"""An arm on the bench for tests: emulated servos, and time that runs faster."""
+
+from __future__ import annotations
+
+import sys
+import time
+
+from pbd.driving.arm import ServoArm
+from pbd.driving.bus import Bus
+from pbd.driving.clock import Clock
+from pbd.driving.counts import Counts
+from pbd.files.robot import load_robot
+from tests.driving.emulator import calibration_of
+
+PATIENT_S = 1.0
+"""Answer time, s, where nothing is amiss: a busy machine must not fail a test."""
+
+UNHURRIED_S = 50.0
+"""How late a goal may be there, s, for the same reason."""
+
+
+PATIENT_PBD = [
+    sys.executable,
+    "-c",
+    "import sys; from pbd.driving import bus, stream; from pbd.cli import main; "
+    f"bus.ANSWER_S = bus.PATIENT_S = {PATIENT_S}; stream.STALL_S = {UNHURRIED_S}; sys.exit(main(sys.argv[1:]))",
+]
+"""`pbd` with that patience."""
+
+
+class FastClock(Clock):
+    """Time runs ten times as fast."""
+
+    def now(self) -> float:
+        return 10.0 * time.monotonic()
+
+    def sleep_until(self, t: float) -> None:
+        if (left := 0.1 * (t - self.now())) > 0.0:
+            time.sleep(left)
+
+
+def connect(bus: Bus) -> ServoArm:
+    return ServoArm(bus, Counts(load_robot("so101"), calibration_of("so101")))

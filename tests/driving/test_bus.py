@@ -1,0 +1,165 @@
+"""The bus on a pseudo-terminal; Feetech's own SDK as the judge of the emulator."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+import scservo_sdk
+
+from pbd.driving.arm import PRESENT, release
+from pbd.driving.bus import Bus
+from pbd.driving.clock import Clock
+from pbd.driving.packets import Answer, signed, take_answers, word
+from pbd.errors import CalibrationError, SensorError
+from pbd.files.robot import load_robot
+from tests.driving.bench import PATIENT_S, connect
+from tests.driving.emulator import Emulator, calibration_of, resting
+
+
+@pytest.fixture
+def emulator() -> Iterator[Emulator]:
+    with Emulator(calibration_of("so101"), resting("so101"), Clock()) as emulator:
+        yield emulator
+
+
+def test_feetechs_sdk_reads_and_writes_the_emulated_servos(emulator: Emulator) -> None:
+    port = scservo_sdk.PortHandler(emulator.device)
+    port.setBaudRate(1_000_000)
+    port.setPacketTimeout = lambda length: port.setPacketTimeoutMillis(1e3 * PATIENT_S)  # its own is 34 ms
+    packets = scservo_sdk.PacketHandler(0)
+    assert packets.ping(port, 3) == (777, 0, 0)
+    reader = scservo_sdk.GroupSyncRead(port, packets, PRESENT, 2)
+    for id_ in range(1, 7):
+        reader.addParam(id_)
+    assert reader.txRxPacket() == 0
+    assert [reader.getData(id_, PRESENT, 2) for id_ in range(1, 7)] == [round(c) for c in resting("so101").values()]
+    writer = scservo_sdk.GroupSyncWrite(port, packets, 42, 2)
+    writer.addParam(2, [0x34, 0x0A])
+    assert writer.txPacket() == 0
+    assert packets.read2ByteTxRx(port, 2, 42) == (0x0A34, 0, 0)
+    port.closePort()
+
+
+def test_an_arm_is_read_stiffened_and_released(emulator: Emulator) -> None:
+    with Bus.open(emulator.device, Clock(), PATIENT_S) as bus:
+        arm = connect(bus)
+        state = arm.state()
+        np.testing.assert_allclose(arm.counts.joints(state.counts), load_robot("so101").home, atol=2e-3)
+        np.testing.assert_array_equal(state.volts, 7.4)
+        np.testing.assert_array_equal(state.celsius, 30.0)
+        arm.stiffen(state.counts)
+        goals = [servo.number(42) for servo in emulator.servos.values()]
+        assert goals == state.counts.tolist()  # not the goal of before, to which the arm would jump
+        assert all(servo.registers[40] for servo in emulator.servos.values())
+        assert emulator.servos[6].number(48) == 500
+        release(bus, arm.counts.ids)
+        assert not any(servo.registers[40] for servo in emulator.servos.values())
+
+
+def test_loose_servos_may_keep_no_goal(emulator: Emulator) -> None:
+    for servo in emulator.servos.values():
+        servo.snaps = True
+    with Bus.open(emulator.device, Clock(), PATIENT_S) as bus:
+        arm = connect(bus)
+        arm.stiffen(arm.state().counts)
+        assert [servo.number(42) for servo in emulator.servos.values()] == arm.state().counts.tolist()
+
+
+def test_goals_that_do_not_arrive_leave_the_arm_loose(emulator: Emulator) -> None:
+    with Bus.open(emulator.device, Clock(), PATIENT_S) as bus:
+        arm = connect(bus)
+        emulator.servos[2].deaf = True
+        with pytest.raises(SensorError, match="did not take what was written"):
+            arm.stiffen(arm.state().counts)
+        assert not any(servo.registers[40] for servo in emulator.servos.values())
+
+
+def test_a_bad_cable_is_asked_again(emulator: Emulator) -> None:
+    with Bus.open(emulator.device, Clock(), 0.05) as bus:
+        arm = connect(bus)
+        emulator.drop = emulator.corrupt = emulator.repeat = 5e-4
+        wanted = arm.state().counts
+        for _ in range(60):
+            np.testing.assert_array_equal(arm.state().counts, wanted)
+        assert arm.asked_again > 0
+
+
+def test_an_adapter_that_echoes_does_no_harm(emulator: Emulator) -> None:
+    emulator.echo = True
+    with Bus.open(emulator.device, Clock(), PATIENT_S) as bus:
+        arm = connect(bus)
+        arm.stiffen(arm.state().counts)
+        assert arm.asked_again == 0
+
+
+def silence(emulator: Emulator) -> None:
+    emulator.servos[4].silent = True
+
+
+def silence_all(emulator: Emulator) -> None:
+    for servo in emulator.servos.values():
+        servo.silent = True
+
+
+def chatter(emulator: Emulator) -> None:
+    silence_all(emulator)
+    emulator.chatter = b"#YPR=1.0,2.0,3.0\r\n"
+
+
+def other_model(emulator: Emulator) -> None:
+    emulator.servos[5].put(3, (1284).to_bytes(2, "little"))
+
+
+def wheel_mode(emulator: Emulator) -> None:
+    emulator.servos[1].put(33, b"\x01")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        (silence, "no answer from servo 4 (wrist_flex) on .*; the others answer: check its cable and its id"),
+        (silence_all, "no servo answers on .*: switch the arm's power supply on, and check that this is its port"),
+        (chatter, r"what answers on .* is no servo \(it sends '.*YPR.*'\); name the arm's --port"),
+        (other_model, "servo 5 (wrist_roll) says it is model 1284, not an STS3215 (777); pbd run drives no other"),
+        (wheel_mode, "servo 1 (shoulder_pan) is in mode 1, not in position mode; calibrate anew"),
+    ],
+)
+def test_what_is_no_arm_is_refused(emulator: Emulator, wrong: object, says: str) -> None:
+    assert callable(wrong)
+    wrong(emulator)
+    escaped = says if "\\" in says else says.replace("(", r"\(").replace(")", r"\)")
+    with Bus.open(emulator.device, Clock(), 0.03) as bus, pytest.raises(SensorError, match=escaped):
+        connect(bus)
+
+
+def test_another_arms_calibration_is_refused(emulator: Emulator) -> None:
+    emulator.servos[3].put(31, word(-77, 11))
+    with (
+        Bus.open(emulator.device, Clock(), PATIENT_S) as bus,
+        pytest.raises(
+            CalibrationError, match=r"of elbow_flex it has .*\(1020, 868, 3061\), the servo has \(-77, 868, 3061\)"
+        ),
+    ):
+        connect(bus)
+
+
+def test_a_pulled_plug(emulator: Emulator) -> None:
+    with Bus.open(emulator.device, Clock(), 0.03) as bus:
+        arm = connect(bus)
+        emulator.unplug()
+        with pytest.raises(SensorError, match=r"the arm was unplugged|takes no command|did not answer"):
+            arm.state()
+
+
+def test_answers_are_found_among_what_is_broken() -> None:
+    good = bytes.fromhex("ffff0103000af1")  # servo 1: one register that holds 10
+    buffer = bytearray(b"\xff\x00\xff\xff\x01" + good[:-1] + b"\x00" + good + b"\xff\xff\x02")
+    assert list(take_answers(buffer)) == [Answer(1, 0, b"\x0a")]
+    assert bytes(buffer) == b"\xff\xff\x02"
+
+
+@pytest.mark.parametrize("value", [0, 1, -1, 2047, -2047])
+def test_a_number_with_its_own_sign_bit(value: int) -> None:
+    assert signed(int.from_bytes(word(value, 11), "little"), 11) == value

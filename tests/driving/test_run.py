@@ -1,0 +1,229 @@
+"""`pbd run` on emulated servos: the whole demonstration ten times as fast, and a person at a terminal."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pbd.driving import bus, stream
+from pbd.driving.arm import ServoArm
+from pbd.driving.clock import Clock
+from pbd.driving.packets import word
+from pbd.files.demo import load_demo
+from pbd.files.robot import load_robot
+from pbd.files.servo_calibration import write_servo_calibration
+from pbd.pipeline import track
+from pbd.planning import PlanOptions, plan_path
+from pbd.pose import Array
+from tests.cli.running import Capture, refused, run, run_json
+from tests.cli.terminal import Terminal
+from tests.driving.bench import PATIENT_PBD, PATIENT_S, UNHURRIED_S, FastClock
+from tests.driving.emulator import LEFT, Emulator, calibration_of, resting
+
+HOME = load_robot("so101").home
+
+
+@pytest.fixture
+def words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The options that name the calibration; the folder is empty but for it."""
+    write_servo_calibration(calibration_of("so101"), tmp_path / "servos.json")
+    monkeypatch.setattr("tests.cli.terminal.PBD", PATIENT_PBD)
+    monkeypatch.chdir(tmp_path)
+    return ["--robot", "so101", "--servos", "servos.json"]
+
+
+@pytest.fixture
+def emulator(monkeypatch: pytest.MonkeyPatch) -> Iterator[Emulator]:
+    """An arm that somebody left somewhere, ten times as fast as a real one."""
+    for module in ("drive", "servos"):
+        monkeypatch.setattr(f"pbd.cli.run.{module}.Clock", FastClock)
+    monkeypatch.setattr(bus, "ANSWER_S", PATIENT_S)
+    monkeypatch.setattr(bus, "PATIENT_S", PATIENT_S)
+    monkeypatch.setattr(stream, "STALL_S", UNHURRIED_S)
+    with Emulator(calibration_of("so101"), resting("so101", LEFT), FastClock()) as emulator:
+        yield emulator
+
+
+def model_degrees(counts: Array) -> Array:
+    """Degrees of the model's joints, worked out apart from the product: the middle of the range is zero."""
+    middles = [(c.range_min + c.range_max) / 2 for c in calibration_of("so101").values()][:5]
+    degrees: Array = (counts - middles) * 360 / 4096 + (0, 0, 0, 0, math.degrees(0.0486795))
+    return degrees
+
+
+def test_the_whole_demonstration(emulator: Emulator, words: list[str], capsys: Capture) -> None:
+    result = run_json(capsys, "run", "pouring", *words, "--port", emulator.device, "--yes")
+    robot = load_robot("so101")
+    assert robot.dock is not None
+    path = track(load_demo("pouring"), calibration=robot.dock)
+    trajectory = plan_path(path, robot.dock, robot, PlanOptions(start=LEFT)).trajectory
+    assert result["duration_s"] == pytest.approx(trajectory.duration, abs=0.2)  # counts are rounded
+    goals = np.array([[goal[i] for i in range(1, 6)] for _, goal in emulator.goals[2:]], np.float64)
+    assert result["goals"] == len(goals)
+    at = model_degrees(goals)
+    np.testing.assert_allclose(at[0], np.degrees(LEFT), atol=0.1)
+    np.testing.assert_allclose(at[-1], np.degrees(HOME), atol=0.1)
+    for q in np.degrees(trajectory.keyframe_q):  # each keyframe is reached
+        assert np.abs(at - q).max(axis=1).min() < 0.1
+    assert np.abs(np.diff(at, axis=0)).max() * 50.0 < math.degrees(2.2) * 1.05  # rounded to counts
+    stands = model_degrees(np.array([servo.counts for servo in emulator.servos.values()][:5]))
+    np.testing.assert_allclose(stands, np.degrees(HOME), atol=0.5)
+    assert all(servo.registers[40] for servo in emulator.servos.values())  # it holds
+    assert result["stopped"] is None
+    assert result["asked_again"] == 0
+
+
+def test_a_fault_is_one_line_and_an_exit_code(emulator: Emulator, words: list[str], capsys: Capture) -> None:
+    emulator.at_goal, emulator.fault = 100, lambda: emulator.servos[2].put(63, bytes([68]))
+    code, out, err = run(capsys, "run", "pouring", *words, "--port", emulator.device, "--yes", "--json")
+    says = "shoulder_lift is at 68 °C, and lets go at 70: let it cool down"
+    assert code == 1
+    assert err.splitlines()[-1] == f"pbd: stopped after 1.96 s: {says}; the arm holds where it stopped"
+    assert json.loads(out)["stopped"] == says
+    assert json.loads(out)["held"]
+
+
+def test_a_dry_run(emulator: Emulator, words: list[str], capsys: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    def begun(arm: ServoArm, goals: Array, *rest: Any, **more: Any) -> stream.Streamed:
+        return stream.stream(arm, goals[:30], *rest, **more)
+
+    monkeypatch.setattr("pbd.cli.run.drive.stream", begun)
+    code, _, err = run(capsys, "run", "pouring", *words, "--port", emulator.device, "--dry-run")
+    assert code == 0
+    assert emulator.goals == []
+    assert not any(servo.registers[40] for servo in emulator.servos.values())
+    shown = [line.split() for line in err.splitlines() if line.startswith("shoulder_lift")]
+    assert shown[0][1] == "-11.5°"  # where it stands: -0.2 rad
+    assert "dry run done: the servos answered 30 times" in err
+
+
+def test_it_lets_go_only_when_told(emulator: Emulator, words: list[str], capsys: Capture) -> None:
+    for servo in emulator.servos.values():
+        servo.registers[40] = 1
+    told = refused(capsys, 2, "run", *words, "--port", emulator.device, "--release")
+    assert told == "pbd: pbd run asks before the arm moves: start it at a terminal, or with --yes"
+    assert all(servo.registers[40] for servo in emulator.servos.values())
+    assert run_json(capsys, "run", *words, "--port", emulator.device, "--release", "--yes")["released"]
+    assert not any(servo.registers[40] for servo in emulator.servos.values())
+
+
+def test_nobody_to_ask(words: list[str], capsys: Capture) -> None:
+    assert "start it at a terminal, or with --yes" in refused(capsys, 2, "run", *words, "--port", "/dev/null")
+
+
+@pytest.mark.parametrize(
+    ("robot", "way"),
+    [
+        ("panda", "--format npz -o motion.npz`, and franky as in docs/exports.md"),
+        ("ur5", "--format npz -o motion.npz`, and ur_rtde as"),
+        ("z1", "--format ros2-json -o motion.json`, and ros2_control as"),
+    ],
+)
+def test_other_arms_have_other_programs(robot: str, way: str, capsys: Capture) -> None:
+    told = refused(capsys, 2, "run", "--robot", robot, "--yes")
+    assert f"pbd run drives so100 and so101 alone; for {robot}: `pbd export --robot {robot} " in told
+    assert way in told
+
+
+def test_an_arm_that_stands_outside_the_model(emulator: Emulator, words: list[str], capsys: Capture) -> None:
+    emulator.servos[2].place -= 1400.0
+    told = refused(capsys, 3, "run", *words, "--port", emulator.device, "--yes")
+    assert "shoulder_lift stands at -135 degrees, outside the model's -100 to 100" in told
+    assert emulator.goals == []
+
+
+def test_a_motion_beyond_the_calibrated_range(emulator: Emulator, words: list[str], capsys: Capture) -> None:
+    servos = calibration_of("so101")
+    elbow = servos["elbow_flex"]
+    narrow = replace(elbow, range_min=elbow.range_min + 420, range_max=elbow.range_max - 420)
+    emulator.servos[3].put(9, word(narrow.range_min) + word(narrow.range_max))
+    write_servo_calibration(servos | {"elbow_flex": narrow}, Path("servos.json"))
+    code, _, err = run(capsys, "run", "pouring", *words, "--port", emulator.device, "--yes")
+    assert code == 3
+    assert "elbow_flex would go" in err
+    assert "degrees beyond the range that its calibration found" in err
+    assert emulator.goals == []
+
+
+@pytest.mark.parametrize("key", ["x", "\x03"])
+def test_a_person_at_a_terminal(words: list[str], key: str) -> None:
+    """In real time: asked, started with Enter, stopped with a key or Ctrl-C."""
+    with Emulator(calibration_of("so101"), resting("so101"), Clock()) as real:
+        terminal = Terminal("run", "pouring", *words, "--port", real.device, cwd=Path.cwd())
+        terminal.until("Enter starts it; any other key cancels.")
+        assert real.goals == []
+        terminal.type("\n")
+        terminal.until("any key stops it")
+        while len(real.goals) < 20:
+            time.sleep(0.01)
+        terminal.type(key)
+        terminal.until("stopped by hand after")
+        terminal.until("lets go of it")
+        assert terminal.exit_code() == 130
+        assert len(real.goals) < 60
+        assert all(servo.registers[40] for servo in real.servos.values())
+
+
+def test_a_person_calibrates(words: list[str]) -> None:
+    """Middles, then every joint from stop to stop; the file is LeRobot's, and the servos agree with it."""
+    with Emulator(calibration_of("so101"), resting("so101"), Clock()) as real:
+        for servo in real.servos.values():
+            servo.registers[40] = 1
+        words[-1] = "new.json"
+        terminal = Terminal("run", "--calibrate", *words, "--port", real.device, cwd=Path.cwd())
+        terminal.until("Enter lets go; any other key cancels.")
+        terminal.type("\n")
+        terminal.until("Enter when it stands there.")
+        assert not any(servo.registers[40] for servo in real.servos.values())
+        middles = {id_: 1000.0 + 300.0 * id_ for id_ in real.servos}
+        for id_, servo in real.servos.items():
+            servo.place = middles[id_]
+        terminal.type("\n")
+        terminal.until("Enter when all are done")
+        for id_, servo in real.servos.items():
+            for way in (-1100 - id_, 1050 + id_):
+                servo.place = middles[id_] + way
+                terminal.until(str(2047 + way))
+        terminal.type("\n")
+        terminal.until("the arm is loose")
+        assert terminal.exit_code() == 0
+        written = json.loads(Path("new.json").read_text())
+        assert list(written) == [*load_robot("so101").joints, "gripper"]
+        assert written["elbow_flex"] == {
+            "id": 3,
+            "drive_mode": 0,
+            "homing_offset": round(middles[3]) - 2047,
+            "range_min": 944,
+            "range_max": 3100,
+        }
+        assert (written["wrist_roll"]["range_min"], written["wrist_roll"]["range_max"]) == (0, 4095)
+        for name, each in written.items():
+            servo = real.servos[each["id"]]
+            has = (servo.number(31, 11), servo.number(9), servo.number(11))
+            assert has == (each["homing_offset"], each["range_min"], each["range_max"]), name
+            assert servo.registers[55] == 1  # locked again
+
+
+def test_a_calibration_that_is_given_up_changes_nothing(words: list[str]) -> None:
+    with Emulator(calibration_of("so101"), resting("so101"), Clock()) as real:
+        before = {id_: bytes(servo.registers[9:34]) for id_, servo in real.servos.items()}
+        words[-1] = "new.json"
+        terminal = Terminal("run", "--calibrate", *words, "--port", real.device, cwd=Path.cwd())
+        terminal.until("Enter lets go")
+        terminal.type("\n")
+        terminal.until("Enter when it stands there.")
+        terminal.type("\n")
+        terminal.until("Enter when all are done")
+        terminal.type("\n")  # nothing was moved
+        terminal.until("move it from stop to stop")
+        assert terminal.exit_code() == 1
+        assert {id_: bytes(servo.registers[9:34]) for id_, servo in real.servos.items()} == before
+        assert not Path("new.json").exists()

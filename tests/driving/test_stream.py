@@ -1,0 +1,211 @@
+"""What ends a motion: each fault in a stop of the arm, and one line that says what to do."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+from pbd.driving.arm import HOLD_TRIES
+from pbd.driving.bus import Bus
+from pbd.driving.clock import Clock
+from pbd.driving.stream import Streamed, stream
+from pbd.driving.watch import Watch, check_health
+from pbd.errors import SensorError
+from tests.driving.bench import PATIENT_S, UNHURRIED_S, FastClock, connect
+from tests.driving.emulator import Emulator, calibration_of, resting
+
+RATE_HZ = 50.0
+FAULT_AT = 20
+"""The goal after which something goes wrong."""
+
+STIFFENING = 2
+"""Goals that the arm is given before the motion's."""
+
+ELBOW = 2
+SPEED = 8.0
+"""Counts that the elbow is to go each period: 0.6 rad/s."""
+
+
+@pytest.fixture
+def emulator() -> Iterator[Emulator]:
+    with Emulator(calibration_of("so101"), resting("so101"), FastClock()) as emulator:
+        emulator.at_goal = FAULT_AT
+        yield emulator
+
+
+def swing(
+    emulator: Emulator,
+    goals: int = 150,
+    answer_s: float = PATIENT_S,
+    stop_wanted: Callable[[], bool] = lambda: False,
+    clock: Clock | None = None,
+    stall_s: float = UNHURRIED_S,
+    dry_run: bool = False,
+) -> Streamed:
+    """Swing the elbow."""
+    clock = clock or FastClock()
+    with Bus.open(emulator.device, clock, PATIENT_S) as bus:
+        arm = connect(bus)
+        start = arm.state()
+        if not dry_run:
+            arm.stiffen(start.counts)
+        path = np.tile(start.counts, (goals, 1))
+        path[:, ELBOW] += SPEED * np.arange(goals)
+        bus.answer_s = answer_s
+        watch = Watch(arm.counts.names, arm.bounds, start, 10.0, RATE_HZ)
+        return stream(arm, path, RATE_HZ, watch, clock, stop_wanted, dry_run, stall_s)
+
+
+def hot(emulator: Emulator) -> None:
+    emulator.servos[2].put(63, bytes([66]))
+
+
+def weak(emulator: Emulator) -> None:
+    emulator.servos[5].put(62, bytes([55]))
+
+
+def complaining(emulator: Emulator) -> None:
+    emulator.servos[3].flags = 32
+
+
+def blocked(emulator: Emulator) -> None:
+    emulator.servos[3].blocked = True
+
+
+def silent(emulator: Emulator) -> None:
+    emulator.servos[4].silent = True
+
+
+def cut(emulator: Emulator) -> None:
+    emulator.drop = 0.5
+
+
+FAULTS: dict[Callable[[Emulator], None], str] = {
+    hot: "shoulder_lift is at 66 °C, and lets go at 70: let it cool down",
+    weak: "the voltage at wrist_roll fell to 5.5 V, below 5.9 V: use a stronger power supply",
+    complaining: "the servo of elbow_flex complains of its load: switch the arm off and on, and look at it",
+    silent: "servo 4 on .* did not answer; check the cables and the arm's power supply",
+    cut: "servo.* did not answer; check the cables and the arm's power supply",
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_stops_the_arm_at_the_next_look(emulator: Emulator, fault: Callable[[Emulator], None]) -> None:
+    emulator.fault = lambda: fault(emulator)
+    slow = fault in (silent, cut)
+    done = swing(emulator, answer_s=0.03 if slow else PATIENT_S)
+    assert done.stopped is not None
+    assert not done.by_hand
+    assert done.sent == FAULT_AT - STIFFENING
+    assert len(emulator.goals) <= FAULT_AT + HOLD_TRIES  # nothing but the goal that holds it
+    assert done.held is not slow
+    assert re.fullmatch(FAULTS[fault], done.stopped.message), done.stopped.message
+
+
+def test_a_blocked_joint_is_held_where_it_is(emulator: Emulator) -> None:
+    """Not at its goal, towards which it would push."""
+    emulator.fault = lambda: blocked(emulator)
+    done = swing(emulator)
+    assert done.stopped is not None
+    assert "elbow_flex is 10." in done.stopped.message
+    assert "off its goal, beyond 10 (--tolerance): clear its way, or run slower (--speed)" in done.stopped.message
+    before, held = emulator.goals[-2][1][3], emulator.goals[-1][1][3]
+    assert held == round(emulator.servos[3].counts)
+    assert before - held > 100
+
+
+def test_a_joint_that_pushes_too_long(emulator: Emulator) -> None:
+    """Blocked a little off its goal: within the tolerance, but at the end of its strength."""
+
+    def press() -> None:
+        blocked(emulator)
+        emulator.servos[3].place -= 240.0  # 1000 of load, at a tolerance that allows it
+
+    emulator.fault = press
+    clock = FastClock()
+    with Bus.open(emulator.device, clock, PATIENT_S) as bus:
+        arm = connect(bus)
+        start = arm.state()
+        arm.stiffen(start.counts)
+        watch = Watch(arm.counts.names, arm.bounds, start, 45.0, RATE_HZ)
+        done = stream(arm, np.tile(start.counts, (80, 1)), RATE_HZ, watch, clock, lambda: False, stall_s=UNHURRIED_S)
+    assert done.stopped is not None
+    assert "elbow_flex has pushed with more than 80 % of its strength for 0.5 s" in done.stopped.message
+    assert FAULT_AT + 20 < done.sent < FAULT_AT + 30
+
+
+def test_the_gripper_may_press_on_what_it_holds(emulator: Emulator) -> None:
+    def grip() -> None:
+        emulator.servos[6].blocked = True
+        emulator.servos[6].place += 300.0
+
+    emulator.fault = grip
+    assert swing(emulator, 60).stopped is None
+
+
+def test_a_person_stops_it(emulator: Emulator) -> None:
+    wanted = iter([False] * FAULT_AT + [True] * 1000)
+    done = swing(emulator, stop_wanted=lambda: next(wanted))
+    assert (done.by_hand, done.stopped, done.sent) == (True, None, FAULT_AT)
+    assert abs(emulator.goals[-1][1][3] - emulator.servos[3].counts) < 3 * SPEED
+
+
+def test_a_pulled_plug(emulator: Emulator) -> None:
+    emulator.fault = emulator.unplug
+    done = swing(emulator, answer_s=0.03)
+    assert done.stopped is not None
+    assert not done.held
+
+
+def test_a_computer_that_was_busy(emulator: Emulator) -> None:
+    class Napping(FastClock):
+        naps = 0
+
+        def sleep_until(self, t: float) -> None:
+            self.naps += 1
+            super().sleep_until(t + (6.0 if self.naps == FAULT_AT else 0.0))
+
+    done = swing(emulator, clock=Napping(), stall_s=4.0)
+    assert done.stopped is not None
+    assert "this computer was busy for 6" in done.stopped.message
+
+
+def test_a_late_goal_moves_all_that_follow(emulator: Emulator) -> None:
+    """A goal is never skipped, so that the arm never jumps."""
+
+    class Late(FastClock):
+        naps = 0
+
+        def sleep_until(self, t: float) -> None:
+            self.naps += 1
+            super().sleep_until(t + (0.5 if self.naps == FAULT_AT else 0.0))
+
+    done = swing(emulator, 60, clock=Late())
+    steps = np.diff([goal[3] for _, goal in emulator.goals[STIFFENING:]])
+    assert done.sent == 60
+    np.testing.assert_array_equal(steps, SPEED)
+
+
+def test_a_dry_run_gives_no_goals(emulator: Emulator) -> None:
+    done = swing(emulator, 10, dry_run=True)
+    assert done.sent == 10
+    assert emulator.goals == []
+    assert not emulator.servos[1].registers[40]
+
+
+@pytest.mark.parametrize(
+    ("address", "value", "says"),
+    [
+        (63, 65, "shoulder_pan is at 65 °C, and lets go at 70"),
+        (62, 120, r"shoulder_pan has 12.0 V, outside its 4 to 8 V"),
+    ],
+)
+def test_an_arm_that_should_not_start(emulator: Emulator, address: int, value: int, says: str) -> None:
+    emulator.servos[1].put(address, bytes([value]))
+    with Bus.open(emulator.device, FastClock(), PATIENT_S) as bus:
+        arm = connect(bus)
+        with pytest.raises(SensorError, match=says):
+            check_health(arm.counts.names, arm.bounds, arm.state())

@@ -1,0 +1,171 @@
+"""Recordings of Sensor Logger and phyphox: sign, unit and file of specific force; one clock; damaged zips."""
+
+from __future__ import annotations
+
+import shutil
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from pbd.data import GRAVITY, Recording
+from pbd.errors import RecordingError
+from pbd.files.importers import import_file, phones
+
+N = 200
+T = np.arange(N) / 100.0
+UP = np.column_stack((0.3 * np.sin(T), 0.2 * np.cos(T), GRAVITY + 0.5 * np.sin(3.0 * T)))
+"""m/s2, specific force of a phone that lies on its back."""
+
+GRAVITY_PART = np.tile((0.0, 0.0, GRAVITY), (N, 1))
+TURN = np.column_stack((np.sin(T), np.cos(T), T))
+FIELD = np.column_stack((20.0 + T, 2.0 - T, -40.0 + T))
+HEAD = "time,seconds_elapsed,z,y,x"
+ABOUT = "version,device name,recording epoch time,platform,appVersion,standardisation"
+
+
+def table(t: np.ndarray, xyz: np.ndarray) -> str:
+    """As Sensor Logger writes it: nanoseconds, seconds, z before y before x."""
+    ns = 1_787_923_304_000_000_000
+    rows = (f"{ns + round(1e9 * at)},{at},{z},{y},{x}" for at, (x, y, z) in zip(t.tolist(), xyz.tolist(), strict=True))
+    return "\n".join((HEAD, *rows)) + "\n"
+
+
+def folder(place: Path, tables: Mapping[str, np.ndarray], platform: str = "android", standard: str = "false") -> Path:
+    place.mkdir(exist_ok=True)
+    for name, xyz in tables.items():
+        (place / f"{name}.csv").write_text(table(T, xyz))
+    (place / "Metadata.csv").write_text(f"{ABOUT}\n3,Phone,1787923304000,{platform},1.64,{standard}\n")
+    return place
+
+
+def packed(place: Path) -> Path:
+    return Path(shutil.make_archive(str(place), "zip", place))
+
+
+def read(path: Path) -> Recording:
+    return import_file(path).recording
+
+
+def test_android_reads_total_acceleration_from_zip_folder_and_csv(tmp_path: Path) -> None:
+    tables = {"TotalAcceleration": UP, "Accelerometer": UP - GRAVITY_PART, "Gyroscope": TURN, "Magnetometer": FIELD}
+    place = folder(tmp_path / "walk", tables)
+    for path in (place, packed(place), place / "Gyroscope.csv"):
+        got = read(path)
+        assert_allclose(got.acc, UP, atol=1e-12)
+        assert got.gyr is not None
+        assert got.mag is not None
+        assert_allclose(got.gyr, TURN, atol=1e-12)
+        assert_allclose(got.mag, FIELD, atol=1e-12)
+        assert_allclose(got.t, T, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("tables", "standard"),
+    [
+        ({"Accelerometer": GRAVITY_PART - UP, "Gravity": -GRAVITY_PART}, "false"),
+        ({"Accelerometer": UP - GRAVITY_PART, "Gravity": GRAVITY_PART}, "true"),
+        ({"AccelerometerUncalibrated": -UP / GRAVITY}, "false"),
+        ({"AccelerometerUncalibrated": UP}, "true"),
+    ],
+)
+def test_signs_and_units_of_an_iphone(tmp_path: Path, tables: dict[str, np.ndarray], standard: str) -> None:
+    assert_allclose(read(folder(tmp_path / "i", {**tables, "Gyroscope": TURN}, "ios", standard)).acc, UP, atol=1e-9)
+
+
+@pytest.mark.parametrize(("platform", "needed"), [("android", "TotalAcceleration.csv"), ("ios", "Gravity.csv")])
+def test_acceleration_without_gravity_names_the_file_that_is_needed(tmp_path: Path, platform: str, needed: str) -> None:
+    place = folder(tmp_path / "w", {"Accelerometer": UP - GRAVITY_PART, "Gyroscope": TURN}, platform)
+    with pytest.raises(RecordingError, match=rf"Accelerometer.csv is without gravity, and {needed}.* is needed"):
+        read(place)
+
+
+def test_streams_of_different_rates_are_joined_on_the_gyros_clock_without_inventing(tmp_path: Path) -> None:
+    """The accelerometer begins late, ends early and has a hole: those samples of the gyro are left out."""
+    place = folder(tmp_path / "w", {})
+    fine = np.arange(800) / 400.0 + 0.0003
+    (place / "Gyroscope.csv").write_text(table(fine, np.column_stack((fine, -fine, fine))))
+    kept = (T > 0.1) & (T < 1.8) & ~((T > 0.795) & (T < 0.9))
+    (place / "TotalAcceleration.csv").write_text(table(T[kept], np.column_stack((T, 2.0 * T, GRAVITY + T))[kept]))
+    got = read(place)
+    at = got.acc[:, 0]  # specific force is linear in time here
+    assert got.gyr is not None
+    assert_allclose(got.gyr[:, 0], at, atol=1e-9)
+    assert at.min() >= T[kept][0]
+    assert at.max() <= T[kept][-1]
+    assert not ((at > 0.7901) & (at < 0.8999)).any()
+    assert len(at) == pytest.approx(400 * (1.68 - 0.11), abs=2)
+
+
+def phyphox(place: Path, separator: str = ",", comma: bool = False, linear: bool = False) -> Path:
+    """As its exporter writes: quoted names, ten digits, NaN where a column is shorter."""
+    (place / "meta").mkdir(parents=True)
+
+    def write(name: str, header: list[str], rows: np.ndarray) -> None:
+        cells = [[f"{x:.9E}" if np.isfinite(x) else "NaN" for x in row] for row in rows]
+        text = separator.join(f'"{cell}"' for cell in header)
+        text += "".join(
+            "\n" + separator.join(cell.replace(".", ",") if comma else cell for cell in row) for row in cells
+        )
+        (place / f"{name}.csv").write_text(text + "\n", encoding="utf-8")
+
+    kind = "Linear Acceleration" if linear else "Acceleration"
+    rows = np.column_stack((T, UP))
+    rows[-1] = np.nan
+    write("Accelerometer", ["Time (s)", *(f"{kind} {axis} (m/s^2)" for axis in "xyz")], rows)
+    write("Gyroscope", ["Time (s)", *(f"Gyroscope {axis} (rad/s)" for axis in "xyz")], np.column_stack((T, TURN)))
+    write("Magnetometer", ["Time (s)", *(f"Magnetic field {axis} (µT)" for axis in "xyz")], np.column_stack((T, FIELD)))
+    events = ["START", "PAUSE", "START"], (0.0, 1.0, 1.0), (1000.0, 1001.0, 1003.5)
+    lines = [f'"{e}"{separator}{t:.9E}{separator}{s:.3f}{separator}"x"' for e, t, s in zip(*events, strict=True)]
+    head = separator.join(f'"{name}"' for name in ("event", "experiment time", "system time", "system time text"))
+    (place / "meta" / "time.csv").write_text(
+        "\n".join((head, *(line.replace(".", ",") if comma else line for line in lines)))
+    )
+    return place
+
+
+@pytest.mark.parametrize(("separator", "comma"), [(",", False), (";", True), ("\t", False)])
+def test_phyphox_counts_its_pauses(tmp_path: Path, separator: str, comma: bool) -> None:
+    got = read(packed(phyphox(tmp_path / "p", separator, comma)))
+    assert got.gyr is not None
+    assert_allclose(got.acc, UP[:-1], atol=1e-8)
+    assert_allclose(got.gyr, TURN[:-1], atol=1e-8)
+    assert_allclose(got.t, (T + 2.5 * (T > 1.0))[:-1], atol=1e-6)
+
+
+def test_phyphox_without_gravity_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"'Acceleration x .* is needed"):
+        read(phyphox(tmp_path / "p", linear=True))
+
+
+def test_half_a_zip_and_a_bomb_are_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    place = packed(folder(tmp_path / "w", {"TotalAcceleration": UP, "Gyroscope": TURN}))
+    whole = place.read_bytes()
+    half = tmp_path / "half.zip"
+    for cut in range(1, len(whole), len(whole) // 40):
+        half.write_bytes(whole[:cut])
+        with pytest.raises(RecordingError, match=r"damaged or cut off .*; copy or export it again"):
+            read(half)
+    monkeypatch.setattr(phones, "LARGEST_FILE", 100_000)
+    with zipfile.ZipFile(half, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("TotalAcceleration.csv", b"0" * 1_000_000)
+    with pytest.raises(RecordingError, match="has 1 MB, more than the 0 MB that are read"):
+        read(half)
+
+
+def test_flipped_bytes_in_a_zip_never_give_other_numbers(tmp_path: Path) -> None:
+    place = packed(folder(tmp_path / "w", {"TotalAcceleration": UP, "Gyroscope": TURN}))
+    whole, rng = place.read_bytes(), np.random.default_rng(0)
+    right = read(place)
+    for _ in range(60):
+        damaged = bytearray(whole)
+        damaged[rng.integers(len(whole))] ^= 1 << rng.integers(8)
+        place.write_bytes(damaged)
+        try:
+            got = read(place)
+        except RecordingError:
+            continue
+        assert_allclose(got.acc, right.acc)  # what was hit is not read: a date, another name

@@ -1,0 +1,133 @@
+"""The dataset, read back by Hugging Face's `datasets` and by pandas; with LeRobot by tests/benchmarks/lerobot.py."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.testing import assert_allclose
+
+from pbd.cli import main
+from pbd.errors import PbdError, PlanError
+from pbd.files.exporters import export, export_dataset
+from pbd.pose import Array
+from tests.arm.bundled import arm_of
+from tests.files.test_formats import planned
+
+NAMES = [
+    f"{name}.pos" for name in ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
+]
+
+
+def made(folder: Path, name: str, demos: tuple[str, ...] = ("pouring",), task: str = "") -> None:
+    motions = [(plan.trajectory, source) for plan, _, source in (planned(name, demo) for demo in demos)]
+    export_dataset(motions, arm_of(name).robot, folder, task)
+
+
+def rows_of(folder: Path, cache: Path) -> Any:
+    from datasets import Dataset, Features, Sequence, Value  # takes its time to load
+
+    info = json.loads((folder / "meta/info.json").read_text())
+    kinds = {
+        name: Sequence(Value(column["dtype"]), length=column["shape"][0]) if column["names"] else Value(column["dtype"])
+        for name, column in info["features"].items()
+    }
+    return Dataset.from_parquet(str(folder / "data/chunk-000/file-000.parquet"), None, Features(kinds), str(cache))
+
+
+def test_datasets_reads_the_motion_in_degrees_and_percent(tmp_path: Path) -> None:
+    made(tmp_path / "tea", "so101", ("pouring", "paper-test1"), "pour the tea")
+    info = json.loads((tmp_path / "tea/meta/info.json").read_text())
+    assert (info["codebase_version"], info["fps"], info["robot_type"]) == ("v3.0", 30, "so101_follower")
+    assert info["features"]["action"]["names"] == info["features"]["observation.state"]["names"] == NAMES
+    rows = rows_of(tmp_path / "tea", tmp_path / "cache").with_format("numpy")[:]
+    assert info["total_frames"] == len(rows["index"])
+    assert rows["index"].tolist() == list(range(len(rows["index"])))
+    for i, demo in enumerate(("pouring", "paper-test1")):
+        trajectory, which = planned("so101", demo)[0].trajectory, rows["episode_index"] == i
+        action, state = rows["action"][which], rows["observation.state"][which]
+        points = trajectory.at(np.arange(len(action)) / 30.0)
+        assert_allclose(rows["timestamp"][which], points.t, atol=1e-6)
+        zero = np.array([0.0, 0.0, 0.0, 0.0, 0.0486795])  # robots/so101.toml
+        assert_allclose(action[:, :5], np.degrees(points.q - zero), atol=1e-4)
+        jaw = -0.17 + points.gripper * 1.17  # rad
+        assert_allclose(action[:, 5], 100.0 * (jaw + 0.174533) / (1.74533 + 0.174533), atol=1e-4)
+        assert_allclose(state[1:], action[:-1])
+        assert_allclose(action[0], action[1], atol=0.1)  # it begins at rest, and ends so
+        assert_allclose(
+            np.radians(action[[0, -1], :5]) + zero, arm_of("so101").robot.home[None].repeat(2, 0), atol=1e-5
+        )
+
+
+def test_episodes_tasks_and_stats(tmp_path: Path) -> None:
+    made(tmp_path / "tea", "so101", ("pouring", "paper-test1"))
+    rows = rows_of(tmp_path / "tea", tmp_path / "cache").with_format("numpy")[:]
+    tasks = pd.read_parquet(tmp_path / "tea/meta/tasks.parquet")
+    assert tasks.loc["paper-test1", "task_index"] == 1
+    episodes = pd.read_parquet(tmp_path / "tea/meta/episodes/chunk-000/file-000.parquet")
+    assert [list(each) for each in episodes["tasks"]] == [["pouring"], ["paper-test1"]]
+    stats = json.loads((tmp_path / "tea/meta/stats.json").read_text())
+    of_all: Array = rows["action"]
+    for kind, value in (("min", of_all.min(0)), ("mean", of_all.mean(0)), ("q99", np.quantile(of_all, 0.99, axis=0))):
+        assert_allclose(stats["action"][kind], value, rtol=1e-4, atol=1e-4)
+    for i, row in episodes.iterrows():
+        action = of_all[row["dataset_from_index"] : row["dataset_to_index"]]
+        assert len(action) == row["length"] == (rows["episode_index"] == i).sum()
+        assert_allclose(row["stats/action/max"], action.max(axis=0), rtol=1e-6)
+
+
+def test_another_demonstration_is_added(tmp_path: Path) -> None:
+    made(tmp_path / "both", "so101", ("pouring", "paper-test1"))
+    made(tmp_path / "tea", "so101")
+    made(tmp_path / "tea", "so101", ("paper-test1",))
+    for file in (path for path in (tmp_path / "both").rglob("*") if path.is_file()):
+        assert file.read_bytes() == (tmp_path / "tea" / file.relative_to(tmp_path / "both")).read_bytes()
+
+
+def test_an_arm_that_lerobot_does_not_know_has_its_own_joints(tmp_path: Path) -> None:
+    made(tmp_path / "tea", "ur5")
+    info = json.loads((tmp_path / "tea/meta/info.json").read_text())
+    assert info["robot_type"] == "ur5"
+    assert info["features"]["action"]["names"][0] == "shoulder_pan_joint.pos"
+    trajectory = planned("ur5")[0].trajectory
+    rows = rows_of(tmp_path / "tea", tmp_path / "cache").with_format("numpy")[:]
+    points = trajectory.at(np.arange(len(rows["index"])) / 30.0)
+    assert_allclose(rows["action"], np.column_stack((points.q, 100.0 * points.gripper)), atol=1e-5)
+
+
+def test_what_it_refuses(tmp_path: Path) -> None:
+    made(tmp_path / "tea", "so101")
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    with pytest.raises(
+        PbdError, match=r"tea holds episodes of another robot, so101_follower, not of so100_follower; g"
+    ):
+        made(tmp_path / "tea", "so100")
+    with pytest.raises(PbdError, match="holds something else than a LeRobot dataset; give a new folder"):
+        made(tmp_path, "so101")
+    plan, robot, source = planned("so101")
+    with pytest.raises(PlanError, match=r"and so101 has no \[gripper\]; give it one, or take another format"):
+        export(plan.trajectory, replace(robot, gripper=None), "lerobot", tmp_path / "none", source=source)
+    elsewhere = replace(robot, home=robot.home + 0.1)
+    with pytest.raises(PlanError, match=r"begin and end at rest, .*; leave --no-approach and --no-retreat out"):
+        export(plan.trajectory, elsewhere, "lerobot", tmp_path / "none", source=source)
+    assert before == {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    (tmp_path / "tea/videos").mkdir()
+    (tmp_path / "tea/videos/top.mp4").touch()
+    with pytest.raises(PbdError, match="holds a dataset that pbd did not write, or not alone"):
+        made(tmp_path / "tea", "so101")
+
+
+def test_without_pyarrow_it_says_what_to_install(
+    elsewhere: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
+    assert main(["export", "pouring", "--robot", "so101", "--format", "lerobot", "-o", "tea"]) == 1
+    message = "pbd: lerobot needs the package pyarrow; install it with: pip install 'pbd-robot[lerobot]'\n"
+    assert capsys.readouterr().err == message
+    assert not [*elsewhere.iterdir()]

@@ -1,0 +1,128 @@
+"""Every format for every arm, replayed from the file by its receiver's rule; what that breaks is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from pbd.audit.audit import audit_received
+from pbd.data import Obstacle, Samples
+from pbd.data.receiver import fill
+from pbd.errors import PlanError
+from pbd.files.exporters import FORMATS, csv, export, urscript
+from pbd.files.exporters.order import Order
+from pbd.pose import Pose
+from tests.arm.bundled import NAMES
+from tests.files.test_formats import planned
+from tests.files.urscript import Controller
+
+RATES = {"csv": 100.0, "npz": 1000.0, "tum": 20.0, "mcap": 10.0, "glb": 10.0}
+RULES = {
+    "csv": "hold",
+    "npz": "hold",
+    "lerobot": "hold",
+    "urscript": "trapezoid",
+    "ros2-json": "cubic",
+    "mcap": "quintic",
+}
+
+
+@pytest.mark.filterwarnings("ignore:a controller that fills the gaps")
+@pytest.mark.parametrize("name", NAMES)
+def test_every_format_for_every_arm(tmp_path: Path, name: str) -> None:
+    plan, robot, source = planned(name)
+    for format_name in FORMATS:
+        if format_name == "urscript" and not name.startswith("ur"):
+            continue
+        rate_hz, place = RATES.get(format_name), tmp_path / format_name
+        done = export(plan.trajectory, robot, format_name, place, rate_hz, source=source)
+        assert place.exists()
+        assert (RULES[format_name] in done.receiver) if format_name in RULES else not done.receiver
+        shares = [share for shares in done.receiver.values() for share in shares]
+        assert max((share.value for share in shares), default=1.0) <= 1.0005
+    if name.startswith("ur"):
+        for rate_hz in urscript.PERIODS_HZ:
+            done = export(plan.trajectory, robot, "urscript", tmp_path / "dense", rate_hz, dense=True, source=source)
+            assert max(share.value for share in done.receiver["hold"]) <= 1.0005
+
+
+def test_urscript_is_read_back_as_the_controller_runs_it(tmp_path: Path) -> None:
+    plan, robot, source = planned("ur5")
+    for rate_hz in (None, 125.0):
+        export(plan.trajectory, robot, "urscript", tmp_path / "p", rate_hz, dense=rate_hz is not None, source=source)
+        controller, points = Controller(plan.trajectory.q[0]), urscript.read(tmp_path / "p")
+        controller.run((tmp_path / "p").read_text())
+        at = np.array([t for t, _ in controller.servoed] or [move[1] for move in controller.moves])
+        q = np.array([q for _, q in controller.servoed] or [move[3] for move in controller.moves])
+        late = 0.0 if rate_hz is None else 0.2  # stays last whole periods here
+        assert all(np.abs(points.q - each).max(axis=1).min() < 1e-9 for each in q[::7])
+        assert points.t[-1] == pytest.approx(controller.t, abs=1e-9 + late)
+        if rate_hz is None:
+            assert_allclose(np.interp(at, points.t, points.q[:, 0]), q[:, 0], atol=1e-9)
+            calls = [t for t, name in controller.calls if name.startswith("gripper")]
+            assert_allclose(points.t[np.flatnonzero(np.diff(points.gripper))], calls, atol=1e-9)
+
+
+def broken(monkeypatch: pytest.MonkeyPatch, change: Callable[[Order, Samples], Samples]) -> None:
+    """Make csv write something else than it was given."""
+    good = csv.write
+
+    def write(order: Order, points: Samples, path: Path) -> None:
+        good(order, change(order, points), path)
+
+    monkeypatch.setattr(csv, "write", write)
+
+
+def jolted(_: Order, points: Samples) -> Samples:
+    q = points.q.copy()
+    q[400, 2] += 3e-3
+    return replace(points, q=q)
+
+
+def turned(_: Order, points: Samples) -> Samples:
+    return replace(points, q=points.q + 0.02 * np.eye(points.q.shape[1])[0])
+
+
+def unfinished(_: Order, points: Samples) -> Samples:
+    return replace(points, qdd=np.full_like(points.qdd, np.nan))
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (jolted, r"takes each sample at its time would reach 1\.\d+ times panda_joint3's velocity limit"),
+        (turned, r"keyframe 0 would be missed by \d+\.\d mm; give a higher --rate, or a lower --speed$"),
+        (unfinished, "the csv file can't be read back"),
+    ],
+)
+def test_a_file_that_is_not_the_motion_is_not_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, change: Callable[[Order, Samples], Samples], said: str
+) -> None:
+    plan, robot, source = planned("panda")
+    broken(monkeypatch, change)
+    with pytest.raises(PlanError, match=said):
+        export(plan.trajectory, robot, "csv", tmp_path / "m.csv", source=source)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_a_received_motion_touches_is_seen() -> None:
+    """A pearl where the tool is on its way, between ten rows a second."""
+    plan, robot, source = planned("panda")
+    rows = plan.trajectory.sample(10.0)
+    path = replace(
+        plan.trajectory,
+        knots=rows.t,
+        coefficients=fill(rows, "hold")[:, :4],
+        keyframe_t=np.zeros(1),
+        keyframe_q=rows.q[:1],
+    )
+    source.audit(path)
+    p, _ = source.tool(path.at(np.array([3.05])).q)
+    pearl = Obstacle("the pearl", "sphere", (0.02,), Pose(p[0], np.eye(4)[0]))
+    with pytest.raises(PlanError, match=r"between the exported points .* would touch the pearl at 2\.\d\d s; give a h"):
+        audit_received(path, robot, (replace(plan.calibration, obstacles=(pearl,)), None))

@@ -1,0 +1,108 @@
+"""LeRobot's calibration of an arm's servos, and where it is looked for."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pbd.driving.counts import Counts, names_of
+from pbd.errors import CalibrationError, RobotError
+from pbd.files.robot import load_robot
+from pbd.files.servo_calibration import find_servo_calibration, read_servo_calibration, write_servo_calibration
+from tests.driving.emulator import calibration_of
+
+SO101 = load_robot("so101")
+NAMES = names_of(SO101)
+
+
+def test_there_and_back(tmp_path: Path) -> None:
+    file = tmp_path / "calibration" / "mine.json"
+    write_servo_calibration(calibration_of("so101"), file)
+    assert read_servo_calibration(file, NAMES) == calibration_of("so101")
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "says"),
+    [
+        ("range_max", None, "range_max of elbow_flex is missing, not a whole number from 0 to 4095; make it anew"),
+        ("range_min", 12.5, "range_min of elbow_flex is 12.5, not a whole number from 0 to 4095"),
+        ("homing_offset", 2048, "homing_offset of elbow_flex is 2048, not a whole number from -2047 to 2047"),
+        ("id", True, "id of elbow_flex is true, not a whole number from 1 to 253"),
+        ("id", 1, "gives one id to shoulder_pan, elbow_flex"),
+        ("range_min", 3061, "range_min of elbow_flex, 3061, is not below its range_max, 3061"),
+    ],
+)
+def test_a_number_that_no_servo_can_have(tmp_path: Path, key: str, value: object, says: str) -> None:
+    file = tmp_path / "mine.json"
+    write_servo_calibration(calibration_of("so101"), file)
+    values = json.loads(file.read_text())
+    values["elbow_flex"][key] = value
+    file.write_text(json.dumps(values))
+    with pytest.raises(CalibrationError) as told:
+        read_servo_calibration(file, NAMES)
+    assert f"{file}: {says}" in str(told.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [("{", "is not JSON"), ("[1]", "holds no object"), ('{"elbow": {}}', "lacks shoulder_pan, .*: it has elbow")],
+)
+def test_what_is_no_calibration(tmp_path: Path, text: str, says: str) -> None:
+    (tmp_path / "mine.json").write_text(text)
+    with pytest.raises(CalibrationError, match=says):
+        read_servo_calibration(tmp_path / "mine.json", NAMES)
+
+
+def test_where_it_is_looked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HF_LEROBOT_CALIBRATION", str(tmp_path / "lerobot"))
+
+    def found(named: Path | None = None) -> Path:
+        return find_servo_calibration(named, "so101", "so101_follower")
+
+    with pytest.raises(CalibrationError, match="make one with `pbd run --calibrate --robot so101`"):
+        found()
+    theirs = tmp_path / "lerobot" / "robots" / "so101_follower"
+    write_servo_calibration(calibration_of("so101"), theirs / "left.json")
+    assert found() == theirs / "left.json"
+    write_servo_calibration(calibration_of("so101"), theirs.with_name("so_follower") / "right.json")
+    with pytest.raises(CalibrationError, match=r"several arms \(left, right\): name one, --servos .*left\.json"):
+        found()
+    write_servo_calibration(calibration_of("so101"), Path("calibration/so101-servos.json"))
+    assert found() == Path("calibration/so101-servos.json")
+    assert found(Path("x.json")) == Path("x.json")
+
+
+def test_lerobots_degrees_and_percent() -> None:
+    """By LeRobot's own rule (motors_bus.py, `_normalize`): the middle of the range is 0 degrees."""
+    counts = Counts(SO101, calibration_of("so101"))
+    q = np.array([[0.1, -0.5, 0.7, -0.9, 1.1]])
+    at = counts.of(q, np.array([1.0]))
+    wrist = calibration_of("so101")["wrist_flex"]
+    degrees = (at[0, 3] - (wrist.range_min + wrist.range_max) / 2) * 360 / 4096
+    assert degrees == pytest.approx(np.degrees(-0.9))
+    np.testing.assert_allclose(counts.joints(at), q)
+    # The tool's "open" is 1 rad of the jaw, which LeRobot's range of -10 to 100 degrees makes 61 %.
+    assert counts.percent(at)[0] == pytest.approx(100 * (1.0 + 0.174533) / (1.74533 + 0.174533))
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"range_min": 1500, "range_max": 2600}, "found a range of 97 degrees for elbow_flex; the model has 194"),
+        ({"drive_mode": 1}, "drive_mode of elbow_flex is 1"),
+    ],
+)
+def test_a_calibration_that_cannot_be_trusted(change: dict[str, int], says: str) -> None:
+    servos = calibration_of("so101")
+    with pytest.raises(CalibrationError, match=says):
+        Counts(SO101, servos | {"elbow_flex": replace(servos["elbow_flex"], **change)})
+
+
+def test_an_arm_that_lerobot_does_not_know() -> None:
+    with pytest.raises(RobotError, match="panda has no"):
+        Counts(load_robot("panda"), {})

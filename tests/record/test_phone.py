@@ -1,0 +1,256 @@
+"""Recording from a phone: an HTTP server on loopback that does what phyphox does, and what can go wrong with one."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pbd.data import Recording
+from pbd.errors import SensorError
+from pbd.files.demo import read_demo
+from pbd.record import Command, Outcome, RecordOptions, Status, record
+from pbd.record.redecode import decode_raw
+from pbd.sensors.decoding import Sample
+from pbd.sensors.phyphox import phone as phone_port
+from pbd.sensors.phyphox.answers import PhyphoxDecoder
+from pbd.sensors.phyphox.phone import PhonePort
+from pbd.simulation.hand_motion import Waypoint
+from pbd.simulation.simulate import simulate
+from pbd.simulation.tasks import Task
+from tests.record.phone import Phone, streams_of
+from tests.tracking.tapping import tapped
+
+RATES = {"acc": 200.0, "gyr": 400.0, "mag": 50.0}
+
+
+@pytest.fixture(scope="module")
+def hands() -> dict[str, Recording]:
+    """The same hand, felt by three sensors without errors at rates of their own."""
+    way = (Waypoint(rest_s=0.3), Waypoint((0.2, 0.1, 0.1), (0.5, 0.3, 0.2), move_s=0.9, rest_s=1.5))
+    return {kind: simulate(Task("hurried", way), "ideal", rate_hz=hz).recording for kind, hz in RATES.items()}
+
+
+@pytest.fixture
+def phone(hands: dict[str, Recording]) -> Iterator[Phone]:
+    with Phone(streams_of(hands)) as phone:
+        yield phone
+
+
+def later(*acts: tuple[float, Callable[[], object]]) -> None:
+    """Do each after so many seconds, beside the test."""
+    for at, act in acts:
+        threading.Timer(at, act).start()
+
+
+def heard(phone: Phone, seconds: float, *acts: tuple[float, Callable[[], object]]) -> list[Sample]:
+    """What comes of so many seconds, while others act at their times."""
+    with PhonePort(phone.address) as port:
+        decoder, end, samples = PhyphoxDecoder(), time.monotonic() + seconds, list[Sample]()
+        later(*acts)
+        while time.monotonic() < end:
+            samples += decoder.feed(port.read())
+        return samples
+
+
+def times(samples: list[Sample]) -> np.ndarray:
+    return np.array([sample.t_device for sample in samples])
+
+
+def recorded(phone: Phone, folder: Path, **given: Any) -> tuple[Outcome, list[str]]:
+    said, opened = list[str](), list[PhonePort]()
+
+    def show(status: Status) -> None:
+        said.extend(say.text for say in status.said)
+
+    def again() -> PhonePort:
+        if opened:
+            opened[0].connect()
+        else:
+            opened.append(PhonePort(phone.address))
+        return opened[0]
+
+    def nothing() -> Command | None:
+        return None
+
+    wanted = RecordOptions(folder, "phyphox (Test Phone)", "2026-01-02T03:04:05Z", raw=True, **given)
+    return record(again, PhyphoxDecoder(), wanted, nothing, show), said
+
+
+def test_three_sensors_come_as_one_on_the_gyros_clock(
+    tmp_path: Path, phone: Phone, hands: dict[str, Recording]
+) -> None:
+    """A lost network costs nothing: the phone keeps what it measured."""
+    later((1.0, lambda: setattr(phone, "offline", True)), (1.3, lambda: setattr(phone, "offline", False)))
+    outcome, _ = recorded(phone, tmp_path / "tea", duration_s=1.8)
+    got = read_demo(tmp_path / "tea").recording
+    assert outcome.lost == 0
+    assert got.info.clock == "device"
+    assert got.info.sensor == "phyphox (Test Phone)"
+    assert np.diff(got.t) == pytest.approx(0.0025, abs=2e-5)
+    assert got.gyr is not None
+    assert got.mag is not None
+    # The gyro begins 1.3 ms after the accelerometer, the field 1.3 ms later (`streams_of`): no sample is moved.
+    for kind, values, late in (("gyr", got.gyr, 0.0), ("acc", got.acc, 0.0013), ("mag", got.mag, -0.0013)):
+        hand = hands[kind]
+        right = np.column_stack([np.interp(got.t + late, hand.t, axis) for axis in getattr(hand, kind).T])
+        known = np.isfinite(values[:, 0])
+        assert known.mean() > 0.95
+        assert values[known] == pytest.approx(right[known], abs=1e-4), kind
+    again = decode_raw(tmp_path / "tea" / "raw.bin", PhyphoxDecoder(), "phyphox").recording
+    assert again.acc == pytest.approx(got.acc, abs=1e-6)
+    assert again.t == pytest.approx(got.t, abs=1e-6)
+
+
+def test_pauses_and_clearing_on_the_phone_are_gaps_as_long_as_they_were(phone: Phone) -> None:
+    begun = time.monotonic()
+    t = times(heard(phone, 2.2, (0.4, phone.pause), (0.9, phone.start), (1.3, phone.clear), (1.6, phone.start)))
+    steps = np.diff(t)
+    assert (steps > 0.0).all()
+    gaps = steps[steps > 0.01]
+    assert gaps == pytest.approx([0.5, 0.3], abs=0.1)
+    assert t[-1] == pytest.approx(time.monotonic() - begun, abs=0.35)
+
+
+def test_a_phone_that_sleeps_ends_the_recording_with_what_it_has(
+    tmp_path: Path, phone: Phone, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(phone_port, "PATIENCE_S", 0.6)
+    later((0.8, lambda: setattr(phone, "offline", True)))
+    outcome, _ = recorded(phone, tmp_path / "tea")
+    assert outcome.ended_by.startswith("the phone does not answer")
+    assert outcome.duration_s == pytest.approx(0.8, abs=0.25)
+    assert len(read_demo(tmp_path / "tea").recording) == outcome.samples
+
+
+def test_reconnecting_goes_on_with_the_first_sample_not_yet_read(
+    tmp_path: Path, phone: Phone, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(phone_port, "PATIENCE_S", 0.3)
+    later((0.6, lambda: setattr(phone, "offline", True)), (1.5, lambda: setattr(phone, "offline", False)))
+    outcome, said = recorded(phone, tmp_path / "tea", reconnect=True, duration_s=2.2)
+    assert outcome.lost == 0
+    assert any(text.startswith("the phone does not answer") for text in said)
+    assert "the sensor is back" in said
+    assert np.diff(read_demo(tmp_path / "tea").recording.t).max() < 0.01
+
+
+def endless(handler: Any) -> None:
+    handler.send_response(200)
+    handler.end_headers()
+    handler.close_connection = True
+    while True:
+        handler.wfile.write(b'{"buffer":{"accX":{"buffer":[' + b"1," * 50_000)
+
+
+def slow(handler: Any) -> None:
+    handler.send_response(200)
+    handler.end_headers()
+    handler.close_connection = True
+    for _ in range(100):
+        handler.wfile.write(b"[")
+        time.sleep(0.05)
+
+
+def with_rows(*rows: object) -> bytes:
+    return json.dumps(
+        {"buffer": {name: {"buffer": list(rows)} for name in ("acc_time", "accX", "accY", "accZ")}}
+    ).encode()
+
+
+HOSTILE: list[Any] = [
+    b'{"buffer":{"acc_time":{"buffer":[NaN,Infinity]},"accX":{"buffer":[1,2]}}}',
+    with_rows(float("nan"), float("inf"), None),
+    with_rows("1e3", "rm"),
+    with_rows(True, False),
+    with_rows(1e300, -1e300),
+    b'{"buffer":{"acc_time":{"buffer":[' + b"9" * 6000 + b"]}}}",
+    b"[" * 200_000,
+    b'{"buffer":{"acc_time":{"buf',
+    b"{}",
+    b"<html>router login</html>",
+    bytes(range(256)),
+    endless,
+    slow,
+]
+
+
+def test_hostile_answers_cost_nothing_but_their_time(phone: Phone, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They end nothing, and no sample comes of them; what the phone measured meanwhile is read afterwards."""
+    monkeypatch.setattr(phone_port, "ANSWER_S", 0.2)
+    monkeypatch.setattr(phone_port, "LONGEST_ANSWER", 2_000_000)
+    answered: list[Any] = []
+
+    def answer(body: Any) -> Callable[[], object]:
+        def act() -> None:
+            answered.append(phone.body)
+            phone.body = body
+
+        return act
+
+    acts = [(0.2 + 0.15 * k, answer(body)) for k, body in enumerate([*HOSTILE, b""])]
+    samples = heard(phone, acts[-1][0] + 0.5, *acts)
+    assert len(answered) == len(acts)
+    assert times(samples)[-1] > acts[-1][0]
+    assert np.diff(times(samples)).max() < 0.01
+    assert max(abs(x) for sample in samples for x in sample.acc or ()) < 30.0
+
+
+@pytest.mark.parametrize(
+    ("address", "said"),
+    [
+        ("http://127.0.0.1:1", "does not answer (Connection refused)"),
+        ("https://127.0.0.1", "is no address of a phone"),
+        ("http://127.0.0.1:99999", "is no address of a phone"),
+        ("http://127.0.0.1/get", "is no address of a phone"),
+        ("http://user:word@127.0.0.1", "is no address of a phone"),
+        ("ftp://phone", "is no address of a phone"),
+    ],
+)
+def test_no_phone_is_one_line(address: str, said: str) -> None:
+    with pytest.raises(SensorError) as error:
+        PhonePort(address)
+    assert said in error.value.message
+
+
+def test_another_experiment_and_another_server_are_told(hands: dict[str, Recording]) -> None:
+    stock = {"acc": ("accT", "accx", "accy", "accz")}
+    with Phone(streams_of({"acc": hands["acc"]}), names=stock) as phone:
+        with pytest.raises(SensorError, match=r"another experiment than pbd's .* `pbd sensors phyphox`"):
+            PhonePort(phone.address)
+        phone.body = b"<html>"
+        with pytest.raises(SensorError, match="is no phyphox: scan the code"):
+            PhonePort(phone.address)
+
+
+def test_a_phone_without_gyro_or_field_gives_what_it_has(hands: dict[str, Recording]) -> None:
+    with Phone(streams_of({"acc": hands["acc"]})) as phone:
+        samples = heard(phone, 1.5)
+    assert len(samples) > 220
+    assert {(sample.gyr, sample.mag) for sample in samples} == {(None, None)}
+
+
+def test_what_the_phone_measured_before_is_left_to_it(phone: Phone) -> None:
+    """Nothing is cleared, and the recording begins when it begins; nothing but questions and `start` is sent."""
+    phone.start()
+    time.sleep(0.5)
+    samples = heard(phone, 0.5)
+    assert times(samples)[0] > 0.45
+    assert {path.partition("?")[0] for path in phone.asked} == {"/meta", "/get", "/time"}
+
+
+def test_two_taps_on_its_back_close_the_grip_and_are_told(tmp_path: Path) -> None:
+    held = simulate(Task("held", (Waypoint(rest_s=3.0),)), "ideal", rate_hz=200.0).recording
+    with Phone(streams_of({"acc": tapped(held, [(0.9, 40.0), (1.1, 40.0)]), "gyr": held})) as phone:
+        outcome, said = recorded(phone, tmp_path / "tea", taps=True, duration_s=1.7)
+    (event,) = read_demo(tmp_path / "tea").recording.grip
+    assert event.closed
+    assert event.t == pytest.approx(0.9, abs=0.05)
+    assert "two taps: grip closed" in said
+    assert outcome.lost == 0

@@ -1,0 +1,95 @@
+"""Two taps mark the grip: found where they are, nowhere else, and no stop is split by them."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pbd.data import GripEvent, Recording
+from pbd.errors import PbdWarning
+from pbd.files.importers import import_file
+from pbd.pipeline import track
+from pbd.simulation.hand_motion import Waypoint
+from pbd.simulation.simulate import TASKS, simulate
+from pbd.simulation.tasks import Task
+from pbd.tracking.taps import TapDetector, grip_by_taps
+from tests.tracking.tapping import tapped
+
+HELD = Task("held", (Waypoint(rest_s=12.0),))
+FIRST = np.arange(1.5, 11.0, 1.5)
+
+
+def held(rate_hz: float, seed: int = 0) -> Recording:
+    return simulate(HELD, "phone", seed, rate_hz=rate_hz).recording
+
+
+def pairs(seed: int, softest: float) -> list[tuple[float, float]]:
+    rng = np.random.default_rng(seed)
+    return [(float(at + k * rng.uniform(0.15, 0.4)), float(rng.uniform(softest, 60.0))) for at in FIRST for k in (0, 1)]
+
+
+@pytest.mark.parametrize("rate_hz", [100.0, 200.0, 400.0])
+def test_each_pair_is_found_when_it_began(rate_hz: float) -> None:
+    found = grip_by_taps(tapped(held(rate_hz), pairs(1, 35.0)))
+    assert [event.t for event in found] == pytest.approx(FIRST, abs=0.02)
+    assert [event.closed for event in found] == [True, False] * 3 + [True] * (len(FIRST) % 2)
+
+
+def test_they_are_told_a_quarter_of_a_second_after_the_second() -> None:
+    recording, detector = tapped(held(200.0), [(2.0, 40.0), (2.25, 40.0)]), TapDetector()
+    told = [t for t, acc in zip(recording.t, recording.acc, strict=True) if detector.feed(float(t), acc) is not None]
+    assert told == pytest.approx([2.25 + 0.26], abs=0.02)
+
+
+@pytest.mark.parametrize(
+    "blows",
+    [
+        [(2.0, 40.0)],
+        [(2.0, 40.0), (2.2, 40.0), (2.4, 40.0)],
+        [(2.0, 40.0), (2.8, 40.0)],
+        [(2.0, 40.0), (2.05, 40.0)],
+        [(2.0, 4.0), (2.25, 4.0)],
+    ],
+    ids=["one", "three", "far apart", "one that bounced", "too soft"],
+)
+def test_what_is_no_pair_of_taps(blows: list[tuple[float, float]]) -> None:
+    assert grip_by_taps(tapped(held(200.0), blows)) == ()
+
+
+def test_a_knock_from_the_side_is_none() -> None:
+    assert grip_by_taps(tapped(held(200.0), [(2.0, 40.0), (2.25, 40.0)], lean=1.5)) == ()
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_none_is_found_in_simulated_demonstrations(task: str) -> None:
+    for model, rate_hz in (("phone", 100.0), ("phone", 400.0), ("wt901", 200.0)):
+        assert grip_by_taps(simulate(task, model, 1, rate_hz=rate_hz).recording) == ()
+
+
+def test_none_is_found_in_recorded_hands_strides_and_walks(data_folder: Path) -> None:
+    trials = [
+        *sorted((data_folder / "broad").glob("*.npz")),
+        data_folder / "strides" / "left.npz",
+        data_folder / "walks" / "short_walk.csv",
+    ]
+    assert len(trials) == 6
+    for trial in trials:
+        assert grip_by_taps(import_file(trial).recording) == (), trial.name
+
+
+def test_a_stop_in_which_the_grip_is_tapped_stays_one() -> None:
+    demo = simulate("pour", "modern", 1, rate_hz=200.0)
+    blows = [(event.t + late, 40.0) for event in demo.recording.grip for late in (0.0, 0.3)]
+    shaken = tapped(demo.recording, blows)
+    marks = grip_by_taps(shaken)
+    assert [event.t for event in marks] == pytest.approx([event.t for event in demo.recording.grip], abs=0.02)
+    stops = [stop.start for stop in track(demo).stops]
+    assert len(track(replace(demo, recording=replace(shaken, grip=marks))).stops) == len(stops)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PbdWarning)  # one of the parts may be no stop
+        unmarked = track(replace(demo, recording=replace(shaken, grip=(GripEvent(1.0, True),))))
+    assert len(unmarked.stops) > len(stops)  # it is the mark that joins them
