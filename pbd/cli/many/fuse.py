@@ -18,8 +18,8 @@ from pbd.files.demo import demo_folder, load_demo, refuse_demo_folder, utc_now, 
 def run(args: argparse.Namespace) -> None:
     """Fuse, store, and say what was matched."""
     from pbd.fusion.calibration import device_errors
+    from pbd.fusion.tables import fusion_rows, fusion_table, takes_table
     from pbd.pipeline import fused_demo, track
-    from pbd.view.fusion_tables import fusion_rows, fusion_table, takes_table
     from pbd.view.tables import print_csv, print_table
 
     folder = demo_folder(args.output)
