@@ -20,7 +20,7 @@ WINDING_RAD = np.pi
 
 _SEED = 1
 _SHORTCUTS = 60
-_BENDS = 3  # times that the path is divided in two to bend it
+_BENDS = 2  # times that the path is divided in two to bend it
 _BETWEEN_RAD = 0.05, 0.02, 0.01  # a spline through points so near to each other keeps to the straight lines
 
 

@@ -25,6 +25,8 @@ from pbd.pose import Array, Pose
 
 STARTS, STARTS_WIDE = 12, 81
 """Descents made for each keyframe: at first, and where what is near it is barred."""
+CONTINUOUS_RAD, MOST_STEPS = 0.5, 60
+"""Largest motion of a joint between two layers along a path, and refused moves before the link is mended."""
 SWEEPS = 3
 """Passes over the path in which each configuration slides toward the middle of its neighbours."""
 
@@ -99,6 +101,19 @@ def states_at(arm: ArmModel, pose: Pose, before: States, starts: int) -> States:
     travel = total[via, each] + cost
     order = np.argsort(travel)
     return States(q[order], cost[order], travel[order])
+
+
+def layers_along(arm: ArmModel, ladder: Ladder, place: int, T_base_tool: Sequence[Pose]) -> list[Layer] | None:
+    """Lay out the branches at poses that follow on from a layer, each from those before; None where one has none."""
+    before, travel = ladder.layers[place], ladder.travel(place)
+    order = np.argsort(travel)[: np.isfinite(travel).sum()]
+    at, layers = States(before.q[order], before.cost[order], travel[order]), []
+    for pose in T_base_tool:
+        at = states_at(arm, pose, at, STARTS) if len(at.q) else at
+        if not len(at.q):
+            return None
+        layers.append(Layer(at.q, at.cost, MOST_STEPS, CONTINUOUS_RAD, costly=True))
+    return layers
 
 
 def widen(arm: ArmModel, pose: Pose, ladder: Ladder, place: int, starts: int = STARTS_WIDE) -> None:

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from pbd.arm.collision.queries import CollisionQueries
-from pbd.arm.collision.scene import Hit
 from pbd.arm.ik.cartesian import follow
 from pbd.arm.ik.partial_pose import is_partial
 from pbd.arm.model import ArmModel
@@ -83,7 +82,9 @@ class LinkChecks:
             return find_detour(queries, i, q_before, q, MOST_CHECKED)
         if queries is not None and i in (0, self.n):
             found = queries.approach(q_before, q) if i == 0 else queries.retreat(q_before, q)
-            return found if isinstance(found, np.ndarray) else _noted(move, found)
+            if found is None and move.kind not in move.hits and (hit := queries.moving(i, np.stack((q_before, q)))):
+                move.hits[move.kind] = hit
+            return found
         along = np.stack((q_before, q)) if link.poses is None else follow(self.arm, link.poses, q_before, q)
         if along is None or queries is None:
             return None if along is None else along[1:]
@@ -94,8 +95,5 @@ class LinkChecks:
             return along[1:]
         if link.poses is not None and not is_partial(self.arm):
             move.tool_barred = not queries.tool_passes(i, along)
-        return _noted(move, hit)
-
-
-def _noted(move: Move, hit: Hit) -> None:
-    move.hits.setdefault(move.kind, hit)
+        move.hits[move.kind] = hit
+        return None

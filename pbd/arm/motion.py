@@ -19,8 +19,17 @@ from pbd.arm.collision.queries import CollisionQueries
 from pbd.arm.collision.scene import Hit
 from pbd.arm.ik.cartesian import line
 from pbd.arm.ik.unreachable import out_of_reach
-from pbd.arm.joint_path import STARTS, States, Unreachable, add_turns, build_ladder, states_at, widen
-from pbd.arm.ladder import Barred, Ladder, Layer
+from pbd.arm.joint_path import (
+    CONTINUOUS_RAD,
+    MOST_STEPS,
+    STARTS,
+    Unreachable,
+    add_turns,
+    build_ladder,
+    layers_along,
+    widen,
+)
+from pbd.arm.ladder import Barred, Ladder
 from pbd.arm.link_checks import WIDE_COST, LinkChecks
 from pbd.arm.model import ArmModel
 from pbd.arm.motion_links import (
@@ -29,9 +38,10 @@ from pbd.arm.motion_links import (
     ENOUGH_DETOURS,
     MOST_DETOURS,
     MOST_PATHS,
-    MOST_STEPS,
     Link,
     Move,
+    motion_of,
+    remedies_of,
 )
 from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, Motion, MotionRequest
 from pbd.arm.refusal import UNREACHABLE, Refusal, refuse_move, refuse_pose, tell
@@ -42,8 +52,6 @@ MOST_STRAIGHT, MOST_STRAIGHT_WIDE = 36, 150
 """Refused straight moves between two keyframes before the link is mended: at first, and among more branches."""
 COARSE = 4
 """Poses from one layer to the next where joints are sought along a path."""
-CONTINUOUS_RAD = 0.5
-"""Largest motion of a joint between two of those layers."""
 LOOK_BACK = 8
 """Paths before a barred one along which joints are sought with it."""
 
@@ -78,20 +86,10 @@ class _Search:
         self.unwound: set[int] = set()
         self.links = [Link(place) for place in range(len(ladder.layers) - 1)]
         self.moves = [Move(STRAIGHT, ["widen"]) for _ in self.links]
-        for i in range(1, self.n):
-            if request.kind == STRAIGHT:
-                self.moves[i].remedies = ["follow", "widen", "split"]
-            else:
-                self._follow_path(i + 1, request.kind)
-                self.moves[i].remedies = ["split", "widen"]
-        for i, move in enumerate(self.moves if request.detour and queries is not None else ()):
-            if i in (0, self.n):
-                move.remedies.append("detour")
-            elif request.kind == STRAIGHT and request.tolerance_m is None:
-                # A line that nobody asked for isn't worth as much search as the hand's path.
-                move.remedies = (
-                    ["follow", "widen", "split", "detour"] if request.hand else ["follow", "detour", "widen"]
-                )
+        for i in range(1, self.n if request.kind != STRAIGHT else 1):
+            self._follow_path(i + 1, request.kind)
+        for i, move in enumerate(self.moves):
+            move.remedies = remedies_of(request, i, may_detour=request.detour and queries is not None)
 
     def run(self) -> Motion | Refusal:
         while True:
@@ -103,7 +101,7 @@ class _Search:
                 if refusal is not None and self.before_line is not None:
                     (self.ladder, self.links, self.moves, self.no_way_back), self.before_line = self.before_line, None
             elif not self._make_lines(path):
-                return self._motion(path)
+                return motion_of(self.arm, self.links, self.moves, self.ladder.joints(path), self.n)
 
     def _stands(self, place: int, q: Array) -> bool:
         link = self.links[place - 1]
@@ -116,9 +114,8 @@ class _Search:
         if move.detour and cost < np.inf and len(link.found) == ENOUGH_DETOURS:
             self.ladder.doubt(place, ANY_OTHER)
         if move.tool_barred:  # it does however the arm is held
-            layer.refused, move.tool_barred = layer.most_refused, False
-            first = next((k for k, remedy in enumerate(move.remedies) if remedy == "split"), len(move.remedies))
-            move.remedies = move.remedies[:first] + ["detour"] * ("detour" in move.remedies[first:])
+            layer.refused = layer.most_refused
+            move.leave_path()
         return cost
 
     # --- mending ------------------------------------------------------------------------------------------------------
@@ -223,15 +220,9 @@ class _Search:
         link = self.links[place - 1]
         poses = link.poses or ()
         marks = [0, *range(COARSE, len(poses) - 1, COARSE), len(poses) - 1]
-        before = self.ladder.layers[place - 1]
-        travel = self.ladder.travel(place - 1)
-        order = np.argsort(travel)[: np.isfinite(travel).sum()]
-        at, layers = States(before.q[order], before.cost[order], travel[order]), []
-        for mark in marks[1:-1]:
-            at = states_at(self.arm, poses[mark], at, STARTS) if len(at.q) else at
-            if not len(at.q):
-                return None
-            layers.append(Layer(at.q, at.cost, MOST_STEPS, CONTINUOUS_RAD, costly=True))
+        layers = layers_along(self.arm, self.ladder, place - 1, [poses[mark] for mark in marks[1:-1]])
+        if layers is None:
+            return None
         last = self.ladder.layers[place]
         last.most_refused, last.most_step = MOST_STEPS, CONTINUOUS_RAD
         self.ladder.insert(place, layers)
@@ -263,14 +254,13 @@ class _Search:
         self.before_line = None
         for place, sweep in wide.items():
             i = self.links[place - 1].keyframe
-            move = self.moves[i]
             if not self._unwind(q[place] - q[place - 1]):
-                move.wide = sweep
+                self.moves[i].wide = sweep
                 if self.checks.tool_barred(i, line(*self.request.T_base_tool[i - 1 : i + 1]), q[place - 1], q[place]):
                     continue
                 self.before_line = self._copy()
                 self._follow_path(place, LINE)
-                move.remedies = []
+                self.moves[i].remedies = []
             return True
         return False
 
@@ -287,24 +277,6 @@ class _Search:
         return self.ladder.copy(), links, moves, self.no_way_back
 
     # --- what was found -----------------------------------------------------------------------------------------------
-
-    def _motion(self, path: Sequence[int]) -> Motion:
-        q = self.ladder.joints(path)
-        parts: list[list[Array]] = [[] for _ in self.moves]
-        ends = [q[0]] * self.n
-        for place, link in enumerate(self.links, start=1):
-            parts[link.keyframe].append(link.found[q[place - 1].tobytes() + q[place].tobytes()])
-            if link.keyframe < self.n:
-                ends[link.keyframe] = q[place]
-        segments = []
-        for i in range(self.n):
-            segment = self.moves[i].segment(np.vstack(parts[i]))
-            if i > 0 and segment.kind == STRAIGHT:
-                sweep = sweep_of(self.arm, ends[i - 1], ends[i])
-                segment = replace(segment, off_line_m=sweep.off_line_m, wide=sweep if sweep.wide else None)
-            segments.append(segment)
-        back = self.moves[self.n].segment(np.vstack(parts[self.n])) if len(parts) > self.n and parts[self.n] else None
-        return Motion(np.array(ends), tuple(segments), back)
 
     def _refuse(self, i: int) -> Refusal:
         move, unfollowed = self.moves[i], None

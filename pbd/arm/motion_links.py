@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
 
 from pbd.arm.collision.scene import Hit
-from pbd.arm.motion_request import DETOUR, STRAIGHT, Segment
-from pbd.arm.sweep import Sweep
+from pbd.arm.model import ArmModel
+from pbd.arm.motion_request import DETOUR, STRAIGHT, Motion, MotionRequest, Segment
+from pbd.arm.sweep import Sweep, sweep_of
 from pbd.pose import Array, Pose
 
-MOST_PATHS, MOST_STEPS = 4, 60
-"""Refused paths of the tool before a link is mended: from end to end, and along a few of its poses."""
+MOST_PATHS = 4
+"""Refused paths of the tool, from end to end, before a link is mended."""
 MOST_DETOURS, MOST_CHECKED = 4, 2000
 """Pairs of ways to hold the arm between which a detour is sought in vain, and checks for each."""
 DETOUR_EXTRA = 1.0
 """How much farther than straight a detour is taken to be, rad, until it is found."""
-ENOUGH_DETOURS, ANY_OTHER = 2, 100.0
+ENOUGH_DETOURS, ANY_OTHER = 1, 100.0
 """Detours found after which another one is only sought where these lead nowhere: so many rad more it is taken to be."""
 
 
@@ -45,6 +49,12 @@ class Move:
         self.remedies[:] = [each for each in self.remedies if each == "detour"]
         return bool(self.remedies)
 
+    def leave_path(self) -> None:
+        """What the tool carries touches something on its path: no more joints are sought along it."""
+        first = self.remedies.index("split") if "split" in self.remedies else len(self.remedies)
+        self.remedies = [each for i, each in enumerate(self.remedies) if i < first or each == "detour"]
+        self.tool_barred = False
+
     def segment(self, q: Array) -> Segment:
         """What is made of it with joints (m, k); a detour of one is none."""
         kind = (DETOUR if len(q) > 1 else STRAIGHT) if self.detour else self.kind
@@ -62,3 +72,34 @@ class Link:
     poses: tuple[Pose, ...] | None = None
     at_keyframe: bool = True
     found: dict[bytes, Array] = field(default_factory=dict)
+
+
+def remedies_of(request: MotionRequest, i: int, *, may_detour: bool) -> list[str]:
+    """Say how else the move to keyframe i may be made, the likeliest first; i = n leads away from the last one."""
+    if i in (0, len(request.T_base_tool)):
+        return ["detour", "widen"] if may_detour else ["widen"]
+    if request.kind != STRAIGHT:
+        return ["split", "widen"]
+    if not may_detour or request.tolerance_m is not None:
+        return ["follow", "widen", "split"]
+    # A line that nobody asked for isn't worth as much search as the hand's path.
+    return ["follow", "widen", "split", "detour"] if request.hand else ["follow", "detour", "widen"]
+
+
+def motion_of(arm: ArmModel, links: Sequence[Link], moves: Sequence[Move], q: Array, n: int) -> Motion:
+    """Put a motion together from what was found on the links between joints (l + 1, k): n keyframes."""
+    parts: list[list[Array]] = [[] for _ in moves]
+    ends = [q[0]] * n
+    for place, link in enumerate(links, start=1):
+        parts[link.keyframe].append(link.found[q[place - 1].tobytes() + q[place].tobytes()])
+        if link.keyframe < n:
+            ends[link.keyframe] = q[place]
+    segments = []
+    for i in range(n):
+        segment = moves[i].segment(np.vstack(parts[i]))
+        if i > 0 and segment.kind == STRAIGHT:
+            sweep = sweep_of(arm, ends[i - 1], ends[i])
+            segment = replace(segment, off_line_m=sweep.off_line_m, wide=sweep if sweep.wide else None)
+        segments.append(segment)
+    back = moves[n].segment(np.vstack(parts[n])) if len(parts) > n and parts[n] else None
+    return Motion(np.array(ends), tuple(segments), back)

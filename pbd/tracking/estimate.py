@@ -16,7 +16,7 @@ from pbd.tracking.moving_windows import median
 from pbd.tracking.noise import Noise, acc_doubt
 from pbd.tracking.rest import Rest
 from pbd.tracking.smoother.normal_equations import ACC_BIAS, GYR_BIAS, POS, ROT, STATE, Solved
-from pbd.tracking.smoother.path import Path
+from pbd.tracking.smoother.path import Path, between_stops
 from pbd.tracking.smoother.preintegration import LOWER, Impulse, integral_of_means
 from pbd.tracking.smoother.smooth import Solution, smooth
 from pbd.tracking.smoother.state import ACC_MATRIX, GYR_MATRIX, LAG
@@ -154,21 +154,13 @@ def _without_bounces(solution: Solution, believed: Sequence[int], grips: Sequenc
 
 def _standing(path: Path, stops: Sequence[Stop], p_stop: Array, t: Array) -> Path:
     """The path with each stop at one place. What it creeps in a stop is distributed over the moves beside it."""
-    p, v = path.p - p_stop[0], path.v.copy()
-    places = p_stop - p_stop[0]
-    shift = np.zeros_like(p)
+    p, places = path.p - p_stop[0], p_stop - p_stop[0]
+    first, last = (places - p[rows] for rows in ([stop.start for stop in stops], [stop.stop - 1 for stop in stops]))
+    shift, faster = between_stops(t, stops, first, last)
+    p, v = p + shift, path.v + faster
     for stop, place in zip(stops, places, strict=True):
-        shift[stop.start : stop.stop] = place - p[stop.start : stop.stop]
-        v[stop.start : stop.stop] = 0.0
-    edges = [(stop.start, stop.stop - 1) for stop in stops]
-    shift[: edges[0][0]], shift[edges[-1][1] + 1 :] = shift[edges[0][0]], shift[edges[-1][1]]
-    for (_, first), (last, _) in pairwise(edges):
-        between = slice(first + 1, last)
-        share = ((t[between] - t[first]) / (t[last] - t[first]))[:, None]
-        away = shift[last] - shift[first]
-        shift[between] = shift[first] + share**2 * (3.0 - 2.0 * share) * away
-        v[between] += 6.0 * share * (1.0 - share) / (t[last] - t[first]) * away
-    return Path(path.wxyz, v, p + shift, path.a)
+        p[stop.start : stop.stop], v[stop.start : stop.stop] = place, 0.0
+    return Path(path.wxyz, v, p, path.a)
 
 
 def _closure(t: Array, a_nav: Array, stops: Sequence[Stop]) -> Array:

@@ -20,6 +20,7 @@ from pbd.errors import TrackingError
 from pbd.pose import Array, Pose, quat_exp, quat_multiply
 from pbd.tracking.claims import MOUNT_ERRORS, START_ERRORS, Claim, claims_of
 from pbd.tracking.noise import OUTLIER_SIGMAS
+from pbd.tracking.smoother.path import between_stops
 
 
 def condition_on(
@@ -122,24 +123,16 @@ def _from_other(p_stop: Array, claim: Claim) -> Array:
 def _carried_along(path: HandPath, moved: Array) -> tuple[Array, Array, Array]:
     """Position, velocity and attitude with the stops moved by (k, 6): m, and rad in nav.
 
-    Along a move the shift grows as 3 s^2 - 2 s^3 of its time. That is its conditional mean where the acceleration errs
-    by white noise and velocity is known at both ends: least squares of the acceleration, a cubic. The turn grows with
-    time, as by white noise of the gyro.
+    The turn grows with time, as by white noise of the gyro.
     """
-    t, p, v = path.t, path.p_nav_sensor.copy(), path.v_nav_sensor.copy()
-    shift = moved[:, :3]
-    for k, (stop, following) in enumerate(pairwise(path.stops)):
-        p[stop.start : stop.stop] += shift[k]
-        between = slice(stop.stop, following.start)
-        begin, end = t[stop.stop - 1], t[following.start]
-        s = ((t[between] - begin) / (end - begin))[:, None]
-        more = shift[k + 1] - shift[k]
-        p[between] += shift[k] + s**2 * (3.0 - 2.0 * s) * more
-        v[between] += 6.0 * s * (1.0 - s) / (end - begin) * more
-    p[path.stops[-1].start :] += shift[-1]
+    t = path.t
+    shift, faster = between_stops(t, path.stops, moved[:, :3], moved[:, :3])
+    for stop, by in zip(path.stops, moved[:, :3], strict=True):
+        shift[stop.start : stop.stop] = by
     edges = t[[row for stop in path.stops for row in (stop.start, stop.stop - 1)]]
     turn = np.column_stack([np.interp(t, edges, np.repeat(axis, 2)) for axis in moved[:, 3:].T])
-    return p, v, quat_multiply(quat_exp(turn), path.wxyz_nav_sensor)
+    attitude = quat_multiply(quat_exp(turn), path.wxyz_nav_sensor)
+    return path.p_nav_sensor + shift, path.v_nav_sensor + faster, attitude
 
 
 def _fits(

@@ -43,11 +43,11 @@ class Dense:
         t = np.append(np.arange(0.0, trajectory.duration, self.every_s), trajectory.duration)
         samples = trajectory.at(t)
         return any(
-            pin.computeCollisions(self.model, data, self.geometry, placed, self._configuration(q, opening), True)
+            pin.computeCollisions(self.model, data, self.geometry, placed, self.configuration(q, opening), True)
             for q, opening in zip(samples.q, samples.gripper, strict=True)
         )
 
-    def _configuration(self, q: Any, opening: float) -> Any:
+    def configuration(self, q: Any, opening: float) -> Any:
         gripper = self.robot.gripper
         values = dict(zip(self.robot.joints, q, strict=True))
         if gripper is not None:

@@ -90,13 +90,13 @@ def test_a_mended_ladder_is_as_one_built_whole(seed: int, place: int) -> None:
     world.bad = {each for each in world.bad if each[0] != 4}
     third, part = layers.pop(3), layers[2]
     later_q, later_cost = part.q[2:], part.cost[2:].copy()
-    ladder = Ladder([*layers[:2], Layer(part.q[:2], part.cost[:2].copy(), MANY), layers[3]])
+    ladder = Ladder([*layers[:2], Layer(part.q[:2], part.cost[:2].copy(), MANY, unseen=0.0), layers[3]])
     ladder.search(
         lambda at, q: at > 2 or world.stands(at, q), lambda at, *q: 0.0 if at > 2 else world.free_move(at, *q)
     )
     ladder.add(2, later_q, later_cost)
     ladder.insert(3, [third])
-    ladder.reopen(place, MANY, costly=place % 2 == 0)
+    ladder.reopen(place, MANY, costly=place % 2 == 0, unseen=0.0)
     world.asked = [each for each in world.asked if each[0] != place or len(each) == 2]
     found = ladder.search(lambda at, q: at > 3 or world.stands(at, q), world.free_move)
     best = min(filter(world.free, world.every()), key=world.length, default=None)

@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from pbd.arm import link_checks
 from pbd.arm import motion as motion_module
 from pbd.arm.collision.motion_check import check_motion
 from pbd.arm.collision.queries import APPROACH_M, CollisionQueries
@@ -173,9 +174,9 @@ def test_a_detour_is_the_same_each_time_and_is_told() -> None:
 
 
 def test_what_was_tried_is_told_where_there_is_no_way_around(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(motion_module, "MOST_CHECKED", 10)
+    monkeypatch.setattr(link_checks, "MOST_CHECKED", 10)
     message = refused((LEFT, RIGHT), PLATE, approach=False).error.message
-    assert f" pairs of arm poses, and no detour found in {10 * MOST_DETOURS} checks. Straight" in message
+    assert f" pairs of arm poses, and no detour found in {2 * 10 * MOST_DETOURS} checks. Straight" in message
 
 
 @pytest.mark.parametrize("end", ["approach", "back"])
@@ -213,7 +214,7 @@ def test_what_is_in_the_way_is_named_where_no_joints_lead_on_because_of_it(monke
         alone.append(True)
         return choose(ARM, request, None)
 
-    monkeypatch.setattr(motion_module, "follow", broken)
+    monkeypatch.setattr(link_checks, "follow", broken)
     monkeypatch.setattr(motion_module, "choose_motion", unwatched)
     refusal = refused((LEFT, RIGHT), PLATE, approach=False, kind=LINE)
     assert refusal.why == COLLISION
@@ -294,7 +295,7 @@ def test_joints_are_sought_along_a_path_whose_ends_do_not_lead_on(monkeypatch: p
         ends.append(len(poses))
         return follow(ARM, poses, *q) if len(poses) < 9 else None
 
-    monkeypatch.setattr(motion_module, "follow", short)
+    monkeypatch.setattr(link_checks, "follow", short)
     motion = chosen((LEFT, RIGHT), approach=False, kind=LINE)
     assert ends[0] == len(line(LEFT, RIGHT)) > max(ends[-10:])
     assert len(motion.segments[1].q) == ends[0] - 1

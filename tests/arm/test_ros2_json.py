@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from pbd.arm.timing.moves import time_keyframes
 from pbd.data import JointTrajectory, Robot
 from pbd.data.receiver import shares
 from pbd.errors import PbdWarning, PlanError
@@ -21,6 +20,7 @@ from pbd.files.exporters import export
 from pbd.planning import PlanOptions, plan_keyframes
 from tests.arm.bundled import DEMOS, arm_of, keyframes_of, path_of
 from tests.arm.controller import Controller, refuse, seconds
+from tests.arm.straight import time_keyframes
 
 ARMS = ("panda", "ur5", "so101", "xarm7")
 IMPOSSIBLE = (("so101", "pouring", "line"), ("so101", "pouring", "demo"))  # five joints can't follow the turn

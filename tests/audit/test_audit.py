@@ -9,12 +9,12 @@ import pytest
 from scipy.interpolate import BSpline, PPoly
 
 from pbd.arm.model import ArmModel
-from pbd.arm.timing.moves import time_keyframes
 from pbd.audit.audit import audit
 from pbd.data import Calibration, JointTrajectory, Obstacle
 from pbd.errors import PlanError
 from pbd.pose import Array, Pose
 from tests.arm.conftest import changed, random_joints
+from tests.arm.straight import time_keyframes
 
 GRIPS = (None, True, None, False, None)
 

@@ -12,7 +12,6 @@ import pytest
 from pbd.arm.gripper import tool_rod as planned_rod
 from pbd.arm.joint_path import solve_path
 from pbd.arm.model import load_model
-from pbd.arm.timing.moves import time_keyframes
 from pbd.audit.arm import AuditArm
 from pbd.audit.grasp import tool_rod
 from pbd.audit.pairs import AuditScene
@@ -22,6 +21,7 @@ from pbd.data import Calibration, GraspedObject, JointLimits, JointTrajectory, O
 from pbd.pose import Pose
 from tests.arm.bundled import NAMES, arm_of
 from tests.arm.conftest import random_joints
+from tests.arm.straight import time_keyframes
 
 BOTTLE = GraspedObject("cylinder", (0.07, 0.2))
 BENCH = Calibration("bench", T_base_dock=Pose.identity())

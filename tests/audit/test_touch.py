@@ -11,7 +11,6 @@ import pytest
 
 from pbd.arm.collision.geometry import Body
 from pbd.arm.collision.scene import CollisionScene
-from pbd.arm.timing.moves import time_keyframes
 from pbd.audit.arm import AuditArm
 from pbd.audit.grasp import THE_TOOL
 from pbd.audit.pairs import AuditScene
@@ -25,6 +24,7 @@ from pbd.pose import Array, Pose
 from tests.arm.bundled import arm_of, keyframes_of, path_of
 from tests.arm.conftest import random_joints
 from tests.arm.dense import Dense
+from tests.arm.straight import time_keyframes
 
 PANDA = arm_of("panda").robot
 BOTTLE = load_demo("pouring").grasped

@@ -25,12 +25,12 @@ from pbd.arm.collision.clearance import Clearance
 from pbd.arm.collision.motion_check import check_motion
 from pbd.arm.collision.scene import CollisionScene
 from pbd.arm.model import ArmModel, load_model
-from pbd.arm.timing.moves import time_keyframes
 from pbd.data import GraspedObject, JointTrajectory, Obstacle
 from pbd.files.library import names
 from pbd.files.robot import load_robot
 from pbd.pose import Array, Pose
 from tests.arm.collision_oracles import links_touching, links_watched, raw_meshes
+from tests.arm.straight import time_keyframes
 from tests.benchmarks.report import arguments, finish, median_ms
 
 BALL = GraspedObject("sphere", (0.03,))
@@ -59,7 +59,7 @@ def measure(name: str, motions: int) -> dict[str, float]:
         "dropped_pairs": float(len(scene.unchecked)),
         "build_ms": median_ms(lambda: build(load_model(robot)), 5),
         "check_us": 1e3 * median_ms(lambda: [scene.hit(q) for q in free], 5) / len(free),
-        "move_ms": median_ms(lambda: [scene.check_move(*move) for move in moves], 5) / len(moves),
+        "move_ms": median_ms(lambda: [scene.check_path(np.stack(move)) for move in moves], 5) / len(moves),
         "motion_ms": float(times.mean()),
         "motion_p95_ms": float(np.percentile(times, 95)),
         "motion_s": float(np.mean([trajectory.duration for trajectory in chosen])),

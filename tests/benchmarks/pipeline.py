@@ -20,7 +20,6 @@ from pbd.arm.collision.motion_check import check_motion
 from pbd.arm.collision.scene import CollisionScene
 from pbd.arm.joint_path import solve_path
 from pbd.arm.model import load_model
-from pbd.arm.timing.moves import time_keyframes
 from pbd.audit.arm import AuditArm
 from pbd.audit.audit import audit
 from pbd.audit.pairs import AuditScene
@@ -28,6 +27,7 @@ from pbd.planning import PlanOptions, plan_keyframes
 from pbd.replay import replay_scene
 from pbd.tracking.keyframes import find_keyframes
 from pbd.view.page import write_page
+from tests.arm.straight import time_keyframes
 from tests.benchmarks.report import arguments, finish, median_ms
 
 

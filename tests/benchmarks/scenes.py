@@ -1,10 +1,12 @@
-"""How much of what can be reached is: python tests/benchmarks/scenes.py [--json] [--quick] [--search S].
+"""How much of what can be reached is: python tests/benchmarks/scenes.py [--json] [--quick] [--seeds N] [--search S].
 
 Random scenes (shelf, bin, portal, gap, clutter) for panda, ur5 and xarm7: from home to a first keyframe, to a second
-among the obstacles, and back. scenes; feasible: solved, or solved by a search of S seconds (60) over the same checks,
-keyframe by keyframe; solved, solved_pct: of the feasible ones; detours: those with a planner's move; median_s, p95_s,
-max_s: of all scenes; wrong: accepted, and yet a link's original mesh overlaps an obstacle at one of the instants that
-are 5 ms apart (dense.py, which shares nothing with the planner). kinds.KIND: the same for each kind of scene.
+among the obstacles, and back. Beside the planner five long searches of S seconds each (60) look for a way on the
+original meshes; they share nothing with it (long_search.py). scenes; feasible: solved by the planner or a search;
+searched: by a search; solved, solved_pct: by the planner, of the feasible ones; detours: those with a move of OMPL's;
+median_s, p95_s, max_s: process time of all scenes; travel_median, travel_p95: joint travel over the least of the
+searches, where both found a way; wrong: accepted, and yet original meshes overlap at one of the instants that are 5 ms
+apart. kinds.KIND: the same for each kind of scene.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ import sys
 import time
 import warnings
 from pathlib import Path
+from typing import NamedTuple
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
@@ -20,64 +23,70 @@ import numpy as np
 
 from pbd.arm.collision.queries import CollisionQueries
 from pbd.arm.collision.scene import CollisionScene
-from pbd.arm.detour import find_detour
-from pbd.arm.ik.branches import find_branches
 from pbd.arm.model import ArmModel
 from pbd.arm.motion import choose_motion
 from pbd.arm.motion_request import DETOUR, Motion, MotionRequest, Segment
 from pbd.arm.timing.moves import Move, time_moves
 from pbd.data import Obstacle
-from pbd.pose import Array, Pose
+from pbd.pose import Pose
 from tests.arm.bundled import arm_of
-from tests.arm.dense import Dense
+from tests.benchmarks.long_search import DenseScene, search
 from tests.benchmarks.report import arguments, finish
 
 ARMS = "panda", "ur5", "xarm7"
 KINDS = "shelf", "bin", "portal", "gap", "clutter"
 SEEDS, QUICK_SEEDS = 16, 1
 """Scenes of each kind for each arm."""
-PAIRS = 8
-"""Ways to hold the arm at each end between which the long search looks."""
-CHECKS = 2000
-"""Checks of one of its rounds."""
+SEARCHES, SEARCH_S, QUICK_SEARCH_S = 5, 60.0, 1.0
+"""Long searches of each scene, and how long each takes, s."""
+
+
+class Told(NamedTuple):
+    """What was found of a scene: the motion, process time in s, the least joint travel of the searches, if wrong."""
+
+    motion: Motion | None
+    took_s: float
+    least: float | None
+    wrong: bool
 
 
 def main() -> None:
     """Measure and print."""
     parser = arguments(str(__doc__))
-    parser.add_argument("--search", type=float, default=60.0, metavar="S", help="s that the long search may take (60)")
+    parser.add_argument("--seeds", type=int, metavar="N", help=f"scenes of each kind for each arm ({SEEDS})")
+    parser.add_argument("--search", type=float, metavar="S", help=f"s that each long search takes ({SEARCH_S:g})")
     args = parser.parse_args()
     warnings.simplefilter("ignore")
-    seeds = QUICK_SEEDS if args.quick else SEEDS
-    tried = [
-        (kind, *tell(name, kind, seed, 2.0 if args.quick else args.search))
-        for name in ARMS
-        for kind in KINDS
-        for seed in range(seeds)
-    ]
-    kinds = {kind: figures([each[1:] for each in tried if each[0] == kind]) for kind in KINDS}
-    finish({**figures([each[1:] for each in tried]), "kinds": kinds}, args.json)
+    seeds = args.seeds or (QUICK_SEEDS if args.quick else SEEDS)
+    search_s = (QUICK_SEARCH_S if args.quick else SEARCH_S) if args.search is None else args.search
+    tried = [(kind, tell(name, kind, seed, search_s)) for seed in range(seeds) for name in ARMS for kind in KINDS]
+    kinds = {kind: figures([told for each, told in tried if each == kind]) for kind in KINDS}
+    finish({**figures([told for _, told in tried]), "kinds": kinds}, args.json)
 
 
-def figures(tried: list[tuple[Motion | None, float, bool, bool]]) -> dict[str, float]:
+def figures(tried: list[Told]) -> dict[str, float]:
     """All figures of some scenes."""
-    took = [each[1] for each in tried]
-    solved, feasible = sum(each[0] is not None for each in tried), sum(each[2] for each in tried)
+    took = [each.took_s for each in tried]
+    solved, feasible = [each for each in tried if each.motion], [each for each in tried if each.motion or each.least]
+    ratios = [travel(each.motion) / each.least for each in solved if each.motion and each.least] or [float("nan")]
     return {
         "scenes": len(tried),
-        "feasible": feasible,
-        "solved": solved,
-        "solved_pct": 100.0 * solved / max(1, feasible),
-        "detours": sum(DETOUR in [way.kind for way in ways(each[0])] for each in tried if each[0]),
+        "feasible": len(feasible),
+        "searched": sum(each.least is not None for each in tried),
+        "solved": len(solved),
+        "solved_pct": 100.0 * len(solved) / max(1, len(feasible)),
+        "detours": sum(DETOUR in [way.kind for way in ways(each.motion)] for each in solved),
         "median_s": float(np.median(took)),
         "p95_s": float(np.percentile(took, 95)),
         "max_s": max(took),
-        "wrong": sum(each[3] for each in tried),
+        "travel_median": float(np.median(ratios)),
+        "travel_p95": float(np.percentile(ratios, 95)),
+        "wrong": sum(each.wrong for each in tried),
     }
 
 
-def tell(name: str, kind: str, seed: int, search_s: float) -> tuple[Motion | None, float, bool, bool]:
-    """One scene: the motion, process time in s, whether there is one, whether it is wrong."""
+def tell(name: str, kind: str, seed: int, search_s: float) -> Told:
+    """Plan and search one scene."""
     arm, rng = arm_of(name), np.random.default_rng([seed, KINDS.index(kind), ARMS.index(name)])
     obstacles, poses = scene_of(arm, kind, rng)
     scene = CollisionScene(arm, None, obstacles)
@@ -87,9 +96,20 @@ def tell(name: str, kind: str, seed: int, search_s: float) -> tuple[Motion | Non
     start = time.process_time()
     found = choose_motion(arm, MotionRequest(poses, arm.robot.home, q_back=arm.robot.home), queries)
     took = time.process_time() - start
-    if isinstance(found, Motion):
-        return found, took, True, wrong(arm, found, obstacles)
-    return None, took, feasible(arm, queries, poses, search_s), False
+    motion, dense = found if isinstance(found, Motion) else None, DenseScene(arm, obstacles)
+    travels = [search(dense, poses, search_s, seed) for seed in range(SEARCHES)]
+    least = min((each for each in travels if each is not None), default=None)
+    told = Told(motion, took, least, motion is not None and wrong(arm, motion, dense))
+    print(f"{name} {kind} {seed}: {took:.2f} s, {told_ratio(told)}", file=sys.stderr, flush=True)
+    return told
+
+
+def told_ratio(told: Told) -> str:
+    """Say how a scene went, in a word or two."""
+    if told.motion is None:
+        return "no way" if told.least is None else "missed"
+    said = "alone" if told.least is None else f"travel {travel(told.motion) / told.least:.2f}"
+    return f"WRONG, {said}" if told.wrong else said
 
 
 def scene_of(arm: ArmModel, kind: str, rng: np.random.Generator) -> tuple[list[Obstacle], list[Pose]]:
@@ -142,35 +162,19 @@ def scene_of(arm: ArmModel, kind: str, rng: np.random.Generator) -> tuple[list[O
     ]
 
 
-def feasible(arm: ArmModel, queries: CollisionQueries, poses: list[Pose], search_s: float) -> bool:
-    """Whether a long search comes from home to the first keyframe and on to the second, however the arm is held."""
-    end = time.process_time() + search_s
-    at = [arm.robot.home]
-    for leg, pose in enumerate(poses):
-        found = [q for q in find_branches(arm, pose, np.array(at), 200) if queries.standing(leg, q) is None][:PAIRS]
-        reached: list[Array] = []
-        checks = CHECKS
-        while not reached and found and time.process_time() < end:
-            reached = [
-                q for q in found if any(find_detour(queries, leg, before, q, checks) is not None for before in at)
-            ]
-            checks *= 4
-        if not reached:
-            return False
-        at = reached
-    return True
-
-
-def wrong(arm: ArmModel, motion: Motion, obstacles: list[Obstacle]) -> bool:
-    """Whether an original mesh overlaps an obstacle anywhere on the timed motion."""
+def wrong(arm: ArmModel, motion: Motion, dense: DenseScene) -> bool:
+    """Whether original meshes overlap anywhere on the timed motion."""
     moves = [Move(way.q, way.curved) for way in motion.segments]
     back = None if motion.back is None else Move(motion.back.q, motion.back.curved)
     timed = time_moves(arm, arm.robot.home, moves, [0.2] * len(moves), [None] * len(moves), retreat=back)
-    dense = Dense(arm.robot, obstacles, every_s=5e-3)
-    shapes = zip(dense.names, dense.geometry.geometryObjects, strict=True)
-    moving = [name for name, shape in shapes if shape.parentJoint > 0]  # the base may stand in an obstacle
-    pairs = {frozenset((link, obstacle.name)) for link in moving for obstacle in obstacles}
-    return dense.touch(timed.trajectory, pairs, 0.0)
+    return dense.touches(timed.trajectory)
+
+
+def travel(motion: Motion) -> float:
+    """Joint travel, rad, from home to home."""
+    parts = np.vstack([way.q for way in ways(motion)])
+    home = parts[-1] if motion.back else motion.q[0]
+    return float(np.linalg.norm(np.diff(np.vstack((home, parts)), axis=0), axis=1).sum())
 
 
 def ways(motion: Motion | None) -> list[Segment]:

@@ -29,7 +29,6 @@ import pbd
 from pbd.arm.collision.motion_check import check_motion
 from pbd.arm.ik.partial_pose import is_partial
 from pbd.arm.joint_path import solve_path
-from pbd.arm.timing.moves import time_keyframes
 from pbd.arm.timing.path_smoothing import Curve, curved_move
 from pbd.arm.timing.ptp import ptp_move
 from pbd.audit.arm import AuditArm
@@ -40,6 +39,7 @@ from pbd.files.library import names
 from pbd.planning import PlanOptions, arm_of, plan_keyframes, scene_of
 from pbd.pose import Array
 from pbd.tracking.keyframes import find_keyframes
+from tests.arm.straight import time_keyframes
 from tests.arm.toppra_oracle import toppra_duration
 from tests.benchmarks.report import arguments, finish, median_ms
 

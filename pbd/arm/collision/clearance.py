@@ -7,8 +7,7 @@ a from the one look and b before the next has a + b <= d + MARGIN_M, so a < d or
 least MARGIN_M, a step of STEP_M = 2 MARGIN_M is always allowed; most are far longer.
 
 Where nobody wants to know what touches, a path is halved instead: two bodies that are d and e apart at its ends can't
-touch on it unless they move by d + e. That takes fewer looks, and those in the middle,
-where most moves are barred, come first.
+touch on it unless they move by d + e. So the looks in the middle, where most moves are barred, come first.
 
 Bodies are hulls. Where the hull of a link is near another body its mesh is asked whether they are MARGIN_M apart. Hulls
 are measured because coal's `collide` overlooks some deep contacts of theirs (4 in 10^5 pairs of so101). A distance that
@@ -20,7 +19,6 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import NamedTuple
 
 import coal
@@ -28,7 +26,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from pbd.arm.collision.geometry import Body, extent, shape_of, surface_of
+from pbd.arm.collision.configurations import JointPath, configurations
+from pbd.arm.collision.geometry import Body, mesh_to, moves_with_tool, shape_of, surface_of
 from pbd.arm.collision.motion_bounds import rates
 from pbd.arm.model import ArmModel, to_se3
 from pbd.pose import Array
@@ -41,19 +40,6 @@ RECENT, REMEMBERED = 4, 2000
 Pairs = NDArray[np.int64]
 Allowed = Callable[[int, Array], bool]
 """Whether a pair may touch at coordinates (k + 1,)."""
-
-
-@dataclass(frozen=True, eq=False)
-class JointPath:
-    """A path as nodes so close that no pair of bodies moves by more than STEP_M against each other in between.
-
-    Attributes:
-        t: (n,) s, or the share of a straight move.
-        x: (n, k + 1) coordinates (motion_bounds.py); between nodes each goes up, goes down or stands still.
-    """
-
-    t: Array
-    x: Array
 
 
 @dataclass(frozen=True)
@@ -99,12 +85,9 @@ class Clearance:
             self._geometry.addGeometryObject(pin.GeometryObject(str(i), body.joint, placement, shape_of(body)))
         for first, second in self.pairs:
             self._geometry.addCollisionPair(pin.CollisionPair(int(first), int(second)))
-        self._mesh_to = np.array([mesh_to(self.bodies[a], self.bodies[b]) for a, b in self.pairs])
-        tool = arm.full.getJointId(arm.robot.joints[-1])
-        carried = [tool in arm.full.supports[body.joint] for body in self.bodies]
-        still = [body.joint == 0 for body in self.bodies]
-        a, b = self.pairs.T
-        self._of_tool = (np.array(carried)[a] & np.array(still)[b]) | (np.array(carried)[b] & np.array(still)[a])
+        pairs_of = [(self.bodies[a], self.bodies[b]) for a, b in self.pairs]
+        self._mesh_to = np.array([mesh_to(*pair) for pair in pairs_of], dtype=np.float64)
+        self._of_tool = np.array([moves_with_tool(arm, *pair) for pair in pairs_of], dtype=bool)
         self._placed, self._data = self._geometry.createData(), arm.full.createData()
         self._lately: list[int] = []  # pairs that touched, the last one first: the likeliest to touch next
         self._known: dict[bytes, Array] = {}
@@ -142,15 +125,12 @@ class Clearance:
             allowed: what may touch where.
             tool_only: leave out all but what moves with the tool and what stands still.
         """
-        if not tool_only and (
-            any(self.touches(each, allowed) for each in x[:2])
-            or any(self._touch_again(each, allowed) for each in x[2:])
-        ):
+        quick = [] if tool_only else [self.touches, self.touches, *[self._touch_again] * (len(x) - 2)]
+        if any(look(each, allowed) for look, each in zip(quick, x, strict=False)):
             return True
         walk, (at_start, at_end) = self._walk(path(), allowed), map(self._remembered, x[:2])
-        near = np.flatnonzero(
-            ~(at_start + at_end > self.rates @ walk.moved[:, -1]) & (self._of_tool | (not tool_only))
-        ).tolist()
+        open_ = ~(at_start + at_end > self.rates @ walk.moved[:, -1])
+        near = np.flatnonzero(open_ & self._of_tool if tool_only else open_).tolist()
         near.sort(key=lambda pair: self._lately.index(pair) if pair in self._lately else RECENT)
         return any(self._halve(walk, pair, at_start[pair], at_end[pair]) and self._touched(pair) for pair in near)
 
@@ -248,11 +228,12 @@ class Clearance:
 
     def _remembered(self, x: Array) -> Array:
         """Measure all distances once: the same joints are come from and gone to again and again."""
-        if x.tobytes() not in self._known:
+        key = x.tobytes()
+        if key not in self._known:
             if len(self._known) == REMEMBERED:
                 self._known.clear()
-            self._known[x.tobytes()] = self.distances(x)
-        return self._known[x.tobytes()]
+            self._known[key] = self.distances(x)
+        return self._known[key]
 
     def _touch_again(self, x: Array, allowed: Allowed | None) -> bool:
         """Whether any of the pairs that touched lately touches."""
@@ -317,54 +298,3 @@ class Clearance:
         request = coal.CollisionRequest()
         request.security_margin = MARGIN_M
         return distance if coal.collide(first, one, second, other, request, coal.CollisionResult()) else MARGIN_M
-
-
-def mesh_to(first: Body, second: Body) -> float:
-    """How deep (m) the hulls of two bodies may overlap where their meshes alone say whether they touch.
-
-    No limit for two links. Something else, as deep inside a hull as it is thin, may be inside the mesh too without
-    touching it: the hull counts from there on, unless it is too large to be inside.
-    """
-    if first.mesh is None or second.mesh is None:
-        meshed, other = (first, second) if first.mesh else (second, first)
-        thin, long = extent(other)
-        return 0.0 if meshed.mesh is None else np.inf if long > extent(meshed)[1] else thin
-    return np.inf
-
-
-def configurations(arm: ArmModel, x: Array) -> Array:
-    """Return pinocchio's configurations (n, nq) of the whole model at coordinates (n, k + 1); see `ArmModel.full_q`.
-
-    Raises:
-        ValueError: a coordinate isn't finite.
-    """
-    if not np.isfinite(x).all():
-        raise ValueError("joints and opening must be finite")
-    home, driven, slope, at_zero, plain, turns = _layout(arm)
-    values = at_zero + slope * x[:, driven]
-    q = np.repeat(home[None], len(x), axis=0)
-    q[:, plain[0]] = values[:, plain[1]]
-    if len(turns[0]):  # continuous: cosine and sine
-        q[:, turns[0]], q[:, turns[0] + 1] = np.cos(values[:, turns[1]]), np.sin(values[:, turns[1]])
-    return q
-
-
-@lru_cache(maxsize=4)
-def _layout(arm: ArmModel) -> tuple[Array, Pairs, Array, Array, Pairs, Pairs]:
-    """What `configurations` needs: home, and for each driven joint its column of x, and how its value follows from it;
-    and of joints of one number, then of endless ones, where they are in pinocchio's configuration and among those."""
-    full, robot = arm.full, arm.robot
-    count, names = len(robot.joints), list(robot.joints)
-    driven, slope, at_zero = list(range(count)), [1.0] * count, [0.0] * count
-    if gripper := robot.gripper:
-        names += gripper.joints
-        driven += [count] * len(gripper.joints)
-        slope += (gripper.open - gripper.closed).tolist()
-        at_zero += gripper.closed.tolist()
-    joints = [full.joints[full.getJointId(name)] for name in names]
-    at = [
-        np.array([(joint.idx_q, i) for i, joint in enumerate(joints) if (joint.nq == 1) == plain], dtype=np.int64)
-        for plain in (True, False)
-    ]
-    plain, turns = (each.reshape(-1, 2).T for each in at)
-    return arm.full_q(robot.home, 1.0), np.array(driven), np.array(slope), np.array(at_zero), plain, turns

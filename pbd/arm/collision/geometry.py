@@ -121,7 +121,7 @@ def shape_of(body: Body) -> Any:
     raise ValueError(f"{body.shape!r} is none of hull, box, cylinder, capsule, sphere, floor")
 
 
-def extent(body: Body) -> tuple[float, float]:
+def _extent(body: Body) -> tuple[float, float]:
     """Return how wide a body is at least and at most, m: no less and no more than that, but not exactly that."""
     if body.shape == "floor":
         return np.inf, np.inf
@@ -135,6 +135,26 @@ def extent(body: Body) -> tuple[float, float]:
     diameter, height = body.size
     round_ends = diameter if body.shape == "capsule" else 0.0
     return min(diameter, height + round_ends), float(np.hypot(diameter, height)) + round_ends
+
+
+def moves_with_tool(arm: ArmModel, first: Body, second: Body) -> bool:
+    """Whether one of two bodies moves with the tool, and the other stands still."""
+    tool = arm.full.getJointId(arm.robot.joints[-1])
+    ones, others = (list(arm.full.supports[body.joint]) for body in (first, second))
+    return (tool in ones and second.joint == 0) or (tool in others and first.joint == 0)
+
+
+def mesh_to(first: Body, second: Body) -> float:
+    """How deep (m) the hulls of two bodies may overlap where their meshes alone say whether they touch.
+
+    No limit for two links. Something else, as deep inside a hull as it is thin, may be inside the mesh too without
+    touching it: the hull counts from there on, unless it is too large to be inside.
+    """
+    if first.mesh is None or second.mesh is None:
+        meshed, other = (first, second) if first.mesh else (second, first)
+        thin, long = _extent(other)
+        return 0.0 if meshed.mesh is None else np.inf if long > _extent(meshed)[1] else thin
+    return np.inf
 
 
 @lru_cache(maxsize=256)

@@ -55,21 +55,19 @@ class CollisionQueries:
         """Whether at least what moves with the tool touches nothing that stands still; see `passes`."""
         return not self.scene.meets(q, self.legs[i], tool_only=True)
 
-    def approach(self, q_start: Array, q: Array) -> Array | Hit:
-        """Return the joints (m, k) by which the arm comes to keyframe 0, or what bars the straight way."""
-        hit = self.scene.check_path(np.stack((q_start, q)), self.legs[0])
-        if hit is None:
+    def approach(self, q_start: Array, q: Array) -> Array | None:
+        """Return the joints (m, k) by which the arm comes to keyframe 0, None where it can't."""
+        if self.passes(0, np.stack((q_start, q))):
             return q[None]
         before = self._before(self.legs[0], q, q_start)
-        return hit if before is None else np.stack((before, q))
+        return None if before is None else np.stack((before, q))
 
-    def retreat(self, q: Array, q_back: Array) -> Array | Hit:
-        """Return the joints (m, k) by which it goes back from the last keyframe, or what bars the straight way."""
-        hit = self.scene.check_path(np.stack((q, q_back)), self.legs[-1])
-        if hit is None:
+    def retreat(self, q: Array, q_back: Array) -> Array | None:
+        """Return the joints (m, k) by which it goes back from the last keyframe, None where it can't."""
+        if self.passes(len(self.legs) - 1, np.stack((q, q_back))):
             return q_back[None]
         before = self._before(self.legs[-1], q, q_back)
-        return hit if before is None else np.stack((before, q_back))
+        return None if before is None else np.stack((before, q_back))
 
     def _before(self, leg: Leg, q: Array, q_away: Array) -> Array | None:
         """Find joints from which the tool goes straight along its axis to joints q at an end of the motion."""

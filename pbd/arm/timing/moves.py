@@ -64,23 +64,6 @@ class Timed:
     spans: Array
 
 
-def time_keyframes(
-    arm: ArmModel,
-    q_keyframes: Array,
-    dwells: Sequence[float],
-    grips: Sequence[bool | None],
-    q_start: Array,
-    *,
-    speed: float = 1.0,
-    approach: bool = True,
-) -> JointTrajectory:
-    """Time straight moves through keyframes (n, k): see `time_moves`; from `q_start` (k,) with an approach."""
-    moves = [Move(q[None]) for q in q_keyframes]
-    if approach:
-        moves[0] = Move(q_keyframes[:1], share=APPROACH_SPEED)
-    return time_moves(arm, q_start if approach else q_keyframes[0], moves, dwells, grips, speed=speed).trajectory
-
-
 def time_moves(
     arm: ArmModel,
     q_start: Array,

@@ -17,6 +17,7 @@ import numpy as np
 from pbd.pose import (
     Array,
     Pose,
+    lengths,
     quat_canonical,
     quat_exp,
     quat_from_matrix,
@@ -28,6 +29,7 @@ from pbd.pose import (
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise, acc_doubt
 from pbd.tracking.online.strapdown import Leg, Strapdown
 from pbd.tracking.rest import Rest
+from pbd.tracking.smoother.factors import compass_heading
 from pbd.tracking.smoother.preintegration import ACC_BIAS, ACC_MATRIX, ERRORS, GYR_BIAS, GYR_MATRIX, LAG, POS, ROT, VEL
 
 SENSOR_ERRORS = slice(9, 9 + ERRORS)
@@ -158,13 +160,10 @@ class OnlineFilter:
     def update_compass(self, field: Array, lasted: float) -> None:
         """A mean field (3,) in the gyro frame over `lasted` s shows north, if it is as at the first rest."""
         earth, h = self._undisturbed, self.E @ field
-        strength, dip = np.sqrt(earth @ earth), np.arctan2(earth[2], np.hypot(earth[0], earth[1]))
-        level, east = max(float(np.hypot(h[0], h[1])), 1e-12), float(np.arctan2(h[0], h[1]))
-        stronger, steeper = np.sqrt(h @ h) / strength - 1.0, np.arctan2(h[2], level) - dip
-        off = (stronger**2 + steeper**2 + (np.cos(dip) * east) ** 2) / self.noise.field**2
-        turned = -skew(h)  # d h / d theta
-        by_turn = (h[1] * turned[0] - h[0] * turned[1]) / level**2
-        self._update_heading(east, by_turn, self.noise.compass**2 / lasted * (1.0 + off) ** 2)
+        strength, dip = float(lengths(earth)), float(np.arctan2(earth[2], np.hypot(earth[0], earth[1])))
+        (east,), (by_turn,), (trust,) = compass_heading(h[None], strength, dip, self.noise)
+        if trust > 0.0:
+            self._update_heading(east, by_turn, self.noise.compass**2 / lasted / trust)
 
     def update_device_attitude(self, rate: Array) -> None:
         """The gyro frame is nav, as the device's own attitude has it; it comes late where it turns at `rate` rad/s."""

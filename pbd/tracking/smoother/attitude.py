@@ -1,4 +1,4 @@
-"""First attitude: the gyro's own frame, levelled by the mean specific force, or the device's own attitude."""
+"""First attitude: the gyro's own frame, levelled at the stops, or the device's own attitude."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from pbd.data import Recording
 from pbd.errors import TrackingError
 from pbd.pose import Array, lengths, quat_canonical, quat_from_rpy, quat_inverse, quat_log, quat_multiply, quat_rotate
 from pbd.tracking.smoother.preintegration import GyroFrame, Rows, gyro_frame
+from pbd.tracking.zero_velocity import Spans
 
-LEVEL_S = 6.0
-"""s: averaging time of the first guess' vertical. A hand that comes at 2 m/s and goes as fast tilts it by 4 degrees."""
+LEVEL_S, SURE_STOP_S = 6.0, 0.5
+"""s: averaging time of the first guess' vertical (a hand that comes at 2 m/s and goes as fast tilts it by 4 degrees); a
+stop that lasts so long shows it by itself."""
 
 
 def frame_of(recording: Recording, gyro_bias: Array) -> GyroFrame:
@@ -42,15 +44,17 @@ def steadiness(frame: GyroFrame, device: bool) -> tuple[Array, Array]:
     return (frame.acc, np.zeros_like(frame.acc)) if device else (frame.u, frame.gyr)
 
 
-def first_guess(frame: GyroFrame, rows: Rows) -> Array:
+def first_guess(frame: GyroFrame, rows: Rows, stops: Spans) -> Array:
     """The gyro frame in a level frame, (k, 4) wxyz at some rows.
 
-    The mean specific force of LEVEL_S levels it each second, by the shortest turn since the second before. (Where a
-    hand only seems to stop it still accelerates: a stop's own mean may lie by tens of degrees.)
+    Gravity levels it at each stop, by the shortest turn since the stop before; a row is taken with the nearest stop.
+    Where a hand only seems to stop it still accelerates: its own mean would lean by tens of degrees. So around a short
+    stop the mean of LEVEL_S is taken.
     """
-    t = frame.t
-    every = np.unique(np.searchsorted(t, np.arange(t[0], t[-1], 1.0)))
-    first, last = (np.searchsorted(t[:-1], t[every] + side) for side in (-0.5 * LEVEL_S, 0.5 * LEVEL_S))
+    t, (start, stop) = frame.t, np.transpose(stops)
+    middle, half = 0.5 * (t[stop - 1] + t[start]), 0.5 * (t[stop - 1] - t[start])
+    half[half < 0.5 * SURE_STOP_S] = 0.5 * LEVEL_S
+    first, last = (np.searchsorted(t[:-1], middle + side * half - 1e-9) for side in (-1.0, 1.0))
     force = (frame.U[last] - frame.U[first]) / (t[last] - t[first])[:, None]
     levels, level = [], np.array([1.0, 0.0, 0.0, 0.0])
     for up in force / np.maximum(lengths(force), 1e-9)[:, None]:
@@ -58,7 +62,7 @@ def first_guess(frame: GyroFrame, rows: Rows) -> Array:
         # Any half turn will do where up is down.
         level = quat_canonical(quat_multiply((1.0 + z, y, 1e-12 - x, 0.0), level))
         levels.append(level)
-    return np.array(levels)[np.searchsorted(0.5 * (t[every[:-1]] + t[every[1:]]), t[rows])]
+    return np.array(levels)[np.searchsorted(0.5 * (stop[:-1] + start[1:]), rows)]
 
 
 def mean_quaternion(wxyz: Array) -> Array:

@@ -9,7 +9,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from pbd.pose import Array, matrix_log, quat_exp, quat_to_matrix, readonly, skew
+from pbd.pose import Array, lengths, matrix_log, quat_exp, quat_to_matrix, readonly, skew
+from pbd.tracking.moving_windows import squares
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise, acc_doubt
 from pbd.tracking.smoother.knots import Problem
 from pbd.tracking.smoother.normal_equations import (
@@ -140,17 +141,17 @@ def _add_stops(
     # A hand that coasts is as fast, however much one that stands still trembles.
     variance = local.still * problem.still**2 + (anneal**2 - 1.0) * noise.still_speed**2
     v, swing = creep(problem, x)
-    still = _robust(_squares(v) / variance, robust) * (problem.stop_of >= 0)
+    still = _robust(squares(v) / variance, robust) * (problem.stop_of >= 0)
     equations.add_unary(VEL, v, still / variance)
     equations.add_shared(VEL, PIVOT, slice(None), swing, v, still / variance)
     swing, sigma_shift = -np.diff(R, axis=0), anneal * noise.still_shift
     shift = np.diff(x.p, axis=0) + swing @ x.shared[PIVOT]
-    stay = _robust(_squares(shift) / sigma_shift**2, robust) * within
+    stay = _robust(squares(shift) / sigma_shift**2, robust) * within
     equations.add_pairs(POS, shift, stay / sigma_shift**2)
     equations.add_shared(POS, PIVOT, slice(1, None), swing, shift, stay / sigma_shift**2)
     equations.border[:-1, POS, PIVOT] -= (stay / sigma_shift**2)[:, None, None] * swing
     turned = matrix_log(R[1:] @ R[:-1].transpose(0, 2, 1))
-    turn = _robust(_squares(turned) / problem.turn_sigma**2, True) * within
+    turn = _robust(squares(turned) / problem.turn_sigma**2, True) * within
     equations.add_pairs(ROT, turned, turn / problem.turn_sigma**2)
     return still
 
@@ -158,31 +159,37 @@ def _add_stops(
 def _add_hand(equations: NormalEquations, problem: Problem, x: State) -> None:
     """Weak prior: a hand stays near where it began (Cauchy)."""
     reach = problem.noise.reach
-    near = problem.share / reach**2 / (1.0 + _squares(x.p) / reach**2)
+    near = problem.share / reach**2 / (1.0 + squares(x.p) / reach**2)
     equations.add_unary(POS, x.p, near)
 
 
 def _add_compass(equations: NormalEquations, problem: Problem, field: Array, x: State, local: Local) -> None:
     """The field's level part points north, where the field is the earth's."""
     h = np.einsum("kij,kj->ki", x.E, field)
-    strength = np.sqrt(_squares(h))
-    level = np.maximum(np.hypot(h[:, 0], h[:, 1]), 1e-12)
-    east = np.arctan2(h[:, 0], h[:, 1])
-    stronger = strength / local.strength - 1.0
-    steeper = np.arctan2(h[:, 2], level) - local.dip
-    off = (stronger**2 + steeper**2 + (np.cos(local.dip) * east) ** 2) / problem.noise.field**2
-    trust: Array = np.where(level > LEAST_LEVEL_FIELD * strength, 1.0 / (1.0 + off) ** 2, 0.0)
-    turned = -skew(h)  # d h / d theta
-    jacobian = (h[:, 1:2] * turned[:, 0] - h[:, :1] * turned[:, 1]) / level[:, None] ** 2
+    east, jacobian, trust = compass_heading(h, local.strength, local.dip, problem.noise)
     weight = trust * problem.share / problem.noise.compass**2
     equations.diagonal[:, ROT, ROT] += weight[:, None, None] * jacobian[:, :, None] * jacobian[:, None, :]
     equations.g[:, ROT] += (weight * east)[:, None] * jacobian
 
 
+def compass_heading(h: Array, strength: float, dip: float, noise: Noise) -> tuple[Array, Array, Array]:
+    """By how much fields h (k, 3) in nav point east of north, rad (k,); that by turn (k, 3); trust in each, 0 to 1.
+
+    `strength` and `dip` (rad) are those of the undisturbed field.
+    """
+    level = np.maximum(np.hypot(h[:, 0], h[:, 1]), 1e-12)
+    east = np.arctan2(h[:, 0], h[:, 1])
+    stronger, steeper = lengths(h) / strength - 1.0, np.arctan2(h[:, 2], level) - dip
+    off = (stronger**2 + steeper**2 + (np.cos(dip) * east) ** 2) / noise.field**2
+    turned = -skew(h)  # d h / d theta
+    by_turn = (h[:, 1:2] * turned[:, 0] - h[:, :1] * turned[:, 1]) / level[:, None] ** 2
+    return east, by_turn, np.where(level > LEAST_LEVEL_FIELD * lengths(h), 1.0 / (1.0 + off) ** 2, 0.0)
+
+
 def _add_device(equations: NormalEquations, problem: Problem, x: State) -> None:
     """The device's own attitude, with a sigma that grows with the rate, as it lags."""
     noise = problem.noise
-    rate = np.sqrt(_squares(problem.frame.gyr[problem.rows]))
+    rate = lengths(problem.frame.gyr[problem.rows])
     sigma = np.hypot(noise.device_turn, noise.device_lag * rate)
     equations.add_unary(ROT, matrix_log(x.E), 1.0 / sigma**2)
 
@@ -223,11 +230,6 @@ def _information(noise: Noise, worse: float, prior: Prior) -> Array:
     diagonal = i[GYR_MATRIX][::4]
     covariance[np.ix_(diagonal, diagonal)] += prior.common_scale**2
     return readonly(np.linalg.inv(covariance))
-
-
-def _squares(vectors: Array) -> Array:
-    squares: Array = np.einsum("...i,...i->...", vectors, vectors)
-    return squares
 
 
 def _robust(squares: Array, robust: bool) -> Array:

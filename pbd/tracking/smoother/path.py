@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
+from pbd.data import Stop
 from pbd.pose import Array, quat_canonical, quat_from_matrix, quat_multiply
 from pbd.tracking.smoother.factors import sensor_errors
 from pbd.tracking.smoother.knots import Problem
@@ -63,6 +66,25 @@ def path_of(problem: Problem, x: State) -> Path:
         path.p[at] = _turned(turned, frame.UU[at] - UU0 - U0 * s) + c0 + s * (c1 + s * (c2 + s * c3))
         path.a[at] = _turned(turned, frame.u[at] + own_error) - g
     return path
+
+
+def between_stops(t: Array, stops: Sequence[Stop], first: Array, last: Array) -> tuple[Array, Array]:
+    """How far a path (n rows at t) moves outside its stops (n, 3), and how much faster (n, 3), if these move.
+
+    Along a move the shift grows as 3 s^2 - 2 s^3 of its time. That is its conditional mean where the acceleration errs
+    by white noise and velocity is known at both ends: least squares of the acceleration, a cubic.
+
+    Args:
+        first: (k, 3) m, the shift at the first row of each stop, and last (k, 3) at the last one.
+    """
+    shift, faster = np.zeros((2, len(t), 3))
+    shift[: stops[0].start], shift[stops[-1].stop :] = first[0], last[-1]
+    for k, (stop, following) in enumerate(pairwise(stops)):
+        between = slice(stop.stop, following.start)
+        begin, lasts = t[stop.stop - 1], t[following.start] - t[stop.stop - 1]
+        s, more = ((t[between] - begin) / lasts)[:, None], first[k + 1] - last[k]
+        shift[between], faster[between] = last[k] + s**2 * (3.0 - 2.0 * s) * more, 6.0 * s * (1.0 - s) / lasts * more
+    return shift, faster
 
 
 def _turned(matrices: Array, vectors: Array) -> Array:

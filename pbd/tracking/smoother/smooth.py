@@ -197,7 +197,7 @@ def _initial_state(problem: Problem, prior: Prior) -> tuple[State, Local]:
     if problem.device:
         E = np.tile(np.eye(3), (m, 1, 1))
     else:
-        wxyz = first_guess(problem.frame, problem.rows)
+        wxyz = first_guess(problem.frame, problem.rows, problem.stops)
         if problem.field is None:
             first = problem.stop_of == 0
             off = -heading(quat_multiply(wxyz[first], problem.frame.wxyz[problem.rows[first]]))

@@ -14,13 +14,13 @@ from pbd.arm.collision.scene import TABLE, CollisionScene, Leg
 from pbd.arm.joint_path import solve_path
 from pbd.arm.model import ArmModel
 from pbd.arm.path_sampling import along
-from pbd.arm.timing.moves import time_keyframes
 from pbd.data import GraspedObject, JointTrajectory, Obstacle
 from pbd.data.world import Stay
 from pbd.errors import PlanError
 from pbd.pose import Array, Pose, quat_from_rpy
 from tests.arm.collision_oracles import placements, points_of
 from tests.arm.conftest import random_joints
+from tests.arm.straight import time_keyframes
 
 BOTTLE = GraspedObject("cylinder", (0.06, 0.2))
 DOWN = quat_from_rpy((np.pi, 0.0, 0.0))
@@ -252,4 +252,4 @@ def test_what_is_no_number_is_not_free(arm: ArmModel) -> None:
     with pytest.raises(ValueError, match="must be finite"):
         scene.hit(q)
     with pytest.raises(ValueError, match="NaN"):
-        scene.check_move(arm.robot.home, np.where(np.arange(7) == 3, np.nan, arm.robot.home))
+        scene.check_path(np.stack((arm.robot.home, np.where(np.arange(7) == 3, np.nan, arm.robot.home))))

@@ -77,12 +77,11 @@ def test_known_contacts(name: str, joints: dict[int, float], links: set[str]) ->
     assert hit is not None
     assert {hit.first, hit.second} <= links
     assert hit.depth > 0.005
-    move = CollisionScene(arm).check_move(arm.robot.home, q)
+    move = CollisionScene(arm).check_path(np.stack((arm.robot.home, q)))
     assert move is not None
     assert 0.3 < move.share < 1.0
     assert (
-        CollisionScene(arm).check_move(arm.robot.home, arm.robot.home + move.share * 0.95 * (q - arm.robot.home))
-        is None
+        CollisionScene(arm).check_path(arm.robot.home + np.outer((0.0, move.share * 0.95), q - arm.robot.home)) is None
     )
 
 
@@ -282,9 +281,9 @@ def test_both_ends_of_a_move_count(arm: ArmModel) -> None:
     scene = CollisionScene(arm, None, [ball])
     away = arm.robot.home + 0.5 * np.eye(7)[0]
     assert scene.hit(away) is None
-    there, back = scene.check_move(away, arm.robot.home), scene.check_move(arm.robot.home, away)
+    there, back = (scene.check_path(np.stack(move)) for move in ((away, arm.robot.home), (arm.robot.home, away)))
     assert there is not None
     assert back is not None
     assert 0.5 < there.share < 1.0
     assert back.share == 0.0
-    assert scene.check_move(away, away) is None
+    assert scene.check_path(np.stack((away, away))) is None

@@ -11,12 +11,13 @@ from hypothesis import strategies as st
 from ruckig import InputParameter, Ruckig, Trajectory
 
 from pbd.arm.model import ArmModel, load_model
-from pbd.arm.timing.moves import APPROACH_SPEED, Move, time_keyframes, time_moves
+from pbd.arm.timing.moves import APPROACH_SPEED, Move, time_moves
 from pbd.arm.timing.piecewise_cubic import WITHIN
 from pbd.data import JointTrajectory, Robot
 from pbd.errors import PbdWarning, PlanError
 from pbd.pose import Array
 from tests.arm.conftest import random_joints
+from tests.arm.straight import time_keyframes
 
 
 def move(arm: ArmModel, start: Array, end: Array, speed: float = 1.0) -> JointTrajectory:
