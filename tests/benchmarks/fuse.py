@@ -8,7 +8,7 @@ about the vertical, about a level axis, and so on. In `lever_10mm` it is also sh
 Errors are those of all keyframes but the first, mm: in the dock's frame (origin at the first keyframe, heading of the
 first take there), as an arm follows them; and in `shape` after the best turn about the vertical and shift, which leaves
 out the dock's own share. `plain`: each take tracked alone and registered to the first, and then the mean: it is told
-no more than the joint estimate. `one`: the first take alone. Seeds from 1000 on were never used to choose anything.
+no more than the joint estimate. Seeds from 1000 on were never used to choose anything.
 `inside`: errors per axis within one and two of their own sigma. `learned`: the share of scatters of 4 mm that are found
 between 3.4 and 4.4 mm. `fuse4_s`, `fuse10_s`: process time of `pbd.fuse`, tracking included.
 """
@@ -101,7 +101,7 @@ class Scenario:
 def main() -> None:
     """Simulate, fuse, score, print."""
     parser = arguments(str(__doc__))
-    parser.add_argument("--seeds", type=int, default=16, metavar="N", help="tasks of each kind (16)")
+    parser.add_argument("--seeds", type=int, default=12, metavar="N", help="tasks of each kind (12)")
     args = parser.parse_args()
     warnings.simplefilter("ignore", PbdWarning)
     count = 3 if args.quick else args.seeds
