@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pbd.calibration.uncertainty import tool_covariances
-from pbd.data import Demonstration, HandPath, Robot, Samples
+from pbd.data import Demonstration, HandPath, Keyframe, Robot, Samples
 from pbd.planning import Plan, PlanOptions, arm_of, scene_of
-from pbd.pose import quat_rotate
+from pbd.pose import Array, quat_rotate, quat_to_matrix
 from pbd.view.motion import FRAME_RATE_HZ, RobotMotion
 from pbd.view.scene_values import ReplayKeyframe, ReplayScene, Rod, Touching
 
@@ -50,6 +50,7 @@ def replay_scene(
                 cov=tracked if keyframe.cov.any() else None,  # one that a person typed has no sigma
                 grip=keyframe.grip,
                 weight=keyframe.weight,
+                tolerance=_allowed(keyframe, scale * quat_to_matrix(T_base_nav.wxyz)),
             )
             for keyframe, t, pose, tracked in keyframes
         ),
@@ -63,6 +64,14 @@ def replay_scene(
         torque=None if plan.report.torque is None else plan.report.torque.share,
         detours=detours(plan),
     )
+
+
+def _allowed(keyframe: Keyframe, R_base_nav: Array) -> Array | None:
+    """The square of a keyframe's tolerance, in base; that of positions alone."""
+    if keyframe.tolerance_m is None:
+        return None
+    allowed: Array = R_base_nav @ np.diag(keyframe.tolerance_m**2) @ R_base_nav.T
+    return allowed
 
 
 def robot_motion(arm: ArmModel, samples: Samples) -> RobotMotion:

@@ -27,17 +27,21 @@ class Success(NamedTuple):
         return next(words for bound, words in BANDS if self.of_all < bound)
 
 
-def success(cov_base_tool: Array, tolerance_m: Array, tolerance_rad: float = np.inf) -> Success:
+def success(cov_base_tool: Array, tolerance_m: Array, tolerance_rad: Array | float = np.inf) -> Success:
     """Draw the tool's errors at all keyframes together, and count.
 
     Args:
         cov_base_tool: (6k, 6k) m and rad, of `joint_tool_covariance`.
-        tolerance_m: (k,) largest distance from where it belongs; inf: any.
-        tolerance_rad: largest angle.
+        tolerance_m: (k,) largest distance from where it belongs; inf: any. Or (k, 3, 3) m2, the square of that, where
+            it differs from axis to axis (an ellipsoid).
+        tolerance_rad: largest angle; or (k,).
     """
     variances, axes = np.linalg.eigh(cov_base_tool)
     along = np.random.default_rng(0).standard_normal((DRAWS, len(variances))) * np.sqrt(np.maximum(variances, 0.0))
     errors = (along @ axes.T).reshape(DRAWS, len(tolerance_m), 2, 3)
-    off = np.linalg.norm(errors, axis=3)
-    inside = (off[:, :, 0] <= tolerance_m) & (off[:, :, 1] <= tolerance_rad)
+    if tolerance_m.ndim == 1:
+        near = np.linalg.norm(errors[:, :, 0], axis=2) <= tolerance_m
+    else:
+        near = np.einsum("dki,kij,dkj->dk", errors[:, :, 0], np.linalg.inv(tolerance_m), errors[:, :, 0]) <= 1.0
+    inside = near & (np.linalg.norm(errors[:, :, 1], axis=2) <= tolerance_rad)
     return Success(inside.mean(axis=0), float(inside.all(axis=1).mean()))

@@ -24,7 +24,7 @@ from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Robot, Sens
 from pbd.data.sigma import keyframe_sigmas, or_none
 from pbd.errors import RecordingError, listed
 from pbd.files.keyframes import NAME, write_keyframes
-from pbd.pose import Array, Pose
+from pbd.pose import Array, Pose, quat_to_matrix
 from pbd.view.calibration_tables import base_table
 from pbd.view.tables import joints_table, keyframes_table, print_csv, print_table
 
@@ -87,8 +87,10 @@ def _success(
     cov = joint_tool_covariance(cov, keyframes, T_base_nav, calibration, args.scale)
     touch_ups = () if path.tracking is None else path.tracking.demo.touch_ups
     cov = touch_up(touch_ups, keyframes, T_base_nav, cov).cov
-    within = np.array([keyframe.tolerance_m or within_m for keyframe in keyframes])
-    return success(cov, within, math.radians(within_deg[0]) if within_deg else math.inf)
+    R, all_rad = quat_to_matrix(T_base_nav.wxyz), math.radians(within_deg[0]) if within_deg else math.inf
+    own = [np.full(3, within_m) if each.tolerance_m is None else each.tolerance_m for each in keyframes]
+    turns = [all_rad if each.tolerance_rad is None else each.tolerance_rad for each in keyframes]
+    return success(cov, np.array([R @ np.diag(axes**2) @ R.T for axes in own]), np.array(turns))
 
 
 def _things(keyframes: tuple[Keyframe, ...], rows: Rows) -> list[dict[str, Any]]:
