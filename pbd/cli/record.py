@@ -15,7 +15,7 @@ from pathlib import Path
 from pbd.calibration.sensor import refuse_other_sensor
 from pbd.cli.console import print_json, say
 from pbd.cli.options import UsageError
-from pbd.cli.recording.device import by_buttons, find_sensor
+from pbd.cli.recording.device import find_sensor
 from pbd.cli.recording.keys import Keys, Person
 from pbd.cli.recording.screen import PanelScreen, PlainScreen
 from pbd.cli.recording.simulated import Poll, Show, SimulatedHand, simulated_hand
@@ -69,7 +69,7 @@ def run(args: argparse.Namespace) -> None:
         title = f"recording {folder} from {sensor}"
         panel = keys.terminal and sys.stderr.isatty()
         screen: PanelScreen | PlainScreen = PanelScreen(title, options.tolerance_m) if panel else PlainScreen(title)
-        poll: Poll = by_buttons(Person(keys, screen), decoder)
+        poll: Poll = Person(keys, screen)
         show: Show = screen.show
         every_s, live = SCREEN_EVERY_S, None
         if view is not None:

@@ -27,6 +27,13 @@ class Stream:
     def __len__(self) -> int:
         return len(self.t)
 
+    @classmethod
+    def of(cls, t: Array, values: Array) -> Stream:
+        """Sort readings (n, 3) by their times (n,) s; leave out repeated times and rows with a NaN."""
+        known = np.isfinite(t) & np.isfinite(values).all(axis=1)
+        in_order, first = np.unique(t[known], return_index=True)
+        return cls(in_order, values[known][first])
+
     @property
     def usual_step_s(self) -> float:
         """Median interval, s; infinite where there are fewer than two samples."""

@@ -12,7 +12,8 @@ from pbd.errors import PbdError
 from pbd.pose import Array
 from pbd.record.values import Say
 from pbd.sensors.decoding import Sample
-from pbd.tracking.online.tracker import DataFlaw, LiveEvent, LiveTracker, RestFound, StopBegan
+from pbd.tracking.estimate import GRIP_S
+from pbd.tracking.online.tracker import DataFlaw, LiveEvent, LiveTracker, RestFound, StopBegan, StopEnded
 
 TRACKED_HZ = 250.0
 """Highest rate at which the tracker is fed. Faster samples are averaged, which loses nothing that it could use."""
@@ -27,7 +28,10 @@ class Feedback:
 
     def __init__(self, tolerance_m: float, errors: SensorErrors | None = None, sensor: str = "") -> None:
         self.tracker = LiveTracker(sensor)
-        self.stops = 0
+        self._announced = 0
+        self._left_s = 0.0
+        self._gaps: dict[int, tuple[float, float]] = {}
+        self._grips: list[float] = []
         self._tolerance_m = tolerance_m
         self._errors = errors
         self._field: deque[tuple[float, Array]] = deque()  # of the last second
@@ -37,6 +41,18 @@ class Feedback:
         self._warned = False  # of the move under way
         self._last_error = ""
         self._t = -1.0
+
+    @property
+    def stops(self) -> int:
+        """Number of stops so far. One that taps or fingers on the sensor interrupted counts once, as in `pbd.track`."""
+        return self._announced - sum(
+            arrived - left < GRIP_S and any(left <= at <= arrived for at in self._grips)
+            for left, arrived in self._gaps.values()
+        )
+
+    def mark(self, t: float) -> None:
+        """Note that the grip changed at t s."""
+        self._grips.append(t)
 
     def feed(self, t: float, sample: Sample) -> None:
         """Take the next sample, at t s."""
@@ -104,11 +120,16 @@ class Feedback:
             self.say(event.t, "the rest at the start is found: you may move", bell=True)
             self._compare(event)
         elif isinstance(event, StopBegan):
-            known, self.stops, self._warned = event.index < self.stops, event.index + 1, False
+            known, self._announced, self._warned = event.index < self._announced, event.index + 1, False
+            if not known:
+                self._gaps[event.index] = self._left_s, event.t
+            self._gaps = {index: gap for index, gap in self._gaps.items() if index <= event.index}
             if event.index:
                 text = f"stop {event.index} at {placed(event.keyframe)}"
                 # What was announced before was the beginning of this same stop: the person knows, the place is better.
                 self.say(event.announced_t, text if known else f"{text}: you may move on", bell=not known)
+        elif isinstance(event, StopEnded):
+            self._left_s = event.t
         elif isinstance(event, DataFlaw):
             self.say(event.t, event.message)
 

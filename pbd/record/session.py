@@ -45,6 +45,7 @@ class Session:
         self._kept_in, self._backup_note = options.folder, ""
         self._diagnostics = Diagnostics()
         self._taps = TapDetector() if options.taps else None
+        self._presses = 0
         self._raw = bytearray()
         self._first: list[tuple[float, Sample]] = []
         self._channels: tuple[str, ...] = ()
@@ -65,6 +66,9 @@ class Session:
                     self._first.append((t, sample))
                 else:
                     self._keep(t, sample)
+        while self._presses < self.decoder.tally.presses:
+            self._presses += 1
+            self.grip()
         if len(self.heard) < FIRST_BYTES:
             self.heard += data
         if self.demo is None and self.believed and self.t >= CHANNELS_AFTER_S:
@@ -98,7 +102,9 @@ class Session:
         """Change the grip: now, or when it was tapped, s."""
         if self.demo is not None:
             self.closed = not self.closed
-            self.demo.mark(GripEvent(self.t if tapped_t is None else tapped_t, self.closed))
+            at = self.t if tapped_t is None else tapped_t
+            self.demo.mark(GripEvent(at, self.closed))
+            self.coach.mark(at)
             by = "" if tapped_t is None else "two taps: "
             self.coach.say(self.t, f"{by}grip {'closed' if self.closed else 'open'}", bell=tapped_t is not None)
 

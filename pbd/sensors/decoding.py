@@ -31,10 +31,27 @@ class Sample(NamedTuple):
 
 @dataclass
 class Tally:
-    """Number of whole packets, and of broken or impossible ones."""
+    """Number of whole packets, of broken or impossible ones, and of presses of the device's own grip buttons."""
 
     packets: int = 0
     bad_packets: int = 0
+    presses: int = 0
+
+
+class WrappingClock:
+    """A clock that starts anew at `wrap`, in any unit; 0 never. Each step is the one of less than half a turn."""
+
+    def __init__(self, wrap: float) -> None:
+        self._wrap = wrap
+        self._last: float | None = None
+        self._turns = 0
+
+    def straight(self, t: float) -> float:
+        """Return the time without its wrap-around."""
+        if self._last is not None and self._wrap:
+            self._turns -= round((t - self._last) / self._wrap)
+        self._last = t
+        return t + self._turns * self._wrap
 
 
 class Decoder(Protocol):

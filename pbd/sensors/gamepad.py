@@ -14,7 +14,7 @@ from math import radians
 from struct import Struct
 
 from pbd.data import GRAVITY
-from pbd.sensors.decoding import Sample, Tally
+from pbd.sensors.decoding import Sample, Tally, WrappingClock
 
 EVENT = Struct("@qqHHi")
 """Seconds and microseconds of the host's clock, type, code, value: 24 bytes on every 64-bit Linux."""
@@ -38,19 +38,14 @@ _LATEST_S = 2**33
 
 
 class GamepadDecoder:
-    """Axes are kept until they change; a report gives a sample.
-
-    Attributes:
-        presses: buttons pressed so far that mark the grip.
-    """
+    """Axes are kept until they change; a report gives a sample."""
 
     def __init__(self) -> None:
         self.tally = Tally()
-        self.presses = 0
         self._rest = b""
         self._axes: dict[int, int] = {}
         self._stamp: int | None = None
-        self._last_stamp = self._turns = 0
+        self._clock = WrappingClock(WRAP_US)
         self._dropped = self._junk = False
 
     def feed(self, data: bytes) -> list[Sample]:
@@ -71,7 +66,7 @@ class GamepadDecoder:
                 elif kind == EV_MSC and code == MSC_TIMESTAMP:
                     self._stamp = value % WRAP_US
                 elif kind == EV_KEY:
-                    self.presses += value == 1 and code in GRIP_KEYS
+                    self.tally.presses += value == 1 and code in GRIP_KEYS
                 elif kind == EV_SYN:
                     self._end(code, samples)
         self._rest = data[at:]
@@ -91,12 +86,10 @@ class GamepadDecoder:
     def _sample(self, stamp: int) -> Sample:
         x, y, z, rx, ry, rz = (self._axes.get(axis, 0) for axis in AXES)
         g, turn = GRAVITY / ACC_PER_G, radians(1.0) / GYRO_PER_DEG_S
-        self._turns += stamp < self._last_stamp - WRAP_US // 2
-        self._last_stamp = stamp
         return Sample(
             acc=(x * g, -z * g, y * g),
             gyr=(rx * turn, -rz * turn, ry * turn),
-            t_device=1e-6 * (stamp + self._turns * WRAP_US),
+            t_device=1e-6 * self._clock.straight(stamp),
         )
 
 

@@ -11,7 +11,8 @@ from pathlib import Path
 
 from pbd.errors import SensorError, in_words
 from pbd.sensors.gamepad import ACC_PER_G, AXES, EV_ABS, EV_SYN, EVENT, GYRO_PER_DEG_S, SYN_DROPPED, event
-from pbd.sensors.port import READ_TIMEOUT_S, Port
+from pbd.sensors.port import READ_TIMEOUT_S
+from pbd.sensors.reader import Source
 
 SENSORS = " Motion Sensors"
 """How hid-playstation ends the name of a pad's motion sensors; without it, it is the name of its buttons."""
@@ -67,7 +68,7 @@ def only_gamepad() -> str:
     raise SensorError(f"several gamepads are there: {named}; name a --port")
 
 
-class GamepadPort(Port):
+class GamepadPort(Source):
     """Reads both devices of a pad."""
 
     def __init__(self, device: str, buttons: str | None = None) -> None:
@@ -76,7 +77,7 @@ class GamepadPort(Port):
         Raises:
             SensorError: no such device, no permission, or it is no DualSense's or DualShock's.
         """
-        super().__init__(None, device, 0)
+        self.device = device
         self._fuzz: dict[int, bytes] = {}
         self._motion = _opened(device)
         self._fds = [self._motion]
@@ -111,14 +112,6 @@ class GamepadPort(Port):
                 lost=True,
             ) from reason
         return data
-
-    def write(self, data: bytes) -> None:
-        """Refuse: a pad takes no commands.
-
-        Raises:
-            SensorError: always.
-        """
-        raise SensorError("a gamepad takes no commands; leave --rate out", path=self.device)
 
     def close(self) -> None:
         """Close it, with the kernel's filter as it was; closing twice is nothing."""

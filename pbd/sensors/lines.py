@@ -13,7 +13,7 @@ from math import isfinite, pi
 from operator import itemgetter
 
 from pbd.sensors.attitude import from_north_east_down
-from pbd.sensors.decoding import Sample, Tally, Triple
+from pbd.sensors.decoding import Sample, Tally, Triple, WrappingClock
 from pbd.sensors.line_layout import QUANTITIES, Line, LineLayout
 
 LONGEST_LINE = 1024
@@ -37,7 +37,7 @@ class LineDecoder:
         self._prefix = re.compile(b"|".join(map(re.escape, self._readers)))
         self._marked = b"" not in self._readers
         self._group: dict[bytes, Sample] = {}
-        self._clock = _Clock(layout.wrap_s)
+        self._clock = WrappingClock(layout.wrap_s)
         self._rest = b""
         self._cut = not self._marked  # the start of the line under way is unknown
 
@@ -104,12 +104,13 @@ class _LineReader:
                 x, y, z = (layout.factor(quantity) * (-1.0 if line.columns[i].startswith("-") else 1.0) for i in where)
                 self._threes.append((place, len(used), x, y, z, LARGEST_READING[quantity]))
                 used += where
+        self._wrap_s = layout.wrap_s
         self._t_factor = layout.factor("t") if "t" in names else None
         if self._t_factor is not None:
             used.append(names.index("t"))
         self._pick = itemgetter(*used)
 
-    def read(self, text: bytes, clock: _Clock) -> Sample:
+    def read(self, text: bytes, clock: WrappingClock) -> Sample:
         """Read a line without its prefix; ValueError where it is not as described."""
         cells = text.split(self._separator)
         if len(cells) == self._columns + 1 and not cells[-1].strip():
@@ -129,25 +130,13 @@ class _LineReader:
         acc, gyr, mag, rpy = read
         if rpy is not None and self._compass:
             rpy = from_north_east_down(rpy)
-        t = None if self._t_factor is None else clock.straight(values[-1] * self._t_factor)
+        t = None
+        if self._t_factor is not None:
+            t = values[-1] * self._t_factor
+            if not isfinite(t) or t < 0.0 or (self._wrap_s and t >= self._wrap_s):
+                raise ValueError("no time of this clock")
+            t = clock.straight(t)
         return Sample(acc, gyr, mag, rpy, t)
-
-
-class _Clock:
-    """The device's time with its wrap-around taken out: each step is the one of less than half a turn."""
-
-    def __init__(self, wrap_s: float) -> None:
-        self._wrap_s = wrap_s
-        self._last: float | None = None
-        self._turns = 0
-
-    def straight(self, t: float) -> float:
-        if not isfinite(t) or t < 0.0 or (self._wrap_s and t >= self._wrap_s):
-            raise ValueError("no time of this clock")
-        if self._last is not None and self._wrap_s:
-            self._turns -= round((t - self._last) / self._wrap_s)
-        self._last = t
-        return t + self._turns * self._wrap_s
 
 
 def _joined(parts: Iterable[Sample]) -> Sample:

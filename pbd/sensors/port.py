@@ -10,9 +10,10 @@ import termios
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 from pbd.errors import SensorError
+from pbd.sensors.reader import Source
 
 READ_TIMEOUT_S = 0.02
 """Longest time, s, that `read` waits."""
@@ -39,11 +40,8 @@ def list_ports() -> tuple[PortInfo, ...]:
     return tuple(sorted(found, key=lambda port: (not port.usb, port.device)))
 
 
-class Port:
+class Port(Source):
     """An open serial port."""
-
-    patience_s: float | None = None
-    trouble = ""
 
     def __init__(self, serial: Any, device: str, baud: int, what: str = "sensor") -> None:
         self._serial = serial
@@ -115,12 +113,6 @@ class Port:
         """Close it; closing twice is nothing."""
         with suppress(Exception):
             self._serial.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.close()
 
 
 def open_port(device: str, baud: int, what: str = "sensor", wait_s: float = READ_TIMEOUT_S) -> Port:

@@ -6,7 +6,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable
-from typing import Protocol
+from typing import Protocol, Self
 
 from pbd.errors import SensorError
 
@@ -21,7 +21,7 @@ CLOSE_S = 5.0
 
 
 class Source(Protocol):
-    """What gives a sensor's bytes: a serial port, or a phone.
+    """What gives a sensor's bytes: a serial port, a phone, a gamepad.
 
     Attributes:
         device: where it is, for messages.
@@ -31,15 +31,21 @@ class Source(Protocol):
     """
 
     device: str
-    baud: int
-    patience_s: float | None
-    trouble: str
+    baud: int = 0
+    patience_s: float | None = None
+    trouble: str = ""
 
     def read(self) -> bytes:
         """Return what has come, soon. Raises SensorError once the device is gone."""
 
     def close(self) -> None:
         """Close it; closing twice is nothing."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
 
 
 class Reader:

@@ -10,7 +10,7 @@ from pbd.pose import Pose
 from pbd.record.feedback import Feedback, in_cm, placed
 from pbd.record.values import Say
 from pbd.sensors.decoding import Sample
-from pbd.tracking.online.tracker import DataFlaw, LiveEvent, StopBegan
+from pbd.tracking.online.tracker import DataFlaw, LiveEvent, StopBegan, StopEnded
 
 LEVEL = Sample((0.0, 0.0, 9.8), (0.0, 0.0, 0.0))
 
@@ -106,3 +106,13 @@ def test_a_start_without_rest_is_told_soon(up: float, shakes: float, told: str) 
     assert told in lines[0].text
     assert lines[0].bell
     assert lines[0].t < 1.6
+
+
+def test_a_stop_that_taps_interrupt_counts_once(scripted: tuple[Feedback, Scripted]) -> None:
+    coach, _ = scripted
+    said(scripted, 1.2, begun(0, 0.0))
+    said(scripted, 3.1, StopEnded(0, 3.0, keyframe(0.0)))
+    said(scripted, 3.6, StopBegan(1, 3.4, 3.6, keyframe(0.0)))
+    assert coach.stops == 2
+    coach.mark(3.1)
+    assert coach.stops == 1

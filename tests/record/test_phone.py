@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -243,6 +243,20 @@ def test_what_the_phone_measured_before_is_left_to_it(phone: Phone) -> None:
     samples = heard(phone, 0.5)
     assert times(samples)[0] > 0.45
     assert {path.partition("?")[0] for path in phone.asked} == {"/meta", "/get", "/time"}
+
+
+def test_a_time_that_leaps_is_left_out_and_the_recording_goes_on(phone: Phone) -> None:
+    honest = phone.answer
+
+    def leaping(path: str, query: Mapping[str, str]) -> Any:
+        answer = honest(path, query)
+        return answer.replace(repr(float(f"{wrong:.7e}")).encode(), b"5e4") if path == "/get" else answer
+
+    wrong = float(phone.streams["gyr"][0][int(np.searchsorted(phone.streams["gyr"][0], 0.6)) - 1])
+    phone.answer = leaping  # type: ignore[method-assign]
+    t = times(heard(phone, 1.3))
+    assert t[-1] == pytest.approx(1.2, abs=0.25)
+    assert np.diff(t).max() < 0.01
 
 
 def test_two_taps_on_its_back_close_the_grip_and_are_told(tmp_path: Path) -> None:

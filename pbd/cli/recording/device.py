@@ -9,8 +9,6 @@ from collections.abc import Callable
 from pbd.cli.console import listening
 from pbd.cli.steps import decoder_maker
 from pbd.errors import SensorError
-from pbd.record.loop import Poll
-from pbd.record.values import Command
 from pbd.sensors import port as serial_port
 from pbd.sensors.decoding import Decoder
 from pbd.sensors.phyphox.phone import PhonePort, is_address
@@ -81,23 +79,6 @@ def _phone(args: argparse.Namespace) -> tuple[str, Callable[[], Source], Decoder
         return phone
 
     return (f"{PHONE} ({phone.model})" if phone.model else PHONE), open_again, protocol(PHONE).decoder()
-
-
-def by_buttons(poll: Poll, decoder: Decoder) -> Poll:
-    """Mark the grip by the device's own buttons too, where it has any."""
-    if not hasattr(decoder, "presses"):
-        return poll
-    seen = 0
-
-    def poll_both() -> Command | None:
-        nonlocal seen
-        command, presses = poll(), int(decoder.presses)
-        if command is None and presses > seen:
-            seen += 1
-            return Command.GRIP
-        return command
-
-    return poll_both
 
 
 def _listened(device: str) -> tuple[str, int]:

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.data import Recording
+from pbd.data.streams import Stream
 from pbd.doors.opening import LARGE
 from pbd.errors import PbdError, PbdWarning, RecordingError, in_words, listed
 from pbd.pose import Array, quat_from_xyzw, quat_to_rpy
@@ -83,7 +84,7 @@ def read_bag(path: Path, topic: str | None = None) -> Recording:
     t, mag = 1e-9 * (ns - begin), None
     ns_field, tesla = field.all()
     if len(ns_field):
-        mag = np.column_stack([np.interp(t, 1e-9 * (ns_field - begin), 1e6 * axis) for axis in tesla.T])
+        mag = Stream.of(1e-9 * (ns_field - begin), 1e6 * tesla).at(t)
     gyr_or_none = gyr if np.isfinite(gyr).any() else None
     return Recording(t=t, acc=acc, gyr=gyr_or_none, mag=mag, device_rpy=_device_rpy(xyzw))
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from pbd.data import Recording, RecordingInfo
+from pbd.data.streams import Stream
 from pbd.errors import RecordingError, listed
 from pbd.files.importers import check_rate
 from pbd.files.importers.columns import (
@@ -160,4 +161,4 @@ def _magnetometer_beside(path: Path, t: Array) -> Array | None:
     t_mag, mag = _values(table, found.of("t")), _values(table, found.of("mag"))
     assert t_mag is not None
     assert mag is not None
-    return np.column_stack([np.interp(t, t_mag[:, 0], axis) for axis in mag.T])
+    return Stream.of(t_mag[:, 0], mag).at(t)

@@ -141,9 +141,7 @@ def _sheet(path: Path, name: str, read: Callable[[], bytes]) -> Sheet:
 def _stream(sheet: Sheet, t: str, axes: tuple[str, ...], scale: float = 1.0) -> Stream:
     """A sensor's readings in the order of their times, of which each is there once; rows with a NaN left out."""
     rows = sheet.read([t, *axes]).values
-    rows = rows[np.isfinite(rows).all(axis=1)]
-    at, first = np.unique(rows[:, 0], return_index=True)
-    return Stream(at, scale * rows[first, 1:])
+    return Stream.of(rows[:, 0], scale * rows[:, 1:])
 
 
 def _metadata(files: Files) -> Mapping[str, str]:

@@ -41,6 +41,9 @@ NO_GYRO_S = 1.0
 LATE_S = 0.5
 """Longest time, s, that samples wait for the field, which may come late or stop."""
 
+LEAP_S = 0.5
+"""Longest step, s, of a sensor's time that is believed at once: the slowest magnetometers give 5 samples a second."""
+
 STEPS = 99
 """Latest intervals of a sensor whose median is its usual one."""
 
@@ -94,6 +97,20 @@ def read_buffers(answer: object) -> dict[str, Array]:
         return {kind: np.array([_numbers(axis, n[kind]) for axis in axes]).T for kind, axes in columns.items()}
     except (TypeError, KeyError, OverflowError) as reason:
         raise ValueError("no buffers") from reason
+
+
+def in_order(t: Array, last: float) -> list[int]:
+    """Which of a sensor's times (n,) s go on from its `last`: later ones, and one that leaps only if the next agrees.
+
+    A leap that nothing confirms yet is not taken. The phone keeps it, and is asked for it again.
+    """
+    taken: list[int] = []
+    for k, at in enumerate(times := t.tolist()):
+        follows = at - last <= LEAP_S or (k + 1 < len(times) and 0.0 < times[k + 1] - at <= LEAP_S)
+        if at > last and follows:
+            taken.append(k)
+            last = at
+    return taken
 
 
 def _numbers(axis: list[Any], n: int) -> list[float]:
@@ -171,11 +188,11 @@ class PhyphoxDecoder:
             known = np.isfinite(rows).all(axis=1) & (rows[:, 0] >= 0.0) & (rows[:, 0] < LONGEST_RUN_S)
             with np.errstate(invalid="ignore"):
                 known &= (np.abs(rows[:, 1:]) <= LARGEST[kind]).all(axis=1)
-                latest = np.maximum.accumulate(np.where(known, rows[:, 0], -inf)) if len(rows) else np.empty(0)
-                known &= rows[:, 0] > np.append(sensor.last, np.maximum(latest, sensor.last)[:-1])[: len(rows)]
-            self.tally.bad_packets += int(len(rows) - known.sum())
-            if known.any():
-                sensor.add(rows[known])
+            new = rows[known]
+            new = new[in_order(new[:, 0], sensor.last)]
+            self.tally.bad_packets += len(rows) - len(new)
+            if len(new):
+                sensor.add(new)
 
     def _samples(self) -> list[Sample]:
         """Return the samples that are complete now."""

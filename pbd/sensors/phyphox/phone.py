@@ -9,12 +9,21 @@ import http.client
 import time
 from contextlib import suppress
 from math import inf
-from typing import Any, Self
+from typing import Any
 from urllib.parse import urlsplit
 
 from pbd.data.streams import Moments
 from pbd.errors import SensorError, printable
-from pbd.sensors.phyphox.answers import BUFFERS, LONGEST_ANSWER, LONGEST_RUN_S, read_answer, read_buffers, read_moments
+from pbd.sensors.phyphox.answers import (
+    BUFFERS,
+    LONGEST_ANSWER,
+    LONGEST_RUN_S,
+    in_order,
+    read_answer,
+    read_buffers,
+    read_moments,
+)
+from pbd.sensors.reader import Source
 
 POLL_S = 0.1
 """s between two requests: the recording's screen is drawn as often."""
@@ -34,19 +43,17 @@ PIECE = 65536
 SCAN = "scan the code of `pbd sensors phyphox` with the app, open it, and allow remote access in its menu"
 
 
-class PhonePort:
+class PhonePort(Source):
     """phyphox on a phone, as a port that gives the phone's answers.
 
     Attributes:
         device: its address.
-        baud: 0, as it has none.
         patience_s: s without an answer after which the reader gives up.
         trouble: why no samples come now, or "".
         model: what the phone is called.
     """
 
-    baud = 0
-    patience_s: float | None = PATIENCE_S + 2.0 * ANSWER_S  # `read` knows better, and first
+    patience_s = PATIENCE_S + 2.0 * ANSWER_S  # `read` knows better, and first
 
     def __init__(self, address: str) -> None:
         """Connect, and start the measurement if it does not run.
@@ -146,9 +153,9 @@ class PhonePort:
             return b""
         new = False
         for kind, each in rows.items():
-            times = each[:, 0][(each[:, 0] > self._last[kind]) & (each[:, 0] < LONGEST_RUN_S)]
-            if len(times):
-                new, self._last[kind] = True, float(times.max())
+            times = each[:, 0][(each[:, 0] >= 0.0) & (each[:, 0] < LONGEST_RUN_S)]
+            if taken := in_order(times, self._last[kind]):
+                new, self._last[kind] = True, float(times[taken[-1]])
         if not new:
             self.trouble = (
                 "the phone sends no new samples"
@@ -208,12 +215,6 @@ class PhonePort:
     def close(self) -> None:
         """Hang up; the phone goes on to measure."""
         self._hang_up()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.close()
 
 
 def is_address(text: str | None) -> bool:
