@@ -11,6 +11,12 @@ from hypothesis import settings
 
 from tests.remembered import FUNCTIONS, remembering
 
+
+def pytest_xdist_auto_num_workers() -> int:
+    """One more than there are cores: every fourth second of the tests is spent waiting for a browser or a port."""
+    return (os.cpu_count() or 1) + 1
+
+
 settings.register_profile("pbd", deadline=None)  # nothing fails on time: the machine may be busy
 settings.load_profile("pbd")
 
