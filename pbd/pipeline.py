@@ -40,6 +40,56 @@ METHODS = ("default", "paper")
 """How to track: as well as we can, or as the paper does."""
 
 
+def fuse(takes: Sequence[Demonstration], calibration: Calibration | None = None, accept_gap: bool = False) -> HandPath:
+    """Make one path of several takes of a task: `track` of a demonstration whose demo.toml lists them.
+
+    All takes are estimated together: the sensor's errors are shared, the hand scatters from take to take. The path
+    runs from keyframe to keyframe as the takes do in the mean. `HandPath.fusion` says what was matched, what was left
+    out and how the hand scatters.
+
+    Args:
+        takes: two or more demonstrations of one task, of one device or of several; the first says how the sensor sits
+            in the hand and where nav is.
+        calibration: as `track` takes it.
+        accept_gap: as `track` takes it.
+
+    Raises:
+        RecordingError: fewer than two takes, or one twice.
+        TrackingError: the takes are of different tasks, or one of them can't be tracked.
+    """
+    return track(fused_demo(takes), calibration=calibration, accept_gap=accept_gap)
+
+
+def fused_demo(takes: Sequence[Demonstration]) -> Demonstration:
+    """A demonstration of several takes, those of a take that is fused itself included.
+
+    Raises:
+        RecordingError: fewer than two takes, or one twice.
+    """
+    takes = [one for take in takes for one in (take.takes or (take,))]
+    names = [take.recording.info.name for take in takes]
+    for k, take in enumerate(takes):
+        for before, other in zip(names, takes[:k], strict=False):
+            if _same(take.recording, other.recording):
+                raise RecordingError(f"'{names[k]}' is the same recording as '{before}'; name each take once")
+    if len(takes) < 2:
+        raise RecordingError(
+            f"fusing needs two takes of a task or more, got {len(takes)}; record another, or use it as it is"
+        )
+    first = takes[0]
+    info = replace(first.recording.info, name="+".join(names))
+    return Demonstration(
+        replace(first.recording, info=info),
+        closed=all(take.closed for take in takes),
+        grasped=next((take.grasped for take in takes if take.grasped), None),
+        takes=tuple(takes),
+    )
+
+
+def _same(one: Recording, other: Recording) -> bool:
+    return np.array_equal(one.t, other.t) and np.array_equal(one.acc, other.acc, equal_nan=True)
+
+
 def track(
     source: Recording | Demonstration,
     method: str = "default",
@@ -70,7 +120,12 @@ def track(
     demo = source if isinstance(source, Demonstration) else Demonstration(source)
     if known is not None:
         demo = replace(demo, closed=known.closed, places=known.places, contacts=known.contacts)
-    path = _track(demo, method, calibration, accept_gap)
+    if demo.takes:
+        from pbd.fusion.fuse import fused_path
+
+        path = fused_path(demo, method, calibration, accept_gap)
+    else:
+        path = track_alone(demo, method, calibration, accept_gap)[0]
     _refuse_another_dock(demo, path)
     if method == "paper":
         return path
@@ -82,8 +137,10 @@ def track(
         raise TrackingError(f"{demo.folder}/{reason.message}", **reason.fields) from None
 
 
-def _track(demo: Demonstration, method: str, calibration: Calibration | None, accept_gap: bool) -> HandPath:
-    """From the recording alone."""
+def track_alone(
+    demo: Demonstration, method: str, calibration: Calibration | None, accept_gap: bool
+) -> tuple[HandPath, Estimate]:
+    """From the recording alone, without what is known of its stops; and what the path was made from."""
     if method not in METHODS:
         raise TrackingError(f"no method '{method}'; known are {', '.join(METHODS)}", value=method)
     recording, gaps = condition(demo.recording)
@@ -106,7 +163,7 @@ def _track(demo: Demonstration, method: str, calibration: Calibration | None, ac
     if found.solution is not None:
         for line in alarms(found.solution, found.stops, found.sensor):
             warnings.warn(line, PbdWarning, stacklevel=3)
-    return HandPath(
+    path = HandPath(
         t=recording.t,
         p_nav_sensor=found.path.p,
         v_nav_sensor=found.path.v,
@@ -120,6 +177,7 @@ def _track(demo: Demonstration, method: str, calibration: Calibration | None, ac
         ),
         sensor=found.sensor,
     )
+    return path, found
 
 
 def _smoothed(

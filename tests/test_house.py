@@ -15,7 +15,7 @@ RUNGS = (
     ("errors",),
     ("pose", "data", "cache", "doors", "timestamps"),
     ("sensors", "simulation", "tracking", "calibration", "arm", "audit", "files", "view"),
-    ("pipeline", "planning", "plots", "record", "replay", "checking", "driving"),
+    ("pipeline", "fusion", "planning", "plots", "record", "replay", "checking", "driving"),
     ("cli", "__main__"),
 )
 """A file imports only from lower rungs, from its own folder, and, but for the third rung, from its own rung."""

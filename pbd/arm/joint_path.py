@@ -13,9 +13,10 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pbd.arm.ik.branches import MARGIN_RAD, SAME_RAD, configuration_cost, find_branches, polish, turn_toward
-from pbd.arm.ik.levenberg_marquardt import SOLVED, descend_each
+from pbd.arm.ik.levenberg_marquardt import SOLVED, Residual, descend_each
 from pbd.arm.ik.partial_pose import FULL_POSE
 from pbd.arm.ik.unreachable import out_of_reach
 from pbd.arm.ladder import Barred, Ladder, Layer
@@ -133,6 +134,14 @@ def add_turns(arm: ArmModel, ladder: Ladder, place: int, joint: int) -> int:
     if len(q):
         ladder.add(place, q, configuration_cost(arm, q))
     return len(q)
+
+
+def over_limits(arm: ArmModel, T_base_tool: Pose, q: Array) -> NDArray[np.bool_]:
+    """Say which joints (k,) a direct motion from q (k,) to a pose would lead over their limits, to first order."""
+    off, J = Residual(arm, target(T_base_tool))(q)
+    there = q - np.linalg.lstsq(J, off, rcond=None)[0]
+    over: NDArray[np.bool_] = (there < arm.limits.lower) | (there > arm.limits.upper)
+    return over
 
 
 def _slide(arm: ArmModel, T_base_tool: Sequence[Pose], ladder: Ladder) -> None:

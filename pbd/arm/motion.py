@@ -27,6 +27,7 @@ from pbd.arm.joint_path import (
     add_turns,
     build_ladder,
     layers_along,
+    over_limits,
     widen,
 )
 from pbd.arm.ladder import Barred, Ladder
@@ -254,19 +255,23 @@ class _Search:
         self.before_line = None
         for place, sweep in wide.items():
             i = self.links[place - 1].keyframe
-            if not self._unwind(q[place] - q[place - 1]):
+            if not self._unwind(i, q[place - 1], q[place]):
                 self.moves[i].wide = sweep
-                if self.checks.tool_barred(i, line(*self.request.T_base_tool[i - 1 : i + 1]), q[place - 1], q[place]):
+                straight = line(*self.request.T_base_tool[i - 1 : i + 1])
+                barred = self.checks.tool_barred(i, straight, q[place - 1], q[place])
+                if barred and self.request.hand is None:
                     continue
                 self.before_line = self._copy()
-                self._follow_path(place, LINE)
+                self._follow_path(place, DEMO if barred else LINE)
                 self.moves[i].remedies = []
             return True
         return False
 
-    def _unwind(self, moved: Array) -> bool:
-        """Where joints (k,) turned back by more than half a turn let them be a whole turn elsewhere all along."""
-        joints = set(np.flatnonzero(np.abs(moved) * self.arm.turns > np.pi).tolist()) - self.unwound
+    def _unwind(self, i: int, q_before: Array, q: Array) -> bool:
+        """Let a joint that turned back, or that a direct move leads over its limit, be a whole turn elsewhere."""
+        over = over_limits(self.arm, self.request.T_base_tool[i], q_before)
+        back = np.abs(q - q_before) > np.pi
+        joints = set(np.flatnonzero((over | back) & (self.arm.turns > 0.0)).tolist()) - self.unwound
         self.unwound |= joints
         places = [place for place, link in enumerate(self.links, start=1) if link.keyframe < self.n]
         return sum(add_turns(self.arm, self.ladder, place, joint) for joint in joints for place in places) > 0

@@ -9,6 +9,7 @@ from pathlib import Path
 from pbd import __version__
 from pbd.cli.calibrate import add_calibrate
 from pbd.cli.completion import SHELLS, PrintCompletion
+from pbd.cli.many import add_check, add_fuse, add_plot
 from pbd.cli.options import (
     Commands,
     Parser,
@@ -26,6 +27,7 @@ from pbd.cli.options import (
     integer,
     pair,
     positive,
+    take_number,
 )
 from pbd.cli.run import add_run
 from pbd.errors import nearest
@@ -39,11 +41,6 @@ a first look:
 
 exit codes: 0 done; 1 the input, the output or the device is at fault; 2 wrong usage; 3 the robot can't do it
 """
-
-FIGURE_FORMATS = ("png", "svg", "pdf")
-
-MOST_JOBS = 256
-"""Most processes of `pbd check`: more cores than a workstation has."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -109,6 +106,8 @@ def _add_record(commands: Commands) -> None:
     taps = "what marks the grip: space alone, or two quick taps on the sensor's back too"
     option("--grip", choices=("space", "tap"), default="space", help=taps)
     option("--closed", action="store_true", help="the hand will end where it began; tracking uses that")
+    take = "of several takes of one task (`pbd fuse`), the one to record: to ./demos/NAMEN, and how to hold the sensor"
+    option("--take", type=take_number, metavar="N", help=take)
     option("--raw", action="store_true", help="also keep the sensor's raw bytes (raw.bin)")
     option("--reconnect", action="store_true", help="wait for a sensor that was unplugged")
     option("--calibration", metavar="C", help="of this sensor: used to track, and compared with the sensor at rest")
@@ -209,7 +208,7 @@ def _add_keyframes(commands: Commands) -> None:
         "these keyframes belong to a thing, which `pbd replay --at` moves: cup=3..5, or lid=6..7@cup: carried by it"
     )
     parser.add_argument("--frame", type=frame, action="append", default=[], metavar="THING=I..J", help=belongs)
-    within = "how likely the tool is so near to where it belongs at each keyframe (and turned by no more)"
+    within = "how likely the tool is so near to where it belongs, and turned by no more (the keyframes' own tolerances)"
     parser.add_argument("--tolerance", type=finite, nargs="+", metavar=("METRES", "DEGREES"), help=within)
     add_tracking(parser, calibration="with --robot its own dock, else 'default'; without, none")
     add_planning(parser, robot_required=False, units=False)
@@ -238,30 +237,6 @@ def _add_touch(commands: Commands) -> None:
     add_accept_gap(parser)
     add_table(parser, units="m")
     parser.set_defaults(time="limits", dwell=None, force=False)
-
-
-def _add_plot(commands: Commands) -> None:
-    parser = add_command(
-        commands,
-        "plot",
-        "draw a demonstration: the paper's figures and more; or compare several",
-        "Draw a demonstration into files: the paper's figures 5 to 10, attitude, specific force, velocity with its\n"
-        "residuals, sigma, magnetic field, sampling intervals, and a summary sheet. Several demonstrations of\n"
-        "one task are overlaid at their first stop, with the spread at each keyframe, which is also printed as a\n"
-        "table.",
-        "  pbd plot pouring --save figures --format svg\n  pbd plot paper-test1 paper-test2 --csv > spread.csv",
-    )
-    parser.add_argument(
-        "demos",
-        nargs="*",
-        metavar="DEMO",
-        help="names (in ./demos, or bundled), folders, or recordings (.csv, .npz); two or more are compared; "
-        "default: the newest in ./demos, else 'pouring'",
-    )
-    parser.add_argument("--save", type=Path, metavar="DIR", help="folder for the files (./plots/NAME)")
-    parser.add_argument("--format", choices=FIGURE_FORMATS, default="png", help="format of the files (png)")
-    add_table(parser, units="cm,deg")
-    add_tracking(parser, calibration="none")
 
 
 def _add_replay(commands: Commands) -> None:
@@ -353,29 +328,7 @@ def _add_sensors(commands: Commands) -> None:
     add_table(parser)
 
 
-def _add_check(commands: Commands) -> None:
-    parser = add_command(
-        commands,
-        "check",
-        "which of many demonstrations need a look",
-        "Check demonstrations: whether each can be tracked (and, with --robot, replayed), how sure its keyframes are,\n"
-        "what a person should look at, and where it differs from its siblings. What needs a look comes first.\n"
-        "The exit code is 1 where one can't be used.",
-        "  pbd check demos/*\n  pbd check demos/tea* --robot panda --jobs 4 --csv > tea.csv",
-    )
-    parser.add_argument("demos", nargs="+", metavar="DEMO", help="names (in ./demos, or bundled), folders, recordings")
-    parser.add_argument("--robot", metavar="R", help="also plan for this robot, on its own dock")
-    parser.add_argument("--jobs", type=_jobs, default=1, metavar="N", help="how many at once (1); -1: one a core")
-    add_table(parser, units="mm,s")
-
-
-def _jobs(text: str) -> int:
-    if not text.removeprefix("-").isdecimal() or not (int(text) == -1 or 1 <= int(text) <= MOST_JOBS):
-        raise argparse.ArgumentTypeError(f"must be 1 to {MOST_JOBS}, or -1, got '{text}'")
-    return int(text)
-
-
 COMMANDS = (
-    *(_add_record, _add_simulate, _add_import, _add_segments, _add_keyframes, _add_touch, _add_plot, _add_check),
-    *(add_calibrate, _add_replay, _add_export, add_run, _add_robots, _add_sensors),
+    *(_add_record, _add_simulate, _add_import, _add_segments, _add_keyframes, _add_touch, add_plot, add_fuse),
+    *(add_check, add_calibrate, _add_replay, _add_export, add_run, _add_robots, _add_sensors),
 )

@@ -240,6 +240,13 @@ def percent(text: str) -> float:
     return value
 
 
+def take_number(text: str) -> int:
+    """Parse a number from 1 to 99."""
+    if not (text.isascii() and text.isdigit() and 1 <= int(text) <= 99):
+        raise argparse.ArgumentTypeError(f"must be a whole number from 1 to 99, got '{text}'")
+    return int(text)
+
+
 def integer(text: str) -> int:
     """Parse a whole number, zero or above."""
     if not text.isdecimal():

@@ -13,7 +13,8 @@ from datetime import datetime
 from pathlib import Path
 
 from pbd.calibration.sensor import refuse_other_sensor
-from pbd.cli.console import print_json
+from pbd.cli.console import print_json, say
+from pbd.cli.options import UsageError
 from pbd.cli.recording.device import by_buttons, find_sensor
 from pbd.cli.recording.keys import Keys, Person
 from pbd.cli.recording.screen import PanelScreen, PlainScreen
@@ -33,10 +34,16 @@ SIMULATED = "sim"
 def run(args: argparse.Namespace) -> None:
     """Record, and say how it went."""
     name = args.name or datetime.now().strftime("demo-%m%d-%H%M%S")
+    if args.take is not None:
+        if args.name is None:
+            raise UsageError("--take needs the task's NAME: pbd record tea --take 2")
+        name = f"{name}{args.take}"
     folder = demo_folder(name)
     if args.sensor is not None and args.sensor.partition(":")[0] != SIMULATED:
         decoder_maker(args, args.sensor, args.unit, also=(SIMULATED,))  # spelling errors come first
     refuse_demo_folder(folder, args.force)
+    if args.take is not None:
+        say(held(args.take))
     with ExitStack() as stack:
         view = None
         if args.live:
@@ -90,6 +97,23 @@ def run(args: argparse.Namespace) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
+HELD = (
+    "hold the sensor as you like, and remember how",
+    "turn the sensor by a quarter about the vertical, as it lies at the dock",
+    "turn the sensor by a quarter about a level axis, so that another side of it is up at the dock",
+    "turn the sensor by another quarter about the vertical",
+)
+"""How to hold the sensor in takes 1, 2, 3, 4, and again from 5 on."""
+
+WHY = "its own errors then point elsewhere in each take, and fusing tells them from the motion"
+
+
+def held(take: int) -> str:
+    """Say how to hold the sensor in a take, and why."""
+    how = HELD[(take - 1) % len(HELD)] if take <= len(HELD) else HELD[1 + (take - 2) % (len(HELD) - 1)]
+    return f"take {take}: {how}{'' if take == 1 else f': {WHY}'}; the hand starts and moves as before"
+
+
 def _errors(name: str | None, sensor: str) -> SensorErrors | None:
     """The errors of this sensor by a calibration."""
     errors = None if name is None else load_calibration(name).sensor
@@ -130,7 +154,18 @@ def _report(args: argparse.Namespace, outcome: Outcome) -> None:
         if outcome.stops < FEWEST_STOPS:
             print("fewer than two stops: nothing to replay; hold still for two seconds, then move, stop, move, stop")
         else:
-            print(f"next: pbd keyframes {_word(outcome.folder)}")
+            print(f"next: {_next(args, outcome.folder)}")
+
+
+def _next(args: argparse.Namespace, folder: Path) -> str:
+    """What to do after a recording: of a take the next one, or fusing."""
+    if args.take is None:
+        return f"pbd keyframes {_word(folder)}"
+    more, takes = f"pbd record {args.name} --take {args.take + 1}", range(1, args.take + 1)
+    if args.take < 2:
+        return more
+    words = " ".join(_word(folder.with_name(f"{Path(args.name).name}{take}")) for take in takes)
+    return f"{more}; or pbd fuse {words} -o {shlex.quote(args.name)}"
 
 
 def _word(folder: Path) -> str:

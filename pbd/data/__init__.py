@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from pbd.data.arm import Gripper, JointLimits, JointTrajectory, Robot, Samples, Servos
 from pbd.data.calibration import TOOL_DOWN, Calibration, Linear, SensorErrors
+from pbd.data.fusion import FusedTake, Fusion
 from pbd.data.known import ClaimFit, Contact, Known, Place
 from pbd.data.sensor_found import Found, SensorFound
 from pbd.data.tracking import (
@@ -34,6 +35,8 @@ __all__ = [
     "Contact",
     "Demonstration",
     "Found",
+    "FusedTake",
+    "Fusion",
     "GraspedObject",
     "GripEvent",
     "Gripper",

@@ -12,6 +12,7 @@ from pbd.data.brief import brief, counted, span
 from pbd.data.calibration import Calibration
 from pbd.data.covariance import PoseCovariance
 from pbd.data.freeze import freeze
+from pbd.data.fusion import Fusion
 from pbd.data.known import ClaimFit, Contact, Known, Place
 from pbd.data.sensor_found import SensorFound
 from pbd.data.world import GraspedObject
@@ -107,7 +108,8 @@ class Demonstration:
     """A recording and what is known about it beside the sensor's stream.
 
     `keyframes` are those that a person edited; they win over the automatic ones. `touch_ups` correct either. `closed`:
-    the hand ended at the dock; with `places` and `contacts` it is what tracking may rely on: `known`.
+    the hand ended at the dock; with `places` and `contacts` it is what tracking may rely on: `known`. `takes`: those
+    that it is made of; its recording is then the first one's.
     """
 
     recording: Recording
@@ -121,6 +123,7 @@ class Demonstration:
     contacts: tuple[Contact, ...] = ()
     grasped: GraspedObject | None = None
     folder: Path | None = None
+    takes: tuple[Demonstration, ...] = ()
 
     def __repr__(self) -> str:
         return brief(
@@ -129,6 +132,7 @@ class Demonstration:
             "truth" if self.truth is not None else "",
             counted(len(self.keyframes or ()), "edited keyframe"),
             "bundled" if self.bundled else "",
+            counted(len(self.takes), "take"),
             name=self.recording.info.name,
         )
 
@@ -196,6 +200,7 @@ class HandPath:
         claims: what was known of the stops and has been used.
         tracking: what it was tracked from; None for a path that no recording was tracked for.
         sensor: its own errors, as the recording shows them; None where they were not estimated.
+        fusion: of several takes; None for one.
     """
 
     t: Array
@@ -209,6 +214,7 @@ class HandPath:
     claims: tuple[ClaimFit, ...] = ()
     tracking: Tracking | None = None
     sensor: SensorFound | None = None
+    fusion: Fusion | None = None
 
     def __post_init__(self) -> None:
         n, k = len(self.t), len(self.stops)
@@ -239,7 +245,8 @@ class Keyframe:
         cov: (6, 6) m and rad: position, then rotation vector, in nav.
         grip: True where the grip closes at this stop, False where it opens, None where nothing changes.
         label: a word for people.
-        tolerance_m: how far the tool may be off, where a person said so.
+        tolerance_m: (3,) how far it may be off along nav's axes; tolerance_rad: how far turned. Learned from several
+            takes, or as a person said; None: nobody knows.
         weight: how sure the tracker is that the hand stood still, 0 to 1.
         nudge_base_m: (3,) how far the tool goes elsewhere, in base axes.
         nudge_tool_m: (3,) likewise, in the tool's axes.
@@ -252,14 +259,15 @@ class Keyframe:
     cov: Array
     grip: bool | None = None
     label: str = ""
-    tolerance_m: float | None = None
+    tolerance_m: Array | None = None
+    tolerance_rad: float | None = None
     weight: float = 1.0
     nudge_base_m: Array = field(default_factory=partial(np.zeros, 3))
     nudge_tool_m: Array = field(default_factory=partial(np.zeros, 3))
     frames: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        freeze(self, cov=(6, 6), nudge_base_m=(3,), nudge_tool_m=(3,))
+        freeze(self, cov=(6, 6), tolerance_m=(3,), nudge_base_m=(3,), nudge_tool_m=(3,))
 
     def __repr__(self) -> str:
         x, y, z = self.T_nav_sensor.p + 0.0

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from types import MappingProxyType
@@ -63,9 +64,7 @@ def read_demo(folder: Path) -> Demonstration:
     Raises:
         RecordingError: with the file, and line and column where they are known.
     """
-    for name in ("demo.toml", "imu.csv"):
-        if not (folder / name).is_file():
-            raise RecordingError(f"{folder} is not a demonstration: it has no {name}; name another", path=folder)
+    _refuse_without(folder, "demo.toml")
     top = read_toml(folder / "demo.toml", RecordingError)
     top.format(FORMAT)
     info = RecordingInfo(
@@ -87,17 +86,42 @@ def read_demo(folder: Path) -> Demonstration:
         if thing is None
         else GraspedObject(*read_shape(thing), thing.number("mass_kg", None, positive=True)),
     }
+    takes = _read_takes(top.tables("take"), folder)
     top.done()
+    if not takes:
+        _refuse_without(folder, "imu.csv")
     truth, edited = folder / "truth.csv", folder / keyframes.NAME
+    recording = replace(takes[0].recording, info=info) if takes else None
     is_edited = os.path.lexists(edited)
     return Demonstration(
-        recording=_read_recording(read_table(folder / "imu.csv"), grip, info),
+        recording=recording or _read_recording(read_table(folder / "imu.csv"), grip, info),
         truth=_read_truth(read_table(truth)) if os.path.lexists(truth) else None,
         keyframes=keyframes.read_keyframes(edited) if is_edited else None,
         touch_ups=keyframes.read_touch_ups(edited) if is_edited else (),
         folder=folder,
+        takes=takes,
         **known,
     )
+
+
+def _refuse_without(folder: Path, name: str) -> None:
+    if not (folder / name).is_file():
+        raise RecordingError(f"{folder} is not a demonstration: it has no {name}; name another", path=folder)
+
+
+def _read_takes(sections: Sequence[Section], folder: Path) -> tuple[Demonstration, ...]:
+    """The demonstrations that one is made of, each a folder by its path from this one."""
+    takes: list[Demonstration] = []
+    for section in sections:
+        place = folder / section.text("demo")
+        if not (place / "demo.toml").is_file():
+            section.fail("demo", f"names {place}, where there is no demonstration", "correct it, or remove it")
+        if "take" in read_toml(place / "demo.toml", RecordingError):
+            section.fail("demo", f"names {place}, which is made of takes itself", "list its takes here instead")
+        takes.append(read_demo(place))
+    if len(takes) == 1:
+        sections[0].fail("demo", "is the only [[take]]", "add another, or use that demonstration as it is")
+    return tuple(takes)
 
 
 def write_demo(
@@ -116,9 +140,10 @@ def write_demo(
     """
     refuse_demo_folder(folder, force)
     with atomic_folder(folder) as new:
-        for name, text in ({"demo.toml": demo_toml(demo, folder.name)} | dict(beside)).items():
+        for name, text in ({"demo.toml": demo_toml(demo, folder.name, folder)} | dict(beside)).items():
             (new / name).write_text(text, encoding="utf-8")
-        write_table(new / "imu.csv", *_imu_columns(demo.recording))
+        if not demo.takes:
+            write_table(new / "imu.csv", *_imu_columns(demo.recording))
         if demo.truth is not None:
             values = np.column_stack((demo.truth.t, demo.truth.p_nav_sensor, demo.truth.wxyz_nav_sensor))
             write_table(new / "truth.csv", TRUTH, values, (6,) * 4 + (8,) * 4)
@@ -167,8 +192,12 @@ def read_shape(section: Section) -> tuple[str, tuple[float, ...]]:
     return section.text("shape"), section.numbers("size", count, positive=True)
 
 
-def demo_toml(demo: Demonstration, name: str) -> str:
-    """Write demo.toml's text."""
+def demo_toml(demo: Demonstration, name: str, folder: Path | None = None) -> str:
+    """Write demo.toml's text; the takes of a fused one as seen from its folder.
+
+    Raises:
+        RecordingError: a take is no demonstration's folder.
+    """
     import tomlkit
 
     recording, info = demo.recording, demo.recording.info
@@ -186,13 +215,21 @@ def demo_toml(demo: Demonstration, name: str) -> str:
             closed=demo.closed,
             object=demo.grasped
             and _without_none(shape=demo.grasped.shape, size=demo.grasped.size, mass_kg=demo.grasped.mass),
-            grip=[{"t_s": round(event.t, 4), "closed": event.closed} for event in recording.grip],
+            take=[{"demo": _from(folder, take)} for take in demo.takes],
+            grip=[{"t_s": round(event.t, 4), "closed": event.closed} for event in recording.grip if not demo.takes],
             place=[_without_none(t_s=p.t, position_m=p.p_base_tool, sigma_m=p.sigma_m) for p in demo.places],
             contact=[
                 _without_none(t_s=c.t, as_at_s=c.as_at, height_m=c.height, sigma_m=c.sigma_m) for c in demo.contacts
             ],
         )
     )
+
+
+def _from(folder: Path | None, take: Demonstration) -> str:
+    if take.folder is None or folder is None:
+        name = take.recording.info.name
+        raise RecordingError(f"'{name}' is no demonstration's folder, so it can't be a take; `pbd import` it first")
+    return Path(os.path.relpath(take.folder.resolve(), folder.resolve())).as_posix()
 
 
 def _without_nothing(**values: Any) -> dict[str, Any]:

@@ -44,6 +44,7 @@ HEAD = """\
 #   dwell_s   how long the arm stays, not at the first and the last; beside it, how long the hand stood
 #   grip      "closes" or "opens", by turns; without it nothing changes. It is open at the start
 #   label     a word for people
+#   tolerance_m, tolerance_deg  how far it may be off along each axis, and turned; learned where takes were fused
 #   frames    the things that it belongs to, each carried by the next: `pbd replay --at cup=X,Y,Z,DEG` moves one
 #   nudge_base_m, nudge_tool_m  how far the tool goes elsewhere, in the axes of the robot's base or the tool's own
 #   sigma_m, sigma_deg  one sigma along each axis; without them the keyframe is taken as exact
@@ -83,6 +84,10 @@ def keyframes_toml(
             f"sigma_m = {_numbers(sigma[:3], 4)}",
             f"sigma_deg = {_numbers(np.degrees(sigma[3:]), 2)}",
         ]
+        if keyframe.tolerance_m is not None:
+            lines.append(f"tolerance_m = {_numbers(keyframe.tolerance_m, 4)}")
+        if keyframe.tolerance_rad is not None:
+            lines.append(f"tolerance_deg = {np.degrees(keyframe.tolerance_rad):.2f}")
         if keyframe.grip is not None:
             lines.append(f'grip = "{"closes" if keyframe.grip else "opens"}"')
         if keyframe.label:
@@ -198,6 +203,10 @@ def _read(section: Section) -> Keyframe:
     for key, values in sigma.items():
         if (values < 0.0).any():
             section.fail(key, "must not be below zero")
+    tolerance = section.numbers("tolerance_m", 3, None, within=LARGEST_M)
+    if tolerance is not None and min(tolerance) <= 0.0:
+        section.fail("tolerance_m", "must be above zero along each axis")
+    tolerance_deg = section.number("tolerance_deg", None, positive=True, within=LARGEST_DEG)
     return Keyframe(
         t=section.number("t_s"),
         dwell_s=dwell,
@@ -205,6 +214,8 @@ def _read(section: Section) -> Keyframe:
         cov=np.diag(np.square([*sigma["sigma_m"], *np.radians(sigma["sigma_deg"])])),
         grip=grip,
         label=section.text("label", ""),
+        tolerance_m=None if tolerance is None else np.array(tolerance),
+        tolerance_rad=None if tolerance_deg is None else float(np.radians(tolerance_deg)),
         nudge_base_m=np.array(section.numbers("nudge_base_m", 3, (0.0, 0.0, 0.0), within=LARGEST_NUDGE_M)),
         nudge_tool_m=np.array(section.numbers("nudge_tool_m", 3, (0.0, 0.0, 0.0), within=LARGEST_NUDGE_M)),
         frames=section.texts("frames", ()),

@@ -45,6 +45,7 @@ class Estimate:
         closure: (k - 1, 3) m/s, velocity misclosure: the integral of each move's acceleration.
         covariance: of the keyframes.
         solution: of the smoother; None: by another method.
+        fitted: the same with its own noise, of which the covariance is.
         sensor: its own errors; None: not estimated.
     """
 
@@ -53,6 +54,7 @@ class Estimate:
     closure: Array
     covariance: PoseCovariance
     solution: Solution | None = None
+    fitted: Solution | None = None
     sensor: SensorFound | None = None
 
 
@@ -85,13 +87,15 @@ def estimate(
     first, end = (np.searchsorted(problem.stop_of[in_stops], believed, side) for side in ("left", "right"))
     knots = in_stops[(first + end - 1) // 2].tolist()
     knots[0] = int(in_stops[first[0]])  # nav's origin is where the first rest begins
-    covariance = covariance_of(with_own_noise(solution).solved, knots, solution.state.p[knots])
+    fitted = with_own_noise(solution)
+    covariance = covariance_of(fitted.solved, knots, solution.state.p[knots])
     return Estimate(
         _standing(solution.path, stops, solution.state.p[knots], t),
         stops,
         _closure(t, solution.path.a, stops),
         covariance,
         solution,
+        fitted,
         None if problem.device else _sensor(solution, knots[0]),
     )
 
@@ -174,13 +178,13 @@ class _Times:
     p: Array
 
     def __call__(self, columns: Array) -> Array:
-        relative = _relative(columns, self.p, transposed=True)
+        relative = relative_to_first(columns, self.p, transposed=True)
         right = np.zeros((len(self.solved.scale), STATE, columns.shape[2]))
         for k, knot in enumerate(self.knots):
             right[knot, POS] += relative[k, :3]
             right[knot, ROT] += relative[k, 3:]
         left = self.solved.columns(right)[list(self.knots)]
-        return _relative(np.concatenate((left[:, POS], left[:, ROT]), axis=1), self.p)
+        return relative_to_first(np.concatenate((left[:, POS], left[:, ROT]), axis=1), self.p)
 
 
 def covariance_of(solved: Solved, knots: Sequence[int], p: Array) -> PoseCovariance:
@@ -189,7 +193,7 @@ def covariance_of(solved: Solved, knots: Sequence[int], p: Array) -> PoseCovaria
     return PoseCovariance(len(knots), times)
 
 
-def _relative(columns: Array, p: Array, transposed: bool = False) -> Array:
+def relative_to_first(columns: Array, p: Array, transposed: bool = False) -> Array:
     """Errors (k, 6, c) of position and rotation relative to the first pose; or that map's transpose.
 
     A heading error h of the first pose turns all of nav: p - h z x p. Its tilt stays: gravity knows it.

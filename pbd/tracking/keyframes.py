@@ -27,7 +27,7 @@ def keyframes_of(path: HandPath) -> tuple[Keyframe, ...]:
 
 def find_keyframes(path: HandPath) -> tuple[Keyframe, ...]:
     """One keyframe a stop, at its middle: the position held there and the mean attitude."""
-    grips = _changing(_grip_at_stops(path.grip, path.t, path.stops))
+    grips, fusion = _changing(_grip_at_stops(path.grip, path.t, path.stops)), path.fusion
     return tuple(
         Keyframe(
             t=0.5 * float(path.t[stop.start] + path.t[stop.stop - 1]),
@@ -37,6 +37,8 @@ def find_keyframes(path: HandPath) -> tuple[Keyframe, ...]:
             ),
             cov=path.cov[k],
             grip=grips.get(k),
+            tolerance_m=None if fusion is None else fusion.tolerance_m[k],
+            tolerance_rad=None if fusion is None else float(fusion.tolerance_rad[k]),
             weight=stop.weight,
         )
         for k, stop in enumerate(path.stops)

@@ -146,12 +146,16 @@ def _thinned(points: Array) -> tuple[Array, Array]:
 def _keyframes(scene: ReplayScene, into: Visualizer) -> None:
     mark = solid(shapes.triad(shapes.TRIAD_M, shapes.TRIAD_RADIUS_M))
     ball = solid(shapes.sphere(1.0, shapes.UNSURE_RGB), opacity=shapes.UNSURE_OPACITY)
+    allowed = solid(shapes.sphere(1.0, shapes.TOLERANCE_RGB), opacity=shapes.TOLERANCE_OPACITY)
     for i, keyframe in enumerate(scene.keyframes):
         into[f"{i}/triad"].set_object(mark)
         into[f"{i}/triad"].set_transform(keyframe.T_base_tool.matrix())
         if keyframe.cov is not None and keyframe.cov[:3, :3].any():
             into[f"{i}/two_sigma"].set_object(ball)
             into[f"{i}/two_sigma"].set_transform(two_sigma(keyframe.T_base_tool.p, keyframe.cov[:3, :3]))
+        if keyframe.tolerance is not None:
+            into[f"{i}/tolerance"].set_object(allowed)
+            into[f"{i}/tolerance"].set_transform(two_sigma(keyframe.T_base_tool.p, 0.25 * keyframe.tolerance))
 
 
 def _obstacles(obstacles: Sequence[Obstacle], red: Set[str], into: Visualizer) -> None:

@@ -22,6 +22,7 @@ class ReplayKeyframe:
         cov: (6, 6) m and rad, of the tool's position and rotation vector in base; None where it is unknown.
         grip: True where the gripper closes here, False where it opens.
         weight: how sure the tracker is that the hand stood still, 0 to 1.
+        tolerance: (3, 3) m2 in base, the square of what it may be off by; None where nobody has said.
     """
 
     label: str
@@ -30,9 +31,10 @@ class ReplayKeyframe:
     cov: Array | None = None
     grip: bool | None = None
     weight: float = 1.0
+    tolerance: Array | None = None
 
     def __post_init__(self) -> None:
-        freeze(self, cov=(6, 6))
+        freeze(self, cov=(6, 6), tolerance=(3, 3))
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,6 +21,8 @@ PATH_RADIUS_M = 0.0025
 TRIAD_M, TRIAD_RADIUS_M = 0.05, 0.0012
 UNSURE_RGB, UNSURE_OPACITY = (0.10, 0.72, 0.85), 0.6
 """Of the ellipsoids of two sigma: a colour that nothing else has, as they are often smaller than a fingertip."""
+TOLERANCE_RGB, TOLERANCE_OPACITY = (0.92, 0.59, 0.16), 0.3
+"""Of the ellipsoids of a keyframe's tolerance, in which the others lie."""
 
 
 def speed_rgb(share: ArrayLike) -> Array:

@@ -11,16 +11,19 @@ from hypothesis import strategies as st
 
 from pbd.arm.ik.solver import check
 from pbd.arm.joint_path import STARTS, build_ladder, widen
-from pbd.arm.ladder import Barred, Ladder, Layer
+from pbd.arm.ladder import UNSEEN, Barred, Ladder, Layer
 from pbd.pose import Array
 from tests.arm.bundled import arm_of
 
 MANY = 10**6
 
 
-def random_layers(rng: np.random.Generator, sizes: list[int], most_refused: int = MANY) -> list[Layer]:
+def random_layers(
+    rng: np.random.Generator, sizes: list[int], most_refused: int = MANY, unseen: float = 0.0
+) -> list[Layer]:
     start = Layer(rng.normal(size=(1, 2)), np.zeros(1), most_refused)
-    return [start] + [Layer(rng.normal(size=(size, 2)), rng.uniform(0.0, 0.3, size), most_refused) for size in sizes]
+    drawn = ((rng.normal(size=(size, 2)), rng.uniform(0.0, 0.3, size)) for size in sizes)
+    return [start] + [Layer(q, cost, most_refused, unseen=unseen) for q, cost in drawn]
 
 
 class World:
@@ -78,6 +81,22 @@ def test_it_is_the_shortest_of_all_that_are_free(seed: int, sizes: list[int], st
     else:
         assert tuple(found) == min(free, key=world.length)
     assert len(world.asked) == len(set(world.asked))
+
+
+def test_what_is_known_is_left_for_a_path_that_is_shorter_by_more_than_unseen() -> None:
+    """So fewer moves are asked about in all, and a path is longer by no more than that a move."""
+    asked = {0.0: 0, UNSEEN: 0}
+    for seed, unseen in product(range(20), asked):
+        rng = np.random.default_rng(seed)
+        layers = random_layers(rng, [4] * 5, unseen=unseen)
+        world = World(rng, layers, 0.1, 0.4)
+        found = Ladder(layers).search(world.stands, world.free_move)
+        best = min(filter(world.free, world.every()), key=world.length, default=None)
+        assert isinstance(found, Barred) == (best is None)
+        if best is not None and not isinstance(found, Barred):
+            assert world.length(tuple(found)) <= world.length(best) + 5 * unseen + 1e-9
+        asked[unseen] += len(world.asked)
+    assert asked[UNSEEN] < asked[0.0]
 
 
 @settings(deadline=None, max_examples=60)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import warnings
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from pbd.calibration.drift import gravity_at
 from pbd.calibration.sensor import SensorFit, calibrate_sensor
 from pbd.cli.calibrate.common import opened
 from pbd.cli.console import print_json, say, working
-from pbd.data import GRAVITY
+from pbd.data import GRAVITY, SensorErrors
 from pbd.data.brief import counted
 from pbd.errors import CalibrationError, PbdWarning
 from pbd.files.calibration_edit import update_calibration
@@ -49,7 +50,7 @@ def run(args: argparse.Namespace) -> None:
         )
     for remark in fit.remarks:
         warnings.warn(remark, PbdWarning, stacklevel=2)
-    update_calibration(path, _parts(fit))
+    update_calibration(path, sensor_parts(fit.errors, _figures(fit)))
     if args.json:
         return print_json({"calibration": str(path)} | _json(fit))
     _print(fit)
@@ -76,9 +77,8 @@ def _figures(fit: SensorFit) -> dict[str, float]:
     return figures
 
 
-def _parts(fit: SensorFit) -> dict[str, dict[str, Any]]:
-    """The tables of the file."""
-    errors = fit.errors
+def sensor_parts(errors: SensorErrors, figures: Mapping[str, float]) -> dict[str, dict[str, Any]]:
+    """A sensor's errors as the tables of the file; `figures` say how well they fit."""
     parts: dict[str, dict[str, Any]] = {
         "sensor": {
             "name": (errors.sensor, "whose errors these are; another's recordings are refused"),
@@ -86,7 +86,7 @@ def _parts(fit: SensorFit) -> dict[str, dict[str, Any]]:
             "temperature_c": (errors.temperature_c, ""),
             "field": (None if errors.field is None else round(errors.field, 3), "uT"),
             "dip_deg": (None if errors.dip is None else round(float(np.degrees(errors.dip)), 3), "below the horizon"),
-            "fit": (_figures(fit), ""),
+            "fit": (figures, ""),
         }
     }
     for kind, linear, unit in (("gyr", errors.gyr, "rad/s"), ("acc", errors.acc, "m/s2"), ("mag", errors.mag, "uT")):

@@ -16,6 +16,7 @@ class Legend {
       ...(replay.detours.length ? [["detour", "detour", "var(--detour)"]] : []),
       ["keyframes", "keyframes", "linear-gradient(90deg, #e04540 33%, #38a85c 33% 66%, #3875eb 66%)"],
       ...(unsure ? [["two_sigma", `uncertainty, 2 σ${hidden}`, "var(--unsure)", this.magnifier()]] : []),
+      ...(stage.found("tolerance").length ? [["tolerance", "tolerance", "var(--tolerance)"]] : []),
       ...(stage.found("placeholder").length ? [["placeholder", "the tool", "rgb(140 148 160 / 0.6)"]] : []),
       ...(obstacles.length ? [["obstacles", obstacles.join(", "), "#9e8c78"]] : []),
     ];

@@ -1,0 +1,75 @@
+"""pbd fuse TAKE... -o NAME."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+from pbd.cli.calibrate.sensor import sensor_parts
+from pbd.cli.console import print_json, say, working
+from pbd.cli.options import UsageError
+from pbd.cli.steps import named_calibration
+from pbd.data import Demonstration, HandPath
+from pbd.files.calibration_edit import calibration_file, update_calibration
+from pbd.files.demo import demo_folder, load_demo, refuse_demo_folder, utc_now, write_demo
+
+
+def run(args: argparse.Namespace) -> None:
+    """Fuse, store, and say what was matched."""
+    from pbd.fusion.calibration import device_errors
+    from pbd.fusion.tables import fusion_rows, fusion_table, takes_table
+    from pbd.pipeline import fused_demo, track
+    from pbd.view.tables import print_csv, print_table
+
+    folder = demo_folder(args.output)
+    refuse_demo_folder(folder, args.force)
+    with working("reading the takes"):
+        takes = [load_demo(name) for name in args.takes]
+    if len(takes) == 1 and not takes[0].takes:
+        raise UsageError("name two takes or more; one alone is a demonstration already")
+    demo = _named(fused_demo(takes), folder)
+    calibration = named_calibration(args)
+    with working(f"fusing {len(demo.takes)} takes"):
+        path = track(demo, calibration=calibration, accept_gap=args.accept_gap)
+    files = _plots(args, path)
+    write_demo(demo, folder, force=args.force)
+    fusion = path.fusion
+    assert fusion is not None
+    saved = {}
+    if args.save_calibration:
+        errors, figures = device_errors(path)
+        file = calibration_file(args.save_calibration)
+        update_calibration(file, sensor_parts(errors, figures))
+        saved = {"calibration": str(file)}
+        say(f"{file}: [sensor] of '{errors.sensor}' from {len(demo.takes)} takes")
+    say(f"wrote {folder}: {len(demo.takes)} takes, {len(path.stops)} keyframes; it is a demonstration like any other")
+    if args.json:
+        stored = {"demo": folder.name, "folder": str(folder), "files": files} | saved
+        return print_json(stored | fusion_rows(path))
+    if args.csv:
+        return print_csv(fusion_table(path, args.units))
+    print_table(takes_table(fusion, args.units))
+    print()
+    return print_table(fusion_table(path, args.units))
+
+
+def _named(demo: Demonstration, folder: Path) -> Demonstration:
+    info = replace(demo.recording.info, name=folder.name, created=utc_now())
+    return replace(demo, recording=replace(demo.recording, info=info))
+
+
+def _plots(args: argparse.Namespace, path: HandPath) -> list[str]:
+    if args.plot is None:
+        return []
+    from pbd.doors.atomic import atomic_files
+    from pbd.plots.fusion_figures import FUSION_FIGURES, draw_fusion
+    from pbd.plots.style import write
+
+    files = [f"{name}.png" for name in FUSION_FIGURES]
+    with working("drawing"), atomic_files(args.plot, files) as new:
+        for name, file in zip(FUSION_FIGURES, files, strict=True):
+            with (new / file).open("wb") as stream:
+                write(draw_fusion(name, path), stream, "png")
+    say(f"wrote {len(files)} files into {args.plot}")
+    return [str(args.plot / file) for file in files]

@@ -1,0 +1,79 @@
+"""From several takes of one task to one path: track each, align them, estimate them together, follow their mean."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import replace
+
+from pbd.data import Calibration, Demonstration, FusedTake, HandPath
+from pbd.errors import PbdWarning, TrackingError
+from pbd.fusion.alignment import Alignment, align
+from pbd.fusion.joint import Joint, Parts, estimate_jointly
+from pbd.fusion.messages import message_of, pinned
+from pbd.fusion.outliers import Disbelieved, believed, disagreement
+from pbd.fusion.result import Fused, hand_path
+from pbd.fusion.scatter import alike, each
+from pbd.fusion.takes import Take, keyframes_of_take, refuse_strangers, start, tracked_take
+
+
+def fused_path(demo: Demonstration, method: str, calibration: Calibration | None, accept_gap: bool) -> HandPath:
+    """The path of a demonstration that lists its takes; see `pbd.pipeline.fuse`.
+
+    Raises:
+        TrackingError: the takes are of different tasks, or one of them can't be tracked.
+    """
+    if method != "default":
+        raise TrackingError(f"takes are fused by the default method only; track one of them with --method {method}")
+    takes = [tracked_take(take, calibration, accept_gap) for take in demo.takes]
+    fused = _estimated(takes)
+    path = hand_path(demo, fused, calibration, accept_gap)
+    assert path.fusion is not None
+    told = [*_told(path.fusion.takes), disagreement(fused.parts, fused.joint, [takes[k].name for k in fused.used])]
+    for words in filter(None, told):
+        warnings.warn(words, PbdWarning, stacklevel=4)
+    return path
+
+
+def _estimated(takes: Sequence[Take]) -> Fused:
+    """The joint estimate, without takes that are of another task or outliers; linearised anew at its own device."""
+    found = align([keyframes_of_take(take) for take in takes])
+    refuse_strangers(takes, found)
+    left = dict.fromkeys(found.strangers, "another task")
+    while True:
+        used, parts, joint, disbelieved = _believed(takes, found)
+        if disbelieved.take is None:
+            break
+        left[used[disbelieved.take]] = "it is far from the other takes"
+        found = found.without([used[disbelieved.take]])
+        if 2 * len(found.registered) <= len(takes):
+            told = ", ".join(takes[k].name for k in left)
+            raise TrackingError(f"half of the takes don't agree with the others ({told}); record the task again")
+    states = [pinned(takes[k].solution, joint.state.devices[d]) for k, d in zip(used, parts.device, strict=True)]
+    messages = [message_of(takes[k].solution, takes[k].knots, state) for k, state in zip(used, states, strict=True)]
+    parts = replace(parts, messages=tuple(messages))
+    joint = estimate_jointly(parts, joint.state, joint.scatter)
+    own = estimate_jointly(parts, joint.state, each(joint.scatter)).scatter
+    return Fused(takes, used, left, found.kept(), disbelieved.keyframes, parts, joint, own, states)
+
+
+def _believed(takes: Sequence[Take], found: Alignment) -> tuple[list[int], Parts, Joint, Disbelieved]:
+    """The takes that are used, and what they make without the keyframes that don't fit."""
+    used, kept = sorted(found.registered), found.kept()
+    parts, x = start(takes, used, kept, found.registered)
+    joint, parts, disbelieved = believed(parts, estimate_jointly(parts, x, alike(len(kept))))
+    return used, parts, joint, disbelieved
+
+
+def _told(takes: Sequence[FusedTake]) -> list[str]:
+    """Which takes, and which keyframes of takes, are not believed."""
+    words = [f"{take.name} is left out: {take.left_out}" for take in takes if take.left_out]
+    return words + [
+        f"{take.name} is not believed at keyframe {j}: it is {_mm(take, j):.0f} mm from the other takes"
+        for take in takes
+        for j in take.outliers
+    ]
+
+
+def _mm(take: FusedTake, j: int) -> float:
+    return 1e3 * float((take.off[j] ** 2).sum() ** 0.5)

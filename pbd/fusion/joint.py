@@ -1,0 +1,228 @@
+"""One estimate of a task from all its takes: keyframes, hands and devices together.
+
+A take k has keyframe j at p, R in its own nav, which go with the errors of its device. Its nav is turned by a yaw about
+the vertical and shifted by c, its sensor sits in the hand turned by Q and shifted by a lever l against the first take:
+    Rz p + c = m + A l + N(0, scatter),   Rz R Q = exp(N(0, scatter)) A
+with the task's keyframes m, A in the first take's nav, of its sensor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbd.fusion.devices import BIAS_REPEATS
+from pbd.fusion.messages import BIAS, DEVICE, Message
+from pbd.fusion.scatter import Scatter
+from pbd.pose import Array, matrix_log, quat_about_z, quat_exp, quat_to_matrix, skew
+
+LEVER_M, LEVER_WORTH = 0.005, 3.0
+"""m: how differently a sensor is put into the hand, along each axis; degrees of freedom that this is worth beside what
+the takes show."""
+
+WEAK = 1.0
+"""Information (1/m2, 1/rad2) of what only the takes know, in each step: against a singular matrix."""
+
+MAX_ITERATIONS, CONVERGED, CONVERGED_LOG = 25, 1e-6, 0.01
+"""Gauss-Newton: limit; largest last step of the unknowns (m, rad) and of the scatter's logarithms."""
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """The task's keyframes m (J, 3), A (J, 3, 3); of each take yaw (K,), c (K, 3), Q (K, 3, 3), l (K, 3); the devices'
+    errors (D, DEVICE)."""
+
+    m: Array
+    A: Array
+    yaw: Array
+    c: Array
+    Q: Array
+    lever: Array
+    devices: Array
+
+    @property
+    def turn(self) -> Array:
+        """(K, 3, 3), Rz of each take."""
+        return np.array([quat_to_matrix(quat_about_z(yaw)) for yaw in self.yaw.tolist()])
+
+
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """What belongs together: of each take which task keyframes it has (at) and which of its own those are (own), and
+    which device made it. The first take is the one that defines the frame."""
+
+    messages: tuple[Message, ...]
+    at: tuple[NDArray[np.intp], ...]
+    own: tuple[NDArray[np.intp], ...]
+    device: tuple[int, ...]
+
+    @property
+    def rows(self) -> list[slice]:
+        """Of each take's residuals."""
+        ends = np.cumsum([0, *(6 * len(at) for at in self.at)]).tolist()
+        return [slice(start, end) for start, end in pairwise(ends)]
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """The estimate: state, covariance (6J, 6J) of position and turn of the task's keyframes in nav, the hand's scatter.
+
+    Attributes:
+        residuals: (N,) of all takes.
+        precision: (N, N) of them, the unknowns integrated out.
+        of_devices: (D, DEVICE, DEVICE), covariance of their errors.
+    """
+
+    state: State
+    cov: Array
+    scatter: Scatter
+    residuals: Array
+    precision: Array
+    of_devices: Array
+
+    def squares(self, rows: Sequence[NDArray[np.intp]]) -> Array:
+        """For each set of residuals how much worse the rest fits with them than without: chi-square of its size."""
+        weighted = self.precision @ self.residuals
+        return np.array([weighted[i] @ np.linalg.solve(self.precision[np.ix_(i, i)], weighted[i]) for i in rows])
+
+
+def estimate_jointly(parts: Parts, x: State, scatter: Scatter) -> Joint:
+    """Gauss-Newton over all unknowns, with the scatter's marginal likelihood in step."""
+    columns = _Columns(len(x.m), len(parts.at), len(x.devices))
+    group = np.concatenate([scatter.group[at].ravel() for at in parts.at])
+    known, gradient_of = _known_of_devices(parts, columns)
+    levers = np.array([row for k in range(1, len(parts.at)) for row in columns.levers(k)], dtype=np.intp)
+    lever_variance = LEVER_M**2
+    for _ in range(MAX_ITERATIONS):
+        r, J = _residuals(parts, x, columns)
+        W, WJ = np.zeros((len(r), len(r))), np.empty_like(J)
+        turns = x.turn
+        for k, rows in enumerate(parts.rows):
+            W[rows, rows] = np.linalg.inv(_noise(parts, k, turns[k], scatter))
+            WJ[rows] = W[rows, rows] @ J[rows]
+        information, gradient = known.copy(), WJ.T @ r + gradient_of(x)
+        information[levers, levers] += 1.0 / lever_variance
+        gradient[levers] += x.lever[1:].ravel() / lever_variance
+        cov: Array = np.asarray(np.linalg.inv(J.T @ WJ + information), dtype=np.float64)
+        step = -cov @ gradient
+        precision = W - WJ @ cov @ WJ.T
+        weighted = W @ (r + J @ step)
+        x = _moved(x, step, columns)
+        shown = float((x.lever**2).sum() + np.diagonal(cov)[levers].sum())
+        lever_variance = (shown + LEVER_WORTH * LEVER_M**2) / (len(levers) + LEVER_WORTH)
+        before, scatter = scatter.log, scatter.improved(precision, weighted, group)
+        if np.abs(step[columns.poses]).max() < CONVERGED and np.abs(scatter.log - before).max() < CONVERGED_LOG:
+            break
+    poses = columns.poses
+    devices = [cov[columns.device(d), columns.device(d)] for d in range(len(x.devices))]
+    return Joint(x, cov[poses, poses], scatter, r + J @ step, precision, np.array(devices))
+
+
+class _Columns:
+    """Where each unknown stands: keyframes (m and A by turns), takes but the first (yaw, c, Q, l), devices."""
+
+    def __init__(self, keyframes: int, takes: int, devices: int) -> None:
+        self.poses = slice(0, 6 * keyframes)
+        self._takes = 6 * keyframes
+        self._devices = self._takes + 10 * (takes - 1)
+        self.count = self._devices + DEVICE * devices
+
+    def take(self, k: int) -> slice:
+        return slice(self._takes + 10 * (k - 1), self._takes + 10 * k)
+
+    def levers(self, k: int) -> range:
+        return range(self.take(k).start + 7, self.take(k).stop)
+
+    def device(self, d: int) -> slice:
+        return slice(self._devices + DEVICE * d, self._devices + DEVICE * (d + 1))
+
+
+def _known_of_devices(parts: Parts, columns: _Columns) -> tuple[Array, Callable[[State], Array]]:
+    """Information of what is known beside the keyframes, and its gradient at a state."""
+    information = WEAK * np.eye(columns.count)
+    constant = np.zeros(columns.count)
+    for d in sorted(set(parts.device)):
+        own = [message for message, device in zip(parts.messages, parts.device, strict=True) if device == d]
+        at = columns.device(d)
+        # Of the takes' priors the widest: what is doubted once is doubted.
+        widest = min(own, key=lambda message: float(np.trace(message.prior[BIAS, BIAS])))
+        information[at, at] += widest.prior + sum(message.information for message in own)
+        constant[at] = widest.prior @ widest.mean + sum(message.gradient for message in own)
+
+    def gradient(x: State) -> Array:
+        values = np.zeros(columns.count)
+        for d, errors in enumerate(x.devices):
+            at = columns.device(d)
+            values[at] = information[at, at] @ errors - constant[at]
+        return values
+
+    return information, gradient
+
+
+def _noise(parts: Parts, k: int, turn: Array, scatter: Scatter) -> Array:
+    """Covariance of a take's residuals, its device given."""
+    message, at, own = parts.messages[k], parts.at[k], parts.own[k]
+    i = (6 * own[:, None] + np.arange(6)).ravel()
+    by_bias = message.by_device[i, BIAS]
+    cov = message.cov[np.ix_(i, i)] + BIAS_REPEATS**2 * by_bias @ by_bias.T
+    turned = np.kron(np.eye(2 * len(at)), turn)
+    noise: Array = turned @ cov @ turned.T + np.diag(scatter.sigma[at].ravel() ** 2)
+    return noise
+
+
+def placed(message: Message, errors: Array) -> tuple[Array, Array]:
+    """A take's keyframes p (n, 3), R (n, 3, 3) with its device's errors (DEVICE,)."""
+    by = (message.by_device @ (errors - message.device)).reshape(-1, 6)
+    return message.p + by[:, :3], quat_to_matrix(quat_exp(by[:, 3:])) @ message.R
+
+
+def _residuals(parts: Parts, x: State, columns: _Columns) -> tuple[Array, Array]:
+    r = np.empty(parts.rows[-1].stop)
+    J = np.zeros((len(r), columns.count))
+    up, one = np.array((0.0, 0.0, 1.0)), np.eye(3)
+    turns = x.turn
+    for k, (message, at, own, rows) in enumerate(zip(parts.messages, parts.at, parts.own, parts.rows, strict=True)):
+        p, R = placed(message, x.devices[parts.device[k]])
+        p, R = p[own] @ turns[k].T, turns[k] @ R[own] @ x.Q[k]
+        arm = x.A[at] @ x.lever[k]
+        r[rows].reshape(-1, 6)[:, :3] = p + x.c[k] - x.m[at] - arm
+        r[rows].reshape(-1, 6)[:, 3:] = matrix_log(R @ x.A[at].transpose(0, 2, 1))
+        block = J[rows].reshape(len(at), 6, columns.count)
+        for i, j in enumerate(at.tolist()):
+            block[i, :3, 6 * j : 6 * j + 3] = -one
+            block[i, :3, 6 * j + 3 : 6 * j + 6] = skew(arm[i])
+            block[i, 3:, 6 * j + 3 : 6 * j + 6] = -one
+        if k:
+            of = block[:, :, columns.take(k)]
+            of[:, :3, 0], of[:, 3:, 0] = np.cross(up, p), up
+            of[:, :3, 1:4], of[:, 3:, 4:7], of[:, :3, 7:10] = one, R, -x.A[at]
+        by = message.by_device.reshape(-1, 6, DEVICE)[own]
+        block[:, :3, columns.device(parts.device[k])] = turns[k] @ by[:, :3]
+        block[:, 3:, columns.device(parts.device[k])] = turns[k] @ by[:, 3:]
+    return r, J
+
+
+def _moved(x: State, step: Array, columns: _Columns) -> State:
+    poses = step[columns.poses].reshape(-1, 6)
+    takes = np.vstack((np.zeros((1, 10)), step[columns.poses.stop : columns.device(0).start].reshape(-1, 10)))
+    return State(
+        x.m + poses[:, :3],
+        quat_to_matrix(quat_exp(poses[:, 3:])) @ x.A,
+        x.yaw + takes[:, 0],
+        x.c + takes[:, 1:4],
+        x.Q @ quat_to_matrix(quat_exp(takes[:, 4:7])),
+        x.lever + takes[:, 7:],
+        x.devices + step[columns.device(0).start :].reshape(-1, DEVICE),
+    )
+
+
+def without(parts: Parts, take: int, *keyframes: int) -> Parts:
+    """The same without what one take says about some keyframes."""
+    keep = ~np.isin(parts.at[take], keyframes)
+    at, own = list(parts.at), list(parts.own)
+    at[take], own[take] = at[take][keep], own[take][keep]
+    return replace(parts, at=tuple(at), own=tuple(own))

@@ -1,0 +1,144 @@
+"""What one take says of its keyframes and of its device: its normal equations, all else marginalised.
+
+The device's priors are not in it, so that takes of one device can share them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pbd.pose import Array
+from pbd.tracking.noise import acc_doubt
+from pbd.tracking.smoother.factors import linearise, shared_prior, whitener
+from pbd.tracking.smoother.normal_equations import ACC_BIAS, POS, ROT, STATE, NormalEquations, Solved
+from pbd.tracking.smoother.smooth import Solution
+from pbd.tracking.smoother.state import GRAVITY, State
+
+SHARED = slice(0, GRAVITY.stop)
+"""The device's unknowns among those that a take's knots share: lag, gyro matrix, accelerometer matrix, gravity."""
+
+BIAS = slice(SHARED.stop, SHARED.stop + 3)
+"""The accelerometer's bias among the device's unknowns: that of a take's first knot."""
+
+DEVICE = BIAS.stop
+"""Number of unknowns of a device."""
+
+PIN, PIN_ITERATIONS = 1e4, 3
+"""Weight of a pinned device in units of its prior's (a hundredth of its sigma); Gauss-Newton steps with it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Message:
+    """A take's keyframes (n) and its device, linearised where the take was estimated.
+
+    Attributes:
+        p: (n, 3) m, in the take's own nav.
+        R: (n, 3, 3), nav <- sensor.
+        by_device: (6n, DEVICE), how position and rotation vector (in nav) at each keyframe go with the device's errors.
+        cov: (6n, 6n) of them, the device given.
+        device: (DEVICE,) its errors where p and R hold.
+        information: (DEVICE, DEVICE), gradient: (DEVICE,): what the take knows of the device, without its prior.
+        prior: (DEVICE, DEVICE) information, mean: (DEVICE,): of the class.
+    """
+
+    p: Array
+    R: Array
+    by_device: Array
+    cov: Array
+    device: Array
+    information: Array
+    gradient: Array
+    prior: Array
+    mean: Array
+
+
+def message_of(solution: Solution, knots: Sequence[int], x: State | None = None) -> Message:
+    """Marginalise a take onto its keyframes and its device.
+
+    Args:
+        solution: of the smoother, with its own noise.
+        knots: of the keyframes.
+        x: where to linearise; None: at the solution.
+    """
+    problem, solved = solution.problem, solution.solved
+    if x is None:
+        x = solution.state
+    else:
+        equations, _ = linearise(problem, x, solution.local, whitener(problem, solution.local))
+        solved = equations.solve()
+        x = x.moved(solved)
+    cov, n = _joint(solved, knots), 6 * len(knots)
+    prior, mean = _prior(solution, x)
+    device = np.concatenate((x.shared[SHARED], x.acc_bias[0]))
+    known = np.linalg.inv(cov[n:, n:])
+    by_device = cov[:n, n:] @ known
+    given = cov[:n, :n] - by_device @ cov[n:, :n]
+    R = x.E[list(knots)] @ problem.C[list(knots)]
+    return Message(
+        x.p[list(knots)],
+        R,
+        by_device,
+        0.5 * (given + given.T),
+        device,
+        known - prior,
+        known @ device - prior @ mean,
+        prior,
+        mean,
+    )
+
+
+def pinned(solution: Solution, device: Array) -> State:
+    """The take estimated with its device's errors given, (DEVICE,)."""
+    problem, local, x = solution.problem, solution.local, solution.state
+    whiten, (prior, _) = whitener(problem, local), _prior(solution, x)
+    weight = PIN * np.diagonal(prior)
+    for _ in range(PIN_ITERATIONS):
+        equations, _ = linearise(problem, x, local, whiten)
+        _pin(equations, weight, np.concatenate((x.shared[SHARED], x.acc_bias[0])) - device)
+        x = x.moved(equations.solve())
+    return x
+
+
+def _pin(equations: NormalEquations, weight: Array, off: Array) -> None:
+    i, b = np.arange(SHARED.stop), np.arange(ACC_BIAS.start, ACC_BIAS.stop)
+    equations.corner[i, i] += weight[SHARED]
+    equations.corner[i, -1] += weight[SHARED] * off[SHARED]
+    equations.diagonal[0, b, b] += weight[BIAS]
+    equations.g[0, b] += weight[BIAS] * off[BIAS]
+
+
+def _prior(solution: Solution, x: State) -> tuple[Array, Array]:
+    """Information and mean of the device's errors by its class, as the take's own solution has them."""
+    problem = solution.problem
+    noise = problem.noise
+    of_shared = shared_prior(problem, x, solution.local.prior)[SHARED]
+    information = np.zeros((DEVICE, DEVICE))
+    information[SHARED, SHARED] = of_shared[:, SHARED]
+    b = np.arange(BIAS.start, BIAS.stop)
+    information[b, b] = (acc_doubt(noise, problem.rest) * noise.device.acc_bias) ** -2.0
+    mean = np.zeros(DEVICE)
+    mean[SHARED] = x.shared[SHARED] - np.linalg.solve(of_shared[:, SHARED], of_shared[:, -1])
+    return information, mean
+
+
+def _joint(solved: Solved, knots: Sequence[int]) -> Array:
+    """Covariance of position and turn at some knots (6 each), and of the device."""
+    n, at = 6 * len(knots), list(knots)
+    right = np.zeros((len(solved.scale), STATE, n + 3))
+    for k, knot in enumerate(at):
+        right[knot, POS, 6 * k : 6 * k + 3] = np.eye(3)
+        right[knot, ROT, 6 * k + 3 : 6 * k + 6] = np.eye(3)
+    right[0, ACC_BIAS, n:] = np.eye(3)
+    left, by_shared = solved.columns(right), -solved.selected[2] @ solved.shared
+
+    def picked(values: Array) -> Array:
+        poses = np.concatenate((values[at, POS], values[at, ROT]), axis=1).reshape(n, -1)
+        return np.vstack((poses, values[0, ACC_BIAS]))
+
+    own, shared = picked(left), picked(by_shared)[:, SHARED]
+    order = np.r_[:n, n + 3 : n + 3 + SHARED.stop, n : n + 3]
+    whole = np.block([[own, shared], [shared.T, solved.shared[SHARED, SHARED]]])[np.ix_(order, order)]
+    return np.asarray(0.5 * (whole + whole.T))

@@ -1,0 +1,121 @@
+"""Takes, and single keyframes of takes, that don't fit the others by their own covariance.
+
+An outlier makes the hand seem to scatter. So the scatter that it is tested by is that of the rest.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbd.fusion.joint import Joint, Parts, estimate_jointly, without
+from pbd.fusion.scatter import Scatter, alike
+from pbd.pose import Array, lengths
+
+FALSE_RATE = 0.01
+"""Share of sound fusions in which something is taken for an outlier, by chance."""
+
+LEAST_TAKES = 3
+"""Fewest takes of which one can be told to be wrong."""
+
+LARGEST_SHARE = 0.5
+"""Share of a take's keyframes that may be outliers before all of the take is one."""
+
+UNSURE_SIGMAS = 2.0
+"""The scatter of the rest is taken as large as that many sigmas of its logarithm allow: it may be of few takes."""
+
+SUSPECT = 2.0
+"""A take is tested if its keyframes (their median) are so many times as far off as the median take's."""
+
+KNOWN_SPREAD = 1e-3
+"""Spread of a scatter's logarithm that is held where it is."""
+
+
+class Disbelieved(NamedTuple):
+    """An outlier among the takes, or None; and keyframes of takes (take, keyframe); by their place in Parts."""
+
+    take: int | None
+    keyframes: tuple[tuple[int, int], ...]
+
+
+def believed(parts: Parts, joint: Joint) -> tuple[Joint, Parts, Disbelieved]:
+    """Leave out the worst keyframe of a take, estimate again, as long as one is an outlier.
+
+    Where a whole take is one, or half of its keyframes are, nothing more is sought.
+    """
+    take = _outlier_take(parts, joint)
+    if take is not None:
+        return joint, parts, Disbelieved(take, ())
+    out: list[tuple[int, int]] = []
+    begun = [len(at) for at in parts.at]
+    while (worst := _outlier(parts, joint, LEAST_TAKES)) is not None:
+        out.append(worst)
+        of_take = sum(k == worst[0] for k, _ in out)
+        if of_take > LARGEST_SHARE * begun[worst[0]]:
+            return joint, parts, Disbelieved(worst[0], tuple(out))
+        parts = without(parts, worst[0], worst[1])
+        joint = estimate_jointly(parts, joint.state, alike(len(joint.state.m)))
+    return joint, parts, Disbelieved(None, tuple(out))
+
+
+def disagreement(parts: Parts, joint: Joint, names: Sequence[str]) -> str:
+    """Where two takes differ too much and nobody can tell which is right; "" where none do."""
+    worst = _outlier(parts, joint, 2)
+    if worst is None:
+        return ""
+    both = " and ".join(name for name, at in zip(names, parts.at, strict=True) if worst[1] in at)
+    return f"{both} differ at keyframe {worst[1]}; a third take would show which is wrong"
+
+
+def _outlier(parts: Parts, joint: Joint, takes: int) -> tuple[int, int] | None:
+    """The keyframe of a take that fits the others worst, if it is an outlier; of those that so many takes have."""
+    counts = Counter(int(j) for at in parts.at for j in at)
+    which, rows = [], []
+    for k, (at, own) in enumerate(zip(parts.at, parts.rows, strict=True)):
+        for i, j in enumerate(at.tolist()):
+            if counts[j] == takes or counts[j] > takes >= LEAST_TAKES:
+                which.append((k, j))
+                rows.append(own.start + 6 * i + np.arange(6))
+    if not which:
+        return None
+    worst = int(np.argmax(joint.squares(rows)))
+    k, j = which[worst]
+    found = _stands_out(parts, joint, without(parts, k, j), rows[worst], len(which))
+    return which[worst] if found else None
+
+
+def _outlier_take(parts: Parts, joint: Joint) -> int | None:
+    """The take that is farthest off, if it is an outlier."""
+    if len(parts.at) < LEAST_TAKES:
+        return None
+    off = np.array([np.median(lengths(joint.residuals[rows].reshape(-1, 6)[:, :3])) for rows in parts.rows])
+    worst = int(np.argmax(off))
+    if off[worst] < SUSPECT * np.median(off):
+        return None
+    rows = np.arange(parts.rows[worst].start, parts.rows[worst].stop)
+    rest = without(parts, worst, *parts.at[worst].tolist())
+    return worst if _stands_out(parts, joint, rest, rows, len(parts.at)) else None
+
+
+def _stands_out(parts: Parts, joint: Joint, rest: Parts, rows: NDArray[np.intp], tests: int) -> bool:
+    """Whether some residuals don't fit, by the scatter that the rest shows."""
+    count = len(joint.state.m)
+    alone = estimate_jointly(rest, joint.state, replace(alike(count), log=joint.scatter.log))
+    again = estimate_jointly(parts, joint.state, _held(alone.scatter))
+    return bool(again.squares([rows])[0] > _bound(len(rows), tests))
+
+
+def _held(scatter: Scatter) -> Scatter:
+    log: Array = scatter.log + UNSURE_SIGMAS * scatter.unsure
+    return replace(scatter, log=log, mean=log, spread=np.full(len(log), KNOWN_SPREAD))
+
+
+def _bound(freedom: int, tests: int) -> float:
+    from scipy.special import chdtri
+
+    return float(chdtri(freedom, FALSE_RATE / tests))

@@ -1,0 +1,90 @@
+"""The hand's scatter from take to take, apart from the tracker's own uncertainty: variance components.
+
+Marginal likelihood (the unknowns integrated out) with log-normal priors, by Fisher scoring.
+
+Source: D. A. Harville, Maximum likelihood approaches to variance component estimation, JASA 72 (1977).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbd.pose import Array
+
+HAND_M, HAND_RAD, HAND_SPREAD = 0.002, np.radians(2.0), 1.4
+"""A hand that does the same again: m along each axis, rad about each; and the spread of their logarithms."""
+
+DOCK_M, DOCK_RAD, DOCK_SPREAD = 0.0005, np.radians(0.2), 1.0
+"""The same at the first keyframe, where the hand is put against something."""
+
+LIKE_OTHERS_SPREAD = 0.5
+"""Spread of the logarithm of one keyframe's scatter along one axis about that of all."""
+
+LARGEST_STEP = 1.0
+"""Largest change of a logarithm in one step."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scatter:
+    """Standard deviations of the hand.
+
+    Attributes:
+        group: (J, 6) which of them holds for a keyframe's position (m) and turn (rad), along nav's axes.
+        log: (g,) their logarithms.
+        mean, spread: (g,) of the prior of those.
+        unsure: (g,) spread of the logarithms as found.
+    """
+
+    group: NDArray[np.intp]
+    log: Array
+    mean: Array
+    spread: Array
+    unsure: Array
+
+    @property
+    def sigma(self) -> Array:
+        """(J, 6) m and rad."""
+        return np.asarray(np.exp(self.log)[self.group])
+
+    @property
+    def sigma_log(self) -> Array:
+        """(J, 6) how sure that is: one sigma of its logarithm."""
+        return self.unsure[self.group]
+
+    def improved(self, precision: Array, weighted: Array, rows: NDArray[np.intp]) -> Scatter:
+        """A step of Fisher scoring.
+
+        Args:
+            precision: (N, N) of the residuals, the unknowns integrated out.
+            weighted: (N,) precision times the residuals.
+            rows: (N,) which standard deviation a residual has.
+        """
+        count, variance = len(self.log), np.exp(2.0 * self.log)
+        of = np.eye(count)[rows]  # (N, g)
+        gradient = variance * (of.T @ (weighted**2 - np.diagonal(precision)))
+        gradient -= (self.log - self.mean) / self.spread**2
+        information = 2.0 * np.outer(variance, variance) * (of.T @ precision**2 @ of) + np.diag(self.spread**-2.0)
+        covariance = np.linalg.inv(information)
+        step = np.clip(covariance @ gradient, -LARGEST_STEP, LARGEST_STEP)
+        return Scatter(self.group, self.log + step, self.mean, self.spread, np.sqrt(np.diagonal(covariance)))
+
+
+def alike(count: int) -> Scatter:
+    """One scatter for all keyframes; the first, which is the dock, has its own."""
+    group = np.tile(np.repeat((2, 3), 3), (count, 1))
+    group[0] = np.repeat((0, 1), 3)
+    mean = np.log((DOCK_M, DOCK_RAD, HAND_M, HAND_RAD))
+    spread = np.array((DOCK_SPREAD, DOCK_SPREAD, HAND_SPREAD, HAND_SPREAD))
+    return Scatter(group, mean, mean, spread, spread)
+
+
+def each(found: Scatter) -> Scatter:
+    """From that of all: each keyframe's own, of its position along each axis, of its turn."""
+    count = len(found.group)
+    group = np.arange(4 * count).reshape(count, 4)[:, (0, 1, 2, 3, 3, 3)]
+    mean = found.log[found.group][:, :4].ravel()
+    spread = np.full(4 * count, LIKE_OTHERS_SPREAD)
+    return Scatter(group, mean, mean, spread, spread)

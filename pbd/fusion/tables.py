@@ -1,0 +1,128 @@
+"""How takes were matched and how the hand scatters, as tables and for programs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from pbd.data import FusedTake, Fusion, HandPath
+from pbd.pose import Array, quat_log
+from pbd.view.tables import make_table
+from pbd.view.units import Units
+
+
+def takes_table(fusion: Fusion, units: Units) -> Table:
+    """A row a take: what it has of the task, how its sensor sat in the hand, how far it is off."""
+    fine = _fine(units)
+    several = ("device",) if len({take.device for take in fusion.takes}) > 1 else ()
+    columns = (
+        "keyframes",
+        "more stops",
+        "not believed",
+        f"sensor turned ({units.angle_sign})",
+        f"lever ({fine.length})",
+    )
+    table = make_table(
+        "take", *several, *columns, f"off, rms ({fine.length})", left=("take", "more stops", "not believed")
+    )
+    for take in fusion.takes:
+        if take.left_out:
+            table.add_row(take.name, *("" for _ in several), "", "", f"left out: {take.left_out}", "", "", "")
+            continue
+        table.add_row(
+            take.name,
+            *(str(take.device + 1) for _ in several),
+            str(_count(take)),
+            " ".join(map(str, take.extra)),
+            " ".join(map(str, take.outliers)),
+            *units.angles(_turned(take)),
+            *fine.lengths(_lever(take), finer=1),
+            *fine.lengths(_rms(take.off), finer=1),
+        )
+    return table
+
+
+def fusion_table(path: HandPath, units: Units) -> Table:
+    """A row a keyframe: in which takes, where, how sure; how the hand scatters, with the uncertainty of that."""
+    fusion, fine = path.fusion, _fine(units)
+    assert fusion is not None
+    m, mm, deg = units.length, fine.length, units.angle_sign
+    position, scatter = [f"{axis} ({m})" for axis in "xyz"], [f"scatter {axis} ({mm})" for axis in "xyz"]
+    table = make_table("#", "in takes", *position, f"σ ({mm})", *scatter, "±", f"turn ({deg})", "±")
+    sigma = np.sqrt(np.diagonal(path.cov, axis1=1, axis2=2))
+    for k, stop in enumerate(path.stops):
+        table.add_row(
+            str(k),
+            str(sum(take.own[k] is not None and k not in take.outliers for take in fusion.takes)),
+            *units.lengths(path.p_nav_sensor[stop.start]),
+            *fine.lengths(float(sigma[k, :3].max()), finer=1),
+            *fine.lengths(fusion.scatter[k], finer=1),
+            f"{100.0 * float(fusion.unsure[k, :3].mean()):.0f} %",
+            *units.angles(float(fusion.turn[k])),
+            f"{100.0 * float(fusion.unsure[k, 3]):.0f} %",
+        )
+    return table
+
+
+def fusion_rows(path: HandPath) -> dict[str, Any]:
+    """The same for `--json`."""
+    fusion = path.fusion
+    assert fusion is not None
+    sigma = np.sqrt(np.diagonal(path.cov, axis1=1, axis2=2))
+    return {
+        "takes": [
+            {
+                "name": take.name,
+                "device": take.device,
+                "left_out": take.left_out or None,
+                "keyframes": list(take.own),
+                "extra": list(take.extra),
+                "outliers": list(take.outliers),
+                "yaw_deg": float(np.degrees(take.yaw)),
+                "sensor_turned_deg": float(np.degrees(_turned(take))),
+                "lever_m": None if take.T_hand is None else take.T_hand.p.tolist(),
+                "off_m": [None if np.isnan(off).any() else off.tolist() for off in take.off],
+            }
+            for take in fusion.takes
+        ],
+        "keyframes": [
+            {
+                "index": k,
+                "position_m": path.p_nav_sensor[stop.start].tolist(),
+                "sigma_m": sigma[k, :3].tolist(),
+                "scatter_m": fusion.scatter[k].tolist(),
+                "scatter_deg": float(np.degrees(fusion.turn[k])),
+                "scatter_unsure": fusion.unsure[k].tolist(),
+                "tolerance_m": fusion.tolerance_m[k].tolist(),
+                "tolerance_deg": float(np.degrees(fusion.tolerance_rad[k])),
+            }
+            for k, stop in enumerate(path.stops)
+        ],
+        "scatter_m": fusion.overall[0],
+        "scatter_deg": float(np.degrees(fusion.overall[1])),
+        "scatter_unsure": list(fusion.overall_unsure),
+    }
+
+
+def _fine(units: Units) -> Units:
+    return replace(units, length="mm" if units.length == "m" else units.length)
+
+
+def _count(take: FusedTake) -> int:
+    return sum(own is not None for own in take.own)
+
+
+def _turned(take: FusedTake) -> float:
+    return 0.0 if take.T_hand is None else float(np.linalg.norm(quat_log(take.T_hand.wxyz)))
+
+
+def _lever(take: FusedTake) -> float:
+    return 0.0 if take.T_hand is None else float(np.linalg.norm(take.T_hand.p))
+
+
+def _rms(off: Array) -> float:
+    there = off[np.isfinite(off).all(axis=1)]
+    return float(np.sqrt((there**2).sum(axis=1).mean())) if len(there) else float("nan")

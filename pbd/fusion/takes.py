@@ -1,0 +1,116 @@
+"""Takes as each was tracked alone, and where their joint estimate begins."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pbd.data import Calibration, Demonstration, HandPath, Keyframe
+from pbd.errors import PbdError, PbdWarning, TrackingError
+from pbd.fusion.alignment import Alignment, Candidate, Keyframes, Registration
+from pbd.fusion.devices import devices_of
+from pbd.fusion.joint import Parts, State
+from pbd.fusion.messages import Message, message_of
+from pbd.pipeline import track_alone
+from pbd.pose import quat_about_z, quat_to_matrix
+from pbd.tracking.estimate import Estimate
+from pbd.tracking.keyframes import find_keyframes
+from pbd.tracking.smoother.smooth import Solution
+
+
+@dataclass(frozen=True, eq=False)
+class Take:
+    """A take as tracked alone."""
+
+    name: str
+    path: HandPath
+    solution: Solution
+    knots: tuple[int, ...]
+    keyframes: tuple[Keyframe, ...]
+    message: Message
+
+    @property
+    def device(self) -> tuple[str, float, float]:
+        """What the takes of one device have in common: its name; the lag and scale that were taken out before."""
+        assert self.path.tracking is not None
+        return self.path.tracking.recording.info.sensor, self.solution.lag, self.solution.scale
+
+
+def tracked_take(demo: Demonstration, calibration: Calibration | None, accept_gap: bool) -> Take:
+    """Track a take alone; warnings and errors begin with its name."""
+    name = demo.recording.info.name
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        try:
+            path, found = track_alone(demo, "default", calibration, accept_gap)
+        except PbdError as error:
+            raise type(error)(f"{name}: {error.message}", **error.fields) from None
+        keyframes = find_keyframes(path)
+    for warning in told:
+        warnings.warn(f"{name}: {warning.message}", PbdWarning, stacklevel=4)
+    assert found.fitted is not None
+    knots = _middles(found)
+    return Take(name, path, found.fitted, knots, keyframes, message_of(found.fitted, knots))
+
+
+def _middles(found: Estimate) -> tuple[int, ...]:
+    """The knot in the middle of each stop."""
+    assert found.fitted is not None
+    problem, knots = found.fitted.problem, []
+    for stop in found.stops:
+        inside = np.flatnonzero((problem.rows >= stop.start) & (problem.rows < stop.stop) & (problem.stop_of >= 0))
+        knots.append(int(inside[(len(inside) - 1) // 2]))
+    return tuple(knots)
+
+
+def keyframes_of_take(take: Take) -> Keyframes:
+    """What is matched of a take."""
+    message, n = take.message, len(take.knots)
+    cov = message.cov.reshape(n, 6, n, 6)[np.arange(n), :3, np.arange(n), :3]
+    sigma = np.sqrt(np.trace(cov, axis1=1, axis2=2) / 3.0)
+    return Keyframes(message.p, message.R, tuple(one.grip for one in take.keyframes), sigma)
+
+
+def refuse_strangers(takes: Sequence[Take], found: Alignment) -> None:
+    """Refuse takes of which most do nothing in common.
+
+    Raises:
+        TrackingError: names two of them.
+    """
+    if 2 * len(found.registered) > len(takes) and len(found.registered) > 1:
+        return
+    reference = next(iter(found.registered))
+    other = takes[found.strangers[0]]
+    raise TrackingError(
+        f"{takes[reference].name} ({len(takes[reference].knots)} stops) and {other.name} ({len(other.knots)} stops) "
+        "are of different tasks: fewer than half of their keyframes match; fuse takes of one task"
+    )
+
+
+def start(
+    takes: Sequence[Take], used: Sequence[int], kept: Sequence[Candidate], registered: dict[int, Registration]
+) -> tuple[Parts, State]:
+    """What belongs together, and where to begin: all in the nav of the first take that is used."""
+    device = devices_of([takes[k].message for k in used], [takes[k].device for k in used])
+    parts = Parts(
+        tuple(takes[k].message for k in used),
+        tuple(np.array([j for j, one in enumerate(kept) if k in one.own]) for k in used),
+        tuple(np.array([one.own[k] for one in kept if k in one.own]) for k in used),
+        device,
+    )
+    base = registered[used[0]]
+    back = quat_to_matrix(quat_about_z(-base.yaw))
+    here = [registered[k] for k in used]
+    errors = np.array([takes[used[device.index(d)]].message.device for d in range(max(device) + 1)])
+    return parts, State(
+        (np.array([one.p for one in kept]) - base.c) @ back.T,
+        back @ np.array([one.R for one in kept]) @ base.Q.T,
+        np.array([one.yaw - base.yaw for one in here]),
+        np.array([back @ (one.c - base.c) for one in here]),
+        np.array([one.Q @ base.Q.T for one in here]),
+        np.zeros((len(used), 3)),
+        errors,
+    )

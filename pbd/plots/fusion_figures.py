@@ -1,0 +1,76 @@
+"""Figures of takes that were made one: how each keyframe of each take lies to the task's, and the hand's scatter."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from pbd.data import Fusion, HandPath
+from pbd.plots.compare_figures import LONGEST_NAME, MOST_NAMED
+from pbd.plots.panels import XYZ
+from pbd.plots.style import AXES_RGB, GREY, INK, RUNS_RGB, legend, plain, sheet, style
+
+
+def draw_fusion(name: str, path: HandPath) -> Figure:
+    """Draw one of FUSION_FIGURES."""
+    assert path.fusion is not None
+    with style():
+        return FUSION_FIGURES[name](path.fusion)
+
+
+def match(fusion: Fusion) -> Figure:
+    """Each take's keyframes against the task's, along each axis; what is not believed is a cross."""
+    figure = sheet("Keyframes of each take, less the task's", 10.0, 6.6)
+    axes = figure.subplots(3, sharex=True, sharey=True)
+    axes[0].set_title(_subtitle(fusion))
+    k, used = np.arange(len(fusion.scatter)), [take for take in fusion.takes if not take.left_out]
+    for axis, ax in enumerate(axes):
+        ax.fill_between(k, *(sign * 1e3 * fusion.tolerance_m[:, axis] for sign in (-1, 1)), color=GREY, alpha=0.15)
+        for i, take in enumerate(used):
+            look = {"color": RUNS_RGB[i % len(RUNS_RGB)], "linestyle": "", "markersize": 4.5}
+            shift = 0.5 * (i + 0.5) / len(used) - 0.25
+            label = plain(take.name, LONGEST_NAME) if i < MOST_NAMED else None
+            out = np.isin(k, take.outliers)
+            ax.plot(k[~out] + shift, 1e3 * take.off[~out, axis], marker="o", label=label, **look)
+            ax.plot(k[out] + shift, 1e3 * take.off[out, axis], marker="x", **look)
+        ax.set_ylabel(f"{XYZ[axis]} (mm)")
+    axes[-1].set_xlabel("keyframe (grey: the tolerance that is learned)")
+    figure.align_ylabels(axes)
+    legend(figure, [axes[0]])
+    return figure
+
+
+def scatter(fusion: Fusion) -> Figure:
+    """The hand's scatter at each keyframe, with one sigma of it."""
+    figure = sheet("How the hand scatters from take to take, without the tracker's uncertainty", 10.0, 5.4)
+    upper, lower = figure.subplots(2, sharex=True, height_ratios=(3, 2))
+    upper.set_title(_subtitle(fusion))
+    k, bars = np.arange(len(fusion.scatter)), {"width": 0.22, "capsize": 2.0, "ecolor": INK}
+    for axis in range(3):
+        height = 1e3 * fusion.scatter[:, axis]
+        spread = _spread(height, fusion.unsure[:, axis])
+        upper.bar(k + 0.24 * (axis - 1), height, yerr=spread, color=AXES_RGB[axis], label=XYZ[axis], **bars)
+    upper.set_ylabel("standard deviation (mm)")
+    turn = np.degrees(fusion.turn)
+    lower.bar(k, turn, yerr=_spread(turn, fusion.unsure[:, 3]), color=GREY, **bars)
+    lower.set(ylabel="of the attitude (°)", xlabel="keyframe")
+    figure.align_ylabels([upper, lower])
+    legend(figure, [upper])
+    return figure
+
+
+def _spread(values: np.ndarray, log_sigma: np.ndarray) -> np.ndarray:
+    """One sigma of a logarithm on either side, (2, n)."""
+    return np.array((values * (1.0 - np.exp(-log_sigma)), values * (np.exp(log_sigma) - 1.0)))
+
+
+def _subtitle(fusion: Fusion) -> str:
+    used = sum(not take.left_out for take in fusion.takes)
+    return f"{used} of {len(fusion.takes)} takes, {len(fusion.scatter)} keyframes"
+
+
+FUSION_FIGURES: Mapping[str, Callable[[Fusion], Figure]] = MappingProxyType({"match": match, "scatter": scatter})
+"""By the name of its file."""

@@ -1,0 +1,89 @@
+"""`pbd fuse` and `pbd record --take`: a demonstration that lists its takes, and what may be wrong with it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pbd.cli.record import held
+from pbd.files.calibration import load_calibration
+from pbd.files.demo import load_demo, write_demo
+from pbd.files.keyframes import read_keyframes
+from tests.benchmarks.fuse import Scenario, takes_of
+from tests.cli.running import Capture, refused, run, run_json
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with three takes of one task, and one of another."""
+    folder = tmp_path_factory.mktemp("fuse")
+    for k, demo in enumerate(takes_of(Scenario("wt901", 3), 3)[0]):
+        write_demo(demo, folder / "demos" / f"tea{k + 1}")
+    write_demo(takes_of(Scenario("wt901", 1), 4)[0][0], folder / "demos" / "other")
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def there(bench: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(bench)
+    return bench
+
+
+def test_a_fused_demonstration_is_one_like_any_other(capsys: Capture) -> None:
+    told = run_json(
+        capsys, "fuse", "tea1", "tea2", "tea3", "-o", "tea", "--save-calibration", "mine", "--plot", "plots"
+    )
+    assert [take["keyframes"] for take in told["takes"]] == [list(range(7))] * 3
+    assert sorted(path.name for path in Path("plots").iterdir()) == ["match.png", "scatter.png"]
+    assert load_calibration("mine").sensor is not None
+    assert [take.recording.info.name for take in load_demo("tea").takes] == ["tea1", "tea2", "tea3"]
+    assert not Path("demos/tea/imu.csv").exists()
+    found = run_json(capsys, "keyframes", "tea", "--save")["keyframes"]
+    np.testing.assert_allclose([one["position_m"] for one in found], [one["position_m"] for one in told["keyframes"]])
+    saved = read_keyframes(Path("demos/tea/keyframes.toml"))
+    learned = [one["tolerance_m"] for one in told["keyframes"]]
+    np.testing.assert_allclose([one.tolerance_m for one in saved if one.tolerance_m is not None], learned, atol=5e-5)
+    Path("demos/tea/keyframes.toml").unlink()
+    code, _, err = run(capsys, "export", "tea", "--robot", "ur5", "-o", "tea.npz", "--path", "demo")
+    assert code == 0, err
+
+
+def test_a_take_is_added_by_a_line_in_demo_toml(capsys: Capture) -> None:
+    run_json(capsys, "fuse", "tea1", "tea2", "-o", "two")
+    file = Path("demos/two/demo.toml")
+    before = run_json(capsys, "keyframes", "two")["keyframes"]
+    file.write_text(file.read_text() + '\n[[take]]\ndemo = "../tea3"\n')
+    after = run_json(capsys, "keyframes", "two")["keyframes"]
+    assert after[3]["sigma_m"][0] < before[3]["sigma_m"][0]
+
+
+def test_a_take_that_is_not_there_is_named_with_its_line(capsys: Capture) -> None:
+    folder = Path("demos/gone")
+    folder.mkdir()
+    takes = '[[take]]\ndemo = "../tea1"\n[[take]]\ndemo = "../tea9"\n'
+    (folder / "demo.toml").write_text(f'format = 1\nname = "gone"\nsensor = "wt901"\n{takes}')
+    line = "demos/gone/demo.toml:7: [take] demo names demos/gone/../tea9, where there is no demonstration; correct it"
+    assert line in refused(capsys, 1, "keyframes", "gone")
+
+
+def test_one_take_is_wrong_usage(capsys: Capture) -> None:
+    assert "name two takes or more" in refused(capsys, 2, "fuse", "tea1", "-o", "one")
+
+
+def test_takes_of_two_tasks_are_refused_and_nothing_is_written(capsys: Capture) -> None:
+    assert "are of different tasks" in refused(capsys, 1, "fuse", "tea1", "other", "-o", "both")
+    assert not Path("demos/both").exists()
+
+
+def test_the_guide_says_how_to_hold_the_sensor_and_why() -> None:
+    assert "as you like" in held(1)
+    assert "quarter about the vertical" in held(2)
+    assert "level axis" in held(3)
+    assert "its own errors then point elsewhere" in held(3)
+    assert [held(take).partition(": ")[2] for take in (5, 6, 7)] == [held(k).partition(": ")[2] for k in (2, 3, 4)]
+
+
+def test_a_take_without_a_name_is_wrong_usage(capsys: Capture) -> None:
+    assert "--take needs the task's NAME" in refused(capsys, 2, "record", "--take", "2", "--sensor", "sim:pour")

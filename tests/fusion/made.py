@@ -1,0 +1,77 @@
+"""Takes made for tests: as messages without a recording, and as recordings of a simulated hand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pbd.fusion.joint import Parts, State
+from pbd.fusion.messages import DEVICE, Message
+from pbd.pose import Array, quat_about_z, quat_exp, quat_to_matrix
+
+PRIOR = np.diag(np.concatenate((np.full(16, 1e4), [1e3], np.full(3, 25.0))))
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """A task, and how each take differs from the first."""
+
+    m: Array
+    A: Array
+    yaw: Array
+    c: Array
+    Q: Array
+    lever: Array
+
+
+def rotations(vectors: Array) -> Array:
+    """Matrices (..., 3, 3) of rotation vectors."""
+    return quat_to_matrix(quat_exp(vectors))
+
+
+def truth(takes: int, seed: int = 0, count: int = 6) -> Truth:
+    """A task of some keyframes; the first take defines the frame."""
+    rng = np.random.default_rng(seed)
+    moved = (np.arange(takes) > 0)[:, None]
+    return Truth(
+        rng.uniform(-0.2, 0.2, (count, 3)),
+        rotations(0.8 * rng.normal(size=(count, 3))),
+        moved[:, 0] * rng.uniform(-3.0, 3.0, takes),
+        moved * rng.normal(size=(takes, 3)),
+        rotations(moved * rng.normal(size=(takes, 3))),
+        moved * 0.01 * rng.normal(size=(takes, 3)),
+    )
+
+
+def parts(true: Truth, hand: Array, sigma: float, seed: int = 0, off: Array | None = None) -> Parts:
+    """What takes of a task say that miss each keyframe by `hand` (m), tracked with `sigma` (m, and rad / 100).
+
+    `off` (K, J, 3) m is added to their positions. The device's errors are known.
+    """
+    rng, messages = np.random.default_rng(seed), []
+    takes, count = len(true.yaw), len(true.m)
+    for k in range(takes):
+        back = quat_to_matrix(quat_about_z(-float(true.yaw[k])))
+        p = true.m + hand * rng.normal(size=(count, 3)) + true.A @ true.lever[k] - true.c[k]
+        p = p + (0.0 if off is None else off[k]) + sigma * rng.normal(size=(count, 3))
+        R = back @ true.A @ true.Q[k].T
+        cov = np.diag(np.tile(np.repeat((sigma**2, (0.01 * sigma) ** 2), 3), count)) + 1e-14 * np.eye(6 * count)
+        none, zero = np.zeros(DEVICE), np.zeros((DEVICE, DEVICE))
+        by_device = np.zeros((6 * count, DEVICE))
+        messages.append(Message(p @ back.T, R, by_device, cov, none, zero, none, PRIOR, none))
+    at = (np.arange(count),) * takes
+    return Parts(tuple(messages), at, at, (0,) * takes)
+
+
+def begun(true: Truth) -> State:
+    """A start nearby, as alignment gives it."""
+    return State(
+        true.m + 0.003,
+        rotations(np.full(3, 0.02)) @ true.A,
+        true.yaw + 0.02 * (true.yaw != 0.0),
+        true.c,
+        true.Q,
+        np.zeros_like(true.lever),
+        np.zeros((1, DEVICE)),
+    )

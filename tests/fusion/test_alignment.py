@@ -1,0 +1,68 @@
+"""Keyframes of takes are matched whatever the frame, with stops more or less."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pbd.fusion.alignment import Keyframes, Registration, align, by_moves, register
+from tests.fusion.made import rotations
+
+
+def keyframes(seed: int = 0, count: int = 7) -> Keyframes:
+    rng = np.random.default_rng(seed)
+    p, R = rng.uniform(-0.2, 0.2, (count, 3)), rotations(rng.normal(size=(count, 3)))
+    return Keyframes(p, R, (None,) * count, np.full(count, 1e-3))
+
+
+def some(one: Keyframes, index: list[int]) -> Keyframes:
+    return Keyframes(one.p[index], one.R[index], tuple(one.grip[i] for i in index), one.sigma[index])
+
+
+ELSEWHERE = Registration(2.0, np.array((1.0, -2.0, 0.3)), rotations(np.array((0.0, 1.5, 0.2))))
+
+
+def test_a_take_in_another_frame_with_stops_missing_is_matched_by_its_moves() -> None:
+    here = keyframes()
+    there = ELSEWHERE.of(some(here, [0, 1, 3, 4, 6]))
+    assert by_moves(here, there) == [(0, 0), (1, 1), (3, 2), (4, 3), (6, 4)]
+
+
+def test_registration_finds_the_frame_and_how_the_sensor_sits() -> None:
+    here = keyframes()
+    there = ELSEWHERE.of(here)
+    back = register(here, there, [(i, i) for i in range(len(here))]).of(there)
+    np.testing.assert_allclose(back.p, here.p, atol=1e-4)
+    np.testing.assert_allclose(back.R, here.R, atol=1e-3)
+
+
+def test_what_most_takes_have_is_kept_even_if_the_first_has_it_not() -> None:
+    whole = keyframes()
+    takes = [some(whole, [0, 1, 2, 4, 5, 6]), whole, ELSEWHERE.of(whole), some(whole, [0, 1, 2, 3, 4, 6])]
+    found = align(takes)
+    assert [sorted(one.own.items()) for one in found.kept()][3] == [(1, 3), (2, 3), (3, 3)]
+    assert len(found.kept()) == 7
+
+
+def test_what_few_takes_have_is_left_out() -> None:
+    whole = keyframes()
+    found = align([whole, some(whole, [0, 1, 2, 4, 5, 6]), some(whole, [0, 1, 2, 4, 5, 6])])
+    assert [one.own[0] for one in found.kept()] == [0, 1, 2, 4, 5, 6]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_another_task_is_a_stranger(seed: int) -> None:
+    task = keyframes(seed)
+    assert align([task, ELSEWHERE.of(task), keyframes(seed + 100)]).strangers == (2,)
+
+
+def test_grips_tell_stops_apart_that_lie_side_by_side() -> None:
+    one = keyframes(count=6)
+    p = one.p.copy()
+    p[3] = p[2] + 0.01  # as near as a hand scatters
+    R = one.R.copy()
+    R[3] = R[2]
+    grip = (None, None, True, None, None, None)
+    here = Keyframes(p, R, grip, one.sigma)
+    there = some(Keyframes(p, R, (None, None, None, True, None, None), one.sigma), [0, 1, 3, 4, 5])
+    assert (2, 2) in by_moves(here, there)

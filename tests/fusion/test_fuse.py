@@ -1,0 +1,109 @@
+"""Simulated takes of one device: better than each, one path, one device found, another told apart."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import pbd
+from pbd.data import Demonstration, HandPath
+from pbd.errors import RecordingError, TrackingError
+from pbd.fusion.calibration import device_errors
+from pbd.pipeline import track
+from pbd.simulation.sensor_model import SENSOR_MODELS
+from pbd.tracking.keyframes import find_keyframes
+from tests.benchmarks.fuse import Scenario, hand_poses, one_device, takes_of
+from tests.benchmarks.fuse import _shape as shape_errors
+
+SEED = 3
+
+
+@pytest.fixture(scope="module")
+def takes() -> list[Demonstration]:
+    return takes_of(Scenario("wt901", 4), SEED)[0]
+
+
+@pytest.fixture(scope="module")
+def path(takes: list[Demonstration]) -> HandPath:
+    return pbd.fuse(takes)
+
+
+def size(path: HandPath) -> float:
+    """Median error of the keyframes, m."""
+    true, _ = hand_poses(takes_of(Scenario("wt901", 1), SEED)[1])
+    p = path.p_nav_sensor[[stop.start for stop in path.stops]]
+    return float(np.median(np.linalg.norm(shape_errors(p, true), axis=1)))
+
+
+def test_four_takes_are_better_and_surer_than_each(path: HandPath, takes: list[Demonstration]) -> None:
+    alone = [track(take.recording) for take in takes]
+    assert size(path) < 0.7 * float(np.mean([size(one) for one in alone]))
+    assert np.trace(path.cov[-1, :3, :3]) < 0.5 * min(np.trace(one.cov[-1, :3, :3]) for one in alone)
+
+
+def test_the_path_goes_through_its_keyframes_as_one(path: HandPath) -> None:
+    assert path.tracking is not None
+    assert len(path.tracking.recording) == len(path.t)
+    middles = [0.5 * (path.t[stop.start] + path.t[stop.stop - 1]) for stop in path.stops]
+    assert [keyframe.t for keyframe in find_keyframes(path)] == pytest.approx(middles)
+    steps = np.diff(path.p_nav_sensor, axis=0) - 0.5 * np.diff(path.t)[:, None] * (
+        path.v_nav_sensor[1:] + path.v_nav_sensor[:-1]
+    )
+    assert np.abs(steps).max() < 1e-3
+    assert np.linalg.norm(np.diff(path.p_nav_sensor, axis=0), axis=1).max() < 0.015
+    np.testing.assert_allclose(path.p_nav_sensor[0], 0.0, atol=1e-12)
+    for stop in path.stops:
+        assert not path.v_nav_sensor[stop.start : stop.stop].any()
+
+
+def test_learned_tolerances_are_the_keyframes(path: HandPath) -> None:
+    assert path.fusion is not None
+    for k, keyframe in enumerate(find_keyframes(path)):
+        assert keyframe.tolerance_m is not None
+        np.testing.assert_allclose(keyframe.tolerance_m, 2.0 * path.fusion.scatter[k])
+
+
+def test_the_device_is_found(path: HandPath) -> None:
+    """A calibration of it makes gravity equally long, whichever side is up."""
+    errors, _ = device_errors(path)
+    assert errors.acc is not None
+    up = np.random.default_rng(0).normal(size=(50, 3))
+    gravity = 9.81 * up / np.linalg.norm(up, axis=1, keepdims=True)
+    device = replace(one_device(SENSOR_MODELS["wt901"], SEED).acc, noise=0.0, bias_walk=0.0, step=0.0)
+    read = device.measure(gravity, np.ones(50), np.random.default_rng(0))
+    assert np.ptp(np.linalg.norm(read, axis=1)) > 0.2
+    assert np.ptp(np.linalg.norm(errors.acc.true(read), axis=1)) < 0.03
+
+
+def test_a_device_of_the_same_name_is_told_apart(takes: list[Demonstration]) -> None:
+    own, _ = takes_of(Scenario("wt901", 1), SEED)
+    assert own[0].recording.info.sensor == takes[0].recording.info.sensor
+    another = takes_of(Scenario("wt901", 2), SEED, device=17)[0][1]
+    fused = pbd.fuse([*takes[:2], renamed(another, "other")])
+    assert fused.fusion is not None
+    assert [take.device for take in fused.fusion.takes] == [0, 0, 1]
+
+
+def renamed(demo: Demonstration, name: str) -> Demonstration:
+    return replace(demo, recording=replace(demo.recording, info=replace(demo.recording.info, name=name)))
+
+
+def test_what_can_not_be_fused_is_refused(takes: list[Demonstration]) -> None:
+    with pytest.raises(RecordingError, match="needs two takes of a task or more, got 1"):
+        pbd.fuse(takes[:1])
+    with pytest.raises(RecordingError, match="'again' is the same recording as 'take 1'; name each take once"):
+        pbd.fuse([takes[0], renamed(takes[0], "again")])
+    other = renamed(takes_of(Scenario("wt901", 1), SEED + 1)[0][0], "other")
+    with pytest.raises(TrackingError, match=r"take 1 .* and other .* are of different tasks"):
+        pbd.fuse([takes[0], other])
+    with pytest.raises(TrackingError, match="fused by the default method only"):
+        track(replace(takes[0], takes=tuple(takes)), method="paper")
+
+
+def test_an_outlier_take_is_named_and_left_out(takes: list[Demonstration]) -> None:
+    far = renamed(takes_of(Scenario("wt901", 1, scatter_m=0.025), SEED)[0][0], "far")
+    with pytest.warns(match="far is left out: it is far from the other takes"):
+        fused = pbd.fuse([far, *takes[1:]])
+    assert len(fused.stops) == 7

@@ -1,0 +1,89 @@
+"""The joint estimate finds what a task was made from, the hand's scatter, and outliers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pbd.fusion.joint import State, _Columns, _moved, _residuals, estimate_jointly
+from pbd.fusion.outliers import believed, disagreement
+from pbd.fusion.scatter import alike, each
+from pbd.pose import Array
+from tests.fusion.made import begun, parts, truth
+
+MM = 1e-3
+
+
+def test_the_derivatives_are_those_of_the_residuals() -> None:
+    true = truth(3)
+    takes, x = parts(true, np.array(0.0), MM), begun(true)
+    columns = _Columns(len(x.m), 3, 1)
+    r, J = _residuals(takes, x, columns)
+    steps = 1e-6 * np.eye(columns.count)
+    found = np.column_stack([(_residuals(takes, _moved(x, step, columns), columns)[0] - r) / 1e-6 for step in steps])
+    np.testing.assert_allclose(found, J, atol=0.03)  # a rotation's residual of 0.03 rad is linear to so much
+
+
+def test_frames_levers_and_how_sensors_sit_are_found_without_being_told() -> None:
+    true = truth(4)
+    found = estimate_jointly(parts(true, np.array(0.0), 1e-5), begun(true), alike(6)).state
+    np.testing.assert_allclose(found.m, true.m, atol=5e-5)
+    np.testing.assert_allclose(found.A, true.A, atol=1e-3)
+    np.testing.assert_allclose(found.lever, true.lever, atol=2e-4)
+    np.testing.assert_allclose(found.Q, true.Q, atol=1e-3)
+
+
+@pytest.mark.parametrize(("hand", "sigma", "low", "high"), [(4.0, 1.0, 3.2, 4.8), (0.0, 4.0, 0.0, 1.6)])
+def test_the_hands_scatter_is_told_from_the_trackers(hand: float, sigma: float, low: float, high: float) -> None:
+    true = truth(8)
+    scatter = estimate_jointly(parts(true, np.array(hand * MM), sigma * MM), begun(true), alike(6)).scatter
+    assert low * MM < np.exp(scatter.log[2]) < high * MM
+
+
+def test_a_keyframe_that_scatters_along_one_axis_is_found() -> None:
+    true, hand = truth(8), np.full((6, 3), MM)
+    hand[3, 1] = 8.0 * MM
+    takes = parts(true, hand, 0.3 * MM)
+    joint = estimate_jointly(takes, begun(true), alike(6))
+    sigma = estimate_jointly(takes, joint.state, each(joint.scatter)).scatter.sigma[:, :3]
+    assert divmod(int(np.argmax(sigma)), 3) == (3, 1)
+    assert sigma[3, 1] > 2.0 * np.median(sigma)
+
+
+def off(where: tuple[int, int], by: float, takes: int = 4) -> Array:
+    values = np.zeros((takes, 6, 3))
+    values[where] = by
+    return values
+
+
+@pytest.mark.parametrize(
+    ("where", "by", "take", "keyframes"), [((2, 4), 0.03, None, ((2, 4),)), ((0, 0), 0.0, None, ())]
+)
+def test_a_keyframe_of_a_take_that_fits_no_other_is_left_out(
+    where: tuple[int, int], by: float, take: int | None, keyframes: tuple[tuple[int, int], ...]
+) -> None:
+    true = truth(4)
+    takes = parts(true, np.array(2.0 * MM), MM, off=off(where, by))
+    found = believed(takes, estimate_jointly(takes, begun(true), alike(6)))[2]
+    assert (found.take, found.keyframes) == (take, keyframes)
+
+
+def test_a_take_that_is_off_everywhere_is_an_outlier() -> None:
+    true, away = truth(4), np.random.default_rng(1).normal(scale=0.03, size=(4, 6, 3))
+    away[[0, 1, 3]] = 0.0
+    takes = parts(true, np.array(2.0 * MM), MM, off=away)
+    assert believed(takes, estimate_jointly(takes, begun(true), alike(6)))[2].take == 2
+
+
+def test_of_two_takes_none_is_blamed() -> None:
+    true = truth(2)
+    takes = parts(true, np.array(2.0 * MM), MM, off=off((1, 3), 0.05, takes=2))
+    joint, _, found = believed(takes, estimate_jointly(takes, begun(true), alike(6)))
+    assert (found.take, found.keyframes) == (None, ())
+    assert disagreement(takes, joint, ["tea1", "tea2"]).startswith("tea1 and tea2 differ at keyframe 3")
+
+
+def test_the_frame_is_the_first_takes() -> None:
+    true = truth(3)
+    found: State = estimate_jointly(parts(true, np.array(MM), MM), begun(true), alike(6)).state
+    assert (found.yaw[0], *found.c[0], *found.lever[0]) == (0.0, *true.c[0], 0.0, 0.0, 0.0)
