@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pbd.calibration.success import success_of
 from pbd.calibration.uncertainty import tool_covariances
 from pbd.data import Demonstration, HandPath, Keyframe, Robot, Samples
 from pbd.planning import Plan, PlanOptions, arm_of, scene_of
@@ -57,13 +58,24 @@ def replay_scene(
         table_height=plan.calibration.table_height,
         grasped=demo.grasped,
         phases=object_stays(scene_of(arm, plan.calibration, demo.grasped), plan.trajectory),
-        notes=tuple(note for note in (demo.notes, *warnings) if note),
+        notes=tuple(note for note in (demo.notes, _chance(path, plan, options), *warnings) if note),
         touching=_touching(plan),
         obstacles=plan.calibration.obstacles,
         rod=_rod(arm),
         torque=None if plan.report.torque is None else plan.report.torque.share,
         detours=detours(plan),
     )
+
+
+def _chance(path: HandPath, plan: Plan, options: PlanOptions) -> str:
+    """How likely the tool is within its tolerance at each keyframe that has one; "" where none has."""
+    known = [k for k, keyframe in enumerate(plan.keyframes) if keyframe.tolerance_m is not None]
+    if not known:
+        return ""
+    found = success_of(path, plan.keyframes, plan.T_base_nav, plan.calibration, options.scale)
+    weakest = min(known, key=lambda k: float(found.of_each[k]))
+    chance = f"{100.0 * found.of_each[weakest]:.0f} %"
+    return f"all keyframes are within their tolerances: {found.band}; least likely is keyframe {weakest}, {chance}"
 
 
 def _allowed(keyframe: Keyframe, R_base_nav: Array) -> Array | None:

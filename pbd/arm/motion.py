@@ -119,8 +119,6 @@ class _Search:
             move.leave_path()
         return cost
 
-    # --- mending ------------------------------------------------------------------------------------------------------
-
     def _mend_all(self, barred: Barred) -> Refusal | None:
         """Mend what is barred, from the last on; where that puts in layers, the search tells anew what else is."""
         refusal, count = None, len(self.ladder.layers)
@@ -281,8 +279,6 @@ class _Search:
         moves = [replace(move, remedies=list(move.remedies), hits=dict(move.hits)) for move in self.moves]
         return self.ladder.copy(), links, moves, self.no_way_back
 
-    # --- what was found -----------------------------------------------------------------------------------------------
-
     def _refuse(self, i: int) -> Refusal:
         move, unfollowed = self.moves[i], None
         if move.kind not in move.hits and move.kind != STRAIGHT:
@@ -294,12 +290,14 @@ class _Search:
 
     def _alone(self, i: int) -> Hit | None:
         """Return what the tool's path to keyframe i touches where nothing else holds the arm back."""
+        if self.queries is None:
+            return None
         ends, move = self.request.T_base_tool[i - 1 : i + 1], self.moves[i]
         before = next(place for place, link in enumerate(self.links) if link.keyframe == i)
         hand = self.request.hand
         q_start = self.ladder.layers[before].q[0]
         alone = MotionRequest(ends, q_start, False, None, move.kind, hand and (lambda: hand()[i - 1 : i]))
-        found = None if self.queries is None else choose_motion(self.arm, alone, None)
-        if self.queries is None or not isinstance(found, Motion):
-            return None
-        return self.queries.moving(i, np.vstack((found.q[:1], found.segments[1].q)))
+        found = choose_motion(self.arm, alone, None)
+        return (
+            self.queries.moving(i, np.vstack((found.q[:1], found.segments[1].q))) if isinstance(found, Motion) else None
+        )

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from pbd.pose import Array
+from pbd.calibration.touch_up import keyframes_covariance, touch_up
+from pbd.calibration.uncertainty import joint_tool_covariance
+from pbd.data import Calibration, HandPath, Keyframe
+from pbd.pose import Array, Pose, quat_to_matrix
 
 DRAWS = 20_000
 """Draws of all errors together: a probability of 90 % is right within 0.2 %, far below what a covariance is worth."""
 
 BANDS = ((0.5, "under 50 %"), (0.9, "50 to 90 %"), (np.inf, "over 90 %"))
 """What is told: bands, since a covariance is no more exact than that (tests/benchmarks/success.py)."""
+
+ANYWHERE_M = 1e3
+"""A tolerance of what may be anywhere, m."""
 
 
 class Success(NamedTuple):
@@ -25,6 +32,37 @@ class Success(NamedTuple):
     def band(self) -> str:
         """That of all, as it is told."""
         return next(words for bound, words in BANDS if self.of_all < bound)
+
+
+def success_of(
+    path: HandPath,
+    keyframes: Sequence[Keyframe],
+    T_base_nav: Pose,
+    calibration: Calibration,
+    scale: float = 1.0,
+    within_m: float | None = None,
+    within_rad: float = np.inf,
+) -> Success:
+    """Say how likely the tool is where it belongs, after touch-ups.
+
+    Args:
+        path: of the keyframes, which err together.
+        keyframes: with their own tolerances; one without may be anywhere.
+        T_base_nav: of `nav_in_base`.
+        calibration: its own scale multiplies `scale`.
+        scale: of the hand's positions.
+        within_m: a tolerance for all of them instead, with `within_rad`.
+    """
+    cov = joint_tool_covariance(keyframes_covariance(path, keyframes), keyframes, T_base_nav, calibration, scale)
+    touch_ups = () if path.tracking is None else path.tracking.demo.touch_ups
+    R = quat_to_matrix(T_base_nav.wxyz)
+    if within_m is None:
+        axes = [np.full(3, ANYWHERE_M) if each.tolerance_m is None else each.tolerance_m for each in keyframes]
+        turns = [np.inf if each.tolerance_rad is None else each.tolerance_rad for each in keyframes]
+    else:
+        axes, turns = [np.full(3, within_m)] * len(keyframes), [within_rad] * len(keyframes)
+    tolerance_m = np.array([R @ np.diag(each**2) @ R.T for each in axes])
+    return success(touch_up(touch_ups, keyframes, T_base_nav, cov).cov, tolerance_m, np.array(turns))
 
 
 def success(cov_base_tool: Array, tolerance_m: Array, tolerance_rad: Array | float = np.inf) -> Success:

@@ -14,9 +14,9 @@ import numpy as np
 
 from pbd.calibration.dock import nav_in_base
 from pbd.calibration.frames import tool_poses
-from pbd.calibration.success import Success, success
-from pbd.calibration.touch_up import keyframes_covariance, touch_up, touched_poses
-from pbd.calibration.uncertainty import base_sigmas, joint_tool_covariance, tool_covariances
+from pbd.calibration.success import Success, success_of
+from pbd.calibration.touch_up import touched_poses
+from pbd.calibration.uncertainty import base_sigmas, tool_covariances
 from pbd.cli.console import print_json, say
 from pbd.cli.options import UsageError
 from pbd.cli.steps import load_arm, load_demonstration, named_calibration, plan_options, track_demonstration
@@ -24,7 +24,7 @@ from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Robot, Sens
 from pbd.data.sigma import keyframe_sigmas, or_none
 from pbd.errors import RecordingError, listed
 from pbd.files.keyframes import NAME, write_keyframes
-from pbd.pose import Array, Pose, quat_to_matrix
+from pbd.pose import Array, Pose
 from pbd.view.calibration_tables import base_table
 from pbd.view.tables import joints_table, keyframes_table, print_csv, print_table
 
@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> None:
     in_base = bool(args.calibration) and calibration is not None and _add_base(args, rows, path, keyframes, calibration)
     if robot is not None and calibration is not None:
         _add_joints(args, rows, path, keyframes, robot, calibration)
-    inside = None if args.tolerance is None else _success(args, path, keyframes, calibration)
+    inside = _success(args, path, keyframes, calibration)
     for row, probability in zip(rows, () if inside is None else inside.of_each.tolist(), strict=inside is not None):
         row["probability"] = probability
     if args.json:
@@ -75,22 +75,21 @@ def run(args: argparse.Namespace) -> None:
 
 def _success(
     args: argparse.Namespace, path: HandPath, keyframes: tuple[Keyframe, ...], calibration: Calibration | None
-) -> Success:
-    """How likely the tool is where it belongs; a keyframe's own tolerance comes before the option's."""
+) -> Success | None:
+    """How likely the tool is where it belongs: by --tolerance, or by the keyframes' own where any has one."""
+    docked = calibration is not None and (calibration.T_base_dock is not None or calibration.T_base_nav is not None)
+    if args.tolerance is None and not (docked and any(each.tolerance_m is not None for each in keyframes)):
+        return None
     if calibration is None:
         raise UsageError("--tolerance is about the robot's tool: name the robot (--robot), or a calibration")
+    T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
+    if args.tolerance is None:
+        return success_of(path, keyframes, T_base_nav, calibration, args.scale)
     within_m, *within_deg = args.tolerance
     if within_m <= 0.0 or len(within_deg) > 1 or min(within_deg, default=1.0) <= 0.0:
         raise UsageError("--tolerance takes METRES, or METRES DEGREES, above zero")
-    T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
-    cov = keyframes_covariance(path, keyframes)
-    cov = joint_tool_covariance(cov, keyframes, T_base_nav, calibration, args.scale)
-    touch_ups = () if path.tracking is None else path.tracking.demo.touch_ups
-    cov = touch_up(touch_ups, keyframes, T_base_nav, cov).cov
-    R, all_rad = quat_to_matrix(T_base_nav.wxyz), math.radians(within_deg[0]) if within_deg else math.inf
-    own = [np.full(3, within_m) if each.tolerance_m is None else each.tolerance_m for each in keyframes]
-    turns = [all_rad if each.tolerance_rad is None else each.tolerance_rad for each in keyframes]
-    return success(cov, np.array([R @ np.diag(axes**2) @ R.T for axes in own]), np.array(turns))
+    within_rad = math.radians(within_deg[0]) if within_deg else math.inf
+    return success_of(path, keyframes, T_base_nav, calibration, args.scale, within_m, within_rad)
 
 
 def _things(keyframes: tuple[Keyframe, ...], rows: Rows) -> list[dict[str, Any]]:

@@ -57,7 +57,7 @@ def add_keyframes(commands: Commands) -> None:
         "these keyframes belong to a thing, which `pbd replay --at` moves: cup=3..5, or lid=6..7@cup: carried by it"
     )
     parser.add_argument("--frame", type=frame, action="append", default=[], metavar="THING=I..J", help=belongs)
-    within = "how likely the tool is so near to where it belongs at each keyframe (and turned by no more)"
+    within = "how likely the tool is so near to where it belongs, and turned by no more (the keyframes' own tolerances)"
     parser.add_argument("--tolerance", type=finite, nargs="+", metavar=("METRES", "DEGREES"), help=within)
     add_tracking(parser, calibration="with --robot its own dock, else 'default'; without, none")
     add_planning(parser, robot_required=False, units=False)
