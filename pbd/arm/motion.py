@@ -27,7 +27,7 @@ from pbd.arm.joint_path import (
     add_turns,
     build_ladder,
     layers_along,
-    over_limits,
+    turnable,
     widen,
 )
 from pbd.arm.ladder import Barred, Ladder
@@ -86,11 +86,10 @@ class _Search:
         self.before_line: tuple[Ladder, list[Link], list[Move], Hit | None] | None = None
         self.unwound: set[int] = set()
         self.links = [Link(place) for place in range(len(ladder.layers) - 1)]
-        self.moves = [Move(STRAIGHT, ["widen"]) for _ in self.links]
+        may_detour = request.detour and queries is not None
+        self.moves = [Move(STRAIGHT, remedies_of(request, i, may_detour=may_detour)) for i in range(len(self.links))]
         for i in range(1, self.n if request.kind != STRAIGHT else 1):
             self._follow_path(i + 1, request.kind)
-        for i, move in enumerate(self.moves):
-            move.remedies = remedies_of(request, i, may_detour=request.detour and queries is not None)
 
     def run(self) -> Motion | Refusal:
         while True:
@@ -267,9 +266,7 @@ class _Search:
 
     def _unwind(self, i: int, q_before: Array, q: Array) -> bool:
         """Let a joint that turned back, or that a direct move leads over its limit, be a whole turn elsewhere."""
-        over = over_limits(self.arm, self.request.T_base_tool[i], q_before)
-        back = np.abs(q - q_before) > np.pi
-        joints = set(np.flatnonzero((over | back) & (self.arm.turns > 0.0)).tolist()) - self.unwound
+        joints = turnable(self.arm, self.request.T_base_tool[i], q_before, q) - self.unwound
         self.unwound |= joints
         places = [place for place, link in enumerate(self.links, start=1) if link.keyframe < self.n]
         return sum(add_turns(self.arm, self.ladder, place, joint) for joint in joints for place in places) > 0
@@ -298,6 +295,6 @@ class _Search:
         q_start = self.ladder.layers[before].q[0]
         alone = MotionRequest(ends, q_start, False, None, move.kind, hand and (lambda: hand()[i - 1 : i]))
         found = choose_motion(self.arm, alone, None)
-        return (
-            self.queries.moving(i, np.vstack((found.q[:1], found.segments[1].q))) if isinstance(found, Motion) else None
-        )
+        if not isinstance(found, Motion):
+            return None
+        return self.queries.moving(i, np.vstack((found.q[:1], found.segments[1].q)))

@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 
 from pbd.data import HandPath, Keyframe
 from pbd.data.covariance import PoseCovariance
+from pbd.fusion.alignment import TURN_LEVER_M
 from pbd.pipeline import track
 from pbd.plots.compare import (
-    TURN_LEVER_M,
     ComparePlot,
     Tracked,
     compare_plot,
