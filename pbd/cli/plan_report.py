@@ -51,10 +51,10 @@ def say_torque(demo: Demonstration, robot: Robot, plan: Plan, options: PlanOptio
 
 
 def moves_json(plan: Plan) -> list[dict[str, Any]]:
-    """How the arm comes to each keyframe after the first; and to that and away from the last, where by a detour."""
+    """How the arm comes to each keyframe after the first; and to that, and home (null), where by a detour."""
     ways = enumerate([*plan.segments, plan.back] if plan.back else plan.segments)
     return [
-        {"keyframe": i, "kind": way.kind, "off_line_m": way.off_line_m}
+        {"keyframe": i if i < len(plan.segments) else None, "kind": way.kind, "off_line_m": way.off_line_m}
         for i, way in ways
         if 0 < i < len(plan.segments) or way.kind == "detour"
     ]

@@ -96,7 +96,7 @@ class Sheet:
 
     def _read_fast(self, columns: list[int], dated: list[int]) -> Array:
         first = self.body.lstrip().partition("\n")[0].split(self.delimiter)
-        plain = all(re.fullmatch(r"\s*[-+.\deE]+\s*", first[k]) for k in dated)
+        plain = all(k < len(first) and re.fullmatch(r"\s*[-+.\deE]+\s*", first[k]) for k in dated)
         return np.loadtxt(
             self._filled(),
             delimiter=self.delimiter,

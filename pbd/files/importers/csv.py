@@ -154,7 +154,7 @@ def _magnetometer_beside(path: Path, t: Array) -> Array | None:
         return None
     sheet = open_sheet(beside, foreign=True)
     found = understand(beside, sheet.header, sheet.preamble, {}, {})
-    if not found.of("t") or not found.of("mag"):
+    if not found.of("t") or len(found.of("mag")) < len(CHANNELS["mag"]):
         return None
     table = sheet.read([column.name for column in found.columns])
     t_mag, mag = _values(table, found.of("t")), _values(table, found.of("mag"))
