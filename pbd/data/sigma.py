@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -25,6 +25,6 @@ def keyframe_sigmas(covs: Sequence[Array]) -> Array:
     return sigma
 
 
-def or_none(values: Array) -> list[float | None]:
+def or_none(values: Iterable[float]) -> list[float | None]:
     """For JSON: numbers, and None where there is none."""
     return [float(x) if np.isfinite(x) else None for x in values]

@@ -12,6 +12,7 @@ from rich.table import Table
 
 from pbd.calibration.correspondence import rows_in_order
 from pbd.data import HandPath, Keyframe
+from pbd.data.sigma import or_none
 from pbd.fusion.alignment import TURN_LEVER_M
 from pbd.pose import (
     Array,
@@ -222,15 +223,11 @@ def spread_rows(plot: ComparePlot) -> list[dict[str, Any]]:
             "index": number,
             "keyframes": list(keyframe.own),
             "position_m": keyframe.p.tolist(),
-            "spread_m": [_or_none(x) for x in keyframe.spread.tolist()],
-            "spread_deg": _or_none(float(np.degrees(keyframe.turn))),
-            "sigma_m": [_or_none(x) for x in keyframe.sigma.tolist()],
+            "spread_m": or_none(keyframe.spread),
+            "spread_deg": or_none([np.degrees(keyframe.turn)])[0],
+            "sigma_m": or_none(keyframe.sigma),
             "furthest": plot.runs[keyframe.furthest].name,
             "furthest_m": keyframe.furthest_m,
         }
         for number, keyframe in enumerate(plot.keyframes)
     ]
-
-
-def _or_none(value: float) -> float | None:
-    return value if np.isfinite(value) else None
