@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -23,8 +23,3 @@ def keyframe_sigmas(covs: Sequence[Array]) -> Array:
     sigma = np.array([one_sigma(cov) for cov in covs]).reshape(-1, 6)
     sigma[:1, :3] = np.nan_to_num(sigma[:1, :3])
     return sigma
-
-
-def or_none(values: Iterable[float]) -> list[float | None]:
-    """For JSON: numbers, and None where there is none."""
-    return [float(x) if np.isfinite(x) else None for x in values]

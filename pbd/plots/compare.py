@@ -12,7 +12,6 @@ from rich.table import Table
 
 from pbd.calibration.correspondence import rows_in_order
 from pbd.data import HandPath, Keyframe
-from pbd.data.sigma import or_none
 from pbd.fusion.alignment import TURN_LEVER_M
 from pbd.pose import (
     Array,
@@ -217,15 +216,15 @@ def spread_table(plot: ComparePlot, units: Units) -> Table:
 
 
 def spread_rows(plot: ComparePlot) -> list[dict[str, Any]]:
-    """The same for `--json`; what is not known is null."""
+    """The same for `--json`; what is not known is NaN."""
     return [
         {
             "index": number,
             "keyframes": list(keyframe.own),
             "position_m": keyframe.p.tolist(),
-            "spread_m": or_none(keyframe.spread),
-            "spread_deg": or_none([np.degrees(keyframe.turn)])[0],
-            "sigma_m": or_none(keyframe.sigma),
+            "spread_m": keyframe.spread.tolist(),
+            "spread_deg": float(np.degrees(keyframe.turn)),
+            "sigma_m": keyframe.sigma.tolist(),
             "furthest": plot.runs[keyframe.furthest].name,
             "furthest_m": keyframe.furthest_m,
         }
