@@ -12,7 +12,7 @@ import pytest
 from tests.arm.conftest import PANDA as PANDA_TOML
 from tests.cli.running import Capture, refused, run, run_json
 
-pytestmark = pytest.mark.usefixtures("elsewhere")
+pytestmark = pytest.mark.usefixtures("elsewhere", "remembered")
 
 PANDA = ("--robot", "panda")
 

@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> None:
         print("\nuncertainty of the tool in base, one sigma; right columns: by source (rms over axes)")
         print_table(base_table(rows))
     if inside is not None:
-        print(f"\nall keyframes are within the tolerance: {inside.band}")
+        print(f"\nprobability that all keyframes are within the tolerance: {inside.band}")
     if names:
         prefix = _common_prefix(names)
         print(f"\nthe joints' names begin with {prefix}" if prefix else "")

@@ -17,7 +17,7 @@ from pbd.cli.options import UsageError
 from pbd.cli.steps import load_arm, load_demonstration, track_demonstration
 from pbd.data import Calibration, HandPath, Keyframe, TouchUp
 from pbd.errors import RecordingError
-from pbd.files.keyframes import NAME
+from pbd.files.keyframes import LARGEST_NUDGE_M, NAME
 from pbd.files.keyframes_edit import add_touch_up, undo_touch_up
 from pbd.pose import Array, Pose, quat_inverse, quat_rotate
 from pbd.view.tables import make_table, print_csv, print_table
@@ -47,6 +47,11 @@ def run(args: argparse.Namespace) -> None:
     else:
         by_base = _asked(args, base, before)
         by_nav = quat_rotate(quat_inverse(base.T_base_nav.wxyz), by_base)
+        if not np.abs(by_nav).max() <= LARGEST_NUDGE_M:  # the file could not be read again
+            raise RecordingError(
+                f"that is {np.linalg.norm(by_base):.2f} m away, and a touch-up may be {LARGEST_NUDGE_M} m along each "
+                "of nav's axes; --by and --at are in metres: correct them"
+            )
         touch_ups = (*demo.touch_ups, TouchUp(keyframes[args.keyframe].t, by_nav, args.only))
     if demo.keyframes is None:
         save_keyframes(args, demo, keyframes)

@@ -39,6 +39,12 @@ def test_a_touch_up_is_kept_followed_and_undone(tea: Path, capsys: Capture) -> N
     assert "no touch-up to undo" in refused_line(capsys, "touch", "tea", "--robot", "panda", "--undo")
 
 
+def test_millimetres_for_metres_are_refused_and_nothing_is_written(tea: Path, capsys: Capture) -> None:
+    said = refused_line(capsys, "touch", "tea", "2", "--robot", "panda", "--by", "0", "-4", "0")
+    assert "that is 4.00 m away" in said
+    assert not tea.exists()
+
+
 def test_where_it_belongs_may_be_given_in_base_or_in_the_tools_axes(tea: Path, capsys: Capture) -> None:
     run(capsys, "touch", "tea", "1", "--robot", "panda", "--at", "0.45", "-0.1", "0.36")
     at = places(capsys)[1]

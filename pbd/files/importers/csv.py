@@ -66,7 +66,7 @@ def read_sheet(
     known = f"the columns are {listed(sheet.header)}"
     say = "say which is which with --column, for example --column ax=NAME"
     if not timed and rate_hz is None:
-        what = f"no column for t (time); {known}: {say}, or import it with its --rate HZ"
+        what = f"no column for t (time); {known}: {say.replace('ax=', 't=')}, or import it with its --rate HZ"
         raise RecordingError(f"{path}: {what}", path=path)
     if not found.of("acc"):
         without = [name for name, why in found.unread.items() if "gravity" in why]
