@@ -116,10 +116,10 @@ def _saved(args: argparse.Namespace, demo: Demonstration, keyframes: tuple[Keyfr
 
     frames: dict[int, tuple[str, ...]] = {}
     for names, first, last in args.frame:
+        if last >= len(keyframes):
+            what = f"there is no keyframe {last} for '{names[0]}'; they are 0 to {len(keyframes) - 1}"
+            raise RecordingError(what, value=last)
         for number in range(first, last + 1):
-            if number >= len(keyframes):
-                what = f"there is no keyframe {number} for '{names[0]}'; they are 0 to {len(keyframes) - 1}"
-                raise RecordingError(what, value=number)
             inner, outer = sorted((names, frames.get(number, ())), key=len, reverse=True)
             if outer and inner[-len(outer) :] != outer:
                 what = f"keyframe {number} can't belong to '{outer[0]}' and to '{inner[0]}'"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import warnings
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -16,9 +17,10 @@ from pbd.cli.keyframes import save_keyframes
 from pbd.cli.options import UsageError
 from pbd.cli.steps import load_arm, load_demonstration, track_demonstration
 from pbd.data import Calibration, HandPath, Keyframe, TouchUp
-from pbd.errors import RecordingError
+from pbd.errors import PbdWarning, RecordingError
 from pbd.files.keyframes import LARGEST_NUDGE_M, NAME
 from pbd.files.keyframes_edit import add_touch_up, undo_touch_up
+from pbd.plots.findings import OFF_SIGMAS
 from pbd.pose import Array, Pose, quat_inverse, quat_rotate
 from pbd.view.tables import make_table, print_csv, print_table
 
@@ -111,8 +113,15 @@ def _tell(args: argparse.Namespace, base: _Base, before: TouchedUp, after: Touch
         moved = [{"index": k, **dict(zip(keys, row, strict=True))} for k, row in enumerate(rows)]
         return print_json({"demo": args.demo, "keyframe": args.keyframe, "undo": args.undo, "keyframes": moved})
     (print_csv if args.csv else print_table)(_table(start, end, sigmas[0], sigmas[1], args.units))
-    others = np.delete(np.linalg.norm(end - start, axis=1), [] if args.undo else args.keyframe)
-    if not (args.only or args.undo) and others.max(initial=0.0) < HARDLY_M:
+    moved_m = np.linalg.norm(end - start, axis=1)
+    if args.only or args.undo:
+        return None
+    if moved_m[args.keyframe] > OFF_SIGMAS * sigmas[0][args.keyframe]:
+        off = f"{100.0 * moved_m[args.keyframe]:.1f} cm, {moved_m[args.keyframe] / sigmas[0][args.keyframe]:.0f} sigma"
+        meant = f"if it alone belongs elsewhere, `pbd touch {args.demo} --undo`, and again with --only"
+        warnings.warn(f"keyframe {args.keyframe} was off by {off}, and the others go along; {meant}", PbdWarning, 2)
+    others = np.delete(moved_m, args.keyframe)
+    if others.max(initial=0.0) < HARDLY_M:
         say(f"the others hardly move: their errors have little in common with those of keyframe {args.keyframe}")
     return None
 
