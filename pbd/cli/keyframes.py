@@ -21,7 +21,7 @@ from pbd.cli.console import print_json, say
 from pbd.cli.options import UsageError
 from pbd.cli.steps import load_arm, load_demonstration, named_calibration, plan_options, track_demonstration
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Robot, SensorFound
-from pbd.data.sigma import keyframe_sigmas, or_none
+from pbd.data.sigma import keyframe_sigmas
 from pbd.errors import RecordingError, listed
 from pbd.files.keyframes import NAME, write_keyframes
 from pbd.pose import Array, Pose
@@ -209,8 +209,8 @@ def _row(index: int, keyframe: Keyframe, sigma: Array) -> dict[str, Any]:
         "dwell_s": keyframe.dwell_s,
         "position_m": keyframe.T_nav_sensor.p.tolist(),
         "wxyz": keyframe.T_nav_sensor.wxyz.tolist(),
-        "sigma_m": or_none(sigma[:3]),
-        "sigma_deg": or_none(np.degrees(sigma[3:])),
+        "sigma_m": sigma[:3].tolist(),
+        "sigma_deg": np.degrees(sigma[3:]).tolist(),
         "weight": keyframe.weight,
         "grip": keyframe.grip,
         "label": keyframe.label,

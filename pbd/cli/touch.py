@@ -11,8 +11,7 @@ import numpy as np
 
 from pbd.calibration.dock import nav_in_base
 from pbd.calibration.frames import tool_poses
-from pbd.calibration.touch_up import TouchedUp, keyframes_covariance, touch_up
-from pbd.calibration.uncertainty import joint_tool_covariance
+from pbd.calibration.touch_up import TouchedUp, touched_up
 from pbd.cli.console import print_json, say
 from pbd.cli.keyframes import save_keyframes
 from pbd.cli.options import UsageError
@@ -80,11 +79,10 @@ class _Base:
         self.keyframes = keyframes
         self.T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
         self.poses: tuple[Pose, ...] = tool_poses(keyframes, self.T_base_nav, calibration)
-        cov = keyframes_covariance(path, keyframes)
-        self._cov = joint_tool_covariance(cov, keyframes, self.T_base_nav, calibration)
+        self._path, self._calibration = path, calibration
 
     def touched(self, touch_ups: tuple[TouchUp, ...]) -> TouchedUp:
-        return touch_up(touch_ups, self.keyframes, self.T_base_nav, self._cov)
+        return touched_up(self._path, self.keyframes, self.T_base_nav, self._calibration, touch_ups=touch_ups)
 
 
 def _without_last(touch_ups: tuple[TouchUp, ...]) -> tuple[TouchUp, ...]:
