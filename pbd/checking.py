@@ -16,7 +16,7 @@ from pbd.files.demo import load_demo
 from pbd.pipeline import track
 from pbd.plots.findings import OFF_SIGMAS
 from pbd.plots.values import demo_plot
-from pbd.pose import Array, quat_about_z, quat_rotate, yaw_toward
+from pbd.pose import Array, Pose, level_onto
 
 FEWEST_SIBLINGS = 4
 """Fewest demonstrations of one task of which one can differ: the median of three follows the one that is off."""
@@ -133,10 +133,8 @@ def check_one(name: str, robot: str | None = None) -> DemoCheck:
 
 def _from_dock(keyframes: Sequence[Keyframe]) -> Array:
     """Positions (k, 3) from the first keyframe, turned about the vertical so that the sensor there has no heading."""
-    first = keyframes[0].T_nav_sensor
-    turn = quat_about_z(yaw_toward(first.wxyz, np.array([1.0, 0.0, 0.0, 0.0])))
-    p: Array = quat_rotate(turn, np.array([keyframe.T_nav_sensor.p - first.p for keyframe in keyframes]))
-    return p
+    T_dock_nav = level_onto(keyframes[0].T_nav_sensor, Pose.identity())
+    return T_dock_nav.act(np.array([keyframe.T_nav_sensor.p for keyframe in keyframes]))
 
 
 def _compared(found: Iterable[DemoCheck]) -> tuple[DemoCheck, ...]:

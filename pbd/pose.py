@@ -285,3 +285,9 @@ class Pose:
         """How far apart two poses in the same frame are: metres, rad."""
         turn = quat_log(quat_multiply(quat_inverse(self.wxyz), other.wxyz))
         return float(np.linalg.norm(self.p - other.p)), float(np.linalg.norm(turn))
+
+
+def level_onto(own: Pose, wanted: Pose) -> Pose:
+    """T_to_from, a turn about z and a shift: it brings one pose to the place of another, and as near its attitude."""
+    turn = quat_about_z(yaw_toward(own.wxyz, wanted.wxyz))
+    return Pose(wanted.p - quat_rotate(turn, own.p), turn)

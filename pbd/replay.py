@@ -75,7 +75,8 @@ def _chance(path: HandPath, plan: Plan, options: PlanOptions) -> str:
     found = success_of(path, plan.keyframes, plan.T_base_nav, plan.calibration, options.scale)
     weakest = min(known, key=lambda k: float(found.of_each[k]))
     chance = f"{100.0 * found.of_each[weakest]:.0f} %"
-    return f"all keyframes are within their tolerances: {found.band}; least likely is keyframe {weakest}, {chance}"
+    likely = f"probability that all keyframes are within their tolerances: {found.band}"
+    return f"{likely}; the least is keyframe {weakest}'s, {chance}"
 
 
 def _allowed(keyframe: Keyframe, R_base_nav: Array) -> Array | None:

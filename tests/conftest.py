@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
+
+from tests.remembered import FUNCTIONS, remembering
+
+
+def pytest_xdist_auto_num_workers() -> int:
+    """One more than there are cores: every fourth second of the tests is spent waiting for a browser or a port."""
+    return (os.cpu_count() or 1) + 1
+
 
 settings.register_profile("pbd", deadline=None)  # nothing fails on time: the machine may be busy
 settings.load_profile("pbd")
@@ -17,6 +26,13 @@ def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty folder, in which a command runs as in a user's own."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+@pytest.fixture
+def remembered(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Track and plan each input once, for tests of what comes after."""
+    for module, function in FUNCTIONS:
+        monkeypatch.setattr(importlib.import_module(module), function, remembering(module, function))
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ import pytest
 from tests.arm.conftest import PANDA as PANDA_TOML
 from tests.cli.running import Capture, refused, run, run_json
 
-pytestmark = pytest.mark.usefixtures("elsewhere")
+pytestmark = pytest.mark.usefixtures("elsewhere", "remembered")
 
 PANDA = ("--robot", "panda")
 
@@ -212,7 +212,13 @@ def test_a_line_is_followed_where_something_bars_the_way_back_alone(capsys: Capt
     (elsewhere / "c.toml").write_text(POST)
     run(capsys, "simulate", "pick-and-place-stops", "s")
     line = ("replay", "s", "--robot", "ur5", "--calibration", "c.toml", "--path", "line")
-    result = run_json(capsys, *line)
+    around = run_json(capsys, *line)
+    assert [(move["keyframe"], move["kind"]) for move in around["moves"]] == [
+        *((k, "line") for k in (1, 2, 3, 4)),
+        (None, "detour"),
+    ]
+    assert around["warnings"] == ["on its way back the arm goes around post: --no-detour refuses that"]
+    result = run_json(capsys, *line, "--no-detour")
     assert {move["kind"] for move in result["moves"]} == {"line"}
     (told,) = [warning for warning in result["warnings"] if "no collision-free way back" in warning]
     assert " would touch post, " in told

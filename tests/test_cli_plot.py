@@ -13,7 +13,7 @@ from pbd.cli import main
 from pbd.plots import figures
 from tests.cli.running import Capture, run, run_json, write_recording
 
-pytestmark = pytest.mark.usefixtures("elsewhere")
+pytestmark = pytest.mark.usefixtures("elsewhere", "remembered")
 
 
 @pytest.fixture

@@ -20,6 +20,8 @@ import pytest
 from pbd.cli import main
 from tests.messages_bench import lay_out
 
+pytestmark = pytest.mark.usefixtures("remembered")
+
 FILE = Path(__file__).with_name("messages.txt")
 PROMPT = "$ pbd "
 

@@ -13,7 +13,6 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pbd.arm.ik.branches import MARGIN_RAD, SAME_RAD, configuration_cost, find_branches, polish, turn_toward
 from pbd.arm.ik.levenberg_marquardt import SOLVED, Residual, descend_each
@@ -136,12 +135,16 @@ def add_turns(arm: ArmModel, ladder: Ladder, place: int, joint: int) -> int:
     return len(q)
 
 
-def over_limits(arm: ArmModel, T_base_tool: Pose, q: Array) -> NDArray[np.bool_]:
-    """Say which joints (k,) a direct motion from q (k,) to a pose would lead over their limits, to first order."""
-    off, J = Residual(arm, target(T_base_tool))(q)
-    there = q - np.linalg.lstsq(J, off, rcond=None)[0]
-    over: NDArray[np.bool_] = (there < arm.limits.lower) | (there > arm.limits.upper)
-    return over
+def turnable(arm: ArmModel, T_base_tool: Pose, q_before: Array, q: Array) -> set[int]:
+    """Name the joints that could be a whole turn elsewhere, and should: they turn back on the way from q_before to q.
+
+    Or a direct motion to the pose would lead them over their limits, to first order.
+    """
+    off, J = Residual(arm, target(T_base_tool))(q_before)
+    there = q_before - np.linalg.lstsq(J, off, rcond=None)[0]
+    over = (there < arm.limits.lower) | (there > arm.limits.upper)
+    back = np.abs(q - q_before) > np.pi
+    return set(np.flatnonzero((over | back) & (arm.turns > 0.0)).tolist())
 
 
 def _slide(arm: ArmModel, T_base_tool: Sequence[Pose], ladder: Ladder) -> None:

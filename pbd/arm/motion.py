@@ -27,7 +27,7 @@ from pbd.arm.joint_path import (
     add_turns,
     build_ladder,
     layers_along,
-    over_limits,
+    turnable,
     widen,
 )
 from pbd.arm.ladder import Barred, Ladder
@@ -86,11 +86,10 @@ class _Search:
         self.before_line: tuple[Ladder, list[Link], list[Move], Hit | None] | None = None
         self.unwound: set[int] = set()
         self.links = [Link(place) for place in range(len(ladder.layers) - 1)]
-        self.moves = [Move(STRAIGHT, ["widen"]) for _ in self.links]
+        may_detour = request.detour and queries is not None
+        self.moves = [Move(STRAIGHT, remedies_of(request, i, may_detour=may_detour)) for i in range(len(self.links))]
         for i in range(1, self.n if request.kind != STRAIGHT else 1):
             self._follow_path(i + 1, request.kind)
-        for i, move in enumerate(self.moves):
-            move.remedies = remedies_of(request, i, may_detour=request.detour and queries is not None)
 
     def run(self) -> Motion | Refusal:
         while True:
@@ -118,8 +117,6 @@ class _Search:
             layer.refused = layer.most_refused
             move.leave_path()
         return cost
-
-    # --- mending ------------------------------------------------------------------------------------------------------
 
     def _mend_all(self, barred: Barred) -> Refusal | None:
         """Mend what is barred, from the last on; where that puts in layers, the search tells anew what else is."""
@@ -269,9 +266,7 @@ class _Search:
 
     def _unwind(self, i: int, q_before: Array, q: Array) -> bool:
         """Let a joint that turned back, or that a direct move leads over its limit, be a whole turn elsewhere."""
-        over = over_limits(self.arm, self.request.T_base_tool[i], q_before)
-        back = np.abs(q - q_before) > np.pi
-        joints = set(np.flatnonzero((over | back) & (self.arm.turns > 0.0)).tolist()) - self.unwound
+        joints = turnable(self.arm, self.request.T_base_tool[i], q_before, q) - self.unwound
         self.unwound |= joints
         places = [place for place, link in enumerate(self.links, start=1) if link.keyframe < self.n]
         return sum(add_turns(self.arm, self.ladder, place, joint) for joint in joints for place in places) > 0
@@ -280,8 +275,6 @@ class _Search:
         links = [replace(link, found=dict(link.found)) for link in self.links]
         moves = [replace(move, remedies=list(move.remedies), hits=dict(move.hits)) for move in self.moves]
         return self.ladder.copy(), links, moves, self.no_way_back
-
-    # --- what was found -----------------------------------------------------------------------------------------------
 
     def _refuse(self, i: int) -> Refusal:
         move, unfollowed = self.moves[i], None
@@ -294,12 +287,14 @@ class _Search:
 
     def _alone(self, i: int) -> Hit | None:
         """Return what the tool's path to keyframe i touches where nothing else holds the arm back."""
+        if self.queries is None:
+            return None
         ends, move = self.request.T_base_tool[i - 1 : i + 1], self.moves[i]
         before = next(place for place, link in enumerate(self.links) if link.keyframe == i)
         hand = self.request.hand
         q_start = self.ladder.layers[before].q[0]
         alone = MotionRequest(ends, q_start, False, None, move.kind, hand and (lambda: hand()[i - 1 : i]))
-        found = None if self.queries is None else choose_motion(self.arm, alone, None)
-        if self.queries is None or not isinstance(found, Motion):
+        found = choose_motion(self.arm, alone, None)
+        if not isinstance(found, Motion):
             return None
         return self.queries.moving(i, np.vstack((found.q[:1], found.segments[1].q)))

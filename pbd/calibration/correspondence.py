@@ -110,14 +110,14 @@ def _assign(T_base_nav: Pose, p: Array, sigma: Array, points: Array, in_order: b
     square = ((T_base_nav.act(p)[:, None] - points[None]) ** 2).sum(axis=2) / sigma[:, None] ** 2
     cost = np.minimum(square, OUTLIER_COST) + 1e-6 * square  # of those beyond the cap the nearest
     if in_order:
-        stops = _monotone(cost)
+        stops = rows_in_order(cost)
     else:
         rows, columns = linear_sum_assignment(cost)
         stops = tuple(int(row) for row in rows[np.argsort(columns)])
     return _Answer(float(cost[list(stops), range(len(points))].sum()), stops, T_base_nav)
 
 
-def _monotone(cost: Array) -> tuple[int, ...]:
+def rows_in_order(cost: Array) -> tuple[int, ...]:
     """The increasing rows (m,), one for each column, of lowest cost (n, m)."""
     n, m = cost.shape
     best = np.full((n + 1, m + 1), np.inf)

@@ -12,7 +12,7 @@ from pbd.calibration.frames import tool_poses
 from pbd.calibration.uncertainty import tool_covariances
 from pbd.data import Calibration, Keyframe
 from pbd.errors import CalibrationError, PbdWarning
-from pbd.pose import Array, Pose, quat_about_z, quat_inverse, quat_rotate, yaw_toward
+from pbd.pose import Array, Pose, level_onto, quat_inverse, quat_rotate
 
 TILT_WARNING_DEG, UPSIDE_DOWN_DEG = 5.0, 150.0
 """Angle between the declared and the measured vertical, above which there is a warning; an error."""
@@ -50,7 +50,7 @@ def nav_in_base(calibration: Calibration, wxyz_nav_sensor: Array) -> Pose:
                 PbdWarning,
                 stacklevel=2,
             )
-    return Pose(dock.p, quat_about_z(yaw_toward(wxyz_nav_sensor, dock.wxyz)))
+    return level_onto(Pose(np.zeros(3), wxyz_nav_sensor), dock)
 
 
 def dock_tilt(T_base_dock: Pose, wxyz_nav_sensor: Array) -> float:

@@ -7,8 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pbd.calibration.touch_up import keyframes_covariance, touch_up
-from pbd.calibration.uncertainty import joint_tool_covariance
+from pbd.calibration.touch_up import touched_up
 from pbd.data import Calibration, HandPath, Keyframe
 from pbd.pose import Array, Pose, quat_to_matrix
 
@@ -53,33 +52,28 @@ def success_of(
         scale: of the hand's positions.
         within_m: a tolerance for all of them instead, with `within_rad`.
     """
-    cov = joint_tool_covariance(keyframes_covariance(path, keyframes), keyframes, T_base_nav, calibration, scale)
-    touch_ups = () if path.tracking is None else path.tracking.demo.touch_ups
     R = quat_to_matrix(T_base_nav.wxyz)
     if within_m is None:
         axes = [np.full(3, ANYWHERE_M) if each.tolerance_m is None else each.tolerance_m for each in keyframes]
         turns = [np.inf if each.tolerance_rad is None else each.tolerance_rad for each in keyframes]
     else:
         axes, turns = [np.full(3, within_m)] * len(keyframes), [within_rad] * len(keyframes)
-    tolerance_m = np.array([R @ np.diag(each**2) @ R.T for each in axes])
-    return success(touch_up(touch_ups, keyframes, T_base_nav, cov).cov, tolerance_m, np.array(turns))
+    tolerance_m2 = np.array([R @ np.diag(each**2) @ R.T for each in axes])
+    cov = touched_up(path, keyframes, T_base_nav, calibration, scale).cov
+    return success(cov, tolerance_m2, np.array(turns))
 
 
-def success(cov_base_tool: Array, tolerance_m: Array, tolerance_rad: Array | float = np.inf) -> Success:
+def success(cov_base_tool: Array, tolerance_m2: Array, tolerance_rad: Array) -> Success:
     """Draw the tool's errors at all keyframes together, and count.
 
     Args:
         cov_base_tool: (6k, 6k) m and rad, of `joint_tool_covariance`.
-        tolerance_m: (k,) largest distance from where it belongs; inf: any. Or (k, 3, 3) m2, the square of that, where
-            it differs from axis to axis (an ellipsoid).
-        tolerance_rad: largest angle; or (k,).
+        tolerance_m2: (k, 3, 3) m2, square of the largest distance from where it belongs: an ellipsoid.
+        tolerance_rad: (k,) largest angle.
     """
     variances, axes = np.linalg.eigh(cov_base_tool)
     along = np.random.default_rng(0).standard_normal((DRAWS, len(variances))) * np.sqrt(np.maximum(variances, 0.0))
-    errors = (along @ axes.T).reshape(DRAWS, len(tolerance_m), 2, 3)
-    if tolerance_m.ndim == 1:
-        near = np.linalg.norm(errors[:, :, 0], axis=2) <= tolerance_m
-    else:
-        near = np.einsum("dki,kij,dkj->dk", errors[:, :, 0], np.linalg.inv(tolerance_m), errors[:, :, 0]) <= 1.0
+    errors = (along @ axes.T).reshape(DRAWS, len(tolerance_m2), 2, 3)
+    near = np.einsum("dki,kij,dkj->dk", errors[:, :, 0], np.linalg.inv(tolerance_m2), errors[:, :, 0]) <= 1.0
     inside = near & (np.linalg.norm(errors[:, :, 1], axis=2) <= tolerance_rad)
     return Success(inside.mean(axis=0), float(inside.all(axis=1).mean()))

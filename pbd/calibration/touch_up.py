@@ -111,6 +111,23 @@ def _places(keyframes: Sequence[int]) -> list[int]:
     return [6 * i + axis for i in keyframes for axis in range(3)]
 
 
+def touched_up(
+    path: HandPath | None,
+    keyframes: Sequence[Keyframe],
+    T_base_nav: Pose,
+    calibration: Calibration,
+    scale: float = 1.0,
+    touch_ups: Sequence[TouchUp] | None = None,
+) -> TouchedUp:
+    """The tool at keyframes (as for `tool_poses`) after touch-ups: these, or by default the demonstration's own."""
+    cov = joint_tool_covariance(keyframes_covariance(path, keyframes), keyframes, T_base_nav, calibration, scale)
+    return touch_up(_touch_ups_of(path) if touch_ups is None else touch_ups, keyframes, T_base_nav, cov)
+
+
+def _touch_ups_of(path: HandPath | None) -> tuple[TouchUp, ...]:
+    return () if path is None or path.tracking is None else path.tracking.demo.touch_ups
+
+
 def touched_poses(
     path: HandPath | None,
     keyframes: Sequence[Keyframe],
@@ -125,9 +142,7 @@ def touched_poses(
         path: of the demonstration that may have touch-ups.
         keyframes: and the other arguments as for `tool_poses`, which gives `T_base_tool`.
     """
-    touch_ups = () if path is None or path.tracking is None else path.tracking.demo.touch_ups
-    if not touch_ups:
+    if not _touch_ups_of(path):
         return tuple(T_base_tool)
-    cov = joint_tool_covariance(keyframes_covariance(path, keyframes), keyframes, T_base_nav, calibration, scale)
-    shift = touch_up(touch_ups, keyframes, T_base_nav, cov).shift
+    shift = touched_up(path, keyframes, T_base_nav, calibration, scale).shift
     return tuple(Pose(pose.p + by, pose.wxyz) for pose, by in zip(T_base_tool, shift, strict=True))

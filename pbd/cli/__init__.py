@@ -1,4 +1,4 @@
-"""The command line: parse, call, print, exit code. The options are in commands.py; each command's work in its file."""
+"""The command line: parse, call, print, exit code. The options are in commands/; each command's work in its file."""
 
 from __future__ import annotations
 

@@ -36,6 +36,8 @@ class _Motion(NamedTuple):
 
 def run(args: argparse.Namespace) -> None:
     """Plan, audit, write."""
+    import numpy as np
+
     from pbd.files.exporters.lerobot import first_frame, refuse_dataset
     from pbd.files.robot import load_robot
 
@@ -49,7 +51,10 @@ def run(args: argparse.Namespace) -> None:
     done = _write(args, motions, format_name)
     count, duration = sum(len(each.samples.t) for each in done), sum(each.plan.trajectory.duration for each in motions)
     name = "to standard output" if args.output == STDOUT else args.output
-    say(f"wrote {name}: {count} {done[0].counted}, {duration:.1f} s, {len(motions[0].robot.joints)} joints")
+    if format_name == "tum-hand":  # the hand's own time, not the arm's
+        say(f"wrote {name}: {count} poses, {np.ptp(motions[0].source.hand.t):.1f} s")
+    else:
+        say(f"wrote {name}: {count} {done[0].counted}, {duration:.1f} s, {len(motions[0].robot.joints)} joints")
     if format_name in FOLDERS:
         first = first_frame(motions[0].robot, done[0].samples)
         say(f"lerobot-replay jumps to the first frame, so bring the arm there before: {first}")

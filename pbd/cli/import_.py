@@ -40,16 +40,10 @@ def run(args: argparse.Namespace) -> None:
         with working(f"reading {args.file}"):
             imported = import_recording(args.file, dict(args.column), dict(args.unit), args.rate, args.topic)
     demo, understood = imported.demo, imported.understood
-    if understood is not None and not args.json:
-        from pbd.view.tables import columns_table, print_table
-
-        if understood.program:
-            print(f"written by {understood.program}")
-        print_table(columns_table([column.row() for column in understood.columns], understood.unread))
     if demo.recording.gyr is None:
         warnings.warn(NO_GYRO, PbdWarning, stacklevel=2)
     # What can't be a recording (units, clock) is refused before it takes a name; where the hand stops is seen later.
-    with suppress(TrackingError), working("checking it"), _in_its_names(imported):
+    with suppress(TrackingError), working("checking it"), _in_its_names(args, imported):
         recording, _ = condition(demo.recording)
         rest = find_rest(recording)
         warn_upside_down(recording, rest.up_sensor, rest.start, rest.stop)
@@ -65,16 +59,28 @@ def run(args: argparse.Namespace) -> None:
     columns = None if understood is None else [column.row() for column in understood.columns]
     more = {} if understood is None else {"columns": columns, "unread": dict(understood.unread)}
     store_demonstration(args, replace(demo, closed=demo.closed or args.closed), "imported", more=more)
+    _tell(args, imported)
+
+
+def _tell(args: argparse.Namespace, imported: Imported) -> None:
+    """Print what was understood of each column."""
+    if imported.understood is not None and not args.json:
+        from pbd.view.tables import columns_table, print_table
+
+        if imported.understood.program:
+            print(f"written by {imported.understood.program}")
+        print_table(columns_table([column.row() for column in imported.understood.columns], imported.understood.unread))
 
 
 @contextmanager
-def _in_its_names(imported: Imported) -> Iterator[None]:
-    """Give the columns in an error's advice the names that they have in the file."""
+def _in_its_names(args: argparse.Namespace, imported: Imported) -> Iterator[None]:
+    """Give the columns in an error's advice the names that they have in the file, and print what was understood."""
     try:
         yield
     except RecordingError as error:
         if imported.understood is None:
             raise
+        _tell(args, imported)
         raise RecordingError(imported.understood.in_its_names(error.message), **error.fields) from None
 
 

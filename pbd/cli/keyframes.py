@@ -21,7 +21,7 @@ from pbd.cli.console import print_json, say
 from pbd.cli.options import UsageError
 from pbd.cli.steps import load_arm, load_demonstration, named_calibration, plan_options, track_demonstration
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Robot, SensorFound
-from pbd.data.sigma import keyframe_sigmas, or_none
+from pbd.data.sigma import keyframe_sigmas
 from pbd.errors import RecordingError, listed
 from pbd.files.keyframes import NAME, write_keyframes
 from pbd.pose import Array, Pose
@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> None:
         print("\nuncertainty of the tool in base, one sigma; right columns: by source (rms over axes)")
         print_table(base_table(rows))
     if inside is not None:
-        print(f"\nall keyframes are within the tolerance: {inside.band}")
+        print(f"\nprobability that all keyframes are within the tolerance: {inside.band}")
     if names:
         prefix = _common_prefix(names)
         print(f"\nthe joints' names begin with {prefix}" if prefix else "")
@@ -116,10 +116,10 @@ def _saved(args: argparse.Namespace, demo: Demonstration, keyframes: tuple[Keyfr
 
     frames: dict[int, tuple[str, ...]] = {}
     for names, first, last in args.frame:
+        if last >= len(keyframes):
+            what = f"there is no keyframe {last} for '{names[0]}'; they are 0 to {len(keyframes) - 1}"
+            raise RecordingError(what, value=last)
         for number in range(first, last + 1):
-            if number >= len(keyframes):
-                what = f"there is no keyframe {number} for '{names[0]}'; they are 0 to {len(keyframes) - 1}"
-                raise RecordingError(what, value=number)
             inner, outer = sorted((names, frames.get(number, ())), key=len, reverse=True)
             if outer and inner[-len(outer) :] != outer:
                 what = f"keyframe {number} can't belong to '{outer[0]}' and to '{inner[0]}'"
@@ -209,8 +209,8 @@ def _row(index: int, keyframe: Keyframe, sigma: Array) -> dict[str, Any]:
         "dwell_s": keyframe.dwell_s,
         "position_m": keyframe.T_nav_sensor.p.tolist(),
         "wxyz": keyframe.T_nav_sensor.wxyz.tolist(),
-        "sigma_m": or_none(sigma[:3]),
-        "sigma_deg": or_none(np.degrees(sigma[3:])),
+        "sigma_m": sigma[:3].tolist(),
+        "sigma_deg": np.degrees(sigma[3:]).tolist(),
         "weight": keyframe.weight,
         "grip": keyframe.grip,
         "label": keyframe.label,

@@ -18,12 +18,13 @@ STRAY_M = 0.01
 
 
 def say_moves(demo: Demonstration, path: HandPath, robot: Robot, plan: Plan, options: PlanOptions) -> None:
-    """Say where the arm makes a detour, or the tool strays from a straight line, and what keeps it there."""
+    """Say where a straight move is barred, or the tool strays from a straight line, and what keeps it there."""
     from pbd.planning import can_plan
 
     for i, way in enumerate(plan.segments):
         if (hit := way.avoided) is not None and way.kind != "detour":  # planning has told those
-            say(f"the move to keyframe {i} makes a detour: on the straight move {hit.first} would touch {hit.second}")
+            how = "as the hand went" if way.kind == "demo" else "along a line"
+            say(f"the move to keyframe {i} goes {how}: on the straight move {hit.first} would touch {hit.second}")
         elif way.wide is not None and way.kind == "line":
             say(f"the move to keyframe {i} is made as a line: straight in joint space the tool would {way.wide}")
     worst = max(range(len(plan.segments)), key=lambda i: plan.segments[i].off_line_m)
@@ -51,10 +52,10 @@ def say_torque(demo: Demonstration, robot: Robot, plan: Plan, options: PlanOptio
 
 
 def moves_json(plan: Plan) -> list[dict[str, Any]]:
-    """How the arm comes to each keyframe after the first; and to that and away from the last, where by a detour."""
+    """How the arm comes to each keyframe after the first; and to that, and home (null), where by a detour."""
     ways = enumerate([*plan.segments, plan.back] if plan.back else plan.segments)
     return [
-        {"keyframe": i, "kind": way.kind, "off_line_m": way.off_line_m}
+        {"keyframe": i if i < len(plan.segments) else None, "kind": way.kind, "off_line_m": way.off_line_m}
         for i, way in ways
         if 0 < i < len(plan.segments) or way.kind == "detour"
     ]

@@ -4,20 +4,15 @@ from __future__ import annotations
 
 import argparse
 import warnings
-from collections.abc import Callable, Collection
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from pbd.cli.console import print_json, say, working
 from pbd.cli.options import UsageError
-from pbd.cli.steps import load_demonstration, named_calibration, track_demonstration
+from pbd.cli.steps import load_demonstration, named_calibration, track_demonstration, write_figures
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe
-from pbd.doors.atomic import atomic_files, refuse_folder
+from pbd.doors.atomic import refuse_folder
 from pbd.errors import PbdError, PbdWarning, TrackingError
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 LONGEST_NAME = 60
 """Most characters in the name of a folder that is made of several names."""
@@ -41,7 +36,7 @@ def run(args: argparse.Namespace) -> None:
     for finding in plot.findings:
         if finding.words not in args.warnings:
             say(f"check: {finding.words}")
-    files = _write(folder, args.format, names(plot), lambda name: draw(name, plot))
+    files = write_figures(folder, args.format, names(plot), lambda name: draw(name, plot))
     if args.json:
         findings = [finding.words for finding in plot.findings]
         print_json({"demo": demo.recording.info.name, "method": args.method, "files": files, "findings": findings})
@@ -71,7 +66,7 @@ def _compare(args: argparse.Namespace) -> None:
         plot = compare_plot(tracked)
     for remark in plot.remarks:
         say(remark)
-    files = _write(folder, args.format, COMPARISONS, lambda name: draw_comparison(name, plot))
+    files = write_figures(folder, args.format, COMPARISONS, lambda name: draw_comparison(name, plot))
     if args.json:
         return print_json(
             {
@@ -128,16 +123,3 @@ def _place(save: Path | None, name: str) -> Path:
     folder = save or Path("plots") / name
     refuse_folder(folder, other="--save")
     return folder
-
-
-def _write(folder: Path, format_name: str, names: Collection[str], draw: Callable[[str], Figure]) -> list[str]:
-    """Draw figures into files, all of them or none, and say where they are."""
-    from pbd.plots.style import write
-
-    files = [f"{name}.{format_name}" for name in names]
-    with atomic_files(folder, files) as new:
-        for number, (name, file) in enumerate(zip(names, files, strict=True), 1):
-            with working(f"drawing {number} of {len(files)}: {name}"), (new / file).open("wb") as stream:
-                write(draw(name), stream, format_name)
-    say(f"wrote {len(files)} files into {folder}")
-    return [str(folder / file) for file in files]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -19,6 +19,8 @@ from pbd.files.demo import demo_folder, load_demo, newest_demo, utc_now, write_d
 from pbd.files.points import Points, points_csv
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from pbd.planning import Plan, PlanOptions
     from pbd.sensors.decoding import Decoder
 
@@ -150,6 +152,20 @@ def store_demonstration(
         stored = {"demo": folder.name, "folder": str(folder), "samples": samples}
         points = {} if touched is None else {"points": str(folder / POINTS_FILE)}
         print_json(stored | {"duration_s": duration_s, "rate_hz": rate_hz} | points | dict(more))
+
+
+def write_figures(folder: Path, format_name: str, names: Collection[str], draw: Callable[[str], Figure]) -> list[str]:
+    """Draw figures into files, all of them or none, and say where they are."""
+    from pbd.doors.atomic import atomic_files
+    from pbd.plots.style import write
+
+    files = [f"{name}.{format_name}" for name in names]
+    with atomic_files(folder, files) as new:
+        for number, (name, file) in enumerate(zip(names, files, strict=True), 1):
+            with working(f"drawing {number} of {len(files)}: {name}"), (new / file).open("wb") as stream:
+                write(draw(name), stream, format_name)
+    say(f"wrote {len(files)} files into {folder}")
+    return [str(folder / file) for file in files]
 
 
 def decoder_maker(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import warnings
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -10,16 +11,16 @@ import numpy as np
 
 from pbd.calibration.dock import nav_in_base
 from pbd.calibration.frames import tool_poses
-from pbd.calibration.touch_up import TouchedUp, keyframes_covariance, touch_up
-from pbd.calibration.uncertainty import joint_tool_covariance
+from pbd.calibration.touch_up import TouchedUp, touched_up
 from pbd.cli.console import print_json, say
 from pbd.cli.keyframes import save_keyframes
 from pbd.cli.options import UsageError
 from pbd.cli.steps import load_arm, load_demonstration, track_demonstration
 from pbd.data import Calibration, HandPath, Keyframe, TouchUp
-from pbd.errors import RecordingError
-from pbd.files.keyframes import NAME
+from pbd.errors import PbdWarning, RecordingError
+from pbd.files.keyframes import LARGEST_NUDGE_M, NAME
 from pbd.files.keyframes_edit import add_touch_up, undo_touch_up
+from pbd.plots.findings import OFF_SIGMAS
 from pbd.pose import Array, Pose, quat_inverse, quat_rotate
 from pbd.view.tables import make_table, print_csv, print_table
 
@@ -48,6 +49,11 @@ def run(args: argparse.Namespace) -> None:
     else:
         by_base = _asked(args, base, before)
         by_nav = quat_rotate(quat_inverse(base.T_base_nav.wxyz), by_base)
+        if not np.abs(by_nav).max() <= LARGEST_NUDGE_M:  # the file could not be read again
+            raise RecordingError(
+                f"that is {np.linalg.norm(by_base):.2f} m away, and a touch-up may be {LARGEST_NUDGE_M} m along each "
+                "of nav's axes; --by and --at are in metres: correct them"
+            )
         touch_ups = (*demo.touch_ups, TouchUp(keyframes[args.keyframe].t, by_nav, args.only))
     if demo.keyframes is None:
         save_keyframes(args, demo, keyframes)
@@ -73,11 +79,10 @@ class _Base:
         self.keyframes = keyframes
         self.T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
         self.poses: tuple[Pose, ...] = tool_poses(keyframes, self.T_base_nav, calibration)
-        cov = keyframes_covariance(path, keyframes)
-        self._cov = joint_tool_covariance(cov, keyframes, self.T_base_nav, calibration)
+        self._path, self._calibration = path, calibration
 
     def touched(self, touch_ups: tuple[TouchUp, ...]) -> TouchedUp:
-        return touch_up(touch_ups, self.keyframes, self.T_base_nav, self._cov)
+        return touched_up(self._path, self.keyframes, self.T_base_nav, self._calibration, touch_ups=touch_ups)
 
 
 def _without_last(touch_ups: tuple[TouchUp, ...]) -> tuple[TouchUp, ...]:
@@ -108,8 +113,15 @@ def _tell(args: argparse.Namespace, base: _Base, before: TouchedUp, after: Touch
         moved = [{"index": k, **dict(zip(keys, row, strict=True))} for k, row in enumerate(rows)]
         return print_json({"demo": args.demo, "keyframe": args.keyframe, "undo": args.undo, "keyframes": moved})
     (print_csv if args.csv else print_table)(_table(start, end, sigmas[0], sigmas[1], args.units))
-    others = np.delete(np.linalg.norm(end - start, axis=1), [] if args.undo else args.keyframe)
-    if not (args.only or args.undo) and others.max(initial=0.0) < HARDLY_M:
+    moved_m = np.linalg.norm(end - start, axis=1)
+    if args.only or args.undo:
+        return None
+    if moved_m[args.keyframe] > OFF_SIGMAS * sigmas[0][args.keyframe]:
+        off = f"{100.0 * moved_m[args.keyframe]:.1f} cm, {moved_m[args.keyframe] / sigmas[0][args.keyframe]:.0f} sigma"
+        meant = f"if it alone belongs elsewhere, `pbd touch {args.demo} --undo`, and again with --only"
+        warnings.warn(f"keyframe {args.keyframe} was off by {off}, and the others go along; {meant}", PbdWarning, 2)
+    others = np.delete(moved_m, args.keyframe)
+    if others.max(initial=0.0) < HARDLY_M:
         say(f"the others hardly move: their errors have little in common with those of keyframe {args.keyframe}")
     return None
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from pbd.data.arm import Gripper, JointLimits, JointTrajectory, Robot, Samples, Servos
 from pbd.data.calibration import TOOL_DOWN, Calibration, Linear, SensorErrors
 from pbd.data.fusion import FusedTake, Fusion
+from pbd.data.keyframe import Keyframe, TouchUp
 from pbd.data.known import ClaimFit, Contact, Known, Place
 from pbd.data.sensor_found import Found, SensorFound
 from pbd.data.tracking import (
@@ -16,12 +17,10 @@ from pbd.data.tracking import (
     Demonstration,
     GripEvent,
     HandPath,
-    Keyframe,
     Recording,
     RecordingInfo,
     Segment,
     Stop,
-    TouchUp,
     Tracking,
     Truth,
 )

@@ -23,8 +23,3 @@ def keyframe_sigmas(covs: Sequence[Array]) -> Array:
     sigma = np.array([one_sigma(cov) for cov in covs]).reshape(-1, 6)
     sigma[:1, :3] = np.nan_to_num(sigma[:1, :3])
     return sigma
-
-
-def or_none(values: Array) -> list[float | None]:
-    """For JSON: numbers, and None where there is none."""
-    return [float(x) if np.isfinite(x) else None for x in values]

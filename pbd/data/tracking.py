@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +13,11 @@ from pbd.data.calibration import Calibration
 from pbd.data.covariance import PoseCovariance
 from pbd.data.freeze import freeze
 from pbd.data.fusion import Fusion
+from pbd.data.keyframe import Keyframe, TouchUp
 from pbd.data.known import ClaimFit, Contact, Known, Place
 from pbd.data.sensor_found import SensorFound
 from pbd.data.world import GraspedObject
-from pbd.pose import Array, Pose
+from pbd.pose import Array
 
 GRAVITY = 9.80665
 """Standard gravity, m/s2: what a sensor's unit "g" means. Tracking estimates the local value at rest."""
@@ -232,70 +233,6 @@ class HandPath:
         return brief(
             self, span(self.t), counted(len(self.stops), "stop") or "no stops", counted(len(self.grip), "grip")
         )
-
-
-@dataclass(frozen=True, eq=False)
-class Keyframe:
-    """A pose at which the hand stood still.
-
-    Attributes:
-        t: s, the middle of the stop.
-        dwell_s: how long the hand stood.
-        T_nav_sensor: the sensor's pose.
-        cov: (6, 6) m and rad: position, then rotation vector, in nav.
-        grip: True where the grip closes at this stop, False where it opens, None where nothing changes.
-        label: a word for people.
-        tolerance_m: (3,) how far it may be off along nav's axes; tolerance_rad: how far turned. Learned from several
-            takes, or as a person said; None: nobody knows.
-        weight: how sure the tracker is that the hand stood still, 0 to 1.
-        nudge_base_m: (3,) how far the tool goes elsewhere, in base axes.
-        nudge_tool_m: (3,) likewise, in the tool's axes.
-        frames: the things that it belongs to, by name, each carried by the next: ("lid", "cup").
-    """
-
-    t: float
-    dwell_s: float
-    T_nav_sensor: Pose
-    cov: Array
-    grip: bool | None = None
-    label: str = ""
-    tolerance_m: Array | None = None
-    tolerance_rad: float | None = None
-    weight: float = 1.0
-    nudge_base_m: Array = field(default_factory=partial(np.zeros, 3))
-    nudge_tool_m: Array = field(default_factory=partial(np.zeros, 3))
-    frames: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        freeze(self, cov=(6, 6), tolerance_m=(3,), nudge_base_m=(3,), nudge_tool_m=(3,))
-
-    def __repr__(self) -> str:
-        x, y, z = self.T_nav_sensor.p + 0.0
-        sigma_mm = 1e3 * float(np.sqrt(np.diagonal(self.cov)[:3].max()))
-        sigma = f"sigma {sigma_mm:.1f} mm" if self.cov.any() else ""
-        grip = {True: "grip closes", False: "grip opens", None: ""}[self.grip]
-        where = f"at {self.t:.2f} s for {self.dwell_s:.2f} s"
-        return brief(self, where, f"({x:.3f}, {y:.3f}, {z:.3f}) m", sigma, grip, name=self.label)
-
-
-@dataclass(frozen=True, eq=False)
-class TouchUp:
-    """A measurement that a person made with the arm: the tool at a keyframe belongs elsewhere.
-
-    Attributes:
-        t: s, of the keyframe.
-        by_nav_m: (3,) how far from where it was then, in nav's axes.
-        only: the other keyframes stay, whatever their errors have in common with this one's.
-        undone: it counts no more.
-    """
-
-    t: float
-    by_nav_m: Array
-    only: bool = False
-    undone: bool = False
-
-    def __post_init__(self) -> None:
-        freeze(self, by_nav_m=(3,))
 
 
 @dataclass(frozen=True)

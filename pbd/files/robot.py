@@ -62,7 +62,9 @@ def read_robot(path: Path, *, draft: bool = False) -> Robot:
 
     fingers, dock = top.section("gripper", None), top.section("dock", None)
     servos = top.section("servos", None)
-    arm = top.section("arm", None) if draft else top.section("arm")
+    arm = top.section("arm", None)
+    if arm is None and not draft:
+        top.fail("arm", "is missing", f"add it, as `pbd robots --suggest {path}` proposes it")
     gripper = None if fingers is None else _gripper(fingers, urdf)
     joints = [joint for joint in chain if gripper is None or joint.name not in gripper.joints]
     joints = joints if arm is None else _arm_joints(arm, joints)

@@ -96,7 +96,7 @@ class Sheet:
 
     def _read_fast(self, columns: list[int], dated: list[int]) -> Array:
         first = self.body.lstrip().partition("\n")[0].split(self.delimiter)
-        plain = all(re.fullmatch(r"\s*[-+.\deE]+\s*", first[k]) for k in dated)
+        plain = all(k < len(first) and re.fullmatch(r"\s*[-+.\deE]+\s*", first[k]) for k in dated)
         return np.loadtxt(
             self._filled(),
             delimiter=self.delimiter,
@@ -133,7 +133,7 @@ class Sheet:
             if len(cells) == width + 1 and not cells[-1].strip():
                 cells.pop()  # a delimiter ends the line
             if len(cells) != width:
-                what = f"{len(cells)} cells where the header has {width}"
+                what = f"{len(cells)} cell{'s' if len(cells) != 1 else ''} where the header has {width}"
                 raise self._fault(line, what, "correct or remove the line", value=len(cells), bound=width)
             rows.append([self._number(line, k, cells[k], k in dated) for k in columns])
         return np.array(rows, dtype=np.float64).reshape(-1, len(columns))

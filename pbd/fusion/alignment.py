@@ -25,7 +25,7 @@ MAX_SKIPS = 4
 """Most keyframes in a row that may lack a partner while moves are compared."""
 
 TURN_LEVER_M = 0.1
-"""m: by which a turn counts as a shift in registration: a hand's width."""
+"""m: by which a turn counts as a shift when keyframes are compared: a hand's width, about from sensor to tip."""
 
 YAWS, RESTATED = 72, 3
 """Headings tried, over a full turn; how often registration and matching are repeated."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ from pbd.view.units import Units
 
 def takes_table(fusion: Fusion, units: Units) -> Table:
     """A row a take: what it has of the task, how its sensor sat in the hand, how far it is off."""
-    fine = _fine(units)
+    fine = units.finer
     several = ("device",) if len({take.device for take in fusion.takes}) > 1 else ()
     columns = (
         "keyframes",
@@ -47,7 +46,7 @@ def takes_table(fusion: Fusion, units: Units) -> Table:
 
 def fusion_table(path: HandPath, units: Units) -> Table:
     """A row a keyframe: in which takes, where, how sure; how the hand scatters, with the uncertainty of that."""
-    fusion, fine = path.fusion, _fine(units)
+    fusion, fine = path.fusion, units.finer
     assert fusion is not None
     m, mm, deg = units.length, fine.length, units.angle_sign
     position, scatter = [f"{axis} ({m})" for axis in "xyz"], [f"scatter {axis} ({mm})" for axis in "xyz"]
@@ -105,10 +104,6 @@ def fusion_rows(path: HandPath) -> dict[str, Any]:
         "scatter_deg": float(np.degrees(fusion.overall[1])),
         "scatter_unsure": list(fusion.overall_unsure),
     }
-
-
-def _fine(units: Units) -> Units:
-    return replace(units, length="mm" if units.length == "m" else units.length)
 
 
 def _count(take: FusedTake) -> int:

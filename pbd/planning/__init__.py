@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from pbd.planning.joints import solve_keyframes
 from pbd.planning.options import PATHS, TIMES, PlanOptions
-from pbd.planning.plan import can_plan, plan, plan_keyframes, plan_path, solve_keyframes
+from pbd.planning.plan import can_plan, plan, plan_keyframes, plan_path
 from pbd.planning.source import source_of
 from pbd.planning.steps import arm_of, scene_of
 from pbd.planning.values import Plan, Stretch, Touching

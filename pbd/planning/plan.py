@@ -21,6 +21,7 @@ from pbd.planning.checks import (
     warn_of_table,
     warn_of_wide_moves,
 )
+from pbd.planning.joints import Refused, choose_joints
 from pbd.planning.object_frames import nearest_place, things
 from pbd.planning.options import PlanOptions, dwells
 from pbd.planning.steps import arm_of, hand_between, moves_of, place, request_of, retreat_of, scene_of
@@ -32,8 +33,7 @@ from pbd.tracking.keyframes import keyframes_of
 if TYPE_CHECKING:
     from pbd.arm.collision.scene import CollisionScene
     from pbd.arm.model import ArmModel
-    from pbd.arm.motion_request import Motion, MotionRequest
-    from pbd.arm.refusal import Refusal
+    from pbd.arm.motion_request import Motion
     from pbd.planning.steps import Hand
 
 
@@ -126,18 +126,11 @@ class _Task(NamedTuple):
     grasped: GraspedObject | None
 
 
-class _Refused(NamedTuple):
-    """Why there is no plan, and other options that may lead to one, with their names."""
-
-    error: PbdError
-    instead: tuple[tuple[str, PlanOptions], ...] = ()
-
-
 def _works(task: _Task, options: PlanOptions, attempt: Callable[[_Task, PlanOptions], object] | None = None) -> bool:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what is told on the way is of no plan that anyone sees
         try:
-            return not isinstance((attempt or _attempt)(task, options), _Refused)
+            return not isinstance((attempt or _attempt)(task, options), Refused)
         except PbdError:
             return False
 
@@ -170,7 +163,7 @@ class _Prepared(NamedTuple):
     chosen: Motion
 
 
-def _prepare(task: _Task, options: PlanOptions) -> _Prepared | _Refused:
+def _prepare(task: _Task, options: PlanOptions) -> _Prepared | Refused:
     """Choose joints and segments; these are not timed yet."""
     keyframes, calibration, robot, hand_path, grasped = task
     if options.path == "demo" and hand_path is None:
@@ -181,28 +174,28 @@ def _prepare(task: _Task, options: PlanOptions) -> _Prepared | _Refused:
     T_base_nav, T_base_tool = place(arm, keyframes, calibration, options, hand_path)
     if options.path != "demo" and (error := check_spread(T_base_tool)) is not None:
         demo = replace(options, path="demo", tolerance_m=None)
-        return _Refused(error, (("follow the hand with --path demo", demo),))
+        return Refused(error, (("follow the hand with --path demo", demo),))
     q_start = start_joints(arm, options)
     scene = scene_of(arm, calibration, grasped)
     warn_of_shapes(arm)
     warn_of_table(scene)
     hand = hand_between(hand_path, keyframes, T_base_nav, T_base_tool, calibration, options)
     request = request_of(arm, T_base_tool, q_start, hand, options)
-    chosen = _choose(arm, scene, request, keyframes, options)
-    if isinstance(chosen, _Refused) and options.allow_collision:
-        chosen = _choose(arm, None, request, keyframes, options)
-    if isinstance(chosen, _Refused):
+    chosen = choose_joints(arm, scene, request, keyframes, options)
+    if isinstance(chosen, Refused) and options.allow_collision:
+        chosen = choose_joints(arm, None, request, keyframes, options)
+    if isinstance(chosen, Refused):
         return chosen
     return _Prepared(arm, scene, T_base_nav, T_base_tool, q_start, hand, chosen)
 
 
-def _attempt(task: _Task, options: PlanOptions) -> Plan | _Refused:
+def _attempt(task: _Task, options: PlanOptions) -> Plan | Refused:
     from pbd.arm.ik.partial_pose import hold
     from pbd.arm.timing.moves import Timed, time_moves
     from pbd.audit.audit import audit, torque_of
 
     prepared = _prepare(task, options)
-    if isinstance(prepared, _Refused):
+    if isinstance(prepared, Refused):
         return prepared
     keyframes, calibration, robot, _, grasped = task
     arm, scene, T_base_nav, T_base_tool, q_start, hand, chosen = prepared
@@ -234,7 +227,7 @@ def _attempt(task: _Task, options: PlanOptions) -> Plan | _Refused:
     report = audit(timed.trajectory, robot.limits, robot, held.T_base_tool, world, load)
     if (heavy := check_torque(report.torque, robot.limits, load, options.speed, share_at)) is not None:
         slower = () if heavy.speed is None else ((f"use --speed {heavy.speed:g}", replace(options, speed=heavy.speed)),)
-        return _Refused(heavy.error, slower)
+        return Refused(heavy.error, slower)
     return Plan(
         keyframes,
         calibration,
@@ -248,73 +241,3 @@ def _attempt(task: _Task, options: PlanOptions) -> Plan | _Refused:
         find_touching(scene, timed.trajectory) if options.allow_collision else None,
         chosen.back,
     )
-
-
-def _choose(
-    arm: ArmModel,
-    scene: CollisionScene | None,
-    request: MotionRequest,
-    keyframes: Sequence[Keyframe],
-    options: PlanOptions,
-) -> Motion | _Refused:
-    """Choose joints and segments; without a scene whatever is in the way."""
-    from pbd.arm.collision.motion_check import describe, refuse_home
-    from pbd.arm.collision.queries import CollisionQueries
-    from pbd.arm.motion import choose_motion
-    from pbd.arm.refusal import Refusal
-
-    queries = None
-    if scene is not None:
-        if options.retreat or (options.approach and options.start is None):
-            try:
-                refuse_home(scene)
-            except PlanError as error:
-                return _Refused(error, (_without_home(options),))
-        queries = CollisionQueries(arm, scene, request.T_base_tool, [keyframe.grip for keyframe in keyframes])
-        if options.approach and (hit := scene.hit(request.q_start, queries.legs[0])) is not None:
-            what = f"at the arm's start: {describe(hit)}; move the arm, or correct the obstacles in the calibration"
-            return _Refused(PlanError(what, bodies=(hit.first, hit.second), value=hit.depth, p_base=hit.p_base))
-    found = choose_motion(arm, request, queries)
-    return _Refused(found.error, _instead(found, options)) if isinstance(found, Refusal) else found
-
-
-def _without_home(options: PlanOptions) -> tuple[str, PlanOptions]:
-    if options.approach and options.start is None:
-        said = "skip home (--no-approach --no-retreat), or start elsewhere (--from, --no-retreat)"
-        return said, replace(options, approach=False, retreat=False)
-    return "do not go back home (--no-retreat)", replace(options, retreat=False)
-
-
-def _instead(refusal: Refusal, options: PlanOptions) -> tuple[tuple[str, PlanOptions], ...]:
-    from pbd.arm.refusal import CANNOT_FOLLOW, COLLISION
-
-    if refusal.why == CANNOT_FOLLOW:
-        return (("use --path keyframes", replace(options, path="keyframes", tolerance_m=None)),)
-    if refusal.why == COLLISION and not options.allow_collision:
-        return (("view the motion with --allow-collision", replace(options, allow_collision=True)),)
-    return ()
-
-
-def solve_keyframes(
-    robot: Robot,
-    keyframes: Sequence[Keyframe],
-    calibration: Calibration,
-    options: PlanOptions,
-    hand_path: HandPath | None = None,
-) -> tuple[tuple[Pose, ...], Array, Array]:
-    """Find joints for keyframes, whatever is in the way between them.
-
-    Returns:
-        The tool's pose in base at each keyframe, the joints (n, k) that reach them, and how far off (n, 2, rad) an arm
-        with too few joints holds the tool: approach axis, and about it.
-    """
-    from pbd.arm.ik.partial_pose import hold
-    from pbd.arm.motion import choose_motion
-    from pbd.arm.refusal import Refusal
-
-    arm = arm_of(robot)
-    _, T_base_tool = place(arm, keyframes, calibration, options, hand_path)
-    found = choose_motion(arm, request_of(arm, T_base_tool, start_joints(arm, options), None, PlanOptions()), None)
-    if isinstance(found, Refusal):
-        raise found.error
-    return T_base_tool, found.q, hold(arm, T_base_tool, found.q).off_rad

@@ -10,24 +10,21 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
+from pbd.calibration.correspondence import rows_in_order
 from pbd.data import HandPath, Keyframe
+from pbd.fusion.alignment import TURN_LEVER_M
 from pbd.pose import (
     Array,
     Pose,
-    quat_about_z,
+    level_onto,
     quat_inverse,
     quat_log,
     quat_multiply,
-    quat_rotate,
     quat_to_matrix,
-    yaw_toward,
 )
 from pbd.tracking.smoother.attitude import mean_quaternion
 from pbd.view.tables import make_table
 from pbd.view.units import Units
-
-TURN_LEVER_M = 0.1
-"""m: distance of the tool's tip from the sensor, by which a turn counts as a shift in matching keyframes."""
 
 Tracked = tuple[str, HandPath, Sequence[Keyframe]]
 """A demonstration's name, its path and its keyframes."""
@@ -110,7 +107,7 @@ def compare_plot(demos: Sequence[Tracked]) -> ComparePlot:
         demos: two or more, each with one keyframe at least.
     """
     first = demos[0][2][0].T_nav_sensor
-    aligned = [_onto(first, keyframes[0].T_nav_sensor) for _, _, keyframes in demos]
+    aligned = [level_onto(keyframes[0].T_nav_sensor, first) for _, _, keyframes in demos]
     poses, covs = [], []
     for T_first_nav, (_, _, keyframes) in zip(aligned, demos, strict=True):
         R = quat_to_matrix(T_first_nav.wxyz)
@@ -129,31 +126,14 @@ def match_in_order(reference: Sequence[Pose], other: Sequence[Pose]) -> tuple[in
     """For each keyframe of the reference its partner's index in the other demonstration, or None.
 
     Each keyframe of the one with fewer gets a partner, in order, such that the sum of squared distances is least
-    (TURN_LEVER_M says what a turn counts). Equal numbers are matched in order. Dynamic programming, k x m steps.
+    (TURN_LEVER_M says what a turn counts). Equal numbers are matched in order.
     """
     if len(other) > len(reference):
         back = match_in_order(other, reference)
         return tuple(back.index(i) for i in range(len(reference)))
-    k, m = len(reference), len(other)
-    distances = np.array([[a.distance(b) for b in other] for a in reference]).reshape(k, m, 2)
-    square = ((distances * (1.0, TURN_LEVER_M)) ** 2).sum(axis=2)
-    cost = np.full((k + 1, m + 1), np.inf)  # of the first i and j, all of the j having a partner
-    cost[:, 0] = 0.0
-    for i in range(k):
-        cost[i + 1, 1:] = np.minimum(cost[i, 1:], cost[i, :-1] + square[i])
-    partners: list[int | None] = [None] * k
-    j = m
-    for i in range(k, 0, -1):
-        if j and cost[i, j] < cost[i - 1, j]:
-            j -= 1
-            partners[i - 1] = j
-    return tuple(partners)
-
-
-def _onto(first: Pose, own: Pose) -> Pose:
-    """T_first_nav, a turn about z and a shift: it brings `own` as close to `first` as these can."""
-    turn = quat_about_z(yaw_toward(own.wxyz, first.wxyz))
-    return Pose(first.p - quat_rotate(turn, own.p), turn)
+    distances = np.array([[a.distance(b) for b in other] for a in reference])
+    rows = rows_in_order(((distances * (1.0, TURN_LEVER_M)) ** 2).sum(axis=2))
+    return tuple(rows.index(i) if i in rows else None for i in range(len(reference)))
 
 
 def _run(
@@ -236,21 +216,17 @@ def spread_table(plot: ComparePlot, units: Units) -> Table:
 
 
 def spread_rows(plot: ComparePlot) -> list[dict[str, Any]]:
-    """The same for `--json`; what is not known is null."""
+    """The same for `--json`; what is not known is NaN."""
     return [
         {
             "index": number,
             "keyframes": list(keyframe.own),
             "position_m": keyframe.p.tolist(),
-            "spread_m": [_or_none(x) for x in keyframe.spread.tolist()],
-            "spread_deg": _or_none(float(np.degrees(keyframe.turn))),
-            "sigma_m": [_or_none(x) for x in keyframe.sigma.tolist()],
+            "spread_m": keyframe.spread.tolist(),
+            "spread_deg": float(np.degrees(keyframe.turn)),
+            "sigma_m": keyframe.sigma.tolist(),
             "furthest": plot.runs[keyframe.furthest].name,
             "furthest_m": keyframe.furthest_m,
         }
         for number, keyframe in enumerate(plot.keyframes)
     ]
-
-
-def _or_none(value: float) -> float | None:
-    return value if np.isfinite(value) else None

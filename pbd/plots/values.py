@@ -12,7 +12,7 @@ import numpy as np
 from pbd.data import HandPath, Keyframe, Recording, Stop, Truth
 from pbd.data.tracking import DOUBTED_WEIGHT, Tracking
 from pbd.plots.findings import Finding, at_stop, find, length, stop_names
-from pbd.pose import Array, quat_about_z, quat_multiply, quat_rotate, quat_to_rpy, yaw_toward
+from pbd.pose import Array, Pose, level_onto, quat_multiply, quat_rotate, quat_to_rpy
 from pbd.tracking.alarm import FIELD_CHANGE
 from pbd.tracking.keyframes import keyframes_of
 from pbd.tracking.paper import paper_stops, resulting_variance
@@ -180,10 +180,10 @@ def _truth(truth: Truth, path: HandPath) -> TruthPlot | None:
     if len(t) < 2 or away.min() > TRUTH_NEAR_S:
         return None
     row = int(np.argmin(away))
-    turn = quat_about_z(yaw_toward(wxyz[row], path.wxyz_nav_sensor[first]))
-    p = path.p_nav_sensor[first] + quat_rotate(turn, p - p[row])
+    T = level_onto(Pose(p[row], wxyz[row]), Pose(path.p_nav_sensor[first], path.wxyz_nav_sensor[first]))
+    p = T.act(p)
     rpy = np.full_like(p, np.nan)
-    rpy[seen] = np.unwrap(quat_to_rpy(quat_multiply(turn, wxyz[seen])), axis=0)
+    rpy[seen] = np.unwrap(quat_to_rpy(quat_multiply(T.wxyz, wxyz[seen])), axis=0)
     ours = np.unwrap(quat_to_rpy(path.wxyz_nav_sensor), axis=0)[first]
     rpy += 2.0 * np.pi * np.round((ours - rpy[row]) / (2.0 * np.pi))
     at = np.column_stack([np.interp(path.t, t, axis, left=np.nan, right=np.nan) for axis in p.T])

@@ -25,9 +25,11 @@ from tests.arm.straight import time_keyframes
 ARMS = ("panda", "ur5", "so101", "xarm7")
 IMPOSSIBLE = (("so101", "pouring", "line"), ("so101", "pouring", "demo"))  # five joints can't follow the turn
 MOTIONS = [
-    motion for arm in ARMS for demo in DEMOS for path in ("keyframes", "line", "demo")
-    if (motion := (arm, demo, path)) not in IMPOSSIBLE
+    motion for k, arm in enumerate(ARMS) for i, path in enumerate(("keyframes", "line", "demo"))
+    if (motion := (arm, DEMOS[(i + k) % 3], path)) not in IMPOSSIBLE
 ]  # fmt: skip
+"""Every arm along every path, every demonstration along every path."""
+
 WITHIN = 1.0005
 
 

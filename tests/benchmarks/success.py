@@ -15,9 +15,7 @@ import numpy as np
 
 from pbd.calibration.dock import nav_in_base
 from pbd.calibration.frames import tool_poses
-from pbd.calibration.success import success
-from pbd.calibration.touch_up import keyframes_covariance
-from pbd.calibration.uncertainty import joint_tool_covariance
+from pbd.calibration.success import success_of
 from pbd.data import Calibration, Truth
 from pbd.errors import PbdError
 from pbd.pipeline import track
@@ -50,10 +48,8 @@ def one(seed: int, sensor: str) -> list[tuple[float, bool]]:
     T_real = real @ truth[0].inverse()
     belongs = [T_real @ pose @ calibration.T_sensor_tool for pose in truth]
     off = np.array([a.distance(b)[0] for a, b in zip(commanded, belongs, strict=True)])
-    cov = joint_tool_covariance(keyframes_covariance(path, keyframes), keyframes, T_base_nav, calibration)
-    return [
-        (success(cov, np.full(len(keyframes), within)).of_all, bool((off <= within).all())) for within in TOLERANCES_M
-    ]
+    found = (success_of(path, keyframes, T_base_nav, calibration, within_m=within) for within in TOLERANCES_M)
+    return [(each.of_all, bool((off <= within).all())) for each, within in zip(found, TOLERANCES_M, strict=True)]
 
 
 def _true_pose(truth: Truth, t: float) -> Pose:

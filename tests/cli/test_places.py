@@ -62,7 +62,7 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, walk: Path) -> Path:
     """A folder with what every writer would write, as somebody left it; `old` is its name."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("pbd.plots.figures.names", lambda plot: ["summary"])  # one of many figures
+    monkeypatch.setattr("pbd.plots.figures.names", lambda plot: ["position"])  # one of many figures
     shutil.copy(walk / "imu.csv", "walk.csv")
     shutil.copytree(walk, "there/old")
     Path("there/old/figures").mkdir()

@@ -39,12 +39,25 @@ def test_a_touch_up_is_kept_followed_and_undone(tea: Path, capsys: Capture) -> N
     assert "no touch-up to undo" in refused_line(capsys, "touch", "tea", "--robot", "panda", "--undo")
 
 
+def test_millimetres_for_metres_are_refused_and_nothing_is_written(tea: Path, capsys: Capture) -> None:
+    said = refused_line(capsys, "touch", "tea", "2", "--robot", "panda", "--by", "0", "-4", "0")
+    assert "that is 4.00 m away" in said
+    assert not tea.exists()
+
+
 def test_where_it_belongs_may_be_given_in_base_or_in_the_tools_axes(tea: Path, capsys: Capture) -> None:
     run(capsys, "touch", "tea", "1", "--robot", "panda", "--at", "0.45", "-0.1", "0.36")
     at = places(capsys)[1]
     np.testing.assert_allclose(at, [0.45, -0.1, 0.36], atol=1e-4)
     run(capsys, "touch", "tea", "1", "--robot", "panda", "--by", "0", "0", "0.01", "--tool", "--only")
     assert places(capsys)[1][2] == pytest.approx(at[2] - 0.01, abs=3e-4)  # the tool points down
+
+
+def test_a_touch_up_that_no_error_of_tracking_explains_is_told(tea: Path, capsys: Capture) -> None:
+    far = ("touch", "tea", "2", "--robot", "panda", "--by", "0.1", "0", "0")
+    told = "pbd: warning: keyframe 2 was off by 10.0 cm, "
+    assert told in run(capsys, *far)[2]
+    assert told not in run(capsys, *far, "--only")[2]
 
 
 def test_nudges_are_in_base_or_tool_axes(tea: Path, capsys: Capture) -> None:
@@ -92,7 +105,7 @@ def test_out_of_reach_names_a_place_that_works(tea: Path, capsys: Capture) -> No
         ("touch tea --robot panda --by 0 0 0", 2, "name the keyframe"),
         ("touch pouring 2 --robot panda --by 0 0 0", 1, "is bundled"),
         ("keyframes tea --frame cup=2..3 --frame jug=3", 2, "keyframe 3 can't belong to 'cup' and to 'jug'"),
-        ("keyframes tea --frame cup=2..7", 1, "there is no keyframe 5 for 'cup'; they are 0 to 4"),
+        ("keyframes tea --frame cup=2..7", 1, "there is no keyframe 7 for 'cup'; they are 0 to 4"),
         ("keyframes tea --frame cup=3..2", 2, "must be like cup=3..5"),
         ("keyframes tea --robot panda --at jug=0,0,0", 3, "no keyframe belongs to 'jug'"),
         ("keyframes tea --tolerance 0.01", 2, "name the robot"),

@@ -43,7 +43,7 @@ def told(capsys: Capture, *args: str) -> tuple[object, str]:
         (("replay", "--robot", "panda", "--scale", "big"), "argument --scale: must be a number above zero, got 'big'"),
         (
             ("export", "--robot", "panda", "-o", "-"),
-            "pbd: name the --format (csv, npz, ros2-json, keyframes, tum, tum-hand, urscript, mcap), or a file",
+            "pbd: name the --format (csv, npz, ros2-json, keyframes, tum, tum-hand, urscript, mcap, lerobot, glb)",
         ),
         (
             ("export", "--robot", "panda", "-o", "-", "--format", "csv", "--json"),

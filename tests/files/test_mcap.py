@@ -18,7 +18,6 @@ from tests.arm.bundled import arm_of
 from tests.files.test_formats import planned
 
 Topics = dict[str, list[tuple[int, Any]]]
-ARMS = ("panda", "ur5", "so101")
 
 
 def by_rosbags(path: Path) -> Topics:
@@ -65,8 +64,9 @@ def tool_by_tf(topics: Topics, robot: Any, i: int) -> Pose:
     return in_root(robot.base).inverse() @ in_root("pbd_tool")
 
 
-@pytest.mark.parametrize("read", [by_rosbags, by_mcap_ros2])
-@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize(
+    ("name", "read"), [("panda", by_rosbags), ("panda", by_mcap_ros2), ("ur5", by_mcap_ros2), ("so101", by_rosbags)]
+)
 def test_the_bag_has_the_motion_and_the_recording(tmp_path: Path, name: str, read: Any) -> None:
     plan, robot, source = planned(name)
     export(plan.trajectory, robot, "mcap", tmp_path / "p.mcap", 20.0, source=source)

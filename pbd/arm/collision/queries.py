@@ -35,10 +35,6 @@ class CollisionQueries:
         legs = dict.fromkeys(self.legs[i : i + 2])  # mostly alike
         return next((hit for leg in legs if (hit := self.scene.hit(q, leg))), None)
 
-    def passing(self, i: int, q: Array) -> Hit | None:
-        """Return what it touches on its way to keyframe i at joints (k,)."""
-        return self.scene.hit(q, self.legs[i])
-
     def moving(self, i: int, q: Array) -> Hit | None:
         """Return what it touches first on its way to keyframe i, straight from each of joints (m, k) to the next."""
         return self.scene.check_path(q, self.legs[i])

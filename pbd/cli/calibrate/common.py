@@ -10,7 +10,7 @@ import numpy as np
 
 from pbd.cli.console import working
 from pbd.data import Calibration, HandPath, Recording, Robot
-from pbd.data.sigma import one_sigma, or_none
+from pbd.data.sigma import one_sigma
 from pbd.errors import CalibrationError, PlanError
 from pbd.files.calibration_edit import calibration_file, existing_calibration
 from pbd.files.demo import load_demo
@@ -50,9 +50,9 @@ def instead_of(path: Path, calibration: Calibration | None, part: str, force: bo
 
 
 def sigma_json(cov: Array) -> dict[str, Any]:
-    """One sigma of a pose's covariance (6, 6); None where it is unknown."""
+    """One sigma of a pose's covariance (6, 6); NaN (null in JSON) where it is unknown."""
     sigma = one_sigma(cov)
-    return {"sigma_m": or_none(sigma[:3]), "sigma_deg": or_none(np.degrees(sigma[3:]))}
+    return {"sigma_m": sigma[:3].tolist(), "sigma_deg": np.degrees(sigma[3:]).tolist()}
 
 
 def refuse_out_of_reach(robot: Robot, T_base_tool: Pose) -> None:

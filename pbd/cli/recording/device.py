@@ -102,5 +102,6 @@ def only_port(what: str = "sensor", instead: str = ", or try --sensor sim") -> s
     if len(ports) == 1:
         return ports[0].device
     if not ports:
-        raise SensorError(f"no USB serial port has anything plugged in; plug the {what} in, name its --port{instead}")
+        port = f"name its --port{instead}" if instead else "or name its --port"
+        raise SensorError(f"no USB serial port has anything plugged in; plug the {what} in, {port}")
     raise SensorError(f"several ports have something plugged in ({', '.join(p.device for p in ports)}); name a --port")

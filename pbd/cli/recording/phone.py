@@ -22,8 +22,10 @@ PIXELS = 6
 WHITE_ON_BLACK, PLAIN = "\033[97;40m", "\033[0m"
 """The code is drawn in its light modules; the colours of a terminal may be the other way round."""
 
+SCAN = '1. in phyphox: + (below right), "add experiment from QR code", and scan the code'
+SEND = "1. send {file} to the phone, and open it there with phyphox"
+
 NEXT = """\
-1. in phyphox: + (below right), "add experiment from QR code", and scan the code
 2. open the experiment "pbd"; in its menu (three dots) switch "allow remote access" on; it shows an address
 3. pbd record tea --sensor phyphox --port http://ADDRESS"""
 
@@ -46,10 +48,18 @@ def prepare(args: argparse.Namespace) -> None:
     if args.json:
         print_json({"file": str(file)})
         return
-    if sys.stdout.isatty() and kind == "phyphox":
+    shown = sys.stdout.isatty() and kind == "phyphox"
+    if shown:
         _show(segno)
+    if kind != "phyphox":
+        said = f"{file} is written: show it on a screen or on paper for the phone to scan"
+    elif shown:
+        said = f"{file} is written, for a phone that can't scan: send it there, and open it with phyphox"
+    else:
+        said = f"{file} is written; a terminal shows the code to scan, -o code.png makes a picture of it"
+    print(SCAN if shown or kind != "phyphox" else SEND.format(file=file))
     print(NEXT)
-    say(f"{file} is written, for a phone that can't scan: send it there, and open it with phyphox")
+    say(said)
 
 
 def _show(segno: object) -> None:

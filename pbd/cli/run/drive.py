@@ -144,9 +144,8 @@ def _preview(counts: Counts, state: State, goals: Array, t: Array, trajectory: J
 def _timetable(trajectory: JointTrajectory, goals: Array, t: Array) -> str:
     """How long each part takes."""
     first, last = float(trajectory.keyframe_t[0]), float(trajectory.keyframe_t[-1])
-    back = trajectory.duration - last
     parts = [f"to the start {first - t[0]:.1f} s", f"the demonstration {last - first:.1f} s"]
-    parts += [f"back home {back:.1f} s"] if back > 0.0 else []
+    parts += [f"back home {t[-1] - last:.1f} s"] if trajectory.duration > last else []
     return f"{', '.join(parts)}: {t[-1] - t[0]:.1f} s in all, then the arm holds"
 
 

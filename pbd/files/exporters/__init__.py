@@ -87,7 +87,7 @@ def check_format(
     if rate_hz is not None and not LOWEST_HZ <= rate_hz <= HIGHEST_HZ:
         raise PbdError(f"--rate must be {LOWEST_HZ:g} to {HIGHEST_HZ:g} Hz, got {rate_hz:g}", value=rate_hz)
     if dense and format_name != "urscript":
-        raise PbdError(f"--dense is for urscript; {format_name} has --rate, or no samples", value=format_name)
+        raise PbdError(f"--dense is for urscript alone; leave it out for {format_name}", value=format_name)
     if rate_hz is not None and (format_name in WITHOUT_RATE or (format_name == "urscript" and not dense)):
         raise PbdError(f"{format_name} is not sampled at a rate: leave --rate out", value=rate_hz)
     if robot is not None and format_name in FOR_SOME:

@@ -67,7 +67,7 @@ def read_sheet(
     known = f"the columns are {listed(sheet.header)}"
     say = "say which is which with --column, for example --column ax=NAME"
     if not timed and rate_hz is None:
-        what = f"no column for t (time); {known}: {say}, or import it with its --rate HZ"
+        what = f"no column for t (time); {known}: {say.replace('ax=', 't=')}, or import it with its --rate HZ"
         raise RecordingError(f"{path}: {what}", path=path)
     if not found.of("acc"):
         without = [name for name, why in found.unread.items() if "gravity" in why]
@@ -155,7 +155,7 @@ def _magnetometer_beside(path: Path, t: Array) -> Array | None:
         return None
     sheet = open_sheet(beside, foreign=True)
     found = understand(beside, sheet.header, sheet.preamble, {}, {})
-    if not found.of("t") or not found.of("mag"):
+    if not found.of("t") or len(found.of("mag")) < len(CHANNELS["mag"]):
         return None
     table = sheet.read([column.name for column in found.columns])
     t_mag, mag = _values(table, found.of("t")), _values(table, found.of("mag"))

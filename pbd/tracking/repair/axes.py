@@ -138,10 +138,15 @@ def _find(witnesses: Sequence[Witness], turn: Array, turn_back: Array) -> Contra
     seen = [_degrees(witness.first, witness.second) > CONTRADICTION_DEG for witness in witnesses]
     told = [rows | _carried_away(witness, turn) for witness, rows in zip(witnesses, seen, strict=True)]
     counted = np.array([rows.sum() >= SIMPLE_PAIRS for rows in seen], dtype=bool)
-    costs = np.array([_costs(w, rows, turn, turn_back) for w, *rows in zip(witnesses, seen, told, strict=True)])
-    wrong = counted & (costs[:, 0] > CONTRADICTION_DEG) if len(costs) else counted
-    if not wrong.any():
+    each = [*zip(witnesses, seen, told, strict=True)]
+    as_it_is = readings()[:1]
+    wrong = [
+        n and _costs(w, rows, turn, turn_back, as_it_is)[0] > CONTRADICTION_DEG
+        for n, (w, *rows) in zip(counted, each, strict=True)
+    ]
+    if not any(wrong):
         return None
+    costs = np.array([_costs(w, rows, turn, turn_back, readings()) for w, *rows in each])
     costs, pairs = costs[counted], min(int(rows.sum()) for rows, off in zip(told, wrong, strict=True) if off)
     channels = [witness.channel for witness, count in zip(witnesses, counted, strict=True) if count]
     fits = []
@@ -173,10 +178,12 @@ def _carried_away(witness: Witness, turn: Array) -> NDArray[np.bool_]:
     return away
 
 
-def _costs(witness: Witness, parts: Sequence[NDArray[np.bool_]], turn: Array, turn_back: Array) -> Array:
-    """Median angle of each reading of the gyro, degrees, (48,): the largest over the parts of the pairs."""
+def _costs(
+    witness: Witness, parts: Sequence[NDArray[np.bool_]], turn: Array, turn_back: Array, of: Sequence[Reading]
+) -> Array:
+    """Median angle (n,), degrees, of n readings of the gyro: the largest over the parts of the pairs."""
     medians = []
-    for reading in readings():
+    for reading in of:
         matrix = reading.matrix
         mirrored = np.linalg.det(matrix) < 0.0
         rotation = -matrix if mirrored else matrix

@@ -20,6 +20,8 @@ from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.repair.clock import steady_clock
 from tests.scenarios import truth_at, uncalibrated, with_rows
 
+pytestmark = pytest.mark.usefixtures("remembered")
+
 RATES = [("os5000", None), ("modern", None), ("modern", 95.0), ("wt901", 41.0), ("modern", 286.0)]
 
 

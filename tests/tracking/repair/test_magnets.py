@@ -21,6 +21,8 @@ from pbd.simulation.simulate import SENSOR_MODELS, TASKS, World, random_task, si
 from pbd.tracking.keyframes import find_keyframes
 from tests.scenarios import pour, truth_at, uncalibrated
 
+pytestmark = pytest.mark.usefixtures("remembered")
+
 MAGNETIC = re.compile(r"the magnetic field changes by (\d+) % from ([\d.]+) s on: heading is taken from the gyro")
 
 
@@ -110,7 +112,7 @@ def test_a_magnetometer_that_jumps_once_does_no_harm() -> None:
     assert off.max() < errors(demo.recording, demo.truth)[0].max() + 0.002
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 @example("wt901", "long", 441, World(field=(3.0, 12.0, 55.0)))  # steep, and a vertical that is wrong by 3 degrees
 @given(
     st.sampled_from(["os5000", "wt901", "modern", "ideal"]),

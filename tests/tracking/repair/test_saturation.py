@@ -100,7 +100,7 @@ def test_nothing_is_found_where_nothing_clips(sensor: str, rate_hz: float) -> No
             assert clips_of(simulate(task, limited(sensor), seed, rate_hz=rate_hz).recording) == ()
 
 
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=25)
 @given(
     st.sampled_from(["os5000", "wt901", "modern"]),
     st.floats(0.1, 30.0),
@@ -157,7 +157,7 @@ def test_a_clipped_parabola_is_continued_and_as_unsure_as_the_continuation() -> 
 def test_the_roll_of_test_1_is_put_back_by_gravity() -> None:
     """Its peak of 640 deg/s clips at 500: some five degrees are lost."""
     lost, tilt = [], []
-    for seed in range(10):
+    for seed in range(5):
         clipped = simulate("pick-and-place-stops", "os5000", seed)
         free = simulate("pick-and-place-stops", limited("os5000"), seed).recording
         assert clipped.recording.gyr is not None
@@ -174,14 +174,14 @@ def test_the_roll_of_test_1_is_put_back_by_gravity() -> None:
 # A lost turn about the vertical looks like a disturbed field; that is a warning too many, and no other harm.
 @pytest.mark.filterwarnings("ignore::pbd.errors.PbdWarning")
 @pytest.mark.parametrize(
-    ("sensor", "gyr_deg", "acc", "seeds"),
-    [("modern", 200.0, inf, 8), ("os5000", inf, 13.0, 32), ("wt901", 250.0, 14.0, 8)],  # a median of 16 is .3 cm off
+    ("sensor", "gyr_deg", "acc"),
+    [("modern", 200.0, inf), ("os5000", inf, 13.0), ("wt901", 250.0, 14.0)],
 )
 def test_a_clipped_recording_is_tracked_far_better_than_it_was_sampled(
-    sensor: str, gyr_deg: float, acc: float, seeds: int, monkeypatch: pytest.MonkeyPatch
+    sensor: str, gyr_deg: float, acc: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     free, restored, as_it_is, scaled = [], [], [], []
-    for seed in range(seeds):
+    for seed in range(8):
         demo = simulate(fast(seed), limited(sensor, gyr_deg, acc), seed)
         error, in_sigma = errors_in_m_and_sigma(demo)
         restored.append(error)

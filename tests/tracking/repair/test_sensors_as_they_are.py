@@ -29,6 +29,8 @@ from tests.benchmarks.trials import read_broad
 from tests.scenarios import keyframes_and_errors, pour, uncalibrated, with_rows
 from tests.tracking.faults import with_channel
 
+pytestmark = pytest.mark.usefixtures("remembered")
+
 WITH_GYRO = ["os5000", "wt901", "modern", "ideal"]
 
 
@@ -59,7 +61,7 @@ def with_spike(recording: Recording, channel: str, row: int, axis: int, value: f
 
 @pytest.mark.parametrize("sensor", ["modern", "os5000"])
 @pytest.mark.parametrize(("channel", "value"), [("acc", 500.0), ("acc", -500.0), ("gyr", 30.0)])
-@pytest.mark.parametrize("t", [0.0, 1.0, 2.9, 9.8, 22.0])
+@pytest.mark.parametrize("t", [0.0, 2.9, 22.0])
 def test_a_wild_sample_is_left_out_and_told(sensor: str, channel: str, value: float, t: float) -> None:
     recording = pour(sensor, 1).recording
     row = int(np.searchsorted(recording.t, t))
@@ -225,7 +227,7 @@ def test_a_real_gyro_in_degrees_is_found_out_and_a_good_one_is_not(data_folder: 
                 refuse_disagreement(replace(good, gyr=np.degrees(good.gyr)))
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(
     st.sampled_from(WITH_GYRO),
     st.sampled_from([*TASKS, "random", "fast", "wide"]),
@@ -266,7 +268,7 @@ def test_axes_that_are_not_the_accelerometers_are_found_out(how: str, sensor: st
     assert all("import the file with --column g" in message for message in said)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(st.sampled_from(["modern", "ideal"]), st.floats(9.6, 10.0), st.integers(0, 100))
 def test_gravity_is_what_the_sensor_shows(sensor: str, gravity: float, seed: int) -> None:
     keyframes, errors = keyframes_and_errors(simulate("pour", sensor, seed, world=World(gravity=gravity)))

@@ -13,8 +13,8 @@ from pbd.arm.collision.geometry import link_bodies
 from pbd.arm.model import ArmModel, load_model
 from pbd.arm.reach import farthest
 from pbd.cli.console import print_json, working
-from pbd.cli.robots_rank import rank
-from pbd.cli.robots_suggest import suggest
+from pbd.cli.robots.rank import rank
+from pbd.cli.robots.suggest import suggest
 from pbd.data import Robot
 from pbd.errors import PbdWarning, RobotError
 from pbd.files.library import names

@@ -9,7 +9,7 @@ from pathlib import Path
 from pbd.cli.calibrate.sensor import sensor_parts
 from pbd.cli.console import print_json, say, working
 from pbd.cli.options import UsageError
-from pbd.cli.steps import named_calibration
+from pbd.cli.steps import named_calibration, write_figures
 from pbd.data import Demonstration, HandPath
 from pbd.files.calibration_edit import calibration_file, update_calibration
 from pbd.files.demo import demo_folder, load_demo, refuse_demo_folder, utc_now, write_demo
@@ -62,14 +62,6 @@ def _named(demo: Demonstration, folder: Path) -> Demonstration:
 def _plots(args: argparse.Namespace, path: HandPath) -> list[str]:
     if args.plot is None:
         return []
-    from pbd.doors.atomic import atomic_files
     from pbd.plots.fusion_figures import FUSION_FIGURES, draw_fusion
-    from pbd.plots.style import write
 
-    files = [f"{name}.png" for name in FUSION_FIGURES]
-    with working("drawing"), atomic_files(args.plot, files) as new:
-        for name, file in zip(FUSION_FIGURES, files, strict=True):
-            with (new / file).open("wb") as stream:
-                write(draw_fusion(name, path), stream, "png")
-    say(f"wrote {len(files)} files into {args.plot}")
-    return [str(args.plot / file) for file in files]
+    return write_figures(args.plot, "png", FUSION_FIGURES, lambda name: draw_fusion(name, path))

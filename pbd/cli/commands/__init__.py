@@ -1,0 +1,61 @@
+"""All commands with their options. A command's module is imported when it runs, so that `pbd --help` is instant."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+
+from pbd import __version__
+from pbd.cli.commands.calibrate import add_calibrate
+from pbd.cli.commands.completion import SHELLS, PrintCompletion
+from pbd.cli.commands.demonstrations import add_import, add_record, add_sensors, add_simulate
+from pbd.cli.commands.robots import add_export, add_replay, add_robots, add_run
+from pbd.cli.commands.tracking import add_check, add_fuse, add_keyframes, add_plot, add_segments, add_touch
+from pbd.cli.options import Parser
+from pbd.errors import nearest
+
+EPILOG = """\
+a first look:
+  pbd replay --robot panda              a panda replays the bundled demonstration
+  pbd keyframes                         where the hand stopped, and how certain that is
+  pbd export --robot panda --format csv -o pouring.csv
+
+exit codes: 0 done; 1 the input, the output or the device is at fault; 2 wrong usage; 3 the robot can't do it
+"""
+
+
+def parser() -> argparse.ArgumentParser:
+    """Build the parser of all commands."""
+    top = Parser(
+        prog="pbd",
+        description="Show a robot arm a task with a small inertial sensor in your hand; the arm replays it.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    top.add_argument("--version", action="version", version=f"pbd {__version__}")
+    completion = "print the script that completes commands, options and names in that shell"
+    top.add_argument("--print-completion", action=PrintCompletion, choices=SHELLS, help=completion)
+    commands = top.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    for add in COMMANDS:
+        add(commands)
+    return top
+
+
+def parse(argv: Sequence[str] | None) -> argparse.Namespace:
+    """Parse a command; its own parser reports unexpected arguments."""
+    top = parser()
+    args, unknown = top.parse_known_args(argv)
+    if unknown:
+        command: argparse.ArgumentParser = getattr(args, "parser", top)
+        word = unknown[0].partition("=")[0]
+        if not word.startswith("-"):
+            command.error(f"unexpected argument '{word}'")
+        options = [option for action in command._actions for option in action.option_strings]
+        command.error(f"unknown option {word}{nearest(word, options)}")
+    return args
+
+
+COMMANDS = (
+    *(add_record, add_simulate, add_import, add_segments, add_keyframes, add_touch, add_plot, add_fuse),
+    *(add_check, add_calibrate, add_replay, add_export, add_run, add_robots, add_sensors),
+)

@@ -1,0 +1,180 @@
+"""Options of `pbd calibrate` and of its steps: dock, points, mount, sensor, show."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from pbd.cli.options import Commands, add_accept_gap, add_command, add_force, add_json, positive
+
+REPLACE = "replace a [dock] by a [nav], or a [nav] by a [dock]"
+
+
+def add_calibrate(commands: Commands) -> None:
+    """Add `pbd calibrate` and its steps."""
+    parser = add_command(
+        commands,
+        "calibrate",
+        "where the hand starts in the robot's base, how the sensor is mounted, and its errors",
+        "Make or update ./calibration/NAME.toml, one part at a time; the other parts stay as they are.\n"
+        "docs/calibration.md explains each part.",
+        "  pbd calibrate dock bench --position 0.45 -0.15 0.25 --rpy 0 0 0 --robot panda\n"
+        "  pbd calibrate show bench\n"
+        "  pbd replay tea --robot panda --calibration bench",
+    )
+    steps = parser.add_subparsers(title="steps", metavar="STEP", required=True)
+    for add in (_add_dock, _add_points, _add_mount, _add_sensor, _add_show):
+        add(steps)
+
+
+def _add_name(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("name", metavar="CALIBRATION", help="name (./calibration/CALIBRATION.toml), or its file's path")
+    add_json(parser)
+
+
+def _add_dock(steps: Commands) -> None:
+    parser = add_command(
+        steps,
+        "dock",
+        "where in the robot's base a demonstration starts",
+        "Say where the sensor lies, in the robot's base, when a demonstration begins: measured by hand, where the\n"
+        "robot's own tool stands at some joints, or where an earlier demonstration stopped.",
+        "  pbd calibrate dock bench --position 0.45 -0.15 0.25 --rpy 0 0 0 --robot panda\n"
+        "  pbd calibrate dock bench --robot panda --joints 0 -45 0 -135 0 90 -45\n"
+        "  pbd calibrate dock shelf --from-keyframe tea 7 --calibration bench",
+    )
+    _add_name(parser)
+    where, option = parser.add_mutually_exclusive_group(required=True).add_argument, parser.add_argument
+    where("--position", nargs=3, type=float, metavar=("X", "Y", "Z"), help="position of the SENSOR in base, m")
+    joints = "the arm's joints there, degrees (sliding joints: m); needs --robot"
+    where("--joints", nargs="+", type=float, metavar="Q", help=joints)
+    where("--from-keyframe", nargs=2, metavar=("DEMO", "K"), help="where demonstration DEMO stopped at its keyframe K")
+    rpy = "with --position: roll, pitch, yaw, degrees (as in NAME's dock, else 0 0 0)"
+    option("--rpy", nargs=3, type=float, metavar=("R", "P", "Y"), help=rpy)
+    option("--calibration", metavar="C", help="calibration to track --from-keyframe with (NAME itself)")
+    option("--robot", metavar="R", help="robot of --joints; checks that it reaches the dock")
+    sigma = "one sigma of the position, each axis, mm (3)"
+    option("--sigma-mm", type=positive, default=3.0, metavar="MM", help=sigma)
+    sigma = "one sigma of the rotation, each axis, degrees (1)"
+    option("--sigma-deg", type=positive, default=1.0, metavar="DEG", help=sigma)
+    add_force(parser, REPLACE)
+    add_accept_gap(parser)
+
+
+def _add_points(steps: Commands) -> None:
+    parser = add_command(
+        steps,
+        "points",
+        "where the hand's frame (nav) lies in the robot's base, from known points that the hand touched",
+        "Find how a demonstration lies in the robot's base from three or more known points that its stops touched.\n"
+        "FILE is a CSV with the header name,x_m,y_m,z_m (or _cm, _mm) and one row per point.",
+        "  pbd calibrate points bench touches --points corners.csv\n"
+        "  pbd calibrate points bench touches --points corners.csv --any-order",
+    )
+    _add_name(parser)
+    option = parser.add_argument
+    option("demo", metavar="DEMO", help="the demonstration whose stops touched the points")
+    option("--points", type=Path, required=True, metavar="FILE", help="the points, in the robot's base")
+    option("--unit", choices=("m", "cm", "mm"), help="unit of columns named x, y, z")
+    order = parser.add_mutually_exclusive_group().add_argument
+    order("--any-order", action="store_true", help="the points were touched in an unknown order: find it")
+    order("--stops", type=_stops, metavar="K,K,...", help="the stop that touched each point, in the points' order")
+    option("--free", action="store_true", help="also find the tilt, where the base's z is not vertical")
+    option("--find-scale", action="store_true", help="also find the scale of the hand's path")
+    touch = "one sigma between tip and point, each axis, mm (1)"
+    option("--touch-mm", type=positive, default=1.0, metavar="MM", help=touch)
+    option(
+        "--as",
+        dest="part",
+        choices=("nav", "dock"),
+        help="nav: later demonstrations start at the same point with any heading (needs a magnetometer, and is the "
+        "default with one); dock: they start with the sensor in the same pose",
+    )
+    again = "check how well the heading repeats, in demonstrations that began with the sensor put down the same way"
+    option("--again", nargs="+", default=(), metavar="DEMO", help=again)
+    add_force(parser, REPLACE)
+    add_accept_gap(parser)
+
+
+def _add_mount(steps: Commands) -> None:
+    parser = add_command(
+        steps,
+        "mount",
+        "how the sensor is mounted on the tool: its lever and its rotation",
+        "Find where the tool is relative to the sensor. --pivot: the tip stays on one point while you tilt the tool\n"
+        "to all sides, with rests between; this gives the lever. --turns: you turn the tool about its own axes,\n"
+        "one after the other, with rests between; this gives the sensor's rotation. Signs follow the right-hand\n"
+        "rule; the tool's z is the approach direction, its x the direction in which the jaws open.",
+        "  pbd calibrate mount bench pivot --pivot\n  pbd calibrate mount bench turns --turns x,-x,z,-z",
+    )
+    _add_name(parser)
+    option = parser.add_argument
+    option("demo", metavar="DEMO", help="the recording")
+    option("--pivot", action="store_true", help="the tip stayed on one point at every stop")
+    turns = "the tool axis of each turn of 20 degrees or more: x, -x, y ..."
+    option("--turns", type=_turns, metavar="A,A", help=turns)
+    add_accept_gap(parser)
+
+
+def _add_sensor(steps: Commands) -> None:
+    parser = add_command(
+        steps,
+        "sensor",
+        "the sensor's errors: bias, scale, misalignment, hard and soft iron",
+        "Find a sensor's errors from one recording in which you put it down in several orientations, two seconds "
+        "each:\n"
+        "best twelve (each of the six sides and six of the edges up), turning it in all directions between them.",
+        "  pbd record sides --sensor witmotion\n  pbd calibrate sensor bench sides --latitude 48",
+    )
+    _add_name(parser)
+    option = parser.add_argument
+    option("demo", metavar="DEMO", help="the recording")
+    only = "calibrate only these (gyr, acc, mag), and fail if one can't be"
+    option("--only", type=_kinds, default=(), metavar="K,K", help=only)
+    gravity = parser.add_mutually_exclusive_group().add_argument
+    gravity("--gravity", type=positive, metavar="G", help="gravity at this place, m/s2 (9.80665)")
+    gravity("--latitude", type=float, metavar="DEG", help="compute gravity from the latitude of this place")
+    option("--temperature", type=float, metavar="C", help="room temperature, degrees C, noted in the file")
+
+
+def _add_show(steps: Commands) -> None:
+    parser = add_command(
+        steps,
+        "show",
+        "everything in a calibration, and what each part adds to the tool's uncertainty",
+        "Print a calibration, and how uncertain the tool's pose in the robot's base is at each keyframe of a\n"
+        "demonstration: in total, and the parts that come from the start, from the mount and from tracking.",
+        "  pbd calibrate show bench tea --save bench.png",
+    )
+    option = parser.add_argument
+    option("name", metavar="CALIBRATION", help="name of the calibration, or its file's path")
+    option("demo", nargs="?", metavar="DEMO", help="default: the newest in ./demos, else 'pouring'")
+    option("--save", type=Path, metavar="FILE", help="also draw it into this file (.png, .svg or .pdf)")
+    add_accept_gap(parser)
+    add_json(parser)
+
+
+def _stops(text: str) -> tuple[int, ...]:
+    try:
+        return tuple(int(part) for part in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"must be stops such as 1,2,4, got {text}") from None
+
+
+def _turns(text: str) -> tuple[str, ...]:
+    from pbd.calibration.mount import AXES
+
+    return _some_of(tuple(AXES), text.lower(), text)
+
+
+def _kinds(text: str) -> tuple[str, ...]:
+    from pbd.calibration.sensor import KINDS
+
+    return _some_of(tuple(KINDS), text, text)
+
+
+def _some_of(known: tuple[str, ...], text: str, given: str) -> tuple[str, ...]:
+    words = tuple(text.split(","))
+    if not set(words) <= set(known):
+        raise argparse.ArgumentTypeError(f"must be some of {', '.join(known)}, got {given}")
+    return words

@@ -1,0 +1,142 @@
+"""Options of the commands that make demonstrations: record, simulate, import; and of sensors."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pbd.cli.options import (
+    Commands,
+    add_command,
+    add_force,
+    add_json,
+    add_lines,
+    add_table,
+    pair,
+    positive,
+    take_number,
+)
+
+
+def add_record(commands: Commands) -> None:
+    """Add `pbd record`."""
+    parser = add_command(
+        commands,
+        "record",
+        "record a demonstration from a sensor",
+        "Record to ./demos/NAME, sample by sample. Hold still for two seconds, then move, stop, move, stop.\n"
+        "At a terminal: Enter ends the recording, space marks that the grip closes or opens, q discards it\n"
+        "(after a question), Ctrl-C ends and keeps it as Enter does.\n"
+        "`--sensor sim` simulates a hand that does a TASK (pour) and grips by itself.",
+        "  pbd record tea --sensor witmotion\n"
+        "  pbd record tea --sensor sim:pour           without hardware: a simulated hand that pours\n"
+        "  pbd record tea --sensor phyphox --port http://192.168.1.20:8080 --grip tap       from a phone\n"
+        "  pbd record tea --sensor gamepad            a DualSense or DualShock 4; its buttons mark the grip\n"
+        "  pbd record tea --live                      and see the hand, its path and its stops in the browser\n"
+        '  pbd record tea --sensor lines --columns "t,ax,ay,az,gx,gy,gz" --unit t=ms --unit acc=g --unit gyr=deg/s',
+    )
+    option = parser.add_argument
+    option("name", nargs="?", metavar="NAME", help="name in ./demos; default: the date and the time")
+    sensor = "protocol (`pbd sensors` lists them), or sim[:TASK]; default: detect it"
+    option("--sensor", metavar="SENSOR", help=sensor)
+    port = (
+        "the serial port, a phone's http:// address, or a gamepad's /dev/input/eventN; default: the only one plugged in"
+    )
+    option("--port", metavar="P", help=port)
+    option("--baud", type=int, metavar="B", help="default: try the sensor's usual rates")
+    option("--rate", type=positive, metavar="HZ", help="first set the device's rate, where it can be set")
+    option("--duration", type=positive, metavar="S", help="end after this many seconds")
+    tolerance = "uncertainty of a move that calls 'pause now' (1)"
+    option("--tolerance", type=positive, default=1.0, metavar="CM", help=tolerance)
+    taps = "what marks the grip: space alone, or two quick taps on the sensor's back too"
+    option("--grip", choices=("space", "tap"), default="space", help=taps)
+    option("--closed", action="store_true", help="the hand will end where it began; tracking uses that")
+    take = "of several takes of one task (`pbd fuse`), the one to record: to ./demos/NAMEN, and how to hold the sensor"
+    option("--take", type=take_number, metavar="N", help=take)
+    option("--raw", action="store_true", help="also keep the sensor's raw bytes (raw.bin)")
+    option("--reconnect", action="store_true", help="wait for a sensor that was unplugged")
+    option("--calibration", metavar="C", help="of this sensor: used to track, and compared with the sensor at rest")
+    add_force(
+        parser,
+        "replace a demonstration of that name: the old one is in NAME.before until the new one has ended well, "
+        "with two stops or more",
+    )
+    option("--live", action="store_true", help="show the hand in the browser, served on this machine only")
+    option("--no-open", action="store_true", help="with --live: open no browser; print the address")
+    unit = "unit of acc, gyr, mag, angle or t, such as acc=g"
+    add_lines(parser).add_argument("--unit", action="append", default=[], metavar="Q=U", help=unit)
+    add_json(parser)
+
+
+def add_simulate(commands: Commands) -> None:
+    """Add `pbd simulate`."""
+    parser = add_command(
+        commands,
+        "simulate",
+        "make a synthetic demonstration with ground truth",
+        "Simulate a hand that holds a sensor and does a task; the ground truth is stored too.",
+        "  pbd simulate pour tea --sensor-model wt901 --seed 3\n"
+        "  pbd simulate touch trial-touch   to try `pbd calibrate points` with",
+    )
+    option = parser.add_argument
+    task = "pour, pick-and-place-stops or pick-and-place-direct; to calibrate from: touch, pivot or sides"
+    option("task", metavar="TASK", help=task)
+    option("name", metavar="NAME", help="the new demonstration's name (in ./demos) or folder")
+    models = "os5000, os5000-nogyro, wt901, modern, phone or ideal (modern)"
+    option("--sensor-model", default="modern", metavar="M", help=models)
+    option("--seed", type=int, default=0, metavar="N", help="random seed of the sensor's errors and noise (0)")
+    option("--rate", type=positive, metavar="HZ", help="sample rate (the sensor model's own)")
+    add_force(parser)
+    add_json(parser)
+
+
+def add_import(commands: Commands) -> None:
+    """Add `pbd import`."""
+    parser = add_command(
+        commands,
+        "import",
+        "import a recording of another program",
+        "Read a recording (a table with a header, a ROS 2 bag, a phone's zip, an x-IMU3's folder, a sketch's lines,\n"
+        "an npz, a raw.bin of `pbd record --raw`; docs/imports.md has the programs) and store it as a demonstration.\n"
+        "Names and units come from the header where it gives them; otherwise use --column and --unit. What was\n"
+        "understood is printed. A level sensor must read +1 g on z: where it reads -1 g, turn the signs with\n"
+        "--unit acc=-g.",
+        "  pbd import run7.csv tea --column ax=AccX --column ay=AccY --column az=AccZ --unit acc=g --unit t=ms\n"
+        "  pbd import log.txt tea2                    as WitMotion's program wrote it\n"
+        "  pbd import demos/tea/raw.bin again --sensor witmotion",
+    )
+    option = parser.add_argument
+    option("file", metavar="FILE", type=Path, help="the recording")
+    option("name", metavar="NAME", help="the new demonstration's name (in ./demos) or folder")
+    column = (
+        "t, gx, gy, gz, ax, ay, az, mx, my, mz, heading, pitch or roll, and the file's name for it; -NAME turns its"
+    )
+    option("--column", type=pair, action="append", default=[], metavar="OURS=THEIRS", help=f"{column} sign")
+    unit = "of t, gyr, acc, mag or angle, such as t=ms, gyr=deg/s, acc=g; -UNIT turns the signs"
+    option("--unit", type=pair, action="append", default=[], metavar="WHAT=UNIT", help=unit)
+    option("--sensor", metavar="SENSOR", help="the sensor that recorded it; needed for a raw.bin")
+    option("--rate", type=positive, metavar="HZ", help="sample rate of a raw.bin, or of a table without times")
+    option("--grip", choices=("tap",), help="find the grips that two quick taps on the sensor's back marked")
+    option("--topic", metavar="TOPIC", help="of a bag: its sensor_msgs/Imu; default: the only one")
+    option("--closed", action="store_true", help="the hand ended where it began")
+    add_force(parser)
+    add_lines(parser)
+    add_json(parser)
+
+
+def add_sensors(commands: Commands) -> None:
+    """Add `pbd sensors`."""
+    parser = add_command(
+        commands,
+        "sensors",
+        "which sensors are plugged in, and which are supported",
+        "List the serial ports with something plugged in, and the sensors that pbd supports. As CSV these are\n"
+        "two tables, with an empty line between. `pbd sensors phyphox` writes the experiment that a phone's app\n"
+        "phyphox needs, and shows it as QR codes for the app to scan (docs/phones.md).",
+        "  pbd sensors --probe\n  pbd sensors phyphox",
+    )
+    parser.add_argument("phone", nargs="?", choices=("phyphox",), help="prepare a phone with this app")
+    output = "with phyphox: the experiment's file (pbd.phyphox), or a picture of its code (.png, .svg)"
+    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help=output)
+    parser.add_argument("--probe", action="store_true", help="listen to each port and detect its sensor")
+    parser.add_argument("--port", metavar="P", help="this port only")
+    add_table(parser)

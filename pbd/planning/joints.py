@@ -1,0 +1,97 @@
+"""Joints and segments for keyframes, or why there are none."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
+
+from pbd.data import Calibration, HandPath, Keyframe, Robot
+from pbd.errors import PbdError, PlanError
+from pbd.planning.checks import start_joints
+from pbd.planning.options import PlanOptions
+from pbd.planning.steps import arm_of, place, request_of
+from pbd.pose import Array, Pose
+
+if TYPE_CHECKING:
+    from pbd.arm.collision.scene import CollisionScene
+    from pbd.arm.model import ArmModel
+    from pbd.arm.motion_request import Motion, MotionRequest
+    from pbd.arm.refusal import Refusal
+
+
+class Refused(NamedTuple):
+    """Why there is no plan, and other options that may lead to one, with their names."""
+
+    error: PbdError
+    instead: tuple[tuple[str, PlanOptions], ...] = ()
+
+
+def choose_joints(
+    arm: ArmModel,
+    scene: CollisionScene | None,
+    request: MotionRequest,
+    keyframes: Sequence[Keyframe],
+    options: PlanOptions,
+) -> Motion | Refused:
+    """Choose joints and segments; without a scene whatever is in the way."""
+    from pbd.arm.collision.motion_check import describe, refuse_home
+    from pbd.arm.collision.queries import CollisionQueries
+    from pbd.arm.motion import choose_motion
+    from pbd.arm.motion_request import Motion
+
+    queries = None
+    if scene is not None:
+        if options.retreat or (options.approach and options.start is None):
+            try:
+                refuse_home(scene)
+            except PlanError as error:
+                return Refused(error, (_without_home(options),))
+        queries = CollisionQueries(arm, scene, request.T_base_tool, [keyframe.grip for keyframe in keyframes])
+        if options.approach and (hit := scene.hit(request.q_start, queries.legs[0])) is not None:
+            what = f"at the arm's start: {describe(hit)}; move the arm, or correct the obstacles in the calibration"
+            return Refused(PlanError(what, bodies=(hit.first, hit.second), value=hit.depth, p_base=hit.p_base))
+    found = choose_motion(arm, request, queries)
+    return found if isinstance(found, Motion) else Refused(found.error, _instead(found, options))
+
+
+def _without_home(options: PlanOptions) -> tuple[str, PlanOptions]:
+    if options.approach and options.start is None:
+        said = "skip home (--no-approach --no-retreat), or start elsewhere (--from, --no-retreat)"
+        return said, replace(options, approach=False, retreat=False)
+    return "do not go back home (--no-retreat)", replace(options, retreat=False)
+
+
+def _instead(refusal: Refusal, options: PlanOptions) -> tuple[tuple[str, PlanOptions], ...]:
+    from pbd.arm.refusal import CANNOT_FOLLOW, COLLISION
+
+    if refusal.why == CANNOT_FOLLOW:
+        return (("use --path keyframes", replace(options, path="keyframes", tolerance_m=None)),)
+    if refusal.why == COLLISION and not options.allow_collision:
+        return (("view the motion with --allow-collision", replace(options, allow_collision=True)),)
+    return ()
+
+
+def solve_keyframes(
+    robot: Robot,
+    keyframes: Sequence[Keyframe],
+    calibration: Calibration,
+    options: PlanOptions,
+    hand_path: HandPath | None = None,
+) -> tuple[tuple[Pose, ...], Array, Array]:
+    """Find joints for keyframes, whatever is in the way between them.
+
+    Returns:
+        The tool's pose in base at each keyframe, the joints (n, k) that reach them, and how far off (n, 2, rad) an arm
+        with too few joints holds the tool: approach axis, and about it.
+    """
+    from pbd.arm.ik.partial_pose import hold
+    from pbd.arm.motion import choose_motion
+    from pbd.arm.motion_request import Motion
+
+    arm = arm_of(robot)
+    _, T_base_tool = place(arm, keyframes, calibration, options, hand_path)
+    found = choose_motion(arm, request_of(arm, T_base_tool, start_joints(arm, options), None, PlanOptions()), None)
+    if not isinstance(found, Motion):
+        raise found.error
+    return T_base_tool, found.q, hold(arm, T_base_tool, found.q).off_rad

@@ -1,0 +1,61 @@
+"""What is tracked and planned is worked out once for each input: for tests of what commands say of it and write."""
+
+from __future__ import annotations
+
+import importlib
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import fields, is_dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+FUNCTIONS = (("pbd.pipeline", "track_alone"), ("pbd.planning.plan", "plan_keyframes"), ("pbd.planning.plan", "_works"))
+"""Where most of the time goes. Each gives the same for the same arguments (tests/test_same_bytes.py)."""
+
+MOST = 60
+"""Answers of each that are kept, so that they take no more than some 100 MB."""
+
+
+def key(value: object) -> object:
+    """A value as nested tuples, alike where values are alike to the bit; a file counts with its age."""
+    if isinstance(value, np.ndarray):
+        return value.dtype.str, value.shape, value.tobytes()
+    if isinstance(value, Path):
+        return value, value.stat().st_mtime_ns if value.is_file() else None
+    if is_dataclass(value) and not isinstance(value, type):
+        return type(value), *(key(getattr(value, field.name)) for field in fields(value))
+    if isinstance(value, Mapping):
+        return tuple((name, key(each)) for name, each in value.items())
+    return tuple(map(key, value)) if isinstance(value, tuple | list) else value
+
+
+@cache
+def remembering(module: str, function: str) -> Callable[..., Any]:
+    """A function that answers from memory, and warns again, where it was asked the same before."""
+    asked: Callable[..., Any] = getattr(importlib.import_module(module), function)
+    answers: dict[object, tuple[Any, Exception | None, list[Warning | str]]] = {}
+
+    def remembered(*args: object, **options: object) -> Any:
+        question = key((args, options))
+        if question not in answers:
+            answer, error = None, None
+            with warnings.catch_warnings(record=True) as told:
+                warnings.simplefilter("always")
+                try:
+                    answer = asked(*args, **options)
+                except Exception as refusal:
+                    error = refusal
+            answers[question] = answer, error, [each.message for each in told]
+            if len(answers) > MOST:
+                del answers[next(iter(answers))]
+        answer, error, messages = answers[question]
+        for message in messages:
+            warnings.warn(message, stacklevel=3)
+        if error is not None:
+            raise error.with_traceback(None)
+        return answer
+
+    return remembered
