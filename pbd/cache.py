@@ -17,8 +17,8 @@ import numpy as np
 import platformdirs
 from numpy.typing import NDArray
 
-from pbd.doors.atomic import atomic_file
 from pbd.errors import PbdError
+from pbd.io.atomic import atomic_file
 
 _DIGEST_BYTES = hashlib.sha256().digest_size
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from pbd.data import Obstacle
-from pbd.doors.meshes import read_mesh
 from pbd.errors import PlanError, RobotError
+from pbd.io.meshes import read_mesh
 from pbd.planning import PlanOptions, arm_of, plan_keyframes
 from pbd.pose import Pose
 from tests.cli.running import Capture, run

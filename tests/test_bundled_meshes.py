@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pbd.doors.meshes import mesh_file, read_mesh
-from pbd.doors.urdf import read_urdf_xml
+from pbd.io.meshes import mesh_file, read_mesh
+from pbd.io.urdf import read_urdf_xml
 from tests.arm.bundled import NAMES, arm_of
 from tests.view.scenes import share
 

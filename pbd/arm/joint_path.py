@@ -18,7 +18,7 @@ from pbd.arm.ik.branches import MARGIN_RAD, SAME_RAD, configuration_cost, find_b
 from pbd.arm.ik.levenberg_marquardt import SOLVED, Residual, descend_each
 from pbd.arm.ik.partial_pose import FULL_POSE
 from pbd.arm.ik.unreachable import out_of_reach
-from pbd.arm.ladder import Barred, Ladder, Layer
+from pbd.arm.ladder_graph import Barred, Ladder, Layer
 from pbd.arm.model import ArmModel
 from pbd.arm.tool import target
 from pbd.pose import Array, Pose

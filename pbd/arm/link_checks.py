@@ -9,8 +9,8 @@ import numpy as np
 from pbd.arm.collision.queries import CollisionQueries
 from pbd.arm.ik.cartesian import follow
 from pbd.arm.ik.partial_pose import is_partial
+from pbd.arm.ladder_links import MOST_CHECKED, Link, Move
 from pbd.arm.model import ArmModel
-from pbd.arm.motion_links import MOST_CHECKED, Link, Move
 from pbd.arm.motion_request import MotionRequest
 from pbd.arm.sweep import sweep_of
 from pbd.pose import Array, Pose

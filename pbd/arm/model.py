@@ -14,8 +14,8 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from pbd.data import JointLimits, Robot
-from pbd.doors.urdf import kinematics
 from pbd.errors import RobotError, listed
+from pbd.io.urdf import kinematics
 from pbd.pose import Array, Pose, quat_from_xyzw, quat_to_xyzw
 
 FloatArray = NDArray[np.floating[Any]]

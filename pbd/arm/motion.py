@@ -1,6 +1,6 @@
 """Motion choice: which way the arm takes from keyframe to keyframe, mended where something bars it.
 
-All keyframes lie on one ladder graph (ladder.py); its links are straight moves in joint space, or paths of the tool. A
+All keyframes lie on one ladder graph; its links are straight moves in joint space, or paths of the tool. A
 link that is barred is mended on its own, and the search goes on with all else that is known: first the hand's path is
 tried there (or a line, where no hand is known), then more ways to hold the arm at both ends, then joints along the path
 (a link of its own for every few poses), then any way around (detour.py). So the cost grows with the keyframes, and with
@@ -30,10 +30,8 @@ from pbd.arm.joint_path import (
     turnable,
     widen,
 )
-from pbd.arm.ladder import Barred, Ladder
-from pbd.arm.link_checks import WIDE_COST, LinkChecks
-from pbd.arm.model import ArmModel
-from pbd.arm.motion_links import (
+from pbd.arm.ladder_graph import Barred, Ladder
+from pbd.arm.ladder_links import (
     ANY_OTHER,
     DETOUR_EXTRA,
     ENOUGH_DETOURS,
@@ -44,6 +42,8 @@ from pbd.arm.motion_links import (
     motion_of,
     remedies_of,
 )
+from pbd.arm.link_checks import WIDE_COST, LinkChecks
+from pbd.arm.model import ArmModel
 from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, Motion, MotionRequest
 from pbd.arm.refusal import UNREACHABLE, Refusal, refuse_move, refuse_pose, tell
 from pbd.arm.sweep import Sweep, sweep_of

@@ -15,8 +15,8 @@ import numpy as np
 import pinocchio as pin
 
 from pbd.audit.arm import AuditArm, se3
+from pbd.audit.contact import coordinates
 from pbd.audit.solids import Solid, simple_solid
-from pbd.audit.touch import coordinates
 from pbd.data import GraspedObject, JointTrajectory
 from pbd.data.world import Stay, holds, stays
 from pbd.pose import Pose

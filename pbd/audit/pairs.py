@@ -9,14 +9,14 @@ import numpy as np
 import pinocchio as pin
 
 from pbd.audit.arm import AuditArm, se3
+from pbd.audit.contact import Pair
 from pbd.audit.grasp import THE_TOOL, follow_object, gripper_joints, may_rest, object_solid, tool_rod
 from pbd.audit.solids import Solid, clearance, floor, hull_distance, link_solids, simple_solid
-from pbd.audit.touch import Pair
 from pbd.data import Calibration, GraspedObject, JointTrajectory
 from pbd.data.world import Stay
-from pbd.doors.urdf import read_urdf_xml
-from pbd.doors.xml import read_xml
 from pbd.errors import RobotError
+from pbd.io.urdf import read_urdf_xml
+from pbd.io.xml import read_xml
 
 TABLE = "the table"
 

@@ -11,8 +11,8 @@ import coal
 import numpy as np
 
 from pbd.audit.arm import AuditArm, se3
-from pbd.doors.meshes import from_mesh, mesh_triangles
-from pbd.doors.shapes import Shape, Triple, collision_shapes
+from pbd.io.meshes import from_mesh, mesh_triangles
+from pbd.io.shapes import Shape, Triple, collision_shapes
 from pbd.pose import Array
 
 NEARER_M = (2e-3, 5e-4, 1e-4)

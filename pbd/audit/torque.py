@@ -13,8 +13,8 @@ import numpy as np
 import pinocchio as pin
 
 from pbd.audit.arm import AuditArm, se3
+from pbd.audit.contact import coordinates
 from pbd.audit.grasp import follow_object
-from pbd.audit.touch import coordinates
 from pbd.data import GraspedObject, JointTrajectory, Load
 from pbd.pose import Array
 

@@ -13,8 +13,8 @@ from typing import TextIO
 
 from pbd.cli.commands import parse, parser
 from pbd.cli.console import say
-from pbd.doors.atomic import DELETED, in_deleted_folder
 from pbd.errors import PbdError, PbdWarning, in_words
+from pbd.io.atomic import DELETED, in_deleted_folder
 from pbd.view.terminal import drop, standard_streams
 
 __all__ = ["main", "parser"]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from pbd.checking import DemoCheck, check_all
 from pbd.cli.console import print_json
 from pbd.errors import RecordingError, listed
-from pbd.view.tables import make_table, print_csv, print_table
+from pbd.view.terminal_tables import make_table, print_csv, print_table
 
 if TYPE_CHECKING:
     from rich.table import Table

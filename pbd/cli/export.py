@@ -13,14 +13,14 @@ from pbd.cli.console import print_json, say, working
 from pbd.cli.options import UsageError
 from pbd.cli.plan_report import moves_json, say_moves, say_torque
 from pbd.cli.steps import plan_demonstration
-from pbd.doors.atomic import refuse_output
 from pbd.errors import PbdError
 from pbd.files.exporters import ALSO, FOLDERS, FOR_SOME, FORMATS, SUFFIXES, Export, check_format, export, export_dataset
+from pbd.io.atomic import refuse_output
 from pbd.view.terminal import is_closed
 
 if TYPE_CHECKING:
     from pbd.data import Robot
-    from pbd.files.exporters.order import Source
+    from pbd.files.exporters.job import Source
     from pbd.planning import Plan
 
 STDOUT = Path("-")

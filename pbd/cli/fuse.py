@@ -20,7 +20,7 @@ def run(args: argparse.Namespace) -> None:
     from pbd.fusion.calibration import device_errors
     from pbd.fusion.tables import fusion_rows, fusion_table, takes_table
     from pbd.pipeline import fused_demo, track
-    from pbd.view.tables import print_csv, print_table
+    from pbd.view.terminal_tables import print_csv, print_table
 
     folder = demo_folder(args.output)
     refuse_demo_folder(folder, args.force)

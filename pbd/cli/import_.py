@@ -11,10 +11,10 @@ from dataclasses import replace
 from pbd.cli.console import say, working
 from pbd.cli.steps import decoder_maker, store_demonstration
 from pbd.data import Demonstration
-from pbd.doors.atomic import is_file, is_folder
 from pbd.errors import PbdWarning, RecordingError, SensorError, TrackingError, listed
 from pbd.files.demo import demo_folder
 from pbd.files.importers import Imported, import_recording
+from pbd.io.atomic import is_file, is_folder
 from pbd.record.redecode import decode_raw
 from pbd.tracking.repair.conditioning import condition
 from pbd.tracking.repair.gyro_consistency import warn_upside_down
@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> None:
 def _tell(args: argparse.Namespace, imported: Imported) -> None:
     """Print what was understood of each column."""
     if imported.understood is not None and not args.json:
-        from pbd.view.tables import columns_table, print_table
+        from pbd.view.terminal_tables import columns_table, print_table
 
         if imported.understood.program:
             print(f"written by {imported.understood.program}")

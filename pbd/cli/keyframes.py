@@ -26,7 +26,7 @@ from pbd.errors import RecordingError, listed
 from pbd.files.keyframes import NAME, write_keyframes
 from pbd.pose import Array, Pose
 from pbd.view.calibration_tables import base_table
-from pbd.view.tables import joints_table, keyframes_table, print_csv, print_table
+from pbd.view.terminal_tables import joints_table, keyframes_table, print_csv, print_table
 
 Rows = list[dict[str, Any]]
 

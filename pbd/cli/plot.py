@@ -11,8 +11,8 @@ from pbd.cli.console import print_json, say, working
 from pbd.cli.options import UsageError
 from pbd.cli.steps import load_demonstration, named_calibration, track_demonstration, write_figures
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe
-from pbd.doors.atomic import refuse_folder
 from pbd.errors import PbdError, PbdWarning, TrackingError
+from pbd.io.atomic import refuse_folder
 
 LONGEST_NAME = 60
 """Most characters in the name of a folder that is made of several names."""
@@ -61,7 +61,7 @@ def _compare(args: argparse.Namespace) -> None:
     with working("comparing"):
         from pbd.plots.compare import compare_plot, spread_rows, spread_table
         from pbd.plots.compare_figures import COMPARISONS, draw_comparison
-        from pbd.view.tables import print_csv, print_table
+        from pbd.view.terminal_tables import print_csv, print_table
 
         plot = compare_plot(tracked)
     for remark in plot.remarks:

@@ -7,7 +7,7 @@ import argparse
 from pbd.cli.console import print_json
 from pbd.cli.steps import load_demonstration, named_calibration, track_demonstration
 from pbd.tracking.keyframes import find_segments
-from pbd.view.tables import print_csv, print_table, segments_table
+from pbd.view.terminal_tables import print_csv, print_table, segments_table
 
 
 def run(args: argparse.Namespace) -> None:

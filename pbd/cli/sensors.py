@@ -9,7 +9,7 @@ from pbd.errors import SensorError
 from pbd.sensors import port as serial_port
 from pbd.sensors.probe import FIRST_BAUD, LONGEST_PROBE_S, Found, probe
 from pbd.sensors.protocols import PROTOCOLS
-from pbd.view.tables import ports_table, print_csv, print_table, sensors_table
+from pbd.view.terminal_tables import ports_table, print_csv, print_table, sensors_table
 
 
 def run(args: argparse.Namespace) -> None:

@@ -156,7 +156,7 @@ def store_demonstration(
 
 def write_figures(folder: Path, format_name: str, names: Collection[str], draw: Callable[[str], Figure]) -> list[str]:
     """Draw figures into files, all of them or none, and say where they are."""
-    from pbd.doors.atomic import atomic_files
+    from pbd.io.atomic import atomic_files
     from pbd.plots.style import write
 
     files = [f"{name}.{format_name}" for name in names]
@@ -182,7 +182,7 @@ def decoder_maker(
     Raises:
         SensorError: the sensor is unknown, or its lines are not described, or wrongly.
     """
-    from pbd.doors.opening import read_text
+    from pbd.io.opening import read_text
     from pbd.sensors.line_layout import layout_from_options, layout_from_toml, units_from_options
     from pbd.sensors.lines import LineDecoder
     from pbd.sensors.protocols import protocol

@@ -22,7 +22,7 @@ from pbd.files.keyframes import LARGEST_NUDGE_M, NAME
 from pbd.files.keyframes_edit import add_touch_up, undo_touch_up
 from pbd.plots.findings import OFF_SIGMAS
 from pbd.pose import Array, Pose, quat_inverse, quat_rotate
-from pbd.view.tables import make_table, print_csv, print_table
+from pbd.view.terminal_tables import make_table, print_csv, print_table
 
 if TYPE_CHECKING:
     from rich.table import Table

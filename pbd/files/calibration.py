@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from pbd.data import GRAVITY, TOOL_DOWN, Calibration, Linear, Obstacle, SensorErrors
-from pbd.doors.toml import Section, read_toml
 from pbd.errors import CalibrationError
 from pbd.files.demo import read_shape
 from pbd.files.library import find
+from pbd.io.toml import Section, read_toml
 from pbd.pose import Array, Pose
 
 FORMAT = 1

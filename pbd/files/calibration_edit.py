@@ -14,11 +14,11 @@ import tomlkit
 from tomlkit.items import Comment, Table, Whitespace
 
 from pbd.data import Calibration
-from pbd.doors.atomic import atomic_file
-from pbd.doors.opening import read_text
 from pbd.errors import CalibrationError
 from pbd.files.calibration import FORMAT, read_calibration
 from pbd.files.library import bundled
+from pbd.io.atomic import atomic_file
+from pbd.io.opening import read_text
 from pbd.pose import Array, Pose, quat_to_rpy
 
 HEADER = "Made by `pbd calibrate`; docs/calibration.md explains each part, calibration/default.toml each key."

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from pbd.doors.numbers import finite
-from pbd.doors.opening import read_text
 from pbd.errors import PbdError, listed, printable
+from pbd.io.numbers import finite
+from pbd.io.opening import read_text
 
 NAME, POSITION = "name", "position"
 """The fields of a sensor_msgs/JointState that are read. Its positions are always in rad and m."""

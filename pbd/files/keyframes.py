@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pbd.data import Keyframe, TouchUp
-from pbd.doors.atomic import atomic_file
-from pbd.doors.toml import Section, read_toml
 from pbd.errors import PbdWarning, RecordingError
+from pbd.io.atomic import atomic_file
+from pbd.io.toml import Section, read_toml
 from pbd.pose import Pose, quat_from_rpy, quat_to_rpy
 
 FORMAT = 1

@@ -10,10 +10,10 @@ import tomlkit
 from tomlkit import TOMLDocument
 
 from pbd.data import TouchUp
-from pbd.doors.atomic import atomic_file
-from pbd.doors.opening import read_text
 from pbd.errors import RecordingError
 from pbd.files.keyframes import read_keyframes
+from pbd.io.atomic import atomic_file
+from pbd.io.opening import read_text
 
 
 def add_touch_up(path: Path, touch_up: TouchUp) -> None:

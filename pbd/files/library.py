@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from pbd.doors.atomic import exists, is_folder
 from pbd.errors import PbdError, nearest
+from pbd.io.atomic import exists, is_folder
 
 
 def bundled(kind: str) -> Path:

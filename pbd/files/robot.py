@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 
 from pbd.data import Calibration, Gripper, JointLimits, Robot, Servos
-from pbd.doors.atomic import is_file
-from pbd.doors.meshes import mesh_places
-from pbd.doors.toml import Section, read_toml
 from pbd.errors import MOST_LISTED, RobotError, listed, printable
 from pbd.files.calibration import read_pose
 from pbd.files.library import find
 from pbd.files.urdf import Urdf, UrdfJoint, read_poses, read_urdf
+from pbd.io.atomic import is_file
+from pbd.io.meshes import mesh_places
+from pbd.io.toml import Section, read_toml
 from pbd.pose import Array
 
 FORMAT = 1

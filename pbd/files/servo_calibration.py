@@ -9,9 +9,9 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from pbd.doors.atomic import atomic_file, is_file
-from pbd.doors.opening import read_text
 from pbd.errors import CalibrationError, listed, printable
+from pbd.io.atomic import atomic_file, is_file
+from pbd.io.opening import read_text
 
 COUNTS = 4096
 """Counts of a turn of an STS3215."""

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from pbd.doors.numbers import number, seconds
-from pbd.doors.opening import read_bytes, unix_lines
 from pbd.errors import PbdError, RecordingError, listed, printable
+from pbd.io.numbers import number, seconds
+from pbd.io.opening import read_bytes, unix_lines
 from pbd.pose import Array
 
 FOREIGN_ENCODINGS = ("utf-8-sig", "gb18030", "cp1252")

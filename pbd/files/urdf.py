@@ -14,10 +14,10 @@ from dataclasses import dataclass
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
-from pbd.doors.numbers import finite
-from pbd.doors.urdf import read_urdf_xml
-from pbd.doors.xml import read_xml
 from pbd.errors import RobotError, listed
+from pbd.io.numbers import finite
+from pbd.io.urdf import read_urdf_xml
+from pbd.io.xml import read_xml
 
 ACTUATED = ("revolute", "continuous", "prismatic")
 KINDS = (*ACTUATED, "fixed", "floating", "planar")

@@ -9,7 +9,7 @@ from rich.table import Table
 
 from pbd.data import FusedTake, Fusion, HandPath
 from pbd.pose import Array, quat_log
-from pbd.view.tables import make_table
+from pbd.view.terminal_tables import make_table
 from pbd.view.units import Units
 
 

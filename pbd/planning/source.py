@@ -16,7 +16,7 @@ from pbd.planning.values import Plan
 from pbd.pose import Array, quat_from_matrix
 
 if TYPE_CHECKING:
-    from pbd.files.exporters.order import Source
+    from pbd.files.exporters.job import Source
 
 
 def source_of(plan: Plan, hand: HandPath, robot: Robot, name: str, options: PlanOptions | None = None) -> Source:
@@ -31,7 +31,7 @@ def source_of(plan: Plan, hand: HandPath, robot: Robot, name: str, options: Plan
     """
     from pbd.arm.links import links_in_parents
     from pbd.audit.audit import audit_received
-    from pbd.files.exporters.order import Source
+    from pbd.files.exporters.job import Source
 
     arm = arm_of(robot)
 

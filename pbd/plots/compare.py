@@ -23,7 +23,7 @@ from pbd.pose import (
     quat_to_matrix,
 )
 from pbd.tracking.smoother.attitude import mean_quaternion
-from pbd.view.tables import make_table
+from pbd.view.terminal_tables import make_table
 from pbd.view.units import Units
 
 Tracked = tuple[str, HandPath, Sequence[Keyframe]]

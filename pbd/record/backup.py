@@ -6,10 +6,10 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from pbd.doors.atomic import name_aside, remove_folder
 from pbd.errors import RecordingError, in_words
 from pbd.files import keyframes
 from pbd.files.demo import refuse_demo_folder
+from pbd.io.atomic import name_aside, remove_folder
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from pbd.data import Demonstration, Recording, RecordingInfo
-from pbd.doors.opening import read_bytes
 from pbd.errors import RecordingError
 from pbd.files.demo import read_demo
+from pbd.io.opening import read_bytes
 from pbd.pose import Array
 from pbd.record.session import DEVICE_CLOCK
 from pbd.sensors.decoding import Decoder, Sample

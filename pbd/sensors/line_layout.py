@@ -27,8 +27,8 @@ from pathlib import Path
 from types import MappingProxyType
 
 from pbd.data import GRAVITY
-from pbd.doors.toml import Source, shown
 from pbd.errors import SensorError, printable
+from pbd.io.toml import Source, shown
 
 QUANTITIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {

@@ -11,7 +11,7 @@ from rich.table import Table
 from pbd.data import Calibration, Linear
 from pbd.data.sigma import one_sigma
 from pbd.pose import Array, Pose, quat_to_rpy
-from pbd.view.tables import make_table
+from pbd.view.terminal_tables import make_table
 
 
 def points_table(

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from pbd.doors.meshes import Soup
+from pbd.io.meshes import Soup
 from pbd.pose import Array
 
 CREASE_RAD = np.radians(35.0)

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import umsgpack
 
-from pbd.doors.atomic import atomic_file
+from pbd.io.atomic import atomic_file
 from pbd.view.meshcat_encoding import ScenePath, Visualizer
 
 if TYPE_CHECKING:  # the server of the live viewer makes a page too, and needs no robot library

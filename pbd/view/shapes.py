@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pbd.doors.meshes import Soup
+from pbd.io.meshes import Soup
 from pbd.pose import Array
 from pbd.view.meshes import Mesh, compact
 

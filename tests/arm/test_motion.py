@@ -15,8 +15,8 @@ from pbd.arm.collision.queries import APPROACH_M, CollisionQueries
 from pbd.arm.collision.scene import CollisionScene
 from pbd.arm.ik import cartesian
 from pbd.arm.ik.cartesian import line
+from pbd.arm.ladder_links import MOST_DETOURS
 from pbd.arm.motion import choose_motion
-from pbd.arm.motion_links import MOST_DETOURS
 from pbd.arm.motion_request import DEMO, DETOUR, LINE, STRAIGHT, Motion, MotionRequest
 from pbd.arm.refusal import CANNOT_FOLLOW, COLLISION, UNREACHABLE, Refusal
 from pbd.arm.timing.moves import Move, time_moves

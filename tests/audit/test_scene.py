@@ -13,10 +13,10 @@ from pbd.arm.gripper import tool_rod as planned_rod
 from pbd.arm.joint_path import solve_path
 from pbd.arm.model import load_model
 from pbd.audit.arm import AuditArm
+from pbd.audit.contact import Motion, Pair, coordinates, find_touch
 from pbd.audit.grasp import tool_rod
 from pbd.audit.pairs import AuditScene
 from pbd.audit.solids import link_solids, simple_solid
-from pbd.audit.touch import Motion, Pair, coordinates, find_touch
 from pbd.data import Calibration, GraspedObject, JointLimits, JointTrajectory, Obstacle, Robot
 from pbd.pose import Pose
 from tests.arm.bundled import NAMES, arm_of

@@ -39,7 +39,7 @@ from pbd.tracking import estimate, zero_velocity
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.noise import Noise, noise_of
 from pbd.tracking.rest import Rest
-from pbd.tracking.smoother import doubt, factors, knots, preintegration
+from pbd.tracking.smoother import doubtful_stops, factors, knots, preintegration
 from pbd.tracking.smoother import smooth as smoother
 from pbd.tracking.smoother.preintegration import GyroFrame, Rows, preintegrate
 from tests.benchmarks import trials, windows
@@ -115,7 +115,7 @@ WITHOUT: dict[str, tuple[Change, ...]] = {
     "annealing": ((smoother, "ANNEALING", (1.0,)), (smoother, "WARM_ANNEALING", ())),
     "robust stops": ((factors, "OUTLIER_SIGMAS", LARGE),),
     "doubted stops looked at again": ((smoother, "MAX_RECUTS", 0),),
-    "calm part of a stop": ((doubt, "calm_part", lambda t, span, slow: span),),
+    "calm part of a stop": ((doubtful_stops, "calm_part", lambda t, span, slow: span),),
     "tremor, sway at a stop": of_noise(tremor_hz=LARGE, still_lever=0.0),
     "place held in a stop": of_noise(still_shift=LARGE),
     "attitude held in a stop": of_noise(still_turn=LARGE),

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from pbd.cli import main
-from pbd.doors.atomic import DEMONSTRATION_FILES, refuse_output
 from pbd.errors import PbdError
+from pbd.io.atomic import DEMONSTRATION_FILES, refuse_output
 from tests.unprivileged import as_a_user
 
 Capture = pytest.CaptureFixture[str]

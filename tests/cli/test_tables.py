@@ -24,7 +24,7 @@ from pbd.cli import main
 from pbd.data import Keyframe
 from pbd.files.robot import load_robot
 from pbd.pose import Pose
-from pbd.view.tables import keyframes_table
+from pbd.view.terminal_tables import keyframes_table
 from pbd.view.units import ANGLES, LENGTHS, Units, parse_units
 
 

@@ -13,9 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pbd.data import GRAVITY, Recording
-from pbd.doors.numbers import seconds
 from pbd.errors import RecordingError
 from pbd.files.importers import import_file
+from pbd.io.numbers import seconds
 from pbd.simulation.simulate import simulate
 
 START = datetime(2025, 10, 9, 8, 18, 9, 90_000)

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pbd.doors.meshes import FORMATS, from_mesh, read_mesh
 from pbd.errors import RobotError
+from pbd.io.meshes import FORMATS, from_mesh, read_mesh
 from pbd.pose import Array
 from tests.unprivileged import full_disk
 

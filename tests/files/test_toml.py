@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from pbd.doors.toml import Section, read_toml
 from pbd.errors import CalibrationError
+from pbd.io.toml import Section, read_toml
 
 TEXT = """\
 name = "x"

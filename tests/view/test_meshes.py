@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from pbd.doors.meshes import Soup
 from pbd.errors import RobotError
+from pbd.io.meshes import Soup
 from pbd.pose import Array
 from pbd.view import shapes
 from pbd.view.meshes import Mesh, compact

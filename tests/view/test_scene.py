@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pbd.doors.meshes import mesh_file
 from pbd.errors import RobotError
+from pbd.io.meshes import mesh_file
 from pbd.pose import Pose
 from pbd.view import visuals
 from pbd.view.meshcat_encoding import LEAST_SIGMA_M, ScenePath, Visualizer, two_sigma

@@ -14,8 +14,8 @@ from pbd.arm.collision.geometry import Body
 from pbd.arm.collision.motion_bounds import rates
 from pbd.arm.gripper import THE_TOOL, arm_bodies, gripper_links
 from pbd.arm.model import ArmModel
-from pbd.doors.xml import read_xml
 from pbd.errors import RobotError
+from pbd.io.xml import read_xml
 from pbd.pose import Array
 
 TRUSTED = ("Adjacent", "Never")

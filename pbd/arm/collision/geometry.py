@@ -17,8 +17,8 @@ import numpy as np
 import pinocchio as pin
 
 from pbd.arm.model import ArmModel, from_se3, to_se3
-from pbd.doors.meshes import from_mesh, mesh_triangles
-from pbd.doors.shapes import Shape, Triple, collision_shapes
+from pbd.io.meshes import from_mesh, mesh_triangles
+from pbd.io.shapes import Shape, Triple, collision_shapes
 from pbd.pose import Array, Pose, readonly
 
 ROUNDED_M = 1e-3

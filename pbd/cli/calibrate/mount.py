@@ -17,7 +17,7 @@ from pbd.files.calibration_edit import covariance_values, pose_values, update_ca
 from pbd.pose import Array, Pose
 from pbd.tracking.keyframes import find_keyframes
 from pbd.view.calibration_tables import figures_table
-from pbd.view.tables import print_table
+from pbd.view.terminal_tables import print_table
 
 
 def run(args: argparse.Namespace) -> None:

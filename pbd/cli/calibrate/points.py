@@ -21,7 +21,7 @@ from pbd.files.points import Points, read_points
 from pbd.pose import Pose, quat_to_rpy
 from pbd.tracking.keyframes import find_keyframes
 from pbd.view.calibration_tables import points_table
-from pbd.view.tables import print_table
+from pbd.view.terminal_tables import print_table
 
 
 def run(args: argparse.Namespace) -> None:

@@ -21,7 +21,7 @@ from pbd.files.calibration_edit import update_calibration
 from pbd.files.demo import load_demo
 from pbd.tracking.repair.conditioning import condition
 from pbd.view.calibration_tables import figures_table
-from pbd.view.tables import print_table
+from pbd.view.terminal_tables import print_table
 
 
 def run(args: argparse.Namespace) -> None:

@@ -14,14 +14,14 @@ from pbd.calibration.uncertainty import base_sigmas, tool_covariances
 from pbd.cli.console import print_json, say, working
 from pbd.cli.steps import load_demonstration
 from pbd.data import Calibration, Keyframe
-from pbd.doors.atomic import atomic_file
 from pbd.errors import CalibrationError, PbdError
 from pbd.files.calibration import load_calibration
+from pbd.io.atomic import atomic_file
 from pbd.pipeline import track
 from pbd.pose import Array
 from pbd.tracking.keyframes import keyframes_of
 from pbd.view.calibration_tables import base_table, calibration_table
-from pbd.view.tables import print_table
+from pbd.view.terminal_tables import print_table
 
 Found = tuple[str, tuple[Keyframe, ...], dict[str, Array]]
 """A demonstration's name, its keyframes, and the tool's covariances by source."""

@@ -9,8 +9,8 @@ import sys
 from pathlib import Path
 
 from pbd.cli.console import print_json, say
-from pbd.doors.atomic import atomic_file, refuse_output
 from pbd.errors import SensorError
+from pbd.io.atomic import atomic_file, refuse_output
 from pbd.sensors.phyphox.experiment import MOST_CODES, NAME, code_parts, experiment
 
 BORDER = 2

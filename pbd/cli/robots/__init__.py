@@ -19,7 +19,7 @@ from pbd.data import Robot
 from pbd.errors import PbdWarning, RobotError
 from pbd.files.library import names
 from pbd.files.robot import load_robot
-from pbd.view.tables import left_out_table, print_csv, print_table, robots_table
+from pbd.view.terminal_tables import left_out_table, print_csv, print_table, robots_table
 
 
 def run(args: argparse.Namespace) -> None:

@@ -12,7 +12,7 @@ from pbd.cli.console import print_json, working
 from pbd.cli.steps import load_arm, load_demonstration, track_demonstration
 from pbd.errors import PbdError, PbdWarning
 from pbd.files.library import names
-from pbd.view.tables import make_table, print_csv, print_table
+from pbd.view.terminal_tables import make_table, print_csv, print_table
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -27,7 +27,7 @@ from pbd.driving.stream import Streamed, stream
 from pbd.driving.watch import Watch, check_health
 from pbd.errors import SensorError
 from pbd.files.servo_calibration import find_servo_calibration, read_servo_calibration
-from pbd.view.tables import make_table, print_table
+from pbd.view.terminal_tables import make_table, print_table
 
 if TYPE_CHECKING:
     from rich.table import Table

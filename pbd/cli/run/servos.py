@@ -14,7 +14,6 @@ from pbd.cli.recording.device import only_port
 from pbd.cli.recording.keys import Keys
 from pbd.cli.run.asking import POLL_S, ask, refuse_nobody
 from pbd.data import Robot
-from pbd.doors.atomic import refuse_output
 from pbd.driving.arm import identify, release
 from pbd.driving.bus import Bus
 from pbd.driving.calibrating import ENDLESS, Calibrating, calibrating
@@ -22,6 +21,7 @@ from pbd.driving.clock import Clock
 from pbd.driving.counts import Counts, names_of
 from pbd.errors import PbdError
 from pbd.files.servo_calibration import own_servo_calibration, write_servo_calibration
+from pbd.io.atomic import refuse_output
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 def calibrate_servos(args: argparse.Namespace, robot: Robot) -> None:
     """Guide a person through it; write the file and the servos."""
-    from pbd.view.tables import print_table
+    from pbd.view.terminal_tables import print_table
 
     if not sys.stdin.isatty():
         raise UsageError("pbd run --calibrate needs a person at a terminal, who moves the arm by hand")
@@ -95,7 +95,7 @@ def _follow(keys: Keys, clock: Clock, session: Calibrating, ids: dict[str, int])
 
 def _ranges(ids: dict[str, int], ends: list[tuple[int, int]]) -> Table:
     from pbd.files.servo_calibration import COUNTS
-    from pbd.view.tables import make_table
+    from pbd.view.terminal_tables import make_table
 
     table = make_table("joint", "servo", "lowest", "highest", "range", left=("joint",))
     for (name, id_), (low, high) in zip(ids.items(), ends, strict=True):

@@ -8,15 +8,15 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pbd.doors.atomic import atomic_file, atomic_folder
 from pbd.errors import PbdError, PbdWarning, nearest
+from pbd.io.atomic import atomic_file, atomic_folder
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from pbd.data import JointTrajectory, Robot, Samples
     from pbd.data.receiver import Rule
-    from pbd.files.exporters.order import Source
+    from pbd.files.exporters.job import Source
     from pbd.files.exporters.received import Shares
 
 FORMATS = {
@@ -124,7 +124,7 @@ def export(
     if format_name in FOLDERS:
         return export_dataset([(trajectory, source)], robot, path)[0]
     from pbd.data.receiver import shares
-    from pbd.files.exporters.order import Order
+    from pbd.files.exporters.job import Order
     from pbd.files.exporters.received import check_received, reached
 
     file_format = import_module(f"{__name__}.{FORMATS[format_name]}")
@@ -164,7 +164,7 @@ def export_dataset(
         PlanError: as `export`.
     """
     from pbd.files.exporters import lerobot
-    from pbd.files.exporters.order import Order
+    from pbd.files.exporters.job import Order
     from pbd.files.exporters.received import check_received
 
     lerobot.check(robot)

@@ -8,7 +8,7 @@ import numpy as np
 
 from pbd.data import Samples
 from pbd.data.receiver import Rule
-from pbd.files.exporters.order import Order
+from pbd.files.exporters.job import Order
 
 FILLED_BY: tuple[Rule, ...] = ()
 """Nobody moves an arm by it: joints are shown turning evenly from one frame to the next."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from pbd.data import Samples
 from pbd.data.receiver import Rule
-from pbd.files.exporters.order import Order
+from pbd.files.exporters.job import Order
 
 FILLED_BY: tuple[Rule, ...] = ()
 """Whoever reads it finds a way of their own from one to the next."""

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from pbd.data import Robot, Samples
 from pbd.data.receiver import Rule, set_points
-from pbd.doors.atomic import is_file, is_folder, refuse_folder
-from pbd.doors.opening import read_text
 from pbd.errors import PbdError, PlanError, printable
-from pbd.files.exporters.order import Order
+from pbd.files.exporters.job import Order
+from pbd.io.atomic import is_file, is_folder, refuse_folder
+from pbd.io.opening import read_text
 from pbd.pose import Array
 
 Rows = NDArray[Any]

@@ -15,7 +15,7 @@ import numpy as np
 
 from pbd.data import Recording, Robot, Samples
 from pbd.errors import PbdError
-from pbd.files.exporters.order import Order
+from pbd.files.exporters.job import Order
 from pbd.files.exporters.ros2_json import COUNTED, FILLED_BY, finger_message, samples
 from pbd.pose import Array, Pose, quat_to_xyzw
 

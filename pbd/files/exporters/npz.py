@@ -8,7 +8,7 @@ import numpy as np
 
 from pbd.data import Samples
 from pbd.files.exporters.csv import COUNTED, FILLED_BY, samples
-from pbd.files.exporters.order import Order
+from pbd.files.exporters.job import Order
 
 __all__ = ["COUNTED", "FILLED_BY", "read", "samples", "write"]
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from pbd.data import Gripper, JointTrajectory, Samples
 from pbd.data.receiver import Rule
-from pbd.files.exporters.order import Order
+from pbd.files.exporters.job import Order
 from pbd.pose import Array
 
 FILLED_BY: tuple[Rule, ...] = ("quintic", "cubic")

@@ -17,7 +17,7 @@ import numpy as np
 from pbd.data import Robot, Samples
 from pbd.data.receiver import Rule, set_points
 from pbd.errors import PbdError, PlanError
-from pbd.files.exporters.order import Order
+from pbd.files.exporters.job import Order
 from pbd.pose import Array
 
 FILLED_BY: tuple[Rule, ...] = ("trapezoid",)

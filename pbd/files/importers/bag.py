@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from pbd.data import Recording
 from pbd.data.streams import Stream
-from pbd.doors.opening import LARGE
 from pbd.errors import PbdError, PbdWarning, RecordingError, in_words, listed
+from pbd.io.opening import LARGE
 from pbd.pose import Array, quat_from_xyzw, quat_to_rpy
 
 IMU, FIELD = "sensor_msgs/msg/Imu", "sensor_msgs/msg/MagneticField"

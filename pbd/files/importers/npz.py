@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from pbd.data import Recording, RecordingInfo, Truth
-from pbd.doors.npz import read_arrays
 from pbd.errors import RecordingError, listed
 from pbd.files.importers import check_rate
+from pbd.io.npz import read_arrays
 from pbd.pose import Array
 
 KEYS = ("rate_hz", "acc", "gyr", "mag", "true_position", "true_wxyz", "true_rate_hz")

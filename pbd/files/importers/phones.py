@@ -22,10 +22,10 @@ import numpy as np
 
 from pbd.data import GRAVITY, Recording, RecordingInfo
 from pbd.data.streams import Moment, Moments, Stream, joined
-from pbd.doors.opening import LARGE, read_bytes
 from pbd.errors import RecordingError, in_words, listed
 from pbd.files.importers.columns import Column, Understood
 from pbd.files.table import Sheet, foreign_text, open_sheet
+from pbd.io.opening import LARGE, read_bytes
 
 LARGEST_FILE = LARGE // 4
 """Largest file in a zip, bytes: an hour at 400 Hz has 120 MB. So a small zip can't fill the memory."""

@@ -17,7 +17,7 @@ from pbd.pose import Array, lengths, quat_about_z, quat_inverse, quat_multiply, 
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
 from pbd.tracking.rest import Rest
 from pbd.tracking.smoother.attitude import first_guess, frame_of, heading, steadiness
-from pbd.tracking.smoother.doubt import MAX_RECUTS, doubted_stops, revised_stops, settled
+from pbd.tracking.smoother.doubtful_stops import MAX_RECUTS, doubted_stops, revised_stops, settled
 from pbd.tracking.smoother.factors import creep, shared_prior
 from pbd.tracking.smoother.gauss_newton import (
     ANNEALING,

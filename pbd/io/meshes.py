@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.cache import recall, remember
-from pbd.doors.atomic import is_file
-from pbd.doors.opening import read_bytes
 from pbd.errors import RobotError, printable
+from pbd.io.atomic import is_file
+from pbd.io.opening import read_bytes
 from pbd.pose import Array
 
 FORMATS = (".dae", ".stl", ".obj", ".ply", ".glb")

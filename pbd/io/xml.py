@@ -5,8 +5,8 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
-from pbd.doors.opening import read_bytes
 from pbd.errors import PbdError
+from pbd.io.opening import read_bytes
 
 MOST_BYTES = 100_000_000
 """Largest XML file: the largest COLLADA mesh of example-robot-data has 29."""

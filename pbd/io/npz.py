@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pbd.doors.opening import LARGE, read_bytes
 from pbd.errors import PbdError, in_words
+from pbd.io.opening import LARGE, read_bytes
 
 
 def read_arrays(

@@ -16,8 +16,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
-from pbd.doors.opening import read_text
 from pbd.errors import PbdError, printable
+from pbd.io.opening import read_text
 
 MOST_BYTES = 1_000_000
 """Largest TOML file: 2000 keyframes."""

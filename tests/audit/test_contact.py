@@ -12,10 +12,10 @@ import pytest
 from pbd.arm.collision.geometry import Body
 from pbd.arm.collision.scene import CollisionScene
 from pbd.audit.arm import AuditArm
+from pbd.audit.contact import coordinates, find_touch
 from pbd.audit.grasp import THE_TOOL
 from pbd.audit.pairs import AuditScene
 from pbd.audit.solids import link_solids
-from pbd.audit.touch import coordinates, find_touch
 from pbd.data import Calibration, JointTrajectory, Obstacle, Robot
 from pbd.errors import PlanError
 from pbd.files.demo import load_demo

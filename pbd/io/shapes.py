@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from pbd.data import Robot
-from pbd.doors.meshes import mesh_file
-from pbd.doors.numbers import finite_list
-from pbd.doors.urdf import read_urdf_xml
+from pbd.io.meshes import mesh_file
+from pbd.io.numbers import finite_list
+from pbd.io.urdf import read_urdf_xml
 from pbd.pose import Pose
 
 Triple = tuple[float, float, float]

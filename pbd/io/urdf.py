@@ -10,9 +10,9 @@ import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from pathlib import Path
 
-from pbd.doors.numbers import finite_list
-from pbd.doors.xml import read_xml
 from pbd.errors import RobotError, listed, printable
+from pbd.io.numbers import finite_list
+from pbd.io.xml import read_xml
 
 MOST_LINKS = 500
 """Most links of a robot: the most in example-robot-data are 130."""

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from pbd.arm.ik.solver import check
 from pbd.arm.joint_path import STARTS, build_ladder, widen
-from pbd.arm.ladder import UNSEEN, Barred, Ladder, Layer
+from pbd.arm.ladder_graph import UNSEEN, Barred, Ladder, Layer
 from pbd.pose import Array
 from tests.arm.bundled import arm_of
 

@@ -1,4 +1,4 @@
-"""What others wrote comes in by doors: regular files alone, bounded, and each failure is an error of ours."""
+"""What others wrote is read with care: regular files alone, bounded, and each failure is an error of ours."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ import numpy as np
 import pytest
 
 from pbd.cli import main
-from pbd.doors import meshes, npz
-from pbd.doors.meshes import mesh_file, read_mesh
-from pbd.doors.numbers import number, seconds
-from pbd.doors.opening import read_bytes
-from pbd.doors.toml import read_toml
-from pbd.doors.xml import read_xml
 from pbd.errors import LONGEST_MESSAGE, PbdError, RecordingError, RobotError
 from pbd.files.demo import read_demo
 from pbd.files.importers import import_file
 from pbd.files.points import read_points
 from pbd.files.table import read_table
+from pbd.io import meshes, npz
+from pbd.io.meshes import mesh_file, read_mesh
+from pbd.io.numbers import number, seconds
+from pbd.io.opening import read_bytes
+from pbd.io.toml import read_toml
+from pbd.io.xml import read_xml
 from pbd.record.redecode import decode_raw
 from pbd.sensors.protocols import protocol
 from tests.fuzz import bodies
