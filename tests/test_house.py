@@ -23,7 +23,7 @@ RUNGS = (
 SEPARATE = ("sensors", "simulation", "tracking", "calibration", "arm", "audit", "files", "view")
 HEAVY = {"pinocchio", "ruckig", "meshcat", "matplotlib", "serial", "filterpy", "scipy"}
 MAY_BE_HEAVY = ("arm", "audit", "plots", "view")
-LONGEST_FILE, FULLEST_FOLDER = 350, 20
+LONGEST_FILE, FULLEST_FOLDER = 300, 20
 
 MODULES = sorted(PACKAGE.rglob("*.py"))
 

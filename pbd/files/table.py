@@ -14,15 +14,13 @@ from pathlib import Path
 import numpy as np
 
 from pbd.errors import PbdError, RecordingError, listed, printable
+from pbd.files.header_line import find_header, with_units
 from pbd.io.numbers import number, seconds
 from pbd.io.opening import read_bytes, unix_lines
 from pbd.pose import Array
 
 FOREIGN_ENCODINGS = ("utf-8-sig", "gb18030", "cp1252")
 """Encodings of other programs' text files: UTF-8, Chinese Windows, western Windows."""
-
-HEADER_CELLS = 4
-"""Least number of cells in the header line (t, ax, ay, az). Remarks may precede it."""
 
 LONGEST_PREAMBLE = 100
 """Most lines above the header."""
@@ -224,7 +222,7 @@ def open_sheet(
     if "#" in text:
         text = re.sub(r"(?m)^[ \t]*#.*$", "", text)
     lines = text.split("\n", LONGEST_PREAMBLE)
-    above, skipped = (_foreign_header(lines[:LONGEST_PREAMBLE]) if foreign else None) or (
+    above, skipped = (find_header(lines[:LONGEST_PREAMBLE]) if foreign else None) or (
         next((k for k, line in enumerate(lines) if line.strip()), 0),
         0,
     )
@@ -236,7 +234,7 @@ def open_sheet(
     delimiter = max(",;\t", key=first.count)
     header = [name.strip().strip('"') for name in first.split(delimiter)]
     if skipped:
-        header = _with_units(header, [cell.strip().strip('"') for cell in lines[above + 1].split(delimiter)])
+        header = with_units(header, [cell.strip().strip('"') for cell in lines[above + 1].split(delimiter)])
     if foreign and re.fullmatch(r"[-+.,\deE\s]+", "".join(header)):
         what = "numbers where the column names should be"
         add = "add a line with the column names above them, such as t,ax,ay,az,gx,gy,gz"
@@ -245,39 +243,6 @@ def open_sheet(
         header.pop()
     line, preamble = above + 2 + skipped, "\n".join(lines[:above])
     return Sheet(path, tuple(header), body, delimiter, line, foreign, error, preamble=preamble)
-
-
-def _foreign_header(lines: Sequence[str]) -> tuple[int, int] | None:
-    """The header's line, and how many lines of units are below it (0 or 1); None where no line is wide.
-
-    The header is the last wide line above the first row of numbers: what stands higher up are remarks.
-    """
-    wide = [k for k, line in enumerate(lines) if max(map(line.count, ",;\t")) >= HEADER_CELLS - 1]
-    if not wide:
-        return None
-    row = next((k for k in wide if _is_row(lines[k])), None)
-    above = [k for k in wide if row is None or k < row]
-    if row is None or not above:
-        return wide[0], 0
-    header = above[-1]
-    delimiter = max(",;\t", key=lines[header].count)
-    cells = [cell.strip() for cell in lines[header].split(delimiter) if cell.strip()]
-    if len(above) > 1 and len(set(cells)) < len(cells) and len(lines[above[-2]].split(delimiter)) >= len(cells):
-        return above[-2], header - above[-2]  # units repeat, names don't
-    return header, 0
-
-
-def _is_row(line: str) -> bool:
-    # A comma is a decimal mark where other delimiters are there.
-    delimiter = next((mark for mark in ";\t" if line.count(mark) >= HEADER_CELLS - 1), ",")
-    cells = [cell.strip() for cell in line.split(delimiter) if cell.strip()]
-    numbers = sum(re.fullmatch(r"[-+]?[\d.,]+([eE][-+]?\d+)?|nan", cell) is not None for cell in cells)
-    return numbers >= HEADER_CELLS - 1 and 2 * numbers >= len(cells)
-
-
-def _with_units(header: Sequence[str], units: Sequence[str]) -> list[str]:
-    given = [*units, *[""] * (len(header) - len(units))]
-    return [f"{name} ({unit})" if unit and name else name for name, unit in zip(header, given, strict=False)]
 
 
 def read_table(path: Path) -> Table:

@@ -15,17 +15,8 @@ from pbd.data import Recording, RecordingInfo
 from pbd.data.streams import Stream
 from pbd.errors import RecordingError, listed
 from pbd.files.importers import check_rate
-from pbd.files.importers.columns import (
-    CHANNELS,
-    PROGRAMS,
-    Column,
-    Understood,
-    is_device_time,
-    is_time,
-    plain,
-    split_unit,
-    understand,
-)
+from pbd.files.importers.columns import CHANNELS, PROGRAMS, Column, Understood, understand
+from pbd.files.importers.header_names import is_device_time, is_time, plain, split_unit
 from pbd.files.importers.printed_lines import is_printed, printed_sheet
 from pbd.files.imu_columns import ACC, device_rpy
 from pbd.files.table import Sheet, Table, foreign_text, open_sheet

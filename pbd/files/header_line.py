@@ -1,0 +1,43 @@
+"""Where the header stands in a table that another program wrote."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+HEADER_CELLS = 4
+"""Least number of cells in the header line (t, ax, ay, az). Remarks may precede it."""
+
+
+def find_header(lines: Sequence[str]) -> tuple[int, int] | None:
+    """The header's line, and how many lines of units are below it (0 or 1); None where no line is wide.
+
+    The header is the last wide line above the first row of numbers: what stands higher up are remarks.
+    """
+    wide = [k for k, line in enumerate(lines) if max(map(line.count, ",;\t")) >= HEADER_CELLS - 1]
+    if not wide:
+        return None
+    row = next((k for k in wide if _is_row(lines[k])), None)
+    above = [k for k in wide if row is None or k < row]
+    if row is None or not above:
+        return wide[0], 0
+    header = above[-1]
+    delimiter = max(",;\t", key=lines[header].count)
+    cells = [cell.strip() for cell in lines[header].split(delimiter) if cell.strip()]
+    if len(above) > 1 and len(set(cells)) < len(cells) and len(lines[above[-2]].split(delimiter)) >= len(cells):
+        return above[-2], header - above[-2]  # units repeat, names don't
+    return header, 0
+
+
+def _is_row(line: str) -> bool:
+    # A comma is a decimal mark where other delimiters are there.
+    delimiter = next((mark for mark in ";\t" if line.count(mark) >= HEADER_CELLS - 1), ",")
+    cells = [cell.strip() for cell in line.split(delimiter) if cell.strip()]
+    numbers = sum(re.fullmatch(r"[-+]?[\d.,]+([eE][-+]?\d+)?|nan", cell) is not None for cell in cells)
+    return numbers >= HEADER_CELLS - 1 and 2 * numbers >= len(cells)
+
+
+def with_units(header: Sequence[str], units: Sequence[str]) -> list[str]:
+    """Append each unit to its column's name: `acc_x`, `g` -> `acc_x (g)`."""
+    given = [*units, *[""] * (len(header) - len(units))]
+    return [f"{name} ({unit})" if unit and name else name for name, unit in zip(header, given, strict=False)]
