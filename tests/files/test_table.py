@@ -62,7 +62,7 @@ def test_an_empty_cell_is_nan(tmp_path: Path) -> None:
         ),
         (
             "t,ax\n0,1\n\n1\n",
-            ":4: 1 cells where the header has 2; correct or remove the line",
+            ":4: 1 cell where the header has 2; correct or remove the line",
             {"line": 4, "value": 1, "bound": 2},
         ),
         (
