@@ -149,13 +149,19 @@ def _lines(x: Array, edges: Rows, rows: int = 0) -> tuple[Array, Array]:
     return before + far * (before - x[edges - 2]), after - far * (x[edges + rows + 1] - after)
 
 
+def _lines_everywhere(x: Array) -> tuple[Array, Array]:
+    """`_lines` at every edge, from 2 to len(x) - 2: slices, where an hour's rows would be copied four times."""
+    before, after = x[1:-2], x[2:-1]
+    return before + 0.5 * (before - x[:-3]), after - 0.5 * (x[3:] - after)
+
+
 def _wild(values: Array, away: float, most: int, least: float, reach: int) -> Rows:
     """Rows of (n, 3) that lie far from a line through their neighbours, where these lie on one."""
     ends = np.median(values[:5], axis=0), np.median(values[-5:], axis=0)
     x = np.vstack((ends[0], ends[0], values, ends[1], ends[1]))
     edges = np.arange(2, len(x) - most - 1)
-    before, after = _lines(x, edges)
-    jumps = lengths(after - before)
+    before, after = _lines_everywhere(x)
+    jumps = lengths((after - before)[: len(edges)])
     sums = np.concatenate(([0.0], np.cumsum(jumps**2)))
     at = np.flatnonzero(jumps > 0.5 * away)
     low, high = np.maximum(at - reach, 0), np.minimum(at + reach + 1, len(jumps))
@@ -179,12 +185,12 @@ def _swapped(recording: Recording) -> tuple[int, int, bool] | None:
     for name, least in NOISE_FLOOR.items():
         values = getattr(recording, name)
         if values is not None and len(edges) > 2:
-            before, after = _lines(values, edges)
+            before, after = _lines_everywhere(values)
             noise[name] = max(least, float(np.median(lengths(after - before))))
     if not noise:
         return None
     x = _side_by_side(recording, noise)
-    before, after = _lines(x, edges)
+    before, after = _lines_everywhere(x)
 
     def left_over(earlier: Rows, later: Rows) -> Array:
         return np.asarray(((after[later] - before[earlier]) ** 2).sum(axis=1))
