@@ -118,6 +118,21 @@ def test_pauses_and_clearing_on_the_phone_are_gaps_as_long_as_they_were(phone: P
     assert t[-1] == pytest.approx(time.monotonic() - begun, abs=0.35)
 
 
+def test_no_sample_comes_before_an_earlier_one_where_a_clearing_is_late() -> None:
+    """The phone says that it started anew 20 ms before its last sample: the new ones until then are left out."""
+
+    def told(begun: float, t: np.ndarray) -> bytes:
+        moments = [{"event": "START", "experimentTime": 0.0, "systemTime": begun}]
+        rows = {name: {"buffer": t.tolist()} for name in ("gyr_time", "acc_time")}
+        rows |= {f"{kind}{axis}": {"buffer": [1.0] * len(t)} for kind in ("gyr", "acc") for axis in "XYZ"}
+        return f"/time {json.dumps(moments)}\n/get {json.dumps({'buffer': rows})}\n".encode()
+
+    decoder = PhyphoxDecoder()
+    t = times(decoder.feed(told(100.0, 0.01 * np.arange(100))) + decoder.feed(told(100.97, 0.01 * np.arange(50))))
+    assert (np.diff(t) > 0.0).all()
+    assert len(t) == pytest.approx(147, abs=2)
+
+
 def test_a_phone_that_sleeps_ends_the_recording_with_what_it_has(
     tmp_path: Path, phone: Phone, monkeypatch: pytest.MonkeyPatch
 ) -> None:

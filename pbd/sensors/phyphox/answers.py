@@ -152,6 +152,7 @@ class PhyphoxDecoder:
         self.tally = Tally()
         self._rest = b""
         self._moments = Moments()
+        self._latest = -inf
         self._begin()
 
     def _begin(self) -> None:
@@ -214,6 +215,9 @@ class PhyphoxDecoder:
         self._told = float(t[-1])
         at_acc, at_mag = acc.stream().at(t, acc.usual), mag.stream().at(t, mag.usual)
         straight = self._moments.straight(t)
+        # Beside a pause the phone's moments are exact to milliseconds: no sample comes before an earlier one.
+        later = straight > np.maximum.accumulate(np.append(self._latest, straight[:-1]))
+        self._latest = max(self._latest, float(straight.max()))
         for sensor in (gyr, acc, mag):
             sensor.forget(self._told)
         return [
@@ -224,10 +228,10 @@ class PhyphoxDecoder:
                 None,
                 at,
             )
-            for at, (_, gx, gy, gz), (ax, ay, az), (mx, my, mz) in zip(
-                straight.tolist(), rows.tolist(), at_acc.tolist(), at_mag.tolist(), strict=True
+            for at, (_, gx, gy, gz), (ax, ay, az), (mx, my, mz), is_later in zip(
+                straight.tolist(), rows.tolist(), at_acc.tolist(), at_mag.tolist(), later.tolist(), strict=True
             )
-            if ax == ax
+            if ax == ax and is_later
         ]
 
 

@@ -174,14 +174,14 @@ def test_the_roll_of_test_1_is_put_back_by_gravity() -> None:
 # A lost turn about the vertical looks like a disturbed field; that is a warning too many, and no other harm.
 @pytest.mark.filterwarnings("ignore::pbd.errors.PbdWarning")
 @pytest.mark.parametrize(
-    ("sensor", "gyr_deg", "acc"),
-    [("modern", 200.0, inf), ("os5000", inf, 13.0), ("wt901", 250.0, 14.0)],
+    ("sensor", "gyr_deg", "acc", "seeds"),
+    [("modern", 200.0, inf, 8), ("os5000", inf, 13.0, 32), ("wt901", 250.0, 14.0, 8)],  # a median of 16 is .3 cm off
 )
 def test_a_clipped_recording_is_tracked_far_better_than_it_was_sampled(
-    sensor: str, gyr_deg: float, acc: float, monkeypatch: pytest.MonkeyPatch
+    sensor: str, gyr_deg: float, acc: float, seeds: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     free, restored, as_it_is, scaled = [], [], [], []
-    for seed in range(8):
+    for seed in range(seeds):
         demo = simulate(fast(seed), limited(sensor, gyr_deg, acc), seed)
         error, in_sigma = errors_in_m_and_sigma(demo)
         restored.append(error)
