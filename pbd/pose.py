@@ -88,13 +88,14 @@ def quat_rotate(wxyz: ArrayLike, vector: ArrayLike) -> Array:
 
 
 def _components(values: ArrayLike) -> list[Array]:
-    """Views of each column; of an array that the cache does not hold, columns in one piece: strides take 4 times as long.
+    """Each column, in one piece where the cache does not hold them all: arithmetic on strides takes 4 times as long.
 
-    (Of short arrays numpy's moveaxis takes longer than the arithmetic.)
+    Of short arrays numpy's moveaxis takes longer than the arithmetic.
     """
     array = np.asarray(values, dtype=np.float64)
-    columns = np.ascontiguousarray(np.moveaxis(array, -1, 0)) if array.nbytes > CACHE_BYTES else None
-    return [array[..., i] for i in range(array.shape[-1])] if columns is None else list(columns)
+    if array.nbytes > CACHE_BYTES:
+        return list(np.ascontiguousarray(np.moveaxis(array, -1, 0)))
+    return [array[..., i] for i in range(array.shape[-1])]
 
 
 def _vectors(*components: Array) -> Array:
