@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
-CACHE_BYTES = 32768
-"""Size of a processor's first cache."""
+CACHE_BYTES = 2**20
+"""Size of a processor's own cache."""
 
 
 def readonly(values: ArrayLike) -> Array:
@@ -88,10 +88,7 @@ def quat_rotate(wxyz: ArrayLike, vector: ArrayLike) -> Array:
 
 
 def _components(values: ArrayLike) -> list[Array]:
-    """Each column, in one piece where the cache does not hold them all: arithmetic on strides takes 4 times as long.
-
-    Of short arrays numpy's moveaxis takes longer than the arithmetic.
-    """
+    """Each column; of what no cache holds in one piece, as arithmetic on strides then takes 4 times as long."""
     array = np.asarray(values, dtype=np.float64)
     if array.nbytes > CACHE_BYTES:
         return list(np.ascontiguousarray(np.moveaxis(array, -1, 0)))
