@@ -24,6 +24,15 @@ def window_sums(values: Array, n: int) -> Array:
     return windows
 
 
+def window_maxima(values: Array, n: int) -> Array:
+    """Largest of each window of n samples (l,) -> (l - n + 1,), from windows half as long (scipy's loads for 0.1 s)."""
+    span = 1
+    while span < n:
+        step = min(span, n - span)
+        values, span = np.maximum(values[:-step], values[step:]), span + step
+    return values
+
+
 def median(values: Array) -> Array:
     """Along the first axis; of a short one numpy's own takes ten times as long."""
     low, high = (len(values) - 1) // 2, len(values) // 2

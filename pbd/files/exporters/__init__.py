@@ -65,11 +65,13 @@ class Export:
         samples: the arm's points.
         counted: what these are called.
         receiver: by each rule of the format's receivers, the largest shares of velocity, acceleration and jerk limits.
+        episode: its number, in a format that has several.
     """
 
     samples: Samples
     counted: str
     receiver: Shares
+    episode: int | None = None
 
 
 def check_format(
@@ -135,7 +137,7 @@ def export(
     with atomic_file(path) as unfinished:
         file_format.write(order, points, unfinished)
         if rules:
-            receiver = check_received(order, file_format.read(unfinished), rules)
+            receiver = check_received(order, file_format.read(unfinished), rules, sampled=file_format.samples)
     if format_name in ROW_BY_ROW:
         worst = max(shares(points, "cubic", robot.limits), key=lambda share: share.value)
         if worst.value > 1.0 + CUBIC_EXCESS:
@@ -177,5 +179,5 @@ def export_dataset(
         written = lerobot.read_episodes(unfinished, robot)[len(before) :]
         for order, sampled, episode in zip(orders, points, written, strict=True):
             found = check_received(order, lerobot.read(robot, episode), lerobot.FILLED_BY, lerobot.DIGITS)
-            done.append(Export(sampled, lerobot.COUNTED, found))
+            done.append(Export(sampled, lerobot.COUNTED, found, len(before) + len(done)))
     return done
