@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from pbd.pose import Array
 
@@ -24,7 +27,7 @@ def window_sums(values: Array, n: int) -> Array:
     return windows
 
 
-def window_maxima(values: Array, n: int) -> Array:
+def window_maxima(values: NDArray[Any], n: int) -> NDArray[Any]:
     """Largest of each window of n samples (l,) -> (l - n + 1,), from windows half as long (scipy's loads for 0.1 s)."""
     span = 1
     while span < n:

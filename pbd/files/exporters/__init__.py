@@ -173,7 +173,7 @@ def export_dataset(
     orders = [Order("lerobot", trajectory, robot, "", made_from=source, task=task) for trajectory, source in motions]
     points = [lerobot.samples(order) for order in orders]
     before = lerobot.read_episodes(folder, robot)
-    done = []
+    done: list[Export] = []
     with atomic_folder(folder) as unfinished:
         lerobot.write(robot, [*before, *map(lerobot.episode, orders, points)], unfinished)
         written = lerobot.read_episodes(unfinished, robot)[len(before) :]
