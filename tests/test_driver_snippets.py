@@ -191,13 +191,14 @@ def test_ros_2_is_sent_the_arms_goal_and_the_fingers(tmp_path: Path, monkeypatch
 
         return type(kind.rpartition("/")[2], (), {"__init__": make})
 
-    for module, things in {
+    modules: dict[str, dict[str, Any]] = {
         "builtin_interfaces.msg": {"Duration": message("builtin_interfaces/msg/Duration")},
         "trajectory_msgs.msg": {
             name: message(f"trajectory_msgs/msg/{name}") for name in ("JointTrajectory", "JointTrajectoryPoint")
         },
         "control_msgs.action": {"FollowJointTrajectory": SimpleNamespace(Goal=SimpleNamespace)},
-    }.items():
+    }
+    for module, things in modules.items():
         monkeypatch.setitem(sys.modules, module.partition(".")[0], ModuleType(module.partition(".")[0]))
         monkeypatch.setitem(sys.modules, module, ModuleType(module))
         sys.modules[module].__dict__.update(things)
