@@ -146,8 +146,8 @@ def test_a_chunk_that_holds_more_than_it_says_is_not_unpacked(tmp_path: Path, re
         footer = whole[-37:]
         bag.write_bytes(whole[:-37] + struct.pack("<BQ", 6, len(chunk)) + chunk + footer)
         for place in (bag, bag.parent):
-            with pytest.raises(RecordingError, match="a chunk of [0-9]+ bytes is damaged, or holds more than it says"):
+            with pytest.raises(RecordingError, match=r"a chunk of \d+ bytes is damaged, or holds more than it says"):
                 import_file(place)
     bag.write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(RecordingError, match="bag.mcap: its end is missing, .* if you import it instead of its folder"):
+    with pytest.raises(RecordingError, match=r"bag\.mcap: its end is missing, .* if you import it instead of"):
         import_file(bag.parent)
