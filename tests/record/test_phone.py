@@ -248,7 +248,9 @@ def test_an_app_that_tells_no_times_is_too_old(phone: Phone) -> None:
     """Of phyphox 1.1.7, which has neither /meta nor /time."""
     newer = phone.answer
     phone.answer = lambda path, query: b"" if path in ("/meta", "/time") else newer(path, query)  # type: ignore[method-assign]
-    with pytest.raises(SensorError, match=r"tells no times \(/time\), which it does from version 1\.1\.8 on: update the"):
+    with pytest.raises(
+        SensorError, match=r"tells no times \(/time\), which it does from version 1\.1\.8 on: update the"
+    ):
         PhonePort(phone.address)
 
 

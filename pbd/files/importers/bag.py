@@ -83,7 +83,8 @@ def read_bag(path: Path, topic: str | None = None) -> Recording:
     t, mag = 1e-9 * (ns - begin), None
     ns_field, tesla = field.all()
     if len(ns_field):
-        mag = Stream.of(1e-9 * (ns_field - begin), 1e6 * tesla).at(t)
+        with np.errstate(all="ignore"):  # what becomes infinite is found with all else that is no number
+            mag = Stream.of(1e-9 * (ns_field - begin), 1e6 * tesla).at(t)
     gyr_or_none = gyr if np.isfinite(gyr).any() else None
     return Recording(t=t, acc=acc, gyr=gyr_or_none, mag=mag, device_rpy=_device_rpy(xyzw))
 
