@@ -118,12 +118,9 @@ class Sheet:
         """Read rows of plain numbers, twice as fast as loadtxt; None where anything else is in them."""
         import orjson
 
-        if self.delimiter != ",":
-            if "," in block:  # a decimal comma
-                return None
-            block = block.replace(self.delimiter, ",")
-        data = block.strip("\n").encode()
-        if data.translate(None, NUMERIC):  # JSON's words and quoted texts would pass for numbers
+        data = block.strip("\n").replace(self.delimiter, ",").encode()
+        # JSON's words and quoted texts would pass for numbers, and a decimal comma for a delimiter.
+        if data.translate(None, NUMERIC) or (self.delimiter != "," and "," in block):
             return None
         with suppress(ValueError):  # rows of several lengths, too
             rows = np.array(orjson.loads(b"[[" + data.replace(b"\n", b"],[") + b"]]"), dtype=np.float64)
@@ -161,7 +158,7 @@ class Sheet:
 
     def _rows(self, text: str, first: int) -> Iterator[tuple[int, list[str]]]:
         """Yield each row that is not empty with the number of its last line; `first` is that of the first."""
-        rows = csv.reader(_lines(text), delimiter=self.delimiter)
+        rows = csv.reader((line for block in _blocks(text) for line in block.split("\n")), delimiter=self.delimiter)
         try:
             for row in rows:
                 if row:
@@ -177,13 +174,12 @@ class Sheet:
                 return seconds(cell)
             return number(cell) if cell.strip() or self.complete else float("nan")
         except ValueError:
-            name, next_step = (
-                self.header[column],
-                "correct the cell" + (", or leave it empty" if not self.complete else ""),
-            )
+            name, next_step = self.header[column], "correct the cell"
             if _DECIMAL_COMMA.fullmatch(cell):
                 next_step = "it has a decimal comma: write numbers with a point (export it again, or put a point for "
                 next_step += "each comma)"
+            elif not self.complete:
+                next_step += ", or leave it empty"
             what = f"'{printable(cell)}' in column '{printable(name)}' is not a number"
             raise self._fault(line, what, next_step, column=name, value=cell) from None
 
@@ -201,12 +197,6 @@ def _blocks(text: str) -> Iterator[str]:
         end = text.find("\n", at + BLOCK) + 1 or len(text) + 1
         yield text[at : end - 1]
         at = end
-
-
-def _lines(text: str) -> Iterator[str]:
-    """Yield each line, without a list of them all."""
-    for block in _blocks(text):
-        yield from block.split("\n")
 
 
 def require(path: Path, header: Sequence[str], names: Sequence[str], error: type[PbdError] = RecordingError) -> None:

@@ -247,7 +247,7 @@ def _whole_records(path: Path, data: mmap.mmap | bytes, at: int = len(MCAP_MAGIC
 
 def _unpacks(compression: bytes, packed: bytes, size: int) -> bool:
     """Whether these bytes are `size` when they are unpacked: rosbags unpacks them whatever they become."""
-    import lz4.frame
+    import lz4.frame  # type: ignore[import-untyped]
 
     if sys.version_info >= (3, 14):
         from compression import zstd
