@@ -139,7 +139,7 @@ def test_what_is_no_bag_is_refused(tmp_path: Path, recording: Recording) -> None
 def test_a_chunk_that_holds_more_than_it_says_is_not_unpacked(tmp_path: Path, recording: Recording) -> None:
     """Read as a file and in its folder, which are opened by different parts of rosbags."""
     bag = write_bag(tmp_path / "bag", recording)
-    whole, zstd = bag.read_bytes(), storage_mcap.zstd  # type: ignore[attr-defined]
+    whole, zstd = bag.read_bytes(), storage_mcap.zstd
     first = zstd.compress(bytes(1000))
     for packed in (zstd.compress(bytes(10**8)), first + zstd.compress(bytes(10**8)), first[:-1], b"no zstd"):
         chunk = struct.pack("<QQQII4sQ", 0, 0, 1000, 0, 4, b"zstd", len(packed)) + packed
