@@ -13,7 +13,7 @@ from pbd.fusion.joint import Joint, Parts, estimate_jointly
 from pbd.fusion.messages import message_of, pinned
 from pbd.fusion.outliers import Disbelieved, believed, disagreement
 from pbd.fusion.result import Fused, hand_path
-from pbd.fusion.scatter import alike, each
+from pbd.fusion.scatter import TRACKER_WORTH, alike, each
 from pbd.fusion.takes import Take, keyframes_of_take, refuse_strangers, start, tracked_take
 
 
@@ -53,7 +53,10 @@ def _estimated(takes: Sequence[Take]) -> Fused:
     messages = [message_of(takes[k].solution, takes[k].knots, state) for k, state in zip(used, states, strict=True)]
     parts = replace(parts, messages=tuple(messages))
     joint = estimate_jointly(parts, joint.state, joint.scatter)
-    own = estimate_jointly(parts, joint.state, each(joint.scatter)).scatter
+    # How sure it is, by what the takes show of the tracker's noise; an estimate by that would be no better.
+    sure = estimate_jointly(parts, joint.state, replace(joint.scatter, worth=TRACKER_WORTH))
+    own = estimate_jointly(parts, joint.state, each(sure.scatter)).scatter
+    joint = replace(sure, state=joint.state)
     return Fused(takes, used, left, found.kept(), disbelieved.keyframes, parts, joint, own, states)
 
 

@@ -99,10 +99,11 @@ def estimate_jointly(parts: Parts, x: State, scatter: Scatter) -> Joint:
     lever_variance = LEVER_M**2
     for _ in range(MAX_ITERATIONS):
         r, J = _residuals(parts, x, columns)
-        W, WJ = np.zeros((len(r), len(r))), np.empty_like(J)
+        W, WJ, drift = np.zeros((len(r), len(r))), np.empty_like(J), np.zeros((len(r), len(r)))
         turns = x.turn
         for k, rows in enumerate(parts.rows):
-            W[rows, rows] = np.linalg.inv(_noise(parts, k, turns[k], scatter))
+            drift[rows, rows] = scatter.tracker * _drift(parts, k, turns[k])
+            W[rows, rows] = np.linalg.inv(drift[rows, rows] + np.diag(scatter.sigma[parts.at[k]].ravel() ** 2))
             WJ[rows] = W[rows, rows] @ J[rows]
         information, gradient = known.copy(), WJ.T @ r + gradient_of(x)
         information[levers, levers] += 1.0 / lever_variance
@@ -114,7 +115,7 @@ def estimate_jointly(parts: Parts, x: State, scatter: Scatter) -> Joint:
         x = _moved(x, step, columns)
         shown = float((x.lever**2).sum() + np.diagonal(cov)[levers].sum())
         lever_variance = (shown + LEVER_WORTH * LEVER_M**2) / (len(levers) + LEVER_WORTH)
-        before, scatter = scatter.log, scatter.improved(precision, weighted, group)
+        before, scatter = scatter.log, scatter.improved(precision, weighted, group, drift)
         if np.abs(step[columns.poses]).max() < CONVERGED and np.abs(scatter.log - before).max() < CONVERGED_LOG:
             break
     poses = columns.poses
@@ -163,15 +164,14 @@ def _known_of_devices(parts: Parts, columns: _Columns) -> tuple[Array, Callable[
     return information, gradient
 
 
-def _noise(parts: Parts, k: int, turn: Array, scatter: Scatter) -> Array:
-    """Covariance of a take's residuals, its device given."""
+def _drift(parts: Parts, k: int, turn: Array) -> Array:
+    """Covariance of a take's residuals by its tracking, its device given."""
     message, at, own = parts.messages[k], parts.at[k], parts.own[k]
     i = (6 * own[:, None] + np.arange(6)).ravel()
     by_bias = message.by_device[i, BIAS]
     cov = message.cov[np.ix_(i, i)] + BIAS_REPEATS**2 * by_bias @ by_bias.T
     turned = np.kron(np.eye(2 * len(at)), turn)
-    noise: Array = turned @ cov @ turned.T + np.diag(scatter.sigma[at].ravel() ** 2)
-    return noise
+    return np.asarray(turned @ cov @ turned.T)
 
 
 def placed(message: Message, errors: Array) -> tuple[Array, Array]:
