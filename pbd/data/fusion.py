@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from pbd.data.brief import brief, counted
 from pbd.data.freeze import freeze
+from pbd.data.known import Place
 from pbd.pose import Array, Pose
 
 TOLERANCE_SIGMAS = 2.0
@@ -52,6 +53,7 @@ class Fusion:
         turn: (n,) rad, of the attitude about each axis.
         unsure: (n, 4) one sigma of the logarithm of those four.
         overall: m and rad, the same of all keyframes together but the first; overall_unsure of their logarithms.
+        places: where takes know a keyframe to be in base, at the path's time.
     """
 
     takes: tuple[FusedTake, ...]
@@ -60,6 +62,7 @@ class Fusion:
     unsure: Array
     overall: tuple[float, float]
     overall_unsure: tuple[float, float]
+    places: tuple[Place, ...] = ()
 
     def __post_init__(self) -> None:
         n = len(self.scatter)

@@ -22,6 +22,7 @@ from pbd.data import (
 )
 from pbd.data.covariance import PoseCovariance
 from pbd.fusion.alignment import Candidate
+from pbd.fusion.claims import points_of_base
 from pbd.fusion.joint import Joint, Parts, placed
 from pbd.fusion.messages import BIAS, SHARED
 from pbd.fusion.path import MeanWay, Way, mean_way
@@ -87,7 +88,7 @@ def _way(fused: Fused, i: int) -> Way:
     return Way(t, p, wxyz, stops, weight)
 
 
-def _fusion(fused: Fused) -> Fusion:
+def _fusion(fused: Fused, mean: MeanWay) -> Fusion:
     """What is told of the takes, and the hand's scatter."""
     x, parts, turn = fused.joint.state, fused.parts, quat_to_matrix(fused.onto_nav.wxyz)
     told = []
@@ -119,6 +120,7 @@ def _fusion(fused: Fused) -> Fusion:
         fused.scatter.sigma_log[:, :4],
         (float(np.exp(of_all.log[2])), float(np.exp(of_all.log[3]))),
         (float(of_all.unsure[2]), float(of_all.unsure[3])),
+        points_of_base([fused.takes[k] for k in fused.used], [told[k].own for k in fused.used], mean.stops, mean.t),
     )
 
 
@@ -158,7 +160,7 @@ def hand_path(demo: Demonstration, fused: Fused, calibration: Calibration | None
             accept_gap,
         ),
         sensor=_sensor(fused.first, joint, fused.parts.device[0]),
-        fusion=_fusion(fused),
+        fusion=_fusion(fused, mean),
     )
 
 
