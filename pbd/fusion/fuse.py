@@ -16,6 +16,7 @@ from pbd.fusion.outliers import Disbelieved, believed, disagreement
 from pbd.fusion.result import Fused, hand_path
 from pbd.fusion.scatter import TRACKER_WORTH, alike, each
 from pbd.fusion.takes import Take, keyframes_of_take, refuse_strangers, start, tracked_take
+from pbd.fusion.things import Moved, moved_thing
 
 
 def fused_path(demo: Demonstration, method: str, calibration: Calibration | None, accept_gap: bool) -> HandPath:
@@ -38,11 +39,15 @@ def fused_path(demo: Demonstration, method: str, calibration: Calibration | None
 
 def _estimated(takes: Sequence[Take], calibration: Calibration | None) -> Fused:
     """The joint estimate, without takes that are of another task or outliers; linearised anew at its own device."""
-    found = align([keyframes_of_take(take) for take in takes])
+    keyframes = [keyframes_of_take(take) for take in takes]
+    thing = moved_thing(keyframes)
+    if thing is not None:
+        keyframes = [thing.put_back(k, one) for k, one in enumerate(keyframes)]
+    found = align(keyframes)
     refuse_strangers(takes, found)
     left = dict.fromkeys(found.strangers, "another task")
     while True:
-        used, parts, joint, disbelieved = _believed(takes, found, calibration)
+        used, parts, joint, disbelieved = _believed(takes, found, thing, calibration)
         if disbelieved.take is None:
             break
         left[used[disbelieved.take]] = "it is far from the other takes"
@@ -58,7 +63,7 @@ def _estimated(takes: Sequence[Take], calibration: Calibration | None) -> Fused:
     sure = estimate_jointly(parts, joint.state, replace(joint.scatter, worth=TRACKER_WORTH))
     own = estimate_jointly(parts, joint.state, each(sure.scatter)).scatter
     joint = replace(sure, state=joint.state)
-    return Fused(takes, used, left, found.kept(), disbelieved.keyframes, parts, joint, own, states)
+    return Fused(takes, used, left, found.kept(), disbelieved.keyframes, parts, joint, own, states, thing)
 
 
 def _told(
@@ -78,13 +83,13 @@ def _told(
 
 
 def _believed(
-    takes: Sequence[Take], found: Alignment, calibration: Calibration | None
+    takes: Sequence[Take], found: Alignment, thing: Moved | None, calibration: Calibration | None
 ) -> tuple[list[int], Parts, Joint, Disbelieved]:
     """The takes that are used, and what they make without the keyframes that don't fit."""
-    used, kept = sorted(found.registered), found.kept()
-    parts, x = start(takes, used, kept, found.registered)
+    used = sorted(found.registered)
+    parts, x = start(takes, used, found, thing)
     parts = _told(takes, used, parts, x, calibration)
-    joint, parts, disbelieved = believed(parts, estimate_jointly(parts, x, alike(len(kept))))
+    joint, parts, disbelieved = believed(parts, estimate_jointly(parts, x, alike(len(x.m))))
     return used, parts, joint, disbelieved
 
 
