@@ -90,9 +90,11 @@ class Scenario:
     scatter_m: float = 0.5 * MM
     lever_m: float = 0.0
     tilt_rad: float = DEG
+    thing: tuple[int, int] | None = None
+    """First and last keyframe of a thing that stands elsewhere in each take but the first."""
 
 
-SCENARIOS = {
+SCENARIOS: dict[tuple[str, ...], Scenario] = {
     **{("sensors", sensor, "same", "4"): Scenario(sensor, 4, turned=False) for sensor in ("wt901", "phone", "os5000")},
     **{
         ("sensors", sensor, "turned", str(n)): Scenario(sensor, n)
@@ -101,6 +103,7 @@ SCENARIOS = {
     },
     **{("scatter_4mm", "wt901", str(n)): Scenario("wt901", n, scatter_m=4.0 * MM) for n in (1, 4, 8)},
     ("lever_10mm", "", "4"): Scenario("wt901", 4, lever_m=10.0 * MM),
+    ("moved_thing", "", "3"): Scenario("wt901", 3, thing=(3, 4)),
 }
 """Where each kind's figures stand."""
 
@@ -263,7 +266,8 @@ def takes_of(scenario: Scenario, seed: int, device: int | None = None) -> tuple[
     for k in range(scenario.takes):
         Q = TURNS[k % len(TURNS)] if scenario.turned else TURNS[0]
         lever = scenario.lever_m * rng.normal(size=3) if k else np.zeros(3)
-        demo = simulate(_take(task, scenario, Q, lever, rng), made, 1000 * seed + k)
+        shown = task if scenario.thing is None or not k else _moved(task, *scenario.thing, rng)
+        demo = simulate(_take(shown, scenario, Q, lever, rng), made, 1000 * seed + k)
         info = replace(demo.recording.info, name=f"take {k + 1}")
         demos.append(replace(demo, recording=replace(demo.recording, info=info)))
     return demos, task
@@ -277,6 +281,25 @@ def hand_poses(task: Task) -> tuple[Array, Array]:
     return np.array([waypoint.p for waypoint in task.waypoints]), np.array(wxyz)
 
 
+def _moved(task: Task, first: int, last: int, rng: np.random.Generator) -> Task:
+    """The task with a thing turned about the vertical through its first keyframe, and shifted on the table."""
+    p, A = hand_poses(task)
+    turn, shift = quat_about_z(rng.uniform(-1.0, 1.0)), np.array([*rng.uniform(-0.1, 0.1, 2), 0.0])
+    inside = ((np.arange(len(p)) >= first) & (np.arange(len(p)) <= last))[:, None]
+    p = np.where(inside, p[first] + shift + quat_rotate(turn, p - p[first]), p)
+    return _through(task, p, np.where(inside, quat_multiply(turn, A), A), np.ones(len(p)))
+
+
+def _through(task: Task, p: Array, wxyz: Array, slower: Array) -> Task:
+    """The task with other keyframes, and moves that last longer by a factor."""
+    turns = np.vstack((np.zeros((1, 3)), quat_log(quat_multiply(quat_inverse(wxyz[:-1]), wxyz[1:]))))
+    waypoints = [
+        Waypoint(tuple(where), tuple(turn), waypoint.move_s * by, waypoint.rest_s)
+        for where, turn, by, waypoint in zip(p.tolist(), turns.tolist(), slower.tolist(), task.waypoints, strict=True)
+    ]
+    return Task(task.name, tuple(waypoints), start_rpy=tuple(quat_to_rpy(wxyz[0]).tolist()))
+
+
 def _take(task: Task, scenario: Scenario, Q: Array, lever: Array, rng: np.random.Generator) -> Task:
     """One take: the hand misses each place but the dock, its pace differs, the sensor sits turned and shifted in it."""
     p, A = hand_poses(task)
@@ -284,12 +307,7 @@ def _take(task: Task, scenario: Scenario, Q: Array, lever: Array, rng: np.random
     miss[0] = tilt[0] = 0.0
     A = quat_multiply(quat_exp(scenario.tilt_rad * tilt), A)
     p, wxyz = p + scenario.scatter_m * miss + quat_rotate(A, lever), quat_multiply(A, quat_inverse(Q))
-    turns = np.vstack((np.zeros((1, 3)), quat_log(quat_multiply(quat_inverse(wxyz[:-1]), wxyz[1:]))))
-    waypoints = [
-        Waypoint(tuple(where), tuple(turn), waypoint.move_s * slower, waypoint.rest_s)
-        for where, turn, slower, waypoint in zip(p.tolist(), turns.tolist(), pace.tolist(), task.waypoints, strict=True)
-    ]
-    return Task(task.name, tuple(waypoints), start_rpy=tuple(quat_to_rpy(wxyz[0]).tolist()))
+    return _through(task, p, wxyz, pace)
 
 
 if __name__ == "__main__":
