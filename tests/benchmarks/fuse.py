@@ -10,7 +10,8 @@ first take there), as an arm follows them; and in `shape` after the best turn ab
 out the dock's own share. `plain`: each take tracked alone and registered to the first, and then the mean: it is told
 no more than the joint estimate. Seeds from 1000 on were never used to choose anything.
 `inside`: errors per axis within one and two of their own sigma. `success`: see success.py. `learned`: the share of
-scatters that are found between 3.4 and 4.4 mm. `fuse4_s`, `fuse10_s`: process time of `pbd.fuse`, tracking included.
+scatters that are found between 3.4 and 4.4 mm. `thing`: the share in which keyframes are said to move with a thing, as
+they do in `moved_thing` only. `fuse4_s`, `fuse10_s`: process time of `pbd.fuse`, tracking included.
 """
 
 from __future__ import annotations
@@ -169,6 +170,7 @@ def outcome(scenario: Scenario, seed: int) -> dict[str, Any]:
     return {name: (1e3 * np.linalg.norm(each, axis=1)).tolist() for name, each in off.items()} | {
         "sigmas": (np.abs(off["joint"]) / sigma[1:]).ravel().tolist(),
         "success": said_and_happened(path, belongs, np.random.default_rng(seed)),
+        "thing": path.fusion is not None and path.fusion.thing is not None,
         "scatter": None if path.fusion is None else 1e3 * path.fusion.overall[0],
     }
 
@@ -185,6 +187,7 @@ def score(outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "shape_median_mm": float(np.median(size["shape"])),
         "plain_shape_median_mm": float(np.median(size["plain_shape"])),
         "lost": len(outcomes) - len(there),
+        "thing": float(np.mean([one["thing"] for one in there])),
     }
     if there[0]["scatter"] is not None:
         learned = np.array([one["scatter"] for one in there])
