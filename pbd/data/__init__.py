@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from pbd.data.arm import Gripper, JointLimits, JointTrajectory, Robot, Samples, Servos
 from pbd.data.calibration import TOOL_DOWN, Calibration, Linear, SensorErrors
+from pbd.data.constraints import ClaimFit, Contact, Known, Place
 from pbd.data.fusion import FusedTake, Fusion
 from pbd.data.keyframe import Keyframe, TouchUp
-from pbd.data.known import ClaimFit, Contact, Known, Place
-from pbd.data.sensor_found import Found, SensorFound
+from pbd.data.sensor_estimate import ErrorEstimate, SensorEstimate
 from pbd.data.tracking import (
     GRAVITY,
     Demonstration,
@@ -33,7 +33,7 @@ __all__ = [
     "ClaimFit",
     "Contact",
     "Demonstration",
-    "Found",
+    "ErrorEstimate",
     "FusedTake",
     "Fusion",
     "GraspedObject",
@@ -54,7 +54,7 @@ __all__ = [
     "Samples",
     "Segment",
     "SensorErrors",
-    "SensorFound",
+    "SensorEstimate",
     "Servos",
     "Stop",
     "TouchUp",

@@ -8,8 +8,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from pbd.data.brief import brief, counted
 from pbd.data.freeze import freeze
+from pbd.data.one_line_repr import brief, counted
 from pbd.data.world import Obstacle
 from pbd.pose import Array, Pose
 

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from pbd.data.brief import brief, counted, span
 from pbd.data.calibration import Calibration
+from pbd.data.constraints import ClaimFit, Contact, Known, Place
 from pbd.data.covariance import PoseCovariance
 from pbd.data.freeze import freeze
 from pbd.data.fusion import Fusion
 from pbd.data.keyframe import Keyframe, TouchUp
-from pbd.data.known import ClaimFit, Contact, Known, Place
-from pbd.data.sensor_found import SensorFound
+from pbd.data.one_line_repr import brief, counted, span
+from pbd.data.sensor_estimate import SensorEstimate
 from pbd.data.world import GraspedObject
 from pbd.pose import Array
 
@@ -214,7 +214,7 @@ class HandPath:
     grip: tuple[GripEvent, ...] = ()
     claims: tuple[ClaimFit, ...] = ()
     tracking: Tracking | None = None
-    sensor: SensorFound | None = None
+    sensor: SensorEstimate | None = None
     fusion: Fusion | None = None
 
     def __post_init__(self) -> None:
