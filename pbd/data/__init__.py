@@ -13,7 +13,6 @@ from pbd.data.fusion import FusedTake, Fusion
 from pbd.data.keyframe import Keyframe, TouchUp
 from pbd.data.sensor_estimate import ErrorEstimate, SensorEstimate
 from pbd.data.tracking import (
-    GRAVITY,
     Demonstration,
     GripEvent,
     HandPath,
@@ -24,6 +23,7 @@ from pbd.data.tracking import (
     Tracking,
     Truth,
 )
+from pbd.data.units import GRAVITY
 from pbd.data.world import GraspedObject, Load, Obstacle
 
 __all__ = [

@@ -19,10 +19,6 @@ from pbd.data.sensor_estimate import SensorEstimate
 from pbd.data.world import GraspedObject
 from pbd.pose import Array
 
-GRAVITY = 9.80665
-"""Standard gravity, m/s2: what a sensor's unit "g" means. Tracking estimates the local value at rest."""
-
-
 DOUBTED_WEIGHT = 0.8
 """Weight below which a stop is reported as doubtful."""
 

@@ -10,10 +10,9 @@ An axis that didn't change is not sent. Events carry no checksum: an impossible 
 
 from __future__ import annotations
 
-from math import radians
 from struct import Struct
 
-from pbd.data import GRAVITY
+from pbd.data.units import DEG, GRAVITY
 from pbd.sensors.decoding import Sample, Tally, WrappingClock
 
 EVENT = Struct("@qqHHi")
@@ -85,7 +84,7 @@ class GamepadDecoder:
 
     def _sample(self, stamp: int) -> Sample:
         x, y, z, rx, ry, rz = (self._axes.get(axis, 0) for axis in AXES)
-        g, turn = GRAVITY / ACC_PER_G, radians(1.0) / GYRO_PER_DEG_S
+        g, turn = GRAVITY / ACC_PER_G, DEG / GYRO_PER_DEG_S
         return Sample(
             acc=(x * g, -z * g, y * g),
             gyr=(rx * turn, -rz * turn, ry * turn),

@@ -1,8 +1,8 @@
 """Condition a hand path on what is known of its stops: places visited twice, known positions, known heights.
 
 The poses at the stops are normal, with the joint covariance that the smoother gives. What is claimed is linear in
-them, with a small noise of its own (stop_constraints.py). So the best estimate of all of them together is one update of a
-Kalman filter: each pose takes its share of a misfit by what it has in common with it.
+them, with a small noise of its own (stop_constraints.py). So the best estimate of all of them together is one update of
+a Kalman filter: each pose takes its share of a misfit by what it has in common with it.
 """
 
 from __future__ import annotations
