@@ -7,8 +7,8 @@ Keyframe errors in cm (all but the first, which is the origin): as tracked, with
 (tracking/constraint_update.py), and with the same claim shared out by a straight line in time, as exact. Of `contacts`
 the error in height only. `inside` are the shares of errors (per axis) within the path's own sigmas. All of it is of the
 same `recordings`: left out are those in which not just the eight stops are found (`other_stops`), and those of which a
-kind of claim is refused (`refused`), though all are true. `worst_cm` is the median over recordings of the largest keyframe
-error as tracked, of those left out and of those used.
+kind of claim is refused (`refused`), though all are true. `worst_cm` is the median over recordings of the largest
+keyframe error as tracked, of those left out and of those used.
 `heading`, degrees rms: of the same recordings without their magnetometer, the heading's error at the end, and what is
 left of it if the hand's heading, which comes back to within 3 degrees, is taken as exact, or weighed as well as can be.
 """
