@@ -7,7 +7,8 @@ taken at random, are searched too, five times, for `--short S` seconds each (10)
 there, and goes on from it. Everything is planned first, then come the long searches, then the sample.
 
 scenes; solved: by the planner; pending: not solved, and not searched yet; feasible: solved by the planner or a search;
-solved_pct: by the planner, of the feasible ones; detours: those with a move of OMPL's; median_s, p95_s, max_s: process
+solved_pct: by the planner, of the feasible ones, once
+none is pending; detours: those with a move of OMPL's; median_s, p95_s, max_s: process
 time of planning; compared, travel_median, travel_p95: solved scenes that were searched with success, and joint travel
 over the least of the searches there; wrong: accepted, and yet original meshes overlap at one of the instants that are
 5 ms apart. kinds.KIND, arms.ARM: the same for each.
@@ -123,15 +124,16 @@ def note(known: dict[tuple[str, str, int], Told], told: Told, path: Path | None)
 def figures(tried: list[Told]) -> dict[str, float]:
     """All figures of some scenes."""
     took = [each.took_s for each in tried]
+    pending = sum(each.travel is None and not each.searched for each in tried)
     solved = [each for each in tried if each.travel is not None]
     feasible = [each for each in tried if each.travel is not None or each.least is not None]
     ratios = [each.travel / each.least for each in solved if each.travel is not None and each.least is not None]
     return {
         "scenes": len(tried),
         "solved": len(solved),
-        "pending": sum(each.travel is None and not each.searched for each in tried),
+        "pending": pending,
         "feasible": len(feasible),
-        "solved_pct": 100.0 * len(solved) / max(1, len(feasible)),
+        "solved_pct": float("nan") if pending else 100.0 * len(solved) / max(1, len(feasible)),
         "detours": sum(each.detour for each in solved),
         "median_s": float(np.median(took)),
         "p95_s": float(np.percentile(took, 95)),
