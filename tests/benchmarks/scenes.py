@@ -7,11 +7,10 @@ taken at random, are searched too, five times, for `--short S` seconds each (10)
 there, and goes on from it. Everything is planned first, then come the long searches, then the sample.
 
 scenes; solved: by the planner; pending: not solved, and not searched yet; feasible: solved by the planner or a search;
-solved_pct: by the planner, of the feasible ones, once
-none is pending; detours: those with a move of OMPL's; median_s, p95_s, max_s: process
-time of planning; compared, travel_median, travel_p95: solved scenes that were searched with success, and joint travel
-over the least of the searches there; wrong: accepted, and yet original meshes overlap at one of the instants that are
-5 ms apart. kinds.KIND, arms.ARM: the same for each.
+solved_pct: by the planner, of the feasible ones, once none is pending; detours: those with a move of OMPL's; median_s,
+p95_s, max_s: process time of planning; compared, travel_median, travel_p95: solved scenes that were searched with
+success, and joint travel over the least of the searches there; wrong: accepted, and yet original meshes overlap at one
+of the instants that are 5 ms apart. kinds.KIND, arms.ARM: the same for each.
 """
 
 from __future__ import annotations
