@@ -10,7 +10,7 @@ import numpy as np
 from pbd.arm.collision.scene import Hit
 from pbd.arm.model import ArmModel
 from pbd.arm.motion_request import DETOUR, STRAIGHT, Motion, MotionRequest, Segment
-from pbd.arm.sweep import Sweep, sweep_of
+from pbd.arm.wide_moves import Sweep, sweep_of
 from pbd.pose import Array, Pose
 
 MOST_PATHS = 4

@@ -12,7 +12,7 @@ from pbd.arm.ik.partial_pose import is_partial
 from pbd.arm.ladder_links import MOST_CHECKED, Link, Move
 from pbd.arm.model import ArmModel
 from pbd.arm.motion_request import MotionRequest
-from pbd.arm.sweep import sweep_of
+from pbd.arm.wide_moves import sweep_of
 from pbd.pose import Array, Pose
 
 WIDE_COST, MOST_WIDE = 2.0 * np.pi, 40

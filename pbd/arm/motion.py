@@ -46,7 +46,7 @@ from pbd.arm.link_checks import WIDE_COST, LinkChecks
 from pbd.arm.model import ArmModel
 from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, Motion, MotionRequest
 from pbd.arm.refusal import UNREACHABLE, Refusal, refuse_move, refuse_pose, tell
-from pbd.arm.sweep import Sweep, sweep_of
+from pbd.arm.wide_moves import Sweep, sweep_of
 from pbd.pose import Array, Pose
 
 MOST_STRAIGHT, MOST_STRAIGHT_WIDE = 36, 150

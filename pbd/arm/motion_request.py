@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from pbd.arm.collision.scene import Hit
-from pbd.arm.sweep import Sweep
+from pbd.arm.wide_moves import Sweep
 from pbd.pose import Array, Pose
 
 STRAIGHT, LINE, DEMO, DETOUR = "straight", "line", "demo", "detour"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pbd.arm.sweep import sweep_of
+from pbd.arm.wide_moves import sweep_of
 from tests.arm.bundled import arm_of
 
 UR5 = arm_of("ur5")
