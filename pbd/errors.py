@@ -9,7 +9,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from typing import ClassVar
+from typing import Any, ClassVar
 
 
 class PbdError(Exception):
@@ -67,7 +67,7 @@ def collected_warnings() -> Iterator[list[str]]:
     """Collect the text of each PbdWarning that is given inside, instead of showing it."""
     collected: list[str] = []
 
-    def collect(message: Warning | str, category: type[Warning], *_: object) -> None:
+    def collect(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
         if issubclass(category, PbdWarning):
             collected.append(str(message))
 
