@@ -35,7 +35,7 @@ class Terminal:
             os.execv(PBD[0], [*PBD, *words])
         fcntl.ioctl(self._handle, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 80, 0, 0))
 
-    def until(self, text: str, seconds: float = 20.0) -> None:
+    def until(self, text: str, seconds: float = 60.0) -> None:
         """Read until this is drawn; then forget what was read."""
         end = time.monotonic() + seconds
         while text not in self.text:

@@ -93,7 +93,7 @@ def test_stopped_for_a_while_it_goes_on(tmp_path: Path) -> None:
         process.send_signal(signal.SIGSTOP)
         time.sleep(2.5)
         process.send_signal(signal.SIGCONT)
-        out, error = process.communicate(timeout=30)
+        out, error = process.communicate(timeout=60)
     assert "this program stood still for 2." in error
     assert "ended: 4 s recorded" in out
     assert process.returncode == 0
@@ -118,7 +118,7 @@ def test_without_a_terminal_it_prints_lines_and_a_signal_ends_it(tmp_path: Path)
         if "you may move" in line:
             break
     process.send_signal(signal.SIGTERM)
-    out, _ = process.communicate(timeout=20)
+    out, _ = process.communicate(timeout=60)
     assert process.returncode == 0
     told = json.loads(out)
     assert told["demo"] == "demos/tea"
@@ -131,19 +131,17 @@ def test_a_killed_recording_has_all_but_the_last_quarter_second(tmp_path: Path) 
     imu = tmp_path / "demos" / "tea" / "imu.csv"
     while not imu.exists():
         time.sleep(0.01)
-    begun = time.monotonic()
-    time.sleep(1.0)
+    moments = [time.monotonic()]
+    while moments[-1] - moments[0] < 1.0:
+        time.sleep(0.01)
+        moments.append(time.monotonic())
     process.kill()
-    killed = time.monotonic()
-    process.communicate(timeout=20)
+    process.communicate(timeout=60)
     assert imu.read_text().endswith("\n")
     recording = read_demo(imu.parent).recording
-    assert recording.t[-1] >= loop_time(killed - begun)
-
-
-def loop_time(elapsed: float) -> float:
-    """What must be on disk that long after the folder appeared (which holds LOOK_S already)."""
-    return elapsed - 0.25
+    held_up = float(np.diff(moments).max()) - 0.01  # s that a busy machine held this test up at worst, and `pbd` too
+    # the folder holds LOOK_S already when it appears
+    assert recording.t[-1] >= moments[-1] - moments[0] - 0.25 - 3.0 * held_up
 
 
 def folders(tmp_path: Path) -> list[str]:
@@ -174,10 +172,10 @@ def test_a_killed_forced_recording_leaves_the_old_one_beside_and_the_next_does_s
         "the old one is in demos/tea.before until this one has ended well; its edited keyframes.toml goes with it\n"
     )
     process.kill()
-    process.communicate(timeout=20)
+    process.communicate(timeout=60)
     assert folders(tmp_path) == ["tea", "tea.before"]
     process = run_pbd("record", "tea", "--sensor", "sim", "--force", "--duration", "1.6", cwd=tmp_path)
-    out, error = process.communicate(timeout=20)
+    out, error = process.communicate(timeout=60)
     assert process.returncode == 0, error
     assert "the old one is in demos/tea.before-2 until this one has ended well\n" in error
     assert "so the old one is kept in demos/tea.before-2; to have it back, remove demos/tea and rename" in error
@@ -207,7 +205,7 @@ def test_the_next_command_that_it_prints_works(
 
 def test_a_simulated_task_grips_by_itself_and_ends_it_where_nobody_could(tmp_path: Path) -> None:
     process = run_pbd("record", "tea", "--sensor", "sim:pick-and-place-direct", "--json", cwd=tmp_path)
-    out, error = process.communicate(timeout=20)
+    out, error = process.communicate(timeout=60)
     assert process.returncode == 0, error
     assert json.loads(out)["ended_by"] == "simulated task finished"
     assert error.count("the simulated task is finished: it ends here") == 1
@@ -259,7 +257,7 @@ def test_a_device_is_recognised_set_and_recorded(tmp_path: Path) -> None:
         process = run_pbd(
             "record", "tea", "--port", device.device, "--rate", "40", "--duration", "1", "--json", cwd=tmp_path
         )
-        out, error = process.communicate(timeout=20)
+        out, error = process.communicate(timeout=60)
         listener.join(5.0)
     assert process.returncode == 0, error
     assert heard == [b"\x1bR40 "]

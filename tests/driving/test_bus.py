@@ -63,8 +63,9 @@ def test_loose_servos_may_keep_no_goal(emulator: Emulator) -> None:
         servo.snaps = True
     with Bus.open(emulator.device, Clock(), PATIENT_S) as bus:
         arm = connect(bus)
-        arm.stiffen(arm.state().counts)
-        assert [servo.number(42) for servo in emulator.servos.values()] == arm.state().counts.tolist()
+        stood = arm.state().counts
+        arm.stiffen(stood)
+        assert [servo.number(42) for servo in emulator.servos.values()] == stood.tolist()
 
 
 def test_goals_that_do_not_arrive_leave_the_arm_loose(emulator: Emulator) -> None:

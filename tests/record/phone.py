@@ -42,12 +42,15 @@ class Phone:
         offline: it takes no connection; what comes is hung up on.
         body: what it answers to /get instead of buffers; a callable may write as it likes.
         asked: every request so far.
+        pressed: what was pressed, and when on the computer's monotonic clock, s.
     """
 
     def __init__(self, streams: Streams, size: int = 60_000, names: Mapping[str, tuple[str, ...]] = BUFFERS) -> None:
         self.streams, self.size, self.names = dict(streams), size, names
         self.offline, self.body, self.asked = False, b"", list[str]()
         self.moments: list[dict[str, Any]] = []
+        self.pressed: list[tuple[str, float]] = []
+        self._epoch = time.time() - time.monotonic()  # UTC where the monotonic clock is 0, s
         self._run = 0.0  # experiment time at the last start, s
         self._started: float | None = None
         self._from = 0.0  # s of the streams that were cleared
@@ -102,14 +105,15 @@ class Phone:
         with self._lock:
             if self._started is None:
                 self._started = time.monotonic()
-                self._mark("START", self._run)
+                self._mark("START", self._started)
 
     def pause(self) -> None:
         """Press pause."""
         with self._lock:
             if self._started is not None:
-                self._run, self._started = self.t, None
-                self._mark("PAUSE", self._run)
+                now = time.monotonic()
+                self._run, self._started = self._run + now - self._started, None
+                self._mark("PAUSE", now)
 
     def clear(self) -> None:
         """Press the bin: it stops, and time begins anew."""
@@ -118,8 +122,10 @@ class Phone:
             self._run, self._started = 0.0, None
             self.moments = []
 
-    def _mark(self, event: str, t: float) -> None:
-        self.moments.append({"event": event, "experimentTime": t, "systemTime": time.time(), "systemTimeString": ""})
+    def _mark(self, event: str, now: float) -> None:
+        self.pressed.append((event, now))
+        moment = {"event": event, "experimentTime": self._run, "systemTime": self._epoch + now, "systemTimeString": ""}
+        self.moments.append(moment)
 
     def answer(self, path: str, query: Mapping[str, str]) -> Any:
         """What the app answers."""

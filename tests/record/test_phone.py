@@ -33,7 +33,7 @@ RATES = {"acc": 200.0, "gyr": 400.0, "mag": 50.0}
 @pytest.fixture(scope="module")
 def hands() -> dict[str, Recording]:
     """The same hand, felt by three sensors without errors at rates of their own."""
-    way = (Waypoint(rest_s=0.3), Waypoint((0.2, 0.1, 0.1), (0.5, 0.3, 0.2), move_s=0.9, rest_s=1.5))
+    way = (Waypoint(rest_s=0.3), Waypoint((0.2, 0.1, 0.1), (0.5, 0.3, 0.2), move_s=0.9, rest_s=30.0))
     return {kind: simulate(Task("hurried", way), "ideal", rate_hz=hz).recording for kind, hz in RATES.items()}
 
 
@@ -49,14 +49,20 @@ def later(*acts: tuple[float, Callable[[], object]]) -> None:
         threading.Timer(at, act).start()
 
 
-def heard(phone: Phone, seconds: float, *acts: tuple[float, Callable[[], object]]) -> list[Sample]:
-    """What comes of so many seconds, while others act at their times."""
+def hear(port: PhonePort, decoder: PhyphoxDecoder, samples: list[Sample], until_s: float) -> None:
+    """Listen until a sample of that time came; a busy machine takes longer."""
+    end = time.monotonic() + 30.0
+    while not samples or (samples[-1].t_device or 0.0) < until_s:
+        assert time.monotonic() < end, "the phone fell silent"
+        samples += decoder.feed(port.read())
+
+
+def heard(phone: Phone, until_s: float) -> list[Sample]:
+    """What comes until a sample of that time."""
+    samples = list[Sample]()
     with PhonePort(phone.address) as port:
-        decoder, end, samples = PhyphoxDecoder(), time.monotonic() + seconds, list[Sample]()
-        later(*acts)
-        while time.monotonic() < end:
-            samples += decoder.feed(port.read())
-        return samples
+        hear(port, PhyphoxDecoder(), samples, until_s)
+    return samples
 
 
 def times(samples: list[Sample]) -> np.ndarray:
@@ -109,13 +115,25 @@ def test_three_sensors_come_as_one_on_the_gyros_clock(
 
 
 def test_pauses_and_clearing_on_the_phone_are_gaps_as_long_as_they_were(phone: Phone) -> None:
-    begun = time.monotonic()
-    t = times(heard(phone, 2.2, (0.4, phone.pause), (0.9, phone.start), (1.3, phone.clear), (1.6, phone.start)))
+    """The samples that were cleared before pbd read them make a gap longer: each run begins when it was started."""
+    decoder, samples = PhyphoxDecoder(), list[Sample]()
+    with PhonePort(phone.address) as port:
+        hear(port, decoder, samples, 0.3)
+        phone.pause()
+        time.sleep(0.5)
+        phone.start()
+        hear(port, decoder, samples, 1.2)
+        phone.clear()
+        time.sleep(0.3)
+        phone.start()
+        hear(port, decoder, samples, 1.9)
+    t = times(samples)
     steps = np.diff(t)
     assert (steps > 0.0).all()
-    gaps = steps[steps > 0.01]
-    assert gaps == pytest.approx([0.5, 0.3], abs=0.1)
-    assert t[-1] == pytest.approx(time.monotonic() - begun, abs=0.35)
+    first = t[np.r_[True, steps > 0.01]]
+    began, paused, again, anew = (moment for _, moment in phone.pressed)
+    assert first - first[0] == pytest.approx([0.0, again - began, anew - began], abs=0.01)
+    assert t[t < first[1]][-1] - t[0] == pytest.approx(paused - began, abs=0.01)
 
 
 def test_no_sample_comes_before_an_earlier_one_where_a_clearing_is_late() -> None:
@@ -140,7 +158,7 @@ def test_a_phone_that_sleeps_ends_the_recording_with_what_it_has(
     later((0.8, lambda: setattr(phone, "offline", True)))
     outcome, _ = recorded(phone, tmp_path / "tea")
     assert outcome.ended_by.startswith("the phone does not answer")
-    assert outcome.duration_s == pytest.approx(0.8, abs=0.25)
+    assert 0.0 < outcome.duration_s < phone.t
     assert len(read_demo(tmp_path / "tea").recording) == outcome.samples
 
 
@@ -200,19 +218,15 @@ def test_hostile_answers_cost_nothing_but_their_time(phone: Phone, monkeypatch: 
     """They end nothing, and no sample comes of them; what the phone measured meanwhile is read afterwards."""
     monkeypatch.setattr(phone_port, "ANSWER_S", 0.2)
     monkeypatch.setattr(phone_port, "LONGEST_ANSWER", 2_000_000)
-    answered: list[Any] = []
-
-    def answer(body: Any) -> Callable[[], object]:
-        def act() -> None:
-            answered.append(phone.body)
+    decoder, samples = PhyphoxDecoder(), list[Sample]()
+    with PhonePort(phone.address) as port:
+        for body in HOSTILE:
             phone.body = body
-
-        return act
-
-    acts = [(0.2 + 0.15 * k, answer(body)) for k, body in enumerate([*HOSTILE, b""])]
-    samples = heard(phone, acts[-1][0] + 0.5, *acts)
-    assert len(answered) == len(acts)
-    assert times(samples)[-1] > acts[-1][0]
+            asked = len(phone.asked)
+            while not any(path.startswith("/get") for path in phone.asked[asked:]):
+                samples += decoder.feed(port.read())
+            phone.body = b""
+            hear(port, decoder, samples, phone.t)
     assert np.diff(times(samples)).max() < 0.01
     assert max(abs(x) for sample in samples for x in sample.acc or ()) < 30.0
 
@@ -246,8 +260,8 @@ def test_another_experiment_and_another_server_are_told(hands: dict[str, Recordi
 
 def test_a_phone_without_gyro_or_field_gives_what_it_has(hands: dict[str, Recording]) -> None:
     with Phone(streams_of({"acc": hands["acc"]})) as phone:
-        samples = heard(phone, 1.5)
-    assert len(samples) > 220
+        samples = heard(phone, 1.2)
+    assert len(samples) == pytest.approx(240, abs=20 + 200 * (times(samples)[-1] - 1.2))
     assert {(sample.gyr, sample.mag) for sample in samples} == {(None, None)}
 
 
@@ -255,7 +269,7 @@ def test_what_the_phone_measured_before_is_left_to_it(phone: Phone) -> None:
     """Nothing is cleared, and the recording begins when it begins; nothing but questions and `start` is sent."""
     phone.start()
     time.sleep(0.5)
-    samples = heard(phone, 0.5)
+    samples = heard(phone, 0.6)
     assert times(samples)[0] > 0.45
     assert {path.partition("?")[0] for path in phone.asked} == {"/meta", "/get", "/time"}
 
@@ -269,15 +283,14 @@ def test_a_time_that_leaps_is_left_out_and_the_recording_goes_on(phone: Phone) -
 
     wrong = float(phone.streams["gyr"][0][int(np.searchsorted(phone.streams["gyr"][0], 0.6)) - 1])
     phone.answer = leaping  # type: ignore[method-assign]
-    t = times(heard(phone, 1.3))
-    assert t[-1] == pytest.approx(1.2, abs=0.25)
+    t = times(heard(phone, 1.2))
     assert np.diff(t).max() < 0.01
 
 
 def test_two_taps_on_its_back_close_the_grip_and_are_told(tmp_path: Path) -> None:
     held = simulate(Task("held", (Waypoint(rest_s=3.0),)), "ideal", rate_hz=200.0).recording
     with Phone(streams_of({"acc": tapped(held, [(0.9, 40.0), (1.1, 40.0)]), "gyr": held})) as phone:
-        outcome, said = recorded(phone, tmp_path / "tea", taps=True, duration_s=1.7)
+        outcome, said = recorded(phone, tmp_path / "tea", taps=True, duration_s=2.5)
     (event,) = read_demo(tmp_path / "tea").recording.grip
     assert event.closed
     assert event.t == pytest.approx(0.9, abs=0.05)

@@ -17,7 +17,7 @@ from pbd.pose import Array
 from tests.view.chromium import Chromium
 from tests.view.firefox import Firefox
 
-PATIENCE_S = 30.0
+PATIENCE_S = 60.0
 
 Browser = Chromium | Firefox
 

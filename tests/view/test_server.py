@@ -51,7 +51,7 @@ def listening(port: int) -> set[str]:
 
 def ask(url: str, path: str, **headers: str) -> http.client.HTTPResponse:
     address = urlsplit(url)
-    connection = http.client.HTTPConnection(str(address.hostname), address.port, timeout=5)
+    connection = http.client.HTTPConnection(str(address.hostname), address.port, timeout=60)
     try:
         connection.request("GET", path, headers={name.replace("_", "-"): value for name, value in headers.items()})
         return connection.getresponse()
