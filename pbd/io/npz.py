@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import warnings
+import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -25,12 +26,13 @@ def read_arrays(
     """
     data = read_bytes(path, error, next_step)
     try:
-        with warnings.catch_warnings(), np.lib.npyio.NpzFile(io.BytesIO(data)) as arrays:  # which takes no pickle
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            sizes = {member.filename.removesuffix(".npy"): member.file_size for member in archive.infolist()}
+        there = [name for name in names if name in sizes]
+        if sum(sizes[name] for name in there) > LARGE:
+            raise ValueError(f"its arrays take more than the {LARGE / 1e6:.0f} MB that are read")
+        with warnings.catch_warnings(), np.load(io.BytesIO(data), allow_pickle=False) as arrays:
             warnings.simplefilter("ignore")  # numpy warns when it repairs files of Python 2
-            sizes = {member.filename.removesuffix(".npy"): member.file_size for member in arrays.zip.infolist()}
-            there = [name for name in names if name in sizes]
-            if sum(sizes[name] for name in there) > LARGE:
-                raise ValueError(f"its arrays take more than the {LARGE / 1e6:.0f} MB that are read")
             read = {name: arrays[name] for name in there}
     except Exception as reason:  # damaged bytes make zip, zlib, tokenize and numpy raise errors of their own
         what = f"{path}: can't be read as an npz ({in_words(reason)}); {next_step}"

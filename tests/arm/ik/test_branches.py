@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from pbd.arm.ik.branches import _nearest_first, configuration_cost, polish
-from pbd.arm.ik.cartesian import follow, refine
 from pbd.arm.ik.levenberg_marquardt import residual_at
 from pbd.arm.tool import target
 from tests.arm.bundled import arm_of
@@ -36,17 +35,3 @@ def test_solutions_are_polished_to_rounding() -> None:
     goal = target(arm.forward(q))
     polished = polish(arm, goal, q[None] + 1e-6)
     assert np.linalg.norm(residual_at(arm, goal, polished[0])[0]) < 1e-10
-
-
-def test_a_spare_joint_is_led_evenly_to_where_it_ends() -> None:
-    """An elbow swings by half a radian while the tool stays."""
-    arm, q = arm_of("panda"), np.array(arm_of("panda").robot.home)
-    pose, end = arm.forward(q), q
-    for _ in range(50):
-        found = refine(arm, pose, end + 0.02 * np.linalg.svd(residual_at(arm, target(pose), end)[1])[2][-1])
-        assert found is not None
-        end = found if np.abs(found - q).max() > np.abs(end - q).max() else end
-    path = follow(arm, [pose] * 41, q, end)
-    assert path is not None
-    steps = np.abs(np.diff(path, axis=0)).max(axis=1)
-    assert steps.max() < 1.6 * steps.mean()
