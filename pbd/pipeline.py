@@ -80,7 +80,6 @@ def fused_demo(takes: Sequence[Demonstration]) -> Demonstration:
     info = replace(first.recording.info, name="+".join(names))
     return Demonstration(
         replace(first.recording, info=info),
-        closed=all(take.closed for take in takes),
         grasped=next((take.grasped for take in takes if take.grasped), None),
         takes=tuple(takes),
     )
@@ -124,6 +123,7 @@ def track(
         from pbd.fusion.fuse import fused_path
 
         path = fused_path(demo, method, calibration, accept_gap)
+        demo = replace(demo, places=(*demo.places, *(path.fusion.places if path.fusion else ())))
     else:
         path = track_alone(demo, method, calibration, accept_gap)[0]
     _refuse_another_dock(demo, path)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pbd.calibration.success import success_of
+from pbd.calibration.success import Success, success_of
 from pbd.calibration.uncertainty import tool_covariances
 from pbd.data import Demonstration, HandPath, Keyframe, Robot, Samples
 from pbd.planning import Plan, PlanOptions, arm_of, scene_of
@@ -27,22 +27,25 @@ def replay_scene(
 
     arm, T_base_nav = arm_of(robot), plan.T_base_nav
     scale = options.scale * plan.calibration.scale
-    inside = slice(path.stops[0].start, path.stops[-1].stop)
-    p_base_sensor = T_base_nav.act(scale * path.p_nav_sensor[inside])
+    rows = slice(path.stops[0].start, path.stops[-1].stop)
+    p_base_sensor = T_base_nav.act(scale * path.p_nav_sensor[rows])
     p_sensor_tool = plan.calibration.T_sensor_tool.p
-    lever = quat_rotate(T_base_nav.wxyz, quat_rotate(path.wxyz_nav_sensor[inside], p_sensor_tool))
+    lever = quat_rotate(T_base_nav.wxyz, quat_rotate(path.wxyz_nav_sensor[rows], p_sensor_tool))
     if options.orientation == "fixed":
         lever = np.broadcast_to(plan.T_base_tool[0].p - T_base_nav.p, p_base_sensor.shape)
     # What is unsure of the dock or the mount moves all keyframes alike; `pbd keyframes --robot` tells it.
     cov = tool_covariances(plan.keyframes, T_base_nav, plan.calibration, options.scale)["tracking"]
-    keyframes = zip(plan.keyframes, plan.trajectory.keyframe_t, plan.T_base_tool, cov, strict=True)
+    told = any(keyframe.tolerance_m is not None for keyframe in plan.keyframes)
+    found = success_of(path, plan.keyframes, T_base_nav, plan.calibration, options.scale) if told else None
+    inside = np.ones(len(cov)) if found is None else found.of_each
+    keyframes = zip(plan.keyframes, plan.trajectory.keyframe_t, plan.T_base_tool, cov, inside, strict=True)
     return ReplayScene(
         title=demo.recording.info.name,
         robot=robot,
         trajectory=plan.trajectory,
         motion=robot_motion(arm, plan.trajectory.sample(FRAME_RATE_HZ)),
         hand_path_base=p_base_sensor + lever,
-        hand_speed=np.linalg.norm(path.v_nav_sensor[inside], axis=1),
+        hand_speed=np.linalg.norm(path.v_nav_sensor[rows], axis=1),
         keyframes=tuple(
             ReplayKeyframe(
                 label=keyframe.label,
@@ -52,13 +55,14 @@ def replay_scene(
                 grip=keyframe.grip,
                 weight=keyframe.weight,
                 tolerance=_allowed(keyframe, scale * quat_to_matrix(T_base_nav.wxyz)),
+                inside=None if keyframe.tolerance_m is None else float(chance),
             )
-            for keyframe, t, pose, tracked in keyframes
+            for keyframe, t, pose, tracked, chance in keyframes
         ),
         table_height=plan.calibration.table_height,
         grasped=demo.grasped,
         phases=object_stays(scene_of(arm, plan.calibration, demo.grasped), plan.trajectory),
-        notes=tuple(note for note in (demo.notes, _chance(path, plan, options), *warnings) if note),
+        notes=tuple(note for note in (demo.notes, _likely(found), *warnings) if note),
         touching=_touching(plan),
         obstacles=plan.calibration.obstacles,
         rod=_rod(arm),
@@ -67,16 +71,9 @@ def replay_scene(
     )
 
 
-def _chance(path: HandPath, plan: Plan, options: PlanOptions) -> str:
-    """How likely the tool is within its tolerance at each keyframe that has one; "" where none has."""
-    known = [k for k, keyframe in enumerate(plan.keyframes) if keyframe.tolerance_m is not None]
-    if not known:
-        return ""
-    found = success_of(path, plan.keyframes, plan.T_base_nav, plan.calibration, options.scale)
-    weakest = min(known, key=lambda k: float(found.of_each[k]))
-    chance = f"{100.0 * found.of_each[weakest]:.0f} %"
-    likely = f"probability that all keyframes are within their tolerances: {found.band}"
-    return f"{likely}; the least is keyframe {weakest}'s, {chance}"
+def _likely(found: Success | None) -> str:
+    """How likely the tool is within all tolerances; "" where there are none."""
+    return "" if found is None else f"probability that all keyframes are within their tolerances: {found.band}"
 
 
 def _allowed(keyframe: Keyframe, R_base_nav: Array) -> Array | None:

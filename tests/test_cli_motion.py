@@ -197,6 +197,7 @@ def test_a_collision_that_is_allowed_is_shown_marked_and_never_exported(capsys: 
     assert (elsewhere / "out.html").exists()
     line = refused(capsys, 3, "export", "pouring", *PANDA, *calibration, "--format", "csv", "-o", "out.csv")
     assert "would touch the shelf" in line
+    assert line.endswith("; no such motion is exported: --allow-collision is for pbd replay, which shows it")
     assert not (elsewhere / "out.csv").exists()
 
 

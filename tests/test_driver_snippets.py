@@ -6,20 +6,23 @@ signatures were compared with the packages', which are too large for the tests.
 
 from __future__ import annotations
 
+import json
 import sys
 import time
 from datetime import timedelta
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any, Self
 
 import numpy as np
 import pytest
+from rosbags.typesys import Stores, get_typestore
 
 from pbd.data import JointTrajectory
 from pbd.files.exporters import export
 from pbd.files.robot import load_robot
 from pbd.pose import Array
+from tests.files.test_formats import planned
 from tests.test_docs import ROOT, blocks
 
 RATES = {"ur5": 125.0, "panda": 100.0, "xarm7": 100.0}
@@ -172,3 +175,50 @@ def test_an_arm_that_stands_elsewhere_is_not_moved(
     with pytest.raises(AssertionError, match="the arm stands elsewhere"):
         exec(compile(text, program, "exec"), {"grip": print})
     assert stand.told == []
+
+
+def test_ros_2_is_sent_the_arms_goal_and_the_fingers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The messages' fields are rosbags' word, from ROS 2's own definitions."""
+    plan, robot, source = planned("panda")
+    monkeypatch.chdir(tmp_path)
+    export(plan.trajectory, robot, "ros2-json", Path("pouring.json"), source=source)
+    store = get_typestore(Stores.ROS2_JAZZY)
+
+    def message(kind: str) -> type:
+        def make(self: Any, **given: Any) -> None:
+            assert given.keys() <= store.types[kind].__dataclass_fields__.keys()
+            self.__dict__ |= {"points": []} | given
+
+        return type(kind.rpartition("/")[2], (), {"__init__": make})
+
+    modules: dict[str, dict[str, Any]] = {
+        "builtin_interfaces.msg": {"Duration": message("builtin_interfaces/msg/Duration")},
+        "trajectory_msgs.msg": {
+            name: message(f"trajectory_msgs/msg/{name}") for name in ("JointTrajectory", "JointTrajectoryPoint")
+        },
+        "control_msgs.action": {"FollowJointTrajectory": SimpleNamespace(Goal=SimpleNamespace)},
+    }
+    for module, things in modules.items():
+        monkeypatch.setitem(sys.modules, module.partition(".")[0], ModuleType(module.partition(".")[0]))
+        monkeypatch.setitem(sys.modules, module, ModuleType(module))
+        sys.modules[module].__dict__.update(things)
+    sent: dict[str, Any] = {}
+    clients = {
+        name: SimpleNamespace(send_goal_async=lambda goal, name=name: sent.update({name: goal.trajectory}))
+        for name in ("arm", "fingers")
+    }
+    text = next(block for block in blocks(ROOT / "docs" / "exports.md", "py") if "FollowJointTrajectory" in block)
+    exec(compile(text, "ros2", "exec"), {"json": json, **clients})
+    assert robot.gripper is not None
+    for name, joints in (("arm", robot.joints), ("fingers", robot.gripper.joints)):
+        assert sent[name].joint_names == list(joints)
+        t = seconds(sent[name])
+        assert t[-1] == pytest.approx(plan.trajectory.duration, abs=1e-9)
+        np.testing.assert_array_less(0.0, np.diff(t))
+    positions = [point.positions for point in sent["arm"].points]
+    np.testing.assert_allclose(positions, plan.trajectory.at(seconds(sent["arm"])).q, atol=1e-8)
+
+
+def seconds(trajectory: Any) -> Array:
+    since = (point.time_from_start for point in trajectory.points)
+    return np.array([at.sec + 1e-9 * at.nanosec for at in since])

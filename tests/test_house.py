@@ -13,7 +13,7 @@ from pathlib import Path
 PACKAGE = Path(__file__).parent.parent / "pbd"
 RUNGS = (
     ("errors",),
-    ("pose", "data", "cache", "io", "timestamps"),
+    ("pose", "data", "cache", "io", "lapack", "timestamps"),
     ("sensors", "simulation", "tracking", "calibration", "arm", "audit", "files", "view"),
     ("pipeline", "fusion", "planning", "plots", "record", "replay", "checking", "driving"),
     ("cli", "__main__"),

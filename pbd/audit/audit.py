@@ -24,7 +24,6 @@ POSE_TOLERANCE_RAD = 1e-5
 RECEIVED_M, RECEIVED_RAD = 1e-3, 2e-3
 """How far off a keyframe the tool may be where an exported motion passes it between two points, m and rad: what the
 planner itself lets averages cut off a bend (1 mm), which on an arm of half a metre are 2 mrad."""
-DENSER = "give a higher --rate, or a lower --speed"
 NOTHING = Load()
 
 
@@ -98,12 +97,12 @@ def audit_received(path: JointTrajectory, robot: Robot, world: tuple[Calibration
         off_m, off_rad = there.distance(wanted)
         if off_m > RECEIVED_M or off_rad > RECEIVED_RAD:
             what = f"between the exported points keyframe {keyframe} would be missed by {1e3 * off_m:.1f} mm"
-            raise PlanError(f"{what}; {DENSER}", keyframe=keyframe, value=off_m, bound=RECEIVED_M)
+            raise PlanError(what, keyframe=keyframe, value=off_m, bound=RECEIVED_M)
     scene = _scene(robot, *world)
     if (touch := find_touch(scene.arm, path, scene.pairs(path))) is not None:
         first, second = touch.bodies
         what = f"between the exported points {first} would touch {second} at {touch.t:.2f} s"
-        raise PlanError(f"{what}; {DENSER}", t=touch.t, bodies=touch.bodies)
+        raise PlanError(what, t=touch.t, bodies=touch.bodies)
 
 
 def torque_of(

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from pbd.cli.console import print_json, say, working
 from pbd.cli.plan_report import moves_json, say_moves, say_torque
 from pbd.cli.steps import plan_demonstration
-from pbd.errors import PbdError, UsageError
+from pbd.errors import PbdError, PlanError, UsageError
 from pbd.files.exporters import ALSO, FOLDERS, FOR_SOME, FORMATS, SUFFIXES, Export, check_format, export, export_dataset
 from pbd.io.atomic import refuse_output
 from pbd.view.terminal import is_closed
@@ -55,7 +55,8 @@ def run(args: argparse.Namespace) -> None:
     else:
         say(f"wrote {name}: {count} {done[0].counted}, {duration:.1f} s, {len(motions[0].robot.joints)} joints")
     if format_name in FOLDERS:
-        first = first_frame(motions[0].robot, done[0].samples)
+        first, numbers = first_frame(motions[0].robot, done[0].samples), ", ".join(str(each.episode) for each in done)
+        say(f"episode{'s' if len(done) > 1 else ''} {numbers} (lerobot-replay --dataset.episode={done[0].episode})")
         say(f"lerobot-replay jumps to the first frame, so bring the arm there before: {first}")
     if args.json:
         told = [_json(args, format_name, *each) for each in zip(motions, done, strict=True)]
@@ -69,7 +70,9 @@ def _plan(args: argparse.Namespace, name: str | None) -> _Motion:
     args.demo = name
     demo, path, robot, options, plan = plan_demonstration(args)
     if plan.touching is not None:
-        raise plan.touching.error
+        error = plan.touching.error
+        what = f"{error.message}; no such motion is exported: --allow-collision is for pbd replay, which shows it"
+        raise PlanError(what, **error.fields)
     say_torque(demo, robot, plan, options)
     say_moves(demo, path, robot, plan, options)
     return _Motion(robot, plan, source_of(plan, path, robot, demo.recording.info.name, options))
@@ -82,6 +85,7 @@ def _json(args: argparse.Namespace, format_name: str, motion: _Motion, done: Exp
         "format": format_name,
         "output": str(args.output),
         "samples": len(done.samples.t),
+        **({} if done.episode is None else {"episode": done.episode}),
         "duration_s": motion.plan.trajectory.duration,
         "receiver": {rule: {share.limit: share.value for share in shares} for rule, shares in done.receiver.items()},
         "moves": moves_json(motion.plan),

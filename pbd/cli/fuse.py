@@ -44,6 +44,13 @@ def run(args: argparse.Namespace) -> None:
         saved = {"calibration": str(file)}
         say(f"{file}: [sensor] of '{errors.sensor}' from {len(demo.takes)} takes")
     say(f"wrote {folder}: {len(demo.takes)} takes, {len(path.stops)} keyframes; it is a demonstration like any other")
+    if thing := fusion.thing:
+        far = ", ".join(f"{100.0 * by:.0f} cm in {name}" for name, by in thing.moved_m.items())
+        keyframes = f"{thing.first}..{thing.last}"
+        say(
+            f"keyframes {keyframes} move together against the others, as with a thing that stood elsewhere ({far}); if "
+            f"so: pbd keyframes {folder.name} --frame NAME={keyframes}"
+        )
     if args.json:
         stored = {"demo": folder.name, "folder": str(folder), "files": files} | saved
         return print_json(stored | fusion_rows(path))

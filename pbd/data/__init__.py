@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from pbd.data.arm import Gripper, JointLimits, JointTrajectory, Robot, Samples, Servos
 from pbd.data.calibration import TOOL_DOWN, Calibration, Linear, SensorErrors
-from pbd.data.fusion import FusedTake, Fusion
+from pbd.data.fusion import FusedTake, Fusion, MovedThing
 from pbd.data.keyframe import Keyframe, TouchUp
 from pbd.data.known import ClaimFit, Contact, Known, Place
 from pbd.data.sensor_found import Found, SensorFound
@@ -46,6 +46,7 @@ __all__ = [
     "Known",
     "Linear",
     "Load",
+    "MovedThing",
     "Obstacle",
     "Place",
     "Recording",

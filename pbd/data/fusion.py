@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from pbd.data.brief import brief, counted
 from pbd.data.freeze import freeze
+from pbd.data.known import Place
 from pbd.pose import Array, Pose
 
 TOLERANCE_SIGMAS = 2.0
@@ -42,6 +43,22 @@ class FusedTake:
         freeze(self, off=(len(self.own), 3))
 
 
+@dataclass(frozen=True)
+class MovedThing:
+    """A thing that stood elsewhere in some takes: its first and last keyframe of the task, which move together.
+
+    Attributes:
+        first, last: they and those between.
+        log_likelihood: by how much that is likelier than that all are in one frame, as a logarithm.
+        moved_m: by take, m: how far from where it stood in the first of them.
+    """
+
+    first: int
+    last: int
+    log_likelihood: float
+    moved_m: dict[str, float]
+
+
 @dataclass(frozen=True, eq=False)
 class Fusion:
     """Takes made one, and the hand's scatter from take to take, without what the tracker is unsure of.
@@ -52,6 +69,8 @@ class Fusion:
         turn: (n,) rad, of the attitude about each axis.
         unsure: (n, 4) one sigma of the logarithm of those four.
         overall: m and rad, the same of all keyframes together but the first; overall_unsure of their logarithms.
+        places: where takes know a keyframe to be in base, at the path's time.
+        thing: that stood elsewhere in some takes, or None.
     """
 
     takes: tuple[FusedTake, ...]
@@ -60,6 +79,8 @@ class Fusion:
     unsure: Array
     overall: tuple[float, float]
     overall_unsure: tuple[float, float]
+    places: tuple[Place, ...] = ()
+    thing: MovedThing | None = None
 
     def __post_init__(self) -> None:
         n = len(self.scatter)

@@ -60,6 +60,15 @@ class Registration:
         turn = quat_to_matrix(quat_about_z(self.yaw))
         return Keyframes(keyframes.p @ turn.T + self.c, turn @ keyframes.R @ self.Q, keyframes.grip, keyframes.sigma)
 
+    def after(self, first: Registration) -> Registration:
+        """This one after another."""
+        c = quat_to_matrix(quat_about_z(self.yaw)) @ first.c + self.c
+        return Registration(first.yaw + self.yaw, c, first.Q @ self.Q)
+
+    def inverse(self) -> Registration:
+        """The way back."""
+        return Registration(-self.yaw, -quat_to_matrix(quat_about_z(-self.yaw)) @ self.c, self.Q.T)
+
 
 @dataclass(eq=False)
 class Candidate:

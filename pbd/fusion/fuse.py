@@ -9,12 +9,14 @@ from dataclasses import replace
 from pbd.data import Calibration, Demonstration, FusedTake, HandPath
 from pbd.errors import PbdWarning, TrackingError
 from pbd.fusion.alignment import Alignment, align
-from pbd.fusion.joint import Joint, Parts, estimate_jointly
+from pbd.fusion.claims import told
+from pbd.fusion.joint import Joint, Parts, State, estimate_jointly
 from pbd.fusion.messages import message_of, pinned
 from pbd.fusion.outliers import Disbelieved, believed, disagreement
 from pbd.fusion.result import Fused, hand_path
-from pbd.fusion.scatter import alike, each
+from pbd.fusion.scatter import TRACKER_WORTH, alike, each
 from pbd.fusion.takes import Take, keyframes_of_take, refuse_strangers, start, tracked_take
+from pbd.fusion.things import Moved, moved_thing
 
 
 def fused_path(demo: Demonstration, method: str, calibration: Calibration | None, accept_gap: bool) -> HandPath:
@@ -26,46 +28,72 @@ def fused_path(demo: Demonstration, method: str, calibration: Calibration | None
     if method != "default":
         raise TrackingError(f"takes are fused by the default method only; track one of them with --method {method}")
     takes = [tracked_take(take, calibration, accept_gap) for take in demo.takes]
-    fused = _estimated(takes)
+    fused = _estimated(takes, calibration)
     path = hand_path(demo, fused, calibration, accept_gap)
     assert path.fusion is not None
-    told = [*_told(path.fusion.takes), disagreement(fused.parts, fused.joint, [takes[k].name for k in fused.used])]
-    for words in filter(None, told):
-        warnings.warn(words, PbdWarning, stacklevel=4)
+    words = [*_left_out(path.fusion.takes), disagreement(fused.parts, fused.joint, [takes[k].name for k in fused.used])]
+    for line in filter(None, words):
+        warnings.warn(line, PbdWarning, stacklevel=4)
     return path
 
 
-def _estimated(takes: Sequence[Take]) -> Fused:
+def _estimated(takes: Sequence[Take], calibration: Calibration | None) -> Fused:
     """The joint estimate, without takes that are of another task or outliers; linearised anew at its own device."""
-    found = align([keyframes_of_take(take) for take in takes])
+    keyframes = [keyframes_of_take(take) for take in takes]
+    thing = moved_thing(keyframes)
+    if thing is not None:
+        keyframes = [thing.put_back(k, one) for k, one in enumerate(keyframes)]
+    found = align(keyframes)
     refuse_strangers(takes, found)
     left = dict.fromkeys(found.strangers, "another task")
     while True:
-        used, parts, joint, disbelieved = _believed(takes, found)
+        used, parts, joint, disbelieved = _believed(takes, found, thing, calibration)
         if disbelieved.take is None:
             break
         left[used[disbelieved.take]] = "it is far from the other takes"
         found = found.without([used[disbelieved.take]])
         if 2 * len(found.registered) <= len(takes):
-            told = ", ".join(takes[k].name for k in left)
-            raise TrackingError(f"half of the takes don't agree with the others ({told}); record the task again")
+            names = ", ".join(takes[k].name for k in left)
+            raise TrackingError(f"half of the takes don't agree with the others ({names}); record the task again")
     states = [pinned(takes[k].solution, joint.state.devices[d]) for k, d in zip(used, parts.device, strict=True)]
     messages = [message_of(takes[k].solution, takes[k].knots, state) for k, state in zip(used, states, strict=True)]
-    parts = replace(parts, messages=tuple(messages))
+    parts = _told(takes, used, replace(parts, messages=tuple(messages)), joint.state, calibration, refuse=True)
     joint = estimate_jointly(parts, joint.state, joint.scatter)
-    own = estimate_jointly(parts, joint.state, each(joint.scatter)).scatter
-    return Fused(takes, used, left, found.kept(), disbelieved.keyframes, parts, joint, own, states)
+    # How sure it is, by what the takes show of the tracker's noise; an estimate by that would be no better.
+    sure = estimate_jointly(parts, joint.state, replace(joint.scatter, worth=TRACKER_WORTH))
+    own = estimate_jointly(parts, joint.state, each(sure.scatter)).scatter
+    joint = replace(sure, state=joint.state)
+    return Fused(takes, used, left, found.kept(), disbelieved.keyframes, parts, joint, own, states, thing)
 
 
-def _believed(takes: Sequence[Take], found: Alignment) -> tuple[list[int], Parts, Joint, Disbelieved]:
+def _told(
+    takes: Sequence[Take],
+    used: Sequence[int],
+    parts: Parts,
+    x: State,
+    calibration: Calibration | None,
+    refuse: bool = False,
+) -> Parts:
+    """The same with what is known of each take's stops."""
+    messages = [
+        told(takes[k], message, Q, lever, calibration, refuse)
+        for k, message, Q, lever in zip(used, parts.messages, x.Q, x.lever, strict=True)
+    ]
+    return replace(parts, messages=tuple(messages))
+
+
+def _believed(
+    takes: Sequence[Take], found: Alignment, thing: Moved | None, calibration: Calibration | None
+) -> tuple[list[int], Parts, Joint, Disbelieved]:
     """The takes that are used, and what they make without the keyframes that don't fit."""
-    used, kept = sorted(found.registered), found.kept()
-    parts, x = start(takes, used, kept, found.registered)
-    joint, parts, disbelieved = believed(parts, estimate_jointly(parts, x, alike(len(kept))))
+    used = sorted(found.registered)
+    parts, x = start(takes, used, found, thing)
+    parts = _told(takes, used, parts, x, calibration)
+    joint, parts, disbelieved = believed(parts, estimate_jointly(parts, x, alike(len(x.m))))
     return used, parts, joint, disbelieved
 
 
-def _told(takes: Sequence[FusedTake]) -> list[str]:
+def _left_out(takes: Sequence[FusedTake]) -> list[str]:
     """Which takes, and which keyframes of takes, are not believed."""
     words = [f"{take.name} is left out: {take.left_out}" for take in takes if take.left_out]
     return words + [

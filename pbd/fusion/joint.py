@@ -3,7 +3,8 @@
 A take k has keyframe j at p, R in its own nav, which go with the errors of its device. Its nav is turned by a yaw about
 the vertical and shifted by c, its sensor sits in the hand turned by Q and shifted by a lever l against the first take:
     Rz p + c = m + A l + N(0, scatter),   Rz R Q = exp(N(0, scatter)) A
-with the task's keyframes m, A in the first take's nav, of its sensor.
+with the task's keyframes m, A in the first take's nav, of its sensor. Those of a thing that stood elsewhere have a yaw
+and a shift of their own in each take.
 """
 
 from __future__ import annotations
@@ -33,8 +34,8 @@ MAX_ITERATIONS, CONVERGED, CONVERGED_LOG = 25, 1e-6, 0.01
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """The task's keyframes m (J, 3), A (J, 3, 3); of each take yaw (K,), c (K, 3), Q (K, 3, 3), l (K, 3); the devices'
-    errors (D, DEVICE)."""
+    """The task's keyframes m (J, 3), A (J, 3, 3); of each frame (the rest's, a thing's) and take yaw (F, K),
+    c (F, K, 3); of each take Q (K, 3, 3), l (K, 3); the devices' errors (D, DEVICE)."""
 
     m: Array
     A: Array
@@ -46,19 +47,20 @@ class State:
 
     @property
     def turn(self) -> Array:
-        """(K, 3, 3), Rz of each take."""
-        return np.array([quat_to_matrix(quat_about_z(yaw)) for yaw in self.yaw.tolist()])
+        """(F, K, 3, 3), Rz of each take."""
+        return np.array([[quat_to_matrix(quat_about_z(yaw)) for yaw in frame] for frame in self.yaw.tolist()])
 
 
 @dataclass(frozen=True, eq=False)
 class Parts:
     """What belongs together: of each take which task keyframes it has (at) and which of its own those are (own), and
-    which device made it. The first take is the one that defines the frame."""
+    which device made it; of each task keyframe in which frame it is. The first take defines the frame."""
 
     messages: tuple[Message, ...]
     at: tuple[NDArray[np.intp], ...]
     own: tuple[NDArray[np.intp], ...]
     device: tuple[int, ...]
+    frame: NDArray[np.intp]
 
     @property
     def rows(self) -> list[slice]:
@@ -92,17 +94,18 @@ class Joint:
 
 def estimate_jointly(parts: Parts, x: State, scatter: Scatter) -> Joint:
     """Gauss-Newton over all unknowns, with the scatter's marginal likelihood in step."""
-    columns = _Columns(len(x.m), len(parts.at), len(x.devices))
+    columns = _Columns(len(x.m), len(x.yaw), len(parts.at), len(x.devices))
     group = np.concatenate([scatter.group[at].ravel() for at in parts.at])
     known, gradient_of = _known_of_devices(parts, columns)
     levers = np.array([row for k in range(1, len(parts.at)) for row in columns.levers(k)], dtype=np.intp)
     lever_variance = LEVER_M**2
     for _ in range(MAX_ITERATIONS):
         r, J = _residuals(parts, x, columns)
-        W, WJ = np.zeros((len(r), len(r))), np.empty_like(J)
+        W, WJ, drift = np.zeros((len(r), len(r))), np.empty_like(J), np.zeros((len(r), len(r)))
         turns = x.turn
         for k, rows in enumerate(parts.rows):
-            W[rows, rows] = np.linalg.inv(_noise(parts, k, turns[k], scatter))
+            drift[rows, rows] = scatter.tracker * _drift(parts, k, turns[parts.frame[parts.at[k]], k])
+            W[rows, rows] = np.linalg.inv(drift[rows, rows] + np.diag(scatter.sigma[parts.at[k]].ravel() ** 2))
             WJ[rows] = W[rows, rows] @ J[rows]
         information, gradient = known.copy(), WJ.T @ r + gradient_of(x)
         information[levers, levers] += 1.0 / lever_variance
@@ -114,7 +117,7 @@ def estimate_jointly(parts: Parts, x: State, scatter: Scatter) -> Joint:
         x = _moved(x, step, columns)
         shown = float((x.lever**2).sum() + np.diagonal(cov)[levers].sum())
         lever_variance = (shown + LEVER_WORTH * LEVER_M**2) / (len(levers) + LEVER_WORTH)
-        before, scatter = scatter.log, scatter.improved(precision, weighted, group)
+        before, scatter = scatter.log, scatter.improved(precision, weighted, group, drift)
         if np.abs(step[columns.poses]).max() < CONVERGED and np.abs(scatter.log - before).max() < CONVERGED_LOG:
             break
     poses = columns.poses
@@ -123,19 +126,20 @@ def estimate_jointly(parts: Parts, x: State, scatter: Scatter) -> Joint:
 
 
 class _Columns:
-    """Where each unknown stands: keyframes (m and A by turns), takes but the first (yaw, c, Q, l), devices."""
+    """Where each unknown stands: keyframes (m, A by turns), takes but the first (Q, l, yaws and cs), devices."""
 
-    def __init__(self, keyframes: int, takes: int, devices: int) -> None:
+    def __init__(self, keyframes: int, frames: int, takes: int, devices: int) -> None:
         self.poses = slice(0, 6 * keyframes)
+        self.of_take = 6 + 4 * frames
         self._takes = 6 * keyframes
-        self._devices = self._takes + 10 * (takes - 1)
+        self._devices = self._takes + self.of_take * (takes - 1)
         self.count = self._devices + DEVICE * devices
 
     def take(self, k: int) -> slice:
-        return slice(self._takes + 10 * (k - 1), self._takes + 10 * k)
+        return slice(self._takes + self.of_take * (k - 1), self._takes + self.of_take * k)
 
     def levers(self, k: int) -> range:
-        return range(self.take(k).start + 7, self.take(k).stop)
+        return range(self.take(k).start + 3, self.take(k).start + 6)
 
     def device(self, d: int) -> slice:
         return slice(self._devices + DEVICE * d, self._devices + DEVICE * (d + 1))
@@ -163,15 +167,17 @@ def _known_of_devices(parts: Parts, columns: _Columns) -> tuple[Array, Callable[
     return information, gradient
 
 
-def _noise(parts: Parts, k: int, turn: Array, scatter: Scatter) -> Array:
-    """Covariance of a take's residuals, its device given."""
+def _drift(parts: Parts, k: int, turns: Array) -> Array:
+    """Covariance of a take's residuals by its tracking, its device given; turns (n, 3, 3) of its keyframes."""
     message, at, own = parts.messages[k], parts.at[k], parts.own[k]
     i = (6 * own[:, None] + np.arange(6)).ravel()
     by_bias = message.by_device[i, BIAS]
     cov = message.cov[np.ix_(i, i)] + BIAS_REPEATS**2 * by_bias @ by_bias.T
-    turned = np.kron(np.eye(2 * len(at)), turn)
-    noise: Array = turned @ cov @ turned.T + np.diag(scatter.sigma[at].ravel() ** 2)
-    return noise
+    turned = np.zeros((len(at), 2, 3, len(at), 2, 3))
+    n = np.arange(len(at))
+    turned[n, 0, :, n, 0], turned[n, 1, :, n, 1] = turns, turns
+    turned = turned.reshape(cov.shape)
+    return np.asarray(turned @ cov @ turned.T)
 
 
 def placed(message: Message, errors: Array) -> tuple[Array, Array]:
@@ -187,9 +193,11 @@ def _residuals(parts: Parts, x: State, columns: _Columns) -> tuple[Array, Array]
     turns = x.turn
     for k, (message, at, own, rows) in enumerate(zip(parts.messages, parts.at, parts.own, parts.rows, strict=True)):
         p, R = placed(message, x.devices[parts.device[k]])
-        p, R = p[own] @ turns[k].T, turns[k] @ R[own] @ x.Q[k]
+        frame = parts.frame[at]
+        turn = turns[frame, k]
+        p, R = (turn @ p[own, :, None])[..., 0], turn @ R[own] @ x.Q[k]
         arm = x.A[at] @ x.lever[k]
-        r[rows].reshape(-1, 6)[:, :3] = p + x.c[k] - x.m[at] - arm
+        r[rows].reshape(-1, 6)[:, :3] = p + x.c[frame, k] - x.m[at] - arm
         r[rows].reshape(-1, 6)[:, 3:] = matrix_log(R @ x.A[at].transpose(0, 2, 1))
         block = J[rows].reshape(len(at), 6, columns.count)
         for i, j in enumerate(at.tolist()):
@@ -198,24 +206,29 @@ def _residuals(parts: Parts, x: State, columns: _Columns) -> tuple[Array, Array]
             block[i, 3:, 6 * j + 3 : 6 * j + 6] = -one
         if k:
             of = block[:, :, columns.take(k)]
-            of[:, :3, 0], of[:, 3:, 0] = np.cross(up, p), up
-            of[:, :3, 1:4], of[:, 3:, 4:7], of[:, :3, 7:10] = one, R, -x.A[at]
+            of[:, 3:, :3], of[:, :3, 3:6] = R, -x.A[at]
+            for f in range(len(turns)):
+                here, yaw = frame == f, 6 + 4 * f
+                of[here, :3, yaw], of[here, 3:, yaw] = np.cross(up, p[here]), up
+                of[here, :3, yaw + 1 : yaw + 4] = one
         by = message.by_device.reshape(-1, 6, DEVICE)[own]
-        block[:, :3, columns.device(parts.device[k])] = turns[k] @ by[:, :3]
-        block[:, 3:, columns.device(parts.device[k])] = turns[k] @ by[:, 3:]
+        block[:, :3, columns.device(parts.device[k])] = turn @ by[:, :3]
+        block[:, 3:, columns.device(parts.device[k])] = turn @ by[:, 3:]
     return r, J
 
 
 def _moved(x: State, step: Array, columns: _Columns) -> State:
     poses = step[columns.poses].reshape(-1, 6)
-    takes = np.vstack((np.zeros((1, 10)), step[columns.poses.stop : columns.device(0).start].reshape(-1, 10)))
+    takes = np.zeros((x.yaw.shape[1], columns.of_take))
+    takes[1:] = step[columns.poses.stop : columns.device(0).start].reshape(-1, columns.of_take)
+    frames = takes[:, 6:].reshape(len(takes), -1, 4).transpose(1, 0, 2)
     return State(
         x.m + poses[:, :3],
         quat_to_matrix(quat_exp(poses[:, 3:])) @ x.A,
-        x.yaw + takes[:, 0],
-        x.c + takes[:, 1:4],
-        x.Q @ quat_to_matrix(quat_exp(takes[:, 4:7])),
-        x.lever + takes[:, 7:],
+        x.yaw + frames[..., 0],
+        x.c + frames[..., 1:],
+        x.Q @ quat_to_matrix(quat_exp(takes[:, :3])),
+        x.lever + takes[:, 3:6],
         x.devices + step[columns.device(0).start :].reshape(-1, DEVICE),
     )
 

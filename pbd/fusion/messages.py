@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pbd.pose import Array
+from pbd.pose import Array, quat_exp, quat_to_matrix
 from pbd.tracking.noise import acc_doubt
 from pbd.tracking.smoother.factors import linearise, shared_prior, whitener
 from pbd.tracking.smoother.normal_equations import ACC_BIAS, POS, ROT, STATE, NormalEquations, Solved
@@ -54,6 +54,15 @@ class Message:
     prior: Array
     mean: Array
 
+    @property
+    def of_poses(self) -> Array:
+        """(6n, 6n), their covariance with what the take and the class know of the device."""
+        return np.asarray(self.cov + self.by_device @ self._of_device @ self.by_device.T)
+
+    @property
+    def _of_device(self) -> Array:
+        return np.asarray(np.linalg.inv(self.information + self.prior))
+
 
 def message_of(solution: Solution, knots: Sequence[int], x: State | None = None) -> Message:
     """Marginalise a take onto its keyframes and its device.
@@ -70,23 +79,45 @@ def message_of(solution: Solution, knots: Sequence[int], x: State | None = None)
         equations, _ = linearise(problem, x, solution.local, whitener(problem, solution.local))
         solved = equations.solve()
         x = x.moved(solved)
-    cov, n = _joint(solved, knots), 6 * len(knots)
-    prior, mean = _prior(solution, x)
     device = np.concatenate((x.shared[SHARED], x.acc_bias[0]))
+    R = x.E[list(knots)] @ problem.C[list(knots)]
+    return _split(x.p[list(knots)], R, device, _joint(solved, knots), *_prior(solution, x))
+
+
+def _split(p: Array, R: Array, device: Array, cov: Array, prior: Array, mean: Array) -> Message:
+    """A message by the joint covariance (6n + DEVICE) of its keyframes and its device, prior included."""
+    n = 6 * len(p)
     known = np.linalg.inv(cov[n:, n:])
     by_device = cov[:n, n:] @ known
     given = cov[:n, :n] - by_device @ cov[n:, :n]
-    R = x.E[list(knots)] @ problem.C[list(knots)]
-    return Message(
-        x.p[list(knots)],
-        R,
-        by_device,
-        0.5 * (given + given.T),
-        device,
-        known - prior,
-        known @ device - prior @ mean,
-        prior,
-        mean,
+    told = known @ device - prior @ mean
+    return Message(p, R, by_device, 0.5 * (given + given.T), device, known - prior, told, prior, mean)
+
+
+def conditioned(message: Message, dependence: Array, noise: Array, misfit: Array) -> Message:
+    """The same with a linear measurement of its keyframes: a Kalman update in Joseph's form.
+
+    Args:
+        message: without it.
+        dependence: (6n, m), of what is measured on each position and rotation vector.
+        noise: (m, m), its own.
+        misfit: (m,), by which it is missed.
+    """
+    n, cross = len(dependence), message.by_device @ message._of_device
+    cov = np.block([[message.of_poses, cross], [cross.T, message._of_device]])
+    seen = cov[:, :n] @ dependence
+    gain = seen @ np.linalg.inv(dependence.T @ seen[:n] + noise)
+    left = np.eye(len(cov))
+    left[:, :n] -= gain @ dependence.T
+    moved = gain @ misfit
+    by = moved[:n].reshape(-1, 6)
+    return _split(
+        message.p + by[:, :3],
+        quat_to_matrix(quat_exp(by[:, 3:])) @ message.R,
+        message.device + moved[n:],
+        left @ cov @ left.T + gain @ noise @ gain.T,
+        message.prior,
+        message.mean,
     )
 
 

@@ -16,17 +16,20 @@ from pbd.data import (
     Fusion,
     GripEvent,
     HandPath,
+    MovedThing,
     Recording,
     SensorFound,
     Tracking,
 )
 from pbd.data.covariance import PoseCovariance
 from pbd.fusion.alignment import Candidate
+from pbd.fusion.claims import points_of_base
 from pbd.fusion.joint import Joint, Parts, placed
 from pbd.fusion.messages import BIAS, SHARED
 from pbd.fusion.path import MeanWay, Way, mean_way
 from pbd.fusion.scatter import Scatter
 from pbd.fusion.takes import Take
+from pbd.fusion.things import Moved
 from pbd.pose import Array, Pose, quat_about_z, quat_from_matrix, quat_multiply, quat_rotate, quat_to_matrix
 from pbd.tracking.estimate import relative_to_first
 from pbd.tracking.smoother import state as smoother_state
@@ -47,6 +50,7 @@ class Fused:
         parts, joint: the estimate.
         scatter: of each keyframe by itself.
         states: of the smoother, of each take that is used.
+        thing: that stood elsewhere in some takes.
     """
 
     takes: Sequence[Take]
@@ -58,6 +62,7 @@ class Fused:
     joint: Joint
     scatter: Scatter
     states: Sequence[smoother_state.State]
+    thing: Moved | None
 
     @property
     def first(self) -> Take:
@@ -78,8 +83,8 @@ def _way(fused: Fused, i: int) -> Way:
     """A take's path in the first take's nav, of the sensor as it sat there."""
     take, parts, x = fused.takes[fused.used[i]], fused.parts, fused.joint.state
     path = path_of(take.solution.problem, fused.states[i])
-    wxyz = quat_multiply(quat_multiply(quat_about_z(float(x.yaw[i])), path.wxyz), quat_from_matrix(x.Q[i]))
-    p = path.p @ x.turn[i].T + x.c[i] - quat_rotate(wxyz, x.lever[i])
+    wxyz = quat_multiply(quat_multiply(quat_about_z(float(x.yaw[0, i])), path.wxyz), quat_from_matrix(x.Q[i]))
+    p = path.p @ x.turn[0, i].T + x.c[0, i] - quat_rotate(wxyz, x.lever[i])
     t, stops, weight = take.path.t, np.full((len(x.m), 2), np.nan), np.zeros(len(x.m))
     for j, own in zip(parts.at[i].tolist(), parts.own[i].tolist(), strict=True):
         stop = take.path.stops[own]
@@ -87,7 +92,7 @@ def _way(fused: Fused, i: int) -> Way:
     return Way(t, p, wxyz, stops, weight)
 
 
-def _fusion(fused: Fused) -> Fusion:
+def _fusion(fused: Fused, mean: MeanWay) -> Fusion:
     """What is told of the takes, and the hand's scatter."""
     x, parts, turn = fused.joint.state, fused.parts, quat_to_matrix(fused.onto_nav.wxyz)
     told = []
@@ -98,7 +103,8 @@ def _fusion(fused: Fused) -> Fusion:
             continue
         i, at, mine = fused.used.index(k), *np.array([(j, i) for j, i in enumerate(own) if i is not None]).T
         p, _ = placed(parts.messages[i], x.devices[parts.device[i]])
-        off[at] = p[mine] @ x.turn[i].T + x.c[i] - x.m[at] - x.A[at] @ x.lever[i]
+        turned = (x.turn[parts.frame[at], i] @ p[mine, :, None])[..., 0] + x.c[parts.frame[at], i]
+        off[at] = turned - x.m[at] - x.A[at] @ x.lever[i]
         told.append(
             FusedTake(
                 take.name,
@@ -106,7 +112,7 @@ def _fusion(fused: Fused) -> Fusion:
                 off @ turn.T,
                 tuple(j for which, j in fused.disbelieved if which == i),
                 tuple(sorted(set(range(len(take.knots))) - set(mine.tolist()))),
-                float((x.yaw[i] + np.pi) % (2.0 * np.pi) - np.pi),
+                float((x.yaw[0, i] + np.pi) % (2.0 * np.pi) - np.pi),
                 Pose(x.lever[i], quat_from_matrix(x.Q[i])),
                 parts.device[i],
             )
@@ -119,7 +125,22 @@ def _fusion(fused: Fused) -> Fusion:
         fused.scatter.sigma_log[:, :4],
         (float(np.exp(of_all.log[2])), float(np.exp(of_all.log[3]))),
         (float(of_all.unsure[2]), float(of_all.unsure[3])),
+        points_of_base([fused.takes[k] for k in fused.used], [told[k].own for k in fused.used], mean.stops, mean.t),
+        _thing(fused),
     )
+
+
+def _thing(fused: Fused) -> MovedThing | None:
+    """The task's keyframes that move together, where the takes still show them."""
+    own, x = np.flatnonzero(fused.parts.frame), fused.joint.state
+    if fused.thing is None or not len(own):
+        return None
+    middle = x.m[own].mean(axis=0)
+    moved = {}
+    for i, k in enumerate(fused.used):
+        nav = x.turn[1, i].T @ (middle - x.c[1, i])
+        moved[fused.takes[k].name] = float(np.linalg.norm(x.turn[0, i] @ nav + x.c[0, i] - middle))
+    return MovedThing(int(own[0]), int(own[-1]), fused.thing.gain, moved)
 
 
 def hand_path(demo: Demonstration, fused: Fused, calibration: Calibration | None, accept_gap: bool) -> HandPath:
@@ -158,7 +179,7 @@ def hand_path(demo: Demonstration, fused: Fused, calibration: Calibration | None
             accept_gap,
         ),
         sensor=_sensor(fused.first, joint, fused.parts.device[0]),
-        fusion=_fusion(fused),
+        fusion=_fusion(fused, mean),
     )
 
 

@@ -7,7 +7,7 @@ Source: D. A. Harville, Maximum likelihood approaches to variance component esti
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,10 @@ DOCK_M, DOCK_RAD, DOCK_SPREAD = 0.0005, np.radians(0.2), 1.0
 LIKE_OTHERS_SPREAD = 0.5
 """Spread of the logarithm of one keyframe's scatter along one axis about that of all."""
 
+TRACKER_WORTH = 100.0
+"""Degrees of freedom that the tracker's own covariance is worth beside what the takes show. Of 5, 30
+and 100 the one by which two, four and eight takes of a simulated WT901 were as sure as they were right."""
+
 LARGEST_STEP = 1.0
 """Largest change of a logarithm in one step."""
 
@@ -36,6 +40,8 @@ class Scatter:
         log: (g,) their logarithms.
         mean, spread: (g,) of the prior of those.
         unsure: (g,) spread of the logarithms as found.
+        tracker: by which the tracker's own covariance is multiplied.
+        worth: degrees of freedom that this is worth; infinite: it is held.
     """
 
     group: NDArray[np.intp]
@@ -43,6 +49,8 @@ class Scatter:
     mean: Array
     spread: Array
     unsure: Array
+    tracker: float = 1.0
+    worth: float = np.inf
 
     @property
     def sigma(self) -> Array:
@@ -54,13 +62,14 @@ class Scatter:
         """(J, 6) how sure that is: one sigma of its logarithm."""
         return self.unsure[self.group]
 
-    def improved(self, precision: Array, weighted: Array, rows: NDArray[np.intp]) -> Scatter:
+    def improved(self, precision: Array, weighted: Array, rows: NDArray[np.intp], drift: Array) -> Scatter:
         """A step of Fisher scoring.
 
         Args:
             precision: (N, N) of the residuals, the unknowns integrated out.
             weighted: (N,) precision times the residuals.
             rows: (N,) which standard deviation a residual has.
+            drift: (N, N) the tracker's covariance, multiplied already.
         """
         count, variance = len(self.log), np.exp(2.0 * self.log)
         of = np.eye(count)[rows]  # (N, g)
@@ -69,7 +78,9 @@ class Scatter:
         information = 2.0 * np.outer(variance, variance) * (of.T @ precision**2 @ of) + np.diag(self.spread**-2.0)
         covariance = np.linalg.inv(information)
         step = np.clip(covariance @ gradient, -LARGEST_STEP, LARGEST_STEP)
-        return Scatter(self.group, self.log + step, self.mean, self.spread, np.sqrt(np.diagonal(covariance)))
+        shown, due = weighted @ drift @ weighted, (precision * drift).sum()
+        tracker = self.tracker * (1.0 + float((shown - due) / (due + self.worth)))
+        return replace(self, log=self.log + step, unsure=np.sqrt(np.diagonal(covariance)), tracker=tracker)
 
 
 def alike(count: int) -> Scatter:
@@ -87,4 +98,4 @@ def each(found: Scatter) -> Scatter:
     group = np.arange(4 * count).reshape(count, 4)[:, (0, 1, 2, 3, 3, 3)]
     mean = found.log[found.group][:, :4].ravel()
     spread = np.full(4 * count, LIKE_OTHERS_SPREAD)
-    return Scatter(group, mean, mean, spread, spread)
+    return Scatter(group, mean, mean, spread, spread, found.tracker)

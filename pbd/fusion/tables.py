@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -103,6 +104,7 @@ def fusion_rows(path: HandPath) -> dict[str, Any]:
         "scatter_m": fusion.overall[0],
         "scatter_deg": float(np.degrees(fusion.overall[1])),
         "scatter_unsure": list(fusion.overall_unsure),
+        "thing": None if fusion.thing is None else asdict(fusion.thing),
     }
 
 

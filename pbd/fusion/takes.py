@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe
 from pbd.errors import PbdError, PbdWarning, TrackingError
-from pbd.fusion.alignment import Alignment, Candidate, Keyframes, Registration
+from pbd.fusion.alignment import Alignment, Candidate, Keyframes
 from pbd.fusion.devices import devices_of
 from pbd.fusion.joint import Parts, State
 from pbd.fusion.messages import Message, message_of
+from pbd.fusion.things import Moved
 from pbd.pipeline import track_alone
-from pbd.pose import quat_about_z, quat_to_matrix
 from pbd.tracking.estimate import Estimate
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.smoother.smooth import Solution
@@ -90,27 +91,43 @@ def refuse_strangers(takes: Sequence[Take], found: Alignment) -> None:
     )
 
 
-def start(
-    takes: Sequence[Take], used: Sequence[int], kept: Sequence[Candidate], registered: dict[int, Registration]
-) -> tuple[Parts, State]:
+def start(takes: Sequence[Take], used: Sequence[int], found: Alignment, thing: Moved | None) -> tuple[Parts, State]:
     """What belongs together, and where to begin: all in the nav of the first take that is used."""
+    kept, registered = found.kept(), found.registered
+    of_thing = _of_thing(kept, thing)
     device = devices_of([takes[k].message for k in used], [takes[k].device for k in used])
     parts = Parts(
         tuple(takes[k].message for k in used),
         tuple(np.array([j for j, one in enumerate(kept) if k in one.own]) for k in used),
         tuple(np.array([one.own[k] for one in kept if k in one.own]) for k in used),
         device,
+        of_thing,
     )
-    base = registered[used[0]]
-    back = quat_to_matrix(quat_about_z(-base.yaw))
-    here = [registered[k] for k in used]
+    back = registered[used[0]].inverse()
+    here = [back.after(registered[k]) for k in used]
+    frames = [[one.yaw for one in here]], [[one.c for one in here]]
+    begun = back.of(_keyframes(kept))
+    if thing is not None:
+        back = thing.back.get(used[0], registered[used[0]]).inverse()
+        there = [back.after(thing.back.get(k, registered[k])) for k in used]
+        frames = ([*frames[0], [one.yaw for one in there]], [*frames[1], [one.c for one in there]])
+        own = back.of(_keyframes(kept))
+        begun = replace(
+            begun,
+            p=np.where(of_thing[:, None] > 0, own.p, begun.p),
+            R=np.where(of_thing[:, None, None] > 0, own.R, begun.R),
+        )
     errors = np.array([takes[used[device.index(d)]].message.device for d in range(max(device) + 1)])
-    return parts, State(
-        (np.array([one.p for one in kept]) - base.c) @ back.T,
-        back @ np.array([one.R for one in kept]) @ base.Q.T,
-        np.array([one.yaw - base.yaw for one in here]),
-        np.array([back @ (one.c - base.c) for one in here]),
-        np.array([one.Q @ base.Q.T for one in here]),
-        np.zeros((len(used), 3)),
-        errors,
-    )
+    Q = np.array([one.Q for one in here])
+    return parts, State(begun.p, begun.R, np.array(frames[0]), np.array(frames[1]), Q, np.zeros((len(used), 3)), errors)
+
+
+def _keyframes(kept: Sequence[Candidate]) -> Keyframes:
+    p, R = np.array([one.p for one in kept]), np.array([one.R for one in kept])
+    return Keyframes(p, R, (None,) * len(kept), np.zeros(len(kept)))
+
+
+def _of_thing(kept: Sequence[Candidate], thing: Moved | None) -> NDArray[np.intp]:
+    """For each of the task's keyframes the frame it is in: 0, or 1 for the thing's."""
+    at = [-1 if thing is None else one.own.get(thing.reference, -1) for one in kept]
+    return np.array([int(thing is not None and thing.first <= i <= thing.last) for i in at], dtype=np.intp)

@@ -1,9 +1,8 @@
-"""Motion sensors of a DualSense or DualShock 4, as Linux' input events: struct input_event of linux/input.h.
+"""Motion sensors of a PlayStation's or Switch's pad, as Linux' input events: struct input_event of linux/input.h.
 
-The kernel's hid-playstation scales them by the pad's own calibration: 8192 counts for 1 g, 1024 for 1 deg/s, a device
-stamp in us with each report (DS_ACC_RES_PER_G, DS_GYRO_RES_PER_DEG_S, MSC_TIMESTAMP). It doesn't turn the axes. They
-are, of a pad on the table: x to the right, y up, z toward the player, specific force +g on y, turns counter-clockwise
-(SDL_sensor.h, which passes them on as they are). Ours has z up and y away from the player.
+The kernel scales them by the pad's own calibration. Sources: hid-playstation.c (DS_ACC_RES_PER_G,
+DS_GYRO_RES_PER_DEG_S) and SDL_sensor.h for its axes; hid-nintendo.c (JC_IMU_ACCEL_RES_PER_G, JC_IMU_GYRO_RES_PER_DPS,
+joycon_parse_imu_report). Ours are, of a pad on the table: x to the right, y away from the player, z up.
 
 An axis that didn't change is not sent. Events carry no checksum: an impossible one is skipped byte by byte.
 """
@@ -12,6 +11,7 @@ from __future__ import annotations
 
 from math import radians
 from struct import Struct
+from typing import NamedTuple
 
 from pbd.data import GRAVITY
 from pbd.sensors.decoding import Sample, Tally, WrappingClock
@@ -24,11 +24,35 @@ SYN_REPORT, SYN_DROPPED, MSC_TIMESTAMP = 0, 3, 5
 AXES = (0, 1, 2, 3, 4, 5)
 """ABS_X, ABS_Y, ABS_Z, of the accelerometer; ABS_RX, ABS_RY, ABS_RZ, of the gyro (linux/input-event-codes.h)."""
 
-GRIP_KEYS = range(0x130, 0x13A)
-"""BTN_SOUTH to BTN_TR2: a pad's face and shoulder buttons."""
+GRIP_KEYS = (*range(0x130, 0x13A), *range(0x220, 0x224))
+"""BTN_SOUTH to BTN_TR2, BTN_DPAD_UP to BTN_DPAD_RIGHT: a pad's face and shoulder buttons."""
 
-ACC_PER_G, GYRO_PER_DEG_S = 8192.0, 1024.0
 WRAP_US = 2**32
+
+
+class Pad(NamedTuple):
+    """How the kernel shows a maker's pads.
+
+    Attributes:
+        gyro_per_deg_s: counts for 1 deg/s.
+        axes: of each of our axes, the pad's and its sign.
+        has_clock: whether its stamps are in us of the pad's own time.
+    """
+
+    gyro_per_deg_s: int
+    axes: tuple[tuple[int, int], tuple[int, int], tuple[int, int]]
+    has_clock: bool
+
+
+PADS = {
+    8192: Pad(1024, ((0, 1), (2, -1), (1, 1)), True),
+    4096: Pad(14247, ((1, -1), (0, 1), (2, 1)), False),
+}
+"""Counts for 1 g -> DualSense, DualShock 4: x right, y up, z toward the player; Joy-Con, Pro Controller: x toward the
+triggers, y left, z up. hid-nintendo makes its stamps of the reports' arrival, and counts each report's time twice."""
+
+MSC_RAW = 3
+"""No motion sensor sends it. `GamepadPort` does, to say which pad it is: counts for 1 g."""
 
 _KNOWN = {EV_SYN: 16, EV_KEY: 0x300, EV_ABS: 0x40, EV_MSC: 8}
 """Types of events, and the number of codes that each has."""
@@ -47,6 +71,7 @@ class GamepadDecoder:
         self._stamp: int | None = None
         self._clock = WrappingClock(WRAP_US)
         self._dropped = self._junk = False
+        self._acc_per_g, self._pad = next(iter(PADS.items()))
 
     def feed(self, data: bytes) -> list[Sample]:
         """See `Decoder`."""
@@ -65,6 +90,8 @@ class GamepadDecoder:
                     self._axes[code] = value
                 elif kind == EV_MSC and code == MSC_TIMESTAMP:
                     self._stamp = value % WRAP_US
+                elif kind == EV_MSC and code == MSC_RAW and value in PADS:
+                    self._acc_per_g, self._pad = value, PADS[value]
                 elif kind == EV_KEY:
                     self.tally.presses += value == 1 and code in GRIP_KEYS
                 elif kind == EV_SYN:
@@ -84,12 +111,13 @@ class GamepadDecoder:
             self._dropped, self._stamp = False, None
 
     def _sample(self, stamp: int) -> Sample:
-        x, y, z, rx, ry, rz = (self._axes.get(axis, 0) for axis in AXES)
-        g, turn = GRAVITY / ACC_PER_G, radians(1.0) / GYRO_PER_DEG_S
+        counts = [self._axes.get(axis, 0) for axis in AXES]
+        g, turn = GRAVITY / self._acc_per_g, radians(1.0) / self._pad.gyro_per_deg_s
+        (x, sx), (y, sy), (z, sz) = self._pad.axes
         return Sample(
-            acc=(x * g, -z * g, y * g),
-            gyr=(rx * turn, -rz * turn, ry * turn),
-            t_device=1e-6 * self._clock.straight(stamp),
+            acc=(sx * counts[x] * g, sy * counts[y] * g, sz * counts[z] * g),
+            gyr=(sx * counts[3 + x] * turn, sy * counts[3 + y] * turn, sz * counts[3 + z] * turn),
+            t_device=1e-6 * self._clock.straight(stamp) if self._pad.has_clock else None,
         )
 
 

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import fcntl
 import os
+import re
 import select
 import struct
 from contextlib import suppress
 from pathlib import Path
 
 from pbd.errors import SensorError, in_words
-from pbd.sensors.gamepad import ACC_PER_G, AXES, EV_ABS, EV_SYN, EVENT, GYRO_PER_DEG_S, SYN_DROPPED, event
+from pbd.sensors.gamepad import AXES, EV_ABS, EV_KEY, EV_MSC, EV_SYN, EVENT, MSC_RAW, PADS, SYN_DROPPED, event
 from pbd.sensors.port import READ_TIMEOUT_S
 from pbd.sensors.reader import Source
 
-SENSORS = " Motion Sensors"
-"""How hid-playstation ends the name of a pad's motion sensors; without it, it is the name of its buttons."""
+SENSORS = re.compile(r"(.+) (?:Motion Sensors|IMU|\(IMU\))")
+"""How hid-playstation and hid-nintendo call a pad's motion sensors; what stands first is the name of its buttons."""
 
 CLASS = Path("/sys/class/input")
 
@@ -38,10 +39,9 @@ def find_gamepads() -> dict[str, tuple[str, str | None]]:
             names[f"/dev/input/{file.parts[-3]}"] = file.read_text(encoding="utf-8").strip(), _pad_of(file)
     found = {}
     for device, (name, pad) in names.items():
-        if name.endswith(SENSORS):
-            title = name.removesuffix(SENSORS)
-            buttons = (other for other, its in names.items() if its == (title, pad))
-            found[device] = title, next(buttons, None)
+        if match := SENSORS.fullmatch(name):
+            buttons = (other for other, its in names.items() if its == (match[1], pad))
+            found[device] = match[1], next(buttons, None)
     return found
 
 
@@ -61,8 +61,9 @@ def only_gamepad() -> str:
         return next(iter(found))
     if not found:
         raise SensorError(
-            "no gamepad with motion sensors is there: connect a DualSense or DualShock 4 (Linux 5.12 or newer shows it "
-            "as '... Motion Sensors' in /proc/bus/input/devices), or name its --port /dev/input/eventN"
+            "no gamepad with motion sensors is there: connect a DualSense, DualShock 4, Joy-Con or Switch Pro "
+            "Controller (Linux 5.16 or newer shows it as '... Motion Sensors' or '... IMU' in "
+            "/proc/bus/input/devices), or name its --port /dev/input/eventN"
         )
     named = ", ".join(f"{device} ({title})" for device, (title, _) in found.items())
     raise SensorError(f"several gamepads are there: {named}; name a --port")
@@ -75,7 +76,7 @@ class GamepadPort(Source):
         """Open the pad.
 
         Raises:
-            SensorError: no such device, no permission, or it is no DualSense's or DualShock's.
+            SensorError: no such device, no permission, or it is no pad that is known.
         """
         self.device = device
         self._fuzz: dict[int, bytes] = {}
@@ -100,8 +101,12 @@ class GamepadPort(Source):
             for fd in select.select(self._fds, (), (), 0.0 if data else READ_TIMEOUT_S)[0]:
                 if not (read := os.read(fd, MOST_AT_ONCE)):
                     raise OSError("end of file")
+                events = _events(read)
+                if fd != self._motion:  # the sticks have the same axes
+                    data += b"".join(event(*each[2:]) for each in events if each[2] == EV_KEY)
+                    continue
                 data += read
-                if fd == self._motion and _lost(read):
+                if any(each[2:4] == (EV_SYN, SYN_DROPPED) for each in events):
                     data += self._axes()  # what changed meanwhile is not sent again
         except (OSError, ValueError) as reason:  # ENODEV; ValueError: closed meanwhile
             if data:
@@ -127,8 +132,9 @@ class GamepadPort(Source):
     def _prepared(self) -> bytes:
         """Switch the kernel's filter off and return the axes as they are.
 
-        It holds an axis back until it changes by more than half its fuzz of 16 counts, 2 mg: a hysteresis.
+        It holds an axis back until it changes by more than half its fuzz of 16 counts, 2 mg (Joy-Con 10): a hysteresis.
         """
+        acc_per_g = 0
         for axis in AXES:
             try:
                 info = bytearray(ABSINFO.size)
@@ -136,18 +142,19 @@ class GamepadPort(Source):
             except OSError:
                 return b""  # no input device: a pipe
             *values, fuzz, flat, resolution = ABSINFO.unpack(info)
-            expected = ACC_PER_G if axis < 3 else GYRO_PER_DEG_S
-            if resolution != expected:
+            acc_per_g = acc_per_g or resolution
+            pad = PADS.get(acc_per_g)
+            if pad is None or resolution != (acc_per_g if axis < 3 else pad.gyro_per_deg_s):
                 raise SensorError(
-                    f"{self.device} counts {resolution} for a unit of axis {axis}, not {expected:g}: it is no "
-                    "DualSense's or DualShock 4's motion sensor; name another --port",
+                    f"{self.device} counts {resolution} for a unit of axis {axis}: it is the motion sensor of no "
+                    "DualSense, DualShock 4, Joy-Con or Switch Pro Controller; name another --port",
                     path=self.device,
                     value=resolution,
                 )
             if fuzz:
                 self._fuzz[axis] = bytes(info)
                 fcntl.ioctl(self._motion, _request(True, 0xC0 + axis), ABSINFO.pack(*values, 0, flat, resolution))
-        return self._axes()
+        return event(EV_MSC, MSC_RAW, acc_per_g) + self._axes()
 
     def _axes(self) -> bytes:
         """Events that tell each axis as it is now."""
@@ -170,9 +177,8 @@ def open_gamepad(device: str | None) -> GamepadPort:
     return GamepadPort(device, find_gamepads().get(device, ("", None))[1])
 
 
-def _lost(read: bytes) -> bool:
-    whole = len(read) // EVENT.size * EVENT.size
-    return any((kind, code) == (EV_SYN, SYN_DROPPED) for _, _, kind, code, _ in EVENT.iter_unpack(read[:whole]))
+def _events(read: bytes) -> list[tuple[int, ...]]:
+    return list(EVENT.iter_unpack(read[: len(read) // EVENT.size * EVENT.size]))
 
 
 def _opened(device: str) -> int:

@@ -127,7 +127,7 @@ PROTOCOLS: Mapping[str, WireProtocol] = MappingProxyType(
             gives="acceleration, gyro, field where it has one, clock",
         ),
         "gamepad": WireProtocol(
-            title="DualSense, DualShock 4 (Linux)",
+            title="DualSense, DualShock 4, Joy-Con, Switch Pro Controller (Linux)",
             decoder=_made_by("gamepad", "GamepadDecoder"),
             bauds=(),
             gives="acceleration, gyro, clock; its buttons mark the grip",

@@ -51,12 +51,10 @@ def condition_on(
     if not claims:
         return path
     p_stop = path.p_nav_sensor[[stop.start for stop in path.stops]]
-    rows = _rows(claims)
-    G, R = _dependence(claims, rows, len(path.stops)), _noise(claims, rows, calibration)
+    G, R, misfit = measurement_of(claims, p_stop, calibration)
     PG = path.covariance.times(G)
     S = np.einsum("kam,kan->mn", G, PG) + R
-    misfit = np.concatenate([claim.value - claim.axes @ _from_other(p_stop, claim) for claim in claims])
-    fits = _fits(path, claims, rows, misfit, S)
+    fits = fits_of(path, claims, misfit, S)
 
     gain = PG @ np.linalg.inv(S)
     p, v, wxyz = _carried_along(path, gain @ misfit)
@@ -78,6 +76,15 @@ class _Conditioned:
         left = self.prior.times(columns - self.G @ seen)
         conditioned: Array = left + self.gain @ (self.R @ seen - np.einsum("kam,kac->mc", self.G, left))
         return conditioned
+
+
+def measurement_of(
+    claims: Sequence[Claim], p_stop: Array, calibration: Calibration | None
+) -> tuple[Array, Array, Array]:
+    """How claims depend on k poses (k, 6, m), their own noise (m, m), and by how much they are missed (m,), m."""
+    rows = _rows(claims)
+    misfit = np.concatenate([claim.value - claim.axes @ _from_other(p_stop, claim) for claim in claims])
+    return _dependence(claims, rows, len(p_stop)), _noise(claims, rows, calibration), misfit
 
 
 def _rows(claims: Sequence[Claim]) -> list[slice]:
@@ -135,14 +142,13 @@ def _carried_along(path: HandPath, moved: Array) -> tuple[Array, Array, Array]:
     return path.p_nav_sensor + shift, path.v_nav_sensor + faster, attitude
 
 
-def _fits(
-    path: HandPath, claims: Sequence[Claim], rows: Sequence[slice], misfit: Array, S: Array
-) -> tuple[ClaimFit, ...]:
-    """How well each claim fits on its own.
+def fits_of(path: HandPath, claims: Sequence[Claim], misfit: Array, S: Array) -> tuple[ClaimFit, ...]:
+    """How well each claim fits on its own, given all misfits' covariance S (m, m).
 
     Raises:
         TrackingError: one doesn't, or all together don't.
     """
+    rows = _rows(claims)
     square = [float(misfit[row] @ np.linalg.solve(S[row, row], misfit[row])) for row in rows]
     excess = [value / _bound(row.stop - row.start) for value, row in zip(square, rows, strict=True)]
     worst = int(np.argmax(excess))

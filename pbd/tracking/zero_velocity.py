@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.pose import Array
-from pbd.tracking.moving_windows import squares, window_moments, window_sums
+from pbd.tracking.moving_windows import squares, window_maxima, window_moments, window_sums
 from pbd.tracking.noise import Noise
 from pbd.tracking.rest import Rest
 
@@ -60,15 +60,12 @@ def find_candidates(t: Array, shake: Array, turn: Array, rest: Rest, unseen: Seq
         rest: for its noise.
         unseen: last row before and first row after each gap. A gap between two rests is part of them.
     """
-    from scipy.ndimage import maximum_filter1d
-
     dt, n = float(np.median(np.diff(t))), len(t) - len(shake) + 1
     limits = quiet_limits(rest)
     quiet = (shake < limits[0]) & (turn < limits[1])
-    reach = 2 * max(1, round(LULL_S / dt)) + 1
-    lull = quiet | (
-        (shake < LULL_SHARE * maximum_filter1d(shake, reach)) & (turn < LULL_SHARE * maximum_filter1d(turn, reach))
-    )
+    reach = max(1, round(LULL_S / dt))
+    calm = (energy < LULL_SHARE * window_maxima(np.pad(energy, reach), 2 * reach + 1) for energy in (shake, turn))
+    lull = quiet | np.logical_and(*calm)
     for before, after in unseen:  # interpolated data show nothing; a gap at an end is refused elsewhere
         if before == 0 or after == len(t) - 1:
             continue
@@ -78,9 +75,7 @@ def find_candidates(t: Array, shake: Array, turn: Array, rest: Rest, unseen: Seq
         if not quiet[max(start - 2 * n, 0) : stop + 2 * n].any():  # not the edge of a rest
             quiet[start + int(np.argmin(restless[start:stop]))] = True
     # A sample is still when any window that holds it is quiet: a moving one is in none.
-    still = maximum_filter1d(
-        np.concatenate((quiet, np.zeros(n - 1, dtype=bool))), n, origin=(n - 1) // 2, mode="constant"
-    )
+    still = window_maxima(np.pad(quiet, n - 1), n)
     return _long_enough(t, _merged(t, runs(still), unseen))
 
 

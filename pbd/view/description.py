@@ -94,6 +94,7 @@ def _keyframe(keyframe: ReplayKeyframe, around: Sequence[tuple[float, float]]) -
         "sigma": None if keyframe.cov is None else [_largest(keyframe.cov[:3, :3]), _largest(keyframe.cov[3:, 3:])],
         "grip": keyframe.grip,
         "detour": any(end == keyframe.t for _, end in around),
+        "inside": keyframe.inside,
         "sure": None if keyframe.weight >= DOUBTED_WEIGHT else keyframe.weight,
     }
 

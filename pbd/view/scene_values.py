@@ -23,6 +23,7 @@ class ReplayKeyframe:
         grip: True where the gripper closes here, False where it opens.
         weight: how sure the tracker is that the hand stood still, 0 to 1.
         tolerance: (3, 3) m2 in base, the square of what it may be off by; None where nobody has said.
+        inside: the probability that the tool is within that; None without one.
     """
 
     label: str
@@ -32,6 +33,7 @@ class ReplayKeyframe:
     grip: bool | None = None
     weight: float = 1.0
     tolerance: Array | None = None
+    inside: float | None = None
 
     def __post_init__(self) -> None:
         freeze(self, cov=(6, 6), tolerance=(3, 3))

@@ -30,8 +30,6 @@ MOTIONS = [
 ]  # fmt: skip
 """Every arm along every path, every demonstration along every path."""
 
-WITHIN = 1.0005
-
 
 def planned(arm: str, demo: str, path: Any) -> tuple[Robot, JointTrajectory]:
     robot = arm_of(arm).robot
@@ -62,7 +60,7 @@ def test_the_controller_moves_the_arm_as_planned_within_every_limit(
     for accelerations in (True, False):
         controller = Controller(goal, accelerations=accelerations)
         for order, bound in enumerate((limits.velocity, limits.acceleration, limits.jerk), start=1):
-            assert (controller.peaks(order) <= WITHIN * bound).all()
+            assert (controller.peaks(order) <= bound).all()
         assert_allclose(controller.at(trajectory.t), trajectory.q, atol=1e-7)
         assert_allclose(controller.at(trajectory.keyframe_t), trajectory.keyframe_q, atol=1e-7)
 
@@ -76,8 +74,8 @@ def test_samples_at_a_rate_add_points_and_change_no_motion(tmp_path: Path, rate_
     assert np.diff(t).max() <= 1.26 / rate_hz  # a sample beside a knot is left out
     for accelerations in (True, False):
         controller = Controller(goal, accelerations=accelerations)
-        assert (controller.peaks(2) <= WITHIN * robot.limits.acceleration).all()
-        assert (controller.peaks(3) <= WITHIN * robot.limits.jerk).all()
+        assert (controller.peaks(2) <= robot.limits.acceleration).all()
+        assert (controller.peaks(3) <= robot.limits.jerk).all()
         assert_allclose(controller.at(trajectory.t), trajectory.q, atol=1e-7)
 
 
@@ -88,10 +86,10 @@ def test_any_move_is_exported_within_the_limits(tmp_path: Path, arm: str) -> Non
     for length in (1e-10, 1e-7, 1e-4, 1e-2, 0.3, 0.3, 0.3):
         steps = length * rng.uniform(-1.0, 1.0, (3, len(model.robot.joints)))
         trajectory = time_keyframes(
-            model, model.robot.home + steps.cumsum(axis=0), [0.0] * 3, [None] * 3, model.robot.home
+            model, model.robot.home + steps.cumsum(axis=0), [0.0] * 3, [None] * 3, model.robot.home, speed=0.999
         )
         used = export(trajectory, model.robot, "ros2-json", tmp_path / "goal.json").receiver
-        assert max(share.value for rule in used.values() for share in rule) <= WITHIN
+        assert max(share.value for rule in used.values() for share in rule) <= 1.0
         assert np.diff(trajectory.knots).min() > 2e-5
 
 
@@ -138,8 +136,10 @@ def test_the_check_of_the_gaps_agrees_with_the_controller(tmp_path: Path) -> Non
 def test_what_breaks_a_limit_between_points_is_refused(tmp_path: Path) -> None:
     robot, trajectory = planned("panda", "paper-test2", "keyframes")
     slower = replace(robot, limits=replace(robot.limits, jerk=0.9 * robot.limits.jerk))
-    for rate_hz, advice in ((None, "give a lower --speed, such as 0.95"), (100.0, "give a lower --rate, or none")):
-        with pytest.raises(PlanError, match=rf"by quintics would reach 1\.06 times .* jerk limit, at .*; {advice}$"):
+    for rate_hz in (None, 100.0):
+        with pytest.raises(
+            PlanError, match=r"by quintics would reach 1\.06 times .* jerk limit, at .*; give 0.98 times"
+        ):
             export(trajectory, slower, "ros2-json", tmp_path / "goal.json", rate_hz)
     assert list(tmp_path.iterdir()) == []
 

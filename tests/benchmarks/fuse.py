@@ -1,4 +1,4 @@
-"""What several takes of one task gain, simulated: python tests/benchmarks/fuse.py [--json] [--quick] [--seeds N].
+"""What several takes of one task gain, simulated: tests/benchmarks/fuse.py [--seeds N] [--keep FILE].
 
 A hand does a random task of seven keyframes (moves of 0.5 to 1.5 s, a reach of 30 cm) several times with one device.
 It starts at a dock, meets each other keyframe to within 0.5 mm and 1 degree per axis (`scatter_4mm`: 4 mm), at a pace
@@ -9,12 +9,14 @@ Errors are those of all keyframes but the first, mm: in the dock's frame (origin
 first take there), as an arm follows them; and in `shape` after the best turn about the vertical and shift, which leaves
 out the dock's own share. `plain`: each take tracked alone and registered to the first, and then the mean: it is told
 no more than the joint estimate. Seeds from 1000 on were never used to choose anything.
-`inside`: errors per axis within one and two of their own sigma. `learned`: the share of scatters of 4 mm that are found
-between 3.4 and 4.4 mm. `fuse4_s`, `fuse10_s`: process time of `pbd.fuse`, tracking included.
+`inside`: errors per axis within one and two of their own sigma. `success`: see success.py. `learned`: the share of
+scatters that are found between 3.4 and 4.4 mm. `thing`: the share in which keyframes are said to move with a thing, as
+they do in `moved_thing` only. `fuse4_s`, `fuse10_s`: process time of `pbd.fuse`, tracking included.
 """
 
 from __future__ import annotations
 
+import json
 import sys
 import time
 import warnings
@@ -33,6 +35,7 @@ from pbd.fusion.alignment import Keyframes, by_moves, by_pose, register
 from pbd.pipeline import fuse, track
 from pbd.pose import (
     Array,
+    Pose,
     quat_about_z,
     quat_exp,
     quat_from_rpy,
@@ -50,17 +53,9 @@ from pbd.simulation.simulate import random_task, simulate
 from pbd.simulation.tasks import Task
 from pbd.tracking.keyframes import find_keyframes
 from tests.benchmarks.report import arguments, finish
+from tests.benchmarks.success import reliability, said_and_happened
 
-DEG, MG, MM = np.pi / 180.0, 9.80665e-3, 1e-3
-PHONE = SensorModel(
-    "phone",
-    rate_hz=100.0,
-    acc=Triad(0.1 * MG, 3.0 * MG, 0.01 * MG, 5e-3, 0.1 * DEG, 40.0),
-    gyr=Triad(0.007 * DEG, 0.1 * DEG, 5e-4 * DEG, 5e-3, 0.1 * DEG, 2000.0 * DEG),
-    mag=None,
-)
-"""A phone's chip (Bosch BMI160 and ST LSM6DSO class) after its own calibration; the magnetometer is left out."""
-
+DEG, MM = np.pi / 180.0, 1e-3
 QUARTER = 0.5 * np.pi
 TURNS = [quat_exp(v) for v in ((0.0, 0.0, 0.0), (0.0, 0.0, QUARTER), (QUARTER, 0.0, 0.0), (0.0, 0.0, 2.0 * QUARTER))]
 TURNS += [quat_multiply(quat_exp((0.0, QUARTER, 0.0)), turn) for turn in TURNS]
@@ -96,70 +91,110 @@ class Scenario:
     scatter_m: float = 0.5 * MM
     lever_m: float = 0.0
     tilt_rad: float = DEG
+    thing: tuple[int, int] | None = None
+    """First and last keyframe of a thing that stands elsewhere in each take but the first."""
+
+
+SCENARIOS: dict[tuple[str, ...], Scenario] = {
+    **{("sensors", sensor, "same", "4"): Scenario(sensor, 4, turned=False) for sensor in ("wt901", "phone", "os5000")},
+    **{
+        ("sensors", sensor, "turned", str(n)): Scenario(sensor, n)
+        for sensor in ("wt901", "phone", "os5000")
+        for n in TAKES
+    },
+    **{("scatter_4mm", "wt901", str(n)): Scenario("wt901", n, scatter_m=4.0 * MM) for n in (1, 4, 8)},
+    ("lever_10mm", "", "4"): Scenario("wt901", 4, lever_m=10.0 * MM),
+    ("moved_thing", "", "3"): Scenario("wt901", 3, thing=(3, 4)),
+}
+"""Where each kind's figures stand."""
 
 
 def main() -> None:
     """Simulate, fuse, score, print."""
     parser = arguments(str(__doc__))
     parser.add_argument("--seeds", type=int, default=12, metavar="N", help="tasks of each kind (12)")
+    parser.add_argument("--keep", type=Path, metavar="FILE", help="a line of JSON for each fusion; none is made twice")
     args = parser.parse_args()
     warnings.simplefilter("ignore", PbdWarning)
-    count = 3 if args.quick else args.seeds
-    seeds = range(FIRST_SEED, FIRST_SEED + count)
-    figures: dict[str, Any] = {"seeds": count, "sensors": {}, "scatter_4mm": {}}
-    inside: list[Array] = []
-    for sensor in ("wt901", "phone", "os5000"):
-        turned = {str(n): score(Scenario(sensor, n), seeds, inside if n > 1 else None) for n in TAKES}
-        figures["sensors"][sensor] = {"same": {"4": score(Scenario(sensor, 4, turned=False), seeds)}, "turned": turned}
-    figures["scatter_4mm"]["wt901"] = {
-        str(n): score(Scenario("wt901", n, scatter_m=4.0 * MM), seeds) for n in (1, 4, 8)
-    }
-    figures["lever_10mm"] = {"4": score(Scenario("wt901", 4, lever_m=10.0 * MM), seeds)}
-    off = np.concatenate([each.ravel() for each in inside])
+    outcomes = _outcomes(range(FIRST_SEED, FIRST_SEED + (3 if args.quick else args.seeds)), args.keep)
+    figures: dict[str, Any] = {"seeds": len(next(iter(outcomes.values()))), "sensors": {}, "scatter_4mm": {}}
+    for (kind, sensor, *held), each in zip(SCENARIOS, outcomes.values(), strict=True):
+        at = figures[kind].setdefault(sensor, {}) if sensor else figures.setdefault(kind, {})
+        for key in held[:-1]:
+            at = at.setdefault(key, {})
+        at[held[-1]] = score(each)
+    turned = [one for scenario, each in outcomes.items() if _usual(scenario) for one in each if one]
+    off = np.concatenate([one["sigmas"] for one in turned])
     figures |= {"inside_1_sigma": float((off < 1.0).mean()), "inside_2_sigma": float((off < 2.0).mean())}
+    figures["success"] = reliability([tuple(case) for one in turned for case in one["success"]])
     figures |= {f"fuse{n}_s": fuse_seconds(n) for n in (4, 10)}
     finish(figures, args.json)
 
 
-def score(scenario: Scenario, seeds: Sequence[int], inside: list[Array] | None = None) -> dict[str, Any]:
-    """Errors of one kind, mm; a fusion that fails or has other keyframes than the task is counted as lost."""
-    errors: dict[str, list[Array]] = {"joint": [], "plain": [], "shape": [], "plain_shape": []}
-    found, lost = [], 0
+def _usual(scenario: Scenario) -> bool:
+    """Fused of takes that are turned, by a hand that scatters little: what sigmas and success are counted of."""
+    return scenario.takes > 1 and scenario == Scenario(scenario.sensor, scenario.takes)
+
+
+def _outcomes(seeds: Sequence[int], keep: Path | None) -> dict[Scenario, list[dict[str, Any]]]:
+    """Of each scenario each seed's, {} where lost: those that are kept, and the others made and kept."""
+    kept = {}
+    if keep is not None and keep.exists():
+        kept = {(line["scenario"], line["seed"]): line["outcome"] for line in map(json.loads, keep.open())}
     for seed in seeds:
-        demos, task = takes_of(scenario, seed)
-        try:
-            path = fuse(demos) if scenario.takes > 1 else track(demos[0].recording)
-            plain = plain_average(demos)
-        except PbdError:
-            lost += 1
-            continue
-        (p, sigma), (true, A) = _keyframes(path), hand_poses(task)
-        if len(p) != len(true) or len(plain) != len(true):
-            lost += 1
-            continue
-        true = (true - true[0]) @ _turn(-_yaw(A[0], path)).T
-        off = {"joint": (p - true)[1:], "plain": (plain - true)[1:]}
-        off |= {"shape": _shape(p, true), "plain_shape": _shape(plain, true)}
-        for name, each in off.items():
-            errors[name].append(each)
-        if inside is not None:
-            inside.append(np.abs(off["joint"]) / sigma[1:])
-        if path.fusion is not None:
-            found.append(path.fusion.overall[0])
-    sizes = {name: 1e3 * np.linalg.norm(np.concatenate(each), axis=1) for name, each in errors.items()}
-    figures: dict[str, Any] = {
-        "median_mm": float(np.median(sizes["joint"])),
-        "p95_mm": float(np.percentile(sizes["joint"], 95)),
-        "plain_median_mm": float(np.median(sizes["plain"])),
-        "plain_p95_mm": float(np.percentile(sizes["plain"], 95)),
-        "shape_median_mm": float(np.median(sizes["shape"])),
-        "plain_shape_median_mm": float(np.median(sizes["plain_shape"])),
-        "lost": lost,
+        for scenario in SCENARIOS.values():
+            if (str(scenario), seed) in kept:
+                continue
+            kept[str(scenario), seed] = made = outcome(scenario, seed)
+            if keep is not None:
+                with keep.open("a") as file:
+                    file.write(json.dumps({"scenario": str(scenario), "seed": seed, "outcome": made}) + "\n")
+    return {scenario: [kept[str(scenario), seed] for seed in seeds] for scenario in SCENARIOS.values()}
+
+
+def outcome(scenario: Scenario, seed: int) -> dict[str, Any]:
+    """Errors of one fusion, mm; {} where it fails or has other keyframes than the task."""
+    demos, task = takes_of(scenario, seed)
+    try:
+        path = fuse(demos) if scenario.takes > 1 else track(demos[0].recording)
+        plain = plain_average(demos)
+    except PbdError:
+        return {}
+    (p, sigma), (true, A) = _keyframes(path), hand_poses(task)
+    if len(p) != len(true) or len(plain) != len(true):
+        return {}
+    belongs = [Pose(*pose) for pose in zip(true, A, strict=True)]
+    true = (true - true[0]) @ _turn(-_yaw(A[0], path)).T
+    off = {"joint": (p - true)[1:], "plain": (plain - true)[1:]}
+    off |= {"shape": _shape(p, true), "plain_shape": _shape(plain, true)}
+    return {name: (1e3 * np.linalg.norm(each, axis=1)).tolist() for name, each in off.items()} | {
+        "sigmas": (np.abs(off["joint"]) / sigma[1:]).ravel().tolist(),
+        "success": said_and_happened(path, belongs, np.random.default_rng(seed)),
+        "thing": path.fusion is not None and path.fusion.thing is not None,
+        "scatter": None if path.fusion is None else 1e3 * path.fusion.overall[0],
     }
-    if found and scenario.scatter_m > 3.0 * MM:
-        learned = 1e3 * np.array(found)
-        figures["scatter_mm"] = float(np.median(learned))
-        figures["learned"] = float(((learned > 3.4) & (learned < 4.4)).mean())
+
+
+def score(outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Errors of one kind, mm."""
+    there = [one for one in outcomes if one]
+    size = {name: np.concatenate([one[name] for one in there]) for name in ("joint", "plain", "shape", "plain_shape")}
+    figures: dict[str, Any] = {
+        "median_mm": float(np.median(size["joint"])),
+        "p95_mm": float(np.percentile(size["joint"], 95)),
+        "plain_median_mm": float(np.median(size["plain"])),
+        "plain_p95_mm": float(np.percentile(size["plain"], 95)),
+        "shape_median_mm": float(np.median(size["shape"])),
+        "plain_shape_median_mm": float(np.median(size["plain_shape"])),
+        "lost": len(outcomes) - len(there),
+        "thing": float(np.mean([one["thing"] for one in there])),
+    }
+    if there[0]["scatter"] is not None:
+        learned = np.array([one["scatter"] for one in there])
+        figures |= {
+            "scatter_mm": float(np.median(learned)),
+            "learned": float(((learned > 3.4) & (learned < 4.4)).mean()),
+        }
     return figures
 
 
@@ -229,12 +264,13 @@ def one_device(model: SensorModel, seed: int) -> SensorModel:
 def takes_of(scenario: Scenario, seed: int, device: int | None = None) -> tuple[list[Demonstration], Task]:
     """Takes of a random task of seven keyframes; by a device of their own, or another."""
     task = random_task(seed, moves=6)
-    model = PHONE if scenario.sensor == "phone" else SENSOR_MODELS[scenario.sensor]
+    model = SENSOR_MODELS[scenario.sensor]
     made, rng, demos = one_device(model, seed if device is None else device), np.random.default_rng(seed + 77_000), []
     for k in range(scenario.takes):
         Q = TURNS[k % len(TURNS)] if scenario.turned else TURNS[0]
         lever = scenario.lever_m * rng.normal(size=3) if k else np.zeros(3)
-        demo = simulate(_take(task, scenario, Q, lever, rng), made, 1000 * seed + k)
+        shown = task if scenario.thing is None or not k else _moved(task, *scenario.thing, rng)
+        demo = simulate(_take(shown, scenario, Q, lever, rng), made, 1000 * seed + k)
         info = replace(demo.recording.info, name=f"take {k + 1}")
         demos.append(replace(demo, recording=replace(demo.recording, info=info)))
     return demos, task
@@ -248,6 +284,25 @@ def hand_poses(task: Task) -> tuple[Array, Array]:
     return np.array([waypoint.p for waypoint in task.waypoints]), np.array(wxyz)
 
 
+def _moved(task: Task, first: int, last: int, rng: np.random.Generator) -> Task:
+    """The task with a thing turned about the vertical through its first keyframe, and shifted on the table."""
+    p, A = hand_poses(task)
+    turn, shift = quat_about_z(rng.uniform(-1.0, 1.0)), np.array([*rng.uniform(-0.1, 0.1, 2), 0.0])
+    inside = ((np.arange(len(p)) >= first) & (np.arange(len(p)) <= last))[:, None]
+    p = np.where(inside, p[first] + shift + quat_rotate(turn, p - p[first]), p)
+    return _through(task, p, np.where(inside, quat_multiply(turn, A), A), np.ones(len(p)))
+
+
+def _through(task: Task, p: Array, wxyz: Array, slower: Array) -> Task:
+    """The task with other keyframes, and moves that last longer by a factor."""
+    turns = np.vstack((np.zeros((1, 3)), quat_log(quat_multiply(quat_inverse(wxyz[:-1]), wxyz[1:]))))
+    waypoints = [
+        Waypoint(tuple(where), tuple(turn), waypoint.move_s * by, waypoint.rest_s)
+        for where, turn, by, waypoint in zip(p.tolist(), turns.tolist(), slower.tolist(), task.waypoints, strict=True)
+    ]
+    return Task(task.name, tuple(waypoints), start_rpy=tuple(quat_to_rpy(wxyz[0]).tolist()))
+
+
 def _take(task: Task, scenario: Scenario, Q: Array, lever: Array, rng: np.random.Generator) -> Task:
     """One take: the hand misses each place but the dock, its pace differs, the sensor sits turned and shifted in it."""
     p, A = hand_poses(task)
@@ -255,12 +310,7 @@ def _take(task: Task, scenario: Scenario, Q: Array, lever: Array, rng: np.random
     miss[0] = tilt[0] = 0.0
     A = quat_multiply(quat_exp(scenario.tilt_rad * tilt), A)
     p, wxyz = p + scenario.scatter_m * miss + quat_rotate(A, lever), quat_multiply(A, quat_inverse(Q))
-    turns = np.vstack((np.zeros((1, 3)), quat_log(quat_multiply(quat_inverse(wxyz[:-1]), wxyz[1:]))))
-    waypoints = [
-        Waypoint(tuple(where), tuple(turn), waypoint.move_s * slower, waypoint.rest_s)
-        for where, turn, slower, waypoint in zip(p.tolist(), turns.tolist(), pace.tolist(), task.waypoints, strict=True)
-    ]
-    return Task(task.name, tuple(waypoints), start_rpy=tuple(quat_to_rpy(wxyz[0]).tolist()))
+    return _through(task, p, wxyz, pace)
 
 
 if __name__ == "__main__":

@@ -7,38 +7,49 @@ all keyframes. Several tolerances are asked of each take.
 
 from __future__ import annotations
 
+import sys
 import warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import numpy as np
 
 from pbd.calibration.dock import nav_in_base
 from pbd.calibration.frames import tool_poses
 from pbd.calibration.success import success_of
-from pbd.data import Calibration, Truth
+from pbd.data import Calibration, HandPath, Truth
 from pbd.errors import PbdError
 from pbd.pipeline import track
 from pbd.pose import Pose, quat_exp, quat_multiply
 from pbd.simulation.simulate import simulate
 from pbd.simulation.tasks import random_task
 from pbd.tracking.keyframes import find_keyframes
-from tests.benchmarks.report import arguments, print_machine
+from tests.benchmarks.report import arguments, finish
 from tests.scenarios import truth_at
 
 TOLERANCES_M = (0.003, 0.005, 0.0075, 0.01, 0.015, 0.02)
 SENSORS = ("os5000", "wt901", "modern")
-EDGES = (0.0, 0.25, 0.5, 0.75, 0.9, 1.000001)
+EDGES = (0, 25, 50, 75, 90, 101)
+"""Of bands, %."""
 
 
 def one(seed: int, sensor: str) -> list[tuple[float, bool]]:
-    """What is said and what happens, for each tolerance."""
-    rng = np.random.default_rng(seed)
+    """What is said of a take and what happens, for each tolerance."""
     demo = simulate(random_task(seed), sensor, seed)
     assert demo.truth is not None
     path = track(replace(demo, truth=None))
+    truth = [_true_pose(demo.truth, keyframe.t) for keyframe in find_keyframes(path)]
+    return said_and_happened(path, truth, np.random.default_rng(seed))
+
+
+def said_and_happened(path: HandPath, truth: Sequence[Pose], rng: np.random.Generator) -> list[tuple[float, bool]]:
+    """The same of any path, given its keyframes' true poses; the dock is off by what `rng` draws."""
     keyframes = find_keyframes(path)
-    truth = [_true_pose(demo.truth, keyframe.t) for keyframe in keyframes]
     said = Pose(np.array([0.45, -0.1, 0.2]), truth[0].wxyz)
     calibration = Calibration("simulated", T_base_dock=said)
     error = np.sqrt(np.diagonal(calibration.cov_start)) * rng.standard_normal(6)
@@ -52,34 +63,57 @@ def one(seed: int, sensor: str) -> list[tuple[float, bool]]:
     return [(each.of_all, bool((off <= within).all())) for each, within in zip(found, TOLERANCES_M, strict=True)]
 
 
+def reliability(cases: Sequence[tuple[float, bool]]) -> dict[str, dict[str, float]]:
+    """By band of what is said (%): how many cases, the mean of what is said, and the share that happened, %."""
+    said, happened = 100.0 * np.array(cases).T
+    bands = {}
+    for low, high in pairwise(EDGES):
+        inside = (said >= low) & (said < high)
+        if inside.any():
+            figures = {"cases": int(inside.sum()), "said": said[inside].mean(), "happened": happened[inside].mean()}
+            bands[f"{low}-{min(high, 100)}"] = {key: float(value) for key, value in figures.items()}
+    return bands
+
+
 def _true_pose(truth: Truth, t: float) -> Pose:
     return Pose(truth_at(truth, t), truth.wxyz_nav_sensor[np.searchsorted(truth.t, t)])
 
 
+def draw(bands: Mapping[str, Mapping[str, Mapping[str, float]]], file: Path) -> None:
+    """The reliability diagram, with two binomial sigmas as if every case were a take of its own."""
+    from matplotlib.figure import Figure
+
+    axes = (figure := Figure(figsize=(4.5, 4.5), layout="constrained")).add_subplot()
+    axes.plot((0, 100), (0, 100), color="0.6", linewidth=1.0)
+    for (sensor, each), colour in zip(bands.items(), ("#d55e00", "#009e73", "#0072b2"), strict=True):
+        said, happened, cases = np.array([(b["said"], b["happened"], b["cases"]) for b in each.values()]).T
+        spread = 2.0 * np.sqrt(happened * (100.0 - happened) / cases)
+        axes.errorbar(said, happened, spread, color=colour, marker="o", capsize=2, label=sensor)
+    axes.set(xlabel="said to succeed (%)", ylabel="succeeded (%)", xlim=(0, 101), ylim=(0, 101), aspect="equal")
+    axes.legend(loc="lower right")
+    figure.savefig(file, dpi=100)
+
+
 def main() -> None:
     """Print the reliability table."""
-    takes = 60 if arguments(__doc__ or "").parse_args().quick else 2000
-    print_machine()
-    print(f"\n{takes} simulated takes: what is said on average, and the share that is inside\n")
-    print(f"{'sensor':8}{'band (%)':>12}{'cases':>8}{'said (%)':>10}{'happened (%)':>14}")
+    parser = arguments(__doc__ or "")
+    parser.add_argument("--plot", type=Path, metavar="FILE", help="write the reliability diagram")
+    args = parser.parse_args()
+    takes = 60 if args.quick else 2000
+    figures: dict[str, Any] = {"takes": takes, "refused": 0}
     for sensor in SENSORS:
         cases: list[tuple[float, bool]] = []
-        refused = 0
         for seed in range(takes // len(SENSORS)):
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 try:
                     cases += one(seed, sensor)
                 except PbdError:
-                    refused += 1
-        said, happened = np.array(cases).T
-        for low, high in pairwise(EDGES):
-            inside = (said >= low) & (said < high)
-            if inside.any():
-                figures = (100.0 * said[inside].mean(), 100.0 * happened[inside].mean())
-                band = f"{100 * low:.0f} to {min(100 * high, 100):.0f}"
-                print(f"{sensor:8}{band:>12}{inside.sum():>8}{figures[0]:>10.0f}{figures[1]:>14.0f}")
-        print(f"{sensor:8}{'refused':>12}{refused:>8}")
+                    figures["refused"] += 1
+        figures[sensor] = reliability(cases)
+    if args.plot:
+        draw({sensor: figures[sensor] for sensor in SENSORS}, args.plot)
+    finish(figures, args.json)
 
 
 if __name__ == "__main__":

@@ -76,10 +76,15 @@ def test_several_demonstrations_become_one_dataset(elsewhere: Path, capsys: pyte
     several = ["export", "pouring", "paper-test1", "--robot", "so101", "--json", "-o", "tea"]
     assert main([*several, "--format", "lerobot", "--task", "pour the tea"]) == 0
     out, err = capsys.readouterr()
-    assert [each["demo"] for each in json.loads(out)["episodes"]] == ["pouring", "paper-test1"]
+    assert [(each["demo"], each["episode"]) for each in json.loads(out)["episodes"]] == [
+        ("pouring", 0),
+        ("paper-test1", 1),
+    ]
     assert "pbd: lerobot-replay jumps to the first frame, so bring the arm there before: shoulder_pan -0.1, " in err
     info = json.loads((elsewhere / "tea/meta/info.json").read_text())
     assert (info["total_episodes"], info["total_tasks"]) == (2, 1)
+    assert main(["export", "paper-test1", "--robot", "so101", "--format", "lerobot", "-o", "tea"]) == 0
+    assert "pbd: episode 2 (lerobot-replay --dataset.episode=2)\n" in capsys.readouterr().err
     assert main([*several, "--format", "csv"]) == 2
     said = "pbd: several demonstrations are for lerobot; csv has one motion a file\n"
     assert capsys.readouterr().err == said

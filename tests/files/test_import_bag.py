@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from rosbags.rosbag2 import storage_mcap
 
 from pbd.cli import main
 from pbd.data import Recording
@@ -133,3 +134,20 @@ def test_what_is_no_bag_is_refused(tmp_path: Path, recording: Recording) -> None
     (tmp_path / "bomb.mcap").write_bytes(bag.read_bytes()[:8] + swelling + bytes(37))
     with pytest.raises(RecordingError, match="a chunk of 100 bytes swells to 10000 MB, which is refused"):
         import_file(tmp_path / "bomb.mcap")
+
+
+def test_a_chunk_that_holds_more_than_it_says_is_not_unpacked(tmp_path: Path, recording: Recording) -> None:
+    """Read as a file and in its folder, which are opened by different parts of rosbags."""
+    bag = write_bag(tmp_path / "bag", recording)
+    whole, zstd = bag.read_bytes(), storage_mcap.zstd
+    first = zstd.compress(bytes(1000))
+    for packed in (zstd.compress(bytes(10**8)), first + zstd.compress(bytes(10**8)), first[:-1], b"no zstd"):
+        chunk = struct.pack("<QQQII4sQ", 0, 0, 1000, 0, 4, b"zstd", len(packed)) + packed
+        footer = whole[-37:]
+        bag.write_bytes(whole[:-37] + struct.pack("<BQ", 6, len(chunk)) + chunk + footer)
+        for place in (bag, bag.parent):
+            with pytest.raises(RecordingError, match=r"a chunk of \d+ bytes is damaged, or holds more than it says"):
+                import_file(place)
+    bag.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(RecordingError, match=r"bag\.mcap: its end is missing, .* if you import it instead of"):
+        import_file(bag.parent)

@@ -19,6 +19,7 @@ from pbd.files.exporters import export, export_dataset
 from pbd.pose import Array
 from tests.arm.bundled import arm_of
 from tests.files.test_formats import planned
+from tests.unprivileged import full_disk
 
 NAMES = [
     f"{name}.pos" for name in ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")
@@ -121,6 +122,15 @@ def test_what_it_refuses(tmp_path: Path) -> None:
     (tmp_path / "tea/videos/top.mp4").touch()
     with pytest.raises(PbdError, match="holds a dataset that pbd did not write, or not alone"):
         made(tmp_path / "tea", "so101")
+
+
+@pytest.mark.parametrize("room", [0, 3000, 20000])
+def test_a_full_disk_leaves_the_episodes_that_are_there(tmp_path: Path, room: int) -> None:
+    made(tmp_path / "tea", "so101")
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    with full_disk(room), pytest.raises(PbdError, match=r"tea can't be written \(.+\); give another place"):
+        made(tmp_path / "tea", "so101", ("paper-test1",))
+    assert before == {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
 
 
 def test_without_pyarrow_it_says_what_to_install(

@@ -95,5 +95,5 @@ def test_written_as_it_is_read(tmp_path: Path, hole: float) -> None:
     path = tmp_path / "table.csv"
     values = np.array([[0.0, -1.25], [0.123456789, hole]])
     write_table(path, ("t", "ax"), values, (3, 2))
-    assert path.read_text().splitlines()[:2] == ["t,ax", "0.000,-1.25"]
+    assert path.read_text().splitlines()[:2] == ["t,ax", "0.0,-1.25"]
     assert_array_equal(read_table(path).values, [[0.0, -1.25], [0.123, hole]])

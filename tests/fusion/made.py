@@ -61,7 +61,7 @@ def parts(true: Truth, hand: Array, sigma: float, seed: int = 0, off: Array | No
         by_device = np.zeros((6 * count, DEVICE))
         messages.append(Message(p @ back.T, R, by_device, cov, none, zero, none, PRIOR, none))
     at = (np.arange(count),) * takes
-    return Parts(tuple(messages), at, at, (0,) * takes)
+    return Parts(tuple(messages), at, at, (0,) * takes, np.zeros(count, dtype=np.intp))
 
 
 def begun(true: Truth) -> State:
@@ -69,8 +69,8 @@ def begun(true: Truth) -> State:
     return State(
         true.m + 0.003,
         rotations(np.full(3, 0.02)) @ true.A,
-        true.yaw + 0.02 * (true.yaw != 0.0),
-        true.c,
+        (true.yaw + 0.02 * (true.yaw != 0.0))[None],
+        true.c[None],
         true.Q,
         np.zeros_like(true.lever),
         np.zeros((1, DEVICE)),

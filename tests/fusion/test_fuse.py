@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 import pbd
-from pbd.data import Demonstration, HandPath
+from pbd.data import Calibration, Contact, Demonstration, HandPath, Place
 from pbd.errors import RecordingError, TrackingError
 from pbd.fusion.calibration import device_errors
 from pbd.pipeline import track
+from pbd.pose import Pose
 from pbd.simulation.sensor_model import SENSOR_MODELS
 from pbd.tracking.keyframes import find_keyframes
 from tests.benchmarks.fuse import Scenario, hand_poses, one_device, takes_of
@@ -107,3 +108,35 @@ def test_an_outlier_take_is_named_and_left_out(takes: list[Demonstration]) -> No
     with pytest.warns(match="far is left out: it is far from the other takes"):
         fused = pbd.fuse([far, *takes[1:]])
     assert len(fused.stops) == 7
+
+
+def test_what_takes_know_of_their_stops_counts_in_each(path: HandPath, takes: list[Demonstration]) -> None:
+    true, wxyz = hand_poses(takes_of(Scenario("wt901", 1), SEED)[1])
+    middles = [[keyframe.t for keyframe in find_keyframes(track(take.recording))] for take in takes]
+    height = float(true[5, 2] - true[0, 2])
+
+    def knowing(z: float) -> list[Demonstration]:
+        contacts = [Contact(t[5], height=z, sigma_m=5e-4) for t in middles]
+        return [replace(take, contacts=(contact,)) for take, contact in zip(takes, contacts, strict=True)]
+
+    surer = pbd.fuse(knowing(height))
+    assert surer.cov[5, 2, 2] < 0.5 * path.cov[5, 2, 2]
+    with pytest.raises(TrackingError, match=r"take 1: demo.toml says that .* above its first rest, but it is .* off"):
+        pbd.fuse(knowing(height + 0.1))
+    dock = Pose(np.array((0.4, 0.0, 0.2)), wxyz[0])
+    x, y, z = (dock.p + true[3] - true[0]).tolist()
+    known = replace(takes[1], places=(Place((middles[1][3],), p_base_tool=(x, y, z)),))
+    fused = pbd.fuse([takes[0], known], Calibration("bench", T_base_dock=dock))
+    assert [claim.stop for claim in fused.claims] == [3]
+
+
+def test_keyframes_that_move_with_a_thing_are_found(path: HandPath) -> None:
+    assert path.fusion is not None
+    assert path.fusion.thing is None
+    fused = pbd.fuse(takes_of(Scenario("wt901", 3, thing=(3, 4)), SEED)[0]).fusion
+    assert fused is not None
+    assert fused.thing is not None
+    assert (fused.thing.first, fused.thing.last) == (3, 4)
+    assert fused.thing.moved_m["take 1"] == 0.0
+    assert fused.thing.moved_m["take 2"] > 0.02
+    assert np.nanmax(np.abs([take.off for take in fused.takes])) < 0.01

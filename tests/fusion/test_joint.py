@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -16,8 +18,9 @@ MM = 1e-3
 
 def test_the_derivatives_are_those_of_the_residuals() -> None:
     true = truth(3)
-    takes, x = parts(true, np.array(0.0), MM), begun(true)
-    columns = _Columns(len(x.m), 3, 1)
+    takes, x = replace(parts(true, np.array(0.0), MM), frame=np.array((0, 0, 1, 1, 0, 0))), begun(true)
+    x = replace(x, yaw=np.vstack((x.yaw, x.yaw + 0.01)), c=np.concatenate((x.c, x.c)))
+    columns = _Columns(len(x.m), 2, 3, 1)
     r, J = _residuals(takes, x, columns)
     steps = 1e-6 * np.eye(columns.count)
     found = np.column_stack([(_residuals(takes, _moved(x, step, columns), columns)[0] - r) / 1e-6 for step in steps])
@@ -86,4 +89,4 @@ def test_of_two_takes_none_is_blamed() -> None:
 def test_the_frame_is_the_first_takes() -> None:
     true = truth(3)
     found: State = estimate_jointly(parts(true, np.array(MM), MM), begun(true), alike(6)).state
-    assert (found.yaw[0], *found.c[0], *found.lever[0]) == (0.0, *true.c[0], 0.0, 0.0, 0.0)
+    assert (found.yaw[0, 0], *found.c[0, 0], *found.lever[0]) == (0.0, *true.c[0], 0.0, 0.0, 0.0)

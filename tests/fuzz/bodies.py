@@ -79,7 +79,7 @@ gyr = "deg/s"
 """
 
 
-def _rows(first: str, count: int, step: float, width: int, delimiter: str = ",") -> str:
+def rows(first: str, count: int, step: float, width: int, delimiter: str = ",") -> str:
     times = (first.format(k, step * k) for k in range(count))
     cells = delimiter.join(f"{0.25 * k:g}" for k in range(width))
     return "".join(f"{t}{delimiter}{cells}\n" for t in times)
@@ -89,18 +89,23 @@ _XIO = ",".join(
     f"{what} {axis} ({unit})" for what, unit in (("Gyroscope", "deg/s"), ("Accelerometer", "g")) for axis in "XYZ"
 )
 TABLES = {
-    "Inertial.csv": f"Timestamp (us),{_XIO}\n" + _rows("{0}0000", 12, 0.01, 6),
+    "Inertial.csv": f"Timestamp (us),{_XIO}\n" + rows("{0}0000", 12, 0.01, 6),
     "log.txt": "StartTime：2025-10-09 08:18:09.090\n"
     + "\t".join(["address", "Time(s)", "ax(g)", "ay(g)", "az(g)", "wx(deg/s)", "wy(deg/s)", "wz(deg/s)"])
     + "\n"
-    + _rows("0x50\t 08:18:{0:02d}.500", 12, 0.01, 6, "\t"),
+    + rows("0x50\t 08:18:{0:02d}.500", 12, 0.01, 6, "\t"),
     "log.csv": "时间,设备名称,片上时间(),加速度X(g),加速度Y(g),加速度Z(g),角速度X(°/s),角速度Y(°/s),角速度Z(°/s)\n"
-    + _rows("2026-10-02 07:48:{0:02d}.830,WT,2025-10-9 8:18:{0}:94", 12, 0.01, 6),
-    "semicolons.csv": "t;ax;ay;az;gx;gy;gz\n" + _rows("0,{0:02d}", 12, 0.01, 6, ";").replace(".", ","),
-    "holes.tsv": "time\tacc_x [g]\tacc_y [g]\tacc_z [g]\n" + _rows("{1:.2f}", 12, 0.01, 3, "\t").replace("0.5", ""),
+    + rows("2026-10-02 07:48:{0:02d}.830,WT,2025-10-9 8:18:{0}:94", 12, 0.01, 6),
+    "semicolons.csv": "t;ax;ay;az;gx;gy;gz\n" + rows("0,{0:02d}", 12, 0.01, 6, ";").replace(".", ","),
+    "holes.tsv": "time\tacc_x [g]\tacc_y [g]\tacc_z [g]\n" + rows("{1:.2f}", 12, 0.01, 3, "\t").replace("0.5", ""),
 }
-MAGNETOMETER = "Timestamp (us),Magnetometer X (a.u.),Magnetometer Y (a.u.),Magnetometer Z (a.u.)\n" + _rows(
+MAGNETOMETER = "Timestamp (us),Magnetometer X (a.u.),Magnetometer Y (a.u.),Magnetometer Z (a.u.)\n" + rows(
     "{0}0000", 12, 0.01, 3
+)
+
+PRINTED = "".join(
+    f"Acceleration X: {0.1 * k:.2f}, Y: 0.10, Z: 9.81 m/s^2\nRotation X: 0.01, Y: {-0.02 * k:.2f}, Z: 0 rad/s\n"
+    for k in range(12)
 )
 
 ARRAYS = {

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import struct
 import tempfile
+import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,10 +27,13 @@ from pbd.files.keyframes import keyframes_toml
 from pbd.files.points import read_points
 from pbd.files.robot import read_robot
 from pbd.record.redecode import decode_raw
+from pbd.sensors.gamepad import GamepadDecoder
 from pbd.sensors.line_layout import layout_from_toml
 from pbd.view.visuals import load_mesh, read_visuals
+from tests.files.test_import_bag import write_bag
 from tests.fuzz import bodies
 from tests.record.speakers import SPEAKERS, random_hand
+from tests.sensors.encoders.gamepad import press, report
 
 ROWS = 30
 
@@ -79,6 +83,14 @@ def _readers() -> dict[str, Reader]:
             "raw.bin",
             lambda path, decoder=decoder, sensor=sensor: decode_raw(path, decoder(), sensor, 100.0),  # type: ignore[misc]
         )
+    grips = [report(10_000 * k, (0.0, 0.0, 1.0), (0.0, 0.0, 0.1 * k)) + press() for k in range(ROWS)]
+    found["raw.bin gamepad"] = Reader(
+        {"raw.bin": b"".join(grips)}, "raw.bin", lambda path: decode_raw(path, GamepadDecoder(), "gamepad", None)
+    )
+    found["printed lines"] = Reader({"printed.log": bodies.PRINTED.encode()}, "printed.log", _printed)
+    found["phone's zip"] = Reader({"walk.zip": _zipped()}, "walk.zip", import_file)
+    for name, mcap in (("bag.mcap", True), ("bag.db3", False)):
+        found[name] = Reader({name: _bag(mcap)}, name, import_file)
     robot = {"mine.toml": bodies.ROBOT, "mine.urdf": bodies.URDF, "mine.srdf": bodies.SRDF, "a.dae": bodies.DAE}
     files = {name: text.encode() for name, text in robot.items()} | {"a.stl": _stl()}
     for name in ("mine.toml", "mine.srdf"):
@@ -99,6 +111,27 @@ def _demonstration() -> dict[str, bytes]:
         found = {path.name: path.read_bytes() for path in folder.iterdir()}
     keyframes = keyframes_toml("tea", bodies.KEYFRAMES, magnetic=False)
     return found | {"keyframes.toml": keyframes.encode(), "demo.toml": bodies.DEMO.encode()}
+
+
+def _bag(mcap: bool) -> bytes:
+    hand = random_hand(ROWS, seed=2)
+    with tempfile.TemporaryDirectory() as inside:
+        write_bag(Path(inside) / "bag", hand, mcap=mcap)
+        return next((Path(inside) / "bag").glob("*.mcap" if mcap else "*.db3")).read_bytes()
+
+
+def _zipped() -> bytes:
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in ("TotalAcceleration", "Gyroscope"):
+            archive.writestr(
+                f"{name}.csv", "time,seconds_elapsed,z,y,x\n" + bodies.rows("{0}0000000,{1:.2f}", 12, 0.01, 3)
+            )
+    return packed.getvalue()
+
+
+def _printed(path: Path) -> object:
+    return import_file(path, rate_hz=100.0)
 
 
 def _update(path: Path) -> object:

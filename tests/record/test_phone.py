@@ -258,6 +258,27 @@ def test_another_experiment_and_another_server_are_told(hands: dict[str, Recordi
             PhonePort(phone.address)
 
 
+def test_an_app_that_tells_no_times_is_too_old(phone: Phone) -> None:
+    """Of phyphox 1.1.7, which has neither /meta nor /time."""
+    newer = phone.answer
+    phone.answer = lambda path, query: b"" if path in ("/meta", "/time") else newer(path, query)  # type: ignore[method-assign]
+    with pytest.raises(
+        SensorError, match=r"tells no times \(/time\), which it does from version 1\.1\.8 on: update the"
+    ):
+        PhonePort(phone.address)
+
+
+def test_rates_of_50_100_and_200_hz_are_joined() -> None:
+    """A slow gyro is the clock: its samples are all there, and none is made between them."""
+    rates = {"acc": 50.0, "gyr": 100.0, "mag": 200.0}
+    way = Task("still", (Waypoint(rest_s=2.0),))
+    slow = {kind: simulate(way, "ideal", rate_hz=hz).recording for kind, hz in rates.items()}
+    with Phone(streams_of(slow)) as phone:
+        samples = heard(phone, 1.2)
+    assert np.diff(times(samples)) == pytest.approx(0.01, abs=1e-5)
+    assert sum(sample.mag is not None for sample in samples) > 0.9 * len(samples)
+
+
 def test_a_phone_without_gyro_or_field_gives_what_it_has(hands: dict[str, Recording]) -> None:
     with Phone(streams_of({"acc": hands["acc"]})) as phone:
         samples = heard(phone, 1.2)

@@ -128,7 +128,8 @@ def test_the_kernels_filter_is_off_while_it_records(tmp_path: Path, monkeypatch:
     monkeypatch.setattr("fcntl.ioctl", kernel.ioctl)
     port = GamepadPort(str(motion))
     assert {info[3] for info in kernel.info.values()} == {0}
-    assert port.read() == b"".join(event(3, axis, 100 * axis) for axis in range(6))  # the axes as they are
+    axes_as_they_are = b"".join(event(3, axis, 100 * axis) for axis in range(6))
+    assert port.read() == event(4, 3, 8192) + axes_as_they_are
     port.close()
     assert {info[3] for info in kernel.info.values()} == {16}
 
@@ -145,9 +146,50 @@ def test_a_loss_is_followed_by_the_axes_as_they_are(tmp_path: Path, monkeypatch:
 
 
 def test_another_motion_sensor_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for resolution, said in (((16384, 131), "16384 for a unit of axis 0"), ((4096, 1024), "1024 for a unit of axis 3")):
+        monkeypatch.setattr("fcntl.ioctl", Kernel(resolution).ioctl)
+        with pytest.raises(SensorError, match=f"counts {said}: it is the motion sensor of no DualSense, "):
+            GamepadPort(str(fifo(tmp_path, said)))
+
+
+def test_a_joy_con_has_its_own_scale_axes_and_stamps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """hid-nintendo: x toward the triggers, y left, z up; 4096 counts are 1 g, 14247 are 1 deg/s; three in a report."""
+    motion, buttons = fifo(tmp_path), fifo(tmp_path, "event6")
     monkeypatch.setattr("fcntl.ioctl", Kernel((4096, 14247)).ioctl)
-    with pytest.raises(SensorError, match="counts 4096 for a unit of axis 0, not 8192: it is no DualSense's"):
-        GamepadPort(str(fifo(tmp_path)))
+    port = GamepadPort(str(motion), str(buttons))
+    data = port.read()
+    counts = {3: 14247, 4: -2 * 14247, 5: 3 * 14247, 0: 1024, 1: -2048, 2: 4096}
+    reading = b"".join(event(3, code, value) for code, value in counts.items()) + event(0, 0, 0)
+    with motion.open("wb", buffering=0) as sensors, buttons.open("wb", buffering=0) as keys:
+        keys.write(event(3, 0, 32767) + event(3, 4, -32767) + event(1, 0x221, 1) + event(0, 0, 0))  # its stick
+        data += port.read()
+        sensors.write(b"".join(event(4, 5, us) + reading for us in (0, 5000, 10000)))
+        data += port.read()
+    port.close()
+    decoder = GamepadDecoder()
+    samples = decoder.feed(data)
+    assert len(samples) == 3
+    assert samples[0].acc == pytest.approx(np.array((0.5, 0.25, 1.0)) * GRAVITY)
+    assert samples[0].gyr == pytest.approx(np.radians((2.0, 1.0, 3.0)))
+    assert samples[0].t_device is None
+    assert decoder.tally.presses == 1
+
+
+def test_a_stick_does_not_move_the_sensor(tmp_path: Path) -> None:
+    """The sticks have the codes of the sensor's axes, in the buttons' device."""
+    motion, buttons = fifo(tmp_path), fifo(tmp_path, "event6")
+    port = GamepadPort(str(motion), str(buttons))
+    with motion.open("wb", buffering=0) as sensors, buttons.open("wb", buffering=0) as keys:
+        sensors.write(report(4000, LEVEL, (0, 0, 0)))
+        data = port.read()
+        keys.write(event(3, 0, 255) + event(0, 0, 0))
+        data += port.read()
+        sensors.write(event(3, 1, 8000) + event(4, 5, 8000) + event(0, 0, 0))
+        data += port.read()
+    port.close()
+    first, second = GamepadDecoder().feed(data)
+    assert first.acc == pytest.approx((0.0, 0.0, GRAVITY))
+    assert second.acc == pytest.approx((0.0, 0.0, GRAVITY * 8000 / 8192))
 
 
 def test_the_buttons_are_those_of_the_same_pad(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

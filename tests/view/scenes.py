@@ -108,6 +108,7 @@ def replay(
             track[int(i)],
             np.diag(np.square(np.array([0.004, 0.005, 0.003, 0.01, 0.01, 0.02]) * (1 + k / 3))),
             None if abs(c) < 0.1 else bool(c < 0),
+            inside=0.9 - 0.05 * k,
         )
         for k, (label, i, c) in enumerate(zip(labels, at, change, strict=True))
     )

@@ -144,6 +144,7 @@ def test_a_click_on_a_keyframe_goes_there(replay: Replay, scene: ReplayScene) ->
         position, rotation = (np.sqrt(np.linalg.eigvalsh(keyframe.cov[i : i + 3, i : i + 3]).max()) for i in (0, 3))
         told = [float(text.replace("\u2212", "-")) for text in row[2:]]
         wanted = [keyframe.t, *(100.0 * keyframe.T_base_tool.p), 1000.0 * position, np.degrees(rotation)]
+        wanted.append(100.0 * (keyframe.inside or 0.0))
         np.testing.assert_allclose(told, wanted, atol=0.0501)
     rows[3].find_element(By.TAG_NAME, "td").click()
     assert replay.time == pytest.approx(scene.keyframes[3].t)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg.lapack import dposv
 
 from pbd.arm.ik.closed_form import closed_form
 from pbd.arm.ik.levenberg_marquardt import SOLVED, Residual, descend_each
@@ -13,7 +12,10 @@ from pbd.arm.ik.solver import solve
 from pbd.arm.ik.starts import manipulability, starts_of
 from pbd.arm.model import ArmModel
 from pbd.arm.tool import Target, target
+from pbd.lapack import lapack
 from pbd.pose import Array, Pose
+
+_dposv = lapack().dposv
 
 MARGIN_RAD = 0.1
 """A joint nearer to a limit than this (rad, or m) costs something."""
@@ -114,7 +116,7 @@ def polish(arm: ArmModel, goal: Target, q: Array) -> Array:
     residual = Residual(arm, goal)
     for i, each in enumerate(q):
         e, J = residual(each)
-        step = J.T @ dposv(J @ J.T + _RIDGE, e)[1]
+        step = J.T @ _dposv(J @ J.T + _RIDGE, e)[1]
         if e @ e > EXACT**2 and step @ step < SAME_RAD**2:
             q[i] = each - step
     return np.clip(q, arm.limits.lower, arm.limits.upper)

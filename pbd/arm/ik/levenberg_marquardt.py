@@ -12,11 +12,13 @@ from collections.abc import Callable
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg.lapack import dposv
 
 from pbd.arm.model import ArmModel, configuration
 from pbd.arm.tool import Target, in_universe, tool_in_universe
+from pbd.lapack import lapack
 from pbd.pose import Array
+
+_dposv = lapack().dposv
 
 SOLVED = 0.999e-5**2
 """Of |e|^2, which is below this only where the tool is within 1e-5 m and 1e-5 rad, whoever rounds."""
@@ -148,7 +150,7 @@ def descend(
         ridge = damping * square + RIDGE
         diagonal += ridge
         while True:
-            step = dposv(H, gradient)[1]
+            step = _dposv(H, gradient)[1]
             if step.dot(step) > MOST_TURN**2:
                 step *= MOST_TURN / max(MOST_TURN, step.max(), -step.min())
             if still and np.abs(step).max() < still:

@@ -30,7 +30,7 @@ def add_record(commands: Commands) -> None:
         "  pbd record tea --sensor witmotion\n"
         "  pbd record tea --sensor sim:pour           without hardware: a simulated hand that pours\n"
         "  pbd record tea --sensor phyphox --port http://192.168.1.20:8080 --grip tap       from a phone\n"
-        "  pbd record tea --sensor gamepad            a DualSense or DualShock 4; its buttons mark the grip\n"
+        "  pbd record tea --sensor gamepad            a DualSense, DualShock 4 or Joy-Con; its buttons mark the grip\n"
         "  pbd record tea --live                      and see the hand, its path and its stops in the browser\n"
         '  pbd record tea --sensor lines --columns "t,ax,ay,az,gx,gy,gz" --unit t=ms --unit acc=g --unit gyr=deg/s',
     )

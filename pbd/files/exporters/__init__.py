@@ -65,11 +65,13 @@ class Export:
         samples: the arm's points.
         counted: what these are called.
         receiver: by each rule of the format's receivers, the largest shares of velocity, acceleration and jerk limits.
+        episode: its number, in a format that has several.
     """
 
     samples: Samples
     counted: str
     receiver: Shares
+    episode: int | None = None
 
 
 def check_format(
@@ -135,7 +137,7 @@ def export(
     with atomic_file(path) as unfinished:
         file_format.write(order, points, unfinished)
         if rules:
-            receiver = check_received(order, file_format.read(unfinished), rules)
+            receiver = check_received(order, file_format.read(unfinished), rules, sampled=file_format.samples)
     if format_name in ROW_BY_ROW:
         worst = max(shares(points, "cubic", robot.limits), key=lambda share: share.value)
         if worst.value > 1.0 + CUBIC_EXCESS:
@@ -171,11 +173,11 @@ def export_dataset(
     orders = [Order("lerobot", trajectory, robot, "", made_from=source, task=task) for trajectory, source in motions]
     points = [lerobot.samples(order) for order in orders]
     before = lerobot.read_episodes(folder, robot)
-    done = []
+    done: list[Export] = []
     with atomic_folder(folder) as unfinished:
         lerobot.write(robot, [*before, *map(lerobot.episode, orders, points)], unfinished)
         written = lerobot.read_episodes(unfinished, robot)[len(before) :]
         for order, sampled, episode in zip(orders, points, written, strict=True):
             found = check_received(order, lerobot.read(robot, episode), lerobot.FILLED_BY, lerobot.DIGITS)
-            done.append(Export(sampled, lerobot.COUNTED, found))
+            done.append(Export(sampled, lerobot.COUNTED, found, len(before) + len(done)))
     return done

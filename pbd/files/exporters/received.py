@@ -2,27 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 
 from pbd.data import JointTrajectory, Samples
-from pbd.data.receiver import EPSILON, Rule, Share, evaluate, fill, shares
-from pbd.errors import PlanError
+from pbd.data.receiver import EPSILON, LIMITS, Rule, Share, evaluate, fill, shares
+from pbd.errors import PbdError, PlanError
 from pbd.files.exporters.job import Order
 from pbd.pose import Array
 
 Shares = Mapping[Rule, tuple[Share, Share, Share]]
 
-ROUNDING = 5e-4
-"""Share by which a receiver may exceed a limit between points, from rounding to whole nanoseconds."""
+ROUNDED = 1e-3
+"""Share of a limit by which rounding the points may exceed it, at most: whole nanoseconds do by less than 1e-5."""
+
+RATES_HZ = (20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
+"""Rates that are tried in a refused one's place."""
 
 EXACT_RAD = 1e-5
 """A motion that is nowhere farther than this from the planned one, rad, is where the audit found the planned one to be:
 the pose tolerance of that, and a tenth of its smallest distance on an arm of a metre."""
 
 
-def check_received(order: Order, points: Samples, rules: tuple[Rule, ...], digits: float = EPSILON) -> Shares:
+def check_received(
+    order: Order,
+    points: Samples,
+    rules: tuple[Rule, ...],
+    digits: float = EPSILON,
+    sampled: Callable[[Order], Samples] | None = None,
+) -> Shares:
     """Replay a file's points by each rule; return the largest shares of the velocity, acceleration and jerk limits.
 
     Args:
@@ -30,6 +41,7 @@ def check_received(order: Order, points: Samples, rules: tuple[Rule, ...], digit
         points: as read from the file.
         rules: of the format's receivers.
         digits: how large the last digit of the file's numbers is, as a share of them.
+        sampled: makes the points of another order, to try another rate.
 
     Raises:
         PlanError: a limit would be broken, a keyframe missed, or something touched.
@@ -44,48 +56,63 @@ def check_received(order: Order, points: Samples, rules: tuple[Rule, ...], digit
     for rule in rules:
         found[rule] = used = shares(points, rule, robot.limits, digits)
         worst = max(used, key=lambda share: share.value)
-        if not worst.value <= 1.0 + ROUNDING:
-            if order.rate_hz is not None:
-                how = "give a lower --rate, or none" if rule in ("cubic", "quintic") else "give another --rate"
-            else:
-                how = "give a lower --speed, such as 0.95"
-            what = f"{reached(order, points, rule, worst)}; {how}"
+        if not worst.value <= 1.0:
+            slower = np.floor(100.0 * worst.value ** (-1.0 / (1 + LIMITS.index(worst.limit)))) / 100.0
+            how = f"--margin {100.0 * ROUNDED:g}" if worst.value < 1.0 + ROUNDED else f"{slower:g} times the --speed"
+            what = f"{reached(order, points, rule, worst)}; give {how}"
             raise PlanError(what, joint=robot.joints[worst.joint], value=worst.value, bound=1.0)
-        _check_path(order, points, rule)
+        path = None if order.made_from is None else _other_path(order, points, rule)
+        try:
+            if path is not None:
+                order.source.audit(path)
+        except PlanError as error:
+            rate_hz = _rate_that_works(order, rules, sampled)
+            how = "a lower --speed" if rate_hz is None else f"--rate {rate_hz:g}"
+            raise PlanError(f"{error.message}; give {how}", **error.fields) from None
     return found
+
+
+def _rate_that_works(order: Order, rules: tuple[Rule, ...], sampled: Callable[[Order], Samples] | None) -> float | None:
+    """Try higher rates."""
+    for rate_hz in RATES_HZ:
+        if order.rate_hz is not None and rate_hz > order.rate_hz and sampled is not None:
+            with suppress(PbdError):  # servoj has two rates
+                other = replace(order, rate_hz=rate_hz)
+                check_received(other, sampled(other), rules)
+                return rate_hz
+    return None
 
 
 def reached(order: Order, points: Samples, rule: Rule, worst: Share) -> str:
     """Say how much of a limit is reached, and where."""
     joint, t = order.robot.joints[worst.joint], points.t[worst.point]
+    times = f"{worst.value:.{2 if worst.value > 1.0 + ROUNDED else 7}f}"
     if rule in ("cubic", "quintic"):
         who = f"a controller that fills the gaps between samples by {rule}s"
     else:
         who = "a controller that takes each sample at its time" if rule == "hold" else "the controller"
-    return f"{who} would reach {worst.value:.2f} times {joint}'s {worst.limit} limit, at {t:.2f} s"
+    return f"{who} would reach {times} times {joint}'s {worst.limit} limit, at {t:.2f} s"
 
 
-def _check_path(order: Order, points: Samples, rule: Rule) -> None:
-    """Compare the motion with the planned one; what differs is audited itself.
+def _other_path(order: Order, points: Samples, rule: Rule) -> JointTrajectory | None:
+    """Compare the motion with the planned one; return what is not that, to be audited itself.
 
     Raises:
-        PlanError: the file's polynomials are another motion, or a keyframe is missed, or something touched.
+        PlanError: the file's polynomials are another motion.
     """
-    if order.made_from is None:
-        return
     planned, coefficients, h = order.trajectory, fill(points, rule), np.diff(points.t)
     off = np.zeros(len(h))
     for share in (0.0, 0.5):
         exact = planned.at(points.t[:-1] + share * h).q
         off = np.maximum(off, np.abs(evaluate(coefficients, share * h[:, None]) - exact).max(axis=1))
     if off.max() <= EXACT_RAD:
-        return
+        return None
     if rule in ("cubic", "quintic"):  # these are made to give the planned motion back
         worst = int(np.argmax(off))
         what = f"audit: by {rule}s the file's points miss the planned motion by {off[worst]:.2g} rad"
         raise PlanError(f"{what} at {points.t[worst]:.2f} s; no file was written, please report it", value=off[worst])
     keyframes = zip(planned.keyframe_t.tolist(), planned.keyframe_q, strict=True)
-    path = JointTrajectory(
+    return JointTrajectory(
         joint_names=planned.joint_names,
         knots=points.t,
         coefficients=coefficients[:, :4],
@@ -94,7 +121,6 @@ def _check_path(order: Order, points: Samples, rule: Rule) -> None:
         keyframe_t=np.array([_nearest_t(points, t, q) for t, q in keyframes]),
         keyframe_q=planned.keyframe_q,
     )
-    order.made_from.audit(path)
 
 
 def _nearest_t(points: Samples, t: float, q: Array) -> float:

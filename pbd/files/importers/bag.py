@@ -10,6 +10,7 @@ import mmap
 import os
 import stat
 import struct
+import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -39,7 +40,7 @@ MCAP_MAGIC = b"\x89MCAP0\r\n"
 MCAP_FOOTER = b"\x02" + struct.pack("<Q", 20) + bytes(20) + MCAP_MAGIC
 """What ends an MCAP that has no index (mcap.dev/spec)."""
 
-FOOTER, CHUNK, CHUNK_HEAD = 2, 6, struct.Struct("<QQQI")
+FOOTER, CHUNK, CHUNK_HEAD = 2, 6, struct.Struct("<QQQII")
 
 MOST_SWOLLEN = 50
 """Largest ratio of a chunk's contents to its compressed bytes: numbers from a sensor shrink to a fifth at most."""
@@ -66,11 +67,9 @@ def read_bag(path: Path, topic: str | None = None) -> Recording:
     with _whole(path) as whole:
         try:
             with Reader(whole) as reader:
-                connections = _choose(path, reader.connections, topic)
-                # Without an index rosbags wants the messages in the order of their arrival, which isn't asked for here.
-                read = reader.messages if whole == path else reader.storage.messages_scan
-                for connection, _, data in read(connections):
-                    take[connection.msgtype](data)
+                wanted = _choose(path, reader.connections, topic)
+                for kind, data in _messages(reader, wanted):
+                    take[kind](data)
         except PbdError:
             raise
         except Exception as reason:  # damaged bytes make sqlite, yaml and zstd raise errors of their own
@@ -84,7 +83,8 @@ def read_bag(path: Path, topic: str | None = None) -> Recording:
     t, mag = 1e-9 * (ns - begin), None
     ns_field, tesla = field.all()
     if len(ns_field):
-        mag = Stream.of(1e-9 * (ns_field - begin), 1e6 * tesla).at(t)
+        with np.errstate(all="ignore"):  # what becomes infinite is found with all else that is no number
+            mag = Stream.of(1e-9 * (ns_field - begin), 1e6 * tesla).at(t)
     gyr_or_none = gyr if np.isfinite(gyr).any() else None
     return Recording(t=t, acc=acc, gyr=gyr_or_none, mag=mag, device_rpy=_device_rpy(xyzw))
 
@@ -135,8 +135,20 @@ class _Messages:
             self._values.append(np.hstack(list(known)))
 
 
-def _choose(path: Path, connections: list[Any], topic: str | None) -> list[Any]:
-    """The connections to read."""
+def _messages(reader: Any, wanted: set[tuple[str, str]]) -> Iterator[tuple[str, bytes]]:
+    """Yield type and bytes of the messages of these topics and types, in the files' order: sorting takes as long."""
+    if reader.compression_mode == "message":
+        connections = [each for each in reader.connections if (each.topic, each.msgtype) in wanted]
+        yield from ((connection.msgtype, data) for connection, _, data in reader.messages(connections))
+        return
+    for storage in getattr(reader.storage, "storages", (reader.storage,)):
+        connections = [each for each in storage.connections if (each.topic, each.msgtype) in wanted]
+        scan = getattr(storage, "messages_scan", storage.messages)
+        yield from ((connection.msgtype, data) for connection, _, data in scan(connections))
+
+
+def _choose(path: Path, connections: list[Any], topic: str | None) -> set[tuple[str, str]]:
+    """The topics to read, and their types."""
     imus = sorted({each.topic for each in connections if each.msgtype == IMU})
     if topic is None:
         if not imus:
@@ -154,8 +166,7 @@ def _choose(path: Path, connections: list[Any], topic: str | None) -> list[Any]:
     # Of several fields the one whose name has most in common with the sensor's: /left/imu goes with /left/mag.
     fields = {each.topic for each in connections if each.msgtype == FIELD}
     near = sorted(fields, key=lambda name: (-_alike(name, str(topic)), name))
-    wanted = {(topic, IMU), *((name, FIELD) for name in near[:1])}
-    return [each for each in connections if (each.topic, each.msgtype) in wanted]
+    return {(topic, IMU), *((name, FIELD) for name in near[:1])}
 
 
 def _alike(a: str, b: str) -> int:
@@ -175,22 +186,23 @@ def _device_rpy(xyzw: Array) -> Array | None:
 @contextmanager
 def _whole(path: Path) -> Iterator[Path]:
     """Mend an MCAP whose end is missing, in a copy, and refuse one that swells."""
-    if path.suffix.lower() != ".mcap":
-        yield path
+    for file in [path] if path.suffix.lower() == ".mcap" else sorted(path.glob("*.mcap")):
+        data = _mapped(file)
+        if data[: len(MCAP_MAGIC)] != MCAP_MAGIC:
+            raise RecordingError(f"{file}: it is no MCAP (its first bytes say so); give another file", path=file)
+        parts, end = _whole_records(file, data)
+        if data[-len(MCAP_MAGIC) :] == MCAP_MAGIC and end == len(data) - len(MCAP_MAGIC):
+            continue
+        what = f"{file}: its end is missing, as after a crash; it is read as far as it goes"
+        if file != path:
+            raise RecordingError(f"{what} if you import it instead of its folder", path=file)
+        warnings.warn(what, PbdWarning, stacklevel=2)
+        with TemporaryDirectory() as folder:
+            mended = Path(folder) / "mended.mcap"
+            mended.write_bytes(MCAP_MAGIC + b"".join(data[part] for part in parts) + MCAP_FOOTER)
+            yield mended
         return
-    data = _mapped(path)
-    if data[: len(MCAP_MAGIC)] != MCAP_MAGIC:
-        raise RecordingError(f"{path}: it is no MCAP (its first bytes say so); give another file", path=path)
-    parts, end = _whole_records(path, data)
-    if data[-len(MCAP_MAGIC) :] == MCAP_MAGIC and end == len(data) - len(MCAP_MAGIC):
-        yield path
-        return
-    what = f"{path}: its end is missing, as after a crash; it is read as far as it goes"
-    warnings.warn(what, PbdWarning, stacklevel=2)
-    with TemporaryDirectory() as folder:
-        mended = Path(folder) / "mended.mcap"
-        mended.write_bytes(MCAP_MAGIC + b"".join(data[part] for part in parts) + MCAP_FOOTER)
-        yield mended
+    yield path
 
 
 def _mapped(path: Path) -> mmap.mmap | bytes:
@@ -211,19 +223,40 @@ def _whole_records(path: Path, data: mmap.mmap | bytes, at: int = len(MCAP_MAGIC
     begin = at
     while at + 9 <= len(data):
         kind, (size,) = data[at], struct.unpack_from("<Q", data, at + 1)
-        inside = at + 9 + CHUNK_HEAD.size + 4 + 8
+        inside = at + 9 + CHUNK_HEAD.size + 8
         if kind == CHUNK and inside <= len(data):
-            _, _, contents, _ = CHUNK_HEAD.unpack_from(data, at + 9)
-            (compression,) = struct.unpack_from("<I", data, at + 9 + CHUNK_HEAD.size)
+            _, _, contents, _, compression = CHUNK_HEAD.unpack_from(data, at + 9)
             if contents > min(LARGE, MOST_SWOLLEN * max(size, 10_000)):
                 what = f"a chunk of {size} bytes swells to {contents / 1e6:.0f} MB, which is refused; record it again"
                 raise RecordingError(f"{path}: {what}", path=path, value=contents)
             if at + 9 + size > len(data) and compression == 0:  # its records are as good outside of it
                 inner, end = _whole_records(path, data, inside)
                 return [slice(begin, at), *inner], end
+            if at + 9 + size <= len(data) and compression:
+                packed = data[inside + compression : at + 9 + size]
+                if not _unpacks(data[inside - 8 : inside - 8 + compression], packed, contents):
+                    what = f"a chunk of {size} bytes is damaged, or holds more than it says; record it again"
+                    raise RecordingError(f"{path}: {what}", path=path, value=contents)
         if at + 9 + size > len(data):
             break
         at += 9 + size
         if kind == FOOTER:
             break
     return [slice(begin, at)], at
+
+
+def _unpacks(compression: bytes, packed: bytes, size: int) -> bool:
+    """Whether these bytes are `size` when they are unpacked: rosbags unpacks them whatever they become."""
+    import lz4.frame  # type: ignore[import-untyped]
+
+    if sys.version_info >= (3, 14):
+        from compression import zstd
+    else:
+        from backports import zstd
+    kinds = {b"zstd": zstd.ZstdDecompressor, b"lz4": lz4.frame.LZ4FrameDecompressor}
+    try:
+        unpacker = kinds[compression]()
+        unpacked = unpacker.decompress(packed, max_length=size + 1)
+    except (KeyError, EOFError, RuntimeError, zstd.ZstdError):
+        return False
+    return len(unpacked) == size and unpacker.eof and not unpacker.unused_data

@@ -20,16 +20,16 @@ from pathlib import Path
 from pbd.errors import RecordingError
 from pbd.files.table import Sheet
 
-_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-_PAIR = re.compile(rf"([A-Za-z][\w ./()-]*?)\s*[:=]\s*({_NUMBER})?(?![\d:])")
+_NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
+_PAIR = re.compile(rf"([A-Za-z][\w ./()-]{{0,40}}?)\s{{0,9}}[:=]\s{{0,9}}({_NUMBER})?(?![\d:])")
 _STAMP = re.compile(r"\s*(\d{1,2}:\d{2}:\d{2}\.\d+)\s*->\s*")
-_UNIT = re.compile(rf"{_NUMBER}\s*(m/s\^?2|rad/s|deg/s|dps|uT|g)\s*$")
+_UNIT = re.compile(r"\d\.?\s{0,9}(m/s\^?2|rad/s|deg/s|dps|uT|g)\s*$")
 
 NAMED_LINES = 20
 """How many of the first lines show whether names are beside the numbers."""
 
 LONGEST_LINE = 1000
-"""Longest line that is looked at, characters."""
+"""Characters of a line that are looked at."""
 
 
 def is_printed(text: str) -> bool:
@@ -47,7 +47,7 @@ def printed_sheet(path: Path, text: str) -> Sheet:
     """
     samples: list[dict[str, str]] = [{}]
     units: dict[str, str] = {}
-    for line in text.split("\n"):
+    for line in (whole[:LONGEST_LINE] for whole in text.split("\n")):
         stamp = _STAMP.match(line)
         pairs = _pairs(line[stamp.end() :] if stamp else line)
         if any(name in samples[-1] for name, _ in pairs):

@@ -91,7 +91,6 @@ class PhonePort(Source):
             raise SensorError(f"what answers at {self.device} is no phyphox: {SCAN}", path=self.device) from None
 
     def _open(self) -> None:
-        self.model = _name(read_answer(self._ask("/meta")))
         text = self._ask("/get?" + "&".join(names[0] for names in BUFFERS.values()))
         answer = read_answer(text)
         buffers = answer.get("buffer") if isinstance(answer, dict) else None
@@ -99,6 +98,14 @@ class PhonePort(Source):
             raise ValueError("no buffers")
         if BUFFERS["acc"][0] not in buffers:
             raise SensorError(f"another experiment than pbd's is open on {self.device}: {SCAN}", path=self.device)
+        try:
+            self.model = _name(read_answer(self._ask("/meta")))
+            read_moments(read_answer(self._ask("/time")))
+        except ValueError:
+            raise SensorError(
+                f"phyphox on {self.device} tells no times (/time), which it does from version 1.1.8 on: update the app",
+                path=self.device,
+            ) from None
         if not self._told:
             for kind, names in BUFFERS.items():
                 with suppress(TypeError, KeyError, IndexError):

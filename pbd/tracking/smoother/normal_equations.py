@@ -10,6 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
+from pbd.lapack import lapack
 from pbd.pose import Array
 
 STATE = 15
@@ -105,8 +106,6 @@ class NormalEquations:
 
     def solve(self) -> Solved:
         """Factorise."""
-        from scipy.linalg.lapack import dpbtrf, dtbtrs
-
         m = len(self.diagonal)
         # Jacobi scaling: rotations and metres differ by six orders of magnitude.
         scale = 1.0 / np.sqrt(np.diagonal(self.diagonal, axis1=1, axis2=2))
@@ -119,7 +118,7 @@ class NormalEquations:
         band = rows.reshape(m, STATE, -1)[:, :, :BAND].reshape(m * STATE, BAND).T
         band[0] += DIAGONAL_FLOOR
         del rows, columns
-        cholesky, info = dpbtrf(band, lower=1, overwrite_ab=1)
+        cholesky, info = lapack().dpbtrf(band, lower=1, overwrite_ab=1)
         if info > 0:
             raise np.linalg.LinAlgError("the normal equations are not positive definite")
         # Half the way down: L^-1 of border and gradient.
@@ -130,7 +129,7 @@ class NormalEquations:
             if first:
                 before = slice(at.start - STATE, at.start)
                 right[at][:STATE] -= _blocks(cholesky[:, before])[1][0] @ half[before]
-            half[at], _ = dtbtrs(cholesky[:, at], right[at], uplo="L")
+            half[at], _ = lapack().dtbtrs(cholesky[:, at], right[at], uplo="L")
         return Solved.at_corner(cholesky, scale, half, half.T @ half, self.corner)
 
 
@@ -166,9 +165,7 @@ class Solved:
     @cached_property
     def d(self) -> Array:
         """The step (m, 15) to the minimum."""
-        from scipy.linalg.lapack import dtbtrs
-
-        d, _ = dtbtrs(self.cholesky, -self.half @ np.append(self.d_shared, 1.0), uplo="L", trans="T")
+        d, _ = lapack().dtbtrs(self.cholesky, -self.half @ np.append(self.d_shared, 1.0), uplo="L", trans="T")
         step: Array = d.reshape(self.scale.shape) * self.scale
         return step
 
@@ -178,11 +175,9 @@ class Solved:
 
     def columns(self, right: Array) -> Array:
         """Covariance of all knots' unknowns times columns: (m, 15, k) -> (m, 15, k)."""
-        from scipy.linalg.lapack import dpbtrs
-
         m, _, k = right.shape
         scaled = (right * self.scale[:, :, None]).reshape(m * STATE, k)
-        own = dpbtrs(self.cholesky, scaled, lower=1)[0].reshape(m, STATE, k)
+        own = lapack().dpbtrs(self.cholesky, scaled, lower=1)[0].reshape(m, STATE, k)
         by_shared = self.selected[2]
         border = np.tensordot(by_shared, right, axes=((0, 1), (0, 1)))
         columns: Array = own * self.scale[:, :, None] + by_shared @ (self.shared @ border)

@@ -4,6 +4,8 @@
 class Keyframes {
   constructor(keyframes, go) {
     this.keyframes = keyframes;
+    this.toleranced = keyframes.some((k) => k.inside !== null);
+    element("inside").hidden = !this.toleranced;
     this.labels = keyframes.map((k, i) => make("button", "", { title: this.title(i), tabIndex: -1, onclick: () => go(k.t), className: this.doubt(i) && "doubted" }));
     this.rows = keyframes.map((k, i) => this.row(k, i, () => go(k.t)));
     element("labels").replaceChildren(...this.labels);
@@ -46,6 +48,7 @@ class Keyframes {
     const [metres, radians] = k.sigma ?? [];
     const sigma = k.sigma ? [digits(1000 * metres, 1), digits((180 / Math.PI) * radians, 1)] : ["", ""];
     row.append(number, name, make("td", digits(k.t, 2)), ...place, ...sigma.map((text) => make("td", text)));
+    if (this.toleranced) row.append(make("td", k.inside === null ? "" : digits(100 * k.inside, 0)));
     return row;
   }
 

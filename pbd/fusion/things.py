@@ -1,0 +1,116 @@
+"""Things that stood elsewhere in some takes: keyframes that move with one, against the others.
+
+Which they are is a comparison of what is left over in both frames, as likelihoods: all keyframes in one frame, or some
+that follow each other in another one, which is turned about the vertical and shifted in each take.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pbd.fusion.alignment import HAND_M, TURN_LEVER_M, Keyframes, Registration, register
+from pbd.pose import lengths, matrix_log, quat_about_z, quat_to_matrix
+
+Index = NDArray[np.intp]
+
+AGAIN_M = 0.003
+"""m: by which a hand misses a place, at least; what is left over may be more, and counts as that then."""
+
+LEAST_GAIN = 10.0
+"""Logarithm of the likelihoods' ratio above which a thing has moved: 1 in 20,000, as far as the noise is normal."""
+
+LEAST_KEYFRAMES, LEAST_LEFT = 2, 3
+"""Fewest keyframes of a thing, by which its turn is known; and of the rest, the dock among them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Moved:
+    """A thing: its first and last keyframe in the takes that show it, and the likelihood's gain in nats.
+
+    `rest` brings a take's nav to the reference's, `back` its keyframes of the thing to where they are there.
+    """
+
+    first: int
+    last: int
+    gain: float
+    reference: int
+    rest: dict[int, Registration]
+    back: dict[int, Registration]
+
+    def put_back(self, take: int, keyframes: Keyframes) -> Keyframes:
+        """The keyframes of a take, as if the thing stood in it as in the reference."""
+        if take not in self.back:
+            return keyframes
+        there = self.rest[take].inverse().after(self.back[take]).of(keyframes)
+        own = np.arange(len(keyframes))
+        inside = (own >= self.first) & (own <= self.last)
+        p = np.where(inside[:, None], there.p, keyframes.p)
+        R = np.where(inside[:, None, None], there.R, keyframes.R)
+        return Keyframes(p, R, keyframes.grip, keyframes.sigma)
+
+
+def moved_thing(takes: Sequence[Keyframes]) -> Moved | None:
+    """The thing that most likely moved, if one did.
+
+    Sought among the takes with the usual number of keyframes and the same grips.
+    """
+    usual = Counter((len(take), take.grip) for take in takes).most_common(1)[0][0]
+    members = [k for k, take in enumerate(takes) if (len(take), take.grip) == usual]
+    count, reference = usual[0], members[0]
+    here, others = takes[reference], members[1:]
+    everything = np.arange(count)
+    rows = 6 * count * len(others)
+    together = sum(_left_over(here, takes[k], everything, everything[:0])[0] for k in others)
+    best: Moved | None = None
+    for first, end in combinations(range(1, count + 1), 2):
+        run, rest = everything[first:end], np.r_[0:first, end:count]
+        if len(run) < LEAST_KEYFRAMES or len(rest) < LEAST_LEFT:
+            continue
+        found = {k: _left_over(here, takes[k], rest, run) for k in others}
+        apart = sum(left for left, _, _ in found.values())
+        # Four more unknowns a take (Schwarz, Annals of Statistics 6, 1978).
+        gain = 0.5 * rows * np.log(max(together, rows) / max(apart, rows)) - 2.0 * len(others) * np.log(rows)
+        if gain < (LEAST_GAIN if best is None else best.gain):
+            continue
+        registered = {k: one for k, (_, one, _) in found.items()}
+        back = {k: one for k, (_, _, one) in found.items()}
+        if max(_shifts(here, takes, run, registered)) > HAND_M:
+            best = Moved(first, end - 1, float(gain), reference, registered, back)
+    return best
+
+
+def _shifts(
+    here: Keyframes, takes: Sequence[Keyframes], run: Index, registered: dict[int, Registration]
+) -> list[float]:
+    """By how much the middle of some keyframes is elsewhere in each take, m."""
+    middle = here.p[run].mean(axis=0)
+    return [float(np.linalg.norm(one.of(takes[k]).p[run].mean(axis=0) - middle)) for k, one in registered.items()]
+
+
+def _left_over(here: Keyframes, there: Keyframes, rest: Index, run: Index) -> tuple[float, Registration, Registration]:
+    """Squared sigmas that are left over, and the two frames of a take: of the rest, and of a run of keyframes."""
+    first = register(here, there, [(i, i) for i in rest.tolist()])
+    second = _turned_and_shifted(here, first.of(there), run).after(first) if len(run) else first
+    square = 0.0
+    for one, at in ((first, rest), (second, run)):
+        moved = one.of(there)
+        off = lengths(moved.p[at] - here.p[at]) ** 2
+        turn = lengths(matrix_log(moved.R[at] @ here.R[at].transpose(0, 2, 1))) ** 2
+        variance = AGAIN_M**2 + here.sigma[at] ** 2 + there.sigma[at] ** 2
+        square += float(((off + TURN_LEVER_M**2 * turn) / variance).sum())
+    return square, first, second
+
+
+def _turned_and_shifted(here: Keyframes, there: Keyframes, at: Index) -> Registration:
+    """Turn about the vertical and shift that bring some keyframes together, the sensor in the hand as it is."""
+    p, q = (one.p[at] - one.p[at].mean(axis=0) for one in (here, there))
+    both = 2.0 * p.T @ q + TURN_LEVER_M**2 * np.einsum("nij,nkj->ik", here.R[at], there.R[at])
+    yaw = float(np.arctan2(both[1, 0] - both[0, 1], both[0, 0] + both[1, 1]))
+    turn = quat_to_matrix(quat_about_z(yaw))
+    return Registration(yaw, here.p[at].mean(axis=0) - turn @ there.p[at].mean(axis=0), np.eye(3))
