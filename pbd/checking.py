@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -10,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from pbd.data import Keyframe
-from pbd.errors import PbdError, PbdWarning
+from pbd.data import Calibration, Keyframe, Robot
+from pbd.errors import PbdError, collected_warnings
 from pbd.files.demo import load_demo
 from pbd.pipeline import track
 from pbd.plots.findings import OFF_SIGMAS
@@ -83,10 +82,17 @@ def check_all(
 
     Returns:
         What was found, in the order of `demos`. One that can't be used is told there, not raised.
+
+    Raises:
+        RobotError, CalibrationError: the robot or its calibration can't be loaded.
     """
     from joblib import Parallel, delayed
 
-    each = Parallel(n_jobs=jobs, return_as="generator")(delayed(check_one)(name, robot) for name in demos)
+    from pbd.planning import load_arm
+
+    arm = None if robot is None else load_arm(robot)
+
+    each = Parallel(n_jobs=jobs, return_as="generator")(delayed(check_one)(name, arm) for name in demos)
     found = []
     for check in each:
         found.append(check)
@@ -95,16 +101,14 @@ def check_all(
     return _compared(found)
 
 
-def check_one(name: str, robot: str | None = None) -> DemoCheck:
-    """Check one demonstration: load it, track it, and plan for the robot that is named."""
+def check_one(name: str, arm: tuple[Robot, Calibration] | None = None) -> DemoCheck:
+    """Check one demonstration: load it, track it, and plan for the robot that is given, on its calibration."""
     check = DemoCheck(name)
-    with warnings.catch_warnings(record=True) as told:
-        warnings.simplefilter("always", PbdWarning)
+    with collected_warnings() as remarks:
         try:
             demo = load_demo(name)
             check = replace(check, duration_s=float(demo.recording.t[-1]))
             path = track(demo)
-            remarks = [str(each.message) for each in told if issubclass(each.category, PbdWarning)]
             plot = demo_plot(path, remarks)
         except PbdError as error:
             return replace(check, why=error.message)
@@ -116,19 +120,14 @@ def check_one(name: str, robot: str | None = None) -> DemoCheck:
             grips=tuple((k, each.grip) for k, each in enumerate(keyframes) if each.grip is not None),
             findings=tuple(finding.words for finding in plot.findings),
         )
-        if robot is None:
+        if arm is None:
             return check
-        from pbd.calibration.frames import with_table
-        from pbd.files.calibration import load_calibration
-        from pbd.files.robot import load_robot
         from pbd.planning import plan
 
-        arm = load_robot(robot)
-        calibration = with_table(load_calibration("default"), arm) if arm.dock is None else arm.dock
         try:
-            return replace(check, motion_s=plan(path, calibration, arm).duration)
+            return replace(check, motion_s=plan(path, arm[1], arm[0]).duration)
         except PbdError as error:
-            return replace(check, refused=f"{robot}: {error.message}")
+            return replace(check, refused=f"{arm[0].name}: {error.message}")
 
 
 def _from_dock(keyframes: Sequence[Keyframe]) -> Array:

@@ -6,8 +6,10 @@ and keeps its traceback.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import ClassVar
+import warnings
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any, ClassVar
 
 
 class PbdError(Exception):
@@ -47,11 +49,32 @@ class PlanError(PbdError):
     exit_code = 3
 
 
+class UsageError(PbdError):
+    """A name, a unit or an option that the caller gave is not known, or doesn't go with another."""
+
+    exit_code = 2
+
+
 class PbdWarning(UserWarning):
     """Something was mended or assumed on the way; the result is sound but the reader should know."""
 
     def __init__(self, message: str) -> None:
         super().__init__(one_line(message))
+
+
+@contextmanager
+def collected_warnings() -> Iterator[list[str]]:
+    """Collect the text of each PbdWarning that is given inside, instead of showing it."""
+    collected: list[str] = []
+
+    def collect(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
+        if issubclass(category, PbdWarning):
+            collected.append(str(message))
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", PbdWarning)
+        warnings.showwarning = collect
+        yield collected
 
 
 LONGEST_MESSAGE = 1000

@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline
 
 import pbd
 from pbd.arm.motion_request import DEMO, LINE, STRAIGHT
-from pbd.arm.wide_moves import off_line
+from pbd.arm.tool_deviation import off_line
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Obstacle, Robot, Stop
 from pbd.data.covariance import PoseCovariance
 from pbd.errors import PbdError, PbdWarning, PlanError, TrackingError

@@ -24,10 +24,6 @@ SHOWN = 2
 
 def run(args: argparse.Namespace) -> None:
     """Check them, print what needs a look first, and fail where one is unusable."""
-    if args.robot:
-        from pbd.files.robot import load_robot
-
-        load_robot(args.robot)  # one that can't be loaded is no demonstration's fault
     checks = sorted(_checked(args), key=_worst_first)
     if args.json:
         print_json({"demos": [_row(check) for check in checks]})

@@ -10,10 +10,9 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from pbd.cli.console import print_json, say, working
-from pbd.cli.options import UsageError
 from pbd.cli.plan_report import moves_json, say_moves, say_torque
 from pbd.cli.steps import plan_demonstration
-from pbd.errors import PbdError, PlanError
+from pbd.errors import PbdError, PlanError, UsageError
 from pbd.files.exporters import ALSO, FOLDERS, FOR_SOME, FORMATS, SUFFIXES, Export, check_format, export, export_dataset
 from pbd.io.atomic import refuse_output
 from pbd.view.terminal import is_closed

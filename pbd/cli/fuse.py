@@ -8,9 +8,9 @@ from pathlib import Path
 
 from pbd.cli.calibrate.sensor import sensor_parts
 from pbd.cli.console import print_json, say, working
-from pbd.cli.options import UsageError
 from pbd.cli.steps import named_calibration, write_figures
 from pbd.data import Demonstration, HandPath
+from pbd.errors import UsageError
 from pbd.files.calibration_edit import calibration_file, update_calibration
 from pbd.files.demo import demo_folder, load_demo, refuse_demo_folder, utc_now, write_demo
 

@@ -18,11 +18,10 @@ from pbd.calibration.success import Success, success_of
 from pbd.calibration.touch_up import touched_poses
 from pbd.calibration.uncertainty import base_sigmas, tool_covariances
 from pbd.cli.console import print_json, say
-from pbd.cli.options import UsageError
-from pbd.cli.steps import load_arm, load_demonstration, named_calibration, plan_options, track_demonstration
+from pbd.cli.steps import load_demonstration, named_calibration, plan_options, track_demonstration
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Robot, SensorEstimate
 from pbd.data.sigma import keyframe_sigmas
-from pbd.errors import RecordingError, listed
+from pbd.errors import RecordingError, UsageError, listed
 from pbd.files.keyframes import NAME, write_keyframes
 from pbd.pose import Array, Pose
 from pbd.view.calibration_tables import base_table
@@ -33,10 +32,12 @@ Rows = list[dict[str, Any]]
 
 def run(args: argparse.Namespace) -> None:
     """Track, map where a robot is named, and print."""
+    from pbd.planning import load_arm
+
     demo = load_demonstration(args.demo)
     if args.save and args.force:
         demo = replace(demo, keyframes=None)
-    robot, calibration = load_arm(args) if args.robot else (None, named_calibration(args))
+    robot, calibration = load_arm(args.robot, args.calibration) if args.robot else (None, named_calibration(args))
     path, keyframes = track_demonstration(demo, args.method, calibration, args.accept_gap)
     if path.claims:
         fits = (f"{fit.saying} (off by {100.0 * fit.off_m:.1f} cm, {fit.sigmas:.1f} sigma)" for fit in path.claims)

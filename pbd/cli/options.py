@@ -9,7 +9,7 @@ from dataclasses import replace
 from keyword import iskeyword
 from typing import TYPE_CHECKING, Any, NoReturn, Protocol
 
-from pbd.errors import PbdError, nearest
+from pbd.errors import nearest
 
 if TYPE_CHECKING:
     from _typeshed import SupportsWrite
@@ -19,12 +19,6 @@ if TYPE_CHECKING:
 _LENGTHS, _ANGLES, _TIMES = "m, cm or mm", "deg or rad", "s or ms"
 CHOICES = {"m": _LENGTHS, "cm": _LENGTHS, "mm": _LENGTHS, "deg": _ANGLES, "rad": _ANGLES, "s": _TIMES, "ms": _TIMES}
 """What the help says to choose from, by the unit that is usual."""
-
-
-class UsageError(PbdError):
-    """Options that are each well formed and don't go together."""
-
-    exit_code = 2
 
 
 class Parser(argparse.ArgumentParser):

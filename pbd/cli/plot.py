@@ -8,10 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from pbd.cli.console import print_json, say, working
-from pbd.cli.options import UsageError
 from pbd.cli.steps import load_demonstration, named_calibration, track_demonstration, write_figures
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe
-from pbd.errors import PbdError, PbdWarning, TrackingError
+from pbd.errors import PbdError, PbdWarning, TrackingError, UsageError
 from pbd.io.atomic import refuse_folder
 
 LONGEST_NAME = 60

@@ -14,14 +14,13 @@ from pathlib import Path
 
 from pbd.calibration.sensor import refuse_other_sensor
 from pbd.cli.console import print_json, say
-from pbd.cli.options import UsageError
 from pbd.cli.recording.device import find_sensor
 from pbd.cli.recording.keys import Keys, Person
 from pbd.cli.recording.screen import PanelScreen, PlainScreen
 from pbd.cli.recording.simulated import Poll, Show, SimulatedHand, simulated_hand
 from pbd.cli.steps import decoder_maker
 from pbd.data import SensorErrors
-from pbd.errors import PbdWarning, SensorError
+from pbd.errors import PbdWarning, SensorError, UsageError
 from pbd.files.calibration import load_calibration
 from pbd.files.demo import demo_folder, refuse_demo_folder, utc_now
 from pbd.record import Outcome, RecordOptions, record

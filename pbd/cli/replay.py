@@ -6,9 +6,9 @@ import argparse
 import math
 
 from pbd.cli.console import print_json, say, working
-from pbd.cli.options import UsageError
 from pbd.cli.plan_report import moves_json, say_moves, say_torque, touching_json
 from pbd.cli.steps import plan_demonstration
+from pbd.errors import UsageError
 from pbd.io.atomic import refuse_output
 from pbd.replay import replay_scene
 from pbd.view.page import write_page

@@ -9,7 +9,7 @@ import numpy as np
 
 from pbd.cli.console import say, working
 from pbd.cli.steps import POINTS_FILE, store_demonstration
-from pbd.errors import SensorError
+from pbd.errors import UsageError
 from pbd.files.demo import demo_folder
 from pbd.files.points import Points
 from pbd.simulation.calibration_tasks import TOUCHED
@@ -28,7 +28,7 @@ NEXT_COMMAND = {
 def run(args: argparse.Namespace) -> None:
     """Simulate, store, and say which step of `pbd calibrate` takes it."""
     if args.rate is not None and args.rate > HIGHEST_HZ:
-        raise SensorError(f"--rate must be at most {HIGHEST_HZ:g} Hz, got {args.rate:g}", value=args.rate)
+        raise UsageError(f"--rate must be at most {HIGHEST_HZ:g} Hz, got {args.rate:g}", value=args.rate)
     with working("simulating"):
         demo = simulate(args.task, args.sensor_model, args.seed, rate_hz=args.rate)
     touched = Points(tuple(TOUCHED), np.array(list(TOUCHED.values()))) if args.task == "touch" else None

@@ -11,9 +11,8 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from pbd.cli.console import print_json, say, working
-from pbd.cli.options import UsageError
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Robot
-from pbd.errors import SensorError
+from pbd.errors import SensorError, UsageError
 from pbd.files.calibration import load_calibration
 from pbd.files.demo import demo_folder, load_demo, newest_demo, utc_now, write_demo
 from pbd.files.points import Points, points_csv
@@ -59,17 +58,6 @@ def track_demonstration(
 def named_calibration(args: argparse.Namespace) -> Calibration | None:
     """Load the calibration that was named, if one was: what a command without a robot tracks with."""
     return load_calibration(args.calibration) if args.calibration else None
-
-
-def load_arm(args: argparse.Namespace) -> tuple[Robot, Calibration]:
-    """Load the robot, and the calibration that was named, the robot's own, or the default."""
-    from pbd.calibration.frames import with_table
-    from pbd.files.robot import load_robot
-
-    robot = load_robot(args.robot)
-    if args.calibration is None and robot.dock is not None:
-        return robot, robot.dock
-    return robot, with_table(load_calibration(args.calibration or "default"), robot)
 
 
 def plan_options(args: argparse.Namespace, robot: Robot, measured: tuple[float, ...] | None = None) -> PlanOptions:
@@ -118,10 +106,10 @@ def plan_demonstration(
     args: argparse.Namespace, measured: tuple[float, ...] | None = None
 ) -> tuple[Demonstration, HandPath, Robot, PlanOptions, Plan]:
     """Load, track, and plan an audited motion; `measured` as in `plan_options`."""
-    from pbd.planning import plan_path
+    from pbd.planning import load_arm, plan_path
 
     demo = load_demonstration(args.demo)
-    robot, calibration = load_arm(args)
+    robot, calibration = load_arm(args.robot, args.calibration)
     path, _ = track_demonstration(demo, args.method, calibration, args.accept_gap)
     options = plan_options(args, robot, measured)
     with working(f"planning for {robot.name}"):
@@ -180,7 +168,8 @@ def decoder_maker(
         also: other names that the command takes, for the message.
 
     Raises:
-        SensorError: the sensor is unknown, or its lines are not described, or wrongly.
+        UsageError: the sensor is unknown, or its lines are not described, or wrongly.
+        SensorError: the TOML file describes them wrongly.
     """
     from pbd.io.opening import read_text
     from pbd.sensors.line_layout import layout_from_options, layout_from_toml, units_from_options
@@ -190,13 +179,17 @@ def decoder_maker(
 
     if sensor not in ("lines", "razor"):
         return protocol(sensor, also).decoder
-    if sensor == "razor":
-        layout = razor_layout(units_from_options(units))
-    elif not args.columns:
-        raise SensorError('name the numbers of a line: --columns "t,ax,ay,az,gx,gy,gz", or a .toml file')
-    elif args.columns.endswith(".toml"):
+    if not args.columns and sensor == "lines":
+        raise UsageError('name the numbers of a line: --columns "t,ax,ay,az,gx,gy,gz", or a .toml file')
+    if sensor == "lines" and args.columns.endswith(".toml"):
         text = read_text(Path(args.columns), SensorError, "give a TOML file")
         layout = layout_from_toml(text, args.columns)
     else:
-        layout = layout_from_options(args.columns, units, args.separator, args.prefix, args.wrap)
+        try:
+            if sensor == "razor":
+                layout = razor_layout(units_from_options(units))
+            else:
+                layout = layout_from_options(args.columns, units, args.separator, args.prefix, args.wrap)
+        except SensorError as error:
+            raise UsageError(error.message, **error.fields) from None
     return lambda: LineDecoder(layout)

@@ -14,10 +14,9 @@ from pbd.calibration.frames import tool_poses
 from pbd.calibration.touch_up import TouchedUp, touched_up
 from pbd.cli.console import print_json, say
 from pbd.cli.keyframes import save_keyframes
-from pbd.cli.options import UsageError
-from pbd.cli.steps import load_arm, load_demonstration, track_demonstration
+from pbd.cli.steps import load_demonstration, track_demonstration
 from pbd.data import Calibration, HandPath, Keyframe, TouchUp
-from pbd.errors import PbdWarning, RecordingError
+from pbd.errors import PbdWarning, RecordingError, UsageError
 from pbd.files.keyframes import LARGEST_NUDGE_M, NAME
 from pbd.files.keyframes_edit import add_touch_up, undo_touch_up
 from pbd.plots.findings import OFF_SIGMAS
@@ -39,8 +38,10 @@ def run(args: argparse.Namespace) -> None:
         raise UsageError("name the keyframe, and how far its tool is off (--by, --at); or --undo alone")
     if not args.undo and (args.by is None) == (args.at is None):
         raise UsageError("say where the tool belongs: --by X Y Z from where it is, or --at X Y Z in base")
+    from pbd.planning import load_arm
+
     demo = load_demonstration(args.demo)
-    _, calibration = load_arm(args)
+    _, calibration = load_arm(args.robot, args.calibration)
     path, keyframes = track_demonstration(demo, "default", calibration, args.accept_gap)
     base = _Base(path, keyframes, calibration)
     before = base.touched(demo.touch_ups)

@@ -6,7 +6,7 @@ from pbd.planning.joints import solve_keyframes
 from pbd.planning.options import PATHS, TIMES, PlanOptions
 from pbd.planning.plan import can_plan, plan, plan_keyframes, plan_path
 from pbd.planning.source import source_of
-from pbd.planning.steps import arm_of, scene_of
+from pbd.planning.steps import arm_of, load_arm, scene_of
 from pbd.planning.values import Plan, Stretch, Touching
 
 __all__ = [
@@ -18,6 +18,7 @@ __all__ = [
     "Touching",
     "arm_of",
     "can_plan",
+    "load_arm",
     "plan",
     "plan_keyframes",
     "plan_path",

@@ -110,7 +110,9 @@ def warn_of_wide_moves(arm: ArmModel, motion: Motion) -> None:
 
     wide = [(i, way.wide) for i, way in enumerate(motion.segments) if way.wide is not None and way.kind == STRAIGHT]
     if wide:
-        told = ", ".join(f"to keyframe {i} it will {sweep}{_turns_back(arm, motion, i)}" for i, sweep in wide[:3])
+        told = ", ".join(
+            f"to keyframe {i} it will {deviation}{_turns_back(arm, motion, i)}" for i, deviation in wide[:3]
+        )
         more = f", and {len(wide) - 3} more" if len(wide) > 3 else ""
         warnings.warn(
             f"the tool goes out of its way: {told}{more}; {arm.robot.name} found no line there, so look at it before it"

@@ -25,6 +25,22 @@ if TYPE_CHECKING:
     Hand = Callable[[], Sequence[DemonstratedMove]]
 
 
+def load_arm(robot: str, calibration: str | None = None) -> tuple[Robot, Calibration]:
+    """Load a robot, and the calibration that is named, the robot's own, or the default one.
+
+    Raises:
+        RobotError, CalibrationError: one can't be loaded.
+    """
+    from pbd.calibration.frames import with_table
+    from pbd.files.calibration import load_calibration
+    from pbd.files.robot import load_robot
+
+    arm = load_robot(robot)
+    if calibration is None and arm.dock is not None:
+        return arm, arm.dock
+    return arm, with_table(load_calibration(calibration or "default"), arm)
+
+
 def request_of(
     arm: ArmModel, T_base_tool: Sequence[Pose], q_start: Array, hand: Hand | None, options: PlanOptions
 ) -> MotionRequest:

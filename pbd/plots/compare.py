@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from pbd.calibration.correspondence import rows_in_order
 from pbd.data import HandPath, Keyframe
-from pbd.fusion.alignment import TURN_LEVER_M
+from pbd.fusion.alignment import Keyframes, by_moves
 from pbd.pose import (
     Array,
     Pose,
@@ -100,8 +99,8 @@ class ComparePlot:
 def compare_plot(demos: Sequence[Tracked]) -> ComparePlot:
     """Align demonstrations at their first stop (position and heading, as the dock does it) and match their keyframes.
 
-    nav is the first demonstration's. Where all have as many keyframes they are matched by order, else by
-    `match_in_order` against the first demonstration of those with the most usual number.
+    nav is the first demonstration's. Where all have as many keyframes they are matched by order, else as
+    `pbd fuse` does (what the moves and the grips are like) against the first of those with the most usual number.
 
     Args:
         demos: two or more, each with one keyframe at least.
@@ -116,24 +115,29 @@ def compare_plot(demos: Sequence[Tracked]) -> ComparePlot:
     counts = [len(own) for own in poses]
     usual = Counter(counts)
     reference = counts.index(max(counts, key=lambda count: (usual[count], count)))
-    partners = [match_in_order(poses[reference], own) for own in poses]
+    to_match = [_matched(keyframes) for _, _, keyframes in demos]
+    partners = [_partners(to_match[reference], own) for own in to_match]
     runs = [_run(*demo, T, partner) for demo, T, partner in zip(demos, aligned, partners, strict=True)]
     spreads = [_spread([partner[k] for partner in partners], poses, covs) for k in range(counts[reference])]
     return ComparePlot(tuple(runs), tuple(spreads), len(usual) == 1, tuple(_remarks(demos, partners, reference)))
 
 
-def match_in_order(reference: Sequence[Pose], other: Sequence[Pose]) -> tuple[int | None, ...]:
-    """For each keyframe of the reference its partner's index in the other demonstration, or None.
+def _partners(reference: Keyframes, other: Keyframes) -> tuple[int | None, ...]:
+    """For each keyframe of the reference its partner's index in the other demonstration, or None."""
+    if len(reference) == len(other):
+        return tuple(range(len(other)))
+    partner = dict(by_moves(reference, other))
+    return tuple(map(partner.get, range(len(reference))))
 
-    Each keyframe of the one with fewer gets a partner, in order, such that the sum of squared distances is least
-    (TURN_LEVER_M says what a turn counts). Equal numbers are matched in order.
-    """
-    if len(other) > len(reference):
-        back = match_in_order(other, reference)
-        return tuple(back.index(i) for i in range(len(reference)))
-    distances = np.array([[a.distance(b) for b in other] for a in reference])
-    rows = rows_in_order(((distances * (1.0, TURN_LEVER_M)) ** 2).sum(axis=2))
-    return tuple(rows.index(i) if i in rows else None for i in range(len(reference)))
+
+def _matched(keyframes: Sequence[Keyframe]) -> Keyframes:
+    """What is matched of a demonstration."""
+    return Keyframes(
+        np.array([one.T_nav_sensor.p for one in keyframes]),
+        quat_to_matrix(np.array([one.T_nav_sensor.wxyz for one in keyframes])),
+        tuple(one.grip for one in keyframes),
+        np.zeros(len(keyframes)),
+    )
 
 
 def _run(

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from importlib import import_module
 from types import MappingProxyType
 
-from pbd.errors import SensorError, nearest
+from pbd.errors import SensorError, UsageError, nearest
 from pbd.sensors.decoding import Decoder
 
 COMMAND_PAUSE_S = 0.25
@@ -144,11 +144,11 @@ def protocol(name: str, also: Iterable[str] = ()) -> WireProtocol:
         also: what the caller takes beside protocols, for the error.
 
     Raises:
-        SensorError: there is none.
+        UsageError: there is none.
     """
     if name not in PROTOCOLS:
         known = (*also, *PROTOCOLS)
-        raise SensorError(
+        raise UsageError(
             f"sensor {name!r} is unknown; the sensors are {', '.join(known)}{nearest(name, known)}", value=name
         )
     return PROTOCOLS[name]

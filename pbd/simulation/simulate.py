@@ -22,7 +22,7 @@ from typing import TypeVar
 import numpy as np
 
 from pbd.data import Demonstration, Recording, RecordingInfo, Truth
-from pbd.errors import SensorError, nearest
+from pbd.errors import SensorError, UsageError, nearest
 from pbd.pose import (
     Array,
     quat_about_z,
@@ -77,7 +77,8 @@ def simulate(
         The demonstration: recording, truth at each sample, what is grasped. Its notes say that it is simulated.
 
     Raises:
-        SensorError: a task or sensor of this name is not known; the rate is not above 0; the seed is negative.
+        UsageError: a task or sensor of this name is not known.
+        SensorError: the rate is not above 0; the seed is negative.
     """
     if seed < 0:
         raise SensorError(f"the seed {seed} is negative; give 0 or more", value=seed)
@@ -121,7 +122,7 @@ def simulate(
 
 def _named(known: Mapping[str, _T], name: str, kind: str) -> _T:
     if name not in known:
-        raise SensorError(
+        raise UsageError(
             f"no {kind} is called {name!r}; choose one of {', '.join(known)}{nearest(name, known)}", value=name
         )
     return known[name]

@@ -25,8 +25,8 @@ if TYPE_CHECKING:  # the server of the live viewer makes a page too, and needs n
     from pbd.view.scene import ReplayScene
 
 SCRIPTS = (
-    *("dom.js", "player.js", "quality.js", "room.js", "stage.js", "keyframes.js", "timeline.js", "joints.js"),
-    *("legend.js", "keys.js", "page.js", "live.js", "boot.js"),
+    *("dom.js", "player.js", "render_quality.js", "surroundings.js", "scene_view.js", "keyframes.js"),
+    *("timeline.js", "joints.js", "legend.js", "keys.js", "page.js", "live.js", "boot.js"),
 )
 """In this order they make one script."""
 SCENE_ROOT = "pbd"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 from pathlib import Path
 
@@ -11,8 +10,7 @@ import pytest
 
 from pbd.arm.reach import sample
 from pbd.cli import main
-from pbd.cli.steps import load_arm
-from pbd.planning import PlanOptions
+from pbd.planning import PlanOptions, load_arm
 from pbd.pose import quat_to_matrix
 from tests.arm.bundled import FIVE_JOINTS, FOLDER, NAMES, arm_of
 
@@ -120,9 +118,9 @@ def test_makers_figures() -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_a_calibration_named_by_the_user_wins_over_the_robots_own(name: str, tmp_path: Path) -> None:
     (tmp_path / "c.toml").write_text('format = 1\nname = "c"\n[dock]\nposition = [0.4, 0, 0.2]\nrpy_deg = [0, 0, 0]\n')
-    chosen = [load_arm(argparse.Namespace(robot=name, calibration=c))[1] for c in (None, str(tmp_path / "c.toml"))]
+    chosen = [load_arm(name, c)[1] for c in (None, str(tmp_path / "c.toml"))]
     assert [calibration.name for calibration in chosen] == [f"{name}'s own dock", "c"]
     no_dock = (FOLDER / f"{name}.toml").read_text(encoding="utf-8")
     (tmp_path / "free.toml").write_text(no_dock[: no_dock.index("[dock]")], encoding="utf-8")
-    _, calibration = load_arm(argparse.Namespace(robot=str(tmp_path / "free.toml"), calibration=None))
+    _, calibration = load_arm(str(tmp_path / "free.toml"))
     assert calibration.name == "default"

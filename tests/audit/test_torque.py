@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pbd.audit.arm import AuditArm
-from pbd.audit.torque import find_torque, torques
+from pbd.audit.torque import _inertia, find_torque, torques
 from pbd.cli import main
 from pbd.data import GraspedObject, JointLimits, JointTrajectory, Load, Robot
 from pbd.data.world import holds
@@ -55,6 +55,14 @@ def test_a_pendulum(tmp_path: Path) -> None:
     np.testing.assert_allclose(torques(arm, swing(), t, load)[:, 0], by_hand, atol=1e-12)
     still = 9.81 * (2.0 * rod + 3.0 * ball)
     np.testing.assert_allclose(torques(arm, swing(), t, load, pace=0.0)[:, 0], still, atol=1e-12)
+    slower = still + 0.25 * (by_hand - still)
+    np.testing.assert_allclose(torques(arm, swing(), t, load, pace=0.5)[:, 0], slower, atol=1e-12)
+
+
+@pytest.mark.parametrize(("shape", "size", "about_z"), [("sphere", (0.1,), 2e-3), ("cylinder", (0.1, 0.3), 2.5e-3)])
+def test_what_is_held_is_as_inert_as_it_is_wide(shape: str, size: tuple[float, ...], about_z: float) -> None:
+    """2 kg, 10 cm wide: 2/5 m r^2 and 1/2 m r^2."""
+    assert _inertia(GraspedObject(shape, size, 2.0)).inertia[2, 2] == pytest.approx(about_z)
 
 
 def test_a_link_without_mass_is_named(tmp_path: Path) -> None:

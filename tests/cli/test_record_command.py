@@ -218,19 +218,21 @@ def test_a_simulated_task_grips_by_itself_and_ends_it_where_nobody_could(tmp_pat
 
 
 @pytest.mark.parametrize(
-    ("words", "message"),
+    ("code", "words", "message"),
     [
-        (("--sensor", "witmotoin"), "sensor 'witmotoin' is unknown"),  # before the name, which is taken
-        (("--sensor", "sim:juggle"), "juggle"),
-        (("--sensor", "sim", "--rate", "50"), "a simulated sensor has no port, baud or rate to choose; leave out"),
-        (("--sensor", "witmotion", "--port", "/dev/null", "--baud", "9600"), "/dev/null is not a serial port"),
-        (("--sensor", "razor", "--unit", "gyr=rpm", "--port", "/dev/null"), "'rpm' is not a unit of gyr"),
+        (2, ("--sensor", "witmotoin"), "sensor 'witmotoin' is unknown"),  # before the name, which is taken
+        (2, ("--sensor", "sim:juggle"), "juggle"),
+        (1, ("--sensor", "sim", "--rate", "50"), "a simulated sensor has no port, baud or rate to choose; leave out"),
+        (1, ("--sensor", "witmotion", "--port", "/dev/null", "--baud", "9600"), "/dev/null is not a serial port"),
+        (2, ("--sensor", "razor", "--unit", "gyr=rpm", "--port", "/dev/null"), "'rpm' is not a unit of gyr"),
     ],
 )
-def test_what_can_not_be_opened_is_told(capsys: Capture, elsewhere: Path, words: tuple[str, ...], message: str) -> None:
+def test_what_can_not_be_opened_is_told(
+    capsys: Capture, elsewhere: Path, code: int, words: tuple[str, ...], message: str
+) -> None:
     if "witmotoin" in words:
         (elsewhere / "demos" / "tea").mkdir(parents=True)
-    assert message in refused(capsys, 1, "record", "tea", *words)
+    assert message in refused(capsys, code, "record", "tea", *words)
 
 
 def bytes_of(name: str, rows: int = 400) -> tuple[bytes, ...]:

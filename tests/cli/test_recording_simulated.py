@@ -10,7 +10,7 @@ import pytest
 
 from pbd.cli.recording.simulated import SimulatedHand, simulated_hand
 from pbd.data import GripEvent, Recording
-from pbd.errors import SensorError
+from pbd.errors import SensorError, UsageError
 from pbd.record import Command, Outcome, Status
 from pbd.simulation.emulator import Emulator
 from tests.cli.test_recording_screen import STILL
@@ -107,7 +107,7 @@ def test_it_begins_when_its_port_is_opened_and_is_unplugged_at_the_end() -> None
 
 
 def test_a_task_of_no_name() -> None:
-    with ExitStack() as stack, pytest.raises(SensorError, match="no task is called 'juggle'"):
+    with ExitStack() as stack, pytest.raises(UsageError, match="no task is called 'juggle'"):
         simulated_hand("juggle", stack)
 
 

@@ -11,7 +11,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from pbd.data import GRAVITY, Recording
-from pbd.errors import RecordingError
+from pbd.errors import RecordingError, UsageError
 from pbd.files.importers import import_file
 from pbd.pose import Array
 
@@ -197,8 +197,9 @@ def test_a_date_may_be_the_time(tmp_path: Path) -> None:
 def test_what_cannot_be_told_is_asked_for(
     tmp_path: Path, header: str, columns: dict[str, str], units: dict[str, str], message: str
 ) -> None:
-    with pytest.raises(RecordingError) as caught:
+    with pytest.raises((RecordingError, UsageError)) as caught:
         import_text(tmp_path, two_rows(header), columns, units)
+    assert caught.value.exit_code == (2 if units or "a_x" in columns else 1)
     assert message in caught.value.message
 
 

@@ -5,22 +5,17 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import combinations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from pbd.data import HandPath, Keyframe
 from pbd.data.covariance import PoseCovariance
-from pbd.fusion.alignment import TURN_LEVER_M
 from pbd.pipeline import track
 from pbd.plots.compare import (
     ComparePlot,
     Tracked,
     compare_plot,
-    match_in_order,
     spread_rows,
     spread_table,
 )
@@ -133,49 +128,6 @@ def test_a_missing_and_an_extra_stop_are_told(tracked: list[Tracked]) -> None:
     assert re.fullmatch(
         r"tea 2 has 2 more stops, its keyframes 4 \([\d.]+ s\), 6 \([\d.]+ s\): left out", plot.remarks[0]
     )
-
-
-def line(k: int) -> list[Pose]:
-    """Keyframes 10 cm apart, from left to right and back: most places are visited twice."""
-    there = [0.1 * min(i, 2 * k - i) for i in range(2 * k)]
-    return [Pose(np.array([x, 0.0, 0.0]), quat_about_z(0.0)) for x in there]
-
-
-@settings(max_examples=40)
-@given(st.integers(2, 6), st.data())
-def test_whatever_is_missing_the_others_are_matched(k: int, data: st.DataObject) -> None:
-    poses = line(k)
-    kept = sorted(data.draw(st.sets(st.sampled_from(range(len(poses))), min_size=1)))
-    rng = np.random.default_rng(data.draw(st.integers(0, 99)))
-    other = [Pose(poses[i].p + 0.001 * rng.normal(size=3), poses[i].wxyz) for i in kept]
-    partners = match_in_order(poses, other)
-    # A place visited twice may be taken for its other visit where nothing in between tells: what counts is the place.
-    matched = [i for i, partner in enumerate(partners) if partner is not None]
-    assert [partner for partner in partners if partner is not None] == list(range(len(kept)))
-    assert [poses[i].p[0] for i in matched] == pytest.approx([poses[i].p[0] for i in kept])
-    assert match_in_order(other, poses) == tuple(matched)
-
-
-@settings(max_examples=60)
-@given(st.lists(st.floats(-1.0, 1.0), min_size=1, max_size=6), st.lists(st.floats(-1.0, 1.0), min_size=1, max_size=6))
-def test_the_match_is_the_best_of_all(some: list[float], others: list[float]) -> None:
-    def pose(x: float) -> Pose:
-        return Pose(np.array([x, 0.0, 0.0]), quat_about_z(0.0))
-
-    fewer, more = sorted((some, others), key=len)
-    partners = match_in_order([pose(x) for x in more], [pose(x) for x in fewer])
-    cost = sum((more[i] - fewer[j]) ** 2 for i, j in enumerate(partners) if j is not None)
-    best = min(
-        sum((a - b) ** 2 for a, b in zip(chosen, fewer, strict=True)) for chosen in combinations(more, len(fewer))
-    )
-    assert cost == pytest.approx(best, abs=1e-12)
-
-
-def test_a_turn_counts_as_what_it_moves_at_the_tip() -> None:
-    level, rolled = (Pose.from_rpy(np.zeros(3), (roll, 0.0, 0.0)) for roll in (0.0, 1.0))
-    near, far = (Pose(np.array([x, 0.0, 0.0]), level.wxyz) for x in (0.9 * TURN_LEVER_M, 1.1 * TURN_LEVER_M))
-    assert match_in_order([near, rolled], [level]) == (0, None)
-    assert match_in_order([far, rolled], [level]) == (None, 0)
 
 
 # --- shown ---

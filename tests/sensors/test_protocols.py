@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from pbd.errors import SensorError
+from pbd.errors import SensorError, UsageError
 from pbd.sensors.line_layout import layout_from_options, layout_from_toml
 from pbd.sensors.protocols import PROTOCOLS, protocol
 
@@ -26,7 +26,7 @@ def test_lines_has_to_be_told_its_columns() -> None:
 
 def test_an_unknown_sensor() -> None:
     assert protocol("xsens") is PROTOCOLS["xsens"]
-    with pytest.raises(SensorError, match="'xsense' is unknown; the sensors are os5000, "):
+    with pytest.raises(UsageError, match="'xsense' is unknown; the sensors are os5000, "):
         protocol("xsense")
 
 

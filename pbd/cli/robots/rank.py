@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import warnings
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from pbd.cli.console import print_json, working
-from pbd.cli.steps import load_arm, load_demonstration, track_demonstration
-from pbd.errors import PbdError, PbdWarning
+from pbd.cli.steps import load_demonstration, track_demonstration
+from pbd.errors import PbdError, collected_warnings
 from pbd.files.library import names
 from pbd.view.terminal_tables import make_table, print_csv, print_table
 
@@ -40,14 +39,13 @@ def rank(args: argparse.Namespace) -> None:
 def _row(name: str, demo: Demonstration, path: HandPath) -> dict[str, Any]:
     """How one arm does."""
     from pbd.arm.reach import farthest
-    from pbd.planning import arm_of, plan_path
+    from pbd.planning import arm_of, load_arm, plan_path
 
     row: dict[str, Any] = dict.fromkeys(("reach_m", "farthest_m", "duration_s", "torque", "scale", "why"))
-    row = {"name": name, **row, "warnings": []}
-    with warnings.catch_warnings(record=True) as told:
-        warnings.simplefilter("always", PbdWarning)
+    row = {"name": name, **row}
+    with collected_warnings() as row["warnings"]:
         try:
-            robot, calibration = load_arm(argparse.Namespace(robot=name, calibration=None))
+            robot, calibration = load_arm(name)
             row |= {"reach_m": farthest(arm_of(robot)), "scale": calibration.scale}
             plan = plan_path(path, calibration, robot)
             row["farthest_m"] = max(float(np.hypot(*pose.p[:2])) for pose in plan.T_base_tool)
@@ -55,7 +53,6 @@ def _row(name: str, demo: Demonstration, path: HandPath) -> dict[str, Any]:
             row["torque"] = plan.report.torque and plan.report.torque.share
         except PbdError as error:
             row["why"] = error.message
-    row["warnings"] = [str(each.message) for each in told if issubclass(each.category, PbdWarning)]
     return row
 
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pbd.cli.console import print_json, say, working
-from pbd.cli.options import UsageError
 from pbd.cli.steps import load_demonstration, track_demonstration
+from pbd.errors import UsageError
 from pbd.files.robot import read_robot
 from pbd.pose import quat_to_rpy
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from pbd.cli.options import UsageError
+from pbd.errors import UsageError
 
 DRIVEN = ("so100", "so101")
 

@@ -6,9 +6,8 @@ import argparse
 import sys
 import time
 
-from pbd.cli.options import UsageError
 from pbd.cli.recording.keys import Keys
-from pbd.errors import PbdError
+from pbd.errors import PbdError, UsageError
 
 POLL_S = 0.02
 """How often a key is looked for, s."""

@@ -9,7 +9,6 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from pbd.cli.console import print_json, say
-from pbd.cli.options import UsageError
 from pbd.cli.recording.device import only_port
 from pbd.cli.recording.keys import Keys
 from pbd.cli.run.asking import POLL_S, ask, refuse_nobody
@@ -19,7 +18,7 @@ from pbd.driving.bus import Bus
 from pbd.driving.calibrating import ENDLESS, Calibrating, calibrating
 from pbd.driving.clock import Clock
 from pbd.driving.counts import Counts, names_of
-from pbd.errors import PbdError
+from pbd.errors import PbdError, UsageError
 from pbd.files.servo_calibration import own_servo_calibration, write_servo_calibration
 from pbd.io.atomic import refuse_output
 

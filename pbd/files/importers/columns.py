@@ -9,7 +9,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from pbd.data.units import UNITS, unit_factor
-from pbd.errors import RecordingError, listed, printable
+from pbd.errors import RecordingError, UsageError, listed, printable
 from pbd.files.importers.header_names import TIME_UNITS, our_name, plain, split_unit, why_unread
 from pbd.files.imu_columns import ACC, DEVICE, GYR, MAG
 
@@ -136,18 +136,18 @@ def understand(
         units: channel -> unit, by the caller; -UNIT turns the sign.
 
     Raises:
-        RecordingError: a column or a unit that the caller names isn't known; columns that look inertial aren't
-            understood.
+        UsageError: a channel that the caller names isn't known.
+        RecordingError: a column or its unit isn't known; columns that look inertial aren't understood.
     """
     for channel in units:
         if channel not in UNITS:
-            raise RecordingError(f"no unit can be given for '{channel}'; give it for {', '.join(UNITS)}", value=channel)
+            raise UsageError(f"no unit can be given for '{channel}'; give it for {', '.join(UNITS)}", value=channel)
     words = {plain(name) for name in header}
     program = next((p for p in PROGRAMS if p.header <= words and re.search(p.preamble, preamble)), None)
     found = {ours: (name, 1.0, "its name") for ours, name in _by_name(header).items()}
     for ours, name in columns.items():
         if ours not in CHANNEL_OF:
-            raise RecordingError(f"unknown channel '{ours}'; choose one of {', '.join(CHANNEL_OF)}", value=ours)
+            raise UsageError(f"unknown channel '{ours}'; choose one of {', '.join(CHANNEL_OF)}", value=ours)
         turned = name not in header and name.startswith("-")
         name = name[1:] if turned else name
         if name not in header:
@@ -204,7 +204,7 @@ def _unit(
     sign = -1.0 if unit.startswith("-") else 1.0
     unit = unit.removeprefix("-")
     if unit_factor(channel, unit) is None:
-        raise RecordingError(
+        raise (UsageError if by == "--unit" else RecordingError)(
             f"{path}: the unit '{printable(given)}' of column '{printable(name)}' is not known; give one of "
             f"{', '.join(UNITS[channel])} with --unit {channel}=UNIT",
             path=path,

@@ -49,7 +49,7 @@ async function boot() {
   const code = document.createElement("script");
   code.textContent = new TextDecoder().decode(await unpacked("viewer-code"));
   document.head.append(code);
-  const stage = new Stage(document.getElementById("pane"));
+  const stage = new SceneView(document.getElementById("pane"));
   const handle = stage.viewer.handle_command.bind(stage.viewer);
   stage.viewer.handle_command = (command) => {
     if (command.property === "live") {

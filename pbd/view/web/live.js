@@ -9,7 +9,7 @@ class LivePage {
     this.stage = stage;
     this.card = element("live");
     this.stops = 0;
-    this.room = null;
+    this.surroundings = null;
     stage.robot = false;
     this.axes = ["x", "y", "z"].map((name) => Object.assign(document.createElement("i"), { textContent: name }));
     for (const id of ["recording", "live"]) element(id).hidden = false;
@@ -22,8 +22,8 @@ class LivePage {
     this.say(words);
     const { stops, room } = words;
     if (stops !== this.stops || !this.stage.labels.length) this.number(stops);
-    if (String(room) === String(this.room)) return;
-    this.room = room;
+    if (String(room) === String(this.surroundings)) return;
+    this.surroundings = room;
     this.look(this.stage.framed);
   }
 
@@ -67,7 +67,7 @@ class LivePage {
     const { stage } = this;
     const { camera } = stage;
     const { target } = stage.viewer.controls;
-    const [[x, y, z], [X, Y, Z]] = this.room;
+    const [[x, y, z], [X, Y, Z]] = this.surroundings;
     const first = !stage.bounds.length;
     const from = [camera.position.clone(), target.clone()];
     stage.framed = follow;

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
-from pbd.arm.timing.path_smoothing import OFF_RAD, Curve, curved_move
+from pbd.arm.timing.path_smoothing import Curve, curved_move
 from pbd.arm.timing.piecewise_cubic import PiecewiseCubic
 from pbd.arm.timing.ptp import ptp_move
 from pbd.data import JointLimits
@@ -58,7 +58,7 @@ def test_limits_are_kept_ends_are_met_and_the_curve_is_followed(jerk: float, see
     assert all(share <= 1.0 + 1e-4 for share in shares(pieces, limits))
     assert max(shares(pieces, limits)) > 0.99
     np.testing.assert_allclose(at(pieces)[[0, -1]], waypoints[[0, -1]], atol=1e-12)
-    assert off(pieces, curve) < np.sqrt(3) * OFF_RAD  # of three joints
+    assert off(pieces, curve) < np.sqrt(3) * 1e-3  # rad, of three joints
 
 
 @settings(max_examples=15)

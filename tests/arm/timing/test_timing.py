@@ -13,6 +13,7 @@ from ruckig import InputParameter, Ruckig, Trajectory
 from pbd.arm.model import ArmModel, load_model
 from pbd.arm.timing.moves import APPROACH_SPEED, Move, time_moves
 from pbd.arm.timing.piecewise_cubic import WITHIN
+from pbd.arm.timing.ptp import ptp_move
 from pbd.data import JointTrajectory, Robot
 from pbd.errors import PbdWarning, PlanError
 from pbd.pose import Array
@@ -214,3 +215,8 @@ def test_the_way_back_comes_after_the_last_dwell_and_stroke(arm: ArmModel) -> No
     assert trajectory.gripper_t[-1] == pytest.approx(timed.spans[1, 1] + stroke, rel=1e-12)
     np.testing.assert_allclose(trajectory.q[-1], arm.robot.home, atol=1e-12)
     assert len(trajectory.keyframe_t) == 2
+
+
+def test_the_shortest_move_takes_a_millisecond(arm: ArmModel) -> None:
+    q = np.array(arm.robot.home)
+    assert ptp_move(q, q + 1e-12, arm.limits, 1.0).durations.sum() == pytest.approx(1e-3)

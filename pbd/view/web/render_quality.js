@@ -2,14 +2,14 @@
 
 // How finely the scene is drawn. A graphics card draws everything at once. Without one (software rendering), what moves
 // is drawn coarsely and without shadows, and as soon as it stands still, again with all that there is.
-class Quality {
+class RenderQuality {
   static software = /swiftshader|llvmpipe|software|basic render/i;
   static coarse_pixels = 8e5;
   static settle_ms = 250;
 
   constructor(THREE) {
     this.THREE = THREE;
-    this.slow = Quality.software.test(Quality.graphics());
+    this.slow = RenderQuality.software.test(RenderQuality.graphics());
     this.renderer = new THREE.WebGLRenderer({ antialias: !this.slow, alpha: true });
     this.renderer.outputEncoding = THREE.sRGBEncoding;
     this.renderer.shadowMap.enabled = true;
@@ -41,9 +41,9 @@ class Quality {
       return;
     }
     const [width, height] = this.size;
-    this.draw(scene, camera, Math.min(1, Math.sqrt(Quality.coarse_pixels / (width * height))), false);
+    this.draw(scene, camera, Math.min(1, Math.sqrt(RenderQuality.coarse_pixels / (width * height))), false);
     clearTimeout(this.settled);
-    this.settled = setTimeout(() => requestAnimationFrame(() => this.drawSmooth(scene, camera)), Quality.settle_ms);
+    this.settled = setTimeout(() => requestAnimationFrame(() => this.drawSmooth(scene, camera)), RenderQuality.settle_ms);
   }
 
   draw(scene, camera, ratio, shadows) {

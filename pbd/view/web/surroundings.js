@@ -1,7 +1,7 @@
 "use strict";
 
 // What is around the scene: light, the ground or the table, and what the robot stands on. Colours are the style sheet's.
-class Room {
+class Surroundings {
   // `bounds` are points around all that is shown; `robot`: whether a robot stands there.
   constructor(THREE, bounds, table, robot) {
     this.THREE = THREE;

@@ -2,10 +2,10 @@
 
 // The scene on the page: the viewer, the camera, and the numbers at the keyframes. What is in it came as meshcat commands.
 // The scene's own axes are the robot's base, z up; three.js' world has y up.
-class Stage {
+class SceneView {
   constructor(pane) {
     this.THREE = MeshCat.THREE;
-    this.quality = new Quality(this.THREE);
+    this.quality = new RenderQuality(this.THREE);
     pane.append(this.quality.renderer.domElement);
     this.viewer = new MeshCat.Viewer(pane, true, this.quality.renderer);
     for (const name of ["Lights", "Grid", "Axes"]) this.viewer.delete_path([name]);
@@ -71,10 +71,10 @@ class Stage {
   // Light, and what the robot stands on; `table` is its height in base, or null.
   furnish(table) {
     this.table = table;
-    if (this.room) this.viewer.scene.remove(this.room.group);
-    this.room = new Room(this.THREE, this.bounds, table, this.robot);
-    this.viewer.scene.add(this.room.group);
-    this.quality.caster = this.room.key;
+    if (this.surroundings) this.viewer.scene.remove(this.surroundings.group);
+    this.surroundings = new Surroundings(this.THREE, this.bounds, table, this.robot);
+    this.viewer.scene.add(this.surroundings.group);
+    this.quality.caster = this.surroundings.key;
     this.viewer.set_dirty();
   }
 

@@ -1,0 +1,37 @@
+"""What a configuration costs, which of several is nearest, and how exactly a pose is met."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pbd.arm.ik.branches import _nearest_first, configuration_cost, polish
+from pbd.arm.ik.levenberg_marquardt import residual_at
+from pbd.arm.tool import target
+from tests.arm.bundled import arm_of
+
+STRAIGHT_ELBOW = np.array([0.0, -1.57, 0.0, -1.57, 1.57, 0.0])
+
+
+def test_a_joint_within_a_tenth_of_a_radian_of_its_limit_costs() -> None:
+    arm = arm_of("panda")
+    near = np.array(arm.robot.home)
+    near[6] = arm.limits.upper[6] - 0.05
+    home, at = configuration_cost(arm, np.stack((arm.robot.home, near)))
+    assert at - home == pytest.approx(0.3 * 0.5**2, abs=1e-9)
+
+
+def test_a_singular_elbow_costs() -> None:
+    assert configuration_cost(arm_of("ur5"), STRAIGHT_ELBOW[None]) == pytest.approx(0.3, rel=0.01)
+
+
+def test_a_whole_turn_is_no_distance() -> None:
+    q = STRAIGHT_ELBOW + np.array([[1.0], [2.0 * np.pi - 0.1]]) * np.eye(6)[5]
+    assert _nearest_first(arm_of("ur5"), q, STRAIGHT_ELBOW[None]).tolist() == [1, 0]
+
+
+def test_solutions_are_polished_to_rounding() -> None:
+    arm, q = arm_of("panda"), np.array(arm_of("panda").robot.home)
+    goal = target(arm.forward(q))
+    polished = polish(arm, goal, q[None] + 1e-6)
+    assert np.linalg.norm(residual_at(arm, goal, polished[0])[0]) < 1e-10
