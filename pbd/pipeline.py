@@ -15,8 +15,8 @@ from pbd.data import Calibration, Demonstration, HandPath, Known, Recording, Sen
 from pbd.errors import PbdWarning, RecordingError, TrackingError
 from pbd.pose import Array, quat_inverse, quat_log, quat_multiply
 from pbd.tracking.alarm import alarms
+from pbd.tracking.constraint_update import condition_on
 from pbd.tracking.estimate import Estimate, estimate
-from pbd.tracking.known import condition_on
 from pbd.tracking.noise import noise_of
 from pbd.tracking.paper import track_as_paper
 from pbd.tracking.repair.channel_faults import refuse_freezes

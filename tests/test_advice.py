@@ -10,10 +10,10 @@ import pytest
 
 from pbd.data import Obstacle
 from pbd.errors import PlanError, RobotError
-from pbd.io.meshes import read_mesh
 from pbd.planning import PlanOptions, arm_of, plan_keyframes
 from pbd.pose import Pose
 from tests.cli.running import Capture, run
+from tests.reading_meshes import read_mesh
 from tests.test_planning import PANDA, TURN, dock, keyframe, low, planned
 
 

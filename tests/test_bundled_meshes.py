@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pbd.io.meshes import mesh_file, read_mesh
+from pbd.io.meshes import mesh_file
 from pbd.io.urdf import read_urdf_xml
 from tests.arm.bundled import NAMES, arm_of
+from tests.reading_meshes import read_mesh
 from tests.view.scenes import share
 
 FILE = Path(__file__).with_name("bundled_meshes.txt")

@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline
 
 import pbd
 from pbd.arm.motion_request import DEMO, LINE, STRAIGHT
-from pbd.arm.tool_deviation import off_line
+from pbd.arm.wide_moves import off_line
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Obstacle, Robot, Stop
 from pbd.data.covariance import PoseCovariance
 from pbd.errors import PbdError, PbdWarning, PlanError, TrackingError
@@ -361,7 +361,8 @@ def test_a_knob_keeps_turning(yaw_deg: float) -> None:
 
 def test_a_tool_that_is_turned_back_is_told() -> None:
     """Joint 7 of a panda has less than a whole turn."""
-    told = r"out of its way: to keyframe 5 it will turn 271 degrees instead of 90; panda found no line there"
+    back = r"\(panda_joint7 turns back: its range of 33\d degrees is no whole turn\)"
+    told = rf"out of its way: to keyframe 5 it will turn 271 degrees instead of 90 {back}; panda found no line there"
     with pytest.warns(PbdWarning, match=told):
         plan = plan_keyframes(knob(0.0, -90.0), dock(), PANDA)
     assert [segment.wide is not None for segment in plan.segments] == [False] * 5 + [True]

@@ -10,7 +10,7 @@ import numpy as np
 from pbd.arm.collision.scene import Hit
 from pbd.arm.model import ArmModel
 from pbd.arm.motion_request import DETOUR, STRAIGHT, Motion, MotionRequest, Segment
-from pbd.arm.tool_deviation import ToolDeviation, tool_deviation
+from pbd.arm.wide_moves import Sweep, sweep_of
 from pbd.pose import Array, Pose
 
 MOST_PATHS = 4
@@ -28,7 +28,7 @@ class Move:
     """A move to a keyframe: its kind, how else it may be made, and what was found to be in the way of each kind.
 
     `pose_hit`: what the arm touches at the keyframe itself. `tried`: how many pairs of ways to hold the arm were.
-    `found_wide`: on how many of them the tool deviates widely. `wide`: how, once a line was tried instead.
+    `found_wide`: how many of them sweep the tool. `wide`: what is told of it, once a line was tried instead.
     `tool_barred`: what the tool carries touches something on its path, however the arm is held.
     `detour`: nothing else was free, so that any way around is sought; `searched`: how many checks were for that.
     """
@@ -39,7 +39,7 @@ class Move:
     pose_hit: Hit | None = None
     tried: int = 0
     found_wide: int = 0
-    wide: ToolDeviation | None = None
+    wide: Sweep | None = None
     tool_barred: bool = False
     detour: bool = False
     searched: int = 0
@@ -98,8 +98,8 @@ def motion_of(arm: ArmModel, links: Sequence[Link], moves: Sequence[Move], q: Ar
     for i in range(n):
         segment = moves[i].segment(np.vstack(parts[i]))
         if i > 0 and segment.kind == STRAIGHT:
-            deviation = tool_deviation(arm, ends[i - 1], ends[i])
-            segment = replace(segment, off_line_m=deviation.off_line_m, wide=deviation if deviation.wide else None)
+            sweep = sweep_of(arm, ends[i - 1], ends[i])
+            segment = replace(segment, off_line_m=sweep.off_line_m, wide=sweep if sweep.wide else None)
         segments.append(segment)
     back = moves[n].segment(np.vstack(parts[n])) if len(parts) > n and parts[n] else None
     return Motion(np.array(ends), tuple(segments), back)

@@ -12,7 +12,7 @@ from pbd.arm.ik.partial_pose import is_partial
 from pbd.arm.ladder_links import MOST_CHECKED, Link, Move
 from pbd.arm.model import ArmModel
 from pbd.arm.motion_request import MotionRequest
-from pbd.arm.tool_deviation import tool_deviation
+from pbd.arm.wide_moves import sweep_of
 from pbd.pose import Array, Pose
 
 WIDE_COST, MOST_WIDE = 2.0 * np.pi, 40
@@ -55,7 +55,7 @@ class LinkChecks:
             return 0.0
         if wide_known and np.abs(q - q_before).max() > np.pi:
             return 0.0
-        wide = tool_deviation(self.arm, q_before, q).wide
+        wide = sweep_of(self.arm, q_before, q).wide
         move.found_wide += wide
         return WIDE_COST * wide
 

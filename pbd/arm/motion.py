@@ -46,7 +46,7 @@ from pbd.arm.link_checks import WIDE_COST, LinkChecks
 from pbd.arm.model import ArmModel
 from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, Motion, MotionRequest
 from pbd.arm.refusal import UNREACHABLE, Refusal, refuse_move, refuse_pose, tell
-from pbd.arm.tool_deviation import ToolDeviation, tool_deviation
+from pbd.arm.wide_moves import Sweep, sweep_of
 from pbd.pose import Array, Pose
 
 MOST_STRAIGHT, MOST_STRAIGHT_WIDE = 36, 150
@@ -236,24 +236,24 @@ class _Search:
 
     def _make_lines(self, path: Sequence[int]) -> bool:
         """Let the tool follow a line where a straight move leaves it too far, or is wide; say whether any does."""
-        tolerance, wide, made = self.request.tolerance_m, dict[int, ToolDeviation](), False
+        tolerance, wide, made = self.request.tolerance_m, dict[int, Sweep](), False
         q = self.ladder.joints(path)
         for place, link in enumerate(self.links, start=1):
             if self.checks.straight(link, self.moves[link.keyframe]):
-                deviation = tool_deviation(self.arm, q[place - 1], q[place])
-                if tolerance is not None and deviation.off_line_m > tolerance:
+                sweep = sweep_of(self.arm, q[place - 1], q[place])
+                if tolerance is not None and sweep.off_line_m > tolerance:
                     self._follow_path(place, LINE)
                     self.moves[link.keyframe].remedies = ["split", "widen"]
                     made = True
-                elif deviation.wide and self.moves[link.keyframe].wide is None:
-                    wide[place] = deviation
+                elif sweep.wide and self.moves[link.keyframe].wide is None:
+                    wide[place] = sweep
         if made:
             return True
         self.before_line = None
-        for place, deviation in wide.items():
+        for place, sweep in wide.items():
             i = self.links[place - 1].keyframe
             if not self._unwind(i, q[place - 1], q[place]):
-                self.moves[i].wide = deviation
+                self.moves[i].wide = sweep
                 straight = line(*self.request.T_base_tool[i - 1 : i + 1])
                 barred = self.checks.tool_barred(i, straight, q[place - 1], q[place])
                 if barred and self.request.hand is None:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from pbd.arm.collision.scene import Hit
-from pbd.arm.tool_deviation import ToolDeviation
+from pbd.arm.wide_moves import Sweep
 from pbd.pose import Array, Pose
 
 STRAIGHT, LINE, DEMO, DETOUR = "straight", "line", "demo", "detour"
@@ -25,7 +25,7 @@ class MotionRequest:
         kind: of the moves between keyframes: STRAIGHT, LINE or DEMO.
         hand: gives n - 1 paths of the tool as the hand went, asked only where they are needed; or None.
         tolerance_m: a straight move whose tool gets farther from the line is made as LINE; without it one that is
-            wide (see tool_deviation.py) is, where that can be.
+            wide (see sweep.py) is, where that can be.
         detour: where nothing else is free, a DETOUR is sought, unless the tool was to follow something.
     """
 
@@ -55,7 +55,7 @@ class Segment:
     q: Array
     off_line_m: float = 0.0
     avoided: Hit | None = None
-    wide: ToolDeviation | None = None
+    wide: Sweep | None = None
 
     @property
     def curved(self) -> bool:

@@ -11,8 +11,8 @@ from pbd.calibration.point_observations import observe_points
 from pbd.calibration.points import TOUCH_SIGMA_M
 from pbd.calibration.registration import widened
 from pbd.data import Keyframe
-from pbd.data.brief import counted
 from pbd.data.covariance import PoseCovariance
+from pbd.data.one_line_repr import counted
 from pbd.errors import CalibrationError
 from pbd.pose import Array, quat_from_xyzw, quat_inverse, quat_log, quat_multiply, quat_rotate, quat_to_matrix
 

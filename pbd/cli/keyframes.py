@@ -19,7 +19,7 @@ from pbd.calibration.touch_up import touched_poses
 from pbd.calibration.uncertainty import base_sigmas, tool_covariances
 from pbd.cli.console import print_json, say
 from pbd.cli.steps import load_demonstration, named_calibration, plan_options, track_demonstration
-from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Robot, SensorFound
+from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Robot, SensorEstimate
 from pbd.data.sigma import keyframe_sigmas
 from pbd.errors import RecordingError, UsageError, listed
 from pbd.files.keyframes import NAME, write_keyframes
@@ -188,7 +188,7 @@ def _pose(pose: Pose) -> dict[str, Any]:
     return {"base_position_m": pose.p.tolist(), "base_wxyz": pose.wxyz.tolist()}
 
 
-def _sensor_errors(found: SensorFound) -> dict[str, Any]:
+def _sensor_errors(found: SensorEstimate) -> dict[str, Any]:
     """What the recording shows of its sensor, with its sigma, in the units of the names."""
     named = {
         "gyro_bias_deg_s": (found.gyr_bias, math.degrees(1.0)),

@@ -8,12 +8,11 @@ from __future__ import annotations
 
 from pbd.data.arm import Gripper, JointLimits, JointTrajectory, Robot, Samples, Servos
 from pbd.data.calibration import TOOL_DOWN, Calibration, Linear, SensorErrors
+from pbd.data.constraints import ClaimFit, Contact, Known, Place
 from pbd.data.fusion import FusedTake, Fusion, MovedThing
 from pbd.data.keyframe import Keyframe, TouchUp
-from pbd.data.known import ClaimFit, Contact, Known, Place
-from pbd.data.sensor_found import Found, SensorFound
+from pbd.data.sensor_estimate import ErrorEstimate, SensorEstimate
 from pbd.data.tracking import (
-    GRAVITY,
     Demonstration,
     GripEvent,
     HandPath,
@@ -24,6 +23,7 @@ from pbd.data.tracking import (
     Tracking,
     Truth,
 )
+from pbd.data.units import GRAVITY
 from pbd.data.world import GraspedObject, Load, Obstacle
 
 __all__ = [
@@ -33,7 +33,7 @@ __all__ = [
     "ClaimFit",
     "Contact",
     "Demonstration",
-    "Found",
+    "ErrorEstimate",
     "FusedTake",
     "Fusion",
     "GraspedObject",
@@ -55,7 +55,7 @@ __all__ = [
     "Samples",
     "Segment",
     "SensorErrors",
-    "SensorFound",
+    "SensorEstimate",
     "Servos",
     "Stop",
     "TouchUp",

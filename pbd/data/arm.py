@@ -10,9 +10,9 @@ from types import MappingProxyType
 
 import numpy as np
 
-from pbd.data.brief import brief, counted, span
 from pbd.data.calibration import Calibration
 from pbd.data.freeze import freeze
+from pbd.data.one_line_repr import brief, counted, span
 from pbd.pose import Array, Pose
 
 

@@ -8,8 +8,9 @@ from types import MappingProxyType
 
 import numpy as np
 
-from pbd.data.brief import brief, counted
 from pbd.data.freeze import freeze
+from pbd.data.one_line_repr import brief, counted
+from pbd.data.units import GRAVITY
 from pbd.data.world import Obstacle
 from pbd.pose import Array, Pose
 
@@ -67,7 +68,7 @@ class SensorErrors:
     gyr: Linear | None = None
     acc: Linear | None = None
     mag: Linear | None = None
-    gravity: float = 9.80665
+    gravity: float = GRAVITY
     field: float | None = None
     dip: float | None = None
     temperature_c: float | None = None

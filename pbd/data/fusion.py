@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pbd.data.brief import brief, counted
+from pbd.data.constraints import Place
 from pbd.data.freeze import freeze
-from pbd.data.known import Place
+from pbd.data.one_line_repr import brief, counted
 from pbd.pose import Array, Pose
 
 TOLERANCE_SIGMAS = 2.0

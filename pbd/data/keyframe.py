@@ -7,8 +7,8 @@ from functools import partial
 
 import numpy as np
 
-from pbd.data.brief import brief
 from pbd.data.freeze import freeze
+from pbd.data.one_line_repr import brief
 from pbd.pose import Array, Pose
 
 

@@ -8,20 +8,16 @@ from pathlib import Path
 
 import numpy as np
 
-from pbd.data.brief import brief, counted, span
 from pbd.data.calibration import Calibration
+from pbd.data.constraints import ClaimFit, Contact, Known, Place
 from pbd.data.covariance import PoseCovariance
 from pbd.data.freeze import freeze
 from pbd.data.fusion import Fusion
 from pbd.data.keyframe import Keyframe, TouchUp
-from pbd.data.known import ClaimFit, Contact, Known, Place
-from pbd.data.sensor_found import SensorFound
+from pbd.data.one_line_repr import brief, counted, span
+from pbd.data.sensor_estimate import SensorEstimate
 from pbd.data.world import GraspedObject
 from pbd.pose import Array
-
-GRAVITY = 9.80665
-"""Standard gravity, m/s2: what a sensor's unit "g" means. Tracking estimates the local value at rest."""
-
 
 DOUBTED_WEIGHT = 0.8
 """Weight below which a stop is reported as doubtful."""
@@ -214,7 +210,7 @@ class HandPath:
     grip: tuple[GripEvent, ...] = ()
     claims: tuple[ClaimFit, ...] = ()
     tracking: Tracking | None = None
-    sensor: SensorFound | None = None
+    sensor: SensorEstimate | None = None
     fusion: Fusion | None = None
 
     def __post_init__(self) -> None:

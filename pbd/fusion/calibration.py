@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pbd.data import HandPath, Linear, SensorErrors
+from pbd.data.units import MG
 from pbd.errors import CalibrationError
 from pbd.pose import Array
 
@@ -39,7 +40,7 @@ def device_errors(path: HandPath) -> tuple[SensorErrors, dict[str, float]]:
         )
     figures = {
         "takes": float(sum(not take.left_out for take in path.fusion.takes)),
-        "acc_bias_sigma_mg": round(float(found.acc_bias.sigma.max()) / 9.80665e-3, 2),
+        "acc_bias_sigma_mg": round(float(found.acc_bias.sigma.max()) / MG, 2),
         "gyr_scale_sigma_pct": round(100.0 * float(np.diagonal(found.gyr_matrix.sigma).max()), 3),
     }
     return errors, figures

@@ -13,8 +13,8 @@ from pbd.errors import PbdWarning, TrackingError
 from pbd.fusion.messages import Message, conditioned
 from pbd.fusion.takes import Take
 from pbd.pose import Array, Pose, quat_from_matrix, quat_multiply
-from pbd.tracking.known import fits_of, measurement_of
-from pbd.tracking.known_stops import claims_of
+from pbd.tracking.constraint_update import fits_of, measurement_of
+from pbd.tracking.stop_constraints import claims_of
 
 
 def told(

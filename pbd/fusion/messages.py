@@ -163,7 +163,7 @@ def _joint(solved: Solved, knots: Sequence[int]) -> Array:
         right[knot, POS, 6 * k : 6 * k + 3] = np.eye(3)
         right[knot, ROT, 6 * k + 3 : 6 * k + 6] = np.eye(3)
     right[0, ACC_BIAS, n:] = np.eye(3)
-    left, by_shared = solved.columns(right), -solved.selected[2] @ solved.shared
+    left, by_shared = solved.columns(right), -solved.by_shared @ solved.shared
 
     def picked(values: Array) -> Array:
         poses = np.concatenate((values[at, POS], values[at, ROT]), axis=1).reshape(n, -1)

@@ -11,14 +11,14 @@ import numpy as np
 from pbd.data import (
     Calibration,
     Demonstration,
-    Found,
+    ErrorEstimate,
     FusedTake,
     Fusion,
     GripEvent,
     HandPath,
     MovedThing,
     Recording,
-    SensorFound,
+    SensorEstimate,
     Tracking,
 )
 from pbd.data.covariance import PoseCovariance
@@ -212,7 +212,7 @@ def _felt(recording: Recording, mean: MeanWay, name: str, grip: tuple[GripEvent,
     )
 
 
-def _sensor(first: Take, joint: Joint, device: int) -> SensorFound | None:
+def _sensor(first: Take, joint: Joint, device: int) -> SensorEstimate | None:
     """The first take's device, as all its takes show it."""
     alone, errors = first.path.sensor, joint.state.devices[device]
     if alone is None:
@@ -227,10 +227,10 @@ def _sensor(first: Take, joint: Joint, device: int) -> SensorFound | None:
 
     M = shared[GYR_MATRIX].reshape(3, 3) - first.solution.scale * np.eye(3)
 
-    def found(before: Found, value: Array, spread: Array) -> Found:
-        return Found(value, spread, before.expected, before.prior)
+    def found(before: ErrorEstimate, value: Array, spread: Array) -> ErrorEstimate:
+        return ErrorEstimate(value, spread, before.expected, before.prior)
 
-    return SensorFound(
+    return SensorEstimate(
         alone.gyr_bias,
         found(alone.gyr_matrix, M, of_shared[GYR_MATRIX].reshape(3, 3)),
         found(alone.acc_bias, errors[BIAS], sigma[BIAS]),

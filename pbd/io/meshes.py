@@ -69,19 +69,12 @@ def mesh_file(address: str, urdf: Path, package_dirs: Sequence[Path]) -> Path:
     return next((place for place in places if is_file(place)), places[0])
 
 
-def read_mesh(path: Path) -> Soup:
-    """Read a mesh file's triangles, in the file's unit (DAE: metres).
-
-    Raises:
-        RobotError: it can't be read, has no face or too many, or a vertex is no sound number.
-    """
-    return _parse(path, _bytes(path))
-
-
 def from_mesh(
     path: Path, what: str, make: Callable[[Soup], Mapping[str, Any]], *options: object
 ) -> dict[str, NDArray[Any]]:
-    """Work something out from a mesh file, or take it from the user's cache, where it is kept by the file's bytes.
+    """Make something of a mesh file's triangles (in its unit; DAE: metres), or take it from the user's cache.
+
+    There it is kept by the file's bytes.
 
     Args:
         path: the file.
@@ -90,7 +83,7 @@ def from_mesh(
         options: what else the result follows from.
 
     Raises:
-        RobotError: as `read_mesh`.
+        RobotError: it can't be read, has no face or too many, or a vertex is no sound number.
     """
     data = _bytes(path)
     key = hashlib.sha256(repr((_VERSION, path.suffix, *options)).encode() + data).hexdigest()
@@ -104,7 +97,7 @@ def mesh_triangles(path: Path, scale: Sequence[float]) -> Array:
     """Read a mesh's triangles (m, 3, 3), scaled.
 
     Raises:
-        RobotError: as `read_mesh`.
+        RobotError: as `from_mesh`.
     """
     triangles: Array = from_mesh(path, "triangles", lambda soup: {"corners": soup.corners})["corners"] * scale
     return triangles

@@ -16,7 +16,7 @@ from pbd.pose import Array, Pose
 if TYPE_CHECKING:
     from pbd.arm.collision.scene import CollisionScene
     from pbd.arm.model import ArmModel
-    from pbd.arm.motion_request import Segment
+    from pbd.arm.motion_request import Motion
 
 UNSURE_M = 0.05
 """Standard deviation of a keyframe's position above which it is told."""
@@ -104,13 +104,13 @@ def warn_of_table(scene: CollisionScene) -> None:
         )
 
 
-def warn_of_wide_moves(arm: ArmModel, segments: Sequence[Segment]) -> None:
+def warn_of_wide_moves(arm: ArmModel, motion: Motion) -> None:
     """Tell where the tool turns, or strays, much more than it has to."""
     from pbd.arm.motion_request import STRAIGHT
 
-    wide = [(i, way.wide) for i, way in enumerate(segments) if way.wide is not None and way.kind == STRAIGHT]
+    wide = [(i, way.wide) for i, way in enumerate(motion.segments) if way.wide is not None and way.kind == STRAIGHT]
     if wide:
-        told = ", ".join(f"to keyframe {i} it will {deviation}" for i, deviation in wide[:3])
+        told = ", ".join(f"to keyframe {i} it will {sweep}{_turns_back(arm, motion, i)}" for i, sweep in wide[:3])
         more = f", and {len(wide) - 3} more" if len(wide) > 3 else ""
         warnings.warn(
             f"the tool goes out of its way: {told}{more}; {arm.robot.name} found no line there, so look at it before it"
@@ -118,6 +118,16 @@ def warn_of_wide_moves(arm: ArmModel, segments: Sequence[Segment]) -> None:
             PbdWarning,
             stacklevel=4,
         )
+
+
+def _turns_back(arm: ArmModel, motion: Motion, i: int) -> str:
+    """Say which joint turns back by more than half a turn on the way to keyframe i since its range ends there."""
+    way, ranges = np.abs(motion.q[i] - motion.q[i - 1]), arm.limits.upper - arm.limits.lower
+    joint = int(way.argmax())
+    if not arm.turns[joint] or way[joint] <= np.pi or ranges[joint] >= 2.0 * np.pi:
+        return ""
+    holds = f"its range of {np.degrees(ranges[joint]):.0f} degrees is no whole turn"
+    return f" ({arm.robot.joints[joint]} turns back: {holds})"
 
 
 def start_joints(arm: ArmModel, options: PlanOptions) -> Array:

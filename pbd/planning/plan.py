@@ -199,7 +199,7 @@ def _attempt(task: _Task, options: PlanOptions) -> Plan | Refused:
         return prepared
     keyframes, calibration, robot, _, grasped = task
     arm, scene, T_base_nav, T_base_tool, q_start, hand, chosen = prepared
-    warn_of_wide_moves(arm, chosen.segments)
+    warn_of_wide_moves(arm, chosen)
     held = hold(arm, T_base_tool, chosen.q)
 
     def timed_at(speed: float) -> Timed:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from typing import TYPE_CHECKING
@@ -29,8 +29,8 @@ SCALES = (1.0, 0.7, 0.5, 0.35, 0.25)
 """Of the demonstration, tried from the largest on."""
 GRIP_M = 0.15
 """Height over the table of the lowest keyframe, m: the bundled bottle is 0.2 m high."""
-PLACES, TRIED, HOMES = 40, 3, 2
-"""Docks that are weighed at each scale, the best of them that are tried, and branches that are tried for home there."""
+PLACES, MORE_PLACES, TRIED, HOMES = 40, 160, 3, 2
+"""Docks that are weighed at each scale, and in a second round; the best that are tried; branches tried for home."""
 NEAR_M = 0.1
 """A sampled height this near to the one over the table is moved to it, m."""
 YAWS_DEG = (0.0, -90.0, 90.0, 180.0)
@@ -68,13 +68,19 @@ class Suggestion:
     own_table: bool
 
 
-def suggest(robot: Robot, keyframes: Sequence[Keyframe], grasped: GraspedObject | None) -> Suggestion:
+def suggest(
+    robot: Robot,
+    keyframes: Sequence[Keyframe],
+    grasped: GraspedObject | None,
+    tell: Callable[[str], None] = lambda message: None,
+) -> Suggestion:
     """Find a home and a dock; the same question gets the same answer each time.
 
     Args:
         robot: as `read_robot` reads a draft: its dock holds no more than the table's height.
         keyframes: of the demonstration that must be possible.
         grasped: what the gripper takes in it.
+        tell: takes a line after each stage of the search.
 
     Raises:
         RobotError: none was found; its message says what stopped the best.
@@ -87,9 +93,10 @@ def suggest(robot: Robot, keyframes: Sequence[Keyframe], grasped: GraspedObject 
     table = None if robot.dock is None else robot.dock.table_height
     lowest = -min(keyframe.T_nav_sensor.p[2] for keyframe in keyframes)
     why = f"no dock has all keyframes within reach, even at {SCALES[-1]} of the size; correct base or T_body_tool"
-    for table_known, scale in _stages(table, p[R[:, 2, 2] < -DOWN, 2], lowest):
-        docks = list(islice(_docks(arm, (p, R), keyframes, table_known, scale), PLACES))
+    for table_known, scale, places in _stages(table, p[R[:, 2, 2] < -DOWN, 2], lowest):
+        docks = list(islice(_docks(arm, (p, R), keyframes, table_known, scale), places))
         held = _weigh(arm, docks, keyframes)
+        tell(f"{len(held)} of {len(docks)} docks have all keyframes within reach at {scale:g} of the size")
         tried = [_try(robot, arm, dock, keyframes, grasped) for _, dock in held[:TRIED]]
         if planned := [each for each in tried if isinstance(each, tuple)]:
             own, plan = min(planned, key=lambda each: each[1].trajectory.duration)
@@ -143,16 +150,18 @@ def _sampled(arm: ArmModel) -> tuple[Array, Array]:
     return p.astype(np.float64), R.astype(np.float64)
 
 
-def _stages(table: float | None, z_down: Array, lowest: float) -> Iterator[tuple[float | None, float]]:
-    """The table's height (None: any) and the scale, in the order in which they are tried."""
+def _stages(table: float | None, z_down: Array, lowest: float) -> Iterator[tuple[float | None, float, int]]:
+    """The table's height (None: any), the scale, and how many docks, in the order in which they are tried."""
     if table is not None:
-        yield from ((table, scale) for scale in SCALES)
+        yield from ((table, scale, PLACES) for scale in SCALES)
+        yield from ((table, scale, MORE_PLACES) for scale in SCALES[2:])
         return
     # An arm whose tool, pointing down, is as high as what lies on a table stands on that table.
     low, high = np.quantile(z_down, (0.1, 0.9))
     if low <= GRIP_M + lowest <= high:
-        yield from ((0.0, scale) for scale in SCALES[:3])
-    yield from ((None, scale) for scale in SCALES)
+        yield from ((0.0, scale, PLACES) for scale in SCALES[:3])
+    yield from ((None, scale, PLACES) for scale in SCALES)
+    yield from ((height, scale, MORE_PLACES) for height in (0.0, None) for scale in SCALES[2:])
 
 
 def _docks(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from pbd.data import Calibration, JointTrajectory, Keyframe
-from pbd.data.brief import brief
+from pbd.data.one_line_repr import brief
 from pbd.errors import PbdWarning, PlanError
 from pbd.planning.options import demonstrated
 from pbd.pose import Array, Pose

@@ -9,11 +9,10 @@ An axis that didn't change is not sent. Events carry no checksum: an impossible 
 
 from __future__ import annotations
 
-from math import radians
 from struct import Struct
 from typing import NamedTuple
 
-from pbd.data import GRAVITY
+from pbd.data.units import DEG, GRAVITY
 from pbd.sensors.decoding import Sample, Tally, WrappingClock
 
 EVENT = Struct("@qqHHi")
@@ -112,7 +111,7 @@ class GamepadDecoder:
 
     def _sample(self, stamp: int) -> Sample:
         counts = [self._axes.get(axis, 0) for axis in AXES]
-        g, turn = GRAVITY / self._acc_per_g, radians(1.0) / self._pad.gyro_per_deg_s
+        g, turn = GRAVITY / self._acc_per_g, DEG / self._pad.gyro_per_deg_s
         (x, sx), (y, sy), (z, sz) = self._pad.axes
         return Sample(
             acc=(sx * counts[x] * g, sy * counts[y] * g, sz * counts[z] * g),

@@ -22,11 +22,11 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from math import isfinite, pi
+from math import isfinite
 from pathlib import Path
 from types import MappingProxyType
 
-from pbd.data import GRAVITY
+from pbd.data.units import UNITS, unit_factor
 from pbd.errors import SensorError, printable
 from pbd.io.toml import Source, shown
 
@@ -39,17 +39,6 @@ QUANTITIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "t": ("t",),
     }
 )
-
-UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
-    {
-        "acc": {"m/s2": 1.0, "g": GRAVITY, "mg": GRAVITY / 1000.0},
-        "gyr": {"rad/s": 1.0, "deg/s": pi / 180.0, "mdeg/s": pi / 180e3},
-        "mag": {"uT": 1.0, "nT": 1e-3, "mT": 1e3, "T": 1e6, "gauss": 100.0, "mgauss": 0.1},
-        "angle": {"rad": 1.0, "deg": pi / 180.0},
-        "t": {"s": 1.0, "ms": 1e-3, "us": 1e-6},
-    }
-)
-"""In m/s2, rad/s, uT, rad and s; the first of each is taken where none is given."""
 
 ARDUINO_WRAP = 2.0**32
 """millis() and micros() wrap there: the default wrap of a t in ms or us."""
@@ -107,17 +96,16 @@ class LineLayout:
         """Factor from this quantity's unit to the project's."""
         if quantity not in UNITS:
             raise SensorError(f"units are of {', '.join(UNITS)}; {quantity!r} is none of them", value=quantity)
-        units = UNITS[quantity]
-        text = self.units.get(quantity, next(iter(units)))
+        text = self.units.get(quantity, next(iter(UNITS[quantity])))
         match = re.fullmatch(r"\s*([-+\d.eE]*?)\s*([A-Za-z]\S*)\s*", text)
         try:
-            factor = float(match[1] or 1.0) * units[match[2]] if match else 0.0
-        except (ValueError, KeyError):
+            factor = float(match[1] or 1.0) * (unit_factor(quantity, match[2]) or 0.0) if match else 0.0
+        except ValueError:
             factor = 0.0
         if not (isfinite(factor) and factor > 0.0):
             raise SensorError(
-                f"{text!r} is not a unit of {quantity}; give one of {', '.join(units)}, with a number before it if "
-                "needed",
+                f"{text!r} is not a unit of {quantity}; give one of {', '.join(UNITS[quantity])}, with a number "
+                "before it if needed",
                 value=text,
             )
         return factor

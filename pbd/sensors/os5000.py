@@ -17,14 +17,11 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from functools import reduce
-from math import radians
 from operator import le, xor
 
-from pbd.data import GRAVITY
+from pbd.data.units import DEG, GRAVITY, UT_PER_GAUSS
 from pbd.sensors.attitude import from_north_east_down
 from pbd.sensors.decoding import PacketDecoder, Sample, Triple, scaled
-
-UT_PER_MGAUSS, DEG = 0.1, radians(1.0)
 
 LARGEST_G = 20.0
 """Longest acceleration vector, g. No OceanServer compass measures more than 8 g."""
@@ -83,7 +80,7 @@ def _sample(body: bytes) -> Sample | None:
         return None
     return Sample(
         acc=None if acc is None else scaled(acc, GRAVITY),
-        mag=None if mag is None else scaled(mag, UT_PER_MGAUSS),
+        mag=None if mag is None else scaled(mag, 1e-3 * UT_PER_GAUSS),
         rpy=None if angles is None else from_north_east_down(scaled(angles, DEG)),
     )
 

@@ -16,15 +16,14 @@ from __future__ import annotations
 import re
 from binascii import crc_hqx
 from functools import reduce
-from math import isfinite, radians
+from math import isfinite
 from operator import le, xor
 
+from pbd.data.units import DEG, UT_PER_GAUSS
 from pbd.sensors.attitude import from_north_east_down, rpy_from_quaternion
 from pbd.sensors.decoding import PacketDecoder, Sample, Triple, scaled
 from pbd.sensors.vectornav_fields import GROUPS_LENGTH, layout_of
 
-DEG = radians(1.0)
-UT_PER_GAUSS = 100.0
 LONGEST_LINE = 256
 YPR_LIMITS = 180.01, 90.01, 180.01  # deg
 

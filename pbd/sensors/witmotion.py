@@ -17,12 +17,12 @@ import re
 from math import pi
 from struct import Struct
 
-from pbd.data import GRAVITY
+from pbd.data.units import DEG, GRAVITY
 from pbd.sensors.attitude import rpy_from_quaternion
 from pbd.sensors.decoding import PacketDecoder, Sample, Triple, scaled
 
 ACC = 16.0 * GRAVITY / 32768.0
-GYR = 2000.0 / 32768.0 * pi / 180.0
+GYR = 2000.0 / 32768.0 * DEG
 ANGLE = pi / 32768.0
 
 NORM_TOLERANCE = 0.02

@@ -17,17 +17,15 @@ from __future__ import annotations
 
 import re
 from collections import deque
-from math import radians
 from operator import le
 from struct import Struct
 
-from pbd.data import GRAVITY
+from pbd.data.units import DEG, GRAVITY
 from pbd.sensors.attitude import from_north_west_up, rpy_from_quaternion
 from pbd.sensors.decoding import Sample, Tally, Triple, scaled
 
 LONGEST_LINE = 1024  # bytes of a line that are looked at; notes and answers to commands are below 300
 JOIN_US = 200_000
-DEG = radians(1.0)
 LIMITS = {  # of what can be meant: 1.5 times the ranges of 2000 deg/s and 16 g; a field of 1 is about the earth's; deg
     "I": (3000.0, 3000.0, 3000.0, 24.0, 24.0, 24.0),
     "M": (100.0, 100.0, 100.0),

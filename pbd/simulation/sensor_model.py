@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from math import inf, pi, sqrt
+from math import inf, sqrt
 from types import MappingProxyType
 
 import numpy as np
 
-from pbd.data import GRAVITY
+from pbd.data.units import DEG, MG
 from pbd.errors import SensorError
 from pbd.pose import Array, quat_exp, quat_multiply, quat_to_rpy
 
@@ -130,9 +130,6 @@ class SensorModel:
             )
 
 
-_MG, _DEG = 1e-3 * GRAVITY, pi / 180.0
-
-
 def _triad(
     unit: float,
     *,
@@ -145,45 +142,45 @@ def _triad(
     step: float = 0.0,
 ) -> Triad:
     """Noise, bias, bias walk, limit and step in a unit of m/s2 or rad/s. Walk and lean are assumed throughout."""
-    return Triad(noise * unit, bias * unit, walk * unit, scale, lean_deg * _DEG, limit * unit, step * unit)
+    return Triad(noise * unit, bias * unit, walk * unit, scale, lean_deg * DEG, limit * unit, step * unit)
 
 
 _OS5000 = SensorModel(
     "os5000",
     rate_hz=40.0,
-    acc=_triad(_MG, noise=0.4, bias=5.0, walk=0.01, scale=3e-3, lean_deg=0.1, limit=4000.0, step=1.0),
+    acc=_triad(MG, noise=0.4, bias=5.0, walk=0.01, scale=3e-3, lean_deg=0.1, limit=4000.0, step=1.0),
     # assumed: scale as the accelerometer's, 16 bits
-    gyr=_triad(_DEG, noise=0.03, bias=0.3, walk=5e-4, scale=3e-3, lean_deg=0.1, limit=500.0, step=500.0 / 32768),
+    gyr=_triad(DEG, noise=0.03, bias=0.3, walk=5e-4, scale=3e-3, lean_deg=0.1, limit=500.0, step=500.0 / 32768),
     mag=Triad(noise=0.3 / sqrt(40.0), step=0.1),  # assumed: 1 milligauss
-    attitude=AttitudeOutput(time_constant_s=0.3, step=0.1 * _DEG),
+    attitude=AttitudeOutput(time_constant_s=0.3, step=0.1 * DEG),
 )
 
 _WT901 = SensorModel(
     "wt901",
     rate_hz=100.0,
-    acc=_triad(_MG, noise=0.2, bias=20.0, walk=0.01, scale=1e-2, lean_deg=0.2, limit=16000.0, step=16000.0 / 32768),
+    acc=_triad(MG, noise=0.2, bias=20.0, walk=0.01, scale=1e-2, lean_deg=0.2, limit=16000.0, step=16000.0 / 32768),
     # assumed: scale as the accelerometer's
-    gyr=_triad(_DEG, noise=0.02, bias=0.2, walk=5e-4, scale=1e-2, lean_deg=0.2, limit=2000.0, step=2000.0 / 32768),
+    gyr=_triad(DEG, noise=0.02, bias=0.2, walk=5e-4, scale=1e-2, lean_deg=0.2, limit=2000.0, step=2000.0 / 32768),
     mag=Triad(noise=0.2 / sqrt(100.0), step=0.15),  # assumed: that of an AK8963
-    attitude=AttitudeOutput(time_constant_s=0.05, noise=0.1 * _DEG, step=180.0 / 32768 * _DEG),  # assumed, but the step
+    attitude=AttitudeOutput(time_constant_s=0.05, noise=0.1 * DEG, step=180.0 / 32768 * DEG),  # assumed, but the step
 )
 
 _MODERN = SensorModel(
     "modern",
     rate_hz=100.0,
-    acc=_triad(_MG, noise=0.06, bias=2.0, walk=2e-3, scale=1e-3, lean_deg=0.05, limit=16000.0),
+    acc=_triad(MG, noise=0.06, bias=2.0, walk=2e-3, scale=1e-3, lean_deg=0.05, limit=16000.0),
     # assumed: scale as the accelerometer's, limit
-    gyr=_triad(_DEG, noise=0.005, bias=0.05, walk=1e-4, scale=1e-3, lean_deg=0.05, limit=2000.0),
+    gyr=_triad(DEG, noise=0.005, bias=0.05, walk=1e-4, scale=1e-3, lean_deg=0.05, limit=2000.0),
     mag=Triad(noise=0.1 / sqrt(100.0)),
-    attitude=AttitudeOutput(time_constant_s=0.02, noise=0.05 * _DEG),  # assumed
+    attitude=AttitudeOutput(time_constant_s=0.02, noise=0.05 * DEG),  # assumed
 )
 
 _PHONE = SensorModel(
     "phone",
     rate_hz=100.0,
     # assumed: range as most phones have it; scale of both between wt901 and modern; 16 bits
-    acc=_triad(_MG, noise=0.18, bias=20.0, walk=0.01, scale=5e-3, lean_deg=0.2, limit=8000.0, step=8000.0 / 32768),
-    gyr=_triad(_DEG, noise=0.01, bias=0.1, walk=5e-4, scale=5e-3, lean_deg=0.2, limit=2000.0, step=2000.0 / 32768),
+    acc=_triad(MG, noise=0.18, bias=20.0, walk=0.01, scale=5e-3, lean_deg=0.2, limit=8000.0, step=8000.0 / 32768),
+    gyr=_triad(DEG, noise=0.01, bias=0.1, walk=5e-4, scale=5e-3, lean_deg=0.2, limit=2000.0, step=2000.0 / 32768),
     mag=Triad(noise=0.3 / sqrt(100.0), step=0.15),  # assumed: that of an AK0991x
 )
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from pbd.data import SensorFound, Stop
+from pbd.data import SensorEstimate, Stop
 from pbd.data.tracking import DOUBTED_WEIGHT
 from pbd.pose import lengths
 from pbd.tracking.moving_windows import window_moments
@@ -36,7 +36,7 @@ FIELD_CHANGE = 0.25
 """Relative change of the magnetic field since the first rest, above which a magnet is near. Rooms vary by up to 0.2."""
 
 
-def alarms(solution: Solution, stops: Sequence[Stop], sensor: SensorFound | None) -> Iterator[str]:
+def alarms(solution: Solution, stops: Sequence[Stop], sensor: SensorEstimate | None) -> Iterator[str]:
     """Yield what is wrong with a recording, judged by its solution."""
     if sensor is not None:  # the device's own attitude is too coarse to hold anything against it
         yield from _of_sensor(solution, sensor)
@@ -45,7 +45,7 @@ def alarms(solution: Solution, stops: Sequence[Stop], sensor: SensorFound | None
     yield from _of_stops(solution, stops)
 
 
-def _of_sensor(solution: Solution, found: SensorFound) -> Iterator[str]:
+def _of_sensor(solution: Solution, found: SensorEstimate) -> Iterator[str]:
     """Sensor errors too large to be chance."""
     from statistics import NormalDist
 

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from pbd.data import Found, Recording, SensorFound, Stop
+from pbd.data import ErrorEstimate, Recording, SensorEstimate, Stop
 from pbd.data.covariance import PoseCovariance
 from pbd.errors import TrackingError
 from pbd.pose import Array, quat_inverse, quat_log, quat_multiply
@@ -55,7 +55,7 @@ class Estimate:
     covariance: PoseCovariance
     solution: Solution | None = None
     fitted: Solution | None = None
-    sensor: SensorFound | None = None
+    sensor: SensorEstimate | None = None
 
 
 def estimate(
@@ -100,7 +100,7 @@ def estimate(
     )
 
 
-def _sensor(solution: Solution, first: int) -> SensorFound:
+def _sensor(solution: Solution, first: int) -> SensorEstimate:
     """The sensor's errors, with those removed before smoothing; biases at the knot of the first stop."""
     solved, x, noise, rest = solution.solved, solution.state, solution.problem.noise, solution.problem.rest
     device, doubt, prior = noise.device, acc_doubt(noise, rest), solution.local.prior
@@ -118,12 +118,12 @@ def _sensor(solution: Solution, first: int) -> SensorFound:
 
     M = x.shared[GYR_MATRIX].reshape(3, 3) - solution.scale * np.eye(3)
     N = lower(x.shared[ACC_MATRIX], 0.0)
-    return SensorFound(
-        Found(rest.gyro_bias + x.gyr_bias[first], of_biases[:3], rest.gyro_bias, np.array(noise.gyr_bias)),
-        Found(M, sigma[GYR_MATRIX].reshape(3, 3), none, np.array(device.gyr_scale)),
-        Found(x.acc_bias[first], of_biases[3:], none, np.array(doubt * device.acc_bias)),
-        Found(N, lower(sigma[ACC_MATRIX], acc_scale), none, np.array(acc_scale)),
-        Found(solution.lag + x.shared[LAG][0], sigma[LAG][0], np.array(noise.lag), np.array(prior.lag_sigma)),
+    return SensorEstimate(
+        ErrorEstimate(rest.gyro_bias + x.gyr_bias[first], of_biases[:3], rest.gyro_bias, np.array(noise.gyr_bias)),
+        ErrorEstimate(M, sigma[GYR_MATRIX].reshape(3, 3), none, np.array(device.gyr_scale)),
+        ErrorEstimate(x.acc_bias[first], of_biases[3:], none, np.array(doubt * device.acc_bias)),
+        ErrorEstimate(N, lower(sigma[ACC_MATRIX], acc_scale), none, np.array(acc_scale)),
+        ErrorEstimate(solution.lag + x.shared[LAG][0], sigma[LAG][0], np.array(noise.lag), np.array(prior.lag_sigma)),
     )
 
 

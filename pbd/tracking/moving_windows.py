@@ -19,10 +19,16 @@ def window_moments(values: Array, n: int) -> tuple[Array, Array]:
     return np.maximum(variance, 0.0), mean + offset
 
 
+def cumulative(steps: Array) -> Array:
+    """Sums of the first 0, 1, ... n steps (n, ...)."""
+    sums = np.zeros((len(steps) + 1, *steps.shape[1:]))
+    np.cumsum(steps, axis=0, out=sums[1:])
+    return sums
+
+
 def window_sums(values: Array, n: int) -> Array:
     """Sums over each window of n samples: (l,) or (l, k) -> (l - n + 1,) or (l - n + 1, k)."""
-    sums = np.zeros((len(values) + 1, *values.shape[1:]))
-    np.cumsum(values, axis=0, out=sums[1:])
+    sums = cumulative(values)
     windows: Array = sums[n:] - sums[:-n]
     return windows
 

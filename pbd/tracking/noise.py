@@ -11,12 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pbd.data import GRAVITY, Recording, SensorErrors
+from pbd.data import Recording, SensorErrors
+from pbd.data.units import DEG, MG
 from pbd.pose import Array, lengths
 from pbd.tracking.rest import Rest
-
-DEG = np.pi / 180.0
-MG = 1e-3 * GRAVITY
 
 OUTLIER_SIGMAS = 3.0
 """Deviation in sigmas along one axis that is no chance (0.27 %). There a robust factor hardly counts, a claim is

@@ -10,6 +10,7 @@ from rich.table import Table
 
 from pbd.data import Calibration, Linear
 from pbd.data.sigma import one_sigma
+from pbd.data.units import DEG, MG
 from pbd.pose import Array, Pose, quat_to_rpy
 from pbd.view.terminal_tables import make_table
 
@@ -55,7 +56,7 @@ def calibration_table(calibration: Calibration) -> Table:
         table.add_row("sensor", "of", sensor.sensor, "")
         if sensor.temperature_c is not None:
             table.add_row("", "at", f"{sensor.temperature_c:.0f} °C", "")
-        deg, mg = 180.0 / np.pi, 1e3 / 9.80665
+        deg, mg = 1.0 / DEG, 1.0 / MG
         for what, linear, factor, unit in (
             ("gyro", sensor.gyr, deg, "°/s"),
             ("accelerometer", sensor.acc, mg, "mg"),

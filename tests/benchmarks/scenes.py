@@ -1,21 +1,26 @@
 """How much of what can be reached is: python tests/benchmarks/scenes.py [--json] [--quick] [--seeds N] [--search S].
 
 Random scenes (shelf, bin, portal, gap, clutter) for panda, ur5 and xarm7: from home to a first keyframe, to a second
-among the obstacles, and back. Beside the planner five long searches of S seconds each (60) look for a way on the
-original meshes; they share nothing with it (long_search.py). scenes; feasible: solved by the planner or a search;
-searched: by a search; solved, solved_pct: by the planner, of the feasible ones; detours: those with a move of OMPL's;
-median_s, p95_s, max_s: process time of all scenes; travel_median, travel_p95: joint travel over the least of the
-searches, where both found a way; wrong: accepted, and yet original meshes overlap at one of the instants that are 5 ms
-apart. kinds.KIND: the same for each kind of scene.
+among the obstacles, and back. Where the planner finds no way, a long search of S seconds (60) looks for one on the
+original meshes; it shares nothing with the planner (long_search.py). `--sample N` (8) of the scenes that are solved,
+taken at random, are searched too, five times, for `--short S` seconds each (10). `--resume FILE` keeps what was found
+there, and goes on from it. Everything is planned first, then come the long searches, then the sample.
+
+scenes; solved: by the planner; pending: not solved, and not searched yet; feasible: solved by the planner or a search;
+solved_pct: by the planner, of the feasible ones, once none is pending; detours: those with a move of OMPL's; median_s,
+p95_s, max_s: process time of planning; compared, travel_median, travel_p95: solved scenes that were searched with
+success, and joint travel over the least of the searches there; wrong: accepted, and yet original meshes overlap at one
+of the instants that are 5 ms apart. kinds.KIND, arms.ARM: the same for each.
 """
 
 from __future__ import annotations
 
+import json
 import sys
 import time
 import warnings
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
@@ -37,79 +42,136 @@ ARMS = "panda", "ur5", "xarm7"
 KINDS = "shelf", "bin", "portal", "gap", "clutter"
 SEEDS, QUICK_SEEDS = 16, 1
 """Scenes of each kind for each arm."""
-SEARCHES, SEARCH_S, QUICK_SEARCH_S = 5, 60.0, 1.0
-"""Long searches of each scene, and how long each takes, s."""
+SEARCH_S, QUICK_SEARCH_S = 60.0, 1.0
+"""How long the search takes where the planner found no way, s."""
+SAMPLE, SEARCHES, SHORT_S = 8, 5, 10.0
+"""Solved scenes that are searched too, how often, and for how long each time, s."""
 
 
-class Told(NamedTuple):
-    """What was found of a scene: the motion, process time in s, the least joint travel of the searches, if wrong."""
+@dataclass
+class Told:
+    """What is known of a scene: process time, s, joint travel, rad (None: no way), whether OMPL helped, and if wrong.
 
-    motion: Motion | None
+    `least` is the least joint travel of the searches, once those were made.
+    """
+
+    arm: str
+    kind: str
+    seed: int
     took_s: float
-    least: float | None
+    travel: float | None
+    detour: bool
     wrong: bool
+    searched: bool = False
+    least: float | None = None
+
+    def __str__(self) -> str:
+        """Say how a scene went, in a line."""
+        ways = [f"{name} {way:.2f} rad" for name, way in (("planned", self.travel), ("search", self.least)) if way]
+        said = ", ".join(ways) or "no way"
+        return f"{self.arm} {self.kind} {self.seed}: {self.took_s:.2f} s, {said}{', WRONG' if self.wrong else ''}"
 
 
 def main() -> None:
     """Measure and print."""
     parser = arguments(str(__doc__))
     parser.add_argument("--seeds", type=int, metavar="N", help=f"scenes of each kind for each arm ({SEEDS})")
-    parser.add_argument("--search", type=float, metavar="S", help=f"s that each long search takes ({SEARCH_S:g})")
+    parser.add_argument(
+        "--search", type=float, metavar="S", help=f"s of the search for what is unsolved ({SEARCH_S:g})"
+    )
+    parser.add_argument("--sample", type=int, default=SAMPLE, metavar="N", help="solved scenes that are searched too")
+    parser.add_argument("--short", type=float, default=SHORT_S, metavar="S", help="s of each of their five searches")
+    parser.add_argument("--resume", type=Path, metavar="FILE", help="keep what was found here, and go on from it")
     args = parser.parse_args()
     warnings.simplefilter("ignore")
     seeds = args.seeds or (QUICK_SEEDS if args.quick else SEEDS)
     search_s = (QUICK_SEARCH_S if args.quick else SEARCH_S) if args.search is None else args.search
-    tried = [(kind, tell(name, kind, seed, search_s)) for seed in range(seeds) for name in ARMS for kind in KINDS]
-    kinds = {kind: figures([told for each, told in tried if each == kind]) for kind in KINDS}
-    finish({**figures([told for _, told in tried]), "kinds": kinds}, args.json)
+    asked = [(name, kind, seed) for seed in range(seeds) for name in ARMS for kind in KINDS]
+    known = read(args.resume)
+    for key in asked:
+        if key not in known:
+            note(known, tell(*key), args.resume)
+    missed = [key for key in asked if known[key].travel is None] if search_s else []
+    solved = [key for key in asked if known[key].travel is not None]
+    chosen = np.random.default_rng(1).permutation(len(solved))[: args.sample]
+    for key in [*missed, *(solved[i] for i in chosen)]:
+        if not known[key].searched:
+            note(known, look_longer(known[key], search_s, args.short), args.resume)
+    tried = [known[key] for key in asked]
+    kinds = {kind: figures([told for told in tried if told.kind == kind]) for kind in KINDS}
+    arms = {name: figures([told for told in tried if told.arm == name]) for name in ARMS}
+    finish({**figures(tried), "kinds": kinds, "arms": arms}, args.json)
+
+
+def read(path: Path | None) -> dict[tuple[str, str, int], Told]:
+    """What an earlier run found: the last line of each scene counts."""
+    if path is None or not path.exists():
+        return {}
+    found = [Told(**json.loads(line)) for line in path.read_text().splitlines()]
+    return {(told.arm, told.kind, told.seed): told for told in found}
+
+
+def note(known: dict[tuple[str, str, int], Told], told: Told, path: Path | None) -> None:
+    """Keep what was found of a scene."""
+    known[told.arm, told.kind, told.seed] = told
+    print(told, file=sys.stderr, flush=True)
+    if path is not None:
+        with path.open("a") as file:
+            file.write(json.dumps(asdict(told)) + "\n")
 
 
 def figures(tried: list[Told]) -> dict[str, float]:
     """All figures of some scenes."""
     took = [each.took_s for each in tried]
-    solved, feasible = [each for each in tried if each.motion], [each for each in tried if each.motion or each.least]
-    ratios = [travel(each.motion) / each.least for each in solved if each.motion and each.least] or [float("nan")]
+    pending = sum(each.travel is None and not each.searched for each in tried)
+    solved = [each for each in tried if each.travel is not None]
+    feasible = [each for each in tried if each.travel is not None or each.least is not None]
+    ratios = [each.travel / each.least for each in solved if each.travel is not None and each.least is not None]
     return {
         "scenes": len(tried),
-        "feasible": len(feasible),
-        "searched": sum(each.least is not None for each in tried),
         "solved": len(solved),
-        "solved_pct": 100.0 * len(solved) / max(1, len(feasible)),
-        "detours": sum(DETOUR in [way.kind for way in ways(each.motion)] for each in solved),
+        "pending": pending,
+        "feasible": len(feasible),
+        "solved_pct": float("nan") if pending else 100.0 * len(solved) / max(1, len(feasible)),
+        "detours": sum(each.detour for each in solved),
         "median_s": float(np.median(took)),
         "p95_s": float(np.percentile(took, 95)),
         "max_s": max(took),
-        "travel_median": float(np.median(ratios)),
-        "travel_p95": float(np.percentile(ratios, 95)),
+        "compared": len(ratios),
+        "travel_median": float(np.median(ratios)) if ratios else float("nan"),
+        "travel_p95": float(np.percentile(ratios, 95)) if ratios else float("nan"),
         "wrong": sum(each.wrong for each in tried),
     }
 
 
-def tell(name: str, kind: str, seed: int, search_s: float) -> Told:
-    """Plan and search one scene."""
+def made(name: str, kind: str, seed: int) -> tuple[ArmModel, list[Obstacle], list[Pose]]:
+    """A scene in which the arm may stand at home: where it can't, the scene of another seed."""
     arm, rng = arm_of(name), np.random.default_rng([seed, KINDS.index(kind), ARMS.index(name)])
     obstacles, poses = scene_of(arm, kind, rng)
-    scene = CollisionScene(arm, None, obstacles)
-    queries = CollisionQueries(arm, scene, poses, [None] * len(poses))
-    if scene.hit(arm.robot.home) is not None:
-        return tell(name, kind, seed + 1000, search_s)
+    if CollisionScene(arm, None, obstacles).hit(arm.robot.home) is not None:
+        return made(name, kind, seed + 1000)
+    return arm, obstacles, poses
+
+
+def tell(name: str, kind: str, seed: int) -> Told:
+    """Plan one scene, and check what was found."""
+    arm, obstacles, poses = made(name, kind, seed)
+    queries = CollisionQueries(arm, CollisionScene(arm, None, obstacles), poses, [None] * len(poses))
     start = time.process_time()
     found = choose_motion(arm, MotionRequest(poses, arm.robot.home, q_back=arm.robot.home), queries)
     took = time.process_time() - start
-    motion, dense = found if isinstance(found, Motion) else None, DenseScene(arm, obstacles)
-    travels = [search(dense, poses, search_s, seed) for seed in range(SEARCHES)]
-    least = min((each for each in travels if each is not None), default=None)
-    told = Told(motion, took, least, motion is not None and wrong(arm, motion, dense))
-    print(f"{name} {kind} {seed}: {took:.2f} s, {told_ratio(told)}", file=sys.stderr, flush=True)
-    return told
+    if not isinstance(found, Motion):
+        return Told(name, kind, seed, took, None, False, False)
+    detour = DETOUR in [way.kind for way in ways(found)]
+    return Told(name, kind, seed, took, travel(found), detour, wrong(arm, found, DenseScene(arm, obstacles)))
 
 
-def told_ratio(told: Told) -> str:
-    """Say how a scene went, in a word or two."""
-    if told.motion is None:
-        return "no way" if told.least is None else "missed"
-    said = "alone" if told.least is None else f"travel {travel(told.motion) / told.least:.2f}"
-    return f"WRONG, {said}" if told.wrong else said
+def look_longer(told: Told, search_s: float, short_s: float) -> Told:
+    """Search a scene: once and long where it isn't solved, else a few times."""
+    arm, obstacles, poses = made(told.arm, told.kind, told.seed)
+    dense, (count, each_s) = DenseScene(arm, obstacles), (1, search_s) if told.travel is None else (SEARCHES, short_s)
+    travels = [search(dense, poses, each_s, seed) for seed in range(count)]
+    return replace(told, searched=True, least=min((each for each in travels if each is not None), default=None))
 
 
 def scene_of(arm: ArmModel, kind: str, rng: np.random.Generator) -> tuple[list[Obstacle], list[Pose]]:
@@ -177,9 +239,9 @@ def travel(motion: Motion) -> float:
     return float(np.linalg.norm(np.diff(np.vstack((home, parts)), axis=0), axis=1).sum())
 
 
-def ways(motion: Motion | None) -> list[Segment]:
+def ways(motion: Motion) -> list[Segment]:
     """All moves of a motion."""
-    return [] if motion is None else [*motion.segments, *([motion.back] if motion.back else [])]
+    return [*motion.segments, *([motion.back] if motion.back else [])]
 
 
 if __name__ == "__main__":

@@ -13,6 +13,9 @@ where none is given: how far the trial's true stops, 17 to 34 s apart, reach.
 
 `strides_at_heel` fits the lever from the sensor to the optics' heel, which the strides as such ignore.
 
+Medians and 95th percentiles have a band (`from`, `to`): what 95 % of a thousand other sets of as many windows have,
+drawn from these with replacement (bootstrap). Of 19 to 49 windows the 95th percentile is the second or third worst.
+
 `sigma` is the share of errors inside one and two of the tracker's own sigmas, of each axis: of all windows and strides,
 and by group: `at_sensor`, `alike` and `jointly` (of displacements), `rotation` (of attitudes at windows' ends).
 """
@@ -42,6 +45,9 @@ from tests.benchmarks.windows import heading_off, motion_of, turn_z_scores, wind
 
 HEEL_M, STRIDE_M = 0.15, 0.01
 """One sigma, m: how far the optics' heel is from the sensor along each axis, and of a stride's error besides."""
+
+RESAMPLES = 1000
+"""Of the bootstrap."""
 
 SCORES = {
     "windows": "own",
@@ -126,14 +132,16 @@ def inside(z_scores: list[float]) -> dict[str, Any]:
 
 
 def spread(values: list[float], suffix: str) -> dict[str, float]:
-    """Median, 95th percentile and count; no number where there is none."""
+    """Median and 95th percentile, each with the bootstrap's 95 % band, and count; no number where there is none."""
     if not values:
-        return {f"median{suffix}_cm": np.nan, f"p95{suffix}_cm": np.nan, "n": 0}
-    return {
-        f"median{suffix}_cm": float(np.median(values)),
-        f"p95{suffix}_cm": float(np.percentile(values, 95)),
-        "n": len(values),
-    }
+        return {f"{key}{suffix}_cm": np.nan for key in ("median", "p95")} | {"n": 0}
+    again = np.random.default_rng(0).choice(values, (RESAMPLES, len(values)))
+    found: dict[str, float] = {}
+    for name, percent in (("median", 50.0), ("p95", 95.0)):
+        found[f"{name}{suffix}_cm"] = float(np.percentile(values, percent))
+        low, high = np.percentile(np.percentile(again, percent, axis=1), (2.5, 97.5))
+        found |= {f"{name}{suffix}_from_cm": float(low), f"{name}{suffix}_to_cm": float(high)}
+    return found | {"n": len(values)}
 
 
 def orientation_errors(trial: Trial, wxyz: Array) -> dict[str, float]:
@@ -202,10 +210,10 @@ def stride_errors(file: Path) -> tuple[list[float], ...]:
 
 
 def samples_per_s(recording: Recording) -> float:
-    """Speed of the whole tracker."""
-    start = time.perf_counter()
+    """Speed of the whole tracker, by the processor's time: what else the machine does counts less."""
+    start = time.process_time()
     track(recording)
-    return len(recording) / (time.perf_counter() - start)
+    return len(recording) / (time.process_time() - start)
 
 
 if __name__ == "__main__":

@@ -188,7 +188,7 @@ def test_a_date_may_be_the_time(tmp_path: Path) -> None:
         ("t (days),ax,ay,az", {}, {}, "the unit 'days' of column 't (days)' is not known; give one of s, ms, us, ns"),
         ("t,ax (lb),ay (lb),az (lb)", {}, {}, "the unit 'lb' of column 'ax (lb)' is not known; give one of m/s2, "),
         ("t,ax,ay,az", {}, {"acc": "deg/s"}, "the unit 'deg/s' of column 'ax' is not known; give one of m/s2, "),
-        ("t,ax,ay,az", {}, {"ax": "g"}, "no unit can be given for 'ax'; give it for t, gyr, acc, mag, angle"),
+        ("t,ax,ay,az", {}, {"ax": "g"}, "no unit can be given for 'ax'; give it for acc, gyr, mag, angle, t"),
         ("t,ax,ay,az", {"a_x": "ax"}, {}, "unknown channel 'a_x'; choose one of t, gx, gy, gz, ax, "),
         ("t,ax,ay,az", {"ax": "AccX"}, {}, "no column 'AccX'; the columns are t, ax, ay, az"),
         ("t,ax,ay,az", {"ax": "-AccX"}, {}, "no column 'AccX'; the columns are t, ax, ay, az"),

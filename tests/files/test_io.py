@@ -18,7 +18,7 @@ from pbd.files.importers import import_file
 from pbd.files.points import read_points
 from pbd.files.table import read_table
 from pbd.io import meshes, npz
-from pbd.io.meshes import mesh_file, read_mesh
+from pbd.io.meshes import mesh_file
 from pbd.io.numbers import number, seconds
 from pbd.io.opening import read_bytes
 from pbd.io.toml import read_toml
@@ -26,6 +26,7 @@ from pbd.io.xml import read_xml
 from pbd.record.redecode import decode_raw
 from pbd.sensors.protocols import protocol
 from tests.fuzz import bodies
+from tests.reading_meshes import read_mesh
 
 READ: dict[str, Callable[[Path], object]] = {
     "a.toml": lambda path: read_toml(path, RecordingError),

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from pbd.errors import RobotError
-from pbd.io.meshes import FORMATS, from_mesh, read_mesh
+from pbd.io.meshes import FORMATS, from_mesh
 from pbd.pose import Array
+from tests.reading_meshes import read_mesh
 from tests.unprivileged import full_disk
 
 HAND_MADE = """<?xml version="1.0"?>

@@ -3,8 +3,9 @@ from __future__ import annotations
 import pytest
 
 from pbd.data import GRAVITY
+from pbd.data.units import UNITS
 from pbd.errors import SensorError
-from pbd.sensors.line_layout import UNITS, Line, LineLayout, layout_from_options, layout_from_toml
+from pbd.sensors.line_layout import Line, LineLayout, layout_from_options, layout_from_toml
 from pbd.sensors.razor import razor_layout
 
 TOML = """
@@ -34,7 +35,7 @@ def test_several_lines_in_toml() -> None:
     assert layout_from_toml("\n".join([*lines, "[units]", units])) == razor_layout()
 
 
-@pytest.mark.parametrize(("quantity", "unit"), [(q, u) for q, units in UNITS.items() for u in units])
+@pytest.mark.parametrize(("quantity", "unit"), [(q, u) for q, units in UNITS.items() for u in units if u != "0.1ms"])
 def test_a_number_multiplies_a_unit(quantity: str, unit: str) -> None:
     one = LineLayout((Line(("ax", "ay", "az")),), {quantity: unit}).factor(quantity)
     for text in (f"0.25{unit}", f" 2.5e-1 {unit} "):

@@ -14,6 +14,7 @@ from math import inf
 import numpy as np
 
 from pbd.data import Demonstration, HandPath, Truth
+from pbd.data.units import MG
 from pbd.pipeline import track
 from pbd.pose import (
     Array,
@@ -27,7 +28,7 @@ from pbd.pose import (
 )
 from pbd.simulation.simulate import SENSOR_MODELS, TASKS, random_task, simulate
 from pbd.simulation.tasks import Task
-from pbd.tracking.noise import FACTORY, MG
+from pbd.tracking.noise import FACTORY
 from pbd.tracking.smoother.attitude import mean_quaternion
 
 RANDOM: dict[str, Callable[[int], Task]] = {

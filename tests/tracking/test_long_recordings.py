@@ -12,8 +12,8 @@ from hypothesis.extra.numpy import arrays
 
 from pbd.data import GripEvent, Stop
 from pbd.pose import Array
+from pbd.tracking.constraint_update import _Conditioned
 from pbd.tracking.keyframes import _grip_at_stops
-from pbd.tracking.known import _Conditioned
 from pbd.tracking.moving_windows import squares, window_moments, window_sums
 from tests.tracking.stops_at import covariances, hand_path
 

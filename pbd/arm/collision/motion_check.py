@@ -137,8 +137,11 @@ def _by_design(scene: CollisionScene, hit: Hit) -> str:
 
 def collision_error(scene: CollisionScene, trajectory: JointTrajectory, found: MotionHit) -> PlanError:
     """Tell a hit in one line; fields: keyframe, t (s), bodies, value (m, how deep), p_base (m)."""
+    told = describe(found.hit)
+    if found.t == 0.0:  # they do before anything moves
+        told = told.replace("would touch", "touches").replace("would come", "comes")
     return PlanError(
-        f"{_when(trajectory, found)} (t = {found.t:.1f} s): {describe(found.hit)}; {_advice(scene, trajectory, found)}",
+        f"{_when(trajectory, found)} (t = {found.t:.1f} s): {told}; {_advice(scene, trajectory, found)}",
         keyframe=found.keyframe,
         t=found.t,
         **_fields(found.hit),
@@ -192,7 +195,8 @@ def _advice(scene: CollisionScene, trajectory: JointTrajectory, found: MotionHit
     if found.t == 0.0 and not found.at_keyframe:
         at_home = np.abs(trajectory.at(np.zeros(1)).q[0] - scene.arm.robot.home).max() < _STILL_RAD
         move = "change home in the robot's TOML" if at_home else "move the arm"
-        return f"{move}, or correct {'table_height' if other == TABLE else 'the obstacles'} in the calibration"
+        stands = "table_height" if other == TABLE else "the obstacles" if other in scene.obstacles else ""
+        return f"{move}, or correct {stands} in the calibration" if stands else move
     if other == TABLE:
         return "raise the keyframe, or raise the dock and with it the whole motion"
     if other in scene.obstacles:

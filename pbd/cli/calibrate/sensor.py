@@ -15,7 +15,7 @@ from pbd.calibration.sensor import SensorFit, calibrate_sensor
 from pbd.cli.calibrate.common import opened
 from pbd.cli.console import print_json, say, working
 from pbd.data import GRAVITY, SensorErrors
-from pbd.data.brief import counted
+from pbd.data.one_line_repr import counted
 from pbd.errors import CalibrationError, PbdWarning
 from pbd.files.calibration_edit import update_calibration
 from pbd.files.demo import load_demo

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pbd.cli.console import print_json, working
+from pbd.cli.console import print_json, say, working
 from pbd.cli.steps import load_demonstration, track_demonstration
 from pbd.errors import UsageError
 from pbd.files.robot import read_robot
@@ -32,7 +32,7 @@ def suggest(args: argparse.Namespace) -> None:
     demo = load_demonstration(name)
     _, keyframes = track_demonstration(demo, "default", None, accept_gap=False)
     with working(f"searching a home and a dock for {robot.name}"):
-        found = search(robot, keyframes, demo.grasped)
+        found = search(robot, keyframes, demo.grasped, say)
     values, weighed = _values(found), _weighed(found, name)
     if args.json:
         print_json({"robot": robot.name, "demo": name, **values, "weighed": weighed})

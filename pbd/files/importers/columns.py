@@ -8,24 +8,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 
-import numpy as np
-
-from pbd.data import GRAVITY
+from pbd.data.units import UNITS, unit_factor
 from pbd.errors import RecordingError, UsageError, listed, printable
 from pbd.files.importers.header_names import TIME_UNITS, our_name, plain, split_unit, why_unread
 from pbd.files.imu_columns import ACC, DEVICE, GYR, MAG
-
-DEG = np.pi / 180.0
-_ACC_UNITS = {"m/s2": 1.0, "m/s^2": 1.0, "m/s/s": 1.0, "g": GRAVITY, "mg": 1e-3 * GRAVITY}
-UNITS: Mapping[str, Mapping[str, float]] = {
-    "t": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "0.1ms": 1e-4},
-    "gyr": {"rad/s": 1.0, "deg/s": DEG, "dps": DEG, "mdps": 1e-3 * DEG},
-    "acc": _ACC_UNITS | {"mm/s2": 1e-3, "cm/s2": 1e-2},
-    "mag": {"ut": 1.0, "mg": 0.1, "g": 100.0, "gauss": 100.0, "mgauss": 0.1, "t": 1e6, "nt": 1e-3, "a.u.": 1.0}
-    | {"local_flux": 1.0},
-    "angle": {"rad": 1.0, "deg": DEG},
-}
-"""Factor from each unit to ours (s, rad/s, m/s2, uT, rad)."""
 
 RPY = ("anglex", "angley", "anglez")
 """The device's own attitude as turns about x, y, z; z counts from east to north."""
@@ -89,7 +75,7 @@ class Column:
     def factor(self) -> float:
         """From the file's values to ours."""
         channel = CHANNEL_OF[self.ours]
-        return self.sign * UNITS["angle" if channel == "rpy" else channel][self.unit]
+        return self.sign * (unit_factor("angle" if channel == "rpy" else channel, self.unit) or 0.0)
 
     def row(self) -> dict[str, str]:
         """Tell it in words, for people and as JSON."""
@@ -217,7 +203,7 @@ def _unit(
     unit = given.lower().translate(_MANGLED)
     sign = -1.0 if unit.startswith("-") else 1.0
     unit = unit.removeprefix("-")
-    if unit not in UNITS[channel]:
+    if unit_factor(channel, unit) is None:
         raise (UsageError if by == "--unit" else RecordingError)(
             f"{path}: the unit '{printable(given)}' of column '{printable(name)}' is not known; give one of "
             f"{', '.join(UNITS[channel])} with --unit {channel}=UNIT",

@@ -135,7 +135,7 @@ def _find(witnesses: Sequence[Witness], turn: Array, turn_back: Array) -> Contra
     """
     # Where nothing is seen to move, a gyro that turns is biased or noisy: any reading that turns it to where it isn't
     # seen would seem to mend that.
-    seen = [_degrees(witness.first, witness.second) > CONTRADICTION_DEG for witness in witnesses]
+    seen = [np.degrees(angles(witness.first, witness.second)) > CONTRADICTION_DEG for witness in witnesses]
     told = [rows | _carried_away(witness, turn) for witness, rows in zip(witnesses, seen, strict=True)]
     counted = np.array([rows.sum() >= SIMPLE_PAIRS for rows in seen], dtype=bool)
     each = [*zip(witnesses, seen, told, strict=True)]
@@ -174,7 +174,7 @@ def _find(witnesses: Sequence[Witness], turn: Array, turn_back: Array) -> Contra
 def _carried_away(witness: Witness, turn: Array) -> NDArray[np.bool_]:
     """Whether the gyro moves the direction in each pair: (k,) bool."""
     carried = (turn @ witness.first[:, :, None])[:, :, 0]
-    away: NDArray[np.bool_] = _degrees(witness.first, carried) > CONTRADICTION_DEG
+    away: NDArray[np.bool_] = np.degrees(angles(witness.first, carried)) > CONTRADICTION_DEG
     return away
 
 
@@ -189,13 +189,14 @@ def _costs(
         rotation = -matrix if mirrored else matrix
         by = turn_back if mirrored else turn
         carried = (by @ (witness.first @ rotation)[:, :, None])[:, :, 0] @ rotation.T
-        off = _degrees(witness.second, carried)
+        off = np.degrees(angles(witness.second, carried))
         medians.append(max((float(np.median(off[rows])) for rows in parts if rows.any()), default=0.0))
     return np.array(medians)
 
 
 def _index(matrix: Array) -> int:
-    return next(k for k, reading in enumerate(readings()) if np.array_equal(reading.matrix, np.rint(matrix)))
+    order, signs = np.abs(matrix).argmax(axis=1), np.rint(matrix.sum(axis=1)).astype(int)
+    return readings().index(Reading(tuple(order.tolist()), tuple(signs.tolist())))
 
 
 def _message(named: Sequence[tuple[str, Reading]]) -> str:
@@ -205,6 +206,7 @@ def _message(named: Sequence[tuple[str, Reading]]) -> str:
     return f"{'; or '.join(each)} (the hand turned too little to tell which)"
 
 
-def _degrees(a: Array, b: Array) -> Array:
-    angles: Array = np.degrees(np.arccos(np.clip((a * b).sum(axis=1), -1.0, 1.0)))
-    return angles
+def angles(a: Array, b: Array) -> Array:
+    """Angles (k,) rad between unit vectors (k, 3)."""
+    between: Array = np.arccos(np.clip((a * b).sum(axis=1), -1.0, 1.0))
+    return between

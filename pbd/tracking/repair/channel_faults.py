@@ -16,6 +16,7 @@ from pbd.data import Recording, Stop
 from pbd.errors import PbdWarning, RecordingError, TrackingError
 from pbd.pose import Array, lengths
 from pbd.tracking.moving_windows import window_moments
+from pbd.tracking.repair.clock import differs
 from pbd.tracking.repair.gaps import BRIDGED_S
 from pbd.tracking.rest import STILL_ACC
 from pbd.tracking.zero_velocity import edges, runs
@@ -170,9 +171,8 @@ def refuse_freezes(recording: Recording, v_nav: Array, stops: tuple[Stop, ...]) 
 
 def _repeats(recording: Recording) -> NDArray[np.bool_]:
     """Whether each row repeats the one before it, at another time, (n - 1,)."""
-    given = [values for values in (recording.acc, recording.gyr) if values is not None]
-    same: NDArray[np.bool_] = ~np.any([np.diff(values, axis=0).any(axis=1) for values in given], axis=0)
-    return same & (np.diff(recording.t) > 0.0)
+    same: NDArray[np.bool_] = ~differs(recording) & (np.diff(recording.t) > 0.0)
+    return same
 
 
 def _alive(column: Array) -> bool:

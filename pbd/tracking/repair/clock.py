@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.data import Recording
+from pbd.data.one_line_repr import counted
 from pbd.errors import PbdWarning, RecordingError
 from pbd.pose import Array
 from pbd.tracking.rest import SHORTEST_REST_S
@@ -60,7 +61,8 @@ def with_clock(recording: Recording) -> Recording:
     """
     if len(recording) < 2:
         raise RecordingError(
-            f"the recording has {counted(len(recording), 'sample')}; record at least a second of rest, then move"
+            f"the recording has {counted(len(recording), 'sample') or '0 samples'}; record at least a second of rest, "
+            "then move"
         )
     _refuse_other_unit(recording.t)
     _refuse_disorder(recording.t)
@@ -118,7 +120,7 @@ def steady_clock(recording: Recording) -> Array:
     `recording.t` must not run backwards. Warns where it changes something.
     """
     t, nominal_hz = recording.t, recording.info.rate_hz
-    new = np.concatenate(([True], (np.diff(t) > 0.0) | _differs(recording)))
+    new = np.concatenate(([True], (np.diff(t) > 0.0) | differs(recording)))
     stamps = t[new]
     if len(stamps) > 4 * LATE_SAMPLES and stamps[-1] > stamps[0]:
         interval, reach, whole = _beat(stamps, nominal_hz)
@@ -163,7 +165,7 @@ def _refuse_disorder(t: Array) -> None:
             )
 
 
-def _differs(recording: Recording) -> NDArray[np.bool_]:
+def differs(recording: Recording) -> NDArray[np.bool_]:
     """Whether each row differs from the one before it, (n - 1,)."""
     given = [values for values in (recording.acc, recording.gyr) if values is not None]
     differs: NDArray[np.bool_] = np.any([(values[1:] != values[:-1]).any(axis=1) for values in given], axis=0)
@@ -204,8 +206,3 @@ def _on_beat(t: Array, interval: float, reach: int, whole: bool) -> Array:
     smooth = uniform_filter1d(left_over, max(1, round(DRIFT_S / interval)), mode="nearest")
     beat: Array = begin + interval * place + smooth
     return beat
-
-
-def counted(count: int, what: str) -> str:
-    """A number of things, in words."""
-    return f"{count} {what}{'' if count == 1 else 's'}"

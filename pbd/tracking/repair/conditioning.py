@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 
 from pbd.data import Recording
 from pbd.errors import RecordingError
-from pbd.pose import Array
 from pbd.tracking.repair.channel_faults import frozen, magnetometer_is_dead, refuse_dead
 from pbd.tracking.repair.clock import with_clock
-from pbd.tracking.repair.gaps import BRIDGED_S, Gap, find_gaps, warn_of_gaps
+from pbd.tracking.repair.gaps import BRIDGED_S, Gap, find_gaps, interpolated, warn_of_gaps
 from pbd.tracking.repair.gyro_consistency import refuse_disagreement
 from pbd.tracking.repair.splices import in_order, refuse_doubled, without_wild
 
@@ -47,9 +46,8 @@ def condition(recording: Recording) -> tuple[Recording, tuple[Gap, ...]]:
     gaps = find_gaps(t, missing, interval)
     warn_of_gaps(gaps, t, interval)
     if not missing.all():
-        acc, gyr = (None if v is None else _interpolate(t, v, ~missing) for v in (recording.acc, recording.gyr))
-        assert acc is not None
-        recording = dataclasses.replace(recording, acc=acc, gyr=gyr)
+        gyr = None if recording.gyr is None else interpolated(t, recording.gyr, ~missing)
+        recording = dataclasses.replace(recording, acc=interpolated(t, recording.acc, ~missing), gyr=gyr)
     long = tuple(gap for gap in gaps if gap.missing_s > BRIDGED_S + 1e-6)
     part = _longest_unbroken(recording, long)
     if part is not None:
@@ -65,9 +63,9 @@ def _longest_unbroken(recording: Recording, gaps: tuple[Gap, ...]) -> Recording 
     start, stop = max(zip(begins, ends, strict=True), key=lambda part: part[1] - part[0])
     if stop - start < recording.rate_hz or np.median(np.diff(recording.t[start:stop])) <= 0.0:
         return None
-    channels = {name: values[start:stop] for name in ("acc", "gyr") if (values := getattr(recording, name)) is not None}
-    changes: dict[str, Any] = {"t": recording.t[start:stop], "mag": None, "device_rpy": None, **channels}
-    return dataclasses.replace(recording, **changes)
+    part = slice(start, stop)
+    gyr = None if recording.gyr is None else recording.gyr[part]
+    return Recording(recording.t[part], recording.acc[part], gyr)
 
 
 def _filled(recording: Recording) -> tuple[Recording, NDArray[np.bool_]]:
@@ -83,11 +81,5 @@ def _filled(recording: Recording) -> tuple[Recording, NDArray[np.bool_]]:
             raise RecordingError(f"'{name}' has no number in any row; leave the column out or record again")
         # A magnetometer is slow and often sampled less often: its holes are no holes in the motion.
         missing |= ~good if name in ("acc", "gyr") else False
-        filled[name] = _interpolate(recording.t, values, good)
+        filled[name] = interpolated(recording.t, values, good)
     return dataclasses.replace(recording, **filled), missing
-
-
-def _interpolate(t: Array, values: Array, good: NDArray[np.bool_]) -> Array:
-    if good.all():
-        return values
-    return np.column_stack([np.interp(t, t[good], column) for column in values[good].T])

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.data import Recording, Stop
+from pbd.data.one_line_repr import counted
 from pbd.errors import PbdWarning, TrackingError
 from pbd.pose import Array
-from pbd.tracking.repair.clock import LATE_SAMPLES, counted
+from pbd.tracking.repair.clock import LATE_SAMPLES
 from pbd.tracking.rest import STILL_ACC
 from pbd.tracking.zero_velocity import ENERGY_WINDOW_S
 
@@ -26,6 +27,13 @@ sigma by that much (`Noise.unseen_speed`)."""
 
 BESIDE_ROWS = 3
 """Least number of rows before and after a gap in which the hand must be seen at rest."""
+
+
+def interpolated(t: Array, values: Array, good: NDArray[np.bool_]) -> Array:
+    """Values (n, k) with the rows that are not good put between their neighbours."""
+    if good.all():
+        return values
+    return np.column_stack([np.interp(t, t[good], column) for column in values[good].T])
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ from pbd.pose import (
     quat_to_matrix,
 )
 from pbd.tracking.moving_windows import squares, window_moments, window_sums
-from pbd.tracking.repair.axes import Witness, find_other_axes
+from pbd.tracking.repair.axes import Witness, angles, find_other_axes
 from pbd.tracking.rest import STILL_ACC, STILL_GYR
 
 CONTRADICTION_RAD, IMPROVEMENT = np.radians(20.0), 3.0
@@ -111,7 +111,7 @@ def refuse_turned_signs(recording: Recording) -> None:
     along = (steady.up_sensor * up).mean(axis=0)
     # Of a level axis nothing is seen: where all others are turned, it is meant too.
     signs = np.where(along < (SIGN_PRODUCT if (along < SIGN_PRODUCT).all() else -SIGN_PRODUCT), -1.0, 1.0)
-    off, fit = (float(_angles(steady.up_sensor * turn, up).mean()) for turn in (np.ones(3), signs))
+    off, fit = (float(angles(steady.up_sensor * turn, up).mean()) for turn in (np.ones(3), signs))
     if off < CONTRADICTION_RAD or fit > off / IMPROVEMENT:
         return
     if recording.gyr is not None and signs[2] > 0.0:
@@ -187,15 +187,15 @@ def refuse_disagreement(recording: Recording) -> None:
     witnesses = [Witness("a", up, up_later), *_other_witnesses(recording, every, here, there)]
     found = find_other_axes(witnesses, quat_to_matrix(as_it_is), quat_to_matrix(turn(-gyr)))
     carried = quat_rotate(as_it_is, up)
-    telling = np.maximum(_angles(up, up_later), _angles(up, carried)) > CONTRADICTION_RAD
-    off = float(np.median(_angles(up_later, carried)[telling])) if telling.any() else 0.0
+    telling = np.maximum(angles(up, up_later), angles(up, carried)) > CONTRADICTION_RAD
+    off = float(np.median(angles(up_later, carried)[telling])) if telling.any() else 0.0
     if telling.sum() >= UNIT_PAIRS and off > CONTRADICTION_RAD:
         pair, mended = int(np.flatnonzero(telling)[0]), np.radians(found.fit_deg) if found else np.inf
         for unit, other, what in (
             ("deg/s", np.radians(gyr), "its values are in deg/s"),
             ("rad/s", np.degrees(gyr), "its values were in rad/s, but were read as deg/s"),
         ):
-            fit = float(np.median(_angles(up_later, quat_rotate(turn(other), up))[telling]))
+            fit = float(np.median(angles(up_later, quat_rotate(turn(other), up))[telling]))
             if fit < min(off / IMPROVEMENT, mended):
                 refuse(np.degrees(off), pair, f"{what}; import the file with --unit gyr={unit}", unit=unit)
         if not np.diff(gyr, axis=0).any():  # with noise in the accelerometer, `refuse_dead` has refused it
@@ -231,12 +231,6 @@ def _pairs(rows: NDArray[np.intp], rate_hz: float) -> tuple[NDArray[np.intp], ND
     first, second = first[there], second[there]
     near = rows[second] - rows[first] <= PAIR_LONGEST_S * rate_hz
     return first[near], second[near]
-
-
-def _angles(a: Array, b: Array) -> Array:
-    """Angles (k,) rad between unit vectors (k, 3)."""
-    angles: Array = np.arccos(np.clip((a * b).sum(axis=1), -1.0, 1.0))
-    return angles
 
 
 def _averaged(values: Array, every: int) -> Array:

@@ -30,6 +30,7 @@ from pbd.data import GRAVITY, Recording
 from pbd.errors import PbdWarning
 from pbd.pose import Array
 from pbd.tracking.repair.channel_faults import SENSOR_NAMES
+from pbd.tracking.repair.clock import differs
 from pbd.tracking.smoother.preintegration import Impulse
 from pbd.tracking.zero_velocity import runs
 
@@ -79,9 +80,9 @@ def find_clips(recording: Recording) -> tuple[Clip, ...]:
 
 def clips_of(recording: Recording) -> tuple[Clip, ...]:
     """Find them without a word."""
-    given = {name: values for name in ("acc", "gyr") if (values := getattr(recording, name)) is not None}
+    given = {name: values for name in SENSOR_NAMES if (values := getattr(recording, name)) is not None}
     # A row that a sensor or a program repeats makes no top flatter.
-    new = np.concatenate(([True], np.any([np.diff(v, axis=0).any(axis=1) for v in given.values()], axis=0)))
+    new = np.concatenate(([True], differs(recording)))
     clips = (
         Clip(sensor, axis, sign, start, stop)
         for sensor, values in given.items()

@@ -15,10 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.data import Recording
+from pbd.data.one_line_repr import counted
+from pbd.data.units import UNITS
 from pbd.errors import PbdWarning, RecordingError
 from pbd.pose import Array, lengths
-from pbd.tracking.repair.channel_faults import noisy
-from pbd.tracking.repair.clock import counted
+from pbd.tracking.repair.channel_faults import SENSOR_NAMES, noisy
+from pbd.tracking.repair.gaps import interpolated
 from pbd.tracking.zero_velocity import runs
 
 WILD_DISTANCE = {"acc": (30.0, 1), "gyr": (0.3, 3)}
@@ -47,22 +49,21 @@ DOUBLED_ROWS = 6
 
 Rows = NDArray[np.intp]
 
-NAMES = {"acc": ("accelerometer", "m/s2"), "gyr": ("gyro", "rad/s")}
-
 
 def without_wild(recording: Recording) -> Recording:
     """Put wild samples of accelerometer and gyro between their neighbours; warns where there are any."""
     mended: dict[str, Any] = {}
     found: list[tuple[int, str]] = []
     reach = max(8, round(MOTION_AROUND_S * recording.rate_hz))
-    for name, (sensor, unit) in NAMES.items():
+    for name, sensor in SENSOR_NAMES.items():
         values = getattr(recording, name)
         if values is None or len(values) < 2 * reach:
             continue
         wild = _wild(values, *WILD_DISTANCE[name], NOISE_FLOOR[name], reach)
-        good = np.delete(np.arange(len(values)), wild)
-        mended[name] = np.column_stack([np.interp(recording.t, recording.t[good], axis) for axis in values[good].T])
-        found += [(int(row), f"{sensor} {np.abs(values[row]).max():.4g} {unit}") for row in wild]
+        good = np.ones(len(values), dtype=bool)
+        good[wild] = False
+        mended[name] = interpolated(recording.t, values, good)
+        found += [(int(row), f"{sensor} {np.abs(values[row]).max():.4g} {next(iter(UNITS[name]))}") for row in wild]
     if not found:
         return recording
     row, what = min(found)
@@ -132,7 +133,7 @@ def refuse_doubled(recording: Recording) -> None:
 
 def _side_by_side(recording: Recording, noise: dict[str, float] | None = None) -> Array:
     """Accelerometer and gyro, (n, 3 or 6); in units of noise, if that is given."""
-    given = {name: values for name in NAMES if (values := getattr(recording, name)) is not None}
+    given = {name: values for name in SENSOR_NAMES if (values := getattr(recording, name)) is not None}
     return np.hstack([values / (noise[name] if noise else 1.0) for name, values in given.items()])
 
 

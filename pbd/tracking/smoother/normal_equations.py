@@ -178,58 +178,57 @@ class Solved:
         m, _, k = right.shape
         scaled = (right * self.scale[:, :, None]).reshape(m * STATE, k)
         own = lapack().dpbtrs(self.cholesky, scaled, lower=1)[0].reshape(m, STATE, k)
-        by_shared = self.selected[2]
-        border = np.tensordot(by_shared, right, axes=((0, 1), (0, 1)))
-        columns: Array = own * self.scale[:, :, None] + by_shared @ (self.shared @ border)
+        border = np.tensordot(self.by_shared, right, axes=((0, 1), (0, 1)))
+        columns: Array = own * self.scale[:, :, None] + self.by_shared @ (self.shared @ border)
         return columns
 
     @cached_property
-    def selected(self) -> tuple[Array, Array, Array]:
-        """Blocks of the chain's own inverse: of each knot (m, 15, 15), of the next by this (m - 1, 15, 15).
+    def by_shared(self) -> Array:
+        """How the knots go with the shared unknowns, less its sign, (m, 15, s)."""
+        by_shared, _ = lapack().dtbtrs(self.cholesky, self.half[:, :-1], uplo="L", trans="T")
+        scaled: Array = by_shared.reshape(*self.scale.shape, -1) * self.scale[:, :, None]
+        return scaled
 
-        And how the knots go with the shared unknowns, less its sign, (m, 15, s).
+    @cached_property
+    def selected(self) -> tuple[Array, Array]:
+        """Blocks of the chain's own inverse: of each knot (m, 15, 15), of the next by this (m - 1, 15, 15).
 
         With L's blocks D on the diagonal and B below, and G = B D^-1: S = (D D^T)^-1 + G^T S' G from the last back.
         """
-        m = len(self.scale)
         D, B = _blocks(self.cholesky)
         root = inverse_of_lower(D)
-        gain, up = B[:-1] @ root[:-1], root.transpose(0, 2, 1)
+        gain, inverse = B[:-1] @ root[:-1], root.transpose(0, 2, 1) @ root
         del D, B
-        both = np.concatenate((up @ root, up @ self.half[:, :-1].reshape(m, STATE, -1)), axis=2)
-        for here, after, G in zip(both[-2::-1], both[:0:-1], gain[::-1], strict=True):
-            back = np.dot(G.T, after)
-            here[:, :STATE] += np.dot(back[:, :STATE], G)
-            here[:, STATE:] -= back[:, STATE:]
-        both *= self.scale[:, :, None]
-        inverse, by_shared = both[:, :, :STATE], both[:, :, STATE:]
+        for here, after, G in zip(inverse[-2::-1], inverse[:0:-1], gain[::-1], strict=True):
+            here += np.dot(np.dot(G.T, after), G)
+        inverse *= self.scale[:, :, None]
         lower = -inverse[1:] @ gain
         inverse *= self.scale[:, None, :]
         lower *= self.scale[:-1, None, :]
-        return inverse, lower, by_shared
+        return inverse, lower
 
     def forget(self) -> None:
-        """Free the covariance of neighbours. It is computed again when it is read."""
-        self.__dict__.pop("selected", None)
+        """Free the covariance. It is computed again when it is read."""
+        for name in ("selected", "by_shared"):
+            self.__dict__.pop(name, None)
 
     def of_knots(self, block: slice = slice(None)) -> Array:
         """Covariance of a block of each knot's unknowns, (m, k, k)."""
-        own, _, by_shared = self.selected
-        by = by_shared[:, block]
-        covariance: Array = own[:, block, block] + by @ self.shared @ by.transpose(0, 2, 1)
+        by = self.by_shared[:, block]
+        covariance: Array = self.selected[0][:, block, block] + by @ self.shared @ by.transpose(0, 2, 1)
         return covariance
 
     def of_changes(self, block: slice) -> Array:
         """Covariance (m - 1, k, k) of how a block of unknowns changes from each knot to the next."""
-        own, lower, by_shared = self.selected
-        by, cross = np.diff(by_shared[:, block], axis=0), lower[:, block, block]
+        own, lower = self.selected
+        by, cross = np.diff(self.by_shared[:, block], axis=0), lower[:, block, block]
         covariance: Array = own[1:, block, block] + own[:-1, block, block] - cross - cross.transpose(0, 2, 1)
         return covariance + by @ self.shared @ by.transpose(0, 2, 1)
 
     def of_legs(self, jacobian: Array, at: int = 0) -> Array:
         """Covariance (., r, r) of what depends on two neighbours, the first of them the knot `at`, and on what is
         shared: (., r, 15 + 9 + s)."""
-        own, lower, by_shared = self.selected
+        (own, lower), by_shared = self.selected, self.by_shared
         end = at + len(jacobian)
         this, after = jacobian[:, :, :STATE], jacobian[:, :, STATE:BAND]
         by = this @ by_shared[at:end] + after @ by_shared[at + 1 : end + 1, :NEXT_STATE] - jacobian[:, :, BAND:]

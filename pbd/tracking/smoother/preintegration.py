@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.pose import Array, quat_cumulative, quat_exp, quat_rotate, quat_to_matrix, skew
+from pbd.tracking.moving_windows import cumulative
 
 Rows = NDArray[np.intp]
 
@@ -119,11 +120,6 @@ def trapezoid(t: Array, values: Array) -> Array:
     """Integral from the first instant to each, of values (n, ...) that change linearly."""
     dt = np.diff(t).reshape(-1, *(1,) * (values.ndim - 1))
     return cumulative(0.5 * dt * (values[1:] + values[:-1]))
-
-
-def cumulative(steps: Array) -> Array:
-    """Sums of the first 0, 1, ... n steps."""
-    return np.concatenate((np.zeros((1, *steps.shape[1:])), np.cumsum(steps, axis=0)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -173,7 +173,7 @@ def test_against_dense_sampling(arm: ArmModel) -> None:
         ),
         (
             Obstacle("the lamp", "sphere", (0.2,), Pose.from_rpy((0.31, 0.0, 0.6), (0, 0, 0))),
-            r"at the start of the motion \(t = 0\.0 s\): panda_\w+ would touch the lamp, \d+\.\d cm deep; change home",
+            r"at the start of the motion \(t = 0\.0 s\): panda_\w+ touches the lamp, \d+\.\d cm deep; change home",
         ),
         (
             Obstacle("the lamp", "box", (0.2, 0.1, 0.1), Pose.from_rpy((0.5, -0.2, 0.295), (0, 0, 0))),

@@ -11,7 +11,7 @@ from pbd.arm.ik.branches import find_branches
 from pbd.arm.ik.cartesian import LEAP_RAD, SPACING_M, SPACING_RAD, follow, line, refine
 from pbd.arm.ik.partial_pose import is_partial
 from pbd.arm.model import ArmModel
-from pbd.arm.tool_deviation import off_line
+from pbd.arm.wide_moves import off_line
 from pbd.pose import Array, Pose, quat_rotate
 from tests.arm.bundled import NAMES, arm_of
 

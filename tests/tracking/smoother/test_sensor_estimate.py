@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pbd.cli import main
-from pbd.data import Found, Recording, SensorFound
+from pbd.data import ErrorEstimate, Recording, SensorEstimate
 from pbd.errors import PbdWarning
 from pbd.pipeline import track
 from pbd.simulation.simulate import SENSOR_MODELS, random_task, simulate
@@ -43,13 +43,13 @@ def off(recording: Recording) -> Recording:
     )
 
 
-def found_of(recording: Recording) -> SensorFound:
+def found_of(recording: Recording) -> SensorEstimate:
     found = track(recording).sensor
     assert found is not None
     return found
 
 
-def sigmas_off(one: Found, true: np.ndarray | float) -> float:
+def sigmas_off(one: ErrorEstimate, true: np.ndarray | float) -> float:
     return float(np.abs((one.value - true) / one.sigma).max())
 
 
@@ -96,6 +96,8 @@ def test_chance_is_what_was_learned() -> None:
     true = prior * rng.normal(size=n)
     gain = prior**2 / (prior**2 + noise**2)
     sigma = np.full(n, np.sqrt(1.0 - gain) * prior)
-    one = Found(gain * (true + noise * rng.normal(size=n)), sigma, np.zeros(n), np.full(n, prior))
+    one = ErrorEstimate(gain * (true + noise * rng.normal(size=n)), sigma, np.zeros(n), np.full(n, prior))
     assert abs(float(one.surprise.std()) - 1.0) < 0.02
-    assert not Found(one.value, 0.9 * one.prior, np.zeros(n), one.prior).surprise.any()  # next to nothing was learned
+    assert not ErrorEstimate(
+        one.value, 0.9 * one.prior, np.zeros(n), one.prior
+    ).surprise.any()  # next to nothing was learned

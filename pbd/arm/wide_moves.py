@@ -19,7 +19,7 @@ _SAMPLES = 33
 
 
 @dataclass(frozen=True)
-class ToolDeviation:
+class Sweep:
     """What the tool does on a straight move in joint space.
 
     Attributes:
@@ -50,12 +50,12 @@ class ToolDeviation:
         return f"stray {100.0 * self.off_line_m:.0f} cm from a line of {100.0 * self.line_m:.0f} cm"
 
 
-def tool_deviation(arm: ArmModel, q_before: Array, q: Array) -> ToolDeviation:
+def sweep_of(arm: ArmModel, q_before: Array, q: Array) -> Sweep:
     """Say what the tool does on a straight move from joints (k,) to others."""
     along = q_before + np.linspace(0.0, 1.0, _SAMPLES)[:, None] * (q - q_before)
     p, R = arm.forward_many(along)
     turn_rad = float(_angles(R[:-1], R[1:]).sum())
-    return ToolDeviation(turn_rad, float(_angles(R[:1], R[-1:])[0]), off_line(p), float(np.linalg.norm(p[-1] - p[0])))
+    return Sweep(turn_rad, float(_angles(R[:1], R[-1:])[0]), off_line(p), float(np.linalg.norm(p[-1] - p[0])))
 
 
 def off_line(p: FloatArray) -> float:

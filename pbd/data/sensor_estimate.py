@@ -13,7 +13,7 @@ LEARNED_SHARE = 0.25
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class ErrorEstimate:
     """Numbers of one shape: the estimate, its sigma, and what was expected before, with its sigma (or one for all)."""
 
     value: Array
@@ -37,7 +37,7 @@ class Found:
 
 
 @dataclass(frozen=True, eq=False)
-class SensorFound:
+class SensorEstimate:
     """A sensor's errors, as a recording shows them.
 
     Attributes:
@@ -48,8 +48,8 @@ class SensorFound:
         lag: () s, by which the gyro is late behind the accelerometer.
     """
 
-    gyr_bias: Found
-    gyr_matrix: Found
-    acc_bias: Found
-    acc_matrix: Found
-    lag: Found
+    gyr_bias: ErrorEstimate
+    gyr_matrix: ErrorEstimate
+    acc_bias: ErrorEstimate
+    acc_matrix: ErrorEstimate
+    lag: ErrorEstimate

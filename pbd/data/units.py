@@ -1,0 +1,36 @@
+"""Units of inertial sensors, each as a factor to ours."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import pi
+from types import MappingProxyType
+
+GRAVITY = 9.80665
+"""Standard gravity, m/s2: what a sensor's unit "g" means. Tracking estimates the local value at rest."""
+
+MG = 1e-3 * GRAVITY
+"""m/s2."""
+
+DEG = pi / 180.0
+"""rad."""
+
+UT_PER_GAUSS = 100.0
+"""By definition of the gauss."""
+
+UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
+    {
+        "acc": {"m/s2": 1.0, "m/s^2": 1.0, "m/s/s": 1.0, "g": GRAVITY, "mg": MG, "mm/s2": 1e-3, "cm/s2": 1e-2},
+        "gyr": {"rad/s": 1.0, "deg/s": DEG, "dps": DEG, "mdeg/s": 1e-3 * DEG, "mdps": 1e-3 * DEG},
+        "mag": {"uT": 1.0, "nT": 1e-3, "mT": 1e3, "T": 1e6, "gauss": UT_PER_GAUSS, "mgauss": 1e-3 * UT_PER_GAUSS}
+        | {"G": UT_PER_GAUSS, "mG": 1e-3 * UT_PER_GAUSS, "a.u.": 1.0, "local_flux": 1.0},
+        "angle": {"rad": 1.0, "deg": DEG},
+        "t": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "0.1ms": 1e-4},
+    }
+)
+"""Factor to m/s2, rad/s, uT, rad and s by quantity and unit; ours comes first."""
+
+
+def unit_factor(quantity: str, unit: str) -> float | None:
+    """Factor from a unit of a quantity to ours, in any case: programs write UT and Mg. None: the unit is unknown."""
+    return next((factor for name, factor in UNITS[quantity].items() if name.lower() == unit.lower()), None)

@@ -1,0 +1,20 @@
+"""A mesh's triangles as they are read, past the cache."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from unittest.mock import patch
+
+from pbd.io.meshes import Soup, from_mesh
+
+
+def read_mesh(path: Path) -> Soup:
+    soups: list[Soup] = []
+
+    def keep(soup: Soup) -> dict[str, object]:
+        soups.append(soup)
+        return {}
+
+    with patch("pbd.io.meshes.recall", return_value=None), patch("pbd.io.meshes.remember"):
+        from_mesh(path, "soup", keep)
+    return soups[0]
