@@ -28,8 +28,8 @@ CARRIED_RELAXED = 2
 """Solutions of the pose before from which an arm with too few joints starts: it has few branches, and is slow."""
 CARRIED_APART_RAD, FRESH_APART_RAD, FRESH_APART_REDUNDANT_RAD = 0.3, 2.0, 1.2
 """Starts nearer to each other than this, in every joint, lead to the same solution; the last of a redundant arm."""
-ALONG, ALONG_APART_RAD = 4, 0.6
-"""How many ways to hold a redundant arm are taken of a branch, so far apart: those nearest to what is carried."""
+ALONG_APART_RAD = 0.6
+"""How far apart ways to hold a redundant arm are taken of a branch, at most: those nearest to what is carried."""
 NEARBY = 256
 """Samples near the pose that starts are chosen from."""
 SAME_RAD = 1e-3
@@ -48,14 +48,17 @@ def find_branches(arm: ArmModel, T_base_tool: Pose, before: Array, starts: int) 
         T_base_tool: the tool's pose in base.
         before: (b, k) rad, where the arm may come from, the likeliest first.
         starts: the number of descents: a third of them from `before`, the others from seeds near the pose, those
-            first from which the way to what is carried on is shortest.
+            first from which the way to what is carried on is shortest. Of each of a redundant arm's branches a third as
+            many are taken.
     """
     if is_partial(arm):
         return _partial(arm, T_base_tool, before)
     goal = target(T_base_tool)
-    carried = apart(before, starts // 3, CARRIED_APART_RAD)
+    third = starts // 3
+    carried = apart(before, third, CARRIED_APART_RAD)
+    around = min(ALONG_APART_RAD, 2.0 * np.pi / third)
     curves = (branch[_nearest_first(arm, branch, carried)] for branch in seven_joints(arm, goal))
-    ways = np.vstack((closed_form(arm, goal), *(apart(branch, ALONG, ALONG_APART_RAD) for branch in curves)))
+    ways = np.vstack((closed_form(arm, goal), *(apart(branch, third, around) for branch in curves)))
     if len(ways):  # what is carried is for singular poses, which have more than these
         q, squares = descend_each(arm, goal, np.vstack((ways, carried)), all_of_them=True)
         found = q[squares < SOLVED]
@@ -63,7 +66,7 @@ def find_branches(arm: ArmModel, T_base_tool: Pose, before: Array, starts: int) 
             return polish(arm, goal, apart(found, len(found), SAME_RAD))
     seeds = starts_of(arm).nearest(goal, NEARBY)
     distance = FRESH_APART_REDUNDANT_RAD if len(arm.robot.joints) > FULL_POSE else FRESH_APART_RAD
-    fresh = apart(seeds[_nearest_first(arm, seeds, carried)], starts - starts // 3, distance)
+    fresh = apart(seeds[_nearest_first(arm, seeds, carried)], starts - third, distance)
     q, squares = descend_each(arm, goal, np.vstack((carried, fresh)), all_of_them=True)
     found = q[squares < SOLVED]
     if not len(found):

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pbd.arm.ik.branches import _nearest_first, configuration_cost, polish
+from pbd.arm.ik.branches import _nearest_first, configuration_cost, find_branches, polish
 from pbd.arm.ik.levenberg_marquardt import residual_at
+from pbd.arm.joint_path import STARTS_WIDE
 from pbd.arm.tool import target
 from tests.arm.bundled import arm_of
 
@@ -35,3 +36,14 @@ def test_solutions_are_polished_to_rounding() -> None:
     goal = target(arm.forward(q))
     polished = polish(arm, goal, q[None] + 1e-6)
     assert np.linalg.norm(residual_at(arm, goal, polished[0])[0]) < 1e-10
+
+
+@pytest.mark.parametrize("name", ["panda", "xarm7"])
+def test_a_wide_search_goes_all_the_way_around_a_redundant_arms_elbow(name: str) -> None:
+    """Where what is near is barred by an obstacle, the way to hold it that is free may be anywhere."""
+    arm = arm_of(name)
+    lower, upper = np.maximum(arm.limits.lower, -np.pi), np.minimum(arm.limits.upper, np.pi)
+    for q in np.random.default_rng(3).uniform(lower, upper, (20, len(lower))):
+        found = find_branches(arm, arm.forward(q), np.array([arm.robot.home]), STARTS_WIDE)
+        way = np.abs((found - q + np.pi) % (2.0 * np.pi) - np.pi)
+        assert way.max(axis=1).min() < 0.3
