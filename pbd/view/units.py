@@ -41,30 +41,24 @@ class Units:
     def lengths(self, metres: ArrayLike, finer: int = 0) -> list[str]:
         """Write lengths, with more decimals than usual."""
         factor, decimals = LENGTHS[self.length]
-        return self._written(metres, factor, decimals + finer)
+        return self._written(factor * np.asarray(metres), decimals + finer)
 
     def times(self, seconds: ArrayLike) -> list[str]:
         """Write times."""
         factor, decimals = TIMES[self.time]
-        return self._written(seconds, factor, decimals)
+        return self._written(factor * np.asarray(seconds), decimals)
 
     def angles(self, radians: ArrayLike) -> list[str]:
         """Write angles."""
         factor, decimals = ANGLES[self.angle]
-        return self._written(radians, factor, decimals)
+        return self._written(factor * np.asarray(radians), decimals)
 
-    def _written(self, values: ArrayLike, factor: float, decimals: int) -> list[str]:
-        """Write SI numbers times a factor; no -0.000, and what is not known (NaN) is blank."""
-        given = np.atleast_1d(np.asarray(values, dtype=np.float64)) + 0.0
+    def _written(self, values: ArrayLike, decimals: int) -> list[str]:
+        """Write numbers with so many decimals, and spare the reader a -0.000; what is not known (NaN) is blank."""
+        given = np.atleast_1d(np.asarray(values, dtype=np.float64))
         if self.exact:
-            return [_shortest(x, factor) if np.isfinite(x) else "" for x in given.tolist()]
-        return [f"{x:.{max(decimals, 0)}f}" if np.isfinite(x) else "" for x in np.round(factor * given, decimals) + 0.0]
-
-
-def _shortest(x: float, factor: float) -> str:
-    """The fewest digits that give x again, exactly, once they are divided by the factor."""
-    texts = (f"{factor * x:.{digits}g}" for digits in range(1, 18))
-    return next((text for text in texts if float(text) / factor == x), repr(factor * x))
+            return [repr(x) if np.isfinite(x) else "" for x in (given + 0.0).tolist()]
+        return [f"{x:.{max(decimals, 0)}f}" if np.isfinite(x) else "" for x in np.round(given, decimals) + 0.0]
 
 
 def parse_units(text: str, usual: Units = Units()) -> Units:

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pbd.data import Demonstration, Truth
-from pbd.errors import SensorError
+from pbd.errors import SensorError, UsageError
 from pbd.pose import (
     Array,
     quat_about_z,
@@ -203,9 +203,9 @@ def test_rate_overrides_the_models_own(rate_hz: float) -> None:
 
 
 def test_unknown_names_list_the_valid_ones() -> None:
-    with pytest.raises(SensorError, match="no task is called 'tea'; choose one of pick-and-place-stops,"):
+    with pytest.raises(UsageError, match="no task is called 'tea'; choose one of pick-and-place-stops,"):
         simulate("tea")
-    with pytest.raises(SensorError, match=r"no sensor model is called 'nokia'; choose one of os5000, .*ideal"):
+    with pytest.raises(UsageError, match=r"no sensor model is called 'nokia'; choose one of os5000, .*ideal"):
         simulate("pour", "nokia")
     with pytest.raises(SensorError, match="negative"):
         simulate("pour", seed=-1)
