@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sqlite3
 import struct
 from dataclasses import replace
 from pathlib import Path
@@ -28,9 +29,11 @@ def recording() -> Recording:
     return Recording(**{name: getattr(whole, name)[:300] for name in ("t", "acc", "gyr", "mag")})
 
 
-def write_bag(path: Path, recording: Recording, topics: tuple[str, ...] = ("/imu",), mcap: bool = True) -> Path:
+def write_bag(
+    path: Path, recording: Recording, topics: tuple[str, ...] = ("/imu",), mcap: bool = True, packed: str = "none"
+) -> Path:
     """Write with rosbags as a driver does: header stamps, arrivals later, a covariance that says "no orientation"."""
-    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS2_JAZZY)
@@ -43,7 +46,9 @@ def write_bag(path: Path, recording: Recording, topics: tuple[str, ...] = ("/imu
         x, y, z = map(float, values)
         return kinds["Vector3"](x=x, y=y, z=z)
 
-    with Writer(path, version=9, storage_plugin=plugin) as writer:
+    writer = Writer(path, version=9, storage_plugin=plugin)
+    writer.set_compression(CompressionMode[packed.upper()], CompressionFormat.ZSTD)
+    with writer:
         imus = [writer.add_connection(name, "sensor_msgs/msg/Imu", typestore=store) for name in topics]
         field = writer.add_connection("/mag", "sensor_msgs/msg/MagneticField", typestore=store)
         text = writer.add_connection("/text", "std_msgs/msg/String", typestore=store)
@@ -68,7 +73,7 @@ def write_bag(path: Path, recording: Recording, topics: tuple[str, ...] = ("/imu
             )
             writer.write(field, ns + LATE_NS, store.serialize_cdr(message, "sensor_msgs/msg/MagneticField"))
         writer.write(text, ns, store.serialize_cdr(kinds["String"](data="end"), "std_msgs/msg/String"))
-    return path if not mcap else next(path.glob("*.mcap"))
+    return next(path.glob("*.mcap*" if mcap else "*.db3*"))
 
 
 def assert_same(read: Recording, written: Recording) -> None:
@@ -78,11 +83,41 @@ def assert_same(read: Recording, written: Recording) -> None:
     assert read.device_rpy is None
 
 
+@pytest.mark.parametrize(("mcap", "packed"), [(True, "none"), (False, "none"), (True, "message"), (False, "message")])
+def test_both_kinds_by_their_header_stamps(tmp_path: Path, recording: Recording, mcap: bool, packed: str) -> None:
+    bag = write_bag(tmp_path / "bag", recording, mcap=mcap, packed=packed)
+    for place in (bag, bag.parent):
+        assert_same(import_file(place).recording, recording)
+
+
+def test_a_message_that_swells_is_not_unpacked(tmp_path: Path, recording: Recording) -> None:
+    bag = write_bag(tmp_path / "bag", recording, mcap=False, packed="message")
+    whole = sqlite3.connect(bag)
+    whole.execute("UPDATE messages SET data = ? WHERE id = 7", (storage_mcap.zstd.compress(bytes(10**8)),))
+    whole.commit()
+    whole.close()
+    for place in (bag, bag.parent):
+        with pytest.raises(RecordingError, match=r"a message of \d+ bytes is cut off, or swells to more than 10000"):
+            import_file(place)
+
+
 @pytest.mark.parametrize("mcap", [True, False])
-def test_both_kinds_by_their_header_stamps(tmp_path: Path, recording: Recording, mcap: bool) -> None:
-    write_bag(tmp_path / "bag", recording, mcap=mcap)
-    assert_same(import_file(tmp_path / "bag").recording, recording)
-    assert_same(import_file(next((tmp_path / "bag").glob("*.mcap" if mcap else "*.db3"))).recording, recording)
+def test_a_bag_of_compressed_files_says_how_to_unpack_it(tmp_path: Path, recording: Recording, mcap: bool) -> None:
+    bag = write_bag(tmp_path / "bag", recording, mcap=mcap, packed="file")
+    with pytest.raises(RecordingError, match=rf"{bag.name} is compressed as a whole; .* -o {bag.stem}, and import"):
+        import_file(bag.parent)
+    bag.with_suffix("").write_bytes(storage_mcap.zstd.decompress(bag.read_bytes()))
+    assert_same(import_file(bag.with_suffix("")).recording, recording)
+
+
+def test_a_bags_mcap_is_looked_at_by_any_name(tmp_path: Path, recording: Recording) -> None:
+    """What rosbags opens is what metadata.yaml names."""
+    bag = write_bag(tmp_path / "bag", recording)
+    about = bag.parent / "metadata.yaml"
+    about.write_text(about.read_text().replace("bag.mcap", "bag.bin"))
+    bag.with_suffix(".bin").write_bytes(bag.read_bytes()[:-100])
+    with pytest.raises(RecordingError, match=r"bag\.bin: its end is missing, .* if you import it instead of"):
+        import_file(bag.parent)
 
 
 def test_our_own_export_comes_back(

@@ -14,7 +14,7 @@ import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
+from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
 from typing import Any
 
@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from pbd.data import Recording
 from pbd.data.streams import Stream
 from pbd.errors import PbdError, PbdWarning, RecordingError, in_words, listed
-from pbd.io.opening import LARGE
+from pbd.io.opening import LARGE, read_text
 from pbd.pose import Array, quat_from_xyzw, quat_to_rpy
 
 IMU, FIELD = "sensor_msgs/msg/Imu", "sensor_msgs/msg/MagneticField"
@@ -45,6 +45,12 @@ FOOTER, CHUNK, CHUNK_HEAD = 2, 6, struct.Struct("<QQQII")
 MOST_SWOLLEN = 50
 """Largest ratio of a chunk's contents to its compressed bytes: numbers from a sensor shrink to a fifth at most."""
 
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+"""What a compressed message begins with (RFC 8878, 3.1.1); a message of CDR begins with a zero."""
+
+LONGEST_MESSAGE = 10_000
+"""Most that a compressed message may hold, bytes: an Imu has 316 and its frame's name."""
+
 
 def read_bag(path: Path, topic: str | None = None) -> Recording:
     """Read a recording from a .mcap, a .db3 or a bag's folder.
@@ -64,17 +70,16 @@ def read_bag(path: Path, topic: str | None = None) -> Recording:
         raise PbdError(what) from None
     imu, field = _Messages(path, IMU_PARTS, IMU_DOUBLES), _Messages(path, FIELD_PARTS, FIELD_DOUBLES)
     take = {IMU: imu.take, FIELD: field.take}
-    with _whole(path) as whole:
-        try:
-            with Reader(whole) as reader:
-                wanted = _choose(path, reader.connections, topic)
-                for kind, data in _messages(reader, wanted):
-                    take[kind](data)
-        except PbdError:
-            raise
-        except Exception as reason:  # damaged bytes make sqlite, yaml and zstd raise errors of their own
-            what = f"{path}: can't be read as a bag ({in_words(reason) or type(reason).__name__}); record it again"
-            raise RecordingError(what, path=path) from None
+    try:
+        with _whole(path) as whole, Reader(whole) as reader:
+            wanted = _choose(path, reader.connections, topic)
+            for kind, data in _messages(path, reader, wanted):
+                take[kind](data)
+    except PbdError:
+        raise
+    except Exception as reason:  # damaged bytes make sqlite, yaml and zstd raise errors of their own
+        what = f"{path}: can't be read as a bag ({in_words(reason) or type(reason).__name__}); record it again"
+        raise RecordingError(what, path=path) from None
     ns, values = imu.all()
     if not len(ns):
         raise RecordingError(f"{path}: its {IMU} has no messages; name another --topic", path=path)
@@ -135,16 +140,25 @@ class _Messages:
             self._values.append(np.hstack(list(known)))
 
 
-def _messages(reader: Any, wanted: set[tuple[str, str]]) -> Iterator[tuple[str, bytes]]:
+def _messages(path: Path, reader: Any, wanted: set[tuple[str, str]]) -> Iterator[tuple[str, bytes]]:
     """Yield type and bytes of the messages of these topics and types, in the files' order: sorting takes as long."""
-    if reader.compression_mode == "message":
-        connections = [each for each in reader.connections if (each.topic, each.msgtype) in wanted]
-        yield from ((connection.msgtype, data) for connection, _, data in reader.messages(connections))
-        return
     for storage in getattr(reader.storage, "storages", (reader.storage,)):
         connections = [each for each in storage.connections if (each.topic, each.msgtype) in wanted]
         scan = getattr(storage, "messages_scan", storage.messages)
-        yield from ((connection.msgtype, data) for connection, _, data in scan(connections))
+        for connection, _, data in scan(connections):
+            yield connection.msgtype, _message(path, data) if data[:4] == ZSTD_MAGIC else data
+
+
+def _message(path: Path, packed: bytes) -> bytes:
+    """Unpack one message: rosbags would unpack it whatever it becomes, and only if the bag's folder is given."""
+    unpacker = _zstd().ZstdDecompressor()
+    data: bytes = unpacker.decompress(packed, max_length=LONGEST_MESSAGE)
+    if not unpacker.eof:
+        what = (
+            f"a message of {len(packed)} bytes is cut off, or swells to more than {LONGEST_MESSAGE}, which is refused"
+        )
+        raise RecordingError(f"{path}: {what}; record it again", path=path)
+    return data
 
 
 def _choose(path: Path, connections: list[Any], topic: str | None) -> set[tuple[str, str]]:
@@ -186,7 +200,7 @@ def _device_rpy(xyzw: Array) -> Array | None:
 @contextmanager
 def _whole(path: Path) -> Iterator[Path]:
     """Mend an MCAP whose end is missing, in a copy, and refuse one that swells."""
-    for file in [path] if path.suffix.lower() == ".mcap" else sorted(path.glob("*.mcap")):
+    for file in _mcaps(path):
         data = _mapped(file)
         if data[: len(MCAP_MAGIC)] != MCAP_MAGIC:
             raise RecordingError(f"{file}: it is no MCAP (its first bytes say so); give another file", path=file)
@@ -203,6 +217,22 @@ def _whole(path: Path) -> Iterator[Path]:
             yield mended
         return
     yield path
+
+
+def _mcaps(path: Path) -> list[Path]:
+    """The MCAPs that rosbags will open; a bag of compressed files is refused: it unpacks them whatever they become."""
+    if not path.is_dir():
+        return [path] if path.suffix.lower() == ".mcap" else []
+    from ruamel.yaml import YAML
+
+    text = read_text(path / "metadata.yaml", RecordingError, "give a bag that is whole")
+    about = YAML(typ="safe").load(text)["rosbag2_bagfile_information"]
+    files = [path / PurePath(name).name for name in about["relative_file_paths"]]
+    if files and (about.get("compression_mode") or "").lower() == "file":
+        name, plain = files[0].name, files[0].stem
+        what = f"{name} is compressed as a whole; unpack it with: zstd -d {name} -o {plain}, and import {plain}"
+        raise RecordingError(f"{path}: {what}", path=path)
+    return files if about["storage_identifier"] == "mcap" else []
 
 
 def _mapped(path: Path) -> mmap.mmap | bytes:
@@ -249,10 +279,7 @@ def _unpacks(compression: bytes, packed: bytes, size: int) -> bool:
     """Whether these bytes are `size` when they are unpacked: rosbags unpacks them whatever they become."""
     import lz4.frame  # type: ignore[import-untyped]
 
-    if sys.version_info >= (3, 14):
-        from compression import zstd
-    else:
-        from backports import zstd
+    zstd = _zstd()
     kinds = {b"zstd": zstd.ZstdDecompressor, b"lz4": lz4.frame.LZ4FrameDecompressor}
     try:
         unpacker = kinds[compression]()
@@ -260,3 +287,12 @@ def _unpacks(compression: bytes, packed: bytes, size: int) -> bool:
     except (KeyError, EOFError, RuntimeError, zstd.ZstdError):
         return False
     return len(unpacked) == size and unpacker.eof and not unpacker.unused_data
+
+
+def _zstd() -> Any:
+    """The package that rosbags unpacks with."""
+    if sys.version_info >= (3, 14):
+        from compression import zstd
+    else:
+        from backports import zstd
+    return zstd
