@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import select
 import shlex
 import signal
@@ -91,10 +92,14 @@ def test_stopped_for_a_while_it_goes_on(tmp_path: Path) -> None:
         while not (tmp_path / "demos" / "tea" / "imu.csv").exists():
             time.sleep(0.01)
         process.send_signal(signal.SIGSTOP)
+        stopped = time.monotonic()
         time.sleep(2.5)
+        stood_s = time.monotonic() - stopped
         process.send_signal(signal.SIGCONT)
         out, error = process.communicate(timeout=60)
-    assert "this program stood still for 2." in error
+    told = re.search(r"this program stood still for ([\d.]+) s", error)
+    assert told is not None
+    assert float(told[1]) > stood_s - 0.1
     assert "ended: 4 s recorded" in out
     assert process.returncode == 0
 
@@ -104,7 +109,7 @@ def test_nobody_reads_what_it_prints(tmp_path: Path) -> None:
     assert process.stderr is not None
     assert process.stderr.readline().startswith("recording demos/tea from sim (x-IMU3); hold still")
     process.stderr.close()
-    assert process.wait(20) == 0
+    assert process.wait(60) == 0
     assert process.stdout is not None
     assert "ended: 1.5 s recorded" in process.stdout.read()
     process.stdout.close()

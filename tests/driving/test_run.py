@@ -168,7 +168,7 @@ def test_a_person_at_a_terminal(words: list[str], key: str) -> None:
         terminal.until("stopped by hand after")
         terminal.until("lets go of it")
         assert terminal.exit_code() == 130
-        assert len(real.goals) < 60
+        assert len(real.goals) < 500  # of 950
         assert all(servo.registers[40] for servo in real.servos.values())
 
 

@@ -43,10 +43,16 @@ def phone(hands: dict[str, Recording]) -> Iterator[Phone]:
         yield phone
 
 
-def later(*acts: tuple[float, Callable[[], object]]) -> None:
-    """Do each after so many seconds, beside the test."""
-    for at, act in acts:
-        threading.Timer(at, act).start()
+def later(phone: Phone, *acts: tuple[float, Callable[[], object]]) -> None:
+    """Do each when the phone has measured for so many seconds and was asked for it a few times, beside the test."""
+
+    def wait() -> None:
+        for at, act in acts:
+            while phone.t < at or sum(path.startswith("/get?") for path in phone.asked) < 5:
+                time.sleep(0.01)
+            act()
+
+    threading.Thread(target=wait, daemon=True).start()
 
 
 def hear(port: PhonePort, decoder: PhyphoxDecoder, samples: list[Sample], until_s: float) -> None:
@@ -93,7 +99,7 @@ def test_three_sensors_come_as_one_on_the_gyros_clock(
     tmp_path: Path, phone: Phone, hands: dict[str, Recording]
 ) -> None:
     """A lost network costs nothing: the phone keeps what it measured."""
-    later((1.0, lambda: setattr(phone, "offline", True)), (1.3, lambda: setattr(phone, "offline", False)))
+    later(phone, (1.0, lambda: setattr(phone, "offline", True)), (1.3, lambda: setattr(phone, "offline", False)))
     outcome, _ = recorded(phone, tmp_path / "tea", duration_s=1.8)
     got = read_demo(tmp_path / "tea").recording
     assert outcome.lost == 0
@@ -155,7 +161,7 @@ def test_a_phone_that_sleeps_ends_the_recording_with_what_it_has(
     tmp_path: Path, phone: Phone, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(phone_port, "PATIENCE_S", 0.6)
-    later((0.8, lambda: setattr(phone, "offline", True)))
+    later(phone, (0.8, lambda: setattr(phone, "offline", True)))
     outcome, _ = recorded(phone, tmp_path / "tea")
     assert outcome.ended_by.startswith("the phone does not answer")
     assert 0.0 < outcome.duration_s < phone.t
@@ -166,7 +172,7 @@ def test_reconnecting_goes_on_with_the_first_sample_not_yet_read(
     tmp_path: Path, phone: Phone, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(phone_port, "PATIENCE_S", 0.3)
-    later((0.6, lambda: setattr(phone, "offline", True)), (1.5, lambda: setattr(phone, "offline", False)))
+    later(phone, (0.6, lambda: setattr(phone, "offline", True)), (1.5, lambda: setattr(phone, "offline", False)))
     outcome, said = recorded(phone, tmp_path / "tea", reconnect=True, duration_s=2.2)
     assert outcome.lost == 0
     assert any(text.startswith("the phone does not answer") for text in said)

@@ -168,12 +168,14 @@ def test_a_sensor_that_comes_back_is_waited_for(tmp_path: Path, pouring: Recordi
         port.symlink_to(first.device)
 
         def change() -> None:
+            while not person.shown or person.shown[-1].t < 0.7:
+                time.sleep(0.01)
             first.unplug()
             port.unlink()
             time.sleep(0.3)
             port.symlink_to(second.device)
 
-        threading.Timer(0.8, change).start()
+        threading.Thread(target=change, daemon=True).start()
         outcome = record(
             lambda: open_port(str(port), 115200),
             protocol("ximu3").decoder(),
