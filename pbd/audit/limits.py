@@ -75,9 +75,7 @@ def check_samples(trajectory: JointTrajectory, limits: JointLimits) -> None:
     dt = np.diff(trajectory.t)[:, None]
     for order, values in enumerate((trajectory.q, trajectory.qd, trajectory.qdd)):
         bound, rates = _bounds(limits)[order], np.diff(values, axis=0) / dt
-        # A difference of two numbers is known to their last digits only.
-        rounding = 4.0 * np.finfo(np.float64).eps * np.abs(values).max(axis=0) / (dt * bound)
-        share = np.abs(rates) / bound - rounding
+        share = np.abs(rates) / bound
         i, joint = _worst(share)
         if share[i, joint] > 1.0 + RELATIVE:
             _exceed(trajectory, limits, order, joint, float(trajectory.t[i]), rates[i, joint])

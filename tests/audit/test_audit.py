@@ -1,8 +1,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import replace
 from math import factorial
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +13,7 @@ from scipy.interpolate import BSpline, PPoly
 
 from pbd.arm.model import ArmModel
 from pbd.audit.audit import audit
+from pbd.audit.limits import check_samples
 from pbd.data import Calibration, JointTrajectory, Obstacle
 from pbd.errors import PlanError
 from pbd.pose import Array, Pose
@@ -241,6 +245,19 @@ def test_samples_that_are_not_those_of_the_pieces_are_found(arm: ArmModel, monke
     monkeypatch.setattr(JointTrajectory, "sample", faulty)
     with pytest.raises(PlanError, match="panda_joint6 has velocity"):
         audit(trajectory, arm.limits, arm.robot, poses)
+
+
+@pytest.mark.parametrize("order", ["q", "qd", "qdd"])
+@pytest.mark.parametrize(("share", "sound"), [(0.99, True), (1.01, False)])
+def test_a_step_between_two_samples_is_held_to_the_limit(arm: ArmModel, order: str, share: float, sound: bool) -> None:
+    limits = arm.limits
+    still = np.tile(arm.robot.home, (3, 1))
+    stepped = dict.fromkeys(("q", "qd", "qdd"), still)
+    rate = {"q": limits.velocity, "qd": limits.acceleration, "qdd": limits.jerk}[order][3]
+    stepped[order] = still + np.outer((0.0, 0.0, 1.0), 1e-3 * share * rate * np.eye(7)[3])
+    samples: Any = SimpleNamespace(t=1e-3 * np.arange(3), joint_names=arm.robot.joints, **stepped)
+    with nullcontext() if sound else pytest.raises(PlanError, match=r"panda_joint4 has .* at 0\.001 s"):
+        check_samples(samples, limits)
 
 
 def test_collisions_bite(arm: ArmModel) -> None:

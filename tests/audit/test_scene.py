@@ -14,10 +14,11 @@ from pbd.arm.joint_path import solve_path
 from pbd.arm.model import load_model
 from pbd.audit.arm import AuditArm
 from pbd.audit.contact import Motion, Pair, coordinates, find_touch
-from pbd.audit.grasp import tool_rod
+from pbd.audit.grasp import may_rest, tool_rod
 from pbd.audit.pairs import AuditScene
 from pbd.audit.solids import link_solids, simple_solid
 from pbd.data import Calibration, GraspedObject, JointLimits, JointTrajectory, Obstacle, Robot
+from pbd.data.world import Stay
 from pbd.pose import Pose
 from tests.arm.bundled import NAMES, arm_of
 from tests.arm.conftest import random_joints
@@ -151,3 +152,45 @@ STACK = """<?xml version="1.0"?>
   </joint>
 </robot>
 """
+
+
+def ball_on_a_slope(degrees: float, gap_m: float, aside_m: float) -> bool:
+    """Whether a held ball of 10 cm may touch a slope: let go so far above it, now so far aside."""
+    own, turn = AuditArm(arm_of("panda").robot), pin.exp3(np.array([np.radians(degrees), 0.0, 0.0]))
+    slope = simple_solid("slope", 0, pin.SE3(turn, np.zeros(3)), "box", (2.0, 2.0, 0.2))
+    ball = simple_solid("ball", own.tool_joint, pin.SE3.Identity(), "sphere", (0.1,))
+    rest = turn @ np.array([0.0, 0.0, 0.15 + gap_m])
+    T_base_rest = Pose(own.T_universe_base.inverse().act(rest), Pose.identity().wxyz)
+    allowed = may_rest(own, Stay(0.0, 1.0, True, Pose.identity(), (T_base_rest,)), ball, slope)
+    now = pin.SE3(np.eye(3), rest + np.array([aside_m, 0.0, 0.0]))
+    return allowed is not None and allowed({own.tool_joint: now})
+
+
+@pytest.mark.parametrize(
+    ("degrees", "gap_m", "aside_m", "free"),
+    [(0.0, 0.028, 0.0, True), (0.0, 0.032, 0.0, False), (0.0, 0.0, 0.028, True), (0.0, 0.0, 0.032, False),
+     (44.0, 0.0, 0.0, True), (46.0, 0.0, 0.0, False)],
+)  # fmt: skip
+def test_a_held_thing_may_touch_what_faces_up_within_three_centimetres(
+    degrees: float, gap_m: float, aside_m: float, free: bool
+) -> None:
+    assert ball_on_a_slope(degrees, gap_m, aside_m) == free
+
+
+def test_a_speed_that_peaks_between_two_instants_is_bounded() -> None:
+    """It is zero at the instants of the grid, 2 ms apart, and 7.5 mrad/s between."""
+    robot = arm_of("panda").robot
+    coefficients = np.zeros((1, 4, len(robot.joints)))
+    coefficients[0, 1:, 3] = 0.0, 7.5, -2500.0  # qd = 7500 s (2 ms - s)
+    trajectory = JointTrajectory(
+        joint_names=robot.joints,
+        knots=np.array([0.0, 0.002]),
+        coefficients=coefficients,
+        gripper_t=np.zeros(1),
+        gripper_opening=np.ones(1),
+        keyframe_t=np.zeros(1),
+        keyframe_q=np.zeros((1, len(robot.joints))),
+    )
+    motion = Motion(AuditArm(robot), trajectory)
+    assert motion.t.tolist() == [0.0, 0.002]
+    assert motion.moved[-1, 3] >= trajectory.at(motion.t).q[-1, 3] > 9e-6

@@ -67,16 +67,17 @@ def test_the_rests_are_those_of_the_task(recording: Recording, rests: Rests) -> 
         assert end - 0.6 < recording.t[stop - 1] <= end
 
 
-def test_a_slow_even_turn_is_no_rest() -> None:
+@pytest.mark.parametrize(("degrees_s", "until"), [(2.0, 600), (0.6, 610)])
+def test_a_slow_even_turn_is_no_rest(degrees_s: float, until: int) -> None:
     """It shakes as little as a rest; only its rate gives it away."""
     n, rate = 1000, 100.0
     rng = np.random.default_rng(0)
     gyr = 1e-3 * rng.normal(size=(n, 3)) + np.array([0.001, 0.002, 0.003])
-    gyr[600:, 2] += np.radians(2.0)
+    gyr[600:, 2] += np.radians(degrees_s)
     acc = 0.01 * rng.normal(size=(n, 3)) + (0.0, 0.0, 9.81)
     found = find_rests(Recording(np.arange(n) / rate, acc, gyr))
     assert len(found) == 1
-    assert found.stop[0] <= 600
+    assert found.stop[0] <= until
 
 
 @pytest.mark.parametrize(("shake", "what"), [("acc", "the accelerometer shakes by"), ("gyr", "the gyro shakes by")])
@@ -103,6 +104,9 @@ def test_rests_that_are_too_short() -> None:
 def test_orientations_are_counted_once() -> None:
     assert orientations(SIDES) == 12
     assert orientations(np.vstack((SIDES[:3], SIDES[:3] + 0.01))) == 3
+    leaning = np.radians([0.0, 14.0, 16.0])
+    up = np.column_stack((np.sin(leaning), np.zeros(3), np.cos(leaning)))
+    assert [orientations(up[:2]), orientations(up[::2])] == [1, 2]
 
 
 # --- accelerometer ----------------------------------------------------------------------------------------------------

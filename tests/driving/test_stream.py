@@ -4,16 +4,23 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
+from contextlib import nullcontext
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from pbd.driving.arm import HOLD_TRIES
+from pbd.driving.arm import HOLD_TRIES, Bounds, State
 from pbd.driving.bus import Bus
 from pbd.driving.clock import Clock
+from pbd.driving.counts import Counts
+from pbd.driving.motion import planned_start
 from pbd.driving.stream import Streamed, stream
 from pbd.driving.watch import Watch, check_health
-from pbd.errors import SensorError
+from pbd.errors import PlanError, SensorError
+from pbd.files.robot import load_robot
+from pbd.pose import Array
 from tests.driving.bench import PATIENT_S, UNHURRIED_S, FastClock, connect
 from tests.driving.emulator import Emulator, calibration_of, resting
 
@@ -209,3 +216,60 @@ def test_an_arm_that_should_not_start(emulator: Emulator, address: int, value: i
         arm = connect(bus)
         with pytest.raises(SensorError, match=says):
             check_health(arm.counts.names, arm.bounds, arm.state())
+
+
+def standing(counts: Array) -> State:
+    n = len(counts)
+    return State(counts, np.zeros(n), np.full(n, 7.4), np.full(n, 30.0), (0,) * n)
+
+
+def so101() -> Counts:
+    return Counts(load_robot("so101"), calibration_of("so101"))
+
+
+def test_after_a_late_goal_none_comes_sooner_than_half_a_period() -> None:
+    """Else the servos would make up for the time by going faster."""
+
+    class Late(Clock):
+        t = 0.0
+
+        def now(self) -> float:
+            return self.t
+
+        def sleep_until(self, t: float) -> None:
+            self.t = max(self.t, t) + (0.09 if 0.4 <= t < 0.41 else 0.0)
+
+    arm: Any = SimpleNamespace(state=lambda: None, go=lambda goal: None)
+    watch: Any = SimpleNamespace(look=lambda state: None, goal=lambda goal: None)
+    done = stream(arm, np.zeros((60, 6)), RATE_HZ, watch, Late(), lambda: False)
+    assert done.periods.max() == pytest.approx(0.11)
+    assert done.periods.min() >= 0.5 / RATE_HZ - 1e-9
+
+
+@pytest.mark.parametrize(("behind_s", "sound"), [(0.2, True), (0.3, False)])
+def test_a_servo_may_be_a_quarter_of_a_second_behind(behind_s: float, sound: bool) -> None:
+    """At 20 degrees a period, it is as many off as it is periods more behind than it may be."""
+    counts, n = so101(), 6
+    bounds = Bounds(np.full(n, 70.0), np.full(n, 4.0), np.full(n, 8.0))
+    path = np.full((40, n), 2048.0) + np.eye(n)[ELBOW] * 4096.0 / 18.0 * np.arange(40)[:, None]
+    watch = Watch(counts.names, bounds, standing(path[0]), 10.0, RATE_HZ)
+    for goal in path:
+        watch.goal(goal)
+    with nullcontext() if sound else pytest.raises(SensorError, match=r"elbow_flex is .* degrees off its goal"):
+        watch.look(standing(path[-1 - round(behind_s * RATE_HZ)]))
+
+
+@pytest.mark.parametrize(("beyond", "sound"), [(0.9, True), (1.1, False)])
+def test_a_goal_may_leave_the_calibrated_range_by_a_count(beyond: float, sound: bool) -> None:
+    counts = so101()
+    with nullcontext() if sound else pytest.raises(PlanError, match=r"shoulder_pan would go 0\.1 degrees beyond"):
+        counts.check_reach(np.zeros(1), counts.lower[None] - beyond * np.eye(6)[0])
+
+
+@pytest.mark.parametrize(("degrees", "sound"), [(4.0, True), (6.0, False)])
+def test_an_arm_five_degrees_outside_the_model_starts_at_its_limit(degrees: float, sound: bool) -> None:
+    counts, robot = so101(), load_robot("so101")
+    q = robot.home + (robot.limits.upper[1] + np.radians(degrees) - robot.home[1]) * np.eye(5)[1]
+    state = standing(counts.of(q[None], np.ones(1))[0])
+    with nullcontext() if sound else pytest.raises(PlanError, match=r"shoulder_lift stands at .* outside the model's"):
+        assert planned_start(counts, state, robot.limits)[1] == robot.limits.upper[1]

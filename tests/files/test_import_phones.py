@@ -76,6 +76,13 @@ def test_signs_and_units_of_an_iphone(tmp_path: Path, tables: dict[str, np.ndarr
     assert_allclose(read(folder(tmp_path / "i", {**tables, "Gyroscope": TURN}, "ios", standard)).acc, UP, atol=1e-9)
 
 
+@pytest.mark.parametrize("written", [UP, -UP / GRAVITY], ids=["Android's", "an iPhone's"])
+def test_whose_acceleration_it_is_shows_without_metadata(tmp_path: Path, written: np.ndarray) -> None:
+    place = folder(tmp_path / "w", {"AccelerometerUncalibrated": written, "Gyroscope": TURN})
+    (place / "Metadata.csv").unlink()
+    assert_allclose(read(place).acc, UP, atol=1e-9)
+
+
 @pytest.mark.parametrize(("platform", "needed"), [("android", "TotalAcceleration.csv"), ("ios", "Gravity.csv")])
 def test_acceleration_without_gravity_names_the_file_that_is_needed(tmp_path: Path, platform: str, needed: str) -> None:
     place = folder(tmp_path / "w", {"Accelerometer": UP - GRAVITY_PART, "Gyroscope": TURN}, platform)

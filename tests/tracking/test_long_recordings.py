@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from pbd.data import GripEvent, Stop
+from pbd.errors import PbdWarning
 from pbd.pose import Array
 from pbd.tracking.constraint_update import _Conditioned
 from pbd.tracking.keyframes import _grip_at_stops
@@ -73,3 +74,10 @@ def test_a_covariance_is_conditioned_as_a_dense_one(seed: int) -> None:
     columns = rng.normal(size=(k + 1, 6, 3))
     found = _Conditioned(prior, gain, G, root @ root.T)(columns)
     assert found.reshape(-1, 3) == pytest.approx(slowly @ columns.reshape(-1, 3), rel=1e-9, abs=1e-9)
+
+
+def test_a_grip_half_a_second_from_all_stops_is_told() -> None:
+    t, stops = np.arange(300) / 100.0, (Stop(0, 101, 1.0),)
+    assert _grip_at_stops((GripEvent(1.45, True),), t, stops) == {0: True}
+    with pytest.warns(PbdWarning, match=r"the grip closed at 1\.55 s, 0\.6 s from the nearest stop"):
+        assert _grip_at_stops((GripEvent(1.55, True),), t, stops) == {0: True}

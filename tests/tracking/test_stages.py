@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import CubicHermiteSpline
 
+from pbd.data import Recording
 from pbd.pipeline import track
 from pbd.pose import (
     Array,
@@ -203,3 +204,12 @@ def test_cumulative_products_are_those_of_a_loop(n: int, seed: int) -> None:
         before = quat_multiply(before, turn)
         products.append(before)
     assert quat_cumulative(turns) == pytest.approx(np.array(products).reshape(n, 4), abs=1e-12)
+
+
+@pytest.mark.parametrize(("louder", "first"), [(3.0, True), (5.0, False)])
+def test_the_first_second_is_the_rest_if_its_variance_is_at_most_four_times_the_least(
+    louder: float, first: bool
+) -> None:
+    acc = np.tile((0.0, 0.0, 9.81), (400, 1))
+    acc[:, 0] = 0.02 * (-1.0) ** np.arange(400) * np.where(np.arange(400) < 150, np.sqrt(louder), 1.0)
+    assert (find_rest(Recording(np.arange(400) / 100.0, acc)).start == 0) == first

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pbd.data import GripEvent, Recording
+from pbd.data import GRAVITY, GripEvent, Recording
 from pbd.errors import PbdWarning
 from pbd.files.importers import import_file
 from pbd.pipeline import track
@@ -93,3 +93,23 @@ def test_a_stop_in_which_the_grip_is_tapped_stays_one() -> None:
         warnings.simplefilter("ignore", PbdWarning)  # one of the parts may be no stop
         unmarked = track(replace(demo, recording=replace(shaken, grip=(GripEvent(1.0, True),))))
     assert len(unmarked.stops) > len(stops)  # it is the mark that joins them
+
+
+@pytest.mark.parametrize(("degrees", "found"), [(2.0, 1), (4.0, 0)])
+def test_a_hand_that_turns_by_more_than_three_degrees_between_does_not_tap(degrees: float, found: int) -> None:
+    recording = tapped(held(200.0), [(2.0, 40.0), (2.25, 40.0)])
+    acc = recording.acc.copy()
+    acc[recording.t > 2.12, 1] += GRAVITY * np.sin(np.radians(degrees))
+    assert len(grip_by_taps(replace(recording, acc=acc))) == found
+
+
+@pytest.mark.parametrize(("away_s", "stops"), [(0.7, 2), (0.9, 3)])
+def test_a_hand_that_comes_back_at_once_only_gripped(away_s: float, stops: int) -> None:
+    """It is marked on the way; 0.8 s are still a grip, more is a move out and back."""
+    there, back = Waypoint((0.0, 0.0, 0.1), move_s=0.5 * away_s), Waypoint(move_s=0.5 * away_s, rest_s=1.0)
+    onward = Waypoint((0.2, 0.0, 0.0), move_s=1.0, rest_s=1.0)
+    recording = simulate(Task("away", (Waypoint(rest_s=2.0), there, back, onward)), "modern", 1).recording
+    marked = replace(recording, grip=(GripEvent(2.0 + 0.5 * away_s, True),))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PbdWarning)  # of two rests that are one stop the shorter isn't used
+        assert len(track(marked).stops) == stops

@@ -7,9 +7,12 @@ import pytest
 
 from pbd.arm.ik.branches import _nearest_first, configuration_cost, find_branches, polish
 from pbd.arm.ik.levenberg_marquardt import residual_at
+from pbd.arm.ik.partial_pose import measure
 from pbd.arm.joint_path import STARTS_WIDE
 from pbd.arm.tool import target
-from tests.arm.bundled import arm_of
+from pbd.pose import Pose
+from tests.arm.bundled import FIVE_JOINTS, arm_of
+from tests.arm.conftest import random_joints
 
 STRAIGHT_ELBOW = np.array([0.0, -1.57, 0.0, -1.57, 1.57, 0.0])
 
@@ -47,3 +50,15 @@ def test_a_wide_search_goes_all_the_way_around_a_redundant_arms_elbow(name: str)
         found = find_branches(arm, arm.forward(q), np.array([arm.robot.home]), STARTS_WIDE)
         way = np.abs((found - q + np.pi) % (2.0 * np.pi) - np.pi)
         assert way.max(axis=1).min() < 0.3
+
+
+@pytest.mark.parametrize("name", FIVE_JOINTS)
+def test_no_way_of_five_joints_is_a_tenth_of_a_degree_worse_than_another(name: str) -> None:
+    """As the rule counts, which weighs a degree of the approach axis as ten about it."""
+    arm = arm_of(name)
+    before = random_joints(arm.robot, 12, seed=2)
+    for q in before:
+        pose = arm.forward(q) @ Pose.exp((0.0, 0.0, 0.0, 0.3, 0.2, 0.1))
+        ways = [measure(arm, target(pose), each) for each in find_branches(arm, pose, before[:6], 24)]
+        off = np.degrees([np.hypot(way.approach_rad, 0.1 * way.about_rad) for way in ways])
+        assert np.ptp(off) < 0.1 + 1e-6

@@ -104,3 +104,17 @@ def test_lines_are_straight_and_their_poses_close() -> None:
     for pose in poses[1:]:  # about one axis
         turned = quat_rotate(start.wxyz, (start.inverse() @ pose).log()[3:])
         np.testing.assert_allclose(np.cross(turned, axis), 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["panda", "xarm7"])
+def test_a_redundant_arm_led_around_a_square_comes_back_as_it_left(name: str) -> None:
+    """Left alone its elbow has drifted by then, and the last step has to make up for that."""
+    arm = arm_of(name)
+    home = arm.forward(arm.robot.home)
+    corners = [Pose(home.p + np.array((0.0, *yz)), home.wxyz)
+               for yz in ((0.0, 0.0), (0.2, 0.0), (0.2, -0.2), (-0.2, -0.2), (-0.2, 0.0), (0.0, 0.0))]  # fmt: skip
+    poses = [home, *(pose for start, end in pairwise(corners) for pose in line(start, end)[1:])]
+    q = follow(arm, poses, arm.robot.home, arm.robot.home)
+    assert q is not None
+    steps = np.abs(np.diff(q, axis=0)).max(axis=1)
+    assert steps[-1] < 2.0 * steps[:-1].max()

@@ -18,6 +18,7 @@ from pbd.pose import Array
 from pbd.simulation.simulate import SENSOR_MODELS, simulate
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.repair.clock import steady_clock
+from pbd.tracking.repair.conditioning import condition
 from tests.scenarios import truth_at, uncalibrated, with_rows
 
 pytestmark = pytest.mark.usefixtures("remembered")
@@ -177,3 +178,11 @@ def test_a_rate_other_than_the_nominal_one_is_told() -> None:
         track(slow)
     assert "set to" not in said(replace(recording, t=recording.t / 0.97))
     assert "6 % too large for how gravity turns" in said(unnamed(slow))
+
+
+@pytest.mark.parametrize(("lost", "long"), [(5, 0), (6, 1)])
+def test_a_gap_of_fifty_milliseconds_is_the_longest_that_is_bridged(lost: int, long: int) -> None:
+    recording = simulate("pour", "modern", 1).recording
+    with pytest.warns(PbdWarning, match=f"{lost} samples missing, in 1 gap"):
+        _, gaps = condition(with_rows(recording, np.delete(np.arange(len(recording)), slice(500, 500 + lost))))
+    assert len(gaps) == long

@@ -18,9 +18,10 @@ from pbd.data import Demonstration, Recording
 from pbd.errors import PbdWarning, RecordingError
 from pbd.files.demo import write_demo
 from pbd.files.importers import import_file
-from pbd.pose import quat_from_rpy, quat_to_rpy
+from pbd.pose import quat_exp, quat_from_rpy, quat_rotate, quat_to_matrix, quat_to_rpy
 from pbd.simulation.calibration_tasks import sides
 from pbd.simulation.simulate import SENSOR_MODELS, TASKS, random_task, simulate
+from pbd.tracking.repair.axes import Witness, find_other_axes
 from pbd.tracking.repair.gyro_consistency import (
     refuse_disagreement,
     refuse_turned_signs,
@@ -182,3 +183,18 @@ def test_a_field_that_points_up_is_a_second_witness(field_z: float, told: bool) 
     with pytest.warns(PbdWarning, match="lies upside down") as caught:
         warn_upside_down(recording, np.array([0.0, 0.0, -1.0]), 0, 2)
     assert ("south of the equator" in str(caught[0].message)) == told
+
+
+@pytest.mark.parametrize(("degrees", "told"), [(5.0, False), (9.0, True)])
+def test_a_wrong_sign_is_told_where_gravity_contradicts_it_by_more_than_a_moving_hand(
+    degrees: float, told: bool
+) -> None:
+    """Turned by so much about z each time, gravity is 9 or 15 degrees (median) from where the wrong gyro carries it."""
+    rng = np.random.default_rng(0)
+    up = rng.normal(size=(20, 3))
+    up /= np.linalg.norm(up, axis=1)[:, None]
+    turns = np.radians(np.column_stack((rng.uniform(-60.0, 60.0, (20, 2)), np.full(20, degrees))))
+    gyro = turns * (1.0, 1.0, -1.0)
+    after = quat_rotate(quat_exp(turns), up)
+    found = find_other_axes([Witness("a", up, after)], quat_to_matrix(quat_exp(gyro)), quat_to_matrix(quat_exp(-gyro)))
+    assert [each.message[:22] for each in (found,) if each] == ["gz has the wrong sign:"] * told

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import warnings
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from pbd.errors import PbdWarning
+from pbd.errors import PbdWarning, RecordingError
 from pbd.simulation.simulate import random_task, simulate
-from pbd.tracking.repair.splices import in_order, without_wild
+from pbd.tracking.repair.splices import in_order, refuse_doubled, without_wild
 from tests.scenarios import pour, with_rows
 from tests.tracking.repair.test_sensors_as_they_are import real_recordings
 
@@ -64,3 +65,15 @@ def test_a_hand_that_meets_a_table_is_no_wild_sample() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert in_order(without_wild(met)) is met
+
+
+@pytest.mark.parametrize(("rows", "told"), [(5, False), (6, True)])
+def test_six_rows_that_come_again_are_a_block_that_came_twice(rows: int, told: bool) -> None:
+    recording = pour().recording
+    again = np.concatenate((np.arange(500), np.arange(500 - rows, len(recording) - rows)))
+    with (
+        pytest.raises(RecordingError, match=f"rows 500 to {499 + rows} .* repeat rows {500 - rows} to 499")
+        if told
+        else nullcontext()
+    ):
+        refuse_doubled(replace(with_rows(recording, again), t=recording.t))
