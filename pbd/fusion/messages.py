@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pbd.fusion.regressors import without_noise
 from pbd.pose import Array, quat_exp, quat_to_matrix
 from pbd.tracking.noise import acc_doubt
 from pbd.tracking.smoother.factors import linearise, shared_prior, whitener
@@ -70,12 +71,14 @@ def message_of(solution: Solution, knots: Sequence[int], x: State | None = None)
     Args:
         solution: of the smoother, with its own noise.
         knots: of the keyframes.
-        x: where to linearise; None: at the solution.
+        x: where to linearise, the device's errors given; None: at the solution.
     """
     problem, solved = solution.problem, solution.solved
     if x is None:
         x = solution.state
     else:
+        if not problem.device:
+            problem = without_noise(problem, x, solution.local)
         equations, _ = linearise(problem, x, solution.local, whitener(problem, solution.local))
         solved = equations.solve()
         x = x.moved(solved)
