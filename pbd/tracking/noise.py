@@ -44,13 +44,14 @@ CALIBRATED = SensorClass(2.0 * MG, 0.001, 0.001, 0.002 * DEG, 0.0003)
 """Calibrated one by one, over temperature: Xsens MTi, VectorNav VN-100, x-IMU3 (data sheets; walks a tenth)."""
 
 FACTORY = SensorClass(3.0 * MG, 0.005, 0.005)
-"""A research or phone-class part after calibration; also what nothing is known of."""
+"""A research part after calibration; also what nothing is known of."""
 
 COMPASS = SensorClass(5.0 * MG, 0.003, 0.003)
 """OceanServer's compasses (data sheet)."""
 
 BARE = SensorClass(20.0 * MG, 0.01, 0.01)
-"""A bare MEMS part (InvenSense MPU-6050 and -9250 data sheets: zero-g offset, sensitivity tolerance)."""
+"""A bare MEMS part, as phones have them too (InvenSense MPU-6050 and -9250, Bosch BMI160, ST LSM6DSO data sheets: zero-g
+offset, sensitivity tolerance)."""
 
 IDEAL = SensorClass(1e-3 * MG, 1e-6, 1e-6, 1e-6 * DEG, 1e-6)
 """The simulator's that errs in nothing."""
@@ -65,6 +66,8 @@ CLASSES = {
     "wt901": BARE,
     "witmotion": BARE,
     "razor": BARE,
+    "phone": BARE,
+    "phyphox": BARE,
 }
 """By a word in the recording's `info.sensor`."""
 

@@ -98,7 +98,7 @@ def import_recording(
         elif suffix == ".zip":
             kind = "this zip: no recording of Sensor Logger or phyphox is in it"
         raise RecordingError(f"{path}: can't import {kind}; give a {known}", path=path)
-    info = replace(recording.info, name=_as_text(path.stem), sensor="unknown (imported)")
+    info = replace(recording.info, name=_as_text(path.stem), sensor=f"{'phone' if phone else 'unknown'} (imported)")
     demo = Demonstration(replace(recording, info=info), truth, notes=f"Imported from {_as_text(path.name)}.")
     return Imported(demo, understood)
 
