@@ -50,7 +50,7 @@ COMPASS = SensorClass(5.0 * MG, 0.003, 0.003)
 """OceanServer's compasses (data sheet)."""
 
 BARE = SensorClass(20.0 * MG, 0.01, 0.01)
-"""A bare MEMS part, as phones have them too (InvenSense MPU-6050 and -9250, Bosch BMI160, ST LSM6DSO data sheets: zero-g
+"""A bare MEMS part, as phones have them too (InvenSense MPU-6050, -9250, Bosch BMI160, ST LSM6DSO data sheets: zero-g
 offset, sensitivity tolerance)."""
 
 IDEAL = SensorClass(1e-3 * MG, 1e-6, 1e-6, 1e-6 * DEG, 1e-6)

@@ -63,6 +63,8 @@ TURNS += [quat_multiply(quat_exp((0.0, QUARTER, 0.0)), turn) for turn in TURNS]
 
 FIRST_SEED = 1000
 TAKES = (1, 2, 4, 8)
+DOCKS = 20
+"""Draws of the dock's error for each fusion, of which success is counted."""
 
 
 @dataclass(frozen=True)
@@ -169,7 +171,7 @@ def outcome(scenario: Scenario, seed: int) -> dict[str, Any]:
     off |= {"shape": _shape(p, true), "plain_shape": _shape(plain, true)}
     return {name: (1e3 * np.linalg.norm(each, axis=1)).tolist() for name, each in off.items()} | {
         "sigmas": (np.abs(off["joint"]) / sigma[1:]).ravel().tolist(),
-        "success": said_and_happened(path, belongs, np.random.default_rng(seed)),
+        "success": said_and_happened(path, belongs, np.random.default_rng(seed), DOCKS),
         "thing": path.fusion is not None and path.fusion.thing is not None,
         "scatter": None if path.fusion is None else 1e3 * path.fusion.overall[0],
     }

@@ -1,0 +1,41 @@
+"""What a leg leaves over is taken out of what the sensor's matrices are multiplied with."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pbd.fusion.regressors import without_noise
+from pbd.pipeline import track_alone
+from pbd.pose import Array, quat_to_matrix
+from pbd.simulation.simulate import simulate
+from pbd.tracking.noise import densities
+from pbd.tracking.smoother.preintegration import ACC_MATRIX, GYR_MATRIX, ROT, VEL, gyro_frame, preintegrate
+
+OFFSET = 0.1
+"""rad/s along x; m/s2 upwards, where a small turn changes nothing that could be mistaken for it."""
+
+
+@pytest.mark.parametrize(("sensor", "rows", "columns"), [("acc", VEL, ACC_MATRIX), ("gyr", ROT, GYR_MATRIX)])
+def test_an_error_of_one_leg_is_not_in_its_regressors(sensor: str, rows: slice, columns: slice) -> None:
+    found = track_alone(simulate("pour", "modern", 1), "default", None, False)[1].fitted
+    assert found is not None
+    problem, x = found.problem, found.state
+    frame, T, interval = problem.frame, problem.legs.T, 1.0 / 100.0
+    k = int(np.flatnonzero(~problem.within)[3])
+    inside = slice(problem.rows[k] + 1, problem.rows[k + 1])
+    wrong: dict[str, Array] = {"gyr": frame.gyr.copy(), "acc": frame.acc.copy()}
+    up = np.array((0.0, 0.0, OFFSET))
+    back = quat_to_matrix(frame.wxyz[inside]).transpose(0, 2, 1) @ x.E[k].T @ up
+    wrong[sensor][inside] += back if sensor == "acc" else (OFFSET, 0.0, 0.0)
+    seen = gyro_frame(frame.t, wrong["gyr"], wrong["acc"], interval)
+    density = densities(problem.noise, frame.gyr, frame.u, interval)
+    C = quat_to_matrix(seen.wxyz[problem.rows])
+    legs = preintegrate(seen, problem.rows, problem.within, density)
+    moved = replace(x, E=x.E @ problem.C @ C.transpose(0, 2, 1))
+    J = without_noise(replace(problem, frame=seen, legs=legs, C=C), moved, found.local).legs.J[k, rows, columns]
+    right = problem.legs.J[k, rows, columns]
+    assert np.abs(legs.J[k, rows, columns] - right).max() > 0.7 * OFFSET * T[k]
+    np.testing.assert_allclose(J, right, atol=0.15 * OFFSET * float(T[k]))
