@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.fusion.alignment import HAND_M, TURN_LEVER_M, Keyframes, Registration, register
-from pbd.pose import lengths, matrix_log, quat_about_z, quat_to_matrix
+from pbd.pose import Array, lengths, matrix_log, quat_about_z, quat_to_matrix
 
 Index = NDArray[np.intp]
 
@@ -25,8 +25,12 @@ AGAIN_M = 0.003
 LEAST_GAIN = 10.0
 """Logarithm of the likelihoods' ratio above which a thing has moved: 1 in 20,000, as far as the noise is normal."""
 
-LEAST_KEYFRAMES, LEAST_LEFT = 2, 3
-"""Fewest keyframes of a thing, by which its turn is known; and of the rest, the dock among them."""
+LEAST_TAKES, LEVEL_M = 3, 0.01
+"""Of one keyframe nothing shows that it keeps to something else. It must be elsewhere in each of so many takes, as else
+it may be a mistake; and be as high, m, as on one table: a hand that passes through the air somehow is not."""
+
+LEAST_LEFT = 3
+"""Fewest keyframes of the rest, the dock among them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +74,8 @@ def moved_thing(takes: Sequence[Keyframes]) -> Moved | None:
     best: Moved | None = None
     for first, end in combinations(range(1, count + 1), 2):
         run, rest = everything[first:end], np.r_[0:first, end:count]
-        if len(run) < LEAST_KEYFRAMES or len(rest) < LEAST_LEFT:
+        alone = len(run) == 1
+        if len(rest) < LEAST_LEFT or (alone and len(members) < LEAST_TAKES):
             continue
         found = {k: _left_over(here, takes[k], rest, run) for k in others}
         apart = sum(left for left, _, _ in found.values())
@@ -80,17 +85,17 @@ def moved_thing(takes: Sequence[Keyframes]) -> Moved | None:
             continue
         registered = {k: one for k, (_, one, _) in found.items()}
         back = {k: one for k, (_, _, one) in found.items()}
-        if max(_shifts(here, takes, run, registered)) > HAND_M:
+        shifts = _shifts(here, takes, run, registered)
+        far = lengths(shifts) > HAND_M
+        if (far.all() and np.abs(shifts[:, 2]).max() < LEVEL_M) if alone else far.any():
             best = Moved(first, end - 1, float(gain), reference, registered, back)
     return best
 
 
-def _shifts(
-    here: Keyframes, takes: Sequence[Keyframes], run: Index, registered: dict[int, Registration]
-) -> list[float]:
-    """By how much the middle of some keyframes is elsewhere in each take, m."""
+def _shifts(here: Keyframes, takes: Sequence[Keyframes], run: Index, registered: dict[int, Registration]) -> Array:
+    """By how much the middle of some keyframes is elsewhere in each take, (n, 3) m."""
     middle = here.p[run].mean(axis=0)
-    return [float(np.linalg.norm(one.of(takes[k]).p[run].mean(axis=0) - middle)) for k, one in registered.items()]
+    return np.array([one.of(takes[k]).p[run].mean(axis=0) - middle for k, one in registered.items()])
 
 
 def _left_over(here: Keyframes, there: Keyframes, rest: Index, run: Index) -> tuple[float, Registration, Registration]:

@@ -24,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import numpy as np
 
-from pbd.data import Demonstration, Recording
+from pbd.data import Demonstration, Recording, RecordingInfo
 from pbd.data.streams import Stream, joined
 from pbd.errors import PbdWarning, TrackingError
 from pbd.pipeline import track
@@ -91,7 +91,7 @@ def unequal(task: Task, seed: int) -> Demonstration:
         for each, kind in ((acc, "acc"), (gyr, "gyr"), (mag, "mag"))
     )
     t, a, g, m = joined(*streams)
-    return replace(gyr, recording=Recording(t, a, g, m))
+    return replace(gyr, recording=Recording(t, a, g, m, info=RecordingInfo(sensor=gyr.recording.info.sensor)))
 
 
 def rounded(demo: Demonstration) -> Demonstration:

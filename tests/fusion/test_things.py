@@ -1,0 +1,35 @@
+"""A single keyframe that stands elsewhere in each take is a thing's; one that is merely off is not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pbd.fusion.alignment import Keyframes
+from pbd.fusion.things import moved_thing
+from pbd.pose import Array
+from tests.fusion.made import rotations, truth
+
+ELSEWHERE = np.array(((0.0, 0.0, 0.0), (0.05, 0.03, 0.0), (-0.04, 0.06, 0.0)))
+IN_THE_AIR = ELSEWHERE + np.array(((0.0, 0.0, 0.0), (0.0, 0.0, 0.03), (0.0, 0.0, -0.02)))
+
+
+def shown(shifts: Array) -> list[Keyframes]:
+    """Takes in one nav of six keyframes, the fourth of which is shifted and turned about the vertical."""
+    task, rng, takes = truth(1), np.random.default_rng(1), []
+    for shift in shifts:
+        p, R = task.m + 5e-4 * rng.normal(size=(6, 3)), rotations(0.01 * rng.normal(size=(6, 3))) @ task.A
+        p[3] += shift
+        R[3] = rotations(np.array((0.0, 0.0, 5.0 * shift[0]))) @ R[3]
+        takes.append(Keyframes(p, R, (None,) * 6, np.full(6, 1e-3)))
+    return takes
+
+
+@pytest.mark.parametrize(
+    ("shifts", "found"),
+    [(ELSEWHERE, (3, 3)), (IN_THE_AIR, None), (ELSEWHERE * ((0,), (0,), (1,)), None), (ELSEWHERE[:2], None)],
+    ids=["on a table", "in the air", "in one take only", "of two takes"],
+)
+def test_a_single_keyframe_of_a_thing(shifts: Array, found: tuple[int, int] | None) -> None:
+    thing = moved_thing(shown(shifts))
+    assert (None if thing is None else (thing.first, thing.last)) == found
