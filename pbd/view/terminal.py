@@ -100,7 +100,7 @@ def standard_streams() -> Iterator[None]:
 
 
 def _occupy() -> None:
-    """Keep the numbers 0 to 2 from the files that are opened later: libraries print to 2, even where that is a file opened later."""
+    """Keep the numbers 0 to 2 from files that are opened later: libraries print to 2, whatever it is by then."""
     while True:
         number = os.open(os.devnull, os.O_RDWR)
         if number > 2:
