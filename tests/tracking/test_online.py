@@ -133,7 +133,7 @@ def at_the_end(sensor: str, seed: int) -> tuple[Keyframe, Array, Array]:
 @pytest.mark.parametrize("sensor", SENSORS)
 def test_at_the_last_stop_it_agrees_with_the_batch_smoother(sensor: str) -> None:
     """What both have seen is the same, so they differ by less than either errs: here by less than three sigma."""
-    for seed in range(4):
+    for seed in range(2):
         live, p_batch, cov_batch = at_the_end(sensor, seed)
         assert distance_in_sigmas(live.T_nav_sensor.p - p_batch, live.cov[:3, :3]) < 3.0
         assert np.trace(live.cov[:3, :3]) > 0.5 * np.trace(cov_batch)  # it can't be surer
