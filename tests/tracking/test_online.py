@@ -204,7 +204,7 @@ def test_a_stop_is_announced_in_time_and_nothing_else_is(sensor: str, rate_hz: f
 
 
 @uncalibrated
-@pytest.mark.parametrize(("slower", "sensor"), [(1.25, "wt901"), *((3.0, sensor) for sensor in SENSORS)])
+@pytest.mark.parametrize(("slower", "sensor"), [(1.25, "wt901"), (3.0, "wt901"), (3.0, "os5000")])
 def test_a_slow_hand_stops_where_it_does_and_nowhere_else(sensor: str, slower: float) -> None:
     """Half-way, where acceleration passes zero, a smooth move is as quiet as a rest."""
     waypoints = tuple(replace(waypoint, move_s=slower * waypoint.move_s) for waypoint in TASKS["pour"].waypoints)
