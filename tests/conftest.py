@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 from hypothesis import settings
-from xdist.scheduler import WorkStealingScheduling
+from xdist.scheduler import WorkStealingScheduling  # type: ignore[import-untyped]
 
 from tests.remembered import FUNCTIONS, remembering
 
@@ -20,7 +20,7 @@ def pytest_xdist_auto_num_workers() -> int:
     return (os.cpu_count() or 1) + 1
 
 
-def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> WorkStealingScheduling:
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> object:
     """Tests of a file run in one process, as far as they can: what they share is made once."""
     return WorkStealingScheduling(config, log)
 
