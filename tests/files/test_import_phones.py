@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 
 from pbd.data import GRAVITY, Recording
 from pbd.errors import RecordingError
-from pbd.files.importers import import_file, zipped
+from pbd.files.importers import import_file, import_recording, zipped
 
 N = 200
 T = np.arange(N) / 100.0
@@ -61,6 +61,21 @@ def test_android_reads_total_acceleration_from_zip_folder_and_csv(tmp_path: Path
         assert_allclose(got.gyr, TURN, atol=1e-12)
         assert_allclose(got.mag, FIELD, atol=1e-12)
         assert_allclose(got.t, T, atol=1e-6)
+
+
+def test_every_column_of_every_file_has_its_line(tmp_path: Path) -> None:
+    place = folder(tmp_path / "walk", {"TotalAcceleration": UP, "Accelerometer": UP - GRAVITY_PART, "Gyroscope": TURN})
+    (place / "Barometer.csv").write_text("time,seconds_elapsed,pressure\n0,0,1013\n")
+    understood = import_recording(packed(place)).understood
+    assert understood is not None
+    assert [column.ours for column in understood.columns] == ["t", "ax", "ay", "az", "t", "gx", "gy", "gz"]
+    assert understood.columns[0].name == "TotalAcceleration.csv: seconds_elapsed"
+    assert understood.unread == {
+        "Accelerometer.csv": "without gravity",
+        "TotalAcceleration.csv: time": "another column has the time",
+        "Gyroscope.csv: time": "another column has the time",
+        "Barometer.csv": "a file that isn't used",
+    }
 
 
 @pytest.mark.parametrize(

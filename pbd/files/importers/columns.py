@@ -222,11 +222,9 @@ def _unit(
 
 def why_left(name: str, found: Collection[str]) -> str:
     """Say why a column isn't read; "" where it looks like a gyro, an accelerometer or a magnetometer, and none is."""
-    if why := why_unread(name):
-        return why
-    given = our_name(name)
-    if given is None and not (letter := looks_inertial(name)):
-        return "nothing inertial"
+    given, letter = our_name(name), looks_inertial(name)
+    if given is None and ((why := why_unread(name)) or not letter):
+        return why or "nothing inertial"
     channel = CHANNEL_OF[given[0] if given else f"{letter}x"]
     if channel in ("angle", "rpy"):
         return "an attitude that isn't used"
