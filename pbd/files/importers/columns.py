@@ -165,7 +165,7 @@ def understand(
             # The origin and the sign of such a yaw are unknown: the gyro is more reliable.
             found = {ours: given for ours, given in found.items() if ours not in angles}
     read = []
-    for ours, (name, sign, by) in found.items():
+    for ours, (name, sign, by) in sorted(found.items(), key=lambda each: header.index(each[1][0])):
         turned_unit, unit, unit_by = _unit(path, name, ours, units, program)
         read.append(Column(name, ours, sign * turned_unit, unit, by, unit_by))
     used = {column.name for column in read}

@@ -89,7 +89,7 @@ def read_sheet(
             found = understand(path, sheet.header, sheet.preamble, {**columns, "t": best}, units)
             found = found.with_clock(best, "the best of several times")
 
-    told, beside = _magnetometer_beside(path, found)
+    told, beside = _magnetometer_beside(path, found, units)
     with np.errstate(all="ignore"):  # what becomes infinite is found with all else that is no number
         channels = {channel: _values(table, found.of(channel)) for channel in CHANNELS}
         clock, acc, mag, compass = (channels[name] for name in ("t", "acc", "mag", "angle"))
@@ -158,14 +158,14 @@ def _refuse_several_devices(sheet: Sheet) -> None:
             raise RecordingError(f"{sheet.path}: {what}; {keep}", path=sheet.path, value=len(devices))
 
 
-def _magnetometer_beside(path: Path, found: Understood) -> tuple[Understood, Stream | None]:
+def _magnetometer_beside(path: Path, found: Understood, units: Mapping[str, str]) -> tuple[Understood, Stream | None]:
     """x-io writes Inertial.csv and Magnetometer.csv, each with the device's own time, and other files."""
     if path.name != XIO_FILE:
         return found, None
     stream, beside = None, path.with_name("Magnetometer.csv")
     if beside.is_file() and not found.of("mag"):
         sheet = open_sheet(beside, foreign=True)
-        its = understand(beside, sheet.header, sheet.preamble, {}, {})
+        its = understand(beside, sheet.header, sheet.preamble, {}, units)
         if its.of("t") and len(its.of("mag")) == len(CHANNELS["mag"]):
             table = sheet.read([column.name for column in its.columns])
             t_mag, mag = _values(table, its.of("t")), _values(table, its.of("mag"))

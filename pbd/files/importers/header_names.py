@@ -25,7 +25,7 @@ _TIME = (
     r"t|ts|time|timestamp|time_?stamp|seconds|secs?|时间|(?:seconds_|time_)?elapsed|millis|micros|date_?time|"
     r"sample_?time_?fine|(?:.*_)?time_?stamp(?:_unix|_sync|_formatted_unix)*_cal|(?:system_|unix_|logging_)?time(?:_?stamp)?"
 )
-_DEVICE_TIME = r"chip_?time|片上时间"
+_DEVICE_TIME = r"chip_?time|片上时间|(?:.*_)?header_stamp"
 TIME_UNITS = r"_(ns|us|ms|s|sec|min)$"
 """A unit of time at the end of a name: `timestamp_us`."""
 
@@ -42,7 +42,7 @@ _SUFFIXES = {"mps2": "m/s2", "ms2": "m/s2", "g": "g", "mg": "mg", "dps": "dps", 
 _OTHER = (
     (r"(?:.*_)?(?:user|free|cal_free|earth|world|global|lin)_?acc\w*|(?:.*_)?gravity", "without gravity, or gravity"),
     (r"(?:.*_)?(?:raw|uncal\w*)(?:_.*)?", "raw counts"),
-    (r"(?:quat|q|quaternion|orientation|euler|roll|pitch|yaw|mat)(?!.*rate).*", "an attitude that isn't used"),
+    (r"(?:.*_)?(?:quat|orientation|euler).*|(?:q|roll|pitch|yaw|mat)(?!.*rate).*", "an attitude that isn't used"),
     (r"d[qv]|i[qv]", "increments between samples"),
 )
 """Columns with axes that are no measurement of ours, and why."""
@@ -57,7 +57,7 @@ _DERIVED = (
 _INERTIAL = {
     "g": (r"gyr|omega|ang(?:ular)?_?(?:vel|rate|speed)|(?:rotation|turn|roll|pitch|yaw)_?rate", r"rot|ang|turn|rate"),
     "a": (r"acc(?!ur|ess|um|ount|ept)|specific_?force", r"force"),
-    "m": (r"magn?(?:_|\d|$)|magnet", r"mag|field"),
+    "m": (r"magn?(?:_|\d|$)|magnet", r"mag|field_?[xyz]$"),
 }
 """How a name begins, or a word of it, that looks like a gyro's, an accelerometer's, a magnetometer's; and what else
 does where an axis ends it."""
@@ -66,7 +66,7 @@ does where an axis ends it."""
 def plain(name: str) -> str:
     """`Gyroscope X (deg/s)` -> `gyroscope_x`, `rotationRateX` -> `rotation_rate_x`."""
     words = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", split_unit(name)[0])
-    return re.sub(r"[\s.\-/:_]+", "_", words.lower()).strip("_")
+    return re.sub(r"[\s.\-/:_%]+", "_", words.lower()).strip("_")
 
 
 def split_unit(name: str) -> tuple[str, str]:

@@ -166,10 +166,10 @@ class PhyphoxDecoder:
 
     def feed(self, data: bytes) -> list[Sample]:
         """See `Decoder`."""
-        if self._rest.startswith(b"/") and b"\n" not in data and b"/" not in data:
-            if len(self._rest) + len(data) <= LONGEST_ANSWER:
-                self._rest += data  # nothing ends or begins here
-                return []
+        longer = len(self._rest) + len(data)
+        if self._rest[:1] == b"/" and longer <= LONGEST_ANSWER and b"\n" not in data and b"/" not in data:
+            self._rest += data  # nothing ends or begins here
+            return []
         *lines, rest = (self._rest + data).split(b"\n")
         samples: list[Sample] = []
         for line in lines:
