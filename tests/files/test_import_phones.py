@@ -91,6 +91,13 @@ def test_signs_and_units_of_an_iphone(tmp_path: Path, tables: dict[str, np.ndarr
     assert_allclose(read(folder(tmp_path / "i", {**tables, "Gyroscope": TURN}, "ios", standard)).acc, UP, atol=1e-9)
 
 
+@pytest.mark.parametrize("name", ["a{}", "-AccelerometerUncalibrated.csv: {}"], ids=["ours", "the file's"])
+def test_swapped_axes_of_an_iphone_are_mended_by_either_name(tmp_path: Path, name: str) -> None:
+    place = folder(tmp_path / "i", {"AccelerometerUncalibrated": -UP[:, [1, 0, 2]] / GRAVITY}, "ios")
+    columns = {"ax": name.format("y"), "ay": name.format("x")}
+    assert_allclose(import_file(place, columns).recording.acc, UP, atol=1e-9)
+
+
 @pytest.mark.parametrize("written", [UP, -UP / GRAVITY], ids=["Android's", "an iPhone's"])
 def test_whose_acceleration_it_is_shows_without_metadata(tmp_path: Path, written: np.ndarray) -> None:
     place = folder(tmp_path / "w", {"AccelerometerUncalibrated": written, "Gyroscope": TURN})
