@@ -119,6 +119,10 @@ def test_an_ximu3s_folder(tmp_path: Path) -> None:
     assert recording.acc[0, 2] == GRAVITY
     assert recording.mag is not None
     assert_allclose(recording.mag, [[1.0, 0.0, -1.0], [0.5, 0.0, -1.0]])
+    its = [f"Magnetometer.csv: Magnetometer {axis} (a.u.)" for axis in "XYZ"]
+    turned = import_recording(tmp_path, {"mx": f"-{its[2]}", "mz": its[0]}).demo.recording.mag
+    assert turned is not None
+    assert_allclose(turned[0], [1.0, 0.0, 1.0])
 
 
 PLOTTER = "AccelX:0.5,AccelY:0.25,AccelZ:9.75,GyroX:1.5,GyroY:0.00,GyroZ:-2.00\n"

@@ -28,7 +28,7 @@ FIELD_DOUBLES, FIELD_PARTS = 3 + 9, ((0, 3),)
 numbers of its covariance behind it, the first of which is -1 where it isn't known."""
 
 AT_ONCE = 20_000
-"""Messages that are decoded at once: 7 MB."""
+"""Messages decoded in one batch: 7 MB."""
 
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 """What a compressed message begins with (RFC 8878, 3.1.1); a message of CDR begins with a zero."""
@@ -142,7 +142,7 @@ def _messages(path: Path, reader: Any, wanted: set[tuple[str, str]]) -> Iterator
 
 
 def _message(path: Path, packed: bytes) -> bytes:
-    """Unpack one message: rosbags would unpack it whatever it becomes, and only if the bag's folder is given."""
+    """Unpack one message: rosbags has no bound on its size, and unpacks only where the bag's folder is given."""
     unpacker = zstd_package().ZstdDecompressor()
     data: bytes = unpacker.decompress(packed, max_length=LONGEST_MESSAGE)
     if not unpacker.eof:

@@ -98,7 +98,7 @@ class Understood:
 
     def of(self, channel: str) -> list[Column]:
         """The columns of a channel, in the order of its axes."""
-        found = {column.ours: column for column in self.columns}
+        found = {column.ours: column for column in reversed(self.columns)}  # another file's come last
         return [found[ours] for ours in CHANNELS[channel] if ours in found]
 
     def with_clock(self, name: str, by: str) -> Understood:

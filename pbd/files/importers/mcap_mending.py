@@ -50,7 +50,7 @@ def whole_bag(path: Path) -> Iterator[Path]:
 
 
 def _mcaps(path: Path) -> list[Path]:
-    """The MCAPs that rosbags will open; a bag of compressed files is refused: it unpacks them whatever they become."""
+    """The MCAPs that rosbags will open; a bag of compressed files is refused, as rosbags has no bound on their size."""
     if not path.is_dir():
         return [path] if path.suffix.lower() == ".mcap" else []
     from ruamel.yaml import YAML
@@ -89,7 +89,7 @@ def _whole_records(path: Path, data: mmap.mmap | bytes, at: int = len(MCAP_MAGIC
             if contents > min(LARGE, MOST_SWOLLEN * max(size, 10_000)):
                 what = f"a chunk of {size} bytes swells to {contents / 1e6:.0f} MB, which is refused; record it again"
                 raise RecordingError(f"{path}: {what}", path=path, value=contents)
-            if at + 9 + size > len(data) and compression == 0:  # its records are as good outside of it
+            if at + 9 + size > len(data) and compression == 0:  # its records can be copied out of it
                 inner, end = _whole_records(path, data, inside)
                 return [slice(begin, at), *inner], end
             if at + 9 + size <= len(data) and compression:
@@ -106,7 +106,7 @@ def _whole_records(path: Path, data: mmap.mmap | bytes, at: int = len(MCAP_MAGIC
 
 
 def _unpacks(compression: bytes, packed: bytes, size: int) -> bool:
-    """Whether these bytes are `size` when they are unpacked: rosbags unpacks them whatever they become."""
+    """Whether these bytes are `size` when they are unpacked: rosbags has no bound on that."""
     import lz4.frame  # type: ignore[import-untyped]
 
     zstd = zstd_package()
