@@ -102,17 +102,19 @@ def refuse_doubled(recording: Recording) -> None:
     """
     rows = _side_by_side(recording)
     new = np.flatnonzero(np.concatenate(([True], np.diff(rows, axis=0).any(axis=1))))
+    if len(new) < DOUBLED_ROWS:
+        return
     # Equal rows have equal sums, whatever the weights; of irrational ones no others do. So have equal blocks.
     sums = rows[new] @ IRRATIONAL[: rows.shape[1]]
     blocks = sum((w * sums[k : len(sums) - DOUBLED_ROWS + 1 + k] for k, w in enumerate(IRRATIONAL)), np.zeros(1))
     order = np.argsort(blocks, kind="stable")
     same = np.flatnonzero(np.diff(blocks[order]) == 0.0)
-    first, again = new[order[same]], new[order[same + 1]]
-    whole = np.flatnonzero(again - first >= DOUBLED_ROWS)
-    if len(whole) == 0 or not noisy(recording.acc):
+    different = np.diff(np.sort(np.lib.stride_tricks.sliding_window_view(sums, DOUBLED_ROWS)[order[same]])).all(axis=1)
+    first, again = new[order[same[different]]], new[order[same[different] + 1]]
+    if len(first) == 0 or not noisy(recording.acc):
         return
-    start = int(first[whole].min())
-    far = int(again[whole[np.argmin(first[whole])]]) - start
+    start = int(first.min())
+    far = int(again[np.argmin(first)]) - start
     goes_on = (rows[start : len(rows) - far] == rows[start + far :]).all(axis=1)
     stop = start + int(np.argmin(np.append(goes_on[:far], False))) - 1
     raise RecordingError(
