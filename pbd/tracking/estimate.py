@@ -28,7 +28,7 @@ STOP_WEIGHT = 0.2
 """Weight below which a candidate is no stop."""
 
 BOUNCE_S, BOUNCE_M, BOUNCE_RAD = 0.3, 0.02, np.radians(10.0)
-"""Two stops are one, a put-down that bounced, if the gap between them is shorter than BOUNCE_S, the shorter of them too,
+"""Two stops are one put-down that bounced if the gap between them is shorter than BOUNCE_S, the shorter of them too,
 and the sensor moved and turned less than BOUNCE_M and BOUNCE_RAD (s, m, rad)."""
 
 GRIP_S = 0.8
