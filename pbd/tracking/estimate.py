@@ -131,27 +131,33 @@ def _sensor(solution: Solution, first: int) -> SensorEstimate:
 
 
 def _joined(solution: Solution, believed: Sequence[int], grips: Sequence[float]) -> list[list[int]]:
-    """Which of the stops belong together: to one put-down, or to one grip, marked at these times, s."""
+    """Which of the stops are parts of one: the same grip, marked at these times, s, is between or just before them.
+
+    Of a put-down that bounced the shorter stop is none.
+    """
     problem, t, p = solution.problem, solution.problem.frame.t, solution.state.p
     wxyz = solution.path.wxyz[[(start + stop) // 2 for start, stop in problem.stops]]
     joined = [[believed[0]]]
-    for before, k in pairwise(believed):
+    for k in believed[1:]:
+        before = joined[-1][-1]
         (begun, left), (arrived, gone) = t[np.array([problem.stops[before], problem.stops[k]]) - (0, 1)]
         soon = arrived - left < BOUNCE_S and min(left - begun, gone - arrived) < BOUNCE_S
         gripped = arrived - left < GRIP_S and any(left - GRIP_S < at <= arrived for at in grips)
         there, here = (median(p[problem.stop_of == stop]) for stop in (before, k))
         turned = float(np.linalg.norm(quat_log(quat_multiply(wxyz[k], quat_inverse(wxyz[before])))))
-        if (soon or gripped) and np.linalg.norm(here - there) < BOUNCE_M and turned < BOUNCE_RAD:
-            joined[-1].append(k)
-        else:
+        if not (soon or gripped) or np.linalg.norm(here - there) > BOUNCE_M or turned > BOUNCE_RAD:
             joined.append([k])
+        elif gripped:
+            joined[-1].append(k)
+        elif gone - arrived > left - begun:
+            joined[-1][-1] = k
     return joined
 
 
 def _standing(solution: Solution, stops: Sequence[Stop], joined: Sequence[Sequence[int]], p_stop: Array) -> Path:
     """The path with each stop at one place. What it creeps in a stop is distributed over the moves beside it.
 
-    Between the parts of a stop, which a bounce divides, it keeps its attitude.
+    Between the parts of a stop, which a grip divides, it keeps its attitude.
     """
     path, t = solution.path, solution.problem.frame.t
     p, places = path.p - p_stop[0], p_stop - p_stop[0]

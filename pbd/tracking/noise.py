@@ -7,7 +7,7 @@ the benchmark in view.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -172,17 +172,37 @@ def noise_of(recording: Recording, rest: Rest, errors: SensorErrors | None = Non
     gravity = Noise.gravity
     if errors is not None and errors.acc is not None:
         device, gravity = CALIBRATED, errors.gravity
-    gyr = 0.0 if recording.gyr is None else _white(recording.gyr, rest.gyr_rms / np.sqrt(3.0))
-    acc = _white(recording.acc, rest.acc_rms / np.sqrt(3.0))
+    gyr, gyr_held = (0.0, 0.0) if recording.gyr is None else _rounding(recording.gyr, rest.gyr_rms / np.sqrt(3.0))
+    acc, acc_held = _rounding(recording.acc, rest.acc_rms / np.sqrt(3.0))
+    device = replace(
+        device,
+        acc_bias=float(np.hypot(device.acc_bias, acc_held)),
+        gyr_walk=float(np.hypot(device.gyr_walk, gyr_held)),
+        acc_walk=float(np.hypot(device.acc_walk, acc_held)),
+    )
     root = recording.rate_hz**-0.5
     return Noise(gyr * root, acc * root, device, gravity=gravity)
 
 
-def _white(values: Array, rms: float) -> float:
-    """White noise of readings (n, 3) per sample and axis: rms at rest, or the rounding of a coarse sensor."""
+def _rounding(values: Array, rms: float) -> tuple[float, float]:
+    """White noise of readings (n, 3) per sample and axis; and what rounding leaves over where they hardly change.
+
+    Their step is the smallest difference between two of them. Noise larger than the step makes the rounding white
+    (it is a dither); of smaller noise a share exp(-2 pi^2 rms^2 / step^2) stays the same as long as the reading does,
+    and changes from one rest to another: a random walk of a second.
+
+    Args:
+        values: of one sensor.
+        rms: at rest, per axis.
+
+    Source: B. Widrow, I. Kollar, Quantization noise, Cambridge 2008, 9.
+    """
     some = values[:: max(1, len(values) // STEP_ROWS)]
     step = min(float(np.diff(np.unique(axis)).min(initial=np.inf)) for axis in some.T)
-    return max(rms, step / np.sqrt(12.0)) if FINEST_STEP < step < np.inf else rms
+    if not FINEST_STEP < step < np.inf:
+        return rms, 0.0
+    rounding = step / np.sqrt(12.0)
+    return max(rms, rounding), rounding * float(np.exp(-2.0 * (np.pi * rms / step) ** 2))
 
 
 def acc_doubt(noise: Noise, rest: Rest) -> float:
