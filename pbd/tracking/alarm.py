@@ -22,8 +22,12 @@ FALSE_ALARM_CHANCE = 0.05
 """Chance that a sound recording is suspected of a wrong leg or a wrong sensor. The modelled noise is larger than the
 real one, so none of 318 sound recordings is."""
 
+LINEARISATION_SHARE = 0.02
+"""Relative increase of a leg's residual variance that linearisation causes."""
+
 MOVING_SHARE = 0.7
 """Share of a rest's knots that seem to move, above which more than the edges of the rest is wrong."""
+
 
 LEG_RMS = 0.8
 """Largest rms of a leg's nine residuals, in sigmas. Sound recordings show at most 0.73."""
@@ -83,7 +87,7 @@ def _of_moves(solution: Solution) -> Iterator[str]:
     for first in range(0, len(whiten), LEGS_AT_ONCE):
         at = slice(first, first + LEGS_AT_ONCE)
         legs = whiten[at] @ leg_jacobian(problem, solution.state, at)
-        spread = np.eye(9) - solution.solved.of_legs(legs[:, :, :-1], first)
+        spread = (1.0 + LINEARISATION_SHARE) * np.eye(9) - solution.solved.of_legs(legs[:, :, :-1], first)
         mean, square = np.trace(spread, axis1=1, axis2=2), (spread**2).sum(axis=(1, 2))
         found.append((mean, square, (legs[:, :, -1] ** 2).sum(axis=1)))
     mean, square, total = (np.concatenate(each) for each in zip(*found, strict=True))

@@ -97,13 +97,16 @@ def _tops(x: Array, sensor: str, new: NDArray[np.bool_]) -> list[tuple[int, int]
     if top < LEAST_RANGE[sensor]:
         return []
     tops = runs(x >= top * (1.0 - TOP_TOLERANCE))
-    counted = [(start, stop, int(new[start:stop].sum())) for start, stop in tops]
+    counted = ((start, stop, int(new[start:stop].sum())) for start, stop in tops)
+    flat = [each for each in counted if each[2] >= FLAT_SAMPLES]
+    if not flat:
+        return []
     between = np.diff(np.unique(x))
     step = max(float(between[between > top * TOP_TOLERANCE].min(initial=np.inf)), top * TOP_TOLERANCE)
-    for start, stop, samples in counted:
+    for start, stop, samples in flat:
         sides = x[max(start - SIDE_SAMPLES, 0) : start], x[stop : stop + SIDE_SAMPLES]
         fall = min((top - float(side.min()) for side in sides if len(side)), default=0.0)
-        if samples >= FLAT_SAMPLES and (CHANCE_STEPS * step / max(fall, step)) ** (samples - 1) < CLIPPED_CHANCE:
+        if (CHANCE_STEPS * step / max(fall, step)) ** (samples - 1) < CLIPPED_CHANCE:
             return tops
     return []
 
