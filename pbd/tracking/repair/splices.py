@@ -101,11 +101,12 @@ def refuse_doubled(recording: Recording) -> None:
         RecordingError: which rows.
     """
     rows = _side_by_side(recording)
-    new = np.flatnonzero(np.concatenate(([True], np.diff(rows, axis=0).any(axis=1))))
+    # Equal rows have equal sums, whatever the weights; of irrational ones no others do. So have equal blocks.
+    sums = rows @ IRRATIONAL[: rows.shape[1]]
+    new = np.flatnonzero(np.diff(sums, prepend=np.inf))
     if len(new) < DOUBLED_ROWS:
         return
-    # Equal rows have equal sums, whatever the weights; of irrational ones no others do. So have equal blocks.
-    sums = rows[new] @ IRRATIONAL[: rows.shape[1]]
+    sums = sums[new]
     blocks = sum((w * sums[k : len(sums) - DOUBLED_ROWS + 1 + k] for k, w in enumerate(IRRATIONAL)), np.zeros(1))
     order = np.argsort(blocks, kind="stable")
     same = np.flatnonzero(np.diff(blocks[order]) == 0.0)
