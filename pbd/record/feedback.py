@@ -46,7 +46,7 @@ class Feedback:
     def stops(self) -> int:
         """Number of stops so far. One that taps or fingers on the sensor interrupted counts once, as in `pbd.track`."""
         return self._announced - sum(
-            arrived - left < GRIP_S and any(left <= at <= arrived for at in self._grips)
+            arrived - left < GRIP_S and any(left - GRIP_S < at <= arrived for at in self._grips)
             for left, arrived in self._gaps.values()
         )
 

@@ -32,7 +32,8 @@ BOUNCE_S, BOUNCE_M, BOUNCE_RAD = 0.3, 0.02, np.radians(10.0)
 and the sensor moved and turned less than BOUNCE_M and BOUNCE_RAD (s, m, rad)."""
 
 GRIP_S = 0.8
-"""s: a gap this short with the mark of a grip in it is no move either: fingers that close, or two taps (taps.py)."""
+"""s: a gap this short, at the mark of a grip or as soon after it, is no move either: fingers that close, or two taps
+(taps.py)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,19 +79,21 @@ def estimate(
     believed = [k for k, weight in enumerate(weights) if weight > STOP_WEIGHT]
     if not believed:
         raise TrackingError(NEVER_STILL)
-    believed = _without_bounces(solution, believed, [event.t for event in recording.grip])
+    joined = _joined(solution, believed, [event.t for event in recording.grip])
     stops = tuple(
-        Stop(start, stop, float(t[stop - 1] - t[start]), weights[k])
-        for k, (start, stop) in ((k, problem.stops[k]) for k in believed)
+        Stop(start, stop, float(t[stop - 1] - t[start]), max(weights[k] for k in parts))
+        for parts in joined
+        for start, stop in ((problem.stops[parts[0]][0], problem.stops[parts[-1]][1]),)
     )
-    in_stops = np.flatnonzero(problem.stop_of >= 0)
-    first, end = (np.searchsorted(problem.stop_of[in_stops], believed, side) for side in ("left", "right"))
+    in_stops = np.flatnonzero(np.isin(problem.stop_of, believed))
+    first = np.searchsorted(problem.stop_of[in_stops], [parts[0] for parts in joined])
+    end = np.searchsorted(problem.stop_of[in_stops], [parts[-1] for parts in joined], "right")
     knots = in_stops[(first + end - 1) // 2].tolist()
     knots[0] = int(in_stops[first[0]])  # nav's origin is where the first rest begins
     fitted = with_own_noise(solution)
     covariance = covariance_of(fitted.solved, knots, solution.state.p[knots])
     return Estimate(
-        _standing(solution.path, stops, solution.state.p[knots], t),
+        _standing(solution, stops, joined, solution.state.p[knots]),
         stops,
         _closure(t, solution.path.a, stops),
         covariance,
@@ -127,40 +130,45 @@ def _sensor(solution: Solution, first: int) -> SensorEstimate:
     )
 
 
-def _without_bounces(solution: Solution, believed: Sequence[int], grips: Sequence[float]) -> list[int]:
-    """Drop the shorter of two stops that belong to one put-down, or to one grip, marked at these times, s."""
+def _joined(solution: Solution, believed: Sequence[int], grips: Sequence[float]) -> list[list[int]]:
+    """Which of the stops are parts of one: the same grip, marked at these times, s, is between or just before them.
+
+    Of a put-down that bounced the shorter stop is none.
+    """
     problem, t, p = solution.problem, solution.problem.frame.t, solution.state.p
     wxyz = solution.path.wxyz[[(start + stop) // 2 for start, stop in problem.stops]]
-
-    def dwell(k: int) -> float:
-        start, stop = problem.stops[k]
-        return float(t[stop - 1] - t[start])
-
-    kept = list(believed[:1])
+    joined = [[believed[0]]]
     for k in believed[1:]:
-        before = kept[-1]
-        left, arrived = t[problem.stops[before][1] - 1], t[problem.stops[k][0]]
-        soon = arrived - left < BOUNCE_S and min(dwell(before), dwell(k)) < BOUNCE_S
-        gripped = arrived - left < GRIP_S and any(left <= at <= arrived for at in grips)
-        if soon or gripped:
-            there, here = (median(p[problem.stop_of == stop]) for stop in (before, k))
-            turned = float(np.linalg.norm(quat_log(quat_multiply(wxyz[k], quat_inverse(wxyz[before])))))
-            bounced = np.linalg.norm(here - there) < BOUNCE_M and turned < BOUNCE_RAD
-            kept[-1:] = [max(before, k, key=dwell)] if bounced else [before, k]
-        else:
-            kept.append(k)
-    return kept
+        before = joined[-1][-1]
+        (begun, left), (arrived, gone) = t[np.array([problem.stops[before], problem.stops[k]]) - (0, 1)]
+        soon = arrived - left < BOUNCE_S and min(left - begun, gone - arrived) < BOUNCE_S
+        gripped = arrived - left < GRIP_S and any(left - GRIP_S < at <= arrived for at in grips)
+        there, here = (median(p[problem.stop_of == stop]) for stop in (before, k))
+        turned = float(np.linalg.norm(quat_log(quat_multiply(wxyz[k], quat_inverse(wxyz[before])))))
+        if not (soon or gripped) or np.linalg.norm(here - there) > BOUNCE_M or turned > BOUNCE_RAD:
+            joined.append([k])
+        elif gripped:
+            joined[-1].append(k)
+        elif gone - arrived > left - begun:
+            joined[-1][-1] = k
+    return joined
 
 
-def _standing(path: Path, stops: Sequence[Stop], p_stop: Array, t: Array) -> Path:
-    """The path with each stop at one place. What it creeps in a stop is distributed over the moves beside it."""
+def _standing(solution: Solution, stops: Sequence[Stop], joined: Sequence[Sequence[int]], p_stop: Array) -> Path:
+    """The path with each stop at one place. What it creeps in a stop is distributed over the moves beside it.
+
+    Between the parts of a stop, which a grip divides, it keeps its attitude.
+    """
+    path, t = solution.path, solution.problem.frame.t
     p, places = path.p - p_stop[0], p_stop - p_stop[0]
     first, last = (places - p[rows] for rows in ([stop.start for stop in stops], [stop.stop - 1 for stop in stops]))
     shift, faster = between_stops(t, stops, first, last)
-    p, v = p + shift, path.v + faster
-    for stop, place in zip(stops, places, strict=True):
+    p, v, wxyz = p + shift, path.v + faster, path.wxyz.copy()
+    for stop, parts, place in zip(stops, joined, places, strict=True):
         p[stop.start : stop.stop], v[stop.start : stop.stop] = place, 0.0
-    return Path(path.wxyz, v, p, path.a)
+        for (_, left), (arrived, _) in pairwise(solution.problem.stops[k] for k in parts):
+            wxyz[left:arrived] = wxyz[left - 1]
+    return Path(wxyz, v, p, path.a)
 
 
 def _closure(t: Array, a_nav: Array, stops: Sequence[Stop]) -> Array:

@@ -31,7 +31,7 @@ STILL = 0.8
 RINGS = 0.35
 """Share of a tap's peak up to which the hand may ring after its shock."""
 
-STILL_S, AFTER_S = 0.25, 0.2
+STILL_S = 0.2
 """s of stillness before the first tap and after the second."""
 
 KEPT = 0.5
@@ -57,7 +57,7 @@ class _Shock:
 
 
 class TapDetector:
-    """Takes samples; tells a pair of taps once the hand has been still for AFTER_S after them."""
+    """Takes samples; tells a pair of taps once the hand has been still for STILL_S after them."""
 
     def __init__(self) -> None:
         self._t = -inf
@@ -115,7 +115,7 @@ class TapDetector:
                 self._start_over()
         elif since > SHOCK_S:
             self._after.append(off)
-            if since > SHOCK_S + AFTER_S:
+            if since > SHOCK_S + STILL_S:
                 kept = hypot(*(sum(axis) / len(self._after) for axis in zip(*self._after, strict=True))) <= KEPT
                 first, second = self._shocks
                 self._start_over()

@@ -110,6 +110,7 @@ def test_a_hand_that_comes_back_at_once_only_gripped(away_s: float, stops: int) 
     onward = Waypoint((0.2, 0.0, 0.0), move_s=1.0, rest_s=1.0)
     recording = simulate(Task("away", (Waypoint(rest_s=2.0), there, back, onward)), "modern", 1).recording
     marked = replace(recording, grip=(GripEvent(2.0 + 0.5 * away_s, True),))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", PbdWarning)  # of two rests that are one stop the shorter isn't used
-        assert len(track(marked).stops) == stops
+    path = track(marked)
+    assert len(path.stops) == stops
+    assert path.stops[0].start == 0
+    assert path.t[path.stops[-2].stop] > 3.0 + away_s - 0.2  # nothing is lost of the rest after

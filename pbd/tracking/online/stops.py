@@ -29,9 +29,6 @@ VELOCITY_GATE, VELOCITY_MEAN = 14.2, 3.0
 """Squared Mahalanobis distance of a velocity from zero (chi-square with 3 degrees of freedom): its 99.7 % quantile, and
 its mean."""
 
-BOUNCE_DWELL_S = 0.6
-"""Longest first stop, s, of a put-down that bounces. Longer than in `estimate`, as both its ends are seen late."""
-
 
 @dataclass(frozen=True, eq=False)
 class Standing:
@@ -55,11 +52,10 @@ class Standing:
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A stop on trial: since a sample, or, for a swaying hand, since a time (s); whether it is doubted; whether it
-    continues the last stop after a jolt; the largest squared Mahalanobis distance of its velocity from zero."""
+    """A stop on trial: since a sample; whether it is doubted; whether it continues the last stop after a jolt; the
+    largest squared Mahalanobis distance of its velocity from zero."""
 
     first: Sample
-    since: float
     doubted: bool
     knocked: bool
     worst: float = 0.0
@@ -94,7 +90,7 @@ class LiveHand:
         north = np.mean(fields, axis=0) if fields else None
         self._filter = OnlineFilter(noise, rest, self._strapdown.wxyz, north, self._device)
         self._stop: Standing | None = Standing(samples[0], samples[0], *self._filter.pose())
-        self.still, self._settled, self._t_shaken = True, True, samples[0].t
+        self.still, self._settled = True, True
         for sample in samples[1:]:
             self.advance(sample)
 
@@ -116,7 +112,6 @@ class LiveHand:
             return []
         quiet = self._measure_stillness()
         still_acc = np.mean([each.acc for each, _, _ in self._window], axis=0) if quiet else None
-        self._t_shaken = self._t_shaken if quiet else sample.t
         leg = strapdown.leg(still_acc, self._filter.E[2] * self._filter.gravity)
         self._angles.append(self._angles[-1] + leg.angle)
         known = [self._filter] if self._trial_filter is None else [self._filter, self._trial_filter]
@@ -204,21 +199,13 @@ class LiveHand:
             return []
         # A device's own attitude goes on turning after the hand has stopped.
         off, fast = (0.0, False) if self._trial_filter is None or self._device else self._is_moving(self._trial_filter)
-        if (
-            trial is None
-            or fast
-            or (off > VELOCITY_GATE and (trial.doubted or sample.t - trial.since < CONFIRM_DOUBTED_S))
-        ):
+        if trial is None or fast or off > VELOCITY_GATE:
             self._trial_filter = self._filter.fork()
             off, speed = self._trial_filter.velocity_test(self._sigma)
-            sways = trial is not None and not trial.doubted and speed < SLOW_SPEED
             # Quiet but for a jolt since the last stop?
-            soon = (
-                sample.t - last.t < SHORTEST_MOVE_S + 2.0 * ENERGY_WINDOW_S
-                and self._t_shaken - last.t < SHORTEST_MOVE_S + ENERGY_WINDOW_S
-            )
-            knocked = off > VELOCITY_GATE and soon and self._t_shaken > last.t
-            trial = Trial(first, trial.since if trial and sways else sample.t, off > VELOCITY_GATE, knocked)
+            soon = sample.t - last.t < SHORTEST_MOVE_S + 2.0 * ENERGY_WINDOW_S
+            knocked = off > VELOCITY_GATE and soon
+            trial = Trial(first, off > VELOCITY_GATE, knocked)
             if trial.doubted:
                 self._trial_filter.add_velocity_error(sample.t - last.t, speed)
             self._add_knot(self._trial_filter, sample.t, same=knocked, robust=False)
@@ -242,9 +229,7 @@ class LiveHand:
         self._add_knot(self._trial_filter, sample.t, same=self._settled)
         before = self._past_stops[-1]
         first, moved = trial.first, self._trial_filter.p - before.pose.p
-        bounced = (
-            len(self._past_stops) > 1 and before.stop.dwell_s < BOUNCE_DWELL_S and first.t - before.last.t < BOUNCE_S
-        )
+        bounced = len(self._past_stops) > 1 and first.t - before.last.t < BOUNCE_S
         if (trial.knocked or bounced) and np.sqrt(moved @ moved) < BOUNCE_M:
             before = self._past_stops.pop()
             first = before.first if trial.knocked else first

@@ -177,7 +177,9 @@ def _beat(t: Array, nominal_hz: float | None) -> tuple[float, int, bool]:
     mean, reach = float(t[-1] - t[0]) / (len(t) - 1), min(LATE_SAMPLES, len(t) // 4)
     if nominal_hz is not None and abs(mean * nominal_hz - 1.0) < NOMINAL_TOLERANCE:
         return mean, reach, True
-    return float(np.median(t[reach:] - t[:-reach])) / reach, reach, False
+    spans = t[reach:] - t[:-reach]
+    usual = float(np.median(spans))
+    return float(spans[np.abs(spans - usual) < 0.5 * usual / reach].mean()) / reach, reach, False
 
 
 def _fault(t: Array, interval: float) -> str:

@@ -10,7 +10,7 @@ reading after the first hits the same step among all to which noise and hand cou
 the sides tell. Were the noise small, a rounded peak with such sides could not be flat; were it large, its readings
 would scatter. Between the two, for a parabola with white noise of whatever size, the chance is at most
 (2.5 steps / fall)^(m - 1) for m of 3 and more, with the fall of the sides over two samples. (Two samples on either hand
-of a peak are alike whenever it lies in their middle.) The flat tops of one axis multiply their chances.
+of a peak are alike whenever it lies in their middle.)
 
 What can't be found: clipped peaks of one or two samples, tops too shallow to differ from noise,
 and those clipped before the axis was mixed with others (calibrated for misalignment) or averaged.
@@ -45,12 +45,10 @@ FLAT_SAMPLES, SIDE_SAMPLES = 3, 2
 
 CHANCE_STEPS = 2.5
 """A rounded peak repeats its top reading with chance CHANCE_STEPS / fall, with the fall of its sides in steps of
-resolution. A fall below COARSE_FALL * CHANCE_STEPS shows coarse resolution, no clipping."""
-
-COARSE_FALL = 4.0
+resolution."""
 
 CLIPPED_CHANCE = 1e-4
-"""An axis is clipped if all its flat tops together have a smaller chance than this to be rounded peaks."""
+"""An axis is clipped if one of its flat tops has a smaller chance than this to be a rounded peak."""
 
 LARGEST_OVERSHOOT = 0.5
 """Largest height of a continued peak above the range, as a share of the range."""
@@ -99,19 +97,18 @@ def _tops(x: Array, sensor: str, new: NDArray[np.bool_]) -> list[tuple[int, int]
     if top < LEAST_RANGE[sensor]:
         return []
     tops = runs(x >= top * (1.0 - TOP_TOLERANCE))
-    counted = [(start, stop, int(new[start:stop].sum())) for start, stop in tops]
+    counted = ((start, stop, int(new[start:stop].sum())) for start, stop in tops)
     flat = [each for each in counted if each[2] >= FLAT_SAMPLES]
     if not flat:
         return []
     between = np.diff(np.unique(x))
     step = max(float(between[between > top * TOP_TOLERANCE].min(initial=np.inf)), top * TOP_TOLERANCE)
-    chance = 1.0
     for start, stop, samples in flat:
         sides = x[max(start - SIDE_SAMPLES, 0) : start], x[stop : stop + SIDE_SAMPLES]
         fall = min((top - float(side.min()) for side in sides if len(side)), default=0.0)
-        if fall > COARSE_FALL * CHANCE_STEPS * step:
-            chance *= (CHANCE_STEPS * step / fall) ** (samples - 1)
-    return tops if chance < CLIPPED_CHANCE else []
+        if (CHANCE_STEPS * step / max(fall, step)) ** (samples - 1) < CLIPPED_CHANCE:
+            return tops
+    return []
 
 
 def _warn(recording: Recording, clips: Sequence[Clip]) -> None:

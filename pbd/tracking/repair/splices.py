@@ -21,7 +21,6 @@ from pbd.errors import PbdWarning, RecordingError
 from pbd.pose import Array, lengths
 from pbd.tracking.repair.channel_faults import SENSOR_NAMES, noisy
 from pbd.tracking.repair.gaps import interpolated
-from pbd.tracking.zero_velocity import runs
 
 WILD_DISTANCE = {"acc": (30.0, 1), "gyr": (0.3, 3)}
 """A wild row is at least this far (m/s2, rad/s) from the line through its neighbours; at most so many wild rows follow
@@ -41,11 +40,11 @@ NOISE_FLOOR = {"acc": 0.04, "gyr": 0.012}
 LONGEST_PACKET_S, JUMPS_TRIED = 2.0, 60
 """Longest packet of a wireless sensor, s; number of largest jumps among which the ends of packets are sought."""
 
-MENDED_JUMP = 0.25
-"""Ratio of squared jumps after and before a repair, below which it succeeded."""
-
 DOUBLED_ROWS = 6
 """Least number of different rows in a block that came twice. Fewer equal rows may be chance."""
+
+IRRATIONAL = np.sqrt(np.array([2.0, 3.0, 5.0, 7.0, 11.0, 13.0]))
+"""Weights of which no two sums of readings are equal by chance: of six channels, and of DOUBLED_ROWS rows."""
 
 Rows = NDArray[np.intp]
 
@@ -81,17 +80,14 @@ def in_order(recording: Recording) -> Recording:
     swapped = _swapped(recording)
     if swapped is None:
         return recording
-    first, size, sure = swapped
-    rows, t = np.arange(len(recording)), recording.t
-    where = f"rows {first} to {first + size - 1} (from t = {t[first]:.2f} s) came before the {size} rows they follow"
-    if not sure:
-        warnings.warn(
-            f"it seems that {where}, but the readings jump there all the same: look at pbd plot, and record again",
-            PbdWarning,
-            stacklevel=3,
-        )
-        return recording
-    warnings.warn(f"{where}, and are put behind them: packets are sent out of order", PbdWarning, stacklevel=3)
+    first, size = swapped
+    rows = np.arange(len(recording))
+    warnings.warn(
+        f"rows {first} to {first + size - 1} (from t = {recording.t[first]:.2f} s) came before the {size} rows they "
+        "follow, and are put behind them: packets are sent out of order",
+        PbdWarning,
+        stacklevel=3,
+    )
     rows[first : first + 2 * size] = np.roll(rows[first : first + 2 * size], size)
     channels = {name: getattr(recording, name) for name in ("acc", "gyr", "mag", "device_rpy")}
     changes: dict[str, Any] = {name: values[rows] for name, values in channels.items() if values is not None}
@@ -105,30 +101,29 @@ def refuse_doubled(recording: Recording) -> None:
         RecordingError: which rows.
     """
     rows = _side_by_side(recording)
-    # Equal rows have equal sums, whatever the weights; of irrational ones no others do.
-    sums = rows @ np.sqrt(np.array([2.0, 3.0, 5.0, 7.0, 11.0, 13.0])[: rows.shape[1]])
-    order = np.argsort(sums)
-    equal = np.diff(sums[order]) == 0.0
-    doubles = np.sort(order[np.append(equal, False) | np.append(False, equal)])
-    if len(doubles) < DOUBLED_ROWS or not noisy(recording.acc):
+    # Equal rows have equal sums, whatever the weights; of irrational ones no others do. So have equal blocks.
+    sums = rows @ IRRATIONAL[: rows.shape[1]]
+    new = np.flatnonzero(np.diff(sums, prepend=np.inf))
+    if len(new) < DOUBLED_ROWS:
         return
-    order = doubles[np.argsort(sums[doubles], kind="stable")]
-    same = np.flatnonzero(np.diff(sums[order]) == 0.0)
-    first, again = order[same], order[same + 1]
-    apart = np.zeros(len(rows), dtype=np.intp)
-    changed = np.concatenate(([True], np.diff(rows, axis=0).any(axis=1)))
-    apart[first] = np.where(changed[first], again - first, 0)
-    # Of a block that comes again, each row has its double equally far away.
-    goes_on = (np.diff(apart) == 0) & (apart[1:] > 1)
-    for start, stop in runs(goes_on):
-        far = int(apart[start])
-        if far >= DOUBLED_ROWS and len(np.unique(sums[start : stop + 1])) >= DOUBLED_ROWS:
-            raise RecordingError(
-                f"rows {start + far} to {stop + far} (from t = {recording.t[start + far]:.2f} s) repeat rows {start} "
-                f"to {stop}: a block came twice, so the times after it are wrong; record again",
-                row=start + far,
-                t=float(recording.t[start + far]),
-            )
+    sums = sums[new]
+    blocks = sum((w * sums[k : len(sums) - DOUBLED_ROWS + 1 + k] for k, w in enumerate(IRRATIONAL)), np.zeros(1))
+    order = np.argsort(blocks, kind="stable")
+    same = np.flatnonzero(np.diff(blocks[order]) == 0.0)
+    different = np.diff(np.sort(np.lib.stride_tricks.sliding_window_view(sums, DOUBLED_ROWS)[order[same]])).all(axis=1)
+    first, again = new[order[same[different]]], new[order[same[different] + 1]]
+    if len(first) == 0 or not noisy(recording.acc):
+        return
+    start = int(first.min())
+    far = int(again[np.argmin(first)]) - start
+    goes_on = (rows[start : len(rows) - far] == rows[start + far :]).all(axis=1)
+    stop = start + int(np.argmin(np.append(goes_on[:far], False))) - 1
+    raise RecordingError(
+        f"rows {start + far} to {stop + far} (from t = {recording.t[start + far]:.2f} s) repeat rows {start} to "
+        f"{stop}: a block came twice, so the times after it are wrong; record again",
+        row=start + far,
+        t=float(recording.t[start + far]),
+    )
 
 
 def _side_by_side(recording: Recording, noise: dict[str, float] | None = None) -> Array:
@@ -179,8 +174,8 @@ def _wild(values: Array, away: float, most: int, least: float, reach: int) -> Ro
     return np.unique(np.concatenate(wild)) - 2
 
 
-def _swapped(recording: Recording) -> tuple[int, int, bool] | None:
-    """First row and size of two blocks of one size that came in the wrong order; and whether all is well after that."""
+def _swapped(recording: Recording) -> tuple[int, int] | None:
+    """First row and size of two blocks of one size that came in the wrong order."""
     edges = np.arange(2, len(recording) - 1)
     noise = {}
     for name, least in NOISE_FLOOR.items():
@@ -218,9 +213,4 @@ def _swapped(recording: Recording) -> tuple[int, int, bool] | None:
     around = float(beside.sum()) / max(len(beside), 1)
     if gain[best] < OUTLIER_RATIO or three[:, best].mean() < OUTLIER_RATIO * around:
         return None
-    first, size = int(edges[a[best]]), int(b[best] - a[best])
-    x[first : first + 2 * size] = np.roll(x[first : first + 2 * size], size, axis=0)
-    ends = edges[np.clip(np.add.outer(at, (-1, 0, 1)), 0, len(jumps) - 1)]
-    before, after = _lines(x, ends.ravel())
-    left = float(((after - before) ** 2).sum(axis=1).max())  # wild rows jump wherever they are put
-    return first, size, left < MENDED_JUMP * float(three[:, best].max())
+    return int(edges[a[best]]), int(b[best] - a[best])
