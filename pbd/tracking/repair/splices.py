@@ -154,7 +154,7 @@ def _lines_everywhere(x: Array) -> tuple[Array, Array]:
 def _wild(values: Array, away: float, most: int, least: float, reach: int) -> Rows:
     """Rows of (n, 3) that lie far from a line through their neighbours, where these lie on one."""
     ends = np.median(values[:5], axis=0), np.median(values[-5:], axis=0)
-    x = np.vstack((ends[0], ends[0], values, ends[1], ends[1]))
+    x = np.vstack((ends[0], ends[0], values, *[ends[1]] * (most + 1)))  # so that the last rows may be wild too
     edges = np.arange(2, len(x) - most - 1)
     before, after = _lines_everywhere(x)
     jumps = lengths((after - before)[: len(edges)])

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from pbd.data import Demonstration, Recording
@@ -83,6 +83,7 @@ def test_a_wild_sample_is_left_out_and_told(sensor: str, channel: str, value: fl
     st.sampled_from([("acc", 500.0), ("gyr", 30.0)]),
     st.integers(0, 10**6),
 )
+@example("os5000", "random", ("gyr", 30.0), 7199)  # the last row but one
 def test_a_wild_sample_is_found_wherever_it_is(sensor: str, task: str, spike: tuple[str, float], seed: int) -> None:
     """But for the last one, after which nothing shows that it is gone again."""
     recording = simulate(random_task(seed) if task == "random" else task, sensor, seed).recording
