@@ -15,9 +15,10 @@ from functools import partial
 import numpy as np
 
 from pbd.arm.collision.allowed_collisions import NEARLY_ALWAYS, SAMPLES, Unchecked, link_pairs, samples
-from pbd.arm.collision.clearance import Allowed, Clearance, Pairs
+from pbd.arm.collision.clearance import Allowed, Pairs
 from pbd.arm.collision.geometry import Body, apart
 from pbd.arm.collision.motion_bounds import rates
+from pbd.arm.collision.quick_clearance import QuickClearance
 from pbd.arm.gripper import THE_TOOL, arm_bodies, gripper_links, tool_on_joint
 from pbd.arm.model import ArmModel, from_se3
 from pbd.arm.path_sampling import polyline
@@ -32,8 +33,6 @@ REST_M = 0.03
 
 STEEP = float(np.cos(np.radians(45.0)))
 """What an object stands on holds it up at less than this angle from the vertical: least z of its normal."""
-
-_LIKELY = np.array([[0.5], [0.25], [0.75]])  # where a straight move is looked at first
 
 MOST_STAYS = 64
 """For how many places of the object the pairs are remembered."""
@@ -74,7 +73,7 @@ class Leg:
 class PairSet:
     """Pairs of bodies, and which of them may touch where."""
 
-    clearance: Clearance
+    clearance: QuickClearance
     allowed: Allowed | None = None
 
 
@@ -109,7 +108,7 @@ class CollisionScene:
         self._bodies = (*self._links, *world)
         around = self._against(self._bodies, range(len(self._links)), range(len(self._links), len(self._bodies)))
         around = self._off_the_table(around)
-        self.always = PairSet(Clearance(arm, self._bodies, np.concatenate((pairs, around))))
+        self.always = PairSet(QuickClearance(arm, self._bodies, np.concatenate((pairs, around))))
         self._with_object: dict[Stay, PairSet] = {}
 
     @staticmethod
@@ -141,13 +140,16 @@ class CollisionScene:
         """
         if len(q) == 1:
             return self.touches(q[0], leg)
-        middle = q[len(q) // 2][None] if len(q) > 2 else q[0] + _LIKELY * (q[-1] - q[0])
-        x = np.vstack((q[[0, -1]], middle))
-        x = np.column_stack((x, np.full(len(x), leg.opening)))
-        return any(
-            each.clearance.meets(x, partial(polyline, q, leg.opening, each.clearance.rates), each.allowed, tool_only)
-            for each in self.pair_sets(leg.stay)
-        )
+        x = np.column_stack((q[[0, -1]], (leg.opening, leg.opening)))
+        for each in self.pair_sets(leg.stay):
+            if len(q) == 2:
+                found = each.clearance.meets(x, each.allowed, tool_only=tool_only)
+            else:
+                path = partial(polyline, q, leg.opening, each.clearance.rates)
+                found = each.clearance.meets_along(x, path, each.allowed, tool_only=tool_only)
+            if found:
+                return True
+        return False
 
     def check_path(self, q: Array, leg: Leg | None = None) -> Hit | None:
         """Return the first hit of straight moves in joint space from each of joints (m, k) to the next."""
@@ -215,7 +217,7 @@ class CollisionScene:
         others = [i for i, link in enumerate(self._links) if link.name not in gripper]
         pairs = self._against(bodies, others, (this,))
         if not stay.held:
-            return PairSet(Clearance(self.arm, bodies, pairs))
+            return PairSet(QuickClearance(self.arm, bodies, pairs))
         around = self._against(bodies, (this,), range(len(self._links), this))
         # By pair: where the object rests on its second body.
         rests = {
@@ -229,7 +231,7 @@ class CollisionScene:
             p = (self.arm.forward(x[:-1]) @ stay.pose).p
             return any(np.linalg.norm(p - rest) <= REST_M for rest in rests[pair])
 
-        return PairSet(Clearance(self.arm, bodies, np.concatenate((pairs, around))), allowed)
+        return PairSet(QuickClearance(self.arm, bodies, np.concatenate((pairs, around))), allowed)
 
     def _stands_on(self, thing: Body, T_base_thing: Pose, support: Body) -> bool:
         """Whether something that stands still holds up an object."""
@@ -246,7 +248,7 @@ class CollisionScene:
     def _off_the_table(self, around: Pairs) -> Pairs:
         """Leave out what is on the table however the arm stands: a turntable that it is mounted with."""
         on_table = np.flatnonzero([self._bodies[second].name == TABLE for _, second in around])
-        clearance = Clearance(self.arm, self._bodies, around[on_table])
+        clearance = QuickClearance(self.arm, self._bodies, around[on_table])
         always = on_table[list(clearance.always_touching(samples(self.arm, SAMPLES), NEARLY_ALWAYS))]
         why = "on it in nearly every configuration"
         self.unchecked += tuple(Unchecked(self._bodies[link].name, TABLE, why) for link, _ in around[always])
