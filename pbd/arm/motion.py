@@ -9,8 +9,9 @@ the links that are barred.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -55,6 +56,8 @@ COARSE = 4
 """Poses from one layer to the next where joints are sought along a path."""
 LOOK_BACK = 8
 """Paths before a barred one along which joints are sought with it."""
+WINDOW, KEPT = 64, 32
+"""Layers that are searched at once, and how many of them again with what follows."""
 
 
 def choose_motion(arm: ArmModel, request: MotionRequest, queries: CollisionQueries | None) -> Motion | Refusal:
@@ -86,6 +89,7 @@ class _Search:
         self.before_line: tuple[Ladder, list[Link], list[Move], Hit | None] | None = None
         self.unwound: set[int] = set()
         self.links = [Link(place) for place in range(len(ladder.layers) - 1)]
+        ladder.end = min(WINDOW, len(ladder.layers))
         may_detour = request.detour and queries is not None
         self.moves = [Move(STRAIGHT, remedies_of(request, i, may_detour=may_detour)) for i in range(len(self.links))]
         for i in range(1, self.n if request.kind != STRAIGHT else 1):
@@ -95,12 +99,18 @@ class _Search:
         while True:
             path = self.ladder.search(self._stands, self._free)
             if isinstance(path, Barred):
-                refusal = self._mend_all(path)
-                if refusal is not None and self.before_line is None:
-                    return refusal
-                if refusal is not None and self.before_line is not None:
+                refused = self._mend_all(path)
+                if refused is not None and self.before_line is not None:
                     (self.ladder, self.links, self.moves, self.no_way_back), self.before_line = self.before_line, None
-            elif not self._make_lines(path):
+                elif refused is not None and self.ladder.first > 0:
+                    self.ladder.release()
+                elif refused is not None:
+                    return refused()
+            elif self._make_lines(path):
+                continue
+            elif (end := self.ladder.end) < len(self.ladder.layers):
+                self.ladder.advance(path, end - KEPT, end - KEPT + WINDOW)
+            else:
                 return motion_of(self.arm, self.links, self.moves, self.ladder.joints(path), self.n)
 
     def _stands(self, place: int, q: Array) -> bool:
@@ -118,17 +128,17 @@ class _Search:
             move.leave_path()
         return cost
 
-    def _mend_all(self, barred: Barred) -> Refusal | None:
+    def _mend_all(self, barred: Barred) -> Callable[[], Refusal] | None:
         """Mend what is barred, from the last on; where that puts in layers, the search tells anew what else is."""
-        refusal, count = None, len(self.ladder.layers)
+        refused, count = None, len(self.ladder.layers)
         for place, standing in reversed([*zip(barred.layers, barred.standing, strict=True)]):
-            refusal = self._mend(place, standing) or refusal
+            refused = self._mend(place, standing) or refused
             if len(self.ladder.layers) != count:
                 break
-        return refusal
+        return refused
 
-    def _mend(self, place: int, standing: bool) -> Refusal | None:
-        """Change how a layer is come to, if there is another way; else say what was tried."""
+    def _mend(self, place: int, standing: bool) -> Callable[[], Refusal] | None:
+        """Change how a layer is come to, if there is another way; else give what says what was tried."""
         i = self.links[place - 1].keyframe
         move = self.moves[i]
         if standing and self.links[place - 1].found and move.detour and self.ladder.layers[place].unseen < np.inf:
@@ -139,10 +149,10 @@ class _Search:
             widen(self.arm, self._pose(place), self.ladder, place)
             return None
         if not standing and move.pose_hit is not None and self.links[place - 1].at_keyframe:
-            return refuse_pose(i, len(self.ladder.layers[place].q), move.pose_hit)
+            return partial(refuse_pose, i, len(self.ladder.layers[place].q), move.pose_hit)
         if not (move.remedies if standing else move.last_resort()):
             if i < self.n:
-                return self._refuse(i)
+                return partial(self._refuse, i)
             self.no_way_back = move.hits[STRAIGHT]
             self.ladder.drop(place, place + 1)
             del self.links[-1]
@@ -155,7 +165,7 @@ class _Search:
         elif remedy == "detour":
             self._detour(i)
         elif not self._split(place):
-            return None if move.last_resort() else self._refuse(i)
+            return None if move.last_resort() else partial(self._refuse, i)
         return None
 
     def _follow_path(self, place: int, kind: str | None = None) -> None:
@@ -238,7 +248,8 @@ class _Search:
         """Let the tool follow a line where a straight move leaves it too far, or is wide; say whether any does."""
         tolerance, wide, made = self.request.tolerance_m, dict[int, ToolDeviation](), False
         q = self.ladder.joints(path)
-        for place, link in enumerate(self.links, start=1):
+        for place in range(self.ladder.first + 1, self.ladder.end):
+            link = self.links[place - 1]
             if self.checks.straight(link, self.moves[link.keyframe]):
                 deviation = tool_deviation(self.arm, q[place - 1], q[place])
                 if tolerance is not None and deviation.off_line_m > tolerance:
@@ -272,8 +283,10 @@ class _Search:
         return sum(add_turns(self.arm, self.ladder, place, joint) for joint in joints for place in places) > 0
 
     def _copy(self) -> tuple[Ladder, list[Link], list[Move], Hit | None]:
-        links = [replace(link, found=dict(link.found)) for link in self.links]
-        moves = [replace(move, remedies=list(move.remedies), hits=dict(move.hits)) for move in self.moves]
+        links, moves, within = [*self.links], [*self.moves], slice(self.ladder.first, self.ladder.end)
+        links[within] = [replace(link, found=dict(link.found)) for link in links[within]]
+        for i in {link.keyframe for link in links[within]}:
+            moves[i] = replace(moves[i], remedies=list(moves[i].remedies), hits=dict(moves[i].hits))
         return self.ladder.copy(), links, moves, self.no_way_back
 
     def _refuse(self, i: int) -> Refusal:
