@@ -175,7 +175,7 @@ class _Search:
         hand = self.request.hand if kind != LINE else None
         self.moves[i].kind = DEMO if hand else LINE
         link.poses = tuple(hand()[i - 1]) if hand else line(T_base_tool[i - 1], T_base_tool[i])
-        self.ladder.layers[place].wide_cost = 0.0
+        link.tool_free, self.ladder.layers[place].wide_cost = False, 0.0
         self.ladder.reopen(place, MOST_PATHS, costly=True)
 
     def _detour(self, i: int) -> None:
@@ -235,7 +235,7 @@ class _Search:
         last.most_refused, last.most_step = MOST_STEPS, CONTINUOUS_RAD
         self.ladder.insert(place, layers)
         self.links[place - 1 : place] = [
-            Link(link.keyframe, poses[a : b + 1], b == len(poses) - 1) for a, b in pairwise(marks)
+            Link(link.keyframe, poses[a : b + 1], b == len(poses) - 1, tool_free=True) for a, b in pairwise(marks)
         ]
         widen(self.arm, poses[-1], self.ladder, place + len(layers), STARTS)
         return len(layers)
@@ -260,13 +260,16 @@ class _Search:
                     wide[place] = deviation
         if made:
             return True
-        self.before_line = None
+        if self.before_line is not None:  # a line that is taken may be mended again
+            for move, before in zip(self.moves, self.before_line[2], strict=True):
+                move.remedies = move.remedies or [*before.remedies]
+            self.before_line = None
         for place, deviation in wide.items():
             i = self.links[place - 1].keyframe
             if not self._unwind(i, q[place - 1], q[place]):
                 self.moves[i].wide = deviation
                 straight = line(*self.request.T_base_tool[i - 1 : i + 1])
-                barred = self.checks.tool_barred(i, straight, q[place - 1], q[place])
+                barred = self.queries is not None and self.queries.tool_hit(i, straight) is not None
                 if barred and self.request.hand is None:
                     continue
                 self.before_line = self._copy()

@@ -101,9 +101,7 @@ class Clearance:
     def witness(self, x: Array, pair: int) -> Array:
         """Where a pair is nearest or touches (3,), in pinocchio's world, at coordinates (k + 1,)."""
         self._place(configurations(self.arm, x[None])[0])
-        result = pin.computeDistance(self._geometry, self._placed, pair)
-        point: Array = 0.5 * (result.getNearestPoint1() + result.getNearestPoint2())
-        return point
+        return self._witness(pair)
 
     def always_touching(self, x: Array, share: float) -> dict[int, int]:
         """Return the pairs that are nearer than MARGIN_M in at least a share of coordinates (n, k + 1): in how many."""
@@ -212,6 +210,11 @@ class Clearance:
     def _distance(self, pair: int) -> float:
         distance = self._hull_distance(pair)
         return self._of_meshes(pair, distance) if -self._mesh_to[pair] < distance < MARGIN_M else distance
+
+    def _witness(self, pair: int) -> Array:
+        result = pin.computeDistance(self._geometry, self._placed, pair)
+        point: Array = 0.5 * (result.getNearestPoint1() + result.getNearestPoint2())
+        return point
 
     def _hull_distance(self, pair: int) -> float:
         return float(pin.computeDistance(self._geometry, self._placed, pair).min_distance - self._pads[pair])

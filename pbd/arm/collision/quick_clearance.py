@@ -7,15 +7,16 @@ looks in the middle, where most moves are barred, come first; and before them th
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
 from pbd.arm.collision.clearance import MARGIN_M, Allowed, Clearance, Pairs, Walk
 from pbd.arm.collision.configurations import JointPath, configurations
 from pbd.arm.collision.geometry import Body, moves_with_tool
-from pbd.arm.model import ArmModel
-from pbd.pose import Array
+from pbd.arm.gripper import tool_on_joint
+from pbd.arm.model import ArmModel, to_se3
+from pbd.pose import Array, Pose
 
 RECENT, REMEMBERED = 4, 2000
 """Pairs that touched lately, which are looked at first; and coordinates of which the distances are kept."""
@@ -46,12 +47,12 @@ class QuickClearance(Clearance):
                 return self._touched(pair)
         return False
 
-    def meets(self, x: Array, allowed: Allowed | None = None, *, tool_only: bool = False) -> bool:
+    def meets(self, x: Array, allowed: Allowed | None = None) -> bool:
         """Whether any pair touches on a straight move from coordinates to others, x (2, k + 1).
 
-        `allowed`: what may touch where. `tool_only`: leave out all but what moves with the tool and what stands still.
+        `allowed`: what may touch where.
         """
-        if not tool_only and any(self.touches(each, allowed) for each in x):
+        if any(self.touches(each, allowed) for each in x):
             return True
         step, q = x[1] - x[0], configurations(self.arm, x)
         way = q[1] - q[0]
@@ -59,12 +60,12 @@ class QuickClearance(Clearance):
         def place(t: float) -> None:
             self._place(q[0] + t * way if self._even else configurations(self.arm, (x[0] + t * step)[None])[0])
 
-        for t in () if tool_only else LIKELY:
+        for t in LIKELY:
             place(t)
             if self._touch_again(x[0] + t * step, allowed):
                 return True
         at_start, at_end, speed = self._remembered(x[0]), self._remembered(x[1]), self.rates @ np.abs(step)
-        for pair in self._in_reach(at_start, at_end, speed, tool_only):
+        for pair in self._in_reach(at_start, at_end, speed):
             v = float(speed[pair])
             gaps = [(max(MARGIN_M, at_start[pair]) / v, 1.0 - max(MARGIN_M, at_end[pair]) / v)]
             for since, until in gaps:
@@ -80,26 +81,50 @@ class QuickClearance(Clearance):
                 gaps += ((since, t - distance / v), (t + distance / v, until))
         return False
 
-    def meets_along(
-        self, x: Array, path: Callable[[], JointPath], allowed: Allowed | None = None, *, tool_only: bool = False
-    ) -> bool:
+    def meets_along(self, x: Array, path: Callable[[], JointPath], allowed: Allowed | None = None) -> bool:
         """Whether any pair touches on a path.
 
         Args:
             x: its start and its end (2, k + 1).
             path: gives all of it; only asked if nothing touches at those.
-            allowed, tool_only: see `meets`.
+            allowed: what may touch where.
         """
-        if not tool_only and any(self.touches(each, allowed) for each in x):
+        if any(self.touches(each, allowed) for each in x):
             return True
         walk, at_start, at_end = self._walk(path(), allowed), self._remembered(x[0]), self._remembered(x[1])
-        near = self._in_reach(at_start, at_end, self.rates @ walk.moved[:, -1], tool_only)
+        near = self._in_reach(at_start, at_end, self.rates @ walk.moved[:, -1])
         return any(self._halve(walk, pair, at_start[pair], at_end[pair]) and self._touched(pair) for pair in near)
 
-    def _in_reach(self, at_start: Array, at_end: Array, travel: Array, tool_only: bool) -> list[int]:
+    def tool_contact(
+        self, T_base_tool: Iterable[Pose], opening: float, allowed: Callable[[int, Pose], bool] | None = None
+    ) -> tuple[int, float, Array] | None:
+        """Return what moves with the tool and touches what stands still with the tool at some poses, however it is held.
+
+        `allowed`: which pair may touch with the tool at which pose.
+
+        Returns:
+            The first pair that was found, its distance in m, and where (3,) in pinocchio's world.
+        """
+        joint, T_joint_tool = tool_on_joint(self.arm)
+        self._place(configurations(self.arm, np.append(self.arm.robot.home, opening)[None])[0])
+        T_joint_universe, pairs = self._data.oMi[joint].inverse(), np.flatnonzero(self._of_tool).tolist()
+        carried = {int(i) for i in self.pairs[pairs].ravel() if self.bodies[i].joint > 0}
+        T_joint_body = {i: T_joint_universe * self._placed.oMg[i] for i in carried}
+        T_base_universe, T_tool_joint = self.arm.T_base_universe.inverse(), to_se3(T_joint_tool.inverse())
+        for pose in T_base_tool:
+            T_universe_joint = T_base_universe * to_se3(pose) * T_tool_joint
+            for i, T in T_joint_body.items():
+                self._placed.oMg[i] = T_universe_joint * T
+            for pair in pairs:
+                distance = self._distance(pair)
+                if not distance >= MARGIN_M and not (allowed and allowed(pair, pose)):
+                    return pair, distance, self._witness(pair)
+        return None
+
+    def _in_reach(self, at_start: Array, at_end: Array, travel: Array) -> list[int]:
         """Pairs that may touch on the way, those that touched lately first; given their distances at its ends."""
         open_ = ~(at_start + at_end > travel) & (travel > 0.0)
-        near = np.flatnonzero(open_ & self._of_tool if tool_only else open_).tolist()
+        near = np.flatnonzero(open_).tolist()
         near.sort(key=lambda pair: self._lately.index(pair) if pair in self._lately else RECENT)
         return near
 

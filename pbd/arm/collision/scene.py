@@ -71,10 +71,11 @@ class Leg:
 
 @dataclass(frozen=True, eq=False)
 class PairSet:
-    """Pairs of bodies, and which of them may touch where."""
+    """Pairs of bodies, and which of them may touch where: at which coordinates, with the tool at which T_base_tool."""
 
     clearance: QuickClearance
     allowed: Allowed | None = None
+    allowed_of_tool: Callable[[int, Pose], bool] | None = None
 
 
 class CollisionScene:
@@ -131,10 +132,8 @@ class CollisionScene:
         x = np.append(q, leg.opening)
         return any(each.clearance.touches(x, each.allowed) for each in self.pair_sets(leg.stay))
 
-    def meets(self, q: Array, leg: Leg, *, tool_only: bool = False) -> bool:
+    def meets(self, q: Array, leg: Leg) -> bool:
         """Whether there is a hit on straight moves in joint space from each of joints (m, k) to the next.
-
-        `tool_only`: of what moves with the tool, with what stands still.
 
         What comes nearer than MARGIN_M but doesn't touch counts where somebody looks: `check_path` looks elsewhere.
         """
@@ -143,13 +142,23 @@ class CollisionScene:
         x = np.column_stack((q[[0, -1]], (leg.opening, leg.opening)))
         for each in self.pair_sets(leg.stay):
             if len(q) == 2:
-                found = each.clearance.meets(x, each.allowed, tool_only=tool_only)
+                found = each.clearance.meets(x, each.allowed)
             else:
                 path = partial(polyline, q, leg.opening, each.clearance.rates)
-                found = each.clearance.meets_along(x, path, each.allowed, tool_only=tool_only)
+                found = each.clearance.meets_along(x, path, each.allowed)
             if found:
                 return True
         return False
+
+    def tool_hit(self, T_base_tool: Sequence[Pose], leg: Leg) -> Hit | None:
+        """Return a hit of what moves with the tool at some poses, which is there however the arm is held."""
+        middle_first = sorted(range(len(T_base_tool)), key=lambda i: abs(2 * i - len(T_base_tool)))
+        for each in self.pair_sets(leg.stay):
+            poses = (T_base_tool[i] for i in middle_first)
+            met = each.clearance.tool_contact(poses, leg.opening, each.allowed_of_tool)
+            if met is not None:
+                return self._hit(each, *met)
+        return None
 
     def check_path(self, q: Array, leg: Leg | None = None) -> Hit | None:
         """Return the first hit of straight moves in joint space from each of joints (m, k) to the next."""
@@ -202,9 +211,11 @@ class CollisionScene:
 
     def as_hit(self, pairs: PairSet, pair: int, x: Array, distance: float, share: float = 0.0) -> Hit:
         """Describe a pair that touches at coordinates x (k + 1,)."""
+        return self._hit(pairs, pair, distance, pairs.clearance.witness(x, pair), share)
+
+    def _hit(self, pairs: PairSet, pair: int, distance: float, p_universe: Array, share: float = 0.0) -> Hit:
         first, second = (pairs.clearance.bodies[i].name for i in pairs.clearance.pairs[pair])
-        p_base = self._T_universe_base.inverse().act(pairs.clearance.witness(x, pair))
-        return Hit(first, second, distance, p_base, share)
+        return Hit(first, second, distance, self._T_universe_base.inverse().act(p_universe), share)
 
     def _object_pairs(self, stay: Stay) -> PairSet:
         thing = self._grasped
@@ -225,13 +236,15 @@ class CollisionScene:
             for row, (_, second) in enumerate(around)
         }
 
-        def allowed(pair: int, x: Array) -> bool:
-            if not rests.get(pair):
-                return False
-            p = (self.arm.forward(x[:-1]) @ stay.pose).p
-            return any(np.linalg.norm(p - rest) <= REST_M for rest in rests[pair])
+        def allowed_of_tool(pair: int, T_base_tool: Pose) -> bool:
+            p = (T_base_tool @ stay.pose).p
+            return any(np.linalg.norm(p - rest) <= REST_M for rest in rests.get(pair, ()))
 
-        return PairSet(QuickClearance(self.arm, bodies, np.concatenate((pairs, around))), allowed)
+        def allowed(pair: int, x: Array) -> bool:
+            return bool(rests.get(pair)) and allowed_of_tool(pair, self.arm.forward(x[:-1]))
+
+        clearance = QuickClearance(self.arm, bodies, np.concatenate((pairs, around)))
+        return PairSet(clearance, allowed, allowed_of_tool)
 
     def _stands_on(self, thing: Body, T_base_thing: Pose, support: Body) -> bool:
         """Whether something that stands still holds up an object."""
