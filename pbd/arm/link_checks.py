@@ -82,12 +82,8 @@ class LinkChecks:
                 move.hits[move.kind] = tool_hit
                 return None
         along = np.stack((q_before, q)) if link.poses is None else follow(self.arm, link.poses, q_before, q)
-        if along is None or queries is None:
+        if along is None or queries is None or queries.passes(i, along):
             return None if along is None else along[1:]
-        if move.kind in move.hits:
-            return along[1:] if queries.passes(i, along) else None
-        hit = queries.moving(i, along)
-        if hit is None:
-            return along[1:]
-        move.hits[move.kind] = hit
+        if move.kind not in move.hits and (hit := queries.moving(i, along)):
+            move.hits[move.kind] = hit
         return None
