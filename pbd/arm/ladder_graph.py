@@ -68,22 +68,24 @@ class Layer:
     refused: int = field(init=False, default=0)
     stood: NDArray[np.bool_] = field(init=False)
     moved: NDArray[np.bool_] = field(init=False)
+    weighed: NDArray[np.bool_] = field(init=False)
 
     def __post_init__(self) -> None:
         self.stood = np.zeros(len(self.q), dtype=bool)
-        self.length, self.moved = np.empty((0, 0)), np.empty((0, 0), dtype=bool)
+        self.length = np.empty((0, 0))
+        self.moved = self.weighed = np.empty((0, 0), dtype=bool)
 
     def copy(self) -> Layer:
         """Copy it with what is changed in place; its states are only ever replaced."""
         copied = copy(self)
-        for name in ("cost", "stood", "length", "moved"):
+        for name in ("cost", "stood", "length", "moved", "weighed"):
             setattr(copied, name, getattr(self, name).copy())
         return copied
 
     def link(self, before: Array, *, anew: bool = False) -> None:
         """Measure the moves from states (l, k); keep what is known of those that were there, but for `anew`."""
         step = before[:, None] - self.q
-        length, moved = np.linalg.norm(step, axis=2), np.zeros(step.shape[:2], dtype=bool)
+        length, (moved, weighed) = np.linalg.norm(step, axis=2), np.zeros((2, *step.shape[:2]), dtype=bool)
         farthest = np.abs(step).max(axis=2, initial=0.0)
         length += self.wide_cost * (farthest > np.pi)
         length[farthest > self.most_step] = np.inf
@@ -92,8 +94,8 @@ class Layer:
             self.refused = 0
         else:
             known = tuple(slice(count) for count in self.length.shape)
-            length[known], moved[known] = self.length, self.moved
-        self.length, self.moved = length, moved
+            length[known], moved[known], weighed[known] = self.length, self.moved, self.weighed
+        self.length, self.moved, self.weighed = length, moved, weighed
 
 
 class Ladder:
@@ -199,13 +201,16 @@ class Ladder:
         self.shortest()
         return self._totals[place] if place < len(self._totals) else np.full(len(self.layers[place].q), np.inf)
 
-    def search(self, stands: Stands, moves: Moves) -> list[int] | Barred:
-        """Return the shortest path, all of it free and its cost known; or the layers that need mending first."""
+    def search(self, stands: Stands, moves: Moves, weigh: Moves = lambda *_: 0.0) -> list[int] | Barred:
+        """Return the shortest path, all of it free and its cost known; or the layers that need mending first.
+
+        `weigh`: what a move costs more that is told sooner than whether it is free.
+        """
         while True:
             path = self.shortest()
             if isinstance(path, Barred):
                 return path
-            if self._bar_states(path, stands):
+            if self._bar_states(path, stands) or self._weigh_moves(path, weigh):
                 continue
             if not self._bar_moves(path, moves, costly=False) and not self._bar_moves(path, moves, costly=True):
                 return path
@@ -226,6 +231,18 @@ class Ladder:
                 self._forget(place)
                 barred = True
         return barred
+
+    def _weigh_moves(self, path: Sequence[int], weigh: Moves) -> bool:
+        first = len(path)
+        for place in range(self.first + 1, self.end):
+            layer, state, following = self.layers[place], path[place - 1], path[place]
+            if not (layer.weighed[state, following] or layer.moved[state, following]):
+                layer.weighed[state, following] = True
+                cost = weigh(place, self.layers[place - 1].q[state], layer.q[following])
+                layer.length[state, following] += cost
+                first = min(first, place) if cost > 0.0 else first
+        self._forget(first)
+        return first < len(path)
 
     def _bar_moves(self, path: Sequence[int], moves: Moves, *, costly: bool) -> bool:
         barred, first = False, len(path)

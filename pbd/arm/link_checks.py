@@ -35,11 +35,21 @@ class LinkChecks:
         move.pose_hit = queries.standing(i, q)
         return move.pose_hit is None
 
-    def cost(self, link: Link, move: Move, q_before: Array, q: Array, *, wide_known: bool) -> float:
-        """What a move from some joints to others costs beside its travel, rad; infinite where it isn't free.
+    def wide_cost(self, link: Link, move: Move, q_before: Array, q: Array, *, wide_known: bool) -> float:
+        """What a move from some joints to others costs for being wide, rad.
 
         `wide_known`: where a joint turns by more than half a turn that is already in the travel.
         """
+        if not self.straight(link, move) or move.found_wide == MOST_WIDE:
+            return 0.0
+        if wide_known and np.abs(q - q_before).max() > np.pi:
+            return 0.0
+        wide = tool_deviation(self.arm, q_before, q).wide
+        move.found_wide += wide
+        return WIDE_COST * wide
+
+    def cost(self, link: Link, move: Move, q_before: Array, q: Array) -> float:
+        """What else a move from some joints to others costs beside its travel, rad; infinite where it isn't free."""
         along = self._along(link, move, q_before, q)
         if along is None:
             move.tried += 1
@@ -48,13 +58,7 @@ class LinkChecks:
         if move.detour:
             path = np.vstack((q_before, along))
             return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum() - np.linalg.norm(q - q_before))
-        if not self.straight(link, move) or move.found_wide == MOST_WIDE:
-            return 0.0
-        if wide_known and np.abs(q - q_before).max() > np.pi:
-            return 0.0
-        wide = tool_deviation(self.arm, q_before, q).wide
-        move.found_wide += wide
-        return WIDE_COST * wide
+        return 0.0
 
     def straight(self, link: Link, move: Move) -> bool:
         """Whether a link is a straight move between two keyframes."""

@@ -97,7 +97,7 @@ class _Search:
 
     def run(self) -> Motion | Refusal:
         while True:
-            path = self.ladder.search(self._stands, self._free)
+            path = self.ladder.search(self._stands, self._free, self._weigh)
             if isinstance(path, Barred):
                 refused = self._mend_all(path)
                 if refused is not None and self.before_line is not None:
@@ -117,10 +117,14 @@ class _Search:
         link = self.links[place - 1]
         return self.checks.stands(link, self.moves[link.keyframe], q)
 
+    def _weigh(self, place: int, q_before: Array, q: Array) -> float:
+        link, wide_known = self.links[place - 1], self.ladder.layers[place].wide_cost > 0.0
+        return self.checks.wide_cost(link, self.moves[link.keyframe], q_before, q, wide_known=wide_known)
+
     def _free(self, place: int, q_before: Array, q: Array) -> float:
         link, layer = self.links[place - 1], self.ladder.layers[place]
         move = self.moves[link.keyframe]
-        cost = self.checks.cost(link, move, q_before, q, wide_known=layer.wide_cost > 0.0)
+        cost = self.checks.cost(link, move, q_before, q)
         if move.detour and cost < np.inf and len(link.found) == ENOUGH_DETOURS:
             self.ladder.doubt(place, ANY_OTHER)
         if move.tool_barred:  # it does however the arm is held
