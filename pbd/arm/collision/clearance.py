@@ -59,6 +59,7 @@ class Walk(NamedTuple):
     allowed: Allowed | None
 
     def may_touch(self, pair: int, node: int) -> bool:
+        """Whether a pair may touch at a node."""
         return self.allowed is not None and self.allowed(pair, self.path.x[node])
 
 

@@ -98,7 +98,7 @@ class QuickClearance(Clearance):
     def tool_contact(
         self, T_base_tool: Iterable[Pose], opening: float, allowed: Callable[[int, Pose], bool] | None = None
     ) -> tuple[int, float, Array] | None:
-        """Return what moves with the tool and touches what stands still with the tool at some poses, however it is held.
+        """Return what moves with the tool and touches what stands still, with the tool at some poses.
 
         `allowed`: which pair may touch with the tool at which pose.
 
