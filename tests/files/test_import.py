@@ -12,7 +12,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from pbd.data import GRAVITY, Recording
 from pbd.errors import RecordingError, UsageError
-from pbd.files.importers import import_file
+from pbd.files.importers import import_file, import_recording
+from pbd.files.importers.columns import Column
 from pbd.pose import Array
 
 DEG = math.pi / 180.0
@@ -171,9 +172,10 @@ def test_a_file_without_names_is_told_so(tmp_path: Path) -> None:
         import_text(tmp_path, "my log\n0,1e-3,2,3\n1,2,3,4\n")
 
 
-def test_a_date_may_be_the_time(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["timestamp", "Date", "Sample Date"])
+def test_a_date_may_be_the_time(tmp_path: Path, name: str) -> None:
     rows = "2025-12-31 23:59:59.990;1,5;2;3\n2026-01-01 00:00:00.000;2,5;3;4\n"
-    recording = import_text(tmp_path, f"timestamp;ax;ay;az\n{rows}")
+    recording = import_text(tmp_path, f"{name};ax;ay;az\n{rows}")
     assert_allclose(recording.t, [0.0, 0.01], atol=1e-6)
     assert_array_equal(recording.acc[:, 0], [1.5, 2.5])  # where no comma separates it can only be a decimal mark
 
@@ -220,6 +222,13 @@ def test_a_table_without_times_takes_a_rate(tmp_path: Path, rate_hz: float) -> N
     assert recording.info.rate_hz == rate_hz
 
 
+def test_a_day_alone_is_no_time(tmp_path: Path) -> None:
+    rows = "2026-01-01,0,0,9.8\n2026-01-01,0,1,9.8\n"
+    with pytest.raises(RecordingError, match=r"no column for t"):
+        import_text(tmp_path, f"Date,ax,ay,az\n{rows}")
+    assert_array_equal(import_file(tmp_path / "run.csv", rate_hz=10.0).recording.t, [0.0, 0.1])
+
+
 def test_two_clocks_are_one_too_many(tmp_path: Path) -> None:
     (tmp_path / "run.csv").write_text(two_rows("t,ax,ay,az"))
     with pytest.raises(RecordingError, match=r"the column 't' tells the time; leave --rate out"):
@@ -231,10 +240,28 @@ def test_two_clocks_are_one_too_many(tmp_path: Path) -> None:
 # --- every format -----------------------------------------------------------------------------------------------------
 
 
-def test_an_npz_takes_no_columns(tmp_path: Path) -> None:
-    for columns, units in (({"ax": "x"}, {}), ({}, {"acc": "g"})):
-        with pytest.raises(RecordingError, match="leave --column and --unit out"):
-            import_file(tmp_path / "run.npz", columns, units)
+def test_axes_and_units_are_mended_without_a_header(tmp_path: Path) -> None:
+    np.savez(tmp_path / "run.npz", rate_hz=100.0, acc=COUNTING, gyr=COUNTING)
+    columns = {"ax": "-ay", "ay": "acc.x", "gz": "-gyr.z"}
+    read = import_recording(tmp_path / "run.npz", columns, {"acc": "-g"})
+    assert_allclose(read.demo.recording.acc, -GRAVITY * COUNTING[:, [1, 0, 2]] * (-1.0, 1.0, 1.0))
+    assert_allclose(channel(read.demo.recording, "gyr"), COUNTING * (1.0, 1.0, -1.0))
+    assert read.understood is not None
+    rows = {
+        row["column"]: (row["read_as"], row["unit"], row["decided_by"])
+        for row in map(Column.row, read.understood.columns)
+    }
+    assert rows["acc.y"] == ("ax", "g", "--column; unit: --unit")
+    assert rows["gyr.z"] == ("-gz", "rad/s", "--column; unit: its name")
+    for given, units, message in (
+        ({"ax": "gyr.x"}, {}, r"no column 'gyr\.x'; its columns for ax are acc\.x, acc\.y, acc\.z"),
+        ({"mx": "my"}, {}, r"no column 'my'; its columns for mx are \(none\)"),
+        ({"a": "ax"}, {}, "unknown channel 'a'"),
+        ({}, {"t": "ms"}, "the unit t=ms is not known here; give it for gyr, acc"),
+        ({}, {"acc": "lb"}, "the unit acc=lb is not known here; give one of m/s2, "),
+    ):
+        with pytest.raises((RecordingError, UsageError), match=message):
+            import_file(tmp_path / "run.npz", given, units)
 
 
 def test_a_suffix_that_nobody_knows(tmp_path: Path) -> None:

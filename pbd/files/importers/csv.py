@@ -7,6 +7,7 @@ at rest.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +15,13 @@ import numpy as np
 from pbd.data import Recording, RecordingInfo
 from pbd.data.streams import Stream
 from pbd.errors import RecordingError, listed
-from pbd.files.importers import check_rate
+from pbd.files.importers import XIO_FILE, check_rate
 from pbd.files.importers.columns import CHANNELS, PROGRAMS, Column, Understood, understand
 from pbd.files.importers.header_names import is_device_time, is_time, plain, split_unit
 from pbd.files.importers.printed_lines import is_printed, printed_sheet
 from pbd.files.imu_columns import ACC, device_rpy
 from pbd.files.table import Sheet, Table, foreign_text, open_sheet
+from pbd.io.numbers import is_stamp, seconds
 from pbd.pose import Array
 
 DEVICE_NAMES = ("address", "device_name", "设备名称")
@@ -54,6 +56,10 @@ def read_sheet(
         check_rate(path, rate_hz, "the rate is")
     _refuse_several_devices(sheet)
     found = understand(path, sheet.header, sheet.preamble, columns, units)
+    if not found.of("t") and rate_hz is None and (dates := _dated(sheet)):
+        # By what is in it: a date's column may have any name.
+        columns = {**columns, "t": dates}
+        found = understand(path, sheet.header, sheet.preamble, columns, units).with_clock(dates, "its dates")
     timed = bool(found.of("t"))
     known = f"the columns are {listed(sheet.header)}"
     say = "say which is which with --column, for example --column ax=NAME"
@@ -80,8 +86,10 @@ def read_sheet(
     if timed:
         best = _best_clock(table, clocks)
         if best != found.of("t")[0].name:
-            found = understand(path, sheet.header, sheet.preamble, {**columns, "t": best}, units).with_clock(best)
+            found = understand(path, sheet.header, sheet.preamble, {**columns, "t": best}, units)
+            found = found.with_clock(best, "the best of several times")
 
+    told, beside = _magnetometer_beside(path, found, units)
     with np.errstate(all="ignore"):  # what becomes infinite is found with all else that is no number
         channels = {channel: _values(table, found.of(channel)) for channel in CHANNELS}
         clock, acc, mag, compass = (channels[name] for name in ("t", "acc", "mag", "angle"))
@@ -91,11 +99,22 @@ def read_sheet(
             t=t - t[0],
             acc=acc,
             gyr=channels["gyr"],
-            mag=_magnetometer_beside(path, t) if mag is None else mag,
+            mag=beside.at(t) if mag is None and beside is not None else mag,
             device_rpy=channels["rpy"] if compass is None else device_rpy(compass),
             info=RecordingInfo(rate_hz=rate_hz),
         )
-    return recording, found
+    return recording, told
+
+
+def _dated(sheet: Sheet) -> str:
+    """The first column whose dates or times of day increase from the first row to the last; "" for none."""
+    rows = sheet.body.strip()
+    ends = (rows.partition("\n")[0], rows.rpartition("\n")[2])
+    for name, *of in zip(sheet.header, *(row.replace('"', "").split(sheet.delimiter) for row in ends), strict=False):
+        with suppress(ValueError):
+            if all(map(is_stamp, of)) and seconds(of[0]) < seconds(of[1]):
+                return str(name)
+    return ""
 
 
 def _best_clock(table: Table, clocks: list[str]) -> str:
@@ -139,17 +158,19 @@ def _refuse_several_devices(sheet: Sheet) -> None:
             raise RecordingError(f"{sheet.path}: {what}; {keep}", path=sheet.path, value=len(devices))
 
 
-def _magnetometer_beside(path: Path, t: Array) -> Array | None:
-    """x-io writes Inertial.csv and Magnetometer.csv, each with the device's own time."""
-    beside = path.with_name("Magnetometer.csv")
-    if path.name != "Inertial.csv" or not beside.is_file():
-        return None
-    sheet = open_sheet(beside, foreign=True)
-    found = understand(beside, sheet.header, sheet.preamble, {}, {})
-    if not found.of("t") or len(found.of("mag")) < len(CHANNELS["mag"]):
-        return None
-    table = sheet.read([column.name for column in found.columns])
-    t_mag, mag = _values(table, found.of("t")), _values(table, found.of("mag"))
-    assert t_mag is not None
-    assert mag is not None
-    return Stream.of(t_mag[:, 0], mag).at(t)
+def _magnetometer_beside(path: Path, found: Understood, units: Mapping[str, str]) -> tuple[Understood, Stream | None]:
+    """x-io writes Inertial.csv and Magnetometer.csv, each with the device's own time, and other files."""
+    if path.name != XIO_FILE:
+        return found, None
+    stream, beside = None, path.with_name("Magnetometer.csv")
+    if beside.is_file() and not found.of("mag"):
+        sheet = open_sheet(beside, foreign=True)
+        its = understand(beside, sheet.header, sheet.preamble, {}, units)
+        if its.of("t") and len(its.of("mag")) == len(CHANNELS["mag"]):
+            table = sheet.read([column.name for column in its.columns])
+            t_mag, mag = _values(table, its.of("t")), _values(table, its.of("mag"))
+            assert t_mag is not None
+            assert mag is not None
+            stream, found = Stream.of(t_mag[:, 0], mag), found.with_file(beside.name, its)
+    others = {file.name for file in path.parent.glob("*.csv")} - {path.name, *((beside.name,) if stream else ())}
+    return found.with_unread(dict.fromkeys(sorted(others), "a file that isn't used")), stream
