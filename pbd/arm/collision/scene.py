@@ -34,6 +34,9 @@ REST_M = 0.03
 STEEP = float(np.cos(np.radians(45.0)))
 """What an object stands on holds it up at less than this angle from the vertical: least z of its normal."""
 
+MOST_LOOKS = 32
+"""At how many poses of a path the tool is looked at before joints are sought along it."""
+
 MOST_STAYS = 64
 """For how many places of the object the pairs are remembered."""
 
@@ -152,7 +155,8 @@ class CollisionScene:
 
     def tool_hit(self, T_base_tool: Sequence[Pose], leg: Leg) -> Hit | None:
         """Return a hit of what moves with the tool at some poses, which is there however the arm is held."""
-        middle_first = sorted(range(len(T_base_tool)), key=lambda i: abs(2 * i - len(T_base_tool)))
+        count = len(T_base_tool)
+        middle_first = sorted(range(0, count, count // MOST_LOOKS + 1), key=lambda i: abs(2 * i - count))
         for each in self.pair_sets(leg.stay):
             poses = (T_base_tool[i] for i in middle_first)
             met = each.clearance.tool_contact(poses, leg.opening, each.allowed_of_tool)
