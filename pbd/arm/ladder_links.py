@@ -66,12 +66,14 @@ class Link:
     """What leads to a layer: part of the move to a keyframe, along poses of the tool or (None) straight.
 
     `at_keyframe`: whether the layer is the keyframe itself. `found`: joints (m, k) of what is free, by both ends.
+    `tool_free`: what the tool carries is known to touch nothing on the path.
     """
 
     keyframe: int
     poses: tuple[Pose, ...] | None = None
     at_keyframe: bool = True
     found: dict[bytes, Array] = field(default_factory=dict)
+    tool_free: bool = False
 
 
 def remedies_of(request: MotionRequest, i: int, *, may_detour: bool) -> list[str]:
