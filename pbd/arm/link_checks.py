@@ -9,7 +9,7 @@ import numpy as np
 from pbd.arm.collision.queries import CollisionQueries
 from pbd.arm.ik.cartesian import follow
 from pbd.arm.ik.partial_pose import is_partial
-from pbd.arm.ladder_links import MOST_CHECKED, Link, Move
+from pbd.arm.ladder_links import MOST_CHECKED, MOST_CHECKED_ANY, MOST_CHECKED_IN_ALL, MOST_DETOURS, Link, Move
 from pbd.arm.model import ArmModel
 from pbd.arm.motion_request import MotionRequest
 from pbd.arm.tool_deviation import tool_deviation
@@ -25,6 +25,7 @@ class LinkChecks:
     def __init__(self, arm: ArmModel, request: MotionRequest, queries: CollisionQueries | None) -> None:
         self.arm, self.request, self.queries = arm, request, queries
         self.n = len(request.T_base_tool)
+        self.checks_left = MOST_CHECKED_IN_ALL + self.n * MOST_DETOURS * MOST_CHECKED
 
     def stands(self, link: Link, move: Move, q: Array) -> bool:
         """Whether the arm may stand at joints (k,) at the end of a link."""
@@ -70,16 +71,40 @@ class LinkChecks:
         along = follow(self.arm, poses, q_before, q)
         return along is not None and not self.queries.tool_passes(i, along)
 
+    def connect(self, links: Sequence[Link], i: int, move: Move, starts: Array, goals: Array) -> Array | None:
+        """Return joints (m, k) of a detour to keyframe i from one of some joints (s, k) to one of others (g, k).
+
+        What is known to be free on any of the links whose leg is alike, may be part of it.
+        """
+        if self.queries is None:
+            return None
+        legs, count = self.queries.legs, starts.shape[1]
+        known = [
+            np.vstack((np.frombuffer(ends)[:count], along))
+            for link in links
+            if legs[link.keyframe] == legs[i]
+            for ends, along in link.found.items()
+        ]
+        return self._detour(i, move, starts, goals, MOST_CHECKED_ANY, known)
+
+    def _detour(
+        self, i: int, move: Move, starts: Array, goals: Array, most_checks: int, known: Sequence[Array] = ()
+    ) -> Array | None:
+        from pbd.arm.detour import find_detour  # OMPL takes its time to load
+
+        assert self.queries is not None
+        found, checks = find_detour(self.queries, i, starts, goals, min(most_checks, self.checks_left), known)
+        move.searched, self.checks_left = move.searched + checks, self.checks_left - checks
+        return found
+
     def _along(self, link: Link, move: Move, q_before: Array, q: Array) -> Array | None:
         """Return the joints (m, k) by which the arm moves from some to others; None where it can't."""
         i, queries = link.keyframe, self.queries
         if (queries is None and link.poses is None) or (i == 0 and not self.request.approach):
             return q[None]
         if queries is not None and move.detour:
-            from pbd.arm.detour import find_detour  # OMPL takes its time to load
-
-            move.searched += MOST_CHECKED
-            return find_detour(queries, i, q_before, q, MOST_CHECKED)
+            found = self._detour(i, move, q_before[None], q[None], MOST_CHECKED)
+            return None if found is None else found[1:]
         if queries is not None and i in (0, self.n):
             found = queries.approach(q_before, q) if i == 0 else queries.retreat(q_before, q)
             if found is None and move.kind not in move.hits and (hit := queries.moving(i, np.stack((q_before, q)))):

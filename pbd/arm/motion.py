@@ -17,6 +17,7 @@ import numpy as np
 
 from pbd.arm.collision.queries import CollisionQueries
 from pbd.arm.collision.scene import Hit
+from pbd.arm.ik.branches import configuration_cost
 from pbd.arm.ik.cartesian import line
 from pbd.arm.ik.unreachable import out_of_reach
 from pbd.arm.joint_path import (
@@ -28,6 +29,7 @@ from pbd.arm.joint_path import (
     build_ladder,
     layers_along,
     turnable,
+    turned,
     widen,
 )
 from pbd.arm.ladder_graph import Barred, Ladder
@@ -53,6 +55,8 @@ MOST_STRAIGHT, MOST_STRAIGHT_WIDE = 36, 150
 """Refused straight moves between two keyframes before the link is mended: at first, and among more branches."""
 COARSE = 4
 """Poses from one layer to the next where joints are sought along a path."""
+MOST_TURNED = 8
+"""Ways to hold the arm that whole turns make of one, to which a detour is sought."""
 LOOK_BACK = 8
 """Paths before a barred one along which joints are sought with it."""
 
@@ -134,8 +138,8 @@ class _Search:
         if standing and self.links[place - 1].found and move.detour and self.ladder.layers[place].unseen < np.inf:
             self.ladder.doubt(place, np.inf)  # one of those that were found, or none
             return None
-        if not standing and "widen" in move.remedies:
-            move.remedies.remove("widen")
+        if not standing and not move.widened and {"widen", "connect"} & {*move.remedies}:
+            move.widened, move.remedies = True, [each for each in move.remedies if each != "widen"]
             widen(self.arm, self._pose(place), self.ladder, place)
             return None
         if not standing and move.pose_hit is not None and self.links[place - 1].at_keyframe:
@@ -154,6 +158,8 @@ class _Search:
             self._widen(i)
         elif remedy == "detour":
             self._detour(i)
+        elif remedy == "connect":
+            self._connect(place)
         elif not self._split(place):
             return None if move.last_resort() else self._refuse(i)
         return None
@@ -174,18 +180,41 @@ class _Search:
         self.moves[i].detour = True
         self.ladder.drop(places[0], places[-1])
         self.links[places[0] - 1 : places[-1]] = [Link(i)]
-        self.ladder.reopen(places[0], MOST_DETOURS, costly=True, unseen=DETOUR_EXTRA)
+        self.ladder.reopen(places[0], MOST_DETOURS, costly=True, in_order=True, unseen=DETOUR_EXTRA)
+
+    def _connect(self, place: int) -> None:
+        """Let the arm come to a layer by any detour, from wherever it may be before, to whichever way to hold it."""
+        link, layer = self.links[place - 1], self.ladder.layers[place]
+        move = self.moves[link.keyframe]
+        at_keyframe = link.keyframe < self.n
+        if at_keyframe and not move.widened:
+            move.widened = True
+            widen(self.arm, self._pose(place), self.ladder, place)
+        starts = self.ladder.layers[place - 1].q[np.isfinite(self.ladder.travel(place - 1))]
+        if place > 1:  # where the arm is known to get to, if it is
+            ends = [along[-1].tobytes() for along in self.links[place - 2].found.values()]
+            known = np.array([q.tobytes() in ends for q in starts], dtype=bool)
+            starts = starts[known] if known.any() else starts
+        free = np.isfinite(layer.cost)
+        goals = np.array([q for q in layer.q[free] if self.checks.stands(link, move, q)])
+        if at_keyframe and len(goals):
+            goals = turned(self.arm, goals, starts, MOST_TURNED)
+        found = self.checks.connect(self.links, link.keyframe, move, starts, goals) if len(goals) else None
+        if found is None:
+            self.ladder.settle(place, self.ladder.layers[place - 1].q[0], layer.q[0], np.inf)
+            return
+        if not (layer.q == found[-1]).all(axis=1).any():
+            self.ladder.add(place, found[-1:], configuration_cost(self.arm, found[-1:]))
+        link.found[found[0].tobytes() + found[-1].tobytes()] = found[1:]
+        length = float(np.linalg.norm(np.diff(found, axis=0), axis=1).sum())
+        self.ladder.settle(place, found[0], found[-1], length)
 
     def _widen(self, i: int) -> None:
         """Look for more ways to hold the arm all along a move; where it followed a path straight moves are tried."""
         places = [place for place, link in enumerate(self.links, start=1) if link.keyframe == i]
-        if self.moves[i].detour:
-            self.ladder.layers[places[0]].unseen, self.ladder.layers[places[0]].refused = DETOUR_EXTRA, 0
         for place in (places[0] - 1, *places):
             if place > 0 and self.links[place - 1].keyframe < self.n:
                 widen(self.arm, self._pose(place), self.ladder, place)
-        if self.moves[i].detour:
-            return
         if len(places) == 1:
             self.links[places[0] - 1].poses, self.moves[i].kind = None, STRAIGHT
         for place in places:
