@@ -47,7 +47,7 @@ from pbd.arm.ladder_links import (
 from pbd.arm.link_checks import WIDE_COST, LinkChecks
 from pbd.arm.model import ArmModel
 from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, Motion, MotionRequest
-from pbd.arm.refusal import UNREACHABLE, Refusal, refuse_move, refuse_pose, tell
+from pbd.arm.refusal import COLLISION, UNREACHABLE, Refusal, refuse_move, refuse_pose, tell, warn_of_closeness
 from pbd.arm.tool_deviation import ToolDeviation, tool_deviation
 from pbd.pose import Array, Pose
 
@@ -65,8 +65,18 @@ def choose_motion(arm: ArmModel, request: MotionRequest, queries: CollisionQueri
     """Choose joints at the keyframes and the segments between them; without `queries` whatever is in the way.
 
     Warns:
-        PbdWarning: the way back is left out, or the arm makes a detour.
+        PbdWarning: the way back is left out, the arm makes a detour, or only a motion close to something is free.
     """
+    found = _search(arm, request, queries)
+    if queries is not None and isinstance(found, Refusal) and found.why == COLLISION:
+        close = _search(arm, request, queries.closer())
+        if not isinstance(close, Refusal):
+            warn_of_closeness(found.error)
+            return close
+    return found
+
+
+def _search(arm: ArmModel, request: MotionRequest, queries: CollisionQueries | None) -> Motion | Refusal:
     poses = request.T_base_tool
     wide_cost = WIDE_COST if request.kind == STRAIGHT else 0.0
     ladder = build_ladder(arm, poses, request.q_start, request.q_back, MOST_STRAIGHT, wide_cost)

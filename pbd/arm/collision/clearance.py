@@ -9,16 +9,19 @@ least MARGIN_M, a step of STEP_M = 2 MARGIN_M is always allowed; most are far lo
 Where nobody wants to know what touches, a path is halved instead: two bodies that are d and e apart at its ends can't
 touch on it unless they move by d + e. So the looks in the middle, where most moves are barred, come first.
 
-Bodies are hulls. Where the hull of a link is near another body its mesh is asked whether they are MARGIN_M apart. Hulls
+Bodies are hulls. Where the hull of a link is near another body the hulls of its parts are measured, and where these are
+its mesh is asked whether they are MARGIN_M apart. Hulls
 are measured because coal's `collide` overlooks some deep contacts of theirs (4 in 10^5 pairs of so101). A distance that
 is not a number counts as a contact.
 """
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import NamedTuple
 
 import coal
@@ -27,12 +30,12 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from pbd.arm.collision.configurations import JointPath, configurations
-from pbd.arm.collision.geometry import Body, mesh_to, moves_with_tool, shape_of, surface_of
+from pbd.arm.collision.geometry import Body, mesh_to, moves_with_tool, shape_of, slabs_of, surface_of
 from pbd.arm.collision.motion_bounds import rates
 from pbd.arm.model import ArmModel, to_se3
 from pbd.pose import Array
 
-MARGIN_M = 2.5e-3
+MARGIN_M, CLOSE_M = 2.5e-3, 5e-4
 STEP_M = 2.0 * MARGIN_M
 RECENT, REMEMBERED = 4, 2000
 """Pairs that touched lately, which are looked at first; and coordinates of which the distances are kept."""
@@ -72,9 +75,11 @@ class Clearance:
     Attributes:
         bodies, pairs: what is checked; pairs (p, 2) index the bodies.
         rates: (p, k + 1), see motion_bounds.py.
+        margin_m: bodies that are nearer to each other count as touching.
     """
 
-    def __init__(self, arm: ArmModel, bodies: Sequence[Body], pairs: Pairs) -> None:
+    def __init__(self, arm: ArmModel, bodies: Sequence[Body], pairs: Pairs, margin_m: float = MARGIN_M) -> None:
+        self.margin_m = margin_m
         self.arm, self.bodies, self.pairs = arm, tuple(bodies), np.asarray(pairs, dtype=np.int64).reshape(-1, 2)
         self.rates = rates(arm, bodies, self.pairs)
         self._pads = np.array([self.bodies[a].pad + self.bodies[b].pad for a, b in self.pairs])
@@ -98,18 +103,18 @@ class Clearance:
         return self._measured()
 
     def touching(self, x: Array) -> list[tuple[int, float]]:
-        """Return the pairs that are nearer than MARGIN_M at coordinates (k + 1,), and their distances in m."""
+        """Return the pairs that are nearer than `margin_m` at coordinates (k + 1,), and their distances in m."""
         nearest = self._measure(x)
-        if nearest < 0 or self._placed.distanceResults[nearest].min_distance >= MARGIN_M + self._most_pad:
+        if nearest < 0 or self._placed.distanceResults[nearest].min_distance >= self.margin_m + self._most_pad:
             return []
         distances = self._measured()
-        return [(int(pair), float(distances[pair])) for pair in np.flatnonzero(~(distances >= MARGIN_M))]
+        return [(int(pair), float(distances[pair])) for pair in np.flatnonzero(~(distances >= self.margin_m))]
 
     def touches(self, x: Array, allowed: Allowed | None = None) -> bool:
-        """Whether any pair that isn't allowed to is nearer than MARGIN_M at coordinates (k + 1,)."""
+        """Whether any pair that isn't allowed to is nearer than `margin_m` at coordinates (k + 1,)."""
         if x.tobytes() not in self._known and self._touch_again(x, allowed):
             return True
-        for pair in np.flatnonzero(~(self._remembered(x) >= MARGIN_M)).tolist():
+        for pair in np.flatnonzero(~(self._remembered(x) >= self.margin_m)).tolist():
             if not (allowed and allowed(pair, x)):
                 return self._touched(pair)
         return False
@@ -142,14 +147,14 @@ class Clearance:
         return point
 
     def always_touching(self, x: Array, share: float) -> dict[int, int]:
-        """Return the pairs that are nearer than MARGIN_M in at least a share of coordinates (n, k + 1): in how many."""
+        """Return the pairs that are nearer than `margin_m` in at least a share of coordinates (n, k + 1): in how many."""
         always = dict.fromkeys(range(len(self.pairs)), len(x))
         for measure in (self._hull_distance, self._distance):  # most pairs need no mesh
             always = dict.fromkeys(always, len(x))
             for q in configurations(self.arm, x):
                 self._place(q)
                 for pair in always:
-                    always[pair] -= not measure(pair) < MARGIN_M
+                    always[pair] -= not measure(pair) < self.margin_m
                 always = {pair: count for pair, count in always.items() if count >= share * len(x)}
         return always
 
@@ -192,16 +197,16 @@ class Clearance:
     def _near(self, walk: _Walk) -> list[tuple[int, float]]:
         """Return the pairs that may meet on a path, with their distances at its start; most are too far apart."""
         at_start = self.distances(walk.path.x[0])
-        near = np.flatnonzero(~(at_start - MARGIN_M >= self.rates @ walk.moved[:, -1]))
+        near = np.flatnonzero(~(at_start - self.margin_m >= self.rates @ walk.moved[:, -1]))
         return [(int(pair), float(at_start[pair])) for pair in near]
 
     def _follow(self, walk: _Walk, pair: int, node: int, distance: float, stop: int) -> tuple[int, float] | None:
         """Return the first node up to `stop` at which a pair touches, and their distance; given that at `node`."""
         travel = self.rates[pair] @ walk.moved
         while True:
-            if not distance >= MARGIN_M and not walk.may_touch(pair, node):
+            if not distance >= self.margin_m and not walk.may_touch(pair, node):
                 return node, distance
-            if node == stop or travel[stop] - travel[node] <= distance - MARGIN_M:
+            if node == stop or travel[stop] - travel[node] <= distance - self.margin_m:
                 return None
             node = min(self._next(travel, node, distance), stop)
             self._place(walk.q[node])
@@ -210,7 +215,7 @@ class Clearance:
     def _halve(self, walk: _Walk, pair: int, at_start: float, at_end: float) -> bool:
         """Whether a pair touches inside a path; given their distances at its ends, where they may."""
         travel = (self.rates[pair] @ walk.moved).tolist()
-        parts = [(0, max(at_start, MARGIN_M), len(travel) - 1, max(at_end, MARGIN_M))]
+        parts = [(0, max(at_start, self.margin_m), len(travel) - 1, max(at_end, self.margin_m))]
         for first, before, last, after in parts:
             if last - first < 2 or before + after > travel[last] - travel[first]:
                 continue
@@ -219,10 +224,10 @@ class Clearance:
             node = bisect_left(travel, middle, first + 1, last - 1)
             self._place(walk.q[node])
             distance = self._distance(pair)
-            if not distance >= MARGIN_M:
+            if not distance >= self.margin_m:
                 if not walk.may_touch(pair, node):
                     return True
-                distance = MARGIN_M
+                distance = self.margin_m
             parts += ((first, before, node, distance), (node, distance, last, after))
         return False
 
@@ -238,7 +243,7 @@ class Clearance:
     def _touch_again(self, x: Array, allowed: Allowed | None) -> bool:
         """Whether any of the pairs that touched lately touches."""
         self._place(configurations(self.arm, x[None])[0])
-        return any(not self._distance(pair) >= MARGIN_M and not (allowed and allowed(pair, x)) for pair in self._lately)
+        return any(not self._distance(pair) >= self.margin_m and not (allowed and allowed(pair, x)) for pair in self._lately)
 
     def _touched(self, pair: int) -> bool:
         """Remember a pair that touched."""
@@ -251,19 +256,18 @@ class Clearance:
         last = deepest = node = contact.first
         least = contact.distance
         while node < len(walk.q) - 1:
-            node = min(self._next(travel, node, MARGIN_M), len(walk.q) - 1)
+            node = min(self._next(travel, node, self.margin_m), len(walk.q) - 1)
             self._place(walk.q[node])
             distance = self._distance(contact.pair)
-            if distance >= MARGIN_M or walk.may_touch(contact.pair, node):
+            if distance >= self.margin_m or walk.may_touch(contact.pair, node):
                 break
             last = node
             if distance < least:
                 deepest, least = node, distance
         return Contact(contact.pair, contact.first, last, deepest, least)
 
-    @staticmethod
-    def _next(travel: Array, node: int, distance: float) -> int:
-        due = travel[node] + max(distance, MARGIN_M) + MARGIN_M
+    def _next(self, travel: Array, node: int, distance: float) -> int:
+        due = travel[node] + max(distance, self.margin_m) + self.margin_m
         return max(int(travel.searchsorted(due, side="right")) - 1, node + 1)
 
     def _measure(self, x: Array) -> int:
@@ -276,7 +280,7 @@ class Clearance:
     def _measured(self) -> Array:
         measured = [result.min_distance for result in self._placed.distanceResults]
         distances: Array = np.array(measured, dtype=np.float64) - self._pads
-        for pair in np.flatnonzero((distances > -self._mesh_to) & (distances < MARGIN_M)):
+        for pair in np.flatnonzero((distances > -self._mesh_to) & (distances < self.margin_m)):
             distances[pair] = self._of_meshes(int(pair), distances[pair])
         return distances
 
@@ -285,16 +289,28 @@ class Clearance:
 
     def _distance(self, pair: int) -> float:
         distance = self._hull_distance(pair)
-        return self._of_meshes(pair, distance) if -self._mesh_to[pair] < distance < MARGIN_M else distance
+        return self._of_meshes(pair, distance) if -self._mesh_to[pair] < distance < self.margin_m else distance
 
     def _hull_distance(self, pair: int) -> float:
         return float(pin.computeDistance(self._geometry, self._placed, pair).min_distance - self._pads[pair])
 
     def _of_meshes(self, pair: int, distance: float) -> float:
-        """Ask the mesh of a pair whose hulls are near: MARGIN_M where they aren't, else the hulls' distance."""
-        first, second = (surface_of(self.bodies[i]) for i in self.pairs[pair])
+        """Ask the meshes of a pair whose hulls are near: `margin_m` or more where they are so far apart.
+
+        Else the hulls' distance. Hulls of their parts are asked first.
+        """
+        bodies = [self.bodies[i] for i in self.pairs[pair]]
         placed = [self._placed.oMg[int(i)] for i in self.pairs[pair]]
         one, other = (coal.Transform3s(T.rotation, T.translation) for T in placed)
+        parts, asked = math.inf, coal.DistanceRequest()
+        for first, second in product(*map(slabs_of, bodies)):
+            parts = min(parts, coal.distance(first, one, second, other, asked, coal.DistanceResult()))
+            if not parts - self._pads[pair] >= self.margin_m:
+                break
+        else:
+            return float(parts - self._pads[pair])
         request = coal.CollisionRequest()
-        request.security_margin = MARGIN_M
-        return distance if coal.collide(first, one, second, other, request, coal.CollisionResult()) else MARGIN_M
+        request.security_margin = self.margin_m
+        meshes = (surface_of(body) for body in bodies)
+        touch = coal.collide(next(meshes), one, next(meshes), other, request, coal.CollisionResult())
+        return distance if touch else self.margin_m

@@ -9,13 +9,14 @@ Where the model has no gripper a rod stands for it (hand.py).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
 from pbd.arm.collision.allowed_collisions import NEARLY_ALWAYS, SAMPLES, Unchecked, link_pairs, samples
-from pbd.arm.collision.clearance import Allowed, Clearance, Pairs
+from pbd.arm.collision.clearance import CLOSE_M, MARGIN_M, Allowed, Clearance, Pairs
 from pbd.arm.collision.geometry import Body, apart
 from pbd.arm.collision.motion_bounds import rates
 from pbd.arm.gripper import THE_TOOL, arm_bodies, gripper_links, tool_on_joint
@@ -86,6 +87,7 @@ class CollisionScene:
         unchecked: the pairs of links that nobody checks, and why.
         obstacles: names.
         links: names of those that have a shape.
+        margin_m: things that are nearer to each other count as touching.
         always: the arm against itself, the table and the obstacles.
     """
 
@@ -97,7 +99,7 @@ class CollisionScene:
         grasped: GraspedObject | None = None,
     ) -> None:
         self.arm, self._table_height, self._grasped = arm, table_height, grasped
-        obstacles = tuple(obstacles)
+        obstacles, self.margin_m = tuple(obstacles), MARGIN_M
         self.obstacles = frozenset(obstacle.name for obstacle in obstacles)
         self._T_universe_base = from_se3(arm.T_base_universe).inverse()
         self._links, (pairs, self.unchecked) = arm_bodies(arm), link_pairs(arm)
@@ -109,13 +111,20 @@ class CollisionScene:
         self._bodies = (*self._links, *world)
         around = self._against(self._bodies, range(len(self._links)), range(len(self._links), len(self._bodies)))
         around = self._off_the_table(around)
-        self.always = PairSet(Clearance(arm, self._bodies, np.concatenate((pairs, around))))
+        self.always = self._pair_set(self._bodies, np.concatenate((pairs, around)))
         self._with_object: dict[Stay, PairSet] = {}
 
     @staticmethod
     def build(arm: ArmModel, calibration: Calibration, grasped: GraspedObject | None = None) -> CollisionScene:
         """Build the scene of a calibration: its table and its obstacles, and a demonstration's object."""
         return CollisionScene(arm, calibration.table_height, calibration.obstacles, grasped)
+
+    def closer(self) -> CollisionScene:
+        """The same scene, but things that are CLOSE_M apart don't touch."""
+        scene = copy(self)
+        scene.margin_m, scene._with_object = CLOSE_M, {}
+        scene.always = scene._pair_set(self._bodies, self.always.clearance.pairs)
+        return scene
 
     def hit(self, q: Array, leg: Leg | None = None) -> Hit | None:
         """Return the worst hit at joints q (k,); by default the gripper is open and there is no object."""
@@ -145,7 +154,7 @@ class CollisionScene:
         x = np.vstack((q[[0, -1]], middle))
         x = np.column_stack((x, np.full(len(x), leg.opening)))
         return any(
-            each.clearance.meets(x, partial(polyline, q, leg.opening, each.clearance.rates), each.allowed, tool_only)
+            each.clearance.meets(x, partial(polyline, q, leg.opening, each.clearance.rates, 2.0 * self.margin_m), each.allowed, tool_only)
             for each in self.pair_sets(leg.stay)
         )
 
@@ -154,7 +163,7 @@ class CollisionScene:
         leg = leg or Leg()
         first = None
         for each in self.pair_sets(leg.stay):
-            path = polyline(q, leg.opening, each.clearance.rates)
+            path = polyline(q, leg.opening, each.clearance.rates, 2.0 * self.margin_m)
             met = each.clearance.first_contact(path, each.allowed)
             if met is not None and (first is None or path.t[met.first] < first.share):
                 share = float(path.t[met.first])
@@ -215,7 +224,7 @@ class CollisionScene:
         others = [i for i, link in enumerate(self._links) if link.name not in gripper]
         pairs = self._against(bodies, others, (this,))
         if not stay.held:
-            return PairSet(Clearance(self.arm, bodies, pairs))
+            return self._pair_set(bodies, pairs)
         around = self._against(bodies, (this,), range(len(self._links), this))
         # By pair: where the object rests on its second body.
         rests = {
@@ -229,7 +238,10 @@ class CollisionScene:
             p = (self.arm.forward(x[:-1]) @ stay.pose).p
             return any(np.linalg.norm(p - rest) <= REST_M for rest in rests[pair])
 
-        return PairSet(Clearance(self.arm, bodies, np.concatenate((pairs, around))), allowed)
+        return self._pair_set(bodies, np.concatenate((pairs, around)), allowed)
+
+    def _pair_set(self, bodies: Sequence[Body], pairs: Pairs, allowed: Allowed | None = None) -> PairSet:
+        return PairSet(Clearance(self.arm, bodies, pairs, self.margin_m), allowed)
 
     def _stands_on(self, thing: Body, T_base_thing: Pose, support: Body) -> bool:
         """Whether something that stands still holds up an object."""
