@@ -13,15 +13,10 @@ import numpy as np
 from ompl import base, geometric, util
 
 from pbd.arm.collision.queries import CollisionQueries
+from pbd.arm.ladder_links import DetourSearch
 from pbd.arm.timing.path_smoothing import Curve
 from pbd.pose import Array
 
-STEP_RAD = 1.0
-"""Longest move that is added to a tree, over all joints."""
-WINDING_RAD = np.pi
-"""How far beyond its start and its end a joint may go."""
-
-_SEED = 1
 _THINNED = 20  # of a known way's points one in so many begins a tree
 _SHORTCUTS = 60
 _BENDS = 2  # times that the path is divided in two to bend it
@@ -29,7 +24,13 @@ _BETWEEN_RAD = 0.05, 0.02, 0.01  # a spline through points so near to each other
 
 
 def find_detour(
-    queries: CollisionQueries, leg: int, starts: Array, goals: Array, most_checks: int, known: Sequence[Array] = ()
+    queries: CollisionQueries,
+    leg: int,
+    starts: Array,
+    goals: Array,
+    effort: DetourSearch,
+    most_checks: int,
+    known: Sequence[Array] = (),
 ) -> tuple[Array | None, int]:
     """Find a way to keyframe `leg` from one of the starts (s, k) to one of the goals (g, k).
 
@@ -38,7 +39,8 @@ def find_detour(
         leg: the keyframe that it leads to.
         starts: joints from which the arm may come.
         goals: joints that end the way.
-        most_checks: how many checks to make, before the way is made smooth.
+        effort: how to search.
+        most_checks: how many checks to make at most, before the way is made smooth.
         known: free ways (m, k) of legs alike, which may be gone along, either way, as part of it.
 
     Returns:
@@ -50,26 +52,28 @@ def find_detour(
     if not len(starts) or not len(goals) or most_checks <= 0:
         return None, 0
     util.setLogLevel(util.LogLevel.LOG_NONE)
-    util.RNG.setSeed(_SEED)
-    information, checker = _space_of(queries, leg, np.vstack((starts, goals)))
+    util.RNG.setSeed(effort.seed)
+    information, checker = _space_of(queries, leg, np.vstack((starts, goals)), effort.winding_rad)
     ways = _ways_from(starts, known)
     there = next((ways[q.tobytes()] for q in goals if q.tobytes() in ways), None)
     if there is None:
         marks = {q.tobytes() for way in known for q in (*way[::_THINNED], way[-1])}
         begun = np.array([*starts, *(way[-1] for way in [*ways.values()][len(starts) :] if way[-1].tobytes() in marks)])
-        corners = _connect(information, checker, begun, goals, most_checks)
+        corners = _connect(information, checker, begun, goals, effort.step_rad, most_checks)
         if corners is None:
             return None, checker.checks
         there = np.vstack((ways[corners[0].tobytes()], corners[1:]))
     return _smooth(information, checker, there), checker.checks
 
 
-def _space_of(queries: CollisionQueries, leg: int, ends: Array) -> tuple[base.SpaceInformation, _Checker]:
+def _space_of(
+    queries: CollisionQueries, leg: int, ends: Array, winding_rad: float
+) -> tuple[base.SpaceInformation, _Checker]:
     """Return the joints' space around ends (m, k), and what checks moves in it."""
     limits, count = queries.arm.limits, ends.shape[1]
     space, bounds = base.RealVectorStateSpace(count), base.RealVectorBounds(count)
-    lower = np.maximum(limits.lower, ends.min(axis=0) - WINDING_RAD)
-    upper = np.minimum(limits.upper, ends.max(axis=0) + WINDING_RAD)
+    lower = np.maximum(limits.lower, ends.min(axis=0) - winding_rad)
+    upper = np.minimum(limits.upper, ends.max(axis=0) + winding_rad)
     for joint in range(count):
         bounds.setLow(joint, float(lower[joint]))
         bounds.setHigh(joint, float(upper[joint]))
@@ -100,7 +104,12 @@ def _ways_from(starts: Array, known: Sequence[Array]) -> dict[bytes, Array]:
 
 
 def _connect(
-    information: base.SpaceInformation, checker: _Checker, starts: Array, goals: Array, most_checks: int
+    information: base.SpaceInformation,
+    checker: _Checker,
+    starts: Array,
+    goals: Array,
+    step_rad: float,
+    most_checks: int,
 ) -> Array | None:
     """Return the corners (m, k) of a way from a start to a goal, None where none is found by so many checks."""
     problem, ends = base.ProblemDefinition(information), base.GoalStates(information)
@@ -110,7 +119,7 @@ def _connect(
         ends.addState(_state(information, q))
     problem.setGoal(ends)
     planner = geometric.RRTConnect(information)
-    planner.setRange(STEP_RAD)
+    planner.setRange(step_rad)
     planner.setProblemDefinition(problem)
     planner.setup()
     planner.solve(base.PlannerTerminationCondition(lambda: checker.checks >= most_checks))

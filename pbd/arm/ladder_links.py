@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,14 +16,43 @@ from pbd.pose import Array, Pose
 
 MOST_PATHS = 4
 """Refused paths of the tool, from end to end, before a link is mended."""
-MOST_DETOURS, MOST_CHECKED = 4, 500
-"""Pairs of ways to hold the arm between which a detour is sought in vain, and checks for each."""
-MOST_CHECKED_ANY, MOST_CHECKED_IN_ALL = 6000, 8000
-"""Checks for a detour from any way to hold the arm to any other; and for all detours, beside those of each move."""
+MOST_DETOURS = 4
+"""Pairs of ways to hold the arm between which a detour is sought in vain."""
 DETOUR_EXTRA = 1.0
 """How much farther than straight a detour is taken to be, rad, until it is found."""
 ENOUGH_DETOURS, ANY_OTHER = 1, 100.0
 """Detours found after which another one is only sought where these lead nowhere: so many rad more it is taken to be."""
+
+
+class DetourSearch(NamedTuple):
+    """How a detour is sought.
+
+    Attributes:
+        most_checks: after so many it is given up.
+        seed: of random joints.
+        step_rad: the longest move that is added to a tree, over all joints.
+        winding_rad: how far beyond all starts and goals a joint may go.
+        turned: goals that whole turns make of each way to hold the arm.
+    """
+
+    most_checks: int
+    seed: int = 1
+    step_rad: float = 1.0
+    winding_rad: float = np.pi
+    turned: int = 1
+
+
+BETWEEN_TWO = DetourSearch(400)
+FROM_ANY_TO_ANY = (
+    DetourSearch(1000, winding_rad=0.5 * np.pi),
+    DetourSearch(1000, turned=8),
+    DetourSearch(1000, winding_rad=0.5 * np.pi, seed=2),
+    DetourSearch(1500, winding_rad=0.5 * np.pi, seed=3, step_rad=0.5),
+    DetourSearch(1500, seed=4, step_rad=0.5),
+)
+"""Most searches end soon or never, so that several short ones, unlike each other, find more than a long one."""
+CHECKS, CHECKS_EACH, CHECKS_CLOSE = 6000, 1000, 0.5
+"""Checks for all detours of a motion, so many more for each keyframe; and the share made where things may be close."""
 
 
 @dataclass(eq=False)

@@ -6,10 +6,21 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from pbd.arm.collision.clearance import MARGIN_M
 from pbd.arm.collision.queries import CollisionQueries
 from pbd.arm.ik.cartesian import follow
 from pbd.arm.ik.partial_pose import is_partial
-from pbd.arm.ladder_links import MOST_CHECKED, MOST_CHECKED_ANY, MOST_CHECKED_IN_ALL, MOST_DETOURS, Link, Move
+from pbd.arm.joint_path import turned
+from pbd.arm.ladder_links import (
+    BETWEEN_TWO,
+    CHECKS,
+    CHECKS_CLOSE,
+    CHECKS_EACH,
+    FROM_ANY_TO_ANY,
+    DetourSearch,
+    Link,
+    Move,
+)
 from pbd.arm.model import ArmModel
 from pbd.arm.motion_request import MotionRequest
 from pbd.arm.tool_deviation import tool_deviation
@@ -25,7 +36,9 @@ class LinkChecks:
     def __init__(self, arm: ArmModel, request: MotionRequest, queries: CollisionQueries | None) -> None:
         self.arm, self.request, self.queries = arm, request, queries
         self.n = len(request.T_base_tool)
-        self.checks_left = MOST_CHECKED_IN_ALL + self.n * MOST_DETOURS * MOST_CHECKED
+        self.checks_left = CHECKS + self.n * CHECKS_EACH
+        if queries is not None and queries.scene.margin_m < MARGIN_M:
+            self.checks_left = int(CHECKS_CLOSE * self.checks_left)
 
     def stands(self, link: Link, move: Move, q: Array) -> bool:
         """Whether the arm may stand at joints (k,) at the end of a link."""
@@ -85,15 +98,20 @@ class LinkChecks:
             if legs[link.keyframe] == legs[i]
             for ends, along in link.found.items()
         ]
-        return self._detour(i, move, starts, goals, MOST_CHECKED_ANY, known)
+        for effort in FROM_ANY_TO_ANY:
+            ends = goals if i == self.n else turned(self.arm, goals, starts, effort.turned)
+            if (found := self._detour(i, move, starts, ends, effort, known)) is not None:
+                return found
+        return None
 
     def _detour(
-        self, i: int, move: Move, starts: Array, goals: Array, most_checks: int, known: Sequence[Array] = ()
+        self, i: int, move: Move, starts: Array, goals: Array, effort: DetourSearch, known: Sequence[Array] = ()
     ) -> Array | None:
         from pbd.arm.detour import find_detour  # OMPL takes its time to load
 
         assert self.queries is not None
-        found, checks = find_detour(self.queries, i, starts, goals, min(most_checks, self.checks_left), known)
+        most_checks = min(effort.most_checks, self.checks_left)
+        found, checks = find_detour(self.queries, i, starts, goals, effort, most_checks, known)
         move.searched, self.checks_left = move.searched + checks, self.checks_left - checks
         return found
 
@@ -103,7 +121,7 @@ class LinkChecks:
         if (queries is None and link.poses is None) or (i == 0 and not self.request.approach):
             return q[None]
         if queries is not None and move.detour:
-            found = self._detour(i, move, q_before[None], q[None], MOST_CHECKED)
+            found = self._detour(i, move, q_before[None], q[None], BETWEEN_TWO)
             return None if found is None else found[1:]
         if queries is not None and i in (0, self.n):
             found = queries.approach(q_before, q) if i == 0 else queries.retreat(q_before, q)

@@ -29,7 +29,6 @@ from pbd.arm.joint_path import (
     build_ladder,
     layers_along,
     turnable,
-    turned,
     widen,
 )
 from pbd.arm.ladder_graph import Barred, Ladder
@@ -55,8 +54,6 @@ MOST_STRAIGHT, MOST_STRAIGHT_WIDE = 36, 150
 """Refused straight moves between two keyframes before the link is mended: at first, and among more branches."""
 COARSE = 4
 """Poses from one layer to the next where joints are sought along a path."""
-MOST_TURNED = 8
-"""Ways to hold the arm that whole turns make of one, to which a detour is sought."""
 LOOK_BACK = 8
 """Paths before a barred one along which joints are sought with it."""
 
@@ -207,8 +204,6 @@ class _Search:
             starts = starts[known] if known.any() else starts
         free = np.isfinite(layer.cost)
         goals = np.array([q for q in layer.q[free] if self.checks.stands(link, move, q)])
-        if at_keyframe and len(goals):
-            goals = turned(self.arm, goals, starts, MOST_TURNED)
         found = self.checks.connect(self.links, link.keyframe, move, starts, goals) if len(goals) else None
         if found is None:
             self.ladder.settle(place, self.ladder.layers[place - 1].q[0], layer.q[0], np.inf)
