@@ -8,9 +8,11 @@ import numpy as np
 
 from pbd.arm.collision.clearance import MARGIN_M
 from pbd.arm.collision.queries import CollisionQueries
+from pbd.arm.ik.branches import configuration_cost
 from pbd.arm.ik.cartesian import follow
 from pbd.arm.ik.partial_pose import is_partial
-from pbd.arm.joint_path import turned
+from pbd.arm.joint_path import turned, widen
+from pbd.arm.ladder_graph import Ladder
 from pbd.arm.ladder_links import (
     BETWEEN_TWO,
     CHECKS,
@@ -84,11 +86,32 @@ class LinkChecks:
         along = follow(self.arm, poses, q_before, q)
         return along is not None and not self.queries.tool_passes(i, along)
 
-    def connect(self, links: Sequence[Link], i: int, move: Move, starts: Array, goals: Array) -> Array | None:
-        """Return joints (m, k) of a detour to keyframe i from one of some joints (s, k) to one of others (g, k).
+    def connect(self, ladder: Ladder, links: Sequence[Link], place: int, move: Move) -> None:
+        """Leave one move to a layer: a detour from any joints of the layer before to any there; none if none is found.
 
-        What is known to be free on any of the links whose leg is alike, may be part of it.
+        What is known to be free on any of the links whose leg is alike may be part of it.
         """
+        before, layer, link = ladder.layers[place - 1], ladder.layers[place], links[place - 1]
+        i = link.keyframe
+        if i < self.n:
+            widen(self.arm, self.request.T_base_tool[i], ladder, place)
+        starts = before.q[np.isfinite(ladder.travel(place - 1))]
+        if place > 1:  # from where the arm is known to get to, if it is
+            ends = {along[-1].tobytes() for along in links[place - 2].found.values()}
+            known = np.array([q.tobytes() in ends for q in starts], dtype=bool)
+            starts = starts[known] if known.any() else starts
+        goals = np.array([q for q in layer.q[np.isfinite(layer.cost)] if self.stands(link, move, q)])
+        found = self._connect(links, i, move, starts, goals) if len(starts) and len(goals) else None
+        if found is None:
+            ladder.settle(place, before.q[0], layer.q[0], np.inf)
+            return
+        if not (layer.q == found[-1]).all(axis=1).any():
+            ladder.add(place, found[-1:], configuration_cost(self.arm, found[-1:]))
+        link.found[found[0].tobytes() + found[-1].tobytes()] = found[1:]
+        ladder.settle(place, found[0], found[-1], float(np.linalg.norm(np.diff(found, axis=0), axis=1).sum()))
+
+    def _connect(self, links: Sequence[Link], i: int, move: Move, starts: Array, goals: Array) -> Array | None:
+        """Return joints (m, k) of a detour to keyframe i from one of some joints (s, k) to one of others (g, k)."""
         if self.queries is None:
             return None
         legs, count = self.queries.legs, starts.shape[1]

@@ -1,10 +1,9 @@
 """Motion choice: which way the arm takes from keyframe to keyframe, mended where something bars it.
 
-All keyframes lie on one ladder graph; its links are straight moves in joint space, or paths of the tool. A
-link that is barred is mended on its own, and the search goes on with all else that is known: first the hand's path is
-tried there (or a line, where no hand is known), then more ways to hold the arm at both ends, then joints along the path
-(a link of its own for every few poses), then any way around (detour.py). So the cost grows with the keyframes, and with
-the links that are barred.
+All keyframes lie on one ladder graph; its links are straight moves in joint space, or paths of the tool. A link that is
+barred is mended on its own, and all else that is known is kept: first the hand's path is tried there (or a line, where
+no hand is known), then more ways to hold the arm at both ends, then joints along the path (a link of its own for every
+few poses), then any way around (detour.py). So the cost grows with the keyframes, and with the barred links.
 """
 
 from __future__ import annotations
@@ -17,7 +16,6 @@ import numpy as np
 
 from pbd.arm.collision.queries import CollisionQueries
 from pbd.arm.collision.scene import Hit
-from pbd.arm.ik.branches import configuration_cost
 from pbd.arm.ik.cartesian import line
 from pbd.arm.ik.unreachable import out_of_reach
 from pbd.arm.joint_path import (
@@ -34,14 +32,13 @@ from pbd.arm.joint_path import (
 from pbd.arm.ladder_graph import Barred, Ladder
 from pbd.arm.ladder_links import (
     ANY_OTHER,
-    DETOUR_EXTRA,
     ENOUGH_DETOURS,
-    MOST_DETOURS,
     MOST_PATHS,
     Link,
     Move,
     motion_of,
     remedies_of,
+    reopen_for_detours,
 )
 from pbd.arm.link_checks import WIDE_COST, LinkChecks
 from pbd.arm.model import ArmModel
@@ -64,23 +61,17 @@ def choose_motion(arm: ArmModel, request: MotionRequest, queries: CollisionQueri
     Warns:
         PbdWarning: the way back is left out, the arm makes a detour, or only a motion close to something is free.
     """
-    found = _search(arm, request, queries)
-    if queries is not None and isinstance(found, Refusal) and found.why == COLLISION:
-        close = _search(arm, request, queries.closer())
-        if not isinstance(close, Refusal):
-            warn_of_closeness(found.error)
-            return close
-    return found
-
-
-def _search(arm: ArmModel, request: MotionRequest, queries: CollisionQueries | None) -> Motion | Refusal:
-    poses = request.T_base_tool
-    wide_cost = WIDE_COST if request.kind == STRAIGHT else 0.0
+    poses, wide_cost = request.T_base_tool, WIDE_COST if request.kind == STRAIGHT else 0.0
     ladder = build_ladder(arm, poses, request.q_start, request.q_back, MOST_STRAIGHT, wide_cost)
     if isinstance(ladder, Unreachable):
         return Refusal(UNREACHABLE, out_of_reach(arm, ladder.keyframe, poses[ladder.keyframe], ladder.q_seed))
-    search = _Search(arm, request, queries, ladder)
+    search = _Search(arm, request, queries, ladder.copy())
     found = search.run()
+    if queries is not None and isinstance(found, Refusal) and found.why == COLLISION:
+        close = _Search(arm, request, queries.closer(), ladder)
+        if isinstance(closer := close.run(), Motion):
+            warn_of_closeness(found.error)
+            search, found = close, closer
     if isinstance(found, Motion):
         tell(found, search.no_way_back)
     return found
@@ -115,8 +106,7 @@ class _Search:
                 return motion_of(self.arm, self.links, self.moves, self.ladder.joints(path), self.n)
 
     def _stands(self, place: int, q: Array) -> bool:
-        link = self.links[place - 1]
-        return self.checks.stands(link, self.moves[link.keyframe], q)
+        return self.checks.stands(self.links[place - 1], self.moves[self.links[place - 1].keyframe], q)
 
     def _free(self, place: int, q_before: Array, q: Array) -> float:
         link, layer = self.links[place - 1], self.ladder.layers[place]
@@ -166,7 +156,7 @@ class _Search:
         elif remedy == "detour":
             self._detour(i)
         elif remedy == "connect":
-            self._connect(place)
+            self.checks.connect(self.ladder, self.links, place, move)
         elif not self._split(place):
             return None if move.last_resort() else self._refuse(i)
         return None
@@ -187,32 +177,7 @@ class _Search:
         self.moves[i].detour = True
         self.ladder.drop(places[0], places[-1])
         self.links[places[0] - 1 : places[-1]] = [Link(i)]
-        self.ladder.reopen(places[0], MOST_DETOURS, costly=True, in_order=True, unseen=DETOUR_EXTRA)
-
-    def _connect(self, place: int) -> None:
-        """Let the arm come to a layer by any detour, from wherever it may be before, to whichever way to hold it."""
-        link, layer = self.links[place - 1], self.ladder.layers[place]
-        move = self.moves[link.keyframe]
-        at_keyframe = link.keyframe < self.n
-        if at_keyframe and not move.widened:
-            move.widened = True
-            widen(self.arm, self._pose(place), self.ladder, place)
-        starts = self.ladder.layers[place - 1].q[np.isfinite(self.ladder.travel(place - 1))]
-        if place > 1:  # where the arm is known to get to, if it is
-            ends = [along[-1].tobytes() for along in self.links[place - 2].found.values()]
-            known = np.array([q.tobytes() in ends for q in starts], dtype=bool)
-            starts = starts[known] if known.any() else starts
-        free = np.isfinite(layer.cost)
-        goals = np.array([q for q in layer.q[free] if self.checks.stands(link, move, q)])
-        found = self.checks.connect(self.links, link.keyframe, move, starts, goals) if len(goals) else None
-        if found is None:
-            self.ladder.settle(place, self.ladder.layers[place - 1].q[0], layer.q[0], np.inf)
-            return
-        if not (layer.q == found[-1]).all(axis=1).any():
-            self.ladder.add(place, found[-1:], configuration_cost(self.arm, found[-1:]))
-        link.found[found[0].tobytes() + found[-1].tobytes()] = found[1:]
-        length = float(np.linalg.norm(np.diff(found, axis=0), axis=1).sum())
-        self.ladder.settle(place, found[0], found[-1], length)
+        reopen_for_detours(self.ladder, places[0])
 
     def _widen(self, i: int) -> None:
         """Look for more ways to hold the arm all along a move; where it followed a path straight moves are tried."""

@@ -9,33 +9,29 @@ least MARGIN_M, a step of STEP_M = 2 MARGIN_M is always allowed; most are far lo
 Where nobody wants to know what touches, a path is halved instead: two bodies that are d and e apart at its ends can't
 touch on it unless they move by d + e. So the looks in the middle, where most moves are barred, come first.
 
-Bodies are hulls. Where the hull of a link is near another body the hulls of its parts are measured, and where these are
-its mesh is asked whether they are MARGIN_M apart. Hulls
-are measured because coal's `collide` overlooks some deep contacts of theirs (4 in 10^5 pairs of so101). A distance that
-is not a number counts as a contact.
+Bodies are hulls. Where a link's hull is near another body, hulls of its parts are measured, then its mesh is asked
+whether they are MARGIN_M apart. Hulls are measured because coal's `collide` overlooks some deep contacts of theirs (4
+in 10^5 pairs of so101). A distance that is not a number counts as a contact.
 """
 
 from __future__ import annotations
 
-import math
 from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import product
 from typing import NamedTuple
 
-import coal
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
 from pbd.arm.collision.configurations import JointPath, configurations
-from pbd.arm.collision.geometry import Body, mesh_to, moves_with_tool, shape_of, slabs_of, surface_of
+from pbd.arm.collision.geometry import Body, mesh_to, meshes_apart, moves_with_tool, shape_of
 from pbd.arm.collision.motion_bounds import rates
 from pbd.arm.model import ArmModel, to_se3
 from pbd.pose import Array
 
-MARGIN_M, CLOSE_M = 2.5e-3, 5e-4
+MARGIN_M, CLOSE_M = 2.5e-3, 5e-4  # kept everywhere; and where nothing is free that keeps it
 STEP_M = 2.0 * MARGIN_M
 RECENT, REMEMBERED = 4, 2000
 """Pairs that touched lately, which are looked at first; and coordinates of which the distances are kept."""
@@ -79,8 +75,8 @@ class Clearance:
     """
 
     def __init__(self, arm: ArmModel, bodies: Sequence[Body], pairs: Pairs, margin_m: float = MARGIN_M) -> None:
-        self.margin_m = margin_m
-        self.arm, self.bodies, self.pairs = arm, tuple(bodies), np.asarray(pairs, dtype=np.int64).reshape(-1, 2)
+        self.arm, self.bodies, self.margin_m = arm, tuple(bodies), margin_m
+        self.pairs = np.asarray(pairs, dtype=np.int64).reshape(-1, 2)
         self.rates = rates(arm, bodies, self.pairs)
         self._pads = np.array([self.bodies[a].pad + self.bodies[b].pad for a, b in self.pairs])
         self._most_pad = float(self._pads.max(initial=0.0))
@@ -147,7 +143,7 @@ class Clearance:
         return point
 
     def always_touching(self, x: Array, share: float) -> dict[int, int]:
-        """Return the pairs that are nearer than `margin_m` in at least a share of coordinates (n, k + 1): in how many."""
+        """Return the pairs that touch in at least a share of coordinates (n, k + 1): in how many."""
         always = dict.fromkeys(range(len(self.pairs)), len(x))
         for measure in (self._hull_distance, self._distance):  # most pairs need no mesh
             always = dict.fromkeys(always, len(x))
@@ -197,8 +193,8 @@ class Clearance:
     def _near(self, walk: _Walk) -> list[tuple[int, float]]:
         """Return the pairs that may meet on a path, with their distances at its start; most are too far apart."""
         at_start = self.distances(walk.path.x[0])
-        near = np.flatnonzero(~(at_start - self.margin_m >= self.rates @ walk.moved[:, -1]))
-        return [(int(pair), float(at_start[pair])) for pair in near]
+        near = np.flatnonzero(~(at_start - self.margin_m >= self.rates @ walk.moved[:, -1])).tolist()
+        return [(pair, float(at_start[pair])) for pair in near]
 
     def _follow(self, walk: _Walk, pair: int, node: int, distance: float, stop: int) -> tuple[int, float] | None:
         """Return the first node up to `stop` at which a pair touches, and their distance; given that at `node`."""
@@ -243,7 +239,9 @@ class Clearance:
     def _touch_again(self, x: Array, allowed: Allowed | None) -> bool:
         """Whether any of the pairs that touched lately touches."""
         self._place(configurations(self.arm, x[None])[0])
-        return any(not self._distance(pair) >= self.margin_m and not (allowed and allowed(pair, x)) for pair in self._lately)
+        return any(
+            not self._distance(pair) >= self.margin_m and not (allowed and allowed(pair, x)) for pair in self._lately
+        )
 
     def _touched(self, pair: int) -> bool:
         """Remember a pair that touched."""
@@ -253,8 +251,7 @@ class Clearance:
     def _until_clear(self, walk: _Walk, contact: Contact) -> Contact:
         """Follow a contact to its end, or to where it is allowed."""
         travel = self.rates[contact.pair] @ walk.moved
-        last = deepest = node = contact.first
-        least = contact.distance
+        last, deepest, node, least = contact.first, contact.first, contact.first, contact.distance
         while node < len(walk.q) - 1:
             node = min(self._next(travel, node, self.margin_m), len(walk.q) - 1)
             self._place(walk.q[node])
@@ -273,13 +270,13 @@ class Clearance:
     def _measure(self, x: Array) -> int:
         """Measure all distances; return the pair with the least but for the pads, -1 where there is no pair."""
         q = configurations(self.arm, x[None])[0]
-        if len(self.pairs) == 0:
+        if not len(self.pairs):
             return -1
         return int(pin.computeDistances(self.arm.full, self._data, self._geometry, self._placed, q))
 
     def _measured(self) -> Array:
         measured = [result.min_distance for result in self._placed.distanceResults]
-        distances: Array = np.array(measured, dtype=np.float64) - self._pads
+        distances: Array = np.array(measured) - self._pads
         for pair in np.flatnonzero((distances > -self._mesh_to) & (distances < self.margin_m)):
             distances[pair] = self._of_meshes(int(pair), distances[pair])
         return distances
@@ -295,22 +292,8 @@ class Clearance:
         return float(pin.computeDistance(self._geometry, self._placed, pair).min_distance - self._pads[pair])
 
     def _of_meshes(self, pair: int, distance: float) -> float:
-        """Ask the meshes of a pair whose hulls are near: `margin_m` or more where they are so far apart.
-
-        Else the hulls' distance. Hulls of their parts are asked first.
-        """
-        bodies = [self.bodies[i] for i in self.pairs[pair]]
-        placed = [self._placed.oMg[int(i)] for i in self.pairs[pair]]
-        one, other = (coal.Transform3s(T.rotation, T.translation) for T in placed)
-        parts, asked = math.inf, coal.DistanceRequest()
-        for first, second in product(*map(slabs_of, bodies)):
-            parts = min(parts, coal.distance(first, one, second, other, asked, coal.DistanceResult()))
-            if not parts - self._pads[pair] >= self.margin_m:
-                break
-        else:
-            return float(parts - self._pads[pair])
-        request = coal.CollisionRequest()
-        request.security_margin = self.margin_m
-        meshes = (surface_of(body) for body in bodies)
-        touch = coal.collide(next(meshes), one, next(meshes), other, request, coal.CollisionResult())
-        return distance if touch else self.margin_m
+        """Ask the meshes of a pair whose hulls are near: how far apart they are if that's enough, else the hulls'."""
+        one, other = self.pairs[pair].tolist()
+        placed = self._placed.oMg[one], self._placed.oMg[other]
+        apart = meshes_apart(self.bodies[one], placed[0], self.bodies[other], placed[1], self.margin_m)
+        return distance if apart is None else apart

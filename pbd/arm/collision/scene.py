@@ -153,8 +153,11 @@ class CollisionScene:
         middle = q[len(q) // 2][None] if len(q) > 2 else q[0] + _LIKELY * (q[-1] - q[0])
         x = np.vstack((q[[0, -1]], middle))
         x = np.column_stack((x, np.full(len(x), leg.opening)))
+        opening, step_m = leg.opening, 2.0 * self.margin_m
         return any(
-            each.clearance.meets(x, partial(polyline, q, leg.opening, each.clearance.rates, 2.0 * self.margin_m), each.allowed, tool_only)
+            each.clearance.meets(
+                x, partial(polyline, q, opening, each.clearance.rates, step_m), each.allowed, tool_only
+            )
             for each in self.pair_sets(leg.stay)
         )
 
