@@ -198,7 +198,8 @@ def test_a_motion_close_to_things_is_made_where_no_other_is_free_and_told(higher
     q, (low, high) = chosen((LEFT, RIGHT), approach=False).q[0], (-0.1, 0.0)
 
     def plate(z: float) -> list[Obstacle]:
-        return [box("the plate", (0.3, 0.3, 0.02), LEFT.p[0] - T_HOME.p[0], LEFT.p[1] - T_HOME.p[1], z)]
+        x, y, below = LEFT.p - T_HOME.p
+        return [box("the plate", (0.3, 0.3, 0.02), x, y, below + z)]
 
     while high - low > 1e-5:
         middle = 0.5 * (low + high)
