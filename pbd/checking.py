@@ -18,7 +18,7 @@ from pbd.plots.values import demo_plot
 from pbd.pose import Array, Pose, level_onto
 
 FEWEST_SIBLINGS = 4
-"""Fewest demonstrations of one task of which one can differ: the median of three follows the one that is off."""
+"""Fewest demonstrations of one task that are compared: of three, the one that is off pulls the median."""
 
 CHI3_MEDIAN = 1.538
 """Median of the distance from the mean, in sigmas of one axis: of chi with three degrees of freedom."""

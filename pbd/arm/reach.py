@@ -15,8 +15,8 @@ _ENOUGH_M = 1e-5
 def sample(arm: ArmModel, count: int) -> Array:
     """Draw configurations (count, k) uniformly between the joint limits, the same ones each time.
 
-    Of a joint that can turn further, one turn about zero: it repeats itself, and the turn to stand at is chosen later
-    (sequence.py).
+    A joint that can turn further is sampled over one turn, as the rest repeats it; which turn is chosen later
+    (joint_path.py).
     """
     lower, upper = arm.limits.lower, arm.limits.upper
     further = upper - lower > 2.0 * np.pi

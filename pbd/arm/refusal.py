@@ -37,7 +37,7 @@ def refuse_move(i: int, tried: int, hits: Mapping[str, Hit], unfollowed: str | N
     Args:
         i: the keyframe.
         tried: how many pairs of arm poses, at the keyframe before and there.
-        hits: what the first of them touches, by kind of move; the one that overlaps least is the closest.
+        hits: what the first of these pairs touches, by kind of move; the message names the one that overlaps least.
         unfollowed: a kind of path that the arm can't follow, whatever is in the way.
         searched: how many checks were made for a detour.
     """

@@ -25,7 +25,7 @@ _NEXT = "no trajectory was written; please report it with the demonstration and 
 
 
 def check_smoothness(trajectory: JointTrajectory, limits: JointLimits) -> None:
-    """No jump in position, velocity or acceleration between pieces, and rest at both ends.
+    """Check that position, velocity and acceleration do not jump between pieces, and that both ends are at rest.
 
     Raises:
         PlanError: there is one; its fields are joint, t (s), value and bound.
@@ -67,7 +67,7 @@ def check_limits(trajectory: JointTrajectory, limits: JointLimits) -> tuple[floa
 
 
 def check_samples(trajectory: JointTrajectory, limits: JointLimits) -> None:
-    """The samples at 1 kHz, which others get to see, change no faster than the limits let them.
+    """Check that the samples at 1 kHz, which others get to see, change no faster than the limits allow.
 
     Raises:
         PlanError: they do; its fields are joint, t (s), value and bound.

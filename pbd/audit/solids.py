@@ -16,7 +16,7 @@ from pbd.io.shapes import Shape, Triple, collision_shapes
 from pbd.pose import Array
 
 NEARER_M = (2e-3, 5e-4, 1e-4)
-"""Distances, m, at which a mesh is asked whether something is nearer; what is nearer than the last touches."""
+"""Thresholds, m, of a mesh's distance; below the last one counts as contact."""
 
 ROUNDED_M = 1e-3
 """Corners of a mesh's hull are rounded to this, m; `pad` covers it."""
@@ -135,7 +135,7 @@ def _is_inside(thing: Solid, T_thing: Any, around: Solid, T_around: Any) -> bool
         return False
     point = thing.triangles[0, 0] if thing.mesh else np.zeros(3)
     a, b, c = np.moveaxis(around.triangles - (T_around.inverse() * T_thing).transform(point), 1, 0)
-    # How often the surface goes round the point: its solid angles (Van Oosterom and Strackee, 1983) over 4 pi.
+    # The winding number of the surface about the point: its solid angles (Van Oosterom and Strackee, 1983) over 4 pi.
     la, lb, lc = (np.linalg.norm(side, axis=1) for side in (a, b, c))
     ab, bc, ca = (np.einsum("ni,ni->n", one, other) for one, other in ((a, b), (b, c), (c, a)))
     volume = np.einsum("ni,ni->n", a, np.cross(b, c))

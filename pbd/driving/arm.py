@@ -32,7 +32,7 @@ GRIPPER_TORQUE = 500
 """Torque limit of the gripper while pbd drives, 0 to 1000: it closes on things. LeRobot's so101_follower.py."""
 
 NEAR = 20
-"""Counts, 1.8 degrees: a goal this near lets nothing jump."""
+"""Counts, 1.8 degrees: a goal this near makes no servo jump."""
 
 HOLD_TRIES = 3
 """How often a goal that must arrive is written, until it reads back."""
@@ -137,8 +137,8 @@ class ServoArm:
     def stiffen(self, counts: Array) -> None:
         """Switch torque on with these goals: the arm's present place, so that nothing jumps.
 
-        A goal from before would be taken up at full speed: goals go first, and are read back. What a loose servo does
-        with a goal may differ between firmwares, so one near its place is good enough.
+        A servo would go to an old goal at full speed: goals go first, and are read back. A servo without torque may
+        change its goal, by firmware, so one near its place is good enough.
         """
         goals = [word(round(value)) + word(0) + word(0) for value in counts.tolist()]  # time and speed: no limit
         self._write_sure(GOAL, goals, lambda has, wanted: abs(word_at(has, 0) - word_at(wanted, 0)) <= NEAR)

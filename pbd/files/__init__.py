@@ -1,1 +1,1 @@
-"""Files: demonstrations, robots, calibrations, importers, exporters. The only disk I/O."""
+"""Files: demonstrations, robots, calibrations, importers, exporters."""

@@ -1,1 +1,1 @@
-"""Readers of files that others wrote: regular files only, bounded, with every failure as a PbdError."""
+"""Opening and writing files: others' are regular and bounded, each failure is a PbdError; ours are written whole."""

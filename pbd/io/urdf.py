@@ -21,7 +21,7 @@ MOST_MOVING = 150
 """Most joints that move: pairs of links grow with their square. The most in example-robot-data are 101."""
 
 MOST_SHAPES = 2000
-"""Most shapes of a robot, to be seen or to be hit."""
+"""Most visual and collision shapes of a robot."""
 
 LONGEST_M = 100.0
 """Farthest that one part of an arm is from the next, and the largest shape, m."""

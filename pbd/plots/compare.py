@@ -81,7 +81,7 @@ class ComparePlot:
     Attributes:
         runs: in the order in which they were named.
         keyframes: of the task.
-        by_order: whether keyframes were matched by their order alone; else by place, in order.
+        by_order: whether keyframes were matched by their order alone; else by their moves and the grip.
         remarks: which keyframes are missing where, or are there in one alone, in words.
     """
 

@@ -47,7 +47,7 @@ def paths(plot: ComparePlot) -> Figure:
 
 
 def views(plot: ComparePlot) -> Figure:
-    """From above and along x, with what the keyframes spread."""
+    """From above and along x, with the keyframes' spread."""
     figure = sheet("Paths from above (yx) and along x (yz)", 13.0, 6.0)
     both = figure.subplots(1, 2)
     both[0].set_title(_subtitle(plot))
@@ -119,7 +119,7 @@ def _keyframe_axis(ax: Axes, plot: ComparePlot) -> None:
 
 
 def _subtitle(plot: ComparePlot) -> str:
-    how = "matched by order" if plot.by_order else "matched by place, in order"
+    how = "matched by order" if plot.by_order else "matched by their moves and the grip"
     return f"{len(plot.runs)} demonstrations, {len(plot.keyframes)} keyframes {how}"
 
 

@@ -1,7 +1,7 @@
 """Check a sensor while it records, when a fault can still be corrected.
 
 A saturated axis, a dead one, a gyro or magnetometer that says nothing, a sensor that repeats itself. What is looked for
-is what `pbd.tracking` finds in a finished recording (saturation.py, channels.py), here in its last seconds.
+is what `pbd.tracking` finds in a finished recording (saturation.py, channel_faults.py), here in its last seconds.
 """
 
 from __future__ import annotations

@@ -51,13 +51,13 @@ PADS = {
 triggers, y left, z up. hid-nintendo makes its stamps of the reports' arrival, and counts each report's time twice."""
 
 MSC_RAW = 3
-"""No motion sensor sends it. `GamepadPort` does, to say which pad it is: counts for 1 g."""
+"""An event that no motion sensor sends: `GamepadPort` adds it to say which pad it is, by its counts for 1 g."""
 
 _KNOWN = {EV_SYN: 16, EV_KEY: 0x300, EV_ABS: 0x40, EV_MSC: 8}
 """Types of events, and the number of codes that each has."""
 
 _LATEST_S = 2**33
-"""A host's clock says less."""
+"""Bound on a host's clock."""
 
 
 class GamepadDecoder:

@@ -1,6 +1,6 @@
 """The simulator: a hand does a task with a sensor in it. The truth is kept beside the readings.
 
-The truth is a formula (hand.py). From it follow specific force, angular rate and magnetic field in the
+The truth is a formula (hand_motion.py). From it follow specific force, angular rate and magnetic field in the
 sensor's axes, exactly; the sensor (sensor_model.py) averages each over its sampling intervals and errs.
 
 Time. Sample k is the mean over an interval whose MIDDLE is t[k], as an integrating sensor delivers it; the intervals
@@ -8,9 +8,9 @@ join without gaps. Truth row k is the pose at t[k]. So acc[k] is what was felt a
 k-1 to row k is the second half of gyr[k-1]'s interval and the first half of gyr[k]'s. (A real device hands the sample
 out half an interval later, which shifts the whole recording and nothing in it.)
 
-World is x east, y magnetic north, z up. Truth is in the recording's own nav frame (docs/frames.md): the origin at the
-first rest and z up; x east and y magnetic north where the sensor has a magnetometer; else x along the sensor's x axis
-at the first rest laid level, or along its y axis where x is within 30 degrees of vertical.
+World is x east, y magnetic north, z up. Truth is in the recording's own nav frame (docs/tracking.md#frames): the origin
+at the first rest and z up; x east and y magnetic north where the sensor has a magnetometer; else x along the sensor's x
+axis at the first rest laid level, or along its y axis where x is within 30 degrees of vertical.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ from pbd.view.terminal_tables import make_table
 def points_table(
     names: Sequence[str], stops: Sequence[int], residuals: Array, left_out: Array, sigma: Array, used: Sequence[bool]
 ) -> Table:
-    """Each point: what is left of it in base, and what its distance from the fit of the others is."""
+    """Each point: its residual in base, and its distance from the others' fit."""
     table = make_table(
         "point",
         "stop",

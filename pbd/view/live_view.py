@@ -119,7 +119,7 @@ class LiveView:
         self.close()
 
     def _follow(self, picture: LivePicture) -> None:
-        """Let the path grow. A stop says where the move before it really led to."""
+        """Extend the path. A stop corrects the end of the move before it."""
         known, self._known = self._known, picture.keyframes
         for i, keyframe in enumerate(self._known[max(len(known) - 1, 0) :], max(len(known) - 1, 0)):
             p, since = keyframe.T_nav_sensor.p, keyframe.t - 0.5 * keyframe.dwell_s

@@ -58,7 +58,7 @@ class LiveViewer:
         self._thread.start()
 
     def send(self, command: Any) -> None:
-        """Pass on one of meshcat's commands (this makes us a window in meshcat's sense)."""
+        """Pass on one of meshcat's commands; so this has the interface of meshcat's window."""
         lowered = command.lower()
         key = (lowered["type"], lowered["path"], lowered.get("property", ""))
         self._sent += 1

@@ -79,7 +79,7 @@ def drawing(stream: TextIO) -> TextIO:
 
 @contextmanager
 def standard_streams() -> Iterator[None]:
-    """Put the door before stdout and stderr; one that was closed by who started us leads nowhere."""
+    """Wrap stdout and stderr; one that was closed at the start leads to nowhere."""
     _occupy()
     before = sys.stdin, sys.stdout, sys.stderr
     with ExitStack() as stack:
@@ -100,7 +100,7 @@ def standard_streams() -> Iterator[None]:
 
 
 def _occupy() -> None:
-    """Keep the numbers 0 to 2 from the files that are opened later: libraries print to 2, whatever that is."""
+    """Keep the numbers 0 to 2 from files that are opened later: libraries print to 2, whatever it is by then."""
     while True:
         number = os.open(os.devnull, os.O_RDWR)
         if number > 2:

@@ -171,9 +171,10 @@ def test_a_file_without_names_is_told_so(tmp_path: Path) -> None:
         import_text(tmp_path, "my log\n0,1e-3,2,3\n1,2,3,4\n")
 
 
-def test_a_date_may_be_the_time(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["timestamp", "Date", "Sample Date"])
+def test_a_date_may_be_the_time(tmp_path: Path, name: str) -> None:
     rows = "2025-12-31 23:59:59.990;1,5;2;3\n2026-01-01 00:00:00.000;2,5;3;4\n"
-    recording = import_text(tmp_path, f"timestamp;ax;ay;az\n{rows}")
+    recording = import_text(tmp_path, f"{name};ax;ay;az\n{rows}")
     assert_allclose(recording.t, [0.0, 0.01], atol=1e-6)
     assert_array_equal(recording.acc[:, 0], [1.5, 2.5])  # where no comma separates it can only be a decimal mark
 
@@ -218,6 +219,13 @@ def test_a_table_without_times_takes_a_rate(tmp_path: Path, rate_hz: float) -> N
     assert_allclose(recording.t, [0.0, 1.0 / rate_hz, 2.0 / rate_hz], rtol=1e-15)
     assert_array_equal(recording.acc[:, 1], [0.0, 1.0, 2.0])
     assert recording.info.rate_hz == rate_hz
+
+
+def test_a_day_alone_is_no_time(tmp_path: Path) -> None:
+    rows = "2026-01-01,0,0,9.8\n2026-01-01,0,1,9.8\n"
+    with pytest.raises(RecordingError, match=r"no column for t"):
+        import_text(tmp_path, f"Date,ax,ay,az\n{rows}")
+    assert_array_equal(import_file(tmp_path / "run.csv", rate_hz=10.0).recording.t, [0.0, 0.1])
 
 
 def test_two_clocks_are_one_too_many(tmp_path: Path) -> None:

@@ -111,10 +111,17 @@ def test_an_ximu3s_folder(tmp_path: Path) -> None:
     (tmp_path / "Inertial.csv").write_text(inertial)
     (tmp_path / "Magnetometer.csv").write_text(f"{field}1000000,1,0,-1\n1005000,0,0,-1\n")
     (tmp_path / "Quaternion.csv").write_text("Timestamp (us),W,X,Y,Z\n1000000,1,0,0,0\n")
-    recording = import_recording(tmp_path).demo.recording
-    assert recording.acc[0, 2] == GRAVITY
-    assert recording.mag is not None
-    assert_allclose(recording.mag, [[1.0, 0.0, -1.0], [0.5, 0.0, -1.0]])
+    read = import_recording(tmp_path)
+    assert read.demo.recording.acc[0, 2] == GRAVITY
+    assert read.demo.recording.mag is not None
+    assert_allclose(read.demo.recording.mag, [[1.0, 0.0, -1.0], [0.5, 0.0, -1.0]])
+
+    assert read.understood is not None
+    its = [f"Magnetometer.csv: Magnetometer {axis} (a.u.)" for axis in "XYZ"]
+    assert [column.name for column in read.understood.of("mag")] == its
+    turned = import_recording(tmp_path, {"mx": f"-{its[2]}", "mz": its[0]}).demo.recording.mag
+    assert turned is not None
+    assert_allclose(turned[0], [1.0, 0.0, 1.0])
 
 
 PLOTTER = "AccelX:0.5,AccelY:0.25,AccelZ:9.75,GyroX:1.5,GyroY:0.00,GyroZ:-2.00\n"
@@ -169,9 +176,25 @@ def test_a_gyro_by_any_name(tmp_path: Path, header: str, scale: float) -> None:
     assert_allclose(recording.gyr[0], np.array((1.0, 2.0, 3.0)) * scale)
 
 
-def test_what_looks_inertial_is_never_dropped(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match=r"turnX, turnY, turnZ look like a gyro, .* --column gx=turnX and its"):
-        imported(tmp_path, "t,ax,ay,az,turnX,turnY,turnZ\n0,0,0,9.8,1,2,3\n")
+@pytest.mark.parametrize("names", ["turnX, turnY, turnZ", "gyroP, gyroQ, gyroR", "rotation_rate_1, gyro2"])
+def test_what_looks_inertial_is_never_dropped(tmp_path: Path, names: str) -> None:
+    first = names.partition(",")[0]
+    with pytest.raises(RecordingError, match=rf"{names} look like a gyro, .* --column gx={first} and its"):
+        imported(tmp_path, f"t,ax,ay,az,{names}\n0,0,0,9.8{',1' * len(names.split())}\n")
+
+
+def test_each_column_that_is_not_read_has_its_reason(tmp_path: Path) -> None:
+    header = "t,ax,ay,az,gx,gy,gz,Accel_WR_X,heading,gyr_norm,Temperature(°C),gyro_status,battery"
+    read = imported(tmp_path, f"{header}\n0,0,0,9.8{',1' * 9}\n1,0,0,9.8{',1' * 9}\n")
+    assert read.understood is not None
+    assert read.understood.unread == {
+        "Accel_WR_X": "'ax' is read as ax",
+        "heading": "an attitude that isn't used",
+        "gyr_norm": "not along one axis",
+        "Temperature(°C)": "a temperature",
+        "gyro_status": "not along one axis",
+        "battery": "its name says nothing that is needed",
+    }
 
 
 def test_acceleration_without_gravity_is_no_specific_force(tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 The fingers are where the gripper's opening puts them. The gripper (all that the arm's last joint carries) may touch the
 object. While it is held, the object may touch the table, and what it stands on, as long as it is within REST_M of where
 it was gripped or is let go.
-Where the model has no gripper a rod stands for it (hand.py).
+Where the model has no gripper a rod stands for it (gripper.py).
 """
 
 from __future__ import annotations

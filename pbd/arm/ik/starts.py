@@ -46,7 +46,7 @@ class Starts:
     def nearest(self, target: Target, count: int) -> Array:
         """Return the (count, k) samples whose tool is nearest to a pose, nearest first."""
         wanted = np.concatenate((target.p, ROTATION_WEIGHT_M * target.R.ravel())).astype(np.float32)
-        # Half the squared distance, less what is the same for all. A tree in twelve dimensions is no faster.
+        # Half the squared distance, without the term common to all samples. A tree in twelve dimensions is no faster.
         return self._least(self._half_squares - self._features @ wanted, count)
 
     def at(self, p: Array, count: int) -> Array:

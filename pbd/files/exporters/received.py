@@ -23,8 +23,8 @@ RATES_HZ = (20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
 """Rates that are tried in a refused one's place."""
 
 EXACT_RAD = 1e-5
-"""A motion that is nowhere farther than this from the planned one, rad, is where the audit found the planned one to be:
-the pose tolerance of that, and a tenth of its smallest distance on an arm of a metre."""
+"""Up to this deviation from the planned motion, rad, its audit still holds: it is the audit's pose tolerance, and a
+tenth of its smallest distance on an arm of a metre."""
 
 
 def check_received(

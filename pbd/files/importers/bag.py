@@ -34,7 +34,7 @@ FIELD_DOUBLES, FIELD_PARTS = 3 + 9, ((0, 3),)
 numbers of its covariance behind it, the first of which is -1 where it isn't known."""
 
 AT_ONCE = 20_000
-"""Messages that are decoded at once: 7 MB."""
+"""Messages decoded in one batch: 7 MB."""
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 MCAP_FOOTER = b"\x02" + struct.pack("<Q", 20) + bytes(20) + MCAP_MAGIC
@@ -150,7 +150,7 @@ def _messages(path: Path, reader: Any, wanted: set[tuple[str, str]]) -> Iterator
 
 
 def _message(path: Path, packed: bytes) -> bytes:
-    """Unpack one message: rosbags would unpack it whatever it becomes, and only if the bag's folder is given."""
+    """Unpack one message: rosbags has no bound on its size, and unpacks only where the bag's folder is given."""
     unpacker = _zstd().ZstdDecompressor()
     data: bytes = unpacker.decompress(packed, max_length=LONGEST_MESSAGE)
     if not unpacker.eof:
@@ -220,7 +220,7 @@ def _whole(path: Path) -> Iterator[Path]:
 
 
 def _mcaps(path: Path) -> list[Path]:
-    """The MCAPs that rosbags will open; a bag of compressed files is refused: it unpacks them whatever they become."""
+    """The MCAPs that rosbags will open; a bag of compressed files is refused, as rosbags has no bound on their size."""
     if not path.is_dir():
         return [path] if path.suffix.lower() == ".mcap" else []
     from ruamel.yaml import YAML
@@ -259,7 +259,7 @@ def _whole_records(path: Path, data: mmap.mmap | bytes, at: int = len(MCAP_MAGIC
             if contents > min(LARGE, MOST_SWOLLEN * max(size, 10_000)):
                 what = f"a chunk of {size} bytes swells to {contents / 1e6:.0f} MB, which is refused; record it again"
                 raise RecordingError(f"{path}: {what}", path=path, value=contents)
-            if at + 9 + size > len(data) and compression == 0:  # its records are as good outside of it
+            if at + 9 + size > len(data) and compression == 0:  # its records can be copied out of it
                 inner, end = _whole_records(path, data, inside)
                 return [slice(begin, at), *inner], end
             if at + 9 + size <= len(data) and compression:
@@ -276,7 +276,7 @@ def _whole_records(path: Path, data: mmap.mmap | bytes, at: int = len(MCAP_MAGIC
 
 
 def _unpacks(compression: bytes, packed: bytes, size: int) -> bool:
-    """Whether these bytes are `size` when they are unpacked: rosbags unpacks them whatever they become."""
+    """Whether these bytes are `size` when they are unpacked: rosbags has no bound on that."""
     import lz4.frame  # type: ignore[import-untyped]
 
     zstd = _zstd()

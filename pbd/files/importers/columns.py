@@ -31,6 +31,10 @@ _MANGLED = str.maketrans({"°": "deg", "µ": "u", "μ": "u", "ʯ": "u", "?": "u"
 
 _INERTIAL = r"(?:.*_)?(?:acc|gyr|rot|angular|omega|ang_?vel|mag|force|turn|rate|roll|pitch|yaw|imu)\w*"
 
+_AXIS = r"[xyz](?:_|$)|^[xyz]_|(?:roll|pitch|yaw)_rate"
+_SENSOR = r"(?:.*_)?(?:gyr|gyro|gyroscope|(?:rotation|angular)_?(?:rate|velocity)|acc|accel|acceleration)_?[a-z\d]{0,3}"
+"""A sensor's own name, whatever says which axis: `gyroQ`, `acc1`."""
+
 
 @dataclass(frozen=True)
 class Program:
@@ -100,13 +104,19 @@ class Understood:
 
     def of(self, channel: str) -> list[Column]:
         """The columns of a channel, in the order of its axes."""
-        found = {column.ours: column for column in self.columns}
+        found = {column.ours: column for column in reversed(self.columns)}  # another file's come last
         return [found[ours] for ours in CHANNELS[channel] if ours in found]
 
-    def with_clock(self, name: str) -> Understood:
-        """Note that this column was the best of several clocks."""
-        columns = (replace(c, named_by="the best of several times") if c.name == name else c for c in self.columns)
+    def with_clock(self, name: str, why: str) -> Understood:
+        """Note why this column is the clock."""
+        columns = (replace(c, named_by=why) if c.name == name else c for c in self.columns)
         return replace(self, columns=tuple(columns))
+
+    def with_file(self, file: str, beside: Understood) -> Understood:
+        """Add what was made of the columns of another file of the same recording."""
+        columns = (replace(c, name=f"{file}: {c.name}") for c in beside.columns)
+        unread = {f"{file}: {name}": why for name, why in beside.unread.items()}
+        return replace(self, columns=(*self.columns, *columns), unread={**self.unread, **unread})
 
     def in_its_names(self, message: str) -> str:
         """Put the file's names and signs in place of ours into the options `--column ax=-ay` of a message."""
@@ -164,7 +174,16 @@ def understand(
     used = {column.name for column in read}
     unread = {name: why_unread(name) for name in header if name and name not in used}
     _refuse_not_understood(path, unread, found)
+    unread = {name: why or _why_passed_over(name, found) for name, why in unread.items()}
     return Understood(tuple(read), unread, program.title if program else "")
+
+
+def _why_passed_over(name: str, found: Mapping[str, tuple[str, float, str]]) -> str:
+    """Say why a column that could be read, or whose name says nothing, isn't read."""
+    ours, _ = our_name(name) or ("", "")
+    if ours in found:
+        return f"'{found[ours][0]}' is read as {ours}"
+    return "an attitude that isn't used" if ours else "its name says nothing that is needed"
 
 
 def _by_name(header: Sequence[str]) -> dict[str, str]:
@@ -222,17 +241,16 @@ def _refuse_not_understood(path: Path, unread: Mapping[str, str], found: Mapping
             name
             for name, why in unread.items()
             if not why
-            and re.search(r"[xyz](?:_|$)|^[xyz]_|(?:roll|pitch|yaw)_rate", plain(name))
+            and (re.fullmatch(_SENSOR, plain(name)) or re.search(_AXIS, plain(name)))
             and re.fullmatch(_INERTIAL, plain(name))
             and any(word in plain(name) for word in words.split())
         ]
         if alike:
-            what = "looks" if len(alike) == 1 else "look"
+            what, is_, it = ("looks", "is", "it") if len(alike) == 1 else ("look", "are", "them")
             raise RecordingError(
-                f"{path}: {listed(alike)} {what} like {'a gyro' if letter == 'g' else 'inertial data'}, but "
-                f"{'is' if len(alike) == 1 else 'are'} not understood; say which is which with --column "
-                f"{letter}x={printable(alike[0])} and its like, or remove "
-                f"{'it' if len(alike) == 1 else 'them'}",
+                f"{path}: {listed(alike)} {what} like {'a gyro' if letter == 'g' else 'inertial data'}, but {is_} not "
+                f"understood; say which is which with --column {letter}x={printable(alike[0])} and its like, or "
+                f"remove {it}",
                 path=path,
                 value=alike[0],
             )

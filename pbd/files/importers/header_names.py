@@ -26,6 +26,7 @@ _TIME = (
     r"sample_?time_?fine|(?:.*_)?time_?stamp(?:_unix|_sync|_formatted_unix)*_cal|(?:system_|unix_|logging_)?time(?:_?stamp)?"
 )
 _DEVICE_TIME = r"chip_?time|片上时间"
+_DATE = r"(?:.*_)?date|日期"
 TIME_UNITS = r"_(ns|us|ms|s|sec|min)$"
 """A unit of time at the end of a name: `timestamp_us`."""
 
@@ -44,6 +45,8 @@ _OTHER = (
     (r"(?:.*_)?(?:raw|uncal\w*)(?:_.*)?", "raw counts"),
     (r"(?:quat|q|quaternion|orientation|euler|roll|pitch|yaw|mat)(?!.*rate).*", "an attitude that isn't used"),
     (r"d[qv]|i[qv]", "increments between samples"),
+    (r"(?:.*_)?(?:temp(?:erature)?(?:_[a-z])?|温度)", "a temperature"),
+    (r"(?:.*_)?(?:norm|total|magnitude|accuracy|status|range|bias|offset)", "not along one axis"),
 )
 """Columns with axes that are no measurement of ours, and why."""
 
@@ -68,6 +71,11 @@ def is_time(name: str) -> bool:
     """Whether a column holds a time."""
     word = plain(name)
     return re.fullmatch(f"{_TIME}|{_DEVICE_TIME}", re.sub(TIME_UNITS, "", word) or word) is not None
+
+
+def is_date(name: str) -> bool:
+    """Whether a column holds a date, which is a time where its rows have the time of day too."""
+    return re.fullmatch(_DATE, plain(name)) is not None
 
 
 def is_device_time(name: str) -> bool:
