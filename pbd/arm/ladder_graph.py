@@ -4,6 +4,9 @@ Collision checks are costly, so they are lazy: the shortest path is found by dyn
 and only the states and moves on it are checked. What is barred is dropped, and the path is found anew from there on
 (LazySP: Dellin and Srinivasa, "A Unifying Formalism for Shortest Path Problems with Expensive Edge Evaluations", 2016).
 A link between two layers that seems barred altogether is handed back to be mended; all else that is known is kept.
+
+A long ladder is searched window by window, so that the cost grows with the layers and not with their square: of what
+is free in one window the first part stays as it is, and the rest is sought again with what follows.
 """
 
 from __future__ import annotations
@@ -67,22 +70,24 @@ class Layer:
     refused: int = field(init=False, default=0)
     stood: NDArray[np.bool_] = field(init=False)
     moved: NDArray[np.bool_] = field(init=False)
+    weighed: NDArray[np.bool_] = field(init=False)
 
     def __post_init__(self) -> None:
         self.stood = np.zeros(len(self.q), dtype=bool)
-        self.length, self.moved = np.empty((0, 0)), np.empty((0, 0), dtype=bool)
+        self.length = np.empty((0, 0))
+        self.moved = self.weighed = np.empty((0, 0), dtype=bool)
 
     def copy(self) -> Layer:
         """Copy it with what is changed in place; its states are only ever replaced."""
         copied = copy(self)
-        for name in ("cost", "stood", "length", "moved"):
+        for name in ("cost", "stood", "length", "moved", "weighed"):
             setattr(copied, name, getattr(self, name).copy())
         return copied
 
     def link(self, before: Array, *, anew: bool = False) -> None:
         """Measure the moves from states (l, k); keep what is known of those that were there, but for `anew`."""
         step = before[:, None] - self.q
-        length, moved = np.linalg.norm(step, axis=2), np.zeros(step.shape[:2], dtype=bool)
+        length, (moved, weighed) = np.linalg.norm(step, axis=2), np.zeros((2, *step.shape[:2]), dtype=bool)
         farthest = np.abs(step).max(axis=2, initial=0.0)
         length += self.wide_cost * (farthest > np.pi)
         length[farthest > self.most_step] = np.inf
@@ -91,28 +96,49 @@ class Layer:
             self.refused = 0
         else:
             known = tuple(slice(count) for count in self.length.shape)
-            length[known], moved[known] = self.length, self.moved
-        self.length, self.moved = length, moved
+            length[known], moved[known], weighed[known] = self.length, self.moved, self.weighed
+        self.length, self.moved, self.weighed = length, moved, weighed
 
 
 class Ladder:
-    """Layers to find a path through, the start's (of one state) first. Those with `q` alike cost nothing to pass."""
+    """Layers to find a path through, the start's (of one state) first. Those with `q` alike cost nothing to pass.
+
+    Attributes:
+        first, end: the window: the path up to layer `first` is decided, layers from `end` on aren't looked at yet.
+    """
 
     def __init__(self, layers: Sequence[Layer]) -> None:
         self.layers = list(layers)
         for before, layer in pairwise(self.layers):
             layer.link(before.q)
+        self.first, self.end = 0, len(self.layers)
         self._totals, self._via = [self.layers[0].cost], list[NDArray[np.int64]]()
 
     def copy(self) -> Ladder:
-        """Copy all that may be changed."""
+        """Copy all that may be changed by what is done in the window."""
         copied = copy(self)
-        copied.layers = [layer.copy() for layer in self.layers]
+        copied.layers = [*self.layers]
+        for place in range(self.first, min(self.end + 1, len(self.layers))):
+            copied.layers[place] = self.layers[place].copy()
         copied._totals, copied._via = list(self._totals), list(self._via)
         return copied
 
+    def advance(self, path: Sequence[int], first: int, end: int) -> None:
+        """Let the window begin at a layer `first`, reached as on a path, and end before another."""
+        self.shortest()
+        self._totals[first] = np.where(np.arange(len(self.layers[first].q)) == path[first], 0.0, np.inf)
+        self.first, self.end = first, min(end, len(self.layers))
+        self._forget(first + 1)
+
+    def release(self) -> None:
+        """Let nothing be decided any more."""
+        self.first = 0
+        self._forget(1)
+
     def add(self, place: int, q: Array, cost: Array) -> None:
-        """Add states (m, k) to a layer."""
+        """Add states (m, k) to a layer; none where it is decided which is taken."""
+        if place <= self.first:
+            return
         layer = self.layers[place]
         layer.q, layer.cost = np.vstack((layer.q, q)), np.append(layer.cost, cost)
         layer.stood = np.append(layer.stood, np.zeros(len(q), dtype=bool))
@@ -147,6 +173,7 @@ class Ladder:
     def insert(self, place: int, layers: Sequence[Layer]) -> None:
         """Put layers before one of them."""
         after = place + len(layers)
+        self.end += len(layers)
         self.layers[place:place] = layers
         for at in range(place, after + 1):
             self.layers[at].link(self.layers[at - 1].q, anew=True)
@@ -155,6 +182,7 @@ class Ladder:
     def drop(self, place: int, end: int) -> None:
         """Take out layers up to `end`, and let the one after them be come to straight."""
         del self.layers[place:end]
+        self.end -= end - place
         if place < len(self.layers):
             self.layers[place].most_step = np.inf
             self.layers[place].link(self.layers[place - 1].q, anew=True)
@@ -162,11 +190,11 @@ class Ladder:
 
     def joints(self, path: Sequence[int]) -> Array:
         """Return the states (n, k) on a path."""
-        return np.array([layer.q[state] for layer, state in zip(self.layers, path, strict=True)])
+        return np.array([layer.q[state] for layer, state in zip(self.layers, path, strict=False)])
 
     def shortest(self) -> list[int] | Barred:
-        """Return which state of each layer to take; or the first layer that what is barred leaves no path to."""
-        for place in range(len(self._totals), len(self.layers)):
+        """Return which state to take of each layer before `end`; or the first one that no free path leads to."""
+        for place in range(len(self._totals), self.end):
             layer = self.layers[place]
             through = self._totals[-1][:, None] + layer.length
             total = through.min(axis=0) + layer.cost
@@ -184,24 +212,28 @@ class Ladder:
         self.shortest()
         return self._totals[place] if place < len(self._totals) else np.full(len(self.layers[place].q), np.inf)
 
-    def search(self, stands: Stands, moves: Moves) -> list[int] | Barred:
-        """Return the shortest path, all of it free and its cost known; or the layers that need mending first."""
+    def search(self, stands: Stands, moves: Moves, weigh: Moves = lambda *_: 0.0) -> list[int] | Barred:
+        """Return the shortest path, all of it free and its cost known; or the layers that need mending first.
+
+        `weigh`: what a move costs more that is told sooner than whether it is free.
+        """
         while True:
             path = self.shortest()
             if isinstance(path, Barred):
                 return path
-            if self._bar_states(path, stands):
+            if self._bar_states(path, stands) or self._weigh_moves(path, weigh):
                 continue
             if not self._bar_moves(path, moves, costly=False) and not self._bar_moves(path, moves, costly=True):
                 return path
-            tired = tuple(i for i, layer in enumerate(self.layers) if layer.refused >= layer.most_refused)
+            within = range(self.first + 1, self.end)
+            tired = tuple(i for i in within if self.layers[i].refused >= self.layers[i].most_refused)
             if tired:
                 return Barred(tired, (True,) * len(tired))
 
     def _bar_states(self, path: Sequence[int], stands: Stands) -> bool:
         barred = False
-        for place, state in enumerate(path[1:], start=1):
-            layer = self.layers[place]
+        for place in range(self.first + 1, self.end):
+            layer, state = self.layers[place], path[place]
             if layer.stood[state]:
                 continue
             layer.stood[state] = True
@@ -211,10 +243,22 @@ class Ladder:
                 barred = True
         return barred
 
+    def _weigh_moves(self, path: Sequence[int], weigh: Moves) -> bool:
+        first = len(path)
+        for place in range(self.first + 1, self.end):
+            layer, state, following = self.layers[place], path[place - 1], path[place]
+            if not (layer.weighed[state, following] or layer.moved[state, following]):
+                layer.weighed[state, following] = True
+                cost = weigh(place, self.layers[place - 1].q[state], layer.q[following])
+                layer.length[state, following] += cost
+                first = min(first, place) if cost > 0.0 else first
+        self._forget(first)
+        return first < len(path)
+
     def _bar_moves(self, path: Sequence[int], moves: Moves, *, costly: bool) -> bool:
         barred, first = False, len(path)
-        for place, (state, following) in enumerate(pairwise(path), start=1):
-            layer = self.layers[place]
+        for place in range(self.first + 1, self.end):
+            layer, state, following = self.layers[place], path[place - 1], path[place]
             if layer.moved[state, following] or layer.costly != costly or (layer.in_order and barred):
                 continue
             layer.moved[state, following], unseen = True, layer.unseen
@@ -227,5 +271,5 @@ class Ladder:
 
     def _forget(self, place: int) -> None:
         """Drop the totals from a layer on."""
-        place = max(1, place)
+        place = max(self.first + 1, place)
         del self._totals[place:], self._via[place - 1 :]

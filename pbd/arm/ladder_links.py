@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 
 from pbd.arm.collision.scene import Hit
-from pbd.arm.ladder_graph import Ladder
 from pbd.arm.model import ArmModel
 from pbd.arm.motion_request import DETOUR, STRAIGHT, Motion, MotionRequest, Segment
 from pbd.arm.tool_deviation import ToolDeviation, tool_deviation
@@ -104,12 +103,14 @@ class Link:
     """What leads to a layer: part of the move to a keyframe, along poses of the tool or (None) straight.
 
     `at_keyframe`: whether the layer is the keyframe itself. `found`: joints (m, k) of what is free, by both ends.
+    `tool_free`: what the tool carries is known to touch nothing on the path.
     """
 
     keyframe: int
     poses: tuple[Pose, ...] | None = None
     at_keyframe: bool = True
     found: dict[bytes, Array] = field(default_factory=dict)
+    tool_free: bool = False
 
 
 def remedies_of(request: MotionRequest, i: int, *, may_detour: bool) -> list[str]:
@@ -123,11 +124,6 @@ def remedies_of(request: MotionRequest, i: int, *, may_detour: bool) -> list[str
     # A line that nobody asked for isn't worth as much search as the hand's path.
     way = ["follow", "widen", "split"] if request.hand else ["follow"]
     return [*way, "detour", "connect"]
-
-
-def reopen_for_detours(ladder: Ladder, place: int) -> None:
-    """Take the moves to a layer for detours from now on."""
-    ladder.reopen(place, MOST_DETOURS, costly=True, in_order=True, unseen=DETOUR_EXTRA)
 
 
 def motion_of(arm: ArmModel, links: Sequence[Link], moves: Sequence[Move], q: Array, n: int) -> Motion:

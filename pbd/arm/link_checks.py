@@ -10,7 +10,6 @@ from pbd.arm.collision.clearance import MARGIN_M
 from pbd.arm.collision.queries import CollisionQueries
 from pbd.arm.ik.branches import configuration_cost
 from pbd.arm.ik.cartesian import follow
-from pbd.arm.ik.partial_pose import is_partial
 from pbd.arm.joint_path import turned, widen
 from pbd.arm.ladder_graph import Ladder
 from pbd.arm.ladder_links import (
@@ -26,7 +25,7 @@ from pbd.arm.ladder_links import (
 from pbd.arm.model import ArmModel
 from pbd.arm.motion_request import MotionRequest
 from pbd.arm.tool_deviation import tool_deviation
-from pbd.pose import Array, Pose
+from pbd.pose import Array
 
 WIDE_COST, MOST_WIDE = 2.0 * np.pi, 40
 """Cost of a wide move, in rad of joint travel; and how many are found between two keyframes before it is left out."""
@@ -54,19 +53,11 @@ class LinkChecks:
         move.pose_hit = queries.standing(i, q)
         return move.pose_hit is None
 
-    def cost(self, link: Link, move: Move, q_before: Array, q: Array, *, wide_known: bool) -> float:
-        """What a move from some joints to others costs beside its travel, rad; infinite where it isn't free.
+    def wide_cost(self, link: Link, move: Move, q_before: Array, q: Array, *, wide_known: bool) -> float:
+        """What a move from some joints to others costs for being wide, rad.
 
         `wide_known`: where a joint turns by more than half a turn that is already in the travel.
         """
-        along = self._along(link, move, q_before, q)
-        if along is None:
-            move.tried += 1
-            return np.inf
-        link.found[q_before.tobytes() + q.tobytes()] = along
-        if move.detour:
-            path = np.vstack((q_before, along))
-            return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum() - np.linalg.norm(q - q_before))
         if not self.straight(link, move) or move.found_wide == MOST_WIDE:
             return 0.0
         if wide_known and np.abs(q - q_before).max() > np.pi:
@@ -75,16 +66,21 @@ class LinkChecks:
         move.found_wide += wide
         return WIDE_COST * wide
 
+    def cost(self, link: Link, move: Move, q_before: Array, q: Array) -> float:
+        """What else a move from some joints to others costs beside its travel, rad; infinite where it isn't free."""
+        along = self._along(link, move, q_before, q)
+        if along is None:
+            move.tried += 1
+            return np.inf
+        link.found[q_before.tobytes() + q.tobytes()] = along
+        if move.detour:
+            path = np.vstack((q_before, along))
+            return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum() - np.linalg.norm(q - q_before))
+        return 0.0
+
     def straight(self, link: Link, move: Move) -> bool:
         """Whether a link is a straight move between two keyframes."""
         return link.poses is None and 0 < link.keyframe < self.n and not move.detour
-
-    def tool_barred(self, i: int, poses: Sequence[Pose], q_before: Array, q: Array) -> bool:
-        """Whether what the tool carries touches something on a path, so that no way to hold the arm is of use."""
-        if self.queries is None or is_partial(self.arm):
-            return False
-        along = follow(self.arm, poses, q_before, q)
-        return along is not None and not self.queries.tool_passes(i, along)
 
     def connect(self, ladder: Ladder, links: Sequence[Link], place: int, move: Move) -> None:
         """Leave one move to a layer: a detour from any joints of the layer before to any there; none if none is found.
@@ -151,15 +147,15 @@ class LinkChecks:
             if found is None and move.kind not in move.hits and (hit := queries.moving(i, np.stack((q_before, q)))):
                 move.hits[move.kind] = hit
             return found
+        if queries is not None and link.poses is not None and not link.tool_free:
+            tool_hit = queries.tool_hit(i, link.poses)
+            link.tool_free, move.tool_barred = tool_hit is None, tool_hit is not None
+            if tool_hit is not None:
+                move.hits[move.kind] = tool_hit
+                return None
         along = np.stack((q_before, q)) if link.poses is None else follow(self.arm, link.poses, q_before, q)
-        if along is None or queries is None:
+        if along is None or queries is None or queries.passes(i, along):
             return None if along is None else along[1:]
-        if move.kind in move.hits:
-            return along[1:] if queries.passes(i, along) else None
-        hit = queries.moving(i, along)
-        if hit is None:
-            return along[1:]
-        if link.poses is not None and not is_partial(self.arm):
-            move.tool_barred = not queries.tool_passes(i, along)
-        move.hits[move.kind] = hit
+        if move.kind not in move.hits and (hit := queries.moving(i, along)):
+            move.hits[move.kind] = hit
         return None

@@ -79,10 +79,11 @@ def tell(motion: Motion, no_way_back: Hit | None) -> None:
 
 def warn_of_closeness(error: PlanError) -> None:
     """Warn that only a motion is free that comes nearer to something than is kept elsewhere."""
-    first, second = error.fields["bodies"]  # type: ignore[misc]
+    bodies = error.fields["bodies"]
+    assert isinstance(bodies, tuple)
     message = (
         f"a motion was only found that comes nearer to something than {1e3 * MARGIN_M:g} mm (no less than "
-        f"{1e3 * CLOSE_M:g} mm, as for {first} and {second}): check that the calibration's obstacles are where they are"
+        f"{1e3 * CLOSE_M:g} mm, as for {bodies[0]} and {bodies[1]}): check that the calibration's obstacles are where they are"
     )
     warnings.warn(message, PbdWarning, stacklevel=3)
 

@@ -7,7 +7,8 @@ import re
 from datetime import date
 
 _STAMP = re.compile(
-    r"\s*(?:(\d{1,4})[-/.](\d{1,2})[-/.](\d{1,4})[T\s]\s*)?(\d{1,2}):(\d{1,2}):(\d{1,2})(?:([.,])(\d+)|:(\d{1,3}))?Z?\s*"
+    r"\s*(?=\d)(?:(\d{1,4})[-/.](\d{1,2})[-/.](\d{1,4})(?:[T\s]\s*(?=\d)|\s*$))?"
+    r"(?:(\d{1,2}):(\d{1,2}):(\d{1,2})(?:([.,])(\d+)|:(\d{1,3}))?\s*(?:Z|UTC|[+-]\d{2}:?\d{2})?)?\s*"
 )
 DAY_S = 86400.0
 MILLENNIUM = date(2000, 1, 1).toordinal()
@@ -48,10 +49,16 @@ def finite_list(text: str, count: int) -> tuple[float, ...]:
     return tuple(map(finite, words))
 
 
-def seconds(text: str) -> float:
-    """Seconds of a number, of `2026-10-02T07:48:45.830`, `2025-10-9 8:18:9:94` (its ms) or `16:33:23.123`.
+def is_stamp(text: str) -> bool:
+    """Whether it is a date, a time of day or both."""
+    return _STAMP.fullmatch(text) is not None
 
-    An empty text, or "null", is NaN. Dates count from the year 2000, times of day from midnight.
+
+def seconds(text: str) -> float:
+    """Seconds of a number, of `2026-10-02T07:48:45.830+02:00`, `2025-10-9 8:18:9:94` (its ms), a date or a time of day.
+
+    A zone is passed over: it is the same in all rows. An empty text, or "null", is NaN. Dates count from the year 2000,
+    times of day from midnight.
 
     Raises:
         ValueError: none of these.
@@ -67,4 +74,4 @@ def seconds(text: str) -> float:
         month, day = (day, month) if int(month) > 12 else (month, day)
         days = date(int(year), int(month), int(day)).toordinal() - MILLENNIUM
     part = float(f"0.{fraction}") if mark else int(ms or 0) / 1e3
-    return days * DAY_S + 3600.0 * int(hour) + 60.0 * int(minute) + int(second_of_minute) + part
+    return days * DAY_S + 3600.0 * int(hour or 0) + 60.0 * int(minute or 0) + int(second_of_minute or 0) + part

@@ -19,7 +19,7 @@ from collections.abc import Callable
 from functools import partial
 from math import isfinite, nan, pi, radians
 from struct import Struct
-from typing import TypedDict, cast
+from typing import TypedDict
 
 from pbd.sensors.attitude import from_north_east_down, from_north_west_up, rpy_from_quaternion, wrapped
 from pbd.sensors.decoding import Triple
@@ -110,21 +110,15 @@ ITEMS = _items()
 def read_items(payload: bytes) -> Items | None:
     """The payload's items; None where its sizes or its numbers are impossible."""
     found: dict[str, tuple[float, ...]] = {}
-    at, end = 0, len(payload)
-    while at < end:
-        if at + 3 > end:
-            return None
+    at, end, total = 0, len(payload), 0.0
+    while at + 3 <= end:
         identifier, size = _HEAD(payload, at)
         at += 3
-        if at + size > end:
-            return None
-        item = ITEMS.get(identifier)
-        if item is not None:
-            what, expected, read = item
-            if size != expected:
+        if identifier in ITEMS:
+            what, expected, read = ITEMS[identifier]
+            if size != expected or at + size > end:
                 return None
             found[what] = numbers = read(payload, at)
-            if not isfinite(sum(numbers)):
-                return None
+            total += sum(numbers)
         at += size
-    return cast(Items, found)
+    return found if at == end and isfinite(total) else None  # type: ignore[return-value]

@@ -177,3 +177,73 @@ def test_an_elbow_is_held_as_it_must_be() -> None:
 def test_no_layers_but_the_start(count: int) -> None:
     layers = random_layers(np.random.default_rng(0), [1] * count)
     assert Ladder(layers).search(lambda *_: True, lambda *_: 0.0) == [0] * (count + 1)
+
+
+class Totalled(Ladder):
+    """Counts the layers whose shortest paths are worked out."""
+
+    count = 0
+
+    def shortest(self) -> list[int] | Barred:
+        self.count += self.end - len(self._totals)
+        return super().shortest()
+
+
+def by_windows(layers: list[Layer], world: World, window: int) -> tuple[list[int], int]:
+    ladder = Totalled(layers)
+    ladder.end = min(window, len(layers))
+    while True:
+        path = ladder.search(world.stands, world.free_move)
+        assert isinstance(path, list)
+        if ladder.end == len(layers):
+            return path, ladder.count
+        ladder.advance(path, ladder.end - window // 2, ladder.end + window // 2)
+
+
+def test_what_a_long_ladder_costs_grows_with_its_layers() -> None:
+    """So do the moves that are asked about; and the path is hardly longer than that of a search of all at once."""
+    asked, counts = [], []
+    for length in (60, 120):
+        layers = random_layers(np.random.default_rng(3), [4] * length)
+        world = World(np.random.default_rng(3), layers, 0.1, 0.3)
+        path, count = by_windows(layers, world, 16)
+        assert world.free(tuple(path))
+        asked.append(len(set(world.asked)))
+        counts.append(count)
+        whole = random_layers(np.random.default_rng(3), [4] * length)
+        best = Ladder(whole).search(world.stands, world.free_move)
+        assert isinstance(best, list)
+        assert world.length(tuple(path)) <= 1.05 * world.length(tuple(best))
+    assert counts[1] < 2.4 * counts[0]
+    assert asked[1] < 2.4 * asked[0]
+
+
+def test_what_was_decided_is_sought_anew_once_it_is_released() -> None:
+    """The way that is decided leads nowhere: the one beside it does."""
+    q = np.array([[0.0, 0.0], [1.0, 0.0]])
+    layers = [Layer(q[:1], np.zeros(1), MANY), *(Layer(q, np.zeros(2), MANY) for _ in range(3))]
+    ladder = Ladder(layers)
+    ladder.end = 3
+
+    def free(place: int, before: Array, after: Array) -> float:
+        return np.inf if (place == 2 and before[0] != after[0]) or (place == 3 and before[0] == 0.0) else 0.0
+
+    path = ladder.search(lambda *_: True, free)
+    assert path == [0, 0, 0]
+    ladder.advance(path, 1, 4)
+    assert isinstance(ladder.search(lambda *_: True, free), Barred)
+    ladder.release()
+    assert ladder.search(lambda *_: True, free) == [0, 1, 1, 1]
+
+
+def test_what_is_weighed_is_only_asked_about_while_it_is_on_the_shortest_path() -> None:
+    layers = [Layer(np.zeros((1, 2)), np.zeros(1), 1), Layer(np.array([[0.1, 0.0], [0.2, 0.0]]), np.zeros(2), 1)]
+    asked = []
+
+    def free(place: int, before: Array, after: Array) -> float:
+        asked.append(float(after[0]))
+        return 0.0
+
+    heavy = Ladder(layers).search(lambda *_: True, free, lambda place, before, after: 5.0 * (after[0] == 0.1))
+    assert heavy == [0, 1]
+    assert asked == [0.2]

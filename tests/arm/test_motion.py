@@ -13,7 +13,7 @@ from pbd.arm import motion as motion_module
 from pbd.arm.collision.clearance import CLOSE_M, MARGIN_M
 from pbd.arm.collision.motion_check import check_motion
 from pbd.arm.collision.queries import APPROACH_M, CollisionQueries
-from pbd.arm.collision.scene import CollisionScene
+from pbd.arm.collision.scene import CollisionScene, Leg
 from pbd.arm.ik import cartesian
 from pbd.arm.ik.cartesian import line
 from pbd.arm.motion import choose_motion
@@ -138,6 +138,40 @@ def test_what_is_barred_is_mended_where_it_is() -> None:
              for a, b in pairwise(poses)]  # fmt: skip
     motion = chosen(poses, WALL, approach=False, hand=lambda: paths)
     assert kinds(motion) == [STRAIGHT, STRAIGHT, DEMO, STRAIGHT, DEMO, STRAIGHT, DEMO]
+
+
+def test_many_keyframes_cost_as_much_each_as_few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """More than one window of them; what is checked is counted."""
+    counted, passes = list[int](), CollisionQueries.passes
+
+    def count(self: CollisionQueries, i: int, q: Array) -> bool:
+        counted.append(i)
+        return passes(self, i, q)
+
+    monkeypatch.setattr(CollisionQueries, "passes", count)
+    checks = []
+    for many in (1, 3):
+        poses = [moved(x=0.002 * i, y=(-0.2, 0.2)[i % 2], z=-0.1) for i in range(30)] * many
+        counted.clear()
+        motion = chosen(poses, approach=False)
+        assert kinds(motion) == [STRAIGHT] * len(poses)
+        checks.append(len(counted) / len(poses))
+    assert checks[1] < 1.3 * checks[0]
+
+
+def test_a_path_on_which_the_tool_touches_is_not_followed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the tool carries is told by its poses alone: no joints are sought along the line."""
+    followed = list[object]()
+    monkeypatch.setattr(link_checks, "follow", lambda *args: followed.append(args))
+    with pytest.warns(PbdWarning, match="goes around the plate"):
+        assert kinds(chosen((LEFT, RIGHT), PLATE, approach=False)) == [STRAIGHT, DETOUR]
+    assert not followed
+    scene = CollisionScene(ARM, None, PLATE)
+    line_of_tool = line(LEFT, RIGHT)
+    hit = scene.tool_hit(line_of_tool, Leg())
+    assert hit is not None
+    assert hit.second == "the plate"
+    assert scene.tool_hit(line_of_tool[:5], Leg()) is None
 
 
 def test_where_the_hand_itself_went_through_it_is_refused_with_all_that_was_tried() -> None:

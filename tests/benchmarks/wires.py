@@ -134,7 +134,7 @@ MIXED = {
     "xsens": Wire(PROTOCOLS["xsens"].decoder, xsens.packets, 400, xsens.checked),
     "lines": Wire(_line_decoder, _line_packets, 1000),
     "razor": Wire(PROTOCOLS["razor"].decoder, _razor_packets, 50),
-    "phyphox": Wire(PROTOCOLS["phyphox"].decoder, lambda count: _phyphox_rows(count, 1), 400),
+    "phyphox": Wire(PROTOCOLS["phyphox"].decoder, lambda count: _phyphox_rows(count, 4), 400),
     "gamepad": Wire(PROTOCOLS["gamepad"].decoder, _gamepad_reports, 250),
 }
 

@@ -111,7 +111,7 @@ def test_swapped_axes_are_said_and_what_it_says_to_do_helps(swapped: Path, capsy
         "--column; no unit given",
         "its name; no unit given",
     ]
-    assert told["unread"] == {"battery": "its name says nothing that is needed"}
+    assert told["unread"] == {"battery": "nothing inertial"}
 
 
 def test_the_table_has_every_column(swapped: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -84,6 +84,7 @@ def test_the_experiment_has_the_three_sensors_with_gravity(
 
 def test_a_small_terminal_shows_code_after_code(tmp_path: Path) -> None:
     terminal = Terminal("sensors", "phyphox", cwd=tmp_path)
+    terminal.until("\x1b[97;40m")  # the colours reach it as such
     terminal.until("code 1 of ")
     terminal.type("\n" * 12)
     terminal.until("add experiment from QR code")

@@ -12,7 +12,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from pbd.data import GRAVITY, Recording
 from pbd.errors import RecordingError, UsageError
-from pbd.files.importers import import_file
+from pbd.files.importers import import_file, import_recording
+from pbd.files.importers.columns import Column
 from pbd.pose import Array
 
 DEG = math.pi / 180.0
@@ -239,10 +240,28 @@ def test_two_clocks_are_one_too_many(tmp_path: Path) -> None:
 # --- every format -----------------------------------------------------------------------------------------------------
 
 
-def test_an_npz_takes_no_columns(tmp_path: Path) -> None:
-    for columns, units in (({"ax": "x"}, {}), ({}, {"acc": "g"})):
-        with pytest.raises(RecordingError, match="leave --column and --unit out"):
-            import_file(tmp_path / "run.npz", columns, units)
+def test_axes_and_units_are_mended_without_a_header(tmp_path: Path) -> None:
+    np.savez(tmp_path / "run.npz", rate_hz=100.0, acc=COUNTING, gyr=COUNTING)
+    columns = {"ax": "-ay", "ay": "acc.x", "gz": "-gyr.z"}
+    read = import_recording(tmp_path / "run.npz", columns, {"acc": "-g"})
+    assert_allclose(read.demo.recording.acc, -GRAVITY * COUNTING[:, [1, 0, 2]] * (-1.0, 1.0, 1.0))
+    assert_allclose(channel(read.demo.recording, "gyr"), COUNTING * (1.0, 1.0, -1.0))
+    assert read.understood is not None
+    rows = {
+        row["column"]: (row["read_as"], row["unit"], row["decided_by"])
+        for row in map(Column.row, read.understood.columns)
+    }
+    assert rows["acc.y"] == ("ax", "g", "--column; unit: --unit")
+    assert rows["gyr.z"] == ("-gz", "rad/s", "--column; unit: its name")
+    for given, units, message in (
+        ({"ax": "gyr.x"}, {}, r"no column 'gyr\.x'; its columns for ax are acc\.x, acc\.y, acc\.z"),
+        ({"mx": "my"}, {}, r"no column 'my'; its columns for mx are \(none\)"),
+        ({"a": "ax"}, {}, "unknown channel 'a'"),
+        ({}, {"t": "ms"}, "the unit t=ms is not known here; give it for gyr, acc"),
+        ({}, {"acc": "lb"}, "the unit acc=lb is not known here; give one of m/s2, "),
+    ):
+        with pytest.raises((RecordingError, UsageError), match=message):
+            import_file(tmp_path / "run.npz", given, units)
 
 
 def test_a_suffix_that_nobody_knows(tmp_path: Path) -> None:

@@ -112,13 +112,14 @@ def test_an_ximu3s_folder(tmp_path: Path) -> None:
     (tmp_path / "Magnetometer.csv").write_text(f"{field}1000000,1,0,-1\n1005000,0,0,-1\n")
     (tmp_path / "Quaternion.csv").write_text("Timestamp (us),W,X,Y,Z\n1000000,1,0,0,0\n")
     read = import_recording(tmp_path)
-    assert read.demo.recording.acc[0, 2] == GRAVITY
-    assert read.demo.recording.mag is not None
-    assert_allclose(read.demo.recording.mag, [[1.0, 0.0, -1.0], [0.5, 0.0, -1.0]])
-
+    assert decided(read)["mx"] == "Magnetometer.csv: Magnetometer X (a.u.)"
     assert read.understood is not None
+    assert read.understood.unread == {"Quaternion.csv": "a file that isn't used"}
+    recording = read.demo.recording
+    assert recording.acc[0, 2] == GRAVITY
+    assert recording.mag is not None
+    assert_allclose(recording.mag, [[1.0, 0.0, -1.0], [0.5, 0.0, -1.0]])
     its = [f"Magnetometer.csv: Magnetometer {axis} (a.u.)" for axis in "XYZ"]
-    assert [column.name for column in read.understood.of("mag")] == its
     turned = import_recording(tmp_path, {"mx": f"-{its[2]}", "mz": its[0]}).demo.recording.mag
     assert turned is not None
     assert_allclose(turned[0], [1.0, 0.0, 1.0])
@@ -176,25 +177,41 @@ def test_a_gyro_by_any_name(tmp_path: Path, header: str, scale: float) -> None:
     assert_allclose(recording.gyr[0], np.array((1.0, 2.0, 3.0)) * scale)
 
 
-@pytest.mark.parametrize("names", ["turnX, turnY, turnZ", "gyroP, gyroQ, gyroR", "rotation_rate_1, gyro2"])
-def test_what_looks_inertial_is_never_dropped(tmp_path: Path, names: str) -> None:
-    first = names.partition(",")[0]
-    with pytest.raises(RecordingError, match=rf"{names} look like a gyro, .* --column gx={first} and its"):
-        imported(tmp_path, f"t,ax,ay,az,{names}\n0,0,0,9.8{',1' * len(names.split())}\n")
+def test_what_looks_inertial_is_never_dropped(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"turnX, turnY, turnZ look like a gyro, .* --column gx=turnX and its"):
+        imported(tmp_path, "t,ax,ay,az,turnX,turnY,turnZ\n0,0,0,9.8,1,2,3\n")
 
 
-def test_each_column_that_is_not_read_has_its_reason(tmp_path: Path) -> None:
-    header = "t,ax,ay,az,gx,gy,gz,Accel_WR_X,heading,gyr_norm,Temperature(°C),gyro_status,battery"
-    read = imported(tmp_path, f"{header}\n0,0,0,9.8{',1' * 9}\n1,0,0,9.8{',1' * 9}\n")
+@pytest.mark.parametrize(
+    ("header", "what", "option"),
+    [
+        ("gyroQ", "looks like a gyro", "gx=gyroQ"),
+        ("rotationRateAlpha,rotationRateBeta", "look like a gyro", "gx=rotationRateAlpha"),
+        ("GYRO1", "looks like a gyro", "gx=GYRO1"),
+        ("imu_gyro_fwd", "looks like a gyro", "gx=imu_gyro_fwd"),
+        ("pitch_rate", "looks like a gyro", "gx=pitch_rate"),
+        ("mag1", "looks like inertial data", "mx=mag1"),
+    ],
+)
+def test_nor_what_has_no_axis_that_is_known(tmp_path: Path, header: str, what: str, option: str) -> None:
+    cells = ",1" * len(header.split(","))
+    with pytest.raises(RecordingError, match=rf"{what}, but .* with --column {option} and its like"):
+        imported(tmp_path, f"t,ax,ay,az,{header}\n0,0,0,9.8{cells}\n")
+    read = imported(tmp_path, f"t,ax,ay,az,gx,gy,gz,mx,my,mz,{header}\n0,0,0,9.8,1,2,3,1,2,3{cells}\n")
     assert read.understood is not None
-    assert read.understood.unread == {
-        "Accel_WR_X": "'ax' is read as ax",
-        "heading": "an attitude that isn't used",
-        "gyr_norm": "not along one axis",
-        "Temperature(°C)": "a temperature",
-        "gyro_status": "not along one axis",
-        "battery": "its name says nothing that is needed",
-    }
+    assert all(why.startswith("another column has the ") for why in read.understood.unread.values())
+
+
+def test_what_is_said_of_a_sensor_is_no_reading_of_it(tmp_path: Path) -> None:
+    """SensorLog's, Shimmer's and `rostopic echo -p`'s columns that no gyro or magnetometer is in, and others."""
+    names = (
+        "gyroTimestamp_sinceReboot(s),gyro_temp,motionMagneticFieldCalibrationAccuracy(Z),gyro_range,mag_norm,frame_rate,"
+        "field.angular_velocity_covariance0,magneticHeading,accuracy,image,language,rotation_vector,heart_rate,gyro_bias_x"
+    )
+    read = imported(tmp_path, f"t,ax,ay,az,{names}\n0,0,0,9.8{',1' * len(names.split(','))}\n")
+    assert read.understood is not None
+    assert list(read.understood.unread) == names.split(",")
+    assert all(read.understood.unread.values())
 
 
 def test_acceleration_without_gravity_is_no_specific_force(tmp_path: Path) -> None:
@@ -215,6 +232,23 @@ def test_the_right_time_of_several(tmp_path: Path, header: str, rows: tuple[str,
     read = imported(tmp_path, f"{header},ax,ay,az\n" + "".join(f"{row},0,0,9.8\n" for row in rows))
     assert decided(read)["t"] == wanted
     assert_allclose(read.demo.recording.t, [0.0, 0.01])
+
+
+@pytest.mark.parametrize(
+    ("name", "stamps"),
+    [
+        ("Date", ("2024-01-01 10:00:00.990", "2024-01-01 10:00:01.000")),
+        ("Recorded", ("2024-12-31T23:59:59.990+02:00", "2025-01-01T00:00:00.000+02:00")),
+        ("wann", ("10:00:00.990", "10:00:01.000")),
+    ],
+)
+def test_a_date_is_a_time_whatever_its_name(tmp_path: Path, name: str, stamps: tuple[str, str]) -> None:
+    read = imported(tmp_path, f"day,{name},ax,ay,az\n" + "".join(f"2024-01-01,{at},0,0,9.8\n" for at in stamps))
+    assert_allclose(read.demo.recording.t, [0.0, 0.01], atol=1e-6)
+    assert read.understood is not None
+    assert read.understood.of("t")[0].named_by == "its dates"
+    with pytest.raises(RecordingError, match=r"no column for t \(time\)"):  # a clock that stands still is none
+        imported(tmp_path, f"{name},ax,ay,az\n" + 2 * f"{stamps[0]},0,0,9.8\n")
 
 
 def test_advice_has_the_files_names(tmp_path: Path) -> None:

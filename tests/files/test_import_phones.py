@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 
 from pbd.data import GRAVITY, Recording
 from pbd.errors import RecordingError
-from pbd.files.importers import import_file, phones
+from pbd.files.importers import import_file, import_recording, zipped
 
 N = 200
 T = np.arange(N) / 100.0
@@ -63,6 +63,21 @@ def test_android_reads_total_acceleration_from_zip_folder_and_csv(tmp_path: Path
         assert_allclose(got.t, T, atol=1e-6)
 
 
+def test_every_column_of_every_file_has_its_line(tmp_path: Path) -> None:
+    place = folder(tmp_path / "walk", {"TotalAcceleration": UP, "Accelerometer": UP - GRAVITY_PART, "Gyroscope": TURN})
+    (place / "Barometer.csv").write_text("time,seconds_elapsed,pressure\n0,0,1013\n")
+    understood = import_recording(packed(place)).understood
+    assert understood is not None
+    assert [column.ours for column in understood.columns] == ["t", "ax", "ay", "az", "t", "gx", "gy", "gz"]
+    assert understood.columns[0].name == "TotalAcceleration.csv: seconds_elapsed"
+    assert understood.unread == {
+        "Accelerometer.csv": "without gravity",
+        "TotalAcceleration.csv: time": "another column has the time",
+        "Gyroscope.csv: time": "another column has the time",
+        "Barometer.csv": "a file that isn't used",
+    }
+
+
 @pytest.mark.parametrize(
     ("tables", "standard"),
     [
@@ -74,6 +89,13 @@ def test_android_reads_total_acceleration_from_zip_folder_and_csv(tmp_path: Path
 )
 def test_signs_and_units_of_an_iphone(tmp_path: Path, tables: dict[str, np.ndarray], standard: str) -> None:
     assert_allclose(read(folder(tmp_path / "i", {**tables, "Gyroscope": TURN}, "ios", standard)).acc, UP, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["a{}", "-AccelerometerUncalibrated.csv: {}"], ids=["ours", "the file's"])
+def test_swapped_axes_of_an_iphone_are_mended_by_either_name(tmp_path: Path, name: str) -> None:
+    place = folder(tmp_path / "i", {"AccelerometerUncalibrated": -UP[:, [1, 0, 2]] / GRAVITY}, "ios")
+    columns = {"ax": name.format("y"), "ay": name.format("x")}
+    assert_allclose(import_file(place, columns).recording.acc, UP, atol=1e-9)
 
 
 @pytest.mark.parametrize("written", [UP, -UP / GRAVITY], ids=["Android's", "an iPhone's"])
@@ -156,7 +178,7 @@ def test_half_a_zip_and_a_bomb_are_one_line(tmp_path: Path, monkeypatch: pytest.
         half.write_bytes(whole[:cut])
         with pytest.raises(RecordingError, match=r"damaged or cut off .*; copy or export it again"):
             read(half)
-    monkeypatch.setattr(phones, "LARGEST_FILE", 100_000)
+    monkeypatch.setattr(zipped, "LARGEST_FILE", 100_000)
     with zipfile.ZipFile(half, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("TotalAcceleration.csv", b"0" * 1_000_000)
     with pytest.raises(RecordingError, match="has 1 MB, more than the 0 MB that are read"):

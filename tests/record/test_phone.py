@@ -6,6 +6,7 @@ import json
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -209,6 +210,7 @@ HOSTILE: list[Any] = [
     with_rows("1e3", "rm"),
     with_rows(True, False),
     with_rows(1e300, -1e300),
+    with_rows(10**400),
     b'{"buffer":{"acc_time":{"buffer":[' + b"9" * 6000 + b"]}}}",
     b"[" * 200_000,
     b'{"buffer":{"acc_time":{"buf',
@@ -235,6 +237,13 @@ def test_hostile_answers_cost_nothing_but_their_time(phone: Phone, monkeypatch: 
             hear(port, decoder, samples, phone.t)
     assert np.diff(times(samples)).max() < 0.01
     assert max(abs(x) for sample in samples for x in sample.acc or ()) < 30.0
+
+
+def test_hostile_answers_to_the_first_question_are_no_phone_at_most(phone: Phone) -> None:
+    for body in (body for body in HOSTILE if isinstance(body, bytes)):
+        phone.body = body
+        with suppress(SensorError), PhonePort(phone.address):
+            pass
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,7 @@ measured again after a motion of d + MARGIN_M, where they must be at least MARGI
 a from the one look and b before the next has a + b <= d + MARGIN_M, so a < d or b <= MARGIN_M. As every look finds at
 least MARGIN_M, a step of STEP_M = 2 MARGIN_M is always allowed; most are far longer.
 
-Where nobody wants to know what touches, a path is halved instead: two bodies that are d and e apart at its ends can't
-touch on it unless they move by d + e. So the looks in the middle, where most moves are barred, come first.
+Where nobody wants to know what touches see quick_clearance.py.
 
 Bodies are hulls. Where a link's hull is near another body, hulls of its parts are measured, then its mesh is asked
 whether they are MARGIN_M apart. Hulls are measured because coal's `collide` overlooks some deep contacts of theirs (4
@@ -16,7 +15,6 @@ in 10^5 pairs of so101). A distance that is not a number counts as a contact.
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -26,15 +24,13 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from pbd.arm.collision.configurations import JointPath, configurations
-from pbd.arm.collision.geometry import Body, mesh_to, meshes_apart, moves_with_tool, shape_of
+from pbd.arm.collision.geometry import Body, mesh_to, meshes_apart, shape_of
 from pbd.arm.collision.motion_bounds import rates
 from pbd.arm.model import ArmModel, to_se3
 from pbd.pose import Array
 
 MARGIN_M, CLOSE_M = 2.5e-3, 5e-4  # kept everywhere; and where nothing is free that keeps it
 STEP_M = 2.0 * MARGIN_M
-RECENT, REMEMBERED = 4, 2000
-"""Pairs that touched lately, which are looked at first; and coordinates of which the distances are kept."""
 
 Pairs = NDArray[np.int64]
 Allowed = Callable[[int, Array], bool]
@@ -52,7 +48,7 @@ class Contact:
     distance: float
 
 
-class _Walk(NamedTuple):
+class Walk(NamedTuple):
     """A path, and at each node pinocchio's configuration q (n, nq) and how far each coordinate has gone up to there, to
     and fro: `moved` (k + 1, n); and what may touch."""
 
@@ -62,6 +58,7 @@ class _Walk(NamedTuple):
     allowed: Allowed | None
 
     def may_touch(self, pair: int, node: int) -> bool:
+        """Whether a pair may touch at a node."""
         return self.allowed is not None and self.allowed(pair, self.path.x[node])
 
 
@@ -88,10 +85,7 @@ class Clearance:
             self._geometry.addCollisionPair(pin.CollisionPair(int(first), int(second)))
         pairs_of = [(self.bodies[a], self.bodies[b]) for a, b in self.pairs]
         self._mesh_to = np.array([mesh_to(*pair) for pair in pairs_of], dtype=np.float64)
-        self._of_tool = np.array([moves_with_tool(arm, *pair) for pair in pairs_of], dtype=bool)
         self._placed, self._data = self._geometry.createData(), arm.full.createData()
-        self._lately: list[int] = []  # pairs that touched, the last one first: the likeliest to touch next
-        self._known: dict[bytes, Array] = {}
 
     def distances(self, x: Array) -> Array:
         """Return the distance of each pair (p,) in m, negative as deep as they overlap, at coordinates (k + 1,)."""
@@ -106,41 +100,10 @@ class Clearance:
         distances = self._measured()
         return [(int(pair), float(distances[pair])) for pair in np.flatnonzero(~(distances >= self.margin_m))]
 
-    def touches(self, x: Array, allowed: Allowed | None = None) -> bool:
-        """Whether any pair that isn't allowed to is nearer than `margin_m` at coordinates (k + 1,)."""
-        if x.tobytes() not in self._known and self._touch_again(x, allowed):
-            return True
-        for pair in np.flatnonzero(~(self._remembered(x) >= self.margin_m)).tolist():
-            if not (allowed and allowed(pair, x)):
-                return self._touched(pair)
-        return False
-
-    def meets(
-        self, x: Array, path: Callable[[], JointPath], allowed: Allowed | None = None, tool_only: bool = False
-    ) -> bool:
-        """Whether any pair touches on a path; which one does first is for `first_contact` to say.
-
-        Args:
-            x: some coordinates (m, k + 1) on it, its start and its end first.
-            path: gives all of it; only asked if nothing touches at those.
-            allowed: what may touch where.
-            tool_only: leave out all but what moves with the tool and what stands still.
-        """
-        quick = [] if tool_only else [self.touches, self.touches, *[self._touch_again] * (len(x) - 2)]
-        if any(look(each, allowed) for look, each in zip(quick, x, strict=False)):
-            return True
-        walk, (at_start, at_end) = self._walk(path(), allowed), map(self._remembered, x[:2])
-        open_ = ~(at_start + at_end > self.rates @ walk.moved[:, -1])
-        near = np.flatnonzero(open_ & self._of_tool if tool_only else open_).tolist()
-        near.sort(key=lambda pair: self._lately.index(pair) if pair in self._lately else RECENT)
-        return any(self._halve(walk, pair, at_start[pair], at_end[pair]) and self._touched(pair) for pair in near)
-
     def witness(self, x: Array, pair: int) -> Array:
         """Where a pair is nearest or touches (3,), in pinocchio's world, at coordinates (k + 1,)."""
         self._place(configurations(self.arm, x[None])[0])
-        result = pin.computeDistance(self._geometry, self._placed, pair)
-        point: Array = 0.5 * (result.getNearestPoint1() + result.getNearestPoint2())
-        return point
+        return self._witness(pair)
 
     def always_touching(self, x: Array, share: float) -> dict[int, int]:
         """Return the pairs that touch in at least a share of coordinates (n, k + 1): in how many."""
@@ -185,18 +148,18 @@ class Clearance:
                 met = self._follow(walk, pair, node, self._distance(pair), stop)
         return found
 
-    def _walk(self, path: JointPath, allowed: Allowed | None) -> _Walk:
+    def _walk(self, path: JointPath, allowed: Allowed | None) -> Walk:
         moved = np.zeros_like(path.x.T)
         np.cumsum(np.abs(np.diff(path.x.T)), axis=1, out=moved[:, 1:])
-        return _Walk(path, configurations(self.arm, path.x), moved, allowed)
+        return Walk(path, configurations(self.arm, path.x), moved, allowed)
 
-    def _near(self, walk: _Walk) -> list[tuple[int, float]]:
+    def _near(self, walk: Walk) -> list[tuple[int, float]]:
         """Return the pairs that may meet on a path, with their distances at its start; most are too far apart."""
         at_start = self.distances(walk.path.x[0])
         near = np.flatnonzero(~(at_start - self.margin_m >= self.rates @ walk.moved[:, -1])).tolist()
         return [(pair, float(at_start[pair])) for pair in near]
 
-    def _follow(self, walk: _Walk, pair: int, node: int, distance: float, stop: int) -> tuple[int, float] | None:
+    def _follow(self, walk: Walk, pair: int, node: int, distance: float, stop: int) -> tuple[int, float] | None:
         """Return the first node up to `stop` at which a pair touches, and their distance; given that at `node`."""
         travel = self.rates[pair] @ walk.moved
         while True:
@@ -208,47 +171,7 @@ class Clearance:
             self._place(walk.q[node])
             distance = self._distance(pair)
 
-    def _halve(self, walk: _Walk, pair: int, at_start: float, at_end: float) -> bool:
-        """Whether a pair touches inside a path; given their distances at its ends, where they may."""
-        travel = (self.rates[pair] @ walk.moved).tolist()
-        parts = [(0, max(at_start, self.margin_m), len(travel) - 1, max(at_end, self.margin_m))]
-        for first, before, last, after in parts:
-            if last - first < 2 or before + after > travel[last] - travel[first]:
-                continue
-            # In the middle of what the two distances leave open.
-            middle = 0.5 * (travel[first] + before + travel[last] - after)
-            node = bisect_left(travel, middle, first + 1, last - 1)
-            self._place(walk.q[node])
-            distance = self._distance(pair)
-            if not distance >= self.margin_m:
-                if not walk.may_touch(pair, node):
-                    return True
-                distance = self.margin_m
-            parts += ((first, before, node, distance), (node, distance, last, after))
-        return False
-
-    def _remembered(self, x: Array) -> Array:
-        """Measure all distances once: the same joints are come from and gone to again and again."""
-        key = x.tobytes()
-        if key not in self._known:
-            if len(self._known) == REMEMBERED:
-                self._known.clear()
-            self._known[key] = self.distances(x)
-        return self._known[key]
-
-    def _touch_again(self, x: Array, allowed: Allowed | None) -> bool:
-        """Whether any of the pairs that touched lately touches."""
-        self._place(configurations(self.arm, x[None])[0])
-        return any(
-            not self._distance(pair) >= self.margin_m and not (allowed and allowed(pair, x)) for pair in self._lately
-        )
-
-    def _touched(self, pair: int) -> bool:
-        """Remember a pair that touched."""
-        self._lately = [pair, *(each for each in self._lately if each != pair)][:RECENT]
-        return True
-
-    def _until_clear(self, walk: _Walk, contact: Contact) -> Contact:
+    def _until_clear(self, walk: Walk, contact: Contact) -> Contact:
         """Follow a contact to its end, or to where it is allowed."""
         travel = self.rates[contact.pair] @ walk.moved
         last, deepest, node, least = contact.first, contact.first, contact.first, contact.distance
@@ -287,6 +210,11 @@ class Clearance:
     def _distance(self, pair: int) -> float:
         distance = self._hull_distance(pair)
         return self._of_meshes(pair, distance) if -self._mesh_to[pair] < distance < self.margin_m else distance
+
+    def _witness(self, pair: int) -> Array:
+        result = pin.computeDistance(self._geometry, self._placed, pair)
+        point: Array = 0.5 * (result.getNearestPoint1() + result.getNearestPoint2())
+        return point
 
     def _hull_distance(self, pair: int) -> float:
         return float(pin.computeDistance(self._geometry, self._placed, pair).min_distance - self._pads[pair])

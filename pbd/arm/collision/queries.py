@@ -14,6 +14,7 @@ import numpy as np
 
 from pbd.arm.collision.scene import CollisionScene, Hit, Leg
 from pbd.arm.ik.cartesian import line, refine
+from pbd.arm.ik.partial_pose import is_partial
 from pbd.arm.model import ArmModel
 from pbd.pose import Array, Pose
 
@@ -54,9 +55,9 @@ class CollisionQueries:
         """Whether it touches nothing on its way to keyframe i, straight from each of joints (m, k) to the next."""
         return not self.scene.meets(q, self.legs[i])
 
-    def tool_passes(self, i: int, q: Array) -> bool:
-        """Whether at least what moves with the tool touches nothing that stands still; see `passes`."""
-        return not self.scene.meets(q, self.legs[i], tool_only=True)
+    def tool_hit(self, i: int, T_base_tool: Sequence[Pose]) -> Hit | None:
+        """Return a hit of what moves with the tool on its way to keyframe i, which is there however the arm is held."""
+        return None if is_partial(self.arm) else self.scene.tool_hit(T_base_tool, self.legs[i])
 
     def approach(self, q_start: Array, q: Array) -> Array | None:
         """Return the joints (m, k) by which the arm comes to keyframe 0, None where it can't."""

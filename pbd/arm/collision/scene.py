@@ -16,9 +16,10 @@ from functools import partial
 import numpy as np
 
 from pbd.arm.collision.allowed_collisions import NEARLY_ALWAYS, SAMPLES, Unchecked, link_pairs, samples
-from pbd.arm.collision.clearance import CLOSE_M, MARGIN_M, Allowed, Clearance, Pairs
+from pbd.arm.collision.clearance import CLOSE_M, MARGIN_M, Allowed, Pairs
 from pbd.arm.collision.geometry import Body, apart
 from pbd.arm.collision.motion_bounds import rates
+from pbd.arm.collision.quick_clearance import QuickClearance
 from pbd.arm.gripper import THE_TOOL, arm_bodies, gripper_links, tool_on_joint
 from pbd.arm.model import ArmModel, from_se3
 from pbd.arm.path_sampling import polyline
@@ -33,8 +34,6 @@ REST_M = 0.03
 
 STEEP = float(np.cos(np.radians(45.0)))
 """What an object stands on holds it up at less than this angle from the vertical: least z of its normal."""
-
-_LIKELY = np.array([[0.5], [0.25], [0.75]])  # where a straight move is looked at first
 
 MOST_STAYS = 64
 """For how many places of the object the pairs are remembered."""
@@ -73,10 +72,11 @@ class Leg:
 
 @dataclass(frozen=True, eq=False)
 class PairSet:
-    """Pairs of bodies, and which of them may touch where."""
+    """Pairs of bodies, and which of them may touch where: at which coordinates, with the tool at which T_base_tool."""
 
-    clearance: Clearance
+    clearance: QuickClearance
     allowed: Allowed | None = None
+    allowed_of_tool: Callable[[int, Pose], bool] | None = None
 
 
 class CollisionScene:
@@ -141,25 +141,33 @@ class CollisionScene:
         x = np.append(q, leg.opening)
         return any(each.clearance.touches(x, each.allowed) for each in self.pair_sets(leg.stay))
 
-    def meets(self, q: Array, leg: Leg, *, tool_only: bool = False) -> bool:
+    def meets(self, q: Array, leg: Leg) -> bool:
         """Whether there is a hit on straight moves in joint space from each of joints (m, k) to the next.
-
-        `tool_only`: of what moves with the tool, with what stands still.
 
         What comes nearer than MARGIN_M but doesn't touch counts where somebody looks: `check_path` looks elsewhere.
         """
         if len(q) == 1:
             return self.touches(q[0], leg)
-        middle = q[len(q) // 2][None] if len(q) > 2 else q[0] + _LIKELY * (q[-1] - q[0])
-        x = np.vstack((q[[0, -1]], middle))
-        x = np.column_stack((x, np.full(len(x), leg.opening)))
-        opening, step_m = leg.opening, 2.0 * self.margin_m
-        return any(
-            each.clearance.meets(
-                x, partial(polyline, q, opening, each.clearance.rates, step_m), each.allowed, tool_only
-            )
-            for each in self.pair_sets(leg.stay)
-        )
+        x = np.column_stack((q[[0, -1]], (leg.opening, leg.opening)))
+        for each in self.pair_sets(leg.stay):
+            if len(q) == 2:
+                found = each.clearance.meets(x, each.allowed)
+            else:
+                path = partial(polyline, q, leg.opening, each.clearance.rates, 2.0 * self.margin_m)
+                found = each.clearance.meets_along(x, path, each.allowed)
+            if found:
+                return True
+        return False
+
+    def tool_hit(self, T_base_tool: Sequence[Pose], leg: Leg) -> Hit | None:
+        """Return a hit of what moves with the tool at some poses, which is there however the arm is held."""
+        middle_first = sorted(range(len(T_base_tool)), key=lambda i: abs(2 * i - len(T_base_tool)))
+        for each in self.pair_sets(leg.stay):
+            poses = (T_base_tool[i] for i in middle_first)
+            met = each.clearance.tool_contact(poses, leg.opening, each.allowed_of_tool)
+            if met is not None:
+                return self._hit(each, *met)
+        return None
 
     def check_path(self, q: Array, leg: Leg | None = None) -> Hit | None:
         """Return the first hit of straight moves in joint space from each of joints (m, k) to the next."""
@@ -212,9 +220,11 @@ class CollisionScene:
 
     def as_hit(self, pairs: PairSet, pair: int, x: Array, distance: float, share: float = 0.0) -> Hit:
         """Describe a pair that touches at coordinates x (k + 1,)."""
+        return self._hit(pairs, pair, distance, pairs.clearance.witness(x, pair), share)
+
+    def _hit(self, pairs: PairSet, pair: int, distance: float, p_universe: Array, share: float = 0.0) -> Hit:
         first, second = (pairs.clearance.bodies[i].name for i in pairs.clearance.pairs[pair])
-        p_base = self._T_universe_base.inverse().act(pairs.clearance.witness(x, pair))
-        return Hit(first, second, distance, p_base, share)
+        return Hit(first, second, distance, self._T_universe_base.inverse().act(p_universe), share)
 
     def _object_pairs(self, stay: Stay) -> PairSet:
         thing = self._grasped
@@ -235,16 +245,24 @@ class CollisionScene:
             for row, (_, second) in enumerate(around)
         }
 
+        def allowed_of_tool(pair: int, T_base_tool: Pose) -> bool:
+            p = (T_base_tool @ stay.pose).p
+            return any(np.linalg.norm(p - rest) <= REST_M for rest in rests.get(pair, ()))
+
         def allowed(pair: int, x: Array) -> bool:
-            if not rests.get(pair):
-                return False
-            p = (self.arm.forward(x[:-1]) @ stay.pose).p
-            return any(np.linalg.norm(p - rest) <= REST_M for rest in rests[pair])
+            return bool(rests.get(pair)) and allowed_of_tool(pair, self.arm.forward(x[:-1]))
 
-        return self._pair_set(bodies, np.concatenate((pairs, around)), allowed)
+        return self._pair_set(bodies, np.concatenate((pairs, around)), allowed, allowed_of_tool)
 
-    def _pair_set(self, bodies: Sequence[Body], pairs: Pairs, allowed: Allowed | None = None) -> PairSet:
-        return PairSet(Clearance(self.arm, bodies, pairs, self.margin_m), allowed)
+    def _pair_set(
+        self,
+        bodies: Sequence[Body],
+        pairs: Pairs,
+        allowed: Allowed | None = None,
+        allowed_of_tool: Callable[[int, Pose], bool] | None = None,
+    ) -> PairSet:
+        clearance = QuickClearance(self.arm, bodies, pairs, self.margin_m)
+        return PairSet(clearance, allowed, allowed_of_tool)
 
     def _stands_on(self, thing: Body, T_base_thing: Pose, support: Body) -> bool:
         """Whether something that stands still holds up an object."""
@@ -261,7 +279,7 @@ class CollisionScene:
     def _off_the_table(self, around: Pairs) -> Pairs:
         """Leave out what is on the table however the arm stands: a turntable that it is mounted with."""
         on_table = np.flatnonzero([self._bodies[second].name == TABLE for _, second in around])
-        clearance = Clearance(self.arm, self._bodies, around[on_table])
+        clearance = QuickClearance(self.arm, self._bodies, around[on_table])
         always = on_table[list(clearance.always_touching(samples(self.arm, SAMPLES), NEARLY_ALWAYS))]
         why = "on it in nearly every configuration"
         self.unchecked += tuple(Unchecked(self._bodies[link].name, TABLE, why) for link, _ in around[always])

@@ -12,6 +12,7 @@ from pbd.cli.console import print_json, say
 from pbd.errors import SensorError
 from pbd.io.atomic import atomic_file, refuse_output
 from pbd.sensors.phyphox.experiment import MOST_CODES, NAME, code_parts, experiment
+from pbd.view.terminal import drawing
 
 BORDER = 2
 """Light modules around a code. Four are the standard's; the app's reader takes two, and a terminal has few lines."""
@@ -80,7 +81,8 @@ def _show(segno: object) -> None:
     for k, code in enumerate(codes):
         drawn = io.StringIO()
         code.terminal(drawn, border=BORDER, compact=True)
-        print("\n".join(f"{WHITE_ON_BLACK}{line}{PLAIN}" for line in drawn.getvalue().splitlines()))
+        rows = (f"{WHITE_ON_BLACK}{line}{PLAIN}" for line in drawn.getvalue().splitlines())
+        print("\n".join(rows), file=drawing(sys.stdout))
         if count > 1:
             print(f"code {k + 1} of {count}: scan it, then press Enter", flush=True)
             sys.stdin.readline()

@@ -50,8 +50,8 @@ def import_recording(
     Args:
         path: .csv, .txt, .tsv or .log with a header or with names beside the numbers; .npz; .mcap, .db3 or a rosbag2's
             folder; an x-IMU3's folder; a zip or folder of Sensor Logger's or phyphox', or a CSV in it.
-        columns: of a table: ours (t, gx ... mz, heading, pitch, roll) -> the file's, where the header doesn't tell.
-        units: of a table: of t, gyr, acc, mag or angle, where the header doesn't tell.
+        columns: ours (t, gx ... mz, heading, pitch, roll) -> the file's, where the header doesn't tell.
+        units: of t, gyr, acc, mag or angle, where the header doesn't tell.
         rate_hz: of a table without times.
         topic: of a bag with several.
 
@@ -61,35 +61,38 @@ def import_recording(
     source = path / XIO_FILE if (path / XIO_FILE).is_file() else path
     suffix, truth, understood = source.suffix.lower(), None, None
     is_bag = suffix in (".mcap", ".db3") or (source / "metadata.yaml").is_file()
-    may_be_phone = not is_bag and (source.is_dir() or suffix in (".csv", ".zip")) and not columns and not units
+    columns, units = columns or {}, units or {}
+    # A phone's CSV whose columns are named is a table like any other.
+    is_table = suffix == ".csv" and (columns or units) and not any(".csv: " in name for name in columns.values())
+    may_be_phone = not is_bag and (source.is_dir() or suffix in (".csv", ".zip")) and not is_table
     if topic is not None and not is_bag:
         raise RecordingError(f"{path}: only a bag has topics; leave --topic out", path=path)
-    if suffix == ".npz" or is_bag:
-        kind, what = ("a bag", "messages") if is_bag else ("an npz", "named arrays")
-        if columns or units:
-            raise RecordingError(f"{path}: {kind} has {what} in SI units; leave --column and --unit out")
-        if rate_hz is not None:
-            its = "times of its own" if is_bag else "its own rate_hz"
-            raise RecordingError(f"{path}: {kind} has {its}; leave --rate out", path=path)
     phone = None
     if may_be_phone:
         from pbd.files.importers.phones import read_phone
 
         phone = read_phone(source)
+    if rate_hz is not None and (phone is not None or is_bag or suffix == ".npz"):
+        its = "a bag has" if is_bag else "an npz has its own rate_hz" if suffix == ".npz" else "a phone's recording has"
+        times = "" if suffix == ".npz" else " times of its own"
+        raise RecordingError(f"{path}: {its}{times}; leave --rate out", path=path)
     if phone is not None:
         recording, understood = phone
     elif is_bag:
         from pbd.files.importers.bag import read_bag
 
-        recording = read_bag(source, topic)
+        recording, understood = read_bag(source, topic)
     elif suffix == ".npz":
         from pbd.files.importers.npz import read_npz
 
-        recording, truth = read_npz(source)
+        recording, understood, truth = read_npz(source)
     elif suffix in TEXT:
         from pbd.files.importers.csv import read_csv
 
-        recording, understood = read_csv(source, columns or {}, units or {}, rate_hz)
+        beside = {ours: name for ours, name in columns.items() if ".csv: " in name}
+        in_table = {ours: name for ours, name in columns.items() if ours not in beside}
+        recording, understood = read_csv(source, in_table, units, rate_hz)
+        columns, units = beside, {}
     else:
         known = ".csv, .tsv, .txt, .npz, .mcap or .db3"
         kind = f"'{suffix}' files"
@@ -98,6 +101,10 @@ def import_recording(
         elif suffix == ".zip":
             kind = "this zip: no recording of Sensor Logger or phyphox is in it"
         raise RecordingError(f"{path}: can't import {kind}; give a {known}", path=path)
+    if columns or units:
+        from pbd.files.importers.headerless import remapped
+
+        recording, understood = remapped(path, recording, understood, columns, units)
     info = replace(recording.info, name=_as_text(path.stem), sensor="unknown (imported)")
     demo = Demonstration(replace(recording, info=info), truth, notes=f"Imported from {_as_text(path.name)}.")
     return Imported(demo, understood)

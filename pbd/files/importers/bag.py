@@ -6,16 +6,8 @@ covariance begins with -1 there is no such estimate (sensor_msgs/Imu.msg), so wh
 
 from __future__ import annotations
 
-import mmap
-import os
-import stat
-import struct
-import sys
-import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
-from pathlib import Path, PurePath
-from tempfile import TemporaryDirectory
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,8 +15,10 @@ from numpy.typing import NDArray
 
 from pbd.data import Recording
 from pbd.data.streams import Stream
-from pbd.errors import PbdError, PbdWarning, RecordingError, in_words, listed
-from pbd.io.opening import LARGE, read_text
+from pbd.errors import PbdError, RecordingError, in_words, listed
+from pbd.files.importers.columns import Understood
+from pbd.files.importers.headerless import understood_channels
+from pbd.files.importers.mcap_mending import whole_bag, zstd_package
 from pbd.pose import Array, quat_from_xyzw, quat_to_rpy
 
 IMU, FIELD = "sensor_msgs/msg/Imu", "sensor_msgs/msg/MagneticField"
@@ -36,15 +30,6 @@ numbers of its covariance behind it, the first of which is -1 where it isn't kno
 AT_ONCE = 20_000
 """Messages decoded in one batch: 7 MB."""
 
-MCAP_MAGIC = b"\x89MCAP0\r\n"
-MCAP_FOOTER = b"\x02" + struct.pack("<Q", 20) + bytes(20) + MCAP_MAGIC
-"""What ends an MCAP that has no index (mcap.dev/spec)."""
-
-FOOTER, CHUNK, CHUNK_HEAD = 2, 6, struct.Struct("<QQQII")
-
-MOST_SWOLLEN = 50
-"""Largest ratio of a chunk's contents to its compressed bytes: numbers from a sensor shrink to a fifth at most."""
-
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 """What a compressed message begins with (RFC 8878, 3.1.1); a message of CDR begins with a zero."""
 
@@ -52,8 +37,8 @@ LONGEST_MESSAGE = 10_000
 """Most that a compressed message may hold, bytes: an Imu has 316 and its frame's name."""
 
 
-def read_bag(path: Path, topic: str | None = None) -> Recording:
-    """Read a recording from a .mcap, a .db3 or a bag's folder.
+def read_bag(path: Path, topic: str | None = None) -> tuple[Recording, Understood]:
+    """Read a recording, and what was read of it, from a .mcap, a .db3 or a bag's folder.
 
     Args:
         path: the bag.
@@ -71,8 +56,9 @@ def read_bag(path: Path, topic: str | None = None) -> Recording:
     imu, field = _Messages(path, IMU_PARTS, IMU_DOUBLES), _Messages(path, FIELD_PARTS, FIELD_DOUBLES)
     take = {IMU: imu.take, FIELD: field.take}
     try:
-        with _whole(path) as whole, Reader(whole) as reader:
+        with whole_bag(path) as whole, Reader(whole) as reader:
             wanted = _choose(path, reader.connections, topic)
+            given = {each.topic: each.msgtype for each in reader.connections}
             for kind, data in _messages(path, reader, wanted):
                 take[kind](data)
     except PbdError:
@@ -91,7 +77,13 @@ def read_bag(path: Path, topic: str | None = None) -> Recording:
         with np.errstate(all="ignore"):  # what becomes infinite is found with all else that is no number
             mag = Stream.of(1e-9 * (ns_field - begin), 1e6 * tesla).at(t)
     gyr_or_none = gyr if np.isfinite(gyr).any() else None
-    return Recording(t=t, acc=acc, gyr=gyr_or_none, mag=mag, device_rpy=_device_rpy(xyzw))
+    recording = Recording(t=t, acc=acc, gyr=gyr_or_none, mag=mag, device_rpy=_device_rpy(xyzw))
+    topics = {kind: name for name, kind in wanted}
+    names = {"t": f"{topics[IMU]}: header.stamp", "gyr": f"{topics[IMU]}: angular_velocity"}
+    names |= {"acc": f"{topics[IMU]}: linear_acceleration", "rpy": f"{topics[IMU]}: orientation"}
+    names |= {"mag": f"{topics[FIELD]}: magnetic_field"} if FIELD in topics else {}
+    unread = {name: f"another topic, of {kind}" for name, kind in given.items() if (name, kind) not in wanted}
+    return recording, understood_channels(recording, names, "its type", unread)
 
 
 class _Messages:
@@ -151,7 +143,7 @@ def _messages(path: Path, reader: Any, wanted: set[tuple[str, str]]) -> Iterator
 
 def _message(path: Path, packed: bytes) -> bytes:
     """Unpack one message: rosbags has no bound on its size, and unpacks only where the bag's folder is given."""
-    unpacker = _zstd().ZstdDecompressor()
+    unpacker = zstd_package().ZstdDecompressor()
     data: bytes = unpacker.decompress(packed, max_length=LONGEST_MESSAGE)
     if not unpacker.eof:
         what = (
@@ -195,104 +187,3 @@ def _device_rpy(xyzw: Array) -> Array | None:
     rpy = np.full((len(xyzw), 3), np.nan)
     rpy[given] = quat_to_rpy(quat_from_xyzw(xyzw[given]))
     return rpy
-
-
-@contextmanager
-def _whole(path: Path) -> Iterator[Path]:
-    """Mend an MCAP whose end is missing, in a copy, and refuse one that swells."""
-    for file in _mcaps(path):
-        data = _mapped(file)
-        if data[: len(MCAP_MAGIC)] != MCAP_MAGIC:
-            raise RecordingError(f"{file}: it is no MCAP (its first bytes say so); give another file", path=file)
-        parts, end = _whole_records(file, data)
-        if data[-len(MCAP_MAGIC) :] == MCAP_MAGIC and end == len(data) - len(MCAP_MAGIC):
-            continue
-        what = f"{file}: its end is missing, as after a crash; it is read as far as it goes"
-        if file != path:
-            raise RecordingError(f"{what} if you import it instead of its folder", path=file)
-        warnings.warn(what, PbdWarning, stacklevel=2)
-        with TemporaryDirectory() as folder:
-            mended = Path(folder) / "mended.mcap"
-            mended.write_bytes(MCAP_MAGIC + b"".join(data[part] for part in parts) + MCAP_FOOTER)
-            yield mended
-        return
-    yield path
-
-
-def _mcaps(path: Path) -> list[Path]:
-    """The MCAPs that rosbags will open; a bag of compressed files is refused, as rosbags has no bound on their size."""
-    if not path.is_dir():
-        return [path] if path.suffix.lower() == ".mcap" else []
-    from ruamel.yaml import YAML
-
-    text = read_text(path / "metadata.yaml", RecordingError, "give a bag that is whole")
-    about = YAML(typ="safe").load(text)["rosbag2_bagfile_information"]
-    files = [path / PurePath(name).name for name in about["relative_file_paths"]]
-    if files and (about.get("compression_mode") or "").lower() == "file":
-        name, plain = files[0].name, files[0].stem
-        what = f"{name} is compressed as a whole; unpack it with: zstd -d {name} -o {plain}, and import {plain}"
-        raise RecordingError(f"{path}: {what}", path=path)
-    return files if about["storage_identifier"] == "mcap" else []
-
-
-def _mapped(path: Path) -> mmap.mmap | bytes:
-    """A file's bytes, of which only those that are looked at are read: a bag may be larger than the memory."""
-    try:
-        with path.open("rb") as file:
-            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-                raise OSError("it is not a regular file")
-            return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
-    except ValueError:  # an empty file can't be mapped
-        return b""
-    except OSError as reason:
-        raise RecordingError(f"{path}: can't be read ({in_words(reason)}); give a bag", path=path) from None
-
-
-def _whole_records(path: Path, data: mmap.mmap | bytes, at: int = len(MCAP_MAGIC)) -> tuple[list[slice], int]:
-    """Where all whole records are from `at` on, and where they end; of a last chunk that is cut off its records too."""
-    begin = at
-    while at + 9 <= len(data):
-        kind, (size,) = data[at], struct.unpack_from("<Q", data, at + 1)
-        inside = at + 9 + CHUNK_HEAD.size + 8
-        if kind == CHUNK and inside <= len(data):
-            _, _, contents, _, compression = CHUNK_HEAD.unpack_from(data, at + 9)
-            if contents > min(LARGE, MOST_SWOLLEN * max(size, 10_000)):
-                what = f"a chunk of {size} bytes swells to {contents / 1e6:.0f} MB, which is refused; record it again"
-                raise RecordingError(f"{path}: {what}", path=path, value=contents)
-            if at + 9 + size > len(data) and compression == 0:  # its records can be copied out of it
-                inner, end = _whole_records(path, data, inside)
-                return [slice(begin, at), *inner], end
-            if at + 9 + size <= len(data) and compression:
-                packed = data[inside + compression : at + 9 + size]
-                if not _unpacks(data[inside - 8 : inside - 8 + compression], packed, contents):
-                    what = f"a chunk of {size} bytes is damaged, or holds more than it says; record it again"
-                    raise RecordingError(f"{path}: {what}", path=path, value=contents)
-        if at + 9 + size > len(data):
-            break
-        at += 9 + size
-        if kind == FOOTER:
-            break
-    return [slice(begin, at)], at
-
-
-def _unpacks(compression: bytes, packed: bytes, size: int) -> bool:
-    """Whether these bytes are `size` when they are unpacked: rosbags has no bound on that."""
-    import lz4.frame  # type: ignore[import-untyped]
-
-    zstd = _zstd()
-    kinds = {b"zstd": zstd.ZstdDecompressor, b"lz4": lz4.frame.LZ4FrameDecompressor}
-    try:
-        unpacker = kinds[compression]()
-        unpacked = unpacker.decompress(packed, max_length=size + 1)
-    except (KeyError, EOFError, RuntimeError, zstd.ZstdError):
-        return False
-    return len(unpacked) == size and unpacker.eof and not unpacker.unused_data
-
-
-def _zstd() -> Any:
-    """The package that rosbags unpacks with."""
-    if sys.version_info >= (3, 14):
-        from compression import zstd
-    else:
-        from backports import zstd
-    return zstd

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 
 from pbd.data.units import UNITS, unit_factor
 from pbd.errors import RecordingError, UsageError, listed, printable
-from pbd.files.importers.header_names import TIME_UNITS, our_name, plain, split_unit, why_unread
+from pbd.files.importers.header_names import TIME_UNITS, looks_inertial, our_name, plain, split_unit, why_unread
 from pbd.files.imu_columns import ACC, DEVICE, GYR, MAG
 
 RPY = ("anglex", "angley", "anglez")
@@ -28,12 +28,6 @@ NO_UNIT = "no unit given"
 _NAMED_UNITS = {"millis": "ms", "micros": "us", "seconds": "s", "secs": "s", "sec": "s", "seconds_elapsed": "s"}
 _MANGLED = str.maketrans({"°": "deg", "µ": "u", "μ": "u", "ʯ": "u", "?": "u", "²": "2", " ": "", "(": "", ")": ""})
 """Variants of unit signs, with the micro sign as wrong encodings garble it."""
-
-_INERTIAL = r"(?:.*_)?(?:acc|gyr|rot|angular|omega|ang_?vel|mag|force|turn|rate|roll|pitch|yaw|imu)\w*"
-
-_AXIS = r"[xyz](?:_|$)|^[xyz]_|(?:roll|pitch|yaw)_rate"
-_SENSOR = r"(?:.*_)?(?:gyr|gyro|gyroscope|(?:rotation|angular)_?(?:rate|velocity)|acc|accel|acceleration)_?[a-z\d]{0,3}"
-"""A sensor's own name, whatever says which axis: `gyroQ`, `acc1`."""
 
 
 @dataclass(frozen=True)
@@ -107,16 +101,19 @@ class Understood:
         found = {column.ours: column for column in reversed(self.columns)}  # another file's come last
         return [found[ours] for ours in CHANNELS[channel] if ours in found]
 
-    def with_clock(self, name: str, why: str) -> Understood:
-        """Note why this column is the clock."""
-        columns = (replace(c, named_by=why) if c.name == name else c for c in self.columns)
-        return replace(self, columns=tuple(columns))
+    def with_clock(self, name: str, by: str) -> Understood:
+        """Note how the column of the time was found."""
+        return replace(self, columns=tuple(replace(c, named_by=by) if c.name == name else c for c in self.columns))
 
-    def with_file(self, file: str, beside: Understood) -> Understood:
-        """Add what was made of the columns of another file of the same recording."""
-        columns = (replace(c, name=f"{file}: {c.name}") for c in beside.columns)
-        unread = {f"{file}: {name}": why for name, why in beside.unread.items()}
+    def with_file(self, file: str, its: Understood) -> Understood:
+        """Add what was made of the columns of another file."""
+        columns = (replace(column, name=f"{file}: {column.name}") for column in its.columns)
+        unread = {f"{file}: {name}": why for name, why in its.unread.items()}
         return replace(self, columns=(*self.columns, *columns), unread={**self.unread, **unread})
+
+    def with_unread(self, unread: Mapping[str, str]) -> Understood:
+        """Add what was not read, and why."""
+        return replace(self, unread={**self.unread, **unread})
 
     def in_its_names(self, message: str) -> str:
         """Put the file's names and signs in place of ours into the options `--column ax=-ay` of a message."""
@@ -168,22 +165,13 @@ def understand(
             # The origin and the sign of such a yaw are unknown: the gyro is more reliable.
             found = {ours: given for ours, given in found.items() if ours not in angles}
     read = []
-    for ours, (name, sign, by) in found.items():
+    for ours, (name, sign, by) in sorted(found.items(), key=lambda each: header.index(each[1][0])):
         turned_unit, unit, unit_by = _unit(path, name, ours, units, program)
         read.append(Column(name, ours, sign * turned_unit, unit, by, unit_by))
     used = {column.name for column in read}
-    unread = {name: why_unread(name) for name in header if name and name not in used}
-    _refuse_not_understood(path, unread, found)
-    unread = {name: why or _why_passed_over(name, found) for name, why in unread.items()}
+    unread = {name: why_left(name, found) for name in header if name and name not in used}
+    _refuse_not_understood(path, unread)
     return Understood(tuple(read), unread, program.title if program else "")
-
-
-def _why_passed_over(name: str, found: Mapping[str, tuple[str, float, str]]) -> str:
-    """Say why a column that could be read, or whose name says nothing, isn't read."""
-    ours, _ = our_name(name) or ("", "")
-    if ours in found:
-        return f"'{found[ours][0]}' is read as {ours}"
-    return "an attitude that isn't used" if ours else "its name says nothing that is needed"
 
 
 def _by_name(header: Sequence[str]) -> dict[str, str]:
@@ -232,25 +220,28 @@ def _unit(
     return sign, unit, by
 
 
-def _refuse_not_understood(path: Path, unread: Mapping[str, str], found: Mapping[str, object]) -> None:
+def why_left(name: str, found: Collection[str]) -> str:
+    """Say why a column isn't read; "" where it looks like a gyro, an accelerometer or a magnetometer, and none is."""
+    given, letter = our_name(name), looks_inertial(name)
+    if given is None and ((why := why_unread(name)) or not letter):
+        return why or "nothing inertial"
+    channel = CHANNEL_OF[given[0] if given else f"{letter}x"]
+    if channel in ("angle", "rpy"):
+        return "an attitude that isn't used"
+    return f"another column has the {QUANTITIES[channel]}" if set(CHANNELS[channel]) & set(found) else ""
+
+
+def _refuse_not_understood(path: Path, unread: Mapping[str, str]) -> None:
     """Refuse to drop what looks like a gyro, an accelerometer or a magnetometer, of which there is none otherwise."""
-    for letter, words in (("g", "gyr rot ang omega turn rate"), ("a", "acc force"), ("m", "mag field")):
-        if any(ours in found for ours in (f"{letter}x", f"{letter}y", f"{letter}z")):
-            continue
-        alike = [
-            name
-            for name, why in unread.items()
-            if not why
-            and (re.fullmatch(_SENSOR, plain(name)) or re.search(_AXIS, plain(name)))
-            and re.fullmatch(_INERTIAL, plain(name))
-            and any(word in plain(name) for word in words.split())
-        ]
+    for letter in "gam":
+        alike = [name for name, why in unread.items() if not why and looks_inertial(name) == letter]
         if alike:
-            what, is_, it = ("looks", "is", "it") if len(alike) == 1 else ("look", "are", "them")
+            one = len(alike) == 1
+            look, are, them = ("looks", "is", "it") if one else ("look", "are", "them")
             raise RecordingError(
-                f"{path}: {listed(alike)} {what} like {'a gyro' if letter == 'g' else 'inertial data'}, but {is_} not "
-                f"understood; say which is which with --column {letter}x={printable(alike[0])} and its like, or "
-                f"remove {it}",
+                f"{path}: {listed(alike)} {look} like {'a gyro' if letter == 'g' else 'inertial data'}, but {are} not "
+                f"understood; say which is which with --column {letter}x={printable(alike[0])} and its like, or remove "
+                f"{them}",
                 path=path,
                 value=alike[0],
             )

@@ -7,6 +7,7 @@ at rest.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -16,14 +17,12 @@ from pbd.data.streams import Stream
 from pbd.errors import RecordingError, listed
 from pbd.files.importers import XIO_FILE, check_rate
 from pbd.files.importers.columns import CHANNELS, PROGRAMS, Column, Understood, understand
-from pbd.files.importers.header_names import is_date, is_device_time, is_time, plain, split_unit
+from pbd.files.importers.header_names import is_device_time, is_time, plain, split_unit
 from pbd.files.importers.printed_lines import is_printed, printed_sheet
 from pbd.files.imu_columns import ACC, device_rpy
 from pbd.files.table import Sheet, Table, foreign_text, open_sheet
+from pbd.io.numbers import is_stamp, seconds
 from pbd.pose import Array
-
-BESIDE = "Magnetometer.csv"
-"""Where x-io's programs put the field of an Inertial.csv."""
 
 DEVICE_NAMES = ("address", "device_name", "设备名称")
 
@@ -56,11 +55,11 @@ def read_sheet(
     if rate_hz is not None:
         check_rate(path, rate_hz, "the rate is")
     _refuse_several_devices(sheet)
-    columns, beside = _of_each_file(columns)
     found = understand(path, sheet.header, sheet.preamble, columns, units)
-    if not found.of("t") and rate_hz is None and (date := _date_and_time(sheet)):
-        columns = {**columns, "t": date}
-        found = understand(path, sheet.header, sheet.preamble, columns, units).with_clock(date, "its dates")
+    if not found.of("t") and rate_hz is None and (dates := _dated(sheet)):
+        # By what is in it: a date's column may have any name.
+        columns = {**columns, "t": dates}
+        found = understand(path, sheet.header, sheet.preamble, columns, units).with_clock(dates, "its dates")
     timed = bool(found.of("t"))
     known = f"the columns are {listed(sheet.header)}"
     say = "say which is which with --column, for example --column ax=NAME"
@@ -90,23 +89,32 @@ def read_sheet(
             found = understand(path, sheet.header, sheet.preamble, {**columns, "t": best}, units)
             found = found.with_clock(best, "the best of several times")
 
+    told, beside = _magnetometer_beside(path, found, units)
     with np.errstate(all="ignore"):  # what becomes infinite is found with all else that is no number
         channels = {channel: _values(table, found.of(channel)) for channel in CHANNELS}
         clock, acc, mag, compass = (channels[name] for name in ("t", "acc", "mag", "angle"))
         t = np.arange(len(table.values)) / (rate_hz or 1.0) if clock is None else _unwrapped(clock[:, 0], found)
         assert acc is not None
-        if mag is None and (magnetometer := _magnetometer_beside(path, beside, units)) is not None:
-            stream, its_columns = magnetometer
-            mag, found = stream.at(t), found.with_file(BESIDE, its_columns)
         recording = Recording(
             t=t - t[0],
             acc=acc,
             gyr=channels["gyr"],
-            mag=mag,
+            mag=beside.at(t) if mag is None and beside is not None else mag,
             device_rpy=channels["rpy"] if compass is None else device_rpy(compass),
             info=RecordingInfo(rate_hz=rate_hz),
         )
-    return recording, found
+    return recording, told
+
+
+def _dated(sheet: Sheet) -> str:
+    """The first column whose dates or times of day increase from the first row to the last; "" for none."""
+    rows = sheet.body.strip()
+    ends = (rows.partition("\n")[0], rows.rpartition("\n")[2])
+    for name, *of in zip(sheet.header, *(row.replace('"', "").split(sheet.delimiter) for row in ends), strict=False):
+        with suppress(ValueError):
+            if all(map(is_stamp, of)) and seconds(of[0]) < seconds(of[1]):
+                return str(name)
+    return ""
 
 
 def _best_clock(table: Table, clocks: list[str]) -> str:
@@ -150,31 +158,19 @@ def _refuse_several_devices(sheet: Sheet) -> None:
             raise RecordingError(f"{sheet.path}: {what}; {keep}", path=sheet.path, value=len(devices))
 
 
-def _date_and_time(sheet: Sheet) -> str | None:
-    """The column of dates that have the time of day; None where there is none."""
-    dates = [name for name in sheet.header if is_date(name)]
-    return next((name for name in dates if ":" in next(iter(sheet.words(name)), "")), None)
-
-
-def _of_each_file(columns: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str]]:
-    """Which columns were given for the file itself, and which for the magnetometer's beside it."""
-    of_beside = {ours: name.replace(f"{BESIDE}: ", "", 1) for ours, name in columns.items() if f"{BESIDE}: " in name}
-    return {ours: name for ours, name in columns.items() if ours not in of_beside}, of_beside
-
-
-def _magnetometer_beside(
-    path: Path, columns: Mapping[str, str], units: Mapping[str, str]
-) -> tuple[Stream, Understood] | None:
-    """x-io writes Inertial.csv and Magnetometer.csv, each with the device's own time."""
-    file = path.with_name(BESIDE)
-    if path.name != XIO_FILE or not file.is_file():
-        return None
-    sheet = open_sheet(file, foreign=True)
-    found = understand(file, sheet.header, sheet.preamble, columns, units)
-    if not found.of("t") or len(found.of("mag")) < len(CHANNELS["mag"]):
-        return None
-    table = sheet.read([column.name for column in found.columns])
-    t_mag, mag = _values(table, found.of("t")), _values(table, found.of("mag"))
-    assert t_mag is not None
-    assert mag is not None
-    return Stream.of(t_mag[:, 0], mag), found
+def _magnetometer_beside(path: Path, found: Understood, units: Mapping[str, str]) -> tuple[Understood, Stream | None]:
+    """x-io writes Inertial.csv and Magnetometer.csv, each with the device's own time, and other files."""
+    if path.name != XIO_FILE:
+        return found, None
+    stream, beside = None, path.with_name("Magnetometer.csv")
+    if beside.is_file() and not found.of("mag"):
+        sheet = open_sheet(beside, foreign=True)
+        its = understand(beside, sheet.header, sheet.preamble, {}, units)
+        if its.of("t") and len(its.of("mag")) == len(CHANNELS["mag"]):
+            table = sheet.read([column.name for column in its.columns])
+            t_mag, mag = _values(table, its.of("t")), _values(table, its.of("mag"))
+            assert t_mag is not None
+            assert mag is not None
+            stream, found = Stream.of(t_mag[:, 0], mag), found.with_file(beside.name, its)
+    others = {file.name for file in path.parent.glob("*.csv")} - {path.name, *((beside.name,) if stream else ())}
+    return found.with_unread(dict.fromkeys(sorted(others), "a file that isn't used")), stream

@@ -22,11 +22,10 @@ _PART = r"(?:_(?:ln|wr|ag|data|cal|calibrated))*"
 """What may follow a quantity: the chip (Shimmer has two accelerometers, low-noise and wide-range), or `calibrated`."""
 
 _TIME = (
-    r"t|time|timestamp|time_?stamp|seconds|secs?|时间|(?:seconds_|time_)?elapsed|millis|micros|date_?time|"
+    r"t|ts|time|timestamp|time_?stamp|seconds|secs?|时间|(?:seconds_|time_)?elapsed|millis|micros|date_?time|"
     r"sample_?time_?fine|(?:.*_)?time_?stamp(?:_unix|_sync|_formatted_unix)*_cal|(?:system_|unix_|logging_)?time(?:_?stamp)?"
 )
-_DEVICE_TIME = r"chip_?time|片上时间"
-_DATE = r"(?:.*_)?date|日期"
+_DEVICE_TIME = r"chip_?time|片上时间|(?:.*_)?header_stamp"
 TIME_UNITS = r"_(ns|us|ms|s|sec|min)$"
 """A unit of time at the end of a name: `timestamp_us`."""
 
@@ -43,18 +42,31 @@ _SUFFIXES = {"mps2": "m/s2", "ms2": "m/s2", "g": "g", "mg": "mg", "dps": "dps", 
 _OTHER = (
     (r"(?:.*_)?(?:user|free|cal_free|earth|world|global|lin)_?acc\w*|(?:.*_)?gravity", "without gravity, or gravity"),
     (r"(?:.*_)?(?:raw|uncal\w*)(?:_.*)?", "raw counts"),
-    (r"(?:quat|q|quaternion|orientation|euler|roll|pitch|yaw|mat)(?!.*rate).*", "an attitude that isn't used"),
+    (r"(?:.*_)?(?:quat|orientation|euler).*|(?:q|roll|pitch|yaw|mat)(?!.*rate).*", "an attitude that isn't used"),
     (r"d[qv]|i[qv]", "increments between samples"),
-    (r"(?:.*_)?(?:temp(?:erature)?(?:_[a-z])?|温度)", "a temperature"),
-    (r"(?:.*_)?(?:norm|total|magnitude|accuracy|status|range|bias|offset)", "not along one axis"),
 )
 """Columns with axes that are no measurement of ours, and why."""
+
+_DERIVED = (
+    r"(?:.*_)?(?:time|time_?stamp|date|temp|temperature|norm|abs\w*|magnitude|total|resultant|bias|range|scale|fs|sens\w*|"
+    r"offset|status|state|valid|ok|error|clip\w*|accuracy|count\w*|samples|num\w*|seq|id|name|unit|version|calibration|"
+    r"std\w*|var\w*|cov\w*|rms|mean|avg|max|min|heading|declination|inclination|dip)(?:_?\d+|_.*)?"
+)
+"""What a program says of a sensor, or works out of what it read: `gyroTimestamp_sinceReboot`, `acc_norm`."""
+
+_INERTIAL = {
+    "g": (r"gyr|omega|ang(?:ular)?_?(?:vel|rate|speed)|(?:rotation|turn|roll|pitch|yaw)_?rate", r"rot|ang|turn|rate"),
+    "a": (r"acc(?!ur|ess|um|ount|ept)|specific_?force", r"force"),
+    "m": (r"magn?(?:_|\d|$)|magnet", r"mag|field_?[xyz]$"),
+}
+"""How a name begins, or a word of it, that looks like a gyro's, an accelerometer's, a magnetometer's; and what else
+does where an axis ends it."""
 
 
 def plain(name: str) -> str:
     """`Gyroscope X (deg/s)` -> `gyroscope_x`, `rotationRateX` -> `rotation_rate_x`."""
     words = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", split_unit(name)[0])
-    return re.sub(r"[\s.\-/:_]+", "_", words.lower()).strip("_")
+    return re.sub(r"[\s.\-/:_%]+", "_", words.lower()).strip("_")
 
 
 def split_unit(name: str) -> tuple[str, str]:
@@ -71,11 +83,6 @@ def is_time(name: str) -> bool:
     """Whether a column holds a time."""
     word = plain(name)
     return re.fullmatch(f"{_TIME}|{_DEVICE_TIME}", re.sub(TIME_UNITS, "", word) or word) is not None
-
-
-def is_date(name: str) -> bool:
-    """Whether a column holds a date, which is a time where its rows have the time of day too."""
-    return re.fullmatch(_DATE, plain(name)) is not None
 
 
 def is_device_time(name: str) -> bool:
@@ -100,7 +107,19 @@ def our_name(name: str) -> tuple[str, str] | None:
     return None
 
 
+def looks_inertial(name: str) -> str:
+    """g, a or m where a column looks like a gyro's, an accelerometer's or a magnetometer's; else ""."""
+    word = plain(name)
+    has_axis = re.search(r"[xyz](?:_|$)|^[xyz]_", word) is not None
+    for letter, (alone, with_axis) in _INERTIAL.items():
+        if re.search(rf"(?:^|_|(?<=imu))(?:{alone}{'|' + with_axis if has_axis else ''})", word):
+            return letter
+    return ""
+
+
 def why_unread(name: str) -> str:
-    """Say why a column isn't read."""
-    word = re.sub(r"_?([xyz]|\d)(_cal)?$", "", plain(name))
-    return next((why for pattern, why in _OTHER if re.fullmatch(pattern, word)), "")
+    """Say why a column of this name is never read; "" where the name doesn't tell."""
+    word = plain(name)
+    of_axes = re.sub(r"_?([xyz]|\d)(_cal)?$", "", word)
+    known = next((why for pattern, why in _OTHER if re.fullmatch(pattern, of_axes)), "")
+    return known or ("said of the sensor, or worked out of what it read" if re.fullmatch(_DERIVED, word) else "")

@@ -9,14 +9,16 @@ import numpy as np
 from pbd.data import Recording, RecordingInfo, Truth
 from pbd.errors import RecordingError, listed
 from pbd.files.importers import check_rate
+from pbd.files.importers.columns import Understood
+from pbd.files.importers.headerless import understood_channels
 from pbd.io.npz import read_arrays
 from pbd.pose import Array
 
 KEYS = ("rate_hz", "acc", "gyr", "mag", "true_position", "true_wxyz", "true_rate_hz")
 
 
-def read_npz(path: Path) -> tuple[Recording, Truth | None]:
-    """Read a recording from an npz.
+def read_npz(path: Path) -> tuple[Recording, Understood, Truth | None]:
+    """Read a recording, and what was read of it, from an npz.
 
     Keys: rate_hz; acc (n, 3) m/s2; gyr (n, 3) rad/s; mag (n, 3) uT; true_position (m, 3) m; true_wxyz (m, 4);
     true_rate_hz where the truth has a rate of its own. NaN is "unknown". Truth counts from its first known position.
@@ -49,7 +51,9 @@ def read_npz(path: Path) -> tuple[Recording, Truth | None]:
         mag=arrays.get("mag"),
         info=RecordingInfo(rate_hz=rates["rate_hz"]),
     )
-    return recording, _truth(arrays, rates["true_rate_hz"])
+    unread = dict.fromkeys(others, "none of the names that are known")
+    told = understood_channels(recording, {key: key for key in ("gyr", "acc", "mag")}, "its name", unread)
+    return recording, told, _truth(arrays, rates["true_rate_hz"])
 
 
 def _truth(arrays: dict[str, Array], rate_hz: float) -> Truth | None:

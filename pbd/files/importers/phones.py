@@ -13,31 +13,24 @@ from __future__ import annotations
 import csv
 import io
 import re
-import zipfile
-import zlib
-from collections.abc import Callable, Mapping
-from pathlib import Path, PurePosixPath
+from collections.abc import Callable, Collection, Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 
 from pbd.data import GRAVITY, Recording, RecordingInfo
 from pbd.data.streams import Moment, Moments, Stream, joined
 from pbd.errors import RecordingError, in_words, listed
-from pbd.files.importers.columns import Column, Understood
+from pbd.files.importers.columns import CHANNEL_OF, Column, Understood, why_left
+from pbd.files.importers.zipped import MOST_FILES, PHYPHOX_MOMENTS, Files, zipped_tables
 from pbd.files.table import Sheet, foreign_text, open_sheet
-from pbd.io.opening import LARGE, read_bytes
-
-LARGEST_FILE = LARGE // 4
-"""Largest file in a zip, bytes: an hour at 400 Hz has 120 MB. So a small zip can't fill the memory."""
-
-MOST_FILES = 1000
-"""Most files of a recording that are looked at: Sensor Logger keeps pictures, too."""
+from pbd.io.opening import read_bytes
 
 LOGGER_FILES = (
     *("TotalAcceleration", "Accelerometer", "AccelerometerUncalibrated", "Gravity"),
     *("Gyroscope", "GyroscopeUncalibrated", "Magnetometer", "MagnetometerUncalibrated"),
 )
-LOGGER_COLUMNS = {"seconds_elapsed", "x", "y", "z"}
+LOGGER_COLUMNS = ("seconds_elapsed", "x", "y", "z")
 METADATA = "Metadata"
 
 PHYPHOX_QUANTITIES = {
@@ -47,9 +40,9 @@ PHYPHOX_QUANTITIES = {
     "linear": r"linear acceleration ([xyz]) \(m/s(?:\^2|²)\)",
 }
 PHYPHOX_UNITS = {"gyr": "rad/s", "acc": "m/s2", "mag": "ut"}
-PHYPHOX_MOMENTS = "meta/time"
-
-Files = dict[str, Callable[[], bytes]]
+PHYPHOX_TIME = "Time (s)"
+LOGGER = "Sensor Logger"
+NO_SENSOR = "a file that isn't used"
 
 
 def read_phone(path: Path) -> tuple[Recording, Understood] | None:
@@ -61,15 +54,20 @@ def read_phone(path: Path) -> tuple[Recording, Understood] | None:
     Raises:
         RecordingError: a damaged zip, no specific force with gravity, or a table that is none.
     """
-    files = _zipped(path) if path.suffix.lower() == ".zip" else _beside(path)
+    files = zipped_tables(path) if path.suffix.lower() == ".zip" else _beside(path)
     if not files:
         return None
     logger = {name: files[name] for name in LOGGER_FILES if name in files}
     sheets = {name: _sheet(path, name, read) for name, read in logger.items()}
-    sheets = {name: sheet for name, sheet in sheets.items() if set(sheet.header) >= LOGGER_COLUMNS}
+    sheets = {name: sheet for name, sheet in sheets.items() if {*sheet.header} >= {*LOGGER_COLUMNS}}
     if sheets:
-        return _of_logger(path, sheets, _metadata(files))
-    return _of_phyphox(path, files)
+        recording, understood = _of_logger(path, sheets, _metadata(files))
+        read = {*sheets, METADATA}
+    elif of_phyphox := _of_phyphox(path, files):
+        recording, understood, read = of_phyphox
+    else:
+        return None
+    return recording, understood.with_unread({f"{name}.csv": NO_SENSOR for name in sorted(files.keys() - read)})
 
 
 def _beside(path: Path) -> Files:
@@ -80,7 +78,7 @@ def _beside(path: Path) -> Files:
             return {}
         with path.open("rb") as file:
             header = file.readline(1000).decode("utf-8", "replace")
-        logger = path.stem in LOGGER_FILES and set(header.strip().split(",")) >= LOGGER_COLUMNS
+        logger = path.stem in LOGGER_FILES and set(header.strip().split(",")) >= {*LOGGER_COLUMNS}
         if not logger and not _phyphox_kind([cell.strip().strip('"') for cell in re.split(r"[,;\t]", header)]):
             return {}
     try:
@@ -93,43 +91,6 @@ def _beside(path: Path) -> Files:
         )  # type: ignore[misc]
         for file in names[:MOST_FILES]
     }
-
-
-def _zipped(path: Path) -> Files:
-    """The tables of a zip, whatever folder they are in."""
-    data = read_bytes(path, RecordingError, "export it again")
-    try:
-        archive = zipfile.ZipFile(io.BytesIO(data))
-    except (zipfile.BadZipFile, OSError, ValueError) as reason:
-        what = f"{path}: the zip is damaged or cut off ({in_words(reason)}); copy or export it again"
-        raise RecordingError(what, path=path) from None
-    files: Files = {}
-    for member in archive.infolist()[:MOST_FILES]:
-        place = PurePosixPath(member.filename)
-        if place.suffix.lower() != ".csv" or "__MACOSX" in place.parts:
-            continue
-        name = PHYPHOX_MOMENTS if place.parts[-2:] == ("meta", "time.csv") else place.stem
-        if place.parts[-2:-1] == ("meta",) and name != PHYPHOX_MOMENTS:
-            continue
-        if name in files:
-            what = f"{path}: it holds several recordings ({name}.csv twice); export one"
-            raise RecordingError(what, path=path)
-        files[name] = lambda member=member: _member(path, archive, member)  # type: ignore[misc]
-    return files
-
-
-def _member(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> bytes:
-    if member.file_size > LARGEST_FILE:
-        most = f"{LARGEST_FILE / 1e6:.0f} MB"
-        what = (
-            f"{path}: '{member.filename}' in it has {member.file_size / 1e6:.3g} MB, more than the {most} that are read"
-        )
-        raise RecordingError(f"{what}; export a shorter recording", path=path, value=member.file_size)
-    try:
-        return archive.read(member)
-    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, NotImplementedError, ValueError) as reason:
-        what = f"{path}: '{member.filename}' in the zip can't be read ({in_words(reason)}); export it again"
-        raise RecordingError(what, path=path) from None
 
 
 def _sheet(path: Path, name: str, read: Callable[[], bytes]) -> Sheet:
@@ -185,15 +146,23 @@ def _of_logger(path: Path, sheets: Mapping[str, Sheet], about: Mapping[str, str]
         )
     read = {"acc": (source, sign, unit)}
     others: dict[str, Stream | None] = {}
-    for kind, name, its_unit in (("gyr", "Gyroscope", "rad/s"), ("mag", "Magnetometer", "ut")):
+    for kind, name, unit in (("gyr", "Gyroscope", "rad/s"), ("mag", "Magnetometer", "ut")):
         found = next((each for each in (name, f"{name}Uncalibrated") if each in sheets), name)
         others[kind] = stream(found)
-        read |= {kind: (f"{found}.csv", 1.0, its_unit)} if found in sheets else {}
-    used = " ".join(source for source, _, _ in read.values())
-    unread = {f"{name}.csv": "another file has it better" for name in sheets if f"{name}.csv" not in used}
+        read |= {kind: (f"{found}.csv", 1.0, unit)} if found in sheets else {}
+    columns = tuple(
+        column
+        for kind, (file, its_sign, its_unit) in read.items()
+        for column in _columns(LOGGER, file, LOGGER_COLUMNS, kind, its_sign, its_unit)
+    )
+    used = {name for source, _, _ in read.values() for name in re.findall(r"(\w+)\.csv", source)}
+    unread = {f"{name}.csv": "another file has it better" for name in sheets if name not in used}
     if "Accelerometer.csv" in unread:
         unread["Accelerometer.csv"] = "without gravity"
-    return _recording(path, acc, others["gyr"], others["mag"]), _understood("Sensor Logger", read, unread)
+    for name in sorted(used):
+        unread |= _left(f"{name}.csv", sheets[name].header, LOGGER_COLUMNS)
+    recording = _recording(path, acc, others["gyr"], others["mag"])
+    return recording, Understood(columns, unread, f"{LOGGER} (a phone)")
 
 
 def _phyphox_kind(header: list[str]) -> dict[str, list[str]]:
@@ -203,12 +172,14 @@ def _phyphox_kind(header: list[str]) -> dict[str, list[str]]:
         axes = {match[1]: name for name in header if (match := re.fullmatch(pattern, name.lower()))}
         if set(axes) == set("xyz"):
             found[kind] = [axes[axis] for axis in "xyz"]
-    return found if "Time (s)" in header else {}
+    return found if PHYPHOX_TIME in header else {}
 
 
-def _of_phyphox(path: Path, files: Files) -> tuple[Recording, Understood] | None:
+def _of_phyphox(path: Path, files: Files) -> tuple[Recording, Understood, set[str]] | None:
     streams: dict[str, Stream] = {}
-    read: dict[str, tuple[str, float, str]] = {}
+    columns: list[Column] = []
+    unread: dict[str, str] = {}
+    files_read = {PHYPHOX_MOMENTS}
     moments = _moments(path, files)
     for name in sorted(files.keys() - {PHYPHOX_MOMENTS}, key=lambda name: name != path.stem):  # the one named first
         text = files[name]
@@ -216,15 +187,23 @@ def _of_phyphox(path: Path, files: Files) -> tuple[Recording, Understood] | None
             sheet = _sheet(path, name, text)
         except RecordingError:
             continue  # another set of the experiment: empty, or of few columns
+        used: set[str] = set()
         for kind, axes in _phyphox_kind(list(sheet.header)).items():
+            used |= {*axes, PHYPHOX_TIME}
             if kind in streams:
                 if path.is_file() and path.suffix.lower() == ".csv":
                     continue
                 what = f"{path}: '{axes[0]}' is in {name}.csv and in another file too; keep one recording in a folder"
                 raise RecordingError(what, path=path)
-            stream = _stream(sheet, "Time (s)", tuple(axes))
+            stream = _stream(sheet, PHYPHOX_TIME, tuple(axes))
             streams[kind] = Stream(moments.straight(stream.t), stream.values)
-            read[kind] = (f"{name}.csv", 1.0, PHYPHOX_UNITS.get(kind, ""))
+            if kind == "linear":
+                unread |= dict.fromkeys((f"{name}.csv: {axis}" for axis in axes), "without gravity")
+            else:
+                columns += _columns("phyphox", f"{name}.csv", [PHYPHOX_TIME, *axes], kind, 1.0, PHYPHOX_UNITS[kind])
+        if used:
+            files_read.add(name)
+            unread |= _left(f"{name}.csv", sheet.header, used)
     if not streams:
         return None
     if "acc" not in streams:
@@ -233,20 +212,20 @@ def _of_phyphox(path: Path, files: Files) -> tuple[Recording, Understood] | None
         raise RecordingError(
             f"{what}; record with the experiment that `pbd sensors phyphox` gives to the phone", path=path
         )
-    unread = {file: "without gravity" for kind, (file, _, _) in read.items() if kind == "linear"}
-    understood = _understood("phyphox", {kind: one for kind, one in read.items() if kind != "linear"}, unread)
-    return _recording(path, streams["acc"], streams.get("gyr"), streams.get("mag")), understood
+    recording = _recording(path, streams["acc"], streams.get("gyr"), streams.get("mag"))
+    return recording, Understood(tuple(dict.fromkeys(columns)), unread, "phyphox (a phone)"), files_read
 
 
-def _understood(program: str, read: Mapping[str, tuple[str, float, str]], unread: Mapping[str, str]) -> Understood:
-    """What was read, of each quantity its file, sign and unit."""
+def _columns(program: str, file: str, names: Sequence[str], kind: str, sign: float, unit: str) -> list[Column]:
+    """What was read of a file: the time and three axes."""
     by = f"{program}'s documentation"
-    columns = tuple(
-        Column(f"{file}: {axis}", f"{kind[0]}{axis}", sign, unit, by, by)
-        for kind, (file, sign, unit) in read.items()
-        for axis in "xyz"
-    )
-    return Understood(columns, dict(unread), f"{program} (a phone)")
+    ours = ("t", 1.0, "s"), *((f"{kind[0]}{axis}", sign, unit) for axis in "xyz")
+    return [Column(f"{file}: {name}", *its, by, by) for name, its in zip(names, ours, strict=True)]
+
+
+def _left(file: str, header: Sequence[str], used: Collection[str]) -> dict[str, str]:
+    """The columns of a file that were not read, and why."""
+    return {f"{file}: {name}": why_left(name, CHANNEL_OF) for name in header if name not in used}
 
 
 def _moments(path: Path, files: Files) -> Moments:

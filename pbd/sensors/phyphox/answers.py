@@ -58,10 +58,15 @@ def read_answer(text: bytes) -> dict[str, Any] | list[Any]:
     Raises:
         ValueError: it is none: cut off, nested without end, numbers too long for any.
     """
+    import orjson
+
     try:
-        answer = json.loads(text, parse_constant=lambda _: None)
-    except RecursionError:
-        raise ValueError("nested too deeply") from None
+        answer = orjson.loads(text)  # three times as fast
+    except ValueError:
+        try:
+            answer = json.loads(text, parse_constant=lambda _: None)  # NaN is no JSON, but some write it
+        except RecursionError:
+            raise ValueError("nested too deeply") from None
     if not isinstance(answer, dict | list):
         raise ValueError("neither buffers nor moments")
     return answer
@@ -161,6 +166,10 @@ class PhyphoxDecoder:
 
     def feed(self, data: bytes) -> list[Sample]:
         """See `Decoder`."""
+        longer = len(self._rest) + len(data)
+        if self._rest[:1] == b"/" and longer <= LONGEST_ANSWER and b"\n" not in data and b"/" not in data:
+            self._rest += data  # nothing ends or begins here
+            return []
         *lines, rest = (self._rest + data).split(b"\n")
         samples: list[Sample] = []
         for line in lines:

@@ -108,7 +108,7 @@ class PhonePort(Source):
             ) from None
         if not self._told:
             for kind, names in BUFFERS.items():
-                with suppress(TypeError, KeyError, IndexError):
+                with suppress(TypeError, KeyError, IndexError, OverflowError):
                     self._last[kind] = float(buffers[names[0]]["buffer"][-1])
         if max(self._last.values()) > 0.9 * LONGEST_RUN_S:
             raise SensorError(

@@ -1,0 +1,167 @@
+"""Whether anything touches on a path, for a search that asks of many: which two bodies do first it doesn't say.
+
+A path is halved: two bodies that are d and e apart at its ends can't touch on it unless they move by d + e. So the
+looks in the middle, where most moves are barred, come first; and before them those at the pairs that touched lately.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+
+from pbd.arm.collision.clearance import MARGIN_M, Allowed, Clearance, Pairs, Walk
+from pbd.arm.collision.configurations import JointPath, configurations
+from pbd.arm.collision.geometry import Body, moves_with_tool
+from pbd.arm.gripper import tool_on_joint
+from pbd.arm.model import ArmModel, to_se3
+from pbd.pose import Array, Pose
+
+RECENT, REMEMBERED = 4, 2000
+"""Pairs that touched lately, which are looked at first; and coordinates of which the distances are kept."""
+
+LIKELY = 0.5, 0.25, 0.75
+"""Where a straight move is looked at first, as shares of it."""
+
+
+class QuickClearance(Clearance):
+    """Distances between pairs of bodies, remembered, and what touched lately."""
+
+    def __init__(self, arm: ArmModel, bodies: Sequence[Body], pairs: Pairs, margin_m: float = MARGIN_M) -> None:
+        super().__init__(arm, bodies, pairs, margin_m)
+        of_pairs = ((self.bodies[a], self.bodies[b]) for a, b in self.pairs)
+        self._of_tool = np.array([moves_with_tool(arm, *pair) for pair in of_pairs], dtype=bool)
+        self._even = arm.full.nq == arm.full.nv  # no endless joint: pinocchio's configurations lie on a straight line
+        self._lately: list[int] = []  # pairs that touched, the last one first: the likeliest to touch next
+        self._known: dict[bytes, Array] = {}
+
+    def touches(self, x: Array, allowed: Allowed | None = None) -> bool:
+        """Whether any pair that isn't allowed to is nearer than `margin_m` at coordinates (k + 1,)."""
+        if x.tobytes() not in self._known:
+            self._place(configurations(self.arm, x[None])[0])
+            if self._touch_again(x, allowed):
+                return True
+        for pair in np.flatnonzero(~(self._remembered(x) >= self.margin_m)).tolist():
+            if not (allowed and allowed(pair, x)):
+                return self._touched(pair)
+        return False
+
+    def meets(self, x: Array, allowed: Allowed | None = None) -> bool:
+        """Whether any pair touches on a straight move from coordinates to others, x (2, k + 1).
+
+        `allowed`: what may touch where.
+        """
+        if any(self.touches(each, allowed) for each in x):
+            return True
+        step, q = x[1] - x[0], configurations(self.arm, x)
+        way = q[1] - q[0]
+
+        def place(t: float) -> None:
+            self._place(q[0] + t * way if self._even else configurations(self.arm, (x[0] + t * step)[None])[0])
+
+        for t in LIKELY:
+            place(t)
+            if self._touch_again(x[0] + t * step, allowed):
+                return True
+        at_start, at_end, speed = self._remembered(x[0]), self._remembered(x[1]), self.rates @ np.abs(step)
+        for pair in self._in_reach(at_start, at_end, speed):
+            v = float(speed[pair])
+            gaps = [(max(self.margin_m, at_start[pair]) / v, 1.0 - max(self.margin_m, at_end[pair]) / v)]
+            for since, until in gaps:
+                if since > until:
+                    continue
+                t = 0.5 * (since + until)
+                place(t)
+                distance = self._distance(pair)
+                if not distance >= self.margin_m:
+                    if not (allowed and allowed(pair, x[0] + t * step)):
+                        return self._touched(pair)
+                    distance = self.margin_m
+                gaps += ((since, t - distance / v), (t + distance / v, until))
+        return False
+
+    def meets_along(self, x: Array, path: Callable[[], JointPath], allowed: Allowed | None = None) -> bool:
+        """Whether any pair touches on a path.
+
+        Args:
+            x: its start and its end (2, k + 1).
+            path: gives all of it; only asked if nothing touches at those.
+            allowed: what may touch where.
+        """
+        if any(self.touches(each, allowed) for each in x):
+            return True
+        walk, at_start, at_end = self._walk(path(), allowed), self._remembered(x[0]), self._remembered(x[1])
+        near = self._in_reach(at_start, at_end, self.rates @ walk.moved[:, -1])
+        return any(self._halve(walk, pair, at_start[pair], at_end[pair]) and self._touched(pair) for pair in near)
+
+    def tool_contact(
+        self, T_base_tool: Iterable[Pose], opening: float, allowed: Callable[[int, Pose], bool] | None = None
+    ) -> tuple[int, float, Array] | None:
+        """Return what moves with the tool and touches what stands still, with the tool at some poses.
+
+        `allowed`: which pair may touch with the tool at which pose.
+
+        Returns:
+            The first pair that was found, its distance in m, and where (3,) in pinocchio's world.
+        """
+        joint, T_joint_tool = tool_on_joint(self.arm)
+        self._place(configurations(self.arm, np.append(self.arm.robot.home, opening)[None])[0])
+        T_joint_universe, pairs = self._data.oMi[joint].inverse(), np.flatnonzero(self._of_tool).tolist()
+        carried = {int(i) for i in self.pairs[pairs].ravel() if self.bodies[i].joint > 0}
+        T_joint_body = {i: T_joint_universe * self._placed.oMg[i] for i in carried}
+        T_base_universe, T_tool_joint = self.arm.T_base_universe.inverse(), to_se3(T_joint_tool.inverse())
+        for pose in T_base_tool:
+            T_universe_joint = T_base_universe * to_se3(pose) * T_tool_joint
+            for i, T in T_joint_body.items():
+                self._placed.oMg[i] = T_universe_joint * T
+            for pair in pairs:
+                distance = self._distance(pair)
+                if not distance >= self.margin_m and not (allowed and allowed(pair, pose)):
+                    return pair, distance, self._witness(pair)
+        return None
+
+    def _in_reach(self, at_start: Array, at_end: Array, travel: Array) -> list[int]:
+        """Pairs that may touch on the way, those that touched lately first; given their distances at its ends."""
+        open_ = ~(at_start + at_end > travel) & (travel > 0.0)
+        near = np.flatnonzero(open_).tolist()
+        near.sort(key=lambda pair: self._lately.index(pair) if pair in self._lately else RECENT)
+        return near
+
+    def _halve(self, walk: Walk, pair: int, at_start: float, at_end: float) -> bool:
+        """Whether a pair touches inside a path; given their distances at its ends, where they may."""
+        travel = (self.rates[pair] @ walk.moved).tolist()
+        parts = [(0, max(self.margin_m, at_start), len(travel) - 1, max(self.margin_m, at_end))]
+        for first, before, last, after in parts:
+            if last - first < 2 or before + after > travel[last] - travel[first]:
+                continue
+            # In the middle of what the two distances leave open.
+            middle = 0.5 * (travel[first] + before + travel[last] - after)
+            node = bisect_left(travel, middle, first + 1, last - 1)
+            self._place(walk.q[node])
+            distance = self._distance(pair)
+            if not distance >= self.margin_m:
+                if not walk.may_touch(pair, node):
+                    return True
+                distance = self.margin_m
+            parts += ((first, before, node, distance), (node, distance, last, after))
+        return False
+
+    def _remembered(self, x: Array) -> Array:
+        """Measure all distances once: the same joints are come from and gone to again and again."""
+        key = x.tobytes()
+        if key not in self._known:
+            if len(self._known) == REMEMBERED:
+                self._known.clear()
+            self._known[key] = self.distances(x)
+        return self._known[key]
+
+    def _touch_again(self, x: Array, allowed: Allowed | None) -> bool:
+        """Whether any of the pairs that touched lately touches, with all placed at coordinates (k + 1,)."""
+        near = (pair for pair in self._lately if not self._distance(pair) >= self.margin_m)
+        return any(not (allowed and allowed(pair, x)) for pair in near)
+
+    def _touched(self, pair: int) -> bool:
+        """Remember a pair that touched."""
+        self._lately = [pair, *(each for each in self._lately if each != pair)][:RECENT]
+        return True

@@ -1,0 +1,108 @@
+"""How the links of a motion's ladder graph are mended: other paths, more ways to hold the arm, joints along a path."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+from pbd.arm.collision.queries import CollisionQueries
+from pbd.arm.ik.cartesian import line
+from pbd.arm.joint_path import CONTINUOUS_RAD, MOST_STEPS, STARTS, layers_along, widen
+from pbd.arm.ladder_graph import Ladder
+from pbd.arm.ladder_links import DETOUR_EXTRA, MOST_DETOURS, MOST_PATHS, Link, Move, remedies_of
+from pbd.arm.link_checks import LinkChecks
+from pbd.arm.model import ArmModel
+from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, MotionRequest
+from pbd.pose import Pose
+
+MOST_STRAIGHT_WIDE = 150
+"""Refused straight moves between two keyframes, among more branches, before the link is mended again."""
+COARSE = 4
+"""Poses from one layer to the next where joints are sought along a path."""
+LOOK_BACK = 8
+"""Paths before a barred one along which joints are sought with it."""
+
+
+class Mending:
+    """The ladder with what each of its links is: link j leads to layer j + 1."""
+
+    def __init__(self, arm: ArmModel, request: MotionRequest, queries: CollisionQueries | None, ladder: Ladder) -> None:
+        self.arm, self.request, self.queries, self.ladder = arm, request, queries, ladder
+        self.checks = LinkChecks(arm, request, queries)
+        self.n = len(request.T_base_tool)
+        self.links = [Link(place) for place in range(len(ladder.layers) - 1)]
+        may_detour = request.detour and queries is not None
+        self.moves = [Move(STRAIGHT, remedies_of(request, i, may_detour=may_detour)) for i in range(len(self.links))]
+        for i in range(1, self.n if request.kind != STRAIGHT else 1):
+            self._follow_path(i + 1, request.kind)
+
+    def _follow_path(self, place: int, kind: str | None = None) -> None:
+        """Let the tool follow a path to a layer, from end to end: by default as the hand went, where that is known."""
+        link = self.links[place - 1]
+        i, T_base_tool = link.keyframe, self.request.T_base_tool
+        hand = self.request.hand if kind != LINE else None
+        self.moves[i].kind = DEMO if hand else LINE
+        link.poses = tuple(hand()[i - 1]) if hand else line(T_base_tool[i - 1], T_base_tool[i])
+        link.tool_free, self.ladder.layers[place].wide_cost = False, 0.0
+        self.ladder.reopen(place, MOST_PATHS, costly=True)
+
+    def _detour(self, i: int) -> None:
+        """Let the arm go any way from keyframe to keyframe, whatever the tool does."""
+        places = [place for place, link in enumerate(self.links, start=1) if link.keyframe == i]
+        self.moves[i].detour = True
+        self.ladder.drop(places[0], places[-1])
+        self.links[places[0] - 1 : places[-1]] = [Link(i)]
+        self.ladder.reopen(places[0], MOST_DETOURS, costly=True, in_order=True, unseen=DETOUR_EXTRA)
+
+    def _widen(self, i: int) -> None:
+        """Look for more ways to hold the arm all along a move; where it followed a path straight moves are tried."""
+        places = [place for place, link in enumerate(self.links, start=1) if link.keyframe == i]
+        for place in (places[0] - 1, *places):
+            if place > 0 and self.links[place - 1].keyframe < self.n:
+                widen(self.arm, self._pose(place), self.ladder, place)
+        if len(places) == 1:
+            self.links[places[0] - 1].poses, self.moves[i].kind = None, STRAIGHT
+        for place in places:
+            self.ladder.reopen(place, MOST_STRAIGHT_WIDE, costly=len(places) > 1)
+
+    def _split(self, place: int) -> bool:
+        """Seek joints along a path, and along the paths just before it: those decide how the arm comes to it."""
+        if self.links[place - 1].poses is None:  # widening made it straight
+            self._follow_path(place)
+        first = place
+        while first > 1 and place - first < LOOK_BACK and self._whole(first - 1):
+            first -= 1
+        end = place
+        while first <= end:
+            move = self.moves[self.links[first - 1].keyframe]
+            move.remedies = [each for each in move.remedies if each != "split"]
+            added = self._split_one(first)
+            if added is None:
+                return False
+            first, end = first + added + 1, end + added
+        return True
+
+    def _whole(self, place: int) -> bool:
+        """Whether a layer is come to by a path of the tool from end to end."""
+        link, before = self.links[place - 1], self.links[place - 2]
+        return link.poses is not None and link.at_keyframe and before.keyframe != link.keyframe
+
+    def _split_one(self, place: int) -> int | None:
+        """Put a layer at every few poses of a path; return how many, None where a pose has no solution."""
+        link = self.links[place - 1]
+        poses = link.poses or ()
+        marks = [0, *range(COARSE, len(poses) - 1, COARSE), len(poses) - 1]
+        layers = layers_along(self.arm, self.ladder, place - 1, [poses[mark] for mark in marks[1:-1]])
+        if layers is None:
+            return None
+        last = self.ladder.layers[place]
+        last.most_refused, last.most_step = MOST_STEPS, CONTINUOUS_RAD
+        self.ladder.insert(place, layers)
+        self.links[place - 1 : place] = [
+            Link(link.keyframe, poses[a : b + 1], b == len(poses) - 1, tool_free=True) for a, b in pairwise(marks)
+        ]
+        widen(self.arm, poses[-1], self.ladder, place + len(layers), STARTS)
+        return len(layers)
+
+    def _pose(self, place: int) -> Pose:
+        link = self.links[place - 1]
+        return self.request.T_base_tool[link.keyframe] if link.poses is None else link.poses[-1]

@@ -1,0 +1,73 @@
+"""Recordings without a header: what was read of them, and `--column` and `--unit` where they are wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from pbd.data import Recording
+from pbd.data.units import UNITS, unit_factor
+from pbd.errors import RecordingError, UsageError, listed, printable
+from pbd.files.importers.columns import CHANNEL_OF, CHANNELS, Column, Understood
+
+
+def understood_channels(
+    recording: Recording, names: Mapping[str, str], by: str, unread: Mapping[str, str]
+) -> Understood:
+    """Tell of each channel that is there its name in the file, in our units, and who says so."""
+    columns = []
+    for channel, name in names.items():
+        if getattr(recording, "device_rpy" if channel == "rpy" else channel) is not None:
+            unit = next(iter(UNITS["angle" if channel == "rpy" else channel]))
+            axes = [""] if channel == "t" else [".x", ".y", ".z"]
+            for ours, axis in zip(CHANNELS[channel], axes, strict=True):
+                columns.append(Column(f"{name}{axis}", ours, 1.0, unit, by, by))
+    return Understood(tuple(columns), unread)
+
+
+def remapped(
+    path: Path, recording: Recording, understood: Understood, columns: Mapping[str, str], units: Mapping[str, str]
+) -> tuple[Recording, Understood]:
+    """Swap and turn the axes of a recording that has been read, and change its units.
+
+    Args:
+        path: the file, for messages.
+        recording: as read.
+        understood: what was made of it.
+        columns: ours -> ours, or the file's name; -NAME turns the sign.
+        units: of acc, gyr, mag; -UNIT turns the sign.
+
+    Raises:
+        UsageError: a channel or unit that isn't known.
+        RecordingError: there is no such column of that quantity.
+    """
+    read = {name: values for name in ("gyr", "acc", "mag") if (values := getattr(recording, name)) is not None}
+    changed = {name: values.copy() for name, values in read.items()}
+    told = {(column.ours, column.name if column.ours == "t" else ""): column for column in understood.columns}
+    for ours, name in columns.items():
+        channel = CHANNEL_OF.get(ours, "")
+        if not channel:
+            raise UsageError(f"unknown channel '{ours}'; choose one of {', '.join(CHANNEL_OF)}", value=ours)
+        there = understood.of(channel) if channel in read else []
+        bare = name if any(name == column.name for column in there) else name.removeprefix("-")
+        source = next((column for column in there if bare in (column.name, column.ours)), None)
+        if source is None:
+            have = f"its columns for {ours} are {listed(column.name for column in there)}"
+            raise RecordingError(f"{path}: no column '{printable(name)}'; {have}", path=path, value=name)
+        # A name means what stands in the file, one of ours what was made of it.
+        sign = (1.0 if bare == name else -1.0) * (source.sign if bare == source.name else 1.0)
+        to, of = CHANNELS[channel].index(ours), CHANNELS[channel].index(source.ours)
+        changed[channel][:, to] = sign * read[channel][:, of]
+        told[ours, ""] = replace(source, ours=ours, sign=sign * source.sign, named_by="--column")
+    for channel, given in units.items():
+        unit, sign = given.removeprefix("-"), -1.0 if given.startswith("-") else 1.0
+        factor = unit_factor(channel, unit) if channel in read else None
+        if factor is None:
+            known = f"give one of {', '.join(UNITS[channel])}" if channel in read else f"give it for {', '.join(read)}"
+            raise UsageError(f"{path}: the unit {channel}={printable(given)} is not known here; {known}", value=given)
+        for k, ours in enumerate(CHANNELS[channel]):
+            column = told[ours, ""]
+            changed[channel][:, k] *= sign * factor / (unit_factor(channel, column.unit) or 1.0)
+            told[ours, ""] = replace(column, sign=sign * column.sign, unit=unit, unit_by="--unit")
+    return replace(recording, **changed), replace(understood, columns=tuple(told.values()))
