@@ -82,8 +82,8 @@ def warn_of_closeness(error: PlanError) -> None:
     bodies = error.fields["bodies"]
     assert isinstance(bodies, tuple)
     message = (
-        f"a motion was only found that comes nearer to something than {1e3 * MARGIN_M:g} mm (no less than "
-        f"{1e3 * CLOSE_M:g} mm, as for {bodies[0]} and {bodies[1]}): check that the calibration's obstacles are where they are"
+        f"a motion was only found that comes nearer to something than {1e3 * MARGIN_M:g} mm (no less "
+        f"than {1e3 * CLOSE_M:g} mm, as for {bodies[0]} and {bodies[1]}): check where the obstacles are"
     )
     warnings.warn(message, PbdWarning, stacklevel=3)
 
