@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import importlib
 import os
+import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
+from xdist.scheduler import WorkStealingScheduling  # type: ignore[import-untyped]
 
 from tests.remembered import FUNCTIONS, remembering
 
@@ -16,6 +19,15 @@ def pytest_xdist_auto_num_workers() -> int:
     """One more than there are cores: every fourth second of the tests is spent waiting for a browser or a port."""
     return (os.cpu_count() or 1) + 1
 
+
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> object:
+    """Tests of a file run in one process, as far as they can: what they share is made once."""
+    return WorkStealingScheduling(config, log)
+
+
+# Otherwise each worker, and each command that a test starts as a process, compiles all of it again.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 settings.register_profile("pbd", deadline=None)  # nothing fails on time: the machine may be busy
 settings.load_profile("pbd")

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from pbd.cli import main
-from pbd.plots import figures
+from pbd.plots import compare_figures, figures
 from tests.cli.running import Capture, run, run_json, write_recording
 
 pytestmark = pytest.mark.usefixtures("elsewhere", "remembered")
@@ -20,6 +20,7 @@ pytestmark = pytest.mark.usefixtures("elsewhere", "remembered")
 def few(monkeypatch: pytest.MonkeyPatch) -> None:
     """One figure is enough, where it is not about the figures."""
     monkeypatch.setattr(figures, "FIGURES", {"position": figures.FIGURES["position"]})
+    monkeypatch.setattr(compare_figures, "COMPARISONS", {"paths": compare_figures.COMPARISONS["paths"]})
 
 
 def test_the_bundled_demonstration_is_drawn_where_none_is_named(capsys: Capture, elsewhere: Path) -> None:

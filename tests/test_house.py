@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 from collections import Counter
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -49,7 +50,9 @@ def name_of(path: Path) -> str:
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-IMPORTS = {name_of(path): imports(path) for path in MODULES if path != PACKAGE / "__init__.py"}
+@cache
+def all_imports() -> dict[str, list[tuple[str, bool]]]:
+    return {name_of(path): imports(path) for path in MODULES if path != PACKAGE / "__init__.py"}
 
 
 def part(module: str) -> str:
@@ -60,7 +63,7 @@ def part(module: str) -> str:
 def test_imports_go_down() -> None:
     rung = {name: number for number, names in enumerate(RUNGS) for name in names} | {"": -1}
     wrong = []
-    for here, found in IMPORTS.items():
+    for here, found in all_imports().items():
         for there, _ in found:
             if not there.startswith("pbd"):
                 continue
@@ -72,7 +75,10 @@ def test_imports_go_down() -> None:
 
 
 def test_no_circles() -> None:
-    graph = {here: {there for there, at_top in found if at_top and there in IMPORTS} for here, found in IMPORTS.items()}
+    graph = {
+        here: {there for there, at_top in found if at_top and there in all_imports()}
+        for here, found in all_imports().items()
+    }
     TopologicalSorter({here: found - {here} for here, found in graph.items()}).prepare()
 
 
@@ -94,7 +100,7 @@ def test_nothing_heavy_is_loaded_early() -> None:
         assert result.stdout.split() == [], statement
     at_top = [
         f"{here} imports {there}"
-        for here, found in IMPORTS.items()
+        for here, found in all_imports().items()
         for there, is_at_top in found
         if is_at_top and there.split(".")[0] in HEAVY and part(here) not in MAY_BE_HEAVY
     ]

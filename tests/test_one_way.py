@@ -18,6 +18,8 @@ from pbd.pose import Pose
 from pbd.simulation.simulate import simulate
 from pbd.tracking.keyframes import keyframes_of
 
+pytestmark = pytest.mark.usefixtures("remembered")  # who asks the same is answered the same: tests/test_same_bytes.py
+
 AT_S = (5.7, 18.1)
 """When the simulated pouring hand is at the bottle's place."""
 

@@ -23,9 +23,6 @@ FALSE_RATE = 0.01
 LEAST_TAKES = 3
 """Fewest takes of which one can be told to be wrong."""
 
-LARGEST_SHARE = 0.5
-"""Share of a take's keyframes that may be outliers before all of the take is one."""
-
 UNSURE_SIGMAS = 2.0
 """The scatter of the rest is taken as large as that many sigmas of its logarithm allow: it may be of few takes."""
 
@@ -46,18 +43,14 @@ class Disbelieved(NamedTuple):
 def believed(parts: Parts, joint: Joint) -> tuple[Joint, Parts, Disbelieved]:
     """Leave out the worst keyframe of a take, estimate again, as long as one is an outlier.
 
-    Where a whole take is one, or half of its keyframes are, nothing more is sought.
+    Where a whole take is one, nothing more is sought.
     """
     take = _outlier_take(parts, joint)
     if take is not None:
         return joint, parts, Disbelieved(take, ())
     out: list[tuple[int, int]] = []
-    begun = [len(at) for at in parts.at]
     while (worst := _outlier(parts, joint, LEAST_TAKES)) is not None:
         out.append(worst)
-        of_take = sum(k == worst[0] for k, _ in out)
-        if of_take > LARGEST_SHARE * begun[worst[0]]:
-            return joint, parts, Disbelieved(worst[0], tuple(out))
         parts = without(parts, worst[0], worst[1])
         joint = estimate_jointly(parts, joint.state, alike(len(joint.state.m)))
     return joint, parts, Disbelieved(None, tuple(out))

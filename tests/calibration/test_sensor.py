@@ -109,6 +109,15 @@ def test_orientations_are_counted_once() -> None:
     assert [orientations(up[:2]), orientations(up[::2])] == [1, 2]
 
 
+def test_a_gyro_that_shows_one_turn_much_too_large_is_refused(recording: Recording, rests: Rests) -> None:
+    """Otherwise it would be laid to its scale and axes."""
+    assert recording.gyr is not None
+    gyr, up = recording.gyr.copy(), rests.acc / np.linalg.norm(rests.acc, axis=1, keepdims=True)
+    gyr[rests.stop[3] : rests.start[4]] *= 1.6
+    with pytest.raises(CalibrationError, match=r"does not turn as gravity does \(by 11 degrees, rms\)"):
+        fit_gyro(replace(recording, gyr=gyr), rests, up)
+
+
 # --- accelerometer ----------------------------------------------------------------------------------------------------
 
 

@@ -64,9 +64,7 @@ def tool_by_tf(topics: Topics, robot: Any, i: int) -> Pose:
     return in_root(robot.base).inverse() @ in_root("pbd_tool")
 
 
-@pytest.mark.parametrize(
-    ("name", "read"), [("panda", by_rosbags), ("panda", by_mcap_ros2), ("ur5", by_mcap_ros2), ("so101", by_rosbags)]
-)
+@pytest.mark.parametrize(("name", "read"), [("panda", by_rosbags), ("ur5", by_mcap_ros2)])
 def test_the_bag_has_the_motion_and_the_recording(tmp_path: Path, name: str, read: Any) -> None:
     plan, robot, source = planned(name)
     export(plan.trajectory, robot, "mcap", tmp_path / "p.mcap", 20.0, source=source)

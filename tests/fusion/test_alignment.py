@@ -36,6 +36,13 @@ def test_registration_finds_the_frame_and_how_the_sensor_sits() -> None:
     np.testing.assert_allclose(back.R, here.R, atol=1e-3)
 
 
+def test_where_turns_say_otherwise_a_registration_goes_by_places_rather() -> None:
+    """Turned by 0.2 rad about the vertical where each stands: so much as a lever of 0.1 m counts beside 0.2 m."""
+    here = keyframes()
+    there = Keyframes(here.p, rotations(np.array((0.0, 0.0, 0.2))) @ here.R, here.grip, here.sigma)
+    assert 0.02 < -register(here, there, [(i, i) for i in range(len(here))]).yaw < 0.08
+
+
 def test_what_most_takes_have_is_kept_even_if_the_first_has_it_not() -> None:
     whole = keyframes()
     takes = [some(whole, [0, 1, 2, 4, 5, 6]), whole, ELSEWHERE.of(whole), some(whole, [0, 1, 2, 3, 4, 6])]

@@ -43,6 +43,12 @@ def test_the_hands_scatter_is_told_from_the_trackers(hand: float, sigma: float, 
     assert low * MM < np.exp(scatter.log[2]) < high * MM
 
 
+def test_where_the_tracker_hides_it_a_hand_scatters_as_hands_do() -> None:
+    true = truth(2)
+    scatter = estimate_jointly(parts(true, np.array(2.0 * MM), 20.0 * MM), begun(true), alike(6)).scatter
+    assert 1.0 * MM < np.exp(scatter.log[2]) < 5.0 * MM
+
+
 def test_a_keyframe_that_scatters_along_one_axis_is_found() -> None:
     true, hand = truth(8), np.full((6, 3), MM)
     hand[3, 1] = 8.0 * MM
@@ -69,6 +75,13 @@ def test_a_keyframe_of_a_take_that_fits_no_other_is_left_out(
     takes = parts(true, np.array(2.0 * MM), MM, off=off(where, by))
     found = believed(takes, estimate_jointly(takes, begun(true), alike(6)))[2]
     assert (found.take, found.keyframes) == (take, keyframes)
+
+
+def test_no_keyframe_is_blamed_because_three_takes_show_little_of_the_scatter() -> None:
+    """By the scatter that the others seem to have, one of these would be."""
+    true = truth(3, seed=3)
+    takes = parts(true, np.array(2.0 * MM), 0.5 * MM, seed=3)
+    assert believed(takes, estimate_jointly(takes, begun(true), alike(6)))[2] == (None, ())
 
 
 def test_a_take_that_is_off_everywhere_is_an_outlier() -> None:

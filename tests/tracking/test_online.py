@@ -133,7 +133,7 @@ def at_the_end(sensor: str, seed: int) -> tuple[Keyframe, Array, Array]:
 @pytest.mark.parametrize("sensor", SENSORS)
 def test_at_the_last_stop_it_agrees_with_the_batch_smoother(sensor: str) -> None:
     """What both have seen is the same, so they differ by less than either errs: here by less than three sigma."""
-    for seed in range(4):
+    for seed in range(2):
         live, p_batch, cov_batch = at_the_end(sensor, seed)
         assert distance_in_sigmas(live.T_nav_sensor.p - p_batch, live.cov[:3, :3]) < 3.0
         assert np.trace(live.cov[:3, :3]) > 0.5 * np.trace(cov_batch)  # it can't be surer
@@ -204,7 +204,7 @@ def test_a_stop_is_announced_in_time_and_nothing_else_is(sensor: str, rate_hz: f
 
 
 @uncalibrated
-@pytest.mark.parametrize(("slower", "sensor"), [(1.25, "wt901"), *((3.0, sensor) for sensor in SENSORS)])
+@pytest.mark.parametrize(("slower", "sensor"), [(1.25, "wt901"), (3.0, "wt901"), (3.0, "os5000")])
 def test_a_slow_hand_stops_where_it_does_and_nowhere_else(sensor: str, slower: float) -> None:
     """Half-way, where acceleration passes zero, a smooth move is as quiet as a rest."""
     waypoints = tuple(replace(waypoint, move_s=slower * waypoint.move_s) for waypoint in TASKS["pour"].waypoints)

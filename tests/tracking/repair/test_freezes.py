@@ -58,7 +58,10 @@ def fastest(demo: Demonstration) -> list[int]:
 @quietly
 @pytest.mark.parametrize(
     ("sensor", "rate_hz", "move"),
-    [(sensor, RATES_HZ[(i + k) % 3], move) for i, sensor in enumerate(TOLD) for k, move in enumerate(MOVES)],
+    [
+        *((sensor, RATES_HZ[(i + 1) % 3], "straight") for i, sensor in enumerate(TOLD)),
+        *((sensor, RATES_HZ[i % 3], "turning") for i, sensor in enumerate(TOLD) if i % 2),
+    ],
 )
 def test_a_freeze_in_a_move_is_refused_or_makes_unsure(sensor: str, rate_hz: float, move: str) -> None:
     """Where the hand is fastest, a straight move reads what it reads at rest: it seems to stop dead."""
@@ -94,8 +97,10 @@ def test_half_a_swift_move_is_no_jolt(sensor: str, rate_hz: float, seed: int) ->
 
 
 @quietly
-@pytest.mark.parametrize("sensor", ["ideal", "steps of 16 mg", "steps of 30 mg"])
-@pytest.mark.parametrize("rate_hz", [40.0, 100.0, 286.0])
+@pytest.mark.parametrize(
+    ("sensor", "rate_hz"),
+    [("ideal", 40.0), ("ideal", 286.0), ("steps of 16 mg", 100.0), ("steps of 30 mg", 40.0), ("steps of 30 mg", 100.0)],
+)
 def test_a_knock_at_rest_is_no_freeze(sensor: str, rate_hz: float) -> None:
     """It gives the sensor a speed and takes it back, within two samples."""
     recording = simulate("pour", SENSORS[sensor], rate_hz=rate_hz).recording

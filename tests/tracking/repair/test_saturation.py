@@ -94,7 +94,7 @@ def test_one_line_says_how_many_which_axis_where_and_what_to_do() -> None:
 @pytest.mark.parametrize("rate_hz", [25.0, 60.0, 250.0])
 @pytest.mark.parametrize("sensor", ["os5000", "os5000-nogyro", "wt901", "modern", "ideal"])
 def test_nothing_is_found_where_nothing_clips(sensor: str, rate_hz: float) -> None:
-    for seed in range(4):
+    for seed in range(2):
         tasks: tuple[str | Task, ...] = (*TASKS, random_task(seed), fast(seed))
         for task in tasks:
             assert clips_of(simulate(task, limited(sensor), seed, rate_hz=rate_hz).recording) == ()
@@ -175,7 +175,7 @@ def test_the_roll_of_test_1_is_put_back_by_gravity() -> None:
 @pytest.mark.filterwarnings("ignore::pbd.errors.PbdWarning")
 @pytest.mark.parametrize(
     ("sensor", "gyr_deg", "acc", "seeds"),
-    [("modern", 200.0, inf, 8), ("os5000", inf, 13.0, 32), ("wt901", 250.0, 14.0, 8)],  # a median of 16 is .3 cm off
+    [("modern", 200.0, inf, 8), ("modern", inf, 12.0, 8), ("wt901", 250.0, 14.0, 8)],
 )
 def test_a_clipped_recording_is_tracked_far_better_than_it_was_sampled(
     sensor: str, gyr_deg: float, acc: float, seeds: int, monkeypatch: pytest.MonkeyPatch

@@ -254,8 +254,9 @@ def test_a_turn_about_the_vertical_is_not_taken_for_rest(seed: int) -> None:
     assert np.abs(bias).max() < np.radians(2.0)
 
 
-@pytest.mark.parametrize("how", ["swapped", "mirrored", "turned round"])
-@pytest.mark.parametrize("sensor", ["os5000", "wt901", "modern"])
+@pytest.mark.parametrize(
+    ("how", "sensor"), [("swapped", "os5000"), ("mirrored", "wt901"), ("turned round", "modern"), ("swapped", "wt901")]
+)
 def test_axes_that_are_not_the_accelerometers_are_found_out(how: str, sensor: str) -> None:
     """Nearly always, where the hand turns about several axes; where it hardly turns, nothing is known of them."""
     said = []
