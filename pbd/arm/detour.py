@@ -6,37 +6,74 @@ ends after a number of checks rather than a time, and its seed is fixed: what is
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import pairwise
+
 import numpy as np
 from ompl import base, geometric, util
 
 from pbd.arm.collision.queries import CollisionQueries
+from pbd.arm.ladder_links import DetourSearch
 from pbd.arm.timing.path_smoothing import Curve
 from pbd.pose import Array
 
-STEP_RAD = 1.0
-"""Longest move that is added to a tree, over all joints."""
-WINDING_RAD = np.pi
-"""How far beyond its start and its end a joint may go."""
-
-_SEED = 1
+_THINNED = 20  # of a known way's points one in so many begins a tree
 _SHORTCUTS = 60
 _BENDS = 2  # times that the path is divided in two to bend it
 _BETWEEN_RAD = 0.05, 0.02, 0.01  # a spline through points so near to each other keeps to the straight lines
 
 
-def find_detour(queries: CollisionQueries, leg: int, q_start: Array, q_end: Array, most_checks: int) -> Array | None:
-    """Return joints (m, k) on a curve to keyframe `leg` that ends at `q_end` (k,); or just that, if it is straight.
+def find_detour(
+    queries: CollisionQueries,
+    leg: int,
+    starts: Array,
+    goals: Array,
+    effort: DetourSearch,
+    most_checks: int,
+    known: Sequence[Array] = (),
+) -> tuple[Array | None, int]:
+    """Find a way to keyframe `leg` from one of the starts (s, k) to one of the goals (g, k).
 
-    None where none is found by so many checks.
+    Args:
+        queries: what is free.
+        leg: the keyframe that it leads to.
+        starts: joints from which the arm may come.
+        goals: joints that end the way.
+        effort: how to search.
+        most_checks: how many checks to make at most, before the way is made smooth.
+        known: free ways (m, k) of legs alike, which may be gone along, either way, as part of it.
+
+    Returns:
+        Joints (m, k) on a curve from a start to a goal, or just these two if it is straight; None where none is found
+        by so many checks. And how many checks were made.
     """
-    if not all(queries.passes(leg, q[None]) for q in (q_start, q_end)):
-        return None
+    starts = np.array([q for q in starts if queries.passes(leg, q[None])]).reshape(-1, goals.shape[1])
+    goals = np.array([q for q in goals if queries.passes(leg, q[None])]).reshape(-1, goals.shape[1])
+    if not len(starts) or not len(goals) or most_checks <= 0:
+        return None, 0
     util.setLogLevel(util.LogLevel.LOG_NONE)
-    util.RNG.setSeed(_SEED)
-    limits, count = queries.arm.limits, len(q_start)
+    util.RNG.setSeed(effort.seed)
+    information, checker = _space_of(queries, leg, np.vstack((starts, goals)), effort.winding_rad)
+    ways = _ways_from(starts, known)
+    there = next((ways[q.tobytes()] for q in goals if q.tobytes() in ways), None)
+    if there is None:
+        marks = {q.tobytes() for way in known for q in (*way[::_THINNED], way[-1])}
+        begun = np.array([*starts, *(way[-1] for way in [*ways.values()][len(starts) :] if way[-1].tobytes() in marks)])
+        corners = _connect(information, checker, begun, goals, effort.step_rad, most_checks)
+        if corners is None:
+            return None, checker.checks
+        there = np.vstack((ways[corners[0].tobytes()], corners[1:]))
+    return _smooth(information, checker, there), checker.checks
+
+
+def _space_of(
+    queries: CollisionQueries, leg: int, ends: Array, winding_rad: float
+) -> tuple[base.SpaceInformation, _Checker]:
+    """Return the joints' space around ends (m, k), and what checks moves in it."""
+    limits, count = queries.arm.limits, ends.shape[1]
     space, bounds = base.RealVectorStateSpace(count), base.RealVectorBounds(count)
-    lower = np.maximum(limits.lower, np.minimum(q_start, q_end) - WINDING_RAD)
-    upper = np.minimum(limits.upper, np.maximum(q_start, q_end) + WINDING_RAD)
+    lower = np.maximum(limits.lower, ends.min(axis=0) - winding_rad)
+    upper = np.minimum(limits.upper, ends.max(axis=0) + winding_rad)
     for joint in range(count):
         bounds.setLow(joint, float(lower[joint]))
         bounds.setHigh(joint, float(upper[joint]))
@@ -46,31 +83,67 @@ def find_detour(queries: CollisionQueries, leg: int, q_start: Array, q_end: Arra
     information.setStateValidityChecker(checker.stands)
     information.setMotionValidator(checker)
     information.setup()
-    problem = base.ProblemDefinition(information)
-    start, goal = information.allocState(), information.allocState()
-    start[0:count], goal[0:count] = q_start.tolist(), q_end.tolist()
-    problem.setStartAndGoalStates(start, goal)
+    return information, checker
+
+
+def _ways_from(starts: Array, known: Sequence[Array]) -> dict[bytes, Array]:
+    """Return a way (m, k), by where it ends, to all that known ways lead to: the starts (s, k) first."""
+    beside: dict[bytes, list[Array]] = {}
+    for way in known:
+        for before, after in pairwise(way):
+            beside.setdefault(before.tobytes(), []).append(after)
+            beside.setdefault(after.tobytes(), []).append(before)
+    ways = {q.tobytes(): q[None] for q in starts}
+    ends = list(starts)
+    for q in ends:
+        for after in beside.get(q.tobytes(), ()):
+            if after.tobytes() not in ways:
+                ways[after.tobytes()] = np.vstack((ways[q.tobytes()], after))
+                ends.append(after)
+    return ways
+
+
+def _connect(
+    information: base.SpaceInformation,
+    checker: _Checker,
+    starts: Array,
+    goals: Array,
+    step_rad: float,
+    most_checks: int,
+) -> Array | None:
+    """Return the corners (m, k) of a way from a start to a goal, None where none is found by so many checks."""
+    problem, ends = base.ProblemDefinition(information), base.GoalStates(information)
+    for q in starts:
+        problem.addStartState(_state(information, q))
+    for q in goals:
+        ends.addState(_state(information, q))
+    problem.setGoal(ends)
     planner = geometric.RRTConnect(information)
-    planner.setRange(STEP_RAD)
+    planner.setRange(step_rad)
     planner.setProblemDefinition(problem)
     planner.setup()
     planner.solve(base.PlannerTerminationCondition(lambda: checker.checks >= most_checks))
-    if not problem.hasExactSolution():
-        return None
-    path = problem.getSolutionPath()
+    return checker.joints(problem.getSolutionPath()) if problem.hasExactSolution() else None
+
+
+def _smooth(information: base.SpaceInformation, checker: _Checker, q: Array) -> Array | None:
+    """Return joints (m, k) on a curve by a shorter way than corners (l, k); or its two ends, if they lie straight."""
+    path = geometric.PathGeometric(information)
+    for each in q:
+        path.append(_state(information, each))
     simplifier = geometric.PathSimplifier(information)
     simplifier.partialShortcutPath(path, _SHORTCUTS, _SHORTCUTS)
     simplifier.reduceVertices(path)
     corners = checker.joints(path)
     if len(corners) == 2:
-        return corners[1:]
+        return corners
     simplifier.smoothBSpline(path, _BENDS)
     for waypoints in (checker.joints(path), corners):
         for between_rad in _BETWEEN_RAD:
             dense = _divided(waypoints, between_rad)
-            curve = Curve.through(dense, limits)
-            if curve is not None and queries.passes(leg, curve.q(curve.grid())):
-                return dense[1:]
+            curve = Curve.through(dense, checker.queries.arm.limits)
+            if curve is not None and checker.queries.passes(checker.leg, curve.q(curve.grid())):
+                return dense
     return None
 
 
@@ -94,6 +167,12 @@ class _Checker(base.MotionValidator):  # type: ignore[misc]
 
     def _of(self, state: base.State) -> Array:
         return np.array(state[0 : self.count])
+
+
+def _state(information: base.SpaceInformation, q: Array) -> base.State:
+    state = information.allocState()
+    state[0 : len(q)] = q.tolist()
+    return state
 
 
 def _divided(q: Array, between_rad: float) -> Array:

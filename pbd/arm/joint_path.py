@@ -135,6 +135,22 @@ def add_turns(arm: ArmModel, ladder: Ladder, place: int, joint: int) -> int:
     return len(q)
 
 
+def turned(arm: ArmModel, q: Array, before: Array, most: int) -> Array:
+    """What whole turns of joints, within limits, make of (m, k): of each so many, those nearest to (b, k) joints."""
+    found = []
+    for each in q:
+        ways = each[None]
+        for joint in np.flatnonzero(arm.turns):
+            turns = ways + 2.0 * np.pi * np.array([-1.0, 0.0, 1.0])[:, None, None] * np.eye(len(each))[joint]
+            ways = turns.reshape(-1, len(each))
+            inside = (ways[:, joint] >= arm.limits.lower[joint]) & (ways[:, joint] <= arm.limits.upper[joint])
+            ways = ways[inside]
+            far = np.linalg.norm(ways[:, None] - before, axis=2).min(axis=1)
+            ways = ways[np.argsort(far, kind="stable")[: 3 * most]]
+        found.append(ways[:most])
+    return np.vstack(found)
+
+
 def turnable(arm: ArmModel, T_base_tool: Pose, q_before: Array, q: Array) -> set[int]:
     """Name the joints that could be a whole turn elsewhere, and should: they turn back on the way from q_before to q.
 

@@ -51,6 +51,7 @@ class Layer:
         cost: (m,) rad of joint travel, beside that of the moves; infinite where the arm may not stand.
         most_refused: how many refused moves make the layer count as out of reach.
         costly: the moves to it are checked once all others on the path are free.
+        in_order: they are checked once those before them on the path are.
         most_step: rad, the largest motion of a joint on a move to this layer.
         unseen: rad, what a move costs more as long as nobody knows whether it is free.
         wide_cost: rad, of a move to this layer on which a joint turns by more than half a turn.
@@ -62,6 +63,7 @@ class Layer:
     most_refused: int
     most_step: float = np.inf
     costly: bool = False
+    in_order: bool = False
     wide_cost: float = 0.0
     unseen: float = UNSEEN
     length: Array = field(init=False)
@@ -145,11 +147,20 @@ class Ladder:
                 self.layers[at].link(self.layers[at - 1].q)
         self._forget(place)
 
-    def reopen(self, place: int, most_refused: int, *, costly: bool, unseen: float = UNSEEN) -> None:
+    def reopen(
+        self, place: int, most_refused: int, *, costly: bool, in_order: bool = False, unseen: float = UNSEEN
+    ) -> None:
         """Take the moves to a layer for unknown again: they are made in another way from now on."""
         layer = self.layers[place]
-        layer.most_refused, layer.costly, layer.unseen = most_refused, costly, unseen
+        layer.most_refused, layer.costly, layer.in_order, layer.unseen = most_refused, costly, in_order, unseen
         layer.link(self.layers[place - 1].q, anew=True)
+        self._forget(place)
+
+    def settle(self, place: int, q_before: Array, q: Array, length: float) -> None:
+        """Leave only one move to a layer, of so much rad, which is known to be free."""
+        layer, before = self.layers[place], self.layers[place - 1]
+        layer.length[:], layer.moved[:], layer.refused = np.inf, True, 0
+        layer.length[(before.q == q_before).all(axis=1).argmax(), (layer.q == q).all(axis=1).argmax()] = length
         self._forget(place)
 
     def doubt(self, place: int, unseen: float) -> None:
@@ -248,7 +259,7 @@ class Ladder:
         barred, first = False, len(path)
         for place in range(self.first + 1, self.end):
             layer, state, following = self.layers[place], path[place - 1], path[place]
-            if layer.moved[state, following] or layer.costly != costly:
+            if layer.moved[state, following] or layer.costly != costly or (layer.in_order and barred):
                 continue
             layer.moved[state, following], unseen = True, layer.unseen
             cost = moves(place, self.layers[place - 1].q[state], layer.q[following])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,12 +16,43 @@ from pbd.pose import Array, Pose
 
 MOST_PATHS = 4
 """Refused paths of the tool, from end to end, before a link is mended."""
-MOST_DETOURS, MOST_CHECKED = 4, 2000
-"""Pairs of ways to hold the arm between which a detour is sought in vain, and checks for each."""
+MOST_DETOURS = 4
+"""Pairs of ways to hold the arm between which a detour is sought in vain."""
 DETOUR_EXTRA = 1.0
 """How much farther than straight a detour is taken to be, rad, until it is found."""
 ENOUGH_DETOURS, ANY_OTHER = 1, 100.0
 """Detours found after which another one is only sought where these lead nowhere: so many rad more it is taken to be."""
+
+
+class DetourSearch(NamedTuple):
+    """How a detour is sought.
+
+    Attributes:
+        most_checks: after so many it is given up.
+        seed: of random joints.
+        step_rad: the longest move that is added to a tree, over all joints.
+        winding_rad: how far beyond all starts and goals a joint may go.
+        turned: goals that whole turns make of each way to hold the arm.
+    """
+
+    most_checks: int
+    seed: int = 1
+    step_rad: float = 1.0
+    winding_rad: float = np.pi
+    turned: int = 1
+
+
+BETWEEN_TWO = DetourSearch(400)
+FROM_ANY_TO_ANY = (
+    DetourSearch(1000, winding_rad=0.5 * np.pi),
+    DetourSearch(1000, turned=8),
+    DetourSearch(1000, winding_rad=0.5 * np.pi, seed=2),
+    DetourSearch(1500, winding_rad=0.5 * np.pi, seed=3, step_rad=0.5),
+    DetourSearch(1500, seed=4, step_rad=0.5),
+)
+"""Most searches end soon or never, so that several short ones, unlike each other, find more than a long one."""
+CHECKS, CHECKS_EACH, CHECKS_CLOSE = 6000, 1000, 0.5
+"""Checks for all detours of a motion, so many more for each keyframe; and the share made where things may be close."""
 
 
 @dataclass(eq=False)
@@ -31,6 +63,7 @@ class Move:
     `found_wide`: on how many of them the tool deviates widely. `wide`: how, once a line was tried instead.
     `tool_barred`: what the tool carries touches something on its path, however the arm is held.
     `detour`: nothing else was free, so that any way around is sought; `searched`: how many checks were for that.
+    `widened`: more ways to hold the arm were sought at its end.
     """
 
     kind: str
@@ -43,17 +76,21 @@ class Move:
     tool_barred: bool = False
     detour: bool = False
     searched: int = 0
+    widened: bool = False
 
     def last_resort(self) -> bool:
         """Whether a detour is left; no other remedy is from now on."""
-        self.remedies[:] = [each for each in self.remedies if each == "detour"]
+        self.remedies[:] = self._detours()
         return bool(self.remedies)
 
     def leave_path(self) -> None:
         """What the tool carries touches something on its path: no more joints are sought along it."""
         first = self.remedies.index("split") if "split" in self.remedies else len(self.remedies)
-        self.remedies = [each for i, each in enumerate(self.remedies) if i < first or each == "detour"]
+        self.remedies = [*self.remedies[:first], *(self._detours() if first < len(self.remedies) else ())]
         self.tool_barred = False
+
+    def _detours(self) -> list[str]:
+        return self.remedies[self.remedies.index("detour") :] if "detour" in self.remedies else self.remedies[:0]
 
     def segment(self, q: Array) -> Segment:
         """What is made of it with joints (m, k); a detour of one is none."""
@@ -79,13 +116,14 @@ class Link:
 def remedies_of(request: MotionRequest, i: int, *, may_detour: bool) -> list[str]:
     """Say how else the move to keyframe i may be made, the likeliest first; i = n leads away from the last one."""
     if i in (0, len(request.T_base_tool)):
-        return ["detour", "widen"] if may_detour else ["widen"]
+        return ["detour", "connect"] if may_detour else ["widen"]
     if request.kind != STRAIGHT:
         return ["split", "widen"]
     if not may_detour or request.tolerance_m is not None:
         return ["follow", "widen", "split"]
     # A line that nobody asked for isn't worth as much search as the hand's path.
-    return ["follow", "widen", "split", "detour"] if request.hand else ["follow", "detour", "widen"]
+    way = ["follow", "widen", "split"] if request.hand else ["follow"]
+    return [*way, "detour", "connect"]
 
 
 def motion_of(arm: ArmModel, links: Sequence[Link], moves: Sequence[Move], q: Array, n: int) -> Motion:

@@ -2,11 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from pbd.arm.collision.clearance import MARGIN_M
 from pbd.arm.collision.queries import CollisionQueries
+from pbd.arm.ik.branches import configuration_cost
 from pbd.arm.ik.cartesian import follow
-from pbd.arm.ladder_links import MOST_CHECKED, Link, Move
+from pbd.arm.joint_path import turned, widen
+from pbd.arm.ladder_graph import Ladder
+from pbd.arm.ladder_links import (
+    BETWEEN_TWO,
+    CHECKS,
+    CHECKS_CLOSE,
+    CHECKS_EACH,
+    FROM_ANY_TO_ANY,
+    DetourSearch,
+    Link,
+    Move,
+)
 from pbd.arm.model import ArmModel
 from pbd.arm.motion_request import MotionRequest
 from pbd.arm.tool_deviation import tool_deviation
@@ -22,6 +37,9 @@ class LinkChecks:
     def __init__(self, arm: ArmModel, request: MotionRequest, queries: CollisionQueries | None) -> None:
         self.arm, self.request, self.queries = arm, request, queries
         self.n = len(request.T_base_tool)
+        self.checks_left = CHECKS + self.n * CHECKS_EACH
+        if queries is not None and queries.scene.margin_m < MARGIN_M:
+            self.checks_left = int(CHECKS_CLOSE * self.checks_left)
 
     def stands(self, link: Link, move: Move, q: Array) -> bool:
         """Whether the arm may stand at joints (k,) at the end of a link."""
@@ -64,16 +82,66 @@ class LinkChecks:
         """Whether a link is a straight move between two keyframes."""
         return link.poses is None and 0 < link.keyframe < self.n and not move.detour
 
+    def connect(self, ladder: Ladder, links: Sequence[Link], place: int, move: Move) -> None:
+        """Leave one move to a layer: a detour from any joints of the layer before to any there; none if none is found.
+
+        What is known to be free on any of the links whose leg is alike may be part of it.
+        """
+        before, layer, link = ladder.layers[place - 1], ladder.layers[place], links[place - 1]
+        i = link.keyframe
+        if i < self.n:
+            widen(self.arm, self.request.T_base_tool[i], ladder, place)
+        starts = before.q[np.isfinite(ladder.travel(place - 1))]
+        if place > 1:  # from where the arm is known to get to, if it is
+            ends = {along[-1].tobytes() for along in links[place - 2].found.values()}
+            known = np.array([q.tobytes() in ends for q in starts], dtype=bool)
+            starts = starts[known] if known.any() else starts
+        goals = np.array([q for q in layer.q[np.isfinite(layer.cost)] if self.stands(link, move, q)])
+        found = self._connect(links, i, move, starts, goals) if len(starts) and len(goals) else None
+        if found is None:
+            ladder.settle(place, before.q[0], layer.q[0], np.inf)
+            return
+        if not (layer.q == found[-1]).all(axis=1).any():
+            ladder.add(place, found[-1:], configuration_cost(self.arm, found[-1:]))
+        link.found[found[0].tobytes() + found[-1].tobytes()] = found[1:]
+        ladder.settle(place, found[0], found[-1], float(np.linalg.norm(np.diff(found, axis=0), axis=1).sum()))
+
+    def _connect(self, links: Sequence[Link], i: int, move: Move, starts: Array, goals: Array) -> Array | None:
+        """Return joints (m, k) of a detour to keyframe i from one of some joints (s, k) to one of others (g, k)."""
+        if self.queries is None:
+            return None
+        legs, count = self.queries.legs, starts.shape[1]
+        known = [
+            np.vstack((np.frombuffer(ends)[:count], along))
+            for link in links
+            if legs[link.keyframe] == legs[i]
+            for ends, along in link.found.items()
+        ]
+        for effort in FROM_ANY_TO_ANY:
+            ends = goals if i == self.n else turned(self.arm, goals, starts, effort.turned)
+            if (found := self._detour(i, move, starts, ends, effort, known)) is not None:
+                return found
+        return None
+
+    def _detour(
+        self, i: int, move: Move, starts: Array, goals: Array, effort: DetourSearch, known: Sequence[Array] = ()
+    ) -> Array | None:
+        from pbd.arm.detour import find_detour  # OMPL takes its time to load
+
+        assert self.queries is not None
+        most_checks = min(effort.most_checks, self.checks_left)
+        found, checks = find_detour(self.queries, i, starts, goals, effort, most_checks, known)
+        move.searched, self.checks_left = move.searched + checks, self.checks_left - checks
+        return found
+
     def _along(self, link: Link, move: Move, q_before: Array, q: Array) -> Array | None:
         """Return the joints (m, k) by which the arm moves from some to others; None where it can't."""
         i, queries = link.keyframe, self.queries
         if (queries is None and link.poses is None) or (i == 0 and not self.request.approach):
             return q[None]
         if queries is not None and move.detour:
-            from pbd.arm.detour import find_detour  # OMPL takes its time to load
-
-            move.searched += MOST_CHECKED
-            return find_detour(queries, i, q_before, q, MOST_CHECKED)
+            found = self._detour(i, move, q_before[None], q[None], BETWEEN_TWO)
+            return None if found is None else found[1:]
         if queries is not None and i in (0, self.n):
             found = queries.approach(q_before, q) if i == 0 else queries.retreat(q_before, q)
             if found is None and move.kind not in move.hits and (hit := queries.moving(i, np.stack((q_before, q)))):

@@ -51,18 +51,14 @@ class Mending:
         self.moves[i].detour = True
         self.ladder.drop(places[0], places[-1])
         self.links[places[0] - 1 : places[-1]] = [Link(i)]
-        self.ladder.reopen(places[0], MOST_DETOURS, costly=True, unseen=DETOUR_EXTRA)
+        self.ladder.reopen(places[0], MOST_DETOURS, costly=True, in_order=True, unseen=DETOUR_EXTRA)
 
     def _widen(self, i: int) -> None:
         """Look for more ways to hold the arm all along a move; where it followed a path straight moves are tried."""
         places = [place for place, link in enumerate(self.links, start=1) if link.keyframe == i]
-        if self.moves[i].detour:
-            self.ladder.layers[places[0]].unseen, self.ladder.layers[places[0]].refused = DETOUR_EXTRA, 0
         for place in (places[0] - 1, *places):
             if place > 0 and self.links[place - 1].keyframe < self.n:
                 widen(self.arm, self._pose(place), self.ladder, place)
-        if self.moves[i].detour:
-            return
         if len(places) == 1:
             self.links[places[0] - 1].poses, self.moves[i].kind = None, STRAIGHT
         for place in places:

@@ -1,10 +1,9 @@
 """Motion choice: which way the arm takes from keyframe to keyframe, mended where something bars it.
 
-All keyframes lie on one ladder graph; its links are straight moves in joint space, or paths of the tool. A
-link that is barred is mended on its own, and the search goes on with all else that is known: first the hand's path is
-tried there (or a line, where no hand is known), then more ways to hold the arm at both ends, then joints along the path
-(a link of its own for every few poses), then any way around (detour.py). So the cost grows with the keyframes, and with
-the links that are barred.
+All keyframes lie on one ladder graph; its links are straight moves in joint space, or paths of the tool. A link that is
+barred is mended on its own, and all else that is known is kept: first the hand's path is tried there (or a line, where
+no hand is known), then more ways to hold the arm at both ends, then joints along the path (a link of its own for every
+few poses), then any way around (detour.py). So the cost grows with the keyframes, and with the barred links.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ from pbd.arm.link_checks import WIDE_COST
 from pbd.arm.mending import Mending
 from pbd.arm.model import ArmModel
 from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, Motion, MotionRequest
-from pbd.arm.refusal import UNREACHABLE, Refusal, refuse_move, refuse_pose, tell
+from pbd.arm.refusal import COLLISION, UNREACHABLE, Refusal, refuse_move, refuse_pose, tell, warn_of_closeness
 from pbd.arm.tool_deviation import ToolDeviation, tool_deviation
 from pbd.pose import Array
 
@@ -52,15 +51,19 @@ def choose_motion(arm: ArmModel, request: MotionRequest, queries: CollisionQueri
     """Choose joints at the keyframes and the segments between them; without `queries` whatever is in the way.
 
     Warns:
-        PbdWarning: the way back is left out, or the arm makes a detour.
+        PbdWarning: the way back is left out, the arm makes a detour, or only a motion close to something is free.
     """
-    poses = request.T_base_tool
-    wide_cost = WIDE_COST if request.kind == STRAIGHT else 0.0
+    poses, wide_cost = request.T_base_tool, WIDE_COST if request.kind == STRAIGHT else 0.0
     ladder = build_ladder(arm, poses, request.q_start, request.q_back, MOST_STRAIGHT, wide_cost)
     if isinstance(ladder, Unreachable):
         return Refusal(UNREACHABLE, out_of_reach(arm, ladder.keyframe, poses[ladder.keyframe], ladder.q_seed))
-    search = _Search(arm, request, queries, ladder)
+    search = _Search(arm, request, queries, ladder.copy())
     found = search.run()
+    if queries is not None and isinstance(found, Refusal) and found.why == COLLISION:
+        close = _Search(arm, request, queries.closer(), ladder)
+        if isinstance(closer := close.run(), Motion):
+            warn_of_closeness(found.error)
+            search, found = close, closer
     if isinstance(found, Motion):
         tell(found, search.no_way_back)
     return found
@@ -95,8 +98,7 @@ class _Search(Mending):
                 return motion_of(self.arm, self.links, self.moves, self.ladder.joints(path), self.n)
 
     def _stands(self, place: int, q: Array) -> bool:
-        link = self.links[place - 1]
-        return self.checks.stands(link, self.moves[link.keyframe], q)
+        return self.checks.stands(self.links[place - 1], self.moves[self.links[place - 1].keyframe], q)
 
     def _weigh(self, place: int, q_before: Array, q: Array) -> float:
         link, wide_known = self.links[place - 1], self.ladder.layers[place].wide_cost > 0.0
@@ -129,8 +131,8 @@ class _Search(Mending):
         if standing and self.links[place - 1].found and move.detour and self.ladder.layers[place].unseen < np.inf:
             self.ladder.doubt(place, np.inf)  # one of those that were found, or none
             return None
-        if not standing and "widen" in move.remedies:
-            move.remedies.remove("widen")
+        if not standing and not move.widened and {"widen", "connect"} & {*move.remedies}:
+            move.widened, move.remedies = True, [each for each in move.remedies if each != "widen"]
             widen(self.arm, self._pose(place), self.ladder, place)
             return None
         if not standing and move.pose_hit is not None and self.links[place - 1].at_keyframe:
@@ -149,6 +151,8 @@ class _Search(Mending):
             self._widen(i)
         elif remedy == "detour":
             self._detour(i)
+        elif remedy == "connect":
+            self.checks.connect(self.ladder, self.links, place, move)
         elif not self._split(place):
             return None if move.last_resort() else partial(self._refuse, i)
         return None

@@ -13,10 +13,10 @@ from pbd.pose import Array
 _SAME_S = 1e-9  # instants nearer than this are one
 
 
-def polyline(q: Array, opening: float, rates: Array) -> JointPath:
+def polyline(q: Array, opening: float, rates: Array, step_m: float = STEP_M) -> JointPath:
     """Sample the straight moves in joint space from each of joints (m, k) to the next; t is the share of their number.
 
-    `rates` (p, k + 1): see motion_bounds.py.
+    `rates` (p, k + 1): see motion_bounds.py. No pair moves by more than `step_m` from one sample to the next.
 
     Raises:
         ValueError: a joint isn't finite.
@@ -24,7 +24,7 @@ def polyline(q: Array, opening: float, rates: Array) -> JointPath:
     if not np.isfinite(q).all():
         raise ValueError("joints must be finite, got NaN or an infinity")
     motion = np.max(np.abs(np.diff(q, axis=0)) @ rates[:, :-1].T, axis=1, initial=0.0)
-    steps = np.ceil(motion / STEP_M).astype(np.int64) + 1
+    steps = np.ceil(motion / step_m).astype(np.int64) + 1
     move, share = _shares(steps)
     t = np.append(move + share, len(steps)) / len(steps)
     x = np.full((len(t), q.shape[1] + 1), opening)

@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from pbd.arm.collision.clearance import CLOSE_M, MARGIN_M
 from pbd.arm.collision.motion_check import describe
 from pbd.arm.collision.scene import TABLE, Hit
 from pbd.arm.motion_request import DEMO, DETOUR, LINE, STRAIGHT, Motion
@@ -74,6 +75,17 @@ def tell(motion: Motion, no_way_back: Hit | None) -> None:
     if no_way_back is not None:
         message = f"no collision-free way back from the last keyframe was found ({describe(no_way_back)})"
         warnings.warn(f"{message}: the motion ends there", PbdWarning, stacklevel=3)
+
+
+def warn_of_closeness(error: PlanError) -> None:
+    """Warn that only a motion is free that comes nearer to something than is kept elsewhere."""
+    bodies = error.fields["bodies"]
+    assert isinstance(bodies, tuple)
+    message = (
+        f"a motion was only found that comes nearer to something than {1e3 * MARGIN_M:g} mm (no less "
+        f"than {1e3 * CLOSE_M:g} mm, as for {bodies[0]} and {bodies[1]}): check where the obstacles are"
+    )
+    warnings.warn(message, PbdWarning, stacklevel=3)
 
 
 def _collision(i: int, what: str, kind: str, hit: Hit) -> Refusal:

@@ -10,12 +10,12 @@ import pytest
 
 from pbd.arm import link_checks
 from pbd.arm import motion as motion_module
+from pbd.arm.collision.clearance import CLOSE_M, MARGIN_M
 from pbd.arm.collision.motion_check import check_motion
 from pbd.arm.collision.queries import APPROACH_M, CollisionQueries
 from pbd.arm.collision.scene import CollisionScene, Leg
 from pbd.arm.ik import cartesian
 from pbd.arm.ik.cartesian import line
-from pbd.arm.ladder_links import MOST_DETOURS
 from pbd.arm.motion import choose_motion
 from pbd.arm.motion_request import DEMO, DETOUR, LINE, STRAIGHT, Motion, MotionRequest
 from pbd.arm.refusal import CANNOT_FOLLOW, COLLISION, UNREACHABLE, Refusal
@@ -24,6 +24,7 @@ from pbd.data import Obstacle
 from pbd.errors import PbdWarning
 from pbd.pose import Array, Pose
 from tests.arm.bundled import arm_of
+from tests.benchmarks.scenes import made
 
 ARM = arm_of("panda")
 HOME = ARM.robot.home
@@ -208,9 +209,43 @@ def test_a_detour_is_the_same_each_time_and_is_told() -> None:
 
 
 def test_what_was_tried_is_told_where_there_is_no_way_around(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(link_checks, "MOST_CHECKED", 10)
+    monkeypatch.setattr(link_checks, "CHECKS", 50)
+    monkeypatch.setattr(link_checks, "CHECKS_EACH", 0)
     message = refused((LEFT, RIGHT), PLATE, approach=False).error.message
-    assert f" pairs of arm poses, and no detour found in {2 * 10 * MOST_DETOURS} checks. Straight" in message
+    checks = int(message.partition(" pairs of arm poses, and no detour found in ")[2].split(" checks. Straight")[0])
+    assert 50 <= checks < 60
+
+
+def test_a_detour_may_turn_a_joint_the_longer_way() -> None:
+    """The nearer turn of the base leads nowhere: no pair of ways to hold the arm that is nearest has a detour."""
+    arm, obstacles, poses = made("ur5", "bin", 4)
+    queries = CollisionQueries(arm, CollisionScene(arm, None, obstacles), poses, [None] * len(poses))
+    motion = choose_motion(arm, MotionRequest(poses, arm.robot.home, q_back=arm.robot.home), queries)
+    assert isinstance(motion, Motion)
+    assert motion.back is not None
+    assert motion.q[1, 0] - motion.q[0, 0] < np.pi
+
+
+@pytest.mark.parametrize("higher_m", [1e-3, 3e-3])
+def test_a_motion_close_to_things_is_made_where_no_other_is_free_and_told(higher_m: float) -> None:
+    """Just below the fingers, however the arm is held: nearer than is kept elsewhere, then nearer than at all."""
+    q, (low, high) = chosen((LEFT, RIGHT), approach=False).q[0], (-0.1, 0.0)
+
+    def plate(z: float) -> list[Obstacle]:
+        x, y, below = LEFT.p - T_HOME.p
+        return [box("the plate", (0.3, 0.3, 0.02), x, y, below + z)]
+
+    while high - low > 1e-5:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if CollisionScene(ARM, None, plate(middle)).hit(q) is None else (low, middle)
+    if higher_m > MARGIN_M - CLOSE_M:
+        refused((LEFT, RIGHT), plate(low + higher_m), approach=False)
+        return
+    with pytest.warns(
+        PbdWarning, match=r"^a motion was only found that comes nearer to something than 2.5 mm \(no less "
+    ):
+        found, _ = asked((LEFT, RIGHT), plate(low + higher_m), approach=False)
+    assert isinstance(found, Motion)
 
 
 @pytest.mark.parametrize("end", ["approach", "back"])

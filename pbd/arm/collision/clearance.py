@@ -8,9 +8,9 @@ least MARGIN_M, a step of STEP_M = 2 MARGIN_M is always allowed; most are far lo
 
 Where nobody wants to know what touches see quick_clearance.py.
 
-Bodies are hulls. Where the hull of a link is near another body its mesh is asked whether they are MARGIN_M apart. Hulls
-are measured because coal's `collide` overlooks some deep contacts of theirs (4 in 10^5 pairs of so101). A distance that
-is not a number counts as a contact.
+Bodies are hulls. Where a link's hull is near another body, hulls of its parts are measured, then its mesh is asked
+whether they are MARGIN_M apart. Hulls are measured because coal's `collide` overlooks some deep contacts of theirs (4
+in 10^5 pairs of so101). A distance that is not a number counts as a contact.
 """
 
 from __future__ import annotations
@@ -19,18 +19,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import coal
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
 from pbd.arm.collision.configurations import JointPath, configurations
-from pbd.arm.collision.geometry import Body, mesh_to, shape_of, surface_of
+from pbd.arm.collision.geometry import Body, mesh_to, meshes_apart, shape_of
 from pbd.arm.collision.motion_bounds import rates
 from pbd.arm.model import ArmModel, to_se3
 from pbd.pose import Array
 
-MARGIN_M = 2.5e-3
+MARGIN_M, CLOSE_M = 2.5e-3, 5e-4  # kept everywhere; and where nothing is free that keeps it
 STEP_M = 2.0 * MARGIN_M
 
 Pairs = NDArray[np.int64]
@@ -69,10 +68,12 @@ class Clearance:
     Attributes:
         bodies, pairs: what is checked; pairs (p, 2) index the bodies.
         rates: (p, k + 1), see motion_bounds.py.
+        margin_m: bodies that are nearer to each other count as touching.
     """
 
-    def __init__(self, arm: ArmModel, bodies: Sequence[Body], pairs: Pairs) -> None:
-        self.arm, self.bodies, self.pairs = arm, tuple(bodies), np.asarray(pairs, dtype=np.int64).reshape(-1, 2)
+    def __init__(self, arm: ArmModel, bodies: Sequence[Body], pairs: Pairs, margin_m: float = MARGIN_M) -> None:
+        self.arm, self.bodies, self.margin_m = arm, tuple(bodies), margin_m
+        self.pairs = np.asarray(pairs, dtype=np.int64).reshape(-1, 2)
         self.rates = rates(arm, bodies, self.pairs)
         self._pads = np.array([self.bodies[a].pad + self.bodies[b].pad for a, b in self.pairs])
         self._most_pad = float(self._pads.max(initial=0.0))
@@ -92,12 +93,12 @@ class Clearance:
         return self._measured()
 
     def touching(self, x: Array) -> list[tuple[int, float]]:
-        """Return the pairs that are nearer than MARGIN_M at coordinates (k + 1,), and their distances in m."""
+        """Return the pairs that are nearer than `margin_m` at coordinates (k + 1,), and their distances in m."""
         nearest = self._measure(x)
-        if nearest < 0 or self._placed.distanceResults[nearest].min_distance >= MARGIN_M + self._most_pad:
+        if nearest < 0 or self._placed.distanceResults[nearest].min_distance >= self.margin_m + self._most_pad:
             return []
         distances = self._measured()
-        return [(int(pair), float(distances[pair])) for pair in np.flatnonzero(~(distances >= MARGIN_M))]
+        return [(int(pair), float(distances[pair])) for pair in np.flatnonzero(~(distances >= self.margin_m))]
 
     def witness(self, x: Array, pair: int) -> Array:
         """Where a pair is nearest or touches (3,), in pinocchio's world, at coordinates (k + 1,)."""
@@ -105,14 +106,14 @@ class Clearance:
         return self._witness(pair)
 
     def always_touching(self, x: Array, share: float) -> dict[int, int]:
-        """Return the pairs that are nearer than MARGIN_M in at least a share of coordinates (n, k + 1): in how many."""
+        """Return the pairs that touch in at least a share of coordinates (n, k + 1): in how many."""
         always = dict.fromkeys(range(len(self.pairs)), len(x))
         for measure in (self._hull_distance, self._distance):  # most pairs need no mesh
             always = dict.fromkeys(always, len(x))
             for q in configurations(self.arm, x):
                 self._place(q)
                 for pair in always:
-                    always[pair] -= not measure(pair) < MARGIN_M
+                    always[pair] -= not measure(pair) < self.margin_m
                 always = {pair: count for pair, count in always.items() if count >= share * len(x)}
         return always
 
@@ -155,16 +156,16 @@ class Clearance:
     def _near(self, walk: Walk) -> list[tuple[int, float]]:
         """Return the pairs that may meet on a path, with their distances at its start; most are too far apart."""
         at_start = self.distances(walk.path.x[0])
-        near = np.flatnonzero(~(at_start - MARGIN_M >= self.rates @ walk.moved[:, -1]))
-        return [(int(pair), float(at_start[pair])) for pair in near]
+        near = np.flatnonzero(~(at_start - self.margin_m >= self.rates @ walk.moved[:, -1])).tolist()
+        return [(pair, float(at_start[pair])) for pair in near]
 
     def _follow(self, walk: Walk, pair: int, node: int, distance: float, stop: int) -> tuple[int, float] | None:
         """Return the first node up to `stop` at which a pair touches, and their distance; given that at `node`."""
         travel = self.rates[pair] @ walk.moved
         while True:
-            if not distance >= MARGIN_M and not walk.may_touch(pair, node):
+            if not distance >= self.margin_m and not walk.may_touch(pair, node):
                 return node, distance
-            if node == stop or travel[stop] - travel[node] <= distance - MARGIN_M:
+            if node == stop or travel[stop] - travel[node] <= distance - self.margin_m:
                 return None
             node = min(self._next(travel, node, distance), stop)
             self._place(walk.q[node])
@@ -173,35 +174,33 @@ class Clearance:
     def _until_clear(self, walk: Walk, contact: Contact) -> Contact:
         """Follow a contact to its end, or to where it is allowed."""
         travel = self.rates[contact.pair] @ walk.moved
-        last = deepest = node = contact.first
-        least = contact.distance
+        last, deepest, node, least = contact.first, contact.first, contact.first, contact.distance
         while node < len(walk.q) - 1:
-            node = min(self._next(travel, node, MARGIN_M), len(walk.q) - 1)
+            node = min(self._next(travel, node, self.margin_m), len(walk.q) - 1)
             self._place(walk.q[node])
             distance = self._distance(contact.pair)
-            if distance >= MARGIN_M or walk.may_touch(contact.pair, node):
+            if distance >= self.margin_m or walk.may_touch(contact.pair, node):
                 break
             last = node
             if distance < least:
                 deepest, least = node, distance
         return Contact(contact.pair, contact.first, last, deepest, least)
 
-    @staticmethod
-    def _next(travel: Array, node: int, distance: float) -> int:
-        due = travel[node] + max(distance, MARGIN_M) + MARGIN_M
+    def _next(self, travel: Array, node: int, distance: float) -> int:
+        due = travel[node] + max(distance, self.margin_m) + self.margin_m
         return max(int(travel.searchsorted(due, side="right")) - 1, node + 1)
 
     def _measure(self, x: Array) -> int:
         """Measure all distances; return the pair with the least but for the pads, -1 where there is no pair."""
         q = configurations(self.arm, x[None])[0]
-        if len(self.pairs) == 0:
+        if not len(self.pairs):
             return -1
         return int(pin.computeDistances(self.arm.full, self._data, self._geometry, self._placed, q))
 
     def _measured(self) -> Array:
         measured = [result.min_distance for result in self._placed.distanceResults]
-        distances: Array = np.array(measured, dtype=np.float64) - self._pads
-        for pair in np.flatnonzero((distances > -self._mesh_to) & (distances < MARGIN_M)):
+        distances: Array = np.array(measured) - self._pads
+        for pair in np.flatnonzero((distances > -self._mesh_to) & (distances < self.margin_m)):
             distances[pair] = self._of_meshes(int(pair), distances[pair])
         return distances
 
@@ -210,7 +209,7 @@ class Clearance:
 
     def _distance(self, pair: int) -> float:
         distance = self._hull_distance(pair)
-        return self._of_meshes(pair, distance) if -self._mesh_to[pair] < distance < MARGIN_M else distance
+        return self._of_meshes(pair, distance) if -self._mesh_to[pair] < distance < self.margin_m else distance
 
     def _witness(self, pair: int) -> Array:
         result = pin.computeDistance(self._geometry, self._placed, pair)
@@ -221,10 +220,8 @@ class Clearance:
         return float(pin.computeDistance(self._geometry, self._placed, pair).min_distance - self._pads[pair])
 
     def _of_meshes(self, pair: int, distance: float) -> float:
-        """Ask the mesh of a pair whose hulls are near: MARGIN_M where they aren't, else the hulls' distance."""
-        first, second = (surface_of(self.bodies[i]) for i in self.pairs[pair])
-        placed = [self._placed.oMg[int(i)] for i in self.pairs[pair]]
-        one, other = (coal.Transform3s(T.rotation, T.translation) for T in placed)
-        request = coal.CollisionRequest()
-        request.security_margin = MARGIN_M
-        return distance if coal.collide(first, one, second, other, request, coal.CollisionResult()) else MARGIN_M
+        """Ask the meshes of a pair whose hulls are near: how far apart they are if that's enough, else the hulls'."""
+        one, other = self.pairs[pair].tolist()
+        placed = self._placed.oMg[one], self._placed.oMg[other]
+        apart = meshes_apart(self.bodies[one], placed[0], self.bodies[other], placed[1], self.margin_m)
+        return distance if apart is None else apart

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import lru_cache
+from itertools import pairwise, product
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +56,10 @@ class Body:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "points", readonly(self.points))
+
+
+SLABS = 4
+"""Parts that a mesh is cut into: of 2 to 6 so many leave the fewest looks at ur5's meshes."""
 
 
 @lru_cache(maxsize=4)
@@ -170,6 +175,51 @@ def surface_of(body: Body) -> Any:
     surface.addTriangles(np.arange(len(corners), dtype=np.uint32).reshape(-1, 3))
     surface.endModel()
     return surface
+
+
+@lru_cache(maxsize=256)
+def slabs_of(body: Body) -> tuple[Any, ...]:
+    """Cut a body's mesh across its longest side; return the hulls of the parts. The body itself where it has no mesh.
+
+    They are closer to the mesh than one hull is, and far cheaper to measure than the mesh.
+    """
+    if body.mesh is None:
+        return (shape_of(body),)
+    path, scale = body.mesh
+    parts = from_mesh(path, "slabs", lambda soup: _slabs(soup.corners * scale), ROUNDED_M, scale)
+    return tuple(shape_of(Body(body.name, 0, body.T_joint_body, "hull", points=points)) for points in parts.values())
+
+
+def _slabs(triangles: Array) -> dict[str, Any]:
+    """Corners of the hulls of a mesh's parts, rounded."""
+    triangles = triangles.reshape(-1, 3, 3)
+    corners, edges = triangles.reshape(-1, 3), np.concatenate([triangles[:, [i, (i + 1) % 3]] for i in range(3)])
+    axis = int(np.ptp(corners, axis=0).argmax())
+    cuts, slabs = np.linspace(corners[:, axis].min(), corners[:, axis].max(), SLABS + 1), dict[str, Any]()
+    for i, ends in enumerate(pairwise(cuts)):
+        parts = [corners[(corners[:, axis] >= ends[0]) & (corners[:, axis] <= ends[1])]]
+        for cut in ends:
+            start, end = edges[(edges[:, :, axis] - cut).prod(axis=1) < 0.0].transpose(1, 0, 2)
+            parts.append(start + ((cut - start[:, axis]) / (end - start)[:, axis])[:, None] * (end - start))
+        if len(part := np.vstack(parts)):
+            slabs[f"slab{i}"] = _corners(part)["points"]
+    return slabs
+
+
+def meshes_apart(first: Body, T_first: Any, second: Body, T_second: Any, margin_m: float) -> float | None:
+    """How far apart the meshes of two bodies are, m, at least, where that is `margin_m`; None where it isn't."""
+    T_first, T_second = (coal.Transform3s(T.rotation, T.translation) for T in (T_first, T_second))
+    pad, least = first.pad + second.pad, np.inf
+    for one, other in product(slabs_of(first), slabs_of(second)):
+        least = min(least, coal.distance(one, T_first, other, T_second, coal.DistanceRequest(), coal.DistanceResult()))
+        if not least - pad >= margin_m:
+            break
+    else:
+        return float(least - pad)
+    request = coal.CollisionRequest()
+    request.security_margin = margin_m
+    touch = coal.collide(surface_of(first), T_first, surface_of(second), T_second, request, coal.CollisionResult())
+    return None if touch else margin_m
 
 
 def apart(first: Body, T_first: Pose, second: Body, T_second: Pose) -> tuple[float, Array, Array]:

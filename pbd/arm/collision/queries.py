@@ -7,6 +7,7 @@ axis, from APPROACH_M before; where the straight way back from the last is, it l
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from itertools import pairwise
 
 import numpy as np
@@ -30,6 +31,12 @@ class CollisionQueries:
         self, arm: ArmModel, scene: CollisionScene, T_base_tool: Sequence[Pose], grips: Sequence[bool | None]
     ) -> None:
         self.arm, self.scene, self.legs = arm, scene, scene.legs(T_base_tool, grips)
+
+    def closer(self) -> CollisionQueries:
+        """The same, but things that are CLOSE_M apart don't touch."""
+        queries = copy(self)
+        queries.scene = self.scene.closer()
+        return queries
 
     def standing(self, i: int, q: Array) -> Hit | None:
         """Return what the arm touches at keyframe i with joints (k,), as it comes there or as it leaves."""

@@ -28,8 +28,8 @@ LIKELY = 0.5, 0.25, 0.75
 class QuickClearance(Clearance):
     """Distances between pairs of bodies, remembered, and what touched lately."""
 
-    def __init__(self, arm: ArmModel, bodies: Sequence[Body], pairs: Pairs) -> None:
-        super().__init__(arm, bodies, pairs)
+    def __init__(self, arm: ArmModel, bodies: Sequence[Body], pairs: Pairs, margin_m: float = MARGIN_M) -> None:
+        super().__init__(arm, bodies, pairs, margin_m)
         of_pairs = ((self.bodies[a], self.bodies[b]) for a, b in self.pairs)
         self._of_tool = np.array([moves_with_tool(arm, *pair) for pair in of_pairs], dtype=bool)
         self._even = arm.full.nq == arm.full.nv  # no endless joint: pinocchio's configurations lie on a straight line
@@ -37,12 +37,12 @@ class QuickClearance(Clearance):
         self._known: dict[bytes, Array] = {}
 
     def touches(self, x: Array, allowed: Allowed | None = None) -> bool:
-        """Whether any pair that isn't allowed to is nearer than MARGIN_M at coordinates (k + 1,)."""
+        """Whether any pair that isn't allowed to is nearer than `margin_m` at coordinates (k + 1,)."""
         if x.tobytes() not in self._known:
             self._place(configurations(self.arm, x[None])[0])
             if self._touch_again(x, allowed):
                 return True
-        for pair in np.flatnonzero(~(self._remembered(x) >= MARGIN_M)).tolist():
+        for pair in np.flatnonzero(~(self._remembered(x) >= self.margin_m)).tolist():
             if not (allowed and allowed(pair, x)):
                 return self._touched(pair)
         return False
@@ -67,17 +67,17 @@ class QuickClearance(Clearance):
         at_start, at_end, speed = self._remembered(x[0]), self._remembered(x[1]), self.rates @ np.abs(step)
         for pair in self._in_reach(at_start, at_end, speed):
             v = float(speed[pair])
-            gaps = [(max(MARGIN_M, at_start[pair]) / v, 1.0 - max(MARGIN_M, at_end[pair]) / v)]
+            gaps = [(max(self.margin_m, at_start[pair]) / v, 1.0 - max(self.margin_m, at_end[pair]) / v)]
             for since, until in gaps:
                 if since > until:
                     continue
                 t = 0.5 * (since + until)
                 place(t)
                 distance = self._distance(pair)
-                if not distance >= MARGIN_M:
+                if not distance >= self.margin_m:
                     if not (allowed and allowed(pair, x[0] + t * step)):
                         return self._touched(pair)
-                    distance = MARGIN_M
+                    distance = self.margin_m
                 gaps += ((since, t - distance / v), (t + distance / v, until))
         return False
 
@@ -117,7 +117,7 @@ class QuickClearance(Clearance):
                 self._placed.oMg[i] = T_universe_joint * T
             for pair in pairs:
                 distance = self._distance(pair)
-                if not distance >= MARGIN_M and not (allowed and allowed(pair, pose)):
+                if not distance >= self.margin_m and not (allowed and allowed(pair, pose)):
                     return pair, distance, self._witness(pair)
         return None
 
@@ -131,7 +131,7 @@ class QuickClearance(Clearance):
     def _halve(self, walk: Walk, pair: int, at_start: float, at_end: float) -> bool:
         """Whether a pair touches inside a path; given their distances at its ends, where they may."""
         travel = (self.rates[pair] @ walk.moved).tolist()
-        parts = [(0, max(MARGIN_M, at_start), len(travel) - 1, max(MARGIN_M, at_end))]
+        parts = [(0, max(self.margin_m, at_start), len(travel) - 1, max(self.margin_m, at_end))]
         for first, before, last, after in parts:
             if last - first < 2 or before + after > travel[last] - travel[first]:
                 continue
@@ -140,10 +140,10 @@ class QuickClearance(Clearance):
             node = bisect_left(travel, middle, first + 1, last - 1)
             self._place(walk.q[node])
             distance = self._distance(pair)
-            if not distance >= MARGIN_M:
+            if not distance >= self.margin_m:
                 if not walk.may_touch(pair, node):
                     return True
-                distance = MARGIN_M
+                distance = self.margin_m
             parts += ((first, before, node, distance), (node, distance, last, after))
         return False
 
@@ -158,7 +158,8 @@ class QuickClearance(Clearance):
 
     def _touch_again(self, x: Array, allowed: Allowed | None) -> bool:
         """Whether any of the pairs that touched lately touches, with all placed at coordinates (k + 1,)."""
-        return any(not self._distance(pair) >= MARGIN_M and not (allowed and allowed(pair, x)) for pair in self._lately)
+        near = (pair for pair in self._lately if not self._distance(pair) >= self.margin_m)
+        return any(not (allowed and allowed(pair, x)) for pair in near)
 
     def _touched(self, pair: int) -> bool:
         """Remember a pair that touched."""

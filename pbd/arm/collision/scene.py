@@ -9,13 +9,14 @@ Where the model has no gripper a rod stands for it (gripper.py).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
 from pbd.arm.collision.allowed_collisions import NEARLY_ALWAYS, SAMPLES, Unchecked, link_pairs, samples
-from pbd.arm.collision.clearance import Allowed, Pairs
+from pbd.arm.collision.clearance import CLOSE_M, MARGIN_M, Allowed, Pairs
 from pbd.arm.collision.geometry import Body, apart
 from pbd.arm.collision.motion_bounds import rates
 from pbd.arm.collision.quick_clearance import QuickClearance
@@ -89,6 +90,7 @@ class CollisionScene:
         unchecked: the pairs of links that nobody checks, and why.
         obstacles: names.
         links: names of those that have a shape.
+        margin_m: things that are nearer to each other count as touching.
         always: the arm against itself, the table and the obstacles.
     """
 
@@ -100,7 +102,7 @@ class CollisionScene:
         grasped: GraspedObject | None = None,
     ) -> None:
         self.arm, self._table_height, self._grasped = arm, table_height, grasped
-        obstacles = tuple(obstacles)
+        obstacles, self.margin_m = tuple(obstacles), MARGIN_M
         self.obstacles = frozenset(obstacle.name for obstacle in obstacles)
         self._T_universe_base = from_se3(arm.T_base_universe).inverse()
         self._links, (pairs, self.unchecked) = arm_bodies(arm), link_pairs(arm)
@@ -112,13 +114,20 @@ class CollisionScene:
         self._bodies = (*self._links, *world)
         around = self._against(self._bodies, range(len(self._links)), range(len(self._links), len(self._bodies)))
         around = self._off_the_table(around)
-        self.always = PairSet(QuickClearance(arm, self._bodies, np.concatenate((pairs, around))))
+        self.always = self._pair_set(self._bodies, np.concatenate((pairs, around)))
         self._with_object: dict[Stay, PairSet] = {}
 
     @staticmethod
     def build(arm: ArmModel, calibration: Calibration, grasped: GraspedObject | None = None) -> CollisionScene:
         """Build the scene of a calibration: its table and its obstacles, and a demonstration's object."""
         return CollisionScene(arm, calibration.table_height, calibration.obstacles, grasped)
+
+    def closer(self) -> CollisionScene:
+        """The same scene, but things that are CLOSE_M apart don't touch."""
+        scene = copy(self)
+        scene.margin_m, scene._with_object = CLOSE_M, {}
+        scene.always = scene._pair_set(self._bodies, self.always.clearance.pairs)
+        return scene
 
     def hit(self, q: Array, leg: Leg | None = None) -> Hit | None:
         """Return the worst hit at joints q (k,); by default the gripper is open and there is no object."""
@@ -147,7 +156,7 @@ class CollisionScene:
             if len(q) == 2:
                 found = each.clearance.meets(x, each.allowed)
             else:
-                path = partial(polyline, q, leg.opening, each.clearance.rates)
+                path = partial(polyline, q, leg.opening, each.clearance.rates, 2.0 * self.margin_m)
                 found = each.clearance.meets_along(x, path, each.allowed)
             if found:
                 return True
@@ -169,7 +178,7 @@ class CollisionScene:
         leg = leg or Leg()
         first = None
         for each in self.pair_sets(leg.stay):
-            path = polyline(q, leg.opening, each.clearance.rates)
+            path = polyline(q, leg.opening, each.clearance.rates, 2.0 * self.margin_m)
             met = each.clearance.first_contact(path, each.allowed)
             if met is not None and (first is None or path.t[met.first] < first.share):
                 share = float(path.t[met.first])
@@ -232,7 +241,7 @@ class CollisionScene:
         others = [i for i, link in enumerate(self._links) if link.name not in gripper]
         pairs = self._against(bodies, others, (this,))
         if not stay.held:
-            return PairSet(QuickClearance(self.arm, bodies, pairs))
+            return self._pair_set(bodies, pairs)
         around = self._against(bodies, (this,), range(len(self._links), this))
         # By pair: where the object rests on its second body.
         rests = {
@@ -247,7 +256,16 @@ class CollisionScene:
         def allowed(pair: int, x: Array) -> bool:
             return bool(rests.get(pair)) and allowed_of_tool(pair, self.arm.forward(x[:-1]))
 
-        clearance = QuickClearance(self.arm, bodies, np.concatenate((pairs, around)))
+        return self._pair_set(bodies, np.concatenate((pairs, around)), allowed, allowed_of_tool)
+
+    def _pair_set(
+        self,
+        bodies: Sequence[Body],
+        pairs: Pairs,
+        allowed: Allowed | None = None,
+        allowed_of_tool: Callable[[int, Pose], bool] | None = None,
+    ) -> PairSet:
+        clearance = QuickClearance(self.arm, bodies, pairs, self.margin_m)
         return PairSet(clearance, allowed, allowed_of_tool)
 
     def _stands_on(self, thing: Body, T_base_thing: Pose, support: Body) -> bool:
