@@ -17,7 +17,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from pbd.checking import check_all
+    from pbd.check_demos import check_all
     from pbd.files.calibration import load_calibration
     from pbd.files.demo import load_demo
     from pbd.files.robot import load_robot
@@ -30,7 +30,7 @@ __all__ = ["PlanOptions", "check_all", "fuse", "load_calibration", "load_demo", 
 
 _HOMES = {
     "PlanOptions": "pbd.planning",
-    "check_all": "pbd.checking",
+    "check_all": "pbd.check_demos",
     "fuse": "pbd.pipeline",
     "load_calibration": "pbd.files.calibration",
     "load_demo": "pbd.files.demo",

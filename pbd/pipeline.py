@@ -9,21 +9,21 @@ from dataclasses import replace
 import numpy as np
 
 from pbd.calibration.dock import nav_in_base
-from pbd.calibration.drift import disagreements
 from pbd.calibration.sensor import corrected
+from pbd.calibration.sensor_changed import disagreements
 from pbd.data import Calibration, Demonstration, HandPath, Known, Recording, SensorErrors, Stop, Tracking
 from pbd.errors import PbdWarning, RecordingError, TrackingError
 from pbd.pose import Array, quat_inverse, quat_log, quat_multiply
 from pbd.tracking.alarm import alarms
 from pbd.tracking.constraint_update import condition_on
 from pbd.tracking.estimate import Estimate, estimate
+from pbd.tracking.first_rest import Rest, find_rest, rest_within
 from pbd.tracking.noise import noise_of
 from pbd.tracking.paper import track_as_paper
 from pbd.tracking.repair.channel_faults import refuse_freezes
-from pbd.tracking.repair.conditioning import condition
 from pbd.tracking.repair.gaps import refuse_gaps
+from pbd.tracking.repair.repair_recording import condition
 from pbd.tracking.repair.saturation import find_clips, restore
-from pbd.tracking.rest import Rest, find_rest, rest_within
 from pbd.tracking.smoother.attitude import mean_quaternion
 from pbd.tracking.smoother.preintegration import Impulse
 

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pbd.calibration.success import Success, success_of
+from pbd.calibration.success_probability import Success, success_of
 from pbd.calibration.uncertainty import tool_covariances
 from pbd.data import Demonstration, HandPath, Keyframe, Robot, Samples
 from pbd.planning import Plan, PlanOptions, arm_of, scene_of
 from pbd.pose import Array, quat_rotate, quat_to_matrix
-from pbd.view.motion import FRAME_RATE_HZ, RobotMotion
-from pbd.view.scene_values import ReplayKeyframe, ReplayScene, Rod, Touching
+from pbd.view.replay_values import ReplayKeyframe, ReplayScene, Rod, Touching
+from pbd.view.robot_motion import FRAME_RATE_HZ, RobotMotion
 
 if TYPE_CHECKING:
     from pbd.arm.model import ArmModel

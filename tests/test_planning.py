@@ -18,7 +18,7 @@ from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Obstacle, R
 from pbd.data.covariance import PoseCovariance
 from pbd.errors import PbdError, PbdWarning, PlanError, TrackingError
 from pbd.planning import Plan, PlanOptions, arm_of, plan_keyframes
-from pbd.planning.checks import check_certainty
+from pbd.planning.preconditions import check_certainty
 from pbd.pose import Array, Pose, quat_exp
 from pbd.tracking.keyframes import find_keyframes
 

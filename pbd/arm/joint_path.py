@@ -51,7 +51,7 @@ class Unreachable(NamedTuple):
 def solve_path(arm: ArmModel, T_base_tool: Sequence[Pose], q_start: Array) -> Array:
     """Find joints (n, k) that reach n tool poses with little joint travel (sum of |dq|) from `q_start` (k,) on.
 
-    Whatever is in the way between them: see motion.py for one that is free of collisions.
+    Whatever is in the way between them: see choose_motion.py for one that is free of collisions.
 
     Raises:
         PlanError: a keyframe can't be reached; see `out_of_reach` for its fields.

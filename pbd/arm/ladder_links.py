@@ -21,7 +21,7 @@ MOST_DETOURS = 4
 DETOUR_EXTRA = 1.0
 """How much farther than straight a detour is taken to be, rad, until it is found."""
 ENOUGH_DETOURS, ANY_OTHER = 1, 100.0
-"""Detours found after which another one is only sought where these lead nowhere: so many rad more it is taken to be."""
+"""After so many detours another costs so many rad more: it is sought only where these lead nowhere."""
 
 
 class DetourSearch(NamedTuple):
@@ -60,7 +60,8 @@ class Move:
     """A move to a keyframe: its kind, how else it may be made, and what was found to be in the way of each kind.
 
     `pose_hit`: what the arm touches at the keyframe itself. `tried`: how many pairs of ways to hold the arm were.
-    `found_wide`: on how many of them the tool deviates widely. `wide`: how, once a line was tried instead.
+    `found_wide`: on how many of these pairs the tool deviates widely.
+    `wide`: the deviation that made a line be tried instead.
     `tool_barred`: what the tool carries touches something on its path, however the arm is held.
     `detour`: nothing else was free, so that any way around is sought; `searched`: how many checks were for that.
     `widened`: more ways to hold the arm were sought at its end.
@@ -93,7 +94,7 @@ class Move:
         return self.remedies[self.remedies.index("detour") :] if "detour" in self.remedies else self.remedies[:0]
 
     def segment(self, q: Array) -> Segment:
-        """What is made of it with joints (m, k); a detour of one is none."""
+        """The segment that joints (m, k) make of it; a detour of one row is a straight move."""
         kind = (DETOUR if len(q) > 1 else STRAIGHT) if self.detour else self.kind
         return Segment(kind, q, avoided=None if kind == STRAIGHT else self.hits.get(STRAIGHT), wide=self.wide)
 
@@ -121,7 +122,7 @@ def remedies_of(request: MotionRequest, i: int, *, may_detour: bool) -> list[str
         return ["split", "widen"]
     if not may_detour or request.tolerance_m is not None:
         return ["follow", "widen", "split"]
-    # A line that nobody asked for isn't worth as much search as the hand's path.
+    # Search less for an optional line than for the hand's path.
     way = ["follow", "widen", "split"] if request.hand else ["follow"]
     return [*way, "detour", "connect"]
 

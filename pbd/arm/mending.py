@@ -7,9 +7,9 @@ from itertools import pairwise
 from pbd.arm.collision.queries import CollisionQueries
 from pbd.arm.ik.cartesian import line
 from pbd.arm.joint_path import CONTINUOUS_RAD, MOST_STEPS, STARTS, layers_along, widen
+from pbd.arm.ladder_checks import LinkChecks
 from pbd.arm.ladder_graph import Ladder
 from pbd.arm.ladder_links import DETOUR_EXTRA, MOST_DETOURS, MOST_PATHS, Link, Move, remedies_of
-from pbd.arm.link_checks import LinkChecks
 from pbd.arm.model import ArmModel
 from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, MotionRequest
 from pbd.pose import Pose

@@ -12,7 +12,7 @@ import numpy as np
 
 from pbd.audit.arm import AuditArm, se3
 from pbd.io.meshes import from_mesh, mesh_triangles
-from pbd.io.shapes import Shape, Triple, collision_shapes
+from pbd.io.urdf_shapes import Shape, Triple, collision_shapes
 from pbd.pose import Array
 
 NEARER_M = (2e-3, 5e-4, 1e-4)

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pbd.calibration.frames import tool_poses
+from pbd.calibration.tool_poses import tool_poses
 from pbd.calibration.uncertainty import tool_covariances
 from pbd.data import Calibration, Keyframe
 from pbd.errors import CalibrationError, PbdWarning

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from pbd.checking import DemoCheck, check_all
+from pbd.check_demos import DemoCheck, check_all
 from pbd.cli.console import print_json
 from pbd.errors import RecordingError, listed
 from pbd.view.terminal_tables import make_table, print_csv, print_table

@@ -16,9 +16,9 @@ from pbd.files.demo import demo_folder
 from pbd.files.importers import Imported, import_recording
 from pbd.io.atomic import is_file, is_folder
 from pbd.record.redecode import decode_raw
-from pbd.tracking.repair.conditioning import condition
+from pbd.tracking.first_rest import find_rest
 from pbd.tracking.repair.gyro_consistency import warn_upside_down
-from pbd.tracking.rest import find_rest
+from pbd.tracking.repair.repair_recording import condition
 
 NO_GYRO = (
     "no gyro was found: attitude is then the device's own, which lags, or there is none; keyframes of a hand that "

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from pbd.calibration.dock import nav_in_base
-from pbd.calibration.frames import tool_poses
-from pbd.calibration.success import Success, success_of
+from pbd.calibration.success_probability import Success, success_of
+from pbd.calibration.tool_poses import tool_poses
 from pbd.calibration.touch_up import touched_poses
 from pbd.calibration.uncertainty import base_sigmas, tool_covariances
 from pbd.cli.console import print_json, say

@@ -28,8 +28,8 @@ def run(args: argparse.Namespace) -> None:
     folder = _place(args.save, _word(demo))
     path, _ = _tracked(args, demo, named_calibration(args))
     with working("preparing the plots"):
+        from pbd.plots.demo_values import demo_plot
         from pbd.plots.figures import draw, names
-        from pbd.plots.values import demo_plot
 
         plot = demo_plot(path, args.warnings)
     for finding in plot.findings:

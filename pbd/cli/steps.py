@@ -90,7 +90,7 @@ def plan_options(args: argparse.Namespace, robot: Robot, measured: tuple[float, 
 
 def _start_joints(args: argparse.Namespace, robot: Robot) -> tuple[float, ...]:
     """Read --from: in rad (and m) unless --units says otherwise."""
-    from pbd.files.joints import read_joints
+    from pbd.files.present_joints import read_joints
     from pbd.planning import arm_of
     from pbd.view.units import ANGLES, LENGTHS
 

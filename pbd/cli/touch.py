@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pbd.calibration.dock import nav_in_base
-from pbd.calibration.frames import tool_poses
+from pbd.calibration.tool_poses import tool_poses
 from pbd.calibration.touch_up import TouchedUp, touched_up
 from pbd.cli.console import print_json, say
 from pbd.cli.keyframes import save_keyframes

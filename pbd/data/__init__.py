@@ -6,11 +6,11 @@ SI and radians throughout; frames stand in the names: `sensor`, `nav`, `base`, `
 
 from __future__ import annotations
 
-from pbd.data.arm import Gripper, JointLimits, JointTrajectory, Robot, Samples, Servos
 from pbd.data.calibration import TOOL_DOWN, Calibration, Linear, SensorErrors
 from pbd.data.constraints import ClaimFit, Contact, Known, Place
 from pbd.data.fusion import FusedTake, Fusion, MovedThing
 from pbd.data.keyframe import Keyframe, TouchUp
+from pbd.data.robot import Gripper, JointLimits, JointTrajectory, Robot, Samples, Servos
 from pbd.data.sensor_estimate import ErrorEstimate, SensorEstimate
 from pbd.data.tracking import (
     Demonstration,

@@ -19,8 +19,8 @@ class FusedTake:
 
     Attributes:
         name: the demonstration's.
-        own: its keyframe for each of the task's, or None.
-        off: (n, 3) m, how far each is from the task's, in nav; NaN where there is none.
+        own: index of its keyframe for each of the task's, or None.
+        off: (n, 3) m, its keyframes' offset from the task's, in nav; NaN where there is none.
         outliers: of the task's keyframes those at which it is not believed.
         extra: keyframes of its own that few takes have: left out.
         yaw: rad, by which its nav is turned against the first take's.

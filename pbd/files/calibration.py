@@ -9,7 +9,7 @@ import numpy as np
 from pbd.data import GRAVITY, TOOL_DOWN, Calibration, Linear, Obstacle, SensorErrors
 from pbd.errors import CalibrationError
 from pbd.files.demo import read_shape
-from pbd.files.library import find
+from pbd.files.find_by_name import find
 from pbd.io.toml import Section, read_toml
 from pbd.pose import Array, Pose
 

@@ -16,7 +16,7 @@ from tomlkit.items import Comment, Table, Whitespace
 from pbd.data import Calibration
 from pbd.errors import CalibrationError
 from pbd.files.calibration import FORMAT, read_calibration
-from pbd.files.library import bundled
+from pbd.files.find_by_name import bundled
 from pbd.io.atomic import atomic_file
 from pbd.io.opening import read_text
 from pbd.pose import Array, Pose, quat_to_rpy

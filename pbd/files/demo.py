@@ -16,8 +16,8 @@ import numpy as np
 from pbd.data import Contact, Demonstration, GraspedObject, GripEvent, Place, Recording, RecordingInfo, Truth
 from pbd.errors import RecordingError
 from pbd.files import keyframes
+from pbd.files.find_by_name import find
 from pbd.files.imu_columns import CHANNELS, compass_angles, device_rpy
-from pbd.files.library import find
 from pbd.files.table import Table, read_table, write_table
 from pbd.io.atomic import atomic_folder, is_file, is_folder, may_write, refuse_folder
 from pbd.io.toml import Section, read_toml

@@ -8,15 +8,15 @@ from dataclasses import replace
 
 from pbd.data import Calibration, Demonstration, FusedTake, HandPath
 from pbd.errors import PbdWarning, TrackingError
-from pbd.fusion.alignment import Alignment, align
-from pbd.fusion.claims import told
-from pbd.fusion.joint import Joint, Parts, State, estimate_jointly
+from pbd.fusion.joint_estimate import Joint, Parts, State, estimate_jointly
+from pbd.fusion.known_stops import told
+from pbd.fusion.matching import Alignment, align
 from pbd.fusion.messages import message_of, pinned
+from pbd.fusion.moved_things import Moved, moved_thing
 from pbd.fusion.outliers import Disbelieved, believed, disagreement
 from pbd.fusion.result import Fused, hand_path
 from pbd.fusion.scatter import TRACKER_WORTH, alike, each
 from pbd.fusion.takes import Take, keyframes_of_take, refuse_strangers, start, tracked_take
-from pbd.fusion.things import Moved, moved_thing
 
 
 def fused_path(demo: Demonstration, method: str, calibration: Calibration | None, accept_gap: bool) -> HandPath:

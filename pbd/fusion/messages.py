@@ -1,4 +1,4 @@
-"""What one take says of its keyframes and of its device: its normal equations, all else marginalised.
+"""One take's normal equations, reduced to its keyframes and its device: all else is marginalised.
 
 The device's priors are not in it, so that takes of one device can share them.
 """

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pbd.fusion.joint import Joint, Parts, estimate_jointly, without
+from pbd.fusion.joint_estimate import Joint, Parts, estimate_jointly, without
 from pbd.fusion.scatter import Scatter, alike
 from pbd.pose import Array, lengths
 

@@ -22,14 +22,14 @@ from pbd.data import (
     Tracking,
 )
 from pbd.data.covariance import PoseCovariance
-from pbd.fusion.alignment import Candidate
-from pbd.fusion.claims import points_of_base
-from pbd.fusion.joint import Joint, Parts, placed
+from pbd.fusion.joint_estimate import Joint, Parts, placed
+from pbd.fusion.known_stops import points_of_base
+from pbd.fusion.matching import Candidate
+from pbd.fusion.mean_path import MeanWay, Way, mean_way
 from pbd.fusion.messages import BIAS, SHARED
-from pbd.fusion.path import MeanWay, Way, mean_way
+from pbd.fusion.moved_things import Moved
 from pbd.fusion.scatter import Scatter
 from pbd.fusion.takes import Take
-from pbd.fusion.things import Moved
 from pbd.pose import Array, Pose, quat_about_z, quat_from_matrix, quat_multiply, quat_rotate, quat_to_matrix
 from pbd.tracking.estimate import relative_to_first
 from pbd.tracking.smoother import state as smoother_state

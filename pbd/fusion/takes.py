@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe
 from pbd.errors import PbdError, PbdWarning, TrackingError
-from pbd.fusion.alignment import Alignment, Candidate, Keyframes
 from pbd.fusion.devices import devices_of
-from pbd.fusion.joint import Parts, State
+from pbd.fusion.joint_estimate import Parts, State
+from pbd.fusion.matching import Alignment, Candidate, Keyframes
 from pbd.fusion.messages import Message, message_of
-from pbd.fusion.things import Moved
+from pbd.fusion.moved_things import Moved
 from pbd.pipeline import track_alone
 from pbd.tracking.estimate import Estimate
 from pbd.tracking.keyframes import find_keyframes

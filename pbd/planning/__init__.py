@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from pbd.planning.joints import solve_keyframes
+from pbd.planning.choose_joints import solve_keyframes
+from pbd.planning.export_source import source_of
 from pbd.planning.options import PATHS, TIMES, PlanOptions
 from pbd.planning.plan import can_plan, plan, plan_keyframes, plan_path
-from pbd.planning.source import source_of
+from pbd.planning.result import Plan, Stretch, Touching
 from pbd.planning.steps import arm_of, load_arm, scene_of
-from pbd.planning.values import Plan, Stretch, Touching
 
 __all__ = [
     "PATHS",

@@ -8,11 +8,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
-from pbd.calibration.frames import with_table
+from pbd.calibration.tool_poses import with_table
 from pbd.data import Calibration, GraspedObject, HandPath, JointTrajectory, Keyframe, Load, Robot
 from pbd.errors import PbdError, PlanError
 from pbd.pipeline import track
-from pbd.planning.checks import (
+from pbd.planning.choose_joints import Refused, choose_joints
+from pbd.planning.object_frames import nearest_place, things
+from pbd.planning.options import PlanOptions, dwells
+from pbd.planning.preconditions import (
     check_certainty,
     check_count,
     check_spread,
@@ -21,12 +24,9 @@ from pbd.planning.checks import (
     warn_of_table,
     warn_of_wide_moves,
 )
-from pbd.planning.joints import Refused, choose_joints
-from pbd.planning.object_frames import nearest_place, things
-from pbd.planning.options import PlanOptions, dwells
+from pbd.planning.result import Plan, find_stretched, find_touching
 from pbd.planning.steps import arm_of, hand_between, moves_of, place, request_of, retreat_of, scene_of
 from pbd.planning.torque import check_torque
-from pbd.planning.values import Plan, find_stretched, find_touching
 from pbd.pose import Array, Pose
 from pbd.tracking.keyframes import keyframes_of
 
@@ -191,7 +191,7 @@ def _prepare(task: _Task, options: PlanOptions) -> _Prepared | Refused:
 
 def _attempt(task: _Task, options: PlanOptions) -> Plan | Refused:
     from pbd.arm.ik.partial_pose import hold
-    from pbd.arm.timing.moves import Timed, time_moves
+    from pbd.arm.timing.time_moves import Timed, time_moves
     from pbd.audit.audit import audit, torque_of
 
     prepared = _prepare(task, options)

@@ -7,7 +7,7 @@ from functools import cache, lru_cache
 from typing import TYPE_CHECKING
 
 from pbd.calibration.dock import nav_in_base
-from pbd.calibration.frames import tool_poses
+from pbd.calibration.tool_poses import tool_poses
 from pbd.calibration.touch_up import touched_poses
 from pbd.data import Calibration, GraspedObject, HandPath, Keyframe, Robot
 from pbd.errors import CalibrationError
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from pbd.arm.collision.scene import CollisionScene
     from pbd.arm.model import ArmModel
     from pbd.arm.motion_request import Motion, MotionRequest
-    from pbd.arm.timing.moves import Move
-    from pbd.calibration.demonstrated import DemonstratedMove
+    from pbd.arm.timing.time_moves import Move
+    from pbd.calibration.demonstrated_path import DemonstratedMove
 
     Hand = Callable[[], Sequence[DemonstratedMove]]
 
@@ -31,7 +31,7 @@ def load_arm(robot: str, calibration: str | None = None) -> tuple[Robot, Calibra
     Raises:
         RobotError, CalibrationError: one can't be loaded.
     """
-    from pbd.calibration.frames import with_table
+    from pbd.calibration.tool_poses import with_table
     from pbd.files.calibration import load_calibration
     from pbd.files.robot import load_robot
 
@@ -73,7 +73,7 @@ def hand_between(
 
     @cache
     def hand() -> tuple[DemonstratedMove, ...]:
-        from pbd.calibration.demonstrated import demonstrated_moves
+        from pbd.calibration.demonstrated_path import demonstrated_moves
 
         fixed = options.orientation == "fixed"
         return demonstrated_moves(path, keyframes, T_base_nav, T_base_tool, calibration, options.scale, fixed)
@@ -84,7 +84,7 @@ def hand_between(
 def moves_of(chosen: Motion, keyframes: Sequence[Keyframe], hand: Hand | None, options: PlanOptions) -> list[Move]:
     """Say how each segment is to be timed."""
     from pbd.arm.motion_request import DEMO
-    from pbd.arm.timing.moves import APPROACH_SPEED, Move
+    from pbd.arm.timing.time_moves import APPROACH_SPEED, Move
 
     first = chosen.segments[0]
     moves = [Move(first.q, first.curved, share=APPROACH_SPEED)]
@@ -97,7 +97,7 @@ def moves_of(chosen: Motion, keyframes: Sequence[Keyframe], hand: Hand | None, o
 
 def retreat_of(chosen: Motion) -> Move | None:
     """Say how the way back home is to be timed."""
-    from pbd.arm.timing.moves import APPROACH_SPEED, Move
+    from pbd.arm.timing.time_moves import APPROACH_SPEED, Move
 
     return None if chosen.back is None else Move(chosen.back.q, chosen.back.curved, share=APPROACH_SPEED)
 

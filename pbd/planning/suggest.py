@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pbd.calibration.dock import nav_in_base
-from pbd.calibration.frames import tool_poses
+from pbd.calibration.tool_poses import tool_poses
 from pbd.data import Calibration, GraspedObject, Keyframe, Robot
 from pbd.errors import PbdError, PbdWarning, RobotError
 from pbd.planning.plan import plan_keyframes
+from pbd.planning.result import Plan
 from pbd.planning.steps import arm_of, scene_of
-from pbd.planning.values import Plan
 from pbd.pose import Array, Pose, quat_about_z, quat_rotate
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ import numpy as np
 from rich.table import Table
 
 from pbd.data import HandPath, Keyframe
-from pbd.fusion.alignment import Keyframes, by_moves
+from pbd.fusion.matching import Keyframes, by_moves
 from pbd.pose import (
     Array,
     Pose,

@@ -16,6 +16,7 @@ from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from pbd.plots import panels
+from pbd.plots.demo_values import DemoPlot
 from pbd.plots.space import YX, YZ, number, number_3d, path_3d, path_view
 from pbd.plots.style import (
     AXES_RGB,
@@ -32,7 +33,6 @@ from pbd.plots.style import (
     sheet,
     style,
 )
-from pbd.plots.values import DemoPlot
 
 Panel = Callable[[Axes, DemoPlot], None]
 

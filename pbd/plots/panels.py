@@ -7,8 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import NullLocator
 
 from pbd.data import Stop
+from pbd.plots.demo_values import DemoPlot
 from pbd.plots.style import AXES_RGB, BLUE, GREY, INK, PALE, SIGMA, SKY, VERMILION, largest, length_unit
-from pbd.plots.values import DemoPlot
 from pbd.pose import Array
 from pbd.tracking.paper import LAMBDA_V
 

@@ -12,8 +12,8 @@ from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import proj3d
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
+from pbd.plots.demo_values import DemoPlot
 from pbd.plots.style import AXES_RGB, GREY, INK, KNOWN, PALE, SIGMA, SKY, lay_out, length_unit
-from pbd.plots.values import DemoPlot
 from pbd.pose import Array, quat_to_matrix
 
 YX, YZ = (1, 0), (1, 2)

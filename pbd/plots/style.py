@@ -19,7 +19,7 @@ from matplotlib.font_manager import findfont, get_font
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from pbd.plots.values import DemoPlot
+from pbd.plots.demo_values import DemoPlot
 from pbd.pose import Array
 
 DPI = 110

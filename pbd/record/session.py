@@ -12,9 +12,9 @@ from pbd.data import GripEvent, RecordingInfo
 from pbd.errors import PbdError, RecordingError
 from pbd.files.imu_columns import compass_angles
 from pbd.files.recording_writer import RecordingWriter
-from pbd.record.backup import Backup, set_aside
 from pbd.record.diagnostics import Diagnostics
-from pbd.record.feedback import Feedback
+from pbd.record.person_messages import Feedback
+from pbd.record.replaced_demo import Backup, set_aside
 from pbd.record.values import FEWEST_STOPS, Outcome, RecordOptions, Status
 from pbd.sensors.decoding import Decoder, Sample
 from pbd.timestamps import SampleClock

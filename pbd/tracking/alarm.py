@@ -12,8 +12,8 @@ import numpy as np
 from pbd.data import SensorEstimate, Stop
 from pbd.data.tracking import DOUBTED_WEIGHT
 from pbd.pose import lengths
+from pbd.tracking.first_rest import QUIET_RATIO, REST_S
 from pbd.tracking.moving_windows import window_moments
-from pbd.tracking.rest import QUIET_RATIO, REST_S
 from pbd.tracking.smoother.doubtful_stops import MOVING_WEIGHT, SHORTEST_DIVIDED_S
 from pbd.tracking.smoother.factors import LEGS_AT_ONCE, leg_jacobian, whitener
 from pbd.tracking.smoother.smooth import Solution

@@ -12,9 +12,9 @@ from pbd.data import ErrorEstimate, Recording, SensorEstimate, Stop
 from pbd.data.covariance import PoseCovariance
 from pbd.errors import TrackingError
 from pbd.pose import Array, quat_inverse, quat_log, quat_multiply
+from pbd.tracking.first_rest import Rest
 from pbd.tracking.moving_windows import median
 from pbd.tracking.noise import Noise, acc_doubt
-from pbd.tracking.rest import Rest
 from pbd.tracking.smoother.normal_equations import ACC_BIAS, GYR_BIAS, POS, ROT, STATE, Solved
 from pbd.tracking.smoother.path import Path, between_stops
 from pbd.tracking.smoother.preintegration import LOWER, Impulse, integral_of_means

@@ -14,7 +14,7 @@ import numpy as np
 from pbd.data import Recording, SensorErrors
 from pbd.data.units import DEG, MG
 from pbd.pose import Array, lengths
-from pbd.tracking.rest import Rest
+from pbd.tracking.first_rest import Rest
 
 OUTLIER_SIGMAS = 3.0
 """Deviation in sigmas along one axis that is no chance (0.27 %). There a robust factor hardly counts, a claim is

@@ -23,7 +23,7 @@ from pbd.data.covariance import PoseCovariance
 from pbd.errors import PbdWarning, TrackingError
 from pbd.pose import Array, quat_from_rpy, quat_inverse, quat_rotate
 from pbd.tracking.estimate import NEVER_STILL, Estimate
-from pbd.tracking.rest import Rest
+from pbd.tracking.first_rest import Rest
 from pbd.tracking.smoother.path import Path
 from pbd.tracking.zero_velocity import runs
 

@@ -29,7 +29,7 @@ STILL = 0.8
 """Largest deviation, m/s2, of a hand that holds still."""
 
 RINGS = 0.35
-"""Share of a tap's peak up to which the hand may ring after its shock."""
+"""Ringing of the hand after a tap's shock, allowed as a share of its peak."""
 
 STILL_S = 0.2
 """s of stillness before the first tap and after the second."""

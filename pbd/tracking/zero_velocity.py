@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.pose import Array
+from pbd.tracking.first_rest import Rest
 from pbd.tracking.moving_windows import squares, window_maxima, window_moments, window_sums
 from pbd.tracking.noise import Noise
-from pbd.tracking.rest import Rest
 
 Spans = list[tuple[int, int]]
 """Half-open ranges of rows, in order."""

@@ -6,8 +6,8 @@ import numpy as np
 
 from pbd.pose import Array
 from pbd.view import shapes
-from pbd.view.motion import Poses
-from pbd.view.scene_values import ReplayScene
+from pbd.view.replay_values import ReplayScene
+from pbd.view.robot_motion import Poses
 from pbd.view.visuals import Visual
 
 OBSTACLE_MARGIN_M = 0.15

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from pbd.pose import Array, quat_to_xyzw
 from pbd.view.meshcat_encoding import MeshGeometry, PoseTrack, ScenePath, SetTracks, Visualizer, linear_light
 from pbd.view.meshes import Mesh
+from pbd.view.replay_values import ReplayScene
 from pbd.view.scene import build
-from pbd.view.scene_values import ReplayScene
 
 Z_UP = (-float(np.sqrt(0.5)), 0.0, 0.0, float(np.sqrt(0.5)))
 """Quaternion xyzw of the turn from z up to y up."""

@@ -25,7 +25,7 @@ if TYPE_CHECKING:  # the server of the live viewer makes a page too, and needs n
     from pbd.view.scene import ReplayScene
 
 SCRIPTS = (
-    *("dom.js", "player.js", "render_quality.js", "surroundings.js", "scene_view.js", "keyframes.js"),
+    *("dom.js", "player.js", "render_quality.js", "ground_and_light.js", "scene_view.js", "keyframe_table.js"),
     *("timeline.js", "joints.js", "legend.js", "keys.js", "page.js", "live.js", "boot.js"),
 )
 """In this order they make one script."""

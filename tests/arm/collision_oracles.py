@@ -11,8 +11,8 @@ import pinocchio as pin
 from scipy.optimize import nnls
 
 from pbd.arm.collision.allowed_collisions import samples
+from pbd.arm.collision.arm_coordinates import configurations
 from pbd.arm.collision.clearance import Clearance
-from pbd.arm.collision.configurations import configurations
 from pbd.arm.collision.geometry import Body
 from pbd.arm.model import ArmModel, load_model
 from pbd.files.robot import read_robot

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from pbd.arm.model import ArmModel
-from pbd.arm.timing.moves import APPROACH_SPEED, Move, time_moves
+from pbd.arm.timing.time_moves import APPROACH_SPEED, Move, time_moves
 from pbd.data import JointTrajectory
 from pbd.pose import Array
 

@@ -13,7 +13,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from pbd.data import JointTrajectory, Robot
-from pbd.data.receiver import shares
+from pbd.data.controller_interpolation import shares
 from pbd.errors import PbdWarning, PlanError
 from pbd.files.demo import load_demo
 from pbd.files.exporters import export

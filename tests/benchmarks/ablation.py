@@ -36,9 +36,9 @@ from pbd.pipeline import track
 from pbd.pose import Array, quat_canonical, quat_exp, quat_inverse, quat_log, quat_multiply
 from pbd.simulation.simulate import TASKS, random_task, simulate
 from pbd.tracking import estimate, zero_velocity
+from pbd.tracking.first_rest import Rest
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.noise import Noise, noise_of
-from pbd.tracking.rest import Rest
 from pbd.tracking.smoother import doubtful_stops, factors, knots, preintegration
 from pbd.tracking.smoother import smooth as smoother
 from pbd.tracking.smoother.preintegration import GyroFrame, Rows, preintegrate

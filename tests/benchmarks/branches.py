@@ -33,7 +33,7 @@ from pbd.arm.ik.starts import starts_of
 from pbd.arm.joint_path import STARTS, STARTS_WIDE
 from pbd.arm.model import ArmModel, load_model
 from pbd.arm.tool import Target, target
-from pbd.files.library import names
+from pbd.files.find_by_name import names
 from pbd.files.robot import load_robot
 from pbd.pose import Array, Pose
 from tests.benchmarks import report

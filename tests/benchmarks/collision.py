@@ -26,7 +26,7 @@ from pbd.arm.collision.motion_check import check_motion
 from pbd.arm.collision.scene import CollisionScene
 from pbd.arm.model import ArmModel, load_model
 from pbd.data import GraspedObject, JointTrajectory, Obstacle
-from pbd.files.library import names
+from pbd.files.find_by_name import names
 from pbd.files.robot import load_robot
 from pbd.pose import Array, Pose
 from tests.arm.collision_oracles import links_touching, links_watched, raw_meshes

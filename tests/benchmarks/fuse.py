@@ -31,7 +31,7 @@ import numpy as np
 
 from pbd.data import Demonstration, HandPath
 from pbd.errors import PbdError, PbdWarning
-from pbd.fusion.alignment import Keyframes, by_moves, by_pose, register
+from pbd.fusion.matching import Keyframes, by_moves, by_pose, register
 from pbd.pipeline import fuse, track
 from pbd.pose import (
     Array,

@@ -33,7 +33,7 @@ from pbd.arm.joint_path import solve_path
 from pbd.arm.model import ArmModel, configuration, from_se3, load_model, to_se3
 from pbd.arm.reach import farthest
 from pbd.errors import PlanError
-from pbd.files.library import names
+from pbd.files.find_by_name import names
 from pbd.files.robot import load_robot
 from pbd.pose import Array, Pose
 from tests.benchmarks.report import arguments, finish

@@ -20,8 +20,8 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 import numpy as np
 
 from pbd.calibration.dock import nav_in_base
-from pbd.calibration.frames import tool_poses
-from pbd.calibration.success import success_of
+from pbd.calibration.success_probability import success_of
+from pbd.calibration.tool_poses import tool_poses
 from pbd.data import Calibration, HandPath, Truth
 from pbd.errors import PbdError
 from pbd.pipeline import track

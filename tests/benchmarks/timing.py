@@ -35,7 +35,7 @@ from pbd.audit.arm import AuditArm
 from pbd.audit.audit import audit
 from pbd.audit.pairs import AuditScene
 from pbd.data import HandPath, JointLimits, Keyframe, Robot
-from pbd.files.library import names
+from pbd.files.find_by_name import names
 from pbd.planning import PlanOptions, arm_of, plan_keyframes, scene_of
 from pbd.pose import Array
 from pbd.tracking.keyframes import find_keyframes

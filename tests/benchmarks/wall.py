@@ -15,10 +15,10 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import numpy as np
 
+from pbd.arm.choose_motion import choose_motion
 from pbd.arm.collision.queries import CollisionQueries
 from pbd.arm.collision.scene import CollisionScene
 from pbd.arm.model import ArmModel
-from pbd.arm.motion import choose_motion
 from pbd.arm.motion_request import DETOUR, Motion, MotionRequest
 from pbd.data import Obstacle
 from pbd.pose import Array, Pose

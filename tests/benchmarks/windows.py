@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.pose import Array, quat_about_z, quat_canonical, quat_inverse, quat_log, quat_multiply, quat_rotate
+from pbd.tracking.first_rest import find_rest
 from pbd.tracking.noise import noise_of
-from pbd.tracking.rest import find_rest
 from pbd.tracking.smoother.normal_equations import POS, ROT, STATE, VEL
 from pbd.tracking.smoother.path import Path
 from pbd.tracking.smoother.smooth import Solution, smooth

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from pbd.calibration.accelerometer import NAMES, fit_accelerometer
-from pbd.calibration.drift import disagreements, gravity_at
 from pbd.calibration.gyro import fit_gyro
 from pbd.calibration.magnetometer import fit_ellipsoid, fit_magnetometer
 from pbd.calibration.rests import Rests, find_rests, orientations
 from pbd.calibration.sensor import SensorFit, calibrate_sensor, corrected
+from pbd.calibration.sensor_changed import disagreements, gravity_at
 from pbd.data import GRAVITY, Recording, RecordingInfo, SensorErrors
 from pbd.errors import CalibrationError
 from pbd.pose import Array, quat_from_rpy, quat_inverse, quat_rotate

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from pbd.calibration.frames import tool_poses
+from pbd.calibration.tool_poses import tool_poses
 from pbd.calibration.uncertainty import tool_covariances
 from pbd.data import Calibration, Keyframe
 from pbd.data.calibration import DOCK_SIGMA_M

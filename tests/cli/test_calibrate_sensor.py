@@ -17,7 +17,7 @@ from pbd.files.calibration import read_calibration
 from pbd.files.demo import load_demo, write_demo
 from pbd.pipeline import track
 from pbd.pose import quat_exp, quat_log, quat_multiply, quat_rotate
-from pbd.record.feedback import Feedback
+from pbd.record.person_messages import Feedback
 from pbd.sensors.decoding import Sample
 from pbd.simulation.calibration_tasks import SIDES, pivoting, sides, through
 from pbd.simulation.simulate import simulate

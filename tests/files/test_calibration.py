@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from pbd.data import TOOL_DOWN
 from pbd.errors import CalibrationError
 from pbd.files.calibration import load_calibration, read_calibration
-from pbd.files.library import bundled
+from pbd.files.find_by_name import bundled
 from pbd.pose import quat_from_rpy
 
 TOML = """\

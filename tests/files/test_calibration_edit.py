@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 from pbd.errors import CalibrationError
 from pbd.files.calibration import read_calibration
 from pbd.files.calibration_edit import calibration_file, covariance_values, pose_values, update_calibration
-from pbd.files.library import bundled
+from pbd.files.find_by_name import bundled
 from pbd.pose import Pose
 
 BENCH = """\

@@ -20,7 +20,7 @@ from pbd.data import Contact, Demonstration, GraspedObject, GripEvent, Known, Pl
 from pbd.errors import RecordingError
 from pbd.files import demo as demo_file
 from pbd.files.demo import demo_folder, load_demo, newest_demo, read_demo, write_demo
-from pbd.files.library import bundled
+from pbd.files.find_by_name import bundled
 from pbd.pose import Array, quat_exp
 
 HALF_A_DIGIT = {"t": 5e-7, "gyr": 5e-8, "acc": 5e-7, "mag": 5e-5, "device_rpy": 5e-7, "p": 5e-7, "wxyz": 5e-9}

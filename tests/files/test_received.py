@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 
 from pbd.audit.audit import audit_received
 from pbd.data import Obstacle, Samples
-from pbd.data.receiver import fill
+from pbd.data.controller_interpolation import fill
 from pbd.errors import PbdWarning, PlanError
 from pbd.files.exporters import FORMATS, csv, export, urscript
 from pbd.files.exporters.job import Order

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pbd.fusion.joint import Parts, State
+from pbd.fusion.joint_estimate import Parts, State
 from pbd.fusion.messages import DEVICE, Message
 from pbd.pose import Array, quat_about_z, quat_exp, quat_to_matrix
 

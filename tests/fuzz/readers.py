@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from pbd.arm.collision.allowed_collisions import link_pairs
-from pbd.arm.collision.coverage import doubts
 from pbd.arm.collision.geometry import link_bodies
+from pbd.arm.collision.shape_coverage import doubts
 from pbd.arm.model import load_model
 from pbd.data import Demonstration, Truth
 from pbd.errors import SensorError
@@ -22,9 +22,9 @@ from pbd.files.calibration import read_calibration
 from pbd.files.calibration_edit import update_calibration
 from pbd.files.demo import read_demo, write_demo
 from pbd.files.importers import import_file
-from pbd.files.joints import read_joints
 from pbd.files.keyframes import keyframes_toml
 from pbd.files.points import read_points
+from pbd.files.present_joints import read_joints
 from pbd.files.robot import read_robot
 from pbd.record.redecode import decode_raw
 from pbd.sensors.gamepad import GamepadDecoder

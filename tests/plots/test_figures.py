@@ -18,9 +18,9 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 import pbd.plots
 from pbd.pipeline import track
 from pbd.plots import figures
+from pbd.plots.demo_values import DemoPlot, demo_plot
 from pbd.plots.findings import Finding
 from pbd.plots.style import AXES_RGB, RUNS_RGB, plain, write
-from pbd.plots.values import DemoPlot, demo_plot
 from pbd.pose import Array, quat_rotate, quat_to_rpy
 from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import random_task, simulate

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from pbd.data import Demonstration, HandPath, Known, Stop
 from pbd.data.covariance import PoseCovariance
 from pbd.pipeline import track
+from pbd.plots.demo_values import DemoPlot, demo_plot
 from pbd.plots.findings import (
     DRIFT_ACC,
     FIRST_REST_S,
@@ -23,7 +24,6 @@ from pbd.plots.findings import (
     length,
     stop_names,
 )
-from pbd.plots.values import DemoPlot, demo_plot
 from pbd.pose import Array
 from pbd.simulation.hand_motion import Waypoint, minimum_jerk
 from pbd.simulation.simulate import TASKS, simulate

@@ -19,12 +19,12 @@ from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import TASKS, random_task, simulate
 from pbd.simulation.tasks import HEADING, Task
 from pbd.tracking.estimate import estimate
+from pbd.tracking.first_rest import find_rest
 from pbd.tracking.noise import FACTORY, Noise, noise_of
 from pbd.tracking.online.filter import UP
 from pbd.tracking.online.samples import Sample
 from pbd.tracking.online.strapdown import Strapdown
 from pbd.tracking.online.tracker import DataFlaw, LiveEvent, LiveTracker, RestFound, StopBegan, StopEnded
-from pbd.tracking.rest import find_rest
 from pbd.tracking.smoother.preintegration import gyro_frame
 from tests.benchmarks.trials import read_broad
 from tests.scenarios import pour, truth_at, uncalibrated, with_hole, with_rows

@@ -26,10 +26,10 @@ from pbd.pose import (
     quat_rotate,
 )
 from pbd.tracking.estimate import estimate
+from pbd.tracking.first_rest import find_rest
 from pbd.tracking.keyframes import find_keyframes, find_segments
 from pbd.tracking.noise import noise_of
-from pbd.tracking.repair.conditioning import condition
-from pbd.tracking.rest import find_rest
+from pbd.tracking.repair.repair_recording import condition
 from pbd.tracking.smoother.preintegration import integral_of_means, integral_of_values, turns_between_middles
 from tests.scenarios import pour
 from tests.tracking.hands import largest_angle

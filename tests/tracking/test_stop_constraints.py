@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
-from pbd.calibration.frames import tool_poses
+from pbd.calibration.tool_poses import tool_poses
 from pbd.data import Calibration, Contact, Known, Place
 from pbd.data.calibration import DOCK_SIGMA_M, DOCK_SIGMA_RAD
 from pbd.data.covariance import PoseCovariance

@@ -23,7 +23,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from pbd.arm.collision.configurations import JointPath, configurations
+from pbd.arm.collision.arm_coordinates import JointPath, configurations
 from pbd.arm.collision.geometry import Body, mesh_to, meshes_apart, shape_of
 from pbd.arm.collision.motion_bounds import rates
 from pbd.arm.model import ArmModel, to_se3

@@ -19,7 +19,7 @@ import pinocchio as pin
 
 from pbd.arm.model import ArmModel, from_se3, to_se3
 from pbd.io.meshes import from_mesh, mesh_triangles
-from pbd.io.shapes import Shape, Triple, collision_shapes
+from pbd.io.urdf_shapes import Shape, Triple, collision_shapes
 from pbd.pose import Array, Pose, readonly
 
 ROUNDED_M = 1e-3

@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
+from pbd.arm.collision.arm_coordinates import JointPath, configurations
 from pbd.arm.collision.clearance import MARGIN_M, Allowed, Clearance, Pairs, Walk
-from pbd.arm.collision.configurations import JointPath, configurations
 from pbd.arm.collision.geometry import Body, moves_with_tool
 from pbd.arm.gripper import tool_on_joint
 from pbd.arm.model import ArmModel, to_se3

@@ -16,7 +16,7 @@ from pbd.errors import PbdWarning
 from pbd.files.demo import load_demo
 from pbd.pipeline import track
 from pbd.tracking.keyframes import find_keyframes
-from pbd.tracking.repair.conditioning import condition
+from pbd.tracking.repair.repair_recording import condition
 
 
 def with_whole_magnetometer(recording: Recording) -> Recording:

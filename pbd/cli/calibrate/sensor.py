@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from pbd.calibration.accelerometer import NAMES
-from pbd.calibration.drift import gravity_at
 from pbd.calibration.sensor import SensorFit, calibrate_sensor
+from pbd.calibration.sensor_changed import gravity_at
 from pbd.cli.calibrate.common import opened
 from pbd.cli.console import print_json, say, working
 from pbd.data import GRAVITY, SensorErrors
@@ -19,7 +19,7 @@ from pbd.data.one_line_repr import counted
 from pbd.errors import CalibrationError, PbdWarning
 from pbd.files.calibration_edit import update_calibration
 from pbd.files.demo import load_demo
-from pbd.tracking.repair.conditioning import condition
+from pbd.tracking.repair.repair_recording import condition
 from pbd.view.calibration_tables import figures_table
 from pbd.view.terminal_tables import print_table
 

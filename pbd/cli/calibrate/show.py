@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pbd.calibration.dock import nav_in_base
-from pbd.calibration.frames import tool_poses
+from pbd.calibration.tool_poses import tool_poses
 from pbd.calibration.uncertainty import base_sigmas, tool_covariances
 from pbd.cli.console import print_json, say, working
 from pbd.cli.steps import load_demonstration

@@ -69,7 +69,7 @@ def _arguments(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
 
 def _known() -> dict[str, Sequence[str]]:
     """What comes with pbd."""
-    from pbd.files.library import bundled_names
+    from pbd.files.find_by_name import bundled_names
     from pbd.sensors.protocols import PROTOCOLS
     from pbd.simulation.simulate import CALIBRATION_TASKS, SENSOR_MODELS, TASKS
 

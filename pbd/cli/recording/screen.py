@@ -7,7 +7,7 @@ from contextlib import suppress
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
-from pbd.record.feedback import in_cm, placed
+from pbd.record.person_messages import in_cm, placed
 from pbd.record.values import Say, Status
 
 if TYPE_CHECKING:

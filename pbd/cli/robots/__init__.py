@@ -8,8 +8,8 @@ from dataclasses import replace
 from typing import Any
 
 from pbd.arm.collision.allowed_collisions import link_pairs
-from pbd.arm.collision.coverage import doubts
 from pbd.arm.collision.geometry import link_bodies
+from pbd.arm.collision.shape_coverage import doubts
 from pbd.arm.model import ArmModel, load_model
 from pbd.arm.reach import farthest
 from pbd.cli.console import print_json, working
@@ -17,7 +17,7 @@ from pbd.cli.robots.rank import rank
 from pbd.cli.robots.suggest import suggest
 from pbd.data import Robot
 from pbd.errors import PbdWarning, RobotError
-from pbd.files.library import names
+from pbd.files.find_by_name import names
 from pbd.files.robot import load_robot
 from pbd.view.terminal_tables import left_out_table, print_csv, print_table, robots_table
 

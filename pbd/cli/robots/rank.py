@@ -10,7 +10,7 @@ import numpy as np
 from pbd.cli.console import print_json, working
 from pbd.cli.steps import load_demonstration, track_demonstration
 from pbd.errors import PbdError, collected_warnings
-from pbd.files.library import names
+from pbd.files.find_by_name import names
 from pbd.view.terminal_tables import make_table, print_csv, print_table
 
 if TYPE_CHECKING:

@@ -22,7 +22,7 @@ from pbd.driving.arm import ServoArm
 from pbd.driving.bus import Bus
 from pbd.driving.clock import Clock
 from pbd.driving.counts import Counts, names_of
-from pbd.driving.motion import MOVED_DEG, goals_of, moved_deg, planned_start
+from pbd.driving.goals import MOVED_DEG, goals_of, moved_deg, planned_start
 from pbd.driving.stream import Streamed, stream
 from pbd.driving.watch import Watch, check_health
 from pbd.errors import SensorError

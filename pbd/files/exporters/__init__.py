@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from pbd.data import JointTrajectory, Robot, Samples
-    from pbd.data.receiver import Rule
+    from pbd.data.controller_interpolation import Rule
+    from pbd.files.exporters.check_export import Shares
     from pbd.files.exporters.job import Source
-    from pbd.files.exporters.received import Shares
 
 FORMATS = {
     **{"csv": "csv", "npz": "npz", "ros2-json": "ros2_json"},
@@ -125,9 +125,9 @@ def export(
     check_format(format_name, rate_hz, dense)
     if format_name in FOLDERS:
         return export_dataset([(trajectory, source)], robot, path)[0]
-    from pbd.data.receiver import shares
+    from pbd.data.controller_interpolation import shares
+    from pbd.files.exporters.check_export import check_received, reached
     from pbd.files.exporters.job import Order
-    from pbd.files.exporters.received import check_received, reached
 
     file_format = import_module(f"{__name__}.{FORMATS[format_name]}")
     order = Order(format_name, trajectory, robot, path.suffix.lower(), rate_hz, dense, source)
@@ -166,8 +166,8 @@ def export_dataset(
         PlanError: as `export`.
     """
     from pbd.files.exporters import lerobot
+    from pbd.files.exporters.check_export import check_received
     from pbd.files.exporters.job import Order
-    from pbd.files.exporters.received import check_received
 
     lerobot.check(robot)
     orders = [Order("lerobot", trajectory, robot, "", made_from=source, task=task) for trajectory, source in motions]

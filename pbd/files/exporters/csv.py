@@ -8,7 +8,7 @@ import numpy as np
 import orjson
 
 from pbd.data import Samples
-from pbd.data.receiver import Rule
+from pbd.data.controller_interpolation import Rule
 from pbd.files.exporters.job import Order
 
 FILLED_BY: tuple[Rule, ...] = ("hold",)

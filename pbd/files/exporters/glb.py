@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from pbd.data import Samples
-from pbd.data.receiver import Rule
+from pbd.data.controller_interpolation import Rule
 from pbd.files.exporters.job import Order
 
 FILLED_BY: tuple[Rule, ...] = ()

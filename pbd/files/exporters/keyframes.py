@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from pbd.data import Samples
-from pbd.data.receiver import Rule
+from pbd.data.controller_interpolation import Rule
 from pbd.files.exporters.job import Order
 
 FILLED_BY: tuple[Rule, ...] = ()

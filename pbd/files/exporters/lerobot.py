@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.data import Robot, Samples
-from pbd.data.receiver import Rule, set_points
+from pbd.data.controller_interpolation import Rule, set_points
 from pbd.errors import PbdError, PlanError, printable
 from pbd.files.exporters.job import Order
 from pbd.io.atomic import is_file, is_folder, refuse_folder

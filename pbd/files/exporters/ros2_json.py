@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from pbd.data import Gripper, JointTrajectory, Samples
-from pbd.data.receiver import Rule
+from pbd.data.controller_interpolation import Rule
 from pbd.files.exporters.job import Order
 from pbd.pose import Array
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pbd.data import Robot, Samples
-from pbd.data.receiver import Rule, set_points
+from pbd.data.controller_interpolation import Rule, set_points
 from pbd.errors import PbdError, PlanError
 from pbd.files.exporters.job import Order
 from pbd.pose import Array

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pbd.data import Keyframe
-from pbd.tracking.rest import Rest
+from pbd.tracking.first_rest import Rest
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,9 +26,9 @@ from pbd.pose import (
     quat_to_matrix,
     skew,
 )
+from pbd.tracking.first_rest import Rest
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise, acc_doubt
 from pbd.tracking.online.strapdown import Leg, Strapdown
-from pbd.tracking.rest import Rest
 from pbd.tracking.smoother.factors import compass_heading
 from pbd.tracking.smoother.preintegration import ACC_BIAS, ACC_MATRIX, ERRORS, GYR_BIAS, GYR_MATRIX, LAG, POS, ROT, VEL
 

@@ -10,8 +10,8 @@ from pbd.pose import (
     Array,
 )
 from pbd.tracking.repair.clock import CLOCK_JUMP_S
-from pbd.tracking.repair.conditioning import LARGEST_READING
 from pbd.tracking.repair.gaps import BRIDGED_S
+from pbd.tracking.repair.repair_recording import LARGEST_READING
 
 GAP_ACC, GAP_RATE = 2.0, 1.0
 """m/s2 and rad/s, one sigma: motion in a gap that may lie in a move. (With a whole recording such a gap is refused.)"""

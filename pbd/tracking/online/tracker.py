@@ -11,12 +11,12 @@ from numpy.typing import ArrayLike
 from pbd.data import Keyframe, Recording, RecordingInfo, Stop
 from pbd.errors import PbdError, TrackingError
 from pbd.pose import Array, readonly
+from pbd.tracking.first_rest import QUIET_RATIO, REST_S, STILL_ACC, STILL_GYR, Rest, find_rest
 from pbd.tracking.noise import noise_of
 from pbd.tracking.online.events import DataFlaw, LiveEvent, RestFound, StopBegan, StopEnded
+from pbd.tracking.online.live_hand import LiveHand
 from pbd.tracking.online.samples import Conditioner, Sample
-from pbd.tracking.online.stops import LiveHand
 from pbd.tracking.repair.clock import SLOWEST_HZ
-from pbd.tracking.rest import QUIET_RATIO, REST_S, STILL_ACC, STILL_GYR, Rest, find_rest
 
 __all__ = ["DataFlaw", "LiveEvent", "LiveTracker", "RestFound", "StopBegan", "StopEnded"]
 
@@ -40,9 +40,8 @@ class LiveTracker:
     has ended once the hand has moved for 0.2 s. An index may be announced again: then what was announced before was the
     beginning of the same stop (a sensor put down that bounced, a knock), and the newer keyframe holds.
 
-    Model and noise are those of `pbd.track`. What that knows later, and this can't know: what a later stop says of an
-    earlier one; the whole recording's quietest second; a large lag of the gyro; lulls too restless for a stop (a
-    foot's); known places; repairs of saturated axes.
+    Model and noise are those of `pbd.track`. What only that can use: later stops; the whole recording's quietest
+    second; a large lag of the gyro; lulls too restless for a stop (a foot's); known places; repairs of saturated axes.
     """
 
     def __init__(self, sensor: str = "") -> None:
@@ -66,7 +65,7 @@ class LiveTracker:
         """Take rows, and return what they completed.
 
         A row without a number, or whose time doesn't increase, is left out. Up to 50 ms of lost samples are put back;
-        of more a `DataFlaw` tells, and the next keyframe's sigma is wider.
+        more of them raise a `DataFlaw`, and the next keyframe's sigma is wider.
 
         Args:
             t: s, of one row or (n,); any origin, increasing.

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from pbd.data import Recording, Stop
 from pbd.errors import PbdWarning, RecordingError, TrackingError
 from pbd.pose import Array, lengths
+from pbd.tracking.first_rest import STILL_ACC
 from pbd.tracking.moving_windows import window_moments
 from pbd.tracking.repair.clock import differs
 from pbd.tracking.repair.gaps import BRIDGED_S
-from pbd.tracking.rest import STILL_ACC
 from pbd.tracking.zero_velocity import edges, runs
 
 SENSOR_NAMES = {"acc": "accelerometer", "gyr": "gyro"}

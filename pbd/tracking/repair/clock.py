@@ -16,7 +16,7 @@ from pbd.data import Recording
 from pbd.data.one_line_repr import counted
 from pbd.errors import PbdWarning, RecordingError
 from pbd.pose import Array
-from pbd.tracking.rest import SHORTEST_REST_S
+from pbd.tracking.first_rest import SHORTEST_REST_S
 
 SLOWEST_HZ = 4.0
 """Lowest sampling rate: below it the unit of time is wrong."""

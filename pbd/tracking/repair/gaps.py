@@ -13,8 +13,8 @@ from pbd.data import Recording, Stop
 from pbd.data.one_line_repr import counted
 from pbd.errors import PbdWarning, TrackingError
 from pbd.pose import Array
+from pbd.tracking.first_rest import STILL_ACC
 from pbd.tracking.repair.clock import LATE_SAMPLES
-from pbd.tracking.rest import STILL_ACC
 from pbd.tracking.zero_velocity import ENERGY_WINDOW_S
 
 BRIDGED_S = 0.050

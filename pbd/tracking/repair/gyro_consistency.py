@@ -28,9 +28,9 @@ from pbd.pose import (
     quat_rotate,
     quat_to_matrix,
 )
+from pbd.tracking.first_rest import STILL_ACC, STILL_GYR
 from pbd.tracking.moving_windows import squares, window_moments, window_sums
 from pbd.tracking.repair.axes import Witness, angles, find_other_axes
-from pbd.tracking.rest import STILL_ACC, STILL_GYR
 
 CONTRADICTION_RAD, IMPROVEMENT = np.radians(20.0), 3.0
 """Angle, rad, between two estimates of the vertical above which they contradict each other. A different reading of the

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.pose import Array, quat_rotate, quat_to_matrix
+from pbd.tracking.first_rest import Rest
 from pbd.tracking.moving_windows import cumulative
 from pbd.tracking.noise import Noise, densities
-from pbd.tracking.rest import Rest
 from pbd.tracking.smoother.preintegration import BLOCK_S, GyroFrame, Impulse, Legs, Rows, preintegrate
 from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, Spans
 
@@ -36,10 +36,10 @@ class Problem:
         stop_of: (m,) index of the stop that a knot is in, or -1.
         within: (m - 1,) whether two neighbouring knots are in one stop, and nothing is missing between them.
         legs: between the knots.
-        still: (m,) m/s along each axis, how fast a hand may be that stands still.
+        still: (m,) m/s along each axis, speed allowed for a hand at rest.
         C: (m, 3, 3), gyro frame <- sensor.
         rate: (m, 3) rad/s, about each knot, in sensor axes; zero without a gyro.
-        turn_sigma: (m - 1,) rad, how far a hand may turn that stands still.
+        turn_sigma: (m - 1,) rad, turn allowed for a hand at rest.
         share: (m,) s, that each knot stands for.
         field: (m, 3), the mean magnetic field in the gyro frame, in a unit of its own; None without a magnetometer.
         device: whether the attitude is the device's own, and there is no gyro.
@@ -90,7 +90,7 @@ def pose_problem(
         noise: parameters.
         stops: candidates.
         calm: of each, where the hand stands still without a doubt.
-        speed: (n,) m/s along each axis, how fast a hand may be that stands still.
+        speed: (n,) m/s along each axis, speed allowed for a hand at rest.
         device: the attitude is the device's own.
         impulses: what was lost above a sensor's range.
         unseen: first and last row of each hole in the data.

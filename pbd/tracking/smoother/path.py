@@ -34,8 +34,8 @@ class Path:
 def path_of(problem: Problem, x: State) -> Path:
     """Integrate each leg from its first knot, less gravity, and distribute the residual at the next.
 
-    Turn and velocity that are left over arose evenly in time (white noise, bias); the way takes a cubic that keeps
-    velocity at both ends.
+    Residual turn and velocity are taken to have grown evenly in time (white noise, bias); the position follows a cubic
+    that keeps velocity at both ends.
     """
     frame, rows, T = problem.frame, problem.rows, problem.legs.T[:, None]
     g, E = np.array([0.0, 0.0, float(x.shared[GRAVITY][0])]), x.E[:-1]
@@ -69,7 +69,7 @@ def path_of(problem: Problem, x: State) -> Path:
 
 
 def between_stops(t: Array, stops: Sequence[Stop], first: Array, last: Array) -> tuple[Array, Array]:
-    """How far a path (n rows at t) moves outside its stops (n, 3), and how much faster (n, 3), if these move.
+    """Shift (n, 3) of a path outside its stops, and its change of velocity (n, 3), when the stops are shifted.
 
     Along a move the shift grows as 3 s^2 - 2 s^3 of its time. That is its conditional mean where the acceleration errs
     by white noise and velocity is known at both ends: least squares of the acceleration, a cubic.

@@ -14,8 +14,8 @@ import numpy as np
 
 from pbd.data import Recording
 from pbd.pose import Array, lengths, quat_about_z, quat_inverse, quat_multiply, quat_to_matrix
+from pbd.tracking.first_rest import Rest
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
-from pbd.tracking.rest import Rest
 from pbd.tracking.smoother.attitude import first_guess, frame_of, heading, steadiness
 from pbd.tracking.smoother.doubtful_stops import MAX_RECUTS, doubted_stops, revised_stops, settled
 from pbd.tracking.smoother.factors import creep, shared_prior

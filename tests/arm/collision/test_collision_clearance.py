@@ -15,8 +15,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from pbd.arm.collision import allowed_collisions
 from pbd.arm.collision.allowed_collisions import link_pairs
+from pbd.arm.collision.arm_coordinates import JointPath, configurations
 from pbd.arm.collision.clearance import MARGIN_M, STEP_M, Clearance
-from pbd.arm.collision.configurations import JointPath, configurations
 from pbd.arm.collision.geometry import Body, link_bodies
 from pbd.arm.collision.motion_bounds import rates
 from pbd.arm.gripper import arm_bodies, gripper_links

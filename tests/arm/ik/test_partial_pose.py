@@ -14,7 +14,7 @@ from pbd.arm.joint_path import solve_path
 from pbd.arm.model import ArmModel
 from pbd.arm.tool import target
 from pbd.calibration.dock import nav_in_base
-from pbd.calibration.frames import tool_poses
+from pbd.calibration.tool_poses import tool_poses
 from pbd.errors import PbdWarning
 from pbd.pose import Array, Pose, quat_to_matrix
 from tests.arm.bundled import DEMOS, FIVE_JOINTS, NAMES, arm_of, keyframes_of

@@ -18,7 +18,7 @@ from pbd.pose import Array
 from pbd.simulation.simulate import SENSOR_MODELS, simulate
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.repair.clock import steady_clock
-from pbd.tracking.repair.conditioning import condition
+from pbd.tracking.repair.repair_recording import condition
 from tests.scenarios import truth_at, uncalibrated, with_rows
 
 pytestmark = pytest.mark.usefixtures("remembered")

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pbd.calibration.drift import disagreements
+from pbd.calibration.sensor_changed import disagreements
 from pbd.data import Calibration, Linear, SensorErrors
 from pbd.errors import PbdWarning, TrackingError
 from pbd.pipeline import track

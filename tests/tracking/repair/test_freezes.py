@@ -15,8 +15,8 @@ from pbd.simulation.sensor_model import SensorModel
 from pbd.simulation.simulate import SENSOR_MODELS, TASKS, random_task, simulate
 from pbd.simulation.tasks import Task
 from pbd.tracking.repair.channel_faults import frozen
-from pbd.tracking.repair.conditioning import _longest_unbroken
 from pbd.tracking.repair.gaps import Gap
+from pbd.tracking.repair.repair_recording import _longest_unbroken
 from tests.scenarios import keyframes_and_errors, pour, with_rows
 from tests.tracking.faults import broken, quietly
 

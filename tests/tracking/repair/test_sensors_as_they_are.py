@@ -22,8 +22,8 @@ from pbd.simulation.simulate import SENSOR_MODELS, TASKS, World, random_task, si
 from pbd.simulation.tasks import Task
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.repair.channel_faults import frozen
-from pbd.tracking.repair.conditioning import condition
 from pbd.tracking.repair.gyro_consistency import find_steady, refuse_disagreement
+from pbd.tracking.repair.repair_recording import condition
 from pbd.tracking.repair.splices import without_wild
 from tests.benchmarks.trials import read_broad
 from tests.scenarios import keyframes_and_errors, pour, uncalibrated, with_rows

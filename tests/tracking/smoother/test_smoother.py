@@ -11,9 +11,9 @@ from pbd.data import Demonstration, Recording
 from pbd.pose import Array, lengths, quat_inverse, quat_log, quat_multiply, quat_rotate, yaw_toward
 from pbd.simulation.simulate import random_task, simulate
 from pbd.tracking.estimate import Estimate, estimate
+from pbd.tracking.first_rest import find_rest
 from pbd.tracking.noise import noise_of
-from pbd.tracking.repair.conditioning import condition
-from pbd.tracking.rest import find_rest
+from pbd.tracking.repair.repair_recording import condition
 from pbd.tracking.smoother import normal_equations
 from pbd.tracking.smoother.factors import _add_device
 from pbd.tracking.smoother.normal_equations import ACC_BIAS, BAND, GYR_BIAS, STATE, NormalEquations

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pbd.calibration.demonstrated import SMOOTH_M, SPACING_M, SPACING_RAD, demonstrated_moves, smoothed
+from pbd.calibration.demonstrated_path import SMOOTH_M, SPACING_M, SPACING_RAD, demonstrated_moves, smoothed
 from pbd.calibration.dock import nav_in_base
-from pbd.calibration.frames import tool_poses
+from pbd.calibration.tool_poses import tool_poses
 from pbd.data import Calibration, HandPath, Keyframe, Stop
 from pbd.data.covariance import PoseCovariance
 from pbd.pose import Array, Pose, quat_exp, quat_rotate

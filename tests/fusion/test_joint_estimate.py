@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pbd.fusion.joint import State, _Columns, _moved, _residuals, estimate_jointly
+from pbd.fusion.joint_estimate import State, _Columns, _moved, _residuals, estimate_jointly
 from pbd.fusion.outliers import believed, disagreement
 from pbd.fusion.scatter import alike, each
 from pbd.pose import Array

@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from pbd.data.arm import JointLimits, Samples
+from pbd.data.robot import JointLimits, Samples
 from pbd.pose import Array
 
 Rule = Literal["cubic", "quintic", "hold", "trapezoid"]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pbd.fusion.alignment import Keyframes
-from pbd.fusion.things import moved_thing
+from pbd.fusion.matching import Keyframes
+from pbd.fusion.moved_things import moved_thing
 from pbd.pose import Array
 from tests.fusion.made import rotations, truth
 

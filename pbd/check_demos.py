@@ -13,8 +13,8 @@ from pbd.data import Calibration, Keyframe, Robot
 from pbd.errors import PbdError, collected_warnings
 from pbd.files.demo import load_demo
 from pbd.pipeline import track
+from pbd.plots.demo_values import demo_plot
 from pbd.plots.findings import OFF_SIGMAS
-from pbd.plots.values import demo_plot
 from pbd.pose import Array, Pose, level_onto
 
 FEWEST_SIBLINGS = 4

@@ -25,6 +25,7 @@ from pbd.arm.joint_path import (
     turnable,
     widen,
 )
+from pbd.arm.ladder_checks import WIDE_COST
 from pbd.arm.ladder_graph import Barred, Ladder
 from pbd.arm.ladder_links import (
     ANY_OTHER,
@@ -33,7 +34,6 @@ from pbd.arm.ladder_links import (
     Move,
     motion_of,
 )
-from pbd.arm.link_checks import WIDE_COST
 from pbd.arm.mending import Mending
 from pbd.arm.model import ArmModel
 from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, Motion, MotionRequest
@@ -48,7 +48,7 @@ WINDOW, KEPT = 64, 32
 
 
 def choose_motion(arm: ArmModel, request: MotionRequest, queries: CollisionQueries | None) -> Motion | Refusal:
-    """Choose joints at the keyframes and the segments between them; without `queries` whatever is in the way.
+    """Choose joints at the keyframes and the segments between them; without `queries` collisions are ignored.
 
     Warns:
         PbdWarning: the way back is left out, the arm makes a detour, or only a motion close to something is free.

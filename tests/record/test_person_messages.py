@@ -7,7 +7,7 @@ import pytest
 
 from pbd.data import Keyframe
 from pbd.pose import Pose
-from pbd.record.feedback import Feedback, in_cm, placed
+from pbd.record.person_messages import Feedback, in_cm, placed
 from pbd.record.values import Say
 from pbd.sensors.decoding import Sample
 from pbd.tracking.online.tracker import DataFlaw, LiveEvent, StopBegan, StopEnded

@@ -6,7 +6,7 @@ from collections import deque
 
 import numpy as np
 
-from pbd.calibration.drift import disagreements
+from pbd.calibration.sensor_changed import disagreements
 from pbd.data import Keyframe, Linear, SensorErrors
 from pbd.errors import PbdError
 from pbd.pose import Array

@@ -15,7 +15,7 @@ import pinocchio as pin
 from pbd.arm.collision.geometry import Body, bodies_of, link_bodies
 from pbd.arm.collision.motion_bounds import outline
 from pbd.arm.model import ArmModel
-from pbd.io.shapes import Shape, read_shapes
+from pbd.io.urdf_shapes import Shape, read_shapes
 
 SMALL = 0.5
 """A shape is doubted below this share of what is drawn of its link, or of the distance between its joints. Of the

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from pbd.arm.collision.motion_check import MotionHit
     from pbd.arm.collision.scene import CollisionScene
     from pbd.arm.motion_request import Segment
-    from pbd.arm.timing.moves import Timed
+    from pbd.arm.timing.time_moves import Timed
     from pbd.audit.audit import AuditReport
 
 STRETCHED = 1.02

@@ -10,16 +10,16 @@ import pytest
 
 from pbd.arm import link_checks
 from pbd.arm import motion as motion_module
+from pbd.arm.choose_motion import choose_motion
 from pbd.arm.collision.clearance import CLOSE_M, MARGIN_M
 from pbd.arm.collision.motion_check import check_motion
 from pbd.arm.collision.queries import APPROACH_M, CollisionQueries
 from pbd.arm.collision.scene import CollisionScene, Leg
 from pbd.arm.ik import cartesian
 from pbd.arm.ik.cartesian import line
-from pbd.arm.motion import choose_motion
 from pbd.arm.motion_request import DEMO, DETOUR, LINE, STRAIGHT, Motion, MotionRequest
 from pbd.arm.refusal import CANNOT_FOLLOW, COLLISION, UNREACHABLE, Refusal
-from pbd.arm.timing.moves import Move, time_moves
+from pbd.arm.timing.time_moves import Move, time_moves
 from pbd.data import Obstacle
 from pbd.errors import PbdWarning
 from pbd.pose import Array, Pose

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi
 
-from pbd.calibration.success import success
+from pbd.calibration.success_probability import success
 from pbd.pose import Array
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from pbd.calibration.dock import dock_tilt, nav_in_base
-from pbd.calibration.frames import pointing_down, tool_poses
+from pbd.calibration.tool_poses import pointing_down, tool_poses
 from pbd.data import Calibration, Keyframe
 from pbd.errors import CalibrationError, PbdWarning
 from pbd.pose import Array, Pose, quat_about_z, quat_exp, quat_from_rpy, quat_multiply, quat_rotate

@@ -14,7 +14,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from pbd.fusion.alignment import HAND_M, TURN_LEVER_M, Keyframes, Registration, register
+from pbd.fusion.matching import HAND_M, TURN_LEVER_M, Keyframes, Registration, register
 from pbd.pose import Array, lengths, matrix_log, quat_about_z, quat_to_matrix
 
 Index = NDArray[np.intp]

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from pbd.errors import CalibrationError, RecordingError
-from pbd.files.library import bundled, find, names
+from pbd.files.find_by_name import bundled, find, names
 
 
 @pytest.fixture(autouse=True)
@@ -52,7 +52,7 @@ def test_a_path_is_taken_as_it_is(home: Path, monkeypatch: pytest.MonkeyPatch) -
 @pytest.fixture
 def shelf(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Instead of what comes with pbd: one calibration, one demonstration."""
-    monkeypatch.setattr("pbd.files.library.bundled", lambda kind: home / "bundled" / kind)
+    monkeypatch.setattr("pbd.files.find_by_name.bundled", lambda kind: home / "bundled" / kind)
     add(Path("bundled/calibration/default.toml"))
     add(Path("bundled/demos/pouring/demo.toml"))
 

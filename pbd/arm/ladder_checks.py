@@ -32,7 +32,7 @@ WIDE_COST, MOST_WIDE = 2.0 * np.pi, 40
 
 
 class LinkChecks:
-    """What one arm may do on the way that a request asks for; without `queries` whatever is in the way."""
+    """Checks of a ladder graph's links for one arm and request; without `queries` collisions are ignored."""
 
     def __init__(self, arm: ArmModel, request: MotionRequest, queries: CollisionQueries | None) -> None:
         self.arm, self.request, self.queries = arm, request, queries
@@ -56,7 +56,7 @@ class LinkChecks:
     def wide_cost(self, link: Link, move: Move, q_before: Array, q: Array, *, wide_known: bool) -> float:
         """What a move from some joints to others costs for being wide, rad.
 
-        `wide_known`: where a joint turns by more than half a turn that is already in the travel.
+        `wide_known`: the travel already has the extra cost of a joint that turns by more than half a turn.
         """
         if not self.straight(link, move) or move.found_wide == MOST_WIDE:
             return 0.0

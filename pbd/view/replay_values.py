@@ -8,7 +8,7 @@ from pbd.data import GraspedObject, JointTrajectory, Obstacle, Robot
 from pbd.data.freeze import freeze
 from pbd.data.world import Stay
 from pbd.pose import Array, Pose
-from pbd.view.motion import RobotMotion
+from pbd.view.robot_motion import RobotMotion
 
 
 @dataclass(frozen=True, eq=False)

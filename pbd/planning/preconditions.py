@@ -82,7 +82,7 @@ def check_certainty(keyframes: Sequence[Keyframe], scale: float) -> None:
 
 def warn_of_shapes(arm: ArmModel) -> None:
     """Tell which links have no collision shape, or one far too small: what they touch isn't seen."""
-    from pbd.arm.collision.coverage import doubts
+    from pbd.arm.collision.shape_coverage import doubts
 
     if found := doubts(arm):
         told = "; ".join(f"{doubt.link} {doubt.why}" for doubt in found)

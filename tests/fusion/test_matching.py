@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pbd.fusion.alignment import Keyframes, Registration, align, by_moves, register
+from pbd.fusion.matching import Keyframes, Registration, align, by_moves, register
 from tests.fusion.made import rotations
 
 

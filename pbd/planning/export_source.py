@@ -11,8 +11,8 @@ import numpy as np
 from pbd.data import HandPath, JointTrajectory, Robot
 from pbd.errors import PlanError
 from pbd.planning.options import PlanOptions
+from pbd.planning.result import Plan
 from pbd.planning.steps import arm_of
-from pbd.planning.values import Plan
 from pbd.pose import Array, quat_from_matrix
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from pbd import check_all
-from pbd.checking import DemoCheck, _compared
+from pbd.check_demos import DemoCheck, _compared
 from pbd.cli import main
 from pbd.files.demo import write_demo
 from pbd.simulation.simulate import simulate

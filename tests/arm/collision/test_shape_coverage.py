@@ -7,8 +7,8 @@ from xml.dom.minidom import parse
 
 import pytest
 
-from pbd.arm.collision.coverage import doubts
 from pbd.arm.collision.scene import TABLE, CollisionScene
+from pbd.arm.collision.shape_coverage import doubts
 from pbd.arm.gripper import THE_TOOL
 from pbd.arm.model import load_model
 from pbd.cli import main

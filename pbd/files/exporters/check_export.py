@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from pbd.data import JointTrajectory, Samples
-from pbd.data.receiver import EPSILON, LIMITS, Rule, Share, evaluate, fill, shares
+from pbd.data.controller_interpolation import EPSILON, LIMITS, Rule, Share, evaluate, fill, shares
 from pbd.errors import PbdError, PlanError
 from pbd.files.exporters.job import Order
 from pbd.pose import Array

@@ -11,12 +11,12 @@ import numpy as np
 from pbd.data import Keyframe, Stop
 from pbd.pose import Array, Pose, quat_rotate
 from pbd.tracking.estimate import BOUNCE_M, BOUNCE_S
+from pbd.tracking.first_rest import STILL_ACC, STILL_GYR, Rest
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
 from pbd.tracking.online.events import LiveEvent, StopBegan, StopEnded
 from pbd.tracking.online.filter import OnlineFilter
 from pbd.tracking.online.samples import Sample
 from pbd.tracking.online.strapdown import Strapdown
-from pbd.tracking.rest import STILL_ACC, STILL_GYR, Rest
 from pbd.tracking.smoother.doubtful_stops import SLOW_SPEED
 from pbd.tracking.smoother.knots import STOP_KNOT_S
 from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, SHORTEST_MOVE_S, quiet_limits, speed_by_energies

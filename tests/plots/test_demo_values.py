@@ -10,7 +10,7 @@ import pytest
 
 from pbd.data import Calibration, Linear, SensorErrors, Truth
 from pbd.pipeline import track
-from pbd.plots.values import DemoPlot, TruthPlot, demo_plot
+from pbd.plots.demo_values import DemoPlot, TruthPlot, demo_plot
 from pbd.pose import quat_about_z, quat_multiply, quat_rotate
 from pbd.simulation.simulate import simulate
 from pbd.tracking.paper import paper_path

@@ -9,7 +9,7 @@ import pytest
 from pbd.arm.model import load_model
 from pbd.pose import Pose
 from pbd.replay import robot_motion
-from pbd.view.motion import FRAME_RATE_HZ
+from pbd.view.robot_motion import FRAME_RATE_HZ
 from pbd.view.scene import ReplayScene
 from tests.view import scenes
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from pbd.data import Calibration, HandPath, Keyframe, Robot
 from pbd.errors import PbdError, PlanError
-from pbd.planning.checks import start_joints
 from pbd.planning.options import PlanOptions
+from pbd.planning.preconditions import start_joints
 from pbd.planning.steps import arm_of, place, request_of
 from pbd.pose import Array, Pose
 
@@ -35,9 +35,9 @@ def choose_joints(
     options: PlanOptions,
 ) -> Motion | Refused:
     """Choose joints and segments; without a scene whatever is in the way."""
+    from pbd.arm.choose_motion import choose_motion
     from pbd.arm.collision.motion_check import describe, refuse_home
     from pbd.arm.collision.queries import CollisionQueries
-    from pbd.arm.motion import choose_motion
     from pbd.arm.motion_request import Motion
 
     queries = None
@@ -85,8 +85,8 @@ def solve_keyframes(
         The tool's pose in base at each keyframe, the joints (n, k) that reach them, and how far off (n, 2, rad) an arm
         with too few joints holds the tool: approach axis, and about it.
     """
+    from pbd.arm.choose_motion import choose_motion
     from pbd.arm.ik.partial_pose import hold
-    from pbd.arm.motion import choose_motion
     from pbd.arm.motion_request import Motion
 
     arm = arm_of(robot)

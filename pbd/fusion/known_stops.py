@@ -27,7 +27,7 @@ def told(
         message: of it, without that.
         Q: (3, 3), lever: (3,) m: how its sensor sits in the hand against the first take's.
         calibration: whose mount is the first take's.
-        refuse: what contradicts the take; not while Q and lever are only begun with.
+        refuse: raise where a claim contradicts the take; not for the first guess of Q and lever.
 
     Raises:
         TrackingError: what is known contradicts the take, or names no stop.

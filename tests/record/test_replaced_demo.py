@@ -8,7 +8,7 @@ import pytest
 
 from pbd.data import RecordingInfo
 from pbd.errors import RecordingError
-from pbd.record.backup import set_aside
+from pbd.record.replaced_demo import set_aside
 from pbd.record.session import Session
 from pbd.record.values import RecordOptions
 from pbd.sensors.protocols import protocol
