@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from pbd.arm import link_checks
-from pbd.arm import motion as motion_module
+from pbd.arm import ladder_checks
+from pbd.arm import choose_motion as motion_module
 from pbd.arm.choose_motion import choose_motion
 from pbd.arm.collision.clearance import CLOSE_M, MARGIN_M
 from pbd.arm.collision.motion_check import check_motion
@@ -162,7 +162,7 @@ def test_many_keyframes_cost_as_much_each_as_few(monkeypatch: pytest.MonkeyPatch
 def test_a_path_on_which_the_tool_touches_is_not_followed(monkeypatch: pytest.MonkeyPatch) -> None:
     """What the tool carries is told by its poses alone: no joints are sought along the line."""
     followed = list[object]()
-    monkeypatch.setattr(link_checks, "follow", lambda *args: followed.append(args))
+    monkeypatch.setattr(ladder_checks, "follow", lambda *args: followed.append(args))
     with pytest.warns(PbdWarning, match="goes around the plate"):
         assert kinds(chosen((LEFT, RIGHT), PLATE, approach=False)) == [STRAIGHT, DETOUR]
     assert not followed
@@ -209,8 +209,8 @@ def test_a_detour_is_the_same_each_time_and_is_told() -> None:
 
 
 def test_what_was_tried_is_told_where_there_is_no_way_around(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(link_checks, "CHECKS", 50)
-    monkeypatch.setattr(link_checks, "CHECKS_EACH", 0)
+    monkeypatch.setattr(ladder_checks, "CHECKS", 50)
+    monkeypatch.setattr(ladder_checks, "CHECKS_EACH", 0)
     message = refused((LEFT, RIGHT), PLATE, approach=False).error.message
     checks = int(message.partition(" pairs of arm poses, and no detour found in ")[2].split(" checks. Straight")[0])
     assert 50 <= checks < 60
@@ -283,7 +283,7 @@ def test_what_is_in_the_way_is_named_where_no_joints_lead_on_because_of_it(monke
         alone.append(True)
         return choose(ARM, request, None)
 
-    monkeypatch.setattr(link_checks, "follow", broken)
+    monkeypatch.setattr(ladder_checks, "follow", broken)
     monkeypatch.setattr(motion_module, "choose_motion", unwatched)
     refusal = refused((LEFT, RIGHT), PLATE, approach=False, kind=LINE)
     assert refusal.why == COLLISION
@@ -364,7 +364,7 @@ def test_joints_are_sought_along_a_path_whose_ends_do_not_lead_on(monkeypatch: p
         ends.append(len(poses))
         return follow(ARM, poses, *q) if len(poses) < 9 else None
 
-    monkeypatch.setattr(link_checks, "follow", short)
+    monkeypatch.setattr(ladder_checks, "follow", short)
     motion = chosen((LEFT, RIGHT), approach=False, kind=LINE)
     assert ends[0] == len(line(LEFT, RIGHT)) > max(ends[-10:])
     assert len(motion.segments[1].q) == ends[0] - 1
