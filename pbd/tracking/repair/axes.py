@@ -10,7 +10,7 @@ apart. Turns about one axis leave several readings; all of the simplest are name
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import permutations, product
@@ -37,6 +37,10 @@ AS_GOOD, AS_GOOD_DEG = 1.5, 2.0
 
 MOST_NAMED = 5
 """Most readings that a message names."""
+
+
+Turns = Callable[[], Array]
+"""Rotations (k, 3, 3), made where they are needed."""
 
 
 class Reading(NamedTuple):
@@ -113,7 +117,7 @@ class Contradiction:
     message: str
 
 
-def find_other_axes(witnesses: Sequence[Witness], turn: Array, turn_back: Array) -> Contradiction | None:
+def find_other_axes(witnesses: Sequence[Witness], turn: Array, turn_back: Turns) -> Contradiction | None:
     """Find the reading that mends what contradicts, by all witnesses or by the first ones.
 
     The last may be spoilt: a device's own attitude lags, a field is bent by iron. Args as `_find`.
@@ -122,13 +126,13 @@ def find_other_axes(witnesses: Sequence[Witness], turn: Array, turn_back: Array)
     return next(filter(None, by_first), None)
 
 
-def _find(witnesses: Sequence[Witness], turn: Array, turn_back: Array) -> Contradiction | None:
+def _find(witnesses: Sequence[Witness], turn: Array, turn_back: Turns) -> Contradiction | None:
     """Find the reading of one channel that mends what contradicts.
 
     Args:
         witnesses: what is seen at the pairs of moments.
         turn: (k, 3, 3) rotations from the first moment's axes to the second's, by the gyro.
-        turn_back: (k, 3, 3) the same by the gyro with all signs turned.
+        turn_back: gives the same (k, 3, 3) by the gyro with all signs turned.
 
     Returns:
         None where nothing contradicts, or no reading mends it.
@@ -179,7 +183,11 @@ def _carried_away(witness: Witness, turn: Array) -> NDArray[np.bool_]:
 
 
 def _costs(
-    witness: Witness, parts: Sequence[NDArray[np.bool_]], turn: Array, turn_back: Array, of: Sequence[Reading]
+    witness: Witness,
+    parts: Sequence[NDArray[np.bool_]],
+    turn: Array,
+    turn_back: Turns,
+    of: Sequence[Reading],
 ) -> Array:
     """Median angle (n,), degrees, of n readings of the gyro: the largest over the parts of the pairs."""
     medians = []
@@ -187,7 +195,7 @@ def _costs(
         matrix = reading.matrix
         mirrored = np.linalg.det(matrix) < 0.0
         rotation = -matrix if mirrored else matrix
-        by = turn_back if mirrored else turn
+        by = turn_back() if mirrored else turn
         carried = (by @ (witness.first @ rotation)[:, :, None])[:, :, 0] @ rotation.T
         off = np.degrees(angles(witness.second, carried))
         medians.append(max((float(np.median(off[rows])) for rows in parts if rows.any()), default=0.0))
