@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.pose import Array
+from pbd.tracking.moving_windows import median
 
 CONTRADICTION_DEG = 12.0
 """Median angle (degrees) between a direction and where the gyro carries it, above which they contradict each other. The
@@ -37,10 +38,6 @@ AS_GOOD, AS_GOOD_DEG = 1.5, 2.0
 
 MOST_NAMED = 5
 """Most readings that a message names."""
-
-
-Turns = Callable[[], Array]
-"""Rotations (k, 3, 3), made where they are needed."""
 
 
 class Reading(NamedTuple):
@@ -117,22 +114,15 @@ class Contradiction:
     message: str
 
 
-def find_other_axes(witnesses: Sequence[Witness], turn: Array, turn_back: Turns) -> Contradiction | None:
+def find_other_axes(witnesses: Sequence[Witness], turn: Array, turn_back: Callable[[], Array]) -> Contradiction | None:
     """Find the reading that mends what contradicts, by all witnesses or by the first ones.
 
-    The last may be spoilt: a device's own attitude lags, a field is bent by iron. Args as `_find`.
-    """
-    by_first = (_find(witnesses[:count], turn, turn_back) for count in range(len(witnesses), 0, -1))
-    return next(filter(None, by_first), None)
-
-
-def _find(witnesses: Sequence[Witness], turn: Array, turn_back: Turns) -> Contradiction | None:
-    """Find the reading of one channel that mends what contradicts.
+    The last may be spoilt: a device's own attitude lags, a field is bent by iron.
 
     Args:
         witnesses: what is seen at the pairs of moments.
         turn: (k, 3, 3) rotations from the first moment's axes to the second's, by the gyro.
-        turn_back: gives the same (k, 3, 3) by the gyro with all signs turned.
+        turn_back: gives (k, 3, 3) the same by the gyro with all signs turned.
 
     Returns:
         None where nothing contradicts, or no reading mends it.
@@ -143,14 +133,22 @@ def _find(witnesses: Sequence[Witness], turn: Array, turn_back: Turns) -> Contra
     told = [rows | _carried_away(witness, turn) for witness, rows in zip(witnesses, seen, strict=True)]
     counted = np.array([rows.sum() >= SIMPLE_PAIRS for rows in seen], dtype=bool)
     each = [*zip(witnesses, seen, told, strict=True)]
-    as_it_is = readings()[:1]
-    wrong = [
-        n and _costs(w, rows, turn, turn_back, as_it_is)[0] > CONTRADICTION_DEG
-        for n, (w, *rows) in zip(counted, each, strict=True)
-    ]
-    if not any(wrong):
+    as_it_is = [_costs(w, rows, readings()[:1], turn, turn)[0] for w, *rows in each]
+    if not (counted & (np.array(as_it_is) > CONTRADICTION_DEG)).any():
         return None
-    costs = np.array([_costs(w, rows, turn, turn_back, readings()) for w, *rows in each])
+    back = turn_back()
+    costs = np.array([_costs(w, rows, readings(), turn, back) for w, *rows in each])
+    by_first = (_mended(witnesses[:n], told[:n], counted[:n], costs[:n]) for n in range(len(witnesses), 0, -1))
+    return next(filter(None, by_first), None)
+
+
+def _mended(
+    witnesses: Sequence[Witness], told: Sequence[NDArray[np.bool_]], counted: NDArray[np.bool_], costs: Array
+) -> Contradiction | None:
+    """Find the reading of one channel that mends what contradicts: `counted` witnesses by their costs (w, 48)."""
+    wrong = counted & (costs[:, 0] > CONTRADICTION_DEG)
+    if not wrong.any():
+        return None
     costs, pairs = costs[counted], min(int(rows.sum()) for rows, off in zip(told, wrong, strict=True) if off)
     channels = [witness.channel for witness, count in zip(witnesses, counted, strict=True) if count]
     fits = []
@@ -183,22 +181,23 @@ def _carried_away(witness: Witness, turn: Array) -> NDArray[np.bool_]:
 
 
 def _costs(
-    witness: Witness,
-    parts: Sequence[NDArray[np.bool_]],
-    turn: Array,
-    turn_back: Turns,
-    of: Sequence[Reading],
+    witness: Witness, parts: Sequence[NDArray[np.bool_]], of: Sequence[Reading], turn: Array, turn_back: Array
 ) -> Array:
     """Median angle (n,), degrees, of n readings of the gyro: the largest over the parts of the pairs."""
+    used = np.logical_or.reduce(parts)
+    parts = [part[used] for part in parts if part.any()]
+    first, second, by, back = (
+        np.ascontiguousarray(values[used].T) for values in (witness.first, witness.second, turn, turn_back)
+    )
     medians = []
     for reading in of:
-        matrix = reading.matrix
-        mirrored = np.linalg.det(matrix) < 0.0
-        rotation = -matrix if mirrored else matrix
-        by = turn_back() if mirrored else turn
-        carried = (by @ (witness.first @ rotation)[:, :, None])[:, :, 0] @ rotation.T
-        off = np.degrees(angles(witness.second, carried))
-        medians.append(max((float(np.median(off[rows])) for rows in parts if rows.any()), default=0.0))
+        rotation = reading.matrix.T
+        # A mirror image turns the gyro round. By rows that are contiguous this is the sum of second_i R_ij first_j.
+        turned = np.einsum(
+            "jik,ik,jk->k", back if np.linalg.det(rotation) < 0.0 else by, rotation @ second, rotation @ first
+        )
+        off = np.degrees(np.arccos(np.clip(turned, -1.0, 1.0)))
+        medians.append(max((float(median(off[part])) for part in parts), default=0.0))
     return np.array(medians)
 
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
 from typing import NoReturn
 
 import numpy as np
@@ -186,7 +185,7 @@ def refuse_disagreement(recording: Recording) -> None:
 
     as_it_is = turn(gyr)
     witnesses = [Witness("a", up, up_later), *_other_witnesses(recording, every, here, there)]
-    found = find_other_axes(witnesses, quat_to_matrix(as_it_is), cache(lambda: quat_to_matrix(turn(-gyr))))
+    found = find_other_axes(witnesses, quat_to_matrix(as_it_is), lambda: quat_to_matrix(turn(-gyr)))
     carried = quat_rotate(as_it_is, up)
     telling = np.maximum(angles(up, up_later), angles(up, carried)) > CONTRADICTION_RAD
     off = float(np.median(angles(up_later, carried)[telling])) if telling.any() else 0.0
