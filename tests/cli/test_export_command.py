@@ -32,7 +32,7 @@ def test_every_suffix_says_a_format() -> None:
 
 
 def test_a_format_without_samples_takes_no_rate(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([*EXPORT, "--format", "keyframes", "-o", "keyframe_table.json"]) == 1
+    assert main([*EXPORT, "--format", "keyframes", "-o", "keyframes.json"]) == 2
     assert capsys.readouterr().err == "pbd: keyframes is not sampled at a rate: leave --rate out\n"
 
 

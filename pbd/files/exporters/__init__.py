@@ -8,7 +8,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pbd.errors import PbdError, PbdWarning, nearest
+from pbd.errors import PbdWarning, UsageError, nearest
 from pbd.io.atomic import atomic_file, atomic_folder
 
 if TYPE_CHECKING:
@@ -80,18 +80,18 @@ def check_format(
     """Refuse what no motion could change.
 
     Raises:
-        PbdError: as `export`.
+        UsageError: the format isn't known, or doesn't take this option.
         PlanError: the format is not for this robot.
     """
     if format_name not in FORMATS:
         known = f"{', '.join(FORMATS)}{nearest(format_name, FORMATS)}"
-        raise PbdError(f"no format '{format_name}'; known are {known}", value=format_name)
+        raise UsageError(f"no format '{format_name}'; known are {known}", value=format_name)
     if rate_hz is not None and not LOWEST_HZ <= rate_hz <= HIGHEST_HZ:
-        raise PbdError(f"--rate must be {LOWEST_HZ:g} to {HIGHEST_HZ:g} Hz, got {rate_hz:g}", value=rate_hz)
+        raise UsageError(f"--rate must be {LOWEST_HZ:g} to {HIGHEST_HZ:g} Hz, got {rate_hz:g}", value=rate_hz)
     if dense and format_name != "urscript":
-        raise PbdError(f"--dense is for urscript alone; leave it out for {format_name}", value=format_name)
+        raise UsageError(f"--dense is for urscript alone; leave it out for {format_name}", value=format_name)
     if rate_hz is not None and (format_name in WITHOUT_RATE or (format_name == "urscript" and not dense)):
-        raise PbdError(f"{format_name} is not sampled at a rate: leave --rate out", value=rate_hz)
+        raise UsageError(f"{format_name} is not sampled at a rate: leave --rate out", value=rate_hz)
     if robot is not None and format_name in FOR_SOME:
         import_module(f"{__name__}.{FORMATS[format_name]}").check(robot)
 
@@ -118,7 +118,8 @@ def export(
         source: what the motion was made from, which formats need that tell more than joints.
 
     Raises:
-        PbdError: the format is not known, the rate is out of range, the file can't be written.
+        UsageError: as `check_format`.
+        PbdError: the file can't be written.
         PlanError: replayed from the file by the rule of the format's receivers, the motion would break a limit, miss a
             keyframe or touch something; nothing is written.
     """
