@@ -16,7 +16,9 @@ from pbd.tracking.noise import noise_of
 from pbd.tracking.repair.repair_recording import condition
 from pbd.tracking.smoother import normal_equations
 from pbd.tracking.smoother.factors import _add_device
+from pbd.tracking.smoother.knots import _turn_sigma
 from pbd.tracking.smoother.normal_equations import ACC_BIAS, BAND, GYR_BIAS, STATE, NormalEquations
+from pbd.tracking.smoother.preintegration import GyroFrame
 from pbd.tracking.smoother.state import PIVOT, SHARED
 
 SENSORS = ("os5000", "wt901", "modern")
@@ -38,6 +40,16 @@ def test_a_devices_own_attitude_is_believed_at_rest_and_not_where_it_turns() -> 
     rate = lengths(problem.frame.gyr[problem.rows])
     assert sigma[0] == pytest.approx(noise.device_turn, rel=0.05)
     assert sigma[np.argmax(rate)] == pytest.approx(noise.device_lag * rate.max(), rel=0.05)
+
+
+def test_a_hand_at_rest_may_turn_twice_as_far_as_it_sways_about_a_steady_turn() -> None:
+    t, sway = np.arange(0.0, 4.0, 0.01), 0.003
+    gyr = np.zeros((len(t), 3))
+    gyr[1:, 1] = np.diff(sway * np.sin(2.0 * np.pi * t) + 0.02 * t) / 0.01
+    rows, within, unused = np.array([0, 100, 200, 399]), np.array([True, True, False]), np.zeros((len(t), 3))
+    frame = GyroFrame(t, gyr, unused, unused, unused, unused, unused, unused, unused)
+    sigma = _turn_sigma(frame, rows, within, 1e-3)
+    assert sigma == pytest.approx([np.hypot(1e-3, 2.0 * sway)] * 2 + [1e-3], rel=1e-3)
 
 
 def errors(demo: Demonstration) -> tuple[Array, Array, Estimate]:
