@@ -48,7 +48,7 @@ def record(parser: ArgumentParser) -> None:
     option("--grip", choices=("space", "tap"), default="space", help=taps)
     option("--closed", action="store_true", help="the hand will end where it began; tracking uses that")
     take = "of several takes of one task (`pbd fuse`), the one to record: to ./demos/NAMEN, and how to hold the sensor"
-    option("--take", type=whole("a whole number from 1 to 99", lambda n: 1 <= n <= 99), metavar="N", help=take)
+    option("--take", type=whole("a whole number from 1 to 99", range(1, 100)), metavar="N", help=take)
     option("--raw", action="store_true", help="also keep the sensor's raw bytes (raw.bin)")
     option("--reconnect", action="store_true", help="wait for a sensor that was unplugged")
     option("--calibration", metavar="C", help="of this sensor: used to track, and compared with the sensor at rest")

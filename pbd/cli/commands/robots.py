@@ -5,7 +5,7 @@ from __future__ import annotations
 from argparse import ArgumentParser
 from pathlib import Path
 
-from pbd.cli.options import add_demo, add_json, add_planning, add_table, add_tracking, number, positive
+from pbd.cli.options import add_demo, add_json, add_planning, add_table, add_tracking, positive, within
 from pbd.files.exporters import FORMATS, HIGHEST_HZ, LOWEST_HZ, SUFFIXES
 
 
@@ -43,12 +43,7 @@ def export(parser: ArgumentParser) -> None:
     output = "the file to write (lerobot: the folder); - is standard output"
     option("-o", "--output", required=True, type=Path, metavar="FILE", help=output)
     rate = "samples a second, from 10 to 100000 (1000; tum: 100; glb: 50; ros2-json: none but the motion's own knots)"
-    option(
-        "--rate",
-        type=number(f"{LOWEST_HZ:g} to {HIGHEST_HZ:g} Hz", lambda hz: LOWEST_HZ <= hz <= HIGHEST_HZ),
-        metavar="HZ",
-        help=rate,
-    )
+    option("--rate", type=within(LOWEST_HZ, HIGHEST_HZ, " Hz"), metavar="HZ", help=rate)
     dense = (
         "urscript: servoj at the controller's period (--rate 125, or 500 for e-Series), not a movej for each keyframe"
     )
@@ -78,14 +73,8 @@ def run(parser: ArgumentParser) -> None:
     option("--yes", action="store_true", help="do not ask before the arm moves or sinks")
     tolerance = "a joint farther off its goal stops the arm (10)"
     option("--tolerance", type=positive, default=10.0, metavar="DEG", help=tolerance)
-    # Slower, and a stop would take longer than 50 ms; faster than the servos answer.
-    option(
-        "--rate",
-        type=number("40 to 100 Hz", lambda hz: 40.0 <= hz <= 100.0),
-        default=50.0,
-        metavar="HZ",
-        help="goals a second, from 40 to 100 (50)",
-    )
+    pace = within(40.0, 100.0, " Hz")  # slower, and a stop would take longer than 50 ms; no servo answers faster
+    option("--rate", type=pace, default=50.0, metavar="HZ", help="goals a second, from 40 to 100 (50)")
     instead = parser.add_mutually_exclusive_group()
     instead.add_argument("--dry-run", action="store_true", help="do all but move: read the servos, give them no goals")
     instead.add_argument("--calibrate", action="store_true", help="find the servos' middles and ends; write --servos")

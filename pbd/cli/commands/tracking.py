@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from argparse import ArgumentParser
 from pathlib import Path
 
@@ -69,13 +70,8 @@ def touch(parser: ArgumentParser) -> None:
     """
     option = parser.add_argument
     option("demo", metavar="DEMO", help="a demonstration's name (in ./demos), or its folder")
-    option(
-        "keyframe",
-        nargs="?",
-        type=whole("a whole number", lambda n: n >= 0),
-        metavar="KEYFRAME",
-        help="its number, as `pbd keyframes` has it",
-    )
+    count = whole("a whole number", range(sys.maxsize))
+    option("keyframe", nargs="?", type=count, metavar="KEYFRAME", help="its number, as `pbd keyframes` has it")
     option("--robot", required=True, metavar="R", help="the arm that was tried")
     option("--by", type=finite, nargs=3, metavar=("X", "Y", "Z"), help="how far the tool is to go, m, in base axes")
     option("--tool", action="store_true", help="with --by: in the tool's own axes")
@@ -150,11 +146,6 @@ def check(parser: ArgumentParser) -> None:
     """
     parser.add_argument("demos", nargs="+", metavar="DEMO", help="names (in ./demos, or bundled), folders, recordings")
     parser.add_argument("--robot", metavar="R", help="also plan for this robot, on its own dock")
-    parser.add_argument(
-        "--jobs",
-        type=whole(f"1 to {MOST_JOBS}, or -1", lambda n: n == -1 or 1 <= n <= MOST_JOBS),
-        default=1,
-        metavar="N",
-        help="how many at once (1); -1: one a core",
-    )
+    jobs = whole(f"1 to {MOST_JOBS}, or -1", (-1, *range(1, MOST_JOBS + 1)))
+    parser.add_argument("--jobs", type=jobs, default=1, metavar="N", help="how many at once (1); -1: one a core")
     add_table(parser, units="mm,s")
