@@ -102,9 +102,7 @@ def _start_joints(args: argparse.Namespace, robot: Robot) -> tuple[float, ...]:
     return read_joints(args.start, robot.joints, unit, per_si)
 
 
-def plan_demonstration(
-    args: argparse.Namespace, measured: tuple[float, ...] | None = None
-) -> tuple[Demonstration, HandPath, Robot, PlanOptions, Plan]:
+def plan_demonstration(args: argparse.Namespace, measured: tuple[float, ...] | None = None) -> Plan:
     """Load, track, and plan an audited motion; `measured` as in `plan_options`."""
     from pbd.planning import load_arm, plan_path
 
@@ -113,8 +111,7 @@ def plan_demonstration(
     path, _ = track_demonstration(demo, args.method, calibration, args.accept_gap)
     options = plan_options(args, robot, measured)
     with working(f"planning for {robot.name}"):
-        plan = plan_path(path, calibration, robot, options)
-    return demo, path, robot, options, plan
+        return plan_path(path, calibration, robot, options)
 
 
 def store_demonstration(

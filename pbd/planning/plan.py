@@ -109,11 +109,9 @@ def plan_keyframes(
     raise type(found.error)(", or ".join((found.error.message, *others)), **found.error.fields)
 
 
-def can_plan(
-    plan: Plan, robot: Robot, options: PlanOptions, hand_path: HandPath, grasped: GraspedObject | None
-) -> bool:
+def can_plan(plan: Plan, options: PlanOptions) -> bool:
     """Whether what was planned goes with other options too: joints and segments are found for it, but not timed."""
-    return _works(_Task(plan.keyframes, plan.calibration, robot, hand_path, grasped), options, _prepare)
+    return _works(_Task(plan.keyframes, plan.calibration, plan.robot, plan.hand_path, plan.grasped), options, _prepare)
 
 
 class _Task(NamedTuple):
@@ -229,8 +227,8 @@ def _attempt(task: _Task, options: PlanOptions) -> Plan | Refused:
         slower = () if heavy.speed is None else ((f"use --speed {heavy.speed:g}", replace(options, speed=heavy.speed)),)
         return Refused(heavy.error, slower)
     return Plan(
-        keyframes,
-        calibration,
+        *task,
+        options,
         T_base_nav,
         T_base_tool,
         held.off_rad,

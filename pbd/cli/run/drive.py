@@ -60,12 +60,12 @@ def drive(args: argparse.Namespace, robot: Robot) -> int:
         before = arm.state()
         check_health(counts.names, arm.bounds, before)
         start = planned_start(counts, before, robot.limits)
-        demo, _, robot, options, plan = plan_demonstration(args, start)
+        plan = plan_demonstration(args, start)
         t, goals = goals_of(counts, plan.trajectory, before, args.rate, stroke_s)
-        say(f"'{demo.recording.info.name}' on {robot.name} at {device}, its servos calibrated in {file}")
+        say(f"'{plan.name}' on {robot.name} at {device}, its servos calibrated in {file}")
         print_table(_preview(counts, before, goals, t, plan.trajectory), sys.stderr)
         say(_timetable(plan.trajectory, goals, t))
-        say_torque(demo, robot, plan, options)
+        say_torque(plan)
         with Keys() as keys:
             if args.dry_run:
                 say("dry run: the servos are read, and given no goals")
@@ -98,7 +98,7 @@ def drive(args: argparse.Namespace, robot: Robot) -> int:
     if args.json:
         print_json(
             {
-                "demo": demo.recording.info.name,
+                "demo": plan.name,
                 "robot": robot.name,
                 "port": device,
                 "servos": str(file),
