@@ -10,7 +10,7 @@ from pathlib import Path
 from pbd.cli.console import print_json, say, working
 from pbd.cli.steps import load_demonstration, named_calibration, track_demonstration, write_figures
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe
-from pbd.errors import PbdError, PbdWarning, TrackingError, UsageError
+from pbd.errors import PbdError, PbdWarning, TrackingError, UsageError, warn
 from pbd.io.atomic import refuse_folder
 
 LONGEST_NAME = 60
@@ -93,7 +93,7 @@ def _tracked(
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PbdWarning)  # they have been given
             tracked = track_demonstration(unaided, args.method, calibration, args.accept_gap)
-        warnings.warn(f"{error.message}; drawn without it", PbdWarning, stacklevel=2)
+        warn(f"{error.message}; drawn without it")
         return tracked
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import warnings
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -16,7 +15,7 @@ from pbd.cli.console import print_json, say
 from pbd.cli.keyframes import save_keyframes
 from pbd.cli.steps import load_demonstration, track_demonstration
 from pbd.data import Calibration, HandPath, Keyframe, TouchUp
-from pbd.errors import PbdWarning, RecordingError, UsageError
+from pbd.errors import RecordingError, UsageError, warn
 from pbd.files.keyframes import LARGEST_NUDGE_M, NAME
 from pbd.files.keyframes_edit import add_touch_up, undo_touch_up
 from pbd.plots.findings import OFF_SIGMAS
@@ -120,7 +119,7 @@ def _tell(args: argparse.Namespace, base: _Base, before: TouchedUp, after: Touch
     if moved_m[args.keyframe] > OFF_SIGMAS * sigmas[0][args.keyframe]:
         off = f"{100.0 * moved_m[args.keyframe]:.1f} cm, {moved_m[args.keyframe] / sigmas[0][args.keyframe]:.0f} sigma"
         meant = f"if it alone belongs elsewhere, `pbd touch {args.demo} --undo`, and again with --only"
-        warnings.warn(f"keyframe {args.keyframe} was off by {off}, and the others go along; {meant}", PbdWarning, 2)
+        warn(f"keyframe {args.keyframe} was off by {off}, and the others go along; {meant}")
     others = np.delete(moved_m, args.keyframe)
     if others.max(initial=0.0) < HARDLY_M:
         say(f"the others hardly move: their errors have little in common with those of keyframe {args.keyframe}")

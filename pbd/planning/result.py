@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from pbd.data import Calibration, Demonstration, GraspedObject, HandPath, JointTrajectory, Keyframe, Robot
 from pbd.data.one_line_repr import brief
-from pbd.errors import PbdWarning, PlanError
+from pbd.errors import PlanError, warn
 from pbd.planning.options import PlanOptions, demonstrated
 from pbd.pose import Array, Pose
 
@@ -122,10 +121,8 @@ def find_stretched(timed: Timed, keyframes: Sequence[Keyframe]) -> tuple[Stretch
             for each in sorted(found, key=lambda each: each.demonstrated_s / each.planned_s)[:3]
         ]
         rest = f", and {len(found) - 3} more" if len(found) > 3 else ""
-        warnings.warn(
+        warn(
             f"{len(found)} of {len(keyframes) - 1} moves are slower than the hand's, to keep the joint limits: "
-            f"{', '.join(told)}{rest}",
-            PbdWarning,
-            stacklevel=3,
+            f"{', '.join(told)}{rest}"
         )
     return tuple(found)

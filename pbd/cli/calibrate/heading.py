@@ -12,7 +12,7 @@ from pbd.calibration.field_uniformity import field_spread, heading_changes
 from pbd.calibration.sensor import corrected
 from pbd.cli.console import say, working
 from pbd.data import Calibration, Keyframe, Recording
-from pbd.errors import PbdWarning
+from pbd.errors import PbdWarning, warn
 from pbd.files.demo import load_demo
 from pbd.pipeline import track
 from pbd.tracking.keyframes import find_keyframes
@@ -38,7 +38,7 @@ def say_heading(
     """Say how well nav's heading repeats and what to do; return one sigma, rad, or None without a magnetometer."""
     if recording.mag is None:
         if part == "nav":
-            _warn(
+            warn(
                 "without a magnetometer the heading is measured from the first rest, so [nav] holds only for "
                 "demonstrations that start with the same heading; use --as dock instead"
             )
@@ -66,12 +66,8 @@ def say_heading(
             f"most {np.degrees(np.abs(changes).max()):.1f})"
         )
     if part == "nav" and spread.disturbed:
-        _warn(
+        warn(
             "the magnetic field is disturbed here, or the magnetometer is not calibrated: start every demonstration "
             "from a dock (--as dock), whose heading does not depend on it"
         )
     return heading
-
-
-def _warn(message: str) -> None:
-    warnings.warn(message, PbdWarning, stacklevel=3)

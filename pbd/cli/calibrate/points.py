@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import warnings
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from pbd.cli.calibrate.heading import say_heading, with_whole_magnetometer
 from pbd.cli.console import print_json, say, working
 from pbd.data import TOOL_DOWN, Calibration, HandPath
 from pbd.data.sigma import one_sigma
-from pbd.errors import CalibrationError, PbdWarning
+from pbd.errors import CalibrationError, warn
 from pbd.files.calibration_edit import covariance_values, pose_values, update_calibration
 from pbd.files.points import Points, read_points
 from pbd.pose import Pose, quat_to_rpy
@@ -112,11 +111,9 @@ def _figures(fit: PointFit) -> dict[str, float]:
 def _warn_of_wrong_points(fit: PointFit, points: Points, touched: PointObservations) -> None:
     for name, stop, off, good in zip(points.names, touched.stops, fit.left_out, fit.used, strict=True):
         if not good:
-            warnings.warn(
+            warn(
                 f"the point '{name}' (stop {stop}) is wrong: it lies {100.0 * np.linalg.norm(off):.1f} cm from where "
-                "the other points put it, so it is left out; check its coordinates, or touch it again",
-                PbdWarning,
-                stacklevel=2,
+                "the other points put it, so it is left out; check its coordinates, or touch it again"
             )
 
 
