@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Robot
@@ -19,6 +19,7 @@ from pbd.files.points import Points, points_csv
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from rich.table import Table
 
     from pbd.planning import Plan, PlanOptions
     from pbd.sensors.decoding import Decoder
@@ -137,6 +138,16 @@ def store_demonstration(
         stored = {"demo": folder.name, "folder": str(folder), "samples": samples}
         points = {} if touched is None else {"points": str(folder / POINTS_FILE)}
         print_json(stored | {"duration_s": duration_s, "rate_hz": rate_hz} | points | dict(more))
+
+
+def print_result(args: argparse.Namespace, result: dict[str, Any], table: Table) -> None:
+    """Print what was found as is wanted: one JSON object, CSV, or a table."""
+    from pbd.view.terminal_tables import print_csv, print_table
+
+    if args.json:
+        print_json(result)
+    else:
+        (print_csv if args.csv else print_table)(table)
 
 
 def write_figures(folder: Path, format_name: str, names: Collection[str], draw: Callable[[str], Figure]) -> list[str]:

@@ -13,7 +13,6 @@ from pbd.cli.console import print_json, say
 from pbd.cli.plan_report import say_torque
 from pbd.cli.recording.device import only_port
 from pbd.cli.recording.keys import Keys
-from pbd.cli.run.asking import ask, refuse_nobody
 from pbd.cli.steps import plan_demonstration
 from pbd.data import Robot
 from pbd.driving import bus as servo_bus
@@ -45,8 +44,6 @@ ASKED = 10
 
 def drive(args: argparse.Namespace, robot: Robot) -> int:
     """Run the demonstration on the arm; return the exit code."""
-    if not args.dry_run:
-        refuse_nobody(args)
     assert robot.servos is not None
     assert robot.gripper is not None
     stroke_s = robot.gripper.stroke_s
@@ -71,9 +68,8 @@ def drive(args: argparse.Namespace, robot: Robot) -> int:
                 say("dry run: the servos are read, and given no goals")
             else:
                 if not args.yes:
-                    ask(
-                        keys,
-                        "Clear the arm's way; keep a hand at its power switch. Enter starts it; any other key cancels.",
+                    keys.ask(
+                        "Clear the arm's way; keep a hand at its power switch. Enter starts it; any other key cancels."
                     )
                 now = arm.state()
                 if (by := moved_deg(counts, before, now)) > MOVED_DEG:
