@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> None:
             recording,
             gravity=gravity,
             only=args.only,
-            known=None if calibration is None else calibration.sensor,
+            known=calibration.sensor,
             temperature_c=args.temperature,
         )
     for remark in fit.remarks:
@@ -103,7 +103,7 @@ def _json(fit: SensorFit) -> dict[str, Any]:
     errors = fit.errors
     result: dict[str, Any] = {"sensor": errors.sensor, "fit": _figures(fit), "remarks": list(fit.remarks)}
     for kind, linear in (("gyr", errors.gyr), ("acc", errors.acc), ("mag", errors.mag)):
-        result[kind] = None if linear is None else {"bias": linear.bias.tolist(), "matrix": linear.matrix.tolist()}
+        result[kind] = None if linear is None else {"bias": linear.bias, "matrix": linear.matrix}
     result["told"] = [] if fit.acc is None else list(fit.acc.determined)
     return result | {"field_ut": errors.field, "dip_rad": errors.dip}
 

@@ -54,7 +54,7 @@ def _contributions(args: argparse.Namespace, calibration: Calibration) -> Found 
 
     None where it is not known where it starts, or where nobody named a demonstration and the newest is of no use.
     """
-    if calibration.T_base_dock is None and calibration.T_base_nav is None:
+    if not calibration.knows_start:
         if args.demo is not None:
             say(
                 f"'{calibration.name}' does not say where the hand starts, so the tool's uncertainty is unknown; add a "
@@ -83,7 +83,7 @@ def _of_demonstration(args: argparse.Namespace, calibration: Calibration) -> Fou
 
 def _json(calibration: Calibration, found: Found | None) -> dict[str, Any]:
     def pose(value: Any) -> dict[str, Any] | None:
-        return None if value is None else {"position_m": value.p.tolist(), "wxyz": value.wxyz.tolist()}
+        return None if value is None else {"position_m": value.p, "wxyz": value.wxyz}
 
     result: dict[str, Any] = {
         "calibration": calibration.name,
@@ -105,10 +105,9 @@ def _save(file: Path, calibration: Calibration, found: Found | None) -> None:
     if kind not in ("png", "svg", "pdf"):
         raise CalibrationError(f"{file} must end in .png, .svg or .pdf; rename it", path=file)
     if found is None:
-        starts = calibration.T_base_dock is not None or calibration.T_base_nav is not None
         raise CalibrationError(
             f"a plot shows the tool at a demonstration's keyframes; name one after '{calibration.name}'"
-            if starts
+            if calibration.knows_start
             else f"'{calibration.name}' does not say where the hand starts, so there is nothing to plot; add a dock"
         )
     name, keyframes, parts = found
