@@ -38,6 +38,8 @@ def test_every_branch_of_seven_joints_holds_the_pose_and_one_leads_past_the_know
         assert np.abs(steps - 2.0 * np.pi * np.round(steps / (2.0 * np.pi))).max() < APART_RAD
         off = np.vstack(found) - truth
         assert np.abs(off - 2.0 * np.pi * np.round(off / (2.0 * np.pi))).max(axis=1).min() < 0.3
+        steps = np.vstack([np.diff(branch, axis=0) for branch in found])
+        assert np.abs(steps - 2.0 * np.pi * np.round(steps / (2.0 * np.pi))).max() <= APART_RAD
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5"])
