@@ -36,7 +36,7 @@ class Page:
     """An open page: a replay's, or that of a recording under way."""
 
     def __init__(self, browser: Browser, address: str) -> None:
-        self.browser = browser
+        self.browser: Any = browser  # Chromium has more to it, and no types
         browser.errors()
         browser.requests()
         browser.get(address)

@@ -346,14 +346,14 @@ def test_the_scene_turns_and_is_framed_again(replay: Replay) -> None:
 def test_without_webgl_it_says_so(fox: Firefox, replay_file: Path) -> None:
     with fox.preference("webgl.disabled", True):
         fox.get(replay_file.as_uri())
-        until(lambda: "WebGL" in fox.find_element(By.ID, "message").text, "a word of what is missing")
+        until(lambda: "WebGL" in fox.execute_script("return document.body.innerText"), "a word of what is missing")
     assert [error for error in fox.errors() if "this browser has no WebGL" not in error] == []
 
 
 def test_it_plays_in_firefox(fox: Firefox, replay_file: Path, scene: ReplayScene) -> None:
     replay = Replay(fox, replay_file.as_uri())
     assert replay.picture().std() > 10.0
-    press(replay, Keys.END)
+    fox.press(Keys.END)
     np.testing.assert_allclose(replay.place(*FINGER), finger_of(scene)[-1], atol=1e-5)
     assert replay.errors() == []
 
