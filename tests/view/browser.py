@@ -48,11 +48,11 @@ class Page:
 
     def errors(self) -> list[str]:
         """What the browser has complained of since the last call, or since the page was opened."""
-        return self.browser.errors()
+        return list(self.browser.errors())
 
     def requests(self) -> set[str]:
         """Addresses that were asked for since the last call, or since the page was opened."""
-        return self.browser.requests()
+        return set(self.browser.requests())
 
     def read(self, selector: str) -> str:
         """The text of the first element of its kind."""
