@@ -34,7 +34,6 @@ class Run:
     """One of several demonstrations of a task, aligned with the first at its first stop.
 
     Attributes:
-        name: the demonstration's.
         p: (n, 3) m, its path from the first to the last stop, in the first demonstration's nav.
         progress: (n,) keyframes of the task: 1.5 is half-way in time from keyframe 1 to keyframe 2.
     """
@@ -79,7 +78,6 @@ class ComparePlot:
     """Several demonstrations of one task.
 
     Attributes:
-        runs: in the order in which they were named.
         keyframes: of the task.
         by_order: whether keyframes were matched by their order alone; else by their moves and the grip.
         remarks: which keyframes are missing where, or are there in one alone, in words.

@@ -66,13 +66,9 @@ class DemoPlot:
     """One demonstration, tracked.
 
     Attributes:
-        path: the tracker's.
-        tracking: what it was tracked from.
         keyframes: with their covariances.
-        truth: where it is known.
         field: with a magnetometer.
         facts: (what, how much) in words, for the summary.
-        findings: what a person should look at.
     """
 
     path: HandPath
@@ -141,7 +137,6 @@ def demo_plot(path: HandPath, remarks: Sequence[str] = ()) -> DemoPlot:
 
     Args:
         path: as tracked; the demonstration with its truth and edited keyframes comes with it.
-        remarks: the warnings that were given on the way.
 
     Raises:
         ValueError: the path was not tracked.

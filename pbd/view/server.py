@@ -177,8 +177,6 @@ def show_replay(scene: ReplayScene, open_browser: bool = True, block: bool = Tru
     """Play a scene in a browser on this machine; the address goes to stderr.
 
     Args:
-        scene: what to show.
-        open_browser: open the address in the user's browser.
         block: stay until Ctrl-C, then close the viewer. Otherwise it is the caller's to close.
 
     Raises:
