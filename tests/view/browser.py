@@ -21,8 +21,11 @@ PATIENCE_S = 60.0
 
 Browser = Chromium | Firefox
 
-COARSE = "const { quality } = pbd.page.stage; quality.constructor.settle_ms = 1e8; clearTimeout(quality.settled)"
-"""Fine pictures take most of the time where there is no graphics card."""
+COARSE = """
+    const { quality } = pbd.page.stage;
+    Object.assign(quality.constructor, { settle_ms: 1e8, coarse_pixels: 2e4 });
+    clearTimeout(quality.settled);"""
+"""Pictures take most of the time where there is no graphics card."""
 
 
 def until(condition: Callable[[], object], what: str, seconds: float = PATIENCE_S) -> None:
@@ -118,6 +121,7 @@ class Replay(Page):
 
     def __init__(self, browser: Browser, address: str) -> None:
         super().__init__(browser, address)
+        self.began = bool(self("return pbd.page.player.playing"))
         self("pbd.page.player.pause(); pbd.page.player.seek(0)")
 
     @property

@@ -28,6 +28,7 @@ PREFERENCES = {
     "network.connectivity-service.enabled": False,
     "services.settings.server": "data:,#",
     "browser.safebrowsing.update.enabled": False,
+    "ui.prefersReducedMotion": 1,
 }
 PATIENCE_S = 60.0
 

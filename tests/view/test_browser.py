@@ -38,6 +38,7 @@ def scene() -> ReplayScene:
 def opened(chrome: Chromium, replay_file: Path) -> Replay:
     """Opened once. The robot is hidden: without a graphics card it takes most of the time to draw."""
     replay = Replay(chrome, replay_file.as_uri())
+    assert not replay.began
     replay("pbd.page.stage.node('pbd', 'robot').visible = false")
     return replay
 
@@ -47,7 +48,7 @@ def replay(opened: Replay) -> Iterator[Replay]:
     """As it is when it is opened, but paused."""
     opened("pbd.page.player.pause(); pbd.page.player.seek(0); pbd.page.player.loop = true; pbd.page.player.speed = 1")
     opened("for (const id of ['joints', 'panel']) pbd.page.fold(id, false); document.activeElement.blur()")
-    opened.browser.set_scheme("light")
+    opened.browser.set_media()
     yield opened
     assert opened.errors() == []
 
@@ -327,7 +328,7 @@ def test_the_camera_fits_every_window(replay: Replay) -> None:
 
 def test_dark_is_dark(replay: Replay) -> None:
     light = replay.picture()
-    replay.browser.set_scheme("dark")
+    replay.browser.set_media("dark")
     dark = replay.picture()
     assert dark.mean() < 90 < 170 < light.mean()
 

@@ -65,8 +65,10 @@ def view() -> Iterator[LiveView]:
 
 
 @pytest.fixture(scope="module")
-def page(view: LiveView, chrome: Chromium) -> Page:
-    return Page(chrome, view._viewer.url)
+def page(view: LiveView, chrome: Chromium) -> Iterator[Page]:
+    chrome.set_media(motion="no-preference")  # the camera glides
+    yield Page(chrome, view._viewer.url)
+    chrome.set_media()
 
 
 def draw(view: LiveView, shown: LivePicture) -> None:

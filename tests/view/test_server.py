@@ -103,8 +103,12 @@ def test_it_plays_in_a_browser(viewer: LiveViewer, chrome: Chromium) -> None:
     replay("pbd.page.player.seek(9)")
     assert abs(before - replay.place("pbd", "object")).max() > 0.05
     # A second scene takes the place of the first, in the page that is open and in one that is opened later.
+    chrome.set_media(motion="no-preference")
     build(scenes.ur5_moves(), viewer.visualizer)
     until(lambda: replay("return pbd.page.replay.robot") == "UR5", "the second scene")
+    assert replay("return pbd.page.player.playing")  # by itself, unless the user prefers less motion
+    replay("pbd.page.player.pause()")
+    chrome.set_media()
     for page in (replay, Replay(chrome, viewer.url)):
         assert page("return 'object' in pbd.page.stage.viewer.scene_tree.children.pbd.children") is False
         assert page.errors() == []
