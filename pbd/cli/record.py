@@ -7,7 +7,7 @@ import errno
 import os
 import shlex
 import sys
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, closing, suppress
 from datetime import datetime
 from pathlib import Path
 
@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> None:
         if args.live:
             from pbd.view.live_view import LiveView
 
-            view = stack.enter_context(LiveView())
+            view = stack.enter_context(closing(LiveView()))
         hand = _simulated(args, stack)
         sensor, opened, decoder = find_sensor(args) if hand is None else (hand.name, hand.open, hand.decoder())
         options = RecordOptions(
