@@ -12,10 +12,11 @@ import numpy as np
 from pbd.data import SensorEstimate, Stop
 from pbd.data.tracking import DOUBTED_WEIGHT
 from pbd.pose import lengths
-from pbd.tracking.first_rest import QUIET_RATIO, REST_S
+from pbd.tracking.first_rest import QUIET_RATIO
 from pbd.tracking.moving_windows import window_moments
-from pbd.tracking.smoother.doubtful_stops import MOVING_WEIGHT, SHORTEST_DIVIDED_S
-from pbd.tracking.smoother.factors import LEGS_AT_ONCE, leg_jacobian, whitener
+from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
+from pbd.tracking.smoother.doubtful_stops import SHORTEST_DIVIDED_S
+from pbd.tracking.smoother.factors import whitened_legs, whitener
 from pbd.tracking.smoother.smooth import Solution
 
 FALSE_ALARM_CHANCE = 0.05
@@ -25,14 +26,10 @@ real one, so none of 318 sound recordings is."""
 LINEARISATION_SHARE = 0.02
 """Relative increase of a leg's residual variance that linearisation causes."""
 
-MOVING_SHARE = 0.7
-"""Share of a rest's knots that seem to move, above which more than the edges of the rest is wrong."""
-
-
 LEG_RMS = 0.8
 """Largest rms of a leg's nine residuals, in sigmas. Sound recordings show at most 0.73."""
 
-FIELD_CHANGE = 0.25
+FIELD_CHANGE = OUTLIER_SIGMAS * Noise.field
 """Relative change of the magnetic field since the first rest, above which a magnet is near. Rooms vary by up to 0.2."""
 
 
@@ -84,10 +81,8 @@ def _of_moves(solution: Solution) -> Iterator[str]:
     """Legs whose residuals are larger than noise lets them be: chi-square with Satterthwaite's degrees of freedom."""
     problem = solution.problem
     whiten, found = whitener(problem, solution.local), []
-    for first in range(0, len(whiten), LEGS_AT_ONCE):
-        at = slice(first, first + LEGS_AT_ONCE)
-        legs = whiten[at] @ leg_jacobian(problem, solution.state, at)
-        spread = (1.0 + LINEARISATION_SHARE) * np.eye(9) - solution.solved.of_legs(legs[:, :, :-1], first)
+    for at, legs in whitened_legs(problem, solution.state, whiten):
+        spread = (1.0 + LINEARISATION_SHARE) * np.eye(9) - solution.solved.of_legs(legs[:, :, :-1], at.start)
         mean, square = np.trace(spread, axis1=1, axis2=2), (spread**2).sum(axis=(1, 2))
         found.append((mean, square, (legs[:, :, -1] ** 2).sum(axis=1)))
     mean, square, total = (np.concatenate(each) for each in zip(*found, strict=True))
@@ -117,15 +112,7 @@ def _of_stops(solution: Solution, stops: Sequence[Stop]) -> Iterator[str]:
                 f"the stop at {middle:.1f} s may be none ({100.0 * stop.weight:.0f} % sure): the hand seems to move on "
                 "there; stop for half a second, or drop it from keyframes.toml"
             )
-    problem = solution.problem
-    frame, rest = problem.frame, problem.rest
-    for k, (start, end) in enumerate(problem.stops):
-        moving = solution.still[problem.stop_of == k] < MOVING_WEIGHT
-        if t[end - 1] - t[start] > REST_S and moving.mean() > MOVING_SHARE:
-            yield (
-                f"the sensor seems to rest from {t[start]:.1f} to {t[end - 1]:.1f} s, but hardly any of it fits what "
-                "it says before and after: one of the channels is wrong; look at pbd plot, and record again"
-            )
+    frame, rest = solution.problem.frame, solution.problem.rest
     starts, ends = (np.array([getattr(stop, name) for stop in stops]) for name in ("start", "stop"))
     for start, end in solution.candidates:
         lasts = float(t[end - 1] - t[start])

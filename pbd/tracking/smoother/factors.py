@@ -5,6 +5,7 @@ Rotations are perturbed on the left, in nav: E <- exp(theta) E.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import lru_cache
 
 import numpy as np
@@ -17,6 +18,7 @@ from pbd.tracking.smoother.normal_equations import (
     ACC_BIAS,
     BAND,
     GYR_BIAS,
+    KNOTS_AT_ONCE,
     POS,
     ROT,
     STATE,
@@ -40,22 +42,27 @@ from pbd.tracking.smoother.state import (
 LEAST_LEVEL_FIELD = 0.1
 """Least horizontal share of a magnetic field that shows north: 6 degrees from a magnetic pole."""
 
-LEGS_AT_ONCE = 512
-"""Number of legs per batch; the working set fits a processor's cache."""
-
 GAUGE_WEIGHT = 1e10
 """Weight of what is chosen, not measured: the origin, and without a compass the heading."""
 
 
 def linearise(
-    problem: Problem, x: State, local: Local, whiten: Array, anneal: float = 1.0, robust: bool = True
+    problem: Problem,
+    x: State,
+    local: Local,
+    whiten: Array,
+    anneal: float = 1.0,
+    robust: bool = True,
+    legs: Array | None = None,
 ) -> tuple[NormalEquations, Array]:
     """Linearise all factors at a state; `whiten` the legs' noise, `anneal` widens what passes for standing still.
+
+    `legs` is what `leg_jacobian` has of that state, if it is known.
 
     Returns the equations, and how much each knot's standing still counts, (m,) 0 to 1.
     """
     equations = NormalEquations.empty(len(problem.rows), SHARED)
-    _add_legs(equations, problem, x, local, whiten)
+    _add_legs(equations, problem, x, local, whiten, legs)
     still = _add_stops(equations, problem, x, local, anneal, robust)
     _add_hand(equations, problem, x)
     if problem.device:
@@ -114,11 +121,21 @@ def leg_jacobian(problem: Problem, x: State, at: slice = slice(None)) -> Array:
     return out
 
 
-def _add_legs(equations: NormalEquations, problem: Problem, x: State, local: Local, whiten: Array) -> None:
+def whitened_legs(
+    problem: Problem, x: State, whiten: Array, legs: Array | None = None
+) -> Iterator[tuple[slice, Array]]:
+    """Yield batch by batch which legs they are, and what `leg_jacobian` has of them, whitened; `legs`: if known."""
+    for first in range(0, len(whiten), KNOTS_AT_ONCE):
+        at = slice(first, first + KNOTS_AT_ONCE)
+        yield at, whiten[at] @ (leg_jacobian(problem, x, at) if legs is None else legs[at])
+
+
+def _add_legs(
+    equations: NormalEquations, problem: Problem, x: State, local: Local, whiten: Array, legs: Array | None
+) -> None:
     """The moves, and how the biases walk."""
-    for first in range(0, len(whiten), LEGS_AT_ONCE):
-        at = slice(first, first + LEGS_AT_ONCE)
-        equations.add_legs(whiten[at] @ leg_jacobian(problem, x, at), first)
+    for at, of_legs in whitened_legs(problem, x, whiten, legs):
+        equations.add_legs(of_legs, at.start)
     noise, T = problem.noise, problem.legs.T
     for block, values, walk, k in (
         (GYR_BIAS, x.gyr_bias, noise.device.gyr_walk, local.walks[0]),

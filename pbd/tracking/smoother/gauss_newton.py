@@ -15,8 +15,8 @@ from pbd.tracking.smoother.knots import Problem
 from pbd.tracking.smoother.normal_equations import Solved
 from pbd.tracking.smoother.state import Local, State
 
-ANNEALING, WARM_ANNEALING = (40.0, 10.0, 3.0), (3.0,)
-"""Factors on the velocity sigma of a stop, coming down to 1: from a first guess; from an earlier solution."""
+ANNEALING = (40.0, 10.0, 3.0)
+"""Factors on the velocity sigma of a stop, coming down to 1; from an earlier solution the last one does."""
 
 UNDOUBTED_SIGMAS = 2.0
 """A step of the annealing is skipped if no stop's velocity exceeds so many of the next step's sigmas."""

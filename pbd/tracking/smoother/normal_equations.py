@@ -24,7 +24,7 @@ BAND = STATE + NEXT_STATE
 """Width of the band: a knot's unknowns and those of the next knot that a leg depends on."""
 
 KNOTS_AT_ONCE = 256
-"""Number of knots per batch; the working set fits a processor's cache."""
+"""Number of knots, or of legs, per batch; the working set fits a processor's cache."""
 
 DIAGONAL_FLOOR = 1e-12
 """Added to the scaled diagonal against rounding."""

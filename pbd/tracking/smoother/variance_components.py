@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from pbd.pose import Array
-from pbd.tracking.smoother.factors import LEGS_AT_ONCE, creep, leg_jacobian, linearise, whitener
+from pbd.tracking.smoother.factors import creep, leg_jacobian, linearise, whitened_legs, whitener
 from pbd.tracking.smoother.knots import Problem
 from pbd.tracking.smoother.normal_equations import ACC_BIAS, GYR_BIAS, VEL, Solved
 from pbd.tracking.smoother.smooth import Solution
@@ -30,8 +30,9 @@ def with_own_noise(solution: Solution) -> Solution:
     device, T, still = problem.noise.device, problem.legs.T, solution.still
     walks = ((GYR_BIAS, x.gyr_bias, device.gyr_walk), (ACC_BIAS, x.acc_bias, device.acc_walk))
     stood, whiten = still / problem.still**2, whitener(problem, local)
+    legs = leg_jacobian(problem, x)
     for _ in range(ITERATIONS):
-        of_legs = _of_legs(problem, x, local, whiten, solved)
+        of_legs = _of_legs(problem, x, local, whiten, solved, legs)
         components = local.components * (1.0, *_factors(*of_legs, PRIOR_FREEDOM))
         walked = local.walks.copy()
         for c, (block, values, walk) in enumerate(walks):
@@ -45,7 +46,8 @@ def with_own_noise(solution: Solution) -> Solution:
         local = replace(local, components=components, walks=walked, still=local.still * float(factor))
         whiten = whitener(problem, local)
         solved.forget()
-        solved = linearise(problem, x, local, whiten)[0].solve()
+        del solved  # of a long recording it is large
+        solved = linearise(problem, x, local, whiten, legs=legs)[0].solve()
     return replace(solution, local=local, solved=solved)
 
 
@@ -55,16 +57,16 @@ def _factors(top: Array | float, bottom: Array | float, nu: float) -> Array:
     return factors
 
 
-def _of_legs(problem: Problem, x: State, local: Local, whiten: Array, solved: Solved) -> tuple[Array, Array]:
+def _of_legs(
+    problem: Problem, x: State, local: Local, whiten: Array, solved: Solved, legs: Array
+) -> tuple[Array, Array]:
     """Squares (2,) and redundancies (2,) of what turning and motion add to the legs' noise."""
     top, bottom = np.zeros(2), np.zeros(2)
-    for first in range(0, len(whiten), LEGS_AT_ONCE):
-        at = slice(first, first + LEGS_AT_ONCE)
-        A = whiten[at] @ leg_jacobian(problem, x, at)
+    for at, A in whitened_legs(problem, x, whiten, legs):
         parts = local.components[1:, None, None, None] * (
             whiten[at] @ problem.legs.parts[1:, at] @ whiten[at].transpose(0, 2, 1)
         )
-        r, spread = A[:, :, -1:], solved.of_legs(A[:, :, :-1], first)
+        r, spread = A[:, :, -1:], solved.of_legs(A[:, :, :-1], at.start)
         top += (r * (parts @ r)).sum(axis=(1, 2, 3))
         bottom += np.trace(parts, axis1=2, axis2=3).sum(axis=1) - (parts * spread).sum(axis=(1, 2, 3))
     return top, bottom
