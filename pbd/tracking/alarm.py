@@ -12,11 +12,10 @@ import numpy as np
 from pbd.data import SensorEstimate, Stop
 from pbd.data.tracking import DOUBTED_WEIGHT
 from pbd.pose import lengths
-from pbd.tracking.first_rest import QUIET_RATIO
-from pbd.tracking.moving_windows import window_moments
+from pbd.tracking.first_rest import QUIET_RATIO, REST_S
+from pbd.tracking.moving_windows import median, squares, window_moments
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
-from pbd.tracking.smoother.doubtful_stops import SHORTEST_DIVIDED_S
-from pbd.tracking.smoother.factors import whitened_legs, whitener
+from pbd.tracking.smoother.doubtful_stops import MOVING_WEIGHT, SHORTEST_DIVIDED_S
 from pbd.tracking.smoother.smooth import Solution
 
 FALSE_ALARM_CHANCE = 0.05
@@ -79,13 +78,11 @@ def _of_sensor(solution: Solution, found: SensorEstimate) -> Iterator[str]:
 
 def _of_moves(solution: Solution) -> Iterator[str]:
     """Legs whose residuals are larger than noise lets them be: chi-square with Satterthwaite's degrees of freedom."""
-    problem = solution.problem
-    whiten, found = whitener(problem, solution.local), []
-    for at, legs in whitened_legs(problem, solution.state, whiten):
-        spread = (1.0 + LINEARISATION_SHARE) * np.eye(9) - solution.solved.of_legs(legs[:, :, :-1], at.start)
-        mean, square = np.trace(spread, axis1=1, axis2=2), (spread**2).sum(axis=(1, 2))
-        found.append((mean, square, (legs[:, :, -1] ** 2).sum(axis=1)))
-    mean, square, total = (np.concatenate(each) for each in zip(*found, strict=True))
+    if solution.legs is None:
+        return
+    residuals, spread = solution.legs
+    left, total = (1.0 + LINEARISATION_SHARE) * np.eye(9) - spread, squares(residuals)
+    mean, square = np.trace(left, axis1=1, axis2=2), (left**2).sum(axis=(1, 2))
     # Of chi-square at least 0.7 % is beyond two standard deviations: among seven legs that is no alarm, and
     # scipy.special takes 0.15 s to load.
     if len(total) > 6 and (total <= np.minimum(mean + np.sqrt(8.0 * square), 9.0 * LEG_RMS**2)).all():
@@ -95,7 +92,7 @@ def _of_moves(solution: Solution) -> Iterator[str]:
     chance = chdtrc(mean**2 / square, total * mean / square)
     bad = (chance * len(chance) < FALSE_ALARM_CHANCE) | (total > 9.0 * LEG_RMS**2)
     if bad.any():
-        worst, t = int(np.argmin(chance)), problem.t
+        worst, t = int(np.argmin(chance)), solution.problem.t
         others = f", and in {int(bad.sum()) - 1} other places" if bad.sum() > 1 else ""
         yield (
             f"no motion between the stops fits the data from {t[worst]:.1f} to {t[worst + 1]:.1f} s{others}: "
@@ -112,7 +109,14 @@ def _of_stops(solution: Solution, stops: Sequence[Stop]) -> Iterator[str]:
                 f"the stop at {middle:.1f} s may be none ({100.0 * stop.weight:.0f} % sure): the hand seems to move on "
                 "there; stop for half a second, or drop it from keyframes.toml"
             )
-    frame, rest = solution.problem.frame, solution.problem.rest
+    problem = solution.problem
+    frame, rest = problem.frame, problem.rest
+    for k, (start, end) in enumerate(problem.stops):
+        if t[end - 1] - t[start] > REST_S and median(solution.still[problem.stop_of == k]) < MOVING_WEIGHT:
+            yield (
+                f"the sensor seems to rest from {t[start]:.1f} to {t[end - 1]:.1f} s, but hardly any of it fits what "
+                "it says before and after: one of the channels is wrong; look at pbd plot, and record again"
+            )
     starts, ends = (np.array([getattr(stop, name) for stop in stops]) for name in ("start", "stop"))
     for start, end in solution.candidates:
         lasts = float(t[end - 1] - t[start])

@@ -34,11 +34,11 @@ from pbd.errors import PbdError, PbdWarning
 from pbd.pipeline import track
 from pbd.pose import Array, quat_canonical, quat_exp, quat_inverse, quat_log, quat_multiply
 from pbd.simulation.simulate import TASKS, random_task, simulate
-from pbd.tracking import estimate, zero_velocity
+from pbd.tracking import zero_velocity
 from pbd.tracking.first_rest import Rest
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.noise import Noise, noise_of
-from pbd.tracking.smoother import doubtful_stops, factors, preintegration
+from pbd.tracking.smoother import doubtful_stops, factors, preintegration, variance_components
 from pbd.tracking.smoother import smooth as smoother
 from tests.benchmarks import trials, windows
 from tests.benchmarks.report import add_data, arguments, print_machine
@@ -130,7 +130,9 @@ WITHOUT: dict[str, tuple[Change, ...]] = {
     "compass robust": of_noise(field=LARGE),
     "reach of a hand": of_noise(reach=LARGE),
     "pivot": of_noise(pivot=TINY),
-    "variance components": tuple((m, "with_own_noise", lambda solution: solution) for m in (estimate, windows)),
+    "variance components": tuple(
+        (variance_components, name, LARGE) for name in ("PRIOR_FREEDOM", "PRIOR_FREEDOM_STILL")
+    ),
     "(nothing, but the optics' velocity over 25 samples)": ((trials, "VELOCITY_S", 25 / 286.0),),
 }
 """Part taken out -> what is put in its place."""

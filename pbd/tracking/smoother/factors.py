@@ -5,7 +5,6 @@ Rotations are perturbed on the left, in nav: E <- exp(theta) E.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from functools import lru_cache
 
 import numpy as np
@@ -18,12 +17,12 @@ from pbd.tracking.smoother.normal_equations import (
     ACC_BIAS,
     BAND,
     GYR_BIAS,
-    KNOTS_AT_ONCE,
     POS,
     ROT,
     STATE,
     VEL,
     NormalEquations,
+    batches,
     inverse_of_lower,
 )
 from pbd.tracking.smoother.preintegration import ERRORS
@@ -121,21 +120,12 @@ def leg_jacobian(problem: Problem, x: State, at: slice = slice(None)) -> Array:
     return out
 
 
-def whitened_legs(
-    problem: Problem, x: State, whiten: Array, legs: Array | None = None
-) -> Iterator[tuple[slice, Array]]:
-    """Yield batch by batch which legs they are, and what `leg_jacobian` has of them, whitened; `legs`: if known."""
-    for first in range(0, len(whiten), KNOTS_AT_ONCE):
-        at = slice(first, first + KNOTS_AT_ONCE)
-        yield at, whiten[at] @ (leg_jacobian(problem, x, at) if legs is None else legs[at])
-
-
 def _add_legs(
     equations: NormalEquations, problem: Problem, x: State, local: Local, whiten: Array, legs: Array | None
 ) -> None:
     """The moves, and how the biases walk."""
-    for at, of_legs in whitened_legs(problem, x, whiten, legs):
-        equations.add_legs(of_legs, at.start)
+    for at in batches(len(whiten)):
+        equations.add_legs(whiten[at] @ (leg_jacobian(problem, x, at) if legs is None else legs[at]), at.start)
     noise, T = problem.noise, problem.legs.T
     for block, values, walk, k in (
         (GYR_BIAS, x.gyr_bias, noise.device.gyr_walk, local.walks[0]),

@@ -21,8 +21,8 @@ ANNEALING = (40.0, 10.0, 3.0)
 UNDOUBTED_SIGMAS = 2.0
 """A step of the annealing is skipped if no stop's velocity exceeds so many of the next step's sigmas."""
 
-CONVERGED_RAD, ROUGHLY_CONVERGED_RAD, MAX_ITERATIONS = 1e-4, 1e-3, 12
-"""Largest rotation of the last step, rad; the same for a solution that is refined later; limit of iterations."""
+CONVERGED_RAD, MAX_ITERATIONS = 3e-4, 12
+"""Largest rotation of the last step, rad; limit of iterations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,10 +39,8 @@ class Descent:
         return self.at.moved(self.solved)
 
 
-def descend(
-    problem: Problem, x: State, local: Local, anneal: Sequence[float] = (), small: float = CONVERGED_RAD
-) -> Descent:
-    """Gauss-Newton, all factors linearised anew each time, until a step turns nothing by more than `small` (rad).
+def descend(problem: Problem, x: State, local: Local, anneal: Sequence[float] = ()) -> Descent:
+    """Gauss-Newton, all factors linearised anew each time, until a step turns nothing by more than CONVERGED_RAD.
 
     Annealing begins where no stop is in doubt; of more than one factor the first is tried without doubting any.
     """
@@ -61,6 +59,6 @@ def descend(
     for _ in range(MAX_ITERATIONS):
         found = step(x, 1.0)
         x = found.x
-        if np.abs(found.solved.d[:, :3]).max() < small:
+        if np.abs(found.solved.d[:, :3]).max() < CONVERGED_RAD:
             break
     return found

@@ -21,7 +21,6 @@ from pbd.tracking.smoother.doubtful_stops import MAX_RECUTS, doubted_stops, revi
 from pbd.tracking.smoother.factors import creep, shared_prior
 from pbd.tracking.smoother.gauss_newton import (
     ANNEALING,
-    ROUGHLY_CONVERGED_RAD,
     descend,
 )
 from pbd.tracking.smoother.knots import Problem, pose_problem
@@ -59,6 +58,7 @@ class Solution:
         lag: s, what has been taken out of the gyro's stamps.
         scale: share, what has been taken out of the gyro's readings, all axes alike.
         candidates: what looked still, accepted or not.
+        legs: whitened residuals (m - 1, 9) of the legs, and the covariance (m - 1, 9, 9) of what is estimated of them.
     """
 
     problem: Problem
@@ -70,6 +70,7 @@ class Solution:
     lag: float
     scale: float
     candidates: Spans
+    legs: tuple[Array, Array] | None = None
 
     def stop_weights(self) -> Array:
         """Weight of each stop, 0 to 1: the largest robust weight of its knots."""
@@ -126,7 +127,7 @@ def smooth(
         if not problem.stops:
             return None
         begun, local = _initial_state(problem, prior)
-        found = descend(problem, begun, local, ANNEALING, ROUGHLY_CONVERGED_RAD)
+        found = descend(problem, begun, local, ANNEALING)
         more, common = _large_lag_and_scale(found.x, found.solved)
         # A lag beyond its own prior is another fault.
         if device or (more == 0.0 and common == 0.0) or abs(lag + more) > OUTLIER_SIGMAS * WIDE_LAG_SIGMA:
