@@ -119,6 +119,15 @@ def trimmed(span: tuple[int, int], slow: NDArray[np.bool_]) -> tuple[int, int]:
     return (span[0] + int(inside[0]), span[0] + int(inside[-1]) + 1) if len(inside) > 1 else span
 
 
+def calm_part(t: Array, span: tuple[int, int], slow: NDArray[np.bool_]) -> tuple[int, int]:
+    """A span without its first and last energy window, in which motion may not show yet."""
+    start, stop = span
+    first, last = trimmed(span, slow)
+    within = np.searchsorted(t, (t[start] + ENERGY_WINDOW_S, t[stop - 1] - ENERGY_WINDOW_S))
+    calm = min(first, int(within[0])), max(last, int(within[1]) + 1)
+    return calm if calm[1] - calm[0] > 1 else span
+
+
 def runs(flags: NDArray[np.bool_]) -> Spans:
     """Half-open ranges of what is true."""
     return [(start, stop) for start, stop in edges(flags).tolist()]

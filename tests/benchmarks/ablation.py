@@ -38,7 +38,7 @@ from pbd.tracking import zero_velocity
 from pbd.tracking.first_rest import Rest
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.noise import Noise, noise_of
-from pbd.tracking.smoother import factors, preintegration, variance_components
+from pbd.tracking.smoother import doubtful_stops, factors, preintegration, variance_components
 from pbd.tracking.smoother import smooth as smoother
 from tests.benchmarks import trials, windows
 from tests.benchmarks.report import add_data, arguments, print_machine
@@ -108,6 +108,7 @@ WITHOUT: dict[str, tuple[Change, ...]] = {
     "annealing": ((smoother, "ANNEALING", (1.0,)),),
     "robust stops": ((factors, "OUTLIER_SIGMAS", LARGE),),
     "doubted stops looked at again": ((smoother, "MAX_RECUTS", 0),),
+    "calm part of a stop": ((doubtful_stops, "calm_part", lambda t, span, slow: span),),
     "tremor, sway at a stop": of_noise(tremor_hz=LARGE, still_lever=0.0),
     "place held in a stop": of_noise(still_shift=LARGE),
     "attitude held in a stop": of_noise(still_turn=LARGE),

@@ -13,6 +13,7 @@ from pbd.tracking.smoother.knots import Problem
 from pbd.tracking.smoother.normal_equations import VEL, Solved
 from pbd.tracking.zero_velocity import (
     Spans,
+    calm_part,
     slow_parts,
     trimmed,
 )
@@ -30,6 +31,9 @@ SETTLED_S = 0.02
 SLOW_SPEED = 0.02
 """m/s: a doubted stop is cut where the estimate is faster, and faster than noise explains."""
 
+SET_OUT_SPEED = 2e-4
+"""m/s above the noise: a hand that is slower has not set out yet."""
+
 
 def doubted_stops(problem: Problem, still: Array, candidates: Spans) -> NDArray[np.bool_]:
     """Which candidates contain a knot that seems to move, and are long enough to contain a rest and a move, (c,)."""
@@ -42,8 +46,8 @@ def doubted_stops(problem: Problem, still: Array, candidates: Spans) -> NDArray[
 
 def revised_stops(
     problem: Problem, v: Array, solved: Solved, candidates: Spans, cut: NDArray[np.bool_], speed: Array
-) -> Spans:
-    """The stops by the estimated velocity.
+) -> tuple[Spans, Spans]:
+    """The stops by the estimated velocity, and where the hand is calm in each.
 
     A doubted candidate is cut to its slow parts. Ends at which the hand moves are trimmed.
 
@@ -61,6 +65,7 @@ def revised_stops(
         fast = np.maximum(fast, UNDOUBTED_SIGMAS * np.interp(t, problem.t, sigma))
     blurred = np.trace(problem.legs.parts[:, :, 3:6, 3:6].sum(axis=0), axis1=1, axis2=2) / 3.0
     stops: Spans = []
+    calm: Spans = []
     for span, in_parts in zip(candidates, cut.tolist(), strict=True):
         whole = slice(*span)
         for part in slow_parts(t, span, lengths(v[whole]) < fast[whole]) if in_parts else [span]:
@@ -71,7 +76,9 @@ def revised_stops(
             blur = float(np.sqrt(between.sum() / max(len(between), 1)))
             creep = lengths(v[inside] - median(v[inside]))
             stops.append(trimmed(part, creep < OUTLIER_SIGMAS * (float(median(speed[inside])) + blur)))
-    return stops
+            start, stop = stops[-1][0] - part[0], stops[-1][1] - part[0]
+            calm.append(calm_part(t, stops[-1], creep[start:stop] < SET_OUT_SPEED + 2.0 * blur))
+    return stops, calm
 
 
 def settled(t: Array, before: Spans, after: Spans) -> bool:

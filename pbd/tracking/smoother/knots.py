@@ -73,6 +73,7 @@ def pose_problem(
     rest: Rest,
     noise: Noise,
     stops: Spans,
+    calm: Spans,
     speed: Array,
     asked: Sequence[int] = (),
     impulses: Sequence[Impulse] = (),
@@ -88,6 +89,7 @@ def pose_problem(
         rest: its first quiet second.
         noise: parameters.
         stops: candidates.
+        calm: of each, where the hand stands still without a doubt.
         speed: (n,) m/s along each axis, speed allowed for a hand at rest.
         device: the attitude is the device's own.
         impulses: what was lost above a sensor's range.
@@ -95,7 +97,7 @@ def pose_problem(
         asked: rows at which a knot is wanted beside.
     """
     t, dt = frame.t, float(np.median(np.diff(frame.t)))
-    rows, stop_of = _place(t, stops, [*asked, *(row for hole in unseen for row in hole)])
+    rows, stop_of = _place(t, calm, [*asked, *(row for hole in unseen for row in hole)])
     within = (stop_of[1:] == stop_of[:-1]) & (stop_of[1:] >= 0)
     for first, last in unseen:
         stop_of[(rows > first) & (rows < last)] = -1
@@ -131,9 +133,9 @@ def pose_problem(
     )
 
 
-def _place(t: Array, stops: Spans, asked: Sequence[int]) -> tuple[Rows, NDArray[np.intp]]:
+def _place(t: Array, calm: Spans, asked: Sequence[int]) -> tuple[Rows, NDArray[np.intp]]:
     """Rows of knots (m,), and of each the stop that it is in (m,)."""
-    inner = [_inner(t, *span) for span in stops]
+    inner = [_inner(t, *span) for span in calm]
     edges = np.array([0, *(row for span in inner for row in span), len(t) - 1])
     lasts = np.diff(t[edges])
     apart = np.full(len(lasts), MOVE_KNOT_S)

@@ -109,9 +109,9 @@ def smooth(
     # A knot right after lost motion: an unknown turn is not small.
     asked = [*asked, *(min(impulse.row + 1, len(recording) - 1) for impulse in impulses)]
 
-    def posed(stops: Spans) -> Problem:
+    def posed(stops: Spans, calm: Spans) -> Problem:
         return pose_problem(
-            *(frame, recording.mag, rest, noise, stops, speed, asked, impulses, unseen),
+            *(frame, recording.mag, rest, noise, stops, calm, speed, asked, impulses, unseen),
             device=device,
         )
 
@@ -123,7 +123,7 @@ def smooth(
             stops = find_candidates(frame.t, *shown, rest, unseen)
         if not stops:
             return None
-        problem = posed(stops)
+        problem = posed(stops, stops)
         if not problem.stops:
             return None
         begun, local = _initial_state(problem, prior)
@@ -143,14 +143,14 @@ def smooth(
     cut = np.zeros(len(candidates), dtype=np.bool_)
     for _ in range(MAX_RECUTS):
         cut = cut | doubted_stops(problem, found.still, candidates)
-        stops = revised_stops(problem, path.v, found.solved, candidates, cut, speed)
+        stops, calm = revised_stops(problem, path.v, found.solved, candidates, cut, speed)
         if not stops:
             break
         if settled(problem.frame.t, problem.stops, stops):
             problem = replace(problem, stops=stops)
             break
         found.solved.forget()
-        again = posed(stops)
+        again = posed(stops, calm)
         if not again.stops:
             break
         x, local = _transferred(problem, found.x, path, again), replace(local, origin=_origin(again))
