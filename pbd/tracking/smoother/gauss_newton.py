@@ -42,16 +42,17 @@ class Descent:
 def descend(problem: Problem, x: State, local: Local, anneal: Sequence[float] = ()) -> Descent:
     """Gauss-Newton, all factors linearised anew each time, until a step turns nothing by more than CONVERGED_RAD.
 
-    Annealing begins where no stop is in doubt; of more than one factor the first is tried without doubting any.
+    Annealing begins where no stop is in doubt. More than one factor is for a hand that does not move yet: none is
+    doubted then, so that the first factor comes before all others.
     """
     whiten, still = whitener(problem, local), problem.stop_of >= 0
 
-    def step(x: State, anneal: float, robust: bool = True) -> Descent:
-        equations, weights = linearise(problem, x, local, whiten, anneal, robust)
+    def step(x: State, anneal: float) -> Descent:
+        equations, weights = linearise(problem, x, local, whiten, anneal)
         return Descent(x, weights, equations.solve())
 
     if len(anneal) > 1:
-        x = step(x, anneal[0], robust=False).x
+        x = step(x, anneal[0]).x
     off = float((lengths(creep(problem, x)[0][still]) / problem.still[still]).max())
     for factor, closer in pairwise((*anneal, 1.0)):
         if off > UNDOUBTED_SIGMAS * closer:

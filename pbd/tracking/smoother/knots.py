@@ -122,7 +122,7 @@ def pose_problem(
         rows,
         stop_of,
         within,
-        preintegrate(frame, rows, (s_g, s_a), impulses),
+        preintegrate(frame, rows, within, (s_g, s_a), impulses),
         speed[rows],
         quat_to_matrix(frame.wxyz[rows]),
         np.zeros((len(rows), 3)) if device else _mean_about(frame.gyr, rows, round(0.5 * BLOCK_S / dt)),

@@ -160,6 +160,7 @@ class Legs:
 def preintegrate(
     frame: GyroFrame,
     rows: Rows,
+    still: NDArray[np.bool_],
     density: tuple[Array, Array],
     impulses: Sequence[Impulse] = (),
 ) -> Legs:
@@ -168,6 +169,7 @@ def preintegrate(
     Args:
         frame: of the recording.
         rows: (m + 1,) increasing.
+        still: (m,) whether a leg lies within a stop: then its samples' scatter is noise, and no regressor.
         density: (3, n) rad2/s and (3, n) m2/s3, the parts of the noise at each row.
         impulses: of unknown size.
     """
@@ -194,8 +196,9 @@ def preintegrate(
 
     def block_means(values: Array) -> Array:
         # Samples that came at one instant make an empty block.
-        mean: Array = np.diff(trapezoid(t, values)[edges], axis=0) / np.maximum(h, np.finfo(float).tiny)[:, None]
-        return mean
+        mean = np.diff(trapezoid(t, values)[edges], axis=0) / np.maximum(h, np.finfo(float).tiny)[:, None]
+        of_leg = (per_leg(mean * h[:, None]) / T[:, None])[leg]
+        return np.where(still[leg][:, None], of_leg, mean)
 
     rate, force = block_means(frame.gyr), block_means(frame.acc)
     by_gyr, by_acc = of_blocks_by_errors(C, rate, force, h)
