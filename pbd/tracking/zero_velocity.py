@@ -31,8 +31,8 @@ LULL_SHARE, LULL_S = 10.0**-2.2, 1.0
 within LULL_S s. (FACTS: F1 above .98 on four trials and at 41 to 286 Hz with one setting.)"""
 
 
-SHORTEST_STOP_S = 0.08
-"""s: a shorter stop is none."""
+SHORTEST_MOVE_S, SHORTEST_STOP_S = 0.1, 0.08
+"""s: a shorter motion between two stops is a jolt; a shorter stop is none."""
 
 
 def window_rows(t: Array) -> int:
@@ -143,8 +143,7 @@ def _merged(t: Array, spans: Spans, unseen: Sequence[tuple[int, int]] = ()) -> S
     merged: Spans = []
     for start, stop in spans:
         last = merged[-1][1] - 1 if merged else 0
-        # What is shorter than a window is no move but a jolt.
-        if merged and (t[start] - t[last] < ENERGY_WINDOW_S or (last, start) in unseen):
+        if merged and (t[start] - t[last] < SHORTEST_MOVE_S or (last, start) in unseen):
             merged[-1] = (merged[-1][0], stop)
         else:
             merged.append((start, stop))
