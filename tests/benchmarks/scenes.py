@@ -1,4 +1,4 @@
-"""How much of what can be reached is: python tests/benchmarks/scenes.py [--json] [--quick] [--seeds N] [--search S].
+"""How much of what can be reached is: python tests/benchmarks/scenes.py [--json] [--quick] [--seeds N] [--first N] [--search S].
 
 Random scenes (shelf, bin, portal, gap, clutter) for panda, ur5 and xarm7: from home to a first keyframe, to a second
 among the obstacles, and back. Where the planner finds no way, a long search of S seconds (60) looks for one on the
@@ -76,6 +76,7 @@ def main() -> None:
     """Measure and print."""
     parser = arguments(str(__doc__))
     parser.add_argument("--seeds", type=int, metavar="N", help=f"scenes of each kind for each arm ({SEEDS})")
+    parser.add_argument("--first", type=int, default=0, metavar="N", help="the first of these seeds (0)")
     parser.add_argument(
         "--search", type=float, metavar="S", help=f"s of the search for what is unsolved ({SEARCH_S:g})"
     )
@@ -86,7 +87,7 @@ def main() -> None:
     warnings.simplefilter("ignore")
     seeds = args.seeds or (QUICK_SEEDS if args.quick else SEEDS)
     search_s = (QUICK_SEARCH_S if args.quick else SEARCH_S) if args.search is None else args.search
-    asked = [(name, kind, seed) for seed in range(seeds) for name in ARMS for kind in KINDS]
+    asked = [(name, kind, seed) for seed in range(args.first, args.first + seeds) for name in ARMS for kind in KINDS]
     known = read(args.resume)
     for key in asked:
         if key not in known:
