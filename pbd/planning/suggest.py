@@ -96,6 +96,7 @@ def suggest(
     lowest = -min(keyframe.T_nav_sensor.p[2] for keyframe in keyframes)
     touching: dict[tuple[str, str], int] = {}
     why = f"no dock has all keyframes within reach, even at {SCALES[-1]} of the size; correct base or T_body_tool"
+    why += "" if table is None else ", or table_height"
     for table_known, scale, places in _stages(table, p[R[:, 2, 2] < -DOWN, 2], lowest):
         docks = list(islice(_docks(arm, (p, R), keyframes, table_known, scale), places))
         held = _weigh(arm, docks, keyframes)

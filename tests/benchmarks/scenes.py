@@ -1,10 +1,11 @@
-"""How much of what can be reached is: python tests/benchmarks/scenes.py [--json] [--quick] [--seeds N] [--first N] [--search S].
+"""How much of what can be reached is: python tests/benchmarks/scenes.py [--json] [--quick] [--seeds N] [--search S].
 
 Random scenes (shelf, bin, portal, gap, clutter) for panda, ur5 and xarm7: from home to a first keyframe, to a second
 among the obstacles, and back. Where the planner finds no way, a long search of S seconds (60) looks for one on the
 original meshes; it shares nothing with the planner (long_search.py). `--sample N` (8) of the scenes that are solved,
-taken at random, are searched too, five times, for `--short S` seconds each (10). `--resume FILE` keeps what was found
-there, and goes on from it. Everything is planned first, then come the long searches, then the sample.
+taken at random, are searched too, five times, for `--short S` seconds each (10). `--first N` takes other seeds.
+`--resume FILE` keeps what was found there, and goes on from it. Everything is planned first, then come the long
+searches, then the sample.
 
 scenes; solved: by the planner; pending: not solved, and not searched yet; feasible: solved by the planner or a search;
 solved_pct: by the planner, of the feasible ones, once none is pending; detours: those with a move of OMPL's; median_s,

@@ -57,15 +57,18 @@ def _level(wxyz: np.ndarray[Any, Any]) -> list[float]:
 
 def _weighed(found: Suggestion, demo: str) -> list[str]:
     """Sentences for people: what speaks for this home and this dock."""
+    from pbd.arm.collision.allowed_collisions import SAMPLES as CONFIGURATIONS
+
     joint, room = found.at
     dock, took_s = found.plan.calibration, found.plan.trajectory.duration
     table = "the table's height is the file's own"
     if not found.own_table:
         stands = dock.table_height == 0.0
         table = "the arm is taken to stand on the table" if stands else "the table is put as low as the arm needs it"
+        table += " (a table_height in [dock] says better)"
     touching = [
-        f"{first} and {second} overlap in {count} of 200 random configurations, so they are taken to do so by design and "
-        "are not checked against each other: take them out of may_touch if they don't"
+        f"{first} and {second} overlap in {count} of {CONFIGURATIONS} random configurations: taken to do so by design, "
+        "so that nothing checks whether they touch; else take them out of may_touch and correct their shapes"
         for (first, second), count in found.touching.items()
     ]
     return [
