@@ -37,6 +37,10 @@ if TYPE_CHECKING:
     from pbd.planning.steps import Hand
 
 
+NEARER = 0.1
+"""Share of the usual deviation from a curve that is left where something touches."""
+
+
 def plan(
     hand_path: HandPath, calibration: Calibration, robot: Robot, options: PlanOptions | None = None
 ) -> JointTrajectory:
@@ -202,21 +206,21 @@ def _attempt(task: _Task, options: PlanOptions) -> Plan | Refused:
     warn_of_wide_moves(arm, chosen)
     held = hold(arm, T_base_tool, chosen.q)
 
+    near = 1.0
+
     def timed_at(speed: float) -> Timed:
+        back = retreat_of(chosen)
         return time_moves(
             arm,
             q_start if options.approach else chosen.q[0],
-            moves_of(chosen, keyframes, hand, options),
+            [replace(move, near=near) for move in moves_of(chosen, keyframes, hand, options)],
             dwells(keyframes, options),
             [keyframe.grip for keyframe in keyframes],
-            retreat=retreat_of(chosen),
+            retreat=back and replace(back, near=near),
             speed=speed * (1.0 - options.margin),
         )
 
-    timed, load = (
-        timed_at(options.speed),
-        Load(options.payload, options.p_tool_payload, grasped, calibration.table_height),
-    )
+    load = Load(options.payload, options.p_tool_payload, grasped, calibration.table_height)
 
     def share_at(speed: float) -> float:
         trajectory, pace = (timed_at(speed).trajectory, 1.0) if speed else (timed.trajectory, 0.0)
@@ -224,7 +228,15 @@ def _attempt(task: _Task, options: PlanOptions) -> Plan | Refused:
         return torque.share if torque else 0.0
 
     world = None if options.allow_collision else (calibration, grasped)
-    report = audit(timed.trajectory, robot.limits, robot, held.T_base_tool, world, load)
+    try:
+        timed = timed_at(options.speed)
+        report = audit(timed.trajectory, robot.limits, robot, held.T_base_tool, world, load)
+    except PlanError as error:
+        if "bodies" not in error.fields:
+            raise
+        near = NEARER  # what touches may be where a curve was left
+        timed = timed_at(options.speed)
+        report = audit(timed.trajectory, robot.limits, robot, held.T_base_tool, world, load)
     if (heavy := check_torque(report.torque, robot.limits, load, options.speed, share_at)) is not None:
         slower = () if heavy.speed is None else ((f"use --speed {heavy.speed:g}", replace(options, speed=heavy.speed)),)
         return Refused(heavy.error, slower)
@@ -238,6 +250,6 @@ def _attempt(task: _Task, options: PlanOptions) -> Plan | Refused:
         timed.trajectory,
         report,
         find_stretched(timed, keyframes) if options.time == "demo" else (),
-        find_touching(scene, timed.trajectory) if options.allow_collision else None,
+        find_touching(scene.closer(), timed.trajectory) if options.allow_collision else None,
         chosen.back,
     )
