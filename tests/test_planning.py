@@ -17,7 +17,7 @@ from pbd.arm.motion_request import DEMO, LINE, STRAIGHT
 from pbd.arm.tool_deviation import off_line
 from pbd.audit import audit
 from pbd.audit.arm import AuditArm
-from pbd.audit.contact import Pair, Touch
+from pbd.audit.contact import Pair, Touch, find_touch
 from pbd.data import Calibration, Demonstration, HandPath, JointTrajectory, Keyframe, Obstacle, Robot, Stop
 from pbd.data.covariance import PoseCovariance
 from pbd.errors import PbdError, PbdWarning, PlanError, TrackingError
@@ -319,7 +319,7 @@ def test_an_obstacle_is_gone_round_by_the_hands_own_path() -> None:
 
 def test_where_a_curve_touches_it_is_kept_to_more_closely(monkeypatch: pytest.MonkeyPatch) -> None:
     """The audit finds a contact where averaging leads off the curve by more than its tenth."""
-    looked, find_touch = [], audit.find_touch
+    looked = list[JointTrajectory]()
 
     def touch_first(arm: AuditArm, trajectory: JointTrajectory, pairs: Sequence[Pair]) -> Touch | None:
         looked.append(trajectory)
