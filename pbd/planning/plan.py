@@ -39,8 +39,8 @@ if TYPE_CHECKING:
     from pbd.planning.steps import Hand
 
 
-NEARER = 0.1
-"""Share of the usual deviation from a curve that is left where something touches."""
+NEAR = 1.0, 0.1
+"""How far averages leave a curve, as a share of the usual: less, where that touches something beside it."""
 
 
 def plan(
@@ -199,7 +199,7 @@ def _prepare(task: _Task, options: PlanOptions) -> _Prepared | Refused:
 def _attempt(task: _Task, options: PlanOptions) -> Plan | Refused:
     from pbd.arm.ik.partial_pose import hold
     from pbd.arm.timing.time_moves import Timed, time_moves
-    from pbd.audit.audit import audit, torque_of
+    from pbd.audit.audit import TouchError, audit, torque_of
 
     prepared = _prepare(task, options)
     if isinstance(prepared, Refused):
@@ -210,9 +210,7 @@ def _attempt(task: _Task, options: PlanOptions) -> Plan | Refused:
     held = hold(arm, T_base_tool, chosen.q)
     moves, back = moves_of(chosen, keyframes, hand, options)
 
-    near = 1.0
-
-    def timed_at(speed: float) -> Timed:
+    def timed_at(speed: float, near: float) -> Timed:
         return time_moves(
             arm,
             q_start if options.approach else chosen.q[0],
@@ -226,20 +224,19 @@ def _attempt(task: _Task, options: PlanOptions) -> Plan | Refused:
     load = Load(options.payload, options.p_tool_payload, grasped, calibration.table_height)
 
     def share_at(speed: float) -> float:
-        trajectory, pace = (timed_at(speed).trajectory, 1.0) if speed else (timed.trajectory, 0.0)
+        trajectory, pace = (timed_at(speed, near).trajectory, 1.0) if speed else (timed.trajectory, 0.0)
         torque = torque_of(trajectory, robot.limits, robot, load, pace)
         return torque.share if torque else 0.0
 
     world = None if options.allow_collision else (calibration, grasped)
-    try:
-        timed = timed_at(options.speed)
-        report = audit(timed.trajectory, robot.limits, robot, held.T_base_tool, world, load)
-    except PlanError as error:
-        if "bodies" not in error.fields:
-            raise
-        near = NEARER  # what touches may be where a curve was left
-        timed = timed_at(options.speed)
-        report = audit(timed.trajectory, robot.limits, robot, held.T_base_tool, world, load)
+    for near in NEAR:
+        timed = timed_at(options.speed, near)
+        try:
+            report = audit(timed.trajectory, robot.limits, robot, held.T_base_tool, world, load)
+            break
+        except TouchError:
+            if near == NEAR[-1]:
+                raise
     if (heavy := check_torque(report.torque, robot.limits, load, options.speed, share_at)) is not None:
         slower = () if heavy.speed is None else ((f"use --speed {heavy.speed:g}", replace(options, speed=heavy.speed)),)
         return Refused(heavy.error, slower)
