@@ -18,7 +18,7 @@ from pbd.arm.timing.path_smoothing import Curve
 from pbd.pose import Array
 
 _THINNED = 20  # of a known way's points one in so many begins a tree
-_SHORTCUTS = 60
+_SHORTCUTS = 40
 _BENDS = 2  # times that the path is divided in two to bend it
 _BETWEEN_RAD = 0.05, 0.02, 0.01  # a spline through points so near to each other keeps to the straight lines
 
@@ -132,6 +132,7 @@ def _smooth(information: base.SpaceInformation, checker: _Checker, q: Array) -> 
     for each in q:
         path.append(_state(information, each))
     simplifier = geometric.PathSimplifier(information)
+    simplifier.reduceVertices(path)  # first: its checks are between corners, whose distances are known
     simplifier.partialShortcutPath(path, _SHORTCUTS, _SHORTCUTS)
     simplifier.reduceVertices(path)
     corners = checker.joints(path)

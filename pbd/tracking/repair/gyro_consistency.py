@@ -30,11 +30,10 @@ from pbd.pose import (
 )
 from pbd.tracking.first_rest import STILL_ACC, STILL_GYR
 from pbd.tracking.moving_windows import squares, window_moments, window_sums
-from pbd.tracking.repair.axes import Witness, angles, find_other_axes
+from pbd.tracking.repair.axes import IMPROVEMENT, Witness, angles, find_other_axes
 
-CONTRADICTION_RAD, IMPROVEMENT = np.radians(20.0), 3.0
-"""Angle, rad, between two estimates of the vertical above which they contradict each other. A different reading of the
-axes or the unit is proposed if it divides that angle by IMPROVEMENT."""
+CONTRADICTION_RAD = np.radians(20.0)
+"""Angle, rad, between two estimates of the vertical above which they contradict each other."""
 
 SIGN_PRODUCT = 0.04
 """Mean product of two verticals along an axis above which its sign is observable: 11 degrees off level."""
