@@ -210,7 +210,7 @@ def _refuse_another_dock(demo: Demonstration, path: HandPath) -> None:
 
 
 def _condition(path: HandPath, known: Known, calibration: Calibration | None) -> HandPath:
-    if calibration is None or (calibration.T_base_dock is None and calibration.T_base_nav is None):
+    if calibration is None or not calibration.knows_start:
         return condition_on(path, known, calibration)
     first = slice(path.stops[0].start, path.stops[0].stop)
     with warnings.catch_warnings():
