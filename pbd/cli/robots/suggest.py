@@ -71,10 +71,14 @@ def _weighed(found: Suggestion, demo: str) -> list[str]:
         "so that nothing checks whether they touch; else take them out of may_touch and correct their shapes"
         for (first, second), count in found.touching.items()
     ]
+    alone_s = np.abs(np.diff(found.plan.trajectory.keyframe_q, axis=0)).sum(axis=0) / found.robot.limits.velocity
+    slowest = found.robot.joints[int(alone_s.argmax())]
+    slow = f"{slowest} alone takes {alone_s.max():.1f} s of that at top speed; left out of [arm] joints it stays at 0"
     return [
         *touching,
         f"{found.within_reach} of {found.weighed} docks have all of {demo} within reach at {dock.scale:g} of its size; "
         f"of those farthest from limits and singularities this one is the fastest: {took_s:.1f} s",
+        *([slow] if alone_s.max() > 0.5 * took_s else ()),
         f"{table}; nothing touches it or the arm itself, as far as the URDF has shapes",
         f"home is over the dock: {joint} is {room:.2f} from its limit (rad; m where it slides), manipulability is "
         f"{found.dexterity:.1f} times the lower quartile of all configurations",
