@@ -47,7 +47,7 @@ def main() -> None:
 def moving(chrome: Chromium, page: Path, to: Path) -> None:
     """Write the replay as it plays."""
     chrome.set_size(1000, 700)
-    chrome.set_scheme("light")
+    chrome.set_media()
     replay = Replay(chrome, page.as_uri())
     replay("pbd.page.fold('panel', true)")
     frames = []
@@ -62,7 +62,7 @@ def moving(chrome: Chromium, page: Path, to: Path) -> None:
 def robot(chrome: Chromium, page: Path, to: Path) -> None:
     """Write the scene alone, small."""
     chrome.set_size(960, 720)
-    chrome.set_scheme("light")
+    chrome.set_media()
     replay = Replay(chrome, page.as_uri())
     replay(
         "for (const id of ['bar', 'labels']) document.getElementById(id).hidden = true; pbd.page.fold('panel', true)"

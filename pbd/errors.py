@@ -62,6 +62,11 @@ class PbdWarning(UserWarning):
         super().__init__(one_line(message))
 
 
+def warn(message: str) -> None:
+    """Give a PbdWarning."""
+    warnings.warn(message, PbdWarning, stacklevel=3)
+
+
 @contextmanager
 def collected_warnings() -> Iterator[list[str]]:
     """Collect the text of each PbdWarning that is given inside, instead of showing it."""

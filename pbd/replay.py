@@ -9,8 +9,8 @@ import numpy as np
 
 from pbd.calibration.success_probability import Success, success_of
 from pbd.calibration.uncertainty import tool_covariances
-from pbd.data import Demonstration, HandPath, Keyframe, Robot, Samples
-from pbd.planning import Plan, PlanOptions, arm_of, scene_of
+from pbd.data import Keyframe, Samples
+from pbd.planning import Plan, arm_of, scene_of
 from pbd.pose import Array, quat_rotate, quat_to_matrix
 from pbd.view.replay_values import ReplayKeyframe, ReplayScene, Rod, Touching
 from pbd.view.robot_motion import FRAME_RATE_HZ, RobotMotion
@@ -19,13 +19,11 @@ if TYPE_CHECKING:
     from pbd.arm.model import ArmModel
 
 
-def replay_scene(
-    demo: Demonstration, path: HandPath, plan: Plan, robot: Robot, options: PlanOptions, warnings: Sequence[str] = ()
-) -> ReplayScene:
+def replay_scene(plan: Plan, warnings: Sequence[str] = ()) -> ReplayScene:
     """Collect what a replay shows. The hand's path is drawn where the tool would have been, scaled as the motion is."""
     from pbd.arm.collision.motion_check import object_stays
 
-    arm, T_base_nav = arm_of(robot), plan.T_base_nav
+    (path, demo), arm, T_base_nav, options = plan.tracked, arm_of(plan.robot), plan.T_base_nav, plan.options
     scale = options.scale * plan.calibration.scale
     rows = slice(path.stops[0].start, path.stops[-1].stop)
     p_base_sensor = T_base_nav.act(scale * path.p_nav_sensor[rows])
@@ -41,7 +39,7 @@ def replay_scene(
     keyframes = zip(plan.keyframes, plan.trajectory.keyframe_t, plan.T_base_tool, cov, inside, strict=True)
     return ReplayScene(
         title=demo.recording.info.name,
-        robot=robot,
+        robot=plan.robot,
         trajectory=plan.trajectory,
         motion=robot_motion(arm, plan.trajectory.sample(FRAME_RATE_HZ)),
         hand_path_base=p_base_sensor + lever,
@@ -60,8 +58,8 @@ def replay_scene(
             for keyframe, t, pose, tracked, chance in keyframes
         ),
         table_height=plan.calibration.table_height,
-        grasped=demo.grasped,
-        phases=object_stays(scene_of(arm, plan.calibration, demo.grasped), plan.trajectory),
+        grasped=plan.grasped,
+        phases=object_stays(scene_of(arm, plan.calibration, plan.grasped), plan.trajectory),
         notes=tuple(note for note in (demo.notes, _likely(found), *warnings) if note),
         touching=_touching(plan),
         obstacles=plan.calibration.obstacles,

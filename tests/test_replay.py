@@ -26,7 +26,7 @@ def test_a_plan_becomes_a_scene(scale: float) -> None:
     calibration = replace(robot.dock, obstacles=(shelf,))
     path, options = pbd.track(demo.recording), PlanOptions(scale=scale)
     plan = plan_keyframes(find_keyframes(path), calibration, robot, options, path, demo.grasped)
-    scene = replay_scene(demo, path, plan, robot, options, ("a warning",))
+    scene = replay_scene(plan, ("a warning",))
     assert scene.obstacles == (shelf,)
     assert scene.touching == ()
     assert "a warning" in scene.notes
@@ -50,7 +50,7 @@ def test_all_that_touches_is_shown_by_when_it_begins() -> None:
     plan = plan_keyframes(find_keyframes(path), calibration, robot, options, path, demo.grasped)
     assert plan.touching is not None
     told = plan.touching.error.message
-    scene = replay_scene(demo, path, plan, robot, options, (f"collision: {told}",))
+    scene = replay_scene(plan, (f"collision: {told}",))
     assert [each.bodies for each in scene.touching] == [(h.hit.first, h.hit.second) for h in plan.touching.hits]
     assert {each.bodies[1] for each in scene.touching} >= {"the post", "the table"}
     assert [each.start for each in scene.touching] == sorted(each.start for each in scene.touching)
@@ -67,7 +67,7 @@ def test_the_tool_that_is_checked_is_shown(name: str, ahead_m: float) -> None:
     demo = pbd.load_demo("pouring")
     path, options = pbd.track(demo.recording), PlanOptions(allow_collision=True)
     plan = plan_keyframes(find_keyframes(path), robot.dock, robot, options, path, demo.grasped)
-    rod = replay_scene(demo, path, plan, robot, options).rod
+    rod = replay_scene(plan).rod
     arm = arm_of(robot)
     checked = arm_bodies(arm)[-1]
     assert checked.name == THE_TOOL

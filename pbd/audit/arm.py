@@ -24,7 +24,6 @@ class AuditArm:
     """An arm, loaded anew.
 
     Attributes:
-        robot: its values.
         model: pinocchio's model of the whole URDF.
         T_universe_base: where the robot's base is.
         tool_joint, T_joint_tool: what carries the tool, and where the tool is on it.
@@ -86,7 +85,6 @@ class AuditArm:
         """Bound, for each driven joint that carries `joint`, how far it moves a point: (k + 1,) m per unit of x.
 
         Args:
-            joint: what the point is fixed to.
             reach: m, how far the point is from that joint's origin at most.
         """
         bounds = {}

@@ -57,12 +57,9 @@ def audit(
     """Check all that a trajectory promises.
 
     Args:
-        trajectory: what is to be shown or written.
         limits: of its joints: the whole of them, whatever share the planner was given.
-        robot: whose URDF it is.
         T_base_tool_keyframes: the tool's poses at `trajectory.keyframe_t`.
         world: what stands around, and what is grasped; None: touching is allowed.
-        load: what the arm carries.
 
     Raises:
         PlanError: a promise is broken; its fields are joint, keyframe, t (s), value, bound and bodies, as they apply.
@@ -85,7 +82,6 @@ def audit_received(path: JointTrajectory, robot: Robot, world: tuple[Calibration
 
     Args:
         path: its pieces may meet at an angle; at `keyframe_t` it is to be where `keyframe_q` is.
-        robot: whose it is.
         world: what stands around, and what is grasped.
 
     Raises:

@@ -152,7 +152,7 @@ def _first_touch(motion: Motion, pair: Pair, end: float) -> float | None:
             if apart == 0.0 or (not looked and apart <= NEARER_M[0] and one_in_the_other(*placed)):
                 return t
             looked = True
-        if row + 1 == len(motion.t) or travel[-1] - travel[row] <= apart:
+        if travel[-1] - travel[row] <= apart:  # so too where the motion ends
             return None
         step = travel[row + 1] - travel[row]
         if 0.0 < apart < (1.0 - share) * step:

@@ -34,7 +34,6 @@ class AuditScene:
     """An arm and what stands around it.
 
     Attributes:
-        arm: the audit's own.
         left_out: pairs of links (or a link and the table) that aren't checked, and why.
     """
 

@@ -71,10 +71,7 @@ def torques(arm: AuditArm, trajectory: JointTrajectory, t: Array, load: Load, pa
     """Work out what the arm's joints have to give, (n, k) N m, at instants t (n,).
 
     Args:
-        arm: its links.
         trajectory: the motion; fingers are where it has them, at rest.
-        t: s.
-        load: what it carries.
         pace: how fast it goes through the motion: 0 holds still at each instant.
     """
     bare = arm.model.copy()

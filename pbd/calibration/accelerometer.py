@@ -36,7 +36,6 @@ class AccelerometerFit:
         linear: bias and matrix; the matrix is symmetric, as a rotation of all axes together does not change a norm.
         sigma: (9,) of NAMES, one sigma.
         determined: those of NAMES that the orientations determine. The others are assumed to be small.
-        orientations: how many different ones.
         before, after: m/s2, rms of the norm less gravity over the rests.
     """
 
@@ -68,7 +67,6 @@ def fit_accelerometer(rests: Rests, gravity: float = GRAVITY) -> AccelerometerFi
     external equipments, ICRA 2014 (there with a triangular matrix: another choice of the free rotation).
 
     Args:
-        rests: in at least FEWEST_ORIENTATIONS orientations.
         gravity: m/s2, of the place. A wrong one is taken for scale.
 
     Raises:

@@ -58,12 +58,9 @@ def demonstrated_moves(
     """Follow the hand between keyframes.
 
     Args:
-        path: the hand's.
-        keyframes: as planned with.
         T_base_nav: of `nav_in_base`.
         T_base_tool: where the tool is at each keyframe; the path is led from one to the next.
         calibration: its own scale multiplies `scale`.
-        scale: of the hand's positions.
         fixed: the tool keeps the rotation of T_base_tool.
     """
     scale *= calibration.scale

@@ -66,8 +66,6 @@ def dock_at(keyframes: Sequence[Keyframe], index: int, calibration: Calibration)
 
     Args:
         keyframes: of a demonstration; the first is where it started.
-        index: which one.
-        calibration: says where the demonstration started.
     """
     T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
     bare = replace(calibration, T_sensor_tool=Pose.identity(), cov_sensor_tool=None)

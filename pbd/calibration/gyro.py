@@ -43,7 +43,6 @@ def fit_gyro(recording: Recording, rests: Rests, up_sensor: Array | None = None,
 
     Args:
         recording: without NaN.
-        rests: of the recording.
         up_sensor: (k, 3) unit, by a calibrated accelerometer; None: the bias alone.
         up_sigma: rad, how well that shows the vertical.
 

@@ -62,7 +62,6 @@ class Fit:
         scale: of the hand's positions.
         cov: (7, 7) of position, rotation vector in base and log of the scale, by the tracker's sigmas.
         chi2: the whole sum.
-        freedom: the degrees of freedom that are left.
     """
 
     pose: Pose
@@ -123,8 +122,6 @@ def predict(problem: Problem, k: int, keep: Sequence[int]) -> tuple[Array, Array
     With all correlations: what the others show of the tracker's errors is taken out of this touch too.
 
     Args:
-        problem: of all points.
-        k: the point.
         keep: the others that count; they must be enough for a fit.
     """
     fit = register(problem.only(keep))

@@ -30,8 +30,6 @@ class SensorFit:
     """What was found, and how well it fits.
 
     Attributes:
-        errors: what `corrected` takes out.
-        rests: which it follows from.
         acc, mag: how well; None where it was not fitted.
         remarks: what a person should know, a line each.
     """
@@ -59,7 +57,6 @@ def calibrate_sensor(
         only: some of KINDS, which must then succeed; none: what the sensor has, and a magnetometer that was not turned
             far enough is left out with a remark.
         known: earlier errors of the same sensor; those that are not fitted now stay.
-        temperature_c: noted.
 
     Raises:
         CalibrationError: never still, orientations too alike, not turned far enough, no such channel.

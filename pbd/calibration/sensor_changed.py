@@ -50,12 +50,7 @@ def disagreements(
     return tuple(f"{line}: calibrate this sensor" for line in said)
 
 
-def gravity_at(latitude_deg: float, height_m: float = 0.0) -> float:
-    """Gravity in m/s2 at a latitude and a height above the ellipsoid.
-
-    Source: Somigliana's formula with the constants of WGS 84, and the free-air gradient (NIMA TR8350.2, 4-1 and 4-3,
-    to first order in height).
-    """
+def gravity_at(latitude_deg: float) -> float:
+    """Gravity in m/s2 at a latitude, at sea level: Somigliana's formula with WGS 84's constants (TR8350.2, 4-1)."""
     square = float(np.sin(np.radians(latitude_deg)) ** 2)
-    at_sea = 9.7803253359 * (1.0 + 0.00193185265241 * square) / float(np.sqrt(1.0 - 0.00669437999013 * square))
-    return at_sea - 3.086e-6 * height_m
+    return 9.7803253359 * (1.0 + 0.00193185265241 * square) / float(np.sqrt(1.0 - 0.00669437999013 * square))

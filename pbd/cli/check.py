@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from pbd.check_demos import DemoCheck, check_all
-from pbd.cli.console import print_json
+from pbd.cli.steps import print_result
 from pbd.errors import RecordingError, listed
-from pbd.view.terminal_tables import make_table, print_csv, print_table
+from pbd.view.terminal_tables import make_table
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -25,10 +25,7 @@ SHOWN = 2
 def run(args: argparse.Namespace) -> None:
     """Check them, print what needs a look first, and fail where one is unusable."""
     checks = sorted(_checked(args), key=_worst_first)
-    if args.json:
-        print_json({"demos": [_row(check) for check in checks]})
-    else:
-        (print_csv if args.csv else print_table)(_table(checks, args.robot, args.units))
+    print_result(args, {"demos": [_row(check) for check in checks]}, _table(checks, args.robot, args.units))
     if unusable := [check.name for check in checks if not check.usable]:
         what = f"{len(unusable)} of {len(checks)} can't be used: {listed(unusable)}"
         raise RecordingError(f"{what}; leave them out, or record them again", value=len(unusable))

@@ -21,15 +21,17 @@ def say(message: str) -> None:
 
 
 def print_json(result: dict[str, Any]) -> None:
-    """Print the result as one JSON object; numbers that are not finite are null."""
-    print(json.dumps(_without_nan(result), allow_nan=False))
+    """Print the result as one JSON object; arrays are lists, and numbers that are not finite null."""
+    print(json.dumps(_plain(result), allow_nan=False))
 
 
-def _without_nan(value: Any) -> Any:
+def _plain(value: Any) -> Any:
+    if hasattr(value, "tolist"):  # numpy's arrays and numbers
+        value = value.tolist()
     if isinstance(value, Mapping):
-        return {key: _without_nan(each) for key, each in value.items()}
+        return {key: _plain(each) for key, each in value.items()}
     if isinstance(value, list | tuple):
-        return [_without_nan(each) for each in value]
+        return [_plain(each) for each in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 

@@ -7,7 +7,7 @@ import shutil
 import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from pbd.cli.console import print_json, say, working
 from pbd.cli.plan_report import moves_json, say_moves, say_torque
@@ -18,19 +18,9 @@ from pbd.io.atomic import refuse_output
 from pbd.view.terminal import is_closed
 
 if TYPE_CHECKING:
-    from pbd.data import Robot
-    from pbd.files.exporters.job import Source
     from pbd.planning import Plan
 
 STDOUT = Path("-")
-
-
-class _Motion(NamedTuple):
-    """What is exported of one demonstration."""
-
-    robot: Robot
-    plan: Plan
-    source: Source
 
 
 def run(args: argparse.Namespace) -> None:
@@ -46,49 +36,47 @@ def run(args: argparse.Namespace) -> None:
         refuse_dataset(args.output, load_robot(args.robot))
     elif args.output != STDOUT:
         refuse_output(args.output, (*args.demos, args.robot, args.calibration, args.start))
-    motions = [_plan(args, name) for name in args.demos or (None,)]
-    done = _write(args, motions, format_name)
-    count, duration = sum(len(each.samples.t) for each in done), sum(each.plan.trajectory.duration for each in motions)
+    plans = [_plan(args, name) for name in args.demos or (None,)]
+    done = _write(args, plans, format_name)
+    count, duration = sum(len(each.samples.t) for each in done), sum(plan.trajectory.duration for plan in plans)
     name = "to standard output" if args.output == STDOUT else args.output
     if format_name == "tum-hand":  # the hand's own time, not the arm's
-        say(f"wrote {name}: {count} poses, {np.ptp(motions[0].source.hand.t):.1f} s")
+        say(f"wrote {name}: {count} poses, {np.ptp(plans[0].tracked[0].t):.1f} s")
     else:
-        say(f"wrote {name}: {count} {done[0].counted}, {duration:.1f} s, {len(motions[0].robot.joints)} joints")
+        say(f"wrote {name}: {count} {done[0].counted}, {duration:.1f} s, {len(plans[0].robot.joints)} joints")
     if format_name in FOLDERS:
-        first, numbers = first_frame(motions[0].robot, done[0].samples), ", ".join(str(each.episode) for each in done)
+        first, numbers = first_frame(plans[0].robot, done[0].samples), ", ".join(str(each.episode) for each in done)
         say(f"episode{'s' if len(done) > 1 else ''} {numbers} (lerobot-replay --dataset.episode={done[0].episode})")
         say(f"lerobot-replay jumps to the first frame, so bring the arm there before: {first}")
     if args.json:
-        told = [_json(args, format_name, *each) for each in zip(motions, done, strict=True)]
+        told = [_json(args, format_name, *each) for each in zip(plans, done, strict=True)]
         print_json({"episodes": told} if format_name in FOLDERS else told[0])
 
 
-def _plan(args: argparse.Namespace, name: str | None) -> _Motion:
+def _plan(args: argparse.Namespace, name: str | None) -> Plan:
     """Plan one demonstration."""
-    from pbd.planning import source_of
-
     args.demo = name
-    demo, path, robot, options, plan = plan_demonstration(args)
+    plan = plan_demonstration(args)
     if plan.touching is not None:
         error = plan.touching.error
         what = f"{error.message}; no such motion is exported: --allow-collision is for pbd replay, which shows it"
         raise PlanError(what, **error.fields)
-    say_torque(demo, robot, plan, options)
-    say_moves(demo, path, robot, plan, options)
-    return _Motion(robot, plan, source_of(plan, path, robot, demo.recording.info.name, options))
+    say_torque(plan)
+    say_moves(plan)
+    return plan
 
 
-def _json(args: argparse.Namespace, format_name: str, motion: _Motion, done: Export) -> dict[str, Any]:
+def _json(args: argparse.Namespace, format_name: str, plan: Plan, done: Export) -> dict[str, Any]:
     return {
-        "demo": motion.source.name,
-        "robot": motion.robot.name,
+        "demo": plan.name,
+        "robot": plan.robot.name,
         "format": format_name,
         "output": str(args.output),
         "samples": len(done.samples.t),
         **({} if done.episode is None else {"episode": done.episode}),
-        "duration_s": motion.plan.trajectory.duration,
+        "duration_s": plan.trajectory.duration,
         "receiver": {rule: {share.limit: share.value for share in shares} for rule, shares in done.receiver.items()},
-        "moves": moves_json(motion.plan),
+        "moves": moves_json(plan),
         "warnings": args.warnings,
     }
 
@@ -116,16 +104,18 @@ def _format(args: argparse.Namespace) -> str:
     return name
 
 
-def _write(args: argparse.Namespace, motions: list[_Motion], format_name: str) -> list[Export]:
+def _write(args: argparse.Namespace, plans: list[Plan], format_name: str) -> list[Export]:
     """Write the file, or to standard output what the file would hold."""
-    robot, plan, source = motions[0]
+    from pbd.planning import source_of
+
+    pairs = [(plan.trajectory, source_of(plan)) for plan in plans]
+    (trajectory, source), robot = pairs[0], plans[0].robot
     with TemporaryDirectory() as folder:
         file = Path(folder) / "motion" if args.output == STDOUT else args.output
         with working("writing the motion"):
             if format_name in FOLDERS:
-                pairs = [(each.plan.trajectory, each.source) for each in motions]
                 return export_dataset(pairs, robot, file, args.task)
-            done = export(plan.trajectory, robot, format_name, file, args.rate, dense=args.dense, source=source)
+            done = export(trajectory, robot, format_name, file, args.rate, dense=args.dense, source=source)
         if args.output == STDOUT:
             with file.open("rb") as written:
                 shutil.copyfileobj(written, sys.stdout.buffer)

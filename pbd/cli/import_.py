@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
@@ -11,7 +10,7 @@ from dataclasses import replace
 from pbd.cli.console import say, working
 from pbd.cli.steps import decoder_maker, store_demonstration
 from pbd.data import Demonstration
-from pbd.errors import PbdWarning, RecordingError, SensorError, TrackingError, listed
+from pbd.errors import RecordingError, SensorError, TrackingError, listed, warn
 from pbd.files.demo import demo_folder
 from pbd.files.importers import Imported, import_recording
 from pbd.io.atomic import is_file, is_folder
@@ -41,7 +40,7 @@ def run(args: argparse.Namespace) -> None:
             imported = import_recording(args.file, dict(args.column), dict(args.unit), args.rate, args.topic)
     demo, understood = imported.demo, imported.understood
     if demo.recording.gyr is None:
-        warnings.warn(NO_GYRO, PbdWarning, stacklevel=2)
+        warn(NO_GYRO)
     # What can't be a recording (units, clock) is refused before it takes a name; where the hand stops is seen later.
     with suppress(TrackingError), working("checking it"), _in_its_names(args, imported):
         recording, _ = condition(demo.recording)

@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> None:
     if robot is not None and calibration is not None:
         _add_joints(args, rows, path, keyframes, robot, calibration)
     inside = _success(args, path, keyframes, calibration)
-    for row, probability in zip(rows, () if inside is None else inside.of_each.tolist(), strict=inside is not None):
+    for row, probability in zip(rows, () if inside is None else inside.of_each, strict=inside is not None):
         row["probability"] = probability
     if args.json:
         errors = None if path.sensor is None else _sensor_errors(path.sensor)
@@ -78,7 +78,7 @@ def _success(
     args: argparse.Namespace, path: HandPath, keyframes: tuple[Keyframe, ...], calibration: Calibration | None
 ) -> Success | None:
     """How likely the tool is where it belongs: by --tolerance, or by the keyframes' own where any has one."""
-    docked = calibration is not None and (calibration.T_base_dock is not None or calibration.T_base_nav is not None)
+    docked = calibration is not None and calibration.knows_start
     if args.tolerance is None and not (docked and any(each.tolerance_m is not None for each in keyframes)):
         return None
     if calibration is None:
@@ -157,7 +157,7 @@ def _add_base(
     args: argparse.Namespace, rows: Rows, path: HandPath, keyframes: tuple[Keyframe, ...], calibration: Calibration
 ) -> bool:
     """Add the tool's position in base and how sure it is; False where the calibration has no dock and no nav."""
-    if calibration.T_base_dock is None and calibration.T_base_nav is None:
+    if not calibration.knows_start:
         return False
     T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
     parts = tool_covariances(keyframes, T_base_nav, calibration, args.scale)
@@ -180,12 +180,12 @@ def _add_joints(
 
     poses, joints, off_rad = solve_keyframes(robot, keyframes, calibration, plan_options(args, robot), path)
     for row, pose, q, off in zip(rows, poses, joints, off_rad, strict=True):
-        row |= _pose(pose) | {"joints": q.tolist()}
+        row |= _pose(pose) | {"joints": q}
         row["off_deg"] = [math.degrees(angle) for angle in off]  # approach axis, about it: arms of five joints
 
 
 def _pose(pose: Pose) -> dict[str, Any]:
-    return {"base_position_m": pose.p.tolist(), "base_wxyz": pose.wxyz.tolist()}
+    return {"base_position_m": pose.p, "base_wxyz": pose.wxyz}
 
 
 def _sensor_errors(found: SensorEstimate) -> dict[str, Any]:
@@ -197,10 +197,7 @@ def _sensor_errors(found: SensorEstimate) -> dict[str, Any]:
         "acc_matrix_percent": (found.acc_matrix, 100.0),
         "lag_ms": (found.lag, 1000.0),
     }
-    return {
-        name: {"value": (unit * one.value).tolist(), "sigma": (unit * one.sigma).tolist()}
-        for name, (one, unit) in named.items()
-    }
+    return {name: {"value": (unit * one.value), "sigma": (unit * one.sigma)} for name, (one, unit) in named.items()}
 
 
 def _row(index: int, keyframe: Keyframe, sigma: Array) -> dict[str, Any]:
@@ -208,10 +205,10 @@ def _row(index: int, keyframe: Keyframe, sigma: Array) -> dict[str, Any]:
         "index": index,
         "t_s": keyframe.t,
         "dwell_s": keyframe.dwell_s,
-        "position_m": keyframe.T_nav_sensor.p.tolist(),
-        "wxyz": keyframe.T_nav_sensor.wxyz.tolist(),
-        "sigma_m": sigma[:3].tolist(),
-        "sigma_deg": np.degrees(sigma[3:]).tolist(),
+        "position_m": keyframe.T_nav_sensor.p,
+        "wxyz": keyframe.T_nav_sensor.wxyz,
+        "sigma_m": sigma[:3],
+        "sigma_deg": np.degrees(sigma[3:]),
         "weight": keyframe.weight,
         "grip": keyframe.grip,
         "label": keyframe.label,

@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 import math
 import sys
+from collections.abc import Callable, Container, Iterable
 from dataclasses import replace
-from keyword import iskeyword
-from typing import TYPE_CHECKING, Any, NoReturn, Protocol
+from inspect import cleandoc
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from pbd.errors import nearest
 
@@ -43,27 +44,30 @@ class Parser(argparse.ArgumentParser):
             )
 
 
-class Commands(Protocol):
-    """What argparse's `add_subparsers` returns."""
+def add_commands(
+    parser: argparse.ArgumentParser,
+    title: str,
+    metavar: str,
+    commands: Iterable[Callable[[argparse.ArgumentParser], None]],
+) -> None:
+    """Add commands, each with the options that its function adds. `run` of the module of that name does it.
 
-    def add_parser(self, name: str, **kwargs: Any) -> argparse.ArgumentParser:
-        """Add a command."""
-
-
-def add_command(
-    commands: Commands, name: str, help_text: str, description: str, example: str
-) -> argparse.ArgumentParser:
-    """Add a command, which `run` of the module of its name does, with an example at the end of its help."""
-    parser = commands.add_parser(
-        name,
-        help=help_text,
-        description=description,
-        epilog=f"example:\n{example}",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    module = ".".join(["pbd.cli", *parser.prog.split()[1:]])  # `pbd calibrate dock` -> pbd.cli.calibrate.dock
-    parser.set_defaults(parser=parser, module=f"{module}_" if iskeyword(name) else module)
-    return parser
+    The function's docstring is the help: what the command does, a description, and an example, which is indented.
+    """
+    below = parser.add_subparsers(title=title, metavar=metavar, required=True)
+    for add in commands:
+        summary, _, more = cleandoc(add.__doc__ or "").partition("\n\n")
+        description, _, example = more.partition("\n\n  ")
+        command = below.add_parser(
+            add.__name__.rstrip("_"),  # import_, as `import` is a keyword
+            help=summary[:1].lower() + summary[1:].rstrip("."),
+            description=description,
+            epilog=f"example:\n  {example}",
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        module = ".".join(["pbd.cli", *parser.prog.split()[1:], add.__name__])  # pbd.cli.calibrate.dock
+        command.set_defaults(parser=command, module=module)
+        add(command)
 
 
 def add_demo(parser: argparse.ArgumentParser) -> None:
@@ -138,9 +142,21 @@ def add_planning(
     option("--path-tolerance", type=positive, metavar="METRES", help=tolerance)
     pace = "as fast as the limits allow, or at the hand's own pace where they allow it (limits)"
     option("--time", choices=("limits", "demo"), default="limits", help=pace)
-    option("--speed", type=share, default=1.0, metavar="F", help="share of the joints' limits, up to 1 (1)")
+    option(
+        "--speed",
+        type=within(0.01, 1.0),
+        default=1.0,
+        metavar="F",
+        help="share of the joints' limits, up to 1 (1)",
+    )
     margin = "share of those limits that is left for the controller, 0 to 50 (5)"
-    option("--margin", type=percent, default=5.0, metavar="PERCENT", help=margin)
+    option(
+        "--margin",
+        type=within(0.0, 50.0),
+        default=5.0,
+        metavar="PERCENT",
+        help=margin,
+    )
     dwell = "longest stay at a keyframe, s (0.5; the hand's own with --time demo; what an edited keyframes.toml says)"
     option("--dwell", type=not_negative, metavar="S", help=dwell)
     if measured:
@@ -194,58 +210,36 @@ def _add_units(parser: argparse._ActionsContainer, usual: str, help_text: str) -
     parser.add_argument("--units", type=parsed, default="", metavar="U", help=f"{help_text} ({usual})")
 
 
-def positive(text: str) -> float:
-    """Parse a finite number above zero."""
-    value = _number(text)
-    if not value > 0.0:
-        raise argparse.ArgumentTypeError(f"must be a number above zero, got '{text}'")
-    return value
+def number(wanted: str, holds: Callable[[float], bool]) -> Callable[[str], float]:
+    """Make what parses a finite number that `holds`; what is `wanted`, in words."""
+
+    def parse(text: str) -> float:
+        if not holds(value := _number(text)):
+            raise argparse.ArgumentTypeError(f"must be {wanted}, got '{text}'")
+        return value
+
+    return parse
 
 
-def not_negative(text: str) -> float:
-    """Parse a finite number, zero or above."""
-    value = _number(text)
-    if not value >= 0.0:
-        raise argparse.ArgumentTypeError(f"must be zero or a number above, got '{text}'")
-    return value
+def within(least: float, most: float, unit: str = "") -> Callable[[str], float]:
+    """Make what parses a number from `least` to `most`."""
+    return number(f"from {least:g} to {most:g}{unit}", lambda value: least <= value <= most)
 
 
-def finite(text: str) -> float:
-    """Parse a finite number."""
-    value = _number(text)
-    if math.isnan(value):
-        raise argparse.ArgumentTypeError(f"must be a number, got '{text}'")
-    return value
+def whole(wanted: str, valid: Container[int]) -> Callable[[str], int]:
+    """Make what parses a whole number that is `valid`; what is `wanted`, in words."""
+
+    def parse(text: str) -> int:
+        if not (text.isascii() and text.removeprefix("-").isdigit() and int(text) in valid):
+            raise argparse.ArgumentTypeError(f"must be {wanted}, got '{text}'")
+        return int(text)
+
+    return parse
 
 
-def share(text: str) -> float:
-    """Parse a number from 0.01 to 1."""
-    value = positive(text)
-    if not 0.01 <= value <= 1.0:
-        raise argparse.ArgumentTypeError(f"must be from 0.01 to 1, got {text}")
-    return value
-
-
-def percent(text: str) -> float:
-    """Parse a number from 0 to 50."""
-    value = not_negative(text)
-    if not value <= 50.0:
-        raise argparse.ArgumentTypeError(f"must be from 0 to 50, got {text}")
-    return value
-
-
-def take_number(text: str) -> int:
-    """Parse a number from 1 to 99."""
-    if not (text.isascii() and text.isdigit() and 1 <= int(text) <= 99):
-        raise argparse.ArgumentTypeError(f"must be a whole number from 1 to 99, got '{text}'")
-    return int(text)
-
-
-def integer(text: str) -> int:
-    """Parse a whole number, zero or above."""
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"must be a whole number, got '{text}'")
-    return int(text)
+finite = number("a number", math.isfinite)
+positive = number("a number above zero", lambda value: value > 0.0)
+not_negative = number("zero or a number above", lambda value: value >= 0.0)
 
 
 def frame(text: str) -> tuple[tuple[str, ...], int, int]:

@@ -9,15 +9,14 @@ from pbd.cli.console import say, working
 from pbd.data import Load
 
 if TYPE_CHECKING:
-    from pbd.data import Demonstration, HandPath, Robot
-    from pbd.planning import Plan, PlanOptions
+    from pbd.planning import Plan
 
 
 STRAY_M = 0.01
 """Distance of the tool from a straight line, m, from which on it is reported."""
 
 
-def say_moves(demo: Demonstration, path: HandPath, robot: Robot, plan: Plan, options: PlanOptions) -> None:
+def say_moves(plan: Plan) -> None:
     """Say where a straight move is barred, or the tool strays from a straight line, and what keeps it there."""
     from pbd.planning import can_plan
 
@@ -29,22 +28,22 @@ def say_moves(demo: Demonstration, path: HandPath, robot: Robot, plan: Plan, opt
             say(f"the move to keyframe {i} is made as a line: straight in joint space the tool would {way.wide}")
     worst = max(range(len(plan.segments)), key=lambda i: plan.segments[i].off_line_m)
     off_m = plan.segments[worst].off_line_m
-    if off_m < STRAY_M or options.tolerance_m is not None or plan.segments[worst].wide is not None:
+    if off_m < STRAY_M or plan.options.tolerance_m is not None or plan.segments[worst].wide is not None:
         return  # or planning has told it
     with working("trying a straight line"):
-        straight = can_plan(plan, robot, replace(options, tolerance_m=STRAY_M), path, demo.grasped)
+        straight = can_plan(plan, replace(plan.options, tolerance_m=STRAY_M))
     say(
         f"between keyframes {worst - 1} and {worst} the tool strays {100.0 * off_m:.1f} cm from a straight line; "
-        + (f"--path-tolerance {STRAY_M} keeps it straight" if straight else f"{robot.name} can't keep it straight")
+        + (f"--path-tolerance {STRAY_M} keeps it straight" if straight else f"{plan.robot.name} can't keep it straight")
     )
 
 
-def say_torque(demo: Demonstration, robot: Robot, plan: Plan, options: PlanOptions) -> None:
+def say_torque(plan: Plan) -> None:
     """Say how much of the torque limits the motion takes, and what isn't counted."""
-    torque, thing = plan.report.torque, demo.grasped
+    torque, thing = plan.report.torque, plan.grasped
     if torque is None:
-        return say(f"torques are not checked: {robot.name} has no `effort` in its [limits]")
-    carried = str(Load(options.payload, grasped=thing)) or "nothing"
+        return say(f"torques are not checked: {plan.robot.name} has no `effort` in its [limits]")
+    carried = str(Load(plan.options.payload, grasped=thing)) or "nothing"
     unknown = f"; what the {thing.shape} weighs isn't known (mass_kg in demo.toml)" if thing and not thing.mass else ""
     return say(
         f"torques: at most {100.0 * torque.share:.0f} % of the limit ({torque.joint}), carrying {carried}{unknown}"

@@ -8,9 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from pbd.cli.console import print_json, say, working
-from pbd.cli.steps import load_demonstration, named_calibration, track_demonstration, write_figures
+from pbd.cli.steps import load_demonstration, named_calibration, print_result, track_demonstration, write_figures
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe
-from pbd.errors import PbdError, PbdWarning, TrackingError, UsageError
+from pbd.errors import PbdError, PbdWarning, TrackingError, UsageError, warn
 from pbd.io.atomic import refuse_folder
 
 LONGEST_NAME = 60
@@ -60,24 +60,20 @@ def _compare(args: argparse.Namespace) -> None:
     with working("comparing"):
         from pbd.plots.compare import compare_plot, spread_rows, spread_table
         from pbd.plots.compare_figures import COMPARISONS, draw_comparison
-        from pbd.view.terminal_tables import print_csv, print_table
 
         plot = compare_plot(tracked)
     for remark in plot.remarks:
         say(remark)
     files = write_figures(folder, args.format, COMPARISONS, lambda name: draw_comparison(name, plot))
-    if args.json:
-        return print_json(
-            {
-                "demos": titles,
-                "method": args.method,
-                "matched_by": "order" if plot.by_order else "place",
-                "remarks": list(plot.remarks),
-                "keyframes": spread_rows(plot),
-                "files": files,
-            }
-        )
-    return (print_csv if args.csv else print_table)(spread_table(plot, args.units))
+    result = {
+        "demos": titles,
+        "method": args.method,
+        "matched_by": "order" if plot.by_order else "place",
+        "remarks": list(plot.remarks),
+        "keyframes": spread_rows(plot),
+        "files": files,
+    }
+    print_result(args, result, spread_table(plot, args.units))
 
 
 def _tracked(
@@ -93,7 +89,7 @@ def _tracked(
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PbdWarning)  # they have been given
             tracked = track_demonstration(unaided, args.method, calibration, args.accept_gap)
-        warnings.warn(f"{error.message}; drawn without it", PbdWarning, stacklevel=2)
+        warn(f"{error.message}; drawn without it")
         return tracked
 
 

@@ -7,8 +7,7 @@ import errno
 import os
 import shlex
 import sys
-import warnings
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, closing, suppress
 from datetime import datetime
 from pathlib import Path
 
@@ -20,7 +19,7 @@ from pbd.cli.recording.screen import PanelScreen, PlainScreen
 from pbd.cli.recording.simulated import Poll, Show, SimulatedHand, simulated_hand
 from pbd.cli.steps import decoder_maker
 from pbd.data import SensorErrors
-from pbd.errors import PbdWarning, SensorError, UsageError
+from pbd.errors import SensorError, UsageError, warn
 from pbd.files.calibration import load_calibration
 from pbd.files.demo import demo_folder, refuse_demo_folder, utc_now
 from pbd.record import Outcome, RecordOptions, record
@@ -48,7 +47,7 @@ def run(args: argparse.Namespace) -> None:
         if args.live:
             from pbd.view.live_view import LiveView
 
-            view = stack.enter_context(LiveView())
+            view = stack.enter_context(closing(LiveView()))
         hand = _simulated(args, stack)
         sensor, opened, decoder = find_sensor(args) if hand is None else (hand.name, hand.open, hand.decoder())
         options = RecordOptions(
@@ -120,7 +119,7 @@ def _errors(name: str | None, sensor: str) -> SensorErrors | None:
         refuse_other_sensor("this recording", sensor, errors)
     elif name is not None:
         what = f"the calibration '{name}' has no [sensor] to compare with; pbd calibrate sensor {name} DEMO makes one"
-        warnings.warn(what, PbdWarning, stacklevel=2)
+        warn(what)
     return errors
 
 

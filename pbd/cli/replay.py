@@ -23,12 +23,12 @@ def run(args: argparse.Namespace) -> None:
         refuse_output(args.html, (args.demo, args.robot, args.calibration, args.start))
         if args.html.suffix.lower() not in SUFFIXES:
             raise UsageError(f"--html needs a name that ends in .html, got '{args.html}'")
-    demo, path, robot, options, plan = plan_demonstration(args)
+    plan = plan_demonstration(args)
     duration, warned = plan.trajectory.duration, list(args.warnings)
     spare = f"audited, {args.margin:g} % of the limits to spare" if args.margin else "audited"
-    say(f"'{demo.recording.info.name}' on {robot.name}: {len(plan.keyframes)} keyframes, {duration:.1f} s, {spare}")
-    say_torque(demo, robot, plan, options)
-    say_moves(demo, path, robot, plan, options)
+    say(f"'{plan.name}' on {plan.robot.name}: {len(plan.keyframes)} keyframes, {duration:.1f} s, {spare}")
+    say_torque(plan)
+    say_moves(plan)
     if plan.touching is not None:
         later = len(plan.touching.hits) - 1
         more = f" ({later} more, all marked on the page)" if later else ""
@@ -36,15 +36,15 @@ def run(args: argparse.Namespace) -> None:
         say(f"warning: {warned[-1]}")
     if args.html is not None:
         with working("writing the page"):
-            write_page(replay_scene(demo, path, plan, robot, options, warned), args.html)
+            write_page(replay_scene(plan, warned), args.html)
         say(f"wrote {args.html.resolve()} ({args.html.stat().st_size / 1e6:.1f} MB); open it in a browser")
     if args.json:
         report = plan.report
         errors = {name: getattr(report, name) for name in ("max_position_error_m", "max_rotation_error_rad")}
         print_json(
             {
-                "demo": demo.recording.info.name,
-                "robot": robot.name,
+                "demo": plan.name,
+                "robot": plan.robot.name,
                 "keyframes": len(plan.keyframes),
                 "duration_s": duration,
                 "ik": errors,
@@ -61,4 +61,4 @@ def run(args: argparse.Namespace) -> None:
             }
         )
     elif not args.html:
-        show_replay(replay_scene(demo, path, plan, robot, options, warned), open_browser=not args.no_open)
+        show_replay(replay_scene(plan, warned), open_browser=not args.no_open)

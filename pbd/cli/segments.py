@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import argparse
 
-from pbd.cli.console import print_json
-from pbd.cli.steps import load_demonstration, named_calibration, track_demonstration
+from pbd.cli.steps import load_demonstration, named_calibration, print_result, track_demonstration
 from pbd.tracking.keyframes import find_segments
-from pbd.view.terminal_tables import print_csv, print_table, segments_table
+from pbd.view.terminal_tables import segments_table
 
 
 def run(args: argparse.Namespace) -> None:
@@ -15,7 +14,5 @@ def run(args: argparse.Namespace) -> None:
     demo = load_demonstration(args.demo)
     path, _ = track_demonstration(demo, args.method, named_calibration(args), args.accept_gap)
     segments = find_segments(path)
-    if args.json:
-        print_json({"segments": [vars(segment) | {"ms": round(segment.ms, 3)} for segment in segments]})
-    else:
-        (print_csv if args.csv else print_table)(segments_table(segments, args.units))
+    rows = [vars(segment) | {"ms": round(segment.ms, 3)} for segment in segments]
+    print_result(args, {"segments": rows}, segments_table(segments, args.units))

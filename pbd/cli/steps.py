@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Robot
@@ -19,6 +19,7 @@ from pbd.files.points import Points, points_csv
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from rich.table import Table
 
     from pbd.planning import Plan, PlanOptions
     from pbd.sensors.decoding import Decoder
@@ -102,9 +103,7 @@ def _start_joints(args: argparse.Namespace, robot: Robot) -> tuple[float, ...]:
     return read_joints(args.start, robot.joints, unit, per_si)
 
 
-def plan_demonstration(
-    args: argparse.Namespace, measured: tuple[float, ...] | None = None
-) -> tuple[Demonstration, HandPath, Robot, PlanOptions, Plan]:
+def plan_demonstration(args: argparse.Namespace, measured: tuple[float, ...] | None = None) -> Plan:
     """Load, track, and plan an audited motion; `measured` as in `plan_options`."""
     from pbd.planning import load_arm, plan_path
 
@@ -113,8 +112,7 @@ def plan_demonstration(
     path, _ = track_demonstration(demo, args.method, calibration, args.accept_gap)
     options = plan_options(args, robot, measured)
     with working(f"planning for {robot.name}"):
-        plan = plan_path(path, calibration, robot, options)
-    return demo, path, robot, options, plan
+        return plan_path(path, calibration, robot, options)
 
 
 def store_demonstration(
@@ -140,6 +138,16 @@ def store_demonstration(
         stored = {"demo": folder.name, "folder": str(folder), "samples": samples}
         points = {} if touched is None else {"points": str(folder / POINTS_FILE)}
         print_json(stored | {"duration_s": duration_s, "rate_hz": rate_hz} | points | dict(more))
+
+
+def print_result(args: argparse.Namespace, result: dict[str, Any], table: Table) -> None:
+    """Print what was found as is wanted: one JSON object, CSV, or a table."""
+    from pbd.view.terminal_tables import print_csv, print_table
+
+    if args.json:
+        print_json(result)
+    else:
+        (print_csv if args.csv else print_table)(table)
 
 
 def write_figures(folder: Path, format_name: str, names: Collection[str], draw: Callable[[str], Figure]) -> list[str]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import warnings
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -12,16 +11,16 @@ import numpy as np
 from pbd.calibration.dock import nav_in_base
 from pbd.calibration.tool_poses import tool_poses
 from pbd.calibration.touch_up import TouchedUp, touched_up
-from pbd.cli.console import print_json, say
+from pbd.cli.console import say
 from pbd.cli.keyframes import save_keyframes
-from pbd.cli.steps import load_demonstration, track_demonstration
+from pbd.cli.steps import load_demonstration, print_result, track_demonstration
 from pbd.data import Calibration, HandPath, Keyframe, TouchUp
-from pbd.errors import PbdWarning, RecordingError, UsageError
+from pbd.errors import RecordingError, UsageError, warn
 from pbd.files.keyframes import LARGEST_NUDGE_M, NAME
 from pbd.files.keyframes_edit import add_touch_up, undo_touch_up
 from pbd.plots.findings import OFF_SIGMAS
 from pbd.pose import Array, Pose, quat_inverse, quat_rotate
-from pbd.view.terminal_tables import make_table, print_csv, print_table
+from pbd.view.terminal_tables import make_table
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -107,24 +106,21 @@ def _asked(args: argparse.Namespace, base: _Base, before: TouchedUp) -> Array:
 def _tell(args: argparse.Namespace, base: _Base, before: TouchedUp, after: TouchedUp) -> None:
     p = np.array([pose.p for pose in base.poses])
     start, end = p + before.shift, p + after.shift
-    sigmas = [np.sqrt(np.diagonal(touched.cov).reshape(-1, 6)[:, :3].max(axis=1)) for touched in (before, after)]
-    if args.json:
-        rows = zip(start.tolist(), end.tolist(), *(sigma.tolist() for sigma in sigmas), strict=True)
-        keys = ("from_m", "to_m", "sigma_before_m", "sigma_m")
-        moved = [{"index": k, **dict(zip(keys, row, strict=True))} for k, row in enumerate(rows)]
-        return print_json({"demo": args.demo, "keyframe": args.keyframe, "undo": args.undo, "keyframes": moved})
-    (print_csv if args.csv else print_table)(_table(start, end, sigmas[0], sigmas[1], args.units))
+    old, new = (np.sqrt(np.diagonal(each.cov).reshape(-1, 6)[:, :3].max(axis=1)) for each in (before, after))
+    names = ("index", "from_m", "to_m", "sigma_before_m", "sigma_m")
+    rows = [dict(zip(names, row, strict=True)) for row in zip(range(len(p)), start, end, old, new, strict=True)]
+    result = {"demo": args.demo, "keyframe": args.keyframe, "undo": args.undo, "keyframes": rows}
+    print_result(args, result, _table(start, end, old, new, args.units))
+    if args.json or args.only or args.undo:
+        return
     moved_m = np.linalg.norm(end - start, axis=1)
-    if args.only or args.undo:
-        return None
-    if moved_m[args.keyframe] > OFF_SIGMAS * sigmas[0][args.keyframe]:
-        off = f"{100.0 * moved_m[args.keyframe]:.1f} cm, {moved_m[args.keyframe] / sigmas[0][args.keyframe]:.0f} sigma"
+    if moved_m[args.keyframe] > OFF_SIGMAS * old[args.keyframe]:
+        off = f"{100.0 * moved_m[args.keyframe]:.1f} cm, {moved_m[args.keyframe] / old[args.keyframe]:.0f} sigma"
         meant = f"if it alone belongs elsewhere, `pbd touch {args.demo} --undo`, and again with --only"
-        warnings.warn(f"keyframe {args.keyframe} was off by {off}, and the others go along; {meant}", PbdWarning, 2)
+        warn(f"keyframe {args.keyframe} was off by {off}, and the others go along; {meant}")
     others = np.delete(moved_m, args.keyframe)
     if others.max(initial=0.0) < HARDLY_M:
         say(f"the others hardly move: their errors have little in common with those of keyframe {args.keyframe}")
-    return None
 
 
 def _table(start: Array, end: Array, sigma_before: Array, sigma: Array, units: Units) -> Table:

@@ -121,6 +121,11 @@ class Calibration:
         object.__setattr__(self, "residuals", MappingProxyType(dict(self.residuals)))
 
     @property
+    def knows_start(self) -> bool:
+        """Whether it says where the hand starts in the robot's base."""
+        return self.T_base_dock is not None or self.T_base_nav is not None
+
+    @property
     def cov_start(self) -> Array:
         """(6, 6) m and rad, of the dock's or nav's pose in base; an assumption unless it was measured."""
         if self.cov_base is not None:

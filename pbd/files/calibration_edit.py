@@ -111,10 +111,10 @@ def covariance_values(cov: Array | None) -> dict[str, tuple[Value | None, str]]:
     }
 
 
-def existing_calibration(path: Path) -> Calibration | None:
-    """Read the calibration as it is (a new one starts as the bundled one of its name), or None."""
+def existing_calibration(path: Path) -> Calibration:
+    """Read the calibration as it is; a new one starts as the bundled one of its name, or empty."""
     source = _source(path)
-    return None if source is None else read_calibration(source)
+    return Calibration(path.stem) if source is None else read_calibration(source)
 
 
 def _source(path: Path) -> Path | None:

@@ -6,7 +6,7 @@ The device's priors are not in it, so that takes of one device can share them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from pbd.fusion.regressors import without_noise
 from pbd.pose import Array, quat_exp, quat_to_matrix
 from pbd.tracking.noise import acc_doubt
 from pbd.tracking.smoother.factors import linearise, shared_prior, whitener
+from pbd.tracking.smoother.gauss_newton import CONVERGED_RAD, MAX_ITERATIONS
 from pbd.tracking.smoother.normal_equations import ACC_BIAS, POS, ROT, STATE, NormalEquations, Solved
 from pbd.tracking.smoother.smooth import Solution
 from pbd.tracking.smoother.state import GRAVITY, State
@@ -26,9 +27,6 @@ BIAS = slice(SHARED.stop, SHARED.stop + 3)
 
 DEVICE = BIAS.stop
 """Number of unknowns of a device."""
-
-PIN, PIN_ITERATIONS = 1e4, 3
-"""Weight of a pinned device in units of its prior's (a hundredth of its sigma); Gauss-Newton steps with it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,21 +125,27 @@ def conditioned(message: Message, dependence: Array, noise: Array, misfit: Array
 def pinned(solution: Solution, device: Array) -> State:
     """The take estimated with its device's errors given, (DEVICE,)."""
     problem, local, x = solution.problem, solution.local, solution.state
-    whiten, (prior, _) = whitener(problem, local), _prior(solution, x)
-    weight = PIN * np.diagonal(prior)
-    for _ in range(PIN_ITERATIONS):
+    whiten = whitener(problem, local)
+    shared = np.concatenate((device[SHARED], x.shared[SHARED.stop :]))
+    x = replace(x, shared=shared, acc_bias=x.acc_bias + device[BIAS] - x.acc_bias[0])
+    for _ in range(MAX_ITERATIONS):
         equations, _ = linearise(problem, x, local, whiten)
-        _pin(equations, weight, np.concatenate((x.shared[SHARED], x.acc_bias[0])) - device)
-        x = x.moved(equations.solve())
+        _hold(equations)
+        step = equations.solve()
+        x = x.moved(step)
+        if np.abs(step.d[:, ROT]).max() < CONVERGED_RAD:
+            break
     return x
 
 
-def _pin(equations: NormalEquations, weight: Array, off: Array) -> None:
+def _hold(equations: NormalEquations) -> None:
+    """Make the device's errors no unknowns: their step is zero."""
     i, b = np.arange(SHARED.stop), np.arange(ACC_BIAS.start, ACC_BIAS.stop)
-    equations.corner[i, i] += weight[SHARED]
-    equations.corner[i, -1] += weight[SHARED] * off[SHARED]
-    equations.diagonal[0, b, b] += weight[BIAS]
-    equations.g[0, b] += weight[BIAS] * off[BIAS]
+    for of_device in (equations.corner, equations.corner.T, equations.border.T):
+        of_device[SHARED] = 0.0
+    for of_device in (equations.border[0], equations.diagonal[0], equations.diagonal[0].T, equations.below[0].T):
+        of_device[ACC_BIAS] = 0.0
+    equations.corner[i, i] = equations.diagonal[0, b, b] = 1.0
 
 
 def _prior(solution: Solution, x: State) -> tuple[Array, Array]:

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pbd.data import HandPath, JointTrajectory, Robot
+from pbd.data import JointTrajectory
 from pbd.errors import PlanError
-from pbd.planning.options import PlanOptions
 from pbd.planning.result import Plan
 from pbd.planning.steps import arm_of
 from pbd.pose import Array, quat_from_matrix
@@ -19,41 +18,31 @@ if TYPE_CHECKING:
     from pbd.files.exporters.job import Source
 
 
-def source_of(plan: Plan, hand: HandPath, robot: Robot, name: str, options: PlanOptions | None = None) -> Source:
-    """Collect it.
-
-    Args:
-        plan: the motion.
-        hand: the path that it was planned from.
-        robot: whose it is.
-        name: the demonstration's.
-        options: what it was planned with.
-    """
+def source_of(plan: Plan) -> Source:
+    """Collect it; PlanError where the plan knows keyframes alone."""
     from pbd.arm.links import links_in_parents
     from pbd.audit.audit import audit_received
     from pbd.files.exporters.job import Source
 
-    arm = arm_of(robot)
+    arm, hand = arm_of(plan.robot), plan.hand_path
+    if hand is None:
+        raise PlanError("a plan of keyframes alone doesn't tell how the hand went; plan from what pbd.track gives")
 
     def tool(q: Array) -> tuple[Array, Array]:
         p, R = arm.forward_many(q)
         return np.asarray(p, np.float64), quat_from_matrix(R)
 
     def audit(path: JointTrajectory) -> None:
-        grasped = None if hand.tracking is None else hand.tracking.demo.grasped
-        audit_received(path, robot, (plan.calibration, grasped))
+        audit_received(path, plan.robot, (plan.calibration, plan.grasped))
 
     def draw(t: Array, path: Path) -> None:
         from pbd.replay import replay_scene, robot_motion
         from pbd.view.glb import write_glb
 
-        if hand.tracking is None:
-            raise PlanError("glb shows the demonstration, which this path doesn't tell; track one with pbd.track")
-        scene = replay_scene(hand.tracking.demo, hand, plan, robot, options or PlanOptions())
-        write_glb(replace(scene, motion=robot_motion(arm, plan.trajectory.at(t))), path)
+        write_glb(replace(replay_scene(plan), motion=robot_motion(arm, plan.trajectory.at(t))), path)
 
     return Source(
-        name=name,
+        name=plan.name,
         keyframes=plan.keyframes,
         hand=hand,
         T_base_nav=plan.T_base_nav,

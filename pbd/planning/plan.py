@@ -6,8 +6,10 @@ import math
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cache, partial
 from typing import TYPE_CHECKING, NamedTuple
 
+from pbd.calibration.demonstrated_path import demonstrated_moves
 from pbd.calibration.tool_poses import with_table
 from pbd.data import Calibration, GraspedObject, HandPath, JointTrajectory, Keyframe, Load, Robot
 from pbd.errors import PbdError, PlanError
@@ -25,7 +27,7 @@ from pbd.planning.preconditions import (
     warn_of_wide_moves,
 )
 from pbd.planning.result import Plan, find_stretched, find_touching
-from pbd.planning.steps import arm_of, hand_between, moves_of, place, request_of, retreat_of, scene_of
+from pbd.planning.steps import arm_of, moves_of, place, request_of, scene_of
 from pbd.planning.torque import check_torque
 from pbd.pose import Array, Pose
 from pbd.tracking.keyframes import keyframes_of
@@ -109,11 +111,9 @@ def plan_keyframes(
     raise type(found.error)(", or ".join((found.error.message, *others)), **found.error.fields)
 
 
-def can_plan(
-    plan: Plan, robot: Robot, options: PlanOptions, hand_path: HandPath, grasped: GraspedObject | None
-) -> bool:
+def can_plan(plan: Plan, options: PlanOptions) -> bool:
     """Whether what was planned goes with other options too: joints and segments are found for it, but not timed."""
-    return _works(_Task(plan.keyframes, plan.calibration, robot, hand_path, grasped), options, _prepare)
+    return _works(_Task(plan.keyframes, plan.calibration, plan.robot, plan.hand_path, plan.grasped), options, _prepare)
 
 
 class _Task(NamedTuple):
@@ -179,7 +179,10 @@ def _prepare(task: _Task, options: PlanOptions) -> _Prepared | Refused:
     scene = scene_of(arm, calibration, grasped)
     warn_of_shapes(arm)
     warn_of_table(scene)
-    hand = hand_between(hand_path, keyframes, T_base_nav, T_base_tool, calibration, options)
+    fixed = options.orientation == "fixed"
+    between = keyframes, T_base_nav, T_base_tool, calibration, options.scale, fixed
+    # It is worked out where somebody asks.
+    hand = None if hand_path is None else cache(partial(demonstrated_moves, hand_path, *between))
     request = request_of(arm, T_base_tool, q_start, hand, options)
     chosen = choose_joints(arm, scene, request, keyframes, options)
     if isinstance(chosen, Refused) and options.allow_collision:
@@ -201,22 +204,21 @@ def _attempt(task: _Task, options: PlanOptions) -> Plan | Refused:
     arm, scene, T_base_nav, T_base_tool, q_start, hand, chosen = prepared
     warn_of_wide_moves(arm, chosen)
     held = hold(arm, T_base_tool, chosen.q)
+    moves, back = moves_of(chosen, keyframes, hand, options)
 
     def timed_at(speed: float) -> Timed:
         return time_moves(
             arm,
             q_start if options.approach else chosen.q[0],
-            moves_of(chosen, keyframes, hand, options),
+            moves,
             dwells(keyframes, options),
             [keyframe.grip for keyframe in keyframes],
-            retreat=retreat_of(chosen),
+            retreat=back,
             speed=speed * (1.0 - options.margin),
         )
 
-    timed, load = (
-        timed_at(options.speed),
-        Load(options.payload, options.p_tool_payload, grasped, calibration.table_height),
-    )
+    timed = timed_at(options.speed)
+    load = Load(options.payload, options.p_tool_payload, grasped, calibration.table_height)
 
     def share_at(speed: float) -> float:
         trajectory, pace = (timed_at(speed).trajectory, 1.0) if speed else (timed.trajectory, 0.0)
@@ -229,8 +231,8 @@ def _attempt(task: _Task, options: PlanOptions) -> Plan | Refused:
         slower = () if heavy.speed is None else ((f"use --speed {heavy.speed:g}", replace(options, speed=heavy.speed)),)
         return Refused(heavy.error, slower)
     return Plan(
-        keyframes,
-        calibration,
+        *task,
+        options,
         T_base_nav,
         T_base_tool,
         held.off_rad,

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from pbd.data import Keyframe
-from pbd.errors import PbdWarning, PlanError, TrackingError
+from pbd.errors import PlanError, TrackingError, warn
 from pbd.planning.options import PlanOptions
 from pbd.pose import Array, Pose
 
@@ -77,7 +76,7 @@ def check_certainty(keyframes: Sequence[Keyframe], scale: float) -> None:
             value=sigma,
             bound=apart,
         )
-    warnings.warn(f"{what}, {why}", PbdWarning, stacklevel=4)
+    warn(f"{what}, {why}")
 
 
 def warn_of_shapes(arm: ArmModel) -> None:
@@ -87,7 +86,7 @@ def warn_of_shapes(arm: ArmModel) -> None:
     if found := doubts(arm):
         told = "; ".join(f"{doubt.link} {doubt.why}" for doubt in found)
         message = f"contacts may be missed: {told}; correct the shapes in {arm.robot.urdf}"
-        warnings.warn(message, PbdWarning, stacklevel=4)
+        warn(message)
 
 
 def warn_of_table(scene: CollisionScene) -> None:
@@ -96,11 +95,9 @@ def warn_of_table(scene: CollisionScene) -> None:
 
     sunk = [pair.first for pair in scene.unchecked if pair.second == TABLE]
     if sunk:
-        warnings.warn(
+        warn(
             f"always touches the table, so not checked against it: {', '.join(sunk)}; if that is wrong, correct "
-            "table_height in the calibration",
-            PbdWarning,
-            stacklevel=4,
+            "table_height in the calibration"
         )
 
 
@@ -114,11 +111,9 @@ def warn_of_wide_moves(arm: ArmModel, motion: Motion) -> None:
             f"to keyframe {i} it will {deviation}{_turns_back(arm, motion, i)}" for i, deviation in wide[:3]
         )
         more = f", and {len(wide) - 3} more" if len(wide) > 3 else ""
-        warnings.warn(
+        warn(
             f"the tool goes out of its way: {told}{more}; {arm.robot.name} found no line there, so look at it before it"
-            " runs; demonstrate with smaller turns, or place the dock elsewhere",
-            PbdWarning,
-            stacklevel=4,
+            " runs; demonstrate with smaller turns, or place the dock elsewhere"
         )
 
 

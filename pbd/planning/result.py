@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from pbd.data import Calibration, JointTrajectory, Keyframe
+from pbd.data import Calibration, Demonstration, GraspedObject, HandPath, JointTrajectory, Keyframe, Robot
 from pbd.data.one_line_repr import brief
-from pbd.errors import PbdWarning, PlanError
-from pbd.planning.options import demonstrated
+from pbd.errors import PlanError, warn
+from pbd.planning.options import PlanOptions, demonstrated
 from pbd.pose import Array, Pose
 
 if TYPE_CHECKING:
@@ -50,6 +49,10 @@ class Plan:
     Attributes:
         keyframes: of the demonstration.
         calibration: its scale and its world.
+        robot: whose motion it is.
+        hand_path: how the hand went between the keyframes; None: nobody knows.
+        grasped: what the gripper takes.
+        options: what the user chose.
         T_base_nav: where nav lies.
         T_base_tool: the tool's poses that the demonstration asks for.
         off_rad: (n, 2) how far off the arm holds the tool where it has too few joints: approach axis, and about it.
@@ -63,6 +66,10 @@ class Plan:
 
     keyframes: tuple[Keyframe, ...]
     calibration: Calibration
+    robot: Robot
+    hand_path: HandPath | None
+    grasped: GraspedObject | None
+    options: PlanOptions
     T_base_nav: Pose
     T_base_tool: tuple[Pose, ...]
     off_rad: Array
@@ -72,6 +79,19 @@ class Plan:
     stretched: tuple[Stretch, ...] = ()
     touching: Touching | None = None
     back: Segment | None = None
+
+    @property
+    def tracked(self) -> tuple[HandPath, Demonstration]:
+        """The hand's path and what it was tracked from; PlanError where only keyframes are known."""
+        if self.hand_path is None or self.hand_path.tracking is None:
+            raise PlanError("keyframes alone don't tell the demonstration that they are of; track one with pbd.track")
+        return self.hand_path, self.hand_path.tracking.demo
+
+    @property
+    def name(self) -> str:
+        """The demonstration's; "motion" where that isn't known."""
+        tracking = self.hand_path and self.hand_path.tracking
+        return tracking.demo.recording.info.name if tracking else "motion"
 
     def __repr__(self) -> str:
         touches = "" if self.touching is None else "touches something"
@@ -101,10 +121,8 @@ def find_stretched(timed: Timed, keyframes: Sequence[Keyframe]) -> tuple[Stretch
             for each in sorted(found, key=lambda each: each.demonstrated_s / each.planned_s)[:3]
         ]
         rest = f", and {len(found) - 3} more" if len(found) > 3 else ""
-        warnings.warn(
+        warn(
             f"{len(found)} of {len(keyframes) - 1} moves are slower than the hand's, to keep the joint limits: "
-            f"{', '.join(told)}{rest}",
-            PbdWarning,
-            stacklevel=3,
+            f"{', '.join(told)}{rest}"
         )
     return tuple(found)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cache, lru_cache
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from pbd.calibration.dock import nav_in_base
@@ -59,47 +59,20 @@ def request_of(
     )
 
 
-def hand_between(
-    path: HandPath | None,
-    keyframes: Sequence[Keyframe],
-    T_base_nav: Pose,
-    T_base_tool: Sequence[Pose],
-    calibration: Calibration,
-    options: PlanOptions,
-) -> Hand | None:
-    """How the hand went from keyframe to keyframe, worked out only when somebody asks; None where nobody knows."""
-    if path is None:
-        return None
-
-    @cache
-    def hand() -> tuple[DemonstratedMove, ...]:
-        from pbd.calibration.demonstrated_path import demonstrated_moves
-
-        fixed = options.orientation == "fixed"
-        return demonstrated_moves(path, keyframes, T_base_nav, T_base_tool, calibration, options.scale, fixed)
-
-    return hand
-
-
-def moves_of(chosen: Motion, keyframes: Sequence[Keyframe], hand: Hand | None, options: PlanOptions) -> list[Move]:
-    """Say how each segment is to be timed."""
+def moves_of(
+    chosen: Motion, keyframes: Sequence[Keyframe], hand: Hand | None, options: PlanOptions
+) -> tuple[list[Move], Move | None]:
+    """Say how each segment is to be timed, and the way back home."""
     from pbd.arm.motion_request import DEMO
     from pbd.arm.timing.time_moves import APPROACH_SPEED, Move
 
-    first = chosen.segments[0]
+    first, back = chosen.segments[0], chosen.back
     moves = [Move(first.q, first.curved, share=APPROACH_SPEED)]
     for i, (segment, demonstrated_s) in enumerate(zip(chosen.segments[1:], demonstrated(keyframes), strict=True)):
         least_s = demonstrated_s if options.time == "demo" else 0.0
         t = hand()[i].t if options.time == "demo" and segment.kind == DEMO and hand else None
         moves.append(Move(segment.q, curved=segment.curved, t=t, least_s=least_s))
-    return moves
-
-
-def retreat_of(chosen: Motion) -> Move | None:
-    """Say how the way back home is to be timed."""
-    from pbd.arm.timing.time_moves import APPROACH_SPEED, Move
-
-    return None if chosen.back is None else Move(chosen.back.q, chosen.back.curved, share=APPROACH_SPEED)
+    return moves, None if back is None else Move(back.q, back.curved, share=APPROACH_SPEED)
 
 
 def place(

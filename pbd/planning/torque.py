@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 
 from pbd.data import JointLimits, Load
-from pbd.errors import PbdWarning, PlanError
+from pbd.errors import PlanError, warn
 
 if TYPE_CHECKING:
     from pbd.audit.torque import Torque
@@ -40,10 +39,10 @@ def check_torque(
     """
     if torque is None:
         if str(load):
-            _warn(f"torques are not checked, {load} or not: add `effort` to the robot's [limits]")
+            warn(f"torques are not checked, {load} or not: add `effort` to the robot's [limits]")
         return None
     if torque.weightless:
-        _warn(f"torques are too low: the URDF gives no mass to what moves with {', '.join(torque.weightless)}; add it")
+        warn(f"torques are too low: the URDF gives no mass to what moves with {', '.join(torque.weightless)}; add it")
     assumed = "effort" in limits.assumed
     bound = f"its {'assumed ' if assumed else ''}torque limit of {torque.bound:.3g} {torque.unit}"
     carrying = f", carrying {load}" if str(load) else ""
@@ -56,7 +55,7 @@ def check_torque(
         fields = {"joint": torque.joint, "t": torque.t, "value": torque.value, "bound": torque.bound}
         return TooHeavy(PlanError(what, **fields), slower)
     if torque.share > HIGH:
-        _warn(f"{needs}: {100.0 * torque.share:.0f} % of {bound}")
+        warn(f"{needs}: {100.0 * torque.share:.0f} % of {bound}")
     return None
 
 
@@ -73,7 +72,3 @@ def _fitting_speed(speed: float, share_at: Callable[[float], float]) -> float | 
 
 def _shown(value: float) -> str:
     return f"{value:.3g}" if value < 1000.0 else f"{value:.0f}"
-
-
-def _warn(message: str) -> None:
-    warnings.warn(message, PbdWarning, stacklevel=4)

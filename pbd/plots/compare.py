@@ -34,7 +34,6 @@ class Run:
     """One of several demonstrations of a task, aligned with the first at its first stop.
 
     Attributes:
-        name: the demonstration's.
         p: (n, 3) m, its path from the first to the last stop, in the first demonstration's nav.
         progress: (n,) keyframes of the task: 1.5 is half-way in time from keyframe 1 to keyframe 2.
     """
@@ -79,7 +78,6 @@ class ComparePlot:
     """Several demonstrations of one task.
 
     Attributes:
-        runs: in the order in which they were named.
         keyframes: of the task.
         by_order: whether keyframes were matched by their order alone; else by their moves and the grip.
         remarks: which keyframes are missing where, or are there in one alone, in words.
@@ -203,20 +201,15 @@ def spread_table(plot: ComparePlot, units: Units) -> Table:
     m, deg = units.length, units.angle_sign
     positions, spreads = ([f"{what}{axis} ({m})" for axis in "xyz"] for what in ("", "spread "))
     ends = (f"spread ({deg})", f"σ ({m})", f"furthest ({m})", "which")
-    table = make_table("#", f"in (of {len(plot.runs)})", *positions, *spreads, *ends, left=("which",))
+    columns = ("#", f"in (of {len(plot.runs)})", *positions, *spreads, *ends)
+    rows = []
     for number, keyframe in enumerate(plot.keyframes):
         off = keyframe.count > 1 and keyframe.furthest_m > 0.0
-        table.add_row(
-            str(number),
-            str(keyframe.count),
-            *units.lengths(keyframe.p),
-            *units.lengths(keyframe.spread, finer=1),
-            *units.angles(keyframe.turn),
-            *units.lengths(keyframe.sigma.max(), finer=1),
-            *(units.lengths(keyframe.furthest_m, finer=1) if off else ("",)),
-            plot.runs[keyframe.furthest].name if off else "",
-        )
-    return table
+        near = *units.lengths(keyframe.p), *units.lengths(keyframe.spread, finer=1), *units.angles(keyframe.turn)
+        sigma, furthest = units.lengths((keyframe.sigma.max(), keyframe.furthest_m), finer=1)
+        far = (furthest, plot.runs[keyframe.furthest].name) if off else ("", "")
+        rows.append((str(number), str(keyframe.count), *near, sigma, *far))
+    return make_table(*columns, left=("which",), rows=rows)
 
 
 def spread_rows(plot: ComparePlot) -> list[dict[str, Any]]:

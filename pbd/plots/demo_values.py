@@ -13,10 +13,8 @@ from pbd.data import HandPath, Keyframe, Recording, Stop, Truth
 from pbd.data.tracking import DOUBTED_WEIGHT, Tracking
 from pbd.plots.findings import Finding, at_stop, find, length, stop_names
 from pbd.pose import Array, Pose, level_onto, quat_multiply, quat_rotate, quat_to_rpy
-from pbd.tracking.alarm import FIELD_CHANGE
 from pbd.tracking.keyframes import keyframes_of
 from pbd.tracking.paper import paper_stops, resulting_variance
-from pbd.tracking.smoother.knots import STOP_KNOT_S
 
 TRUTH_NEAR_S = 0.5
 """Longest time, s, from the middle of the first stop to the sample of the truth by which it is aligned."""
@@ -62,29 +60,15 @@ class FieldPlot:
     rest_strength: float
     rest_dip: float
 
-    block_s = 2.0 * STOP_KNOT_S
-    """The tracker averages the field over this time, s."""
-    dip_bound = FIELD_CHANGE
-    """The tracker takes a larger change of the dip for a disturbance, rad."""
-
-    @property
-    def strength_bound(self) -> float:
-        """The same for the strength, uT."""
-        return FIELD_CHANGE * self.rest_strength
-
 
 @dataclass(frozen=True, eq=False)
 class DemoPlot:
     """One demonstration, tracked.
 
     Attributes:
-        path: the tracker's.
-        tracking: what it was tracked from.
         keyframes: with their covariances.
-        truth: where it is known.
         field: with a magnetometer.
         facts: (what, how much) in words, for the summary.
-        findings: what a person should look at.
     """
 
     path: HandPath
@@ -153,7 +137,6 @@ def demo_plot(path: HandPath, remarks: Sequence[str] = ()) -> DemoPlot:
 
     Args:
         path: as tracked; the demonstration with its truth and edited keyframes comes with it.
-        remarks: the warnings that were given on the way.
 
     Raises:
         ValueError: the path was not tracked.

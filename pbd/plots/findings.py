@@ -60,7 +60,6 @@ def find(
     """Collect what a person should look at.
 
     Args:
-        path: as tracked.
         names: of its stops, from `stop_names`.
         a_nav: (n, 3) m/s2, motion acceleration at the path's instants.
         error: (n, 3) m, path less truth, where that is known.

@@ -10,7 +10,9 @@ from pbd.data import Stop
 from pbd.plots.demo_values import DemoPlot
 from pbd.plots.style import AXES_RGB, BLUE, GREY, INK, PALE, SIGMA, SKY, VERMILION, largest, length_unit
 from pbd.pose import Array
+from pbd.tracking.alarm import FIELD_CHANGE
 from pbd.tracking.paper import LAMBDA_V
+from pbd.tracking.smoother.knots import STOP_KNOT_S
 
 XYZ = ("x", "y", "z")
 SMALLEST_VARIANCE = 1e-7
@@ -32,22 +34,21 @@ def _truth_lines(ax: Axes, t: Array, values: Array) -> None:
 
 def position(ax: Axes, plot: DemoPlot) -> None:
     """Position of the hand, with the truth."""
-    unit = _of_hand(ax, plot, plot.path.p_nav_sensor, None if plot.truth is None else plot.truth.p_nav_sensor)
-    ax.set_ylabel(f"position ({unit})")
+    ax.set_ylabel(f"position ({_of_hand(ax, plot, 'p_nav_sensor')})")
 
 
 def velocity(ax: Axes, plot: DemoPlot) -> None:
     """Velocity, beside the truth's."""
-    unit = _of_hand(ax, plot, plot.path.v_nav_sensor, None if plot.truth is None else plot.truth.v_nav_sensor)
-    ax.set_ylabel(f"velocity ({unit}/s)")
+    ax.set_ylabel(f"velocity ({_of_hand(ax, plot, 'v_nav_sensor')}/s)")
 
 
-def _of_hand(ax: Axes, plot: DemoPlot, values: Array, truth: Array | None) -> str:
-    """Draw values (n, 3) while the hand is tracked; return the unit, without "/s"."""
-    scale, unit = length_unit(values[plot.tracked])
-    if plot.truth is not None and truth is not None:
-        _truth_lines(ax, plot.truth.t, scale * truth)
-    _lines(ax, plot.path.t[plot.tracked], scale * values[plot.tracked])
+def _of_hand(ax: Axes, plot: DemoPlot, name: str) -> str:
+    """Draw values of the path while the hand is tracked, and the truth's; return the unit, without "/s"."""
+    values = getattr(plot.path, name)[plot.tracked]
+    scale, unit = length_unit(values)
+    if plot.truth is not None:
+        _truth_lines(ax, plot.truth.t, scale * getattr(plot.truth, name))
+    _lines(ax, plot.path.t[plot.tracked], scale * values)
     return unit
 
 
@@ -185,23 +186,23 @@ def overall_sigma(ax: Axes, plot: DemoPlot) -> None:
 
 
 def field_strength(ax: Axes, plot: DemoPlot) -> None:
-    """Strength of the magnetic field, and the range that counts as undisturbed."""
-    field = plot.field
-    assert field is not None
-    _field(ax, plot.path.t, field.strength, field.rest_strength, field.strength_bound, field.block_s)
+    """Strength of the magnetic field, and the range that the tracker takes for undisturbed."""
+    assert plot.field is not None
+    rest = plot.field.rest_strength
+    _field(ax, plot.path.t, plot.field.strength, rest, FIELD_CHANGE * rest)
     ax.set_ylabel("strength (µT)")
 
 
 def field_dip(ax: Axes, plot: DemoPlot) -> None:
     """Dip of the magnetic field."""
-    field = plot.field
-    assert field is not None
-    rest, bound = np.degrees([field.rest_dip, field.dip_bound]).tolist()
-    _field(ax, plot.path.t, np.degrees(field.dip), rest, bound, field.block_s)
+    assert plot.field is not None
+    rest, bound = np.degrees([plot.field.rest_dip, FIELD_CHANGE]).tolist()
+    _field(ax, plot.path.t, np.degrees(plot.field.dip), rest, bound)
     ax.set_ylabel("dip (°)")
 
 
-def _field(ax: Axes, t: Array, values: Array, rest: float, bound: float, block_s: float) -> None:
+def _field(ax: Axes, t: Array, values: Array, rest: float, bound: float) -> None:
+    block_s = 2.0 * STOP_KNOT_S  # over which the tracker averages the field
     for edge in (rest - bound, rest + bound):
         ax.axhline(edge, color=VERMILION, linewidth=1.0, linestyle="--", label="disturbed\nbeyond")
     ax.axhline(rest, color=GREY, linewidth=0.8, label="first rest")

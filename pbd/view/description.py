@@ -26,7 +26,6 @@ def describe(scene: ReplayScene, bounds: Array, rate_hz: float) -> Mapping[str, 
     """Describe a replay to the page.
 
     Args:
-        scene: all of it.
         bounds: (k, 3) m in base, points that the camera should show.
         rate_hz: of the motion's frames.
     """

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from types import TracebackType
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 import numpy as np
 
@@ -109,14 +108,6 @@ class LiveView:
     def close(self) -> None:
         """End the server; more than once is fine."""
         self._viewer.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _follow(self, picture: LivePicture) -> None:
         """Extend the path. A stop corrects the end of the move before it."""

@@ -74,9 +74,6 @@ class ReplayScene:
     """Everything that a replay shows.
 
     Attributes:
-        title: the demonstration's name.
-        robot: which arm.
-        trajectory: what it does.
         motion: the same, of the whole robot.
         hand_path_base: (n, 3) m, where the demonstrated tool went in base.
         keyframes: in order.

@@ -13,12 +13,7 @@ from pbd.view.terminal import drawing, visible
 
 
 class Screen(Console):
-    """A console without markup, emoji and highlights, in which control characters are visible.
-
-    Args:
-        stream: where it draws.
-        options: rich's.
-    """
+    """A console without markup, emoji and highlights, in which control characters are visible."""
 
     def __init__(self, stream: TextIO, **options: Any) -> None:
         super().__init__(file=drawing(stream), highlight=False, markup=False, emoji=False, **options)

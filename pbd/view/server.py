@@ -9,8 +9,7 @@ import asyncio
 import sys
 import threading
 import webbrowser
-from contextlib import suppress
-from types import TracebackType
+from contextlib import closing, suppress
 from typing import TYPE_CHECKING, Any
 
 import umsgpack
@@ -74,14 +73,6 @@ class LiveViewer:
         if self._thread.is_alive():
             self._loop.call_soon_threadsafe(lambda: self._loop.create_task(self._end()))
             self._thread.join()
-
-    def __enter__(self) -> LiveViewer:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     # --- in the server's thread ---
 
@@ -173,31 +164,18 @@ class _Page(RequestHandler):  # type: ignore[misc]
         self.finish(self.page)
 
 
-def show_replay(scene: ReplayScene, open_browser: bool = True, block: bool = True) -> LiveViewer:
-    """Play a scene in a browser on this machine; the address goes to stderr.
-
-    Args:
-        scene: what to show.
-        open_browser: open the address in the user's browser.
-        block: stay until Ctrl-C, then close the viewer. Otherwise it is the caller's to close.
+def show_replay(scene: ReplayScene, open_browser: bool = True) -> None:
+    """Play a scene in a browser on this machine until Ctrl-C; the address goes to stderr.
 
     Raises:
         PbdError: the server can't be started, or the robot's files can't be read.
     """
     from pbd.view.scene import build
 
-    viewer = LiveViewer()
-    try:
+    with closing(LiveViewer()) as viewer, suppress(KeyboardInterrupt):
         build(scene, viewer.visualizer)
-        invite(f"replay at {viewer.url}" + (" (Ctrl-C ends it)" if block else ""), viewer.url, open_browser)
-        if block:
-            threading.Event().wait()
-    except KeyboardInterrupt:
-        viewer.close()
-    except BaseException:
-        viewer.close()
-        raise
-    return viewer
+        invite(f"replay at {viewer.url} (Ctrl-C ends it)", viewer.url, open_browser)
+        threading.Event().wait()
 
 
 def invite(words: str, url: str, open_browser: bool) -> None:

@@ -28,7 +28,6 @@ class Stream:
     """A standard stream that makes control characters visible.
 
     Args:
-        stream: the stream itself.
         needed: what is written is the result, so that a failure is an error; otherwise it is passed over.
         drawn: what is written is drawn by rich, control characters and all.
     """

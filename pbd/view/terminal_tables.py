@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from io import StringIO
 from typing import Any, TextIO
 
@@ -84,20 +84,25 @@ def _narrowest(column: Column, cells: Sequence[RenderableType]) -> int:
     return max(cell_len(word) for text in texts for word in ([text] if column.no_wrap else [*text.split(), ""]))
 
 
-def make_table(*columns: str, left: tuple[str, ...] = ()) -> Table:
-    """An empty table in our style; columns are aligned to the right, and not wrapped, except those `left`."""
+def make_table(*columns: str, left: Sequence[str] = (), rows: Iterable[Iterable[str | Text]] = ()) -> Table:
+    """A table in our style; columns are aligned to the right, and not wrapped, except those `left`."""
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_edge=False)
     for column in columns:
         table.add_column(column, justify="left" if column in left else "right", no_wrap=column not in left)
+    for row in rows:
+        table.add_row(*row)
     return table
+
+
+def words_table(columns: Sequence[str], rows: Iterable[Iterable[str | Text]]) -> Table:
+    """A table of words: all columns are aligned to the left."""
+    return make_table(*columns, left=columns, rows=rows)
 
 
 def segments_table(segments: Sequence[Segment], units: Units = SI) -> Table:
     """The paper's Table I: samples first to last, what happens, how long from the first to the last."""
-    table = make_table("samples", "what happens", f"time ({units.time})", left=("what happens",))
-    for segment in segments:
-        table.add_row(f"{segment.start}-{segment.stop - 1}", segment.description, *units.times(1e-3 * segment.ms))
-    return table
+    rows = ((f"{each.start}-{each.stop - 1}", each.description, *units.times(1e-3 * each.ms)) for each in segments)
+    return make_table("samples", "what happens", f"time ({units.time})", left=("what happens",), rows=rows)
 
 
 def keyframes_table(keyframes: Sequence[Keyframe], units: Units = SI, inside: Array | None = None) -> Table:
@@ -106,103 +111,74 @@ def keyframes_table(keyframes: Sequence[Keyframe], units: Units = SI, inside: Ar
     Where the tracker doubts that the hand stood still, a column says how sure it is; another one, with `inside` (k,),
     how likely the tool is within its tolerance; and one names the things that keyframes belong to.
     """
-    m, deg, fine = units.length, units.angle_sign, units.finer
-    position, turn = (f"x ({m})", f"y ({m})", f"z ({m})"), (f"roll ({deg})", f"pitch ({deg})", f"yaw ({deg})")
-    label = ("label",) if any(keyframe.label for keyframe in keyframes) else ()
-    sigmas = (f"σ ({fine.length})", f"σ ({deg})")
-    doubted = ("a stop?",) if any(keyframe.weight < DOUBTED_WEIGHT for keyframe in keyframes) else ()
-    within = () if inside is None else ("within (%)",)
-    thing = ("belongs to",) if any(keyframe.frames for keyframe in keyframes) else ()
-    table = make_table(
-        *("#", f"t ({units.time})", f"dwell ({units.time})", *position, *turn, *sigmas, *doubted, *within, "grip"),
-        *(*label, *thing),
-        left=(*label, *thing),
-    )
-    by_keyframe = keyframe_sigmas([keyframe.cov for keyframe in keyframes])
-    for index, (keyframe, sigma) in enumerate(zip(keyframes, by_keyframe, strict=True)):
-        table.add_row(
-            str(index),
-            *units.times((keyframe.t, keyframe.dwell_s)),
-            *units.lengths(keyframe.T_nav_sensor.p),
-            *units.angles(quat_to_rpy(keyframe.T_nav_sensor.wxyz)),
-            *fine.lengths(np.fmax.reduce(sigma[:3]), finer=1),
-            *units.angles(np.fmax.reduce(sigma[3:])),
-            *((f"{100.0 * keyframe.weight:.0f} %" if keyframe.weight < DOUBTED_WEIGHT else "",) if doubted else ()),
-            *(() if inside is None else (f"{100.0 * inside[index]:.0f}",)),
-            {True: "closes", False: "opens", None: ""}[keyframe.grip],
-            *((keyframe.label,) if label else ()),
-            *((" on ".join(keyframe.frames),) if thing else ()),
-        )
-    return table
+    deg, fine = units.angle_sign, units.finer
+    sigma = keyframe_sigmas([each.cov for each in keyframes])
+    grips = {True: "closes", False: "opens", None: ""}
+    columns = {"#": [str(k) for k in range(len(keyframes))]}
+    columns[f"t ({units.time})"] = units.times([each.t for each in keyframes])
+    columns[f"dwell ({units.time})"] = units.times([each.dwell_s for each in keyframes])
+    for axis, values in zip("xyz", np.array([each.T_nav_sensor.p for each in keyframes]).reshape(-1, 3).T, strict=True):
+        columns[f"{axis} ({units.length})"] = units.lengths(values)
+    rpy = np.array([quat_to_rpy(each.T_nav_sensor.wxyz) for each in keyframes]).reshape(-1, 3)
+    for turn, values in zip(("roll", "pitch", "yaw"), rpy.T, strict=True):
+        columns[f"{turn} ({deg})"] = units.angles(values)
+    columns[f"σ ({fine.length})"] = fine.lengths(np.fmax.reduce(sigma[:, :3], axis=1), finer=1)
+    columns[f"σ ({deg})"] = units.angles(np.fmax.reduce(sigma[:, 3:], axis=1))
+    if any(each.weight < DOUBTED_WEIGHT for each in keyframes):
+        shown = (f"{100.0 * each.weight:.0f} %" if each.weight < DOUBTED_WEIGHT else "" for each in keyframes)
+        columns["a stop?"] = list(shown)
+    if inside is not None:
+        columns["within (%)"] = [f"{100.0 * share:.0f}" for share in inside]
+    columns["grip"] = [grips[each.grip] for each in keyframes]
+    if any(each.label for each in keyframes):
+        columns["label"] = [each.label for each in keyframes]
+    if any(each.frames for each in keyframes):
+        columns["belongs to"] = [" on ".join(each.frames) for each in keyframes]
+    return make_table(*columns, left=("label", "belongs to"), rows=zip(*columns.values(), strict=True))
 
 
 def joints_table(joint_names: Sequence[str], rows: Sequence[Mapping[str, Any]], units: Units = SI) -> Table:
     """The tool's position in base and the joints, at each keyframe."""
-    m, deg = units.length, units.angle_sign
-    table = make_table(
-        "#", f"tool x ({m})", f"tool y ({m})", f"tool z ({m})", *(f"{name} ({deg})" for name in joint_names)
+    columns = (
+        *(f"tool {axis} ({units.length})" for axis in "xyz"),
+        *(f"{j} ({units.angle_sign})" for j in joint_names),
     )
-    for row in rows:
-        table.add_row(str(row["index"]), *units.lengths(row["base_position_m"]), *units.angles(row["joints"]))
-    return table
+    cells = ((str(row["index"]), *units.lengths(row["base_position_m"]), *units.angles(row["joints"])) for row in rows)
+    return make_table("#", *columns, rows=cells)
 
 
 def robots_table(robots: Sequence[Robot], reach_m: Sequence[float], units: Units = SI) -> Table:
     """Table of robots: name, joints, reach, gripper, assumed limits, description."""
-    table = make_table(
-        "name",
-        "joints",
-        f"reach ({units.length})",
-        "gripper",
-        "assumed limits",
-        "what it is",
-        left=("name", "gripper", "assumed limits", "what it is"),
-    )
+    words = ("gripper", "assumed limits", "what it is")
+    rows = []
     for robot, reach in zip(robots, reach_m, strict=True):
         gripper = "none" if robot.gripper is None else ", ".join(robot.gripper.joints) or "not in the model"
         assumed = ", ".join(robot.limits.assumed) or "none"
-        table.add_row(
-            robot.name, str(len(robot.joints)), *units.lengths(reach, finer=-1), gripper, assumed, robot.description
-        )
-    return table
+        size = str(len(robot.joints)), *units.lengths(reach, finer=-1)
+        rows.append((robot.name, *size, gripper, assumed, robot.description))
+    return make_table("name", "joints", f"reach ({units.length})", *words, left=("name", *words), rows=rows)
 
 
 def left_out_table(pairs: Sequence[tuple[str, str, str]]) -> Table:
     """Pairs of links that aren't checked against each other, each with the reason."""
-    columns = ("link", "and link", "why")
-    table = make_table(*columns, left=columns)
-    for pair in pairs:
-        table.add_row(*pair)
-    return table
+    return words_table(("link", "and link", "why"), pairs)
 
 
 def columns_table(read: Sequence[Mapping[str, str]], unread: Mapping[str, str]) -> Table:
     """What an import made of each column, and the columns that it left out."""
-    columns = ("column", "read as", "quantity", "unit", "decided by")
-    table = make_table(*columns, left=columns)
-    for row in read:
-        cells = (printable(row["column"]), row["read_as"], row["quantity"], row["unit"], row["decided_by"])
-        table.add_row(*map(Text, cells))
-    for name, why in unread.items():
-        table.add_row(Text(printable(name)), "not read", "", "", why)
-    return table
+    rows = [(printable(row["column"]), row["read_as"], row["quantity"], row["unit"], row["decided_by"]) for row in read]
+    rows += [(printable(name), "not read", "", "", why) for name, why in unread.items()]
+    return words_table(("column", "read as", "quantity", "unit", "decided by"), (map(Text, row) for row in rows))
 
 
 def ports_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     """Serial ports, and what was heard there."""
-    heard = any("sensor" in row for row in rows)
-    columns = ("port", "device", "USB id", *(("speaks", "baud", "") if heard else ()))
-    table = make_table(*columns, left=columns)
-    for row in rows:
-        said = (row["sensor"] or "", str(row["baud"] or ""), row["note"]) if heard else ()
-        table.add_row(row["port"], row["title"], row["usb"], *said)
-    return table
+    shown = {"port": "port", "device": "title", "USB id": "usb"}
+    if any("sensor" in row for row in rows):
+        shown |= {"speaks": "sensor", "baud": "baud", "": "note"}
+    return words_table(list(shown), ([str(row[key] or "") for key in shown.values()] for row in rows))
 
 
 def sensors_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     """Kinds of sensors, by the name that `pbd record --sensor` takes."""
-    columns = ("--sensor", "device", "gives")
-    table = make_table(*columns, left=columns)
-    for row in rows:
-        table.add_row(row["sensor"], row["title"], row["gives"])
-    return table
+    return words_table(("--sensor", "device", "gives"), ((row["sensor"], row["title"], row["gives"]) for row in rows))

@@ -40,25 +40,23 @@ class Units:
 
     def lengths(self, metres: ArrayLike, finer: int = 0) -> list[str]:
         """Write lengths, with more decimals than usual."""
-        factor, decimals = LENGTHS[self.length]
-        return self._written(factor * np.asarray(metres), decimals + finer)
+        return self._written(metres, *LENGTHS[self.length], finer)
 
     def times(self, seconds: ArrayLike) -> list[str]:
         """Write times."""
-        factor, decimals = TIMES[self.time]
-        return self._written(factor * np.asarray(seconds), decimals)
+        return self._written(seconds, *TIMES[self.time])
 
     def angles(self, radians: ArrayLike) -> list[str]:
         """Write angles."""
-        factor, decimals = ANGLES[self.angle]
-        return self._written(factor * np.asarray(radians), decimals)
+        return self._written(radians, *ANGLES[self.angle])
 
-    def _written(self, values: ArrayLike, decimals: int) -> list[str]:
+    def _written(self, values: ArrayLike, factor: float, decimals: int, finer: int = 0) -> list[str]:
         """Write numbers with so many decimals, and spare the reader a -0.000; what is not known (NaN) is blank."""
-        given = np.atleast_1d(np.asarray(values, dtype=np.float64))
+        given = factor * np.atleast_1d(np.asarray(values, dtype=np.float64))
         if self.exact:
             return [repr(x) if np.isfinite(x) else "" for x in (given + 0.0).tolist()]
-        return [f"{x:.{max(decimals, 0)}f}" if np.isfinite(x) else "" for x in np.round(given, decimals) + 0.0]
+        places = decimals + finer
+        return [f"{x:.{max(places, 0)}f}" if np.isfinite(x) else "" for x in np.round(given, places) + 0.0]
 
 
 def parse_units(text: str, usual: Units = Units()) -> Units:

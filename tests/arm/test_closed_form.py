@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pbd.arm.ik.closed_form import closed_form
-from pbd.arm.ik.seven_joints import seven_joints
+from pbd.arm.ik.seven_joints import APART_RAD, seven_joints
 from pbd.arm.tool import target
 from tests.arm.bundled import arm_of
 from tests.arm.conftest import random_joints
@@ -34,8 +34,12 @@ def test_every_branch_of_seven_joints_holds_the_pose_and_one_leads_past_the_know
         pose = arm.forward(truth)
         found = [branch for branch in seven_joints(arm, target(pose)) if len(branch) > 1]
         assert all(max(pose.distance(arm.forward(branch[len(branch) // 2]))) < 1e-5 for branch in found)
+        steps = np.vstack([np.diff(branch, axis=0) for branch in found])
+        assert np.abs(steps - 2.0 * np.pi * np.round(steps / (2.0 * np.pi))).max() < APART_RAD
         off = np.vstack(found) - truth
         assert np.abs(off - 2.0 * np.pi * np.round(off / (2.0 * np.pi))).max(axis=1).min() < 0.3
+        steps = np.vstack([np.diff(branch, axis=0) for branch in found])
+        assert np.abs(steps - 2.0 * np.pi * np.round(steps / (2.0 * np.pi))).max() <= APART_RAD
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5"])

@@ -205,3 +205,12 @@ def test_what_the_srdf_calls_disabled_is_looked_at() -> None:
     else:
         pytest.fail("none of 400 folds the wrist")
     assert Dense(robot, []).touch(trajectory, {frozenset(found)}, 0.0)
+
+
+@pytest.mark.parametrize("name", ["panda", "kinova", "so101"])
+def test_no_corner_of_a_link_is_farther_from_its_joint_than_its_reach(name: str) -> None:
+    solids = [solid for solid in link_solids(AuditArm(arm_of(name).robot)) if solid.mesh]
+    assert solids
+    for solid in solids:
+        corners = solid.triangles.reshape(-1, 3) @ solid.T_joint_solid.rotation.T + solid.T_joint_solid.translation
+        assert 0.0 <= solid.reach - np.linalg.norm(corners, axis=1).max() <= 2.0 * solid.pad

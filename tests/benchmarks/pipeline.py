@@ -23,7 +23,7 @@ from pbd.arm.model import load_model
 from pbd.audit.arm import AuditArm
 from pbd.audit.audit import audit
 from pbd.audit.pairs import AuditScene
-from pbd.planning import PlanOptions, plan_keyframes
+from pbd.planning import plan_keyframes
 from pbd.replay import replay_scene
 from pbd.tracking.keyframes import find_keyframes
 from pbd.view.page import write_page
@@ -53,7 +53,7 @@ def main() -> None:
 
     with tempfile.TemporaryDirectory() as folder:
         page = Path(folder) / "page.html"
-        shown = replay_scene(demo, path, plan, robot, PlanOptions())
+        shown = replay_scene(plan)
         stages = {
             "track": median_ms(lambda: pbd.track(demo.recording), runs),
             "model": median_ms(lambda: load_model(robot), runs),

@@ -100,7 +100,7 @@ def test_a_dock_where_a_demonstration_stopped(capsys: Capture) -> None:
     )
     assert line == "pbd: pouring has the keyframes 0 to 10, not '11'; `pbd keyframes pouring` lists them"
     line = refused(capsys, 1, "calibrate", "dock", "none", "--from-keyframe", "pouring", "1")
-    assert line.startswith("pbd: there is no calibration 'none' yet, so it is unknown where pouring started; name")
+    assert line.startswith("pbd: the calibration 'none' does not say where the hand starts, so it is unknown")
 
 
 def test_a_dock_out_of_reach_is_refused_with_exit_3(capsys: Capture) -> None:

@@ -80,17 +80,6 @@ def test_what_is_read_is_not_written_over(capsys: Capture) -> None:
     assert "walk.csv is what this command reads, so it is not overwritten" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("mode", [0o500, 0o600])
-def test_a_folder_without_permission(capsys: Capture, mode: int) -> None:
-    Path("robots").chmod(mode)
-    try:
-        with as_a_user():
-            line = refused(capsys, "robots/x.csv")
-    finally:
-        Path("robots").chmod(0o700)
-    assert line == "pbd: robots/x.csv can't be written (Permission denied); give another place\n"
-
-
 def test_a_read_only_file(capsys: Capture) -> None:
     Path("x.csv").touch(0o400)
     with as_a_user():

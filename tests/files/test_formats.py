@@ -30,7 +30,7 @@ def planned(name: str, demo: str = "pouring", path: str = "keyframes") -> tuple[
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         plan = plan_path(hand, robot.dock, robot, PlanOptions(path=path))
-    return plan, robot, source_of(plan, hand, robot, demo)
+    return plan, robot, source_of(plan)
 
 
 def written(name: str, format_name: str, path: Path, rate_hz: float | None = None) -> Plan:

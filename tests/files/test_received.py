@@ -146,3 +146,10 @@ def test_what_a_received_motion_touches_is_seen() -> None:
     pearl = Obstacle("the pearl", "sphere", (0.02,), Pose(p[0], np.eye(4)[0]))
     with pytest.raises(PlanError, match=r"between the exported points .* would touch the pearl at 2\.\d\d s$"):
         audit_received(path, robot, (replace(plan.calibration, obstacles=(pearl,)), None))
+
+
+def test_a_tool_that_a_finger_carries_is_where_the_opening_puts_it() -> None:
+    """So no keyframe is missed; that finger is no longer the gripper's, and touches the other."""
+    plan, robot, _ = planned("panda")
+    with pytest.raises(PlanError, match=r"panda_leftfinger would touch panda_rightfinger"):
+        audit_received(plan.trajectory, replace(robot, body="panda_leftfinger"), (plan.calibration, None))

@@ -33,6 +33,7 @@ from pbd.tracking.repair.repair_recording import condition
 from pbd.tracking.smoother.preintegration import integral_of_means, integral_of_values, turns_between_middles
 from tests.scenarios import pour
 from tests.tracking.hands import largest_angle
+from tests.tracking.stops_at import hand_path
 
 DOCS = Path(__file__).parents[2] / "docs" / "tracking.md"
 
@@ -74,6 +75,17 @@ def test_keyframes_and_segments_are_those_of_the_stops() -> None:
     assert rests == [(stop.start, stop.stop) for stop in path.stops]
     assert [segment.stop for segment in segments[:-1]] == [segment.start for segment in segments[1:]]
     assert (segments[0].start, segments[-1].stop) == (0, len(path.t))
+
+
+@pytest.mark.parametrize(
+    ("shift_m", "turn_deg", "described"), [(0.029, 11.0, True), (0.031, 11.0, False), (0.029, 9.0, False)]
+)
+def test_a_hand_rotation_turns_more_than_10_degrees_and_shifts_less_than_3_cm(
+    shift_m: float, turn_deg: float, described: bool
+) -> None:
+    turned = quat_exp(np.radians([(0.0, 0.0, 0.0), (turn_deg, 0.0, 0.0)]))
+    path = hand_path(np.array([(0.0, 0.0, 0.0), (shift_m, 0.0, 0.0)]), 1e-6 * np.eye(3)[None], turned)
+    assert (find_segments(path)[1].description == "Hand rotation") == described
 
 
 def interval_means(signal: Callable[[Array], Array], middles: Array, dt: float) -> Array:

@@ -11,8 +11,9 @@ from pbd.data import GRAVITY
 from pbd.errors import PbdWarning, RecordingError, TrackingError
 from pbd.pipeline import track
 from pbd.pose import quat_rotate
+from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import simulate
-from pbd.simulation.tasks import TASKS
+from pbd.simulation.tasks import TASKS, Task
 from pbd.tracking.keyframes import find_segments
 from tests.scenarios import keyframes_and_errors, pour, uncalibrated, with_rows
 
@@ -53,6 +54,17 @@ def test_every_stop_of_an_everyday_task_is_found_and_nothing_else(sensor: str, s
     assert len(keyframes) == 11
     assert errors.max() < 0.05
     assert [(i, k.grip) for i, k in enumerate(keyframes) if k.grip is not None] == [(2, True), (8, False)]
+
+
+@pytest.mark.parametrize(("apart_m", "turned_deg", "stops"), [(0.015, 8.0, 3), (0.025, 0.0, 4), (0.015, 13.0, 4)])
+def test_a_put_down_that_bounces_by_less_than_2_cm_and_10_degrees_is_one_stop(
+    apart_m: float, turned_deg: float, stops: int
+) -> None:
+    up, down, beside = (0.0, 0.0, 0.15), (0.2, 0.0, 0.0), (0.2, 0.0, apart_m)
+    turn = (0.0, np.radians(turned_deg), 0.0)
+    lands = Waypoint(down, move_s=0.8, rest_s=0.25), Waypoint(beside, turn, move_s=0.2, rest_s=1.0)
+    task = Task("bounce", (Waypoint(rest_s=2.0), Waypoint(up, move_s=0.8, rest_s=0.8), *lands))
+    assert len(track(simulate(task, "modern", 2)).stops) == stops
 
 
 def test_sigma_grows_along_the_path() -> None:

@@ -21,8 +21,11 @@ PATIENCE_S = 60.0
 
 Browser = Chromium | Firefox
 
-COARSE = "const { quality } = pbd.page.stage; quality.constructor.settle_ms = 1e8; clearTimeout(quality.settled)"
-"""Fine pictures take most of the time where there is no graphics card."""
+COARSE = """
+    const { quality } = pbd.page.stage;
+    Object.assign(quality.constructor, { settle_ms: 1e8, coarse_pixels: 2e4 });
+    clearTimeout(quality.settled);"""
+"""Pictures take most of the time where there is no graphics card."""
 
 
 def until(condition: Callable[[], object], what: str, seconds: float = PATIENCE_S) -> None:
@@ -36,7 +39,7 @@ class Page:
     """An open page: a replay's, or that of a recording under way."""
 
     def __init__(self, browser: Browser, address: str) -> None:
-        self.browser = browser
+        self.browser: Any = browser  # Chromium has more to it, and no types
         browser.errors()
         browser.requests()
         browser.get(address)
@@ -48,11 +51,11 @@ class Page:
 
     def errors(self) -> list[str]:
         """What the browser has complained of since the last call, or since the page was opened."""
-        return self.browser.errors()
+        return list(self.browser.errors())
 
     def requests(self) -> set[str]:
         """Addresses that were asked for since the last call, or since the page was opened."""
-        return self.browser.requests()
+        return set(self.browser.requests())
 
     def read(self, selector: str) -> str:
         """The text of the first element of its kind."""
@@ -118,6 +121,7 @@ class Replay(Page):
 
     def __init__(self, browser: Browser, address: str) -> None:
         super().__init__(browser, address)
+        self.began = bool(self("return pbd.page.player.playing"))
         self("pbd.page.player.pause(); pbd.page.player.seek(0)")
 
     @property

@@ -38,15 +38,24 @@ class Chromium(Chrome):  # type: ignore[misc]  # selenium is not followed
         options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
         super().__init__(options=options, service=Service(driver))
         self.set_size()
+        self.set_media()
 
     def set_size(self, width: int = 1200, height: int = 750) -> None:
         """Give pages so many pixels."""
         metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
         self.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
 
-    def set_scheme(self, name: str) -> None:
-        """Pretend that the user prefers "light" or "dark"."""
-        features = [{"name": "prefers-color-scheme", "value": name}]
+    def set_media(self, scheme: str = "light", motion: str = "reduce") -> None:
+        """Pretend that the user prefers "light" or "dark", and less motion, as what plays by itself is slow.
+
+        Args:
+            scheme: of colours.
+            motion: or "no-preference".
+        """
+        features = [
+            {"name": f"prefers-{what}", "value": value}
+            for what, value in (("color-scheme", scheme), ("reduced-motion", motion))
+        ]
         self.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": features})
 
     def errors(self) -> list[str]:

@@ -17,9 +17,10 @@ from tests.view.firefox import Firefox, firefox
 
 @pytest.fixture(scope="session", autouse=True)
 def mesh_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """One for all of pytest-xdist's workers: each mesh is read once."""
+    folder = tmp_path_factory.getbasetemp()
     with pytest.MonkeyPatch.context() as patch:
-        folder = tmp_path_factory.mktemp("cache")
-        patch.setenv("XDG_CACHE_HOME", str(folder))
+        patch.setenv("XDG_CACHE_HOME", str(folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder))
         yield folder
 
 

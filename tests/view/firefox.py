@@ -1,21 +1,22 @@
-"""A Firefox that draws without a graphics card, on a screen of its own (Xvfb): headless it has no WebGL."""
+"""A Firefox that draws without a graphics card, on a screen of its own (Xvfb): headless it has no WebGL.
+
+Debian has no geckodriver, which Selenium asks for. So tests talk to Firefox in its own protocol, Marionette: a length,
+a colon and JSON; [0, number, command, parameters] is answered by [1, number, error, result].
+"""
 
 from __future__ import annotations
 
+import base64
 import json
 import os
 import shutil
+import socket
 import subprocess
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
-
-from selenium.webdriver import FirefoxOptions
-from selenium.webdriver.remote.webdriver import WebDriver
-
-from tests.view.marionette import Marionette
 
 PREFERENCES = {
     "marionette.port": 0,
@@ -27,8 +28,8 @@ PREFERENCES = {
     "network.connectivity-service.enabled": False,
     "services.settings.server": "data:,#",
     "browser.safebrowsing.update.enabled": False,
+    "ui.prefersReducedMotion": 1,
 }
-SCHEMES = {"dark": 0, "light": 1}
 PATIENCE_S = 60.0
 
 LISTEN = """
@@ -51,64 +52,66 @@ COMPLAINTS = """
 """
 
 
-class Firefox(WebDriver):  # type: ignore[misc]  # selenium is not followed
+class Firefox:
     """Started with a profile that is kept in a folder; its pages have 1200 x 750 pixels."""
 
     def __init__(self, binary: str, xvfb: str, profile: Path) -> None:
         profile.mkdir(exist_ok=True)
         lines = (f'user_pref("{name}", {json.dumps(value)});' for name, value in PREFERENCES.items())
         (profile / "user.js").write_text("\n".join(lines))
-        self._log = profile / "log"
-        self._process: subprocess.Popen[bytes] | None = None
-        screen = [xvfb, "-displayfd", "1", "-screen", "0", "1700x1200x24", "-nolisten", "tcp"]
-        self._screen = subprocess.Popen(screen, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
-        try:
-            assert self._screen.stdout is not None
-            display = self._screen.stdout.readline().decode().strip()
-            with self._log.open("wb") as log:
-                self._process = subprocess.Popen(
-                    [binary, "--marionette", "--remote-allow-system-access", "--no-remote", "--profile", str(profile)],
-                    env={**os.environ, "DISPLAY": f":{display}"},
-                    stdout=log,
-                    stderr=subprocess.STDOUT,
-                )
-            super().__init__(Marionette(self._port(profile / "MarionetteActivePort")), options=FirefoxOptions())
-            self.set_window_rect(0, 0, 1600, 1150)
+        with ExitStack() as stack:
+            screen = [xvfb, "-displayfd", "1", "-screen", "0", "1700x1200x24", "-nolisten", "tcp"]
+            display = self._start(stack, screen, stdout=subprocess.PIPE).stdout
+            assert display is not None
+            env = {**os.environ, "DISPLAY": f":{stack.enter_context(display).readline().decode().strip()}"}
+            options = ["--marionette", "--remote-allow-system-access", "--no-remote", "--profile", str(profile)]
+            self._start(stack, [binary, *options], env=env, stdout=subprocess.DEVNULL)
+            told = profile / "MarionetteActivePort"
+            _until(lambda: told.exists() and told.read_text(), "Firefox to start")
+            address = "127.0.0.1", int(told.read_text())
+            self._socket = stack.enter_context(socket.create_connection(address, PATIENCE_S))
+            self._stream = stack.enter_context(self._socket.makefile("rb"))
+            self._receive()  # the greeting
+            self._ask("WebDriver:NewSession")
+            self._ask("WebDriver:SetWindowRect", x=0, y=0, width=1600, height=1150)
             self._chrome(LISTEN)
             self.set_size()
-        except BaseException:
-            self._end()
-            raise
+            self._running = stack.pop_all()
+
+    @staticmethod
+    def _start(stack: ExitStack, command: list[str], **options: Any) -> subprocess.Popen[bytes]:
+        process = subprocess.Popen(command, stderr=subprocess.DEVNULL, **options)
+        stack.callback(process.wait)
+        stack.callback(process.kill)
+        return process
 
     def quit(self) -> None:
         """End it and its screen."""
-        try:
-            super().quit()
-            if self._process is not None:
-                self._process.wait(PATIENCE_S)
-        finally:
-            self._end()
+        self._running.close()
 
-    def _end(self) -> None:
-        for process in (self._process, self._screen):
-            if process is not None:
-                process.kill()
-                process.wait()
-        if self._screen.stdout is not None:
-            self._screen.stdout.close()
+    def get(self, address: str) -> None:
+        """Open a page."""
+        self._ask("WebDriver:Navigate", url=address)
+
+    def execute_script(self, script: str) -> Any:
+        """Run a function's body in the page."""
+        return self._ask("WebDriver:ExecuteScript", script=script, args=[])
+
+    def get_screenshot_as_png(self) -> bytes:
+        """What is seen of the page."""
+        return base64.b64decode(self._ask("WebDriver:TakeScreenshot", full=False))
+
+    def press(self, key: str) -> None:
+        """Press a key, in WebDriver's code, and let it go."""
+        acts = [{"type": kind, "value": key} for kind in ("keyDown", "keyUp")]
+        self._ask("WebDriver:PerformActions", actions=[{"type": "key", "id": "keys", "actions": acts}])
 
     def set_size(self, width: int = 1200, height: int = 750) -> None:
         """Give pages so many pixels."""
         style = f"min-width: {width}px; max-width: {width}px; min-height: {height}px; max-height: {height}px"
         self._chrome(f"gBrowser.selectedBrowser.style = '{style}'")
-        end = time.monotonic() + PATIENCE_S
-        while self.execute_script("return [innerWidth, innerHeight]") != [width, height]:
-            assert time.monotonic() < end, f"no page of {width} x {height}"
-            time.sleep(0.02)
-
-    def set_scheme(self, name: str) -> None:
-        """Pretend that the user prefers "light" or "dark"."""
-        self._chrome(f"Services.prefs.setIntPref('layout.css.prefers-color-scheme.content-override', {SCHEMES[name]})")
+        size = [width, height]
+        _until(lambda: self.execute_script("return [innerWidth, innerHeight]") == size, f"a page of {width} x {height}")
 
     @contextmanager
     def preference(self, name: str, value: bool) -> Iterator[None]:
@@ -121,8 +124,9 @@ class Firefox(WebDriver):  # type: ignore[misc]  # selenium is not followed
 
     def errors(self) -> list[str]:
         """What the page complained of, and what was forbidden to it, since the last call."""
-        params = {"script": COMPLAINTS, "args": [], "sandbox": "system"}
-        return [str(message) for message in self.execute("w3cExecuteScript", params)["value"]]
+        return [
+            str(each) for each in self._ask("WebDriver:ExecuteScript", script=COMPLAINTS, args=[], sandbox="system")
+        ]
 
     def requests(self) -> set[str]:
         """Addresses that pages asked a server for since the last call; reading a file is none."""
@@ -130,18 +134,34 @@ class Firefox(WebDriver):  # type: ignore[misc]  # selenium is not followed
 
     def _chrome(self, script: str) -> Any:
         """Run a script that may do what the browser itself may."""
-        self.execute("setContext", {"value": "chrome"})
+        self._ask("Marionette:SetContext", value="chrome")
         try:
             return self.execute_script(script)
         finally:
-            self.execute("setContext", {"value": "content"})
+            self._ask("Marionette:SetContext", value="content")
 
-    def _port(self, told: Path) -> int:
-        end = time.monotonic() + PATIENCE_S
-        while not (told.exists() and told.read_text()):
-            assert time.monotonic() < end, f"Firefox does not start: {self._log.read_text()}"
-            time.sleep(0.05)
-        return int(told.read_text())
+    def _ask(self, command: str, **params: Any) -> Any:
+        packed = json.dumps([0, 0, command, params]).encode()
+        self._socket.sendall(b"%d:%s" % (len(packed), packed))
+        _, _, error, result = self._receive()
+        if error is not None:
+            raise RuntimeError(f"{command}: {error['message']}")
+        return result.get("value") if isinstance(result, dict) else result
+
+    def _receive(self) -> Any:
+        length = b""
+        while not length.endswith(b":"):
+            if not (byte := self._stream.read(1)):
+                raise ConnectionError("Firefox has closed the connection")
+            length += byte
+        return json.loads(self._stream.read(int(length[:-1])))
+
+
+def _until(condition: Callable[[], object], what: str) -> None:
+    end = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < end, f"waited {PATIENCE_S} s for {what}"
+        time.sleep(0.05)
 
 
 def firefox(profile: Path) -> Firefox | None:

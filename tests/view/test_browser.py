@@ -38,6 +38,7 @@ def scene() -> ReplayScene:
 def opened(chrome: Chromium, replay_file: Path) -> Replay:
     """Opened once. The robot is hidden: without a graphics card it takes most of the time to draw."""
     replay = Replay(chrome, replay_file.as_uri())
+    assert not replay.began
     replay("pbd.page.stage.node('pbd', 'robot').visible = false")
     return replay
 
@@ -47,7 +48,7 @@ def replay(opened: Replay) -> Iterator[Replay]:
     """As it is when it is opened, but paused."""
     opened("pbd.page.player.pause(); pbd.page.player.seek(0); pbd.page.player.loop = true; pbd.page.player.speed = 1")
     opened("for (const id of ['joints', 'panel']) pbd.page.fold(id, false); document.activeElement.blur()")
-    opened.browser.set_scheme("light")
+    opened.browser.set_media()
     yield opened
     assert opened.errors() == []
 
@@ -327,7 +328,7 @@ def test_the_camera_fits_every_window(replay: Replay) -> None:
 
 def test_dark_is_dark(replay: Replay) -> None:
     light = replay.picture()
-    replay.browser.set_scheme("dark")
+    replay.browser.set_media("dark")
     dark = replay.picture()
     assert dark.mean() < 90 < 170 < light.mean()
 
@@ -346,14 +347,14 @@ def test_the_scene_turns_and_is_framed_again(replay: Replay) -> None:
 def test_without_webgl_it_says_so(fox: Firefox, replay_file: Path) -> None:
     with fox.preference("webgl.disabled", True):
         fox.get(replay_file.as_uri())
-        until(lambda: "WebGL" in fox.find_element(By.ID, "message").text, "a word of what is missing")
+        until(lambda: "WebGL" in fox.execute_script("return document.body.innerText"), "a word of what is missing")
     assert [error for error in fox.errors() if "this browser has no WebGL" not in error] == []
 
 
 def test_it_plays_in_firefox(fox: Firefox, replay_file: Path, scene: ReplayScene) -> None:
     replay = Replay(fox, replay_file.as_uri())
     assert replay.picture().std() > 10.0
-    press(replay, Keys.END)
+    fox.press(Keys.END)
     np.testing.assert_allclose(replay.place(*FINGER), finger_of(scene)[-1], atol=1e-5)
     assert replay.errors() == []
 

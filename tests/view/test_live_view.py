@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -58,14 +59,16 @@ def pictures() -> list[LivePicture]:
 
 @pytest.fixture(scope="module")
 def view() -> Iterator[LiveView]:
-    with LiveView() as view:
+    with closing(LiveView()) as view:
         view.open("tea <i>", "a hand", open_browser=False)
         yield view
 
 
 @pytest.fixture(scope="module")
-def page(view: LiveView, chrome: Chromium) -> Page:
-    return Page(chrome, view._viewer.url)
+def page(view: LiveView, chrome: Chromium) -> Iterator[Page]:
+    chrome.set_media(motion="no-preference")  # the camera glides
+    yield Page(chrome, view._viewer.url)
+    chrome.set_media()
 
 
 def draw(view: LiveView, shown: LivePicture) -> None:
@@ -204,7 +207,7 @@ def test_it_says_that_it_is_over(view: LiveView, page: Page, pictures: list[Live
 
 
 def test_a_number_that_is_none_is_not_drawn(pictures: list[LivePicture]) -> None:
-    with LiveView() as view:
+    with closing(LiveView()) as view:
         view.show(replace(pictures[-1], p_nav_sensor=np.full(3, np.nan)))
         draw(view, pictures[-1])
 

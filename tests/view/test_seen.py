@@ -70,7 +70,7 @@ def test_each_part_is_seen_where_it_is(chrome: Chromium, tmp_path: Path) -> None
     parts = ["robot", "hand_path", "tool_path", "keyframes", "object", "obstacles"]
     write_page(scene, tmp_path / "page.html")
     chrome.set_size(640, 480)
-    chrome.set_scheme("dark")  # a white robot on white ground differs little
+    chrome.set_media("dark")  # a white robot on white ground differs little
     try:
         replay = Replay(chrome, (tmp_path / "page.html").as_uri())
         nothing, whole = replay.drawn(), replay.drawn(*parts)
@@ -83,6 +83,6 @@ def test_each_part_is_seen_where_it_is(chrome: Chromium, tmp_path: Path) -> None
             assert share(seen, replay.projected(corners)) > 0.99, link
     finally:
         chrome.set_size()
-        chrome.set_scheme("light")
+        chrome.set_media()
     for part in parts:  # of what it covers alone, at least half is seen among the others, or seen through them
         assert (without[part] & alone[part]).sum() > 0.5 * alone[part].sum() > 0, part

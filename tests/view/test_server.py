@@ -10,6 +10,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -19,7 +20,7 @@ from selenium.webdriver.common.by import By
 from pbd.errors import PbdError
 from pbd.view import server
 from pbd.view.scene import build
-from pbd.view.server import LiveViewer, show_replay
+from pbd.view.server import LiveViewer, invite, show_replay
 from tests.view import scenes
 from tests.view.browser import Replay, until
 from tests.view.chromium import Chromium
@@ -35,7 +36,8 @@ show_replay(scenes.ur5_moves(), open_browser=False)
 
 @pytest.fixture(scope="module")
 def viewer() -> Iterator[LiveViewer]:
-    with show_replay(scenes.pouring(), open_browser=False, block=False) as viewer:
+    with closing(LiveViewer()) as viewer:
+        build(scenes.pouring(), viewer.visualizer)
         yield viewer
 
 
@@ -101,16 +103,22 @@ def test_it_plays_in_a_browser(viewer: LiveViewer, chrome: Chromium) -> None:
     replay("pbd.page.player.seek(9)")
     assert abs(before - replay.place("pbd", "object")).max() > 0.05
     # A second scene takes the place of the first, in the page that is open and in one that is opened later.
+    chrome.set_media(motion="no-preference")
     build(scenes.ur5_moves(), viewer.visualizer)
     until(lambda: replay("return pbd.page.replay.robot") == "UR5", "the second scene")
+    assert replay("return pbd.page.player.playing")  # by itself, unless the user prefers less motion
+    replay("pbd.page.player.pause()")
+    chrome.set_media()
     for page in (replay, Replay(chrome, viewer.url)):
         assert page("return 'object' in pbd.page.stage.viewer.scene_tree.children.pbd.children") is False
         assert page.errors() == []
 
 
 def test_a_page_gets_what_was_sent_last_and_says_when_the_server_has_ended(chrome: Chromium) -> None:
-    viewer = show_replay(scenes.ur5_moves(), open_browser=False, block=False)
+    viewer = LiveViewer()
+    build(scenes.ur5_moves(), viewer.visualizer)
     replay = Replay(chrome, viewer.url)
+    replay("pbd.page.stage.node('pbd', 'robot').visible = false")  # it takes most of the time to draw
     for k in range(100):
         viewer.visualizer["tool_path"].set_property("visible", bool(k % 2 == 0))
     viewer.close()
@@ -149,14 +157,21 @@ def test_no_port_is_an_error_of_ours(monkeypatch: pytest.MonkeyPatch) -> None:
         LiveViewer()
 
 
-def test_the_browser_is_opened_or_not(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("wanted", [False, True])
+def test_the_browser_is_opened_or_not(
+    wanted: bool, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
     opened: list[str] = []
     monkeypatch.setattr("webbrowser.open", lambda url, new: opened.append(url))
-    show_replay(scenes.ur5_moves(), open_browser=False, block=False).close()
-    assert opened == []
-    viewer = show_replay(scenes.ur5_moves(), open_browser=True, block=False)
-    viewer.close()
-    assert opened == [viewer.url]
+
+    def invited(words: str, url: str, open_browser: bool) -> None:
+        invite(words, url, open_browser)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(server, "invite", invited)
+    show_replay(scenes.ur5_moves(), open_browser=wanted)
     out, err = capfd.readouterr()
     assert out == ""
-    assert viewer.url in err
+    url = re.findall(r"replay at (http://\S+) \(Ctrl-C ends it\)", err)
+    assert opened == (url if wanted else [])
+    assert url

@@ -18,27 +18,27 @@ from pbd.pipeline import track
 from pbd.pose import Array, Pose
 
 
-def opened(args: argparse.Namespace) -> tuple[Path, Calibration | None]:
+def opened(args: argparse.Namespace) -> tuple[Path, Calibration]:
     """The calibration's file, and its content as it is."""
     path = calibration_file(args.name)
     return path, existing_calibration(path)
 
 
-def tracked(args: argparse.Namespace, calibration: Calibration | None) -> tuple[Recording, HandPath]:
+def tracked(args: argparse.Namespace, calibration: Calibration) -> tuple[Recording, HandPath]:
     """A demonstration's recording, and the hand's path by that alone: what is known of its stops doesn't count."""
     recording = load_demo(args.demo).recording
     with working("tracking"):
         return recording, track(recording, calibration=calibration, accept_gap=args.accept_gap)
 
 
-def instead_of(path: Path, calibration: Calibration | None, part: str, force: bool) -> dict[str, str]:
+def instead_of(path: Path, calibration: Calibration, part: str, force: bool) -> dict[str, str]:
     """Which of [dock] and [nav] gives way to the other, by its name; empty where there is none.
 
     Raises:
         CalibrationError: one would, and `force` was not given.
     """
     other = "nav" if part == "dock" else "dock"
-    if calibration is None or (calibration.T_base_nav if other == "nav" else calibration.T_base_dock) is None:
+    if (calibration.T_base_nav if other == "nav" else calibration.T_base_dock) is None:
         return {}
     if not force:
         raise CalibrationError(
@@ -52,7 +52,7 @@ def instead_of(path: Path, calibration: Calibration | None, part: str, force: bo
 def sigma_json(cov: Array) -> dict[str, Any]:
     """One sigma of a pose's covariance (6, 6); NaN (null in JSON) where it is unknown."""
     sigma = one_sigma(cov)
-    return {"sigma_m": sigma[:3].tolist(), "sigma_deg": np.degrees(sigma[3:]).tolist()}
+    return {"sigma_m": sigma[:3], "sigma_deg": np.degrees(sigma[3:])}
 
 
 def refuse_out_of_reach(robot: Robot, T_base_tool: Pose) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from pbd.calibration.dock import dock_at
 from pbd.cli.calibrate.common import instead_of, opened, refuse_out_of_reach
 from pbd.cli.console import print_json, say, working
-from pbd.data import TOOL_DOWN, Calibration, Robot
+from pbd.data import Calibration, Robot
 from pbd.errors import CalibrationError, PlanError
 from pbd.files.calibration import load_calibration
 from pbd.files.calibration_edit import covariance_values, pose_values, update_calibration
@@ -29,13 +29,11 @@ def run(args: argparse.Namespace) -> None:
     path, calibration = opened(args)
     instead = instead_of(path, calibration, "dock", args.force)
     robot = load_robot(args.robot) if args.robot else None
-    T_sensor_tool = TOOL_DOWN if calibration is None else calibration.T_sensor_tool
-    T_base_dock, of_pose, source = _pose(args, robot, calibration, T_sensor_tool)
-    tool = T_base_dock @ T_sensor_tool
+    T_base_dock, of_pose, source = _pose(args, robot, calibration)
+    tool = T_base_dock @ calibration.T_sensor_tool
     if robot is not None:
         refuse_out_of_reach(robot, tool)
     cov = of_pose + np.diag(np.square([*[1e-3 * args.sigma_mm] * 3, 0.0, 0.0, np.radians(args.sigma_deg)]))
-    before = None if calibration is None or calibration.T_base_dock is None else calibration.cov_base
     update_calibration(
         path,
         {"dock": pose_values(T_base_dock, "in base") | covariance_values(cov)},
@@ -45,7 +43,8 @@ def run(args: argparse.Namespace) -> None:
     rpy_deg = np.degrees(quat_to_rpy(T_base_dock.wxyz))
     x, y, z = T_base_dock.p
     resized = ""
-    if before is not None and not np.allclose(before, cov, rtol=1e-3, atol=0.0):
+    before = calibration.cov_base
+    if calibration.T_base_dock is not None and before is not None and not np.allclose(before, cov, rtol=1e-3, atol=0.0):
         sigma = np.sqrt(np.diagonal(cov))
         resized = f", sigma now {1e3 * sigma[:3].max():.3g} mm and {np.degrees(sigma[5]):.3g} degrees"
     say(
@@ -57,21 +56,19 @@ def run(args: argparse.Namespace) -> None:
         print_json(
             {
                 "calibration": str(path),
-                "dock": {"position_m": T_base_dock.p.tolist(), "rpy_deg": rpy_deg.tolist()},
-                "tool": {"position_m": tool.p.tolist(), "wxyz": tool.wxyz.tolist()},
+                "dock": {"position_m": T_base_dock.p, "rpy_deg": rpy_deg},
+                "tool": {"position_m": tool.p, "wxyz": tool.wxyz},
                 "reached": robot is not None,
             }
         )
 
 
-def _pose(
-    args: argparse.Namespace, robot: Robot | None, calibration: Calibration | None, T_sensor_tool: Pose
-) -> tuple[Pose, Array, str]:
+def _pose(args: argparse.Namespace, robot: Robot | None, calibration: Calibration) -> tuple[Pose, Array, str]:
     """T_base_dock, its covariance (6, 6) but for how the sensor is put down, and where it comes from in words."""
     if args.rpy is not None and args.position is None:
         raise CalibrationError("--rpy goes with --position; leave it out")
     if args.position is not None:
-        before = None if calibration is None else calibration.T_base_dock
+        before = calibration.T_base_dock
         kept = np.zeros(3) if before is None else np.degrees(quat_to_rpy(before.wxyz))
         rpy_deg = kept if args.rpy is None else args.rpy
         if not np.isfinite([*args.position, *rpy_deg]).all():
@@ -82,7 +79,7 @@ def _pose(
         turned = "" if args.rpy is not None or not kept.any() else ", and turned as before (--rpy turns it)"
         return Pose.from_rpy(args.position, np.radians(rpy_deg)), np.zeros((6, 6)), f"as given{turned}"
     if args.joints is not None:
-        pose = _where_the_robot_stands(args.joints, robot) @ T_sensor_tool.inverse()
+        pose = _where_the_robot_stands(args.joints, robot) @ calibration.T_sensor_tool.inverse()
         return pose, np.zeros((6, 6)), "where the robot's tool stands at those joints"
     name, index = args.from_keyframe
     return *_where_it_stopped(args, calibration), f"where {name} stopped at keyframe {index}"
@@ -116,12 +113,12 @@ def _where_the_robot_stands(joints: list[float], robot: Robot | None) -> Pose:
     return model.forward(q)
 
 
-def _where_it_stopped(args: argparse.Namespace, calibration: Calibration | None) -> tuple[Pose, Array]:
+def _where_it_stopped(args: argparse.Namespace, calibration: Calibration) -> tuple[Pose, Array]:
     """T_base_sensor at a keyframe, and the covariance (6, 6) of its position and heading: a dock has no other."""
     name, index = args.from_keyframe
     through = load_calibration(args.calibration) if args.calibration else calibration
-    if through is None:
-        what = f"there is no calibration '{args.name}' yet, so it is unknown where {name} started"
+    if not (args.calibration or calibration.knows_start):
+        what = f"the calibration '{args.name}' does not say where the hand starts, so it is unknown where {name} did"
         raise CalibrationError(f"{what}; name another one with --calibration")
     demo = load_demo(name)
     with working("tracking"):

@@ -10,7 +10,7 @@ from pbd.calibration.mount import PivotFit, TurnsFit, fit_pivot, fit_turns
 from pbd.calibration.points import POOR_CHI2
 from pbd.cli.calibrate.common import opened, sigma_json, tracked
 from pbd.cli.console import print_json, say
-from pbd.data import TOOL_DOWN, Calibration
+from pbd.data import Calibration
 from pbd.data.sigma import one_sigma
 from pbd.errors import CalibrationError
 from pbd.files.calibration_edit import covariance_values, pose_values, update_calibration
@@ -33,24 +33,22 @@ def run(args: argparse.Namespace) -> None:
     values = pose_values(mount, "in sensor axes") | covariance_values(cov) | {"fit": (figures, "")}
     update_calibration(path, {"mount": values})
     if args.json:
-        shown = {"position_m": mount.p.tolist(), "wxyz": mount.wxyz.tolist()} | sigma_json(cov)
-        of_pivot = pivot and {"residuals_m": pivot.residuals.tolist(), "chi2": pivot.chi2}
-        of_turns = turns and {"moves": list(turns.moves), "off_deg": np.degrees(turns.off).tolist()}
+        shown = {"position_m": mount.p, "wxyz": mount.wxyz} | sigma_json(cov)
+        of_pivot = pivot and {"residuals_m": pivot.residuals, "chi2": pivot.chi2}
+        of_turns = turns and {"moves": list(turns.moves), "off_deg": np.degrees(turns.off)}
         return print_json({"calibration": str(path), "mount": shown, "pivot": of_pivot, "turns": of_turns})
     _print(args, pivot, turns)
     return say(f"{path}: {_certainty(mount, cov)}")
 
 
 def _merged(
-    calibration: Calibration | None, pivot: PivotFit | None, turns: TurnsFit | None
+    calibration: Calibration, pivot: PivotFit | None, turns: TurnsFit | None
 ) -> tuple[Pose, Array, dict[str, float]]:
     """T_sensor_tool, its covariance (6, 6) and the fits' figures: what was fitted, and the rest as it was."""
-    mount, cov, figures = TOOL_DOWN, np.zeros((6, 6)), {}
-    if calibration is not None:
-        mount = calibration.T_sensor_tool
-        cov = cov if calibration.cov_sensor_tool is None else calibration.cov_sensor_tool.copy()
-        before = {name.removeprefix("mount."): x for name, x in calibration.residuals.items() if "mount." in name}
-        figures = {name: int(x) if x == int(x) else x for name, x in before.items()}
+    mount = calibration.T_sensor_tool
+    cov = np.zeros((6, 6)) if calibration.cov_sensor_tool is None else calibration.cov_sensor_tool.copy()
+    before = {name.removeprefix("mount."): x for name, x in calibration.residuals.items() if "mount." in name}
+    figures = {name: int(x) if x == int(x) else x for name, x in before.items()}
     for fitted, part in ((pivot, slice(0, 3)), (turns, slice(3, 6))):
         if fitted is not None:
             cov[part] = cov[:, part] = 0.0

@@ -4,22 +4,27 @@ from __future__ import annotations
 
 import argparse
 import warnings
+from dataclasses import replace
 
 import numpy as np
 
 from pbd.calibration.correspondence import match_points
+from pbd.calibration.field_uniformity import field_spread, heading_changes
 from pbd.calibration.point_observations import PointObservations, observe_points
 from pbd.calibration.points import POOR_CHI2, PointFit, fit_points, refuse_shape
+from pbd.calibration.sensor import corrected
 from pbd.cli.calibrate.common import instead_of, opened, sigma_json, tracked
-from pbd.cli.calibrate.heading import say_heading, with_whole_magnetometer
 from pbd.cli.console import print_json, say, working
-from pbd.data import TOOL_DOWN, Calibration, HandPath
+from pbd.data import Calibration, HandPath, Keyframe, Recording
 from pbd.data.sigma import one_sigma
-from pbd.errors import CalibrationError, PbdWarning
+from pbd.errors import CalibrationError, PbdWarning, warn
 from pbd.files.calibration_edit import covariance_values, pose_values, update_calibration
+from pbd.files.demo import load_demo
 from pbd.files.points import Points, read_points
+from pbd.pipeline import track
 from pbd.pose import Pose, quat_to_rpy
 from pbd.tracking.keyframes import find_keyframes
+from pbd.tracking.repair.repair_recording import condition
 from pbd.view.calibration_tables import points_table
 from pbd.view.terminal_tables import print_table
 
@@ -29,7 +34,7 @@ def run(args: argparse.Namespace) -> None:
     points = read_points(args.points, args.unit)
     path, calibration = opened(args)
     recording, hand = tracked(args, calibration)
-    recording = with_whole_magnetometer(recording)
+    recording = _with_whole_magnetometer(recording)
     part = args.part or ("dock" if recording.mag is None else "nav")
     instead = instead_of(path, calibration, part, args.force)
     keyframes = find_keyframes(hand)
@@ -37,7 +42,7 @@ def run(args: argparse.Namespace) -> None:
         touched = _touched(args, hand, points, calibration)
         fit = fit_points(touched, points.p_base, free=args.free, scaled=args.find_scale, touch_m=1e-3 * args.touch_mm)
     _warn_of_wrong_points(fit, points, touched)
-    heading = say_heading(args, recording, keyframes, calibration, part)
+    heading = _say_heading(args, recording, keyframes, calibration, part)
 
     pose = fit.T_base_nav
     if part == "dock":
@@ -49,8 +54,8 @@ def run(args: argparse.Namespace) -> None:
     values = pose_values(pose, "in base") | covariance_values(cov) | {"fit": (figures, ""), "any_attitude": (None, "")}
     update_calibration(path, {part: values}, instead=instead, scale=fit.scale if args.find_scale else None)
     if args.json:
-        rpy_deg = np.degrees(quat_to_rpy(pose.wxyz)).tolist()
-        where = {"position_m": pose.p.tolist(), "rpy_deg": rpy_deg} | sigma_json(cov)
+        rpy_deg = np.degrees(quat_to_rpy(pose.wxyz))
+        where = {"position_m": pose.p, "rpy_deg": rpy_deg} | sigma_json(cov)
         rows = _rows(fit, points, touched)
         return print_json({"calibration": str(path), part: where, "scale": fit.scale, "points": rows, "fit": figures})
     print_table(points_table(points.names, touched.stops, fit.residuals, fit.left_out, fit.left_out_sigma, fit.used))
@@ -75,14 +80,11 @@ def run(args: argparse.Namespace) -> None:
     return None
 
 
-def _touched(
-    args: argparse.Namespace, hand: HandPath, points: Points, calibration: Calibration | None
-) -> PointObservations:
+def _touched(args: argparse.Namespace, hand: HandPath, points: Points, calibration: Calibration) -> PointObservations:
     """The stops that touched the points, in the points' order."""
     refuse_shape(points.p_base, args.free)
     count = len(find_keyframes(hand))
-    mount = TOOL_DOWN if calibration is None else calibration.T_sensor_tool
-    cov = None if calibration is None else calibration.cov_sensor_tool
+    mount, cov = calibration.T_sensor_tool, calibration.cov_sensor_tool
     every = observe_points(find_keyframes(hand), hand.covariance, mount.p, cov_tip=None if cov is None else cov[:3, :3])
     if args.stops is None:
         if args.free and count != len(points.names):
@@ -112,11 +114,9 @@ def _figures(fit: PointFit) -> dict[str, float]:
 def _warn_of_wrong_points(fit: PointFit, points: Points, touched: PointObservations) -> None:
     for name, stop, off, good in zip(points.names, touched.stops, fit.left_out, fit.used, strict=True):
         if not good:
-            warnings.warn(
+            warn(
                 f"the point '{name}' (stop {stop}) is wrong: it lies {100.0 * np.linalg.norm(off):.1f} cm from where "
-                "the other points put it, so it is left out; check its coordinates, or touch it again",
-                PbdWarning,
-                stacklevel=2,
+                "the other points put it, so it is left out; check its coordinates, or touch it again"
             )
 
 
@@ -125,10 +125,64 @@ def _rows(fit: PointFit, points: Points, touched: PointObservations) -> list[dic
         {
             "name": name,
             "stop": touched.stops[k],
-            "residual_m": fit.residuals[k].tolist(),
-            "left_out_m": fit.left_out[k].tolist(),
-            "left_out_sigma_m": fit.left_out_sigma[k].tolist(),
+            "residual_m": fit.residuals[k],
+            "left_out_m": fit.left_out[k],
+            "left_out_sigma_m": fit.left_out_sigma[k],
             "used": fit.used[k],
         }
         for k, name in enumerate(points.names)
     ]
+
+
+def _with_whole_magnetometer(recording: Recording) -> Recording:
+    """The recording with its magnetometer's holes filled; without it where there is none, or a dead one."""
+    if recording.mag is None:
+        return recording
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PbdWarning)  # tracking tells it
+        return replace(recording, mag=condition(recording)[0].mag)
+
+
+def _say_heading(
+    args: argparse.Namespace,
+    recording: Recording,
+    keyframes: tuple[Keyframe, ...],
+    calibration: Calibration,
+    part: str,
+) -> float | None:
+    """Say how well nav's heading repeats and what to do; return one sigma, rad, or None without a magnetometer."""
+    if recording.mag is None:
+        if part == "nav":
+            warn(
+                "without a magnetometer the heading is measured from the first rest, so [nav] holds only for "
+                "demonstrations that start with the same heading; use --as dock instead"
+            )
+        return None
+    mag = corrected(recording, calibration.sensor).mag
+    assert mag is not None
+    at_stops = [mag[np.abs(recording.t - keyframe.t) <= 0.5 * keyframe.dwell_s] for keyframe in keyframes]
+    means = np.array([each.mean(axis=0) for each in at_stops])
+    spread = field_spread(means, np.array([keyframe.T_nav_sensor.wxyz for keyframe in keyframes]))
+    heading = spread.heading
+    say(
+        f"the magnetic heading differs by {np.degrees(spread.heading):.1f} degrees from stop to stop (rms), the "
+        f"field's strength by {100.0 * spread.strength:.0f} %"
+    )
+    if args.again:
+        first = []
+        for name in args.again:
+            with working(f"tracking {name}"):
+                path = track(load_demo(name).recording, calibration=calibration, accept_gap=args.accept_gap)
+                first.append(find_keyframes(path)[0].T_nav_sensor.wxyz)
+        changes = heading_changes(keyframes[0].T_nav_sensor.wxyz, first)
+        heading = float(np.sqrt(np.mean(changes**2)))
+        say(
+            f"nav's heading repeats to {np.degrees(heading):.1f} degrees (rms over {len(changes)} demonstrations; at "
+            f"most {np.degrees(np.abs(changes).max()):.1f})"
+        )
+    if part == "nav" and spread.disturbed:
+        warn(
+            "the magnetic field is disturbed here, or the magnetometer is not calibrated: start every demonstration "
+            "from a dock (--as dock), whose heading does not depend on it"
+        )
+    return heading

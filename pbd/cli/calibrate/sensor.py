@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import warnings
 from collections.abc import Mapping
 from typing import Any
 
@@ -16,7 +15,7 @@ from pbd.cli.calibrate.common import opened
 from pbd.cli.console import print_json, say, working
 from pbd.data import GRAVITY, SensorErrors
 from pbd.data.one_line_repr import counted
-from pbd.errors import CalibrationError, PbdWarning
+from pbd.errors import CalibrationError, warn
 from pbd.files.calibration_edit import update_calibration
 from pbd.files.demo import load_demo
 from pbd.tracking.repair.repair_recording import condition
@@ -45,11 +44,11 @@ def run(args: argparse.Namespace) -> None:
             recording,
             gravity=gravity,
             only=args.only,
-            known=None if calibration is None else calibration.sensor,
+            known=calibration.sensor,
             temperature_c=args.temperature,
         )
     for remark in fit.remarks:
-        warnings.warn(remark, PbdWarning, stacklevel=2)
+        warn(remark)
     update_calibration(path, sensor_parts(fit.errors, _figures(fit)))
     if args.json:
         return print_json({"calibration": str(path)} | _json(fit))
@@ -104,7 +103,7 @@ def _json(fit: SensorFit) -> dict[str, Any]:
     errors = fit.errors
     result: dict[str, Any] = {"sensor": errors.sensor, "fit": _figures(fit), "remarks": list(fit.remarks)}
     for kind, linear in (("gyr", errors.gyr), ("acc", errors.acc), ("mag", errors.mag)):
-        result[kind] = None if linear is None else {"bias": linear.bias.tolist(), "matrix": linear.matrix.tolist()}
+        result[kind] = None if linear is None else {"bias": linear.bias, "matrix": linear.matrix}
     result["told"] = [] if fit.acc is None else list(fit.acc.determined)
     return result | {"field_ut": errors.field, "dip_rad": errors.dip}
 

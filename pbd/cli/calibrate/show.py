@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,18 +13,25 @@ from pbd.calibration.tool_poses import tool_poses
 from pbd.calibration.uncertainty import base_sigmas, tool_covariances
 from pbd.cli.console import print_json, say, working
 from pbd.cli.steps import load_demonstration
-from pbd.data import Calibration, Keyframe
+from pbd.data import Calibration
 from pbd.errors import CalibrationError, PbdError
 from pbd.files.calibration import load_calibration
 from pbd.io.atomic import atomic_file
 from pbd.pipeline import track
-from pbd.pose import Array
+from pbd.pose import Array, Pose
 from pbd.tracking.keyframes import keyframes_of
 from pbd.view.calibration_tables import base_table, calibration_table
 from pbd.view.terminal_tables import print_table
 
-Found = tuple[str, tuple[Keyframe, ...], dict[str, Array]]
-"""A demonstration's name, its keyframes, and the tool's covariances by source."""
+
+class Found(NamedTuple):
+    """Of a demonstration: its name, nav in base, the tool's poses there, and their covariances by source."""
+
+    name: str
+    T_base_nav: Pose
+    T_base_tool: tuple[Pose, ...]
+    cov: dict[str, Array]
+
 
 SOURCES = {"start": "where the hand starts", "mount": "the mount", "tracking": "tracking"}
 
@@ -39,10 +46,9 @@ def run(args: argparse.Namespace) -> None:
         return print_json(_json(calibration, found))
     print_table(calibration_table(calibration))
     if found is not None:
-        name, _, parts = found
-        print(f"\nthe tool's uncertainty at the keyframes of {name}, one sigma, in base (right: by source, rms)")
-        print_table(base_table(base_sigmas(parts)))
-        share = {part: float(np.trace(cov[:, :3, :3], axis1=1, axis2=2).mean()) for part, cov in parts.items()}
+        print(f"\nthe tool's uncertainty at the keyframes of {found.name}, one sigma, in base (right: by source, rms)")
+        print_table(base_table(base_sigmas(found.cov)))
+        share = {part: float(np.trace(cov[:, :3, :3], axis1=1, axis2=2).mean()) for part, cov in found.cov.items()}
         most = max(share, key=lambda part: share[part])
         percent = 100.0 * share[most] / sum(share.values())
         say(f"most of the tool's uncertainty ({percent:.0f} % of its variance) comes from {SOURCES[most]}")
@@ -50,11 +56,8 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _contributions(args: argparse.Namespace, calibration: Calibration) -> Found | None:
-    """A demonstration's name, its keyframes, and the tool's covariances.
-
-    None where it is not known where it starts, or where nobody named a demonstration and the newest is of no use.
-    """
-    if calibration.T_base_dock is None and calibration.T_base_nav is None:
+    """None where it is not known where the hand starts, or nobody named a demonstration and the newest is of no use."""
+    if not calibration.knows_start:
         if args.demo is not None:
             say(
                 f"'{calibration.name}' does not say where the hand starts, so the tool's uncertainty is unknown; add a "
@@ -62,7 +65,10 @@ def _contributions(args: argparse.Namespace, calibration: Calibration) -> Found 
             )
         return None
     try:
-        return _of_demonstration(args, calibration)
+        demo = load_demonstration(args.demo)
+        with working("tracking"):
+            keyframes = keyframes_of(track(demo, calibration=calibration, accept_gap=args.accept_gap))
+        T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
     except PbdError as reason:
         if args.demo is not None:
             raise
@@ -71,33 +77,25 @@ def _contributions(args: argparse.Namespace, calibration: Calibration) -> Found 
             f"pbd calibrate show {args.name} DEMO"
         )
         return None
-
-
-def _of_demonstration(args: argparse.Namespace, calibration: Calibration) -> Found:
-    demo = load_demonstration(args.demo)
-    with working("tracking"):
-        keyframes = keyframes_of(track(demo, calibration=calibration, accept_gap=args.accept_gap))
-    T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
-    return demo.recording.info.name, keyframes, tool_covariances(keyframes, T_base_nav, calibration)
+    poses = tool_poses(keyframes, T_base_nav, calibration)
+    return Found(demo.recording.info.name, T_base_nav, poses, tool_covariances(keyframes, T_base_nav, calibration))
 
 
 def _json(calibration: Calibration, found: Found | None) -> dict[str, Any]:
-    def pose(value: Any) -> dict[str, Any] | None:
-        return None if value is None else {"position_m": value.p.tolist(), "wxyz": value.wxyz.tolist()}
+    def pose(value: Pose | None) -> dict[str, Any] | None:
+        return None if value is None else {"position_m": value.p, "wxyz": value.wxyz}
 
-    result: dict[str, Any] = {
+    rows = () if found is None else base_sigmas(found.cov)
+    return {
         "calibration": calibration.name,
         "dock": pose(calibration.T_base_dock),
         "nav": pose(calibration.T_base_nav),
         "mount": pose(calibration.T_sensor_tool),
         "scale": calibration.scale,
         "sensor": None if calibration.sensor is None else calibration.sensor.sensor,
-        "fit": dict(calibration.residuals),
-        "keyframes": [],
+        "fit": calibration.residuals,
+        "keyframes": [{"index": k} | row for k, row in enumerate(rows)],
     }
-    if found is not None:
-        result["keyframes"] = [{"index": k} | row for k, row in enumerate(base_sigmas(found[2]))]
-    return result
 
 
 def _save(file: Path, calibration: Calibration, found: Found | None) -> None:
@@ -105,19 +103,16 @@ def _save(file: Path, calibration: Calibration, found: Found | None) -> None:
     if kind not in ("png", "svg", "pdf"):
         raise CalibrationError(f"{file} must end in .png, .svg or .pdf; rename it", path=file)
     if found is None:
-        starts = calibration.T_base_dock is not None or calibration.T_base_nav is not None
         raise CalibrationError(
             f"a plot shows the tool at a demonstration's keyframes; name one after '{calibration.name}'"
-            if starts
+            if calibration.knows_start
             else f"'{calibration.name}' does not say where the hand starts, so there is nothing to plot; add a dock"
         )
-    name, keyframes, parts = found
-    T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
     with working("drawing"):
         from pbd.plots.calibration import draw_calibration
         from pbd.plots.style import write
 
-        figure = draw_calibration(calibration, name, T_base_nav, tool_poses(keyframes, T_base_nav, calibration), parts)
+        figure = draw_calibration(calibration, *found)
         with atomic_file(file) as unfinished, unfinished.open("wb") as stream:
             write(figure, stream, kind)
     say(f"a plot: {file}")

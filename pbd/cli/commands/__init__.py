@@ -6,12 +6,10 @@ import argparse
 from collections.abc import Sequence
 
 from pbd import __version__
-from pbd.cli.commands.calibrate import add_calibrate
+from pbd.cli.commands import demonstrations, robots, tracking
+from pbd.cli.commands.calibrate import calibrate
 from pbd.cli.commands.completion import SHELLS, PrintCompletion
-from pbd.cli.commands.demonstrations import add_import, add_record, add_sensors, add_simulate
-from pbd.cli.commands.robots import add_export, add_replay, add_robots, add_run
-from pbd.cli.commands.tracking import add_check, add_fuse, add_keyframes, add_plot, add_segments, add_touch
-from pbd.cli.options import Parser
+from pbd.cli.options import Parser, add_commands
 from pbd.errors import nearest
 
 EPILOG = """\
@@ -35,9 +33,16 @@ def parser() -> argparse.ArgumentParser:
     top.add_argument("--version", action="version", version=f"pbd {__version__}")
     completion = "print the script that completes commands, options and names in that shell"
     top.add_argument("--print-completion", action=PrintCompletion, choices=SHELLS, help=completion)
-    commands = top.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for add in COMMANDS:
-        add(commands)
+    add_commands(
+        top,
+        "commands",
+        "COMMAND",
+        (
+            *(demonstrations.record, demonstrations.simulate, demonstrations.import_, tracking.segments),
+            *(tracking.keyframes, tracking.touch, tracking.plot, tracking.fuse, tracking.check, calibrate),
+            *(robots.replay, robots.export, robots.run, robots.robots, demonstrations.sensors),
+        ),
+    )
     return top
 
 
@@ -53,9 +58,3 @@ def parse(argv: Sequence[str] | None) -> argparse.Namespace:
         options = [option for action in command._actions for option in action.option_strings]
         command.error(f"unknown option {word}{nearest(word, options)}")
     return args
-
-
-COMMANDS = (
-    *(add_record, add_simulate, add_import, add_segments, add_keyframes, add_touch, add_plot, add_fuse),
-    *(add_check, add_calibrate, add_replay, add_export, add_run, add_robots, add_sensors),
-)

@@ -3,46 +3,42 @@
 from __future__ import annotations
 
 import argparse
+from argparse import ArgumentParser
 from pathlib import Path
 
-from pbd.cli.options import Commands, add_accept_gap, add_command, add_force, add_json, positive
+from pbd.cli.options import add_accept_gap, add_commands, add_force, add_json, positive
 
 REPLACE = "replace a [dock] by a [nav], or a [nav] by a [dock]"
 
 
-def add_calibrate(commands: Commands) -> None:
-    """Add `pbd calibrate` and its steps."""
-    parser = add_command(
-        commands,
-        "calibrate",
-        "where the hand starts in the robot's base, how the sensor is mounted, and its errors",
-        "Make or update ./calibration/NAME.toml, one part at a time; the other parts stay as they are.\n"
-        "docs/calibration.md explains each part.",
-        "  pbd calibrate dock bench --position 0.45 -0.15 0.25 --rpy 0 0 0 --robot panda\n"
-        "  pbd calibrate show bench\n"
-        "  pbd replay tea --robot panda --calibration bench",
-    )
-    steps = parser.add_subparsers(title="steps", metavar="STEP", required=True)
-    for add in (_add_dock, _add_points, _add_mount, _add_sensor, _add_show):
-        add(steps)
+def calibrate(parser: ArgumentParser) -> None:
+    """Where the hand starts in the robot's base, how the sensor is mounted, and its errors.
+
+    Make or update ./calibration/NAME.toml, one part at a time; the other parts stay as they are.
+    docs/calibration.md explains each part.
+
+      pbd calibrate dock bench --position 0.45 -0.15 0.25 --rpy 0 0 0 --robot panda
+      pbd calibrate show bench
+      pbd replay tea --robot panda --calibration bench
+    """
+    add_commands(parser, "steps", "STEP", (dock, points, mount, sensor, show))
 
 
-def _add_name(parser: argparse.ArgumentParser) -> None:
+def _add_name(parser: ArgumentParser) -> None:
     parser.add_argument("name", metavar="CALIBRATION", help="name (./calibration/CALIBRATION.toml), or its file's path")
     add_json(parser)
 
 
-def _add_dock(steps: Commands) -> None:
-    parser = add_command(
-        steps,
-        "dock",
-        "where in the robot's base a demonstration starts",
-        "Say where the sensor lies, in the robot's base, when a demonstration begins: measured by hand, where the\n"
-        "robot's own tool stands at some joints, or where an earlier demonstration stopped.",
-        "  pbd calibrate dock bench --position 0.45 -0.15 0.25 --rpy 0 0 0 --robot panda\n"
-        "  pbd calibrate dock bench --robot panda --joints 0 -45 0 -135 0 90 -45\n"
-        "  pbd calibrate dock shelf --from-keyframe tea 7 --calibration bench",
-    )
+def dock(parser: ArgumentParser) -> None:
+    """Where in the robot's base a demonstration starts.
+
+    Say where the sensor lies, in the robot's base, when a demonstration begins: measured by hand, where the
+    robot's own tool stands at some joints, or where an earlier demonstration stopped.
+
+      pbd calibrate dock bench --position 0.45 -0.15 0.25 --rpy 0 0 0 --robot panda
+      pbd calibrate dock bench --robot panda --joints 0 -45 0 -135 0 90 -45
+      pbd calibrate dock shelf --from-keyframe tea 7 --calibration bench
+    """
     _add_name(parser)
     where, option = parser.add_mutually_exclusive_group(required=True).add_argument, parser.add_argument
     where("--position", nargs=3, type=float, metavar=("X", "Y", "Z"), help="position of the SENSOR in base, m")
@@ -61,16 +57,15 @@ def _add_dock(steps: Commands) -> None:
     add_accept_gap(parser)
 
 
-def _add_points(steps: Commands) -> None:
-    parser = add_command(
-        steps,
-        "points",
-        "where the hand's frame (nav) lies in the robot's base, from known points that the hand touched",
-        "Find how a demonstration lies in the robot's base from three or more known points that its stops touched.\n"
-        "FILE is a CSV with the header name,x_m,y_m,z_m (or _cm, _mm) and one row per point.",
-        "  pbd calibrate points bench touches --points corners.csv\n"
-        "  pbd calibrate points bench touches --points corners.csv --any-order",
-    )
+def points(parser: ArgumentParser) -> None:
+    """Where the hand's frame (nav) lies in the robot's base, from known points that the hand touched.
+
+    Find how a demonstration lies in the robot's base from three or more known points that its stops touched.
+    FILE is a CSV with the header name,x_m,y_m,z_m (or _cm, _mm) and one row per point.
+
+      pbd calibrate points bench touches --points corners.csv
+      pbd calibrate points bench touches --points corners.csv --any-order
+    """
     _add_name(parser)
     option = parser.add_argument
     option("demo", metavar="DEMO", help="the demonstration whose stops touched the points")
@@ -96,17 +91,17 @@ def _add_points(steps: Commands) -> None:
     add_accept_gap(parser)
 
 
-def _add_mount(steps: Commands) -> None:
-    parser = add_command(
-        steps,
-        "mount",
-        "how the sensor is mounted on the tool: its lever and its rotation",
-        "Find where the tool is relative to the sensor. --pivot: the tip stays on one point while you tilt the tool\n"
-        "to all sides, with rests between; this gives the lever. --turns: you turn the tool about its own axes,\n"
-        "one after the other, with rests between; this gives the sensor's rotation. Signs follow the right-hand\n"
-        "rule; the tool's z is the approach direction, its x the direction in which the jaws open.",
-        "  pbd calibrate mount bench pivot --pivot\n  pbd calibrate mount bench turns --turns x,-x,z,-z",
-    )
+def mount(parser: ArgumentParser) -> None:
+    """How the sensor is mounted on the tool: its lever and its rotation.
+
+    Find where the tool is relative to the sensor. --pivot: the tip stays on one point while you tilt the tool
+    to all sides, with rests between; this gives the lever. --turns: you turn the tool about its own axes,
+    one after the other, with rests between; this gives the sensor's rotation. Signs follow the right-hand
+    rule; the tool's z is the approach direction, its x the direction in which the jaws open.
+
+      pbd calibrate mount bench pivot --pivot
+      pbd calibrate mount bench turns --turns x,-x,z,-z
+    """
     _add_name(parser)
     option = parser.add_argument
     option("demo", metavar="DEMO", help="the recording")
@@ -116,16 +111,15 @@ def _add_mount(steps: Commands) -> None:
     add_accept_gap(parser)
 
 
-def _add_sensor(steps: Commands) -> None:
-    parser = add_command(
-        steps,
-        "sensor",
-        "the sensor's errors: bias, scale, misalignment, hard and soft iron",
-        "Find a sensor's errors from one recording in which you put it down in several orientations, two seconds "
-        "each:\n"
-        "best twelve (each of the six sides and six of the edges up), turning it in all directions between them.",
-        "  pbd record sides --sensor witmotion\n  pbd calibrate sensor bench sides --latitude 48",
-    )
+def sensor(parser: ArgumentParser) -> None:
+    """The sensor's errors: bias, scale, misalignment, hard and soft iron.
+
+    Find a sensor's errors from one recording in which you put it down in several orientations, two seconds each:
+    best twelve (each of the six sides and six of the edges up), turning it in all directions between them.
+
+      pbd record sides --sensor witmotion
+      pbd calibrate sensor bench sides --latitude 48
+    """
     _add_name(parser)
     option = parser.add_argument
     option("demo", metavar="DEMO", help="the recording")
@@ -137,15 +131,14 @@ def _add_sensor(steps: Commands) -> None:
     option("--temperature", type=float, metavar="C", help="room temperature, degrees C, noted in the file")
 
 
-def _add_show(steps: Commands) -> None:
-    parser = add_command(
-        steps,
-        "show",
-        "everything in a calibration, and what each part adds to the tool's uncertainty",
-        "Print a calibration, and how uncertain the tool's pose in the robot's base is at each keyframe of a\n"
-        "demonstration: in total, and the parts that come from the start, from the mount and from tracking.",
-        "  pbd calibrate show bench tea --save bench.png",
-    )
+def show(parser: ArgumentParser) -> None:
+    """Everything in a calibration, and what each part adds to the tool's uncertainty.
+
+    Print a calibration, and how uncertain the tool's pose in the robot's base is at each keyframe of a
+    demonstration: in total, and the parts that come from the start, from the mount and from tracking.
+
+      pbd calibrate show bench tea --save bench.png
+    """
     option = parser.add_argument
     option("name", metavar="CALIBRATION", help="name of the calibration, or its file's path")
     option("demo", nargs="?", metavar="DEMO", help="default: the newest in ./demos, else 'pouring'")

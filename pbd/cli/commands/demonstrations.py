@@ -2,38 +2,35 @@
 
 from __future__ import annotations
 
+from argparse import ArgumentParser
 from pathlib import Path
 
 from pbd.cli.options import (
-    Commands,
-    add_command,
     add_force,
     add_json,
     add_lines,
     add_table,
     pair,
     positive,
-    take_number,
+    whole,
 )
 
 
-def add_record(commands: Commands) -> None:
-    """Add `pbd record`."""
-    parser = add_command(
-        commands,
-        "record",
-        "record a demonstration from a sensor",
-        "Record to ./demos/NAME, sample by sample. Hold still for two seconds, then move, stop, move, stop.\n"
-        "At a terminal: Enter ends the recording, space marks that the grip closes or opens, q discards it\n"
-        "(after a question), Ctrl-C ends and keeps it as Enter does.\n"
-        "`--sensor sim` simulates a hand that does a TASK (pour) and grips by itself.",
-        "  pbd record tea --sensor witmotion\n"
-        "  pbd record tea --sensor sim:pour           without hardware: a simulated hand that pours\n"
-        "  pbd record tea --sensor phyphox --port http://192.168.1.20:8080 --grip tap       from a phone\n"
-        "  pbd record tea --sensor gamepad            a DualSense, DualShock 4 or Joy-Con; its buttons mark the grip\n"
-        "  pbd record tea --live                      and see the hand, its path and its stops in the browser\n"
-        '  pbd record tea --sensor lines --columns "t,ax,ay,az,gx,gy,gz" --unit t=ms --unit acc=g --unit gyr=deg/s',
-    )
+def record(parser: ArgumentParser) -> None:
+    """Record a demonstration from a sensor.
+
+    Record to ./demos/NAME, sample by sample. Hold still for two seconds, then move, stop, move, stop.
+    At a terminal: Enter ends the recording, space marks that the grip closes or opens, q discards it
+    (after a question), Ctrl-C ends and keeps it as Enter does.
+    `--sensor sim` simulates a hand that does a TASK (pour) and grips by itself.
+
+      pbd record tea --sensor witmotion
+      pbd record tea --sensor sim:pour           without hardware: a simulated hand that pours
+      pbd record tea --sensor phyphox --port http://192.168.1.20:8080 --grip tap       from a phone
+      pbd record tea --sensor gamepad            a DualSense, DualShock 4 or Joy-Con; its buttons mark the grip
+      pbd record tea --live                      and see the hand, its path and its stops in the browser
+      pbd record tea --sensor lines --columns "t,ax,ay,az,gx,gy,gz" --unit t=ms --unit acc=g --unit gyr=deg/s
+    """
     option = parser.add_argument
     option("name", nargs="?", metavar="NAME", help="name in ./demos; default: the date and the time")
     sensor = "protocol (`pbd sensors` lists them), or sim[:TASK]; default: detect it"
@@ -51,7 +48,7 @@ def add_record(commands: Commands) -> None:
     option("--grip", choices=("space", "tap"), default="space", help=taps)
     option("--closed", action="store_true", help="the hand will end where it began; tracking uses that")
     take = "of several takes of one task (`pbd fuse`), the one to record: to ./demos/NAMEN, and how to hold the sensor"
-    option("--take", type=take_number, metavar="N", help=take)
+    option("--take", type=whole("a whole number from 1 to 99", range(1, 100)), metavar="N", help=take)
     option("--raw", action="store_true", help="also keep the sensor's raw bytes (raw.bin)")
     option("--reconnect", action="store_true", help="wait for a sensor that was unplugged")
     option("--calibration", metavar="C", help="of this sensor: used to track, and compared with the sensor at rest")
@@ -67,16 +64,14 @@ def add_record(commands: Commands) -> None:
     add_json(parser)
 
 
-def add_simulate(commands: Commands) -> None:
-    """Add `pbd simulate`."""
-    parser = add_command(
-        commands,
-        "simulate",
-        "make a synthetic demonstration with ground truth",
-        "Simulate a hand that holds a sensor and does a task; the ground truth is stored too.",
-        "  pbd simulate pour tea --sensor-model wt901 --seed 3\n"
-        "  pbd simulate touch trial-touch   to try `pbd calibrate points` with",
-    )
+def simulate(parser: ArgumentParser) -> None:
+    """Make a synthetic demonstration with ground truth.
+
+    Simulate a hand that holds a sensor and does a task; the ground truth is stored too.
+
+      pbd simulate pour tea --sensor-model wt901 --seed 3
+      pbd simulate touch trial-touch   to try `pbd calibrate points` with
+    """
     option = parser.add_argument
     task = "pour, pick-and-place-stops or pick-and-place-direct; to calibrate from: touch, pivot or sides"
     option("task", metavar="TASK", help=task)
@@ -89,21 +84,19 @@ def add_simulate(commands: Commands) -> None:
     add_json(parser)
 
 
-def add_import(commands: Commands) -> None:
-    """Add `pbd import`."""
-    parser = add_command(
-        commands,
-        "import",
-        "import a recording of another program",
-        "Read a recording (a table with a header, a ROS 2 bag, a phone's zip, an x-IMU3's folder, a sketch's lines,\n"
-        "an npz, a raw.bin of `pbd record --raw`; docs/imports.md has the programs) and store it as a demonstration.\n"
-        "Names and units come from the header where it gives them; otherwise use --column and --unit. What was\n"
-        "understood is printed. A level sensor must read +1 g on z: where it reads -1 g, turn the signs with\n"
-        "--unit acc=-g.",
-        "  pbd import run7.csv tea --column ax=AccX --column ay=AccY --column az=AccZ --unit acc=g --unit t=ms\n"
-        "  pbd import log.txt tea2                    as WitMotion's program wrote it\n"
-        "  pbd import demos/tea/raw.bin again --sensor witmotion",
-    )
+def import_(parser: ArgumentParser) -> None:
+    """Import a recording of another program.
+
+    Read a recording (a table with a header, a ROS 2 bag, a phone's zip, an x-IMU3's folder, a sketch's lines,
+    an npz, a raw.bin of `pbd record --raw`; docs/imports.md has the programs) and store it as a demonstration.
+    Names and units come from the header where it gives them; otherwise use --column and --unit. What was
+    understood is printed. A level sensor must read +1 g on z: where it reads -1 g, turn the signs with
+    --unit acc=-g.
+
+      pbd import run7.csv tea --column ax=AccX --column ay=AccY --column az=AccZ --unit acc=g --unit t=ms
+      pbd import log.txt tea2                    as WitMotion's program wrote it
+      pbd import demos/tea/raw.bin again --sensor witmotion
+    """
     option = parser.add_argument
     option("file", metavar="FILE", type=Path, help="the recording")
     option("name", metavar="NAME", help="the new demonstration's name (in ./demos) or folder")
@@ -123,17 +116,16 @@ def add_import(commands: Commands) -> None:
     add_json(parser)
 
 
-def add_sensors(commands: Commands) -> None:
-    """Add `pbd sensors`."""
-    parser = add_command(
-        commands,
-        "sensors",
-        "which sensors are plugged in, and which are supported",
-        "List the serial ports with something plugged in, and the sensors that pbd supports. As CSV these are\n"
-        "two tables, with an empty line between. `pbd sensors phyphox` writes the experiment that a phone's app\n"
-        "phyphox needs, and shows it as QR codes for the app to scan (docs/phones.md).",
-        "  pbd sensors --probe\n  pbd sensors phyphox",
-    )
+def sensors(parser: ArgumentParser) -> None:
+    """Which sensors are plugged in, and which are supported.
+
+    List the serial ports with something plugged in, and the sensors that pbd supports. As CSV these are
+    two tables, with an empty line between. `pbd sensors phyphox` writes the experiment that a phone's app
+    phyphox needs, and shows it as QR codes for the app to scan (docs/phones.md).
+
+      pbd sensors --probe
+      pbd sensors phyphox
+    """
     parser.add_argument("phone", nargs="?", choices=("phyphox",), help="prepare a phone with this app")
     output = "with phyphox: the experiment's file (pbd.phyphox), or a picture of its code (.png, .svg)"
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help=output)

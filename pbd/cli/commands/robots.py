@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import argparse
+from argparse import ArgumentParser
 from pathlib import Path
 
-from pbd.cli.options import Commands, add_command, add_demo, add_json, add_planning, add_table, add_tracking, positive
+from pbd.cli.options import add_demo, add_json, add_planning, add_table, add_tracking, positive, within
 from pbd.files.exporters import FORMATS, HIGHEST_HZ, LOWEST_HZ, SUFFIXES
 
 
-def add_replay(commands: Commands) -> None:
-    """Add `pbd replay`."""
-    parser = add_command(
-        commands,
-        "replay",
-        "plan the robot's motion, audit it and show it",
-        "Plan the motion of a robot through a demonstration's keyframes, audit it against all limits, and show it:\n"
-        "in the browser, served on this machine only, or as one HTML file that plays anywhere without a network.",
-        "  pbd replay pouring --robot panda --html pouring.html",
-    )
+def replay(parser: ArgumentParser) -> None:
+    """Plan the robot's motion, audit it and show it.
+
+    Plan the motion of a robot through a demonstration's keyframes, audit it against all limits, and show it:
+    in the browser, served on this machine only, or as one HTML file that plays anywhere without a network.
+
+      pbd replay pouring --robot panda --html pouring.html
+    """
     add_demo(parser)
     add_json(parser)
     parser.add_argument("--html", type=Path, metavar="FILE", help="write the page to FILE instead of serving it")
@@ -27,17 +25,15 @@ def add_replay(commands: Commands) -> None:
     add_planning(parser)
 
 
-def add_export(commands: Commands) -> None:
-    """Add `pbd export`."""
-    parser = add_command(
-        commands,
-        "export",
-        "write the joint trajectory for other tools",
-        "Plan and audit as `pbd replay` does, and write the joint trajectory.",
-        "  pbd export pouring --robot panda -o pouring.json\n"
-        "  pbd export pouring --robot panda --format csv -o - | head -3\n"
-        "  pbd export tea1 tea2 --robot so101 --format lerobot --task 'pour the tea' -o tea",
-    )
+def export(parser: ArgumentParser) -> None:
+    """Write the joint trajectory for other tools.
+
+    Plan and audit as `pbd replay` does, and write the joint trajectory.
+
+      pbd export pouring --robot panda -o pouring.json
+      pbd export pouring --robot panda --format csv -o - | head -3
+      pbd export tea1 tea2 --robot so101 --format lerobot --task 'pour the tea' -o tea
+    """
     option = parser.add_argument
     demos = "names (in ./demos, or bundled), folders, or recordings; default: the newest in ./demos, else 'pouring'; "
     option("demos", nargs="*", metavar="DEMO", help=f"{demos}lerobot alone takes several")
@@ -47,7 +43,7 @@ def add_export(commands: Commands) -> None:
     output = "the file to write (lerobot: the folder); - is standard output"
     option("-o", "--output", required=True, type=Path, metavar="FILE", help=output)
     rate = "samples a second, from 10 to 100000 (1000; tum: 100; glb: 50; ros2-json: none but the motion's own knots)"
-    option("--rate", type=_export_rate, metavar="HZ", help=rate)
+    option("--rate", type=within(LOWEST_HZ, HIGHEST_HZ, " Hz"), metavar="HZ", help=rate)
     dense = (
         "urscript: servoj at the controller's period (--rate 125, or 500 for e-Series), not a movej for each keyframe"
     )
@@ -57,26 +53,17 @@ def add_export(commands: Commands) -> None:
     add_planning(parser)
 
 
-def _export_rate(text: str) -> float:
-    rate = positive(text)
-    if not LOWEST_HZ <= rate <= HIGHEST_HZ:
-        raise argparse.ArgumentTypeError(f"must be {LOWEST_HZ:g} to {HIGHEST_HZ:g} Hz, got {text}")
-    return rate
+def run(parser: ArgumentParser) -> None:
+    """Run a demonstration on a so100 or so101 arm.
 
+    Plan from where the arm stands, show what will happen, ask, and move the arm over its servos' bus; watch its
+    error, load, temperature and voltage. Any key stops it at once. It ends at home, and holds there: its servos
+    let go only with --release. docs/running.md says how to begin. Other arms run what `pbd export` writes.
 
-def add_run(commands: Commands) -> None:
-    """Add `pbd run`."""
-    parser = add_command(
-        commands,
-        "run",
-        "run a demonstration on a so100 or so101 arm",
-        "Plan from where the arm stands, show what will happen, ask, and move the arm over its servos' bus; watch its\n"
-        "error, load, temperature and voltage. Any key stops it at once. It ends at home, and holds there: its servos\n"
-        "let go only with --release. docs/running.md says how to begin. Other arms run what `pbd export` writes.",
-        "  pbd run --calibrate --robot so101            once: where the servos' zeros and ends are\n"
-        "  pbd run pouring --robot so101 --dry-run      all but the motion\n"
-        "  pbd run pouring --robot so101 --speed 0.3",
-    )
+      pbd run --calibrate --robot so101            once: where the servos' zeros and ends are
+      pbd run pouring --robot so101 --dry-run      all but the motion
+      pbd run pouring --robot so101 --speed 0.3
+    """
     add_demo(parser)
     add_json(parser)
     option = parser.add_argument
@@ -86,7 +73,8 @@ def add_run(commands: Commands) -> None:
     option("--yes", action="store_true", help="do not ask before the arm moves or sinks")
     tolerance = "a joint farther off its goal stops the arm (10)"
     option("--tolerance", type=positive, default=10.0, metavar="DEG", help=tolerance)
-    option("--rate", type=_run_rate, default=50.0, metavar="HZ", help="goals a second, from 40 to 100 (50)")
+    pace = within(40.0, 100.0, " Hz")  # slower, and a stop would take longer than 50 ms; no servo answers faster
+    option("--rate", type=pace, default=50.0, metavar="HZ", help="goals a second, from 40 to 100 (50)")
     instead = parser.add_mutually_exclusive_group()
     instead.add_argument("--dry-run", action="store_true", help="do all but move: read the servos, give them no goals")
     instead.add_argument("--calibrate", action="store_true", help="find the servos' middles and ends; write --servos")
@@ -95,24 +83,17 @@ def add_run(commands: Commands) -> None:
     add_planning(parser, measured=True)
 
 
-def _run_rate(text: str) -> float:
-    rate = positive(text)
-    if not 40.0 <= rate <= 100.0:  # slower, and a stop would take longer than 50 ms; faster than the servos answer
-        raise argparse.ArgumentTypeError(f"must be 40 to 100 Hz, got {text}")
-    return rate
+def robots(parser: ArgumentParser) -> None:
+    """List the robots that pbd knows.
 
+    List the robots in ./robots and the bundled ones, with their reach (tool from the base's axis) and what pbd
+    assumes about them; or show one, with the links that are not checked for collisions. To add your own, put a
+    file into ./robots (docs/robots.md).
 
-def add_robots(commands: Commands) -> None:
-    """Add `pbd robots`."""
-    parser = add_command(
-        commands,
-        "robots",
-        "list the robots that pbd knows",
-        "List the robots in ./robots and the bundled ones, with their reach (tool from the base's axis) and what pbd\n"
-        "assumes about them; or show one, with the links that are not checked for collisions. To add your own, put a\n"
-        "file into ./robots (docs/robots.md).",
-        "  pbd robots panda\n  pbd robots --for pouring\n  pbd robots --suggest robots/mine.toml",
-    )
+      pbd robots panda
+      pbd robots --for pouring
+      pbd robots --suggest robots/mine.toml
+    """
     parser.add_argument("robot", nargs="?", metavar="R", help="a robot's name or file; default: all")
     able = "which robots can replay this demonstration on their own docks, fastest first; what stops the others"
     parser.add_argument("--for", dest="demo", metavar="DEMO", help=able)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import argparse
+import sys
+from argparse import ArgumentParser
 from pathlib import Path
 
 from pbd.cli.options import (
-    Commands,
     add_accept_gap,
-    add_command,
     add_demo,
     add_force,
     add_planning,
@@ -16,7 +15,7 @@ from pbd.cli.options import (
     add_tracking,
     finite,
     frame,
-    integer,
+    whole,
 )
 
 FIGURE_FORMATS = ("png", "svg", "pdf")
@@ -24,30 +23,27 @@ MOST_JOBS = 256
 """Most processes of `pbd check`: more cores than a workstation has."""
 
 
-def add_segments(commands: Commands) -> None:
-    """Add `pbd segments`."""
-    parser = add_command(
-        commands,
-        "segments",
-        "when the hand moved, when it rested, and what kind of motion it was",
-        "Print the paper's Table I for a demonstration: the intervals of samples, what happens in each, and how long.",
-        "  pbd segments paper-test1",
-    )
+def segments(parser: ArgumentParser) -> None:
+    """When the hand moved, when it rested, and what kind of motion it was.
+
+    Print the paper's Table I for a demonstration: the intervals of samples, what happens in each, and how long.
+
+      pbd segments paper-test1
+    """
     add_demo(parser)
     add_table(parser, units="ms")
     add_tracking(parser, calibration="none")
 
 
-def add_keyframes(commands: Commands) -> None:
-    """Add `pbd keyframes`."""
-    parser = add_command(
-        commands,
-        "keyframes",
-        "where the hand stopped, and how certain that is",
-        "Print the pose at each stop of a demonstration with its uncertainty; with a robot also the tool's pose\n"
-        "in the robot's base and the joints that reach it. --save writes them for you to edit.",
-        "  pbd keyframes pouring --robot panda\n  pbd keyframes tea --save",
-    )
+def keyframes(parser: ArgumentParser) -> None:
+    """Where the hand stopped, and how certain that is.
+
+    Print the pose at each stop of a demonstration with its uncertainty; with a robot also the tool's pose
+    in the robot's base and the joints that reach it. --save writes them for you to edit.
+
+      pbd keyframes pouring --robot panda
+      pbd keyframes tea --save
+    """
     add_demo(parser)
     add_table(parser, units="m,deg,s")
     save = "write keyframes.toml into the demonstration, for you to edit"
@@ -63,19 +59,19 @@ def add_keyframes(commands: Commands) -> None:
     add_planning(parser, robot_required=False, units=False)
 
 
-def add_touch(commands: Commands) -> None:
-    """Add `pbd touch`."""
-    parser = add_command(
-        commands,
-        "touch",
-        "correct a keyframe where the arm was tried and was off",
-        "The tool is off at a keyframe: say by how much, or where it belongs. That is a measurement, so the other\n"
-        "keyframes move with it as far as their errors have something in common. It is kept in keyframes.toml.",
-        "  pbd touch tea 3 --robot panda --by 0 -0.004 0\n  pbd touch tea --robot panda --undo",
-    )
+def touch(parser: ArgumentParser) -> None:
+    """Correct a keyframe where the arm was tried and was off.
+
+    The tool is off at a keyframe: say by how much, or where it belongs. That is a measurement, so the other
+    keyframes move with it as far as their errors have something in common. It is kept in keyframes.toml.
+
+      pbd touch tea 3 --robot panda --by 0 -0.004 0
+      pbd touch tea --robot panda --undo
+    """
     option = parser.add_argument
     option("demo", metavar="DEMO", help="a demonstration's name (in ./demos), or its folder")
-    option("keyframe", nargs="?", type=integer, metavar="KEYFRAME", help="its number, as `pbd keyframes` has it")
+    count = whole("a whole number", range(sys.maxsize))
+    option("keyframe", nargs="?", type=count, metavar="KEYFRAME", help="its number, as `pbd keyframes` has it")
     option("--robot", required=True, metavar="R", help="the arm that was tried")
     option("--by", type=finite, nargs=3, metavar=("X", "Y", "Z"), help="how far the tool is to go, m, in base axes")
     option("--tool", action="store_true", help="with --by: in the tool's own axes")
@@ -89,18 +85,17 @@ def add_touch(commands: Commands) -> None:
     parser.set_defaults(time="limits", dwell=None, force=False)
 
 
-def add_plot(commands: Commands) -> None:
-    """Add `pbd plot`."""
-    parser = add_command(
-        commands,
-        "plot",
-        "draw a demonstration: the paper's figures and more; or compare several",
-        "Draw a demonstration into files: the paper's figures 5 to 10, attitude, specific force, velocity with its\n"
-        "residuals, sigma, magnetic field, sampling intervals, and a summary sheet. Several demonstrations of\n"
-        "one task are overlaid at their first stop, with the spread at each keyframe, which is also printed as a\n"
-        "table.",
-        "  pbd plot pouring --save figures --format svg\n  pbd plot paper-test1 paper-test2 --csv > spread.csv",
-    )
+def plot(parser: ArgumentParser) -> None:
+    """Draw a demonstration: the paper's figures and more; or compare several.
+
+    Draw a demonstration into files: the paper's figures 5 to 10, attitude, specific force, velocity with its
+    residuals, sigma, magnetic field, sampling intervals, and a summary sheet. Several demonstrations of
+    one task are overlaid at their first stop, with the spread at each keyframe, which is also printed as a
+    table.
+
+      pbd plot pouring --save figures --format svg
+      pbd plot paper-test1 paper-test2 --csv > spread.csv
+    """
     parser.add_argument(
         "demos",
         nargs="*",
@@ -114,20 +109,18 @@ def add_plot(commands: Commands) -> None:
     add_tracking(parser, calibration="none")
 
 
-def add_fuse(commands: Commands) -> None:
-    """Add `pbd fuse`."""
-    parser = add_command(
-        commands,
-        "fuse",
-        "make one demonstration of several takes of a task",
-        "Match the keyframes of several takes, estimate all of them together with the sensor's own errors, and store\n"
-        "what they make as a demonstration that lists them. Between takes turn the sensor in the hand by a quarter,\n"
-        "once about a level axis (`pbd record --take N` says so): then its errors cancel. How the hand scatters from\n"
-        "take to take becomes the keyframes' tolerance.",
-        "  pbd fuse tea1 tea2 tea3 -o tea\n"
-        "  pbd fuse tea tea4 -o tea --force           one more take\n"
-        "  pbd fuse tea1 tea2 tea3 -o tea --save-calibration my-sensor --plot plots/tea",
-    )
+def fuse(parser: ArgumentParser) -> None:
+    """Make one demonstration of several takes of a task.
+
+    Match the keyframes of several takes, estimate all of them together with the sensor's own errors, and store
+    what they make as a demonstration that lists them. Between takes turn the sensor in the hand by a quarter,
+    once about a level axis (`pbd record --take N` says so): then its errors cancel. How the hand scatters from
+    take to take becomes the keyframes' tolerance.
+
+      pbd fuse tea1 tea2 tea3 -o tea
+      pbd fuse tea tea4 -o tea --force           one more take
+      pbd fuse tea1 tea2 tea3 -o tea --save-calibration my-sensor --plot plots/tea
+    """
     option = parser.add_argument
     option("takes", nargs="+", metavar="TAKE", help="demonstrations of one task, by name or folder; or a fused one")
     option("-o", "--output", required=True, metavar="NAME", help="the new demonstration's name (in ./demos) or folder")
@@ -141,24 +134,18 @@ def add_fuse(commands: Commands) -> None:
     add_accept_gap(parser)
 
 
-def add_check(commands: Commands) -> None:
-    """Add `pbd check`."""
-    parser = add_command(
-        commands,
-        "check",
-        "which of many demonstrations need a look",
-        "Check demonstrations: whether each can be tracked (and, with --robot, replayed), how sure its keyframes are,\n"
-        "what a person should look at, and where it differs from its siblings. What needs a look comes first.\n"
-        "The exit code is 1 where one can't be used.",
-        "  pbd check demos/*\n  pbd check demos/tea* --robot panda --jobs 4 --csv > tea.csv",
-    )
+def check(parser: ArgumentParser) -> None:
+    """Which of many demonstrations need a look.
+
+    Check demonstrations: whether each can be tracked (and, with --robot, replayed), how sure its keyframes are,
+    what a person should look at, and where it differs from its siblings. What needs a look comes first.
+    The exit code is 1 where one can't be used.
+
+      pbd check demos/*
+      pbd check demos/tea* --robot panda --jobs 4 --csv > tea.csv
+    """
     parser.add_argument("demos", nargs="+", metavar="DEMO", help="names (in ./demos, or bundled), folders, recordings")
     parser.add_argument("--robot", metavar="R", help="also plan for this robot, on its own dock")
-    parser.add_argument("--jobs", type=_jobs, default=1, metavar="N", help="how many at once (1); -1: one a core")
+    jobs = whole(f"1 to {MOST_JOBS}, or -1", (-1, *range(1, MOST_JOBS + 1)))
+    parser.add_argument("--jobs", type=jobs, default=1, metavar="N", help="how many at once (1); -1: one a core")
     add_table(parser, units="mm,s")
-
-
-def _jobs(text: str) -> int:
-    if not text.removeprefix("-").isdecimal() or not (int(text) == -1 or 1 <= int(text) <= MOST_JOBS):
-        raise argparse.ArgumentTypeError(f"must be 1 to {MOST_JOBS}, or -1, got '{text}'")
-    return int(text)

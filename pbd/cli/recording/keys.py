@@ -6,11 +6,15 @@ import os
 import select
 import signal
 import sys
+import time
 from contextlib import suppress
-from types import FrameType, TracebackType
 from typing import Any, Protocol, Self
 
+from pbd.errors import PbdError
 from pbd.record.values import Command
+
+POLL_S = 0.02
+"""How often a key is looked for, s."""
 
 
 class Keys:
@@ -19,7 +23,7 @@ class Keys:
     Where standard input is no terminal there are no keys, and its end ends nothing.
     """
 
-    END = "\x03"
+    END, ENTER = "\x03", "\r\n"
 
     def __init__(self) -> None:
         self.terminal = sys.stdin.isatty()
@@ -38,9 +42,7 @@ class Keys:
             tty.setcbreak(sys.stdin)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         if self._settings is not None:
             import termios
 
@@ -60,7 +62,19 @@ class Keys:
             self.terminal = False
         return ""
 
-    def _signal(self, number: int, frame: FrameType | None) -> None:
+    def wait(self) -> str:
+        """Wait for a key."""
+        while not (key := self.next()):
+            time.sleep(POLL_S)
+        return key
+
+    def ask(self, question: str) -> None:
+        """Wait for Enter; PbdError for any other key."""
+        print(question, file=sys.stderr, flush=True)
+        if self.wait() not in self.ENTER:
+            raise PbdError("cancelled: nothing was changed, run it again when you are ready")
+
+    def _signal(self, *_: object) -> None:
         self._signalled = True
 
 
@@ -87,11 +101,11 @@ class Person:
             if key in "yY":
                 return Command.DISCARD
             return None if key != self._keys.END else Command.END
-        if key in ("\n", "\r", self._keys.END) and key:
+        if key and key in (*self._keys.ENTER, self._keys.END):
             return Command.END
         if key == " ":
             return Command.GRIP
-        if key in ("q", "Q") and key:
+        if key in ("q", "Q"):
             self._asked = True
             self._screen.ask("discard this recording? y discards, any other key goes on")
         return None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import warnings
 from dataclasses import replace
 from typing import Any
 
@@ -16,7 +15,7 @@ from pbd.cli.console import print_json, working
 from pbd.cli.robots.rank import rank
 from pbd.cli.robots.suggest import suggest
 from pbd.data import Robot
-from pbd.errors import PbdWarning, RobotError
+from pbd.errors import RobotError, warn
 from pbd.files.find_by_name import names
 from pbd.files.robot import load_robot
 from pbd.view.terminal_tables import left_out_table, print_csv, print_table, robots_table
@@ -63,7 +62,7 @@ def _all() -> list[ArmModel]:
         try:
             arms.append(load_model(replace(load_robot(name), name=name)))  # a copied file may still carry the old name
         except RobotError as error:
-            warnings.warn(str(error), PbdWarning, stacklevel=2)
+            warn(str(error))
     return arms
 
 

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pbd.cli.console import print_json, working
-from pbd.cli.steps import load_demonstration, track_demonstration
+from pbd.cli.console import working
+from pbd.cli.steps import load_demonstration, print_result, track_demonstration
 from pbd.errors import PbdError, collected_warnings
 from pbd.files.find_by_name import names
-from pbd.view.terminal_tables import make_table, print_csv, print_table
+from pbd.view.terminal_tables import make_table
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -30,10 +30,7 @@ def rank(args: argparse.Namespace) -> None:
         with working(f"planning for {name}, {number} of {len(arms)}"):
             rows.append(_row(name, demo, path))
     rows.sort(key=lambda row: (row["why"] is not None, row["duration_s"] or 0.0))
-    if args.json:
-        return print_json({"demo": demo.recording.info.name, "robots": rows})
-    table = _table(rows, args.units)
-    return print_csv(table) if args.csv else print_table(table)
+    print_result(args, {"demo": demo.recording.info.name, "robots": rows}, _table(rows, args.units))
 
 
 def _row(name: str, demo: Demonstration, path: HandPath) -> dict[str, Any]:

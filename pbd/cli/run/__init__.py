@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 
 from pbd.errors import UsageError
 
@@ -33,6 +34,8 @@ def run(args: argparse.Namespace) -> int:
     if args.calibrate:
         calibrate_servos(args, robot)
         return 0
+    if not (args.yes or args.dry_run or sys.stdin.isatty()):
+        raise UsageError("pbd run asks before the arm moves: start it at a terminal, or with --yes")
     if args.release:
         release_servos(args, robot)
         return 0

@@ -13,7 +13,6 @@ from pbd.cli.console import print_json, say
 from pbd.cli.plan_report import say_torque
 from pbd.cli.recording.device import only_port
 from pbd.cli.recording.keys import Keys
-from pbd.cli.run.asking import ask, refuse_nobody
 from pbd.cli.steps import plan_demonstration
 from pbd.data import Robot
 from pbd.driving import bus as servo_bus
@@ -45,8 +44,6 @@ ASKED = 10
 
 def drive(args: argparse.Namespace, robot: Robot) -> int:
     """Run the demonstration on the arm; return the exit code."""
-    if not args.dry_run:
-        refuse_nobody(args)
     assert robot.servos is not None
     assert robot.gripper is not None
     stroke_s = robot.gripper.stroke_s
@@ -60,20 +57,19 @@ def drive(args: argparse.Namespace, robot: Robot) -> int:
         before = arm.state()
         check_health(counts.names, arm.bounds, before)
         start = planned_start(counts, before, robot.limits)
-        demo, _, robot, options, plan = plan_demonstration(args, start)
+        plan = plan_demonstration(args, start)
         t, goals = goals_of(counts, plan.trajectory, before, args.rate, stroke_s)
-        say(f"'{demo.recording.info.name}' on {robot.name} at {device}, its servos calibrated in {file}")
+        say(f"'{plan.name}' on {robot.name} at {device}, its servos calibrated in {file}")
         print_table(_preview(counts, before, goals, t, plan.trajectory), sys.stderr)
         say(_timetable(plan.trajectory, goals, t))
-        say_torque(demo, robot, plan, options)
+        say_torque(plan)
         with Keys() as keys:
             if args.dry_run:
                 say("dry run: the servos are read, and given no goals")
             else:
                 if not args.yes:
-                    ask(
-                        keys,
-                        "Clear the arm's way; keep a hand at its power switch. Enter starts it; any other key cancels.",
+                    keys.ask(
+                        "Clear the arm's way; keep a hand at its power switch. Enter starts it; any other key cancels."
                     )
                 now = arm.state()
                 if (by := moved_deg(counts, before, now)) > MOVED_DEG:
@@ -98,7 +94,7 @@ def drive(args: argparse.Namespace, robot: Robot) -> int:
     if args.json:
         print_json(
             {
-                "demo": demo.recording.info.name,
+                "demo": plan.name,
                 "robot": robot.name,
                 "port": device,
                 "servos": str(file),
@@ -161,9 +157,9 @@ def _told(done: Streamed, watch: Watch, arm: ServoArm, dry_run: bool) -> dict[st
             "max": float(period_ms.max()) if len(period_ms) else None,
         },
         "asked_again": arm.asked_again,
-        "error_deg": None if dry_run else dict(zip(names, watch.error_deg.tolist(), strict=True)),
-        "load": dict(zip(names, watch.load.tolist(), strict=True)),
-        "celsius": dict(zip(names, watch.celsius.tolist(), strict=True)),
+        "error_deg": None if dry_run else dict(zip(names, watch.error_deg, strict=True)),
+        "load": dict(zip(names, watch.load, strict=True)),
+        "celsius": dict(zip(names, watch.celsius, strict=True)),
         "volts": float(watch.volts.min()),
         "stopped": "by hand" if done.by_hand else done.stopped and done.stopped.message,
         "held": done.held,

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from pbd.cli.console import print_json, say
 from pbd.cli.recording.device import only_port
-from pbd.cli.recording.keys import Keys
-from pbd.cli.run.asking import POLL_S, ask, refuse_nobody
+from pbd.cli.recording.keys import POLL_S, Keys
 from pbd.data import Robot
 from pbd.driving.arm import identify, release
 from pbd.driving.bus import Bus
@@ -26,6 +25,9 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 
+SINKS = "Hold the arm: its servos will let go, and it sinks. Enter lets go; any other key cancels."
+
+
 def calibrate_servos(args: argparse.Namespace, robot: Robot) -> None:
     """Guide a person through it; write the file and the servos."""
     from pbd.view.terminal_tables import print_table
@@ -35,12 +37,12 @@ def calibrate_servos(args: argparse.Namespace, robot: Robot) -> None:
     file = args.servos or own_servo_calibration(robot.name)
     refuse_output(file)
     clock, device = Clock(), args.port or only_port("arm", "")
-    ids = dict(zip(names_of(robot), range(1, len(names_of(robot)) + 1), strict=True))  # as LeRobot's setup gives them
+    ids = _ids(robot)
     with Keys() as keys, Bus.open(device, clock) as bus:
         identify(bus, ids)
-        ask(keys, "Hold the arm: its servos will let go, and it sinks. Enter lets go; any other key cancels.")
+        keys.ask(SINKS)
         with calibrating(bus, ids) as session:
-            ask(keys, "Move every joint to the middle of its range, the gripper half open. Enter when it stands there.")
+            keys.ask("Move every joint to the middle of its range, the gripper half open. Enter when it stands there.")
             session.set_middles()
             others = f"every joint but {ENDLESS}" if ENDLESS in ids else "every joint"
             say(f"move {others} slowly from stop to stop, one after the other; Enter when all are done")
@@ -59,17 +61,21 @@ def calibrate_servos(args: argparse.Namespace, robot: Robot) -> None:
 
 def release_servos(args: argparse.Namespace, robot: Robot) -> None:
     """Switch the torque off."""
-    refuse_nobody(args)
     device = args.port or only_port("arm", "")
-    ids = dict(zip(names_of(robot), range(1, len(names_of(robot)) + 1), strict=True))
+    ids = _ids(robot)
     with Keys() as keys, Bus.open(device, Clock()) as bus:
         identify(bus, ids)
         if not args.yes:
-            ask(keys, "Hold the arm: its servos will let go, and it sinks. Enter lets go; any other key cancels.")
+            keys.ask(SINKS)
         release(bus, tuple(ids.values()))
     say("the servos have let go")
     if args.json:
         print_json({"robot": robot.name, "port": device, "released": True})
+
+
+def _ids(robot: Robot) -> dict[str, int]:
+    """The servos' numbers, as LeRobot's setup gives them."""
+    return {name: number for number, name in enumerate(names_of(robot), start=1)}
 
 
 def _follow(keys: Keys, clock: Clock, session: Calibrating, ids: dict[str, int]) -> None:
@@ -88,7 +94,7 @@ def _follow(keys: Keys, clock: Clock, session: Calibrating, ids: dict[str, int])
                 ends = list(zip(lowest.tolist(), highest.tolist(), strict=True))
                 shown.update(_ranges(ids, ends), refresh=True)
             clock.sleep_until(clock.now() + POLL_S)
-    if key not in "\r\n":
+    if key not in keys.ENTER:
         raise PbdError("cancelled: the servos have their old calibration again, run it again when you are ready")
 
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,14 +29,16 @@ from pbd.pose import (
 )
 from pbd.tracking.first_rest import STILL_ACC, STILL_GYR
 from pbd.tracking.moving_windows import squares, window_moments, window_sums
-from pbd.tracking.repair.axes import Witness, angles, find_other_axes
-
-CONTRADICTION_RAD, IMPROVEMENT = np.radians(20.0), 3.0
-"""Angle, rad, between two estimates of the vertical above which they contradict each other. A different reading of the
-axes or the unit is proposed if it divides that angle by IMPROVEMENT."""
-
-SIGN_PRODUCT = 0.04
-"""Mean product of two verticals along an axis above which its sign is observable: 11 degrees off level."""
+from pbd.tracking.repair.axes import (
+    AS_GOOD,
+    AS_GOOD_DEG,
+    CONTRADICTION_DEG,
+    IMPROVEMENT,
+    Witness,
+    angles,
+    find_other_axes,
+    readings,
+)
 
 UPSIDE_DOWN_COS = -0.9
 """Cosine between the sensor's z axis and the vertical below which it lies upside down: within 26 degrees."""
@@ -59,9 +60,6 @@ apart."""
 
 SHOWN_BY = {"a": "gravity", "m": "the field", "": "the device's own attitude"}
 """What shows a turn, by the channel of a witness."""
-
-UNIT_PAIRS = 2
-"""Least number of pairs between which the vertical turns, to judge the unit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,15 +106,16 @@ def refuse_turned_signs(recording: Recording) -> None:
     if len(steady.rows) == 0:
         return
     up = up_in_sensor(quat_from_rpy(recording.device_rpy[steady.rows]))
-    along = (steady.up_sensor * up).mean(axis=0)
-    # Of a level axis nothing is seen: where all others are turned, it is meant too.
-    signs = np.where(along < (SIGN_PRODUCT if (along < SIGN_PRODUCT).all() else -SIGN_PRODUCT), -1.0, 1.0)
-    off, fit = (float(angles(steady.up_sensor * turn, up).mean()) for turn in (np.ones(3), signs))
-    if off < CONTRADICTION_RAD or fit > off / IMPROVEMENT:
+    signs = [reading for reading in readings() if reading.order == (0, 1, 2)]
+    off, *fits = (float(np.degrees(angles(steady.up_sensor * each.signs, up).mean())) for each in signs)
+    if off < CONTRADICTION_DEG or min(fits) > off / IMPROVEMENT:
         return
-    if recording.gyr is not None and signs[2] > 0.0:
+    good = [each for each, fit in zip(signs[1:], fits, strict=True) if fit <= AS_GOOD * min(fits) + AS_GOOD_DEG]
+    # Of a level axis nothing is seen: where all others are turned, it is meant too.
+    found = min(good, key=lambda each: (each.causes, sum(each.signs)))
+    if recording.gyr is not None and found.signs[2] > 0:
         return  # the attitude may count its pitch or roll the other way; the gyro knows better, and is asked
-    turned = [axis for axis, sign in zip("xyz", signs, strict=True) if sign < 0.0]
+    turned = [axis for axis, sign in zip("xyz", found.signs, strict=True) if sign < 0]
     how = "--unit acc=-g (or -m/s2)" if len(turned) == 3 else " ".join(f"--column a{axis}=-NAME" for axis in turned)
     wrong = "has the wrong sign: it contradicts" if len(turned) == 1 else "have the wrong sign: they contradict"
     raise RecordingError(
@@ -167,42 +166,21 @@ def refuse_disagreement(recording: Recording) -> None:
     steady = find_steady(acc, gyr, rate_hz)
     gyr = gyr - steady.gyro_bias
     first, second = _pairs(steady.rows, rate_hz)
-    up, up_later = steady.up_sensor[first], steady.up_sensor[second]
     there, here = steady.rows[second], steady.rows[first]
 
-    def turn(gyr: Array) -> Array:
-        """The gyro's turns (k, 4) from the axes of the first moments to those of the second."""
-        attitude = np.vstack(((1.0, 0.0, 0.0, 0.0), quat_cumulative(quat_exp(gyr / rate_hz))))
-        return quat_multiply(quat_inverse(attitude[there]), attitude[here])
+    def turn(factor: float) -> Array:
+        attitude = np.vstack(((1.0, 0.0, 0.0, 0.0), quat_cumulative(quat_exp(factor * gyr / rate_hz))))
+        return quat_to_matrix(quat_multiply(quat_inverse(attitude[there]), attitude[here]))
 
-    def refuse(off_deg: float, pair: int, what: str, shows: str = "gravity", **fields: object) -> NoReturn:
-        at = recording.t[here[pair] * every]
-        raise RecordingError(
-            f"the gyro does not turn as {shows} shows (by {off_deg:.0f} degrees, first at t = {at:.1f} s): {what}",
-            value=np.radians(off_deg),
-            **fields,
-        )
-
-    as_it_is = turn(gyr)
-    witnesses = [Witness("a", up, up_later), *_other_witnesses(recording, every, here, there)]
-    found = find_other_axes(witnesses, quat_to_matrix(as_it_is), lambda: quat_to_matrix(turn(-gyr)))
-    carried = quat_rotate(as_it_is, up)
-    telling = np.maximum(angles(up, up_later), angles(up, carried)) > CONTRADICTION_RAD
-    off = float(np.median(angles(up_later, carried)[telling])) if telling.any() else 0.0
-    if telling.sum() >= UNIT_PAIRS and off > CONTRADICTION_RAD:
-        pair, mended = int(np.flatnonzero(telling)[0]), np.radians(found.fit_deg) if found else np.inf
-        for unit, other, what in (
-            ("deg/s", np.radians(gyr), "its values are in deg/s"),
-            ("rad/s", np.degrees(gyr), "its values were in rad/s, but were read as deg/s"),
-        ):
-            fit = float(np.median(angles(up_later, quat_rotate(turn(other), up))[telling]))
-            if fit < min(off / IMPROVEMENT, mended):
-                refuse(np.degrees(off), pair, f"{what}; import the file with --unit gyr={unit}", unit=unit)
-        if not np.diff(gyr, axis=0).any():  # with noise in the accelerometer, `refuse_dead` has refused it
-            dead = "it reads the same all the time, so it is dead; check the columns gx, gy, gz"
-            refuse(np.degrees(off), pair, dead)
+    up = Witness("a", steady.up_sensor[first], steady.up_sensor[second])
+    found = find_other_axes([up, *_other_witnesses(recording, every, here, there)], turn)
     if found is not None:
-        refuse(found.off_deg, found.pair, found.message, SHOWN_BY[found.witness])
+        at = recording.t[here[found.pair] * every]
+        raise RecordingError(
+            f"the gyro does not turn as {SHOWN_BY[found.witness]} shows (by {found.off_deg:.0f} degrees, first at "
+            f"t = {at:.1f} s): {found.message}",
+            value=np.radians(found.off_deg),
+        )
 
 
 def _other_witnesses(

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from pbd.arm.ik.levenberg_marquardt import PATIENCE, SOLVED, descend_each, residual_at
+from pbd.arm.ik.levenberg_marquardt import PATIENCE, SOLVED, UNTIL_IT_STOPS, descend, descend_each, residual_at
 from pbd.arm.ik.starts import starts_of
 from pbd.arm.model import ArmModel
 from pbd.arm.tool import target
@@ -47,3 +47,11 @@ def test_it_stops_at_the_first_seed_that_arrives(any_arm: ArmModel) -> None:
         assert (stopped[1][:-1] >= SOLVED).all()
         every = descend_each(any_arm, goal, seeds, all_of_them=True)
         np.testing.assert_array_equal(stopped[0], every[0][: len(stopped[0])])
+
+
+@pytest.mark.parametrize(("patience", "reached"), [(PATIENCE, 4.0), (UNTIL_IT_STOPS, 10.0)])
+def test_a_seed_is_given_up_after_so_many_slow_steps(patience: int, reached: float) -> None:
+    """10 rad away, at 1 rad a step, each of the first steps leaves more than 70 % of the error."""
+    bounds = np.array([-20.0]), np.array([20.0])
+    q, _ = descend(lambda q: (q - 10.0, np.eye(1)), bounds, np.zeros(1), patience=patience)
+    np.testing.assert_allclose(q, reached, atol=1e-4)

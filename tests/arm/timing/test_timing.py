@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from ruckig import InputParameter, Ruckig, Trajectory
 
 from pbd.arm.model import ArmModel, load_model
-from pbd.arm.timing.piecewise_cubic import WITHIN
+from pbd.arm.timing.piecewise_cubic import WITHIN, PiecewiseCubic
 from pbd.arm.timing.ptp import ptp_move
 from pbd.arm.timing.time_moves import APPROACH_SPEED, Move, time_moves
 from pbd.data import JointTrajectory, Robot
@@ -220,3 +220,15 @@ def test_the_way_back_comes_after_the_last_dwell_and_stroke(arm: ArmModel) -> No
 def test_the_shortest_move_takes_a_millisecond(arm: ArmModel) -> None:
     q = np.array(arm.robot.home)
     assert ptp_move(q, q + 1e-12, arm.limits, 1.0).durations.sum() == pytest.approx(1e-3)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_peaks_are_the_largest_of_dense_samples(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    durations, c = rng.uniform(0.2, 1.5, size=6), rng.normal(size=(6, 4, 3))
+    s = np.linspace(0.0, 1.0, 20_001)[:, None, None] * durations[:, None]
+    velocity = c[:, 1] + 2.0 * c[:, 2] * s + 3.0 * c[:, 3] * s**2
+    acceleration = 2.0 * c[:, 2] + 6.0 * c[:, 3] * s
+    jerk = 6.0 * c[:, 3]
+    for peak, values in zip(PiecewiseCubic(durations, c).peaks(), (velocity, acceleration, jerk), strict=True):
+        np.testing.assert_allclose(peak, np.abs(values).reshape(-1, 3).max(axis=0), rtol=1e-6)

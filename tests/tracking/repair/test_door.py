@@ -35,6 +35,13 @@ def test_a_hole_in_a_rest_that_may_hide_a_move_is_refused(start_s: float, stop_s
         track(with_hole(pour().recording, start_s, stop_s))
 
 
+@quietly
+def test_two_holes_in_a_rest_are_told_as_one_and_one_other() -> None:
+    twice = with_hole(with_hole(pour().recording, 0.8, 1.2), 0.4, 0.6)
+    with pytest.raises(TrackingError, match=r"^400 ms .*a move may be hidden in it, and in 1 other gap; record again"):
+        track(twice)
+
+
 def test_a_hole_in_a_rest_that_a_person_vouches_for_is_a_warning() -> None:
     whole = track(pour().recording)
     with (

@@ -12,11 +12,13 @@ from pbd.pose import Array, lengths, quat_inverse, quat_log, quat_multiply, quat
 from pbd.simulation.simulate import random_task, simulate
 from pbd.tracking.estimate import Estimate, estimate
 from pbd.tracking.first_rest import find_rest
-from pbd.tracking.noise import noise_of
+from pbd.tracking.noise import acc_doubt, noise_of
 from pbd.tracking.repair.repair_recording import condition
 from pbd.tracking.smoother import normal_equations
-from pbd.tracking.smoother.factors import _add_device
+from pbd.tracking.smoother.factors import _add_device, _add_priors
+from pbd.tracking.smoother.knots import _turn_sigma
 from pbd.tracking.smoother.normal_equations import ACC_BIAS, BAND, GYR_BIAS, STATE, NormalEquations
+from pbd.tracking.smoother.preintegration import GyroFrame
 from pbd.tracking.smoother.state import PIVOT, SHARED
 
 SENSORS = ("os5000", "wt901", "modern")
@@ -38,6 +40,34 @@ def test_a_devices_own_attitude_is_believed_at_rest_and_not_where_it_turns() -> 
     rate = lengths(problem.frame.gyr[problem.rows])
     assert sigma[0] == pytest.approx(noise.device_turn, rel=0.05)
     assert sigma[np.argmax(rate)] == pytest.approx(noise.device_lag * rate.max(), rel=0.05)
+
+
+def test_a_hand_at_rest_may_turn_twice_as_far_as_it_sways_about_a_steady_turn() -> None:
+    t, sway = np.arange(0.0, 4.0, 0.01), 0.003
+    gyr = np.zeros((len(t), 3))
+    gyr[1:, 1] = np.diff(sway * np.sin(2.0 * np.pi * t) + 0.02 * t) / 0.01
+    rows, within, unused = np.array([0, 100, 200, 399]), np.array([True, True, False]), np.zeros((len(t), 3))
+    frame = GyroFrame(t, gyr, unused, unused, unused, unused, unused, unused, unused)
+    sigma = _turn_sigma(frame, rows, within, 1e-3)
+    assert sigma == pytest.approx([np.hypot(1e-3, 2.0 * sway)] * 2 + [1e-3], rel=1e-3)
+
+
+@pytest.mark.parametrize("sensor", ["modern", "os5000-nogyro"])
+def test_the_first_knots_biases_are_as_large_as_such_a_device_has_them(sensor: str) -> None:
+    """The walk ties the others to it."""
+    solution = smoothed(simulate("pour", sensor, 0).recording).solution
+    assert solution is not None
+    problem, x, noise = solution.problem, solution.state, solution.problem.noise
+    equations = NormalEquations.empty(len(problem.rows), SHARED)
+    _add_priors(equations, problem, x, solution.local)
+    for block, bias, sigma in (
+        (GYR_BIAS, x.gyr_bias, noise.gyr_bias),
+        (ACC_BIAS, x.acc_bias, acc_doubt(noise, problem.rest) * noise.device.acc_bias),
+    ):
+        information = np.diagonal(equations.diagonal, axis1=1, axis2=2)[:, block]
+        assert information[0] == pytest.approx(np.full(3, sigma**-2.0))
+        assert not information[1:].any()
+        assert equations.g[0, block] == pytest.approx(bias[0] / sigma**2)
 
 
 def errors(demo: Demonstration) -> tuple[Array, Array, Estimate]:
