@@ -100,9 +100,11 @@ class _Search(Mending):
     def _stands(self, place: int, q: Array) -> bool:
         return self.checks.stands(self.links[place - 1], self.moves[self.links[place - 1].keyframe], q)
 
-    def _weigh(self, place: int, q_before: Array, q: Array) -> float:
-        link, wide_known = self.links[place - 1], self.ladder.layers[place].wide_cost > 0.0
-        return self.checks.wide_cost(link, self.moves[link.keyframe], q_before, q, wide_known=wide_known)
+    def _weigh(self, places: list[int], q_before: Array, q: Array) -> list[float]:
+        links = [self.links[place - 1] for place in places]
+        moves = [self.moves[link.keyframe] for link in links]
+        known = [self.ladder.layers[place].wide_cost > 0.0 for place in places]
+        return self.checks.wide_costs(links, moves, q_before, q, known)
 
     def _free(self, place: int, q_before: Array, q: Array) -> float:
         link, layer = self.links[place - 1], self.ladder.layers[place]

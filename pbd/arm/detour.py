@@ -19,6 +19,9 @@ from pbd.pose import Array
 
 _THINNED = 20  # of a known way's points one in so many begins a tree
 _SHORTCUTS = 40
+_WARPED = 4  # of known detours so many are bent and checked, the shortest first
+_WORSE = 1.2  # and no longer, beside the straight move, than so many times what they were
+_NEARER = 0.5, 0.7, 0.85  # a free one is drawn towards the straight move, as far as one of these shares leaves it free
 _BENDS = 2  # times that the path is divided in two to bend it
 _BETWEEN_RAD = 0.05, 0.02, 0.01  # a spline through points so near to each other keeps to the straight lines
 
@@ -64,6 +67,42 @@ def find_detour(
             return None, checker.checks
         there = np.vstack((ways[corners[0].tobytes()], corners[1:]))
     return _smooth(information, checker, there), checker.checks
+
+
+def warp_detour(queries: CollisionQueries, leg: int, start: Array, goal: Array, known: Sequence[Array]) -> Array | None:
+    """Bend one of known detours (m, k) of legs alike, so that it leads from joints (k,) to others.
+
+    Most ways around one obstacle are alike: this takes a check or two, a search some fifty.
+
+    Returns:
+        Joints (m, k): just the ends if the straight move is free, else the shortest of what is tried and free, or None.
+    """
+    if queries.passes(leg, straight := np.stack((start, goal))):
+        return straight
+    ways = []
+    for way in known:
+        for there in (way, way[::-1]):
+            share = np.linspace(0.0, 1.0, len(there))[:, None]
+            warped = there + (1.0 - share) * (start - there[0]) + share * (goal - there[-1])
+            warped[0], warped[-1] = start, goal
+            if _roundabout(warped) < _WORSE * _roundabout(there):
+                ways.append(warped)
+    ways.sort(key=_length)
+    for way in ways[:_WARPED]:
+        if _curve_passes(queries, leg, way):
+            direct = start + np.linspace(0.0, 1.0, len(way))[:, None] * (goal - start)
+            nearer = (direct + share * (way - direct) for share in _NEARER)
+            return next((each for each in nearer if _curve_passes(queries, leg, each)), way)
+    return None
+
+
+def _length(q: Array) -> float:
+    return float(np.linalg.norm(np.diff(q, axis=0), axis=1).sum())
+
+
+def _roundabout(q: Array) -> float:
+    """How much longer than straight joints (m, k) lead from the first to the last."""
+    return _length(q) / max(float(np.linalg.norm(q[-1] - q[0])), 1e-9)
 
 
 def _space_of(
@@ -126,6 +165,14 @@ def _connect(
     return checker.joints(problem.getSolutionPath()) if problem.hasExactSolution() else None
 
 
+def _curve_passes(queries: CollisionQueries, leg: int, q: Array) -> bool:
+    """Whether the curve through joints (m, k) is free."""
+    limits, curve = queries.arm.limits, Curve.through(q, queries.arm.limits)
+    if curve is None or (q < limits.lower).any() or (q > limits.upper).any():
+        return False
+    return queries.passes(leg, curve.q(curve.grid()))
+
+
 def _smooth(information: base.SpaceInformation, checker: _Checker, q: Array) -> Array | None:
     """Return joints (m, k) on a curve by a shorter way than corners (l, k); or its two ends, if they lie straight."""
     path = geometric.PathGeometric(information)
@@ -142,8 +189,7 @@ def _smooth(information: base.SpaceInformation, checker: _Checker, q: Array) -> 
     for waypoints in (checker.joints(path), corners):
         for between_rad in _BETWEEN_RAD:
             dense = _divided(waypoints, between_rad)
-            curve = Curve.through(dense, checker.queries.arm.limits)
-            if curve is not None and checker.queries.passes(checker.leg, curve.q(curve.grid())):
+            if _curve_passes(checker.queries, checker.leg, dense):
                 return dense
     return None
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from pbd.arm.collision.clearance import MARGIN_M
 from pbd.arm.collision.queries import CollisionQueries
+from pbd.arm.collision.scene import Leg
 from pbd.arm.ik.branches import configuration_cost
 from pbd.arm.ik.cartesian import follow
 from pbd.arm.joint_path import turned, widen
@@ -24,7 +25,7 @@ from pbd.arm.ladder_links import (
 )
 from pbd.arm.model import ArmModel
 from pbd.arm.motion_request import MotionRequest
-from pbd.arm.tool_deviation import tool_deviation
+from pbd.arm.tool_deviation import tool_deviations
 from pbd.pose import Array
 
 WIDE_COST, MOST_WIDE = 2.0 * np.pi, 40
@@ -38,6 +39,7 @@ class LinkChecks:
         self.arm, self.request, self.queries = arm, request, queries
         self.n = len(request.T_base_tool)
         self.checks_left = CHECKS + self.n * CHECKS_EACH
+        self.detours: dict[Leg, list[Array]] = {}  # that were searched for
         self.close = queries is not None and queries.scene.margin_m < MARGIN_M
         if self.close:
             self.checks_left = int(CHECKS_CLOSE * self.checks_left)
@@ -54,18 +56,23 @@ class LinkChecks:
         move.pose_hit = queries.standing(i, q)
         return move.pose_hit is None
 
-    def wide_cost(self, link: Link, move: Move, q_before: Array, q: Array, *, wide_known: bool) -> float:
-        """What a move from some joints to others costs for being wide, rad.
+    def wide_costs(
+        self, links: Sequence[Link], moves: Sequence[Move], q_before: Array, q: Array, known: Sequence[bool]
+    ) -> list[float]:
+        """What moves cost for being wide, rad, each from one of joints (n, k) to the other in its place.
 
-        `wide_known`: the travel already has the extra cost of a joint that turns by more than half a turn.
+        `known`: the travel already has the extra cost of a joint that turns by more than half a turn.
         """
-        if not self.straight(link, move) or move.found_wide == MOST_WIDE:
-            return 0.0
-        if wide_known and np.abs(q - q_before).max() > np.pi:
-            return 0.0
-        wide = tool_deviation(self.arm, q_before, q).wide
-        move.found_wide += wide
-        return WIDE_COST * wide
+        turns, costs = np.abs(q - q_before).max(axis=1) > np.pi, [0.0] * len(links)
+        asked = [
+            i
+            for i, (link, move) in enumerate(zip(links, moves, strict=True))
+            if self.straight(link, move) and move.found_wide < MOST_WIDE and not (known[i] and turns[i])
+        ]
+        for i, deviation in zip(asked, tool_deviations(self.arm, q_before[asked], q[asked]), strict=True):
+            moves[i].found_wide += deviation.wide
+            costs[i] = WIDE_COST * deviation.wide
+        return costs
 
     def cost(self, link: Link, move: Move, q_before: Array, q: Array) -> float:
         """What else a move from some joints to others costs beside its travel, rad; infinite where it isn't free."""
@@ -135,14 +142,26 @@ class LinkChecks:
         move.searched, self.checks_left = move.searched + checks, self.checks_left - checks
         return found
 
+    def _around(self, i: int, move: Move, q_before: Array, q: Array) -> Array | None:
+        """Return the joints (m, k) of a detour to keyframe i: as one that is known goes, else any."""
+        from pbd.arm.detour import warp_detour
+
+        assert self.queries is not None
+        known = self.detours.setdefault(self.queries.legs[i], [])
+        found = warp_detour(self.queries, i, q_before, q, known)
+        if found is None:
+            found = self._detour(i, move, q_before[None], q[None], BETWEEN_TWO)
+            if found is not None and len(found) > 2:
+                known.append(found)
+        return None if found is None else found[1:]
+
     def _along(self, link: Link, move: Move, q_before: Array, q: Array) -> Array | None:
         """Return the joints (m, k) by which the arm moves from some to others; None where it can't."""
         i, queries = link.keyframe, self.queries
         if (queries is None and link.poses is None) or (i == 0 and not self.request.approach):
             return q[None]
         if queries is not None and move.detour:
-            found = self._detour(i, move, q_before[None], q[None], BETWEEN_TWO)
-            return None if found is None else found[1:]
+            return self._around(i, move, q_before, q)
         if queries is not None and i in (0, self.n):
             found = queries.approach(q_before, q) if i == 0 else queries.retreat(q_before, q)
             if found is None and move.kind not in move.hits and (hit := queries.moving(i, np.stack((q_before, q)))):

@@ -25,6 +25,8 @@ Stands = Callable[[int, Array], bool]
 """Whether the arm may stand in a layer (counted from 0, the start) with joints (k,)."""
 Moves = Callable[[int, Array, Array], float]
 """What a move to that layer from joints (k,) to others costs beside its travel, rad; infinite where it is barred."""
+Weighs = Callable[[list[int], Array, Array], Sequence[float]]
+"""What moves to such layers cost more, rad, each from one of joints (n, k) to the other in its place."""
 
 
 UNSEEN = 0.2
@@ -212,16 +214,16 @@ class Ladder:
         self.shortest()
         return self._totals[place] if place < len(self._totals) else np.full(len(self.layers[place].q), np.inf)
 
-    def search(self, stands: Stands, moves: Moves, weigh: Moves = lambda *_: 0.0) -> list[int] | Barred:
+    def search(self, stands: Stands, moves: Moves, weigh: Weighs | None = None) -> list[int] | Barred:
         """Return the shortest path, all of it free and its cost known; or the layers that need mending first.
 
-        `weigh`: what a move costs more that is told sooner than whether it is free.
+        `weigh`: what moves cost more that is told sooner than whether they are free.
         """
         while True:
             path = self.shortest()
             if isinstance(path, Barred):
                 return path
-            if self._bar_states(path, stands) or self._weigh_moves(path, weigh):
+            if self._bar_states(path, stands) or (weigh and self._weigh_moves(path, weigh)):
                 continue
             if not self._bar_moves(path, moves, costly=False) and not self._bar_moves(path, moves, costly=True):
                 return path
@@ -243,15 +245,19 @@ class Ladder:
                 barred = True
         return barred
 
-    def _weigh_moves(self, path: Sequence[int], weigh: Moves) -> bool:
-        first = len(path)
+    def _weigh_moves(self, path: Sequence[int], weigh: Weighs) -> bool:
+        places = []
         for place in range(self.first + 1, self.end):
-            layer, state, following = self.layers[place], path[place - 1], path[place]
-            if not (layer.weighed[state, following] or layer.moved[state, following]):
-                layer.weighed[state, following] = True
-                cost = weigh(place, self.layers[place - 1].q[state], layer.q[following])
-                layer.length[state, following] += cost
-                first = min(first, place) if cost > 0.0 else first
+            layer, move = self.layers[place], (path[place - 1], path[place])
+            if not (layer.weighed[move] or layer.moved[move]):
+                layer.weighed[move] = True
+                places.append(place)
+        if not places:
+            return False
+        first, q = len(path), self.joints(path)
+        for place, cost in zip(places, weigh(places, q[[place - 1 for place in places]], q[places]), strict=True):
+            self.layers[place].length[path[place - 1], path[place]] += cost
+            first = min(first, place) if cost > 0.0 else first
         self._forget(first)
         return first < len(path)
 

@@ -102,17 +102,17 @@ class ArmModel:
 
         Plain numpy in the precision of q, for samples and pictures by the thousand; planning relies on `forward`.
         """
-        joints = q.T
+        joints, (c_of, s_of) = q.T, (np.cos(q.T), np.sin(q.T))
         p = np.zeros((3, len(q)), q.dtype)
         R = np.repeat(np.eye(3, dtype=q.dtype)[:, :, None], len(q), axis=2)
         for i, step in enumerate(self.steps):
-            p += step.offset.astype(q.dtype) @ R
-            R = step.turn.T.astype(q.dtype) @ R
+            p += step.offset.astype(q.dtype, copy=False) @ R
+            R = step.turn.T.astype(q.dtype, copy=False) @ R
             if step.joint == "slides":
                 p += R[:, 2] * joints[i]
             elif step.joint == "turns":
-                c, s, x, y = np.cos(joints[i]), np.sin(joints[i]), R[:, 0], R[:, 1]
-                R = np.stack((x * c + y * s, y * c - x * s, R[:, 2]), axis=1)
+                c, s, x, y = c_of[i], s_of[i], R[:, 0], R[:, 1]
+                R[:, 0], R[:, 1] = x * c + y * s, y * c - x * s
         return p.T, R.transpose(2, 0, 1)
 
     def jacobian(self, q: Array) -> Array:

@@ -52,21 +52,31 @@ class ToolDeviation:
 
 def tool_deviation(arm: ArmModel, q_before: Array, q: Array) -> ToolDeviation:
     """Say what the tool does on a straight move from joints (k,) to others."""
-    along = q_before + np.linspace(0.0, 1.0, _SAMPLES)[:, None] * (q - q_before)
-    p, R = arm.forward_many(along)
-    turn_rad = float(_angles(R[:-1], R[1:]).sum())
-    return ToolDeviation(turn_rad, float(_angles(R[:1], R[-1:])[0]), off_line(p), float(np.linalg.norm(p[-1] - p[0])))
+    return tool_deviations(arm, q_before[None], q[None])[0]
 
 
-def off_line(p: FloatArray) -> float:
-    """Return the largest distance (m) of places (n, 3) from the line between the first and the last."""
-    away, way = p - p[0], p[-1] - p[0]
-    share = np.clip(away @ way / max(float(way @ way), 1e-18), 0.0, 1.0)
-    return float(np.linalg.norm(away - share[:, None] * way, axis=1).max())
+def tool_deviations(arm: ArmModel, q_before: Array, q: Array) -> list[ToolDeviation]:
+    """Say what the tool does on straight moves, each from one of joints (n, k) to the other in its place."""
+    along = q_before[:, None] + np.linspace(0.0, 1.0, _SAMPLES)[:, None] * (q - q_before)[:, None]
+    p, R = arm.forward_many(along.reshape(-1, q.shape[1]))
+    p, R = p.reshape(len(q), _SAMPLES, 3), R.reshape(len(q), _SAMPLES, 3, 3)
+    turns, direct = _angles(R[:, :-1], R[:, 1:]).sum(axis=1), _angles(R[:, 0], R[:, -1])
+    lines = np.linalg.norm(p[:, -1] - p[:, 0], axis=1)
+    return [
+        ToolDeviation(*each) for each in zip(*(a.tolist() for a in (turns, direct, off_line(p), lines)), strict=True)
+    ]
+
+
+def off_line(p: FloatArray) -> FloatArray:
+    """Return the largest distance (...) in m of places (..., n, 3) from the line between the first and the last."""
+    away, way = p - p[..., :1, :], p[..., -1:, :] - p[..., :1, :]
+    share = np.clip((away * way).sum(axis=-1) / np.maximum((way * way).sum(axis=-1), 1e-18), 0.0, 1.0)
+    farthest: FloatArray = np.linalg.norm(away - share[..., None] * way, axis=-1).max(axis=-1)
+    return farthest
 
 
 def _angles(R_before: FloatArray, R: FloatArray) -> FloatArray:
-    """Angles (n,) between rotations (n, 3, 3): by half their difference, which small ones keep their digits in."""
-    apart = np.linalg.norm(R - R_before, axis=(1, 2)) / np.sqrt(8.0)
+    """Angles (...) between rotations (..., 3, 3): by half their difference, which small ones keep their digits in."""
+    apart = np.linalg.norm(R - R_before, axis=(-2, -1)) / np.sqrt(8.0)
     angles: FloatArray = 2.0 * np.arcsin(np.minimum(1.0, apart))
     return angles

@@ -29,6 +29,24 @@ MOST_GRID = 200_000
 """No more instants than these bound a motion's speeds, however slow it is."""
 
 
+class Placed:
+    """Where solids are while the joints are at some places: each is asked once for all its pairs.
+
+    Attributes:
+        T_universe_joint: of all joints, as pinocchio lists them.
+    """
+
+    def __init__(self, T_universe_joint: Any) -> None:
+        self.T_universe_joint, self._of = T_universe_joint, dict[Solid, Any]()
+
+    def of(self, solid: Solid) -> Any:
+        """A solid's place in the universe as coal takes it."""
+        if solid not in self._of:
+            T = self.T_universe_joint[solid.joint] * solid.T_joint_solid
+            self._of[solid] = coal.Transform3s(T.rotation, T.translation)
+        return self._of[solid]
+
+
 @dataclass(frozen=True, eq=False)
 class Pair:
     """Two solids that must not touch from `start` to `end` (s), unless `allowed` says so of T_universe_joint."""
@@ -39,11 +57,9 @@ class Pair:
     end: float = np.inf
     allowed: Callable[[Any], bool] | None = None
 
-    def placed(self, T_universe_joint: Any) -> tuple[Solid, Any, Solid, Any]:
-        """Both solids, each with its place in the universe as coal takes it."""
-        placed = [T_universe_joint[each.joint] * each.T_joint_solid for each in (self.first, self.second)]
-        one, other = (coal.Transform3s(T.rotation, T.translation) for T in placed)
-        return self.first, one, self.second, other
+    def at(self, placed: Placed) -> tuple[Solid, Any, Solid, Any]:
+        """Both solids, each with its place."""
+        return self.first, placed.of(self.first), self.second, placed.of(self.second)
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,15 +92,15 @@ class Motion:
         self.t = t[(t >= 0.0) & (t <= trajectory.duration)]
         self.moved = self._moved()
         self._x = coordinates(trajectory, self.t)
-        self._placed: dict[int, Any] = {}
+        self._placed, self._bounds = dict[int, Placed](), dict[Solid, dict[int, Array]]()
 
-    def at(self, row: int, share: float = 0.0) -> Any:
-        """T_universe_joint of all joints at a row, or a share of the time to the next one later."""
+    def at(self, row: int, share: float = 0.0) -> Placed:
+        """Where the arm is at a row, or a share of the time to the next one later."""
         if share > 0.0:
             t = self.time(row, share)
-            return self.arm.place(coordinates(self.trajectory, np.array([t]))[0])
+            return Placed(self.arm.place(coordinates(self.trajectory, np.array([t]))[0]))
         if row not in self._placed:
-            self._placed[row] = self.arm.place(self._x[row])
+            self._placed[row] = Placed(self.arm.place(self._x[row]))
         return self._placed[row]
 
     def time(self, row: int, share: float) -> float:
@@ -93,7 +109,10 @@ class Motion:
 
     def travel(self, pair: Pair) -> Array:
         """How far two solids have moved against each other at most (n,), m, until each instant of the grid."""
-        one, other = (self.arm.motion(each.joint, each.reach) for each in (pair.first, pair.second))
+        for each in (pair.first, pair.second):
+            if each not in self._bounds:
+                self._bounds[each] = self.arm.motion(each.joint, each.reach)
+        one, other = self._bounds[pair.first], self._bounds[pair.second]
         # Joints that carry both move neither against the other.
         rates = [(one | other)[joint] for joint in one.keys() ^ other.keys()]
         travel: Array = self.moved @ np.sum(rates, axis=0)
@@ -125,9 +144,9 @@ def _first_touch(motion: Motion, pair: Pair, end: float) -> float | None:
     travel, looked = motion.travel(pair), False
     row, share = int(np.searchsorted(motion.t, pair.start)), 0.0
     while row < len(motion.t) and (t := motion.time(row, share)) <= end:
-        T_universe_joint, apart = motion.at(row, share), 0.0
-        if pair.allowed is None or not pair.allowed(T_universe_joint):
-            placed = pair.placed(T_universe_joint)
+        at, apart = motion.at(row, share), 0.0
+        if pair.allowed is None or not pair.allowed(at.T_universe_joint):
+            placed = pair.at(at)
             apart = clearance(*placed)
             # What isn't inside at first can't come there without touching the surface.
             if apart == 0.0 or (not looked and apart <= NEARER_M[0] and one_in_the_other(*placed)):

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 
 from pbd.audit.arm import AuditArm, se3
-from pbd.audit.contact import Pair
+from pbd.audit.contact import Pair, Placed
 from pbd.audit.grasp import THE_TOOL, follow_object, gripper_joints, may_rest, object_solid, tool_rod
 from pbd.audit.solids import Solid, clearance, floor, hull_distance, link_solids, one_in_the_other, simple_solid
 from pbd.data import Calibration, GraspedObject, JointTrajectory
@@ -131,9 +131,9 @@ class AuditScene:
         for separate in (_hulls_separate, _separate):  # most pairs need no mesh
             apart = dict.fromkeys(always, 0)
             for each in x:
-                placed = self.arm.place(each)
+                placed = Placed(self.arm.place(each))
                 for pair in apart:
-                    apart[pair] += separate(*pair.placed(placed))
+                    apart[pair] += separate(*pair.at(placed))
                 apart = {pair: count for pair, count in apart.items() if count <= (1.0 - NEARLY_ALWAYS) * SAMPLES}
             always = list(apart)
         self.left_out |= {(pair.first.name, pair.second.name): why for pair in always}

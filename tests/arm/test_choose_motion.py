@@ -15,6 +15,7 @@ from pbd.arm.collision.clearance import CLOSE_M, MARGIN_M
 from pbd.arm.collision.motion_check import check_motion
 from pbd.arm.collision.queries import APPROACH_M, CollisionQueries
 from pbd.arm.collision.scene import CollisionScene, Leg
+from pbd.arm.detour import warp_detour
 from pbd.arm.ik import cartesian
 from pbd.arm.ik.cartesian import line
 from pbd.arm.motion_request import DEMO, DETOUR, LINE, STRAIGHT, Motion, MotionRequest
@@ -206,6 +207,20 @@ def test_a_detour_is_the_same_each_time_and_is_told() -> None:
             found.append(chosen((LEFT, RIGHT), PLATE, approach=False))
         assert kinds(found[-1]) == [STRAIGHT, DETOUR]
     assert found[0].segments[1].q.tobytes() == found[1].segments[1].q.tobytes()
+
+
+def test_a_known_detour_is_bent_to_joints_nearby_and_is_no_longer_for_that() -> None:
+    with pytest.warns(PbdWarning, match="the arm goes around the plate"):
+        found = chosen((LEFT, RIGHT), PLATE, approach=False)
+    way = np.vstack((found.q[0], found.segments[1].q))
+    queries = CollisionQueries(ARM, CollisionScene(ARM, None, PLATE), (LEFT, RIGHT), [None, None])
+    start, goal = way[-1] + 0.02, way[0] - 0.02
+    assert warp_detour(queries, 1, start, goal, []) is None
+    back = warp_detour(queries, 1, start, goal, [way])
+    assert back is not None
+    assert (back[[0, -1]] == (start, goal)).all()
+    assert queries.passes(1, back)
+    assert np.abs(np.diff(back, axis=0)).sum() < 1.1 * np.abs(np.diff(way, axis=0)).sum()
 
 
 def test_what_was_tried_is_told_where_there_is_no_way_around(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -244,6 +244,6 @@ def test_what_is_weighed_is_only_asked_about_while_it_is_on_the_shortest_path() 
         asked.append(float(after[0]))
         return 0.0
 
-    heavy = Ladder(layers).search(lambda *_: True, free, lambda place, before, after: 5.0 * (after[0] == 0.1))
+    heavy = Ladder(layers).search(lambda *_: True, free, lambda places, before, after: 5.0 * (after[:, 0] == 0.1))
     assert heavy == [0, 1]
     assert asked == [0.2]
