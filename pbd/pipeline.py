@@ -27,9 +27,6 @@ from pbd.tracking.repair.saturation import find_clips, restore
 from pbd.tracking.smoother.attitude import mean_quaternion
 from pbd.tracking.smoother.preintegration import Impulse
 
-MAX_RESTS = 3
-"""Number of rests that are tried, until a stop contains the one in which noise was measured."""
-
 SAME_DOCK_RAD = np.radians(1.0)
 """An edited first keyframe is still the dock if it is turned by no more."""
 
@@ -188,13 +185,13 @@ def _smoothed(
     unseen: Sequence[tuple[int, int]],
 ) -> tuple[Rest, Estimate]:
     """By the smoother; and the rest, which a stop must hold: a slow move passes for quiet."""
-    for _ in range(MAX_RESTS):
-        found = estimate(recording, rest, noise_of(recording, rest, errors), lost, unseen)
-        held = rest_within(recording, rest, found.stops)
-        if held is rest:
-            break
-        rest = held
-    return rest, found
+
+    def of(rest: Rest) -> Estimate:
+        return estimate(recording, rest, noise_of(recording, rest, errors), lost, unseen)
+
+    found = of(rest)
+    held = rest_within(recording, rest, found.stops)
+    return held, found if held is rest else of(held)
 
 
 def _refuse_another_dock(demo: Demonstration, path: HandPath) -> None:

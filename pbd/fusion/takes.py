@@ -52,15 +52,15 @@ def tracked_take(demo: Demonstration, calibration: Calibration | None, accept_ga
         keyframes = find_keyframes(path)
     for warning in told:
         warnings.warn(f"{name}: {warning.message}", PbdWarning, stacklevel=4)
-    assert found.fitted is not None
+    assert found.solution is not None
     knots = _middles(found)
-    return Take(name, path, found.fitted, knots, keyframes, message_of(found.fitted, knots))
+    return Take(name, path, found.solution, knots, keyframes, message_of(found.solution, knots))
 
 
 def _middles(found: Estimate) -> tuple[int, ...]:
     """The knot in the middle of each stop."""
-    assert found.fitted is not None
-    problem, knots = found.fitted.problem, []
+    assert found.solution is not None
+    problem, knots = found.solution.problem, []
     for stop in found.stops:
         inside = np.flatnonzero((problem.rows >= stop.start) & (problem.rows < stop.stop) & (problem.stop_of >= 0))
         knots.append(int(inside[(len(inside) - 1) // 2]))

@@ -13,9 +13,9 @@ from pbd.data import SensorEstimate, Stop
 from pbd.data.tracking import DOUBTED_WEIGHT
 from pbd.pose import lengths
 from pbd.tracking.first_rest import QUIET_RATIO, REST_S
-from pbd.tracking.moving_windows import window_moments
+from pbd.tracking.moving_windows import median, squares, window_moments
+from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
 from pbd.tracking.smoother.doubtful_stops import MOVING_WEIGHT, SHORTEST_DIVIDED_S
-from pbd.tracking.smoother.factors import LEGS_AT_ONCE, leg_jacobian, whitener
 from pbd.tracking.smoother.smooth import Solution
 
 FALSE_ALARM_CHANCE = 0.05
@@ -25,14 +25,10 @@ real one, so none of 318 sound recordings is."""
 LINEARISATION_SHARE = 0.02
 """Relative increase of a leg's residual variance that linearisation causes."""
 
-MOVING_SHARE = 0.7
-"""Share of a rest's knots that seem to move, above which more than the edges of the rest is wrong."""
-
-
 LEG_RMS = 0.8
 """Largest rms of a leg's nine residuals, in sigmas. Sound recordings show at most 0.73."""
 
-FIELD_CHANGE = 0.25
+FIELD_CHANGE = OUTLIER_SIGMAS * Noise.field
 """Relative change of the magnetic field since the first rest, above which a magnet is near. Rooms vary by up to 0.2."""
 
 
@@ -82,15 +78,11 @@ def _of_sensor(solution: Solution, found: SensorEstimate) -> Iterator[str]:
 
 def _of_moves(solution: Solution) -> Iterator[str]:
     """Legs whose residuals are larger than noise lets them be: chi-square with Satterthwaite's degrees of freedom."""
-    problem = solution.problem
-    whiten, found = whitener(problem, solution.local), []
-    for first in range(0, len(whiten), LEGS_AT_ONCE):
-        at = slice(first, first + LEGS_AT_ONCE)
-        legs = whiten[at] @ leg_jacobian(problem, solution.state, at)
-        spread = (1.0 + LINEARISATION_SHARE) * np.eye(9) - solution.solved.of_legs(legs[:, :, :-1], first)
-        mean, square = np.trace(spread, axis1=1, axis2=2), (spread**2).sum(axis=(1, 2))
-        found.append((mean, square, (legs[:, :, -1] ** 2).sum(axis=1)))
-    mean, square, total = (np.concatenate(each) for each in zip(*found, strict=True))
+    if solution.legs is None:
+        return
+    residuals, spread = solution.legs
+    left, total = (1.0 + LINEARISATION_SHARE) * np.eye(9) - spread, squares(residuals)
+    mean, square = np.trace(left, axis1=1, axis2=2), (left**2).sum(axis=(1, 2))
     # Of chi-square at least 0.7 % is beyond two standard deviations: among seven legs that is no alarm, and
     # scipy.special takes 0.15 s to load.
     if len(total) > 6 and (total <= np.minimum(mean + np.sqrt(8.0 * square), 9.0 * LEG_RMS**2)).all():
@@ -100,7 +92,7 @@ def _of_moves(solution: Solution) -> Iterator[str]:
     chance = chdtrc(mean**2 / square, total * mean / square)
     bad = (chance * len(chance) < FALSE_ALARM_CHANCE) | (total > 9.0 * LEG_RMS**2)
     if bad.any():
-        worst, t = int(np.argmin(chance)), problem.t
+        worst, t = int(np.argmin(chance)), solution.problem.t
         others = f", and in {int(bad.sum()) - 1} other places" if bad.sum() > 1 else ""
         yield (
             f"no motion between the stops fits the data from {t[worst]:.1f} to {t[worst + 1]:.1f} s{others}: "
@@ -120,8 +112,7 @@ def _of_stops(solution: Solution, stops: Sequence[Stop]) -> Iterator[str]:
     problem = solution.problem
     frame, rest = problem.frame, problem.rest
     for k, (start, end) in enumerate(problem.stops):
-        moving = solution.still[problem.stop_of == k] < MOVING_WEIGHT
-        if t[end - 1] - t[start] > REST_S and moving.mean() > MOVING_SHARE:
+        if t[end - 1] - t[start] > REST_S and median(solution.still[problem.stop_of == k]) < MOVING_WEIGHT:
             yield (
                 f"the sensor seems to rest from {t[start]:.1f} to {t[end - 1]:.1f} s, but hardly any of it fits what "
                 "it says before and after: one of the channels is wrong; look at pbd plot, and record again"

@@ -45,8 +45,7 @@ class Estimate:
         stops: in order.
         closure: (k - 1, 3) m/s, velocity misclosure: the integral of each move's acceleration.
         covariance: of the keyframes.
-        solution: of the smoother; None: by another method.
-        fitted: the same with its own noise, of which the covariance is.
+        solution: of the smoother, with the noise that the recording shows; None: by another method.
         sensor: its own errors; None: not estimated.
     """
 
@@ -55,7 +54,6 @@ class Estimate:
     closure: Array
     covariance: PoseCovariance
     solution: Solution | None = None
-    fitted: Solution | None = None
     sensor: SensorEstimate | None = None
 
 
@@ -90,16 +88,16 @@ def estimate(
     end = np.searchsorted(problem.stop_of[in_stops], [parts[-1] for parts in joined], "right")
     knots = in_stops[(first + end - 1) // 2].tolist()
     knots[0] = int(in_stops[first[0]])  # nav's origin is where the first rest begins
-    fitted = with_own_noise(solution)
-    covariance = covariance_of(fitted.solved, knots, solution.state.p[knots])
+    sensor = None if problem.device else _sensor(solution, knots[0])
+    solution = with_own_noise(solution)
+    covariance = covariance_of(solution.solved, knots, solution.state.p[knots])
     return Estimate(
         _standing(solution, stops, joined, solution.state.p[knots]),
         stops,
         _closure(t, solution.path.a, stops),
         covariance,
         solution,
-        fitted,
-        None if problem.device else _sensor(solution, knots[0]),
+        sensor,
     )
 
 

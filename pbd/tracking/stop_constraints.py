@@ -128,6 +128,8 @@ def claims_of(
     Raises:
         TrackingError: a time that is in no stop; two times that should be two stops and are one.
     """
+    if known == Known():
+        return ()
     wxyz = np.array([mean_quaternion(path.wxyz_nav_sensor[stop.start : stop.stop]) for stop in path.stops])
     p_sensor_tool = np.zeros(3) if calibration is None else calibration.T_sensor_tool.p
     tool = _Tool(path, quat_rotate(wxyz, p_sensor_tool), quat_to_matrix(wxyz))

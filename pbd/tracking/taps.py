@@ -20,7 +20,8 @@ ACROSS = 0.75
 """Least share of a peak that is along z: a tap's direction is within 41 degrees of the back's normal."""
 
 SHOCK_S, QUIET_S = 0.058, 0.029
-"""Longest shock, s; least quiet before another begins, s (AN5192)."""
+"""Longest shock, s; least quiet before another begins, s (AN5192). Between two samples that are further apart a tap may
+hide: so nothing is found below 34 Hz."""
 
 TOGETHER_S = 0.54
 """Longest time, s, from the beginning of the first tap to that of the second (AN5192)."""
@@ -37,9 +38,6 @@ STILL_S = 0.2
 KEPT = 0.5
 """Largest change, m/s2, of the mean specific force from before the taps to after them: the hand has not turned by more
 than 3 degrees."""
-
-GAP_S = 0.03
-"""Longest step, s, between two samples: a tap may hide in a longer one. So nothing is found below 33 Hz."""
 
 
 @dataclass
@@ -74,7 +72,7 @@ class TapDetector:
         """Take the next sample, (3,) m/s2 at t s; return when the first of two taps began, s, if they are found now."""
         x, y, z = acc
         step, self._t = t - self._t, t
-        if step > GAP_S or not isfinite(x + y + z):
+        if step > QUIET_S or not isfinite(x + y + z):
             self._start_over()
             if not isfinite(x + y + z):
                 return None

@@ -35,11 +35,11 @@ from pbd.errors import PbdError, PbdWarning
 from pbd.pipeline import track
 from pbd.pose import Array, quat_canonical, quat_exp, quat_inverse, quat_log, quat_multiply
 from pbd.simulation.simulate import TASKS, random_task, simulate
-from pbd.tracking import estimate, zero_velocity
+from pbd.tracking import zero_velocity
 from pbd.tracking.first_rest import Rest
 from pbd.tracking.keyframes import find_keyframes
 from pbd.tracking.noise import Noise, noise_of
-from pbd.tracking.smoother import doubtful_stops, factors, knots, preintegration
+from pbd.tracking.smoother import doubtful_stops, factors, knots, preintegration, variance_components
 from pbd.tracking.smoother import smooth as smoother
 from pbd.tracking.smoother.preintegration import GyroFrame, Rows, preintegrate
 from tests.benchmarks import trials, windows
@@ -112,7 +112,7 @@ WITHOUT: dict[str, tuple[Change, ...]] = {
     "half-sample alignment": ((preintegration, "turns_between_middles", own_turn),),
     "cubic turns, coning": ((preintegration, "turns_between_middles", half_and_half),),
     "cubic velocity": ((preintegration, "integral_of_means", trapezoids),),
-    "annealing": ((smoother, "ANNEALING", (1.0,)), (smoother, "WARM_ANNEALING", ())),
+    "annealing": ((smoother, "ANNEALING", (1.0,)),),
     "robust stops": ((factors, "OUTLIER_SIGMAS", LARGE),),
     "doubted stops looked at again": ((smoother, "MAX_RECUTS", 0),),
     "calm part of a stop": ((doubtful_stops, "calm_part", lambda t, span, slow: span),),
@@ -138,7 +138,9 @@ WITHOUT: dict[str, tuple[Change, ...]] = {
     "compass robust": of_noise(field=LARGE),
     "reach of a hand": of_noise(reach=LARGE),
     "pivot": of_noise(pivot=TINY),
-    "variance components": tuple((m, "with_own_noise", lambda solution: solution) for m in (estimate, windows)),
+    "variance components": tuple(
+        (variance_components, name, LARGE) for name in ("PRIOR_FREEDOM", "PRIOR_FREEDOM_STILL")
+    ),
     "(nothing, but the optics' velocity over 25 samples)": ((trials, "VELOCITY_S", 25 / 286.0),),
 }
 """Part taken out -> what is put in its place."""

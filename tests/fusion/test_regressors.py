@@ -20,7 +20,7 @@ OFFSET = 0.1
 
 @pytest.mark.parametrize(("sensor", "rows", "columns"), [("acc", VEL, ACC_MATRIX), ("gyr", ROT, GYR_MATRIX)])
 def test_an_error_of_one_leg_is_not_in_its_regressors(sensor: str, rows: slice, columns: slice) -> None:
-    found = track_alone(simulate("pour", "modern", 1), "default", None, False)[1].fitted
+    found = track_alone(simulate("pour", "modern", 1), "default", None, False)[1].solution
     assert found is not None
     problem, x = found.problem, found.state
     frame, T, interval = problem.frame, problem.legs.T, 1.0 / 100.0

@@ -18,17 +18,13 @@ from pbd.pose import (
     Array,
     Pose,
     lengths,
-    quat_canonical,
-    quat_exp,
+    matrix_log,
     quat_from_matrix,
-    quat_log,
-    quat_multiply,
-    quat_to_matrix,
     skew,
 )
 from pbd.tracking.first_rest import Rest
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise, acc_doubt
-from pbd.tracking.online.strapdown import Leg, Strapdown
+from pbd.tracking.online.strapdown import Leg, Strapdown, turn_matrix
 from pbd.tracking.smoother.factors import compass_heading
 from pbd.tracking.smoother.preintegration import ACC_BIAS, ACC_MATRIX, ERRORS, GYR_BIAS, GYR_MATRIX, LAG, POS, ROT, VEL
 
@@ -46,8 +42,9 @@ UP = np.array((0.0, 0.0, 1.0))
 
 IDENTITY = np.eye(STATES)
 H_VEL, H_POS, H_TILT = IDENTITY[VEL], IDENTITY[POS], IDENTITY[:2]
-H_SHIFT, H_TURN = IDENTITY[POS] - IDENTITY[KEPT_POS], IDENTITY[ROT] - IDENTITY[KEPT_ROT]
-"""Measurement matrices: velocity, position, tilt; shift and turn since the last knot."""
+H_SHIFT = IDENTITY[POS] - IDENTITY[KEPT_POS]
+H_MOTION = np.vstack((H_SHIFT, IDENTITY[ROT] - IDENTITY[KEPT_ROT]))
+"""Measurement matrices: velocity, position, tilt; shift since the last knot; that and turn."""
 
 BIASES = np.arange(STATES)[SENSOR_ERRORS][np.r_[GYR_BIAS, ACC_BIAS]]
 
@@ -56,25 +53,25 @@ class OnlineFilter:
     """The estimate of the hand's motion.
 
     Attributes:
-        wxyz, E: (4,) and (3, 3), nav <- gyro frame.
+        E: (3, 3), nav <- gyro frame.
         v, p: (3,) m/s, m, in nav.
         x: (ERRORS,), the sensor's errors as `preintegration` numbers them.
         gravity: m/s2.
         north: rad, where the compass has nav's y axis.
         P: (STATES, STATES).
-        wxyz_gyro: (4,), gyro frame <- sensor.
+        C: (3, 3), gyro frame <- sensor.
     """
 
-    def __init__(self, noise: Noise, rest: Rest, wxyz_gyro: Array, field: Array | None, is_device: bool) -> None:
+    def __init__(self, noise: Noise, rest: Rest, C: Array, field: Array | None, is_device: bool) -> None:
         """Begin in a stop, at the origin, with the mean field (3,) of a compass; or where C is a device's attitude."""
         device = noise.device
         self.noise = noise
-        self._set_attitude(quat_from_matrix(np.eye(3) if is_device else _level(rest.up_sensor, field)))
+        self.E: Array = np.eye(3) if is_device else _level(rest.up_sensor, field)
         self.v, self.p = np.zeros(3), np.zeros(3)
         self._undisturbed = self.E @ (UP if field is None else field)
         self.x, self.gravity, self.north = np.zeros(ERRORS), noise.gravity, 0.0
         self.x[LAG] = noise.lag
-        self.wxyz_gyro = wxyz_gyro
+        self.C = C
         sigma = np.zeros(STATES)
         sigma[:2], sigma[VEL] = LEVEL_SIGMA, noise.still_speed
         worse, errors = acc_doubt(noise, rest), np.zeros(ERRORS)
@@ -86,47 +83,36 @@ class OnlineFilter:
         self._walks = np.repeat((device.gyr_walk**2, device.acc_walk**2), 3)
         self.clone_pose()
 
-    def _set_attitude(self, wxyz: Array) -> None:
-        self.wxyz, self.E = wxyz, quat_to_matrix(wxyz)
-
     def fork(self) -> OnlineFilter:
         """Another one that goes on from here: no array is changed in place."""
         return copy(self)
-
-    @property
-    def wxyz_nav_sensor(self) -> Array:
-        """(4,)."""
-        return quat_multiply(self.wxyz, self.wxyz_gyro)
 
     def predict(self, strapdown: Strapdown) -> tuple[Array, Array, Array]:
         """wxyz_nav_sensor (4,), p_nav_sensor (3,) m and v_nav_sensor (3,) m/s, in the middle of a block of samples."""
         T, E = strapdown.T, self.E
         v = self.v + E @ strapdown.U[0] - self.gravity * T * UP
         p = self.p + T * self.v + E @ strapdown.P[0] - 0.5 * self.gravity * T**2 * UP
-        return quat_canonical(quat_multiply(self.wxyz, strapdown.wxyz)), p, v
+        return quat_from_matrix(E @ strapdown.C), p, v
 
     def propagate(self, leg: Leg) -> None:
         """Go on by a block of samples."""
         T, E, e = leg.T, self.E, leg.J @ self.x
         gained, way = E @ (leg.dU + e[VEL]), E @ (leg.dP + e[POS])
-        turned = np.zeros((9, 9))
-        for block in (ROT, VEL, POS):
-            turned[block, block] = E
-        F = np.zeros((9, STATES))  # all that changes
-        F[range(9), range(9)] = 1.0
+        F = IDENTITY[:9].copy()  # all that changes
         F[VEL, ROT], F[POS, ROT] = -skew(gained), -skew(way)
         F[range(6, 9), range(3, 6)] = T
-        F[:, SENSOR_ERRORS] = turned @ leg.J
+        F[:, SENSOR_ERRORS] = (E @ leg.J.reshape(3, 3, ERRORS)).reshape(9, ERRORS)
         F[5, GRAVITY], F[8, GRAVITY] = -T, -0.5 * T**2
+        EQ = (E @ leg.Q.reshape(3, 3, 9)).reshape(9, 9)
         FP, P = F @ self.P, self.P.copy()
         P[:9], P[9:, :9] = FP, FP[:, 9:].T
-        P[:9, :9] = FP @ F.T + turned @ leg.Q @ turned.T
+        P[:9, :9] = FP @ F.T + (E @ EQ.T.reshape(3, 3, 9)).reshape(9, 9)
         P[BIASES, BIASES] += self._walks * T
         self.P = P
         self.p = self.p + T * self.v + way - 0.5 * self.gravity * T**2 * UP
         self.v = self.v + gained - self.gravity * T * UP
-        self._set_attitude(quat_multiply(self.wxyz, quat_exp(e[ROT])))
-        self.wxyz_gyro = leg.wxyz
+        self.E = E @ turn_matrix(e[ROT])
+        self.C = leg.C
 
     def clone_pose(self) -> None:
         """This is a knot: attitude and position are copied."""
@@ -134,7 +120,7 @@ class OnlineFilter:
         P[KEPT_ROT], P[KEPT_POS] = P[ROT], P[POS]
         P[:, KEPT_ROT], P[:, KEPT_POS] = P[:, ROT], P[:, POS]
         self.P = P
-        self._kept = self.wxyz_nav_sensor, self.p
+        self._kept: tuple[Array, Array] = (self.E @ self.C, self.p)
 
     def velocity_test(self, sigma: float) -> tuple[float, float]:
         """Whether the hand stands still: how many sigmas its velocity is off zero, squared; and the speed, m/s.
@@ -151,11 +137,9 @@ class OnlineFilter:
 
     def update_no_motion(self, turn_sigma: float) -> None:
         """Since the last knot nothing has moved, or turned by more than `turn_sigma` rad."""
-        wxyz, p = self._kept
-        self._update(H_SHIFT, p - self.p, self.noise.still_shift**2)
-        wxyz, p = self._kept
-        turned = quat_log(quat_multiply(self.wxyz_nav_sensor, wxyz * (1.0, -1.0, -1.0, -1.0)))
-        self._update(H_TURN, -turned, turn_sigma**2)
+        attitude, p = self._kept
+        off = np.concatenate((p - self.p, -matrix_log(self.E @ self.C @ attitude.T)))
+        self._update(H_MOTION, off, np.repeat((self.noise.still_shift**2, turn_sigma**2), 3))
 
     def update_compass(self, field: Array, lasted: float) -> None:
         """A mean field (3,) in the gyro frame over `lasted` s shows north, if it is as at the first rest."""
@@ -168,9 +152,8 @@ class OnlineFilter:
     def update_device_attitude(self, rate: Array) -> None:
         """The gyro frame is nav, as the device's own attitude has it; it comes late where it turns at `rate` rad/s."""
         variance = self.noise.device_turn**2 + self.noise.device_lag**2 * float(rate @ rate)
-        self._update_heading(float(quat_log(self.wxyz)[2]), UP, variance)
-        off = -quat_log(self.wxyz)
-        self._update(H_TILT, off[:2], variance, robust=False)
+        self._update_heading(float(matrix_log(self.E)[2]), UP, variance)
+        self._update(H_TILT, -matrix_log(self.E)[:2], variance, robust=False)
 
     def _update_heading(self, east: float, by_turn: Array, variance: float) -> None:
         H = np.zeros((1, STATES))
@@ -184,7 +167,6 @@ class OnlineFilter:
         for known in (2, POS):
             P[known], P[:, known] = 0.0, 0.0
         self.P = P
-        self.clone_pose()
 
     def add_velocity_error(self, duration: float, speed: float) -> None:
         """Something unknown during the last `duration` s left this speed in m/s: a knock, or a wrong turn."""
@@ -208,25 +190,25 @@ class OnlineFilter:
     def pose(self) -> tuple[Pose, Array]:
         """Where the sensor is in nav, and the covariance (6, 6) of position and rotation."""
         order = np.r_[POS, ROT]
-        return Pose(self.p, quat_canonical(self.wxyz_nav_sensor)), self.P[np.ix_(order, order)]
+        return Pose(self.p, quat_from_matrix(self.E @ self.C)), self.P[np.ix_(order, order)]
 
-    def _update(self, H: Array, residual: Array, variance: float, robust: bool = True) -> None:
+    def _update(self, H: Array, residual: Array, variance: float | Array, robust: bool = True) -> None:
         """Take a measurement: residual (k,) = H (k, STATES) times the error, and noise of a variance along each."""
         PH = self.P @ H.T
-        S = H @ PH
-        information = np.linalg.inv(S + variance * np.eye(len(S)))
+        S, R = H @ PH, variance * np.eye(len(H))
+        information = np.linalg.inv(S + R)
         if robust:
             off = float(residual @ information @ residual)
-            information = np.linalg.inv(S + variance * (1.0 + off / OUTLIER_SIGMAS**2) ** 2 * np.eye(len(S)))
+            information = np.linalg.inv(S + (1.0 + off / OUTLIER_SIGMAS**2) ** 2 * R)
         K = PH @ information
         d = K @ residual
         P = self.P - K @ PH.T
         self.P = 0.5 * (P + P.T)
-        self._set_attitude(quat_multiply(quat_exp(d[ROT]), self.wxyz))
+        self.E = turn_matrix(d[ROT]) @ self.E
         self.v, self.p, self.x = self.v + d[VEL], self.p + d[POS], self.x + d[SENSOR_ERRORS]
         self.gravity, self.north = self.gravity + float(d[GRAVITY]), self.north + float(d[NORTH])
-        wxyz, p = self._kept
-        self._kept = quat_multiply(quat_exp(d[KEPT_ROT]), wxyz), p + d[KEPT_POS]
+        attitude, p = self._kept
+        self._kept = turn_matrix(d[KEPT_ROT]) @ attitude, p + d[KEPT_POS]
 
 
 def _level(up: Array, field: Array | None) -> Array:

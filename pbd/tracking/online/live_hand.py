@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pbd.data import Keyframe, Stop
-from pbd.pose import Array, Pose, quat_rotate
+from pbd.pose import Array, Pose
 from pbd.tracking.estimate import BOUNCE_M, BOUNCE_S
 from pbd.tracking.first_rest import STILL_ACC, STILL_GYR, Rest
 from pbd.tracking.noise import OUTLIER_SIGMAS, Noise
@@ -88,7 +88,7 @@ class LiveHand:
         fields = [sample.mag for sample in samples if sample.mag is not None]
         self._field: list[Array] | None = [] if fields else None
         north = np.mean(fields, axis=0) if fields else None
-        self._filter = OnlineFilter(noise, rest, self._strapdown.wxyz, north, self._device)
+        self._filter = OnlineFilter(noise, rest, self._strapdown.C, north, self._device)
         self._stop: Standing | None = Standing(samples[0], samples[0], *self._filter.pose())
         self.still, self._settled = True, True
         for sample in samples[1:]:
@@ -107,23 +107,22 @@ class LiveHand:
         seen = (sample.acc, np.zeros(3)) if self._device else (strapdown.u, strapdown.rate)
         self._window.append((sample, *seen))
         if sample.mag is not None and self._field is not None:
-            self._field.append(quat_rotate(strapdown.wxyz, sample.mag))
+            self._field.append(strapdown.C @ sample.mag)
         if strapdown.count < strapdown.block:
             return []
         quiet = self._measure_stillness()
         still_acc = np.mean([each.acc for each, _, _ in self._window], axis=0) if quiet else None
         leg = strapdown.leg(still_acc, self._filter.E[2] * self._filter.gravity)
         self._angles.append(self._angles[-1] + leg.angle)
-        known = [self._filter] if self._trial_filter is None else [self._filter, self._trial_filter]
-        for each in known:
+        for each in self._known():
             each.propagate(leg)
-        # Not at a knot: that is enough work for one sample.
-        knots = self.still or self._trial_filter is not None
-        if sample.t - self._t_compass >= STOP_KNOT_S and not (knots and self._knot_is_due(sample)):
-            self._update_heading(sample, known)
-        return (
+        events = (
             self._look_for_stop(sample, quiet) if self._stop is None else self._continue_stop(self._stop, sample, quiet)
         )
+        # Not at a knot: that is enough work for one sample.
+        if sample.t - self._t_compass >= STOP_KNOT_S and self._t_knot < sample.t:
+            self._update_heading(sample)
+        return events
 
     def _measure_stillness(self) -> bool:
         """Whether the last window is quiet. Also sets the sigma of a zero-velocity update."""
@@ -133,9 +132,13 @@ class LiveHand:
         self._sigma = float(speed_by_energies(shake, turn, self.rest, self._noise))
         return bool(shake < self._limits[0] and turn < self._limits[1]) and len(seen) == self._n
 
-    def _update_heading(self, sample: Sample, known: Sequence[OnlineFilter]) -> None:
+    def _known(self) -> list[OnlineFilter]:
+        """Both filters."""
+        return [self._filter] if self._trial_filter is None else [self._filter, self._trial_filter]
+
+    def _update_heading(self, sample: Sample) -> None:
         """Hold the heading against the compass, or the attitude against the device's own."""
-        for each in known:
+        for each in self._known():
             if self._device:
                 each.update_device_attitude(self._strapdown.rate)
             if self._field:

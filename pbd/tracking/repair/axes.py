@@ -1,8 +1,8 @@
-"""Which of the 48 assignments of axes and signs makes gyro, gravity, field and the device's attitude turn alike.
+"""Which reading of a channel's axes, or of the gyro's unit, makes gyro, gravity, field and device turn alike.
 
 A direction that is fixed in the world (up, the field, the device's own up and north) must turn in the sensor's axes as
-the gyro says. Where it doesn't, each channel in turn is read with its axes in another order or with other signs. The
-reading that mends every contradiction names the columns that are wrong.
+the gyro says. Where it doesn't, each channel in turn is read with its axes in another order or with other signs, and
+the gyro in another unit. The reading that mends every contradiction names what is wrong.
 
 A gyro carries a direction as well as its opposite, so gravity and gyro alone tell only 24 readings of the accelerometer
 apart. Turns about one axis leave several readings; all of the simplest are named.
@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pbd.data.units import DEG
 from pbd.pose import Array
 from pbd.tracking.moving_windows import median
 
@@ -26,18 +27,27 @@ CONTRADICTION_DEG = 12.0
 """Median angle (degrees) between a direction and where the gyro carries it, above which they contradict each other. The
 steady moments of a hand that moves on are up to 9 degrees off (BROAD's trial 14)."""
 
+UNIT_DEG = 20.0
+"""The same, where the unit is asked: it is 57 times off, and a second of a gyro's noise is not to seem so."""
+
 IMPROVEMENT = 4.0
 """Another reading is believed if it divides that angle by this number."""
 
 SIMPLE_PAIRS, ANY_PAIRS = 3, 8
-"""Least number of pairs of moments that tell: for a sign or two swapped axes; for any of the 48, of which one may agree
-by chance."""
+"""Least number of pairs of moments that tell: for a unit, a sign or two swapped axes; for any of the 48, of which one
+may agree by chance."""
 
-AS_GOOD, AS_GOOD_DEG = 1.5, 2.0
-"""Readings within this factor and this angle (degrees) of the best fit as well."""
+AS_GOOD_DEG = 4.0
+"""Readings within this angle (degrees) of the best fit as well."""
 
 MOST_NAMED = 5
 """Most readings that a message names."""
+
+UNITS = (
+    (DEG, "its values are in deg/s; import the file with --unit gyr=deg/s"),
+    (1.0 / DEG, "its values were in rad/s, but were read as deg/s; import the file with --unit gyr=rad/s"),
+)
+"""What a gyro in another unit is to be multiplied by, and what to say of it."""
 
 
 class Reading(NamedTuple):
@@ -95,8 +105,7 @@ class Witness:
     second: Array
 
 
-@dataclass(frozen=True)
-class Contradiction:
+class Contradiction(NamedTuple):
     """A witness that turns otherwise than the gyro says.
 
     Attributes:
@@ -114,96 +123,105 @@ class Contradiction:
     message: str
 
 
-def find_other_axes(witnesses: Sequence[Witness], turn: Array, turn_back: Callable[[], Array]) -> Contradiction | None:
+def find_other_axes(witnesses: Sequence[Witness], turn: Callable[[float], Array]) -> Contradiction | None:
     """Find the reading that mends what contradicts, by all witnesses or by the first ones.
 
     The last may be spoilt: a device's own attitude lags, a field is bent by iron.
 
     Args:
-        witnesses: what is seen at the pairs of moments.
-        turn: (k, 3, 3) rotations from the first moment's axes to the second's, by the gyro.
-        turn_back: gives (k, 3, 3) the same by the gyro with all signs turned.
+        witnesses: what is seen at the pairs of moments; the first is gravity.
+        turn: gives (k, 3, 3) rotations from the first moment's axes to the second's, by the gyro times a factor.
 
     Returns:
         None where nothing contradicts, or no reading mends it.
     """
+    as_read = turn(1.0)
+    seen = [_differ(each.first, each.second) for each in witnesses]
+    told = [
+        rows | _differ(each.first, _carried(each.first, as_read)) for each, rows in zip(witnesses, seen, strict=True)
+    ]
+    each_witness = range(len(witnesses))
+
+    def cost(k: int, by: Array, matrix: Array) -> float:
+        """Median angle, degrees, by which a witness is off that is read by a matrix (3, 3)."""
+        first, second = witnesses[k].first @ matrix.T, witnesses[k].second @ matrix.T
+        return max(_median_angle(second, _carried(first, by), rows) for rows in (seen[k], told[k]))
+
+    off = np.array([cost(k, as_read, np.eye(3)) for k in each_witness])
     # Where nothing is seen to move, a gyro that turns is biased or noisy: any reading that turns it to where it isn't
     # seen would seem to mend that.
-    seen = [np.degrees(angles(witness.first, witness.second)) > CONTRADICTION_DEG for witness in witnesses]
-    told = [rows | _carried_away(witness, turn) for witness, rows in zip(witnesses, seen, strict=True)]
-    counted = np.array([rows.sum() >= SIMPLE_PAIRS for rows in seen], dtype=bool)
-    each = [*zip(witnesses, seen, told, strict=True)]
-    as_it_is = [_costs(w, rows, readings()[:1], turn, turn)[0] for w, *rows in each]
-    if not (counted & (np.array(as_it_is) > CONTRADICTION_DEG)).any():
-        return None
-    back = turn_back()
-    costs = np.array([_costs(w, rows, readings(), turn, back) for w, *rows in each])
-    by_first = (_mended(witnesses[:n], told[:n], counted[:n], costs[:n]) for n in range(len(witnesses), 0, -1))
-    return next(filter(None, by_first), None)
+    counted = [k for k in each_witness if seen[k].sum() >= SIMPLE_PAIRS]
+    found = None
+    if counted and off[counted].max() > CONTRADICTION_DEG:
+        fits, back = [], turn(-1.0)
+        for reading in readings():
+            # A mirror image turns the gyro round. To turn the gyro's axes is to turn all witnesses' the other way.
+            by, other = (back if np.linalg.det(reading.matrix) < 0.0 else as_read), reading.matrix
+            fits.append(("g", reading, np.array([cost(k, by, other.T) for k in each_witness])))
+            for channel in ("a", "m"):
+                its = [cost(k, as_read, other) if witnesses[k].channel == channel else off[k] for k in each_witness]
+                fits.append((channel, reading, np.array(its)))
+        used = ([k for k in counted if k < n] for n in range(len(witnesses), 0, -1))
+        found = next(filter(None, (_mended(witnesses, told, fits, k) for k in used if k)), None)
+    up, up_later, carried = witnesses[0].first, witnesses[0].second, _carried(witnesses[0].first, as_read)
+    telling = _differ(up, up_later, UNIT_DEG) | _differ(up, carried, UNIT_DEG)
+    off_deg = _median_angle(up_later, carried, telling)
+    if telling.sum() >= SIMPLE_PAIRS and off_deg > UNIT_DEG:
+        pair = int(np.argmax(telling))
+        for factor, what in UNITS:
+            fit = _median_angle(up_later, _carried(up, turn(factor)), telling)
+            if fit < min(off_deg / IMPROVEMENT, found.fit_deg if found else np.inf):
+                return Contradiction("a", off_deg, fit, pair, what)
+        if found is None and not np.ptp(as_read, axis=0).any():
+            dead = "it reads the same all the time, so it is dead; check the columns gx, gy, gz"
+            return Contradiction("a", off_deg, off_deg, pair, dead)
+    return found
+
+
+Fit = tuple[str, Reading, Array]
+"""A channel, how to read it, and how far each witness is then off, degrees."""
 
 
 def _mended(
-    witnesses: Sequence[Witness], told: Sequence[NDArray[np.bool_]], counted: NDArray[np.bool_], costs: Array
+    witnesses: Sequence[Witness], told: Sequence[NDArray[np.bool_]], fits: Sequence[Fit], used: Sequence[int]
 ) -> Contradiction | None:
-    """Find the reading of one channel that mends what contradicts: `counted` witnesses by their costs (w, 48)."""
-    wrong = counted & (costs[:, 0] > CONTRADICTION_DEG)
-    if not wrong.any():
+    """Find the readings of one channel that mend what contradicts, by some of the witnesses; the first leaves all."""
+    as_it_is = fits[0][2]
+    wrong = [k for k in used if as_it_is[k] > CONTRADICTION_DEG]
+    if not wrong:
         return None
-    costs, pairs = costs[counted], min(int(rows.sum()) for rows, off in zip(told, wrong, strict=True) if off)
-    channels = [witness.channel for witness, count in zip(witnesses, counted, strict=True) if count]
-    fits = []
-    for k, reading in enumerate(readings()):
-        if reading.causes > 1 and pairs < ANY_PAIRS:
-            continue
-        fits.append((float(costs[:, k].max()), reading.causes, "g", reading))
-        for channel in {"a", "m"} & set(channels):
-            # To turn a channel's axes is to turn the gyro's the other way; a mirror image turns the gyro round too.
-            as_gyro = _index(np.linalg.det(reading.matrix) * reading.matrix.T)
-            rest = [costs[i, as_gyro if its == channel else 0] for i, its in enumerate(channels)]
-            fits.append((float(max(rest)), reading.causes, channel, reading))
-    off, best = float(costs[:, 0].max()), min(fits)[0]
+    simple = min(told[k].sum() for k in wrong) < ANY_PAIRS
+    able = [
+        (float(off[used].max()), reading.causes, channel, reading)
+        for channel, reading, off in fits
+        if reading.causes == 1 or not simple
+    ]
+    off, best = float(as_it_is[used].max()), min(able)[0]
     if best > min(off / IMPROVEMENT, CONTRADICTION_DEG):
         return None
-    good = [fit for fit in fits if fit[0] <= AS_GOOD * best + AS_GOOD_DEG and fit[1] > 0]
+    good = [fit for fit in able if fit[0] <= best + AS_GOOD_DEG and fit[1] > 0]
     fewest = min(fit[1] for fit in good)
     # Those first that a program's own convention explains: all signs turned, or two columns swapped.
     named = sorted(((c, r) for _, causes, c, r in good if causes == fewest), key=lambda each: -len(set(each[1].signs)))
-    worst = int(np.flatnonzero(wrong)[0])
-    pair = int(np.flatnonzero(told[worst])[0])
-    return Contradiction(witnesses[worst].channel, off, best, pair, _message(named[:MOST_NAMED]))
+    message = _message(named[:MOST_NAMED])
+    return Contradiction(witnesses[wrong[0]].channel, off, best, int(np.argmax(told[wrong[0]])), message)
 
 
-def _carried_away(witness: Witness, turn: Array) -> NDArray[np.bool_]:
-    """Whether the gyro moves the direction in each pair: (k,) bool."""
-    carried = (turn @ witness.first[:, :, None])[:, :, 0]
-    away: NDArray[np.bool_] = np.degrees(angles(witness.first, carried)) > CONTRADICTION_DEG
-    return away
+def _carried(directions: Array, turn: Array) -> Array:
+    """Directions (k, 3) turned by (k, 3, 3)."""
+    carried: Array = np.einsum("kij,kj->ki", turn, directions)
+    return carried
 
 
-def _costs(
-    witness: Witness, parts: Sequence[NDArray[np.bool_]], of: Sequence[Reading], turn: Array, turn_back: Array
-) -> Array:
-    """Median angle (n,), degrees, of n readings of the gyro: the largest over the parts of the pairs."""
-    used = np.logical_or.reduce(parts)
-    parts = [part[used] for part in parts if part.any()]
-    first, second, by, back = (
-        np.ascontiguousarray(values[used].T) for values in (witness.first, witness.second, turn, turn_back)
-    )
-    medians = []
-    for reading in of:
-        rotation = reading.matrix.T
-        # A mirror image turns the gyro round. By rows that are contiguous this is the sum of second_i R_ij first_j.
-        turned = np.einsum(
-            "jik,ik,jk->k", back if np.linalg.det(rotation) < 0.0 else by, rotation @ second, rotation @ first
-        )
-        off = np.degrees(np.arccos(np.clip(turned, -1.0, 1.0)))
-        medians.append(max((float(median(off[part])) for part in parts), default=0.0))
-    return np.array(medians)
+def _differ(a: Array, b: Array, by_deg: float = CONTRADICTION_DEG) -> NDArray[np.bool_]:
+    """Whether each direction of (k, 3) is another one."""
+    differ: NDArray[np.bool_] = np.degrees(angles(a, b)) > by_deg
+    return differ
 
 
-def _index(matrix: Array) -> int:
-    order, signs = np.abs(matrix).argmax(axis=1), np.rint(matrix.sum(axis=1)).astype(int)
-    return readings().index(Reading(tuple(order.tolist()), tuple(signs.tolist())))
+def _median_angle(a: Array, b: Array, rows: NDArray[np.bool_]) -> float:
+    """In degrees, over some rows; 0 without any."""
+    return float(np.degrees(median(angles(a[rows], b[rows])))) if rows.any() else 0.0
 
 
 def _message(named: Sequence[tuple[str, Reading]]) -> str:

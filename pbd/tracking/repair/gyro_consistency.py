@@ -11,7 +11,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,13 +29,15 @@ from pbd.pose import (
 )
 from pbd.tracking.first_rest import STILL_ACC, STILL_GYR
 from pbd.tracking.moving_windows import squares, window_moments, window_sums
-from pbd.tracking.repair.axes import IMPROVEMENT, Witness, angles, find_other_axes
-
-CONTRADICTION_RAD = np.radians(20.0)
-"""Angle, rad, between two estimates of the vertical above which they contradict each other."""
-
-SIGN_PRODUCT = 0.04
-"""Mean product of two verticals along an axis above which its sign is observable: 11 degrees off level."""
+from pbd.tracking.repair.axes import (
+    AS_GOOD_DEG,
+    CONTRADICTION_DEG,
+    IMPROVEMENT,
+    Witness,
+    angles,
+    find_other_axes,
+    readings,
+)
 
 UPSIDE_DOWN_COS = -0.9
 """Cosine between the sensor's z axis and the vertical below which it lies upside down: within 26 degrees."""
@@ -47,20 +48,15 @@ STEEP_FIELD = 0.5
 CHECK_HZ = 50.0
 """Samples are averaged down to about this rate: fast enough for a hand."""
 
-STEADY_S, STEADY_ACC, STEADY_NORM = 0.2, 0.05, 0.04
-"""In a steady moment the accelerometer shows gravity alone. It lasts STEADY_S; the rms of specific force is below
-STEADY_ACC, and its norm differs from g by less than STEADY_NORM (shares of g): a WT901's bias of 20 mg changes it by
-4 % from one side to the other."""
+STEADY_S, STEADY_ACC = 0.2, 0.05
+"""In a steady moment the accelerometer shows gravity alone. It lasts STEADY_S. The rms of specific force, and what its
+norm differs from g, are below this share of g: a WT901's bias of 20 mg changes it by 4 % from one side to the other."""
 
-PAIR_EVERY_S, PAIR_SHORTEST_S, PAIR_LONGEST_S = 0.1, 0.5, 5.0
-"""Pairs of steady moments: one begins every PAIR_EVERY_S at most; the two are PAIR_SHORTEST_S to PAIR_LONGEST_S
-apart."""
+PAIR_SHORTEST_S, PAIR_LONGEST_S = 0.5, 5.0
+"""How far the two steady moments of a pair are apart, s. One pair at most begins in half a steady moment."""
 
 SHOWN_BY = {"a": "gravity", "m": "the field", "": "the device's own attitude"}
 """What shows a turn, by the channel of a witness."""
-
-UNIT_PAIRS = 2
-"""Least number of pairs between which the vertical turns, to judge the unit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +86,7 @@ def find_steady(acc: Array, gyr: Array, rate_hz: float) -> Steady:
     g = float(np.linalg.norm(mean[quietest]))
     variance, mean = window_moments(acc, 2 * half)
     norm = np.linalg.norm(mean, axis=1)
-    steady = np.flatnonzero((np.abs(norm - g) < STEADY_NORM * g) & (variance < (STEADY_ACC * g) ** 2) & (norm > 0.0))
+    steady = np.flatnonzero((np.abs(norm - g) < STEADY_ACC * g) & (variance < (STEADY_ACC * g) ** 2) & (norm > 0.0))
     return Steady(steady + half, mean[steady] / norm[steady, None], gyr[quietest : quietest + second].mean(axis=0))
 
 
@@ -107,15 +103,16 @@ def refuse_turned_signs(recording: Recording) -> None:
     if len(steady.rows) == 0:
         return
     up = up_in_sensor(quat_from_rpy(recording.device_rpy[steady.rows]))
-    along = (steady.up_sensor * up).mean(axis=0)
-    # Of a level axis nothing is seen: where all others are turned, it is meant too.
-    signs = np.where(along < (SIGN_PRODUCT if (along < SIGN_PRODUCT).all() else -SIGN_PRODUCT), -1.0, 1.0)
-    off, fit = (float(angles(steady.up_sensor * turn, up).mean()) for turn in (np.ones(3), signs))
-    if off < CONTRADICTION_RAD or fit > off / IMPROVEMENT:
+    signs = [reading for reading in readings() if reading.order == (0, 1, 2)]
+    off, *fits = (float(np.degrees(angles(steady.up_sensor * each.signs, up).mean())) for each in signs)
+    if off < CONTRADICTION_DEG or min(fits) > off / IMPROVEMENT:
         return
-    if recording.gyr is not None and signs[2] > 0.0:
+    good = [each for each, fit in zip(signs[1:], fits, strict=True) if fit <= min(fits) + AS_GOOD_DEG]
+    # Of a level axis nothing is seen: where all others are turned, it is meant too.
+    found = min(good, key=lambda each: (each.causes, sum(each.signs)))
+    if recording.gyr is not None and found.signs[2] > 0:
         return  # the attitude may count its pitch or roll the other way; the gyro knows better, and is asked
-    turned = [axis for axis, sign in zip("xyz", signs, strict=True) if sign < 0.0]
+    turned = [axis for axis, sign in zip("xyz", found.signs, strict=True) if sign < 0]
     how = "--unit acc=-g (or -m/s2)" if len(turned) == 3 else " ".join(f"--column a{axis}=-NAME" for axis in turned)
     wrong = "has the wrong sign: it contradicts" if len(turned) == 1 else "have the wrong sign: they contradict"
     raise RecordingError(
@@ -166,42 +163,21 @@ def refuse_disagreement(recording: Recording) -> None:
     steady = find_steady(acc, gyr, rate_hz)
     gyr = gyr - steady.gyro_bias
     first, second = _pairs(steady.rows, rate_hz)
-    up, up_later = steady.up_sensor[first], steady.up_sensor[second]
     there, here = steady.rows[second], steady.rows[first]
 
-    def turn(gyr: Array) -> Array:
-        """The gyro's turns (k, 4) from the axes of the first moments to those of the second."""
-        attitude = np.vstack(((1.0, 0.0, 0.0, 0.0), quat_cumulative(quat_exp(gyr / rate_hz))))
-        return quat_multiply(quat_inverse(attitude[there]), attitude[here])
+    def turn(factor: float) -> Array:
+        attitude = np.vstack(((1.0, 0.0, 0.0, 0.0), quat_cumulative(quat_exp(factor * gyr / rate_hz))))
+        return quat_to_matrix(quat_multiply(quat_inverse(attitude[there]), attitude[here]))
 
-    def refuse(off_deg: float, pair: int, what: str, shows: str = "gravity", **fields: object) -> NoReturn:
-        at = recording.t[here[pair] * every]
-        raise RecordingError(
-            f"the gyro does not turn as {shows} shows (by {off_deg:.0f} degrees, first at t = {at:.1f} s): {what}",
-            value=np.radians(off_deg),
-            **fields,
-        )
-
-    as_it_is = turn(gyr)
-    witnesses = [Witness("a", up, up_later), *_other_witnesses(recording, every, here, there)]
-    found = find_other_axes(witnesses, quat_to_matrix(as_it_is), lambda: quat_to_matrix(turn(-gyr)))
-    carried = quat_rotate(as_it_is, up)
-    telling = np.maximum(angles(up, up_later), angles(up, carried)) > CONTRADICTION_RAD
-    off = float(np.median(angles(up_later, carried)[telling])) if telling.any() else 0.0
-    if telling.sum() >= UNIT_PAIRS and off > CONTRADICTION_RAD:
-        pair, mended = int(np.flatnonzero(telling)[0]), np.radians(found.fit_deg) if found else np.inf
-        for unit, other, what in (
-            ("deg/s", np.radians(gyr), "its values are in deg/s"),
-            ("rad/s", np.degrees(gyr), "its values were in rad/s, but were read as deg/s"),
-        ):
-            fit = float(np.median(angles(up_later, quat_rotate(turn(other), up))[telling]))
-            if fit < min(off / IMPROVEMENT, mended):
-                refuse(np.degrees(off), pair, f"{what}; import the file with --unit gyr={unit}", unit=unit)
-        if not np.diff(gyr, axis=0).any():  # with noise in the accelerometer, `refuse_dead` has refused it
-            dead = "it reads the same all the time, so it is dead; check the columns gx, gy, gz"
-            refuse(np.degrees(off), pair, dead)
+    up = Witness("a", steady.up_sensor[first], steady.up_sensor[second])
+    found = find_other_axes([up, *_other_witnesses(recording, every, here, there)], turn)
     if found is not None:
-        refuse(found.off_deg, found.pair, found.message, SHOWN_BY[found.witness])
+        at = recording.t[here[found.pair] * every]
+        raise RecordingError(
+            f"the gyro does not turn as {SHOWN_BY[found.witness]} shows (by {found.off_deg:.0f} degrees, first at "
+            f"t = {at:.1f} s): {found.message}",
+            value=np.radians(found.off_deg),
+        )
 
 
 def _other_witnesses(
@@ -224,7 +200,7 @@ def _pairs(rows: NDArray[np.intp], rate_hz: float) -> tuple[NDArray[np.intp], ND
     """Indices of moments (k,), and of those to hold them against (k,)."""
     if len(rows) == 0:
         return rows, rows
-    _, first = np.unique(rows // max(1, round(PAIR_EVERY_S * rate_hz)), return_index=True)
+    _, first = np.unique(rows // max(1, round(0.5 * STEADY_S * rate_hz)), return_index=True)
     second = np.searchsorted(rows, rows[first] + PAIR_SHORTEST_S * rate_hz)
     there = second < len(rows)
     first, second = first[there], second[there]

@@ -22,6 +22,7 @@ from pbd.tracking.smoother.normal_equations import (
     STATE,
     VEL,
     NormalEquations,
+    batches,
     inverse_of_lower,
 )
 from pbd.tracking.smoother.preintegration import ERRORS
@@ -40,23 +41,22 @@ from pbd.tracking.smoother.state import (
 LEAST_LEVEL_FIELD = 0.1
 """Least horizontal share of a magnetic field that shows north: 6 degrees from a magnetic pole."""
 
-LEGS_AT_ONCE = 512
-"""Number of legs per batch; the working set fits a processor's cache."""
-
 GAUGE_WEIGHT = 1e10
 """Weight of what is chosen, not measured: the origin, and without a compass the heading."""
 
 
 def linearise(
-    problem: Problem, x: State, local: Local, whiten: Array, anneal: float = 1.0, robust: bool = True
+    problem: Problem, x: State, local: Local, whiten: Array, anneal: float = 1.0, legs: Array | None = None
 ) -> tuple[NormalEquations, Array]:
     """Linearise all factors at a state; `whiten` the legs' noise, `anneal` widens what passes for standing still.
+
+    `legs` is what `leg_jacobian` has of that state, if it is known.
 
     Returns the equations, and how much each knot's standing still counts, (m,) 0 to 1.
     """
     equations = NormalEquations.empty(len(problem.rows), SHARED)
-    _add_legs(equations, problem, x, local, whiten)
-    still = _add_stops(equations, problem, x, local, anneal, robust)
+    _add_legs(equations, problem, x, local, whiten, legs)
+    still = _add_stops(equations, problem, x, local, anneal)
     _add_hand(equations, problem, x)
     if problem.device:
         _add_device(equations, problem, x)
@@ -114,11 +114,12 @@ def leg_jacobian(problem: Problem, x: State, at: slice = slice(None)) -> Array:
     return out
 
 
-def _add_legs(equations: NormalEquations, problem: Problem, x: State, local: Local, whiten: Array) -> None:
+def _add_legs(
+    equations: NormalEquations, problem: Problem, x: State, local: Local, whiten: Array, legs: Array | None
+) -> None:
     """The moves, and how the biases walk."""
-    for first in range(0, len(whiten), LEGS_AT_ONCE):
-        at = slice(first, first + LEGS_AT_ONCE)
-        equations.add_legs(whiten[at] @ leg_jacobian(problem, x, at), first)
+    for at in batches(len(whiten)):
+        equations.add_legs(whiten[at] @ (leg_jacobian(problem, x, at) if legs is None else legs[at]), at.start)
     noise, T = problem.noise, problem.legs.T
     for block, values, walk, k in (
         (GYR_BIAS, x.gyr_bias, noise.device.gyr_walk, local.walks[0]),
@@ -133,25 +134,23 @@ def creep(problem: Problem, x: State) -> tuple[Array, Array]:
     return x.v + swing @ x.shared[PIVOT], swing
 
 
-def _add_stops(
-    equations: NormalEquations, problem: Problem, x: State, local: Local, anneal: float, robust: bool
-) -> Array:
+def _add_stops(equations: NormalEquations, problem: Problem, x: State, local: Local, anneal: float) -> Array:
     """In a stop the pivot stands still, and from knot to knot nothing moves or turns. Returns the first's weights."""
     noise, within, R = problem.noise, problem.within, x.E @ problem.C
     # A hand that coasts is as fast, however much one that stands still trembles.
     variance = local.still * problem.still**2 + (anneal**2 - 1.0) * noise.still_speed**2
     v, swing = creep(problem, x)
-    still = _robust(squares(v) / variance, robust) * (problem.stop_of >= 0)
+    still = _robust(squares(v) / variance) * (problem.stop_of >= 0)
     equations.add_unary(VEL, v, still / variance)
     equations.add_shared(VEL, PIVOT, slice(None), swing, v, still / variance)
     swing, sigma_shift = -np.diff(R, axis=0), anneal * noise.still_shift
     shift = np.diff(x.p, axis=0) + swing @ x.shared[PIVOT]
-    stay = _robust(squares(shift) / sigma_shift**2, robust) * within
+    stay = _robust(squares(shift) / sigma_shift**2) * within
     equations.add_pairs(POS, shift, stay / sigma_shift**2)
     equations.add_shared(POS, PIVOT, slice(1, None), swing, shift, stay / sigma_shift**2)
     equations.border[:-1, POS, PIVOT] -= (stay / sigma_shift**2)[:, None, None] * swing
     turned = matrix_log(R[1:] @ R[:-1].transpose(0, 2, 1))
-    turn = _robust(squares(turned) / problem.turn_sigma**2, True) * within
+    turn = _robust(squares(turned) / problem.turn_sigma**2) * within
     equations.add_pairs(ROT, turned, turn / problem.turn_sigma**2)
     return still
 
@@ -232,6 +231,6 @@ def _information(noise: Noise, worse: float, prior: Prior) -> Array:
     return readonly(np.linalg.inv(covariance))
 
 
-def _robust(squares: Array, robust: bool) -> Array:
+def _robust(squares: Array) -> Array:
     """Geman-McClure's weight of residuals, by their squares in sigmas."""
-    return 1.0 / (1.0 + squares / OUTLIER_SIGMAS**2) ** 2 if robust else np.ones_like(squares)
+    return 1.0 / (1.0 + squares / OUTLIER_SIGMAS**2) ** 2

@@ -15,14 +15,14 @@ from pbd.tracking.smoother.knots import Problem
 from pbd.tracking.smoother.normal_equations import Solved
 from pbd.tracking.smoother.state import Local, State
 
-ANNEALING, WARM_ANNEALING = (40.0, 10.0, 3.0), (3.0,)
-"""Factors on the velocity sigma of a stop, coming down to 1: from a first guess; from an earlier solution."""
+ANNEALING = (40.0, 10.0, 3.0)
+"""Factors on the velocity sigma of a stop, coming down to 1; from an earlier solution the last one does."""
 
 UNDOUBTED_SIGMAS = 2.0
 """A step of the annealing is skipped if no stop's velocity exceeds so many of the next step's sigmas."""
 
-CONVERGED_RAD, ROUGHLY_CONVERGED_RAD, MAX_ITERATIONS = 1e-4, 1e-3, 12
-"""Largest rotation of the last step, rad; the same for a solution that is refined later; limit of iterations."""
+CONVERGED_RAD, MAX_ITERATIONS = 3e-4, 12
+"""Largest rotation of the last step, rad; limit of iterations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,21 +39,20 @@ class Descent:
         return self.at.moved(self.solved)
 
 
-def descend(
-    problem: Problem, x: State, local: Local, anneal: Sequence[float] = (), small: float = CONVERGED_RAD
-) -> Descent:
-    """Gauss-Newton, all factors linearised anew each time, until a step turns nothing by more than `small` (rad).
+def descend(problem: Problem, x: State, local: Local, anneal: Sequence[float] = ()) -> Descent:
+    """Gauss-Newton, all factors linearised anew each time, until a step turns nothing by more than CONVERGED_RAD.
 
-    Annealing begins where no stop is in doubt; of more than one factor the first is tried without doubting any.
+    Annealing begins where no stop is in doubt. More than one factor is for a hand that does not move yet: none is
+    doubted then, so that the first factor comes before all others.
     """
     whiten, still = whitener(problem, local), problem.stop_of >= 0
 
-    def step(x: State, anneal: float, robust: bool = True) -> Descent:
-        equations, weights = linearise(problem, x, local, whiten, anneal, robust)
+    def step(x: State, anneal: float) -> Descent:
+        equations, weights = linearise(problem, x, local, whiten, anneal)
         return Descent(x, weights, equations.solve())
 
     if len(anneal) > 1:
-        x = step(x, anneal[0], robust=False).x
+        x = step(x, anneal[0]).x
     off = float((lengths(creep(problem, x)[0][still]) / problem.still[still]).max())
     for factor, closer in pairwise((*anneal, 1.0)):
         if off > UNDOUBTED_SIGMAS * closer:
@@ -61,6 +60,6 @@ def descend(
     for _ in range(MAX_ITERATIONS):
         found = step(x, 1.0)
         x = found.x
-        if np.abs(found.solved.d[:, :3]).max() < small:
+        if np.abs(found.solved.d[:, :3]).max() < CONVERGED_RAD:
             break
     return found

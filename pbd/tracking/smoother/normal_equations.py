@@ -5,6 +5,7 @@ Unknowns of a knot are STATE numbers; the shared ones are common to all knots.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -24,7 +25,7 @@ BAND = STATE + NEXT_STATE
 """Width of the band: a knot's unknowns and those of the next knot that a leg depends on."""
 
 KNOTS_AT_ONCE = 256
-"""Number of knots per batch; the working set fits a processor's cache."""
+"""Number of knots, or of legs, per batch; the working set fits a processor's cache."""
 
 DIAGONAL_FLOOR = 1e-12
 """Added to the scaled diagonal against rounding."""
@@ -124,9 +125,9 @@ class NormalEquations:
         # Half the way down: L^-1 of border and gradient.
         right = (self.border * scale[:, :, None]).reshape(m * STATE, -1)
         half = np.empty(right.shape, order="F")
-        for first in range(0, m, KNOTS_AT_ONCE):
-            at = slice(first * STATE, (first + KNOTS_AT_ONCE) * STATE)
-            if first:
+        for knots in batches(m):
+            at = slice(knots.start * STATE, knots.stop * STATE)
+            if at.start:
                 before = slice(at.start - STATE, at.start)
                 right[at][:STATE] -= _blocks(cholesky[:, before])[1][0] @ half[before]
             half[at], _ = lapack().dtbtrs(cholesky[:, at], right[at], uplo="L")
@@ -237,6 +238,11 @@ class Solved:
         covariance += this @ own[at:end] @ this.transpose(0, 2, 1)
         covariance += after @ own[at + 1 : end + 1, :NEXT_STATE, :NEXT_STATE] @ after.transpose(0, 2, 1)
         return covariance
+
+
+def batches(n: int) -> Iterator[slice]:
+    """Yield which of n knots or legs are in each batch."""
+    return (slice(first, first + KNOTS_AT_ONCE) for first in range(0, n, KNOTS_AT_ONCE))
 
 
 def _blocks(cholesky: Array) -> tuple[Array, Array]:

@@ -21,8 +21,6 @@ from pbd.tracking.smoother.doubtful_stops import MAX_RECUTS, doubted_stops, revi
 from pbd.tracking.smoother.factors import creep, shared_prior
 from pbd.tracking.smoother.gauss_newton import (
     ANNEALING,
-    ROUGHLY_CONVERGED_RAD,
-    WARM_ANNEALING,
     descend,
 )
 from pbd.tracking.smoother.knots import Problem, pose_problem
@@ -41,12 +39,9 @@ from pbd.tracking.zero_velocity import (
 WIDE_LAG_SIGMA, REMOVED_LAG = 0.03, 0.005
 """Lag of the gyro, s: one sigma of the wide prior (filters of one chip); least lag that is taken out of the samples."""
 
-LARGEST_LAG = 0.1
-"""Largest lag of the gyro, s: what needs more is another fault."""
-
-WIDE_SCALE_SIGMA, REMOVED_SCALE, KNOWN_SCALE_SIGMA, SCALE_OUTLIER_SIGMAS = 0.15, 0.05, 0.02, 5.0
-"""Scale common to the gyro's axes, a share: one sigma of the wide prior; least scale that is taken out of the samples;
-largest sigma with which it is, and least ratio to that sigma. A wrong clock looks like such a scale."""
+WIDE_SCALE_SIGMA, REMOVED_SCALE, SCALE_OUTLIER_SIGMAS = 0.15, 0.05, 5.0
+"""Scale common to the gyro's axes, a share: one sigma of the wide prior; least scale that is taken out of the samples,
+and least ratio to its sigma. A wrong clock looks like such a scale."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +58,7 @@ class Solution:
         lag: s, what has been taken out of the gyro's stamps.
         scale: share, what has been taken out of the gyro's readings, all axes alike.
         candidates: what looked still, accepted or not.
+        legs: whitened residuals (m - 1, 9) of the legs, and the covariance (m - 1, 9, 9) of what is estimated of them.
     """
 
     problem: Problem
@@ -74,6 +70,7 @@ class Solution:
     lag: float
     scale: float
     candidates: Spans
+    legs: tuple[Array, Array] | None = None
 
     def stop_weights(self) -> Array:
         """Weight of each stop, 0 to 1: the largest robust weight of its knots."""
@@ -130,9 +127,10 @@ def smooth(
         if not problem.stops:
             return None
         begun, local = _initial_state(problem, prior)
-        found = descend(problem, begun, local, ANNEALING, ROUGHLY_CONVERGED_RAD)
+        found = descend(problem, begun, local, ANNEALING)
         more, common = _large_lag_and_scale(found.x, found.solved)
-        if device or (more == 0.0 and common == 0.0) or abs(lag + more) > LARGEST_LAG:
+        # A lag beyond its own prior is another fault.
+        if device or (more == 0.0 and common == 0.0) or abs(lag + more) > OUTLIER_SIGMAS * WIDE_LAG_SIGMA:
             break
         lag, scale = lag + more, (1.0 + scale) * (1.0 + common) - 1.0
     narrow = Prior(noise.lag if lag == 0.0 else 0.0, noise.lag_sigma)
@@ -158,7 +156,7 @@ def smooth(
         x, local = _transferred(problem, found.x, path, again), replace(local, origin=_origin(again))
         problem = again
         del found, path  # of a long recording they are large
-        found = descend(problem, x, local, WARM_ANNEALING)
+        found = descend(problem, x, local, ANNEALING[-1:])
         path = path_of(problem, found.x)
     return Solution(problem, found.x, local, found.still, found.solved, path, lag, scale, candidates)
 
@@ -181,8 +179,7 @@ def _large_lag_and_scale(x: State, solved: Solved) -> tuple[float, float]:
     diagonal = i[GYR_MATRIX][::4]
     common = -float(x.shared[diagonal].mean())  # w_true = (1 - M) w
     sigma = float(np.sqrt(solved.shared[np.ix_(diagonal, diagonal)].mean()))
-    sure = sigma < KNOWN_SCALE_SIGMA and abs(common) > max(REMOVED_SCALE, SCALE_OUTLIER_SIGMAS * sigma)
-    return lag, common if sure else 0.0
+    return lag, common if abs(common) > max(REMOVED_SCALE, SCALE_OUTLIER_SIGMAS * sigma) else 0.0
 
 
 def _origin(problem: Problem) -> int:

@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from pbd.pose import Array
-from pbd.tracking.smoother.factors import LEGS_AT_ONCE, creep, leg_jacobian, linearise, whitener
+from pbd.tracking.moving_windows import squares
+from pbd.tracking.smoother.factors import creep, leg_jacobian, linearise, whitener
 from pbd.tracking.smoother.knots import Problem
-from pbd.tracking.smoother.normal_equations import ACC_BIAS, GYR_BIAS, VEL, Solved
+from pbd.tracking.smoother.normal_equations import ACC_BIAS, GYR_BIAS, VEL, Solved, batches
 from pbd.tracking.smoother.smooth import Solution
-from pbd.tracking.smoother.state import Local, State
+from pbd.tracking.smoother.state import Local
 
 ITERATIONS = 3
 """Iterations of the variance components."""
@@ -30,22 +31,25 @@ def with_own_noise(solution: Solution) -> Solution:
     device, T, still = problem.noise.device, problem.legs.T, solution.still
     walks = ((GYR_BIAS, x.gyr_bias, device.gyr_walk), (ACC_BIAS, x.acc_bias, device.acc_walk))
     stood, whiten = still / problem.still**2, whitener(problem, local)
-    for _ in range(ITERATIONS):
-        of_legs = _of_legs(problem, x, local, whiten, solved)
-        components = local.components * (1.0, *_factors(*of_legs, PRIOR_FREEDOM))
+    jacobian = leg_jacobian(problem, x)
+    residuals = (whiten @ jacobian[:, :, -1:])[:, :, 0]
+    for iteration in range(ITERATIONS):
+        top, bottom, spread = _of_legs(problem, local, whiten, solved, jacobian)
+        if iteration == 0:
+            solution = replace(solution, legs=(residuals, spread))
+        components = local.components * (1.0, *_factors(top, bottom, PRIOR_FREEDOM))
         walked = local.walks.copy()
         for c, (block, values, walk) in enumerate(walks):
             w = 1.0 / (walked[c] * walk**2 * T)
             own = np.trace(solved.of_changes(block), axis1=1, axis2=2)
-            walked[c] *= _factors(w @ (np.diff(values, axis=0) ** 2).sum(axis=1), (3.0 - w * own).sum(), PRIOR_FREEDOM)
+            walked[c] *= _factors(w @ squares(np.diff(values, axis=0)), (3.0 - w * own).sum(), PRIOR_FREEDOM)
         own, w = np.trace(solved.of_knots(VEL), axis1=1, axis2=2), stood / local.still
-        factor = _factors(
-            w @ (creep(problem, x)[0] ** 2).sum(axis=1), (3.0 * still - w * own).sum(), PRIOR_FREEDOM_STILL
-        )
+        factor = _factors(w @ squares(creep(problem, x)[0]), (3.0 * still - w * own).sum(), PRIOR_FREEDOM_STILL)
         local = replace(local, components=components, walks=walked, still=local.still * float(factor))
         whiten = whitener(problem, local)
         solved.forget()
-        solved = linearise(problem, x, local, whiten)[0].solve()
+        del solved  # of a long recording it is large
+        solved = linearise(problem, x, local, whiten, legs=jacobian)[0].solve()
     return replace(solution, local=local, solved=solved)
 
 
@@ -55,16 +59,18 @@ def _factors(top: Array | float, bottom: Array | float, nu: float) -> Array:
     return factors
 
 
-def _of_legs(problem: Problem, x: State, local: Local, whiten: Array, solved: Solved) -> tuple[Array, Array]:
-    """Squares (2,) and redundancies (2,) of what turning and motion add to the legs' noise."""
-    top, bottom = np.zeros(2), np.zeros(2)
-    for first in range(0, len(whiten), LEGS_AT_ONCE):
-        at = slice(first, first + LEGS_AT_ONCE)
-        A = whiten[at] @ leg_jacobian(problem, x, at)
+def _of_legs(
+    problem: Problem, local: Local, whiten: Array, solved: Solved, jacobian: Array
+) -> tuple[Array, Array, Array]:
+    """Squares (2,) and redundancies (2,) of what turning and motion add to the legs' noise; and the covariance
+    (m - 1, 9, 9) of what is estimated of the legs."""
+    top, bottom, spread = np.zeros(2), np.zeros(2), np.empty(whiten.shape)
+    for at in batches(len(whiten)):
+        A = whiten[at] @ jacobian[at]
         parts = local.components[1:, None, None, None] * (
             whiten[at] @ problem.legs.parts[1:, at] @ whiten[at].transpose(0, 2, 1)
         )
-        r, spread = A[:, :, -1:], solved.of_legs(A[:, :, :-1], first)
+        r, spread[at] = A[:, :, -1:], solved.of_legs(A[:, :, :-1], at.start)
         top += (r * (parts @ r)).sum(axis=(1, 2, 3))
-        bottom += np.trace(parts, axis1=2, axis2=3).sum(axis=1) - (parts * spread).sum(axis=(1, 2, 3))
-    return top, bottom
+        bottom += np.trace(parts, axis1=2, axis2=3).sum(axis=1) - (parts * spread[at]).sum(axis=(1, 2, 3))
+    return top, bottom, spread
