@@ -77,9 +77,10 @@ def warp_detour(queries: CollisionQueries, leg: int, start: Array, goal: Array, 
     Returns:
         Joints (m, k): just the ends if the straight move is free, else the shortest of what is tried and free, or None.
     """
-    if queries.passes(leg, straight := np.stack((start, goal))):
+    straight: Array = np.stack((start, goal))
+    if queries.passes(leg, straight):
         return straight
-    ways = []
+    ways: list[Array] = []
     for way in known:
         for there in (way, way[::-1]):
             share = np.linspace(0.0, 1.0, len(there))[:, None]
