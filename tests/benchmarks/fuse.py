@@ -191,7 +191,8 @@ def outcome(scenario: Scenario, seed: int) -> dict[str, Any]:
 
     def in_dock(p: Array, wxyz: Array) -> Array:
         """Errors of keyframes with an attitude at the first."""
-        return ((p - p[0]) - (true - true[0]) @ _turn(-yaw_toward(wxyz, A[0])).T)[1:]
+        off: Array = (p - p[0]) - (true - true[0]) @ _turn(-yaw_toward(wxyz, A[0])).T
+        return np.asarray(off[1:])
 
     alone, there = (find_keyframes(one)[0].T_nav_sensor.wxyz for one in (takes[0].path, path))
     off = {"joint": in_dock(p, there), "plain": in_dock(plain, alone)}
