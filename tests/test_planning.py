@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
@@ -14,7 +15,10 @@ from scipy.interpolate import CubicSpline
 import pbd
 from pbd.arm.motion_request import DEMO, LINE, STRAIGHT
 from pbd.arm.tool_deviation import off_line
-from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Obstacle, Robot, Stop
+from pbd.audit import audit
+from pbd.audit.arm import AuditArm
+from pbd.audit.contact import Pair, Touch, find_touch
+from pbd.data import Calibration, Demonstration, HandPath, JointTrajectory, Keyframe, Obstacle, Robot, Stop
 from pbd.data.covariance import PoseCovariance
 from pbd.errors import PbdError, PbdWarning, PlanError, TrackingError
 from pbd.planning import Plan, PlanOptions, arm_of, plan_keyframes
@@ -22,7 +26,7 @@ from pbd.planning.preconditions import check_certainty
 from pbd.pose import Array, Pose, quat_exp
 from pbd.tracking.keyframes import find_keyframes
 
-PANDA = pbd.load_robot("panda")
+PANDA, UR5 = pbd.load_robot("panda"), pbd.load_robot("ur5")
 TURN = np.array([1.0, 0.0, 0.0, 0.0])
 
 
@@ -311,6 +315,22 @@ def test_an_obstacle_is_gone_round_by_the_hands_own_path() -> None:
     with pytest.warns(PbdWarning, match="out of its way: to keyframe 1 it will turn 98 degrees instead of 0"):
         unknown = plan_keyframes(keyframes, bench, PANDA, replace(alone, detour=False))  # how the hand went isn't known
     assert unknown.segments[1].kind == STRAIGHT
+
+
+def test_where_a_curve_touches_it_is_kept_to_more_closely(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The audit finds a contact where averaging leads off the curve by more than its tenth."""
+    looked = list[JointTrajectory]()
+
+    def touch_first(arm: AuditArm, trajectory: JointTrajectory, pairs: Sequence[Pair]) -> Touch | None:
+        looked.append(trajectory)
+        return Touch(pairs[0], 1.0) if len(looked) == 1 else find_touch(arm, trajectory, pairs)
+
+    monkeypatch.setattr(audit, "find_touch", touch_first)
+    plan = planned(robot=UR5, path="demo")
+    assert looked[1] is plan.trajectory
+    usual = planned(robot=UR5, path="demo").trajectory
+    np.testing.assert_array_equal(usual.keyframe_t, looked[0].keyframe_t)
+    assert (looked[0].keyframe_t != plan.trajectory.keyframe_t).any()
 
 
 # --- keyframes that make no motion ------------------------------------------------------------------------------------

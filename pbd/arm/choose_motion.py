@@ -138,6 +138,8 @@ class _Search(Mending):
             widen(self.arm, self._pose(place), self.ladder, place)
             return None
         if not standing and move.pose_hit is not None and self.links[place - 1].at_keyframe:
+            if self._look_closely(i, place):
+                return None
             return partial(refuse_pose, i, len(self.ladder.layers[place].q), move.pose_hit)
         if not (move.remedies if standing else move.last_resort()):
             if i < self.n:

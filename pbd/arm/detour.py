@@ -77,7 +77,8 @@ def warp_detour(queries: CollisionQueries, leg: int, start: Array, goal: Array, 
     Returns:
         Joints (m, k): just the ends if the straight move is free, else the shortest of what is tried and free, or None.
     """
-    if queries.passes(leg, straight := np.stack((start, goal))):
+    straight: Array = np.stack((start, goal))
+    if queries.passes(leg, straight):
         return straight
     ways: list[Array] = []
     for way in known:

@@ -8,7 +8,7 @@ along its null space, toward its neighbours and away from limits.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -23,8 +23,8 @@ from pbd.arm.model import ArmModel
 from pbd.arm.tool import target
 from pbd.pose import Array, Pose
 
-STARTS, STARTS_WIDE = 12, 81
-"""Descents made for each keyframe: at first, and where what is near it is barred."""
+STARTS, STARTS_WIDE, STARTS_CLOSE = 12, 81, 1000
+"""Descents made for each keyframe: at first, where what is near it is barred, and where nothing at all was free."""
 CONTINUOUS_RAD, MOST_STEPS = 0.5, 60
 """Largest motion of a joint between two layers along a path, and refused moves before the link is mended."""
 SWEEPS = 3
@@ -116,12 +116,23 @@ def layers_along(arm: ArmModel, ladder: Ladder, place: int, T_base_tool: Sequenc
     return layers
 
 
-def widen(arm: ArmModel, pose: Pose, ladder: Ladder, place: int, starts: int = STARTS_WIDE) -> None:
-    """Add to a layer the branches of its pose that a larger search from the layer before finds."""
+def widen(
+    arm: ArmModel,
+    pose: Pose,
+    ladder: Ladder,
+    place: int,
+    starts: int = STARTS_WIDE,
+    stands: Callable[[Array], bool] = lambda q: True,
+) -> int:
+    """Add to a layer what a larger search from the layer before finds for its pose; return how many.
+
+    `stands`: whether the arm may stand so.
+    """
     before, known = ladder.layers[place - 1].q, ladder.layers[place].q
     found = states_at(arm, pose, States(before, np.zeros(len(before)), np.zeros(len(before))), starts)
-    new = np.array([np.abs(known - q).max(axis=1).min() > SAME_RAD for q in found.q], dtype=bool)
+    new = np.array([np.abs(known - q).max(axis=1).min() > SAME_RAD and stands(q) for q in found.q], dtype=bool)
     ladder.add(place, found.q[new], found.cost[new])
+    return int(new.sum())
 
 
 def add_turns(arm: ArmModel, ladder: Ladder, place: int, joint: int) -> int:

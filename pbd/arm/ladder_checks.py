@@ -40,7 +40,8 @@ class LinkChecks:
         self.n = len(request.T_base_tool)
         self.checks_left = CHECKS + self.n * CHECKS_EACH
         self.detours: dict[Leg, list[Array]] = {}  # that were searched for
-        if queries is not None and queries.scene.margin_m < MARGIN_M:
+        self.close = queries is not None and queries.scene.margin_m < MARGIN_M
+        if self.close:
             self.checks_left = int(CHECKS_CLOSE * self.checks_left)
 
     def stands(self, link: Link, move: Move, q: Array) -> bool:

@@ -64,7 +64,7 @@ class Move:
     `wide`: the deviation that made a line be tried instead.
     `tool_barred`: what the tool carries touches something on its path, however the arm is held.
     `detour`: nothing else was free, so that any way around is sought; `searched`: how many checks were for that.
-    `widened`: more ways to hold the arm were sought at its end.
+    `widened`: more ways to hold the arm were sought at its end; `looked_closely`: all that its null space has.
     """
 
     kind: str
@@ -78,6 +78,7 @@ class Move:
     detour: bool = False
     searched: int = 0
     widened: bool = False
+    looked_closely: bool = False
 
     def last_resort(self) -> bool:
         """Whether a detour is left; no other remedy is from now on."""

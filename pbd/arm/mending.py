@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import pairwise
 
 from pbd.arm.collision.queries import CollisionQueries
 from pbd.arm.ik.cartesian import line
-from pbd.arm.joint_path import CONTINUOUS_RAD, MOST_STEPS, STARTS, layers_along, widen
+from pbd.arm.ik.partial_pose import FULL_POSE
+from pbd.arm.joint_path import CONTINUOUS_RAD, MOST_STEPS, STARTS, STARTS_CLOSE, layers_along, widen
 from pbd.arm.ladder_checks import LinkChecks
 from pbd.arm.ladder_graph import Ladder
 from pbd.arm.ladder_links import DETOUR_EXTRA, MOST_DETOURS, MOST_PATHS, Link, Move, remedies_of
@@ -63,6 +65,14 @@ class Mending:
             self.links[places[0] - 1].poses, self.moves[i].kind = None, STRAIGHT
         for place in places:
             self.ladder.reopen(place, MOST_STRAIGHT_WIDE, costly=len(places) > 1)
+
+    def _look_closely(self, i: int, place: int) -> bool:
+        """Seek free ways to hold the arm at a keyframe all along its null space; say whether there are any."""
+        queries, move = self.queries, self.moves[i]
+        if queries is None or not self.checks.close or move.looked_closely or self.arm.model.nv <= FULL_POSE:
+            return False
+        move.looked_closely = True
+        return widen(self.arm, self._pose(place), self.ladder, place, STARTS_CLOSE, partial(queries.stands, i)) > 0
 
     def _split(self, place: int) -> bool:
         """Seek joints along a path, and along the paths just before it: those decide how the arm comes to it."""

@@ -27,6 +27,10 @@ planner itself lets averages cut off a bend (1 mm), which on an arm of half a me
 NOTHING = Load()
 
 
+class TouchError(PlanError):
+    """The motion would touch something: its `bodies`, at `t` s."""
+
+
 @dataclass(frozen=True)
 class AuditReport:
     """What a sound trajectory uses of what it may use.
@@ -63,6 +67,7 @@ def audit(
 
     Raises:
         PlanError: a promise is broken; its fields are joint, keyframe, t (s), value, bound and bodies, as they apply.
+        TouchError: one, where it touches something.
     """
     _check_form(trajectory, robot, len(T_base_tool_keyframes))
     check_smoothness(trajectory, limits)
@@ -98,7 +103,7 @@ def audit_received(path: JointTrajectory, robot: Robot, world: tuple[Calibration
     if (touch := find_touch(scene.arm, path, scene.pairs(path))) is not None:
         first, second = touch.bodies
         what = f"between the exported points {first} would touch {second} at {touch.t:.2f} s"
-        raise PlanError(what, t=touch.t, bodies=touch.bodies)
+        raise TouchError(what, t=touch.t, bodies=touch.bodies)
 
 
 def torque_of(
@@ -160,7 +165,7 @@ def _refuse(trajectory: JointTrajectory, touch: Touch) -> NoReturn:
     keyframe = int(np.searchsorted(trajectory.keyframe_t, touch.t))
     last = len(trajectory.keyframe_t) - 1
     where = f"on the way to keyframe {keyframe}" if keyframe <= last else f"after keyframe {last}"
-    raise PlanError(
+    raise TouchError(
         f"audit: {where} (t = {touch.t:.2f} s) {first} would touch {second}; move the dock or what stands in the way,"
         " turn the hand differently there, or look at it with --allow-collision",
         keyframe=keyframe,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -11,7 +12,7 @@ import pinocchio as pin
 from pbd.audit.arm import AuditArm, se3
 from pbd.audit.contact import Pair, Placed
 from pbd.audit.grasp import THE_TOOL, follow_object, gripper_joints, may_rest, object_solid, tool_rod
-from pbd.audit.solids import Solid, clearance, floor, hull_distance, link_solids, simple_solid
+from pbd.audit.solids import Solid, clearance, floor, hull_distance, link_solids, one_in_the_other, simple_solid
 from pbd.data import Calibration, GraspedObject, JointTrajectory
 from pbd.data.world import Stay
 from pbd.errors import RobotError
@@ -79,7 +80,7 @@ class AuditScene:
             elif names in next_to:
                 self.left_out[first.name, second.name] = "next to each other"
             elif names in trusted:
-                self.left_out[first.name, second.name] = f"SRDF: {trusted[names]}"
+                self.left_out[first.name, second.name] = trusted[names]
             else:
                 pairs.append(Pair(first, second))
         return pairs
@@ -115,25 +116,34 @@ class AuditScene:
         return found
 
     def _trusted(self) -> dict[frozenset[str], str]:
-        """Links that the SRDF says never touch, each with its reason."""
-        if self.arm.robot.srdf is None:
-            return {}
-        entries = read_xml(self.arm.robot.srdf, RobotError).iterfind("disable_collisions")
-        reasons = {frozenset((e.get("link1", ""), e.get("link2", ""))): e.get("reason", "") for e in entries}
-        return {names: reason for names, reason in reasons.items() if reason in TRUSTED}
+        """Links that the robot's TOML lets touch, or the SRDF says never do, each with its reason."""
+        robot, trusted = self.arm.robot, dict[frozenset[str], str]()
+        for entry in [] if robot.srdf is None else read_xml(robot.srdf, RobotError).iterfind("disable_collisions"):
+            if (reason := entry.get("reason")) in TRUSTED:
+                trusted[frozenset((entry.get("link1", ""), entry.get("link2", "")))] = f"SRDF: {reason}"
+        return trusted | {frozenset(pair): "may_touch in the robot's TOML" for pair in robot.may_touch}
 
     def _without_what_always_touches(self, pairs: list[Pair], why: str) -> list[Pair]:
         limits = self.arm.robot.limits
         lower, upper = np.maximum(limits.lower, -2.0 * np.pi), np.minimum(limits.upper, 2.0 * np.pi)
         x = np.random.default_rng(13).uniform(np.append(lower, 0.0), np.append(upper, 1.0), (SAMPLES, len(lower) + 1))
         always = pairs
-        for measure in (hull_distance, clearance):  # most pairs need no mesh
+        for separate in (_hulls_separate, _separate):  # most pairs need no mesh
             apart = dict.fromkeys(always, 0)
             for each in x:
                 placed = Placed(self.arm.place(each))
                 for pair in apart:
-                    apart[pair] += measure(*pair.at(placed)) > 0.0
+                    apart[pair] += separate(*pair.at(placed))
                 apart = {pair: count for pair, count in apart.items() if count <= (1.0 - NEARLY_ALWAYS) * SAMPLES}
             always = list(apart)
         self.left_out |= {(pair.first.name, pair.second.name): why for pair in always}
         return [pair for pair in pairs if pair not in always]
+
+
+def _hulls_separate(*placed: Any) -> bool:
+    return hull_distance(*placed) > 0.0
+
+
+def _separate(*placed: Any) -> bool:
+    """Whether two solids don't touch, nor is one inside the other."""
+    return clearance(*placed) > 0.0 and not one_in_the_other(*placed)

@@ -131,6 +131,9 @@ def _saved(args: argparse.Namespace, demo: Demonstration, keyframes: tuple[Keyfr
     if frames and demo.folder is not None:
         set_frames(demo.folder / NAME, frames)
         say(f"{demo.folder / NAME} says which keyframes belong to {listed({names[0] for names, *_ in args.frame})}")
+        for number, names in frames.items():
+            for before in set(keyframes[number].frames) - set(names):
+                say(f"keyframe {number} belonged to {before} and no longer does")
     return tuple(replace(each, frames=frames.get(k, each.frames)) for k, each in enumerate(keyframes))
 
 

@@ -120,6 +120,7 @@ class Robot:
         notes: what is assumed, for people.
         license: of the URDF and its meshes, and whose they are; empty if unknown.
         servos: how LeRobot counts its joints, or None where it doesn't know this arm.
+        may_touch: links that are not checked against each other: they touch by design.
     """
 
     name: str
@@ -138,6 +139,7 @@ class Robot:
     notes: tuple[str, ...] = ()
     license: str = ""
     servos: Servos | None = None
+    may_touch: tuple[tuple[str, str], ...] = ()
 
     def __post_init__(self) -> None:
         freeze(self, home=(len(self.joints),))

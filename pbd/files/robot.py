@@ -87,6 +87,7 @@ def read_robot(path: Path, *, draft: bool = False) -> Robot:
         notes=notes,
         license=license_,
         servos=None if servos is None else _servos(servos, len(joints), gripper),
+        may_touch=() if arm is None else _may_touch(arm, urdf),
     )
     if not draft:
         top.done()
@@ -154,6 +155,13 @@ def _arm_joints(arm: Section, movable: Sequence[UrdfJoint]) -> list[UrdfJoint]:
         if joint.name not in wanted and not joint.lower <= 0.0 <= joint.upper:
             arm.fail("joints", f"leaves out {joint.name}, which is then locked at 0, outside its limits", "name it too")
     return [joint for joint in movable if joint.name in wanted]
+
+
+def _may_touch(arm: Section, urdf: Urdf) -> tuple[tuple[str, str], ...]:
+    pairs = arm.pairs("may_touch")
+    if unknown := [link for pair in pairs for link in pair if link not in urdf.links]:
+        arm.fail("may_touch", f"names {unknown[0]!r}, which is no link of the URDF")
+    return pairs
 
 
 def _gripper(section: Section, urdf: Urdf) -> Gripper:

@@ -28,7 +28,7 @@ def fused_path(demo: Demonstration, method: str, calibration: Calibration | None
     if method != "default":
         raise TrackingError(f"takes are fused by the default method only; track one of them with --method {method}")
     takes = [tracked_take(take, calibration, accept_gap) for take in demo.takes]
-    fused = _estimated(takes, calibration)
+    fused = estimated(takes, calibration)
     path = hand_path(demo, fused, calibration, accept_gap)
     assert path.fusion is not None
     words = [*_left_out(path.fusion.takes), disagreement(fused.parts, fused.joint, [takes[k].name for k in fused.used])]
@@ -37,7 +37,7 @@ def fused_path(demo: Demonstration, method: str, calibration: Calibration | None
     return path
 
 
-def _estimated(takes: Sequence[Take], calibration: Calibration | None) -> Fused:
+def estimated(takes: Sequence[Take], calibration: Calibration | None = None) -> Fused:
     """The joint estimate, without takes that are of another task or outliers; linearised anew at its own device."""
     keyframes = [keyframes_of_take(take) for take in takes]
     thing = moved_thing(keyframes)
@@ -62,7 +62,7 @@ def _estimated(takes: Sequence[Take], calibration: Calibration | None) -> Fused:
     # How sure it is, by what the takes show of the tracker's noise; an estimate by that would be no better.
     sure = estimate_jointly(parts, joint.state, replace(joint.scatter, worth=TRACKER_WORTH))
     own = estimate_jointly(parts, joint.state, each(sure.scatter)).scatter
-    joint = replace(sure, state=joint.state)
+    joint = replace(sure, state=joint.state.of_case(parts.device[0]))
     return Fused(takes, used, left, found.kept(), disbelieved.keyframes, parts, joint, own, states, thing)
 
 

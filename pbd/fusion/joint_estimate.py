@@ -20,6 +20,8 @@ from pbd.fusion.devices import BIAS_REPEATS
 from pbd.fusion.messages import BIAS, DEVICE, Message
 from pbd.fusion.scatter import Scatter
 from pbd.pose import Array, matrix_log, quat_about_z, quat_exp, quat_to_matrix, skew
+from pbd.tracking.smoother.preintegration import LOWER
+from pbd.tracking.smoother.state import ACC_MATRIX, GYR_MATRIX
 
 LEVER_M, LEVER_WORTH = 0.005, 3.0
 """m: how differently a sensor is put into the hand, along each axis; degrees of freedom that this is worth beside what
@@ -49,6 +51,18 @@ class State:
     def turn(self) -> Array:
         """(F, K, 3, 3), Rz of each take."""
         return np.array([[quat_to_matrix(quat_about_z(yaw)) for yaw in frame] for frame in self.yaw.tolist()])
+
+    def of_case(self, device: int) -> State:
+        """The same for the axes of the sensor's case instead of the accelerometer's, of the first take's device.
+
+        The smoother takes the accelerometer's axes as exact, in that N has no upper half. Where they and the gyro's
+        lean alike, at random, the case is turned by a quarter of what both matrices have of a turn about each axis.
+        """
+        M, N = self.devices[device][GYR_MATRIX].reshape(3, 3), np.zeros((3, 3))
+        N[tuple(np.transpose(LOWER))] = self.devices[device][ACC_MATRIX]
+        both = M + N - (M + N).T
+        turn = quat_to_matrix(quat_exp(0.25 * np.array((both[1, 2], both[2, 0], both[0, 1]))))
+        return replace(self, A=self.A @ turn, Q=self.Q @ turn, lever=self.lever @ turn)
 
 
 @dataclass(frozen=True, eq=False)

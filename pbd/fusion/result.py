@@ -113,7 +113,7 @@ def _fusion(fused: Fused, mean: MeanWay) -> Fusion:
                 tuple(j for which, j in fused.disbelieved if which == i),
                 tuple(sorted(set(range(len(take.knots))) - set(mine.tolist()))),
                 float((x.yaw[0, i] + np.pi) % (2.0 * np.pi) - np.pi),
-                Pose(x.lever[i], quat_from_matrix(x.Q[i])),
+                Pose(x.lever[i], quat_from_matrix(x.Q[i] @ x.Q[0].T)),
                 parts.device[i],
             )
         )

@@ -140,6 +140,12 @@ class Section:
         values = self._get(key, "must be a list of strings, got {}", _list_of(lambda v: isinstance(v, str)), default)
         return tuple(values)
 
+    def pairs(self, key: str) -> tuple[tuple[str, str], ...]:
+        """Return a list of pairs of strings; empty where there is no such key."""
+        is_pair = lambda v: _list_of(lambda name: isinstance(name, str))(v) and len(v) == 2  # noqa: E731
+        values = self._get(key, "must be a list of pairs of strings, got {}", _list_of(is_pair), [])
+        return tuple((first, second) for first, second in values)
+
     def flag(self, key: str, default: bool = _REQUIRED) -> bool:
         """Return true or false."""
         return bool(self._get(key, "must be true or false, got {}", lambda v: isinstance(v, bool), default))

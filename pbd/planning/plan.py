@@ -39,6 +39,10 @@ if TYPE_CHECKING:
     from pbd.planning.steps import Hand
 
 
+NEAR = 1.0, 0.1
+"""How far averages leave a curve, as a share of the usual: less, where that touches something beside it."""
+
+
 def plan(
     hand_path: HandPath, calibration: Calibration, robot: Robot, options: PlanOptions | None = None
 ) -> JointTrajectory:
@@ -195,7 +199,7 @@ def _prepare(task: _Task, options: PlanOptions) -> _Prepared | Refused:
 def _attempt(task: _Task, options: PlanOptions) -> Plan | Refused:
     from pbd.arm.ik.partial_pose import hold
     from pbd.arm.timing.time_moves import Timed, time_moves
-    from pbd.audit.audit import audit, torque_of
+    from pbd.audit.audit import TouchError, audit, torque_of
 
     prepared = _prepare(task, options)
     if isinstance(prepared, Refused):
@@ -206,27 +210,33 @@ def _attempt(task: _Task, options: PlanOptions) -> Plan | Refused:
     held = hold(arm, T_base_tool, chosen.q)
     moves, back = moves_of(chosen, keyframes, hand, options)
 
-    def timed_at(speed: float) -> Timed:
+    def timed_at(speed: float, near: float) -> Timed:
         return time_moves(
             arm,
             q_start if options.approach else chosen.q[0],
-            moves,
+            [replace(move, near=near) for move in moves],
             dwells(keyframes, options),
             [keyframe.grip for keyframe in keyframes],
-            retreat=back,
+            retreat=back and replace(back, near=near),
             speed=speed * (1.0 - options.margin),
         )
 
-    timed = timed_at(options.speed)
     load = Load(options.payload, options.p_tool_payload, grasped, calibration.table_height)
 
     def share_at(speed: float) -> float:
-        trajectory, pace = (timed_at(speed).trajectory, 1.0) if speed else (timed.trajectory, 0.0)
+        trajectory, pace = (timed_at(speed, near).trajectory, 1.0) if speed else (timed.trajectory, 0.0)
         torque = torque_of(trajectory, robot.limits, robot, load, pace)
         return torque.share if torque else 0.0
 
     world = None if options.allow_collision else (calibration, grasped)
-    report = audit(timed.trajectory, robot.limits, robot, held.T_base_tool, world, load)
+    for near in NEAR:
+        timed = timed_at(options.speed, near)
+        try:
+            report = audit(timed.trajectory, robot.limits, robot, held.T_base_tool, world, load)
+            break
+        except TouchError:
+            if near == NEAR[-1]:
+                raise
     if (heavy := check_torque(report.torque, robot.limits, load, options.speed, share_at)) is not None:
         slower = () if heavy.speed is None else ((f"use --speed {heavy.speed:g}", replace(options, speed=heavy.speed)),)
         return Refused(heavy.error, slower)
@@ -240,6 +250,6 @@ def _attempt(task: _Task, options: PlanOptions) -> Plan | Refused:
         timed.trajectory,
         report,
         find_stretched(timed, keyframes) if options.time == "demo" else (),
-        find_touching(scene, timed.trajectory) if options.allow_collision else None,
+        find_touching(scene.closer(), timed.trajectory) if options.allow_collision else None,
         chosen.back,
     )

@@ -37,7 +37,7 @@ YAWS_DEG = (0.0, -90.0, 90.0, 180.0)
 AHEAD = 0.2
 """What a dock beside or behind the base's x axis costs, rad of joint travel per rad."""
 OFTEN = 0.5
-"""Share of random configurations above which two links that touch are told at once: most homes are barred by them."""
+"""Share of random configurations in which two links touch by design only: they would bar most homes."""
 HOME_OVER_M = 0.05
 """Home is this far over the dock, m, times the scale."""
 WIDELY = 81
@@ -57,6 +57,7 @@ class Suggestion:
         dexterity: manipulability at home, as a share of the arm's 25th percentile.
         weighed, within_reach: docks that were weighed at this scale, and those of them that hold all keyframes.
         own_table: the table's height was the user's.
+        touching: links that `robot` lets touch, of how many random configurations they do so in.
     """
 
     robot: Robot
@@ -66,6 +67,7 @@ class Suggestion:
     weighed: int
     within_reach: int
     own_table: bool
+    touching: dict[tuple[str, str], int]
 
 
 def suggest(
@@ -92,46 +94,56 @@ def suggest(
     p, R = _sampled(arm)
     table = None if robot.dock is None else robot.dock.table_height
     lowest = -min(keyframe.T_nav_sensor.p[2] for keyframe in keyframes)
+    touching: dict[tuple[str, str], int] = {}
     why = f"no dock has all keyframes within reach, even at {SCALES[-1]} of the size; correct base or T_body_tool"
+    why += "" if table is None else ", or table_height"
     for table_known, scale, places in _stages(table, p[R[:, 2, 2] < -DOWN, 2], lowest):
         docks = list(islice(_docks(arm, (p, R), keyframes, table_known, scale), places))
         held = _weigh(arm, docks, keyframes)
         tell(f"{len(held)} of {len(docks)} docks have all keyframes within reach at {scale:g} of the size")
-        tried = [_try(robot, arm, dock, keyframes, grasped) for _, dock in held[:TRIED]]
-        if planned := [each for each in tried if isinstance(each, tuple)]:
+        planned, stopped = _try_all(robot, arm, held, keyframes, grasped)
+        if stopped and not planned and not touching and (touching := _often_touching(arm)):
+            robot = replace(robot, may_touch=(*robot.may_touch, *touching))
+            arm = arm_of(robot)
+            pairs = ", ".join(f"{first} and {second}" for first, second in touching)
+            tell(f"links that overlap in most configurations are taken to do so by design: {pairs}")
+            planned, stopped = _try_all(robot, arm, held, keyframes, grasped)
+        if planned:
             own, plan = min(planned, key=lambda each: each[1].trajectory.duration)
             room = margins(arm, own.home)
             nearest = robot.joints[int(room.argmin())], float(room.min())
             dexterity = float(manipulability(arm.jacobian(own.home)[None])[0]) / starts_of(arm).clumsy
-            return Suggestion(own, plan, nearest, dexterity, len(docks), len(held), table is not None)
-        why = next((str(each) for each in tried), why)
-        if tried and (touching := _often_touching(arm)):
-            why = touching
-            break
+            return Suggestion(own, plan, nearest, dexterity, len(docks), len(held), table is not None, touching)
+        why = next(iter(stopped), why)
     raise RobotError(
         f"{robot.name}: no home and dock found: {why}",
         robot=robot.name,
     )
 
 
-def _often_touching(arm: ArmModel) -> str:
-    """Say which links touch in most configurations: shapes that overlap by design bar whatever is tried."""
+def _often_touching(arm: ArmModel) -> dict[tuple[str, str], int]:
+    """Links whose shapes overlap in most of SAMPLES random configurations, as by design only, and in how many."""
     from pbd.arm.collision.allowed_collisions import SAMPLES as CONFIGURATIONS
     from pbd.arm.collision.allowed_collisions import samples
     from pbd.arm.collision.scene import CollisionScene
 
-    clearance = CollisionScene(arm).always.clearance
-    often = clearance.always_touching(samples(arm, CONFIGURATIONS), OFTEN)
-    pairs = [(count, *(clearance.bodies[i].name for i in clearance.pairs[row])) for row, count in often.items()]
-    if not pairs:
-        return ""
-    told = ", ".join(f"{first} and {second} in {count}" for count, first, second in sorted(pairs, reverse=True))
-    _, first, second = max(pairs)
-    return (
-        f"its own links touch in most of {CONFIGURATIONS} random configurations: {told}; if they do by design, add "
-        f'srdf = to its [model]: the maker\'s, or one with a line like <disable_collisions link1="{first}" '
-        f'link2="{second}" reason="Adjacent"/> for each pair'
-    )
+    clearance, often = CollisionScene(arm).always.clearance, dict[tuple[str, str], int]()
+    for row, count in clearance.always_touching(samples(arm, CONFIGURATIONS), OFTEN).items():
+        first, second = (clearance.bodies[i].name for i in clearance.pairs[row])
+        often[first, second] = max(count, often.get((first, second), 0))
+    return often
+
+
+def _try_all(
+    robot: Robot,
+    arm: ArmModel,
+    held: Sequence[tuple[float, Calibration]],
+    keyframes: Sequence[Keyframe],
+    grasped: GraspedObject | None,
+) -> tuple[list[tuple[Robot, Plan]], list[str]]:
+    """Plans at the best docks, and what stopped the others."""
+    tried = [_try(robot, arm, dock, keyframes, grasped) for _, dock in held[:TRIED]]
+    return [each for each in tried if isinstance(each, tuple)], [each for each in tried if isinstance(each, str)]
 
 
 def _sampled(arm: ArmModel) -> tuple[Array, Array]:

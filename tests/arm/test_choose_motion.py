@@ -241,6 +241,16 @@ def test_a_detour_may_turn_a_joint_the_longer_way() -> None:
     assert motion.q[1, 0] - motion.q[0, 0] < np.pi
 
 
+@pytest.mark.filterwarnings("ignore:.*(goes around|comes nearer to something)")
+def test_a_narrow_part_of_the_null_space_is_found_where_nothing_else_is_free() -> None:
+    """Panda's last joint has 7 mrad in which the arm is 1 mm from the beam."""
+    arm, obstacles, poses = made("panda", "portal", 11)
+    queries = CollisionQueries(arm, CollisionScene(arm, None, obstacles), poses, [None] * len(poses))
+    motion = choose_motion(arm, MotionRequest(poses, arm.robot.home, approach=False), queries)
+    assert isinstance(motion, Motion)
+    assert queries.closer().stands(1, motion.q[1])
+
+
 @pytest.mark.parametrize("higher_m", [1e-3, 3e-3])
 def test_a_motion_close_to_things_is_made_where_no_other_is_free_and_told(higher_m: float) -> None:
     """Just below the fingers, however the arm is held: nearer than is kept elsewhere, then nearer than at all."""

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pbd.arm.ik.closed_form import closed_form
+from pbd.arm.ik.branches import find_branches
+from pbd.arm.ik.closed_form import closed_form, flipped_elbow
 from pbd.arm.ik.seven_joints import APART_RAD, seven_joints
 from pbd.arm.tool import target
 from tests.arm.bundled import arm_of
@@ -34,12 +35,24 @@ def test_every_branch_of_seven_joints_holds_the_pose_and_one_leads_past_the_know
         pose = arm.forward(truth)
         found = [branch for branch in seven_joints(arm, target(pose)) if len(branch) > 1]
         assert all(max(pose.distance(arm.forward(branch[len(branch) // 2]))) < 1e-5 for branch in found)
-        steps = np.vstack([np.diff(branch, axis=0) for branch in found])
-        assert np.abs(steps - 2.0 * np.pi * np.round(steps / (2.0 * np.pi))).max() < APART_RAD
         off = np.vstack(found) - truth
         assert np.abs(off - 2.0 * np.pi * np.round(off / (2.0 * np.pi))).max(axis=1).min() < 0.3
         steps = np.vstack([np.diff(branch, axis=0) for branch in found])
         assert np.abs(steps - 2.0 * np.pi * np.round(steps / (2.0 * np.pi))).max() <= APART_RAD
+
+
+@pytest.mark.parametrize("name", ["so100", "so101"])
+def test_the_elbow_of_an_arm_of_five_joints_is_tried_on_both_sides(name: str) -> None:
+    arm, flips = arm_of(name), 0
+    for truth in random_joints(arm.robot, 40, seed=11):
+        flipped = flipped_elbow(arm, truth)
+        if flipped is not None and (flipped > arm.limits.lower).all() and (flipped < arm.limits.upper).all():
+            pose, flips = arm.forward(truth), flips + 1
+            assert max(pose.distance(arm.forward(flipped))) < 1e-12
+            found = find_branches(arm, pose, arm.robot.home[None], 12)
+            for q in (truth, flipped):
+                assert np.abs(found - q).max(axis=1).min() < 1e-3
+    assert flips >= 3
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5"])

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+import trimesh
 
 from pbd.arm.gripper import tool_rod as planned_rod
 from pbd.arm.joint_path import solve_path
@@ -104,10 +105,16 @@ def test_pairs_are_left_out_for_a_reason_only(name: str) -> None:
         assert why in ("both belong to the gripper", "next to each other", "SRDF: Adjacent", "SRDF: Never")
 
 
-def test_what_touches_in_nearly_every_configuration_is_left_out(tmp_path: Path, odd_robot: Robot) -> None:
-    """A tall block on the second link always sticks in a plate of the base, one that is far out never does."""
-    path = tmp_path / "stack.urdf"
-    path.write_text(STACK, encoding="utf-8")
+@pytest.mark.parametrize("wholly", [False, True])
+def test_what_touches_in_nearly_every_configuration_is_left_out(wholly: bool, tmp_path: Path, odd_robot: Robot) -> None:
+    """A tall block on the second link always sticks in a plate of the base, or is wholly inside its mesh; one that is
+    far out never does.
+    """
+    path, urdf = tmp_path / "stack.urdf", STACK
+    if wholly:
+        trimesh.creation.box((0.4, 0.4, 0.2)).export(tmp_path / "plate.stl")
+        urdf = STACK.replace('<box size="0.4 0.4 0.2"/>', '<mesh filename="plate.stl"/>').replace("-0.1", "-0.15")
+    path.write_text(urdf.replace('length="0.2"', 'length="0.1"') if wholly else urdf, encoding="utf-8")
     limits = {name: getattr(odd_robot.limits, name)[:2] for name in ("velocity", "acceleration", "jerk")}
     lower, upper = np.full(2, -1.0), np.full(2, 1.0)
     stack = replace(

@@ -3,8 +3,9 @@
 Random scenes (shelf, bin, portal, gap, clutter) for panda, ur5 and xarm7: from home to a first keyframe, to a second
 among the obstacles, and back. Where the planner finds no way, a long search of S seconds (60) looks for one on the
 original meshes; it shares nothing with the planner (long_search.py). `--sample N` (8) of the scenes that are solved,
-taken at random, are searched too, five times, for `--short S` seconds each (10). `--resume FILE` keeps what was found
-there, and goes on from it. Everything is planned first, then come the long searches, then the sample.
+taken at random, are searched too, five times, for `--short S` seconds each (10). `--first N` takes other seeds.
+`--resume FILE` keeps what was found there, and goes on from it. Everything is planned first, then come the long
+searches, then the sample.
 
 scenes; solved: by the planner; pending: not solved, and not searched yet; feasible: solved by the planner or a search;
 solved_pct: by the planner, of the feasible ones, once none is pending; detours: those with a move of OMPL's; median_s,
@@ -76,6 +77,7 @@ def main() -> None:
     """Measure and print."""
     parser = arguments(str(__doc__))
     parser.add_argument("--seeds", type=int, metavar="N", help=f"scenes of each kind for each arm ({SEEDS})")
+    parser.add_argument("--first", type=int, default=0, metavar="N", help="the first of these seeds (0)")
     parser.add_argument(
         "--search", type=float, metavar="S", help=f"s of the search for what is unsolved ({SEARCH_S:g})"
     )
@@ -86,7 +88,7 @@ def main() -> None:
     warnings.simplefilter("ignore")
     seeds = args.seeds or (QUICK_SEEDS if args.quick else SEEDS)
     search_s = (QUICK_SEARCH_S if args.quick else SEARCH_S) if args.search is None else args.search
-    asked = [(name, kind, seed) for seed in range(seeds) for name in ARMS for kind in KINDS]
+    asked = [(name, kind, seed) for seed in range(args.first, args.first + seeds) for name in ARMS for kind in KINDS]
     known = read(args.resume)
     for key in asked:
         if key not in known:

@@ -63,6 +63,31 @@ def test_the_users_own_table_is_kept(capsys: Capture, guide: str) -> None:
     assert dock["position"][2] == pytest.approx(0.25)
 
 
+def test_where_few_docks_will_do_more_are_weighed(capsys: Capture, guide: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    TOML.write_text(guide, encoding="utf-8")
+    monkeypatch.setattr("pbd.planning.suggest.PLACES", 0)
+    code, lines, told = run(capsys, "robots", "--suggest", TOML)
+    assert code == 0
+    assert "0 of 0 docks have all keyframes within reach at 0.25 of the size" in told
+    assert "scale = 0.5" in lines
+
+
+def test_links_that_touch_by_design_are_found_and_may(capsys: Capture, guide: str) -> None:
+    """The flange's sphere is in that of the link before the last in seven of ten configurations."""
+    urdf = own_urdf()
+    for link, x, radius in (("link4", 0.05, 0.0536), ("link5", 0.0, 0.01), ("flange", 0.0, 0.06)):
+        solid = f'<collision><origin xyz="{x} 0 0"/><geometry><sphere radius="{radius}"/></geometry></collision>'
+        urdf = urdf.replace(f"<link name='{link}'/>", f"<link name='{link}'>{solid}</link>")
+    TOML.with_name("mine.urdf").write_text(urdf, encoding="utf-8")
+    bare = guide.split("[arm]")[0] + "[gripper]" + guide.split("[gripper]")[1].split("[dock]")[0]
+    TOML.write_text(bare, encoding="utf-8")
+    code, lines, _ = run(capsys, "robots", "--suggest", TOML)
+    assert code == 0
+    assert 'may_touch = [["link4", "flange"]]' in lines
+    TOML.write_text(bare + lines, encoding="utf-8")
+    assert run_json(capsys, "replay", "pouring", "--robot", "mine", "--html", "x.html")["collision"] is None
+
+
 def test_a_tool_that_never_points_down_is_named(capsys: Capture, guide: str) -> None:
     fixed = guide.replace("[arm]", '[arm]\njoints = ["joint1"]').replace("home = [0.0, -0.3, 0.9, 0.0, 0.97, 0.0]", "")
     TOML.write_text(re.sub(r"\[(\d+\.0, ){5}\d+\.0\]", "[1.0]", fixed), encoding="utf-8")

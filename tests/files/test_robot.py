@@ -437,6 +437,8 @@ def test_a_misspelt_link_is_told_with_its_line_and_those_most_like_it(folder: Pa
         ),
         ("mine.toml", "rpy_deg = [0.0, 0.0, 90.0]", "rpy_deg = [0.0, 0.0, 1e300]", r"rpy_deg must .* from -360 to 360"),
         ("mine.srdf", "</robot>", "", r"mine\.srdf: not valid XML: "),
+        ("mine.toml", "[arm]", '[arm]\nmay_touch = [["foot", "fot"]]', r"may_touch names 'fot', which is no link of "),
+        ("mine.toml", "[arm]", '[arm]\nmay_touch = ["foot"]', r"may_touch must be a list of pairs of strings, got "),
     ],
 )
 def test_what_a_robot_is_made_of(folder: Path, file: str, old: str, new: str, message: str) -> None:

@@ -53,7 +53,7 @@ def test_a_take_is_estimated_with_just_the_devices_errors_that_are_given(takes: 
     found = pinned(solution, other)
     np.testing.assert_allclose(np.concatenate((found.shared[SHARED], found.acc_bias[0])), other, rtol=1e-12)
     again = pinned(replace(solution, state=found), other)
-    np.testing.assert_allclose(again.p, found.p, atol=1e-5)
+    np.testing.assert_allclose(again.p, found.p, atol=5e-5)  # m: as near as the last step turns nothing by 1e-4 rad
 
 
 def test_the_path_goes_through_its_keyframes_as_one(path: HandPath) -> None:

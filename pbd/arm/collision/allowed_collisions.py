@@ -42,9 +42,9 @@ class Unchecked:
 def link_pairs(arm: ArmModel) -> tuple[Pairs, tuple[Unchecked, ...]]:
     """Return the pairs (p, 2) of the arm's bodies that are checked, and those pairs of links that are not.
 
-    Left out are links next to each other (or with nothing solid between), those that the SRDF says are adjacent or
-    never meet, those that both belong to the gripper, and bodies that touch in nearly all configurations. Bodies that
-    no joint moves against each other are no pair at all.
+    Left out are links next to each other (or with nothing solid between), those that the robot's TOML lets touch or the
+    SRDF says are adjacent or never meet, those that both belong to the gripper, and bodies that touch in nearly all
+    configurations. Bodies that no joint moves against each other are no pair at all.
     """
     bodies = arm_bodies(arm)
     pairs = np.stack(np.triu_indices(len(bodies), 1), axis=1)
@@ -81,7 +81,7 @@ def _reasons(arm: ArmModel, bodies: Sequence[Body], links: Iterable[tuple[str, s
         elif carrier[first] == second or carrier[second] == first:
             reasons[first, second] = "next to each other"
         elif frozenset((first, second)) in trusted:
-            reasons[first, second] = f"SRDF: {trusted[frozenset((first, second))]}"
+            reasons[first, second] = trusted[frozenset((first, second))]
     return reasons
 
 
@@ -97,11 +97,10 @@ def _carrier(arm: ArmModel, link: str, solid: frozenset[str]) -> str | None:
 
 
 def _trusted(arm: ArmModel) -> dict[frozenset[str], str]:
-    """Read the SRDF's pairs of links that are believed never to meet, each with its reason."""
-    if arm.robot.srdf is None:
-        return {}
-    return {
-        frozenset((entry.get("link1", ""), entry.get("link2", ""))): entry.get("reason", "")
-        for entry in read_xml(arm.robot.srdf, RobotError).iterfind("disable_collisions")
+    """Pairs of links that the robot's TOML lets touch, or the SRDF says are adjacent or never meet, and why."""
+    entries = [] if arm.robot.srdf is None else read_xml(arm.robot.srdf, RobotError).iterfind("disable_collisions")
+    return dict.fromkeys(map(frozenset, arm.robot.may_touch), "may_touch in the robot's TOML") | {
+        frozenset((entry.get("link1", ""), entry.get("link2", ""))): f"SRDF: {entry.get('reason')}"
+        for entry in entries
         if entry.get("reason") in TRUSTED
     }

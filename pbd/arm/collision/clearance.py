@@ -76,7 +76,6 @@ class Clearance:
         self.pairs = np.asarray(pairs, dtype=np.int64).reshape(-1, 2)
         self.rates = rates(arm, bodies, self.pairs)
         self._pads = np.array([self.bodies[a].pad + self.bodies[b].pad for a, b in self.pairs])
-        self._pad_of: list[float] = self._pads.tolist()
         self._most_pad = float(self._pads.max(initial=0.0))
         self._geometry = pin.GeometryModel()
         for i, body in enumerate(self.bodies):
@@ -210,8 +209,7 @@ class Clearance:
 
     def _distance(self, pair: int) -> float:
         distance = self._hull_distance(pair)
-        near = distance < self.margin_m and distance > -self._mesh_to[pair]
-        return self._of_meshes(pair, distance) if near else distance
+        return self._of_meshes(pair, distance) if -self._mesh_to[pair] < distance < self.margin_m else distance
 
     def _witness(self, pair: int) -> Array:
         result = pin.computeDistance(self._geometry, self._placed, pair)
@@ -219,7 +217,7 @@ class Clearance:
         return point
 
     def _hull_distance(self, pair: int) -> float:
-        return float(pin.computeDistance(self._geometry, self._placed, pair).min_distance) - self._pad_of[pair]
+        return float(pin.computeDistance(self._geometry, self._placed, pair).min_distance - self._pads[pair])
 
     def _of_meshes(self, pair: int, distance: float) -> float:
         """Ask the meshes of a pair whose hulls are near: how far apart they are if that's enough, else the hulls'."""

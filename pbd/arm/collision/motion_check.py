@@ -6,6 +6,7 @@ measured they were at least MARGIN_M apart.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -131,8 +132,8 @@ def _by_design(scene: CollisionScene, hit: Hit) -> str:
     """Say where two links of the arm can be let touch: the shapes of some overlap wherever they are."""
     if not {hit.first, hit.second} <= scene.links:
         return ""
-    how = "add srdf = to its [model], an SRDF that" if scene.arm.robot.srdf is None else "see that its srdf"
-    return f"if these links touch by design, {how} calls this pair Adjacent or Never; else "
+    pair = json.dumps([hit.first, hit.second])
+    return f"if these links touch by design, add {pair} to may_touch in its [arm]; else "
 
 
 def collision_error(scene: CollisionScene, trajectory: JointTrajectory, found: MotionHit) -> PlanError:

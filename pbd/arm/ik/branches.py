@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pbd.arm.ik.closed_form import closed_form
+from pbd.arm.ik.closed_form import closed_form, flipped_elbow
 from pbd.arm.ik.levenberg_marquardt import SOLVED, Residual, descend_each
 from pbd.arm.ik.partial_pose import FULL_POSE, SLACK_RAD, finish, is_partial, solve_partial
 from pbd.arm.ik.seven_joints import seven_joints
@@ -131,4 +131,8 @@ def _partial(arm: ArmModel, T_base_tool: Pose, before: Array) -> Array:
     reached = [way for way in ways if way.reached]
     least = min((way.off for way in reached), default=0.0)
     found = np.array([way.q for way in reached if way.off <= least + SLACK_RAD]).reshape(-1, before.shape[1])
+    found = apart(found, len(found), SAME_RAD)
+    flipped = [finish(arm, goal, q) for each in found if (q := flipped_elbow(arm, each)) is not None]
+    also = [way.q for way in flipped if way.reached and way.off <= least + SLACK_RAD]
+    found = np.vstack((found, *also))
     return apart(found, len(found), SAME_RAD)

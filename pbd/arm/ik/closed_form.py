@@ -60,6 +60,38 @@ def closed_form(arm: ArmModel, goal: Target) -> Array:
     return ways
 
 
+def flipped_elbow(arm: ArmModel, q: Array) -> Array | None:
+    """Return joints (k,) that hold the tool as joints q do, the elbow of three parallel joints on its other side.
+
+    None where no three joints in a row are parallel, or the limits bar it.
+    """
+    elbow = _elbow(arm)
+    if elbow is None:
+        return None
+    first, n, upper, fore, signs = elbow
+    a, b, c = q[first : first + 3] * signs
+    wrist = upper + _turn(n, b) @ fore
+    other = max(_length(n, upper, fore, wrist), key=lambda angle: 1.0 - math.cos(angle - b), default=b)
+    turn = _align(n, upper + _turn(n, other) @ fore, wrist)
+    flipped = q.copy()
+    flipped[first : first + 3] = np.array([a + turn, other, b + c - turn - other]) * signs
+    flipped = within_turns(arm, flipped)
+    beyond = np.maximum(arm.limits.lower - flipped, flipped - arm.limits.upper).max()
+    return flipped if beyond < BEYOND_RAD else None
+
+
+@lru_cache(maxsize=4)
+def _elbow(arm: ArmModel) -> tuple[int, Array, Array, Array, Array] | None:
+    """The first of three parallel joints, their axis, the ways (3,) m from each to the next, and their signs (3,)."""
+    model, data = arm.model, arm.model.createData()
+    h = pin.computeJointJacobians(model, data, pin.neutral(model))[3:].T
+    for i in range(model.nv - 2 if arm.turns.all() else 0):
+        if max(np.linalg.norm(np.cross(h[i], h[i + 1])), np.linalg.norm(np.cross(h[i], h[i + 2]))) < PARALLEL:
+            p = [data.oMi[joint].translation for joint in range(i + 1, i + 4)]
+            return i, h[i].copy(), p[1] - p[0], p[2] - p[1], np.sign(h[i : i + 3] @ h[i])
+    return None
+
+
 def within_turns(arm: ArmModel, q: Array) -> Array:
     """Turn joints (m, k) by whole turns to where they are nearest to the middle of their limits."""
     lower, upper = arm.limits.lower, arm.limits.upper

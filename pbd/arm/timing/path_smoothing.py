@@ -90,7 +90,9 @@ class Curve:
         return speed
 
 
-def curved_move(waypoints: Array, limits: JointLimits, factor: float, t: Array | None = None) -> PiecewiseCubic:
+def curved_move(
+    waypoints: Array, limits: JointLimits, factor: float, t: Array | None = None, near: float = 1.0
+) -> PiecewiseCubic:
     """Time a move along a curve.
 
     Args:
@@ -98,6 +100,7 @@ def curved_move(waypoints: Array, limits: JointLimits, factor: float, t: Array |
         limits: of the joints.
         factor: a share of the velocity, acceleration and jerk limits.
         t: (n,) s, increasing: when a demonstration passed the waypoints, where the arm is to be no faster.
+        near: the share of OFF_RAD by which averaging may lead off the curve.
     """
     curve = Curve.through(waypoints, limits, t)
     if curve is None:
@@ -106,7 +109,7 @@ def curved_move(waypoints: Array, limits: JointLimits, factor: float, t: Array |
     ramp_s = 2.0 * float((limits.acceleration / limits.jerk).max())
     # The averages' and the spline's own variance, in steps squared, times half the acceleration.
     off = 0.5 * (_CAREFUL_WIDTH**2 / 12.0 + 1.0 / 3.0) * factor * float(limits.acceleration.max())
-    steps = int(np.clip(profile.t[-1] / np.sqrt(OFF_RAD / off), *JERK_STEPS))
+    steps = int(np.clip(profile.t[-1] / np.sqrt(near * OFF_RAD / off), *JERK_STEPS))
     if ramp_s > _CAREFUL_WIDTH * profile.t[-1] / steps and (careful := _careful(curve, profile, limits, factor, steps)):
         return _averaged(curve, limits, careful, careful.t[-1] / steps, _CAREFUL_WIDTH).within(limits, factor)
     made = [

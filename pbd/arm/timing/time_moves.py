@@ -35,6 +35,7 @@ class Move:
         t: (n + 1,) s, when a demonstration passed where the arm is and each of these: a curve isn't taken faster.
         least_s: the move takes at least so long.
         share: of the limits.
+        near: how near it keeps to a curve, as `curved_move` takes it.
     """
 
     q: Array
@@ -42,13 +43,15 @@ class Move:
     t: Array | None = None
     least_s: float = 0.0
     share: float = 1.0
+    near: float = 1.0
 
     def pieces(self, q_start: Array, limits: JointLimits, speed: float) -> PiecewiseCubic:
         """Time it, from joints (k,), at a share of the limits that multiplies its own."""
         if self.curved:
             from pbd.arm.timing.path_smoothing import curved_move  # scipy takes its time to load
 
-            return curved_move(np.vstack((q_start, self.q)), limits, speed * self.share, self.t).lasting(self.least_s)
+            waypoints = np.vstack((q_start, self.q))
+            return curved_move(waypoints, limits, speed * self.share, self.t, self.near).lasting(self.least_s)
         parts, before = [], q_start
         for q in self.q:
             parts.append(ptp_move(before, q, limits, speed * self.share))

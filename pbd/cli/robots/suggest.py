@@ -44,8 +44,9 @@ def _values(found: Suggestion) -> dict[str, Any]:
     """What goes into the TOML, by section."""
     dock, at = found.plan.calibration, found.plan.calibration.T_base_dock
     place = {} if at is None else {"position": at.p.round(3).tolist(), "rpy_deg": _level(at.wxyz)}
+    touch = {"may_touch": [list(pair) for pair in found.robot.may_touch]} if found.robot.may_touch else {}
     return {
-        "arm": {"joints": list(found.robot.joints), "home": found.robot.home.tolist()},
+        "arm": {"joints": list(found.robot.joints), "home": found.robot.home.tolist(), **touch},
         "dock": {**place, "table_height": dock.table_height, "scale": dock.scale},
     }
 
@@ -56,15 +57,28 @@ def _level(wxyz: np.ndarray[Any, Any]) -> list[float]:
 
 def _weighed(found: Suggestion, demo: str) -> list[str]:
     """Sentences for people: what speaks for this home and this dock."""
+    from pbd.arm.collision.allowed_collisions import SAMPLES as CONFIGURATIONS
+
     joint, room = found.at
     dock, took_s = found.plan.calibration, found.plan.trajectory.duration
     table = "the table's height is the file's own"
     if not found.own_table:
         stands = dock.table_height == 0.0
         table = "the arm is taken to stand on the table" if stands else "the table is put as low as the arm needs it"
+        table += " (a table_height in [dock] says better)"
+    touching = [
+        f"{first} and {second} overlap in {count} of {CONFIGURATIONS} random configurations: taken to do so by design, "
+        "so that nothing checks whether they touch; else take them out of may_touch and correct their shapes"
+        for (first, second), count in found.touching.items()
+    ]
+    alone_s = np.abs(np.diff(found.plan.trajectory.keyframe_q, axis=0)).sum(axis=0) / found.robot.limits.velocity
+    slowest = found.robot.joints[int(alone_s.argmax())]
+    slow = f"{slowest} alone takes {alone_s.max():.1f} s of that at top speed; left out of [arm] joints it stays at 0"
     return [
+        *touching,
         f"{found.within_reach} of {found.weighed} docks have all of {demo} within reach at {dock.scale:g} of its size; "
         f"of those farthest from limits and singularities this one is the fastest: {took_s:.1f} s",
+        *([slow] if alone_s.max() > 0.5 * took_s else ()),
         f"{table}; nothing touches it or the arm itself, as far as the URDF has shapes",
         f"home is over the dock: {joint} is {room:.2f} from its limit (rad; m where it slides), manipulability is "
         f"{found.dexterity:.1f} times the lower quartile of all configurations",

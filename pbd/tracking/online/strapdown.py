@@ -18,7 +18,7 @@ from pbd.pose import (
 )
 from pbd.tracking.noise import Noise, densities
 from pbd.tracking.online.samples import Sample
-from pbd.tracking.repair.saturation import FLAT_SAMPLES
+from pbd.tracking.repair.channel_faults import REPEATED_ROWS
 from pbd.tracking.smoother.knots import MOVE_KNOT_S
 from pbd.tracking.smoother.preintegration import (
     BLOCK_S,
@@ -123,7 +123,7 @@ class Strapdown:
         same = (rate == self.rate) & (np.abs(gyr) >= max(CLIPPED_RATE, self._fastest))
         self._same = self._same + 1 if same.any() else 0
         self._fastest = max(self._fastest, float(np.abs(gyr).max()))
-        if self._same >= FLAT_SAMPLES - 1:
+        if self._same >= REPEATED_ROWS - 1:
             self.clipped = True
             lost = CLIPPED_SHARE * dt * self._fastest
             self._guessed[0] += lost**2 * (2.0 * self._same + 1.0)  # which grows as the square of how long it lasts

@@ -17,11 +17,9 @@ from pbd.tracking.online.events import DataFlaw, LiveEvent, RestFound, StopBegan
 from pbd.tracking.online.live_hand import LiveHand
 from pbd.tracking.online.samples import Conditioner, Sample
 from pbd.tracking.repair.clock import SLOWEST_HZ
+from pbd.tracking.zero_velocity import ENERGY_WINDOW_S
 
 __all__ = ["DataFlaw", "LiveEvent", "LiveTracker", "RestFound", "StopBegan", "StopEnded"]
-
-REST_CHECK_S = 0.1
-"""s between two searches for the first rest."""
 
 
 class LiveTracker:
@@ -129,7 +127,7 @@ class LiveTracker:
     def _look_for_rest(self, samples: list[Sample]) -> list[LiveEvent]:
         """Begin once the last second was one of rest; later, learn from one that is far quieter."""
         hand, t = self._hand, samples[-1].t
-        self._t_look = t + (REST_CHECK_S if hand is None else REST_S)
+        self._t_look = t + (ENERGY_WINDOW_S if hand is None else REST_S)
         if hand is not None:
             stands = hand.still and hand.standing[-1].first.t <= samples[0].t
             if not stands or hand.restless > _restlessness(hand.rest):

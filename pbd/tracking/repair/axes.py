@@ -37,8 +37,8 @@ SIMPLE_PAIRS, ANY_PAIRS = 3, 8
 """Least number of pairs of moments that tell: for a unit, a sign or two swapped axes; for any of the 48, of which one
 may agree by chance."""
 
-AS_GOOD, AS_GOOD_DEG = 1.5, 2.0
-"""Readings within this factor and this angle (degrees) of the best fit as well."""
+AS_GOOD_DEG = 4.0
+"""Readings within this angle (degrees) of the best fit as well."""
 
 MOST_NAMED = 5
 """Most readings that a message names."""
@@ -199,7 +199,7 @@ def _mended(
     off, best = float(as_it_is[used].max()), min(able)[0]
     if best > min(off / IMPROVEMENT, CONTRADICTION_DEG):
         return None
-    good = [fit for fit in able if fit[0] <= AS_GOOD * best + AS_GOOD_DEG and fit[1] > 0]
+    good = [fit for fit in able if fit[0] <= best + AS_GOOD_DEG and fit[1] > 0]
     fewest = min(fit[1] for fit in good)
     # Those first that a program's own convention explains: all signs turned, or two columns swapped.
     named = sorted(((c, r) for _, causes, c, r in good if causes == fewest), key=lambda each: -len(set(each[1].signs)))

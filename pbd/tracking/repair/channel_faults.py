@@ -36,8 +36,9 @@ NOISE_ROUGHNESS = 2.0
 NOISE_ROWS, ROUNDING = 20, 1e-6
 """Number of consecutive rows in which noise is looked for; smallest change, m/s2 or rad/s, that is not rounding."""
 
-FROZEN_ROWS = 3
-"""A noisy sensor that repeats itself this often, for longer than a gap that can be bridged, is frozen."""
+REPEATED_ROWS = 3
+"""So many rows are no chance: a noisy sensor that repeats itself this often, for longer than a gap that can be bridged,
+is frozen; a flat top of so many samples may be clipped."""
 
 COARSE_REPEATS = 0.01
 """Share of repeated readings above which a sensor is taken to be coarse, not frozen."""
@@ -128,7 +129,7 @@ def _too_long(recording: Recording, same: NDArray[np.bool_]) -> NDArray[np.bool_
     t = recording.t
     rows = np.zeros(len(t), dtype=bool)
     for start, last in runs(same):
-        if t[last] - t[start] > BRIDGED_S and last - start >= FROZEN_ROWS:
+        if t[last] - t[start] > BRIDGED_S and last - start >= REPEATED_ROWS:
             rows[start + 1 : last + 1] = True  # the first of them was measured
     if rows.any() and (same & ~rows[1:]).mean() < COARSE_REPEATS and noisy(recording.acc[~rows]):
         return rows

@@ -18,14 +18,9 @@ from pbd.errors import PbdWarning, RecordingError
 from pbd.pose import Array
 from pbd.tracking.first_rest import SHORTEST_REST_S
 
-SLOWEST_HZ = 4.0
-"""Lowest sampling rate: below it the unit of time is wrong."""
-
-USUAL_HZ = (5.0, 4000.0)
-"""Rates of inertial sensors, Hz: a factor of under 1000, so that a step tells ms, us and ns apart."""
-
-FASTEST_HZ = 5e4
-"""Highest sampling rate: above it the unit of time is wrong, or the rows are out of order."""
+SLOWEST_HZ, FASTEST_HZ = 4.0, 4000.0
+"""Rates of inertial sensors: at others the unit of time is wrong. They are a factor of 1000 apart, so that a step tells
+ms, us and ns apart."""
 
 CLOCK_JUMP_S = 60.0
 """Longest silence of a sensor within one demonstration, s: after a longer one its clock jumped."""
@@ -34,11 +29,8 @@ COARSE_TICK = 0.05
 """Share of the sampling interval above which the time stamps' resolution is coarse."""
 
 OFF_BEAT = 0.02
-"""Coarse stamps are replaced if more than this share of them are off the beat by more than this share of the
-interval."""
-
-BATCHED_SHARE = 0.01
-"""Share of samples within a quarter of an interval of the one before, above which stamps come in batches."""
+"""Coarse stamps are replaced if more than this share of them are off the beat by more than this share of the interval;
+or if so many come within a quarter of an interval of the one before: in batches."""
 
 LATE_SAMPLES = 8
 """Number of samples within which a late stamp is made up for. A lost sample never is."""
@@ -103,7 +95,7 @@ def _refuse_slow(interval: float) -> None:
     if interval * SLOWEST_HZ <= 1.0:
         return
     units = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-    likely = [unit for unit, scale in units.items() if USUAL_HZ[0] <= 1.0 / (interval * scale) <= USUAL_HZ[1]]
+    likely = [unit for unit, scale in units.items() if SLOWEST_HZ < 1.0 / (interval * scale) <= FASTEST_HZ]
     named = likely or ["ms", "us"]
     what = "the time is likely in" if likely else "if the time is in"
     raise RecordingError(
@@ -185,7 +177,7 @@ def _beat(t: Array, nominal_hz: float | None) -> tuple[float, int, bool]:
 def _fault(t: Array, interval: float) -> str:
     """What is wrong with stamps (n,) s of samples that are all new; nothing: an empty word."""
     steps = np.diff(t)
-    if (steps < 0.25 * interval).mean() > BATCHED_SHARE:
+    if (steps < 0.25 * interval).mean() > OFF_BEAT:
         return "the time stamps come in batches"
     tick = 1e-6 * float(np.gcd.reduce(np.rint(1e6 * steps).astype(np.int64)))
     away = np.abs(steps - interval * np.maximum(np.rint(steps / interval), 1.0))

@@ -25,9 +25,6 @@ HIDDEN_MOVE_S = 0.12
 with a peak acceleration a goes a T^2 / 5.77: with 5 m/s2, brisk for a hand, 1.2 cm in this time. A shorter gap widens
 sigma by that much (`Noise.unseen_speed`)."""
 
-BESIDE_ROWS = 3
-"""Least number of rows before and after a gap in which the hand must be seen at rest."""
-
 
 def interpolated(t: Array, values: Array, good: NDArray[np.bool_]) -> Array:
     """Values (n, k) with the rows that are not good put between their neighbours."""
@@ -143,7 +140,7 @@ def _rests_beside(recording: Recording, gap: Gap, stop: Stop) -> bool:
 
     Interpolated data are smooth. Without this check, the stop might have been found in them.
     """
-    rows = max(BESIDE_ROWS, round(ENERGY_WINDOW_S * recording.rate_hz))
+    rows = max(2, round(ENERGY_WINDOW_S * recording.rate_hz))
     before, after = slice(gap.before + 1 - rows, gap.before + 1), slice(gap.after, gap.after + rows)
     if _at_an_end(gap, recording):
         return stop.start <= gap.before and gap.after < stop.stop

@@ -30,7 +30,6 @@ from pbd.pose import (
 from pbd.tracking.first_rest import STILL_ACC, STILL_GYR
 from pbd.tracking.moving_windows import squares, window_moments, window_sums
 from pbd.tracking.repair.axes import (
-    AS_GOOD,
     AS_GOOD_DEG,
     CONTRADICTION_DEG,
     IMPROVEMENT,
@@ -49,14 +48,12 @@ STEEP_FIELD = 0.5
 CHECK_HZ = 50.0
 """Samples are averaged down to about this rate: fast enough for a hand."""
 
-STEADY_S, STEADY_ACC, STEADY_NORM = 0.2, 0.05, 0.04
-"""In a steady moment the accelerometer shows gravity alone. It lasts STEADY_S; the rms of specific force is below
-STEADY_ACC, and its norm differs from g by less than STEADY_NORM (shares of g): a WT901's bias of 20 mg changes it by
-4 % from one side to the other."""
+STEADY_S, STEADY_ACC = 0.2, 0.05
+"""In a steady moment the accelerometer shows gravity alone. It lasts STEADY_S. The rms of specific force, and what its
+norm differs from g, are below this share of g: a WT901's bias of 20 mg changes it by 4 % from one side to the other."""
 
-PAIR_EVERY_S, PAIR_SHORTEST_S, PAIR_LONGEST_S = 0.1, 0.5, 5.0
-"""Pairs of steady moments: one begins every PAIR_EVERY_S at most; the two are PAIR_SHORTEST_S to PAIR_LONGEST_S
-apart."""
+PAIR_SHORTEST_S, PAIR_LONGEST_S = 0.5, 5.0
+"""How far the two steady moments of a pair are apart, s. One pair at most begins in half a steady moment."""
 
 SHOWN_BY = {"a": "gravity", "m": "the field", "": "the device's own attitude"}
 """What shows a turn, by the channel of a witness."""
@@ -89,7 +86,7 @@ def find_steady(acc: Array, gyr: Array, rate_hz: float) -> Steady:
     g = float(np.linalg.norm(mean[quietest]))
     variance, mean = window_moments(acc, 2 * half)
     norm = np.linalg.norm(mean, axis=1)
-    steady = np.flatnonzero((np.abs(norm - g) < STEADY_NORM * g) & (variance < (STEADY_ACC * g) ** 2) & (norm > 0.0))
+    steady = np.flatnonzero((np.abs(norm - g) < STEADY_ACC * g) & (variance < (STEADY_ACC * g) ** 2) & (norm > 0.0))
     return Steady(steady + half, mean[steady] / norm[steady, None], gyr[quietest : quietest + second].mean(axis=0))
 
 
@@ -110,7 +107,7 @@ def refuse_turned_signs(recording: Recording) -> None:
     off, *fits = (float(np.degrees(angles(steady.up_sensor * each.signs, up).mean())) for each in signs)
     if off < CONTRADICTION_DEG or min(fits) > off / IMPROVEMENT:
         return
-    good = [each for each, fit in zip(signs[1:], fits, strict=True) if fit <= AS_GOOD * min(fits) + AS_GOOD_DEG]
+    good = [each for each, fit in zip(signs[1:], fits, strict=True) if fit <= min(fits) + AS_GOOD_DEG]
     # Of a level axis nothing is seen: where all others are turned, it is meant too.
     found = min(good, key=lambda each: (each.causes, sum(each.signs)))
     if recording.gyr is not None and found.signs[2] > 0:
@@ -203,7 +200,7 @@ def _pairs(rows: NDArray[np.intp], rate_hz: float) -> tuple[NDArray[np.intp], ND
     """Indices of moments (k,), and of those to hold them against (k,)."""
     if len(rows) == 0:
         return rows, rows
-    _, first = np.unique(rows // max(1, round(PAIR_EVERY_S * rate_hz)), return_index=True)
+    _, first = np.unique(rows // max(1, round(0.5 * STEADY_S * rate_hz)), return_index=True)
     second = np.searchsorted(rows, rows[first] + PAIR_SHORTEST_S * rate_hz)
     there = second < len(rows)
     first, second = first[there], second[there]

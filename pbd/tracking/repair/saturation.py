@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from pbd.data import GRAVITY, Recording
 from pbd.errors import PbdWarning
 from pbd.pose import Array
-from pbd.tracking.repair.channel_faults import SENSOR_NAMES
+from pbd.tracking.repair.channel_faults import REPEATED_ROWS, SENSOR_NAMES
 from pbd.tracking.repair.clock import differs
 from pbd.tracking.smoother.preintegration import Impulse
 from pbd.tracking.zero_velocity import runs
@@ -40,8 +40,8 @@ LEAST_RANGE = {"acc": 1.15 * GRAVITY, "gyr": 1.0}
 TOP_TOLERANCE = 1e-6
 """Relative difference from the largest reading below which a reading belongs to the flat top."""
 
-FLAT_SAMPLES, SIDE_SAMPLES = 3, 2
-"""Least number of samples in a flat top; number of samples on either side that show how steeply it falls."""
+SIDE_SAMPLES = 2
+"""Number of samples on either side of a flat top that show how steeply it falls."""
 
 CHANCE_STEPS = 2.5
 """A rounded peak repeats its top reading with chance CHANCE_STEPS / fall, with the fall of its sides in steps of
@@ -98,7 +98,7 @@ def _tops(x: Array, sensor: str, new: NDArray[np.bool_]) -> list[tuple[int, int]
         return []
     tops = runs(x >= top * (1.0 - TOP_TOLERANCE))
     counted = ((start, stop, int(new[start:stop].sum())) for start, stop in tops)
-    flat = [each for each in counted if each[2] >= FLAT_SAMPLES]
+    flat = [each for each in counted if each[2] >= REPEATED_ROWS]
     if not flat:
         return []
     between = np.diff(np.unique(x))

@@ -59,6 +59,9 @@ def test_limits_are_kept_ends_are_met_and_the_curve_is_followed(jerk: float, see
     assert max(shares(pieces, limits)) > 0.99
     np.testing.assert_allclose(at(pieces)[[0, -1]], waypoints[[0, -1]], atol=1e-12)
     assert off(pieces, curve) < np.sqrt(3) * 1e-3  # rad, of three joints
+    nearer = curved_move(waypoints, limits, 1.0, near=0.1)
+    assert off(nearer, curve) < np.sqrt(3) * 1e-4
+    assert all(share <= 1.0 + 1e-4 for share in shares(nearer, limits))
 
 
 @settings(max_examples=15)
