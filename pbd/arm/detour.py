@@ -84,7 +84,7 @@ def warp_detour(queries: CollisionQueries, leg: int, start: Array, goal: Array, 
     for way in known:
         for there in (way, way[::-1]):
             share = np.linspace(0.0, 1.0, len(there))[:, None]
-            warped = there + (1.0 - share) * (start - there[0]) + share * (goal - there[-1])
+            warped: Array = there + (1.0 - share) * (start - there[0]) + share * (goal - there[-1])
             warped[0], warped[-1] = start, goal
             if _roundabout(warped) < _WORSE * _roundabout(there):
                 ways.append(warped)
