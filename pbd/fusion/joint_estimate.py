@@ -140,7 +140,7 @@ def estimate_jointly(parts: Parts, x: State, scatter: Scatter) -> Joint:
 
 
 class _Columns:
-    """Where each unknown stands: keyframes (m, A, m, A ...), takes but the first (Q, l, each frame's yaw and c), devices."""
+    """Where unknowns stand: keyframes (m, A, m, A ...), takes but the first (Q, l, each frame's yaw and c), devices."""
 
     def __init__(self, keyframes: int, frames: int, takes: int, devices: int) -> None:
         self.poses = slice(0, 6 * keyframes)
