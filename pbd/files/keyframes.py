@@ -25,6 +25,9 @@ ORIGIN_M = 1e-3
 LARGEST_DEG = 360.0
 """Largest angle, degrees. A larger one is a typing error."""
 
+LEAST_M, LEAST_DEG = 1e-4, 0.01
+"""Least tolerance that is written, m and degrees: what a hand was taught to meet exactly would be rounded to none."""
+
 LARGEST_M = 5.0
 """Farthest keyframe from the dock, m: twice the reach of a large arm. A farther one was likely meant in centimetres."""
 
@@ -85,9 +88,9 @@ def keyframes_toml(
             f"sigma_deg = {_numbers(np.degrees(sigma[3:]), 2)}",
         ]
         if keyframe.tolerance_m is not None:
-            lines.append(f"tolerance_m = {_numbers(keyframe.tolerance_m, 4)}")
+            lines.append(f"tolerance_m = {_numbers(np.maximum(keyframe.tolerance_m, LEAST_M), 4)}")
         if keyframe.tolerance_rad is not None:
-            lines.append(f"tolerance_deg = {np.degrees(keyframe.tolerance_rad):.2f}")
+            lines.append(f"tolerance_deg = {max(float(np.degrees(keyframe.tolerance_rad)), LEAST_DEG):.2f}")
         if keyframe.grip is not None:
             lines.append(f'grip = "{"closes" if keyframe.grip else "opens"}"')
         if keyframe.label:
