@@ -68,7 +68,8 @@ def run(args: argparse.Namespace) -> None:
         add_touch_up(file, touch_ups[-1])
     after = base.touched(touch_ups)
     _tell(args, base, before, after)
-    done, back = ("undone", "") if args.undo else ("added", f"; `pbd touch {args.demo} --undo` takes it back")
+    undo = f"; `pbd touch {args.demo} --robot {args.robot} --undo` takes it back"
+    done, back = ("undone", "") if args.undo else ("added", undo)
     say(f"{done} in {file}, which the arm follows from now on{back}")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -25,14 +26,15 @@ def places(capsys: Capture, *more: str) -> np.ndarray[tuple[int, ...], np.dtype[
 
 def test_a_touch_up_is_kept_followed_and_undone(tea: Path, capsys: Capture) -> None:
     before = places(capsys)
-    told = run_json(capsys, "touch", "tea", "2", "--robot", "panda", "--by", "0", "-0.004", "0")["keyframes"]
+    _, out, said = run(capsys, "touch", "tea", "2", "--robot", "panda", "--by", "0", "-0.004", "0", "--json")
+    told = json.loads(out)["keyframes"]
     tea.write_text(f"# mine\n{tea.read_text()}")
     moved = places(capsys) - before
     np.testing.assert_allclose(moved[2], [0.0, -0.004, 0.0], atol=1e-4)  # the file's digits
     np.testing.assert_allclose(moved, [np.subtract(row["to_m"], row["from_m"]) for row in told], atol=2e-4)
     assert 0.001 < np.linalg.norm(moved[3]) < 0.006
     assert all(row["sigma_m"] < row["sigma_before_m"] for row in told)
-    run(capsys, "touch", "tea", "--robot", "panda", "--undo")
+    assert run(capsys, *said.partition("`pbd ")[2].partition("`")[0].split())[0] == 0
     np.testing.assert_allclose(places(capsys), before, atol=2e-4)
     assert "undone = true" in tea.read_text()
     assert tea.read_text().startswith("# mine\n")

@@ -54,7 +54,7 @@ def assert_same(read: tuple[Keyframe, ...], written: tuple[Keyframe, ...]) -> No
 def test_a_tolerance_that_rounding_would_leave_nothing_of_comes_back(tmp_path: Path) -> None:
     learned = replace(FOUND[0], tolerance_m=np.array([1e-6, 0.002, 2e-5]), tolerance_rad=1e-6)
     (read, *_) = read_keyframes(write_keyframes(tmp_path, "x", [learned, *FOUND[1:]], magnetic=True))
-    np.testing.assert_allclose(read.tolerance_m, [1e-4, 0.002, 1e-4])
+    assert read.tolerance_m == pytest.approx(np.array([1e-4, 0.002, 1e-4]))
     assert read.tolerance_rad == pytest.approx(np.radians(0.01))
 
 
