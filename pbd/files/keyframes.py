@@ -121,9 +121,7 @@ def write_keyframes(
 ) -> Path:
     """Write keyframes.toml (of `keyframes_toml`) into a demonstration's folder, and return its path.
 
-    Raises:
-        RecordingError: the file exists (and `force` is not set): a person may have edited it. Or a keyframe is too far
-            away to be read again.
+    RecordingError: it exists (unless `force`), as a person may have edited it; or a keyframe is too far away.
     """
     for index, keyframe in enumerate(keyframes):
         if (away := float(np.abs(keyframe.T_nav_sensor.p).max())) > LARGEST_M:
@@ -148,11 +146,7 @@ def read_touch_ups(path: Path) -> tuple[TouchUp, ...]:
 
 
 def read_keyframes(path: Path) -> tuple[Keyframe, ...]:
-    """Read keyframes.toml.
-
-    Raises:
-        RecordingError: with the file, the line and the key.
-    """
+    """Read keyframes.toml; a RecordingError says the file, the line and the key."""
     top = read_toml(path, RecordingError)
     top.format(FORMAT)
     tables = top.tables("keyframe")

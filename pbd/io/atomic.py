@@ -90,22 +90,14 @@ def atomic_files(folder: Path, names: Collection[str]) -> Iterator[Path]:
 
 
 def refuse_name(path: Path) -> None:
-    """Refuse a name that no text can hold.
-
-    Raises:
-        PbdError: it is not UTF-8, or has a control character.
-    """
+    """Refuse (PbdError) a name that no text can hold: it is not UTF-8, or has a control character."""
     if any(unicodedata.category(character) in ("Cc", "Cs") for character in str(path)):
         what = f"'{path}' can't be a name here (it has control characters, or is not UTF-8); give another"
         raise PbdError(what, path=path)
 
 
 def refuse_file(path: Path) -> None:
-    """Refuse the place of a file where something else is, or a file that may not be written.
-
-    Raises:
-        PbdError: a folder or a device is there, the file is read-only, or no text can hold its name.
-    """
+    """Refuse (PbdError) the place of a file where a folder or a device is, or a file that is read-only."""
     refuse_name(path)
     if not path.name or is_folder(path):
         raise PbdError(f"{path} is a folder: give a file's name", path=path)
@@ -116,11 +108,7 @@ def refuse_file(path: Path) -> None:
 
 
 def refuse_folder(folder: Path, error: type[PbdError] = PbdError, other: str = "place") -> None:
-    """Refuse a folder in which nothing can be made, or that can't be made itself; nothing is left there.
-
-    Raises:
-        error: for the system's reason; it asks for another `other`.
-    """
+    """Refuse a folder in which nothing can be made, or that can't be made; the `error` asks for another `other`."""
     refuse_name(folder)
     with _refused_as(error, folder, other), made(folder, keep=False), _temporary(folder / "folder") as new:
         new.mkdir()

@@ -21,8 +21,7 @@ def read_arrays(
 ) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:
     """Return those of the named arrays that are there and hold numbers, and the names of all others.
 
-    Raises:
-        error: no npz, or an array that holds Python objects, is larger than LARGE or than its member.
+    The `error`: no npz, or an array that holds Python objects, is larger than LARGE or than its member.
     """
     data = read_bytes(path, error, next_step)
     try:

@@ -166,22 +166,14 @@ def layout_from_options(
     prefix: str = "",
     wrap: float | None = None,
 ) -> LineLayout:
-    """Make a layout of what stands on a command line: `--columns "ax,ay,az,gx,gy,gz" --unit acc=g`.
-
-    Raises:
-        SensorError: as LineLayout, or a unit is not written as NAME=UNIT.
-    """
+    """Make a layout of what stands on a command line: `--columns "ax,ay,az,gx,gy,gz" --unit acc=g`."""
     return LineLayout(
         (Line(_names(columns), prefix),), units_from_options(units), SEPARATORS.get(separator, separator), wrap
     )
 
 
 def units_from_options(units: Iterable[str]) -> dict[str, str]:
-    """Read `acc=g` and its like.
-
-    Raises:
-        SensorError: one is not written so.
-    """
+    """Read `acc=g` and its like; SensorError: one is not written so."""
     pairs = [text.partition("=") for text in units]
     for quantity, equals, unit in pairs:
         if not (quantity and equals and unit):
@@ -190,11 +182,7 @@ def units_from_options(units: Iterable[str]) -> dict[str, str]:
 
 
 def layout_from_toml(text: str, name: str = "layout") -> LineLayout:
-    """Make a layout of a TOML file's text; `name` is the file's, for messages.
-
-    Raises:
-        SensorError: as LineLayout; or the text is no TOML, or has keys that are unknown or of the wrong kind.
-    """
+    """Make a layout of a TOML file's text; `name` is the file's, for messages."""
     top = parse_toml(Path(name), text, SensorError)
     if "columns" in top and "line" in top:
         top.fail("columns", "and [[line]] can't both be given", "remove one")

@@ -35,11 +35,7 @@ UNDATED_NS = 10**9
 
 
 def check(robot: Robot) -> None:
-    """Refuse where rosbags is missing.
-
-    Raises:
-        PbdError: it is.
-    """
+    """Refuse where rosbags is missing (PbdError)."""
     try:
         import rosbags.rosbag2  # noqa: F401
     except ImportError:
