@@ -81,7 +81,7 @@ class Stay:
 
 
 def holds(t: Array, opening: Array) -> list[tuple[float, float]]:
-    """From when to when a gripper holds, whose opening at t (g,) s, or keyframes, is (g,): from closed to opening, or inf."""
+    """From when to when a gripper holds, of opening (g,) at t (g,) s, or keyframes: from closed to opening, or inf."""
     spans: list[tuple[float, float]] = []
     change = np.sign(np.diff(opening))
     moves = change[change != 0.0]

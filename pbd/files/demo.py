@@ -146,7 +146,7 @@ def write_demo(
 
 
 def refuse_demo_folder(folder: Path, force: bool) -> None:
-    """Refuse to write over what is there, unless `force` and it is a demonstration, and where nothing can be written."""
+    """Refuse to write over anything, unless `force` and it is a demonstration, and where nothing can be written."""
     if not os.path.lexists(folder):
         return refuse_folder(folder, RecordingError)
     if not force:
@@ -161,7 +161,7 @@ def refuse_demo_folder(folder: Path, force: bool) -> None:
 
 
 def demo_folder(name: str) -> Path:
-    """Say where a new demonstration goes: ./demos/NAME, or the path that was given; RecordingError: it can't be a name."""
+    """Say where a new demonstration goes: ./demos/NAME, or the path given; RecordingError: it can't be a name."""
     path = Path(name)
     if path.name in ("", "..") or name.startswith("~"):
         raise RecordingError(f"'{name}' can't be a demonstration's name; give a word, or a folder's path", value=name)

@@ -50,7 +50,7 @@ class Port(Source):
         self._what = what
 
     def read(self) -> bytes:
-        """Return the bytes that have come, after READ_TIMEOUT_S (or as opened) at the latest; SensorError: it is gone."""
+        """Return the bytes that came, after READ_TIMEOUT_S (or as opened) at the latest; SensorError: it is gone."""
         from serial import SerialException
 
         try:

@@ -36,7 +36,7 @@ class WireProtocol:
     rate_commands: Mapping[int, tuple[bytes, ...]] = field(default_factory=dict)
 
     def commands_for(self, rate_hz: float) -> tuple[bytes, ...]:
-        """Return the bytes that set this rate; SensorError: the device has no such rate, or it can't be set from here."""
+        """Return the bytes that set this rate; SensorError: the device has none such, or it can't be set from here."""
         if not self.rate_commands:
             raise SensorError(f"the rate of {self.title} can't be set from here; set it with the maker's program")
         if rate_hz not in self.rate_commands:

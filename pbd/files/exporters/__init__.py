@@ -77,7 +77,7 @@ class Export:
 def check_format(
     format_name: str, rate_hz: float | None = None, dense: bool = False, robot: Robot | None = None
 ) -> None:
-    """Refuse what no motion could change: a format or option (UsageError), or one that is not for the robot (PlanError)."""
+    """Refuse what no motion could change: a format or option (UsageError), or what the robot isn't for (PlanError)."""
     if format_name not in FORMATS:
         known = f"{', '.join(FORMATS)}{nearest(format_name, FORMATS)}"
         raise UsageError(f"no format '{format_name}'; known are {known}", value=format_name)

@@ -81,7 +81,7 @@ def read_moments(answer: object) -> tuple[Moment, ...]:
 
 
 def read_buffers(answer: object) -> dict[str, Array]:
-    """Read the answer to `/get`: of each sensor rows of time and three axes, (n, 4); ValueError: it is another answer."""
+    """Read the answer to `/get`: of each sensor rows of time and three axes, (n, 4); ValueError: it is another."""
     try:
         buffers = answer["buffer"]  # type: ignore[index]
         there = {kind: names for kind, names in BUFFERS.items() if names[0] in buffers}
