@@ -58,7 +58,7 @@ def fuse(takes: Sequence[Demonstration], calibration: Calibration | None = None,
 
 
 def fused_demo(takes: Sequence[Demonstration]) -> Demonstration:
-    """A demonstration of several takes, those of one that is fused itself included; RecordingError: one is there twice."""
+    """A demonstration of several takes, those of a fused one included; RecordingError: one is there twice."""
     takes = [one for take in takes for one in (take.takes or (take,))]
     names = [take.recording.info.name for take in takes]
     for k, take in enumerate(takes):

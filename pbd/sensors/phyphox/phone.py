@@ -117,7 +117,7 @@ class PhonePort(Source):
             )
 
     def read(self) -> bytes:
-        """Return what is new, after POLL_S if the phone answers at once; SensorError: nothing has come for PATIENCE_S."""
+        """Return what is new, after POLL_S if the phone answers; SensorError: nothing has come for PATIENCE_S."""
         now = time.monotonic()
         if now < self._due:
             time.sleep(min(self._due - now, POLL_S))
