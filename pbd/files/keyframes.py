@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pbd.data import Keyframe, TouchUp
-from pbd.errors import PbdWarning, RecordingError
+from pbd.errors import RecordingError, warn
 from pbd.io.atomic import atomic_file
 from pbd.io.toml import Section, read_toml
 from pbd.pose import Pose, quat_from_rpy, quat_to_rpy
@@ -184,7 +183,7 @@ def _check_grips(keyframes: Sequence[Keyframe], tables: Sequence[Section]) -> No
 
 
 def _warn(table: Section, key: str, what: str) -> None:
-    warnings.warn(f"{table.path}:{table.line(key)}: {what}", PbdWarning, stacklevel=3)
+    warn(f"{table.path}:{table.line(key)}: {what}")
 
 
 def _read(section: Section) -> Keyframe:

@@ -7,12 +7,11 @@ import itertools
 import os
 import shutil
 import unicodedata
-import warnings
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 
-from pbd.errors import PbdError, PbdWarning, RecordingError, in_words
+from pbd.errors import PbdError, RecordingError, in_words, warn
 
 DELETED = "the folder that you are in has been deleted; go to another"
 
@@ -67,7 +66,7 @@ def atomic_folder(folder: Path) -> Iterator[Path]:
                 aside.rename(folder)
             raise
         if aside is not None and (left := remove_folder(aside)):
-            warnings.warn(f"{folder} is replaced, but {left}", PbdWarning, stacklevel=3)
+            warn(f"{folder} is replaced, but {left}")
 
 
 @contextmanager
