@@ -21,7 +21,7 @@ _THINNED = 20  # of a known way's points one in so many begins a tree
 _SHORTCUTS = 40
 _WARPED = 4  # of known detours so many are bent and checked, the shortest first
 _WORSE = 1.2  # and no longer, beside the straight move, than so many times what they were
-_NEARER = 0.5, 0.7, 0.85  # a free one is drawn towards the straight move, as far as one of these shares leaves it free
+_NEARER = 0.5, 0.7, 0.85  # shares of its offset from the straight move that a bent detour keeps: the first that is free
 _BENDS = 2  # times that the path is divided in two to bend it
 _BETWEEN_RAD = 0.05, 0.02, 0.01  # a spline through points so near to each other keeps to the straight lines
 
@@ -44,7 +44,7 @@ def find_detour(
         goals: joints that end the way.
         effort: how to search.
         most_checks: how many checks to make at most, before the way is made smooth.
-        known: free ways (m, k) of legs alike, which may be gone along, either way, as part of it.
+        known: free paths (m, k) of legs alike; the detour may follow part of one, in either direction.
 
     Returns:
         Joints (m, k) on a curve from a start to a goal, or just these two if it is straight; None where none is found
@@ -102,7 +102,7 @@ def _length(q: Array) -> float:
 
 
 def _roundabout(q: Array) -> float:
-    """How much longer than straight joints (m, k) lead from the first to the last."""
+    """Length of a path (m, k), relative to the straight distance between its ends."""
     return _length(q) / max(float(np.linalg.norm(q[-1] - q[0])), 1e-9)
 
 
@@ -127,7 +127,7 @@ def _space_of(
 
 
 def _ways_from(starts: Array, known: Sequence[Array]) -> dict[bytes, Array]:
-    """Return a way (m, k), by where it ends, to all that known ways lead to: the starts (s, k) first."""
+    """Return a path (m, k) to each end that known paths lead to from starts (s, k), by that end: the starts first."""
     beside: dict[bytes, list[Array]] = {}
     for way in known:
         for before, after in pairwise(way):

@@ -29,7 +29,7 @@ from pbd.arm.tool_deviation import tool_deviations
 from pbd.pose import Array
 
 WIDE_COST, MOST_WIDE = 2.0 * np.pi, 40
-"""Cost of a wide move, in rad of joint travel; and how many are found between two keyframes before it is left out."""
+"""Cost of a wide move, in rad of joint travel; and after how many between two keyframes nobody asks any more."""
 
 
 class LinkChecks:
@@ -51,7 +51,7 @@ class LinkChecks:
             return True
         if not link.at_keyframe:
             return queries.passes(i, q[None])
-        if move.pose_hit is not None:  # what touches is told of the first only
+        if move.pose_hit is not None:  # only of the first it is kept what touches
             return queries.stands(i, q)
         move.pose_hit = queries.standing(i, q)
         return move.pose_hit is None
@@ -61,7 +61,7 @@ class LinkChecks:
     ) -> list[float]:
         """What moves cost for being wide, rad, each from one of joints (n, k) to the other in its place.
 
-        `known`: the travel already has the extra cost of a joint that turns by more than half a turn.
+        `known[i]`: the ladder charges move i for a joint that turns by more than half a turn already.
         """
         turns, costs = np.abs(q - q_before).max(axis=1) > np.pi, [0.0] * len(links)
         asked = [
@@ -91,7 +91,7 @@ class LinkChecks:
         return link.poses is None and 0 < link.keyframe < self.n and not move.detour
 
     def connect(self, ladder: Ladder, links: Sequence[Link], place: int, move: Move) -> None:
-        """Leave one move to a layer: a detour from any joints of the layer before to any there; none if none is found.
+        """Replace all moves to a layer by one detour, from any joints of the layer before; bar them if there is none.
 
         What is known to be free on any of the links whose leg is alike may be part of it.
         """

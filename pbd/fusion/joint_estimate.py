@@ -28,7 +28,7 @@ LEVER_M, LEVER_WORTH = 0.005, 3.0
 the takes show."""
 
 WEAK = 1.0
-"""Information (1/m2, 1/rad2) of what only the takes know, in each step: against a singular matrix."""
+"""Information (1/m2, 1/rad2) that is added to each unknown in each step, so that no matrix is singular."""
 
 MAX_ITERATIONS, CONVERGED, CONVERGED_LOG = 25, 1e-6, 0.01
 """Gauss-Newton: limit; largest last step of the unknowns (m, rad) and of the scatter's logarithms."""
@@ -36,8 +36,8 @@ MAX_ITERATIONS, CONVERGED, CONVERGED_LOG = 25, 1e-6, 0.01
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """The task's keyframes m (J, 3), A (J, 3, 3); of each frame (the rest's, a thing's) and take yaw (F, K),
-    c (F, K, 3); of each take Q (K, 3, 3), l (K, 3); the devices' errors (D, DEVICE)."""
+    """The task's keyframes m (J, 3), A (J, 3, 3); of each frame (a thing's, and that of all other
+    keyframes) and take yaw (F, K), c (F, K, 3); of each take Q (K, 3, 3), l (K, 3); the devices' errors (D, DEVICE)."""
 
     m: Array
     A: Array
@@ -55,8 +55,8 @@ class State:
     def of_case(self, device: int) -> State:
         """The same for the axes of the sensor's case instead of the accelerometer's, of the first take's device.
 
-        The smoother takes the accelerometer's axes as exact, in that N has no upper half. Where they and the gyro's
-        lean alike, at random, the case is turned by a quarter of what both matrices have of a turn about each axis.
+        The smoother takes the accelerometer's axes as exact, in that N has no upper half. If they and the gyro's
+        lean alike, at random, the case is turned by a quarter of (M + N) - (M + N)'.
         """
         M, N = self.devices[device][GYR_MATRIX].reshape(3, 3), np.zeros((3, 3))
         N[tuple(np.transpose(LOWER))] = self.devices[device][ACC_MATRIX]
@@ -101,7 +101,7 @@ class Joint:
     of_devices: Array
 
     def squares(self, rows: Sequence[NDArray[np.intp]]) -> Array:
-        """For each set of residuals how much worse the rest fits with them than without: chi-square of its size."""
+        """For each set of residuals how much it adds to the misfit: chi-square with as many degrees of freedom."""
         weighted = self.precision @ self.residuals
         return np.array([weighted[i] @ np.linalg.solve(self.precision[np.ix_(i, i)], weighted[i]) for i in rows])
 
@@ -140,7 +140,7 @@ def estimate_jointly(parts: Parts, x: State, scatter: Scatter) -> Joint:
 
 
 class _Columns:
-    """Where each unknown stands: keyframes (m, A by turns), takes but the first (Q, l, yaws and cs), devices."""
+    """Where unknowns stand: keyframes (m, A, m, A ...), takes but the first (Q, l, each frame's yaw and c), devices."""
 
     def __init__(self, keyframes: int, frames: int, takes: int, devices: int) -> None:
         self.poses = slice(0, 6 * keyframes)
@@ -166,7 +166,7 @@ def _known_of_devices(parts: Parts, columns: _Columns) -> tuple[Array, Callable[
     for d in sorted(set(parts.device)):
         own = [message for message, device in zip(parts.messages, parts.device, strict=True) if device == d]
         at = columns.device(d)
-        # Of the takes' priors the widest: what is doubted once is doubted.
+        # The widest of the takes' priors: if one take doubts an accelerometer, all do.
         widest = min(own, key=lambda message: float(np.trace(message.prior[BIAS, BIAS])))
         information[at, at] += widest.prior + sum(message.information for message in own)
         constant[at] = widest.prior @ widest.mean + sum(message.gradient for message in own)

@@ -20,15 +20,15 @@ Spans = list[tuple[int, int]]
 """Half-open ranges of rows, in order."""
 
 ENERGY_WINDOW_S = 0.1
-"""s: averaging time of the energies. So motion shows at most this long after it began."""
+"""s: averaging time of the energies. So motion is seen up to this late."""
 
 QUIET_ENERGY, QUIET_ACC, QUIET_GYR = 10.0, 0.08, 0.02
 """A window is quiet if its energy is below QUIET_ENERGY times the rest's, or its rms below that of a hand that holds
 still (m/s2, rad/s)."""
 
 LULL_SHARE, LULL_S = 10.0**-2.2, 1.0
-"""A foot's stance: where nothing is quiet, a window counts as still if its energy is below this share of the largest
-within LULL_S s. (FACTS: F1 above .98 on four trials and at 41 to 286 Hz with one setting.)"""
+"""A foot's stance: where nothing is quiet, the calmest window counts as still of those whose energies are below this
+share of the largest within LULL_S s. (FACTS: F1 above .98 on four trials and at 41 to 286 Hz with one setting.)"""
 
 
 SHORTEST_MOVE_S, SHORTEST_STOP_S = 0.1, 0.08
@@ -82,7 +82,8 @@ def find_candidates(t: Array, shake: Array, turn: Array, rest: Rest, unseen: Seq
 def still_speed(shake: Array, turn: Array, n: int, rest: Rest, noise: Noise) -> Array:
     """Sigma of a zero-velocity update, m/s along each axis, at each of n rows.
 
-    A hand at rest creeps. It trembles, as acceleration above the sensor's noise shows. It turns about a point beside.
+    A hand at rest creeps. It trembles, which acceleration above the sensor's noise shows. It turns about a point that
+    is beside the sensor.
 
     Args:
         shake: (m,) (m/s2)^2, and turn (m,) (rad/s)^2: of `energies`.
@@ -120,7 +121,7 @@ def trimmed(span: tuple[int, int], slow: NDArray[np.bool_]) -> tuple[int, int]:
 
 
 def calm_part(t: Array, span: tuple[int, int], slow: NDArray[np.bool_]) -> tuple[int, int]:
-    """A span without its first and last energy window, in which motion may not show yet."""
+    """A span without its fast ends, of which at most an energy window is left out on either side."""
     start, stop = span
     first, last = trimmed(span, slow)
     within = np.searchsorted(t, (t[start] + ENERGY_WINDOW_S, t[stop - 1] - ENERGY_WINDOW_S))
