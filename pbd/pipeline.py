@@ -12,7 +12,7 @@ from pbd.calibration.dock import nav_in_base
 from pbd.calibration.sensor import corrected
 from pbd.calibration.sensor_changed import disagreements
 from pbd.data import Calibration, Demonstration, HandPath, Known, Recording, SensorErrors, Stop, Tracking
-from pbd.errors import PbdWarning, RecordingError, TrackingError
+from pbd.errors import PbdWarning, RecordingError, TrackingError, warn
 from pbd.pose import Array, quat_inverse, quat_log, quat_multiply
 from pbd.tracking.alarm import alarms
 from pbd.tracking.constraint_update import condition_on
@@ -58,11 +58,7 @@ def fuse(takes: Sequence[Demonstration], calibration: Calibration | None = None,
 
 
 def fused_demo(takes: Sequence[Demonstration]) -> Demonstration:
-    """A demonstration of several takes, those of a take that is fused itself included.
-
-    Raises:
-        RecordingError: fewer than two takes, or one twice.
-    """
+    """A demonstration of several takes, those of a fused one included; RecordingError: one is there twice."""
     takes = [one for take in takes for one in (take.takes or (take,))]
     names = [take.recording.info.name for take in takes]
     for k, take in enumerate(takes):
@@ -159,7 +155,7 @@ def track_alone(
     _warn_of_open_ends(recording.t, found.stops)
     if found.solution is not None:
         for line in alarms(found.solution, found.stops, found.sensor):
-            warnings.warn(line, PbdWarning, stacklevel=3)
+            warn(line)
     path = HandPath(
         t=recording.t,
         p_nav_sensor=found.path.p,
@@ -224,21 +220,15 @@ def _warn_at_rest(recording: Recording, rest: Rest, errors: SensorErrors | None)
     gyr = None if recording.gyr is None else rest.gyro_bias
     mag = None if recording.mag is None else recording.mag[rows].mean(axis=0)
     for line in disagreements(errors, acc, gyr, mag):
-        warnings.warn(line, PbdWarning, stacklevel=4)
+        warn(line)
 
 
 def _warn_of_open_ends(t: Array, stops: tuple[Stop, ...]) -> None:
     before, after = float(t[stops[0].start] - t[0]), float(t[-1] - t[stops[-1].stop - 1])
     if before > OPEN_END_S:
-        warnings.warn(
-            f"the hand moves when the recording starts; its first rest, at {before:.1f} s, is taken as the dock",
-            PbdWarning,
-            stacklevel=3,
-        )
+        warn(f"the hand moves when the recording starts; its first rest, at {before:.1f} s, is taken as the dock")
     if after > OPEN_END_S:
-        warnings.warn(
+        warn(
             f"the hand moves when the recording ends: the last {after:.1f} s are not used; stop before you end the "
-            "recording",
-            PbdWarning,
-            stacklevel=3,
+            "recording"
         )

@@ -107,12 +107,9 @@ class SampleClock(Generic[T]):
         return self._last is not None
 
     def take(self, sample: T, t_device: float | None, arrival: float) -> list[tuple[float, T]]:
-        """Take the next sample; return those whose time is known now.
+        """Take the next sample, which arrived at `arrival` s on the host's clock; return those whose time is known now.
 
-        Args:
-            sample: anything.
-            t_device: s on the device's clock; None where it has none.
-            arrival: s on the host's clock.
+        `t_device` is s on the device's clock; None where it has none.
         """
         if self._last is None and (self._stamper or t_device is None):
             self._stamper = self._stamper or Stamper()
@@ -219,11 +216,7 @@ def missing(t: Array) -> int:
 
 
 def straighten(arrival: Array) -> tuple[Array, int]:
-    """Time stamps of samples that arrived at (n,) s: evenly spaced but for lost ones, from 0.
-
-    Returns:
-        (n,) s and how many samples were lost.
-    """
+    """Times (n,) s from 0 of samples that arrived at (n,) s, even but for lost ones; and how many were lost."""
     n = len(arrival)
     if n < 3:
         return arrival - arrival[:1], 0

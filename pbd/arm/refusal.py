@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -10,7 +9,7 @@ from pbd.arm.collision.clearance import CLOSE_M, MARGIN_M
 from pbd.arm.collision.motion_check import describe
 from pbd.arm.collision.scene import TABLE, Hit
 from pbd.arm.motion_request import DEMO, DETOUR, LINE, STRAIGHT, Motion
-from pbd.errors import PbdWarning, PlanError
+from pbd.errors import PlanError, warn
 
 UNREACHABLE, COLLISION, CANNOT_FOLLOW = "unreachable", "collision", "cannot follow"
 """A keyframe is out of reach, something is in the way, the arm can't follow the path that was asked for."""
@@ -71,10 +70,10 @@ def tell(motion: Motion, no_way_back: Hit | None) -> None:
             where = f"from {i - 1} to {i}" if i > 0 else "on its way to keyframe 0"
             where = "on its way back" if i == len(motion.q) else where
             message = f"{where} the arm goes around {move.avoided.second}: --no-detour refuses that"
-            warnings.warn(message, PbdWarning, stacklevel=3)
+            warn(message)
     if no_way_back is not None:
         message = f"no collision-free way back from the last keyframe was found ({describe(no_way_back)})"
-        warnings.warn(f"{message}: the motion ends there", PbdWarning, stacklevel=3)
+        warn(f"{message}: the motion ends there")
 
 
 def warn_of_closeness(error: PlanError) -> None:
@@ -85,7 +84,7 @@ def warn_of_closeness(error: PlanError) -> None:
         f"a motion was only found that comes nearer to something than {1e3 * MARGIN_M:g} mm (no less "
         f"than {1e3 * CLOSE_M:g} mm, as for {bodies[0]} and {bodies[1]}): check where the obstacles are"
     )
-    warnings.warn(message, PbdWarning, stacklevel=3)
+    warn(message)
 
 
 def _collision(i: int, what: str, kind: str, hit: Hit) -> Refusal:

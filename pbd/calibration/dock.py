@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -11,7 +10,7 @@ import numpy as np
 from pbd.calibration.tool_poses import tool_poses
 from pbd.calibration.uncertainty import tool_covariances
 from pbd.data import Calibration, Keyframe
-from pbd.errors import CalibrationError, PbdWarning
+from pbd.errors import CalibrationError, warn
 from pbd.pose import Array, Pose, level_onto, quat_inverse, quat_rotate
 
 TILT_WARNING_DEG, UPSIDE_DOWN_DEG = 5.0, 150.0
@@ -44,11 +43,9 @@ def nav_in_base(calibration: Calibration, wxyz_nav_sensor: Array) -> Pose:
                 bound=UPSIDE_DOWN_DEG,
             )
         if tilt_deg > TILT_WARNING_DEG:
-            warnings.warn(
+            warn(
                 f"at its first rest the sensor is tilted by {tilt_deg:.0f} degrees from the dock of "
-                f"'{calibration.name}'; put it down as the dock says, or set any_attitude = true there",
-                PbdWarning,
-                stacklevel=2,
+                f"'{calibration.name}'; put it down as the dock says, or set any_attitude = true there"
             )
     return level_onto(Pose(np.zeros(3), wxyz_nav_sensor), dock)
 

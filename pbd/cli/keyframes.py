@@ -20,7 +20,7 @@ from pbd.calibration.uncertainty import base_sigmas, tool_covariances
 from pbd.cli.console import print_json, say
 from pbd.cli.steps import load_demonstration, named_calibration, plan_options, track_demonstration
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Robot, SensorEstimate
-from pbd.data.sigma import keyframe_sigmas
+from pbd.data.covariance import keyframe_sigmas
 from pbd.errors import RecordingError, UsageError, listed
 from pbd.files.keyframes import NAME, write_keyframes
 from pbd.pose import Array, Pose

@@ -81,12 +81,7 @@ class Stay:
 
 
 def holds(t: Array, opening: Array) -> list[tuple[float, float]]:
-    """From when to when a gripper holds: from the end of its closing to the start of its opening, or inf.
-
-    Args:
-        t: (g,) s, or keyframes.
-        opening: (g,) 1 open, 0 closed; linear between.
-    """
+    """From when to when a gripper holds, of opening (g,) at t (g,) s, or keyframes: from closed to opening, or inf."""
     spans: list[tuple[float, float]] = []
     change = np.sign(np.diff(opening))
     moves = change[change != 0.0]

@@ -34,11 +34,7 @@ def load_calibration(name: str) -> Calibration:
 
 
 def read_calibration(path: Path) -> Calibration:
-    """Read a calibration file.
-
-    Raises:
-        CalibrationError: with path, line and key.
-    """
+    """Read a calibration file; a CalibrationError says path, line and key."""
     top = read_toml(path, CalibrationError)
     top.format(FORMAT)
     if "dock" in top and "nav" in top:

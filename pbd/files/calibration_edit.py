@@ -30,10 +30,7 @@ Values = Mapping[str, tuple[Value | None, str]]
 def calibration_file(name: str) -> Path:
     """Say where a calibration is written: ./calibration/NAME.toml, or the path that was given.
 
-    A path that leads upwards must be spelled as a file's, with .toml.
-
-    Raises:
-        CalibrationError: nothing could have that name.
+    A path that leads upwards must be spelled as a file's, with .toml. CalibrationError: nothing could have that name.
     """
     path = Path(name)
     word = path.name.removesuffix(".toml")

@@ -59,11 +59,7 @@ def newest_demo() -> str:
 
 
 def read_demo(folder: Path) -> Demonstration:
-    """Read a demonstration's folder.
-
-    Raises:
-        RecordingError: with the file, and line and column where they are known.
-    """
+    """Read a demonstration's folder; a RecordingError says the file, and line and column where they are known."""
     _refuse_without(folder, "demo.toml")
     top = read_toml(folder / "demo.toml", RecordingError)
     top.format(FORMAT)
@@ -150,12 +146,7 @@ def write_demo(
 
 
 def refuse_demo_folder(folder: Path, force: bool) -> None:
-    """Refuse to write over what is there, and where nothing can be written.
-
-    Raises:
-        RecordingError: the folder exists (unless `force`), or holds something that is no demonstration, or the system
-            refuses it.
-    """
+    """Refuse to write over anything, unless `force` and it is a demonstration, and where nothing can be written."""
     if not os.path.lexists(folder):
         return refuse_folder(folder, RecordingError)
     if not force:
@@ -170,11 +161,7 @@ def refuse_demo_folder(folder: Path, force: bool) -> None:
 
 
 def demo_folder(name: str) -> Path:
-    """Say where a new demonstration goes: ./demos/NAME, or the path that was given.
-
-    Raises:
-        RecordingError: nothing could have that name.
-    """
+    """Say where a new demonstration goes: ./demos/NAME, or the path given; RecordingError: it can't be a name."""
     path = Path(name)
     if path.name in ("", "..") or name.startswith("~"):
         raise RecordingError(f"'{name}' can't be a demonstration's name; give a word, or a folder's path", value=name)
@@ -193,11 +180,7 @@ def read_shape(section: Section) -> tuple[str, tuple[float, ...]]:
 
 
 def demo_toml(demo: Demonstration, name: str, folder: Path | None = None) -> str:
-    """Write demo.toml's text; the takes of a fused one as seen from its folder.
-
-    Raises:
-        RecordingError: a take is no demonstration's folder.
-    """
+    """Write demo.toml's text; takes as seen from its folder, where each must be a demonstration's (RecordingError)."""
     import tomlkit
 
     recording, info = demo.recording, demo.recording.info

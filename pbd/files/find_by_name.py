@@ -29,11 +29,7 @@ def bundled_names(kind: str, suffix: str) -> list[str]:
 
 
 def find(kind: str, name: str, suffix: str, error: type[PbdError]) -> Path:
-    """Find `name` of a kind: the user's ./KIND, else the bundled one, else a path as it is given.
-
-    Raises:
-        error: lists the valid names.
-    """
+    """Find `name` of a kind: in ./KIND, else bundled, else a path as it is given; `error` lists the valid names."""
     for folder in (Path(kind), bundled(kind)):
         for entry in _entries(folder, suffix):
             if entry.name in (name, name + suffix):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pbd.data import Keyframe, TouchUp
-from pbd.errors import PbdWarning, RecordingError
+from pbd.errors import RecordingError, warn
 from pbd.io.atomic import atomic_file
 from pbd.io.toml import Section, read_toml
 from pbd.pose import Pose, quat_from_rpy, quat_to_rpy
@@ -124,9 +123,7 @@ def write_keyframes(
 ) -> Path:
     """Write keyframes.toml (of `keyframes_toml`) into a demonstration's folder, and return its path.
 
-    Raises:
-        RecordingError: the file exists (and `force` is not set): a person may have edited it. Or a keyframe is too far
-            away to be read again.
+    RecordingError: it exists (unless `force`), as a person may have edited it; or a keyframe is too far away.
     """
     for index, keyframe in enumerate(keyframes):
         if (away := float(np.abs(keyframe.T_nav_sensor.p).max())) > LARGEST_M:
@@ -151,11 +148,7 @@ def read_touch_ups(path: Path) -> tuple[TouchUp, ...]:
 
 
 def read_keyframes(path: Path) -> tuple[Keyframe, ...]:
-    """Read keyframes.toml.
-
-    Raises:
-        RecordingError: with the file, the line and the key.
-    """
+    """Read keyframes.toml; a RecordingError says the file, the line and the key."""
     top = read_toml(path, RecordingError)
     top.format(FORMAT)
     tables = top.tables("keyframe")
@@ -193,7 +186,7 @@ def _check_grips(keyframes: Sequence[Keyframe], tables: Sequence[Section]) -> No
 
 
 def _warn(table: Section, key: str, what: str) -> None:
-    warnings.warn(f"{table.path}:{table.line(key)}: {what}", PbdWarning, stacklevel=3)
+    warn(f"{table.path}:{table.line(key)}: {what}")
 
 
 def _read(section: Section) -> Keyframe:

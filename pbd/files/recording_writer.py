@@ -28,17 +28,9 @@ class RecordingWriter:
     def __init__(
         self, folder: Path, info: RecordingInfo, channels: Sequence[str], closed: bool, force: bool = False
     ) -> None:
-        """Make the folder.
+        """Make the folder, with the name of `info`; `channels` are those of CHANNELS that will be there.
 
-        Args:
-            folder: where; must not exist, unless `force`.
-            info: the name is the folder's.
-            channels: those of CHANNELS that will be there.
-            closed: the hand will end at the dock.
-            force: replace a demonstration of that name.
-
-        Raises:
-            RecordingError: the folder exists or can't be written.
+        RecordingError: it exists (and `force` is not set), or can't be written.
         """
         refuse_demo_folder(folder, force)
         self.folder, self.rows = folder, 0
@@ -57,8 +49,7 @@ class RecordingWriter:
     def add(self, t: Sequence[float], values: Iterable[Sequence[float]]) -> None:
         """Append rows: t in s, and for each the channels' numbers in their order; NaN is an empty cell.
 
-        Raises:
-            RecordingError: the disk is full; what was written before is intact.
+        RecordingError: the disk is full; what was written before is intact.
         """
         lines = [self._format.format(at, *row).replace("nan", "") + "\n" for at, row in zip(t, values, strict=True)]
         with self._saying_what_is_kept():

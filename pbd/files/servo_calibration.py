@@ -52,11 +52,7 @@ BOUNDS = {
 
 
 def read_servo_calibration(path: Path, joints: Sequence[str]) -> dict[str, ServoCalibration]:
-    """Read the servos of these joints, in that order.
-
-    Raises:
-        CalibrationError: the file can't be read, lacks a joint, or has a number that no servo can have.
-    """
+    """Read the servos of these joints, in that order; CalibrationError: one is missing, or has an impossible number."""
     text = read_text(path, CalibrationError, "make one with `pbd run --calibrate`, or name LeRobot's")
     try:
         values = json.loads(text)

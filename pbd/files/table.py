@@ -46,11 +46,7 @@ class Table:
     values: Array
 
     def columns(self, *names: str) -> Array:
-        """Return the columns of these names, (rows, len(names)).
-
-        Raises:
-            RecordingError: lists the columns that are there.
-        """
+        """Return the columns of these names, (rows, len(names)); a RecordingError lists those that are there."""
         require(self.path, self.header, names)
         return self.values[:, [self.header.index(name) for name in names]]
 
@@ -80,8 +76,7 @@ class Sheet:
     def read(self, names: Sequence[str] | None = None, times: Collection[str] = ()) -> Table:
         """Read the columns of these names (all); those of `times` may hold dates, and are seconds then.
 
-        Raises:
-            PbdError: a row of another length, or text where a number should be: with line and column.
+        The error says line and column: a row of another length, or text where a number should be.
         """
         wanted = self.header if names is None else tuple(dict.fromkeys(names))
         require(self.path, self.header, wanted, self.error)
@@ -200,22 +195,14 @@ def _blocks(text: str) -> Iterator[str]:
 
 
 def require(path: Path, header: Sequence[str], names: Sequence[str], error: type[PbdError] = RecordingError) -> None:
-    """Refuse a table without these columns.
-
-    Raises:
-        error: lists the columns that are there.
-    """
+    """Refuse a table without these columns; the `error` lists those that are there."""
     if missing := [name for name in names if name not in header]:
         what = f"{path}: no column '{missing[0]}'; the columns are {listed(header)}"
         raise error(what, path=path, value=missing[0])
 
 
 def foreign_text(path: Path, data: bytes | None = None) -> str:
-    """Read another program's text, in any encoding that such have; `data` is what it holds, where that is known.
-
-    Raises:
-        RecordingError: it can't be read.
-    """
+    """Read another program's text, in any encoding that such have; `data` is what it holds, where that is known."""
     return _text(path, FOREIGN_ENCODINGS, RecordingError, data)
 
 
@@ -265,11 +252,7 @@ def open_sheet(
 
 
 def read_table(path: Path) -> Table:
-    """Read a table of numbers.
-
-    Raises:
-        RecordingError: empty, no rows, a row of another length, or text where a number should be: with line and column.
-    """
+    """Read a table of numbers; a RecordingError says line and column."""
     return open_sheet(path).read()
 
 

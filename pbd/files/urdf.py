@@ -61,11 +61,7 @@ class Urdf:
     meshes: tuple[tuple[str, str], ...]
 
     def chain(self, base: str, body: str) -> tuple[UrdfJoint, ...]:
-        """Return the joints from one link down to another, fixed ones included.
-
-        Raises:
-            RobotError: `body` doesn't hang on `base`.
-        """
+        """The joints from one link down to another, fixed ones included; RobotError: `body` doesn't hang on `base`."""
         above = {joint.child: joint for joint in self.joints.values()}
         chain: list[UrdfJoint] = []
         while body != base:
@@ -78,11 +74,7 @@ class Urdf:
 
 
 def read_urdf(path: Path) -> Urdf:
-    """Read the links and joints of a URDF.
-
-    Raises:
-        RobotError: not XML, not a URDF, a joint that makes no sense, or links and joints that are no tree.
-    """
+    """Read the links and joints of a URDF; RobotError: a joint makes no sense, or links and joints are no tree."""
     root = read_urdf_xml(path)
     joints = [_joint(path, element) for element in root.iterfind("joint")]
     links = {_attribute(path, link, "name"): link for link in root.iterfind("link")}

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 
 from pbd.data import Calibration, Demonstration, FusedTake, HandPath
-from pbd.errors import PbdWarning, TrackingError
+from pbd.errors import TrackingError, warn
 from pbd.fusion.joint_estimate import Joint, Parts, State, estimate_jointly
 from pbd.fusion.known_stops import told
 from pbd.fusion.matching import Alignment, align
@@ -33,7 +32,7 @@ def fused_path(demo: Demonstration, method: str, calibration: Calibration | None
     assert path.fusion is not None
     words = [*_left_out(path.fusion.takes), disagreement(fused.parts, fused.joint, [takes[k].name for k in fused.used])]
     for line in filter(None, words):
-        warnings.warn(line, PbdWarning, stacklevel=4)
+        warn(line)
     return path
 
 

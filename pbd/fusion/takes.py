@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe
-from pbd.errors import PbdError, PbdWarning, TrackingError
+from pbd.errors import PbdError, TrackingError, warn
 from pbd.fusion.devices import devices_of
 from pbd.fusion.joint_estimate import Parts, State
 from pbd.fusion.matching import Alignment, Candidate, Keyframes
@@ -51,7 +51,7 @@ def tracked_take(demo: Demonstration, calibration: Calibration | None, accept_ga
             raise type(error)(f"{name}: {error.message}", **error.fields) from None
         keyframes = find_keyframes(path)
     for warning in told:
-        warnings.warn(f"{name}: {warning.message}", PbdWarning, stacklevel=4)
+        warn(f"{name}: {warning.message}")
     assert found.solution is not None
     knots = _middles(found)
     return Take(name, path, found.solution, knots, keyframes, message_of(found.solution, knots))

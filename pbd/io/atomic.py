@@ -7,12 +7,11 @@ import itertools
 import os
 import shutil
 import unicodedata
-import warnings
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 
-from pbd.errors import PbdError, PbdWarning, RecordingError, in_words
+from pbd.errors import PbdError, RecordingError, in_words, warn
 
 DELETED = "the folder that you are in has been deleted; go to another"
 
@@ -67,7 +66,7 @@ def atomic_folder(folder: Path) -> Iterator[Path]:
                 aside.rename(folder)
             raise
         if aside is not None and (left := remove_folder(aside)):
-            warnings.warn(f"{folder} is replaced, but {left}", PbdWarning, stacklevel=3)
+            warn(f"{folder} is replaced, but {left}")
 
 
 @contextmanager
@@ -90,22 +89,14 @@ def atomic_files(folder: Path, names: Collection[str]) -> Iterator[Path]:
 
 
 def refuse_name(path: Path) -> None:
-    """Refuse a name that no text can hold.
-
-    Raises:
-        PbdError: it is not UTF-8, or has a control character.
-    """
+    """Refuse (PbdError) a name that no text can hold: it is not UTF-8, or has a control character."""
     if any(unicodedata.category(character) in ("Cc", "Cs") for character in str(path)):
         what = f"'{path}' can't be a name here (it has control characters, or is not UTF-8); give another"
         raise PbdError(what, path=path)
 
 
 def refuse_file(path: Path) -> None:
-    """Refuse the place of a file where something else is, or a file that may not be written.
-
-    Raises:
-        PbdError: a folder or a device is there, the file is read-only, or no text can hold its name.
-    """
+    """Refuse (PbdError) the place of a file where a folder or a device is, or a file that is read-only."""
     refuse_name(path)
     if not path.name or is_folder(path):
         raise PbdError(f"{path} is a folder: give a file's name", path=path)
@@ -116,11 +107,7 @@ def refuse_file(path: Path) -> None:
 
 
 def refuse_folder(folder: Path, error: type[PbdError] = PbdError, other: str = "place") -> None:
-    """Refuse a folder in which nothing can be made, or that can't be made itself; nothing is left there.
-
-    Raises:
-        error: for the system's reason; it asks for another `other`.
-    """
+    """Refuse a folder in which nothing can be made, or that can't be made; the `error` asks for another `other`."""
     refuse_name(folder)
     with _refused_as(error, folder, other), made(folder, keep=False), _temporary(folder / "folder") as new:
         new.mkdir()

@@ -94,11 +94,7 @@ def from_mesh(
 
 
 def mesh_triangles(path: Path, scale: Sequence[float]) -> Array:
-    """Read a mesh's triangles (m, 3, 3), scaled.
-
-    Raises:
-        RobotError: as `from_mesh`.
-    """
+    """Read a mesh's triangles (m, 3, 3), scaled; raises as `from_mesh`."""
     triangles: Array = from_mesh(path, "triangles", lambda soup: {"corners": soup.corners})["corners"] * scale
     return triangles
 

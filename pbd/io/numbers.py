@@ -15,22 +15,14 @@ MILLENNIUM = date(2000, 1, 1).toordinal()
 
 
 def number(text: str) -> float:
-    """Read a decimal number; NaN and infinity are numbers too.
-
-    Raises:
-        ValueError: no number, or one with what only Python takes: `1_000`, other alphabets' digits.
-    """
+    """A number, NaN and infinity too; ValueError: none, or one with what only Python takes (`1_000`, other digits)."""
     if "_" in text or not text.isascii():
         raise ValueError(f"{text[:40]!r} is not a number")
     return float(text)
 
 
 def finite(text: str) -> float:
-    """Read a finite number.
-
-    Raises:
-        ValueError: none.
-    """
+    """A finite number; ValueError: none."""
     value = number(text)
     if not math.isfinite(value):
         raise ValueError(f"{text[:40]!r} is not a finite number")
@@ -38,11 +30,7 @@ def finite(text: str) -> float:
 
 
 def finite_list(text: str, count: int) -> tuple[float, ...]:
-    """Read `count` finite numbers with spaces between.
-
-    Raises:
-        ValueError: other than that.
-    """
+    """`count` finite numbers with spaces between; ValueError: other than that."""
     words = text.split(maxsplit=count)
     if len(words) != count:
         raise ValueError(f"{text[:40]!r} is not {count} numbers")
@@ -58,10 +46,7 @@ def seconds(text: str) -> float:
     """Seconds of a number, of `2026-10-02T07:48:45.830+02:00`, `2025-10-9 8:18:9:94` (its ms), a date or a time of day.
 
     A zone is passed over: it is the same in all rows. An empty text, or "null", is NaN. Dates count from the year 2000,
-    times of day from midnight.
-
-    Raises:
-        ValueError: none of these.
+    times of day from midnight. ValueError: none of these.
     """
     match = _STAMP.fullmatch(text)
     if match is None:

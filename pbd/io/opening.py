@@ -39,11 +39,7 @@ def read_bytes(path: Path, error: type[PbdError], next_step: str, most: int = LA
 def read_text(
     path: Path, error: type[PbdError], next_step: str, most: int = SMALL, encoding: str = "utf-8", name: str = ""
 ) -> str:
-    """Read a regular file of text; its lines end with a newline alone.
-
-    Raises:
-        error: as `read_bytes`, or its bytes are no text of that encoding.
-    """
+    """Read a regular file of text, as `read_bytes`; its lines end with a newline alone."""
     try:
         text = read_bytes(path, error, next_step, most, name).decode(encoding)
     except UnicodeDecodeError as reason:

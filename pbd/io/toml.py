@@ -37,31 +37,29 @@ _REQUIRED: Any = object()
 
 def read_toml(path: Path, error: type[PbdError]) -> Section:
     """Parse a file; whatever is wrong with it is raised as `error`."""
-    text = read_text(path, error, "give the path of a TOML file", MOST_BYTES)
-    source, values = Source.parse(path, text, error)
-    return Section(source, "", values)
+    return parse_toml(path, read_text(path, error, "give the path of a TOML file", MOST_BYTES), error)
 
 
-class Source:
+def parse_toml(path: Path, text: str, error: type[PbdError]) -> Section:
+    """Parse a file's text; whatever is wrong with it is raised as `error`."""
+    source = _Source(path, text, error)
+    if long := next((number for number, line in enumerate(text.split("\n"), 1) if len(line) > LONGEST_LINE), None):
+        source.refuse(long, f"a line of more than {LONGEST_LINE} characters", "break it")
+    try:
+        return Section(source, "", tomllib.loads(text))
+    except tomllib.TOMLDecodeError as reason:
+        place = re.search(r"at line (\d+)", str(reason))
+        line = int(place[1]) if place else text.rstrip().count("\n") + 1
+        source.refuse(line, f"not valid TOML: {reason}", "correct it")
+    except (RecursionError, ValueError):
+        source.refuse(None, "not valid TOML: nested too deeply, or a number with thousands of digits", "correct it")
+
+
+class _Source:
     """A TOML file's text, and the line of each key: tomllib keeps no lines."""
 
     def __init__(self, path: Path, text: str, error: type[PbdError]) -> None:
         self.path, self._text, self._error = path, text, error
-
-    @staticmethod
-    def parse(path: Path, text: str, error: type[PbdError]) -> tuple[Source, Mapping[str, Any]]:
-        """Parse the text of a file; return it and its values."""
-        source = Source(path, text, error)
-        if long := next((number for number, line in enumerate(text.split("\n"), 1) if len(line) > LONGEST_LINE), None):
-            source.refuse(long, f"a line of more than {LONGEST_LINE} characters", "break it")
-        try:
-            return source, tomllib.loads(text)
-        except tomllib.TOMLDecodeError as reason:
-            place = re.search(r"at line (\d+)", str(reason))
-            line = int(place[1]) if place else text.rstrip().count("\n") + 1
-            source.refuse(line, f"not valid TOML: {reason}", "correct it")
-        except (RecursionError, ValueError):
-            source.refuse(None, "not valid TOML: nested too deeply, or a number with thousands of digits", "correct it")
 
     def refuse(self, line: int | None, what: str, next_step: str, **fields: object) -> NoReturn:
         """Raise the file's error."""
@@ -103,7 +101,7 @@ class Section:
     Each reader raises the file's error where the key is missing, unless a `default` is given.
     """
 
-    def __init__(self, source: Source, name: str, values: Mapping[str, Any], index: int = 0) -> None:
+    def __init__(self, source: _Source, name: str, values: Mapping[str, Any], index: int = 0) -> None:
         self.path, self.name = source.path, name
         self._source, self._values, self._index = source, values, index
         self._asked: dict[str, None] = {}
@@ -128,11 +126,10 @@ class Section:
         self._sections.extend(inner)
         return inner
 
-    def text(self, key: str, default: T = _REQUIRED) -> str | T:
-        """Return a string that is not empty."""
-        text: str | T = self._get(
-            key, "must be a non-empty string, got {}", lambda v: isinstance(v, str) and v.strip(), default
-        )
+    def text(self, key: str, default: T = _REQUIRED, *, blank: bool = False) -> str | T:
+        """Return a string that is not empty, unless it may be `blank`."""
+        kind = f"must be a {'' if blank else 'non-empty '}string, got {{}}"
+        text: str | T = self._get(key, kind, lambda v: isinstance(v, str) and (blank or v.strip()), default)
         return text
 
     def texts(self, key: str, default: T = _REQUIRED) -> tuple[str, ...] | T:
@@ -220,24 +217,24 @@ class Section:
             self.fail(key, f"is missing (there is '{misspelt[0]}')" if misspelt else "is missing", next_step="add it")
         value = self._values[key]
         if not is_right(value):
-            self.fail(key, kind.format(shown(value)))
+            self.fail(key, kind.format(_shown(value)))
         return value
 
     def _bounded(
         self, key: str, values: list[Any], positive: bool, within: float, must: str, got: object
     ) -> tuple[float, ...]:
         if positive and min(values, default=1.0) <= 0:
-            self.fail(key, f"must {must}above zero, got {shown(got)}")
+            self.fail(key, f"must {must}above zero, got {_shown(got)}")
         if max(map(abs, values), default=0.0) > within or (positive and min(values, default=1.0) < SMALLEST_POSITIVE):
             least = f"{SMALLEST_POSITIVE:g}" if positive else f"-{within:g}"
-            self.fail(key, f"must {must}from {least} to {within:g}, got {shown(got)}")
+            self.fail(key, f"must {must}from {least} to {within:g}, got {_shown(got)}")
         return tuple(map(float, values))
 
     def _unasked(self) -> list[str]:
         return [given for given in self._values if given not in self._asked]
 
 
-def shown(value: object) -> str:
+def _shown(value: object) -> str:
     """Write a value for a message."""
     try:
         return printable(repr(value))

@@ -79,11 +79,7 @@ JOINT_PARTS = ("origin", "parent", "child", "axis", "limit", "mimic")
 
 
 def read_urdf_xml(path: Path) -> ET.Element:
-    """Read a URDF and check each number in its links and joints.
-
-    Raises:
-        RobotError: it can't be read, is no URDF, has too many parts, or an attribute makes no sense.
-    """
+    """Read a URDF and check each number in its links and joints; RobotError: too many parts, or one makes no sense."""
     root = read_xml(path, RobotError)
     if root.tag != "robot":
         what = f"{path} is not a URDF: its root is <{printable(root.tag)}>; give a file whose root is <robot>"
@@ -114,11 +110,7 @@ def read_urdf_xml(path: Path) -> ET.Element:
 
 
 def kinematics(path: Path) -> str:
-    """Return the XML of links and joints alone, without shapes: what pinocchio builds a model of.
-
-    Raises:
-        RobotError: as `read_urdf_xml`.
-    """
+    """Return the checked XML of links and joints alone, without shapes: what pinocchio builds a model of."""
     root = read_urdf_xml(path)
     robot = ET.Element("robot", name=root.get("name") or "robot")
     for element in root:

@@ -46,11 +46,7 @@ class Shape:
 
 
 def read_shapes(robot: Robot) -> tuple[Shape, ...]:
-    """Read the shapes of all links, in the file's order.
-
-    Raises:
-        RobotError: as `read_urdf_xml`.
-    """
+    """Read the shapes of all links, in the file's order; raises as `read_urdf_xml`."""
     root = read_urdf_xml(robot.urdf)
     named = {material.get("name"): rgb for material in root.iterfind("material") if (rgb := _rgb(material))}
     return tuple(
@@ -62,11 +58,7 @@ def read_shapes(robot: Robot) -> tuple[Shape, ...]:
 
 
 def collision_shapes(robot: Robot) -> tuple[Shape, ...]:
-    """Read what can be hit: a link's <collision> elements, or where it has none its <visual> ones.
-
-    Raises:
-        RobotError: as `read_urdf_xml`.
-    """
+    """Read what can be hit: a link's <collision> elements, or where it has none its <visual> ones."""
     shapes = read_shapes(robot)
     covered = {shape.link for shape in shapes if shape.element == "collision"}
     return tuple(shape for shape in shapes if shape.element == "collision" or shape.link not in covered)

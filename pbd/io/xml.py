@@ -13,11 +13,7 @@ MOST_BYTES = 100_000_000
 
 
 def read_xml(path: Path, error: type[PbdError], most: int = MOST_BYTES) -> ET.Element:
-    """Parse an XML file and return its root.
-
-    Raises:
-        error: it can't be read, is too large or is not well formed, with the line where the parser knows it.
-    """
+    """Parse an XML file and return its root; the `error` says the line where the parser knows it."""
     data = read_bytes(path, error, "correct its path, or mend the file", most)
     try:
         root: ET.Element = ET.fromstring(data, parser=ET.XMLParser(target=_NoDoctype()))

@@ -51,11 +51,7 @@ def _pad_of(file: Path) -> str:
 
 
 def only_gamepad() -> str:
-    """The motion sensors of the only pad.
-
-    Raises:
-        SensorError: there is none, or there are several.
-    """
+    """The motion sensors of the only pad; SensorError: there is none, or there are several."""
     found = find_gamepads()
     if len(found) == 1:
         return next(iter(found))
@@ -73,11 +69,7 @@ class GamepadPort(Source):
     """Reads both devices of a pad."""
 
     def __init__(self, device: str, buttons: str | None = None) -> None:
-        """Open the pad.
-
-        Raises:
-            SensorError: no such device, no permission, or it is no pad that is known.
-        """
+        """Open the pad; SensorError: no such device, no permission, or it is no pad that is known."""
         self.device = device
         self._fuzz: dict[int, bytes] = {}
         self._motion = _opened(device)
@@ -91,11 +83,7 @@ class GamepadPort(Source):
             raise
 
     def read(self) -> bytes:
-        """Return the events that have come, after READ_TIMEOUT_S at the latest.
-
-        Raises:
-            SensorError: the pad was unplugged or switched off.
-        """
+        """Return the events that have come, after READ_TIMEOUT_S at the latest; SensorError: the pad is gone."""
         data, self._pending = self._pending, b""
         try:
             for fd in select.select(self._fds, (), (), 0.0 if data else READ_TIMEOUT_S)[0]:
@@ -168,11 +156,7 @@ class GamepadPort(Source):
 
 
 def open_gamepad(device: str | None) -> GamepadPort:
-    """Open a pad: the device of its motion sensors, or the only one.
-
-    Raises:
-        SensorError: as `GamepadPort` and `only_gamepad`.
-    """
+    """Open a pad: the device of its motion sensors, or the only one."""
     device = device or only_gamepad()
     return GamepadPort(device, find_gamepads().get(device, ("", None))[1])
 

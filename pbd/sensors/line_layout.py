@@ -27,8 +27,8 @@ from pathlib import Path
 from types import MappingProxyType
 
 from pbd.data.units import UNITS, unit_factor
-from pbd.errors import SensorError, printable
-from pbd.io.toml import Source, shown
+from pbd.errors import SensorError
+from pbd.io.toml import parse_toml
 
 QUANTITIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
@@ -42,6 +42,9 @@ QUANTITIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
 
 ARDUINO_WRAP = 2.0**32
 """millis() and micros() wrap there: the default wrap of a t in ms or us."""
+
+WIDEST_WRAP = 2.0**64
+"""Largest wrap that a file may give: no counter has more bits."""
 
 SEPARATORS = {"space": " ", "tab": "\t"}
 
@@ -163,21 +166,14 @@ def layout_from_options(
     prefix: str = "",
     wrap: float | None = None,
 ) -> LineLayout:
-    """Make a layout of what stands on a command line: `--columns "ax,ay,az,gx,gy,gz" --unit acc=g`.
-
-    Raises:
-        SensorError: as LineLayout, or a unit is not written as NAME=UNIT.
-    """
-    line = Line(tuple(name.strip() for name in columns.split(",")), prefix)
-    return LineLayout((line,), units_from_options(units), SEPARATORS.get(separator, separator), wrap)
+    """Make a layout of what stands on a command line: `--columns "ax,ay,az,gx,gy,gz" --unit acc=g`."""
+    return LineLayout(
+        (Line(_names(columns), prefix),), units_from_options(units), SEPARATORS.get(separator, separator), wrap
+    )
 
 
 def units_from_options(units: Iterable[str]) -> dict[str, str]:
-    """Read `acc=g` and its like.
-
-    Raises:
-        SensorError: one is not written so.
-    """
+    """Read `acc=g` and its like; SensorError: one is not written so."""
     pairs = [text.partition("=") for text in units]
     for quantity, equals, unit in pairs:
         if not (quantity and equals and unit):
@@ -186,40 +182,23 @@ def units_from_options(units: Iterable[str]) -> dict[str, str]:
 
 
 def layout_from_toml(text: str, name: str = "layout") -> LineLayout:
-    """Make a layout of a TOML file's text; `name` is the file's, for messages.
-
-    Raises:
-        SensorError: as LineLayout; or the text is no TOML, or has keys that are unknown or of the wrong kind.
-    """
-    _, values = Source.parse(Path(name), text, SensorError)
+    """Make a layout of a TOML file's text; `name` is the file's, for messages."""
+    top = parse_toml(Path(name), text, SensorError)
+    if "columns" in top and "line" in top:
+        top.fail("columns", "and [[line]] can't both be given", "remove one")
+    lines = tuple(
+        Line(_names(table.text("columns")), table.text("prefix", "", blank=True))
+        for table in top.tables("line") or [top]
+    )
+    units, wrap = top.section("units", None), top.number("wrap", None, within=WIDEST_WRAP)
+    separator = top.text("separator", ",", blank=True)
+    given = {quantity: unit for quantity in UNITS if units and (unit := units.text(quantity, None))}
+    top.done()
     try:
-        _refuse_unknown(values, ("separator", "columns", "prefix", "wrap", "units", "line"), "")
-        if ("line" in values) == ("columns" in values) or ("line" in values and "prefix" in values):
-            raise SensorError("give either columns (and prefix), or [[line]] tables")
-        tables = values["line"] if "line" in values else [{k: values[k] for k in ("columns", "prefix") if k in values}]
-        if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
-            raise SensorError("line must be [[line]] tables; write it so")
-        units, separator, wrap = values.get("units", {}), values.get("separator", ","), values.get("wrap")
-        if not isinstance(units, dict) or not all(isinstance(unit, str) for unit in units.values()):
-            raise SensorError('[units] must hold strings such as acc = "g"; write them so')
-        if not isinstance(separator, str):
-            raise SensorError(f"separator must be a string, got {shown(separator)}; write it so")
-        if wrap is not None and (isinstance(wrap, bool) or not isinstance(wrap, int | float)):
-            raise SensorError(f"wrap must be a number, got {shown(wrap)}; write it so")
-        return LineLayout(tuple(map(_line, tables)), units, SEPARATORS.get(separator, separator), wrap)
+        return LineLayout(lines, given, SEPARATORS.get(separator, separator), wrap)
     except SensorError as error:
         raise SensorError(f"{name}: {error.message}", path=name, **error.fields) from None
 
 
-def _line(table: Mapping[str, object]) -> Line:
-    _refuse_unknown(table, ("columns", "prefix"), " of a [[line]]")
-    columns, prefix = table.get("columns"), table.get("prefix", "")
-    if not isinstance(columns, str) or not isinstance(prefix, str):
-        raise SensorError('columns and prefix must be strings, such as columns = "ax,ay,az"; write them so')
-    return Line(tuple(name.strip() for name in columns.split(",")), prefix)
-
-
-def _refuse_unknown(values: Mapping[str, object], known: tuple[str, ...], where: str) -> None:
-    for key in values:
-        if key not in known:
-            raise SensorError(f"key {printable(key)}{where} is unknown; the keys are {', '.join(known)}", key=key)
+def _names(columns: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in columns.split(","))

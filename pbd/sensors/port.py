@@ -50,11 +50,7 @@ class Port(Source):
         self._what = what
 
     def read(self) -> bytes:
-        """Return the bytes that have come, after READ_TIMEOUT_S (or as it was opened) at the latest.
-
-        Raises:
-            SensorError: the sensor was unplugged.
-        """
+        """Return the bytes that came, after READ_TIMEOUT_S (or as opened) at the latest; SensorError: it is gone."""
         from serial import SerialException
 
         try:
@@ -69,11 +65,7 @@ class Port(Source):
         return SensorError(what, path=self.device, lost=True)
 
     def write(self, data: bytes) -> None:
-        """Send a command to the device.
-
-        Raises:
-            SensorError: the sensor was unplugged, or takes nothing.
-        """
+        """Send a command to the device; SensorError: it was unplugged, or takes nothing."""
         from serial import SerialException
 
         try:
@@ -86,22 +78,14 @@ class Port(Source):
             ) from reason
 
     def clear(self) -> None:
-        """Drop what has come and was not read.
-
-        Raises:
-            SensorError: the sensor was unplugged.
-        """
+        """Drop what has come and was not read; SensorError: the sensor was unplugged."""
         try:
             self._serial.reset_input_buffer()
         except (OSError, ValueError, TypeError, termios.error) as reason:
             raise self._gone() from reason
 
     def set_baud(self, baud: int) -> None:
-        """Change the rate of the open port: to open it again would reset an Arduino.
-
-        Raises:
-            SensorError: there is no such rate, or the sensor was unplugged.
-        """
+        """Change the rate of the open port (SensorError: there is none): to open it again would reset an Arduino."""
         try:
             self._serial.baudrate = baud
             self._serial.reset_input_buffer()
@@ -116,11 +100,7 @@ class Port(Source):
 
 
 def open_port(device: str, baud: int, what: str = "sensor", wait_s: float = READ_TIMEOUT_S) -> Port:
-    """Open a port for us alone, 8N1: for `what`, whose reads wait `wait_s` at most.
-
-    Raises:
-        SensorError: no such port; no permission (with the group that has it); another program uses it; no such baud.
-    """
+    """Open a port for us alone, 8N1: for `what`, whose reads wait `wait_s` at most; a SensorError says why it can't."""
     from serial import Serial, SerialException
 
     try:

@@ -66,11 +66,7 @@ class Listener:
 def listen(port: Port, listeners: Collection[Listener], seconds: float, patience: float = 0.0) -> bytes:
     """Let all listeners hear what comes; return it. Ends once one of them hears samples.
 
-    Args:
-        port: to listen to.
-        listeners: that listen.
-        seconds: listening time from the first byte on.
-        patience: longest time to wait for the first byte, if longer.
+    It lasts `seconds` from the first byte on, and waits for that for `patience` s, if longer.
     """
     heard, end = b"", time.monotonic() + max(seconds, patience)
     while time.monotonic() < end and not any(each.hears_samples for each in listeners):
@@ -118,15 +114,9 @@ def what_it_is(data: bytes, baud: int | None, sensor: str | None = None) -> str:
 
 
 def find_baud(port: Port, make: Callable[[], Decoder], sensor: str) -> int:
-    """Return the first of the sensor's baud rates at which whole packets come.
+    """Return the first of the sensor's baud rates at which whole packets of its decoder come; the port stays open.
 
-    Args:
-        port: an open one; it stays open.
-        make: makes the sensor's decoder.
-        sensor: its protocol.
-
-    Raises:
-        SensorError: none of them. It says whether bytes came, and of which sensor if they can be identified.
+    A SensorError says whether bytes came, and of which sensor if they can be identified.
     """
     heard: dict[int, bytes] = {}
     for baud in PROTOCOLS[sensor].bauds:
@@ -150,11 +140,7 @@ def find_baud(port: Port, make: Callable[[], Decoder], sensor: str) -> int:
 
 
 def probe(port: Port) -> Found:
-    """Listen at each baud rate that any device has, until one of the decoders is sure.
-
-    Raises:
-        SensorError: the sensor was unplugged.
-    """
+    """Listen at each baud rate that any device has, until one of the decoders is sure."""
     best = Found(None, 0, 0)
     for baud in BAUDS:
         port.set_baud(baud)

@@ -36,11 +36,7 @@ class WireProtocol:
     rate_commands: Mapping[int, tuple[bytes, ...]] = field(default_factory=dict)
 
     def commands_for(self, rate_hz: float) -> tuple[bytes, ...]:
-        """Return the bytes that set this rate.
-
-        Raises:
-            SensorError: the device has no such rate, or none can be set from here.
-        """
+        """Return the bytes that set this rate; SensorError: the device has none such, or it can't be set from here."""
         if not self.rate_commands:
             raise SensorError(f"the rate of {self.title} can't be set from here; set it with the maker's program")
         if rate_hz not in self.rate_commands:
@@ -137,15 +133,7 @@ PROTOCOLS: Mapping[str, WireProtocol] = MappingProxyType(
 
 
 def protocol(name: str, also: Iterable[str] = ()) -> WireProtocol:
-    """Return the protocol of this name.
-
-    Args:
-        name: as in `pbd record --sensor`.
-        also: what the caller takes beside protocols, for the error.
-
-    Raises:
-        UsageError: there is none.
-    """
+    """The protocol of `pbd record --sensor`'s name; UsageError: none, nor one of what the caller takes `also`."""
     if name not in PROTOCOLS:
         known = (*also, *PROTOCOLS)
         raise UsageError(

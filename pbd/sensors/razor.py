@@ -22,11 +22,7 @@ UNITS: Mapping[str, str] = MappingProxyType({"acc": "0.00390625 g", "gyr": "0.06
 
 
 def razor_layout(units: Mapping[str, str] | None = None) -> LineLayout:
-    """Make the Razor's layout; `units` stand in place of the ITG-3200 boards' own.
-
-    Raises:
-        SensorError: a unit is not known.
-    """
+    """Make the Razor's layout; `units` stand in place of the ITG-3200 boards' own."""
     lines = (
         Line(("-ax", "ay", "az"), "#A-C="),
         Line(("mx", "-my", "-mz"), "#M-C="),

@@ -1,9 +1,11 @@
 """VectorNav VN-100 (and its family): ASCII sentences and binary packets, both in one stream.
 
-Source: VN-100 User Manual, "Asynchronous output" and "User configurable binary output packets"; the sizes of the binary
-fields stand in vectornav_fields.py. ASCII: `$VN<header>,fields*HH` CR LF with the XOR of the bytes between $ and *, or
-four digits of CRC16: VNYMR (yaw, pitch, roll in deg, then as VNMAR), VNMAR (magnetic field in gauss, acceleration in
-m/s2, angular rate in rad/s), VNIMU (the same, uncompensated), and the answers to reading registers 27, 20, 54, 18, 19.
+Source: VN-100 User Manual, "Asynchronous output" and "User configurable binary output packets"; sizes of the binary
+fields: VectorNav's programming library 1.2 (`Packet::BinaryGroupLengths`, packet.cpp).
+
+ASCII: `$VN<header>,fields*HH` CR LF with the XOR of the bytes between $ and *, or four digits of CRC16: VNYMR (yaw,
+pitch, roll in deg, then as VNMAR), VNMAR (magnetic field in gauss, acceleration in m/s2, angular rate in rad/s), VNIMU
+(the same, uncompensated), and the answers to reading registers 27, 20, 54, 18, 19.
 Binary: 0xFA, a byte of groups, a 16-bit mask of fields for each, the fields (little-endian), CRC16.
 
 The device's axes are forward, right and down, its attitude is yaw, pitch and roll in north-east-down. **All are turned
@@ -15,14 +17,14 @@ from __future__ import annotations
 
 import re
 from binascii import crc_hqx
-from functools import reduce
+from functools import lru_cache, reduce
 from math import isfinite
 from operator import le, xor
+from struct import Struct, calcsize
 
 from pbd.data.units import DEG, UT_PER_GAUSS
 from pbd.sensors.attitude import from_north_east_down, rpy_from_quaternion
 from pbd.sensors.decoding import PacketDecoder, Sample, Triple, scaled
-from pbd.sensors.vectornav_fields import GROUPS_LENGTH, layout_of
 
 LONGEST_LINE = 256
 YPR_LIMITS = 180.01, 90.01, 180.01  # deg
@@ -39,6 +41,41 @@ SENTENCES: dict[bytes, tuple[int, dict[str, int]]] = {
     b"RRG,18": (3, {"acc": 0}),
     b"RRG,19": (3, {"gyr": 0}),
 }
+
+# Bytes of each field of the groups common, time, IMU, GPS, attitude, INS and GPS2, by bit.
+FIELD_BYTES = (
+    (8, 8, 8, 12, 16, 12, 24, 12, 12, 24, 20, 28, 2, 4, 8),
+    (8, 8, 8, 2, 8, 8, 8, 4, 4, 1),
+    (2, 12, 12, 12, 4, 4, 16, 12, 12, 12, 12, 2, 40),
+    (8, 8, 2, 1, 1, 24, 24, 12, 12, 12, 4, 4, 2, 28),
+    (2, 12, 16, 36, 12, 12, 12, 12, 12, 12, 28, 24, 12),
+    (2, 24, 24, 12, 12, 12, 12, 12, 12, 4, 4, 68, 64),
+    (8, 8, 2, 1, 1, 24, 24, 12, 12, 12, 4, 4, 2, 28),
+)
+# Fields that are read, by group and bit. The rest of a field is skipped.
+READ = {
+    (0, 0): ("time",),
+    (0, 3): ("ypr",),
+    (0, 4): ("quat",),
+    (0, 5): ("gyr",),
+    (0, 8): ("acc",),
+    (0, 9): ("raw acc", "raw gyr"),
+    (0, 10): ("mag",),
+    (1, 0): ("time",),
+    (2, 1): ("raw mag",),
+    (2, 2): ("raw acc",),
+    (2, 3): ("raw gyr",),
+    (2, 8): ("mag",),
+    (2, 9): ("acc",),
+    (2, 10): ("gyr",),
+    (4, 1): ("ypr",),
+    (4, 2): ("quat",),
+}
+FORMATS = {"time": ("Q", 1), "quat": ("4f", 4)}
+"""Format and count of a quantity's numbers; the others are three floats."""
+
+# Bytes of the byte of groups and the masks that it announces.
+GROUPS_LENGTH = tuple(1 + 2 * groups.bit_count() for groups in range(256))
 
 _SENTENCE = re.compile(rb"\$(VN(RRG,\d\d|[A-Z]{3})([ -#%-)+-~]*))\*([0-9A-Fa-f]{4}|[0-9A-Fa-f]{2})\r?\n")
 _FIELDS = re.compile(rb"((?:,[+-]?\d{1,9}(?:\.\d{1,12})?)*)(?:,[A-Z].*)?")
@@ -78,19 +115,20 @@ class VectorNavDecoder(PacketDecoder):
         fields_at = at + 1 + GROUPS_LENGTH[data[at + 1]] if len(data) > at + 1 else len(data) + 1
         if fields_at > len(data):
             return 0
-        layout = layout_of(data[at + 1 : fields_at])
+        layout = _layout_of(data[at + 1 : fields_at])
         if layout is None:
             return -1
-        end = fields_at + layout.fields.size + 2
+        fields, places = layout
+        end = fields_at + fields.size + 2
         if end > len(data):
             return 0
         if crc_hqx(data[at + 1 : end], 0):  # over the whole packet with its own CRC it is zero
             return -1
-        numbers = layout.fields.unpack_from(data, fields_at)
+        numbers = fields.unpack_from(data, fields_at)
         if not isfinite(sum(numbers)):
             self.tally.bad_packets += 1
-        elif layout.places:
-            samples.append(_sample(numbers, layout.places))
+        elif places:
+            samples.append(_sample(numbers, places))
         return end - at
 
 
@@ -114,3 +152,31 @@ def _sample(numbers: tuple[float, ...], places: dict[str, int]) -> Sample:
 def _turned(numbers: tuple[float, ...], at: int | None, unit: float) -> Triple | None:
     """Half a turn about x: from forward-right-down to forward-left-up."""
     return None if at is None else (numbers[at] * unit, -numbers[at + 1] * unit, -numbers[at + 2] * unit)
+
+
+@lru_cache(maxsize=64)  # a device sends three kinds of packets at most; noise must not fill the memory
+def _layout_of(header: bytes) -> tuple[Struct, dict[str, int]] | None:
+    """A packet's fields by its byte of groups and masks, and where what is wanted begins among the numbers.
+
+    None where a group or a field is not known, because the packet's length is unknown then.
+    """
+    groups = [group for group in range(8) if header[0] >> group & 1]
+    if not groups or groups[-1] >= len(FIELD_BYTES):
+        return None
+    formats, places, numbers = "<", dict[str, int](), 0
+    for index, group in enumerate(groups):
+        mask = int.from_bytes(header[1 + 2 * index : 3 + 2 * index], "little")
+        if mask >> len(FIELD_BYTES[group]):
+            return None
+        for bit, size in enumerate(FIELD_BYTES[group]):
+            if mask >> bit & 1:
+                field = ""
+                for what in READ.get((group, bit), ()):
+                    code, count = FORMATS.get(what, ("3f", 3))
+                    places[what], numbers, field = numbers, numbers + count, field + code
+                formats += f"{field}{size - calcsize('<' + field)}x"
+    for what in ("mag", "acc", "gyr"):  # the uncompensated ones serve where the compensated ones are not sent
+        raw = places.pop(f"raw {what}", None)
+        if raw is not None:
+            places.setdefault(what, raw)
+    return Struct(formats), places if places.keys() - {"time"} else {}

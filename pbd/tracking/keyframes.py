@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from itertools import pairwise
 
 import numpy as np
 
 from pbd.data import GripEvent, HandPath, Keyframe, Segment, Stop
-from pbd.errors import PbdWarning
+from pbd.errors import warn
 from pbd.pose import Array, Pose, quat_inverse, quat_log, quat_multiply
 from pbd.tracking.smoother.attitude import mean_quaternion
 
@@ -85,11 +84,9 @@ def _grip_at_stops(events: tuple[GripEvent, ...], t: Array, stops: tuple[Stop, .
         away = np.maximum(np.maximum(begins - event.t, event.t - ends), 0.0)
         nearest = int(np.argmin(away))
         if away[nearest] > NEAR_STOP_S:
-            warnings.warn(
+            warn(
                 f"the grip {'closed' if event.closed else 'opened'} at {event.t:.2f} s, {away[nearest]:.1f} s from the "
-                f"nearest stop; it is taken to belong to stop {nearest}",
-                PbdWarning,
-                stacklevel=2,
+                f"nearest stop; it is taken to belong to stop {nearest}"
             )
         at[nearest] = event.closed
     return at
@@ -102,11 +99,9 @@ def _changing(grips: dict[int, bool]) -> dict[int, bool]:
         closed = grips[stop]
         if changing and closed == changing[max(changing)]:
             state = "closed" if closed else "open"
-            warnings.warn(
+            warn(
                 f"the grip {'closes' if closed else 'opens'} at stop {stop}, but it is {state} since stop "
-                f"{max(changing)}: left out; correct [[grip]] in demo.toml if one between them is missing",
-                PbdWarning,
-                stacklevel=3,
+                f"{max(changing)}: left out; correct [[grip]] in demo.toml if one between them is missing"
             )
             continue
         changing[stop] = closed

@@ -13,14 +13,13 @@ Roll and pitch are the device's, yaw is a Kalman filter's; gravity is projected 
 
 from __future__ import annotations
 
-import warnings
 from itertools import pairwise
 
 import numpy as np
 
 from pbd.data import Recording, Stop
 from pbd.data.covariance import PoseCovariance
-from pbd.errors import PbdWarning, TrackingError
+from pbd.errors import TrackingError, warn
 from pbd.pose import Array, quat_from_rpy, quat_inverse, quat_rotate
 from pbd.tracking.estimate import NEVER_STILL, Estimate
 from pbd.tracking.first_rest import Rest
@@ -178,12 +177,10 @@ def paper_path(t: Array, a_nav: Array, stops: tuple[Stop, ...]) -> tuple[Array, 
 def _warn_of_threshold(a_nav: Array, stop: Stop) -> None:
     largest = float(resulting_variance(a_nav).max())
     seen = "no motion" if stop.stop - stop.start == len(a_nav) else "a single stop"
-    warnings.warn(
+    warn(
         f"--method paper finds {seen} in this sensor's data: the variance of its acceleration is at most "
         f"{largest:.2g}, and the paper's threshold lambda_v = {LAMBDA_V:g} (m/s2)^2 is for its own sensor at 40 Hz; "
-        "use --method default",
-        PbdWarning,
-        stacklevel=3,
+        "use --method default"
     )
 
 

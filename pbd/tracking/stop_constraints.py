@@ -6,7 +6,6 @@ sensor's own: it is back in its dock.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import count
@@ -14,7 +13,7 @@ from itertools import count
 import numpy as np
 
 from pbd.data import Calibration, Contact, HandPath, Known, Place
-from pbd.errors import PbdWarning, TrackingError
+from pbd.errors import TrackingError, warn
 from pbd.pose import Array, Pose, quat_rotate, quat_to_matrix, skew
 from pbd.tracking.keyframes import NEAR_STOP_S
 from pbd.tracking.smoother.attitude import mean_quaternion
@@ -255,4 +254,4 @@ def _different_stops(path: HandPath, times: tuple[float, ...], what: str) -> tup
 
 
 def _left_out(why: str) -> None:
-    warnings.warn(f"{why}, so it is left out; name a --calibration", PbdWarning, stacklevel=3)
+    warn(f"{why}, so it is left out; name a --calibration")

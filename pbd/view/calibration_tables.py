@@ -9,7 +9,7 @@ import numpy as np
 from rich.table import Table
 
 from pbd.data import Calibration, Linear
-from pbd.data.sigma import one_sigma
+from pbd.data.covariance import one_sigma
 from pbd.data.units import DEG, MG
 from pbd.pose import Array, Pose, quat_to_rpy
 from pbd.view.terminal_tables import make_table, words_table

@@ -16,7 +16,7 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from pbd.data import Keyframe, Robot, Segment
-from pbd.data.sigma import keyframe_sigmas
+from pbd.data.covariance import keyframe_sigmas
 from pbd.data.tracking import DOUBTED_WEIGHT
 from pbd.errors import printable
 from pbd.pose import Array, quat_to_rpy

@@ -14,10 +14,10 @@ import pytest
 from pbd.cli import main
 from pbd.errors import LONGEST_MESSAGE, PbdError, RecordingError, RobotError
 from pbd.files.demo import read_demo
-from pbd.files.importers import import_file
+from pbd.files.importers import import_file, npz
 from pbd.files.points import read_points
 from pbd.files.table import read_table
-from pbd.io import meshes, npz
+from pbd.io import meshes
 from pbd.io.meshes import mesh_file
 from pbd.io.numbers import number, seconds
 from pbd.io.opening import read_bytes

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from pbd.pose import quat_from_rpy, quat_to_matrix
 from pbd.sensors.decoding import Sample, Tally
-from pbd.sensors.vectornav import VectorNavDecoder
-from pbd.sensors.vectornav_fields import FIELD_BYTES
+from pbd.sensors.vectornav import FIELD_BYTES, VectorNavDecoder
 from tests.sensors.encoders import vectornav as vn
 
 REGISTERS = (

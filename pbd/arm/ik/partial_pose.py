@@ -14,7 +14,6 @@ on, which has a smooth gradient everywhere but at half a turn.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -24,7 +23,7 @@ from pbd.arm.ik.levenberg_marquardt import descend
 from pbd.arm.ik.starts import starts_of
 from pbd.arm.model import ArmModel
 from pbd.arm.tool import Target, in_universe, target, tool_in_universe
-from pbd.errors import PbdWarning
+from pbd.errors import warn
 from pbd.pose import Array, Pose
 
 FULL_POSE = 6
@@ -157,12 +156,10 @@ def hold(arm: ArmModel, T_base_tool: Sequence[Pose], q: Array) -> Held:
     if len(off) and off.max() > TELL_RAD:
         approach, about = np.rad2deg(off.max(axis=0))
         worst = int(np.argmax(np.hypot(off[:, 0], ABOUT_AXIS * off[:, 1])))
-        warnings.warn(
+        warn(
             f"{arm.robot.name} has {q.shape[1]} joints and can't match the hand's orientation: its approach axis is up "
             f"to {approach:.0f} degrees off, the rotation about it up to {about:.0f} degrees, worst at keyframe "
-            f"{worst}; use an arm with six joints, or move the dock",
-            PbdWarning,
-            stacklevel=3,
+            f"{worst}; use an arm with six joints, or move the dock"
         )
     return Held(held, off)
 

@@ -5,7 +5,6 @@ A move is straight in joint space (ptp.py) or follows a curve (path_smoothing.py
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -15,7 +14,7 @@ from pbd.arm.model import ArmModel
 from pbd.arm.timing.piecewise_cubic import PiecewiseCubic
 from pbd.arm.timing.ptp import ptp_move
 from pbd.data import JointLimits, JointTrajectory
-from pbd.errors import PbdWarning, PlanError
+from pbd.errors import PlanError, warn
 from pbd.pose import Array
 
 APPROACH_SPEED = 0.5
@@ -104,7 +103,7 @@ def time_moves(
         wanted = opening[-1] if closes is None else float(not closes)
         if wanted != opening[-1] and gripper is None:
             message = f"{arm.robot.name} has no gripper: the grip at keyframe {i} is ignored"
-            warnings.warn(f"{message}; add a [gripper] in its TOML", PbdWarning, stacklevel=2)
+            warn(f"{message}; add a [gripper] in its TOML")
         elif wanted != opening[-1] and gripper is not None:
             gripper_t += [done.t, done.t + gripper.stroke_s]
             opening += [opening[-1], wanted]

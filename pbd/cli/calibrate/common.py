@@ -10,7 +10,7 @@ import numpy as np
 
 from pbd.cli.console import working
 from pbd.data import Calibration, HandPath, Recording, Robot
-from pbd.data.sigma import one_sigma
+from pbd.data.covariance import one_sigma
 from pbd.errors import CalibrationError, PlanError
 from pbd.files.calibration_edit import calibration_file, existing_calibration
 from pbd.files.demo import load_demo

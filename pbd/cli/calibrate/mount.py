@@ -11,7 +11,7 @@ from pbd.calibration.points import POOR_CHI2
 from pbd.cli.calibrate.common import opened, sigma_json, tracked
 from pbd.cli.console import print_json, say
 from pbd.data import Calibration
-from pbd.data.sigma import one_sigma
+from pbd.data.covariance import one_sigma
 from pbd.errors import CalibrationError
 from pbd.files.calibration_edit import covariance_values, pose_values, update_calibration
 from pbd.pose import Array, Pose

@@ -16,7 +16,7 @@ from pbd.calibration.sensor import corrected
 from pbd.cli.calibrate.common import instead_of, opened, sigma_json, tracked
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, HandPath, Keyframe, Recording
-from pbd.data.sigma import one_sigma
+from pbd.data.covariance import one_sigma
 from pbd.errors import CalibrationError, PbdWarning, warn
 from pbd.files.calibration_edit import covariance_values, pose_values, update_calibration
 from pbd.files.demo import load_demo

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from pbd.errors import PbdWarning, UsageError, nearest
+from pbd.errors import UsageError, nearest, warn
 from pbd.io.atomic import atomic_file, atomic_folder
 
 if TYPE_CHECKING:
@@ -77,12 +76,7 @@ class Export:
 def check_format(
     format_name: str, rate_hz: float | None = None, dense: bool = False, robot: Robot | None = None
 ) -> None:
-    """Refuse what no motion could change.
-
-    Raises:
-        UsageError: the format isn't known, or doesn't take this option.
-        PlanError: the format is not for this robot.
-    """
+    """Refuse what no motion could change: a format or option (UsageError), or what the robot isn't for (PlanError)."""
     if format_name not in FORMATS:
         known = f"{', '.join(FORMATS)}{nearest(format_name, FORMATS)}"
         raise UsageError(f"no format '{format_name}'; known are {known}", value=format_name)
@@ -142,11 +136,9 @@ def export(
     if format_name in ROW_BY_ROW:
         worst = max(shares(points, "cubic", robot.limits), key=lambda share: share.value)
         if worst.value > 1.0 + CUBIC_EXCESS:
-            warnings.warn(
+            warn(
                 f"{reached(order, points, 'cubic', worst)}; send each sample at its time, give a higher --rate, or "
-                "take ros2-json, which is exact",
-                PbdWarning,
-                stacklevel=2,
+                "take ros2-json, which is exact"
             )
     return Export(points, file_format.COUNTED, receiver)
 

@@ -61,11 +61,7 @@ class Order:
 
     @property
     def source(self) -> Source:
-        """What the motion was made from.
-
-        Raises:
-            PbdError: nobody said.
-        """
+        """What the motion was made from; PbdError: nobody said."""
         if self.made_from is None:
             what = f"{self.format_name} tells what the motion was made from; give source=pbd.planning.source_of(...)"
             raise PbdError(what, value=self.format_name)

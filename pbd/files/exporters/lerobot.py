@@ -60,12 +60,7 @@ class Episode(NamedTuple):
 
 
 def check(robot: Robot) -> None:
-    """Refuse where pyarrow is missing, or the arm has no gripper.
-
-    Raises:
-        PbdError: pyarrow is missing.
-        PlanError: there is no gripper.
-    """
+    """Refuse where pyarrow is missing (PbdError), or the arm has no gripper (PlanError)."""
     try:
         import pyarrow.parquet  # noqa: F401
     except ImportError:
@@ -77,11 +72,7 @@ def check(robot: Robot) -> None:
 
 
 def refuse_dataset(folder: Path, robot: Robot) -> None:
-    """Refuse a folder to which this robot's episodes can't be added, before the command starts to work.
-
-    Raises:
-        PbdError: as `read_episodes`, or nothing can be written there.
-    """
+    """Refuse a folder to which this robot's episodes can't be added (PbdError), before the command starts to work."""
     if not read_episodes(folder, robot):
         refuse_folder(folder)
 

@@ -5,7 +5,7 @@ Both begin at the bag's start. Written by rosbags, which comes with pbd-robot[ro
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -16,7 +16,7 @@ import numpy as np
 from pbd.data import Recording, Robot, Samples
 from pbd.errors import PbdError
 from pbd.files.exporters.job import Order
-from pbd.files.exporters.ros2_json import COUNTED, FILLED_BY, finger_message, samples
+from pbd.files.exporters.ros2_json import COUNTED, FILLED_BY, finger_message, goal_message, samples
 from pbd.pose import Array, Pose, quat_to_xyzw
 
 __all__ = ["COUNTED", "FILLED_BY", "check", "read", "samples", "write"]
@@ -28,6 +28,7 @@ LATCHED = ("/robot_description", "/tf_static", "/joint_trajectory", "/gripper_tr
 PATHS = ("/keyframes/path", "/tool/path", "/hand/path")
 """Topics with one message, for whoever comes later too."""
 
+GOAL = "trajectory_msgs/msg/JointTrajectory"
 TOOL, NAV, SENSOR = "pbd_tool", "nav", "sensor"
 
 UNDATED_NS = 10**9
@@ -35,11 +36,7 @@ UNDATED_NS = 10**9
 
 
 def check(robot: Robot) -> None:
-    """Refuse where rosbags is missing.
-
-    Raises:
-        PbdError: it is.
-    """
+    """Refuse where rosbags is missing (PbdError)."""
     try:
         import rosbags.rosbag2  # noqa: F401
     except ImportError:
@@ -79,11 +76,13 @@ def read(path: Path) -> Samples:
 
 
 class _Bag:
-    """The messages of one bag."""
+    """The messages of one bag; each is made of dicts, lists and numbers."""
 
     def __init__(self, order: Order, writer: Any) -> None:
+        from rosbags.interfaces import Nodetype
         from rosbags.typesys import Stores, get_typestore
 
+        self.node = Nodetype
         self.order, self.source, self.writer = order, order.source, writer
         self.store = get_typestore(Stores.ROS2_JAZZY)
         self.topics: dict[str, Any] = {}
@@ -95,26 +94,25 @@ class _Bag:
     def fill(self, points: Samples) -> None:
         order, robot, hand = self.order, self.order.robot, self.source.hand
         states = order.trajectory.sample(order.rate_hz or USUAL_HZ)
-        urdf = robot.urdf.read_text(encoding="utf-8")
-        self.put("/robot_description", 0.0, self.make("std_msgs/String", data=urdf))
-        self.put_trajectories(points)
+        self.put("/robot_description", 0.0, "std_msgs/msg/String", {"data": robot.urdf.read_text(encoding="utf-8")})
+        goal = goal_message(robot.joints, points.t, (points.q, points.qd, points.qdd))
+        self.put("/joint_trajectory", 0.0, GOAL, goal)
+        if robot.gripper is not None and robot.gripper.joints:
+            self.put("/gripper_trajectory", 0.0, GOAL, finger_message(order.trajectory, robot.gripper))
         moving = self.put_links(states)
-        p, wxyz = self.source.tool(order.trajectory.keyframe_q)
-        for at, *pose in zip(order.trajectory.keyframe_t.tolist(), p, wxyz, strict=True):
-            self.put("/keyframes", at, self.stamped(robot.base, at, *pose))
-        self.put("/keyframes/path", 0.0, self.path(robot.base, order.trajectory.keyframe_t, p, wxyz))
-        self.put("/tool/path", 0.0, self.path(robot.base, states.t, *self.source.tool(states.q)))
-        self.put("/hand/path", 0.0, self.path(NAV, hand.t, hand.p_nav_sensor, hand.wxyz_nav_sensor))
+        keyframes = order.trajectory.keyframe_t, *self.source.tool(order.trajectory.keyframe_q)
+        self.put_poses("/keyframes", robot.base, *keyframes)
+        self.put_path("/keyframes/path", robot.base, *keyframes)
+        self.put_path("/tool/path", robot.base, states.t, *self.source.tool(states.q))
+        self.put_path("/hand/path", NAV, hand.t, hand.p_nav_sensor, hand.wxyz_nav_sensor)
+        self.put_poses("/hand/pose", NAV, hand.t, hand.p_nav_sensor, hand.wxyz_nav_sensor)
         for at, *pose in zip(hand.t.tolist(), hand.p_nav_sensor, hand.wxyz_nav_sensor, strict=True):
-            self.put("/hand/pose", at, self.stamped(NAV, at, *pose))
-            self.put("/tf", at, self.transforms(at, [(NAV, SENSOR, Pose(*pose))]))
+            self.put_transforms("/tf", at, [(NAV, SENSOR, Pose(*pose))])
         fixed = [(robot.base, NAV, self.source.T_base_nav), (robot.body, TOOL, robot.T_body_tool)]
         fixed += [(parent, link, at) for link, (parent, at) in self.links(states, 0).items() if link not in moving]
-        self.put("/tf_static", 0.0, self.transforms(0.0, fixed))
+        self.put_transforms("/tf_static", 0.0, fixed)
         if self.recording is not None:
             self.put_recording(self.recording)
-
-    # --- the arm ------------------------------------------------------------------------------------------------------
 
     def links(self, states: Samples, i: int) -> dict[str, tuple[str, Pose]]:
         return self.source.links(states.q[i], float(states.gripper[i]))
@@ -130,115 +128,87 @@ class _Bag:
             fingers = gripper.closed + states.gripper[:, None] * (gripper.open - gripper.closed)
             q, qd = np.hstack((q, fingers)), np.hstack((qd, np.gradient(fingers, states.t, axis=0)))
         for i, at in enumerate(states.t.tolist()):
-            state = self.make(
-                "sensor_msgs/JointState",
-                header=self.header(robot.base, at),
-                name=names,
-                position=q[i],
-                velocity=qd[i],
-                effort=np.empty(0),
-            )
-            self.put("/joint_states", at, state)
+            state = {"header": self.header(robot.base, at), "name": names, "position": q[i], "velocity": qd[i]}
+            self.put("/joint_states", at, "sensor_msgs/msg/JointState", state | {"effort": []})
             found = [(parent, link, pose) for link, (parent, pose) in self.links(states, i).items() if link in moving]
-            self.put("/tf", at, self.transforms(at, found))
+            self.put_transforms("/tf", at, found)
         return moving
-
-    def put_trajectories(self, points: Samples) -> None:
-        """Write the goals of the arm and of its fingers."""
-        none = np.empty((len(points.t), 0))
-        arm = self.trajectory(self.order.robot.joints, points.t, (points.q, points.qd, points.qdd, none))
-        self.put("/joint_trajectory", 0.0, arm)
-        gripper = self.order.robot.gripper
-        if gripper is not None and gripper.joints:
-            goal = finger_message(self.order.trajectory, gripper)
-            since = (point["time_from_start"] for point in goal["points"])
-            t = np.array([at["sec"] + 1e-9 * at["nanosec"] for at in since])
-            q, none = np.array([point["positions"] for point in goal["points"]]), np.empty((len(t), 0))
-            self.put("/gripper_trajectory", 0.0, self.trajectory(gripper.joints, t, (q, none, none, none)))
-
-    def trajectory(self, names: Sequence[str], t: Array, columns: Sequence[Array]) -> Any:
-        rows = [
-            self.make(
-                "trajectory_msgs/JointTrajectoryPoint",
-                **dict(zip(("positions", "velocities", "accelerations", "effort"), row, strict=True)),
-                time_from_start=self.time("Duration", round(1e9 * at)),
-            )
-            for at, *row in zip(t.tolist(), *columns, strict=True)
-        ]
-        now = self.make("std_msgs/Header", stamp=self.time("Time", 0), frame_id="")
-        return self.make("trajectory_msgs/JointTrajectory", header=now, joint_names=list(names), points=rows)
-
-    # --- the hand -----------------------------------------------------------------------------------------------------
 
     def put_recording(self, recording: Recording) -> None:
         """Write what the sensor said; a sample that is missing is left out."""
         unknown, known = np.append(-1.0, np.zeros(8)), np.zeros(9)
-        nowhere = self.make("geometry_msgs/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
         gyr = np.zeros_like(recording.acc) if recording.gyr is None else recording.gyr
+        constant = {
+            "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0},
+            "orientation_covariance": unknown,
+            "angular_velocity_covariance": unknown if recording.gyr is None else known,
+            "linear_acceleration_covariance": known,
+        }
         for i in np.flatnonzero(np.isfinite(recording.acc).all(axis=1) & np.isfinite(gyr).all(axis=1)).tolist():
             at = float(recording.t[i])
-            imu = self.make(
-                "sensor_msgs/Imu",
-                header=self.header(SENSOR, at),
-                orientation=nowhere,
-                orientation_covariance=unknown,
-                angular_velocity=self.vector(gyr[i]),
-                angular_velocity_covariance=unknown if recording.gyr is None else known,
-                linear_acceleration=self.vector(recording.acc[i]),
-                linear_acceleration_covariance=known,
-            )
-            self.put("/imu", at, imu)
+            read = {"angular_velocity": _xyz(gyr[i]), "linear_acceleration": _xyz(recording.acc[i])}
+            self.put("/imu", at, "sensor_msgs/msg/Imu", {"header": self.header(SENSOR, at), **constant, **read})
         mag = np.empty((0, 3)) if recording.mag is None else recording.mag
         for i in np.flatnonzero(np.isfinite(mag).all(axis=1)).tolist():
-            at, tesla = float(recording.t[i]), self.vector(1e-6 * mag[i])
+            at, tesla = float(recording.t[i]), _xyz(1e-6 * mag[i])
             field = {"header": self.header(SENSOR, at), "magnetic_field": tesla, "magnetic_field_covariance": known}
-            self.put("/magnetic_field", at, self.make("sensor_msgs/MagneticField", **field))
+            self.put("/magnetic_field", at, "sensor_msgs/msg/MagneticField", field)
 
-    # --- messages -----------------------------------------------------------------------------------------------------
+    def put_poses(self, topic: str, frame: str, *poses: Array) -> None:
+        for at, p, wxyz in zip(*poses, strict=True):
+            self.put(topic, float(at), "geometry_msgs/msg/PoseStamped", self.stamped(frame, float(at), p, wxyz))
 
-    def put(self, topic: str, at: float, message: Any) -> None:
+    def put_path(self, topic: str, frame: str, *poses: Array) -> None:
+        stamped = [self.stamped(frame, float(at), p, wxyz) for at, p, wxyz in zip(*poses, strict=True)]
+        self.put(topic, 0.0, "nav_msgs/msg/Path", {"header": self.header(frame, 0.0), "poses": stamped})
+
+    def put_transforms(self, topic: str, at: float, found: Sequence[tuple[str, str, Pose]]) -> None:
+        transforms = [
+            {
+                "header": self.header(parent, at),
+                "child_frame_id": child,
+                "transform": {"translation": _xyz(pose.p), "rotation": _xyzw(pose.wxyz)},
+            }
+            for parent, child, pose in found
+        ]
+        self.put(topic, at, "tf2_msgs/msg/TFMessage", {"transforms": transforms})
+
+    def put(self, topic: str, at: float, kind: str, message: Mapping[str, Any]) -> None:
         """Write a message at seconds from the start."""
-        kind = message.__msgtype__
         if topic not in self.topics:
             qos = _latched() if topic in (*LATCHED, *PATHS) else ()
             self.topics[topic] = self.writer.add_connection(topic, kind, typestore=self.store, offered_qos_profiles=qos)
-        self.writer.write(self.topics[topic], self.start_ns + round(1e9 * at), self.store.serialize_cdr(message, kind))
+        data = self.store.serialize_cdr(self.built(kind, message), kind)
+        self.writer.write(self.topics[topic], self.start_ns + round(1e9 * at), data)
 
-    def make(self, kind: str, **fields: Any) -> Any:
-        package, name = kind.split("/")
-        return self.store.types[f"{package}/msg/{name}"](**fields)
+    def built(self, kind: str, message: Mapping[str, Any]) -> Any:
+        """Make rosbags' own object of a message, and of those in it."""
+        fields = {}
+        for name, (node, of) in self.store.fielddefs[kind][1]:
+            value = message[name]
+            if node == self.node.NAME:
+                value = self.built(of, value)
+            elif node != self.node.BASE and of[0][0] == self.node.NAME:
+                value = [self.built(of[0][1], each) for each in value]
+            elif node != self.node.BASE and of[0][1][0] == "float64":
+                value = np.asarray(value, dtype=np.float64)
+            fields[name] = value
+        return self.store.types[kind](**fields)
 
-    def time(self, kind: str, ns: int) -> Any:
-        return self.make(f"builtin_interfaces/{kind}", sec=ns // 10**9, nanosec=ns % 10**9)
+    def header(self, frame: str, at: float) -> dict[str, Any]:
+        sec, nanosec = divmod(self.start_ns + round(1e9 * at), 10**9)
+        return {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": frame}
 
-    def header(self, frame: str, at: float) -> Any:
-        return self.make("std_msgs/Header", stamp=self.time("Time", self.start_ns + round(1e9 * at)), frame_id=frame)
+    def stamped(self, frame: str, at: float, p: Array, wxyz: Array) -> dict[str, Any]:
+        return {"header": self.header(frame, at), "pose": {"position": _xyz(p), "orientation": _xyzw(wxyz)}}
 
-    def vector(self, v: Array, kind: str = "Vector3") -> Any:
-        x, y, z = v.tolist()
-        return self.make(f"geometry_msgs/{kind}", x=x, y=y, z=z)
 
-    def quaternion(self, wxyz: Array) -> Any:
-        x, y, z, w = quat_to_xyzw(wxyz).tolist()
-        return self.make("geometry_msgs/Quaternion", x=x, y=y, z=z, w=w)
+def _xyz(v: Array) -> dict[str, float]:
+    return dict(zip("xyz", v.tolist(), strict=True))
 
-    def stamped(self, frame: str, at: float, p: Array, wxyz: Array) -> Any:
-        pose = self.make("geometry_msgs/Pose", position=self.vector(p, "Point"), orientation=self.quaternion(wxyz))
-        return self.make("geometry_msgs/PoseStamped", header=self.header(frame, at), pose=pose)
 
-    def path(self, frame: str, t: Array, p: Array, wxyz: Array) -> Any:
-        poses = [self.stamped(frame, *row) for row in zip(t.tolist(), p, wxyz, strict=True)]
-        return self.make("nav_msgs/Path", header=self.header(frame, 0.0), poses=poses)
-
-    def transforms(self, at: float, found: Sequence[tuple[str, str, Pose]]) -> Any:
-        rows = []
-        for parent, child, pose in found:
-            place = {"translation": self.vector(pose.p), "rotation": self.quaternion(pose.wxyz)}
-            transform = self.make("geometry_msgs/Transform", **place)
-            header = self.header(parent, at)
-            stamped = {"header": header, "child_frame_id": child, "transform": transform}
-            rows.append(self.make("geometry_msgs/TransformStamped", **stamped))
-        return self.make("tf2_msgs/TFMessage", transforms=rows)
+def _xyzw(wxyz: Array) -> dict[str, float]:
+    return dict(zip("xyzw", quat_to_xyzw(wxyz).tolist(), strict=True))
 
 
 def _latched() -> tuple[Any]:

@@ -50,7 +50,7 @@ def samples(order: Order) -> Samples:
 def write(order: Order, points: Samples, path: Path) -> None:
     """Write the goals, one point a line."""
     trajectory, gripper = order.trajectory, order.robot.gripper
-    arm = _message(trajectory.joint_names, points.t, (points.q, points.qd, points.qdd))
+    arm = goal_message(trajectory.joint_names, points.t, (points.q, points.qd, points.qdd))
     fingers = None
     if gripper is not None and gripper.joints:
         fingers = finger_message(trajectory, gripper)
@@ -75,7 +75,9 @@ def finger_message(trajectory: JointTrajectory, gripper: Gripper) -> dict[str, A
     t = np.concatenate(([0.0], trajectory.gripper_t, [trajectory.duration]))
     _, first = np.unique(np.round(1e9 * t), return_index=True)
     opening = np.interp(t[first], trajectory.gripper_t, trajectory.gripper_opening)
-    return _message(gripper.joints, t[first], (gripper.closed + opening[:, None] * (gripper.open - gripper.closed),))
+    return goal_message(
+        gripper.joints, t[first], (gripper.closed + opening[:, None] * (gripper.open - gripper.closed),)
+    )
 
 
 def gripper_commands(trajectory: JointTrajectory) -> list[dict[str, Any]]:
@@ -99,7 +101,7 @@ def _apart(t: Array) -> Array:
     return np.array(kept)
 
 
-def _message(joint_names: tuple[str, ...], t: Array, derivatives: tuple[Array, ...]) -> dict[str, Any]:
+def goal_message(joint_names: tuple[str, ...], t: Array, derivatives: tuple[Array, ...]) -> dict[str, Any]:
     """Make a JointTrajectory: stamp 0 ("now"), positions (n, k) and what else there is, no effort."""
     columns = [(x + 0.0).tolist() for x in derivatives]  # no -0.0
     columns += [[[]] * len(t)] * (3 - len(columns))

@@ -74,23 +74,14 @@ class _Leg(NamedTuple):
 
 
 def check(robot: Robot) -> None:
-    """Refuse an arm of another maker.
-
-    Raises:
-        PlanError: its joints are not named as Universal Robots' are.
-    """
+    """Refuse (PlanError) an arm whose joints are not named as Universal Robots' are."""
     if len(robot.joints) != 6 or not all(map(str.endswith, robot.joints, JOINTS)):
         what = f"urscript is for arms of Universal Robots, which {robot.name} is not; take csv, npz or ros2-json"
         raise PlanError(what, robot=robot.name)
 
 
 def samples(order: Order) -> Samples:
-    """Evaluate at the end of each move; dense, at the controller's period in each.
-
-    Raises:
-        PlanError: it is another maker's arm, or a move isn't straight.
-        PbdError: no controller has this rate.
-    """
+    """Evaluate at the end of each move; dense, at the controller's period in each. PbdError: no controller has it."""
     check(order.robot)
     if order.rate_hz not in (None, *PERIODS_HZ):
         what = f"--rate must be 125 (CB3) or 500 (e-Series) for servoj, got {order.rate_hz:g}"
@@ -148,11 +139,7 @@ def _instants(order: Order, leg: _Leg) -> Array:
 
 
 def _speeds(order: Order, leg: _Leg) -> tuple[float, float]:
-    """Return the leading axis' acceleration and velocity that make a movej last as long as the move.
-
-    Raises:
-        PlanError: the move isn't straight in joint space.
-    """
+    """The leading axis' a and v by which a movej lasts as long as the move; PlanError: the move isn't straight."""
     points = order.trajectory.at(np.linspace(leg.since, leg.until, 200))
     way, took = points.q[-1] - points.q[0], leg.until - leg.since
     leading = int(np.argmax(np.abs(way)))

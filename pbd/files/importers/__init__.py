@@ -111,11 +111,7 @@ def import_recording(
 
 
 def check_rate(path: Path, rate_hz: float, what: str) -> None:
-    """Refuse a rate that no sensor has; `what` begins the message.
-
-    Raises:
-        RecordingError: it lies beyond RATES_HZ.
-    """
+    """Refuse (RecordingError) a rate that no sensor has; `what` begins the message."""
     slowest, fastest = RATES_HZ
     if not slowest <= rate_hz <= fastest:
         bound = "above zero" if not rate_hz > 0.0 else f"{slowest:g} to {fastest:g} Hz"

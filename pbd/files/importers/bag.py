@@ -40,13 +40,7 @@ LONGEST_MESSAGE = 10_000
 def read_bag(path: Path, topic: str | None = None) -> tuple[Recording, Understood]:
     """Read a recording, and what was read of it, from a .mcap, a .db3 or a bag's folder.
 
-    Args:
-        path: the bag.
-        topic: of its sensor_msgs/Imu; default: the only one.
-
-    Raises:
-        RecordingError: it can't be read, has no such topic, or has several and none is named.
-        PbdError: rosbags is missing.
+    Of several topics of sensor_msgs/Imu one must be named. PbdError: rosbags is missing; RecordingError: the rest.
     """
     try:
         from rosbags.rosbag2 import Reader

@@ -37,10 +37,6 @@ def remapped(
         understood: what was made of it.
         columns: ours -> ours, or the file's name; -NAME turns the sign.
         units: of acc, gyr, mag; -UNIT turns the sign.
-
-    Raises:
-        UsageError: a channel or unit that isn't known.
-        RecordingError: there is no such column of that quantity.
     """
     read = {name: values for name in ("gyr", "acc", "mag") if (values := getattr(recording, name)) is not None}
     changed = {name: values.copy() for name, values in read.items()}

@@ -7,14 +7,13 @@ import os
 import stat
 import struct
 import sys
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from pbd.errors import PbdWarning, RecordingError, in_words
+from pbd.errors import RecordingError, in_words, warn
 from pbd.io.opening import LARGE, read_text
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
@@ -40,7 +39,7 @@ def whole_bag(path: Path) -> Iterator[Path]:
         what = f"{file}: its end is missing, as after a crash; it is read as far as it goes"
         if file != path:
             raise RecordingError(f"{what} if you import it instead of its folder", path=file)
-        warnings.warn(what, PbdWarning, stacklevel=2)
+        warn(what)
         with TemporaryDirectory() as folder:
             mended = Path(folder) / "mended.mcap"
             mended.write_bytes(MCAP_MAGIC + b"".join(data[part] for part in parts) + MCAP_FOOTER)

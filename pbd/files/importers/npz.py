@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import io
+import warnings
+import zipfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pbd.data import Recording, RecordingInfo, Truth
-from pbd.errors import RecordingError, listed
+from pbd.errors import RecordingError, in_words, listed
 from pbd.files.importers import check_rate
 from pbd.files.importers.columns import Understood
 from pbd.files.importers.headerless import understood_channels
-from pbd.io.npz import read_arrays
+from pbd.io.opening import LARGE, read_bytes
 from pbd.pose import Array
 
 KEYS = ("rate_hz", "acc", "gyr", "mag", "true_position", "true_wxyz", "true_rate_hz")
+
+NEXT_STEP = "save it with numpy.savez"
 
 
 def read_npz(path: Path) -> tuple[Recording, Understood, Truth | None]:
@@ -26,7 +33,7 @@ def read_npz(path: Path) -> tuple[Recording, Understood, Truth | None]:
     Raises:
         RecordingError: not an npz, or without rate_hz and acc.
     """
-    arrays, others = read_arrays(path, KEYS, RecordingError, "save it with numpy.savez")
+    arrays, others = _arrays(path)
     for key in ("rate_hz", "acc"):
         if key not in arrays:
             raise RecordingError(f"{path}: no array '{key}'; it has {listed((*arrays, *others))}", path=path, value=key)
@@ -54,6 +61,25 @@ def read_npz(path: Path) -> tuple[Recording, Understood, Truth | None]:
     unread = dict.fromkeys(others, "none of the names that are known")
     told = understood_channels(recording, {key: key for key in ("gyr", "acc", "mag")}, "its name", unread)
     return recording, told, _truth(arrays, rates["true_rate_hz"])
+
+
+def _arrays(path: Path) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:
+    """Those of KEYS that are there and hold numbers, and the names of all other arrays."""
+    data = read_bytes(path, RecordingError, NEXT_STEP)
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            sizes = {member.filename.removesuffix(".npy"): member.file_size for member in archive.infolist()}
+        there = [name for name in KEYS if name in sizes]
+        if sum(sizes[name] for name in there) > LARGE:
+            raise ValueError(f"its arrays take more than the {LARGE / 1e6:.0f} MB that are read")
+        with warnings.catch_warnings(), np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+            warnings.simplefilter("ignore")  # numpy warns when it repairs files of Python 2
+            read = {name: arrays[name] for name in there}
+    except Exception as reason:  # damaged bytes make zip, zlib, tokenize and numpy raise errors of their own
+        what = f"{path}: can't be read as an npz ({in_words(reason)}); {NEXT_STEP}"
+        raise RecordingError(what, path=path) from None
+    numbers = {name: array for name, array in read.items() if array.dtype.kind in "fiub"}
+    return numbers, tuple(name for name in sizes if name not in there)
 
 
 def _truth(arrays: dict[str, Array], rate_hz: float) -> Truth | None:

@@ -46,14 +46,7 @@ NO_SENSOR = "a file that isn't used"
 
 
 def read_phone(path: Path) -> tuple[Recording, Understood] | None:
-    """Read a phone's recording, and what was read of it; None where it is none of Sensor Logger's or phyphox'.
-
-    Args:
-        path: a zip, a folder, or a CSV in such a folder.
-
-    Raises:
-        RecordingError: a damaged zip, no specific force with gravity, or a table that is none.
-    """
+    """Read a phone's recording from a zip, a folder, or a CSV in such a folder; None where it is of neither app."""
     files = zipped_tables(path) if path.suffix.lower() == ".zip" else _beside(path)
     if not files:
         return None

@@ -40,11 +40,7 @@ def is_printed(text: str) -> bool:
 
 
 def printed_sheet(path: Path, text: str) -> Sheet:
-    """Make a table of such lines.
-
-    Raises:
-        RecordingError: no sample has all its names.
-    """
+    """Make a table of such lines; RecordingError: no sample has all its names."""
     samples: list[dict[str, str]] = [{}]
     units: dict[str, str] = {}
     for line in (whole[:LONGEST_LINE] for whole in text.split("\n")):

@@ -24,11 +24,7 @@ Files = dict[str, Callable[[], bytes]]
 
 
 def zipped_tables(path: Path) -> Files:
-    """The tables of a zip, whatever folder they are in: name -> what reads it.
-
-    Raises:
-        RecordingError: no zip, a damaged one, or several recordings in one.
-    """
+    """The tables of a zip by name, whatever folder they are in; RecordingError: no zip, or several recordings."""
     data = read_bytes(path, RecordingError, "export it again")
     try:
         archive = zipfile.ZipFile(io.BytesIO(data))

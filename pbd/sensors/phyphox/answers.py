@@ -53,11 +53,7 @@ LONGEST_ANSWER = 16_000_000
 
 
 def read_answer(text: bytes) -> dict[str, Any] | list[Any]:
-    """Read an answer as JSON.
-
-    Raises:
-        ValueError: it is none: cut off, nested without end, numbers too long for any.
-    """
+    """Read an answer as JSON; ValueError: it is cut off, nested without end, or neither buffers nor moments."""
     import orjson
 
     try:
@@ -73,11 +69,7 @@ def read_answer(text: bytes) -> dict[str, Any] | list[Any]:
 
 
 def read_moments(answer: object) -> tuple[Moment, ...]:
-    """Read the answer to `/time`, oldest first.
-
-    Raises:
-        ValueError: it is another answer.
-    """
+    """Read the answer to `/time`, oldest first; ValueError: it is another answer."""
     try:
         moments = tuple(Moment(each["event"] == "START", each["experimentTime"], each["systemTime"]) for each in answer)  # type: ignore[attr-defined]
         plain = all(0.0 <= each.t < inf and abs(each.system) < 1e12 for each in moments)
@@ -89,11 +81,7 @@ def read_moments(answer: object) -> tuple[Moment, ...]:
 
 
 def read_buffers(answer: object) -> dict[str, Array]:
-    """Read the answer to `/get`: of each sensor that it has, rows of time and three axes, (n, 4).
-
-    Raises:
-        ValueError: it is another answer.
-    """
+    """Read the answer to `/get`: of each sensor rows of time and three axes, (n, 4); ValueError: it is another."""
     try:
         buffers = answer["buffer"]  # type: ignore[index]
         there = {kind: names for kind, names in BUFFERS.items() if names[0] in buffers}

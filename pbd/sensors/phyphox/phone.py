@@ -58,8 +58,7 @@ class PhonePort(Source):
     def __init__(self, address: str) -> None:
         """Connect, and start the measurement if it does not run.
 
-        Raises:
-            SensorError: no such address, nobody answers, no phyphox answers, or another experiment is open.
+        SensorError: no such address, nobody answers, no phyphox answers, or another experiment is open.
         """
         self.device, self.trouble = address.rstrip("/"), ""
         self._host, self._port = _host_and_port(self.device)
@@ -69,11 +68,7 @@ class PhonePort(Source):
         self.connect()
 
     def connect(self) -> None:
-        """Connect, for the first time or again: then it goes on with the first sample that was not read yet.
-
-        Raises:
-            SensorError: as for a new one.
-        """
+        """Connect, for the first time or again: then it goes on with the first sample that was not read yet."""
         self._silent_since = inf
         try:
             self._open()
@@ -122,11 +117,7 @@ class PhonePort(Source):
             )
 
     def read(self) -> bytes:
-        """Return what is new on the phone, after POLL_S at the latest where it answers at once.
-
-        Raises:
-            SensorError: no sample has come for PATIENCE_S.
-        """
+        """Return what is new, after POLL_S if the phone answers; SensorError: nothing has come for PATIENCE_S."""
         now = time.monotonic()
         if now < self._due:
             time.sleep(min(self._due - now, POLL_S))
@@ -184,12 +175,7 @@ class PhonePort(Source):
         return words
 
     def _ask(self, path: str) -> bytes:
-        """Return the body of an answer, within ANSWER_S and LONGEST_ANSWER.
-
-        Raises:
-            OSError, HTTPException: nobody answers, or not in time.
-            ValueError: the answer is an error, or too long.
-        """
+        """The body of an answer, within ANSWER_S and LONGEST_ANSWER; ValueError: it is an error, or too long."""
         until = time.monotonic() + ANSWER_S
         if self._connection is None:
             self._connection = http.client.HTTPConnection(self._host, self._port, timeout=CONNECT_S)

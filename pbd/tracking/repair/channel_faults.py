@@ -6,14 +6,13 @@ noise (simulated or coarse) is constant at rest too: there the path decides.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pbd.data import Recording, Stop
-from pbd.errors import PbdWarning, RecordingError, TrackingError
+from pbd.errors import RecordingError, TrackingError, warn
 from pbd.pose import Array, lengths
 from pbd.tracking.first_rest import STILL_ACC
 from pbd.tracking.moving_windows import window_moments
@@ -98,11 +97,9 @@ def magnetometer_is_dead(recording: Recording) -> bool:
         return False
     if recording.mag.any() and not noisy(recording.acc):
         return False
-    warnings.warn(
+    warn(
         f"the magnetometer always reads {np.linalg.norm(recording.mag[0]):.4g} and is left out: heading starts at the "
-        "sensor's own x axis",
-        PbdWarning,
-        stacklevel=3,
+        "sensor's own x axis"
     )
     return True
 

@@ -6,7 +6,6 @@ stamps suggest another rate, and losses where there are none. So they are put ba
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 
 from pbd.data import Recording
 from pbd.data.one_line_repr import counted
-from pbd.errors import PbdWarning, RecordingError
+from pbd.errors import RecordingError, warn
 from pbd.pose import Array
 from pbd.tracking.first_rest import SHORTEST_REST_S
 
@@ -121,9 +120,7 @@ def steady_clock(recording: Recording) -> Array:
             stamps = _on_beat(stamps, interval, reach, whole)
             t = stamps[np.cumsum(new) - 1]
             rate_hz = 1.0 / float(np.median(np.diff(stamps)))
-            warnings.warn(
-                f"{fault}; evenly spaced times at {rate_hz:.4g} Hz are used instead", PbdWarning, stacklevel=4
-            )
+            warn(f"{fault}; evenly spaced times at {rate_hz:.4g} Hz are used instead")
     return t
 
 
@@ -131,12 +128,10 @@ def _warn_of_rate(recording: Recording) -> None:
     """Warn where the samples do not come at the nominal rate."""
     nominal_hz, rate_hz = recording.info.rate_hz, recording.rate_hz
     if nominal_hz is not None and abs(rate_hz / nominal_hz - 1.0) > RATE_TOLERANCE:
-        warnings.warn(
+        warn(
             f"the sensor is set to {nominal_hz:.4g} Hz, but by the time stamps the samples come at {rate_hz:.4g} Hz; "
             f"if the time stamps are wrong, every distance comes out {(nominal_hz / rate_hz) ** 2:.2f} times its true "
-            "value: check the rate",
-            PbdWarning,
-            stacklevel=4,
+            "value: check the rate"
         )
 
 

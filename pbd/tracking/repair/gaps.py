@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from bisect import bisect_right
 from dataclasses import dataclass
 
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 
 from pbd.data import Recording, Stop
 from pbd.data.one_line_repr import counted
-from pbd.errors import PbdWarning, TrackingError
+from pbd.errors import TrackingError, warn
 from pbd.pose import Array
 from pbd.tracking.first_rest import STILL_ACC
 from pbd.tracking.repair.clock import LATE_SAMPLES
@@ -67,11 +66,9 @@ def warn_of_gaps(gaps: list[Gap], t: Array, interval: float) -> None:
         return
     longest = max(gaps, key=lambda gap: gap.missing_s)
     lost = sum(round(gap.missing_s / interval) for gap in gaps)
-    warnings.warn(
+    warn(
         f"{counted(lost, 'sample')} missing, in {counted(len(gaps), 'gap')}; the longest is "
-        f"{longest.missing_s * 1e3:.0f} ms after row {longest.before} (t = {t[longest.before]:.2f} s)",
-        PbdWarning,
-        stacklevel=3,
+        f"{longest.missing_s * 1e3:.0f} ms after row {longest.before} (t = {t[longest.before]:.2f} s)"
     )
 
 
@@ -117,9 +114,7 @@ def refuse_gaps(gaps: tuple[Gap, ...], recording: Recording, stops: tuple[Stop, 
             value=longest.missing_s,
             bound=HIDDEN_MOVE_S,
         )
-    warnings.warn(
-        f"{said}; the sigma of later keyframes is wider; record again if the hand moved", PbdWarning, stacklevel=3
-    )
+    warn(f"{said}; the sigma of later keyframes is wider; record again if the hand moved")
 
 
 def _at_an_end(gap: Gap, recording: Recording) -> bool:

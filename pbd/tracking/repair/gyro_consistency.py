@@ -8,7 +8,6 @@ others. Data that nothing contradicts are accepted.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -16,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.data import GRAVITY, Recording
-from pbd.errors import PbdWarning, RecordingError
+from pbd.errors import RecordingError, warn
 from pbd.pose import (
     Array,
     quat_cumulative,
@@ -137,12 +136,10 @@ def warn_upside_down(recording: Recording, up_sensor: Array, start: int, stop: i
         field = recording.mag[start:stop].mean(axis=0)  # of a NaN nothing follows
         if up_sensor @ field > STEEP_FIELD * np.linalg.norm(field):
             hint = "; the magnetic field points up, as it does only south of the equator, so they likely are"
-    warnings.warn(
+    warn(
         f"at the first rest the sensor lies upside down (z reads {GRAVITY * up_sensor[2]:.1f} m/s2), or the signs of "
         f"its accelerometer are turned{hint}; if z was up, import the file with --unit acc=-g (or -m/s2), or "
-        "--column az=-NAME for that axis alone",
-        PbdWarning,
-        stacklevel=2,
+        "--column az=-NAME for that axis alone"
     )
 
 

@@ -18,7 +18,6 @@ and those clipped before the axis was mixed with others (calibrated for misalign
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -27,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.data import GRAVITY, Recording
-from pbd.errors import PbdWarning
+from pbd.errors import warn
 from pbd.pose import Array
 from pbd.tracking.repair.channel_faults import REPEATED_ROWS, SENSOR_NAMES
 from pbd.tracking.repair.clock import differs
@@ -122,11 +121,9 @@ def _warn(recording: Recording, clips: Sequence[Clip]) -> None:
     first = clips[0]
     reading = abs(float(getattr(recording, first.sensor)[first.start, first.axis]))
     shown = f"{reading / GRAVITY:.3g} g" if first.sensor == "acc" else f"{np.degrees(reading):.0f} deg/s"
-    warnings.warn(
+    warn(
         f"{rows} samples of {axes} axis are at the end of the range ({shown}), the first at "
-        f"t = {recording.t[first.start]:.2f} s: values above it are guessed; move slower, or set a larger range",
-        PbdWarning,
-        stacklevel=3,
+        f"t = {recording.t[first.start]:.2f} s: values above it are guessed; move slower, or set a larger range"
     )
 
 

@@ -7,7 +7,6 @@ lines meet.
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 from typing import Any
 
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 from pbd.data import Recording
 from pbd.data.one_line_repr import counted
 from pbd.data.units import UNITS
-from pbd.errors import PbdWarning, RecordingError
+from pbd.errors import RecordingError, warn
 from pbd.pose import Array, lengths
 from pbd.tracking.repair.channel_faults import SENSOR_NAMES, noisy
 from pbd.tracking.repair.gaps import interpolated
@@ -66,11 +65,9 @@ def without_wild(recording: Recording) -> Recording:
     if not found:
         return recording
     row, what = min(found)
-    warnings.warn(
+    warn(
         f"{counted(len(found), 'impossible sample')} left out (no hand moves like that); the first is row {row} "
-        f"(t = {recording.t[row]:.2f} s): {what}",
-        PbdWarning,
-        stacklevel=3,
+        f"(t = {recording.t[row]:.2f} s): {what}"
     )
     return replace(recording, **mended)
 
@@ -82,11 +79,9 @@ def in_order(recording: Recording) -> Recording:
         return recording
     first, size = swapped
     rows = np.arange(len(recording))
-    warnings.warn(
+    warn(
         f"rows {first} to {first + size - 1} (from t = {recording.t[first]:.2f} s) came before the {size} rows they "
-        "follow, and are put behind them: packets are sent out of order",
-        PbdWarning,
-        stacklevel=3,
+        "follow, and are put behind them: packets are sent out of order"
     )
     rows[first : first + 2 * size] = np.roll(rows[first : first + 2 * size], size)
     channels = {name: getattr(recording, name) for name in ("acc", "gyr", "mag", "device_rpy")}
