@@ -117,7 +117,8 @@ def _tell(args: argparse.Namespace, base: _Base, before: TouchedUp, after: Touch
     moved_m = np.linalg.norm(end - start, axis=1)
     if moved_m[args.keyframe] > OFF_SIGMAS * old[args.keyframe]:
         off = f"{100.0 * moved_m[args.keyframe]:.1f} cm, {moved_m[args.keyframe] / old[args.keyframe]:.0f} sigma"
-        meant = f"if it alone belongs elsewhere, `pbd touch {args.demo} --robot {args.robot} --undo`, and again with --only"
+        undo = f"`pbd touch {args.demo} --robot {args.robot} --undo`"
+        meant = f"if it alone belongs elsewhere, {undo}, and again with --only"
         warn(f"keyframe {args.keyframe} was off by {off}, and the others go along; {meant}")
     others = np.delete(moved_m, args.keyframe)
     if others.max(initial=0.0) < HARDLY_M:
