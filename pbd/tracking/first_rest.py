@@ -9,7 +9,7 @@ import numpy as np
 from pbd.data import GRAVITY, Recording, Stop
 from pbd.errors import RecordingError, TrackingError
 from pbd.pose import Array, readonly
-from pbd.tracking.moving_windows import window_moments
+from pbd.tracking.moving_windows import calmed, window_moments
 
 REST_S = 1.0
 """s: length of the rest that starts a recording. The first second about as quiet as the quietest is taken."""
@@ -19,6 +19,10 @@ SHORTEST_REST_S = 0.3
 
 QUIET_RATIO = 4.0
 """Largest variance of a quiet rest, relative to the quietest one."""
+
+MEAN_S = 0.0125
+"""s: whether a hand moves is judged by means over so long of such means. What shakes faster (a motor, a phone that
+vibrates) takes it nowhere. Together they are as long as a sample of a sensor of 40 Hz, which finds the same stops."""
 
 STILL_ACC, STILL_GYR = 0.5, 0.15
 """rms, m/s2 and rad/s, above which a hand is moving."""
@@ -32,6 +36,7 @@ class Rest:
         gravity: m/s2, the mean norm of specific force.
         acc_rms: m/s2, noise per sample about the mean, over all three axes together.
         gyr_rms: rad/s, the same; 0 without a gyro.
+        shake, turn: (m/s2)^2 and (rad/s)^2, the variances of what is left of slower motion than MEAN_S.
         gyro_bias: (3,) rad/s.
         up_sensor: (3,) unit, the vertical in sensor axes.
     """
@@ -41,8 +46,15 @@ class Rest:
     gravity: float
     acc_rms: float
     gyr_rms: float
+    shake: float
+    turn: float
     gyro_bias: Array
     up_sensor: Array
+
+
+def rows_of_mean(rate_hz: float) -> int:
+    """Rows in MEAN_S."""
+    return max(1, round(MEAN_S * rate_hz))
 
 
 def find_rest(recording: Recording) -> Rest:
@@ -53,8 +65,11 @@ def find_rest(recording: Recording) -> Rest:
         TrackingError: the hand never stood still.
     """
     length = max(2, min(len(recording), round(REST_S * recording.rate_hz)))
-    acc_var, _ = window_moments(recording.acc, length)
-    gyr_var = np.zeros_like(acc_var) if recording.gyr is None else window_moments(recording.gyr, length)[0]
+    k = rows_of_mean(recording.rate_hz)
+    acc_var, _ = window_moments(calmed(recording.acc, k), length - 2 * k + 2)
+    gyr_var = np.zeros_like(acc_var)
+    if recording.gyr is not None:
+        gyr_var, _ = window_moments(calmed(recording.gyr, k), length - 2 * k + 2)
     restlessness = acc_var / STILL_ACC**2 + gyr_var / STILL_GYR**2
     # 1e-6: the quietest second of a sensor without noise is no quieter than the next.
     start = int(np.argmax(restlessness <= QUIET_RATIO * restlessness.min() + 1e-6))
@@ -81,7 +96,7 @@ def rest_over(recording: Recording, start: int, stop: int) -> Rest:
     """
     acc = recording.acc[start:stop]
     gyr = np.zeros_like(acc) if recording.gyr is None else recording.gyr[start:stop]
-    gravity = float(np.linalg.norm(acc.mean(axis=0)))
+    gravity, k = float(np.linalg.norm(acc.mean(axis=0))), rows_of_mean(recording.rate_hz)
     if gravity == 0.0:
         raise TrackingError(
             "the accelerometer reads zero while at rest, so it is dead or in free fall; check the sensor", value=0.0
@@ -92,6 +107,8 @@ def rest_over(recording: Recording, start: int, stop: int) -> Rest:
         gravity=gravity,
         acc_rms=float(np.sqrt(acc.var(axis=0).sum())),
         gyr_rms=float(np.sqrt(gyr.var(axis=0).sum())),
+        shake=float(calmed(acc, k).var(axis=0).sum()),
+        turn=float(calmed(gyr, k).var(axis=0).sum()),
         gyro_bias=readonly(gyr.mean(axis=0)),
         up_sensor=readonly(acc.mean(axis=0) / gravity),
     )

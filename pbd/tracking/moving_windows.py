@@ -33,6 +33,16 @@ def window_sums(values: Array, n: int) -> Array:
     return windows
 
 
+def calmed(values: Array, n: int) -> Array:
+    """Means of means over n samples, which leave next to nothing of fast shaking: (l, k) -> (l - 2 n + 2, k)."""
+    return window_sums(window_sums(values, n), n) / n**2 if n > 1 else values
+
+
+def whiteness(n: int) -> float:
+    """Variance of means of means over n samples of white noise, whose own is 1."""
+    return (2.0 * n**2 + 1.0) / (3.0 * n**3)
+
+
 def window_maxima(values: NDArray[Any], n: int) -> NDArray[Any]:
     """Largest of each window of n samples (l,) -> (l - n + 1,), from windows half as long (scipy's loads for 0.1 s)."""
     span = 1

@@ -14,7 +14,8 @@ import numpy as np
 from pbd.data import Recording, SensorErrors
 from pbd.data.units import DEG, MG
 from pbd.pose import Array, lengths
-from pbd.tracking.first_rest import Rest
+from pbd.tracking.first_rest import Rest, rows_of_mean
+from pbd.tracking.moving_windows import calmed, whiteness
 
 OUTLIER_SIGMAS = 3.0
 """Deviation in sigmas along one axis that is no chance (0.27 %). There a robust factor hardly counts, a claim is
@@ -175,8 +176,9 @@ def noise_of(recording: Recording, rest: Rest, errors: SensorErrors | None = Non
     gravity = Noise.gravity
     if errors is not None and errors.acc is not None:
         device, gravity = CALIBRATED, errors.gravity
-    gyr, gyr_held = (0.0, 0.0) if recording.gyr is None else _rounding(recording.gyr, rest.gyr_rms / np.sqrt(3.0))
-    acc, acc_held = _rounding(recording.acc, rest.acc_rms / np.sqrt(3.0))
+    white = 3.0 * whiteness(rows_of_mean(recording.rate_hz))
+    gyr, gyr_held = (0.0, 0.0) if recording.gyr is None else _rounding(recording.gyr, np.sqrt(rest.turn / white))
+    acc, acc_held = _rounding(recording.acc, np.sqrt(rest.shake / white))
     device = replace(
         device,
         acc_bias=float(np.hypot(device.acc_bias, acc_held)),
@@ -232,9 +234,18 @@ def densities(noise: Noise, gyr: Array, u: Array, dt: float, up: Array | None = 
     motion = u - (u.mean(axis=0) if up is None else up)
     s_a[2] = noise.acc_motion**2 * np.einsum("ij,ij->i", motion, motion)
     if len(u) > 4:
-        fourth = np.diff(u, n=4, axis=0)
-        # Of white noise alone fourth differences have 70 variances, second ones 6.
-        white = 6.0 * 3.0 * noise.acc_density**2 / dt
-        bend = np.maximum(6.0 / 70.0 * np.einsum("ij,ij->i", fourth, fourth) - white, 0.0)
+        bend = _bends(u, 1, noise, dt)
+        n = rows_of_mean(1.0 / dt)
+        if n > 1 and len(u) > 6 * n:
+            edge = 3 * n - 3
+            bend[edge:-edge] = np.minimum(bend[edge:-edge], _bends(calmed(u, n), n, noise, dt))
         s_a[2, 2:-2] += noise.acc_bend * dt / 12.0 * bend**2 / (bend + noise.bend_knee**2)
     return s_g, s_a
+
+
+def _bends(u: Array, n: int, noise: Noise, dt: float) -> Array:
+    fourth = u[4 * n :] - 4.0 * u[3 * n : -n] + 6.0 * u[2 * n : -2 * n] - 4.0 * u[n : -3 * n] + u[: -4 * n]
+    # Of white noise alone fourth differences have 70 variances, second ones 6.
+    white = 6.0 * 3.0 * noise.acc_density**2 / dt * whiteness(n)
+    bend: Array = np.maximum(6.0 / 70.0 * np.einsum("ij,ij->i", fourth, fourth) - white, 0.0)
+    return bend

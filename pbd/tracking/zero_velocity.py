@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.pose import Array
-from pbd.tracking.first_rest import Rest
-from pbd.tracking.moving_windows import squares, window_maxima, window_moments, window_sums
+from pbd.tracking.first_rest import Rest, rows_of_mean
+from pbd.tracking.moving_windows import calmed, squares, window_maxima, window_moments, window_sums
 from pbd.tracking.noise import Noise
 
 Spans = list[tuple[int, int]]
@@ -40,14 +40,17 @@ def window_rows(t: Array) -> int:
     return min(max(2, round(ENERGY_WINDOW_S / float(np.median(np.diff(t))))), len(t))
 
 
-def energies(u: Array, gyr: Array, n: int) -> tuple[Array, Array]:
-    """Of each window of n rows the variance of specific force and the mean square of rate: (m,), (m,).
+def energies(u: Array, gyr: Array, n: int, rate_hz: float) -> tuple[Array, Array]:
+    """Of each window of n rows the variance of specific force and the mean square of rate: (m,), (m,); of means.
 
     Args:
         u: (n, 3) m/s2, specific force in a frame that does not turn with the sensor.
         gyr: (n, 3) rad/s, without bias.
         n: rows.
+        rate_hz: of the rows.
     """
+    k = max(1, min(rows_of_mean(rate_hz), n // 2))
+    u, gyr, n = calmed(u, k), calmed(gyr, k), n - 2 * k + 2
     return window_moments(u, n)[0], window_sums(squares(gyr), n) / n
 
 
@@ -98,15 +101,15 @@ def still_speed(shake: Array, turn: Array, n: int, rest: Rest, noise: Noise) -> 
 
 def speed_by_energies(shake: Array, turn: Array, rest: Rest, noise: Noise) -> Array:
     """The same, m/s (k,), of windows of which `energies` are known."""
-    shaken = np.maximum(shake - rest.acc_rms**2, 0.0) / (2.0 * np.pi * noise.tremor_hz) ** 2
-    turned = noise.still_lever**2 * np.maximum(turn - rest.gyr_rms**2, 0.0)
+    shaken = np.maximum(shake - rest.shake, 0.0) / (2.0 * np.pi * noise.tremor_hz) ** 2
+    turned = noise.still_lever**2 * np.maximum(turn - rest.turn, 0.0)
     speed: Array = np.sqrt(noise.still_speed**2 + shaken + turned)
     return speed
 
 
 def quiet_limits(rest: Rest) -> tuple[float, float]:
     """Energies below which a window is quiet: (m/s2)^2 and (rad/s)^2."""
-    return max(QUIET_ENERGY * rest.acc_rms**2, QUIET_ACC**2), max(QUIET_ENERGY * rest.gyr_rms**2, QUIET_GYR**2)
+    return max(QUIET_ENERGY * rest.shake, QUIET_ACC**2), max(QUIET_ENERGY * rest.turn, QUIET_GYR**2)
 
 
 def slow_parts(t: Array, span: tuple[int, int], slow: NDArray[np.bool_]) -> Spans:

@@ -19,7 +19,7 @@ from pbd.tracking.online.samples import Sample
 from pbd.tracking.online.strapdown import Strapdown
 from pbd.tracking.smoother.doubtful_stops import SLOW_SPEED
 from pbd.tracking.smoother.knots import STOP_KNOT_S
-from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, SHORTEST_MOVE_S, quiet_limits, speed_by_energies
+from pbd.tracking.zero_velocity import ENERGY_WINDOW_S, SHORTEST_MOVE_S, energies, quiet_limits, speed_by_energies
 
 CONFIRM_S, CONFIRM_DOUBTED_S, CONFIRM_DEVICE_S = 0.2, 2.0, 0.6
 """s at rest before a stop is announced: a clear one; a doubtful one, longer than half of the slowest move of a hand; a
@@ -77,7 +77,7 @@ class LiveHand:
         self._device = not has_gyro
         bias = rest.gyro_bias if has_gyro else np.zeros(3)
         self._strapdown = Strapdown(samples[0], interval, noise, bias, self._device)
-        self._n = max(2, round(ENERGY_WINDOW_S / interval))
+        self._n, self._rate_hz = max(2, round(ENERGY_WINDOW_S / interval)), 1.0 / interval
         self._window: deque[tuple[Sample, Array, Array]] = deque(maxlen=self._n)
         self._past_stops: list[Standing] = []
         self._angles = [np.zeros(3)]
@@ -126,11 +126,11 @@ class LiveHand:
 
     def _measure_stillness(self) -> bool:
         """Whether the last window is quiet. Also sets the sigma of a zero-velocity update."""
-        seen = np.array([each for _, *each in self._window])  # as `energies` has it, of one window
-        shake, turn = np.square(seen - seen.mean(axis=0) * ((1.0,), (0.0,))).sum(axis=(0, 2)) / len(seen)
+        force, rate = (np.array(seen) for seen in zip(*((u, rate) for _, u, rate in self._window), strict=True))
+        (shake,), (turn,) = energies(force, rate, len(force), self._rate_hz)
         self.restless = float(shake / STILL_ACC**2 + turn / STILL_GYR**2)
         self._sigma = float(speed_by_energies(shake, turn, self.rest, self._noise))
-        return bool(shake < self._limits[0] and turn < self._limits[1]) and len(seen) == self._n
+        return bool(shake < self._limits[0] and turn < self._limits[1]) and len(force) == self._n
 
     def _known(self) -> list[OnlineFilter]:
         """Both filters."""

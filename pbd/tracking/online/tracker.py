@@ -218,4 +218,4 @@ def _rest_advice(error: PbdError) -> str:
 
 
 def _restlessness(rest: Rest) -> float:
-    return (rest.acc_rms / STILL_ACC) ** 2 + (rest.gyr_rms / STILL_GYR) ** 2
+    return rest.shake / STILL_ACC**2 + rest.turn / STILL_GYR**2
