@@ -21,8 +21,9 @@ QUIET_RATIO = 4.0
 """Largest variance of a quiet rest, relative to the quietest one."""
 
 MEAN_S = 0.0125
-"""s: whether a hand moves is judged by means over so long of such means. What shakes faster (a motor, a phone that
-vibrates) takes it nowhere. Together they are as long as a sample of a sensor of 40 Hz, which finds the same stops."""
+"""s: whether a hand moves is judged by means over so long of such means. What shakes at 80 Hz and more (a motor, a
+phone that vibrates) takes it nowhere and leaves little in them. Together they are as long as a sample of a sensor of
+40 Hz, which finds the same stops."""
 
 STILL_ACC, STILL_GYR = 0.5, 0.15
 """rms, m/s2 and rad/s, above which a hand is moving."""
@@ -34,9 +35,8 @@ class Rest:
 
     Attributes:
         gravity: m/s2, the mean norm of specific force.
-        acc_rms: m/s2, noise per sample about the mean, over all three axes together.
-        gyr_rms: rad/s, the same; 0 without a gyro.
-        shake, turn: (m/s2)^2 and (rad/s)^2, the variances of what is left of slower motion than MEAN_S.
+        shake: (m/s2)^2, variance of specific force about its mean over all three axes together, by means over MEAN_S.
+        turn: (rad/s)^2, the same of the gyro; 0 without one.
         gyro_bias: (3,) rad/s.
         up_sensor: (3,) unit, the vertical in sensor axes.
     """
@@ -44,8 +44,6 @@ class Rest:
     start: int
     stop: int
     gravity: float
-    acc_rms: float
-    gyr_rms: float
     shake: float
     turn: float
     gyro_bias: Array
@@ -105,8 +103,6 @@ def rest_over(recording: Recording, start: int, stop: int) -> Rest:
         start=start,
         stop=stop,
         gravity=gravity,
-        acc_rms=float(np.sqrt(acc.var(axis=0).sum())),
-        gyr_rms=float(np.sqrt(gyr.var(axis=0).sum())),
         shake=float(calmed(acc, k).var(axis=0).sum()),
         turn=float(calmed(gyr, k).var(axis=0).sum()),
         gyro_bias=readonly(gyr.mean(axis=0)),

@@ -15,7 +15,7 @@ from pbd.data import Recording, SensorErrors
 from pbd.data.units import DEG, MG
 from pbd.pose import Array, lengths
 from pbd.tracking.first_rest import Rest, rows_of_mean
-from pbd.tracking.moving_windows import calmed, whiteness
+from pbd.tracking.moving_windows import calmed, squares, whiteness
 
 OUTLIER_SIGMAS = 3.0
 """Deviation in sigmas along one axis that is no chance (0.27 %). There a robust factor hardly counts, a claim is
@@ -233,19 +233,29 @@ def densities(noise: Noise, gyr: Array, u: Array, dt: float, up: Array | None = 
     s_g[1] = noise.gyr_turn**2 * lengths(gyr)
     motion = u - (u.mean(axis=0) if up is None else up)
     s_a[2] = noise.acc_motion**2 * np.einsum("ij,ij->i", motion, motion)
-    if len(u) > 4:
-        bend = _bends(u, 1, noise, dt)
-        n = rows_of_mean(1.0 / dt)
-        if n > 1 and len(u) > 6 * n:
-            edge = 3 * n - 3
-            bend[edge:-edge] = np.minimum(bend[edge:-edge], _bends(calmed(u, n), n, noise, dt))
-        s_a[2, 2:-2] += noise.acc_bend * dt / 12.0 * bend**2 / (bend + noise.bend_knee**2)
+    between = np.full(len(u), np.inf)
+    for n in {1, rows_of_mean(1.0 / dt)}:  # what shakes fast bends samples, but not means
+        edge = 3 * n - 1
+        if len(u) > 2 * edge:
+            bend = _bends(calmed(u, n), n, noise, dt)
+            inner = noise.acc_bend * n * dt / 12.0 * bend**2 / (bend + noise.bend_knee**2)
+            between[edge:-edge] = np.minimum(between[edge:-edge], inner)
+    s_a[2, 2:-2] += between[2:-2]
     return s_g, s_a
 
 
-def _bends(u: Array, n: int, noise: Noise, dt: float) -> Array:
-    fourth = u[4 * n :] - 4.0 * u[3 * n : -n] + 6.0 * u[2 * n : -2 * n] - 4.0 * u[n : -3 * n] + u[: -4 * n]
+def _bends(means: Array, n: int, noise: Noise, dt: float) -> Array:
+    """Squares of second differences without those of white noise, (m2/s4), by fourth ones, which no steady jerk has.
+
+    Args:
+        means: (m, 3) m/s2, means of means over n samples.
+        n: samples; also of a difference.
+        noise: of the accelerometer.
+        dt: s, between samples.
+    """
+    second = means[2 * n :] - 2.0 * means[n:-n] + means[: -2 * n]
+    fourth = second[2 * n :] - 2.0 * second[n:-n] + second[: -2 * n]
     # Of white noise alone fourth differences have 70 variances, second ones 6.
     white = 6.0 * 3.0 * noise.acc_density**2 / dt * whiteness(n)
-    bend: Array = np.maximum(6.0 / 70.0 * np.einsum("ij,ij->i", fourth, fourth) - white, 0.0)
-    return bend
+    bends: Array = np.maximum(6.0 / 70.0 * squares(fourth) - white, 0.0)
+    return bends

@@ -40,16 +40,15 @@ def window_rows(t: Array) -> int:
     return min(max(2, round(ENERGY_WINDOW_S / float(np.median(np.diff(t))))), len(t))
 
 
-def energies(u: Array, gyr: Array, n: int, rate_hz: float) -> tuple[Array, Array]:
-    """Of each window of n rows the variance of specific force and the mean square of rate: (m,), (m,); of means.
+def energies(u: Array, gyr: Array, n: int) -> tuple[Array, Array]:
+    """Of each window the variance of specific force and the mean square of rate, both of means: (m,), (m,).
 
     Args:
         u: (n, 3) m/s2, specific force in a frame that does not turn with the sensor.
         gyr: (n, 3) rad/s, without bias.
-        n: rows.
-        rate_hz: of the rows.
+        n: rows of a window, ENERGY_WINDOW_S.
     """
-    k = max(1, min(rows_of_mean(rate_hz), n // 2))
+    k = rows_of_mean(n / ENERGY_WINDOW_S)
     u, gyr, n = calmed(u, k), calmed(gyr, k), n - 2 * k + 2
     return window_moments(u, n)[0], window_sums(squares(gyr), n) / n
 

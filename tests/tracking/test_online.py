@@ -381,7 +381,7 @@ def test_it_learns_from_a_far_quieter_second() -> None:
     tracker, events = fed(replace(recording, acc=acc))
     (found,) = (event for event in events if isinstance(event, RestFound))
     assert tracker.rest is not None
-    assert tracker.rest.acc_rms < 0.1 * found.rest.acc_rms
+    assert tracker.rest.shake < 0.01 * found.rest.shake
     assert len(tracker.stops) == 11
 
 

@@ -77,7 +77,7 @@ class LiveHand:
         self._device = not has_gyro
         bias = rest.gyro_bias if has_gyro else np.zeros(3)
         self._strapdown = Strapdown(samples[0], interval, noise, bias, self._device)
-        self._n, self._rate_hz = max(2, round(ENERGY_WINDOW_S / interval)), 1.0 / interval
+        self._n = max(2, round(ENERGY_WINDOW_S / interval))
         self._window: deque[tuple[Sample, Array, Array]] = deque(maxlen=self._n)
         self._past_stops: list[Standing] = []
         self._angles = [np.zeros(3)]
@@ -127,7 +127,7 @@ class LiveHand:
     def _measure_stillness(self) -> bool:
         """Whether the last window is quiet. Also sets the sigma of a zero-velocity update."""
         force, rate = (np.array(seen) for seen in zip(*((u, rate) for _, u, rate in self._window), strict=True))
-        (shake,), (turn,) = energies(force, rate, len(force), self._rate_hz)
+        (shake,), (turn,) = energies(force, rate, len(force))
         self.restless = float(shake / STILL_ACC**2 + turn / STILL_GYR**2)
         self._sigma = float(speed_by_energies(shake, turn, self.rest, self._noise))
         return bool(shake < self._limits[0] and turn < self._limits[1]) and len(force) == self._n

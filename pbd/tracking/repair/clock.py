@@ -84,8 +84,8 @@ def with_clock(recording: Recording) -> Recording:
 
 def _refuse_other_unit(t: Array) -> None:
     """Refuse a time in ms, us or ns, before its steps are taken for jumps."""
-    steps = np.diff(t)
-    forward = steps[steps > 0.0]  # NaN is not
+    steps = np.diff(t[np.isfinite(t)])
+    forward = steps[steps > 0.0]
     if 2 * len(forward) > len(steps):
         _refuse_slow(float(np.median(forward)))
 

@@ -117,7 +117,7 @@ def smooth(
 
     for _ in range(4):
         frame = frame_of(_retimed(recording, lag, scale), rest.gyro_bias * (1.0 + scale))
-        shown = energies(*steadiness(frame, device), window_rows(frame.t), recording.rate_hz)
+        shown = energies(*steadiness(frame, device), window_rows(frame.t))
         speed = still_speed(*shown, len(frame.t), rest, noise)
         if stops is None:
             stops = find_candidates(frame.t, *shown, rest, unseen)
