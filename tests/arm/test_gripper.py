@@ -85,7 +85,7 @@ def test_it_meets_obstacles_but_not_what_is_grasped(name: str) -> None:
 def test_its_levers_bound_how_far_it_moves() -> None:
     arm = arm_of("ur5")
     rod = arm_bodies(arm)[-1]
-    rate = rates(arm, [replace(rod, joint=0), rod], np.array([[0, 1]]))[0]
+    rate = rates(arm, [Body("foot", 0, Pose.identity(), "floor"), rod], np.array([[0, 1]]))[0]
     tip = np.array([0.0, 0.0, 0.5 * rod.size[1] + ROD_RADIUS_M])
     rng = np.random.default_rng(0)
     for x in coordinates(arm, 20):
