@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from pbd.arm.collision.clearance import MARGIN_M
+from pbd.arm.collision.geometry import Body
 from pbd.arm.collision.motion_bounds import rates
 from pbd.arm.collision.scene import TABLE, CollisionScene, Leg
 from pbd.arm.gripper import ROD_RADIUS_M, ROD_SHORT_M, THE_TOOL, arm_bodies, gripper_links, tool_rod
