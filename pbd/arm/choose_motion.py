@@ -165,7 +165,9 @@ class _Search(Mending):
         """Let the tool follow a line where a straight move leaves it too far, or is wide; say whether any does."""
         tolerance, wide, made = self.request.tolerance_m, dict[int, ToolDeviation](), False
         q, within = self.ladder.joints(path), range(self.ladder.first + 1, self.ladder.end)
-        at = [place for place in within if self.checks.straight(link := self.links[place - 1], self.moves[link.keyframe])]
+        at = [
+            place for place in within if self.checks.straight(link := self.links[place - 1], self.moves[link.keyframe])
+        ]
         deviations = tool_deviations(self.arm, q[[place - 1 for place in at]], q[at])
         for place, deviation in zip(at, deviations, strict=True):
             move = self.moves[self.links[place - 1].keyframe]
