@@ -143,7 +143,7 @@ def _around(takes: Sequence[Keyframes], reference: int) -> Alignment:
 
 
 def _registered(here: Keyframes, there: Keyframes) -> Registration | None:
-    """Register a take; None where too few keyframes have a partner."""
+    """Register a take; None where too few keyframes have a partner, or it begins elsewhere: chance pairs some."""
     pairs, found = by_moves(here, there), None
     least = LEAST_SHARE * max(min(len(here), len(there)), 1)
     for _ in range(RESTATED):
@@ -153,7 +153,13 @@ def _registered(here: Keyframes, there: Keyframes) -> Registration | None:
         before, pairs = pairs, by_pose(here, found.of(there))
         if pairs == before:
             break
-    return found if len(pairs) >= least else None
+    at_dock = found is not None and by_pose(_dock(here), _dock(found.of(there)))
+    return found if len(pairs) >= least and at_dock else None
+
+
+def _dock(one: Keyframes) -> Keyframes:
+    """The first keyframe."""
+    return Keyframes(one.p[:1], one.R[:1], one.grip[:1], one.sigma[:1])
 
 
 def _add(candidates: list[Candidate], take: int, there: Keyframes) -> None:
