@@ -215,9 +215,9 @@ def yaw_toward(wxyz_measured: ArrayLike, wxyz_wanted: ArrayLike) -> float:
     return float(2.0 * np.arctan2(z, w))
 
 
-def quat_about_z(yaw: float) -> Array:
-    """Unit quaternion of a turn about z by `yaw` rad."""
-    return quat_exp((0.0, 0.0, yaw))
+def quat_about_z(yaw: ArrayLike) -> Array:
+    """Unit quaternions (..., 4) of turns about z by `yaw` (...) rad."""
+    return quat_exp(np.multiply.outer(np.asarray(yaw, dtype=np.float64), (0.0, 0.0, 1.0)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,10 +38,10 @@ from pbd.arm.mending import Mending
 from pbd.arm.model import ArmModel
 from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, Motion, MotionRequest
 from pbd.arm.refusal import COLLISION, UNREACHABLE, Refusal, refuse_move, refuse_pose, tell, warn_of_closeness
-from pbd.arm.tool_deviation import ToolDeviation, tool_deviation
+from pbd.arm.tool_deviation import ToolDeviation, tool_deviations
 from pbd.pose import Array
 
-MOST_STRAIGHT = 36
+MOST_STRAIGHT = 12
 """Refused straight moves between two keyframes before the link is mended."""
 WINDOW, KEPT = 64, 32
 """Layers that are searched at once, and how many of them again with what follows."""
@@ -164,17 +164,19 @@ class _Search(Mending):
     def _make_lines(self, path: Sequence[int]) -> bool:
         """Let the tool follow a line where a straight move leaves it too far, or is wide; say whether any does."""
         tolerance, wide, made = self.request.tolerance_m, dict[int, ToolDeviation](), False
-        q = self.ladder.joints(path)
-        for place in range(self.ladder.first + 1, self.ladder.end):
-            link = self.links[place - 1]
-            if self.checks.straight(link, self.moves[link.keyframe]):
-                deviation = tool_deviation(self.arm, q[place - 1], q[place])
-                if tolerance is not None and deviation.off_line_m > tolerance:
-                    self._follow_path(place, LINE)
-                    self.moves[link.keyframe].remedies = ["split", "widen"]
-                    made = True
-                elif deviation.wide and self.moves[link.keyframe].wide is None:
-                    wide[place] = deviation
+        q, within = self.ladder.joints(path), range(self.ladder.first + 1, self.ladder.end)
+        at = [
+            place for place in within if self.checks.straight(link := self.links[place - 1], self.moves[link.keyframe])
+        ]
+        deviations = tool_deviations(self.arm, q[[place - 1 for place in at]], q[at])
+        for place, deviation in zip(at, deviations, strict=True):
+            move = self.moves[self.links[place - 1].keyframe]
+            if tolerance is not None and deviation.off_line_m > tolerance:
+                self._follow_path(place, LINE)
+                move.remedies = ["split", "widen"]
+                made = True
+            elif deviation.wide and move.wide is None:
+                wide[place] = deviation
         if made:
             return True
         if self.before_line is not None:  # a line that is taken may be mended again

@@ -19,7 +19,7 @@ from pbd.pose import Array
 
 _THINNED = 20  # of a known way's points one in so many begins a tree
 _SHORTCUTS = 40
-_WARPED = 4  # of known detours so many are bent and checked, the shortest first
+_WARPED = 8  # of known detours so many are bent and checked, the shortest first
 _WORSE = 1.2  # and no longer, beside the straight move, than so many times what they were
 _NEARER = 0.5, 0.7, 0.85  # shares of its offset from the straight move that a bent detour keeps: the first that is free
 _BENDS = 2  # times that the path is divided in two to bend it

@@ -51,10 +51,11 @@ class LinkChecks:
             return True
         if not link.at_keyframe:
             return queries.passes(i, q[None])
-        if move.pose_hit is not None:  # only of the first it is kept what touches
-            return queries.stands(i, q)
-        move.pose_hit = queries.standing(i, q)
-        return move.pose_hit is None
+        if queries.stands(i, q):
+            return True
+        if move.pose_hit is None:  # only of the first it is kept what touches
+            move.pose_hit = queries.standing(i, q)
+        return False
 
     def wide_costs(
         self, links: Sequence[Link], moves: Sequence[Move], q_before: Array, q: Array, known: Sequence[bool]

@@ -114,7 +114,7 @@ class Ladder:
         for before, layer in pairwise(self.layers):
             layer.link(before.q)
         self.first, self.end = 0, len(self.layers)
-        self._totals, self._via = [self.layers[0].cost], list[NDArray[np.int64]]()
+        self._totals = [self.layers[0].cost]
 
     def copy(self) -> Ladder:
         """Copy all that may be changed by what is done in the window."""
@@ -122,7 +122,7 @@ class Ladder:
         copied.layers = [*self.layers]
         for place in range(self.first, min(self.end + 1, len(self.layers))):
             copied.layers[place] = self.layers[place].copy()
-        copied._totals, copied._via = list(self._totals), list(self._via)
+        copied._totals = list(self._totals)
         return copied
 
     def advance(self, path: Sequence[int], first: int, end: int) -> None:
@@ -198,15 +198,13 @@ class Ladder:
         """Return which state to take of each layer before `end`; or the first one that no free path leads to."""
         for place in range(len(self._totals), self.end):
             layer = self.layers[place]
-            through = self._totals[-1][:, None] + layer.length
-            total = through.min(axis=0) + layer.cost
+            total = (self._totals[-1][:, None] + layer.length).min(axis=0) + layer.cost
             if not np.isfinite(total).any():
                 return Barred((place,), (bool(np.isfinite(layer.cost).any()),))
-            self._via.append(through.argmin(axis=0))
             self._totals.append(total)
         path = [int(self._totals[-1].argmin())]
-        for via in reversed(self._via):
-            path.append(int(via[path[-1]]))
+        for place in range(self.end - 1, 0, -1):
+            path.append(int((self._totals[place - 1] + self.layers[place].length[:, path[-1]]).argmin()))
         return path[::-1]
 
     def travel(self, place: int) -> Array:
@@ -278,4 +276,4 @@ class Ladder:
     def _forget(self, place: int) -> None:
         """Drop the totals from a layer on."""
         place = max(self.first + 1, place)
-        del self._totals[place:], self._via[place - 1 :]
+        del self._totals[place:]

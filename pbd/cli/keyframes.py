@@ -21,6 +21,7 @@ from pbd.cli.console import print_json, say
 from pbd.cli.steps import load_demonstration, named_calibration, plan_options, track_demonstration
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Robot, SensorEstimate
 from pbd.data.covariance import keyframe_sigmas
+from pbd.data.keyframe import thing_carriers
 from pbd.errors import RecordingError, UsageError, listed
 from pbd.files.keyframes import NAME, write_keyframes
 from pbd.pose import Array, Pose
@@ -126,6 +127,8 @@ def _saved(args: argparse.Namespace, demo: Demonstration, keyframes: tuple[Keyfr
                 what = f"keyframe {number} can't belong to '{outer[0]}' and to '{inner[0]}'"
                 raise UsageError(f"{what}; where one carries the other, say so: --frame lid=6..7@cup")
             frames[number] = inner
+    marked = tuple(replace(each, frames=frames.get(k, each.frames)) for k, each in enumerate(keyframes))
+    thing_carriers(marked)
     if args.save or demo.keyframes is None:
         save_keyframes(args, demo, keyframes)
     if frames and demo.folder is not None:
@@ -134,7 +137,7 @@ def _saved(args: argparse.Namespace, demo: Demonstration, keyframes: tuple[Keyfr
         for number, names in frames.items():
             for before in set(keyframes[number].frames) - set(names):
                 say(f"keyframe {number} belonged to {before} and no longer does")
-    return tuple(replace(each, frames=frames.get(k, each.frames)) for k, each in enumerate(keyframes))
+    return marked
 
 
 def save_keyframes(args: argparse.Namespace, demo: Demonstration, keyframes: tuple[Keyframe, ...]) -> Path:

@@ -121,7 +121,7 @@ def _tell(args: argparse.Namespace, base: _Base, before: TouchedUp, after: Touch
         meant = f"if it alone belongs elsewhere, {undo}, and again with --only"
         warn(f"keyframe {args.keyframe} was off by {off}, and the others go along; {meant}")
     others = np.delete(moved_m, args.keyframe)
-    if others.max(initial=0.0) < HARDLY_M:
+    if others.max(initial=0.0) < HARDLY_M < moved_m[args.keyframe]:
         say(f"the others hardly move: their errors have little in common with those of keyframe {args.keyframe}")
 
 

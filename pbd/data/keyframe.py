@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from graphlib import CycleError, TopologicalSorter
 
 import numpy as np
 
 from pbd.data.freeze import freeze
 from pbd.data.one_line_repr import brief
+from pbd.errors import RecordingError
 from pbd.pose import Array, Pose
 
 
@@ -54,6 +57,26 @@ class Keyframe:
         grip = {True: "grip closes", False: "grip opens", None: ""}[self.grip]
         where = f"at {self.t:.2f} s for {self.dwell_s:.2f} s"
         return brief(self, where, f"({x:.3f}, {y:.3f}, {z:.3f}) m", sigma, grip, name=self.label)
+
+
+def thing_carriers(keyframes: Sequence[Keyframe]) -> dict[str, set[str]]:
+    """All that carry each thing, near or far; what carries others comes first.
+
+    Raises:
+        RecordingError: a thing would carry itself.
+    """
+    nearest: dict[str, set[str]] = {}
+    for keyframe in keyframes:
+        for name, *carriers in (keyframe.frames[k : k + 2] for k in reversed(range(len(keyframe.frames)))):
+            nearest.setdefault(name, set()).update(carriers)
+    try:
+        order = list(TopologicalSorter(nearest).static_order())
+    except CycleError as loop:
+        raise RecordingError(f"'{loop.args[1][0]}' can't carry itself: {' carries '.join(loop.args[1])}") from None
+    above: dict[str, set[str]] = {}
+    for name in order:
+        above[name] = nearest[name].union(*(above[carrier] for carrier in nearest[name]))
+    return above
 
 
 @dataclass(frozen=True, eq=False)

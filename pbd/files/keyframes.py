@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pbd.data import Keyframe, TouchUp
+from pbd.data.keyframe import thing_carriers
 from pbd.errors import RecordingError, warn
 from pbd.io.atomic import atomic_file
 from pbd.io.toml import Section, read_toml
@@ -169,6 +170,11 @@ def read_keyframes(path: Path) -> tuple[Keyframe, ...]:
             what = f"the arm stays {keyframe.dwell_s:g} s at keyframe {index}; if that is too long, correct dwell_s"
             _warn(tables[index], "dwell_s", f"{what} (in seconds)")
     _check_grips(keyframes, tables)
+    for end, (keyframe, table) in enumerate(zip(keyframes, tables, strict=True), start=1):
+        try:
+            thing_carriers(keyframes[:end] if keyframe.frames else ())
+        except RecordingError as loop:
+            table.fail("frames", loop.message)
     return keyframes
 
 

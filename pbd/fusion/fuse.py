@@ -95,6 +95,14 @@ def _believed(
 def _left_out(takes: Sequence[FusedTake]) -> list[str]:
     """Which takes, and which keyframes of takes, are not believed."""
     words = [f"{take.name} is left out: {take.left_out}" for take in takes if take.left_out]
+    used = [take for take in takes if not take.left_out]
+    if len(used) == 2:  # of more takes most decide
+        words += [
+            f"only {take.name} has stops {' '.join(map(str, take.extra))}, and they are left out; "
+            "a third take would show whether they belong to the task"
+            for take in used
+            if take.extra
+        ]
     return words + [
         f"{take.name} is not believed at keyframe {j}: it is {_mm(take, j):.0f} mm from the other takes"
         for take in takes

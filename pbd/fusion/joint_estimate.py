@@ -50,7 +50,7 @@ class State:
     @property
     def turn(self) -> Array:
         """(F, K, 3, 3), Rz of each take."""
-        return np.array([[quat_to_matrix(quat_about_z(yaw)) for yaw in frame] for frame in self.yaw.tolist()])
+        return quat_to_matrix(quat_about_z(self.yaw))
 
     def of_case(self, device: int) -> State:
         """The same for the axes of the sensor's case instead of the accelerometer's, of the first take's device.

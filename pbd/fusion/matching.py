@@ -143,7 +143,7 @@ def _around(takes: Sequence[Keyframes], reference: int) -> Alignment:
 
 
 def _registered(here: Keyframes, there: Keyframes) -> Registration | None:
-    """Register a take; None where too few keyframes have a partner."""
+    """Register a take; None where too few keyframes have a partner, or it begins elsewhere: chance pairs some."""
     pairs, found = by_moves(here, there), None
     least = LEAST_SHARE * max(min(len(here), len(there)), 1)
     for _ in range(RESTATED):
@@ -153,7 +153,13 @@ def _registered(here: Keyframes, there: Keyframes) -> Registration | None:
         before, pairs = pairs, by_pose(here, found.of(there))
         if pairs == before:
             break
-    return found if len(pairs) >= least else None
+    at_dock = found is not None and by_pose(_dock(here), _dock(found.of(there)))
+    return found if len(pairs) >= least and at_dock else None
+
+
+def _dock(one: Keyframes) -> Keyframes:
+    """The first keyframe."""
+    return Keyframes(one.p[:1], one.R[:1], one.grip[:1], one.sigma[:1])
 
 
 def _add(candidates: list[Candidate], take: int, there: Keyframes) -> None:
@@ -182,29 +188,32 @@ def register(here: Keyframes, there: Keyframes, pairs: Sequence[tuple[int, int]]
     p, q, R, S = here.p[i], there.p[j], here.R[i], there.R[j]
     mean = p.mean(axis=0), q.mean(axis=0)
 
-    def tried(yaw: float) -> tuple[float, Array]:
-        turn = quat_to_matrix(quat_about_z(yaw))
-        Q = _mean((turn @ S).transpose(0, 2, 1) @ R)
-        off = p - mean[0] - (q - mean[1]) @ turn.T
-        angles = matrix_log(turn @ S @ Q @ R.transpose(0, 2, 1))
-        return float((off**2).sum() + TURN_LEVER_M**2 * (angles**2).sum()), Q
+    def tried(yaws: Array) -> tuple[Array, Array]:
+        """What each heading leaves over, (n,), and its turn of the sensor, (n, 3, 3)."""
+        turns = quat_to_matrix(quat_about_z(yaws))
+        turned = turns[:, None] @ S
+        Q = _mean(turned.swapaxes(-1, -2) @ R)
+        off = p - mean[0] - (q - mean[1]) @ turns.swapaxes(-1, -2)
+        angles = matrix_log(turned @ Q[:, None] @ R.swapaxes(-1, -2))
+        return (off**2).sum(axis=(1, 2)) + TURN_LEVER_M**2 * (angles**2).sum(axis=(1, 2)), Q
 
     yaws, step = np.linspace(-np.pi, np.pi, YAWS, endpoint=False), 2.0 * np.pi / YAWS
-    best = min(yaws.tolist(), key=lambda yaw: tried(yaw)[0])
+    best = float(yaws[np.argmin(tried(yaws)[0])])
     for _ in range(3):  # a parabola through three headings
-        left, middle, right = (tried(best + d)[0] for d in (-step, 0.0, step))
+        left, middle, right = tried(best + step * np.array((-1.0, 0.0, 1.0)))[0].tolist()
         bent = left - 2.0 * middle + right
         if bent > 0.0:
             best += float(np.clip(0.5 * (left - right) / bent, -1.0, 1.0)) * step
         step *= 0.1
     turn = quat_to_matrix(quat_about_z(best))
-    return Registration(best, mean[0] - turn @ mean[1], tried(best)[1])
+    return Registration(best, mean[0] - turn @ mean[1], tried(np.array([best]))[1][0])
 
 
 def _mean(rotations: Array) -> Array:
-    """The rotation nearest to several, (n, 3, 3) -> (3, 3)."""
-    U, _, V = np.linalg.svd(rotations.sum(axis=0))
-    return np.asarray(U @ np.diag((1.0, 1.0, np.linalg.det(U @ V))) @ V)
+    """The rotation nearest to several, (..., n, 3, 3) -> (..., 3, 3)."""
+    U, _, V = np.linalg.svd(rotations.sum(axis=-3))
+    V[..., 2, :] *= np.linalg.det(U @ V)[..., None]
+    return np.asarray(U @ V)
 
 
 def by_moves(here: Keyframes, there: Keyframes) -> list[tuple[int, int]]:

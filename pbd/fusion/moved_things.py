@@ -68,6 +68,8 @@ def moved_thing(takes: Sequence[Keyframes]) -> Moved | None:
     members = [k for k, take in enumerate(takes) if (len(take), take.grip) == usual]
     count, reference = usual[0], members[0]
     here, others = takes[reference], members[1:]
+    if not others:
+        return None
     everything = np.arange(count)
     rows = 6 * count * len(others)
     together = sum(_left_over(here, takes[k], everything, everything[:0])[0] for k in others)

@@ -87,7 +87,7 @@ def refuse_strangers(takes: Sequence[Take], found: Alignment) -> None:
     other = takes[found.strangers[0]]
     raise TrackingError(
         f"{takes[reference].name} ({len(takes[reference].knots)} stops) and {other.name} ({len(other.knots)} stops) "
-        "are of different tasks: fewer than half of their keyframes match; fuse takes of one task"
+        "are of different tasks: fewer than half of their keyframes match, or not the dock; fuse takes of one task"
     )
 
 

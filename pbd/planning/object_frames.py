@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pbd.data import Keyframe
+from pbd.data.keyframe import thing_carriers
 from pbd.errors import PlanError, listed, nearest
 from pbd.pose import Array, Pose, quat_about_z, quat_rotate
 
@@ -29,15 +30,17 @@ class ThingPlace(NamedTuple):
 
 
 def things(keyframes: Sequence[Keyframe]) -> dict[str, tuple[int, ...]]:
-    """The keyframes of each thing by its name; what carries others comes before them."""
-    depth: dict[str, int] = {}
-    for keyframe in keyframes:
-        for carriers, name in enumerate(reversed(keyframe.frames)):
-            depth[name] = max(depth.get(name, 0), carriers)
-    return {
-        name: tuple(i for i, keyframe in enumerate(keyframes) if name in keyframe.frames)
-        for name in sorted(depth, key=lambda name: depth[name])
-    }
+    """The keyframes of each thing by its name; what carries others comes before them.
+
+    A lid on a cup goes with the tray that carries the cup at other keyframes. RecordingError: a thing carries itself.
+    """
+    carriers = thing_carriers(keyframes)
+    members: dict[str, list[int]] = {name: [] for name in carriers}
+    for i, keyframe in enumerate(keyframes):
+        beyond = carriers[keyframe.frames[-1]] if len(keyframe.frames) > 1 else set[str]()
+        for name in beyond.union(keyframe.frames):
+            members[name].append(i)
+    return {name: tuple(of) for name, of in members.items()}
 
 
 def place_things(

@@ -8,7 +8,7 @@ velocity, acceleration and angular rate are exact at every instant; nothing here
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -47,6 +47,28 @@ class HandState:
     w: Array
 
 
+SWAY_HZ, SWAY_WAVES = (0.05, 1.0), 16
+"""Hz: band of a hand's slow wandering, below its tremor, evenly by octaves; waves that stand for it on each axis."""
+
+
+class Sway:
+    """How a hand wanders that means to stand still: a sum of sines, so that its derivatives are exact too."""
+
+    def __init__(self, rms_m: float, rng: np.random.Generator) -> None:
+        """Draw it, with a standard deviation of `rms_m` along each axis."""
+        low, high = np.log(SWAY_HZ)
+        self._rate = 2.0 * np.pi * np.exp(rng.uniform(low, high, (SWAY_WAVES, 3)))
+        self._phase = rng.uniform(0.0, 2.0 * np.pi, (SWAY_WAVES, 3))
+        self._size = rms_m * np.sqrt(2.0 / SWAY_WAVES)
+
+    def added_to(self, state: HandState, t: Array) -> HandState:
+        """The state at instants (n,) in s, with the sway."""
+        at, rate = t[:, None, None] * self._rate + self._phase, self._rate
+        sine, cosine = self._size * np.sin(at), self._size * np.cos(at)
+        p, v = state.p + sine.sum(axis=1), state.v + (rate * cosine).sum(axis=1)
+        return replace(state, p=p, v=v, a=state.a - (rate**2 * sine).sum(axis=1))
+
+
 def minimum_jerk(u: ArrayLike) -> tuple[Array, Array, Array]:
     """Fraction of the way, and its first and second derivative by u, at fractions u in 0..1 of the time."""
     u = np.asarray(u, dtype=np.float64)
@@ -62,6 +84,7 @@ class HandMotion:
         waypoints: Sequence[Waypoint],
         start_rpy: ArrayLike = (0.0, 0.0, 0.0),
         p_sensor_point: ArrayLike = (0.0, 0.0, 0.0),
+        sway: Sway | None = None,
     ) -> None:
         """Put the moves one after the other.
 
@@ -69,7 +92,9 @@ class HandMotion:
             waypoints: at least one.
             start_rpy: (3,) rad, the attitude of the sensor in world at the first waypoint.
             p_sensor_point: (3,) m in sensor axes, the point of the hand that the waypoints' `p` are of.
+            sway: what the hand does beside; None: it stands perfectly still.
         """
+        self._sway = sway
         self._lever = np.asarray(p_sensor_point, dtype=np.float64)
         p = np.array([w.p for w in waypoints], dtype=np.float64)
         rest = np.array([w.rest_s for w in waypoints], dtype=np.float64)
@@ -101,10 +126,11 @@ class HandMotion:
         # The point moves along the line, and the sensor about it.
         v_point = np.cross(w, self._lever)
         a_point = np.cross(alpha, self._lever) + np.cross(w, v_point)
-        return HandState(
+        state = HandState(
             p=self._p_from[k] + s * self._way[k] - quat_rotate(wxyz, self._lever),
             v=ds / duration * self._way[k] - quat_rotate(wxyz, v_point),
             a=dds / duration**2 * self._way[k] - quat_rotate(wxyz, a_point),
             wxyz=wxyz,
             w=w,
         )
+        return state if self._sway is None else self._sway.added_to(state, t)

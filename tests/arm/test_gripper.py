@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from pbd.arm.collision.clearance import MARGIN_M
+from pbd.arm.collision.geometry import Body
 from pbd.arm.collision.motion_bounds import rates
 from pbd.arm.collision.scene import TABLE, CollisionScene, Leg
 from pbd.arm.gripper import ROD_RADIUS_M, ROD_SHORT_M, THE_TOOL, arm_bodies, gripper_links, tool_rod
@@ -85,7 +86,7 @@ def test_it_meets_obstacles_but_not_what_is_grasped(name: str) -> None:
 def test_its_levers_bound_how_far_it_moves() -> None:
     arm = arm_of("ur5")
     rod = arm_bodies(arm)[-1]
-    rate = rates(arm, [replace(rod, joint=0), rod], np.array([[0, 1]]))[0]
+    rate = rates(arm, [Body("foot", 0, Pose.identity(), "floor"), rod], np.array([[0, 1]]))[0]
     tip = np.array([0.0, 0.0, 0.5 * rod.size[1] + ROD_RADIUS_M])
     rng = np.random.default_rng(0)
     for x in coordinates(arm, 20):

@@ -38,9 +38,9 @@ EDGES = (0, 25, 50, 75, 90, 101)
 """Of bands, %."""
 
 
-def one(seed: int, sensor: str) -> list[tuple[float, bool]]:
+def one(seed: int, sensor: str, sway_m: float = 0.0) -> list[tuple[float, bool]]:
     """What is said of a take and what happens, for each tolerance."""
-    demo = simulate(random_task(seed), sensor, seed)
+    demo = simulate(random_task(seed), sensor, seed, sway_m=sway_m)
     assert demo.truth is not None
     path = track(replace(demo, truth=None))
     truth = [_true_pose(demo.truth, keyframe.t) for keyframe in find_keyframes(path)]
@@ -102,6 +102,7 @@ def main() -> None:
     """Print the reliability table."""
     parser = arguments(__doc__ or "")
     parser.add_argument("--plot", type=Path, metavar="FILE", help="write the reliability diagram")
+    parser.add_argument("--sway", type=float, default=0.0, metavar="MM", help="how far the hand wanders, rms (0)")
     args = parser.parse_args()
     takes = 60 if args.quick else 2000
     figures: dict[str, Any] = {"takes": takes, "refused": 0}
@@ -111,7 +112,7 @@ def main() -> None:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 try:
-                    cases += one(seed, sensor)
+                    cases += one(seed, sensor, 1e-3 * args.sway)
                 except PbdError:
                     figures["refused"] += 1
         figures[sensor] = reliability(cases)

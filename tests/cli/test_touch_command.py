@@ -57,6 +57,7 @@ def test_where_it_belongs_may_be_given_in_base_or_in_the_tools_axes(tea: Path, c
 
 def test_a_touch_up_that_no_error_of_tracking_explains_is_told(tea: Path, capsys: Capture) -> None:
     far = ("touch", "tea", "2", "--robot", "panda", "--by", "0.1", "0", "0")
+    assert "hardly" not in run(capsys, "touch", "tea", "2", "--robot", "panda", "--by", "0", "0", "0")[2]
     told = "pbd: warning: keyframe 2 was off by 10.0 cm, "
     assert told in run(capsys, *far)[2]
     assert told not in run(capsys, *far, "--only")[2]
@@ -89,6 +90,13 @@ def test_a_thing_that_stands_elsewhere_takes_its_keyframes_along(tea: Path, caps
     np.testing.assert_allclose(found[1]["base_position_m"], shown[3])
 
 
+def test_what_stands_on_a_thing_goes_with_what_carries_that(tea: Path, capsys: Capture) -> None:
+    run(capsys, "keyframes", "tea", "--frame", "cup=2..3@tray", "--frame", "lid=4@cup", "--frame", "cup=1")
+    shift = places(capsys, "--at", "tray=0.5,0.1,0.3") - places(capsys)
+    np.testing.assert_allclose(shift[3:], shift[[2, 2]], atol=1e-9)
+    np.testing.assert_array_equal(shift[:2], 0.0)
+
+
 def test_out_of_reach_names_a_place_that_works(tea: Path, capsys: Capture) -> None:
     run(capsys, "keyframes", "tea", "--frame", "cup=2")
     command = ("replay", "tea", "--robot", "panda", "--html", "x.html", "--at")
@@ -108,6 +116,7 @@ def test_out_of_reach_names_a_place_that_works(tea: Path, capsys: Capture) -> No
         ("touch pouring 2 --robot panda --by 0 0 0", 1, "is bundled"),
         ("keyframes tea --frame cup=2..3 --frame jug=3", 2, "keyframe 3 can't belong to 'cup' and to 'jug'"),
         ("keyframes tea --frame cup=2..7", 1, "there is no keyframe 7 for 'cup'; they are 0 to 4"),
+        ("keyframes tea --frame cup=2@tray --frame tray=3@cup", 1, "can't carry itself: "),
         ("keyframes tea --frame cup=3..2", 2, "must be like cup=3..5"),
         ("keyframes tea --robot panda --at jug=0,0,0", 3, "no keyframe belongs to 'jug'"),
         ("keyframes tea --tolerance 0.01", 2, "name the robot"),

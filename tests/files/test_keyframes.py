@@ -187,6 +187,7 @@ def test_a_person_may_drop_insert_nudge_and_rename(tmp_path: Path) -> None:
         ("sigma_m = [", "sigma_mm = [", "sigma_mm = [", "is unknown"),
         ("rpy_deg = [", "rpy_deg = [1, ", "rpy_deg = [1, ", "must have 3 numbers"),
         ("sigma_m = [0.00", "sigma_m = [-1.00", "sigma_m = [-1.00", "must not be below zero"),
+        ("rpy_deg = [", 'frames = ["cup", "cup"]\nrpy_deg = [', "frames = ", "'cup' can't carry itself"),
         ("format = 1", "format = 2", "format = 2", "must be 1"),
         ("rpy_deg = [", "rpy_deg = [400.0, 0.0, 0.0] # [", "rpy_deg = [400", "must hold only numbers from -360 to 360"),
     ],

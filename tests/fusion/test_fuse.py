@@ -122,6 +122,15 @@ def test_an_outlier_take_is_named_and_left_out(takes: list[Demonstration]) -> No
     assert len(fused.stops) == 7
 
 
+def test_of_two_takes_it_is_told_what_only_one_has(takes: list[Demonstration]) -> None:
+    whole = takes[1].recording
+    keep = whole.t < find_keyframes(track(whole))[4].t
+    assert whole.gyr is not None
+    half = replace(whole, t=whole.t[keep], acc=whole.acc[keep], gyr=whole.gyr[keep], mag=None, device_rpy=None)
+    with pytest.warns(match="only take 1 has stops 5 6, and they are left out; a third take"):
+        assert len(pbd.fuse([takes[0], replace(takes[1], recording=half, truth=None)]).stops) == 5
+
+
 def test_what_takes_know_of_their_stops_counts_in_each(path: HandPath, takes: list[Demonstration]) -> None:
     true, wxyz = hand_poses(takes_of(Scenario("wt901", 1), SEED)[1])
     middles = [[keyframe.t for keyframe in find_keyframes(track(take.recording))] for take in takes]

@@ -63,6 +63,12 @@ def test_another_task_is_a_stranger(seed: int) -> None:
     assert align([task, ELSEWHERE.of(task), keyframes(seed + 100)]).strangers == (2,)
 
 
+def test_a_take_that_begins_elsewhere_is_a_stranger_whatever_pairs_by_chance() -> None:
+    whole = keyframes(count=8)
+    assert align([some(whole, [0, 2, 3, 4]), some(whole, [1, 2, 3, 4, 5, 6, 7])]).strangers == (1,)
+    assert align([some(whole, [0, 2, 3, 4]), ELSEWHERE.of(whole)]).strangers == ()
+
+
 def test_grips_tell_stops_apart_that_lie_side_by_side() -> None:
     one = keyframes(count=6)
     p = one.p.copy()

@@ -209,13 +209,13 @@ def _slabs(triangles: Array) -> dict[str, Any]:
 def meshes_apart(first: Body, T_first: Any, second: Body, T_second: Any, margin_m: float) -> float | None:
     """How far apart the meshes of two bodies are, m, at least, where that is `margin_m`; None where it isn't."""
     T_first, T_second = (coal.Transform3s(T.rotation, T.translation) for T in (T_first, T_second))
-    pad, least = first.pad + second.pad, np.inf
+    pad, asked, least = first.pad + second.pad, coal.DistanceRequest(), coal.DistanceResult()
     for one, other in product(slabs_of(first), slabs_of(second)):
-        least = min(least, coal.distance(one, T_first, other, T_second, coal.DistanceRequest(), coal.DistanceResult()))
-        if not least - pad >= margin_m:
+        coal.distance(one, T_first, other, T_second, asked, least)
+        if not least.min_distance - pad >= margin_m:
             break
     else:
-        return float(least - pad)
+        return float(least.min_distance - pad)
     request = coal.CollisionRequest()
     request.security_margin = margin_m
     touch = coal.collide(surface_of(first), T_first, surface_of(second), T_second, request, coal.CollisionResult())

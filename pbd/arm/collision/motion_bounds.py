@@ -1,13 +1,15 @@
 """How far a body can move at most while joints turn: the bound that lets collision checks skip ahead.
 
 A point moves with a turning joint by no more than the angle times its distance from the axis, whatever the other joints
-do; its distance is at most the sum of the steps from the axis to it. Coordinates `x` are (k + 1,): the arm's joints q
-(rad; m where one slides), then the gripper's opening, 1 open to 0 closed.
+do: a body is within a ball, and all places where another joint may take that are within a larger ball around its axis.
+Two bodies get no nearer to each other than either moves as seen from the other: the one nearer to the axis bounds both.
+Coordinates `x` are (k + 1,): the arm's joints q (rad; m where one slides), then the gripper's opening, 1 open to 0
+closed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -24,46 +26,54 @@ def rates(arm: ArmModel, bodies: Sequence[Body], pairs: NDArray[np.int64]) -> Ar
 
     Only the joints between the two bodies count: those further down move both alike.
     """
-    chains = [levers(arm, body) for body in bodies]
+    reach, chains = [levers(arm, body) for body in bodies], [set(arm.full.supports[body.joint]) for body in bodies]
     bound = np.zeros((len(pairs), len(arm.robot.joints) + 1))
     columns = _columns(arm)
     for row, (first, second) in enumerate(pairs):
-        a, b = chains[first], chains[second]
-        for joint in a.keys() ^ b.keys():
+        for joint in chains[first] ^ chains[second]:
             if joint in columns:
                 column, share = columns[joint]
-                bound[row, column] += share * (a[joint] if joint in a else b[joint])
+                bound[row, column] += share * min(reach[first][joint], reach[second][joint])
     return bound
 
 
 @lru_cache(maxsize=1024)
-def levers(arm: ArmModel, body: Body) -> Mapping[int, float]:
-    """For each joint that carries a body: m that any of its points moves at most per rad (or per m) of the joint."""
-    model, axes, found = arm.full, _axes(arm), dict[int, float]()
-    if body.joint == 0:
-        return found  # a floor has no end
+def levers(arm: ArmModel, body: Body) -> Array:
+    """For each joint: m that any of the body's points moves at most per rad (or per m) of it.
+
+    Of a joint that doesn't carry the body: as seen from what it carries.
+    """
+    model, found = arm.full, np.full(arm.full.njoints, np.inf)
+    if body.shape == "floor":
+        return found  # it has no end
     p, radius = outline(body)
-    p_joint = body.T_joint_body.act(p)
-    chain = list(model.supports[body.joint])[1:]
-    far = float(np.linalg.norm(p_joint, axis=1).max()) + radius  # from the joint's origin
-    for i in reversed(range(len(chain))):
-        joint = chain[i]
-        axis, slides = axes[joint]
-        if i == len(chain) - 1:
-            lever = float(_off_axis(p_joint, axis).max()) + radius
-        else:
-            step = model.jointPlacements[chain[i + 1]].translation
-            lever, far = far + float(_off_axis(step, axis)), far + float(np.linalg.norm(step))
-        found[joint] = 1.0 if slides else lever
-        if slides:
-            far += _most_slide(arm, joint)
+    # By joint: where the body may be in the joint's frame, as balls around points.
+    balls = {body.joint: (body.T_joint_body.act(p), radius)}
+    for joint in reversed(list(model.supports[body.joint])[1:]):
+        found[joint], p, radius = _swept(arm, joint, *balls[joint])
+        placed = model.jointPlacements[joint]
+        balls[model.parents[joint]] = p @ placed.rotation.T + placed.translation, radius
+    for joint in range(1, model.njoints):
+        if joint not in balls:
+            (p, radius), placed = balls[model.parents[joint]], model.jointPlacements[joint]
+            found[joint], p, radius = _swept(arm, joint, (p - placed.translation) @ placed.rotation, radius)
+            balls[joint] = p, radius
     return found
 
 
-def _off_axis(p: Array, axis: Array) -> Array:
-    """Distance (...) of points (..., 3) from the line through the origin along a unit axis."""
-    distance: Array = np.sqrt(np.maximum(np.einsum("...i,...i->...", p, p) - (p @ axis) ** 2, 0.0))
-    return distance
+def _swept(arm: ArmModel, joint: int, p: Array, radius: float) -> tuple[float, Array, float]:
+    """Move balls around points (n, 3) in a joint's frame with the joint.
+
+    Returns:
+        m that they move at most per rad (or per m); points (m, 3) and a radius of balls that hold them all the way.
+    """
+    axis, slides = _axes(arm)[joint]
+    if slides:
+        return 1.0, p, radius + _most_slide(arm, joint)
+    along = p @ axis
+    centre = 0.5 * (along.min() + along.max()) * axis
+    lever = float(np.linalg.norm(p - along[:, None] * axis, axis=1).max()) + radius
+    return lever, centre[None], float(np.linalg.norm(p - centre, axis=1).max()) + radius
 
 
 def outline(body: Body) -> tuple[Array, float]:

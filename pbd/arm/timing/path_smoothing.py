@@ -56,10 +56,8 @@ class Curve:
     @staticmethod
     def through(waypoints: Array, limits: JointLimits, t: Array | None = None) -> Curve | None:
         """Lay a curve through waypoints (n, k) rad; None where they are all one."""
-        kept = [0]
-        for i in range(1, len(waypoints)):
-            if (np.abs(waypoints[i] - waypoints[kept[-1]]) / limits.velocity).max() > _SAME:
-                kept.append(i)
+        apart = (np.abs(np.diff(waypoints, axis=0)) / limits.velocity).max(axis=1) > _SAME
+        kept = np.flatnonzero(np.append(True, apart))
         if len(kept) < 2:
             return None
         waypoints = np.vstack((waypoints[kept[:-1]], waypoints[-1]))  # the end is met exactly
