@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +35,7 @@ pytestmark = pytest.mark.usefixtures("remembered")
 WITH_GYRO = ["os5000", "wt901", "modern", "ideal"]
 
 
+@cache
 def real_recordings(folder: Path) -> dict[str, Recording]:
     """Each at the rate of its sensor and as slower sensors would say it."""
     found: dict[str, Recording] = {}
@@ -59,9 +61,8 @@ def with_spike(recording: Recording, channel: str, row: int, axis: int, value: f
     return with_channel(recording, channel, values)
 
 
-@pytest.mark.parametrize("sensor", ["modern", "os5000"])
+@pytest.mark.parametrize(("sensor", "t"), [("modern", 0.0), ("modern", 2.9), ("os5000", 22.0)])
 @pytest.mark.parametrize(("channel", "value"), [("acc", 500.0), ("acc", -500.0), ("gyr", 30.0)])
-@pytest.mark.parametrize("t", [0.0, 2.9, 22.0])
 def test_a_wild_sample_is_left_out_and_told(sensor: str, channel: str, value: float, t: float) -> None:
     recording = pour(sensor, 1).recording
     row = int(np.searchsorted(recording.t, t))
@@ -261,13 +262,13 @@ def test_a_turn_about_the_vertical_is_not_taken_for_rest(seed: int) -> None:
 def test_axes_that_are_not_the_accelerometers_are_found_out(how: str, sensor: str) -> None:
     """Nearly always, where the hand turns about several axes; where it hardly turns, nothing is known of them."""
     said = []
-    for seed in range(6):
+    for seed in range(4):
         recording = spoilt(simulate(random_task(seed, max_turn=1.8, moves=20), sensor, seed), how)
         try:
             refuse_disagreement(recording)
         except RecordingError as error:
             said.append(error.message)
-    assert len(said) >= 5
+    assert len(said) >= 3
     assert all("import the file with --column g" in message for message in said)
 
 
