@@ -106,7 +106,7 @@ def test_nothing_is_found_where_nothing_clips(sensor: str, rate_hz: float) -> No
         assert clips_of(simulate(task, limited(sensor), 0, rate_hz=rate_hz).recording) == ()
 
 
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=12)
 @given(
     st.sampled_from(["os5000", "wt901", "modern"]),
     st.floats(0.1, 30.0),

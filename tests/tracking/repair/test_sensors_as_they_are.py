@@ -77,7 +77,7 @@ def test_a_wild_sample_is_left_out_and_told(sensor: str, channel: str, value: fl
     assert max(off) < 0.003
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(
     st.sampled_from(WITH_GYRO),
     st.sampled_from(["pour", "random"]),
@@ -103,7 +103,7 @@ def test_real_impacts_and_fast_hands_have_no_wild_samples(data_folder: Path) -> 
     for recording in recordings.values():
         assert without_wild(recording) is recording
     for sensor in WITH_GYRO:
-        for seed in range(5):
+        for seed in range(3):
             fast = simulate(random_task(seed, move_s=(0.15, 0.3)), sensor, seed).recording
             assert without_wild(fast) is fast
 
@@ -187,10 +187,9 @@ def test_a_sensor_that_freezes_in_a_move_is_refused() -> None:
 
 @pytest.mark.parametrize("sensor", [*SENSOR_MODELS])
 def test_nothing_is_frozen_in_a_clean_recording(sensor: str, data_folder: Path) -> None:
-    for seed in range(3):
-        tasks: list[str | Task] = [*TASKS, random_task(seed)]
-        for task in tasks:
-            assert not frozen(simulate(task, sensor, seed).recording).any()
+    tasks: list[str | Task] = [*TASKS, random_task(0), random_task(1)]
+    for task in tasks:
+        assert not frozen(simulate(task, sensor, 0).recording).any()
     if sensor == "modern":
         assert not any(frozen(recording).any() for recording in real_recordings(data_folder).values())
 
@@ -230,7 +229,7 @@ def test_a_real_gyro_in_degrees_is_found_out_and_a_good_one_is_not(data_folder: 
                 refuse_disagreement(replace(good, gyr=np.degrees(good.gyr)))
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(
     st.sampled_from(WITH_GYRO),
     st.sampled_from([*TASKS, "random", "fast", "wide"]),
@@ -272,7 +271,7 @@ def test_axes_that_are_not_the_accelerometers_are_found_out(how: str, sensor: st
     assert all("import the file with --column g" in message for message in said)
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=4, deadline=None)
 @given(st.sampled_from(["modern", "ideal"]), st.floats(9.6, 10.0), st.integers(0, 100))
 def test_gravity_is_what_the_sensor_shows(sensor: str, gravity: float, seed: int) -> None:
     keyframes, errors = keyframes_and_errors(simulate("pour", sensor, seed, world=World(gravity=gravity)))
