@@ -53,15 +53,15 @@ def panda() -> Robot:
 
 def exported(*options: str) -> bytes:
     """What `pbd export tea` writes."""
-    assert main(["export", "tea", "--robot", "panda", "-o", "command.csv", *options]) == 0
-    return Path("command.csv").read_bytes()
+    assert main(["export", "tea", "--robot", "panda", "--format", "ros2-json", "-o", "command.json", *options]) == 0
+    return Path("command.json").read_bytes()
 
 
 def planned(path: HandPath, calibration: Calibration | None, robot: Robot) -> bytes:
     """What a program writes."""
     assert calibration is not None
-    export(pbd.plan(path, calibration, robot), robot, "csv", Path("program.csv"), rate_hz=1000.0)
-    return Path("program.csv").read_bytes()
+    export(pbd.plan(path, calibration, robot), robot, "ros2-json", Path("program.json"))
+    return Path("program.json").read_bytes()
 
 
 def edit() -> None:

@@ -37,6 +37,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         except BrokenPipeError:
             drop(sys.stdout)  # its reader has gone (`pbd ... | head`)
             return 141
+        except KeyboardInterrupt:
+            return 130
         except OSError as reason:
             message = _refused(reason)
             if message is None:
@@ -94,5 +96,3 @@ def _run(argv: Sequence[str] | None) -> int:
             raise  # a bug
         say(f"the Python package {package} is missing or broken ({error}); install pbd-robot again")
         return 1
-    except KeyboardInterrupt:
-        return 130

@@ -19,7 +19,7 @@ from pbd.cli.recording.screen import PanelScreen, PlainScreen
 from pbd.cli.recording.simulated import Poll, Show, SimulatedHand, simulated_hand
 from pbd.cli.steps import decoder_maker
 from pbd.data import SensorErrors
-from pbd.errors import SensorError, UsageError, warn
+from pbd.errors import UsageError, warn
 from pbd.files.calibration import load_calibration
 from pbd.files.demo import demo_folder, refuse_demo_folder, utc_now
 from pbd.record import Outcome, RecordOptions, record
@@ -129,7 +129,7 @@ def _simulated(args: argparse.Namespace, stack: ExitStack) -> SimulatedHand | No
     if kind != SIMULATED:
         return None
     if args.port or args.baud or args.rate:
-        raise SensorError("a simulated sensor has no port, baud or rate to choose; leave out --port, --baud, --rate")
+        raise UsageError("a simulated sensor has no port, baud or rate to choose; leave out --port, --baud, --rate")
     return simulated_hand(task, stack)
 
 

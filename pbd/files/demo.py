@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -135,7 +136,7 @@ def write_demo(
         RecordingError: the folder exists (unless `force`), or can't be written.
     """
     refuse_demo_folder(folder, force)
-    with atomic_folder(folder) as new:
+    with atomic_folder(folder, replace=force) as new:
         for name, text in ({"demo.toml": demo_toml(demo, folder.name, folder)} | dict(beside)).items():
             (new / name).write_text(text, encoding="utf-8")
         if not demo.takes:
@@ -157,6 +158,12 @@ def refuse_demo_folder(folder: Path, force: bool) -> None:
         raise RecordingError(f"{folder} is read-only; change its permissions, or give another name", path=folder)
     if is_folder(folder) and not (folder / "demo.toml").is_file():
         raise RecordingError(f"{folder} is not a demonstration, so it is not replaced; give another name", path=folder)
+    with suppress(OSError), (folder / "imu.csv").open() as imu:
+        try:
+            fcntl.flock(imu, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:  # RecordingWriter holds it
+            what = f"{folder} is being recorded; end that first, or give another name"
+            raise RecordingError(what, path=folder) from None
     return refuse_folder(folder.parent, RecordingError)
 
 

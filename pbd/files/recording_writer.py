@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import shutil
 from collections.abc import Iterable, Iterator, Sequence
@@ -39,12 +40,14 @@ class RecordingWriter:
         written = [CHANNELS[name] for name in CHANNELS if name in channels]
         header = ",".join(["t", *(column for columns, _ in written for column in columns)])
         self._format = ",".join(["{:.6f}", *(f"{{:.{decimals}f}}" for _, decimals in written for _ in "xyz")])
-        with atomic_folder(folder) as new:
+        with atomic_folder(folder, replace=force) as new:
             (new / "demo.toml").write_text(self._toml(), encoding="utf-8")
             (new / "imu.csv").write_text(header + "\n", encoding="ascii")
         self._raw: int | None = None
         with self._saying_what_is_kept():
             self._imu = os.open(folder / "imu.csv", os.O_WRONLY | os.O_APPEND)
+        with suppress(OSError):  # some network folders know no locks
+            fcntl.flock(self._imu, fcntl.LOCK_EX | fcntl.LOCK_NB)  # no --force replaces what is being recorded
 
     def add(self, t: Sequence[float], values: Iterable[Sequence[float]]) -> None:
         """Append rows: t in s, and for each the channels' numbers in their order; NaN is an empty cell.

@@ -45,11 +45,11 @@ def atomic_file(path: Path, parents: bool = False) -> Iterator[Path]:
 
 
 @contextmanager
-def atomic_folder(folder: Path) -> Iterator[Path]:
+def atomic_folder(folder: Path, replace: bool = True) -> Iterator[Path]:
     """Give a folder to fill beside `folder`; it takes that name when all went well, and is gone otherwise.
 
     What has the name is renamed (`name_aside`) before that and removed after it. Where that is a link the link goes,
-    and what it leads to stays.
+    and what it leads to stays. Without `replace` it is not written over what another program made meanwhile.
 
     Raises:
         RecordingError: the place can't be written.
@@ -58,7 +58,7 @@ def atomic_folder(folder: Path) -> Iterator[Path]:
     with _refused_as(RecordingError, folder), made(folder.parent), _temporary(folder) as new:
         new.mkdir()
         yield new
-        aside = folder.rename(name_aside(folder, "before")) if os.path.lexists(folder) else None
+        aside = folder.rename(name_aside(folder, "before")) if replace and os.path.lexists(folder) else None
         try:
             new.rename(folder)
         except OSError:

@@ -9,7 +9,7 @@ import numpy as np
 
 from pbd.data import Keyframe
 from pbd.data.keyframe import thing_carriers
-from pbd.errors import PlanError, listed, nearest
+from pbd.errors import PlanError, UsageError, listed, nearest
 from pbd.pose import Array, Pose, quat_about_z, quat_rotate
 
 HALVINGS = 6
@@ -49,7 +49,7 @@ def place_things(
     """Move the keyframes of each thing to where it stands now, with what it carries.
 
     Raises:
-        PlanError: a place is of a thing that no keyframe belongs to.
+        UsageError: a place is of a thing that no keyframe belongs to.
     """
     poses, known = list(T_base_tool), things(keyframes)
     by_name = {place.name: place for place in places}
@@ -57,7 +57,7 @@ def place_things(
         if name not in known:
             given = f"known are {listed(known)}{nearest(name, known)}" if known else "none belongs to anything"
             how = f"`pbd keyframes --frame {name}=3..5` says which do"
-            raise PlanError(f"no keyframe belongs to '{name}': {given}; {how}", value=name, valid=list(known))
+            raise UsageError(f"no keyframe belongs to '{name}': {given}; {how}", value=name, valid=list(known))
     for name, members in known.items():
         if (place := by_name.get(name)) is not None:
             moved = _displacement(poses[members[0]].p, place)

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from pbd.data import Keyframe
-from pbd.errors import PbdError
+from pbd.errors import UsageError
 from pbd.planning.object_frames import ThingPlace
 
 PATHS = ("keyframes", "line", "demo")
@@ -76,15 +76,15 @@ class PlanOptions:
     def __post_init__(self) -> None:
         for value, known in ((self.path, PATHS), (self.time, TIMES), (self.orientation, ORIENTATIONS)):
             if value not in known:
-                raise PbdError(f"unknown value '{value}'; choose one of {', '.join(known)}", value=value)
+                raise UsageError(f"unknown value '{value}'; choose one of {', '.join(known)}", value=value)
         for name, (least, most) in BOUNDS.items():
             value = getattr(self, name)
             if value is not None and not least <= value <= most:
-                raise PbdError(f"{name} must be from {least:g} to {most:g}, got {value:g}", value=value, bound=most)
+                raise UsageError(f"{name} must be from {least:g} to {most:g}, got {value:g}", value=value, bound=most)
         if not (0.0 <= self.payload < np.inf and np.isfinite(self.p_tool_payload).all()):
-            raise PbdError(f"the payload is {self.payload} kg; give a number, zero or above", value=self.payload)
+            raise UsageError(f"the payload is {self.payload} kg; give a number, zero or above", value=self.payload)
         if not np.isfinite([(*place.p_base, place.turn_rad) for place in self.at]).all():
-            raise PbdError("the place of a thing must have finite numbers", value=self.at)
+            raise UsageError("the place of a thing must have finite numbers", value=self.at)
 
 
 def dwells(keyframes: Sequence[Keyframe], options: PlanOptions) -> list[float]:

@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
@@ -84,6 +85,11 @@ def test_a_result_without_stdout_is_not_said_to_be_written(tmp_path: Path) -> No
     run = pbd("export pouring --robot panda --format csv -o -", ">&-", tmp_path)
     assert run.returncode == 1
     assert run.stderr.splitlines()[-1] == "pbd: standard output is closed: name a file"
+
+
+def test_ctrl_c_while_the_words_are_parsed_is_no_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pbd.cli.parse", Mock(side_effect=KeyboardInterrupt))
+    assert main(["robots"]) == 130
 
 
 def test_only_what_is_needed_fails() -> None:

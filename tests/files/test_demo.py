@@ -21,6 +21,7 @@ from pbd.errors import RecordingError
 from pbd.files import demo as demo_file
 from pbd.files.demo import demo_folder, load_demo, newest_demo, read_demo, write_demo
 from pbd.files.find_by_name import bundled
+from pbd.io.atomic import atomic_folder
 from pbd.pose import Array, quat_exp
 
 HALF_A_DIGIT = {"t": 5e-7, "gyr": 5e-8, "acc": 5e-7, "mag": 5e-5, "device_rpy": 5e-7, "p": 5e-7, "wxyz": 5e-9}
@@ -159,6 +160,18 @@ def test_an_existing_folder_is_refused_unless_forced(tmp_path: Path) -> None:
     assert len(read_demo(folder).recording) == 5
     assert not (folder / "keyframes.toml").exists()  # of the demonstration that is gone
     assert [path.name for path in tmp_path.iterdir()] == ["tea"]
+
+
+def test_what_another_program_made_meanwhile_stays(tmp_path: Path) -> None:
+    def race(folder: Path) -> None:
+        with atomic_folder(folder, replace=False) as new:
+            (new / "mine").touch()
+            folder.mkdir()
+            (folder / "theirs").touch()
+
+    with pytest.raises(RecordingError, match="can't be written"):
+        race(tmp_path / "tea")
+    assert [file.name for file in tmp_path.rglob("*")] == ["tea", "theirs"]
 
 
 def test_force_replaces_nothing_but_a_demonstration(tmp_path: Path) -> None:

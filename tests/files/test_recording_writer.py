@@ -68,6 +68,14 @@ def test_nothing_is_overwritten_unasked(tmp_path: Path) -> None:
         begun(tmp_path / "photos", force=True)
 
 
+def test_what_is_being_recorded_is_not_replaced(tmp_path: Path) -> None:
+    demo = begun(tmp_path / "tea")
+    with pytest.raises(RecordingError, match="is being recorded; end that first"):
+        begun(tmp_path / "tea", force=True)
+    demo.close()
+    begun(tmp_path / "tea", force=True).close()
+
+
 def test_a_full_disk_leaves_what_was_written_intact(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     demo = begun(tmp_path / "tea")
     demo.add([0.0], [ROW])

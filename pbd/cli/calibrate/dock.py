@@ -10,7 +10,7 @@ from pbd.calibration.dock import dock_at
 from pbd.cli.calibrate.common import instead_of, opened, refuse_out_of_reach
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, Robot
-from pbd.errors import CalibrationError, PlanError
+from pbd.errors import CalibrationError, PlanError, UsageError
 from pbd.files.calibration import load_calibration
 from pbd.files.calibration_edit import covariance_values, pose_values, update_calibration
 from pbd.files.demo import load_demo
@@ -66,13 +66,11 @@ def run(args: argparse.Namespace) -> None:
 def _pose(args: argparse.Namespace, robot: Robot | None, calibration: Calibration) -> tuple[Pose, Array, str]:
     """T_base_dock, its covariance (6, 6) but for how the sensor is put down, and where it comes from in words."""
     if args.rpy is not None and args.position is None:
-        raise CalibrationError("--rpy goes with --position; leave it out")
+        raise UsageError("--rpy goes with --position; leave it out")
     if args.position is not None:
         before = calibration.T_base_dock
         kept = np.zeros(3) if before is None else np.degrees(quat_to_rpy(before.wxyz))
         rpy_deg = kept if args.rpy is None else args.rpy
-        if not np.isfinite([*args.position, *rpy_deg]).all():
-            raise CalibrationError("--position and --rpy must be finite numbers; correct them")
         if (far := max(map(abs, args.position))) > FARTHEST_M:
             what = f"a dock {far:g} m from the robot's base is beyond every robot's reach; give metres"
             raise CalibrationError(what, value=far, bound=FARTHEST_M)
@@ -90,7 +88,7 @@ def _where_the_robot_stands(joints: list[float], robot: Robot | None) -> Pose:
     from pbd.arm.model import load_model
 
     if robot is None:
-        raise CalibrationError("--joints needs a robot; give --robot too")
+        raise UsageError("--joints needs a robot; give --robot too")
     if len(joints) != len(robot.joints):
         raise CalibrationError(
             f"{robot.name} has {len(robot.joints)} joints ({', '.join(robot.joints)}), but {len(joints)} numbers "

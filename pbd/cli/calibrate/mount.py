@@ -12,7 +12,7 @@ from pbd.cli.calibrate.common import opened, sigma_json, tracked
 from pbd.cli.console import print_json, say
 from pbd.data import Calibration
 from pbd.data.covariance import one_sigma
-from pbd.errors import CalibrationError
+from pbd.errors import UsageError
 from pbd.files.calibration_edit import covariance_values, pose_values, update_calibration
 from pbd.pose import Array, Pose
 from pbd.tracking.keyframes import find_keyframes
@@ -23,7 +23,7 @@ from pbd.view.terminal_tables import print_table
 def run(args: argparse.Namespace) -> None:
     """Track, fit, write, and say how far it is to be trusted."""
     if not (args.pivot or args.turns):
-        raise CalibrationError("say what the recording shows: --pivot, --turns x,-x,z, or both")
+        raise UsageError("say what the recording shows: --pivot, --turns x,-x,z, or both")
     path, calibration = opened(args)
     _, hand = tracked(args, calibration)
     keyframes = find_keyframes(hand)

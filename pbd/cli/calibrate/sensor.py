@@ -25,13 +25,6 @@ from pbd.view.terminal_tables import print_table
 
 def run(args: argparse.Namespace) -> None:
     """Fit, write, and say what was found."""
-    if args.latitude is not None and not abs(args.latitude) <= 90.0:
-        raise CalibrationError(f"--latitude must be from -90 to 90, got {args.latitude:g}", value=args.latitude)
-    if args.gravity is not None and not 9.7 <= args.gravity <= 9.9:
-        what = f"--gravity must be from 9.7 to 9.9 m/s2, got {args.gravity:g}; correct it, or give --latitude"
-        raise CalibrationError(what, value=args.gravity)
-    if args.temperature is not None and not np.isfinite(args.temperature):
-        raise CalibrationError("--temperature must be a number; correct it")
     gravity = args.gravity or (GRAVITY if args.latitude is None else gravity_at(args.latitude))
     path, calibration = opened(args)
     with working(f"reading {args.demo}"):

@@ -6,7 +6,7 @@ import argparse
 from argparse import ArgumentParser
 from pathlib import Path
 
-from pbd.cli.options import add_accept_gap, add_commands, add_force, add_json, positive
+from pbd.cli.options import add_accept_gap, add_commands, add_force, add_json, finite, positive, within
 
 REPLACE = "replace a [dock] by a [nav], or a [nav] by a [dock]"
 
@@ -41,12 +41,12 @@ def dock(parser: ArgumentParser) -> None:
     """
     _add_name(parser)
     where, option = parser.add_mutually_exclusive_group(required=True).add_argument, parser.add_argument
-    where("--position", nargs=3, type=float, metavar=("X", "Y", "Z"), help="position of the SENSOR in base, m")
+    where("--position", nargs=3, type=finite, metavar=("X", "Y", "Z"), help="position of the SENSOR in base, m")
     joints = "the arm's joints there, degrees (sliding joints: m); needs --robot"
-    where("--joints", nargs="+", type=float, metavar="Q", help=joints)
+    where("--joints", nargs="+", type=finite, metavar="Q", help=joints)
     where("--from-keyframe", nargs=2, metavar=("DEMO", "K"), help="where demonstration DEMO stopped at its keyframe K")
     rpy = "with --position: roll, pitch, yaw, degrees (as in NAME's dock, else 0 0 0)"
-    option("--rpy", nargs=3, type=float, metavar=("R", "P", "Y"), help=rpy)
+    option("--rpy", nargs=3, type=finite, metavar=("R", "P", "Y"), help=rpy)
     option("--calibration", metavar="C", help="calibration to track --from-keyframe with (NAME itself)")
     option("--robot", metavar="R", help="robot of --joints; checks that it reaches the dock")
     sigma = "one sigma of the position, each axis, mm (3)"
@@ -126,9 +126,9 @@ def sensor(parser: ArgumentParser) -> None:
     only = "calibrate only these (gyr, acc, mag), and fail if one can't be"
     option("--only", type=_kinds, default=(), metavar="K,K", help=only)
     gravity = parser.add_mutually_exclusive_group().add_argument
-    gravity("--gravity", type=positive, metavar="G", help="gravity at this place, m/s2 (9.80665)")
-    gravity("--latitude", type=float, metavar="DEG", help="compute gravity from the latitude of this place")
-    option("--temperature", type=float, metavar="C", help="room temperature, degrees C, noted in the file")
+    gravity("--gravity", type=within(9.7, 9.9, " m/s2"), metavar="G", help="gravity at this place, m/s2 (9.80665)")
+    gravity("--latitude", type=within(-90.0, 90.0), metavar="DEG", help="latitude to compute gravity from")
+    option("--temperature", type=finite, metavar="C", help="room temperature, degrees C, noted in the file")
 
 
 def show(parser: ArgumentParser) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from pbd.cli.console import listening
 from pbd.cli.steps import decoder_maker
-from pbd.errors import SensorError
+from pbd.errors import SensorError, UsageError
 from pbd.sensors import port as serial_port
 from pbd.sensors.decoding import Decoder
 from pbd.sensors.phyphox.phone import PhonePort, is_address
@@ -34,7 +34,7 @@ def find_sensor(args: argparse.Namespace) -> tuple[str, Callable[[], Source], De
     make = None if wanted is None else decoder_maker(args, wanted, args.unit)  # before anything is opened
     if wanted == GAMEPAD:
         if args.baud or args.rate:
-            raise SensorError("a gamepad has no baud or rate to choose; leave out --baud, --rate")
+            raise UsageError("a gamepad has no baud or rate to choose; leave out --baud, --rate")
         assert make is not None
         from pbd.sensors.gamepad_port import open_gamepad
 
@@ -61,13 +61,13 @@ def find_sensor(args: argparse.Namespace) -> tuple[str, Callable[[], Source], De
 def _phone(args: argparse.Namespace) -> tuple[str, Callable[[], Source], Decoder]:
     """A phone is known to a calibration by its model."""
     if args.sensor not in (PHONE, None):
-        raise SensorError(f"{args.sensor} has a serial port; for a phone give --sensor {PHONE}", value=args.sensor)
+        raise UsageError(f"{args.sensor} has a serial port; for a phone give --sensor {PHONE}", value=args.sensor)
     if args.port is None:
-        raise SensorError(
+        raise UsageError(
             f"where is the phone? give --port http://ADDRESS:8080 as {PHONE} shows it, once remote access is allowed"
         )
     if args.baud or args.rate:
-        raise SensorError("a phone has no baud or rate to choose; leave out --baud and --rate")
+        raise UsageError("a phone has no baud or rate to choose; leave out --baud and --rate")
     phone = PhonePort(args.port)
     opened = False
 
