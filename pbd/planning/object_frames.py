@@ -9,7 +9,7 @@ import numpy as np
 
 from pbd.data import Keyframe
 from pbd.data.keyframe import thing_carriers
-from pbd.errors import PlanError, UsageError, listed, nearest
+from pbd.errors import UsageError, listed, nearest
 from pbd.pose import Array, Pose, quat_about_z, quat_rotate
 
 HALVINGS = 6
