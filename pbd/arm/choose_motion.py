@@ -41,7 +41,7 @@ from pbd.arm.refusal import COLLISION, UNREACHABLE, Refusal, refuse_move, refuse
 from pbd.arm.tool_deviation import ToolDeviation, tool_deviations
 from pbd.pose import Array
 
-MOST_STRAIGHT = 12
+MOST_STRAIGHT = 36
 """Refused straight moves between two keyframes before the link is mended."""
 WINDOW, KEPT = 64, 32
 """Layers that are searched at once, and how many of them again with what follows."""
