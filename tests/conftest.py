@@ -29,7 +29,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> object:
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
-settings.register_profile("pbd", deadline=None, max_examples=40)  # nothing fails on time: the machine may be busy
+settings.register_profile("pbd", deadline=None)  # nothing fails on time: the machine may be busy
 settings.load_profile("pbd")
 
 

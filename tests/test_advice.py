@@ -70,7 +70,7 @@ def test_a_straight_line_is_tried_before_it_is_recommended(
     capsys: Capture, tmp_path: Path, can: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if not can:
-        monkeypatch.setattr("pbd.planning.can_plan", lambda *args: False)
+        monkeypatch.setattr("pbd.arm.ladder_checks.follow", lambda *args: None)
     code, _, err = run(capsys, "export", "pouring", "--robot", "panda", "-o", f"{tmp_path}/x.csv")
     assert code == 0
     said = "--path-tolerance 0.01 keeps it straight" if can else "panda can't keep it straight"

@@ -41,7 +41,9 @@ def along_the_table(robot: Robot, seed: int) -> list[Keyframe]:
     ]
 
 
-@pytest.mark.parametrize(("name", "seed"), [("panda", 16), ("ur5", 7), ("xarm7", 19)])
+@pytest.mark.parametrize(
+    ("name", "seed"), [("panda", 16), ("ur5", 7), ("ur5", 19), ("ur5", 28), ("xarm7", 7), ("xarm7", 19)]
+)
 def test_a_line_along_the_table_leads_to_a_grasp(name: str, seed: int) -> None:
     """Of 120 random ones these were refused while the cup was taken to be in the hand on the way to it."""
     robot = pbd.load_robot(name)

@@ -63,7 +63,7 @@ class World:
         return list(product(*(range(len(q)) for q in self.q)))
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=60)
 @given(
     st.integers(0, 10_000), st.lists(st.integers(1, 4), min_size=1, max_size=4), st.floats(0, 0.6), st.floats(0, 0.6)
 )
@@ -99,7 +99,7 @@ def test_what_is_known_is_left_for_a_path_that_is_shorter_by_more_than_unseen() 
     assert asked[UNSEEN] < asked[0.0]
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=60)
 @given(st.integers(0, 10_000), st.integers(1, 4))
 def test_a_mended_ladder_is_as_one_built_whole(seed: int, place: int) -> None:
     """States added, a layer put in, moves made anew: what was known besides is kept, and never asked again."""

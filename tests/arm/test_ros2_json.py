@@ -67,7 +67,7 @@ def test_the_controller_moves_the_arm_as_planned_within_every_limit(
         assert_allclose(controller.at(trajectory.keyframe_t), trajectory.keyframe_q, atol=1e-7)
 
 
-@pytest.mark.parametrize("rate_hz", [20.0, 200.0])
+@pytest.mark.parametrize("rate_hz", [20.0, 100.0, 1000.0])
 def test_samples_at_a_rate_add_points_and_change_no_motion(tmp_path: Path, rate_hz: float) -> None:
     robot, trajectory = planned("panda", "pouring", "keyframes")
     goal = goals(robot, trajectory, tmp_path / "goal.json", rate_hz)

@@ -26,8 +26,6 @@ from tests.sensors.encoders import witmotion
 RUN = ("simulate", "import", "segments", "keyframes", "replay", "export", "robots", "sensors", "calibrate")
 NOT_HERE = ("calibrate points", "calibrate mount", "calibrate sensor")
 """What needs recordings made for it; tests/cli/test_calibrate*.py run those."""
-RUN_ELSEWHERE = ("robots --for", "robots --suggest", "--format lerobot")
-"""What takes seconds; tests/cli/test_robots_command.py and test_export_command.py run those."""
 
 
 def parsers(of: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
@@ -107,7 +105,6 @@ RUNNABLE = [
     if words_of(line)[0] in RUN
     and not " ".join(words_of(line)).startswith(NOT_HERE)
     and ("--html" in line or not line.startswith("pbd replay"))
-    and not any(each in line for each in RUN_ELSEWHERE)
 ]
 
 

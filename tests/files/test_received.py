@@ -22,8 +22,6 @@ from tests.files.test_formats import planned
 from tests.files.urscript import Controller
 
 RATES = {"csv": 100.0, "npz": 1000.0, "tum": 20.0, "mcap": 10.0, "glb": 10.0}
-SLOW = ("glb", "mcap")
-"""Formats that take a second: their receivers' rules are no arm's own."""
 RULES = {
     "csv": "hold",
     "npz": "hold",
@@ -39,8 +37,6 @@ RULES = {
 def test_every_format_for_every_arm(tmp_path: Path, name: str) -> None:
     plan, robot, source = planned(name, "paper-test2")  # the shortest
     for format_name in FORMATS:
-        if format_name in SLOW and name not in ("panda", "so101"):
-            continue
         if format_name == "urscript" and not name.startswith("ur"):
             continue
         rate_hz, place = RATES.get(format_name), tmp_path / format_name

@@ -209,7 +209,7 @@ def path_along_x(x: Array, a: Array) -> tuple[HandPath, Array]:
     return moved, np.column_stack((a, zero, zero))
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(st.floats(0.001, 0.6), st.floats(TREMBLE_S, 4.0))
 def test_no_move_is_taken_for_trembling(length_m: float, move_s: float) -> None:
     u = np.arange(0.0, 1.0 + 1e-9, 1.0 / (HZ * move_s))
@@ -218,7 +218,7 @@ def test_no_move_is_taken_for_trembling(length_m: float, move_s: float) -> None:
     assert not [f for f in find(path, "01", a_nav, None, ()) if "trembles" in f.words]
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.floats(0.001, 0.006), st.floats(4.0, 10.0), st.floats(2.0 * TREMBLE_S, 3.0))
 def test_every_tremor_is(amplitude_m: float, hz: float, lasts_s: float) -> None:
     w, t = 2.0 * np.pi * hz, np.arange(0.0, lasts_s, 1.0 / HZ)

@@ -106,7 +106,7 @@ def agreeing(rng: np.random.Generator, k: int) -> Array:
     return p
 
 
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=50)
 @given(st.integers(0, 2**32 - 1), st.integers(7, 10), st.floats(-4.0, -0.5))
 def test_as_dense_least_squares(seed: int, k: int, log_sigma: float) -> None:
     rng = np.random.default_rng(seed)

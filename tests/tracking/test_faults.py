@@ -1,4 +1,4 @@
-"""Fifty random cases of the fault matrix (tests/benchmarks/faults.py has them all)."""
+"""A random hundred cases of the fault matrix (tests/benchmarks/faults.py has them all)."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 
 from tests.tracking.fault_matrix import REFUSED, SILENT_RIGHT, SILENT_WRONG, cases, outcome
 
-SAMPLE, MOST_SILENT, LEAST_RIGHT = 50, 1, 10
-"""Cases; of which so many may be silently wrong (under 1 % of all are: two of fifty by chance in 9 %); and so many
+SAMPLE, MOST_SILENT, LEAST_RIGHT = 100, 2, 20
+"""Cases; of which so many may be silently wrong (under 1 % of all are: two of a hundred by chance in 26 %); and so many
 are right without a word, or too much is refused."""
 
 

@@ -53,7 +53,7 @@ def test_a_hand_that_never_moves_stays_where_it_is(
 
 
 @every_method
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(9))
 def test_a_perfect_sensor_gives_the_truth(method: str, seed: int) -> None:
     task = hand(method, seed, turns=method == "default")  # a device's attitude is its own, not the tracker's
     path, truth = perfect(method, task)

@@ -83,7 +83,7 @@ def test_a_sliding_and_an_endless_joint_are_bounded_too(odd_arm: ArmModel) -> No
         assert (np.abs(change) <= clearance.rates @ np.abs(end - x) + 1e-5).all()
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(st.integers(0, 7), st.floats(0.01, 1.0), st.integers(0, 2**32 - 1))
 def test_the_bound_holds_for_each_point_and_is_not_idle(joint: int, turn: float, seed: int) -> None:
     """Points of the panda's hand move with each joint by at most its lever; with the last one by nearly as much."""

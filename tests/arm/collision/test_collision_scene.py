@@ -44,7 +44,7 @@ def test_a_hit_is_what_the_distances_say(name: str) -> None:
     arm = arm_of(name)
     scene = CollisionScene(arm)
     hits = 0
-    for x in coordinates(arm, 20, seed=3):
+    for x in coordinates(arm, 40, seed=3):
         hit, distances = scene.hit(x[:-1], Leg(x[-1])), scene.always.clearance.distances(x)
         assert (hit is None) == (distances.min() >= MARGIN_M)
         if hit is not None:

@@ -33,7 +33,7 @@ def test_only_arms_of_fewer_than_six_joints_are_relaxed() -> None:
 @pytest.mark.parametrize("name", FIVE_JOINTS)
 def test_a_pose_that_can_be_met_whole_is(name: str) -> None:
     arm = arm_of(name)
-    for truth in random_joints(arm.robot, 25, seed=1):
+    for truth in random_joints(arm.robot, 60, seed=1):
         pose = arm.forward(truth)
         result = solve(arm, pose)
         assert result.reached
@@ -45,7 +45,7 @@ def test_a_pose_that_can_be_met_whole_is(name: str) -> None:
 @pytest.mark.parametrize("name", FIVE_JOINTS)
 def test_the_position_is_met_whatever_the_rotation(name: str) -> None:
     arm, rng = arm_of(name), np.random.default_rng(2)
-    for truth in random_joints(arm.robot, 25, seed=3):
+    for truth in random_joints(arm.robot, 60, seed=3):
         pose = turned(arm.forward(truth), rng.normal(size=3))
         result = solve(arm, pose)
         assert result.reached

@@ -149,7 +149,7 @@ def test_where_nothing_moves_there_is_no_trajectory(arm: ArmModel) -> None:
         move(arm, arm.robot.home, arm.robot.home)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(
     lengths=st.lists(st.floats(-10, 0), min_size=1, max_size=5),
     dwells=st.lists(st.floats(0, 1), min_size=5, max_size=5),

@@ -102,7 +102,7 @@ def off_beat(rate_hz: float, step_s: float, kept: Array, nominal: bool) -> tuple
     return off - np.median(off), "".join(str(warning.message) for warning in caught)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(st.floats(20.0, 400.0), st.sampled_from([1e-3, 5e-3, 1e-2, 1.0 / 64.0]), st.integers(0, 10**6))
 def test_a_known_rate_puts_coarse_stamps_where_they_were(rate_hz: float, step_s: float, seed: int) -> None:
     kept = np.ones(int(12.0 * rate_hz) + seed % 50, dtype=np.float64)
@@ -113,7 +113,7 @@ def test_a_known_rate_puts_coarse_stamps_where_they_were(rate_hz: float, step_s:
         assert np.sqrt(np.mean(off**2)) < 0.1 * coarse + 0.05
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(st.sampled_from([1e-3, 5e-3]), st.floats(30.0, 130.0), st.integers(0, 1000))
 @example(5e-3, 97.6875, 91)
 def test_lost_samples_stay_lost_where_stamps_are_coarse(step_s: float, rate_hz: float, seed: int) -> None:

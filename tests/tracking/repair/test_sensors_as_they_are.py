@@ -61,8 +61,9 @@ def with_spike(recording: Recording, channel: str, row: int, axis: int, value: f
     return with_channel(recording, channel, values)
 
 
-@pytest.mark.parametrize(("sensor", "t"), [("modern", 0.0), ("modern", 2.9), ("os5000", 22.0)])
+@pytest.mark.parametrize("sensor", ["modern", "os5000"])
 @pytest.mark.parametrize(("channel", "value"), [("acc", 500.0), ("acc", -500.0), ("gyr", 30.0)])
+@pytest.mark.parametrize("t", [0.0, 2.9, 22.0])
 def test_a_wild_sample_is_left_out_and_told(sensor: str, channel: str, value: float, t: float) -> None:
     recording = pour(sensor, 1).recording
     row = int(np.searchsorted(recording.t, t))
@@ -77,7 +78,7 @@ def test_a_wild_sample_is_left_out_and_told(sensor: str, channel: str, value: fl
     assert max(off) < 0.003
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(
     st.sampled_from(WITH_GYRO),
     st.sampled_from(["pour", "random"]),
@@ -103,7 +104,7 @@ def test_real_impacts_and_fast_hands_have_no_wild_samples(data_folder: Path) -> 
     for recording in recordings.values():
         assert without_wild(recording) is recording
     for sensor in WITH_GYRO:
-        for seed in range(3):
+        for seed in range(5):
             fast = simulate(random_task(seed, move_s=(0.15, 0.3)), sensor, seed).recording
             assert without_wild(fast) is fast
 
@@ -187,9 +188,10 @@ def test_a_sensor_that_freezes_in_a_move_is_refused() -> None:
 
 @pytest.mark.parametrize("sensor", [*SENSOR_MODELS])
 def test_nothing_is_frozen_in_a_clean_recording(sensor: str, data_folder: Path) -> None:
-    tasks: list[str | Task] = [*TASKS, random_task(0), random_task(1)]
-    for task in tasks:
-        assert not frozen(simulate(task, sensor, 0).recording).any()
+    for seed in range(3):
+        tasks: list[str | Task] = [*TASKS, random_task(seed)]
+        for task in tasks:
+            assert not frozen(simulate(task, sensor, seed).recording).any()
     if sensor == "modern":
         assert not any(frozen(recording).any() for recording in real_recordings(data_folder).values())
 
@@ -229,7 +231,7 @@ def test_a_real_gyro_in_degrees_is_found_out_and_a_good_one_is_not(data_folder: 
                 refuse_disagreement(replace(good, gyr=np.degrees(good.gyr)))
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(
     st.sampled_from(WITH_GYRO),
     st.sampled_from([*TASKS, "random", "fast", "wide"]),
@@ -261,17 +263,17 @@ def test_a_turn_about_the_vertical_is_not_taken_for_rest(seed: int) -> None:
 def test_axes_that_are_not_the_accelerometers_are_found_out(how: str, sensor: str) -> None:
     """Nearly always, where the hand turns about several axes; where it hardly turns, nothing is known of them."""
     said = []
-    for seed in range(4):
+    for seed in range(6):
         recording = spoilt(simulate(random_task(seed, max_turn=1.8, moves=20), sensor, seed), how)
         try:
             refuse_disagreement(recording)
         except RecordingError as error:
             said.append(error.message)
-    assert len(said) >= 3
+    assert len(said) >= 5
     assert all("import the file with --column g" in message for message in said)
 
 
-@settings(max_examples=4, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(st.sampled_from(["modern", "ideal"]), st.floats(9.6, 10.0), st.integers(0, 100))
 def test_gravity_is_what_the_sensor_shows(sensor: str, gravity: float, seed: int) -> None:
     keyframes, errors = keyframes_and_errors(simulate("pour", sensor, seed, world=World(gravity=gravity)))

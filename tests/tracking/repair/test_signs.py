@@ -62,7 +62,7 @@ def test_a_level_axis_is_the_gyros_to_tell_where_there_is_one() -> None:
         refuse_turned_signs(replace(recording, gyr=None))
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(
     st.sampled_from(sorted(SENSOR_MODELS)), st.sampled_from([*TASKS, "random", "wide", "sides"]), st.integers(0, 1000)
 )
