@@ -9,7 +9,7 @@ import numpy as np
 from pbd.data import GRAVITY, Recording, Stop
 from pbd.errors import RecordingError, TrackingError
 from pbd.pose import Array, readonly
-from pbd.tracking.moving_windows import calmed, window_moments
+from pbd.tracking.moving_windows import calm_moments, calmed, rows_of_mean
 
 REST_S = 1.0
 """s: length of the rest that starts a recording. The first second about as quiet as the quietest is taken."""
@@ -19,11 +19,6 @@ SHORTEST_REST_S = 0.3
 
 QUIET_RATIO = 4.0
 """Largest variance of a quiet rest, relative to the quietest one."""
-
-MEAN_S = 0.0125
-"""s: whether a hand moves is judged by means over so long of such means. What shakes at 80 Hz and more (a motor, a
-phone that vibrates) takes it nowhere and leaves little in them. Together they are as long as a sample of a sensor of
-40 Hz, which finds the same stops."""
 
 STILL_ACC, STILL_GYR = 0.5, 0.15
 """rms, m/s2 and rad/s, above which a hand is moving."""
@@ -50,11 +45,6 @@ class Rest:
     up_sensor: Array
 
 
-def rows_of_mean(rate_hz: float) -> int:
-    """Rows in MEAN_S."""
-    return max(1, round(MEAN_S * rate_hz))
-
-
 def find_rest(recording: Recording) -> Rest:
     """Find the first quiet second (the whole of a shorter recording), by both sensors' rms relative to stillness.
 
@@ -64,10 +54,10 @@ def find_rest(recording: Recording) -> Rest:
     """
     length = max(2, min(len(recording), round(REST_S * recording.rate_hz)))
     k = rows_of_mean(recording.rate_hz)
-    acc_var, _ = window_moments(calmed(recording.acc, k), length - 2 * k + 2)
+    acc_var, _ = calm_moments(recording.acc, length, k)
     gyr_var = np.zeros_like(acc_var)
     if recording.gyr is not None:
-        gyr_var, _ = window_moments(calmed(recording.gyr, k), length - 2 * k + 2)
+        gyr_var, _ = calm_moments(recording.gyr, length, k)
     restlessness = acc_var / STILL_ACC**2 + gyr_var / STILL_GYR**2
     # 1e-6: the quietest second of a sensor without noise is no quieter than the next.
     start = int(np.argmax(restlessness <= QUIET_RATIO * restlessness.min() + 1e-6))

@@ -9,6 +9,16 @@ from numpy.typing import NDArray
 
 from pbd.pose import Array
 
+MEAN_S = 0.0125
+"""s: whether a hand moves is judged by means over so long of such means. What shakes at 80 Hz and more (a motor, a
+phone that vibrates) takes it nowhere and leaves little in them. Together they are as long as a sample of a sensor of
+40 Hz, which finds the same stops."""
+
+
+def rows_of_mean(rate_hz: float) -> int:
+    """Rows in MEAN_S."""
+    return max(1, round(MEAN_S * rate_hz))
+
 
 def window_moments(values: Array, n: int) -> tuple[Array, Array]:
     """Variance summed over the axes (m,) and mean (m, k) of each window of n samples (., k)."""
@@ -17,6 +27,11 @@ def window_moments(values: Array, n: int) -> tuple[Array, Array]:
     mean = window_sums(centred, n) / n
     variance = window_sums(squares(centred), n) / n - squares(mean)
     return np.maximum(variance, 0.0), mean + offset
+
+
+def calm_moments(values: Array, n: int, k: int) -> tuple[Array, Array]:
+    """`window_moments` of what `calmed` leaves, by means over k samples, in each window of n samples."""
+    return window_moments(calmed(values, k), n - 2 * k + 2)
 
 
 def cumulative(steps: Array) -> Array:

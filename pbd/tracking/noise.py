@@ -14,8 +14,8 @@ import numpy as np
 from pbd.data import Recording, SensorErrors
 from pbd.data.units import DEG, MG
 from pbd.pose import Array, lengths
-from pbd.tracking.first_rest import Rest, rows_of_mean
-from pbd.tracking.moving_windows import calmed, squares, whiteness
+from pbd.tracking.first_rest import Rest
+from pbd.tracking.moving_windows import calmed, rows_of_mean, squares, whiteness
 
 OUTLIER_SIGMAS = 3.0
 """Deviation in sigmas along one axis that is no chance (0.27 %). There a robust factor hardly counts, a claim is

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.pose import Array
-from pbd.tracking.first_rest import Rest, rows_of_mean
-from pbd.tracking.moving_windows import calmed, squares, window_maxima, window_moments, window_sums
+from pbd.tracking.first_rest import Rest
+from pbd.tracking.moving_windows import calm_moments, calmed, rows_of_mean, squares, window_maxima, window_sums
 from pbd.tracking.noise import Noise
 
 Spans = list[tuple[int, int]]
@@ -41,7 +41,7 @@ def window_rows(t: Array) -> int:
 
 
 def energies(u: Array, gyr: Array, n: int) -> tuple[Array, Array]:
-    """Of each window the variance of specific force and the mean square of rate, both of means: (m,), (m,).
+    """Of each window the variance of specific force and the mean square of rate, of what `calmed` leaves: (m,), (m,).
 
     Args:
         u: (n, 3) m/s2, specific force in a frame that does not turn with the sensor.
@@ -49,8 +49,9 @@ def energies(u: Array, gyr: Array, n: int) -> tuple[Array, Array]:
         n: rows of a window, ENERGY_WINDOW_S.
     """
     k = rows_of_mean(n / ENERGY_WINDOW_S)
-    u, gyr, n = calmed(u, k), calmed(gyr, k), n - 2 * k + 2
-    return window_moments(u, n)[0], window_sums(squares(gyr), n) / n
+    shake, _ = calm_moments(u, n, k)
+    n = n - 2 * k + 2
+    return shake, window_sums(squares(calmed(gyr, k)), n) / n
 
 
 def find_candidates(t: Array, shake: Array, turn: Array, rest: Rest, unseen: Sequence[tuple[int, int]] = ()) -> Spans:

@@ -15,6 +15,7 @@ from pbd.simulation.hand_motion import Waypoint
 from pbd.simulation.simulate import simulate
 from pbd.simulation.tasks import TASKS, Task
 from pbd.tracking.keyframes import find_segments
+from pbd.tracking.online.tracker import LiveTracker
 from tests.scenarios import keyframes_and_errors, pour, uncalibrated, with_rows
 
 TABLE_1 = [
@@ -147,6 +148,11 @@ def test_what_vibrates_takes_the_hand_nowhere(rest_too: bool) -> None:
     ends, ends_shaking = ([(stop.start, stop.stop) for stop in path.stops] for path in (calm, shaking))
     np.testing.assert_allclose(ends_shaking, ends, atol=0.05 * 286.0)
     np.testing.assert_allclose(shaking.p_nav_sensor[-1], calm.p_nav_sensor[-1], atol=0.01)
+    live = LiveTracker("modern")
+    live.feed(t, shaken.acc, shaken.gyr, shaken.mag)
+    assert len(live.keyframes) == len(calm.stops)
+    off = live.keyframes[-1].T_nav_sensor.p - calm.p_nav_sensor[-1]
+    assert np.linalg.norm(off) < min(0.03, 3.0 * np.sqrt(np.diag(live.keyframes[-1].cov)[:3].max()))
 
 
 @uncalibrated

@@ -16,6 +16,7 @@ from pbd.pose import (
     quat_to_matrix,
     skew,
 )
+from pbd.tracking.moving_windows import rows_of_mean
 from pbd.tracking.noise import Noise, densities
 from pbd.tracking.online.samples import Sample
 from pbd.tracking.repair.channel_faults import REPEATED_ROWS
@@ -78,8 +79,10 @@ class Strapdown:
         self.u: Array = forces[0]
         self._u = (forces, forces)
         self._same, self._fastest, self.clipped = 0, 0.0, False
-        # Rows of u and rate; densities look at two samples before and after each.
-        self._recent: deque[tuple[Array, Array]] = deque([(self.u, self.rate)] * 4, maxlen=self.block + 4)
+        # Rows of u and rate. `densities` looks at so many before and after each: noise is charged so much later.
+        self._beside = 3 * rows_of_mean(1.0 / interval) - 1
+        first_rows = [(self.u, self.rate)] * (2 * self._beside)
+        self._recent: deque[tuple[Array, Array]] = deque(first_rows, maxlen=self.block + len(first_rows))
         self._begin()
 
     def _begin(self) -> None:
@@ -152,11 +155,12 @@ class Strapdown:
     def _noise(self, n: int, T: float, up: Array) -> Array:
         """Covariance (9, 9) of turn, velocity and way."""
         dt = T / n
-        recent = np.array(self._recent)[-(n + 4) :]
+        edge = self._beside
+        recent = np.array(self._recent)[-(n + 2 * edge) :]
         u, rate = recent[:, 0], recent[:, 1]
-        s_g, s_a = (each[:, 2:-2].sum() * dt for each in densities(self.noise, rate, u, self._interval, up))
+        s_g, s_a = (each[:, edge:-edge].sum() * dt for each in densities(self.noise, rate, u, self._interval, up))
         if self._device:
-            s_g += self.noise.device_lag * float((lengths(rate[4:]) ** 2).sum()) * dt
+            s_g += self.noise.device_lag * float((lengths(rate[-n:]) ** 2).sum()) * dt
         g, a = np.add((s_g, s_a), self._guessed)
         g, a, togo, h = np.array([g, a, 0.5 * T, T])[:, None]
         rounding = np.repeat(np.square(ROUNDING_SIGMAS), 3) * T / MOVE_KNOT_S
