@@ -54,12 +54,13 @@ SWAY_HZ, SWAY_WAVES = (0.05, 1.0), 16
 class Sway:
     """How a hand wanders that means to stand still: a sum of sines, so that its derivatives are exact too."""
 
-    def __init__(self, rms_m: float, rng: np.random.Generator) -> None:
-        """Draw it, with a standard deviation of `rms_m` along each axis."""
-        low, high = np.log(SWAY_HZ)
-        self._rate = 2.0 * np.pi * np.exp(rng.uniform(low, high, (SWAY_WAVES, 3)))
+    def __init__(self, speed: float, rng: np.random.Generator) -> None:
+        """Draw it, with an rms of `speed` m/s along each axis."""
+        low, high = SWAY_HZ
+        self._rate = 2.0 * np.pi * np.exp(rng.uniform(np.log(low), np.log(high), (SWAY_WAVES, 3)))
         self._phase = rng.uniform(0.0, 2.0 * np.pi, (SWAY_WAVES, 3))
-        self._size = rms_m * np.sqrt(2.0 / SWAY_WAVES)
+        rate_rms = 2.0 * np.pi * np.sqrt((high**2 - low**2) / (2.0 * np.log(high / low)))
+        self._size = speed / rate_rms * np.sqrt(2.0 / SWAY_WAVES)
 
     def added_to(self, state: HandState, t: Array) -> HandState:
         """The state at instants (n,) in s, with the sway."""

@@ -63,7 +63,7 @@ def simulate(
     *,
     rate_hz: float | None = None,
     world: World = EARTH,
-    sway_m: float = 0.0,
+    sway_speed: float = 0.0,
 ) -> Demonstration:
     """Simulate a hand that does `task` with `sensor` in it.
 
@@ -73,7 +73,7 @@ def simulate(
         seed: draws the device's errors and its noise. The same seed gives the same bytes.
         rate_hz: instead of the model's own rate.
         world: gravity and magnetic field.
-        sway_m: standard deviation by which the hand wanders along each axis, stops included; 0: it stands still.
+        sway_speed: m/s, rms along each axis, at which the hand wanders, stops included; 0: it stands still.
 
     Returns:
         The demonstration: recording, truth at each sample, what is grasped. Its notes say that it is simulated.
@@ -91,7 +91,7 @@ def simulate(
     # One random stream per part, so that leaving out a part does not change the others.
     clock_rng, acc_rng, gyr_rng, mag_rng, attitude_rng, sway_rng = np.random.default_rng(seed).spawn(6)
 
-    sway = Sway(sway_m, sway_rng) if sway_m else None
+    sway = Sway(sway_speed, sway_rng) if sway_speed else None
     motion = HandMotion(task.waypoints, task.start_rpy, task.p_sensor_point, sway)
     beat = np.arange(int(task.duration_s * model.rate_hz + 1e-6) + 1) / model.rate_hz
     between = np.append(beat, len(beat) / model.rate_hz) - 0.5 / model.rate_hz

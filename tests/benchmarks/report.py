@@ -12,6 +12,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from pbd.tracking.noise import Noise
+
 PACKAGES = ("numpy", "scipy", "pin", "ruckig", "meshcat")
 
 
@@ -27,6 +29,12 @@ def add_data(parser: argparse.ArgumentParser) -> None:
     """Add where the real recordings are."""
     default = os.environ.get("PBD_DATA", str(Path(__file__).parents[3] / "shared" / "data"))
     parser.add_argument("--data", type=Path, default=Path(default), help="the folder with broad/, walks/ and strides/")
+
+
+def add_sway(parser: argparse.ArgumentParser) -> None:
+    """Add how fast a simulated hand wanders: by default as fast as the tracker takes one to that stands still."""
+    mm_s = 1e3 * Noise.still_speed
+    parser.add_argument("--sway", type=float, default=mm_s, metavar="MM/S", help="how fast the hand wanders, rms")
 
 
 def print_machine() -> None:

@@ -1,8 +1,8 @@
 """Is the probability of success true? Of simulated takes that are said to succeed with p, how many do?
 
 Each take is tracked and docked; the dock is off by its sigma, the sensor by its errors, and the hand goes through the
-task exactly. A take succeeds where the tool, as it would be commanded, is within the tolerance of where it belongs at
-all keyframes. Several tolerances are asked of each take.
+task, wandering as fast as the tracker takes a hand to that stands still (--sway). A take succeeds where the tool, as it
+would be commanded, is within the tolerance of where it belongs at all keyframes. Several tolerances are asked of each.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from pbd.pose import Pose, quat_exp, quat_multiply
 from pbd.simulation.simulate import simulate
 from pbd.simulation.tasks import random_task
 from pbd.tracking.keyframes import find_keyframes
-from tests.benchmarks.report import arguments, finish
+from tests.benchmarks.report import add_sway, arguments, finish
 from tests.scenarios import truth_at
 
 TOLERANCES_M = (0.003, 0.005, 0.0075, 0.01, 0.015, 0.02)
@@ -38,9 +38,9 @@ EDGES = (0, 25, 50, 75, 90, 101)
 """Of bands, %."""
 
 
-def one(seed: int, sensor: str, sway_m: float = 0.0) -> list[tuple[float, bool]]:
+def one(seed: int, sensor: str, sway_speed: float) -> list[tuple[float, bool]]:
     """What is said of a take and what happens, for each tolerance."""
-    demo = simulate(random_task(seed), sensor, seed, sway_m=sway_m)
+    demo = simulate(random_task(seed), sensor, seed, sway_speed=sway_speed)
     assert demo.truth is not None
     path = track(replace(demo, truth=None))
     truth = [_true_pose(demo.truth, keyframe.t) for keyframe in find_keyframes(path)]
@@ -102,7 +102,7 @@ def main() -> None:
     """Print the reliability table."""
     parser = arguments(__doc__ or "")
     parser.add_argument("--plot", type=Path, metavar="FILE", help="write the reliability diagram")
-    parser.add_argument("--sway", type=float, default=0.0, metavar="MM", help="how far the hand wanders, rms (0)")
+    add_sway(parser)
     args = parser.parse_args()
     takes = 60 if args.quick else 2000
     figures: dict[str, Any] = {"takes": takes, "refused": 0}

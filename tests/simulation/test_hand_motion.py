@@ -25,7 +25,7 @@ def test_minimum_jerk_begins_and_ends_at_rest() -> None:
 @given(seeds)
 def test_derivatives_are_those_of_the_pose(seed: int) -> None:
     task = random_task(seed, moves=3)
-    motion = HandMotion(task.waypoints, task.start_rpy, sway=Sway(0.01, np.random.default_rng(seed)))
+    motion = HandMotion(task.waypoints, task.start_rpy, sway=Sway(0.02, np.random.default_rng(seed)))
     t, h = np.linspace(0.0, task.duration_s, 400), 1e-4
     t = t[np.abs(t[:, None] - motion.knots).min(axis=1) > h]  # where jerk jumps
     before, now, after = motion.at(t - h), motion.at(t), motion.at(t + h)

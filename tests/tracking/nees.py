@@ -81,10 +81,10 @@ class Errors:
         return np.hstack((self.off, self.turn)) / sigma
 
 
-def demonstration(task: str, sensor: str, seed: int) -> Demonstration:
+def demonstration(task: str, sensor: str, seed: int, sway_speed: float = 0.0) -> Demonstration:
     """A simulated one; with an odd seed it has neither magnetometer nor the device's own angles."""
     drawn = RANDOM[task](seed) if task in RANDOM else TASKS[task]
-    demo = simulate(drawn, MODELS[sensor], seed)
+    demo = simulate(drawn, MODELS[sensor], seed, sway_speed=sway_speed)
     truth = demo.truth
     assert truth is not None
     wxyz = quat_multiply(truth.wxyz_nav_sensor, quat_inverse(accelerometer_axes(sensor, seed)))
