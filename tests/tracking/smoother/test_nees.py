@@ -1,7 +1,7 @@
 """The tracker's covariance is true: errors, normalised by it, have about the size of one, and wrong ones are found out.
 
-Bands are of the mean over a sensor's recordings (tests/benchmarks/sigma.py has the whole table). The hand wanders at its
-stops as fast as the tracker takes one to that stands still.
+Bands are of the mean over a sensor's recordings (tests/benchmarks/sigma.py has the whole table). The hand wanders at
+its stops as fast as the tracker takes one to that stands still.
 """
 
 from __future__ import annotations
