@@ -41,8 +41,8 @@ from pbd.arm.refusal import COLLISION, UNREACHABLE, Refusal, refuse_move, refuse
 from pbd.arm.tool_deviation import ToolDeviation, tool_deviations
 from pbd.pose import Array
 
-MOST_STRAIGHT = 36
-"""Refused straight moves between two keyframes before the link is mended."""
+MOST_STRAIGHT, MOST_ONLY_STRAIGHT = 12, 36
+"""Refused straight moves between two keyframes before the link is mended: where a detour may be made, and where not."""
 WINDOW, KEPT = 64, 32
 """Layers that are searched at once, and how many of them again with what follows."""
 
@@ -54,7 +54,8 @@ def choose_motion(arm: ArmModel, request: MotionRequest, queries: CollisionQueri
         PbdWarning: the way back is left out, the arm makes a detour, or only a motion close to something is free.
     """
     poses, wide_cost = request.T_base_tool, WIDE_COST if request.kind == STRAIGHT else 0.0
-    ladder = build_ladder(arm, poses, request.q_start, request.q_back, MOST_STRAIGHT, wide_cost)
+    most_refused = MOST_STRAIGHT if request.detour else MOST_ONLY_STRAIGHT
+    ladder = build_ladder(arm, poses, request.q_start, request.q_back, most_refused, wide_cost)
     if isinstance(ladder, Unreachable):
         return Refusal(UNREACHABLE, out_of_reach(arm, ladder.keyframe, poses[ladder.keyframe], ladder.q_seed))
     search = _Search(arm, request, queries, ladder.copy())

@@ -30,6 +30,7 @@ _AHEAD, _TURNED = Body("ahead", 0, Pose.identity(), "floor"), Pose(np.zeros(3), 
 _POINT = Body("point", 0, Pose.identity(), "sphere", (0.0,))
 
 
+@lru_cache(maxsize=4)
 def tool_on_joint(arm: ArmModel) -> tuple[int, Pose]:
     """Return the joint that carries the tool, as an index in `arm.full`, and T_joint_tool."""
     frame = arm.full.frames[arm.full.getFrameId(arm.robot.body, pin.FrameType.BODY)]

@@ -57,7 +57,11 @@ class AuditArm:
 
     def place(self, x: Array) -> Any:
         """Return T_universe_joint of all joints at coordinates x (k + 1,)."""
-        pin.forwardKinematics(self.model, self._data, self.configurations(x))
+        return self.place_at(self.configurations(x))
+
+    def place_at(self, q: Array) -> Any:
+        """Return T_universe_joint of all joints at pinocchio's configuration q (nq,)."""
+        pin.forwardKinematics(self.model, self._data, q)
         return pin.StdVec_SE3(self._data.oMi)
 
     def configurations(self, x: Array) -> Array:

@@ -1,7 +1,8 @@
 """Whether two solids touch during a motion, by conservative advancement (Mirtich, 1996; Tang, Kim and Manocha, 2009).
 
 Where two solids are a distance apart, they can't touch before they have moved by as much against each other. So the
-next look is due then. How far they move is bounded by how far the joints turn, times how far the solids reach.
+next look is due then. How far they move is bounded by how far the joints turn, times how far the solids reach. Where
+the balls around them are too far apart for that, nobody looks.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.audit.arm import AuditArm
-from pbd.audit.solids import NEARER_M, Solid, clearance, one_in_the_other
+from pbd.audit.solids import NEARER_M, Solid, balls_apart, clearance, one_in_the_other
 from pbd.data import JointTrajectory
 from pbd.pose import Array
 
@@ -23,7 +24,7 @@ GRID_S = 4e-3
 """For how long one value bounds the joints' speeds, s."""
 
 SHARED = 16
-"""Where it may, a look is taken at an instant of the grid that this divides: pairs share where the arm is then."""
+"""Instants of the grid from one to the next at which balls are placed, and looks are taken where they may be."""
 
 MOST_GRID = 200_000
 """No more instants than these bound a motion's speeds, however slow it is."""
@@ -91,8 +92,10 @@ class Motion:
         t = np.unique(np.concatenate((even, trajectory.knots, trajectory.gripper_t)))
         self.t = t[(t >= 0.0) & (t <= trajectory.duration)]
         self.moved = self._moved()
-        self._x = coordinates(trajectory, self.t)
+        self._q = arm.configurations(coordinates(trajectory, self.t))
+        self._shared = np.append(np.arange(0, len(self.t), SHARED), len(self.t) - 1)
         self._placed, self._bounds = dict[int, Placed](), dict[Solid, dict[int, Array]]()
+        self._centers, self._places = dict[Solid, Array](), dict[int, Array]()
 
     def at(self, row: int, share: float = 0.0) -> Placed:
         """Where the arm is at a row, or a share of the time to the next one later."""
@@ -100,7 +103,7 @@ class Motion:
             t = self.time(row, share)
             return Placed(self.arm.place(coordinates(self.trajectory, np.array([t]))[0]))
         if row not in self._placed:
-            self._placed[row] = Placed(self.arm.place(self._x[row]))
+            self._placed[row] = Placed(self.arm.place_at(self._q[row]))
         return self._placed[row]
 
     def time(self, row: int, share: float) -> float:
@@ -117,6 +120,27 @@ class Motion:
         rates = [(one | other)[joint] for joint in one.keys() ^ other.keys()]
         travel: Array = self.moved @ np.sum(rates, axis=0)
         return travel
+
+    def near(self, pair: Pair, travel: Array) -> NDArray[np.int64]:
+        """Spans in which two solids may touch for all that their balls say: number i begins at row i SHARED."""
+        one, other = (self._centers_of(each) for each in (pair.first, pair.second))
+        apart, moved = balls_apart(pair.first, one, pair.second, other), np.diff(travel[self._shared])
+        # To touch in between they would have to move by what they are apart at the beginning, and at the end.
+        return np.flatnonzero(np.maximum(apart[:-1], 0.0) + np.maximum(apart[1:], 0.0) <= moved)
+
+    def _centers_of(self, solid: Solid) -> Array:
+        """Where the center of a solid's ball is in the universe (n, 3), m, at the beginnings of spans and the end."""
+        if solid not in self._centers:
+            T = self._places_of(solid.joint)
+            self._centers[solid] = T[:, :3, :3] @ solid.ball[0] + T[:, :3, 3]
+        return self._centers[solid]
+
+    def _places_of(self, joint: int) -> Array:
+        """T_universe_joint (n, 4, 4) at the beginnings of spans and the end."""
+        if joint not in self._places:
+            placed = (self.at(row).T_universe_joint[joint] for row in self._shared.tolist())
+            self._places[joint] = np.array([T.homogeneous for T in placed])
+        return self._places[joint]
 
     def _moved(self) -> Array:
         """How far each coordinate has gone at most (n, k + 1) since the start, to and fro."""
@@ -142,8 +166,12 @@ def find_touch(arm: AuditArm, trajectory: JointTrajectory, pairs: Sequence[Pair]
 def _first_touch(motion: Motion, pair: Pair, end: float) -> float | None:
     """When two solids touch first, s, until `end`."""
     travel, looked = motion.travel(pair), False
-    row, share = int(np.searchsorted(motion.t, pair.start)), 0.0
-    while row < len(motion.t) and (t := motion.time(row, share)) <= end:
+    near = motion.near(pair, travel)
+    row, share = int(motion.t.searchsorted(pair.start)), 0.0
+    while (span := int(near.searchsorted(row // SHARED))) < len(near):
+        row = max(row, int(near[span]) * SHARED)
+        if (t := motion.time(row, share)) > end:
+            return None
         at, apart = motion.at(row, share), 0.0
         if pair.allowed is None or not pair.allowed(at.T_universe_joint):
             placed = pair.at(at)
@@ -158,7 +186,7 @@ def _first_touch(motion: Motion, pair: Pair, end: float) -> float | None:
         if 0.0 < apart < (1.0 - share) * step:
             share += apart / step
             continue
-        due = int(np.searchsorted(travel, travel[row] + share * step + apart, side="right")) - 1
+        due = int(travel.searchsorted(travel[row] + share * step + apart, side="right")) - 1
         row, share = max(due - due % SHARED, row + 1), 0.0
     return None
 

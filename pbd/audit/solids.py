@@ -35,6 +35,7 @@ class Solid:
         T_joint_solid: its place there.
         hull: as coal takes it; for what isn't a mesh the solid itself.
         reach: m, how far any of it is from the joint's origin at most; infinite for a floor.
+        ball: its center (3,) m, where the joint is, and its radius, m: all of the solid is in it. A floor's is infinite.
         pad: m, how far it may stick out of its hull.
         mesh: its file and scale, or None.
     """
@@ -44,6 +45,7 @@ class Solid:
     T_joint_solid: Any
     hull: Any
     reach: float
+    ball: tuple[Array, float]
     pad: float = 0.0
     mesh: tuple[Path, Triple] | None = None
 
@@ -83,8 +85,10 @@ def _of_link(arm: AuditArm, shape: Shape) -> Solid:
     kept = from_mesh(shape.mesh, "audit", lambda soup: _corners(soup.corners * shape.scale), ROUNDED_M, shape.scale)
     corners = kept["corners"]
     pad, mesh = 0.5 * float(np.sqrt(3.0)) * ROUNDED_M, (shape.mesh, shape.scale)
-    far = np.linalg.norm(corners @ T_joint_solid.rotation.T + T_joint_solid.translation, axis=1).max()
-    return Solid(shape.link, joint, T_joint_solid, _hull(corners), float(far) + pad, pad, mesh)
+    at_joint = corners @ T_joint_solid.rotation.T + T_joint_solid.translation
+    center = 0.5 * (at_joint.min(axis=0) + at_joint.max(axis=0))
+    far, radius = (float(np.linalg.norm(at_joint - p, axis=1).max()) + pad for p in (np.zeros(3), center))
+    return Solid(shape.link, joint, T_joint_solid, _hull(corners), far, (center, radius), pad, mesh)
 
 
 def simple_solid(name: str, joint: int, T_joint_solid: Any, shape: str, size: tuple[float, ...]) -> Solid:
@@ -98,12 +102,25 @@ def simple_solid(name: str, joint: int, T_joint_solid: Any, shape: str, size: tu
         solid, extent = coal.Cylinder(radius, height), float(np.hypot(radius, 0.5 * height))
     else:
         solid, extent = coal.Capsule(radius, height), radius + 0.5 * height
-    return Solid(name, joint, T_joint_solid, solid, float(np.linalg.norm(T_joint_solid.translation)) + extent)
+    center = T_joint_solid.translation.copy()
+    return Solid(name, joint, T_joint_solid, solid, float(np.linalg.norm(center)) + extent, (center, extent))
 
 
 def floor(name: str, T_universe_floor: Any) -> Solid:
     """Make a table without an end."""
-    return Solid(name, 0, T_universe_floor, coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0), np.inf)
+    solid = coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
+    return Solid(name, 0, T_universe_floor, solid, np.inf, (T_universe_floor.translation.copy(), np.inf))
+
+
+def balls_apart(first: Solid, centers_first: Array, second: Solid, centers_second: Array) -> Array:
+    """How far two solids are apart (n,), m, at least, wherever the centers (n, 3) of their balls are in the universe."""
+    for floor, other, centers in ((first, second, centers_second), (second, first, centers_first)):
+        if floor.reach == np.inf:
+            T = floor.T_joint_solid
+            heights: Array = (centers - T.translation) @ T.rotation[:, 2] - other.ball[1]
+            return heights
+    distances: Array = np.linalg.norm(centers_first - centers_second, axis=1) - first.ball[1] - second.ball[1]
+    return distances
 
 
 def hull_distance(first: Solid, T_first: Any, second: Solid, T_second: Any) -> float:

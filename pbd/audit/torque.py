@@ -91,7 +91,7 @@ def torques(arm: AuditArm, trajectory: JointTrajectory, t: Array, load: Load, pa
     q = arm.configurations(coordinates(trajectory, t))
     v, a = np.zeros((2, len(t), bare.nv))
     v[:, driven], a[:, driven] = pace * samples.qd, pace**2 * samples.qdd
-    return np.array([pin.rnea(model, data, *each)[driven] for model, *each in zip(models, q, v, a, strict=True)])
+    return np.array([pin.rnea(model, data, *each) for model, *each in zip(models, q, v, a, strict=True)])[:, driven]
 
 
 def _add(model: Any, joint: int, T_joint_body: Any, inertia: Any) -> None:

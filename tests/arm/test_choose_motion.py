@@ -25,7 +25,7 @@ from pbd.data import Obstacle
 from pbd.errors import PbdWarning
 from pbd.pose import Array, Pose
 from tests.arm.bundled import arm_of
-from tests.benchmarks.scenes import made
+from tests.benchmarks.scenes import made, travel
 
 ARM = arm_of("panda")
 HOME = ARM.robot.home
@@ -271,6 +271,16 @@ def test_a_motion_close_to_things_is_made_where_no_other_is_free_and_told(higher
     ):
         found, _ = asked((LEFT, RIGHT), plate(low + higher_m), approach=False)
     assert isinstance(found, Motion)
+
+
+def test_a_detour_is_looked_for_before_the_arm_is_held_quite_otherwise() -> None:
+    """A straight move is free among the first 36, but it is twice as long as the detour."""
+    arm, obstacles, poses = made("ur5", "shelf", 7000)
+    queries = CollisionQueries(arm, CollisionScene(arm, None, obstacles), poses, [None] * len(poses))
+    with pytest.warns(PbdWarning, match="goes around"):
+        found = choose_motion(arm, MotionRequest(poses, arm.robot.home, q_back=arm.robot.home), queries)
+    assert isinstance(found, Motion)
+    assert travel(found) < 8.0
 
 
 @pytest.mark.parametrize("end", ["approach", "back"])

@@ -14,10 +14,10 @@ from pbd.arm.gripper import tool_rod as planned_rod
 from pbd.arm.joint_path import solve_path
 from pbd.arm.model import load_model
 from pbd.audit.arm import AuditArm
-from pbd.audit.contact import Motion, Pair, coordinates, find_touch
+from pbd.audit.contact import SHARED, Motion, Pair, coordinates, find_touch
 from pbd.audit.grasp import may_rest, tool_rod
 from pbd.audit.pairs import AuditScene
-from pbd.audit.solids import link_solids, simple_solid
+from pbd.audit.solids import hull_distance, link_solids, simple_solid
 from pbd.data import Calibration, GraspedObject, JointLimits, JointTrajectory, Obstacle, Robot
 from pbd.data.world import Stay
 from pbd.pose import Pose
@@ -51,6 +51,36 @@ def test_no_point_moves_farther_than_is_bounded(name: str, odd_robot: Robot) -> 
             fine = coordinates(trajectory, np.linspace(motion.t[row], motion.t[row + 1], 200))
             way = np.diff([arm.place(x)[joint].act(p) for x in fine], axis=0)
             assert np.linalg.norm(way, axis=1).sum() <= travel[row + 1] - travel[row] + 1e-9
+
+
+@pytest.mark.parametrize("name", ["odd", "panda", "so101", "kinova"])
+def test_nothing_touches_where_balls_are_too_far_apart(name: str, odd_robot: Robot) -> None:
+    """All pairs, the table, a ball and a carried bottle among them, at instants of spans in which nobody looks."""
+    robot = odd_robot if name == "odd" else arm_of(name).robot
+    arm, rng = AuditArm(robot), np.random.default_rng(0)
+    trajectory = swing(robot)
+    ball = Obstacle("the ball", "sphere", (0.1,), Pose.from_rpy((0.3, 0.2, 0.3), DOWN))
+    scene = AuditScene(arm, replace(BENCH, table_height=-0.1, obstacles=(ball,)), BOTTLE)
+    motion, skipped = Motion(arm, trajectory), 0
+    for pair in scene.pairs(trajectory):
+        spans = (len(motion.t) - 1) // SHARED + 1
+        for span in np.setdiff1d(np.arange(spans), motion.near(pair, motion.travel(pair))):
+            row = int(rng.integers(span * SHARED, min((span + 1) * SHARED, len(motion.t) - 1) + 1))
+            assert hull_distance(*pair.at(motion.at(row))) > 0.0
+            skipped += 1
+    assert skipped > 1000
+
+
+def test_the_last_instant_is_in_a_span_however_many_there_are() -> None:
+    robot, counts = arm_of("panda").robot, set()
+    arm = AuditArm(robot)
+    still, thing = (simple_solid("ball", j, pin.SE3.Identity(), "sphere", (9.0,)) for j in (0, arm.tool_joint))
+    for dwell in 0.1 + 0.004 * np.arange(SHARED):
+        motion = Motion(arm, time_keyframes(arm_of("panda"), robot.home[None], [dwell], [None], robot.home))
+        pair, last = Pair(thing, still), len(motion.t) - 1
+        assert motion.near(pair, motion.travel(pair))[-1] == last // SHARED
+        counts.add(last % SHARED)
+    assert len(counts) == SHARED
 
 
 @pytest.mark.parametrize("name", ["panda", "ur3", "so101", "z1"])

@@ -26,11 +26,10 @@ def rates(arm: ArmModel, bodies: Sequence[Body], pairs: NDArray[np.int64]) -> Ar
 
     Only the joints between the two bodies count: those further down move both alike.
     """
-    reach, chains = [levers(arm, body) for body in bodies], [set(arm.full.supports[body.joint]) for body in bodies]
+    reach, chains, columns = [levers(arm, body) for body in bodies], _chains(arm), _columns(arm)
     bound = np.zeros((len(pairs), len(arm.robot.joints) + 1))
-    columns = _columns(arm)
     for row, (first, second) in enumerate(pairs):
-        for joint in chains[first] ^ chains[second]:
+        for joint in chains[bodies[first].joint] ^ chains[bodies[second].joint]:
             if joint in columns:
                 column, share = columns[joint]
                 bound[row, column] += share * min(reach[first][joint], reach[second][joint])
@@ -103,6 +102,13 @@ def _axes(arm: ArmModel) -> dict[int, tuple[Array, bool]]:
     return axes
 
 
+@lru_cache(maxsize=4)
+def _chains(arm: ArmModel) -> list[set[int]]:
+    """For each joint: it and those that carry it."""
+    return [set(each) for each in arm.full.supports]
+
+
+@lru_cache(maxsize=4)
 def _columns(arm: ArmModel) -> dict[int, tuple[int, float]]:
     """For each joint that moves: its column among the coordinates, and its own motion per unit of that coordinate."""
     full, robot = arm.full, arm.robot

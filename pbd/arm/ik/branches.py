@@ -59,20 +59,25 @@ def find_branches(arm: ArmModel, T_base_tool: Pose, before: Array, starts: int) 
     around = min(ALONG_APART_RAD, 2.0 * np.pi / third)
     curves = (branch[_nearest_first(arm, branch, carried)] for branch in seven_joints(arm, goal))
     ways = np.vstack((closed_form(arm, goal), *(apart(branch, third, around) for branch in curves)))
-    if len(ways):  # what is carried is for singular poses, which have more than these
-        q, squares = descend_each(arm, goal, np.vstack((ways, carried)), all_of_them=True)
-        found = q[squares < SOLVED]
-        if len(found):
-            return polish(arm, goal, apart(found, len(found), SAME_RAD))
+    # What is carried is for singular poses, which have more than these ways.
+    if len(ways) and len(found := _solutions(arm, goal, np.vstack((ways, carried)))):
+        return found
     seeds = starts_of(arm).nearest(goal, NEARBY)
     distance = FRESH_APART_REDUNDANT_RAD if len(arm.robot.joints) > FULL_POSE else FRESH_APART_RAD
     fresh = apart(seeds[_nearest_first(arm, seeds, carried)], starts - third, distance)
-    q, squares = descend_each(arm, goal, np.vstack((carried, fresh)), all_of_them=True)
-    found = q[squares < SOLVED]
-    if not len(found):
-        result = solve(arm, T_base_tool, before[0])
-        found = result.q[None] if result.reached else found
-    return polish(arm, goal, apart(found, len(found), SAME_RAD))
+    found = _solutions(arm, goal, np.vstack((carried, fresh)))
+    if not len(found) and (result := solve(arm, T_base_tool, before[0])).reached:
+        return polish(arm, goal, result.q[None])
+    return found
+
+
+def _solutions(arm: ArmModel, goal: Target, q_seeds: Array) -> Array:
+    """Find the different solutions (m, k) that seeds lead to, exact to rounding."""
+    q, squares = descend_each(arm, goal, q_seeds, all_of_them=True)
+    solved = squares < SOLVED
+    coarse = solved & (squares > EXACT**2)
+    q[coarse] = polish(arm, goal, q[coarse])
+    return apart(q[solved], len(q), SAME_RAD)
 
 
 def _nearest_first(arm: ArmModel, q: Array, carried: Array) -> Array:

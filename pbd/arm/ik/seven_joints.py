@@ -105,7 +105,7 @@ def _leaps(q: Array, off: Array) -> Array:
 
 
 def _ways(arm: ArmModel, axes: _Axes, R: Array, from_last: Array, q7: Array) -> tuple[Array, Array]:
-    """Return joints (8, n, 7) by the sides of elbow, wrist and shoulder and by n angles of the last joint.
+    """Return joints (8, n, 7) by the sides of shoulder, wrist and elbow and by n angles of the last joint.
 
     With them how far (8, n) each is from being a way, rad: outside its limits, or short of a place where two ways meet;
     0 where it is one.
@@ -115,25 +115,21 @@ def _ways(arm: ArmModel, axes: _Axes, R: Array, from_last: Array, q7: Array) -> 
     # Joints 1 to 6 turn and place what the last leaves.
     turned = R @ _turn(h[6], -q7)
     to_shoulder = from_last - turned @ (at[4] - at[6])
-    square = 0.5 * ((to_shoulder**2).sum(axis=1) - upper @ upper - fore @ fore)
-    seen = _rotate(turned.transpose(0, 2, 1), to_shoulder)
+    square = 0.5 * ((to_shoulder**2).sum(axis=-1) - upper @ upper - fore @ fore)
+    seen = _rotate(turned.swapaxes(-1, -2), to_shoulder)
     q4, short4 = _dot(upper, h[3], fore, square)
-    turned, seen = np.tile(turned, (2, 1, 1)), np.tile(seen, (2, 1))
     turn4 = _turn(h[3], -q4)
     from_wrist = _rotate(turn4, -upper) - fore
     q6, short6 = _dot(h[4], h[5], seen, from_wrist @ h[4])
-    turned, turn4 = (np.tile(each, (2, 1, 1)) for each in (turned, turn4))
     turn6 = _turn(h[5], q6)
-    q5 = -_align(h[4], np.tile(from_wrist, (2, 1)), _rotate(turn6, np.tile(seen, (2, 1))))
-    upper_arm = turned @ turn6.transpose(0, 2, 1) @ _turn(h[4], -q5) @ turn4
+    q5 = -_align(h[4], from_wrist, _rotate(turn6, seen))
+    upper_arm = turned @ turn6.swapaxes(-1, -2) @ _turn(h[4], -q5) @ turn4
     q2, short2 = _dot(h[0], h[1], h[2], upper_arm @ h[2] @ h[0])
-    upper_arm = np.tile(upper_arm, (2, 1, 1))
     q1 = _align(h[0], _turn(h[1], q2) @ h[2], upper_arm @ h[2])
     q3 = -_align(h[2], _turn(h[1], -q2) @ h[0], h[0] @ upper_arm)
-    found = np.stack([np.tile(each, 8 * len(q7) // len(each)) for each in (q1, q2, q3, q4, q5, q6, q7)], axis=1)
-    found = within_turns(arm, found)
-    short = [np.tile(each, 8 * len(q7) // len(each)) for each in (short2, short4, short6)]
-    off = np.max([*short, *(arm.limits.lower - found).T, *(found - arm.limits.upper).T], axis=0)
+    found = within_turns(arm, np.stack(np.broadcast_arrays(q1, q2, q3, q4, q5, q6, q7), axis=-1))
+    beyond = np.maximum(arm.limits.lower - found, found - arm.limits.upper).max(axis=-1)
+    off = np.maximum(np.maximum(beyond, short2), np.maximum(short4, short6))
     return found.reshape(8, -1, 7), np.maximum(off, 0.0).reshape(8, -1)
 
 
@@ -162,35 +158,42 @@ def _last(arm: ArmModel, axes: _Axes, to_shoulder: Array, to_wrist: Array) -> Ar
 
 
 def _turn(axis: Array, angle: Array) -> Array:
-    """Rotations (n, 3, 3) about an axis by angles (n,)."""
+    """Rotations (..., 3, 3) about an axis by angles (...)."""
     x, y, z = axis
     K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    s, d = np.sin(angle)[:, None, None], (1.0 - np.cos(angle))[:, None, None]
+    s, d = np.sin(angle)[..., None, None], (1.0 - np.cos(angle))[..., None, None]
     R: Array = np.eye(3) + s * K + d * (K @ K)
     return R
 
 
 def _rotate(R: Array, v: Array) -> Array:
-    """Vectors (n, 3), or one, turned by rotations (n, 3, 3)."""
-    turned: Array = (R @ np.broadcast_to(v, (len(R), 3))[..., None])[..., 0]
+    """Vectors (..., 3) turned by rotations (..., 3, 3)."""
+    turned: Array = (R @ v[..., None])[..., 0]
     return turned
 
 
+def _cross(axis: Array, v: Array) -> Array:
+    """Return axis x v, of vectors (..., 3)."""
+    (a, b, c), (x, y, z) = axis, np.moveaxis(v, -1, 0)
+    crossed: Array = np.stack((b * z - c * y, c * x - a * z, a * y - b * x), axis=-1)
+    return crossed
+
+
 def _align(axis: Array, v: Array, w: Array) -> Array:
-    """Angles (n,) by which v is to be turned about an axis to come nearest to w; both (n, 3)."""
-    across = v - (v @ axis)[:, None] * axis
-    angle: Array = np.arctan2((np.cross(axis, across) * w).sum(axis=1), (across * w).sum(axis=1))
+    """Angles (...) by which v is to be turned about an axis to come nearest to w; both (..., 3)."""
+    across = v - (v @ axis)[..., None] * axis
+    (a, b, c), (d, e, f) = (np.moveaxis(each * w, -1, 0) for each in (across, _cross(axis, across)))
+    angle: Array = np.arctan2(d + e + f, a + b + c)
     return angle
 
 
 def _dot(n: Array, axis: Array, v: Array, d: Array) -> tuple[Array, Array]:
-    """Angles (2 m,) with n . turn(axis, q) v = d (m,), on one side, then on the other; and how far each is short, rad.
+    """Angles (2, ...) with n . turn(axis, q) v = d (...), on one side, then on the other; how far each is short, rad.
 
     Where there is none it is the nearest, short by the angle's imaginary part.
     """
     across = v - (v @ axis)[..., None] * axis
-    a, b = across @ n, np.cross(axis, across) @ n
+    a, b = across @ n, _cross(axis, across) @ n
     cosine = (d - (n @ axis) * (v @ axis)) / np.maximum(np.hypot(a, b), TINY)
     half, middle = np.arccos(np.clip(cosine, -1.0, 1.0)), np.arctan2(b, a)
-    short = np.arccosh(np.maximum(np.abs(cosine), 1.0))
-    return np.concatenate((middle + half, middle - half)), np.concatenate((short, short))
+    return np.stack((middle + half, middle - half)), np.arccosh(np.maximum(np.abs(cosine), 1.0))
