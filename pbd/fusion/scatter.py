@@ -73,11 +73,13 @@ class Scatter:
         """
         count, variance = len(self.log), np.exp(2.0 * self.log)
         of = np.eye(count)[rows]  # (N, g)
-        gradient = variance * (of.T @ (weighted**2 - np.diagonal(precision)))
-        gradient -= (self.log - self.mean) / self.spread**2
+        by_data = variance * (of.T @ (weighted**2 - np.diagonal(precision)))
+        gradient = by_data - (self.log - self.mean) / self.spread**2
         information = 2.0 * np.outer(variance, variance) * (of.T @ precision**2 @ of) + np.diag(self.spread**-2.0)
         covariance = np.linalg.inv(information)
-        step = np.clip(covariance @ gradient, -LARGEST_STEP, LARGEST_STEP)
+        # Where a scatter is too large the likelihood bends more than is expected: Fisher's step would be too far.
+        bent = information + np.diag(np.maximum(-2.0 * by_data, 0.0))
+        step = np.clip(np.linalg.solve(bent, gradient), -LARGEST_STEP, LARGEST_STEP)
         shown, due = weighted @ drift @ weighted, (precision * drift).sum()
         tracker = self.tracker * (1.0 + float((shown - due) / (due + self.worth)))
         return replace(self, log=self.log + step, unsure=np.sqrt(np.diagonal(covariance)), tracker=tracker)
