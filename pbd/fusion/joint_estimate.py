@@ -9,7 +9,7 @@ and a shift of their own in each take.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -117,10 +117,11 @@ def estimate_jointly(parts: Parts, x: State, scatter: Scatter) -> Joint:
     lever_variance = LEVER_M**2
     for _ in range(MAX_ITERATIONS):
         r, J = _residuals(shown, x, columns)
-        drift = scatter.tracker * shown.drift(x.turn)
-        W, WJ, hand = np.zeros_like(drift), np.empty_like(J), np.diag(scatter.sigma[shown.at].ravel() ** 2)
-        for rows in parts.rows:
-            W[rows, rows] = np.linalg.inv(drift[rows, rows] + hand[rows, rows])
+        W, WJ, drift = np.zeros((len(r), len(r))), np.empty_like(J), np.zeros((len(r), len(r)))
+        hand = scatter.sigma[shown.at].ravel() ** 2
+        for rows, own in zip(parts.rows, shown.drift(x.turn), strict=True):
+            drift[rows, rows] = scatter.tracker * own
+            W[rows, rows] = np.linalg.inv(drift[rows, rows] + np.diag(hand[rows]))
             WJ[rows] = W[rows, rows] @ J[rows]
         information, gradient = known.copy(), WJ.T @ r + gradient_of(x)
         information[levers, levers] += 1.0 / lever_variance
@@ -132,8 +133,8 @@ def estimate_jointly(parts: Parts, x: State, scatter: Scatter) -> Joint:
         x = _moved(x, step, columns)
         square = float((x.lever**2).sum() + np.diagonal(cov)[levers].sum())
         lever_variance = (square + LEVER_WORTH * LEVER_M**2) / (len(levers) + LEVER_WORTH)
-        before, scatter = scatter.log, scatter.improved(precision, weighted, group, drift)
-        if np.abs(step[columns.poses]).max() < CONVERGED and np.abs(scatter.log - before).max() < CONVERGED_LOG:
+        before, scatter = scatter, scatter.improved(precision, weighted, group, drift)
+        if np.abs(step[columns.poses]).max() < CONVERGED and scatter.change(before) < CONVERGED_LOG:
             break
     poses = columns.poses
     devices = [cov[columns.device(d), columns.device(d)] for d in range(len(x.devices))]
@@ -157,21 +158,24 @@ class _Shown:
         self.R = np.concatenate([message.R[own] for message, own in both])
         self.by_device = np.concatenate([message.by_device.reshape(-1, 6, DEVICE)[own] for message, own in both])
         self.device_errors = np.repeat([message.device for message, _ in both], counts, axis=0)
-        self.cov = np.zeros((6 * len(self.at), 6 * len(self.at)))
-        for rows, (message, own) in zip(parts.rows, both, strict=True):
-            by_bias, n = message.by_device[:, BIAS], len(message.p)
-            cov = message.cov + BIAS_REPEATS**2 * by_bias @ by_bias.T
-            for _ in range(2):  # rows, then columns
-                cov = relative_to_first(cov.T.reshape(n, 6, -1), message.p).reshape(cov.shape)
-            i = (6 * own[:, None] + np.arange(6)).ravel()
-            self.cov[rows, rows] = cov[np.ix_(i, i)]
+        self._covs = [_relative(message, own) for message, own in both]
 
-    def drift(self, turns: Array) -> Array:
-        """Covariance (6n, 6n) of the residuals by their tracking, the device given; turns (F, K, 3, 3) of each nav."""
-        turn, cov = turns[self.frame, self.take, None], self.cov
-        for _ in range(2):  # rows, then columns
-            cov = (turn @ cov.T.reshape(len(turn), 2, 3, -1)).reshape(cov.shape)
-        return cov
+    def drift(self, turns: Array) -> Iterator[Array]:
+        """Covariance (6n, 6n) of each take's residuals by its tracking, its device given; turns (F, K, 3, 3) of nav."""
+        for k, cov in enumerate(self._covs):
+            turn = turns[self.frame[self.take == k], k, None]
+            for _ in range(2):  # rows, then columns
+                cov = (turn @ cov.T.reshape(len(turn), 2, 3, len(cov))).reshape(cov.shape)
+            yield cov
+
+
+def _relative(message: Message, own: NDArray[np.intp]) -> Array:
+    """Covariance (6n, 6n) of some of a take's keyframes relative to its first, its device given."""
+    by_bias, i = message.by_device[:, BIAS], (6 * own[:, None] + np.arange(6)).ravel()
+    cov = message.cov + BIAS_REPEATS**2 * by_bias @ by_bias.T
+    for _ in range(2):  # rows, then columns
+        cov = relative_to_first(cov.T.reshape(-1, 6, len(cov)), message.p).reshape(cov.shape)
+    return np.asarray(cov[np.ix_(i, i)])
 
 
 class _Columns:
