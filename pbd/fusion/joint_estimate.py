@@ -28,8 +28,8 @@ LEVER_M, LEVER_WORTH = 0.005, 3.0
 """m: how differently a sensor is put into the hand, along each axis; degrees of freedom that this is worth beside what
 the takes show."""
 
-WEAK = 1.0
-"""Information (1/m2, 1/rad2) that is added to each unknown in each step, so that no matrix is singular."""
+WEAK = 0.01
+"""Information (1/m2, 1/rad2) that is added to poses and levers in each step, so that no matrix is singular."""
 
 MAX_ITERATIONS, CONVERGED, CONVERGED_LOG = 25, 1e-6, 0.01
 """Gauss-Newton: limit; largest last step of the unknowns (m, rad) and of the scatter's logarithms."""
@@ -92,6 +92,7 @@ class Joint:
         residuals: (N,) of all takes.
         precision: (N, N) of them, the unknowns integrated out.
         of_devices: (D, DEVICE, DEVICE), covariance of their errors.
+        turn_sigma: (K,) rad, of how each sensor is turned in the hand, about the axis of which least is known.
     """
 
     state: State
@@ -100,6 +101,7 @@ class Joint:
     residuals: Array
     precision: Array
     of_devices: Array
+    turn_sigma: Array
 
     def squares(self, rows: Sequence[NDArray[np.intp]]) -> Array:
         """For each set of residuals how much it adds to the misfit: chi-square with as many degrees of freedom."""
@@ -138,7 +140,10 @@ def estimate_jointly(parts: Parts, x: State, scatter: Scatter) -> Joint:
             break
     poses = columns.poses
     devices = [cov[columns.device(d), columns.device(d)] for d in range(len(x.devices))]
-    return Joint(x, cov[poses, poses], scatter, r + J @ step, precision, np.array(devices))
+    turned = (columns.take(np.arange(1, len(parts.at)))[:, None] + np.arange(3))[..., None]
+    turn_sigma = np.sqrt(np.linalg.eigvalsh(cov[turned, turned.transpose(0, 2, 1)])[:, -1])
+    turn_sigma = np.concatenate(([0.0], turn_sigma))  # the others' are against the first
+    return Joint(x, cov[poses, poses], scatter, r + J @ step, precision, np.array(devices), turn_sigma)
 
 
 class _Shown:
@@ -197,7 +202,7 @@ class _Columns:
 
 def _known_of_devices(parts: Parts, columns: _Columns) -> tuple[Array, Callable[[State], Array]]:
     """Information of what is known beside the keyframes, and its gradient at a state."""
-    information = WEAK * np.eye(columns.count)
+    information = np.diag(np.where(np.arange(columns.count) < columns.devices, WEAK, 0.0))
     constant = np.zeros(columns.count)
     for d in sorted(set(parts.device)):
         own = [message for message, device in zip(parts.messages, parts.device, strict=True) if device == d]

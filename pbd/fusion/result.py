@@ -115,6 +115,7 @@ def _fusion(fused: Fused, mean: MeanWay) -> Fusion:
                 tuple(sorted(set(range(len(take.knots))) - set(mine.tolist()))),
                 float((x.yaw[0, i] + np.pi) % (2.0 * np.pi) - np.pi),
                 Pose(x.lever[i], quat_from_matrix(x.Q[i] @ x.Q[0].T)),
+                float(fused.joint.turn_sigma[i]),
                 parts.device[i],
             )
         )
