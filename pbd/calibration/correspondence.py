@@ -61,8 +61,8 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool) 
     n, m = len(p_nav_tip), len(points)
     if n < m:
         raise CalibrationError(
-            f"the demonstration has {counted(n, 'stop')}, but there are {m} points; hold still for half a second on each, or "
-            "remove points",
+            f"the demonstration has {counted(n, 'stop')}, but there are {m} points; hold still for half a second on "
+            "each, or remove points",
             value=n,
             bound=m,
         )

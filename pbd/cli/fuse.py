@@ -44,13 +44,14 @@ def run(args: argparse.Namespace) -> None:
         update_calibration(file, sensor_parts(errors, figures))
         saved = {"calibration": str(file)}
         say(f"{file}: [sensor] of '{errors.sensor}' from {len(demo.takes)} takes")
-    say(f"wrote {folder}: {len(demo.takes)} takes, {counted(len(path.stops), 'keyframe')}; it is a demonstration like any other")
+    keyframes = counted(len(path.stops), "keyframe")
+    say(f"wrote {folder}: {len(demo.takes)} takes, {keyframes}; it is a demonstration like any other")
     if thing := fusion.thing:
         far = ", ".join(f"{100.0 * by:.0f} cm in {name}" for name, by in thing.moved_m.items())
-        keyframes = f"{thing.first}..{thing.last}"
+        members = f"{thing.first}..{thing.last}"
         say(
-            f"keyframes {keyframes} move together against the others, as with a thing that stood elsewhere ({far}); if "
-            f"so: pbd keyframes {folder.name} --frame NAME={keyframes}"
+            f"keyframes {members} move together against the others, as with a thing that stood elsewhere ({far}); if "
+            f"so: pbd keyframes {folder.name} --frame NAME={members}"
         )
     if args.json:
         stored = {"demo": folder.name, "folder": str(folder), "files": files} | saved

@@ -119,7 +119,7 @@ def test_out_of_reach_names_a_place_that_works(tea: Path, capsys: Capture) -> No
         ("keyframes tea --frame cup=2..7", 1, "there is no keyframe 7 for 'cup'; they are 0 to 4"),
         ("keyframes tea --frame cup=2@tray --frame tray=3@cup", 1, "can't carry itself: "),
         ("keyframes tea --frame cup=3..2", 2, "must be like cup=3..5"),
-        ("keyframes tea --frame cup=1 --frame lid=2..3@cub", 2, "belongs to 'cub': known are cup, lid; did you mean cup?"),
+        ("keyframes tea --frame cup=1 --frame lid=2@cub", 2, "to 'cub': known are cup, lid; did you mean cup?"),
         ("keyframes tea --robot panda --at jug=0,0,0", 2, "no keyframe belongs to 'jug'"),
         ("keyframes tea --tolerance 0.01", 2, "name the robot"),
         ("keyframes tea --robot panda --tolerance 0", 2, "above zero"),

@@ -118,8 +118,8 @@ def test_the_frame_is_the_first_takes() -> None:
 
 @pytest.mark.parametrize(("aside", "known"), [(0.0, False), (0.2, True)])
 def test_keyframes_above_each_other_do_not_show_how_the_sensor_is_turned(aside: float, known: bool) -> None:
-    true = truth(2, count=3)
-    true = replace(true, m=np.array(((0.0, 0.0, 0.0), (0.0, 0.0, 0.1), (aside, 0.0, 0.2))), A=np.tile(np.eye(3), (3, 1, 1)))
+    m = np.array(((0.0, 0.0, 0.0), (0.0, 0.0, 0.1), (aside, 0.0, 0.2)))
+    true = replace(truth(2, count=3), m=m, A=np.tile(np.eye(3), (3, 1, 1)))
     sigma = estimate_jointly(parts(true, np.array(0.5 * MM), MM), begun(true), alike(3)).turn_sigma
     assert sigma[0] == 0.0
     assert (sigma[1] < np.radians(3.0)) == known
