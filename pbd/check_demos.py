@@ -15,10 +15,14 @@ from pbd.files.demo import load_demo
 from pbd.pipeline import track
 from pbd.plots.demo_values import demo_plot
 from pbd.plots.findings import OFF_SIGMAS
-from pbd.pose import Array, Pose, level_onto
+from pbd.pose import Array, Pose, level_onto, quat_about_z, quat_rotate
 
 FEWEST_SIBLINGS = 4
 """Fewest demonstrations of one task that are compared: of three, the one that is off pulls the median."""
+
+TURNED_RAD = np.radians(30.0)
+"""A demonstration that is turned by more about the vertical, rad, is compared turned back: the sensor was put otherwise
+into the hand, and not the hand otherwise to the dock. Less is a difference like any other."""
 
 CHI3_MEDIAN = 1.538
 """Median of the distance from the mean, in sigmas of one axis: of chi with three degrees of freedom."""
@@ -146,13 +150,29 @@ def _compared(found: Iterable[DemoCheck]) -> tuple[DemoCheck, ...]:
         if len(group) < FEWEST_SIBLINGS:
             continue
         p = np.array([checks[i].p_dock_sensor for i in group])
+        turns = _turns(p)
+        p = quat_rotate(quat_about_z(-turns)[:, None], p)
         away = np.linalg.norm(p - np.median(p, axis=0), axis=2)
         own = np.array([checks[i].sigma_m for i in group])[:, None]
         bound = OFF_SIGMAS * np.hypot(np.median(away, axis=0) / CHI3_MEDIAN, own)
-        for i, far, most in zip(group, away, bound, strict=True):
-            words = (
-                f"keyframe {k} is {100.0 * far[k]:.0f} cm from where the {len(group) - 1} like it have theirs"
+        likes = f"the {len(group) - 1} like it"
+        for i, turn, far, most in zip(group, turns.tolist(), away, bound, strict=True):
+            words = [
+                f"keyframe {k} is {100.0 * far[k]:.0f} cm from where {likes} have theirs"
                 for k in np.flatnonzero(far > most)
-            )
+            ]
+            if abs(turn) > TURNED_RAD:
+                words.insert(0, f"the sensor is turned by {np.degrees(turn):.0f}° about the vertical against {likes}")
             checks[i] = replace(checks[i], differs=tuple(words))
     return tuple(checks)
+
+
+def _turns(p: Array) -> Array:
+    """By what angle (n,) about the vertical each way (n, k, 3) is turned against the one that is most like the others.
+
+    Only what is more than TURNED_RAD counts: a sensor that sits otherwise in the hand, as in takes to be fused.
+    """
+    level = p[..., 0] + 1j * p[..., 1]
+    between = np.angle(np.einsum("ik,jk->ij", level.conj(), level))
+    turns: Array = between[np.argmin(np.abs(between).sum(axis=1))]
+    return np.where(np.abs(turns) > TURNED_RAD, turns, 0.0)

@@ -14,6 +14,7 @@ from pbd import check_all
 from pbd.check_demos import DemoCheck, _compared
 from pbd.cli import main
 from pbd.files.demo import write_demo
+from pbd.pose import quat_about_z, quat_rotate
 from pbd.simulation.simulate import simulate
 from tests.cli.running import Capture, run, run_json
 
@@ -65,6 +66,15 @@ def test_one_that_differs_from_its_siblings_is_named() -> None:
     assert not any(check.differs for check in _compared([sibling(str(off), off) for off in offs[2:]]))
     other = replace(sibling("grips", 0.05), grips=((1, True),))
     assert not _compared([*(sibling(str(off), off) for off in offs[:4]), other])[-1].differs
+
+
+def test_one_whose_sensor_was_turned_in_the_hand_is_told_in_one_line() -> None:
+    way = 0.1 * np.random.default_rng(0).normal(size=(5, 3)) * (np.arange(5) > 0)[:, None]
+    ways = [quat_rotate(quat_about_z(np.radians(turn)), way) for turn in (0.0, 0.2, 90.0, 0.1, 180.0, -0.2)]
+    found = _compared([DemoCheck(f"tea{k}", p_dock_sensor=p, sigma_m=0.002) for k, p in enumerate(ways)])
+    told = [check.differs for check in found]
+    turned = "the sensor is turned by {}° about the vertical against the 5 like it"
+    assert told == [(), (), (turned.format(90),), (), (turned.format(180),), ()]
 
 
 @pytest.mark.filterwarnings("default")  # of Dask's own

@@ -9,6 +9,7 @@ from itertools import combinations, permutations
 import numpy as np
 
 from pbd.calibration.alignment import align
+from pbd.data.one_line_repr import counted
 from pbd.errors import CalibrationError
 from pbd.pose import Array, Pose, quat_inverse, quat_log, quat_multiply
 
@@ -60,8 +61,8 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool) 
     n, m = len(p_nav_tip), len(points)
     if n < m:
         raise CalibrationError(
-            f"the demonstration has {n} stops, but there are {m} points; hold still for half a second on each, or "
-            "remove points",
+            f"the demonstration has {counted(n, 'stop')}, but there are {m} points; hold still for half a second on "
+            "each, or remove points",
             value=n,
             bound=m,
         )

@@ -52,8 +52,9 @@ def _stop_of(path: HandPath, keyframe: Keyframe) -> int | None:
 def touch_up(touch_ups: Sequence[TouchUp], keyframes: Sequence[Keyframe], T_base_nav: Pose, cov: Array) -> TouchedUp:
     """Condition the tool's places on touch-ups: least squares with what errs together, as a Kalman filter's update.
 
-    A keyframe that is touched goes exactly where it is asked to; touched again, the later one counts. The tool's
-    attitudes stay as they were, and so do their covariances (Joseph's form holds for any gain).
+    A keyframe that is touched goes exactly where it is asked to, and stays there when others are touched; touched
+    again, the later one counts. The tool's attitudes stay as they were, and so do their covariances (Joseph's form
+    holds for any gain).
 
     Args:
         touch_ups: those that were undone, or whose keyframe is gone, are passed over.
@@ -75,13 +76,15 @@ def touch_up(touch_ups: Sequence[TouchUp], keyframes: Sequence[Keyframe], T_base
             alone[at] += by_base
             only.add(at)
             continue
-        wanted = together[at] + by_base
+        before, wanted = together, together[at] + by_base
         touched = [*(other for other in touched if other != at), at]
         gain = _gain(cov, touched)
         targets = together[touched]
         targets[-1] = wanted
         together = gain @ targets.ravel()
         together[touched] = targets
+        stay = sorted(only - {at})
+        alone[stay] += before[stay] - together[stay]
     return TouchedUp(together + alone, _conditioned(cov, touched, gain, only))
 
 

@@ -10,6 +10,7 @@ from pbd.cli.calibrate.sensor import sensor_parts
 from pbd.cli.console import print_json, say, working
 from pbd.cli.steps import named_calibration, write_figures
 from pbd.data import Demonstration, HandPath
+from pbd.data.one_line_repr import counted
 from pbd.errors import UsageError
 from pbd.files.calibration_edit import calibration_file, update_calibration
 from pbd.files.demo import demo_folder, load_demo, refuse_demo_folder, utc_now, write_demo
@@ -43,13 +44,14 @@ def run(args: argparse.Namespace) -> None:
         update_calibration(file, sensor_parts(errors, figures))
         saved = {"calibration": str(file)}
         say(f"{file}: [sensor] of '{errors.sensor}' from {len(demo.takes)} takes")
-    say(f"wrote {folder}: {len(demo.takes)} takes, {len(path.stops)} keyframes; it is a demonstration like any other")
+    keyframes = counted(len(path.stops), "keyframe")
+    say(f"wrote {folder}: {len(demo.takes)} takes, {keyframes}; it is a demonstration like any other")
     if thing := fusion.thing:
         far = ", ".join(f"{100.0 * by:.0f} cm in {name}" for name, by in thing.moved_m.items())
-        keyframes = f"{thing.first}..{thing.last}"
+        members = f"{thing.first}..{thing.last}"
         say(
-            f"keyframes {keyframes} move together against the others, as with a thing that stood elsewhere ({far}); if "
-            f"so: pbd keyframes {folder.name} --frame NAME={keyframes}"
+            f"keyframes {members} move together against the others, as with a thing that stood elsewhere ({far}); if "
+            f"so: pbd keyframes {folder.name} --frame NAME={members}"
         )
     if args.json:
         stored = {"demo": folder.name, "folder": str(folder), "files": files} | saved

@@ -25,6 +25,7 @@ class FusedTake:
         extra: keyframes of its own that few takes have: left out.
         yaw: rad, by which its nav is turned against the first take's.
         T_hand: how its sensor sits in the hand, against the first take's; None where it is left out.
+        turn_sigma: rad, one sigma of its turn there, about the axis of which least is known.
         device: its number among the takes' devices.
         left_out: why none of it is used, or "".
     """
@@ -36,6 +37,7 @@ class FusedTake:
     extra: tuple[int, ...] = ()
     yaw: float = 0.0
     T_hand: Pose | None = None
+    turn_sigma: float = 0.0
     device: int = 0
     left_out: str = ""
 

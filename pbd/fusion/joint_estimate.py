@@ -9,7 +9,7 @@ and a shift of their own in each take.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -20,6 +20,7 @@ from pbd.fusion.devices import BIAS_REPEATS
 from pbd.fusion.messages import BIAS, DEVICE, Message
 from pbd.fusion.scatter import Scatter
 from pbd.pose import Array, matrix_log, quat_about_z, quat_exp, quat_to_matrix, skew
+from pbd.tracking.estimate import relative_to_first
 from pbd.tracking.smoother.preintegration import LOWER
 from pbd.tracking.smoother.state import ACC_MATRIX, GYR_MATRIX
 
@@ -27,8 +28,8 @@ LEVER_M, LEVER_WORTH = 0.005, 3.0
 """m: how differently a sensor is put into the hand, along each axis; degrees of freedom that this is worth beside what
 the takes show."""
 
-WEAK = 1.0
-"""Information (1/m2, 1/rad2) that is added to each unknown in each step, so that no matrix is singular."""
+WEAK = 0.01
+"""Information (1/m2, 1/rad2) that is added to poses and levers in each step, so that no matrix is singular."""
 
 MAX_ITERATIONS, CONVERGED, CONVERGED_LOG = 25, 1e-6, 0.01
 """Gauss-Newton: limit; largest last step of the unknowns (m, rad) and of the scatter's logarithms."""
@@ -91,6 +92,7 @@ class Joint:
         residuals: (N,) of all takes.
         precision: (N, N) of them, the unknowns integrated out.
         of_devices: (D, DEVICE, DEVICE), covariance of their errors.
+        turn_sigma: (K,) rad, of how each sensor is turned in the hand, about the axis of which least is known.
     """
 
     state: State
@@ -99,6 +101,7 @@ class Joint:
     residuals: Array
     precision: Array
     of_devices: Array
+    turn_sigma: Array
 
     def squares(self, rows: Sequence[NDArray[np.intp]]) -> Array:
         """For each set of residuals how much it adds to the misfit: chi-square with as many degrees of freedom."""
@@ -109,17 +112,18 @@ class Joint:
 def estimate_jointly(parts: Parts, x: State, scatter: Scatter) -> Joint:
     """Gauss-Newton over all unknowns, with the scatter's marginal likelihood in step."""
     columns = _Columns(len(x.m), len(x.yaw), len(parts.at), len(x.devices))
-    group = np.concatenate([scatter.group[at].ravel() for at in parts.at])
+    shown = _Shown(parts)
+    group = scatter.group[shown.at].ravel()
     known, gradient_of = _known_of_devices(parts, columns)
-    levers = np.array([row for k in range(1, len(parts.at)) for row in columns.levers(k)], dtype=np.intp)
+    levers = (columns.take(np.arange(1, len(parts.at)))[:, None] + np.arange(3, 6)).ravel()
     lever_variance = LEVER_M**2
     for _ in range(MAX_ITERATIONS):
-        r, J = _residuals(parts, x, columns)
+        r, J = _residuals(shown, x, columns)
         W, WJ, drift = np.zeros((len(r), len(r))), np.empty_like(J), np.zeros((len(r), len(r)))
-        turns = x.turn
-        for k, rows in enumerate(parts.rows):
-            drift[rows, rows] = scatter.tracker * _drift(parts, k, turns[parts.frame[parts.at[k]], k])
-            W[rows, rows] = np.linalg.inv(drift[rows, rows] + np.diag(scatter.sigma[parts.at[k]].ravel() ** 2))
+        hand = scatter.sigma[shown.at].ravel() ** 2
+        for rows, own in zip(parts.rows, shown.drift(x.turn), strict=True):
+            drift[rows, rows] = scatter.tracker * own
+            W[rows, rows] = np.linalg.inv(drift[rows, rows] + np.diag(hand[rows]))
             WJ[rows] = W[rows, rows] @ J[rows]
         information, gradient = known.copy(), WJ.T @ r + gradient_of(x)
         information[levers, levers] += 1.0 / lever_variance
@@ -129,14 +133,54 @@ def estimate_jointly(parts: Parts, x: State, scatter: Scatter) -> Joint:
         precision = W - WJ @ cov @ WJ.T
         weighted = W @ (r + J @ step)
         x = _moved(x, step, columns)
-        shown = float((x.lever**2).sum() + np.diagonal(cov)[levers].sum())
-        lever_variance = (shown + LEVER_WORTH * LEVER_M**2) / (len(levers) + LEVER_WORTH)
-        before, scatter = scatter.log, scatter.improved(precision, weighted, group, drift)
-        if np.abs(step[columns.poses]).max() < CONVERGED and np.abs(scatter.log - before).max() < CONVERGED_LOG:
+        square = float((x.lever**2).sum() + np.diagonal(cov)[levers].sum())
+        lever_variance = (square + LEVER_WORTH * LEVER_M**2) / (len(levers) + LEVER_WORTH)
+        before, scatter = scatter, scatter.improved(precision, weighted, group, drift)
+        if np.abs(step[columns.poses]).max() < CONVERGED and scatter.change(before) < CONVERGED_LOG:
             break
     poses = columns.poses
     devices = [cov[columns.device(d), columns.device(d)] for d in range(len(x.devices))]
-    return Joint(x, cov[poses, poses], scatter, r + J @ step, precision, np.array(devices))
+    turned = (columns.take(np.arange(1, len(parts.at)))[:, None] + np.arange(3))[..., None]
+    turn_sigma = np.sqrt(np.linalg.eigvalsh(cov[turned, turned.transpose(0, 2, 1)])[:, -1])
+    turn_sigma = np.concatenate(([0.0], turn_sigma))  # the others' are against the first
+    return Joint(x, cov[poses, poses], scatter, r + J @ step, precision, np.array(devices), turn_sigma)
+
+
+class _Shown:
+    """What takes show of the task's keyframes, one after another (n): of which take, task keyframe, frame and device;
+    p (n, 3), R (n, 3, 3) in the take's own nav, by_device (n, 6, DEVICE), at the errors device_errors (n, DEVICE).
+
+    Their covariance is relative to each take's first keyframe and its heading. All of a nav is shifted and turned alike
+    by the errors of those, as by another yaw and another origin.
+    """
+
+    def __init__(self, parts: Parts) -> None:
+        counts = list(map(len, parts.at))
+        self.take, self.at = np.repeat(np.arange(len(counts)), counts), np.concatenate(parts.at)
+        self.frame, self.device = parts.frame[self.at], np.repeat(parts.device, counts)
+        both = list(zip(parts.messages, parts.own, strict=True))
+        self.p = np.concatenate([message.p[own] for message, own in both])
+        self.R = np.concatenate([message.R[own] for message, own in both])
+        self.by_device = np.concatenate([message.by_device.reshape(-1, 6, DEVICE)[own] for message, own in both])
+        self.device_errors = np.repeat([message.device for message, _ in both], counts, axis=0)
+        self._covs = [_relative(message, own) for message, own in both]
+
+    def drift(self, turns: Array) -> Iterator[Array]:
+        """Covariance (6n, 6n) of each take's residuals by its tracking, its device given; turns (F, K, 3, 3) of nav."""
+        for k, cov in enumerate(self._covs):
+            turn = turns[self.frame[self.take == k], k, None]
+            for _ in range(2):  # rows, then columns
+                cov = (turn @ cov.T.reshape(len(turn), 2, 3, len(cov))).reshape(cov.shape)
+            yield cov
+
+
+def _relative(message: Message, own: NDArray[np.intp]) -> Array:
+    """Covariance (6n, 6n) of some of a take's keyframes relative to its first, its device given."""
+    by_bias, i = message.by_device[:, BIAS], (6 * own[:, None] + np.arange(6)).ravel()
+    cov = message.cov + BIAS_REPEATS**2 * by_bias @ by_bias.T
+    for _ in range(2):  # rows, then columns
+        cov = relative_to_first(cov.T.reshape(-1, 6, len(cov)), message.p).reshape(cov.shape)
+    return np.asarray(cov[np.ix_(i, i)])
 
 
 class _Columns:
@@ -145,23 +189,20 @@ class _Columns:
     def __init__(self, keyframes: int, frames: int, takes: int, devices: int) -> None:
         self.poses = slice(0, 6 * keyframes)
         self.of_take = 6 + 4 * frames
-        self._takes = 6 * keyframes
-        self._devices = self._takes + self.of_take * (takes - 1)
-        self.count = self._devices + DEVICE * devices
+        self.devices = 6 * keyframes + self.of_take * (takes - 1)
+        self.count = self.devices + DEVICE * devices
 
-    def take(self, k: int) -> slice:
-        return slice(self._takes + self.of_take * (k - 1), self._takes + self.of_take * k)
-
-    def levers(self, k: int) -> range:
-        return range(self.take(k).start + 3, self.take(k).start + 6)
+    def take(self, k: NDArray[np.intp]) -> NDArray[np.intp]:
+        """The first of takes (n,)."""
+        return np.asarray(self.poses.stop + self.of_take * (k - 1))
 
     def device(self, d: int) -> slice:
-        return slice(self._devices + DEVICE * d, self._devices + DEVICE * (d + 1))
+        return slice(self.devices + DEVICE * d, self.devices + DEVICE * (d + 1))
 
 
 def _known_of_devices(parts: Parts, columns: _Columns) -> tuple[Array, Callable[[State], Array]]:
     """Information of what is known beside the keyframes, and its gradient at a state."""
-    information = WEAK * np.eye(columns.count)
+    information = np.diag(np.where(np.arange(columns.count) < columns.devices, WEAK, 0.0))
     constant = np.zeros(columns.count)
     for d in sorted(set(parts.device)):
         own = [message for message, device in zip(parts.messages, parts.device, strict=True) if device == d]
@@ -181,60 +222,49 @@ def _known_of_devices(parts: Parts, columns: _Columns) -> tuple[Array, Callable[
     return information, gradient
 
 
-def _drift(parts: Parts, k: int, turns: Array) -> Array:
-    """Covariance of a take's residuals by its tracking, its device given; turns (n, 3, 3) of its keyframes."""
-    message, at, own = parts.messages[k], parts.at[k], parts.own[k]
-    i = (6 * own[:, None] + np.arange(6)).ravel()
-    by_bias = message.by_device[i, BIAS]
-    cov = message.cov[np.ix_(i, i)] + BIAS_REPEATS**2 * by_bias @ by_bias.T
-    turned = np.zeros((len(at), 2, 3, len(at), 2, 3))
-    n = np.arange(len(at))
-    turned[n, 0, :, n, 0], turned[n, 1, :, n, 1] = turns, turns
-    turned = turned.reshape(cov.shape)
-    return np.asarray(turned @ cov @ turned.T)
+def placed(p: Array, R: Array, by_device: Array, errors: Array) -> tuple[Array, Array]:
+    """A take's keyframes p (n, 3), R (n, 3, 3) with other errors of its device, (n, DEVICE); see Message."""
+    by = (by_device.reshape(len(p), 6, DEVICE) @ errors[..., None])[..., 0]
+    return p + by[:, :3], quat_to_matrix(quat_exp(by[:, 3:])) @ R
 
 
-def placed(message: Message, errors: Array) -> tuple[Array, Array]:
-    """A take's keyframes p (n, 3), R (n, 3, 3) with its device's errors (DEVICE,)."""
-    by = (message.by_device @ (errors - message.device)).reshape(-1, 6)
-    return message.p + by[:, :3], quat_to_matrix(quat_exp(by[:, 3:])) @ message.R
+def _residuals(shown: _Shown, x: State, columns: _Columns) -> tuple[Array, Array]:
+    """Residuals (6n,), and how they go with the unknowns, (6n, columns.count)."""
+    take, at, count = shown.take, shown.at, len(shown.at)
+    p, R = placed(shown.p, shown.R, shown.by_device, x.devices[shown.device] - shown.device_errors)
+    turn = x.turn[shown.frame, take]
+    p, R = (turn @ p[..., None])[..., 0], turn @ R @ x.Q[take]
+    A = x.A[at]
+    arm = (A @ x.lever[take][..., None])[..., 0]
+    r = np.concatenate((p + x.c[shown.frame, take] - x.m[at] - arm, matrix_log(R @ A.transpose(0, 2, 1))), axis=1)
+    J = np.zeros((count, 6, columns.count))
 
+    def put(which: NDArray[np.intp], row: int, first: NDArray[np.intp], block: Array) -> None:
+        """Derivatives (w, 3, c) of some keyframes' residuals from a row on, by unknowns from a first one (w,) on."""
+        J[which[:, None, None], row + np.arange(3)[:, None], first[:, None, None] + np.arange(block.shape[2])] = block
 
-def _residuals(parts: Parts, x: State, columns: _Columns) -> tuple[Array, Array]:
-    r = np.empty(parts.rows[-1].stop)
-    J = np.zeros((len(r), columns.count))
-    up, one = np.array((0.0, 0.0, 1.0)), np.eye(3)
-    turns = x.turn
-    for k, (message, at, own, rows) in enumerate(zip(parts.messages, parts.at, parts.own, parts.rows, strict=True)):
-        p, R = placed(message, x.devices[parts.device[k]])
-        frame = parts.frame[at]
-        turn = turns[frame, k]
-        p, R = (turn @ p[own, :, None])[..., 0], turn @ R[own] @ x.Q[k]
-        arm = x.A[at] @ x.lever[k]
-        r[rows].reshape(-1, 6)[:, :3] = p + x.c[frame, k] - x.m[at] - arm
-        r[rows].reshape(-1, 6)[:, 3:] = matrix_log(R @ x.A[at].transpose(0, 2, 1))
-        block = J[rows].reshape(len(at), 6, columns.count)
-        for i, j in enumerate(at.tolist()):
-            block[i, :3, 6 * j : 6 * j + 3] = -one
-            block[i, :3, 6 * j + 3 : 6 * j + 6] = skew(arm[i])
-            block[i, 3:, 6 * j + 3 : 6 * j + 6] = -one
-        if k:
-            of = block[:, :, columns.take(k)]
-            of[:, 3:, :3], of[:, :3, 3:6] = R, -x.A[at]
-            for f in range(len(turns)):
-                here, yaw = frame == f, 6 + 4 * f
-                of[here, :3, yaw], of[here, 3:, yaw] = np.cross(up, p[here]), up
-                of[here, :3, yaw + 1 : yaw + 4] = one
-        by = message.by_device.reshape(-1, 6, DEVICE)[own]
-        block[:, :3, columns.device(parts.device[k])] = turn @ by[:, :3]
-        block[:, 3:, columns.device(parts.device[k])] = turn @ by[:, 3:]
-    return r, J
+    every, later = np.arange(count), np.flatnonzero(take)
+    one, up = np.eye(3)[None], np.array((0.0, 0.0, 1.0))
+    put(every, 0, 6 * at, -one)
+    put(every, 0, 6 * at + 3, skew(arm))
+    put(every, 3, 6 * at + 3, -one)
+    own = columns.take(take[later])
+    put(later, 3, own, R[later])
+    put(later, 0, own + 3, -A[later])
+    yaw = own + 6 + 4 * shown.frame[later]
+    put(later, 0, yaw, np.cross(up, p[later])[..., None])
+    put(later, 3, yaw, up[None, :, None])
+    put(later, 0, yaw + 1, one)
+    errors = columns.devices + DEVICE * shown.device
+    put(every, 0, errors, turn @ shown.by_device[:, :3])
+    put(every, 3, errors, turn @ shown.by_device[:, 3:])
+    return r.ravel(), J.reshape(6 * count, -1)
 
 
 def _moved(x: State, step: Array, columns: _Columns) -> State:
     poses = step[columns.poses].reshape(-1, 6)
     takes = np.zeros((x.yaw.shape[1], columns.of_take))
-    takes[1:] = step[columns.poses.stop : columns.device(0).start].reshape(-1, columns.of_take)
+    takes[1:] = step[columns.poses.stop : columns.devices].reshape(-1, columns.of_take)
     frames = takes[:, 6:].reshape(len(takes), -1, 4).transpose(1, 0, 2)
     return State(
         x.m + poses[:, :3],
@@ -243,7 +273,7 @@ def _moved(x: State, step: Array, columns: _Columns) -> State:
         x.c + frames[..., 1:],
         x.Q @ quat_to_matrix(quat_exp(takes[:, :3])),
         x.lever + takes[:, 3:6],
-        x.devices + step[columns.device(0).start :].reshape(-1, DEVICE),
+        x.devices + step[columns.devices :].reshape(-1, DEVICE),
     )
 
 

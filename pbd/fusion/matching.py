@@ -144,7 +144,7 @@ def _around(takes: Sequence[Keyframes], reference: int) -> Alignment:
 
 def _registered(here: Keyframes, there: Keyframes) -> Registration | None:
     """Register a take; None where too few keyframes have a partner, or it begins elsewhere: chance pairs some."""
-    pairs, found = by_moves(here, there), None
+    pairs = by_moves(here, there)
     least = LEAST_SHARE * max(min(len(here), len(there)), 1)
     for _ in range(RESTATED):
         if len(pairs) < max(least, min(2, len(here), len(there))):
@@ -153,8 +153,7 @@ def _registered(here: Keyframes, there: Keyframes) -> Registration | None:
         before, pairs = pairs, by_pose(here, found.of(there))
         if pairs == before:
             break
-    at_dock = found is not None and by_pose(_dock(here), _dock(found.of(there)))
-    return found if len(pairs) >= least and at_dock else None
+    return found if len(pairs) >= least and by_pose(_dock(here), _dock(found.of(there))) else None
 
 
 def _dock(one: Keyframes) -> Keyframes:

@@ -73,6 +73,8 @@ def moved_thing(takes: Sequence[Keyframes]) -> Moved | None:
     everything = np.arange(count)
     rows = 6 * count * len(others)
     together = sum(_left_over(here, takes[k], everything, everything[:0])[0] for k in others)
+    if _gain(together, 0.0, rows, len(others)) < LEAST_GAIN:
+        return None  # whichever keyframes had a frame of their own
     best: Moved | None = None
     for first, end in combinations(range(1, count + 1), 2):
         run, rest = everything[first:end], np.r_[0:first, end:count]
@@ -81,8 +83,7 @@ def moved_thing(takes: Sequence[Keyframes]) -> Moved | None:
             continue
         found = {k: _left_over(here, takes[k], rest, run) for k in others}
         apart = sum(left for left, _, _ in found.values())
-        # Four more unknowns a take (Schwarz, Annals of Statistics 6, 1978).
-        gain = 0.5 * rows * np.log(max(together, rows) / max(apart, rows)) - 2.0 * len(others) * np.log(rows)
+        gain = _gain(together, apart, rows, len(others))
         if gain < (LEAST_GAIN if best is None else best.gain):
             continue
         registered = {k: one for k, (_, one, _) in found.items()}
@@ -90,8 +91,16 @@ def moved_thing(takes: Sequence[Keyframes]) -> Moved | None:
         shifts = _shifts(here, takes, run, registered)
         far = lengths(shifts) > HAND_M
         if (far.all() and np.abs(shifts[:, 2]).max() < LEVEL_M) if alone else far.any():
-            best = Moved(first, end - 1, float(gain), reference, registered, back)
+            best = Moved(first, end - 1, gain, reference, registered, back)
     return best
+
+
+def _gain(together: float, apart: float, rows: int, frames: int) -> float:
+    """Logarithm of the likelihoods' ratio, less that of as many more frames with four unknowns each.
+
+    Source: G. Schwarz, Estimating the dimension of a model, Annals of Statistics 6 (1978).
+    """
+    return float(0.5 * rows * np.log(max(together, rows) / max(apart, rows)) - 2.0 * frames * np.log(rows))
 
 
 def _shifts(here: Keyframes, takes: Sequence[Keyframes], run: Index, registered: dict[int, Registration]) -> Array:

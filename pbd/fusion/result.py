@@ -102,7 +102,8 @@ def _fusion(fused: Fused, mean: MeanWay) -> Fusion:
             told.append(FusedTake(take.name, own, off, left_out=fused.left_out[k]))
             continue
         i, at, mine = fused.used.index(k), *np.array([(j, i) for j, i in enumerate(own) if i is not None]).T
-        p, _ = placed(parts.messages[i], x.devices[parts.device[i]])
+        message = parts.messages[i]
+        p, _ = placed(message.p, message.R, message.by_device, x.devices[parts.device[i]] - message.device)
         turned = (x.turn[parts.frame[at], i] @ p[mine, :, None])[..., 0] + x.c[parts.frame[at], i]
         off[at] = turned - x.m[at] - x.A[at] @ x.lever[i]
         told.append(
@@ -114,6 +115,7 @@ def _fusion(fused: Fused, mean: MeanWay) -> Fusion:
                 tuple(sorted(set(range(len(take.knots))) - set(mine.tolist()))),
                 float((x.yaw[0, i] + np.pi) % (2.0 * np.pi) - np.pi),
                 Pose(x.lever[i], quat_from_matrix(x.Q[i] @ x.Q[0].T)),
+                float(fused.joint.turn_sigma[i]),
                 parts.device[i],
             )
         )

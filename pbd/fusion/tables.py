@@ -23,6 +23,7 @@ def takes_table(fusion: Fusion, units: Units) -> Table:
         "more stops",
         "not believed",
         f"sensor turned ({units.angle_sign})",
+        "±",
         f"lever ({fine.length})",
     )
     table = make_table(
@@ -30,7 +31,7 @@ def takes_table(fusion: Fusion, units: Units) -> Table:
     )
     for take in fusion.takes:
         if take.left_out:
-            table.add_row(take.name, *("" for _ in several), "", "", f"left out: {take.left_out}", "", "", "")
+            table.add_row(take.name, *("" for _ in several), "", "", f"left out: {take.left_out}", "", "", "", "")
             continue
         table.add_row(
             take.name,
@@ -38,7 +39,7 @@ def takes_table(fusion: Fusion, units: Units) -> Table:
             str(_count(take)),
             " ".join(map(str, take.extra)),
             " ".join(map(str, take.outliers)),
-            *units.angles(_turned(take)),
+            *units.angles((_turned(take), take.turn_sigma)),
             *fine.lengths(_lever(take), finer=1),
             *fine.lengths(_rms(take.off), finer=1),
         )
@@ -83,6 +84,7 @@ def fusion_rows(path: HandPath) -> dict[str, Any]:
                 "outliers": list(take.outliers),
                 "yaw_deg": float(np.degrees(take.yaw)),
                 "sensor_turned_deg": float(np.degrees(_turned(take))),
+                "sensor_turned_sigma_deg": float(np.degrees(take.turn_sigma)),
                 "lever_m": None if take.T_hand is None else take.T_hand.p.tolist(),
                 "off_m": [None if np.isnan(off).any() else off.tolist() for off in take.off],
             }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -53,17 +53,22 @@ def place_things(
     """
     poses, known = list(T_base_tool), things(keyframes)
     by_name = {place.name: place for place in places}
-    for name in by_name:
-        if name not in known:
-            given = f"known are {listed(known)}{nearest(name, known)}" if known else "none belongs to anything"
-            how = f"`pbd keyframes --frame {name}=3..5` says which do"
-            raise UsageError(f"no keyframe belongs to '{name}': {given}; {how}", value=name, valid=list(known))
+    refuse_unknown_things(by_name, known)
     for name, members in known.items():
         if (place := by_name.get(name)) is not None:
             moved = _displacement(poses[members[0]].p, place)
             for i in members:
                 poses[i] = moved @ poses[i]
     return tuple(poses)
+
+
+def refuse_unknown_things(names: Iterable[str], known: Collection[str]) -> None:
+    """Refuse a thing that no keyframe belongs to (UsageError)."""
+    for name in names:
+        if name not in known:
+            given = f"known are {listed(known)}{nearest(name, known)}" if known else "none belongs to anything"
+            how = f"`pbd keyframes --frame {name}=3..5` says which do"
+            raise UsageError(f"no keyframe belongs to '{name}': {given}; {how}", value=name, valid=list(known))
 
 
 def nearest_place(wanted: ThingPlace, shown: Array, works: Callable[[ThingPlace], bool]) -> ThingPlace | None:

@@ -14,6 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
+from pbd.data.one_line_repr import counted
 from pbd.plots.compare import ComparePlot
 from pbd.plots.panels import XYZ
 from pbd.plots.space import YX, YZ, ellipse, number, number_3d, perspective, view
@@ -120,7 +121,7 @@ def _keyframe_axis(ax: Axes, plot: ComparePlot) -> None:
 
 def _subtitle(plot: ComparePlot) -> str:
     how = "matched by order" if plot.by_order else "matched by their moves and the grip"
-    return f"{len(plot.runs)} demonstrations, {len(plot.keyframes)} keyframes {how}"
+    return f"{len(plot.runs)} demonstrations, {counted(len(plot.keyframes), 'keyframe')} {how}"
 
 
 def _line(run: int) -> dict[str, Any]:

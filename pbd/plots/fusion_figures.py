@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pbd.data import Fusion, HandPath
+from pbd.data.one_line_repr import counted
 from pbd.plots.compare_figures import LONGEST_NAME, MOST_NAMED
 from pbd.plots.panels import XYZ
 from pbd.plots.style import AXES_RGB, GREY, INK, RUNS_RGB, legend, plain, sheet, style
@@ -69,7 +70,7 @@ def _spread(values: np.ndarray, log_sigma: np.ndarray) -> np.ndarray:
 
 def _subtitle(fusion: Fusion) -> str:
     used = sum(not take.left_out for take in fusion.takes)
-    return f"{used} of {len(fusion.takes)} takes, {len(fusion.scatter)} keyframes"
+    return f"{used} of {len(fusion.takes)} takes, {counted(len(fusion.scatter), 'keyframe')}"
 
 
 FUSION_FIGURES: Mapping[str, Callable[[Fusion], Figure]] = MappingProxyType({"match": match, "scatter": scatter})

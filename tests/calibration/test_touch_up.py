@@ -61,6 +61,12 @@ def test_alone_it_moves_no_other() -> None:
     np.testing.assert_allclose(sigma, [0.003, 0.003 * 2**0.5, TOUCH_SIGMA_M, 0.006], rtol=1e-9)
 
 
+def test_what_was_touched_alone_stays_where_another_is_touched() -> None:
+    touches = [TouchUp(1.0, BY_NAV, only=True), TouchUp(3.0, -BY_NAV), TouchUp(1.0, BY_NAV), TouchUp(2.0, BY_NAV)]
+    found = touch_up(touches, KEYFRAMES, T_BASE_NAV, walk())
+    np.testing.assert_allclose(found.shift[1], 2.0 * BY_BASE, atol=1e-12)
+
+
 @pytest.mark.parametrize("t", [1.4, -1.0, 9.0])
 def test_a_keyframe_that_is_gone_moves_nothing(t: float) -> None:
     assert not touch_up([TouchUp(t, BY_NAV)], KEYFRAMES, T_BASE_NAV, walk()).shift.any()

@@ -38,6 +38,8 @@ def test_a_fused_demonstration_is_one_like_any_other(capsys: Capture) -> None:
     assert [take["keyframes"] for take in told["takes"]] == [list(range(7))] * 3
     assert sorted(path.name for path in Path("plots").iterdir()) == ["match.png", "scatter.png"]
     assert load_calibration("mine").sensor is not None
+    turned = [(take["sensor_turned_deg"], take["sensor_turned_sigma_deg"]) for take in told["takes"]]
+    assert all(abs(found - 90.0) < 3.0 * sigma < 6.0 for found, sigma in turned[1:])
     assert [take.recording.info.name for take in load_demo("tea").takes] == ["tea1", "tea2", "tea3"]
     assert not Path("demos/tea/imu.csv").exists()
     found = run_json(capsys, "keyframes", "tea", "--save")["keyframes"]

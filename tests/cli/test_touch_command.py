@@ -91,7 +91,8 @@ def test_a_thing_that_stands_elsewhere_takes_its_keyframes_along(tea: Path, caps
 
 
 def test_what_stands_on_a_thing_goes_with_what_carries_that(tea: Path, capsys: Capture) -> None:
-    run(capsys, "keyframes", "tea", "--frame", "cup=2..3@tray", "--frame", "lid=4@cup", "--frame", "cup=1")
+    frames = ("tray=2", "cup=2..3@tray", "lid=4@cup", "cup=1")
+    run(capsys, "keyframes", "tea", *(word for frame in frames for word in ("--frame", frame)))
     shift = places(capsys, "--at", "tray=0.5,0.1,0.3") - places(capsys)
     np.testing.assert_allclose(shift[3:], shift[[2, 2]], atol=1e-9)
     np.testing.assert_array_equal(shift[:2], 0.0)
@@ -118,6 +119,7 @@ def test_out_of_reach_names_a_place_that_works(tea: Path, capsys: Capture) -> No
         ("keyframes tea --frame cup=2..7", 1, "there is no keyframe 7 for 'cup'; they are 0 to 4"),
         ("keyframes tea --frame cup=2@tray --frame tray=3@cup", 1, "can't carry itself: "),
         ("keyframes tea --frame cup=3..2", 2, "must be like cup=3..5"),
+        ("keyframes tea --frame cup=1 --frame lid=2@cub", 2, "to 'cub': known are cup, lid; did you mean cup?"),
         ("keyframes tea --robot panda --at jug=0,0,0", 2, "no keyframe belongs to 'jug'"),
         ("keyframes tea --tolerance 0.01", 2, "name the robot"),
         ("keyframes tea --robot panda --tolerance 0", 2, "above zero"),

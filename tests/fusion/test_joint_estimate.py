@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pbd.fusion.joint_estimate import State, _Columns, _moved, _residuals, estimate_jointly
+from pbd.fusion.joint_estimate import State, _Columns, _moved, _residuals, _Shown, estimate_jointly
+from pbd.fusion.messages import DEVICE
 from pbd.fusion.outliers import believed, disagreement
 from pbd.fusion.scatter import alike, each
 from pbd.pose import Array, matrix_log
@@ -23,10 +24,18 @@ def test_the_derivatives_are_those_of_the_residuals() -> None:
     takes, x = replace(parts(true, np.array(0.0), MM), frame=np.array((0, 0, 1, 1, 0, 0))), begun(true)
     x = replace(x, yaw=np.vstack((x.yaw, x.yaw + 0.01)), c=np.concatenate((x.c, x.c)))
     columns = _Columns(len(x.m), 2, 3, 1)
-    r, J = _residuals(takes, x, columns)
+    shown = _Shown(takes)
+    r, J = _residuals(shown, x, columns)
     steps = 1e-6 * np.eye(columns.count)
-    found = np.column_stack([(_residuals(takes, _moved(x, step, columns), columns)[0] - r) / 1e-6 for step in steps])
+    found = np.column_stack([(_residuals(shown, _moved(x, step, columns), columns)[0] - r) / 1e-6 for step in steps])
     np.testing.assert_allclose(found, J, atol=0.03)  # a rotation's residual of 0.03 rad is linear to so much
+
+
+def test_what_takes_do_not_show_of_a_device_is_as_its_class_has_it() -> None:
+    takes, true = parts(truth(2), np.array(MM), MM), truth(2)
+    mean = np.linspace(0.1, 10.0, DEVICE)
+    takes = replace(takes, messages=tuple(replace(one, mean=mean) for one in takes.messages))
+    np.testing.assert_allclose(estimate_jointly(takes, begun(true), alike(6)).state.devices[0], mean, rtol=1e-9)
 
 
 def test_frames_levers_and_how_sensors_sit_are_found_without_being_told() -> None:
@@ -105,6 +114,16 @@ def test_the_frame_is_the_first_takes() -> None:
     true = truth(3)
     found: State = estimate_jointly(parts(true, np.array(MM), MM), begun(true), alike(6)).state
     assert (found.yaw[0, 0], *found.c[0, 0], *found.lever[0]) == (0.0, *true.c[0], 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(("aside", "known"), [(0.0, False), (0.2, True)])
+def test_keyframes_above_each_other_do_not_show_how_the_sensor_is_turned(aside: float, known: bool) -> None:
+    m = np.array(((0.0, 0.0, 0.0), (0.0, 0.0, 0.1), (aside, 0.0, 0.2)))
+    true = replace(truth(2, count=3), m=m, A=np.tile(np.eye(3), (3, 1, 1)))
+    sigma = estimate_jointly(parts(true, np.array(0.5 * MM), MM), begun(true), alike(3)).turn_sigma
+    assert sigma[0] == 0.0
+    assert (sigma[1] < np.radians(3.0)) == known
+    assert known or sigma[1] > np.radians(45.0)
 
 
 def test_the_case_is_nearer_to_what_both_sensors_lean_from_than_the_accelerometer_is() -> None:

@@ -17,6 +17,7 @@ from pbd.cli.calibrate.common import instead_of, opened, sigma_json, tracked
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, HandPath, Keyframe, Recording
 from pbd.data.covariance import one_sigma
+from pbd.data.one_line_repr import counted
 from pbd.errors import CalibrationError, PbdWarning, warn
 from pbd.files.calibration_edit import covariance_values, pose_values, update_calibration
 from pbd.files.demo import load_demo
@@ -88,12 +89,12 @@ def _touched(args: argparse.Namespace, hand: HandPath, points: Points, calibrati
     every = observe_points(find_keyframes(hand), hand.covariance, mount.p, cov_tip=None if cov is None else cov[:3, :3])
     if args.stops is None:
         if args.free and count != len(points.names):
-            what = f"{count} stops can't be matched with {len(points.names)} points while the tilt is free"
+            what = f"{counted(count, 'stop')} can't be matched with {len(points.names)} points while the tilt is free"
             raise CalibrationError(f"{what}; name the stops with --stops")
         sigma = np.sqrt(np.diagonal(every.cov).reshape(-1, 3).mean(axis=1))
         return every.only(match_points(every.p_nav_sensor + every.lever, sigma, points.p_base, not args.any_order))
     if len(args.stops) != len(points.names):
-        what = f"--stops names {len(args.stops)} stops for {len(points.names)} points"
+        what = f"--stops names {counted(len(args.stops), 'stop')} for {len(points.names)} points"
         raise CalibrationError(f"{what}; name one stop per point")
     if len(set(args.stops)) < len(args.stops) or not set(args.stops) <= set(range(count)):
         what = f"--stops must name different stops from 0 to {count - 1}"
