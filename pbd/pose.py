@@ -198,12 +198,12 @@ def quat_to_rpy(wxyz: ArrayLike) -> Array:
 
 def quat_from_xyzw(xyzw: ArrayLike) -> Array:
     """Reorder (..., 4) from the scalar-last order of ROS, scipy and pinocchio."""
-    return quat_canonical(np.roll(np.asarray(xyzw, dtype=np.float64), 1, axis=-1))
+    return quat_canonical(np.take(np.asarray(xyzw, dtype=np.float64), (3, 0, 1, 2), axis=-1))
 
 
 def quat_to_xyzw(wxyz: ArrayLike) -> Array:
     """Reorder (..., 4) to the scalar-last order of ROS, scipy and pinocchio."""
-    return np.roll(np.asarray(wxyz, dtype=np.float64), -1, axis=-1)
+    return np.take(np.asarray(wxyz, dtype=np.float64), (1, 2, 3, 0), axis=-1)
 
 
 def yaw_toward(wxyz_measured: ArrayLike, wxyz_wanted: ArrayLike) -> float:

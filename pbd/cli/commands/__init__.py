@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from functools import cache
 
 from pbd import __version__
 from pbd.cli.commands import demonstrations, robots, tracking
@@ -22,6 +23,7 @@ exit codes: 0 done; 1 the input, the output or the device is at fault; 2 wrong u
 """
 
 
+@cache
 def parser() -> argparse.ArgumentParser:
     """Build the parser of all commands."""
     top = Parser(

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from datetime import datetime
+from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -58,9 +59,8 @@ def write(order: Order, points: Samples, path: Path) -> None:
 def read(path: Path) -> Samples:
     """Read the arm's goal of what `write` wrote; the gripper has its own, and is not told."""
     from rosbags.rosbag2 import Reader
-    from rosbags.typesys import Stores, get_typestore
 
-    store = get_typestore(Stores.ROS2_JAZZY)
+    store = _types()
     with TemporaryDirectory() as folder:
         link = Path(folder) / "bag.mcap"  # rosbags goes by the name's ending
         link.symlink_to(path.absolute())
@@ -80,11 +80,10 @@ class _Bag:
 
     def __init__(self, order: Order, writer: Any) -> None:
         from rosbags.interfaces import Nodetype
-        from rosbags.typesys import Stores, get_typestore
 
         self.node = Nodetype
         self.order, self.source, self.writer = order, order.source, writer
-        self.store = get_typestore(Stores.ROS2_JAZZY)
+        self.store = _types()
         self.topics: dict[str, Any] = {}
         tracking = self.source.hand.tracking
         self.recording = None if tracking is None else tracking.demo.recording
@@ -201,6 +200,14 @@ class _Bag:
 
     def stamped(self, frame: str, at: float, p: Array, wxyz: Array) -> dict[str, Any]:
         return {"header": self.header(frame, at), "pose": {"position": _xyz(p), "orientation": _xyzw(wxyz)}}
+
+
+@cache
+def _types() -> Any:
+    """The message types; rosbags compiles what writes and reads a type when it is first used."""
+    from rosbags.typesys import Stores, get_typestore
+
+    return get_typestore(Stores.ROS2_JAZZY)
 
 
 def _xyz(v: Array) -> dict[str, float]:
