@@ -82,11 +82,11 @@ def warp_detour(queries: CollisionQueries, leg: int, start: Array, goal: Array, 
         return straight
     ways: list[Array] = []
     for way in known:
+        share, most = np.linspace(0.0, 1.0, len(way))[:, None], _WORSE * _roundabout(way)
         for there in (way, way[::-1]):
-            share = np.linspace(0.0, 1.0, len(there))[:, None]
             warped: Array = there + (1.0 - share) * (start - there[0]) + share * (goal - there[-1])
             warped[0], warped[-1] = start, goal
-            if _roundabout(warped) < _WORSE * _roundabout(there):
+            if _roundabout(warped) < most:
                 ways.append(warped)
     ways.sort(key=_length)
     for way in ways[:_WARPED]:
@@ -168,8 +168,8 @@ def _connect(
 
 def _curve_passes(queries: CollisionQueries, leg: int, q: Array) -> bool:
     """Whether the curve through joints (m, k) is free."""
-    limits, curve = queries.arm.limits, Curve.through(q, queries.arm.limits)
-    if curve is None or (q < limits.lower).any() or (q > limits.upper).any():
+    limits = queries.arm.limits
+    if (q < limits.lower).any() or (q > limits.upper).any() or (curve := Curve.through(q, limits)) is None:
         return False
     return queries.passes(leg, curve.q(curve.grid()))
 

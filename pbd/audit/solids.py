@@ -35,7 +35,7 @@ class Solid:
         T_joint_solid: its place there.
         hull: as coal takes it; for what isn't a mesh the solid itself.
         reach: m, how far any of it is from the joint's origin at most; infinite for a floor.
-        ball: its center (3,) m, where the joint is, and its radius, m: all of the solid is in it. A floor's is infinite.
+        ball: its center (3,) m in the joint's frame, and its radius, m: it holds the solid. A floor's is infinite.
         pad: m, how far it may stick out of its hull.
         mesh: its file and scale, or None.
     """
@@ -113,7 +113,7 @@ def floor(name: str, T_universe_floor: Any) -> Solid:
 
 
 def balls_apart(first: Solid, centers_first: Array, second: Solid, centers_second: Array) -> Array:
-    """How far two solids are apart (n,), m, at least, wherever the centers (n, 3) of their balls are in the universe."""
+    """How far two solids are apart (n,), m, at least, with the centers of their balls at (n, 3) in the universe."""
     for floor, other, centers in ((first, second, centers_second), (second, first, centers_first)):
         if floor.reach == np.inf:
             T = floor.T_joint_solid

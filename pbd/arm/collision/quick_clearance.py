@@ -6,7 +6,6 @@ looks in the middle, where most moves are barred, come first; and before them th
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
@@ -130,14 +129,14 @@ class QuickClearance(Clearance):
 
     def _halve(self, walk: Walk, pair: int, at_start: float, at_end: float) -> bool:
         """Whether a pair touches inside a path; given their distances at its ends, where they may."""
-        travel = (self.rates[pair] @ walk.moved).tolist()
+        travel = self.rates[pair] @ walk.moved
         parts = [(0, max(self.margin_m, at_start), len(travel) - 1, max(self.margin_m, at_end))]
         for first, before, last, after in parts:
             if last - first < 2 or before + after > travel[last] - travel[first]:
                 continue
             # In the middle of what the two distances leave open.
             middle = 0.5 * (travel[first] + before + travel[last] - after)
-            node = bisect_left(travel, middle, first + 1, last - 1)
+            node = min(max(int(travel.searchsorted(middle)), first + 1), last - 1)
             self._place(walk.q[node])
             distance = self._distance(pair)
             if not distance >= self.margin_m:
