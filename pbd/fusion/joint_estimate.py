@@ -182,7 +182,7 @@ def _relative(message: Message, own: NDArray[np.intp]) -> Array:
     by_bias, i = message.by_device[:, BIAS], (6 * own[:, None] + np.arange(6)).ravel()
     cov = message.cov + BIAS_REPEATS**2 * by_bias @ by_bias.T
     for _ in range(2):  # rows, then columns
-        cov = relative_to_first(cov.T.reshape(-1, 6, len(cov)), message.p).reshape(cov.shape)
+        cov = relative_to_first(cov.T.reshape(-1, 6, len(cov)), message.p - message.p[0]).reshape(cov.shape)
     return np.asarray(cov[np.ix_(i, i)])
 
 
