@@ -65,7 +65,7 @@ def test_a_scatter_that_the_tracker_hides_is_found_without_going_to_and_fro(trac
     scatter = alike(4)
     rows = scatter.group.ravel()
     drift = np.full(len(rows), (tracker * MM) ** 2)
-    for _ in range(25):
+    for _ in range(40):
         variance, before = drift + np.exp(2.0 * scatter.log)[rows], scatter
         residuals = off * np.sqrt(drift)
         scatter = scatter.improved(np.diag(1.0 / variance), residuals / variance, rows, np.diag(drift))
