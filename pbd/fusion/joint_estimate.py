@@ -9,7 +9,7 @@ and a shift of their own in each take.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -114,8 +114,10 @@ def estimate_jointly(parts: Parts, x: State, scatter: Scatter) -> Joint:
     columns = _Columns(len(x.m), len(x.yaw), len(parts.at), len(x.devices))
     shown = _Shown(parts)
     group = scatter.group[shown.at].ravel()
-    known, gradient_of = _known_of_devices(parts, columns)
-    levers = (columns.take(np.arange(1, len(parts.at)))[:, None] + np.arange(3, 6)).ravel()
+    known, of_devices = _known(parts, columns)
+    devices = slice(columns.devices, columns.count)
+    of_takes = columns.take(np.arange(1, len(parts.at)))[:, None]
+    turns, levers = of_takes + np.arange(3), (of_takes + np.arange(3, 6)).ravel()
     lever_variance = LEVER_M**2
     for _ in range(MAX_ITERATIONS):
         r, J = _residuals(shown, x, columns)
@@ -125,7 +127,8 @@ def estimate_jointly(parts: Parts, x: State, scatter: Scatter) -> Joint:
             drift[rows, rows] = scatter.tracker * own
             W[rows, rows] = np.linalg.inv(drift[rows, rows] + np.diag(hand[rows]))
             WJ[rows] = W[rows, rows] @ J[rows]
-        information, gradient = known.copy(), WJ.T @ r + gradient_of(x)
+        information, gradient = known.copy(), WJ.T @ r
+        gradient[devices] += known[devices, devices] @ x.devices.ravel() - of_devices
         information[levers, levers] += 1.0 / lever_variance
         gradient[levers] += x.lever[1:].ravel() / lever_variance
         cov: Array = np.asarray(np.linalg.inv(J.T @ WJ + information), dtype=np.float64)
@@ -138,12 +141,12 @@ def estimate_jointly(parts: Parts, x: State, scatter: Scatter) -> Joint:
         before, scatter = scatter, scatter.improved(precision, weighted, group, drift)
         if np.abs(step[columns.poses]).max() < CONVERGED and scatter.change(before) < CONVERGED_LOG:
             break
-    poses = columns.poses
-    devices = [cov[columns.device(d), columns.device(d)] for d in range(len(x.devices))]
-    turned = (columns.take(np.arange(1, len(parts.at)))[:, None] + np.arange(3))[..., None]
-    turn_sigma = np.sqrt(np.linalg.eigvalsh(cov[turned, turned.transpose(0, 2, 1)])[:, -1])
-    turn_sigma = np.concatenate(([0.0], turn_sigma))  # the others' are against the first
-    return Joint(x, cov[poses, poses], scatter, r + J @ step, precision, np.array(devices), turn_sigma)
+    poses, each = columns.poses, [columns.device(d) for d in range(len(x.devices))]
+    turn_sigma = np.zeros(len(parts.at))  # against the first
+    turn_sigma[1:] = np.sqrt(np.linalg.eigvalsh(cov[turns[:, :, None], turns[:, None]])[:, -1])
+    return Joint(
+        x, cov[poses, poses], scatter, r + J @ step, precision, np.array([cov[d, d] for d in each]), turn_sigma
+    )
 
 
 class _Shown:
@@ -179,7 +182,7 @@ def _relative(message: Message, own: NDArray[np.intp]) -> Array:
     by_bias, i = message.by_device[:, BIAS], (6 * own[:, None] + np.arange(6)).ravel()
     cov = message.cov + BIAS_REPEATS**2 * by_bias @ by_bias.T
     for _ in range(2):  # rows, then columns
-        cov = relative_to_first(cov.T.reshape(-1, 6, len(cov)), message.p).reshape(cov.shape)
+        cov = relative_to_first(cov.T.reshape(-1, 6, len(cov)), message.p - message.p[0]).reshape(cov.shape)
     return np.asarray(cov[np.ix_(i, i)])
 
 
@@ -200,8 +203,8 @@ class _Columns:
         return slice(self.devices + DEVICE * d, self.devices + DEVICE * (d + 1))
 
 
-def _known_of_devices(parts: Parts, columns: _Columns) -> tuple[Array, Callable[[State], Array]]:
-    """Information of what is known beside the keyframes, and its gradient at a state."""
+def _known(parts: Parts, columns: _Columns) -> tuple[Array, Array]:
+    """Information of what is known beside the keyframes, and that of the devices times their errors as known."""
     information = np.diag(np.where(np.arange(columns.count) < columns.devices, WEAK, 0.0))
     constant = np.zeros(columns.count)
     for d in sorted(set(parts.device)):
@@ -211,15 +214,7 @@ def _known_of_devices(parts: Parts, columns: _Columns) -> tuple[Array, Callable[
         widest = min(own, key=lambda message: float(np.trace(message.prior[BIAS, BIAS])))
         information[at, at] += widest.prior + sum(message.information for message in own)
         constant[at] = widest.prior @ widest.mean + sum(message.gradient for message in own)
-
-    def gradient(x: State) -> Array:
-        values = np.zeros(columns.count)
-        for d, errors in enumerate(x.devices):
-            at = columns.device(d)
-            values[at] = information[at, at] @ errors - constant[at]
-        return values
-
-    return information, gradient
+    return information, constant[columns.devices :]
 
 
 def placed(p: Array, R: Array, by_device: Array, errors: Array) -> tuple[Array, Array]:

@@ -60,6 +60,31 @@ def test_where_the_tracker_hides_it_a_hand_scatters_as_hands_do() -> None:
     assert 1.0 * MM < np.exp(scatter.log[2]) < 5.0 * MM
 
 
+@pytest.mark.parametrize(("tracker", "off"), [(0.2, 0.3), (1.0, 0.5), (3.0, 0.2)])
+def test_a_scatter_that_the_tracker_hides_is_found_without_going_to_and_fro(tracker: float, off: float) -> None:
+    scatter = alike(4)
+    rows = scatter.group.ravel()
+    drift = np.full(len(rows), (tracker * MM) ** 2)
+    for _ in range(40):
+        variance, before = drift + np.exp(2.0 * scatter.log)[rows], scatter
+        residuals = off * np.sqrt(drift)
+        scatter = scatter.improved(np.diag(1.0 / variance), residuals / variance, rows, np.diag(drift))
+    assert scatter.change(before) < 1e-3
+
+
+def test_the_heading_of_a_nav_says_nothing_about_the_task() -> None:
+    """A common error of 6 degrees, as a compass has; the smoother counts it to each keyframe."""
+    takes, x = parts(truth(3), np.array(MM), MM), begun(truth(3))
+    unsure = []
+    for message in takes.messages:
+        p = message.p - message.p[0]
+        turned = 0.1 * np.column_stack((np.cross((0.0, 0.0, 1.0), p), np.tile((0.0, 0.0, 1.0), (len(p), 1)))).ravel()
+        unsure.append(replace(message, cov=message.cov + np.outer(turned, turned)))
+    found, other = (estimate_jointly(each, x, alike(6)) for each in (takes, replace(takes, messages=tuple(unsure))))
+    np.testing.assert_allclose(other.state.m, found.state.m, atol=1e-7)
+    np.testing.assert_allclose(other.cov, found.cov, atol=1e-9)
+
+
 def test_a_keyframe_that_scatters_along_one_axis_is_found() -> None:
     true, hand = truth(8), np.full((6, 3), MM)
     hand[3, 1] = 8.0 * MM
