@@ -178,12 +178,16 @@ def quat_from_matrix(matrix: ArrayLike) -> Array:
 
 def quat_from_rpy(rpy: ArrayLike) -> Array:
     """Unit quaternions of roll, pitch, yaw (..., 3) in rad: about x, then fixed y, then fixed z, as in URDF."""
-    roll, pitch, yaw = np.moveaxis(np.asarray(rpy, dtype=np.float64), -1, 0)
-    zero = np.zeros_like(roll)
-    about_x = quat_exp(np.stack((roll, zero, zero), axis=-1))
-    about_y = quat_exp(np.stack((zero, pitch, zero), axis=-1))
-    about_z = quat_exp(np.stack((zero, zero, yaw), axis=-1))
-    return quat_canonical(quat_multiply(about_z, quat_multiply(about_y, about_x)))
+    half = 0.5 * np.asarray(rpy, dtype=np.float64)
+    (cr, cp, cy), (sr, sp, sy) = _components(np.cos(half)), _components(np.sin(half))
+    return quat_canonical(
+        _vectors(
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        )
+    )
 
 
 def quat_to_rpy(wxyz: ArrayLike) -> Array:

@@ -12,7 +12,8 @@ import pytest
 from hypothesis import settings
 from xdist.scheduler import WorkStealingScheduling  # type: ignore[import-untyped]
 
-from tests.remembered import FUNCTIONS, remembering
+from pbd.files.robot import read_robot
+from tests.remembered import FUNCTIONS, reading_once, remembering
 
 
 def pytest_xdist_auto_num_workers() -> int:
@@ -42,9 +43,10 @@ def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def remembered(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Track and plan each input once, for tests of what comes after."""
+    """Track and plan each input once, and read each bundled robot once, for tests of what comes after."""
     for module, function in FUNCTIONS:
         monkeypatch.setattr(importlib.import_module(module), function, remembering(module, function))
+    monkeypatch.setattr("pbd.files.robot.read_robot", reading_once(read_robot))
 
 
 @pytest.fixture

@@ -12,8 +12,12 @@ from typing import Any
 
 import numpy as np
 
+from pbd.data import Robot
+
 FUNCTIONS = (("pbd.pipeline", "track_alone"), ("pbd.planning.plan", "plan_keyframes"), ("pbd.planning.plan", "_works"))
 """Where most of the time goes. Each gives the same for the same arguments (tests/test_same_bytes.py)."""
+
+ROBOTS = Path(__file__).parents[1] / "robots"
 
 MOST = 60
 """Answers of each that are kept, so that they take no more than some 100 MB."""
@@ -59,3 +63,17 @@ def remembering(module: str, function: str) -> Callable[..., Any]:
         return answer
 
     return remembered
+
+
+@cache
+def _bundled(path: Path, read: Callable[..., Robot]) -> Robot:
+    return read(path)
+
+
+def reading_once(read: Callable[..., Robot]) -> Callable[..., Robot]:
+    """A reader of robots that reads a bundled one once, so that what the planner keeps of an arm serves each test."""
+
+    def read_once(path: Path, *, draft: bool = False) -> Robot:
+        return _bundled(path, read) if path.parent == ROBOTS and not draft else read(path, draft=draft)
+
+    return read_once

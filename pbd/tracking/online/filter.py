@@ -100,7 +100,7 @@ class OnlineFilter:
         gained, way = E @ (leg.dU + e[VEL]), E @ (leg.dP + e[POS])
         F = IDENTITY[:9].copy()  # all that changes
         F[VEL, ROT], F[POS, ROT] = -skew(gained), -skew(way)
-        F[range(6, 9), range(3, 6)] = T
+        F[POS, VEL] = T * IDENTITY[VEL, VEL]
         F[:, SENSOR_ERRORS] = (E @ leg.J.reshape(3, 3, ERRORS)).reshape(9, ERRORS)
         F[5, GRAVITY], F[8, GRAVITY] = -T, -0.5 * T**2
         EQ = (E @ leg.Q.reshape(3, 3, 9)).reshape(9, 9)

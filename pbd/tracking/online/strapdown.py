@@ -39,6 +39,9 @@ CLIPPED_RATE, CLIPPED_SHARE = 3.0, 0.2
 """A gyro axis is clipped if it repeats its largest reading, of CLIPPED_RATE rad/s or more. The true rate may be higher
 by CLIPPED_SHARE, one sigma."""
 
+ROUNDING = np.diag(np.repeat(np.square(ROUNDING_SIGMAS), 3))
+"""Covariance (9, 9) that MOVE_KNOT_S of such steps leave."""
+
 
 @dataclass(frozen=True, eq=False)
 class Leg:
@@ -93,7 +96,7 @@ class Strapdown:
 
     def _forces(self, acc: Array) -> Array:
         """Specific force and what a second of lag would add, in the gyro frame (2, 3)."""
-        forces: Array = np.array((acc, skew(self.rate) @ acc)) @ self.C.T
+        forces: Array = np.array((acc, _cross(self.rate, acc))) @ self.C.T
         return forces
 
     def push(self, sample: Sample) -> None:
@@ -105,7 +108,7 @@ class Strapdown:
             self.C = now
         else:
             rate = sample.gyr - self._bias
-            turn = _middles(dt, self._before, self.rate, rate) + dt**2 / 12.0 * skew(self.rate) @ rate
+            turn = _middles(dt, self._before, self.rate, rate) + dt**2 / 12.0 * _cross(self.rate, rate)
             self.C = self.C @ turn_matrix(turn)
             self._see_range(sample.gyr, rate, dt)
         self._before, self.rate, self._acc, self._t = self.rate, rate, sample.acc, sample.t
@@ -123,9 +126,11 @@ class Strapdown:
         self._recent.append((self.u, rate))
 
     def _see_range(self, gyr: Array, rate: Array, dt: float) -> None:
-        same = (rate == self.rate) & (np.abs(gyr) >= max(CLIPPED_RATE, self._fastest))
-        self._same = self._same + 1 if same.any() else 0
-        self._fastest = max(self._fastest, float(np.abs(gyr).max()))
+        readings, least = [abs(each) for each in gyr.tolist()], max(CLIPPED_RATE, self._fastest)
+        same = (rate == self.rate).tolist()
+        repeats = any(alike and reading >= least for alike, reading in zip(same, readings, strict=True))
+        self._same = self._same + 1 if repeats else 0
+        self._fastest = max(self._fastest, *readings)
         if self._same >= REPEATED_ROWS - 1:
             self.clipped = True
             lost = CLIPPED_SHARE * dt * self._fastest
@@ -163,8 +168,7 @@ class Strapdown:
             s_g += self.noise.device_lag * float((lengths(rate[-n:]) ** 2).sum()) * dt
         g, a = np.add((s_g, s_a), self._guessed)
         g, a, togo, h = np.array([g, a, 0.5 * T, T])[:, None]
-        rounding = np.repeat(np.square(ROUNDING_SIGMAS), 3) * T / MOVE_KNOT_S
-        covariance: Array = block_noise(self.U[:1] / T, g, a, togo, h, np.array([0]))[0] + np.diag(rounding)
+        covariance: Array = block_noise(self.U[:1] / T, g, a, togo, h, np.array([0]))[0] + ROUNDING * T / MOVE_KNOT_S
         return covariance
 
 
@@ -178,9 +182,23 @@ def _device(sample: Sample) -> Array:
     return quat_to_matrix(quat_from_rpy(np.asarray(sample.device_rpy, dtype=np.float64)))
 
 
-def turn_matrix(by: Array) -> Array:
-    """The matrix (3, 3) of a rotation vector (3,) rad, by Rodrigues: a fifth of the time that quaternions take."""
-    angle, by_cross = max(sqrt(by @ by), 1e-12), skew(by)
-    turn: Array = np.eye(3) + sin(angle) / angle * by_cross
-    turn += 2.0 * (sin(0.5 * angle) / angle) ** 2 * (by_cross @ by_cross)
-    return turn
+def turn_matrix(turn: Array) -> Array:
+    """The matrix (3, 3) of a rotation vector (3,) rad, by Rodrigues; numpy takes several times as long for so little."""
+    x, y, z = turn.tolist()
+    angle = max(sqrt(x * x + y * y + z * z), 1e-12)
+    a, b = sin(angle) / angle, 2.0 * (sin(0.5 * angle) / angle) ** 2
+    ax, ay, az = a * x, a * y, a * z
+    bx, by, bz = b * x, b * y, b * z
+    return np.array(
+        (
+            (1.0 - by * y - bz * z, bx * y - az, bx * z + ay),
+            (bx * y + az, 1.0 - bx * x - bz * z, by * z - ax),
+            (bx * z - ay, by * z + ax, 1.0 - bx * x - by * y),
+        )
+    )
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Cross product of two vectors (3,); numpy takes ten times as long for so little."""
+    (x, y, z), (u, v, w) = a.tolist(), b.tolist()
+    return np.array((y * w - z * v, z * u - x * w, x * v - y * u))
