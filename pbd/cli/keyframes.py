@@ -151,6 +151,9 @@ def save_keyframes(args: argparse.Namespace, demo: Demonstration, keyframes: tup
     if demo.folder is None:
         what = f"{source} is no demonstration folder, so nothing is saved there; `pbd import` it first"
         raise RecordingError(what, path=source)
+    if demo.keyframes is None and not args.force and (demo.folder / NAME).exists():
+        what = f"another command wrote {demo.folder / NAME} meanwhile, so nothing is saved; run this one again"
+        raise RecordingError(what, path=demo.folder / NAME)
     inner = (keyframes[0], *keyframes, keyframes[-1])  # there is no stay at the ends, but one may be inserted beyond
     stays = dwells(inner, PlanOptions(time=args.time, dwell_s=args.dwell))[1:-1]
     magnetic = demo.recording.mag is not None

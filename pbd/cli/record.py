@@ -17,7 +17,7 @@ from pbd.cli.recording.device import find_sensor
 from pbd.cli.recording.keys import Keys, Person
 from pbd.cli.recording.screen import PanelScreen, PlainScreen
 from pbd.cli.recording.simulated import Poll, Show, SimulatedHand, simulated_hand
-from pbd.cli.steps import decoder_maker
+from pbd.cli.steps import decoder_maker, refuse_columns
 from pbd.data import SensorErrors
 from pbd.errors import UsageError, warn
 from pbd.files.calibration import load_calibration
@@ -130,6 +130,7 @@ def _simulated(args: argparse.Namespace, stack: ExitStack) -> SimulatedHand | No
         return None
     if args.port or args.baud or args.rate:
         raise UsageError("a simulated sensor has no port, baud or rate to choose; leave out --port, --baud, --rate")
+    refuse_columns(args, kind)
     return simulated_hand(task, stack)
 
 

@@ -164,6 +164,14 @@ def write_figures(folder: Path, format_name: str, names: Collection[str], draw: 
     return [str(folder / file) for file in files]
 
 
+def refuse_columns(args: argparse.Namespace, sensor: str) -> None:
+    """Refuse what describes a line of numbers (of `add_lines`) for a sensor that prints none."""
+    given = args.columns or args.separator != "," or args.prefix or args.wrap is not None
+    if given and sensor != "lines":
+        what = f"--columns, --separator, --prefix and --wrap are for --sensor lines; leave them out for {sensor}"
+        raise UsageError(what, value=sensor)
+
+
 def decoder_maker(
     args: argparse.Namespace, sensor: str, units: Iterable[str], also: Iterable[str] = ()
 ) -> Callable[[], Decoder]:
@@ -185,6 +193,7 @@ def decoder_maker(
     from pbd.sensors.protocols import protocol
     from pbd.sensors.razor import razor_layout
 
+    refuse_columns(args, sensor)
     if sensor not in ("lines", "razor"):
         return protocol(sensor, also).decoder
     if not args.columns and sensor == "lines":

@@ -55,13 +55,10 @@ def run(args: argparse.Namespace) -> None:
                 "of nav's axes; --by and --at are in metres: correct them"
             )
         touch_ups = (*demo.touch_ups, TouchUp(keyframes[args.keyframe].t, by_nav, args.only))
-    if demo.keyframes is None:
-        save_keyframes(args, demo, keyframes)
-    file = demo.folder / NAME if demo.folder else None
-    if file is None:
-        raise RecordingError(
-            f"{args.demo} is no demonstration folder, so nothing is saved there; `pbd import` it first"
-        )
+    if demo.keyframes is None or demo.folder is None:
+        file = save_keyframes(args, demo, keyframes)
+    else:
+        file = demo.folder / NAME
     if args.undo:
         undo_touch_up(file)
     else:

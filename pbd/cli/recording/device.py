@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 
 from pbd.cli.console import listening
-from pbd.cli.steps import decoder_maker
+from pbd.cli.steps import decoder_maker, refuse_columns
 from pbd.errors import SensorError, UsageError
 from pbd.sensors import port as serial_port
 from pbd.sensors.decoding import Decoder
@@ -60,6 +60,7 @@ def find_sensor(args: argparse.Namespace) -> tuple[str, Callable[[], Source], De
 
 def _phone(args: argparse.Namespace) -> tuple[str, Callable[[], Source], Decoder]:
     """A phone is known to a calibration by its model."""
+    refuse_columns(args, PHONE)
     if args.sensor not in (PHONE, None):
         raise UsageError(f"{args.sensor} has a serial port; for a phone give --sensor {PHONE}", value=args.sensor)
     if args.port is None:
