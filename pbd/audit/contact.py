@@ -115,8 +115,7 @@ class Motion:
         one, other = self._bounds[pair.first], self._bounds[pair.second]
         # Joints that carry both move neither against the other.
         rates = [(one | other)[joint] for joint in one.keys() ^ other.keys()]
-        travel: Array = self.moved @ np.sum(rates, axis=0)
-        return travel
+        return np.asarray(self.moved @ np.sum(rates, axis=0))
 
     def _moved(self) -> Array:
         """How far each coordinate has gone at most (n, k + 1) since the start, to and fro."""

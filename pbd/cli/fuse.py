@@ -13,15 +13,14 @@ from pbd.data import Demonstration, HandPath
 from pbd.errors import UsageError
 from pbd.files.calibration_edit import calibration_file, update_calibration
 from pbd.files.demo import demo_folder, load_demo, refuse_demo_folder, utc_now, write_demo
+from pbd.fusion.calibration import device_errors
+from pbd.fusion.tables import fusion_rows, fusion_table, takes_table
+from pbd.pipeline import fused_demo, track
+from pbd.view.terminal_tables import print_csv, print_table
 
 
 def run(args: argparse.Namespace) -> None:
     """Fuse, store, and say what was matched."""
-    from pbd.fusion.calibration import device_errors
-    from pbd.fusion.tables import fusion_rows, fusion_table, takes_table
-    from pbd.pipeline import fused_demo, track
-    from pbd.view.terminal_tables import print_csv, print_table
-
     folder = demo_folder(args.output)
     refuse_demo_folder(folder, args.force)
     with working("reading the takes"):

@@ -24,6 +24,10 @@ from pbd.data.covariance import keyframe_sigmas
 from pbd.data.keyframe import thing_carriers
 from pbd.errors import RecordingError, UsageError, listed
 from pbd.files.keyframes import NAME, write_keyframes
+from pbd.files.keyframes_edit import set_frames
+from pbd.planning import load_arm, solve_keyframes
+from pbd.planning.object_frames import things
+from pbd.planning.options import PlanOptions, dwells
 from pbd.pose import Array, Pose
 from pbd.view.calibration_tables import base_table
 from pbd.view.terminal_tables import joints_table, keyframes_table, print_csv, print_table
@@ -33,8 +37,6 @@ Rows = list[dict[str, Any]]
 
 def run(args: argparse.Namespace) -> None:
     """Track, map where a robot is named, and print."""
-    from pbd.planning import load_arm
-
     demo = load_demonstration(args.demo)
     if args.save and args.force:
         demo = replace(demo, keyframes=None)
@@ -96,8 +98,6 @@ def _success(
 
 def _things(keyframes: tuple[Keyframe, ...], rows: Rows) -> list[dict[str, Any]]:
     """Things that keyframes belong to, and where each was shown: the tool in base at the first of them."""
-    from pbd.planning.object_frames import things
-
     return [
         {"name": name, "keyframes": list(members), "base_position_m": rows[members[0]].get("base_position_m")}
         for name, members in things(keyframes).items()
@@ -114,8 +114,6 @@ def _common_prefix(names: Sequence[str]) -> str:
 
 def _saved(args: argparse.Namespace, demo: Demonstration, keyframes: tuple[Keyframe, ...]) -> tuple[Keyframe, ...]:
     """Write keyframes.toml where that is asked for or missing, and into it to which things keyframes belong."""
-    from pbd.files.keyframes_edit import set_frames
-
     frames: dict[int, tuple[str, ...]] = {}
     for names, first, last in args.frame:
         if last >= len(keyframes):
@@ -142,8 +140,6 @@ def _saved(args: argparse.Namespace, demo: Demonstration, keyframes: tuple[Keyfr
 
 def save_keyframes(args: argparse.Namespace, demo: Demonstration, keyframes: tuple[Keyframe, ...]) -> Path:
     """Write keyframes.toml for a person to edit, and return its path."""
-    from pbd.planning.options import PlanOptions, dwells
-
     source = demo.folder or args.demo
     if demo.bundled:
         what = f"{source} is bundled, so nothing is saved there; copy it under another name, without 'bundled = true'"
@@ -185,8 +181,6 @@ def _add_joints(
     robot: Robot,
     calibration: Calibration,
 ) -> None:
-    from pbd.planning import solve_keyframes
-
     poses, joints, off_rad = solve_keyframes(robot, keyframes, calibration, plan_options(args, robot), path)
     for row, pose, q, off in zip(rows, poses, joints, off_rad, strict=True):
         row |= _pose(pose) | {"joints": q}

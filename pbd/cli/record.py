@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> None:
         title = f"recording {folder} from {sensor}"
         panel = keys.terminal and sys.stderr.isatty()
         screen: PanelScreen | PlainScreen = PanelScreen(title, options.tolerance_m) if panel else PlainScreen(title)
-        poll: Poll = Person(keys, screen)
+        poll: Poll = Person(keys, screen.ask)
         show: Show = screen.show
         every_s, live = SCREEN_EVERY_S, None
         if view is not None:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+from rich.table import Table
 
 from pbd.calibration.dock import nav_in_base
 from pbd.calibration.tool_poses import tool_poses
@@ -16,16 +15,13 @@ from pbd.cli.keyframes import save_keyframes
 from pbd.cli.steps import load_demonstration, print_result, track_demonstration
 from pbd.data import Calibration, HandPath, Keyframe, TouchUp
 from pbd.errors import RecordingError, UsageError, warn
-from pbd.files.keyframes import LARGEST_NUDGE_M, NAME
+from pbd.files.keyframes import LARGEST_NUDGE_M, NAME, read_touch_ups
 from pbd.files.keyframes_edit import add_touch_up, undo_touch_up
+from pbd.planning import load_arm
 from pbd.plots.findings import OFF_SIGMAS
 from pbd.pose import Array, Pose, quat_inverse, quat_rotate
 from pbd.view.terminal_tables import make_table
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from pbd.view.units import Units
+from pbd.view.units import Units
 
 HARDLY_M = 0.0005
 """Where no other keyframe moves farther, m, it is told: their errors have little in common."""
@@ -37,16 +33,14 @@ def run(args: argparse.Namespace) -> None:
         raise UsageError("name the keyframe, and how far its tool is off (--by, --at); or --undo alone")
     if not args.undo and (args.by is None) == (args.at is None):
         raise UsageError("say where the tool belongs: --by X Y Z from where it is, or --at X Y Z in base")
-    from pbd.planning import load_arm
-
     demo = load_demonstration(args.demo)
     _, calibration = load_arm(args.robot, args.calibration)
     path, keyframes = track_demonstration(demo, "default", calibration, args.accept_gap)
     base = _Base(path, keyframes, calibration)
     before = base.touched(demo.touch_ups)
-    if args.undo:
-        touch_ups = _without_last(demo.touch_ups)
-    else:
+    if args.undo and all(each.undone for each in demo.touch_ups):
+        raise RecordingError("there is no touch-up to undo; `pbd touch DEMO KEYFRAME --by X Y Z` makes one")
+    if not args.undo:
         by_base = _asked(args, base, before)
         by_nav = quat_rotate(quat_inverse(base.T_base_nav.wxyz), by_base)
         if not np.abs(by_nav).max() <= LARGEST_NUDGE_M:  # the file could not be read again
@@ -54,7 +48,7 @@ def run(args: argparse.Namespace) -> None:
                 f"that is {np.linalg.norm(by_base):.2f} m away, and a touch-up may be {LARGEST_NUDGE_M} m along each "
                 "of nav's axes; --by and --at are in metres: correct them"
             )
-        touch_ups = (*demo.touch_ups, TouchUp(keyframes[args.keyframe].t, by_nav, args.only))
+        added = TouchUp(keyframes[args.keyframe].t, by_nav, args.only)
     if demo.keyframes is None or demo.folder is None:
         file = save_keyframes(args, demo, keyframes)
     else:
@@ -62,8 +56,8 @@ def run(args: argparse.Namespace) -> None:
     if args.undo:
         undo_touch_up(file)
     else:
-        add_touch_up(file, touch_ups[-1])
-    after = base.touched(touch_ups)
+        add_touch_up(file, added)
+    after = base.touched(read_touch_ups(file) if args.undo else (*demo.touch_ups, added))
     _tell(args, base, before, after)
     undo = f"; `pbd touch {args.demo} --robot {args.robot} --undo` takes it back"
     done, back = ("undone", "") if args.undo else ("added", undo)
@@ -81,13 +75,6 @@ class _Base:
 
     def touched(self, touch_ups: tuple[TouchUp, ...]) -> TouchedUp:
         return touched_up(self._path, self.keyframes, self.T_base_nav, self._calibration, touch_ups=touch_ups)
-
-
-def _without_last(touch_ups: tuple[TouchUp, ...]) -> tuple[TouchUp, ...]:
-    for i in reversed(range(len(touch_ups))):
-        if not touch_ups[i].undone:
-            return (*touch_ups[:i], replace(touch_ups[i], undone=True), *touch_ups[i + 1 :])
-    raise RecordingError("there is no touch-up to undo; `pbd touch DEMO KEYFRAME --by X Y Z` makes one")
 
 
 def _asked(args: argparse.Namespace, base: _Base, before: TouchedUp) -> Array:

@@ -31,14 +31,13 @@ def add_touch_up(path: Path, touch_up: TouchUp) -> None:
         document["touch_up"].append(table)
 
 
-def undo_touch_up(path: Path) -> bool:
-    """Mark the last touch-up that counts as undone; False where there is none. Raises as `read_keyframes`."""
+def undo_touch_up(path: Path) -> None:
+    """Mark the last touch-up that counts as undone. Raises as `read_keyframes`."""
     with _edited(path) as document:
         for table in reversed(document.get("touch_up", [])):
             if not table.get("undone", False):
                 table["undone"] = True
-                return True
-    return False
+                return
 
 
 def set_frames(path: Path, frames: Mapping[int, Sequence[str]]) -> None:

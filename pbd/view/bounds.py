@@ -33,8 +33,7 @@ def bounds(scene: ReplayScene, tool: Poses, visuals: tuple[Visual, ...], carried
 def _outermost(points: Array) -> Array:
     """Those of points (n, 3) that lie farthest out in some direction, about 100 at most."""
     directions = np.array(list(np.ndindex(5, 5, 5))) - 2.0
-    outermost: Array = points[np.unique(np.argmax(directions @ points.T, axis=1))]
-    return outermost
+    return np.asarray(points[np.unique(np.argmax(directions @ points.T, axis=1))])
 
 
 def _swept(poses: Poses, corners: Array) -> Array:

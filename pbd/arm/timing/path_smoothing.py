@@ -84,8 +84,7 @@ class Curve:
         t = np.linspace(self.t[0], self.t[-1], 4 * len(s))
         course = PchipInterpolator(self.t, self.s)
         slowest = _SLOWEST * self.s[-1] / (self.t[-1] - self.t[0])
-        speed: Array = np.maximum(np.interp(s, course(t), course(t, 1)), slowest)
-        return speed
+        return np.asarray(np.maximum(np.interp(s, course(t), course(t, 1)), slowest))
 
 
 def curved_move(

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import argparse
 import json
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from pbd.arm.collision.allowed_collisions import SAMPLES as CONFIGURATIONS
 from pbd.cli.console import print_json, say, working
 from pbd.cli.steps import load_demonstration, track_demonstration
 from pbd.errors import UsageError
 from pbd.files.robot import read_robot
+from pbd.planning.suggest import Suggestion
+from pbd.planning.suggest import suggest as search
 from pbd.pose import quat_to_rpy
-
-if TYPE_CHECKING:
-    from pbd.planning.suggest import Suggestion
 
 DEMO = "pouring"
 """What must be possible where no demonstration is named."""
@@ -23,8 +23,6 @@ DEMO = "pouring"
 
 def suggest(args: argparse.Namespace) -> None:
     """Search, and print what was found with what was weighed."""
-    from pbd.planning.suggest import suggest as search
-
     if args.robot or args.csv:
         raise UsageError("--suggest takes the file itself, and prints TOML, or JSON with --json")
     robot = read_robot(args.suggest, draft=True)
@@ -57,8 +55,6 @@ def _level(wxyz: np.ndarray[Any, Any]) -> list[float]:
 
 def _weighed(found: Suggestion, demo: str) -> list[str]:
     """Sentences for people: what speaks for this home and this dock."""
-    from pbd.arm.collision.allowed_collisions import SAMPLES as CONFIGURATIONS
-
     joint, room = found.at
     dock, took_s = found.plan.calibration, found.plan.trajectory.duration
     table = "the table's height is the file's own"

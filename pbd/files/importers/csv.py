@@ -138,16 +138,14 @@ def _unwrapped(t: Array, found: Understood) -> Array:
     wraps = next((p.wraps for p in PROGRAMS if p.title == found.program), 0.0) * found.of("t")[0].factor
     if not wraps:
         return t
-    unwrapped: Array = t + wraps * np.cumsum(np.diff(t, prepend=t[0]) < -0.5 * wraps)
-    return unwrapped
+    return t + wraps * np.cumsum(np.diff(t, prepend=t[0]) < -0.5 * wraps)
 
 
 def _values(table: Table, columns: list[Column]) -> Array | None:
     """A channel's columns, converted to our units; None where the file doesn't have it."""
     if not columns:
         return None
-    values: Array = table.columns(*(column.name for column in columns)) * [column.factor for column in columns]
-    return values
+    return table.columns(*(column.name for column in columns)) * [column.factor for column in columns]
 
 
 def _refuse_several_devices(sheet: Sheet) -> None:
