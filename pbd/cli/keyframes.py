@@ -12,9 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from pbd.calibration.dock import nav_in_base
+from pbd.calibration.dock import in_base
 from pbd.calibration.success_probability import Success, success_of
-from pbd.calibration.tool_poses import tool_poses
 from pbd.calibration.touch_up import touched_poses
 from pbd.calibration.uncertainty import base_sigmas, tool_covariances
 from pbd.cli.console import print_json, say
@@ -49,7 +48,7 @@ def run(args: argparse.Namespace) -> None:
         keyframes = _saved(args, demo, keyframes)
     sigmas = keyframe_sigmas([keyframe.cov for keyframe in keyframes])
     rows = [_row(index, keyframe, sigma) for index, (keyframe, sigma) in enumerate(zip(keyframes, sigmas, strict=True))]
-    in_base = bool(args.calibration) and calibration is not None and _add_base(args, rows, path, keyframes, calibration)
+    placed = bool(args.calibration) and calibration is not None and _add_base(args, rows, path, keyframes, calibration)
     if robot is not None and calibration is not None:
         _add_joints(args, rows, path, keyframes, robot, calibration)
     inside = _success(args, path, keyframes, calibration)
@@ -65,7 +64,7 @@ def run(args: argparse.Namespace) -> None:
     if args.csv:
         return print_csv(table, *([joints_table(names, rows, args.units)] if names else []))
     print_table(table)
-    if in_base:
+    if placed:
         print("\nuncertainty of the tool in base, one sigma; right columns: by source (rms over axes)")
         print_table(base_table(rows))
     if inside is not None:
@@ -86,14 +85,14 @@ def _success(
         return None
     if calibration is None:
         raise UsageError("--tolerance is about the robot's tool: name the robot (--robot), or a calibration")
-    T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
+    placed = in_base(keyframes, calibration, args.scale, path)
     if args.tolerance is None:
-        return success_of(path, keyframes, T_base_nav, calibration, args.scale)
+        return success_of(placed)
     within_m, *within_deg = args.tolerance
     if within_m <= 0.0 or len(within_deg) > 1 or min(within_deg, default=1.0) <= 0.0:
         raise UsageError("--tolerance takes METRES, or METRES DEGREES, above zero")
     within_rad = math.radians(within_deg[0]) if within_deg else math.inf
-    return success_of(path, keyframes, T_base_nav, calibration, args.scale, within_m, within_rad)
+    return success_of(placed, within_m, within_rad)
 
 
 def _things(keyframes: tuple[Keyframe, ...], rows: Rows) -> list[dict[str, Any]]:
@@ -164,11 +163,9 @@ def _add_base(
     """Add the tool's position in base and how sure it is; False where the calibration has no dock and no nav."""
     if not calibration.knows_start:
         return False
-    T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
-    parts = tool_covariances(keyframes, T_base_nav, calibration, args.scale)
-    poses = tool_poses(keyframes, T_base_nav, calibration, args.scale, args.orientation)
-    poses = touched_poses(path, keyframes, poses, T_base_nav, calibration, args.scale)
-    for row, pose, sigma in zip(rows, poses, base_sigmas(parts), strict=True):
+    placed = in_base(keyframes, calibration, args.scale, path)
+    sigmas = base_sigmas(tool_covariances(placed))
+    for row, pose, sigma in zip(rows, touched_poses(placed, args.orientation), sigmas, strict=True):
         row |= _pose(pose) | sigma
     return True
 
