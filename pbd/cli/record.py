@@ -16,14 +16,14 @@ from pbd.cli.console import print_json, say
 from pbd.cli.recording.device import find_sensor
 from pbd.cli.recording.keys import Keys, Person
 from pbd.cli.recording.screen import PanelScreen, PlainScreen
-from pbd.cli.recording.simulated import Poll, Show, SimulatedHand, simulated_hand
+from pbd.cli.recording.simulated import Show, SimulatedHand, simulated_hand
 from pbd.cli.steps import decoder_maker, refuse_columns
 from pbd.data import SensorErrors
 from pbd.errors import UsageError, warn
 from pbd.files.calibration import load_calibration
 from pbd.files.demo import demo_folder, refuse_demo_folder, utc_now
 from pbd.record import Outcome, RecordOptions, record
-from pbd.record.loop import SCREEN_EVERY_S
+from pbd.record.loop import SCREEN_EVERY_S, Poll
 from pbd.record.values import FEWEST_STOPS
 
 SIMULATED = "sim"

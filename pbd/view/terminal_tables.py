@@ -159,11 +159,6 @@ def robots_table(robots: Sequence[Robot], reach_m: Sequence[float], units: Units
     return make_table("name", "joints", f"reach ({units.length})", *words, left=("name", *words), rows=rows)
 
 
-def left_out_table(pairs: Sequence[tuple[str, str, str]]) -> Table:
-    """Pairs of links that aren't checked against each other, each with the reason."""
-    return words_table(("link", "and link", "why"), pairs)
-
-
 def columns_table(read: Sequence[Mapping[str, str]], unread: Mapping[str, str]) -> Table:
     """What an import made of each column, and the columns that it left out."""
     rows = [(printable(row["column"]), row["read_as"], row["quantity"], row["unit"], row["decided_by"]) for row in read]
@@ -177,8 +172,3 @@ def ports_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     if any("sensor" in row for row in rows):
         shown |= {"speaks": "sensor", "baud": "baud", "": "note"}
     return words_table(list(shown), ([str(row[key] or "") for key in shown.values()] for row in rows))
-
-
-def sensors_table(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """Kinds of sensors, by the name that `pbd record --sensor` takes."""
-    return words_table(("--sensor", "device", "gives"), ((row["sensor"], row["title"], row["gives"]) for row in rows))

@@ -35,10 +35,9 @@ def find_sensor(args: argparse.Namespace) -> tuple[str, Callable[[], Source], De
     if wanted == GAMEPAD:
         if args.baud or args.rate:
             raise UsageError("a gamepad has no baud or rate to choose; leave out --baud, --rate")
-        assert make is not None
         from pbd.sensors.gamepad_port import open_gamepad
 
-        return wanted, lambda: open_gamepad(args.port), make()
+        return wanted, lambda: open_gamepad(args.port), protocol(GAMEPAD).decoder()
     device, baud = args.port or only_port(), args.baud
     if wanted is None:
         wanted, heard_at = _listened(device)

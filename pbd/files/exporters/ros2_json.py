@@ -51,9 +51,7 @@ def write(order: Order, points: Samples, path: Path) -> None:
     """Write the goals, one point a line."""
     trajectory, gripper = order.trajectory, order.robot.gripper
     arm = goal_message(trajectory.joint_names, points.t, (points.q, points.qd, points.qdd))
-    fingers = None
-    if gripper is not None and gripper.joints:
-        fingers = finger_message(trajectory, gripper)
+    fingers = finger_message(trajectory, gripper) if gripper is not None and gripper.joints else None
     parts = [
         *_body(arm),
         f'"gripper": {"null" if fingers is None else "{" + ", ".join(_body(fingers)) + "}"}',
