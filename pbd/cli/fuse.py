@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
-from pathlib import Path
 
 from pbd.cli.calibrate.sensor import sensor_parts
 from pbd.cli.console import print_json, say, working
 from pbd.cli.steps import named_calibration, write_figures
-from pbd.data import Demonstration, HandPath
+from pbd.data import HandPath
 from pbd.errors import UsageError
 from pbd.files.calibration_edit import calibration_file, update_calibration
 from pbd.files.demo import demo_folder, load_demo, refuse_demo_folder, utc_now, write_demo
@@ -27,7 +26,9 @@ def run(args: argparse.Namespace) -> None:
         takes = [load_demo(name) for name in args.takes]
     if len(takes) == 1 and not takes[0].takes:
         raise UsageError("name two takes or more; one alone is a demonstration already")
-    demo = _named(fused_demo(takes), folder)
+    demo = fused_demo(takes)
+    info = replace(demo.recording.info, name=folder.name, created=utc_now())
+    demo = replace(demo, recording=replace(demo.recording, info=info))
     calibration = named_calibration(args)
     with working(f"fusing {len(demo.takes)} takes"):
         path = track(demo, calibration=calibration, accept_gap=args.accept_gap)
@@ -58,11 +59,6 @@ def run(args: argparse.Namespace) -> None:
     print_table(takes_table(fusion, args.units))
     print()
     return print_table(fusion_table(path, args.units))
-
-
-def _named(demo: Demonstration, folder: Path) -> Demonstration:
-    info = replace(demo.recording.info, name=folder.name, created=utc_now())
-    return replace(demo, recording=replace(demo.recording, info=info))
 
 
 def _plots(args: argparse.Namespace, path: HandPath) -> list[str]:

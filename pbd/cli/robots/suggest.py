@@ -41,16 +41,15 @@ def suggest(args: argparse.Namespace) -> None:
 def _values(found: Suggestion) -> dict[str, Any]:
     """What goes into the TOML, by section."""
     dock, at = found.plan.calibration, found.plan.calibration.T_base_dock
-    place = {} if at is None else {"position": at.p.round(3).tolist(), "rpy_deg": _level(at.wxyz)}
+    place: dict[str, Any] = {}
+    if at is not None:
+        yaw_deg = round(float(np.degrees(quat_to_rpy(at.wxyz)[2])), 1) + 0.0
+        place = {"position": at.p.round(3).tolist(), "rpy_deg": [0.0, 0.0, yaw_deg]}
     touch = {"may_touch": [list(pair) for pair in found.robot.may_touch]} if found.robot.may_touch else {}
     return {
         "arm": {"joints": list(found.robot.joints), "home": found.robot.home.tolist(), **touch},
         "dock": {**place, "table_height": dock.table_height, "scale": dock.scale},
     }
-
-
-def _level(wxyz: np.ndarray[Any, Any]) -> list[float]:
-    return [0.0, 0.0, round(float(np.degrees(quat_to_rpy(wxyz)[2])), 1) + 0.0]
 
 
 def _weighed(found: Suggestion, demo: str) -> list[str]:
