@@ -21,7 +21,6 @@ NEARER_M = (2e-3, 5e-4, 1e-4)
 ROUNDED_M = 1e-3
 """Corners of a mesh's hull are rounded to this, m; `pad` covers it."""
 
-
 _REQUEST = coal.DistanceRequest()
 
 

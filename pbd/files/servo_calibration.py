@@ -19,7 +19,6 @@ COUNTS = 4096
 LARGEST_OFFSET = 2047
 """Largest homing offset that the servo can hold, counts either way."""
 
-
 SHARED_TYPE = "so_follower"
 """LeRobot's name for both arms since 0.5."""
 

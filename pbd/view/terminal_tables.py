@@ -28,7 +28,6 @@ SI = Units()
 PIPE_WIDTH = 200
 """Width of the output, in columns, where it is no terminal. So rows are not broken for programs that read them."""
 
-
 COLUMN_GAP = 3
 """Spaces between two columns of a table."""
 
