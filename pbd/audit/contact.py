@@ -4,8 +4,6 @@ Where two solids are a distance apart, they can't touch before they have moved b
 next look is due then. How far they move is bounded by how far the joints turn, times how far the solids reach.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any

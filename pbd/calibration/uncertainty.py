@@ -1,7 +1,5 @@
 """Covariance of the tool's pose in base at each keyframe, and the contribution of each calibration part."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

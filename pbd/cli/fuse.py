@@ -1,7 +1,5 @@
 """pbd fuse TAKE... -o NAME."""
 
-from __future__ import annotations
-
 import argparse
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """pbd record [NAME]."""
 
-from __future__ import annotations
-
 import argparse
 import errno
 import os

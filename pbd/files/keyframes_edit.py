@@ -1,7 +1,5 @@
 """Change keyframes.toml and leave the rest, comments and all, as a person wrote it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path

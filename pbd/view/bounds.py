@@ -1,7 +1,5 @@
 """Bounds of what the camera has to show."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pbd.pose import Array

@@ -1,7 +1,5 @@
 """Single keys from a terminal, and signals, as commands, without blocking."""
 
-from __future__ import annotations
-
 import os
 import select
 import signal

@@ -1,7 +1,5 @@
 """pbd robots [R], --suggest FILE, --for DEMO."""
 
-from __future__ import annotations
-
 import argparse
 from dataclasses import replace
 from typing import Any

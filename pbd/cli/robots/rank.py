@@ -1,7 +1,5 @@
 """pbd robots --for DEMO: which arms can replay it, and what stops the others."""
 
-from __future__ import annotations
-
 import argparse
 from typing import Any
 

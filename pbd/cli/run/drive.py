@@ -1,7 +1,5 @@
 """Plan from where the arm stands, show, ask, stream, watch."""
 
-from __future__ import annotations
-
 import argparse
 import math
 import sys
