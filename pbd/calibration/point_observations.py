@@ -46,10 +46,7 @@ def rows_of(keep: Sequence[int]) -> NDArray[np.intp]:
 
 
 def observe_points(
-    keyframes: Sequence[Keyframe],
-    covariance: PoseCovariance,
-    p_sensor_tip: Array,
-    cov_tip: Array | None = None,
+    keyframes: Sequence[Keyframe], covariance: PoseCovariance, p_sensor_tip: Array, cov_tip: Array | None = None
 ) -> PointObservations:
     """Where the tip stood at all stops: p + R l. An error of the attitude turns R l, one of l turns with it.
 

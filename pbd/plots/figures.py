@@ -16,21 +16,7 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 from pbd.plots import panels
 from pbd.plots.demo_values import DemoPlot
 from pbd.plots.space import YX, YZ, number, number_3d, path_3d, path_view
-from pbd.plots.style import (
-    AXES_RGB,
-    CHECK,
-    GREY,
-    INK,
-    PALE,
-    SIGMA,
-    VERMILION,
-    legend,
-    mark,
-    marks,
-    plain,
-    sheet,
-    style,
-)
+from pbd.plots.style import AXES_RGB, CHECK, GREY, INK, PALE, SIGMA, VERMILION, legend, mark, marks, plain, sheet, style
 
 Panel = Callable[[Axes, DemoPlot], None]
 

@@ -3,15 +3,7 @@
 from argparse import ArgumentParser
 from pathlib import Path
 
-from pbd.cli.options import (
-    add_force,
-    add_json,
-    add_lines,
-    add_table,
-    pair,
-    positive,
-    whole,
-)
+from pbd.cli.options import add_force, add_json, add_lines, add_table, pair, positive, whole
 
 
 def record(parser: ArgumentParser) -> None:
