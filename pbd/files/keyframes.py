@@ -1,5 +1,7 @@
 """keyframes.toml in a demonstration's folder: edited keyframes, which replace the tracked ones."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path

@@ -1,5 +1,7 @@
 """Change keyframes.toml and leave the rest, comments and all, as a person wrote it."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -29,13 +31,14 @@ def add_touch_up(path: Path, touch_up: TouchUp) -> None:
         document["touch_up"].append(table)
 
 
-def undo_touch_up(path: Path) -> None:
-    """Mark the last touch-up that counts as undone. Raises as `read_keyframes`."""
+def undo_touch_up(path: Path) -> bool:
+    """Mark the last touch-up that counts as undone; False where there is none. Raises as `read_keyframes`."""
     with _edited(path) as document:
         for table in reversed(document.get("touch_up", [])):
             if not table.get("undone", False):
                 table["undone"] = True
-                return
+                return True
+    return False
 
 
 def set_frames(path: Path, frames: Mapping[int, Sequence[str]]) -> None:
