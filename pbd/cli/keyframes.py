@@ -21,7 +21,6 @@ from pbd.data.covariance import keyframe_sigmas
 from pbd.data.keyframe import thing_carriers
 from pbd.errors import RecordingError, UsageError, listed
 from pbd.files.keyframes import NAME, write_keyframes
-from pbd.files.keyframes_edit import set_frames
 from pbd.planning import load_arm, solve_keyframes
 from pbd.planning.object_frames import things
 from pbd.planning.options import PlanOptions, dwells
@@ -111,6 +110,8 @@ def _common_prefix(names: Sequence[str]) -> str:
 
 def _saved(args: argparse.Namespace, demo: Demonstration, keyframes: tuple[Keyframe, ...]) -> tuple[Keyframe, ...]:
     """Write keyframes.toml where that is asked for or missing, and into it to which things keyframes belong."""
+    from pbd.files.keyframes_edit import set_frames
+
     frames: dict[int, tuple[str, ...]] = {}
     for names, first, last in args.frame:
         if last >= len(keyframes):
