@@ -102,7 +102,7 @@ def points() -> Figure:
     given = touched.points.copy()
     given[2] += (0.08, -0.06, 0.0)
     hand = track(touched.demo.recording)
-    found = observe_points(find_keyframes(hand), hand.covariance, np.zeros(3), range(1, 7))
+    found = observe_points(find_keyframes(hand), hand.covariance, np.zeros(3)).only(range(1, 7))
     fit = fit_points(found, given)
     tips, origin = fit.T_base_nav.act(found.p_nav_sensor), fit.T_base_nav
     R = quat_to_matrix(origin.wxyz)

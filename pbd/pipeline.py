@@ -119,7 +119,7 @@ def track(
         demo = replace(demo, places=(*demo.places, *(path.fusion.places if path.fusion else ())))
     else:
         path = track_alone(demo, method, calibration, accept_gap)[0]
-    _refuse_another_dock(demo, path)
+    _refuse_another_dock(demo, path, method)
     if method == "paper":
         return path
     try:
@@ -190,7 +190,7 @@ def _smoothed(
     return held, found if held is rest else of(held)
 
 
-def _refuse_another_dock(demo: Demonstration, path: HandPath) -> None:
+def _refuse_another_dock(demo: Demonstration, path: HandPath, method: str) -> None:
     """The attitude at the dock says how nav lies in base: an edited one would turn all the others."""
     if demo.keyframes is None:
         return
@@ -200,7 +200,8 @@ def _refuse_another_dock(demo: Demonstration, path: HandPath) -> None:
         where = "" if demo.folder is None else f"{demo.folder}/keyframes.toml: "
         raise RecordingError(
             f"{where}the first keyframe is turned by {np.degrees(turned):.1f} degrees, but it is the dock, to which "
-            "all others refer; restore it, or insert a keyframe after it",
+            "all others refer; restore it, insert a keyframe after it, or name the --method that found it "
+            f"(not {method})",
             path=demo.folder,
         )
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pbd.calibration.success_probability import Success, success_of
+from pbd.calibration.tool_poses import KeyframesInBase
 from pbd.calibration.uncertainty import tool_covariances
 from pbd.data import Keyframe, Samples
 from pbd.planning import Plan, arm_of, scene_of
@@ -32,9 +33,10 @@ def replay_scene(plan: Plan, warnings: Sequence[str] = ()) -> ReplayScene:
     if options.orientation == "fixed":
         lever = np.broadcast_to(plan.T_base_tool[0].p - T_base_nav.p, p_base_sensor.shape)
     # What is unsure of the dock or the mount moves all keyframes alike; `pbd keyframes --robot` tells it.
-    cov = tool_covariances(plan.keyframes, T_base_nav, plan.calibration, options.scale)["tracking"]
+    placed = KeyframesInBase(plan.keyframes, T_base_nav, plan.calibration, options.scale, path)
+    cov = tool_covariances(placed)["tracking"]
     told = any(keyframe.tolerance_m is not None for keyframe in plan.keyframes)
-    found = success_of(path, plan.keyframes, T_base_nav, plan.calibration, options.scale) if told else None
+    found = success_of(placed) if told else None
     inside = np.ones(len(cov)) if found is None else found.of_each
     keyframes = zip(plan.keyframes, plan.trajectory.keyframe_t, plan.T_base_tool, cov, inside, strict=True)
     return ReplayScene(

@@ -112,3 +112,10 @@ def test_edited_keyframes_that_start_elsewhere_are_refused(tea: Demonstration) -
     turned = replace(found[0], T_nav_sensor=Pose.from_rpy(np.zeros(3), np.radians((0.0, 0.0, 35.0))))
     with pytest.raises(RecordingError, match=r"turned by [45]\.\d degrees, but it is the dock"):
         pbd.track(replace(tea, keyframes=(turned, *found[1:])))
+
+
+def test_keyframes_that_another_method_found_are_told_from_edited_ones() -> None:
+    demo = simulate("pick-and-place-stops", "wt901", 2)
+    demo = replace(demo, keyframes=keyframes_of(pbd.track(demo)))
+    with pytest.raises(RecordingError, match=r"or name the --method that found it \(not paper\)$"):
+        pbd.track(demo, "paper")

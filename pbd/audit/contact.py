@@ -5,8 +5,6 @@ next look is due then. How far they move is bounded by how far the joints turn, 
 the balls around them are too far apart for that, nobody looks.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -118,8 +116,7 @@ class Motion:
         one, other = self._bounds[pair.first], self._bounds[pair.second]
         # Joints that carry both move neither against the other.
         rates = [(one | other)[joint] for joint in one.keys() ^ other.keys()]
-        travel: Array = self.moved @ np.sum(rates, axis=0)
-        return travel
+        return np.asarray(self.moved @ np.sum(rates, axis=0))
 
     def near(self, pair: Pair, travel: Array) -> NDArray[np.int64]:
         """Spans in which two solids may touch for all that their balls say: number i begins at row i SHARED."""

@@ -1,7 +1,5 @@
 """The audit's own solids: the convex hull of each shape for a first look, and the shape itself where that is near."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -20,7 +18,6 @@ NEARER_M = (2e-3, 5e-4, 1e-4)
 
 ROUNDED_M = 1e-3
 """Corners of a mesh's hull are rounded to this, m; `pad` covers it."""
-
 
 _REQUEST = coal.DistanceRequest()
 

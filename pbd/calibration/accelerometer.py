@@ -1,7 +1,5 @@
 """Bias, scale and misalignment of an accelerometer: at rest the norm of its reading is g in every orientation."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -146,5 +146,4 @@ def smoothed(x: Array, values: Array, within: float) -> BSpline:
 def _continuous(wxyz: Array) -> Array:
     """Quaternions (n, 4) of the same rotations, each on the side of the one before."""
     sides = np.sign(np.einsum("ij,ij->i", wxyz[1:], wxyz[:-1]))
-    continuous: Array = wxyz * np.append(1.0, np.cumprod(np.where(sides == 0.0, 1.0, sides)))[:, None]
-    return continuous
+    return np.asarray(wxyz * np.append(1.0, np.cumprod(np.where(sides == 0.0, 1.0, sides)))[:, None])

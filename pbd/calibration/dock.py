@@ -1,15 +1,13 @@
 """The dock: it places nav in the robot's base frame. A new dock can be taken from a demonstration's stop."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from pbd.calibration.tool_poses import tool_poses
+from pbd.calibration.tool_poses import KeyframesInBase, tool_poses
 from pbd.calibration.uncertainty import tool_covariances
-from pbd.data import Calibration, Keyframe
+from pbd.data import Calibration, HandPath, Keyframe
 from pbd.errors import CalibrationError, warn
 from pbd.pose import Array, Pose, level_onto, quat_inverse, quat_rotate
 
@@ -50,6 +48,14 @@ def nav_in_base(calibration: Calibration, wxyz_nav_sensor: Array) -> Pose:
     return level_onto(Pose(np.zeros(3), wxyz_nav_sensor), dock)
 
 
+def in_base(
+    keyframes: Sequence[Keyframe], calibration: Calibration, scale: float = 1.0, path: HandPath | None = None
+) -> KeyframesInBase:
+    """Place keyframes in base, by the attitude at the first of them; raises as `nav_in_base`."""
+    T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
+    return KeyframesInBase(keyframes, T_base_nav, calibration, scale, path)
+
+
 def dock_tilt(T_base_dock: Pose, wxyz_nav_sensor: Array) -> float:
     """Angle in rad between the vertical as the dock declares it and as the sensor measured it, in sensor axes."""
     z = np.array([0.0, 0.0, 1.0])
@@ -64,9 +70,8 @@ def dock_at(keyframes: Sequence[Keyframe], index: int, calibration: Calibration)
     Args:
         keyframes: of a demonstration; the first is where it started.
     """
-    T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
     bare = replace(calibration, T_sensor_tool=Pose.identity(), cov_sensor_tool=None)
-    stopped = [keyframes[index]]
-    cov = sum(tool_covariances(stopped, T_base_nav, bare).values(), np.zeros((1, 6, 6)))[0]
+    stopped = replace(in_base(keyframes, bare), keyframes=[keyframes[index]])
+    cov = sum(tool_covariances(stopped).values(), np.zeros((1, 6, 6)))[0]
     cov[3:5] = cov[:, 3:5] = 0.0
-    return tool_poses(stopped, T_base_nav, bare)[0], cov
+    return tool_poses(stopped)[0], cov

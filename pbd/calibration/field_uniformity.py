@@ -1,7 +1,5 @@
 """Repeatability of a magnetic heading between the stops of a demonstration, and between demonstrations."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -61,5 +59,4 @@ def heading_changes(wxyz_first: Array, wxyz_again: Sequence[Array]) -> Array:
         wxyz_again: the same of others that began with the sensor put down in the same way.
     """
     turns = np.array([yaw_toward(wxyz_first, again) for again in wxyz_again])
-    wrapped: Array = (turns + np.pi) % (2.0 * np.pi) - np.pi
-    return wrapped
+    return (turns + np.pi) % (2.0 * np.pi) - np.pi

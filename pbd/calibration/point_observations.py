@@ -42,35 +42,27 @@ class PointObservations:
 
 def rows_of(keep: Sequence[int]) -> NDArray[np.intp]:
     """The rows of some touches in a matrix that has three for each."""
-    rows: NDArray[np.intp] = (3 * np.asarray(keep)[:, None] + np.arange(3)).ravel()
-    return rows
+    return (3 * np.asarray(keep)[:, None] + np.arange(3)).ravel()
 
 
 def observe_points(
-    keyframes: Sequence[Keyframe],
-    covariance: PoseCovariance,
-    p_sensor_tip: Array,
-    stops: Sequence[int] | None = None,
-    cov_tip: Array | None = None,
+    keyframes: Sequence[Keyframe], covariance: PoseCovariance, p_sensor_tip: Array, cov_tip: Array | None = None
 ) -> PointObservations:
-    """Where the tip stood at some stops: p + R l. An error of the attitude turns R l, one of l turns with it.
+    """Where the tip stood at all stops: p + R l. An error of the attitude turns R l, one of l turns with it.
 
     Args:
         keyframes: all of a path that is not conditioned on known places.
         covariance: the path's, of all of them together.
         p_sensor_tip: (3,) m, the tip l in sensor axes.
-        stops: indices of those that count, in the points' order; None: all.
         cov_tip: (3, 3) m2, how well the tip is known; None: exactly.
     """
-    stops = range(len(keyframes)) if stops is None else stops
-    m = len(stops)
-    poses = [keyframes[k].T_nav_sensor for k in stops]
+    m, poses = len(keyframes), [keyframe.T_nav_sensor for keyframe in keyframes]
     R = quat_to_matrix(np.array([pose.wxyz for pose in poses]))
     lever = R @ p_sensor_tip
     by_pose = np.concatenate((np.tile(np.eye(3), (m, 1, 1)), -skew(lever)), axis=2)
-    joint = covariance.joint(stops).reshape(m, 6, m, 6)
+    joint = covariance.joint(range(m)).reshape(m, 6, m, 6)
     cov = np.einsum("jab,jbkc,kdc->jakd", by_pose, joint, by_pose).reshape(3 * m, 3 * m)
     if cov_tip is not None:
         by_tip = R.reshape(-1, 3)
         cov += by_tip @ cov_tip @ by_tip.T
-    return PointObservations(np.array([pose.p for pose in poses]), lever, cov, tuple(stops))
+    return PointObservations(np.array([pose.p for pose in poses]), lever, cov, tuple(range(m)))

@@ -72,8 +72,7 @@ class Fit:
 
     def in_base(self, touched: PointObservations) -> Array:
         """Where the tips lie, (m, 3) m."""
-        tips: Array = self.pose.act(self.scale * touched.p_nav_sensor + touched.lever)
-        return tips
+        return self.pose.act(self.scale * touched.p_nav_sensor + touched.lever)
 
 
 def variance(chi2: float, freedom: int) -> float:
@@ -139,8 +138,7 @@ def predict(problem: Problem, k: int, keep: Sequence[int]) -> tuple[Array, Array
 def misfit(problem: Problem, pose: Pose, scale: float) -> Array:
     """Error of each touch in nav, (m, 3) m: the tracked position minus the point's."""
     tips = pose.inverse().act(problem.points)
-    off: Array = problem.touched.p_nav_sensor - (tips - problem.touched.lever) / scale
-    return off
+    return problem.touched.p_nav_sensor - (tips - problem.touched.lever) / scale
 
 
 def jacobian(problem: Problem, pose: Pose, scale: float) -> Array:

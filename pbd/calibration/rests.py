@@ -1,7 +1,5 @@
 """Rests of a sensor that was put down in several orientations, with its mean readings."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,8 +63,7 @@ class Rests:
     @property
     def up_sensor(self) -> Array:
         """(k, 3) unit, the vertical as the accelerometer shows it."""
-        up: Array = self.acc / np.linalg.norm(self.acc, axis=1, keepdims=True)
-        return up
+        return np.asarray(self.acc / np.linalg.norm(self.acc, axis=1, keepdims=True))
 
 
 def find_rests(recording: Recording) -> Rests:

@@ -1,15 +1,12 @@
 """Will it work? The probability that the tool is within its tolerance at each keyframe, and at all of them."""
 
-from __future__ import annotations
-
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from pbd.calibration.tool_poses import KeyframesInBase
 from pbd.calibration.touch_up import touched_up
-from pbd.data import Calibration, HandPath, Keyframe
-from pbd.pose import Array, Pose, quat_to_matrix
+from pbd.pose import Array, quat_to_matrix
 
 DRAWS = 20_000
 """Draws of all errors together: a probability of 90 % is right within 0.2 %, far below what a covariance is worth."""
@@ -33,33 +30,21 @@ class Success(NamedTuple):
         return next(words for bound, words in BANDS if self.of_all < bound)
 
 
-def success_of(
-    path: HandPath,
-    keyframes: Sequence[Keyframe],
-    T_base_nav: Pose,
-    calibration: Calibration,
-    scale: float = 1.0,
-    within_m: float | None = None,
-    within_rad: float = np.inf,
-) -> Success:
+def success_of(placed: KeyframesInBase, within_m: float | None = None, within_rad: float = np.inf) -> Success:
     """Say how likely the tool is where it belongs, after touch-ups.
 
     Args:
-        path: of the keyframes, which err together.
-        keyframes: with their own tolerances; one without may be anywhere.
-        T_base_nav: of `nav_in_base`.
-        calibration: its own scale multiplies `scale`.
-        scale: of the hand's positions.
+        placed: keyframes with their own tolerances; one without may be anywhere.
         within_m: a tolerance for all of them instead, with `within_rad`.
     """
-    R = quat_to_matrix(T_base_nav.wxyz)
+    R, keyframes = quat_to_matrix(placed.T_base_nav.wxyz), placed.keyframes
     if within_m is None:
         axes = [np.full(3, ANYWHERE_M) if each.tolerance_m is None else each.tolerance_m for each in keyframes]
         turns = [np.inf if each.tolerance_rad is None else each.tolerance_rad for each in keyframes]
     else:
         axes, turns = [np.full(3, within_m)] * len(keyframes), [within_rad] * len(keyframes)
     tolerance_m2 = np.array([R @ np.diag(each**2) @ R.T for each in axes])
-    cov = touched_up(path, keyframes, T_base_nav, calibration, scale).cov
+    cov = touched_up(placed).cov
     return success(cov, tolerance_m2, np.array(turns))
 
 

@@ -1,14 +1,31 @@
 """The tool's poses in the robot's base frame."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pbd.data import Calibration, Keyframe, Robot
+from pbd.data import Calibration, HandPath, Keyframe, Robot
 from pbd.pose import Array, Pose, quat_about_z, quat_multiply, quat_rotate, yaw_toward
+
+
+@dataclass(frozen=True, eq=False)
+class KeyframesInBase:
+    """Keyframes, and where nav lies in the robot's base.
+
+    Attributes:
+        keyframes: k of them; the first one is the first rest, at the dock.
+        T_base_nav: of `nav_in_base`.
+        calibration: its own scale multiplies `scale`.
+        scale: multiplies p_nav_sensor and nothing else.
+        path: of the keyframes, which err together and may have touch-ups; None where each is on its own.
+    """
+
+    keyframes: Sequence[Keyframe]
+    T_base_nav: Pose
+    calibration: Calibration
+    scale: float = 1.0
+    path: HandPath | None = None
 
 
 def with_table(calibration: Calibration, robot: Robot) -> Calibration:
@@ -18,23 +35,15 @@ def with_table(calibration: Calibration, robot: Robot) -> Calibration:
     return replace(calibration, table_height=robot.dock.table_height)
 
 
-def tool_poses(
-    keyframes: Sequence[Keyframe],
-    T_base_nav: Pose,
-    calibration: Calibration,
-    scale: float = 1.0,
-    orientation: str = "demo",
-) -> tuple[Pose, ...]:
+def tool_poses(placed: KeyframesInBase, orientation: str = "demo") -> tuple[Pose, ...]:
     """T_base_tool at each keyframe: T_base_nav @ T_nav_sensor @ T_sensor_tool, with the keyframe's own nudges.
 
     Args:
-        keyframes: the first one is the first rest, at the dock.
-        T_base_nav: of `nav_in_base`.
-        calibration: its own scale multiplies `scale`.
-        scale: multiplies p_nav_sensor and nothing else.
+        placed: without its path's touch-ups.
         orientation: "demo", or "fixed": the tool keeps keyframe 0's heading, its z straight down.
     """
-    scale *= calibration.scale
+    keyframes, T_base_nav, calibration = placed.keyframes, placed.T_base_nav, placed.calibration
+    scale = placed.scale * calibration.scale
     poses = []
     for keyframe in keyframes:
         T_nav_sensor = keyframe.T_nav_sensor

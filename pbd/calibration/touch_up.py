@@ -1,14 +1,13 @@
 """Touch-ups: where the arm was seen to be off at one keyframe, the others move with it as far as they err together."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from pbd.calibration.tool_poses import KeyframesInBase, tool_poses
 from pbd.calibration.uncertainty import joint_tool_covariance
-from pbd.data import Calibration, HandPath, Keyframe, TouchUp
+from pbd.data import HandPath, Keyframe, TouchUp
 from pbd.pose import Array, Pose, quat_rotate
 
 TOUCH_SIGMA_M = 0.0005
@@ -114,38 +113,20 @@ def _places(keyframes: Sequence[int]) -> list[int]:
     return [6 * i + axis for i in keyframes for axis in range(3)]
 
 
-def touched_up(
-    path: HandPath | None,
-    keyframes: Sequence[Keyframe],
-    T_base_nav: Pose,
-    calibration: Calibration,
-    scale: float = 1.0,
-    touch_ups: Sequence[TouchUp] | None = None,
-) -> TouchedUp:
+def touched_up(placed: KeyframesInBase, touch_ups: Sequence[TouchUp] | None = None) -> TouchedUp:
     """The tool at keyframes (as for `tool_poses`) after touch-ups: these, or by default the demonstration's own."""
-    cov = joint_tool_covariance(keyframes_covariance(path, keyframes), keyframes, T_base_nav, calibration, scale)
-    return touch_up(_touch_ups_of(path) if touch_ups is None else touch_ups, keyframes, T_base_nav, cov)
+    cov = joint_tool_covariance(keyframes_covariance(placed.path, placed.keyframes), placed)
+    touch_ups = _touch_ups_of(placed.path) if touch_ups is None else touch_ups
+    return touch_up(touch_ups, placed.keyframes, placed.T_base_nav, cov)
 
 
 def _touch_ups_of(path: HandPath | None) -> tuple[TouchUp, ...]:
     return () if path is None or path.tracking is None else path.tracking.demo.touch_ups
 
 
-def touched_poses(
-    path: HandPath | None,
-    keyframes: Sequence[Keyframe],
-    T_base_tool: Sequence[Pose],
-    T_base_nav: Pose,
-    calibration: Calibration,
-    scale: float = 1.0,
-) -> tuple[Pose, ...]:
-    """The tool's poses, each where the demonstration's touch-ups move it.
-
-    Args:
-        path: of the demonstration that may have touch-ups.
-        keyframes: and the other arguments as for `tool_poses`, which gives `T_base_tool`.
-    """
-    if not _touch_ups_of(path):
-        return tuple(T_base_tool)
-    shift = touched_up(path, keyframes, T_base_nav, calibration, scale).shift
-    return tuple(Pose(pose.p + by, pose.wxyz) for pose, by in zip(T_base_tool, shift, strict=True))
+def touched_poses(placed: KeyframesInBase, orientation: str = "demo") -> tuple[Pose, ...]:
+    """The tool's poses of `tool_poses`, each where the demonstration's touch-ups move it."""
+    poses = tool_poses(placed, orientation)
+    if not _touch_ups_of(placed.path):
+        return poses
+    return tuple(Pose(pose.p + by, pose.wxyz) for pose, by in zip(poses, touched_up(placed).shift, strict=True))

@@ -1,57 +1,42 @@
 """Covariance of the tool's pose in base at each keyframe, and the contribution of each calibration part."""
 
-from __future__ import annotations
-
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from pbd.data import Calibration, Keyframe
-from pbd.pose import Array, Pose, quat_rotate, quat_to_matrix, skew
+from pbd.calibration.tool_poses import KeyframesInBase
+from pbd.data import Calibration
+from pbd.pose import Array, quat_rotate, quat_to_matrix, skew
 
 PARTS = ("start", "mount", "tracking")
 
 
-def tool_covariances(
-    keyframes: Sequence[Keyframe], T_base_nav: Pose, calibration: Calibration, scale: float = 1.0
-) -> dict[str, Array]:
+def tool_covariances(placed: KeyframesInBase) -> dict[str, Array]:
     """Covariance (k, 6, 6) in base of the tool's position and rotation vector, m and rad, by PARTS; they add up.
 
     From p_base_tool = t + R (s p + R_k l), with t and R nav in base, p and R_k the sensor in nav, l the tool in sensor
     axes: what is unsure about each of them, to first order. A mount that was never calibrated counts as exact.
-
-    Args:
-        keyframes: k of them.
-        T_base_nav: of `nav_in_base`.
-        calibration: its own scale multiplies `scale`.
-        scale: of the hand's positions.
     """
-    by = _jacobians(keyframes, T_base_nav, calibration, scale)
+    by, calibration = _jacobians(placed), placed.calibration
     of = {
         "start": calibration.cov_start,
         "mount": _of_mount(calibration),
-        "tracking": np.array([keyframe.cov for keyframe in keyframes]),
+        "tracking": np.array([keyframe.cov for keyframe in placed.keyframes]),
     }
     return {part: np.asarray(by[part] @ of[part] @ by[part].transpose(0, 2, 1)) for part in PARTS}
 
 
-def joint_tool_covariance(
-    cov_nav_sensor: Array,
-    keyframes: Sequence[Keyframe],
-    T_base_nav: Pose,
-    calibration: Calibration,
-    scale: float = 1.0,
-) -> Array:
+def joint_tool_covariance(cov_nav_sensor: Array, placed: KeyframesInBase) -> Array:
     """Covariance (6k, 6k) of all tool poses together: the dock and the mount err by the same at each keyframe.
 
     Args:
         cov_nav_sensor: (6k, 6k) of the keyframes, in nav.
-        keyframes: as for `tool_covariances`, and so on.
+        placed: the keyframes.
     """
-    by = _jacobians(keyframes, T_base_nav, calibration, scale)
+    by, calibration = _jacobians(placed), placed.calibration
     start, mount = by["start"].reshape(-1, 6), by["mount"].reshape(-1, 6)
-    k = len(keyframes)
+    k = len(placed.keyframes)
     tracked = np.einsum("iab,ibjc,jdc->iajd", by["tracking"], cov_nav_sensor.reshape(k, 6, k, 6), by["tracking"])
     joint: Array = start @ calibration.cov_start @ start.T + mount @ _of_mount(calibration) @ mount.T
     joint += tracked.reshape(6 * k, 6 * k)
@@ -63,14 +48,12 @@ def _of_mount(calibration: Calibration) -> Array:
     return np.zeros((6, 6)) if cov is None else cov
 
 
-def _jacobians(
-    keyframes: Sequence[Keyframe], T_base_nav: Pose, calibration: Calibration, scale: float
-) -> dict[str, Array]:
+def _jacobians(placed: KeyframesInBase) -> dict[str, Array]:
     """How the tool's pose at each keyframe depends on each part's, (k, 6, 6)."""
-    scale *= calibration.scale
-    R = quat_to_matrix(T_base_nav.wxyz)
-    by = {part: np.zeros((len(keyframes), 6, 6)) for part in PARTS}
-    for k, keyframe in enumerate(keyframes):
+    calibration, R = placed.calibration, quat_to_matrix(placed.T_base_nav.wxyz)
+    scale = placed.scale * calibration.scale
+    by = {part: np.zeros((len(placed.keyframes), 6, 6)) for part in PARTS}
+    for k, keyframe in enumerate(placed.keyframes):
         lever = quat_rotate(keyframe.T_nav_sensor.wxyz, calibration.T_sensor_tool.p)
         from_nav = R @ (scale * keyframe.T_nav_sensor.p + lever)
         by["start"][k] = np.block([[np.eye(3), -skew(from_nav)], [np.zeros((3, 3)), np.eye(3)]])

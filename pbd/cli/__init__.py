@@ -1,7 +1,5 @@
 """The command line: parse, call, print, exit code. The options are in commands/; each command's work in its file."""
 
-from __future__ import annotations
-
 import errno
 import os
 import sys
@@ -9,7 +7,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from importlib import import_module
-from typing import TextIO
+from typing import Any
 
 from pbd.cli.commands import parse, parser
 from pbd.cli.console import say
@@ -68,19 +66,14 @@ def _run(argv: Sequence[str] | None) -> int:
     if getattr(args, "csv", False) and "units" in args:
         args.units = replace(args.units, exact=True)  # rounding is for people's eyes
 
-    def show(
-        message: Warning | str,
-        category: type[Warning],
-        filename: str,
-        lineno: int,
-        file: TextIO | None = None,
-        line: str | None = None,
-    ) -> None:
+    as_usual = warnings.showwarning
+
+    def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
         if issubclass(category, PbdWarning):
             args.warnings.append(str(message))
             say(f"warning: {message}")
         else:
-            print(warnings.formatwarning(message, category, filename, lineno, line), end="", file=sys.stderr)
+            as_usual(message, category, *where, **more)
 
     try:
         with warnings.catch_warnings():

@@ -1,22 +1,19 @@
 """pbd check DEMO...: which of many demonstrations need a look."""
 
-from __future__ import annotations
-
 import argparse
 import math
 import sys
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
 
 from pbd.check_demos import DemoCheck, check_all
 from pbd.cli.steps import print_result
 from pbd.errors import RecordingError, listed
 from pbd.view.terminal_tables import make_table
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from pbd.view.units import Units
+from pbd.view.units import Units
 
 SHOWN = 2
 """Most remarks of one demonstration in the table; --json has all of them."""
@@ -34,7 +31,6 @@ def run(args: argparse.Namespace) -> None:
 def _checked(args: argparse.Namespace) -> tuple[DemoCheck, ...]:
     if not sys.stderr.isatty():
         return check_all(args.demos, args.robot, args.jobs)
-    from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
     columns = ("checking", BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())

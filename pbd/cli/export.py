@@ -1,35 +1,30 @@
 """pbd export [DEMO] --robot R --format F -o FILE."""
 
-from __future__ import annotations
-
 import argparse
 import shutil
 import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
 
 from pbd.cli.console import print_json, say, working
 from pbd.cli.plan_report import moves_json, say_moves, say_torque
 from pbd.cli.steps import plan_demonstration
 from pbd.errors import PbdError, PlanError, UsageError
 from pbd.files.exporters import ALSO, FOLDERS, FOR_SOME, FORMATS, SUFFIXES, Export, check_format, export, export_dataset
+from pbd.files.exporters.lerobot import first_frame, refuse_dataset
+from pbd.files.robot import load_robot
 from pbd.io.atomic import refuse_output
+from pbd.planning import Plan, source_of
 from pbd.view.terminal import is_closed
-
-if TYPE_CHECKING:
-    from pbd.planning import Plan
 
 STDOUT = Path("-")
 
 
 def run(args: argparse.Namespace) -> None:
     """Plan, audit, write."""
-    import numpy as np
-
-    from pbd.files.exporters.lerobot import first_frame, refuse_dataset
-    from pbd.files.robot import load_robot
-
     format_name = _format(args)
     check_format(format_name, args.rate, args.dense, load_robot(args.robot) if format_name in FOR_SOME else None)
     if format_name in FOLDERS:
@@ -106,8 +101,6 @@ def _format(args: argparse.Namespace) -> str:
 
 def _write(args: argparse.Namespace, plans: list[Plan], format_name: str) -> list[Export]:
     """Write the file, or to standard output what the file would hold."""
-    from pbd.planning import source_of
-
     pairs = [(plan.trajectory, source_of(plan)) for plan in plans]
     (trajectory, source), robot = pairs[0], plans[0].robot
     with TemporaryDirectory() as folder:

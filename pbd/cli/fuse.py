@@ -1,35 +1,33 @@
 """pbd fuse TAKE... -o NAME."""
 
-from __future__ import annotations
-
 import argparse
 from dataclasses import replace
-from pathlib import Path
 
 from pbd.cli.calibrate.sensor import sensor_parts
 from pbd.cli.console import print_json, say, working
 from pbd.cli.steps import named_calibration, write_figures
-from pbd.data import Demonstration, HandPath
+from pbd.data import HandPath
 from pbd.data.one_line_repr import counted
 from pbd.errors import UsageError
 from pbd.files.calibration_edit import calibration_file, update_calibration
 from pbd.files.demo import demo_folder, load_demo, refuse_demo_folder, utc_now, write_demo
+from pbd.fusion.calibration import device_errors
+from pbd.fusion.tables import fusion_rows, fusion_table, takes_table
+from pbd.pipeline import fused_demo, track
+from pbd.view.terminal_tables import print_csv, print_table
 
 
 def run(args: argparse.Namespace) -> None:
     """Fuse, store, and say what was matched."""
-    from pbd.fusion.calibration import device_errors
-    from pbd.fusion.tables import fusion_rows, fusion_table, takes_table
-    from pbd.pipeline import fused_demo, track
-    from pbd.view.terminal_tables import print_csv, print_table
-
     folder = demo_folder(args.output)
     refuse_demo_folder(folder, args.force)
     with working("reading the takes"):
         takes = [load_demo(name) for name in args.takes]
     if len(takes) == 1 and not takes[0].takes:
         raise UsageError("name two takes or more; one alone is a demonstration already")
-    demo = _named(fused_demo(takes), folder)
+    demo = fused_demo(takes)
+    info = replace(demo.recording.info, name=folder.name, created=utc_now())
+    demo = replace(demo, recording=replace(demo.recording, info=info))
     calibration = named_calibration(args)
     with working(f"fusing {len(demo.takes)} takes"):
         path = track(demo, calibration=calibration, accept_gap=args.accept_gap)
@@ -61,11 +59,6 @@ def run(args: argparse.Namespace) -> None:
     print_table(takes_table(fusion, args.units))
     print()
     return print_table(fusion_table(path, args.units))
-
-
-def _named(demo: Demonstration, folder: Path) -> Demonstration:
-    info = replace(demo.recording.info, name=folder.name, created=utc_now())
-    return replace(demo, recording=replace(demo.recording, info=info))
 
 
 def _plots(args: argparse.Namespace, path: HandPath) -> list[str]:

@@ -1,7 +1,5 @@
 """pbd keyframes [DEMO]."""
 
-from __future__ import annotations
-
 import argparse
 import math
 from collections.abc import Sequence
@@ -12,9 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from pbd.calibration.dock import nav_in_base
+from pbd.calibration.dock import in_base
 from pbd.calibration.success_probability import Success, success_of
-from pbd.calibration.tool_poses import tool_poses
 from pbd.calibration.touch_up import touched_poses
 from pbd.calibration.uncertainty import base_sigmas, tool_covariances
 from pbd.cli.console import print_json, say
@@ -24,6 +21,9 @@ from pbd.data.covariance import keyframe_sigmas
 from pbd.data.keyframe import thing_carriers
 from pbd.errors import RecordingError, UsageError, listed
 from pbd.files.keyframes import NAME, write_keyframes
+from pbd.planning import load_arm, solve_keyframes
+from pbd.planning.object_frames import things
+from pbd.planning.options import PlanOptions, dwells
 from pbd.pose import Array, Pose
 from pbd.view.calibration_tables import base_table
 from pbd.view.terminal_tables import joints_table, keyframes_table, print_csv, print_table
@@ -33,8 +33,6 @@ Rows = list[dict[str, Any]]
 
 def run(args: argparse.Namespace) -> None:
     """Track, map where a robot is named, and print."""
-    from pbd.planning import load_arm
-
     demo = load_demonstration(args.demo)
     if args.save and args.force:
         demo = replace(demo, keyframes=None)
@@ -47,7 +45,7 @@ def run(args: argparse.Namespace) -> None:
         keyframes = _saved(args, demo, keyframes)
     sigmas = keyframe_sigmas([keyframe.cov for keyframe in keyframes])
     rows = [_row(index, keyframe, sigma) for index, (keyframe, sigma) in enumerate(zip(keyframes, sigmas, strict=True))]
-    in_base = bool(args.calibration) and calibration is not None and _add_base(args, rows, path, keyframes, calibration)
+    placed = bool(args.calibration) and calibration is not None and _add_base(args, rows, path, keyframes, calibration)
     if robot is not None and calibration is not None:
         _add_joints(args, rows, path, keyframes, robot, calibration)
     inside = _success(args, path, keyframes, calibration)
@@ -63,7 +61,7 @@ def run(args: argparse.Namespace) -> None:
     if args.csv:
         return print_csv(table, *([joints_table(names, rows, args.units)] if names else []))
     print_table(table)
-    if in_base:
+    if placed:
         print("\nuncertainty of the tool in base, one sigma; right columns: by source (rms over axes)")
         print_table(base_table(rows))
     if inside is not None:
@@ -84,20 +82,18 @@ def _success(
         return None
     if calibration is None:
         raise UsageError("--tolerance is about the robot's tool: name the robot (--robot), or a calibration")
-    T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
+    placed = in_base(keyframes, calibration, args.scale, path)
     if args.tolerance is None:
-        return success_of(path, keyframes, T_base_nav, calibration, args.scale)
+        return success_of(placed)
     within_m, *within_deg = args.tolerance
     if within_m <= 0.0 or len(within_deg) > 1 or min(within_deg, default=1.0) <= 0.0:
         raise UsageError("--tolerance takes METRES, or METRES DEGREES, above zero")
     within_rad = math.radians(within_deg[0]) if within_deg else math.inf
-    return success_of(path, keyframes, T_base_nav, calibration, args.scale, within_m, within_rad)
+    return success_of(placed, within_m, within_rad)
 
 
 def _things(keyframes: tuple[Keyframe, ...], rows: Rows) -> list[dict[str, Any]]:
     """Things that keyframes belong to, and where each was shown: the tool in base at the first of them."""
-    from pbd.planning.object_frames import things
-
     return [
         {"name": name, "keyframes": list(members), "base_position_m": rows[members[0]].get("base_position_m")}
         for name, members in things(keyframes).items()
@@ -145,8 +141,6 @@ def _saved(args: argparse.Namespace, demo: Demonstration, keyframes: tuple[Keyfr
 
 def save_keyframes(args: argparse.Namespace, demo: Demonstration, keyframes: tuple[Keyframe, ...]) -> Path:
     """Write keyframes.toml for a person to edit, and return its path."""
-    from pbd.planning.options import PlanOptions, dwells
-
     source = demo.folder or args.demo
     if demo.bundled:
         what = f"{source} is bundled, so nothing is saved there; copy it under another name, without 'bundled = true'"
@@ -154,6 +148,9 @@ def save_keyframes(args: argparse.Namespace, demo: Demonstration, keyframes: tup
     if demo.folder is None:
         what = f"{source} is no demonstration folder, so nothing is saved there; `pbd import` it first"
         raise RecordingError(what, path=source)
+    if demo.keyframes is None and not args.force and (demo.folder / NAME).exists():
+        what = f"another command wrote {demo.folder / NAME} meanwhile, so nothing is saved; run this one again"
+        raise RecordingError(what, path=demo.folder / NAME)
     inner = (keyframes[0], *keyframes, keyframes[-1])  # there is no stay at the ends, but one may be inserted beyond
     stays = dwells(inner, PlanOptions(time=args.time, dwell_s=args.dwell))[1:-1]
     magnetic = demo.recording.mag is not None
@@ -168,11 +165,9 @@ def _add_base(
     """Add the tool's position in base and how sure it is; False where the calibration has no dock and no nav."""
     if not calibration.knows_start:
         return False
-    T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
-    parts = tool_covariances(keyframes, T_base_nav, calibration, args.scale)
-    poses = tool_poses(keyframes, T_base_nav, calibration, args.scale, args.orientation)
-    poses = touched_poses(path, keyframes, poses, T_base_nav, calibration, args.scale)
-    for row, pose, sigma in zip(rows, poses, base_sigmas(parts), strict=True):
+    placed = in_base(keyframes, calibration, args.scale, path)
+    sigmas = base_sigmas(tool_covariances(placed))
+    for row, pose, sigma in zip(rows, touched_poses(placed, args.orientation), sigmas, strict=True):
         row |= _pose(pose) | sigma
     return True
 
@@ -185,8 +180,6 @@ def _add_joints(
     robot: Robot,
     calibration: Calibration,
 ) -> None:
-    from pbd.planning import solve_keyframes
-
     poses, joints, off_rad = solve_keyframes(robot, keyframes, calibration, plan_options(args, robot), path)
     for row, pose, q, off in zip(rows, poses, joints, off_rad, strict=True):
         row |= _pose(pose) | {"joints": q}

@@ -142,21 +142,9 @@ def add_planning(
     option("--path-tolerance", type=positive, metavar="METRES", help=tolerance)
     pace = "as fast as the limits allow, or at the hand's own pace where they allow it (limits)"
     option("--time", choices=("limits", "demo"), default="limits", help=pace)
-    option(
-        "--speed",
-        type=within(0.01, 1.0),
-        default=1.0,
-        metavar="F",
-        help="share of the joints' limits, up to 1 (1)",
-    )
+    option("--speed", type=within(0.01, 1.0), default=1.0, metavar="F", help="share of the joints' limits, up to 1 (1)")
     margin = "share of those limits that is left for the controller, 0 to 50 (5)"
-    option(
-        "--margin",
-        type=within(0.0, 50.0),
-        default=5.0,
-        metavar="PERCENT",
-        help=margin,
-    )
+    option("--margin", type=within(0.0, 50.0), default=5.0, metavar="PERCENT", help=margin)
     dwell = "longest stay at a keyframe, s (0.5; the hand's own with --time demo; what an edited keyframes.toml says)"
     option("--dwell", type=not_negative, metavar="S", help=dwell)
     if measured:

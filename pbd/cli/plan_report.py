@@ -1,16 +1,11 @@
 """Report of a plan's moves, for people and for programs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pbd.cli.console import say, working
 from pbd.data import Load
-
-if TYPE_CHECKING:
-    from pbd.planning import Plan
-
+from pbd.planning import Plan, can_plan
 
 STRAY_M = 0.01
 """Distance of the tool from a straight line, m, from which on it is reported."""
@@ -18,8 +13,6 @@ STRAY_M = 0.01
 
 def say_moves(plan: Plan) -> None:
     """Say where a straight move is barred, or the tool strays from a straight line, and what keeps it there."""
-    from pbd.planning import can_plan
-
     for i, way in enumerate(plan.segments):
         if (hit := way.avoided) is not None and way.kind != "detour":  # planning has told those
             how = "as the hand went" if way.kind == "demo" else "along a line"

@@ -1,7 +1,5 @@
 """pbd plot [DEMO ...]."""
 
-from __future__ import annotations
-
 import argparse
 import warnings
 from dataclasses import replace

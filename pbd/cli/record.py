@@ -1,7 +1,5 @@
 """pbd record [NAME]."""
 
-from __future__ import annotations
-
 import argparse
 import errno
 import os
@@ -16,14 +14,14 @@ from pbd.cli.console import print_json, say
 from pbd.cli.recording.device import find_sensor
 from pbd.cli.recording.keys import Keys, Person
 from pbd.cli.recording.screen import PanelScreen, PlainScreen
-from pbd.cli.recording.simulated import Poll, Show, SimulatedHand, simulated_hand
-from pbd.cli.steps import decoder_maker
+from pbd.cli.recording.simulated import Show, SimulatedHand, simulated_hand
+from pbd.cli.steps import decoder_maker, refuse_columns
 from pbd.data import SensorErrors
 from pbd.errors import UsageError, warn
 from pbd.files.calibration import load_calibration
 from pbd.files.demo import demo_folder, refuse_demo_folder, utc_now
 from pbd.record import Outcome, RecordOptions, record
-from pbd.record.loop import SCREEN_EVERY_S
+from pbd.record.loop import SCREEN_EVERY_S, Poll
 from pbd.record.values import FEWEST_STOPS
 
 SIMULATED = "sim"
@@ -67,7 +65,7 @@ def run(args: argparse.Namespace) -> None:
         title = f"recording {folder} from {sensor}"
         panel = keys.terminal and sys.stderr.isatty()
         screen: PanelScreen | PlainScreen = PanelScreen(title, options.tolerance_m) if panel else PlainScreen(title)
-        poll: Poll = Person(keys, screen)
+        poll: Poll = Person(keys, screen.ask)
         show: Show = screen.show
         every_s, live = SCREEN_EVERY_S, None
         if view is not None:
@@ -130,6 +128,7 @@ def _simulated(args: argparse.Namespace, stack: ExitStack) -> SimulatedHand | No
         return None
     if args.port or args.baud or args.rate:
         raise UsageError("a simulated sensor has no port, baud or rate to choose; leave out --port, --baud, --rate")
+    refuse_columns(args, kind)
     return simulated_hand(task, stack)
 
 

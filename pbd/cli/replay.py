@@ -1,7 +1,5 @@
 """pbd replay [DEMO] --robot R."""
 
-from __future__ import annotations
-
 import argparse
 import math
 

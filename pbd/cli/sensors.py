@@ -1,7 +1,5 @@
 """pbd sensors."""
 
-from __future__ import annotations
-
 import argparse
 
 from pbd.cli.console import listening, print_json
@@ -9,7 +7,7 @@ from pbd.errors import SensorError
 from pbd.sensors import port as serial_port
 from pbd.sensors.probe import FIRST_BAUD, LONGEST_PROBE_S, Found, probe
 from pbd.sensors.protocols import PROTOCOLS
-from pbd.view.terminal_tables import ports_table, print_csv, print_table, sensors_table
+from pbd.view.terminal_tables import ports_table, print_csv, print_table, words_table
 
 
 def run(args: argparse.Namespace) -> None:
@@ -46,7 +44,7 @@ def run(args: argparse.Namespace) -> None:
     else:
         print("no serial port has anything plugged in; try one without hardware: pbd record tea --sensor sim")
     print()
-    return show(sensors_table(kinds))
+    return show(words_table(("--sensor", "device", "gives"), (kind.values() for kind in kinds)))
 
 
 def _note(found: Found) -> str:

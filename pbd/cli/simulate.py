@@ -1,7 +1,5 @@
 """pbd simulate TASK NAME."""
 
-from __future__ import annotations
-
 import argparse
 import shlex
 

@@ -16,6 +16,8 @@ from pbd.errors import SensorError, UsageError
 from pbd.files.calibration import load_calibration
 from pbd.files.demo import demo_folder, load_demo, newest_demo, utc_now, write_demo
 from pbd.files.points import Points, points_csv
+from pbd.io.atomic import atomic_files
+from pbd.io.opening import read_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -152,7 +154,6 @@ def print_result(args: argparse.Namespace, result: dict[str, Any], table: Table)
 
 def write_figures(folder: Path, format_name: str, names: Collection[str], draw: Callable[[str], Figure]) -> list[str]:
     """Draw figures into files, all of them or none, and say where they are."""
-    from pbd.io.atomic import atomic_files
     from pbd.plots.style import write
 
     files = [f"{name}.{format_name}" for name in names]
@@ -162,6 +163,14 @@ def write_figures(folder: Path, format_name: str, names: Collection[str], draw: 
                 write(draw(name), stream, format_name)
     say(f"wrote {len(files)} files into {folder}")
     return [str(folder / file) for file in files]
+
+
+def refuse_columns(args: argparse.Namespace, sensor: str) -> None:
+    """Refuse what describes a line of numbers (of `add_lines`) for a sensor that prints none."""
+    given = args.columns or args.separator != "," or args.prefix or args.wrap is not None
+    if given and sensor != "lines":
+        what = f"--columns, --separator, --prefix and --wrap are for --sensor lines; leave them out for {sensor}"
+        raise UsageError(what, value=sensor)
 
 
 def decoder_maker(
@@ -179,12 +188,12 @@ def decoder_maker(
         UsageError: the sensor is unknown, or its lines are not described, or wrongly.
         SensorError: the TOML file describes them wrongly.
     """
-    from pbd.io.opening import read_text
     from pbd.sensors.line_layout import layout_from_options, layout_from_toml, units_from_options
     from pbd.sensors.lines import LineDecoder
     from pbd.sensors.protocols import protocol
     from pbd.sensors.razor import razor_layout
 
+    refuse_columns(args, sensor)
     if sensor not in ("lines", "razor"):
         return protocol(sensor, also).decoder
     if not args.columns and sensor == "lines":

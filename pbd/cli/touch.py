@@ -1,31 +1,25 @@
 """pbd touch DEMO KEYFRAME: the arm was tried there and was off; the others move with it as far as they err together."""
 
-from __future__ import annotations
-
 import argparse
-from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+from rich.table import Table
 
-from pbd.calibration.dock import nav_in_base
-from pbd.calibration.tool_poses import tool_poses
+from pbd.calibration.dock import in_base
+from pbd.calibration.tool_poses import KeyframesInBase, tool_poses
 from pbd.calibration.touch_up import TouchedUp, touched_up
 from pbd.cli.console import say
 from pbd.cli.keyframes import save_keyframes
 from pbd.cli.steps import load_demonstration, print_result, track_demonstration
-from pbd.data import Calibration, HandPath, Keyframe, TouchUp
+from pbd.data import TouchUp
 from pbd.errors import RecordingError, UsageError, warn
-from pbd.files.keyframes import LARGEST_NUDGE_M, NAME
+from pbd.files.keyframes import LARGEST_NUDGE_M, NAME, read_touch_ups
 from pbd.files.keyframes_edit import add_touch_up, undo_touch_up
+from pbd.planning import load_arm
 from pbd.plots.findings import OFF_SIGMAS
-from pbd.pose import Array, Pose, quat_inverse, quat_rotate
+from pbd.pose import Array, quat_inverse, quat_rotate
 from pbd.view.terminal_tables import make_table
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from pbd.view.units import Units
+from pbd.view.units import Units
 
 HARDLY_M = 0.0005
 """Where no other keyframe moves farther, m, it is told: their errors have little in common."""
@@ -37,75 +31,50 @@ def run(args: argparse.Namespace) -> None:
         raise UsageError("name the keyframe, and how far its tool is off (--by, --at); or --undo alone")
     if not args.undo and (args.by is None) == (args.at is None):
         raise UsageError("say where the tool belongs: --by X Y Z from where it is, or --at X Y Z in base")
-    from pbd.planning import load_arm
-
     demo = load_demonstration(args.demo)
     _, calibration = load_arm(args.robot, args.calibration)
     path, keyframes = track_demonstration(demo, "default", calibration, args.accept_gap)
-    base = _Base(path, keyframes, calibration)
-    before = base.touched(demo.touch_ups)
-    if args.undo:
-        touch_ups = _without_last(demo.touch_ups)
-    else:
-        by_base = _asked(args, base, before)
-        by_nav = quat_rotate(quat_inverse(base.T_base_nav.wxyz), by_base)
+    placed = in_base(keyframes, calibration, path=path)
+    before = touched_up(placed)
+    if args.undo and all(each.undone for each in demo.touch_ups):
+        raise RecordingError("there is no touch-up to undo; `pbd touch DEMO KEYFRAME --by X Y Z` makes one")
+    if not args.undo:
+        by_base = _asked(args, placed, before)
+        by_nav = quat_rotate(quat_inverse(placed.T_base_nav.wxyz), by_base)
         if not np.abs(by_nav).max() <= LARGEST_NUDGE_M:  # the file could not be read again
             raise RecordingError(
                 f"that is {np.linalg.norm(by_base):.2f} m away, and a touch-up may be {LARGEST_NUDGE_M} m along each "
                 "of nav's axes; --by and --at are in metres: correct them"
             )
-        touch_ups = (*demo.touch_ups, TouchUp(keyframes[args.keyframe].t, by_nav, args.only))
-    if demo.keyframes is None:
-        save_keyframes(args, demo, keyframes)
-    file = demo.folder / NAME if demo.folder else None
-    if file is None:
-        raise RecordingError(
-            f"{args.demo} is no demonstration folder, so nothing is saved there; `pbd import` it first"
-        )
+        added = TouchUp(keyframes[args.keyframe].t, by_nav, args.only)
+    if demo.keyframes is None or demo.folder is None:
+        file = save_keyframes(args, demo, keyframes)
+    else:
+        file = demo.folder / NAME
     if args.undo:
         undo_touch_up(file)
     else:
-        add_touch_up(file, touch_ups[-1])
-    after = base.touched(touch_ups)
-    _tell(args, base, before, after)
+        add_touch_up(file, added)
+    after = touched_up(placed, read_touch_ups(file) if args.undo else (*demo.touch_ups, added))
+    _tell(args, placed, before, after)
     undo = f"; `pbd touch {args.demo} --robot {args.robot} --undo` takes it back"
     done, back = ("undone", "") if args.undo else ("added", undo)
     say(f"{done} in {file}, which the arm follows from now on{back}")
 
 
-class _Base:
-    """The tool at all keyframes in a robot's base."""
-
-    def __init__(self, path: HandPath, keyframes: tuple[Keyframe, ...], calibration: Calibration) -> None:
-        self.keyframes = keyframes
-        self.T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
-        self.poses: tuple[Pose, ...] = tool_poses(keyframes, self.T_base_nav, calibration)
-        self._path, self._calibration = path, calibration
-
-    def touched(self, touch_ups: tuple[TouchUp, ...]) -> TouchedUp:
-        return touched_up(self._path, self.keyframes, self.T_base_nav, self._calibration, touch_ups=touch_ups)
-
-
-def _without_last(touch_ups: tuple[TouchUp, ...]) -> tuple[TouchUp, ...]:
-    for i in reversed(range(len(touch_ups))):
-        if not touch_ups[i].undone:
-            return (*touch_ups[:i], replace(touch_ups[i], undone=True), *touch_ups[i + 1 :])
-    raise RecordingError("there is no touch-up to undo; `pbd touch DEMO KEYFRAME --by X Y Z` makes one")
-
-
-def _asked(args: argparse.Namespace, base: _Base, before: TouchedUp) -> Array:
+def _asked(args: argparse.Namespace, placed: KeyframesInBase, before: TouchedUp) -> Array:
     """How far the tool is to go, (3,) m in base."""
-    count = len(base.keyframes)
+    count = len(placed.keyframes)
     if not 0 <= args.keyframe < count:
         raise RecordingError(f"there is no keyframe {args.keyframe}; they are 0 to {count - 1}", value=args.keyframe)
-    pose = base.poses[args.keyframe]
+    pose = tool_poses(placed)[args.keyframe]
     if args.at is not None:
         return np.asarray(np.array(args.at) - pose.p - before.shift[args.keyframe])
     return np.asarray(quat_rotate(pose.wxyz, np.array(args.by)) if args.tool else np.array(args.by))
 
 
-def _tell(args: argparse.Namespace, base: _Base, before: TouchedUp, after: TouchedUp) -> None:
-    p = np.array([pose.p for pose in base.poses])
+def _tell(args: argparse.Namespace, placed: KeyframesInBase, before: TouchedUp, after: TouchedUp) -> None:
+    p = np.array([pose.p for pose in tool_poses(placed)])
     start, end = p + before.shift, p + after.shift
     old, new = (np.sqrt(np.diagonal(each.cov).reshape(-1, 6)[:, :3].max(axis=1)) for each in (before, after))
     names = ("index", "from_m", "to_m", "sigma_before_m", "sigma_m")

@@ -1,7 +1,5 @@
 """A demonstration's folder: demo.toml, imu.csv and, optionally, truth.csv and keyframes.toml."""
 
-from __future__ import annotations
-
 import fcntl
 import os
 from collections.abc import Mapping, Sequence
@@ -18,7 +16,7 @@ from pbd.data import Contact, Demonstration, GraspedObject, GripEvent, Place, Re
 from pbd.errors import RecordingError
 from pbd.files import keyframes
 from pbd.files.find_by_name import find
-from pbd.files.imu_columns import CHANNELS, compass_angles, device_rpy
+from pbd.files.imu_columns import ACC, CHANNELS, compass_angles, device_rpy
 from pbd.files.table import Table, read_table, write_table
 from pbd.io.atomic import atomic_folder, is_file, is_folder, may_write, refuse_folder
 from pbd.io.toml import Section, read_toml
@@ -235,13 +233,12 @@ def _without_none(**values: Any) -> dict[str, Any]:
 def _read_recording(table: Table, grip: tuple[GripEvent, ...], info: RecordingInfo) -> Recording:
     def channel(name: str) -> Array | None:
         columns, _ = CHANNELS[name]
-        return table.columns(*columns) if set(columns) & {*table.header} or name == "acc" else None
+        return table.columns(*columns) if set(columns) & {*table.header} else None
 
-    acc, device = channel("acc"), channel("device")
-    assert acc is not None
+    device = channel("device")
     return Recording(
         t=table.columns("t")[:, 0],
-        acc=acc,
+        acc=table.columns(*ACC),
         gyr=channel("gyr"),
         mag=channel("mag"),
         device_rpy=None if device is None else device_rpy(device),

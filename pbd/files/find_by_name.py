@@ -1,7 +1,5 @@
 """Look up robots, calibrations and demonstrations by name: the user's own folder first, then the bundled ones."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 
@@ -37,6 +35,8 @@ def find(kind: str, name: str, suffix: str, error: type[PbdError]) -> Path:
     given = Path(os.path.expanduser(name))  # noqa: PTH111 (pathlib's raises where there is no such user)
     if exists(given) and not (suffix and is_folder(given)):
         return given
+    if not suffix and is_folder(Path(kind) / name):
+        return Path(kind) / name  # which is no demonstration: reading it says what it lacks
     valid = names(kind, suffix)
     what = {"demos": "demonstration", "robots": "robot"}.get(kind, kind)
     known = f"known are {', '.join(valid)}{nearest(name, valid)}" if valid else f"none is known; put one into ./{kind}"

@@ -1,7 +1,5 @@
 """The calibration of an arm's servos, as LeRobot writes it: a JSON object, for each joint one of five integers."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Mapping, Sequence
@@ -18,7 +16,6 @@ COUNTS = 4096
 
 LARGEST_OFFSET = 2047
 """Largest homing offset that the servo can hold, counts either way."""
-
 
 SHARED_TYPE = "so_follower"
 """LeRobot's name for both arms since 0.5."""

@@ -1,7 +1,5 @@
 """Tables of numbers in text: a header line, then rows. Errors name line and column."""
 
-from __future__ import annotations
-
 import csv
 import re
 import warnings
@@ -235,6 +233,8 @@ def open_sheet(
     first, body = lines[above], "\n".join(lines[above + 1 + skipped :])
     if not first.strip():
         raise error(f"{path}: the file is empty; it needs a header line and rows of numbers", path=path)
+    if "\0" in first:
+        raise error(f"{path}: can't be read as text (NUL bytes, as a crash may leave); give a CSV file", path=path)
     if not body.strip():
         raise error(f"{path}: a header but no rows; record again", path=path)
     delimiter = max(",;\t", key=first.count)

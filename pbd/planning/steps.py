@@ -6,8 +6,7 @@ from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
-from pbd.calibration.dock import nav_in_base
-from pbd.calibration.tool_poses import tool_poses
+from pbd.calibration.dock import in_base
 from pbd.calibration.touch_up import touched_poses
 from pbd.data import Calibration, GraspedObject, HandPath, Keyframe, Robot
 from pbd.errors import CalibrationError
@@ -89,10 +88,8 @@ def place(
             "choose another, or add the robot to it",
             value=arm.robot.name,
         )
-    T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
-    T_base_tool = tool_poses(keyframes, T_base_nav, calibration, options.scale, options.orientation)
-    T_base_tool = touched_poses(path, keyframes, T_base_tool, T_base_nav, calibration, options.scale)
-    return T_base_nav, place_things(T_base_tool, keyframes, options.at)
+    placed = in_base(keyframes, calibration, options.scale, path)
+    return placed.T_base_nav, place_things(touched_poses(placed, options.orientation), keyframes, options.at)
 
 
 @lru_cache(maxsize=8)

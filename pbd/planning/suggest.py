@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pbd.calibration.dock import nav_in_base
+from pbd.calibration.dock import in_base
 from pbd.calibration.tool_poses import tool_poses
 from pbd.data import Calibration, GraspedObject, Keyframe, Robot
 from pbd.errors import PbdError, PbdWarning, RobotError
@@ -276,4 +276,4 @@ def _homes(
 
 
 def _tool(dock: Calibration, keyframes: Sequence[Keyframe]) -> tuple[Pose, ...]:
-    return tool_poses(keyframes, nav_in_base(dock, keyframes[0].T_nav_sensor.wxyz), dock, 1.0, "demo")
+    return tool_poses(in_base(keyframes, dock))

@@ -1,7 +1,5 @@
 """Compare several demonstrations of one task: align them, match their keyframes, compute the spread."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,15 +10,7 @@ from rich.table import Table
 
 from pbd.data import HandPath, Keyframe
 from pbd.fusion.matching import Keyframes, by_moves
-from pbd.pose import (
-    Array,
-    Pose,
-    level_onto,
-    quat_inverse,
-    quat_log,
-    quat_multiply,
-    quat_to_matrix,
-)
+from pbd.pose import Array, Pose, level_onto, quat_inverse, quat_log, quat_multiply, quat_to_matrix
 from pbd.tracking.smoother.attitude import mean_quaternion
 from pbd.view.terminal_tables import make_table
 from pbd.view.units import Units

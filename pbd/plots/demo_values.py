@@ -1,7 +1,5 @@
 """Values for the plots of one demonstration."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -117,8 +115,7 @@ class DemoPlot:
         ends = self.path.t[[row for stop in self.path.stops for row in (stop.start, stop.stop - 1)]]
         variances = np.repeat(np.diagonal(self.path.cov, axis1=1, axis2=2), 2, axis=0)
         along = [np.interp(self.path.t, ends, v, left=np.nan, right=np.nan) for v in variances.T]
-        sigma: Array = np.sqrt(np.column_stack(along))
-        return sigma
+        return np.asarray(np.sqrt(np.column_stack(along)))
 
     def is_known(self, keyframe: Keyframe) -> bool:
         """Whether something was known of its stop, and used."""
@@ -192,8 +189,7 @@ def _field(mag: Array, path: HandPath, first_rest: slice) -> FieldPlot:
 
 def _dip(field_nav: Array) -> Array:
     x, y, z = field_nav.T
-    dip: Array = np.arctan2(-z, np.hypot(x, y))
-    return dip
+    return np.asarray(np.arctan2(-z, np.hypot(x, y)))
 
 
 def _facts(

@@ -1,7 +1,5 @@
 """The plots of one demonstration: the paper's figures 5 to 10 for it, ours, and a summary."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -18,21 +16,7 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 from pbd.plots import panels
 from pbd.plots.demo_values import DemoPlot
 from pbd.plots.space import YX, YZ, number, number_3d, path_3d, path_view
-from pbd.plots.style import (
-    AXES_RGB,
-    CHECK,
-    GREY,
-    INK,
-    PALE,
-    SIGMA,
-    VERMILION,
-    legend,
-    mark,
-    marks,
-    plain,
-    sheet,
-    style,
-)
+from pbd.plots.style import AXES_RGB, CHECK, GREY, INK, PALE, SIGMA, VERMILION, legend, mark, marks, plain, sheet, style
 
 Panel = Callable[[Axes, DemoPlot], None]
 

@@ -1,7 +1,5 @@
 """Findings: what a person should look at in a demonstration, in words and with its time."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -196,8 +194,7 @@ def _trembles(path: HandPath, a_nav: Array, n: int) -> NDArray[np.bool_]:
     to_and_fro = steady < TREMBLE_MEAN * uniform_filter1d(squares, n, origin=ahead)
     # All the time: being set down is one bump.
     least = minimum_filter1d(uniform_filter1d(squares, max(n // 2, 1)), n, origin=ahead)
-    trembles: NDArray[np.bool_] = (reach <= 1.0).all(axis=1) & (least > TREMBLE_RMS**2) & to_and_fro
-    return trembles
+    return np.asarray((reach <= 1.0).all(axis=1) & (least > TREMBLE_RMS**2) & to_and_fro)
 
 
 def _unsure_moves(path: HandPath, names: Sequence[str]) -> list[Finding]:

@@ -1,7 +1,5 @@
 """Paths in space: in perspective, and seen along an axis. All axes of a picture have one scale."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -77,8 +75,7 @@ def path_3d(ax: Axes3D, plot: DemoPlot) -> tuple[Array, Array]:
 
 def _strokes(begins: Array, ends: Array) -> Array:
     """One line (3 k, 3) that draws k strokes, without what lies between them."""
-    strokes: Array = np.stack((begins, ends, np.full_like(begins, np.nan)), axis=1).reshape(-1, 3)
-    return strokes
+    return np.stack((begins, ends, np.full_like(begins, np.nan)), axis=1).reshape(-1, 3)
 
 
 def _paths(plot: DemoPlot) -> tuple[Array, list[Array]]:
@@ -155,8 +152,7 @@ def ellipse(centre: Array, cov: Array) -> Array:
     values, vectors = np.linalg.eigh(cov)
     angle = np.linspace(0.0, 2.0 * np.pi, 61)
     circle = np.stack((np.cos(angle), np.sin(angle)))
-    outline: Array = centre + (2.0 * vectors @ (np.sqrt(np.maximum(values, 0.0))[:, None] * circle)).T
-    return outline
+    return np.asarray(centre + (2.0 * vectors @ (np.sqrt(np.maximum(values, 0.0))[:, None] * circle)).T)
 
 
 # --- numbers beside places ---
@@ -237,5 +233,4 @@ def _ranges(numbers: Sequence[int]) -> str:
 
 def _inside(places: Array, low: Array, high: Array) -> Array:
     """How many places (m, 2) lie in each box (b, 2)."""
-    inside: Array = ((places > low[:, None]) & (places < high[:, None])).all(axis=2).sum(axis=1).astype(np.float64)
-    return inside
+    return np.asarray(((places > low[:, None]) & (places < high[:, None])).all(axis=2).sum(axis=1).astype(np.float64))

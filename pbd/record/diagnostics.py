@@ -4,8 +4,6 @@ A saturated axis, a dead one, a gyro or magnetometer that says nothing, a sensor
 is what `pbd.tracking` finds in a finished recording (saturation.py, channel_faults.py), here in its last seconds.
 """
 
-from __future__ import annotations
-
 from collections import deque
 
 import numpy as np
@@ -14,7 +12,7 @@ from pbd.data import GRAVITY, Recording
 from pbd.pose import Array
 from pbd.sensors.decoding import Sample
 from pbd.tracking.repair.channel_faults import LIVE_SHARE, SENSOR_NAMES, STUCK_S, stuck_axes
-from pbd.tracking.repair.saturation import TOP_TOLERANCE, Clip, clips_of
+from pbd.tracking.repair.saturation import TOP_TOLERANCE, clips_of
 
 CHECK_EVERY_S = 0.25
 """s between two checks of the latest samples."""
@@ -65,7 +63,8 @@ class Diagnostics:
         """Axes that reached the end of their range since then. A peak below an earlier one is not clipped."""
         flaws: dict[str, str] = {}
         for clip in clips_of(window):
-            side, reading = (clip.sensor, clip.axis, clip.sign), _reading(window, clip)
+            side = clip.sensor, clip.axis, clip.sign
+            reading = abs(float(getattr(window, clip.sensor)[clip.start, clip.axis]))
             if reading >= self._largest.get(side, 0.0) * (1.0 - TOP_TOLERANCE) and window.t[clip.stop - 1] > since:
                 shown = f"{reading / GRAVITY:.3g} g" if clip.sensor == "acc" else f"{np.degrees(reading):.0f} deg/s"
                 axis = f"{'xyz'[clip.axis]} axis of the {SENSOR_NAMES[clip.sensor]}"
@@ -125,7 +124,3 @@ def _changes(values: Array) -> bool:
 
 def _motion(window: Recording) -> list[tuple[str, Array]]:
     return [(name, values) for name in SENSOR_NAMES if (values := getattr(window, name)) is not None]
-
-
-def _reading(window: Recording, clip: Clip) -> float:
-    return abs(float(getattr(window, clip.sensor)[clip.start, clip.axis]))

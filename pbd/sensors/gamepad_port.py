@@ -1,7 +1,5 @@
 """A gamepad's input devices as a port: its motion sensors, and the buttons of the same pad, in one stream of events."""
 
-from __future__ import annotations
-
 import fcntl
 import os
 import re
@@ -89,7 +87,7 @@ class GamepadPort(Source):
             for fd in select.select(self._fds, (), (), 0.0 if data else READ_TIMEOUT_S)[0]:
                 if not (read := os.read(fd, MOST_AT_ONCE)):
                     raise OSError("end of file")
-                events = _events(read)
+                events = list(EVENT.iter_unpack(read[: len(read) // EVENT.size * EVENT.size]))
                 if fd != self._motion:  # the sticks have the same axes
                     data += b"".join(event(*each[2:]) for each in events if each[2] == EV_KEY)
                     continue
@@ -159,10 +157,6 @@ def open_gamepad(device: str | None) -> GamepadPort:
     """Open a pad: the device of its motion sensors, or the only one."""
     device = device or only_gamepad()
     return GamepadPort(device, find_gamepads().get(device, ("", None))[1])
-
-
-def _events(read: bytes) -> list[tuple[int, ...]]:
-    return list(EVENT.iter_unpack(read[: len(read) // EVENT.size * EVENT.size]))
 
 
 def _opened(device: str) -> int:

@@ -1,7 +1,5 @@
 """Serial ports: the only place that imports pyserial."""
 
-from __future__ import annotations
-
 import errno
 import grp
 import os
@@ -129,17 +127,11 @@ def _why(device: str, baud: int, reason: Exception, what: str) -> str:
 
 def _permission(device: str) -> str:
     """Who may use it, and how to become one of them."""
-    status = Path(device).stat()
+    status, user = Path(device).stat(), os.environ.get("USER", "$USER")
     try:
         group = grp.getgrgid(status.st_gid).gr_name
     except KeyError:
         group = str(status.st_gid)
     if group == "root" or not status.st_mode & stat.S_IWGRP:
-        return f"only its owner may use it; give it to yourself with `sudo chown {_user()} {device}`"
-    return (
-        f"it belongs to the group '{group}'; add yourself with `sudo usermod -aG {group} {_user()}`, then log in again"
-    )
-
-
-def _user() -> str:
-    return os.environ.get("USER", "$USER")
+        return f"only its owner may use it; give it to yourself with `sudo chown {user} {device}`"
+    return f"it belongs to the group '{group}'; add yourself with `sudo usermod -aG {group} {user}`, then log in again"

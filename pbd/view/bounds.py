@@ -1,7 +1,5 @@
 """Bounds of what the camera has to show."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from pbd.pose import Array
@@ -33,8 +31,7 @@ def bounds(scene: ReplayScene, tool: Poses, visuals: tuple[Visual, ...], carried
 def _outermost(points: Array) -> Array:
     """Those of points (n, 3) that lie farthest out in some direction, about 100 at most."""
     directions = np.array(list(np.ndindex(5, 5, 5))) - 2.0
-    outermost: Array = points[np.unique(np.argmax(directions @ points.T, axis=1))]
-    return outermost
+    return np.asarray(points[np.unique(np.argmax(directions @ points.T, axis=1))])
 
 
 def _swept(poses: Poses, corners: Array) -> Array:

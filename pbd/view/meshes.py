@@ -135,5 +135,4 @@ def _split(faces: NDArray[np.int64], normals: Array, rgb: Array) -> NDArray[np.i
     )
     i, j = corner[:-1][smooth].ravel(), corner[1:][smooth].ravel()
     graph = coo_array((np.ones(len(i), dtype=bool), (i, j)), shape=(3 * m, 3 * m))
-    labels: NDArray[np.int64] = connected_components(graph, directed=False)[1].astype(np.int64)
-    return labels
+    return connected_components(graph, directed=False)[1].astype(np.int64)

@@ -3,8 +3,6 @@
 How it looks (light, ground, camera, controls) is the page's business (pbd/view/web).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence, Set
 
 import numpy as np
@@ -15,11 +13,9 @@ from pbd.view import shapes
 from pbd.view.bounds import bounds
 from pbd.view.description import describe
 from pbd.view.meshcat_encoding import PoseTrack, SetTracks, Visualizer, solid, two_sigma
-from pbd.view.replay_values import ReplayKeyframe, ReplayScene, Rod, Touching
+from pbd.view.replay_values import ReplayScene, Rod
 from pbd.view.robot_motion import FRAME_RATE_HZ, Poses, RobotMotion
 from pbd.view.visuals import Visual, read_visuals
-
-__all__ = ["ReplayKeyframe", "ReplayScene", "Rod", "Touching", "build"]
 
 PATH_SPACING_M = 0.003
 TOOL_PATH_RGB = (0.55, 0.57, 0.60)

@@ -1,7 +1,5 @@
 """Tables that the commands print."""
 
-from __future__ import annotations
-
 import csv
 import sys
 from collections.abc import Iterable, Mapping, Sequence
@@ -27,7 +25,6 @@ SI = Units()
 
 PIPE_WIDTH = 200
 """Width of the output, in columns, where it is no terminal. So rows are not broken for programs that read them."""
-
 
 COLUMN_GAP = 3
 """Spaces between two columns of a table."""
@@ -159,11 +156,6 @@ def robots_table(robots: Sequence[Robot], reach_m: Sequence[float], units: Units
     return make_table("name", "joints", f"reach ({units.length})", *words, left=("name", *words), rows=rows)
 
 
-def left_out_table(pairs: Sequence[tuple[str, str, str]]) -> Table:
-    """Pairs of links that aren't checked against each other, each with the reason."""
-    return words_table(("link", "and link", "why"), pairs)
-
-
 def columns_table(read: Sequence[Mapping[str, str]], unread: Mapping[str, str]) -> Table:
     """What an import made of each column, and the columns that it left out."""
     rows = [(printable(row["column"]), row["read_as"], row["quantity"], row["unit"], row["decided_by"]) for row in read]
@@ -177,8 +169,3 @@ def ports_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     if any("sensor" in row for row in rows):
         shown |= {"speaks": "sensor", "baud": "baud", "": "note"}
     return words_table(list(shown), ([str(row[key] or "") for key in shown.values()] for row in rows))
-
-
-def sensors_table(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """Kinds of sensors, by the name that `pbd record --sensor` takes."""
-    return words_table(("--sensor", "device", "gives"), ((row["sensor"], row["title"], row["gives"]) for row in rows))

@@ -146,7 +146,7 @@ def registered(touched: Touching, points: Array) -> tuple[Keyframe, PointFit] | 
     if len(keyframes) != len(points) + 1:
         return None
     return keyframes[0], fit_points(
-        observe_points(keyframes, hand.covariance, np.zeros(3), range(1, len(keyframes))), points
+        observe_points(keyframes, hand.covariance, np.zeros(3)).only(range(1, len(keyframes))), points
     )
 
 

@@ -19,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import numpy as np
 
-from pbd.calibration.dock import nav_in_base
+from pbd.calibration.dock import in_base
 from pbd.calibration.success_probability import success_of
 from pbd.calibration.tool_poses import tool_poses
 from pbd.data import Calibration, HandPath, Truth
@@ -54,9 +54,9 @@ def said_and_happened(
     keyframes = find_keyframes(path)
     said = Pose(np.array([0.45, -0.1, 0.2]), truth[0].wxyz)
     calibration = Calibration("simulated", T_base_dock=said)
-    T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
-    commanded = tool_poses(keyframes, T_base_nav, calibration)
-    found = [success_of(path, keyframes, T_base_nav, calibration, within_m=within).of_all for within in TOLERANCES_M]
+    placed = in_base(keyframes, calibration, path=path)
+    commanded = tool_poses(placed)
+    found = [success_of(placed, within).of_all for within in TOLERANCES_M]
     cases = []
     for error in np.sqrt(np.diagonal(calibration.cov_start)) * rng.standard_normal((docks, 6)):
         real = Pose(said.p + error[:3], quat_multiply(quat_exp(np.array([0.0, 0.0, error[5]])), said.wxyz))

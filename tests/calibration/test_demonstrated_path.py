@@ -9,7 +9,7 @@ import pytest
 
 from pbd.calibration.demonstrated_path import SMOOTH_M, SPACING_M, SPACING_RAD, demonstrated_moves, smoothed
 from pbd.calibration.dock import nav_in_base
-from pbd.calibration.tool_poses import tool_poses
+from pbd.calibration.tool_poses import KeyframesInBase, tool_poses
 from pbd.data import Calibration, HandPath, Keyframe, Stop
 from pbd.data.covariance import PoseCovariance
 from pbd.pose import Array, Pose, quat_exp, quat_rotate
@@ -36,7 +36,7 @@ def moves_of(path: HandPath, keyframes: tuple[Keyframe, ...] | None = None, scal
     keyframes = keyframes or find_keyframes(path)
     T_base_nav = nav_in_base(DOCK, keyframes[0].T_nav_sensor.wxyz)
     (move,) = demonstrated_moves(
-        path, keyframes, T_base_nav, tool_poses(keyframes, T_base_nav, DOCK, scale), DOCK, scale
+        path, keyframes, T_base_nav, tool_poses(KeyframesInBase(keyframes, T_base_nav, DOCK, scale)), DOCK, scale
     )
     p = np.array([T_base_nav.inverse().act(pose.p) for pose in move.T_base_tool])
     return move.t, p, np.array([pose.wxyz for pose in move.T_base_tool])
@@ -61,9 +61,13 @@ def test_it_begins_and_ends_at_the_keyframes_also_where_they_were_moved() -> Non
     )
     T_base_nav = nav_in_base(DOCK, first.T_nav_sensor.wxyz)
     for keyframes in ((first, last), (first, moved)):
-        (move,) = demonstrated_moves(path, keyframes, T_base_nav, tool_poses(keyframes, T_base_nav, DOCK), DOCK)
+        (move,) = demonstrated_moves(
+            path, keyframes, T_base_nav, tool_poses(KeyframesInBase(keyframes, T_base_nav, DOCK)), DOCK
+        )
         for pose, wanted in zip(
-            (move.T_base_tool[0], move.T_base_tool[-1]), tool_poses(keyframes, T_base_nav, DOCK), strict=True
+            (move.T_base_tool[0], move.T_base_tool[-1]),
+            tool_poses(KeyframesInBase(keyframes, T_base_nav, DOCK)),
+            strict=True,
         ):
             np.testing.assert_allclose(pose.distance(wanted), 0.0, atol=1e-7)
     steps = np.linalg.norm(np.diff([pose.p for pose in move.T_base_tool], axis=0), axis=1)
@@ -97,7 +101,7 @@ def test_scale_and_a_fixed_tool() -> None:
     path = arc()
     keyframes = find_keyframes(path)
     T_base_nav = nav_in_base(DOCK, keyframes[0].T_nav_sensor.wxyz)
-    T_base_tool = tool_poses(keyframes, T_base_nav, DOCK, 1.0, "fixed")
+    T_base_tool = tool_poses(KeyframesInBase(keyframes, T_base_nav, DOCK), "fixed")
     (move,) = demonstrated_moves(path, keyframes, T_base_nav, T_base_tool, DOCK, 1.0, True)
     down = [quat_rotate(pose.wxyz, (0.0, 0.0, 1.0)) for pose in move.T_base_tool]
     np.testing.assert_allclose(down, np.tile((0.0, 0.0, -1.0), (len(down), 1)), atol=1e-9)

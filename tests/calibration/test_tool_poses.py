@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from pbd.calibration.dock import dock_tilt, nav_in_base
-from pbd.calibration.tool_poses import pointing_down, tool_poses
+from pbd.calibration.tool_poses import KeyframesInBase, pointing_down, tool_poses
 from pbd.data import Calibration, Keyframe
 from pbd.errors import CalibrationError, PbdWarning
 from pbd.pose import Array, Pose, quat_about_z, quat_exp, quat_from_rpy, quat_multiply, quat_rotate
@@ -100,7 +100,9 @@ def test_any_attitude_says_nothing_of_tilt(declared: float, measured: float) -> 
 def test_touching_frames_cancel(path: list[Pose], T_base_nav: Pose, T_sensor_tool: Pose) -> None:
     """Homogeneous matrices as the oracle."""
     calibration = Calibration("x", T_base_nav=T_base_nav, T_sensor_tool=T_sensor_tool)
-    for T_base_tool, T_nav_sensor in zip(tool_poses(keyframes(path), T_base_nav, calibration), path, strict=True):
+    for T_base_tool, T_nav_sensor in zip(
+        tool_poses(KeyframesInBase(keyframes(path), T_base_nav, calibration)), path, strict=True
+    ):
         expected = T_base_nav.matrix() @ T_nav_sensor.matrix() @ T_sensor_tool.matrix()
         assert_allclose(T_base_tool.matrix(), expected, atol=1e-13)
 
@@ -108,9 +110,8 @@ def test_touching_frames_cancel(path: list[Pose], T_base_nav: Pose, T_sensor_too
 def test_a_level_sensor_makes_a_gripper_that_points_down() -> None:
     """By default; its jaws open along the sensor's x, and rolling the hand pours."""
     calibration = Calibration("x", T_base_nav=Pose.identity())
-    level, rolled = tool_poses(
-        keyframes([Pose.identity(), Pose.from_rpy((0, 0, 0), (np.pi / 2, 0, 0))]), Pose.identity(), calibration
-    )
+    shown = keyframes([Pose.identity(), Pose.from_rpy((0, 0, 0), (np.pi / 2, 0, 0))])
+    level, rolled = tool_poses(KeyframesInBase(shown, Pose.identity(), calibration))
     assert_allclose(level.matrix()[:3, :3], np.diag((1.0, -1.0, -1.0)), atol=1e-15)
     assert_allclose(quat_rotate(rolled.wxyz, Z), (0.0, 1.0, 0.0), atol=1e-15)
 
@@ -123,8 +124,8 @@ def test_scale_multiplies_the_hands_path_alone(
     """Not the dock, not the lever arm from sensor to tool, not the turns; the calibration's own counts too."""
     path = [Pose(np.zeros(3), path[0].wxyz), *path[1:]]  # the first rest is nav's origin
     calibration = Calibration("x", T_base_nav=T_base_nav, T_sensor_tool=T_sensor_tool)
-    once = tool_poses(keyframes(path), T_base_nav, calibration, 1.0, orientation)
-    twice = tool_poses(keyframes(path), T_base_nav, replace(calibration, scale=5.0), 0.4, orientation)
+    once = tool_poses(KeyframesInBase(keyframes(path), T_base_nav, calibration), orientation)
+    twice = tool_poses(KeyframesInBase(keyframes(path), T_base_nav, replace(calibration, scale=5.0), 0.4), orientation)
     assert_allclose(twice[0].matrix(), once[0].matrix(), atol=1e-13)
     for before, after, T_nav_sensor in zip(once, twice, path, strict=True):
         assert_allclose(after.wxyz, before.wxyz, atol=1e-13)
@@ -136,8 +137,8 @@ def test_orientation_fixed(path: list[Pose], yaw: float, lever: Array) -> None:
     """The tool begins where the demonstration puts it, is carried along the hand's path and never turns."""
     T_base_nav = Pose(np.array([0.4, 0.0, 0.2]), quat_about_z(yaw))
     calibration = Calibration("x", T_base_nav=T_base_nav, T_sensor_tool=Pose(lever, quat_exp((np.pi, 0, 0))))
-    demo = tool_poses(keyframes(path), T_base_nav, calibration)
-    fixed = tool_poses(keyframes(path), T_base_nav, calibration, orientation="fixed")
+    demo = tool_poses(KeyframesInBase(keyframes(path), T_base_nav, calibration))
+    fixed = tool_poses(KeyframesInBase(keyframes(path), T_base_nav, calibration), "fixed")
     assert_allclose(fixed[0].p, demo[0].p, atol=1e-13)
     for T_base_tool, T_nav_sensor in zip(fixed, path, strict=True):
         assert_allclose(quat_rotate(T_base_tool.wxyz, Z), -Z, atol=1e-13)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from pbd.calibration.tool_poses import tool_poses
+from pbd.calibration.tool_poses import KeyframesInBase, tool_poses
 from pbd.calibration.uncertainty import tool_covariances
 from pbd.data import Calibration, Keyframe
 from pbd.data.calibration import DOCK_SIGMA_M
@@ -43,7 +43,7 @@ def test_each_part_is_what_drawing_it_shows(part: str) -> None:
         )
         keyframe = Keyframe(0.0, 1.0, shaken(KEYFRAME, by if part == "tracking" else zero), np.eye(6))
         T_base_nav = shaken(T_BASE_NAV, by if part == "start" else zero)
-        return tool_poses([keyframe], T_base_nav, calibration)[0]
+        return tool_poses(KeyframesInBase([keyframe], T_base_nav, calibration))[0]
 
     exact = tool(np.zeros(6))
     drawn = []
@@ -60,7 +60,7 @@ def test_each_part_is_what_drawing_it_shows(part: str) -> None:
         scale=scale,
     )
     keyframe = Keyframe(0.0, 1.0, KEYFRAME, cov if part == "tracking" else np.zeros((6, 6)))
-    parts = tool_covariances([keyframe], T_BASE_NAV, calibration)
+    parts = tool_covariances(KeyframesInBase([keyframe], T_BASE_NAV, calibration))
     for name, found in parts.items():
         if name != part:
             assert_allclose(found, 0.0)
@@ -72,5 +72,5 @@ def test_each_part_is_what_drawing_it_shows(part: str) -> None:
 def test_a_dock_that_says_nothing_is_assumed() -> None:
     calibration = Calibration("c", T_base_dock=Pose.identity())
     keyframe = Keyframe(0.0, 1.0, Pose.identity(), np.zeros((6, 6)))
-    parts = tool_covariances([keyframe], Pose.identity(), calibration)
+    parts = tool_covariances(KeyframesInBase([keyframe], Pose.identity(), calibration))
     assert_allclose(np.sqrt(np.diagonal(parts["start"][0])[:3]), DOCK_SIGMA_M)

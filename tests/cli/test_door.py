@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -90,6 +91,17 @@ def test_a_result_without_stdout_is_not_said_to_be_written(tmp_path: Path) -> No
 def test_ctrl_c_while_the_words_are_parsed_is_no_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pbd.cli.parse", Mock(side_effect=KeyboardInterrupt))
     assert main(["robots"]) == 130
+
+
+def test_ctrl_c_while_the_command_line_is_loaded_is_no_traceback(tmp_path: Path) -> None:
+    (tmp_path / "argparse.py").write_text("raise KeyboardInterrupt")
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join((str(tmp_path), str(Path(__file__).parents[2])))}
+    done = subprocess.run(
+        [sys.executable, "-m", "pbd", "robots"], env=environment, capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "")
+    script = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]["scripts"]["pbd"]
+    assert script == "pbd.__main__:main"
 
 
 def test_only_what_is_needed_fails() -> None:

@@ -228,6 +228,9 @@ def test_a_simulated_task_grips_by_itself_and_ends_it_where_nobody_could(tmp_pat
         (2, ("--sensor", "witmotoin"), "sensor 'witmotoin' is unknown"),  # before the name, which is taken
         (2, ("--sensor", "sim:juggle"), "juggle"),
         (2, ("--sensor", "sim", "--rate", "50"), "a simulated sensor has no port, baud or rate to choose; leave out"),
+        (2, ("--sensor", "sim", "--columns", "t,ax,ay,az"), "are for --sensor lines; leave them out for sim"),
+        (2, ("--sensor", "witmotion", "--wrap", "9"), "are for --sensor lines; leave them out for witmotion"),
+        (2, ("--port", "http://127.0.0.1:1", "--prefix", "x"), "are for --sensor lines; leave them out for phyphox"),
         (1, ("--sensor", "witmotion", "--port", "/dev/null", "--baud", "9600"), "/dev/null is not a serial port"),
         (2, ("--sensor", "razor", "--unit", "gyr=rpm", "--port", "/dev/null"), "'rpm' is not a unit of gyr"),
     ],

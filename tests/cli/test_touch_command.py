@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from pbd.cli.steps import track_demonstration
 from pbd.files.demo import write_demo
 from pbd.simulation.simulate import simulate
 from tests.cli.running import Capture, run, run_json
@@ -45,6 +47,22 @@ def test_millimetres_for_metres_are_refused_and_nothing_is_written(tea: Path, ca
     said = refused_line(capsys, "touch", "tea", "2", "--robot", "panda", "--by", "0", "-4", "0")
     assert "that is 4.00 m away" in said
     assert not tea.exists()
+
+
+def test_what_another_command_saved_meanwhile_stays(
+    tea: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def tracked(*args: Any) -> Any:
+        found = track_demonstration(*args)
+        tea.write_text("another's")
+        return found
+
+    monkeypatch.setattr("pbd.cli.touch.track_demonstration", tracked)
+    said = refused_line(capsys, "touch", "tea", "2", "--robot", "panda", "--by", "0", "0", "0.01")
+    assert said.endswith(
+        "another command wrote demos/tea/keyframes.toml meanwhile, so nothing is saved; run this one again"
+    )
+    assert tea.read_text() == "another's"
 
 
 def test_where_it_belongs_may_be_given_in_base_or_in_the_tools_axes(tea: Path, capsys: Capture) -> None:

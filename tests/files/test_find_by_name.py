@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from pbd.errors import CalibrationError, RecordingError
+from pbd.files.demo import load_demo
 from pbd.files.find_by_name import bundled, find, names
 
 
@@ -39,6 +40,14 @@ def test_a_name_wins_over_a_path() -> None:
     Path("pouring").mkdir()
     assert find("demos", "pouring", "", RecordingError) == bundled("demos") / "pouring"
     assert find("demos", "./pouring", "", RecordingError) == Path("pouring")
+
+
+def test_a_folder_in_demos_that_is_no_demonstration_is_said_to_be_none() -> None:
+    Path("demos/tea").mkdir(parents=True)
+    Path("demos/pouring").mkdir()
+    with pytest.raises(RecordingError, match=r"^demos/tea is not a demonstration: it has no demo\.toml"):
+        load_demo("tea")
+    assert find("demos", "pouring", "", RecordingError) == bundled("demos") / "pouring"
 
 
 def test_a_path_is_taken_as_it_is(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:

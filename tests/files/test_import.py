@@ -34,7 +34,7 @@ def import_text(
 ) -> Recording:
     path = folder / name
     path.write_text(text, encoding="utf-8")
-    demo = import_file(path, columns, units)
+    demo = import_recording(path, columns, units).demo
     assert demo.recording.info.name == path.stem
     assert demo.notes == f"Imported from {name}."
     return demo.recording
@@ -216,7 +216,7 @@ def test_decimal_commas_with_exponents(tmp_path: Path) -> None:
 @pytest.mark.parametrize("rate_hz", [100.0, 37.5])
 def test_a_table_without_times_takes_a_rate(tmp_path: Path, rate_hz: float) -> None:
     (tmp_path / "run.csv").write_text("ax,ay,az\n0,0,9.8\n0,1,9.8\n0,2,9.8\n")
-    recording = import_file(tmp_path / "run.csv", rate_hz=rate_hz).recording
+    recording = import_recording(tmp_path / "run.csv", rate_hz=rate_hz).demo.recording
     assert_allclose(recording.t, [0.0, 1.0 / rate_hz, 2.0 / rate_hz], rtol=1e-15)
     assert_array_equal(recording.acc[:, 1], [0.0, 1.0, 2.0])
     assert recording.info.rate_hz == rate_hz
@@ -226,15 +226,15 @@ def test_a_day_alone_is_no_time(tmp_path: Path) -> None:
     rows = "2026-01-01,0,0,9.8\n2026-01-01,0,1,9.8\n"
     with pytest.raises(RecordingError, match=r"no column for t"):
         import_text(tmp_path, f"Date,ax,ay,az\n{rows}")
-    assert_array_equal(import_file(tmp_path / "run.csv", rate_hz=10.0).recording.t, [0.0, 0.1])
+    assert_array_equal(import_recording(tmp_path / "run.csv", rate_hz=10.0).demo.recording.t, [0.0, 0.1])
 
 
 def test_two_clocks_are_one_too_many(tmp_path: Path) -> None:
     (tmp_path / "run.csv").write_text(two_rows("t,ax,ay,az"))
     with pytest.raises(RecordingError, match=r"the column 't' tells the time; leave --rate out"):
-        import_file(tmp_path / "run.csv", rate_hz=100.0)
+        import_recording(tmp_path / "run.csv", rate_hz=100.0)
     with pytest.raises(RecordingError, match="an npz has its own rate_hz; leave --rate out"):
-        import_file(tmp_path / "run.npz", rate_hz=100.0)
+        import_recording(tmp_path / "run.npz", rate_hz=100.0)
 
 
 # --- every format -----------------------------------------------------------------------------------------------------
@@ -261,7 +261,7 @@ def test_axes_and_units_are_mended_without_a_header(tmp_path: Path) -> None:
         ({}, {"acc": "lb"}, "the unit acc=lb is not known here; give one of m/s2, "),
     ):
         with pytest.raises((RecordingError, UsageError), match=message):
-            import_file(tmp_path / "run.npz", given, units)
+            import_recording(tmp_path / "run.npz", given, units)
 
 
 def test_a_suffix_that_nobody_knows(tmp_path: Path) -> None:

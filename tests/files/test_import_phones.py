@@ -95,7 +95,7 @@ def test_signs_and_units_of_an_iphone(tmp_path: Path, tables: dict[str, np.ndarr
 def test_swapped_axes_of_an_iphone_are_mended_by_either_name(tmp_path: Path, name: str) -> None:
     place = folder(tmp_path / "i", {"AccelerometerUncalibrated": -UP[:, [1, 0, 2]] / GRAVITY}, "ios")
     columns = {"ax": name.format("y"), "ay": name.format("x")}
-    assert_allclose(import_file(place, columns).recording.acc, UP, atol=1e-9)
+    assert_allclose(import_recording(place, columns).demo.recording.acc, UP, atol=1e-9)
 
 
 @pytest.mark.parametrize("written", [UP, -UP / GRAVITY], ids=["Android's", "an iPhone's"])

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
-from pbd.calibration.tool_poses import tool_poses
+from pbd.calibration.tool_poses import KeyframesInBase, tool_poses
 from pbd.data import Calibration, Contact, Known, Place
 from pbd.data.calibration import DOCK_SIGMA_M, DOCK_SIGMA_RAD
 from pbd.data.covariance import PoseCovariance
@@ -38,7 +38,7 @@ def test_base_and_tool_are_those_of_the_replay(seed: int) -> None:
         T_sensor_tool=Pose(0.1 * rng.normal(size=3), quat_exp(rng.normal(size=3))),
         scale=float(rng.uniform(0.3, 2.0)),
     )
-    tools = tool_poses(find_keyframes(path), T_base_nav, calibration)
+    tools = tool_poses(KeyframesInBase(find_keyframes(path), T_base_nav, calibration))
     x, y, z = tools[2].p.tolist()
     above = quat_rotate(wxyz, calibration.T_sensor_tool.p)[:, 2] + at_stops(path)[:, 2]
     known = Known(

@@ -9,8 +9,8 @@ import pytest
 from pbd.arm.model import load_model
 from pbd.pose import Pose
 from pbd.replay import robot_motion
+from pbd.view.replay_values import ReplayScene
 from pbd.view.robot_motion import FRAME_RATE_HZ
-from pbd.view.scene import ReplayScene
 from tests.view import scenes
 
 

@@ -73,19 +73,16 @@ class Curve:
     def profile(self, limits: JointLimits, factor: float) -> SpeedProfile:
         """Take it as fast as a share of the velocity and acceleration limits, and its own times, allow."""
         s = self.grid()
-        x_most = None if self.t is None else self._demonstrated(s) ** 2
+        x_most = None if self.t is None else self._demonstrated(s, self.t) ** 2
         velocity, acceleration = WITHIN * factor * limits.velocity, WITHIN * factor * limits.acceleration
         return fastest_profile(s, self.q(s, 1), self.q(s, 2), velocity, acceleration, x_most)
 
-    def _demonstrated(self, s: Array) -> Array:
-        """How fast (n,) the demonstration passed grid points."""
-        if self.t is None:
-            raise ValueError("the curve has no times")
-        t = np.linspace(self.t[0], self.t[-1], 4 * len(s))
-        course = PchipInterpolator(self.t, self.s)
-        slowest = _SLOWEST * self.s[-1] / (self.t[-1] - self.t[0])
-        speed: Array = np.maximum(np.interp(s, course(t), course(t, 1)), slowest)
-        return speed
+    def _demonstrated(self, s: Array, passed: Array) -> Array:
+        """How fast (n,) a demonstration went at grid points, that passed the waypoints at these times."""
+        t = np.linspace(passed[0], passed[-1], 4 * len(s))
+        course = PchipInterpolator(passed, self.s)
+        slowest = _SLOWEST * self.s[-1] / (passed[-1] - passed[0])
+        return np.asarray(np.maximum(np.interp(s, course(t), course(t, 1)), slowest))
 
 
 def curved_move(

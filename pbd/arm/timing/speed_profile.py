@@ -8,8 +8,6 @@ Between two grid points u = d2s/dt2 is constant. A joint's acceleration q' u + q
 Each bound is a pair of straight lines over x, -c - m x <= u <= c - m x, so every step has an answer in closed form.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,16 +69,14 @@ def fastest_profile(
         per_next, fixed = np.where(rising, 1.0 / slope, np.inf), np.where(rising, gain / slope, np.inf)
     ceiling = np.minimum(x_highest[:-1], must_stop)
     for i in reversed(range(len(step))):
-        x[i] = min(ceiling[i], float((per_next[i] * x[i + 1] + fixed[i]).min()) if x[i + 1] > 0.0 else _least(fixed[i]))
+        x[i] = min(
+            ceiling[i], float((per_next[i] * x[i + 1] + fixed[i]).min()) if x[i + 1] > 0.0 else float(fixed[i].min())
+        )
     reachable = x.copy()
     for i in range(len(step)):
         highest = float((gain[i] + slope[i] * x[i]).min())
         x[i + 1] = max(0.0, min(reachable[i + 1], highest))
     return SpeedProfile(s, x)
-
-
-def _least(values: Array) -> float:
-    return float(values.min())
 
 
 def _bounds(step: Array, dq: Array, ddq: Array, acceleration: Array) -> tuple[Array, Array, Array]:

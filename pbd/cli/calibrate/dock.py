@@ -1,7 +1,5 @@
 """pbd calibrate dock CALIBRATION."""
 
-from __future__ import annotations
-
 import argparse
 
 import numpy as np

@@ -1,7 +1,5 @@
 """pbd calibrate mount CALIBRATION DEMO."""
 
-from __future__ import annotations
-
 import argparse
 
 import numpy as np

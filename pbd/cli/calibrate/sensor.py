@@ -1,7 +1,5 @@
 """pbd calibrate sensor CALIBRATION DEMO."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Mapping
 from typing import Any

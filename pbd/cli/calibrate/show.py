@@ -1,14 +1,12 @@
 """pbd calibrate show CALIBRATION [DEMO]."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from pbd.calibration.dock import nav_in_base
+from pbd.calibration.dock import in_base
 from pbd.calibration.tool_poses import tool_poses
 from pbd.calibration.uncertainty import base_sigmas, tool_covariances
 from pbd.cli.console import print_json, say, working
@@ -68,7 +66,7 @@ def _contributions(args: argparse.Namespace, calibration: Calibration) -> Found 
         demo = load_demonstration(args.demo)
         with working("tracking"):
             keyframes = keyframes_of(track(demo, calibration=calibration, accept_gap=args.accept_gap))
-        T_base_nav = nav_in_base(calibration, keyframes[0].T_nav_sensor.wxyz)
+        placed = in_base(keyframes, calibration)
     except PbdError as reason:
         if args.demo is not None:
             raise
@@ -77,8 +75,7 @@ def _contributions(args: argparse.Namespace, calibration: Calibration) -> Found 
             f"pbd calibrate show {args.name} DEMO"
         )
         return None
-    poses = tool_poses(keyframes, T_base_nav, calibration)
-    return Found(demo.recording.info.name, T_base_nav, poses, tool_covariances(keyframes, T_base_nav, calibration))
+    return Found(demo.recording.info.name, placed.T_base_nav, tool_poses(placed), tool_covariances(placed))
 
 
 def _json(calibration: Calibration, found: Found | None) -> dict[str, Any]:

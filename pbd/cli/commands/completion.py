@@ -1,7 +1,5 @@
 """Completion for shells: `pbd --print-completion bash` writes the script, shtab makes it from the parser."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterator, Sequence
 from typing import Any, NoReturn

@@ -1,19 +1,9 @@
 """Options of the commands that make demonstrations: record, simulate, import; and of sensors."""
 
-from __future__ import annotations
-
 from argparse import ArgumentParser
 from pathlib import Path
 
-from pbd.cli.options import (
-    add_force,
-    add_json,
-    add_lines,
-    add_table,
-    pair,
-    positive,
-    whole,
-)
+from pbd.cli.options import add_force, add_json, add_lines, add_table, pair, positive, whole
 
 
 def record(parser: ArgumentParser) -> None:

@@ -1,13 +1,11 @@
 """Find the sensor for `pbd record`: its port, baud rate and decoder."""
 
-from __future__ import annotations
-
 import argparse
 import time
 from collections.abc import Callable
 
 from pbd.cli.console import listening
-from pbd.cli.steps import decoder_maker
+from pbd.cli.steps import decoder_maker, refuse_columns
 from pbd.errors import SensorError, UsageError
 from pbd.sensors import port as serial_port
 from pbd.sensors.decoding import Decoder
@@ -35,10 +33,9 @@ def find_sensor(args: argparse.Namespace) -> tuple[str, Callable[[], Source], De
     if wanted == GAMEPAD:
         if args.baud or args.rate:
             raise UsageError("a gamepad has no baud or rate to choose; leave out --baud, --rate")
-        assert make is not None
         from pbd.sensors.gamepad_port import open_gamepad
 
-        return wanted, lambda: open_gamepad(args.port), make()
+        return wanted, lambda: open_gamepad(args.port), protocol(GAMEPAD).decoder()
     device, baud = args.port or only_port(), args.baud
     if wanted is None:
         wanted, heard_at = _listened(device)
@@ -60,6 +57,7 @@ def find_sensor(args: argparse.Namespace) -> tuple[str, Callable[[], Source], De
 
 def _phone(args: argparse.Namespace) -> tuple[str, Callable[[], Source], Decoder]:
     """A phone is known to a calibration by its model."""
+    refuse_columns(args, PHONE)
     if args.sensor not in (PHONE, None):
         raise UsageError(f"{args.sensor} has a serial port; for a phone give --sensor {PHONE}", value=args.sensor)
     if args.port is None:

@@ -1,14 +1,13 @@
 """Single keys from a terminal, and signals, as commands, without blocking."""
 
-from __future__ import annotations
-
 import os
 import select
 import signal
 import sys
 import time
+from collections.abc import Callable
 from contextlib import suppress
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 from pbd.errors import PbdError
 from pbd.record.values import Command
@@ -78,18 +77,11 @@ class Keys:
         self._signalled = True
 
 
-class Asks(Protocol):
-    """What shows a question."""
-
-    def ask(self, question: str) -> None:
-        """Show it; "" takes it back."""
-
-
 class Person:
-    """Turns keys into commands; asks before a recording is discarded."""
+    """Turns keys into commands; asks before a recording is discarded: `ask` shows a question, "" takes it back."""
 
-    def __init__(self, keys: Keys, screen: Asks) -> None:
-        self._keys, self._screen = keys, screen
+    def __init__(self, keys: Keys, ask: Callable[[str], None]) -> None:
+        self._keys, self._ask = keys, ask
         self._asked = False
 
     def __call__(self) -> Command | None:
@@ -97,7 +89,7 @@ class Person:
         key = self._keys.next()
         if self._asked and key:
             self._asked = False
-            self._screen.ask("")
+            self._ask("")
             if key in "yY":
                 return Command.DISCARD
             return None if key != self._keys.END else Command.END
@@ -107,5 +99,5 @@ class Person:
             return Command.GRIP
         if key in ("q", "Q"):
             self._asked = True
-            self._screen.ask("discard this recording? y discards, any other key goes on")
+            self._ask("discard this recording? y discards, any other key goes on")
         return None

@@ -1,13 +1,12 @@
 """A simulated hand instead of a sensor: `pbd record --sensor sim`."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
 
 from pbd.data import GripEvent
+from pbd.record.loop import Poll
 from pbd.record.values import Command, Outcome, Say, Status
 from pbd.sensors.decoding import Decoder
 from pbd.sensors.port import Port, open_port
@@ -19,7 +18,6 @@ BAUD = 115200
 FIRST_TASK = "pour"
 ENDED_BY = "simulated task finished"
 
-Poll = Callable[[], Command | None]
 Show = Callable[[Status], None]
 
 

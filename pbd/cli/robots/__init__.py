@@ -1,7 +1,5 @@
 """pbd robots [R], --suggest FILE, --for DEMO."""
 
-from __future__ import annotations
-
 import argparse
 from dataclasses import replace
 from typing import Any
@@ -18,7 +16,7 @@ from pbd.data import Robot
 from pbd.errors import RobotError, warn
 from pbd.files.find_by_name import names
 from pbd.files.robot import load_robot
-from pbd.view.terminal_tables import left_out_table, print_csv, print_table, robots_table
+from pbd.view.terminal_tables import print_csv, print_table, robots_table, words_table
 
 
 def run(args: argparse.Namespace) -> None:
@@ -45,7 +43,7 @@ def run(args: argparse.Namespace) -> None:
         for doubt in checked["doubtful_shapes"]:
             print(f"contacts may be missed: {doubt['link']} {doubt['why']}")
         print("\nnot checked against each other:")
-        print_table(left_out_table([(each["first"], each["second"], each["why"]) for each in checked["left_out"]]))
+        print_table(words_table(("link", "and link", "why"), (each.values() for each in checked["left_out"])))
     of: dict[str, list[str]] = {}
     for robot in robots:
         for note in robot.notes:

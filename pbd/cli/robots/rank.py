@@ -1,23 +1,20 @@
 """pbd robots --for DEMO: which arms can replay it, and what stops the others."""
 
-from __future__ import annotations
-
 import argparse
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from rich.table import Table
 
+from pbd.arm.reach import farthest
 from pbd.cli.console import working
 from pbd.cli.steps import load_demonstration, print_result, track_demonstration
+from pbd.data import Demonstration, HandPath
 from pbd.errors import PbdError, collected_warnings
 from pbd.files.find_by_name import names
+from pbd.planning import arm_of, load_arm, plan_path
 from pbd.view.terminal_tables import make_table
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from pbd.data import Demonstration, HandPath
-    from pbd.view.units import Units
+from pbd.view.units import Units
 
 
 def rank(args: argparse.Namespace) -> None:
@@ -35,9 +32,6 @@ def rank(args: argparse.Namespace) -> None:
 
 def _row(name: str, demo: Demonstration, path: HandPath) -> dict[str, Any]:
     """How one arm does."""
-    from pbd.arm.reach import farthest
-    from pbd.planning import arm_of, load_arm, plan_path
-
     row: dict[str, Any] = dict.fromkeys(("reach_m", "farthest_m", "duration_s", "torque", "scale", "why"))
     row = {"name": name, **row}
     with collected_warnings() as row["warnings"]:

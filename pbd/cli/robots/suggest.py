@@ -1,21 +1,19 @@
 """pbd robots --suggest FILE: a home and a dock, as lines for the robot's TOML."""
 
-from __future__ import annotations
-
 import argparse
 import json
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from pbd.arm.collision.allowed_collisions import SAMPLES as CONFIGURATIONS
 from pbd.cli.console import print_json, say, working
 from pbd.cli.steps import load_demonstration, track_demonstration
 from pbd.errors import UsageError
 from pbd.files.robot import read_robot
+from pbd.planning.suggest import Suggestion
+from pbd.planning.suggest import suggest as search
 from pbd.pose import quat_to_rpy
-
-if TYPE_CHECKING:
-    from pbd.planning.suggest import Suggestion
 
 DEMO = "pouring"
 """What must be possible where no demonstration is named."""
@@ -23,8 +21,6 @@ DEMO = "pouring"
 
 def suggest(args: argparse.Namespace) -> None:
     """Search, and print what was found with what was weighed."""
-    from pbd.planning.suggest import suggest as search
-
     if args.robot or args.csv:
         raise UsageError("--suggest takes the file itself, and prints TOML, or JSON with --json")
     robot = read_robot(args.suggest, draft=True)
@@ -43,7 +39,10 @@ def suggest(args: argparse.Namespace) -> None:
 def _values(found: Suggestion) -> dict[str, Any]:
     """What goes into the TOML, by section."""
     dock, at = found.plan.calibration, found.plan.calibration.T_base_dock
-    place = {} if at is None else {"position": at.p.round(3).tolist(), "rpy_deg": _level(at.wxyz)}
+    place: dict[str, Any] = {}
+    if at is not None:
+        yaw_deg = round(float(np.degrees(quat_to_rpy(at.wxyz)[2])), 1) + 0.0
+        place = {"position": at.p.round(3).tolist(), "rpy_deg": [0.0, 0.0, yaw_deg]}
     touch = {"may_touch": [list(pair) for pair in found.robot.may_touch]} if found.robot.may_touch else {}
     return {
         "arm": {"joints": list(found.robot.joints), "home": found.robot.home.tolist(), **touch},
@@ -51,14 +50,8 @@ def _values(found: Suggestion) -> dict[str, Any]:
     }
 
 
-def _level(wxyz: np.ndarray[Any, Any]) -> list[float]:
-    return [0.0, 0.0, round(float(np.degrees(quat_to_rpy(wxyz)[2])), 1) + 0.0]
-
-
 def _weighed(found: Suggestion, demo: str) -> list[str]:
     """Sentences for people: what speaks for this home and this dock."""
-    from pbd.arm.collision.allowed_collisions import SAMPLES as CONFIGURATIONS
-
     joint, room = found.at
     dock, took_s = found.plan.calibration, found.plan.trajectory.duration
     table = "the table's height is the file's own"

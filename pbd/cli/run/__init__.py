@@ -1,7 +1,5 @@
 """pbd run [DEMO] --robot R --port P."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 

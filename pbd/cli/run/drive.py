@@ -1,23 +1,22 @@
 """Plan from where the arm stands, show, ask, stream, watch."""
 
-from __future__ import annotations
-
 import argparse
 import math
 import sys
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from rich.table import Table
 
 from pbd.cli.console import print_json, say
 from pbd.cli.plan_report import say_torque
 from pbd.cli.recording.device import only_port
 from pbd.cli.recording.keys import Keys
 from pbd.cli.steps import plan_demonstration
-from pbd.data import Robot
+from pbd.data import JointTrajectory, Robot
 from pbd.driving import bus as servo_bus
 from pbd.driving import stream as streaming
-from pbd.driving.arm import ServoArm
+from pbd.driving.arm import ServoArm, State
 from pbd.driving.bus import Bus
 from pbd.driving.clock import Clock
 from pbd.driving.counts import Counts, names_of
@@ -26,14 +25,8 @@ from pbd.driving.stream import Streamed, stream
 from pbd.driving.watch import Watch, check_health
 from pbd.errors import SensorError
 from pbd.files.servo_calibration import find_servo_calibration, read_servo_calibration
+from pbd.pose import Array
 from pbd.view.terminal_tables import make_table, print_table
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
-    from pbd.data import JointTrajectory
-    from pbd.driving.arm import State
-    from pbd.pose import Array
 
 STOPPED_BY_HAND = 130
 """Exit code, as of Ctrl-C elsewhere."""

@@ -1,12 +1,12 @@
 """Calibrate an arm's servos with a person's help, or let go of them."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from rich.table import Table
 
 from pbd.cli.console import print_json, say
 from pbd.cli.recording.device import only_port
@@ -18,20 +18,15 @@ from pbd.driving.calibrating import ENDLESS, Calibrating, calibrating
 from pbd.driving.clock import Clock
 from pbd.driving.counts import Counts, names_of
 from pbd.errors import PbdError, UsageError
-from pbd.files.servo_calibration import own_servo_calibration, write_servo_calibration
+from pbd.files.servo_calibration import COUNTS, own_servo_calibration, write_servo_calibration
 from pbd.io.atomic import refuse_output
-
-if TYPE_CHECKING:
-    from rich.table import Table
-
+from pbd.view.terminal_tables import make_table, print_table
 
 SINKS = "Hold the arm: its servos will let go, and it sinks. Enter lets go; any other key cancels."
 
 
 def calibrate_servos(args: argparse.Namespace, robot: Robot) -> None:
     """Guide a person through it; write the file and the servos."""
-    from pbd.view.terminal_tables import print_table
-
     if not sys.stdin.isatty():
         raise UsageError("pbd run --calibrate needs a person at a terminal, who moves the arm by hand")
     file = args.servos or own_servo_calibration(robot.name)
@@ -99,9 +94,6 @@ def _follow(keys: Keys, clock: Clock, session: Calibrating, ids: dict[str, int])
 
 
 def _ranges(ids: dict[str, int], ends: list[tuple[int, int]]) -> Table:
-    from pbd.files.servo_calibration import COUNTS
-    from pbd.view.terminal_tables import make_table
-
     table = make_table("joint", "servo", "lowest", "highest", "range", left=("joint",))
     for (name, id_), (low, high) in zip(ids.items(), ends, strict=True):
         table.add_row(name, str(id_), str(low), str(high), f"{360 * (high - low) / COUNTS:.0f}°")

@@ -51,7 +51,6 @@ CUBIC_EXCESS = 0.1
 """Share above a limit that cubics between samples may reach without a warning, in a format that isn't made for them.
 At 1 kHz a panda's acceleration is exceeded by 0.07, which docs/exports.md says."""
 
-
 FOR_SOME = ("urscript", "mcap", "lerobot")
 """Formats that are not for every robot, or need a package of their own."""
 

@@ -3,8 +3,6 @@
 Both begin at the bag's start. Written by rosbags, which comes with pbd-robot[ros]; no ROS is needed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from functools import cache

@@ -4,8 +4,6 @@ The points are where the trajectory's cubic pieces join, so that joint_trajector
 exactly, whether it fills the gaps by cubics or by quintics. Samples at a rate only add points to these.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -51,9 +49,7 @@ def write(order: Order, points: Samples, path: Path) -> None:
     """Write the goals, one point a line."""
     trajectory, gripper = order.trajectory, order.robot.gripper
     arm = goal_message(trajectory.joint_names, points.t, (points.q, points.qd, points.qdd))
-    fingers = None
-    if gripper is not None and gripper.joints:
-        fingers = finger_message(trajectory, gripper)
+    fingers = finger_message(trajectory, gripper) if gripper is not None and gripper.joints else None
     parts = [
         *_body(arm),
         f'"gripper": {"null" if fingers is None else "{" + ", ".join(_body(fingers)) + "}"}',

@@ -28,14 +28,9 @@ class Imported:
     understood: Understood | None = None
 
 
-def import_file(
-    path: Path,
-    columns: Mapping[str, str] | None = None,
-    units: Mapping[str, str] | None = None,
-    rate_hz: float | None = None,
-) -> Demonstration:
+def import_file(path: Path) -> Demonstration:
     """Read a recording in any known format; see `import_recording`."""
-    return import_recording(path, columns, units, rate_hz).demo
+    return import_recording(path).demo
 
 
 def import_recording(

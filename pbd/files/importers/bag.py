@@ -4,9 +4,8 @@ Times are the headers' stamps: what the driver wrote when it read the sensor, no
 covariance begins with -1 there is no such estimate (sensor_msgs/Imu.msg), so what is beside it is not read.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
+from os.path import commonprefix
 from pathlib import Path
 from typing import Any
 
@@ -165,12 +164,8 @@ def _choose(path: Path, connections: list[Any], topic: str | None) -> set[tuple[
         raise RecordingError(f"{path}: {what}; {have}; choose one with --topic", path=path, value=topic)
     # Of several fields the one whose name has most in common with the sensor's: /left/imu goes with /left/mag.
     fields = {each.topic for each in connections if each.msgtype == FIELD}
-    near = sorted(fields, key=lambda name: (-_alike(name, str(topic)), name))
+    near = sorted(fields, key=lambda name: (-len(commonprefix((name, str(topic)))), name))  # noqa: RUF071 (letters)
     return {(topic, IMU), *((name, FIELD) for name in near[:1])}
-
-
-def _alike(a: str, b: str) -> int:
-    return next((k for k, (x, y) in enumerate(zip(a, b, strict=False)) if x != y), min(len(a), len(b)))
 
 
 def _device_rpy(xyzw: Array) -> Array | None:

@@ -4,8 +4,6 @@
 at rest.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -91,16 +89,15 @@ def read_sheet(
 
     told, beside = _magnetometer_beside(path, found, units)
     with np.errstate(all="ignore"):  # what becomes infinite is found with all else that is no number
-        channels = {channel: _values(table, found.of(channel)) for channel in CHANNELS}
-        clock, acc, mag, compass = (channels[name] for name in ("t", "acc", "mag", "angle"))
+        channels = {channel: _values(table, found.of(channel)) for channel in CHANNELS if found.of(channel)}
+        clock, mag, compass = (channels.get(name) for name in ("t", "mag", "angle"))
         t = np.arange(len(table.values)) / (rate_hz or 1.0) if clock is None else _unwrapped(clock[:, 0], found)
-        assert acc is not None
         recording = Recording(
             t=t - t[0],
-            acc=acc,
-            gyr=channels["gyr"],
+            acc=channels["acc"],
+            gyr=channels.get("gyr"),
             mag=beside.at(t) if mag is None and beside is not None else mag,
-            device_rpy=channels["rpy"] if compass is None else device_rpy(compass),
+            device_rpy=channels.get("rpy") if compass is None else device_rpy(compass),
             info=RecordingInfo(rate_hz=rate_hz),
         )
     return recording, told
@@ -138,16 +135,12 @@ def _unwrapped(t: Array, found: Understood) -> Array:
     wraps = next((p.wraps for p in PROGRAMS if p.title == found.program), 0.0) * found.of("t")[0].factor
     if not wraps:
         return t
-    unwrapped: Array = t + wraps * np.cumsum(np.diff(t, prepend=t[0]) < -0.5 * wraps)
-    return unwrapped
+    return t + wraps * np.cumsum(np.diff(t, prepend=t[0]) < -0.5 * wraps)
 
 
-def _values(table: Table, columns: list[Column]) -> Array | None:
-    """A channel's columns, converted to our units; None where the file doesn't have it."""
-    if not columns:
-        return None
-    values: Array = table.columns(*(column.name for column in columns)) * [column.factor for column in columns]
-    return values
+def _values(table: Table, columns: list[Column]) -> Array:
+    """A channel's columns, converted to our units."""
+    return table.columns(*(column.name for column in columns)) * [column.factor for column in columns]
 
 
 def _refuse_several_devices(sheet: Sheet) -> None:
@@ -168,9 +161,7 @@ def _magnetometer_beside(path: Path, found: Understood, units: Mapping[str, str]
         its = understand(beside, sheet.header, sheet.preamble, {}, units)
         if its.of("t") and len(its.of("mag")) == len(CHANNELS["mag"]):
             table = sheet.read([column.name for column in its.columns])
-            t_mag, mag = _values(table, its.of("t")), _values(table, its.of("mag"))
-            assert t_mag is not None
-            assert mag is not None
-            stream, found = Stream.of(t_mag[:, 0], mag), found.with_file(beside.name, its)
+            stream = Stream.of(_values(table, its.of("t"))[:, 0], _values(table, its.of("mag")))
+            found = found.with_file(beside.name, its)
     others = {file.name for file in path.parent.glob("*.csv")} - {path.name, *((beside.name,) if stream else ())}
     return found.with_unread(dict.fromkeys(sorted(others), "a file that isn't used")), stream

@@ -8,12 +8,11 @@ CROSSPLATFORM.md); phyphox' DataExport.java and its documentation (github.com/ph
 - phyphox: "Acceleration x (m/s^2)"; its "Linear Acceleration x (m/s^2)" is without gravity.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -79,9 +78,7 @@ def _beside(path: Path) -> Files:
     except OSError as reason:
         raise RecordingError(f"{folder}: can't be read ({in_words(reason)}); give another", path=folder) from None
     return {
-        str(file.relative_to(folder).with_suffix("")): lambda file=file: read_bytes(
-            file, RecordingError, "give another"
-        )  # type: ignore[misc]
+        str(file.relative_to(folder).with_suffix("")): partial(read_bytes, file, RecordingError, "give another")
         for file in names[:MOST_FILES]
     }
 
@@ -106,27 +103,25 @@ def _metadata(files: Files) -> Mapping[str, str]:
 
 
 def _of_logger(path: Path, sheets: Mapping[str, Sheet], about: Mapping[str, str]) -> tuple[Recording, Understood]:
-    def stream(name: str, scale: float = 1.0) -> Stream | None:
-        return _stream(sheets[name], "seconds_elapsed", ("x", "y", "z"), scale) if name in sheets else None
+    def stream(name: str, scale: float = 1.0) -> Stream:
+        return _stream(sheets[name], "seconds_elapsed", ("x", "y", "z"), scale)
 
     ios = about.get("platform") == "ios"
     turned = ios and about.get("standardisation") != "true"
     sign = -1.0 if turned else 1.0
-    acc, source, unit = stream("TotalAcceleration", sign), "TotalAcceleration.csv", "m/s2"
+    source, unit = "TotalAcceleration.csv", "m/s2"
+    acc = stream("TotalAcceleration", sign) if "TotalAcceleration" in sheets else None
     if acc is None and {"Accelerometer", "Gravity"} <= sheets.keys():
         if not about:
             what = "Metadata.csv is missing, which says whether the signs are an iPhone's"
             raise RecordingError(f"{path}: {what}; add it, or export again", path=path)
         moved, gravity = stream("Accelerometer", sign), stream("Gravity", sign)
-        assert moved is not None
-        assert gravity is not None
         total = moved.values + gravity.at(moved.t)
         known = np.isfinite(total[:, 0])
         acc, source = Stream(moved.t[known], total[known]), "Accelerometer.csv + Gravity.csv"
     if acc is None and "AccelerometerUncalibrated" in sheets:
         source, unit = "AccelerometerUncalibrated.csv", "g" if turned else "m/s2"
         acc = stream("AccelerometerUncalibrated", sign * (GRAVITY if turned else 1.0))
-        assert acc is not None
         if not about and len(acc) and np.median(np.linalg.norm(acc.values, axis=1)) < 0.5 * GRAVITY:
             acc, sign, unit = Stream(acc.t, -GRAVITY * acc.values), -1.0, "g"  # an iPhone's
     if acc is None:
@@ -141,7 +136,7 @@ def _of_logger(path: Path, sheets: Mapping[str, Sheet], about: Mapping[str, str]
     others: dict[str, Stream | None] = {}
     for kind, name, unit in (("gyr", "Gyroscope", "rad/s"), ("mag", "Magnetometer", "ut")):
         found = next((each for each in (name, f"{name}Uncalibrated") if each in sheets), name)
-        others[kind] = stream(found)
+        others[kind] = stream(found) if found in sheets else None
         read |= {kind: (f"{found}.csv", 1.0, unit)} if found in sheets else {}
     columns = tuple(
         column

@@ -1,11 +1,10 @@
 """The tables in a zip, each read when it is asked for and only up to a bound."""
 
-from __future__ import annotations
-
 import io
 import zipfile
 import zlib
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path, PurePosixPath
 
 from pbd.errors import RecordingError, in_words
@@ -42,7 +41,7 @@ def zipped_tables(path: Path) -> Files:
         if name in files:
             what = f"{path}: it holds several recordings ({name}.csv twice); export one"
             raise RecordingError(what, path=path)
-        files[name] = lambda member=member: _member(path, archive, member)  # type: ignore[misc]
+        files[name] = partial(_member, path, archive, member)
     return files
 
 

@@ -13,7 +13,7 @@ from pbd.arm.ik.solver import solve
 from pbd.arm.joint_path import solve_path
 from pbd.arm.model import ArmModel
 from pbd.arm.tool import target
-from pbd.calibration.dock import nav_in_base
+from pbd.calibration.dock import in_base
 from pbd.calibration.tool_poses import tool_poses
 from pbd.errors import PbdWarning
 from pbd.pose import Array, Pose, quat_to_matrix
@@ -150,7 +150,7 @@ def test_the_bundled_demonstrations_are_held(name: str, demo: str) -> None:
     arm, keyframes = arm_of(name), keyframes_of(demo)
     dock = arm.robot.dock
     assert dock is not None
-    poses = tool_poses(keyframes, nav_in_base(dock, keyframes[0].T_nav_sensor.wxyz), dock)
+    poses = tool_poses(in_base(keyframes, dock))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         q = solve_path(arm, poses, arm.robot.home)
