@@ -4,6 +4,8 @@ Coordinates `x` are (k + 1,): the arm's joints (rad; m where one slides), then t
 closed. Places are in pinocchio's world ("universe").
 """
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

@@ -1,5 +1,7 @@
 """The audit: a trajectory's form, smoothness, limits, poses, and what it might touch."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache

@@ -5,6 +5,8 @@ next look is due then. How far they move is bounded by how far the joints turn, 
 the balls around them are too far apart for that, nobody looks.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any

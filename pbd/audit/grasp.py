@@ -5,6 +5,8 @@ last joint carries is the gripper, and may touch what is grasped. Where the mode
 stands for it.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from typing import Any
 

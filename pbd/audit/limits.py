@@ -3,6 +3,8 @@
 A piece is q = c0 + c1 s + c2 s^2 + c3 s^3 of s seconds from its beginning.
 """
 
+from __future__ import annotations
+
 from typing import NoReturn
 
 import numpy as np

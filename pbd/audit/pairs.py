@@ -1,5 +1,7 @@
 """What the audit checks: its own list of pairs, made from the URDF, the SRDF and samples of its own."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from itertools import combinations
 from typing import Any

@@ -1,5 +1,7 @@
 """The audit's own solids: the convex hull of each shape for a first look, and the shape itself where that is near."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path

@@ -4,6 +4,8 @@ The recursive Newton-Euler algorithm (Featherstone, 2008, chapter 5; pinocchio's
 gives. It leaves out friction and the motors' own inertia, of which URDFs say nothing that could be relied on.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Any
 

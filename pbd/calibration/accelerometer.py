@@ -1,5 +1,7 @@
 """Bias, scale and misalignment of an accelerometer: at rest the norm of its reading is g in every orientation."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Closed-form alignment of two sets of points."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from pbd.pose import Array, Pose, quat_about_z, quat_from_xyzw, quat_rotate

@@ -1,5 +1,7 @@
 """Match stops to points, where a demonstration has more stops than points or their order is unknown."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations, permutations

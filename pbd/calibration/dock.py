@@ -1,5 +1,7 @@
 """The dock: it places nav in the robot's base frame. A new dock can be taken from a demonstration's stop."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,5 +1,7 @@
 """Repeatability of a magnetic heading between the stops of a demonstration, and between demonstrations."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,5 +1,7 @@
 """Bias, scale and misalignment of a gyro: at rest it reads zero, and between rests it turns as the vertical does."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from pbd.calibration.rests import Rests

@@ -1,5 +1,7 @@
 """Hard and soft iron of a magnetometer: in every orientation the field has the same strength and dip."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Mount of the sensor on the tool: lever by pivoting the tip on a point, rotation by turns about named axes."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,5 +1,7 @@
 """Registration of nav in base from touched points. A point that contradicts the others is left out."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

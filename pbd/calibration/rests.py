@@ -1,5 +1,7 @@
 """Rests of a sensor that was put down in several orientations, with its mean readings."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

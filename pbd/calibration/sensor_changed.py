@@ -1,5 +1,7 @@
 """Calibration drift: whether a sensor at rest still reads gravity and the field of its calibration."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from pbd.data import GRAVITY, SensorErrors

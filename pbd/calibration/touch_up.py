@@ -1,5 +1,7 @@
 """Touch-ups: where the arm was seen to be off at one keyframe, the others move with it as far as they err together."""
 
+from __future__ import annotations
+
 from collections.abc import Collection, Sequence
 from typing import NamedTuple
 

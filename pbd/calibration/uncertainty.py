@@ -1,5 +1,7 @@
 """Covariance of the tool's pose in base at each keyframe, and the contribution of each calibration part."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,5 +1,7 @@
 """The command line: parse, call, print, exit code. The options are in commands/; each command's work in its file."""
 
+from __future__ import annotations
+
 import errno
 import os
 import sys

@@ -1,5 +1,7 @@
 """pbd export [DEMO] --robot R --format F -o FILE."""
 
+from __future__ import annotations
+
 import argparse
 import shutil
 import sys

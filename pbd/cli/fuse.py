@@ -1,5 +1,7 @@
 """pbd fuse TAKE... -o NAME."""
 
+from __future__ import annotations
+
 import argparse
 from dataclasses import replace
 

@@ -1,5 +1,7 @@
 """pbd import FILE NAME."""
 
+from __future__ import annotations
+
 import argparse
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress

@@ -1,5 +1,7 @@
 """pbd keyframes [DEMO]."""
 
+from __future__ import annotations
+
 import argparse
 import math
 from collections.abc import Sequence

@@ -1,5 +1,7 @@
 """Report of a plan's moves, for people and for programs."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 from typing import Any
 

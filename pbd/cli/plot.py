@@ -1,5 +1,7 @@
 """pbd plot [DEMO ...]."""
 
+from __future__ import annotations
+
 import argparse
 import warnings
 from dataclasses import replace

@@ -1,5 +1,7 @@
 """pbd record [NAME]."""
 
+from __future__ import annotations
+
 import argparse
 import errno
 import os

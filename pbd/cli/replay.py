@@ -1,5 +1,7 @@
 """pbd replay [DEMO] --robot R."""
 
+from __future__ import annotations
+
 import argparse
 import math
 

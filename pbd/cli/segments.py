@@ -1,5 +1,7 @@
 """pbd segments [DEMO]."""
 
+from __future__ import annotations
+
 import argparse
 
 from pbd.cli.steps import load_demonstration, named_calibration, print_result, track_demonstration

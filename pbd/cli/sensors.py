@@ -1,5 +1,7 @@
 """pbd sensors."""
 
+from __future__ import annotations
+
 import argparse
 
 from pbd.cli.console import listening, print_json

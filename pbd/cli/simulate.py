@@ -1,5 +1,7 @@
 """pbd simulate TASK NAME."""
 
+from __future__ import annotations
+
 import argparse
 import shlex
 

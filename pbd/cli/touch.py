@@ -1,5 +1,7 @@
 """pbd touch DEMO KEYFRAME: the arm was tried there and was off; the others move with it as far as they err together."""
 
+from __future__ import annotations
+
 import argparse
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Write one part of calibration/NAME.toml and leave the rest, comments and all, as a person wrote it."""
 
+from __future__ import annotations
+
 import math
 import re
 from collections.abc import Mapping, Sequence

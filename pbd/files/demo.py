@@ -1,5 +1,7 @@
 """A demonstration's folder: demo.toml, imu.csv and, optionally, truth.csv and keyframes.toml."""
 
+from __future__ import annotations
+
 import fcntl
 import os
 from collections.abc import Mapping, Sequence

@@ -1,5 +1,7 @@
 """Look up robots, calibrations and demonstrations by name: the user's own folder first, then the bundled ones."""
 
+from __future__ import annotations
+
 import os
 from pathlib import Path
 

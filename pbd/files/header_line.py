@@ -1,5 +1,7 @@
 """Where the header stands in a table that another program wrote."""
 
+from __future__ import annotations
+
 import re
 from collections.abc import Sequence
 

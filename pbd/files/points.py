@@ -1,5 +1,7 @@
 """A file of known points in the robot's base."""
 
+from __future__ import annotations
+
 from collections import Counter
 from dataclasses import dataclass, replace
 from pathlib import Path

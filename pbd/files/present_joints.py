@@ -4,6 +4,8 @@ A list is in the joints' order. An object names joints, and so does a /joint_sta
 `ros2 topic echo` prints it: joints that are not the arm's, fingers say, are left out.
 """
 
+from __future__ import annotations
+
 import json
 import re
 from collections.abc import Sequence

@@ -1,5 +1,7 @@
 """A demonstration's folder while it is recorded: complete and readable at every moment."""
 
+from __future__ import annotations
+
 import fcntl
 import os
 import shutil

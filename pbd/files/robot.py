@@ -3,6 +3,8 @@
 Nothing heavy is imported: limits and names come from the URDF as plain XML.
 """
 
+from __future__ import annotations
+
 import os
 import sys
 from collections.abc import Mapping, Sequence

@@ -1,5 +1,7 @@
 """The calibration of an arm's servos, as LeRobot writes it: a JSON object, for each joint one of five integers."""
 
+from __future__ import annotations
+
 import json
 import os
 from collections.abc import Mapping, Sequence

@@ -1,5 +1,7 @@
 """Tables of numbers in text: a header line, then rows. Errors name line and column."""
 
+from __future__ import annotations
+
 import csv
 import re
 import warnings

@@ -4,6 +4,8 @@ Plain XML reading, so that a `Robot` can be loaded where no robot library is ins
 business (pbd/arm/model.py). Formats: https://wiki.ros.org/urdf/XML, https://wiki.ros.org/srdf.
 """
 
+from __future__ import annotations
+
 import math
 import xml.etree.ElementTree as ET
 from collections import Counter

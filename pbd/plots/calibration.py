@@ -1,5 +1,7 @@
 """Plot of a calibration: where the tool stands in base, its sigma, and where that comes from."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Figures of several demonstrations of one task, and their spread at each keyframe."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any

@@ -1,5 +1,7 @@
 """The plots of one demonstration: the paper's figures 5 to 10 for it, ours, and a summary."""
 
+from __future__ import annotations
+
 import textwrap
 from collections.abc import Callable, Mapping
 from functools import partial

@@ -1,5 +1,7 @@
 """Findings: what a person should look at in a demonstration, in words and with its time."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise

@@ -1,5 +1,7 @@
 """Figures of takes that were made one: how each keyframe of each take lies to the task's, and the hand's scatter."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 

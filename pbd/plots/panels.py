@@ -1,5 +1,7 @@
 """Panels: one quantity over time each, drawn into axes of the figures and the summary."""
 
+from __future__ import annotations
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import NullLocator

@@ -1,5 +1,7 @@
 """Paths in space: in perspective, and seen along an axis. All axes of a picture have one scale."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 
 import numpy as np

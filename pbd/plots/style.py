@@ -4,6 +4,8 @@ Figures are made without pyplot, so no window opens and there is nothing to clos
 gives each part its room; legends stand outside the axes.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager
 from typing import Any, BinaryIO

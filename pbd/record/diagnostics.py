@@ -4,6 +4,8 @@ A saturated axis, a dead one, a gyro or magnetometer that says nothing, a sensor
 is what `pbd.tracking` finds in a finished recording (saturation.py, channel_faults.py), here in its last seconds.
 """
 
+from __future__ import annotations
+
 from collections import deque
 
 import numpy as np

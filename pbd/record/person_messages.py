@@ -1,5 +1,7 @@
 """Feedback to the person while the hand moves: the live tracker's findings in words."""
 
+from __future__ import annotations
+
 from collections import deque
 
 import numpy as np

@@ -1,5 +1,7 @@
 """Decode a recording's raw bytes again: with a better decoder, or because its demonstration was lost."""
 
+from __future__ import annotations
+
 from pathlib import Path
 
 import numpy as np

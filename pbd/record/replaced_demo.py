@@ -1,5 +1,7 @@
 """The demonstration that `--force` replaces. It keeps another name until the new one has ended well."""
 
+from __future__ import annotations
+
 import os
 from dataclasses import dataclass
 from pathlib import Path

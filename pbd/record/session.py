@@ -1,5 +1,7 @@
 """A recording session: samples in, rows on disk, status out."""
 
+from __future__ import annotations
+
 from collections import deque
 from contextlib import suppress
 from math import hypot

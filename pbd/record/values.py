@@ -1,5 +1,7 @@
 """Values of a recording session: its options, a person's commands, the status for the screen, the outcome."""
 
+from __future__ import annotations
+
 import enum
 from dataclasses import dataclass
 from pathlib import Path

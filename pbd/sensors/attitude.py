@@ -1,5 +1,7 @@
 """Roll, pitch and yaw from a device's own quaternion, in plain floats: a decoder has microseconds, not arrays."""
 
+from __future__ import annotations
+
 from math import asin, atan2, pi, remainder
 
 from pbd.sensors.decoding import Triple

@@ -1,5 +1,7 @@
 """What every decoder of a wire protocol is: bytes go in, in any pieces, and samples come out."""
 
+from __future__ import annotations
+
 import re
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple, Protocol

@@ -7,6 +7,8 @@ joycon_parse_imu_report). Ours are, of a pad on the table: x to the right, y awa
 An axis that didn't change is not sent. Events carry no checksum: an impossible one is skipped byte by byte.
 """
 
+from __future__ import annotations
+
 from struct import Struct
 from typing import NamedTuple
 

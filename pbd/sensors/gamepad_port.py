@@ -1,5 +1,7 @@
 """A gamepad's input devices as a port: its motion sensors, and the buttons of the same pad, in one stream of events."""
 
+from __future__ import annotations
+
 import fcntl
 import os
 import re

@@ -17,6 +17,8 @@ or, in place of columns and prefix, where several lines make one sample, a [[lin
 begins a sample.
 """
 
+from __future__ import annotations
+
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field

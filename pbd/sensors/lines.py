@@ -5,6 +5,8 @@ absurd. Without a prefix that marks its start, the first line may be incomplete 
 way can still pass for another number: prefer a device with a checksum.
 """
 
+from __future__ import annotations
+
 import re
 from collections.abc import Iterable
 from math import isfinite, pi

@@ -12,6 +12,8 @@ the rest is passed over. Ask for `$C` (ESC *1) where there is a choice. Its two 
 are not used.
 """
 
+from __future__ import annotations
+
 import re
 from collections.abc import Mapping
 from functools import reduce

@@ -1,5 +1,7 @@
 """Serial ports: the only place that imports pyserial."""
 
+from __future__ import annotations
+
 import errno
 import grp
 import os

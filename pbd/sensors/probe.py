@@ -1,5 +1,7 @@
 """Identify a sensor by listening: try baud rates, and the decoders on the bytes."""
 
+from __future__ import annotations
+
 import time
 from collections.abc import Callable, Collection
 from dataclasses import dataclass

@@ -3,6 +3,8 @@
 Nothing heavy is loaded until a decoder is made. Baud rates are in the order in which to try them.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module

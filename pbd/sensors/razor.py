@@ -10,6 +10,8 @@ those with an MPU-9250 or ICM-20948 (SEN-14001, OpenLog Artemis): say `--unit gy
 Raw ones (`#A-R=`, `#M-R=`, `#G-R=`, not read here) are counts: 3.9 mg (ADXL345), 0.06957 deg/s, the magnetometer's own.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from types import MappingProxyType
 

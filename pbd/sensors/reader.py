@@ -1,5 +1,7 @@
 """A thread that empties a port, so that a slow screen or disk loses nothing."""
 
+from __future__ import annotations
+
 import queue
 import threading
 import time

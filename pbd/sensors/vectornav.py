@@ -13,6 +13,8 @@ by half a turn about x**: a sample's axes are forward, left and up, y and z chan
 acceleration, which is a specific force, is +g up. Only binary packets can tell the time (`TimeStartup`).
 """
 
+from __future__ import annotations
+
 import re
 from binascii import crc_hqx
 from functools import lru_cache, reduce

@@ -11,6 +11,8 @@ type falls; once a first group has ended, the highest type seen ends each at onc
 group is given with what it has when the next begins.
 """
 
+from __future__ import annotations
+
 import re
 from math import pi
 from struct import Struct

@@ -13,6 +13,8 @@ There is no checksum. A message is believed if its form is right and its numbers
 the device can measure.
 """
 
+from __future__ import annotations
+
 import re
 from collections import deque
 from operator import le

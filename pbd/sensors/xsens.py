@@ -20,6 +20,8 @@ says were lost. The first packet gives none. Field and attitude may come more ra
 last ones, if not older than 0.2 s. The sample time's wrap-around (every five days) is taken out.
 """
 
+from __future__ import annotations
+
 import re
 from collections.abc import Callable
 from functools import partial

@@ -1,5 +1,7 @@
 """Bounds of what the camera has to show."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from pbd.pose import Array

@@ -1,5 +1,7 @@
 """Tables that `pbd calibrate` prints."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from typing import Any
 

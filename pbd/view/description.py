@@ -1,5 +1,7 @@
 """The page's description of a motion: times, keyframes, joints, as a plain value for msgpack."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any

@@ -4,6 +4,8 @@ glTF has y up, so a node above all others turns what has z up. Players go evenly
 turns at a constant rate between two frames, as a joint does.
 """
 
+from __future__ import annotations
+
 import json
 import struct
 from pathlib import Path

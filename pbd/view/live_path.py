@@ -1,5 +1,7 @@
 """The live path: a curve through the tracked positions, in pieces of bounded size."""
 
+from __future__ import annotations
+
 import numpy as np
 from numpy.typing import ArrayLike
 

@@ -4,6 +4,8 @@ Meshcat's own Python classes send float32 corners and one dictionary per animati
 smaller forms as well (three.js r129: BufferGeometryLoader, AnimationClip.parse).
 """
 
+from __future__ import annotations
+
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

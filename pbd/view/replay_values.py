@@ -1,5 +1,7 @@
 """Values that `pbd.view.scene.build` draws."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 from pbd.data import GraspedObject, JointTrajectory, Obstacle, Robot

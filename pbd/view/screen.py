@@ -1,5 +1,7 @@
 """rich's console as we use it: names and labels are shown as they are, whatever stands in them."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable
 from typing import Any, TextIO
 

@@ -1,5 +1,7 @@
 """Meshes of URDF's primitives and of the scene's marks."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,5 +1,7 @@
 """Standard streams: control characters are made visible, failures of the streams are handled."""
 
+from __future__ import annotations
+
 import io
 import os
 import sys

@@ -1,5 +1,7 @@
 """Tables that the commands print."""
 
+from __future__ import annotations
+
 import csv
 import sys
 from collections.abc import Iterable, Mapping, Sequence

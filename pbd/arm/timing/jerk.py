@@ -6,6 +6,8 @@ isn't a linear bound, but t is convex in x, so its tangent at the last x lies be
 the bound is linear and on the safe side, and each program starts from the solution of the one before.
 """
 
+from __future__ import annotations
+
 import numpy as np
 from scipy.optimize import linprog
 from scipy.sparse import csr_array, kron, vstack

@@ -5,6 +5,8 @@ the line is straight (with one degree of freedom per joint it often isn't), and 
 pieces but for a factor. Ruckig's own waypoints are never used: they would ask a service on the net.
 """
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

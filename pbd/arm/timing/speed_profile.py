@@ -8,6 +8,8 @@ Between two grid points u = d2s/dt2 is constant. A joint's acceleration q' u + q
 Each bound is a pair of straight lines over x, -c - m x <= u <= c - m x, so every step has an answer in closed form.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

@@ -3,6 +3,8 @@
 A move is straight in joint space (ptp.py) or follows a curve (path_smoothing.py); at a keyframe the arm stands still.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,5 +1,7 @@
 """Functions that the steps of `pbd calibrate` share."""
 
+from __future__ import annotations
+
 import argparse
 from pathlib import Path
 from typing import Any

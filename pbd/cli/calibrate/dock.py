@@ -1,5 +1,7 @@
 """pbd calibrate dock CALIBRATION."""
 
+from __future__ import annotations
+
 import argparse
 
 import numpy as np

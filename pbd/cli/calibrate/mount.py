@@ -1,5 +1,7 @@
 """pbd calibrate mount CALIBRATION DEMO."""
 
+from __future__ import annotations
+
 import argparse
 
 import numpy as np

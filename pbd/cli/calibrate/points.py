@@ -1,5 +1,7 @@
 """pbd calibrate points CALIBRATION DEMO --points FILE."""
 
+from __future__ import annotations
+
 import argparse
 import warnings
 from dataclasses import replace

@@ -1,5 +1,7 @@
 """pbd calibrate sensor CALIBRATION DEMO."""
 
+from __future__ import annotations
+
 import argparse
 from collections.abc import Mapping
 from typing import Any

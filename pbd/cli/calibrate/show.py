@@ -1,5 +1,7 @@
 """pbd calibrate show CALIBRATION [DEMO]."""
 
+from __future__ import annotations
+
 import argparse
 from pathlib import Path
 from typing import Any, NamedTuple

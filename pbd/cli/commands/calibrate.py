@@ -1,5 +1,7 @@
 """Options of `pbd calibrate` and of its steps: dock, points, mount, sensor, show."""
 
+from __future__ import annotations
+
 import argparse
 from argparse import ArgumentParser
 from pathlib import Path

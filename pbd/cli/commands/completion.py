@@ -1,5 +1,7 @@
 """Completion for shells: `pbd --print-completion bash` writes the script, shtab makes it from the parser."""
 
+from __future__ import annotations
+
 import argparse
 from collections.abc import Iterator, Sequence
 from typing import Any, NoReturn

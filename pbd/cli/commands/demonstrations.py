@@ -1,5 +1,7 @@
 """Options of the commands that make demonstrations: record, simulate, import; and of sensors."""
 
+from __future__ import annotations
+
 from argparse import ArgumentParser
 from pathlib import Path
 

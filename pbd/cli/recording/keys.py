@@ -1,5 +1,7 @@
 """Single keys from a terminal, and signals, as commands, without blocking."""
 
+from __future__ import annotations
+
 import os
 import select
 import signal

@@ -1,5 +1,7 @@
 """The browser beside the recording's screen: `pbd record --live`."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import replace
 

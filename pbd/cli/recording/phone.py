@@ -1,5 +1,7 @@
 """pbd sensors phyphox: the experiment for a phone."""
 
+from __future__ import annotations
+
 import argparse
 import io
 import shutil

@@ -1,5 +1,7 @@
 """pbd robots [R], --suggest FILE, --for DEMO."""
 
+from __future__ import annotations
+
 import argparse
 from dataclasses import replace
 from typing import Any

@@ -1,5 +1,7 @@
 """pbd robots --for DEMO: which arms can replay it, and what stops the others."""
 
+from __future__ import annotations
+
 import argparse
 from typing import Any
 

@@ -1,5 +1,7 @@
 """pbd robots --suggest FILE: a home and a dock, as lines for the robot's TOML."""
 
+from __future__ import annotations
+
 import argparse
 import json
 from typing import Any

@@ -1,5 +1,7 @@
 """pbd run [DEMO] --robot R --port P."""
 
+from __future__ import annotations
+
 import argparse
 import sys
 

@@ -1,5 +1,7 @@
 """Plan from where the arm stands, show, ask, stream, watch."""
 
+from __future__ import annotations
+
 import argparse
 import math
 import sys

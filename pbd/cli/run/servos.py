@@ -1,5 +1,7 @@
 """Calibrate an arm's servos with a person's help, or let go of them."""
 
+from __future__ import annotations
+
 import argparse
 import sys
 from contextlib import AbstractContextManager, nullcontext

@@ -1,5 +1,7 @@
 """What a receiver makes of an exported file: read back, its gaps filled by the receiver's rule, and checked."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace

@@ -1,5 +1,7 @@
 """CSV: t, then q_, dq_, ddq_ of each joint, then the gripper's opening."""
 
+from __future__ import annotations
+
 from pathlib import Path
 
 import numpy as np

@@ -1,5 +1,7 @@
 """GLB: the replay's scene, animated, for Blender and whatever else shows 3D models."""
 
+from __future__ import annotations
+
 from pathlib import Path
 
 import numpy as np

@@ -1,5 +1,7 @@
 """What a format is written from."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path

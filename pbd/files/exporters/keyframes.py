@@ -1,5 +1,7 @@
 """Keyframes: joint targets and tool poses alone, as JSON, or as CSV where the file's name ends so."""
 
+from __future__ import annotations
+
 import csv
 import json
 from pathlib import Path

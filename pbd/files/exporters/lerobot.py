@@ -5,6 +5,8 @@ own joints, in rad. The action is the planned motion at each frame; the state is
 behind, as one does that is recorded. Written by pyarrow, which comes with pbd-robot[lerobot]; LeRobot is not needed.
 """
 
+from __future__ import annotations
+
 import json
 from collections.abc import Sequence
 from contextlib import suppress

@@ -3,6 +3,8 @@
 Both begin at the bag's start. Written by rosbags, which comes with pbd-robot[ros]; no ROS is needed.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from functools import cache

@@ -1,5 +1,7 @@
 """npz: arrays for the clients of real arms."""
 
+from __future__ import annotations
+
 from pathlib import Path
 
 import numpy as np

@@ -4,6 +4,8 @@ The points are where the trajectory's cubic pieces join, so that joint_trajector
 exactly, whether it fills the gaps by cubics or by quintics. Samples at a rate only add points to these.
 """
 
+from __future__ import annotations
+
 import json
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,5 +1,7 @@
 """TUM: `t x y z qx qy qz qw` a line, as evo reads it; of the tool in base, or of the hand in nav."""
 
+from __future__ import annotations
+
 from pathlib import Path
 
 import numpy as np

@@ -5,6 +5,8 @@ movej goes straight in joint space, from rest to rest: its leading axis accelera
 move last as long as planned: that is never more than the planned motion's own largest, which has to build it up.
 """
 
+from __future__ import annotations
+
 import re
 from itertools import pairwise
 from pathlib import Path

@@ -4,6 +4,8 @@ Times are the headers' stamps: what the driver wrote when it read the sensor, no
 covariance begins with -1 there is no such estimate (sensor_msgs/Imu.msg), so what is beside it is not read.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from os.path import commonprefix
 from pathlib import Path

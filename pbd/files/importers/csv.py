@@ -4,6 +4,8 @@
 at rest.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path

@@ -5,6 +5,8 @@ another, two in Chinese), SensorLog's, Shimmer's Consensys, Movella's DOT app, R
 No such device was at hand; the sources are published readers, examples and files: docs/imports.md lists them.
 """
 
+from __future__ import annotations
+
 import re
 
 from pbd.files.imu_columns import DEVICE

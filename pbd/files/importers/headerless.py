@@ -1,5 +1,7 @@
 """Recordings without a header: what was read of them, and `--column` and `--unit` where they are wrong."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path

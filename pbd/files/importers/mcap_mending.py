@@ -1,5 +1,7 @@
 """An MCAP before rosbags opens it: one whose end is missing is mended in a copy, one that swells is refused."""
 
+from __future__ import annotations
+
 import mmap
 import os
 import stat

@@ -1,5 +1,7 @@
 """Named numpy arrays in SI units: rate_hz, acc, gyr and, where they are known, mag, true_position, true_wxyz."""
 
+from __future__ import annotations
+
 import io
 import warnings
 import zipfile

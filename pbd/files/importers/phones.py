@@ -8,6 +8,8 @@ CROSSPLATFORM.md); phyphox' DataExport.java and its documentation (github.com/ph
 - phyphox: "Acceleration x (m/s^2)"; its "Linear Acceleration x (m/s^2)" is without gravity.
 """
 
+from __future__ import annotations
+
 import csv
 import io
 import re

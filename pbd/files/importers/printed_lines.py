@@ -12,6 +12,8 @@ Recognised by names before the numbers, not by a header (Arduino's serial plotte
 A sample begins where its first name comes again.
 """
 
+from __future__ import annotations
+
 import re
 from pathlib import Path
 

@@ -1,5 +1,7 @@
 """The tables in a zip, each read when it is asked for and only up to a bound."""
 
+from __future__ import annotations
+
 import io
 import zipfile
 import zlib

@@ -8,6 +8,8 @@ begins anew when the data are cleared, so those moments say how long that took.
 The phone's axes: x to the right, y to the top of the screen, z out of it; +g up at rest on both systems.
 """
 
+from __future__ import annotations
+
 import json
 import re
 from dataclasses import dataclass

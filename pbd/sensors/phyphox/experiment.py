@@ -5,6 +5,8 @@ docs/file-format and docs/transferring-experiments.md): seven letters, the CRC32
 number of codes, then a part of the zip. The app reads the first byte segment of a code, so it has just one.
 """
 
+from __future__ import annotations
+
 import io
 import zipfile
 import zlib

@@ -3,6 +3,8 @@
 The phone keeps its samples for minutes (`experiment.ROWS`), so a network that is lost for a while costs none.
 """
 
+from __future__ import annotations
+
 import http.client
 import time
 from contextlib import suppress
