@@ -183,7 +183,7 @@ def _device(sample: Sample) -> Array:
 
 
 def turn_matrix(turn: Array) -> Array:
-    """The matrix (3, 3) of a rotation vector (3,) rad, by Rodrigues; numpy takes several times as long for so little."""
+    """The matrix (3, 3) of a rotation vector (3,) rad, by Rodrigues; numpy takes longer for so little."""
     x, y, z = turn.tolist()
     angle = max(sqrt(x * x + y * y + z * z), 1e-12)
     a, b = sin(angle) / angle, 2.0 * (sin(0.5 * angle) / angle) ** 2
