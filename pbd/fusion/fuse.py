@@ -100,6 +100,9 @@ def _left_out(takes: Sequence[FusedTake]) -> list[str]:
         words += [
             f"only {take.name} has stops {' '.join(map(str, take.extra))}, and they are left out; "
             "a third take would show whether they belong to the task"
+            if len(take.extra) > 1
+            else f"only {take.name} has stop {take.extra[0]}, and it is left out; "
+            "a third take would show whether it belongs to the task"
             for take in used
             if take.extra
         ]

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe
-from pbd.data.one_line_repr import counted
 from pbd.errors import PbdError, TrackingError, warn
 from pbd.fusion.devices import devices_of
 from pbd.fusion.joint_estimate import Parts, State
@@ -87,13 +86,9 @@ def refuse_strangers(takes: Sequence[Take], found: Alignment) -> None:
     reference = next(iter(found.registered))
     other = takes[found.strangers[0]]
     raise TrackingError(
-        f"{_stops(takes[reference])} and {_stops(other)} are of different tasks: fewer than half of their keyframes "
-        "match, or not the dock; fuse takes of one task"
+        f"{takes[reference].name} ({len(takes[reference].knots)} stops) and {other.name} ({len(other.knots)} stops) "
+        "are of different tasks: fewer than half of their keyframes match, or not the dock; fuse takes of one task"
     )
-
-
-def _stops(take: Take) -> str:
-    return f"{take.name} ({counted(len(take.knots), 'stop')})"
 
 
 def start(takes: Sequence[Take], used: Sequence[int], found: Alignment, thing: Moved | None) -> tuple[Parts, State]:

@@ -139,12 +139,12 @@ def main() -> None:
     args = parser.parse_args()
     warnings.simplefilter("ignore", PbdWarning)
     outcomes = _outcomes(range(FIRST_SEED, FIRST_SEED + (3 if args.quick else args.seeds)), args.keep)
-    figures: dict[str, Any] = {"seeds": len(next(iter(outcomes.values()))), "sensors": {}}
-    for (kind, sensor, *held), each in zip(SCENARIOS, outcomes.values(), strict=True):
-        at = figures[kind].setdefault(sensor, {}) if sensor else figures.setdefault(kind, {})
-        for key in held[:-1]:
+    figures: dict[str, Any] = {"seeds": len(next(iter(outcomes.values())))}
+    for (*held, last), each in zip(SCENARIOS, outcomes.values(), strict=True):
+        at = figures
+        for key in filter(None, held):
             at = at.setdefault(key, {})
-        at[held[-1]] = score(each)
+        at[last] = score(each)
     turned = [one for scenario, each in outcomes.items() if _usual(scenario) for one in each if one]
     off = np.concatenate([one["sigmas"] for one in turned])
     figures |= {"inside_1_sigma": float((off < 1.0).mean()), "inside_2_sigma": float((off < 2.0).mean())}

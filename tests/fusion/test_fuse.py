@@ -123,12 +123,23 @@ def test_an_outlier_take_is_named_and_left_out(takes: list[Demonstration]) -> No
 
 
 def test_of_two_takes_it_is_told_what_only_one_has(takes: list[Demonstration]) -> None:
-    whole = takes[1].recording
-    keep = whole.t < find_keyframes(track(whole))[4].t
-    assert whole.gyr is not None
-    half = replace(whole, t=whole.t[keep], acc=whole.acc[keep], gyr=whole.gyr[keep], mag=None, device_rpy=None)
     with pytest.warns(match="only take 1 has stops 5 6, and they are left out; a third take"):
-        assert len(pbd.fuse([takes[0], replace(takes[1], recording=half, truth=None)]).stops) == 5
+        assert len(pbd.fuse([takes[0], shortened(takes[1], 5)]).stops) == 5
+
+
+def test_one_stop_is_told_in_the_singular(takes: list[Demonstration]) -> None:
+    first, second = (shortened(take, stops) for take, stops in zip(takes, (2, 1), strict=False))
+    with pytest.warns(match="only take 1 has stop 1, and it is left out; a third take would show whether it belongs"):
+        fused = pbd.fuse([first, second])
+    assert repr(fused.fusion) == "<Fusion: 2 takes, 1 keyframe>"
+
+
+def shortened(take: Demonstration, stops: int) -> Demonstration:
+    """A take that ends where the hand leaves its stop of that number."""
+    whole, end = take.recording, track(take.recording).stops[stops - 1].stop
+    assert whole.gyr is not None
+    cut = replace(whole, t=whole.t[:end], acc=whole.acc[:end], gyr=whole.gyr[:end], mag=None, device_rpy=None)
+    return replace(take, recording=cut, truth=None)
 
 
 def test_what_takes_know_of_their_stops_counts_in_each(path: HandPath, takes: list[Demonstration]) -> None:
