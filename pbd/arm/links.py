@@ -14,9 +14,7 @@ def links_in_parents(arm: ArmModel, q: Array, opening: float) -> dict[str, tuple
     """Return each link's parent and its pose there, at joints (k,) and an opening; the root has none."""
     data = arm.full.createData()
     pin.framesForwardKinematics(arm.full, data, arm.full_q(q, opening))
-    return {
-        link: (parent, from_se3(data.oMf[above].inverse() * data.oMf[i])) for link, i, parent, above in _tree(arm)
-    }
+    return {link: (parent, from_se3(data.oMf[above].inverse() * data.oMf[i])) for link, i, parent, above in _tree(arm)}
 
 
 @lru_cache(maxsize=4)
