@@ -10,5 +10,6 @@ from pbd.pose import Array
 
 def assert_near(found: Array, wanted: ArrayLike, within: float) -> None:
     """As `found == pytest.approx(wanted, abs=within)`: of one shape, or one number for all; NaN is near nothing."""
-    assert np.shape(wanted) in ((), found.shape)
-    np.testing.assert_allclose(found, wanted, rtol=0.0, atol=within, equal_nan=False)
+    expected: Array = np.asarray(wanted, dtype=np.float64)
+    assert expected.shape in ((), found.shape)
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=within, equal_nan=False)
