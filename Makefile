@@ -5,6 +5,9 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
+# Otherwise each process of the tests compiles anew what pytest rewrites.
+export PYTHONDONTWRITEBYTECODE :=
+
 .PHONY: demo test check format clean
 
 $(VENV)/.installed: pyproject.toml

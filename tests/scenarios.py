@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -49,6 +50,7 @@ def with_hole(recording: Recording, start_s: float, stop_s: float) -> Recording:
     return replace(recording, acc=acc)
 
 
+@cache
 def pour(sensor: str = "modern", seed: int = 0) -> Demonstration:
     """The everyday task."""
     return simulate("pour", sensor, seed)

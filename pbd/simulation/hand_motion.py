@@ -124,14 +124,11 @@ class HandMotion:
         s, ds, dds = minimum_jerk(np.clip((t - self._begin[k])[:, None] / duration, 0.0, 1.0))
         wxyz = quat_multiply(self._wxyz_from[k], quat_exp(s * self._turn[k]))
         w, alpha = ds / duration * self._turn[k], dds / duration**2 * self._turn[k]
-        # The point moves along the line, and the sensor about it.
-        v_point = np.cross(w, self._lever)
-        a_point = np.cross(alpha, self._lever) + np.cross(w, v_point)
-        state = HandState(
-            p=self._p_from[k] + s * self._way[k] - quat_rotate(wxyz, self._lever),
-            v=ds / duration * self._way[k] - quat_rotate(wxyz, v_point),
-            a=dds / duration**2 * self._way[k] - quat_rotate(wxyz, a_point),
-            wxyz=wxyz,
-            w=w,
-        )
+        way = self._way[k]
+        p, v, a = self._p_from[k] + s * way, ds / duration * way, dds / duration**2 * way
+        if self._lever.any():  # the point moves along the line, and the sensor about it
+            v_point = np.cross(w, self._lever)
+            a_point = np.cross(alpha, self._lever) + np.cross(w, v_point)
+            p, v, a = p - quat_rotate(wxyz, self._lever), v - quat_rotate(wxyz, v_point), a - quat_rotate(wxyz, a_point)
+        state = HandState(p, v, a, wxyz, w)
         return state if self._sway is None else self._sway.added_to(state, t)

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
 
@@ -67,6 +66,8 @@ def test_datasets_reads_the_motion_in_degrees_and_percent(tmp_path: Path) -> Non
 
 
 def test_episodes_tasks_and_stats(tmp_path: Path) -> None:
+    import pandas as pd  # takes its time to load
+
     made(tmp_path / "tea", "so101", ("pouring", "paper-test1"))
     rows = rows_of(tmp_path / "tea", tmp_path / "cache").with_format("numpy")[:]
     tasks = pd.read_parquet(tmp_path / "tea/meta/tasks.parquet")

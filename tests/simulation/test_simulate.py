@@ -25,6 +25,7 @@ from pbd.simulation.hand_motion import HandMotion, Waypoint
 from pbd.simulation.sensor_model import SensorModel
 from pbd.simulation.simulate import EARTH, SENSOR_MODELS, TASKS, World, random_task, simulate
 from pbd.simulation.tasks import Task
+from tests.near import assert_near
 
 seeds = st.integers(0, 2**32 - 1)
 UP = np.array([0.0, 0.0, EARTH.gravity])
@@ -58,7 +59,7 @@ def test_gyro_integrates_to_the_true_attitude(rate_hz: float) -> None:
         borders = (np.arange(len(truth.t) + 1) - 0.5) / rate_hz
         q = HandMotion(task.waypoints, task.start_rpy).at(borders).wxyz
         turn = quat_log(quat_multiply(quat_inverse(q[:-1]), q[1:]))
-        assert gyr / rate_hz == pytest.approx(turn, abs=1e-9)
+        assert_near(gyr / rate_hz, turn, 1e-9)
 
 
 @given(seeds)
@@ -67,7 +68,7 @@ def test_acceleration_integrates_to_the_true_position(seed: int) -> None:
     acc, _, _, truth = ideal(random_task(seed, moves=2), 1000.0)
     v = np.cumsum((quat_rotate(truth.wxyz_nav_sensor, acc) - UP) / 1000.0, axis=0)  # at the end of each interval
     p = np.cumsum(v[:-1] / 1000.0, axis=0)  # in the middle of the next one
-    assert p == pytest.approx(truth.p_nav_sensor[1:], abs=2e-4)
+    assert_near(p, truth.p_nav_sensor[1:], 2e-4)
 
 
 @pytest.mark.parametrize("rate_hz", [40.0, 73.0])
@@ -84,7 +85,7 @@ def test_samples_are_means_over_the_interval_around_t(name: str, rate_hz: float)
         (gyr, hand.w),
         (mag, quat_rotate(sensor_from_world, EARTH.field)),
     ):
-        assert read == pytest.approx(felt.reshape(len(read), fine, 3).mean(axis=1), abs=2e-4)
+        assert_near(read, felt.reshape(len(read), fine, 3).mean(axis=1), 2e-4)
 
 
 @given(seeds, st.floats(-3.0, 3.0))
@@ -95,7 +96,7 @@ def test_turning_hand_and_field_changes_nothing(seed: int, yaw: float) -> None:
     world = World(EARTH.gravity, (cos(yaw) * x - sin(yaw) * y, sin(yaw) * x + cos(yaw) * y, z))
     here, there = ideal(task), ideal(task.turned(yaw), world=world)
     for a, b in zip(here[:3], there[:3], strict=True):
-        assert b == pytest.approx(a, abs=1e-9)
+        assert_near(b, a, 1e-9)
     assert_same_truth(here[3], there[3])
 
 
@@ -104,9 +105,9 @@ def test_turning_hand_and_field_changes_nothing(seed: int, yaw: float) -> None:
 def test_turning_the_hand_turns_only_the_field(seed: int, yaw: float) -> None:
     task = random_task(seed)
     here, there = ideal(task), ideal(task.turned(yaw))
-    assert there[0] == pytest.approx(here[0], abs=1e-9)
-    assert there[1] == pytest.approx(here[1], abs=1e-9)
-    assert there[3].p_nav_sensor == pytest.approx(quat_rotate(quat_about_z(yaw), here[3].p_nav_sensor), abs=1e-9)
+    assert_near(there[0], here[0], 1e-9)
+    assert_near(there[1], here[1], 1e-9)
+    assert_near(there[3].p_nav_sensor, quat_rotate(quat_about_z(yaw), here[3].p_nav_sensor), 1e-9)
 
 
 @given(seeds, st.floats(-3.0, 3.0))
@@ -115,16 +116,16 @@ def test_without_a_magnetometer_no_heading_is_seen(seed: int, yaw: float) -> Non
     task = random_task(seed)
     here, there = simulate(task, NO_MAG), simulate(task.turned(yaw), NO_MAG)
     assert here.recording.mag is None
-    assert there.recording.acc == pytest.approx(here.recording.acc, abs=1e-9)
+    assert_near(there.recording.acc, here.recording.acc, 1e-9)
     assert here.truth is not None
     assert there.truth is not None
     assert_same_truth(here.truth, there.truth)
 
 
 def assert_same_truth(a: Truth, b: Truth) -> None:
-    assert b.p_nav_sensor == pytest.approx(a.p_nav_sensor, abs=1e-9)
+    assert_near(b.p_nav_sensor, a.p_nav_sensor, 1e-9)
     turn = quat_log(quat_multiply(quat_inverse(a.wxyz_nav_sensor), b.wxyz_nav_sensor))
-    assert turn == pytest.approx(0.0, abs=1e-7)
+    assert_near(turn, 0.0, 1e-7)
 
 
 @pytest.mark.parametrize(

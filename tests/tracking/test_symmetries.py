@@ -21,6 +21,7 @@ from pbd.pose import (
 from pbd.simulation.sensor_model import SensorModel
 from pbd.simulation.simulate import random_task, simulate
 from pbd.tracking.keyframes import find_keyframes
+from tests.near import assert_near
 from tests.tracking.hands import (
     RATE_HZ,
     bound,
@@ -55,8 +56,8 @@ def test_turning_the_world_turns_the_result(method: str, sensor: SensorModel, se
     assert wrapped(found - (yaw if sensor.mag else 0.0)) == pytest.approx(0.0, abs=np.radians(0.1))
     turn = quat_about_z(found)
     assert same_stops(turned, plain)
-    assert turned.p_nav_sensor == pytest.approx(quat_rotate(turn, plain.p_nav_sensor), abs=1e-5)
-    assert turned.v_nav_sensor == pytest.approx(quat_rotate(turn, plain.v_nav_sensor), abs=1e-4)
+    assert_near(turned.p_nav_sensor, quat_rotate(turn, plain.p_nav_sensor), 1e-5)
+    assert_near(turned.v_nav_sensor, quat_rotate(turn, plain.v_nav_sensor), 1e-4)
     assert largest_angle(turned.wxyz_nav_sensor, quat_multiply(turn, plain.wxyz_nav_sensor)) < 1e-5
 
 
@@ -85,7 +86,7 @@ def test_a_mirrored_hand_goes_the_mirrored_way(method: str, sensor: SensorModel)
     )
     path, other = track(recording, method), track(mirrored, method)
     assert same_stops(other, path)
-    assert other.p_nav_sensor == pytest.approx(polar * path.p_nav_sensor, abs=1e-7)
+    assert_near(other.p_nav_sensor, polar * path.p_nav_sensor, 1e-7)
     assert largest_angle(other.wxyz_nav_sensor, axial * path.wxyz_nav_sensor) < 1e-6
     assert np.ptp(path.p_nav_sensor[:, polar < 0.0]) > 0.05
 
@@ -116,7 +117,7 @@ def test_how_the_sensor_is_mounted_does_not_matter(
     mounted = quat_multiply(path.wxyz_nav_sensor, mount)
     yaw = yaw_toward(other.wxyz_nav_sensor[middle(other.stops[0])], mounted[middle(path.stops[0])])
     assert same_stops(other, path)
-    assert quat_rotate(quat_about_z(yaw), other.p_nav_sensor) == pytest.approx(path.p_nav_sensor, abs=1e-5)
+    assert_near(quat_rotate(quat_about_z(yaw), other.p_nav_sensor), path.p_nav_sensor, 1e-5)
     assert largest_angle(quat_multiply(quat_about_z(yaw), other.wxyz_nav_sensor), mounted) < 1e-5
     assert sensor.mag is None or abs(wrapped(yaw)) < np.radians(0.1)
 

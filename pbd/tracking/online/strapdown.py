@@ -183,7 +183,7 @@ def _device(sample: Sample) -> Array:
 
 
 def turn_matrix(turn: Array) -> Array:
-    """The matrix (3, 3) of a rotation vector (3,) rad, by Rodrigues; numpy takes longer for so little."""
+    """The matrix (3, 3) of a rotation vector (3,) rad, by Rodrigues; numpy takes several times as long."""
     x, y, z = turn.tolist()
     angle = max(sqrt(x * x + y * y + z * z), 1e-12)
     a, b = sin(angle) / angle, 2.0 * (sin(0.5 * angle) / angle) ** 2
@@ -199,6 +199,6 @@ def turn_matrix(turn: Array) -> Array:
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """Cross product of two vectors (3,); numpy takes ten times as long for so little."""
+    """Cross product of two vectors (3,); numpy takes ten times as long."""
     (x, y, z), (u, v, w) = a.tolist(), b.tolist()
     return np.array((y * w - z * v, z * u - x * w, x * v - y * u))

@@ -1,0 +1,15 @@
+"""Whole recordings compared at once: pytest.approx takes one number after the other, a thousand times as long."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pbd.pose import Array
+
+
+def assert_near(found: Array, wanted: ArrayLike, within: float) -> None:
+    """As `found == pytest.approx(wanted, abs=within)`: of one shape, or one number for all; NaN is near nothing."""
+    expected: Array = np.asarray(wanted, dtype=np.float64)
+    assert expected.shape in ((), found.shape)
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=within, equal_nan=False)
