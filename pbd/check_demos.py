@@ -171,8 +171,8 @@ def _compared(found: Iterable[DemoCheck]) -> tuple[DemoCheck, ...]:
 def _turns(p: Array) -> Array:
     """By what angle (n,) about the vertical each way (n, k, 3) is turned against the one that is most like the others.
 
-    Only what is more than TURNED_RAD counts: a sensor that sits otherwise in the hand, as in takes to be fused. A way up
-    and down shows no direction.
+    Only what is more than TURNED_RAD counts: a sensor that sits otherwise in the hand, as in takes to be fused. A way
+    up and down shows no direction.
     """
     level = p[..., 0] + 1j * p[..., 1]
     between = np.angle(np.einsum("ik,jk->ij", level.conj(), level))
