@@ -12,6 +12,7 @@ import numpy as np
 from pbd.data import Calibration, Keyframe, Robot
 from pbd.errors import PbdError, collected_warnings
 from pbd.files.demo import load_demo
+from pbd.fusion.matching import HAND_M
 from pbd.pipeline import track
 from pbd.plots.demo_values import demo_plot
 from pbd.plots.findings import OFF_SIGMAS
@@ -170,9 +171,11 @@ def _compared(found: Iterable[DemoCheck]) -> tuple[DemoCheck, ...]:
 def _turns(p: Array) -> Array:
     """By what angle (n,) about the vertical each way (n, k, 3) is turned against the one that is most like the others.
 
-    Only what is more than TURNED_RAD counts: a sensor that sits otherwise in the hand, as in takes to be fused.
+    Only what is more than TURNED_RAD counts: a sensor that sits otherwise in the hand, as in takes to be fused. A way
+    up and down shows no direction.
     """
     level = p[..., 0] + 1j * p[..., 1]
     between = np.angle(np.einsum("ik,jk->ij", level.conj(), level))
     turns: Array = between[np.argmin(np.abs(between).sum(axis=1))]
-    return np.where(np.abs(turns) > TURNED_RAD, turns, 0.0)
+    shown = (np.abs(level).max(axis=1) > HAND_M).all()
+    return np.where(shown & (np.abs(turns) > TURNED_RAD), turns, 0.0)
