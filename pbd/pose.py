@@ -180,14 +180,9 @@ def quat_from_rpy(rpy: ArrayLike) -> Array:
     """Unit quaternions of roll, pitch, yaw (..., 3) in rad: about x, then fixed y, then fixed z, as in URDF."""
     half = 0.5 * np.asarray(rpy, dtype=np.float64)
     (cr, cp, cy), (sr, sp, sy) = _components(np.cos(half)), _components(np.sin(half))
-    return quat_canonical(
-        _vectors(
-            cr * cp * cy + sr * sp * sy,
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-        )
-    )
+    w, x = cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy
+    y, z = cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy
+    return quat_canonical(_vectors(w, x, y, z))
 
 
 def quat_to_rpy(wxyz: ArrayLike) -> Array:
