@@ -34,7 +34,7 @@ from pbd.tracking.online.filter import UP
 from pbd.tracking.online.samples import Sample
 from pbd.tracking.online.strapdown import Strapdown
 from pbd.tracking.online.tracker import DataFlaw, LiveEvent, LiveTracker, RestFound, StopBegan, StopEnded
-from pbd.tracking.smoother.preintegration import gyro_frame
+from pbd.tracking.smoother.preintegration import LAG, POS, VEL, GyroFrame, gyro_frame
 from tests.benchmarks.trials import read_broad
 from tests.scenarios import pour, truth_at, uncalibrated, with_hole, with_rows
 
@@ -176,18 +176,34 @@ def distance_in_sigmas(off: Array, cov: Array) -> float:
     return float(np.sqrt(off @ np.linalg.solve(cov + 1e-8 * np.eye(3), off)))
 
 
-def test_its_integrals_are_those_of_the_batch() -> None:
-    """Its cubics look back, theirs to both sides: they differ for a moment, and agree once the hand rests."""
+def from_rest_to_rest(wobble: float) -> tuple[Strapdown, GyroFrame]:
+    """A move as the live tracker and as the batch integrate it, with so many rad/s of a wobble about three axes."""
     recording = pour("modern", 1).recording
+    part = slice(240, 360)
+    t, acc = recording.t[part], recording.acc[part]
+    phase = 2.0 * np.pi * 4.0 * t[:, None]
+    moving = (np.abs(t - 3.0) < 0.25)[:, None]
     assert recording.gyr is not None
-    rows = range(240, 360)  # from rest through a move to rest
-    samples = [Sample(k, float(recording.t[k]), recording.acc[k], recording.gyr[k]) for k in rows]
-    noise = Noise(1e-4, 1e-3, FACTORY)
-    strapdown = Strapdown(samples[0], 0.01, noise, np.zeros(3), device=False)
+    gyr = recording.gyr[part] + wobble * moving * np.cos(phase + np.arange(3.0))
+    samples = [Sample(k, *row) for k, row in enumerate(zip(t.tolist(), acc, gyr, strict=True))]
+    strapdown = Strapdown(samples[0], 0.01, Noise(1e-4, 1e-3, FACTORY), np.zeros(3), device=False)
     for sample in samples[1:]:
         strapdown.push(sample)
-    part = slice(rows.start, rows.stop)
-    frame = gyro_frame(recording.t[part], recording.gyr[part], recording.acc[part], 0.01)
+    return strapdown, gyro_frame(t, gyr, acc, 0.01)
+
+
+def test_a_wobble_turns_it_as_it_turns_the_batch_and_a_lag_adds_as_much() -> None:
+    """Coning: it turns the hand by more than its rates add up to."""
+    strapdown, frame = from_rest_to_rest(wobble=3.0)
+    np.testing.assert_allclose(strapdown.C, quat_to_matrix(frame.wxyz[-1]), rtol=0.0, atol=1e-5)
+    leg = strapdown.leg(None, np.array((0.0, 0.0, GRAVITY)))
+    np.testing.assert_allclose(leg.J[VEL, LAG][:, 0], frame.L[-1], rtol=0.0, atol=5e-3)
+    np.testing.assert_allclose(leg.J[POS, LAG][:, 0], frame.LL[-1], rtol=0.0, atol=5e-3)
+
+
+def test_its_integrals_are_those_of_the_batch() -> None:
+    """Its cubics look back, theirs to both sides: they differ for a moment, and agree once the hand rests."""
+    strapdown, frame = from_rest_to_rest(wobble=0.0)
     assert np.linalg.norm(frame.wxyz[60] - frame.wxyz[0]) > 0.0
     np.testing.assert_allclose(strapdown.C, quat_to_matrix(frame.wxyz[-1]), rtol=0.0, atol=2e-6)
     leg = strapdown.leg(None, np.array((0.0, 0.0, GRAVITY)))
