@@ -37,10 +37,14 @@ TINY = 1e-12
 
 
 class _Axes(NamedTuple):
-    """An arm with all joints at zero, in pinocchio's world: directions h (7, 3) and points p (7, 3) m of its axes."""
+    """An arm with all joints at zero, in pinocchio's world: directions h (7, 3) and points p (7, 3) m of its axes.
+
+    v @ K[i], of K (7, 3, 3), is the cross product h[i] x v.
+    """
 
     h: Array
     p: Array
+    K: Array
     tool: Target
 
 
@@ -56,7 +60,8 @@ def _axes(arm: ArmModel) -> _Axes | None:
     if shoulder is None or also is None or wrist is None or np.linalg.norm(also - shoulder) > 1e-3:
         return None
     p[:3], p[4:6] = shoulder, wrist
-    return _Axes(h, p, Target(data.oMf[arm.tool_id].translation.copy(), data.oMf[arm.tool_id].rotation.copy()))
+    tool = data.oMf[arm.tool_id]
+    return _Axes(h, p, np.cross(h[:, None], np.eye(3)), Target(tool.translation.copy(), tool.rotation.copy()))
 
 
 def seven_joints(arm: ArmModel, goal: Target) -> list[Array]:
@@ -110,23 +115,28 @@ def _ways(arm: ArmModel, axes: _Axes, R: Array, from_last: Array, q7: Array) -> 
     With them how far (8, n) each is from being a way, rad: outside its limits, or short of a place where two ways meet;
     0 where it is one.
     """
-    h, at = axes.h, axes.p
+    h, at, K = axes.h, axes.p, axes.K
     upper, fore = at[3] - at[0], at[4] - at[3]
     # Joints 1 to 6 turn and place what the last leaves.
-    turned = R @ _turn(h[6], -q7)
-    to_shoulder = from_last - turned @ (at[4] - at[6])
-    square = 0.5 * ((to_shoulder**2).sum(axis=-1) - upper @ upper - fore @ fore)
-    seen = _rotate(turned.swapaxes(-1, -2), to_shoulder)
-    q4, short4 = _dot(upper, h[3], fore, square)
-    turn4 = _turn(h[3], -q4)
-    from_wrist = _rotate(turn4, -upper) - fore
-    q6, short6 = _dot(h[4], h[5], seen, from_wrist @ h[4])
-    turn6 = _turn(h[5], q6)
-    q5 = -_align(h[4], from_wrist, _rotate(turn6, seen))
-    upper_arm = turned @ turn6.swapaxes(-1, -2) @ _turn(h[4], -q5) @ turn4
-    q2, short2 = _dot(h[0], h[1], h[2], upper_arm @ h[2] @ h[0])
-    q1 = _align(h[0], _turn(h[1], q2) @ h[2], upper_arm @ h[2])
-    q3 = -_align(h[2], _turn(h[1], -q2) @ h[0], h[0] @ upper_arm)
+    turn7 = _sines(q7)
+    to_shoulder = from_last - _turned(K[6].T, turn7, at[4] - at[6]) @ R.T
+    seen = _turned(K[6], turn7, to_shoulder @ R)
+    q4, short4 = _meet(upper, K[3], fore, 0.5 * (_dot(to_shoulder, to_shoulder) - upper @ upper - fore @ fore))
+    turn4 = _sines(q4)
+    from_wrist = _turned(K[3].T, turn4, -upper) - fore
+    q6, short6 = _meet(h[4], K[5], seen, from_wrist @ h[4])
+    turn6 = _sines(q6)
+    q5 = -_align(K[4], from_wrist, _turned(K[5], turn6, seen))
+    turn5 = _sines(q5)
+    # What turns the upper arm takes axis 3 there, and back to axis 1.
+    there = _turned(K[5].T, turn6, _turned(K[4].T, turn5, _turned(K[3].T, turn4, h[2])))
+    there = _turned(K[6].T, turn7, there) @ R.T
+    back = _turned(K[4], turn5, _turned(K[5], turn6, _turned(K[6], turn7, h[0] @ R)))
+    back = _turned(K[3], turn4, back)
+    q2, short2 = _meet(h[0], K[1], h[2], there @ h[0])
+    turn2 = _sines(q2)
+    q1 = _align(K[0], _turned(K[1], turn2, h[2]), there)
+    q3 = -_align(K[2], _turned(K[1].T, turn2, h[0]), back)
     found = within_turns(arm, np.stack(np.broadcast_arrays(q1, q2, q3, q4, q5, q6, q7), axis=-1))
     beyond = np.maximum(arm.limits.lower - found, found - arm.limits.upper).max(axis=-1)
     off = np.maximum(np.maximum(beyond, short2), np.maximum(short4, short6))
@@ -158,42 +168,45 @@ def _last(arm: ArmModel, axes: _Axes, to_shoulder: Array, to_wrist: Array) -> Ar
 
 
 def _turn(axis: Array, angle: Array) -> Array:
-    """Rotations (..., 3, 3) about an axis by angles (...)."""
+    """Rotations (n, 3, 3) about an axis by angles (n,)."""
     x, y, z = axis
     K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    s, d = np.sin(angle)[..., None, None], (1.0 - np.cos(angle))[..., None, None]
+    s, d = np.sin(angle)[:, None, None], (1.0 - np.cos(angle))[:, None, None]
     R: Array = np.eye(3) + s * K + d * (K @ K)
     return R
 
 
-def _rotate(R: Array, v: Array) -> Array:
-    """Vectors (..., 3) turned by rotations (..., 3, 3)."""
-    turned: Array = (R @ v[..., None])[..., 0]
+def _sines(q: Array) -> tuple[Array, Array]:
+    """Sine, and one less the cosine, (..., 1) of angles (...)."""
+    return np.sin(q)[..., None], (1.0 - np.cos(q))[..., None]
+
+
+def _turned(K: Array, sines: tuple[Array, Array], v: Array) -> Array:
+    """Vectors (..., 3) turned about an axis, by angles of which the sines are given; back with K.T."""
+    across = v @ K
+    turned: Array = v + sines[0] * across + sines[1] * (across @ K)
     return turned
 
 
-def _cross(axis: Array, v: Array) -> Array:
-    """Return axis x v, of vectors (..., 3)."""
-    (a, b, c), (x, y, z) = axis, np.moveaxis(v, -1, 0)
-    crossed: Array = np.stack((b * z - c * y, c * x - a * z, a * y - b * x), axis=-1)
-    return crossed
+def _dot(v: Array, w: Array) -> Array:
+    dot: Array = np.einsum("...i,...i", v, w)
+    return dot
 
 
-def _align(axis: Array, v: Array, w: Array) -> Array:
+def _align(K: Array, v: Array, w: Array) -> Array:
     """Angles (...) by which v is to be turned about an axis to come nearest to w; both (..., 3)."""
-    across = v - (v @ axis)[..., None] * axis
-    (a, b, c), (d, e, f) = (np.moveaxis(each * w, -1, 0) for each in (across, _cross(axis, across)))
-    angle: Array = np.arctan2(d + e + f, a + b + c)
+    across = v @ K
+    angle: Array = np.arctan2(_dot(across, w), -_dot(across @ K, w))
     return angle
 
 
-def _dot(n: Array, axis: Array, v: Array, d: Array) -> tuple[Array, Array]:
-    """Angles (2, ...) with n . turn(axis, q) v = d (...), on one side, then on the other; how far each is short, rad.
+def _meet(n: Array, K: Array, v: Array, d: Array) -> tuple[Array, Array]:
+    """Angles (2, ...) about an axis with n . turned(v) = d (...), to both sides; and how far they are short, rad.
 
     Where there is none it is the nearest, short by the angle's imaginary part.
     """
-    across = v - (v @ axis)[..., None] * axis
-    a, b = across @ n, _cross(axis, across) @ n
-    cosine = (d - (n @ axis) * (v @ axis)) / np.maximum(np.hypot(a, b), TINY)
+    across = v @ K
+    a, b = -(across @ K) @ n, across @ n
+    cosine = (d - v @ n + a) / np.maximum(np.hypot(a, b), TINY)
     half, middle = np.arccos(np.clip(cosine, -1.0, 1.0)), np.arctan2(b, a)
     return np.stack((middle + half, middle - half)), np.arccosh(np.maximum(np.abs(cosine), 1.0))
