@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
+from operator import itemgetter
 
 import numpy as np
 from ompl import base, geometric, util
@@ -80,16 +81,16 @@ def warp_detour(queries: CollisionQueries, leg: int, start: Array, goal: Array, 
     straight: Array = np.stack((start, goal))
     if queries.passes(leg, straight):
         return straight
-    ways: list[Array] = []
+    ways: list[tuple[float, Array]] = []
     for way in known:
-        share, most = np.linspace(0.0, 1.0, len(way))[:, None], _WORSE * _roundabout(way)
+        share, most = np.linspace(0.0, 1.0, len(way))[:, None], _WORSE * _roundabout(way) * _length(straight)
         for there in (way, way[::-1]):
             warped: Array = there + (1.0 - share) * (start - there[0]) + share * (goal - there[-1])
             warped[0], warped[-1] = start, goal
-            if _roundabout(warped) < most:
-                ways.append(warped)
-    ways.sort(key=_length)
-    for way in ways[:_WARPED]:
+            if (length := _length(warped)) < most:
+                ways.append((length, warped))
+    ways.sort(key=itemgetter(0))
+    for _, way in ways[:_WARPED]:
         if _curve_passes(queries, leg, way):
             direct = start + np.linspace(0.0, 1.0, len(way))[:, None] * (goal - start)
             nearer = (direct + share * (way - direct) for share in _NEARER)
@@ -98,7 +99,8 @@ def warp_detour(queries: CollisionQueries, leg: int, start: Array, goal: Array, 
 
 
 def _length(q: Array) -> float:
-    return float(np.linalg.norm(np.diff(q, axis=0), axis=1).sum())
+    step = q[1:] - q[:-1]
+    return float(np.sqrt(np.einsum("ij,ij->i", step, step)).sum())
 
 
 def _roundabout(q: Array) -> float:
