@@ -147,7 +147,7 @@ def _last(arm: ArmModel, axes: _Axes, to_shoulder: Array, to_wrist: Array) -> Ar
     """Angles (n,) of the last joint, in order: all over where the wrist is in the elbow's reach, within limits."""
     h, at, (lower, upper) = axes.h, axes.p, (arm.limits.lower, arm.limits.upper)
     bends = np.linspace(max(lower[3], -np.pi), min(upper[3], np.pi), COUNT)
-    reach = np.linalg.norm(at[3] - at[0] + (at[4] - at[3]) @ _turn(h[3], -bends), axis=1)
+    reach = np.linalg.norm(at[3] - at[0] + _turned(axes.K[3], _sines(bends), at[4] - at[3]), axis=1)
     across = to_wrist - (to_wrist @ h[6]) * h[6]
     a, b = float(to_shoulder @ across), -float(to_shoulder @ np.cross(h[6], across))
     size, nearest = math.hypot(a, b), math.atan2(b, a)
@@ -165,15 +165,6 @@ def _last(arm: ArmModel, axes: _Axes, to_shoulder: Array, to_wrist: Array) -> Ar
     every = sum(end - start for start, end in parts) / COUNT
     tried = [np.linspace(start, end, FEWEST + int((end - start) / every)) for start, end in parts]
     return np.unique(np.concatenate(tried)) if tried else np.empty(0)
-
-
-def _turn(axis: Array, angle: Array) -> Array:
-    """Rotations (n, 3, 3) about an axis by angles (n,)."""
-    x, y, z = axis
-    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    s, d = np.sin(angle)[:, None, None], (1.0 - np.cos(angle))[:, None, None]
-    R: Array = np.eye(3) + s * K + d * (K @ K)
-    return R
 
 
 def _sines(q: Array) -> tuple[Array, Array]:

@@ -12,8 +12,6 @@ from pbd.arm.collision.shape_coverage import doubts
 from pbd.arm.model import ArmModel, load_model
 from pbd.arm.reach import farthest
 from pbd.cli.console import print_json, working
-from pbd.cli.robots.rank import rank
-from pbd.cli.robots.suggest import suggest
 from pbd.data import Robot
 from pbd.errors import RobotError, warn
 from pbd.files.find_by_name import names
@@ -24,8 +22,12 @@ from pbd.view.terminal_tables import print_csv, print_table, robots_table, words
 def run(args: argparse.Namespace) -> None:
     """List them; or find a home and a dock for one; or say which can do a demonstration."""
     if args.suggest is not None:
+        from pbd.cli.robots.suggest import suggest
+
         return suggest(args)
     if args.demo is not None:
+        from pbd.cli.robots.rank import rank
+
         return rank(args)
     with working("reading the robots"):
         arms = [load_model(load_robot(args.robot))] if args.robot else _all()
