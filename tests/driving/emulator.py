@@ -118,6 +118,10 @@ class Emulator:
         self._thread.join()
         self.unplug()
 
+    def wear_out(self, rate: float, seed: int) -> None:
+        """From now on each byte is lost, changed and doubled so likely."""
+        self._random, self.drop, self.corrupt, self.repeat = np.random.default_rng(seed), rate, rate, rate
+
     def unplug(self) -> None:
         """Pull the plug."""
         for handle in (self._master, self._slave):
