@@ -12,8 +12,9 @@ no more than the joint estimate. `told`: the joint estimate with the device's tr
 true axes of its case: what no estimate from these takes alone beats by much. `exact_hand`: the hand misses nothing.
 Seeds from 1000 on were never used to choose anything.
 `inside`: errors per axis within one and two of their own sigma. `success`: see success.py. `learned`: the share of
-scatters that are found between 3.4 and 4.4 mm. `thing`: the share in which keyframes are said to move with a thing, as
-they do in `moved_thing` only. `fuse4_s`, `fuse10_s`: process time of `pbd.fuse`, tracking included.
+scatters that are found between 3.4 and 4.4 mm, and `learned_at_best` by a tracker that errs in nothing. `thing`: the
+share in which keyframes are said to move with a thing, as they do in `moved_thing` only. `fuse4_s`, `fuse10_s`: process
+time of `pbd.fuse`, tracking included.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import numpy as np
+from scipy.stats import chi2
 
 from pbd.data import Demonstration, HandPath
 from pbd.errors import PbdError, PbdWarning
@@ -73,6 +75,9 @@ TURNS += [quat_multiply(quat_exp((0.0, QUARTER, 0.0)), turn) for turn in TURNS]
 
 FIRST_SEED = 1000
 TAKES = (1, 2, 4, 8)
+LEARNED_MM = 3.4, 4.4
+"""What a scatter of 4 mm is to be found within."""
+
 DOCKS = 20
 """Draws of the dock's error for each fusion, of which success is counted."""
 
@@ -149,6 +154,7 @@ def main() -> None:
     off = np.concatenate([one["sigmas"] for one in turned])
     figures |= {"inside_1_sigma": float((off < 1.0).mean()), "inside_2_sigma": float((off < 2.0).mean())}
     figures["success"] = reliability([tuple(case) for one in turned for case in one["success"]])
+    figures |= {f"learned_at_best_{n}": learned_at_best(n) for n in (4, 8)}
     figures |= {f"fuse{n}_s": fuse_seconds(n) for n in (4, 10)}
     finish(figures, args.json)
 
@@ -242,9 +248,16 @@ def score(outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
         learned = np.array([one["scatter"] for one in there])
         figures |= {
             "scatter_mm": float(np.median(learned)),
-            "learned": float(((learned > 3.4) & (learned < 4.4)).mean()),
+            "learned": float(((learned > LEARNED_MM[0]) & (learned < LEARNED_MM[1])).mean()),
         }
     return figures
+
+
+def learned_at_best(takes: int) -> float:
+    """The share of scatters found well by the six keyframes' spread alone, along three axes."""
+    freedom = 3 * 6 * (takes - 1)
+    low, high = (freedom * (mm * MM / SCENARIOS["scatter_4mm", "wt901", "4"].scatter_m) ** 2 for mm in LEARNED_MM)
+    return float(chi2.cdf(high, freedom) - chi2.cdf(low, freedom))
 
 
 def errors_of(device: SensorModel) -> tuple[Array, Array]:
