@@ -48,6 +48,13 @@ def shares(pieces: PiecewiseCubic, limits: JointLimits) -> list[float]:
     return [*found, float((np.abs(6.0 * pieces.coefficients[:, 3]) / limits.jerk).max())]
 
 
+def test_along_a_curve_counts_the_time_that_the_slowest_joint_needs() -> None:
+    waypoints = np.array([[0.0, 0.0], [1.0, 0.5], [1.0, -0.5]])
+    curve = Curve.through(waypoints, replace(limits_of(2.0, 8.0, 80.0, 2), velocity=np.array([2.0, 0.5])))
+    assert curve is not None
+    np.testing.assert_allclose(curve.s, [0.0, 1.0, 3.0], atol=1e-12)
+
+
 @pytest.mark.parametrize("jerk", [8000.0, 400.0, 80.0, 20.0])
 @pytest.mark.parametrize("seed", [0, 1])
 def test_limits_are_kept_ends_are_met_and_the_curve_is_followed(jerk: float, seed: int) -> None:
