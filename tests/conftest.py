@@ -12,6 +12,9 @@ import pytest
 from hypothesis import settings
 from xdist.scheduler import WorkStealingScheduling  # type: ignore[import-untyped]
 
+# Matrices are small, and each core has a worker: more threads wait for each other, and take twice the time.
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
 from pbd.files.robot import read_robot
 from tests.remembered import FUNCTIONS, reading_once, remembering
 
