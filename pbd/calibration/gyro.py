@@ -7,7 +7,7 @@ import numpy as np
 from pbd.calibration.rests import Rests
 from pbd.data import Linear, Recording
 from pbd.errors import CalibrationError
-from pbd.pose import Array, quat_cumulative, quat_exp, quat_inverse, quat_rotate
+from pbd.pose import Array, quat_cumulative, quat_exp, quat_to_matrix, skew
 
 PRIOR_SIGMA = 0.02
 """Prior sigma of the gyro's scale errors (a share) and of its axes' misalignment with the accelerometer's (rad)."""
@@ -19,7 +19,7 @@ LEAST_TURN = np.radians(20.0)
 """rad: smallest turn of a move that is used."""
 
 MAX_EVALUATIONS = 60
-"""Limit of the fit's evaluations. A sound gyro needs twenty to thirty."""
+"""Limit of the fit's evaluations. A sound gyro needs four or five."""
 
 LARGEST_MISFIT = np.radians(10.0)
 """rad rms: largest disagreement of gyro and gravity after the fit. Above it the gyro has another unit or other axes."""
@@ -74,16 +74,26 @@ def _matrix(recording: Recording, rests: Rests, up_sensor: Array, seen: float, b
     if not legs:
         return np.eye(3)
 
-    def left(x: Array) -> Array:
+    def look(x: Array) -> tuple[Array, Array]:
+        """The residual and its derivative, taken in the middle of each sample's turn."""
         matrix = np.eye(3) + PRIOR_SIGMA * x.reshape(3, 3)
-        off = []
+        off, changes = [], []
         for k, turns in legs:
-            whole = quat_cumulative(quat_exp(turns @ matrix.T))[-1]
-            off.append(quat_rotate(quat_inverse(whole), up_sensor[k]) - up_sensor[k + 1])
-        return np.concatenate((np.ravel(off) / seen, x))
+            R = np.vstack((np.eye(3)[None], quat_to_matrix(quat_cumulative(quat_exp(turns @ matrix.T)))))
+            up = up_sensor[k] @ R[-1]
+            off.append(up - up_sensor[k + 1])
+            changes.append(skew(up) @ R[-1].T @ np.einsum("nij,nk->ijk", 0.5 * (R[:-1] + R[1:]), turns).reshape(3, 9))
+        residual = np.concatenate((np.ravel(off) / seen, x))
+        return residual, np.vstack((PRIOR_SIGMA / seen * np.vstack(changes), np.eye(9)))
 
-    result = least_squares(left, np.zeros(9), method="lm", max_nfev=MAX_EVALUATIONS)
-    off = float(np.sqrt(np.mean((seen * left(result.x)[:-9]) ** 2) * 3.0))
+    def left(x: Array) -> Array:
+        return look(x)[0]
+
+    def change(x: Array) -> Array:
+        return look(x)[1]
+
+    result = least_squares(left, np.zeros(9), change, method="lm", max_nfev=MAX_EVALUATIONS)
+    off = float(np.sqrt(np.mean((seen * result.fun[:-9]) ** 2) * 3.0))
     if off > LARGEST_MISFIT or np.abs(result.x).max() > LARGEST_ERROR:
         raise CalibrationError(
             f"between the rests the gyro does not turn as gravity does (by {np.degrees(off):.0f} degrees, rms); is its "
