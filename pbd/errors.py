@@ -9,7 +9,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 
 class PbdError(Exception):
@@ -21,6 +21,11 @@ class PbdError(Exception):
         self.message = one_line(message)
         self.fields = fields
         super().__init__(self.message)
+
+    @classmethod
+    def at(cls, path: object, what: str, **fields: object) -> Self:
+        """Say what is wrong with a file: its path stands first in the message, and in the fields."""
+        return cls(f"{path}: {what}", path=path, **fields)
 
 
 class SensorError(PbdError):

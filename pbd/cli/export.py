@@ -15,7 +15,7 @@ from pbd.cli.console import print_json, say, working
 from pbd.cli.plan_report import moves_json, say_moves, say_torque
 from pbd.cli.steps import plan_demonstration
 from pbd.errors import PbdError, PlanError, UsageError
-from pbd.files.exporters import ALSO, FOLDERS, FOR_SOME, FORMATS, SUFFIXES, Export, check_format, export, export_dataset
+from pbd.files.exporters import FOLDERS, FORMATS, SUFFIXES, Export, check_format, export, export_dataset
 from pbd.files.exporters.lerobot import first_frame, refuse_dataset
 from pbd.files.robot import load_robot
 from pbd.io.atomic import refuse_output
@@ -28,7 +28,7 @@ STDOUT = Path("-")
 def run(args: argparse.Namespace) -> None:
     """Plan, audit, write."""
     format_name = _format(args)
-    check_format(format_name, args.rate, args.dense, load_robot(args.robot) if format_name in FOR_SOME else None)
+    check_format(format_name, args.rate, args.dense, load_robot(args.robot) if FORMATS[format_name].for_some else None)
     if format_name in FOLDERS:
         refuse_dataset(args.output, load_robot(args.robot))
     elif args.output != STDOUT:
@@ -93,7 +93,7 @@ def _format(args: argparse.Namespace) -> str:
     name: str | None = args.format or said
     if name is None:
         raise UsageError(f"name the --format ({', '.join(FORMATS)}), or a file that ends in {', '.join(SUFFIXES)}")
-    if said not in (name, None) and args.output.suffix.lower() not in ALSO.get(name, ()):
+    if said not in (name, None) and args.output.suffix.lower() not in FORMATS[name].also:
         raise UsageError(f"{args.output} looks like {said}, but --format is {name}; name another file, or no --format")
     if name not in FOLDERS and (len(args.demos) > 1 or args.task):
         what = "--task is" if args.task else "several demonstrations are"

@@ -158,8 +158,7 @@ def read_keyframes(path: Path) -> tuple[Keyframe, ...]:
         _read_touch_up(table)
     top.done()
     if not keyframes:
-        what = f"{path}: it has no [[keyframe]]; add some, or remove the file to find them again"
-        raise RecordingError(what, path=path)
+        raise RecordingError.at(path, "it has no [[keyframe]]; add some, or remove the file to find them again")
     for before, after, table in zip(keyframes, keyframes[1:], tables[1:], strict=False):
         if after.t <= before.t:
             table.fail("t_s", f"must be later than the keyframe before ({before.t:g} s), got {after.t:g}")

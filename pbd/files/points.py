@@ -45,15 +45,15 @@ def read_points(path: Path, unit: str | None = None) -> Points:
     plain = all(axis in sheet.header for axis in "xyz")
     if named is None and plain and unit is None:
         wanted = "name the columns x_m,y_m,z_m (or _cm, _mm), or give --unit"
-        raise CalibrationError(f"{path}: the unit of x, y, z is not known; {wanted}", path=path)
+        raise CalibrationError.at(path, f"the unit of x, y, z is not known; {wanted}")
     if named is None and not plain:
         wanted = "they must be x_m, y_m and z_m (or _cm, _mm), and perhaps name"
-        raise CalibrationError(f"{path}: the columns are {listed(sheet.header)}; {wanted}", path=path)
+        raise CalibrationError.at(path, f"the columns are {listed(sheet.header)}; {wanted}")
     columns = [f"{axis}_{named}" if named else axis for axis in "xyz"]
     p_base = sheet.read(columns).values * UNITS[named or unit or "m"]
     names = sheet.words("name") if "name" in sheet.header else [f"{k}" for k in range(1, len(p_base) + 1)]
     if len(names) != len(p_base):
-        raise CalibrationError(f"{path}: {len(names)} names for {len(p_base)} points; correct the quotes", path=path)
+        raise CalibrationError.at(path, f"{len(names)} names for {len(p_base)} points; correct the quotes")
     for name, point in zip(names, p_base, strict=True):
         if not (far := np.abs(point).max()) <= FARTHEST_M:
             raise CalibrationError(
@@ -64,7 +64,7 @@ def read_points(path: Path, unit: str | None = None) -> Points:
                 path=path,
             )
     if twice := next((name for name, count in Counter(names).items() if count > 1), None):
-        raise CalibrationError(f"{path}: two points are named '{printable(twice)}'; rename one", path=path, value=twice)
+        raise CalibrationError.at(path, f"two points are named '{printable(twice)}'; rename one", value=twice)
     return Points(tuple(names), p_base)
 
 

@@ -113,10 +113,10 @@ def _check_meshes(urdf: Urdf, package_dirs: Sequence[Path]) -> None:
     for link, address in urdf.meshes:
         places = mesh_places(address, urdf.path, package_dirs)
         if not any(map(is_file, places)):
-            raise RobotError(
-                f"{urdf.path}: the mesh {printable(address)!r} of link {link!r} is missing: there is no"
-                f" {', nor '.join(map(str, places))}; put it there, or correct its address",
-                path=urdf.path,
+            raise RobotError.at(
+                urdf.path,
+                f"the mesh {printable(address)!r} of link {link!r} is missing: there is no "
+                f"{', nor '.join(map(str, places))}; put it there, or correct its address",
                 link=link,
             )
 
@@ -205,7 +205,7 @@ def _limits(section: Section, urdf: Urdf, joints: Sequence[UrdfJoint]) -> JointL
     for joint in joints:
         if not joint.lower < joint.upper:
             what = f"joint {joint.name!r} has no room to move: lower {joint.lower:g}, upper {joint.upper:g}"
-            raise RobotError(f"{urdf.path}: {what}; correct its <limit>", path=urdf.path, joint=joint.name)
+            raise RobotError.at(urdf.path, f"{what}; correct its <limit>", joint=joint.name)
     values: dict[str, tuple[float, ...]] = {}
     sources = {"position": "the URDF"}
     general = section.text("source", "")

@@ -197,8 +197,7 @@ def _blocks(text: str) -> Iterator[str]:
 def require(path: Path, header: Sequence[str], names: Sequence[str], error: type[PbdError] = RecordingError) -> None:
     """Refuse a table without these columns; the `error` lists those that are there."""
     if missing := [name for name in names if name not in header]:
-        what = f"{path}: no column '{missing[0]}'; the columns are {listed(header)}"
-        raise error(what, path=path, value=missing[0])
+        raise error.at(path, f"no column '{missing[0]}'; the columns are {listed(header)}", value=missing[0])
 
 
 def foreign_text(path: Path, data: bytes | None = None) -> str:
@@ -234,11 +233,11 @@ def open_sheet(
     )
     first, body = lines[above], "\n".join(lines[above + 1 + skipped :])
     if not first.strip():
-        raise error(f"{path}: the file is empty; it needs a header line and rows of numbers", path=path)
+        raise error.at(path, "the file is empty; it needs a header line and rows of numbers")
     if "\0" in first:
-        raise error(f"{path}: can't be read as text (NUL bytes, as a crash may leave); give a CSV file", path=path)
+        raise error.at(path, "can't be read as text (NUL bytes, as a crash may leave); give a CSV file")
     if not body.strip():
-        raise error(f"{path}: a header but no rows; record again", path=path)
+        raise error.at(path, "a header but no rows; record again")
     delimiter = max(",;\t", key=first.count)
     header = [name.strip().strip('"') for name in first.split(delimiter)]
     if skipped:
@@ -268,7 +267,7 @@ def _text(path: Path, encodings: Sequence[str], error: type[PbdError], data: byt
     try:
         return unix_lines(data.decode(encodings[-1]))
     except UnicodeDecodeError as reason:
-        raise error(f"{path}: can't be read as text ({reason}); give a CSV file", path=path) from None
+        raise error.at(path, f"can't be read as text ({reason}); give a CSV file") from None
 
 
 def write_table(path: Path, header: tuple[str, ...], values: Array, decimals: tuple[int, ...]) -> None:

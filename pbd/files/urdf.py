@@ -100,21 +100,20 @@ def _refuse_no_tree(path: Path, links: Sequence[str], joints: Sequence[UrdfJoint
         ("link {} is the child of two joints; keep one of them", [joint.child for joint in joints]),
     ):
         if twice := next((name for name, count in Counter(names).items() if count > 1), None):
-            raise RobotError(f"{path}: {what.format(repr(twice))}", path=path)
+            raise RobotError.at(path, what.format(repr(twice)))
     for joint in joints:
         for link in (joint.parent, joint.child):
             if link not in links:
                 what = f"joint {joint.name!r} joins {link!r}, which is not a link of it; correct it, or add the link"
-                raise RobotError(f"{path}: {what}", path=path, joint=joint.name)
+                raise RobotError.at(path, what, joint=joint.name)
     try:
         TopologicalSorter({joint.child: [joint.parent] for joint in joints}).prepare()
     except CycleError as error:
         ring = sorted(set(error.args[1]))
-        what = f"links that hang on each other in a ring: {listed(ring)}; cut it open"
-        raise RobotError(f"{path}: {what}", path=path) from None
+        raise RobotError.at(path, f"links that hang on each other in a ring: {listed(ring)}; cut it open") from None
     children = {joint.child for joint in joints}
     if len(roots := [link for link in links if link not in children]) > 1:
-        raise RobotError(f"{path}: several root links: {listed(roots)}; connect all but one", path=path)
+        raise RobotError.at(path, f"several root links: {listed(roots)}; connect all but one")
 
 
 def _joint(path: Path, element: ET.Element) -> UrdfJoint:
@@ -129,7 +128,7 @@ def _joint(path: Path, element: ET.Element) -> UrdfJoint:
     elif axis is not None and kind in ACTUATED and not any(map(float, axis.get("xyz", "1").split())):
         wrong = "has no axis to move about; give it one"
     if wrong or parent is None or child is None:
-        raise RobotError(f"{path}: joint {name!r} {wrong}", path=path, joint=name)
+        raise RobotError.at(path, f"joint {name!r} {wrong}", joint=name)
     if limit is None:
         limit = ET.Element("limit")
     bounded = kind in ("revolute", "prismatic")
@@ -153,7 +152,7 @@ def _joint(path: Path, element: ET.Element) -> UrdfJoint:
 
 def _attribute(path: Path, element: ET.Element, key: str) -> str:
     if not (value := element.get(key)):
-        raise RobotError(f"{path}: a <{element.tag}> has no {key}; add it", path=path)
+        raise RobotError.at(path, f"a <{element.tag}> has no {key}; add it")
     return value
 
 
@@ -164,5 +163,4 @@ def _number(path: Path, element: ET.Element, key: str, default: float | None = N
     try:
         return finite(text or "")
     except ValueError:
-        what = f"{key} = {text!r} of a <{element.tag}> is not a number"
-        raise RobotError(f"{path}: {what}; correct it", path=path) from None
+        raise RobotError.at(path, f"{key} = {text!r} of a <{element.tag}> is not a number; correct it") from None

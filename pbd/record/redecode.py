@@ -34,9 +34,8 @@ def decode_raw(path: Path, decoder: Decoder, sensor: str, rate_hz: float | None 
     data = read_bytes(path, RecordingError, "name a raw.bin")
     samples = [sample for sample in decoder.feed(data) if sample.acc is not None]
     if len(samples) < 2:
-        raise RecordingError(
-            f"{path}: no samples of {sensor} in its {len(data)} bytes; name the sensor that it came from", path=path
-        )
+        what = f"no samples of {sensor} in its {len(data)} bytes; name the sensor that it came from"
+        raise RecordingError.at(path, what)
     beside = read_demo(path.parent) if (path.parent / "demo.toml").is_file() else None
     samples, t, clock = _timed(path, samples, None if beside is None else beside.recording, rate_hz)
     return Demonstration(
@@ -73,7 +72,7 @@ def _timed(
         return samples, np.array([t for t, _ in timed]), DEVICE_CLOCK
     rate_hz = rate_hz or (None if beside is None else beside.rate_hz)
     if rate_hz is None:
-        raise RecordingError(f"{path}: the sensor has no clock, and nothing tells its rate; give --rate", path=path)
+        raise RecordingError.at(path, "the sensor has no clock, and nothing tells its rate; give --rate")
     return samples, np.arange(len(samples)) / rate_hz, f"none: evenly spaced at {rate_hz:g} Hz"
 
 

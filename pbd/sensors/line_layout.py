@@ -197,7 +197,7 @@ def layout_from_toml(text: str, name: str = "layout") -> LineLayout:
     try:
         return LineLayout(lines, given, SEPARATORS.get(separator, separator), wrap)
     except SensorError as error:
-        raise SensorError(f"{name}: {error.message}", path=name, **error.fields) from None
+        raise SensorError.at(name, f"{error.message}", **error.fields) from None
 
 
 def _names(columns: str) -> tuple[str, ...]:

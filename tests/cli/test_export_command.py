@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from pbd.cli import main
-from pbd.files.exporters import ALSO, FOLDERS, FOR_SOME, FORMATS, SUFFIXES, WITHOUT_RATE
+from pbd.files.exporters import FOLDERS, FORMATS, SUFFIXES
 
 pytestmark = pytest.mark.usefixtures("elsewhere")
 
@@ -20,15 +20,16 @@ EXPORT = ("export", "paper-test1", "--robot", "panda", "--rate", "20")
 
 
 def command_of(format_name: str) -> list[str]:
-    sampled = [] if format_name in (*WITHOUT_RATE, "urscript") else ["--rate", "20"]
-    return ["export", "paper-test1", "--robot", "ur5" if format_name in FOR_SOME else "panda", *sampled]
+    sampled = [] if FORMATS[format_name].usual_hz is None else ["--rate", "20"]
+    return ["export", "paper-test1", "--robot", "ur5" if FORMATS[format_name].for_some else "panda", *sampled]
 
 
 FILES = tuple(name for name in FORMATS if name not in FOLDERS)
 
 
 def test_every_suffix_says_a_format() -> None:
-    assert {*SUFFIXES.values(), *ALSO} == set(FORMATS)
+    also = {name for name, each in FORMATS.items() if each.also or name in FOLDERS}
+    assert {*SUFFIXES.values(), *also} == set(FORMATS)
 
 
 def test_a_format_without_samples_takes_no_rate(capsys: pytest.CaptureFixture[str]) -> None:

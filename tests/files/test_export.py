@@ -195,4 +195,5 @@ def test_a_rate_out_of_range(tmp_path: Path, motion: JointTrajectory, rate_hz: f
 
 def test_each_format_has_its_file() -> None:
     folder = Path(exporters.__file__).parent
-    assert {path.stem for path in folder.glob("*.py")} - {"__init__", "job", "check_export"} == set(FORMATS.values())
+    files = {path.stem for path in folder.glob("*.py")} - {"__init__", "job", "check_export"}
+    assert files == {each.file for each in FORMATS.values()}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from pbd.errors import UsageError, nearest, warn
 from pbd.io.atomic import atomic_file, atomic_folder
@@ -18,41 +18,51 @@ if TYPE_CHECKING:
     from pbd.files.exporters.check_export import Shares
     from pbd.files.exporters.job import Source
 
+
+class Format(NamedTuple):
+    """How motions are written: `write(order, samples, path)` of a file here does it.
+
+    Attributes:
+        file: its name. With `samples(order)` it has instants of its own; `read(path)` reads its points back.
+        counted: what its samples are called.
+        filled_by: the rules by which receivers fill the gaps between points; none where nobody moves an arm by it.
+        suffix: what a file's name ends in that says this format; "": it must be named.
+        also: what else its file may end in.
+        usual_hz: samples a second where nobody says; 0: at instants of its own; None: always at those, and no others.
+        for_some: it is not for every robot, or needs a package of its own: its file's `check(robot)` says so.
+    """
+
+    file: str
+    counted: str
+    filled_by: tuple[Rule, ...] = ()
+    suffix: str = ""
+    also: tuple[str, ...] = ()
+    usual_hz: float | None = None
+    for_some: bool = False
+
+
 FORMATS = {
-    **{"csv": "csv", "npz": "npz", "ros2-json": "ros2_json"},
-    "keyframes": "keyframes",
-    **{"tum": "tum", "tum-hand": "tum"},
-    **{"urscript": "urscript", "mcap": "mcap", "lerobot": "lerobot", "glb": "glb"},
+    "csv": Format("csv", "samples", ("hold",), ".csv", usual_hz=1000.0),
+    "npz": Format("npz", "samples", ("hold",), ".npz", usual_hz=1000.0),
+    "ros2-json": Format("ros2_json", "points", ("quintic", "cubic"), ".json", usual_hz=0.0),
+    "keyframes": Format("keyframes", "keyframes", also=(".json", ".csv")),
+    "tum": Format("tum", "poses", suffix=".tum", usual_hz=100.0),
+    "tum-hand": Format("tum", "poses", also=(".tum",)),
+    "urscript": Format("urscript", "points", ("trapezoid",), ".script", for_some=True),
+    "mcap": Format("mcap", "points", ("quintic", "cubic"), ".mcap", usual_hz=0.0, for_some=True),
+    "lerobot": Format("lerobot", "frames", ("hold",), for_some=True),
+    "glb": Format("glb", "frames", suffix=".glb", usual_hz=50.0),
 }
-"""Format -> its file here, with `samples(order)` and `write(order, samples, path)`. COUNTED says what these samples are
-called, FILLED_BY by which rules receivers fill the gaps between them; `read(path)` reads them back for that."""
-
-SUFFIXES = {
-    **{".csv": "csv", ".npz": "npz", ".json": "ros2-json", ".tum": "tum"},
-    **{".script": "urscript", ".mcap": "mcap", ".glb": "glb"},
-}
-"""What a file's name ends in, and the format that it says."""
-
-ALSO = {"keyframes": (".json", ".csv"), "tum-hand": (".tum",), "lerobot": ()}
-"""What else the file of a format may end in: such a format must be named."""
+SUFFIXES = {each.suffix: name for name, each in FORMATS.items() if each.suffix}
 
 FOLDERS = ("lerobot",)
 """Formats that are a folder, of several motions."""
 
 LOWEST_HZ, HIGHEST_HZ = 10.0, 1e5
 
-ROW_BY_ROW = ("csv", "npz")
-"""Formats whose rows are sent one by one, each at its time. What cubics between them would do is told all the same."""
-
-WITHOUT_RATE = ("keyframes", "tum-hand", "lerobot")
-"""Formats that have no samples, not by a clock, or at 30 Hz alone."""
-
 CUBIC_EXCESS = 0.1
 """Share above a limit that cubics between samples may reach without a warning, in a format that isn't made for them.
 At 1 kHz a panda's acceleration is exceeded by 0.07, which docs/exports.md says."""
-
-FOR_SOME = ("urscript", "mcap", "lerobot")
-"""Formats that are not for every robot, or need a package of their own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,10 +93,10 @@ def check_format(
         raise UsageError(f"--rate must be {LOWEST_HZ:g} to {HIGHEST_HZ:g} Hz, got {rate_hz:g}", value=rate_hz)
     if dense and format_name != "urscript":
         raise UsageError(f"--dense is for urscript alone; leave it out for {format_name}", value=format_name)
-    if rate_hz is not None and (format_name in WITHOUT_RATE or (format_name == "urscript" and not dense)):
+    if rate_hz is not None and FORMATS[format_name].usual_hz is None and not dense:
         raise UsageError(f"{format_name} is not sampled at a rate: leave --rate out", value=rate_hz)
-    if robot is not None and format_name in FOR_SOME:
-        import_module(f"{__name__}.{FORMATS[format_name]}").check(robot)
+    if robot is not None and FORMATS[format_name].for_some:
+        import_module(f"{__name__}.{FORMATS[format_name].file}").check(robot)
 
 
 def export(
@@ -123,23 +133,24 @@ def export(
     from pbd.files.exporters.check_export import check_received, reached
     from pbd.files.exporters.job import Order
 
-    file_format = import_module(f"{__name__}.{FORMATS[format_name]}")
+    file = import_module(f"{__name__}.{FORMATS[format_name].file}")
     order = Order(format_name, trajectory, robot, path.suffix.lower(), rate_hz, dense, source)
-    points = file_format.samples(order)
-    rules: tuple[Rule, ...] = file_format.DENSE_FILLED_BY if dense else file_format.FILLED_BY
+    samples = getattr(file, "samples", Order.sampled)
+    points = samples(order)
+    rules: tuple[Rule, ...] = ("hold",) if dense else order.format.filled_by  # of servoj each row at its time
     receiver: Shares = {}
     with atomic_file(path) as unfinished:
-        file_format.write(order, points, unfinished)
+        file.write(order, points, unfinished)
         if rules:
-            receiver = check_received(order, file_format.read(unfinished), rules, sampled=file_format.samples)
-    if format_name in ROW_BY_ROW:
+            receiver = check_received(order, file.read(unfinished), rules, sampled=samples)
+    if order.format.filled_by == ("hold",):  # what cubics between the rows would do is told all the same
         worst = max(shares(points, "cubic", robot.limits), key=lambda share: share.value)
         if worst.value > 1.0 + CUBIC_EXCESS:
             warn(
                 f"{reached(order, points, 'cubic', worst)}; send each sample at its time, give a higher --rate, or "
                 "take ros2-json, which is exact"
             )
-    return Export(points, file_format.COUNTED, receiver)
+    return Export(points, order.format.counted, receiver)
 
 
 def export_dataset(
@@ -170,6 +181,6 @@ def export_dataset(
         lerobot.write(robot, [*before, *map(lerobot.episode, orders, points)], unfinished)
         written = lerobot.read_episodes(unfinished, robot)[len(before) :]
         for order, sampled, episode in zip(orders, points, written, strict=True):
-            found = check_received(order, lerobot.read(robot, episode), lerobot.FILLED_BY, lerobot.DIGITS)
-            done.append(Export(sampled, lerobot.COUNTED, found, len(before) + len(done)))
+            found = check_received(order, lerobot.read(robot, episode), order.format.filled_by, lerobot.DIGITS)
+            done.append(Export(sampled, order.format.counted, found, len(before) + len(done)))
     return done

@@ -8,20 +8,7 @@ import numpy as np
 import orjson
 
 from pbd.data import Samples
-from pbd.data.controller_interpolation import Rule
 from pbd.files.exporters.job import Order
-
-FILLED_BY: tuple[Rule, ...] = ("hold",)
-"""Whoever reads the file takes each row at its time."""
-
-COUNTED = "samples"
-
-USUAL_HZ = 1000.0
-
-
-def samples(order: Order) -> Samples:
-    """Evaluate at the rate."""
-    return order.trajectory.sample(order.rate_hz or USUAL_HZ)
 
 
 def write(order: Order, points: Samples, path: Path) -> None:

@@ -7,15 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from pbd.data import Samples
-from pbd.data.controller_interpolation import Rule
 from pbd.files.exporters.job import Order
-
-FILLED_BY: tuple[Rule, ...] = ()
-"""Nobody moves an arm by it: joints are shown turning evenly from one frame to the next."""
-
-COUNTED = "frames"
-
-USUAL_HZ = 50.0
 
 LEAST_GAP_S = 1e-4
 """Smallest gap between frames, s: the file's times are float32, which after 20 minutes are as coarse as that."""
@@ -23,7 +15,7 @@ LEAST_GAP_S = 1e-4
 
 def samples(order: Order) -> Samples:
     """Evaluate at the rate, and when the arm is at each keyframe."""
-    t, keyframe_t = order.trajectory.sample(order.rate_hz or USUAL_HZ).t, order.trajectory.keyframe_t
+    t, keyframe_t = order.sampled().t, order.trajectory.keyframe_t
     beside = np.abs(t[:, None] - keyframe_t).min(axis=1) < LEAST_GAP_S
     return order.trajectory.at(np.union1d(t[~beside], keyframe_t))
 

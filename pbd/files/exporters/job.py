@@ -6,8 +6,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from pbd.data import HandPath, JointTrajectory, Keyframe, Robot
+from pbd.data import HandPath, JointTrajectory, Keyframe, Robot, Samples
 from pbd.errors import PbdError
+from pbd.files.exporters import FORMATS, Format
 from pbd.pose import Array, Pose
 
 
@@ -58,6 +59,17 @@ class Order:
     dense: bool = False
     made_from: Source | None = None
     task: str = ""
+
+    @property
+    def format(self) -> Format:
+        """What is known of it."""
+        return FORMATS[self.format_name]
+
+    def sampled(self) -> Samples:
+        """The motion at the rate that was asked for, or the format's usual one."""
+        rate_hz = self.rate_hz or self.format.usual_hz
+        assert rate_hz
+        return self.trajectory.sample(rate_hz)
 
     @property
     def source(self) -> Source:

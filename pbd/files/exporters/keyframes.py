@@ -10,13 +10,7 @@ from typing import Any
 import numpy as np
 
 from pbd.data import Samples
-from pbd.data.controller_interpolation import Rule
 from pbd.files.exporters.job import Order
-
-FILLED_BY: tuple[Rule, ...] = ()
-"""Whoever reads it finds a way of their own from one to the next."""
-
-COUNTED = "keyframes"
 
 
 def samples(order: Order) -> Samples:

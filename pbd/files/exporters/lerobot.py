@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pbd.data import Robot, Samples
-from pbd.data.controller_interpolation import Rule, set_points
+from pbd.data.controller_interpolation import set_points
 from pbd.errors import PbdError, PlanError, printable
 from pbd.files.exporters.job import Order
 from pbd.io.atomic import is_file, is_folder, refuse_folder
@@ -27,12 +27,8 @@ from pbd.pose import Array
 Rows = NDArray[Any]
 """Values of an episode, a row for each frame, as the file has them."""
 
-FILLED_BY: tuple[Rule, ...] = ("hold",)
-"""lerobot-replay sends each frame's action at its time."""
-
-COUNTED = "frames"
-
 FPS = 30
+"""Frames a second; lerobot-replay sends each frame's action at its time."""
 
 VERSION = "v3.0"
 

@@ -17,10 +17,10 @@ import numpy as np
 from pbd.data import Recording, Robot, Samples
 from pbd.errors import PbdError
 from pbd.files.exporters.job import Order
-from pbd.files.exporters.ros2_json import COUNTED, FILLED_BY, finger_message, goal_message, samples
+from pbd.files.exporters.ros2_json import finger_message, goal_message, samples
 from pbd.pose import Array, Pose, quat_to_xyzw
 
-__all__ = ["COUNTED", "FILLED_BY", "check", "read", "samples", "write"]
+__all__ = ["check", "read", "samples", "write"]
 
 USUAL_HZ = 100.0
 """Of the arm's states; its JointTrajectory has the motion's own knots."""

@@ -7,10 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from pbd.data import Samples
-from pbd.files.exporters.csv import COUNTED, FILLED_BY, samples
 from pbd.files.exporters.job import Order
-
-__all__ = ["COUNTED", "FILLED_BY", "read", "samples", "write"]
 
 
 def write(order: Order, points: Samples, path: Path) -> None:

@@ -14,14 +14,8 @@ from typing import Any
 import numpy as np
 
 from pbd.data import Gripper, JointTrajectory, Samples
-from pbd.data.controller_interpolation import Rule
 from pbd.files.exporters.job import Order
 from pbd.pose import Array
-
-FILLED_BY: tuple[Rule, ...] = ("quintic", "cubic")
-"""By quintics, as the points carry accelerations; by cubics in a client that leaves these out."""
-
-COUNTED = "points"
 
 LEAST_GAP_S = 2e-5
 """Knots closer in time than this are left out, s. The controller divides by the cube of the gap: the positions' last

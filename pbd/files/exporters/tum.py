@@ -7,23 +7,15 @@ from pathlib import Path
 import numpy as np
 
 from pbd.data import Samples
-from pbd.data.controller_interpolation import Rule
 from pbd.files.exporters.job import Order
 from pbd.pose import quat_to_xyzw
-
-FILLED_BY: tuple[Rule, ...] = ()
-"""Nobody moves an arm by it."""
-
-COUNTED = "poses"
-
-USUAL_HZ = 100.0
 
 
 def samples(order: Order) -> Samples:
     """Evaluate at the rate; for the hand's path at its recording's own instants, in the arm's time or beyond it."""
     if order.format_name == "tum-hand":
         return order.trajectory.at(order.source.hand.t)
-    return order.trajectory.sample(order.rate_hz or USUAL_HZ)
+    return order.sampled()
 
 
 def write(order: Order, points: Samples, path: Path) -> None:

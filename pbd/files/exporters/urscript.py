@@ -15,18 +15,10 @@ from typing import NamedTuple
 import numpy as np
 
 from pbd.data import Robot, Samples
-from pbd.data.controller_interpolation import Rule, set_points
+from pbd.data.controller_interpolation import set_points
 from pbd.errors import PbdError, PlanError
 from pbd.files.exporters.job import Order
 from pbd.pose import Array
-
-FILLED_BY: tuple[Rule, ...] = ("trapezoid",)
-"""By trapezoids of velocity along straight moves in joint space; the jerk is the controller's own."""
-
-DENSE_FILLED_BY: tuple[Rule, ...] = ("hold",)
-"""servoj takes each row at its time."""
-
-COUNTED = "points"
 
 JOINTS = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
 PERIODS_HZ = (125.0, 500.0)

@@ -61,7 +61,7 @@ def import_recording(
     is_table = suffix == ".csv" and (columns or units) and not any(".csv: " in name for name in columns.values())
     may_be_phone = not is_bag and (source.is_dir() or suffix in (".csv", ".zip")) and not is_table
     if topic is not None and not is_bag:
-        raise RecordingError(f"{path}: only a bag has topics; leave --topic out", path=path)
+        raise RecordingError.at(path, "only a bag has topics; leave --topic out")
     phone = None
     if may_be_phone:
         from pbd.files.importers.phones import read_phone
@@ -70,7 +70,7 @@ def import_recording(
     if rate_hz is not None and (phone is not None or is_bag or suffix == ".npz"):
         its = "a bag has" if is_bag else "an npz has its own rate_hz" if suffix == ".npz" else "a phone's recording has"
         times = "" if suffix == ".npz" else " times of its own"
-        raise RecordingError(f"{path}: {its}{times}; leave --rate out", path=path)
+        raise RecordingError.at(path, f"{its}{times}; leave --rate out")
     if phone is not None:
         recording, understood = phone
     elif is_bag:
@@ -95,7 +95,7 @@ def import_recording(
             kind = "this folder: it is no bag, no x-IMU3's and no phone's"
         elif suffix == ".zip":
             kind = "this zip: no recording of Sensor Logger or phyphox is in it"
-        raise RecordingError(f"{path}: can't import {kind}; give a {known}", path=path)
+        raise RecordingError.at(path, f"can't import {kind}; give a {known}")
     if columns or units:
         from pbd.files.importers.headerless import remapped
 
@@ -110,7 +110,7 @@ def check_rate(path: Path, rate_hz: float, what: str) -> None:
     slowest, fastest = RATES_HZ
     if not slowest <= rate_hz <= fastest:
         bound = "above zero" if not rate_hz > 0.0 else f"{slowest:g} to {fastest:g} Hz"
-        raise RecordingError(f"{path}: {what} {rate_hz:g}; it must be {bound}", path=path, value=rate_hz)
+        raise RecordingError.at(path, f"{what} {rate_hz:g}; it must be {bound}", value=rate_hz)
 
 
 def _as_text(name: str) -> str:

@@ -59,11 +59,11 @@ def read_bag(path: Path, topic: str | None = None) -> tuple[Recording, Understoo
     except PbdError:
         raise
     except Exception as reason:  # damaged bytes make sqlite, yaml and zstd raise errors of their own
-        what = f"{path}: can't be read as a bag ({in_words(reason) or type(reason).__name__}); record it again"
-        raise RecordingError(what, path=path) from None
+        what = f"can't be read as a bag ({in_words(reason) or type(reason).__name__}); record it again"
+        raise RecordingError.at(path, what) from None
     ns, values = imu.all()
     if not len(ns):
-        raise RecordingError(f"{path}: its {IMU} has no messages; name another --topic", path=path)
+        raise RecordingError.at(path, f"its {IMU} has no messages; name another --topic")
     begin = ns[0]
     xyzw, gyr, acc = np.split(values, (4, 7), axis=1)
     t, mag = 1e-9 * (ns - begin), None
@@ -114,8 +114,8 @@ class _Messages:
         lengths = np.array([len(message) for message in waiting])
         for length in np.unique(lengths):
             if length < 16 + 8 * self._doubles:
-                what = f"{self._path}: a message of {length} bytes is too short for its type; record it again"
-                raise RecordingError(what, path=self._path)
+                what = f"a message of {length} bytes is too short for its type; record it again"
+                raise RecordingError.at(self._path, what)
             rows = np.flatnonzero(lengths == length)
             raw = np.frombuffer(b"".join(waiting[row] for row in rows), dtype=np.uint8).reshape(-1, length)
             order = "<" if raw[0, 1] & 1 else ">"
@@ -141,10 +141,8 @@ def _message(path: Path, packed: bytes) -> bytes:
     unpacker = zstd_package().ZstdDecompressor()
     data: bytes = unpacker.decompress(packed, max_length=LONGEST_MESSAGE)
     if not unpacker.eof:
-        what = (
-            f"a message of {len(packed)} bytes is cut off, or swells to more than {LONGEST_MESSAGE}, which is refused"
-        )
-        raise RecordingError(f"{path}: {what}; record it again", path=path)
+        what = f"a message of {len(packed)} bytes is cut off, or swells to more than {LONGEST_MESSAGE}"
+        raise RecordingError.at(path, f"{what}, which is refused; record it again")
     return data
 
 
@@ -154,16 +152,16 @@ def _choose(path: Path, connections: list[Any], topic: str | None) -> set[tuple[
     if topic is None:
         if not imus:
             kinds = listed(sorted({f"{each.topic} ({each.msgtype})" for each in connections}))
-            raise RecordingError(f"{path}: no topic of type {IMU}; it has {kinds}: record one", path=path)
+            raise RecordingError.at(path, f"no topic of type {IMU}; it has {kinds}: record one")
         if len(imus) > 1:
             what = f"{len(imus)} topics of type {IMU}: {listed(imus)}; choose one with --topic"
-            raise RecordingError(f"{path}: {what}", path=path, value=len(imus))
+            raise RecordingError.at(path, what, value=len(imus))
         topic = imus[0]
     elif topic not in imus:
         kind = next((each.msgtype for each in connections if each.topic == topic), None)
         what = f"the topic {topic} has messages of type {kind}" if kind else f"no topic {topic}"
         have = f"those of type {IMU} are {listed(imus)}"
-        raise RecordingError(f"{path}: {what}; {have}; choose one with --topic", path=path, value=topic)
+        raise RecordingError.at(path, f"{what}; {have}; choose one with --topic", value=topic)
     # Of several fields the one whose name has most in common with the sensor's: /left/imu goes with /left/mag.
     fields = {each.topic for each in connections if each.msgtype == FIELD}
     near = sorted(fields, key=lambda name: (-len(commonprefix((name, str(topic)))), name))  # noqa: RUF071 (letters)

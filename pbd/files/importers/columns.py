@@ -158,7 +158,7 @@ def understand(
         turned = name not in header and name.startswith("-")
         name = name[1:] if turned else name
         if name not in header:
-            raise RecordingError(f"{path}: no column '{name}'; the columns are {listed(header)}", path=path, value=name)
+            raise RecordingError.at(path, f"no column '{name}'; the columns are {listed(header)}", value=name)
         found[ours] = name, -1.0 if turned else 1.0, "--column"
     for angles in (DEVICE, RPY):
         if not set(angles) <= set(found) and not set(columns) & set(angles):
@@ -211,10 +211,10 @@ def _unit(
     sign = -1.0 if unit.startswith("-") else 1.0
     unit = unit.removeprefix("-")
     if unit_factor(channel, unit) is None:
-        raise (UsageError if by == "--unit" else RecordingError)(
-            f"{path}: the unit '{printable(given)}' of column '{printable(name)}' is not known; give one of "
+        raise (UsageError if by == "--unit" else RecordingError).at(
+            path,
+            f"the unit '{printable(given)}' of column '{printable(name)}' is not known; give one of "
             f"{', '.join(UNITS[channel])} with --unit {channel}=UNIT",
-            path=path,
             value=given,
         )
     return sign, unit, by
@@ -238,10 +238,10 @@ def _refuse_not_understood(path: Path, unread: Mapping[str, str]) -> None:
         if alike:
             one = len(alike) == 1
             look, are, them = ("looks", "is", "it") if one else ("look", "are", "them")
-            raise RecordingError(
-                f"{path}: {listed(alike)} {look} like {'a gyro' if letter == 'g' else 'inertial data'}, but {are} not "
-                f"understood; say which is which with --column {letter}x={printable(alike[0])} and its like, or remove "
-                f"{them}",
-                path=path,
+            raise RecordingError.at(
+                path,
+                f"{listed(alike)} {look} like {'a gyro' if letter == 'g' else 'inertial data'}, but {are} not "
+                f"understood; say which is which with --column {letter}x={printable(alike[0])} and its like, or "
+                f"remove {them}",
                 value=alike[0],
             )

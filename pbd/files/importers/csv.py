@@ -65,22 +65,19 @@ def read_sheet(
     say = "say which is which with --column, for example --column ax=NAME"
     if not timed and rate_hz is None:
         what = f"no column for t (time); {known}: {say.replace('ax=', 't=')}, or import it with its --rate HZ"
-        raise RecordingError(f"{path}: {what}", path=path)
+        raise RecordingError.at(path, what)
     if not found.of("acc"):
         without = [name for name, why in found.unread.items() if "gravity" in why]
         why = f"; {listed(without)} are without gravity, which is needed" if without else ""
-        what = f"no column for {', '.join(ACC)} (specific force){why}; {known}: {say}"
-        raise RecordingError(f"{path}: {what}", path=path)
+        raise RecordingError.at(path, f"no column for {', '.join(ACC)} (specific force){why}; {known}: {say}")
     if timed and rate_hz is not None:
         name = found.of("t")[0].name
-        raise RecordingError(f"{path}: the column '{name}' tells the time; leave --rate out", path=path)
+        raise RecordingError.at(path, f"the column '{name}' tells the time; leave --rate out")
     for channel, wanted in CHANNELS.items():
         there = [column.ours for column in found.of(channel)]
         if missing := [name for name in wanted if there and name not in there]:
-            what = f"no column for '{missing[0]}', though there is '{there[0]}'; {known}"
-            raise RecordingError(
-                f"{path}: {what}: name it with --column {missing[0]}=NAME", path=path, value=missing[0]
-            )
+            what = f"no column for '{missing[0]}', though there is '{there[0]}'"
+            raise RecordingError.at(path, f"{what}; {known}: name it with --column {missing[0]}=NAME", value=missing[0])
     clocks = [found.of("t")[0].name] if "t" in columns else [name for name in sheet.header if is_time(name)]
     table = sheet.read([*(column.name for column in found.columns), *clocks], times=clocks)
     if timed:
@@ -150,7 +147,7 @@ def _refuse_several_devices(sheet: Sheet) -> None:
         if plain(name) in DEVICE_NAMES and len(devices := set(sheet.words(name))) > 1:
             what = f"the rows of {len(devices)} devices ({listed(sorted(devices)[:3])}) in the column '{name}'"
             keep = "keep those of one device in a file of its own"
-            raise RecordingError(f"{sheet.path}: {what}; {keep}", path=sheet.path, value=len(devices))
+            raise RecordingError.at(sheet.path, f"{what}; {keep}", value=len(devices))
 
 
 def _magnetometer_beside(path: Path, found: Understood, units: Mapping[str, str]) -> tuple[Understood, Stream | None]:

@@ -50,7 +50,7 @@ def remapped(
         source = next((column for column in there if bare in (column.name, column.ours)), None)
         if source is None:
             have = f"its columns for {ours} are {listed(column.name for column in there)}"
-            raise RecordingError(f"{path}: no column '{printable(name)}'; {have}", path=path, value=name)
+            raise RecordingError.at(path, f"no column '{printable(name)}'; {have}", value=name)
         # A name means what stands in the file, one of ours what was made of it.
         sign = (1.0 if bare == name else -1.0) * (source.sign if bare == source.name else 1.0)
         to, of = CHANNELS[channel].index(ours), CHANNELS[channel].index(source.ours)

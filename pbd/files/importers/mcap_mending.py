@@ -32,7 +32,7 @@ def whole_bag(path: Path) -> Iterator[Path]:
     for file in _mcaps(path):
         data = _mapped(file)
         if data[: len(MCAP_MAGIC)] != MCAP_MAGIC:
-            raise RecordingError(f"{file}: it is no MCAP (its first bytes say so); give another file", path=file)
+            raise RecordingError.at(file, "it is no MCAP (its first bytes say so); give another file")
         parts, end = _whole_records(file, data)
         if data[-len(MCAP_MAGIC) :] == MCAP_MAGIC and end == len(data) - len(MCAP_MAGIC):
             continue
@@ -60,7 +60,7 @@ def _mcaps(path: Path) -> list[Path]:
     if files and (about.get("compression_mode") or "").lower() == "file":
         name, plain = files[0].name, files[0].stem
         what = f"{name} is compressed as a whole; unpack it with: zstd -d {name} -o {plain}, and import {plain}"
-        raise RecordingError(f"{path}: {what}", path=path)
+        raise RecordingError.at(path, what)
     return files if about["storage_identifier"] == "mcap" else []
 
 
@@ -74,7 +74,7 @@ def _mapped(path: Path) -> mmap.mmap | bytes:
     except ValueError:  # an empty file can't be mapped
         return b""
     except OSError as reason:
-        raise RecordingError(f"{path}: can't be read ({in_words(reason)}); give a bag", path=path) from None
+        raise RecordingError.at(path, f"can't be read ({in_words(reason)}); give a bag") from None
 
 
 def _whole_records(path: Path, data: mmap.mmap | bytes, at: int = len(MCAP_MAGIC)) -> tuple[list[slice], int]:
@@ -87,7 +87,7 @@ def _whole_records(path: Path, data: mmap.mmap | bytes, at: int = len(MCAP_MAGIC
             _, _, contents, _, compression = CHUNK_HEAD.unpack_from(data, at + 9)
             if contents > min(LARGE, MOST_SWOLLEN * max(size, 10_000)):
                 what = f"a chunk of {size} bytes swells to {contents / 1e6:.0f} MB, which is refused; record it again"
-                raise RecordingError(f"{path}: {what}", path=path, value=contents)
+                raise RecordingError.at(path, what, value=contents)
             if at + 9 + size > len(data) and compression == 0:  # its records can be copied out of it
                 inner, end = _whole_records(path, data, inside)
                 return [slice(begin, at), *inner], end
@@ -95,7 +95,7 @@ def _whole_records(path: Path, data: mmap.mmap | bytes, at: int = len(MCAP_MAGIC
                 packed = data[inside + compression : at + 9 + size]
                 if not _unpacks(data[inside - 8 : inside - 8 + compression], packed, contents):
                     what = f"a chunk of {size} bytes is damaged, or holds more than it says; record it again"
-                    raise RecordingError(f"{path}: {what}", path=path, value=contents)
+                    raise RecordingError.at(path, what, value=contents)
         if at + 9 + size > len(data):
             break
         at += 9 + size

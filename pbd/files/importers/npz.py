@@ -36,21 +36,21 @@ def read_npz(path: Path) -> tuple[Recording, Understood, Truth | None]:
     arrays, others = _arrays(path)
     for key in ("rate_hz", "acc"):
         if key not in arrays:
-            raise RecordingError(f"{path}: no array '{key}'; it has {listed((*arrays, *others))}", path=path, value=key)
+            raise RecordingError.at(path, f"no array '{key}'; it has {listed((*arrays, *others))}", value=key)
     rates = {}
     for key in ("rate_hz", "true_rate_hz"):
         value = np.ravel(arrays.get(key, arrays["rate_hz"]))
         if len(value) != 1:
-            raise RecordingError(f"{path}: {key} holds {len(value)} numbers; it must be one", path=path)
+            raise RecordingError.at(path, f"{key} holds {len(value)} numbers; it must be one")
         rates[key] = float(value[0])
         check_rate(path, rates[key], f"{key} is")
     if "true_wxyz" in arrays and "true_position" not in arrays:
-        raise RecordingError(f"{path}: 'true_wxyz' without 'true_position'; add it, or leave both out", path=path)
+        raise RecordingError.at(path, "'true_wxyz' without 'true_position'; add it, or leave both out")
     n, m = (len(np.atleast_1d(arrays.get(key, ()))) for key in ("acc", "true_position"))
     shapes = {"acc": (n, 3), "gyr": (n, 3), "mag": (n, 3), "true_position": (m, 3), "true_wxyz": (m, 4)}
     for key, shape in shapes.items():
         if key in arrays and arrays[key].shape != shape:
-            raise RecordingError(f"{path}: '{key}' has shape {arrays[key].shape}, not {shape}; correct it", path=path)
+            raise RecordingError.at(path, f"'{key}' has shape {arrays[key].shape}, not {shape}; correct it")
     recording = Recording(
         t=np.arange(n) / rates["rate_hz"],
         acc=arrays["acc"],
@@ -76,8 +76,7 @@ def _arrays(path: Path) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:
             warnings.simplefilter("ignore")  # numpy warns when it repairs files of Python 2
             read = {name: arrays[name] for name in there}
     except Exception as reason:  # damaged bytes make zip, zlib, tokenize and numpy raise errors of their own
-        what = f"{path}: can't be read as an npz ({in_words(reason)}); {NEXT_STEP}"
-        raise RecordingError(what, path=path) from None
+        raise RecordingError.at(path, f"can't be read as an npz ({in_words(reason)}); {NEXT_STEP}") from None
     numbers = {name: array for name, array in read.items() if array.dtype.kind in "fiub"}
     return numbers, tuple(name for name in sizes if name not in there)
 

@@ -78,7 +78,7 @@ def _beside(path: Path) -> Files:
     try:
         names = sorted(each for each in (*folder.glob("*.csv"), folder / f"{PHYPHOX_MOMENTS}.csv") if each.is_file())
     except OSError as reason:
-        raise RecordingError(f"{folder}: can't be read ({in_words(reason)}); give another", path=folder) from None
+        raise RecordingError.at(folder, f"can't be read ({in_words(reason)}); give another") from None
     return {
         str(file.relative_to(folder).with_suffix("")): partial(read_bytes, file, RecordingError, "give another")
         for file in names[:MOST_FILES]
@@ -115,8 +115,8 @@ def _of_logger(path: Path, sheets: Mapping[str, Sheet], about: Mapping[str, str]
     acc = stream("TotalAcceleration", sign) if "TotalAcceleration" in sheets else None
     if acc is None and {"Accelerometer", "Gravity"} <= sheets.keys():
         if not about:
-            what = "Metadata.csv is missing, which says whether the signs are an iPhone's"
-            raise RecordingError(f"{path}: {what}; add it, or export again", path=path)
+            what = "Metadata.csv is missing, which says whether the signs are an iPhone's; add it, or export again"
+            raise RecordingError.at(path, what)
         moved, gravity = stream("Accelerometer", sign), stream("Gravity", sign)
         total = moved.values + gravity.at(moved.t)
         known = np.isfinite(total[:, 0])
@@ -130,10 +130,8 @@ def _of_logger(path: Path, sheets: Mapping[str, Sheet], about: Mapping[str, str]
         needed = "Gravity.csv beside Accelerometer.csv" if ios else "TotalAcceleration.csv"
         switch = "Gravity" if ios else "Total Acceleration"
         there = "Accelerometer.csv is without gravity" if "Accelerometer" in sheets else "no acceleration is in it"
-        raise RecordingError(
-            f"{path}: {there}, and {needed} is needed; switch on '{switch}' in Sensor Logger and record again",
-            path=path,
-        )
+        what = f"{there}, and {needed} is needed; switch on '{switch}' in Sensor Logger and record again"
+        raise RecordingError.at(path, what)
     read = {"acc": (source, sign, unit)}
     others: dict[str, Stream | None] = {}
     for kind, name, unit in (("gyr", "Gyroscope", "rad/s"), ("mag", "Magnetometer", "ut")):
@@ -183,8 +181,8 @@ def _of_phyphox(path: Path, files: Files) -> tuple[Recording, Understood, set[st
             if kind in streams:
                 if path.is_file() and path.suffix.lower() == ".csv":
                     continue
-                what = f"{path}: '{axes[0]}' is in {name}.csv and in another file too; keep one recording in a folder"
-                raise RecordingError(what, path=path)
+                what = f"'{axes[0]}' is in {name}.csv and in another file too; keep one recording in a folder"
+                raise RecordingError.at(path, what)
             stream = _stream(sheet, PHYPHOX_TIME, tuple(axes))
             streams[kind] = Stream(moments.straight(stream.t), stream.values)
             if kind == "linear":
@@ -198,9 +196,10 @@ def _of_phyphox(path: Path, files: Files) -> tuple[Recording, Understood, set[st
         return None
     if "acc" not in streams:
         there = "Linear Acceleration is without gravity" if "linear" in streams else "no acceleration is in it"
-        what = f"{path}: {there}, and 'Acceleration x (m/s^2)' is needed"
-        raise RecordingError(
-            f"{what}; record with the experiment that `pbd sensors phyphox` gives to the phone", path=path
+        raise RecordingError.at(
+            path,
+            f"{there}, and 'Acceleration x (m/s^2)' is needed; record with the experiment that `pbd sensors phyphox` "
+            "gives to the phone",
         )
     recording = _recording(path, streams["acc"], streams.get("gyr"), streams.get("mag"))
     return recording, Understood(tuple(dict.fromkeys(columns)), unread, "phyphox (a phone)"), files_read
@@ -238,8 +237,7 @@ def _recording(path: Path, acc: Stream, gyr: Stream | None, mag: Stream | None) 
         spans = listed(
             f"{each.t[0]:.1f} to {each.t[-1]:.1f} s" for each in (acc, gyr) if each is not None and len(each)
         )
-        what = f"{path}: its sensors have no time in common ({spans})"
-        raise RecordingError(f"{what}; record them together", path=path)
+        raise RecordingError.at(path, f"its sensors have no time in common ({spans}); record them together")
     a, g, m = channels
     assert a is not None
     return Recording(t - t[0], a, g, m, info=RecordingInfo(clock="device"))

@@ -59,7 +59,7 @@ def printed_sheet(path: Path, text: str) -> Sheet:
     rows = [",".join(sample[name] for name in header) for sample in samples if all(name in sample for name in header)]
     if len(header) < 3 or not rows:
         what = "no line has three numbers with names; give --columns as for `pbd record --sensor lines`"
-        raise RecordingError(f"{path}: {what}", path=path)
+        raise RecordingError.at(path, what)
     columns = tuple(f"{name} ({units[name]})" if name in units else name for name in header)
     return Sheet(path, columns, "\n".join(rows), ",", 1, foreign=True, preamble="printed lines")
 

@@ -41,8 +41,7 @@ def zipped_tables(path: Path) -> Files:
         if place.parts[-2:-1] == ("meta",) and name != PHYPHOX_MOMENTS:
             continue
         if name in files:
-            what = f"{path}: it holds several recordings ({name}.csv twice); export one"
-            raise RecordingError(what, path=path)
+            raise RecordingError.at(path, f"it holds several recordings ({name}.csv twice); export one")
         files[name] = partial(_member, path, archive, member)
     return files
 
@@ -50,12 +49,10 @@ def zipped_tables(path: Path) -> Files:
 def _member(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> bytes:
     if member.file_size > LARGEST_FILE:
         most = f"{LARGEST_FILE / 1e6:.0f} MB"
-        what = (
-            f"{path}: '{member.filename}' in it has {member.file_size / 1e6:.3g} MB, more than the {most} that are read"
-        )
-        raise RecordingError(f"{what}; export a shorter recording", path=path, value=member.file_size)
+        what = f"'{member.filename}' in it has {member.file_size / 1e6:.3g} MB, more than the {most} that are read"
+        raise RecordingError.at(path, f"{what}; export a shorter recording", value=member.file_size)
     try:
         return archive.read(member)
     except (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError, NotImplementedError, ValueError) as reason:
-        what = f"{path}: '{member.filename}' in the zip can't be read ({in_words(reason)}); export it again"
-        raise RecordingError(what, path=path) from None
+        what = f"'{member.filename}' in the zip can't be read ({in_words(reason)}); export it again"
+        raise RecordingError.at(path, what) from None
