@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pbd.calibration.rests import Rests, orientations
+from pbd.calibration.rests import Rests, orientations, rms
 from pbd.data import GRAVITY, Linear
 from pbd.errors import CalibrationError
 from pbd.pose import Array
@@ -58,7 +58,7 @@ class AccelerometerFit:
 
 
 def fit_accelerometer(rests: Rests, gravity: float = GRAVITY) -> AccelerometerFit:
-    """Least squares of |matrix (f - bias)| = gravity over all rests, nine unknowns, each held by a prior.
+    """Least squares of |matrix (f - bias)| = gravity (m/s2) over all rests, nine unknowns, each held by a prior.
 
     The prior is what the parts' makers let expect. It decides only what the orientations leave open: with nine or more
     that are well spread the effect is nil. With fewer, errors that can't be separated share the residual.
@@ -66,11 +66,7 @@ def fit_accelerometer(rests: Rests, gravity: float = GRAVITY) -> AccelerometerFi
     Source: D. Tedaldi, A. Pretto and E. Menegatti, A robust and easy to implement method for IMU calibration without
     external equipments, ICRA 2014 (there with a triangular matrix: another choice of the free rotation).
 
-    Args:
-        gravity: m/s2, of the place. A wrong one is taken for scale.
-
-    Raises:
-        CalibrationError: too few orientations.
+    CalibrationError: too few orientations.
     """
     up = rests.up_sensor
     different = orientations(up)
@@ -106,8 +102,8 @@ def fit_accelerometer(rests: Rests, gravity: float = GRAVITY) -> AccelerometerFi
         sigma=sigma,
         determined=tuple(name for name, left_over in zip(NAMES, share, strict=True) if left_over < DETERMINED),
         orientations=different,
-        before=_rms(np.linalg.norm(rests.acc, axis=1) - gravity),
-        after=_rms(np.linalg.norm((rests.acc - bias) @ matrix.T, axis=1) - gravity),
+        before=rms(np.linalg.norm(rests.acc, axis=1) - gravity),
+        after=rms(np.linalg.norm((rests.acc - bias) @ matrix.T, axis=1) - gravity),
     )
 
 
@@ -116,7 +112,3 @@ def _unpack(x: Array) -> tuple[Array, Array]:
     for value, (i, j) in zip(x[6:], ((1, 2), (0, 2), (0, 1)), strict=True):
         matrix[i, j] = matrix[j, i] = value
     return x[:3], matrix
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))

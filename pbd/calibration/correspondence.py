@@ -8,10 +8,10 @@ from itertools import combinations, permutations
 
 import numpy as np
 
-from pbd.calibration.alignment import align
+from pbd.calibration.registration import align
 from pbd.data.one_line_repr import counted
 from pbd.errors import CalibrationError
-from pbd.pose import Array, Pose, quat_inverse, quat_log, quat_multiply
+from pbd.pose import Array, Pose
 
 STOP_SIGMA_M = 0.005
 """m: least sigma of a stop, so that a hypothesis from two stops is not too strict."""
@@ -81,12 +81,10 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool) 
     for other in best[1:]:
         metres, rad = other.T_base_nav.distance(best[0].T_base_nav)
         if other.cost - best[0].cost < AMBIGUOUS_COST and (metres > SAME_ANSWER_M or rad > SAME_ANSWER_RAD):
-            turn = quat_log(quat_multiply(other.T_base_nav.wxyz, quat_inverse(best[0].T_base_nav.wxyz)))[2]
-            turn_deg = abs(np.degrees(turn))
             raise CalibrationError(
-                f"the stops fit the points in more than one way (another is turned by {turn_deg:.0f} degrees), because "
-                "the points are symmetric; name the stops with --stops, touch the points in order, or add one that "
-                "breaks the symmetry",
+                f"the stops fit the points in more than one way (another is turned by {np.degrees(rad):.0f} degrees), "
+                "because the points are symmetric; name the stops with --stops, touch the points in order, or add one "
+                "that breaks the symmetry",
                 stops=best[0].stops,
                 others=other.stops,
             )

@@ -16,12 +16,7 @@ share). With more, a dock gives a better heading."""
 
 @dataclass(frozen=True)
 class FieldSpread:
-    """Variation of the magnetic field from stop to stop, rms about its mean.
-
-    Attributes:
-        heading: rad.
-        strength: share.
-    """
+    """Variation of the magnetic field from stop to stop, rms about its mean: heading, rad; strength, a share."""
 
     heading: float
     strength: float
@@ -47,18 +42,13 @@ def field_spread(mag: Array, wxyz_nav_sensor: Array) -> FieldSpread:
     level = np.hypot(field[:, 0], field[:, 1])
     east, north = (field[:, 0] / level).mean(), (field[:, 1] / level).mean()
     turned = np.arctan2(field[:, 1] * east - field[:, 0] * north, field[:, 0] * east + field[:, 1] * north)
-    return FieldSpread(
-        heading=float(np.sqrt(np.mean(turned**2))),
-        strength=float(strength.std() / strength.mean()),
-    )
+    return FieldSpread(float(np.sqrt(np.mean(turned**2))), float(strength.std() / strength.mean()))
 
 
 def heading_changes(wxyz_first: Array, wxyz_again: Sequence[Array]) -> Array:
-    """Difference of nav's heading between demonstrations, (m,) rad.
+    """Difference of nav's heading between demonstrations that began with the sensor put down in the same way, (m,) rad.
 
-    Args:
-        wxyz_first: (4,) the sensor's attitude in nav at the first rest of one demonstration.
-        wxyz_again: the same of others that began with the sensor put down in the same way.
+    Each is given by the sensor's attitude (4,) in nav at its first rest.
     """
     turns = np.array([yaw_toward(wxyz_first, again) for again in wxyz_again])
     return (turns + np.pi) % (2.0 * np.pi) - np.pi

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pbd.calibration.rests import Rests
+from pbd.calibration.rests import Rests, rms
 from pbd.data import Linear
 from pbd.errors import CalibrationError
 from pbd.pose import Array
@@ -60,13 +60,10 @@ def fit_ellipsoid(points: Array) -> tuple[Array, Array]:
     Source: Q. Li and J. G. Griffiths, Least squares ellipsoid specific fitting, GMP 2004; without their constraint, as
     points all around leave nothing but an ellipsoid.
 
-    Returns:
-        centre (3,), symmetric matrix (3, 3).
-
-    Raises:
-        CalibrationError: no ellipsoid fits: the points don't lie all around.
+    Returns the centre (3,) and the symmetric matrix (3, 3). CalibrationError: the points don't lie all around.
     """
-    middle, size = points.mean(axis=0), float(np.sqrt(((points - points.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    middle = points.mean(axis=0)
+    size = rms(np.linalg.norm(points - middle, axis=1))
     x, y, z = ((points - middle) / size).T
     design = np.column_stack((x * x, y * y, z * z, 2 * y * z, 2 * x * z, 2 * x * y, 2 * x, 2 * y, 2 * z))
     xx, yy, zz, yz, xz, xy, *linear = np.linalg.lstsq(design, np.ones(len(points)), rcond=None)[0].tolist()
@@ -153,7 +150,7 @@ def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float
         linear=Linear(bias, matrix / unit, sigma),
         field=field / unit,
         dip=dip,
-        uneven=float(np.sqrt(np.mean((strength - 1.0) ** 2))),
-        dip_uneven=float(np.sqrt(np.mean((each_dip - dip) ** 2))),
+        uneven=rms(strength - 1.0),
+        dip_uneven=rms(each_dip - dip),
         before=float(as_read.std() / as_read.mean()),
     )

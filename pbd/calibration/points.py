@@ -145,11 +145,7 @@ def _left_out(problem: Problem, k: int, keep: Sequence[int], fit: Fit) -> tuple[
 
 
 def refuse_shape(points: Array, free: bool) -> None:
-    """Refuse points (m, 3) from which no pose follows, however well they are touched.
-
-    Raises:
-        CalibrationError: too few, two in one place, in a line, above each other.
-    """
+    """Refuse (CalibrationError) points (m, 3) from which no pose follows: too few, two in one place, in a line ..."""
     if len(points) < FEWEST:
         raise CalibrationError(
             f"{len(points)} points are too few; touch {FEWEST} or more, best 4 to 6 spread all around",

@@ -74,11 +74,7 @@ def find_rests(recording: Recording) -> Rests:
     After the static detector of D. Tedaldi, A. Pretto and E. Menegatti, A robust and easy to implement method for IMU
     calibration without external equipments, ICRA 2014.
 
-    Args:
-        recording: without NaN.
-
-    Raises:
-        CalibrationError: it was never still.
+    The recording is without NaN. CalibrationError: it was never still.
     """
     from scipy.ndimage import find_objects, label
 
@@ -116,6 +112,11 @@ def find_rests(recording: Recording) -> Rests:
     (acc, acc_noise), (gyr, gyr_noise), (mag, mag_noise) = map(means, (recording.acc, recording.gyr, recording.mag))
     assert acc is not None
     return Rests(start, stop, (stop - start) / rate, acc, gyr, mag, acc_noise, gyr_noise, mag_noise)
+
+
+def rms(values: Array) -> float:
+    """Root of the mean square."""
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def orientations(up_sensor: Array) -> int:

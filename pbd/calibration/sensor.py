@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -15,9 +14,6 @@ from pbd.calibration.rests import Rests, find_rests
 from pbd.data import GRAVITY, Recording, SensorErrors
 from pbd.errors import CalibrationError
 from pbd.pose import Array
-
-UNKNOWN_SENSOR = "unknown"
-"""The sensor's name in a recording that has none."""
 
 KINDS = ("gyr", "acc", "mag")
 
@@ -102,29 +98,20 @@ def calibrate_sensor(
 
 
 def corrected(recording: Recording, errors: SensorErrors | None) -> Recording:
-    """The recording as a sensor without these errors would have made it. Its own attitude stays as it is.
+    """The recording as a sensor without these errors would have made it; raises as `refuse_other_sensor`.
 
-    Raises:
-        CalibrationError: the errors are those of another sensor.
+    Its own attitude stays as it is.
     """
     if errors is None:
         return recording
     refuse_other_sensor(f"'{recording.info.name}'", recording.info.sensor, errors)
-    true: dict[str, Any] = {
-        kind: linear.true(values)
-        for kind in KINDS
-        if (linear := getattr(errors, kind)) is not None and (values := getattr(recording, kind)) is not None
-    }
-    return replace(recording, **true)
+    given = ((kind, getattr(errors, kind), getattr(recording, kind)) for kind in KINDS)
+    return replace(recording, **{kind: e.true(read) for kind, e, read in given if e is not None and read is not None})
 
 
 def refuse_other_sensor(what: str, sensor: str, errors: SensorErrors) -> None:
-    """Refuse errors of another sensor than the one `what` was made with. A sensor without a name fits all.
-
-    Raises:
-        CalibrationError: names both.
-    """
-    if UNKNOWN_SENSOR not in (sensor, errors.sensor) and sensor != errors.sensor:
+    """Refuse (CalibrationError) errors of another sensor than the one `what` was made with; one without a name fits."""
+    if "unknown" not in (sensor, errors.sensor) and sensor != errors.sensor:
         raise CalibrationError(
             f"{what} is of the sensor '{sensor}', but the calibration's [sensor] is of '{errors.sensor}'; name a "
             "calibration of that sensor, or remove [sensor]",

@@ -46,8 +46,8 @@ def keyframes_covariance(path: HandPath | None, keyframes: Sequence[Keyframe]) -
 def _stop_of(path: HandPath, keyframe: Keyframe) -> int | None:
     if not keyframe.cov.any():
         return None
-    inside = [path.t[stop.start] <= keyframe.t <= path.t[stop.stop - 1] for stop in path.stops]
-    return inside.index(True) if any(inside) else None
+    inside = (path.t[stop.start] <= keyframe.t <= path.t[stop.stop - 1] for stop in path.stops)
+    return next((k for k, is_in in enumerate(inside) if is_in), None)
 
 
 def touch_up(touch_ups: Sequence[TouchUp], keyframes: Sequence[Keyframe], T_base_nav: Pose, cov: Array) -> TouchedUp:

@@ -13,6 +13,7 @@ from pbd.data import Demonstration
 from pbd.errors import RecordingError, SensorError, TrackingError, listed, warn
 from pbd.files.demo import demo_folder
 from pbd.files.importers import Imported, import_recording
+from pbd.files.importers.columns import Understood
 from pbd.io.atomic import is_file, is_folder
 from pbd.record.redecode import decode_raw
 from pbd.tracking.first_rest import find_rest
@@ -34,7 +35,7 @@ def run(args: argparse.Namespace) -> None:
         raise RecordingError(f"{args.file} is in {folder}, which it would replace; give another name", path=args.file)
     # Lines without a header are what `pbd record` would have decoded.
     if args.file.suffix.lower() == ".bin" or args.columns:
-        imported = Imported(_decode(args))
+        imported = Imported(_decode(args), Understood())
     else:
         with working(f"reading {args.file}"):
             imported = import_recording(args.file, dict(args.column), dict(args.unit), args.rate, args.topic)
@@ -42,7 +43,7 @@ def run(args: argparse.Namespace) -> None:
     if demo.recording.gyr is None:
         warn(NO_GYRO)
     # What can't be a recording (units, clock) is refused before it takes a name; where the hand stops is seen later.
-    with suppress(TrackingError), working("checking it"), _in_its_names(args, imported):
+    with suppress(TrackingError), working("checking it"), _in_its_names(args, understood):
         recording, _ = condition(demo.recording)
         rest = find_rest(recording)
         warn_upside_down(recording, rest.up_sensor, rest.start, rest.stop)
@@ -55,32 +56,30 @@ def run(args: argparse.Namespace) -> None:
     if args.sensor:
         info = replace(demo.recording.info, sensor=args.sensor)
         demo = replace(demo, recording=replace(demo.recording, info=info))
-    columns = None if understood is None else [column.row() for column in understood.columns]
-    more = {} if understood is None else {"columns": columns, "unread": dict(understood.unread)}
+    columns = [column.row() for column in understood.columns]
+    more = {"columns": columns, "unread": dict(understood.unread)} if columns else {}
     store_demonstration(args, replace(demo, closed=demo.closed or args.closed), "imported", more=more)
-    _tell(args, imported)
+    _tell(args, understood)
 
 
-def _tell(args: argparse.Namespace, imported: Imported) -> None:
+def _tell(args: argparse.Namespace, understood: Understood) -> None:
     """Print what was understood of each column."""
-    if imported.understood is not None and not args.json:
+    if understood.columns and not args.json:
         from pbd.view.terminal_tables import columns_table, print_table
 
-        if imported.understood.program:
-            print(f"written by {imported.understood.program}")
-        print_table(columns_table([column.row() for column in imported.understood.columns], imported.understood.unread))
+        if understood.program:
+            print(f"written by {understood.program}")
+        print_table(columns_table([column.row() for column in understood.columns], understood.unread))
 
 
 @contextmanager
-def _in_its_names(args: argparse.Namespace, imported: Imported) -> Iterator[None]:
+def _in_its_names(args: argparse.Namespace, understood: Understood) -> Iterator[None]:
     """Give the columns in an error's advice the names that they have in the file, and print what was understood."""
     try:
         yield
     except RecordingError as error:
-        if imported.understood is None:
-            raise
-        _tell(args, imported)
-        raise RecordingError(imported.understood.in_its_names(error.message), **error.fields) from None
+        _tell(args, understood)
+        raise RecordingError(understood.in_its_names(error.message), **error.fields) from None
 
 
 def _decode(args: argparse.Namespace) -> Demonstration:

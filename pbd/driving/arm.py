@@ -104,11 +104,6 @@ class ServoArm:
                 what = f"servo {servo.id} ({name}) is in mode {data[30]}, not in position mode"
                 raise SensorError(f"{what}; calibrate anew with `pbd run --calibrate`")
 
-    @property
-    def asked_again(self) -> int:
-        """How many requests had to be repeated."""
-        return self._bus.asked_again
-
     def state(self) -> State:
         """Read where the servos stand and how they feel; raises as `Bus.read` does."""
         found = self._bus.read(self.counts.ids, PRESENT, PRESENT_LENGTH)
@@ -123,16 +118,11 @@ class ServoArm:
 
     def go(self, counts: Array) -> None:
         """Give every servo its goal."""
-        self._write(GOAL, [word(round(value)) for value in counts.tolist()])
+        self._bus.write(GOAL, dict(zip(self.counts.ids, _words(counts), strict=True)))
 
     def hold(self, counts: Array) -> None:
-        """Give goals and read them back.
-
-        Raises:
-            SensorError: they did not arrive; the servos hold their last goals.
-        """
-        wanted = [word(round(value)) for value in counts.tolist()]
-        self._write_sure(GOAL, wanted)
+        """Give goals and read them back; SensorError: they did not arrive, and the servos hold their last goals."""
+        self._write_sure(GOAL, _words(counts))
 
     def stiffen(self, counts: Array) -> None:
         """Switch torque on with these goals: the arm's present place, so that nothing jumps.
@@ -140,25 +130,18 @@ class ServoArm:
         A servo would go to an old goal at full speed: goals go first, and are read back. A servo without torque may
         change its goal, by firmware, so one near its place is good enough.
         """
-        goals = [word(round(value)) + word(0) + word(0) for value in counts.tolist()]  # time and speed: no limit
+        goals = [goal + word(0) + word(0) for goal in _words(counts)]  # time and speed: no limit
         self._write_sure(GOAL, goals, lambda has, wanted: abs(word_at(has, 0) - word_at(wanted, 0)) <= NEAR)
         self._bus.write(TORQUE_LIMIT, {self.counts.ids[-1]: word(GRIPPER_TORQUE)})
         self._write_sure(TORQUE_ENABLE, [b"\x01"] * len(self.counts.ids))
         self.hold(counts)
-
-    def _write(self, address: int, values: list[bytes]) -> None:
-        self._bus.write(address, dict(zip(self.counts.ids, values, strict=True)))
 
     def _write_sure(self, address: int, values: list[bytes], alike: Callable[[bytes, bytes], bool] = eq) -> None:
         write_sure(self._bus, address, dict(zip(self.counts.ids, values, strict=True)), alike)
 
 
 def write_sure(bus: Bus, address: int, values: dict[int, bytes], alike: Callable[[bytes, bytes], bool] = eq) -> None:
-    """Write registers, and read them back until they are `alike`.
-
-    Raises:
-        SensorError: they did not arrive.
-    """
+    """Write registers, and read them back until they are `alike`; SensorError: they did not arrive."""
     silent: NoAnswerError | None = None
     for _ in range(HOLD_TRIES):
         bus.write(address, values)
@@ -179,11 +162,7 @@ def release(bus: Bus, ids: Sequence[int]) -> None:
 
 
 def identify(bus: Bus, ids: Mapping[str, int]) -> list[bytes]:
-    """Read who the servos are (joint: id), and refuse what isn't an STS3215.
-
-    Returns:
-        Of each servo its registers from IDENTITY on.
-    """
+    """Read of each servo (joint: id) its registers from IDENTITY on; SensorError: it is silent, or no STS3215."""
     names = {id_: name for name, id_ in ids.items()}
     try:
         found = bus.read(tuple(names), IDENTITY, IDENTITY_LENGTH)
@@ -198,6 +177,10 @@ def identify(bus: Bus, ids: Mapping[str, int]) -> list[bytes]:
             what = f"servo {id_} ({name}) says it is model {model}, not an STS3215 ({STS3215}); pbd run drives no other"
             raise SensorError(what, path=bus.device)
     return [found[id_].data for id_ in names]
+
+
+def _words(counts: Array) -> list[bytes]:
+    return [word(round(value)) for value in counts.tolist()]
 
 
 def _nobody(device: str, heard: bytes) -> str:

@@ -7,10 +7,11 @@ its sync read drops the servos' error flags. LeRobot replaces its timeout at run
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Self
 
-from pbd.driving.clock import Clock
 from pbd.driving.packets import Answer, sync_read, sync_write, take_answers
 from pbd.errors import SensorError
 from pbd.sensors.port import Port, open_port
@@ -49,15 +50,20 @@ class Bus:
         asked_again: how many requests had to be repeated.
     """
 
-    def __init__(self, port: Port, clock: Clock, answer_s: float) -> None:
-        self._port, self._clock, self.answer_s = port, clock, answer_s
+    def __init__(self, port: Port, answer_s: float) -> None:
+        self._port, self.answer_s = port, answer_s
         self.device = port.device
         self.asked_again = 0
 
     @classmethod
-    def open(cls, device: str, clock: Clock, answer_s: float | None = None) -> Self:
-        """Open the port, with PATIENT_S to answer unless said else; raises SensorError as `open_port` does."""
-        return cls(open_port(device, BAUD, what="arm", wait_s=WAIT_S), clock, answer_s or PATIENT_S)
+    @contextmanager
+    def open(cls, device: str, answer_s: float | None = None) -> Iterator[Self]:
+        """Open the port, with PATIENT_S to answer unless said else; raises SensorError as `open_port` does.
+
+        When it is closed again, the servos hold.
+        """
+        with open_port(device, BAUD, what="arm", wait_s=WAIT_S) as port:
+            yield cls(port, answer_s or PATIENT_S)
 
     def read(self, ids: Sequence[int], address: int, length: int) -> dict[int, Answer]:
         """Read registers of all these servos.
@@ -72,10 +78,10 @@ class Bus:
             self.asked_again += attempt > 0
             self._port.clear()
             self._port.write(sync_read(missing, address, length))
-            until, buffer = self._clock.real() + self.answer_s, bytearray()
+            until, buffer = time.monotonic() + self.answer_s, bytearray()
             late = False
             while missing and not late:
-                late = self._clock.real() >= until  # read once more: it may have come while this computer was busy
+                late = time.monotonic() >= until  # read once more: it may have come while this computer was busy
                 came = self._port.read()
                 heard, buffer = (heard + came)[-200:], buffer + came
                 found |= {a.id: a for a in take_answers(buffer) if a.id in missing and len(a.data) == length}
@@ -89,13 +95,3 @@ class Bus:
     def write(self, address: int, values: Mapping[int, bytes]) -> None:
         """Write registers of several servos at once; nothing answers, so read what matters again."""
         self._port.write(sync_write(address, values))
-
-    def close(self) -> None:
-        """Close the port; the servos hold."""
-        self._port.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.close()

@@ -16,7 +16,3 @@ class Clock:
         """Sleep until `t` of the motion's time; not at all where it is past."""
         if (left := t - self.now()) > 0.0:
             time.sleep(left)
-
-    def real(self) -> float:
-        """The time that a wire needs, s: not run faster."""
-        return time.monotonic()

@@ -16,15 +16,11 @@ SLACK_DEG = 5.0
 LEAD_S, SETTLE_S = 0.5, 0.3
 """s: from where the arm stands into the plan's first joints, at most SLACK_DEG away; and at its last ones."""
 
-MOVED_DEG = 2.0
-"""How far an arm may be moved between its measurement and its start, degrees."""
-
 
 def planned_start(counts: Counts, state: State, limits: JointLimits) -> tuple[float, ...]:
     """Give the joints that a plan starts from, rad: as measured, within the model's limits.
 
-    Raises:
-        PlanError: the arm stands far outside them.
+    PlanError: the arm stands far outside them.
     """
     q = counts.joints(state.counts)
     inside = np.clip(q, limits.lower, limits.upper)
@@ -62,8 +58,3 @@ def goals_of(
         at += float(np.clip(goal[-1] - at, -most, most))
         goal[-1] = at
     return t, goals
-
-
-def moved_deg(counts: Counts, before: State, now: State) -> float:
-    """How far the arm's joints were moved from one state to another, degrees: the largest."""
-    return float(np.degrees(np.abs(counts.joints(now.counts) - counts.joints(before.counts)).max()))

@@ -56,12 +56,13 @@ def stream(
     period, k = 1.0 / rate_hz, 0
     times: list[float] = []
     state: State | None = None
+    why: SensorError | None = None
     due = clock.now()
     try:
         for k, goal in enumerate(goals):
             clock.sleep_until(due)
             if stop_wanted():
-                return _stop(arm, state, k, rate_hz, times, None, dry_run)
+                break
             now = clock.now()
             if k and now - due > stall_s:
                 what = f"this computer was busy for {now - due:.2f} s"
@@ -73,21 +74,10 @@ def stream(
             watch.goal(goal)
             times.append(now)
             due = max(due, now - 0.5 * period) + period
+        else:
+            return Streamed(len(goals), len(goals) / rate_hz, np.diff(times))
     except SensorError as error:
-        return _stop(arm, state, k, rate_hz, times, error, dry_run)
-    return Streamed(len(goals), len(goals) / rate_hz, np.diff(times))
-
-
-def _stop(
-    arm: ServoArm,
-    state: State | None,
-    k: int,
-    rate_hz: float,
-    times: list[float],
-    why: SensorError | None,
-    dry_run: bool,
-) -> Streamed:
-    """Hold the arm where it was last seen."""
+        why = error
     held = True
     if state is not None and not dry_run:
         try:

@@ -12,6 +12,7 @@ import numpy as np
 
 from pbd.data import GRAVITY, Recording
 from pbd.pose import Array
+from pbd.record.values import recording_of
 from pbd.sensors.decoding import Sample
 from pbd.tracking.repair.channel_faults import LIVE_SHARE, SENSOR_NAMES, STUCK_S, stuck_axes
 from pbd.tracking.repair.saturation import TOP_TOLERANCE, clips_of
@@ -109,15 +110,9 @@ class Diagnostics:
 
 def _window(recent: deque[tuple[float, Sample]]) -> Recording:
     """The samples as a recording; those that lack a gyro's reading, where others have one, are left out."""
-    has_gyr, has_mag = (any(getattr(sample, name) for _, sample in recent) for name in ("gyr", "mag"))
+    has_gyr = any(sample.gyr for _, sample in recent)
     whole = [(t, sample) for t, sample in recent if sample.acc and (sample.gyr or not has_gyr)]
-    nothing = (np.nan, np.nan, np.nan)
-    return Recording(
-        np.array([t for t, _ in whole]),
-        np.array([sample.acc for _, sample in whole]).reshape(-1, 3),
-        np.array([sample.gyr for _, sample in whole]).reshape(-1, 3) if has_gyr else None,
-        np.array([sample.mag or nothing for _, sample in whole]).reshape(-1, 3) if has_mag else None,
-    )
+    return recording_of(np.array([t for t, _ in whole]), [sample for _, sample in whole])
 
 
 def _changes(values: Array) -> bool:

@@ -12,6 +12,7 @@ from pbd.files.demo import read_demo
 from pbd.io.opening import read_bytes
 from pbd.pose import Array
 from pbd.record.session import DEVICE_CLOCK
+from pbd.record.values import recording_of
 from pbd.sensors.decoding import Decoder, Sample
 from pbd.timestamps import SampleClock
 
@@ -38,23 +39,10 @@ def decode_raw(path: Path, decoder: Decoder, sensor: str, rate_hz: float | None 
         raise RecordingError.at(path, what)
     beside = read_demo(path.parent) if (path.parent / "demo.toml").is_file() else None
     samples, t, clock = _timed(path, samples, None if beside is None else beside.recording, rate_hz)
-    return Demonstration(
-        Recording(
-            t,
-            _channel(samples, "acc"),
-            _given(samples, "gyr"),
-            _given(samples, "mag"),
-            _given(samples, "rpy"),
-            grip=() if beside is None else beside.recording.grip,
-            info=RecordingInfo(
-                sensor=sensor,
-                rate_hz=rate_hz,
-                created=None if beside is None else beside.recording.info.created,
-                clock=clock,
-            ),
-        ),
-        closed=beside is not None and beside.closed,
-    )
+    created = None if beside is None else beside.recording.info.created
+    info = RecordingInfo(sensor=sensor, rate_hz=rate_hz, created=created, clock=clock)
+    grip = () if beside is None else beside.recording.grip
+    return Demonstration(recording_of(t, samples, grip=grip, info=info), closed=beside is not None and beside.closed)
 
 
 def _timed(
@@ -74,12 +62,3 @@ def _timed(
     if rate_hz is None:
         raise RecordingError.at(path, "the sensor has no clock, and nothing tells its rate; give --rate")
     return samples, np.arange(len(samples)) / rate_hz, f"none: evenly spaced at {rate_hz:g} Hz"
-
-
-def _given(samples: list[Sample], name: str) -> Array | None:
-    return _channel(samples, name) if any(getattr(sample, name) for sample in samples) else None
-
-
-def _channel(samples: list[Sample], name: str) -> Array:
-    nothing = (np.nan, np.nan, np.nan)
-    return np.array([getattr(sample, name) or nothing for sample in samples])

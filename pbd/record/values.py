@@ -3,14 +3,30 @@
 from __future__ import annotations
 
 import enum
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from pbd.data import Keyframe, SensorErrors
+import numpy as np
+
+from pbd.data import Keyframe, Recording, SensorErrors
 from pbd.pose import Array
+from pbd.sensors.decoding import Sample
 
 FEWEST_STOPS = 2
 """Least number of stops that can be replayed: the first rest and one more."""
+
+
+def recording_of(t: Array, samples: Sequence[Sample], **more: Any) -> Recording:
+    """Samples with an acceleration, at t (n,) s, as a recording with `more`; of a channel that some lack: NaN there."""
+    nothing = (np.nan, np.nan, np.nan)
+    channels: dict[str, Any] = {
+        name: np.array([getattr(sample, name) or nothing for sample in samples]).reshape(-1, 3)
+        for name in ("acc", "gyr", "mag", "rpy")
+        if name == "acc" or any(getattr(sample, name) for sample in samples)
+    }
+    return Recording(t, channels.pop("acc"), device_rpy=channels.pop("rpy", None), **channels, **more)
 
 
 class Command(enum.Enum):

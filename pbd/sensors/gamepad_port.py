@@ -36,18 +36,14 @@ def find_gamepads() -> dict[str, tuple[str, str | None]]:
     names = {}
     for file in sorted(CLASS.glob("event*/device/name")):
         with suppress(OSError):
-            names[f"/dev/input/{file.parts[-3]}"] = file.read_text(encoding="utf-8").strip(), _pad_of(file)
+            pad = (file.parent / "device").resolve()  # the same for all input devices of a pad, and for no other's
+            names[f"/dev/input/{file.parts[-3]}"] = file.read_text(encoding="utf-8").strip(), pad
     found = {}
     for device, (name, pad) in names.items():
         if match := SENSORS.fullmatch(name):
             buttons = (other for other, its in names.items() if its == (match[1], pad))
             found[device] = match[1], next(buttons, None)
     return found
-
-
-def _pad_of(file: Path) -> str:
-    """The device that the kernel made several input devices of: the same for all of a pad's, and for no other's."""
-    return str((file.parent / "device").resolve())
 
 
 def only_gamepad() -> str:
@@ -125,8 +121,7 @@ class GamepadPort(Source):
         acc_per_g = 0
         for axis in AXES:
             try:
-                info = bytearray(ABSINFO.size)
-                fcntl.ioctl(self._motion, _request(False, 0x40 + axis), info)
+                info = self._info(axis)
             except OSError:
                 return b""  # no input device: a pipe
             *values, fuzz, flat, resolution = ABSINFO.unpack(info)
@@ -140,7 +135,7 @@ class GamepadPort(Source):
                     value=resolution,
                 )
             if fuzz:
-                self._fuzz[axis] = bytes(info)
+                self._fuzz[axis] = info
                 fcntl.ioctl(self._motion, _request(True, 0xC0 + axis), ABSINFO.pack(*values, 0, flat, resolution))
         return event(EV_MSC, MSC_RAW, acc_per_g) + self._axes()
 
@@ -149,10 +144,11 @@ class GamepadPort(Source):
         events = b""
         for axis in AXES:
             with suppress(OSError):
-                info = bytearray(ABSINFO.size)
-                fcntl.ioctl(self._motion, _request(False, 0x40 + axis), info)
-                events += event(EV_ABS, axis, ABSINFO.unpack(info)[0])
+                events += event(EV_ABS, axis, ABSINFO.unpack(self._info(axis))[0])
         return events
+
+    def _info(self, axis: int) -> bytes:
+        return fcntl.ioctl(self._motion, _request(False, 0x40 + axis), bytes(ABSINFO.size))
 
 
 def open_gamepad(device: str | None) -> GamepadPort:

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from importlib import import_module
+from functools import partial
+from pkgutil import resolve_name
 from types import MappingProxyType
 
 from pbd.errors import SensorError, UsageError, nearest
@@ -46,12 +47,9 @@ class WireProtocol:
         return self.rate_commands[int(rate_hz)]
 
 
-def _made_by(module: str, name: str) -> Callable[[], Decoder]:
-    def make() -> Decoder:
-        decoder: Decoder = getattr(import_module(f"pbd.sensors.{module}"), name)()
-        return decoder
-
-    return make
+def _made_by(name: str) -> Decoder:
+    decoder: Decoder = resolve_name(f"pbd.sensors.{name}")()
+    return decoder
 
 
 def _lines() -> Decoder:
@@ -74,33 +72,33 @@ PROTOCOLS: Mapping[str, WireProtocol] = MappingProxyType(
     {
         "os5000": WireProtocol(
             title="OceanServer OS5000, OS500, OS4000",
-            decoder=_made_by("os5000", "OS5000Decoder"),
+            decoder=partial(_made_by, "os5000:OS5000Decoder"),
             bauds=(19200, 38400, 115200, 57600, 9600, 4800),
             gives="acceleration, field, heading, pitch, roll",
             rate_commands=OS5000_RATES,
         ),
         "witmotion": WireProtocol(
             title="WitMotion WT901, JY901, HWT905, WT61",
-            decoder=_made_by("witmotion", "WitMotionDecoder"),
+            decoder=partial(_made_by, "witmotion:WitMotionDecoder"),
             bauds=(9600, 115200, 230400, 921600, 57600, 38400, 19200),
             gives="acceleration, gyro, attitude; field but for WT61",
             rate_commands=WITMOTION_RATES,
         ),
         "ximu3": WireProtocol(
             title="x-io x-IMU3",
-            decoder=_made_by("ximu3", "XImu3Decoder"),
+            decoder=partial(_made_by, "ximu3:XImu3Decoder"),
             bauds=(115200, 921600, 460800, 230400),
             gives="acceleration, gyro, field, attitude, clock",
         ),
         "vectornav": WireProtocol(
             title="VectorNav VN-100",
-            decoder=_made_by("vectornav", "VectorNavDecoder"),
+            decoder=partial(_made_by, "vectornav:VectorNavDecoder"),
             bauds=(115200, 921600, 460800, 230400, 57600, 9600),
             gives="acceleration, gyro, field, attitude; in binary its clock",
         ),
         "xsens": WireProtocol(
             title="Xsens MTi (MTData2)",
-            decoder=_made_by("xsens", "XsensDecoder"),
+            decoder=partial(_made_by, "xsens:XsensDecoder"),
             bauds=(115200, 921600, 2000000, 460800, 230400, 57600),
             gives="acceleration, gyro, field, attitude, clock",
         ),
@@ -112,19 +110,19 @@ PROTOCOLS: Mapping[str, WireProtocol] = MappingProxyType(
         ),
         "razor": WireProtocol(
             title="SparkFun Razor, 9DOF Sensor Stick (Razor AHRS)",
-            decoder=_made_by("razor", "razor_decoder"),
+            decoder=partial(_made_by, "razor:razor_decoder"),
             bauds=(57600, 115200),
             gives="acceleration, gyro, field",
         ),
         "phyphox": WireProtocol(
             title="a phone with the app phyphox",
-            decoder=_made_by("phyphox.answers", "PhyphoxDecoder"),
+            decoder=partial(_made_by, "phyphox.answers:PhyphoxDecoder"),
             bauds=(),
             gives="acceleration, gyro, field where it has one, clock",
         ),
         "gamepad": WireProtocol(
             title="DualSense, DualShock 4, Joy-Con, Switch Pro Controller (Linux)",
-            decoder=_made_by("gamepad", "GamepadDecoder"),
+            decoder=partial(_made_by, "gamepad:GamepadDecoder"),
             bauds=(),
             gives="acceleration, gyro, clock; its buttons mark the grip",
         ),

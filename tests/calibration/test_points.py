@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from pbd.calibration.alignment import align
+from pbd.calibration.registration import align
 from pbd.calibration.point_observations import PointObservations, observe_points
 from pbd.calibration.points import fit_points
 from pbd.calibration.registration import Problem, jacobian, misfit, moved

@@ -43,8 +43,7 @@ def words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
 @pytest.fixture
 def emulator(monkeypatch: pytest.MonkeyPatch) -> Iterator[Emulator]:
     """An arm that somebody left somewhere, ten times as fast as a real one."""
-    for module in ("drive", "servos"):
-        monkeypatch.setattr(f"pbd.cli.run.{module}.Clock", FastClock)
+    monkeypatch.setattr("pbd.cli.run.drive.Clock", FastClock)
     monkeypatch.setattr(bus, "ANSWER_S", PATIENT_S)
     monkeypatch.setattr(bus, "PATIENT_S", PATIENT_S)
     monkeypatch.setattr(stream, "STALL_S", UNHURRIED_S)

@@ -54,7 +54,7 @@ def swing(
 ) -> Streamed:
     """Swing the elbow."""
     clock = clock or FastClock()
-    with Bus.open(emulator.device, clock, PATIENT_S) as bus:
+    with Bus.open(emulator.device, PATIENT_S) as bus:
         arm = connect(bus)
         start = arm.state()
         if not dry_run:
@@ -141,7 +141,7 @@ def test_a_joint_that_pushes_too_long(emulator: Emulator) -> None:
 
     emulator.fault = press
     clock = FastClock()
-    with Bus.open(emulator.device, clock, PATIENT_S) as bus:
+    with Bus.open(emulator.device, PATIENT_S) as bus:
         arm = connect(bus)
         start = arm.state()
         arm.stiffen(start.counts)
@@ -220,7 +220,7 @@ def test_a_dry_run_gives_no_goals(emulator: Emulator) -> None:
 )
 def test_an_arm_that_should_not_start(emulator: Emulator, address: int, value: int, says: str) -> None:
     emulator.servos[1].put(address, bytes([value]))
-    with Bus.open(emulator.device, FastClock(), PATIENT_S) as bus:
+    with Bus.open(emulator.device, PATIENT_S) as bus:
         arm = connect(bus)
         with pytest.raises(SensorError, match=says):
             check_health(arm.counts.names, arm.bounds, arm.state())

@@ -23,7 +23,6 @@ def imported(folder: Path, text: str, rate_hz: float | None = None, name: str = 
 
 def decided(read: Imported) -> Mapping[str, str]:
     """Ours -> the file's column."""
-    assert read.understood is not None
     return {column.ours: column.name for column in read.understood.columns}
 
 
@@ -54,7 +53,6 @@ def test_movella_dot(tmp_path: Path) -> None:
     assert recording.gyr is not None
     assert_allclose(recording.gyr[0], [np.pi / 2, 0.0, -np.pi])
     assert recording.mag is not None
-    assert read.understood is not None
     assert read.understood.program == "Movella (Xsens) DOT"
     assert read.understood.unread["FreeAcc_X"] == "without gravity, or gravity"
     assert decided(read)["ax"] == "Acc_X"
@@ -99,7 +97,6 @@ def test_shimmer(tmp_path: Path, delimiter: str) -> None:
     assert recording.gyr is not None
     assert_allclose(recording.gyr[0], [np.pi / 2, 0.0, -np.pi])
     assert recording.mag is not None
-    assert read.understood is not None
     assert read.understood.unread["S_Hand_Accel_WR_X_RAW (no units)"] == "raw counts"
 
 
@@ -113,7 +110,6 @@ def test_an_ximu3s_folder(tmp_path: Path) -> None:
     (tmp_path / "Quaternion.csv").write_text("Timestamp (us),W,X,Y,Z\n1000000,1,0,0,0\n")
     read = import_recording(tmp_path)
     assert decided(read)["mx"] == "Magnetometer.csv: Magnetometer X (a.u.)"
-    assert read.understood is not None
     assert read.understood.unread == {"Quaternion.csv": "a file that isn't used"}
     recording = read.demo.recording
     assert recording.acc[0, 2] == GRAVITY
@@ -198,7 +194,6 @@ def test_nor_what_has_no_axis_that_is_known(tmp_path: Path, header: str, what: s
     with pytest.raises(RecordingError, match=rf"{what}, but .* with --column {option} and its like"):
         imported(tmp_path, f"t,ax,ay,az,{header}\n0,0,0,9.8{cells}\n")
     read = imported(tmp_path, f"t,ax,ay,az,gx,gy,gz,mx,my,mz,{header}\n0,0,0,9.8,1,2,3,1,2,3{cells}\n")
-    assert read.understood is not None
     assert all(why.startswith("another column has the ") for why in read.understood.unread.values())
 
 
@@ -209,7 +204,6 @@ def test_what_is_said_of_a_sensor_is_no_reading_of_it(tmp_path: Path) -> None:
         "field.angular_velocity_covariance0,magneticHeading,accuracy,image,language,rotation_vector,heart_rate,gyro_bias_x"
     )
     read = imported(tmp_path, f"t,ax,ay,az,{names}\n0,0,0,9.8{',1' * len(names.split(','))}\n")
-    assert read.understood is not None
     assert list(read.understood.unread) == names.split(",")
     assert all(read.understood.unread.values())
 
@@ -245,7 +239,6 @@ def test_the_right_time_of_several(tmp_path: Path, header: str, rows: tuple[str,
 def test_a_date_is_a_time_whatever_its_name(tmp_path: Path, name: str, stamps: tuple[str, str]) -> None:
     read = imported(tmp_path, f"day,{name},ax,ay,az\n" + "".join(f"2024-01-01,{at},0,0,9.8\n" for at in stamps))
     assert_allclose(read.demo.recording.t, [0.0, 0.01], atol=1e-6)
-    assert read.understood is not None
     assert read.understood.of("t")[0].named_by == "its dates"
     with pytest.raises(RecordingError, match=r"no column for t \(time\)"):  # a clock that stands still is none
         imported(tmp_path, f"{name},ax,ay,az\n" + 2 * f"{stamps[0]},0,0,9.8\n")
@@ -253,7 +246,6 @@ def test_a_date_is_a_time_whatever_its_name(tmp_path: Path, name: str, stamps: t
 
 def test_advice_has_the_files_names(tmp_path: Path) -> None:
     read = imported(tmp_path, "t,acc X [g],acc_y (g),acc_z (g)\n0,0,0,1\n")
-    assert read.understood is not None
     assert read.understood.in_its_names("import with --column ax=ay --column ay=-ax") == (
         "import with --column 'ax=acc_y (g)' --column 'ay=-acc X [g]'"
     )

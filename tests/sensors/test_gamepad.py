@@ -111,16 +111,14 @@ class Kernel:
     def __init__(self, resolution: tuple[int, int] = (8192, 1024)) -> None:
         self.info = {axis: [axis * 100, -32768, 32767, 16, 0, resolution[axis // 3]] for axis in range(6)}
 
-    def ioctl(self, fd: int, request: int, argument: bytearray | bytes) -> int:
+    def ioctl(self, fd: int, request: int, argument: bytes) -> bytes:
         number = request & 0xFF
         assert (request >> 8) & 0xFF == ord("E")
         assert (request >> 16) & 0x3FFF == gamepad_port.ABSINFO.size
         if number >= 0xC0:
             self.info[number - 0xC0] = list(gamepad_port.ABSINFO.unpack(argument))
-        else:
-            assert isinstance(argument, bytearray)
-            argument[:] = gamepad_port.ABSINFO.pack(*self.info[number - 0x40])
-        return 0
+            return argument
+        return gamepad_port.ABSINFO.pack(*self.info[number - 0x40])
 
 
 def test_the_kernels_filter_is_off_while_it_records(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

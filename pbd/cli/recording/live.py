@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from pbd.errors import PbdError
+from pbd.record.person_messages import in_cm
 from pbd.record.values import Outcome, Say, Status
 from pbd.view.live_view import LivePicture, LiveView, State
 
@@ -50,8 +51,7 @@ class LiveScreen:
         elif not status.moving:
             state, badge, line = "still", "stands still", self._line
         elif status.sigma_of_move_m > self._tolerance_m:
-            cm = 100.0 * status.sigma_of_move_m
-            state, badge = "pause", f"pause now: {cm:.0f} cm" if cm >= 1.0 else f"pause now: {cm:.1f} cm"
+            state, badge = "pause", f"pause now: {in_cm(status.sigma_of_move_m)}"
             line = "hold still for a moment: a long move makes its end uncertain"
         else:
             state, badge, line = "moves", "moving", self._line
@@ -66,7 +66,7 @@ class LiveScreen:
             badge,
             line,
             (
-                f"{stops} stop" if stops == 1 else f"{stops} stops",
+                f"{stops} stop{'s' * (stops != 1)}",
                 f"{status.t:.0f} s",
                 f"{status.rate_hz:.0f} Hz",
                 "grip closed" if status.closed else "grip open",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+import time
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict
 from typing import Any
@@ -17,7 +18,6 @@ from pbd.data import Robot
 from pbd.driving.arm import identify, release
 from pbd.driving.bus import Bus
 from pbd.driving.calibrating import ENDLESS, Calibrating, calibrating
-from pbd.driving.clock import Clock
 from pbd.driving.counts import Counts, names_of
 from pbd.errors import PbdError, UsageError
 from pbd.files.servo_calibration import COUNTS, own_servo_calibration, write_servo_calibration
@@ -33,9 +33,8 @@ def calibrate_servos(args: argparse.Namespace, robot: Robot) -> None:
         raise UsageError("pbd run --calibrate needs a person at a terminal, who moves the arm by hand")
     file = args.servos or own_servo_calibration(robot.name)
     refuse_output(file)
-    clock, device = Clock(), args.port or only_port("arm", "")
-    ids = _ids(robot)
-    with Keys() as keys, Bus.open(device, clock) as bus:
+    device, ids = args.port or only_port("arm", ""), _ids(robot)
+    with Keys() as keys, Bus.open(device) as bus:
         identify(bus, ids)
         keys.ask(SINKS)
         with calibrating(bus, ids) as session:
@@ -43,7 +42,7 @@ def calibrate_servos(args: argparse.Namespace, robot: Robot) -> None:
             session.set_middles()
             others = f"every joint but {ENDLESS}" if ENDLESS in ids else "every joint"
             say(f"move {others} slowly from stop to stop, one after the other; Enter when all are done")
-            _follow(keys, clock, session, ids)
+            _follow(keys, session, ids)
             servos = session.result()
             Counts(robot, servos)  # refuses ranges that are too short
             session.store(servos)
@@ -58,9 +57,8 @@ def calibrate_servos(args: argparse.Namespace, robot: Robot) -> None:
 
 def release_servos(args: argparse.Namespace, robot: Robot) -> None:
     """Switch the torque off."""
-    device = args.port or only_port("arm", "")
-    ids = _ids(robot)
-    with Keys() as keys, Bus.open(device, Clock()) as bus:
+    device, ids = args.port or only_port("arm", ""), _ids(robot)
+    with Keys() as keys, Bus.open(device) as bus:
         identify(bus, ids)
         if not args.yes:
             keys.ask(SINKS)
@@ -75,7 +73,7 @@ def _ids(robot: Robot) -> dict[str, int]:
     return {name: number for number, name in enumerate(names_of(robot), start=1)}
 
 
-def _follow(keys: Keys, clock: Clock, session: Calibrating, ids: dict[str, int]) -> None:
+def _follow(keys: Keys, session: Calibrating, ids: dict[str, int]) -> None:
     """Show the ranges as they grow, until Enter."""
     from pbd.view.screen import Screen
 
@@ -90,7 +88,7 @@ def _follow(keys: Keys, clock: Clock, session: Calibrating, ids: dict[str, int])
             if shown is not None:
                 ends = list(zip(lowest.tolist(), highest.tolist(), strict=True))
                 shown.update(_ranges(ids, ends), refresh=True)
-            clock.sleep_until(clock.now() + POLL_S)
+            time.sleep(POLL_S)
     if key not in keys.ENTER:
         raise PbdError("cancelled: the servos have their old calibration again, run it again when you are ready")
 

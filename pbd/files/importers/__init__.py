@@ -22,10 +22,10 @@ XIO_FILE = "Inertial.csv"
 
 @dataclass(frozen=True)
 class Imported:
-    """A recording of another program, and what was made of its columns; None where they have no names."""
+    """A recording of another program, and what was made of its columns."""
 
     demo: Demonstration
-    understood: Understood | None = None
+    understood: Understood
 
 
 def import_file(path: Path) -> Demonstration:
@@ -54,7 +54,7 @@ def import_recording(
         RecordingError: not such a file, or its contents can't be a recording.
     """
     source = path / XIO_FILE if (path / XIO_FILE).is_file() else path
-    suffix, truth, understood = source.suffix.lower(), None, None
+    suffix, truth = source.suffix.lower(), None
     is_bag = suffix in (".mcap", ".db3") or (source / "metadata.yaml").is_file()
     columns, units = columns or {}, units or {}
     # A phone's CSV whose columns are named is a table like any other.
@@ -89,13 +89,12 @@ def import_recording(
         recording, understood = read_csv(source, in_table, units, rate_hz)
         columns, units = beside, {}
     else:
-        known = ".csv, .tsv, .txt, .npz, .mcap or .db3"
         kind = f"'{suffix}' files"
         if path.is_dir():
             kind = "this folder: it is no bag, no x-IMU3's and no phone's"
         elif suffix == ".zip":
             kind = "this zip: no recording of Sensor Logger or phyphox is in it"
-        raise RecordingError.at(path, f"can't import {kind}; give a {known}")
+        raise RecordingError.at(path, f"can't import {kind}; give a .csv, .tsv, .txt, .npz, .mcap or .db3")
     if columns or units:
         from pbd.files.importers.headerless import remapped
 

@@ -39,9 +39,9 @@ LONGEST_MESSAGE = 10_000
 
 
 def read_bag(path: Path, topic: str | None = None) -> tuple[Recording, Understood]:
-    """Read a recording, and what was read of it, from a .mcap, a .db3 or a bag's folder.
+    """Read a .mcap, a .db3 or a bag's folder; PbdError: rosbags is missing; RecordingError: the rest.
 
-    Of several topics of sensor_msgs/Imu one must be named. PbdError: rosbags is missing; RecordingError: the rest.
+    Of several topics of sensor_msgs/Imu one must be named.
     """
     try:
         from rosbags.rosbag2 import Reader

@@ -12,6 +12,7 @@ from pbd.data.units import UNITS, unit_factor
 from pbd.errors import RecordingError, UsageError, listed, printable
 from pbd.files.importers.header_names import TIME_UNITS, looks_inertial, our_name, plain, split_unit, why_unread
 from pbd.files.imu_columns import ACC, DEVICE, GYR, MAG
+from pbd.files.table import Sheet
 
 RPY = ("anglex", "angley", "anglez")
 """The device's own attitude as turns about x, y, z; z counts from east to north."""
@@ -22,6 +23,7 @@ QUANTITIES = {"t": "time", "gyr": "turn rate", "acc": "specific force", "mag": "
     ("angle", "rpy"), "the device's own attitude"
 )
 
+UNUSED = "a file that isn't used"
 NO_UNIT = "no unit given"
 """How a unit was decided that nobody told: it is taken for ours."""
 
@@ -130,15 +132,11 @@ class Understood:
         return re.sub(r"--column (\w+)=(-?)([agm][xyz])\b", renamed, message)
 
 
-def understand(
-    path: Path, header: Sequence[str], preamble: str, columns: Mapping[str, str], units: Mapping[str, str]
-) -> Understood:
+def understand(sheet: Sheet, columns: Mapping[str, str], units: Mapping[str, str]) -> Understood:
     """Find what is in which column.
 
     Args:
-        path: the file, for messages.
-        header: its columns' names.
-        preamble: what stands above them.
+        sheet: the file's columns, and what stands above them.
         columns: ours -> the file's, by the caller; -NAME turns the sign.
         units: channel -> unit, by the caller; -UNIT turns the sign.
 
@@ -149,8 +147,9 @@ def understand(
     for channel in units:
         if channel not in UNITS:
             raise UsageError(f"no unit can be given for '{channel}'; give it for {', '.join(UNITS)}", value=channel)
+    path, header = sheet.path, sheet.header
     words = {plain(name) for name in header}
-    program = next((p for p in PROGRAMS if p.header <= words and re.search(p.preamble, preamble)), None)
+    program = next((p for p in PROGRAMS if p.header <= words and re.search(p.preamble, sheet.preamble)), None)
     found = {ours: (name, 1.0, "its name") for ours, name in _by_name(header).items()}
     for ours, name in columns.items():
         if ours not in CHANNEL_OF:

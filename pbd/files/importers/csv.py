@@ -16,7 +16,7 @@ from pbd.data import Recording, RecordingInfo
 from pbd.data.streams import Stream
 from pbd.errors import RecordingError, listed
 from pbd.files.importers import XIO_FILE, check_rate
-from pbd.files.importers.columns import CHANNELS, PROGRAMS, Column, Understood, understand
+from pbd.files.importers.columns import CHANNELS, PROGRAMS, UNUSED, Column, Understood, understand
 from pbd.files.importers.header_names import is_device_time, is_time, plain, split_unit
 from pbd.files.importers.printed_lines import is_printed, printed_sheet
 from pbd.files.imu_columns import ACC, device_rpy
@@ -33,7 +33,7 @@ def read_csv(
     """Read a recording from a table with a header.
 
     Args:
-        path: the file; x-io's Magnetometer.csv beside it, where the file has no magnetometer, is joined by its time.
+        path: x-io's Magnetometer.csv beside it, where the file has no magnetometer, is joined by its time.
         columns: ours -> the file's column, for those that the header doesn't tell; -NAME turns the sign.
         units: channel (t, gyr, acc, mag, angle) -> unit, likewise; -UNIT turns the sign of all three axes.
         rate_hz: of a table without times: row k was read at k / rate_hz s.
@@ -44,22 +44,14 @@ def read_csv(
     text = foreign_text(path)
     sheet = printed_sheet(path, text) if is_printed(text) else open_sheet(path, foreign=True, text=text)
     del text  # as large as the file
-    return read_sheet(sheet, columns, units, rate_hz)
-
-
-def read_sheet(
-    sheet: Sheet, columns: Mapping[str, str], units: Mapping[str, str], rate_hz: float | None = None
-) -> tuple[Recording, Understood]:
-    """Read a recording from an opened table; see `read_csv`."""
-    path = sheet.path
     if rate_hz is not None:
         check_rate(path, rate_hz, "the rate is")
     _refuse_several_devices(sheet)
-    found = understand(path, sheet.header, sheet.preamble, columns, units)
+    found = understand(sheet, columns, units)
     if not found.of("t") and rate_hz is None and (dates := _dated(sheet)):
         # By what is in it: a date's column may have any name.
         columns = {**columns, "t": dates}
-        found = understand(path, sheet.header, sheet.preamble, columns, units).with_clock(dates, "its dates")
+        found = understand(sheet, columns, units).with_clock(dates, "its dates")
     timed = bool(found.of("t"))
     known = f"the columns are {listed(sheet.header)}"
     say = "say which is which with --column, for example --column ax=NAME"
@@ -83,7 +75,7 @@ def read_sheet(
     if timed:
         best = _best_clock(table, clocks)
         if best != found.of("t")[0].name:
-            found = understand(path, sheet.header, sheet.preamble, {**columns, "t": best}, units)
+            found = understand(sheet, {**columns, "t": best}, units)
             found = found.with_clock(best, "the best of several times")
 
     told, beside = _magnetometer_beside(path, found, units)
@@ -157,10 +149,10 @@ def _magnetometer_beside(path: Path, found: Understood, units: Mapping[str, str]
     stream, beside = None, path.with_name("Magnetometer.csv")
     if beside.is_file() and not found.of("mag"):
         sheet = open_sheet(beside, foreign=True)
-        its = understand(beside, sheet.header, sheet.preamble, {}, units)
+        its = understand(sheet, {}, units)
         if its.of("t") and len(its.of("mag")) == len(CHANNELS["mag"]):
             table = sheet.read([column.name for column in its.columns])
             stream = Stream.of(_values(table, its.of("t"))[:, 0], _values(table, its.of("mag")))
             found = found.with_file(beside.name, its)
     others = {file.name for file in path.parent.glob("*.csv")} - {path.name, *((beside.name,) if stream else ())}
-    return found.with_unread(dict.fromkeys(sorted(others), "a file that isn't used")), stream
+    return found.with_unread(dict.fromkeys(sorted(others), UNUSED)), stream

@@ -22,7 +22,7 @@ import numpy as np
 from pbd.data import GRAVITY, Recording, RecordingInfo
 from pbd.data.streams import Moment, Moments, Stream, joined
 from pbd.errors import RecordingError, in_words, listed
-from pbd.files.importers.columns import CHANNEL_OF, Column, Understood, why_left
+from pbd.files.importers.columns import CHANNEL_OF, UNUSED, Column, Understood, why_left
 from pbd.files.importers.zipped import MOST_FILES, PHYPHOX_MOMENTS, Files, zipped_tables
 from pbd.files.table import Sheet, foreign_text, open_sheet
 from pbd.io.opening import read_bytes
@@ -43,7 +43,6 @@ PHYPHOX_QUANTITIES = {
 PHYPHOX_UNITS = {"gyr": "rad/s", "acc": "m/s2", "mag": "ut"}
 PHYPHOX_TIME = "Time (s)"
 LOGGER = "Sensor Logger"
-NO_SENSOR = "a file that isn't used"
 
 
 def read_phone(path: Path) -> tuple[Recording, Understood] | None:
@@ -61,7 +60,7 @@ def read_phone(path: Path) -> tuple[Recording, Understood] | None:
         recording, understood, read = of_phyphox
     else:
         return None
-    return recording, understood.with_unread({f"{name}.csv": NO_SENSOR for name in sorted(files.keys() - read)})
+    return recording, understood.with_unread({f"{name}.csv": UNUSED for name in sorted(files.keys() - read)})
 
 
 def _beside(path: Path) -> Files:
@@ -138,11 +137,7 @@ def _of_logger(path: Path, sheets: Mapping[str, Sheet], about: Mapping[str, str]
         found = next((each for each in (name, f"{name}Uncalibrated") if each in sheets), name)
         others[kind] = stream(found) if found in sheets else None
         read |= {kind: (f"{found}.csv", 1.0, unit)} if found in sheets else {}
-    columns = tuple(
-        column
-        for kind, (file, its_sign, its_unit) in read.items()
-        for column in _columns(LOGGER, file, LOGGER_COLUMNS, kind, its_sign, its_unit)
-    )
+    columns = [column for kind, its in read.items() for column in _columns(LOGGER, LOGGER_COLUMNS, kind, *its)]
     used = {name for source, _, _ in read.values() for name in re.findall(r"(\w+)\.csv", source)}
     unread = {f"{name}.csv": "another file has it better" for name in sheets if name not in used}
     if "Accelerometer.csv" in unread:
@@ -150,7 +145,7 @@ def _of_logger(path: Path, sheets: Mapping[str, Sheet], about: Mapping[str, str]
     for name in sorted(used):
         unread |= _left(f"{name}.csv", sheets[name].header, LOGGER_COLUMNS)
     recording = _recording(path, acc, others["gyr"], others["mag"])
-    return recording, Understood(columns, unread, f"{LOGGER} (a phone)")
+    return recording, Understood(tuple(columns), unread, f"{LOGGER} (a phone)")
 
 
 def _phyphox_kind(header: list[str]) -> dict[str, list[str]]:
@@ -188,7 +183,7 @@ def _of_phyphox(path: Path, files: Files) -> tuple[Recording, Understood, set[st
             if kind == "linear":
                 unread |= dict.fromkeys((f"{name}.csv: {axis}" for axis in axes), "without gravity")
             else:
-                columns += _columns("phyphox", f"{name}.csv", [PHYPHOX_TIME, *axes], kind, 1.0, PHYPHOX_UNITS[kind])
+                columns += _columns("phyphox", [PHYPHOX_TIME, *axes], kind, f"{name}.csv", 1.0, PHYPHOX_UNITS[kind])
         if used:
             files_read.add(name)
             unread |= _left(f"{name}.csv", sheet.header, used)
@@ -205,7 +200,7 @@ def _of_phyphox(path: Path, files: Files) -> tuple[Recording, Understood, set[st
     return recording, Understood(tuple(dict.fromkeys(columns)), unread, "phyphox (a phone)"), files_read
 
 
-def _columns(program: str, file: str, names: Sequence[str], kind: str, sign: float, unit: str) -> list[Column]:
+def _columns(program: str, names: Sequence[str], kind: str, file: str, sign: float, unit: str) -> list[Column]:
     """What was read of a file: the time and three axes."""
     by = f"{program}'s documentation"
     ours = ("t", 1.0, "s"), *((f"{kind[0]}{axis}", sign, unit) for axis in "xyz")
@@ -230,14 +225,8 @@ def _moments(path: Path, files: Files) -> Moments:
 
 
 def _recording(path: Path, acc: Stream, gyr: Stream | None, mag: Stream | None) -> Recording:
-    t, *channels = joined(
-        acc, gyr if gyr is not None and len(gyr) else None, mag if mag is not None and len(mag) else None
-    )
+    t, acc_at, gyr_at, mag_at = joined(acc, gyr or None, mag or None)
     if len(t) < 2:
-        spans = listed(
-            f"{each.t[0]:.1f} to {each.t[-1]:.1f} s" for each in (acc, gyr) if each is not None and len(each)
-        )
+        spans = listed(f"{each.t[0]:.1f} to {each.t[-1]:.1f} s" for each in (acc, gyr) if each)
         raise RecordingError.at(path, f"its sensors have no time in common ({spans}); record them together")
-    a, g, m = channels
-    assert a is not None
-    return Recording(t - t[0], a, g, m, info=RecordingInfo(clock="device"))
+    return Recording(t - t[0], acc_at, gyr_at, mag_at, info=RecordingInfo(clock="device"))

@@ -73,7 +73,7 @@ class PhonePort(Source):
         try:
             self._open()
         except SensorError:
-            self._hang_up()
+            self.close()
             raise
         except (OSError, http.client.HTTPException) as reason:
             raise SensorError(
@@ -82,7 +82,7 @@ class PhonePort(Source):
                 path=self.device,
             ) from None
         except ValueError:
-            self._hang_up()
+            self.close()
             raise SensorError(f"what answers at {self.device} is no phyphox: {SCAN}", path=self.device) from None
 
     def _open(self) -> None:
@@ -127,7 +127,7 @@ class PhonePort(Source):
         except (OSError, http.client.HTTPException) as reason:
             data = b""
             self.trouble = f"the phone does not answer ({_why(reason)}); is its screen on, and its Wi-Fi?"
-            self._hang_up()
+            self.close()
         except ValueError:
             data = b""
             self.trouble = "the phone's answers make no sense; is it phyphox, with pbd's experiment open?"
@@ -193,21 +193,18 @@ class PhonePort(Source):
             if response.status != http.client.OK:
                 raise ValueError(f"status {response.status}")
         except BaseException:
-            self._hang_up()
+            self.close()
             raise
         if response.will_close:
-            self._hang_up()
+            self.close()
         return bytes(body)
 
-    def _hang_up(self) -> None:
+    def close(self) -> None:
+        """Hang up; the phone goes on to measure."""
         if self._connection is not None:
             with suppress(OSError):
                 self._connection.close()
             self._connection = None
-
-    def close(self) -> None:
-        """Hang up; the phone goes on to measure."""
-        self._hang_up()
 
 
 def is_address(text: str | None) -> bool:
