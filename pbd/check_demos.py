@@ -88,8 +88,7 @@ def check_all(
     Returns:
         What was found, in the order of `demos`. One that can't be used is told there, not raised.
 
-    Raises:
-        RobotError, CalibrationError: the robot or its calibration can't be loaded.
+    RobotError, CalibrationError: the robot or its calibration can't be loaded.
     """
     from joblib import Parallel, delayed
 

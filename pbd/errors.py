@@ -7,7 +7,7 @@ and keeps its traceback.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, ClassVar, Self
 
@@ -73,13 +73,17 @@ def warn(message: str) -> None:
 
 
 @contextmanager
-def collected_warnings() -> Iterator[list[str]]:
-    """Collect the text of each PbdWarning that is given inside, instead of showing it."""
+def collected_warnings(tell: Callable[[str], object] = str) -> Iterator[list[str]]:
+    """Collect the text of each PbdWarning that is given inside, and `tell` it, instead of showing it."""
     collected: list[str] = []
+    as_usual = warnings.showwarning
 
-    def collect(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
+    def collect(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
         if issubclass(category, PbdWarning):
             collected.append(str(message))
+            tell(str(message))
+        else:
+            as_usual(message, category, *where, **more)
 
     with warnings.catch_warnings():
         warnings.simplefilter("always", PbdWarning)

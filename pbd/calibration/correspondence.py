@@ -55,8 +55,7 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool) 
     Returns:
         (m,) indices of stops.
 
-    Raises:
-        CalibrationError: fewer stops than points, no stops that lie as the points do, or several ways to match them.
+    CalibrationError: fewer stops than points, no stops that lie as the points do, or several ways to match them.
     """
     n, m = len(p_nav_tip), len(points)
     if n < m:

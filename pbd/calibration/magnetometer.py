@@ -88,8 +88,7 @@ def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float
         up_sensor: (k, 3) unit, the vertical at the rests, by a calibrated accelerometer.
         up_sigma: rad, how well that shows it.
 
-    Raises:
-        CalibrationError: it was not turned far enough, or there is no field.
+    CalibrationError: it was not turned far enough, or there is no field.
     """
     from scipy.optimize import least_squares
 

@@ -86,8 +86,7 @@ def fit_pivot(keyframes: Sequence[Keyframe], covariance: PoseCovariance) -> Pivo
         keyframes: of a path that is not conditioned on known places; at all of them the tip stood on the point.
         covariance: the path's, of all of them together.
 
-    Raises:
-        CalibrationError: too few stops, or turns about one axis only.
+    CalibrationError: too few stops, or turns about one axis only.
     """
     if len(keyframes) < 3:
         raise CalibrationError(
@@ -153,8 +152,7 @@ def fit_turns(keyframes: Sequence[Keyframe], named: Sequence[str]) -> TurnsFit:
         named: for each move that turns by 20 degrees or more, in order, the tool's axis it turned about: one of AXES;
             by the right hand's rule.
 
-    Raises:
-        CalibrationError: as many turns as names are not there, all are about one axis, or they contradict their names.
+    CalibrationError: as many turns as names are not there, all are about one axis, or they contradict their names.
     """
     from scipy.spatial.transform import Rotation
 

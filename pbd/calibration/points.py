@@ -78,9 +78,8 @@ def fit_points(
         scaled: the scale of the hand's positions too.
         touch_m: m per axis, how well the tip meets a point.
 
-    Raises:
-        CalibrationError: too few points, in a line, above each other; or they contradict each other and which one is at
-            fault can't be located.
+    CalibrationError: too few points, in a line, above each other; or they contradict each other and which one is at
+    fault can't be located.
     """
     if len(points) != len(touched.stops):
         raise ValueError(f"{len(touched.stops)} touches for {len(points)} points; give one touch per point")

@@ -54,8 +54,7 @@ def calibrate_sensor(
             far enough is left out with a remark.
         known: earlier errors of the same sensor; those that are not fitted now stay.
 
-    Raises:
-        CalibrationError: never still, orientations too alike, not turned far enough, no such channel.
+    CalibrationError: never still, orientations too alike, not turned far enough, no such channel.
     """
     known = SensorErrors(recording.info.sensor) if known is None else known
     refuse_other_sensor(f"'{recording.info.name}'", recording.info.sensor, known)

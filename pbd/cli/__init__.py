@@ -5,15 +5,13 @@ from __future__ import annotations
 import errno
 import os
 import sys
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from importlib import import_module
-from typing import Any
 
 from pbd.cli.commands import parse, parser
 from pbd.cli.console import say
-from pbd.errors import PbdError, PbdWarning, in_words
+from pbd.errors import PbdError, collected_warnings, in_words
 from pbd.io.atomic import DELETED, in_deleted_folder
 from pbd.view.terminal import drop, standard_streams
 
@@ -64,23 +62,10 @@ def _run(argv: Sequence[str] | None) -> int:
         parser().print_help(sys.stderr)
         return 2
     args = parse(argv)
-    args.warnings = []
     if getattr(args, "csv", False) and "units" in args:
         args.units = replace(args.units, exact=True)  # rounding is for people's eyes
-
-    as_usual = warnings.showwarning
-
-    def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
-        if issubclass(category, PbdWarning):
-            args.warnings.append(str(message))
-            say(f"warning: {message}")
-        else:
-            as_usual(message, category, *where, **more)
-
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("always", PbdWarning)
-            warnings.showwarning = show
+        with collected_warnings(lambda message: say(f"warning: {message}")) as args.warnings:
             return int(import_module(args.module).run(args) or 0)
     except PbdError as error:
         say(str(error))

@@ -8,7 +8,6 @@ from dataclasses import replace
 from pbd.cli.calibrate.sensor import sensor_parts
 from pbd.cli.console import print_json, say, working
 from pbd.cli.steps import named_calibration, write_figures
-from pbd.data import HandPath
 from pbd.data.one_line_repr import counted
 from pbd.errors import UsageError
 from pbd.files.calibration_edit import calibration_file, update_calibration
@@ -33,7 +32,11 @@ def run(args: argparse.Namespace) -> None:
     calibration = named_calibration(args)
     with working(f"fusing {len(demo.takes)} takes"):
         path = track(demo, calibration=calibration, accept_gap=args.accept_gap)
-    files = _plots(args, path)
+    files = []
+    if args.plot is not None:
+        from pbd.plots.fusion_figures import FUSION_FIGURES, draw_fusion
+
+        files = write_figures(args.plot, "png", FUSION_FIGURES, lambda name: draw_fusion(name, path))
     write_demo(demo, folder, force=args.force)
     fusion = path.fusion
     assert fusion is not None
@@ -61,11 +64,3 @@ def run(args: argparse.Namespace) -> None:
     print_table(takes_table(fusion, args.units))
     print()
     return print_table(fusion_table(path, args.units))
-
-
-def _plots(args: argparse.Namespace, path: HandPath) -> list[str]:
-    if args.plot is None:
-        return []
-    from pbd.plots.fusion_figures import FUSION_FIGURES, draw_fusion
-
-    return write_figures(args.plot, "png", FUSION_FIGURES, lambda name: draw_fusion(name, path))

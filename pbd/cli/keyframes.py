@@ -24,7 +24,7 @@ from pbd.data.keyframe import thing_carriers
 from pbd.errors import RecordingError, UsageError, listed
 from pbd.files.keyframes import NAME, write_keyframes
 from pbd.planning import load_arm, solve_keyframes
-from pbd.planning.object_frames import things
+from pbd.planning.object_frames import refuse_unknown_things, things
 from pbd.planning.options import PlanOptions, dwells
 from pbd.pose import Array, Pose
 from pbd.view.calibration_tables import base_table
@@ -113,7 +113,6 @@ def _common_prefix(names: Sequence[str]) -> str:
 def _saved(args: argparse.Namespace, demo: Demonstration, keyframes: tuple[Keyframe, ...]) -> tuple[Keyframe, ...]:
     """Write keyframes.toml where that is asked for or missing, and into it to which things keyframes belong."""
     from pbd.files.keyframes_edit import set_frames
-    from pbd.planning.object_frames import refuse_unknown_things, things
 
     known = {names[0] for names, *_ in args.frame}.union(things(keyframes))
     refuse_unknown_things((name for names, *_ in args.frame for name in names), sorted(known))

@@ -7,7 +7,7 @@ import errno
 import os
 import shlex
 import sys
-from contextlib import ExitStack, closing, suppress
+from contextlib import ExitStack, closing, nullcontext, suppress
 from datetime import datetime
 from pathlib import Path
 
@@ -65,8 +65,8 @@ def run(args: argparse.Namespace) -> None:
         )
         keys = stack.enter_context(Keys())
         title = f"recording {folder} from {sensor}"
-        panel = keys.terminal and sys.stderr.isatty()
-        screen: PanelScreen | PlainScreen = PanelScreen(title, options.tolerance_m) if panel else PlainScreen(title)
+        panel = PanelScreen(title, options.tolerance_m) if keys.terminal and sys.stderr.isatty() else None
+        screen = panel or PlainScreen(title)
         poll: Poll = Person(keys, screen.ask)
         show: Show = screen.show
         every_s, live = SCREEN_EVERY_S, None
@@ -78,7 +78,7 @@ def run(args: argparse.Namespace) -> None:
             show, every_s = live.show, recording_live.PAGE_EVERY_S
         if hand is not None:
             poll, show = hand.beside(poll, show, keys.terminal, args.duration)
-        with screen:
+        with panel or nullcontext():
             outcome = record(opened, decoder, options, poll, show, every_s)
         if hand is not None:
             outcome = hand.outcome(outcome)
@@ -118,8 +118,7 @@ def _errors(name: str | None, sensor: str) -> SensorErrors | None:
     if errors is not None:
         refuse_other_sensor("this recording", sensor, errors)
     elif name is not None:
-        what = f"the calibration '{name}' has no [sensor] to compare with; pbd calibrate sensor {name} DEMO makes one"
-        warn(what)
+        warn(f"the calibration '{name}' has no [sensor] to compare with; pbd calibrate sensor {name} DEMO makes one")
     return errors
 
 

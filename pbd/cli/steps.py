@@ -184,9 +184,8 @@ def decoder_maker(
         units: as in `acc=g`, for lines and the Razor.
         also: other names that the command takes, for the message.
 
-    Raises:
-        UsageError: the sensor is unknown, or its lines are not described, or wrongly.
-        SensorError: the TOML file describes them wrongly.
+    UsageError: the sensor is unknown, or its lines are not described, or wrongly. SensorError: the TOML file describes
+    them wrongly.
     """
     from pbd.sensors.line_layout import layout_from_options, layout_from_toml, units_from_options
     from pbd.sensors.lines import LineDecoder

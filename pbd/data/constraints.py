@@ -14,8 +14,7 @@ class Place:
         p_base_tool: m, where that is in the robot's base, or None.
         sigma_m: m per axis, how well the hand met it; None: pbd.tracking.stop_constraints says.
 
-    Raises:
-        ValueError: fewer than two instants and no position, an instant named twice, a sigma that is not above zero.
+    ValueError: fewer than two instants and no position, an instant named twice, a sigma that is not above zero.
     """
 
     t: tuple[float, ...]
@@ -40,8 +39,7 @@ class Contact:
         height: m, above the tool's height at the first rest.
         sigma_m: m, how well that is so; None: pbd.tracking.stop_constraints says.
 
-    Raises:
-        ValueError: both are given, as high as at the same instant, a sigma that is not above zero.
+    ValueError: both are given, as high as at the same instant, a sigma that is not above zero.
     """
 
     t: float

@@ -81,9 +81,8 @@ class ServoArm:
     def __init__(self, bus: Bus, counts: Counts) -> None:
         """Look at the servos.
 
-        Raises:
-            SensorError: they don't answer, are others, or are not in position mode.
-            CalibrationError: they were calibrated differently.
+        SensorError: they don't answer, are others, or are not in position mode. CalibrationError: they were calibrated
+        differently.
         """
         self._bus, self.counts = bus, counts
         found = identify(bus, dict(zip(counts.names, counts.ids, strict=True)))

@@ -41,8 +41,7 @@ def goals_of(
     Returns:
         Instants of the plan (n,) s, below 0 in the lead-in, and goals (n, k + 1), counts, not rounded.
 
-    Raises:
-        PlanError: a goal lies outside the calibrated range.
+    PlanError: a goal lies outside the calibrated range.
     """
     lead, settle = max(1, round(LEAD_S * rate_hz)), round(SETTLE_S * rate_hz)
     steps = int(np.ceil(trajectory.duration * rate_hz)) + settle

@@ -62,9 +62,8 @@ def update_calibration(
         robots: for which, of a file that is new.
         scale: None leaves it.
 
-    Raises:
-        CalibrationError: what is there can't be read, or makes no sense with the new parts.
-        PbdError: the place can't be written.
+    CalibrationError: what is there can't be read, or makes no sense with the new parts. PbdError: the place can't be
+    written.
     """
     document = _opened(path, instead, robots)
     if scale is not None:

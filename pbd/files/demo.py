@@ -37,8 +37,7 @@ TRUTH = ("t", "px", "py", "pz", "qw", "qx", "qy", "qz")
 def load_demo(name: str) -> Demonstration:
     """Load a demonstration: a name (./demos, then the bundled ones), a folder, or a file that an importer knows.
 
-    Raises:
-        RecordingError: nothing of that name (the valid ones are listed), or what is there can't be read.
+    RecordingError: nothing of that name (the valid ones are listed), or what is there can't be read.
     """
     path = find("demos", name, "", RecordingError)
     if path.is_dir():
@@ -79,26 +78,20 @@ def read_demo(folder: Path) -> Demonstration:
         "closed": top.flag("closed", False),
         "places": tuple(map(_read_place, top.tables("place"))),
         "contacts": tuple(map(_read_contact, top.tables("contact"))),
-        "grasped": None
-        if thing is None
-        else GraspedObject(*read_shape(thing), thing.number("mass_kg", None, positive=True)),
+        "grasped": thing and GraspedObject(*read_shape(thing), thing.number("mass_kg", None, positive=True)),
     }
     takes = _read_takes(top.tables("take"), folder)
     top.done()
     if not takes:
         _refuse_without(folder, "imu.csv")
-    truth, edited = folder / "truth.csv", folder / keyframes.NAME
+    if os.path.lexists(truth := folder / "truth.csv"):
+        true = read_table(truth).columns(*TRUTH)
+        known["truth"] = Truth(true[:, 0], true[:, 1:4], true[:, 4:])
+    if os.path.lexists(edited := folder / keyframes.NAME):
+        known |= {"keyframes": keyframes.read_keyframes(edited), "touch_ups": keyframes.read_touch_ups(edited)}
     recording = replace(takes[0].recording, info=info) if takes else None
-    is_edited = os.path.lexists(edited)
-    return Demonstration(
-        recording=recording or _read_recording(read_table(folder / "imu.csv"), grip, info),
-        truth=_read_truth(read_table(truth)) if os.path.lexists(truth) else None,
-        keyframes=keyframes.read_keyframes(edited) if is_edited else None,
-        touch_ups=keyframes.read_touch_ups(edited) if is_edited else (),
-        folder=folder,
-        takes=takes,
-        **known,
-    )
+    recording = recording or _read_recording(read_table(folder / "imu.csv"), grip, info)
+    return Demonstration(recording, folder=folder, takes=takes, **known)
 
 
 def _refuse_without(folder: Path, name: str) -> None:
@@ -126,14 +119,8 @@ def write_demo(
 ) -> None:
     """Write a demonstration's folder; nothing is there under its name before it is complete.
 
-    Args:
-        demo: what is written.
-        folder: where.
-        force: replace a demonstration of that name.
-        beside: files of the folder that tracking doesn't read, as text by name.
-
-    Raises:
-        RecordingError: the folder exists (unless `force`), or can't be written.
+    With `force` it replaces one of that name. `beside` are files that tracking doesn't read, as text by name.
+    RecordingError: the folder exists, or can't be written.
     """
     refuse_demo_folder(folder, force)
     with atomic_folder(folder, replace=force) as new:
@@ -256,11 +243,6 @@ def _imu_columns(recording: Recording) -> tuple[tuple[str, ...], Array, tuple[in
     header = ("t", *(column for name in there for column in CHANNELS[name][0]))
     decimals = (6, *(CHANNELS[name][1] for name in there for _ in range(3)))
     return header, np.hstack((recording.t[:, None], *there.values())), decimals
-
-
-def _read_truth(table: Table) -> Truth:
-    values = table.columns(*TRUTH)
-    return Truth(values[:, 0], values[:, 1:4], values[:, 4:])
 
 
 def _read_place(section: Section) -> Place:

@@ -36,8 +36,7 @@ def read_points(path: Path, unit: str | None = None) -> Points:
         path: the file.
         unit: "m", "cm" or "mm", of columns that don't say.
 
-    Raises:
-        CalibrationError: it can't be read; a column is missing; no unit is known; a cell is no number: with the line.
+    CalibrationError: it can't be read; a column is missing; no unit is known; a cell is no number: with the line.
     """
     sheet = open_sheet(path, error=CalibrationError)
     sheet = replace(sheet, header=tuple(name.lower() for name in sheet.header), complete=True)

@@ -78,8 +78,7 @@ def write_servo_calibration(servos: Mapping[str, ServoCalibration], path: Path) 
 def find_servo_calibration(named: Path | None, robot: str, robot_type: str) -> Path:
     """The file that was named, ./calibration/ROBOT-servos.json, or LeRobot's only one for this type of arm.
 
-    Raises:
-        CalibrationError: there is none, or LeRobot has several.
+    CalibrationError: there is none, or LeRobot has several.
     """
     if named is not None:
         return named

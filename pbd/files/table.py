@@ -219,8 +219,7 @@ def open_sheet(
         error: what is raised.
         text: the file's, where it has been read.
 
-    Raises:
-        error: empty, no rows, not text.
+    error: empty, no rows, not text.
     """
     if text is None:
         text = _text(path, FOREIGN_ENCODINGS if foreign else FOREIGN_ENCODINGS[:1], error)

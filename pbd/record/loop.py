@@ -61,9 +61,8 @@ def record(
         show: draws the screen.
         every_s: s between two updates.
 
-    Raises:
-        SensorError: no port, no bytes, or bytes that are no packets: then there is no folder.
-        RecordingError: the folder exists or can't be written, the disk is full.
+    SensorError: no port, no bytes, or bytes that are no packets: then there is no folder. RecordingError: the folder
+    exists or can't be written, the disk is full.
     """
     session = Session(decoder, options)
     try:

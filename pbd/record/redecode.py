@@ -29,8 +29,7 @@ def decode_raw(path: Path, decoder: Decoder, sensor: str, rate_hz: float | None 
         sensor: the protocol's name.
         rate_hz: for evenly spaced times; default: the demonstration's beside it.
 
-    Raises:
-        RecordingError: it can't be read, holds no sample, or nothing tells the rate.
+    RecordingError: it can't be read, holds no sample, or nothing tells the rate.
     """
     data = read_bytes(path, RecordingError, "name a raw.bin")
     samples = [sample for sample in decoder.feed(data) if sample.acc is not None]

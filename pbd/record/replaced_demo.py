@@ -67,8 +67,7 @@ class Backup:
 def set_aside(folder: Path) -> Backup | None:
     """Rename a demonstration to NAME.before, or a name like it that is free; None where there is none.
 
-    Raises:
-        RecordingError: what is there is no demonstration, or can't be renamed.
+    RecordingError: what is there is no demonstration, or can't be renamed.
     """
     if not os.path.lexists(folder):
         return None

@@ -10,10 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from pbd.calibration.registration import align
 from pbd.calibration.point_observations import PointObservations, observe_points
 from pbd.calibration.points import fit_points
-from pbd.calibration.registration import Problem, jacobian, misfit, moved
+from pbd.calibration.registration import Problem, align, jacobian, misfit, moved
 from pbd.data import Keyframe
 from pbd.data.covariance import PoseCovariance
 from pbd.errors import CalibrationError

@@ -112,11 +112,11 @@ def test_a_bar_is_full_at_the_tolerance() -> None:
 
 
 def test_plain_lines(capsys: pytest.CaptureFixture[str]) -> None:
-    with PlainScreen("recording demos/tea from witmotion") as screen:
-        for t in np.arange(0.0, 5.0, 0.5):
-            screen.show(replace(STILL, t=float(t), said=(SAID,) if t == 3.0 else ()))
-        screen.ask("sure?")
-        screen.ask("")
+    screen = PlainScreen("recording demos/tea from witmotion")
+    for t in np.arange(0.0, 5.0, 0.5):
+        screen.show(replace(STILL, t=float(t), said=(SAID,) if t == 3.0 else ()))
+    screen.ask("sure?")
+    screen.ask("")
     out, err = capsys.readouterr()
     assert out == ""
     assert err.splitlines() == [

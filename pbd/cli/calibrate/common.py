@@ -34,8 +34,7 @@ def tracked(args: argparse.Namespace, calibration: Calibration) -> tuple[Recordi
 def instead_of(path: Path, calibration: Calibration, part: str, force: bool) -> dict[str, str]:
     """Which of [dock] and [nav] gives way to the other, by its name; empty where there is none.
 
-    Raises:
-        CalibrationError: one would, and `force` was not given.
+    CalibrationError: one would, and `force` was not given.
     """
     other = "nav" if part == "dock" else "dock"
     if (calibration.T_base_nav if other == "nav" else calibration.T_base_dock) is None:
@@ -56,11 +55,7 @@ def sigma_json(cov: Array) -> dict[str, Any]:
 
 
 def refuse_out_of_reach(robot: Robot, T_base_tool: Pose) -> None:
-    """Refuse a dock that the robot can't reach.
-
-    Raises:
-        PlanError: with how near it comes.
-    """
+    """Refuse a dock that the robot can't reach; PlanError: with how near it comes."""
     from pbd.arm.joint_path import solve_path
     from pbd.arm.model import load_model
 

@@ -25,8 +25,7 @@ GAMEPAD = "gamepad"
 def find_sensor(args: argparse.Namespace) -> tuple[str, Callable[[], Source], Decoder]:
     """The sensor's name, what opens its port, and its decoder.
 
-    Raises:
-        SensorError: nothing or several are plugged in, or nothing known is heard.
+    SensorError: nothing or several are plugged in, or nothing known is heard.
     """
     wanted: str | None = args.sensor
     if wanted == PHONE or is_address(args.port):

@@ -26,12 +26,6 @@ class PlainScreen:
         self._shown_t = 0.0
         self._bell = "\a" if sys.stderr.isatty() else ""
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *raised: object) -> None:
-        pass
-
     def ask(self, question: str) -> None:
         """Print a question; "" takes it back."""
         if question:

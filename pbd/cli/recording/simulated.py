@@ -86,8 +86,7 @@ class SimulatedHand:
 def simulated_hand(task: str, stack: ExitStack) -> SimulatedHand:
     """Make one that does a task of pbd.simulation, with a sensor whose errors are new each time.
 
-    Raises:
-        UsageError: no task has this name.
+    UsageError: no task has this name.
     """
     recording = simulate(task or FIRST_TASK, "modern", seed=int(time.time())).recording
     emulator = Emulator(recording)

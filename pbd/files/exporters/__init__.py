@@ -120,11 +120,8 @@ def export(
         dense: urscript alone: servoj at the controller's period (a rate of 125, or 500), not a movej for each keyframe.
         source: what the motion was made from, which formats need that tell more than joints.
 
-    Raises:
-        UsageError: as `check_format`.
-        PbdError: the file can't be written.
-        PlanError: replayed from the file by the rule of the format's receivers, the motion would break a limit, miss a
-            keyframe or touch something; nothing is written.
+    UsageError: as `check_format`. PbdError: the file can't be written. PlanError: replayed from the file by the rule of
+    the format's receivers, the motion would break a limit, miss a keyframe or touch something; nothing is written.
     """
     check_format(format_name, rate_hz, dense)
     if format_name in FOLDERS:
@@ -164,9 +161,7 @@ def export_dataset(
         folder: where; it is made, or holds this robot's episodes that pbd wrote.
         task: what they do, in words; each motion's own name where nobody said.
 
-    Raises:
-        PbdError: the folder holds something else, or can't be written.
-        PlanError: as `export`.
+    PbdError: the folder holds something else, or can't be written. PlanError: as `export`.
     """
     from pbd.files.exporters import lerobot
     from pbd.files.exporters.check_export import check_received

@@ -43,8 +43,7 @@ def check_received(
         digits: how large the last digit of the file's numbers is, as a share of them.
         sampled: makes the points of another order, to try another rate.
 
-    Raises:
-        PlanError: a limit would be broken, a keyframe missed, or something touched.
+    PlanError: a limit would be broken, a keyframe missed, or something touched.
     """
     robot, found = order.robot, {}
     arrays = points.t, points.q, points.qd, points.qdd
@@ -97,8 +96,7 @@ def reached(order: Order, points: Samples, rule: Rule, worst: Share) -> str:
 def _other_path(order: Order, points: Samples, rule: Rule) -> JointTrajectory | None:
     """Compare the motion with the planned one; return what is not that, to be audited itself.
 
-    Raises:
-        PlanError: the file's polynomials are another motion.
+    PlanError: the file's polynomials are another motion.
     """
     planned, coefficients, h = order.trajectory, fill(points, rule), np.diff(points.t)
     off = np.zeros(len(h))

@@ -140,9 +140,8 @@ def understand(sheet: Sheet, columns: Mapping[str, str], units: Mapping[str, str
         columns: ours -> the file's, by the caller; -NAME turns the sign.
         units: channel -> unit, by the caller; -UNIT turns the sign.
 
-    Raises:
-        UsageError: a channel that the caller names isn't known.
-        RecordingError: a column or its unit isn't known; columns that look inertial aren't understood.
+    UsageError: a channel that the caller names isn't known. RecordingError: a column or its unit isn't known; columns
+    that look inertial aren't understood.
     """
     for channel in units:
         if channel not in UNITS:

@@ -38,8 +38,7 @@ def read_csv(
         units: channel (t, gyr, acc, mag, angle) -> unit, likewise; -UNIT turns the sign of all three axes.
         rate_hz: of a table without times: row k was read at k / rate_hz s.
 
-    Raises:
-        RecordingError: a column or unit is missing or unknown; there are both times and a rate; the table is no table.
+    RecordingError: a column or unit is missing or unknown; there are both times and a rate; the table is no table.
     """
     text = foreign_text(path)
     sheet = printed_sheet(path, text) if is_printed(text) else open_sheet(path, foreign=True, text=text)
