@@ -54,13 +54,10 @@ class Diagnostics:
         window = _window(self._recent)
         if len(window) < FEWEST_SAMPLES:
             return []
-        return [line for what, line in (self._clipped(window, looked) | self._dead(window)).items() if self._new(what)]
-
-    def _new(self, what: str) -> bool:
-        if self._looked - self._said_at.get(what, -np.inf) < REPEAT_WARNING_S:
-            return False
-        self._said_at[what] = self._looked
-        return True
+        flaws = self._clipped(window, looked) | self._dead(window)
+        new = [what for what in flaws if t - self._said_at.get(what, -np.inf) >= REPEAT_WARNING_S]
+        self._said_at |= dict.fromkeys(new, t)
+        return [flaws[what] for what in new]
 
     def _clipped(self, window: Recording, since: float) -> dict[str, str]:
         """Axes that reached the end of their range since then. A peak below an earlier one is not clipped."""
@@ -71,9 +68,8 @@ class Diagnostics:
             if reading >= self._largest.get(side, 0.0) * (1.0 - TOP_TOLERANCE) and window.t[clip.stop - 1] > since:
                 shown = f"{reading / GRAVITY:.3g} g" if clip.sensor == "acc" else f"{np.degrees(reading):.0f} deg/s"
                 axis = f"{'xyz'[clip.axis]} axis of the {SENSOR_NAMES[clip.sensor]}"
-                flaws[f"{axis} clipped"] = (
-                    f"the {axis} is at the end of its range ({shown}): move slower, or set a larger one"
-                )
+                what = f"the {axis} is at the end of its range ({shown}): move slower, or set a larger one"
+                flaws[f"{axis} clipped"] = what
         for name, values in _motion(window):
             for k in range(3):
                 for sign in (1.0, -1.0):
@@ -93,11 +89,9 @@ class Diagnostics:
             return {"still": "all samples are the same so far: if that stays so while you move, the sensor is stuck"}
         flaws: dict[str, str] = {}
         for name, axis, start, _ in stuck_axes(window):
-            what = f"{'xyz'[axis]} axis of the {SENSOR_NAMES[name]}"
-            value = float(given[name][start, axis])
-            flaws[f"{what} stuck"] = (
-                f"the {what} is stuck at {value:.4g}, while others change: repair or replace the sensor"
-            )
+            what, value = f"{'xyz'[axis]} axis of the {SENSOR_NAMES[name]}", float(given[name][start, axis])
+            stuck = f"the {what} is stuck at {value:.4g}, while others change: repair or replace the sensor"
+            flaws[f"{what} stuck"] = stuck
         if whole and np.std(window.acc, axis=0).max() > MOVING_ACC:
             if window.gyr is not None and not _changes(window.gyr):
                 flaws["gyro dead"] = (

@@ -31,10 +31,6 @@ SCREEN_EVERY_S = 0.1
 REOPEN_EVERY_S = 0.2
 """s between two attempts to open a port that is gone."""
 
-SUSPENDED = "this program stood still for {:.1f} s: what the sensor sent meanwhile may be lost"
-
-TOO_FAST = "samples come faster than this machine takes them: lower the sensor's rate"
-
 Poll = Callable[[], Command | None]
 
 
@@ -46,7 +42,7 @@ def record(
     show: Callable[[Status], None],
     every_s: float = SCREEN_EVERY_S,
 ) -> Outcome:
-    """Record a demonstration. Whatever ends it, its folder is complete.
+    """Record a demonstration from a sensor that the decoder reads. Whatever ends it, its folder is complete.
 
     With `options.force` a demonstration of that name is renamed to NAME.before, or a free name like it, when the first
     samples are there. It is removed when the new one has ended well, with two stops or more; it takes its name back
@@ -55,18 +51,29 @@ def record(
 
     Args:
         open_port: opens the sensor's port; called again to reconnect.
-        decoder: of the sensor's protocol.
-        options: what and how.
         poll: what the person wants, without waiting.
-        show: draws the screen.
-        every_s: s between two updates.
+        show: draws the screen, every `every_s` s.
 
     SensorError: no port, no bytes, or bytes that are no packets: then there is no folder. RecordingError: the folder
     exists or can't be written, the disk is full.
     """
     session = Session(decoder, options)
     try:
-        ended_by = _first_byte_to_last_row(session, Reader(open_port), poll, show, every_s)
+        reader = Reader(open_port)
+        try:
+            ended_by = _run(session, reader, poll, show, every_s)
+            session.begin()
+            if session.demo is None and not session.discarded:
+                raise SensorError("ended before the first sample came: nothing is recorded; record again")
+        except PbdError:
+            raise
+        except BaseException:  # a bug of ours costs no sample
+            with suppress(PbdError):
+                session.begin()
+            raise
+        finally:
+            reader.close()
+            session.close()
     except PbdError as error:
         note = session.failed()
         if not note:
@@ -78,27 +85,6 @@ def record(
     return session.outcome(ended_by)
 
 
-def _first_byte_to_last_row(
-    session: Session, reader: Reader, poll: Poll, show: Callable[[Status], None], every_s: float
-) -> str:
-    """From the first byte to the last row on disk; return what ended it."""
-    try:
-        ended_by = _run(session, reader, poll, show, every_s)
-        session.begin()
-        if session.demo is None and not session.discarded:
-            raise SensorError("ended before the first sample came: nothing is recorded; record again")
-    except PbdError:
-        raise
-    except BaseException:  # a bug of ours costs no sample
-        with suppress(PbdError):
-            session.begin()
-        raise
-    finally:
-        reader.close()
-        session.close()
-    return ended_by
-
-
 def _run(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], None], every_s: float) -> str:
     options, shown, away, behind, watch = session.options, 0.0, False, False, _Watch()
     while True:
@@ -106,17 +92,19 @@ def _run(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], 
         stopped_s = watch.look()
         now = watch.now
         if stopped_s:
-            session.coach.say(session.t, SUSPENDED.format(stopped_s), bell=True)
+            what = f"this program stood still for {stopped_s:.1f} s: what the sensor sent meanwhile may be lost"
+            session.warn(what)
         elif pieces and now - pieces[0][1] > LATEST_S and not behind:
             behind = True
-            session.coach.say(session.t, TOO_FAST, bell=True)
+            what = "samples come faster than this machine takes them: lower the sensor's rate"
+            session.warn(what)
         silent_s = now - max(reader.latest, watch.woke)
         if pieces and away:
             away = False
-            session.coach.say(session.t, "the sensor is back", bell=True)
+            session.warn("the sensor is back")
         elif silent_s > SILENT_S and reader.port.trouble and not away and session.demo is not None:
             away = True
-            session.coach.say(session.t, f"{reader.port.trouble} (waiting)", bell=True)
+            session.warn(f"{reader.port.trouble} (waiting)")
         for data, arrival in pieces:
             session.take(data, arrival)
         if session.demo is None and (gone or now - max(reader.opened, watch.woke) > SILENT_S):
@@ -130,7 +118,7 @@ def _run(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], 
             if not options.reconnect:
                 return why
             if not away:
-                session.coach.say(session.t, f"{why}; waiting for it", bell=True)
+                session.warn(f"{why}; waiting for it")
             command, away, watch = _wait(session, reader, poll, show), True, _Watch()
         else:
             command = poll()

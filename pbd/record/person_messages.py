@@ -73,7 +73,10 @@ class Feedback:
         at, acc = float(np.mean([at for at, _ in block])), mean("acc")
         assert acc is not None
         mag = mean("mag")
-        self._remember(at, mag)
+        if mag is not None and self._errors is not None:  # until the first rest is compared with the calibration
+            self._field.append((at, mag))
+            while self._field[0][0] < at - 1.0:
+                self._field.popleft()
         try:
             events = self.tracker.feed(at, acc, mean("gyr"), mag, mean("rpy"))
         except PbdError as error:  # recording goes on; what can't be tracked now may be mended later
@@ -91,21 +94,6 @@ class Feedback:
             self._warned = True
             self.say(t, f"pause now: {in_cm(sigma)}", bell=True)
 
-    def _remember(self, t: float, mag: Array | None) -> None:
-        """Keep the field of the last second, until the first rest is compared with the calibration."""
-        if mag is not None and self._errors is not None:
-            self._field.append((t, mag))
-            while self._field[0][0] < t - 1.0:
-                self._field.popleft()
-
-    def _compare(self, event: RestFound) -> None:
-        """Report what the sensor at rest reads wrongly."""
-        mag = np.mean([mag for _, mag in self._field], axis=0) if self._field else None
-        rest = event.rest
-        for line in disagreements(self._errors, rest.gravity * rest.up_sensor, rest.gyro_bias, mag):
-            self.say(event.t, line, bell=True)
-        self._field.clear()
-
     def say(self, t: float, text: str, bell: bool = False) -> None:
         """Add a line."""
         self._said.append(Say(t, text, bell))
@@ -118,7 +106,10 @@ class Feedback:
     def _tell(self, event: LiveEvent) -> None:
         if isinstance(event, RestFound):
             self.say(event.t, "the rest at the start is found: you may move", bell=True)
-            self._compare(event)
+            mag, rest = np.mean([mag for _, mag in self._field], axis=0) if self._field else None, event.rest
+            for line in disagreements(self._errors, rest.gravity * rest.up_sensor, rest.gyro_bias, mag):
+                self.say(event.t, line, bell=True)
+            self._field.clear()
         elif isinstance(event, StopBegan):
             known, self._announced, self._warned = event.index < self._announced, event.index + 1, False
             if not known:

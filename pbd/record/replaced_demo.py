@@ -14,10 +14,9 @@ from pbd.io.atomic import name_aside, remove_folder
 
 @dataclass(frozen=True)
 class Backup:
-    """A demonstration that was renamed to make room.
+    """A demonstration that was renamed from `folder`, where the new one is, to make room.
 
     Attributes:
-        folder: where it was, and the new one is.
         aside: where it is, under a name of its own: whatever happens to the recording, a person finds it there.
         edited: whether there is a keyframes.toml in it.
     """
@@ -76,7 +75,6 @@ def set_aside(folder: Path) -> Backup | None:
     try:
         folder.rename(before.aside)
     except OSError as reason:
-        raise RecordingError(
-            f"{folder} can't be renamed to make room ({in_words(reason)}); give another name", path=folder
-        ) from None
+        what = f"{folder} can't be renamed to make room ({in_words(reason)}); give another name"
+        raise RecordingError(what, path=folder) from None
     return before

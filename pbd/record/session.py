@@ -15,7 +15,7 @@ from pbd.files.recording_writer import RecordingWriter
 from pbd.record.diagnostics import Diagnostics
 from pbd.record.person_messages import Feedback
 from pbd.record.replaced_demo import Backup, set_aside
-from pbd.record.values import FEWEST_STOPS, Outcome, RecordOptions, Status
+from pbd.record.values import FEWEST_STOPS, NOTHING, Outcome, RecordOptions, Status
 from pbd.sensors.decoding import Decoder, Sample
 from pbd.timestamps import SampleClock
 from pbd.tracking.taps import TapDetector
@@ -108,6 +108,10 @@ class Session:
             by = "" if tapped_t is None else "two taps: "
             self.coach.say(self.t, f"{by}grip {'closed' if self.closed else 'open'}", bell=tapped_t is not None)
 
+    def warn(self, what: str) -> None:
+        """Tell the person, with a bell."""
+        self.coach.say(self.t, what, bell=True)
+
     def discard(self) -> None:
         """Remove everything."""
         self.discarded = True
@@ -150,9 +154,9 @@ class Session:
             if self.demo.rows == 0:
                 self.demo.discard()
                 self._put_back()
-                raise
-            with suppress(PbdError):  # a full disk: reported already
-                self._finish(self.demo)
+            else:
+                with suppress(PbdError):  # a full disk: reported already
+                    self._finish(self.demo)
             raise
         self._finish(self.demo)
 
@@ -242,9 +246,8 @@ class Session:
         assert sample.acc is not None
         device = None if sample.rpy is None else compass_angles(np.array([sample.rpy]))[0]
         of = {"gyr": sample.gyr, "acc": sample.acc, "mag": sample.mag, "device": device}
-        nothing = (np.nan, np.nan, np.nan)
-        given = [nothing if of[name] is None else of[name] for name in self._channels]
-        self._rows.append((t, tuple(float(value) for triple in given for value in triple)))  # type: ignore[union-attr]
+        given = (of[name] for name in self._channels)
+        self._rows.append((t, tuple(float(x) for each in given for x in (NOTHING if each is None else each))))
         self._recent.append((t, hypot(*sample.acc)))
         self._unfollowed.append((t, sample))
         if self._taps is not None and (tapped_t := self._taps.feed(t, sample.acc)) is not None:

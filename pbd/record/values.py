@@ -14,15 +14,17 @@ from pbd.data import Keyframe, Recording, SensorErrors
 from pbd.pose import Array
 from pbd.sensors.decoding import Sample
 
+NOTHING = (np.nan, np.nan, np.nan)
+"""A reading that is missing."""
+
 FEWEST_STOPS = 2
 """Least number of stops that can be replayed: the first rest and one more."""
 
 
 def recording_of(t: Array, samples: Sequence[Sample], **more: Any) -> Recording:
     """Samples with an acceleration, at t (n,) s, as a recording with `more`; of a channel that some lack: NaN there."""
-    nothing = (np.nan, np.nan, np.nan)
     channels: dict[str, Any] = {
-        name: np.array([getattr(sample, name) or nothing for sample in samples]).reshape(-1, 3)
+        name: np.array([getattr(sample, name) or NOTHING for sample in samples]).reshape(-1, 3)
         for name in ("acc", "gyr", "mag", "rpy")
         if name == "acc" or any(getattr(sample, name) for sample in samples)
     }
@@ -42,8 +44,6 @@ class RecordOptions:
     """What to record, and how.
 
     Attributes:
-        folder: of the new demonstration.
-        sensor: the protocol's name.
         duration_s: the recording ends after this many seconds of samples.
         tolerance_m: a move whose sigma grows beyond this is worth a pause.
         closed: the hand will end at the dock.
@@ -79,25 +79,19 @@ class Say:
 
 @dataclass(frozen=True, eq=False)
 class Status:
-    """What the screen shows.
+    """What the screen shows at t s since the first sample.
 
     Attributes:
-        t: s since the first sample.
         rate_hz: as measured over the last second.
-        samples: so far.
-        lost: samples that never came, as counted so far.
+        lost: samples that never came.
         bad_packets: thrown away by the decoder.
         waiting: what the tracker waits for, or "".
-        moving: whether the hand moves.
-        stops: how many so far.
         keyframes: one a stop.
-        p_nav_sensor: (3,) m.
-        v_nav_sensor: (3,) m/s.
-        wxyz_nav_sensor: (4,).
+        p_nav_sensor, v_nav_sensor, wxyz_nav_sensor: (3,) m, (3,) m/s, (4,).
         sigma_m: one sigma of the position, if the hand stopped now.
         sigma_of_move_m: the part of it that the move under way adds; 0 in a stop.
         tremble: m/s2, rms of the last half second.
-        closed: whether the grip is closed.
+        closed: the grip.
         said: what is new since the last status.
     """
 
@@ -122,15 +116,10 @@ class Status:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a recording ended.
+    """How a recording ended, with the numbers of its last `Status`.
 
     Attributes:
         folder: where it is; None where it was discarded.
-        samples: their number.
-        duration_s: from the first to the last.
-        lost: samples that never came.
-        bad_packets: thrown away by the decoder.
-        stops: how many.
         ended_by: by whom or what.
         before: what became of the demonstration that had the name before, in words, or "".
     """

@@ -151,12 +151,6 @@ class GamepadPort(Source):
         return fcntl.ioctl(self._motion, _request(False, 0x40 + axis), bytes(ABSINFO.size))
 
 
-def open_gamepad(device: str | None) -> GamepadPort:
-    """Open a pad: the device of its motion sensors, or the only one."""
-    device = device or only_gamepad()
-    return GamepadPort(device, find_gamepads().get(device, ("", None))[1])
-
-
 def _opened(device: str) -> int:
     try:
         return os.open(device, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)

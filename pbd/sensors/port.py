@@ -8,9 +8,8 @@ import os
 import stat
 import termios
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from pbd.errors import SensorError
 from pbd.sensors.reader import Source
@@ -19,8 +18,7 @@ READ_TIMEOUT_S = 0.02
 """Longest time, s, that `read` waits."""
 
 
-@dataclass(frozen=True)
-class PortInfo:
+class PortInfo(NamedTuple):
     """A serial port: its device file, what its maker calls it, and its USB ids (vendor:product) or ""."""
 
     device: str
@@ -44,10 +42,7 @@ class Port(Source):
     """An open serial port."""
 
     def __init__(self, serial: Any, device: str, baud: int, what: str = "sensor") -> None:
-        self._serial = serial
-        self.device = device
-        self.baud = baud
-        self._what = what
+        self._serial, self.device, self.baud, self._what = serial, device, baud, what
 
     def read(self) -> bytes:
         """Return the bytes that came, after READ_TIMEOUT_S (or as opened) at the latest; SensorError: it is gone."""

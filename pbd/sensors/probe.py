@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from pbd.errors import SensorError
 from pbd.sensors.decoding import Decoder
@@ -25,13 +25,11 @@ GUESSED_PROTOCOLS = tuple(name for name, known in PROTOCOLS.items() if known.bau
 
 BAUDS = tuple(dict.fromkeys(baud for name in GUESSED_PROTOCOLS for baud in PROTOCOLS[name].bauds))
 FIRST_BAUD = BAUDS[0]
-
 LONGEST_PROBE_S = BOOT_S + LISTEN_S * len(BAUDS)
 """Longest time, s, that `probe` takes."""
 
 
-@dataclass(frozen=True)
-class Found:
+class Found(NamedTuple):
     """A port's protocol and baud rate, how many bytes came, and a line of them if they are text."""
 
     sensor: str | None

@@ -21,11 +21,9 @@ CLOSE_S = 5.0
 
 
 class Source(Protocol):
-    """What gives a sensor's bytes: a serial port, a phone, a gamepad.
+    """What gives a sensor's bytes: a serial port (with its `baud`), a phone, a gamepad.
 
     Attributes:
-        device: where it is, for messages.
-        baud: its rate; 0 where it has none.
         patience_s: s without a byte after which it counts as gone; None: as a serial port.
         trouble: why no bytes come just now, if it knows; else "".
     """

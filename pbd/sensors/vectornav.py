@@ -35,12 +35,10 @@ SENTENCES: dict[bytes, tuple[int, dict[str, int]]] = {
     b"YMR": (12, {"ypr": 0, "mag": 3, "acc": 6, "gyr": 9}),
     b"MAR": (9, {"mag": 0, "acc": 3, "gyr": 6}),
     b"IMU": (11, {"mag": 0, "acc": 3, "gyr": 6}),
-    b"RRG,27": (12, {"ypr": 0, "mag": 3, "acc": 6, "gyr": 9}),
-    b"RRG,20": (9, {"mag": 0, "acc": 3, "gyr": 6}),
-    b"RRG,54": (11, {"mag": 0, "acc": 3, "gyr": 6}),
     b"RRG,18": (3, {"acc": 0}),
     b"RRG,19": (3, {"gyr": 0}),
 }
+SENTENCES |= {b"RRG,27": SENTENCES[b"YMR"], b"RRG,20": SENTENCES[b"MAR"], b"RRG,54": SENTENCES[b"IMU"]}
 
 # Bytes of each field of the groups common, time, IMU, GPS, attitude, INS and GPS2, by bit.
 FIELD_BYTES = (

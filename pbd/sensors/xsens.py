@@ -24,7 +24,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from functools import partial
 from math import atan2, hypot, isfinite, nan, pi, radians
 from struct import Struct
 from typing import TypedDict
@@ -51,10 +50,6 @@ class Items(TypedDict, total=False):
     dq: tuple[float, float, float, float]
     mag: Triple
     rpy: Triple
-
-
-def _floating(code: str, count: int) -> Read:
-    return Struct(f">{count}{code}").unpack_from
 
 
 def _fixed_12_20(count: int) -> Read:
@@ -101,10 +96,10 @@ def _items() -> dict[int, tuple[str, int, Read]]:
     }
     vectors = {0x4010: ("dv", 3), 0x4020: ("acc", 3), 0x8020: ("gyr", 3), 0x8030: ("dq", 4), 0xC020: ("mag", 3)}
     for precision, size, reader in (
-        (0, 4, partial(_floating, "f")),
+        (0, 4, lambda count: Struct(f">{count}f").unpack_from),
         (1, 4, _fixed_12_20),
         (2, 6, _fixed_16_32),
-        (3, 8, partial(_floating, "d")),
+        (3, 8, lambda count: Struct(f">{count}d").unpack_from),
     ):
         for identifier, (what, count) in vectors.items():
             items[identifier | precision] = (what, size * count, reader(count))

@@ -11,15 +11,13 @@ from pbd.cli.steps import decoder_maker, refuse_columns
 from pbd.errors import SensorError, UsageError
 from pbd.sensors import port as serial_port
 from pbd.sensors.decoding import Decoder
-from pbd.sensors.phyphox.phone import PhonePort, is_address
+from pbd.sensors.phyphox.phone import PhonePort
 from pbd.sensors.port import open_port
 from pbd.sensors.probe import BOOT_S, FIRST_BAUD, LISTEN_S, LONGEST_PROBE_S, find_baud, probe
 from pbd.sensors.protocols import COMMAND_PAUSE_S, PROTOCOLS, protocol
 from pbd.sensors.reader import Source
 
-PHONE = "phyphox"
-
-GAMEPAD = "gamepad"
+PHONE, GAMEPAD = "phyphox", "gamepad"
 
 
 def find_sensor(args: argparse.Namespace) -> tuple[str, Callable[[], Source], Decoder]:
@@ -28,15 +26,19 @@ def find_sensor(args: argparse.Namespace) -> tuple[str, Callable[[], Source], De
     SensorError: nothing or several are plugged in, or nothing known is heard.
     """
     wanted: str | None = args.sensor
-    if wanted == PHONE or is_address(args.port):
+    if wanted == PHONE or "://" in (args.port or ""):
         return _phone(args)
     make = None if wanted is None else decoder_maker(args, wanted, args.unit)  # before anything is opened
     if wanted == GAMEPAD:
         if args.baud or args.rate:
             raise UsageError("a gamepad has no baud or rate to choose; leave out --baud, --rate")
-        from pbd.sensors.gamepad_port import open_gamepad
+        from pbd.sensors.gamepad_port import GamepadPort, find_gamepads, only_gamepad
 
-        return wanted, lambda: open_gamepad(args.port), protocol(GAMEPAD).decoder()
+        def open_pad() -> Source:
+            device = args.port or only_gamepad()
+            return GamepadPort(device, find_gamepads().get(device, ("", None))[1])
+
+        return wanted, open_pad, protocol(GAMEPAD).decoder()
     device, baud = args.port or only_port(), args.baud
     if wanted is None:
         wanted, heard_at = _listened(device)
@@ -68,13 +70,11 @@ def _phone(args: argparse.Namespace) -> tuple[str, Callable[[], Source], Decoder
     if args.baud or args.rate:
         raise UsageError("a phone has no baud or rate to choose; leave out --baud and --rate")
     phone = PhonePort(args.port)
-    opened = False
+    connected = iter([phone])
 
     def open_again() -> Source:
-        nonlocal opened
-        if opened:
+        if next(connected, None) is None:
             phone.connect()
-        opened = True
         return phone
 
     return (f"{PHONE} ({phone.model})" if phone.model else PHONE), open_again, protocol(PHONE).decoder()

@@ -44,14 +44,7 @@ SCAN = "scan the code of `pbd sensors phyphox` with the app, open it, and allow 
 
 
 class PhonePort(Source):
-    """phyphox on a phone, as a port that gives the phone's answers.
-
-    Attributes:
-        device: its address.
-        patience_s: s without an answer after which the reader gives up.
-        trouble: why no samples come now, or "".
-        model: what the phone is called.
-    """
+    """phyphox on a phone, `model`, as a port that gives the phone's answers; `device` is its address."""
 
     patience_s = PATIENCE_S + 2.0 * ANSWER_S  # `read` knows better, and first
 
@@ -112,9 +105,8 @@ class PhonePort(Source):
                 path=self.device,
             )
         if not _measures(answer) and read_answer(self._ask("/control?cmd=start")) != {"result": True}:
-            raise SensorError(
-                f"phyphox on {self.device} does not start to measure: press its play button", path=self.device
-            )
+            what = f"phyphox on {self.device} does not start to measure: press its play button"
+            raise SensorError(what, path=self.device)
 
     def read(self) -> bytes:
         """Return what is new, after POLL_S if the phone answers; SensorError: nothing has come for PATIENCE_S."""
@@ -155,11 +147,8 @@ class PhonePort(Source):
             if taken := in_order(times, self._last[kind]):
                 new, self._last[kind] = True, float(times[taken[-1]])
         if not new:
-            self.trouble = (
-                "the phone sends no new samples"
-                if _measures(answer)
-                else "the measurement is paused on the phone; press its play button"
-            )
+            paused = "the measurement is paused on the phone; press its play button"
+            self.trouble = "the phone sends no new samples" if _measures(answer) else paused
             return b""
         self.trouble = ""
         before, self._told = self._told, told
@@ -207,11 +196,6 @@ class PhonePort(Source):
             self._connection = None
 
 
-def is_address(text: str | None) -> bool:
-    """Whether a port is meant as a phone's address."""
-    return text is not None and "://" in text
-
-
 def _host_and_port(address: str) -> tuple[str, int]:
     try:
         parts = urlsplit(address)
@@ -235,7 +219,6 @@ def _measures(answer: object) -> bool:
 
 
 def _name(meta: Any) -> str:
-    """The phone's model, one short line."""
     model = meta.get("deviceModel") if isinstance(meta, dict) else None
     return printable(model)[:40].strip() if isinstance(model, str) else ""
 
