@@ -18,7 +18,7 @@ from pbd.calibration.touch_up import touched_poses
 from pbd.calibration.uncertainty import base_sigmas, tool_covariances
 from pbd.cli.console import print_json, say
 from pbd.cli.steps import load_demonstration, named_calibration, plan_options, track_demonstration
-from pbd.data import Calibration, Demonstration, HandPath, Keyframe, Robot, SensorEstimate
+from pbd.data import Calibration, Demonstration, HandPath, Keyframe, SensorEstimate
 from pbd.data.covariance import keyframe_sigmas
 from pbd.data.keyframe import thing_carriers
 from pbd.errors import RecordingError, UsageError, listed
@@ -29,8 +29,6 @@ from pbd.planning.options import PlanOptions, dwells
 from pbd.pose import Array, Pose
 from pbd.view.calibration_tables import base_table
 from pbd.view.terminal_tables import joints_table, keyframes_table, print_csv, print_table
-
-Rows = list[dict[str, Any]]
 
 
 def run(args: argparse.Namespace) -> None:
@@ -47,9 +45,17 @@ def run(args: argparse.Namespace) -> None:
         keyframes = _saved(args, demo, keyframes)
     sigmas = keyframe_sigmas([keyframe.cov for keyframe in keyframes])
     rows = [_row(index, keyframe, sigma) for index, (keyframe, sigma) in enumerate(zip(keyframes, sigmas, strict=True))]
-    placed = bool(args.calibration) and calibration is not None and _add_base(args, rows, path, keyframes, calibration)
+    placed = bool(args.calibration) and calibration is not None and calibration.knows_start
+    if placed and calibration is not None:
+        in_place = in_base(keyframes, calibration, args.scale, path)
+        base = touched_poses(in_place, args.orientation), base_sigmas(tool_covariances(in_place))
+        for row, pose, sigma_base in zip(rows, *base, strict=True):
+            row |= _pose(pose) | sigma_base
     if robot is not None and calibration is not None:
-        _add_joints(args, rows, path, keyframes, robot, calibration)
+        solved = solve_keyframes(robot, keyframes, calibration, plan_options(args, robot), path)
+        for row, pose, q, off in zip(rows, *solved, strict=True):
+            row |= _pose(pose) | {"joints": q}
+            row["off_deg"] = [math.degrees(angle) for angle in off]  # approach axis, about it: arms of five joints
     inside = _success(args, path, keyframes, calibration)
     for row, probability in zip(rows, () if inside is None else inside.of_each, strict=inside is not None):
         row["probability"] = probability
@@ -57,7 +63,12 @@ def run(args: argparse.Namespace) -> None:
         errors = None if path.sensor is None else _sensor_errors(path.sensor)
         all_inside = None if inside is None else {"probability": inside.of_all, "band": inside.band}
         result = {"demo": demo.recording.info.name, "keyframes": rows, "sensor_errors": errors, "success": all_inside}
-        return print_json(result | {"frames": _things(keyframes, rows)})
+        shown_at = [row.get("base_position_m") for row in rows]  # the tool at the first keyframe of a thing
+        frames = [
+            {"name": name, "keyframes": list(members), "base_position_m": shown_at[members[0]]}
+            for name, members in things(keyframes).items()
+        ]
+        return print_json(result | {"frames": frames})
     inside_each = None if inside is None else inside.of_each
     table, names = keyframes_table(keyframes, args.units, inside_each), () if robot is None else robot.joints
     if args.csv:
@@ -90,16 +101,7 @@ def _success(
     within_m, *within_deg = args.tolerance
     if within_m <= 0.0 or len(within_deg) > 1 or min(within_deg, default=1.0) <= 0.0:
         raise UsageError("--tolerance takes METRES, or METRES DEGREES, above zero")
-    within_rad = math.radians(within_deg[0]) if within_deg else math.inf
-    return success_of(placed, within_m, within_rad)
-
-
-def _things(keyframes: tuple[Keyframe, ...], rows: Rows) -> list[dict[str, Any]]:
-    """Things that keyframes belong to, and where each was shown: the tool in base at the first of them."""
-    return [
-        {"name": name, "keyframes": list(members), "base_position_m": rows[members[0]].get("base_position_m")}
-        for name, members in things(keyframes).items()
-    ]
+    return success_of(placed, within_m, math.radians(within_deg[0]) if within_deg else math.inf)
 
 
 def _common_prefix(names: Sequence[str]) -> str:
@@ -155,36 +157,9 @@ def save_keyframes(args: argparse.Namespace, demo: Demonstration, keyframes: tup
     inner = (keyframes[0], *keyframes, keyframes[-1])  # there is no stay at the ends, but one may be inserted beyond
     stays = dwells(inner, PlanOptions(time=args.time, dwell_s=args.dwell))[1:-1]
     magnetic = demo.recording.mag is not None
-    path = write_keyframes(demo.folder, demo.folder.name, keyframes, magnetic, args.force, stays, demo.touch_ups)
+    path = write_keyframes(demo.folder, keyframes, magnetic, args.force, stays, demo.touch_ups)
     say(f"wrote {path}: edit it; from now on the arm follows this file")
     return path
-
-
-def _add_base(
-    args: argparse.Namespace, rows: Rows, path: HandPath, keyframes: tuple[Keyframe, ...], calibration: Calibration
-) -> bool:
-    """Add the tool's position in base and how sure it is; False where the calibration has no dock and no nav."""
-    if not calibration.knows_start:
-        return False
-    placed = in_base(keyframes, calibration, args.scale, path)
-    sigmas = base_sigmas(tool_covariances(placed))
-    for row, pose, sigma in zip(rows, touched_poses(placed, args.orientation), sigmas, strict=True):
-        row |= _pose(pose) | sigma
-    return True
-
-
-def _add_joints(
-    args: argparse.Namespace,
-    rows: Rows,
-    path: HandPath,
-    keyframes: tuple[Keyframe, ...],
-    robot: Robot,
-    calibration: Calibration,
-) -> None:
-    poses, joints, off_rad = solve_keyframes(robot, keyframes, calibration, plan_options(args, robot), path)
-    for row, pose, q, off in zip(rows, poses, joints, off_rad, strict=True):
-        row |= _pose(pose) | {"joints": q}
-        row["off_deg"] = [math.degrees(angle) for angle in off]  # approach axis, about it: arms of five joints
 
 
 def _pose(pose: Pose) -> dict[str, Any]:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import warnings
 from dataclasses import replace
 from pathlib import Path
 
 from pbd.cli.console import print_json, say, working
 from pbd.cli.steps import load_demonstration, named_calibration, print_result, track_demonstration, write_figures
 from pbd.data import Calibration, Demonstration, HandPath, Keyframe
-from pbd.errors import PbdError, PbdWarning, TrackingError, UsageError, warn
+from pbd.errors import PbdError, TrackingError, UsageError, collected_warnings, warn
 from pbd.io.atomic import refuse_folder
 
 LONGEST_NAME = 60
@@ -86,8 +85,7 @@ def _tracked(
         unaided = replace(demo, closed=False, places=(), contacts=())
         if unaided.known == demo.known:
             raise
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", PbdWarning)  # they have been given
+        with collected_warnings():  # they have been given
             tracked = track_demonstration(unaided, args.method, calibration, args.accept_gap)
         warn(f"{error.message}; drawn without it")
         return tracked

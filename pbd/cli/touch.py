@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 
 import numpy as np
-from rich.table import Table
 
 from pbd.calibration.dock import in_base
 from pbd.calibration.tool_poses import KeyframesInBase, tool_poses
@@ -21,7 +20,6 @@ from pbd.planning import load_arm
 from pbd.plots.findings import OFF_SIGMAS
 from pbd.pose import Array, quat_inverse, quat_rotate
 from pbd.view.terminal_tables import make_table
-from pbd.view.units import Units
 
 HARDLY_M = 0.0005
 """Where no other keyframe moves farther, m, it is told: their errors have little in common."""
@@ -59,9 +57,8 @@ def run(args: argparse.Namespace) -> None:
         add_touch_up(file, added)
     after = touched_up(placed, read_touch_ups(file) if args.undo else (*demo.touch_ups, added))
     _tell(args, placed, before, after)
-    undo = f"; `pbd touch {args.demo} --robot {args.robot} --undo` takes it back"
-    done, back = ("undone", "") if args.undo else ("added", undo)
-    say(f"{done} in {file}, which the arm follows from now on{back}")
+    back = "" if args.undo else f"; `pbd touch {args.demo} --robot {args.robot} --undo` takes it back"
+    say(f"{'undone' if args.undo else 'added'} in {file}, which the arm follows from now on{back}")
 
 
 def _asked(args: argparse.Namespace, placed: KeyframesInBase, before: TouchedUp) -> Array:
@@ -79,13 +76,18 @@ def _tell(args: argparse.Namespace, placed: KeyframesInBase, before: TouchedUp, 
     p = np.array([pose.p for pose in tool_poses(placed)])
     start, end = p + before.shift, p + after.shift
     old, new = (np.sqrt(np.diagonal(each.cov).reshape(-1, 6)[:, :3].max(axis=1)) for each in (before, after))
+    moved_m = np.linalg.norm(end - start, axis=1)
     names = ("index", "from_m", "to_m", "sigma_before_m", "sigma_m")
     rows = [dict(zip(names, row, strict=True)) for row in zip(range(len(p)), start, end, old, new, strict=True)]
     result = {"demo": args.demo, "keyframe": args.keyframe, "undo": args.undo, "keyframes": rows}
-    print_result(args, result, _table(start, end, old, new, args.units))
+    units, fine = args.units, args.units.finer
+    columns = [f"{what} {axis} ({units.length})" for what in ("from", "to") for axis in "xyz"]
+    table = make_table("#", *columns, *(f"{what} ({fine.length})" for what in ("moves", "σ before", "σ")))
+    for k, figures in enumerate(zip(moved_m, old, new, strict=True)):
+        table.add_row(str(k), *units.lengths(start[k]), *units.lengths(end[k]), *fine.lengths(figures, finer=1))
+    print_result(args, result, table)
     if args.json or args.only or args.undo:
         return
-    moved_m = np.linalg.norm(end - start, axis=1)
     if moved_m[args.keyframe] > OFF_SIGMAS * old[args.keyframe]:
         off = f"{100.0 * moved_m[args.keyframe]:.1f} cm, {moved_m[args.keyframe] / old[args.keyframe]:.0f} sigma"
         undo = f"`pbd touch {args.demo} --robot {args.robot} --undo`"
@@ -94,14 +96,3 @@ def _tell(args: argparse.Namespace, placed: KeyframesInBase, before: TouchedUp, 
     others = np.delete(moved_m, args.keyframe)
     if others.max(initial=0.0) < HARDLY_M < moved_m[args.keyframe]:
         say(f"the others hardly move: their errors have little in common with those of keyframe {args.keyframe}")
-
-
-def _table(start: Array, end: Array, sigma_before: Array, sigma: Array, units: Units) -> Table:
-    m, fine = units.length, units.finer
-    columns = [f"{what} {axis} ({m})" for what in ("from", "to") for axis in "xyz"]
-    table = make_table("#", *columns, *(f"{what} ({fine.length})" for what in ("moves", "σ before", "σ")))
-    for k, (before, after) in enumerate(zip(start, end, strict=True)):
-        moved = float(np.linalg.norm(after - before))
-        figures = (moved, sigma_before[k], sigma[k])
-        table.add_row(str(k), *units.lengths(before), *units.lengths(after), *fine.lengths(figures, finer=1))
-    return table

@@ -66,9 +66,9 @@ def read_calibration(path: Path) -> Calibration:
     return calibration
 
 
-def read_pose(section: Section, position: str = "position") -> Pose:
+def read_pose(section: Section, position: str = "position", within_m: float = FARTHEST_M) -> Pose:
     """Read a table with a position in m and `rpy_deg` (about x, then fixed y, then fixed z)."""
-    p, rpy_deg = section.numbers(position, 3, within=FARTHEST_M), section.numbers("rpy_deg", 3, within=FULL_TURN_DEG)
+    p, rpy_deg = section.numbers(position, 3, within=within_m), section.numbers("rpy_deg", 3, within=FULL_TURN_DEG)
     return Pose.from_rpy(p, np.radians(rpy_deg))
 
 

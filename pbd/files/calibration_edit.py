@@ -55,7 +55,7 @@ def update_calibration(
     Where there is no such file yet, it begins as a copy of the bundled one of that name, if there is one.
 
     Args:
-        path: of the file; its folder is made.
+        path: its folder is made.
         parts: by table ("dock", "sensor.acc"), in order: its keys, each with its value (None takes the key out) and a
             comment for a key that is new.
         instead: tables that are renamed first, old to new.
@@ -93,7 +93,7 @@ def covariance_values(cov: Array | None) -> dict[str, tuple[Value | None, str]]:
     What has no variance was not measured (a lever alone, or a rotation alone), so no sigma is written of it.
     """
     if cov is None:
-        return {"sigma_m": (None, ""), "sigma_deg": (None, ""), "covariance": (None, "")}
+        return dict.fromkeys(("sigma_m", "sigma_deg", "covariance"), (None, ""))
     sigma = np.sqrt(np.diagonal(cov))
     place, turn = sigma[:3], np.degrees(sigma[3:])
     diagonal = not (cov - np.diag(np.diagonal(cov))).any()

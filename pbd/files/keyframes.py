@@ -12,18 +12,16 @@ from numpy.typing import ArrayLike
 from pbd.data import Keyframe, TouchUp
 from pbd.data.keyframe import thing_carriers
 from pbd.errors import RecordingError, warn
+from pbd.files.calibration import FULL_TURN_DEG, read_pose
 from pbd.io.atomic import atomic_file
 from pbd.io.toml import Section, read_toml
-from pbd.pose import Pose, quat_from_rpy, quat_to_rpy
+from pbd.pose import quat_to_rpy
 
 FORMAT = 1
 NAME = "keyframes.toml"
 GRIPS = {"closes": True, "opens": False}
 ORIGIN_M = 1e-3
 """Largest coordinate of the first keyframe, m: it is the origin of nav."""
-
-LARGEST_DEG = 360.0
-"""Largest angle, degrees. A larger one is a typing error."""
 
 LEAST_M, LEAST_DEG = 1e-4, 0.01
 """Least tolerance that is written, m and degrees: what a hand was taught to meet exactly would be rounded to none."""
@@ -69,10 +67,8 @@ def keyframes_toml(
 
     Args:
         name: the demonstration's.
-        keyframes: what is written.
         magnetic: a magnetometer turned nav to the north.
         arm_dwell_s: (n,) s, how long the arm is to stay at each; None: as long as the hand did.
-        touch_ups: what was corrected with the arm.
     """
     lines = [HEAD.format(name=name, format=FORMAT, axes=NORTH if magnetic else AT_DOCK)]
     dwell_s = [keyframe.dwell_s for keyframe in keyframes] if arm_dwell_s is None else arm_dwell_s
@@ -115,7 +111,6 @@ def keyframes_toml(
 
 def write_keyframes(
     folder: Path,
-    name: str,
     keyframes: Sequence[Keyframe],
     magnetic: bool,
     force: bool = False,
@@ -128,18 +123,15 @@ def write_keyframes(
     """
     for index, keyframe in enumerate(keyframes):
         if (away := float(np.abs(keyframe.T_nav_sensor.p).max())) > LARGEST_M:
-            raise RecordingError(
-                f"keyframe {index} (t = {keyframe.t:.2f} s) is {away:.1f} m from the dock, where no arm reaches; "
-                "nothing is saved: record again",
-                keyframe=index,
-                value=away,
-                bound=LARGEST_M,
-            )
+            what = f"keyframe {index} (t = {keyframe.t:.2f} s) is {away:.1f} m from the dock, where no arm reaches"
+            saved = "nothing is saved: record again"
+            raise RecordingError(f"{what}; {saved}", keyframe=index, value=away, bound=LARGEST_M)
     path = folder / NAME
     if path.exists() and not force:
         raise RecordingError(f"{path} exists and may have been edited; --force replaces it", path=path)
+    text = keyframes_toml(folder.name, keyframes, magnetic, arm_dwell_s, touch_ups)
     with atomic_file(path) as unfinished:
-        unfinished.write_text(keyframes_toml(name, keyframes, magnetic, arm_dwell_s, touch_ups), encoding="utf-8")
+        unfinished.write_text(text, encoding="utf-8")
     return path
 
 
@@ -169,11 +161,13 @@ def read_keyframes(path: Path) -> tuple[Keyframe, ...]:
             what = f"the arm stays {keyframe.dwell_s:g} s at keyframe {index}; if that is too long, correct dwell_s"
             _warn(tables[index], "dwell_s", f"{what} (in seconds)")
     _check_grips(keyframes, tables)
-    for end, (keyframe, table) in enumerate(zip(keyframes, tables, strict=True), start=1):
-        try:
-            thing_carriers(keyframes[:end] if keyframe.frames else ())
-        except RecordingError as loop:
-            table.fail("frames", loop.message)
+    firsts: dict[tuple[str, ...], Keyframe] = {}
+    for keyframe, table in zip(keyframes, tables, strict=True):
+        if firsts.setdefault(keyframe.frames, keyframe) is keyframe:
+            try:
+                thing_carriers(list(firsts.values()))
+            except RecordingError as loop:
+                table.fail("frames", loop.message)
     return keyframes
 
 
@@ -198,8 +192,7 @@ def _read(section: Section) -> Keyframe:
     grip, dwell = section.choice("grip", GRIPS, None), section.number("dwell_s")
     if dwell < 0.0:
         section.fail("dwell_s", f"must not be below zero, got {dwell:g}")
-    position = section.numbers("position_m", 3, within=LARGEST_M)
-    rpy = np.radians(section.numbers("rpy_deg", 3, within=LARGEST_DEG))
+    T_nav_sensor = read_pose(section, "position_m", LARGEST_M)
     sigma = {key: np.array(section.numbers(key, 3, (0.0, 0.0, 0.0))) for key in ("sigma_m", "sigma_deg")}
     for key, values in sigma.items():
         if (values < 0.0).any():
@@ -207,11 +200,11 @@ def _read(section: Section) -> Keyframe:
     tolerance = section.numbers("tolerance_m", 3, None, within=LARGEST_M)
     if tolerance is not None and min(tolerance) <= 0.0:
         section.fail("tolerance_m", "must be above zero along each axis")
-    tolerance_deg = section.number("tolerance_deg", None, positive=True, within=LARGEST_DEG)
+    tolerance_deg = section.number("tolerance_deg", None, positive=True, within=FULL_TURN_DEG)
     return Keyframe(
         t=section.number("t_s"),
         dwell_s=dwell,
-        T_nav_sensor=Pose(np.array(position), quat_from_rpy(rpy)),
+        T_nav_sensor=T_nav_sensor,
         cov=np.diag(np.square([*sigma["sigma_m"], *np.radians(sigma["sigma_deg"])])),
         grip=grip,
         label=section.text("label", ""),

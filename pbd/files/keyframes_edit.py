@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import fcntl
+import os
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import tomlkit
@@ -31,14 +33,11 @@ def add_touch_up(path: Path, touch_up: TouchUp) -> None:
         document["touch_up"].append(table)
 
 
-def undo_touch_up(path: Path) -> bool:
-    """Mark the last touch-up that counts as undone; False where there is none. Raises as `read_keyframes`."""
+def undo_touch_up(path: Path) -> None:
+    """Mark the last touch-up that counts as undone; raises as `read_keyframes`."""
     with _edited(path) as document:
-        for table in reversed(document.get("touch_up", [])):
-            if not table.get("undone", False):
-                table["undone"] = True
-                return True
-    return False
+        for table in [each for each in document.get("touch_up", []) if not each.get("undone", False)][-1:]:
+            table["undone"] = True
 
 
 def set_frames(path: Path, frames: Mapping[int, Sequence[str]]) -> None:
@@ -50,8 +49,14 @@ def set_frames(path: Path, frames: Mapping[int, Sequence[str]]) -> None:
 
 @contextmanager
 def _edited(path: Path) -> Iterator[TOMLDocument]:
-    document = tomlkit.parse(read_text(path, RecordingError, "give a text file"))
-    yield document
-    with atomic_file(path) as unfinished:
-        unfinished.write_text(tomlkit.dumps(document), encoding="utf-8")
-        read_keyframes(unfinished)  # never leave behind what can't be read
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        with suppress(OSError):  # some network folders know no locks
+            fcntl.flock(folder, fcntl.LOCK_EX)  # another command may be at it
+        document = tomlkit.parse(read_text(path, RecordingError, "give a text file"))
+        yield document
+        with atomic_file(path) as unfinished:
+            unfinished.write_text(tomlkit.dumps(document), encoding="utf-8")
+            read_keyframes(unfinished)  # never leave behind what can't be read
+    finally:
+        os.close(folder)

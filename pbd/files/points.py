@@ -32,10 +32,7 @@ class Points:
 def read_points(path: Path, unit: str | None = None) -> Points:
     """Read a CSV with a header: x, y, z with their unit (x_m, x_cm or x_mm, all three alike), and perhaps a name.
 
-    Args:
-        path: the file.
-        unit: "m", "cm" or "mm", of columns that don't say.
-
+    `unit` is "m", "cm" or "mm", of columns that don't say.
     CalibrationError: it can't be read; a column is missing; no unit is known; a cell is no number: with the line.
     """
     sheet = open_sheet(path, error=CalibrationError)
@@ -55,13 +52,9 @@ def read_points(path: Path, unit: str | None = None) -> Points:
         raise CalibrationError.at(path, f"{len(names)} names for {len(p_base)} points; correct the quotes")
     for name, point in zip(names, p_base, strict=True):
         if not (far := np.abs(point).max()) <= FARTHEST_M:
-            raise CalibrationError(
-                f"{path}: the point '{printable(name)}' is {far:.0f} m from the robot's base; is the unit right? name "
-                "the columns x_mm,y_mm,z_mm"
-                if np.isfinite(far)
-                else f"{path}: the point '{printable(name)}' lacks a coordinate; add it",
-                path=path,
-            )
+            what = f"is {far:.0f} m from the robot's base; is the unit right? name the columns x_mm,y_mm,z_mm"
+            what = what if np.isfinite(far) else "lacks a coordinate; add it"
+            raise CalibrationError.at(path, f"the point '{printable(name)}' {what}")
     if twice := next((name for name, count in Counter(names).items() if count > 1), None):
         raise CalibrationError.at(path, f"two points are named '{printable(twice)}'; rename one", value=twice)
     return Points(tuple(names), p_base)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
 
@@ -58,9 +59,7 @@ def read_robot(path: Path, *, draft: bool = False) -> Robot:
     T_body_tool, license_ = read_pose(model.section("T_body_tool"), "xyz"), model.text("license", "")
     chain = _movable(urdf, base, body)
 
-    fingers, dock = top.section("gripper", None), top.section("dock", None)
-    servos = top.section("servos", None)
-    arm = top.section("arm", None)
+    fingers, dock, servos, arm = (top.section(name, None) for name in ("gripper", "dock", "servos", "arm"))
     if arm is None and not draft:
         top.fail("arm", "is missing", f"add it, as `pbd robots --suggest {path}` proposes it")
     gripper = None if fingers is None else _gripper(fingers, urdf)
@@ -81,7 +80,7 @@ def read_robot(path: Path, *, draft: bool = False) -> Robot:
         home=_middle(limits) if arm is None or draft else _home(arm, joints, poses),
         gripper=gripper,
         limits=limits,
-        dock=None if dock is None else _table(dock, name) if draft else _dock(dock, name),
+        dock=None if dock is None else _dock(dock, name, draft),
         notes=notes,
         license=license_,
         servos=None if servos is None else _servos(servos, len(joints), gripper),
@@ -247,25 +246,18 @@ def _home(arm: Section, joints: Sequence[UrdfJoint], poses: Mapping[str, Mapping
     return np.array(home)
 
 
-def _dock(section: Section, robot: str) -> Calibration:
-    return Calibration(
-        name=f"{robot}'s own dock",
-        T_base_dock=read_pose(section),
-        any_attitude=section.flag("any_attitude", False),
-        table_height=section.number("table_height", None),
-        scale=section.number("scale", 1.0, positive=True),
-        robots=(robot,),
-    )
-
-
-def _table(section: Section, robot: str) -> Calibration:
-    return Calibration(name=f"{robot}'s table", table_height=section.number("table_height", None))
+def _dock(section: Section, robot: str, draft: bool) -> Calibration:
+    table = Calibration(f"{robot}'s own dock", table_height=section.number("table_height", None))
+    if draft:
+        return table
+    any_attitude, scale = section.flag("any_attitude", False), section.number("scale", 1.0, positive=True)
+    return replace(table, T_base_dock=read_pose(section), any_attitude=any_attitude, scale=scale, robots=(robot,))
 
 
 def _middle(limits: JointLimits) -> Array:
-    """Halfway between the limits; 0 of an endless joint."""
-    endless = np.isinf(limits.upper - limits.lower)
-    return np.where(endless, 0.0, 0.5 * (np.where(endless, 0.0, limits.lower) + np.where(endless, 0.0, limits.upper)))
+    """Halfway between the limits; 0 of an endless joint, whose limits are infinite."""
+    with np.errstate(invalid="ignore"):
+        return np.nan_to_num(0.5 * (limits.lower + limits.upper))
 
 
 def _check_range(section: Section, key: str, joints: Sequence[UrdfJoint], positions: Sequence[float]) -> None:

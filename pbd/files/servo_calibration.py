@@ -28,7 +28,6 @@ class ServoCalibration:
     """One servo: its id on the bus, and counts.
 
     Attributes:
-        id: 1 to 253.
         drive_mode: 1 where the gripper's percent count the other way.
         homing_offset: what the servo takes off its encoder's count.
         range_min, range_max: the ends of the joint's range, as the servo then counts.

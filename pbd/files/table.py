@@ -169,12 +169,10 @@ class Sheet:
                 return seconds(cell)
             return number(cell) if cell.strip() or self.complete else float("nan")
         except ValueError:
-            name, next_step = self.header[column], "correct the cell"
+            name, next_step = self.header[column], "correct the cell" + ", or leave it empty" * (not self.complete)
             if _DECIMAL_COMMA.fullmatch(cell):
-                next_step = "it has a decimal comma: write numbers with a point (export it again, or put a point for "
-                next_step += "each comma)"
-            elif not self.complete:
-                next_step += ", or leave it empty"
+                write = "write numbers with a point (export it again, or put a point for each comma)"
+                next_step = f"it has a decimal comma: {write}"
             what = f"'{printable(cell)}' in column '{printable(name)}' is not a number"
             raise self._fault(line, what, next_step, column=name, value=cell) from None
 
@@ -213,13 +211,10 @@ def open_sheet(
     Lines that begin with # are remarks.
 
     Args:
-        path: the file.
         foreign: another program wrote it: there may be remarks above the header, text in some columns, another
             encoding than UTF-8, decimal commas where no comma separates.
-        error: what is raised.
+        error: what is raised, of a file that is empty, has no rows, or is not text.
         text: the file's, where it has been read.
-
-    error: empty, no rows, not text.
     """
     if text is None:
         text = _text(path, FOREIGN_ENCODINGS if foreign else FOREIGN_ENCODINGS[:1], error)

@@ -53,7 +53,7 @@ def assert_same(read: tuple[Keyframe, ...], written: tuple[Keyframe, ...]) -> No
 
 def test_a_tolerance_that_rounding_would_leave_nothing_of_comes_back(tmp_path: Path) -> None:
     learned = replace(FOUND[0], tolerance_m=np.array([1e-6, 0.002, 2e-5]), tolerance_rad=1e-6)
-    (read, *_) = read_keyframes(write_keyframes(tmp_path, "x", [learned, *FOUND[1:]], magnetic=True))
+    (read, *_) = read_keyframes(write_keyframes(tmp_path, [learned, *FOUND[1:]], magnetic=True))
     assert read.tolerance_m == pytest.approx(np.array([1e-4, 0.002, 1e-4]))
     assert read.tolerance_rad == pytest.approx(np.radians(0.01))
 
@@ -66,7 +66,7 @@ def test_nudges_things_and_touch_ups_come_back(tmp_path: Path) -> None:
         *FOUND[2:],
     )
     touch_ups = (TouchUp(FOUND[1].t, nudge, only=True), TouchUp(FOUND[2].t, -nudge, undone=True))
-    path = write_keyframes(tmp_path, "tea", moved, magnetic=True, touch_ups=touch_ups)
+    path = write_keyframes(tmp_path, moved, magnetic=True, touch_ups=touch_ups)
     read = read_keyframes(path)[1]
     assert read.frames == ("lid", 'a "cup"')
     np.testing.assert_array_equal(read.nudge_base_m, nudge)
@@ -79,7 +79,7 @@ def test_nudges_things_and_touch_ups_come_back(tmp_path: Path) -> None:
 
 def test_what_is_written_is_read(tmp_path: Path) -> None:
     labelled = tuple(replace(keyframe, label=f'"{i}" über\n') for i, keyframe in enumerate(FOUND))
-    read = read_keyframes(write_keyframes(tmp_path, "tea", labelled, magnetic=True))
+    read = read_keyframes(write_keyframes(tmp_path, labelled, magnetic=True))
     assert_same(read, labelled)
     assert [keyframe.dwell_s for keyframe in read] == pytest.approx([k.dwell_s for k in FOUND], abs=0.0051)
     assert {keyframe.grip for keyframe in read} == {True, False, None}
@@ -109,7 +109,7 @@ def test_any_keyframes(tmp_path_factory: pytest.TempPathFactory, rows: list[tupl
         position = np.array(p) if keyframes else np.zeros(3)
         pose = Pose(position, quat_exp(np.array(turn)))
         keyframes.append(Keyframe(t, dwell, pose, 1e-4 * np.eye(6), grip, label))  # type: ignore[arg-type]
-    path = write_keyframes(tmp_path_factory.mktemp("any"), "x", keyframes, magnetic=True)
+    path = write_keyframes(tmp_path_factory.mktemp("any"), keyframes, magnetic=True)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         assert_same(read_keyframes(path), tuple(keyframes))
@@ -128,7 +128,7 @@ def test_a_first_grip_that_opens_is_told_with_its_line(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("axis", range(3))
 def test_a_place_beyond_all_reach_is_refused_with_its_line(tmp_path: Path, axis: int) -> None:
-    path = write_keyframes(tmp_path, "tea", FOUND, magnetic=True)
+    path = write_keyframes(tmp_path, FOUND, magnetic=True)
     place = np.where(np.arange(3) == axis, -44.0, 0.1).tolist()
     lines = path.read_text(encoding="utf-8").splitlines()
     third = [k for k, line in enumerate(lines) if line.startswith("position_m")][3]
@@ -158,12 +158,12 @@ def test_two_grips_in_a_row_that_do_the_same_are_refused(tmp_path: Path, old: st
 def test_what_could_not_be_read_again_is_not_saved(tmp_path: Path) -> None:
     far = replace(FOUND[4], T_nav_sensor=Pose(np.array([0.0, -44.0, 0.0]), FOUND[4].T_nav_sensor.wxyz))
     with pytest.raises(RecordingError, match=r"keyframe 4 .* is 44\.0 m from the dock, .*; nothing is saved"):
-        write_keyframes(tmp_path, "tea", (*FOUND[:4], far), magnetic=True)
+        write_keyframes(tmp_path, (*FOUND[:4], far), magnetic=True)
     assert not list(tmp_path.iterdir())
 
 
 def test_a_person_may_drop_insert_nudge_and_rename(tmp_path: Path) -> None:
-    path = write_keyframes(tmp_path, "tea", FOUND, magnetic=True)
+    path = write_keyframes(tmp_path, FOUND, magnetic=True)
     head, *tables = path.read_text(encoding="utf-8").split("\n[[keyframe]]")
     own = ' # mine\nt_s = 1.5\ndwell_s = 2.0\nposition_m = [0.1, 0, 0.2]\nrpy_deg = [0, 0, 90]\ngrip = "opens"\n'
     path.write_text("\n[[keyframe]]".join([head, tables[0], own, *tables[2:]]), encoding="utf-8")
@@ -250,12 +250,12 @@ def test_an_empty_file_is_told(tmp_path: Path) -> None:
 
 
 def test_what_a_person_edited_is_not_written_over(tmp_path: Path) -> None:
-    path = write_keyframes(tmp_path, "tea", FOUND, magnetic=True)
+    path = write_keyframes(tmp_path, FOUND, magnetic=True)
     path.write_text("mine", encoding="utf-8")
     with pytest.raises(RecordingError, match="may have been edited; --force"):
-        write_keyframes(tmp_path, "tea", FOUND, magnetic=True)
+        write_keyframes(tmp_path, FOUND, magnetic=True)
     assert path.read_text(encoding="utf-8") == "mine"
-    write_keyframes(tmp_path, "tea", FOUND, force=True, magnetic=True)
+    write_keyframes(tmp_path, FOUND, force=True, magnetic=True)
     assert_same(read_keyframes(path), FOUND)
 
 
@@ -263,7 +263,7 @@ def test_a_demonstration_has_them(tmp_path: Path) -> None:
     folder = tmp_path / "tea"
     write_demo(simulate("pour", "modern", 0), folder)
     assert read_demo(folder).keyframes is None
-    write_keyframes(folder, "tea", FOUND[:4], magnetic=True)
+    write_keyframes(folder, FOUND[:4], magnetic=True)
     read = read_demo(folder).keyframes
     assert read is not None
     assert_same(read, FOUND[:4])

@@ -8,6 +8,7 @@ import numpy as np
 
 from pbd.calibration.mount import PivotFit, TurnsFit, fit_pivot, fit_turns
 from pbd.calibration.points import POOR_CHI2
+from pbd.calibration.rests import rms
 from pbd.cli.calibrate.common import opened, sigma_json, tracked
 from pbd.cli.console import print_json, say
 from pbd.data import Calibration
@@ -55,12 +56,11 @@ def _merged(
             cov[part, part] = fitted.cov
     if pivot is not None:
         mount = Pose(pivot.p_sensor_tip, mount.wxyz)
-        rms = float(np.sqrt((pivot.residuals**2).sum(axis=1).mean()))
-        figures |= {"pivot_stops": len(pivot.residuals), "pivot_rms_mm": round(1e3 * rms, 2)}
+        off_mm = 1e3 * np.linalg.norm(pivot.residuals, axis=1)
+        figures |= {"pivot_stops": len(off_mm), "pivot_rms_mm": round(rms(off_mm), 2)}
     if turns is not None:
         mount = Pose(mount.p, turns.wxyz_sensor_tool)
-        rms_deg = float(np.degrees(np.sqrt(np.mean(turns.off**2))))
-        figures |= {"turns": len(turns.off), "turns_rms_deg": round(rms_deg, 2)}
+        figures |= {"turns": len(turns.off), "turns_rms_deg": round(rms(np.degrees(turns.off)), 2)}
     return mount, cov, figures
 
 

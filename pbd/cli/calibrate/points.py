@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import warnings
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,14 +11,15 @@ import numpy as np
 from pbd.calibration.correspondence import match_points
 from pbd.calibration.field_uniformity import field_spread, heading_changes
 from pbd.calibration.point_observations import PointObservations, observe_points
-from pbd.calibration.points import POOR_CHI2, PointFit, fit_points, refuse_shape
+from pbd.calibration.points import POOR_CHI2, fit_points, refuse_shape
+from pbd.calibration.rests import rms
 from pbd.calibration.sensor import corrected
 from pbd.cli.calibrate.common import instead_of, opened, sigma_json, tracked
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, HandPath, Keyframe, Recording
 from pbd.data.covariance import one_sigma
 from pbd.data.one_line_repr import counted
-from pbd.errors import CalibrationError, PbdWarning, warn
+from pbd.errors import CalibrationError, collected_warnings, warn
 from pbd.files.calibration_edit import covariance_values, pose_values, update_calibration
 from pbd.files.demo import load_demo
 from pbd.files.points import Points, read_points
@@ -35,20 +36,30 @@ def run(args: argparse.Namespace) -> None:
     points = read_points(args.points, args.unit)
     path, calibration = opened(args)
     recording, hand = tracked(args, calibration)
-    recording = _with_whole_magnetometer(recording)
+    if recording.mag is not None:
+        with collected_warnings():  # tracking tells them
+            recording = replace(recording, mag=condition(recording)[0].mag)  # holes filled; None of a dead one
     part = args.part or ("dock" if recording.mag is None else "nav")
     instead = instead_of(path, calibration, part, args.force)
     keyframes = find_keyframes(hand)
     with working("fitting"):
-        touched = _touched(args, hand, points, calibration)
+        touched = _touched(args, hand, keyframes, points, calibration)
         fit = fit_points(touched, points.p_base, free=args.free, scaled=args.find_scale, touch_m=1e-3 * args.touch_mm)
-    _warn_of_wrong_points(fit, points, touched)
+    for name, stop, off, good in zip(points.names, touched.stops, fit.left_out, fit.used, strict=True):
+        if not good:
+            warn(
+                f"the point '{name}' (stop {stop}) is wrong: it lies {100.0 * np.linalg.norm(off):.1f} cm from where "
+                "the other points put it, so it is left out; check its coordinates, or touch it again"
+            )
     heading = _say_heading(args, recording, keyframes, calibration, part)
 
     pose = fit.T_base_nav
     if part == "dock":
         pose = pose @ Pose(np.zeros(3), keyframes[0].T_nav_sensor.wxyz)  # nav's origin is the sensor at its first rest
-    figures = _figures(fit) | ({} if heading is None else {"heading_deg": round(float(np.degrees(heading)), 2)})
+    off_mm, left_out_mm = (1e3 * np.linalg.norm(each[list(fit.used)], axis=1) for each in (fit.residuals, fit.left_out))
+    figures: dict[str, float] = {"points": len(off_mm), "rms_mm": round(rms(off_mm), 2)}
+    figures |= {"left_out_rms_mm": round(rms(left_out_mm), 2), "chi2": round(fit.chi2, 3)}
+    figures |= {} if heading is None else {"heading_deg": round(float(np.degrees(heading)), 2)}
     cov = fit.cov.copy()
     if part == "nav" and heading is not None:
         cov[5, 5] += heading**2  # the next demonstration's heading differs by so much
@@ -57,7 +68,9 @@ def run(args: argparse.Namespace) -> None:
     if args.json:
         rpy_deg = np.degrees(quat_to_rpy(pose.wxyz))
         where = {"position_m": pose.p, "rpy_deg": rpy_deg} | sigma_json(cov)
-        rows = _rows(fit, points, touched)
+        keys = "name", "stop", "residual_m", "left_out_m", "left_out_sigma_m", "used"
+        columns = points.names, touched.stops, fit.residuals, fit.left_out, fit.left_out_sigma, fit.used
+        rows = [dict(zip(keys, each, strict=True)) for each in zip(*columns, strict=True)]
         return print_json({"calibration": str(path), part: where, "scale": fit.scale, "points": rows, "fit": figures})
     print_table(points_table(points.names, touched.stops, fit.residuals, fit.left_out, fit.left_out_sigma, fit.used))
     if not touched.lever.any():
@@ -81,12 +94,14 @@ def run(args: argparse.Namespace) -> None:
     return None
 
 
-def _touched(args: argparse.Namespace, hand: HandPath, points: Points, calibration: Calibration) -> PointObservations:
+def _touched(
+    args: argparse.Namespace, hand: HandPath, keyframes: Sequence[Keyframe], points: Points, calibration: Calibration
+) -> PointObservations:
     """The stops that touched the points, in the points' order."""
     refuse_shape(points.p_base, args.free)
-    count = len(find_keyframes(hand))
-    mount, cov = calibration.T_sensor_tool, calibration.cov_sensor_tool
-    every = observe_points(find_keyframes(hand), hand.covariance, mount.p, cov_tip=None if cov is None else cov[:3, :3])
+    count, cov = len(keyframes), calibration.cov_sensor_tool
+    cov_tip = None if cov is None else cov[:3, :3]
+    every = observe_points(keyframes, hand.covariance, calibration.T_sensor_tool.p, cov_tip)
     if args.stops is None:
         if args.free and count != len(points.names):
             what = f"{counted(count, 'stop')} can't be matched with {len(points.names)} points while the tilt is free"
@@ -102,54 +117,8 @@ def _touched(args: argparse.Namespace, hand: HandPath, points: Points, calibrati
     return every.only(args.stops)
 
 
-def _figures(fit: PointFit) -> dict[str, float]:
-    used = np.array(fit.used)
-    return {
-        "points": int(used.sum()),
-        "rms_mm": round(1e3 * float(np.sqrt((fit.residuals[used] ** 2).sum(axis=1).mean())), 2),
-        "left_out_rms_mm": round(1e3 * float(np.sqrt((fit.left_out[used] ** 2).sum(axis=1).mean())), 2),
-        "chi2": round(fit.chi2, 3),
-    }
-
-
-def _warn_of_wrong_points(fit: PointFit, points: Points, touched: PointObservations) -> None:
-    for name, stop, off, good in zip(points.names, touched.stops, fit.left_out, fit.used, strict=True):
-        if not good:
-            warn(
-                f"the point '{name}' (stop {stop}) is wrong: it lies {100.0 * np.linalg.norm(off):.1f} cm from where "
-                "the other points put it, so it is left out; check its coordinates, or touch it again"
-            )
-
-
-def _rows(fit: PointFit, points: Points, touched: PointObservations) -> list[dict[str, object]]:
-    return [
-        {
-            "name": name,
-            "stop": touched.stops[k],
-            "residual_m": fit.residuals[k],
-            "left_out_m": fit.left_out[k],
-            "left_out_sigma_m": fit.left_out_sigma[k],
-            "used": fit.used[k],
-        }
-        for k, name in enumerate(points.names)
-    ]
-
-
-def _with_whole_magnetometer(recording: Recording) -> Recording:
-    """The recording with its magnetometer's holes filled; without it where there is none, or a dead one."""
-    if recording.mag is None:
-        return recording
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", PbdWarning)  # tracking tells it
-        return replace(recording, mag=condition(recording)[0].mag)
-
-
 def _say_heading(
-    args: argparse.Namespace,
-    recording: Recording,
-    keyframes: tuple[Keyframe, ...],
-    calibration: Calibration,
-    part: str,
+    args: argparse.Namespace, recording: Recording, keyframes: Sequence[Keyframe], calibration: Calibration, part: str
 ) -> float | None:
     """Say how well nav's heading repeats and what to do; return one sigma, rad, or None without a magnetometer."""
     if recording.mag is None:
@@ -176,7 +145,7 @@ def _say_heading(
                 path = track(load_demo(name).recording, calibration=calibration, accept_gap=args.accept_gap)
                 first.append(find_keyframes(path)[0].T_nav_sensor.wxyz)
         changes = heading_changes(keyframes[0].T_nav_sensor.wxyz, first)
-        heading = float(np.sqrt(np.mean(changes**2)))
+        heading = rms(changes)
         say(
             f"nav's heading repeats to {np.degrees(heading):.1f} degrees (rms over {len(changes)} demonstrations; at "
             f"most {np.degrees(np.abs(changes).max()):.1f})"

@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 
 from pbd.calibration.accelerometer import NAMES
-from pbd.calibration.sensor import SensorFit, calibrate_sensor
+from pbd.calibration.sensor import KINDS, SensorFit, calibrate_sensor
 from pbd.calibration.sensor_changed import gravity_at
 from pbd.cli.calibrate.common import opened
 from pbd.cli.console import print_json, say, working
 from pbd.data import GRAVITY, SensorErrors
 from pbd.data.one_line_repr import counted
+from pbd.data.units import MG
 from pbd.errors import CalibrationError, warn
 from pbd.files.calibration_edit import update_calibration
 from pbd.files.demo import load_demo
@@ -33,13 +34,8 @@ def run(args: argparse.Namespace) -> None:
         at, missing = float(recording.t[gaps[0].before]), 1e3 * gaps[0].missing_s
         raise CalibrationError(f"{args.demo} has a gap of {missing:.0f} ms at {at:.2f} s; record it again")
     with working("fitting"):
-        fit = calibrate_sensor(
-            recording,
-            gravity=gravity,
-            only=args.only,
-            known=calibration.sensor,
-            temperature_c=args.temperature,
-        )
+        known, celsius = calibration.sensor, args.temperature
+        fit = calibrate_sensor(recording, gravity=gravity, only=args.only, known=known, temperature_c=celsius)
     for remark in fit.remarks:
         warn(remark)
     update_calibration(path, sensor_parts(fit.errors, _figures(fit)))
@@ -54,18 +50,11 @@ def run(args: argparse.Namespace) -> None:
 
 def _figures(fit: SensorFit) -> dict[str, float]:
     figures: dict[str, float] = {"rests": len(fit.rests)}
-    if fit.acc is not None:
-        mg = 1e3 / GRAVITY
-        figures |= {
-            "orientations": fit.acc.orientations,
-            "acc_before_mg": round(mg * fit.acc.before, 2),
-            "acc_after_mg": round(mg * fit.acc.after, 2),
-        }
-    if fit.mag is not None:
-        figures |= {
-            "mag_before_pct": round(100.0 * fit.mag.before, 2),
-            "mag_after_pct": round(100.0 * fit.mag.uneven, 2),
-        }
+    if acc := fit.acc:
+        figures |= {"orientations": acc.orientations, "acc_before_mg": round(acc.before / MG, 2)}
+        figures["acc_after_mg"] = round(acc.after / MG, 2)
+    if mag := fit.mag:
+        figures |= {"mag_before_pct": round(100.0 * mag.before, 2), "mag_after_pct": round(100.0 * mag.uneven, 2)}
     return figures
 
 
@@ -95,8 +84,9 @@ def sensor_parts(errors: SensorErrors, figures: Mapping[str, float]) -> dict[str
 def _json(fit: SensorFit) -> dict[str, Any]:
     errors = fit.errors
     result: dict[str, Any] = {"sensor": errors.sensor, "fit": _figures(fit), "remarks": list(fit.remarks)}
-    for kind, linear in (("gyr", errors.gyr), ("acc", errors.acc), ("mag", errors.mag)):
-        result[kind] = None if linear is None else {"bias": linear.bias, "matrix": linear.matrix}
+    for kind in KINDS:
+        linear = getattr(errors, kind)
+        result[kind] = linear and {"bias": linear.bias, "matrix": linear.matrix}
     result["told"] = [] if fit.acc is None else list(fit.acc.determined)
     return result | {"field_ut": errors.field, "dip_rad": errors.dip}
 
@@ -107,14 +97,13 @@ def _print(fit: SensorFit) -> None:
         bias = np.degrees(fit.errors.gyr.bias)
         rows.append(("gyro bias", f"({', '.join(f'{x:.3f}' for x in bias)}) °/s", ""))
     if fit.acc is not None:
-        mg = 1e3 / GRAVITY
         linear = fit.acc.linear
         lean = np.degrees([linear.matrix[1, 2], linear.matrix[0, 2], linear.matrix[0, 1]])
-        shown = [f"{mg * x:+.1f} mg" for x in linear.bias]
+        shown = [f"{x / MG:+.1f} mg" for x in linear.bias]
         shown += [f"{100.0 * (x - 1.0):+.2f} %" for x in np.diagonal(linear.matrix)] + [f"{x:+.2f}°" for x in lean]
         for name, value in zip(NAMES, shown, strict=True):
             rows.append((f"accelerometer {name}", value, "" if name in fit.acc.determined else "unknown"))
-        rows.append(("|a| less gravity", f"{mg * fit.acc.before:.1f} mg -> {mg * fit.acc.after:.2f} mg rms", ""))
+        rows.append(("|a| less gravity", f"{fit.acc.before / MG:.1f} mg -> {fit.acc.after / MG:.2f} mg rms", ""))
     if fit.mag is not None:
         bias, matrix = fit.mag.linear.bias, fit.mag.linear.matrix
         rows.append(("hard iron", f"({', '.join(f'{x:.1f}' for x in bias)}) µT", ""))

@@ -34,8 +34,8 @@ def rank(args: argparse.Namespace) -> None:
 
 def _row(name: str, demo: Demonstration, path: HandPath) -> dict[str, Any]:
     """How one arm does."""
-    row: dict[str, Any] = dict.fromkeys(("reach_m", "farthest_m", "duration_s", "torque", "scale", "why"))
-    row = {"name": name, **row}
+    row: dict[str, Any] = {"name": name}
+    row |= dict.fromkeys(("reach_m", "farthest_m", "duration_s", "torque", "scale", "why"))
     with collected_warnings() as row["warnings"]:
         try:
             robot, calibration = load_arm(name)
@@ -51,15 +51,8 @@ def _row(name: str, demo: Demonstration, path: HandPath) -> dict[str, Any]:
 
 def _table(rows: list[dict[str, Any]], units: Units) -> Table:
     m = units.length
-    columns = (
-        "name",
-        f"time ({units.time})",
-        f"goes to ({m})",
-        f"reaches ({m})",
-        "torque (%)",
-        "scale",
-        "what stops it, or is told",
-    )
+    goes = (f"time ({units.time})", f"goes to ({m})", f"reaches ({m})")
+    columns = ("name", *goes, "torque (%)", "scale", "what stops it, or is told")
     table = make_table(*columns, left=(columns[0], columns[-1]))
     for row in rows:
         told = row["why"] or "; ".join(row["warnings"])

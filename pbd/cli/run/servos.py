@@ -47,8 +47,7 @@ def calibrate_servos(args: argparse.Namespace, robot: Robot) -> None:
             Counts(robot, servos)  # refuses ranges that are too short
             session.store(servos)
             write_servo_calibration(servos, file)
-    table = _ranges(ids, [(s.range_min, s.range_max) for s in servos.values()])
-    print_table(table, sys.stderr)
+    print_table(_ranges(ids, [(s.range_min, s.range_max) for s in servos.values()]), sys.stderr)
     say(f"wrote {file}, and the servos; the arm is loose")
     if args.json:
         written = {name: asdict(servo) for name, servo in servos.items()}
