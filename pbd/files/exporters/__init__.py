@@ -67,10 +67,9 @@ At 1 kHz a panda's acceleration is exceeded by 0.07, which docs/exports.md says.
 
 @dataclass(frozen=True, eq=False)
 class Export:
-    """What was written.
+    """What was written: the arm's points.
 
     Attributes:
-        samples: the arm's points.
         counted: what these are called.
         receiver: by each rule of the format's receivers, the largest shares of velocity, acceleration and jerk limits.
         episode: its number, in a format that has several.
@@ -112,10 +111,8 @@ def export(
     """Write a robot's trajectory; the file appears whole or not at all.
 
     Args:
-        trajectory: the motion.
         robot: whose limits hold between the samples too, and whose gripper it is.
         format_name: one of FORMATS.
-        path: where.
         rate_hz: samples a second; by default as the format has it.
         dense: urscript alone: servoj at the controller's period (a rate of 125, or 500), not a movej for each keyframe.
         source: what the motion was made from, which formats need that tell more than joints.

@@ -39,7 +39,6 @@ def check_received(
     Args:
         order: what was to be written; without its `made_from` poses and collisions are not looked at.
         points: as read from the file.
-        rules: of the format's receivers.
         digits: how large the last digit of the file's numbers is, as a share of them.
         sampled: makes the points of another order, to try another rate.
 
@@ -49,9 +48,8 @@ def check_received(
     arrays = points.t, points.q, points.qd, points.qdd
     sound = points.q.shape[1] == len(robot.joints) and all(np.isfinite(each).all() for each in arrays)
     if not sound or len(points.t) < 2 or (np.diff(points.t) <= 0.0).any():
-        raise PlanError(
-            f"audit: the {order.format_name} file can't be read back; no file was written, please report it"
-        )
+        what = f"audit: the {order.format_name} file can't be read back"
+        raise PlanError(f"{what}; no file was written, please report it")
     for rule in rules:
         found[rule] = used = shares(points, rule, robot.limits, digits)
         worst = max(used, key=lambda share: share.value)

@@ -39,11 +39,9 @@ class Source:
 
 @dataclass(frozen=True, eq=False)
 class Order:
-    """One file to be written.
+    """One file to be written: of a robot's motion, in one of FORMATS.
 
     Attributes:
-        format_name: one of FORMATS.
-        trajectory, robot: the motion, and whose it is.
         suffix: of the file's name, in lower case.
         rate_hz: samples a second; None: as the format has it.
         dense: samples at the controller's period, where the format has keyframes.

@@ -30,8 +30,6 @@ Rows = NDArray[Any]
 FPS = 30
 """Frames a second; lerobot-replay sends each frame's action at its time."""
 
-VERSION = "v3.0"
-
 DIGITS = float(np.finfo(np.float32).eps)
 """How large the last digit of the file's numbers is, as a share of them."""
 
@@ -128,11 +126,9 @@ def read_episodes(folder: Path, robot: Robot) -> list[Episode]:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    if is_folder(folder) and not any(folder.iterdir()):
-        return []
-    if not is_folder(folder):
-        if is_file(folder):
-            raise PbdError(f"{folder} is a file, and lerobot needs a folder; give another name", path=folder)
+    if is_file(folder):
+        raise PbdError(f"{folder} is a file, and lerobot needs a folder; give another name", path=folder)
+    if not (is_folder(folder) and any(folder.iterdir())):
         return []
     info = None
     if is_file(folder / INFO):
@@ -174,10 +170,8 @@ def write(robot: Robot, episodes: Sequence[Episode], folder: Path) -> None:
     import pyarrow as pa
 
     words = list(dict.fromkeys(each.task for each in episodes))
-    columns = [_frames(i, each, words) for i, each in enumerate(episodes)]
     ends = np.cumsum([len(each.action) for each in episodes]).tolist()
-    for frames, end in zip(columns, ends, strict=True):
-        frames["index"] = np.arange(end - len(frames["action"]), end)
+    columns = [_frames(i, each, words, end) for i, (each, end) in enumerate(zip(episodes, ends, strict=True))]
     whole = {name: np.concatenate([frames[name] for frames in columns]) for name in columns[0]}
     k = len(robot.joints) + 1
     kinds = {name: pa.list_(pa.float32(), k) for name in ("action", "observation.state")}
@@ -195,7 +189,7 @@ def write(robot: Robot, episodes: Sequence[Episode], folder: Path) -> None:
     _write_table(folder / EPISODES, {name: pa.array(column) for name, column in rows.items()})
     _write_tasks(folder / TASKS, words)
     info = {
-        "codebase_version": VERSION,
+        "codebase_version": "v3.0",
         "robot_type": type_of(robot),
         "total_episodes": len(episodes),
         "total_frames": ends[-1],
@@ -221,8 +215,8 @@ def _features(robot: Robot) -> dict[str, Any]:
     return {"action": joints, "observation.state": joints, **plain}
 
 
-def _frames(i: int, each: Episode, words: Sequence[str]) -> dict[str, Rows]:
-    """The columns of an episode's rows, but for `index`."""
+def _frames(i: int, each: Episode, words: Sequence[str], end: int) -> dict[str, Rows]:
+    """The columns of an episode's rows."""
     n = len(each.action)
     return {
         "action": each.action,
@@ -231,6 +225,7 @@ def _frames(i: int, each: Episode, words: Sequence[str]) -> dict[str, Rows]:
         "frame_index": np.arange(n),
         "episode_index": np.full(n, i),
         "task_index": np.full(n, words.index(each.task)),
+        "index": np.arange(end - n, end),
     }
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from pbd.data import Recording, Robot, Samples
 from pbd.errors import PbdError
 from pbd.files.exporters.job import Order
-from pbd.files.exporters.ros2_json import finger_message, goal_message, samples
+from pbd.files.exporters.ros2_json import DERIVATIVES, finger_message, goal_message, samples
 from pbd.pose import Array, Pose, quat_to_xyzw
 
 __all__ = ["check", "read", "samples", "write"]
@@ -60,18 +60,15 @@ def read(path: Path) -> Samples:
     """Read the arm's goal of what `write` wrote; the gripper has its own, and is not told."""
     from rosbags.rosbag2 import Reader
 
-    store = _types()
     with TemporaryDirectory() as folder:
         link = Path(folder) / "bag.mcap"  # rosbags goes by the name's ending
         link.symlink_to(path.absolute())
         with Reader(link) as bag:
             goal = [each for each in bag.connections if each.topic == "/joint_trajectory"]
             _, _, data = next(bag.messages(goal))
-    points = store.deserialize_cdr(data, goal[0].msgtype).points
+    points = _types().deserialize_cdr(data, goal[0].msgtype).points
     t = np.array([each.time_from_start.sec + 1e-9 * each.time_from_start.nanosec for each in points])
-    q, qd, qdd = (
-        np.array([getattr(each, name) for each in points]) for name in ("positions", "velocities", "accelerations")
-    )
+    q, qd, qdd = (np.array([getattr(each, name) for each in points]) for name in DERIVATIVES)
     return Samples(t, q, qd, qdd, np.full(len(t), np.nan))
 
 

@@ -21,6 +21,7 @@ LEAST_GAP_S = 2e-5
 """Knots closer in time than this are left out, s. The controller divides by the cube of the gap: the positions' last
 digits would become jerk (3 rad/s3 at this gap), and whole nanoseconds 0.05 % of the arm's own."""
 
+DERIVATIVES = ("positions", "velocities", "accelerations")
 _OFF_KNOTS = 0.25
 """Samples closer to a knot than this share of their spacing add nothing, and are left out."""
 
@@ -46,10 +47,16 @@ def write(order: Order, points: Samples, path: Path) -> None:
     trajectory, gripper = order.trajectory, order.robot.gripper
     arm = goal_message(trajectory.joint_names, points.t, (points.q, points.qd, points.qdd))
     fingers = finger_message(trajectory, gripper) if gripper is not None and gripper.joints else None
+    t, opening = trajectory.gripper_t.tolist(), trajectory.gripper_opening.tolist()
+    commands = [  # when the gripper sets out for which opening (1 open, 0 closed)
+        {"time_from_start": _duration(since), "opening": wanted}
+        for since, before, wanted in zip(t, opening, opening[1:], strict=False)
+        if wanted != before
+    ]
     parts = [
         *_body(arm),
         f'"gripper": {"null" if fingers is None else "{" + ", ".join(_body(fingers)) + "}"}',
-        f'"gripper_commands": {json.dumps(gripper_commands(trajectory))}',
+        f'"gripper_commands": {json.dumps(commands)}',
     ]
     path.write_text(f"{{{', '.join(parts)}}}\n", encoding="utf-8")
 
@@ -58,7 +65,7 @@ def read(path: Path) -> Samples:
     """Read the arm's goal of what `write` wrote; the gripper has its own, and is not told."""
     points = json.loads(path.read_text(encoding="utf-8"))["points"]
     t = np.array([point["time_from_start"]["sec"] + 1e-9 * point["time_from_start"]["nanosec"] for point in points])
-    q, qd, qdd = (np.array([point[name] for point in points]) for name in ("positions", "velocities", "accelerations"))
+    q, qd, qdd = (np.array([point[name] for point in points]) for name in DERIVATIVES)
     return Samples(t, q, qd, qdd, np.full(len(t), np.nan))
 
 
@@ -67,19 +74,8 @@ def finger_message(trajectory: JointTrajectory, gripper: Gripper) -> dict[str, A
     t = np.concatenate(([0.0], trajectory.gripper_t, [trajectory.duration]))
     _, first = np.unique(np.round(1e9 * t), return_index=True)
     opening = np.interp(t[first], trajectory.gripper_t, trajectory.gripper_opening)
-    return goal_message(
-        gripper.joints, t[first], (gripper.closed + opening[:, None] * (gripper.open - gripper.closed),)
-    )
-
-
-def gripper_commands(trajectory: JointTrajectory) -> list[dict[str, Any]]:
-    """Say when the gripper sets out for which opening (1 open, 0 closed)."""
-    t, opening = trajectory.gripper_t.tolist(), trajectory.gripper_opening.tolist()
-    return [
-        {"time_from_start": _duration(since), "opening": wanted}
-        for since, before, wanted in zip(t, opening, opening[1:], strict=False)
-        if wanted != before
-    ]
+    fingers = gripper.closed + opening[:, None] * (gripper.open - gripper.closed)
+    return goal_message(gripper.joints, t[first], (fingers,))
 
 
 def _apart(t: Array) -> Array:
@@ -101,14 +97,8 @@ def goal_message(joint_names: tuple[str, ...], t: Array, derivatives: tuple[Arra
         "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""},
         "joint_names": list(joint_names),
         "points": [
-            {
-                "positions": q,
-                "velocities": qd,
-                "accelerations": qdd,
-                "effort": [],
-                "time_from_start": _duration(since),
-            }
-            for since, q, qd, qdd in zip(t.tolist(), *columns, strict=True)
+            dict(zip(DERIVATIVES, each, strict=True)) | {"effort": [], "time_from_start": _duration(since)}
+            for since, *each in zip(t.tolist(), *columns, strict=True)
         ],
     }
 
