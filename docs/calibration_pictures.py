@@ -22,8 +22,8 @@ from matplotlib.patches import Arc, Ellipse, Polygon
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from pbd.calibration.mount import fit_pivot
-from pbd.calibration.point_observations import observe_points
 from pbd.calibration.points import fit_points
+from pbd.calibration.registration import observe_points
 from pbd.calibration.rests import find_rests
 from pbd.calibration.sensor import calibrate_sensor
 from pbd.data import GRAVITY

@@ -9,6 +9,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from typing import Any, ClassVar, Self
 
 
@@ -107,6 +108,15 @@ def one_line(message: str) -> str:
 def in_words(reason: Exception) -> str:
     """Say what the system or a parser refused, without an error number and the path, which the message has."""
     return reason.strerror if isinstance(reason, OSError) and reason.strerror else str(reason)
+
+
+def require_package(module: str, extra: str, what: str) -> None:
+    """Refuse (PbdError) `what` needs a package that is not there; pbd-robot[`extra`] brings it."""
+    try:
+        import_module(module)
+    except ImportError:
+        package, how = module.partition(".")[0], f"pip install 'pbd-robot[{extra}]'"
+        raise PbdError(f"{what} needs the package {package}; install it with: {how}") from None
 
 
 MOST_LISTED = 12

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pbd.calibration.point_observations import observe_points
 from pbd.calibration.points import TOUCH_SIGMA_M
-from pbd.calibration.registration import widened
+from pbd.calibration.registration import observe_points, widened
 from pbd.data import Keyframe
 from pbd.data.covariance import PoseCovariance
 from pbd.data.one_line_repr import counted

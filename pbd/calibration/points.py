@@ -7,8 +7,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pbd.calibration.point_observations import PointObservations
-from pbd.calibration.registration import PRIOR_FREEDOM, Fit, Problem, predict, register, variance, widened
+from pbd.calibration.registration import (
+    PRIOR_FREEDOM,
+    Fit,
+    PointObservations,
+    Problem,
+    predict,
+    register,
+    variance,
+    widened,
+)
 from pbd.errors import CalibrationError
 from pbd.pose import Array, Pose
 

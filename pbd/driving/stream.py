@@ -2,19 +2,32 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from pbd.driving.arm import ServoArm, State
-from pbd.driving.clock import Clock
 from pbd.driving.watch import Watch
 from pbd.errors import SensorError
 from pbd.pose import Array
 
 STALL_S = 0.1
 """How late a goal may be, s: more, and the arm has stood still meanwhile."""
+
+
+class Clock:
+    """Time as the motion takes it, s since some instant. Tests run it faster."""
+
+    def now(self) -> float:
+        """Say what time it is."""
+        return time.monotonic()
+
+    def sleep_until(self, t: float) -> None:
+        """Sleep until `t` of the motion's time; not at all where it is past."""
+        if (left := t - self.now()) > 0.0:
+            time.sleep(left)
 
 
 @dataclass(frozen=True, eq=False)

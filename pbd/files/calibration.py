@@ -8,12 +8,14 @@ import numpy as np
 
 from pbd.data import GRAVITY, TOOL_DOWN, Calibration, Linear, Obstacle, SensorErrors
 from pbd.errors import CalibrationError
-from pbd.files.demo import read_shape
 from pbd.files.find_by_name import find
 from pbd.io.toml import Section, read_toml
 from pbd.pose import Array, Pose
 
 FORMAT = 1
+SHAPES = {"box": 3, "cylinder": 2, "sphere": 1}
+"""Shapes of an object, and the number of sizes each has."""
+
 FARTHEST_OBSTACLE_M = 10.0
 """Farthest and largest obstacle, m: no arm comes near another."""
 
@@ -70,6 +72,12 @@ def read_pose(section: Section, position: str = "position", within_m: float = FA
     """Read a table with a position in m and `rpy_deg` (about x, then fixed y, then fixed z)."""
     p, rpy_deg = section.numbers(position, 3, within=within_m), section.numbers("rpy_deg", 3, within=FULL_TURN_DEG)
     return Pose.from_rpy(p, np.radians(rpy_deg))
+
+
+def read_shape(section: Section) -> tuple[str, tuple[float, ...]]:
+    """Read an object's `shape` and its `size` in m."""
+    count = section.choice("shape", SHAPES)
+    return section.text("shape"), section.numbers("size", count, positive=True)
 
 
 def _covariance(section: Section | None) -> Array | None:

@@ -107,10 +107,11 @@ def covariance_values(cov: Array | None) -> dict[str, tuple[Value | None, str]]:
     }
 
 
-def existing_calibration(path: Path) -> Calibration:
-    """Read the calibration as it is; a new one starts as the bundled one of its name, or empty."""
+def existing_calibration(name: str) -> tuple[Path, Calibration]:
+    """A calibration's file, and what is in it; a new one starts as the bundled one of its name, or empty."""
+    path = calibration_file(name)
     source = _source(path)
-    return Calibration(path.stem) if source is None else read_calibration(source)
+    return path, Calibration(path.stem) if source is None else read_calibration(source)
 
 
 def _source(path: Path) -> Path | None:

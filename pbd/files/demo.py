@@ -17,6 +17,7 @@ import numpy as np
 from pbd.data import Contact, Demonstration, GraspedObject, GripEvent, Place, Recording, RecordingInfo, Truth
 from pbd.errors import RecordingError
 from pbd.files import keyframes
+from pbd.files.calibration import read_shape
 from pbd.files.find_by_name import find
 from pbd.files.imu_columns import ACC, CHANNELS, compass_angles, device_rpy
 from pbd.files.table import Table, read_table, write_table
@@ -25,9 +26,6 @@ from pbd.io.toml import Section, read_toml
 from pbd.pose import Array
 
 FORMAT = 1
-SHAPES = {"box": 3, "cylinder": 2, "sphere": 1}
-"""Shapes of an object, and the number of sizes each has."""
-
 RATES_HZ = (1e-6, 1e6)
 """Lowest and highest rate of a recording: a sample in eleven days; faster than any sensor."""
 
@@ -165,12 +163,6 @@ def demo_folder(name: str) -> Path:
 def utc_now() -> str:
     """Say when it is, in UTC, as demo.toml has it."""
     return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-
-
-def read_shape(section: Section) -> tuple[str, tuple[float, ...]]:
-    """Read an object's `shape` and its `size` in m."""
-    count = section.choice("shape", SHAPES)
-    return section.text("shape"), section.numbers("size", count, positive=True)
 
 
 def demo_toml(demo: Demonstration, name: str, folder: Path | None = None) -> str:

@@ -36,8 +36,8 @@ from scipy.stats import binomtest
 
 from pbd.calibration.gyro import fit_gyro
 from pbd.calibration.mount import fit_pivot
-from pbd.calibration.point_observations import observe_points
 from pbd.calibration.points import PointFit, fit_points
+from pbd.calibration.registration import observe_points
 from pbd.calibration.rests import find_rests
 from pbd.calibration.sensor import SensorFit, calibrate_sensor
 from pbd.data import GRAVITY, Calibration, Keyframe, SensorErrors

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from pbd.driving.clock import Clock
+from pbd.driving.stream import Clock
 from pbd.driving.watch import LAG_S
 from pbd.files.servo_calibration import write_servo_calibration
 from tests.benchmarks.report import arguments, finish

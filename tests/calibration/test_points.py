@@ -10,9 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from pbd.calibration.point_observations import PointObservations, observe_points
 from pbd.calibration.points import fit_points
-from pbd.calibration.registration import Problem, align, jacobian, misfit, moved
+from pbd.calibration.registration import PointObservations, Problem, align, jacobian, misfit, moved, observe_points
 from pbd.data import Keyframe
 from pbd.data.covariance import PoseCovariance
 from pbd.errors import CalibrationError

@@ -7,8 +7,8 @@ import time
 
 from pbd.driving.arm import ServoArm
 from pbd.driving.bus import Bus
-from pbd.driving.clock import Clock
 from pbd.driving.counts import Counts
+from pbd.driving.stream import Clock
 from pbd.files.robot import load_robot
 from tests.driving.emulator import calibration_of
 

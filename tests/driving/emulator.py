@@ -20,9 +20,9 @@ from typing import Self
 
 import numpy as np
 
-from pbd.driving.clock import Clock
 from pbd.driving.counts import Counts, names_of
 from pbd.driving.packets import checksum, signed, word
+from pbd.driving.stream import Clock
 from pbd.files.robot import load_robot
 from pbd.files.servo_calibration import ServoCalibration, write_servo_calibration
 

@@ -10,8 +10,8 @@ import scservo_sdk
 
 from pbd.driving.arm import PRESENT, release
 from pbd.driving.bus import Bus
-from pbd.driving.clock import Clock
 from pbd.driving.packets import Answer, signed, take_answers, word
+from pbd.driving.stream import Clock
 from pbd.errors import CalibrationError, SensorError
 from pbd.files.robot import load_robot
 from tests.driving.bench import PATIENT_S, connect

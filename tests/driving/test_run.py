@@ -15,8 +15,8 @@ import pytest
 
 from pbd.driving import bus, stream
 from pbd.driving.arm import ServoArm
-from pbd.driving.clock import Clock
 from pbd.driving.packets import word
+from pbd.driving.stream import Clock
 from pbd.files.demo import load_demo
 from pbd.files.robot import load_robot
 from pbd.files.servo_calibration import write_servo_calibration

@@ -13,10 +13,9 @@ import pytest
 
 from pbd.driving.arm import HOLD_TRIES, Bounds, State
 from pbd.driving.bus import Bus
-from pbd.driving.clock import Clock
 from pbd.driving.counts import Counts
 from pbd.driving.goals import planned_start
-from pbd.driving.stream import Streamed, stream
+from pbd.driving.stream import Clock, Streamed, stream
 from pbd.driving.watch import Watch, check_health
 from pbd.errors import PlanError, SensorError
 from pbd.files.robot import load_robot

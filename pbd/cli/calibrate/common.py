@@ -12,16 +12,9 @@ from pbd.cli.console import working
 from pbd.data import Calibration, HandPath, Recording, Robot
 from pbd.data.covariance import one_sigma
 from pbd.errors import CalibrationError, PlanError
-from pbd.files.calibration_edit import calibration_file, existing_calibration
 from pbd.files.demo import load_demo
 from pbd.pipeline import track
 from pbd.pose import Array, Pose
-
-
-def opened(args: argparse.Namespace) -> tuple[Path, Calibration]:
-    """The calibration's file, and its content as it is."""
-    path = calibration_file(args.name)
-    return path, existing_calibration(path)
 
 
 def tracked(args: argparse.Namespace, calibration: Calibration) -> tuple[Recording, HandPath]:

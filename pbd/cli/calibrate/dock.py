@@ -7,12 +7,12 @@ import argparse
 import numpy as np
 
 from pbd.calibration.dock import dock_at
-from pbd.cli.calibrate.common import instead_of, opened, refuse_out_of_reach
+from pbd.cli.calibrate.common import instead_of, refuse_out_of_reach
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, Robot
 from pbd.errors import CalibrationError, PlanError, UsageError
 from pbd.files.calibration import load_calibration
-from pbd.files.calibration_edit import covariance_values, pose_values, update_calibration
+from pbd.files.calibration_edit import covariance_values, existing_calibration, pose_values, update_calibration
 from pbd.files.demo import load_demo
 from pbd.files.points import FARTHEST_M
 from pbd.files.robot import load_robot
@@ -26,7 +26,7 @@ LIMIT_TOLERANCE = 1e-6
 
 def run(args: argparse.Namespace) -> None:
     """Find the pose, make sure that it can be reached, write it."""
-    path, calibration = opened(args)
+    path, calibration = existing_calibration(args.name)
     instead = instead_of(path, calibration, "dock", args.force)
     robot = load_robot(args.robot) if args.robot else None
     T_base_dock, of_pose, source = _pose(args, robot, calibration)

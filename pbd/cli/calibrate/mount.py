@@ -9,12 +9,12 @@ import numpy as np
 from pbd.calibration.mount import PivotFit, TurnsFit, fit_pivot, fit_turns
 from pbd.calibration.points import POOR_CHI2
 from pbd.calibration.rests import rms
-from pbd.cli.calibrate.common import opened, sigma_json, tracked
+from pbd.cli.calibrate.common import sigma_json, tracked
 from pbd.cli.console import print_json, say
 from pbd.data import Calibration
 from pbd.data.covariance import one_sigma
 from pbd.errors import UsageError
-from pbd.files.calibration_edit import covariance_values, pose_values, update_calibration
+from pbd.files.calibration_edit import covariance_values, existing_calibration, pose_values, update_calibration
 from pbd.pose import Array, Pose
 from pbd.tracking.keyframes import find_keyframes
 from pbd.view.calibration_tables import figures_table
@@ -25,7 +25,7 @@ def run(args: argparse.Namespace) -> None:
     """Track, fit, write, and say how far it is to be trusted."""
     if not (args.pivot or args.turns):
         raise UsageError("say what the recording shows: --pivot, --turns x,-x,z, or both")
-    path, calibration = opened(args)
+    path, calibration = existing_calibration(args.name)
     _, hand = tracked(args, calibration)
     keyframes = find_keyframes(hand)
     pivot = fit_pivot(keyframes, hand.covariance) if args.pivot else None

@@ -10,17 +10,17 @@ import numpy as np
 
 from pbd.calibration.correspondence import match_points
 from pbd.calibration.field_uniformity import field_spread, heading_changes
-from pbd.calibration.point_observations import PointObservations, observe_points
 from pbd.calibration.points import POOR_CHI2, fit_points, refuse_shape
+from pbd.calibration.registration import PointObservations, observe_points
 from pbd.calibration.rests import rms
 from pbd.calibration.sensor import corrected
-from pbd.cli.calibrate.common import instead_of, opened, sigma_json, tracked
+from pbd.cli.calibrate.common import instead_of, sigma_json, tracked
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, HandPath, Keyframe, Recording
 from pbd.data.covariance import one_sigma
 from pbd.data.one_line_repr import counted
 from pbd.errors import CalibrationError, collected_warnings, warn
-from pbd.files.calibration_edit import covariance_values, pose_values, update_calibration
+from pbd.files.calibration_edit import covariance_values, existing_calibration, pose_values, update_calibration
 from pbd.files.demo import load_demo
 from pbd.files.points import Points, read_points
 from pbd.pipeline import track
@@ -34,7 +34,7 @@ from pbd.view.terminal_tables import print_table
 def run(args: argparse.Namespace) -> None:
     """Track, match, fit, write, and say how far it is to be trusted."""
     points = read_points(args.points, args.unit)
-    path, calibration = opened(args)
+    path, calibration = existing_calibration(args.name)
     recording, hand = tracked(args, calibration)
     if recording.mag is not None:
         with collected_warnings():  # tracking tells them

@@ -11,13 +11,12 @@ import numpy as np
 from pbd.calibration.accelerometer import NAMES
 from pbd.calibration.sensor import KINDS, SensorFit, calibrate_sensor
 from pbd.calibration.sensor_changed import gravity_at
-from pbd.cli.calibrate.common import opened
 from pbd.cli.console import print_json, say, working
 from pbd.data import GRAVITY, SensorErrors
 from pbd.data.one_line_repr import counted
 from pbd.data.units import MG
 from pbd.errors import CalibrationError, warn
-from pbd.files.calibration_edit import update_calibration
+from pbd.files.calibration_edit import existing_calibration, update_calibration
 from pbd.files.demo import load_demo
 from pbd.tracking.repair.repair_recording import condition
 from pbd.view.calibration_tables import figures_table
@@ -27,7 +26,7 @@ from pbd.view.terminal_tables import print_table
 def run(args: argparse.Namespace) -> None:
     """Fit, write, and say what was found."""
     gravity = args.gravity or (GRAVITY if args.latitude is None else gravity_at(args.latitude))
-    path, calibration = opened(args)
+    path, calibration = existing_calibration(args.name)
     with working(f"reading {args.demo}"):
         recording, gaps = condition(load_demo(args.demo).recording)
     if gaps:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from argparse import ArgumentParser
+from collections.abc import Callable
 from pathlib import Path
 
 from pbd.cli.options import add_accept_gap, add_commands, add_force, add_json, finite, positive, within
@@ -24,9 +25,11 @@ def calibrate(parser: ArgumentParser) -> None:
     add_commands(parser, "steps", "STEP", (dock, points, mount, sensor, show))
 
 
-def _add_name(parser: ArgumentParser) -> None:
+def _add_name(parser: ArgumentParser, demo: str = "") -> None:
     parser.add_argument("name", metavar="CALIBRATION", help="name (./calibration/CALIBRATION.toml), or its file's path")
     add_json(parser)
+    if demo:
+        parser.add_argument("demo", metavar="DEMO", help=demo)
 
 
 def dock(parser: ArgumentParser) -> None:
@@ -66,9 +69,8 @@ def points(parser: ArgumentParser) -> None:
       pbd calibrate points bench touches --points corners.csv
       pbd calibrate points bench touches --points corners.csv --any-order
     """
-    _add_name(parser)
+    _add_name(parser, "the demonstration whose stops touched the points")
     option = parser.add_argument
-    option("demo", metavar="DEMO", help="the demonstration whose stops touched the points")
     option("--points", type=Path, required=True, metavar="FILE", help="the points, in the robot's base")
     option("--unit", choices=("m", "cm", "mm"), help="unit of columns named x, y, z")
     order = parser.add_mutually_exclusive_group().add_argument
@@ -102,12 +104,11 @@ def mount(parser: ArgumentParser) -> None:
       pbd calibrate mount bench pivot --pivot
       pbd calibrate mount bench turns --turns x,-x,z,-z
     """
-    _add_name(parser)
+    _add_name(parser, "the recording")
     option = parser.add_argument
-    option("demo", metavar="DEMO", help="the recording")
     option("--pivot", action="store_true", help="the tip stayed on one point at every stop")
     turns = "the tool axis of each turn of 20 degrees or more: x, -x, y ..."
-    option("--turns", type=_turns, metavar="A,A", help=turns)
+    option("--turns", type=_some_of("x", "y", "z", "-x", "-y", "-z"), metavar="A,A", help=turns)
     add_accept_gap(parser)
 
 
@@ -120,11 +121,10 @@ def sensor(parser: ArgumentParser) -> None:
       pbd record sides --sensor witmotion
       pbd calibrate sensor bench sides --latitude 48
     """
-    _add_name(parser)
+    _add_name(parser, "the recording")
     option = parser.add_argument
-    option("demo", metavar="DEMO", help="the recording")
     only = "calibrate only these (gyr, acc, mag), and fail if one can't be"
-    option("--only", type=_kinds, default=(), metavar="K,K", help=only)
+    option("--only", type=_some_of("gyr", "acc", "mag"), default=(), metavar="K,K", help=only)
     gravity = parser.add_mutually_exclusive_group().add_argument
     gravity("--gravity", type=within(9.7, 9.9, " m/s2"), metavar="G", help="gravity at this place, m/s2 (9.80665)")
     gravity("--latitude", type=within(-90.0, 90.0), metavar="DEG", help="latitude to compute gravity from")
@@ -154,20 +154,11 @@ def _stops(text: str) -> tuple[int, ...]:
         raise argparse.ArgumentTypeError(f"must be stops such as 1,2,4, got {text}") from None
 
 
-def _turns(text: str) -> tuple[str, ...]:
-    from pbd.calibration.mount import AXES
+def _some_of(*known: str) -> Callable[[str], tuple[str, ...]]:
+    def parse(text: str) -> tuple[str, ...]:
+        words = tuple(text.lower().split(","))
+        if not set(words) <= set(known):
+            raise argparse.ArgumentTypeError(f"must be some of {', '.join(known)}, got {text}")
+        return words
 
-    return _some_of(tuple(AXES), text.lower(), text)
-
-
-def _kinds(text: str) -> tuple[str, ...]:
-    from pbd.calibration.sensor import KINDS
-
-    return _some_of(tuple(KINDS), text, text)
-
-
-def _some_of(known: tuple[str, ...], text: str, given: str) -> tuple[str, ...]:
-    words = tuple(text.split(","))
-    if not set(words) <= set(known):
-        raise argparse.ArgumentTypeError(f"must be some of {', '.join(known)}, got {given}")
-    return words
+    return parse

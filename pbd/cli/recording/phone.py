@@ -7,6 +7,7 @@ import io
 import shutil
 import sys
 from pathlib import Path
+from typing import Any
 
 from pbd.cli.console import print_json, say
 from pbd.errors import SensorError
@@ -33,8 +34,6 @@ NEXT = """\
 
 def prepare(args: argparse.Namespace) -> None:
     """Write the experiment or a picture of its code; at a terminal show its codes."""
-    import segno
-
     file: Path = args.output or Path(NAME)
     kind = file.suffix.lower().lstrip(".")
     if kind not in ("phyphox", "png", "svg"):
@@ -45,13 +44,13 @@ def prepare(args: argparse.Namespace) -> None:
             there.write_text(experiment(), encoding="utf-8")
         else:
             (data,) = code_parts(1)
-            segno.make_qr(data, mode="byte", error="l", boost_error=False).save(str(there), kind=kind, scale=PIXELS)
+            _code(data).save(str(there), kind=kind, scale=PIXELS)
     if args.json:
         print_json({"file": str(file)})
         return
     shown = sys.stdout.isatty() and kind == "phyphox"
     if shown:
-        _show(segno)
+        _show()
     if kind != "phyphox":
         said = f"{file} is written: show it on a screen or on paper for the phone to scan"
     elif shown:
@@ -63,14 +62,17 @@ def prepare(args: argparse.Namespace) -> None:
     say(said)
 
 
-def _show(segno: object) -> None:
+def _code(data: bytes) -> Any:
+    import segno
+
+    return segno.make_qr(data, mode="byte", error="l", boost_error=False)
+
+
+def _show() -> None:
     """Show as few codes as fit the terminal, one at a time."""
     columns, lines = shutil.get_terminal_size()
     for count in range(1, MOST_CODES + 1):
-        codes = [
-            segno.make_qr(part, mode="byte", error="l", boost_error=False)  # type: ignore[attr-defined]
-            for part in code_parts(count)
-        ]
+        codes = [_code(part) for part in code_parts(count)]
         width = max(code.symbol_size(border=BORDER)[0] for code in codes)
         if width <= columns and (width + 1) // 2 + 2 <= lines:
             break

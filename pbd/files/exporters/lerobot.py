@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from pbd.data import Robot, Samples
 from pbd.data.controller_interpolation import set_points
-from pbd.errors import PbdError, PlanError, printable
+from pbd.errors import PbdError, PlanError, printable, require_package
 from pbd.files.exporters.job import Order
 from pbd.io.atomic import is_file, is_folder, refuse_folder
 from pbd.io.opening import read_text
@@ -55,11 +55,7 @@ class Episode(NamedTuple):
 
 def check(robot: Robot) -> None:
     """Refuse where pyarrow is missing (PbdError), or the arm has no gripper (PlanError)."""
-    try:
-        import pyarrow.parquet  # noqa: F401
-    except ImportError:
-        what = "lerobot needs the package pyarrow; install it with: pip install 'pbd-robot[lerobot]'"
-        raise PbdError(what) from None
+    require_package("pyarrow.parquet", "lerobot", "lerobot")
     if robot.gripper is None:
         what = f"a lerobot dataset has the gripper's opening in each frame, and {robot.name} has no [gripper]"
         raise PlanError(f"{what}; give it one, or take another format", robot=robot.name)

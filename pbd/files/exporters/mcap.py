@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from pbd.data import Recording, Robot, Samples
-from pbd.errors import PbdError
+from pbd.errors import require_package
 from pbd.files.exporters.job import Order
 from pbd.files.exporters.ros2_json import DERIVATIVES, finger_message, goal_message, samples
 from pbd.pose import Array, Pose, quat_to_xyzw
@@ -38,10 +38,7 @@ UNDATED_NS = 10**9
 
 def check(robot: Robot) -> None:
     """Refuse where rosbags is missing (PbdError)."""
-    try:
-        import rosbags.rosbag2  # noqa: F401
-    except ImportError:
-        raise PbdError("mcap needs the package rosbags; install it with: pip install 'pbd-robot[ros]'") from None
+    require_package("rosbags.rosbag2", "ros", "mcap")
 
 
 def write(order: Order, points: Samples, path: Path) -> None:

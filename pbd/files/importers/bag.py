@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pbd.data import Recording
 from pbd.data.streams import Stream
-from pbd.errors import PbdError, RecordingError, in_words, listed
+from pbd.errors import PbdError, RecordingError, in_words, listed, require_package
 from pbd.files.importers.columns import Understood
 from pbd.files.importers.headerless import understood_channels
 from pbd.files.importers.mcap_mending import whole_bag, zstd_package
@@ -43,11 +43,9 @@ def read_bag(path: Path, topic: str | None = None) -> tuple[Recording, Understoo
 
     Of several topics of sensor_msgs/Imu one must be named.
     """
-    try:
-        from rosbags.rosbag2 import Reader
-    except ImportError:
-        what = "a bag needs the package rosbags; install it with: pip install 'pbd-robot[ros]'"
-        raise PbdError(what) from None
+    require_package("rosbags.rosbag2", "ros", "a bag")
+    from rosbags.rosbag2 import Reader
+
     imu, field = _Messages(path, IMU_PARTS, IMU_DOUBLES), _Messages(path, FIELD_PARTS, FIELD_DOUBLES)
     take = {IMU: imu.take, FIELD: field.take}
     try:
