@@ -34,7 +34,6 @@ class DemoCheck:
     """What was found out about one demonstration.
 
     Attributes:
-        name: as it was given.
         why: what makes it unusable, in one line; "": nothing.
         duration_s: the recording's, s; nan where it can't be read, as in what follows.
         p_dock_sensor: (k, 3) m, where the sensor was at its keyframes, from the first one and in its heading.
@@ -85,8 +84,7 @@ def check_all(
         jobs: processes at once; None: one, or what `joblib.parallel_config` says.
         done: is called with the number of those that are done, after each.
 
-    Returns:
-        What was found, in the order of `demos`. One that can't be used is told there, not raised.
+    What was found is in the order of `demos`. One that can't be used is told there, not raised.
 
     RobotError, CalibrationError: the robot or its calibration can't be loaded.
     """

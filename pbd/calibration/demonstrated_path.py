@@ -58,7 +58,6 @@ def demonstrated_moves(
     """Follow the hand between keyframes.
 
     Args:
-        T_base_nav: of `nav_in_base`.
         T_base_tool: where the tool is at each keyframe; the path is led from one to the next.
         calibration: its own scale multiplies `scale`.
         fixed: the tool keeps the rotation of T_base_tool.

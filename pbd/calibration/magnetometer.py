@@ -84,7 +84,6 @@ def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float
 
     Args:
         mag: (n, 3) uT, all samples while the sensor is turned.
-        rests: with `mag`.
         up_sensor: (k, 3) unit, the vertical at the rests, by a calibrated accelerometer.
         up_sigma: rad, how well that shows it.
 

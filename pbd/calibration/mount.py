@@ -62,8 +62,6 @@ class TurnsFit:
         wxyz_sensor_tool: (4,).
         cov: (3, 3) rad2, of the rotation vector in sensor axes.
         off: (m,) rad, the angle between each turn's axis and the tool's axis that it was named after.
-        turned: (m,) rad, the angle of each turn.
-        moves: (m,) which moves these are.
     """
 
     wxyz_sensor_tool: Array
@@ -147,7 +145,6 @@ def fit_turns(keyframes: Sequence[Keyframe], named: Sequence[str]) -> TurnsFit:
     solved in closed form (Kabsch 1976, by scipy).
 
     Args:
-        keyframes: the stops between the turns.
         named: for each move that turns by 20 degrees or more, in order, the tool's axis it turned about: one of AXES;
             by the right hand's rule.
 

@@ -43,7 +43,6 @@ class PointFit:
     """Nav in base, from touched points.
 
     Attributes:
-        T_base_nav: the pose.
         cov: (6, 6) m and rad, position and rotation vector in base; no tilt where gravity gave it.
         scale: of the hand's positions; 1 unless it was fitted.
         scale_sigma: one sigma; 0 as above.
@@ -80,7 +79,6 @@ def fit_points(
     The statistics of residuals and the detection of outliers, 1976, where the sigmas are known up to a factor only).
 
     Args:
-        touched: m touches.
         points: (m, 3) m in base, in the same order.
         free: nav's tilt too (6 unknowns); else both have z up (yaw and position: 4 unknowns).
         scaled: the scale of the hand's positions too.

@@ -93,7 +93,6 @@ class Problem:
     """What is to be fitted.
 
     Attributes:
-        touched: m touches.
         points: (m, 3) m in base.
         free: nav's tilt too; else both frames have z up.
         scaled: the scale of the hand's positions too.
@@ -124,8 +123,6 @@ class Fit:
     """Least squares' answer.
 
     Attributes:
-        pose: nav in base.
-        scale: of the hand's positions.
         cov: (7, 7) of position, rotation vector in base and log of the scale, by the tracker's sigmas.
         chi2: the whole sum.
     """
@@ -203,8 +200,7 @@ def predict(problem: Problem, k: int, keep: Sequence[int]) -> tuple[Array, Array
 
     With all correlations: what the others show of the tracker's errors is taken out of this touch too.
 
-    Args:
-        keep: the others that count; they must be enough for a fit.
+    `keep` are the others that count; they must be enough for a fit.
     """
     fit = register(problem.only(keep))
     rows, own, cov = rows_of(keep), rows_of([k]), problem.touched.cov

@@ -23,12 +23,7 @@ UNEVEN_FIELD = 0.05
 
 @dataclass(frozen=True, eq=False)
 class SensorFit:
-    """What was found, and how well it fits.
-
-    Attributes:
-        acc, mag: how well; None where it was not fitted.
-        remarks: what a person should know, a line each.
-    """
+    """What was found, how well it fits (None where it was not fitted), and what a person should know, a line each."""
 
     errors: SensorErrors
     rests: Rests

@@ -17,7 +17,6 @@ class KeyframesInBase:
 
     Attributes:
         keyframes: k of them; the first one is the first rest, at the dock.
-        T_base_nav: of `nav_in_base`.
         calibration: its own scale multiplies `scale`.
         scale: multiplies p_nav_sensor and nothing else.
         path: of the keyframes, which err together and may have touch-ups; None where each is on its own.

@@ -59,8 +59,6 @@ def touch_up(touch_ups: Sequence[TouchUp], keyframes: Sequence[Keyframe], T_base
 
     Args:
         touch_ups: those that were undone, or whose keyframe is gone, are passed over.
-        keyframes: k of them.
-        T_base_nav: of `nav_in_base`.
         cov: (6k, 6k) of the tool's poses in base, before.
     """
     k = len(keyframes)

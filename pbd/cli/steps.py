@@ -180,7 +180,6 @@ def decoder_maker(
 
     Args:
         args: with the options of `add_lines`.
-        sensor: its name.
         units: as in `acc=g`, for lines and the Razor.
         also: other names that the command takes, for the message.
 

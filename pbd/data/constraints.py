@@ -76,7 +76,6 @@ class ClaimFit:
     Attributes:
         saying: what was claimed, in words.
         t: s, the middle of the stop.
-        stop: its index.
         off_m: m, misfit of the data.
         sigmas: the same in sigmas (over three axes a typical value is 1.5, over one 0.7).
     """

@@ -51,9 +51,7 @@ class Obstacle:
     """Something that the arm must not touch.
 
     Attributes:
-        name: for people.
         shape, size: as of a `GraspedObject`: box (x, y, z), cylinder (diameter, height) or sphere (diameter), in m.
-        T_base_obstacle: of its middle.
     """
 
     name: str
@@ -105,7 +103,6 @@ def stays(
     A gripper that closes elsewhere leaves it where it is. One that never closes does not say where it is.
 
     Args:
-        thing: what is grasped.
         spans: when the gripper holds, see `holds`.
         tool: T_base_tool at an instant (inf: at the end).
         table: m, z of the table's top in base: what is gripped within its own height above it stands on it.

@@ -71,12 +71,7 @@ class Bounds:
 
 
 class ServoArm:
-    """An arm whose servos answer, and are those of the calibration.
-
-    Attributes:
-        counts: joints to counts and back.
-        bounds: the servos' own.
-    """
+    """An arm whose servos answer, and are those of the calibration."""
 
     def __init__(self, bus: Bus, counts: Counts) -> None:
         """Look at the servos.

@@ -45,7 +45,6 @@ class Bus:
     """An open bus.
 
     Attributes:
-        device: the port.
         answer_s: how long servos may take to answer, s.
         asked_again: how many requests had to be repeated.
     """

@@ -22,7 +22,6 @@ class Counts:
 
     Attributes:
         names: of the servos, base to gripper.
-        ids: of the servos on the bus.
         lower, upper: (k + 1,) counts, the ends of the calibrated range.
     """
 

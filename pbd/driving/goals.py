@@ -38,9 +38,7 @@ def goals_of(
 ) -> tuple[Array, Array]:
     """Sample a motion that starts where the arm was measured.
 
-    Returns:
-        Instants of the plan (n,) s, below 0 in the lead-in, and goals (n, k + 1), counts, not rounded.
-
+    Gives instants of the plan (n,) s, below 0 in the lead-in, and goals (n, k + 1), counts, not rounded.
     PlanError: a goal lies outside the calibrated range.
     """
     lead, settle = max(1, round(LEAD_S * rate_hz)), round(SETTLE_S * rate_hz)

@@ -35,11 +35,8 @@ class Streamed:
     """What became of a motion.
 
     Attributes:
-        sent: how many goals were given.
         t: s, how far the motion got.
         periods: (sent - 1,) s between goals.
-        stopped: why it ended early, or None.
-        by_hand: whether a person stopped it.
         held: whether the arm was seen to take the goal that holds it (True where nothing was stopped).
     """
 

@@ -60,7 +60,6 @@ def update_calibration(
             comment for a key that is new.
         instead: tables that are renamed first, old to new.
         robots: for which, of a file that is new.
-        scale: None leaves it.
 
     CalibrationError: what is there can't be read, or makes no sense with the new parts. PbdError: the place can't be
     written.

@@ -30,7 +30,6 @@ def read_joints(
 
     Args:
         given: JSON or a file.
-        names: the arm's joints.
         unit: of what is not a message, for the error.
         per_si: how many of these units make a rad, or a m, for each joint; one, where left out.
 

@@ -14,11 +14,9 @@ from pbd.io.atomic import name_aside, remove_folder
 
 @dataclass(frozen=True)
 class Backup:
-    """A demonstration that was renamed from `folder`, where the new one is, to make room.
+    """A demonstration, with edited keyframes or none, that was renamed from `folder` to `aside` to make room.
 
-    Attributes:
-        aside: where it is, under a name of its own: whatever happens to the recording, a person finds it there.
-        edited: whether there is a keyframes.toml in it.
+    Whatever happens to the recording, a person finds it there.
     """
 
     folder: Path

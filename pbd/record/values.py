@@ -47,8 +47,6 @@ class RecordOptions:
         duration_s: the recording ends after this many seconds of samples.
         tolerance_m: a move whose sigma grows beyond this is worth a pause.
         closed: the hand will end at the dock.
-        raw: keep the bytes as they come.
-        reconnect: wait for a sensor that was unplugged.
         force: replace a demonstration of that name, once the new one has ended well.
         taps: two taps on the sensor's back mark the grip, beside the person's key.
         errors: of the sensor, as calibrated: the live tracker works without them, and a rest that contradicts them is
@@ -91,7 +89,6 @@ class Status:
         sigma_m: one sigma of the position, if the hand stopped now.
         sigma_of_move_m: the part of it that the move under way adds; 0 in a stop.
         tremble: m/s2, rms of the last half second.
-        closed: the grip.
         said: what is new since the last status.
     """
 

@@ -33,7 +33,6 @@ class Pad(NamedTuple):
     """How the kernel shows a maker's pads.
 
     Attributes:
-        gyro_per_deg_s: counts for 1 deg/s.
         axes: of each of our axes, the pad's and its sign.
         has_clock: whether its stamps are in us of the pad's own time.
     """

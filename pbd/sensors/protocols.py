@@ -23,10 +23,7 @@ class WireProtocol:
     """What a kind of device speaks.
 
     Attributes:
-        title: the devices' names.
-        decoder: makes a decoder at its start.
         bauds: to try, in this order; the first is the maker's default. None for a device without a serial port.
-        gives: for people.
         rate_commands: by rate in Hz, the bytes that set it, to be sent in this order with COMMAND_PAUSE_S after each.
     """
 

@@ -24,13 +24,9 @@ Show = Callable[[Status], None]
 
 
 class SimulatedHand:
-    """Does a task at a pseudo-terminal, from when that is opened first: grips as the task does, says when it is over.
+    """Does a task at a pseudo-terminal, from when that is opened first; grips as the task does."""
 
-    Attributes:
-        name: as a calibration knows the sensor: the same whatever the task.
-    """
-
-    name = "sim (x-IMU3)"
+    name = "sim (x-IMU3)"  # as a calibration knows the sensor: the same whatever the task
 
     def __init__(self, emulator: Emulator, grip: tuple[GripEvent, ...]) -> None:
         self._emulator = emulator

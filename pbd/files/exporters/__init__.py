@@ -112,7 +112,6 @@ def export(
 
     Args:
         robot: whose limits hold between the samples too, and whose gripper it is.
-        format_name: one of FORMATS.
         rate_hz: samples a second; by default as the format has it.
         dense: urscript alone: servoj at the controller's period (a rate of 125, or 500), not a movej for each keyframe.
         source: what the motion was made from, which formats need that tell more than joints.
@@ -153,8 +152,6 @@ def export_dataset(
     """Write motions of one robot as a LeRobot dataset, or add them to one; it appears whole or stays as it was.
 
     Args:
-        motions: each with what it was made from.
-        robot: whose they are.
         folder: where; it is made, or holds this robot's episodes that pbd wrote.
         task: what they do, in words; each motion's own name where nobody said.
 

@@ -17,10 +17,7 @@ class Source:
     """What a motion was made from, for the formats that tell more than joints.
 
     Attributes:
-        name: the demonstration's.
         keyframes: n, as the trajectory has them.
-        hand: the path that they are of.
-        T_base_nav: where nav lies.
         tool: gives the tool's positions (m, 3) in m and wxyz (m, 4) in base, at joints (m, k).
         links: gives each link's parent and its pose there, at joints (k,) and an opening (1 open, 0 closed).
         audit: refuses a motion made of a file's points that misses a keyframe, or would touch something.
@@ -45,7 +42,6 @@ class Order:
         suffix: of the file's name, in lower case.
         rate_hz: samples a second; None: as the format has it.
         dense: samples at the controller's period, where the format has keyframes.
-        made_from: what the motion was made from, or None.
         task: what it does, in words, where a format has that; its name where nobody said.
     """
 

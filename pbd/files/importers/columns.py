@@ -37,7 +37,6 @@ class Program:
     """How one program writes its tables where the names alone don't say.
 
     Attributes:
-        title: its name.
         header: columns that must be there, in plain writing.
         preamble: a pattern that must occur above the header; empty for any.
         units: what its channels are in.

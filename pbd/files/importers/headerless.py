@@ -32,9 +32,6 @@ def remapped(
     """Swap and turn the axes of a recording that has been read, and change its units.
 
     Args:
-        path: the file, for messages.
-        recording: as read.
-        understood: what was made of it.
         columns: ours -> ours, or the file's name; -NAME turns the sign.
         units: of acc, gyr, mag; -UNIT turns the sign.
     """
