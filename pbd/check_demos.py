@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from pbd.data import Calibration, Keyframe, Robot
+from pbd.data import Calibration, Robot
 from pbd.errors import PbdError, collected_warnings
 from pbd.files.demo import load_demo
 from pbd.fusion.matching import HAND_M
@@ -93,10 +93,8 @@ def check_all(
     from pbd.planning import load_arm
 
     arm = None if robot is None else load_arm(robot)
-
-    each = Parallel(n_jobs=jobs, return_as="generator")(delayed(check_one)(name, arm) for name in demos)
-    found = []
-    for check in each:
+    found: list[DemoCheck] = []
+    for check in Parallel(n_jobs=jobs, return_as="generator")(delayed(check_one)(name, arm) for name in demos):
         found.append(check)
         if done is not None:
             done(len(found))
@@ -115,9 +113,10 @@ def check_one(name: str, arm: tuple[Robot, Calibration] | None = None) -> DemoCh
         except PbdError as error:
             return replace(check, why=error.message)
         keyframes = plot.keyframes
+        T_dock_nav = level_onto(keyframes[0].T_nav_sensor, Pose.identity())  # the sensor there has no heading
         check = replace(
             check,
-            p_dock_sensor=_from_dock(keyframes),
+            p_dock_sensor=T_dock_nav.act(np.array([keyframe.T_nav_sensor.p for keyframe in keyframes])),
             sigma_m=max(float(np.sqrt(np.diagonal(keyframe.cov)[:3].max())) for keyframe in keyframes),
             grips=tuple((k, each.grip) for k, each in enumerate(keyframes) if each.grip is not None),
             findings=tuple(finding.words for finding in plot.findings),
@@ -130,12 +129,6 @@ def check_one(name: str, arm: tuple[Robot, Calibration] | None = None) -> DemoCh
             return replace(check, motion_s=plan(path, arm[1], arm[0]).duration)
         except PbdError as error:
             return replace(check, refused=f"{arm[0].name}: {error.message}")
-
-
-def _from_dock(keyframes: Sequence[Keyframe]) -> Array:
-    """Positions (k, 3) from the first keyframe, turned about the vertical so that the sensor there has no heading."""
-    T_dock_nav = level_onto(keyframes[0].T_nav_sensor, Pose.identity())
-    return T_dock_nav.act(np.array([keyframe.T_nav_sensor.p for keyframe in keyframes]))
 
 
 def _compared(found: Iterable[DemoCheck]) -> tuple[DemoCheck, ...]:

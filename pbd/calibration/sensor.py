@@ -65,7 +65,9 @@ def calibrate_sensor(
                 f"{acc.orientations} orientations do not determine {', '.join(acc.undetermined)}: typical values are "
                 "kept; to measure all of them, put each of the six sides and six edges up"
             )
-    up, up_sigma = _up(rests, errors, acc)
+    force = rests.acc if errors.acc is None else errors.acc.true(rests.acc)
+    up: Array = force / np.linalg.norm(force, axis=1, keepdims=True)  # the vertical, as well as it is known
+    up_sigma = np.radians(1.0) if acc is None else acc.up_sigma
     if "gyr" in wanted and (recording.gyr is not None or "gyr" in only):
         gyr = fit_gyro(recording, rests, None if acc is None else up, up_sigma)
         if acc is None and known.gyr is not None:
@@ -112,10 +114,3 @@ def refuse_other_sensor(what: str, sensor: str, errors: SensorErrors) -> None:
             value=sensor,
             bound=errors.sensor,
         )
-
-
-def _up(rests: Rests, errors: SensorErrors, acc: AccelerometerFit | None) -> tuple[Array, float]:
-    """The vertical at the rests, as well as it is known, and how well that is, rad."""
-    force = rests.acc if errors.acc is None else errors.acc.true(rests.acc)
-    up: Array = force / np.linalg.norm(force, axis=1, keepdims=True)
-    return up, np.radians(1.0) if acc is None else acc.up_sigma

@@ -36,18 +36,16 @@ def keyframes_covariance(path: HandPath | None, keyframes: Sequence[Keyframe]) -
     joint = np.zeros((k, 6, k, 6))
     joint[range(k), :, range(k)] = [keyframe.cov for keyframe in keyframes]
     if path is not None:
-        stops = [_stop_of(path, keyframe) for keyframe in keyframes]
-        rows = [i for i, stop in enumerate(stops) if stop is not None]
-        of_path = path.covariance.joint([stop for stop in stops if stop is not None])
+        spans = [(path.t[stop.start], path.t[stop.stop - 1]) for stop in path.stops]
+        stops = {
+            i: next((k for k, (since, until) in enumerate(spans) if since <= keyframe.t <= until), None)
+            for i, keyframe in enumerate(keyframes)
+            if keyframe.cov.any()
+        }
+        rows = [i for i, stop in stops.items() if stop is not None]
+        of_path = path.covariance.joint([stop for stop in stops.values() if stop is not None])
         joint[np.ix_(rows, range(6), rows, range(6))] = of_path.reshape(len(rows), 6, len(rows), 6)
     return joint.reshape(6 * k, 6 * k)
-
-
-def _stop_of(path: HandPath, keyframe: Keyframe) -> int | None:
-    if not keyframe.cov.any():
-        return None
-    inside = (path.t[stop.start] <= keyframe.t <= path.t[stop.stop - 1] for stop in path.stops)
-    return next((k for k, is_in in enumerate(inside) if is_in), None)
 
 
 def touch_up(touch_ups: Sequence[TouchUp], keyframes: Sequence[Keyframe], T_base_nav: Pose, cov: Array) -> TouchedUp:

@@ -44,6 +44,18 @@ class Parser(argparse.ArgumentParser):
             )
 
 
+def adders(to: argparse._ActionsContainer) -> tuple[Callable[..., None], Callable[[str, str], None]]:
+    """What adds an option (names, metavar, help, and what argparse takes), and what adds one without a value."""
+
+    def option(names: str, metavar: str | tuple[str, ...] | None, text: str, **more: Any) -> None:
+        to.add_argument(*names.split(), metavar=metavar, help=text, **more)
+
+    def flag(name: str, text: str) -> None:
+        to.add_argument(name, action="store_true", help=text)
+
+    return option, flag
+
+
 def add_commands(
     parser: argparse.ArgumentParser,
     title: str,
@@ -72,13 +84,9 @@ def add_commands(
 
 def add_demo(parser: argparse.ArgumentParser) -> None:
     """Add the demonstration that a command works on."""
-    parser.add_argument(
-        "demo",
-        nargs="?",
-        metavar="DEMO",
-        help="a demonstration's name (in ./demos, or bundled), its folder, or a recording (.csv, .txt, .npz); "
-        "default: the newest in ./demos, else 'pouring'",
-    )
+    what = "a demonstration's name (in ./demos, or bundled), its folder, or a recording (.csv, .txt, .npz)"
+    newest = "default: the newest in ./demos, else 'pouring'"
+    parser.add_argument("demo", nargs="?", metavar="DEMO", help=f"{what}; {newest}")
 
 
 def add_json(parser: argparse._ActionsContainer) -> None:
@@ -102,21 +110,16 @@ def add_table(parser: argparse.ArgumentParser, units: str | None = None) -> None
 
 def add_tracking(parser: argparse.ArgumentParser, calibration: str = "the robot's own dock, else 'default'") -> None:
     """Add what every command that tracks takes; which `calibration` is used where none is named."""
-    parser.add_argument(
-        "--method",
-        choices=("default", "paper"),
-        default="default",
-        help="how to track: with pbd's own method, or with the paper's (default)",
-    )
-    wanted = f"name (in ./calibration, or bundled) or file; default: {calibration}"
-    parser.add_argument("--calibration", metavar="C", help=wanted)
+    option, _ = adders(parser)
+    how = "how to track: with pbd's own method, or with the paper's (default)"
+    option("--method", None, how, choices=("default", "paper"), default="default")
+    option("--calibration", "C", f"name (in ./calibration, or bundled) or file; default: {calibration}")
     add_accept_gap(parser)
 
 
 def add_accept_gap(parser: argparse.ArgumentParser) -> None:
     """Add --accept-gap: every command that tracks takes it."""
-    what = "the hand stood still where data are missing in a rest"
-    parser.add_argument("--accept-gap", action="store_true", help=what)
+    adders(parser)[1]("--accept-gap", "the hand stood still where data are missing in a rest")
 
 
 def add_planning(
@@ -127,26 +130,22 @@ def add_planning(
     Where the arm's start is `measured`, nobody may name it or leave it out; nor may that arm touch anything.
     """
     group = parser.add_argument_group("motion")
-    option = group.add_argument
-    option("--robot", metavar="R", required=robot_required, help="name or file; see `pbd robots`")
-    option("--scale", type=positive, default=1.0, metavar="S", help="multiply the hand's motion (1)")
+    option, flag = adders(group)
+    option("--robot", "R", "name or file; see `pbd robots`", required=robot_required)
+    option("--scale", "S", "multiply the hand's motion (1)", type=positive, default=1.0)
     fixed = "'fixed' keeps the tool straight down with its heading at the first keyframe (demo)"
-    option("--orientation", choices=("demo", "fixed"), default="demo", help=fixed)
-    option(
-        "--path",
-        choices=("keyframes", "line", "demo"),
-        default="keyframes",
-        help="between keyframes: straight in joint space, the tool on a straight line, or as the hand went (keyframes)",
-    )
+    option("--orientation", None, fixed, choices=("demo", "fixed"), default="demo")
+    way = "between keyframes: straight in joint space, the tool on a straight line, or as the hand went (keyframes)"
+    option("--path", None, way, choices=("keyframes", "line", "demo"), default="keyframes")
     tolerance = "with --path keyframes: moves that stray farther from a straight line are made straight"
-    option("--path-tolerance", type=positive, metavar="METRES", help=tolerance)
+    option("--path-tolerance", "METRES", tolerance, type=positive)
     pace = "as fast as the limits allow, or at the hand's own pace where they allow it (limits)"
-    option("--time", choices=("limits", "demo"), default="limits", help=pace)
-    option("--speed", type=within(0.01, 1.0), default=1.0, metavar="F", help="share of the joints' limits, up to 1 (1)")
+    option("--time", None, pace, choices=("limits", "demo"), default="limits")
+    option("--speed", "F", "share of the joints' limits, up to 1 (1)", type=within(0.01, 1.0), default=1.0)
     margin = "share of those limits that is left for the controller, 0 to 50 (5)"
-    option("--margin", type=within(0.0, 50.0), default=5.0, metavar="PERCENT", help=margin)
+    option("--margin", "PERCENT", margin, type=within(0.0, 50.0), default=5.0)
     dwell = "longest stay at a keyframe, s (0.5; the hand's own with --time demo; what an edited keyframes.toml says)"
-    option("--dwell", type=not_negative, metavar="S", help=dwell)
+    option("--dwell", "S", dwell, type=not_negative)
     if measured:
         parser.set_defaults(start=None, no_approach=False, allow_collision=False)
     else:
@@ -158,30 +157,25 @@ def add_planning(
         start.add_argument("--no-approach", action="store_true", help="start at the first keyframe, not at home")
         if units:
             _add_units(group, "m,rad", f"units of --from, but for a message: {_LENGTHS}; {_ANGLES}")
-    option("--no-retreat", action="store_true", help="end at the last keyframe, do not go back home")
-    around = "refuse a move where nothing but a planner finds a way around what is there"
-    option("--no-detour", action="store_true", help=around)
+    flag("--no-retreat", "end at the last keyframe, do not go back home")
+    flag("--no-detour", "refuse a move where nothing but a planner finds a way around what is there")
     carried = "what the tool carries all the time, and where its centre of mass is in the tool's axes, m (at its point)"
-    option("--payload", type=finite, nargs="+", default=[0.0], metavar=("KG", "X Y Z"), help=carried)
+    option("--payload", ("KG", "X Y Z"), carried, type=finite, nargs="+", default=[0.0])
     stands = "a thing stands elsewhere: the tool at its first keyframe, m in base, and its turn about the vertical, deg"
-    option("--at", type=thing_place, action="append", default=[], metavar="THING=X,Y,Z[,DEG]", help=stands)
+    option("--at", "THING=X,Y,Z[,DEG]", stands, type=thing_place, action="append", default=[])
     if not measured:
         shown = "show a motion that touches something, marked red (never exported)"
-        option("--allow-collision", action="store_true", help=shown)
+        flag("--allow-collision", shown)
 
 
 def add_lines(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     """Add the options of a device that prints numbers, but for --unit."""
     group = parser.add_argument_group("a device that prints numbers (--sensor lines)")
-    option = group.add_argument
-    option(
-        "--columns", metavar="LIST", help="names of the numbers in a line, such as t,ax,ay,az,gx,gy,gz; or a .toml file"
-    )
-    separator = "separator between numbers: a character, space or tab (,)"
-    option("--separator", default=",", metavar="CHAR", help=separator)
-    option("--prefix", default="", metavar="TEXT", help="text that each line begins with")
-    wrap = "value at which the device's clock restarts from 0, in its unit"
-    option("--wrap", type=float, metavar="T", help=wrap)
+    option, _ = adders(group)
+    option("--columns", "LIST", "names of the numbers in a line, such as t,ax,ay,az,gx,gy,gz; or a .toml file")
+    option("--separator", "CHAR", "separator between numbers: a character, space or tab (,)", default=",")
+    option("--prefix", "TEXT", "text that each line begins with", default="")
+    option("--wrap", "T", "value at which the device's clock restarts from 0, in its unit", type=float)
     return group
 
 
@@ -195,7 +189,8 @@ def _add_units(parser: argparse._ActionsContainer, usual: str, help_text: str) -
         except ValueError as reason:
             raise argparse.ArgumentTypeError(str(reason)) from None
 
-    parser.add_argument("--units", type=parsed, default="", metavar="U", help=f"{help_text} ({usual})")
+    option, _ = adders(parser)
+    option("--units", "U", f"{help_text} ({usual})", type=parsed, default="")
 
 
 def number(wanted: str, holds: Callable[[float], bool]) -> Callable[[str], float]:

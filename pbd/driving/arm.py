@@ -37,11 +37,6 @@ NEAR = 20
 HOLD_TRIES = 3
 """How often a goal that must arrive is written, until it reads back."""
 
-POSITION_MODE = 0
-
-FLAGS = {1: "its voltage", 2: "its encoder", 4: "its heat", 8: "its current", 32: "its load"}
-"""What a servo's error flags complain of."""
-
 
 @dataclass(frozen=True, eq=False)
 class State:
@@ -94,7 +89,7 @@ class ServoArm:
                     f"the calibration is another arm's, or an old one: of {name} it has homing offset and range {said}"
                 )
                 raise CalibrationError(f"{what}, the servo has {has}; name the right --servos, or calibrate anew")
-            if data[30] != POSITION_MODE:
+            if data[30]:  # 0 is position mode
                 what = f"servo {servo.id} ({name}) is in mode {data[30]}, not in position mode"
                 raise SensorError(f"{what}; calibrate anew with `pbd run --calibrate`")
 
@@ -182,11 +177,6 @@ def _nobody(device: str, heard: bytes) -> str:
         return f"no servo answers on {device}: switch the arm's power supply on, and check that this is its port"
     text = printable(heard.decode("ascii", errors="replace")[:40])
     return f"what answers on {device} is no servo (it sends {text!r}); name the arm's --port, `pbd sensors` lists them"
-
-
-def flagged(flags: int) -> str:
-    """Say what a servo complains of."""
-    return ", ".join(what for bit, what in FLAGS.items() if flags & bit) or f"flag {flags}"
 
 
 def word_at(data: bytes, at: int) -> int:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pbd.driving.arm import Bounds, State, flagged
+from pbd.driving.arm import Bounds, State
 from pbd.errors import SensorError
 from pbd.files.servo_calibration import COUNTS
 from pbd.pose import Array
@@ -24,6 +24,9 @@ COOLER_C = 5.0
 
 LEAST_VOLTS_SHARE = 0.8
 """Least share of the voltage at the start, assumed: below it the supply gives way."""
+
+FLAGS = {1: "its voltage", 2: "its encoder", 4: "its heat", 8: "its current", 32: "its load"}
+"""What a servo's error flags complain of."""
 
 
 class Watch:
@@ -90,5 +93,6 @@ def check_health(names: Sequence[str], bounds: Bounds, state: State) -> None:
             what = f"{name} has {state.volts[i]:.1f} V, outside its {least:g} to {most:g} V"
             raise SensorError(f"{what}: check the power supply", joint=name)
         if state.flags[i]:
-            what = f"the servo of {name} complains of {flagged(state.flags[i])}"
+            why = ", ".join(what for bit, what in FLAGS.items() if state.flags[i] & bit) or f"flag {state.flags[i]}"
+            what = f"the servo of {name} complains of {why}"
             raise SensorError(f"{what}: switch the arm off and on, and look at it", joint=name)

@@ -171,27 +171,26 @@ def demo_toml(demo: Demonstration, name: str, folder: Path | None = None) -> str
 
     recording, info = demo.recording, demo.recording.info
     rate_hz = info.rate_hz or (recording.rate_hz if len(recording) > 1 else None)
-    return tomlkit.dumps(
-        _without_nothing(
-            format=FORMAT,
-            name=name,
-            created=info.created,
-            sensor=info.sensor if info.sensor.strip() else "unknown",
-            clock=info.clock,
-            rate_hz=rate_hz and float(f"{rate_hz:.6g}"),
-            notes=demo.notes if demo.notes.strip() else None,
-            bundled=demo.bundled,
-            closed=demo.closed,
-            object=demo.grasped
-            and _without_none(shape=demo.grasped.shape, size=demo.grasped.size, mass_kg=demo.grasped.mass),
-            take=[{"demo": _from(folder, take)} for take in demo.takes],
-            grip=[{"t_s": round(event.t, 4), "closed": event.closed} for event in recording.grip if not demo.takes],
-            place=[_without_none(t_s=p.t, position_m=p.p_base_tool, sigma_m=p.sigma_m) for p in demo.places],
-            contact=[
-                _without_none(t_s=c.t, as_at_s=c.as_at, height_m=c.height, sigma_m=c.sigma_m) for c in demo.contacts
-            ],
-        )
-    )
+    thing = demo.grasped
+    values: dict[str, Any] = {
+        "format": FORMAT,
+        "name": name,
+        "created": info.created,
+        "sensor": info.sensor if info.sensor.strip() else "unknown",
+        "clock": info.clock,
+        "rate_hz": rate_hz and float(f"{rate_hz:.6g}"),
+        "notes": demo.notes.strip() and demo.notes,
+        "bundled": demo.bundled,
+        "closed": demo.closed,
+        "object": thing and _without_none(shape=thing.shape, size=thing.size, mass_kg=thing.mass),
+        "take": [{"demo": _from(folder, take)} for take in demo.takes],
+        "grip": [{"t_s": round(event.t, 4), "closed": event.closed} for event in recording.grip if not demo.takes],
+        "place": [_without_none(t_s=p.t, position_m=p.p_base_tool, sigma_m=p.sigma_m) for p in demo.places],
+        "contact": [
+            _without_none(t_s=c.t, as_at_s=c.as_at, height_m=c.height, sigma_m=c.sigma_m) for c in demo.contacts
+        ],
+    }
+    return tomlkit.dumps({key: value for key, value in values.items() if value})
 
 
 def _from(folder: Path | None, take: Demonstration) -> str:
@@ -199,10 +198,6 @@ def _from(folder: Path | None, take: Demonstration) -> str:
         name = take.recording.info.name
         raise RecordingError(f"'{name}' is no demonstration's folder, so it can't be a take; `pbd import` it first")
     return Path(os.path.relpath(take.folder.resolve(), folder.resolve())).as_posix()
-
-
-def _without_nothing(**values: Any) -> dict[str, Any]:
-    return {key: value for key, value in values.items() if value}
 
 
 def _without_none(**values: Any) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from argparse import ArgumentParser
 from pathlib import Path
 
-from pbd.cli.options import add_force, add_json, add_lines, add_table, pair, positive, whole
+from pbd.cli.options import add_force, add_json, add_lines, add_table, adders, pair, positive, whole
 
 
 def record(parser: ArgumentParser) -> None:
@@ -23,34 +23,32 @@ def record(parser: ArgumentParser) -> None:
       pbd record tea --live                      and see the hand, its path and its stops in the browser
       pbd record tea --sensor lines --columns "t,ax,ay,az,gx,gy,gz" --unit t=ms --unit acc=g --unit gyr=deg/s
     """
-    option = parser.add_argument
-    option("name", nargs="?", metavar="NAME", help="name in ./demos; default: the date and the time")
-    sensor = "protocol (`pbd sensors` lists them), or sim[:TASK]; default: detect it"
-    option("--sensor", metavar="SENSOR", help=sensor)
+    option, flag = adders(parser)
+    option("name", "NAME", "name in ./demos; default: the date and the time", nargs="?")
+    option("--sensor", "SENSOR", "protocol (`pbd sensors` lists them), or sim[:TASK]; default: detect it")
     port = (
         "the serial port, a phone's http:// address, or a gamepad's /dev/input/eventN; default: the only one plugged in"
     )
-    option("--port", metavar="P", help=port)
-    option("--baud", type=int, metavar="B", help="default: try the sensor's usual rates")
-    option("--rate", type=positive, metavar="HZ", help="first set the device's rate, where it can be set")
-    option("--duration", type=positive, metavar="S", help="end after this many seconds")
-    tolerance = "uncertainty of a move that calls 'pause now' (1)"
-    option("--tolerance", type=positive, default=1.0, metavar="CM", help=tolerance)
+    option("--port", "P", port)
+    option("--baud", "B", "default: try the sensor's usual rates", type=int)
+    option("--rate", "HZ", "first set the device's rate, where it can be set", type=positive)
+    option("--duration", "S", "end after this many seconds", type=positive)
+    option("--tolerance", "CM", "uncertainty of a move that calls 'pause now' (1)", type=positive, default=1.0)
     taps = "what marks the grip: space alone, or two quick taps on the sensor's back too"
-    option("--grip", choices=("space", "tap"), default="space", help=taps)
-    option("--closed", action="store_true", help="the hand will end where it began; tracking uses that")
+    option("--grip", None, taps, choices=("space", "tap"), default="space")
+    flag("--closed", "the hand will end where it began; tracking uses that")
     take = "of several takes of one task (`pbd fuse`), the one to record: to ./demos/NAMEN, and how to hold the sensor"
-    option("--take", type=whole("a whole number from 1 to 99", range(1, 100)), metavar="N", help=take)
-    option("--raw", action="store_true", help="also keep the sensor's raw bytes (raw.bin)")
-    option("--reconnect", action="store_true", help="wait for a sensor that was unplugged")
-    option("--calibration", metavar="C", help="of this sensor: used to track, and compared with the sensor at rest")
+    option("--take", "N", take, type=whole("a whole number from 1 to 99", range(1, 100)))
+    flag("--raw", "also keep the sensor's raw bytes (raw.bin)")
+    flag("--reconnect", "wait for a sensor that was unplugged")
+    option("--calibration", "C", "of this sensor: used to track, and compared with the sensor at rest")
     add_force(
         parser,
         "replace a demonstration of that name: the old one is in NAME.before until the new one has ended well, "
         "with two stops or more",
     )
-    option("--live", action="store_true", help="show the hand in the browser, served on this machine only")
-    option("--no-open", action="store_true", help="with --live: open no browser; print the address")
+    flag("--live", "show the hand in the browser, served on this machine only")
+    flag("--no-open", "with --live: open no browser; print the address")
     unit = "unit of acc, gyr, mag, angle or t, such as acc=g"
     add_lines(parser).add_argument("--unit", action="append", default=[], metavar="Q=U", help=unit)
     add_json(parser)
@@ -64,14 +62,13 @@ def simulate(parser: ArgumentParser) -> None:
       pbd simulate pour tea --sensor-model wt901 --seed 3
       pbd simulate touch trial-touch   to try `pbd calibrate points` with
     """
-    option = parser.add_argument
+    option, _ = adders(parser)
     task = "pour, pick-and-place-stops or pick-and-place-direct; to calibrate from: touch, pivot or sides"
-    option("task", metavar="TASK", help=task)
-    option("name", metavar="NAME", help="the new demonstration's name (in ./demos) or folder")
-    models = "os5000, os5000-nogyro, wt901, modern, phone or ideal (modern)"
-    option("--sensor-model", default="modern", metavar="M", help=models)
-    option("--seed", type=int, default=0, metavar="N", help="random seed of the sensor's errors and noise (0)")
-    option("--rate", type=positive, metavar="HZ", help="sample rate (the sensor model's own)")
+    option("task", "TASK", task)
+    option("name", "NAME", "the new demonstration's name (in ./demos) or folder")
+    option("--sensor-model", "M", "os5000, os5000-nogyro, wt901, modern, phone or ideal (modern)", default="modern")
+    option("--seed", "N", "random seed of the sensor's errors and noise (0)", type=int, default=0)
+    option("--rate", "HZ", "sample rate (the sensor model's own)", type=positive)
     add_force(parser)
     add_json(parser)
 
@@ -89,20 +86,20 @@ def import_(parser: ArgumentParser) -> None:
       pbd import log.txt tea2                    as WitMotion's program wrote it
       pbd import demos/tea/raw.bin again --sensor witmotion
     """
-    option = parser.add_argument
-    option("file", metavar="FILE", type=Path, help="the recording")
-    option("name", metavar="NAME", help="the new demonstration's name (in ./demos) or folder")
+    option, flag = adders(parser)
+    option("file", "FILE", "the recording", type=Path)
+    option("name", "NAME", "the new demonstration's name (in ./demos) or folder")
     column = (
         "t, gx, gy, gz, ax, ay, az, mx, my, mz, heading, pitch or roll, and the file's name for it; -NAME turns its"
     )
-    option("--column", type=pair, action="append", default=[], metavar="OURS=THEIRS", help=f"{column} sign")
+    option("--column", "OURS=THEIRS", f"{column} sign", type=pair, action="append", default=[])
     unit = "of t, gyr, acc, mag or angle, such as t=ms, gyr=deg/s, acc=g; -UNIT turns the signs"
-    option("--unit", type=pair, action="append", default=[], metavar="WHAT=UNIT", help=unit)
-    option("--sensor", metavar="SENSOR", help="the sensor that recorded it; needed for a raw.bin")
-    option("--rate", type=positive, metavar="HZ", help="sample rate of a raw.bin, or of a table without times")
-    option("--grip", choices=("tap",), help="find the grips that two quick taps on the sensor's back marked")
-    option("--topic", metavar="TOPIC", help="of a bag: its sensor_msgs/Imu; default: the only one")
-    option("--closed", action="store_true", help="the hand ended where it began")
+    option("--unit", "WHAT=UNIT", unit, type=pair, action="append", default=[])
+    option("--sensor", "SENSOR", "the sensor that recorded it; needed for a raw.bin")
+    option("--rate", "HZ", "sample rate of a raw.bin, or of a table without times", type=positive)
+    option("--grip", None, "find the grips that two quick taps on the sensor's back marked", choices=("tap",))
+    option("--topic", "TOPIC", "of a bag: its sensor_msgs/Imu; default: the only one")
+    flag("--closed", "the hand ended where it began")
     add_force(parser)
     add_lines(parser)
     add_json(parser)
@@ -118,9 +115,10 @@ def sensors(parser: ArgumentParser) -> None:
       pbd sensors --probe
       pbd sensors phyphox
     """
-    parser.add_argument("phone", nargs="?", choices=("phyphox",), help="prepare a phone with this app")
+    option, flag = adders(parser)
+    option("phone", None, "prepare a phone with this app", nargs="?", choices=("phyphox",))
     output = "with phyphox: the experiment's file (pbd.phyphox), or a picture of its code (.png, .svg)"
-    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help=output)
-    parser.add_argument("--probe", action="store_true", help="listen to each port and detect its sensor")
-    parser.add_argument("--port", metavar="P", help="this port only")
+    option("-o --output", "FILE", output, type=Path)
+    flag("--probe", "listen to each port and detect its sensor")
+    option("--port", "P", "this port only")
     add_table(parser)

@@ -13,6 +13,7 @@ from pbd.cli.options import (
     add_planning,
     add_table,
     add_tracking,
+    adders,
     finite,
     frame,
     whole,
@@ -46,15 +47,15 @@ def keyframes(parser: ArgumentParser) -> None:
     """
     add_demo(parser)
     add_table(parser, units="m,deg,s")
-    save = "write keyframes.toml into the demonstration, for you to edit"
-    parser.add_argument("--save", action="store_true", help=save)
+    option, flag = adders(parser)
+    flag("--save", "write keyframes.toml into the demonstration, for you to edit")
     add_force(parser, "with --save: find the keyframes again, and replace the file")
     belongs = (
         "these keyframes belong to a thing, which `pbd replay --at` moves: cup=3..5, or lid=6..7@cup: carried by it"
     )
-    parser.add_argument("--frame", type=frame, action="append", default=[], metavar="THING=I..J", help=belongs)
+    option("--frame", "THING=I..J", belongs, type=frame, action="append", default=[])
     within = "how likely the tool is so near to where it belongs, and turned by no more (the keyframes' own tolerances)"
-    parser.add_argument("--tolerance", type=finite, nargs="+", metavar=("METRES", "DEGREES"), help=within)
+    option("--tolerance", ("METRES", "DEGREES"), within, type=finite, nargs="+")
     add_tracking(parser, calibration="with --robot its own dock, else 'default'; without, none")
     add_planning(parser, robot_required=False, units=False)
 
@@ -68,18 +69,18 @@ def touch(parser: ArgumentParser) -> None:
       pbd touch tea 3 --robot panda --by 0 -0.004 0
       pbd touch tea --robot panda --undo
     """
-    option = parser.add_argument
-    option("demo", metavar="DEMO", help="a demonstration's name (in ./demos), or its folder")
+    option, flag = adders(parser)
+    option("demo", "DEMO", "a demonstration's name (in ./demos), or its folder")
     count = whole("a whole number", range(sys.maxsize))
-    option("keyframe", nargs="?", type=count, metavar="KEYFRAME", help="its number, as `pbd keyframes` has it")
-    option("--robot", required=True, metavar="R", help="the arm that was tried")
-    option("--by", type=finite, nargs=3, metavar=("X", "Y", "Z"), help="how far the tool is to go, m, in base axes")
-    option("--tool", action="store_true", help="with --by: in the tool's own axes")
-    option("--at", type=finite, nargs=3, metavar=("X", "Y", "Z"), help="where the tool belongs in base, m")
-    option("--only", action="store_true", help="the other keyframes stay where they are")
-    option("--undo", action="store_true", help="take the last touch-up back; it stays in the file as undone")
+    option("keyframe", "KEYFRAME", "its number, as `pbd keyframes` has it", nargs="?", type=count)
+    option("--robot", "R", "the arm that was tried", required=True)
+    option("--by", ("X", "Y", "Z"), "how far the tool is to go, m, in base axes", type=finite, nargs=3)
+    flag("--tool", "with --by: in the tool's own axes")
+    option("--at", ("X", "Y", "Z"), "where the tool belongs in base, m", type=finite, nargs=3)
+    flag("--only", "the other keyframes stay where they are")
+    flag("--undo", "take the last touch-up back; it stays in the file as undone")
     wanted = "name (in ./calibration, or bundled) or file; default: the robot's own dock, else 'default'"
-    option("--calibration", metavar="C", help=wanted)
+    option("--calibration", "C", wanted)
     add_accept_gap(parser)
     add_table(parser, units="m")
     parser.set_defaults(time="limits", dwell=None, force=False)
@@ -96,15 +97,16 @@ def plot(parser: ArgumentParser) -> None:
       pbd plot pouring --save figures --format svg
       pbd plot paper-test1 paper-test2 --csv > spread.csv
     """
-    parser.add_argument(
+    option, _ = adders(parser)
+    option(
         "demos",
-        nargs="*",
-        metavar="DEMO",
-        help="names (in ./demos, or bundled), folders, or recordings (.csv, .npz); two or more are compared; "
+        "DEMO",
+        "names (in ./demos, or bundled), folders, or recordings (.csv, .npz); two or more are compared; "
         "default: the newest in ./demos, else 'pouring'",
+        nargs="*",
     )
-    parser.add_argument("--save", type=Path, metavar="DIR", help="folder for the files (./plots/NAME)")
-    parser.add_argument("--format", choices=FIGURE_FORMATS, default="png", help="format of the files (png)")
+    option("--save", "DIR", "folder for the files (./plots/NAME)", type=Path)
+    option("--format", None, "format of the files (png)", choices=FIGURE_FORMATS, default="png")
     add_table(parser, units="cm,deg")
     add_tracking(parser, calibration="none")
 
@@ -121,16 +123,16 @@ def fuse(parser: ArgumentParser) -> None:
       pbd fuse tea tea4 -o tea --force           one more take
       pbd fuse tea1 tea2 tea3 -o tea --save-calibration my-sensor --plot plots/tea
     """
-    option = parser.add_argument
-    option("takes", nargs="+", metavar="TAKE", help="demonstrations of one task, by name or folder; or a fused one")
-    option("-o", "--output", required=True, metavar="NAME", help="the new demonstration's name (in ./demos) or folder")
+    option, _ = adders(parser)
+    option("takes", "TAKE", "demonstrations of one task, by name or folder; or a fused one", nargs="+")
+    option("-o --output", "NAME", "the new demonstration's name (in ./demos) or folder", required=True)
     kept = "write the device's errors, as all takes show them, into the [sensor] of calibration/NAME.toml"
-    option("--save-calibration", metavar="NAME", help=kept)
-    option("--plot", type=Path, metavar="DIR", help="draw the takes' match and the hand's scatter into this folder")
+    option("--save-calibration", "NAME", kept)
+    option("--plot", "DIR", "draw the takes' match and the hand's scatter into this folder", type=Path)
     add_force(parser)
     add_table(parser, units="m,deg")
     wanted = "name (in ./calibration, or bundled) or file: its [sensor] is taken out of each take first"
-    option("--calibration", metavar="C", help=wanted)
+    option("--calibration", "C", wanted)
     add_accept_gap(parser)
 
 
@@ -144,8 +146,9 @@ def check(parser: ArgumentParser) -> None:
       pbd check demos/*
       pbd check demos/tea* --robot panda --jobs 4 --csv > tea.csv
     """
-    parser.add_argument("demos", nargs="+", metavar="DEMO", help="names (in ./demos, or bundled), folders, recordings")
-    parser.add_argument("--robot", metavar="R", help="also plan for this robot, on its own dock")
+    option, _ = adders(parser)
+    option("demos", "DEMO", "names (in ./demos, or bundled), folders, recordings", nargs="+")
+    option("--robot", "R", "also plan for this robot, on its own dock")
     jobs = whole(f"1 to {MOST_JOBS}, or -1", (-1, *range(1, MOST_JOBS + 1)))
-    parser.add_argument("--jobs", type=jobs, default=1, metavar="N", help="how many at once (1); -1: one a core")
+    option("--jobs", "N", "how many at once (1); -1: one a core", type=jobs, default=1)
     add_table(parser, units="mm,s")
