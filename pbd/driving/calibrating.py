@@ -36,8 +36,8 @@ class Calibrating:
 
     def set_middles(self) -> None:
         """Take where the arm stands as the middle of every joint's range."""
-        self._write(RANGE, {id_: word(0) + word(COUNTS - 1) for id_ in self._ids.values()})
-        self._write(OFFSET, {id_: word(0, OFFSET_SIGN) for id_ in self._ids.values()})
+        self._write(RANGE, dict.fromkeys(self._ids.values(), word(0) + word(COUNTS - 1)))
+        self._write(OFFSET, dict.fromkeys(self._ids.values(), word(0)))
         self._write(MODE, dict.fromkeys(self._ids.values(), b"\x00"))
         offsets = np.clip(self.counts() - MIDDLE, -LARGEST_OFFSET, LARGEST_OFFSET)
         values = {i: word(int(offset), OFFSET_SIGN) for i, offset in zip(self._ids.values(), offsets, strict=True)}
@@ -48,11 +48,11 @@ class Calibrating:
         found = self._bus.read(tuple(self._ids.values()), PRESENT, 2)
         return np.array([signed(word_at(found[id_].data, 0), 15) for id_ in self._ids.values()])
 
-    def follow(self) -> tuple[Array, Array, Array]:
-        """Read where the servos stand; return that, and the lowest and the highest so far (n,)."""
+    def follow(self) -> tuple[Array, Array]:
+        """Read where the servos stand; return the lowest and the highest so far (n,)."""
         at = self.counts()
         self._lowest, self._highest = np.minimum(self._lowest, at), np.maximum(self._highest, at)
-        return at, self._lowest, self._highest
+        return self._lowest, self._highest
 
     def result(self) -> dict[str, ServoCalibration]:
         """Give what was found."""

@@ -82,13 +82,13 @@ def read_demo(folder: Path) -> Demonstration:
     top.done()
     if not takes:
         _refuse_without(folder, "imu.csv")
+    recording = replace(takes[0].recording, info=info) if takes else None
+    recording = recording or _read_recording(read_table(folder / "imu.csv"), grip, info)
     if os.path.lexists(truth := folder / "truth.csv"):
         true = read_table(truth).columns(*TRUTH)
         known["truth"] = Truth(true[:, 0], true[:, 1:4], true[:, 4:])
     if os.path.lexists(edited := folder / keyframes.NAME):
         known |= {"keyframes": keyframes.read_keyframes(edited), "touch_ups": keyframes.read_touch_ups(edited)}
-    recording = replace(takes[0].recording, info=info) if takes else None
-    recording = recording or _read_recording(read_table(folder / "imu.csv"), grip, info)
     return Demonstration(recording, folder=folder, takes=takes, **known)
 
 

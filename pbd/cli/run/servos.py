@@ -83,7 +83,7 @@ def _follow(keys: Keys, session: Calibrating, ids: dict[str, int]) -> None:
         live = Live(console=Screen(sys.stderr), transient=True, auto_refresh=False)
     with live as shown:
         while not (key := keys.next()):
-            _, lowest, highest = session.follow()
+            lowest, highest = session.follow()
             if shown is not None:
                 ends = list(zip(lowest.tolist(), highest.tolist(), strict=True))
                 shown.update(_ranges(ids, ends), refresh=True)

@@ -109,34 +109,30 @@ def _of_logger(path: Path, sheets: Mapping[str, Sheet], about: Mapping[str, str]
 
     ios = about.get("platform") == "ios"
     turned = ios and about.get("standardisation") != "true"
-    sign = -1.0 if turned else 1.0
-    source, unit = "TotalAcceleration.csv", "m/s2"
-    acc = stream("TotalAcceleration", sign) if "TotalAcceleration" in sheets else None
-    if acc is None and {"Accelerometer", "Gravity"} <= sheets.keys():
+    sign, unit = -1.0 if turned else 1.0, "m/s2"
+    if "TotalAcceleration" in sheets:
+        acc, source = stream("TotalAcceleration", sign), "TotalAcceleration.csv"
+    elif {"Accelerometer", "Gravity"} <= sheets.keys():
         if not about:
             what = "Metadata.csv is missing, which says whether the signs are an iPhone's; add it, or export again"
             raise RecordingError.at(path, what)
         moved, gravity = stream("Accelerometer", sign), stream("Gravity", sign)
-        total = moved.values + gravity.at(moved.t)
-        known = np.isfinite(total[:, 0])
-        acc, source = Stream(moved.t[known], total[known]), "Accelerometer.csv + Gravity.csv"
-    if acc is None and "AccelerometerUncalibrated" in sheets:
+        acc, source = Stream.of(moved.t, moved.values + gravity.at(moved.t)), "Accelerometer.csv + Gravity.csv"
+    elif "AccelerometerUncalibrated" in sheets:
         source, unit = "AccelerometerUncalibrated.csv", "g" if turned else "m/s2"
         acc = stream("AccelerometerUncalibrated", sign * (GRAVITY if turned else 1.0))
         if not about and len(acc) and np.median(np.linalg.norm(acc.values, axis=1)) < 0.5 * GRAVITY:
             acc, sign, unit = Stream(acc.t, -GRAVITY * acc.values), -1.0, "g"  # an iPhone's
-    if acc is None:
+    else:
         needed = "Gravity.csv beside Accelerometer.csv" if ios else "TotalAcceleration.csv"
         switch = "Gravity" if ios else "Total Acceleration"
         there = "Accelerometer.csv is without gravity" if "Accelerometer" in sheets else "no acceleration is in it"
         what = f"{there}, and {needed} is needed; switch on '{switch}' in Sensor Logger and record again"
         raise RecordingError.at(path, what)
-    read = {"acc": (source, sign, unit)}
-    others: dict[str, Stream | None] = {}
+    read, others = {"acc": (source, sign, unit)}, dict[str, Stream]()
     for kind, name, unit in (("gyr", "Gyroscope", "rad/s"), ("mag", "Magnetometer", "ut")):
-        found = next((each for each in (name, f"{name}Uncalibrated") if each in sheets), name)
-        others[kind] = stream(found) if found in sheets else None
-        read |= {kind: (f"{found}.csv", 1.0, unit)} if found in sheets else {}
+        if found := next((each for each in (name, f"{name}Uncalibrated") if each in sheets), None):
+            others[kind], read[kind] = stream(found), (f"{found}.csv", 1.0, unit)
     columns = [column for kind, its in read.items() for column in _columns(LOGGER, LOGGER_COLUMNS, kind, *its)]
     used = {name for source, _, _ in read.values() for name in re.findall(r"(\w+)\.csv", source)}
     unread = {f"{name}.csv": "another file has it better" for name in sheets if name not in used}
@@ -144,11 +140,11 @@ def _of_logger(path: Path, sheets: Mapping[str, Sheet], about: Mapping[str, str]
         unread["Accelerometer.csv"] = "without gravity"
     for name in sorted(used):
         unread |= _left(f"{name}.csv", sheets[name].header, LOGGER_COLUMNS)
-    recording = _recording(path, acc, others["gyr"], others["mag"])
+    recording = _recording(path, {"acc": acc} | others)
     return recording, Understood(tuple(columns), unread, f"{LOGGER} (a phone)")
 
 
-def _phyphox_kind(header: list[str]) -> dict[str, list[str]]:
+def _phyphox_kind(header: Sequence[str]) -> dict[str, list[str]]:
     """Of each quantity in a header of phyphox', its three columns."""
     found: dict[str, list[str]] = {}
     for kind, pattern in PHYPHOX_QUANTITIES.items():
@@ -165,13 +161,12 @@ def _of_phyphox(path: Path, files: Files) -> tuple[Recording, Understood, set[st
     files_read = {PHYPHOX_MOMENTS}
     moments = _moments(path, files)
     for name in sorted(files.keys() - {PHYPHOX_MOMENTS}, key=lambda name: name != path.stem):  # the one named first
-        text = files[name]
         try:
-            sheet = _sheet(path, name, text)
+            sheet = _sheet(path, name, files[name])
         except RecordingError:
             continue  # another set of the experiment: empty, or of few columns
         used: set[str] = set()
-        for kind, axes in _phyphox_kind(list(sheet.header)).items():
+        for kind, axes in _phyphox_kind(sheet.header).items():
             used |= {*axes, PHYPHOX_TIME}
             if kind in streams:
                 if path.is_file() and path.suffix.lower() == ".csv":
@@ -196,7 +191,7 @@ def _of_phyphox(path: Path, files: Files) -> tuple[Recording, Understood, set[st
             f"{there}, and 'Acceleration x (m/s^2)' is needed; record with the experiment that `pbd sensors phyphox` "
             "gives to the phone",
         )
-    recording = _recording(path, streams["acc"], streams.get("gyr"), streams.get("mag"))
+    recording = _recording(path, streams)
     return recording, Understood(tuple(dict.fromkeys(columns)), unread, "phyphox (a phone)"), files_read
 
 
@@ -224,8 +219,9 @@ def _moments(path: Path, files: Files) -> Moments:
     return moments
 
 
-def _recording(path: Path, acc: Stream, gyr: Stream | None, mag: Stream | None) -> Recording:
-    t, acc_at, gyr_at, mag_at = joined(acc, gyr or None, mag or None)
+def _recording(path: Path, streams: Mapping[str, Stream]) -> Recording:
+    acc, gyr, mag = streams["acc"], streams.get("gyr") or None, streams.get("mag") or None
+    t, acc_at, gyr_at, mag_at = joined(acc, gyr, mag)
     if len(t) < 2:
         spans = listed(f"{each.t[0]:.1f} to {each.t[-1]:.1f} s" for each in (acc, gyr) if each)
         raise RecordingError.at(path, f"its sensors have no time in common ({spans}); record them together")
