@@ -31,12 +31,10 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _checked(args: argparse.Namespace) -> tuple[DemoCheck, ...]:
-    if not sys.stderr.isatty():
-        return check_all(args.demos, args.robot, args.jobs)
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
     columns = ("checking", BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+    with Progress(*columns, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as bar:
         task = bar.add_task("", total=len(args.demos))
         return check_all(args.demos, args.robot, args.jobs, lambda number: bar.update(task, completed=number))
 

@@ -114,7 +114,7 @@ def _common_prefix(names: Sequence[str]) -> str:
 
 def _saved(args: argparse.Namespace, demo: Demonstration, keyframes: tuple[Keyframe, ...]) -> tuple[Keyframe, ...]:
     """Write keyframes.toml where that is asked for or missing, and into it to which things keyframes belong."""
-    from pbd.files.keyframes_edit import set_frames
+    from pbd.files.keyframes import set_frames
 
     known = {names[0] for names, *_ in args.frame}.union(things(keyframes))
     refuse_unknown_things((name for names, *_ in args.frame for name in names), sorted(known))

@@ -14,8 +14,7 @@ from pbd.cli.keyframes import save_keyframes
 from pbd.cli.steps import load_demonstration, print_result, track_demonstration
 from pbd.data import TouchUp
 from pbd.errors import RecordingError, UsageError, warn
-from pbd.files.keyframes import LARGEST_NUDGE_M, NAME, read_touch_ups
-from pbd.files.keyframes_edit import add_touch_up, undo_touch_up
+from pbd.files.keyframes import LARGEST_NUDGE_M, NAME, add_touch_up, read_touch_ups, undo_touch_up
 from pbd.planning import load_arm
 from pbd.plots.findings import OFF_SIGMAS
 from pbd.pose import Array, quat_inverse, quat_rotate

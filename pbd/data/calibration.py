@@ -45,8 +45,7 @@ class Linear:
 
     def true(self, read: Array) -> Array:
         """What is true where it reads (..., 3)."""
-        corrected: Array = (read - self.bias) @ self.matrix.T
-        return corrected
+        return np.asarray((read - self.bias) @ self.matrix.T)
 
 
 @dataclass(frozen=True, eq=False)

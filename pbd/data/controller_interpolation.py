@@ -108,8 +108,7 @@ def _peaks(coefficients: Array, h: Array) -> Array:
         instants.append(np.clip(np.nan_to_num(vertex), 0.0, h))
     elif coefficients.shape[1] > 3:
         instants += [step / _STEPS * h for step in range(1, _STEPS)]
-    peaks: Array = np.maximum.reduce([np.abs(evaluate(coefficients, s)) for s in instants])
-    return peaks
+    return np.asarray(np.maximum.reduce([np.abs(evaluate(coefficients, s)) for s in instants]))
 
 
 def _derivative(coefficients: Array, order: int) -> Array:

@@ -99,8 +99,7 @@ class Servos:
     def to_percent(self, finger: Array) -> Array:
         """Give the finger joint's positions (...), rad, as LeRobot's 0 (closed) to 100 (open)."""
         closed, opened = self.gripper
-        percent: Array = 100.0 * (np.asarray(finger) - closed) / (opened - closed)
-        return percent
+        return np.asarray(100.0 * (np.asarray(finger) - closed) / (opened - closed))
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import fcntl
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,6 +18,7 @@ from pbd.data.keyframe import thing_carriers
 from pbd.errors import RecordingError, warn
 from pbd.files.calibration import FULL_TURN_DEG, read_pose
 from pbd.io.atomic import atomic_file
+from pbd.io.opening import read_text
 from pbd.io.toml import Section, read_toml
 from pbd.pose import quat_to_rpy
 
@@ -166,6 +171,54 @@ def read_keyframes(path: Path) -> tuple[Keyframe, ...]:
             except RecordingError as loop:
                 table.fail("frames", loop.message)
     return keyframes
+
+
+def add_touch_up(path: Path, touch_up: TouchUp) -> None:
+    """Append a touch-up to keyframes.toml, which stays as a person wrote it; raises as `read_keyframes`."""
+    import tomlkit
+
+    table = tomlkit.table()
+    table.add(tomlkit.comment("of `pbd touch`: where the tool was seen to belong, from where it was"))
+    table["t_s"] = round(touch_up.t, 3)
+    table["by_nav_m"] = [round(x, 5) + 0.0 for x in touch_up.by_nav_m.tolist()]
+    if touch_up.only:
+        table["only"] = True
+    with _edited(path) as document:
+        if "touch_up" not in document:
+            document.add(tomlkit.nl())
+            document["touch_up"] = tomlkit.aot()
+        document["touch_up"].append(table)
+
+
+def undo_touch_up(path: Path) -> None:
+    """Mark the last touch-up that counts as undone; raises as `read_keyframes`."""
+    with _edited(path) as document:
+        for table in [each for each in document.get("touch_up", []) if not each.get("undone", False)][-1:]:
+            table["undone"] = True
+
+
+def set_frames(path: Path, frames: Mapping[int, Sequence[str]]) -> None:
+    """Say to which things keyframes belong, by their number; raises as `read_keyframes`."""
+    with _edited(path) as document:
+        for number, names in frames.items():
+            document["keyframe"][number]["frames"] = list(names)
+
+
+@contextmanager
+def _edited(path: Path) -> Iterator[Any]:
+    import tomlkit
+
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        with suppress(OSError):  # some network folders know no locks
+            fcntl.flock(folder, fcntl.LOCK_EX)  # another command may be at it
+        document = tomlkit.parse(read_text(path, RecordingError, "give a text file"))
+        yield document
+        with atomic_file(path) as unfinished:
+            unfinished.write_text(tomlkit.dumps(document), encoding="utf-8")
+            read_keyframes(unfinished)  # never leave behind what can't be read
+    finally:
+        os.close(folder)
 
 
 def _check_grips(keyframes: Sequence[Keyframe], tables: Sequence[Section]) -> None:

@@ -26,21 +26,19 @@ class RecordingWriter:
     demo.toml is there before the first row, and is replaced as a whole when something is added to it.
     """
 
-    def __init__(
-        self, folder: Path, info: RecordingInfo, channels: Sequence[str], closed: bool, force: bool = False
-    ) -> None:
-        """Make the folder, with the name of `info`; `channels` are those of CHANNELS that will be there.
+    def __init__(self, folder: Path, info: RecordingInfo, channels: Sequence[str], closed: bool) -> None:
+        """Make the folder; `channels` are those of CHANNELS that will be there.
 
-        RecordingError: it exists (and `force` is not set), or can't be written.
+        RecordingError: it exists, or can't be written.
         """
-        refuse_demo_folder(folder, force)
+        refuse_demo_folder(folder, force=False)
         self.folder, self.rows = folder, 0
         self._info, self._closed = replace(info, name=folder.name), closed
         self._grip: list[GripEvent] = []
         written = [CHANNELS[name] for name in CHANNELS if name in channels]
         header = ",".join(["t", *(column for columns, _ in written for column in columns)])
         self._format = ",".join(["{:.6f}", *(f"{{:.{decimals}f}}" for _, decimals in written for _ in "xyz")])
-        with atomic_folder(folder, replace=force) as new:
+        with atomic_folder(folder, replace=False) as new:
             (new / "demo.toml").write_text(self._toml(), encoding="utf-8")
             (new / "imu.csv").write_text(header + "\n", encoding="ascii")
         self._raw: int | None = None

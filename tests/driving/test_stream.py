@@ -14,8 +14,7 @@ import pytest
 from pbd.driving.arm import HOLD_TRIES, Bounds, State
 from pbd.driving.bus import Bus
 from pbd.driving.counts import Counts
-from pbd.driving.goals import planned_start
-from pbd.driving.stream import Clock, Streamed, stream
+from pbd.driving.stream import Clock, Streamed, planned_start, stream
 from pbd.driving.watch import Watch, check_health
 from pbd.errors import PlanError, SensorError
 from pbd.files.robot import load_robot

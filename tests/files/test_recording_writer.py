@@ -10,13 +10,13 @@ import pytest
 
 from pbd.data import GripEvent, RecordingInfo
 from pbd.errors import RecordingError
-from pbd.files.demo import read_demo
+from pbd.files.demo import read_demo, refuse_demo_folder
 from pbd.files.recording_writer import RecordingWriter
 
 
-def begun(folder: Path, force: bool = False) -> RecordingWriter:
+def begun(folder: Path) -> RecordingWriter:
     info = RecordingInfo(sensor="witmotion", created="2026-01-02T03:04:05Z", clock="device")
-    return RecordingWriter(folder, info, ("gyr", "acc", "mag"), closed=True, force=force)
+    return RecordingWriter(folder, info, ("gyr", "acc", "mag"), closed=True)
 
 
 ROW = (0.1, 0.2, 0.3, 0.0, 0.0, 9.81, 20.0, 0.0, -40.0)
@@ -62,18 +62,18 @@ def test_nothing_is_overwritten_unasked(tmp_path: Path) -> None:
     begun(tmp_path / "tea").close()
     with pytest.raises(RecordingError, match="exists; give another name, or --force"):
         begun(tmp_path / "tea")
-    begun(tmp_path / "tea", force=True).close()
+    refuse_demo_folder(tmp_path / "tea", force=True)
     (tmp_path / "photos").mkdir()
     with pytest.raises(RecordingError, match="is not a demonstration, so it is not replaced"):
-        begun(tmp_path / "photos", force=True)
+        refuse_demo_folder(tmp_path / "photos", force=True)
 
 
 def test_what_is_being_recorded_is_not_replaced(tmp_path: Path) -> None:
     demo = begun(tmp_path / "tea")
     with pytest.raises(RecordingError, match="is being recorded; end that first"):
-        begun(tmp_path / "tea", force=True)
+        refuse_demo_folder(tmp_path / "tea", force=True)
     demo.close()
-    begun(tmp_path / "tea", force=True).close()
+    refuse_demo_folder(tmp_path / "tea", force=True)
 
 
 def test_a_full_disk_leaves_what_was_written_intact(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -23,8 +23,7 @@ from pbd.driving import stream as streaming
 from pbd.driving.arm import ServoArm, State
 from pbd.driving.bus import Bus
 from pbd.driving.counts import Counts, names_of
-from pbd.driving.goals import goals_of, planned_start
-from pbd.driving.stream import Clock, Streamed, stream
+from pbd.driving.stream import Clock, Streamed, goals_of, planned_start, stream
 from pbd.driving.watch import Watch, check_health
 from pbd.errors import SensorError
 from pbd.files.servo_calibration import find_servo_calibration, read_servo_calibration

@@ -16,8 +16,8 @@ LEAST_GAP_S = 1e-4
 def samples(order: Order) -> Samples:
     """Evaluate at the rate, and when the arm is at each keyframe."""
     t, keyframe_t = order.sampled().t, order.trajectory.keyframe_t
-    beside = np.abs(t[:, None] - keyframe_t).min(axis=1) < LEAST_GAP_S
-    return order.trajectory.at(np.union1d(t[~beside], keyframe_t))
+    alone = np.abs(t[:, None] - keyframe_t).min(axis=1) >= LEAST_GAP_S
+    return order.trajectory.at(np.union1d(t[alone], keyframe_t))
 
 
 def write(order: Order, points: Samples, path: Path) -> None:
