@@ -86,6 +86,6 @@ def _decode(args: argparse.Namespace) -> Demonstration:
     """Decode bytes that `pbd record --raw` kept."""
     if not args.sensor:
         raise SensorError(f"{args.file} holds a sensor's raw bytes; name the sensor with --sensor", path=args.file)
-    make = decoder_maker(args, args.sensor, [f"{quantity}={unit}" for quantity, unit in args.unit])
+    make = decoder_maker(args, args.sensor)
     with working(f"decoding {args.file}"):
         return decode_raw(args.file, make(), args.sensor, args.rate)

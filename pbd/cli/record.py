@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> None:
         name = f"{name}{args.take}"
     folder = demo_folder(name)
     if args.sensor is not None and args.sensor.partition(":")[0] != SIMULATED:
-        decoder_maker(args, args.sensor, args.unit, also=(SIMULATED,))  # spelling errors come first
+        decoder_maker(args, args.sensor, also=(SIMULATED,))  # spelling errors come first
     refuse_demo_folder(folder, args.force)
     if args.take is not None:
         say(held(args.take))

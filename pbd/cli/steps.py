@@ -173,20 +173,14 @@ def refuse_columns(args: argparse.Namespace, sensor: str) -> None:
         raise UsageError(what, value=sensor)
 
 
-def decoder_maker(
-    args: argparse.Namespace, sensor: str, units: Iterable[str], also: Iterable[str] = ()
-) -> Callable[[], Decoder]:
-    """Return what makes the sensor's decoder.
+def decoder_maker(args: argparse.Namespace, sensor: str, also: Iterable[str] = ()) -> Callable[[], Decoder]:
+    """Return what makes the sensor's decoder, by the options of `add_lines` and --unit.
 
-    Args:
-        args: with the options of `add_lines`.
-        units: as in `acc=g`, for lines and the Razor.
-        also: other names that the command takes, for the message.
-
+    Names that the command takes `also` are for the message.
     UsageError: the sensor is unknown, or its lines are not described, or wrongly. SensorError: the TOML file describes
     them wrongly.
     """
-    from pbd.sensors.line_layout import layout_from_options, layout_from_toml, units_from_options
+    from pbd.sensors.line_layout import layout_from_options, layout_from_toml
     from pbd.sensors.lines import LineDecoder
     from pbd.sensors.protocols import protocol
     from pbd.sensors.razor import razor_layout
@@ -202,9 +196,9 @@ def decoder_maker(
     else:
         try:
             if sensor == "razor":
-                layout = razor_layout(units_from_options(units))
+                layout = razor_layout(dict(args.unit))
             else:
-                layout = layout_from_options(args.columns, units, args.separator, args.prefix, args.wrap)
+                layout = layout_from_options(args.columns, dict(args.unit), args.separator, args.prefix, args.wrap)
         except SensorError as error:
             raise UsageError(error.message, **error.fields) from None
     return lambda: LineDecoder(layout)

@@ -20,7 +20,7 @@ begins a sample.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import isfinite
 from pathlib import Path
@@ -160,24 +160,13 @@ def _check_prefixes(prefixes: list[str]) -> None:
 
 def layout_from_options(
     columns: str,
-    units: Iterable[str] = (),
+    units: Mapping[str, str] = MappingProxyType({}),
     separator: str = ",",
     prefix: str = "",
     wrap: float | None = None,
 ) -> LineLayout:
     """Make a layout of what stands on a command line: `--columns "ax,ay,az,gx,gy,gz" --unit acc=g`."""
-    return LineLayout(
-        (Line(_names(columns), prefix),), units_from_options(units), SEPARATORS.get(separator, separator), wrap
-    )
-
-
-def units_from_options(units: Iterable[str]) -> dict[str, str]:
-    """Read `acc=g` and its like; SensorError: one is not written so."""
-    pairs = [text.partition("=") for text in units]
-    for quantity, equals, unit in pairs:
-        if not (quantity and equals and unit):
-            raise SensorError(f"unit {quantity + equals + unit!r} must have the form acc=g; correct it")
-    return {quantity.strip(): unit for quantity, _, unit in pairs}
+    return LineLayout((Line(_names(columns), prefix),), units, SEPARATORS.get(separator, separator), wrap)
 
 
 def layout_from_toml(text: str, name: str = "layout") -> LineLayout:
@@ -196,7 +185,7 @@ def layout_from_toml(text: str, name: str = "layout") -> LineLayout:
     try:
         return LineLayout(lines, given, SEPARATORS.get(separator, separator), wrap)
     except SensorError as error:
-        raise SensorError.at(name, f"{error.message}", **error.fields) from None
+        raise SensorError.at(name, error.message, **error.fields) from None
 
 
 def _names(columns: str) -> tuple[str, ...]:

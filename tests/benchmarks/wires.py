@@ -107,7 +107,7 @@ def _gamepad_reports(count: int) -> list[bytes]:
 
 
 def _line_decoder() -> Decoder:
-    return LineDecoder(layout_from_options(COLUMNS, ()))
+    return LineDecoder(layout_from_options(COLUMNS))
 
 
 def _xsens_fast(count: int) -> list[bytes]:

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from pbd.cli import main, sensors
-from pbd.cli.options import not_negative, positive
+from pbd.cli.options import not_negative, pair, positive
 from pbd.errors import nearest
 from tests.cli.test_help import COMMANDS
 
@@ -85,6 +85,12 @@ def test_nothing_alike_is_no_question() -> None:
 def test_a_number_above_zero(text: str) -> None:
     with pytest.raises(argparse.ArgumentTypeError, match="must be a number above zero, got '"):
         positive(text)
+
+
+@pytest.mark.parametrize("text", ["acc", "acc=", "=g"])
+def test_a_unit_names_its_quantity(text: str) -> None:
+    with pytest.raises(argparse.ArgumentTypeError, match="must be two words with = between them"):
+        pair(text)
 
 
 @pytest.mark.parametrize("text", ["-1", "nan", "inf", "", "1,5"])

@@ -126,7 +126,7 @@ def _razor(hand: Recording, row: int) -> bytes:
 
 
 def _lines_decoder() -> Decoder:
-    return LineDecoder(layout_from_options("t,ax,ay,az,gx,gy,gz", ("t=us", "acc=g", "gyr=deg/s")))
+    return LineDecoder(layout_from_options("t,ax,ay,az,gx,gy,gz", {"t": "us", "acc": "g", "gyr": "deg/s"}))
 
 
 def _speaker(sensor: str, encode: Encode, acc: float, gyr: float, checked: bool, clocked: bool) -> Speaker:

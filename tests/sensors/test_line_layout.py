@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import pytest
 
+from pbd.cli.options import pair
 from pbd.data import GRAVITY
 from pbd.data.units import UNITS
 from pbd.errors import SensorError
@@ -20,7 +21,7 @@ t = "ms"
 
 
 def test_options_and_toml_say_the_same() -> None:
-    by_options = layout_from_options("t,ax,ay,az,_", ["acc=0.001 g", "t=ms"], "space", "IMU ", 65536)
+    by_options = layout_from_options("t,ax,ay,az,_", {"acc": "0.001 g", "t": "ms"}, "space", "IMU ", 65536)
     assert by_options == layout_from_toml(TOML)
     assert by_options.lines == (Line(("t", "ax", "ay", "az", "_"), "IMU "),)
     assert by_options.separator == " "
@@ -45,7 +46,7 @@ def test_a_number_multiplies_a_unit(quantity: str, unit: str) -> None:
 def test_the_first_unit_is_the_projects() -> None:
     layout = layout_from_options("ax,ay,az")
     assert [layout.factor(quantity) for quantity in UNITS] == [1.0] * len(UNITS)
-    assert layout_from_options("ax,ay,az", ["acc=g"]).factor("acc") == GRAVITY
+    assert layout_from_options("ax,ay,az", {"acc": "g"}).factor("acc") == GRAVITY
 
 
 @pytest.mark.parametrize(
@@ -53,7 +54,7 @@ def test_the_first_unit_is_the_projects() -> None:
     [("us", None, 4294.967296), ("ms", None, 4294967.296), ("s", None, 0.0), ("us", 0.0, 0.0), ("ms", 1000.0, 1.0)],
 )
 def test_an_arduinos_clock_wraps_unless_told_otherwise(unit: str, wrap: float | None, wrap_s: float) -> None:
-    assert layout_from_options("t,ax,ay,az", [f"t={unit}"], wrap=wrap).wrap_s == pytest.approx(wrap_s)
+    assert layout_from_options("t,ax,ay,az", {"t": unit}, wrap=wrap).wrap_s == pytest.approx(wrap_s)
 
 
 @pytest.mark.parametrize(
@@ -74,12 +75,10 @@ def test_columns_that_make_no_sense(columns: str, says: str) -> None:
         layout_from_options(columns)
 
 
-@pytest.mark.parametrize(
-    "unit", ["acc", "acc=", "=g", "acc=furlong", "acc=deg/s", "force=N", "acc=0g", "acc=-1g", "acc=1.2.3g", "t=1e999s"]
-)
+@pytest.mark.parametrize("unit", ["acc=furlong", "acc=deg/s", "force=N", "acc=0g", "acc=-1g", "acc=1.2.3g", "t=1e999s"])
 def test_units_that_make_no_sense(unit: str) -> None:
     with pytest.raises(SensorError, match=r"acc|unit|is no unit"):
-        layout_from_options("ax,ay,az", [unit])
+        layout_from_options("ax,ay,az", dict([pair(unit)]))
 
 
 @pytest.mark.parametrize("separator", ["", ",,", "1", "-", ".", "e", "\n", "é"])

@@ -23,7 +23,9 @@ numbers = st.floats(-150.0, 150.0)
 
 def reader(columns: str, *units: str, separator: str = ",", prefix: str = "", wrap: float | None = None) -> LineDecoder:
     """A decoder that has seen the end of a line, so that the next one counts."""
-    decoder = LineDecoder(layout_from_options(columns, units, separator, prefix, wrap))
+    decoder = LineDecoder(
+        layout_from_options(columns, dict(unit.split("=") for unit in units), separator, prefix, wrap)
+    )
     assert decoder.feed(b"\n") == []
     return decoder
 
@@ -167,11 +169,11 @@ def some_stream(rng: random.Random) -> bytes:
 
 
 def make() -> LineDecoder:
-    return LineDecoder(layout_from_options("t,ax,ay,az", ["t=us"]))
+    return LineDecoder(layout_from_options("t,ax,ay,az", {"t": "us"}))
 
 
 def make_marked() -> LineDecoder:
-    return LineDecoder(layout_from_options("t,ax,ay,az", ["t=us"], prefix="9"))
+    return LineDecoder(layout_from_options("t,ax,ay,az", {"t": "us"}, prefix="9"))
 
 
 def test_damaged_streams() -> None:

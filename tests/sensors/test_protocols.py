@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from pbd.cli.options import pair
 from pbd.errors import SensorError, UsageError
 from pbd.sensors.line_layout import layout_from_options, layout_from_toml
 from pbd.sensors.protocols import PROTOCOLS, protocol
@@ -71,4 +72,4 @@ def test_the_pages_layouts_are_right() -> None:
     for one in files:
         layout_from_toml(one)
     for columns, units in options:
-        layout_from_options(columns, units.split()[1::2])
+        layout_from_options(columns, dict(map(pair, units.split()[1::2])))

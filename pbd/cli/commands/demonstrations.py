@@ -50,7 +50,7 @@ def record(parser: ArgumentParser) -> None:
     flag("--live", "show the hand in the browser, served on this machine only")
     flag("--no-open", "with --live: open no browser; print the address")
     unit = "unit of acc, gyr, mag, angle or t, such as acc=g"
-    add_lines(parser).add_argument("--unit", action="append", default=[], metavar="Q=U", help=unit)
+    adders(add_lines(parser))[0]("--unit", "Q=U", unit, type=pair, action="append", default=[])
     add_json(parser)
 
 
