@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import math
 import sys
 from collections.abc import Callable, Container, Iterable
+from contextlib import suppress
 from dataclasses import replace
 from inspect import cleandoc
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from pbd.errors import nearest
+from pbd.io import numbers
 
 if TYPE_CHECKING:
     from _typeshed import SupportsWrite
@@ -197,9 +198,10 @@ def number(wanted: str, holds: Callable[[float], bool]) -> Callable[[str], float
     """Make what parses a finite number that `holds`; what is `wanted`, in words."""
 
     def parse(text: str) -> float:
-        if not holds(value := _number(text)):
-            raise argparse.ArgumentTypeError(f"must be {wanted}, got '{text}'")
-        return value
+        with suppress(ValueError):
+            if holds(value := numbers.finite(text)):
+                return value
+        raise argparse.ArgumentTypeError(f"must be {wanted}, got '{text}'")
 
     return parse
 
@@ -220,16 +222,16 @@ def whole(wanted: str, valid: Container[int]) -> Callable[[str], int]:
     return parse
 
 
-finite = number("a number", math.isfinite)
+finite = number("a number", lambda _: True)
 positive = number("a number above zero", lambda value: value > 0.0)
 not_negative = number("zero or a number above", lambda value: value >= 0.0)
 
 
 def frame(text: str) -> tuple[tuple[str, ...], int, int]:
     """Parse THING=I, THING=I..J or THING=I..J@CARRIER: the names, innermost first, the first and the last keyframe."""
-    thing, numbers = pair(text)
-    numbers, *carriers = numbers.split("@")
-    first, _, last = numbers.partition("..")
+    thing, words = pair(text)
+    span, *carriers = words.split("@")
+    first, _, last = span.partition("..")
     if not (first.isdecimal() and (last or first).isdecimal() and int(first) <= int(last or first) and all(carriers)):
         raise argparse.ArgumentTypeError(f"must be like cup=3..5, or lid=6..7@cup, got '{text}'")
     return (thing, *carriers), int(first), int(last or first)
@@ -237,11 +239,12 @@ def frame(text: str) -> tuple[tuple[str, ...], int, int]:
 
 def thing_place(text: str) -> tuple[str, tuple[float, ...]]:
     """Parse THING=X,Y,Z or THING=X,Y,Z,DEG."""
-    thing, numbers = pair(text)
-    values = tuple(map(_number, numbers.split(",")))
-    if len(values) not in (3, 4) or any(map(math.isnan, values)):
-        raise argparse.ArgumentTypeError(f"must be like cup=0.5,0.2,0.1 or cup=0.5,0.2,0.1,30, got '{text}'")
-    return thing, values
+    thing, words = pair(text)
+    with suppress(ValueError):
+        values = tuple(map(numbers.finite, words.split(",")))
+        if len(values) in (3, 4):
+            return thing, values
+    raise argparse.ArgumentTypeError(f"must be like cup=0.5,0.2,0.1 or cup=0.5,0.2,0.1,30, got '{text}'")
 
 
 def pair(text: str) -> tuple[str, str]:
@@ -250,12 +253,3 @@ def pair(text: str) -> tuple[str, str]:
     if not (ours and equals and theirs):
         raise argparse.ArgumentTypeError(f"must be two words with = between them, got '{text}'")
     return ours, theirs
-
-
-def _number(text: str) -> float:
-    """NaN where it is no finite number."""
-    try:
-        value = float(text)
-    except ValueError:
-        return math.nan
-    return value if math.isfinite(value) else math.nan

@@ -28,7 +28,6 @@ def find_sensor(args: argparse.Namespace) -> tuple[str, Callable[[], Source], De
     wanted: str | None = args.sensor
     if wanted == PHONE or "://" in (args.port or ""):
         return _phone(args)
-    make = None if wanted is None else decoder_maker(args, wanted)  # before anything is opened
     if wanted == GAMEPAD:
         if args.baud or args.rate:
             raise UsageError("a gamepad has no baud or rate to choose; leave out --baud, --rate")
@@ -43,7 +42,7 @@ def find_sensor(args: argparse.Namespace) -> tuple[str, Callable[[], Source], De
     if wanted is None:
         wanted, heard_at = _listened(device)
         baud = baud or heard_at
-    make = make or decoder_maker(args, wanted)
+    make = decoder_maker(args, wanted)
     if baud is None:
         bauds = PROTOCOLS[wanted].bauds
         longest_s = BOOT_S + 2.0 * LISTEN_S * len(bauds)
