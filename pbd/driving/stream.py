@@ -123,8 +123,7 @@ def stream(
                 break
             now = clock.now()
             if k and now - due > stall_s:
-                what = f"this computer was busy for {now - due:.2f} s"
-                raise SensorError(f"{what}: close other programs")
+                raise SensorError(f"this computer was busy for {now - due:.2f} s: close other programs")
             state = arm.state()
             watch.look(state)
             if not dry_run:

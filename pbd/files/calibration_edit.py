@@ -78,25 +78,17 @@ def update_calibration(
             raise CalibrationError(said, **error.fields | {"path": path}) from None
 
 
-def pose_values(pose: Pose, where: str) -> dict[str, tuple[Value | None, str]]:
-    """A pose as `position` and `rpy_deg`."""
-    return {
-        "position": (_rounded(pose.p, 5), f"m, {where}"),
-        "rpy_deg": (_rounded(np.degrees(quat_to_rpy(pose.wxyz)), 4), "about x, then fixed y, then fixed z"),
-    }
-
-
-def covariance_values(cov: Array | None) -> dict[str, tuple[Value | None, str]]:
-    """A pose's covariance (6, 6), m and rad: as sigmas where it is diagonal, else whole.
+def pose_values(pose: Pose, where: str, cov: Array) -> dict[str, tuple[Value | None, str]]:
+    """A pose and its covariance (6, 6), m and rad: as sigmas where it is diagonal, else whole.
 
     What has no variance was not measured (a lever alone, or a rotation alone), so no sigma is written of it.
     """
-    if cov is None:
-        return dict.fromkeys(("sigma_m", "sigma_deg", "covariance"), (None, ""))
     sigma = np.sqrt(np.diagonal(cov))
     place, turn = sigma[:3], np.degrees(sigma[3:])
     diagonal = not (cov - np.diag(np.diagonal(cov))).any()
     return {
+        "position": (_rounded(pose.p, 5), f"m, {where}"),
+        "rpy_deg": (_rounded(np.degrees(quat_to_rpy(pose.wxyz)), 4), "about x, then fixed y, then fixed z"),
         "sigma_m": (_rounded(place, 6) if place.any() else None, "one sigma of the position"),
         "sigma_deg": (_rounded(turn, 4) if turn.any() else None, "one sigma of the rotation, about x, y and z"),
         "covariance": (

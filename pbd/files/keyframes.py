@@ -126,8 +126,7 @@ def write_keyframes(
     for index, keyframe in enumerate(keyframes):
         if (away := float(np.abs(keyframe.T_nav_sensor.p).max())) > LARGEST_M:
             what = f"keyframe {index} (t = {keyframe.t:.2f} s) is {away:.1f} m from the dock, where no arm reaches"
-            saved = "nothing is saved: record again"
-            raise RecordingError(f"{what}; {saved}", keyframe=index, value=away, bound=LARGEST_M)
+            raise RecordingError(f"{what}; nothing is saved: record again", keyframe=index, value=away, bound=LARGEST_M)
     path = folder / NAME
     if path.exists() and not force:
         raise RecordingError(f"{path} exists and may have been edited; --force replaces it", path=path)

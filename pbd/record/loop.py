@@ -92,12 +92,10 @@ def _run(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], 
         stopped_s = watch.look()
         now = watch.now
         if stopped_s:
-            what = f"this program stood still for {stopped_s:.1f} s: what the sensor sent meanwhile may be lost"
-            session.warn(what)
+            session.warn(f"this program stood still for {stopped_s:.1f} s: what the sensor sent meanwhile may be lost")
         elif pieces and now - pieces[0][1] > LATEST_S and not behind:
             behind = True
-            what = "samples come faster than this machine takes them: lower the sensor's rate"
-            session.warn(what)
+            session.warn("samples come faster than this machine takes them: lower the sensor's rate")
         silent_s = now - max(reader.latest, watch.woke)
         if pieces and away:
             away = False

@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 
 from pbd.errors import CalibrationError
 from pbd.files.calibration import read_calibration
-from pbd.files.calibration_edit import calibration_file, covariance_values, pose_values, update_calibration
+from pbd.files.calibration_edit import calibration_file, pose_values, update_calibration
 from pbd.files.find_by_name import bundled
 from pbd.pose import Pose
 
@@ -34,6 +34,7 @@ shape = "box"
 size = [0.3, 0.2, 0.02]
 position = [0.6, 0.4, 0.3]
 """
+EXACT = np.zeros((6, 6))
 POSE = Pose.from_rpy((0.1, -0.2, 0.3), (0.1, 0.2, 0.3))
 
 
@@ -45,7 +46,7 @@ def bench(tmp_path: Path) -> Path:
 
 
 def test_what_is_not_named_stays_as_it_was_written(bench: Path) -> None:
-    update_calibration(bench, {"dock": pose_values(POSE, "in base")})
+    update_calibration(bench, {"dock": pose_values(POSE, "in base", EXACT)})
     written = bench.read_text(encoding="utf-8").splitlines()
     assert written[6:9] == [
         "[dock]",
@@ -57,7 +58,7 @@ def test_what_is_not_named_stays_as_it_was_written(bench: Path) -> None:
 
 def test_new_keys_come_before_the_comment_on_the_next_table(bench: Path) -> None:
     cov = np.diag(np.square([1e-3, 2e-3, 3e-3, 0.0, 0.0, 0.01]))
-    update_calibration(bench, {"dock": covariance_values(cov)})
+    update_calibration(bench, {"dock": pose_values(POSE, "in base", cov)})
     text = bench.read_text(encoding="utf-8")
     assert text.index("any_attitude") < text.index("sigma_m") < text.index("# about the shelf")
     found = read_calibration(bench).cov_base
@@ -70,7 +71,7 @@ def test_every_part_arrives_where_the_reader_looks(bench: Path) -> None:
     update_calibration(
         bench,
         {
-            "mount": pose_values(POSE, "in sensor axes") | covariance_values(cov) | {"fit": ({"rms_mm": 1.5}, "")},
+            "mount": pose_values(POSE, "in sensor axes", cov) | {"fit": ({"rms_mm": 1.5}, "")},
             "sensor": {"name": ("mine", ""), "gravity": (9.81, "m/s2")},
             "sensor.acc": {"bias": ([0.1, 0.2, 0.3], "m/s2"), "matrix": ([1.0, 0, 0, 0, 1.02, 0, 0, 0, 1.0], "")},
         },
@@ -92,7 +93,7 @@ def test_every_part_arrives_where_the_reader_looks(bench: Path) -> None:
 
 def test_a_dock_gives_way_to_nav_in_its_place(bench: Path) -> None:
     update_calibration(
-        bench, {"nav": pose_values(POSE, "in base") | {"any_attitude": (None, "")}}, instead={"dock": "nav"}
+        bench, {"nav": pose_values(POSE, "in base", EXACT) | {"any_attitude": (None, "")}}, instead={"dock": "nav"}
     )
     text = bench.read_text(encoding="utf-8")
     assert text.index("# measured with a ruler") < text.index("[nav]") < text.index("# about the shelf")
@@ -103,17 +104,17 @@ def test_a_dock_gives_way_to_nav_in_its_place(bench: Path) -> None:
 
 def test_a_new_one_says_for_which_robot_and_can_be_read(tmp_path: Path) -> None:
     path = tmp_path / "calibration" / "new.toml"
-    update_calibration(path, {"dock": pose_values(POSE, "in base")}, robots=("panda",))
+    update_calibration(path, {"dock": pose_values(POSE, "in base", EXACT)}, robots=("panda",))
     calibration = read_calibration(path)
     assert (calibration.name, calibration.robots) == ("new", ("panda",))
-    update_calibration(path, {"dock": pose_values(POSE, "in base")}, robots=("ur5",))
+    update_calibration(path, {"dock": pose_values(POSE, "in base", EXACT)}, robots=("ur5",))
     assert read_calibration(path).robots == ("panda",)  # it is a person's to change
 
 
 def test_a_bundled_one_is_copied_not_changed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     before = (bundled("calibration") / "default.toml").read_bytes()
-    update_calibration(calibration_file("default"), {"mount": pose_values(POSE, "in sensor axes")})
+    update_calibration(calibration_file("default"), {"mount": pose_values(POSE, "in sensor axes", EXACT)})
     assert (bundled("calibration") / "default.toml").read_bytes() == before
     assert "# Height of the table's top" in Path("calibration/default.toml").read_text(encoding="utf-8")
     assert read_calibration(Path("calibration/default.toml")).T_base_dock is not None
@@ -123,7 +124,7 @@ def test_a_bundled_one_is_copied_not_changed(tmp_path: Path, monkeypatch: pytest
 def test_what_can_not_be_read_is_not_touched(bench: Path, text: str) -> None:
     bench.write_text(text, encoding="utf-8")
     with pytest.raises(CalibrationError):
-        update_calibration(bench, {"dock": pose_values(POSE, "in base")})
+        update_calibration(bench, {"dock": pose_values(POSE, "in base", EXACT)})
     assert bench.read_text(encoding="utf-8") == text
     assert [path.name for path in bench.parent.iterdir()] == ["bench.toml"]
 
@@ -131,7 +132,7 @@ def test_what_can_not_be_read_is_not_touched(bench: Path, text: str) -> None:
 def test_nothing_half_done_is_left(bench: Path) -> None:
     """A value that the reader refuses is found before the file is replaced."""
     with pytest.raises(CalibrationError, match="and \\[nav\\] can't both be given"):
-        update_calibration(bench, {"nav": pose_values(POSE, "in base")})
+        update_calibration(bench, {"nav": pose_values(POSE, "in base", EXACT)})
     assert bench.read_text(encoding="utf-8") == BENCH
     assert [path.name for path in bench.parent.iterdir()] == ["bench.toml"]
 
@@ -163,7 +164,7 @@ def test_any_edits_leave_what_a_person_wrote(bench: Path, parts: list[str], numb
         if part.startswith("sensor"):
             update_calibration(bench, {"sensor": {"name": ("mine", "")}, part: {"bias": (numbers[:3], "")}})
         else:
-            update_calibration(bench, {part: pose_values(pose, "somewhere") | covariance_values(np.eye(6))})
+            update_calibration(bench, {part: pose_values(pose, "somewhere", np.eye(6))})
     text = bench.read_text(encoding="utf-8")
     assert text.startswith(BENCH[: BENCH.index("[dock]")])
     assert BENCH[BENCH.index("# about the shelf") :].rstrip() in text

@@ -12,7 +12,7 @@ from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, Robot
 from pbd.errors import CalibrationError, PlanError, UsageError
 from pbd.files.calibration import load_calibration
-from pbd.files.calibration_edit import covariance_values, existing_calibration, pose_values, update_calibration
+from pbd.files.calibration_edit import existing_calibration, pose_values, update_calibration
 from pbd.files.demo import load_demo
 from pbd.files.points import FARTHEST_M
 from pbd.files.robot import load_robot
@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> None:
     cov = of_pose + np.diag(np.square([*[1e-3 * args.sigma_mm] * 3, 0.0, 0.0, np.radians(args.sigma_deg)]))
     update_calibration(
         path,
-        {"dock": pose_values(T_base_dock, "in base") | covariance_values(cov)},
+        {"dock": pose_values(T_base_dock, "in base", cov)},
         instead=instead,
         robots=(robot.name,) if robot else (),
     )

@@ -14,7 +14,7 @@ from pbd.cli.console import print_json, say
 from pbd.data import Calibration
 from pbd.data.covariance import one_sigma
 from pbd.errors import UsageError
-from pbd.files.calibration_edit import covariance_values, existing_calibration, pose_values, update_calibration
+from pbd.files.calibration_edit import existing_calibration, pose_values, update_calibration
 from pbd.pose import Array, Pose
 from pbd.tracking.keyframes import find_keyframes
 from pbd.view.calibration_tables import figures_table
@@ -31,7 +31,7 @@ def run(args: argparse.Namespace) -> None:
     pivot = fit_pivot(keyframes, hand.covariance) if args.pivot else None
     turns = fit_turns(keyframes, args.turns) if args.turns else None
     mount, cov, figures = _merged(calibration, pivot, turns)
-    values = pose_values(mount, "in sensor axes") | covariance_values(cov) | {"fit": (figures, "")}
+    values = pose_values(mount, "in sensor axes", cov) | {"fit": (figures, "")}
     update_calibration(path, {"mount": values})
     if args.json:
         shown = {"position_m": mount.p, "wxyz": mount.wxyz} | sigma_json(cov)

@@ -20,7 +20,7 @@ from pbd.data import Calibration, HandPath, Keyframe, Recording
 from pbd.data.covariance import one_sigma
 from pbd.data.one_line_repr import counted
 from pbd.errors import CalibrationError, collected_warnings, warn
-from pbd.files.calibration_edit import covariance_values, existing_calibration, pose_values, update_calibration
+from pbd.files.calibration_edit import existing_calibration, pose_values, update_calibration
 from pbd.files.demo import load_demo
 from pbd.files.points import Points, read_points
 from pbd.pipeline import track
@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> None:
     cov = fit.cov.copy()
     if part == "nav" and heading is not None:
         cov[5, 5] += heading**2  # the next demonstration's heading differs by so much
-    values = pose_values(pose, "in base") | covariance_values(cov) | {"fit": (figures, ""), "any_attitude": (None, "")}
+    values = pose_values(pose, "in base", cov) | {"fit": (figures, ""), "any_attitude": (None, "")}
     update_calibration(path, {part: values}, instead=instead, scale=fit.scale if args.find_scale else None)
     if args.json:
         rpy_deg = np.degrees(quat_to_rpy(pose.wxyz))

@@ -131,8 +131,7 @@ def read_episodes(folder: Path, robot: Robot) -> list[Episode]:
         with suppress(ValueError, RecursionError):
             info = json.loads(read_text(folder / INFO, PbdError, "give a new folder"))
     if not isinstance(info, dict):
-        what = f"{folder} holds something else than a LeRobot dataset"
-        raise PbdError(f"{what}; give a new folder", path=folder)
+        raise PbdError(f"{folder} holds something else than a LeRobot dataset; give a new folder", path=folder)
     robot_type, features = info.get("robot_type"), info.get("features")
     if robot_type != type_of(robot):
         what = f"{folder} holds episodes of another robot, {printable(str(robot_type))}, not of {type_of(robot)}"
