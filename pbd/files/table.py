@@ -264,14 +264,15 @@ def _text(path: Path, encodings: Sequence[str], error: type[PbdError], data: byt
         raise error.at(path, f"can't be read as text ({reason}); give a CSV file") from None
 
 
-def write_table(path: Path, header: tuple[str, ...], values: Array, decimals: tuple[int, ...]) -> None:
-    """Write a table, each column rounded to so many decimals; NaN becomes an empty cell."""
+def write_table(path: Path, header: tuple[str, ...], values: Array, decimals: tuple[int, ...] = ()) -> None:
+    """Write a table, each column rounded to so many decimals, if any are given; NaN becomes an empty cell."""
     import orjson
 
     with path.open("wb") as file:
         file.write(",".join(header).encode() + b"\n")
         for k in range(0, len(values), ROWS_AT_ONCE):
             part = values[k : k + ROWS_AT_ONCE]
-            rounded = np.column_stack([column.round(places) for column, places in zip(part.T, decimals, strict=True)])
-            rows = orjson.dumps(rounded, option=orjson.OPT_SERIALIZE_NUMPY)
+            if decimals:
+                part = np.column_stack([column.round(places) for column, places in zip(part.T, decimals, strict=True)])
+            rows = orjson.dumps(part, option=orjson.OPT_SERIALIZE_NUMPY)
             file.write(rows[2:-2].replace(b"],[", b"\n").replace(b"null", b"") + b"\n")

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import orjson
 
 from pbd.data import Samples
 from pbd.files.exporters.job import Order
+from pbd.files.table import read_table, write_table
 
 
 def write(order: Order, points: Samples, path: Path) -> None:
@@ -16,13 +16,11 @@ def write(order: Order, points: Samples, path: Path) -> None:
     names = order.trajectory.joint_names
     header = ("t", *(f"{kind}_{name}" for kind in ("q", "dq", "ddq") for name in names), "gripper")
     values = np.column_stack((points.t, points.q, points.qd, points.qdd, points.gripper))
-    rows = orjson.dumps(values + 0.0, option=orjson.OPT_SERIALIZE_NUMPY)  # no -0.0
-    path.write_bytes(b"%s\n%s\n" % (",".join(header).encode(), rows[2:-2].replace(b"],[", b"\n")))
+    write_table(path, header, values + 0.0)  # no -0.0
 
 
 def read(path: Path) -> Samples:
     """Read what `write` wrote."""
-    _, _, rows = path.read_bytes().rstrip().partition(b"\n")
-    values = np.array(orjson.loads(b"[[%s]]" % rows.replace(b"\n", b"],[")), np.float64)
+    values = read_table(path).values
     q, qd, qdd = np.split(values[:, 1:-1], 3, axis=1)
     return Samples(values[:, 0], q, qd, qdd, values[:, -1])
