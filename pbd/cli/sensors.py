@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 
-from pbd.cli.console import listening, print_json
+from pbd.cli.console import print_json
+from pbd.cli.recording.device import probed
 from pbd.errors import SensorError
 from pbd.sensors import port as serial_port
-from pbd.sensors.probe import FIRST_BAUD, LONGEST_PROBE_S, Found, probe
+from pbd.sensors.probe import Found
 from pbd.sensors.protocols import PROTOCOLS
 from pbd.view.terminal_tables import ports_table, print_csv, print_table, words_table
 
@@ -25,11 +26,7 @@ def run(args: argparse.Namespace) -> None:
         row: dict[str, str | int | None] = {"port": port.device, "title": port.title, "usb": port.usb}
         if args.probe:
             try:
-                with (
-                    serial_port.open_port(port.device, FIRST_BAUD) as opened,
-                    listening(port.device, "listening to", LONGEST_PROBE_S),
-                ):
-                    found = probe(opened)
+                found = probed(port.device)
             except SensorError as error:
                 if args.port:
                     raise

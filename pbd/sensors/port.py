@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import grp
 import os
 import stat
 import termios
@@ -46,13 +45,11 @@ class Port(Source):
 
     def read(self) -> bytes:
         """Return the bytes that came, after READ_TIMEOUT_S (or as opened) at the latest; SensorError: it is gone."""
-        from serial import SerialException
-
         try:
             first = self._serial.read(1)
             waiting = self._serial.in_waiting if first else 0
             return bytes(first + self._serial.read(waiting)) if waiting else bytes(first)
-        except (SerialException, OSError, TypeError) as reason:  # TypeError: closed meanwhile
+        except (OSError, TypeError) as reason:  # SerialException too is an OSError; TypeError: closed meanwhile
             raise self._gone() from reason
 
     def _gone(self) -> SensorError:
@@ -61,12 +58,10 @@ class Port(Source):
 
     def write(self, data: bytes) -> None:
         """Send a command to the device; SensorError: it was unplugged, or takes nothing."""
-        from serial import SerialException
-
         try:
             self._serial.write(data)
             self._serial.flush()
-        except (SerialException, OSError, termios.error) as reason:
+        except (OSError, termios.error) as reason:
             raise SensorError(
                 f"{self.device} takes no command ({reason}); unplug the {self._what} and plug it in again",
                 path=self.device,
@@ -96,13 +91,13 @@ class Port(Source):
 
 def open_port(device: str, baud: int, what: str = "sensor", wait_s: float = READ_TIMEOUT_S) -> Port:
     """Open a port for us alone, 8N1: for `what`, whose reads wait `wait_s` at most; a SensorError says why it can't."""
-    from serial import Serial, SerialException
+    from serial import Serial
 
     try:
         if baud <= 0:
             raise ValueError("0 would hang up")
         return Port(Serial(device, baud, timeout=wait_s, write_timeout=1.0, exclusive=True), device, baud, what)
-    except (SerialException, OSError, ValueError) as reason:
+    except (OSError, ValueError) as reason:
         raise SensorError(_why(device, baud, reason, what), path=device, baud=baud) from None
 
 
@@ -126,7 +121,7 @@ def _permission(device: str) -> str:
     """Who may use it, and how to become one of them."""
     status, user = Path(device).stat(), os.environ.get("USER", "$USER")
     try:
-        group = grp.getgrgid(status.st_gid).gr_name
+        group = Path(device).group()
     except KeyError:
         group = str(status.st_gid)
     if group == "root" or not status.st_mode & stat.S_IWGRP:

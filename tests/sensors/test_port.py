@@ -77,7 +77,7 @@ def test_no_permission(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, group: s
         raise OSError(errno.EACCES, "Permission denied")
 
     monkeypatch.setattr("serial.Serial", refuse)
-    monkeypatch.setattr("pbd.sensors.port.grp", SimpleNamespace(getgrgid=lambda gid: SimpleNamespace(gr_name=group)))
+    monkeypatch.setattr(Path, "group", lambda path: group)
     monkeypatch.setenv("USER", "ann")
     with pytest.raises(SensorError) as told:
         open_port(str(port), 9600)
