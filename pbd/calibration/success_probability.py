@@ -58,9 +58,9 @@ def success(cov_base_tool: Array, tolerance_m2: Array, tolerance_rad: Array) -> 
         tolerance_m2: (k, 3, 3) m2, square of the largest distance from where it belongs: an ellipsoid.
         tolerance_rad: (k,) largest angle.
     """
-    variances, axes = np.linalg.eigh(cov_base_tool)
-    along = np.random.default_rng(0).standard_normal((DRAWS, len(variances))) * np.sqrt(np.maximum(variances, 0.0))
-    errors = (along @ axes.T).reshape(DRAWS, len(tolerance_m2), 2, 3)
+    nothing, rng = np.zeros(len(cov_base_tool)), np.random.default_rng(0)
+    errors = rng.multivariate_normal(nothing, cov_base_tool, DRAWS, check_valid="ignore", method="eigh")
+    errors = errors.reshape(DRAWS, len(tolerance_m2), 2, 3)
     near = np.einsum("dki,kij,dkj->dk", errors[:, :, 0], np.linalg.inv(tolerance_m2), errors[:, :, 0]) <= 1.0
     inside = near & (np.linalg.norm(errors[:, :, 1], axis=2) <= tolerance_rad)
     return Success(inside.mean(axis=0), float(inside.all(axis=1).mean()))
