@@ -109,7 +109,6 @@ def fit_points(
 
 
 def _consistent(problem: Problem) -> tuple[list[int], Fit]:
-    """Which points don't contradict the others, and their fit."""
     keep = list(range(len(problem.points)))
     while True:
         fit = register(problem.only(keep))

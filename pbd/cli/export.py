@@ -51,7 +51,6 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _plan(args: argparse.Namespace, name: str | None) -> Plan:
-    """Plan one demonstration."""
     args.demo = name
     plan = plan_demonstration(args)
     if plan.touching is not None:

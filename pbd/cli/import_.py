@@ -63,7 +63,6 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _tell(args: argparse.Namespace, understood: Understood) -> None:
-    """Print what was understood of each column."""
     if understood.columns and not args.json:
         from pbd.view.terminal_tables import columns_table, print_table
 
@@ -83,7 +82,6 @@ def _in_its_names(args: argparse.Namespace, understood: Understood) -> Iterator[
 
 
 def _decode(args: argparse.Namespace) -> Demonstration:
-    """Decode bytes that `pbd record --raw` kept."""
     if not args.sensor:
         raise SensorError(f"{args.file} holds a sensor's raw bytes; name the sensor with --sensor", path=args.file)
     make = decoder_maker(args, args.sensor)

@@ -92,7 +92,6 @@ def _tracked(
 
 
 def _titles(demos: list[Demonstration]) -> list[str]:
-    """Their names, numbered where they repeat."""
     titles: list[str] = []
     for demo in demos:
         name, number = demo.recording.info.name, 2

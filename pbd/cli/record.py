@@ -113,7 +113,6 @@ def held(take: int) -> str:
 
 
 def _errors(name: str | None, sensor: str) -> SensorErrors | None:
-    """The errors of this sensor by a calibration."""
     errors = None if name is None else load_calibration(name).sensor
     if errors is not None:
         refuse_other_sensor("this recording", sensor, errors)
@@ -123,7 +122,6 @@ def _errors(name: str | None, sensor: str) -> SensorErrors | None:
 
 
 def _simulated(args: argparse.Namespace, stack: ExitStack) -> SimulatedHand | None:
-    """The hand of --sensor sim[:TASK]."""
     kind, _, task = (args.sensor or "").partition(":")
     if kind != SIMULATED:
         return None

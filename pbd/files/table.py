@@ -184,7 +184,6 @@ class Sheet:
 
 
 def _blocks(text: str) -> Iterator[str]:
-    """Yield whole lines, many at once."""
     at = 0
     while at < len(text):
         end = text.find("\n", at + BLOCK) + 1 or len(text) + 1

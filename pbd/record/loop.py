@@ -157,7 +157,6 @@ class _Watch:
 
 
 def _wait(session: Session, reader: Reader, poll: Poll, show: Callable[[Status], None]) -> Command | None:
-    """Wait until the port can be opened again, or a person ends or discards the recording."""
     reader.close()
     while not reader.reopened():
         show(session.status())
@@ -169,7 +168,6 @@ def _wait(session: Session, reader: Reader, poll: Poll, show: Callable[[Status],
 
 
 def _nothing(session: Session, reader: Reader) -> SensorError:
-    """Say why no recording has begun."""
     port, sensor, tally = reader.port, session.options.sensor, session.decoder.tally
     whole = tally.packets > tally.bad_packets and recognise(session.heard) in (None, sensor)
     at = f" at {port.baud} baud" if port.baud else ""

@@ -161,7 +161,6 @@ class Session:
         self._finish(self.demo)
 
     def _put_back(self) -> None:
-        """Give the name back, as nothing of the new one could be written."""
         if self.backup is not None:
             self._backup_note, self.backup = self.backup.put_back(), None
 

@@ -140,7 +140,6 @@ class GamepadPort(Source):
         return event(EV_MSC, MSC_RAW, acc_per_g) + self._axes()
 
     def _axes(self) -> bytes:
-        """Events that tell each axis as it is now."""
         events = b""
         for axis in AXES:
             with suppress(OSError):

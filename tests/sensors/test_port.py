@@ -7,7 +7,6 @@ import os
 import tty
 from collections.abc import Iterator
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 

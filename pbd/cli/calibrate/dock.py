@@ -112,7 +112,6 @@ def _where_the_robot_stands(joints: list[float], robot: Robot | None) -> Pose:
 
 
 def _where_it_stopped(args: argparse.Namespace, calibration: Calibration) -> tuple[Pose, Array]:
-    """T_base_sensor at a keyframe, and the covariance (6, 6) of its position and heading: a dock has no other."""
     name, index = args.from_keyframe
     through = load_calibration(args.calibration) if args.calibration else calibration
     if not (args.calibration or calibration.knows_start):

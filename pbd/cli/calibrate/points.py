@@ -97,7 +97,6 @@ def run(args: argparse.Namespace) -> None:
 def _touched(
     args: argparse.Namespace, hand: HandPath, keyframes: Sequence[Keyframe], points: Points, calibration: Calibration
 ) -> PointObservations:
-    """The stops that touched the points, in the points' order."""
     refuse_shape(points.p_base, args.free)
     count, cov = len(keyframes), calibration.cov_sensor_tool
     cov_tip = None if cov is None else cov[:3, :3]

@@ -85,7 +85,6 @@ def _row(robot: Robot, reach: float) -> dict[str, Any]:
 
 
 def _collision(arm: ArmModel) -> dict[str, Any]:
-    """What is checked for collisions, and what isn't."""
     solid = dict.fromkeys(body.name for body in link_bodies(arm))
     _, unchecked = link_pairs(arm)
     return {

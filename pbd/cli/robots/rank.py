@@ -33,7 +33,6 @@ def rank(args: argparse.Namespace) -> None:
 
 
 def _row(name: str, demo: Demonstration, path: HandPath) -> dict[str, Any]:
-    """How one arm does."""
     row: dict[str, Any] = {"name": name}
     row |= dict.fromkeys(("reach_m", "farthest_m", "duration_s", "torque", "scale", "why"))
     with collected_warnings() as row["warnings"]:

@@ -39,7 +39,6 @@ def suggest(args: argparse.Namespace) -> None:
 
 
 def _values(found: Suggestion) -> dict[str, Any]:
-    """What goes into the TOML, by section."""
     dock, at = found.plan.calibration, found.plan.calibration.T_base_dock
     place: dict[str, Any] = {}
     if at is not None:

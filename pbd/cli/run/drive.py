@@ -136,7 +136,6 @@ def _preview(counts: Counts, state: State, goals: Array, t: Array, trajectory: J
 
 
 def _timetable(trajectory: JointTrajectory, goals: Array, t: Array) -> str:
-    """How long each part takes."""
     first, last = float(trajectory.keyframe_t[0]), float(trajectory.keyframe_t[-1])
     parts = [f"to the start {first - t[0]:.1f} s", f"the demonstration {last - first:.1f} s"]
     parts += [f"back home {t[-1] - last:.1f} s"] if trajectory.duration > last else []

@@ -70,7 +70,6 @@ def check_received(
 
 
 def _rate_that_works(order: Order, rules: tuple[Rule, ...], sampled: Callable[[Order], Samples] | None) -> float | None:
-    """Try higher rates."""
     for rate_hz in RATES_HZ:
         if order.rate_hz is not None and rate_hz > order.rate_hz and sampled is not None:
             with suppress(PbdError):  # servoj has two rates

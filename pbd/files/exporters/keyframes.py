@@ -43,7 +43,6 @@ def write(order: Order, points: Samples, path: Path) -> None:
 
 
 def _dwell(order: Order, i: int) -> float:
-    """How long the arm stays at a keyframe, s."""
     knots, t = order.trajectory.knots, order.trajectory.keyframe_t[i]
     at = int(np.searchsorted(knots, t - 1e-9))
     moves = np.append(order.trajectory.coefficients[at:, 1:].any(axis=(1, 2)), True)

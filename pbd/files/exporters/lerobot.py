@@ -203,7 +203,6 @@ def write(robot: Robot, episodes: Sequence[Episode], folder: Path) -> None:
 
 
 def _features(robot: Robot) -> dict[str, Any]:
-    """The columns, as info.json describes them."""
     names = [f"{name}.pos" for name in (*robot.joints, "gripper")]
     joints = {"dtype": "float32", "shape": [len(names)], "names": names}
     plain = {name: {"dtype": kind, "shape": [1], "names": None} for name, kind in COLUMNS.items()}
@@ -211,7 +210,6 @@ def _features(robot: Robot) -> dict[str, Any]:
 
 
 def _frames(i: int, each: Episode, words: Sequence[str], end: int) -> dict[str, Rows]:
-    """The columns of an episode's rows."""
     n = len(each.action)
     return {
         "action": each.action,

@@ -145,7 +145,6 @@ def _message(path: Path, packed: bytes) -> bytes:
 
 
 def _choose(path: Path, connections: list[Any], topic: str | None) -> set[tuple[str, str]]:
-    """The topics to read, and their types."""
     imus = sorted({each.topic for each in connections if each.msgtype == IMU})
     if topic is None:
         if not imus:

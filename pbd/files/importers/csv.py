@@ -129,7 +129,6 @@ def _unwrapped(t: Array, found: Understood) -> Array:
 
 
 def _values(table: Table, columns: list[Column]) -> Array:
-    """A channel's columns, converted to our units."""
     return table.columns(*(column.name for column in columns)) * [column.factor for column in columns]
 
 

@@ -196,7 +196,6 @@ def _of_phyphox(path: Path, files: Files) -> tuple[Recording, Understood, set[st
 
 
 def _columns(program: str, names: Sequence[str], kind: str, file: str, sign: float, unit: str) -> list[Column]:
-    """What was read of a file: the time and three axes."""
     by = f"{program}'s documentation"
     ours = ("t", 1.0, "s"), *((f"{kind[0]}{axis}", sign, unit) for axis in "xyz")
     return [Column(f"{file}: {name}", *its, by, by) for name, its in zip(names, ours, strict=True)]

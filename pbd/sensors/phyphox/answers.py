@@ -193,7 +193,6 @@ class PhyphoxDecoder:
                 sensor.add(new)
 
     def _samples(self) -> list[Sample]:
-        """Return the samples that are complete now."""
         gyr, acc, mag = (self._sensors[kind] for kind in BUFFERS)
         if not len(acc.rows):
             return []
