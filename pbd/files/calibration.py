@@ -16,8 +16,8 @@ FORMAT = 1
 SHAPES = {"box": 3, "cylinder": 2, "sphere": 1}
 """Shapes of an object, and the number of sizes each has."""
 
-FARTHEST_OBSTACLE_M = 10.0
-"""Farthest and largest obstacle, m: no arm comes near another."""
+REACH_M = 10.0
+"""Farthest point or obstacle, and largest obstacle, m: no arm comes near another."""
 
 FARTHEST_M = 1000.0
 """Farthest position in a pose, m: a sensor, a tool or a dock is much nearer to its arm."""
@@ -124,7 +124,7 @@ def _obstacles(sections: list[Section]) -> tuple[Obstacle, ...]:
             section.fail("name", f"{name!r} is another obstacle's too", next_step="rename one of them")
         position = section.numbers("position", 3)
         for key, values in (("size", size), ("position", position)):
-            if max(map(abs, values)) > FARTHEST_OBSTACLE_M:
+            if max(map(abs, values)) > REACH_M:
                 section.fail(key, f"has {max(values, key=abs):g}, but is in metres", "divide it by 100 if it is in cm")
         rpy_deg = section.numbers("rpy_deg", 3, (0.0, 0.0, 0.0), within=FULL_TURN_DEG)
         obstacles[name] = Obstacle(name, shape, size, Pose.from_rpy(position, np.radians(rpy_deg)))

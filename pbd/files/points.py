@@ -10,12 +10,11 @@ import numpy as np
 
 from pbd.data.freeze import freeze
 from pbd.errors import CalibrationError, listed, printable
+from pbd.files.calibration import REACH_M
 from pbd.files.table import open_sheet
 from pbd.pose import Array
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-FARTHEST_M = 10.0
-"""Farthest point that an arm touches, m from its base."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +50,7 @@ def read_points(path: Path, unit: str | None = None) -> Points:
     if len(names) != len(p_base):
         raise CalibrationError.at(path, f"{len(names)} names for {len(p_base)} points; correct the quotes")
     for name, point in zip(names, p_base, strict=True):
-        if not (far := np.abs(point).max()) <= FARTHEST_M:
+        if not (far := np.abs(point).max()) <= REACH_M:
             what = f"is {far:.0f} m from the robot's base; is the unit right? name the columns x_mm,y_mm,z_mm"
             what = what if np.isfinite(far) else "lacks a coordinate; add it"
             raise CalibrationError.at(path, f"the point '{printable(name)}' {what}")

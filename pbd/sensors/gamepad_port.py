@@ -12,8 +12,7 @@ from pathlib import Path
 
 from pbd.errors import SensorError, in_words
 from pbd.sensors.gamepad import AXES, EV_ABS, EV_KEY, EV_MSC, EV_SYN, EVENT, MSC_RAW, PADS, SYN_DROPPED, event
-from pbd.sensors.port import READ_TIMEOUT_S
-from pbd.sensors.reader import Source
+from pbd.sensors.reader import READ_TIMEOUT_S, Source
 
 SENSORS = re.compile(r"(.+) (?:Motion Sensors|IMU|\(IMU\))")
 """How hid-playstation and hid-nintendo call a pad's motion sensors; what stands first is the name of its buttons."""

@@ -11,10 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from pbd.errors import SensorError
-from pbd.sensors.reader import Source
-
-READ_TIMEOUT_S = 0.02
-"""Longest time, s, that `read` waits."""
+from pbd.sensors.reader import READ_TIMEOUT_S, Source
 
 
 class PortInfo(NamedTuple):

@@ -10,8 +10,8 @@ from typing import Protocol, Self
 
 from pbd.errors import SensorError
 
-TAKE_TIMEOUT_S = 0.02
-"""Longest time, s, that `take` waits."""
+READ_TIMEOUT_S = 0.02
+"""Longest time, s, that a read of a port and `take` wait."""
 
 MOST_BYTES = 32768
 """Most bytes that `take` returns, 0.1 s of the fastest sensor. So a slow consumer can still do its other work."""
@@ -56,12 +56,12 @@ class Reader:
         self._start()
 
     def take(self) -> tuple[list[tuple[bytes, float]], SensorError | None]:
-        """Return what has come, and the error that ended the reading, if any. Waits TAKE_TIMEOUT_S at most."""
+        """Return what has come, and the error that ended the reading, if any. Waits READ_TIMEOUT_S at most."""
         pieces: list[tuple[bytes, float]] = []
         end = self.bytes_seen + MOST_BYTES
         while self.bytes_seen < end:
             try:
-                piece = self._pieces.get_nowait() if pieces else self._pieces.get(timeout=TAKE_TIMEOUT_S)
+                piece = self._pieces.get_nowait() if pieces else self._pieces.get(timeout=READ_TIMEOUT_S)
             except queue.Empty:
                 return pieces, None
             if isinstance(piece, SensorError):

@@ -11,10 +11,9 @@ from pbd.cli.calibrate.common import instead_of, refuse_out_of_reach
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, Robot
 from pbd.errors import CalibrationError, PlanError, UsageError
-from pbd.files.calibration import load_calibration
+from pbd.files.calibration import REACH_M, load_calibration
 from pbd.files.calibration_edit import existing_calibration, pose_values, update_calibration
 from pbd.files.demo import load_demo
-from pbd.files.points import FARTHEST_M
 from pbd.files.robot import load_robot
 from pbd.pipeline import track
 from pbd.pose import Array, Pose, quat_to_rpy
@@ -71,9 +70,9 @@ def _pose(args: argparse.Namespace, robot: Robot | None, calibration: Calibratio
         before = calibration.T_base_dock
         kept = np.zeros(3) if before is None else np.degrees(quat_to_rpy(before.wxyz))
         rpy_deg = kept if args.rpy is None else args.rpy
-        if (far := max(map(abs, args.position))) > FARTHEST_M:
+        if (far := max(map(abs, args.position))) > REACH_M:
             what = f"a dock {far:g} m from the robot's base is beyond every robot's reach; give metres"
-            raise CalibrationError(what, value=far, bound=FARTHEST_M)
+            raise CalibrationError(what, value=far, bound=REACH_M)
         turned = "" if args.rpy is not None or not kept.any() else ", and turned as before (--rpy turns it)"
         return Pose.from_rpy(args.position, np.radians(rpy_deg)), np.zeros((6, 6)), f"as given{turned}"
     if args.joints is not None:
