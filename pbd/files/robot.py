@@ -18,7 +18,7 @@ from pbd.data import Calibration, Gripper, JointLimits, Robot, Servos
 from pbd.errors import MOST_LISTED, RobotError, listed, printable
 from pbd.files.calibration import read_pose
 from pbd.files.find_by_name import find
-from pbd.files.urdf import Urdf, UrdfJoint, read_poses, read_urdf
+from pbd.files.urdf import ACTUATED, Urdf, UrdfJoint, read_poses, read_urdf
 from pbd.io.atomic import is_file
 from pbd.io.meshes import mesh_places
 from pbd.io.toml import Section, read_toml
@@ -132,7 +132,7 @@ def _movable(urdf: Urdf, base: str, body: str) -> list[UrdfJoint]:
     """The joints between base and body that move; all of them must be ones that an arm can have."""
     movable = [joint for joint in urdf.chain(base, body) if joint.kind != "fixed"]
     for joint in movable:
-        if not joint.actuated:
+        if joint.mimic or joint.kind not in ACTUATED:
             what = f"mimics {joint.mimic.joint!r}" if joint.mimic else f"is {joint.kind}"
             raise RobotError(
                 f"{urdf.path}: joint {joint.name!r}, between {base!r} and {body!r}, {what}, which pbd does not support "

@@ -45,11 +45,6 @@ class UrdfJoint:
     velocity: float
     mimic: Mimic | None
 
-    @property
-    def actuated(self) -> bool:
-        """Whether it moves on its own account."""
-        return self.kind in ACTUATED and self.mimic is None
-
 
 @dataclass(frozen=True)
 class Urdf:

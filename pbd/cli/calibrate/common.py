@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from pbd.cli.console import working
-from pbd.data import Calibration, HandPath, Recording, Robot
+from pbd.data import Calibration, HandPath, Recording
 from pbd.data.covariance import one_sigma
-from pbd.errors import CalibrationError, PlanError
+from pbd.errors import CalibrationError
 from pbd.files.demo import load_demo
 from pbd.pipeline import track
-from pbd.pose import Array, Pose
+from pbd.pose import Array
 
 
 def tracked(args: argparse.Namespace, calibration: Calibration) -> tuple[Recording, HandPath]:
@@ -45,22 +45,3 @@ def sigma_json(cov: Array) -> dict[str, Any]:
     """One sigma of a pose's covariance (6, 6); NaN (null in JSON) where it is unknown."""
     sigma = one_sigma(cov)
     return {"sigma_m": sigma[:3], "sigma_deg": np.degrees(sigma[3:])}
-
-
-def refuse_out_of_reach(robot: Robot, T_base_tool: Pose) -> None:
-    """Refuse a dock that the robot can't reach; PlanError: with how near it comes."""
-    from pbd.arm.joint_path import solve_path
-    from pbd.arm.model import load_model
-
-    try:
-        with working(f"checking whether {robot.name} reaches it"):
-            solve_path(load_model(robot), [T_base_tool], robot.home)
-    except PlanError as reason:
-        x, y, z = T_base_tool.p
-        away, turned = (float(str(reason.fields[name])) for name in ("value", "rotation"))
-        raise PlanError(
-            f"the dock puts the tool at ({x:.3f}, {y:.3f}, {z:.3f}) m, out of {robot.name}'s reach: it gets no nearer "
-            f"than {100.0 * away:.1f} cm and {np.degrees(turned):.0f} degrees; choose a place nearer to the base, or "
-            "another orientation",
-            **reason.fields,
-        ) from None

@@ -7,7 +7,7 @@ import argparse
 import numpy as np
 
 from pbd.calibration.dock import dock_at
-from pbd.cli.calibrate.common import instead_of, refuse_out_of_reach
+from pbd.cli.calibrate.common import instead_of
 from pbd.cli.console import print_json, say, working
 from pbd.data import Calibration, Robot
 from pbd.errors import CalibrationError, PlanError, UsageError
@@ -31,7 +31,7 @@ def run(args: argparse.Namespace) -> None:
     T_base_dock, of_pose, source = _pose(args, robot, calibration)
     tool = T_base_dock @ calibration.T_sensor_tool
     if robot is not None:
-        refuse_out_of_reach(robot, tool)
+        _refuse_out_of_reach(robot, tool)
     cov = of_pose + np.diag(np.square([*[1e-3 * args.sigma_mm] * 3, 0.0, 0.0, np.radians(args.sigma_deg)]))
     update_calibration(
         path,
@@ -124,3 +124,21 @@ def _where_it_stopped(args: argparse.Namespace, calibration: Calibration) -> tup
         what = f"{name} has the keyframes 0 to {last}, not '{index}'; `pbd keyframes {name}` lists them"
         raise CalibrationError(what, value=index, bound=last)
     return dock_at(keyframes, int(index), through)
+
+
+def _refuse_out_of_reach(robot: Robot, T_base_tool: Pose) -> None:
+    from pbd.arm.joint_path import solve_path
+    from pbd.arm.model import load_model
+
+    try:
+        with working(f"checking whether {robot.name} reaches it"):
+            solve_path(load_model(robot), [T_base_tool], robot.home)
+    except PlanError as reason:
+        x, y, z = T_base_tool.p
+        away, turned = (float(str(reason.fields[name])) for name in ("value", "rotation"))
+        raise PlanError(
+            f"the dock puts the tool at ({x:.3f}, {y:.3f}, {z:.3f}) m, out of {robot.name}'s reach: it gets no nearer "
+            f"than {100.0 * away:.1f} cm and {np.degrees(turned):.0f} degrees; choose a place nearer to the base, or "
+            "another orientation",
+            **reason.fields,
+        ) from None

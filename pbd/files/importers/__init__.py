@@ -58,11 +58,10 @@ def import_recording(
     columns, units = columns or {}, units or {}
     # A phone's CSV whose columns are named is a table like any other.
     is_table = suffix == ".csv" and (columns or units) and not any(".csv: " in name for name in columns.values())
-    may_be_phone = not is_bag and (source.is_dir() or suffix in (".csv", ".zip")) and not is_table
     if topic is not None and not is_bag:
         raise RecordingError.at(path, "only a bag has topics; leave --topic out")
     phone = None
-    if may_be_phone:
+    if not is_bag and not is_table and (source.is_dir() or suffix in (".csv", ".zip")):
         from pbd.files.importers.phones import read_phone
 
         phone = read_phone(source)
