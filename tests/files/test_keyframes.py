@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from hypothesis import strategies as st
 from pbd.data import Keyframe, TouchUp
 from pbd.errors import PbdError, PbdWarning, RecordingError
 from pbd.files.demo import read_demo, write_demo
-from pbd.files.keyframes import keyframes_toml, read_keyframes, read_touch_ups, write_keyframes
+from pbd.files.keyframes import add_touch_up, keyframes_toml, read_keyframes, read_touch_ups, write_keyframes
 from pbd.pipeline import track
 from pbd.pose import Pose, quat_exp
 from pbd.simulation.simulate import simulate
@@ -267,3 +268,11 @@ def test_a_demonstration_has_them(tmp_path: Path) -> None:
     read = read_demo(folder).keyframes
     assert read is not None
     assert_same(read, FOUND[:4])
+
+
+def test_touch_ups_at_once_all_count(tmp_path: Path) -> None:
+    """Each is added to what the file holds by then."""
+    path = write_keyframes(tmp_path, FOUND, magnetic=True)
+    with ThreadPoolExecutor() as pool:
+        list(pool.map(lambda k: add_touch_up(path, TouchUp(FOUND[k].t, np.full(3, 0.001))), range(1, 6)))
+    assert sorted(each.t for each in read_touch_ups(path)) == pytest.approx([each.t for each in FOUND[1:6]], abs=1e-3)
