@@ -63,16 +63,12 @@ class Keys:
             self.terminal = False
         return ""
 
-    def wait(self) -> str:
-        """Wait for a key."""
-        while not (key := self.next()):
-            time.sleep(POLL_S)
-        return key
-
     def ask(self, question: str) -> None:
         """Wait for Enter; PbdError for any other key."""
         print(question, file=sys.stderr, flush=True)
-        if self.wait() not in self.ENTER:
+        while not (key := self.next()):
+            time.sleep(POLL_S)
+        if key not in self.ENTER:
             raise PbdError("cancelled: nothing was changed, run it again when you are ready")
 
     def _signal(self, *_: object) -> None:
