@@ -84,9 +84,11 @@ def check_all(
         jobs: processes at once; None: one, or what `joblib.parallel_config` says.
         done: is called with the number of those that are done, after each.
 
-    What was found is in the order of `demos`. One that can't be used is told there, not raised.
+    Returns:
+        What was found, in the order of `demos`. One that can't be used is told there, not raised.
 
-    RobotError, CalibrationError: the robot or its calibration can't be loaded.
+    Raises:
+        RobotError, CalibrationError: the robot or its calibration can't be loaded.
     """
     from joblib import Parallel, delayed
 

@@ -58,7 +58,7 @@ class AccelerometerFit:
 
 
 def fit_accelerometer(rests: Rests, gravity: float = GRAVITY) -> AccelerometerFit:
-    """Least squares of |matrix (f - bias)| = gravity (m/s2) over all rests, nine unknowns, each held by a prior.
+    """Least squares of |matrix (f - bias)| = gravity over all rests, nine unknowns, each held by a prior.
 
     The prior is what the parts' makers let expect. It decides only what the orientations leave open: with nine or more
     that are well spread the effect is nil. With fewer, errors that can't be separated share the residual.
@@ -66,7 +66,11 @@ def fit_accelerometer(rests: Rests, gravity: float = GRAVITY) -> AccelerometerFi
     Source: D. Tedaldi, A. Pretto and E. Menegatti, A robust and easy to implement method for IMU calibration without
     external equipments, ICRA 2014 (there with a triangular matrix: another choice of the free rotation).
 
-    CalibrationError: too few orientations.
+    Args:
+        gravity: m/s2, of the place. A wrong one is taken for scale.
+
+    Raises:
+        CalibrationError: too few orientations.
     """
     up = rests.up_sensor
     different = orientations(up)

@@ -40,7 +40,7 @@ class _Answer:
 
 
 def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool) -> tuple[int, ...]:
-    """Say which stop touched each point, (m,) indices.
+    """Say which stop touched each point.
 
     Every two stops on every two points that are as far apart tell yaw and position, as both frames have z up; of all
     these hypotheses the one that explains the most wins. Points in order are assigned by dynamic programming, others by
@@ -52,7 +52,11 @@ def match_points(p_nav_tip: Array, sigma: Array, points: Array, in_order: bool) 
         points: (m, 3) m in base.
         in_order: the points were touched in their order, with other stops between.
 
-    CalibrationError: fewer stops than points, no stops that lie as the points do, or several ways to match them.
+    Returns:
+        (m,) indices of stops.
+
+    Raises:
+        CalibrationError: fewer stops than points, no stops that lie as the points do, or several ways to match them.
     """
     n, m = len(p_nav_tip), len(points)
     if n < m:

@@ -67,7 +67,11 @@ def dock_tilt(T_base_dock: Pose, wxyz_nav_sensor: Array) -> float:
 
 
 def dock_at(keyframes: Sequence[Keyframe], index: int, calibration: Calibration) -> tuple[Pose, Array]:
-    """T_base_sensor at a keyframe, and the covariance (6, 6) of its position and heading: a dock has no other."""
+    """T_base_sensor at a keyframe, and the covariance (6, 6) of its position and heading: a dock has no other.
+
+    Args:
+        keyframes: of a demonstration; the first is where it started.
+    """
     bare = replace(calibration, T_sensor_tool=Pose.identity(), cov_sensor_tool=None)
     stopped = replace(in_base(keyframes, bare), keyframes=[keyframes[index]])
     cov = sum(tool_covariances(stopped).values(), np.zeros((1, 6, 6)))[0]

@@ -16,7 +16,12 @@ share). With more, a dock gives a better heading."""
 
 @dataclass(frozen=True)
 class FieldSpread:
-    """Variation of the magnetic field from stop to stop, rms about its mean: heading, rad; strength, a share."""
+    """Variation of the magnetic field from stop to stop, rms about its mean.
+
+    Attributes:
+        heading: rad.
+        strength: share.
+    """
 
     heading: float
     strength: float
@@ -46,9 +51,11 @@ def field_spread(mag: Array, wxyz_nav_sensor: Array) -> FieldSpread:
 
 
 def heading_changes(wxyz_first: Array, wxyz_again: Sequence[Array]) -> Array:
-    """Difference of nav's heading between demonstrations that began with the sensor put down in the same way, (m,) rad.
+    """Difference of nav's heading between demonstrations, (m,) rad.
 
-    Each is given by the sensor's attitude (4,) in nav at its first rest.
+    Args:
+        wxyz_first: (4,) the sensor's attitude in nav at the first rest of one demonstration.
+        wxyz_again: the same of others that began with the sensor put down in the same way.
     """
     turns = np.array([yaw_toward(wxyz_first, again) for again in wxyz_again])
     return (turns + np.pi) % (2.0 * np.pi) - np.pi

@@ -42,9 +42,12 @@ def fit_gyro(recording: Recording, rests: Rests, up_sensor: Array | None = None,
     external equipments, ICRA 2014.
 
     Args:
-        recording: without NaN. CalibrationError: it has no gyro.
+        recording: without NaN.
         up_sensor: (k, 3) unit, by a calibrated accelerometer; None: the bias alone.
         up_sigma: rad, how well that shows the vertical.
+
+    Raises:
+        CalibrationError: there is no gyro.
     """
     if recording.gyr is None or rests.gyr is None:
         raise CalibrationError("the recording has no gyro; record one, or leave it out with --only acc")

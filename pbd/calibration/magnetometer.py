@@ -60,7 +60,11 @@ def fit_ellipsoid(points: Array) -> tuple[Array, Array]:
     Source: Q. Li and J. G. Griffiths, Least squares ellipsoid specific fitting, GMP 2004; without their constraint, as
     points all around leave nothing but an ellipsoid.
 
-    Returns the centre (3,) and the symmetric matrix (3, 3). CalibrationError: the points don't lie all around.
+    Returns:
+        centre (3,), symmetric matrix (3, 3).
+
+    Raises:
+        CalibrationError: no ellipsoid fits: the points don't lie all around.
     """
     middle = points.mean(axis=0)
     size = rms(np.linalg.norm(points - middle, axis=1))
@@ -84,10 +88,12 @@ def fit_magnetometer(mag: Array, rests: Rests, up_sensor: Array, up_sigma: float
 
     Args:
         mag: (n, 3) uT, all samples while the sensor is turned.
+        rests: with `mag`.
         up_sensor: (k, 3) unit, the vertical at the rests, by a calibrated accelerometer.
         up_sigma: rad, how well that shows it.
 
-    CalibrationError: it was not turned far enough, or there is no field.
+    Raises:
+        CalibrationError: it was not turned far enough, or there is no field.
     """
     from scipy.optimize import least_squares
 

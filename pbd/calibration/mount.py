@@ -83,7 +83,8 @@ def fit_pivot(keyframes: Sequence[Keyframe], covariance: PoseCovariance) -> Pivo
         keyframes: of a path that is not conditioned on known places; at all of them the tip stood on the point.
         covariance: the path's, of all of them together.
 
-    CalibrationError: too few stops, or turns about one axis only.
+    Raises:
+        CalibrationError: too few stops, or turns about one axis only.
     """
     if len(keyframes) < 3:
         raise CalibrationError(
@@ -145,10 +146,12 @@ def fit_turns(keyframes: Sequence[Keyframe], named: Sequence[str]) -> TurnsFit:
     solved in closed form (Kabsch 1976, by scipy).
 
     Args:
+        keyframes: the stops between the turns.
         named: for each move that turns by 20 degrees or more, in order, the tool's axis it turned about: one of AXES;
             by the right hand's rule.
 
-    CalibrationError: as many turns as names are not there, all are about one axis, or they contradict their names.
+    Raises:
+        CalibrationError: as many turns as names are not there, all are about one axis, or they contradict their names.
     """
     from scipy.spatial.transform import Rotation
 

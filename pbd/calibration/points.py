@@ -79,13 +79,15 @@ def fit_points(
     The statistics of residuals and the detection of outliers, 1976, where the sigmas are known up to a factor only).
 
     Args:
+        touched: m touches.
         points: (m, 3) m in base, in the same order.
         free: nav's tilt too (6 unknowns); else both have z up (yaw and position: 4 unknowns).
         scaled: the scale of the hand's positions too.
         touch_m: m per axis, how well the tip meets a point.
 
-    CalibrationError: too few points, in a line, above each other; or they contradict each other and which one is at
-    fault can't be located.
+    Raises:
+        CalibrationError: too few points, in a line, above each other; or they contradict each other and which one is at
+            fault can't be located.
     """
     if len(points) != len(touched.stops):
         raise ValueError(f"{len(touched.stops)} touches for {len(points)} points; give one touch per point")
@@ -149,7 +151,11 @@ def _left_out(problem: Problem, k: int, keep: Sequence[int], fit: Fit) -> tuple[
 
 
 def refuse_shape(points: Array, free: bool) -> None:
-    """Refuse (CalibrationError) points (m, 3) from which no pose follows: too few, two in one place, in a line ..."""
+    """Refuse points (m, 3) from which no pose follows, however well they are touched.
+
+    Raises:
+        CalibrationError: too few, two in one place, in a line, above each other.
+    """
     if len(points) < FEWEST:
         raise CalibrationError(
             f"{len(points)} points are too few; touch {FEWEST} or more, best 4 to 6 spread all around",

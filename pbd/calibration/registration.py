@@ -200,7 +200,8 @@ def predict(problem: Problem, k: int, keep: Sequence[int]) -> tuple[Array, Array
 
     With all correlations: what the others show of the tracker's errors is taken out of this touch too.
 
-    `keep` are the others that count; they must be enough for a fit.
+    Args:
+        keep: the others that count; they must be enough for a fit.
     """
     fit = register(problem.only(keep))
     rows, own, cov = rows_of(keep), rows_of([k]), problem.touched.cov

@@ -74,7 +74,11 @@ def find_rests(recording: Recording) -> Rests:
     After the static detector of D. Tedaldi, A. Pretto and E. Menegatti, A robust and easy to implement method for IMU
     calibration without external equipments, ICRA 2014.
 
-    The recording is without NaN. CalibrationError: it was never still.
+    Args:
+        recording: without NaN.
+
+    Raises:
+        CalibrationError: it was never still.
     """
     from scipy.ndimage import find_objects, label
 

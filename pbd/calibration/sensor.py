@@ -23,7 +23,12 @@ UNEVEN_FIELD = 0.05
 
 @dataclass(frozen=True, eq=False)
 class SensorFit:
-    """What was found, how well it fits (None where it was not fitted), and what a person should know, a line each."""
+    """What was found, and how well it fits.
+
+    Attributes:
+        acc, mag: how well; None where it was not fitted.
+        remarks: what a person should know, a line each.
+    """
 
     errors: SensorErrors
     rests: Rests
@@ -49,7 +54,8 @@ def calibrate_sensor(
             far enough is left out with a remark.
         known: earlier errors of the same sensor; those that are not fitted now stay.
 
-    CalibrationError: never still, orientations too alike, not turned far enough, no such channel.
+    Raises:
+        CalibrationError: never still, orientations too alike, not turned far enough, no such channel.
     """
     known = SensorErrors(recording.info.sensor) if known is None else known
     refuse_other_sensor(f"'{recording.info.name}'", recording.info.sensor, known)
@@ -94,9 +100,10 @@ def calibrate_sensor(
 
 
 def corrected(recording: Recording, errors: SensorErrors | None) -> Recording:
-    """The recording as a sensor without these errors would have made it; raises as `refuse_other_sensor`.
+    """The recording as a sensor without these errors would have made it. Its own attitude stays as it is.
 
-    Its own attitude stays as it is.
+    Raises:
+        CalibrationError: the errors are those of another sensor.
     """
     if errors is None:
         return recording
@@ -106,7 +113,11 @@ def corrected(recording: Recording, errors: SensorErrors | None) -> Recording:
 
 
 def refuse_other_sensor(what: str, sensor: str, errors: SensorErrors) -> None:
-    """Refuse (CalibrationError) errors of another sensor than the one `what` was made with; one without a name fits."""
+    """Refuse errors of another sensor than the one `what` was made with. A sensor without a name fits all.
+
+    Raises:
+        CalibrationError: names both.
+    """
     if "unknown" not in (sensor, errors.sensor) and sensor != errors.sensor:
         raise CalibrationError(
             f"{what} is of the sensor '{sensor}', but the calibration's [sensor] is of '{errors.sensor}'; name a "

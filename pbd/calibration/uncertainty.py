@@ -30,9 +30,11 @@ def tool_covariances(placed: KeyframesInBase) -> dict[str, Array]:
 
 
 def joint_tool_covariance(cov_nav_sensor: Array, placed: KeyframesInBase) -> Array:
-    """Covariance (6k, 6k) of all tool poses together, from that of the keyframes in nav, (6k, 6k).
+    """Covariance (6k, 6k) of all tool poses together: the dock and the mount err by the same at each keyframe.
 
-    The dock and the mount err by the same at each keyframe.
+    Args:
+        cov_nav_sensor: (6k, 6k) of the keyframes, in nav.
+        placed: the keyframes.
     """
     by, calibration = _jacobians(placed), placed.calibration
     start, mount = by["start"].reshape(-1, 6), by["mount"].reshape(-1, 6)

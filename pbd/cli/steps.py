@@ -177,8 +177,10 @@ def decoder_maker(args: argparse.Namespace, sensor: str, also: Iterable[str] = (
     """Return what makes the sensor's decoder, by the options of `add_lines` and --unit.
 
     Names that the command takes `also` are for the message.
-    UsageError: the sensor is unknown, or its lines are not described, or wrongly. SensorError: the TOML file describes
-    them wrongly.
+
+    Raises:
+        UsageError: the sensor is unknown, or its lines are not described, or wrongly.
+        SensorError: the TOML file describes them wrongly.
     """
     from pbd.sensors.line_layout import layout_from_options, layout_from_toml
     from pbd.sensors.lines import LineDecoder

@@ -14,7 +14,8 @@ class Place:
         p_base_tool: m, where that is in the robot's base, or None.
         sigma_m: m per axis, how well the hand met it; None: pbd.tracking.stop_constraints says.
 
-    ValueError: fewer than two instants and no position, an instant named twice, a sigma that is not above zero.
+    Raises:
+        ValueError: fewer than two instants and no position, an instant named twice, a sigma that is not above zero.
     """
 
     t: tuple[float, ...]
@@ -39,7 +40,8 @@ class Contact:
         height: m, above the tool's height at the first rest.
         sigma_m: m, how well that is so; None: pbd.tracking.stop_constraints says.
 
-    ValueError: both are given, as high as at the same instant, a sigma that is not above zero.
+    Raises:
+        ValueError: both are given, as high as at the same instant, a sigma that is not above zero.
     """
 
     t: float

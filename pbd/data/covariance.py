@@ -18,7 +18,11 @@ KEYFRAMES_AT_ONCE = 32
 class PoseCovariance:
     """Covariance (6n, 6n) of n poses: position (m), then rotation vector (rad), in nav.
 
-    A block is solved for when it is read; `times` gives the covariance times columns, (n, 6, c) -> (n, 6, c).
+    A block is solved for when it is read.
+
+    Attributes:
+        count: n.
+        times: the covariance times columns: (n, 6, c) -> (n, 6, c).
     """
 
     count: int

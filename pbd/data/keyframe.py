@@ -59,7 +59,8 @@ class Keyframe:
 def thing_carriers(keyframes: Sequence[Keyframe]) -> dict[str, set[str]]:
     """All that carry each thing, near or far; what carries others comes first.
 
-    RecordingError: a thing would carry itself.
+    Raises:
+        RecordingError: a thing would carry itself.
     """
     nearest: dict[str, set[str]] = {}
     for keyframe in keyframes:

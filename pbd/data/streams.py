@@ -61,8 +61,10 @@ class Stream:
 def joined(acc: Stream, gyr: Stream | None, mag: Stream | None) -> tuple[Array, Array, Array | None, Array | None]:
     """Join streams on the gyro's clock; on the accelerometer's where there is no gyro.
 
-    A sample whose acceleration is unknown is left out, so a gap stays a gap. Gives t (n,) s, acc (n, 3), gyr (n, 3) or
-    None, mag (n, 3) or None, NaN where the field is unknown.
+    A sample whose acceleration is unknown is left out, so a gap stays a gap.
+
+    Returns:
+        t (n,) s, acc (n, 3), gyr (n, 3) or None, mag (n, 3) or None, NaN where the field is unknown.
     """
     clock = acc if gyr is None else gyr
     at_clock = acc.at(clock.t)

@@ -66,13 +66,19 @@ class Bounds:
 
 
 class ServoArm:
-    """An arm whose servos answer, and are those of the calibration."""
+    """An arm whose servos answer, and are those of the calibration.
+
+    Attributes:
+        counts: joints to counts and back.
+        bounds: the servos' own.
+    """
 
     def __init__(self, bus: Bus, counts: Counts) -> None:
         """Look at the servos.
 
-        SensorError: they don't answer, are others, or are not in position mode. CalibrationError: they were calibrated
-        differently.
+        Raises:
+            SensorError: they don't answer, are others, or are not in position mode.
+            CalibrationError: they were calibrated differently.
         """
         self._bus, self.counts = bus, counts
         found = identify(bus, dict(zip(counts.names, counts.ids, strict=True)))
@@ -110,7 +116,11 @@ class ServoArm:
         self._bus.write(GOAL, dict(zip(self.counts.ids, _words(counts), strict=True)))
 
     def hold(self, counts: Array) -> None:
-        """Give goals and read them back; SensorError: they did not arrive, and the servos hold their last goals."""
+        """Give goals and read them back.
+
+        Raises:
+            SensorError: they did not arrive; the servos hold their last goals.
+        """
         self._write_sure(GOAL, _words(counts))
 
     def stiffen(self, counts: Array) -> None:
@@ -130,7 +140,11 @@ class ServoArm:
 
 
 def write_sure(bus: Bus, address: int, values: dict[int, bytes], alike: Callable[[bytes, bytes], bool] = eq) -> None:
-    """Write registers, and read them back until they are `alike`; SensorError: they did not arrive."""
+    """Write registers, and read them back until they are `alike`.
+
+    Raises:
+        SensorError: they did not arrive.
+    """
     silent: NoAnswerError | None = None
     for _ in range(HOLD_TRIES):
         bus.write(address, values)
@@ -151,7 +165,11 @@ def release(bus: Bus, ids: Sequence[int]) -> None:
 
 
 def identify(bus: Bus, ids: Mapping[str, int]) -> list[bytes]:
-    """Read of each servo (joint: id) its registers from IDENTITY on; SensorError: it is silent, or no STS3215."""
+    """Read who the servos are (joint: id), and refuse what isn't an STS3215.
+
+    Returns:
+        Of each servo its registers from IDENTITY on.
+    """
     names = {id_: name for name, id_ in ids.items()}
     try:
         found = bus.read(tuple(names), IDENTITY, IDENTITY_LENGTH)

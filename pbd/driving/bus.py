@@ -67,7 +67,9 @@ class Bus:
     def read(self, ids: Sequence[int], address: int, length: int) -> dict[int, Answer]:
         """Read registers of all these servos.
 
-        NoAnswerError: one was silent, or its answer broken, each time it was asked. SensorError: the port is gone.
+        Raises:
+            NoAnswerError: one was silent, or its answer broken, each time it was asked.
+            SensorError: the port is gone.
         """
         found: dict[int, Answer] = {}
         missing, heard = tuple(ids), b""

@@ -75,7 +75,8 @@ class Calibrating:
 def calibrating(bus: Bus, ids: Mapping[str, int]) -> Iterator[Calibrating]:
     """Let go of the arm and open the servos' memory; an error restores what they held.
 
-    SensorError: the servos don't answer, or are others.
+    Raises:
+        SensorError: the servos don't answer, or are others.
     """
     before = identify(bus, ids)
     release(bus, tuple(ids.values()))

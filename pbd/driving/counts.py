@@ -70,7 +70,8 @@ class Counts:
     def check_reach(self, t: Array, counts: Array) -> None:
         """Refuse a motion that leaves the calibrated range, where the servo would stop.
 
-        PlanError: the first joint that does, and when.
+        Raises:
+            PlanError: the first joint that does, and when.
         """
         beyond = np.maximum(counts - self.upper, self.lower - counts) - 1.0  # a count is rounded
         if not (beyond > 0.0).any():

@@ -59,7 +59,8 @@ class Streamed:
 def planned_start(counts: Counts, state: State, limits: JointLimits) -> tuple[float, ...]:
     """Give the joints that a plan starts from, rad: as measured, within the model's limits.
 
-    PlanError: the arm stands far outside them.
+    Raises:
+        PlanError: the arm stands far outside them.
     """
     q = counts.joints(state.counts)
     inside = np.clip(q, limits.lower, limits.upper)
@@ -77,8 +78,11 @@ def goals_of(
 ) -> tuple[Array, Array]:
     """Sample a motion that starts where the arm was measured.
 
-    Gives instants of the plan (n,) s, below 0 in the lead-in, and goals (n, k + 1), counts, not rounded.
-    PlanError: a goal lies outside the calibrated range.
+    Returns:
+        Instants of the plan (n,) s, below 0 in the lead-in, and goals (n, k + 1), counts, not rounded.
+
+    Raises:
+        PlanError: a goal lies outside the calibrated range.
     """
     lead, settle = max(1, round(LEAD_S * rate_hz)), round(SETTLE_S * rate_hz)
     steps = int(np.ceil(trajectory.duration * rate_hz)) + settle

@@ -55,7 +55,11 @@ class Watch:
         self._goals.append(counts)
 
     def look(self, state: State) -> None:
-        """Look at a state; SensorError: which servo, what is wrong with it, and what to do."""
+        """Look at a state.
+
+        Raises:
+            SensorError: which servo, what is wrong with it, and what to do.
+        """
         goals = np.array(self._goals)
         off = np.maximum(goals.min(axis=0) - state.counts, state.counts - goals.max(axis=0)).clip(0.0)
         error_deg = 360.0 * off / COUNTS

@@ -29,7 +29,8 @@ FULL_TURN_DEG = 360.0
 def load_calibration(name: str) -> Calibration:
     """Load a calibration by name (./calibration, then the bundled ones) or path.
 
-    CalibrationError: nothing of that name (the valid ones are listed), or a key is missing, unknown or wrong.
+    Raises:
+        CalibrationError: nothing of that name (the valid ones are listed), or a key is missing, unknown or wrong.
     """
     return read_calibration(find("calibration", name, ".toml", CalibrationError))
 

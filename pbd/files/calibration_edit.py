@@ -55,14 +55,16 @@ def update_calibration(
     Where there is no such file yet, it begins as a copy of the bundled one of that name, if there is one.
 
     Args:
-        path: its folder is made.
+        path: of the file; its folder is made.
         parts: by table ("dock", "sensor.acc"), in order: its keys, each with its value (None takes the key out) and a
             comment for a key that is new.
         instead: tables that are renamed first, old to new.
         robots: for which, of a file that is new.
+        scale: None leaves it.
 
-    CalibrationError: what is there can't be read, or makes no sense with the new parts. PbdError: the place can't be
-    written.
+    Raises:
+        CalibrationError: what is there can't be read, or makes no sense with the new parts.
+        PbdError: the place can't be written.
     """
     document = _opened(path, instead, robots)
     if scale is not None:

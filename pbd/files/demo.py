@@ -35,7 +35,8 @@ TRUTH = ("t", "px", "py", "pz", "qw", "qx", "qy", "qz")
 def load_demo(name: str) -> Demonstration:
     """Load a demonstration: a name (./demos, then the bundled ones), a folder, or a file that an importer knows.
 
-    RecordingError: nothing of that name (the valid ones are listed), or what is there can't be read.
+    Raises:
+        RecordingError: nothing of that name (the valid ones are listed), or what is there can't be read.
     """
     path = find("demos", name, "", RecordingError)
     if path.is_dir():
@@ -117,8 +118,14 @@ def write_demo(
 ) -> None:
     """Write a demonstration's folder; nothing is there under its name before it is complete.
 
-    With `force` it replaces one of that name. `beside` are files that tracking doesn't read, as text by name.
-    RecordingError: the folder exists, or can't be written.
+    Args:
+        demo: what is written.
+        folder: where.
+        force: replace a demonstration of that name.
+        beside: files of the folder that tracking doesn't read, as text by name.
+
+    Raises:
+        RecordingError: the folder exists (unless `force`), or can't be written.
     """
     refuse_demo_folder(folder, force)
     with atomic_folder(folder, replace=force) as new:

@@ -68,9 +68,14 @@ def keyframes_toml(
     arm_dwell_s: Sequence[float] | None = None,
     touch_ups: Sequence[TouchUp] = (),
 ) -> str:
-    """Write the file's text; of a demonstration whose nav a magnetometer turned to the north it is `magnetic`.
+    """Write the file's text.
 
-    The arm is to stay for `arm_dwell_s` (n,) s at each; None: as long as the hand did.
+    Args:
+        name: the demonstration's.
+        keyframes: what is written.
+        magnetic: a magnetometer turned nav to the north.
+        arm_dwell_s: (n,) s, how long the arm is to stay at each; None: as long as the hand did.
+        touch_ups: what was corrected with the arm.
     """
     lines = [HEAD.format(name=name, format=FORMAT, axes=NORTH if magnetic else AT_DOCK)]
     dwell_s = [keyframe.dwell_s for keyframe in keyframes] if arm_dwell_s is None else arm_dwell_s

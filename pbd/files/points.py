@@ -31,8 +31,12 @@ class Points:
 def read_points(path: Path, unit: str | None = None) -> Points:
     """Read a CSV with a header: x, y, z with their unit (x_m, x_cm or x_mm, all three alike), and perhaps a name.
 
-    `unit` is "m", "cm" or "mm", of columns that don't say.
-    CalibrationError: it can't be read; a column is missing; no unit is known; a cell is no number: with the line.
+    Args:
+        path: the file.
+        unit: "m", "cm" or "mm", of columns that don't say.
+
+    Raises:
+        CalibrationError: it can't be read; a column is missing; no unit is known; a cell is no number: with the line.
     """
     sheet = open_sheet(path, error=CalibrationError)
     sheet = replace(sheet, header=tuple(name.lower() for name in sheet.header), complete=True)

@@ -30,10 +30,12 @@ def read_joints(
 
     Args:
         given: JSON or a file.
+        names: the arm's joints.
         unit: of what is not a message, for the error.
         per_si: how many of these units make a rad, or a m, for each joint; one, where left out.
 
-    PbdError: the file can't be read, a joint is missing, or one has no number.
+    Raises:
+        PbdError: the file can't be read, a joint is missing, or one has no number.
     """
     text, what = given, "--from"
     if not given.lstrip().startswith(("[", "{")):

@@ -30,7 +30,8 @@ FORMAT = 1
 def load_robot(name: str) -> Robot:
     """Load a robot by name (./robots, then the bundled ones) or path.
 
-    RobotError: nothing of that name (the valid ones are listed), or as `read_robot`.
+    Raises:
+        RobotError: nothing of that name (the valid ones are listed), or as `read_robot`.
     """
     return read_robot(find("robots", name, ".toml", RobotError))
 
@@ -42,8 +43,9 @@ def read_robot(path: Path, *, draft: bool = False) -> Robot:
     Of a `draft`, home and dock may be missing or wrong: home is the middle of the limits, and of the dock only the
     table's height is read.
 
-    RobotError: a key is missing, unknown or of the wrong kind; a file, a mesh or a name in it isn't there; a limit is
-    missing, not above zero or above the URDF's; home lies outside the limits.
+    Raises:
+        RobotError: a key is missing, unknown or of the wrong kind; a file, a mesh or a name in it isn't there; a limit
+            is missing, not above zero or above the URDF's; home lies outside the limits.
     """
     top = read_toml(path, RobotError)
     top.format(FORMAT)

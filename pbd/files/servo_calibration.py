@@ -77,7 +77,8 @@ def write_servo_calibration(servos: Mapping[str, ServoCalibration], path: Path) 
 def find_servo_calibration(named: Path | None, robot: str, robot_type: str) -> Path:
     """The file that was named, ./calibration/ROBOT-servos.json, or LeRobot's only one for this type of arm.
 
-    CalibrationError: there is none, or LeRobot has several.
+    Raises:
+        CalibrationError: there is none, or LeRobot has several.
     """
     if named is not None:
         return named

@@ -210,10 +210,14 @@ def open_sheet(
     Lines that begin with # are remarks.
 
     Args:
+        path: the file.
         foreign: another program wrote it: there may be remarks above the header, text in some columns, another
             encoding than UTF-8, decimal commas where no comma separates.
-        error: what is raised, of a file that is empty, has no rows, or is not text.
+        error: what is raised.
         text: the file's, where it has been read.
+
+    Raises:
+        error: empty, no rows, not text.
     """
     if text is None:
         text = _text(path, FOREIGN_ENCODINGS if foreign else FOREIGN_ENCODINGS[:1], error)

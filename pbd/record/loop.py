@@ -42,7 +42,7 @@ def record(
     show: Callable[[Status], None],
     every_s: float = SCREEN_EVERY_S,
 ) -> Outcome:
-    """Record a demonstration from a sensor that the decoder reads. Whatever ends it, its folder is complete.
+    """Record a demonstration. Whatever ends it, its folder is complete.
 
     With `options.force` a demonstration of that name is renamed to NAME.before, or a free name like it, when the first
     samples are there. It is removed when the new one has ended well, with two stops or more; it takes its name back
@@ -51,11 +51,15 @@ def record(
 
     Args:
         open_port: opens the sensor's port; called again to reconnect.
+        decoder: of the sensor's protocol.
+        options: what and how.
         poll: what the person wants, without waiting.
-        show: draws the screen, every `every_s` s.
+        show: draws the screen.
+        every_s: s between two updates.
 
-    SensorError: no port, no bytes, or bytes that are no packets: then there is no folder. RecordingError: the folder
-    exists or can't be written, the disk is full.
+    Raises:
+        SensorError: no port, no bytes, or bytes that are no packets: then there is no folder.
+        RecordingError: the folder exists or can't be written, the disk is full.
     """
     session = Session(decoder, options)
     try:

@@ -21,9 +21,16 @@ def decode_raw(path: Path, decoder: Decoder, sensor: str, rate_hz: float | None 
     """Read raw.bin.
 
     Bytes carry no arrival times. The times are those of the demonstration that raw.bin lies in, if it has as many
-    samples; else the device's own; where it has no clock, evenly spaced at `rate_hz`, or at the demonstration's.
+    samples; else the device's own; where it has no clock, evenly spaced.
 
-    RecordingError: it can't be read, holds no sample, or nothing tells the rate.
+    Args:
+        path: the file.
+        decoder: of the sensor's protocol, at its start.
+        sensor: the protocol's name.
+        rate_hz: for evenly spaced times; default: the demonstration's beside it.
+
+    Raises:
+        RecordingError: it can't be read, holds no sample, or nothing tells the rate.
     """
     data = read_bytes(path, RecordingError, "name a raw.bin")
     samples = [sample for sample in decoder.feed(data) if sample.acc is not None]

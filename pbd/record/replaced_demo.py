@@ -14,9 +14,12 @@ from pbd.io.atomic import name_aside, remove_folder
 
 @dataclass(frozen=True)
 class Backup:
-    """A demonstration, with edited keyframes or none, that was renamed from `folder` to `aside` to make room.
+    """A demonstration that was renamed to make room.
 
-    Whatever happens to the recording, a person finds it there.
+    Attributes:
+        folder: where it was, and the new one is.
+        aside: where it is, under a name of its own: whatever happens to the recording, a person finds it there.
+        edited: whether there is a keyframes.toml in it.
     """
 
     folder: Path
@@ -64,7 +67,8 @@ class Backup:
 def set_aside(folder: Path) -> Backup | None:
     """Rename a demonstration to NAME.before, or a name like it that is free; None where there is none.
 
-    RecordingError: what is there is no demonstration, or can't be renamed.
+    Raises:
+        RecordingError: what is there is no demonstration, or can't be renamed.
     """
     if not os.path.lexists(folder):
         return None

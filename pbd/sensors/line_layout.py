@@ -67,7 +67,8 @@ class LineLayout:
         separator: one character; a space stands for any white space.
         wrap: where t starts anew, in t's unit; 0 never; None as an Arduino's clock.
 
-    SensorError: a name, unit, separator or wrap is not known or does not fit the others.
+    Raises:
+        SensorError: a name, unit, separator or wrap is not known or does not fit the others.
     """
 
     lines: tuple[Line, ...]

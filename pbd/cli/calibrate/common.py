@@ -27,7 +27,8 @@ def tracked(args: argparse.Namespace, calibration: Calibration) -> tuple[Recordi
 def instead_of(path: Path, calibration: Calibration, part: str, force: bool) -> dict[str, str]:
     """Which of [dock] and [nav] gives way to the other, by its name; empty where there is none.
 
-    CalibrationError: one would, and `force` was not given.
+    Raises:
+        CalibrationError: one would, and `force` was not given.
     """
     other = "nav" if part == "dock" else "dock"
     if (calibration.T_base_nav if other == "nav" else calibration.T_base_dock) is None:

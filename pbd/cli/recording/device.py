@@ -23,7 +23,8 @@ PHONE, GAMEPAD = "phyphox", "gamepad"
 def find_sensor(args: argparse.Namespace) -> tuple[str, Callable[[], Source], Decoder]:
     """The sensor's name, what opens its port, and its decoder.
 
-    SensorError: nothing or several are plugged in, or nothing known is heard.
+    Raises:
+        SensorError: nothing or several are plugged in, or nothing known is heard.
     """
     wanted: str | None = args.sensor
     if wanted == PHONE or "://" in (args.port or ""):

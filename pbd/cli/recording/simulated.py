@@ -24,7 +24,11 @@ Show = Callable[[Status], None]
 
 
 class SimulatedHand:
-    """Does a task at a pseudo-terminal, from when that is opened first; grips as the task does."""
+    """Does a task at a pseudo-terminal, from when that is opened first: grips as the task does, says when it is over.
+
+    Attributes:
+        name: as a calibration knows the sensor: the same whatever the task.
+    """
 
     name = "sim (x-IMU3)"  # as a calibration knows the sensor: the same whatever the task
 
@@ -82,7 +86,8 @@ class SimulatedHand:
 def simulated_hand(task: str, stack: ExitStack) -> SimulatedHand:
     """Make one that does a task of pbd.simulation, with a sensor whose errors are new each time.
 
-    UsageError: no task has this name.
+    Raises:
+        UsageError: no task has this name.
     """
     recording = simulate(task or FIRST_TASK, "modern", seed=int(time.time())).recording
     emulator = Emulator(recording)

@@ -111,13 +111,19 @@ def export(
     """Write a robot's trajectory; the file appears whole or not at all.
 
     Args:
+        trajectory: the motion.
         robot: whose limits hold between the samples too, and whose gripper it is.
+        format_name: one of FORMATS.
+        path: where.
         rate_hz: samples a second; by default as the format has it.
         dense: urscript alone: servoj at the controller's period (a rate of 125, or 500), not a movej for each keyframe.
         source: what the motion was made from, which formats need that tell more than joints.
 
-    UsageError: as `check_format`. PbdError: the file can't be written. PlanError: replayed from the file by the rule of
-    the format's receivers, the motion would break a limit, miss a keyframe or touch something; nothing is written.
+    Raises:
+        UsageError: as `check_format`.
+        PbdError: the file can't be written.
+        PlanError: replayed from the file by the rule of the format's receivers, the motion would break a limit, miss a
+            keyframe or touch something; nothing is written.
     """
     check_format(format_name, rate_hz, dense)
     if format_name in FOLDERS:
@@ -152,10 +158,14 @@ def export_dataset(
     """Write motions of one robot as a LeRobot dataset, or add them to one; it appears whole or stays as it was.
 
     Args:
+        motions: each with what it was made from.
+        robot: whose they are.
         folder: where; it is made, or holds this robot's episodes that pbd wrote.
         task: what they do, in words; each motion's own name where nobody said.
 
-    PbdError: the folder holds something else, or can't be written. PlanError: as `export`.
+    Raises:
+        PbdError: the folder holds something else, or can't be written.
+        PlanError: as `export`.
     """
     from pbd.files.exporters import lerobot
     from pbd.files.exporters.check_export import check_received

@@ -39,10 +39,12 @@ def check_received(
     Args:
         order: what was to be written; without its `made_from` poses and collisions are not looked at.
         points: as read from the file.
+        rules: of the format's receivers.
         digits: how large the last digit of the file's numbers is, as a share of them.
         sampled: makes the points of another order, to try another rate.
 
-    PlanError: a limit would be broken, a keyframe missed, or something touched.
+    Raises:
+        PlanError: a limit would be broken, a keyframe missed, or something touched.
     """
     robot, found = order.robot, {}
     arrays = points.t, points.q, points.qd, points.qdd
@@ -93,7 +95,8 @@ def reached(order: Order, points: Samples, rule: Rule, worst: Share) -> str:
 def _other_path(order: Order, points: Samples, rule: Rule) -> JointTrajectory | None:
     """Compare the motion with the planned one; return what is not that, to be audited itself.
 
-    PlanError: the file's polynomials are another motion.
+    Raises:
+        PlanError: the file's polynomials are another motion.
     """
     planned, coefficients, h = order.trajectory, fill(points, rule), np.diff(points.t)
     off = np.zeros(len(h))

@@ -78,8 +78,9 @@ def first_frame(robot: Robot, points: Samples) -> str:
 def samples(order: Order) -> Samples:
     """Evaluate at 30 frames a second.
 
-    PlanError: it doesn't begin with an approach and end at home: replay jumps to the first frame, and lets go of the
-    arm at the last.
+    Raises:
+        PlanError: it doesn't begin with an approach and end at home: replay jumps to the first frame, and lets go of
+            the arm at the last.
     """
     trajectory, robot = order.trajectory, order.robot
     at_home = np.abs(trajectory.at(np.array([trajectory.duration])).q[0] - robot.home).max() <= AT_HOME_RAD
@@ -117,7 +118,8 @@ def read(robot: Robot, found: Episode) -> Samples:
 def read_episodes(folder: Path, robot: Robot) -> list[Episode]:
     """Read the episodes of a dataset that `write` made; none where there is no folder, or nothing in it.
 
-    PbdError: something else is there, or another robot's dataset.
+    Raises:
+        PbdError: something else is there, or another robot's dataset.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq

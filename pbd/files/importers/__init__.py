@@ -50,7 +50,8 @@ def import_recording(
         rate_hz: of a table without times.
         topic: of a bag with several.
 
-    RecordingError: not such a file, or its contents can't be a recording.
+    Raises:
+        RecordingError: not such a file, or its contents can't be a recording.
     """
     source = path / XIO_FILE if (path / XIO_FILE).is_file() else path
     suffix, truth = source.suffix.lower(), None

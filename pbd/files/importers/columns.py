@@ -135,12 +135,13 @@ def understand(sheet: Sheet, columns: Mapping[str, str], units: Mapping[str, str
     """Find what is in which column.
 
     Args:
-        sheet: the file's columns, and what stands above them.
+        sheet: the table, and what stands above it.
         columns: ours -> the file's, by the caller; -NAME turns the sign.
         units: channel -> unit, by the caller; -UNIT turns the sign.
 
-    UsageError: a channel that the caller names isn't known. RecordingError: a column or its unit isn't known; columns
-    that look inertial aren't understood.
+    Raises:
+        UsageError: a channel that the caller names isn't known.
+        RecordingError: a column or its unit isn't known; columns that look inertial aren't understood.
     """
     for channel in units:
         if channel not in UNITS:

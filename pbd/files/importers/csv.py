@@ -33,12 +33,13 @@ def read_csv(
     """Read a recording from a table with a header.
 
     Args:
-        path: x-io's Magnetometer.csv beside it, where the file has no magnetometer, is joined by its time.
+        path: the file; x-io's Magnetometer.csv beside it, where the file has no magnetometer, is joined by its time.
         columns: ours -> the file's column, for those that the header doesn't tell; -NAME turns the sign.
         units: channel (t, gyr, acc, mag, angle) -> unit, likewise; -UNIT turns the sign of all three axes.
         rate_hz: of a table without times: row k was read at k / rate_hz s.
 
-    RecordingError: a column or unit is missing or unknown; there are both times and a rate; the table is no table.
+    Raises:
+        RecordingError: a column or unit is missing or unknown; there are both times and a rate; the table is no table.
     """
     text = foreign_text(path)
     sheet = printed_sheet(path, text) if is_printed(text) else open_sheet(path, foreign=True, text=text)

@@ -30,7 +30,8 @@ def read_npz(path: Path) -> tuple[Recording, Understood, Truth | None]:
     Keys: rate_hz; acc (n, 3) m/s2; gyr (n, 3) rad/s; mag (n, 3) uT; true_position (m, 3) m; true_wxyz (m, 4);
     true_rate_hz where the truth has a rate of its own. NaN is "unknown". Truth counts from its first known position.
 
-    RecordingError: not an npz, or without rate_hz and acc.
+    Raises:
+        RecordingError: not an npz, or without rate_hz and acc.
     """
     arrays, others = _arrays(path)
     for key in ("rate_hz", "acc"):

@@ -44,7 +44,14 @@ SCAN = "scan the code of `pbd sensors phyphox` with the app, open it, and allow 
 
 
 class PhonePort(Source):
-    """phyphox on a phone, `model`, as a port that gives the phone's answers; `device` is its address."""
+    """phyphox on a phone, as a port that gives the phone's answers.
+
+    Attributes:
+        device: its address.
+        patience_s: s without an answer after which the reader gives up.
+        trouble: why no samples come now, or "".
+        model: what the phone is called.
+    """
 
     patience_s = PATIENCE_S + 2.0 * ANSWER_S  # `read` knows better, and first
 
