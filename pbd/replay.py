@@ -88,7 +88,7 @@ def robot_motion(arm: ArmModel, samples: Samples) -> RobotMotion:
     """Give the whole robot's motion, arm and fingers, at the instants of samples."""
     from pbd.arm.model import from_se3
 
-    q = np.array([arm.full_q(*each) for each in zip(samples.q, samples.gripper, strict=True)])
+    q = arm.configurations(np.column_stack((samples.q, samples.gripper)))
     return RobotMotion(arm.full, from_se3(arm.T_base_universe), samples.t, q)
 
 

@@ -56,7 +56,7 @@ def tool_rod(arm: ArmModel) -> Body | None:
     gripper = gripper_links(arm, links)
     joint, T_joint_tool = tool_on_joint(arm)
     data = arm.full.createData()
-    pin.forwardKinematics(arm.full, data, arm.full_q(arm.robot.home, 0.0))
+    pin.forwardKinematics(arm.full, data, arm.configurations(np.append(arm.robot.home, 0.0)))
     T_tool_universe = T_joint_tool.inverse() @ from_se3(data.oMi[joint]).inverse()
     start = T_joint_tool.inverse().p if joint > 0 else np.zeros(3)
     nearest = np.inf

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 
+import numpy as np
 import pinocchio as pin
 
 from pbd.arm.model import ArmModel, from_se3
@@ -13,7 +14,7 @@ from pbd.pose import Array, Pose
 def links_in_parents(arm: ArmModel, q: Array, opening: float) -> dict[str, tuple[str, Pose]]:
     """Return each link's parent and its pose there, at joints (k,) and an opening; the root has none."""
     data = arm.full.createData()
-    pin.framesForwardKinematics(arm.full, data, arm.full_q(q, opening))
+    pin.framesForwardKinematics(arm.full, data, arm.configurations(np.append(q, opening)))
     return {link: (parent, from_se3(data.oMf[above].inverse() * data.oMf[i])) for link, i, parent, above in _tree(arm)}
 
 

@@ -1,12 +1,13 @@
 """A robot's kinematics: pinocchio's model of its URDF with everything but the arm's joints locked.
 
 Joint vectors `q` here and in all of pbd/arm are (k,) in the order of `robot.joints`, rad (m for a sliding joint); a
-continuous joint is one angle, not pinocchio's cosine and sine. No mesh is read here: that can take seconds.
+continuous joint is one angle, not pinocchio's cosine and sine. Coordinates `x` are (k + 1,): q, then the gripper's
+opening, 1 open to 0 closed. No mesh is read here: that can take seconds.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -44,20 +45,33 @@ class ArmModel:
     Attributes:
         robot: what it was built from.
         full: pinocchio's model of the whole URDF, for the viewer and for collision.
+        axes: by joint of `full`: its axis in its own frame, and whether it slides along it.
+        drives: by joint of `full` that moves: its column of x, and the slope and the value at zero of its own value.
         model, data: pinocchio's model of the arm's joints alone, and its workings.
+        configuration: turns joints (k,) into pinocchio's configuration of `model`.
         tool_id: the tool's frame in `model`.
         T_base_universe: pinocchio's world in `base`.
     """
 
     def __init__(self, robot: Robot, full: Any) -> None:
-        fingers = robot.gripper.joints if robot.gripper else ()
-        for name in (*robot.joints, *fingers):
+        columns = [(name, (i, 1.0, 0.0)) for i, name in enumerate(robot.joints)]
+        if gripper := robot.gripper:
+            strokes = (gripper.open - gripper.closed).tolist()
+            fingers = zip(gripper.joints, strokes, gripper.closed.tolist(), strict=True)
+            columns += [(name, (len(columns), stroke, closed)) for name, stroke, closed in fingers]
+        for name, _ in columns:
             if not full.existJointName(name):
                 raise _unknown(robot, "joint", name, full.names[1:])
         self.robot = robot
         self.full = full
-        reference = self.full_q(robot.home, 1.0)
-        self.model = _reduced(full, robot.joints, reference)
+        self.axes = _axes(full)
+        self.drives = {int(full.getJointId(name)): drive for name, drive in columns}
+        self._driven, self._drive = (
+            np.array([*self.drives]) - 1,
+            tuple(map(np.array, zip(*self.drives.values(), strict=True))),
+        )
+        self._full_configuration = _configured(full)
+        self.model = _reduced(full, robot.joints, self.configurations(np.append(robot.home, 1.0)))
         if tuple(self.model.names[1:]) != robot.joints:
             raise RobotError(
                 f"{robot.name}: joints must be in the order of {robot.urdf}; list them as "
@@ -77,6 +91,7 @@ class ArmModel:
             )
         self.T_base_universe: Any = base.placement.inverse()
         self.data = self.model.createData()
+        self.configuration = _configured(self.model)
         self.steps = _steps(self)
         # Which joints are at the same place after a whole turn.
         self.turns: Array = np.array([step.joint == "turns" for step in self.steps[:-1]], dtype=np.float64)
@@ -93,9 +108,12 @@ class ArmModel:
 
     def forward(self, q: Array) -> Pose:
         """Return T_base_tool at q (k,)."""
-        pin.forwardKinematics(self.model, self.data, configuration(self.model, q))
-        T_base_tool = self.T_base_universe * pin.updateFramePlacement(self.model, self.data, self.tool_id)
-        return from_se3(T_base_tool)
+        return from_se3(self.placement(q))
+
+    def placement(self, q: Array) -> Any:
+        """The same as pinocchio's pose."""
+        pin.forwardKinematics(self.model, self.data, self.configuration(q))
+        return self.T_base_universe * pin.updateFramePlacement(self.model, self.data, self.tool_id)
 
     def forward_many(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the tool's positions (n, 3) in m and rotation matrices (n, 3, 3) in base, at joints (n, k).
@@ -118,17 +136,22 @@ class ArmModel:
     def jacobian(self, q: Array) -> Array:
         """Return (6, k): the tool's velocity in its own frame, m/s then rad/s, per joint velocity."""
         J: Array = pin.computeFrameJacobian(
-            self.model, self.data, configuration(self.model, q), self.tool_id, pin.ReferenceFrame.LOCAL
+            self.model, self.data, self.configuration(q), self.tool_id, pin.ReferenceFrame.LOCAL
         ).reshape(6, -1)  # pinocchio's of one joint is a vector
         return J
 
-    def full_q(self, q: Array, opening: float) -> Array:
-        """Return pinocchio's configuration of the `full` model: the arm at q, the gripper 1 open to 0 closed."""
-        angles = dict(zip(self.robot.joints, q, strict=True))
-        if gripper := self.robot.gripper:
-            fingers = gripper.closed + opening * (gripper.open - gripper.closed)
-            angles.update(zip(gripper.joints, fingers, strict=True))
-        return configuration(self.full, np.array([angles.get(name, 0.0) for name in self.full.names[1:]]))
+    def configurations(self, x: Array) -> Array:
+        """Return pinocchio's configurations (..., nq) of the `full` model at coordinates (..., k + 1).
+
+        Raises:
+            ValueError: a coordinate isn't finite.
+        """
+        if not np.isfinite(x).all():
+            raise ValueError("joints and opening must be finite")
+        column, slope, at_zero = self._drive
+        values = np.zeros((*x.shape[:-1], self.full.njoints - 1))
+        values[..., self._driven] = at_zero + slope * x[..., column]
+        return self._full_configuration(values)
 
     def _frame(self, name: str) -> Any:
         # Asked for by kind: some URDFs give a joint and a body the same name.
@@ -152,13 +175,21 @@ def _reduced(full: Any, joints: tuple[str, ...], reference: Array) -> Any:
     return reduced
 
 
-def configuration(model: Any, q: Array) -> Array:
-    """Turn one number per joint into pinocchio's configuration, which holds cosine and sine of a continuous joint."""
-    if model.nq == len(q):
-        return q
+def _configured(model: Any) -> Callable[[Array], Array]:
+    """How one number per joint (..., n) becomes pinocchio's configuration, with cosine and sine of a continuous joint."""
     joints = list(model.joints)[1:]
-    angles = zip(joints, q, strict=True)
-    return np.concatenate([(a,) if joint.nq == 1 else (np.cos(a), np.sin(a)) for joint, a in angles])
+    if model.nq == len(joints):
+        return lambda q: q
+    at, turning = np.array([joint.idx_q for joint in joints]), np.array([joint.nq == 2 for joint in joints])
+    cosines = at[turning]
+
+    def configured(q: Array) -> Array:
+        made = np.empty((*q.shape[:-1], model.nq))
+        made[..., at] = q
+        made[..., cosines], made[..., cosines + 1] = np.cos(q[..., turning]), np.sin(q[..., turning])
+        return made
+
+    return configured
 
 
 def to_se3(pose: Pose) -> Any:
@@ -172,6 +203,17 @@ def from_se3(placement: Any) -> Pose:
     return Pose(xyzquat[:3], quat_from_xyzw(xyzquat[3:]))
 
 
+def _axes(model: Any) -> dict[int, tuple[Array, bool]]:
+    data, axes = model.createData(), {}
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    for joint in range(1, model.njoints):
+        J = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL).reshape(6, -1)
+        column = J[:, model.joints[joint].idx_v]
+        slides = not column[3:].any()
+        axes[joint] = (column[:3] if slides else column[3:], slides)
+    return axes
+
+
 class _Step(NamedTuple):
     """A fixed step along the arm, then a joint that turns about z of where it leads, or slides along it."""
 
@@ -182,14 +224,10 @@ class _Step(NamedTuple):
 
 def _steps(arm: ArmModel) -> list[_Step]:
     """Break the arm into steps from base to tool; no joint follows the last."""
-    model, data = arm.model, arm.model.createData()
-    pin.computeJointJacobians(model, data, pin.neutral(model))
-    steps: list[_Step] = []
+    model, steps = arm.model, list[_Step]()
     T_axis_joint = arm.T_base_universe
     for i in range(1, model.njoints):
-        column = pin.getJointJacobian(model, data, i, pin.ReferenceFrame.LOCAL).reshape(6, -1)[:, i - 1]
-        slides = not column[3:].any()
-        axis = column[:3] if slides else column[3:]
+        axis, slides = arm.axes[arm.full.getJointId(model.names[i])]
         T_joint_axis = pin.SE3(pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), axis).matrix(), np.zeros(3))
         step = T_axis_joint * model.jointPlacements[i] * T_joint_axis
         steps.append(_Step(step.translation.copy(), step.rotation.copy(), "slides" if slides else "turns"))

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pbd.arm.collision.arm_coordinates import JointPath
-from pbd.arm.collision.clearance import STEP_M
+from pbd.arm.collision.clearance import STEP_M, JointPath
 from pbd.data import JointTrajectory
 from pbd.pose import Array
 

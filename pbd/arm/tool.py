@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import numpy as np
 import pinocchio as pin
 
 from pbd.arm.model import ArmModel
@@ -51,29 +50,11 @@ def tool_in_universe(arm: ArmModel) -> Callable[[Array], tuple[Array, Array, Arr
     p and R are pinocchio's own and hold until it looks again.
     """
     model, data, tool_id, axes = arm.model, arm.data, arm.tool_id, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-    configure = _configure(model)
+    configuration = arm.configuration
 
     def tool(q: Array) -> tuple[Array, Array, Array]:
-        J = pin.computeFrameJacobian(model, data, configure(q), tool_id, axes).reshape(6, -1)
+        J = pin.computeFrameJacobian(model, data, configuration(q), tool_id, axes).reshape(6, -1)
         placement = data.oMf[tool_id]
         return placement.translation, placement.rotation, J
 
     return tool
-
-
-def _configure(model: Any) -> Callable[[Array], Array]:
-    """How joints (k,) become pinocchio's configuration, which holds cosine and sine of a continuous joint."""
-    joints = list(model.joints)[1:]
-    if all(joint.nq == 1 for joint in joints):
-        return lambda q: q
-    at = np.array([joint.idx_q for joint in joints])
-    turning = np.array([joint.nq == 2 for joint in joints])
-    cosines = at[turning]
-    made = np.empty(model.nq)
-
-    def configure(q: Array) -> Array:
-        made[at] = q
-        made[cosines], made[cosines + 1] = np.cos(q[turning]), np.sin(q[turning])
-        return made
-
-    return configure

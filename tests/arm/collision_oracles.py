@@ -11,7 +11,6 @@ import pinocchio as pin
 from scipy.optimize import nnls
 
 from pbd.arm.collision.allowed_collisions import samples
-from pbd.arm.collision.arm_coordinates import configurations
 from pbd.arm.collision.clearance import Clearance
 from pbd.arm.collision.geometry import Body
 from pbd.arm.model import ArmModel, load_model
@@ -34,7 +33,7 @@ def coordinates(arm: ArmModel, count: int, seed: int = 1) -> Array:
 def placements(arm: ArmModel, x: Array) -> list[Pose]:
     """T_universe_joint of all joints at coordinates (k + 1,)."""
     data = arm.full.createData()
-    pin.forwardKinematics(arm.full, data, configurations(arm, x[None])[0])
+    pin.forwardKinematics(arm.full, data, arm.configurations(x))
     poses = [pin.SE3ToXYZQUAT(placement) for placement in data.oMi]
     return [Pose(pose[:3], quat_from_xyzw(pose[3:])) for pose in poses]
 
@@ -85,7 +84,7 @@ class RawMeshes:
 
     def touching(self, x: Array) -> set[frozenset[str]]:
         """Pairs of links whose meshes touch at coordinates (k + 1,)."""
-        q = configurations(self.arm, x[None])[0]
+        q = self.arm.configurations(x)
         pin.computeCollisions(self.arm.full, self.data, self.geometry, self.placed, q, False)
         pairs = zip(self.geometry.collisionPairs, self.placed.collisionResults, strict=True)
         return {frozenset((self.links[pair.first], self.links[pair.second])) for pair, r in pairs if r.isCollision()}

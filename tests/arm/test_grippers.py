@@ -44,7 +44,7 @@ def tip_in_link(name: str, link: str) -> Array:
     p_link = np.vstack([_points(arm.robot, element) for element in _link(arm.robot, link).iterfind("visual")])
     # The last one is the one farthest from where the wrist's last joint is.
     data = arm.full.createData()
-    pin.framesForwardKinematics(arm.full, data, arm.full_q(arm.robot.home, 0.0))
+    pin.framesForwardKinematics(arm.full, data, arm.configurations(np.append(arm.robot.home, 0.0)))
     wrist = data.oMi[arm.full.getJointId(arm.robot.joints[-1])]
     here = data.oMf[arm.full.getFrameId(link, pin.FrameType.BODY)]
     far = np.linalg.norm(p_link - here.actInv(wrist).translation, axis=1)
@@ -72,7 +72,7 @@ def _points(robot: Robot, visual: ET.Element) -> Array:
 def tips_in_tool(name: str, opening: float) -> tuple[Array, Array]:
     """The ends of both jaws in the tool's frame, the gripper open by its share."""
     arm, data = arm_of(name), arm_of(name).full.createData()
-    pin.framesForwardKinematics(arm.full, data, arm.full_q(arm.robot.home, opening))
+    pin.framesForwardKinematics(arm.full, data, arm.configurations(np.append(arm.robot.home, opening)))
     base = data.oMf[arm.full.getFrameId(arm.robot.base, pin.FrameType.BODY)]
     T_tool_base = arm.forward(arm.robot.home).inverse()
 

@@ -51,7 +51,7 @@ def test_a_base_that_is_not_the_root(odd_arm: ArmModel) -> None:
     model = odd_arm.full
     data = model.createData()
     q = np.array([0.4, 0.1, -0.3, 1.2])
-    pin.framesForwardKinematics(model, data, odd_arm.full_q(q, 1.0))
+    pin.framesForwardKinematics(model, data, odd_arm.configurations(np.append(q, 1.0)))
     foot, hand = (data.oMf[model.getFrameId(name)] for name in ("foot", "hand"))
     expected = foot.inverse() * hand * to_se3(odd_arm.robot.T_body_tool)
     np.testing.assert_allclose(odd_arm.forward(q).matrix(), expected.homogeneous, atol=1e-14)
@@ -73,7 +73,7 @@ def test_tool_lies_between_the_fingers_and_x_is_the_way_they_open(arm: ArmModel)
 
     def fingers(opening: float) -> tuple[Array, Array]:
         """Positions of both fingers' bodies in the tool's frame."""
-        pin.framesForwardKinematics(model, data, arm.full_q(q, opening))
+        pin.framesForwardKinematics(model, data, arm.configurations(np.append(q, opening)))
         inverse = tool.inverse()
         return inverse.act(data.oMf[left].translation), inverse.act(data.oMf[right].translation)
 
@@ -117,17 +117,17 @@ def test_joints_and_bodies_may_share_names(odd_robot: Robot, tmp_path: Path) -> 
     )
     arm = load_model(robot)
     assert arm.full.names[3] == "hand"  # everyone else still finds it by its name
-    np.testing.assert_allclose(arm.full_q(np.array([np.pi / 2, 0.1]), 0.5), [0, 1, 0.1, 0.5], atol=1e-15)
+    np.testing.assert_allclose(arm.configurations(np.array([np.pi / 2, 0.1, 0.5])), [0, 1, 0.1, 0.5], atol=1e-15)
     data = arm.full.createData()
     q = np.array([0.7, -0.4])
-    pin.framesForwardKinematics(arm.full, data, arm.full_q(q, 0.0))
+    pin.framesForwardKinematics(arm.full, data, arm.configurations(np.append(q, 0.0)))
     hand = data.oMf[arm.full.getFrameId("hand", pin.FrameType.BODY)] * to_se3(robot.T_body_tool)
     np.testing.assert_allclose(arm.forward(q).matrix(), hand.homogeneous, atol=1e-14)
 
 
 def test_full_configuration_opens_the_gripper_by_its_share(arm: ArmModel) -> None:
     q = random_joints(arm.robot, 1, seed=4)[0]
-    np.testing.assert_array_equal(arm.full_q(q, 0.25), [*q, 0.01, 0.01])
+    np.testing.assert_array_equal(arm.configurations(np.append(q, 0.25)), [*q, 0.01, 0.01])
 
 
 def test_home_stands_above_the_table_and_points_down(arm: ArmModel) -> None:

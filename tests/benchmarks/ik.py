@@ -30,7 +30,7 @@ import pinocchio as pin
 from pbd.arm.ik.solver import solve
 from pbd.arm.ik.unreachable import find_reason
 from pbd.arm.joint_path import solve_path
-from pbd.arm.model import ArmModel, configuration, from_se3, load_model, to_se3
+from pbd.arm.model import ArmModel, from_se3, load_model, to_se3
 from pbd.arm.reach import farthest
 from pbd.errors import PlanError
 from pbd.files.find_by_name import names
@@ -135,7 +135,7 @@ def pink_solver(arm: ArmModel) -> Callable[[Pose], Array] | None:
         task.set_target(target)
         q_start = 0.5 * (lower + upper)
         for _ in range(PINK_RESTARTS + 1):
-            at = pink.Configuration(model, data, configuration(model, q_start), copy_data=False)
+            at = pink.Configuration(model, data, arm.configuration(q_start), copy_data=False)
             for _ in range(PINK_STEPS):
                 try:
                     velocity = pink.solve_ik(at, [task], 1.0, solver="daqp", limits=limits)
@@ -158,7 +158,7 @@ def whole_urdf(arm: ArmModel) -> Callable[[Array], Pose]:
     base, body = (model.getFrameId(name, pin.FrameType.BODY) for name in (robot.base, robot.body))
 
     def tool(q: Array) -> Pose:
-        pin.framesForwardKinematics(model, data, arm.full_q(q, 1.0))
+        pin.framesForwardKinematics(model, data, arm.configurations(np.append(q, 1.0)))
         return from_se3(data.oMf[base].actInv(data.oMf[body])) @ robot.T_body_tool
 
     return tool

@@ -23,7 +23,6 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from pbd.arm.collision.arm_coordinates import JointPath, configurations
 from pbd.arm.collision.geometry import Body, mesh_to, meshes_apart, shape_of
 from pbd.arm.collision.motion_bounds import rates
 from pbd.arm.model import ArmModel, to_se3
@@ -35,6 +34,19 @@ STEP_M = 2.0 * MARGIN_M
 Pairs = NDArray[np.int64]
 Allowed = Callable[[int, Array], bool]
 """Whether a pair may touch at coordinates (k + 1,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointPath:
+    """A path as nodes so close that no pair of bodies moves by more than STEP_M against each other in between.
+
+    Attributes:
+        t: (n,) s, or the share of a straight move.
+        x: (n, k + 1) coordinates; between nodes each goes up, goes down or stands still.
+    """
+
+    t: Array
+    x: Array
 
 
 @dataclass(frozen=True)
@@ -102,7 +114,7 @@ class Clearance:
 
     def witness(self, x: Array, pair: int) -> Array:
         """Where a pair is nearest or touches (3,), in pinocchio's world, at coordinates (k + 1,)."""
-        self._place(configurations(self.arm, x[None])[0])
+        self._place(self.arm.configurations(x))
         return self._witness(pair)
 
     def always_touching(self, x: Array, share: float) -> dict[int, int]:
@@ -110,7 +122,7 @@ class Clearance:
         always = dict.fromkeys(range(len(self.pairs)), len(x))
         for measure in (self._hull_distance, self._distance):  # most pairs need no mesh
             always = dict.fromkeys(always, len(x))
-            for q in configurations(self.arm, x):
+            for q in self.arm.configurations(x):
                 self._place(q)
                 for pair in always:
                     always[pair] -= not measure(pair) < self.margin_m
@@ -151,7 +163,7 @@ class Clearance:
     def _walk(self, path: JointPath, allowed: Allowed | None) -> Walk:
         moved = np.zeros_like(path.x.T)
         np.cumsum(np.abs(np.diff(path.x.T)), axis=1, out=moved[:, 1:])
-        return Walk(path, configurations(self.arm, path.x), moved, allowed)
+        return Walk(path, self.arm.configurations(path.x), moved, allowed)
 
     def _near(self, walk: Walk) -> list[tuple[int, float]]:
         """Return the pairs that may meet on a path, with their distances at its start; most are too far apart."""
@@ -192,7 +204,7 @@ class Clearance:
 
     def _measure(self, x: Array) -> int:
         """Measure all distances; return the pair with the least but for the pads, -1 where there is no pair."""
-        q = configurations(self.arm, x[None])[0]
+        q = self.arm.configurations(x)
         if not len(self.pairs):
             return -1
         return int(pin.computeDistances(self.arm.full, self._data, self._geometry, self._placed, q))

@@ -3,8 +3,6 @@
 A point moves with a turning joint by no more than the angle times its distance from the axis, whatever the other joints
 do: a body is within a ball, and all places where another joint may take that are within a larger ball around its axis.
 Two bodies get no nearer to each other than either moves as seen from the other: the one nearer to the axis bounds both.
-Coordinates `x` are (k + 1,): the arm's joints q (rad; m where one slides), then the gripper's opening, 1 open to 0
-closed.
 """
 
 from __future__ import annotations
@@ -13,7 +11,6 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
 from pbd.arm.collision.geometry import Body
@@ -26,13 +23,13 @@ def rates(arm: ArmModel, bodies: Sequence[Body], pairs: NDArray[np.int64]) -> Ar
 
     Only the joints between the two bodies count: those further down move both alike.
     """
-    reach, chains, columns = [levers(arm, body) for body in bodies], _chains(arm), _columns(arm)
+    reach, chains = [levers(arm, body) for body in bodies], _chains(arm)
     bound = np.zeros((len(pairs), len(arm.robot.joints) + 1))
     for row, (first, second) in enumerate(pairs):
         for joint in chains[bodies[first].joint] ^ chains[bodies[second].joint]:
-            if joint in columns:
-                column, share = columns[joint]
-                bound[row, column] += share * min(reach[first][joint], reach[second][joint])
+            if joint in arm.drives:
+                column, slope, _ = arm.drives[joint]
+                bound[row, column] += abs(slope) * min(reach[first][joint], reach[second][joint])
     return bound
 
 
@@ -66,7 +63,7 @@ def _swept(arm: ArmModel, joint: int, p: Array, radius: float) -> tuple[float, A
     Returns:
         m that they move at most per rad (or per m); points (m, 3) and a radius of balls that hold them all the way.
     """
-    axis, slides = _axes(arm)[joint]
+    axis, slides = arm.axes[joint]
     if slides:
         return 1.0, p, radius + _most_slide(arm, joint)
     along = p @ axis
@@ -89,46 +86,13 @@ def outline(body: Body) -> tuple[Array, float]:
 
 
 @lru_cache(maxsize=4)
-def _axes(arm: ArmModel) -> dict[int, tuple[Array, bool]]:
-    """For each joint: its axis in its own frame, and whether it slides along it."""
-    model, data = arm.full, arm.full.createData()
-    pin.computeJointJacobians(model, data, pin.neutral(model))
-    axes = {}
-    for joint in range(1, model.njoints):
-        J = pin.getJointJacobian(model, data, joint, pin.ReferenceFrame.LOCAL).reshape(6, -1)
-        column = J[:, model.joints[joint].idx_v]
-        slides = not column[3:].any()
-        axes[joint] = (column[:3] if slides else column[3:], slides)
-    return axes
-
-
-@lru_cache(maxsize=4)
 def _chains(arm: ArmModel) -> list[set[int]]:
     """For each joint: it and those that carry it."""
     return [set(each) for each in arm.full.supports]
 
 
-@lru_cache(maxsize=4)
-def _columns(arm: ArmModel) -> dict[int, tuple[int, float]]:
-    """For each joint that moves: its column among the coordinates, and its own motion per unit of that coordinate."""
-    full, robot = arm.full, arm.robot
-    columns = {full.getJointId(name): (i, 1.0) for i, name in enumerate(robot.joints)}
-    if gripper := robot.gripper:
-        strokes = np.abs(gripper.open - gripper.closed)
-        columns |= {
-            full.getJointId(name): (len(robot.joints), float(stroke))
-            for name, stroke in zip(gripper.joints, strokes, strict=True)
-        }
-    return columns
-
-
 def _most_slide(arm: ArmModel, joint: int) -> float:
     """How far a sliding joint can be from its zero, m; one that is locked stands at zero."""
-    name, robot = arm.full.names[joint], arm.robot
-    if name in robot.joints:
-        i = robot.joints.index(name)
-        return float(max(abs(robot.limits.lower[i]), abs(robot.limits.upper[i])))
-    if robot.gripper and name in robot.gripper.joints:
-        i = robot.gripper.joints.index(name)
-        return float(max(abs(robot.gripper.open[i]), abs(robot.gripper.closed[i])))
-    return 0.0
+    column, slope, at_zero = arm.drives.get(joint, (0, 0.0, 0.0))
+    ends = np.append(arm.limits.lower, 0.0)[column], np.append(arm.limits.upper, 1.0)[column]
+    return max(abs(at_zero + slope * float(end)) for end in ends)

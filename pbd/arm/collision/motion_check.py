@@ -12,8 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pbd.arm.collision.arm_coordinates import JointPath
-from pbd.arm.collision.clearance import Contact
+from pbd.arm.collision.clearance import Contact, JointPath
 from pbd.arm.collision.scene import TABLE, CollisionScene, Hit, PairSet
 from pbd.arm.path_sampling import along
 from pbd.data import JointTrajectory

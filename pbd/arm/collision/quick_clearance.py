@@ -10,8 +10,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-from pbd.arm.collision.arm_coordinates import JointPath, configurations
-from pbd.arm.collision.clearance import MARGIN_M, Allowed, Clearance, Pairs, Walk
+from pbd.arm.collision.clearance import MARGIN_M, Allowed, Clearance, JointPath, Pairs, Walk
 from pbd.arm.collision.geometry import Body, moves_with_tool
 from pbd.arm.gripper import tool_on_joint
 from pbd.arm.model import ArmModel, to_se3
@@ -38,7 +37,7 @@ class QuickClearance(Clearance):
     def touches(self, x: Array, allowed: Allowed | None = None) -> bool:
         """Whether any pair that isn't allowed to is nearer than `margin_m` at coordinates (k + 1,)."""
         if x.tobytes() not in self._known:
-            self._place(configurations(self.arm, x[None])[0])
+            self._place(self.arm.configurations(x))
             if self._touch_again(x, allowed):
                 return True
         for pair in np.flatnonzero(~(self._remembered(x) >= self.margin_m)).tolist():
@@ -53,11 +52,11 @@ class QuickClearance(Clearance):
         """
         if any(self.touches(each, allowed) for each in x):
             return True
-        step, q = x[1] - x[0], configurations(self.arm, x)
+        step, q = x[1] - x[0], self.arm.configurations(x)
         way = q[1] - q[0]
 
         def place(t: float) -> None:
-            self._place(q[0] + t * way if self._even else configurations(self.arm, (x[0] + t * step)[None])[0])
+            self._place(q[0] + t * way if self._even else self.arm.configurations(x[0] + t * step))
 
         for t in LIKELY:
             place(t)
@@ -105,7 +104,7 @@ class QuickClearance(Clearance):
             The first pair that was found, its distance in m, and where (3,) in pinocchio's world.
         """
         joint, T_joint_tool = tool_on_joint(self.arm)
-        self._place(configurations(self.arm, np.append(self.arm.robot.home, opening)[None])[0])
+        self._place(self.arm.configurations(np.append(self.arm.robot.home, opening)))
         T_joint_universe, pairs = self._data.oMi[joint].inverse(), np.flatnonzero(self._of_tool).tolist()
         carried = {int(i) for i in self.pairs[pairs].ravel() if self.bodies[i].joint > 0}
         T_joint_body = {i: T_joint_universe * self._placed.oMg[i] for i in carried}

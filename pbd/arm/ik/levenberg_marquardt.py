@@ -13,7 +13,7 @@ from collections.abc import Callable
 import numpy as np
 import pinocchio as pin
 
-from pbd.arm.model import ArmModel, configuration
+from pbd.arm.model import ArmModel
 from pbd.arm.tool import Target, in_universe, tool_in_universe
 from pbd.lapack import lapack
 from pbd.pose import Array
@@ -79,8 +79,7 @@ def residual_at(arm: ArmModel, target: Target, q: Array) -> tuple[Array, Array]:
 
 def residual_norms(arm: ArmModel, target: Target, q: Array) -> tuple[float, float]:
     """Return how far the tool is from a target at joints q (k,), by pinocchio: m, rad."""
-    pin.forwardKinematics(arm.model, arm.data, configuration(arm.model, q))
-    T_base_tool = arm.T_base_universe * pin.updateFramePlacement(arm.model, arm.data, arm.tool_id)
+    T_base_tool = arm.placement(q)
     off, turned = T_base_tool.translation - target.p, pin.log3(T_base_tool.rotation @ target.R.T)
     return math.sqrt(off.dot(off)), math.sqrt(turned.dot(turned))
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -15,8 +16,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from pbd.arm.collision import allowed_collisions
 from pbd.arm.collision.allowed_collisions import link_pairs
-from pbd.arm.collision.arm_coordinates import JointPath, configurations
-from pbd.arm.collision.clearance import MARGIN_M, STEP_M, Clearance
+from pbd.arm.collision.clearance import MARGIN_M, STEP_M, Clearance, JointPath
 from pbd.arm.collision.geometry import Body, link_bodies
 from pbd.arm.collision.motion_bounds import rates
 from pbd.arm.gripper import arm_bodies, gripper_links
@@ -35,8 +35,17 @@ def links_only(arm: ArmModel) -> Clearance:
 @pytest.mark.parametrize("name", ROBOTS)
 def test_coordinates_are_the_models(name: str) -> None:
     arm = arm_of(name)
-    for x in coordinates(arm, 5):
-        assert_allclose(configurations(arm, x[None])[0], arm.full_q(x[:-1], x[-1]), atol=1e-15)
+    full, gripper = arm.full, arm.robot.gripper
+    x = coordinates(arm, 5)
+    for *q, opening, found in zip(*x.T, arm.configurations(x), strict=True):
+        values = dict(zip(arm.robot.joints, q, strict=True))
+        if gripper is not None:
+            fingers = gripper.closed + opening * (gripper.open - gripper.closed)
+            values |= dict(zip(gripper.joints, fingers, strict=True))
+        turned = np.zeros(full.nv)
+        for joint, value in values.items():
+            turned[full.joints[full.getJointId(joint)].idx_v] = value
+        assert_allclose(found, pin.integrate(full, pin.neutral(full), turned), atol=1e-15)
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5"])
