@@ -176,7 +176,7 @@ def _reduced(full: Any, joints: tuple[str, ...], reference: Array) -> Any:
 
 
 def _configured(model: Any) -> Callable[[Array], Array]:
-    """How one number per joint (..., n) becomes pinocchio's configuration, with cosine and sine of a continuous joint."""
+    """How numbers (..., n), one a joint, become pinocchio's, which are cosine and sine of a continuous joint."""
     joints = list(model.joints)[1:]
     if model.nq == len(joints):
         return lambda q: q

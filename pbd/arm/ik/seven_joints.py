@@ -10,14 +10,13 @@ same for panda by geometry. Here it is by the canonical subproblems, as in close
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
-from pbd.arm.ik.closed_form import crossing, within_turns
+from pbd.arm.ik.subproblems import TINY, TOGETHER_M, Axis, axes_of, beyond, sines, within_turns
 from pbd.arm.model import ArmModel
 from pbd.arm.tool import Target, in_universe
 from pbd.pose import Array
@@ -32,36 +31,20 @@ APART_RAD = 1.0
 """Where it moves by more even so, these are two branches."""
 NEARLY_RAD = 0.2
 """A place where a family comes this near to the limits, and stays beyond, may lead to a short branch."""
-TINY = 1e-12
-"""Keeps a ratio finite where a joint has no say."""
-
-
-class _Axes(NamedTuple):
-    """An arm with all joints at zero, in pinocchio's world: directions h (7, 3) and points p (7, 3) m of its axes.
-
-    v @ K[i], of K (7, 3, 3), is the cross product h[i] x v.
-    """
-
-    h: Array
-    p: Array
-    K: Array
-    tool: Target
 
 
 @lru_cache(maxsize=4)
-def _axes(arm: ArmModel) -> _Axes | None:
-    model, data = arm.model, arm.model.createData()
-    if model.nv != 7 or not arm.turns.all():
+def _axes(arm: ArmModel) -> tuple[list[Axis], Target] | None:
+    """The arm's axes and its tool; None where it isn't of this kind."""
+    if arm.model.nv != 7 or not arm.turns.all():
         return None
-    pin.framesForwardKinematics(model, data, pin.neutral(model))
-    h = pin.computeJointJacobians(model, data, pin.neutral(model))[3:].T.copy()
-    p = np.array([data.oMi[joint].translation for joint in range(1, 8)])
-    shoulder, also, wrist = (crossing(h[a], p[a], h[b], p[b]) for a, b in ((0, 1), (1, 2), (4, 5)))
-    if shoulder is None or also is None or wrist is None or np.linalg.norm(also - shoulder) > 1e-3:
+    axes, tool = axes_of(arm)
+    shoulder, also, wrist = (axes[one].crossing(axes[other]) for one, other in ((0, 1), (1, 2), (4, 5)))
+    if shoulder is None or also is None or wrist is None or np.linalg.norm(also - shoulder) > TOGETHER_M:
         return None
-    p[:3], p[4:6] = shoulder, wrist
-    tool = data.oMf[arm.tool_id]
-    return _Axes(h, p, np.cross(h[:, None], np.eye(3)), Target(tool.translation.copy(), tool.rotation.copy()))
+    for axis, place in zip(axes, (*[shoulder] * 3, axes[3].p, wrist, wrist), strict=False):
+        axis.p = place
+    return axes, tool
 
 
 def seven_joints(arm: ArmModel, goal: Target) -> list[Array]:
@@ -69,13 +52,13 @@ def seven_joints(arm: ArmModel, goal: Target) -> list[Array]:
 
     Those of one configuration lie just beyond the limits: a descent from there may lead to a short branch.
     """
-    axes = _axes(arm)
-    if axes is None:
+    if (known := _axes(arm)) is None:
         return []
+    axes, tool = known
     wanted = in_universe(arm, goal)
-    R = wanted.R @ axes.tool.R.T
-    to_shoulder = axes.p[0] - R @ (axes.p[6] - axes.tool.p) - wanted.p
-    q7 = _last(arm, axes, R.T @ to_shoulder, axes.p[4] - axes.p[6])
+    R = wanted.R @ tool.R.T
+    to_shoulder = axes[0].p - R @ (axes[6].p - tool.p) - wanted.p
+    q7 = _last(arm, axes, R.T @ to_shoulder, axes[4].p - axes[6].p)
     if not len(q7):
         return []
     q, off = _ways(arm, axes, R, to_shoulder, q7)
@@ -109,50 +92,47 @@ def _leaps(q: Array, off: Array) -> Array:
     return np.where(near, np.abs(step).max(axis=2), 0.0)
 
 
-def _ways(arm: ArmModel, axes: _Axes, R: Array, from_last: Array, q7: Array) -> tuple[Array, Array]:
+def _ways(arm: ArmModel, axes: Sequence[Axis], R: Array, from_last: Array, q7: Array) -> tuple[Array, Array]:
     """Return joints (8, n, 7) by the sides of shoulder, wrist and elbow and by n angles of the last joint.
 
     With them how far (8, n) each is from being a way, rad: outside its limits, or short of a place where two ways meet;
     0 where it is one.
     """
-    h, at, K = axes.h, axes.p, axes.K
-    upper, fore = at[3] - at[0], at[4] - at[3]
+    first, second, third, fourth, fifth, sixth, last = axes
+    upper, fore = fourth.p - first.p, fifth.p - fourth.p
     # Joints 1 to 6 turn and place what the last leaves.
-    turn7 = _sines(q7)
-    to_shoulder = from_last - _turned(K[6].T, turn7, at[4] - at[6]) @ R.T
-    seen = _turned(K[6], turn7, to_shoulder @ R)
-    q4, short4 = _meet(upper, K[3], fore, 0.5 * (_dot(to_shoulder, to_shoulder) - upper @ upper - fore @ fore))
-    turn4 = _sines(q4)
-    from_wrist = _turned(K[3].T, turn4, -upper) - fore
-    q6, short6 = _meet(h[4], K[5], seen, from_wrist @ h[4])
-    turn6 = _sines(q6)
-    q5 = -_align(K[4], from_wrist, _turned(K[5], turn6, seen))
-    turn5 = _sines(q5)
+    turn7 = sines(q7)
+    to_shoulder = from_last - last.back(turn7, fifth.p - last.p) @ R.T
+    seen = last.turn(turn7, to_shoulder @ R)
+    q4, short4 = fourth.bend(upper, fore, to_shoulder)
+    turn4 = sines(q4)
+    from_wrist = fourth.back(turn4, -upper) - fore
+    q6, short6 = sixth.meet(fifth.h, seen, from_wrist @ fifth.h)
+    turn6 = sines(q6)
+    q5 = -fifth.align(from_wrist, sixth.turn(turn6, seen))
+    turn5 = sines(q5)
     # What turns the upper arm takes axis 3 there, and back to axis 1.
-    there = _turned(K[5].T, turn6, _turned(K[4].T, turn5, _turned(K[3].T, turn4, h[2])))
-    there = _turned(K[6].T, turn7, there) @ R.T
-    back = _turned(K[4], turn5, _turned(K[5], turn6, _turned(K[6], turn7, h[0] @ R)))
-    back = _turned(K[3], turn4, back)
-    q2, short2 = _meet(h[0], K[1], h[2], there @ h[0])
-    turn2 = _sines(q2)
-    q1 = _align(K[0], _turned(K[1], turn2, h[2]), there)
-    q3 = -_align(K[2], _turned(K[1].T, turn2, h[0]), back)
+    there = last.back(turn7, sixth.back(turn6, fifth.back(turn5, fourth.back(turn4, third.h)))) @ R.T
+    back = fourth.turn(turn4, fifth.turn(turn5, sixth.turn(turn6, last.turn(turn7, first.h @ R))))
+    q2, short2 = second.meet(first.h, third.h, there @ first.h)
+    turn2 = sines(q2)
+    q1 = first.align(second.turn(turn2, third.h), there)
+    q3 = -third.align(second.back(turn2, first.h), back)
     found = within_turns(arm, np.stack(np.broadcast_arrays(q1, q2, q3, q4, q5, q6, q7), axis=-1))
-    beyond = np.maximum(arm.limits.lower - found, found - arm.limits.upper).max(axis=-1)
-    off = np.maximum(np.maximum(beyond, short2), np.maximum(short4, short6))
+    off = np.maximum(np.maximum(beyond(arm, found), short2), np.maximum(short4, short6))
     return found.reshape(8, -1, 7), np.maximum(off, 0.0).reshape(8, -1)
 
 
-def _last(arm: ArmModel, axes: _Axes, to_shoulder: Array, to_wrist: Array) -> Array:
+def _last(arm: ArmModel, axes: Sequence[Axis], to_shoulder: Array, to_wrist: Array) -> Array:
     """Angles (n,) of the last joint, in order: all over where the wrist is in the elbow's reach, within limits."""
-    h, at, (lower, upper) = axes.h, axes.p, (arm.limits.lower, arm.limits.upper)
+    first, fourth, fifth, h, (lower, upper) = axes[0], axes[3], axes[4], axes[6].h, (arm.limits.lower, arm.limits.upper)
     bends = np.linspace(max(lower[3], -np.pi), min(upper[3], np.pi), COUNT)
-    reach = np.linalg.norm(at[3] - at[0] + _turned(axes.K[3], _sines(bends), at[4] - at[3]), axis=1)
-    across = to_wrist - (to_wrist @ h[6]) * h[6]
-    a, b = float(to_shoulder @ across), -float(to_shoulder @ np.cross(h[6], across))
+    reach = np.linalg.norm(fourth.p - first.p + fourth.turn(sines(bends), fifth.p - fourth.p), axis=1)
+    across = to_wrist - (to_wrist @ h) * h
+    a, b = float(to_shoulder @ across), -float(to_shoulder @ np.cross(h, across))
     size, nearest = math.hypot(a, b), math.atan2(b, a)
     # |to_shoulder - turn(-q) to_wrist|^2 is `middle` less 2 `size` cos(q - nearest).
-    middle = to_shoulder @ to_shoulder + to_wrist @ to_wrist - 2.0 * (to_shoulder @ h[6]) * (to_wrist @ h[6])
+    middle = to_shoulder @ to_shoulder + to_wrist @ to_wrist - 2.0 * (to_shoulder @ h) * (to_wrist @ h)
     cosines = (middle - np.array([reach.min(), reach.max()]) ** 2) / max(2.0 * size, TINY)
     near, far = np.arccos(np.clip(cosines, -1.0, 1.0)) + np.array([-PAST_RAD, PAST_RAD])
     ends = (max(lower[6], -np.pi), min(upper[6], np.pi))
@@ -165,39 +145,3 @@ def _last(arm: ArmModel, axes: _Axes, to_shoulder: Array, to_wrist: Array) -> Ar
     every = sum(end - start for start, end in parts) / COUNT
     tried = [np.linspace(start, end, FEWEST + int((end - start) / every)) for start, end in parts]
     return np.unique(np.concatenate(tried)) if tried else np.empty(0)
-
-
-def _sines(q: Array) -> tuple[Array, Array]:
-    """Sine, and one less the cosine, (..., 1) of angles (...)."""
-    return np.sin(q)[..., None], (1.0 - np.cos(q))[..., None]
-
-
-def _turned(K: Array, sines: tuple[Array, Array], v: Array) -> Array:
-    """Vectors (..., 3) turned about an axis, by angles of which the sines are given; back with K.T."""
-    across = v @ K
-    turned: Array = v + sines[0] * across + sines[1] * (across @ K)
-    return turned
-
-
-def _dot(v: Array, w: Array) -> Array:
-    dot: Array = np.einsum("...i,...i", v, w)
-    return dot
-
-
-def _align(K: Array, v: Array, w: Array) -> Array:
-    """Angles (...) by which v is to be turned about an axis to come nearest to w; both (..., 3)."""
-    across = v @ K
-    angle: Array = np.arctan2(_dot(across, w), -_dot(across @ K, w))
-    return angle
-
-
-def _meet(n: Array, K: Array, v: Array, d: Array) -> tuple[Array, Array]:
-    """Angles (2, ...) about an axis with n . turned(v) = d (...), to both sides; and how far they are short, rad.
-
-    Where there is none it is the nearest, short by the angle's imaginary part.
-    """
-    across = v @ K
-    a, b = -(across @ K) @ n, across @ n
-    cosine = (d - v @ n + a) / np.maximum(np.hypot(a, b), TINY)
-    half, middle = np.arccos(np.clip(cosine, -1.0, 1.0)), np.arctan2(b, a)
-    return np.stack((middle + half, middle - half)), np.arccosh(np.maximum(np.abs(cosine), 1.0))
