@@ -18,22 +18,10 @@ from pbd.arm.collision.queries import CollisionQueries
 from pbd.arm.collision.scene import Hit
 from pbd.arm.ik.cartesian import line
 from pbd.arm.ik.unreachable import out_of_reach
-from pbd.arm.joint_path import (
-    Unreachable,
-    add_turns,
-    build_ladder,
-    turnable,
-    widen,
-)
+from pbd.arm.joint_path import Unreachable, add_turns, build_ladder, turnable, widen
 from pbd.arm.ladder_checks import WIDE_COST
 from pbd.arm.ladder_graph import Barred, Ladder
-from pbd.arm.ladder_links import (
-    ANY_OTHER,
-    ENOUGH_DETOURS,
-    Link,
-    Move,
-    motion_of,
-)
+from pbd.arm.ladder_links import Link, Move, motion_of
 from pbd.arm.mending import Mending
 from pbd.arm.model import ArmModel
 from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, Motion, MotionRequest
@@ -82,7 +70,7 @@ class _Search(Mending):
 
     def run(self) -> Motion | Refusal:
         while True:
-            path = self.ladder.search(self._stands, self._free, self._weigh)
+            path = self.ladder.search(self.stands, self.cost, self.wide_costs)
             if isinstance(path, Barred):
                 refused = self._mend_all(path)
                 if refused is not None and self.before_line is not None:
@@ -98,26 +86,6 @@ class _Search(Mending):
             else:
                 return motion_of(self.arm, self.links, self.moves, self.ladder.joints(path), self.n)
 
-    def _stands(self, place: int, q: Array) -> bool:
-        return self.checks.stands(self.links[place - 1], self.moves[self.links[place - 1].keyframe], q)
-
-    def _weigh(self, places: list[int], q_before: Array, q: Array) -> list[float]:
-        links = [self.links[place - 1] for place in places]
-        moves = [self.moves[link.keyframe] for link in links]
-        known = [self.ladder.layers[place].wide_cost > 0.0 for place in places]
-        return self.checks.wide_costs(links, moves, q_before, q, known)
-
-    def _free(self, place: int, q_before: Array, q: Array) -> float:
-        link, layer = self.links[place - 1], self.ladder.layers[place]
-        move = self.moves[link.keyframe]
-        cost = self.checks.cost(link, move, q_before, q)
-        if move.detour and cost < np.inf and len(link.found) == ENOUGH_DETOURS:
-            self.ladder.doubt(place, ANY_OTHER)
-        if move.tool_barred:  # it does however the arm is held
-            layer.refused = layer.most_refused
-            move.leave_path()
-        return cost
-
     def _mend_all(self, barred: Barred) -> Callable[[], Refusal] | None:
         """Mend what is barred, from the last on; where that puts in layers, the search tells anew what else is."""
         refused, count = None, len(self.ladder.layers)
@@ -129,16 +97,16 @@ class _Search(Mending):
 
     def _mend(self, place: int, standing: bool) -> Callable[[], Refusal] | None:
         """Change how a layer is come to, if there is another way; else give what says what was tried."""
-        i = self.links[place - 1].keyframe
-        move = self.moves[i]
-        if standing and self.links[place - 1].found and move.detour and self.ladder.layers[place].unseen < np.inf:
+        link, move = self.at(place)
+        i = link.keyframe
+        if standing and link.found and move.detour and self.ladder.layers[place].unseen < np.inf:
             self.ladder.doubt(place, np.inf)  # one of those that were found, or none
             return None
         if not standing and not move.widened and {"widen", "connect"} & {*move.remedies}:
             move.widened, move.remedies = True, [each for each in move.remedies if each != "widen"]
             widen(self.arm, self._pose(place), self.ladder, place)
             return None
-        if not standing and move.pose_hit is not None and self.links[place - 1].at_keyframe:
+        if not standing and move.pose_hit is not None and link.at_keyframe:
             if self._look_closely(i, place):
                 return None
             return partial(refuse_pose, i, len(self.ladder.layers[place].q), move.pose_hit)
@@ -157,7 +125,7 @@ class _Search(Mending):
         elif remedy == "detour":
             self._detour(i)
         elif remedy == "connect":
-            self.checks.connect(self.ladder, self.links, place, move)
+            self.connect(place)
         elif not self._split(place):
             return None if move.last_resort() else partial(self._refuse, i)
         return None
@@ -166,12 +134,10 @@ class _Search(Mending):
         """Let the tool follow a line where a straight move leaves it too far, or is wide; say whether any does."""
         tolerance, wide, made = self.request.tolerance_m, dict[int, ToolDeviation](), False
         q, within = self.ladder.joints(path), range(self.ladder.first + 1, self.ladder.end)
-        at = [
-            place for place in within if self.checks.straight(link := self.links[place - 1], self.moves[link.keyframe])
-        ]
+        at = [place for place in within if self.straight(place)]
         deviations = tool_deviations(self.arm, q[[place - 1 for place in at]], q[at])
         for place, deviation in zip(at, deviations, strict=True):
-            move = self.moves[self.links[place - 1].keyframe]
+            _, move = self.at(place)
             if tolerance is not None and deviation.off_line_m > tolerance:
                 self._follow_path(place, LINE)
                 move.remedies = ["split", "widen"]

@@ -14,17 +14,20 @@ from pbd.arm.ik.cartesian import follow
 from pbd.arm.joint_path import turned, widen
 from pbd.arm.ladder_graph import Ladder
 from pbd.arm.ladder_links import (
+    ANY_OTHER,
     BETWEEN_TWO,
     CHECKS,
     CHECKS_CLOSE,
     CHECKS_EACH,
+    ENOUGH_DETOURS,
     FROM_ANY_TO_ANY,
     DetourSearch,
     Link,
     Move,
+    remedies_of,
 )
 from pbd.arm.model import ArmModel
-from pbd.arm.motion_request import MotionRequest
+from pbd.arm.motion_request import STRAIGHT, MotionRequest
 from pbd.arm.tool_deviation import tool_deviations
 from pbd.pose import Array
 
@@ -33,20 +36,32 @@ WIDE_COST, MOST_WIDE = 2.0 * np.pi, 40
 
 
 class LinkChecks:
-    """Checks of a ladder graph's links for one arm and request; without `queries` collisions are ignored."""
+    """The ladder of a motion, and what each of its links and moves is: link j leads to layer j + 1.
 
-    def __init__(self, arm: ArmModel, request: MotionRequest, queries: CollisionQueries | None) -> None:
-        self.arm, self.request, self.queries = arm, request, queries
+    Without `queries` collisions are ignored.
+    """
+
+    def __init__(self, arm: ArmModel, request: MotionRequest, queries: CollisionQueries | None, ladder: Ladder) -> None:
+        self.arm, self.request, self.queries, self.ladder = arm, request, queries, ladder
         self.n = len(request.T_base_tool)
+        self.links = [Link(place) for place in range(len(ladder.layers) - 1)]
+        may_detour = request.detour and queries is not None
+        self.moves = [Move(STRAIGHT, remedies_of(request, i, may_detour=may_detour)) for i in range(len(self.links))]
         self.checks_left = CHECKS + self.n * CHECKS_EACH
         self.detours: dict[Leg, list[Array]] = {}  # that were searched for
         self.close = queries is not None and queries.scene.margin_m < MARGIN_M
         if self.close:
             self.checks_left = int(CHECKS_CLOSE * self.checks_left)
 
-    def stands(self, link: Link, move: Move, q: Array) -> bool:
-        """Whether the arm may stand at joints (k,) at the end of a link."""
-        i, queries = link.keyframe, self.queries
+    def at(self, place: int) -> tuple[Link, Move]:
+        """Return what leads to a layer, and the move that it is part of."""
+        link = self.links[place - 1]
+        return link, self.moves[link.keyframe]
+
+    def stands(self, place: int, q: Array) -> bool:
+        """Whether the arm may stand at joints (k,) in a layer."""
+        (link, move), queries = self.at(place), self.queries
+        i = link.keyframe
         if queries is None or i == self.n:
             return True
         if not link.at_keyframe:
@@ -57,56 +72,62 @@ class LinkChecks:
             move.pose_hit = queries.standing(i, q)
         return False
 
-    def wide_costs(
-        self, links: Sequence[Link], moves: Sequence[Move], q_before: Array, q: Array, known: Sequence[bool]
-    ) -> list[float]:
-        """What moves cost for being wide, rad, each from one of joints (n, k) to the other in its place.
-
-        `known[i]`: the ladder charges move i for a joint that turns by more than half a turn already.
-        """
-        turns, costs = np.abs(q - q_before).max(axis=1) > np.pi, [0.0] * len(links)
+    def wide_costs(self, places: Sequence[int], q_before: Array, q: Array) -> list[float]:
+        """What moves to layers cost for being wide, rad, each from one of joints (n, k) to the other in its place."""
+        turns, costs = np.abs(q - q_before).max(axis=1) > np.pi, [0.0] * len(places)
         asked = [
             i
-            for i, (link, move) in enumerate(zip(links, moves, strict=True))
-            if self.straight(link, move) and move.found_wide < MOST_WIDE and not (known[i] and turns[i])
+            for i, place in enumerate(places)
+            if self.straight(place)
+            and self.at(place)[1].found_wide < MOST_WIDE
+            # The ladder charges a move for a joint that turns by more than half a turn already.
+            and not (turns[i] and self.ladder.layers[place].wide_cost > 0.0)
         ]
         for i, deviation in zip(asked, tool_deviations(self.arm, q_before[asked], q[asked]), strict=True):
-            moves[i].found_wide += deviation.wide
+            self.at(places[i])[1].found_wide += deviation.wide
             costs[i] = WIDE_COST * deviation.wide
         return costs
 
-    def cost(self, link: Link, move: Move, q_before: Array, q: Array) -> float:
-        """What else a move from some joints to others costs beside its travel, rad; infinite where it isn't free."""
-        along = self._along(link, move, q_before, q)
+    def cost(self, place: int, q_before: Array, q: Array) -> float:
+        """What else a move to a layer costs beside its travel, rad; infinite where it isn't free."""
+        link, move = self.at(place)
+        along, cost = self._along(link, move, q_before, q), 0.0
         if along is None:
-            move.tried += 1
-            return np.inf
-        link.found[q_before.tobytes() + q.tobytes()] = along
-        if move.detour:
-            path = np.vstack((q_before, along))
-            return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum() - np.linalg.norm(q - q_before))
-        return 0.0
+            move.tried, cost = move.tried + 1, np.inf
+        else:
+            link.found[q_before.tobytes() + q.tobytes()] = along
+            if move.detour:
+                path = np.vstack((q_before, along))
+                cost = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum() - np.linalg.norm(q - q_before))
+                if len(link.found) == ENOUGH_DETOURS:
+                    self.ladder.doubt(place, ANY_OTHER)
+        if move.tool_barred:  # it does however the arm is held
+            layer = self.ladder.layers[place]
+            layer.refused = layer.most_refused
+            move.leave_path()
+        return cost
 
-    def straight(self, link: Link, move: Move) -> bool:
-        """Whether a link is a straight move between two keyframes."""
+    def straight(self, place: int) -> bool:
+        """Whether a layer is come to by a straight move between two keyframes."""
+        link, move = self.at(place)
         return link.poses is None and 0 < link.keyframe < self.n and not move.detour
 
-    def connect(self, ladder: Ladder, links: Sequence[Link], place: int, move: Move) -> None:
+    def connect(self, place: int) -> None:
         """Replace all moves to a layer by one detour, from any joints of the layer before; bar them if there is none.
 
         What is known to be free on any of the links whose leg is alike may be part of it.
         """
-        before, layer, link = ladder.layers[place - 1], ladder.layers[place], links[place - 1]
-        i = link.keyframe
+        ladder, (link, move) = self.ladder, self.at(place)
+        before, layer, i = ladder.layers[place - 1], ladder.layers[place], link.keyframe
         if i < self.n:
             widen(self.arm, self.request.T_base_tool[i], ladder, place)
         starts = before.q[np.isfinite(ladder.travel(place - 1))]
         if place > 1:  # from where the arm is known to get to, if it is
-            ends = {along[-1].tobytes() for along in links[place - 2].found.values()}
+            ends = {along[-1].tobytes() for along in self.links[place - 2].found.values()}
             known = np.array([q.tobytes() in ends for q in starts], dtype=bool)
             starts = starts[known] if known.any() else starts
-        goals = np.array([q for q in layer.q[np.isfinite(layer.cost)] if self.stands(link, move, q)])
-        found = self._connect(links, i, move, starts, goals) if len(starts) and len(goals) else None
+        goals = np.array([q for q in layer.q[np.isfinite(layer.cost)] if self.stands(place, q)])
+        found = self._connect(i, move, starts, goals) if len(starts) and len(goals) else None
         if found is None:
             ladder.settle(place, before.q[0], layer.q[0], np.inf)
             return
@@ -115,24 +136,24 @@ class LinkChecks:
         link.found[found[0].tobytes() + found[-1].tobytes()] = found[1:]
         ladder.settle(place, found[0], found[-1], float(np.linalg.norm(np.diff(found, axis=0), axis=1).sum()))
 
-    def _connect(self, links: Sequence[Link], i: int, move: Move, starts: Array, goals: Array) -> Array | None:
+    def _connect(self, i: int, move: Move, starts: Array, goals: Array) -> Array | None:
         """Return joints (m, k) of a detour to keyframe i from one of some joints (s, k) to one of others (g, k)."""
         if self.queries is None:
             return None
         legs, count = self.queries.legs, starts.shape[1]
         known = [
             np.vstack((np.frombuffer(ends)[:count], along))
-            for link in links
+            for link in self.links
             if legs[link.keyframe] == legs[i]
             for ends, along in link.found.items()
         ]
         for effort in FROM_ANY_TO_ANY:
             ends = goals if i == self.n else turned(self.arm, goals, starts, effort.turned)
-            if (found := self._detour(i, move, starts, ends, effort, known)) is not None:
+            if (found := self._find_detour(i, move, starts, ends, effort, known)) is not None:
                 return found
         return None
 
-    def _detour(
+    def _find_detour(
         self, i: int, move: Move, starts: Array, goals: Array, effort: DetourSearch, known: Sequence[Array] = ()
     ) -> Array | None:
         from pbd.arm.detour import find_detour  # OMPL takes its time to load
@@ -151,7 +172,7 @@ class LinkChecks:
         known = self.detours.setdefault(self.queries.legs[i], [])
         found = warp_detour(self.queries, i, q_before, q, known)
         if found is None:
-            found = self._detour(i, move, q_before[None], q[None], BETWEEN_TWO)
+            found = self._find_detour(i, move, q_before[None], q[None], BETWEEN_TWO)
             if found is not None and len(found) > 2:
                 known.append(found)
         return None if found is None else found[1:]

@@ -11,7 +11,7 @@ import numpy as np
 from pbd.arm.collision.scene import Hit
 from pbd.arm.model import ArmModel
 from pbd.arm.motion_request import DETOUR, STRAIGHT, Motion, MotionRequest, Segment
-from pbd.arm.tool_deviation import ToolDeviation, tool_deviation
+from pbd.arm.tool_deviation import ToolDeviation, tool_deviations
 from pbd.pose import Array, Pose
 
 MOST_PATHS = 4
@@ -140,7 +140,7 @@ def motion_of(arm: ArmModel, links: Sequence[Link], moves: Sequence[Move], q: Ar
     for i in range(n):
         segment = moves[i].segment(np.vstack(parts[i]))
         if i > 0 and segment.kind == STRAIGHT:
-            deviation = tool_deviation(arm, ends[i - 1], ends[i])
+            (deviation,) = tool_deviations(arm, ends[i - 1][None], ends[i][None])
             segment = replace(segment, off_line_m=deviation.off_line_m, wide=deviation if deviation.wide else None)
         segments.append(segment)
     back = moves[n].segment(np.vstack(parts[n])) if len(parts) > n and parts[n] else None

@@ -11,7 +11,7 @@ from pbd.arm.ik.partial_pose import FULL_POSE
 from pbd.arm.joint_path import CONTINUOUS_RAD, MOST_STEPS, STARTS, STARTS_CLOSE, layers_along, widen
 from pbd.arm.ladder_checks import LinkChecks
 from pbd.arm.ladder_graph import Ladder
-from pbd.arm.ladder_links import DETOUR_EXTRA, MOST_DETOURS, MOST_PATHS, Link, Move, remedies_of
+from pbd.arm.ladder_links import DETOUR_EXTRA, MOST_DETOURS, MOST_PATHS, Link
 from pbd.arm.model import ArmModel
 from pbd.arm.motion_request import DEMO, LINE, STRAIGHT, MotionRequest
 from pbd.pose import Pose
@@ -24,16 +24,11 @@ LOOK_BACK = 8
 """Paths before a barred one along which joints are sought with it."""
 
 
-class Mending:
-    """The ladder with what each of its links is: link j leads to layer j + 1."""
+class Mending(LinkChecks):
+    """The ladder of a motion, and what its links may be changed to."""
 
     def __init__(self, arm: ArmModel, request: MotionRequest, queries: CollisionQueries | None, ladder: Ladder) -> None:
-        self.arm, self.request, self.queries, self.ladder = arm, request, queries, ladder
-        self.checks = LinkChecks(arm, request, queries)
-        self.n = len(request.T_base_tool)
-        self.links = [Link(place) for place in range(len(ladder.layers) - 1)]
-        may_detour = request.detour and queries is not None
-        self.moves = [Move(STRAIGHT, remedies_of(request, i, may_detour=may_detour)) for i in range(len(self.links))]
+        super().__init__(arm, request, queries, ladder)
         for i in range(1, self.n if request.kind != STRAIGHT else 1):
             self._follow_path(i + 1, request.kind)
 
@@ -69,7 +64,7 @@ class Mending:
     def _look_closely(self, i: int, place: int) -> bool:
         """Seek free ways to hold the arm at a keyframe all along its null space; say whether there are any."""
         queries, move = self.queries, self.moves[i]
-        if queries is None or not self.checks.close or move.looked_closely or self.arm.model.nv <= FULL_POSE:
+        if queries is None or not self.close or move.looked_closely or self.arm.model.nv <= FULL_POSE:
             return False
         move.looked_closely = True
         return widen(self.arm, self._pose(place), self.ladder, place, STARTS_CLOSE, partial(queries.stands, i)) > 0
@@ -83,7 +78,7 @@ class Mending:
             first -= 1
         end = place
         while first <= end:
-            move = self.moves[self.links[first - 1].keyframe]
+            _, move = self.at(first)
             move.remedies = [each for each in move.remedies if each != "split"]
             added = self._split_one(first)
             if added is None:

@@ -20,15 +20,9 @@ class Target(NamedTuple):
 
 
 def target(T_base_tool: Pose) -> Target:
-    """Write a pose as descents take it."""
-    return Target(T_base_tool.p.copy(), matrix(T_base_tool))
-
-
-def matrix(pose: Pose) -> Array:
-    """Rotation matrix (3, 3) of a single pose, in a few microseconds."""
-    w, x, y, z = pose.wxyz.tolist()
-    R: Array = pin.Quaternion(w, x, y, z).toRotationMatrix()
-    return R
+    """Write a pose as descents take it, in a few microseconds."""
+    w, x, y, z = T_base_tool.wxyz.tolist()
+    return Target(T_base_tool.p.copy(), pin.Quaternion(w, x, y, z).toRotationMatrix())
 
 
 def in_universe(arm: ArmModel, target: Target) -> Target:

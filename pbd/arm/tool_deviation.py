@@ -50,11 +50,6 @@ class ToolDeviation:
         return f"stray {100.0 * self.off_line_m:.0f} cm from a line of {100.0 * self.line_m:.0f} cm"
 
 
-def tool_deviation(arm: ArmModel, q_before: Array, q: Array) -> ToolDeviation:
-    """Say what the tool does on a straight move from joints (k,) to others."""
-    return tool_deviations(arm, q_before[None], q[None])[0]
-
-
 def tool_deviations(arm: ArmModel, q_before: Array, q: Array) -> list[ToolDeviation]:
     """Say what the tool does on straight moves, each from one of joints (n, k) to the other in its place."""
     along = q_before[:, None] + np.linspace(0.0, 1.0, _SAMPLES)[:, None] * (q - q_before)[:, None]

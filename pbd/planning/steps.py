@@ -105,4 +105,4 @@ def scene_of(arm: ArmModel, calibration: Calibration, grasped: GraspedObject | N
     """Build a collision scene, once."""
     from pbd.arm.collision.scene import CollisionScene
 
-    return CollisionScene.build(arm, calibration, grasped)
+    return CollisionScene(arm, calibration.table_height, calibration.obstacles, grasped)

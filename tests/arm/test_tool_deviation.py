@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pbd.arm.tool_deviation import tool_deviation
+from pbd.arm.tool_deviation import tool_deviations
 from tests.arm.bundled import arm_of
 
 UR5 = arm_of("ur5")
@@ -16,7 +16,7 @@ HOME = UR5.robot.home
     ("angle", "direct"), [(0.0, 0.0), (1e-6, 1e-6), (0.5 * np.pi, 0.5 * np.pi), (1.5 * np.pi, 0.5 * np.pi)]
 )
 def test_the_last_joint_turns_the_tool_by_itself(angle: float, direct: float) -> None:
-    deviation = tool_deviation(UR5, HOME, HOME + angle * np.eye(6)[5])
+    (deviation,) = tool_deviations(UR5, HOME[None], HOME + angle * np.eye(6)[[5]])
     assert (deviation.turn_rad, deviation.direct_rad) == pytest.approx((angle, direct), rel=1e-6)
     assert deviation.wide == deviation.turns == (angle > np.pi)
 
@@ -25,7 +25,7 @@ def test_the_first_joint_takes_the_tool_along_an_arc() -> None:
     """By so much that it is farther from the chord than is let pass, or by a little less."""
     radius = float(np.linalg.norm(UR5.forward(HOME).p[:2]))
     for angle in (0.3, 2.0, 2.3, 3.0):
-        deviation = tool_deviation(UR5, HOME, HOME + angle * np.eye(6)[0])
+        (deviation,) = tool_deviations(UR5, HOME[None], HOME + angle * np.eye(6)[[0]])
         sagitta, chord = radius * (1.0 - np.cos(0.5 * angle)), 2.0 * radius * np.sin(0.5 * angle)
         assert (deviation.off_line_m, deviation.line_m) == pytest.approx((sagitta, chord), rel=1e-2)
         assert deviation.wide == (sagitta > 0.1 + 0.25 * chord)

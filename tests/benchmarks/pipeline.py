@@ -17,13 +17,12 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 import pbd
 from pbd.arm.collision.motion_check import check_motion
-from pbd.arm.collision.scene import CollisionScene
 from pbd.arm.joint_path import solve_path
 from pbd.arm.model import load_model
 from pbd.audit.arm import AuditArm
 from pbd.audit.audit import audit
 from pbd.audit.pairs import AuditScene
-from pbd.planning import plan_keyframes
+from pbd.planning import plan_keyframes, scene_of
 from pbd.replay import replay_scene
 from pbd.tracking.keyframes import find_keyframes
 from pbd.view.page import write_page
@@ -42,7 +41,7 @@ def main() -> None:
     keyframes = find_keyframes(path)
     plan = plan_keyframes(keyframes, calibration, robot, None, path, demo.grasped)
     arm, world = load_model(robot), (calibration, demo.grasped)
-    scene = CollisionScene.build(arm, *world)
+    scene = scene_of(arm, *world)
     T_base_tool, q = plan.T_base_tool, plan.trajectory.keyframe_q
     grips = [keyframe.grip for keyframe in keyframes]
     dwells = [0.5] * len(keyframes)

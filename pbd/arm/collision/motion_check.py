@@ -32,14 +32,13 @@ class MotionHit:
 
     Attributes:
         hit: the two bodies, where the parts that touch first overlap the most before they part.
-        t: s, when they first touch; `deepest_t`, when they overlap the most; `parted_t`, when they were last seen to.
+        t: s, when they first touch; `parted_t`, when they were last seen to.
         keyframe: the keyframe at which they touch, or on the way to which; one more than the last: after that.
         at_keyframe: whether they touch at the keyframe itself.
     """
 
     hit: Hit
     t: float
-    deepest_t: float
     parted_t: float
     keyframe: int
     at_keyframe: bool
@@ -73,9 +72,8 @@ def all_hits(scene: CollisionScene, trajectory: JointTrajectory) -> tuple[Motion
         if i is None:
             hits.append(hit)
         else:
-            deeper = min(hits[i], hit, key=lambda each: each.hit.distance)
-            parted_t = max(hits[i].parted_t, hit.parted_t)
-            hits[i] = replace(hits[i], hit=deeper.hit, deepest_t=deeper.deepest_t, parted_t=parted_t)
+            deeper = min(hits[i].hit, hit.hit, key=lambda each: each.distance)
+            hits[i] = replace(hits[i], hit=deeper, parted_t=max(hits[i].parted_t, hit.parted_t))
     return tuple(hits)
 
 
@@ -152,9 +150,8 @@ def _motion_hit(
     scene: CollisionScene, trajectory: JointTrajectory, pairs: PairSet, path: JointPath, met: Contact
 ) -> MotionHit:
     hit = scene.as_hit(pairs, met.pair, path.x[met.deepest], met.distance)
-    t, deepest_t, parted_t = (float(path.t[node]) for node in (met.first, met.deepest, met.last))
-    keyframe, at_keyframe = _keyframe(trajectory, t, parted_t)
-    return MotionHit(hit, t, deepest_t, parted_t, keyframe, at_keyframe)
+    t, parted_t = float(path.t[met.first]), float(path.t[met.last])
+    return MotionHit(hit, t, parted_t, *_keyframe(trajectory, t, parted_t))
 
 
 def _keyframe(trajectory: JointTrajectory, start: float, end: float) -> tuple[int, bool]:

@@ -23,7 +23,7 @@ from pbd.arm.collision.quick_clearance import QuickClearance
 from pbd.arm.gripper import THE_TOOL, arm_bodies, gripper_links, tool_on_joint
 from pbd.arm.model import ArmModel, from_se3
 from pbd.arm.path_sampling import polyline
-from pbd.data import Calibration, GraspedObject, Obstacle
+from pbd.data import GraspedObject, Obstacle
 from pbd.data.world import Stay, holds, stays
 from pbd.pose import Array, Pose, quat_about_z, quat_rotate
 
@@ -116,11 +116,6 @@ class CollisionScene:
         around = self._off_the_table(around)
         self.always = self._pair_set(self._bodies, np.concatenate((pairs, around)))
         self._with_object: dict[Stay, PairSet] = {}
-
-    @staticmethod
-    def build(arm: ArmModel, calibration: Calibration, grasped: GraspedObject | None = None) -> CollisionScene:
-        """Build the scene of a calibration: its table and its obstacles, and a demonstration's object."""
-        return CollisionScene(arm, calibration.table_height, calibration.obstacles, grasped)
 
     def closer(self) -> CollisionScene:
         """The same scene, but things that are CLOSE_M apart don't touch."""

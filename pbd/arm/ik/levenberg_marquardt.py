@@ -72,11 +72,6 @@ def descend_each(
     return np.array(found), np.array(squares)
 
 
-def residual_at(arm: ArmModel, target: Target, q: Array) -> tuple[Array, Array]:
-    """Return e (6,) at joints q (k,), and its Jacobian (6, k) but for log3's own derivative, in pinocchio's world."""
-    return Residual(arm, target)(q)
-
-
 def residual_norms(arm: ArmModel, target: Target, q: Array) -> tuple[float, float]:
     """Return how far the tool is from a target at joints q (k,), by pinocchio: m, rad."""
     T_base_tool = arm.placement(q)

@@ -14,7 +14,7 @@ from pbd.arm.ik.levenberg_marquardt import SOLVED, UNTIL_IT_STOPS, descend_each,
 from pbd.arm.ik.partial_pose import is_partial, solve_partial
 from pbd.arm.ik.starts import starts_of
 from pbd.arm.model import ArmModel
-from pbd.arm.tool import Target, target
+from pbd.arm.tool import target
 from pbd.pose import Array, Pose
 
 TOLERANCE_M = 1e-5
@@ -64,59 +64,22 @@ def solve(arm: ArmModel, T_base_tool: Pose, q_seed: Array | None = None) -> IkRe
         with too few joints the nearest by its rule.
     """
     goal, starts = target(T_base_tool), starts_of(arm)
-    attempts = _Attempts(arm, goal)
     seeds = np.empty((0, len(arm.limits.lower))) if q_seed is None else q_seed[None]
     if is_partial(arm):  # for once the whole pose may be met
-        q = (
-            attempts.best
-            if attempts.follow(starts.nearest(goal, NEAREST_PARTIAL))
-            else solve_partial(arm, goal, seeds)[0].q
-        )
-        return _result(arm, goal, q)
-    arrived = attempts.follow(np.vstack((seeds, starts.nearest(goal, NEAREST)))) or attempts.resume()
-    if not arrived and attempts.least < NEAR_MISS**2:
-        attempts.follow(starts.anywhere(EVERYWHERE if attempts.least < NEARLY_THERE**2 else ANYWHERE))
-    return _result(arm, goal, attempts.best)
+        q, squares = descend_each(arm, goal, starts.nearest(goal, NEAREST_PARTIAL))
+        return check(arm, T_base_tool, q[-1] if squares[-1] < SOLVED else solve_partial(arm, goal, seeds)[0].q)
+    q, squares = descend_each(arm, goal, np.vstack((seeds, starts.nearest(goal, NEAREST))))
+    # At the edge of what can be reached steps are small, and all may be given up early: go on from the nearest.
+    for i in np.argsort(squares)[:RESUMED]:
+        if squares.min() >= SOLVED:
+            (q[i],), (squares[i],) = descend_each(arm, goal, q[i : i + 1], patience=UNTIL_IT_STOPS)
+    if SOLVED <= squares.min() < NEAR_MISS**2:
+        count = EVERYWHERE if squares.min() < NEARLY_THERE**2 else ANYWHERE
+        others, their_squares = descend_each(arm, goal, starts.anywhere(count))
+        q, squares = np.vstack((q, others)), np.append(squares, their_squares)
+    return check(arm, T_base_tool, q[squares.argmin()])
 
 
 def check(arm: ArmModel, T_base_tool: Pose, q: Array) -> IkResult:
     """Say how far the tool is from a pose at joints q (k,), by forward kinematics."""
-    return _result(arm, target(T_base_tool), q)
-
-
-def _result(arm: ArmModel, goal: Target, q: Array) -> IkResult:
-    return IkResult(q, *residual_norms(arm, goal, q), is_partial(arm))
-
-
-class _Attempts:
-    """Where descents to one goal ended: joints (n, k) and |e|^2 (n,)."""
-
-    def __init__(self, arm: ArmModel, goal: Target) -> None:
-        self.arm, self.goal = arm, goal
-        self._q, self._squares = np.empty((0, len(arm.limits.lower))), np.empty(0)
-
-    @property
-    def best(self) -> Array:
-        """(k,) rad, those with the smallest |e|."""
-        q: Array = self._q[self._squares.argmin()]
-        return q
-
-    @property
-    def least(self) -> float:
-        """The smallest |e|^2."""
-        return float(self._squares.min())
-
-    def follow(self, q_seeds: Array) -> bool:
-        """Descend from each seed until one arrives; say whether one did."""
-        q, squares = descend_each(self.arm, self.goal, q_seeds)
-        self._q, self._squares = np.vstack((self._q, q)), np.append(self._squares, squares)
-        return bool(squares[-1] < SOLVED)
-
-    def resume(self) -> bool:
-        """Go on from the nearest: at the edge of what can be reached steps are small, and all may be given up early."""
-        for i in np.argsort(self._squares)[:RESUMED]:
-            q, square = descend_each(self.arm, self.goal, self._q[i : i + 1], patience=UNTIL_IT_STOPS)
-            self._q[i], self._squares[i] = q[0], square[0]
-            if square[0] < SOLVED:
-                return True
-        return False
+    return IkResult(q, *residual_norms(arm, target(T_base_tool), q), is_partial(arm))

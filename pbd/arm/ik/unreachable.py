@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pbd.arm.ik.levenberg_marquardt import residual_at
+from pbd.arm.ik.levenberg_marquardt import Residual
 from pbd.arm.ik.partial_pose import nearest_place
 from pbd.arm.ik.solver import TOLERANCE_M, IkResult, solve
 from pbd.arm.ik.starts import starts_of
@@ -45,6 +45,7 @@ class Unreached:
 def find_reason(arm: ArmModel, T_base_tool: Pose, nearest: IkResult) -> Unreached:
     """Find out what stops an arm at the nearest pose that it reaches (`solve`)."""
     goal = target(T_base_tool)
+    residual = Residual(arm, goal)
     q_least, gap_least, beyond = nearest.q, T_base_tool.p - arm.forward(nearest.q).p, np.inf
     others = () if nearest.partial else starts_of(arm).at(goal.p, _STARTS)  # relaxed, the place alone was sought
     for q_seed in (nearest.q, *others):
@@ -53,8 +54,8 @@ def find_reason(arm: ArmModel, T_base_tool: Pose, nearest: IkResult) -> Unreache
         if np.linalg.norm(gap) < beyond:
             beyond, gap_least, q_least = float(np.linalg.norm(gap)), gap, q
         if beyond <= TOLERANCE_M:
-            return Unreached(0.0, False, _limits(arm, nearest.q, *residual_at(arm, goal, nearest.q)))
-    e, J = residual_at(arm, goal, q_least)
+            return Unreached(0.0, False, _limits(arm, nearest.q, *residual(nearest.q)))
+    e, J = residual(q_least)
     # Outward is away from the shoulder.
     outward = T_base_tool.p - gap_least - _shoulder(arm, q_least)
     return Unreached(beyond, float(outward @ gap_least) > 0.0, _limits(arm, q_least, e[:3], J[:3]))

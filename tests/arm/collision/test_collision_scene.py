@@ -35,7 +35,7 @@ def test_home_is_free(name: str) -> None:
     arm = arm_of(name)
     dock = arm.robot.dock
     assert dock is not None
-    assert CollisionScene.build(arm, dock).hit(arm.robot.home) is None
+    assert CollisionScene(arm, dock.table_height, dock.obstacles).hit(arm.robot.home) is None
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -268,7 +268,7 @@ def test_what_stands_beside_is_no_rest(arm: ArmModel) -> None:
 def test_a_calibration_makes_the_scene(arm: ArmModel) -> None:
     obstacle = Obstacle("thing", "sphere", (0.1,), Pose(arm.forward(arm.robot.home).p, DOWN))
     calibration = Calibration("mine", T_base_nav=Pose.identity(), table_height=0.01, obstacles=(obstacle,))
-    scene = CollisionScene.build(arm, calibration, BOTTLE)
+    scene = CollisionScene(arm, calibration.table_height, calibration.obstacles, BOTTLE)
     assert scene.obstacles == {"thing"}
     hit = scene.hit(arm.robot.home)
     assert hit is not None

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pbd.arm.ik.branches import _nearest_first, configuration_cost, find_branches, polish
-from pbd.arm.ik.levenberg_marquardt import residual_at
+from pbd.arm.ik.levenberg_marquardt import Residual
 from pbd.arm.ik.partial_pose import measure
 from pbd.arm.joint_path import STARTS_WIDE
 from pbd.arm.tool import target
@@ -38,7 +38,7 @@ def test_solutions_are_polished_to_rounding() -> None:
     arm, q = arm_of("panda"), np.array(arm_of("panda").robot.home)
     goal = target(arm.forward(q))
     polished = polish(arm, goal, q[None] + 1e-6)
-    assert np.linalg.norm(residual_at(arm, goal, polished[0])[0]) < 1e-10
+    assert np.linalg.norm(Residual(arm, goal)(polished[0])[0]) < 1e-10
 
 
 @pytest.mark.parametrize("name", ["panda", "xarm7"])

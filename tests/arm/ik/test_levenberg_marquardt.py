@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from pbd.arm.ik.levenberg_marquardt import PATIENCE, SOLVED, UNTIL_IT_STOPS, descend, descend_each, residual_at
+from pbd.arm.ik.levenberg_marquardt import PATIENCE, SOLVED, UNTIL_IT_STOPS, Residual, descend, descend_each
 from pbd.arm.ik.starts import starts_of
 from pbd.arm.model import ArmModel
 from pbd.arm.tool import target
@@ -23,7 +23,7 @@ def test_the_error_leads_from_the_goal_to_the_tool(any_arm: ArmModel) -> None:
     R_universe_base = any_arm.T_base_universe.rotation.T
     for q, other in zip(random_joints(any_arm.robot, 10, 1), random_joints(any_arm.robot, 10, 2), strict=True):
         goal, here = target(any_arm.forward(other)), target(any_arm.forward(q))
-        e, _ = residual_at(any_arm, goal, q)
+        e, _ = Residual(any_arm, goal)(q)
         np.testing.assert_allclose(R_universe_base @ (here.p - goal.p), e[:3], atol=1e-12)
         np.testing.assert_allclose(pin.exp3(R_universe_base.T @ e[3:]) @ goal.R, here.R, atol=1e-12)
 
@@ -33,9 +33,9 @@ def test_the_gradient_is_that_of_half_of_the_square(any_arm: ArmModel) -> None:
     step = 1e-6
     for q, other in zip(random_joints(any_arm.robot, 5, 3), random_joints(any_arm.robot, 5, 4), strict=True):
         goal = target(any_arm.forward(other))
-        e, J = residual_at(any_arm, goal, q)
+        e, J = Residual(any_arm, goal)(q)
         for joint, shift in enumerate(step * np.eye(len(q))):
-            after, before = (np.square(residual_at(any_arm, goal, q + sign * shift)[0]).sum() for sign in (1, -1))
+            after, before = (np.square(Residual(any_arm, goal)(q + sign * shift)[0]).sum() for sign in (1, -1))
             assert (J.T @ e)[joint] == pytest.approx((after - before) / (4 * step), abs=1e-6)
 
 
