@@ -95,7 +95,6 @@ def track(
     keyframes and the grasped object go with the path to `plan`. A recording alone knows nothing of that.
 
     Args:
-        source: what the sensor said.
         method: one of METHODS; the paper's knows of no places.
         known: what is known of the stops: places, heights; None: what the demonstration says.
         calibration: the sensor's errors are taken out, by either method; it also tells what is known in the robot's

@@ -39,11 +39,6 @@ def find_detour(
     """Find a way to keyframe `leg` from one of the starts (s, k) to one of the goals (g, k).
 
     Args:
-        queries: what is free.
-        leg: the keyframe that it leads to.
-        starts: joints from which the arm may come.
-        goals: joints that end the way.
-        effort: how to search.
         most_checks: how many checks to make at most, before the way is made smooth.
         known: free paths (m, k) of legs alike; the detour may follow part of one, in either direction.
 

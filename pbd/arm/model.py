@@ -43,7 +43,6 @@ class ArmModel:
     """An arm that can be asked where its tool is. Not to be shared between threads: pinocchio keeps its workings in it.
 
     Attributes:
-        robot: what it was built from.
         full: pinocchio's model of the whole URDF, for the viewer and for collision.
         axes: by joint of `full`: its axis in its own frame, and whether it slides along it.
         drives: by joint of `full` that moves: its column of x, and the slope and the value at zero of its own value.

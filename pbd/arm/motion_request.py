@@ -18,7 +18,6 @@ class MotionRequest:
     """What the motion is to be.
 
     Attributes:
-        T_base_tool: the tool's poses at n keyframes.
         q_start: (k,) rad, where the arm comes from.
         approach: it does come from there; else the motion begins at keyframe 0.
         q_back: (k,) rad, where it goes after the last keyframe, or None.

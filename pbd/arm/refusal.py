@@ -34,7 +34,6 @@ def refuse_move(i: int, tried: int, hits: Mapping[str, Hit], unfollowed: str | N
     """Refuse the move to keyframe i.
 
     Args:
-        i: the keyframe.
         tried: how many pairs of arm poses, at the keyframe before and there.
         hits: what the first of these pairs touches, by kind of move; the message names the one that overlaps least.
         unfollowed: a kind of path that the arm can't follow, whatever is in the way.

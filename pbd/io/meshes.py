@@ -77,7 +77,6 @@ def from_mesh(
     There it is kept by the file's bytes.
 
     Args:
-        path: the file.
         what: the name of what is made ("hull"); it stands for how it is made.
         make: makes it, as named arrays.
         options: what else the result follows from.

@@ -20,8 +20,6 @@ def read_bytes(path: Path, error: type[PbdError], next_step: str, most: int = LA
     """Read a regular file.
 
     Args:
-        path: the file.
-        error: what is raised.
         next_step: how its message ends.
         most: the largest size, bytes.
         name: what the message calls it; default: its path.

@@ -25,13 +25,9 @@ class Shape:
     """A <visual> or <collision> element.
 
     Attributes:
-        link: its name.
         element: "visual" or "collision".
-        T_link_shape: where it is.
         kind: "box", "cylinder", "sphere" or "mesh".
         size: m; box: x, y, z; cylinder: diameter, height; sphere: diameter; mesh: empty.
-        mesh: its file.
-        scale: of the mesh.
         rgb: of the URDF's material, 0..1, or None.
     """
 

@@ -99,12 +99,8 @@ def plan_keyframes(
     A refusal names other options where they were tried and work.
 
     Args:
-        keyframes: of a demonstration.
         calibration: where it lies in the robot's base, and what stands there.
-        robot: which.
-        options: what the user chose.
         hand_path: how the hand went between the keyframes; without it that is never followed.
-        grasped: what the gripper takes.
     """
     task = _Task(tuple(keyframes), with_table(calibration, robot), robot, hand_path, grasped)
     found = _attempt(task, options or PlanOptions())
@@ -198,7 +194,7 @@ def _prepare(task: _Task, options: PlanOptions) -> _Prepared | Refused:
 
 def _attempt(task: _Task, options: PlanOptions) -> Plan | Refused:
     from pbd.arm.ik.partial_pose import hold
-    from pbd.arm.timing.time_moves import Timed, time_moves
+    from pbd.arm.timing.time_moves import time_moves
     from pbd.audit.audit import TouchError, audit, torque_of
 
     prepared = _prepare(task, options)
@@ -210,7 +206,7 @@ def _attempt(task: _Task, options: PlanOptions) -> Plan | Refused:
     held = hold(arm, T_base_tool, chosen.q)
     moves, back = moves_of(chosen, keyframes, hand, options)
 
-    def timed_at(speed: float, near: float) -> Timed:
+    def timed_at(speed: float, near: float) -> tuple[JointTrajectory, Array]:
         return time_moves(
             arm,
             q_start if options.approach else chosen.q[0],
@@ -224,22 +220,21 @@ def _attempt(task: _Task, options: PlanOptions) -> Plan | Refused:
     load = Load(options.payload, options.p_tool_payload, grasped, calibration.table_height)
 
     def share_at(speed: float) -> float:
-        trajectory, pace = (timed_at(speed, near).trajectory, 1.0) if speed else (timed.trajectory, 0.0)
-        torque = torque_of(trajectory, robot.limits, robot, load, pace)
+        another, pace = (timed_at(speed, near)[0], 1.0) if speed else (trajectory, 0.0)
+        torque = torque_of(another, robot.limits, robot, load, pace)
         return torque.share if torque else 0.0
 
     world = None if options.allow_collision else (calibration, grasped)
     for near in NEAR:
-        timed = timed_at(options.speed, near)
+        trajectory, took = timed_at(options.speed, near)
         try:
-            report = audit(timed.trajectory, robot.limits, robot, held.T_base_tool, world, load)
+            report = audit(trajectory, robot.limits, robot, held.T_base_tool, world, load)
             break
         except TouchError:
             if near == NEAR[-1]:
                 raise
-    if (heavy := check_torque(report.torque, robot.limits, load, options.speed, share_at)) is not None:
-        slower = () if heavy.speed is None else ((f"use --speed {heavy.speed:g}", replace(options, speed=heavy.speed)),)
-        return Refused(heavy.error, slower)
+    if (heavy := check_torque(report.torque, robot.limits, load, options, share_at)) is not None:
+        return heavy
     return Plan(
         *task,
         options,
@@ -247,9 +242,9 @@ def _attempt(task: _Task, options: PlanOptions) -> Plan | Refused:
         T_base_tool,
         held.off_rad,
         chosen.segments,
-        timed.trajectory,
+        trajectory,
         report,
-        find_stretched(timed, keyframes) if options.time == "demo" else (),
-        find_touching(scene.closer(), timed.trajectory) if options.allow_collision else None,
+        find_stretched(took, keyframes) if options.time == "demo" else (),
+        find_touching(scene.closer(), trajectory) if options.allow_collision else None,
         chosen.back,
     )

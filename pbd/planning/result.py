@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from pbd.arm.collision.motion_check import MotionHit
     from pbd.arm.collision.scene import CollisionScene
     from pbd.arm.motion_request import Segment
-    from pbd.arm.timing.time_moves import Timed
     from pbd.audit.audit import AuditReport
 
 STRETCHED = 1.02
@@ -47,18 +46,12 @@ class Plan:
     """A motion that has passed the audit, and what it was made from.
 
     Attributes:
-        keyframes: of the demonstration.
         calibration: its scale and its world.
-        robot: whose motion it is.
         hand_path: how the hand went between the keyframes; None: nobody knows.
-        grasped: what the gripper takes.
-        options: what the user chose.
         T_base_nav: where nav lies.
         T_base_tool: the tool's poses that the demonstration asks for.
         off_rad: (n, 2) how far off the arm holds the tool where it has too few joints: approach axis, and about it.
         segments: how the arm comes to each keyframe.
-        trajectory: the motion.
-        report: the audit's.
         stretched: with time "demo", moves that take longer than the hand's.
         touching: what touches, where that was allowed.
         back: how it goes back after the last.
@@ -108,13 +101,14 @@ def find_touching(scene: CollisionScene, trajectory: JointTrajectory) -> Touchin
     return Touching(found, collision_error(scene, trajectory, found), all_hits(scene, trajectory))
 
 
-def find_stretched(timed: Timed, keyframes: Sequence[Keyframe]) -> tuple[Stretch, ...]:
-    """Find moves that take longer than the hand's, and warn of them."""
-    found = []
-    for i, demonstrated_s in enumerate(demonstrated(keyframes), start=1):
-        took = float(timed.spans[i, 1] - timed.spans[i, 0])
-        if took > max(STRETCHED * demonstrated_s, demonstrated_s + STRETCHED_S):
-            found.append(Stretch(i, demonstrated_s, took))
+def find_stretched(took_s: Array, keyframes: Sequence[Keyframe]) -> tuple[Stretch, ...]:
+    """Find moves (n,) s that take longer than the hand's, and warn of them."""
+    both = zip(demonstrated(keyframes), took_s[1:].tolist(), strict=True)
+    found = [
+        Stretch(i, hand_s, arm_s)
+        for i, (hand_s, arm_s) in enumerate(both, start=1)
+        if arm_s > max(STRETCHED * hand_s, hand_s + STRETCHED_S)
+    ]
     if found:
         told = [
             f"to keyframe {each.keyframe} {each.planned_s:.2f} s instead of {each.demonstrated_s:.2f} s"

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from pbd.data import JointLimits, Load
 from pbd.errors import PlanError, warn
+from pbd.planning.choose_joints import Refused
+from pbd.planning.options import PlanOptions
 
 if TYPE_CHECKING:
     from pbd.audit.torque import Torque
@@ -18,24 +21,12 @@ FAR_OFF = 5.0
 """No assumed limit is wrong by such a factor: what is above that is refused all the same."""
 
 
-class TooHeavy(NamedTuple):
-    """Why a motion is refused, and the highest speed at which its torques are within the limits; None: at none."""
-
-    error: PlanError
-    speed: float | None
-
-
 def check_torque(
-    torque: Torque | None, limits: JointLimits, load: Load, speed: float, share_at: Callable[[float], float]
-) -> TooHeavy | None:
+    torque: Torque | None, limits: JointLimits, load: Load, options: PlanOptions, share_at: Callable[[float], float]
+) -> Refused | None:
     """Warn of torques near the limit, or above one that is assumed; return the refusal of others.
 
-    Args:
-        torque: of the motion.
-        limits: of the joints.
-        load: what the arm carries.
-        speed: of the motion.
-        share_at: the largest share of a torque limit at another speed; at 0 standing still.
+    `share_at`: the largest share of a torque limit at another speed; at 0 standing still.
     """
     if torque is None:
         if str(load):
@@ -48,12 +39,13 @@ def check_torque(
     carrying = f", carrying {load}" if str(load) else ""
     needs = f"{torque.joint} needs {_shown(torque.value)} {torque.unit} at {torque.t:.2f} s{carrying}"
     if torque.share > (FAR_OFF if assumed else 1.0):
-        slower = _fitting_speed(speed, share_at)
+        slower = _fitting_speed(options.speed, share_at)
         lighter = "carry less" if carrying else "move the dock nearer to the base"
         share = f"{100.0 * torque.share:.1f} % of" if torque.share < 10.0 else f"{torque.share:.0f} times"
         what = f"{needs}: {share} {bound}; {'' if slower else 'slower is no help: '}{lighter}"
         fields = {"joint": torque.joint, "t": torque.t, "value": torque.value, "bound": torque.bound}
-        return TooHeavy(PlanError(what, **fields), slower)
+        instead = ((f"use --speed {slower:g}", replace(options, speed=slower)),) if slower else ()
+        return Refused(PlanError(what, **fields), instead)
     if torque.share > HIGH:
         warn(f"{needs}: {100.0 * torque.share:.0f} % of {bound}")
     return None

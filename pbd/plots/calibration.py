@@ -27,7 +27,6 @@ def draw_calibration(
     """Draw the tool's places from above with their 2 sigma ellipses, and the shares of the variance at each.
 
     Args:
-        T_base_nav: where nav is.
         T_base_tool: k poses.
         parts: covariances (k, 6, 6) in base, m and rad, by the names of PARTS.
     """

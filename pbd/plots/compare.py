@@ -45,7 +45,6 @@ class SpreadKeyframe:
         p: (3,) m, the mean.
         spread: (3,) m, standard deviation over the demonstrations along nav's axes; NaN for a single one.
         furthest: index of the demonstration that is furthest from the mean.
-        furthest_m: how far.
         turn: rad, standard deviation of the attitude (root mean square angle from the mean one); NaN for a single one.
         sigma: (3,) m, root mean square of the trackers' own, relative to the first stop; NaN where all were typed.
     """
@@ -70,7 +69,6 @@ class ComparePlot:
     """Several demonstrations of one task.
 
     Attributes:
-        keyframes: of the task.
         by_order: whether keyframes were matched by their order alone; else by their moves and the grip.
         remarks: which keyframes are missing where, or are there in one alone, in words.
     """

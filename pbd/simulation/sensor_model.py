@@ -99,7 +99,6 @@ class SensorModel:
     """A kind of sensor.
 
     Attributes:
-        name: one word.
         rate_hz: samples a second.
         acc: m/s2.
         gyr: rad/s, or None where it has no gyro.

@@ -72,7 +72,6 @@ def simulate(
         sensor: a name of SENSOR_MODELS, or a model of your own (`dataclasses.replace` changes one).
         seed: draws the device's errors and its noise. The same seed gives the same bytes.
         rate_hz: instead of the model's own rate.
-        world: gravity and magnetic field.
         sway_speed: m/s, rms along each axis, at which the hand wanders, stops included; 0: it stands still.
 
     Returns:

@@ -29,7 +29,6 @@ class Task:
     """A motion of the hand through waypoints, with its description.
 
     Attributes:
-        name: one word.
         description: one sentence for people.
         waypoints: at least one; the first is where the hand rests at the start.
         start_rpy: rad, the attitude of the sensor in world at the first rest: roll, pitch, yaw in URDF's order.
@@ -103,12 +102,10 @@ def random_task(
 
     Args:
         seed: the same seed makes the same task.
-        moves: how many.
         reach_m: the edge of the cube around the first rest.
         max_turn: rad; each move turns by up to this.
         move_s: shortest and longest move.
         rest_s: shortest and longest rest.
-        first_rest_s: the rest before the first move.
     """
     rng = np.random.default_rng(seed)
     waypoints = [Waypoint(rest_s=first_rest_s)]

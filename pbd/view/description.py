@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pbd.data import JointTrajectory
 from pbd.data.tracking import DOUBTED_WEIGHT
 from pbd.pose import Array
 from pbd.view.meshcat_encoding import typed
@@ -31,6 +30,9 @@ def describe(scene: ReplayScene, bounds: Array, rate_hz: float) -> Mapping[str, 
     """
     trajectory, limits = scene.trajectory, scene.robot.limits
     samples = trajectory.sample(PLOT_RATE_HZ)
+    often = trajectory.sample(SPAN_RATE_HZ)
+    moves = _spans(often.t, np.abs(often.qd).max(axis=1) > MOVING_RAD_S)
+    around = [(max(start, first), min(end, last)) for start, end in moves for first, last in scene.detours]
     messages = [each.message for each in scene.touching]
     return {
         "title": scene.title,
@@ -39,9 +41,9 @@ def describe(scene: ReplayScene, bounds: Array, rate_hz: float) -> Mapping[str, 
         "duration": trajectory.duration,
         "rate": rate_hz,
         "keyframes": [_keyframe(keyframe, scene.detours) for keyframe in scene.keyframes],
-        "moves": moves(trajectory),
-        "detours": detours(scene),
-        "closed": closed(trajectory),
+        "moves": moves,
+        "detours": [(start, end) for start, end in around if start < end],
+        "closed": _spans(often.t, often.gripper < OPEN_SHARE * often.gripper.max()),
         "joints": {
             "names": list(trajectory.joint_names),
             "t": typed(samples.t, "Float32Array"),
@@ -59,27 +61,8 @@ def describe(scene: ReplayScene, bounds: Array, rate_hz: float) -> Mapping[str, 
     }
 
 
-def moves(trajectory: JointTrajectory) -> list[tuple[float, float]]:
-    """From when to when the arm moves, s."""
-    samples = trajectory.sample(SPAN_RATE_HZ)
-    return _spans(samples.t, np.abs(samples.qd).max(axis=1) > MOVING_RAD_S)
-
-
-def detours(scene: ReplayScene) -> list[tuple[float, float]]:
-    """From when to when the arm goes around something, s: what of its moves lies within a detour."""
-    parts = [
-        (max(start, first), min(end, last)) for start, end in moves(scene.trajectory) for first, last in scene.detours
-    ]
-    return [(start, end) for start, end in parts if start < end]
-
-
-def closed(trajectory: JointTrajectory) -> list[tuple[float, float]]:
-    """From when to when the gripper is not at its widest, s."""
-    samples = trajectory.sample(SPAN_RATE_HZ)
-    return _spans(samples.t, samples.gripper < OPEN_SHARE * samples.gripper.max())
-
-
 def _spans(t: Array, wanted: NDArray[np.bool_]) -> list[tuple[float, float]]:
+    """From when to when something is wanted, s."""
     edges = np.diff(np.concatenate(([False], wanted, [False])).astype(int))
     first, after = (np.flatnonzero(edges > 0) - 1).clip(0), np.flatnonzero(edges < 0).clip(max=len(t) - 1)
     return list(zip(t[first].tolist(), t[after].tolist(), strict=True))

@@ -18,7 +18,6 @@ class ReplayKeyframe:
     Attributes:
         label: a word for people; may be empty.
         t: s, when the arm reaches it.
-        T_base_tool: where.
         cov: (6, 6) m and rad, of the tool's position and rotation vector in base; None where it is unknown.
         grip: True where the gripper closes here, False where it opens.
         weight: how sure the tracker is that the hand stood still, 0 to 1.
@@ -60,7 +59,6 @@ class Touching:
     Attributes:
         bodies: links, or other things, by name; they are painted red. "the tool" is the rod.
         start, end: s, from when to when.
-        message: for people.
     """
 
     bodies: tuple[str, str]
@@ -76,14 +74,11 @@ class ReplayScene:
     Attributes:
         motion: the same, of the whole robot.
         hand_path_base: (n, 3) m, where the demonstrated tool went in base.
-        keyframes: in order.
         hand_speed: (n,) m/s, colours the path; or None.
         table_height: m, z of the table's top in base; None: the ground at z = 0.
-        obstacles: what else stands around.
         rod: what stands for a gripper that the model lacks, or None.
         torque: the largest share of a torque limit, or None.
-        grasped: what the gripper takes, or None.
-        phases: where that is, by time; empty where nothing is grasped.
+        phases: where what is grasped is, by time; empty where nothing is.
         notes: what the viewer should know: warnings, "simulated data".
         touching: what touches, where that was allowed, by when it begins.
         detours: s, from when to when the arm goes around something on its way to the next keyframe, or back.

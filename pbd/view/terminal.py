@@ -33,31 +33,27 @@ class Stream:
     """
 
     def __init__(self, stream: TextIO, needed: bool, drawn: bool = False) -> None:
-        self._stream, self._needed, self._drawn = stream, needed, drawn
+        self.stream, self.needed, self.drawn = stream, needed, drawn
 
     def __getattr__(self, name: str) -> Any:
-        return getattr(self._stream, name)
+        return getattr(self.stream, name)
 
     def write(self, text: str) -> int:
         """Write; return how many characters were taken."""
-        self._try(lambda: self._stream.write(text if self._drawn else visible(text)))
+        self._try(lambda: self.stream.write(text if self.drawn else visible(text)))
         return len(text)
 
     def flush(self) -> None:
         """Write what is kept back."""
-        self._try(self._stream.flush)
+        self._try(self.stream.flush)
 
     def _try(self, action: Callable[[], object]) -> None:
         try:
             action()
         except OSError:
-            if self._needed:
+            if self.needed:
                 raise
-            drop(self._stream)
-
-    def drawing(self) -> TextIO:
-        """The same stream for what rich draws."""
-        return cast(TextIO, Stream(self._stream, self._needed, drawn=True))
+            drop(self.stream)
 
 
 def drop(stream: TextIO) -> None:
@@ -73,7 +69,7 @@ def is_closed(stream: TextIO) -> bool:
 
 def drawing(stream: TextIO) -> TextIO:
     """A standard stream for what rich draws."""
-    return stream.drawing() if isinstance(stream, Stream) else stream
+    return cast(TextIO, Stream(stream.stream, stream.needed, drawn=True)) if isinstance(stream, Stream) else stream
 
 
 @contextmanager

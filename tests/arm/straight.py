@@ -24,4 +24,4 @@ def time_keyframes(
     moves = [Move(q[None]) for q in q_keyframes]
     if approach:
         moves[0] = Move(q_keyframes[:1], share=APPROACH_SPEED)
-    return time_moves(arm, q_start if approach else q_keyframes[0], moves, dwells, grips, speed=speed).trajectory
+    return time_moves(arm, q_start if approach else q_keyframes[0], moves, dwells, grips, speed=speed)[0]

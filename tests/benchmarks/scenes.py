@@ -230,8 +230,8 @@ def wrong(arm: ArmModel, motion: Motion, dense: DenseScene) -> bool:
     """Whether original meshes overlap anywhere on the timed motion."""
     moves = [Move(way.q, way.curved) for way in motion.segments]
     back = None if motion.back is None else Move(motion.back.q, motion.back.curved)
-    timed = time_moves(arm, arm.robot.home, moves, [0.2] * len(moves), [None] * len(moves), retreat=back)
-    return dense.touches(timed.trajectory)
+    trajectory, _ = time_moves(arm, arm.robot.home, moves, [0.2] * len(moves), [None] * len(moves), retreat=back)
+    return dense.touches(trajectory)
 
 
 def travel(motion: Motion) -> float:

@@ -86,7 +86,6 @@ class CollisionScene:
     """What can touch what, for one arm in one place. Not to be shared between threads, as the arm isn't.
 
     Attributes:
-        arm: the arm.
         unchecked: the pairs of links that nobody checks, and why.
         obstacles: names.
         links: names of those that have a shape.

@@ -44,8 +44,6 @@ def find_branches(arm: ArmModel, T_base_tool: Pose, before: Array, starts: int) 
     """Find different joints (m, k) for a pose; none, (0, k), where even the full search finds none.
 
     Args:
-        arm: the arm.
-        T_base_tool: the tool's pose in base.
         before: (b, k) rad, where the arm may come from, the likeliest first.
         starts: the number of descents: a third of them from `before`, the others from seeds near the pose, those
             first from which the way to what is carried on is shortest. Of each of a redundant arm's branches a third as

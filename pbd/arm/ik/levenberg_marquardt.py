@@ -51,8 +51,6 @@ def descend_each(
     """Follow seeds down to the nearest minima of |e|^2, or until they are given up, one by one until one arrives.
 
     Args:
-        arm: the arm.
-        target: where its tool is to be.
         q_seeds: (m, k) rad.
         patience: slow steps in a row after which a seed is given up.
         all_of_them: go on with the others when one has arrived.
@@ -116,9 +114,7 @@ def descend(
     Args:
         residual: gives e (m,) and its Jacobian (m, k) at joints (k,).
         bounds: lower and upper (k,) rad.
-        q_seed: where it begins.
         patience: slow steps in a row after which it ends.
-        steps: the largest number of them.
         solved: |e|^2 below this ends it.
         stalled: a step that leaves more than this share of |e|^2 is the last.
         still: a step in which no joint moves as far as this, rad, ends it.

@@ -55,8 +55,6 @@ def solve(arm: ArmModel, T_base_tool: Pose, q_seed: Array | None = None) -> IkRe
     """Find joints for a tool pose; the same question gets the same answer each time.
 
     Args:
-        arm: the arm.
-        T_base_tool: the tool's pose in base.
         q_seed: (k,) rad, tried first, where one is known that should be near.
 
     Returns:

@@ -92,7 +92,6 @@ def curved_move(
 
     Args:
         waypoints: (n, k) rad, the first where the arm is, the last where it comes to rest.
-        limits: of the joints.
         factor: a share of the velocity, acceleration and jerk limits.
         t: (n,) s, increasing: when a demonstration passed the waypoints, where the arm is to be no faster.
         near: the share of OFF_RAD by which averaging may lead off the curve.

@@ -26,7 +26,6 @@ def ptp_move(q_start: Array, q_end: Array, limits: JointLimits, factor: float) -
 
     Args:
         q_start, q_end: rad.
-        limits: of the joints.
         factor: a share of the velocity, acceleration and jerk limits.
     """
     way = q_end - q_start

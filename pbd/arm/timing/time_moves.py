@@ -58,14 +58,6 @@ class Move:
         return PiecewiseCubic.join(parts).lasting(self.least_s)
 
 
-@dataclass(frozen=True, eq=False)
-class Timed:
-    """A motion, and from when to when (s) each move to a keyframe lasts: (n, 2)."""
-
-    trajectory: JointTrajectory
-    spans: Array
-
-
 def time_moves(
     arm: ArmModel,
     q_start: Array,
@@ -75,19 +67,17 @@ def time_moves(
     *,
     retreat: Move | None = None,
     speed: float = 1.0,
-) -> Timed:
-    """Time a motion through keyframes, at rest in each.
+) -> tuple[JointTrajectory, Array]:
+    """Time a motion through keyframes, at rest in each; with it how long (n,) s each move to a keyframe takes.
 
     The gripper starts open and moves while the arm stands still: where it opens or closes, the arm stays for at least
     its stroke.
 
     Args:
-        arm: the arm, for its limits and its gripper.
         q_start: (k,) rad, where the arm is.
         moves: n, each to the next keyframe.
         dwells: (n,) s to stay at each keyframe.
         grips: (n,) True where the gripper closes, False where it opens, None where nothing changes.
-        retreat: where the arm goes after the last.
         speed: a factor on the velocity, acceleration and jerk limits alike.
 
     Raises:
@@ -95,11 +85,11 @@ def time_moves(
     """
     gripper = arm.robot.gripper
     done = _Done(q_start)
-    gripper_t, opening, spans = [0.0], [1.0], []
+    gripper_t, opening, begun, ended = [0.0], [1.0], [], []
     for i, (move, dwell, closes) in enumerate(zip(moves, dwells, grips, strict=True)):
-        since = done.t
+        begun.append(done.t)
         done.add(move.pieces(done.q, arm.limits, speed), move.q[-1])
-        spans.append((since, done.t))
+        ended.append(done.t)
         wanted = opening[-1] if closes is None else float(not closes)
         if wanted != opening[-1] and gripper is None:
             message = f"{arm.robot.name} has no gripper: the grip at keyframe {i} is ignored"
@@ -125,10 +115,10 @@ def time_moves(
         coefficients=pieces.coefficients,
         gripper_t=np.array(gripper_t),
         gripper_opening=np.array(opening),
-        keyframe_t=np.array(spans)[:, 1],
+        keyframe_t=np.array(ended),
         keyframe_q=np.array([move.q[-1] for move in moves]),
     )
-    return Timed(trajectory, np.array(spans))
+    return trajectory, np.subtract(ended, begun)
 
 
 class _Done:

@@ -182,10 +182,11 @@ def test_an_arm_with_a_sliding_joint(odd_robot: Robot) -> None:
 
 def test_a_move_may_have_corners_where_it_rests(arm: ArmModel) -> None:
     q = random_joints(arm.robot, 4, seed=11)
-    timed = time_moves(arm, q[0], [Move(q[1:3]), Move(q[3:])], [0.0, 0.0], [None, None])
+    trajectory, took = time_moves(arm, q[0], [Move(q[1:3]), Move(q[3:])], [0.0, 0.0], [None, None])
     parts = [move(arm, a, b).duration for a, b in pairwise(q)]
-    np.testing.assert_allclose(timed.spans, [[0.0, sum(parts[:2])], [sum(parts[:2]), sum(parts)]], rtol=1e-12)
-    at_corner = timed.trajectory.at(np.array([parts[0]]))
+    np.testing.assert_allclose(took, [sum(parts[:2]), parts[2]], rtol=1e-12)
+    np.testing.assert_allclose(trajectory.keyframe_t, [sum(parts[:2]), sum(parts)], rtol=1e-12)
+    at_corner = trajectory.at(np.array([parts[0]]))
     np.testing.assert_allclose(at_corner.q[0], q[1], atol=1e-9)
     np.testing.assert_allclose(at_corner.qd[0], 0.0, atol=1e-9)
 
@@ -194,11 +195,11 @@ def test_a_move_may_have_corners_where_it_rests(arm: ArmModel) -> None:
 def test_a_move_takes_as_long_as_it_is_told_at_least(arm: ArmModel, curved: bool) -> None:
     q = arm.robot.home + np.linspace(0.0, 0.3, 12)[:, None]
     ends = q[1:] if curved else q[-1:]
-    fast = time_moves(arm, q[0], [Move(ends, curved=curved)], [0.0], [None]).trajectory
-    slow = time_moves(arm, q[0], [Move(ends, curved=curved, least_s=3.0)], [0.0], [None]).trajectory
+    fast = time_moves(arm, q[0], [Move(ends, curved=curved)], [0.0], [None])[0]
+    slow = time_moves(arm, q[0], [Move(ends, curved=curved, least_s=3.0)], [0.0], [None])[0]
     assert fast.duration < 2.0
     assert slow.duration == pytest.approx(3.0, rel=1e-9)
-    same = time_moves(arm, q[0], [Move(ends, curved=curved, least_s=0.1)], [0.0], [None]).trajectory
+    same = time_moves(arm, q[0], [Move(ends, curved=curved, least_s=0.1)], [0.0], [None])[0]
     assert same.duration == fast.duration
     shares = np.linspace(0.0, 1.0, 50)
     np.testing.assert_allclose(slow.at(3.0 * shares).q, fast.at(fast.duration * shares).q, atol=1e-9)
@@ -208,11 +209,11 @@ def test_the_way_back_comes_after_the_last_dwell_and_stroke(arm: ArmModel) -> No
     assert arm.robot.gripper is not None
     q = random_joints(arm.robot, 2, seed=12)
     back = Move(arm.robot.home[None], share=APPROACH_SPEED)
-    timed = time_moves(arm, q[0], [Move(q[:1]), Move(q[1:])], [0, 0], [None, True], retreat=back)
-    trajectory, stroke = timed.trajectory, arm.robot.gripper.stroke_s
+    trajectory, _ = time_moves(arm, q[0], [Move(q[:1]), Move(q[1:])], [0, 0], [None, True], retreat=back)
+    end, stroke = trajectory.keyframe_t[1], arm.robot.gripper.stroke_s
     alone = move(arm, q[1], arm.robot.home, speed=APPROACH_SPEED).duration
-    assert trajectory.duration == pytest.approx(timed.spans[1, 1] + stroke + alone, rel=1e-12)
-    assert trajectory.gripper_t[-1] == pytest.approx(timed.spans[1, 1] + stroke, rel=1e-12)
+    assert trajectory.duration == pytest.approx(end + stroke + alone, rel=1e-12)
+    assert trajectory.gripper_t[-1] == pytest.approx(end + stroke, rel=1e-12)
     np.testing.assert_allclose(trajectory.q[-1], arm.robot.home, atol=1e-12)
     assert len(trajectory.keyframe_t) == 2
 
