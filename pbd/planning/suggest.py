@@ -127,7 +127,7 @@ def _often_touching(arm: ArmModel) -> dict[tuple[str, str], int]:
     from pbd.arm.collision.allowed_collisions import samples
     from pbd.arm.collision.scene import CollisionScene
 
-    clearance, often = CollisionScene(arm).always.clearance, dict[tuple[str, str], int]()
+    clearance, often = CollisionScene(arm).always, dict[tuple[str, str], int]()
     for row, count in clearance.always_touching(samples(arm, CONFIGURATIONS), OFTEN).items():
         first, second = (clearance.bodies[i].name for i in clearance.pairs[row])
         often[first, second] = max(count, often.get((first, second), 0))

@@ -55,7 +55,7 @@ def measure(name: str, motions: int) -> dict[str, float]:
     chosen = free_motions(scene, motions)
     times = np.array([timed_ms(partial(check_motion, scene, trajectory)) for trajectory in chosen])
     return {
-        "pairs": float(len(scene.always.clearance.pairs)),
+        "pairs": float(len(scene.always.pairs)),
         "dropped_pairs": float(len(scene.unchecked)),
         "build_ms": median_ms(lambda: build(load_model(robot)), 5),
         "check_us": 1e3 * median_ms(lambda: [scene.hit(q) for q in free], 5) / len(free),
@@ -121,10 +121,10 @@ def false_pct(name: str, count: int) -> float:
     """The share of free configurations (by the raw meshes) that the convex parts call touching."""
     raw = raw_meshes(name)
     scene = CollisionScene(raw.arm)
-    raw.watch(links_watched(scene.always.clearance))
+    raw.watch(links_watched(scene.always))
     free = [x for x in samples(raw.arm, count) if not raw.touching(x)]
     known = set(raw.links)  # of a link that can only be seen there is no raw collision mesh to compare with
-    called = [any(pair <= known for pair in links_touching(scene.always.clearance, x)) for x in free]
+    called = [any(pair <= known for pair in links_touching(scene.always, x)) for x in free]
     return 100.0 * float(np.mean(called))
 
 

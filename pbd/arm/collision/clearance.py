@@ -15,8 +15,9 @@ in 10^5 pairs of so101). A distance that is not a number counts as a contact.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -26,14 +27,17 @@ from numpy.typing import NDArray
 from pbd.arm.collision.geometry import Body, mesh_to, meshes_apart, shape_of
 from pbd.arm.collision.motion_bounds import rates
 from pbd.arm.model import ArmModel, to_se3
-from pbd.pose import Array
+from pbd.pose import Array, Pose
 
 MARGIN_M, CLOSE_M = 2.5e-3, 5e-4  # kept everywhere; and where nothing is free that keeps it
 STEP_M = 2.0 * MARGIN_M
 
 Pairs = NDArray[np.int64]
-Allowed = Callable[[int, Array], bool]
-"""Whether a pair may touch at coordinates (k + 1,)."""
+Rests = Mapping[int, Callable[[Pose], bool]]
+"""By pair: whether it may touch with the tool at T_base_tool."""
+
+
+NOWHERE: Rests = MappingProxyType({})
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,16 +66,11 @@ class Contact:
 
 class Walk(NamedTuple):
     """A path, and at each node pinocchio's configuration q (n, nq) and how far each coordinate has gone up to there, to
-    and fro: `moved` (k + 1, n); and what may touch."""
+    and fro: `moved` (k + 1, n)."""
 
     path: JointPath
     q: Array
     moved: Array
-    allowed: Allowed | None
-
-    def may_touch(self, pair: int, node: int) -> bool:
-        """Whether a pair may touch at a node."""
-        return self.allowed is not None and self.allowed(pair, self.path.x[node])
 
 
 class Clearance:
@@ -81,10 +80,13 @@ class Clearance:
         bodies, pairs: what is checked; pairs (p, 2) index the bodies.
         rates: (p, k + 1), see motion_bounds.py.
         margin_m: bodies that are nearer to each other count as touching.
+        rests: which of them may, and where.
     """
 
-    def __init__(self, arm: ArmModel, bodies: Sequence[Body], pairs: Pairs, margin_m: float = MARGIN_M) -> None:
-        self.arm, self.bodies, self.margin_m = arm, tuple(bodies), margin_m
+    def __init__(
+        self, arm: ArmModel, bodies: Sequence[Body], pairs: Pairs, margin_m: float = MARGIN_M, rests: Rests = NOWHERE
+    ) -> None:
+        self.arm, self.bodies, self.margin_m, self.rests = arm, tuple(bodies), margin_m, rests
         self.pairs = np.asarray(pairs, dtype=np.int64).reshape(-1, 2)
         self.rates = rates(arm, bodies, self.pairs)
         self._pads = np.array([self.bodies[a].pad + self.bodies[b].pad for a, b in self.pairs])
@@ -105,12 +107,17 @@ class Clearance:
         return self._measured()
 
     def touching(self, x: Array) -> list[tuple[int, float]]:
-        """Return the pairs that are nearer than `margin_m` at coordinates (k + 1,), and their distances in m."""
+        """Return the pairs that touch but may not at coordinates (k + 1,), and their distances in m."""
         nearest = self._measure(x)
         if nearest < 0 or self._placed.distanceResults[nearest].min_distance >= self.margin_m + self._most_pad:
             return []
         distances = self._measured()
-        return [(int(pair), float(distances[pair])) for pair in np.flatnonzero(~(distances >= self.margin_m))]
+        near = np.flatnonzero(~(distances >= self.margin_m)).tolist()
+        return [(pair, float(distances[pair])) for pair in near if not self.may_touch(pair, x)]
+
+    def may_touch(self, pair: int, x: Array) -> bool:
+        """Whether a pair may touch at coordinates (k + 1,)."""
+        return pair in self.rests and self.rests[pair](self.arm.forward(x[:-1]))
 
     def witness(self, x: Array, pair: int) -> Array:
         """Where a pair is nearest or touches (3,), in pinocchio's world, at coordinates (k + 1,)."""
@@ -129,14 +136,12 @@ class Clearance:
                 always = {pair: count for pair, count in always.items() if count >= share * len(x)}
         return always
 
-    def first_contact(self, path: JointPath, allowed: Allowed | None = None) -> Contact | None:
+    def first_contact(self, path: JointPath) -> Contact | None:
         """Follow a path; return the first contact: the one that begins first, of several the deepest.
 
-        Args:
-            path: its nodes are close enough for `rates`, see path_sampling.py.
-            allowed: what may touch where; by default nothing.
+        Its nodes are close enough for `rates`, see path_sampling.py.
         """
-        walk, found = self._walk(path, allowed), None
+        walk, found = self._walk(path), None
         stop = len(walk.q) - 1
         for pair, distance in self._near(walk):
             met = self._follow(walk, pair, 0, distance, stop)
@@ -145,9 +150,9 @@ class Clearance:
                 found = Contact(pair, stop, stop, stop, met[1])
         return found and self._until_clear(walk, found)
 
-    def contacts(self, path: JointPath, allowed: Allowed | None = None) -> list[Contact]:
+    def contacts(self, path: JointPath) -> list[Contact]:
         """Follow a path to its end; return all contacts, one pair's after another's."""
-        walk, found = self._walk(path, allowed), []
+        walk, found = self._walk(path), []
         stop = len(walk.q) - 1
         for pair, distance in self._near(walk):
             met = self._follow(walk, pair, 0, distance, stop)
@@ -160,10 +165,10 @@ class Clearance:
                 met = self._follow(walk, pair, node, self._distance(pair), stop)
         return found
 
-    def _walk(self, path: JointPath, allowed: Allowed | None) -> Walk:
+    def _walk(self, path: JointPath) -> Walk:
         moved = np.zeros_like(path.x.T)
         np.cumsum(np.abs(np.diff(path.x.T)), axis=1, out=moved[:, 1:])
-        return Walk(path, self.arm.configurations(path.x), moved, allowed)
+        return Walk(path, self.arm.configurations(path.x), moved)
 
     def _near(self, walk: Walk) -> list[tuple[int, float]]:
         """Return the pairs that may meet on a path, with their distances at its start; most are too far apart."""
@@ -175,7 +180,7 @@ class Clearance:
         """Return the first node up to `stop` at which a pair touches, and their distance; given that at `node`."""
         travel = self.rates[pair] @ walk.moved
         while True:
-            if not distance >= self.margin_m and not walk.may_touch(pair, node):
+            if not distance >= self.margin_m and not self.may_touch(pair, walk.path.x[node]):
                 return node, distance
             if node == stop or travel[stop] - travel[node] <= distance - self.margin_m:
                 return None
@@ -191,7 +196,7 @@ class Clearance:
             node = min(self._next(travel, node, self.margin_m), len(walk.q) - 1)
             self._place(walk.q[node])
             distance = self._distance(contact.pair)
-            if distance >= self.margin_m or walk.may_touch(contact.pair, node):
+            if distance >= self.margin_m or self.may_touch(contact.pair, walk.path.x[node]):
                 break
             last = node
             if distance < least:

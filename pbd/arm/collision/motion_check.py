@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pbd.arm.collision.clearance import Contact, JointPath
-from pbd.arm.collision.scene import TABLE, CollisionScene, Hit, PairSet
+from pbd.arm.collision.clearance import Clearance, Contact, JointPath
+from pbd.arm.collision.scene import TABLE, CollisionScene, Hit
 from pbd.arm.path_sampling import along
 from pbd.data import JointTrajectory
 from pbd.data.world import Stay, holds
@@ -50,11 +50,11 @@ def check_motion(scene: CollisionScene, trajectory: JointTrajectory) -> MotionHi
     The object is carried as the gripper's track says, the fingers are where it puts them.
     """
     first: MotionHit | None = None
-    for pairs, start, end in _phases(scene, trajectory):
+    for clearance, start, end in _phases(scene, trajectory):
         if first is None or start <= first.t:
-            path = along(trajectory, pairs.clearance.rates, start, min(end, first.t) if first else end)
-            met = pairs.clearance.first_contact(path, pairs.allowed)
-            found = None if met is None else _motion_hit(scene, trajectory, pairs, path, met)
+            path = along(trajectory, clearance.rates, start, min(end, first.t) if first else end)
+            met = clearance.first_contact(path)
+            found = None if met is None else _motion_hit(scene, trajectory, clearance, path, met)
             first = found if first is None or (found is not None and found.t < first.t) else first
     return first
 
@@ -62,10 +62,9 @@ def check_motion(scene: CollisionScene, trajectory: JointTrajectory) -> MotionHi
 def all_hits(scene: CollisionScene, trajectory: JointTrajectory) -> tuple[MotionHit, ...]:
     """Return all hits of a motion by when they begin, for people to see; two bodies that hardly part hit once."""
     found: list[MotionHit] = []
-    for pairs, start, end in _phases(scene, trajectory):
-        path = along(trajectory, pairs.clearance.rates, start, end)
-        contacts = pairs.clearance.contacts(path, pairs.allowed)
-        found += [_motion_hit(scene, trajectory, pairs, path, met) for met in contacts]
+    for clearance, start, end in _phases(scene, trajectory):
+        path = along(trajectory, clearance.rates, start, end)
+        found += [_motion_hit(scene, trajectory, clearance, path, met) for met in clearance.contacts(path)]
     hits: list[MotionHit] = []
     for hit in sorted(found, key=lambda each: each.t):
         i = next((i for i, other in enumerate(hits) if _one_hit(other, hit)), None)
@@ -77,7 +76,7 @@ def all_hits(scene: CollisionScene, trajectory: JointTrajectory) -> tuple[Motion
     return tuple(hits)
 
 
-def _phases(scene: CollisionScene, trajectory: JointTrajectory) -> Iterator[tuple[PairSet, float, float]]:
+def _phases(scene: CollisionScene, trajectory: JointTrajectory) -> Iterator[tuple[Clearance, float, float]]:
     """What is checked from when to when, s."""
     yield scene.always, 0.0, trajectory.duration
     for stay in object_stays(scene, trajectory):
@@ -147,9 +146,9 @@ def collision_error(scene: CollisionScene, trajectory: JointTrajectory, found: M
 
 
 def _motion_hit(
-    scene: CollisionScene, trajectory: JointTrajectory, pairs: PairSet, path: JointPath, met: Contact
+    scene: CollisionScene, trajectory: JointTrajectory, clearance: Clearance, path: JointPath, met: Contact
 ) -> MotionHit:
-    hit = scene.as_hit(pairs, met.pair, path.x[met.deepest], met.distance)
+    hit = scene.as_hit(clearance, met.pair, path.x[met.deepest], met.distance)
     t, parted_t = float(path.t[met.first]), float(path.t[met.last])
     return MotionHit(hit, t, parted_t, *_keyframe(trajectory, t, parted_t))
 

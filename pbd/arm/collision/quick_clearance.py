@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-from pbd.arm.collision.clearance import MARGIN_M, Allowed, Clearance, JointPath, Pairs, Walk
+from pbd.arm.collision.clearance import MARGIN_M, NOWHERE, Clearance, JointPath, Pairs, Rests, Walk
 from pbd.arm.collision.geometry import Body, moves_with_tool
 from pbd.arm.gripper import tool_on_joint
 from pbd.arm.model import ArmModel, to_se3
@@ -26,31 +26,30 @@ LIKELY = 0.5, 0.25, 0.75
 class QuickClearance(Clearance):
     """Distances between pairs of bodies, remembered, and what touched lately."""
 
-    def __init__(self, arm: ArmModel, bodies: Sequence[Body], pairs: Pairs, margin_m: float = MARGIN_M) -> None:
-        super().__init__(arm, bodies, pairs, margin_m)
+    def __init__(
+        self, arm: ArmModel, bodies: Sequence[Body], pairs: Pairs, margin_m: float = MARGIN_M, rests: Rests = NOWHERE
+    ) -> None:
+        super().__init__(arm, bodies, pairs, margin_m, rests)
         of_pairs = ((self.bodies[a], self.bodies[b]) for a, b in self.pairs)
         self._of_tool = np.array([moves_with_tool(arm, *pair) for pair in of_pairs], dtype=bool)
         self._even = arm.full.nq == arm.full.nv  # no endless joint: pinocchio's configurations lie on a straight line
         self._lately: list[int] = []  # pairs that touched, the last one first: the likeliest to touch next
         self._known: dict[bytes, Array] = {}
 
-    def touches(self, x: Array, allowed: Allowed | None = None) -> bool:
-        """Whether any pair that isn't allowed to is nearer than `margin_m` at coordinates (k + 1,)."""
+    def touches(self, x: Array) -> bool:
+        """Whether any pair touches but may not at coordinates (k + 1,)."""
         if x.tobytes() not in self._known:
             self._place(self.arm.configurations(x))
-            if self._touch_again(x, allowed):
+            if self._touch_again(x):
                 return True
         for pair in np.flatnonzero(~(self._remembered(x) >= self.margin_m)).tolist():
-            if not (allowed and allowed(pair, x)):
+            if not self.may_touch(pair, x):
                 return self._touched(pair)
         return False
 
-    def meets(self, x: Array, allowed: Allowed | None = None) -> bool:
-        """Whether any pair touches on a straight move from coordinates to others, x (2, k + 1).
-
-        `allowed`: what may touch where.
-        """
-        if any(self.touches(each, allowed) for each in x):
+    def meets(self, x: Array) -> bool:
+        """Whether any pair touches on a straight move from coordinates to others, x (2, k + 1)."""
+        if any(self.touches(each) for each in x):
             return True
         step, q = x[1] - x[0], self.arm.configurations(x)
         way = q[1] - q[0]
@@ -60,7 +59,7 @@ class QuickClearance(Clearance):
 
         for t in LIKELY:
             place(t)
-            if self._touch_again(x[0] + t * step, allowed):
+            if self._touch_again(x[0] + t * step):
                 return True
         at_start, at_end, speed = self._remembered(x[0]), self._remembered(x[1]), self.rates @ np.abs(step)
         for pair in self._in_reach(at_start, at_end, speed):
@@ -73,32 +72,27 @@ class QuickClearance(Clearance):
                 place(t)
                 distance = self._distance(pair)
                 if not distance >= self.margin_m:
-                    if not (allowed and allowed(pair, x[0] + t * step)):
+                    if not self.may_touch(pair, x[0] + t * step):
                         return self._touched(pair)
                     distance = self.margin_m
                 gaps += ((since, t - distance / v), (t + distance / v, until))
         return False
 
-    def meets_along(self, x: Array, path: Callable[[], JointPath], allowed: Allowed | None = None) -> bool:
+    def meets_along(self, x: Array, path: Callable[[], JointPath]) -> bool:
         """Whether any pair touches on a path.
 
         Args:
             x: its start and its end (2, k + 1).
             path: gives all of it; only asked if nothing touches at those.
-            allowed: what may touch where.
         """
-        if any(self.touches(each, allowed) for each in x):
+        if any(self.touches(each) for each in x):
             return True
-        walk, at_start, at_end = self._walk(path(), allowed), self._remembered(x[0]), self._remembered(x[1])
+        walk, at_start, at_end = self._walk(path()), self._remembered(x[0]), self._remembered(x[1])
         near = self._in_reach(at_start, at_end, self.rates @ walk.moved[:, -1])
         return any(self._halve(walk, pair, at_start[pair], at_end[pair]) and self._touched(pair) for pair in near)
 
-    def tool_contact(
-        self, T_base_tool: Iterable[Pose], opening: float, allowed: Callable[[int, Pose], bool] | None = None
-    ) -> tuple[int, float, Array] | None:
+    def tool_contact(self, T_base_tool: Iterable[Pose], opening: float) -> tuple[int, float, Array] | None:
         """Return what moves with the tool and touches what stands still, with the tool at some poses.
-
-        `allowed`: which pair may touch with the tool at which pose.
 
         Returns:
             The first pair that was found, its distance in m, and where (3,) in pinocchio's world.
@@ -115,7 +109,7 @@ class QuickClearance(Clearance):
                 self._placed.oMg[i] = T_universe_joint * T
             for pair in pairs:
                 distance = self._distance(pair)
-                if not distance >= self.margin_m and not (allowed and allowed(pair, pose)):
+                if not distance >= self.margin_m and not (pair in self.rests and self.rests[pair](pose)):
                     return pair, distance, self._witness(pair)
         return None
 
@@ -139,7 +133,7 @@ class QuickClearance(Clearance):
             self._place(walk.q[node])
             distance = self._distance(pair)
             if not distance >= self.margin_m:
-                if not walk.may_touch(pair, node):
+                if not self.may_touch(pair, walk.path.x[node]):
                     return True
                 distance = self.margin_m
             parts += ((first, before, node, distance), (node, distance, last, after))
@@ -154,10 +148,10 @@ class QuickClearance(Clearance):
             self._known[key] = self.distances(x)
         return self._known[key]
 
-    def _touch_again(self, x: Array, allowed: Allowed | None) -> bool:
+    def _touch_again(self, x: Array) -> bool:
         """Whether any of the pairs that touched lately touches, with all placed at coordinates (k + 1,)."""
         near = (pair for pair in self._lately if not self._distance(pair) >= self.margin_m)
-        return any(not (allowed and allowed(pair, x)) for pair in near)
+        return any(not self.may_touch(pair, x) for pair in near)
 
     def _touched(self, pair: int) -> bool:
         """Remember a pair that touched."""

@@ -16,7 +16,7 @@ from functools import partial
 import numpy as np
 
 from pbd.arm.collision.allowed_collisions import NEARLY_ALWAYS, SAMPLES, Unchecked, link_pairs, samples
-from pbd.arm.collision.clearance import CLOSE_M, MARGIN_M, Allowed, Pairs
+from pbd.arm.collision.clearance import CLOSE_M, MARGIN_M, Clearance, Pairs
 from pbd.arm.collision.geometry import Body, apart
 from pbd.arm.collision.motion_bounds import rates
 from pbd.arm.collision.quick_clearance import QuickClearance
@@ -73,15 +73,6 @@ class Leg:
     stay: Stay | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class PairSet:
-    """Pairs of bodies, and which of them may touch where: at which coordinates, with the tool at which T_base_tool."""
-
-    clearance: QuickClearance
-    allowed: Allowed | None = None
-    allowed_of_tool: Callable[[int, Pose], bool] | None = None
-
-
 class CollisionScene:
     """What can touch what, for one arm in one place. Not to be shared between threads, as the arm isn't.
 
@@ -113,30 +104,30 @@ class CollisionScene:
         self._bodies = (*self._links, *world)
         around = self._against(self._bodies, range(len(self._links)), range(len(self._links), len(self._bodies)))
         around = self._off_the_table(around)
-        self.always = self._pair_set(self._bodies, np.concatenate((pairs, around)))
-        self._with_object: dict[Stay, PairSet] = {}
+        self.always = QuickClearance(arm, self._bodies, np.concatenate((pairs, around)))
+        self._with_object: dict[Stay, QuickClearance] = {}
 
     def closer(self) -> CollisionScene:
         """The same scene, but things that are CLOSE_M apart don't touch."""
         scene = copy(self)
         scene.margin_m, scene._with_object = CLOSE_M, {}
-        scene.always = scene._pair_set(self._bodies, self.always.clearance.pairs)
+        scene.always = QuickClearance(self.arm, self._bodies, self.always.pairs, CLOSE_M)
         return scene
 
     def hit(self, q: Array, leg: Leg | None = None) -> Hit | None:
         """Return the worst hit at joints q (k,); by default the gripper is open and there is no object."""
         leg = leg or Leg()
         x, worst = np.append(q, leg.opening), None
-        for each in self.pair_sets(leg.stay):
-            for pair, distance in each.clearance.touching(x):
-                if (worst is None or distance < worst.distance) and not (each.allowed and each.allowed(pair, x)):
+        for each in self.clearances(leg.stay):
+            for pair, distance in each.touching(x):
+                if worst is None or distance < worst.distance:
                     worst = self.as_hit(each, pair, x, distance)
         return worst
 
     def touches(self, q: Array, leg: Leg) -> bool:
         """Whether there is a hit at joints q (k,)."""
         x = np.append(q, leg.opening)
-        return any(each.clearance.touches(x, each.allowed) for each in self.pair_sets(leg.stay))
+        return any(each.touches(x) for each in self.clearances(leg.stay))
 
     def meets(self, q: Array, leg: Leg) -> bool:
         """Whether there is a hit on straight moves in joint space from each of joints (m, k) to the next.
@@ -146,12 +137,12 @@ class CollisionScene:
         if len(q) == 1:
             return self.touches(q[0], leg)
         x = np.column_stack((q[[0, -1]], (leg.opening, leg.opening)))
-        for each in self.pair_sets(leg.stay):
+        for each in self.clearances(leg.stay):
             if len(q) == 2:
-                found = each.clearance.meets(x, each.allowed)
+                found = each.meets(x)
             else:
-                path = partial(polyline, q, leg.opening, each.clearance.rates, 2.0 * self.margin_m)
-                found = each.clearance.meets_along(x, path, each.allowed)
+                path = partial(polyline, q, leg.opening, each.rates, 2.0 * self.margin_m)
+                found = each.meets_along(x, path)
             if found:
                 return True
         return False
@@ -160,9 +151,9 @@ class CollisionScene:
         """Return a hit of what moves with the tool at some poses, which is there however the arm is held."""
         count = len(T_base_tool)
         middle_first = sorted(range(0, count, count // MOST_LOOKS + 1), key=lambda i: abs(2 * i - count))
-        for each in self.pair_sets(leg.stay):
+        for each in self.clearances(leg.stay):
             poses = (T_base_tool[i] for i in middle_first)
-            met = each.clearance.tool_contact(poses, leg.opening, each.allowed_of_tool)
+            met = each.tool_contact(poses, leg.opening)
             if met is not None:
                 return self._hit(each, *met)
         return None
@@ -171,9 +162,9 @@ class CollisionScene:
         """Return the first hit of straight moves in joint space from each of joints (m, k) to the next."""
         leg = leg or Leg()
         first = None
-        for each in self.pair_sets(leg.stay):
-            path = polyline(q, leg.opening, each.clearance.rates, 2.0 * self.margin_m)
-            met = each.clearance.first_contact(path, each.allowed)
+        for each in self.clearances(leg.stay):
+            path = polyline(q, leg.opening, each.rates, 2.0 * self.margin_m)
+            met = each.first_contact(path)
             if met is not None and (first is None or path.t[met.first] < first.share):
                 share = float(path.t[met.first])
                 first = self.as_hit(each, met.pair, path.x[met.deepest], met.distance, share)
@@ -204,11 +195,11 @@ class CollisionScene:
         """Follow the object: see `pbd.data.world.stays`; nothing where there is no object."""
         return () if self._grasped is None else stays(self._grasped, spans, tool, self._table_height)
 
-    def pair_sets(self, stay: Stay | None) -> list[PairSet]:
+    def clearances(self, stay: Stay | None) -> list[QuickClearance]:
         """Return all that is checked while the object is where `stay` says (None: there is no object)."""
         return [self.always] if stay is None else [self.always, self.around_object(stay)]
 
-    def around_object(self, stay: Stay) -> PairSet:
+    def around_object(self, stay: Stay) -> QuickClearance:
         """Return what is checked because of the object: the arm, and what stands around while it is held."""
         if stay not in self._with_object:
             if len(self._with_object) == MOST_STAYS:
@@ -216,15 +207,15 @@ class CollisionScene:
             self._with_object[stay] = self._object_pairs(stay)
         return self._with_object[stay]
 
-    def as_hit(self, pairs: PairSet, pair: int, x: Array, distance: float, share: float = 0.0) -> Hit:
+    def as_hit(self, clearance: Clearance, pair: int, x: Array, distance: float, share: float = 0.0) -> Hit:
         """Describe a pair that touches at coordinates x (k + 1,)."""
-        return self._hit(pairs, pair, distance, pairs.clearance.witness(x, pair), share)
+        return self._hit(clearance, pair, distance, clearance.witness(x, pair), share)
 
-    def _hit(self, pairs: PairSet, pair: int, distance: float, p_universe: Array, share: float = 0.0) -> Hit:
-        first, second = (pairs.clearance.bodies[i].name for i in pairs.clearance.pairs[pair])
+    def _hit(self, clearance: Clearance, pair: int, distance: float, p_universe: Array, share: float = 0.0) -> Hit:
+        first, second = (clearance.bodies[i].name for i in clearance.pairs[pair])
         return Hit(first, second, distance, self._T_universe_base.inverse().act(p_universe), share)
 
-    def _object_pairs(self, stay: Stay) -> PairSet:
+    def _object_pairs(self, stay: Stay) -> QuickClearance:
         thing = self._grasped
         if thing is None:
             raise ValueError("a scene without an object has none to check")
@@ -235,32 +226,18 @@ class CollisionScene:
         others = [i for i, link in enumerate(self._links) if link.name not in gripper]
         pairs = self._against(bodies, others, (this,))
         if not stay.held:
-            return self._pair_set(bodies, pairs)
+            return QuickClearance(self.arm, bodies, pairs, self.margin_m)
         around = self._against(bodies, (this,), range(len(self._links), this))
-        # By pair: where the object rests on its second body.
-        rests = {
-            len(pairs) + row: [rest.p for rest in stay.rests if self._stands_on(bodies[this], rest, bodies[second])]
-            for row, (_, second) in enumerate(around)
-        }
 
-        def allowed_of_tool(pair: int, T_base_tool: Pose) -> bool:
+        def near(places: Sequence[Array], T_base_tool: Pose) -> bool:
             p = (T_base_tool @ stay.pose).p
-            return any(np.linalg.norm(p - rest) <= REST_M for rest in rests.get(pair, ()))
+            return any(np.linalg.norm(p - place) <= REST_M for place in places)
 
-        def allowed(pair: int, x: Array) -> bool:
-            return bool(rests.get(pair)) and allowed_of_tool(pair, self.arm.forward(x[:-1]))
-
-        return self._pair_set(bodies, np.concatenate((pairs, around)), allowed, allowed_of_tool)
-
-    def _pair_set(
-        self,
-        bodies: Sequence[Body],
-        pairs: Pairs,
-        allowed: Allowed | None = None,
-        allowed_of_tool: Callable[[int, Pose], bool] | None = None,
-    ) -> PairSet:
-        clearance = QuickClearance(self.arm, bodies, pairs, self.margin_m)
-        return PairSet(clearance, allowed, allowed_of_tool)
+        rests = {}
+        for pair, (_, second) in enumerate(around, start=len(pairs)):
+            if places := [rest.p for rest in stay.rests if self._stands_on(bodies[this], rest, bodies[second])]:
+                rests[pair] = partial(near, places)
+        return QuickClearance(self.arm, bodies, np.concatenate((pairs, around)), self.margin_m, rests)
 
     def _stands_on(self, thing: Body, T_base_thing: Pose, support: Body) -> bool:
         """Whether something that stands still holds up an object."""

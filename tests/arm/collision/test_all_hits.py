@@ -23,10 +23,9 @@ def sampled(scene: CollisionScene, trajectory: JointTrajectory, t: Array) -> dic
         x = np.append(q, opening)
         around = [scene.around_object(stay) for stay in stays if stay.start <= instant <= stay.end]
         for watch in (scene.always, *around):
-            for pair, distance in watch.clearance.touching(x):
-                if not (watch.allowed and watch.allowed(pair, x)):
-                    hit = scene.as_hit(watch, pair, x, distance)
-                    found.setdefault((hit.first, hit.second), []).append(float(instant))
+            for pair, distance in watch.touching(x):
+                hit = scene.as_hit(watch, pair, x, distance)
+                found.setdefault((hit.first, hit.second), []).append(float(instant))
     return found
 
 

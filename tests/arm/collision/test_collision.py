@@ -130,7 +130,7 @@ def test_nothing_is_too_thin_or_too_fast(arm: ArmModel, thick: float) -> None:
 
 def dense(arm: ArmModel, scene: CollisionScene, names: set[str], trajectory: JointTrajectory) -> tuple[Array, Array]:
     """Instants (n,) no two of which a motion of more than 0.1 mm lies between, and the least distance (n,) at each."""
-    everything = scene.always.clearance
+    everything = scene.always
     rows = [row for row, pair in enumerate(everything.pairs) if everything.bodies[pair[1]].name in names]
     watched = Clearance(arm, everything.bodies, everything.pairs[rows])
     path = along(trajectory, watched.rates * STEP_M / 1e-4)

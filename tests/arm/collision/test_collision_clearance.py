@@ -197,8 +197,10 @@ def test_a_contact_is_found_with_its_beginning_end_and_depth(depth: float) -> No
 def test_what_is_allowed_is_passed_over() -> None:
     arm = arm_of("panda")
     clearance, path = beside(arm, -0.01), swing(arm, 1.2)
-    assert clearance.first_contact(path, lambda pair, x: pair == 0) is None
-    met = clearance.first_contact(path, lambda pair, x: bool(x[0] < 0.6))
+    clearance.rests = {0: lambda T_base_tool: True}
+    assert clearance.first_contact(path) is None
+    clearance.rests = {0: lambda T_base_tool: bool(np.arctan2(T_base_tool.p[1], T_base_tool.p[0]) < 0.6)}
+    met = clearance.first_contact(path)
     assert met is not None
     assert 0.6 <= path.x[met.first, 0] < 0.61
 

@@ -45,13 +45,13 @@ def test_a_hit_is_what_the_distances_say(name: str) -> None:
     scene = CollisionScene(arm)
     hits = 0
     for x in coordinates(arm, 40, seed=3):
-        hit, distances = scene.hit(x[:-1], Leg(x[-1])), scene.always.clearance.distances(x)
+        hit, distances = scene.hit(x[:-1], Leg(x[-1])), scene.always.distances(x)
         assert (hit is None) == (distances.min() >= MARGIN_M)
         if hit is not None:
             hits += 1
             assert hit.distance == pytest.approx(distances.min(), abs=1e-5)  # coal begins where it last ended
             assert hit.depth == max(0.0, -hit.distance)
-            worst = scene.always.clearance.pairs[np.argmin(distances)]
+            worst = scene.always.pairs[np.argmin(distances)]
             assert [hit.first, hit.second] == [arm_bodies(arm)[i].name for i in worst]
     assert hits > 0
 
@@ -154,7 +154,7 @@ def test_an_obstacle_stands_in_base_not_in_the_urdfs_world(odd_arm: ArmModel) ->
     """The odd robot's base is bolted to the wall; its links have no shape, but the obstacle's own place can be seen."""
     obstacle = Obstacle("thing", "sphere", (0.1,), Pose.from_rpy((0.1, 0.2, 0.3), (0, 0, 0)))
     scene = CollisionScene(odd_arm, 0.0, [obstacle])
-    bodies = {body.name: body for body in scene.always.clearance.bodies}
+    bodies = {body.name: body for body in scene.always.bodies}
     foot = placements(odd_arm, np.append(odd_arm.robot.home, 1.0))[0] @ Pose.from_rpy((1, 2, 0.5), (0.1, 0.2, 0.3))
     assert_allclose(bodies["thing"].T_joint_body.p, foot.act((0.1, 0.2, 0.3)), atol=1e-12)
     assert_allclose(bodies[TABLE].T_joint_body.wxyz, foot.wxyz, atol=1e-12)
@@ -273,7 +273,7 @@ def test_a_calibration_makes_the_scene(arm: ArmModel) -> None:
     hit = scene.hit(arm.robot.home)
     assert hit is not None
     assert hit.second == "thing"
-    assert TABLE in {body.name for body in scene.always.clearance.bodies}
+    assert TABLE in {body.name for body in scene.always.bodies}
 
 
 def test_both_ends_of_a_move_count(arm: ArmModel) -> None:

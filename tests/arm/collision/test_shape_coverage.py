@@ -19,7 +19,7 @@ from tests.arm.collision.test_geometry import simple
 @pytest.mark.parametrize("name", NAMES)
 def test_every_body_is_watched_against_something(name: str) -> None:
     """Nothing on the arm is left out of all pairs, but for what never moves and what is next to it."""
-    watch = CollisionScene(arm_of(name), -10.0).always.clearance
+    watch = CollisionScene(arm_of(name), -10.0).always
     watched = {watch.bodies[i] for pair in watch.pairs for i in pair}
     assert {body.name for body in set(watch.bodies) - watched} <= {TABLE, THE_TOOL}
 
